@@ -11,6 +11,7 @@ import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Self
+from unicodedata import category
 
 _MIN_LIKENESS = 0.65  # share of common letters; below it names only look alike by chance
 _MAX_NAMES = 20  # a longer list of allowed names is cut: nobody reads a thousand mesh groups
@@ -51,6 +52,11 @@ def _listed(names: Sequence[str]) -> str:
     shown = ", ".join(names[:_MAX_NAMES])
     more = len(names) - _MAX_NAMES
     return f"{shown} and {more} more" if more > 0 else shown
+
+
+def printable(text: str) -> str:
+    """The text with control characters as escapes: what a file says moves no cursor."""
+    return "".join(c if category(c)[0] != "C" or c in "\n\t" else ascii(c)[1:-1] for c in text)
 
 
 class FlexmbError(Exception):

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from flexmb.errors import OutputError
@@ -46,6 +48,26 @@ def writable_folder(folder: Path) -> Path:
         files = [path for path in (folder, *folder.parents) if path.is_file()]
         why = f"{files[0]} is a file" if files else error.strerror
         raise OutputError(f"cannot write to the output folder {folder}: {why}") from None
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A name to write to, in the folder of `path`: at the end of the ``with`` block it becomes it.
+
+    An older file stays until then, also if the disk is full or the program is killed.
+
+    Raises
+    ------
+    OSError
+        The file cannot be written.
+    """
+    partial = path.with_name(f".{os.getpid()}.{path.name}")
+    try:
+        yield partial
+        os.replace(partial, path)
+    finally:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
 
 
 def is_writable(folder: Path) -> bool:

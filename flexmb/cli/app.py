@@ -20,7 +20,7 @@ from typing import Annotated, Any
 import typer
 
 from flexmb import __version__
-from flexmb.errors import FlexmbError, FlexmbWarning
+from flexmb.errors import FlexmbError, FlexmbWarning, printable
 
 FAULT, MISTAKE, FAILED_CHECK, INTERRUPTED = 1, 2, 3, 130
 
@@ -142,7 +142,7 @@ def command(name: str | None = None) -> Callable[[Callable[..., None]], Callable
 
 
 def _leave(message: str, code: int) -> None:
-    typer.echo(message, err=True)
+    typer.echo(printable(message), err=True)
     raise typer.Exit(code) from None
 
 
@@ -156,7 +156,7 @@ def _fault_message(error: Exception) -> str:
 
 def _show_warning(message: Any, category: Any, *_: Any) -> None:
     if issubclass(category, FlexmbWarning) or _options["debug"]:
-        typer.echo(f"warning: {message}", err=True)
+        typer.echo(f"warning: {printable(str(message))}", err=True)
 
 
 def refuse_options(options: dict[str, Any], why: str) -> None:

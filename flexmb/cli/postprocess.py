@@ -70,7 +70,7 @@ def _show_h5(path: Path) -> None:
     ]
     screen.table(("body", "modes", "file"), bodies, right=(1,))
     dampings = [
-        (f"{one.body} {k + 1}", f"{f:.6g}", f"{100 * ratio:.4g} %")
+        (f"{one.body or 'together'} {k + 1}", f"{f:.6g}", f"{100 * ratio:.4g} %")
         for one in run.damping.values()
         for k, (f, ratio) in enumerate(zip(one.frequencies, one.ratios, strict=True))
     ]

@@ -258,7 +258,7 @@ def _damping_value(text: str | None) -> Any:
 def _damping_text(body: Any) -> str:
     if body.damping is not None:
         return f"{body.damping.sentence()} in a scene"
-    return "by a matrix" if body.D.any() else "none"
+    return "by a matrix" if body.D.any() else "none but that of a scene"
 
 
 def _stress_text(body: Any) -> str:

@@ -66,7 +66,11 @@ def run(
     overrides: Overrides = None,
     analysis: Annotated[
         str | None,
-        typer.Option(help="dynamics or kinematics, for a scene that has both.", show_default=False),
+        typer.Option(
+            help="dynamics, kinematics or statics, for a scene that has several; statics needs no "
+            "section.",
+            show_default=False,
+        ),
     ] = None,
     start_from: Annotated[
         Path | None,
@@ -84,7 +88,7 @@ def run(
     """Run a scene: reduce its meshes, simulate, draw.
 
     [dynamics] of the scene integrates the motion, [kinematics] finds the one that joints and
-    drivers prescribe.
+    drivers prescribe, [statics] an equilibrium at rest.
 
     Leaves result.h5, one flexbody file per flexible body, a picture of the mechanism and a plot of
     its sensors. A flexible body whose mesh, material and options are unchanged is not reduced
@@ -152,6 +156,8 @@ def _show_run(report: Any) -> None:
 
     result = Result(report.result)
     show_result(result)
+    for columns, rows in report.tables:
+        screen.table(columns, rows, whole=True)
     for note in report.notes:
         screen.line(f"note: {note}")
     if report.checks:
@@ -189,7 +195,7 @@ def show_result(result: Any) -> None:
     screen.table(("wall time by phase", "s", ""), time_rows(statistics), right=(1,))
     dampings = result.damping.values()
     if dampings:
-        table = [(one.body, one.words, one.summary()) for one in dampings]
+        table = [(one.body or "together", one.words, one.summary()) for one in dampings]
         screen.table(("damping of", "as the scene says", "as joined"), table)
     if rows:
         screen.table(
@@ -294,7 +300,7 @@ def time_rows(statistics: Mapping[str, Number]) -> list[Row]:
     for key, value in statistics.items():
         if key.startswith(_SECONDS):
             phase = key.removeprefix(_SECONDS)
-            of = {"integrate": "steps", "kinematics": "points"}.get(phase, "")
+            of = {"integrate": "steps", "kinematics": "points", "statics": "points"}.get(phase, "")
             meaning = ""
             if statistics.get(of) and _RESUMED not in statistics:
                 microseconds = 1e6 * float(value) / float(statistics[of])
@@ -306,6 +312,7 @@ def time_rows(statistics: Mapping[str, Number]) -> list[Row]:
 def summary_sentence(statistics: Mapping[str, Number]) -> str:
     """The run in one line; empty for a run without steps and points."""
     what, phase = ("steps", "integrate") if "steps" in statistics else ("points", "kinematics")
+    phase = "statics" if f"{_SECONDS}statics" in statistics else phase
     if what not in statistics:
         return ""
     text = f"{_number_text(statistics[what])} {what}"

@@ -14,6 +14,8 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from flexmb.errors import printable
+
 _WIDTH = 100  # columns where the output is a file or a pipe
 _MAX_NAME = 24  # letters of names in the first column that are not folded
 _UNLIMITED = 10_000  # columns that no table fills
@@ -22,7 +24,7 @@ _LONG_PHASE = 1.0  # seconds from which a phase is worth a line
 
 def line(text: str) -> None:
     """One line, never wrapped or coloured: paths can be copied."""
-    console().print(text, markup=False, highlight=False, soft_wrap=True)
+    console().print(printable(text), markup=False, highlight=False, soft_wrap=True)
 
 
 def heading(text: str) -> None:
@@ -52,9 +54,11 @@ def table(
     short = max((len(row[0]) for row in rows), default=0) <= _MAX_NAME
     for i, name in enumerate(columns):
         justify: Literal["left", "right"] = "right" if i in right else "left"
-        shown.add_column(escape(name), justify=justify, overflow="fold", no_wrap=i == 0 and short)
+        shown.add_column(
+            escape(printable(name)), justify=justify, overflow="fold", no_wrap=i == 0 and short
+        )
     for row in rows:
-        shown.add_row(*(escape(cell) for cell in row))
+        shown.add_row(*(escape(printable(cell)) for cell in row))
     screen = console()
     if whole and not screen.is_terminal:
         screen.width = max(screen.width, Console(width=_UNLIMITED).measure(shown).maximum)
@@ -105,9 +109,11 @@ class Bars:
     def __call__(self, phase: str, fraction: float, detail: str = "") -> None:
         """Show the fraction of a phase that is done; a phase that begins again gets a new bar."""
         if phase not in self._tasks:
-            self._tasks[phase] = self._bars.add_task(phase, total=1.0, detail=detail)
+            self._tasks[phase] = self._bars.add_task(
+                escape(printable(phase)), total=1.0, detail=detail
+            )
             self._started[phase] = time.perf_counter()
-        self._bars.update(self._tasks[phase], completed=fraction, detail=detail)
+        self._bars.update(self._tasks[phase], completed=fraction, detail=escape(printable(detail)))
         if fraction >= 1.0:
             self._finish(phase)
 

@@ -115,6 +115,12 @@ def integrate(run: Run | Packed, n_steps: int, aside: Run | Packed | None = None
     return int(call(time_loop.integrate_steps, run, aside, n_steps))
 
 
+def statics_units(system: System) -> list[Unit]:
+    """The units that equilibria call, and those that stand in its tables."""
+    units = [initial_conditions.solve_stage, initial_conditions.evaluate_equations]
+    return [*units, time_loop.write_equilibrium, *units_of(system)]
+
+
 def kinematics_units(system: System) -> list[Unit]:
     """The units that a kinematic analysis calls, and those that stand in its tables."""
     units = [time_loop.kinematics_loop, initial_conditions.evaluate_rows]

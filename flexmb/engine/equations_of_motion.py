@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.algebra import ldl
+from flexmb.engine.algebra.vector import copy, zero
 from flexmb.engine.jit import Vector, call_matrix, call_stage, call_value, kernel, unit
 from flexmb.engine.joints.constraint import constraint_jacobian, put_constraint_matrix
 from flexmb.engine.method import FINE
@@ -136,8 +137,7 @@ def powers(run: Run, at: Point) -> int:
 def energies(run: Run, at: Point) -> int:
     """Work.energies: kinetic, strain, gravity, spring, bristles [J]; after a velocity stage."""
     total = run.work.energies
-    for k in range(total.shape[0]):
-        total[k] = 0.0
+    zero(total)
     return walk(run.stages.energy, run, at)
 
 
@@ -164,8 +164,7 @@ def remember(run, at, history):
         now = run.work.now
         walk(run.stages.remember, run, at)
         history[0] = at.t[0]
-        for i in range(history.shape[0]):
-            now.history[i] = history[i]
+        copy(history, now.history)
         now.span[0] = 0.0
 
 
@@ -174,15 +173,12 @@ def begin_history(run, at, history):
     """History at the first state, after its position and velocity stages: bristles free."""
     if history.shape[0] > 0:
         now = run.work.now
-        for i in range(history.shape[0]):
-            history[i] = 0.0
+        zero(history)
         history[0] = at.t[0]
-        for i in range(history.shape[0]):
-            now.history[i] = history[i]
+        copy(history, now.history)
         now.span[0] = 0.0
         walk(run.stages.begin, run, at)
-        for i in range(history.shape[0]):
-            now.history[i] = history[i]
+        copy(history, now.history)
 
 
 @kernel
@@ -216,9 +212,8 @@ def put_matrix(run: Run, at: Point, cv: float, cp: float) -> int:
     """M + cv ∂F/∂v + cp ∂F/∂q at the point of the last position stage into the panels."""
     factor = run.work.factor
     low, up = factor.low, factor.up
-    for i in range(low.shape[0]):
-        low[i] = 0.0
-        up[i] = 0.0
+    zero(low)
+    zero(up)
     if cp != 0.0 or cv != 0.0:
         velocity_stage(run, at)
     add_matrix(run, at, cv, cp)
@@ -249,11 +244,9 @@ def factorise(run: Run, at: Point, cv: float, cp: float) -> int:
     put_matrix(run, at, cv, cp)
     keep_diagonal(kkt.panels, low, factor.diagonal)
     put_rows(run, at, cv, cp)
-    for i in range(low.shape[0]):
-        low0[i] = low[i]
+    copy(low, low0)
     if factor.symmetric[0] == 0:
-        for i in range(up.shape[0]):
-            up0[i] = up[i]
+        copy(up, up0)
     factor.replaced[0] = ldl.factor(kkt, factor)
     return factor.replaced[0]
 
@@ -287,15 +280,13 @@ def factorise_metric(run: Run, at: Point, metric: Vector) -> int:
     """
     factor, kkt, parts = run.work.factor, run.system.kkt, run.system.parts
     low, low0 = factor.low, factor.low0
-    for i in range(low.shape[0]):
-        low[i] = 0.0
+    zero(low)
     factor.symmetric[0] = 1
     put_metric(parts, kkt, metric, low)
     constraint_jacobian(run)
     _fix_shapes(parts, run.system.rows, run.work.dense.jac)
     put_constraint_matrix(run, at)
-    for i in range(low.shape[0]):
-        low0[i] = low[i]
+    copy(low, low0)
     factor.replaced[0] = ldl.factor(kkt, factor)
     return factor.replaced[0]
 

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 
-from flexmb.engine.algebra.vector import copy, store
+from flexmb.engine.algebra.vector import copy, store, zero
 from flexmb.engine.equations_of_motion import (
     energies,
     feedback_stage,
@@ -51,7 +51,7 @@ _RESTART_FRACTION = 0.1
 
 
 @kernel
-def _watch(run, at, out):
+def _put_all_events(run, at, out):
     """What is watched, after position and velocity stages and those of reactions."""
     now = run.work.events.now
     walk(run.stages.events, run, at)
@@ -73,7 +73,7 @@ def begin_events(run: Run) -> int:
     if len(run.stages.events.units) > 0:
         _stages(run, run.state_point)
         run.work.now.span[0] = 0.0
-        _watch(run, run.state_point, run.work.events.before)
+        _put_all_events(run, run.state_point, run.work.events.before)
     return FINE
 
 
@@ -173,7 +173,7 @@ def accept_events(run: Run, h: float) -> int:
         memory["event_trials"] += 1.0
         if memory["event_trials"] > 2.0 * _MAX_TRIES:
             memory["event_trials"] = 0.0
-    _watch(run, run.state_point, run.work.events.before)
+    _put_all_events(run, run.state_point, run.work.events.before)
     return FINE
 
 
@@ -256,9 +256,8 @@ def _restart(run):
     copy(st.vd, st.vd_before)
     copy(st.vd, st.aa)
     copy(st.lam, st.lam_before)
-    for i in range(st.jerk.shape[0]):
-        st.jerk[i] = 0.0
-        st.jerk_before[i] = 0.0
+    zero(st.jerk)
+    zero(st.jerk_before)
     velocity_stage(run, at)
     rows = run.system.rows
     for k in range(rows.shape[0]):

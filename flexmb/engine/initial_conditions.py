@@ -11,8 +11,10 @@ from flexmb.engine.bodies.motion import move
 from flexmb.engine.equations_of_motion import (
     begin_history,
     begin_run,
+    bias_stage,
     complete_poses,
     constraint_stage,
+    energies,
     factorise,
     feedback_stage,
     pose_stage,
@@ -23,10 +25,10 @@ from flexmb.engine.equations_of_motion import (
     velocity_stage,
     walk,
 )
-from flexmb.engine.jit import kernel, unit
+from flexmb.engine.jit import Vector, kernel, unit
 from flexmb.engine.joints.constraint import constraint_jacobian
 from flexmb.engine.projection import NOTHING, accelerations, project_velocity
-from flexmb.engine.sensors.sensor import count_turns
+from flexmb.engine.sensors.sensor import count_turns, read_channels
 from flexmb.engine.state import Run
 
 POSITIONS, VELOCITIES, ACCELERATIONS, RESIDUAL, BEGIN, REMEMBER = 0, 1, 2, 3, 4, 5
@@ -96,6 +98,21 @@ def correct_positions(run: Run) -> float:
             dq[i] *= _MAX_CORRECTION / size
     move(run.system.parts, q, dq, q)
     return size  # type: ignore[no-any-return]
+
+
+@unit
+def evaluate_equations(run: Run, channels: Vector) -> int:
+    """Trial.res, Constraints.C and all channels at the state, v̇ and λ as they are; the status."""
+    at, st = run.state_point, run.state
+    begin_run(run, at)
+    status = residual(run, at)
+    velocity_stage(run, at)
+    bias_stage(run, at)
+    complete_poses(run, at)
+    energies(run, at)
+    count_turns(run, at, st.angles)
+    read_channels(run, at, st.angles, channels)
+    return status
 
 
 ROW_STAGES = ("constants", "functions", "position", "axes", "constraint")

@@ -124,12 +124,12 @@ class Lowering:
         """Note where a function acts."""
         self.actions.append(Action(program, kind, row, on, a, marker))
 
-    def remember(self, n: int) -> int:
+    def add_history(self, n: int) -> int:
         """Room for n numbers of history; returns the first place."""
         self.history += n
         return self.history - n
 
-    def watch(self, n: int) -> int:
+    def add_events(self, n: int) -> int:
         """Room for n values that the step control watches; returns the first place."""
         self.events += n
         return self.events - n

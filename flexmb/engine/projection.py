@@ -140,7 +140,7 @@ def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
     status = _solve(run, at, cp)
     if status != FINE:
         return status
-    if depends_on_solution(run) and not _repeat(run, at, cp):
+    if depends_on_solution(run) and not _solve_loop(run, at, cp):
         return SELF_LOCKING if len(run.stages.reaction.units) > 0 else NO_LOOP
     return FINE
 
@@ -221,7 +221,7 @@ def _refine_by_mass(run: Run, at: Point, top: Vector, bottom: Vector, x: Vector,
 
 
 @kernel
-def _repeat(run, at, cp):
+def _solve_loop(run, at, cp):
     """Solve again while forces depend on what was solved for; whether that came to an end."""
     before, vd, weights = run.work.trial.jerk, at.vd, run.system.weights
     for _ in range(_LOOP_ROUNDS):

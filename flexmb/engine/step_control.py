@@ -60,7 +60,7 @@ _LEAST_SHARE = 1e-3
 
 
 @kernel
-def begin(sys, settings, st):
+def begin_steps(sys, settings, st):
     """Before the first step: the step to try, and motion so far at least that of nothing."""
     if st.memory[0]["next_step"] > 0.0:
         return
@@ -79,7 +79,7 @@ def begin(sys, settings, st):
 
 
 @kernel
-def at_end(settings, plan, st):
+def is_at_end(settings, plan, st):
     """Whether the run has reached its end, or that of the plan that it follows."""
     if settings.refinement > 0.0:
         return plan.used[0] == 0 or st.t[0] >= plan.knots[plan.used[0] - 1]
@@ -87,14 +87,14 @@ def at_end(settings, plan, st):
 
 
 @kernel
-def due(settings, times, st, t, n):
+def is_output_due(settings, times, st, t, n):
     """Whether the next output but n is due at time t."""
     k = st.count[0]["outputs"] + n
     return k < times.shape[0] and times[k] <= t + round_off(settings)
 
 
 @kernel
-def proposed(method, settings, plan, time_events, st, times, room):
+def propose_step(method, settings, plan, time_events, st, times, room):
     """The step to try; `room` is how many more of the outputs at `times` there is space for."""
     h = st.memory[0]["next_step"]
     if settings.step > 0.0:
@@ -150,7 +150,7 @@ def _planned(settings, plan, t):
 
 
 @kernel
-def rejected(method, settings, st, error, status, h):
+def judge_step(method, settings, st, error, status, h):
     """FINE: accept it; REPEAT it with the step in memory; TOO_SMALL: there is no such step."""
     memory, count = st.memory[0], st.count[0]
     if status != FINE:
@@ -233,7 +233,7 @@ def exact_time(settings, plan, time_events, st, h):
 
 
 @kernel
-def accepted(method, settings, st, error, h):
+def record_step(method, settings, st, error, h):
     """After an accepted step: the next one, the place in the grid, statistics."""
     memory, count = st.memory[0], st.count[0]
     if memory["last_step"] == 0.0:

@@ -26,6 +26,7 @@ from flexmb.engine.bodies.motion import move
 from flexmb.engine.equations_of_motion import (
     begin_history,
     begin_run,
+    bias_stage,
     complete_poses,
     constraint_stage,
     factorise_metric,
@@ -36,6 +37,7 @@ from flexmb.engine.equations_of_motion import (
     rate_stage,
     reaction_stage,
     remember,
+    residual,
     velocity_stage,
     walk,
 )
@@ -162,17 +164,19 @@ def advance(run: Run, room: int) -> int:
         if status != FINE:
             return status
     while True:
-        h = step_control.proposed(run.method, settings, run.plan, time_events, st, run.times, room)
+        h = step_control.propose_step(
+            run.method, settings, run.plan, time_events, st, run.times, room
+        )
         status = call_step(units[0], run, coefficients[0], h)
         if status == FINE:
             status = walk(run.stages.limits, run, run.trial_point)
-        verdict = step_control.rejected(run.method, settings, st, error, status, h)
+        verdict = step_control.judge_step(run.method, settings, st, error, status, h)
         if verdict == FINE:
             if missed_event(run, h) == 1:
                 continue
             run.work.trial.t[0] = step_control.exact_time(settings, run.plan, time_events, st, h)
             accept_step(run, h)
-            step_control.accepted(run.method, settings, st, error, h)
+            step_control.record_step(run.method, settings, st, error, h)
             accept_events(run, h)
             return FINE
         if verdict == TOO_SMALL:
@@ -182,7 +186,7 @@ def advance(run: Run, room: int) -> int:
 @kernel
 def _due(run):
     """Whether an output is due at or before the present time."""
-    return step_control.due(run.settings, run.times, run.state, run.state.t[0], 0)
+    return step_control.is_output_due(run.settings, run.times, run.state, run.state.t[0], 0)
 
 
 @kernel
@@ -289,7 +293,7 @@ def integrate_steps(run: Run, aside: Run, n_steps: int) -> int:
     copy(st.angles, run.work.feedback.near)
     copy(st.history, run.work.now.history)
     begin_run(run, run.state_point)
-    step_control.begin(run.system, settings, st)
+    step_control.begin_steps(run.system, settings, st)
     if settings.step == 0.0:
         step_control.follow_motion(run)
     begin_events(run)
@@ -301,9 +305,11 @@ def integrate_steps(run: Run, aside: Run, n_steps: int) -> int:
             status = write_output(aside)
             continue
         room = out.t.shape[0] - out.rows[0]
-        if done == n_steps or step_control.at_end(settings, run.plan, st):
+        if done == n_steps or step_control.is_at_end(settings, run.plan, st):
             break
-        full = room < 3 or step_control.due(settings, run.times, st, st.t[0] + settings.step, room)
+        full = room < 3 or step_control.is_output_due(
+            settings, run.times, st, st.t[0] + settings.step, room
+        )
         if full and done > 0:
             break
         status = advance(run, room)
@@ -388,6 +394,25 @@ def write_point(run: Run, path: Path, settings: KinematicsSettings) -> int:
     add_works(settings.interval, st.count[0]["outputs"], st.power, path.powers, st.work_done)
     put_energies(run, at, st.work_done, run.output.energy[run.output.rows[0]])
     remember(run, at, st.history)
+    return _end_row(run, at, st)
+
+
+@unit
+def write_equilibrium(run: Run) -> int:
+    """Write the state at rest with its own multipliers; returns the status."""
+    st, at = run.state, run.state_point
+    begin_run(run, at)
+    status = residual(run, at)
+    if status != FINE:
+        return status
+    velocity_stage(run, at)
+    bias_stage(run, at)
+    complete_poses(run, at)
+    if st.count[0]["outputs"] == 0:
+        count_turns(run, at, st.angles)
+    count_turns(run, at, st.angles)
+    _write_motion(run, at, st, 0.0)
+    put_energies(run, at, st.work_done, run.output.energy[run.output.rows[0]])
     return _end_row(run, at, st)
 
 

@@ -15,7 +15,6 @@ from flexmb.fe.reduction.component_modes import craig_bampton, free_interface, g
 from flexmb.fe.reduction.methods import METHODS, reduce_model, reduction_key
 from flexmb.fe.reduction.quality_report import (
     QualityReport,
-    Stopwatch,
     quality_report,
     report_tables,
     report_text,
@@ -41,6 +40,7 @@ from flexmb.fe.sections.shell_section import (
 from flexmb.fe.sections.thin_walls import angle_section, box_section, i_section
 from flexmb.fe.stress import SectionForces, section_force_modes
 from flexmb.flexbody.mesh_options import ModesOptions
+from flexmb.progress import Stopwatch
 
 __all__ = [
     "ELEMENTS",

@@ -16,6 +16,8 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
+from contextlib import suppress
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -34,6 +36,7 @@ from flexmb.flexbody.parts import (
     StressModes,
     Surface,
 )
+from flexmb.untrusted import USER_BLOCK, open_hdf5, seal
 
 if TYPE_CHECKING:
     import h5py
@@ -241,12 +244,17 @@ def save(body: FlexBody, path: str | os.PathLike[str]) -> Path:
 
     target = Path(path)
     partial = target.with_name(f"{target.name}.{os.getpid()}.part")  # two runs do not meet
+    content = BytesIO()  # HDF5 ends the process where a disk fails, so it never meets one
+    with h5py.File(content, "w", userblock_size=USER_BLOCK) as file:
+        _write(file, body)
+    line = seal(content)
     try:
-        with h5py.File(partial, "w", locking=False) as file:
-            _write(file, body)
+        with partial.open("wb") as disk:
+            disk.write(line)
+            disk.write(content.getbuffer()[USER_BLOCK:])
         os.replace(partial, target)
     except OSError as error:
-        if target.parent.is_dir():
+        with suppress(OSError):
             partial.unlink(missing_ok=True)
         why = os.strerror(error.errno) if error.errno else error
         raise OutputError(f"{target}: cannot write the flexible body: {why}") from error
@@ -262,19 +270,15 @@ def load(path: str | os.PathLike[str]) -> FlexBody:
         No such file, not HDF5, not a flexible body, of another version, incomplete, or with
         numbers that cannot be.
     """
-    import h5py
 
     source = Path(path)
-    if not source.is_file():
-        raise BodyFileError(f"{source}: there is no such file")
     try:
-        with h5py.File(source, "r", locking=False) as file:
+        with open_hdf5(source, BodyFileError, "a flexible body of flexmb") as file:
             _check_header(file, source)
             datasets = {row.path: _read_dataset(file, row, source) for row in TABLE}
             name, mass = str(file.attrs["name"]), float(file.attrs["mass"])
     except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
-        what = "is damaged" if h5py.is_hdf5(source) else "is not an HDF5 file, or is cut short"
-        raise BodyFileError(f"{source}: {what}; write the body again ({error})") from error
+        raise BodyFileError(f"{source}: is damaged; write the body again ({error})") from error
     present = {key: value for key, value in datasets.items() if value is not None}
     _check_lengths(present, source)
     try:

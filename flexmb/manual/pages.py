@@ -37,6 +37,7 @@ PAGES = (
     "elements",
     "reduction",
     "accuracy",
+    "statics",
     "linearization",
     "audit",
     "results",

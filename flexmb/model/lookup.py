@@ -68,10 +68,12 @@ class ModelData(Protocol):
     controllers: dict[str, Any]
     checks: list[Any]
     frequency_checks: list[Any]
+    mode_checks: list[Any]
     assembly: Any
     dynamics: Any
     effects: Any
     kinematics: Any
+    statics: Any
     results: Any
     study: Any
     view: Any

@@ -176,6 +176,9 @@ _OPTIONS = (
 )  # fmt: skip
 
 
+_MOST_RESIDUALS = 12  # static responses to inertia loads that may join the modes
+
+
 class MeshBodySpec(FlexibleBodySpec):
     """A flexible body to be reduced from a mesh; the mesh's own frame is the body frame.
 
@@ -213,6 +216,13 @@ class MeshBodySpec(FlexibleBodySpec):
             what = what if not own else 'an .npz file goes with reduction = "user"'
             problems.append(Problem("modes", what))
         problems += self.frame_problems(tuple(self.interfaces))
+        if self.damping is not None and isinstance(self.modes, int | None):
+            most = (
+                6 * len(self.interfaces) + self.mode_count + _MOST_RESIDUALS + 2 * len(self.loads)
+            )
+            for number in (n for n in self.damping.modes or {} if int(n) > most):
+                what = f"there is no such mode: the body has at most {most}"
+                problems.append(Problem(f"damping.modes.{number}", what))
         if self.reduction == "guyan" and self.modes not in (None, 0):
             problems.append(Problem("modes", "a static reduction (guyan) keeps none; leave it out"))
         if problems:

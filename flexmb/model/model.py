@@ -35,13 +35,22 @@ from flexmb.model.reading import (
 )
 from flexmb.model.scenes.consistency import far_markers, model_problems
 from flexmb.model.scenes.conversion import build, read_gravity, resolve_parameters, scene_dict
-from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec, ValiditySpec
+from flexmb.model.scenes.dynamics import (
+    AssemblySpec,
+    DynamicsSpec,
+    KinematicsSpec,
+    StaticsSpec,
+    ValiditySpec,
+)
 from flexmb.model.scenes.effects import EffectsSpec
 from flexmb.model.scenes.sections import (
+    CHECK_LISTS,
     CheckSpec,
     FrequencyCheckSpec,
+    ModeCheckSpec,
     ResultsSpec,
     ViewSpec,
+    check_kind,
     read_named,
 )
 from flexmb.model.scenes.study import StudySpec
@@ -114,11 +123,13 @@ class Model:
         self.controllers: dict[str, ControllerSpec] = {}
         self.checks: list[CheckSpec] = []
         self.frequency_checks: list[FrequencyCheckSpec] = []
+        self.mode_checks: list[ModeCheckSpec] = []
         self.assembly: AssemblySpec | None = None
         self.dynamics: DynamicsSpec | None = None
         self.effects: EffectsSpec | None = None
         self.results: ResultsSpec | None = None
         self.kinematics: KinematicsSpec | None = None
+        self.statics: StaticsSpec | None = None
         self.study: StudySpec | None = None
         self.validity: ValiditySpec | None = None
         self.view = ViewSpec()
@@ -207,13 +218,14 @@ class Model:
         """Add a controller: ``input``, an expression over channels and t; its name is a channel."""
         return self._add("controllers", name, {"type": type, **fields})
 
-    def add_check(self, **fields: Any) -> CheckSpec | FrequencyCheckSpec:
+    def add_check(self, **fields: Any) -> CheckSpec | FrequencyCheckSpec | ModeCheckSpec:
         """Add a known answer: ``sensor``, ``time``, ``value``, ``tolerance``, ``source``.
 
         Of a natural frequency: ``body``, ``held``, ``mode``, ``value``, ``tolerance``, ``source``.
+        Of a linearised mode: ``linear_mode``, ``parameters`` and these.
         """
-        checks: list[Any] = self.frequency_checks if "body" in fields else self.checks
-        kind: type[Any] = FrequencyCheckSpec if "body" in fields else CheckSpec
+        kind = check_kind(fields)
+        checks: list[Any] = getattr(self, CHECK_LISTS[kind])
         spec, problems = read_entry(kind, fields, self.check_context(fields.get("sensor")))
         _raise(under(f"check[{len(checks)}]", problems))
         checks.append(spec)
@@ -238,6 +250,11 @@ class Model:
         """Say how to run as a kinematic analysis: ``duration``, ``outputs``."""
         self.kinematics = self._single("kinematics", KinematicsSpec, fields)
         return self.kinematics
+
+    def set_statics(self, **fields: Any) -> StaticsSpec:
+        """Say of which times equilibria are sought: ``time``, or ``duration`` and ``outputs``."""
+        self.statics = self._single("statics", StaticsSpec, fields)
+        return self.statics
 
     def set_assembly(self, **fields: Any) -> AssemblySpec:
         """Say how the first pose is found: ``weights`` by body, ``guess`` by joint."""

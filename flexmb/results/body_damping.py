@@ -16,7 +16,7 @@ class BodyDamping:
     Parameters
     ----------
     body, words : str
-        Name of the body, and its damping in short.
+        Name of the body, and its damping in short. No name: all flexible bodies together.
     frequencies, ratios : tuple of float
         Of each mode as joined, ascending [Hz], and its damping ratio; none without damping.
     """

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import OutputError
+from flexmb.folders import whole_file
 from flexmb.results.channels import HistoryTable
 from flexmb.results.kill_safe_file import WriteLock
 
@@ -42,7 +43,8 @@ def export_table(table: HistoryTable, path: Path, ending: str | None = None) -> 
         raise OutputError.unknown(f'{path}: no output format has the ending "{key}"', key, FORMATS)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        FORMATS[key](table, path)
+        with whole_file(path) as partial:
+            FORMATS[key](table, partial)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
     return path
@@ -82,9 +84,10 @@ def copy_result(source: Path, flexbodies: Iterable[Path], place: Path) -> Path:
                 if copy.exists() and not filecmp.cmp(file, copy, shallow=False):
                     what = "belongs to another result; save this one in a folder of its own"
                     raise OutputError(f"{copy}: {what}")
-            for file, copy in {source: target, **bodies}.items():
+            for file, copy in {**bodies, source: target}.items():
                 if not _same(file, copy):
-                    shutil.copyfile(file, copy)
+                    with whole_file(copy) as partial:
+                        shutil.copyfile(file, partial)
         except BlockingIOError as error:
             what = "a run is writing it; save the result when it has ended"
             raise OutputError(f"{source}: {what}") from error

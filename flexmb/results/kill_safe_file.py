@@ -12,11 +12,14 @@ from __future__ import annotations
 import contextlib
 import errno
 import io
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+
+from flexmb.untrusted import begin_writing, end_writing, seal
 
 _PAGE = 1 << 16  # bytes of a page in memory
 _NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP, errno.EINVAL)  # a network disk
@@ -89,7 +92,8 @@ class DiskFile(io.RawIOBase):
     path : Path
         Where it is.
     new : bool
-        Whether an empty file is made there, or the present one is opened.
+        Whether a new file is written. It gets its name by `complete`; an older file of this name
+        stays until then.
 
     Raises
     ------
@@ -99,19 +103,40 @@ class DiskFile(io.RawIOBase):
         The file cannot be opened.
     """
 
-    def __init__(self, path: Path, *, new: bool = True) -> None:
+    def __init__(self, path: Path, *, new: bool = False) -> None:
         super().__init__()
         self._lock = WriteLock(path)
+        self._path = path
+        self._part = path.with_name(path.name + ".part") if new else None
         try:
-            self._file = (  # closed by close()
-                open(path, "w+b", buffering=0) if new else open(path, "r+b", buffering=0)  # noqa: SIM115
-            )
+            if self._part is not None:
+                self._part.touch()
+            self._file = open(self._part or path, "r+b", buffering=0)  # noqa: SIM115
+            if new:
+                self._file.truncate(0)
+            begin_writing(self._part or path)
         except OSError:
             self._lock.release()
             raise
         self.failure: OSError | None = None
         self._pages: dict[int, bytearray] = {}  # what the disk did not take, by number of the page
         self._position = 0
+
+    def complete(self) -> None:
+        """Give a new file its name, in place of an older one, or note why not."""
+        if self._part is not None:
+            self._unless_failed(self._move)
+
+    def seal(self) -> None:
+        """Write the checksum of the whole file into its user block, or note why not."""
+        self._unless_failed(lambda: self._write_all(0, memoryview(seal(self._file))))
+
+    def _move(self) -> None:
+        assert self._part is not None  # see complete()
+        self._file.close()  # Windows moves no open file
+        os.replace(self._part, self._path)
+        self._part = None
+        self._file = open(self._path, "r+b", buffering=0)  # noqa: SIM115
 
     def readinto(self, buffer: Any) -> int | None:
         """Fill `buffer` from the current position."""
@@ -140,7 +165,7 @@ class DiskFile(io.RawIOBase):
     def write(self, data: Any) -> int:
         """Write all of `data`, or note why not; reports success in either case."""
         view = memoryview(data).cast("B")
-        self._unless_failed(lambda: self._write_all(view))
+        self._unless_failed(lambda: self._write_all(self._position, view))
         if self.failure is not None:
             for start, stop, page, inside in self._parts(len(view)):
                 self._page(page)[inside : inside + stop - start] = view[start:stop]
@@ -166,7 +191,10 @@ class DiskFile(io.RawIOBase):
     def close(self) -> None:
         """Close the file on the disk."""
         if not self.closed:
+            end_writing(self._part or self._path)
             self._unless_failed(self._file.close)
+            if self._part is not None:
+                self._part.unlink(missing_ok=True)
             self._lock.release()
         super().close()
 
@@ -190,8 +218,8 @@ class DiskFile(io.RawIOBase):
             self._pages[number] = bytearray((self._file.read(_PAGE) or b"").ljust(_PAGE, b"\0"))
         return self._pages[number]
 
-    def _write_all(self, view: memoryview) -> None:
-        self._file.seek(self._position)
+    def _write_all(self, position: int, view: memoryview) -> None:
+        self._file.seek(position)
         done = 0
         while done < len(view):
             done += self._file.write(view[done:])

@@ -129,7 +129,10 @@ class ResultReader:
 
     @property
     def damping(self) -> dict[str, BodyDamping]:
-        """For each flexible body its damping: the ratio of each mode as the scene joins it."""
+        """For each flexible body its damping, and the ratio of each mode as the scene joins it.
+
+        Of several, under "" the ratios of the modes that all of them have together.
+        """
         rows = read_damping_text(self.texts.get(DAMPING, "[]"))
         return {one.body: one for one in rows}
 

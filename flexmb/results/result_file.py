@@ -30,11 +30,10 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from pathlib import Path
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any, Final
 from uuid import uuid4
 
@@ -45,7 +44,8 @@ from numpy.typing import NDArray
 from flexmb.engine.tables import BodyColumns
 from flexmb.errors import OutputError, ResultFileError
 from flexmb.results.channels import TABLES, Columns, StoredColumns, widths
-from flexmb.results.kill_safe_file import DiskFile, WriteLock
+from flexmb.results.kill_safe_file import DiskFile, uninterrupted
+from flexmb.untrusted import USER_BLOCK, open_hdf5
 
 STATUS: Final = ("running", "finished", "stopped", "failed")
 _FORMAT, _VERSION = "flexmb-result", 3
@@ -164,15 +164,8 @@ def extend_file(path: Path, duration: float, outputs: int) -> None:
     OutputError
         Another run is writing the file, the disk has no room, or the file cannot be replaced.
     """
-    partial = path.with_name(path.name + ".part")
     try:
-        lock = WriteLock(path)
-        try:
-            _write_copy(path, partial, duration, outputs)
-            os.replace(partial, path)
-        finally:
-            partial.unlink(missing_ok=True)
-            lock.release()
+        _write_copy(path, duration, outputs)
     except BlockingIOError as error:
         raise OutputError(f"{path}: another run is writing it") from error
     except OSError as error:
@@ -187,28 +180,33 @@ def store_text(path: Path, name: str, text: str) -> None:
     OutputError
         A run is writing the file, or it cannot be written.
     """
+    open_hdf5(path, ResultFileError, "a result of flexmb").close()
     try:
-        lock = WriteLock(path)
-        try:
-            with h5py.File(path, "r+", locking=False) as file:
-                if name in file["texts"]:
-                    del file["texts"][name]
-                _write_text(file["texts"], name, text)
-        finally:
-            lock.release()
+        disk = DiskFile(path)
     except BlockingIOError as error:
         raise OutputError(f"{path}: another run is writing it") from error
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
+    try:
+        disk.write(bytes(USER_BLOCK))  # no seal until the text is complete
+        with uninterrupted(), h5py.File(disk, "r+") as file:
+            if name in file["texts"]:
+                del file["texts"][name]
+            _write_text(file["texts"], name, text)
+        disk.seal()
+    finally:
+        disk.close()
+    if disk.failure is not None:
+        raise OutputError(f"{path}: cannot be written ({disk.failure.strerror})")
 
 
 def file_format(path: str | Path) -> str | None:
     """The format an HDF5 file says it has, such as ``"flexmb-result"``; None for other files."""
     try:
-        with h5py.File(path, "r", locking=False) as file:
+        with open_hdf5(Path(path), ResultFileError, "a file of flexmb") as file:
             name = file.attrs.get("format")
             return name if isinstance(name, str) else None
-    except OSError:
+    except (ResultFileError, OSError, RuntimeError):
         return None
 
 
@@ -267,16 +265,7 @@ def _open(path: Path, run: str | None = None) -> h5py.File:
     """The open file, of that run if one is named."""
     if path.is_dir():
         raise ResultFileError(f"{path}: is a folder without a result.h5")
-    if not path.exists():
-        raise ResultFileError(f"{path}: there is no such file")
-    try:
-        file = h5py.File(path, "r", locking=False)
-    except OSError as error:
-        if "locking flag" in str(error):
-            what = "is held open in this program by other means than flexmb; close it there first"
-            raise ResultFileError(f"{path}: {what}") from error
-        what = "a damaged HDF5 file" if h5py.is_hdf5(path) else "not an HDF5 file"
-        raise ResultFileError(f"{path}: is {what}, so not a result of flexmb") from error
+    file = open_hdf5(path, ResultFileError, "a result of flexmb")
     if run is not None and file.attrs.get("run") != run:
         file.close()
         raise ResultFileError(f"{path}: was replaced by another run since it was opened; reopen it")
@@ -325,8 +314,23 @@ def _contents(file: h5py.File) -> Contents:
         scene=scene,
         extended=scene.get("dynamics", {}) != original,
         texts={name: data.asstr()[()] for name, data in file["texts"].items()},
-        flexbodies={name: data.asstr()[()] for name, data in file["flexbodies"].items()},
+        flexbodies=_read_file_names(file["flexbodies"]),
     )
+
+
+def _read_file_names(group: h5py.Group) -> dict[str, str]:
+    """Files of the flexible bodies: in the folder of the result, and nowhere else."""
+    files = {str(name): str(data.asstr()[()]) for name, data in group.items()}
+    for name, file in files.items():
+        if (
+            file in ("", "..")
+            or PurePosixPath(file).name != file
+            or PureWindowsPath(file).name != file
+        ):
+            raise ValueError(
+                f"the file of the flexible body {name} is not in this folder: {file!r}"
+            )
+    return files
 
 
 def _read_layout(group: h5py.Group) -> Columns:
@@ -372,10 +376,13 @@ def _reserve(file: h5py.File, name: str, shape: tuple[int, ...]) -> None:
     h5py.h5d.create(file.id, name.encode(), h5py.h5t.IEEE_F64LE, space, properties)
 
 
-def _write_copy(path: Path, partial: Path, duration: float, outputs: int) -> None:
-    disk = DiskFile(partial)
+def _write_copy(path: Path, duration: float, outputs: int) -> None:
+    disk = DiskFile(path, new=True)
     try:
-        with h5py.File(path, "r", locking=False) as old, h5py.File(disk, "w") as new:
+        with (
+            open_hdf5(path, ResultFileError, "a result of flexmb") as old,
+            h5py.File(disk, "w", userblock_size=USER_BLOCK) as new,
+        ):
             new.attrs.update(old.attrs)
             rows = int(old["progress"][0])
             for name in TABLES:
@@ -386,6 +393,8 @@ def _write_copy(path: Path, partial: Path, duration: float, outputs: int) -> Non
                 if name not in TABLES:
                     old.copy(name, new)
             new["span"][:] = duration, outputs
+        disk.complete()
+        disk.seal()
     finally:
         disk.close()
     if disk.failure is not None:

@@ -39,6 +39,7 @@ from flexmb.results.result_file import (
     report_text,
     state_bytes,
 )
+from flexmb.untrusted import USER_BLOCK
 
 Array = NDArray[np.float64]
 
@@ -118,13 +119,15 @@ class ResultWriter:
         self._rows = 0
         self._saves = 0
         self._capacity = max(int(n_outputs), 1)
-        self._disk = _open_disk(self.path)
+        self._disk = _open_disk(self.path, new=True)
         with uninterrupted():
-            self._file = h5py.File(self._disk, "w")
+            self._file = h5py.File(self._disk, "w", userblock_size=USER_BLOCK)
             create_content(
                 self._file, self.columns, self._capacity, self.stored, scene, texts or {},
                 flexbodies or {},
             )  # fmt: skip
+            self._flush()
+            self._disk.complete()
             self._flush()
 
     @classmethod
@@ -143,7 +146,7 @@ class ResultWriter:
         writer = cls.__new__(cls)
         writer.path = Path(path)
         read_contents(writer.path)  # raises if it is not a result
-        writer._disk = _open_disk(writer.path, new=False)
+        writer._disk = _open_disk(writer.path)
         try:
             contents = read_contents(writer.path)  # again: no other run writes it now
             newest = read_state(writer.path, contents.run)
@@ -151,6 +154,7 @@ class ResultWriter:
                 what = "was cut off before its first state was kept; run the scene again"
                 raise ResultFileError(f"{writer.path}: {what}")
             with uninterrupted():
+                writer._disk.write(bytes(USER_BLOCK))  # no seal while rows are added
                 writer._file = h5py.File(writer._disk, "r+")
                 writer.columns, writer.stored = contents.columns, contents.stored
                 writer._rows = newest[0]
@@ -267,6 +271,8 @@ class ResultWriter:
         """Close the file; calling it again does nothing."""
         if self._file:
             self._file.close()
+            if self._disk.failure is None:
+                self._disk.seal()
         self._disk.close()
 
     def _flush(self) -> None:
@@ -316,7 +322,7 @@ class ResultWriter:
         self._flush()
 
 
-def _open_disk(path: Path, *, new: bool = True) -> DiskFile:
+def _open_disk(path: Path, *, new: bool = False) -> DiskFile:
     if path.is_dir():
         raise OutputError(f"{path}: is a folder; give the name of a file in it")
     try:

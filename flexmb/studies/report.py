@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexmb.errors import OutputError, ViewError
+from flexmb.folders import whole_file
 from flexmb.studies.channel_errors import error_text
 from flexmb.studies.rows import Error, Row, StudyRows
 from flexmb.studies.study_settings import is_numerical, label, value_text
@@ -264,7 +265,10 @@ class Study(StudyRows):
         records = [self._record(row) for row in self.rows]
         columns = list(dict.fromkeys(name for record in records for name in record))
         try:
-            with path.open("w", encoding="utf-8", newline="") as file:
+            with (
+                whole_file(path) as partial,
+                partial.open("w", encoding="utf-8", newline="") as file,
+            ):
                 writer = csv.DictWriter(file, columns, restval="")
                 writer.writeheader()
                 writer.writerows(records)

@@ -6,8 +6,9 @@ flexible-body files say how the modes move their surfaces.
 :class:`Content` holds rigid shapes, flexible surfaces with the values that colour them, joints,
 ground, colour scale, captions and camera, in global axes [m]. Both renderers, VTK and matplotlib,
 take it and show the same. A mechanism is seen along its joint axes if they are parallel, slightly
-from above; up is against gravity where there is any, else z, else (for a mechanism seen nearly along z) y.
-A body alone is seen from aside and above z, or lengthwise above its thinnest extent if slender.
+from above; up is against gravity where there is any, else z, else (for a mechanism seen nearly
+along z) y. A body alone is seen from aside and above z, or lengthwise above its thinnest extent if
+slender.
 """
 
 from __future__ import annotations

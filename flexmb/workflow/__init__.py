@@ -20,11 +20,11 @@ from flexmb.workflow.installation import (
     machine,
     warmup,
 )
-from flexmb.workflow.linearize import linearize, sweep_modes
+from flexmb.workflow.linearize import equilibria, linearize, sweep_modes
 from flexmb.workflow.listings import TOPICS, Listing, listing, new_scene, templates
 from flexmb.workflow.resume import resume, resume_run
-from flexmb.workflow.run import kinematics, run_model, run_scene, simulate
 from flexmb.workflow.run_report import CheckOutcome, RunReport
+from flexmb.workflow.simulate import kinematics, run_model, run_scene, simulate, statics
 
 __all__ = [
     "TOPICS",
@@ -42,6 +42,7 @@ __all__ = [
     "audit",
     "check_all",
     "check_scene",
+    "equilibria",
     "examine_installation",
     "flexible_bodies",
     "kinematics",
@@ -57,6 +58,7 @@ __all__ = [
     "run_model",
     "run_scene",
     "simulate",
+    "statics",
     "sweep_modes",
     "templates",
     "warmup",

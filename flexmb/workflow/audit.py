@@ -99,7 +99,7 @@ class Audit:
             return f"what is left out stays within {budget}{besides}"
         worst = max(self.missing, key=lambda one: one.share or 0.0)
         what = f"{worst.effect} of {worst.body}" if worst.body else worst.effect
-        return f"{what} is left out and contributes {_percent(worst.share)}: more than {budget}"
+        return f"{what} is left out and contributes {percent(worst.share)}: more than {budget}"
 
     def text(self) -> str:
         """As JSON, for the result file."""
@@ -120,13 +120,13 @@ COLUMNS = ("effect", "of", "", "indicator", "contribution", "at", "", "time", ""
 def _row(one: EffectOutcome) -> tuple[str, ...]:
     return (
         one.effect, one.body, "on" if one.on else "off", one.indicator,
-        "" if one.share is None else _percent(one.share), one.sensor, one.value,
+        "" if one.share is None else percent(one.share), one.sensor, one.value,
         "" if one.cost is None else f"x {one.cost:.2f}",
         one.verdict if not one.why else f"{one.verdict}: {one.why}",
     )  # fmt: skip
 
 
-def _percent(share: float | None) -> str:
+def percent(share: float | None) -> str:
     if share is None:
         return ""
     return "unbounded" if share > 10.0 else f"{100 * share:.2g} %"
@@ -158,7 +158,9 @@ def audit(
     began = time.perf_counter()
     _check_run(run)
     neighbours = Neighbours.of(run, _MOST_ROWS, progress)
-    budget = neighbours.model.budget if budget is None else budget
+    if budget is None:
+        stated = neighbours.model.effects
+        budget = BUDGET if stated is None else stated.budget
     effects = []
     todo = list(neighbours.effects())
     for k, effect in enumerate(todo):

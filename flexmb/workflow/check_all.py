@@ -13,8 +13,9 @@ from flexmb.errors import FlexmbError, Problem, SceneError
 from flexmb.folders import writable_folder
 from flexmb.progress import Progress, silent
 from flexmb.workflow.processes import process_pool
-from flexmb.workflow.run import ANALYSES, run_scene
+from flexmb.workflow.run import ANALYSES
 from flexmb.workflow.run_report import CheckOutcome
+from flexmb.workflow.simulate import run_scene
 
 
 @dataclass(frozen=True)

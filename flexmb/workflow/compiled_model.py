@@ -63,6 +63,7 @@ def compile_source(
     source: Model | Result | str | Path,
     *,
     overrides: Mapping[str, Any] | None = None,
+    output: Path | None = None,
     progress: Progress = silent,
 ) -> CompiledModel:
     """Compile the model that a scene file, a model or a result names.
@@ -73,6 +74,8 @@ def compile_source(
         A scene file (.toml), a model, a result or its folder.
     overrides : mapping, optional
         Parameters or knobs of a scene file to change.
+    output : path, optional
+        Folder for the flexible bodies of a scene file; `out/<scene>` by default.
     progress : Progress
         Called for every phase.
 
@@ -89,7 +92,7 @@ def compile_source(
     if isinstance(source, str | Path) and Path(source).suffix == ".toml":
         model = load_scene(Path(source), dict(overrides or {}))
         model.validate()
-        folder = writable_folder(output_folder(source))
+        folder = writable_folder(output or output_folder(source))
         bodies, _, notes = flexible_bodies(model, folder, progress=progress)
         return CompiledModel(model, compile_system(model, bodies), None, tuple(notes))
     if overrides:

@@ -29,6 +29,7 @@ from flexmb.errors import (
 from flexmb.folders import output_folder, writable_folder
 from flexmb.model.flexible_body import FlexbodySpec
 from flexmb.model.mesh_body import MeshBodySpec
+from flexmb.model.plane import simulated_body
 from flexmb.progress import Progress, silent
 from flexmb.workflow.run_report import CheckOutcome, check_frequencies
 
@@ -40,6 +41,8 @@ if TYPE_CHECKING:
 _PORTS = (f"{port}{number}" for port in ("com", "lpt") for number in range(10))
 _DEVICES = ("con", "prn", "aux", "nul", *_PORTS)  # no file names on Windows
 _SAMPLES = 201  # times at which the angle of a driver is looked at
+SIMULATED = ".simulated."
+"""In the name of a file: the body as a run has it, and not as it was reduced."""
 _MISTAKES = (MeshError, MaterialError, ReductionError, BodyFileError)
 
 
@@ -93,7 +96,6 @@ def flexible_bodies(
         All that is wrong with the bodies; the class is that of the first mistake.
     """
     from flexmb.flexbody import save
-    from flexmb.model.plane import simulated_body
 
     bodies: dict[str, FlexBody] = {}
     files: dict[str, Path] = {}
@@ -107,17 +109,16 @@ def flexible_bodies(
             if isinstance(spec, MeshBodySpec):
                 stored = None if fresh or inspect else _stored_body(model, name, file, notes)
                 reduced = stored or _reduce_body(model, name, inspect, notes, progress)
-                if stored is None:
-                    save(reduced, file)
-                bodies[name] = simulated_body(model, name, reduced)
-                if bodies[name] is not reduced:  # the reduction remains for runs with other effects
-                    files[name] = file.with_name(file.name.replace(".", ".simulated.", 1))
-                    save(bodies[name], files[name])
             elif isinstance(spec, FlexbodySpec):
-                bodies[name] = _loaded_body(model, name)
-                save(bodies[name], file)
+                stored, reduced = None, _source_body(model, name)
             else:
                 continue
+            if stored is None:
+                save(reduced, file)
+            bodies[name] = simulated_body(model, name, reduced)
+            if bodies[name] is not reduced:  # the reduction remains for runs with other effects
+                files[name] = file.with_name(file.name.replace(".", SIMULATED, 1))
+                save(bodies[name], files[name])
         except _MISTAKES as error:
             errors.append((name, error))
         files.setdefault(name, file)
@@ -173,7 +174,6 @@ def bodies_of_surveys(
     """
     from flexmb.flexbody import Interface, rigid_body
     from flexmb.flexbody.parts import NodeModes
-    from flexmb.model.plane import simulated_body
 
     bodies: dict[str, FlexBody] = {}
     rigid: list[str] = []
@@ -201,12 +201,15 @@ def bodies_of_surveys(
 
 def _loaded_body(model: Model, name: str) -> FlexBody:
     """A body from its file or an object, as a run has it."""
-    from flexmb.flexbody import load
-    from flexmb.model.plane import simulated_body
+    return simulated_body(model, name, _source_body(model, name))
 
-    source = model.bodies[name].flexbody  # type: ignore[attr-defined]
-    body = load(model.path(source)) if isinstance(source, str) else source
-    return simulated_body(model, name, body)
+
+def _source_body(model: Model, name: str) -> FlexBody:
+    """A body from its file or an object."""
+    from flexmb.flexbody import load
+
+    source: Any = model.bodies[name].flexbody  # type: ignore[attr-defined]
+    return load(model.path(source)) if isinstance(source, str) else source
 
 
 def _under(name: str, problems: Iterable[Problem]) -> list[Problem]:

@@ -6,19 +6,24 @@ what Campbell diagrams and root loci are drawn from.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from flexmb.errors import FlexmbWarning, Problem, SceneError, nearest
 from flexmb.progress import Progress, silent
 from flexmb.workflow.compiled_model import CompiledModel, compile_source
+from flexmb.workflow.run_report import CheckOutcome
 
 if TYPE_CHECKING:
     from flexmb.analysis.assembly.initial_state import Assembled
     from flexmb.analysis.linear.linearization import Linearization
     from flexmb.analysis.linear.mode_sweep import ModeSweep
+    from flexmb.analysis.statics import Equilibrium
     from flexmb.model import Model
     from flexmb.results import Result
 
@@ -79,7 +84,7 @@ def _linearize(system: CompiledModel, time: float | None, about: str, frame: str
     return linearize_state(first.compiled, system.model, first.state, frame=frame)
 
 
-def state_of(system: CompiledModel, time: float | None, about: str) -> Assembled:
+def state_of(system: CompiledModel, time: float | None, about: str) -> Assembled | Equilibrium:
     """The state of a compiled model that is meant; see `linearize`."""
     from flexmb.analysis.assembly.initial_state import assemble
 
@@ -95,6 +100,10 @@ def state_of(system: CompiledModel, time: float | None, about: str) -> Assembled
         raise SceneError.from_problems([Problem("time", what)])
     if about == "initial":
         about = "undeformed" if model.dynamics is None else model.dynamics.start
+    if about == "static":
+        from flexmb.analysis.statics import find_equilibrium
+
+        return find_equilibrium(compiled, model)
     return assemble(compiled, model, start=about)
 
 
@@ -146,3 +155,74 @@ def sweep_modes(
         made.append(_linearize(system, None, about, frame))
     progress("modes", 1.0)
     return ModeSweep.of(parameter, values, made)
+
+
+def check_modes(model: Model, folder: Path) -> list[CheckOutcome]:
+    """One outcome for each known linearised mode of a scene file; a missing mode gives NaN.
+
+    Each set of parameters is a model of its own, its flexible bodies in a folder of their own.
+    """
+    frequencies: dict[tuple[tuple[str, float], ...], Any] = {}
+    outcomes = []
+    source = model.source
+    for check in model.mode_checks if source is not None else ():
+        assert source is not None
+        key = tuple(check.parameters.items())
+        if key not in frequencies:
+            changes = {**source.overrides, **{name: repr(value) for name, value in key}}
+            bodies = folder / "linear_modes"
+            system = compile_source(source.path, overrides=changes, output=bodies)
+            vibrations = _linearize(system, None, STARTS[0], "auto").frequencies
+            frequencies[key] = np.sort(vibrations[vibrations > 0.0])
+        modes = frequencies[key]
+        value = float(modes[check.linear_mode - 1]) if check.linear_mode <= len(modes) else math.nan
+        values = "".join(f", {name} = {value:g}" for name, value in key)
+        outcomes.append(
+            CheckOutcome(
+                f"linear mode {check.linear_mode}{values}",
+                None,
+                model.units.written(value, "Hz"),
+                model.units.written(check.value, "Hz"),
+                model.units.written(check.tolerance, "Hz"),
+                check.source,
+            )
+        )
+    return outcomes
+
+
+def equilibria(
+    source: Model | str | Path,
+    *,
+    time: float = 0.0,
+    starts: int = 30,
+    overrides: Mapping[str, Any] | None = None,
+    progress: Progress = silent,
+) -> list[Equilibrium]:
+    """Equilibria of a model that are reached from many poses, of least energy first.
+
+    Parameters
+    ----------
+    source : Model or path
+        A model or a scene file (.toml).
+    time : float
+        At which functions and drivers are taken, in the scene's units.
+    starts : int
+        From how many poses: the placed one, and others at random along the free motions.
+    overrides, progress
+        As of `linearize`.
+
+    Returns
+    -------
+    list of Equilibrium
+        Stable and unstable ones, all different.
+
+    Raises
+    ------
+    FlexmbError
+        Whatever is wrong; no equilibrium is reached from the placed pose.
+    """
+    from flexmb.analysis.statics import find_equilibria
+
+    system = compile_source(source, overrides=overrides, progress=progress)
+    scaled = time * system.model.units.scale("s")
+    return find_equilibria(system.compiled, system.model, time=scaled, starts=starts)

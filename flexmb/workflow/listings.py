@@ -43,6 +43,7 @@ from flexmb.model.scenes.dynamics import (
     DynamicsSpec,
     GuessSpec,
     KinematicsSpec,
+    StaticsSpec,
     ValiditySpec,
 )
 from flexmb.model.scenes.sections import CONTROLLER_TYPES, COUPLER_TYPES, FORCE_TYPES
@@ -344,6 +345,7 @@ TOPICS = {
         {
             "[dynamics]": DynamicsSpec,
             "[kinematics]": KinematicsSpec,
+            "[statics]": StaticsSpec,
             "[assembly]": AssemblySpec,
             "assembly.guess.joint": GuessSpec,
             "[validity]": ValiditySpec,

@@ -8,6 +8,7 @@ stiffening: of the two left out, neither is judged alone (Padilla & von Flotow).
 from __future__ import annotations
 
 import copy
+import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -77,14 +78,19 @@ class Neighbours:
         """The model of a run, and at most so many of its rows."""
         from flexmb.analysis.effects.contribution import read_motion
         from flexmb.engine.compile import compile_system
+        from flexmb.flexbody import load
         from flexmb.model import Model
         from flexmb.workflow.compiled_model import damped_as_run
+        from flexmb.workflow.flexible_bodies import SIMULATED
         from flexmb.workflow.resume import load_bodies
 
         model = Model.from_scene_dict(run.model, run.path.parent)
         bodies = load_bodies(run)
         folder = run.path.parent / "audit"
         compiled = damped_as_run(compile_system(model, bodies), model, run)
+        for name, file in run.flexbodies.items():
+            whole = file.with_name(file.name.replace(SIMULATED, "."))
+            bodies[name] = load(whole) if whole != file and whole.exists() else bodies[name]
         made = cls(run, model, bodies, compiled, read_motion(run), folder, progress)
         made.motion = made._resolved(made.motion, most_rows)
         return made
@@ -109,9 +115,10 @@ class Neighbours:
     def neighbour(self, effect: Effect) -> Model:
         """The scene with an effect switched over."""
         if effect.body:
-            return self._with(self.model, {effect.body: effect.words})
+            return with_words(self.model, {effect.body: effect.words})
         model = copy.copy(self.model)
-        model.set_effects(**effect.words)
+        stated = {} if model.effects is None else model.effects.model_dump()
+        model.set_effects(**{**stated, **effect.words})
         return model
 
     def estimate(self, effect: Effect) -> tuple[list[Contribution], float | None]:
@@ -146,6 +153,7 @@ class Neighbours:
         if body.m == 0:
             if self.bodies[name].m:
                 yield Effect(DEFORMATION, name, False, "rigid", {"deformation": "dynamic"})
+                yield Effect(VIBRATION, name, False, "rigid", {"deformation": "dynamic"})
             return
         numbers = indicators(self.compiled, self.motion, body, name)
         yield Effect(DEFORMATION, name, True, f"u/L {numbers.deflection:.2g}", _RIGID)
@@ -156,7 +164,8 @@ class Neighbours:
             yield Effect(VIBRATION, name, False, fast, {"deformation": "dynamic"})
         yield from self._couplings(name, spec, body, turning)
         yield self._modes(name, spec, body)
-        if body.D is not None and np.any(body.D):
+        number = [one.name for one in self.compiled.layout.bodies].index(name)
+        if self.compiled.system.parts.bodies["damped"][number]:
             yield Effect(DAMPING, name, True, "", {"damping": 0.0})
 
     def _couplings(self, name: str, spec: Any, body: FlexBody, turning: str) -> Iterator[Effect]:
@@ -192,11 +201,12 @@ class Neighbours:
         """Of one body, along the motion of the scene with rigid bodies."""
         name, vibration = effect.body, effect.name == VIBRATION
         rigid, own, motion, seconds = self._rigid
-        model = self._with(rigid, {name: {"deformation": "dynamic"}})
+        model = with_words(rigid, {name: {"deformation": "dynamic"}})
         other = self._compile(model, self.bodies)
         changes = self._changes(own, other, model, motion, {}, vibration)
         mine = self.run.seconds.get("integrate")
-        return changes, None if vibration or not mine or not seconds else mine / seconds
+        known = mine and seconds and effect.on and not vibration
+        return changes, mine / seconds if mine and known else None
 
     def _changes(
         self, own: Compiled, other: Compiled, model: Model, motion: Motion,
@@ -221,7 +231,7 @@ class Neighbours:
         from flexmb.analysis.effects.contribution import read_motion
 
         flexible = [name for name, spec in self.model.bodies.items() if spec.flexible]
-        model = self._with(self.model, dict.fromkeys(flexible, _RIGID))
+        model = with_words(self.model, dict.fromkeys(flexible, _RIGID))
         if all(self.compiled.flexbodies[name].m == 0 for name in flexible):
             seconds = self.run.seconds.get("integrate", 0.0)
             return model, self.compiled, self.motion, seconds
@@ -245,14 +255,6 @@ class Neighbours:
 
         return provenance(self.run)
 
-    def _with(self, model: Model, words: Mapping[str, Mapping[str, Any]]) -> Model:
-        """The model with other words of some bodies."""
-        model = copy.copy(model)
-        model.bodies = dict(model.bodies)
-        for name, update in words.items():
-            model.bodies[name] = model.bodies[name].model_copy(update=dict(update))
-        return model
-
     def _compile(self, model: Model, bodies: Mapping[str, FlexBody]) -> Compiled:
         """The model with the damping of its modes as they are joined in the first row."""
         from flexmb.analysis.assembly.joined_damping import add_damping
@@ -265,10 +267,14 @@ class Neighbours:
         return add_damping(compiled, model, q)[0]
 
     def _run(self, model: Model, name: str) -> Result:
+        from flexmb.folders import writable_folder
         from flexmb.results import Result
-        from flexmb.workflow.run import run_model
+        from flexmb.workflow.run import run_single
 
-        report = run_model(model, self.folder / name, pictures=False, progress=self.progress)
+        folder = writable_folder(self.folder / name)
+        for file in self.run.path.parent.glob("*.flexbody.h5"):
+            shutil.copy2(file, folder)  # so that nothing is reduced again
+        report = run_single(model, folder, pictures=False, progress=self.progress)
         return Result(report.result)
 
     def _reduced(self, model: Model, effect: Effect) -> FlexBody:
@@ -300,6 +306,15 @@ class Neighbours:
                 f"{100 * gap:.2g} % only: the estimates are rough"
             )
         return thinned
+
+
+def with_words(model: Model, words: Mapping[str, Mapping[str, Any]]) -> Model:
+    """The model with other words of some bodies."""
+    model = copy.copy(model)
+    model.bodies = dict(model.bodies)
+    for name, update in words.items():
+        model.bodies[name] = model.bodies[name].model_copy(update=dict(update))
+    return model
 
 
 def _has_friction(spec: Any) -> bool:

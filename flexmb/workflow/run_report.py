@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -67,6 +67,7 @@ class RunReport:
     notes: list[str] = field(default_factory=list)
     checks: list[CheckOutcome] = field(default_factory=list)
     resumable: bool = True
+    tables: tuple[tuple[Sequence[str], Sequence[Sequence[str]]], ...] = ()  # columns, rows
 
 
 def report_run(
@@ -88,7 +89,7 @@ def report_run(
     from flexmb.flexbody import load
 
     notes = [*notes, *outcome.notes, *([outcome.message] if outcome.message else [])]
-    picture, history = _draw(run, progress) if pictures else (None, None)
+    picture, history = draw_run(run, progress) if pictures else (None, None)
     if pictures and len(run.time) and not run.has_columns("q"):
         notes.append('no picture: not all poses were kept (keep = ["poses"] in [results])')
     if outcome.status == "failed":
@@ -108,7 +109,7 @@ def report_run(
     )
 
 
-def _draw(run: Result, progress: Progress) -> tuple[Path | None, Path | None]:
+def draw_run(run: Result, progress: Progress) -> tuple[Path | None, Path | None]:
     """Picture and history of a run that has at least one output, of what it stored."""
     from flexmb.view import plot_history, render
 

@@ -174,7 +174,7 @@ ONE_LINE = [
     pytest.param(
         ("[dynamics]", "[dynamcs]"),
         'dynamcs: unknown key "dynamcs"; nearest: dynamics; allowed: title, units, plane, gravity, '
-        "parameters, ground, bodies, ",
+        "parameters, effects, budget, ground, bodies, ",
         id="unknown section",
     ),
     pytest.param(
@@ -182,6 +182,15 @@ ONE_LINE = [
         'view.history[0]: unknown channel "tip.w"; nearest: tip.x, tip.y, tip.z; '
         "allowed: tip.x, tip.y, tip.z",
         id="unknown channel",
+    ),
+    pytest.param(
+        (
+            "[dynamics]",
+            "[[check]]\nlinear_mode = 1\nparameters = { speeed = 2 }\nvalue = 1\n"
+            'tolerance = 1\nsource = "none"\n[dynamics]',
+        ),
+        "check[0].parameters.speeed: unknown parameter; nearest: speed; allowed: r, speed",
+        id="unknown parameter of a linearised mode",
     ),
     pytest.param(
         ("[dynamics]", "[view]\ntime = 2\n[dynamics]"),

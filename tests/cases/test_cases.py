@@ -66,13 +66,16 @@ def test_a_case_as_it_stands_gives_its_known_answers(name: str, tmp_path: Path) 
 def test_every_case_says_where_its_answers_come_from() -> None:
     for scene in CASES:
         model = flexmb.load_scene(scene)
-        for check in (*model.checks, *model.frequency_checks):
+        for check in (*model.checks, *model.frequency_checks, *model.mode_checks):
             assert check.source, scene
 
 
 @pytest.mark.parametrize("script", EXACT, ids=lambda path: path.parent.name)
 def test_expected_values_are_those_of_the_exact_solution(script: Path) -> None:
-    """`exact.py` prints `[scene] sensor time value`; it uses nothing of flexmb."""
+    """`exact.py` prints `[scene] sensor time value`; it uses nothing of flexmb.
+
+    Of linearised modes `linear_mode=1,name=2 value`, with the parameters in their order.
+    """
     assert "flexmb" not in script.read_text(encoding="utf-8")
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(
@@ -87,7 +90,17 @@ def test_expected_values_are_those_of_the_exact_solution(script: Path) -> None:
         if "exact.py" in check.source
     }
     exact: dict[tuple[str, str, float], float] = {}
-    for *scene, sensor, time, value in rows:
+    for mode, value in (row for row in rows if len(row) == 2):
+        exact["", mode, 0.0] = float(value)
+    for path in script.parent.glob("*.toml"):
+        for check in flexmb.load_scene(path).mode_checks:
+            words = [f"{name}={number:g}" for name, number in check.parameters.items()]
+            mode = ",".join([f"linear_mode={check.linear_mode}", *words])
+            if "exact.py" in check.source:
+                assert check.value == pytest.approx(
+                    exact["", mode, 0.0], abs=0.05 * check.tolerance
+                )
+    for *scene, sensor, time, value in (row for row in rows if len(row) > 2):
         for name in scene or scenes:
             exact[name, sensor, round(float(time), 9)] = float(value)
     assert sought

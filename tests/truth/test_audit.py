@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from flexiblescenes import BEAM_PERIOD, STEEL, rod
@@ -23,7 +25,7 @@ def beam_fields(length=1.0, modes=4, **options):
     }  # fmt: skip
 
 
-def spinning(share, stiffening=False):
+def spinning(share, stiffening="none"):
     """A bar that turns with a share of its first frequency, pushed sideways from the start."""
     speed = share * 2 * np.pi / BEAM_PERIOD
     model = Model("spinning bar")
@@ -51,7 +53,7 @@ def share_between(run, other, sensor):
 @pytest.mark.parametrize("share", [0.05, 0.3, 0.7])
 def test_stiffening_left_out_of_a_spinning_bar(share, tmp_path):
     run = flexmb.simulate(spinning(share), output=tmp_path)
-    true = share_between(run, flexmb.simulate(spinning(share, True)), "tip")
+    true = share_between(run, flexmb.simulate(spinning(share, "full")), "tip")
     one = find(flexmb.audit(run), "geometric stiffening")
     assert not one.on
     assert 1 / 3 < one.share / true < 3
@@ -96,3 +98,59 @@ def test_a_run_without_sensors_is_refused():
     run = flexmb.simulate(model, duration=0.01)
     with pytest.raises(FlexmbError, match=r"no sensor to judge effects by; add one"):
         flexmb.audit(run)
+
+
+def slow_or_fast(speed):
+    """A crank that swings a bar, whose effects are to be selected."""
+    model = Model("swinging bar")
+    model.add_body("bar", **beam_fields(modes=4))
+    model.add_joint("hub", "revolute", between=["ground", "bar.root"], axis="z")
+    model.add_driver("motor", joint="hub", angle=f"0.5*(1 - cos({speed}*t))")
+    model.add_sensor("tip", "position", of="bar.tip")
+    model.set_dynamics(duration=4 * np.pi / speed, outputs=200, accuracy=1e-5)
+    return model
+
+
+@pytest.mark.parametrize(
+    ("share", "deformation"), [(0.002, "rigid"), (0.08, "quasi-static"), (0.3, "dynamic")]
+)
+def test_selected_effects_keep_the_budget(share, deformation, tmp_path):
+    """Against the model with all effects, of twice as many modes."""
+    speed = share * 2 * np.pi / BEAM_PERIOD
+    model = slow_or_fast(speed)
+    model.set_effects(choice="auto", budget=0.01)
+    run = flexmb.simulate(model, output=tmp_path / "auto")
+    complete = slow_or_fast(speed)
+    complete.bodies["bar"] = complete.bodies["bar"].model_copy(
+        update={"geometric_stiffening": "full", "modes": 8}
+    )
+    true = share_between(run, flexmb.simulate(complete, output=tmp_path / "full"), "tip")
+    assert true < 0.01
+    chosen = json.loads(run.texts["effects"])
+    assert chosen["words"]["bar"]["deformation"] == deformation
+    assert "audit" in run.texts
+
+
+def test_a_selection_never_softens_without_stiffening(tmp_path):
+    """A bar that turns with 0.7 of its first frequency, where softening alone is 29 % wrong."""
+    model = spinning(0.7)
+    fields = beam_fields()
+    model.bodies.pop("bar")
+    model.add_body("bar", angular_velocity=[0, 0, 0.7 * 2 * np.pi / BEAM_PERIOD], **fields)
+    model.set_effects(choice="auto")
+    run = flexmb.simulate(model, output=tmp_path / "auto")
+    words = json.loads(run.texts["effects"])["words"]["bar"]
+    assert words["geometric_stiffening"] == "full"
+    assert words["inertia_coupling"] in ("partial", "full")
+    complete = flexmb.simulate(spinning(0.7, "full"), output=tmp_path / "full")
+    assert share_between(run, complete, "tip") < 0.01
+    steps = [step[2] for step in json.loads(run.texts["effects"])["steps"]]
+    assert not any("partial" in step and "stiffening" not in step for step in steps)
+
+
+def test_a_selection_without_a_sensor_is_refused():
+    model = spinning(0.1)
+    model.sensors.clear()
+    model.set_effects(choice="auto")
+    with pytest.raises(FlexmbError, match="needs a sensor to judge effects by"):
+        flexmb.simulate(model)

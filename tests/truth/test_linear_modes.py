@@ -11,14 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from femeshes import line
+from restscenes import FAR, G, chain, pendulum
 
 import flexmb
 from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.fe import rectangle, reduce
 from flexmb.model import Model
 
-G = 9.81
-FAR = (1000.0, -700.0, 300.0)
 BLADE = json.loads(
     (Path(__file__).parents[1] / "references" / "geometric_stiffening.json").read_text()
 )["rotating_cantilever"]["flap"]
@@ -27,15 +26,6 @@ BLADE = json.loads(
 def rates(made):
     """|Im λ| [rad/s]."""
     return np.abs(made.eigenvalues.imag)
-
-
-def pendulum(spin=0.0, place=(0, 0, 0), **fields):
-    made = Model("pendulum", gravity=[0, -G, 0], **fields)
-    made.add_marker("ground.pin", position=list(place))
-    made.add_body("bar", mass=2.0, center=[0, -0.5, 0], inertia=[0.2, 0.2, 0.3],
-                  position=list(place), angular_velocity=[0, 0, spin])  # fmt: skip
-    made.add_joint("pin", "revolute", between=["ground.pin", "bar"], axis="z")
-    return made
 
 
 @pytest.mark.parametrize("place", [(0, 0, 0), FAR])
@@ -66,22 +56,6 @@ def test_inverted_pendulum_grows():
     rate = np.sqrt(2.0 * G * 0.5 / 0.8)
     assert not made.stable
     assert made.eigenvalues.real.max() == pytest.approx(rate, rel=1e-9)
-
-
-def chain(n=4, k=300.0, c=0.0, m=2.0, redundant=False):
-    """Masses on a line between walls."""
-    made = Model("chain")
-    made.add_marker("ground.end", position=[n + 1.0, 0, 0])
-    for i in range(n):
-        made.add_body(f"m{i}", mass=m, inertia=[1, 1, 1], position=[i + 1.0, 0, 0])
-        made.add_joint(f"guide{i}", "prismatic", between=["ground", f"m{i}"], axis="x")
-        if redundant:
-            made.add_joint(f"again{i}", "prismatic", between=["ground", f"m{i}"], axis="x")
-    ends = ["ground", *(f"m{i}" for i in range(n)), "ground.end"]
-    for i, pair in enumerate(zip(ends, ends[1:], strict=False)):
-        made.add_force(f"spring{i}", "spring-damper", between=list(pair), stiffness=k, damping=c,
-                       free_length=1.0)  # fmt: skip
-    return made
 
 
 @pytest.mark.parametrize("redundant", [False, True])
@@ -157,7 +131,7 @@ def test_blade_on_a_hub_that_turns(speed, place):
     blade = reduce(
         line(20, end=(1, 0, 0)), modes=10, interfaces={"root": "root", "tip": "tip"},
         material={"E": 12.0 / height**4, "nu": 0.3, "density": 1.0 / height**2},
-        sections={"all": rectangle(height, height)}, geometric_stiffening=True,
+        sections={"all": rectangle(height, height)}, geometric_stiffening="full",
     )  # fmt: skip
     made = Model("blade")
     made.add_marker("ground.axle", position=list(place))
@@ -195,7 +169,7 @@ def test_tangents_are_the_differences_of_the_residual():
 
     beam = reduce(
         line(6, end=(1, 0, 0)), modes=3, interfaces={"root": "root", "tip": "tip"},
-        material="steel", sections={"all": rectangle(0.02, 0.01)}, geometric_stiffening=True,
+        material="steel", sections={"all": rectangle(0.02, 0.01)}, geometric_stiffening="full",
     )  # fmt: skip
     model = Model("arm", gravity=[0, -G, 0])
     model.add_body("arm", beam)

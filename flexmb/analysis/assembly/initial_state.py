@@ -23,6 +23,7 @@ from flexmb.analysis.assembly.positions import (
     mass_corrector,
 )
 from flexmb.analysis.assembly.velocities import InitialVelocities
+from flexmb.analysis.equilibrium import settle
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import solve_stage
 from flexmb.engine.forces.force_characteristic import FORCE_CHARACTERISTICS
@@ -43,6 +44,7 @@ _RIGID = 1e8  # how much stiffer than slow inertia the modes are while gaps clos
 _SLOW = 1e3  # b of the quasi-static solve over 1/ω² of the softest mode
 _MAX_ROUNDS = 40  # of the quasi-static solve
 _EQUILIBRIUM = 1e-12  # change of the deformation relative to the model size
+_DEPENDENT = 1e-10  # singular values of the rounds before that are round-off
 _NO_STIFFNESS = 1e-12  # a mode softer than this share of the stiffest has no stiffness at all
 _PENETRATION = 1e-9  # of a stop, over the model size (or radians), that round-off does not leave
 
@@ -93,9 +95,10 @@ def assemble(
         The compiled model.
     model : Model
         The model, for its initial velocities.
-    start : {"undeformed", "quasi-static"}
+    start : {"undeformed", "quasi-static", "static"}
         Whether flexible bodies start without deformation as far as the joints allow, or in elastic
-        equilibrium with weight, loads and the inertia forces of the first motion.
+        equilibrium with weight, loads and the inertia forces of the first motion; or the whole
+        machine in equilibrium at rest, before it gets its velocities.
     begin : StartValues, optional
         Positions and velocities to begin from, changed no more than joints and drivers need; then
         `start` is ignored.
@@ -136,6 +139,11 @@ def assemble(
     solve_stage(system, state, work, REMEMBER)
     if start == "quasi-static" and begin is None and period > 0.0:
         _equilibrate(compiled, _SLOW * period, state, work, close)
+    if start == "static" and begin is None:
+        _solve_accelerations(system, state, work)
+        settle(compiled, model, state)
+        velocities.set(state)
+        _set_states(compiled, state, work, None)
     solve_stage(system, state, work, REMEMBER)
     damped, dampings = add_damping(compiled, model, state.q)
     _solve_accelerations(damped.system, state, work)
@@ -161,21 +169,32 @@ def _equilibrate(
 ) -> None:
     """Elastic equilibrium of all modes with the accelerations of a motion without vibration.
 
-    With the modal mass M + b K the accelerations η̈ give the way δη = b η̈ to equilibrium, and
+    With the modal mass M + b K the accelerations η̈ give the way f = b η̈ to equilibrium, and
     reactions that rigid bodies would leave open are shared by stiffness; b is long against all
-    periods, so the error shrinks by 1/(b ω²) per round, and at the end η̈ = 0.
+    periods, so that at the end η̈ = 0. Loads that change with the deformation, such as those of a
+    fast rotation, may outweigh K: the rounds are combined by Anderson's method (1965), J. ACM 12,
+    547, which solves linear equations in as many rounds as there are modes.
     """
     slow = _stiffened(compiled.system, b)
+    bodies = compiled.layout.bodies
+    modes = np.concatenate([np.arange(body.iq + 7, body.iq + 7 + body.m) for body in bodies])
+    rates = np.concatenate([np.arange(body.iv + 6, body.iv + 6 + body.m) for body in bodies])
+    weights = compiled.system.weights[rates]
+    before: list[tuple[Array, Array]] = []  # deformations and their steps
     for _ in range(_MAX_ROUNDS):
         _solve_accelerations(slow, state, work)
-        change = 0.0
-        for body in compiled.layout.bodies:
-            at = slice(body.iv + 6, body.iv + 6 + body.m)
-            step = b * state.vd[at]
-            state.q[body.iq + 7 : body.iq + 7 + body.m] += step
-            change = max(change, float(np.abs(step * compiled.system.weights[at]).max(initial=0.0)))
+        eta, step = state.q[modes], b * state.vd[rates]
+        change = float(np.abs(step * weights).max(initial=0.0))
         if not change < 1.0:
             break
+        state.q[modes] += step
+        if before:
+            motion = np.stack([eta - one for one, _ in before], axis=1)
+            fall = np.stack([step - one for _, one in before], axis=1)
+            scaled = weights[:, None] * fall
+            shares = np.linalg.lstsq(scaled, weights * step, rcond=_DEPENDENT)[0]
+            state.q[modes] -= (motion + fall) @ shares
+        before.append((eta, step))
         close()
         if change <= _EQUILIBRIUM:
             return

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from flexmb.analysis.assembly.jacobian import (
     MAX_COORDINATES,
@@ -50,6 +51,8 @@ def damping_words(model: Model, name: str, body: FlexBody) -> DampingOptions | N
 @one_blas_thread()
 def add_damping(compiled: Compiled, model: Model, q: Array) -> tuple[Compiled, list[BodyDamping]]:
     """The model with the damping of its flexible bodies, and the ratios of their modes.
+
+    Of several flexible bodies also those of the modes that all have together, under no name.
 
     Parameters
     ----------
@@ -95,17 +98,24 @@ def add_damping(compiled: Compiled, model: Model, q: Array) -> tuple[Compiled, l
         at = int(row["flex"]) + 12 * m + 2 * m * m
         pool[at : at + m * m], flexbodies[name] = D.ravel(), replace(body, D=D)
         put_flags(row, flexbodies[name])
-        ratios = damping_ratios(D, joined)
-        frequencies = joined.omega / (2 * np.pi)
-        dampings.append(
-            BodyDamping(name, text + others, tuple(frequencies.tolist()), tuple(ratios.tolist()))
-        )
+        dampings.append(_ratios(name, text + others, D, joined))
     if problems:
         raise SceneError.from_problems(problems)
     if scene is None:
         return compiled, dampings
+    flexible = [k for k in every if bodies[k]["m"] > 0]
+    if len(flexible) > 1 and not others:
+        names = [compiled.layout.bodies[k].name for k in flexible]
+        D = block_diag(*(flexbodies[name].D for name in names))
+        together = scene.vibrations(*flexible)
+        dampings.append(_ratios("", "all flexible bodies", D, together))
     system = compiled.system._replace(parts=parts._replace(pool=pool, bodies=bodies))
     return replace(compiled, system=system, flexbodies=flexbodies, is_damped=True), dampings
+
+
+def _ratios(body: str, words: str, D: Array, joined: Vibrations) -> BodyDamping:
+    frequencies, ratios = joined.omega / (2 * np.pi), damping_ratios(D, joined)
+    return BodyDamping(body, words, tuple(frequencies.tolist()), tuple(ratios.tolist()))
 
 
 class _RigidScene:
@@ -151,25 +161,25 @@ class _RigidScene:
         self._rigid = np.flatnonzero((self._scales > 0.0) & ~modal)
         self._rows = Decomposition.of(self._A[:, self._rigid])
 
-    def vibrations(self, k: int) -> Vibrations:
-        """Vibrations of body k, as it is joined, all others rigid."""
-        columns = self._compiled.layout.bodies[k]
-        modal = self._order[_columns(columns)[6:]]
+    def vibrations(self, *bodies: int) -> Vibrations:
+        """Vibrations of a body, or of several together, as joined, all others rigid."""
+        several = [self._compiled.layout.bodies[k] for k in bodies]
+        modal = np.concatenate([self._order[_columns(columns)[6:]] for columns in several])
         rows, A = self._rows, self._A[:, modal]
         # motions (x, y) with A_r x + A y = 0: y that redundant rows allow, and the x that follows
         r = rows.rank
         y = null_space(rows.U[:, r:].T @ A, rows.S.max(initial=1.0))
         x = -(rows.V[:, :r] / rows.S[:r]) @ (rows.U[:, :r].T @ A @ y)
         n, free = len(self._rigid), rows.free
-        motions = np.block([[free, x], [np.zeros((columns.m, free.shape[1])), y]])
+        motions = np.block([[free, x], [np.zeros((len(modal), free.shape[1])), y]])
         both = np.append(self._rigid, modal)
         mass = motions.T @ self._mass[np.ix_(both, both)] @ motions
         try:
-            eta = self._scales[modal, None] * motions[n:]
-            return Vibrations.of(self._compiled.flexbodies[columns.name].K, eta, mass)
+            K = block_diag(*(self._compiled.flexbodies[one.name].K for one in several))
+            return Vibrations.of(K, self._scales[modal, None] * motions[n:], mass)
         except np.linalg.LinAlgError:
             what = "has no meaning: a motion of the scene that joints leave free has no inertia"
-            problem = Problem(f"bodies.{columns.name}.damping", what)
+            problem = Problem(f"bodies.{several[0].name}.damping", what)
             raise AssemblyError.from_problems([problem]) from None
 
 

@@ -17,7 +17,7 @@ faster than the rows vibrate and resonate as they would. Source of the idea: def
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,11 @@ Indices = NDArray[np.int64]
 
 MAX_FREE = 120
 """Motions up to which the dense equations of small motions are affordable."""
+_UNRESOLVED = 1.0  # rad of a vibration between two rows from which on they do not resolve it
+_ROUNDS = 2  # of what such vibrations do slowly
+_MODES_LAST = 0.02  # preference of modes among dependent coordinates
+_WORSE = 30.0  # motion of dependent coordinates per independent one that asks for others
+_LEAST_ROWS = 8  # with one choice of them
 _EVALUATIONS = 50  # of the equations, to time them
 _UNBOUNDED = 1e12  # a small motion this many times the model is not followed any further
 
@@ -109,55 +114,176 @@ def respond(
     quasi_static : bool
         Leave out the inertia of vibrations: deformations follow their loads.
     """
-    system, n = compiled.system, len(motion.t)
-    used = np.flatnonzero(system.kkt.column >= 0).astype(np.int64)
+    n, nv = len(motion.t), compiled.layout.nv
+    coefficients = _coefficients(compiled, motion, balance)
+    frames = coefficients.frames
+    state = (np.zeros(len(coefficients.weights)),) * 2
+    if start is not None:
+        state = frames.inward(0, start[0]), frames.inward(0, start[1])
+    elastic = _elastic(compiled, frames) if quasi_static else None
+    parts = np.zeros((3, n, len(coefficients.weights)))
+    first, bounded = 0, n
+    while first < n - 1 and bounded == n:
+        segment = _segment(coefficients, first)
+        rows = slice(first, first + len(segment.Z))
+        moved, bounded = _solve(motion.t[rows], coefficients.part(rows), segment, state, elastic)
+        parts[:, rows] = moved
+        bounded = n if bounded == len(segment.Z) else first + bounded
+        first += len(segment.Z) - 1
+        state = parts[0, first], parts[1, first]
+    change, dq = np.zeros_like(motion.channels), np.zeros((n, nv))
     equations = equations_of(compiled)
-    weights = np.where(system.weights > 0.0, system.weights, 1.0)[used]
-    inverse, nu = 1.0 / weights, len(used)
-    rows = system.row_weights[:, None]
-    Z: Array = np.zeros((n, nu, 0))
-    g, F = np.zeros((n, nu)), np.zeros((n, nu))
-    M, D, K = (np.zeros((n, nu, nu)) for _ in range(3))
-    Omega = np.zeros((n, nu, nu))
-    jacobians = np.zeros((n, len(rows), nu))
-    spin = _Spin(compiled, used, weights)
-    for k in range(n):
-        motion.put(k, equations)
-        at = equations.tangents()
-        residual, C = equations.residual(), equations.work.con.C
-        F[k] = inverse * (residual - balance[k])[used]
-        for out, matrix in ((M, at.M), (D, at.D), (K, at.K)):
-            out[k] = inverse[:, None] * matrix[np.ix_(used, used)] * inverse
-        Omega[k] = spin.at(motion.v[k])
-        jacobians[k] = A = rows * at.Cq[:, used] * inverse
-        U, S, Vt = np.linalg.svd(A) if len(A) else (A, np.zeros(0), np.eye(nu))
-        if k == 0:
-            rank = numerical_rank(S)
-            Z = np.zeros((n, nu, nu - rank))
-        Z[k] = Vt[rank:].T
-        if k:
-            left, _, right = np.linalg.svd(Z[k].T @ Z[k - 1])
-            Z[k] = Z[k] @ (left @ right)
-        g[k] = -Vt[:rank].T @ ((U.T @ (rows[:, 0] * C))[:rank] / S[:rank])
-    first = _first(start, used, weights)
-    elastic = _elastic(compiled, used, inverse) if quasi_static else None
-    dq, dv, dvd, bounded = _solve(motion.t, M, D, K, Z, g, Omega, F, first, elastic)
-    change = np.zeros_like(motion.channels)
-    full = np.zeros((3, n, compiled.layout.nv))
-    for out, part in zip(full, (dq, dv, dvd), strict=True):
-        out[:, used] = inverse * part
-    state = equations.state
+    now, one = equations.state, coefficients
     for k in range(bounded):
-        out_of_balance = F[k] + M[k] @ dvd[k] + D[k] @ dv[k] + K[k] @ dq[k]
-        dlam = -np.linalg.lstsq(jacobians[k].T, out_of_balance, rcond=1e-10)[0] * rows[:, 0]
+        force = one.F[k] + one.M[k] @ parts[2, k] + one.D[k] @ parts[1, k] + one.K[k] @ parts[0, k]
+        multipliers = np.linalg.lstsq(one.Cq[k].T, force, rcond=1e-10)[0] @ one.rows[k]
+        dq[k], dv, dvd = (frames.outward(k, part[k]) for part in parts)
         motion.put(k, equations)
-        state.q[:] = equations.moved(motion.q[k], full[0, k])
-        state.v[:] += full[1, k]
-        state.vd[:] += full[2, k]
-        state.lam[:] += dlam
+        now.q[:] = equations.moved(motion.q[k], dq[k])
+        now.v[:] += dv
+        now.vd[:] += dvd
+        now.lam[:] -= multipliers
         change[k] = equations.channels() - motion.channels[k]
     change[bounded:] = np.inf
-    return Response(change, full[0], bounded)
+    return Response(change, dq, bounded)
+
+
+class _Frames:
+    """Weighted coordinates of small motions: translations and rotations of bodies in their axes."""
+
+    def __init__(self, compiled: Compiled, motion: Motion) -> None:
+        from scipy.spatial.transform import Rotation
+
+        self.compiled, system = compiled, compiled.system
+        self.used = np.flatnonzero(system.kkt.column >= 0).astype(np.int64)
+        weights = np.where(system.weights > 0.0, system.weights, 1.0)
+        self.inverse = 1.0 / weights
+        axes = [
+            Rotation.from_quat(np.roll(motion.q[:, body.iq + 3 : body.iq + 7], -1, axis=1))
+            for body in compiled.layout.bodies
+        ]
+        self._axes = [one.as_matrix() for one in axes]
+        self._v = motion.v
+
+    def turning(self, k: int) -> Array:
+        """S (nv, used) of row k: velocity coordinates per weighted coordinate."""
+        S = np.diag(self.inverse)
+        for body, A in zip(self.compiled.layout.bodies, self._axes, strict=True):
+            own = slice(body.iv, body.iv + 3)
+            S[own, own] = A[k] @ S[own, own]
+        return np.asarray(S[:, self.used])
+
+    def spin(self, k: int) -> tuple[Array, Array]:
+        """Ω of δv = δq̇ + Ω δq and Ω of δv̇ = d δv/dt + Ω δv."""
+        nv = self.compiled.layout.nv
+        both, shift = np.zeros((nv, nv)), np.zeros((nv, nv))
+        for body in self.compiled.layout.bodies:
+            x, y, z = self._v[k, body.iv + 3 : body.iv + 6]
+            cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+            for first in (body.iv, body.iv + 3):
+                both[first : first + 3, first : first + 3] = cross
+            shift[body.iv : body.iv + 3, body.iv : body.iv + 3] = cross
+        both, shift = (W * self.inverse / self.inverse[:, None] for W in (both, shift))
+        pick = np.ix_(self.used, self.used)
+        return both[pick], shift[pick]
+
+    def inward(self, k: int, motion: Array) -> Array:
+        """Weighted coordinates of a motion (nv,)."""
+        return np.asarray(np.linalg.lstsq(self.turning(k), motion, rcond=None)[0])
+
+    def outward(self, k: int, part: Array) -> Array:
+        """Motion (nv,) of weighted coordinates."""
+        return np.asarray(self.turning(k) @ part)
+
+
+@dataclass(frozen=True, eq=False)
+class _Coefficients:
+    """M δv̇ + D δv + K δq + Cqᵀ δλ = −F, Cq δq = −C, row by row, in weighted coordinates.
+
+    The rows of Cq are independent: combinations `rows` of those of the model. D contains the
+    turning of the axes in δv̇, Omega is that in δv. `modal` marks the modes of bodies.
+    """
+
+    frames: _Frames
+    weights: Array
+    modal: NDArray[np.bool_]
+    M: Array
+    D: Array
+    K: Array
+    Cq: Array
+    F: Array
+    C: Array
+    Omega: Array
+    rows: Array
+
+    def part(self, rows: slice) -> _Coefficients:
+        """Some of the rows."""
+        tables = {name: getattr(self, name)[rows] for name in _TABLES}
+        return replace(self, **tables)
+
+
+_TABLES = ("M", "D", "K", "Cq", "F", "C", "Omega", "rows")
+
+
+def _coefficients(compiled: Compiled, motion: Motion, balance: Array) -> _Coefficients:
+    frames, equations, n = _Frames(compiled, motion), equations_of(compiled), len(motion.t)
+    used, scale = frames.used, compiled.system.row_weights
+    nu, nc, rank = len(used), len(scale), 0
+    M, D, K, Omega = (np.zeros((n, nu, nu)) for _ in range(4))
+    F, Cq, C, rows = np.zeros((n, nu)), np.zeros((n, 0, nu)), np.zeros((n, 0)), np.zeros((n, 0, nc))
+    for k in range(n):
+        motion.put(k, equations)
+        at, S = equations.tangents(), frames.turning(k)
+        Omega[k], shift = frames.spin(k)
+        F[k] = S.T @ (equations.residual() - balance[k])
+        M[k], D[k], K[k] = (S.T @ X @ S for X in (at.M, at.D, at.K))
+        D[k] += M[k] @ shift
+        if nc:
+            U, sizes, _ = np.linalg.svd(scale[:, None] * (at.Cq @ S))
+            if k == 0:
+                rank = numerical_rank(sizes)
+                Cq, rows, C = np.zeros((n, rank, nu)), np.zeros((n, rank, nc)), np.zeros((n, rank))
+            rows[k] = U[:, :rank].T * scale
+            Cq[k], C[k] = rows[k] @ at.Cq @ S, rows[k] @ equations.work.con.C
+    modal = np.zeros(compiled.layout.nv, bool)
+    for body in compiled.layout.bodies:
+        modal[body.iv + 6 : body.iv + 6 + body.m] = True
+    weights = 1.0 / frames.inverse[used]
+    return _Coefficients(frames, weights, modal[used], M, D, K, Cq, F, C, Omega, rows)
+
+
+@dataclass(frozen=True, eq=False)
+class _Segment:
+    """Motions (rows, nu, d) per unit of independent coordinates, and what closes the rows of Cq."""
+
+    Z: Array
+    g: Array
+
+
+def _segment(of: _Coefficients, first: int) -> _Segment:
+    """Rows from `first` on along which one choice of independent coordinates serves.
+
+    Modes are independent wherever they can be, so that stiffness does not turn with the motion.
+    """
+    from scipy.linalg import qr
+
+    n, rank, nu = of.Cq.shape
+    prefer = np.where(of.modal, _MODES_LAST, 1.0)
+    order = qr(of.Cq[first] * prefer, mode="r", pivoting=True)[1] if rank else np.arange(nu)
+    dependent, free = order[:rank], np.sort(order[rank:])
+    Z, g = np.zeros((n - first, nu, nu - rank)), np.zeros((n - first, nu))
+    Z[:, free] = np.eye(nu - rank)
+    limit = np.inf
+    for k in range(first, n):
+        if rank:
+            both = np.column_stack([of.Cq[k][:, free], of.C[k]])
+            solution = -np.linalg.solve(of.Cq[k][:, dependent], both)
+            size = float(np.abs(solution[:, :-1]).max(initial=1.0))
+            limit = max(_WORSE * size, _WORSE) if k == first else limit
+            if size > limit and k - first >= _LEAST_ROWS:
+                return _Segment(Z[: k - first], g[: k - first])
+            Z[k - first, dependent], g[k - first, dependent] = solution[:, :-1], solution[:, -1]
+    return _Segment(Z, g)
 
 
 def out_of_balance(compiled: Compiled, motion: Motion) -> Array:
@@ -191,55 +317,28 @@ def equations_of(compiled: Compiled) -> StateEquations:
     return StateEquations(compiled, new_state(compiled.system, len(compiled.layout.channels)))
 
 
-class _Spin:
-    """δv = δq̇ + Ω δq in weighted coordinates: the angular velocities of the bodies."""
-
-    def __init__(self, compiled: Compiled, used: Indices, weights: Array) -> None:
-        place = np.full(compiled.layout.nv, -1)
-        place[used] = np.arange(len(used))
-        self._bodies = [(body.iv + 3, place[body.iv + 3 : body.iv + 6]) for body in
-                        compiled.layout.bodies]  # fmt: skip
-        self._weights, self._n = weights, len(used)
-
-    def at(self, v: Array) -> Array:
-        Omega = np.zeros((self._n, self._n))
-        for first, places in self._bodies:
-            x, y, z = v[first : first + 3]
-            cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-            here = places >= 0
-            if here.any():
-                p = places[here]
-                block = cross[np.ix_(here, here)]
-                Omega[np.ix_(p, p)] = self._weights[p, None] * block / self._weights[p]
-        return Omega
-
-
-def _first(
-    start: tuple[Array, Array] | None, used: Indices, weights: Array
-) -> tuple[Array, Array] | None:
-    return None if start is None else (weights * start[0][used], weights * start[1][used])
-
-
-def _elastic(compiled: Compiled, used: Indices, inverse: Array) -> Array:
-    """Stiffness (nu, nu) of the modes of all bodies, in weighted coordinates."""
+def _elastic(compiled: Compiled, frames: _Frames) -> Array:
+    """Stiffness of the modes of all bodies, in weighted coordinates."""
     K = np.zeros((compiled.layout.nv,) * 2)
     for body in compiled.layout.bodies:
         own = slice(body.iv + 6, body.iv + 6 + body.m)
         if body.m:
             K[own, own] = compiled.flexbodies[body.name].K
-    return np.asarray(inverse[:, None] * K[np.ix_(used, used)] * inverse)
+    S = frames.turning(0)
+    return np.asarray(S.T @ K @ S)
 
 
 def _solve(
-    t: Array, M: Array, D: Array, K: Array, Z: Array, g: Array, Omega: Array, F: Array,
-    start: tuple[Array, Array] | None, elastic: Array | None,
-) -> tuple[Array, Array, Array, int]:  # fmt: skip
-    """δq, δv and δv̇ (n, nu) in weighted coordinates, and how many rows are bounded.
+    t: Array, of: _Coefficients, segment: _Segment, state: tuple[Array, Array],
+    elastic: Array | None,
+) -> tuple[Array, int]:  # fmt: skip
+    """δq, δv and δv̇ (3, n, nu) from the first two on, and how many rows are bounded.
 
     With `elastic`, vibrations whose stiffness is mostly that of bodies follow their loads.
     """
     from scipy.linalg import eigh, expm
 
+    M, D, K, Omega, Z, g = of.M, of.D, of.K, of.Omega, segment.Z, segment.g
     n, nu, d = Z.shape
     Zd = _rate(t, Z)
     V1 = Zd + Omega @ Z
@@ -250,7 +349,7 @@ def _solve(
     Mr = Zt @ M @ Z
     Dr = Zt @ (M @ (Zd + V1) + D @ Z)
     Kr = Zt @ (M @ V1d + D @ V1 + K @ Z)
-    load = F + np.einsum("tij,tj->ti", M, a0d) + np.einsum("tij,tj->ti", D, a0)
+    load = of.F + np.einsum("tij,tj->ti", M, a0d) + np.einsum("tij,tj->ti", D, a0)
     load = -np.einsum("tij,ti->tj", Z, load + np.einsum("tij,tj->ti", K, g))
     # modal coordinates of the mean matrices, rates over their frequencies: entries of like size
     stiffness = 0.5 * (Kr + Kr.transpose(0, 2, 1)).mean(axis=0)
@@ -262,23 +361,30 @@ def _solve(
     A[:, :d, d:] = np.diag(omega)
     A[:, d:, :d] = -(inverse @ Kt) / omega[:, None]
     A[:, d:, d:] = -(inverse @ Dt) * omega / omega[:, None]
-    b = np.zeros((n, 2 * d))
-    b[:, d:] = np.einsum("tij,tj->ti", inverse, load @ T) / omega
-    x = np.zeros((n, 2 * d))
-    if start is not None:
-        y = np.linalg.lstsq(Z[0], start[0] - g[0], rcond=None)[0]
-        yd = np.linalg.lstsq(Z[0], start[1] - V1[0] @ y - a0[0], rcond=None)[0]
-        back = np.linalg.inv(T)
-        x[0] = np.concatenate([back @ y, (back @ yd) / omega])
-    fast = np.zeros(d, bool)
+    # what modes that the rows do not resolve do slowly is taken out of the forces first
+    fast = omega * np.median(np.diff(t)) > _UNRESOLVED
     if elastic is not None:
         strain = np.einsum("tij,ik,tkl->jl", Z, elastic, Z) / n
         fast = np.einsum("ij,ik,kj->j", T, strain, T) > 0.5 * np.abs(squares)
-        y, inner = np.zeros((n, d)), np.ix_(range(n), fast, fast)
-        y[:, fast] = np.linalg.solve(Kt[inner], (load @ T)[:, fast, None])[..., 0]
-        b[:, d:] -= np.einsum("tij,tj->ti", inverse @ Kt, y) / omega
-        held = np.tile(fast, 2)
-        A[:, held], A[:, :, held], b[:, held], x[0, held] = 0.0, 0.0, 0.0, 0.0
+    rest, slow, inner = load @ T, np.zeros((3, n, d)), np.ix_(range(n), fast, fast)
+    for _ in range(_ROUNDS if elastic is None else 1):
+        y = np.zeros((n, d))
+        y[:, fast] = np.linalg.solve(Kt[inner], rest[:, fast, None])[..., 0]
+        motion = np.array([y, _rate(t, y), _rate(t, y, 2)])
+        rest = rest - sum(
+            np.einsum("tij,tj->ti", C, z) for C, z in zip((Kt, Dt, Mt), motion, strict=True)
+        )
+        slow += motion
+    b, x = np.zeros((n, 2 * d)), np.zeros((n, 2 * d))
+    b[:, d:] = np.einsum("tij,tj->ti", inverse, rest) / omega
+    y0 = np.linalg.lstsq(Z[0], state[0] - g[0], rcond=None)[0]
+    yd0 = np.linalg.lstsq(Z[0], state[1] - V1[0] @ y0 - a0[0], rcond=None)[0]
+    back = np.linalg.inv(T)
+    x[0] = np.concatenate([back @ y0, (back @ yd0) / omega])
+    x[0] -= np.concatenate([slow[0, 0], slow[1, 0] / omega])
+    if elastic is not None:
+        still = np.tile(fast, 2)
+        A[:, still], A[:, :, still], b[:, still], x[0, still] = 0.0, 0.0, 0.0, 0.0
     bounded = n
     for k in range(n - 1):
         h = t[k + 1] - t[k]
@@ -293,22 +399,18 @@ def _solve(
             x[k + 1 :] = 0.0
             break
     xd = np.einsum("tij,tj->ti", A, x) + b
-    if fast.any():
-        x[:, :d] += y
-        x[:, d:] += _rate(t, y) / omega
-        xd[:, d:] += _rate(t, _rate(t, y)) / omega
-    y, yd, ydd = x[:, :d] @ T.T, (x[:, d:] * omega) @ T.T, (xd[:, d:] * omega) @ T.T
+    y, yd, ydd = (z @ T.T for z in np.array([x[:, :d], x[:, d:] * omega, xd[:, d:] * omega]) + slow)
     dq = np.einsum("tij,tj->ti", Z, y) + g
     dv = np.einsum("tij,tj->ti", Z, yd) + np.einsum("tij,tj->ti", V1, y) + a0
     dvd = np.einsum("tij,tj->ti", Z, ydd) + np.einsum("tij,tj->ti", Zd + V1, yd)
     dvd += np.einsum("tij,tj->ti", V1d, y) + a0d
-    return dq, dv, dvd, bounded
+    return np.array([dq, dv, dvd]), bounded
 
 
-def _rate(t: Array, values: Array) -> Array:
+def _rate(t: Array, values: Array, order: int = 1) -> Array:
     """Time derivative of rows, by cubic splines."""
     from scipy.interpolate import CubicSpline
 
     if len(t) < 3 or not np.any(values):
         return np.zeros_like(values)
-    return np.asarray(CubicSpline(t, values)(t, 1))
+    return np.asarray(CubicSpline(t, values)(t, order))

@@ -8,24 +8,24 @@ and whirl, which state it is of and whether it is steady.
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from flexmb.analysis.assembly.initial_state import StartValues, assemble
 from flexmb.analysis.linear.eigenmodes import Complex, Eigenmodes, eigenmodes
-from flexmb.analysis.linear.observer import (
-    Coordinates,
-    Observer,
-    axes_of_motion,
-    body_axes,
-    fastest_rate,
-    in_axes_of,
-)
+from flexmb.analysis.linear.observed_equations import SeenEquations
+from flexmb.analysis.linear.observer import body_axes, fastest_rate
 from flexmb.analysis.linear.state_equations import Array, StateEquations, Tangents
+from flexmb.analysis.linear.state_space import (
+    StateSpace,
+    actuators,
+    frequency_response,
+    state_space,
+)
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import State
 from flexmb.errors import Problem, SceneError, nearest
@@ -35,7 +35,6 @@ _REST = 1e-12  # 1/s, rate of change of a state at rest
 _STEADY = 1e-3  # change of the coefficients per radian up to which a state counts as steady
 _AHEAD = 0.01  # rad of the motion, or of the slowest mode, after which they are compared
 _MAX_OBSERVERS = 8
-_AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
@@ -69,16 +68,9 @@ class Linearization:
     compiled: Compiled
     state: State
     tangents: Tangents
-    observer: Observer
-    basis: Array
-    mass: Array
-    damping: Array
-    stiffness: Array
-    coordinates: tuple[str, ...]
-    states: NDArray[np.bool_]
+    seen: SeenEquations
     unsteadiness: float
     notes: tuple[str, ...]
-    drives: Array  # (nv, nc) motion per unit of each row
 
     @property
     def M(self) -> Array:
@@ -102,16 +94,36 @@ class Linearization:
 
     @property
     def frame(self) -> str:
-        return self.observer.name
+        return self.seen.observer.name
 
     @property
-    def _where(self) -> tuple[Compiled, State]:
-        return self.compiled, self.state
+    def basis(self) -> Array:
+        return np.asarray(self.seen.change.S @ self.seen.coordinates.N)
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        return self.seen.names
+
+    @property
+    def mass(self) -> Array:
+        return self.seen.mass
+
+    @property
+    def damping(self) -> Array:
+        return self.seen.damping
+
+    @property
+    def stiffness(self) -> Array:
+        return self.seen.stiffness
 
     @cached_property
     def _modes(self) -> Eigenmodes:
         return eigenmodes(
-            self.mass, self.damping, self.stiffness, self.states, fastest_rate(*self._where)
+            self.mass,
+            self.damping,
+            self.stiffness,
+            self.seen.coordinates.states,
+            fastest_rate(self.compiled, self.state),
         )
 
     @property
@@ -135,8 +147,7 @@ class Linearization:
     @cached_property
     def shapes(self) -> Complex:
         """(nv, k) motion of all coordinates in each mode, its largest part real and of weight 1."""
-        S = axes_of_motion(self.compiled, body_axes(self.compiled, self.state.q), self.observer.R)
-        motion = S @ (self.basis @ self._modes.shapes)
+        motion = self.basis @ self._modes.shapes
         weights = np.where(
             np.isfinite(self.compiled.system.weights), self.compiled.system.weights, 0
         )
@@ -162,6 +173,21 @@ class Linearization:
     def stable(self) -> bool:
         """Whether no mode grows; rigid motions do not count."""
         return not np.any(self.eigenvalues.real > _GROWTH * np.abs(self.eigenvalues))
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Actuators: components of forces and torques, line forces, springs, drivers."""
+        return actuators(self.seen).names
+
+    def state_space(
+        self, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None
+    ) -> StateSpace:
+        """A, B, C, D from actuators to channels; see `flexmb.analysis.linear.state_space`."""
+        return state_space(self.seen, inputs, outputs)
+
+    def frequency_response(self, input: str, output: str, frequencies: ArrayLike) -> Complex:
+        """Complex response (k,) of a channel to a unit of an actuator, at frequencies [Hz]."""
+        return frequency_response(self.seen, input, output, np.asarray(frequencies, float))
 
     def __repr__(self) -> str:
         return f"<Linearization of {len(self.coordinates)} coordinates at t = {self.time:g} s>"
@@ -201,7 +227,7 @@ def linearize_state(
     rate = fastest_rate(compiled, state)
     rate = rate if rate > _REST else 0.0
     candidates = _observers(compiled, state, rate) if frame == "auto" else [frame]
-    here = [_Seen(compiled, state, tangents, name) for name in candidates]
+    here = [SeenEquations(compiled, state, tangents, name) for name in candidates]
     change, best = 0.0, here[0]
     if rate > 0.0:
         fastest = max(rate, here[0].slowest)
@@ -214,67 +240,13 @@ def linearize_state(
         later = assemble(compiled, model, begin=begin).state
         then = StateEquations(compiled, later).tangents()
         changes = [
-            one.change(_Seen(compiled, later, then, one.observer.name), fastest) / _AHEAD
+            one.difference(SeenEquations(compiled, later, then, one.observer.name), fastest)
+            / _AHEAD
             for one in here
         ]
         changes = [change if change > _STEADY else 0.0 for change in changes]
         change, best = min(zip(changes, here, strict=True), key=lambda pair: pair[0])
-    names_of = _coordinate_names(compiled)
-    return Linearization(
-        compiled, state, tangents, best.observer, best.coordinates.N, best.mass, best.damping,
-        best.stiffness, tuple(names_of[k] for k in best.coordinates.index),
-        best.coordinates.states, change, tuple(_notes(change, best)), best.coordinates.G,
-    )  # fmt: skip
-
-
-class _Seen:
-    """The equations of a state as an observer sees them."""
-
-    def __init__(self, compiled: Compiled, state: State, tangents: Tangents, name: str) -> None:
-        self.observer = Observer.at(compiled, state, name)
-        at = in_axes_of(self.observer, compiled, state, tangents)
-        self.coordinates = c = Coordinates(compiled, state, self.observer)
-        left = _left_null(at, c)
-        self.mass = left.T @ at.M @ c.N
-        self.damping = left.T @ (at.D @ c.N + 2.0 * at.M @ c.Nd)
-        self.stiffness = left.T @ (at.K @ c.N + at.D @ c.Nd + at.M @ c.Ndd)
-
-    @property
-    def slowest(self) -> float:
-        """A rate, 1/s, not above that of the slowest vibration; 0 with rigid motions."""
-        try:
-            squared = np.trace(np.linalg.solve(self.stiffness, self.mass))
-        except np.linalg.LinAlgError:
-            return 0.0
-        return float(1.0 / np.sqrt(abs(squared))) if np.isfinite(squared) and squared else 0.0
-
-    def change(self, later: _Seen, rate: float) -> float:
-        """Largest change of a coefficient, over what compares with it at a rate, 1/s."""
-        if not np.array_equal(self.coordinates.index, later.coordinates.index):
-            return np.inf
-        size = np.sqrt(np.abs(np.diag(self.mass)))
-        size = np.outer(size, size)
-        changes = [0.0]
-        for power, word in enumerate(("mass", "damping", "stiffness")):
-            one, other = getattr(self, word), getattr(later, word)
-            near = np.maximum(size * rate**power, np.abs(one))
-            changes.append(
-                float((np.abs(other - one) / np.where(near > 0, near, 1)).max(initial=0))
-            )
-        return max(changes)
-
-
-def _left_null(at: Tangents, c: Coordinates) -> Array:
-    """(nv, n): what the multipliers do not load; N but where friction follows reactions."""
-    extra = at.L - at.Cq.T
-    if not extra.size or np.abs(extra).max() <= 1e-12 * np.abs(at.Cq).max(initial=0.0):
-        return c.N
-    dependent = np.setdiff1d(np.arange(len(c.N)), c.index)
-    wanted = at.L.T @ c.N
-    change = np.linalg.lstsq(at.L[dependent].T, -wanted, rcond=1e-10)[0]
-    Y = c.N.copy()
-    Y[dependent] += change
-    return Y
+    return Linearization(compiled, state, tangents, best, change, tuple(_notes(change, best)))
 
 
 def _observers(compiled: Compiled, state: State, rate: float) -> list[str]:
@@ -292,18 +264,7 @@ def _observers(compiled: Compiled, state: State, rate: float) -> list[str]:
     return names[:_MAX_OBSERVERS]
 
 
-def _coordinate_names(compiled: Compiled) -> list[str]:
-    """Names of all velocity coordinates."""
-    names = []
-    for body in compiled.layout.bodies:
-        names += [f"{body.name}.r.{a}" for a in _AXES] + [
-            f"{body.name}.rotation.{a}" for a in _AXES
-        ]
-        names += [f"{body.name}.eta.{k}" for k in range(body.m)]
-    return [*names, *compiled.layout.coordinates]
-
-
-def _notes(change: float, seen: _Seen) -> Iterator[str]:
+def _notes(change: float, seen: SeenEquations) -> Iterator[str]:
     if change > 0.0:
         yield (
             f"the state is not steady: seen from {seen.observer.name} its coefficients change by "

@@ -15,6 +15,7 @@ not mixed. Where N changes with time, Ṅ and N̈ along the motion enter the equ
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -74,8 +75,17 @@ def axes_of_motion(compiled: Compiled, A: Array, R: Array) -> Array:
     return S
 
 
-def in_axes_of(observer: Observer, compiled: Compiled, state: State, of: Tangents) -> Tangents:
-    """The matrices for x in place of δq, all of F multiplied by Sᵀ."""
+class Change(NamedTuple):
+    """δq = S x, δv = S (ẋ + W x), δv̇ = S (ẍ + W ẋ + Ẇ x) + P (ẋ + W x): (nv, nv) each."""
+
+    S: Array
+    W: Array
+    Wd: Array
+    P: Array
+
+
+def change_of_coordinates(observer: Observer, compiled: Compiled, state: State) -> Change:
+    """From the motion in the axes of an observer to that of the coordinates."""
     nv = compiled.layout.nv
     S = axes_of_motion(compiled, body_axes(compiled, state.q), observer.R)
     W, Wd, turn = (np.zeros((nv, nv)) for _ in range(3))
@@ -85,7 +95,12 @@ def in_axes_of(observer: Observer, compiled: Compiled, state: State, of: Tangent
             Wd[at : at + 3, at : at + 3] = cross_matrix(observer.wd)
         own = slice(body.iv + 3, body.iv + 6)
         turn[own, own] = cross_matrix(state.v[own])
-    P = S @ W - turn @ S
+    return Change(S, W, Wd, S @ W - turn @ S)
+
+
+def in_axes_of(change: Change, of: Tangents) -> Tangents:
+    """The matrices for x in place of δq, all of F multiplied by Sᵀ."""
+    S, W, Wd, P = change
     MS, DS = of.M @ S, of.D @ S
     return Tangents(
         S.T @ MS,
@@ -120,8 +135,8 @@ class Coordinates:
     ----------
     N, Nd, Ndd : (nv, n) arrays
         x = N y, and its two derivatives in time.
-    G : (nv, nc) array
-        x = G c moves the rows by c and the independent coordinates not at all.
+    G, Gd, Gdd : (nv, nc) arrays
+        x = G c moves the rows by c and the independent coordinates not at all; its derivatives.
     index : (n,) array
         The velocity coordinates that y are.
     states : (n,) bool array
@@ -149,6 +164,7 @@ class Coordinates:
         self.redundant = len(A) - rank
         self.N, self.G = self._motions(A)
         self.Nd, self.Ndd = np.zeros_like(self.N), np.zeros_like(self.N)
+        self.Gd, self.Gdd = np.zeros_like(self.G), np.zeros_like(self.G)
         rate = fastest_rate(compiled, state)
         if rank and rate > 0.0 and np.any(state.v):
             self._put_rates(_STEP / rate)
@@ -189,6 +205,8 @@ class Coordinates:
         v, vd, q, rows = self._state.v, self._state.vd, self._state.q, self._rows
         for k, (first, second) in enumerate(zip(_FIRST, _SECOND, strict=True)):
             s = (k - 3) * h
-            N = self._motions(self._weighted(rows.move(q, s * v + 0.5 * s * s * vd)))[0]
+            N, G = self._motions(self._weighted(rows.move(q, s * v + 0.5 * s * s * vd)))
             self.Nd += first / h * N
             self.Ndd += second / h**2 * N
+            self.Gd += first / h * G
+            self.Gdd += second / h**2 * G

@@ -13,10 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine import equations_of_motion as stages
 from flexmb.engine.bodies.motion import move
+from flexmb.engine.bodies.wrench import marker_jacobian
 from flexmb.engine.compile import Compiled
-from flexmb.engine.sensors.sensor import read_channels
+from flexmb.engine.equations_of_motion import put_matrix, put_rows
+from flexmb.engine.initial_conditions import evaluate_equations
 from flexmb.engine.state import State, Work
 from flexmb.engine.units import call, hand_over, prepare_units
 from flexmb.engine.work import new_run, new_work, units_of
@@ -26,10 +27,6 @@ Array = NDArray[np.float64]
 # Factors that let one term of S = M + cv D + cp K stand alone: powers of two, so that nothing is
 # rounded. Terms of the feedback are there only with cv > 0.
 _ALONE, _NOTHING = 2.0**60, 2.0**-120
-_UNITS = (
-    stages.begin_run, stages.residual, stages.put_matrix, stages.put_rows, stages.velocity_stage,
-    stages.bias_stage, stages.complete_poses, stages.energies, read_channels, move,
-)  # fmt: skip
 
 
 class Tangents(NamedTuple):
@@ -54,11 +51,13 @@ class StateEquations:
     """
 
     def __init__(self, compiled: Compiled, state: State) -> None:
-        prepare_units([*_UNITS, *units_of(compiled.system)])
+        units = (evaluate_equations, put_matrix, put_rows, move)
+        prepare_units([*units, *units_of(compiled.system)])
         self.compiled, self.state = compiled, state
         self.work: Work = new_work(compiled.system, len(state.angles))
         self._run = hand_over(new_run(compiled.system, state, self.work))
         self._at = hand_over(self._run.record.state_point)
+        self._channels = np.zeros(len(state.angles))
 
     def residual(self) -> Array:
         """F (nv,) at the state; C is in `work.con.C`."""
@@ -68,12 +67,13 @@ class StateEquations:
     def _evaluate(self) -> None:
         system, state, work = self.compiled.system, self.state, self.work
         turns = self._run.record.sensors.turns[system.sensors.channels["what"]] == 1
-        work.feedback.near[:] = 0.0
         n = len(state.angles)
+        angles = state.angles.copy()
+        work.feedback.near[:] = 0.0
         work.feedback.near[:n] = np.where(turns[:n], state.angles, 0.0)
         work.now.history[:] = state.history
-        call(stages.begin_run, self._run, self._at)
-        call(stages.residual, self._run, self._at)
+        call(evaluate_equations, self._run, self._channels)
+        state.angles[:] = angles
 
     def tangents(self) -> Tangents:
         """All derivatives at the state."""
@@ -88,7 +88,7 @@ class StateEquations:
 
     def _matrix(self, cv: float, cp: float) -> Array:
         """S (nv + nc, nv + nc) of the engine, without its regularisation."""
-        for unit in (stages.put_matrix, stages.put_rows):
+        for unit in (put_matrix, put_rows):
             call(unit, self._run, self._at, cv, cp)
         kkt, factor = self.compiled.system.kkt, self.work.factor
         n = int(kkt.panels["nc"].sum()) + 1  # the last one: what is left out
@@ -105,16 +105,23 @@ class StateEquations:
     def channels(self) -> Array:
         """(channels,) values of all sensors at the state, SI."""
         self._evaluate()
-        run, at = self._run, self._at
-        for unit in (stages.velocity_stage, stages.bias_stage, stages.complete_poses):
-            call(unit, run, at)
-        call(stages.energies, run, at)
-        angles, stage = self.work.feedback.near[: len(self.state.angles)], run.record.stages.angles
-        for unit, tables in zip(stage.units, stage.tables, strict=True):
-            call(unit, run, tables, at)
-        out = np.full(len(angles), np.nan)
-        call(read_channels, run, at, np.ascontiguousarray(angles), out)
-        return out
+        return self._channels.copy()
+
+    @property
+    def markers(self) -> NDArray[np.void]:
+        """All markers at the state that was evaluated last (`engine.state.MARKER_NOW`)."""
+        return np.asarray(self.work.now.marker)
+
+    def marker_motion(self, k: int) -> Array:
+        """J (6, nv): velocity and angular velocity of marker k, global axes, per v."""
+        parts, J = self.compiled.system.parts, np.zeros((6, self.compiled.layout.nv))
+        body = int(parts.markers["body"][k])
+        if body >= 0:
+            at, m = int(parts.bodies["iv"][body]), int(parts.bodies["m"][body])
+            out = np.zeros_like(self.work.dense.J[0])
+            call(marker_jacobian, parts, self.work.now, k, out)
+            J[:, at : at + 6 + m] = out[:, : 6 + m]
+        return J
 
     def moved(self, q: Array, d: Array) -> Array:
         """q ∘ exp(d) for a motion d (nv,)."""

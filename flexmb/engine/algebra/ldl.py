@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 
-from flexmb.engine.algebra.vector import dot
+from flexmb.engine.algebra.vector import copy, dot, zero
 from flexmb.engine.jit import Matrix, Vector, kernel, unit
 from flexmb.engine.method import FINE
 from flexmb.engine.state import ComplexFactor, Factor, Run
@@ -329,8 +329,7 @@ def multiply(kkt: Kkt, fac: Factor, x: Vector, y: Vector) -> int:
 
 @kernel
 def _multiply(panels, rows_of, L, U, eps, x, y):
-    for i in range(y.shape[0]):
-        y[i] = 0.0
+    zero(y)
     for p in range(panels.shape[0]):
         panel = panels[p]
         at, nc, col, rows = panel["at"], panel["nc"], panel["col"], panel["rows"]
@@ -350,8 +349,7 @@ def _multiply(panels, rows_of, L, U, eps, x, y):
 def solve_refined(kkt: Kkt, fac: Factor, rounds: int) -> int:
     """fac.sol = S⁻¹ fac.rhs, refined against the matrix without regularisation."""
     rhs, x, tmp = fac.rhs, fac.sol, fac.tmp
-    for i in range(rhs.shape[0]):
-        x[i] = rhs[i]
+    copy(rhs, x)
     solve(kkt, fac, x)
     for _ in range(rounds):
         multiply(kkt, fac, x, tmp)

@@ -137,6 +137,13 @@ def put(out, o, x, y, z):
 
 
 @kernel
+def zero(a):
+    """a = 0."""
+    for i in range(a.shape[0]):
+        a[i] = 0.0
+
+
+@kernel
 def copy(a, b):
     """b = a."""
     for i in range(a.shape[0]):

@@ -30,6 +30,7 @@ from flexmb.engine.algebra.vector import (
     triple,
     turned,
     turned_back,
+    zero,
 )
 from flexmb.engine.algebra.vector import axis_vector as axis
 from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_rate_arms, add_rates
@@ -49,10 +50,10 @@ from flexmb.engine.forces.friction import (
     NO_FRICTION,
     OPEN,
     SLIDES,
-    across,
+    friction_force,
+    friction_force_change,
     friction_parameters,
-    tangential,
-    tangential_change,
+    tangential_part,
 )
 from flexmb.engine.jit import Matrix, array_of, kernel, unit
 from flexmb.engine.kind import Kind
@@ -135,7 +136,7 @@ def lower_contacts(lowering: Lowering) -> Contacts | None:
         lowering.add_element(name, "contacts", first, len(rows) - first, spec.round_side == 1)
     if not rows:
         return None
-    return Contacts(np.array(rows, CONTACT), lowering.watch(2 * len(rows)))
+    return Contacts(np.array(rows, CONTACT), lowering.add_events(2 * len(rows)))
 
 
 def _contact_rows(lowering: Lowering, spec: ContactSpec) -> Iterator[tuple[object, ...]]:
@@ -144,7 +145,7 @@ def _contact_rows(lowering: Lowering, spec: ContactSpec) -> Iterator[tuple[objec
     law, friction = normal_parameters(lowering.model, spec), friction_parameters(spec.friction)
     for point in points:
         I = lowering.markers.add(point)  # noqa: E741
-        history = lowering.remember(_HISTORY if spec.friction is None else _FRICTION_HISTORY)
+        history = lowering.add_history(_HISTORY if spec.friction is None else _FRICTION_HISTORY)
         yield I, J, *shape, *law, -1, *friction, history
 
 
@@ -170,7 +171,7 @@ def evaluate_contact(run: Run, contacts: Contacts, k: int) -> float:
         f, s, mode, excess = _ZERO, _ZERO, OPEN, 0.0
         if c["model"] != NO_FRICTION:
             before = bristle(c, now.history, mj)
-            f, s, mode, excess = tangential(c, n, N, g, before, now.span[0])
+            f, s, mode, excess = friction_force(c, n, N, g, before, now.span[0])
         out["N"], out["mode"], out["excess"] = N, mode, excess
         put_part(out["friction"], 0, f)
         put_part(out["bristle"], 0, s)
@@ -208,8 +209,7 @@ def read_wrench(run: Run, contacts: Contacts, at: Point, channel: int) -> float:
     first, g, w = row["first"], dense.g[0], dense.g[1]
     i, j = rows[first]["I"], rows[first]["J"]
     dense.pair[0], dense.pair[1] = i, j
-    for r in range(12):
-        w[r] = 0.0
+    zero(w)
     for k in range(first, first + row["n"]):
         if evaluate_contact(run, contacts, k) > 0.0:
             c, f = rows[k], force(cn)
@@ -263,7 +263,7 @@ def remember(run: Run, contacts: Contacts, at: Point) -> int:
 
 
 @unit
-def watch(run: Run, contacts: Contacts, at: Point) -> int:
+def put_events(run: Run, contacts: Contacts, at: Point) -> int:
     """Depth of each contact with its rate, and what makes it slide or stick.
 
     That crosses zero from below where it begins to slide, or to stick: |T| − μ N while it sticks,
@@ -279,7 +279,7 @@ def watch(run: Run, contacts: Contacts, at: Point) -> int:
             mode = now.history[c["history"] + _MODE_PLACE]
             if mode == SLIDES:
                 s = bristle(c, now.history, now.marker[c["J"]])
-                v = across(triple(cn["n"]), triple(cn["g"]))
+                v = tangential_part(triple(cn["n"]), triple(cn["g"]))
                 slip["value"] = -inner(s, v) / math.sqrt(inner(s, s))
             elif mode != OPEN:
                 slip["value"] = cn["excess"]
@@ -296,7 +296,7 @@ def _force_change(c, now, n, d, g, mj, dd, dn, dg, turn):
     if c["model"] == NO_FRICTION:
         return df
     s0 = bristle(c, now.history, mj)
-    more = tangential_change(c, n, N, g, s0, now.span[0], dn, dN, dg, outer(turn, s0))
+    more = friction_force_change(c, n, N, g, s0, now.span[0], dn, dN, dg, outer(turn, s0))
     return plus(df, 1.0, more)
 
 
@@ -384,7 +384,7 @@ CONTACTS = Kind(
         "power": add_powers,
         "begin": remember,
         "remember": remember,
-        "events": watch,
+        "events": put_events,
         "wrenches": read_wrench,
     },
     lower=lower_contacts,

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from flexmb.engine.algebra.vector import clear, copy
+from flexmb.engine.algebra.vector import clear, copy, zero
 from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_rate_arms, add_rates
 from flexmb.engine.forces.load import pull_back_unit_force
 from flexmb.engine.forces.spring_damper import (
@@ -186,7 +186,7 @@ def lower_force_characteristics(lowering: Lowering) -> ForceCharacteristics | No
             table[field][k] = value
     programs, stops = lower(expressions), np.flatnonzero(table["stop"])
     lowering.program_depth = max(lowering.program_depth, programs.depth)
-    return ForceCharacteristics(table, programs, stops, lowering.watch(2 * len(stops)))
+    return ForceCharacteristics(table, programs, stops, lowering.add_events(2 * len(stops)))
 
 
 def _stop_row(lowering: Lowering, name: str, spec: Any) -> dict[str, float]:
@@ -229,8 +229,7 @@ def _put_measure(run: Run, forces: ForceCharacteristics, at: Point, k: int) -> i
     hx, hy, hz = separation(mi, mj)
     if row["measure"] == DISTANCE_OF and not hx * hx + hy * hy + hz * hz > 0.0:
         now["s"], now["rate"] = 0.0, math.nan
-        for c in range(12):
-            g[c] = 0.0
+        zero(g)
         return ZERO_LENGTH
     if row["measure"] == DISTANCE_OF:
         distance_gradient(run.work.row, 0, 0, row["I"], row["J"])

@@ -52,7 +52,7 @@ def friction_parameters(spec: BaseFriction | None) -> tuple[float, ...]:
 
 
 @kernel
-def coefficient(f, v):
+def friction_coefficient(f, v):
     """μ(v) and its slope."""
     x = v / f["stribeck"]
     more = (f["static"] - f["dynamic"]) * math.exp(-x * x)
@@ -61,25 +61,25 @@ def coefficient(f, v):
 
 
 @kernel
-def across(n, a):
+def tangential_part(n, a):
     """The part of a normal to n."""
     return plus(a, -inner(n, a), n)
 
 
 @kernel
-def tangential(f, n, N, g, s0, h):
+def friction_force(f, n, N, g, s0, h):
     """Force of friction, bristle, whether it sticks or slides, and |T| − μ N.
 
     f: parameters; n, N: normal and normal force; g: relative velocity; s0: bristle a time h ago.
     """
-    v = across(n, g)
+    v = tangential_part(n, g)
     speed = math.sqrt(inner(v, v))
-    mu, _ = coefficient(f, speed)
+    mu, _ = friction_coefficient(f, speed)
     limit = mu * N
     if f["model"] == SMOOTH:
         w = -limit / math.sqrt(speed * speed + f["creep"] * f["creep"])
         return times(w, v), times(0.0, v), SLIDES, 0.0
-    s = across(n, plus(s0, h, g))
+    s = tangential_part(n, plus(s0, h, g))
     T = plus(times(f["k"], s), f["c"], v)
     size = math.sqrt(inner(T, T))
     if size <= limit:
@@ -88,19 +88,19 @@ def tangential(f, n, N, g, s0, h):
 
 
 @kernel
-def _across_change(n, a, dn, da):
+def _tangential_part_change(n, a, dn, da):
     """Change of the part of a normal to n."""
     x = plus(da, -inner(dn, a) - inner(n, da), n)
     return plus(x, -inner(n, a), dn)
 
 
 @kernel
-def tangential_change(f, n, N, g, s0, h, dn, dN, dg, ds0):
+def friction_force_change(f, n, N, g, s0, h, dn, dN, dg, ds0):
     """Change of the force of friction with changes of what it depends on."""
-    v = across(n, g)
+    v = tangential_part(n, g)
     speed = math.sqrt(inner(v, v))
-    mu, slope = coefficient(f, speed)
-    dv = _across_change(n, g, dn, dg)
+    mu, slope = friction_coefficient(f, speed)
+    dv = _tangential_part_change(n, g, dn, dg)
     dspeed = inner(v, dv) / speed if speed > 0.0 else 0.0
     limit, dlimit = mu * N, mu * dN + slope * dspeed * N
     if f["model"] == SMOOTH:
@@ -108,7 +108,7 @@ def tangential_change(f, n, N, g, s0, h, dn, dN, dg, ds0):
         change = times(-limit * w, dv)
         return plus(change, -dlimit * w + limit * w * w * w * speed * dspeed, v)
     z = plus(s0, h, g)
-    s, ds = across(n, z), _across_change(n, z, dn, plus(ds0, h, dg))
+    s, ds = tangential_part(n, z), _tangential_part_change(n, z, dn, plus(ds0, h, dg))
     T = plus(times(f["k"], s), f["c"], v)
     dT = plus(times(f["k"], ds), f["c"], dv)
     size = math.sqrt(inner(T, T))
@@ -119,12 +119,12 @@ def tangential_change(f, n, N, g, s0, h, dn, dN, dg, ds0):
 
 
 @kernel
-def along(f, N, x, v, anchor):
+def line_friction(f, N, x, v, anchor):
     """The same on a line: force, anchor of the bristle, stick or slide, |T| − μ N, and two slopes.
 
     x: place, v: speed, anchor: where the bristle is free. Slopes of −force over x and over v.
     """
-    mu, slope = coefficient(f, abs(v))
+    mu, slope = friction_coefficient(f, abs(v))
     limit = mu * N
     if f["model"] == SMOOTH:
         w = 1.0 / math.sqrt(v * v + f["creep"] * f["creep"])

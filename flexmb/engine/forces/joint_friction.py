@@ -21,8 +21,8 @@ from flexmb.engine.forces.friction import (
     BRISTLE,
     FRICTION_FIELDS,
     SLIDES,
-    along,
     friction_parameters,
+    line_friction,
 )
 from flexmb.engine.jit import Matrix, array_of, kernel, unit
 from flexmb.engine.joints.constraint import put_group_wrench
@@ -97,14 +97,14 @@ def lower_joint_frictions(lowering: Lowering) -> JointFrictions | None:
             (
                 group, k, -1, 0 if stroke and lowering.model.plane is not None else 2,
                 1.0 if stroke else spec.radius, spec.length or 0.0, spec.width or 0.0,
-                spec.preload, *friction_parameters(spec), lowering.remember(_HISTORY),
+                spec.preload, *friction_parameters(spec), lowering.add_history(_HISTORY),
             )
         )  # fmt: skip
         lowering.reaction_loads.append((group, k))
         lowering.markers.framed.add(groups.in_group(group)[0].I)  # the reaction is read in its axes
     if not rows:
         return None
-    return JointFrictions(np.array(rows, JOINT_FRICTION), lowering.watch(len(rows)))
+    return JointFrictions(np.array(rows, JOINT_FRICTION), lowering.add_events(len(rows)))
 
 
 def place_joint_frictions(frictions: JointFrictions, placement: Placement) -> None:
@@ -120,14 +120,14 @@ _EVENT_CLEARANCE = 1e-3
 
 @unit
 def evaluate_surface(run: Run, frictions: JointFrictions, at: Point, k: int) -> float:
-    """Friction k for place and rate of its coordinate, into `surface` as `friction.along` says.
+    """Friction k for place and rate of its coordinate, into `surface` (`line_friction`).
 
     Returns the stretch of its bristle, m.
     """
     f, out, history = frictions.rows[k], frictions.scratch.surface[0], run.work.now.history
     s = run.system.parts.coordinates[f["coordinate"]]
     x, rate = f["radius"] * at.q[s["iq"]], f["radius"] * at.v[s["iv"]]
-    force, anchor, mode, excess, stiffness, damping = along(
+    force, anchor, mode, excess, stiffness, damping = line_friction(
         f, frictions.scratch.load[k, 0], x, rate, history[f["history"] + _ANCHOR_PLACE]
     )
     out["force"], out["anchor"], out["mode"], out["excess"] = force, anchor, mode, excess
@@ -284,7 +284,7 @@ def remember(run: Run, frictions: JointFrictions, at: Point) -> int:
 
 
 @unit
-def watch(run: Run, frictions: JointFrictions, at: Point) -> int:
+def put_events(run: Run, frictions: JointFrictions, at: Point) -> int:
     """What crosses zero from below where it begins to slide, or to stick, as of contacts.
 
     With its rate, but for that of the bearing load. Smooth friction has no such moment; that its
@@ -324,7 +324,7 @@ JOINT_FRICTIONS = Kind(
         "energy": add_energies,
         "begin": free_bristles,
         "remember": remember,
-        "events": watch,
+        "events": put_events,
     },
     lower=lower_joint_frictions,
     place=place_joint_frictions,

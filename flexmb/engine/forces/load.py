@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from flexmb.engine.algebra.ldl import add_body_block, add_coupling
-from flexmb.engine.algebra.vector import add_skew, clear, cross, transform
+from flexmb.engine.algebra.vector import add_skew, clear, cross, transform, zero
 from flexmb.engine.bodies.wrench import (
     add_moment_arms,
     add_pair,
@@ -121,8 +121,7 @@ def _add_vector(load, markers, x, y, z, wi, wj):
 @kernel
 def _put_pair(load, markers, x, y, z, w):
     """w (12) = the wrench pair of a force or torque (x, y, z)."""
-    for r in range(12):
-        w[r] = 0.0
+    zero(w)
     _add_vector(load, markers, x, y, z, w[0:6], w[6:12])
 
 

@@ -30,6 +30,7 @@ from flexmb.engine.algebra.vector import (
     triple,
     turned,
     turned_back,
+    zero,
 )
 from flexmb.engine.algebra.vector import axis_vector as axis
 from flexmb.engine.jit import Matrix, Vector, kernel, unit
@@ -114,8 +115,7 @@ def add_wrenches(mi, mj, s, wi, wj):
 def put_wrench_pair(run: Run, i: int, j: int, s: RelativeMotion) -> int:
     """dense.g[1] = −Eᵀ p."""
     w, markers = run.work.dense.g[1], run.work.now.marker
-    for c in range(12):
-        w[c] = 0.0
+    zero(w)
     add_wrenches(markers[i], markers[j], s, w[0:6], w[6:12])
     return FINE
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from flexmb.engine.algebra.vector import clear
+from flexmb.engine.algebra.vector import clear, zero
 from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_rate_arms
 from flexmb.engine.function import FunctionTable, evaluate, run_program
 from flexmb.engine.jit import Matrix, array_of, kernel, unit
@@ -147,8 +147,7 @@ def put_wrench(run: Run, springs: Springs, at: Point, c: int) -> float:
     mi, mj = markers[row["I"]], markers[row["J"]]
     d, nx, ny, nz = _direction(mi, mj)
     f = _attraction(row, mi, mj, d, nx, ny, nz)
-    for r in range(12):
-        w[r] = 0.0
+    zero(w)
     _add_forces(w[0:6], w[6:12], f * nx, f * ny, f * nz)
     pair[0], pair[1] = row["I"], row["J"]
     return 0.0

@@ -26,6 +26,7 @@ from flexmb.engine.algebra.vector import (
     put_part,
     tangent_coefficients,
     weighted_size,
+    zero,
 )
 from flexmb.engine.bodies.motion import move
 from flexmb.engine.equations_of_motion import (
@@ -144,8 +145,7 @@ def _put_jacobian(run):
     kkt, fac, sys = run.system.kkt, run.work.factor, run.system
     J, place, x, y = run.work.partition.jacobian, kkt.place, fac.rhs, fac.tmp
     nc, nv = J.shape[0], J.shape[1]
-    for i in range(x.shape[0]):
-        x[i] = 0.0
+    zero(x)
     for c in range(nv):
         left_out = place[c] == x.shape[0] - 1
         x[place[c]] = 1.0
@@ -184,8 +184,7 @@ def _factorise(run: Run, at: Point, turned: bool) -> int:
     """Factor [[W, Cqᵀ], [Cq, −ε]] after a position stage, for velocities or (turned) for x."""
     split, fac, kkt, parts = run.work.partition, run.work.factor, run.system.kkt, run.system.parts
     low, low0 = fac.low, fac.low0
-    for i in range(low.shape[0]):
-        low[i] = 0.0
+    zero(low)
     fac.symmetric[0] = 1
     put_metric(parts, kkt, split.metric, low)
     constraint_jacobian(run)
@@ -217,8 +216,7 @@ def _turn_rows(parts, rows, jac, motion):
 def _evaluate_stage(run, tableau, q, v, t, s, h):
     """Slopes of stage s of a step h from (t, q, v); leaves its state in the trial state."""
     tr, parts, x = run.work.trial, run.system.parts, run.work.partition.motion
-    for i in range(x.shape[0]):
-        x[i] = 0.0
+    zero(x)
     add_slopes(tr.stages, 0, tableau.A[s], s, x)
     for i in range(x.shape[0]):
         x[i] *= h
@@ -329,8 +327,7 @@ def interpolate(run: Run, tableau: Tableau, share: float) -> int:
                 return status
         tr.extended[0] = 1
     put_shares(tableau, share, weights)
-    for i in range(x.shape[0]):
-        x[i] = 0.0
+    zero(x)
     add_slopes(tr.stages, 0, weights, count, x)
     for i in range(x.shape[0]):
         x[i] *= h

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from flexmb.engine.algebra.vector import copy, largest, scaled_size, weighted_size
+from flexmb.engine.algebra.vector import copy, largest, scaled_size, weighted_size, zero
 from flexmb.engine.bodies.motion import motion_of_rate, normalise, position_rate
 from flexmb.engine.equations_of_motion import constraint_stage, powers
 from flexmb.engine.jit import Matrix, Unit, Vector, kernel, unit
@@ -121,8 +121,7 @@ def explicit_method(tableau: Tableau, step: Unit, interpolate: Unit, **more: Any
 @kernel
 def combine(y, slopes, at, weights, n, h, out):
     """out = y + h Σ weights_s slope_s; y may not be out."""
-    for i in range(y.shape[0]):
-        out[i] = 0.0
+    zero(out)
     add_slopes(slopes, at, weights, n, out)
     for i in range(y.shape[0]):
         out[i] = y[i] + h * out[i]
@@ -257,8 +256,7 @@ def _put_change(run, weights, n, of_parameters):
     """dq (nv) = Σ weights_s of the position rates, as motion: rotations as rotation vectors."""
     tr = run.work.trial
     out = tr.rate if of_parameters else tr.dq
-    for i in range(out.shape[0]):
-        out[i] = 0.0
+    zero(out)
     add_slopes(tr.stages, 0, weights, n, out)
     if of_parameters:
         motion_of_rate(run.system.parts, run.state.q, out, tr.dq)

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from flexmb.engine.algebra.ldl import solve, solve_refined
-from flexmb.engine.algebra.vector import weighted_size
+from flexmb.engine.algebra.vector import copy, weighted_size
 from flexmb.engine.bodies.motion import interpolate_step, last_places, move
 from flexmb.engine.equations_of_motion import REFACTOR_ABOVE, factorise, give_up, residual, walk
 from flexmb.engine.jit import kernel, unit
@@ -261,8 +261,7 @@ def _solve_repaired(run):
     """The same solve where pivots had to be replaced: refined against the matrix itself."""
     fac, place, C = run.work.factor, run.system.kkt.place, run.work.con.C
     nv = run.work.trial.res.shape[0]
-    for i in range(fac.sol.shape[0]):
-        fac.rhs[i] = fac.sol[i]
+    copy(fac.sol, fac.rhs)
     for i in range(C.shape[0]):
         fac.rhs[place[nv + i]] = -C[i]
     solve_refined(run.system.kkt, fac, _REFINEMENTS)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from flexmb.engine.algebra.ldl import put_jacobian_row, row_compliance
-from flexmb.engine.algebra.vector import clear, put, transform_back, wrapped
+from flexmb.engine.algebra.vector import clear, put, transform_back, wrapped, zero
 from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_pulled_back
 from flexmb.engine.jit import Integers, Vector, call_stage, kernel, unit
 from flexmb.engine.joints.row import (
@@ -181,8 +181,7 @@ def put_group_tangent(run: Run, lam: Vector, k: int) -> int:
     g, w, H = work.row.g, work.dense.g[1], work.row.H
     curved = 0
     clear(H, H.shape[0], H.shape[1])
-    for c in range(12):
-        w[c] = 0.0
+    zero(w)
     for r in range(group["row"], group["row"] + group["n"]):
         put_row_gradient(run, rows[r])
         for c in range(12):
@@ -215,8 +214,7 @@ def put_group_wrench(run: Run, k: int, lam: Vector) -> int:
     sys, d = run.system, run.work.dense
     group, g, w = sys.groups[k], run.work.row.g, d.g[1]
     d.pair[0], d.pair[1] = sys.rows[group["row"]]["I"], sys.rows[group["row"]]["J"]
-    for c in range(12):
-        w[c] = 0.0
+    zero(w)
     for r in range(group["row"], group["row"] + group["n"]):
         put_row_gradient(run, sys.rows[r])
         for c in range(12):

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.algebra.vector import cross, put, transform, transform_back
+from flexmb.engine.algebra.vector import cross, put, transform, transform_back, zero
 from flexmb.engine.bodies.wrench import add_pulled_back
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.joints.constraint import put_group_tangent
@@ -328,8 +328,7 @@ def _put_columns(parts, curve, wk, row, cp, k):
             marker = row["I"] if side == 0 else row["J"]
             if parts.markers[marker]["body"] >= 0:
                 out = d.T[2 * part + side]
-                for c in range(out.shape[0]):
-                    out[c] = 0.0
+                zero(out)
                 add_pulled_back(parts, wk.now, marker, g, 6 * side, cp, out, 0)
 
 

@@ -32,6 +32,7 @@ from flexmb.engine.algebra.vector import (
     put_part,
     times,
     triple,
+    zero,
 )
 from flexmb.engine.jit import Matrix, call_row, call_row_tangent, call_row_value, kernel, unit
 from flexmb.engine.kind import RowKind
@@ -106,8 +107,7 @@ def relative_velocity(mi, mj):
 @kernel
 def put_pair(g, o, a):
     """g (12) = 0 but for a, of marker J at o + 6, and the opposite, of marker I at o."""
-    for k in range(12):
-        g[k] = 0.0
+    zero(g)
     put_part(g, o, times(-1.0, a))
     put_part(g, o + 6, a)
 

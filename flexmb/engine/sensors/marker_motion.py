@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 @kernel
-def _along(run, term, x, y, z):
+def _component_along(run, term, x, y, z):
     """Component of (x, y, z) along the axis of a term."""
     a = term["a"]
     if term["I"] < 0:
@@ -62,7 +62,7 @@ def position(run: Run, sensors: Sensors, at: Point, t: int) -> float:
     """d·x."""
     term = sensors.terms[t]
     x = run.work.now.marker[term["J"]]["x"]
-    return _along(run, term, x[0], x[1], x[2])  # type: ignore[no-any-return]
+    return _component_along(run, term, x[0], x[1], x[2])  # type: ignore[no-any-return]
 
 
 @unit
@@ -78,7 +78,7 @@ def velocity(run: Run, sensors: Sensors, at: Point, t: int) -> float:
     """d·v."""
     term = sensors.terms[t]
     v = run.work.now.marker[term["J"]]["vx"]
-    return _along(run, term, v[0], v[1], v[2])  # type: ignore[no-any-return]
+    return _component_along(run, term, v[0], v[1], v[2])  # type: ignore[no-any-return]
 
 
 @unit
@@ -94,7 +94,7 @@ def angular_velocity(run: Run, sensors: Sensors, at: Point, t: int) -> float:
     """d·ω."""
     term = sensors.terms[t]
     om = run.work.now.marker[term["J"]]["om"]
-    return _along(run, term, om[0], om[1], om[2])  # type: ignore[no-any-return]
+    return _component_along(run, term, om[0], om[1], om[2])  # type: ignore[no-any-return]
 
 
 @unit
@@ -110,7 +110,7 @@ def acceleration(run: Run, sensors: Sensors, at: Point, t: int) -> float:
     """d·v̇."""
     term = sensors.terms[t]
     x, y, z = marker_acceleration(run, at, term["J"], 0)
-    return _along(run, term, x, y, z)  # type: ignore[no-any-return]
+    return _component_along(run, term, x, y, z)  # type: ignore[no-any-return]
 
 
 @unit
@@ -118,7 +118,7 @@ def angular_acceleration(run: Run, sensors: Sensors, at: Point, t: int) -> float
     """d·ω̇."""
     term = sensors.terms[t]
     x, y, z = marker_acceleration(run, at, term["J"], 3)
-    return _along(run, term, x, y, z)  # type: ignore[no-any-return]
+    return _component_along(run, term, x, y, z)  # type: ignore[no-any-return]
 
 
 @unit
@@ -127,7 +127,7 @@ def turning_of_axes(run: Run, sensors: Sensors, at: Point, t: int) -> float:
     term, markers = sensors.terms[t], run.work.now.marker
     p, q = markers[term["I"]]["om"], markers[term["J"]]["om"]
     x, y, z = cross(p[0], p[1], p[2], q[0], q[1], q[2])
-    return _along(run, term, x, y, z)  # type: ignore[no-any-return]
+    return _component_along(run, term, x, y, z)  # type: ignore[no-any-return]
 
 
 @unit

@@ -43,6 +43,8 @@ from flexmb.units import UnitSystem, parse_unit
 
 Points = tuple[tuple[float, float], ...]
 _TIMES = ("s", "times")
+_LONGEST = 24  # letters of a cell that a message quotes: a longer one is no number and no name
+_MAX_BYTES = 2e8  # of a file
 
 
 def read_points(value: Any, names: ReadContext, units: tuple[str, str], point: str) -> Points:
@@ -123,6 +125,10 @@ def read_columns(
 def read_lines(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Number and cells of every line of a text file that is not empty."""
     try:
+        if path.exists() and not path.is_file():
+            raise SceneError(f'"{path}" is no file')
+        if path.exists() and path.stat().st_size > _MAX_BYTES:
+            raise SceneError(f'the file "{path}" has more than {_MAX_BYTES / 1e6:g} MB')
         text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise SceneError(f'there is no file "{path}"') from None
@@ -150,7 +156,8 @@ def _place(path: Path, name: str | int, header: list[str]) -> int:
     if isinstance(name, int):
         return name - 1
     if name not in header:
-        names = tuple(header)
+        short = len(header) > 1 and all(len(cell) <= _LONGEST for cell in header)
+        names = tuple(header) if short else ()  # else it is no table, and nobody's text to show
         what = f'{path.name} has no column "{name}"'
         if not header:
             what += ": its first line names none, so give their numbers"
@@ -164,7 +171,8 @@ def _cell(path: Path, line: int, cells: list[str], place: int) -> float:
         raise SceneError(f"{where}: there are {len(cells)} columns, no number {place + 1}")
     value = number_in(cells[place])
     if value is None:
-        raise SceneError(f'{where}: "{cells[place]}" is no finite number')
+        shown = f'"{cells[place]}"' if len(cells[place]) <= _LONGEST else "its text"
+        raise SceneError(f"{where}: {shown} is no finite number")
     return value
 
 

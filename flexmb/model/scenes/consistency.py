@@ -44,7 +44,12 @@ def model_problems(
         problems += _section_problems(scope, section)
     for part in (_twice_driven, channel_problems, _assembly_problems, _channel_names):
         problems += part(scope)
-    problems += [*_study_problems(scope), *_frequency_problems(scope), *_time_problems(model)]
+    problems += [
+        *_study_problems(scope),
+        *_frequency_problems(scope),
+        *_mode_problems(scope),
+        *_time_problems(model),
+    ]
     problems += effect_problems(model)
     if not problems:  # what is in the plane is known of entries that hold together
         problems += planar_problems(scope)
@@ -129,9 +134,21 @@ def _frequency_problems(scope: Scope) -> Iterator[Problem]:
                 yield Problem(f"check[{i}].held", what, interfaces, nearest(name, interfaces))
 
 
+def _mode_problems(scope: Scope) -> Iterator[Problem]:
+    """Parameters of linearised modes."""
+    parameters = tuple(scope.model.parameters)
+    for i, check in enumerate(scope.model.mode_checks):
+        for name in check.parameters:
+            if name not in parameters:
+                where = f"check[{i}].parameters.{name}"
+                yield Problem(where, "unknown parameter", parameters, nearest(name, parameters))
+
+
 def _time_problems(model: ModelData) -> Iterator[Problem]:
     """Times of known answers, pictures, outputs and tables that do not fit the run."""
-    spans = [spec.duration for spec in (model.dynamics, model.kinematics) if spec is not None]
+    specs = (model.dynamics, model.kinematics)
+    spans = [spec.duration for spec in specs if spec is not None]
+    spans += [model.statics.times[-1]] if model.statics is not None else []
     if spans:
         yield from _output_time_problems(model, max(spans))
         yield from _table_time_problems(model, max(spans))

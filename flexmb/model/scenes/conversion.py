@@ -42,14 +42,20 @@ from flexmb.model.reading import (
     unknown_key,
 )
 from flexmb.model.scenes.consistency import model_problems
-from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec, ValiditySpec
-from flexmb.model.scenes.effects import EffectsSpec
+from flexmb.model.scenes.dynamics import (
+    AssemblySpec,
+    DynamicsSpec,
+    KinematicsSpec,
+    StaticsSpec,
+    ValiditySpec,
+)
+from flexmb.model.scenes.effects import EffectsSpec, effects_table
 from flexmb.model.scenes.sections import (
+    CHECK_LISTS,
     SECTIONS,
-    CheckSpec,
-    FrequencyCheckSpec,
     ResultsSpec,
     ViewSpec,
+    check_kind,
     read_named,
 )
 from flexmb.model.scenes.study import StudySpec, resolve_knob
@@ -178,8 +184,9 @@ def gravity_in_words(gravity: Iterable[float] | str | None, units: UnitSystem) -
 
 
 TOP_KEYS = (
-    "title", "units", "plane", "gravity", "parameters", "effects", "ground", *SECTIONS, "assembly",
-    "check", "dynamics", "kinematics", "results", "study", "validity", "view",
+    "title", "units", "plane", "gravity", "parameters", "effects", "budget", "ground", *SECTIONS,
+    "assembly", "check", "dynamics", "kinematics", "results", "statics", "study", "validity",
+    "view",
 )  # fmt: skip
 """Everything a scene may say at its top level."""
 
@@ -189,6 +196,7 @@ SINGLE_TABLES: dict[str, type[Spec]] = {
     "effects": EffectsSpec,
     "kinematics": KinematicsSpec,
     "results": ResultsSpec,
+    "statics": StaticsSpec,
     "study": StudySpec,
     "validity": ValiditySpec,
 }
@@ -272,7 +280,7 @@ class _Builder:
             self.problems += [Problem("ground.markers", what) for what in bad if what]
             self.model.ground = ground
         for key, kind in SINGLE_TABLES.items():
-            if key in self.scene:
+            if key in self.scene or (key == "effects" and "budget" in self.scene):
                 setattr(self.model, key, self.single(key, kind))
         if self.model.study is not None:
             for name in self.model.study.vary:
@@ -286,18 +294,18 @@ class _Builder:
             checks = []
         for i, data in enumerate(checks):
             table = data if isinstance(data, Mapping) else {}
-            check: type[Spec] = FrequencyCheckSpec if "body" in table else CheckSpec
+            check = check_kind(table)
             channel = table.get("sensor")
             unit = self.model.channel_unit(channel) if isinstance(channel, str) else None
             context = ReadContext(self.names, self.model.units, unit)
             spec, problems = read_entry(check, data, context)
             self.problems += under(f"check[{i}]", problems)
             if spec is not None:
-                of_run = check is CheckSpec
-                (self.model.checks if of_run else self.model.frequency_checks).append(spec)
+                getattr(self.model, CHECK_LISTS[check]).append(spec)
 
     def single(self, key: str, cls: type[S]) -> S | None:
-        spec, problems = read_entry(cls, self.scene.get(key, {}), self.names)
+        data = effects_table(self.scene) if key == "effects" else self.scene.get(key, {})
+        spec, problems = read_entry(cls, data, self.names)
         self.problems += under(key, problems)
         return spec
 
@@ -326,7 +334,8 @@ def scene_dict(model: ModelData, folder: str | Path | None, flexbodies: Files) -
             name: _plain(spec, model.context) for name, spec in getattr(model, section).items()
         }
     scene["check"] = [_plain(spec, model.check_context(spec.sensor)) for spec in model.checks]
-    scene["check"] += [_plain(spec, model.context) for spec in model.frequency_checks]
+    others = (*model.frequency_checks, *model.mode_checks)
+    scene["check"] += [_plain(spec, model.context) for spec in others]
     for section in SINGLE_TABLES:
         spec = getattr(model, section)
         if spec is not None:

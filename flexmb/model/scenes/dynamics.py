@@ -192,7 +192,9 @@ class DynamicsSpec(Spec):
     by default): the largest error over the outputs of each position sensor, over its peak-to-peak;
     or ``step`` [s]: steps of fixed length. The error is measured by a second run with longer steps,
     a scout, unless ``verify`` is false. ``start = "quasi-static"`` puts the flexible bodies into
-    elastic equilibrium with the initial motion, ``"undeformed"`` leaves them straight.
+    elastic equilibrium with the initial motion, ``"undeformed"`` leaves them straight;
+    ``"static"`` begins in the equilibrium of the whole machine, from which initial velocities move
+    it.
 
     Options that only some methods have, and that others refuse: ``order`` of the explicit ones, 8
     (by default) or 5; ``newton_tolerance`` of the implicit ones, relative to the share of the
@@ -219,7 +221,7 @@ class DynamicsSpec(Spec):
     baumgarte_alpha: _Rate | None = None
     baumgarte_beta: _Rate | None = None
     newton_tolerance: Annotated[float, Reader(_tolerance)] | None = None
-    start: Literal["undeformed", "quasi-static"] = "undeformed"
+    start: Literal["undeformed", "quasi-static", "static"] = "undeformed"
 
     @model_validator(mode="after")
     def _step_fits(self) -> Self:
@@ -294,6 +296,37 @@ class KinematicsSpec(Spec):
 
     duration: Time
     outputs: Annotated[int, Integer(1)] = 200
+
+
+class StaticsSpec(Spec):
+    """Equilibrium at rest, of rigid and flexible bodies under their weight and loads.
+
+    Functions and drivers have the values that they have at ``time`` [s]. With a ``duration`` [s]
+    the equilibrium is followed through ``outputs`` intervals of it: a quasi-static motion.
+    """
+
+    time: Annotated[float, Quantity("s", "not negative")] = 0.0
+    duration: Time | None = None
+    outputs: Annotated[int, Integer(1)] | None = None
+
+    @model_validator(mode="after")
+    def _times_fit(self) -> Self:
+        problems = []
+        if self.duration is not None and self.time:
+            what = "belongs to one equilibrium; a duration follows it from 0 on: remove one"
+            problems.append(Problem("time", what))
+        if self.outputs is not None and self.duration is None:
+            problems.append(Problem("outputs", "one equilibrium has no outputs: give a duration"))
+        fail_if(problems)
+        return self
+
+    @property
+    def times(self) -> tuple[float, ...]:
+        """Times of all equilibria [s]."""
+        if self.duration is None:
+            return (self.time,)
+        n = self.outputs or 50
+        return tuple(self.duration * k / n for k in range(n + 1))
 
 
 _Bound = Annotated[float | Literal["any"], WordOr("any", "a bound", "", "positive")]

@@ -7,8 +7,8 @@ of it.
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
-from typing import TypeVar
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import StrictBool
 
@@ -17,6 +17,7 @@ from flexmb.model.forces.contact import ContactSpec
 from flexmb.model.forces.force_characteristic import AnyStop
 from flexmb.model.forces.friction import JointFrictionSpec
 from flexmb.model.lookup import ModelData
+from flexmb.model.quantities import Quantity
 from flexmb.model.reading import Spec
 from flexmb.model.sensor import ReactionSensorSpec
 
@@ -26,10 +27,14 @@ M = TypeVar("M", bound=ModelData)
 class EffectsSpec(Spec):
     """Effects that the scene has, each of which may be switched off by ``false``.
 
+    ``choice = "auto"``, or ``effects = "auto"`` for short, selects those of flexible bodies so that
+    what is left out changes no sensor by more than the share ``budget`` of its peak-to-peak.
     ``gravity``; ``friction`` in joints and contacts; ``contact``; ``stops``; ``planar``: false
     computes a scene with a ``plane`` in space.
     """
 
+    choice: Literal["as stated", "auto"] = "as stated"
+    budget: Annotated[float, Quantity("", "positive")] = 0.01
     gravity: StrictBool = True
     friction: StrictBool = True
     contact: StrictBool = True
@@ -43,13 +48,27 @@ class EffectsSpec(Spec):
         return {word: kind for word, kind in kinds.items() if not getattr(self, word)}
 
 
+SWITCHES = ("gravity", "friction", "contact", "stops", "planar")
+"""Effects of the whole scene."""
+
+
+def effects_table(scene: Mapping[str, Any]) -> Any:
+    """The table ``[effects]`` of a scene, also where it is a word, with a ``budget`` beside it."""
+    table = scene.get("effects", {})
+    if isinstance(table, str):
+        table = {"choice": table}
+    if "budget" in scene and isinstance(table, Mapping):
+        table = {**table, "budget": scene["budget"]}
+    return table
+
+
 def active_model(model: M) -> M:
     """The model without what its effects switch off; itself if that is nothing."""
     effects = model.effects
-    if effects is None or all(getattr(effects, word) for word in EffectsSpec.model_fields):
+    if effects is None or all(getattr(effects, word) for word in SWITCHES):
         return model
     active = copy.copy(model)
-    active.effects = None
+    active.effects = effects.model_copy(update=dict.fromkeys(SWITCHES, True))
     if not effects.gravity:
         active.gravity = None
     if not effects.planar:
@@ -64,7 +83,14 @@ def active_model(model: M) -> M:
 
 
 def effect_problems(model: ModelData) -> Iterator[Problem]:
-    """Sensors of forces that are switched off."""
+    """Sensors of forces that are switched off; a selection without a sensor to judge it by."""
+    if model.effects is not None and model.effects.choice == "auto" and not model.channels():
+        body = next(iter(model.bodies), "body")
+        yield Problem(
+            "effects",
+            '"auto" needs a sensor to judge effects by; add one, such as [sensors.place] '
+            f'type = "position" of = "{body}"',
+        )
     for word, kind in ({} if model.effects is None else model.effects.absent).items():
         for name, sensor in model.sensors.items():
             force = sensor.force if isinstance(sensor, ReactionSensorSpec) else None

@@ -32,12 +32,12 @@ from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.model import Model, Source
 from flexmb.model.reading import NAME, NUMBER, Form, Spec, list_form, reference
 from flexmb.model.scenes.conversion import SINGLE_TABLES, TOP_KEYS, build
+from flexmb.model.scenes.effects import EffectsSpec
 from flexmb.model.scenes.sections import (
+    CHECK_LISTS,
     CONTROLLER_TYPES,
     COUPLER_TYPES,
     FORCE_TYPES,
-    CheckSpec,
-    FrequencyCheckSpec,
     ViewSpec,
 )
 from flexmb.model.scenes.study import override
@@ -279,8 +279,10 @@ def _top_forms() -> dict[str, Form]:
         "sensors": _named(*SENSOR_TYPES.values()),
         "states": _named(StateSpec),
         "controllers": _named(*CONTROLLER_TYPES.values()),
-        "check": {"type": "array", "items": _one_of((CheckSpec, FrequencyCheckSpec))},
+        "check": {"type": "array", "items": _one_of(tuple(CHECK_LISTS))},
         **{key: reference(spec) for key, spec in SINGLE_TABLES.items()},
+        "effects": {"anyOf": [{"enum": ["auto"]}, reference(EffectsSpec)]},
+        "budget": NUMBER,
         "view": reference(ViewSpec),
     }
 

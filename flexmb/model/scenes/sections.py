@@ -107,6 +107,35 @@ class FrequencyCheckSpec(Spec):
     source: Text
 
 
+class ModeCheckSpec(Spec):
+    """Linearised mode ``linear_mode`` of the scene has the frequency ``value``.
+
+    About its first state, flexible bodies in equilibrium with loads and motion, as `flexmb modes`
+    shows it. Of modes that vibrate, in the order of their frequencies. ``parameters`` are changed.
+    """
+
+    linear_mode: Annotated[int, Integer(1)]
+    parameters: dict[str, Annotated[float, Quantity("")]] = {}
+    value: Annotated[float, Quantity("Hz", "positive")]
+    tolerance: Annotated[float, Quantity("Hz", "positive")]
+    source: Text
+
+
+CHECK_LISTS: dict[type[Spec], str] = {
+    CheckSpec: "checks",
+    FrequencyCheckSpec: "frequency_checks",
+    ModeCheckSpec: "mode_checks",
+}
+"""What a ``[[check]]`` may be, and where a model has those of each kind."""
+
+
+def check_kind(fields: Mapping[str, Any]) -> type[Spec]:
+    """Which of them a table is."""
+    if "linear_mode" in fields:
+        return ModeCheckSpec
+    return FrequencyCheckSpec if "body" in fields else CheckSpec
+
+
 SECTIONS = (
     "bodies", "curves", "joints", "couplers", "drivers", "forces", "sensors", "states",
     "controllers",

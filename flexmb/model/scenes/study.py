@@ -25,8 +25,10 @@ from flexmb.model.scenes.dynamics import INSTEAD, DynamicsSpec, drop_idle_option
 _MAKEABLE = (
     "assembly",
     "dynamics",
+    "effects",
     "kinematics",
     "results",
+    "statics",
     "validity",
     "view",
 )  # tables whose fields all have defaults or will be missed
@@ -66,10 +68,10 @@ def _set(scene: dict[str, Any], name: str, value: Any) -> Problem | None:
         parameters = scene.get("parameters", {})
         if not isinstance(parameters, Mapping):
             parameters = {}
-        top = tuple(key for key in ("title", "gravity") if key in scene)
+        top = tuple(key for key in ("title", *_TOP) if key in scene)
         if name in parameters:
             parameters[name] = value
-        elif name in ("title", "gravity"):
+        elif name in ("title", *_TOP):
             scene[name] = value
         else:
             names = tuple(dict.fromkeys((*parameters, *top)))
@@ -106,9 +108,9 @@ def _put(where: str, table: dict[str, Any], parts: list[str], value: Any) -> Pro
 
 _SECTIONS = (
     "parameters", "ground", "bodies", "joints", "couplers", "drivers", "forces", "states",
-    "controllers", "assembly", "dynamics", "validity",
+    "controllers", "assembly", "dynamics", "effects", "validity",
 )  # fmt: skip
-_TOP = ("gravity",)
+_TOP = ("gravity", "effects", "budget")
 
 
 def resolve_knob(scene: Mapping[str, Any], name: str) -> tuple[str, Problem | None]:

@@ -42,6 +42,7 @@ class Report:
     history: Path | None = None
     notes: list[str] = field(default_factory=lambda: ["gravity is none"])
     checks: list[Outcome] = field(default_factory=lambda: [Outcome()])
+    tables: tuple = ()
 
 
 class Workflow(types.ModuleType):

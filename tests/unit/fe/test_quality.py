@@ -26,7 +26,7 @@ from flexmb.fe import (
 )
 from flexmb.fe.reduction.component_modes import free_modes
 from flexmb.fe.reduction.eigenmodes import make_symmetry_plane
-from flexmb.fe.reduction.quality_report import Stopwatch
+from flexmb.progress import Stopwatch
 
 STEEL = resolve("steel")
 

@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 from femeshes import block, line
+from hdf5edit import edit_hdf5
 
 from flexmb.errors import BodyFileError, OutputError, ReductionError
 from flexmb.fe import rectangle, reduce
@@ -84,7 +85,7 @@ def test_every_dataset_of_the_table_is_in_the_file_and_no_other(tmp_path):
 
 def edited(tmp_path, edit):
     path = save(solid(), tmp_path / "edited.h5")
-    with h5py.File(path, "r+") as file:
+    with edit_hdf5(path) as file:
         edit(file)
     return path
 
@@ -128,7 +129,7 @@ def test_foreign_and_damaged_contents(tmp_path, edit, sentence):
 @pytest.mark.parametrize("half", ["stiffness/centrifugal_stiffness", "interfaces/bend"])
 def test_half_of_the_geometric_stiffness_is_refused(tmp_path, half):
     path = save(loaded(), tmp_path / "half.h5")
-    with h5py.File(path, "r+") as file:
+    with edit_hdf5(path) as file:
         del file[half]
     with pytest.raises(BodyFileError, match="geometric stiffening needs both"):
         load(path)
@@ -137,7 +138,7 @@ def test_half_of_the_geometric_stiffness_is_refused(tmp_path, half):
 @pytest.mark.parametrize("form", ["stiffness/centrifugal_stiffness", "interfaces/bend"])
 def test_geometric_stiffness_that_would_make_energy_is_refused(tmp_path, form):
     path = save(loaded(), tmp_path / "damaged.h5")
-    with h5py.File(path, "r+") as file:
+    with edit_hdf5(path) as file:
         file[form][0, 0, 0, 1] += 1e3
     with pytest.raises(BodyFileError, match="is not symmetric in the modes"):
         load(path)
@@ -148,7 +149,7 @@ def test_files_that_are_no_bodies(tmp_path):
         load(tmp_path / "none.h5")
     text = tmp_path / "text.h5"
     text.write_text("hello")
-    with pytest.raises(BodyFileError, match="is not an HDF5 file, or is cut short"):
+    with pytest.raises(BodyFileError, match="is not an HDF5 file"):
         load(text)
 
 
@@ -157,7 +158,9 @@ def test_a_truncated_file_is_refused(tmp_path, share):
     whole = save(solid(), tmp_path / "whole.h5").read_bytes()
     cut = tmp_path / "cut.h5"
     cut.write_bytes(whole[: int(share * len(whole))])
-    with pytest.raises(BodyFileError, match="cut.h5: is"):
+    with pytest.raises(
+        BodyFileError, match="cut.h5: (is not an HDF5 file|does not match its checksum)"
+    ):
         load(cut)
 
 

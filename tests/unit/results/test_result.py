@@ -8,6 +8,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from hdf5edit import edit_hdf5
 from resultfiles import block, writer
 
 from flexmb.errors import ResultFileError
@@ -95,17 +96,17 @@ def _flexbody(path: Path) -> None:
 
 
 def _next_version(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
+    with edit_hdf5(path) as file:
         file.attrs["version"] = 99
 
 
 def _no_q(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
+    with edit_hdf5(path) as file:
         del file["q"]
 
 
 def _wrong_q(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
+    with edit_hdf5(path) as file:
         del file["q"]
         file["q"] = np.zeros((11, 3))
 
@@ -128,7 +129,7 @@ def _folder(path: Path) -> None:
         (_next_version, "format version 99; this flexmb reads version 3"),
         (_no_q, "damaged result file .q is missing"),
         (_wrong_q, "damaged result file .q has shape"),
-        (_half, "a damaged HDF5 file"),
+        (_half, "does not match its checksum"),
         (_folder, "is a folder without a result.h5"),
         (Path.unlink, "there is no such file"),
     ],

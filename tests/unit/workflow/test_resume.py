@@ -9,10 +9,10 @@ import shutil
 import sys
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 import slidercrank
+from hdf5edit import edit_hdf5
 from samebytes import assert_same_bytes
 
 import flexmb
@@ -137,13 +137,13 @@ def test_a_changed_scene_is_refused_and_told(scene: Path, tmp_path: Path) -> Non
 
 def test_another_system_or_state_is_refused(scene: Path, tmp_path: Path) -> None:
     result = stopped(scene, tmp_path / "out", chunk=1)
-    with h5py.File(result.path, "r+") as file:
+    with edit_hdf5(result.path) as file:
         file["layout"].attrs["fingerprint"] = "f00d"
     with pytest.raises(ResultFileError, match="was begun by flexmb .* builds another system"):
         flexmb.resume(result.path)
     shutil.rmtree(tmp_path / "out")
     result = stopped(scene, tmp_path / "out", chunk=1)
-    with h5py.File(result.path, "r+") as file:
+    with edit_hdf5(result.path) as file:
         names = file["state/arrays"].asstr()[()]
         file["state/arrays"][()] = names.replace('"aa"', '"bb"')
     with pytest.raises(ResultFileError, match="saved state is of another version"):

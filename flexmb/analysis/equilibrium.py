@@ -1,0 +1,221 @@
+"""Equilibrium at rest: positions and reactions in which all forces are in balance.
+
+Solved for are q and λ of F(q, λ) = 0 and C(q, t) = 0, v = v̇ = 0, by Newton's method with
+pseudo-transient continuation (Kelley & Keyes, SIAM J. Numer. Anal. 35 (1998) 508): each step solves
+
+    [[K + M/β, Cqᵀ], [Cq, −ε]] (δ; λ) = (−F₀; −C),
+
+a step β of a motion in which velocity, not acceleration, is in proportion to force. Such a motion
+goes downhill, to an equilibrium that is stable. β begins with a step of a third of the model's
+size, grows while forces do work on the way, ½(F + F')·δ ≤ 0, and shrinks where they resist; at the
+end the step is Newton's. States of controllers are at rest too: ż = 0 decides them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+
+from flexmb.analysis.assembly.jacobian import column_scales, one_blas_thread
+from flexmb.analysis.linear.state_equations import Array, StateEquations, Tangents
+from flexmb.engine.compile import Compiled
+from flexmb.engine.entries import solve_stage
+from flexmb.engine.initial_conditions import BEGIN, REMEMBER
+from flexmb.engine.state import State
+from flexmb.engine.work import new_work
+from flexmb.errors import AssemblyError
+from flexmb.model.model import Model
+
+_MAX_STEPS = 300
+_LONGEST = 0.3  # of a step, over the model size or in radians
+_CLOSED = 1e-9  # correction over the model size up to which Newton's method goes on
+_ROUND_OFF = 1e-13
+_SHORT = 1e-2  # step below which Newton's method takes over
+_NOISE = 1e-6  # correction below which the work of a step is round-off
+_GROWTH, _CUT = 4.0, 0.1  # of β
+_NEWTON, _LEAST = 1e12, 1e-12  # largest and least β over its first value
+_MOST = 1e15  # s², β of the slowest motion that is told from none
+_MAX_CLOSINGS = 4
+_REGULAR, _REFINEMENTS = 1e-10, 2
+_FAR = 20.0  # model sizes after which a body that goes on has no equilibrium
+
+
+@one_blas_thread()
+def settle(compiled: Compiled, model: Model, state: State, *, descend: bool = True) -> int:
+    """Bring an assembled state into equilibrium, in place; returns the number of steps.
+
+    Without `descend` by Newton's method alone, which leads to unstable ones too.
+
+    Raises
+    ------
+    AssemblyError
+        No equilibrium.
+    """
+    return _Descent(compiled, model, state).run(descend)
+
+
+class _Descent:
+    """The way of one state to its equilibrium."""
+
+    def __init__(self, compiled: Compiled, model: Model, state: State) -> None:
+        self.compiled, self.model, self.state = compiled, model, state
+        self.scales = column_scales(compiled)
+        starts = np.array([start.iv for start in compiled.starts], int)
+        self.rates = np.zeros(len(self.scales), bool)
+        self.rates[starts] = True
+        self.moving = (self.scales > 0.0) & ~self.rates
+        self.unknown = np.flatnonzero(self.moving | self.rates)
+        self.size = np.where(self.scales > 0.0, self.scales, 1.0)
+        acceleration = np.abs(state.vd[self.moving] / self.size[self.moving]).max(initial=0.0)
+        self.first = _LONGEST / (float(acceleration) or 1.0)
+        state.v[self.moving] = 0.0
+        state.vd[:] = 0.0
+        self.equations = StateEquations(compiled, state)
+        self.travel = np.zeros_like(self.scales)
+
+    def run(self, descend: bool) -> int:
+        """Steps until the equilibrium is reached."""
+        beta = self.first if descend else _NEWTON * self.first
+        cautious, last, newton = self.first, np.inf, True
+        weights = self.compiled.system.row_weights
+        for n in range(_MAX_STEPS):
+            self._forget()
+            T, F0 = self._equations()
+            step, lam = self._step(T, F0, np.array(self.equations.work.con.C), beta)
+            longest = self._length(step)
+            if not np.isfinite(longest):
+                beta *= _CUT
+                continue
+            share = min(1.0, _LONGEST / longest) if longest > 0.0 else 1.0
+            before = F0 + T.L @ lam
+            q, v = self.state.q.copy(), self.state.v.copy()
+            self._move(share * step)
+            self.state.lam[:] = lam
+            by_newton = longest <= _CLOSED and beta >= _NEWTON * self.first
+            if by_newton and (longest <= _ROUND_OFF or longest > 0.3 * last):
+                self._finish()  # as far as numbers go
+                return n + 1
+            after = self._close(weights)
+            work = 0.5 * share * float((before + after)[self.moving] @ step[self.moving])
+            if descend and work > 0.0 and longest > _NOISE:
+                self.state.q[:], self.state.v[:] = q, v
+                newton = False
+                beta = min(_CUT * beta, cautious)
+                cautious = beta
+                if beta < _LEAST * self.first:
+                    break
+                continue
+            self.travel += share * step
+            newton = newton or longest > _SHORT
+            if share == 1.0:
+                if longest <= _SHORT and (newton or longest <= _NOISE):
+                    beta = _NEWTON * self.first
+                else:
+                    beta = cautious = min(_GROWTH * beta, _NEWTON * self.first)
+            last = longest
+            if self._length(self.travel) > _FAR:
+                raise AssemblyError(self._what_grows(before))
+        raise AssemblyError(self._what_grows(self._equations()[1] + T.L @ self.state.lam))
+
+    def _length(self, step: Array) -> float:
+        """Largest component of a motion (nv,), over the model size or in radians."""
+        return float(np.abs(step[self.moving] / self.size[self.moving]).max(initial=0.0))
+
+    def _close(self, weights: Array) -> Array:
+        """Close the joints by the factor of the step; returns F there."""
+        force = self.equations.residual()
+        for _ in range(_MAX_CLOSINGS):
+            gap = weights * self.equations.work.con.C
+            if np.abs(gap).max(initial=0.0) <= _ROUND_OFF:
+                break
+            right = np.concatenate([np.zeros(len(self.unknown)), -gap])
+            x = scipy.linalg.lu_solve(self.factor, right, check_finite=False)
+            step = np.zeros(len(self.size))
+            step[self.unknown] = self.size[self.unknown] * x[: len(self.unknown)]
+            if not self._length(step) <= _LONGEST:
+                break
+            self._move(step)
+            force = self.equations.residual()
+        return force
+
+    def _forget(self) -> None:
+        """Let bristles of friction be free where the state is now."""
+        if self.compiled.system.history:
+            work = new_work(self.compiled.system)
+            solve_stage(self.compiled.system, self.state, work, REMEMBER)
+
+    def _equations(self) -> tuple[Tangents, Array]:
+        """Derivatives, and F without multipliers."""
+        T = self.equations.tangents()
+        F = np.array(self.equations.work.trial.res)
+        return T, F - T.L @ self.state.lam
+
+    def _step(self, T: Tangents, F0: Array, gap: Array, beta: float) -> tuple[Array, Array]:
+        """δ (nv,) and the multipliers of one step."""
+        at, size, weights = self.unknown, self.size, self.compiled.system.row_weights
+        beta = min(beta, _MOST)
+        K = T.K[np.ix_(at, at)] + T.M[np.ix_(at, at)] / beta
+        rates = self.rates[at]
+        if rates.any():  # of a state its rate is the unknown
+            K[:, rates] = T.D[np.ix_(at, at[rates])] + T.M[np.ix_(at, at[rates])] / beta
+        K = size[at, None] * K * size[at]
+        A = weights[:, None] * T.Cq[:, at] * size[at]
+        L = size[at, None] * T.L[at] * weights
+        unit = max(float(np.abs(values).max(initial=0.0)) for values in (np.diag(K), size * F0))
+        unit = unit or 1.0
+        n, m = len(at), len(A)
+        whole = np.zeros((n + m, n + m))
+        whole[:n, :n], whole[:n, n:], whole[n:, :n] = K / unit, L, A
+        whole[n:, n:] = -_REGULAR * np.eye(m)
+        right = np.concatenate([-size[at] * F0[at] / unit, -weights * gap])
+        try:
+            self.factor = factor = scipy.linalg.lu_factor(whole, check_finite=False)
+            whole[n:, n:] = 0.0
+            x = scipy.linalg.lu_solve(factor, right, check_finite=False)
+            for _ in range(_REFINEMENTS):
+                x += scipy.linalg.lu_solve(factor, right - whole @ x, check_finite=False)
+        except (np.linalg.LinAlgError, scipy.linalg.LinAlgWarning):
+            x = np.full(n + m, np.nan)
+        step = np.zeros(len(size))
+        step[at] = size[at] * x[:n]
+        return step, weights * x[n:] * unit
+
+    def _move(self, step: Array) -> None:
+        self.state.q[:] = self.equations.moved(self.state.q, np.where(self.moving, step, 0.0))
+        self.state.v[self.rates] += step[self.rates]
+
+    def _finish(self) -> None:
+        """Integrator memory and joint angles of a state at rest."""
+        state, work = self.state, new_work(self.compiled.system)
+        lam = state.lam.copy()
+        solve_stage(self.compiled.system, state, work, REMEMBER)
+        solve_stage(self.compiled.system, state, work, BEGIN)
+        state.lam[:], state.lam_before[:] = lam, lam
+        state.aa[:] = state.vd_before[:] = state.vd[:] = 0.0
+
+    def _what_grows(self, force: Array) -> str:
+        """The sentence on the body that moves on."""
+        say, layout = self.model.units.say, self.compiled.layout
+        far = np.abs(self.travel / self.size) * self.moving
+        body = max(layout.bodies, key=lambda b: far[b.iv : b.iv + 6 + b.m].max())
+        own = far[body.iv : body.iv + 6 + body.m]
+        k = int(own.argmax())
+        name = f"bodies.{body.name}"
+        direction = self.travel / max(float(np.abs(self.travel).max()), 1e-300)
+        along = self.travel[body.iv + k]
+        pushing = -float(force[self.moving] @ direction[self.moving]) / max(
+            abs(direction[body.iv + k]), 1e-300
+        )
+        if k < 3:  # noqa: PLR2004
+            way = f"{'+' if along > 0 else '-'}{'xyz'[k]}"
+            what = f"moves on along {way} under a force of {say(abs(pushing), 'N', 3)}"
+        elif k < 6:  # noqa: PLR2004
+            what = f"turns on about its {'xyz'[k - 3]} axis, moment {say(abs(pushing), 'N m', 3)}"
+        else:
+            what = f"deforms on in its modal coordinate {k - 6}"
+        distance = float(own.max())
+        return (
+            f"no equilibrium was reached: {name} {what}, by {distance:.3g} times the model's size "
+            "(or radians) so far; hold it by a joint, a spring or a driver, or begin nearer to the "
+            "equilibrium"
+        )

@@ -1,0 +1,296 @@
+"""State space and frequency response of a linearised model: from actuators to sensors.
+
+With the columns (y, ẏ, u, u̇ | f, ü), f forces of actuators and u coordinates that drivers
+prescribe, all of the motion is x = X0, ẋ = X1, ẍ = X2, and ÿ follows from the equations. A sensor
+c(q, v, v̇, λ) is linearised by differences. A driver enters by its acceleration, with its value and
+rate as states, so that all sensors are proper; its frequency response is that to its value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.analysis.assembly.jacobian import column_scales, one_blas_thread
+from flexmb.analysis.linear.observed_equations import SeenEquations
+from flexmb.analysis.linear.state_equations import Array, StateEquations
+from flexmb.engine.forces.spring_damper import DISTANCE_OF
+from flexmb.errors import Problem, SceneError, nearest
+
+_POSITION_STEP = 1e-3  # of differences, over the model size or in radians
+_FIRST = ((-2.0, 1.0 / 12.0), (-1.0, -2.0 / 3.0), (1.0, 2.0 / 3.0), (2.0, -1.0 / 12.0))
+_AXES = "xyz"
+_UNLOADED = 1e-12
+
+
+class StateSpace(NamedTuple):
+    """ż = A z + B w, c = C z + D w in SI: for scipy.signal and python-control.
+
+    `states`, `inputs` and `outputs` are names. The input of a driver is its acceleration.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+
+class Actuators(NamedTuple):
+    """What can act on a model: forces by name with their columns, drivers with their rows."""
+
+    size: int  # nv
+    forces: dict[str, Array]  # (nv,) generalised force per unit
+    drivers: dict[str, int]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All of them."""
+        return (*self.forces, *self.drivers)
+
+
+def actuators(seen: SeenEquations) -> Actuators:
+    """Forces, torques, line forces and springs of a model, and its drivers."""
+    compiled, forces = seen.compiled, {}
+    equations = StateEquations(compiled, seen.state)
+    equations.residual()
+    x, R = equations.markers["x"], equations.markers["R"]
+    for path, element in compiled.elements.items():
+        name, tables = path.partition(".")[2], compiled.system.kinds[element.kind]
+        row = tables.rows[element.row]
+        if element.kind == "loads":
+            J, other = equations.marker_motion(row["marker"]), int(row["other"])
+            if other >= 0:  # the opposite acts at the same point
+                back = equations.marker_motion(other)
+                arm = x[row["marker"]] - x[other]
+                J = J - back - np.vstack([np.cross(back[3:].T, arm).T, np.zeros_like(back[3:])])
+            axes = np.eye(3) if row["axes"] < 0 else R[row["axes"]]
+            part = J[3:] if row["torque"] else J[:3]
+            for a in range(3):
+                forces[f"{name}.{_AXES[a]}"] = part.T @ axes[:, a]
+        elif element.kind == "springs" or (
+            element.kind == "force_characteristics" and row["measure"] == DISTANCE_OF
+        ):
+            h = x[row["J"]] - x[row["I"]]
+            J, back = (equations.marker_motion(row[side])[:3] for side in "JI")
+            forces[name] = (J - back).T @ h / max(float(np.linalg.norm(h)), _UNLOADED)
+    first = compiled.layout.nv - len(compiled.layout.coordinates)
+    for k, path in enumerate(compiled.layout.coordinates):
+        section, _, name = path.partition(".")
+        if section == "forces":  # line forces, and what turns or pushes along a joint
+            forces[name] = np.eye(compiled.layout.nv)[first + k]
+    moving = compiled.system.kkt.column >= 0
+    forces = {
+        name: np.where(moving, column, 0.0)
+        for name, column in forces.items()
+        if np.abs(column[moving]).max(initial=0.0) > _UNLOADED
+    }
+    drivers: dict[str, int] = {}
+    for path, group in zip(compiled.layout.reactions, compiled.system.groups, strict=True):
+        if path.startswith("drivers."):
+            name, rows = (
+                path.removeprefix("drivers."),
+                range(group["row"], group["row"] + group["n"]),
+            )
+            single = len(rows) == 1
+            drivers |= {name if single else f"{name}.{_AXES[k]}": r for k, r in enumerate(rows)}
+    return Actuators(compiled.layout.nv, forces, drivers)
+
+
+class _Rates(NamedTuple):
+    """X0, X1, X2 (nv, columns) of x, ẋ, ẍ; Y of ÿ; and of the multipliers."""
+
+    X0: Array
+    X1: Array
+    X2: Array
+    Y: Array
+    lam: Array
+
+
+@one_blas_thread()
+def _motion(seen: SeenEquations, forces: Array, rows: Sequence[int]) -> _Rates:
+    """All of the motion over the columns (y, ẏ, u, u̇ | f, ü)."""
+    c = seen.coordinates
+    at, left, n, d, k = seen.at, seen.left, c.n, len(rows), forces.shape[1]
+    G, Gd, Gdd = c.G[:, rows], c.Gd[:, rows], c.Gdd[:, rows]
+    f = seen.change.S.T @ forces
+    b2 = left.T @ at.M @ G
+    b1 = left.T @ (2.0 * at.M @ Gd + at.D @ G)
+    b0 = left.T @ (at.M @ Gdd + at.D @ Gd + at.K @ G)
+    right = np.hstack([-seen.stiffness, -seen.damping, -b0, -b1, left.T @ f, -b2])
+    Y = np.asarray(np.linalg.solve(seen.mass, right)) if n else right
+    nv = len(c.N)
+    none, no_f = np.zeros((nv, n)), np.zeros((nv, k))
+    no_d = np.zeros((nv, d))
+    X0 = np.hstack([c.N, none, G, no_d, no_f, no_d])
+    X1 = np.hstack([c.Nd, c.N, Gd, G, no_f, no_d])
+    X2 = np.hstack([c.Ndd, 2.0 * c.Nd, Gdd, 2.0 * Gd, no_f, G]) + c.N @ Y
+    loads = np.zeros_like(X0)
+    loads[:, 2 * n + 2 * d : 2 * n + 2 * d + k] = f
+    rest = loads - at.M @ X2 - at.D @ X1 - at.K @ X0
+    lam = np.asarray(np.linalg.lstsq(at.L, rest, rcond=1e-10)[0]) if at.L.size else rest[:0]
+    return _Rates(X0, X1, X2, Y, lam)
+
+
+def state_space(
+    seen: SeenEquations, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None
+) -> StateSpace:
+    """State space of a linearised model.
+
+    Parameters
+    ----------
+    seen : SeenEquations
+        The linearised model.
+    inputs : sequence of str, optional
+        Forces (``"push.x"``), line forces and springs (``"cylinder"``: pushes its markers apart),
+        drivers (``"motor"``); all by default.
+    outputs : sequence of str, optional
+        Channels of sensors; all by default.
+
+    Raises
+    ------
+    SceneError
+        No such actuator or channel.
+    """
+    forces, rows, names = _select(actuators(seen), inputs)
+    rates = _motion(seen, forces, rows)
+    n, d, k = seen.coordinates.n, len(rows), forces.shape[1]
+    width = 2 * n + 2 * d
+    A = np.zeros((width, rates.Y.shape[1]))
+    A[:n, n : 2 * n] = np.eye(n)
+    A[n : 2 * n] = rates.Y
+    A[2 * n : 2 * n + d, 2 * n + d : width] = np.eye(d)
+    A[2 * n + d : width, width + k :] = np.eye(d)
+    C, channels = _outputs(seen, rates, outputs)
+    kept = np.concatenate([~seen.coordinates.states, np.ones(width - n, bool)])
+    drivers = names[k:]
+    states = (
+        *seen.names, *(f"{name}'" for name in seen.names),
+        *drivers, *(f"{name}'" for name in drivers),
+    )  # fmt: skip
+    columns = np.concatenate([kept, np.ones(k + d, bool)])
+    A, C = A[kept][:, columns], C[:, columns]
+    n_states = int(kept.sum())
+    return StateSpace(
+        A[:, :n_states], A[:, n_states:], C[:, :n_states], C[:, n_states:],
+        tuple(name for name, one in zip(states, kept, strict=True) if one),
+        (*names[:k], *(f"{name}''" for name in drivers)), channels,
+    )  # fmt: skip
+
+
+def frequency_response(
+    seen: SeenEquations, input: str, output: str, frequencies: Array
+) -> NDArray[np.complex128]:
+    """Steady response of a channel to a unit of an actuator, at each frequency.
+
+    Parameters
+    ----------
+    seen : SeenEquations
+        The linearised model.
+    input, output : str
+        An actuator (N, N m; of a driver m or rad) and a channel, as of `state_space`.
+    frequencies : (k,) array
+        In Hz, not zero for a driver or a controller.
+
+    Returns
+    -------
+    (k,) complex array
+        Amplitude and phase; not finite at an undamped frequency itself.
+    """
+    forces, rows, _ = _select(actuators(seen), [input])
+    rates = _motion(seen, forces, rows)
+    n, d = seen.coordinates.n, len(rows)
+    C, _ = _outputs(seen, rates, [output])
+    found = np.zeros(len(frequencies), complex)
+    for i, frequency in enumerate(frequencies):
+        s = 2j * np.pi * float(frequency)
+        # what acts: f, or u with u̇ = s u, ü = s² u; ÿ then follows from the rest of Y
+        acting = np.array([1.0, s, s * s]) if d else np.array([1.0])
+        columns = [2 * n, 2 * n + 1, 2 * n + 2] if d else [2 * n]
+        right = rates.Y[:, columns] @ acting
+        A = s * s * np.eye(n) - s * rates.Y[:, n : 2 * n] - rates.Y[:, :n]
+        try:
+            y = np.linalg.solve(A, right) if n else right
+        except np.linalg.LinAlgError:
+            y = np.full(n, np.nan, complex)
+        found[i] = (C[0, : 2 * n] @ np.concatenate([y, s * y])) + C[0, columns] @ acting
+    return found
+
+
+def _select(of: Actuators, names: Sequence[str] | None) -> tuple[Array, list[int], tuple[str, ...]]:
+    """Columns of the forces, rows of the drivers, and names, forces first."""
+    names = of.names if names is None else tuple(names)
+    unknown = [name for name in names if name not in of.names]
+    if unknown:
+        what = "unknown actuator; forces are named with their component, such as push.x"
+        raise SceneError.from_problems(
+            [
+                Problem(f'inputs "{name}"', what, of.names, nearest(name, of.names))
+                for name in unknown
+            ]
+        )
+    forces = [name for name in names if name in of.forces]
+    drivers = [name for name in names if name in of.drivers]
+    matrix = np.array([of.forces[name] for name in forces]).reshape(len(forces), of.size).T
+    return matrix, [of.drivers[name] for name in drivers], (*forces, *drivers)
+
+
+def _outputs(
+    seen: SeenEquations, rates: _Rates, outputs: Sequence[str] | None
+) -> tuple[Array, tuple[str, ...]]:
+    """(channels, columns) of the sensors, and their names."""
+    known = seen.compiled.layout.channels
+    names = known if outputs is None else tuple(outputs)
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise SceneError.from_problems(
+            [
+                Problem(
+                    f'outputs "{name}"', "unknown channel of a sensor", known, nearest(name, known)
+                )
+                for name in unknown
+            ]
+        )
+    if not names:
+        return np.zeros((0, rates.X0.shape[1])), ()
+    change, (of_q, of_v, of_vd, of_lam) = seen.change, _channel_slopes(seen)
+    turned = rates.X1 + change.W @ rates.X0
+    motion = change.S @ (rates.X2 + change.W @ rates.X1 + change.Wd @ rates.X0) + change.P @ turned
+    whole = of_q @ change.S @ rates.X0 + of_v @ change.S @ turned + of_vd @ motion
+    whole += of_lam @ rates.lam
+    return whole[[known.index(name) for name in names]], names
+
+
+def _channel_slopes(seen: SeenEquations) -> tuple[Array, Array, Array, Array]:
+    """Derivatives of all channels with q (k, nv), v, v̇, and λ (k, nc)."""
+    compiled, equations = seen.compiled, StateEquations(seen.compiled, seen.state)
+    state, nv = seen.state, compiled.layout.nv
+    scales = column_scales(compiled)
+    scales[[start.iv for start in compiled.starts]] = 1.0
+    q, base = state.q.copy(), equations.channels()
+    slopes = [np.zeros((len(base), n)) for n in (nv, nv, nv, compiled.layout.nc)]
+    for k in np.flatnonzero(scales):
+        h = _POSITION_STEP * scales[k]
+        unit = np.arange(nv) == k
+        for step, weight in _FIRST:
+            state.q[:] = equations.moved(q, step * h * unit)
+            slopes[0][:, k] += weight / h * equations.channels()
+        state.q[:] = q
+    steps = (
+        scales,
+        scales,
+        np.full(compiled.layout.nc, max(1.0, np.abs(state.lam).max(initial=0.0))),
+    )
+    for of, values, sizes in zip(slopes[1:], (state.v, state.vd, state.lam), steps, strict=True):
+        for k in np.flatnonzero(sizes):
+            here = float(values[k])
+            for sign in (1.0, -1.0):
+                values[k] = here + sign * sizes[k]
+                of[:, k] += sign / (2.0 * sizes[k]) * equations.channels()
+            values[k] = here
+    return slopes[0], slopes[1], slopes[2], slopes[3]

@@ -1,0 +1,325 @@
+"""Statics: equilibria of a model, one, a series over time, or all that can be reached.
+
+In: a compiled model. Out: equilibria with their reactions, as rows of a result, and their
+stability.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexmb.analysis.assembly.initial_state import StartValues, assemble
+from flexmb.analysis.assembly.jacobian import (
+    MAX_COORDINATES,
+    ConstraintRows,
+    column_scales,
+    constraint_rank,
+    null_space,
+)
+from flexmb.analysis.assembly.positions import close_rows
+from flexmb.analysis.equilibrium import settle
+from flexmb.analysis.linear.linearization import Linearization, linearize_state
+from flexmb.analysis.linear.state_equations import Array, StateEquations
+from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
+from flexmb.analysis.mobility.driver_conflicts import driver_reasons
+from flexmb.analysis.monitors import ContactLossMonitor, algebraic_loop_notes
+from flexmb.analysis.procedure import (
+    ChunkRows,
+    Ending,
+    Outcome,
+    PhaseTimer,
+    Sink,
+    assemble_first_state,
+    run_chunks,
+)
+from flexmb.engine import method
+from flexmb.engine.compile import Compiled
+from flexmb.engine.entries import statics_units
+from flexmb.engine.state import State
+from flexmb.engine.time_loop import write_equilibrium
+from flexmb.engine.units import call
+from flexmb.engine.work import new_run, new_work
+from flexmb.errors import AssemblyError, FlexmbError
+from flexmb.model.model import Model
+from flexmb.model.scenes.dynamics import StaticsSpec
+from flexmb.progress import Progress, silent
+from flexmb.results import NOT_UNIQUE
+
+_MAX_HOPS, _HOP = 8, 0.6  # of a random way, over the model size or in radians
+_SAME_PLACE = 1e-5
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """An equilibrium of a model.
+
+    Attributes
+    ----------
+    state : State
+        Positions q and multipliers λ; v and v̇ are zero. SI.
+    steps : int
+        How many it took.
+    """
+
+    compiled: Compiled
+    model: Model
+    state: State
+    steps: int
+
+    @property
+    def energy(self) -> float:
+        """Strain, gravity and spring energy [J]."""
+        equations = StateEquations(self.compiled, self.state)
+        equations.residual()
+        return float(equations.work.energies[1:4].sum())
+
+    def linearize(self) -> Linearization:
+        """The equations of motion linearised about it; `stable` says whether it is stable."""
+        return linearize_state(self.compiled, self.model, self.state, frame="ground")
+
+
+def find_equilibrium(
+    compiled: Compiled, model: Model, *, time: float = 0.0, start: Array | None = None
+) -> Equilibrium:
+    """The equilibrium that a model settles in from a pose.
+
+    Parameters
+    ----------
+    compiled, model : Compiled, Model
+        The model.
+    time : float
+        At which functions and drivers are taken [s].
+    start : (nq,) array, optional
+        Where to begin; by default where the scene places the bodies.
+
+    Raises
+    ------
+    AssemblyError
+        Positions that cannot be closed; no equilibrium, with what moves on and under which force.
+    """
+    q = compiled.initial_q if start is None else start
+    begin = StartValues(q, np.zeros(compiled.layout.nv), time)
+    if start is None and time == 0.0:
+        first = assemble(compiled, model)
+    else:
+        first = assemble(compiled, model, begin=begin)
+    steps = settle(first.compiled, model, first.state)
+    return Equilibrium(first.compiled, model, first.state, steps)
+
+
+@dataclass(frozen=True)
+class PreparedStatics:
+    """Equilibria that are ready to be sought."""
+
+    compiled: Compiled
+    model: Model
+    times: tuple[float, ...]
+    state: State
+    timer: PhaseTimer
+    notes: tuple[str, ...]
+    not_unique: tuple[str, ...]
+
+
+def prepare_statics(
+    compiled: Compiled, model: Model, *, progress: Progress = silent
+) -> PreparedStatics:
+    """Load the compiled units and close the first pose.
+
+    Raises
+    ------
+    AssemblyError
+        Positions that cannot be closed, or drivers that contradict each other or the joints.
+    """
+    spec = model.statics if model.statics is not None else StaticsSpec()
+    first = StartValues(compiled.initial_q, np.zeros(compiled.layout.nv), spec.times[0])
+
+    def first_state() -> tuple[State, tuple[str, ...], list[str]]:
+        with driver_reasons(compiled, model):
+            assembled = assemble(compiled, model, begin=first if spec.times[0] else None)
+        rank = constraint_rank(compiled, assembled.work)
+        redundancy: tuple[tuple[str, ...], list[str]] = (), []
+        if rank is not None and rank < compiled.layout.nc:
+            redundancy = redundant_reactions(compiled, model, assembled.state.q)
+        return assembled.state, *redundancy
+
+    units = statics_units(compiled.system)
+    (state, not_unique, more), timer = assemble_first_state(compiled, units, first_state, progress)
+    notes = (*more, *algebraic_loop_notes(model))
+    return PreparedStatics(compiled, model, spec.times, state, timer, notes, not_unique)
+
+
+def run_statics(prepared: PreparedStatics, sink: Sink, *, progress: Progress = silent) -> Outcome:
+    """Find the equilibria of all times, each from the one before.
+
+    Parameters
+    ----------
+    prepared : PreparedStatics
+        From `prepare_statics`; used once.
+    sink : Sink
+        Takes the output rows.
+    progress : Progress
+        Receives the phase `statics`.
+    """
+    run = _Run(prepared, sink)
+    ending = run_chunks(run, progress)
+    prepared.timer.lap("statics")
+    statistics: dict[str, float | int | str] = {
+        "points": run.done,
+        "newton_iterations": run.steps,
+        "largest_position_drift": float(run.rows.largest_drift[0]),
+    }
+    statistics |= prepared.timer.seconds
+    if prepared.not_unique:
+        statistics[NOT_UNIQUE] = ", ".join(prepared.not_unique)
+    notes = (*prepared.notes, *run.stability, *run.contact_loss.notes())
+    return Outcome(ending.status, ending.message, statistics, notes)
+
+
+class _Run:
+    """Equilibria under way."""
+
+    phase = "statics"
+
+    def __init__(self, prepared: PreparedStatics, sink: Sink) -> None:
+        self._prepared, self._sink = prepared, sink
+        self.rows = ChunkRows(prepared.compiled, 1)
+        self.done, self.steps = 0, 0
+        self.stability: list[str] = []
+        self.contact_loss = ContactLossMonitor(prepared.compiled)
+        work = new_work(prepared.compiled.system, len(prepared.state.angles))
+        system = prepared.compiled.system
+        self._writer = new_run(system, prepared.state, work, output=self.rows.output)
+
+    @property
+    def time(self) -> float:
+        return float(self._prepared.state.t[0])
+
+    @property
+    def share_done(self) -> float:
+        return self.done / len(self._prepared.times)
+
+    def next_chunk(self) -> Ending | None:
+        prepared = self._prepared
+        compiled, model, state = prepared.compiled, prepared.model, prepared.state
+        state.t[0] = time = prepared.times[self.done]
+        self.rows.clear()
+        try:
+            self.steps += settle(compiled, model, state)
+        except AssemblyError as error:
+            return Ending("failed", f"at t = {model.units.say(time, 's')} {error}")
+        if call(write_equilibrium, self._writer) != method.FINE:
+            return Ending("failed", f"at t = {model.units.say(time, 's')} reactions are not finite")
+        self.store_unread()
+        if self.done == 0 or self.done == len(prepared.times) - 1:
+            self._note_stability(time)
+        self.done += 1
+        return Ending("finished") if self.done == len(prepared.times) else None
+
+    def store_unread(self) -> None:
+        if self.rows.unread:
+            rows = self.rows.read()
+            self.contact_loss.add(rows)
+            self._sink.append(rows)
+
+    def _note_stability(self, time: float) -> None:
+        prepared = self._prepared
+        if prepared.compiled.layout.nv > MAX_COORDINATES:
+            return
+        try:
+            made = linearize_state(
+                prepared.compiled, prepared.model, prepared.state, frame="ground"
+            )
+            values = made.eigenvalues
+        except FlexmbError:  # motions without inertia have no modes
+            return
+        at = f"the equilibrium at t = {prepared.model.units.say(time, 's')}"
+        if not made.stable:
+            rate = float(values.real.max())
+            name = max(made.energy_shares.items(), key=lambda pair: pair[1][values.real.argmax()])
+            self.stability.append(
+                f"{at} is unstable: a disturbance grows by a factor of e in {1.0 / rate:.3g} s, "
+                f"mostly of bodies.{name[0]}; flexmb modes --about static shows the modes"
+            )
+        elif np.any(values == 0.0):
+            self.stability.append(
+                f"{at} is neutral in {int(np.sum(values == 0.0))} motions, in which nothing holds "
+                "the bodies where they are"
+            )
+
+
+def find_equilibria(
+    compiled: Compiled, model: Model, *, time: float = 0.0, starts: int = 30, seed: int = 0
+) -> list[Equilibrium]:
+    """Equilibria reached from many poses of the same assembly, of least energy first.
+
+    Parameters
+    ----------
+    compiled, model : Compiled, Model
+        The model.
+    time : float
+        At which functions and drivers are taken [s].
+    starts : int
+        From how many poses: the placed one, and others at random along the free motions.
+    seed : int
+        Of the random numbers.
+
+    Returns
+    -------
+    list of Equilibrium
+        Stable ones, which descents lead to, and unstable ones, which Newton's method alone finds on
+        the way; all different.
+    """
+    first = find_equilibrium(compiled, model, time=time)
+    found = [first]
+    rng, rows = np.random.default_rng(seed), ConstraintRows(compiled)
+    scales = column_scales(compiled)
+    for _ in range(starts - 1):
+        q = _random_pose(rows, first.state.q, scales, rng, time)
+        if q is None:
+            continue
+        for descend in (True, False):
+            begin = StartValues(q, np.zeros(compiled.layout.nv), time)
+            try:
+                state = assemble(compiled, model, begin=begin).state
+                steps = settle(compiled, model, state, descend=descend)
+            except AssemblyError:
+                continue
+            if all(_differ(compiled, state.q, one.state.q, scales) for one in found):
+                found.append(Equilibrium(compiled, model, state, steps))
+    return sorted(found, key=lambda one: one.energy)
+
+
+def _random_pose(
+    rows: ConstraintRows, q: Array, scales: Array, rng: np.random.Generator, time: float
+) -> Array | None:
+    """Another pose of the assembly, by a random way along its free motions."""
+    pose = close_rows(rows, q, None, time)
+    for _ in range(int(rng.integers(1, _MAX_HOPS))):
+        if pose is None:
+            return None
+        free = np.zeros((len(scales), 0))
+        jacobian = pose.jacobian
+        rigid = ~jacobian.modal
+        if rigid.any():
+            null = null_space(jacobian.A[:, rigid]) if len(jacobian.A) else np.eye(int(rigid.sum()))
+            free = np.zeros((len(scales), null.shape[1]))
+            free[jacobian.columns[rigid]] = null
+        if not free.shape[1]:
+            return None
+        step = scales * (free @ rng.standard_normal(free.shape[1]))
+        step *= _HOP * rng.random() / np.abs(step[scales > 0] / scales[scales > 0]).max()
+        pose = close_rows(rows, rows.move(pose.q, step), None, time) or pose
+    return None if pose is None else pose.q
+
+
+def _differ(compiled: Compiled, a: Array, b: Array, scales: Array) -> bool:
+    """Whether two positions are not the same."""
+    for body in compiled.layout.bodies:
+        size = scales[body.iv] if scales[body.iv] > 0.0 else compiled.length
+        far = np.abs(a[body.iq : body.iq + 3] - b[body.iq : body.iq + 3]).max() / size
+        turn = 1.0 - abs(float(a[body.iq + 3 : body.iq + 7] @ b[body.iq + 3 : body.iq + 7]))
+        if far > _SAME_PLACE or turn > _SAME_PLACE**2:
+            return True
+    return False

@@ -1,0 +1,301 @@
+"""Files that may come from elsewhere: read at first in a process with little time and memory.
+
+Parsers of meshes may loop in a damaged file, or make room for as many nodes as 20 bytes state;
+`check_reading` finds that out in a process of its own, once for each content.
+
+HDF5 follows links and external storage into any file of the user, takes the sizes that a file
+states on trust, and may loop in damaged data. So a file is opened in three steps:
+
+1. The **seal**, a line in the first 512 bytes (the user block of HDF5), states the SHA-256 of all
+   that follows. A file that does not match is refused. The tag behind it is an HMAC with a key in
+   the cache folder: it tells that flexmb wrote the file here, for this user.
+2. A file without such a tag is read once by a process of its own, which refuses links, external
+   storage, filters and sizes beyond the length of the file.
+3. The file is opened for reading, without lock.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import os
+import stat
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, Final, NoReturn
+
+from flexmb.errors import FlexmbError
+from flexmb.folders import cache_root
+
+if TYPE_CHECKING:
+    import h5py
+
+USER_BLOCK: Final = 512  # bytes before the HDF5 data: room for the seal
+_SEAL: Final = b"flexmb seal 1 "
+_PIECE = 1 << 20
+_SECONDS, _BYTES_A_SECOND = 10.0, 2e7  # time of the first reading
+_MEMORY, _MEMORY_A_BYTE = 700_000_000, 40  # bytes that reading may take, and for each of the file
+_DEPTH = 8  # groups inside groups
+_OBJECTS = 100_000  # groups and datasets
+_KIND = "<kind>"  # in a sentence: what the file should be
+_REFUSED = 3  # exit code of the first reading
+_own: set[tuple[int, ...]] = set()  # files that this process is writing
+_checked: set[tuple[int, ...]] = set()  # files that were checked
+
+
+def seal(content: IO[bytes]) -> bytes:
+    """The line that states the checksum of what follows the user block.
+
+    Parameters
+    ----------
+    content : binary file
+        The whole file, open for reading; it stays open.
+    """
+    content.seek(USER_BLOCK)
+    digest = _digest(content)
+    return (_SEAL + f"sha256={digest} tag={_tag(digest) or '-'}\n".encode()).ljust(
+        USER_BLOCK, b"\0"
+    )
+
+
+def begin_writing(path: Path) -> None:
+    """Note that this process writes the file: until the end it is not checked here."""
+    _own.add(_identity(path.stat()))
+
+
+def end_writing(path: Path) -> None:
+    """Note that the file is complete."""
+    with suppress(OSError):  # removed meanwhile
+        _own.discard(_identity(path.stat()))
+
+
+def open_hdf5(path: Path, error: type[FlexmbError], kind: str) -> h5py.File:
+    """Open a file for reading after the checks of this module.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    error : type
+        What to raise.
+    kind : str
+        What it should be, for messages, such as ``"a result of flexmb"``.
+
+    Raises
+    ------
+    FlexmbError
+        Of the type `error`: no such file, no regular file, not HDF5, damaged or changed after it
+        was written, links to other files, sizes beyond the file, or no end of reading.
+    """
+    import h5py
+
+    problem = _problem(path)
+    if problem is None:
+        try:
+            return h5py.File(path, "r", locking=False)
+        except OSError as failure:
+            if "locking flag" in str(failure):
+                problem = (
+                    "is held open in this program by other means than flexmb; close it there first"
+                )
+            else:
+                problem = f"is a damaged HDF5 file, so not {_KIND}"
+    raise error(f"{path}: {problem.replace(_KIND, kind)}")
+
+
+def _problem(path: Path) -> str | None:
+    """What speaks against opening the file; `_KIND` in it stands for what it should be."""
+    try:
+        state = path.stat()
+    except OSError as failure:
+        missing = isinstance(failure, FileNotFoundError | NotADirectoryError)
+        return "there is no such file" if missing else f"cannot be read ({failure.strerror})"
+    if not stat.S_ISREG(state.st_mode):
+        return f"is {'a folder' if path.is_dir() else 'no regular file'}, so not {_KIND}"
+    unsealed = (*_identity(state), state.st_size)  # a run may be writing it now
+    written = (*unsealed, state.st_mtime_ns)
+    try:
+        with path.open("rb") as file:
+            if _identity(state) in _own or {written, unsealed} & _checked:
+                return None
+            head = file.read(USER_BLOCK)
+            content = file.read(8)
+            if b"\x89HDF\r\n\x1a\n" not in (head[:8], content):
+                return f"is not an HDF5 file, so not {_KIND}"
+            known = _check_seal(file, head)
+    except OSError as failure:
+        return f"cannot be read ({failure.strerror})"
+    if known is False:
+        return (
+            "does not match its checksum: it was damaged, or changed after it was written; take a "
+            "copy that is whole, or make it again"
+        )
+    problem = None if known else _first_reading(path, "flexmb.untrusted")
+    if problem is None:
+        _checked.add(written if head.startswith(_SEAL) else unsealed)
+    return problem
+
+
+def _check_seal(file: IO[bytes], head: bytes) -> bool | None:
+    """False: the checksum differs; True: written here for this user; None: from elsewhere."""
+    if not head.startswith(_SEAL):
+        return None  # of a run that was killed, or of another program
+    words = dict(
+        word.partition("=")[::2]
+        for word in head[len(_SEAL) :].rstrip(b"\0\n").decode("ascii", "replace").split(" ")
+    )
+    file.seek(USER_BLOCK)
+    digest = _digest(file)
+    if digest != words.get("sha256"):
+        return False
+    tag = _tag(digest)
+    return True if tag and hmac.compare_digest(tag, words.get("tag", "")) else None
+
+
+def _digest(file: IO[bytes]) -> str:
+    digest = hashlib.sha256()
+    while piece := file.read(_PIECE):
+        digest.update(piece)
+    return digest.hexdigest()
+
+
+def _tag(digest: str) -> str | None:
+    """HMAC of a checksum with the key of this user; None where no key can be kept."""
+    path = cache_root() / "seal.key"
+    with suppress(OSError):
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            with suppress(FileExistsError):  # another process was faster
+                handle = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600)
+                with os.fdopen(handle, "wb") as file:
+                    file.write(os.urandom(32))
+        key = path.read_bytes()
+        if len(key) == 32:  # else another process is writing it
+            return hmac.new(key, digest.encode(), hashlib.sha256).hexdigest()
+    return None
+
+
+def _identity(state: os.stat_result) -> tuple[int, ...]:
+    return state.st_dev, state.st_ino
+
+
+def check_reading(path: Path, module: str) -> str | None:
+    """Let `module` read a file in a process of its own, unless it has read that content before.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    module : str
+        A module that calls `serve_reading` when it is run.
+
+    Returns
+    -------
+    str or None
+        What is wrong with the file; None if it can be read.
+    """
+    with path.open("rb") as file:
+        mark = cache_root() / "files" / f"{module}-{_digest(file)}"
+    if mark.exists():
+        return None
+    problem = _first_reading(path, module)
+    if problem is None:
+        with suppress(OSError):  # then it is read apart the next time as well
+            mark.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            mark.touch()
+    return problem
+
+
+def serve_reading(read: Callable[[Path], object]) -> NoReturn:
+    """Read the file that the command line names, with limits; the exit code tells how that went."""
+    import psutil
+
+    path = Path(sys.argv[1])
+    if hasattr(psutil, "RLIMIT_AS"):  # Linux
+        process = psutil.Process()
+        limit = process.memory_info().vms + _MEMORY + _MEMORY_A_BYTE * path.stat().st_size
+        process.rlimit(psutil.RLIMIT_AS, (limit, limit))
+    try:
+        read(path)
+    except ValueError as problem:
+        sys.stdout.write(str(problem))
+        sys.exit(_REFUSED)
+    sys.exit(0)
+
+
+def _first_reading(path: Path, module: str) -> str | None:
+    """Read the file in a process of its own; None if that ended well, else what it met."""
+    command = [sys.executable, "-P", "-m", module, str(path.absolute())]
+    seconds = _SECONDS + path.stat().st_size / _BYTES_A_SECOND
+    threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    try:
+        child = subprocess.run(
+            command, capture_output=True, timeout=seconds, check=False, env=os.environ | threads
+        )
+    except subprocess.TimeoutExpired:
+        return f"is damaged: it cannot be read to its end within {seconds:.0f} s"
+    if child.returncode == 0:
+        return None
+    if child.returncode == _REFUSED:
+        return child.stdout.decode(errors="replace").strip()
+    return "is damaged: reading it ends the process or takes too much memory"
+
+
+def _objects(group: h5py.Group, depth: int = 0) -> Iterator[tuple[str, Any]]:
+    """Every group and dataset below `group`; raises ValueError at a link that is not a hard one."""
+    import h5py
+
+    if depth > _DEPTH:
+        raise ValueError(f"has groups inside each other, more than {_DEPTH} deep")
+    for name in group:
+        link = group.get(name, getlink=True)
+        path = f"{group.name.rstrip('/')}/{name}"
+        if not isinstance(link, h5py.HardLink):
+            raise ValueError(f"has a link to another place at {path}: flexmb follows no links")
+        item = group[name]
+        yield path, item
+        if isinstance(item, h5py.Group):
+            yield from _objects(item, depth + 1)
+
+
+def _check_objects(file: h5py.File, size: int) -> None:
+    """Raise ValueError at what a file of flexmb never has; read all that is in it."""
+    import h5py
+
+    for number, (path, item) in enumerate(_objects(file)):
+        if number > _OBJECTS:
+            raise ValueError(f"has more than {_OBJECTS} groups and datasets")
+        if isinstance(item, h5py.Dataset):
+            properties = item.id.get_create_plist()
+            if properties.get_external_count() or properties.get_layout() == h5py.h5d.VIRTUAL:
+                raise ValueError(f"stores {path} in other files: flexmb reads none of them")
+            if properties.get_nfilters():
+                raise ValueError(f"stores {path} through a filter, which flexmb never does")
+            if item.size is None or item.size * item.dtype.itemsize > size:
+                raise ValueError(f"states more values at {path} than the file has room for")
+        for key in item.attrs:
+            item.attrs[key]
+        if isinstance(item, h5py.Dataset):
+            for start in range(0, len(item), 4096) if item.shape else ():
+                item[start : start + 4096]
+            if not item.shape:
+                item[()]
+
+
+def _read_hdf5(path: Path) -> None:
+    """What the process of the first reading does."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r", locking=False) as file:
+            _check_objects(file, path.stat().st_size)
+    except (OSError, RuntimeError, KeyError, TypeError, MemoryError) as problem:
+        text = " ".join(str(problem).split())
+        raise ValueError(f"is a damaged HDF5 file ({text})") from None
+
+
+if __name__ == "__main__":
+    serve_reading(_read_hdf5)

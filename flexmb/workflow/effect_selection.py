@@ -1,0 +1,189 @@
+"""``effects = "auto"``: the cheapest set of effects that keeps a budget on every sensor.
+
+The scene runs with rigid bodies; the audit of that run says which bodies must be flexible, and
+whether they vibrate. The scene runs with them, is audited along that motion, and what contributes
+too much is switched on, until what is left out stays within the budget. The ladder of a body is
+rigid, quasi-static, vibrating with constant inertia coupling, partial coupling with geometric
+stiffening, full coupling with it: centrifugal softening without stiffening is never chosen
+(Padilla & von Flotow, J. Guidance 15 (1992) 131). What a scene says of a body stays as it says.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from flexmb.errors import FlexmbError
+from flexmb.model.mesh_body import MeshBodySpec
+from flexmb.progress import Progress, silent
+from flexmb.workflow.audit import Audit, audit, percent
+from flexmb.workflow.neighbours import (
+    BOTH,
+    COUPLING,
+    DEFORMATION,
+    MODES,
+    STIFFENING,
+    VIBRATION,
+    with_words,
+)
+from flexmb.workflow.run import run_single
+from flexmb.workflow.run_report import RunReport, draw_run
+
+if TYPE_CHECKING:
+    from flexmb.model import Model
+
+TEXT = "effects"
+"""Name of the text in a result that says which effects were chosen, and why."""
+COLUMNS = ("run", "of", "switched to", "because", "contribution", "at")
+"""Columns of the table of a selection."""
+_SHARE = 0.5  # of the budget that all left out effects together may take: they are estimates
+_MOST_RUNS = 8
+_FULL = f"full {COUPLING}"
+_WORDS: dict[str, dict[str, Any]] = {
+    DEFORMATION: {"deformation": "quasi-static"},
+    VIBRATION: {"deformation": "dynamic"},
+    BOTH: {"inertia_coupling": "partial", "geometric_stiffening": "full"},
+    STIFFENING: {"geometric_stiffening": "full"},
+    _FULL: {"inertia_coupling": "full"},
+}
+_R = "rigid"
+_FIRST = {"deformation": "dynamic"}  # of bodies that cannot be rigid
+_LOWEST = {
+    "deformation": _R, "inertia_coupling": "constant", "geometric_stiffening": "none",
+}  # fmt: skip
+
+
+@dataclass
+class Selection:
+    """What was switched on, run by run.
+
+    Attributes
+    ----------
+    words : dict of str to dict
+        What each flexible body has in the end, of what the scene leaves open.
+    steps : list of tuple of str
+        Rows under `COLUMNS`.
+    """
+
+    words: dict[str, dict[str, Any]]
+    steps: list[tuple[str, ...]] = field(default_factory=list)
+
+    def text(self) -> str:
+        """As JSON, for the result file."""
+        return json.dumps({"words": self.words, "columns": COLUMNS, "steps": self.steps})
+
+    def switch(self, body: str, words: Mapping[str, Any], *why: str) -> bool:
+        """Give a body other words, as far as they are open; whether any of them changed."""
+        mine = self.words[body]
+        changes = {key: value for key, value in words.items() if mine.get(key, value) != value}
+        mine.update(changes)
+        if changes:
+            text = ", ".join(f"{key} = {value}" for key, value in changes.items())
+            self.steps.append((why[0], body, text, *why[1:]))
+        return bool(changes)
+
+    def apply(self, model: Model) -> Model:
+        """The model with these words, no more to be selected."""
+        stated = model.effects
+        assert stated is not None
+        model = with_words(model, self.words)
+        model.effects = stated.model_copy(update={"choice": "as stated"})
+        if model.source is not None:
+            words = {
+                f"bodies.{name}.{key}": value
+                for name, mine in self.words.items()
+                for key, value in mine.items()
+            }
+            words["effects.choice"] = "as stated"
+            model.source = model.source._replace(overrides={**model.source.overrides, **words})
+        return model
+
+
+def run_with_selected_effects(
+    model: Model, output: Path, *, pictures: bool = True, progress: Progress = silent,
+    **options: Any,
+) -> RunReport:  # fmt: skip
+    """Select the effects of a model and run it with them; the last run is the result.
+
+    Parameters
+    ----------
+    model : Model
+        With ``effects = "auto"``.
+    output : Path
+        Folder of the result.
+    pictures : bool
+        Whether to draw the last run.
+    progress : Progress
+        Called for every phase.
+    **options
+        As for `run_single`.
+
+    Raises
+    ------
+    FlexmbError
+        As `run_single`.
+    """
+    from flexmb.results import Result, store_text
+
+    model.validate()
+    assert model.effects is not None
+    budget = model.effects.budget
+    selection = Selection(
+        {name: _open_words(spec) for name, spec in model.bodies.items() if spec.flexible}
+    )
+    for number in map(str, range(1, _MOST_RUNS + 1)):
+        try:
+            report = run_single(
+                selection.apply(model), output, pictures=False, progress=progress, **options
+            )
+        except FlexmbError as error:
+            why = str(error).splitlines()[0]
+            rigid = [k for k, words in selection.words.items() if words.get("deformation") == _R]
+            if not any([selection.switch(k, _FIRST, number, why, "", "") for k in rigid]):
+                raise
+            continue
+        run = Result(report.result)
+        if run.status != "finished":
+            return report
+        made = audit(run, budget=budget, progress=progress)
+        if not _switch_on(selection, made, number, budget):
+            break
+    store_text(run.path, TEXT, selection.text())
+    picture, history = draw_run(run, progress) if pictures else (None, None)
+    steps = selection.steps or [("1", "", "nothing", "all stays within the budget", "", "")]
+    return replace(
+        report, picture=picture, history=history, notes=[*report.notes, made.sentence()],
+        tables=((COLUMNS, tuple(steps)), made.table()),
+    )  # fmt: skip
+
+
+def _open_words(spec: Any) -> dict[str, Any]:
+    """The lowest rung of a body, in what the scene says nothing of."""
+    words: dict[str, Any] = {
+        key: word for key, word in _LOWEST.items() if key not in spec.model_fields_set
+    }
+    if isinstance(spec, MeshBodySpec) and spec.modes is None and spec.reduction != "guyan":
+        words["modes"] = spec.mode_count
+    return words
+
+
+def _switch_on(selection: Selection, made: Audit, number: str, budget: float) -> bool:
+    """Switch on what would let the sum of what is left out exceed its share of the budget.
+
+    The smallest contributions stay out, as long as their sum at every sensor allows it.
+    """
+    sums: dict[str, float] = {}
+    changed = False
+    off = [one for one in made.effects if not one.on and one.share is not None and one.body]
+    for one in sorted(off, key=lambda one: one.share or 0.0):
+        together = {name: sums.get(name, 0.0) + share for name, share in one.shares.items()}
+        if max(together.values(), default=0.0) <= _SHARE * budget:
+            sums |= together
+            continue
+        words = {"modes": int(one.indicator.split()[0]) * 2} if one.effect == MODES else None
+        why = (number, one.effect, percent(one.share), one.sensor)
+        changed |= selection.switch(one.body, words or _WORDS[one.effect], *why)
+    return changed

@@ -1,0 +1,238 @@
+"""Running what a user names: a scene file or a model, with given effects or selected ones."""
+
+from __future__ import annotations
+
+import copy
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from flexmb.errors import FlexmbWarning, SolverError
+from flexmb.folders import output_folder, writable_folder
+from flexmb.progress import Progress, silent
+from flexmb.workflow.effect_selection import run_with_selected_effects
+from flexmb.workflow.run import run_single
+from flexmb.workflow.run_report import RunReport
+
+if TYPE_CHECKING:
+    from flexmb.model import Model
+    from flexmb.results import Result
+
+
+def run_scene(
+    path: str | Path,
+    *,
+    output: str | Path | None = None,
+    overrides: Mapping[str, str] | None = None,
+    analysis: str | None = None,
+    start_from: Result | str | Path | None = None,
+    fresh: bool = False,
+    pictures: bool = True,
+    progress: Progress = silent,
+) -> RunReport:
+    """Run a scene file from mesh to picture.
+
+    Parameters
+    ----------
+    path : path
+        The scene.
+    output : path, optional
+        Folder of the results; `out/<name of the scene's folder>` by default.
+    overrides : mapping of str to str, optional
+        Parameters or knobs to change, such as `{"r": "0.1", "dynamics.step": "1e-4"}`.
+    analysis : {"dynamics", "kinematics", "statics"}, optional
+        Which one; that of the scene's section, if it has one of them only.
+    start_from : Result or path, optional
+        Another run whose last row this one begins with, bodies matched by name, at time 0.
+    fresh : bool
+        Reduce meshes again even if an equal reduction is there.
+    pictures : bool
+        Whether to draw the picture and the history.
+    progress : Progress
+        Called for every phase.
+
+    Raises
+    ------
+    FlexmbError
+        Whatever is wrong, in one message; results until a failure are kept.
+    """
+    from flexmb.model import load_scene
+
+    return run_model(
+        load_scene(Path(path), dict(overrides or {})),
+        output_folder(path) if output is None else output,
+        analysis=analysis,
+        start_from=start_from,
+        fresh=fresh,
+        pictures=pictures,
+        progress=progress,
+    )
+
+
+def run_model(
+    model: Model,
+    output: str | Path,
+    *,
+    analysis: str | None = None,
+    start_from: Result | str | Path | None = None,
+    fresh: bool = False,
+    pictures: bool = True,
+    progress: Progress = silent,
+) -> RunReport:
+    """Run a model from mesh to picture; see :func:`run_scene`."""
+    auto = model.dynamics is not None and getattr(model.effects, "choice", "") == "auto"
+    run = run_with_selected_effects if auto and analysis in (None, "dynamics") else run_single
+    return run(
+        model, writable_folder(Path(output)), analysis=analysis, start_from=start_from, fresh=fresh,
+        pictures=pictures, progress=progress,
+    )  # fmt: skip
+
+
+def simulate(
+    model: Model,
+    *,
+    output: str | Path | None = None,
+    start_from: Result | str | Path | None = None,
+    progress: Progress = silent,
+    **dynamics: Any,
+) -> Result:
+    """Run a model and open its result.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    output : path, optional
+        Folder of the files. By default a temporary one, which is removed with the last `Result` of
+        it: `Result.save` copies it.
+    start_from : Result or path, optional
+        Another run whose last row this one begins with, bodies matched by name, at time 0.
+    progress : Progress
+        Called for every phase.
+    **dynamics
+        Fields of `[dynamics]`, such as `duration=0.1, step=1e-4`, in the model's units.
+
+    Raises
+    ------
+    FlexmbError
+        Whatever is wrong, in one message.
+    """
+    from flexmb.model.scenes.dynamics import INSTEAD, drop_idle_options
+
+    if dynamics:
+        spec = model.dynamics
+        fields = {} if spec is None else spec.model_dump(context=model.context)
+        for new in dynamics:
+            fields.pop(INSTEAD.get(new, ""), None)
+        model = copy.copy(model)
+        fields |= dynamics
+        drop_idle_options(fields, dynamics)
+        model.set_dynamics(**fields)
+    return _run_and_open(model, "dynamics", output, start_from, progress)
+
+
+def kinematics(
+    model: Model,
+    *,
+    output: str | Path | None = None,
+    progress: Progress = silent,
+    **fields: Any,
+) -> Result:
+    """Find the motion that the joints and drivers of a model fix, and open its result.
+
+    Positions, velocities, accelerations at each output, exact to round-off, and the reactions and
+    driving forces of that motion (inverse dynamics). Flexible bodies stay undeformed.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    output : path, optional
+        Folder of the files; as in :func:`simulate`.
+    progress : Progress
+        Called for every phase.
+    **fields
+        Fields of `[kinematics]`, such as `duration=1.0, outputs=400`, in the model's units.
+
+    Raises
+    ------
+    FlexmbError
+        Whatever is wrong, in one message: motions without driver, drivers that contradict each
+        other, singular poses.
+    """
+    if fields:
+        spec = model.kinematics
+        present = {} if spec is None else spec.model_dump(context=model.context)
+        model = copy.copy(model)
+        model.set_kinematics(**{**present, **fields})
+    return _run_and_open(model, "kinematics", output, None, progress)
+
+
+def statics(
+    model: Model,
+    *,
+    output: str | Path | None = None,
+    progress: Progress = silent,
+    **fields: Any,
+) -> Result:
+    """Find the equilibrium of a model at rest, or a series of them, and open its result.
+
+    Rigid and flexible bodies under weight, springs, loads and drivers as they are at a time.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    output : path, optional
+        Folder of the files; as in :func:`simulate`.
+    progress : Progress
+        Called for every phase.
+    **fields
+        Fields of `[statics]`, such as `time=0.5`, or `duration=1.0, outputs=20`.
+
+    Raises
+    ------
+    FlexmbError
+        Whatever is wrong, in one message: no equilibrium, and what moves on.
+    """
+    if fields:
+        spec = model.statics
+        present = {} if spec is None else spec.model_dump(context=model.context)
+        model = copy.copy(model)
+        model.set_statics(**{**present, **fields})
+    return _run_and_open(model, "statics", output, None, progress)
+
+
+def _run_and_open(
+    model: Model,
+    analysis: str,
+    output: str | Path | None,
+    start_from: Result | str | Path | None,
+    progress: Progress,
+) -> Result:
+    """Run a model without pictures and open its result; notes become warnings."""
+    from flexmb.results import Result
+    from flexmb.results.reader import TemporaryFolder
+
+    scratch = None if output is not None else TemporaryFolder()
+    folder = scratch.path if scratch is not None else Path(output or ".")
+    try:
+        report = run_model(
+            model, folder, analysis=analysis, start_from=start_from, pictures=False,
+            progress=progress,
+        )  # fmt: skip
+    except SolverError:  # its sentence says where the rows until then are
+        if scratch is not None:
+            scratch.preserve()
+        raise
+    unit = model.units.label("s")
+    failed = [
+        f"check of {c.place(unit)} failed: {c.value:.12g}, not {c.expected:.12g} "
+        f"within {c.tolerance:g} ({c.source})"
+        for c in report.checks
+        if not c.passed
+    ]
+    for note in [*report.notes, *failed]:
+        warnings.warn(note, FlexmbWarning, stacklevel=2)
+    return Result(report.result)

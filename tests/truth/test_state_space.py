@@ -1,0 +1,128 @@
+"""State space and frequency responses against modal sums and closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.signal
+from femeshes import line
+from restscenes import FAR, G, chain, pendulum
+
+import flexmb
+from flexmb.errors import SceneError
+from flexmb.fe import rectangle, reduce
+from flexmb.model import Model
+
+
+def with_ends(n=4, **fields):
+    made = chain(n, **fields)
+    made.add_force("push", "force", at="m0", value=[0.0, 0, 0])
+    made.add_force("piston", "line-force", between=["m0", "m2"], value=0.0)
+    for i in range(n):
+        made.add_sensor(f"m{i}", "position", of=f"m{i}")
+    made.add_sensor("speed", "velocity", of="m3")
+    made.add_sensor("acceleration", "acceleration", of="m3")
+    made.add_sensor("guide", "reaction", joint="guide0", on="J", quantity="moment")
+    return made
+
+
+def modal_sum(n, k, c, m, force, at, s):
+    """Σ φ_a φ_f/(m_j (s² + 2 ζ ω s + ω²)) of a chain between walls."""
+    j = np.arange(1, n + 1)
+    omega = 2 * np.sqrt(k / m) * np.sin(j * np.pi / (2 * n + 2))
+    shapes = np.sqrt(2 / (n + 1) / m) * np.sin(np.outer(np.arange(1, n + 1), j) * np.pi / (n + 1))
+    return sum(
+        shapes[at, i] * (shapes[:, i] @ force) / (s**2 + c / k * omega[i] ** 2 * s + omega[i] ** 2)
+        for i in range(n)
+    )
+
+
+def test_responses_of_a_chain_are_modal_sums():
+    n, k, c, m = 4, 300.0, 1.5, 2.0
+    made = flexmb.linearize(with_ends(n, k=k, c=c, m=m))
+    f = np.linspace(0.1, 6.0, 25)
+    s = 2j * np.pi * f
+    forces = {"push.x": np.array([1.0, 0, 0, 0]), "piston": np.array([-1.0, 0, 1.0, 0])}
+    for name, force in forces.items():
+        wanted = modal_sum(n, k, c, m, force, 3, s)
+        for channel, factor in (("m3.x", 1.0), ("speed.x", s), ("acceleration.x", s**2)):
+            found = made.frequency_response(name, channel, f)
+            np.testing.assert_allclose(found, factor * wanted, rtol=1e-8)
+    space = made.state_space(["push.x", "piston"], ["m3.x", "acceleration.x"])
+    system = scipy.signal.StateSpace(*space[:4])
+    for i, force in enumerate(forces.values()):
+        for o, factor in enumerate((1.0, s**2)):
+            a, b, c_, d = space.A, space.B[:, i], space.C[o], space.D[o, i]
+            found = [c_ @ np.linalg.solve(one * np.eye(len(a)) - a, b) + d for one in s]
+            np.testing.assert_allclose(
+                found, factor * modal_sum(n, k, c, m, force, 3, s), rtol=1e-7
+            )
+    poles = np.sort_complex(np.linalg.eigvals(system.A))
+    both = np.concatenate([made.eigenvalues, made.eigenvalues.conj()])
+    np.testing.assert_allclose(poles, np.sort_complex(both), rtol=1e-8)
+
+
+@pytest.mark.parametrize("place", [(0, 0, 0), FAR])
+def test_pendulum_on_a_shaken_pin(place):
+    """(J + m l²) θ̈ + m g l θ = −m l ü; the pin's force is m (ü + l θ̈)."""
+    made = pendulum(0.0, place)
+    made.joints.clear()
+    made.add_body("cart", mass=1.0, inertia=[1, 1, 1], position=list(place))
+    made.add_joint("rail", "prismatic", between=["ground.pin", "cart"], axis="x")
+    made.add_joint("pin", "revolute", between=["cart", "bar"], axis="z")
+    made.add_driver("shake", joint="rail", stroke="0.2*sin(t)")
+    made.add_sensor("turn", "angle", joint="pin")
+    made.add_sensor("pull", "reaction", joint="pin", on="J", axes="global")
+    made.add_sensor("drive", "reaction", driver="shake", on="J", axes="global")
+    made = flexmb.linearize(made, frame="ground")
+    m, l, J = 2.0, 0.5, 0.3  # noqa: E741
+    f = np.array([0.1, 0.4, 0.9, 3.0])
+    s = 2j * np.pi * f
+    theta = -m * l * s**2 / ((J + m * l * l) * s**2 + m * G * l)
+    np.testing.assert_allclose(made.frequency_response("shake", "turn", f), theta, rtol=1e-7)
+    pull = m * (s**2 + l * s**2 * theta)
+    np.testing.assert_allclose(made.frequency_response("shake", "pull.x", f), pull, rtol=1e-6)
+    drive = made.frequency_response("shake", "drive.x", f)
+    np.testing.assert_allclose(drive, pull + 1.0 * s**2, rtol=1e-6)
+    space = made.state_space(["shake"], ["turn"])
+    assert space.inputs == ("shake''",)
+    found = [
+        one**2
+        * (space.C @ np.linalg.solve(one * np.eye(len(space.A)) - space.A, space.B) + space.D)
+        for one in s
+    ]
+    np.testing.assert_allclose(np.array(found)[:, 0, 0], theta, rtol=1e-7)
+
+
+def test_response_of_a_flexible_cantilever_is_its_modal_sum():
+    """Of the reduced body with its root held: Φᵀ (K − ω² M)⁻¹ Φ at the tip."""
+    beam = reduce(
+        line(20, end=(1, 0, 0)), modes=8, interfaces={"root": "root", "tip": "tip"},
+        material="steel", sections={"all": rectangle(0.02, 0.01)},
+    )  # fmt: skip
+    model = Model("beam")
+    model.add_body("beam", beam)
+    model.add_joint("root", "fixed", between=["ground", "beam.root"])
+    model.add_force("push", "force", at="beam.tip", value=[0.0, 0.0, 0.0])
+    model.add_sensor("tip", "position", of="beam.tip")
+    made = flexmb.linearize(model)
+    f = np.linspace(1.0, 200.0, 9)
+    shapes, rates = made.shapes, np.abs(made.eigenvalues)
+    masses = np.einsum("ik,ij,jk->k", shapes, made.M, shapes).real
+    tip = made.state_space(["push.z"], ["tip.z"])
+    n = tip.A.shape[0] // 2
+    near = next(part for part in beam.interfaces if part.name == "tip")
+    arm = np.asarray(near.position)  # z of δr + δθ × s + Φ η, all axes at rest
+    column = np.concatenate([[0, 0, 1], [arm[1], -arm[0], 0], near.Phi_t[2]])
+    for one in 2 * np.pi * f:
+        found = tip.C @ np.linalg.solve(1j * one * np.eye(2 * n) - tip.A, tip.B)
+        wanted = np.sum((column @ shapes) ** 2 / masses / (rates**2 - one**2))
+        assert found[0, 0] == pytest.approx(wanted, rel=1e-6)
+
+
+def test_unknown_names_are_refused_with_the_nearest():
+    made = flexmb.linearize(with_ends())
+    with pytest.raises(SceneError, match=r"push\.x"):
+        made.state_space(["push.xx"])
+    with pytest.raises(SceneError, match=r"m3\.x"):
+        made.frequency_response("push.x", "m3.xx", [1.0])
