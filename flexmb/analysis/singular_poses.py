@@ -138,8 +138,8 @@ def _drivers_of(compiled: Compiled, vector: Array) -> list[str]:
     return _owners([rows[k] for k in which if rows[k].startswith("drivers.")])
 
 
-def free_motion_sentence(pose: KinematicPose) -> str:
-    """The sentence for a pose whose rows leave motions free."""
+def free_motion_sentence(pose: KinematicPose, analysis: str = "a kinematic analysis") -> str:
+    """The sentence for a pose whose rows leave motions free, which an analysis needs driven."""
     jacobian = pose.jacobian()
     free = jacobian.velocities(jacobian.decomposition.free)
     count, n = free.shape[1], jacobian.A.shape[1]
@@ -152,7 +152,7 @@ def free_motion_sentence(pose: KinematicPose) -> str:
         cure = f"most moves {', '.join(moving[:_MAX_SHOWN])}: add joints or drivers there"
     if pose.model.drivers and n <= pose.compiled.layout.nc:
         cure += "; if the drivers should be enough, the pose is singular: begin at another one"
-    return f"{head}, and a kinematic analysis needs all of them driven: {cure}"
+    return f"{head}, and {analysis} needs all of them driven: {cure}"
 
 
 def _independent(rates: dict[str, Array]) -> list[str]:

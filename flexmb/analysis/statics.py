@@ -19,6 +19,7 @@ from flexmb.analysis.assembly.jacobian import (
     null_space,
 )
 from flexmb.analysis.assembly.positions import close_rows
+from flexmb.analysis.dynamics.linear_elasticity import LinearElasticityMonitor
 from flexmb.analysis.equilibrium import settle
 from flexmb.analysis.linear.linearization import Linearization, linearize_state
 from flexmb.analysis.linear.state_equations import Array, StateEquations
@@ -38,7 +39,7 @@ from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import statics_units
 from flexmb.engine.state import State
-from flexmb.engine.time_loop import write_equilibrium
+from flexmb.engine.state_rows import write_equilibrium
 from flexmb.engine.units import call
 from flexmb.engine.work import new_run, new_work
 from flexmb.errors import AssemblyError, FlexmbError
@@ -173,7 +174,8 @@ def run_statics(prepared: PreparedStatics, sink: Sink, *, progress: Progress = s
     statistics |= prepared.timer.seconds
     if prepared.not_unique:
         statistics[NOT_UNIQUE] = ", ".join(prepared.not_unique)
-    notes = (*prepared.notes, *run.stability, *run.contact_loss.notes())
+    watched = [note for monitor in run.monitors for note in monitor.notes()]
+    notes = (*prepared.notes, *run.stability, *watched)
     return Outcome(ending.status, ending.message, statistics, notes)
 
 
@@ -187,7 +189,10 @@ class _Run:
         self.rows = ChunkRows(prepared.compiled, 1)
         self.done, self.steps = 0, 0
         self.stability: list[str] = []
-        self.contact_loss = ContactLossMonitor(prepared.compiled)
+        self.monitors = (
+            ContactLossMonitor(prepared.compiled),
+            LinearElasticityMonitor(prepared.compiled, prepared.model, prepared.state.q),
+        )
         work = new_work(prepared.compiled.system, len(prepared.state.angles))
         system = prepared.compiled.system
         self._writer = new_run(system, prepared.state, work, output=self.rows.output)
@@ -220,7 +225,8 @@ class _Run:
     def store_unread(self) -> None:
         if self.rows.unread:
             rows = self.rows.read()
-            self.contact_loss.add(rows)
+            for monitor in self.monitors:
+                monitor.add(rows)
             self._sink.append(rows)
 
     def _note_stability(self, time: float) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -149,16 +149,16 @@ def check_all(
         name = path.with_suffix("").as_posix().removesuffix("/scene")
         for o in scene.outcomes:
             place = o.place(scene.time_unit)
-            rows.append((name, "ok" if o.passed else "FAILED", place, *_outcome_figures(o)))
+            rows.append((name, "ok" if o.passed else "FAILED", place, *screen.outcome_figures(o)))
         if scene.failure or not scene.outcomes:
             what = "the run failed" if scene.failure else "no [[check]]"
             rows.append((name, "FAILED" if scene.failure else "", what, "", "", "", ""))
-    columns = ("scene", "check", "of", *_FIGURES)
+    columns = ("scene", "check", "of", *screen.OUTCOME_FIGURES)
     screen.table(columns, rows, right=range(3, len(columns)), whole=True)
     for scene in scenes:
         if scene.failure:
             screen.line(f"failed: {scene.scene}: {scene.failure}")
-        _show_failed(scene.outcomes, scene.time_unit, f"{scene.scene}: ")
+        screen.failed_outcomes(scene.outcomes, scene.time_unit, f"{scene.scene}: ")
     outcomes = [o for scene in scenes for o in scene.outcomes]
     passed = sum(o.passed for o in outcomes)
     runs = sum(bool(scene.failure) for scene in scenes)
@@ -166,35 +166,3 @@ def check_all(
     screen.line(text + (f", {_count(runs, 'run')} failed" if runs else ""))
     if not all(scene.passed for scene in scenes):
         raise typer.Exit(FAILED_CHECK)
-
-
-_FIGURES = ("value", "expected", "off by", "allowed")
-
-
-def _outcome_figures(o: Any) -> tuple[str, ...]:
-    error = f"{abs(o.value - o.expected):.2g}"
-    return f"{o.value:.12g}", f"{o.expected:.12g}", error, f"{o.tolerance:.2g}"
-
-
-def _show_failed(outcomes: Sequence[Any], unit: str, where: str = "") -> None:
-    for o in outcomes:
-        if not o.passed:
-            screen.line(f"failed: {where}{o.place(unit)}; the expected value is from: {o.source}")
-
-
-def show_outcomes(outcomes: Sequence[Any], unit: str) -> None:
-    """Show known answers of a scene with the computed values; times if any has one."""
-    timed = any(o.time is not None for o in outcomes)
-    rows = [
-        (
-            "ok" if o.passed else "FAILED",
-            o.sensor,
-            *(("" if o.time is None else f"{o.time:g}",) if timed else ()),
-            *_outcome_figures(o),
-        )
-        for o in outcomes
-    ]
-    when = (f"t [{unit}]",) if timed else ()
-    columns = ("check", "of", *when, *_FIGURES)
-    screen.table(columns, rows, right=range(2, len(columns)), whole=True)
-    _show_failed(outcomes, unit)

@@ -16,7 +16,6 @@ from flexmb.cli.app import (
     parse_table,
     refuse_options,
 )
-from flexmb.cli.check import show_outcomes
 from flexmb.units import unit_system
 
 
@@ -187,7 +186,7 @@ def _show_bodies(bodies: Any, notes: list[str], checks: Any, pictures: bool) -> 
     for note in notes:
         screen.line(f"note: {note}")
     if checks:
-        show_outcomes(checks, "s")
+        screen.known_answers(checks, "s")
     for reduced in bodies if pictures else ():
         from flexmb.view import render_modes
 

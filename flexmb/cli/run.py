@@ -22,7 +22,6 @@ from flexmb.cli.app import (
     command,
     parse_pairs,
 )
-from flexmb.cli.check import show_outcomes
 from flexmb.units import SI, UnitSystem
 
 Number = float | int | str
@@ -161,7 +160,7 @@ def _show_run(report: Any) -> None:
     for note in report.notes:
         screen.line(f"note: {note}")
     if report.checks:
-        show_outcomes(report.checks, result.units.label("s"))
+        screen.known_answers(report.checks, result.units.label("s"))
     files = [*report.flexbodies.values(), report.result, report.picture, report.history]
     screen.heading("files")
     for path in files:

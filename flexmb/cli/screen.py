@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Iterable, Sequence
 from types import TracebackType
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -64,6 +64,40 @@ def table(
         screen.width = max(screen.width, Console(width=_UNLIMITED).measure(shown).maximum)
     if shown.row_count:
         screen.print(shown)
+
+
+OUTCOME_FIGURES = ("value", "expected", "off by", "allowed")
+
+
+def outcome_figures(o: Any) -> tuple[str, ...]:
+    """Cells of a known answer under `OUTCOME_FIGURES`."""
+    error = f"{abs(o.value - o.expected):.2g}"
+    return f"{o.value:.12g}", f"{o.expected:.12g}", error, f"{o.tolerance:.2g}"
+
+
+def failed_outcomes(outcomes: Sequence[Any], unit: str, where: str = "") -> None:
+    """A line for each known answer that failed; `where` stands before it."""
+    for o in outcomes:
+        if not o.passed:
+            line(f"failed: {where}{o.place(unit)}; the expected value is from: {o.source}")
+
+
+def known_answers(outcomes: Sequence[Any], unit: str) -> None:
+    """Show known answers of a scene with the computed values; times if any has one."""
+    timed = any(o.time is not None for o in outcomes)
+    rows = [
+        (
+            "ok" if o.passed else "FAILED",
+            o.sensor,
+            *(("" if o.time is None else f"{o.time:g}",) if timed else ()),
+            *outcome_figures(o),
+        )
+        for o in outcomes
+    ]
+    when = (f"t [{unit}]",) if timed else ()
+    columns = ("check", "of", *when, *OUTCOME_FIGURES)
+    table(columns, rows, right=range(2, len(columns)), whole=True)
+    failed_outcomes(outcomes, unit)
 
 
 def console() -> Console:

@@ -1,13 +1,18 @@
-"""What Python asks of compiled code: single solves, chunks of the time loop; status as sentence."""
+"""What Python asks of compiled code: methods, single solves, chunks of the time loop; sentences."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+from pkgutil import iter_modules
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from flexmb.engine import initial_conditions, time_loop
+from flexmb.engine import initial_conditions, integrators, state_rows, time_loop
 from flexmb.engine.compile import Compiled
 from flexmb.engine.function import run_program
-from flexmb.engine.integrators import import_methods
 from flexmb.engine.jit import UNITS, Packed, Unit, units_in
 from flexmb.engine.kinematics_point import KinematicsSettings, Path
 from flexmb.engine.method import (
@@ -27,10 +32,13 @@ from flexmb.engine.units import call, call_ready, prepare_units
 from flexmb.engine.work import new_run, output_run, units_of
 from flexmb.progress import Progress, silent
 
+if TYPE_CHECKING:
+    from flexmb.model.scenes.dynamics import DynamicsSpec
+
 
 def all_units() -> tuple[Unit, ...]:
     """All units there are, of all kinds and methods."""
-    import_methods()
+    _makers()  # imports the methods
     return tuple(UNITS[name] for name in sorted(UNITS))
 
 
@@ -118,7 +126,7 @@ def integrate(run: Run | Packed, n_steps: int, aside: Run | Packed | None = None
 def statics_units(system: System) -> list[Unit]:
     """The units that equilibria call, and those that stand in its tables."""
     units = [initial_conditions.solve_stage, initial_conditions.evaluate_equations]
-    return [*units, time_loop.write_equilibrium, *units_of(system)]
+    return [*units, state_rows.write_equilibrium, *units_of(system)]
 
 
 def kinematics_units(system: System) -> list[Unit]:
@@ -226,3 +234,47 @@ def worst_place(compiled: Compiled, work: Work) -> str:
         if gap.max() > 1e-6 * compiled.length:
             return f"{layout.rows[int(np.argmax(gap))]} and body {name}"
     return f"body {name}"
+
+
+AUTO = "auto"
+STIFF_METHOD = "radau"
+"""What a run by "auto" goes over to where stiffness limits the steps."""
+FINE_METHOD = "explicit-rk"
+"""What reaches the smallest errors where nothing is stiff."""
+
+
+@cache
+def _makers() -> dict[str, Callable[[DynamicsSpec], Method]]:
+    """What makes each method for a scene, by name: the tables `METHODS` of all files."""
+    modules = [
+        import_module(f"{integrators.__name__}.{file.name}")
+        for file in iter_modules(integrators.__path__)
+    ]
+    return {
+        name: maker for module in modules for name, maker in getattr(module, "METHODS", {}).items()
+    }
+
+
+def method_name(spec: DynamicsSpec, flexible: bool = False) -> str:
+    """The integrator that a run begins with; `flexible` if the model has flexible bodies."""
+    if spec.method != AUTO:
+        return spec.method
+    if spec.step is not None:
+        return "generalized-alpha"
+    return STIFF_METHOD if flexible else FINE_METHOD
+
+
+def reason_of_method(spec: DynamicsSpec, name: str, flexible: bool) -> str:
+    """Why `method = "auto"` has chosen it; nothing where the scene names its method."""
+    if spec.method != AUTO:
+        return ""
+    if spec.step is not None:
+        return "fixed steps"
+    if name != STIFF_METHOD:
+        return "nothing stiff"
+    return "flexible bodies" if flexible else "stability limits the steps of explicit-rk"
+
+
+def make_integrator(spec: DynamicsSpec, name: str | None = None) -> Method:
+    """The integrator of a name, by default that of `dynamics.method`, for a scene."""
+    return _makers()[name or method_name(spec)](spec)

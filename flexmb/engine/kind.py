@@ -21,6 +21,7 @@ Stages (`engine.equations_of_motion`): signatures of the units of a `Kind`, with
     axes        (run, tables, at)           status; poses that only outputs need
     feedback    (run, tables, at)           status; forces by what is measured
     reaction    (run, tables, at)           number; loads by multipliers, their largest change
+    static      (run, tables, at)           number; deformation by loads, its largest change
     wrench      (run, tables, at)           status; forces, into the wrenches of markers
     force       (run, tables, at)           status; forces, into the residual
     matrix      (run, tables, at, cv, cp)   status; tangents, into the iteration matrix

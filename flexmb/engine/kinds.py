@@ -10,6 +10,7 @@ from flexmb.engine.bodies.flexible_body import FLEXIBLE_BODIES
 from flexmb.engine.bodies.inertia_coupling import CONSTANT_BODIES, PARTIAL_BODIES
 from flexmb.engine.bodies.marker import FLEXIBLE_MARKERS, POINT_MARKERS, RIGID_MARKERS
 from flexmb.engine.bodies.rigid_body import PLANAR_BODIES, RIGID_BODIES
+from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.function import TIME_FUNCTIONS
 from flexmb.engine.joints.constraint import CONSTRAINT_ROWS, JOINTS
 from flexmb.engine.joints.coordinate import COORDINATES
@@ -35,6 +36,7 @@ KINDS: tuple[Kind, ...] = (
     FLEXIBLE_BODIES,
     PARTIAL_BODIES,
     CONSTANT_BODIES,
+    STATIC_MODES,
     POINT_MARKERS,
     RIGID_MARKERS,
     FLEXIBLE_MARKERS,

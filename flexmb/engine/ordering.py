@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from flexmb.engine.bodies.flexible_body import modal_block, put_flags
 from flexmb.engine.bodies.marker import MarkerTable
 from flexmb.engine.bodies.rigid_body import second_moments
+from flexmb.engine.bodies.static_modes import StaticModes, static_modes, without_inertia
 from flexmb.engine.geometry import Geometry
 from flexmb.engine.joints.constraint_groups import (
     Groups,
@@ -31,6 +33,7 @@ from flexmb.engine.symbolic import Blocks, Symbolic, analyse
 from flexmb.engine.tables import BODY, GROUP, Functions, Kkt, Pool, Sensors
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
+from flexmb.model.bandwidth import cutoff_frequency
 from flexmb.model.body import BodySpec, RigidBodySpec
 from flexmb.model.control import channel_program, resolved, states_of
 from flexmb.model.flexible_body import COUPLINGS, FlexibleBodySpec
@@ -85,6 +88,7 @@ def build_tables(model: Model, flexbodies: Mapping[str, FlexBody]) -> ModelTable
     table = coordinate_table(scalars, nq, nv)
     lowering = Lowering(Geometry(model, flexbodies), markers, functions, groups, scalars)
     kinds = {kind.name: kind.lower(lowering) for kind in KINDS if kind.lower is not None}
+    kinds["static_modes"] = _static_modes(model, flexbodies)
     kinds = {name: tables for name, tables in kinds.items() if tables is not None}
     ground = markers.on_ground()
     ivs = {s.name: nv + before - len(states) + k for k, s in enumerate(states)}
@@ -117,8 +121,9 @@ def body_table(model: Model, flexbodies: Mapping[str, FlexBody], pool: Pool) -> 
     table["mass"][rigid], table["S1"][rigid], table["S0"][rigid] = second_moments(
         [spec for spec in specs if isinstance(spec, RigidBodySpec)]
     )
-    for k, body in flexible.items():
+    for k, reduced in flexible.items():
         row, spec = table[k], specs[k]
+        body = without_inertia(reduced, quasi_static(spec, reduced, model))
         row["m"], row["mass"], row["S1"], row["S0"] = body.m, body.mass, body.S1, body.S0
         coupling = spec.inertia_coupling if isinstance(spec, FlexibleBodySpec) else "full"
         row["coupling"] = COUPLINGS.index(coupling)
@@ -127,6 +132,23 @@ def body_table(model: Model, flexbodies: Mapping[str, FlexBody], pool: Pool) -> 
     for name, n in (("iq", 7 + table["m"]), ("iv", 6 + table["m"]), ("z", 12 * table["m"])):
         table[name] = np.cumsum(n) - n
     return table
+
+
+def quasi_static(spec: BodySpec, body: FlexBody, model: Model) -> tuple[int, ...]:
+    """Numbers of the quasi-static modes of a body."""
+    if not isinstance(spec, FlexibleBodySpec) or body.m == 0:
+        return ()
+    automatic = spec.deformation == "automatic"
+    return spec.static_modes(body, cutoff_frequency(model) if automatic else math.inf)
+
+
+def _static_modes(model: Model, flexbodies: Mapping[str, FlexBody]) -> StaticModes | None:
+    """Tables of the quasi-static modes of all bodies."""
+    names = [*model.bodies]
+    return static_modes([
+        (names.index(name), body, quasi_static(model.bodies[name], body, model))
+        for name, body in flexbodies.items()
+    ])  # fmt: skip
 
 
 def _frame_reactions(

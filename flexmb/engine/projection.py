@@ -25,10 +25,11 @@ from flexmb.engine.equations_of_motion import (
     position_stage,
     rate_stage,
     reaction_stage,
+    residual,
     velocity_stage,
     walk,
 )
-from flexmb.engine.jit import Vector, kernel, unit
+from flexmb.engine.jit import Vector, call_value, kernel, unit
 from flexmb.engine.joints.constraint import constraint_right_side
 from flexmb.engine.method import FINE, NO_LOOP, SELF_LOCKING
 from flexmb.engine.state import Point, Run
@@ -37,6 +38,8 @@ _ROUNDS = 3
 _REFINEMENTS = 2
 # Forces that depend on accelerations or reactions: rounds until they settle, relative.
 _LOOP_ROUNDS, _LOOP_CLOSED = 100, 1e-12
+# Quasi-static modes follow the loads up to this weighted change.
+_STATIC = 1e-11
 # A correction of positions this small, relative to the model, is round-off.
 _ROUND_OFF = 1e-13
 # Loads that follow from reactions, such as friction in joints, agree with them to this share of the
@@ -119,6 +122,50 @@ def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
     status; NO_LOOP where forces that depend on accelerations or reactions do not settle,
     SELF_LOCKING where friction does not.
     """
+    status = _solve_motion(run, at, cp, project)
+    if len(run.stages.static.units) == 0:
+        return status
+    for _ in range(_LOOP_ROUNDS):
+        status = max(status, forces(run, at))
+        change = follow_loads(run, at)
+        if status != FINE or not math.isfinite(change):
+            return max(status, NO_LOOP)
+        if change <= _STATIC:
+            return status
+        status = _solve_motion(run, at, cp, project)
+    return NO_LOOP
+
+
+@kernel
+def follow_loads(run, at):
+    """Let quasi-static modes follow Trial.res; their largest weighted change."""
+    units, tables, change = run.stages.static.units, run.stages.static.tables, 0.0
+    for k in range(len(units)):
+        change = max(change, call_value(units[k], run, tables[k], at))
+    return change
+
+
+@unit
+def settle_static_modes(run: Run, at: Point) -> int:
+    """Quasi-static modes at the end of a step, and joints closed with them; returns the status.
+
+    By the present factor; velocities, accelerations and multipliers stay.
+    """
+    for _ in range(_LOOP_ROUNDS):
+        status = residual(run, at)
+        change = follow_loads(run, at)
+        if status != FINE or not change < 1.0:
+            return max(status, NO_LOOP)
+        position_stage(run, at)
+        project_positions(run, at, _ROUNDS)
+        if change <= _SETTLED:
+            return status
+    return NO_LOOP
+
+
+@unit
+def _solve_motion(run: Run, at: Point, cp: float, project: int) -> int:
+    """The same with quasi-static modes as they are."""
     if run.method.stabilised == 1:
         project = NOTHING
     position_stage(run, at)

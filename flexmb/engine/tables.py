@@ -47,7 +47,8 @@ BODY = np.dtype(
 )
 
 # Blocks of the pool of one flexible body, in this order, with their sizes (rows, columns). With
-# constant coupling the last two are left out.
+# constant coupling the last two are left out, with partial coupling the last one, and the rows of
+# the nine blocks of M stand side by side: (m, 9 m).
 FLEX_LAYOUT = (
     ("p", 3),  # int rho N_b Phi: (3, m)
     ("P", 9),  # P[a, b] at row 3 a + b: (9, m)

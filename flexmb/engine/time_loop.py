@@ -26,7 +26,6 @@ from flexmb.engine.bodies.motion import move
 from flexmb.engine.equations_of_motion import (
     begin_history,
     begin_run,
-    bias_stage,
     complete_poses,
     constraint_stage,
     factorise_metric,
@@ -37,7 +36,6 @@ from flexmb.engine.equations_of_motion import (
     rate_stage,
     reaction_stage,
     remember,
-    residual,
     velocity_stage,
     walk,
 )
@@ -229,16 +227,16 @@ def write_output(run: Run) -> int:
         return status
     constraint_stage(run, at)
     count_turns(run, at, tr.angles)
-    _write_motion(run, at, tr, run.work.con.drift[0])
+    write_motion(run, at, tr, run.work.con.drift[0])
     put_energies(run, at, tr.work_done, run.output.energy[run.output.rows[0]])
     copy(st.history, run.work.now.history)
-    status = _end_row(run, at, tr)
+    status = end_row(run, at, tr)
     copy(st.angles, run.work.feedback.near)
     return status
 
 
 @kernel
-def _write_motion(run, at, state, velocity_drift):
+def write_motion(run, at, state, velocity_drift):
     """Write time, coordinates, multipliers, reactions and drift of a state into the next row."""
     out = run.output
     row = out.rows[0]
@@ -253,7 +251,7 @@ def _write_motion(run, at, state, velocity_drift):
 
 
 @kernel
-def _end_row(run, at, state):
+def end_row(run, at, state):
     """Write the channels of a state and count the row, if it is finite; returns the status."""
     out = run.output
     row = out.rows[0]
@@ -388,32 +386,13 @@ def write_point(run: Run, path: Path, settings: KinematicsSettings) -> int:
     status = solve_reactions(run)
     if status != FINE:
         return status
-    _write_motion(run, at, st, largest(run.work.con.rate))
+    write_motion(run, at, st, largest(run.work.con.rate))
     powers(run, at)
     copy(run.work.powers, st.power)
     add_works(settings.interval, st.count[0]["outputs"], st.power, path.powers, st.work_done)
     put_energies(run, at, st.work_done, run.output.energy[run.output.rows[0]])
     remember(run, at, st.history)
-    return _end_row(run, at, st)
-
-
-@unit
-def write_equilibrium(run: Run) -> int:
-    """Write the state at rest with its own multipliers; returns the status."""
-    st, at = run.state, run.state_point
-    begin_run(run, at)
-    status = residual(run, at)
-    if status != FINE:
-        return status
-    velocity_stage(run, at)
-    bias_stage(run, at)
-    complete_poses(run, at)
-    if st.count[0]["outputs"] == 0:
-        count_turns(run, at, st.angles)
-    count_turns(run, at, st.angles)
-    _write_motion(run, at, st, 0.0)
-    put_energies(run, at, st.work_done, run.output.energy[run.output.rows[0]])
-    return _end_row(run, at, st)
+    return end_row(run, at, st)
 
 
 @unit

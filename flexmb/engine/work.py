@@ -189,6 +189,7 @@ def new_work(system: System, channels: int = 0, method: Method = _NO_METHOD) -> 
         _nan_records(len(m), BODY_NOW),
         _nan_records(len(system.parts.markers), MARKER_NOW),
         _nan(12 * int(m.sum())),
+        _nan(9 * int(m.max(initial=0))),
         _nan(*_bending_shape(system.parts)),
         _nan_records(len(system.parts.curve_markers), CURVE_MARKER_NOW),
         _nan(history),

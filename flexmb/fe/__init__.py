@@ -29,8 +29,14 @@ from flexmb.fe.reduction.reduced_basis import (
 from flexmb.fe.reduction.user_modes import user_modes
 from flexmb.fe.sections.beam_chain import TaperedSection, tapered
 from flexmb.fe.sections.beam_section import BeamSection, general
-from flexmb.fe.sections.material import SolidSection, resolve
-from flexmb.fe.sections.section_tables import circle, rectangle, section_from, tube
+from flexmb.fe.sections.section_tables import (
+    SolidSection,
+    circle,
+    rectangle,
+    resolve,
+    section_from,
+    tube,
+)
 from flexmb.fe.sections.shell_section import (
     Layer,
     ShellSection,

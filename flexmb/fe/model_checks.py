@@ -31,7 +31,7 @@ from flexmb.fe.meshes.mesh import Mesh, dimension
 from flexmb.fe.reduction.fixed_interface import read_modes
 from flexmb.fe.reduction.user_modes import read_user_modes
 from flexmb.fe.sections.beam_chain import BoundBeam
-from flexmb.fe.sections.material import plausibility
+from flexmb.fe.sections.section_tables import plausibility
 from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero
 
 CORNERS: dict[str, tuple[str, float]] = {

@@ -44,7 +44,7 @@ from flexmb.fe.model_checks import (
 )
 from flexmb.fe.reduction.eigenmodes import SymmetryPlane, make_symmetry_plane
 from flexmb.fe.reduction.geometric_stiffening import require_stresses, with_geometric_stiffening
-from flexmb.fe.reduction.inertia_loads import inertia_response
+from flexmb.fe.reduction.inertia_relief import inertia_response
 from flexmb.fe.reduction.methods import (
     check_options,
     coordinates_text,
@@ -67,8 +67,7 @@ from flexmb.fe.scikit_fem import (
     refuse_matrices,
     refuse_mesh_options,
 )
-from flexmb.fe.sections.material import MaterialLike, resolve
-from flexmb.fe.sections.section_tables import sections_from
+from flexmb.fe.sections.section_tables import MaterialLike, resolve, sections_from
 from flexmb.fe.stress import stress_option, with_recovery
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.mesh_options import PointLoad

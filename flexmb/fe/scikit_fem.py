@@ -24,7 +24,7 @@ from flexmb.fe.assembly.numbering import Numbering
 from flexmb.fe.elements.element_blocks import FAMILIES, Block
 from flexmb.fe.elements.solid_elements import Solid
 from flexmb.fe.meshes.mesh import Mesh
-from flexmb.fe.sections.material import SolidSection
+from flexmb.fe.sections.section_tables import SolidSection
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.materials import AnyMaterial
 from flexmb.units import unit_system

@@ -111,7 +111,9 @@ class DampingOptions:
         if len(words) > 1 or not (words or self.modes or self.critical_above):
             what = f"has {' and '.join(words) or 'no ratios'}; give one of them"
             problems.append(Problem("", what, LAWS))
-        modes = {} if self.modes is None else self.modes
+        modes: Any = {} if self.modes is None else self.modes
+        if not isinstance(modes, Mapping):
+            return [Problem("modes", f"a table {{number = ratio}} is expected, given {modes!r}")]
         ratios: dict[str, float | None] = {"ratio": self.ratio}
         ratios |= {f"modes.{k}": value for k, value in modes.items()}
         ratios |= {f"bands[{k}].ratio": band.ratio for k, band in enumerate(self.bands or ())}

@@ -27,7 +27,7 @@ from pydantic import (
     model_validator,
 )
 
-from flexmb.errors import FlexmbError, Problem, SceneError
+from flexmb.errors import FlexmbError, Problem, SceneError, nearest
 from flexmb.flexbody.damping import (
     PRESETS,
     Band,
@@ -235,6 +235,9 @@ def _read_damping(value: Any, info: ValidationInfo) -> DampingOptions | None:
         return value
     value = plain(value)
     if isinstance(value, str) and value not in PRESETS:
+        if value.isidentifier() and value not in context_of(info):
+            names = (*PRESETS, "a ratio, or a table")
+            raise fail(Problem("", f'unknown name "{value}"', names, nearest(value, PRESETS)))
         value = Quantity("", "not negative").read(value, info)
     spec, problems = read_entry(DAMPING_KINDS["damping"], damping_table(value), context_of(info))
     if spec is None:

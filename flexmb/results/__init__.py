@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from flexmb.engine.tables import BodyColumns
-from flexmb.results.body_damping import DAMPING, BodyDamping, damping_text
 from flexmb.results.channels import Columns, row_bytes, stored_columns
+from flexmb.results.reader import DAMPING, BodyDamping, damping_text
 from flexmb.results.recovery import PeakStress, SectionForces, Stress
 from flexmb.results.result import NOT_UNIQUE, Pose, Reaction, Result, load_result
 from flexmb.results.result_file import extend_file, file_format, store_text

@@ -22,6 +22,7 @@ from flexmb.view.shapes import sphere
 Array = NDArray[np.float64]
 
 _DPI = 100
+_LETTERS = 1.25  # letters of size 1 for each pixel of the width, with some room at the end
 _AMBIENT = 0.45  # brightness of a face turned away from the light
 _LAMP = (-0.3, 0.5, 0.8)  # above the shoulder of the eye: right, above, towards
 _WARNING = "#a33a00"
@@ -65,7 +66,8 @@ def _draw_panel(cell: Any, content: Content, rows: int) -> None:
     axes.set_xlim(low[0] - pad, high[0] + pad)
     axes.set_ylim(low[1] - pad, high[1] + pad)
     for text, y, size in ((content.title, 0.955, 13), (content.caption, 0.905, 10)):
-        cell.text(0.02, y, text, fontsize=max(size * rows**-0.5, 7.0), color=INK, va="center")
+        font = min(max(size * rows**-0.5, 7.0), _LETTERS * cell.bbox.width / max(len(text), 1))
+        cell.text(0.02, y, text, fontsize=font, color=INK, va="center")
     if content.scale is not None and content.bar:
         mapped = ScalarMappable(Normalize(0.0, content.scale.top or 1.0), COLORMAP)
         bar = cell.colorbar(mapped, cax=cell.add_axes((0.9, 0.2, 0.018, 0.6)))

@@ -48,6 +48,7 @@ print("window:" + plotter.render_window.GetClassName())
 
 _FEATURE_DEGREES = 35.0  # edges sharper than this are drawn as lines
 _MARGIN = 1.04  # of the fitted view
+_LETTER = 0.76  # width of a letter over the size of the text, with some room at the end
 _ROOM = (0.90, 0.74)  # of width and height that the captions leave free
 _BAR = 0.10  # of the width that the colour bar takes
 _LIGHT = {"ambient": 0.32, "diffuse": 0.78, "specular": 0.08}  # colours stay those of the scale
@@ -276,8 +277,11 @@ def _add_edges(plotter: Any, mesh: Any, color: str, opacity: float) -> None:
 
 
 def _add_texts(plotter: Any, content: Content, size: tuple[int, int], mapper: Any) -> None:
-    height = size[1]
-    large, small = max(round(height / 38), 9), max(round(height / 52), 8)
+    width, height = size
+    large, small = (
+        min(max(height / share, least), width / (_LETTER * max(len(text), 1)))
+        for share, least, text in ((38, 9.0, content.title), (52, 8.0, content.caption))
+    )
     place = {"viewport": True, "color": INK}
     first = 1 - 2.1 * large / height  # a line each, also where a panel is low
     second = first - 2.05 * small / height
@@ -295,8 +299,8 @@ def _add_texts(plotter: Any, content: Content, size: tuple[int, int], mapper: An
             n_labels=5,
             fmt="%.3g",
             color=INK,
-            title_font_size=round(1.15 * small),
-            label_font_size=round(1.15 * small),
+            title_font_size=round(1.15 * max(height / 52, 8)),
+            label_font_size=round(1.15 * max(height / 52, 8)),
         )
     plotter.add_axes(color=INK, line_width=2, viewport=(0.0, 0.0, 0.14, 0.2))
 

@@ -6,6 +6,7 @@ The command line and the Python API use the same functions.
 from flexmb.workflow.audit import Audit, EffectOutcome, audit
 from flexmb.workflow.check import CheckReport, check_scene, mobility
 from flexmb.workflow.check_all import SceneChecks, check_all
+from flexmb.workflow.drive_forces import inverse_dynamics
 from flexmb.workflow.flexible_bodies import (
     ReducedBody,
     ReducedScene,
@@ -45,6 +46,7 @@ __all__ = [
     "equilibria",
     "examine_installation",
     "flexible_bodies",
+    "inverse_dynamics",
     "kinematics",
     "linearize",
     "listing",

@@ -66,7 +66,6 @@ def test_kernels_import_numpy_the_tables_and_each_other(project: Path) -> None:
         "flexmb.engine.kind",
         "flexmb.engine.lowering",
         "flexmb.engine.jit",
-        "flexmb.engine.jit",
     )
     rooms = ("algebra", "bodies", "joints", "forces", "sensors")
     equations = ("function", "equations_of_motion", "projection")

@@ -12,7 +12,7 @@ from flexmb.model import Model
 BAD = {
     "negative": (-0.1, "bodies.bar.damping: must be zero or positive, is -0.1"),
     "percent": (2, "bodies.bar.damping: must lie between 0 and 1 .*, is 2; 2 % is 0.02"),
-    "unknown preset": ("addams", "addams"),
+    "unknown preset": ("addams", 'bodies.bar.damping: unknown name "addams"; nearest: adams'),
     "two laws": ({"ratio": 0.1, "preset": "adams"}, "has ratio and preset; give one of them"),
     "no law": ({"of": "free"}, "has no ratios; give one of them"),
     "misspelt": ({"ratoi": 0.1}, 'unknown key "ratoi"; .*nearest: ratio|nearest: ratio'),

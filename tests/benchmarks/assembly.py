@@ -21,7 +21,7 @@ from flexmb.fe.assembly.numbering import Accumulator
 from flexmb.fe.elements.element_blocks import FAMILIES
 from flexmb.fe.meshes.mesh_shapes import mesh_from
 from flexmb.fe.scikit_fem import mesh_from_skfem
-from flexmb.fe.sections.material import SolidSection
+from flexmb.fe.sections.section_tables import SolidSection
 
 _STEEL = resolve("steel")
 _KINDS = {  # scikit-fem's mesh and element, divisions, orders of the rules for stiffness and mass

@@ -88,8 +88,7 @@ def _add_body(made, kind):
 
 def prepared(kind):
     """Make a run of one of them ready here; prints how many units were compiled, and how long."""
-    from flexmb.engine.entries import prepare_integration
-    from flexmb.engine.integrators import make_integrator
+    from flexmb.engine.entries import make_integrator, prepare_integration
 
     model, compiled = with_one(kind)
     begin = time.perf_counter()

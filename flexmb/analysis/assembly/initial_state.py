@@ -144,6 +144,8 @@ def assemble(
         settle(compiled, model, state)
         velocities.set(state)
         _set_states(compiled, state, work, None)
+    if "static_modes" in system.kinds:
+        _settle_static_modes(system, state, work, close if begin is None else None)
     solve_stage(system, state, work, REMEMBER)
     damped, dampings = add_damping(compiled, model, state.q)
     _solve_accelerations(damped.system, state, work)
@@ -201,6 +203,23 @@ def _equilibrate(
     raise AssemblyError(
         "the flexible bodies find no elastic equilibrium with the first motion: it is too fast or "
         'the body too soft for dynamics.start = "quasi-static"; use "undeformed", or begin slower'
+    )
+
+
+def _settle_static_modes(
+    system: System, state: State, work: Work, close: Callable[[], None] | None
+) -> None:
+    """Static equilibrium of the quasi-static modes with the first motion, joints closed."""
+    for _ in range(_MAX_ROUNDS):
+        before = state.q.copy()
+        _solve_accelerations(system, state, work)
+        change = float(np.abs(state.q - before).max())
+        if close is None or change <= _EQUILIBRIUM:
+            return
+        close()
+    raise AssemblyError(
+        "the quasi-static modes find no equilibrium with the first motion: the bodies are too soft "
+        'for it; use deformation = "dynamic"'
     )
 
 
@@ -269,7 +288,7 @@ def _weighted(system: System, weights: Array) -> System:
         m, at = int(body["m"]), int(body["flex"])
         forms = at + 12 * m + 3 * m * m  # before them stiffness and damping
         pool[at : forms - 2 * m * m] *= weight
-        pool[forms : forms + (12 * m * m if body["coupling"] else 0)] *= weight
+        pool[forms : forms + (0, 9, 12)[int(body["coupling"])] * m * m] *= weight
     return system._replace(parts=system.parts._replace(bodies=bodies, pool=pool))
 
 

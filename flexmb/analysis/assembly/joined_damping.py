@@ -33,8 +33,7 @@ from flexmb.engine.work import new_state, new_work
 from flexmb.errors import AssemblyError, FlexmbError, Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.damping import DampingOptions, read_damping
-from flexmb.flexbody.natural_modes import mass_at_rest
-from flexmb.flexbody.vibrations import Vibrations, damping_matrix, damping_ratios
+from flexmb.flexbody.natural_modes import Vibrations, damping_matrix, damping_ratios, mass_at_rest
 from flexmb.model.markers import rotation_matrix
 from flexmb.model.model import Model
 from flexmb.results import BodyDamping

@@ -46,9 +46,9 @@ from flexmb.analysis.procedure import (
 )
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import integration_units
-from flexmb.engine.integrators import (
+from flexmb.engine.entries import (
     STIFF_METHOD,
+    integration_units,
     make_integrator,
     method_name,
     reason_of_method,

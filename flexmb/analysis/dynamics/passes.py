@@ -38,9 +38,16 @@ from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
 from flexmb.analysis.procedure import PhaseTimer
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import prepare_integration, solve_stage
+from flexmb.engine.entries import (
+    AUTO,
+    FINE_METHOD,
+    STIFF_METHOD,
+    make_integrator,
+    method_name,
+    prepare_integration,
+    solve_stage,
+)
 from flexmb.engine.initial_conditions import ACCELERATIONS
-from flexmb.engine.integrators import AUTO, FINE_METHOD, STIFF_METHOD, make_integrator, method_name
 from flexmb.engine.method import Settings
 from flexmb.engine.state import State
 from flexmb.engine.work import new_state, new_work

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 
-from flexmb.engine.algebra.vector import copy, dot, zero
+from flexmb.engine.algebra.vector import add_multiple, copy, dot, zero
 from flexmb.engine.jit import Matrix, Vector, kernel, unit
 from flexmb.engine.method import FINE
 from flexmb.engine.state import ComplexFactor, Factor, Run
@@ -89,17 +89,11 @@ def _factor_panel(panel, L, W, d):
         row = at + i * nc
         w = i * nc
         for j in range(min(i, nc)):
-            s = L[row + j]
-            lj = at + j * nc
-            for k in range(j):
-                s -= W[w + k] * L[lj + k]
-            W[w + j] = s
+            W[w + j] = L[row + j] - dot(W, w, L, at + j * nc, j)
         for j in range(min(i, nc)):
             L[row + j] = W[w + j] / d[col + j]
         if i < nc:
-            s = L[row + i]
-            for k in range(i):
-                s -= W[w + k] * L[row + k]
+            s = L[row + i] - dot(W, w, L, row, i)
             d[col + i], fixed = _guarded(s, L[row + i], panel["sign"])
             fixes += fixed
     return fixes
@@ -125,21 +119,14 @@ def _factor_panel_pair(panel, L, U, W, V, d):
         row = at + i * nc
         w = i * nc
         for j in range(min(i, nc)):
-            s = L[row + j]
-            t = U[row + j]
             lj = at + j * nc
-            for k in range(j):
-                s -= W[w + k] * U[lj + k]
-                t -= V[w + k] * L[lj + k]
-            W[w + j] = s
-            V[w + j] = t
+            W[w + j] = L[row + j] - dot(W, w, U, lj, j)
+            V[w + j] = U[row + j] - dot(V, w, L, lj, j)
         for j in range(min(i, nc)):
             L[row + j] = W[w + j] / d[col + j]
             U[row + j] = V[w + j] / d[col + j]
         if i < nc:
-            s = L[row + i]
-            for k in range(i):
-                s -= W[w + k] * U[row + k]
+            s = L[row + i] - dot(W, w, U, row, i)
             d[col + i], fixed = _guarded(s, L[row + i], panel["sign"])
             fixes += fixed
     return fixes
@@ -202,16 +189,10 @@ def _solve(panels, rows_of, L, U, d, b):
 @kernel
 def _backward(at, nc, col, rows, nr, rows_of, U, b):
     for i in range(nr):
-        x = b[rows_of[rows + i]]
-        o = at + (nc + i) * nc
-        for k in range(nc):
-            b[col + k] -= U[o + k] * x
+        add_multiple(-b[rows_of[rows + i]], U, at + (nc + i) * nc, b, col, nc)
     for j in range(nc - 1):
         i = nc - 1 - j
-        x = b[col + i]
-        o = at + i * nc
-        for k in range(i):
-            b[col + k] -= U[o + k] * x
+        add_multiple(-b[col + i], U, at + i * nc, b, col, i)
 
 
 @kernel

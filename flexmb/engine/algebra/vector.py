@@ -162,11 +162,30 @@ def store(a, b):
 
 @kernel
 def dot(a, i, b, j, n):
-    """a[i:i+n]·b[j:j+n]."""
-    s = 0.0
-    for k in range(n):
+    """a[i:i+n]·b[j:j+n].
+
+    Indices without sign cannot count from the end, so that the loop becomes one over vectors.
+    """
+    s, i, j = 0.0, np.uintp(i), np.uintp(j)
+    for k in range(np.uintp(n)):
         s += a[i + k] * b[j + k]
     return s
+
+
+@kernel
+def put_combination(f, a, i, g, b, j, out, o, n):
+    """out[o:o+n] = f a[i:i+n] + g b[j:j+n]."""
+    i, j, o = np.uintp(i), np.uintp(j), np.uintp(o)
+    for k in range(np.uintp(n)):
+        out[o + k] = f * a[i + k] + g * b[j + k]
+
+
+@kernel
+def add_multiple(f, a, i, b, j, n):
+    """b[j:j+n] += f a[i:i+n]."""
+    i, j = np.uintp(i), np.uintp(j)
+    for k in range(np.uintp(n)):
+        b[j + k] += f * a[i + k]
 
 
 @kernel

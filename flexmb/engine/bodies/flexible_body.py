@@ -65,11 +65,7 @@ def add_product(
 ) -> int:
     """out[oo:oo+n] += f × (n × m block of the pool at `at`) v[o:o+m]."""
     for i in range(n):
-        s = 0.0
-        row = at + i * m
-        for j in range(m):
-            s += pool[row + j] * v[o + j]
-        out[oo + i] += f * s
+        out[oo + i] += f * dot(pool, at + i * m, v, o, m)
     return FINE
 
 
@@ -195,7 +191,7 @@ def put_modal_matrix(run: Run, i: int, at: Point, cv: float, cp: float) -> int:
     if cv != 0.0 or cp != 0.0:
         a = plus(part(at.vd, body["iv"]), -1.0, triple(parts.gravity))
         _add_mode_columns(body, bn, turned_back(bn["A"], a), pool, Z, at.v, at.vd, cv, cp, B)
-        add_modal_block(body, pool, at.v, at.vd, cv, cp, 1.0, 0, B)
+        _add_modal_block(body, pool, at.v, at.vd, cv, cp, B)
     return FINE
 
 
@@ -268,22 +264,19 @@ def _add_mode_columns(body, bn, a, pool, Z, v, vd, cv, cp, B):
 
 
 @kernel
-def add_modal_block(body, pool, v, vd, cv, cp, euler, first, B):
-    """Modal rows with the modes: cp (K − Σ ω̇_b G_b + Σ B_bc M_bc) + cv (D − 2 Σ ω_b G_b).
-
-    `euler` 0 leaves the term of ω̇ out, `first` 1 the blocks of K and D.
-    """
+def _add_modal_block(body, pool, v, vd, cv, cp, B):
+    """Modal rows with the modes: cp (K − Σ ω̇_b G_b + Σ B_bc M_bc) + cv (D − 2 Σ ω_b G_b)."""
     m, o, at = body["m"], body["iv"] + 3, body["flex"] + 12 * body["m"]
     om = part(v, o)
     square = inner(om, om)
-    for b in range(first, 5):  # blocks M_ηη, K, D, then M_bc, then G_c
+    for b in range(5):  # blocks M_ηη, K, D, then M_bc, then G_c
         for c in range(3):
             if b == 0:
                 f = cp if c == 1 else cv if c == 2 else 0.0
             elif b < 4:
                 f = cp * (v[o + b - 1] * v[o + c] - (square if b - 1 == c else 0.0))
             else:
-                f = -2.0 * cv * v[o + c] - euler * cp * vd[o + c]
+                f = -2.0 * cv * v[o + c] - cp * vd[o + c]
             if f != 0.0:
                 for k in range(m):
                     row = at + ((3 * b + c) * m + k) * m
@@ -377,7 +370,11 @@ def modal_block(body: FlexBody, coupling: str = "full") -> Array:
         M = body.Mab
         if body.centrifugal_stiffness is not None:
             M = M - body.centrifugal_stiffness
-        parts += [M[b, a] for a in range(3) for b in range(3)]
+        forms = np.array([M[b, a] for a in range(3) for b in range(3)])
+        if coupling == "partial":
+            parts.append(forms.transpose(1, 0, 2))
+            return np.concatenate([np.ascontiguousarray(part).ravel() for part in parts])
+        parts.append(forms)
         parts += [M[1, 2] - M[2, 1], M[2, 0] - M[0, 2], M[0, 1] - M[1, 0]]
     return np.concatenate([np.ascontiguousarray(part).ravel() for part in parts])
 

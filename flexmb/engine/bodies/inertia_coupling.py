@@ -19,8 +19,8 @@ velocity terms that are linear in the deformation:
     modes    Σ B_bc (P_cb + M_bc η) − 2 Σ ω'_k G_k η̇
 
 Left out is what is of second order in the inertia of the whole body: M_bc in J, M_ωη and V. Energy
-and angular momentum hold but for terms of that order. The terms with M_bc, the softening by
-rotation and the Coriolis forces between modes, go into the iteration matrix only where they count.
+and angular momentum hold but for terms of that order. In mean axes the velocity terms go into the
+iteration matrix only where the body turns by a few degrees in a step.
 Source: Shabana, Dynamics of Multibody Systems, 4th ed., §5.4; for the orders Padilla & von Flotow,
 J. Guidance 15 (1992) 131.
 """
@@ -30,6 +30,7 @@ from __future__ import annotations
 from flexmb.engine.algebra.ldl import add_body_block
 from flexmb.engine.algebra.vector import (
     add_column,
+    add_multiple,
     add_part,
     dot,
     inner,
@@ -38,6 +39,7 @@ from flexmb.engine.algebra.vector import (
     outer,
     part,
     plus,
+    put_combination,
     put_part,
     times,
     triple,
@@ -45,7 +47,6 @@ from flexmb.engine.algebra.vector import (
     turned_back,
 )
 from flexmb.engine.bodies.flexible_body import (
-    add_modal_block,
     add_modal_product,
     add_product,
     damping_power,
@@ -65,8 +66,8 @@ from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.state import Point, Run
 
-# Velocity terms between modes enter the iteration matrix where they change it by more than this
-# share of the modal mass.
+# Velocity terms of partial coupling enter the iteration matrix where they change it by more than
+# this share of the mass.
 _NEGLIGIBLE = 0.05
 
 
@@ -144,13 +145,13 @@ def constant_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
 @unit
 def partial_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
     """Trial.res = the same with all velocity terms that are linear in the deformation."""
-    parts, out, q, v = run.system.parts, run.work.trial.res, at.q, at.v
-    pool, x = parts.pool, run.work.dense.T[0]
+    parts, out, q, v, x = run.system.parts, run.work.trial.res, at.q, at.v, run.work.now.X
+    pool = parts.pool
     for n in range(of.rows.shape[0]):
         i = of.rows[n]
         body, V = parts.bodies[i], run.work.now.body[i]["V"]
         m, iv, P = body["m"], body["iv"], body["flex"] + 3 * body["m"]
-        o, eta, at_M, size = iv + 6, body["iq"] + 7, P + 9 * m + 3 * m * m, m * m
+        o, eta, at_M = iv + 6, body["iq"] + 7, P + 9 * m + 3 * m * m
         _put_undeformed_forces(run, i, at, m)
         om = part(v, iv + 3)
         square = inner(om, om)
@@ -158,24 +159,30 @@ def partial_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
             continue
         put_modal_rate(pool, P, 3 * m, m, v, o, m, V)
         add_part(out, iv + 3, 2.0, less_trace(V, om))
+        # B_bc η + 2 ω̃_bc η̇ for the nine blocks M_bc, which stand side by side in the pool
         for b in range(3):
             for c in range(3):
-                f = v[iv + 3 + b] * v[iv + 3 + c] - (square if b == c else 0.0)
-                if b == c:
-                    w = 0.0
-                elif (c - b) % 3 == 1:  # 2 ω̃: − ω of the third axis
-                    w = -2.0 * v[iv + 3 + (b + 2) % 3]
-                else:
-                    w = 2.0 * v[iv + 3 + (c + 2) % 3]
-                if f == 0.0 and w == 0.0:
-                    continue
-                for k in range(m):
-                    x[k] = f * q[eta + k] + w * v[o + k]
-                row = at_M + (3 * c + b) * size  # M_bc
-                load = P + (3 * c + b) * m
-                for k in range(m):
-                    out[o + k] += f * pool[load + k] + dot(pool, row + k * m, x, 0, m)
+                f, w = _centrifugal(om, square, b, c), _coriolis(om, b, c)
+                place = (3 * c + b) * m
+                put_combination(f, q, eta, w, v, o, x, place, m)
+                add_multiple(f, pool, P + place, out, o, m)
+        for k in range(m):
+            out[o + k] += dot(pool, at_M + 9 * m * k, x, 0, 9 * m)
     return FINE
+
+
+@kernel
+def _centrifugal(om, square, b, c):
+    """Entry b, c of ω̃²."""
+    return om[b] * om[c] - (square if b == c else 0.0)
+
+
+@kernel
+def _coriolis(om, b, c):
+    """Entry b, c of 2 ω̃."""
+    if b == c:
+        return 0.0
+    return -2.0 * om[3 - b - c] if (c - b) % 3 == 1 else 2.0 * om[3 - b - c]
 
 
 @unit
@@ -222,21 +229,18 @@ def _add_elastic_block(body, pool, cv, cp, B):
 def _add_partial_columns(run, i, at, cv, cp, B):
     """What the modes change in the force and moment, and the spin in the modal forces.
 
-    As in `flexible_body`, with Z = P in the rows of the frame. The integrals with M_bc stand in
-    Now.Z meanwhile.
+    As in `flexible_body`, with Z = P.
     """
     parts, now, v, vd = run.system.parts, run.work.now, at.v, at.vd
     body, bn, pool, Z = parts.bodies[i], now.body[i], parts.pool, now.Z
     m, iv, flex, z, A, V = body["m"], body["iv"], body["flex"], body["z"], bn["A"], bn["V"]
-    o, P, at_G = iv + 6, flex + 3 * m, flex + 12 * m + 12 * m * m
-    om, e = part(v, iv + 3), part(vd, iv + 3)
+    P, om, e = flex + 3 * m, part(v, iv + 3), part(vd, iv + 3)
     a = turned_back(A, plus(part(vd, iv), -1.0, triple(parts.gravity)))
-    put_modal_rate(pool, P, 3 * m, m, v, o, m, V)
+    put_modal_rate(pool, P, 3 * m, m, v, iv + 6, m, V)
     for b in range(3):
         for c in range(3):
             B[3 + b, 3 + c] -= 2.0 * cv * V[c, b]
             B[3 + c, 3 + c] += 2.0 * cv * V[b, b]
-    add_product(pool, at_G - 9 * m * m, 9 * m, m, at.q, body["iq"] + 7, 1.0, Z, z)
     for k in range(m):
         p = mode_vector(pool, flex + k, m)
         turning = outer(om, p)
@@ -247,12 +251,31 @@ def _add_partial_columns(run, i, at, cv, cp, B):
         half = plus(spin, 1.0, outer(om, mode_vector(Z, z + 9 * m + k, m)))
         moment = plus(plus(outer(p, a), 1.0, outer(om, spin)), 1.0, turned(V, e))
         add_column(B, 3, 6 + k, 1.0, plus(times(cv, half), cp, moment))
-        _put_inertia_change(Z, z, m, k, V)
-        add_part(B[6 + k], 3, -cv, turned(V, om))
+        add_part(B[6 + k], 3, -cv, spin)
+
+
+@kernel
+def _add_velocity_block(body, pool, q, v, cv, cp, x, B):
+    """Modal rows: cp Σ B_bc M_bc − 2 cv Σ ω_b G_b, and what M_bc adds in the columns of ω'."""
+    m, o, eta = body["m"], body["iv"] + 6, body["iq"] + 7
+    at_M, om = body["flex"] + 12 * m + 3 * m * m, part(v, body["iv"] + 3)
+    square = inner(om, om)
+    for b in range(3):
+        for c in range(3):
+            f = cp * _centrifugal(om, square, b, c) + cv * _coriolis(om, b, c)
+            for k in range(m):
+                row = at_M + (9 * k + 3 * c + b) * m
+                for r in range(m):
+                    B[6 + k, 6 + r] += f * pool[row + r]
+    for d in range(3):  # with ω_d: ∂B_bc = δ_bd ω_c + ω_b δ_cd − 2 ω_d δ_bc, and 2 ω̃ of the axis d
         for b in range(3):
-            B[6 + k, 3 + b] -= 2.0 * cv * dot(pool, at_G + (b * m + k) * m, v, o, m)
-    for k in range(9 * m):
-        Z[z + k] = pool[P + k]
+            for c in range(3):
+                f = (om[c] if b == d else 0.0) + (om[b] if c == d else 0.0)
+                f -= 2.0 * om[d] if b == c else 0.0
+                w = 0.0 if b in (c, d) or c == d else -2.0 if (c - b) % 3 == 1 else 2.0
+                put_combination(f, q, eta, w, v, o, x, (3 * c + b) * m, m)
+        for k in range(m):
+            B[6 + k, 3 + d] += cv * dot(pool, at_M + 9 * m * k, x, 0, 9 * m)
 
 
 @kernel
@@ -268,8 +291,8 @@ def _put_inertia_change(Z, z, m, k, V):
 
 
 @kernel
-def _add_diagonal_block(run, i, at, cv, cp):
-    """M + cv ∂F/∂v + cp ∂F/∂q of a body of constant coupling in mean axes, into the panel."""
+def _add_sparse_block(run, i, at, cv, cp):
+    """M + cv ∂F/∂v + cp ∂F/∂q of a body in mean axes with diagonal modes, into the panel."""
     kkt, low, up, parts = run.system.kkt, run.work.factor.low, run.work.factor.up, run.system.parts
     body, B, pool = parts.bodies[i], run.work.dense.B, parts.pool
     panel, column, o = kkt.panels[body["panel"]], kkt.column, body["iv"]
@@ -292,13 +315,17 @@ def _add_diagonal_block(run, i, at, cv, cp):
         up[place] += value
 
 
+@kernel
+def _is_sparse(body):
+    return body["attached"] == 0 and body["diagonal"] == 1 and body["damped"] != 1
+
+
 @unit
 def constant_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> int:
     """Add M + cv ∂F/∂v + cp ∂F/∂q of bodies with constant coupling."""
     for n in range(of.rows.shape[0]):
-        body = run.system.parts.bodies[of.rows[n]]
-        if body["attached"] == 0 and body["diagonal"] == 1 and body["damped"] != 1:
-            _add_diagonal_block(run, of.rows[n], at, cv, cp)
+        if _is_sparse(run.system.parts.bodies[of.rows[n]]):
+            _add_sparse_block(run, of.rows[n], at, cv, cp)
         else:
             put_undeformed_matrix(run, of.rows[n], at, cv, cp, 0)
             add_body_block(run, of.rows[n], run.work.dense.B)
@@ -312,21 +339,19 @@ def partial_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> int
     for n in range(of.rows.shape[0]):
         i = of.rows[n]
         body = parts.bodies[i]
+        om = part(at.v, body["iv"] + 3)
+        square = inner(om, om)
+        fast = abs(cp) * square > _NEGLIGIBLE or cv * cv * square > _NEGLIGIBLE**2
+        if _is_sparse(body) and not fast:
+            _add_sparse_block(run, i, at, cv, cp)
+            continue
         put_undeformed_matrix(run, i, at, cv, cp, 1)
-        if cv != 0.0 or cp != 0.0:
-            om = part(at.v, body["iv"] + 3)
+        if fast or (body["attached"] == 1 and (cv != 0.0 or cp != 0.0)):
             _add_partial_columns(run, i, at, cv, cp, B)
-            square = inner(om, om)
-            if abs(cp) * square > _NEGLIGIBLE or cv * cv * square > _NEGLIGIBLE**2:
-                _add_velocity_block(body, parts.pool, at.v, cv, cp, B)
+        if fast:
+            _add_velocity_block(body, parts.pool, at.q, at.v, cv, cp, run.work.now.X, B)
         add_body_block(run, i, B)
     return FINE
-
-
-@kernel
-def _add_velocity_block(body, pool, v, cv, cp, B):
-    """Modal rows with the modes: cp Σ B_bc M_bc − 2 cv Σ ω_b G_b."""
-    add_modal_block(body, pool, v, v, cv, cp, 0.0, 1, B)
 
 
 @kernel

@@ -34,7 +34,7 @@ from flexmb.engine.method import (
     NOT_FINITE,
     Method,
 )
-from flexmb.engine.projection import VELOCITIES, accelerations
+from flexmb.engine.projection import VELOCITIES, accelerations, settle_static_modes
 from flexmb.engine.state import Run
 
 if TYPE_CHECKING:
@@ -184,8 +184,10 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
             if settings.tolerance > 0.0:
                 estimate_error(run, alpha, h)
             if alpha.project == 1 and st.lam.shape[0] > 0:
-                return _project(run, alpha, b)
-            return FINE
+                status = _project(run, alpha, b)
+            if len(run.stages.static.units) > 0:
+                return settle_static_modes(run, run.trial_point)
+            return status
     return NO_CONVERGENCE
 
 

@@ -22,7 +22,7 @@ from flexmb.fe.elements.shell_elements import QUAD, TRIANGLE
 from flexmb.fe.elements.shell_elements import SHELL_ADVICE as SHELL_ADVICE
 from flexmb.fe.meshes.mesh import Mesh
 from flexmb.fe.sections.beam_chain import bind_section
-from flexmb.fe.sections.material import SolidSection
+from flexmb.fe.sections.section_tables import SolidSection
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.materials import AnyMaterial
 

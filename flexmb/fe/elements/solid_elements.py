@@ -45,7 +45,7 @@ from flexmb.fe.elements.element_family import (
     wedge15,
     wedge_rule,
 )
-from flexmb.fe.sections.material import SolidSection
+from flexmb.fe.sections.section_tables import SolidSection
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.materials import Material
 

@@ -48,12 +48,13 @@ from flexmb.fe.reduction.fixed_interface import (
     select_modes,
     statically_determinate,
 )
-from flexmb.fe.reduction.inertia_loads import inertia_loads, inertia_responses
 from flexmb.fe.reduction.inertia_relief import (
     InertiaRelief,
     deforming_responses,
     fixed_interface_responses,
     free_body_responses,
+    inertia_loads,
+    inertia_responses,
     load_columns,
     residual_kind,
     residual_vectors,

@@ -20,8 +20,7 @@ from flexmb.errors import Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, geometric_stiffness
 from flexmb.fe.assembly.interfaces import ModelInterface
 from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
-from flexmb.fe.reduction.inertia_loads import centrifugal_fields
-from flexmb.fe.reduction.inertia_relief import InertiaRelief
+from flexmb.fe.reduction.inertia_relief import InertiaRelief, centrifugal_fields
 from flexmb.flexbody.arrays import FloatArray, skew
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.parts import SYMMETRIC_PAIRS

@@ -27,8 +27,7 @@ from flexmb.fe.reduction.eigenmodes import SymmetryPlane
 from flexmb.fe.reduction.fixed_interface import read_modes
 from flexmb.fe.reduction.reduced_basis import ReducedBasis
 from flexmb.fe.reduction.user_modes import read_user_modes, user_modes
-from flexmb.fe.sections.material import MaterialLike, resolve
-from flexmb.fe.sections.section_tables import sections_from
+from flexmb.fe.sections.section_tables import MaterialLike, resolve, sections_from
 from flexmb.fe.stress import stress_option
 from flexmb.flexbody.body_file import VERSION
 from flexmb.flexbody.damping import DampingOptions, damping_words, read_damping

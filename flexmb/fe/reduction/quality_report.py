@@ -22,8 +22,7 @@ from flexmb.fe.reduction.component_modes import (
 )
 from flexmb.fe.reduction.eigenmodes import SymmetryPlane
 from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
-from flexmb.fe.reduction.inertia_loads import inertia_response
-from flexmb.fe.reduction.inertia_relief import InertiaRelief
+from flexmb.fe.reduction.inertia_relief import InertiaRelief, inertia_response
 from flexmb.fe.reduction.quality import (
     EffectiveMass,
     EnergyShares,

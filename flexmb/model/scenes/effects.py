@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import StrictBool
 
 from flexmb.errors import Problem
+from flexmb.model.flexible_body import FlexibleBodySpec
 from flexmb.model.forces.contact import ContactSpec
 from flexmb.model.forces.force_characteristic import AnyStop
 from flexmb.model.forces.friction import JointFrictionSpec
@@ -82,14 +83,24 @@ def active_model(model: M) -> M:
     return active
 
 
+_PLAIN = ("rigid", "dynamic")
+_BY_POSITIONS = ("coordinate-partitioning", "baumgarte")
+
+
 def effect_problems(model: ModelData) -> Iterator[Problem]:
-    """Sensors of forces that are switched off; a selection without a sensor to judge it by."""
+    """Sensors of what is switched off, quasi-static modes and a choice that cannot be had."""
+    method = None if model.dynamics is None else model.dynamics.method
+    for name, body in model.bodies.items():
+        static = isinstance(body, FlexibleBodySpec) and body.deformation not in _PLAIN
+        if static and method in _BY_POSITIONS:
+            what = f"the method {method} knows no quasi-static modes: choose another method, or "
+            yield Problem(f"bodies.{name}.deformation", what + '"dynamic"')
     if model.effects is not None and model.effects.choice == "auto" and not model.channels():
-        body = next(iter(model.bodies), "body")
+        first = next(iter(model.bodies), "body")
         yield Problem(
             "effects",
             '"auto" needs a sensor to judge effects by; add one, such as [sensors.place] '
-            f'type = "position" of = "{body}"',
+            f'type = "position" of = "{first}"',
         )
     for word, kind in ({} if model.effects is None else model.effects.absent).items():
         for name, sensor in model.sensors.items():

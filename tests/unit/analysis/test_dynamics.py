@@ -14,9 +14,8 @@ from flexmb.analysis.dynamics.dynamics import dynamics
 from flexmb.analysis.dynamics.integration import loop_settings, time_grid
 from flexmb.engine import units
 from flexmb.engine.compile import compile_system
-from flexmb.engine.entries import integrate, prepare_integration, solve_stage
+from flexmb.engine.entries import integrate, make_integrator, prepare_integration, solve_stage
 from flexmb.engine.initial_conditions import VELOCITIES
-from flexmb.engine.integrators import make_integrator
 from flexmb.engine.method import FINE
 from flexmb.engine.state import State
 from flexmb.engine.work import new_output, new_run, new_work

@@ -8,7 +8,7 @@ from enginekit import Bench
 from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.dynamics.integration import Integration, loop_settings
 from flexmb.engine.compile import compile_system
-from flexmb.engine.integrators import make_integrator
+from flexmb.engine.entries import make_integrator
 from flexmb.engine.method import FINE
 from flexmb.engine.state import State
 from flexmb.engine.work import new_state

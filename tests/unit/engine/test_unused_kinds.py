@@ -6,8 +6,7 @@ import pytest
 from benchmarks.units import KINDS
 
 from flexmb.engine import units
-from flexmb.engine.entries import integration_units, prepare_integration
-from flexmb.engine.integrators import make_integrator
+from flexmb.engine.entries import integration_units, make_integrator, prepare_integration
 
 RATES = {"bodies.wrench.add_rate_arms", "bodies.wrench.add_rates"}
 FORCES_OF_TIME = {"forces.load", "function.evaluate_functions"}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from flexmb.errors import MaterialError
-from flexmb.fe.sections.material import plausibility, resolve
+from flexmb.fe.sections.section_tables import plausibility, resolve
 from flexmb.materials import LIBRARY
 
 

@@ -12,8 +12,7 @@ from flexmb.cli import app
 from flexmb.engine import entries, unit_cache
 from flexmb.engine.bodies import motion, wrench
 from flexmb.engine.compile import compile_system
-from flexmb.engine.entries import all_units, integration_units
-from flexmb.engine.integrators import make_integrator
+from flexmb.engine.entries import all_units, integration_units, make_integrator
 from flexmb.engine.jit import Unit
 from flexmb.engine.units import missing_units
 from flexmb.model import load_scene

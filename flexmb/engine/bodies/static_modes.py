@@ -1,0 +1,115 @@
+"""Quasi-static modes: they follow the present loads and have no inertia.
+
+K_ss η_s = Q_s − Cq_sᵀ λ − the centrifugal load, with v̇ and λ of the motion in which η_s stays as it
+is: the slow solution, without vibrations of the modes or of what hangs on their compliance. A step
+therefore holds η_s, as if its modal mass were τ² K_ss; then η_s follows and joints are closed with
+the deformed body. Rates of η_s are left out. Of the integrals K and the symmetric part of P remain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from flexmb.engine.jit import Integers, Vector, unit
+from flexmb.engine.kind import Kind
+from flexmb.engine.method import FINE
+from flexmb.engine.state import Point, Run
+
+if TYPE_CHECKING:
+    from flexmb.flexbody import FlexBody
+
+_INERTIA = 1e-6  # share of its mass that stays with such a mode, so that no matrix is singular
+_SLOW = 1e8  # τ² over 1/ω² of the softest of them
+
+
+class StaticModes(NamedTuple):
+    """Quasi-static modes, body after body."""
+
+    rows: Integers  # (b,) bodies that have some
+    first: Integers  # (b + 1,) where those of a body begin
+    modes: Integers  # numbers of the modes in their bodies
+    heavy: Vector  # (b,) τ² [s²]
+    compliance: Vector  # K_ss⁻¹ of the bodies, row by row
+
+
+@unit
+def add_static_mass(run: Run, of: StaticModes, at: Point, cv: float, cp: float) -> int:
+    """Add τ² K_ss to the matrix."""
+    parts, kkt, fac = run.system.parts, run.system.kkt, run.work.factor
+    for n in range(of.rows.shape[0]):
+        body = parts.bodies[of.rows[n]]
+        panel, m, o = kkt.panels[body["panel"]], body["m"], body["iv"] + 6
+        K = body["flex"] + 12 * m + m * m
+        for i in range(of.first[n], of.first[n + 1]):
+            r = kkt.column[o + of.modes[i]]
+            for j in range(of.first[n], of.first[n + 1]):
+                c = kkt.column[o + of.modes[j]]
+                x = of.heavy[n] * parts.pool[K + of.modes[i] * m + of.modes[j]]
+                if r >= c:
+                    fac.low[panel["at"] + r * panel["nc"] + c] += x
+                if r <= c:
+                    fac.up[panel["at"] + c * panel["nc"] + r] += x
+    return FINE
+
+
+@unit
+def follow_loads(run: Run, of: StaticModes, at: Point) -> float:
+    """Move the modes into equilibrium with Trial.res; the largest weighted change."""
+    bodies, weights, res = run.system.parts.bodies, run.system.weights, run.work.trial.res
+    change, place = 0.0, 0
+    for n in range(of.rows.shape[0]):
+        body, begin, end = bodies[of.rows[n]], of.first[n], of.first[n + 1]
+        iq, iv = body["iq"] + 7, body["iv"] + 6
+        for i in range(begin, end):
+            step = 0.0
+            for j in range(begin, end):
+                step -= of.compliance[place] * res[iv + of.modes[j]]
+                place += 1
+            at.q[iq + of.modes[i]] += step
+            at.v[iv + of.modes[i]] = 0.0
+            at.vd[iv + of.modes[i]] = 0.0
+            if not abs(step) * weights[iv + of.modes[i]] <= change:
+                change = abs(step) * weights[iv + of.modes[i]]
+    return change
+
+
+STATIC_MODES = Kind(
+    "static_modes", StaticModes, {"matrix": add_static_mass, "static": follow_loads}
+)
+
+
+def static_modes(bodies: Sequence[tuple[int, FlexBody, Sequence[int]]]) -> StaticModes | None:
+    """Tables of the quasi-static modes of bodies by their row; None without any."""
+    some = [(row, body, np.array(modes)) for row, body, modes in bodies if len(modes)]
+    if not some:
+        return None
+    heavy, compliance = [], []
+    for _, body, modes in some:
+        square = np.diag(body.K)[modes] / np.diag(body.M_eta)[modes]
+        heavy.append(_SLOW / square.min())
+        compliance.append(np.linalg.inv(body.K[np.ix_(modes, modes)]).ravel())
+    counts = [0, *(len(modes) for _, _, modes in some)]
+    return StaticModes(
+        np.array([row for row, _, _ in some], np.int64),
+        np.cumsum(counts).astype(np.int64),
+        np.concatenate([modes for _, _, modes in some]).astype(np.int64),
+        np.array(heavy),
+        np.concatenate(compliance),
+    )
+
+
+def without_inertia(body: FlexBody, modes: Sequence[int]) -> FlexBody:
+    """The body without inertia and damping of some modes; their centrifugal load remains."""
+    free = np.ones(body.m)
+    free[list(modes)] = 0.0
+    both = np.outer(free, free)
+    P = body.P * free + 0.5 * (body.P + body.P.transpose(1, 0, 2)) * (1.0 - free)
+    Mab = body.Mab * both
+    own = np.diag(np.diag(body.M_eta) * (1.0 - free) * _INERTIA / 3.0)
+    Mab[range(3), range(3)] += own
+    D = None if body.D is None else body.D * both
+    return replace(body, p=body.p * free, P=P, Mab=Mab, D=D)

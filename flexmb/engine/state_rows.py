@@ -1,0 +1,73 @@
+"""Output rows of states that are not integrated: equilibria, and motions known from elsewhere."""
+
+from __future__ import annotations
+
+from flexmb.engine.equations_of_motion import (
+    begin_run,
+    bias_stage,
+    complete_poses,
+    constraint_stage,
+    factorise_metric,
+    least_pivot,
+    position_stage,
+    powers,
+    put_energies,
+    residual,
+    velocity_stage,
+)
+from flexmb.engine.jit import Vector, unit
+from flexmb.engine.kinematics_point import solve_reactions
+from flexmb.engine.method import FINE
+from flexmb.engine.sensors.sensor import count_turns
+from flexmb.engine.state import Run
+from flexmb.engine.time_loop import end_row, write_motion
+
+
+@unit
+def write_equilibrium(run: Run) -> int:
+    """Write the state at rest with its own multipliers; returns the status."""
+    st, at = run.state, run.state_point
+    begin_run(run, at)
+    status = residual(run, at)
+    if status != FINE:
+        return status
+    velocity_stage(run, at)
+    bias_stage(run, at)
+    complete_poses(run, at)
+    if st.count[0]["outputs"] == 0:
+        count_turns(run, at, st.angles)
+    count_turns(run, at, st.angles)
+    write_motion(run, at, st, 0.0)
+    put_energies(run, at, st.work_done, run.output.energy[run.output.rows[0]])
+    return end_row(run, at, st)
+
+
+@unit
+def write_reactions(run: Run, metric: Vector, quality: Vector) -> int:
+    """Write the state with the multipliers that its motion needs; returns the status.
+
+    `quality` (3): largest force, times the size of its coordinate, that joints and drivers do not
+    give; largest of all; least pivot of a row over its own compliance.
+    """
+    st, at, tr, fac = run.state, run.state_point, run.work.trial, run.work.factor
+    weights, place, nv = run.system.weights, run.system.kkt.place, run.state.v.shape[0]
+    begin_run(run, at)
+    position_stage(run, at)
+    velocity_stage(run, at)
+    factorise_metric(run, at, metric)
+    status = solve_reactions(run)
+    if status != FINE:
+        return status
+    quality[0], quality[1], quality[2] = 0.0, 0.0, least_pivot(run, nv)
+    for i in range(nv):
+        if weights[i] > 0.0 and place[i] < fac.sol.shape[0] - 1:
+            quality[0] = max(quality[0], abs(metric[i] * fac.sol[place[i]]) / weights[i])
+            quality[1] = max(quality[1], abs(tr.res[i]) / weights[i])
+    bias_stage(run, at)
+    complete_poses(run, at)
+    constraint_stage(run, at)
+    count_turns(run, at, st.angles)
+    write_motion(run, at, st, 0.0)
+    powers(run, at)
+    put_energies(run, at, st.work_done, run.output.energy[run.output.rows[0]])
+    return end_row(run, at, st)

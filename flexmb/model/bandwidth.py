@@ -1,0 +1,56 @@
+"""How fast a scene is driven, and up to which frequency its flexible bodies answer with inertia.
+
+In: drivers, loads that are functions of time, initial spins. Out: a frequency. A motion f(t) has
+the frequencies |ḟ|/2π of an angle that turns round, and √(max |f̈| / max |f − mean|)/2π.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from flexmb.model.functions.function import Function
+from flexmb.model.lookup import ModelData
+
+BAND_FACTOR = 10.0
+"""Cutoff over the fastest frequency: below a tenth of its frequency a mode answers to 1 %."""
+_SAMPLES = 400
+
+
+def cutoff_frequency(model: ModelData) -> float:
+    """Frequency [Hz] from which on modes are quasi-static with ``deformation = "automatic"``.
+
+    Infinite where nothing drives the scene.
+    """
+    fastest = max((value for _, value in driving_frequencies(model)), default=0.0)
+    return BAND_FACTOR * fastest if fastest > 0.0 else math.inf
+
+
+def driving_frequencies(model: ModelData) -> Iterator[tuple[str, float]]:
+    """Path and frequency [Hz] of what drives the scene."""
+    end = getattr(model.dynamics or model.kinematics, "duration", 0.0)
+    for section in ("drivers", "forces"):
+        for name, spec in getattr(model, section).items():
+            for field, value in spec:
+                parts = value if isinstance(value, tuple) else (value,)
+                for function in parts if end > 0.0 else ():
+                    if isinstance(function, Function) and not function.expression.channels:
+                        turns = section == "drivers" and field.endswith("angle")
+                        yield f"{section}.{name}", _frequency(function, end, turns)
+    for name, spec in model.bodies.items():
+        for start in spec.initial_velocities.values():
+            if start.angular_velocity is not None:
+                spin = float(np.linalg.norm(start.angular_velocity))
+                yield f"bodies.{name}", spin / (2.0 * math.pi)
+
+
+def _frequency(function: Function, end: float, turns: bool) -> float:
+    value, rate, second = np.array([function.value(t) for t in np.linspace(0.0, end, _SAMPLES)]).T
+    size = float(np.abs(value - value.mean()).max())
+    squares = [float(np.abs(second).max()) / size] if size > 0.0 else [0.0]
+    if turns:
+        squares.append(float(np.abs(rate).max()) ** 2)
+    largest = max(square for square in squares if math.isfinite(square))
+    return math.sqrt(largest) / (2.0 * math.pi)

@@ -1,0 +1,106 @@
+"""Inverse dynamics returns the forces of a forward run; what it cannot do is refused."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from femeshes import line
+from mechanisms import stewart
+from restscenes import FAR, G
+
+import flexmb
+from flexmb.errors import AssemblyError, ResultFileError, SceneError
+from flexmb.fe import rectangle, reduce
+from flexmb.model import Model
+
+TORQUES = {"shoulder": "3*sin(4*t)", "elbow": "1 + 2*cos(3*t)"}
+
+
+def arm(torques=True, place=(0, 0, 0), plane=None, flexible=None):
+    """Two links in a plane or in space, moved by torques."""
+    made = Model("arm", gravity=[0, -G, 0], plane=plane)
+    made.add_marker("ground.base", position=list(place))
+    x, y, z = place
+    made.add_body("upper", mass=2.0, center=[0.4, 0, 0], inertia=[0.1, 0.2, 0.2],
+                  position=[x, y, z], markers={"end": {"position": [0.8, 0, 0]}})  # fmt: skip
+    if flexible is None:
+        made.add_body("lower", mass=1.0, center=[0.3, 0.02, 0], inertia=[0.05, 0.1, 0.1],
+                      position=[x + 0.8, y, z])  # fmt: skip
+    else:
+        made.add_body("lower", flexible, position=[x + 0.8, y, z])
+    end = "lower" if flexible is None else "lower.root"
+    made.add_joint("shoulder", "revolute", between=["ground.base", "upper"], axis="z")
+    made.add_joint("elbow", "revolute", between=["upper.end", end], axis="z")
+    if torques:
+        made.add_force("shoulder", "torque", at="upper", value=[0, 0, TORQUES["shoulder"]])
+        made.add_force("elbow", "torque", at=end, reaction="upper.end",
+                       value=[0, 0, TORQUES["elbow"]])  # fmt: skip
+    return made
+
+
+def torque(result, name):
+    """Of a drive about its axis, on marker J."""
+    return result.reaction(f"drive_{name}", on="J").moment[:, 2]
+
+
+@pytest.mark.parametrize("place", [(0, 0, 0), FAR])
+@pytest.mark.parametrize("plane", [None, "xy"])
+def test_inverse_of_forward_is_the_torque(place, plane):
+    place = place if plane is None else (*place[:2], 0.0)
+    run = flexmb.simulate(arm(place=place, plane=plane), duration=1.0, outputs=50, accuracy=1e-7)
+    with warnings.catch_warnings():  # no false alarm
+        warnings.simplefilter("error")
+        back = flexmb.inverse_dynamics(arm(False, place, plane), run, drives=["shoulder", "elbow"])
+    t = run.time
+    tolerance = 1e-7 * (1e2 if place[0] else 1.0)
+    np.testing.assert_allclose(torque(back, "shoulder"), 3 * np.sin(4 * t), atol=tolerance)
+    np.testing.assert_allclose(torque(back, "elbow"), 1 + 2 * np.cos(3 * t), atol=tolerance)
+    for joint in ("shoulder", "elbow"):
+        one, other = (r.reaction(joint, on="J").force for r in (run, back))
+        np.testing.assert_allclose(one, other, atol=tolerance)
+    with_torques = flexmb.inverse_dynamics(
+        arm(True, place, plane), run, drives=["shoulder", "elbow"]
+    )
+    np.testing.assert_allclose(torque(with_torques, "elbow"), 0.0, atol=tolerance)
+
+
+def test_inverse_of_a_flexible_arm():
+    beam = reduce(
+        line(8, end=(0.6, 0, 0)), modes=4, interfaces={"root": "root"}, material="steel",
+        sections={"all": rectangle(0.01, 0.01)},
+    )  # fmt: skip
+    run = flexmb.simulate(arm(flexible=beam), duration=0.3, outputs=30, accuracy=1e-5)
+    back = flexmb.inverse_dynamics(arm(False, flexible=beam), run, drives=["shoulder", "elbow"])
+    np.testing.assert_allclose(torque(back, "shoulder"), 3 * np.sin(4 * run.time), atol=1e-6)
+    np.testing.assert_allclose(torque(back, "elbow"), 1 + 2 * np.cos(3 * run.time), atol=1e-6)
+
+
+def test_forces_of_legs_agree_with_the_kinematic_analysis():
+    made = stewart("UTS")
+    for k in range(6):
+        made.add_driver(f"leg{k}", joint=f"slide{k}", stroke=f"0.05*sin(2*t + {k})")
+    with_reactions = flexmb.kinematics(made, duration=1.0, outputs=20)
+    again = flexmb.inverse_dynamics(made, with_reactions)
+    for k in range(6):
+        one, other = (r.reaction(f"leg{k}", on="J").force for r in (with_reactions, again))
+        np.testing.assert_allclose(one, other, atol=1e-8 * np.abs(one).max())
+
+
+def test_what_nothing_drives_is_named():
+    run = flexmb.simulate(arm(), duration=0.1, outputs=5, accuracy=1e-4)
+    with pytest.raises(AssemblyError, match=r"leave 1 motion free.*inverse dynamics.*elbow"):
+        flexmb.inverse_dynamics(arm(False), run, drives=["shoulder"])
+    with pytest.raises(SceneError, match=r"no such joint.*shoulder"):
+        flexmb.inverse_dynamics(arm(False), run, drives=["sholder"])
+    other = Model("other")
+    other.add_body("thing", mass=1.0, inertia=[1, 1, 1])
+    with pytest.raises(ResultFileError, match=r"other bodies"):
+        flexmb.inverse_dynamics(other, run)
+
+
+def test_a_motion_that_does_not_meet_the_joints_is_reported():
+    run = flexmb.simulate(arm(), duration=0.1, outputs=5, accuracy=1e-6)
+    with pytest.warns(match=r"does not meet the joints.* 0\.3 m"):
+        flexmb.inverse_dynamics(arm(False, (0.3, 0, 0)), run, drives=["shoulder", "elbow"])
