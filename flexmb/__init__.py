@@ -21,11 +21,13 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
         audit,
         check_scene,
         equilibria,
+        free_lengths,
         inverse_dynamics,
         kinematics,
         linearize,
         mobility,
         new_scene,
+        render_mode_shapes,
         resume,
         run_scene,
         simulate,
@@ -36,12 +38,11 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
 
 __version__ = "0.1.0"
 __all__ = [
-    "FlexBody", "FlexmbError", "FlexmbWarning", "Model", "Result", "Study", "audit",
-    "check_scene", "equilibria", "history_figure", "inverse_dynamics", "kinematics", "linearize",
+    "FlexBody", "FlexmbError", "FlexmbWarning", "Model", "Result", "Study", "audit", "check_scene",
+    "equilibria", "free_lengths", "history_figure", "inverse_dynamics", "kinematics", "linearize",
     "load_result", "load_scene", "mobility", "new_scene", "plot_history", "reduce", "render",
-    "render_modes",
-    "resume", "rigid_body", "run_scene", "save_figure", "scene_schema", "simulate", "statics",
-    "study", "sweep_modes", "warmup",
+    "render_mode_shapes", "render_modes", "resume", "rigid_body", "run_scene", "save_figure",
+    "scene_schema", "simulate", "statics", "study", "sweep_modes", "warmup",
 ]  # fmt: skip
 
 _HOMES = {
@@ -53,9 +54,9 @@ _HOMES = {
     "studies": ("Study", "study"),
     "view": ("history_figure", "plot_history", "render", "render_modes", "save_figure"),
     "workflow": (
-        "audit", "check_scene", "equilibria", "inverse_dynamics", "kinematics", "linearize",
-        "mobility", "new_scene", "resume", "run_scene", "simulate", "statics", "sweep_modes",
-        "warmup",
+        "audit", "check_scene", "equilibria", "free_lengths", "inverse_dynamics", "kinematics",
+        "linearize", "mobility", "new_scene", "render_mode_shapes", "resume", "run_scene",
+        "simulate", "statics", "sweep_modes", "warmup",
     ),
 }  # fmt: skip
 

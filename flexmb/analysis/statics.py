@@ -6,6 +6,7 @@ stability.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +23,10 @@ from flexmb.analysis.assembly.positions import close_rows
 from flexmb.analysis.dynamics.validity import ValidityMonitor
 from flexmb.analysis.equilibrium import settle
 from flexmb.analysis.linear.linearization import Linearization, linearize_state
+from flexmb.analysis.linear.observed_equations import SeenEquations
+from flexmb.analysis.linear.observer import RowsAlongMotion
 from flexmb.analysis.linear.state_equations import Array, StateEquations
+from flexmb.analysis.linear.state_space import actuators
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
 from flexmb.analysis.mobility.driver_conflicts import driver_reasons
 from flexmb.analysis.monitors import ContactLossMonitor, algebraic_loop_notes
@@ -42,7 +46,7 @@ from flexmb.engine.state import State
 from flexmb.engine.state_rows import write_equilibrium
 from flexmb.engine.units import call
 from flexmb.engine.work import new_run, new_work
-from flexmb.errors import AssemblyError, FlexmbError
+from flexmb.errors import AssemblyError, FlexmbError, Problem, SceneError, nearest
 from flexmb.model.model import Model
 from flexmb.model.scenes.dynamics import StaticsSpec
 from flexmb.progress import Progress, silent
@@ -50,6 +54,7 @@ from flexmb.results import NOT_UNIQUE
 
 _MAX_HOPS, _HOP = 8, 0.6  # of a random way, over the model size or in radians
 _SAME_PLACE = 1e-5
+_UNBALANCED = 1e-8  # of the load of the pose
 
 
 @dataclass(frozen=True)
@@ -329,3 +334,57 @@ def _differ(compiled: Compiled, a: Array, b: Array, scales: Array) -> bool:
         if far > _SAME_PLACE or turn > _SAME_PLACE**2:
             return True
     return False
+
+
+def preloads(compiled: Compiled, model: Model, springs: Sequence[str]) -> dict[str, float]:
+    """Forces [N or N m] that springs need in addition for the placed pose to be an equilibrium.
+
+    Least ones, in the sense of least squares, where there are many.
+
+    Parameters
+    ----------
+    compiled, model : Compiled, Model
+        The model.
+    springs : sequence of str
+        Springs, line forces and components of forces (``"push.x"``) that may change.
+
+    Returns
+    -------
+    dict of str to float
+        By name; positive forces push the markers of a spring apart.
+
+    Raises
+    ------
+    SceneError
+        No such force.
+    AssemblyError
+        No such forces bring the pose into balance, with the body that stays unbalanced.
+    """
+    state = assemble(compiled, model).state
+    state.v[:] = 0.0
+    state.vd[:] = 0.0
+    state.lam[:] = 0.0
+    equations = StateEquations(compiled, state)
+    force = equations.residual()
+    seen = SeenEquations(RowsAlongMotion(compiled, state), equations.tangents(), "ground")
+    of = actuators(seen)
+    unknown = [name for name in springs if name not in of.forces]
+    if unknown:
+        known = tuple(of.forces)
+        raise SceneError.from_problems(
+            [Problem(f'"{n}"', "no such force", known, nearest(n, known)) for n in unknown]
+        )
+    basis = seen.change.S @ seen.coordinates.N
+    scales = column_scales(compiled)[seen.coordinates.index]
+    right = scales * (basis.T @ force)
+    columns = scales[:, None] * (basis.T @ np.array([of.forces[name] for name in springs]).T)
+    found = np.linalg.lstsq(columns, right, rcond=1e-10)[0]
+    left = right - columns @ found
+    if np.abs(left).max(initial=0.0) > _UNBALANCED * np.abs(right).max(initial=0.0):
+        name = seen.names[int(np.abs(left).argmax())]
+        raise AssemblyError(
+            f"no preload of {', '.join(springs)} brings the pose into balance: {name} keeps "
+            f"{100 * np.abs(left).max() / np.abs(right).max():.3g} % of its load; let another "
+            "spring change too, or move the pose"
+        )
+    return dict(zip(springs, map(float, found), strict=True))

@@ -1,7 +1,9 @@
-"""``flexmb modes``: linearised modes of a scene or a run, over a parameter too."""
+"""``flexmb modes``, ``response``: linearised modes and frequency responses of a scene or a run."""
 
 from __future__ import annotations
 
+from cmath import phase
+from math import degrees
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,6 +15,8 @@ from flexmb.errors import FlexmbError
 
 _BODIES = 3  # that are named for a mode
 _LEAST_SHARE = 0.05
+_SHOWN_FREQUENCIES = 20
+_MAX_PICTURES = 6
 _ENDINGS = (".png", ".pdf", ".svg")
 
 
@@ -61,6 +65,15 @@ def modes(
             show_default=False,
         ),
     ] = None,
+    pictures: Annotated[
+        Path | None,
+        typer.Option(
+            "--pictures",
+            metavar="FOLDER",
+            help="Draw the modes that are shown, up to six, each displaced by it.",
+            show_default=False,
+        ),
+    ] = None,
     root_locus: Annotated[
         Path | None,
         typer.Option("--root-locus", help="With --vary: the root locus.", show_default=False),
@@ -85,8 +98,12 @@ def modes(
                 source, time=time, about=about, frame=frame, overrides=changes, progress=progress
             )
         _show_modes(made, count)
+        if pictures is not None:
+            shown = range(1, min(count, _MAX_PICTURES) + 1)
+            for path in workflow.render_mode_shapes(made, pictures, list(shown)):
+                screen.line(f"written: {path}")
         return
-    refuse_options({"time": time}, "belongs to one state; --vary has many")
+    refuse_options({"time": time, "pictures": pictures}, "belongs to one state; --vary has many")
     [(name, text)] = parse_pairs([vary], "--vary").items()
     with screen.Bars() as progress:
         sweep = workflow.sweep_modes(
@@ -176,3 +193,74 @@ def _show_sweep(sweep: Any, count: int, output: Path | None, root_locus: Path | 
             if path.suffix not in _ENDINGS:
                 raise FlexmbError(f"{path}: the file must end in {' or '.join(_ENDINGS)}")
             screen.line(f"written: {save_figure(draw(sweep, count), path)}")
+
+
+@command()
+def response(
+    source: Annotated[
+        Path,
+        typer.Argument(help="Scene file (TOML), result file or its folder.", show_default=False),
+    ],
+    actuator: Annotated[
+        str | None,
+        typer.Option(
+            "--input",
+            help="What acts: a component of a force (push.x), a line force, spring or driver.",
+            show_default=False,
+        ),
+    ] = None,
+    sensor: Annotated[
+        str | None,
+        typer.Option("--sensor", help="Channel that answers, such as tip.z.", show_default=False),
+    ] = None,
+    frequencies: Annotated[
+        str,
+        typer.Option(help="In Hz: 1,2,5 or 0.1..100:200 (200 at equal ratios)."),
+    ] = "0.1..100:200",
+    time: Annotated[
+        float | None, typer.Option(help="Of a result: the output nearest to this time.")
+    ] = None,
+    about: Annotated[
+        str, typer.Option(help="Of a scene: quasi-static, undeformed, static or initial.")
+    ] = "quasi-static",
+    overrides: Overrides = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Plot of amplitude and phase.", show_default=False),
+    ] = None,
+) -> None:
+    """Show the frequency response between an actuator and a sensor, about a state.
+
+    Without --input and --sensor: the names that there are.
+
+    Example: flexmb response scene.toml --input push.x --sensor tip.x --frequencies 1..200:400
+    """
+    from flexmb import workflow
+    from flexmb.model.scenes.study import sweep_values
+
+    with screen.Bars() as progress:
+        made = workflow.linearize(
+            source, time=time, about=about, overrides=parse_pairs(overrides, "--set"),
+            progress=progress,
+        )  # fmt: skip
+    if actuator is None or sensor is None:
+        screen.line(f"inputs: {', '.join(made.inputs) or 'none'}")
+        screen.line(f"sensors: {', '.join(made.compiled.layout.channels) or 'none'}")
+        return
+    values = [float(value) for value in sweep_values(frequencies)]
+    answer = made.frequency_response(actuator, sensor, values)
+    screen.heading(f"{sensor} per unit of {actuator}, SI")
+    shown = range(0, len(values), max(1, len(values) // _SHOWN_FREQUENCIES))
+    rows = [
+        (f"{values[k]:.5g}", f"{abs(answer[k]):.5g}", f"{degrees(phase(answer[k])):.1f}")
+        for k in shown
+    ]
+    screen.table(("Hz", "amplitude", "phase [deg]"), rows, right=(0, 1, 2))
+    largest = max(range(len(values)), key=lambda k: abs(answer[k]))
+    screen.line(f"largest: {abs(answer[largest]):.5g} at {values[largest]:.5g} Hz")
+    if output is not None:
+        from flexmb.view import save_figure
+        from flexmb.view.mode_plots import response_figure
+
+        figure = response_figure(values, answer, f"{sensor} per {actuator}")
+        screen.line(f"written: {save_figure(figure, output)}")

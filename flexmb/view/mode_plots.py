@@ -1,11 +1,12 @@
-"""Campbell diagrams and root loci, drawn with matplotlib without its global state.
+"""Campbell diagrams, root loci and frequency responses, without matplotlib's global state.
 
-In: a `ModeSweep`. Out: a matplotlib ``Figure``. Units: the parameter's own, Hz, 1/s.
+In: a `ModeSweep`, or a response. Out: a matplotlib ``Figure``. Units: the parameter's own, Hz, 1/s.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -57,4 +58,19 @@ def root_locus_figure(sweep: ModeSweep, modes: int = _SHOWN) -> Figure:
     axes.set_xlabel("Re λ [1/s]", color=INK)
     axes.set_ylabel("Im λ [1/s]", color=INK)
     style_axes(axes)
+    return figure
+
+
+def response_figure(frequencies: Sequence[float], response: Any, title: str) -> Figure:
+    """Amplitude and phase over frequencies [Hz], in logarithmic scales."""
+    figure = new_figure(9.6, 6.0, title)
+    top, bottom = figure.subplots(2, 1, sharex=True)
+    top.loglog(frequencies, np.abs(response), color=LINES[0], lw=1.6)
+    phase = np.degrees(np.unwrap(np.angle(response)))
+    bottom.semilogx(frequencies, phase, color=LINES[0], lw=1.6)
+    top.set_ylabel("amplitude, SI", color=INK)
+    bottom.set_ylabel("phase [deg]", color=INK)
+    bottom.set_xlabel("frequency [Hz]", color=INK)
+    for axes in (top, bottom):
+        style_axes(axes)
     return figure

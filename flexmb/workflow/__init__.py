@@ -21,8 +21,9 @@ from flexmb.workflow.installation import (
     machine,
     warmup,
 )
-from flexmb.workflow.linearize import equilibria, linearize, sweep_modes
+from flexmb.workflow.linearize import equilibria, free_lengths, linearize, sweep_modes
 from flexmb.workflow.listings import TOPICS, Listing, listing, new_scene, templates
+from flexmb.workflow.mode_pictures import render_mode_shapes
 from flexmb.workflow.resume import resume, resume_run
 from flexmb.workflow.run_report import CheckOutcome, RunReport
 from flexmb.workflow.simulate import kinematics, run_model, run_scene, simulate, statics
@@ -46,6 +47,7 @@ __all__ = [
     "equilibria",
     "examine_installation",
     "flexible_bodies",
+    "free_lengths",
     "inverse_dynamics",
     "kinematics",
     "linearize",
@@ -55,6 +57,7 @@ __all__ = [
     "new_scene",
     "reduce_mesh",
     "reduce_scene",
+    "render_mode_shapes",
     "resume",
     "resume_run",
     "run_model",

@@ -226,3 +226,55 @@ def equilibria(
     system = compile_source(source, overrides=overrides, progress=progress)
     scaled = time * system.model.units.scale("s")
     return find_equilibria(system.compiled, system.model, time=scaled, starts=starts)
+
+
+def free_lengths(
+    source: Model | str | Path,
+    springs: Sequence[str],
+    *,
+    overrides: Mapping[str, Any] | None = None,
+    progress: Progress = silent,
+) -> dict[str, float]:
+    """Free lengths of springs for which the placed pose is an equilibrium.
+
+    Parameters
+    ----------
+    source : Model or path
+        A model or a scene file (.toml).
+    springs : sequence of str
+        Linear spring-dampers that may change; where there are more than needed, the change of their
+        forces is least.
+    overrides, progress
+        As of `linearize`.
+
+    Returns
+    -------
+    dict of str to float
+        In the scene's units, for ``free_length``.
+
+    Raises
+    ------
+    SceneError
+        A name that is no linear spring-damper.
+    AssemblyError
+        They cannot bring the pose into balance.
+    """
+    from flexmb.analysis.statics import preloads
+
+    system = compile_source(source, overrides=overrides, progress=progress)
+    tables = system.compiled.system.kinds.get("springs")
+    rows = {
+        path.partition(".")[2]: tables.rows[element.row]
+        for path, element in system.compiled.elements.items()
+        if element.kind == "springs" and tables is not None
+    }
+    wrong = [name for name in springs if name not in rows or not rows[name]["k"] > 0.0]
+    if wrong:
+        names = tuple(rows)
+        what = "is no spring-damper with a stiffness"
+        raise SceneError.from_problems([Problem(n, what, names, nearest(n, names)) for n in wrong])
+    forces = preloads(system.compiled, system.model, springs)
+    return {
+        name: float(system.model.units.outward(rows[name]["d0"] + force / rows[name]["k"], "m"))
+        for name, force in forces.items()
+    }

@@ -120,8 +120,8 @@ def control_overhead(model, compiled, accuracy):
     for _ in range(_REPEATS + 1):
         seconds, state = _integrate(compiled, chosen, controlled, first)
         steps = int(state.count[0]["steps"])
-        fixed = method.Settings(
-            0.0, duration, duration, duration / steps, 0.0, 0.0, 2, 1e-8, 15, 1, stiff, 0
+        fixed = controlled._replace(
+            step=duration / steps, tolerance=0.0, accuracy=0.0, newton_tolerance=1e-8
         )
         other, last = _integrate(compiled, chosen, fixed, first)
         ratios.append(seconds / other)

@@ -12,7 +12,7 @@ from restscenes import FAR, G, pendulum
 from scipy.optimize import brentq
 
 import flexmb
-from flexmb.errors import SolverError
+from flexmb.errors import AssemblyError, SceneError, SolverError
 from flexmb.fe import rectangle, reduce
 from flexmb.model import Model
 
@@ -251,3 +251,27 @@ def test_a_controller_is_at_rest_in_the_equilibrium():
     result = flexmb.statics(made)
     assert result["height.z"][0] == pytest.approx(0.1, rel=1e-10)
     assert result["sum"][0] == pytest.approx(2.0 * G / 50.0, rel=1e-10)
+
+
+def test_free_lengths_hold_the_placed_pose():
+    """Of two springs under a beam one may change: moments about the pin; or both: least forces."""
+    made = Model("beam", gravity=[0, -G, 0])
+    made.add_body("bar", mass=4.0, center=[0.5, 0, 0], inertia=[0.1, 0.4, 0.4])
+    made.add_marker("bar.a", position=[0.4, 0, 0])
+    made.add_marker("bar.b", position=[1, 0, 0])
+    made.add_joint("pin", "revolute", between=["ground", "bar"], axis="z")
+    for name, x in (("a", 0.4), ("b", 1.0)):
+        made.add_marker(f"ground.{name}", position=[x, -0.5, 0])
+        made.add_force(name, "spring-damper", between=[f"ground.{name}", f"bar.{name}"],
+                       stiffness=500.0, free_length=0.5)  # fmt: skip
+    found = flexmb.free_lengths(made, ["b"])
+    assert found["b"] == pytest.approx(0.5 + 4.0 * G * 0.5 / 1.0 / 500.0, rel=1e-10)
+    both = flexmb.free_lengths(made, ["a", "b"])
+    moment, arms = 4.0 * G * 0.5, np.array([0.4, 1.0])
+    forces = arms * moment / (arms @ arms)
+    np.testing.assert_allclose([both["a"], both["b"]], 0.5 + forces / 500.0, rtol=1e-10)
+    with pytest.raises(SceneError, match=r"no spring-damper.*nearest: a"):
+        flexmb.free_lengths(made, ["aa"])
+    made.joints.clear()
+    with pytest.raises(AssemblyError, match=r"no preload of b brings the pose into balance"):
+        flexmb.free_lengths(made, ["b"])

@@ -84,7 +84,9 @@ class LinearElasticityMonitor:
             inertia = inertia / np.linalg.eigvalsh(inertia)[-1]
             frame = joined_frame(body, columns.name, model)
             deflection, rotation = _relative_motion(body, frame)
-            sizes = np.linalg.norm((deflection @ shapes).reshape(-1, 3, len(frequencies)), axis=1)
+            sizes = np.linalg.norm(
+                (deflection @ shapes).reshape(len(deflection) // 3, 3, len(frequencies)), axis=1
+            )
             amounts = (shapes.T @ body.K) / frequencies[:, None] ** 2
             amplitudes = sizes.max(axis=0, initial=0.0)[:, None] * amounts
             stiffened, spec = body.centrifugal_stiffness is not None, model.bodies[columns.name]
@@ -188,7 +190,7 @@ class LinearElasticityMonitor:
 
 def _lengths(eta: Array, rows: Array) -> Array:
     """(t,) the largest of the vectors that eta (t, m) makes by rows (3 k, m)."""
-    moved = (eta @ rows.T).reshape(len(eta), -1, 3)
+    moved = (eta @ rows.T).reshape(len(eta), len(rows) // 3, 3)
     return np.asarray(np.sqrt(np.einsum("tki,tki->tk", moved, moved).max(axis=1, initial=0.0)))
 
 

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexmb.analysis.assembly.initial_state import StartValues, assemble
+from flexmb.analysis.assembly.jacobian import ConstraintRows
 from flexmb.analysis.linear.eigenmodes import Complex, Eigenmodes, eigenmodes
 from flexmb.analysis.linear.observed_equations import SeenEquations
-from flexmb.analysis.linear.observer import body_axes, fastest_rate
+from flexmb.analysis.linear.observer import RowsAlongMotion, body_axes, fastest_rate
 from flexmb.analysis.linear.state_equations import Array, StateEquations, Tangents
 from flexmb.analysis.linear.state_space import (
     StateSpace,
@@ -66,6 +67,7 @@ class Linearization:
     """
 
     compiled: Compiled
+    model: Model
     state: State
     tangents: Tangents
     seen: SeenEquations
@@ -169,6 +171,14 @@ class Linearization:
             shares[body.name] = energy / np.where(whole > 0.0, whole, 1.0)
         return shares
 
+    def displaced(self, k: int, amplitude: float, phase: float = 0.0) -> Array:
+        """Positions (nq,) displaced by mode k, from 0, at a phase of it [rad].
+
+        `amplitude` is that of the largest coordinate, over the model size or in radians.
+        """
+        motion = amplitude * np.real(self.shapes[:, k] * np.exp(1j * phase))
+        return ConstraintRows(self.compiled).move(self.state.q, motion)
+
     @property
     def stable(self) -> bool:
         """Whether no mode grows; rigid motions do not count."""
@@ -226,8 +236,11 @@ def linearize_state(
     tangents = equations.tangents()
     rate = fastest_rate(compiled, state)
     rate = rate if rate > _REST else 0.0
-    candidates = _observers(compiled, state, rate) if frame == "auto" else [frame]
-    here = [SeenEquations(compiled, state, tangents, name) for name in candidates]
+    along = RowsAlongMotion(compiled, state)
+    here = [SeenEquations(along, tangents, "ground" if frame == "auto" else frame)]
+    if frame == "auto" and here[0].depends_on_observer:
+        others = _observers(compiled, state, rate)[1:]
+        here += [SeenEquations(along, tangents, name) for name in others]
     change, best = 0.0, here[0]
     if rate > 0.0:
         fastest = max(rate, here[0].slowest)
@@ -239,14 +252,18 @@ def linearize_state(
         )
         later = assemble(compiled, model, begin=begin).state
         then = StateEquations(compiled, later).tangents()
+        after = RowsAlongMotion(compiled, later)
         changes = [
-            one.difference(SeenEquations(compiled, later, then, one.observer.name), fastest)
+            one.difference(
+                SeenEquations(after, then, one.observer.name, one.coordinates.partition), fastest
+            )
             / _AHEAD
             for one in here
         ]
         changes = [change if change > _STEADY else 0.0 for change in changes]
         change, best = min(zip(changes, here, strict=True), key=lambda pair: pair[0])
-    return Linearization(compiled, state, tangents, best, change, tuple(_notes(change, best)))
+    notes = tuple(_notes(change, best))
+    return Linearization(compiled, model, state, tangents, best, change, notes)
 
 
 def _observers(compiled: Compiled, state: State, rate: float) -> list[str]:
@@ -266,7 +283,8 @@ def _observers(compiled: Compiled, state: State, rate: float) -> list[str]:
 
 def _notes(change: float, seen: SeenEquations) -> Iterator[str]:
     if change > 0.0:
+        much = f"by {100 * change:.2g} %" if change < 1.0 else "altogether"
         yield (
-            f"the state is not steady: seen from {seen.observer.name} its coefficients change by "
-            f"{100 * change:.2g} % per radian; the modes are those of this instant"
+            f"the state is not steady: seen from {seen.observer.name} its coefficients change "
+            f"{much} per radian; the modes are those of this instant"
         )

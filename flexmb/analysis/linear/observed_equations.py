@@ -11,12 +11,13 @@ import numpy as np
 from flexmb.analysis.linear.observer import (
     Coordinates,
     Observer,
+    Partition,
+    RowsAlongMotion,
     change_of_coordinates,
     in_axes_of,
 )
 from flexmb.analysis.linear.state_equations import Array, Tangents
 from flexmb.engine.compile import Compiled
-from flexmb.engine.state import State
 
 _AXES = ("x", "y", "z")
 
@@ -27,12 +28,18 @@ class SeenEquations:
     `at` are the matrices for x (`observer`), `left` (nv, n) what no multiplier loads.
     """
 
-    def __init__(self, compiled: Compiled, state: State, tangents: Tangents, name: str) -> None:
-        self.compiled, self.state = compiled, state
+    def __init__(
+        self,
+        along: RowsAlongMotion,
+        tangents: Tangents,
+        name: str,
+        partition: Partition | None = None,
+    ) -> None:
+        self.compiled, self.state = compiled, state = along.compiled, along.state
         self.observer = Observer.at(compiled, state, name)
         self.change = change_of_coordinates(self.observer, compiled, state)
         self.at = at = in_axes_of(self.change, tangents)
-        self.coordinates = c = Coordinates(compiled, state, self.observer)
+        self.coordinates = c = Coordinates(along, self.observer, partition)
         self.left = left = _left_null(at, c)
         self.mass = left.T @ at.M @ c.N
         self.damping = left.T @ (at.D @ c.N + 2.0 * at.M @ c.Nd)
@@ -45,6 +52,11 @@ class SeenEquations:
         return tuple(names[k] for k in self.coordinates.index)
 
     @property
+    def depends_on_observer(self) -> bool:
+        """Whether independent coordinates have axes: translations or rotations of bodies."""
+        return any(".r." in name or ".rotation." in name for name in self.names)
+
+    @property
     def slowest(self) -> float:
         """A rate, 1/s, not above that of the slowest vibration; 0 with rigid motions."""
         try:
@@ -55,17 +67,15 @@ class SeenEquations:
 
     def difference(self, later: SeenEquations, rate: float) -> float:
         """Largest change of a coefficient, over what compares with it at a rate, 1/s."""
-        if not np.array_equal(self.coordinates.index, later.coordinates.index):
-            return np.inf
-        size = np.sqrt(np.abs(np.diag(self.mass)))
-        size = np.outer(size, size)
+        mass, stiffness = (np.sqrt(np.abs(np.diag(M))) for M in (self.mass, self.stiffness))
+        rates = np.maximum(stiffness, rate * mass)  # of each coordinate by itself, times its mass
         changes = [0.0]
-        for power, word in enumerate(("mass", "damping", "stiffness")):
+        for word, one_side in (("mass", (mass, mass)), ("damping", (rates, mass)),
+                               ("stiffness", (rates, rates))):  # fmt: skip
             one, other = getattr(self, word), getattr(later, word)
-            near = np.maximum(size * rate**power, np.abs(one))
-            changes.append(
-                float((np.abs(other - one) / np.where(near > 0, near, 1)).max(initial=0))
-            )
+            near = np.maximum(np.outer(*one_side), np.abs(one))
+            gap = np.abs(other - one) / np.where(near > 0.0, near, 1.0)
+            changes.append(float(gap.max(initial=0.0)))
         return max(changes)
 
 

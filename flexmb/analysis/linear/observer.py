@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import ConstraintRows, column_scales, numerical_rank
 from flexmb.analysis.linear.state_equations import Array, Tangents
@@ -119,17 +120,45 @@ def fastest_rate(compiled: Compiled, state: State) -> float:
     return max(speed, float(np.sqrt(np.abs(state.vd[bodies] * weights).max())))
 
 
+class RowsAlongMotion:
+    """The Jacobian and the axes of the bodies at a state, and before and after it.
+
+    At seven equal distances h along a curve with the velocity and acceleration of the state, at the
+    state alone (in the middle) where nothing moves.
+    """
+
+    def __init__(self, compiled: Compiled, state: State) -> None:
+        self.compiled, self.state = compiled, state
+        rate = fastest_rate(compiled, state)
+        moving = compiled.layout.nc > 0 and rate > 0.0 and bool(np.any(state.v))
+        self.h = _STEP / rate if moving else 0.0
+        rows = ConstraintRows(compiled)
+        self.samples = []
+        for k in range(-3, 4) if moving else (0,):
+            s = k * self.h
+            q = rows.move(state.q, s * state.v + 0.5 * s * s * state.vd)
+            Cq = rows.evaluate(q, float(state.t[0])).Cq
+            self.samples.append((Cq, body_axes(compiled, q)))
+
+
+class Partition(NamedTuple):
+    """Which velocity coordinates depend on the others, which are independent."""
+
+    dependent: NDArray[np.int64]
+    independent: NDArray[np.int64]
+
+
 class Coordinates:
     """Independent coordinates y of the motions that the joints allow, seen by an observer.
 
     Parameters
     ----------
-    compiled : Compiled
-        The compiled model.
-    state : State
-        The state.
+    along : RowsAlongMotion
+        The rows at the state and near it.
     observer : Observer
         Whose axes x has.
+    partition : Partition, optional
+        Which coordinates y are; by pivoting if it is not given.
 
     Attributes
     ----------
@@ -143,70 +172,72 @@ class Coordinates:
         Whether it is a state of a controller: of it ẏ alone counts.
     """
 
-    def __init__(self, compiled: Compiled, state: State, observer: Observer) -> None:
-        self._compiled, self._state, self._observer = compiled, state, observer
+    def __init__(
+        self, along: RowsAlongMotion, observer: Observer, partition: Partition | None = None
+    ) -> None:
+        self._compiled = compiled = along.compiled
         scales = column_scales(compiled)
         starts = np.array([start.iv for start in compiled.starts], int)
-        self._rows = ConstraintRows(compiled)
         self._scales = np.where(scales > 0.0, scales, 1.0)
         self._left_out = np.flatnonzero(compiled.system.kkt.column < 0)
-        A = self._weighted(state.q)
-        rank = numerical_rank(np.asarray(np.linalg.svd(A, compute_uv=False))) if len(A) else 0
-        preference = np.ones(compiled.layout.nv)
-        for body in compiled.layout.bodies:
-            preference[body.iv + 6 : body.iv + 6 + body.m] = _MODAL_SCALE
-        preference[starts] = 0.0
-        order = np.arange(compiled.layout.nv)
-        if rank:
-            order = scipy.linalg.qr(A * preference, mode="r", pivoting=True)[1]
-        self._dependent, self.index = order[:rank], np.sort(order[rank:])
+        names = ["ground", *(body.name for body in compiled.layout.bodies)]
+        turning = names.index(observer.name) - 1
+        weighted = [
+            self._weighted(Cq, A, np.eye(3) if turning < 0 else A[turning])
+            for Cq, A in along.samples
+        ]
+        A = weighted[len(weighted) // 2]
+        self.partition = _partition(compiled, A, starts) if partition is None else partition
+        self.index = self.partition.independent
         self.states = np.isin(self.index, starts)
-        self.redundant = len(A) - rank
         self.N, self.G = self._motions(A)
         self.Nd, self.Ndd = np.zeros_like(self.N), np.zeros_like(self.N)
         self.Gd, self.Gdd = np.zeros_like(self.G), np.zeros_like(self.G)
-        rate = fastest_rate(compiled, state)
-        if rank and rate > 0.0 and np.any(state.v):
-            self._put_rates(_STEP / rate)
+        if along.h > 0.0 and len(self.partition.dependent):
+            for first, second, rows in zip(
+                _FIRST / along.h, _SECOND / along.h**2, weighted, strict=True
+            ):
+                N, G = self._motions(rows)
+                self.Nd += first * N
+                self.Ndd += second * N
+                self.Gd += first * G
+                self.Gdd += second * G
 
     @property
     def n(self) -> int:
         """How many there are."""
         return len(self.index)
 
-    def _weighted(self, q: Array) -> Array:
-        """Rows of the joints at q, and of coordinates left out of a plane, weighted (rows, nv)."""
-        compiled, at = self._compiled, self._observer
-        R = at.R
-        if at.name != "ground":
-            body = next(b for b in compiled.layout.bodies if b.name == at.name)
-            R = np.empty((3, 3))
-            rotation_matrix(q, body.iq + 3, R)
-        S = axes_of_motion(compiled, body_axes(compiled, q), R)
-        Cq = self._rows.evaluate(q, float(self._state.t[0])).Cq
-        weighted = compiled.system.row_weights[:, None] * (Cq @ S) * self._scales
+    def _weighted(self, Cq: Array, A: Array, R: Array) -> Array:
+        """Rows of the joints, and of coordinates left out of a plane, weighted (rows, nv)."""
+        S = axes_of_motion(self._compiled, A, R)
+        weighted = self._compiled.system.row_weights[:, None] * (Cq @ S) * self._scales
         return np.vstack([weighted, S[self._left_out]])
 
     def _motions(self, A: Array) -> tuple[Array, Array]:
         """N and G of weighted rows A."""
         compiled, scales = self._compiled, self._scales
+        dependent = self.partition.dependent
         N, G = np.zeros((compiled.layout.nv, self.n)), np.zeros((compiled.layout.nv, len(A)))
         N[self.index, np.arange(self.n)] = 1.0
-        if len(self._dependent):
-            inverse = np.linalg.pinv(A[:, self._dependent], rcond=1e-12)
-            own = scales[self._dependent, None]
-            N[self._dependent] = -own * (inverse @ A[:, self.index]) / scales[self.index]
-            G[self._dependent] = own * inverse
+        if len(dependent):
+            Q, R = scipy.linalg.qr(A[:, dependent], mode="economic", check_finite=False)
+            inverse = scipy.linalg.solve_triangular(R, Q.T, check_finite=False)
+            own = scales[dependent, None]
+            N[dependent] = -own * (inverse @ A[:, self.index]) / scales[self.index]
+            G[dependent] = own * inverse
         nc = compiled.layout.nc
         return N, G[:, :nc] * compiled.system.row_weights
 
-    def _put_rates(self, h: float) -> None:
-        """Ṅ and N̈ by differences along a curve with the velocity and acceleration of the state."""
-        v, vd, q, rows = self._state.v, self._state.vd, self._state.q, self._rows
-        for k, (first, second) in enumerate(zip(_FIRST, _SECOND, strict=True)):
-            s = (k - 3) * h
-            N, G = self._motions(self._weighted(rows.move(q, s * v + 0.5 * s * s * vd)))
-            self.Nd += first / h * N
-            self.Ndd += second / h**2 * N
-            self.Gd += first / h * G
-            self.Gdd += second / h**2 * G
+
+def _partition(compiled: Compiled, A: Array, starts: NDArray[np.int64]) -> Partition:
+    """Dependent coordinates by pivoting of weighted rows A; modes are the last to depend."""
+    rank = numerical_rank(np.asarray(np.linalg.svd(A, compute_uv=False))) if len(A) else 0
+    order = np.arange(compiled.layout.nv)
+    if rank:
+        preference = np.ones(compiled.layout.nv)
+        for body in compiled.layout.bodies:
+            preference[body.iv + 6 : body.iv + 6 + body.m] = _MODAL_SCALE
+        preference[starts] = 0.0
+        order = scipy.linalg.qr(A * preference, mode="r", pivoting=True)[1]
+    return Partition(order[:rank], np.sort(order[rank:]))
