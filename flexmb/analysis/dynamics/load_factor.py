@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag, eigh
 
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, ConstraintRows
-from flexmb.analysis.dynamics.linear_elasticity import flexible_columns, joined_modes
-from flexmb.analysis.dynamics.missing_response import in_body_axes
+from flexmb.analysis.dynamics.linear_elasticity import flexible_columns, in_body_axes, joined_modes
 from flexmb.analysis.monitors import Indicator
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import solve_stage

@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.dynamics.linear_elasticity import (
+    InertiaLoadMonitor,
     LinearElasticityMonitor,
     loads_without_stiffening,
 )
 from flexmb.analysis.dynamics.load_factor import LoadFactorMonitor
-from flexmb.analysis.dynamics.missing_response import InertiaLoadMonitor
 from flexmb.analysis.monitors import Indicator, Monitor
 from flexmb.engine.compile import Compiled
 from flexmb.model.model import Model

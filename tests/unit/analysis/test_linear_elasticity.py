@@ -8,11 +8,11 @@ from flexiblescenes import STEEL, flexible_crank, rod
 
 from flexmb.analysis.assembly.jacobian import ConstraintRows
 from flexmb.analysis.dynamics.linear_elasticity import (
+    InertiaLoadMonitor,
     LinearElasticityMonitor,
     joined_modes,
     loads_without_stiffening,
 )
-from flexmb.analysis.dynamics.missing_response import InertiaLoadMonitor
 from flexmb.engine.compile import compile_system
 from flexmb.fe import reduce
 from flexmb.flexbody import rigid_body
