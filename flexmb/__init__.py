@@ -27,6 +27,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
         linearize,
         mobility,
         new_scene,
+        render_mode_shapes,
         resume,
         run_scene,
         simulate,
@@ -40,8 +41,8 @@ __all__ = [
     "FlexBody", "FlexmbError", "FlexmbWarning", "Model", "Result", "Study", "audit", "check_scene",
     "equilibria", "free_lengths", "history_figure", "inverse_dynamics", "kinematics", "linearize",
     "load_result", "load_scene", "mobility", "new_scene", "plot_history", "reduce", "render",
-    "render_modes", "resume", "rigid_body", "run_scene", "save_figure", "scene_schema", "simulate",
-    "statics", "study", "sweep_modes", "warmup",
+    "render_mode_shapes", "render_modes", "resume", "rigid_body", "run_scene", "save_figure",
+    "scene_schema", "simulate", "statics", "study", "sweep_modes", "warmup",
 ]  # fmt: skip
 
 _HOMES = {
@@ -54,8 +55,8 @@ _HOMES = {
     "view": ("history_figure", "plot_history", "render", "render_modes", "save_figure"),
     "workflow": (
         "audit", "check_scene", "equilibria", "free_lengths", "inverse_dynamics", "kinematics",
-        "linearize", "mobility", "new_scene", "resume", "run_scene", "simulate", "statics",
-        "sweep_modes", "warmup",
+        "linearize", "mobility", "new_scene", "render_mode_shapes", "resume", "run_scene",
+        "simulate", "statics", "sweep_modes", "warmup",
     ),
 }  # fmt: skip
 

@@ -16,6 +16,7 @@ from flexmb.errors import FlexmbError
 _BODIES = 3  # that are named for a mode
 _LEAST_SHARE = 0.05
 _SHOWN_FREQUENCIES = 20
+_MAX_PICTURES = 6
 _ENDINGS = (".png", ".pdf", ".svg")
 
 
@@ -64,6 +65,15 @@ def modes(
             show_default=False,
         ),
     ] = None,
+    pictures: Annotated[
+        Path | None,
+        typer.Option(
+            "--pictures",
+            metavar="FOLDER",
+            help="Draw the modes that are shown, up to six, each displaced by it.",
+            show_default=False,
+        ),
+    ] = None,
     root_locus: Annotated[
         Path | None,
         typer.Option("--root-locus", help="With --vary: the root locus.", show_default=False),
@@ -88,8 +98,12 @@ def modes(
                 source, time=time, about=about, frame=frame, overrides=changes, progress=progress
             )
         _show_modes(made, count)
+        if pictures is not None:
+            shown = range(1, min(count, _MAX_PICTURES) + 1)
+            for path in workflow.render_mode_shapes(made, pictures, list(shown)):
+                screen.line(f"written: {path}")
         return
-    refuse_options({"time": time}, "belongs to one state; --vary has many")
+    refuse_options({"time": time, "pictures": pictures}, "belongs to one state; --vary has many")
     [(name, text)] = parse_pairs([vary], "--vary").items()
     with screen.Bars() as progress:
         sweep = workflow.sweep_modes(

@@ -23,6 +23,7 @@ from flexmb.workflow.installation import (
 )
 from flexmb.workflow.linearize import equilibria, free_lengths, linearize, sweep_modes
 from flexmb.workflow.listings import TOPICS, Listing, listing, new_scene, templates
+from flexmb.workflow.mode_pictures import render_mode_shapes
 from flexmb.workflow.resume import resume, resume_run
 from flexmb.workflow.run_report import CheckOutcome, RunReport
 from flexmb.workflow.simulate import kinematics, run_model, run_scene, simulate, statics
@@ -56,6 +57,7 @@ __all__ = [
     "new_scene",
     "reduce_mesh",
     "reduce_scene",
+    "render_mode_shapes",
     "resume",
     "resume_run",
     "run_model",

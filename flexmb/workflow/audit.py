@@ -95,8 +95,10 @@ class Audit:
         budget = f"the budget of {100 * self.budget:.3g} % of the peak-to-peak of every sensor"
         if self.passed:
             open_ = [one for one in self.effects if one.verdict == UNKNOWN and not one.on]
-            besides = f"; not known of {len(open_)}" if open_ else ""
-            return f"what is left out stays within {budget}{besides}"
+            if not open_:
+                return f"what is left out stays within {budget}"
+            unknown = ", ".join(" of ".join(filter(None, (o.effect, o.body))) for o in open_)
+            return f"what {unknown} would contribute is not known; the rest stays within {budget}"
         worst = max(self.missing, key=lambda one: one.share or 0.0)
         what = f"{worst.effect} of {worst.body}" if worst.body else worst.effect
         return f"{what} is left out and contributes {percent(worst.share)}: more than {budget}"

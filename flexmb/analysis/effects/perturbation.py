@@ -356,11 +356,6 @@ def _solve(
     squares, T = eigh(stiffness, 0.5 * (Mr + Mr.transpose(0, 2, 1)).mean(axis=0))
     omega = np.maximum(np.sqrt(np.abs(squares)), 1.0 / (t[-1] - t[0]))
     Mt, Dt, Kt = (T.T @ A @ T for A in (Mr, Dr, Kr))
-    inverse = np.linalg.inv(Mt)
-    A = np.zeros((n, 2 * d, 2 * d))
-    A[:, :d, d:] = np.diag(omega)
-    A[:, d:, :d] = -(inverse @ Kt) / omega[:, None]
-    A[:, d:, d:] = -(inverse @ Dt) * omega / omega[:, None]
     # what modes that the rows do not resolve do slowly is taken out of the forces first
     fast = omega * np.median(np.diff(t)) > _UNRESOLVED
     if elastic is not None:
@@ -375,36 +370,53 @@ def _solve(
             np.einsum("tij,tj->ti", C, z) for C, z in zip((Kt, Dt, Mt), motion, strict=True)
         )
         slow += motion
-    b, x = np.zeros((n, 2 * d)), np.zeros((n, 2 * d))
-    b[:, d:] = np.einsum("tij,tj->ti", inverse, rest) / omega
     y0 = np.linalg.lstsq(Z[0], state[0] - g[0], rcond=None)[0]
     yd0 = np.linalg.lstsq(Z[0], state[1] - V1[0] @ y0 - a0[0], rcond=None)[0]
-    back = np.linalg.inv(T)
+    back, x = np.linalg.inv(T), np.zeros((n, 2 * d))
     x[0] = np.concatenate([back @ y0, (back @ yd0) / omega])
     x[0] -= np.concatenate([slow[0, 0], slow[1, 0] / omega])
-    if elastic is not None:
-        still = np.tile(fast, 2)
-        A[:, still], A[:, :, still], b[:, still], x[0, still] = 0.0, 0.0, 0.0, 0.0
+    still = np.tile(fast, 2) if elastic is not None else np.zeros(2 * d, bool)
+    x[0, still] = 0.0
+    M, D, K = (0.5 * (C[1:] + C[:-1]) for C in (Mt, Dt, Kt))  # symmetric: they make no energy
+    A, inverse = _first_order(M, D, K, omega, still)
     bounded = n
     for k in range(n - 1):
         h = t[k + 1] - t[k]
         step = np.zeros((2 * d + 2, 2 * d + 2))
-        step[: 2 * d, : 2 * d] = 0.5 * h * (A[k] + A[k + 1])
-        step[: 2 * d, 2 * d] = h * b[k]
-        step[: 2 * d, 2 * d + 1] = h * (b[k + 1] - b[k])
+        step[: 2 * d, : 2 * d] = h * A[k]
+        step[d : 2 * d, 2 * d] = h * (inverse[k] @ rest[k]) / omega
+        step[d : 2 * d, 2 * d + 1] = h * (inverse[k] @ (rest[k + 1] - rest[k])) / omega
+        step[: 2 * d][still] = 0.0
         step[2 * d + 1, 2 * d] = 1.0
         x[k + 1] = (expm(step) @ np.append(x[k], (1.0, 0.0)))[: 2 * d]
         if not np.abs(T @ x[k + 1, :d]).max(initial=0.0) < _UNBOUNDED:
             bounded = k + 1
             x[k + 1 :] = 0.0
             break
-    xd = np.einsum("tij,tj->ti", A, x) + b
+    A, inverse = _first_order(Mt, Dt, Kt, omega, still)
+    xd = np.einsum("tij,tj->ti", A, x)
+    xd[:, d:] += np.where(still[:d], 0.0, np.einsum("tij,tj->ti", inverse, rest) / omega)
     y, yd, ydd = (z @ T.T for z in np.array([x[:, :d], x[:, d:] * omega, xd[:, d:] * omega]) + slow)
     dq = np.einsum("tij,tj->ti", Z, y) + g
     dv = np.einsum("tij,tj->ti", Z, yd) + np.einsum("tij,tj->ti", V1, y) + a0
     dvd = np.einsum("tij,tj->ti", Z, ydd) + np.einsum("tij,tj->ti", Zd + V1, yd)
     dvd += np.einsum("tij,tj->ti", V1d, y) + a0d
     return np.array([dq, dv, dvd]), bounded
+
+
+def _first_order(
+    M: Array, D: Array, K: Array, omega: Array, still: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """A (n, 2 d, 2 d) of x = (y, ẏ/ω), ẋ = A x + (0, M⁻¹ f/ω), and M⁻¹; `still` is not moved."""
+    n, d, _ = M.shape
+    inverse: Array = np.asarray(np.linalg.inv(M), np.float64)
+    A = np.zeros((n, 2 * d, 2 * d))
+    A[:, :d, d:] = np.diag(omega)
+    A[:, d:, :d] = -(inverse @ K) / omega[:, None]
+    A[:, d:, d:] = -(inverse @ D) * omega / omega[:, None]
+    A[:, still] = 0.0
+    A[:, :, still] = 0.0
+    return A, inverse
 
 
 def _rate(t: Array, values: Array, order: int = 1) -> Array:

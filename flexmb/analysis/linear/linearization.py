@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexmb.analysis.assembly.initial_state import StartValues, assemble
+from flexmb.analysis.assembly.jacobian import ConstraintRows
 from flexmb.analysis.linear.eigenmodes import Complex, Eigenmodes, eigenmodes
 from flexmb.analysis.linear.observed_equations import SeenEquations
 from flexmb.analysis.linear.observer import RowsAlongMotion, body_axes, fastest_rate
@@ -66,6 +67,7 @@ class Linearization:
     """
 
     compiled: Compiled
+    model: Model
     state: State
     tangents: Tangents
     seen: SeenEquations
@@ -169,6 +171,14 @@ class Linearization:
             shares[body.name] = energy / np.where(whole > 0.0, whole, 1.0)
         return shares
 
+    def displaced(self, k: int, amplitude: float, phase: float = 0.0) -> Array:
+        """Positions (nq,) displaced by mode k, from 0, at a phase of it [rad].
+
+        `amplitude` is that of the largest coordinate, over the model size or in radians.
+        """
+        motion = amplitude * np.real(self.shapes[:, k] * np.exp(1j * phase))
+        return ConstraintRows(self.compiled).move(self.state.q, motion)
+
     @property
     def stable(self) -> bool:
         """Whether no mode grows; rigid motions do not count."""
@@ -252,7 +262,8 @@ def linearize_state(
         ]
         changes = [change if change > _STEADY else 0.0 for change in changes]
         change, best = min(zip(changes, here, strict=True), key=lambda pair: pair[0])
-    return Linearization(compiled, state, tangents, best, change, tuple(_notes(change, best)))
+    notes = tuple(_notes(change, best))
+    return Linearization(compiled, model, state, tangents, best, change, notes)
 
 
 def _observers(compiled: Compiled, state: State, rate: float) -> list[str]:
