@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from flexmb.engine.bodies.flexible_body import modal_block, put_flags
 from flexmb.engine.bodies.marker import MarkerTable
 from flexmb.engine.bodies.rigid_body import second_moments
-from flexmb.engine.bodies.static_modes import StaticModes, static_modes, without_inertia
+from flexmb.engine.bodies.static_modes import StaticModes, static_modes
 from flexmb.engine.geometry import Geometry
 from flexmb.engine.joints.constraint_groups import (
     Groups,
@@ -121,9 +121,8 @@ def body_table(model: Model, flexbodies: Mapping[str, FlexBody], pool: Pool) -> 
     table["mass"][rigid], table["S1"][rigid], table["S0"][rigid] = second_moments(
         [spec for spec in specs if isinstance(spec, RigidBodySpec)]
     )
-    for k, reduced in flexible.items():
+    for k, body in flexible.items():
         row, spec = table[k], specs[k]
-        body = without_inertia(reduced, quasi_static(spec, reduced, model))
         row["m"], row["mass"], row["S1"], row["S0"] = body.m, body.mass, body.S1, body.S0
         coupling = spec.inertia_coupling if isinstance(spec, FlexibleBodySpec) else "full"
         row["coupling"] = COUPLINGS.index(coupling)

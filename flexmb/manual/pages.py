@@ -39,6 +39,7 @@ PAGES = (
     "accuracy",
     "statics",
     "linearization",
+    "effects",
     "audit",
     "results",
     "errors",

@@ -111,6 +111,9 @@ def _frame(value: Any, info: ValidationInfo) -> str:
 Stiffening = Annotated[str, Reader(_stiffening, form=choice(STIFFENINGS))]
 
 
+EFFECT_WORDS = {"deformation", "inertia_coupling", "geometric_stiffening", "frame"}
+
+
 class FlexibleBodySpec(BodySpec):
     """What all flexible bodies have: which effects of their deformation a run contains.
 
@@ -134,9 +137,6 @@ class FlexibleBodySpec(BodySpec):
             problems.append(Problem("frame", what))
         if self.inertia_coupling == "partial":
             what = "partial coupling needs mean axes: take constant or full coupling, or leave it"
-            problems.append(Problem("frame", what))
-        if self.deformation != "dynamic":
-            what = "quasi-static modes are those of mean axes: leave the frame out"
             problems.append(Problem("frame", what))
         if problems:
             raise fail(*problems)
@@ -185,6 +185,28 @@ class FlexibleBodySpec(BodySpec):
             body = without_stiffening(body)
         name = self.frame_interface
         return body if name is None else frame_at_interface(body, name)
+
+    def effects_in_words(self, body: FlexBody | None = None, cutoff: float = math.inf) -> str:
+        """Which effects a run contains; of modes by number once the body is reduced."""
+        if self.deformation == "rigid":
+            return "none: rigid"
+        plain = self.deformation in ("dynamic", "quasi-static")
+        parts = [f"{self.deformation if plain else 'dynamic and quasi-static'} modes"]
+        stiffened = self.geometric_stiffening == "full"
+        if body is not None:
+            count = body.m - len(self.static_modes(body, cutoff))
+            words = "the others quasi-static" if count < body.m else "none quasi-static"
+            parts = [f"{count} of {body.m} modes dynamic, {words}"]
+            if self.deformation == "automatic":
+                parts[0] += f" (cut-off at {cutoff:.4g} Hz)"
+            stiffened = body.centrifugal_stiffness is not None
+        parts += [f"{self.inertia_coupling} coupling"]
+        parts += ["geometric stiffening"] if stiffened else ["no geometric stiffening"]
+        parts += [] if self.frame == MEAN_AXIS else [f"frame at {self.frame}"]
+        named = {"inertia_coupling", "geometric_stiffening"} & self.model_fields_set
+        if named and not stiffened and self.inertia_coupling != "constant":
+            parts[-1] += " (the inconsistent set: rotation softens, but does not stiffen)"
+        return ", ".join(parts)
 
     def static_modes(self, body: FlexBody, cutoff: float = math.inf) -> tuple[int, ...]:
         """Numbers of the quasi-static modes; "automatic" ones are those above the cutoff [Hz]."""

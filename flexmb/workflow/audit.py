@@ -95,8 +95,10 @@ class Audit:
         budget = f"the budget of {100 * self.budget:.3g} % of the peak-to-peak of every sensor"
         if self.passed:
             open_ = [one for one in self.effects if one.verdict == UNKNOWN and not one.on]
-            besides = f"; not known of {len(open_)}" if open_ else ""
-            return f"what is left out stays within {budget}{besides}"
+            if not open_:
+                return f"what is left out stays within {budget}"
+            unknown = ", ".join(" of ".join(filter(None, (o.effect, o.body))) for o in open_)
+            return f"what {unknown} would contribute is not known; the rest stays within {budget}"
         worst = max(self.missing, key=lambda one: one.share or 0.0)
         what = f"{worst.effect} of {worst.body}" if worst.body else worst.effect
         return f"{what} is left out and contributes {percent(worst.share)}: more than {budget}"
@@ -216,9 +218,9 @@ def _outcome(neighbours: Neighbours, effect: Effect, budget: float) -> EffectOut
 
 def _validity(neighbours: Neighbours) -> Iterator[str]:
     """Sentences on bodies that leave what linear elasticity can answer."""
-    from flexmb.analysis.dynamics.linear_elasticity import LinearElasticityMonitor
+    from flexmb.analysis.dynamics.validity import ValidityMonitor
 
     motion = neighbours.motion
-    monitor = LinearElasticityMonitor(neighbours.compiled, neighbours.model, motion.q[0])
+    monitor = ValidityMonitor(neighbours.compiled, neighbours.model, motion.q[0])
     monitor.add(neighbours.rows())
     yield from monitor.notes()

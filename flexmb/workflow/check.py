@@ -100,7 +100,13 @@ def check_scene(
         model.title or str(path),
         _counts_table(counts),
         notes,
-        {name: _survey_table(survey, model.units) for name, survey in surveys.items()},
+        {
+            name: {
+                **_survey_table(survey, model.units),
+                "effects": model.bodies[name].effects_in_words(),  # type: ignore[attr-defined]
+            }
+            for name, survey in surveys.items()
+        },
         moves,
         definition_tables(model, bodies) if tables else (),
     )

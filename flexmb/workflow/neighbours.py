@@ -146,7 +146,7 @@ class Neighbours:
         return changes, times[1] / times[0] if effect.on else times[0] / times[1]
 
     def _of_body(self, name: str) -> Iterator[Effect]:
-        from flexmb.analysis.effects.indicators import indicators
+        from flexmb.analysis.effects.contribution import indicators
 
         spec: Any = self.model.bodies[name]
         body = self.compiled.flexbodies[name]
@@ -202,7 +202,11 @@ class Neighbours:
         name, vibration = effect.body, effect.name == VIBRATION
         rigid, own, motion, seconds = self._rigid
         model = with_words(rigid, {name: {"deformation": "dynamic"}})
-        other = self._compile(model, self.bodies)
+        bodies, spec = dict(self.bodies), model.bodies[name]
+        stiffened = getattr(spec, "geometric_stiffening", None) == "full"
+        if stiffened and bodies[name].centrifugal_stiffness is None and hasattr(spec, "mesh"):
+            bodies[name] = self._reduced(model, effect)  # as it was rigid, it was reduced without
+        other = self._compile(model, bodies)
         changes = self._changes(own, other, model, motion, {}, vibration)
         mine = self.run.seconds.get("integrate")
         known = mine and seconds and effect.on and not vibration

@@ -22,6 +22,7 @@ from flexmb.workflow.run_report import PROVENANCE, RunReport, provenance_text, r
 if TYPE_CHECKING:
     from flexmb.analysis.procedure import Outcome, Sink
     from flexmb.engine.compile import Compiled
+    from flexmb.flexbody import FlexBody
     from flexmb.model import Model
     from flexmb.results import Result
 
@@ -64,6 +65,7 @@ def run_single(
     folder = writable_folder(Path(output))
     started = time.perf_counter()
     bodies, files, notes = flexible_bodies(model, folder, fresh=fresh, progress=progress)
+    notes += _effect_notes(model, bodies)
     reduced = time.perf_counter()
     compiled = compile_system(model, bodies)
     names = {name: file.name for name, file in files.items()}
@@ -172,6 +174,20 @@ def prepare_task(
         notes,
         {DAMPING: damping_text(prepared.dampings)} if prepared.dampings else {},
     )
+
+
+def _effect_notes(model: Model, bodies: Mapping[str, FlexBody]) -> list[str]:
+    """Which effects of flexible bodies a run contains, where the scene says something of them."""
+    from flexmb.model.bandwidth import cutoff_frequency
+    from flexmb.model.flexible_body import EFFECT_WORDS, FlexibleBodySpec
+
+    notes = []
+    for name, body in bodies.items():
+        spec = model.bodies[name]
+        if isinstance(spec, FlexibleBodySpec) and EFFECT_WORDS & spec.model_fields_set:
+            cutoff = cutoff_frequency(model) if spec.deformation == "automatic" else float("inf")
+            notes.append(f"bodies.{name}: effects {spec.effects_in_words(body, cutoff)}")
+    return notes
 
 
 def _row_size_note(compiled: Compiled, scene: Mapping[str, Any]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -40,3 +41,19 @@ def test_the_excavator_with_a_rigid_boom_is_the_one_of_kinematics(tmp_path: Path
     for axis in "xyz":
         expected = b[f"tooth.{axis}"][::20]
         np.testing.assert_allclose(a[f"tooth.{axis}"], expected, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("scene", "missing"), [("slow.toml", False), ("medium.toml", False), ("scene.toml", True)]
+)
+def test_the_audit_says_at_which_speed_a_rigid_rod_is_wrong(scene, missing, tmp_path: Path) -> None:
+    """Its estimate against the share by which a rigid rod's middle is off (`exact.py`)."""
+    folder = CASES / "slider_crank_speeds"
+    change = {"bodies.rod.deformation": "rigid"}
+    report = flexmb.run_scene(folder / scene, output=tmp_path, overrides=change, pictures=False)
+    audit = flexmb.audit(report.result)
+    exact = runpy.run_path(str(folder / "exact.py"))
+    true = exact["rigid_share"](exact["SPEEDS"][scene])
+    (deformation,) = (one for one in audit.effects if one.effect == "deformation")
+    assert deformation.shares["middle"] == pytest.approx(true, rel=0.1)
+    assert audit.passed is not missing

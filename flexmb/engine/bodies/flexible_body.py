@@ -405,6 +405,8 @@ def modal_reach(body: FlexBody) -> Array:
     fields = [interface.Phi_t for interface in body.interfaces]
     if body.surface is not None:
         fields.extend(body.surface.modes)
+    mean = np.sqrt(np.diag(body.M_eta) / body.mass)
     if not fields:
-        return np.sqrt(np.diag(body.M_eta) / body.mass)
-    return np.linalg.norm(np.stack(fields), axis=1).max(axis=0)
+        return mean
+    reach = np.linalg.norm(np.stack(fields), axis=1).max(axis=0)
+    return np.where(reach > 0.0, reach, mean)  # a mode may move no interface

@@ -1,15 +1,14 @@
 """Quasi-static modes: they follow the present loads and have no inertia.
 
-K_ss η_s = Q_s − Cq_sᵀ λ − the centrifugal load, with v̇ and λ of the motion in which η_s stays as it
+K_ss η_s = Q_s − Cq_sᵀ λ − the inertia loads, with v̇ and λ of the motion in which η_s stays as it
 is: the slow solution, without vibrations of the modes or of what hangs on their compliance. A step
-therefore holds η_s, as if its modal mass were τ² K_ss; then η_s follows and joints are closed with
-the deformed body. Rates of η_s are left out. Of the integrals K and the symmetric part of P remain.
+therefore holds η_s, as if its modal mass were τ² K_ss larger; then η_s follows and joints are
+closed with the deformed body. Rates of η_s are left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -22,7 +21,6 @@ from flexmb.engine.state import Point, Run
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
 
-_INERTIA = 1e-6  # share of its mass that stays with such a mode, so that no matrix is singular
 _SLOW = 1e8  # τ² over 1/ω² of the softest of them
 
 
@@ -100,16 +98,3 @@ def static_modes(bodies: Sequence[tuple[int, FlexBody, Sequence[int]]]) -> Stati
         np.array(heavy),
         np.concatenate(compliance),
     )
-
-
-def without_inertia(body: FlexBody, modes: Sequence[int]) -> FlexBody:
-    """The body without inertia and damping of some modes; their centrifugal load remains."""
-    free = np.ones(body.m)
-    free[list(modes)] = 0.0
-    both = np.outer(free, free)
-    P = body.P * free + 0.5 * (body.P + body.P.transpose(1, 0, 2)) * (1.0 - free)
-    Mab = body.Mab * both
-    own = np.diag(np.diag(body.M_eta) * (1.0 - free) * _INERTIA / 3.0)
-    Mab[range(3), range(3)] += own
-    D = None if body.D is None else body.D * both
-    return replace(body, p=body.p * free, P=P, Mab=Mab, D=D)

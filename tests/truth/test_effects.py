@@ -1,0 +1,253 @@
+"""Effects of flexible bodies as switches, against statics, mass properties and the full model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flexiblescenes import BEAM_PERIOD, STEEL, rod
+from truth.test_simeon_crank import L1, L2, P
+from truth.test_simeon_crank import rod as simeon_rod
+
+import flexmb
+from flexmb.errors import ReductionError, SceneError
+from flexmb.flexbody.effects import frame_at_interface
+from flexmb.flexbody.natural_modes import natural_frequencies
+from flexmb.model import Model
+
+pytestmark = pytest.mark.filterwarnings("ignore::flexmb.errors.FlexmbWarning")
+METHODS = ("generalized-alpha", "radau", "explicit-rk", "newmark")
+
+
+def simeon(speed, **words):
+    """Simeon's slider-crank with a turning crank."""
+    made = Model("slider-crank")
+    J = P["J1"] - P["m1"] * L1**2 / 4
+    made.add_body("crank", mass=P["m1"], center=[L1 / 2, 0, 0], inertia=[J, J, J])
+    made.add_marker("crank.pin", position=[L1, 0, 0])
+    made.add_body("rod", simeon_rod(), position=[L1, 0, 0], **words)
+    made.add_body("slider", mass=P["m3"], inertia=[1e-4] * 3, position=[L1 + L2, 0, 0])
+    made.add_joint("bearing", "revolute", between=["ground", "crank"], axis="z")
+    made.add_joint("pin", "spherical", between=["crank.pin", "rod.big_end"])
+    made.add_joint("wrist", "cylindrical", between=["rod.small_end", "slider"], axis="z")
+    made.add_joint("guide", "prismatic", between=["ground", "slider"], axis="x")
+    made.add_driver("motor", joint="bearing", angle=f"{speed}*t")
+    made.add_sensor("slider", "position", of="slider")
+    return made
+
+
+def bending(speed, **words):
+    """First bending coordinate over one turn from undeformed rest, and the steps it took."""
+    result = flexmb.simulate(
+        simeon(speed, **words), duration=2 * np.pi / speed, accuracy=1e-6, outputs=200,
+        method="explicit-rk",
+    )  # fmt: skip
+    return result["rod.eta.0"], result.statistics["steps"]
+
+
+# Errors of the bending that an own program of the same problem gave (DOP853, from rest, one turn):
+# without Coriolis and centrifugal terms 0.13, 0.92, 2.5 %; with them and a constant mass matrix
+# 0.00, 0.01, 0.02 %; without the axial modes 0.43, 0.40, 0.40 %.
+@pytest.mark.parametrize(
+    ("speed", "of_constant"), [(150, 0.0092), pytest.param(300, 0.025, marks=pytest.mark.slow)]
+)
+def test_the_ladder_of_couplings_on_a_slider_crank(speed, of_constant):
+    full, steps = bending(speed)
+    size = np.abs(full).max()
+    error = {c: np.abs(bending(speed, inertia_coupling=c)[0] - full).max() / size
+             for c in ("constant", "partial")}  # fmt: skip
+    assert error["constant"] == pytest.approx(of_constant, rel=0.1)
+    assert error["partial"] < 0.1 * error["constant"]
+    without_axial, few = bending(speed, deformation={"quasi_static": [2, 3]})
+    assert np.abs(without_axial - full).max() < 0.0043 * size
+    assert steps > 8 * few
+
+
+def pendulum(body, **words):
+    made = Model("pendulum", gravity=[0, -9.81, 3.0])
+    made.add_body("rod", body, **words)
+    made.add_joint("hinge", "revolute", between=["ground", "rod.root"], axis="z")
+    made.add_sensor("tip", "position", of="rod.tip")
+    made.add_sensor("force", "reaction", joint="hinge")
+    return made
+
+
+def channels(model, names=("tip.x", "tip.y", "tip.z"), **dynamics):
+    result = flexmb.simulate(model, **{"duration": 0.3, "accuracy": 1e-6, "outputs": 30} | dynamics)
+    return np.array([result[name] for name in names]), result
+
+
+def test_rigid_is_the_body_of_its_mass_properties():
+    body = rod(0.012)
+    rigid, _ = channels(pendulum(body, deformation="rigid"), step=1e-3, accuracy=None)
+    made = Model("pendulum", gravity=[0, -9.81, 3.0])
+    made.add_body("rod", mass=body.mass, center=body.center.tolist(),
+                  inertia=body.inertia_about_center.tolist())  # fmt: skip
+    for end in body.interfaces:
+        made.add_marker(f"rod.{end.name}", position=end.position.tolist())
+    made.add_joint("hinge", "revolute", between=["ground", "rod.root"], axis="z")
+    made.add_sensor("tip", "position", of="rod.tip")
+    same, _ = channels(made, step=1e-3, accuracy=None)
+    np.testing.assert_allclose(rigid, same, rtol=0, atol=1e-12)
+
+
+def cantilever(**words):
+    made = Model("cantilever")
+    made.add_body("beam", rod(0.01, 1.0, 20, 16), **words)
+    made.add_joint("clamp", "fixed", between=["ground", "beam.root"])
+    made.add_force("load", "force", at="beam.tip", value=[0, "t", 0])
+    made.add_sensor("tip", "position", of="beam.tip")
+    made.add_sensor("force", "reaction", joint="clamp")
+    return made
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_quasi_static_modes_have_the_deflection_of_statics(method):
+    """F (L³/3EI + L/κGA) at each time, however fast it is loaded; and the joint stays closed."""
+    (y,), result = channels(
+        cantilever(deformation="quasi-static"), ("tip.y",), duration=1.0, accuracy=1e-4,
+        method=method,
+    )  # fmt: skip
+    E, nu = STEEL["E"], STEEL["nu"]
+    shear = 10 * (1 + nu) / (12 + 11 * nu) * E / (2 * (1 + nu)) * 0.01**2
+    compliance = 1 / (3 * E * 0.01**4 / 12) + 1 / shear
+    assert y == pytest.approx(compliance * result.time, rel=5e-6, abs=1e-11)
+    assert result.statistics["largest_position_drift"] < 1e-10
+    assert result["force.y"][1:] == pytest.approx(-result.time[1:], rel=1e-6)
+
+
+def test_quasi_static_modes_are_the_limit_of_slow_motion():
+    """The difference to dynamic modes falls at least with the square of the speed."""
+    errors = []
+    for speed in (4.0, 2.0):
+        knobs = {"duration": 6.0 / speed, "accuracy": 1e-7, "start": "quasi-static", "outputs": 60}
+        tips = []
+        for deformation in ("dynamic", "quasi-static"):
+            made = Model("turning")
+            made.add_body("beam", rod(0.01, 1.0, 10, 6), deformation=deformation)
+            made.add_joint("hub", "revolute", between=["ground", "beam.root"], axis="z")
+            made.add_driver("motor", joint="hub", angle=f"sin({speed}*t)-{speed}*t")
+            made.add_sensor("tip", "position", of="beam.tip", relative_to="beam.root")
+            tips.append(channels(made, ("tip.y",), method="radau", **knobs)[0][0])
+        errors.append(np.abs(tips[0] - tips[1]).max() / np.abs(tips[0]).max())
+    assert errors[0] < 0.02
+    assert errors[0] / errors[1] > 3.5
+
+
+def test_quasi_static_modes_do_not_restrict_the_step():
+    many, few = (
+        channels(cantilever(deformation=word), duration=5 * BEAM_PERIOD, accuracy=1e-3,
+                 method="explicit-rk")[1].statistics["steps"]
+        for word in ("dynamic", "quasi-static")
+    )  # fmt: skip
+    assert many > 50 * few
+
+
+def test_both_frames_differ_with_the_square_of_the_deformation():
+    """A beam on a hinge that is let go, then the same one twice as stiff."""
+    errors, sizes = [], []
+    for stiffer in (100.0, 200.0):
+        body = rod(0.002)
+        body = replace(body, K=stiffer * body.K)
+        knobs = {"accuracy": 1e-9, "duration": 0.02, "method": "explicit-rk"}
+        mean, held = (channels(pendulum(body, frame=frame), **knobs)[0]
+                      for frame in ("mean axis", "interface root"))  # fmt: skip
+        rigid = channels(pendulum(body, deformation="rigid"), **knobs)[0]
+        sizes.append(np.abs(mean - rigid).max())
+        errors.append(np.abs(mean - held).max())
+    assert errors[0] < 1e-3 * sizes[0]
+    assert sizes[0] / sizes[1] == pytest.approx(2.0, rel=0.1)
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.2)
+
+
+def test_a_frame_at_an_interface_has_the_same_frequencies():
+    body = rod(0.012)
+    clamped = frame_at_interface(body, "root")
+    assert np.abs(clamped.interface("root").Phi_t).max() < 1e-12
+    assert np.abs(clamped.interface("root").Phi_r).max() < 1e-10
+    for held in (("root",), ("tip",), ("root", "tip")):
+        before, after = natural_frequencies(body, held), natural_frequencies(clamped, held)
+        np.testing.assert_allclose(after[-6:], before[-6:], rtol=1e-8)
+
+
+@pytest.mark.parametrize("coupling", ["constant", "partial", "full"])
+@pytest.mark.parametrize("plane", [None, "xy"])
+def test_energy_holds_to_the_order_of_the_coupling(coupling, plane):
+    made = Model("pendulum", gravity=[0, -9.81, 0], plane=plane)
+    made.add_body("rod", rod(0.004), inertia_coupling=coupling)
+    made.add_joint("hinge", "revolute", between=["ground", "rod.root"], axis="z")
+    made.add_sensor("tip", "position", of="rod.tip")
+    _, result = channels(made, ("tip.x",), method="explicit-rk", accuracy=1e-9)
+    bound = 1e-6 if coupling == "partial" else 1e-11
+    assert result.statistics["energy_balance_error"] < bound
+
+
+def test_partial_coupling_spins_with_stiffening_like_full_coupling():
+    """At twice the first frequency, where a beam without stiffening folds."""
+    body = rod(0.01, 1.0, 20, 8, geometric_stiffening="full")
+    tips = {}
+    for coupling in ("partial", "full", "rigid"):
+        made = Model("blade")
+        rigid = coupling == "rigid"
+        words = {"deformation": "rigid"} if rigid else {"inertia_coupling": coupling}
+        made.add_body("beam", body, **words)
+        made.add_joint("hub", "revolute", between=["ground", "beam.root"], axis="z")
+        speed = 2 * 2 * np.pi / BEAM_PERIOD
+        made.add_driver("motor", joint="hub", angle=f"{speed / 2}*(t - sin(pi*t)/pi)")
+        made.add_sensor("tip", "position", of="beam.tip")
+        tips[coupling] = channels(made, duration=1.0, accuracy=1e-6, method="radau")[0]
+    size = np.abs(tips["full"] - tips["rigid"]).max()
+    assert 1e-3 < size < 0.1
+    assert np.abs(tips["partial"] - tips["full"]).max() < 0.01 * size
+
+
+def test_words_without_their_data_say_how_to_get_it():
+    made = pendulum(rod(0.012), geometric_stiffening="full")
+    with pytest.raises(ReductionError, match="flexmb reduce --geometric-stiffening full"):
+        flexmb.simulate(made, duration=0.1)
+    made = pendulum(rod(0.012), deformation={"dynamic": [0, 99]})
+    with pytest.raises(ReductionError, match=r"rod.deformation.dynamic: .* no mode 99.* 0 to 9"):
+        flexmb.simulate(made, duration=0.1)
+    made = pendulum(rod(0.012), frame="interface rot")
+    with pytest.raises(ReductionError, match='no interface "rot"; nearest: root'):
+        flexmb.simulate(made, duration=0.1)
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        ({"geometric_stiffening": True}, 'write geometric_stiffening = "full"'),
+        ({"inertia_coupling": "parcial"}, "nearest: partial"),
+        ({"deformation": "static"}, "unknown choice"),
+        ({"deformation": {"band": [5, 2]}}, "the lower one first"),
+        ({"deformation": {"band": [0, 2], "dynamic": [1]}}, "exactly one of"),
+        ({"frame": "tip"}, "interface NAME"),
+        ({"frame": "interface root", "geometric_stiffening": "full"}, "formulated in mean axes"),
+    ],
+)
+def test_wrong_words(words, text):
+    with pytest.raises(SceneError, match=text):
+        Model("wrong").add_body("rod", rod(0.012), **words)
+
+
+def test_effects_of_a_scene_are_switched_off():
+    """A weight on a stop, with friction at its guide: each switch lets it move as without."""
+    made = Model("block", gravity=[0, 0, -9.81])
+    made.add_body("block", mass=2.0, inertia=[0.1] * 3)
+    made.add_joint("guide", "prismatic", between=["ground", "block"], axis="z")
+    made.add_force("floor", "translational-stop", joint="guide", lower=-1e-3, stiffness=1e5,
+                   depth=1e-4, damping=2e2)  # fmt: skip
+    made.add_sensor("place", "position", of="block")
+    made.set_dynamics(duration=0.2, outputs=20)
+    on = flexmb.simulate(made)["place.z"]
+    assert on.min() > -0.01
+    made.set_effects(stops=False)
+    falling = flexmb.simulate(made)
+    assert falling["place.z"] == pytest.approx(-0.5 * 9.81 * falling.time**2, abs=1e-9)
+    made.set_effects(gravity=False)
+    assert np.abs(flexmb.simulate(made)["place.z"]).max() < 1e-12
+    made.add_sensor("push", "reaction", force="floor")
+    made.set_effects(stops=False)
+    with pytest.raises(SceneError, match="effects.stops = false leaves out: remove the sensor"):
+        flexmb.simulate(made)
