@@ -21,7 +21,8 @@ W = np.outer(weights, weights).ravel() / 4
 
 
 def shapes(power, x, y):
-    """Products x^power P_i(x) P_j(y) and derivatives: values, x, y, xx, yy, xy; (6, COUNT^2, points)."""
+    """x^power P_i(x) P_j(y), and its derivatives by x, y, xx, yy, xy: (6, COUNT^2, points)."""
+
     def line(z, d):
         return np.array([2.0**d * Legendre.basis(k).deriv(d)(z) for k in range(COUNT)])
 
