@@ -20,7 +20,7 @@ from flexmb.analysis.assembly.jacobian import (
     null_space,
 )
 from flexmb.analysis.assembly.positions import close_rows
-from flexmb.analysis.dynamics.linear_elasticity import LinearElasticityMonitor
+from flexmb.analysis.dynamics.validity import ValidityMonitor
 from flexmb.analysis.equilibrium import settle
 from flexmb.analysis.linear.linearization import Linearization, linearize_state
 from flexmb.analysis.linear.observed_equations import SeenEquations
@@ -54,6 +54,7 @@ from flexmb.results import NOT_UNIQUE
 
 _MAX_HOPS, _HOP = 8, 0.6  # of a random way, over the model size or in radians
 _SAME_PLACE = 1e-5
+_MOVES = 0.5  # share of bodies in the kinetic energy of a mode of them
 _UNBALANCED = 1e-8  # of the load of the pose
 
 
@@ -196,7 +197,7 @@ class _Run:
         self.stability: list[str] = []
         self.monitors = (
             ContactLossMonitor(prepared.compiled),
-            LinearElasticityMonitor(prepared.compiled, prepared.model, prepared.state.q),
+            ValidityMonitor(prepared.compiled, prepared.model, prepared.state.q),
         )
         work = new_work(prepared.compiled.system, len(prepared.state.angles))
         system = prepared.compiled.system
@@ -253,11 +254,14 @@ class _Run:
                 f"{at} is unstable: a disturbance grows by a factor of e in {1.0 / rate:.3g} s, "
                 f"mostly of bodies.{name[0]}; flexmb modes --about static shows the modes"
             )
-        elif np.any(values == 0.0):
-            self.stability.append(
-                f"{at} is neutral in {int(np.sum(values == 0.0))} motions, in which nothing holds "
-                "the bodies where they are"
-            )
+        else:  # states of controllers have no energy
+            moving = np.sum(list(made.energy_shares.values()), axis=0) > _MOVES
+            count = int(np.sum(moving & (values == 0.0)))
+            if count:
+                self.stability.append(
+                    f"{at} is neutral in {count} motion{'s' * (count > 1)}: nothing holds the "
+                    "bodies where they are"
+                )
 
 
 def find_equilibria(

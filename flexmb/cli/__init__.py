@@ -14,7 +14,6 @@ from flexmb.cli import reduce as reduce  # isort: skip
 from flexmb.cli import postprocess as postprocess  # isort: skip
 from flexmb.cli import modes as modes  # isort: skip
 from flexmb.cli import study as study  # isort: skip
-from flexmb.cli import audit as audit  # isort: skip
 from flexmb.cli import listings as listings  # isort: skip
 from flexmb.cli.app import app, main
 

@@ -150,6 +150,7 @@ def _show_modes(made: Any, count: int) -> None:
             for name in largest
             if shares[name][k] > _LEAST_SHARE
         )
+        moving = moving or "state of a controller"
         ratio = f"{made.damping_ratios[k]:.4g}" if size else "rigid"
         rows.append(
             (str(k + 1), f"{made.frequencies[k]:.6g}", f"{value.imag:.6g}", f"{value.real:.4g}",

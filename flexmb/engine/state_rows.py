@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from flexmb.engine.algebra.vector import copy
 from flexmb.engine.equations_of_motion import (
+    begin_history,
     begin_run,
     bias_stage,
     complete_poses,
@@ -12,6 +14,7 @@ from flexmb.engine.equations_of_motion import (
     position_stage,
     powers,
     put_energies,
+    remember,
     residual,
     velocity_stage,
 )
@@ -27,6 +30,7 @@ from flexmb.engine.time_loop import end_row, write_motion
 def write_equilibrium(run: Run) -> int:
     """Write the state at rest with its own multipliers; returns the status."""
     st, at = run.state, run.state_point
+    copy(st.history, run.work.now.history)
     begin_run(run, at)
     status = residual(run, at)
     if status != FINE:
@@ -54,6 +58,8 @@ def write_reactions(run: Run, metric: Vector, quality: Vector) -> int:
     begin_run(run, at)
     position_stage(run, at)
     velocity_stage(run, at)
+    if st.count[0]["outputs"] == 0:
+        begin_history(run, at, st.history)
     factorise_metric(run, at, metric)
     status = solve_reactions(run)
     if status != FINE:
@@ -70,4 +76,5 @@ def write_reactions(run: Run, metric: Vector, quality: Vector) -> int:
     write_motion(run, at, st, 0.0)
     powers(run, at)
     put_energies(run, at, st.work_done, run.output.energy[run.output.rows[0]])
+    remember(run, at, st.history)
     return end_row(run, at, st)

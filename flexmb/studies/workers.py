@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexmb.errors import FlexmbError
-from flexmb.workflow.processes import process_pool
+from flexmb.workflow.check_all import process_pool
 
 if TYPE_CHECKING:
     from flexmb.model import Model

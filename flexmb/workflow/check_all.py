@@ -1,10 +1,15 @@
-"""The known answers of all scenes in a folder, several scenes at the same time."""
+"""The known answers of all scenes in a folder, several scenes at the same time.
+
+The processes of this machine do runs at the same time, each on one core.
+"""
 
 from __future__ import annotations
 
 import multiprocessing
+import os
+import signal
 import warnings
-from concurrent.futures import as_completed
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +17,6 @@ from pathlib import Path
 from flexmb.errors import FlexmbError, Problem, SceneError
 from flexmb.folders import writable_folder
 from flexmb.progress import Progress, silent
-from flexmb.workflow.processes import process_pool
 from flexmb.workflow.run import ANALYSES
 from flexmb.workflow.run_report import CheckOutcome
 from flexmb.workflow.simulate import run_scene
@@ -135,3 +139,22 @@ def _check(scene: Path, analyses: tuple[str, ...], output: Path) -> SceneChecks:
         except Exception as error:  # noqa: BLE001  one bad run must not end the others
             what = f"failed unexpectedly ({type(error).__name__}: {error})"
             return SceneChecks(scene, tuple(outcomes), failure=what)
+
+
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def process_pool(count: int) -> ProcessPoolExecutor:
+    """Processes that begin empty, on every operating system alike."""
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(count, mp_context=context, initializer=_prepare_process)
+
+
+def _prepare_process() -> None:
+    """Ctrl-C is handled by the parent, and one run uses one core."""
+    from threadpoolctl import threadpool_limits
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threadpool_limits(1)
+    for name in _THREADS:  # for libraries that are loaded later
+        os.environ.setdefault(name, "1")

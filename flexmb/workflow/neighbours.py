@@ -146,7 +146,7 @@ class Neighbours:
         return changes, times[1] / times[0] if effect.on else times[0] / times[1]
 
     def _of_body(self, name: str) -> Iterator[Effect]:
-        from flexmb.analysis.effects.indicators import indicators
+        from flexmb.analysis.effects.contribution import indicators
 
         spec: Any = self.model.bodies[name]
         body = self.compiled.flexbodies[name]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from femeshes import line
+from mechanisms import stewart
 from restscenes import FAR, G, pendulum
 from scipy.optimize import brentq
 
@@ -275,3 +276,14 @@ def test_free_lengths_hold_the_placed_pose():
     made.joints.clear()
     with pytest.raises(AssemblyError, match=r"no preload of b brings the pose into balance"):
         flexmb.free_lengths(made, ["b"])
+
+
+def test_neutral_motions_do_not_keep_an_equilibrium_from_being_found():
+    """A platform on free legs hangs on one spring: it may turn and swing about it."""
+    made = stewart("UTS")
+    made.add_force("rope", "spring-damper", between=["ground", "platform"], stiffness=2000.0,
+                   free_length=1.0)  # fmt: skip
+    with pytest.warns(match=r"neutral|unstable"):
+        result = flexmb.statics(made)
+    total = sum(body.mass for body in made.bodies.values())
+    assert 0.0 < (1.0 - result.q[0, 2]) * 2000.0 < total * G
