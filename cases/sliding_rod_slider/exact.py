@@ -1,4 +1,4 @@
-"""The slider on the rod: least potential energy of its coordinates, and the load of the bearing.
+"""The slider on the rod: least potential energy, and the load of its bearing."""
 
 import numpy as np
 from scipy.optimize import minimize
