@@ -43,7 +43,8 @@ class Mechanism:
     result : Result
         The run.
     time : float, optional
-        Within the run, in the scene's units; by default what its ``[view]`` says, else the end.
+        Within the run, in the scene's units; by default what its ``[view]`` says, else the end;
+        the end, too, of a run that stopped before that.
 
     Raises
     ------
@@ -62,7 +63,7 @@ class Mechanism:
         self.flexbodies = {name: result.flexbody(name) for name in result.flexbodies}
         self.model = Model.from_scene_dict(_reduced(result), result.path.parent)
         if time is None and self.model.view.time is not None:
-            time = result.units.outward(self.model.view.time, "s")
+            time = min(result.units.outward(self.model.view.time, "s"), float(result.time[-1]))
         self.time = float(result.time[-1] if time is None else time)
         self._poses: dict[str, Pose] = {}
 

@@ -237,8 +237,9 @@ def _values(mechanism: Mechanism, color: str, layer: str | None) -> dict[str, Ar
 
 def _scale(mechanism: Mechanism, color: str, deformed: tuple[Deformed, ...]) -> Scale | None:
     units = mechanism.result.units
-    if color == "displacement" and deformed:
-        return Scale.fitting(max(float(body.displacement.max()) for body in deformed), units)
+    bent = [body for body in deformed if mechanism.pose(body.name).eta.any()]
+    if color == "displacement" and bent:
+        return Scale.fitting(max(float(body.displacement.max()) for body in bent), units)
     shown = [float(np.nanmax(body.values)) for body in deformed if body.values is not None]
     if color == "von_mises" and shown:
         return Scale.fitting(max(shown), units, "Pa", "von Mises stress")
@@ -259,7 +260,7 @@ def _deformed(
             points, undeformed, displacement = surface
             faces, lines = body.surface.faces, body.surface.lines
             shown = values[name]
-            if shown is None and not by_stress:
+            if shown is None and not by_stress and mechanism.pose(name).eta.any():
                 shown = displacement
             bodies.append(
                 Deformed(name, points, undeformed, faces, lines, displacement, colors[name], shown)
@@ -292,7 +293,7 @@ def _caption(
 ) -> str:
     units = mechanism.result.units
     parts = [f"t = {mechanism.time:.6g} {units.label('s')}"]
-    if deformed:
+    if any(mechanism.pose(body.name).eta.any() for body in deformed):
         seen = "to scale" if factor == 1.0 else f"exaggerated {factor:g} times"
         parts.append(f"deformation {seen}")
         most = max(deformed, key=lambda body: float(body.displacement.max()))

@@ -68,7 +68,7 @@ def test_the_command_ends_in_2_and_says_what_is_kept(tmp_path: Path) -> None:
         '[joints.bearing]\ntype = "revolute"\nbetween = ["ground", "arm"]\naxis = "z"\n'
         '[drivers.motor]\njoint = "bearing"\nangle = "sqrt(0.1 - t)"\n'
         '[sensors.tip]\ntype = "position"\nof = "arm.tip"\n'
-        "[dynamics]\nduration = 0.2\nstep = 1e-3\noutputs = 40\n"
+        "[dynamics]\nduration = 0.2\nstep = 1e-3\noutputs = 40\n[view]\ntime = 0.15\n"
     )
     out = tmp_path / "out"
     done = CliRunner().invoke(app, ["run", str(scene), "-o", str(out)])

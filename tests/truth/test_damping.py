@@ -426,12 +426,24 @@ def test_several_bodies_have_other_ratios_together(n):
         run = flexmb.simulate(model, duration=1e-4, outputs=1, step=1e-4)
         frequencies, ratios = told(run, "")
         lin = flexmb.linearize(model, about="undeformed")
-        np.testing.assert_allclose(
-            np.sort(lin.damping_ratios)[:6], np.sort(ratios)[:6], rtol=1e-5
-        )  # of modes that do not vibrate the linearised scene says nothing
+        np.testing.assert_allclose(np.sort(lin.damping_ratios)[:6], np.sort(ratios)[:6], rtol=1e-5)
         assert frequencies[0] == pytest.approx(bending(CLAMPED), rel=1e-3)
         if expected is None:
             np.testing.assert_allclose(told(run, "bar0")[1], 0.02, rtol=1e-9)
             assert 0.5 * 0.02 < ratios[0] < 0.02
         else:  # β K knows nothing of a division
             assert ratios[0] == pytest.approx(expected * frequencies[0], rel=1e-6)
+
+
+def test_quasi_static_modes_do_not_vibrate_and_are_not_damped():
+    def damping(deformation):
+        model = clamped(0.02)
+        flexbody = model.bodies.pop("bar").flexbody
+        model.add_body("bar", flexbody, damping=0.02, deformation=deformation)
+        knobs = {"outputs": 1, "step": 1e-4, "method": "generalized-alpha"}
+        return flexmb.simulate(model, duration=1e-3, **knobs).damping["bar"]
+
+    assert damping("quasi-static").words == "none: all modes are quasi-static"
+    some = damping({"quasi_static": [10, 11]})
+    assert len(some.ratios) == 10
+    np.testing.assert_allclose(some.ratios, 0.02, rtol=1e-9)

@@ -3,9 +3,9 @@
 In: a compiled model and its first pose. Out: the model with the damping matrices of its bodies, and
 the ratio that each mode has. The modes of a body as joined are those of the scene in that pose with
 this body flexible and all others rigid: joints, couplers and drivers hold, the others move with
-their mass, springs and other forces are left out. A bar that is driven at its hub is clamped there;
-one on a free hub vibrates against its mass. In scenes of more than `MAX_COORDINATES` coordinates
-the others are at rest.
+their mass, springs and other forces are left out, quasi-static modes stay as they are. A bar that
+is driven at its hub is clamped there; one on a free hub vibrates against its mass. In scenes of
+more than `MAX_COORDINATES` coordinates the others are at rest.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from flexmb.errors import AssemblyError, FlexmbError, Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.damping import DampingOptions, read_damping
 from flexmb.flexbody.natural_modes import Vibrations, damping_matrix, damping_ratios, mass_at_rest
+from flexmb.flexbody.planar_body import combine_modes
 from flexmb.model.markers import rotation_matrix
 from flexmb.model.model import Model
 from flexmb.results import BodyDamping
@@ -78,7 +79,12 @@ def add_damping(compiled: Compiled, model: Model, q: Array) -> tuple[Compiled, l
         body = compiled.flexbodies.get(columns.name)
         if body is None or row["m"] == 0:
             continue
-        name, m, D = columns.name, int(row["m"]), np.asarray(body.D)
+        name, m, dynamic = columns.name, int(row["m"]), dynamic_modes(compiled, k)
+        if not len(dynamic):
+            dampings.append(BodyDamping(name, "none: all modes are quasi-static"))
+            continue
+        both = np.ix_(dynamic, dynamic)
+        D = np.asarray(body.D)[both]
         words = damping_words(model, name, body)
         if words is None and not np.any(D):
             dampings.append(BodyDamping(name, "none"))
@@ -90,12 +96,16 @@ def add_damping(compiled: Compiled, model: Model, q: Array) -> tuple[Compiled, l
         if words is not None:
             text = words.sentence()
             try:
-                D = damping_matrix(body, words, joined, f"bodies.{name}.damping")
+                D = damping_matrix(
+                    _with_modes(body, dynamic), words, joined, f"bodies.{name}.damping"
+                )
             except FlexmbError as error:
                 problems += error.problems
                 continue
-        at = int(row["flex"]) + 12 * m + 2 * m * m
-        pool[at : at + m * m], flexbodies[name] = D.ravel(), replace(body, D=D)
+        at, every_mode = int(row["flex"]) + 12 * m + 2 * m * m, np.zeros((m, m))
+        every_mode[both] = D
+        pool[at : at + m * m] = every_mode.ravel()
+        flexbodies[name] = replace(body, D=every_mode)
         put_flags(row, flexbodies[name])
         dampings.append(_ratios(name, text + others, D, joined))
     if problems:
@@ -104,12 +114,34 @@ def add_damping(compiled: Compiled, model: Model, q: Array) -> tuple[Compiled, l
         return compiled, dampings
     flexible = [k for k in every if bodies[k]["m"] > 0]
     if len(flexible) > 1 and not others:
-        names = [compiled.layout.bodies[k].name for k in flexible]
-        D = block_diag(*(flexbodies[name].D for name in names))
+        blocks = []
+        for k in flexible:
+            dynamic = dynamic_modes(compiled, k)
+            D = np.asarray(flexbodies[compiled.layout.bodies[k].name].D)
+            blocks.append(D[np.ix_(dynamic, dynamic)])
+        D = block_diag(*blocks)
         together = scene.vibrations(*flexible)
         dampings.append(_ratios("", "all flexible bodies", D, together))
     system = compiled.system._replace(parts=parts._replace(pool=pool, bodies=bodies))
     return replace(compiled, system=system, flexbodies=flexbodies, is_damped=True), dampings
+
+
+def dynamic_modes(compiled: Compiled, k: int) -> NDArray[np.int64]:
+    """Numbers of the modes of body k that are not quasi-static."""
+    every = np.arange(compiled.layout.bodies[k].m)
+    static = compiled.system.kinds.get("static_modes")
+    if static is None or k not in static.rows:
+        return every
+    n = int(np.flatnonzero(static.rows == k)[0])
+    return np.setdiff1d(every, static.modes[static.first[n] : static.first[n + 1]])
+
+
+def _with_modes(body: FlexBody, modes: NDArray[np.int64]) -> FlexBody:
+    """The body with some of its modes, without what is drawn of it."""
+    if len(modes) == body.m:
+        return body
+    plain = replace(body, nodes=None, surface=None, stress=None, section_forces=None)
+    return combine_modes(plain, np.eye(body.m)[:, modes])
 
 
 def _ratios(body: str, words: str, D: Array, joined: Vibrations) -> BodyDamping:
@@ -163,7 +195,9 @@ class _RigidScene:
     def vibrations(self, *bodies: int) -> Vibrations:
         """Vibrations of a body, or of several together, as joined, all others rigid."""
         several = [self._compiled.layout.bodies[k] for k in bodies]
-        modal = np.concatenate([self._order[_columns(columns)[6:]] for columns in several])
+        modes = [dynamic_modes(self._compiled, k) for k in bodies]
+        pairs = list(zip(several, modes, strict=True))
+        modal = np.concatenate([self._order[_columns(one)[6:][some]] for one, some in pairs])
         rows, A = self._rows, self._A[:, modal]
         # motions (x, y) with A_r x + A y = 0: y that redundant rows allow, and the x that follows
         r = rows.rank
@@ -174,7 +208,9 @@ class _RigidScene:
         both = np.append(self._rigid, modal)
         mass = motions.T @ self._mass[np.ix_(both, both)] @ motions
         try:
-            K = block_diag(*(self._compiled.flexbodies[one.name].K for one in several))
+            stiffnesses = (self._compiled.flexbodies[one.name].K for one in several)
+            forms = zip(stiffnesses, modes, strict=True)
+            K = block_diag(*(K[np.ix_(some, some)] for K, some in forms))
             return Vibrations.of(K, self._scales[modal, None] * motions[n:], mass)
         except np.linalg.LinAlgError:
             what = "has no meaning: a motion of the scene that joints leave free has no inertia"

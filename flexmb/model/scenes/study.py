@@ -29,6 +29,7 @@ _MAKEABLE = (
     "kinematics",
     "results",
     "statics",
+    "validity",
     "view",
 )  # tables whose fields all have defaults or will be missed
 
@@ -107,7 +108,7 @@ def _put(where: str, table: dict[str, Any], parts: list[str], value: Any) -> Pro
 
 _SECTIONS = (
     "parameters", "ground", "bodies", "joints", "couplers", "drivers", "forces", "states",
-    "controllers", "assembly", "dynamics", "effects",
+    "controllers", "assembly", "dynamics", "effects", "validity",
 )  # fmt: skip
 _TOP = ("gravity", "effects", "budget")
 
