@@ -1,15 +1,18 @@
 """What the rows of a run tell the user: lost contact, singular orientations, unbounded growth.
 
-A monitor takes the rows in order. A motion counts as growing without bound if it is larger than
-anything in the scene explains, and has become so by the same large factor again and again: no power
-of time does that (a fall, a rocket, a rotor that spins up), no planned motion that ends, and no
-pendulum that leaves its upper rest, which stops growing at the energy it has.
+A monitor takes the rows in order, and reports sentences or indicators of how near a limit is. A
+motion counts as growing without bound if it is larger than anything in the scene explains, and has
+become so by the same large factor again and again: no power of time does that (a fall, a rocket, a
+rotor that spins up), no planned motion that ends, and no pendulum that leaves its upper rest, which
+stops growing at the energy it has.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +36,42 @@ _PARTS, _FACTOR = 4, 3.0
 # deformations over it, states over their scale, turns of a body within one part, rad.
 _MAX_TRANSLATION, _MAX_DEFORMATION, _MAX_STATE, _MAX_TURN = 100.0, 1.0, 1e6, 1e3
 _TENFOLD = math.log(10.0)
+
+
+@dataclass(frozen=True)
+class Indicator:
+    """How far a body is from a limit of its equations.
+
+    Parameters
+    ----------
+    body : str
+        Its name.
+    quantity : str
+        What it is: a field of `[validity]`, or another word where no bound is set.
+    value, time : float
+        The largest value so far, and its moment [s].
+    warning : float
+        Value from which on the user is told.
+    text : callable
+        The sentence.
+    """
+
+    body: str
+    quantity: str
+    value: float
+    time: float
+    warning: float
+    text: Callable[[], str]
+
+
+class Monitor(Protocol):
+    """Something that takes rows and has indicators."""
+
+    def add(self, rows: OutputBlock) -> None:
+        """Take the next rows."""
+
+    def indicators(self) -> Iterable[Indicator]:
+        """What the rows so far say."""
 
 
 class ContactLossMonitor:

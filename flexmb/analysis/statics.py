@@ -20,7 +20,7 @@ from flexmb.analysis.assembly.jacobian import (
     null_space,
 )
 from flexmb.analysis.assembly.positions import close_rows
-from flexmb.analysis.dynamics.linear_elasticity import LinearElasticityMonitor
+from flexmb.analysis.dynamics.validity import ValidityMonitor
 from flexmb.analysis.equilibrium import settle
 from flexmb.analysis.linear.linearization import Linearization, linearize_state
 from flexmb.analysis.linear.observed_equations import SeenEquations
@@ -197,7 +197,7 @@ class _Run:
         self.stability: list[str] = []
         self.monitors = (
             ContactLossMonitor(prepared.compiled),
-            LinearElasticityMonitor(prepared.compiled, prepared.model, prepared.state.q),
+            ValidityMonitor(prepared.compiled, prepared.model, prepared.state.q),
         )
         work = new_work(prepared.compiled.system, len(prepared.state.angles))
         system = prepared.compiled.system

@@ -61,7 +61,7 @@ FLEX_LAYOUT = (
 
 # One marker. body = -1: fixed in the global frame. `modes` < 0: rigid; else the pool offset of
 # Phi_t (3, m) followed by Phi_r (3, m). `arm` turns with the node. Where the translation of the
-# carrier is of second order in eta, `bend` is the pool offset of three forms K_d (m, m), else < 0.
+# carrier is of second order in eta, `bend` is the pool offset of K (m, 3, m), three forms.
 MARKER = np.dtype(
     [
         ("body", _I),

@@ -35,7 +35,13 @@ from flexmb.model.reading import (
 )
 from flexmb.model.scenes.consistency import far_markers, model_problems
 from flexmb.model.scenes.conversion import build, read_gravity, resolve_parameters, scene_dict
-from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec, StaticsSpec
+from flexmb.model.scenes.dynamics import (
+    AssemblySpec,
+    DynamicsSpec,
+    KinematicsSpec,
+    StaticsSpec,
+    ValiditySpec,
+)
 from flexmb.model.scenes.effects import EffectsSpec
 from flexmb.model.scenes.sections import (
     CHECK_LISTS,
@@ -125,6 +131,7 @@ class Model:
         self.kinematics: KinematicsSpec | None = None
         self.statics: StaticsSpec | None = None
         self.study: StudySpec | None = None
+        self.validity: ValiditySpec | None = None
         self.view = ViewSpec()
         self.budget = 0.01
         self.source: Source | None = None
@@ -253,6 +260,11 @@ class Model:
         """Say how the first pose is found: ``weights`` by body, ``guess`` by joint."""
         self.assembly = self._single("assembly", AssemblySpec, fields)
         return self.assembly
+
+    def set_validity(self, **fields: Any) -> ValiditySpec:
+        """Say how far flexible bodies may leave their equations: ``deflection``, ``speed``, ..."""
+        self.validity = self._single("validity", ValiditySpec, fields)
+        return self.validity
 
     def set_study(self, **fields: Any) -> StudySpec:
         """Say what a study varies: ``vary``, ``repeats``, ``target``, ``sensors``."""

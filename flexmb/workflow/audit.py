@@ -218,9 +218,9 @@ def _outcome(neighbours: Neighbours, effect: Effect, budget: float) -> EffectOut
 
 def _validity(neighbours: Neighbours) -> Iterator[str]:
     """Sentences on bodies that leave what linear elasticity can answer."""
-    from flexmb.analysis.dynamics.linear_elasticity import LinearElasticityMonitor
+    from flexmb.analysis.dynamics.validity import ValidityMonitor
 
     motion = neighbours.motion
-    monitor = LinearElasticityMonitor(neighbours.compiled, neighbours.model, motion.q[0])
+    monitor = ValidityMonitor(neighbours.compiled, neighbours.model, motion.q[0])
     monitor.add(neighbours.rows())
     yield from monitor.notes()

@@ -44,6 +44,7 @@ from flexmb.model.scenes.dynamics import (
     GuessSpec,
     KinematicsSpec,
     StaticsSpec,
+    ValiditySpec,
 )
 from flexmb.model.scenes.sections import CONTROLLER_TYPES, COUPLER_TYPES, FORCE_TYPES
 from flexmb.model.sensor import SENSOR_TYPES
@@ -347,6 +348,7 @@ TOPICS = {
             "[statics]": StaticsSpec,
             "[assembly]": AssemblySpec,
             "assembly.guess.joint": GuessSpec,
+            "[validity]": ValiditySpec,
         },
         "",
         lambda: Table(("method", "what it is"), [(str(k), v) for k, v in METHODS.items()]),

@@ -13,7 +13,6 @@ import numpy as np
 from flexmb.analysis.assembly.initial_state import Assembled, StartValues, assemble
 from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
 from flexmb.analysis.dynamics.integration import Integration, loop_settings, time_grid
-from flexmb.analysis.dynamics.linear_elasticity import LinearElasticityMonitor
 from flexmb.analysis.dynamics.passes import (
     PreparedDynamics,
     error_statistics,
@@ -26,6 +25,7 @@ from flexmb.analysis.dynamics.passes import (
     stricter_tolerance,
     unstable_step,
 )
+from flexmb.analysis.dynamics.validity import ValidityMonitor
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
 from flexmb.analysis.mobility.driver_conflicts import driver_reasons
 from flexmb.analysis.monitors import (
@@ -209,7 +209,7 @@ class _Pass:
         compiled, model = prepared.run.compiled, prepared.model
         self._contact_loss = ContactLossMonitor(compiled)
         self._orientations = SingularOrientationMonitor(compiled.layout, model)
-        self._elasticity = LinearElasticityMonitor(compiled, model, prepared.first.q)
+        self._validity = ValidityMonitor(compiled, model, prepared.first.q)
         self.growth = GrowthMonitor(compiled, model)
         self._begins = prepared.rows_before == 0
 
@@ -229,6 +229,7 @@ class _Pass:
         if status == method.FINE:
             status, blocks = prepared.advance()
             apart = self._store(blocks)
+            apart = apart or self._validity.refusal()
             if apart or (self.growth.ends_run and self.growth.sentence):
                 return Ending("failed", apart)
         if status != method.FINE:
@@ -243,8 +244,9 @@ class _Pass:
     def notes(self, ending: Ending) -> list[str]:
         """What the user should know of the pass."""
         prepared = self._prepared
-        monitors = (self._contact_loss, self._orientations, self._elasticity)
+        monitors = (self._contact_loss, self._orientations, self._validity)
         notes = [note for monitor in monitors for note in monitor.notes()]
+        notes = [note for note in notes if note not in ending.message]
         if self.growth.sentence and self.growth.sentence != ending.message:
             notes.append(self.growth.sentence)
         pivots = int(prepared.run.state.count[0]["regularised_pivots"])
@@ -271,7 +273,8 @@ class _Pass:
         return status
 
     def _append(self, rows: OutputBlock) -> None:
-        for monitor in (self._contact_loss, self._orientations, self._elasticity, self.growth):
+        rows = rows.part(0, self._validity.add(rows))
+        for monitor in (self._contact_loss, self._orientations, self.growth):
             monitor.add(rows)
         self._sink.append(rows)
 
@@ -297,7 +300,8 @@ class _Pass:
         if unstable:
             return Ending("failed", f"at t = {at:.6g} s {unstable}")
         sentence = failure_sentence(status, run.compiled, prepared.model, run.work, at, step)
-        return Ending("failed", sentence)
+        cause = self._validity.diverging()
+        return Ending("failed", f"{sentence}; {cause}" if cause else sentence)
 
 
 def _statistics(run: Integration) -> dict[str, float | int | str]:

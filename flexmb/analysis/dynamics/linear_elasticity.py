@@ -1,27 +1,38 @@
 """Where a run leaves what linear elasticity about a rigid motion can answer.
 
-In: rows of a run, in order. Out: sentences on flexible bodies that bend too far for small
-deformations, and on those that turn so fast that centrifugal stiffening, if it is left out, would
+In: rows of a run, in order. Out: indicators of flexible bodies that bend or twist too far for small
+deformations, and of those that turn so fast that centrifugal stiffening, if it is left out, would
 change their frequencies. A deflection is that relative to where the body is joined, the
 speed that of the joint; it is compared with the lowest natural frequency of the body as it is
 joined, of those modes that the motion contains. Source of the
 bounds: Adams/Flex limits linear bodies to a tenth of their length; Kane, Ryan & Banerjee, Dynamics
 of a cantilever beam attached to a moving base, J. Guidance 10 (1987) 139, for the loss of stiffness
 of linear equations: the first frequency of a cantilever is too low by the share 0.6 (Ω/ω₁)².
+
+A body that turns and accelerates loads itself; the share of its response that its modes lack is the
+strain energy of that share over all of it (:class:`flexmb.flexbody.InertiaResponse`), its root,
+since stress and displacement go with it. What moves less than a tenth of a millionth of the body's
+length is not worth a word. The motion is that of the frame of the body's joints: vibrations move
+the mean axes too, but load a body otherwise. Compared are the largest values of the run so far.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, ConstraintRows
+from flexmb.analysis.monitors import Indicator
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
-from flexmb.flexbody import FlexBody
+from flexmb.flexbody import FlexBody, InertiaResponse
 from flexmb.flexbody.natural_modes import natural_modes
 from flexmb.model.model import Model
 from flexmb.results import OutputBlock
@@ -32,7 +43,16 @@ Array = NDArray[np.float64]
 LARGEST_DEFLECTION = 0.1
 #: Share by which a frequency may be too low for want of centrifugal stiffening.
 LARGEST_SOFTENING = 0.01
+#: Rotation of points [rad] above which displacements off their axis are wrong by 5 %.
+LARGEST_ROTATION = 0.3
+#: What a body without stiffening is that turns faster than it vibrates.
+INCONSISTENT = "an inconsistent set of equations, centrifugal softening without stiffening"
 _SOFTENING = 0.6  # share of the first frequency of a cantilever that is lost, over (Ω/ω₁)²
+#: Share of the response to inertia loads that may be missing without a word.
+LARGEST_SHARE = 0.1
+_WINDOW = 3  # rows in each of which as much must be missing: no jolt, no vibration
+_SETTLED = 0.1  # share of a run before which little can be said of the whole of it
+_LEAST_MOTION = 1e-7  # displacement over the body's length: what moves less does not matter
 _POINTS = 64  # points of a body that are watched, at most
 _PRESENT = 0.05  # share of the largest amplitude from which on the motion contains a mode
 _ZERO_FREQUENCY = 1e-5  # over the highest: that of a motion that the joints leave free
@@ -45,15 +65,17 @@ class _Watched:
 
     columns: BodyColumns
     deflection: Array  # (3 k, m) of its points per unit eta, over its length
+    rotation: Array  # (3 k, m) rad
     turn: Array  # (3, m) rotation of the frame of its joints per unit eta
     inertia: Array  # (3, 3) about the centre of mass, over the largest
     frequencies: Array  # (j,) as it is joined, ascending, rad/s
     amplitudes: Array  # (j, m) deflection in each of these modes, over the length, per unit eta
     is_stiffened: bool  # by centrifugal loads and the forces of joints
+    softens: bool  # by its rotation, as its inertia coupling says
 
 
 class LinearElasticityMonitor:
-    """Watches deflections and speeds of all flexible bodies.
+    """Watches deflections, rotations and speeds of all flexible bodies.
 
     Parameters
     ----------
@@ -66,79 +88,130 @@ class LinearElasticityMonitor:
     def __init__(self, compiled: Compiled, model: Model, q: Array) -> None:
         self._units = model.units
         self._bodies = []
-        self._loads = list(_loads_without_stiffening(compiled, model))
         Cq = None
-        for columns in compiled.layout.bodies:
-            body = compiled.flexbodies.get(columns.name)
-            if columns.m == 0 or body is None or body.m != columns.m:
-                continue
-            Cq = _jacobian(compiled, q) if Cq is None else Cq
+        for columns, body in flexible_columns(compiled):
+            Cq = constraint_jacobian(compiled, q) if Cq is None else Cq
             frequencies, shapes = joined_modes(body, columns, q, Cq)
             inertia = body.inertia_about_center
             inertia = inertia / np.linalg.eigvalsh(inertia)[-1]
-            deflection, turn = _deflections(body, _joined_interfaces(body, columns.name, model))
+            frame = joined_frame(body, columns.name, model)
+            deflection, rotation = _relative_motion(body, frame)
             sizes = np.linalg.norm(
                 (deflection @ shapes).reshape(len(deflection) // 3, 3, len(frequencies)), axis=1
             )
             amounts = (shapes.T @ body.K) / frequencies[:, None] ** 2
             amplitudes = sizes.max(axis=0, initial=0.0)[:, None] * amounts
-            stiffened = body.centrifugal_stiffness is not None
+            stiffened, spec = body.centrifugal_stiffness is not None, model.bodies[columns.name]
             self._bodies.append(
-                _Watched(columns, deflection, turn, inertia, frequencies, amplitudes, stiffened)
+                _Watched(
+                    columns,
+                    deflection,
+                    rotation,
+                    frame.turn,
+                    inertia,
+                    frequencies,
+                    amplitudes,
+                    stiffened,
+                    getattr(spec, "inertia_coupling", "full") != "constant",
+                )  # fmt: skip
             )
         n = len(self._bodies)
-        self._deflected, self._turned = np.zeros((2, n)), np.zeros((2, n))  # largest, and its time
-        self._amplitudes = [np.zeros(len(one.frequencies)) for one in self._bodies]
+        self._largest = np.zeros((3, 2, n))  # deflection, rotation, speed: the value, and its time
+        ends = np.cumsum([0, *(len(one.frequencies) for one in self._bodies)])
+        self._parts = [slice(*pair) for pair in pairwise(ends)]
+        self._amplitudes = np.zeros(ends[-1])
 
     def add(self, rows: OutputBlock) -> None:
         """Take in further rows."""
-        if not len(rows.t):
-            return
         for k, one in enumerate(self._bodies):
             iq, iv, m = one.columns.iq + 7, one.columns.iv + 3, one.columns.m
             eta = rows.q[:, iq : iq + m]
-            moved = (eta @ one.deflection.T).reshape(len(eta), -1, 3)
-            far = np.linalg.norm(moved, axis=2).max(axis=1, initial=0.0)
             omega = rows.v[:, iv : iv + 3] + rows.v[:, iv + 3 : iv + 3 + m] @ one.turn.T
             speed = np.sqrt(np.einsum("ti,ij,tj->t", omega, one.inertia, omega).clip(0.0))
             amplitude = np.abs(eta @ one.amplitudes.T).max(axis=0)
-            np.maximum(self._amplitudes[k], amplitude, out=self._amplitudes[k])
-            for largest, now in ((self._deflected, far), (self._turned, speed)):
-                row = int(now.argmax())
-                if now[row] > largest[0, k]:
-                    largest[:, k] = now[row], rows.t[row]
+            present = self._amplitudes[self._parts[k]]
+            np.maximum(present, amplitude, out=present)
+            now = (_lengths(eta, one.deflection), _lengths(eta, one.rotation), speed)
+            for largest, values in zip(self._largest, now, strict=True):
+                row = int(values.argmax())
+                if values[row] > largest[0, k]:
+                    largest[:, k] = values[row], rows.t[row]
 
-    def notes(self) -> Iterator[str]:
-        """A sentence for each body and limit that was left."""
-        yield from self._loads
+    def indicators(self) -> Iterator[Indicator]:
+        """Deflection, rotation and speed of each body."""
         for k, one in enumerate(self._bodies):
-            name = f"bodies.{one.columns.name}"
-            deflection, t = self._deflected[:, k]
-            if deflection > LARGEST_DEFLECTION:
-                yield (
-                    f"{name} is deflected by {deflection:.2g} of its length at "
-                    f"t = {self._units.say(t, 's', 4)}: linear elasticity holds up to about "
-                    f"{LARGEST_DEFLECTION:g}; divide the body into several that are joined, or "
-                    "make it stiffer"
-                )
-            speed, t = self._turned[:, k]
-            present = self._amplitudes[k] > _PRESENT * self._amplitudes[k].max(initial=0.0)
-            ratio = speed / one.frequencies[present].min(initial=np.inf)
-            if not one.is_stiffened and _SOFTENING * ratio**2 > LARGEST_SOFTENING:
-                yield self._softening(name, speed, ratio, t)
+            name = one.columns.name
+            (deflection, at), (rotation, turned), (speed, spun) = self._largest[:, :, k]
+            amplitudes = self._amplitudes[self._parts[k]]
+            present = amplitudes > _PRESENT * amplitudes.max(initial=0.0)
+            ratio = 0.0
+            if not one.is_stiffened:
+                ratio = speed / one.frequencies[present].min(initial=np.inf)
+            least = (LARGEST_SOFTENING / _SOFTENING) ** 0.5
+            text = partial(self._softening, name, speed, ratio, spun, one.softens)
+            quantity = "speed" if one.softens else "speed, of constant inertia"
+            yield Indicator(name, quantity, ratio, spun, least, text)
+            text = partial(self._deflected, name, deflection, at, ratio * one.softens)
+            yield Indicator(name, "deflection", deflection, at, LARGEST_DEFLECTION, text)
+            text = partial(self._rotated, name, rotation, turned)
+            yield Indicator(name, "rotation", rotation, turned, LARGEST_ROTATION, text)
 
-    def _softening(self, name: str, speed: float, ratio: float, t: float) -> str:
-        where = f"{name} turns with {self._units.say(speed, 'rad/s', 3)}"
+    def diverging(self) -> str:
+        """Names bodies whose equations lose all stiffness as they turn; "" if there are none."""
+        return next(
+            (one.text() for one in self.indicators() if one.quantity == "speed" and one.value > 1),
+            "",
+        )
+
+    def _deflected(self, name: str, deflection: float, t: float, ratio: float) -> str:
+        what = f"bodies.{name} is deflected by {deflection:.2g} of its length at"
+        if ratio >= 1.0:
+            cure = f'{INCONSISTENT}, and diverges; reduce it with geometric_stiffening = "full"'
+            return f"{what} t = {self._units.say(t, 's', 4)}: {cure}"
+        return (
+            f"{what} t = {self._units.say(t, 's', 4)}: linear elasticity holds up to about "
+            f"{LARGEST_DEFLECTION:g}; divide the body into several that are joined, or "
+            "make it stiffer"
+        )
+
+    def _rotated(self, name: str, rotation: float, t: float) -> str:
+        error = 50.0 * rotation**2
+        return (
+            f"bodies.{name} is turned within itself by {rotation:.2g} rad at "
+            f"t = {self._units.say(t, 's', 4)}: what lies off its axis moves on straight lines, "
+            f"which are too long by {error:.2g} %; divide the body into several that are joined"
+        )
+
+    def _softening(self, name: str, speed: float, ratio: float, t: float, softens: bool) -> str:
+        where = f"bodies.{name} turns with {self._units.say(speed, 'rad/s', 3)}"
         share = f"{ratio:.2g} of its lowest natural frequency as it is joined"
         why = "centrifugal stiffening is left out"
-        if ratio >= 1.0:
-            error = "the linear equations lose all stiffness there and deflections mean nothing"
+        if not softens:
+            loss = 100 * _SOFTENING * ratio**2
+            error = f"frequencies across its plane of rotation are too low by about {loss:.2g} %"
+        elif ratio >= 1.0:
+            error = "the linear equations lose all stiffness there and deflections mean nothing: "
+            error += INCONSISTENT
         else:
             error = f"that frequency is too low by about {100 * _SOFTENING * ratio**2:.2g} %"
         return (
             f"{where}, {share} (t = {self._units.say(t, 's', 4)}): {why}, so that {error}; reduce "
             'the body with geometric_stiffening = "full"'
         )
+
+
+def _lengths(eta: Array, rows: Array) -> Array:
+    """(t,) the largest of the vectors that eta (t, m) makes by rows (3 k, m)."""
+    moved = (eta @ rows.T).reshape(len(eta), len(rows) // 3, 3)
+    return np.asarray(np.sqrt(np.einsum("tki,tki->tk", moved, moved).max(axis=1, initial=0.0)))
+
+
+def flexible_columns(compiled: Compiled) -> Iterator[tuple[BodyColumns, FlexBody]]:
+    """The bodies with modes, and where they stand in q and v."""
+    for columns in compiled.layout.bodies:
+        body = compiled.flexbodies.get(columns.name)
+        if columns.m and body is not None and body.m == columns.m:
+            yield columns, body
 
 
 def joined_modes(body: FlexBody, columns: BodyColumns, q: Array, Cq: Array) -> tuple[Array, Array]:
@@ -172,14 +245,14 @@ def joined_modes(body: FlexBody, columns: BodyColumns, q: Array, Cq: Array) -> t
     return 2.0 * np.pi * modes.frequencies[vibrates], modes.eta[:, vibrates]
 
 
-def _jacobian(compiled: Compiled, q: Array) -> Array:
+def constraint_jacobian(compiled: Compiled, q: Array) -> Array:
     """Cq (nc, nv) at the positions q; of models that are too large for it no row."""
     if compiled.layout.nv > MAX_COORDINATES:
         return np.zeros((0, compiled.layout.nv))
     return ConstraintRows(compiled).evaluate(q).Cq
 
 
-def _loads_without_stiffening(compiled: Compiled, model: Model) -> Iterator[str]:
+def loads_without_stiffening(compiled: Compiled, model: Model) -> Iterator[str]:
     """A sentence for each joint and force that acts beside the interfaces of a stiffened body."""
     stiffened = {
         name: body for name, body in compiled.flexbodies.items()
@@ -217,35 +290,130 @@ def _joined_interfaces(body: FlexBody, name: str, model: Model) -> dict[str, boo
     return places
 
 
-def _deflections(body: FlexBody, places: dict[str, bool]) -> tuple[Array, Array]:
-    """Displacements of points of a body relative to its joints, over its length (3 k, m), and the
-    rotation of the frame that they are measured in (3, m).
+class JoinedFrame(NamedTuple):
+    """The frame of a body's joints, which moves against its mean axes as it deforms."""
 
-    Relative to the first interface that is clamped; else to the straight line between the two that
-    are farthest apart; else to the mean axes.
-    """
-    nodes = body.nodes
+    origin: Array  # (3,) m
+    shift: Array  # (3, m) displacement of the origin per unit eta
+    turn: Array  # (3, m) rotation per unit eta
+
+    def at(self, positions: Array) -> Array:
+        """(k, 3, m) its displacement at positions (k, 3)."""
+        arms = (positions - self.origin)[:, None]
+        return self.shift + np.cross(self.turn.T[None], arms).transpose(0, 2, 1)
+
+
+def joined_frame(body: FlexBody, name: str, model: Model) -> JoinedFrame:
+    """The frame of the first interface that is clamped; else of the straight line between the two
+    with joints that are farthest apart; else the mean axes."""
+    places = _joined_interfaces(body, name, model)
     points = [body.interface(place) for place in places]
+    clamped = [body.interface(place) for place, holds in places.items() if holds]
+    if clamped:
+        return JoinedFrame(clamped[0].position, clamped[0].Phi_t, clamped[0].Phi_r)
+    still = np.zeros((3, body.m))
+    if len(points) < 2:
+        return JoinedFrame(np.zeros(3), still, still)
+    first = points[0]
+    far = max(points, key=lambda one: float(np.linalg.norm(one.position - first.position)))
+    line = far.position - first.position
+    square = float(line @ line)
+    turn = np.cross(line, (far.Phi_t - first.Phi_t).T).T / square if square > 0.0 else still
+    return JoinedFrame(first.position, first.Phi_t, turn)
+
+
+def _relative_motion(body: FlexBody, frame: JoinedFrame) -> tuple[Array, Array]:
+    """Displacements of points of a body relative to its joints, over its length, and their
+    rotations (3 k, m)."""
+    nodes = body.nodes
     positions = np.array([one.position for one in body.interfaces]).reshape(-1, 3)
     modes = np.array([one.Phi_t for one in body.interfaces]).reshape(-1, 3, body.m)
+    turns = np.array([one.Phi_r for one in body.interfaces]).reshape(-1, 3, body.m)
     if nodes is not None:
         every = max(1, len(nodes.ids) // _POINTS)
         positions = np.vstack([positions, nodes.position[::every]])
         modes = np.concatenate([modes, nodes.Phi_t[::every]])
-    if not len(positions):
-        return np.zeros((0, body.m)), np.zeros((3, body.m))
-    clamped = [body.interface(place) for place, holds in places.items() if holds]
-    if clamped:
-        origin, shift, turn = clamped[0].position, clamped[0].Phi_t, clamped[0].Phi_r
-    elif len(points) > 1:
-        far = max(points, key=lambda one: float(np.linalg.norm(one.position - points[0].position)))
-        origin, shift = points[0].position, points[0].Phi_t
-        line = far.position - origin
-        square = float(line @ line)
-        turn = np.cross(line, (far.Phi_t - shift).T).T / square if square > 0.0 else 0.0 * shift
-    else:
-        origin, shift, turn = np.zeros(3), np.zeros((3, body.m)), np.zeros((3, body.m))
-    carried = np.cross(turn.T[None], (positions - origin)[:, None]).transpose(0, 2, 1)
-    size = float(np.linalg.norm(np.ptp(positions, axis=0)))
-    relative = modes - shift - carried
-    return relative.reshape(-1, body.m) / (size if size > 0.0 else 1.0), turn
+        if nodes.Phi_r is not None:
+            turns = np.concatenate([turns, nodes.Phi_r[::every]])
+    size = float(np.linalg.norm(np.ptp(positions, axis=0))) if len(positions) else 0.0
+    relative = (modes - frame.at(positions)).reshape(-1, body.m) / (size if size > 0.0 else 1.0)
+    return relative, (turns - frame.turn).reshape(-1, body.m)
+
+
+class InertiaLoadMonitor:
+    """The share of the response to its own inertia that the modes of each body lack.
+
+    Parameters
+    ----------
+    compiled, model : Compiled, Model
+        What is run.
+    """
+
+    def __init__(self, compiled: Compiled, model: Model) -> None:
+        self._units = model.units
+        self._gravity = np.array(model.gravity or (0.0, 0.0, 0.0))
+        self._bodies = [
+            (columns, body, body.inertia_response, joined_frame(body, columns.name, model))
+            for columns, body in flexible_columns(compiled)
+            if body.inertia_response is not None
+        ]
+        n = len(self._bodies)
+        self._whole = np.zeros(n)  # largest strain energy so far, of the response too, twice
+        self._last = np.zeros((_WINDOW - 1, n))  # what was missing in the last rows
+        self._largest = np.zeros((3, n))  # what was missing most, its time and angular velocity
+        self._now, self._begin = np.zeros(1), np.full(1, np.nan)
+        self._settled = _SETTLED * model.dynamics.duration if model.dynamics else 0.0
+
+    def add(self, rows: OutputBlock) -> None:
+        """Take the next rows."""
+        self._begin[:] = np.where(np.isnan(self._begin), rows.t[0], self._begin)
+        self._now[:] = rows.t[-1]
+        for k, (columns, body, response, frame) in enumerate(self._bodies):
+            iq, iv, m = columns.iq, columns.iv, columns.m
+            eta = rows.q[:, iq + 7 : iq + 7 + m]
+            strain = np.einsum("ti,ij,tj->t", eta, body.K, eta).max()
+            rate, further = rows.v[:, iv + 6 : iv + 6 + m], rows.vd[:, iv + 6 : iv + 6 + m]
+            alpha = rows.vd[:, iv + 3 : iv + 6] + further @ frame.turn.T
+            omega = rows.v[:, iv + 3 : iv + 6] + rate @ frame.turn.T
+            a = in_body_axes(rows.q[:, iq + 3 : iq + 7], rows.vd[:, iv : iv + 3] - self._gravity)
+            a = a + np.cross(rows.vd[:, iv + 3 : iv + 6], body.center)
+            a = a + np.cross(omega, np.cross(omega, body.center))
+            a = a + further @ frame.at(body.center[None])[0].T
+            c = InertiaResponse.factors(a, alpha, omega)
+            full, missing, motion = (
+                np.einsum("ti,ij,tj->t", c, form, c).clip(0.0)
+                for form in (response.energy, response.missing, response.motion)
+            )
+            least = (_LEAST_MOTION * body.characteristic_length) ** 2 * body.mass
+            self._whole[k] = max(self._whole[k], strain, full.max())
+            missing = np.where(motion > least, missing, 0.0)
+            missing = np.concatenate([self._last[:, k], missing])
+            self._last[:, k] = missing[len(missing) - _WINDOW + 1 :]
+            missing = sliding_window_view(missing, _WINDOW).min(axis=1)
+            row = int(missing.argmax())
+            if missing[row] > self._largest[0, k]:
+                self._largest[:, k] = missing[row], rows.t[row], np.linalg.norm(omega[row])
+
+    def indicators(self) -> Iterator[Indicator]:
+        """The share of each body."""
+        for k, (columns, *_) in enumerate(self._bodies):
+            missing, t, speed = self._largest[:, k]
+            early = self._now[0] - self._begin[0] < self._settled
+            share = 0.0 if early or not missing else float(np.sqrt(missing / self._whole[k]))
+            text = partial(self._sentence, columns.name, share, t, speed)
+            yield Indicator(columns.name, "inertia_loads", share, t, LARGEST_SHARE, text)
+
+    def _sentence(self, name: str, share: float, t: float, speed: float) -> str:
+        return (
+            f"bodies.{name}: its modes lack {100 * min(share, 1.0):.3g} % of the response to its "
+            f"own inertia at t = {self._units.say(t, 's', 4)}, where it turns with "
+            f"{self._units.say(speed, 'rad/s', 3)}: stress and growth are too small; reduce it "
+            'with residual = "inertia"'
+        )
+
+
+def in_body_axes(p: Array, vectors: Array) -> Array:
+    """(t, 3) global vectors in the axes of a body with the Euler parameters p (t, 4)."""
+    e0, e = p[:, :1], p[:, 1:]
+    across = np.cross(e, vectors)
+    return np.asarray(vectors + 2.0 * (np.cross(e, across) - e0 * across))

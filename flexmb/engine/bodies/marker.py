@@ -110,19 +110,24 @@ def place_flexible(run: Run, markers: Markers, at: Point) -> int:
 @kernel
 def _bend(mk, pool, q, o, m, phi):
     """Φ_t − ηᵀ K_d of a marker at η = q[o:o+m], into phi (3 m,)."""
+    place = mk["modes"]
     for k in range(3 * m):
-        phi[k] = pool[mk["modes"] + k] - dot(pool, mk["bend"] + k * m, q, o, m)
+        phi[k] = pool[place + k]
+    for i in range(m):
+        row, eta = mk["bend"] + 3 * m * i, q[o + i]
+        for k in range(3 * m):
+            phi[k] -= eta * pool[row + k]
 
 
 @kernel
 def _bending_acceleration(mk, pool, v, o, m):
     """−η̇ᵀ K_d η̇ of a marker, η̇ = v[o:o+m]."""
-    x, y, z, size = 0.0, 0.0, 0.0, m * m
+    x, y, z = 0.0, 0.0, 0.0
     for i in range(m):
-        row, rate = mk["bend"] + i * m, v[o + i]
+        row, rate = mk["bend"] + 3 * m * i, v[o + i]
         x -= rate * dot(pool, row, v, o, m)
-        y -= rate * dot(pool, row + size, v, o, m)
-        z -= rate * dot(pool, row + 2 * size, v, o, m)
+        y -= rate * dot(pool, row + m, v, o, m)
+        z -= rate * dot(pool, row + 2 * m, v, o, m)
     return x, y, z
 
 
@@ -428,7 +433,8 @@ class MarkerTable:
             return -1
         key = b"bend " + marker.body.encode() + marker.bend.tobytes()
         if key not in self.modes:
-            self.modes[key] = self.pool.add(marker.bend)
+            # by mode, direction, mode: a step over all that one mode does is contiguous
+            self.modes[key] = self.pool.add(marker.bend.transpose(1, 0, 2))
         return self.modes[key]
 
     def table(self) -> NDArray[np.void]:

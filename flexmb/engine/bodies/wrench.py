@@ -186,11 +186,12 @@ def _add_modal_arm(mk, mn, pool, phi, m, force, moment, B):
         for r in range(m):
             B[6 + r, 6 + c] += pool[o + r] * x + pool[o + m + r] * y + pool[o + 2 * m + r] * z
     if mk["bend"] >= 0:
-        for d in range(3):
-            for r in range(m):
-                row = mk["bend"] + (d * m + r) * m
-                for c in range(m):
-                    B[6 + r, 6 + c] -= force[d] * pool[row + c]
+        x, y, z = force
+        for r in range(m):
+            at = mk["bend"] + 3 * m * r
+            for c in range(m):
+                s = x * pool[at + c] + y * pool[at + m + c] + z * pool[at + 2 * m + c]
+                B[6 + r, 6 + c] -= s
 
 
 @kernel

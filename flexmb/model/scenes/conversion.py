@@ -42,7 +42,13 @@ from flexmb.model.reading import (
     unknown_key,
 )
 from flexmb.model.scenes.consistency import model_problems
-from flexmb.model.scenes.dynamics import AssemblySpec, DynamicsSpec, KinematicsSpec, StaticsSpec
+from flexmb.model.scenes.dynamics import (
+    AssemblySpec,
+    DynamicsSpec,
+    KinematicsSpec,
+    StaticsSpec,
+    ValiditySpec,
+)
 from flexmb.model.scenes.effects import EffectsSpec, effects_table
 from flexmb.model.scenes.sections import (
     CHECK_LISTS,
@@ -179,7 +185,8 @@ def gravity_in_words(gravity: Iterable[float] | str | None, units: UnitSystem) -
 
 TOP_KEYS = (
     "title", "units", "plane", "gravity", "parameters", "effects", "budget", "ground", *SECTIONS,
-    "assembly", "check", "dynamics", "kinematics", "results", "statics", "study", "view",
+    "assembly", "check", "dynamics", "kinematics", "results", "statics", "study", "validity",
+    "view",
 )  # fmt: skip
 """Everything a scene may say at its top level."""
 
@@ -191,6 +198,7 @@ SINGLE_TABLES: dict[str, type[Spec]] = {
     "results": ResultsSpec,
     "statics": StaticsSpec,
     "study": StudySpec,
+    "validity": ValiditySpec,
 }
 """Tables of which a scene has one or none."""
 

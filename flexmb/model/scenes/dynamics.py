@@ -329,6 +329,26 @@ class StaticsSpec(Spec):
         return tuple(self.duration * k / n for k in range(n + 1))
 
 
+_Bound = Annotated[float | Literal["any"], WordOr("any", "a bound", "", "positive")]
+
+
+class ValiditySpec(Spec):
+    """Bounds on flexible bodies beyond which a run stops, because its equations no longer hold.
+
+    ``deflection``, of points over the body's length, relative to its joints; ``rotation`` [rad] of
+    points in the same sense; ``speed`` over the lowest natural frequency as joined, of bodies that
+    are not stiffened by it; ``inertia_loads``, the share of the response to a body's own inertia
+    that its modes lack; ``load_factor``, of the loads over those that buckle it. A run warns before
+    it stops. ``"any"`` takes a bound away.
+    """
+
+    deflection: _Bound = 0.3
+    rotation: _Bound = 1.0
+    speed: _Bound = 1.0
+    inertia_loads: _Bound = 0.5
+    load_factor: _Bound = 1.0
+
+
 class GuessSpec(Spec):
     """Coordinates of a joint to begin near: ``angle``, ``stroke`` or both."""
 

@@ -29,6 +29,7 @@ _MAKEABLE = (
     "kinematics",
     "results",
     "statics",
+    "validity",
     "view",
 )  # tables whose fields all have defaults or will be missed
 
@@ -80,6 +81,8 @@ def _set(scene: dict[str, Any], name: str, value: Any) -> Problem | None:
     for depth, part in enumerate(parts[:-1]):
         if depth == 0 and part in _MAKEABLE:
             table.setdefault(part, {})
+        if depth == 0 and part == "effects" and isinstance(table[part], str):
+            table[part] = {"choice": table[part]}
         if not isinstance(table, dict) or not isinstance(table.get(part), dict):
             return _no_table(where, parts[: depth + 1], table)
         table = table[part]
@@ -107,7 +110,7 @@ def _put(where: str, table: dict[str, Any], parts: list[str], value: Any) -> Pro
 
 _SECTIONS = (
     "parameters", "ground", "bodies", "joints", "couplers", "drivers", "forces", "states",
-    "controllers", "assembly", "dynamics", "effects",
+    "controllers", "assembly", "dynamics", "effects", "validity",
 )  # fmt: skip
 _TOP = ("gravity", "effects", "budget")
 

@@ -7,8 +7,14 @@ import pytest
 from flexiblescenes import STEEL, flexible_crank, rod
 
 from flexmb.analysis.assembly.jacobian import ConstraintRows
-from flexmb.analysis.dynamics.linear_elasticity import LinearElasticityMonitor, joined_modes
+from flexmb.analysis.dynamics.linear_elasticity import (
+    InertiaLoadMonitor,
+    LinearElasticityMonitor,
+    joined_modes,
+    loads_without_stiffening,
+)
 from flexmb.engine.compile import compile_system
+from flexmb.fe import reduce
 from flexmb.flexbody import rigid_body
 from flexmb.model import Model
 from tests.accuracyscenes.judging import judged
@@ -87,7 +93,9 @@ def sentences(model, **knobs):
 @pytest.mark.parametrize("share", [0.12, 0.14, 0.9, 1.2])
 def test_speeds_that_stiffening_counts_at_are_told(share):
     """0.6 (Ω/ω₁)² is one per cent at 0.129."""
-    told = sentences(on_a_hub(share * 1.8751041**2 * BENDING), duration=1.0)
+    model = on_a_hub(share * 1.8751041**2 * BENDING)
+    model.set_validity(speed="any", deflection="any")
+    told = sentences(model, duration=1.0)
     if share < 0.129:
         assert not told
         return
@@ -129,7 +137,11 @@ def test_a_body_without_modes_is_not_watched():
     model = Model("rigid")
     model.add_body("one", rigid_body(1.0, inertia=1.0))
     compiled = compile_system(model)
-    assert not list(LinearElasticityMonitor(compiled, model, compiled.initial_q).notes())
+    for monitor in (
+        LinearElasticityMonitor(compiled, model, compiled.initial_q),
+        InertiaLoadMonitor(compiled, model),
+    ):
+        assert not list(monitor.indicators())
 
 
 def test_a_force_beside_the_interfaces_is_told_not_to_stiffen():
@@ -140,5 +152,76 @@ def test_a_force_beside_the_interfaces_is_told_not_to_stiffen():
     model.add_force("inside", "force", at="beam.middle", value=[0, 1, 0])
     model.add_force("outside", "force", at="beam.end", value=[0, 1, 0])
     compiled = compile_system(model)
-    (told,) = LinearElasticityMonitor(compiled, model, compiled.initial_q).notes()
+    (told,) = loads_without_stiffening(compiled, model)
     assert told.startswith("forces.inside: its force does not stiffen bodies.beam, because")
+
+
+def outcome(model, **knobs):
+    return judged(model, accuracy=1e-3, verify=False, **knobs)
+
+
+def test_a_blade_without_stiffening_beyond_its_first_frequency_is_refused():
+    """The moment is that at which Ω = Ω_end t passes ω₁, and the set of equations is named."""
+    model = on_a_hub(1.2 * 1.8751041**2 * BENDING)
+    found = outcome(model, duration=1.0, outputs=400)
+    assert "1 of its lowest natural frequency" in found.message
+    assert "an inconsistent set of equations" in found.message
+    assert 'speed = "any" under [validity] runs on' in found.message
+
+
+@pytest.mark.parametrize(
+    ("deflection", "bound"), [(0.25, 0.3), (0.4, 0.3), (0.4, "any"), (0.2, 0.15)]
+)
+def test_deflections_beyond_the_bound_end_the_run(deflection, bound):
+    model = clamped()
+    model.set_validity(deflection=bound)
+    model.add_force("load", "force", at="beam.tip", value=[0, deflection / 2 * STIFFNESS, 0])
+    found = outcome(model, duration=0.13)
+    told = [note for note in found.notes if "is deflected by" in note]
+    if bound == "any" or deflection < bound:
+        assert told and not found.message
+    else:
+        assert f"(bound {bound:g};" in found.message and not told
+        assert float(found.message.split()[4]) == pytest.approx(bound, rel=0.02)
+
+
+@pytest.mark.parametrize("twist", [0.2, 0.4, 1.2])
+def test_a_bar_that_is_twisted_far_is_told_and_refused(twist):
+    """A torque that is there from the first moment twists twice as far as at rest."""
+    J = 0.1406 * HEIGHT**4  # Roark, Formulas for Stress and Strain, table 10.7: a square
+    torque = twist / 2 * STEEL["E"] / (2 * (1 + STEEL["nu"])) * J / LENGTH
+    model = clamped()
+    model.add_force("load", "torque", at="beam.tip", value=[torque, 0, 0])
+    found = outcome(model, duration=2e-3)
+    told = [note for note in found.notes if "is turned within itself" in note]
+    assert bool(told) == (0.3 < twist < 1.0)
+    assert ("is turned within itself" in found.message) == (twist > 1.0)
+    if told:
+        assert float(told[0].split()[6]) == pytest.approx(twist, rel=0.05)
+
+
+def disc(residual, speed, modes=20):
+    body = reduce(
+        {"type": "disk", "radius": 0.4, "inner": 0.1, "divisions": [6, 32]}, material="steel",
+        sections={"all": {"type": "shell", "thickness": 0.01}}, modes=modes, residual=residual,
+        interfaces={"bore": {"group": "inner", "type": "rbe3"}},
+    )  # fmt: skip
+    model = Model("disc")
+    model.add_body("disc", body, angular_velocity=[0, 0, speed])
+    model.add_joint("shaft", "revolute", between=["ground", "disc.bore"], axis="z")
+    return model
+
+
+@pytest.mark.parametrize(
+    ("residual", "speed"), [("none", 300.0), ("none", 0.1), ("inertia", 300.0)]
+)
+def test_a_spinning_disc_that_cannot_grow_is_refused(residual, speed):
+    """At 0.1 rad/s it grows by 1e-11 of its size: not worth a word."""
+    model = disc(residual, speed)
+    found = outcome(model, duration=1e-3)
+    assert ("its modes lack 100 % of the response" in found.message) == (
+        residual == "none" and speed > 1
+    )
+    assert not [note for note in found.notes if "its modes lack" in note]
+    model.set_validity(inertia_loads="any")
+    assert not outcome(model, duration=1e-3).message

@@ -1,0 +1,124 @@
+"""How near a column is to buckling, and what it does there: Euler's four cases.
+
+Timoshenko & Gere, Theory of Elastic Stability, §2.2: π², π²/4, 4π² and 20.1907 EI/L²; the same
+square root of the load in the frequency, f = f₀ √(1 − P/P_cr), is exact between pins and within
+2 % for the others.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from femeshes import line, solid_box
+
+from flexmb.analysis.dynamics.load_factor import LoadFactorMonitor
+from flexmb.fe import rectangle, reduce
+from flexmb.model import Model
+from tests.accuracyscenes.judging import judged
+
+HEIGHT = 0.01
+UNIT = {"E": 12.0 / HEIGHT**4, "nu": 0.0, "density": 1.0 / HEIGHT**2}  # EI = ρA = L = 1
+EULER = {"pinned": np.pi**2, "cantilever": np.pi**2 / 4, "clamped": 4 * np.pi**2,
+         "propped": 20.190729}  # fmt: skip
+
+
+def column(stiffening=True, kind="line", size=1.0):
+    options = {"modes": 8, "interfaces": {"root": "root", "tip": "tip"}}
+    if kind == "line":
+        mesh = line(16, end=(size, 0, 0))
+        material = UNIT
+        options["sections"] = {"all": rectangle(HEIGHT * size, HEIGHT * size)}
+    else:
+        thickness = 0.02
+        mesh = solid_box("hexahedron20", (16, 1, 1), (1.0, thickness, thickness))
+        material = {"E": 12.0 / thickness**4, "nu": 0.0, "density": 1.0 / thickness**2}
+        options["interfaces"] = {"root": "x0", "tip": "x1"}
+    return reduce(
+        mesh, material=material, geometric_stiffening="full" if stiffening else "none", **options
+    )
+
+
+def loaded(ends, load, place=(0.0, 0.0, 0.0), size=1.0, **options):
+    model = Model("column")
+    body = column(size=size, **options)
+    middle = body.interface("root").position
+    model.add_marker("ground.root", position=np.add(place, middle))
+    model.add_marker("ground.tip", position=np.add(place, body.interface("tip").position))
+    model.add_body("column", body, position=list(place))
+    hinge = {"axis": "y", "second_axis": "z"}
+    if ends == "pinned":
+        model.add_joint("root", "universal", between=["ground.root", "column.root"], **hinge)
+    else:
+        model.add_joint("root", "fixed", between=["ground.root", "column.root"])
+    if ends in ("pinned", "propped"):
+        model.add_joint("tip", "in-line", between=["ground.tip", "column.tip"], axis="x")
+    elif ends == "clamped":
+        model.add_joint("tip", "prismatic", between=["ground.tip", "column.tip"], axis="x")
+    model.add_force("load", "force", at="column.tip", value=[-load, 0, 0])
+    return model
+
+
+def outcome(model, **knobs):
+    return judged(model, accuracy=1e-4, verify=False, **knobs)
+
+
+def load_factor(model, duration=0.02, **knobs):
+    """As the run tells it: the bounds are away, and the level of warning too."""
+    model.set_validity(load_factor="any", deflection="any")
+    found = outcome(model, duration=duration, outputs=4, start="quasi-static", **knobs)
+    (told,) = [note for note in found.notes if "of those that buckle it" in note]
+    return float(told.split(" are ")[1].split()[0])
+
+
+@pytest.fixture
+def all_are_told(monkeypatch):
+    monkeypatch.setattr("flexmb.analysis.dynamics.load_factor.NEAR_BUCKLING", 1e-3)
+
+
+@pytest.mark.parametrize("ends", EULER)
+@pytest.mark.parametrize("share", [0.2, 0.9])
+def test_the_load_factor_is_the_share_of_eulers_load(ends, share, all_are_told, monkeypatch):
+    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t, on:
+                        f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
+    assert load_factor(loaded(ends, share * EULER[ends])) == pytest.approx(share, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    "variant", [{"place": (1000.0, -200.0, 300.0)}, {"size": 1e-6}, {"kind": "solid"}],
+    ids=["1 km away", "of a micrometre", "of solids"],
+)  # fmt: skip
+def test_wherever_it_stands_and_of_any_size(variant, all_are_told, monkeypatch):
+    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t, on:
+                        f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
+    size = variant.get("size", 1.0)
+    model = loaded("cantilever", 0.5 * EULER["cantilever"] * size**2, **variant)
+    assert load_factor(model, 0.02 * size) == pytest.approx(0.5, rel=0.01)
+
+
+@pytest.mark.parametrize(("share", "what"), [(0.7, ""), (0.85, "note"), (1.1, "refusal")])
+@pytest.mark.parametrize("stiffening", [True, False])
+def test_a_run_warns_before_the_column_buckles_and_stops_where_it_does(share, what, stiffening):
+    """Without stiffening it is told from a tenth of the load on."""
+    model = loaded("pinned", share * np.pi**2, stiffening=stiffening)
+    found = outcome(model, duration=2.0)
+    words = "of those that buckle it" if stiffening else "its forces do not soften it"
+    told = [note for note in found.notes if words in note]
+    assert bool(told) == (what == "note" or (not stiffening and share < 1))
+    assert (words in found.message) == (what == "refusal")
+    tensile = loaded("pinned", -share * np.pi**2, stiffening=stiffening)
+    assert not [note for note in outcome(tensile, duration=0.1).notes if "buckle" in note]
+
+
+def test_a_mast_with_a_mass_on_top_is_a_cantilever_under_its_weight(all_are_told, monkeypatch):
+    """The mass moves with the tip; held there, the load factor would be a sixteenth."""
+    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t, on:
+                        f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
+    load, mass = 0.5 * EULER["cantilever"], 100.0
+    model = Model("mast", gravity=[-load / mass, 0, 0])
+    model.add_body("column", column())
+    model.add_body("top", mass=mass, inertia=[1e-9] * 3, position=[1, 0, 0])
+    model.add_joint("root", "fixed", between=["ground", "column.root"])
+    model.add_joint("tip", "fixed", between=["column.tip", "top"])
+    # its own weight of 1 % of that on top: 7.837 EI/L² buckle a column by its weight alone
+    own = 0.01 * load / 7.837
+    assert load_factor(model) == pytest.approx(0.5 + own, rel=0.01)
