@@ -81,6 +81,8 @@ def _set(scene: dict[str, Any], name: str, value: Any) -> Problem | None:
     for depth, part in enumerate(parts[:-1]):
         if depth == 0 and part in _MAKEABLE:
             table.setdefault(part, {})
+        if depth == 0 and part == "effects" and isinstance(table[part], str):
+            table[part] = {"choice": table[part]}
         if not isinstance(table, dict) or not isinstance(table.get(part), dict):
             return _no_table(where, parts[: depth + 1], table)
         table = table[part]
