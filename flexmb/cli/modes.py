@@ -34,7 +34,8 @@ def modes(
         str,
         typer.Option(
             help="Of a scene, its first state: quasi-static, flexible bodies in elastic "
-            "equilibrium with loads and motion; undeformed; or initial, as [dynamics] starts."
+            "equilibrium with loads and motion; undeformed; or initial, as [dynamics] starts; "
+            "or static: the equilibrium of the whole machine."
         ),
     ] = "quasi-static",
     frame: Annotated[

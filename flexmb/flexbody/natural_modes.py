@@ -190,7 +190,11 @@ def body_vibrations(body: FlexBody, interfaces: tuple[str, ...] = ()) -> Vibrati
 
 
 def damping_matrix(
-    body: FlexBody, damping: DampingOptions, joined: Vibrations, where: str = "damping"
+    body: FlexBody,
+    damping: DampingOptions,
+    joined: Vibrations,
+    where: str = "damping",
+    together: tuple[FloatArray, FloatArray] | None = None,
 ) -> FloatArray:
     """(m, m) damping in the modal coordinates of a body.
 
@@ -202,6 +206,9 @@ def damping_matrix(
         Of the body as the scene joins it.
     where : str
         Its place, for messages.
+    together : ((j,) array, (m, j) array), optional
+        Natural frequencies [rad/s] of the scene with all its flexible bodies, and what of this body
+        is in these modes: they damp shapes that the others would hold if they were rigid.
 
     Raises
     ------
@@ -224,7 +231,13 @@ def damping_matrix(
     omega = 1.0 / periods
     z = damping.ratios(omega / (2 * np.pi))
     others = L @ rest @ Y * np.sqrt(2 * z / omega)
-    return np.asarray(half @ half.T + others @ others.T)
+    D = half @ half.T + others @ others.T
+    if together is not None and damping.of == "joined":
+        omega, eta = together
+        z = damping.ratios(omega / (2 * np.pi))
+        others = L @ rest @ (rest.T @ L.T @ eta) * np.sqrt(2 * z / omega) / omega
+        D += others @ others.T
+    return np.asarray(D)
 
 
 def damping_ratios(D: FloatArray, vibrations: Vibrations) -> FloatArray:

@@ -27,6 +27,7 @@ from flexmb.workflow.mode_pictures import render_mode_shapes
 from flexmb.workflow.resume import resume, resume_run
 from flexmb.workflow.run_report import CheckOutcome, RunReport
 from flexmb.workflow.simulate import kinematics, run_model, run_scene, simulate, statics
+from flexmb.workflow.stepping import MotionState, iterate_motion
 
 __all__ = [
     "TOPICS",
@@ -36,6 +37,7 @@ __all__ = [
     "EffectOutcome",
     "Installation",
     "Listing",
+    "MotionState",
     "ReducedBody",
     "ReducedScene",
     "RunReport",
@@ -49,6 +51,7 @@ __all__ = [
     "flexible_bodies",
     "free_lengths",
     "inverse_dynamics",
+    "iterate_motion",
     "kinematics",
     "linearize",
     "listing",

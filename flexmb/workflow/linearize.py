@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from flexmb.model import Model
     from flexmb.results import Result
 
-STARTS = ("quasi-static", "undeformed", "initial")
+STARTS = ("quasi-static", "undeformed", "static", "initial")
 """States of a scene that it can be linearised about."""
 
 
@@ -51,7 +51,7 @@ def linearize(
     about : str
         Of a model or a scene: its first state, flexible bodies in elastic equilibrium with loads
         and motion (``"quasi-static"``), straight (``"undeformed"``), or as ``dynamics.start`` says
-        (``"initial"``).
+        (``"initial"``); or the equilibrium of the whole machine at rest (``"static"``).
     frame : str
         Whose axes the motion is written in: ``"ground"``, a body that turns, or ``"auto"``: those
         in which the coefficients change least.

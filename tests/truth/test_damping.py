@@ -410,31 +410,6 @@ def test_critically_damped_modes_save_steps_and_move_a_slider_little():
     assert np.abs(moved).max() < 5e-4 * np.ptp(some["slider.x"])
 
 
-@pytest.mark.parametrize("n", [2, 4])
-def test_several_bodies_have_other_ratios_together(n):
-    """A bar divided into equal ones that are welded: each has 2 % while the others are rigid."""
-    part = reduce(
-        line(6, end=(L / n, 0, 0)), material=STEEL, interfaces={"root": "root", "tip": "tip"},
-        sections={"all": rectangle(WIDTH, HEIGHT)}, modes=4,
-    )  # fmt: skip
-    for words, expected in ((0.02, None), ({"rayleigh": {"beta": 1e-4}}, np.pi * 1e-4)):
-        model = Model("divided")
-        for k in range(n):
-            model.add_body(f"bar{k}", part, damping=words, position=[k * L / n, 0, 0])
-            before = "ground" if k == 0 else f"bar{k - 1}.tip"
-            model.add_joint(f"weld{k}", "fixed", between=[before, f"bar{k}.root"])
-        run = flexmb.simulate(model, duration=1e-4, outputs=1, step=1e-4)
-        frequencies, ratios = told(run, "")
-        lin = flexmb.linearize(model, about="undeformed")
-        np.testing.assert_allclose(np.sort(lin.damping_ratios)[:6], np.sort(ratios)[:6], rtol=1e-5)
-        assert frequencies[0] == pytest.approx(bending(CLAMPED), rel=1e-3)
-        if expected is None:
-            np.testing.assert_allclose(told(run, "bar0")[1], 0.02, rtol=1e-9)
-            assert 0.5 * 0.02 < ratios[0] < 0.02
-        else:  # β K knows nothing of a division
-            assert ratios[0] == pytest.approx(expected * frequencies[0], rel=1e-6)
-
-
 def test_quasi_static_modes_do_not_vibrate_and_are_not_damped():
     def damping(deformation):
         model = clamped(0.02)

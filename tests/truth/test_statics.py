@@ -287,3 +287,14 @@ def test_neutral_motions_do_not_keep_an_equilibrium_from_being_found():
         result = flexmb.statics(made)
     total = sum(body.mass for body in made.bodies.values())
     assert 0.0 < (1.0 - result.q[0, 2]) * 2000.0 < total * G
+
+
+def test_modes_about_the_equilibrium_of_a_displaced_machine():
+    """A pendulum placed level swings about its lowest position."""
+    made = Model("level", gravity=[0, -G, 0])
+    made.add_body("bar", mass=2.0, center=[0.5, 0, 0], inertia=[0.2, 0.2, 0.3],
+                  angular_velocity=[0, 0, 2.0])  # fmt: skip
+    made.add_joint("pin", "revolute", between=["ground", "bar"], axis="z")
+    made = flexmb.linearize(made, about="static")
+    assert made.notes == ()
+    assert abs(made.eigenvalues[0]) == pytest.approx(np.sqrt(2.0 * G * 0.5 / 0.8), rel=1e-9)

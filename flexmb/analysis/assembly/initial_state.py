@@ -137,6 +137,8 @@ def assemble(
     close(begin is None)
     notes = velocities.notes(state) if begin is None else []
     solve_stage(system, state, work, REMEMBER)
+    if "static_modes" in system.kinds:
+        _settle_static_modes(system, state, work, close if begin is None else None)
     if start == "quasi-static" and begin is None and period > 0.0:
         _equilibrate(compiled, _SLOW * period, state, work, close)
     if start == "static" and begin is None:
@@ -210,17 +212,22 @@ def _settle_static_modes(
     system: System, state: State, work: Work, close: Callable[[], None] | None
 ) -> None:
     """Static equilibrium of the quasi-static modes with the first motion, joints closed."""
+    sentence = (
+        "the quasi-static modes find no equilibrium with the first motion: without their "
+        "compliance the joints are redundant (flexmb check tells which exchange of joints cures "
+        "it), or the bodies are too soft for it; make the lowest modes dynamic"
+    )
     for _ in range(_MAX_ROUNDS):
         before = state.q.copy()
-        _solve_accelerations(system, state, work)
+        try:
+            _solve_accelerations(system, state, work)
+        except AssemblyError:
+            raise AssemblyError(sentence) from None
         change = float(np.abs(state.q - before).max())
         if close is None or change <= _EQUILIBRIUM:
             return
         close()
-    raise AssemblyError(
-        "the quasi-static modes find no equilibrium with the first motion: the bodies are too soft "
-        'for it; use deformation = "dynamic"'
-    )
+    raise AssemblyError(sentence)
 
 
 def _solve_accelerations(system: System, state: State, work: Work) -> None:

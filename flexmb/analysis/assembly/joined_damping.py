@@ -11,6 +11,7 @@ more than `MAX_COORDINATES` coordinates the others are at rest.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,8 +98,9 @@ def add_damping(compiled: Compiled, model: Model, q: Array) -> tuple[Compiled, l
             text = words.sentence()
             try:
                 D = damping_matrix(
-                    _with_modes(body, dynamic), words, joined, f"bodies.{name}.damping"
-                )
+                    _with_modes(body, dynamic), words, joined, f"bodies.{name}.damping",
+                    None if others else scene.part_of_modes(k),
+                )  # fmt: skip
             except FlexmbError as error:
                 problems += error.problems
                 continue
@@ -112,16 +114,14 @@ def add_damping(compiled: Compiled, model: Model, q: Array) -> tuple[Compiled, l
         raise SceneError.from_problems(problems)
     if scene is None:
         return compiled, dampings
-    flexible = [k for k in every if bodies[k]["m"] > 0]
-    if len(flexible) > 1 and not others:
+    if len(scene.flexible) > 1 and not others:
         blocks = []
-        for k in flexible:
+        for k in scene.flexible:
             dynamic = dynamic_modes(compiled, k)
             D = np.asarray(flexbodies[compiled.layout.bodies[k].name].D)
             blocks.append(D[np.ix_(dynamic, dynamic)])
         D = block_diag(*blocks)
-        together = scene.vibrations(*flexible)
-        dampings.append(_ratios("", "all flexible bodies", D, together))
+        dampings.append(_ratios("", "all flexible bodies", D, scene.together))
     system = compiled.system._replace(parts=parts._replace(pool=pool, bodies=bodies))
     return replace(compiled, system=system, flexbodies=flexbodies, is_damped=True), dampings
 
@@ -191,6 +191,25 @@ class _RigidScene:
         self._A = system.row_weights[:, None] * A * self._scales if everything else A * self._scales
         self._rigid = np.flatnonzero((self._scales > 0.0) & ~modal)
         self._rows = Decomposition.of(self._A[:, self._rigid])
+
+    @cached_property
+    def flexible(self) -> list[int]:
+        """Numbers of the flexible bodies."""
+        return [k for k, one in enumerate(self._compiled.layout.bodies) if one.m > 0]
+
+    @cached_property
+    def together(self) -> Vibrations:
+        """Vibrations of all flexible bodies."""
+        return self.vibrations(*self.flexible)
+
+    def part_of_modes(self, k: int) -> tuple[Array, Array] | None:
+        """Frequencies of all flexible bodies together [rad/s], and body k in their modes."""
+        if len(self.flexible) < 2:
+            return None
+        sizes = [len(dynamic_modes(self._compiled, one)) for one in self.flexible]
+        n = self.flexible.index(k)
+        at = sum(sizes[:n])
+        return self.together.omega, self.together.eta[at : at + sizes[n]]
 
     def vibrations(self, *bodies: int) -> Vibrations:
         """Vibrations of a body, or of several together, as joined, all others rigid."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from flexmb.errors import Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, geometric_stiffness
-from flexmb.fe.assembly.interfaces import ModelInterface
+from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface
 from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
 from flexmb.fe.reduction.inertia_relief import InertiaRelief, centrifugal_fields
 from flexmb.flexbody.arrays import FloatArray, skew
@@ -60,9 +60,15 @@ def with_geometric_stiffening(
     forms = np.zeros((len(loads), body.m, body.m))
     for number, (load, gradient) in enumerate(zip(loads, gradients, strict=True)):
         progress("stiffening", number / len(loads))
-        u = fixed.free(relief.loads(load))
+        relieved = relief.loads(load)
+        u = fixed.free(relieved)
         per_mass = _force_per_mass(fe, gradient, relief.acceleration(load))
         form = Phi.T @ (geometric_stiffness(fe, u, per_mass) @ Phi)
+        # forces on the nodes of interfaces, which a unit force reaches through them alone
+        links = np.asarray(fe.K @ u) - relieved + (load if number >= len(fields) else 0.0)
+        for part, interface in zip(body.interfaces, interfaces, strict=True):
+            if isinstance(interface, RigidInterface):
+                form += part.Phi_r.T @ _rotation_stiffness(fe, interface, links) @ part.Phi_r
         forms[number] = 0.5 * (form + form.T)
     progress("stiffening", 1.0)
     centrifugal = np.zeros((3, 3, body.m, body.m))
@@ -93,6 +99,16 @@ def require_stresses(fe: FEMatrices, interfaces: tuple[ModelInterface, ...]) -> 
         what = "needs the stress in the elements, of which given matrices tell nothing"
     if what:
         raise ReductionError.from_problems([Problem("geometric_stiffening", what)])
+
+
+def _rotation_stiffness(fe: FEMatrices, interface: RigidInterface, f: FloatArray) -> FloatArray:
+    """(3, 3) second derivative of the work of forces f on nodes that rotate rigidly.
+
+    Turned by a rotation theta, an arm s moves its node by theta x s + theta x (theta x s)/2.
+    """
+    arms = fe.mesh.points[interface.nodes] - interface.position
+    moments = arms.T @ f[fe.numbering.of(interface.nodes, 3)].reshape(-1, 3)
+    return 0.5 * (moments + moments.T) - np.trace(moments) * np.eye(3)
 
 
 def _force_per_mass(fe: FEMatrices, G: FloatArray, acceleration: FloatArray) -> FloatArray:
