@@ -186,7 +186,7 @@ def check_options(
     return requested, ratios
 
 
-_METHOD = 5  # raise it whenever the same input gives another body
+_METHOD = 6  # raise it whenever the same input gives another body
 _DEFAULTS: dict[str, Any] = {
     "reduction": "craig-bampton",
     "mass_matrix": "consistent",
