@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+import math
 import os
 import stat
 import subprocess
@@ -38,6 +39,7 @@ _SEAL: Final = b"flexmb seal 1 "
 _PIECE = 1 << 20
 _SECONDS, _BYTES_A_SECOND = 10.0, 2e7  # time of the first reading
 _MEMORY, _MEMORY_A_BYTE = 700_000_000, 40  # bytes that reading may take, and for each of the file
+_PATIENCE = 6  # wall time over that of the processor, for a busy machine
 _DEPTH = 8  # groups inside groups
 _OBJECTS = 100_000  # groups and datasets
 _KIND = "<kind>"  # in a sentence: what the file should be
@@ -218,6 +220,7 @@ def serve_reading(read: Callable[[Path], object]) -> NoReturn:
         process = psutil.Process()
         limit = process.memory_info().vms + _MEMORY + _MEMORY_A_BYTE * path.stat().st_size
         process.rlimit(psutil.RLIMIT_AS, (limit, limit))
+        process.rlimit(psutil.RLIMIT_CPU, (int(sys.argv[2]), int(sys.argv[2])))
     try:
         read(path)
     except ValueError as problem:
@@ -228,20 +231,24 @@ def serve_reading(read: Callable[[Path], object]) -> NoReturn:
 
 def _first_reading(path: Path, module: str) -> str | None:
     """Read the file in a process of its own; None if that ended well, else what it met."""
-    command = [sys.executable, "-P", "-m", module, str(path.absolute())]
-    seconds = _SECONDS + path.stat().st_size / _BYTES_A_SECOND
+    seconds = math.ceil(_SECONDS + path.stat().st_size / _BYTES_A_SECOND)  # of the processor
+    command = [sys.executable, "-P", "-m", module, str(path.absolute()), str(seconds)]
     threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     try:
         child = subprocess.run(
-            command, capture_output=True, timeout=seconds, check=False, env=os.environ | threads
+            command,
+            capture_output=True,
+            timeout=_PATIENCE * seconds,
+            check=False,
+            env=os.environ | threads,
         )
     except subprocess.TimeoutExpired:
-        return f"is damaged: it cannot be read to its end within {seconds:.0f} s"
+        return f"is damaged: it cannot be read to its end within {_PATIENCE * seconds:.0f} s"
     if child.returncode == 0:
         return None
     if child.returncode == _REFUSED:
         return child.stdout.decode(errors="replace").strip()
-    return "is damaged: reading it ends the process or takes too much memory"
+    return "is damaged: reading it ends the process, or takes too much time or memory"
 
 
 def _objects(group: h5py.Group, depth: int = 0) -> Iterator[tuple[str, Any]]:
