@@ -131,6 +131,7 @@ def test_selected_effects_keep_the_budget(share, deformation, tmp_path):
     assert "audit" in run.texts
 
 
+@pytest.mark.slow
 def test_a_selection_never_softens_without_stiffening(tmp_path):
     """A bar that turns with 0.7 of its first frequency, where softening alone is 29 % wrong."""
     model = spinning(0.7)

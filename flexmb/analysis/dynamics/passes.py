@@ -77,6 +77,7 @@ _ENOUGH, _AIM, _MISSED = 0.6, 0.25, 1.0
 _MAX_MORE_STEPS, _IN_VAIN, _MIN_PASSES = 5.0, 0.5, 2
 _MIN_TOLERANCE = 1e-13  # above round-off
 _DIFFERENT_MOTION = 0.01  # difference of two runs
+_FEW, _GROWN = 50, 1e6  # unstable steps; rate times step, above which it is that of the growth
 # Steps from which on, and their share at the limit of stability from which on a run is stiff; that
 # share in a run of fixed steps that fails by that.
 _MIN_STEPS, _STIFF_SHARE, _UNSTABLE_SHARE = 200, 0.35, 0.01
@@ -299,12 +300,12 @@ def may_change_method(prepared: PreparedDynamics) -> bool:
 def unstable_step(run: Integration, name: str, failed: bool) -> str:
     """The sentence for steps that an explicit method is not stable with, or nothing."""
     memory, steps, h = run.state.memory[0], run.state.count[0]["steps"], run.settings.step
-    share = _UNSTABLE_SHARE if failed else _STIFF_SHARE
-    if h == 0.0 or memory["steps_at_stability_limit"] <= share * steps:
+    few = min(_UNSTABLE_SHARE * steps, _FEW) if failed else _STIFF_SHARE * steps
+    if h == 0.0 or memory["steps_at_stability_limit"] <= few:
         return _DRIFTED if failed and run.method.stabilised else ""
     where = "beyond" if failed else "at"
     limit = f"the limit of stability of {name}"
-    if memory["fastest_rate"] > 0.0:
+    if 0.0 < h * memory["fastest_rate"] < _GROWN:
         longest = run.method.coefficients[0].stable / float(memory["fastest_rate"])
         limit += f", about {longest:.1g} s at the fastest rate of this motion"
     rest = "" if failed else ", and the fastest vibrations may be wrong"
