@@ -47,7 +47,7 @@ def momentum(result, layout, files):
 def test_momentum_is_kept(tmp_path):
     model = flexmb.load_scene(SCENE)
     model.checks.clear()  # they end later
-    result = flexmb.simulate(model, output=tmp_path, duration=1.0, outputs=10, accuracy=1e-8,
+    result = flexmb.simulate(model, output=tmp_path, duration=1.5, outputs=15, accuracy=1e-8,
                              verify=False)  # fmt: skip
     files = {name: load(path) for name, path in result.flexbodies.items()}
     parts = [momentum(result, layout, files) for layout in result.layout.bodies]
