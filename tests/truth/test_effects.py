@@ -251,3 +251,47 @@ def test_effects_of_a_scene_are_switched_off():
     made.set_effects(stops=False)
     with pytest.raises(SceneError, match="effects.stops = false leaves out: remove the sensor"):
         flexmb.simulate(made)
+
+
+def test_friction_of_joints_and_contacts_is_switched_off():
+    """A sliding ball keeps its speed and does not roll; a block on a guide keeps its own."""
+    made = Model("ball and block", gravity=[0, 0, -9.81])
+    made.add_body("ball", mass=2.0, inertia=[0.008] * 3, position=[0, 0, 0.0999],
+                  velocity=[3.0, 0, 0])  # fmt: skip
+    made.add_force("floor", "contact", between=["ball", "ground"], stiffness=1e7, exponent=1.5,
+                   shapes=[{"type": "sphere", "radius": 0.1}, {"type": "plane"}], restitution=0.5,
+                   friction={"static": 0.3, "dynamic": 0.3, "stiffness": 1e5,
+                             "damping": 500.0})  # fmt: skip
+    made.add_body("block", mass=1.0, inertia=[0.1] * 3, position=[0, 5, 0], velocity=[2.0, 0, 0])
+    made.add_joint("guide", "prismatic", between=["ground", "block"], axis="x")
+    made.add_force("rub", "joint-friction", joint="guide", dynamic=0.2, length=0.4, stiffness=1e5,
+                   damping=800.0)  # fmt: skip
+    for name in ("ball", "block"):
+        made.add_sensor(name, "velocity", of=name)
+    made.set_dynamics(duration=0.3, outputs=10, accuracy=1e-4)
+    rubbed = flexmb.simulate(made)
+    assert rubbed["ball.x"][-1] == pytest.approx(3.0 - 0.3 * 9.81 * 0.3, rel=0.02)
+    assert rubbed["block.x"][-1] == pytest.approx(2.0 - 0.2 * 9.81 * 0.3, rel=0.02)
+    made.set_effects(friction=False)
+    smooth = flexmb.simulate(made)
+    assert smooth["ball.x"] == pytest.approx(3.0, abs=1e-9)
+    assert smooth["block.x"] == pytest.approx(2.0, abs=1e-9)
+    made.set_effects(contact=False, friction=False)
+    falling = flexmb.simulate(made)
+    assert falling["ball.z"] == pytest.approx(-9.81 * falling.time, abs=1e-9)
+
+
+def test_a_planar_scene_is_computed_in_space():
+    """The same pendulum, with its reactions across the plane."""
+    made = Model("pendulum", gravity=[0, -9.81, 0])
+    made.plane = "xy"
+    made.add_body("bar", mass=2.0, inertia=[0.1, 0.2, 0.3], center=[0.5, 0, 0])
+    made.add_joint("pin", "revolute", between=["ground", "bar"], axis="z")
+    made.add_sensor("center", "position", of="bar")
+    made.set_dynamics(duration=1.0, outputs=20, accuracy=1e-8)
+    planar = flexmb.simulate(made)
+    made.set_effects(planar=False)
+    spatial = flexmb.simulate(made)
+    assert spatial.layout.nc == 5 and planar.layout.nc == 2
+    for axis in "xy":
+        assert spatial[f"center.{axis}"] == pytest.approx(planar[f"center.{axis}"], abs=1e-7)
