@@ -32,8 +32,6 @@ from flexmb.engine.work import new_run, new_state, new_work, units_of
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-MAX_FREE = 120
-"""Motions up to which the dense equations of small motions are affordable."""
 _UNRESOLVED = 1.0  # rad of a vibration between two rows from which on they do not resolve it
 _ROUNDS = 2  # of what such vibrations do slowly
 _MODES_LAST = 0.02  # preference of modes among dependent coordinates
