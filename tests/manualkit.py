@@ -35,7 +35,7 @@ from flexmb.cli import app
 ROOT = Path(__file__).resolve().parents[1]
 _MANUAL = ROOT / "flexmb" / "manual"
 _COMMENT = re.compile(r"^<!-- (test|file): (.+) -->$")
-_VARYING = ("note:", "compile", "load")  # first words of lines that a second run may lack
+_VARYING = ("note:", "compile", "load", "ten")  # first words of lines that a second run may lack
 _NUMBER = re.compile(r"(?<![A-Za-z_])[-+<]?\d+(?:[.,]\d+)*(?:e[-+]?\d+)?%?")
 
 
