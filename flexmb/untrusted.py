@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 USER_BLOCK: Final = 512  # bytes before the HDF5 data: room for the seal
 _SEAL: Final = b"flexmb seal 1 "
 _PIECE = 1 << 20
-_SECONDS, _BYTES_A_SECOND = 10.0, 2e7  # time of the first reading
+_SECONDS, _BYTES_A_SECOND = 10.0, 1e5  # time of the first reading; texts take most of it
 _MEMORY, _MEMORY_A_BYTE = 700_000_000, 40  # bytes that reading may take, and for each of the file
 _PATIENCE = 6  # wall time over that of the processor, for a busy machine
 _DEPTH = 8  # groups inside groups
@@ -55,6 +55,11 @@ def seal(content: IO[bytes]) -> bytes:
     ----------
     content : binary file
         The whole file, open for reading; it stays open.
+
+    Returns
+    -------
+    bytes
+        `USER_BLOCK` bytes, for the begin of the file.
     """
     content.seek(USER_BLOCK)
     digest = _digest(content)
@@ -212,7 +217,13 @@ def check_reading(path: Path, module: str) -> str | None:
 
 
 def serve_reading(read: Callable[[Path], object]) -> NoReturn:
-    """Read the file that the command line names, with limits; the exit code tells how that went."""
+    """Read the file that the command line names, with limits; the exit code tells how that went.
+
+    Parameters
+    ----------
+    read : callable
+        Reads the file; a ValueError from it is the sentence on what is wrong.
+    """
     import psutil
 
     path = Path(sys.argv[1])
@@ -233,14 +244,15 @@ def _first_reading(path: Path, module: str) -> str | None:
     """Read the file in a process of its own; None if that ended well, else what it met."""
     seconds = math.ceil(_SECONDS + path.stat().st_size / _BYTES_A_SECOND)  # of the processor
     command = [sys.executable, "-P", "-m", module, str(path.absolute()), str(seconds)]
-    threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    words = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    words["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))  # also where a script changed it
     try:
         child = subprocess.run(
             command,
             capture_output=True,
             timeout=_PATIENCE * seconds,
             check=False,
-            env=os.environ | threads,
+            env=os.environ | words,
         )
     except subprocess.TimeoutExpired:
         return f"is damaged: it cannot be read to its end within {_PATIENCE * seconds:.0f} s"

