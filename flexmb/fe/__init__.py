@@ -10,6 +10,7 @@ from flexmb.fe.elements.element_blocks import ELEMENTS, Block
 from flexmb.fe.meshes.mesh import Mesh, read_mesh
 from flexmb.fe.meshes.mesh_shapes import mesh_from
 from flexmb.fe.model_checks import Finding, Survey, mesh_report
+from flexmb.fe.part import part
 from flexmb.fe.reduce import make_body, mesh_problems, reduce, survey
 from flexmb.fe.reduction.component_modes import craig_bampton, free_interface, guyan
 from flexmb.fe.reduction.methods import METHODS, reduce_model, reduction_key
@@ -91,6 +92,7 @@ __all__ = [
     "mesh_report",
     "node_modes",
     "orthonormalise",
+    "part",
     "quality_report",
     "read_mesh",
     "rectangle",

@@ -123,7 +123,7 @@ def flexible_bodies(
             errors.append((name, error))
         files.setdefault(name, file)
     if errors:
-        problems = [problem for name, error in errors for problem in _under(name, error.problems)]
+        problems = [problem for name, error in errors for problem in body_problems(name, error.problems)]
         raise type(errors[0][1]).from_problems(problems)
     return bodies, files, notes
 
@@ -153,14 +153,14 @@ def survey_bodies(model: Model) -> tuple[dict[str, Survey], list[Problem]]:
     surveys: dict[str, Survey] = {}
     for name, spec in model.bodies.items():
         if isinstance(spec, MeshBodySpec):
-            mesh, options = _reduction_input(model, name)
+            mesh, options = reduction_input(model, name)
             surveys[name] = fe.survey(mesh, **options)
-            problems += _under(name, surveys[name].problems)
+            problems += body_problems(name, surveys[name].problems)
         elif isinstance(spec, FlexbodySpec):
             try:
                 _loaded_body(model, name)
             except (BodyFileError, ReductionError) as error:
-                problems += _under(name, error.problems)
+                problems += body_problems(name, error.problems)
     return surveys, problems
 
 
@@ -212,7 +212,7 @@ def _source_body(model: Model, name: str) -> FlexBody:
     return load(model.path(source)) if isinstance(source, str) else source
 
 
-def _under(name: str, problems: Iterable[Problem]) -> list[Problem]:
+def body_problems(name: str, problems: Iterable[Problem]) -> list[Problem]:
     """The problems with their place in the scene in front."""
     fields = MeshBodySpec.model_fields
     full = []
@@ -229,7 +229,7 @@ def _under(name: str, problems: Iterable[Problem]) -> list[Problem]:
     return full
 
 
-def _reduction_input(model: Model, name: str) -> tuple[Any, dict[str, Any]]:
+def reduction_input(model: Model, name: str) -> tuple[Any, dict[str, Any]]:
     """The mesh of a body, a path or a table, and the options of its reduction."""
     from flexmb.model.plane import plane_in_body
 
@@ -294,7 +294,7 @@ def _stored_body(model: Model, name: str, file: Path, notes: list[str]) -> FlexB
         body = load(file)
     except BodyFileError:
         return None  # of another version, or cut off: reduced again
-    mesh, options = _reduction_input(model, name)
+    mesh, options = reduction_input(model, name)
     if body.provenance.get("key") != fe.reduction_key(mesh, **options):
         return None
     notes.append(f"{name}: reduction reused from {file} (--fresh reduces it again)")
@@ -311,7 +311,7 @@ def _reduce_body(
 ) -> FlexBody:
     from flexmb import fe
 
-    mesh, options = _reduction_input(model, name)
+    mesh, options = reduction_input(model, name)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", FlexmbWarning)
         body = fe.reduce(mesh, **options, inspect=inspect, progress=progress)
