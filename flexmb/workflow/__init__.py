@@ -6,6 +6,7 @@ The command line and the Python API use the same functions.
 from flexmb.workflow.audit import Audit, EffectOutcome, audit
 from flexmb.workflow.check import CheckReport, check_scene, mobility
 from flexmb.workflow.check_all import SceneChecks, check_all
+from flexmb.workflow.comparison import Comparison, compare
 from flexmb.workflow.drive_forces import inverse_dynamics
 from flexmb.workflow.flexible_bodies import (
     ReducedBody,
@@ -34,6 +35,7 @@ __all__ = [
     "Audit",
     "CheckOutcome",
     "CheckReport",
+    "Comparison",
     "EffectOutcome",
     "Installation",
     "Listing",
@@ -46,6 +48,7 @@ __all__ = [
     "audit",
     "check_all",
     "check_scene",
+    "compare",
     "equilibria",
     "examine_installation",
     "flexible_bodies",
