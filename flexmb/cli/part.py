@@ -72,8 +72,17 @@ def show_part(result: Any, units: UnitSystem) -> None:
         columns = ("on the part", "", units.label("N", raised=True), f"moment {units.label('N m')}")
         parts = [("load", one) for one in result.loads]
         parts += [("support", one) for one in result.supports]
+        both = [(np.abs(one.force).max(), np.abs(one.moment).max()) for _, one in parts]
+        size = float(np.ptp(result.nodes.position, axis=0).max())
+        largest = np.max(both, axis=0)
+        largest[1] = max(largest[1], 1e-3 * size * largest[0])
         lines = [
-            (one.name, kind, units.components(one.force, "N"), units.components(one.moment, "N m"))
+            (
+                one.name,
+                kind,
+                units.components(one.force, "N", largest[0]),
+                units.components(one.moment, "N m", 1e3 * largest[1]),
+            )
             for kind, one in parts
         ]
         screen.table((columns[0], columns[1], f"force {columns[2]}", columns[3]), lines)
@@ -83,15 +92,15 @@ def show_part(result: Any, units: UnitSystem) -> None:
         )
     if len(result.frequencies):
         shares = 100.0 * result.effective_mass / result.mass
-        lines = [
-            (str(k), f"{units.outward(f, 'Hz'):.6g}", *(f"{share:.3g}" for share in row))
+        modes = [
+            (str(k), f"{units.outward(f, 'Hz'):.6g}", *(f"{share:.2f}" for share in row))
             for k, f, row in zip(result.numbers, result.frequencies, shares, strict=True)
         ]
         names = ("mode", f"f [{units.label('Hz')}]", "mass x [%]", "y [%]", "z [%]")
-        screen.table(names, lines, right=range(5))
+        screen.table(names, modes, right=range(5))
     if len(result.load_factors):
-        lines = [(str(k + 1), f"{factor:.6g}") for k, factor in enumerate(result.load_factors)]
-        screen.table(("buckling", "factor on the loads"), lines, right=(0, 1))
+        factors = [(str(k + 1), f"{factor:.6g}") for k, factor in enumerate(result.load_factors)]
+        screen.table(("buckling", "factor on the loads"), factors, right=(0, 1))
 
 
 def _static_rows(result: Any, units: UnitSystem) -> list[tuple[str, str]]:
@@ -125,5 +134,7 @@ def _static_rows(result: Any, units: UnitSystem) -> list[tuple[str, str]]:
             k = int(np.abs(forces[:, c]).argmax())
             unit = "N" if name.startswith("M") else "N/m"
             value = units.say(forces[k, c], unit)
-            rows.append((f"extreme shell force {name}", f"{value} at node {result.shell_forces.ids[k]}"))
+            rows.append(
+                (f"extreme shell force {name}", f"{value} at node {result.shell_forces.ids[k]}")
+            )
     return rows

@@ -281,9 +281,7 @@ def _nodal_axes(fe: FEMatrices, places: _Places) -> FloatArray:
 def _turned(values: FloatArray, own: FloatArray, axes: FloatArray) -> FloatArray:
     """(ne, k, 6, d) resultants in element axes own (ne, 3, 3) as those in axes (ne, k, 3, 3)."""
     T = _tensor_rotation(_angle(own, axes))
-    return np.concatenate(
-        [np.matmul(T, values[:, :, :3]), np.matmul(T, values[:, :, 3:])], axis=2
-    )
+    return np.concatenate([np.matmul(T, values[:, :, :3]), np.matmul(T, values[:, :, 3:])], axis=2)
 
 
 def _tensor_rotation(angle: FloatArray) -> FloatArray:

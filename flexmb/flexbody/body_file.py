@@ -3,8 +3,8 @@
 A file is HDF5 with the attributes format, version, name and mass at its root, and the datasets of
 ``TABLE``. Lengths are symbols: m modal coordinates, c candidate modes, i interfaces, n surface
 points, t triangles, l lines, k nodes, e places with stress, g parts and y layers of these, b beams,
-h places of shells, j parts of these, d loads, u groups of nodes with x entries, s entries of provenance. All in SI, body frame; a group
-may be empty only where the table says so.
+h places of shells, j parts of these, d loads, u groups of nodes with x entries, s entries of
+provenance. All in SI, body frame; a group may be empty only where the table says so.
 
 In: a body and a path, or a path. Out: a file, or the body with exactly the same numbers. Reading
 is strict: what is not ours, of another version, incomplete or not finite is refused by a sentence.
@@ -390,9 +390,7 @@ def _read_dataset(file: h5py.File, row: Dataset, source: Path) -> Any:
     return values
 
 
-def _check_lengths(
-    datasets: dict[str, Any], source: Path, table: tuple[Dataset, ...]
-) -> None:
+def _check_lengths(datasets: dict[str, Any], source: Path, table: tuple[Dataset, ...]) -> None:
     lengths: dict[str, int] = {}
     for row in table:
         if row.path not in datasets:

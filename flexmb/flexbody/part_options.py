@@ -154,9 +154,7 @@ class PartOptions:
         """There is something to do, and loads where they are needed."""
         loaded, problems = is_static(self), []
         if not (loaded or self.frequencies or self.buckling):
-            problems.append(
-                Problem("", "nothing to compute: give loads, frequencies or both")
-            )
+            problems.append(Problem("", "nothing to compute: give loads, frequencies or both"))
         if self.buckling and not loaded:
             problems.append(Problem("buckling", "loads buckle a part, and there are none"))
         if self.preload and not (loaded and self.frequencies):

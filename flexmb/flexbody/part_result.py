@@ -199,7 +199,7 @@ class PartResult:
         """
         kind, *words = name.split(".")
         if kind not in QUANTITIES:
-            raise FlexmbError.unknown(f'{name}: no such quantity', kind, QUANTITIES)
+            raise FlexmbError.unknown(f"{name}: no such quantity", kind, QUANTITIES)
         form, _, read = QUANTITIES[kind]
         try:
             return float(read(self, words))
@@ -255,7 +255,7 @@ def _motion(rotation: bool) -> Callable[[PartResult, list[str]], float]:
         rows = [result.nodes.row(int(node)) for node in ids]
         modes = result.nodes.Phi_r if rotation else result.nodes.Phi_t
         if min(rows) < 0 or modes is None:
-            raise FlexmbError(f'{result.name}: node {place} belongs to no element of the part')
+            raise FlexmbError(f"{result.name}: node {place} belongs to no element of the part")
         return float((modes[rows] @ e)[:, "xyz".index(axis)].mean())
 
     return read
@@ -368,7 +368,15 @@ def load_part(path: str | os.PathLike[str]) -> PartResult:
     """
     source = Path(path)
     marks, data = load_datasets(source, _FORMAT, _VERSION, _TABLE, "the result of a part")
+    keys = ("name", "position", "force", "moment")
     try:
+        resultants: dict[str, Any] = {
+            owner: tuple(
+                Resultant(*row)
+                for row in zip(*(data[f"{owner}/{key}"] for key in keys), strict=True)
+            )
+            for owner in ("supports", "loads")
+        }
         return PartResult(
             str(marks["name"]),
             float(marks["mass"]),
@@ -377,16 +385,7 @@ def load_part(path: str | os.PathLike[str]) -> PartResult:
             data["frequencies/value"],
             data["frequencies/mass"],
             data["buckling/factor"],
-            *(
-                tuple(
-                    Resultant(*row)
-                    for row in zip(
-                        *(data[f"{owner}/{key}"] for key in ("name", "position", "force", "moment")),
-                        strict=True,
-                    )
-                )
-                for owner in ("supports", "loads")
-            ),
+            **resultants,
             notes=tuple(data["notes/text"]),
             **parts_of(data),
         )

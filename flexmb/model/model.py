@@ -43,7 +43,7 @@ from flexmb.model.scenes.dynamics import (
     ValiditySpec,
 )
 from flexmb.model.scenes.effects import EffectsSpec
-from flexmb.model.scenes.part import PartCheckSpec, PartSpec, part_unit
+from flexmb.model.scenes.supports import PartCheckSpec, PartSpec, part_unit
 from flexmb.model.scenes.sections import (
     CHECK_LISTS,
     CheckSpec,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import ViewError
-from flexmb.flexbody import FlexBody, load
+from flexmb.flexbody import FlexBody, PartResult, load
 from flexmb.flexbody.natural_modes import natural_modes
 from flexmb.view.content import Camera, Content, Deformed, Scale, body_camera, size_of
 from flexmb.view.picture import check_exaggeration, check_size, draw_panels
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 _FIRST = 6  # modes drawn where none are named
 _AMPLITUDE = 0.10  # of the body's size that a mode moves it at most
-_JOINT = 0.012  # radius of an interface's ball as a share of the body's size
+MARKER_RADIUS = 0.012  # radius of an interface's ball as a share of the body's size
 _CELL = (640, 420)  # pixels of a panel where the size is not given
 _SINGLE = (1280, 720)
 
@@ -83,19 +83,25 @@ def render_modes(
     frequencies, motion = _motions(body, held)
     numbers = _numbers(body, modes, len(frequencies))
     check_exaggeration(exaggeration)
-    columns = 1 if len(numbers) == 1 else 2 if len(numbers) in (2, 4) else 3
-    rows = -(-len(numbers) // columns)
-    pixels = size or (_SINGLE if len(numbers) == 1 else (_CELL[0] * columns, _CELL[1] * rows))
-    check_size((pixels[0] // columns, pixels[1] // rows))
+    pixels, columns = panel_grid(len(numbers), size)
     camera = body_camera(surface.points, direction)
     caption = f"{body.name}, {'held at ' + ', '.join(held) if held else 'free'}"
     panels = [
-        _panel(body, motion[:, :, k - 1], (title, caption), exaggeration, camera)
+        mode_panel(body, motion[:, :, k - 1], (title, caption), exaggeration, camera)
         for k in numbers
         if (title := f"mode {k}: {frequencies[k - 1]:.4g} Hz")
     ]
     draw_panels(panels, path, pixels, columns)
     return path
+
+
+def panel_grid(count: int, size: tuple[int, int] | None = None) -> tuple[tuple[int, int], int]:
+    """Pixels of a picture of several panels, and in how many columns they stand."""
+    columns = 1 if count == 1 else 2 if count in (2, 4) else 3
+    rows = -(-count // columns)
+    pixels = size or (_SINGLE if count == 1 else (_CELL[0] * columns, _CELL[1] * rows))
+    check_size((pixels[0] // columns, pixels[1] // rows))
+    return pixels, columns
 
 
 def _motions(body: FlexBody, held: Sequence[str]) -> tuple[Array, Array]:
@@ -120,14 +126,14 @@ def _numbers(body: FlexBody, modes: int | Sequence[int] | None, count: int) -> l
     return numbers
 
 
-def _panel(
-    body: FlexBody,
+def mode_panel(
+    body: FlexBody | PartResult,
     motion: Array,
     texts: tuple[str, str],
     exaggeration: float | str,
     camera: Camera,
 ) -> Content:
-    """One mode; the texts are its title and its caption."""
+    """One mode: motion (n + i, 3) of surface points, then of interfaces; title and caption."""
     assert body.surface is not None
     points, size = body.surface.points, size_of(body.surface.points) or 1.0
     u = motion[: len(points)]
@@ -144,7 +150,7 @@ def _panel(
         solids=(),
         deformed=(drawn,),
         joints=places + factor * motion[len(points) :],
-        joint_radius=_JOINT * size,
+        joint_radius=MARKER_RADIUS * size,
         scale=Scale(largest, 1.0 / largest, "", "displacement over the largest"),
         camera=camera,
         bar=False,

@@ -123,7 +123,9 @@ def flexible_bodies(
             errors.append((name, error))
         files.setdefault(name, file)
     if errors:
-        problems = [problem for name, error in errors for problem in body_problems(name, error.problems)]
+        problems = [
+            problem for name, error in errors for problem in under_body(name, error.problems)
+        ]
         raise type(errors[0][1]).from_problems(problems)
     return bodies, files, notes
 
@@ -155,12 +157,12 @@ def survey_bodies(model: Model) -> tuple[dict[str, Survey], list[Problem]]:
         if isinstance(spec, MeshBodySpec):
             mesh, options = reduction_input(model, name)
             surveys[name] = fe.survey(mesh, **options)
-            problems += body_problems(name, surveys[name].problems)
+            problems += under_body(name, surveys[name].problems)
         elif isinstance(spec, FlexbodySpec):
             try:
                 _loaded_body(model, name)
             except (BodyFileError, ReductionError) as error:
-                problems += body_problems(name, error.problems)
+                problems += under_body(name, error.problems)
     return surveys, problems
 
 
@@ -212,7 +214,7 @@ def _source_body(model: Model, name: str) -> FlexBody:
     return load(model.path(source)) if isinstance(source, str) else source
 
 
-def body_problems(name: str, problems: Iterable[Problem]) -> list[Problem]:
+def under_body(name: str, problems: Iterable[Problem]) -> list[Problem]:
     """The problems with their place in the scene in front."""
     fields = MeshBodySpec.model_fields
     full = []

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from flexmb.errors import FlexmbError, FlexmbWarning, Problem, SceneError
 from flexmb.folders import output_folder, writable_folder
 from flexmb.progress import Progress, silent
-from flexmb.workflow.flexible_bodies import body_problems, reduction_input
+from flexmb.workflow.flexible_bodies import reduction_input, under_body
 from flexmb.workflow.run_report import CheckOutcome
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def run_part(
     from flexmb.fe import part
     from flexmb.flexbody import save_part
     from flexmb.model import load_scene
-    from flexmb.model.scenes.part import select_part_body
+    from flexmb.model.scenes.supports import select_part_body
 
     model = load_scene(Path(path), dict(overrides or {}))
     if model.part is None:
@@ -86,9 +86,11 @@ def run_part(
                 **model.part.words(),
             )
         except FlexmbError as error:
-            raise type(error).from_problems(_placed(name, error)) from None
+            raise type(error).from_problems(_in_scene(name, error)) from None
     notes += [*result.notes, *(str(entry.message) for entry in caught)]
-    if model.gravity is not None and not any(s.type == "gravity" for s in model.part.loads.values()):
+    if model.gravity is not None and not any(
+        s.type == "gravity" for s in model.part.loads.values()
+    ):
         notes.append("the scene's gravity does not act on the part: give a load of type gravity")
     stored = save_part(result, folder / f"{name}.part.h5")
     drawn: tuple[Path, ...] = ()
@@ -108,19 +110,19 @@ def check_part(model: Model, result: PartResult) -> list[CheckOutcome]:
     for check in model.part_checks:
         unit = model.check_unit(vars(check)) or ""
         values = (result.quantity(check.part), check.value, check.tolerance)
-        written = (model.units.written(value, unit) for value in values)
-        outcomes.append(CheckOutcome(check.part, None, *written, check.source))
+        computed, value, tolerance = (model.units.written(each, unit) for each in values)
+        outcomes.append(CheckOutcome(check.part, None, computed, value, tolerance, check.source))
     return outcomes
 
 
-def _placed(name: str, error: FlexmbError) -> list[Problem]:
+def _in_scene(name: str, error: FlexmbError) -> list[Problem]:
     """The problems under ``part`` or under the body, wherever they come from."""
     own = ("supports", "loads", "frequencies", "buckling", "preload")
-    placed: list[Problem] = []
+    problems: list[Problem] = []
     for problem in error.problems:
         if problem.where.split(".")[0] in own:
             where = f"part.{problem.where}"
-            placed.append(Problem(where, problem.what, problem.allowed, problem.nearest))
+            problems.append(Problem(where, problem.what, problem.allowed, problem.nearest))
         else:
-            placed += body_problems(name, [problem])
-    return placed
+            problems += under_body(name, [problem])
+    return problems

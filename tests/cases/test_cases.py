@@ -53,7 +53,23 @@ def test_a_case_gives_its_known_answers(scene: Path, tmp_path: Path) -> None:
     run(scene, tmp_path, SHORTER.get(case_name(scene), {}))
 
 
-@pytest.mark.parametrize("scene", [path for path in CASES if not runs(path)], ids=case_name)
+def is_part(scene: Path) -> bool:
+    """Whether the case is a part by itself."""
+    return "[part]" in scene.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("scene", [path for path in CASES if is_part(path)], ids=case_name)
+def test_a_part_by_itself_gives_its_known_answers(scene: Path, tmp_path: Path) -> None:
+    report = flexmb.run_part(scene, output=tmp_path, pictures=False)
+    assert report.checks, "a case without a check proves nothing"
+    for check in report.checks:
+        assert check.passed, check
+
+
+BODIES = [path for path in CASES if not runs(path) and not is_part(path)]
+
+
+@pytest.mark.parametrize("scene", BODIES, ids=case_name)
 def test_bodies_alone_have_their_known_frequencies(scene: Path, tmp_path: Path) -> None:
     found = reduce_scene(scene, output=tmp_path)
     assert found.checks, "a case without a check proves nothing"
@@ -70,7 +86,8 @@ def test_a_case_as_it_stands_gives_its_known_answers(name: str, tmp_path: Path) 
 def test_every_case_says_where_its_answers_come_from() -> None:
     for scene in CASES:
         model = flexmb.load_scene(scene)
-        for check in (*model.checks, *model.frequency_checks, *model.mode_checks):
+        of_bodies = (*model.frequency_checks, *model.mode_checks)
+        for check in (*model.checks, *of_bodies, *model.part_checks):
             assert check.source, scene
 
 

@@ -46,7 +46,7 @@ class Supports:
         Their reference points [m].
     G : (n, k) sparse
         Motions of the model per coordinate z.
-    held, owner : (h,) int
+    fixed, owner : (h,) int
         The coordinates that are held, and the support of each.
     value : (h,) float
         What they are held at [m, rad].
@@ -65,7 +65,7 @@ class Supports:
     names: tuple[str, ...]
     positions: FloatArray
     G: csr_array
-    held: IntArray
+    fixed: IntArray
     owner: IntArray
     value: FloatArray
     W: csr_array
@@ -78,12 +78,12 @@ class Supports:
     @property
     def free(self) -> IntArray:
         """Coordinates that are not held."""
-        return np.setdiff1d(np.arange(self.G.shape[1]), self.held)
+        return np.setdiff1d(np.arange(self.G.shape[1]), self.fixed)
 
     def free_motions(self, size: float, means: bool = True) -> FloatArray:
         """(6, r) rigid motions about the centre of mass that the supports leave; ``size`` [m]."""
         scale = np.array([1.0] * 3 + [1.0 / size] * 3)
-        rows = [self.rigid[self.held], self.W @ self.rigid if means else np.zeros((0, 6))]
+        rows = [self.rigid[self.fixed], self.W @ self.rigid if means else np.zeros((0, 6))]
         _, sigma, V = np.linalg.svd(np.concatenate([*rows, np.zeros((6, 6))]) * scale)
         return scale[:, None] * V[sigma <= _RANK * max(sigma[0], 1e-300)].T
 
@@ -175,7 +175,10 @@ def _make_support(
     if words.interface is not None:
         names = tuple(part.name for part in interfaces)
         if words.interface not in names:
-            what, near = f'there is no interface "{words.interface}"', nearest(words.interface, names)
+            what, near = (
+                f'there is no interface "{words.interface}"',
+                nearest(words.interface, names),
+            )
             raise MeshError.from_problems([Problem(f"{where}.interface", what, names, near)])
         k = names.index(words.interface)
         position, places = interfaces[k].position, interfaces[k].position[None]
@@ -212,8 +215,8 @@ def _check_imposed(
 ) -> None:
     """What is imposed must be held."""
     problems = []
-    for name, vector, held in (("displacement", shift, along), ("rotation", turn, about)):
-        rest = vector - held.T @ (held @ vector)
+    for name, vector, fixed in (("displacement", shift, along), ("rotation", turn, about)):
+        rest = vector - fixed.T @ (fixed @ vector)
         if np.abs(rest).max(initial=0.0) > _PARALLEL * np.abs(vector).max(initial=0.0):
             axis = _AXES[int(np.abs(rest).argmax())]
             what = f"has a component about {axis}" if name == "rotation" else f"moves along {axis}"
@@ -228,8 +231,8 @@ def _directions(
     """Directions (c, 3) along which, and about which, a support holds."""
     every, none = np.eye(3), np.zeros((0, 3))
     if words.hold is not None:
-        held = [MOTIONS.index(motion) for motion in dict.fromkeys(words.hold)]
-        return every[sorted(k for k in held if k < 3)], every[sorted(k - 3 for k in held if k > 2)]
+        fixed = [MOTIONS.index(motion) for motion in dict.fromkeys(words.hold)]
+        return every[sorted(k for k in fixed if k < 3)], every[sorted(k - 3 for k in fixed if k > 2)]
     if words.type == "clamped":
         return every, every
     if words.type == "hinged":
@@ -309,7 +312,7 @@ class _Builder:
             for row, site in enumerate(hold.sites):
                 at.setdefault(site, []).append((hold, row))
         turned: list[tuple[IntArray, FloatArray]] = []
-        held: list[tuple[int, float, int]] = []
+        fixed: list[tuple[int, float, int]] = []
         means: list[tuple[FloatArray, IntArray, float, int]] = []
         problems: dict[str, Problem] = {}
         for site, parts in at.items():
@@ -322,11 +325,11 @@ class _Builder:
                 means += [(d @ W, self.number[part.dofs], v, s) for d, v, s in rows]
                 continue
             turned.append((numbers, np.concatenate([basis, complement(basis)])))
-            held += zip(numbers, values, owners, strict=False)
+            fixed += zip(numbers, values, owners, strict=False)
         if problems:
             raise MeshError.from_problems(problems.values())
         Q = self._rotation(turned)
-        held.sort()
+        fixed.sort()
         W_rows = [np.full(len(row), k) for k, (row, *_) in enumerate(means)]
         empty = np.zeros(0)
         W = coo_array(
@@ -343,9 +346,9 @@ class _Builder:
             self.names,
             self.positions,
             csr_array(self.G @ Q),
-            np.array([k for k, *_ in held], dtype=int),
-            np.array([s for *_, s in held], dtype=int),
-            np.array([v for _, v, _ in held], dtype=float),
+            np.array([k for k, *_ in fixed], dtype=int),
+            np.array([s for *_, s in fixed], dtype=int),
+            np.array([v for _, v, _ in fixed], dtype=float),
             csr_array(csr_array(W) @ Q),
             np.array([v for *_, v, _ in means], dtype=float),
             np.array([s for *_, s in means], dtype=int),
@@ -373,17 +376,17 @@ class _Builder:
             for d, v in zip(hold.directions, hold.values[row], strict=True):
                 shares = [float(d @ b) for b in basis]
                 rest = d - sum((c * b for c, b in zip(shares, basis, strict=True)), np.zeros(3))
-                known = sum(c * x for c, x in zip(shares, values, strict=True))
+                expected = sum(c * x for c, x in zip(shares, values, strict=True))
                 size = float(np.linalg.norm(rest))
                 if size > _PARALLEL:
                     basis.append(rest / size)
-                    values.append((v - known) / size)
+                    values.append((v - expected) / size)
                     owners.append(hold.support)
-                elif abs(v - known) > _AGREE * max(abs(v), abs(known)):
+                elif abs(v - expected) > _AGREE * max(abs(v), abs(expected)):
                     name = self.names[hold.support]
                     place = f"node {site.node}" if site.interface < 0 else "the interface"
                     other = ", ".join(sorted({f'"{self.names[s]}"' for s in owners}))
-                    what = f"moves {place} by {v:.6g}, the support {other} by {known:.6g}"
+                    what = f"moves {place} by {v:.6g}, the support {other} by {expected:.6g}"
                     problems.setdefault(name, Problem(f"supports.{name}", what))
         return np.array(basis).reshape(-1, 3), values, owners
 
@@ -403,61 +406,3 @@ class _Builder:
         Q = csr_array(coo_array(entries, shape=(self.count, self.count)))
         Q.eliminate_zeros()
         return Q
-
-
-def motions_in_words(N: FloatArray, center: FloatArray, size: float) -> list[str]:
-    """Sentences for rigid motions (6, r) about the centre of mass: translations and rotations.
-
-    Parameters
-    ----------
-    N : (6, r) float
-        Independent translations [m] and rotations [rad].
-    center : (3,) float
-        Centre of mass [m].
-    size : float
-        Of the part [m].
-    """
-    rows = (N * np.array([1.0] * 3 + [size] * 3)[:, None]).T[:, [3, 4, 5, 0, 1, 2]]
-    words = []
-    for row in _echelon(rows):
-        w, t = row[:3], row[3:]
-        if np.abs(w).max() < 1e-6 * np.abs(t).max():
-            words.append(f"translation along {_direction(t)}")
-            continue
-        w = w / size
-        rate = float(np.linalg.norm(w))
-        point = center + np.cross(w, t) / rate**2
-        pitch = float(w @ t) / rate**2
-        point[np.abs(point) < 1e-9 * size] = 0.0
-        place = ", ".join(f"{x:.4g}" for x in point)
-        screw = f", sliding {pitch:.3g} m along it per rad" if abs(pitch) > 1e-6 * size else ""
-        words.append(f"rotation about {_direction(w)} through ({place}) m{screw}")
-    return words
-
-
-def _echelon(rows: FloatArray) -> FloatArray:
-    """Reduced row echelon form with pivots of largest size."""
-    rows, at = rows.copy(), 0
-    for column in range(rows.shape[1]):
-        if at == len(rows):
-            break
-        pivot = at + int(np.abs(rows[at:, column]).argmax())
-        if abs(rows[pivot, column]) < 1e-6:
-            rows[at:, column] = 0.0
-            continue
-        rows[[at, pivot]] = rows[[pivot, at]]
-        rows[at] /= rows[at, column]
-        others = np.arange(len(rows)) != at
-        rows[others] -= np.outer(rows[others, column], rows[at])
-        at += 1
-    rows[np.abs(rows) < 1e-9] = 0.0
-    return rows
-
-
-def _direction(vector: FloatArray) -> str:
-    unit = vector / np.linalg.norm(vector)
-    unit *= np.sign(unit[np.abs(unit).argmax()])
-    axis = int(np.abs(unit).argmax())
-    if np.abs(np.delete(unit, axis)).max() < 1e-6:
-        return _AXES[axis]
-    return "(" + ", ".join(f"{x:.4g}" for x in unit) + ")"

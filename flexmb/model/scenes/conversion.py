@@ -50,7 +50,7 @@ from flexmb.model.scenes.dynamics import (
     ValiditySpec,
 )
 from flexmb.model.scenes.effects import EffectsSpec, effects_table
-from flexmb.model.scenes.part import PartSpec
+from flexmb.model.scenes.supports import PartSpec
 from flexmb.model.scenes.sections import (
     CHECK_LISTS,
     SECTIONS,

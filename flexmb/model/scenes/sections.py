@@ -45,7 +45,7 @@ from flexmb.model.reading import (
     read_variant,
     under,
 )
-from flexmb.model.scenes.part import PartCheckSpec
+from flexmb.model.scenes.supports import PartCheckSpec
 from flexmb.model.sensor import SENSOR_TYPES
 
 

@@ -13,7 +13,15 @@ from hdf5edit import edit_hdf5
 
 from flexmb.errors import BodyFileError, OutputError, ReductionError
 from flexmb.fe import rectangle, reduce
-from flexmb.flexbody import LoadVector, SectionForceModes, StressModes, load, rigid_body, save, ShellForceModes
+from flexmb.flexbody import (
+    LoadVector,
+    SectionForceModes,
+    ShellForceModes,
+    StressModes,
+    load,
+    rigid_body,
+    save,
+)
 from flexmb.flexbody.body_file import TABLE
 
 ENDS = {"left": "x0", "right": "x1"}

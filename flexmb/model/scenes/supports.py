@@ -30,6 +30,9 @@ class PartSpec(Base):
     """
 
     body: Text | None = None
+    if TYPE_CHECKING:
+        supports: dict[str, Any]
+        loads: dict[str, Any]
 
     def words(self) -> dict[str, Any]:
         """The options of :func:`flexmb.fe.part` as plain data in SI."""
@@ -76,7 +79,7 @@ def part_problems(scope: Scope) -> Iterator[Problem]:
         if part_unit(check.part) is None:
             word = check.part.partition(".")[0]
             what = f'unknown quantity of a part "{check.part}"'
-            yield Problem(f"check[{i}].part", what, QUANTITIES, nearest(word, QUANTITIES))
+            yield Problem(f"check[{i}].part", what, tuple(QUANTITIES), nearest(word, QUANTITIES))
         if model.part is None:
             yield Problem(f"check[{i}].part", "the scene has no [part]")
     if model.part is None:
@@ -92,8 +95,8 @@ def part_problems(scope: Scope) -> Iterator[Problem]:
     for where, spec in places.items():
         if bad := bad_name(where.rpartition(".")[2]):
             yield Problem(where, bad)
-        name = getattr(spec, "interface", None)
-        interfaces = tuple(model.bodies[body].interfaces) if body else (name,)
-        if name is not None and name not in interfaces:
-            what, near = f'{body} has no interface "{name}"', nearest(name, interfaces)
+        end = getattr(spec, "interface", None)
+        interfaces = tuple(getattr(model.bodies[body], "interfaces", ())) if body else (end,)
+        if end is not None and end not in interfaces:
+            what, near = f'{body} has no interface "{end}"', nearest(end, interfaces)
             yield Problem(f"{where}.interface", what, interfaces, near)
