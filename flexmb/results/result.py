@@ -203,10 +203,6 @@ class Result(Recovery, MarkerHistory):
         what = f'the result has no channel "{pattern}"'
         raise ResultFileError.unknown(what, pattern, every)
 
-    def si_unit(self, channel: str) -> str:
-        """The unit of a channel in SI, such as m/s^2; empty for none."""
-        return self._channel(channel).unit
-
     def unit(self, channel: str) -> str:
         """The unit of a channel in the scene's system, such as m/s², mm or N; empty for none.
 

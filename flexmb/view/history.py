@@ -67,19 +67,14 @@ class Series(NamedTuple):
 
     def values(self, units: UnitSystem) -> Array:
         """Over all rows (n,), in a unit system."""
-        own = self.result.units
         if self.is_scalar:
-            values = self.result[self.channel]
-        else:
-            parts = (self.result[f"{self.channel}.{axis}"] for axis in "xyz")
-            values = np.sqrt(sum(part**2 for part in parts))
-        factor = own.scale(self.unit) / units.scale(self.unit) if self.unit else 1.0
-        return values if factor == 1.0 else factor * values
+            return self.result.in_units(self.channel, units)
+        parts = (self.result.in_units(f"{self.channel}.{axis}", units) for axis in "xyz")
+        return np.sqrt(sum(part**2 for part in parts))
 
     def time(self, units: UnitSystem) -> Array:
         """Output times (n,) in a unit system."""
-        factor = self.result.units.scale("s") / units.scale("s")
-        return self.result.time if factor == 1.0 else factor * self.result.time
+        return np.asarray(units.outward(self.result.table("time"), "s"))
 
 
 class Line(NamedTuple):
@@ -366,7 +361,8 @@ def _draw_panel(
         axes.plot(
             shown_x, shown_y / factor,
             color=LINES[color % len(LINES)],
-            lw=1.5,
+            lw=4.0 if run == 0 < len(runs) - 1 else 1.5,  # lines that agree are all seen
+            alpha=0.4 if run == 0 < len(runs) - 1 else 1.0,
             ls=("-", "--", ":", "-.")[dash % 4],
             label=one.label,
         )  # fmt: skip

@@ -194,7 +194,7 @@ def test_what_cannot_be_drawn_is_refused(result, tmp_path) -> None:
     with pytest.raises(ViewError, match="no two outputs"):
         history_figure(result, ["slider.x"], (7.0, 8.0))
     with pytest.raises(ViewError, match="too many"):
-        history_figure(result, ["*.position.?"])
+        history_figure(result, ["*.origin.*"])
     with pytest.raises(FlexmbError, match="one channel of one result"):
         campbell_of_run(result, ["slider.?"])
 
