@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from flexmb.view.history import history_figure, plot_history
 from flexmb.view.modes import render_modes
 from flexmb.view.part_pictures import render_part
 from flexmb.view.picture import render
-from flexmb.view.plot import history_figure, plot_history, save_figure
+from flexmb.view.plot import save_figure
 
 __all__ = ["history_figure", "plot_history", "render", "render_modes", "render_part", "save_figure"]
