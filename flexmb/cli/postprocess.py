@@ -19,9 +19,11 @@ from flexmb.cli.app import (
     refuse_options,
 )
 from flexmb.cli.check import show_check
+from flexmb.cli.part import show_part
 from flexmb.cli.reduce import modes_picture, show_body
 from flexmb.cli.run import show_result
 from flexmb.errors import FlexmbError
+from flexmb.units import unit_system
 
 
 @command()
@@ -61,6 +63,13 @@ def _show_h5(path: Path) -> None:
         body = load(path)
         show_body(body)
         screen.table(("where it comes from", ""), sorted(body.provenance.items()))
+        return
+    if file_format(path) == "flexmb-part":
+        from flexmb.flexbody import load_part
+
+        part = load_part(path)
+        show_part(part, unit_system(part.provenance.get("scene units", "SI")))
+        screen.table(("where it comes from", ""), sorted(part.provenance.items()))
         return
     run = Result(path)
     show_result(run)
@@ -227,7 +236,7 @@ def render(
     """
     from flexmb.results import Result, file_format
     from flexmb.view import render as render_run
-    from flexmb.view import render_modes, vtk_renderer
+    from flexmb.view import render_modes, render_part, vtk_renderer
 
     look: dict[str, Any] = {
         "exaggeration": parse_exaggeration(exaggeration),
@@ -243,6 +252,19 @@ def render(
             output = output or modes_picture(file)
             numbers, names = parse_numbers(modes, "--modes"), parse_names(supports)
             written = render_modes(file, numbers, held=names, output=output, **look)
+        elif file_format(file) == "flexmb-part":
+            of_run = {"time": time, "modes": modes, "held": supports}
+            refuse_options(of_run, "belongs to another picture; this is the result of a part")
+            from flexmb.flexbody import load_part
+
+            part = load_part(file)
+            look |= {"color": color or "von_mises", "layer": layer}
+            look["exaggeration"] = look["exaggeration"] or "auto"
+            units = unit_system(part.provenance.get("scene units", "SI"))
+            output = output or file.with_suffix(".png")
+            written, *others = render_part(part, units=units, output=output, **look)
+            for other in others:
+                screen.line(f"written: {other}")
         else:
             of_body = {"modes": modes, "held": supports}
             refuse_options(of_body, "belongs to the picture of a flexible body (.flexbody.h5)")

@@ -35,7 +35,7 @@ from flexmb.flexbody.part_options import (
     PART_LOADS,
     FrequenciesOptions,
     InterfaceLoad,
-    PartOptions,
+    PartAnalysisOptions,
     SpinLoad,
     SupportOptions,
     is_static,
@@ -153,7 +153,7 @@ def _read_part(
     frequencies: Any,
     buckling: int,
     preload: bool,
-) -> PartOptions | None:
+) -> PartAnalysisOptions | None:
     """The options of a part; what is wrong with them in ``attempts``."""
     errors = len(attempts.errors)
     supported = {
@@ -171,7 +171,7 @@ def _read_part(
         return None
     every = {"supports": supported, "loads": acting, "frequencies": wanted}
     every |= {"buckling": buckling, "preload": preload}
-    return attempts(read_options, PartOptions, every, "part", ReductionError)
+    return attempts(read_options, PartAnalysisOptions, every, "part", ReductionError)
 
 
 def _load_options(name: str, words: Mapping[str, Any]) -> Any:
@@ -234,14 +234,17 @@ def _check_loads(fe: FEMatrices, constraints: Supports, vectors: Mapping[str, Fl
     for name, f in vectors.items():
         z = constraints.G.T @ f
         if f.any() and np.abs(z[constraints.free]).max(initial=0.0) <= 1e-12 * np.abs(z).max():
-            owners = sorted({constraints.names[k] for k in constraints.owner[np.abs(z[constraints.fixed]) > 0]})
+            loaded = constraints.owner[np.abs(z[constraints.fixed]) > 0]
+            owners = sorted({constraints.names[k] for k in loaded})
             what = f"acts on held motions alone: it goes straight into {', '.join(owners)}"
             problems.append(Problem(f"loads.{name}", what))
     if problems:
         raise MeshError.from_problems(problems)
 
 
-def _check_motions(fe: FEMatrices, constraints: Supports, options: PartOptions) -> list[str]:
+def _check_motions(
+    fe: FEMatrices, constraints: Supports, options: PartAnalysisOptions
+) -> list[str]:
     """Refuse rigid motions where they make the analysis impossible; else a note names them."""
     size = float(np.ptp(fe.mesh.points[fe.numbering.nodes], axis=0).max())
     free = constraints.free_motions(size)

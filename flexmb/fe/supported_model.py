@@ -41,7 +41,7 @@ from flexmb.fe.reduction.reduced_basis import moving_nodes
 from flexmb.fe.stress import section_force_modes, shell_force_modes, stress_modes
 from flexmb.flexbody.arrays import FloatArray, IntArray, skew
 from flexmb.flexbody.mesh_options import GravityLoad
-from flexmb.flexbody.part_options import PartOptions, SpinLoad, is_static
+from flexmb.flexbody.part_options import PartAnalysisOptions, SpinLoad, is_static
 from flexmb.flexbody.part_result import STATIC, PartResult, Resultant
 from flexmb.flexbody.parts import Interface
 from flexmb.flexbody.stress_modes import SectionForceModes
@@ -73,7 +73,7 @@ class SupportedModel:
         fe: FEMatrices,
         ends: tuple[ModelInterface, ...],
         supports: Supports,
-        options: PartOptions,
+        options: PartAnalysisOptions,
         progress: Progress,
     ) -> None:
         self.fe, self.ends, self.supports, self.options = fe, ends, supports, options

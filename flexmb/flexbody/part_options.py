@@ -136,7 +136,7 @@ class FrequenciesOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PartOptions:
+class PartAnalysisOptions:
     """A part by itself: its supports and loads; static solution, frequencies, buckling.
 
     Where there are loads, or imposed displacements, the static solution is found. `frequencies`
@@ -162,7 +162,7 @@ class PartOptions:
         return problems
 
 
-def is_static(part: PartOptions) -> bool:
+def is_static(part: PartAnalysisOptions) -> bool:
     """Whether there is anything that a part responds to at rest."""
     moved = (s.displacement or s.rotation for s in part.supports.values())
     return bool(part.loads) or any(moved)

@@ -43,7 +43,6 @@ from flexmb.model.scenes.dynamics import (
     ValiditySpec,
 )
 from flexmb.model.scenes.effects import EffectsSpec
-from flexmb.model.scenes.supports import PartCheckSpec, PartSpec, part_unit
 from flexmb.model.scenes.sections import (
     CHECK_LISTS,
     CheckSpec,
@@ -55,6 +54,7 @@ from flexmb.model.scenes.sections import (
     read_named,
 )
 from flexmb.model.scenes.study import StudySpec
+from flexmb.model.scenes.supports import PartCheckSpec, PartSpec, part_unit
 from flexmb.model.sensor import SensorSpec, channels_of, unit_of
 from flexmb.units import UnitSystem, unit_system
 

@@ -123,9 +123,7 @@ def flexible_bodies(
             errors.append((name, error))
         files.setdefault(name, file)
     if errors:
-        problems = [
-            problem for name, error in errors for problem in under_body(name, error.problems)
-        ]
+        problems = [p for name, error in errors for p in under_body(name, error.problems)]
         raise type(errors[0][1]).from_problems(problems)
     return bodies, files, notes
 

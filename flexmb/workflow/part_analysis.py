@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -92,6 +92,8 @@ def run_part(
         s.type == "gravity" for s in model.part.loads.values()
     ):
         notes.append("the scene's gravity does not act on the part: give a load of type gravity")
+    provenance = {**result.provenance, "scene units": model.units.name}
+    result = replace(result, provenance=provenance)
     stored = save_part(result, folder / f"{name}.part.h5")
     drawn: tuple[Path, ...] = ()
     if pictures:

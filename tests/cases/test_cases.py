@@ -102,7 +102,8 @@ def test_every_case_says_where_its_answers_come_from() -> None:
 def test_expected_values_are_those_of_the_exact_solution(script: Path) -> None:
     """`exact.py` prints `[scene] sensor time value`; it uses nothing of flexmb.
 
-    Of linearised modes `linear_mode=1,name=2 value`, with the parameters in their order.
+    Of linearised modes `linear_mode=1,name=2 value`, with the parameters in their order; of
+    parts `quantity value`.
     """
     assert "flexmb" not in script.read_text(encoding="utf-8")
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -128,10 +129,14 @@ def test_expected_values_are_those_of_the_exact_solution(script: Path) -> None:
                 assert check.value == pytest.approx(
                     exact["", mode, 0.0], abs=0.05 * check.tolerance
                 )
+        for known in flexmb.load_scene(path).part_checks:
+            if "exact.py" in known.source:
+                value = exact["", known.part, 0.0]
+                assert known.value == pytest.approx(value, abs=0.05 * known.tolerance)
     for *scene, sensor, time, value in (row for row in rows if len(row) > 2):
         for name in scene or scenes:
             exact[name, sensor, round(float(time), 9)] = float(value)
-    assert sought
+    assert sought or exact
     for (scene, sensor, time), check in sought.items():
         value = exact[scene, sensor, round(time, 9)]
         assert check.value == pytest.approx(value, abs=0.05 * check.tolerance), check

@@ -232,7 +232,8 @@ def _directions(
     every, none = np.eye(3), np.zeros((0, 3))
     if words.hold is not None:
         fixed = [MOTIONS.index(motion) for motion in dict.fromkeys(words.hold)]
-        return every[sorted(k for k in fixed if k < 3)], every[sorted(k - 3 for k in fixed if k > 2)]
+        slides, turns = ([k % 3 for k in sorted(fixed) if k // 3 == half] for half in (0, 1))
+        return every[slides], every[turns]
     if words.type == "clamped":
         return every, every
     if words.type == "hinged":

@@ -50,7 +50,6 @@ from flexmb.model.scenes.dynamics import (
     ValiditySpec,
 )
 from flexmb.model.scenes.effects import EffectsSpec, effects_table
-from flexmb.model.scenes.supports import PartSpec
 from flexmb.model.scenes.sections import (
     CHECK_LISTS,
     SECTIONS,
@@ -60,6 +59,7 @@ from flexmb.model.scenes.sections import (
     read_named,
 )
 from flexmb.model.scenes.study import StudySpec, resolve_knob
+from flexmb.model.scenes.supports import PartSpec
 from flexmb.units import SI, UnitSystem, unit_system
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z_0-9]*\Z")
@@ -375,6 +375,8 @@ def _body(
             f"bodies.{name}: the flexible body is an object in memory; save it and name its file"
         )
     table = _plain(spec, model.context)
+    if table.get("interfaces") == {}:  # of a part by itself
+        del table["interfaces"]
     if isinstance(table.get("mesh"), dict):
         del table["units"]  # of mesh files
     for key in ("mesh", "flexbody", "modes"):

@@ -6,18 +6,20 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 from flexmb.errors import Problem, nearest
-from flexmb.flexbody.part_options import PartOptions
+from flexmb.flexbody.part_options import PART_LOADS, PartAnalysisOptions
 from flexmb.flexbody.part_result import QUANTITIES, unit_of_quantity
 from flexmb.model.lookup import ModelData, Scope
 from flexmb.model.mesh_body import MeshBodySpec
-from flexmb.model.option_specs import spec_of
+from flexmb.model.option_specs import spec_of, specs_of
 from flexmb.model.quantities import Measured, Text
 from flexmb.model.reading import Spec, bad_name
 
+PART_LOAD_TYPES = specs_of(PART_LOADS)
+"""Loads on a part by type."""
 if TYPE_CHECKING:
     Base: TypeAlias = Spec
 else:
-    Base = spec_of(PartOptions)
+    Base = spec_of(PartAnalysisOptions)
 
 
 class PartSpec(Base):
