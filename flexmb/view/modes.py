@@ -17,9 +17,13 @@ from numpy.typing import NDArray
 from flexmb.errors import ViewError
 from flexmb.flexbody import FlexBody, load
 from flexmb.flexbody.natural_modes import natural_modes
-from flexmb.view.content import Camera, Content, Deformed, Scale, body_camera, size_of
+from flexmb.view.camera import Camera, body_camera
+from flexmb.view.content import Content, Deformed, Scale, Solid
+from flexmb.view.drawing import size_of
+from flexmb.view.part import PIN
 from flexmb.view.picture import check_exaggeration, check_size, draw_panels
 from flexmb.view.plot import BODIES, writable_file
+from flexmb.view.shapes import sphere
 
 Array = NDArray[np.float64]
 
@@ -141,10 +145,11 @@ def _panel(
     return Content(
         title=texts[0],
         caption=texts[1],
-        solids=(),
+        solids=tuple(
+            Solid("interface", sphere(_JOINT * size, place), PIN, role="joint")
+            for place in places + factor * motion[len(points) :]
+        ),
         deformed=(drawn,),
-        joints=places + factor * motion[len(points) :],
-        joint_radius=_JOINT * size,
         scale=Scale(largest, 1.0 / largest, "", "displacement over the largest"),
         camera=camera,
         bar=False,
