@@ -200,7 +200,7 @@ def _lump(mechanism: Mechanism, name: str, size: float) -> Triangles:
     if isinstance(spec, RigidBodySpec):
         properties = spec.mass_properties
         moments, axes = np.linalg.eigh(properties.inertia)
-        squares = 6 / properties.mass * (moments.sum() - 2 * moments)
+        squares = 6.0 / properties.mass * (moments.sum() - 2 * moments)
         edges = np.sqrt(np.maximum(squares, 0.0))
         if 2 * _LUMP * size < edges.max() <= _LARGEST_LUMP * size:
             axes[:, 2] *= np.sign(np.linalg.det(axes))
@@ -236,9 +236,9 @@ def _links(points: list[Array], center: Array, size: float, lump: bool) -> list[
     if n > 3:
         pairs = [(middle, point) for point in points]
     if lump and n:
-        gap = min((_distance(center, a, b) for a, b in pairs), default=np.inf)
         near = points[0] if n == 1 else middle
-        if gap > r and np.linalg.norm(center - near) > r:
+        apart = [_distance(center, a, b) > r for a, b in [*pairs, (near, near)]]
+        if all(apart):
             pairs.append((center, near))
     return [*(tube(a, b, r) for a, b in pairs), *(sphere(1.25 * r, point) for point in points)]
 
@@ -246,7 +246,7 @@ def _links(points: list[Array], center: Array, size: float, lump: bool) -> list[
 def _distance(point: Array, a: Array, b: Array) -> float:
     """Of a point from the line between two others [m]."""
     line = b - a
-    share = np.clip((point - a) @ line / max(line @ line, 1e-300), 0.0, 1.0)
+    share = float(np.clip((point - a) @ line / max(float(line @ line), 1e-300), 0.0, 1.0))
     return float(np.linalg.norm(point - a - share * line))
 
 

@@ -27,7 +27,7 @@ _PARALLEL = 0.999  # cosine above which two directions count as one
 _SLENDER = 2.0  # times its next extent from which a body lies lengthwise
 _SPATIAL = np.array([0.45, 0.42, 0.79])  # aside, above, towards, where no plane is preferred
 _CELLS = 60  # of a coarse picture, along its longer side, that shows what hides what
-_BETTER = 0.04  # share that another side must show more to be preferred
+_GAINS = (0.0, 0.06, 0.3, 0.06)  # what each side must show more than those before: back is last
 
 # aside, above and towards the eye, where up is above and the front towards
 STANDARD: Final = {
@@ -97,12 +97,12 @@ def mechanism_camera(
     if normal is None:
         front = _front(up)
         frame = np.stack([np.cross(up, front), up, front], axis=1)
-        sides = [(a, b) for a in (1, -1) for b in (1, -1)]
+        sides = [(a, b) for b in (1, -1) for a in (1, -1)]
         views = [_camera(frame @ (_SPATIAL * (a, 1, b)), up) for a, b in sides]
     else:
         front = _facing(normal, up)
         right = np.cross(up, front)
-        around = [(front, right), (front, -right), (-front, right), (-front, -right)]
+        around = [(front, right), (front, -right), (-front, -right), (-front, right)]
         views = [_camera(n + _ABOVE * up + _ASIDE * r, up) for n, r in around]
     return _clearest(views, parts)
 
@@ -155,10 +155,10 @@ def visible_shares(camera: Camera, parts: Sequence[Array]) -> Array:
 def _clearest(views: list[Camera], parts: Sequence[Sequence[Array]]) -> Camera:
     """The view whose worst hidden part is seen best; the first of those that are alike."""
     best, score = views[0], -np.inf
-    for view in views:
+    for view, gain in zip(views, _GAINS, strict=True):
         shares = [visible_shares(view, moment) for moment in parts if len(moment) > 1]
         worst = float(np.mean([s.min() + s.mean() for s in shares])) if shares else 0.0
-        if worst > score + _BETTER:
+        if worst > score + gain:
             best, score = view, worst
     return best
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from flexmb.units import SI, UnitSystem
 from flexmb.view.camera import Camera
 from flexmb.view.mechanism import applied
-from flexmb.view.shapes import Triangles
+from flexmb.view.shapes import Triangles, sharp_edges
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -52,6 +52,12 @@ class Deformed:
     color: str  # where no values are shown
     values: Array | None = None  # (n,) what the scale colours, SI; NaN where there is none
     opacity: float = 1.0
+    sharp: Indices | None = None  # (e, 2) its sharp edges where they are known
+
+    @property
+    def edges(self) -> Indices:
+        """Point pairs (e, 2) of its sharp edges and borders."""
+        return sharp_edges(self.undeformed, self.faces) if self.sharp is None else self.sharp
 
 
 @dataclass(frozen=True)

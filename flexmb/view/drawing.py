@@ -25,7 +25,7 @@ from flexmb.view.joint_shapes import driver_parts, joint_parts
 from flexmb.view.mechanism import MEAN_AXES, Display, Mechanism, applied
 from flexmb.view.part import Part, at_rest, on_marker
 from flexmb.view.plot import BODIES, INK
-from flexmb.view.shapes import Triangles, arrow, unit
+from flexmb.view.shapes import Triangles, arrow, sharp_edges, unit
 
 Array = NDArray[np.float64]
 
@@ -96,6 +96,11 @@ class Drawing:
         self.colors = {
             name: body.color or BODIES[i % len(BODIES)]
             for i, (name, body) in enumerate(mechanism.model.bodies.items())
+        }
+        self._sharp = {
+            name: sharp_edges(body.surface.points, body.surface.faces)
+            for name, body in mechanism.flexbodies.items()
+            if body.surface is not None
         }
         self.factor = self._factor()
         start = Display(mechanism.at(float(mechanism.result.time[0])), 1.0, view.reference)
@@ -248,6 +253,7 @@ class Drawing:
             mechanism.point(reference)
             for name, spec in mechanism.model.joints.items()
             for reference in spec.between
+            if split_reference(reference)[0] == part.name
             if spec.type != "revolute" or self._half(name) >= _LONGEST_PIN * self.size
         ]
         frame = mechanism.frame(part.name)
@@ -274,7 +280,7 @@ class Drawing:
             faces, lines = body.surface.faces, body.surface.lines
             bodies.append(
                 Deformed(name, points, undeformed, faces, lines, displacement, self.colors[name],
-                         shown, self.view.opacity)
+                         shown, self.view.opacity, self._sharp[name])
             )  # fmt: skip
         return tuple(bodies)
 
@@ -388,8 +394,9 @@ class Drawing:
         parts = list(ground_parts(self.mechanism, self.size, self.pin, camera))
         up, towards = np.array(camera.up), np.array(camera.direction)
         oblique = 0.2 < abs(up @ towards) < 0.95
-        planar = self.mechanism.model.plane is not None
-        if self.view.grid == "on" or (self.view.grid == "auto" and oblique and not planar):
+        gravity = self.mechanism.model.gravity
+        floor = oblique and self.mechanism.model.plane is None and np.any(gravity)
+        if self.view.grid == "on" or (self.view.grid == "auto" and floor):
             parts.append(self._grid(up, towards))
         return parts
 

@@ -379,12 +379,15 @@ def _turned(before: Array, after: Array) -> Array:
 
     By least squares (Kabsch, Acta Crystallographica A32, 1976).
     """
-    spread = after.T @ before
     size = float(np.trace(before @ before.T))
-    if np.trace(spread) <= _ROUND_OFF**2 * max(size, 1e-300):
+    if np.trace(after.T @ before) <= _ROUND_OFF**2 * max(size, 1e-300):
         return np.eye(3)
-    U, _, V = np.linalg.svd(spread + 1e-6 * np.trace(spread) * np.eye(3))
-    return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V)
+    R = np.eye(3)
+    for _ in range(2):  # what holds a turn about the line of two vectors leaves 1e-6 of the rest
+        spread = after.T @ before @ R.T
+        U, _, V = np.linalg.svd(spread + 1e-6 * np.trace(spread) * np.eye(3))
+        R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V @ R
+    return np.asarray(R)
 
 
 def _rotation_vector(R: Array) -> Array:

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from flexmb.view.content import Content
 from flexmb.view.plot import COLORMAP, DIVERGING, GHOST, INK, PAPER
-from flexmb.view.shapes import sharp_edges
 
 Array = NDArray[np.float64]
 
@@ -112,7 +111,7 @@ def _segments(content: Content, view: Array) -> list[tuple[Any, Any, float]]:
 
     drawn: list[tuple[Any, Any, float]] = []
     for body in content.deformed:
-        edges = sharp_edges(body.undeformed, body.faces) if len(body.faces) else body.lines
+        edges = body.edges if len(body.faces) else body.lines
         if content.outline:
             drawn.append(((body.undeformed @ view.T)[edges][:, :, :2], GHOST, 0.7))
         if len(body.lines) and not len(body.faces):  # else they are inside what is drawn

@@ -3,7 +3,7 @@
 Where a shared library is missing VTK does not raise, it crashes the process at the first picture.
 `probe` therefore renders a tiny scene in a process of its own; its :class:`Verdict` stays in the
 cache folder until Python, VTK, the display or the installed libraries change. `draw` takes the
-:class:`Content` of a picture, or several for a grid; a film keeps the canvas of `open_canvas`.
+:class:`Content` of a picture, or several for a grid.
 """
 
 from __future__ import annotations
@@ -15,18 +15,16 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Sequence
-from contextlib import closing
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from flexmb.folders import cache_root, is_writable
 from flexmb.view.content import Content
-
-if TYPE_CHECKING:
-    from flexmb.view.vtk_canvas import Canvas
+from flexmb.view.plot import PAPER
+from flexmb.view.vtk_panel import draw_panel
+from flexmb.view.vtk_scene import VtkScene
 
 _WINDOW_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
 _EGL = "vtkEGLRenderWindow"
@@ -98,22 +96,29 @@ def draw(
     panels: Sequence[Content], path: Path, size: tuple[int, int], columns: int, verdict: Verdict
 ) -> None:
     """Render panels, row by row, into a PNG file of `size` (width, height) pixels."""
-    with closing(open_canvas(panels, size, columns, verdict)) as canvas:
-        canvas.save(path)
+    with open_scene(len(panels), size, columns, verdict) as scene:
+        show(scene, panels, size)
+        scene.save(path)
 
 
-def open_canvas(
-    panels: Sequence[Content],
-    size: tuple[int, int],
-    columns: int,
-    verdict: Verdict,
-    smoothing: str = "ssaa",
-) -> Canvas:
-    """A canvas with these panels, to be drawn again at other times; see :class:`Canvas`."""
+@contextlib.contextmanager
+def open_scene(
+    panels: int, size: tuple[int, int], columns: int, verdict: Verdict
+) -> Iterator[VtkScene]:
+    """A scene for so many panels, row by row, that `show` fills, once or for every frame."""
     use(verdict)
-    from flexmb.view.vtk_canvas import Canvas
+    scene = VtkScene(size, (-(-panels // columns), columns), PAPER)
+    try:
+        yield scene
+    finally:
+        scene.close()
 
-    return Canvas(panels, size, columns, smoothing)
+
+def show(scene: VtkScene, panels: Sequence[Content], size: tuple[int, int]) -> None:
+    """Let the scene of `size` (width, height) pixels show the panels."""
+    rows, columns = scene.plotter.shape
+    for k, content in enumerate(panels):
+        draw_panel(scene, k, content, (size[0] // columns, size[1] // rows))
 
 
 def _try_windows() -> Verdict:
