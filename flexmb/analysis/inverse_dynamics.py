@@ -22,7 +22,12 @@ from flexmb.analysis.procedure import (
     Sink,
     run_chunks,
 )
-from flexmb.analysis.singular_poses import KinematicPose, call_kinematics, free_motion_sentence
+from flexmb.analysis.singular_poses import (
+    KinematicPose,
+    call_kinematics,
+    free_motion_sentence,
+    holders,
+)
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import kinematics_units, sentence
@@ -38,7 +43,8 @@ from flexmb.results import NOT_UNIQUE, Result
 _CHUNK = 200  # rows
 _REMAINDER = 1e-6  # force that drives do not give, over the largest one
 _OPEN = 1e-5  # gap of a joint over the model size that the accuracy of a run does not leave
-_SINGULAR = 1e-7  # least pivot of a row over its own compliance
+_SINGULAR = 1e-5  # least pivot of a row over its own compliance
+_NEARLY = 5e-3  # the same over the largest one of the motion
 
 
 @dataclass(frozen=True)
@@ -172,7 +178,7 @@ class _Run:
             new_run(pose.compiled.system, pose.state, pose.work, output=self.rows.output)
         )
         self._quality, self._joints = np.zeros(3), joint_rows(pose.compiled)
-        self._worst, self._singular = (0.0, 0.0), (1.0, 0.0)
+        self._worst, self._singular, self._regular = (0.0, 0.0), (np.inf, 0), 0.0
 
     @property
     def time(self) -> float:
@@ -195,10 +201,11 @@ class _Run:
             gaps = pose.work.con.C[self._joints]
             self.rows.output.drift[self.rows.output.rows[0] - 1, 0] = np.abs(gaps).max(initial=0.0)
             left, largest, pivot = self._quality
-            if left > self._worst[0] * max(largest, 1e-300):
+            if left > self._worst[0] * max(largest, 1e-300) and pivot > _SINGULAR:
                 self._worst = left / max(largest, 1e-300), self.time
+            self._regular = max(self._regular, pivot)
             if pivot < self._singular[0]:
-                self._singular = pivot, self.time
+                self._singular = pivot, self.done
             self.done += 1
         self.store_unread()
         return None
@@ -222,10 +229,18 @@ class _Run:
                 f"the motion needs, most at t = {say(self._worst[1], 's')}: a force of the run is "
                 "not in the model"
             )
-        if self._singular[0] < _SINGULAR:
+        least, row = self._singular
+        if least < max(_SINGULAR, _NEARLY * self._regular):
+            pose = self._prescribed_pose(row)
+            word = "passes" if least < _SINGULAR else "comes near"
             notes.append(
-                f"the motion passes a singular pose near t = {say(self._singular[1], 's')}, where "
-                "drives lose hold of it and their forces grow without bound: those near it are not "
-                "to be trusted; drive another coordinate"
+                f"the motion {word} a singular pose at t = {pose.text(pose.time)}{holders(pose)}, "
+                "where drives lose hold of it and their forces grow without bound: those near it "
+                "are not to be trusted; drive another coordinate"
             )
         return notes
+
+    def _prescribed_pose(self, row: int) -> KinematicPose:
+        """The pose of a row of the motion."""
+        _put_row(self._prepared.pose, self._prepared.motion, row)
+        return self._prepared.pose
