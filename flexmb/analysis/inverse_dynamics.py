@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmb.analysis.assembly.jacobian import joint_rows
+from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, joint_rows
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
 from flexmb.analysis.procedure import (
     ChunkRows,
@@ -44,7 +44,7 @@ _CHUNK = 200  # rows
 _REMAINDER = 1e-6  # force that drives do not give, over the largest one
 _OPEN = 1e-5  # gap of a joint over the model size that the accuracy of a run does not leave
 _SINGULAR = 1e-5  # least pivot of a row over its own compliance
-_NEARLY = 5e-3  # the same over the largest one of the motion
+_NEARLY, _ROWS = 0.02, 8  # least singular value over the next one; in rows of the least pivots
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ class _Run:
             new_run(pose.compiled.system, pose.state, pose.work, output=self.rows.output)
         )
         self._quality, self._joints = np.zeros(3), joint_rows(pose.compiled)
-        self._worst, self._singular, self._regular = (0.0, 0.0), (np.inf, 0), 0.0
+        self._worst, self._pivots = (0.0, 0.0), np.full(self._n, np.inf)
 
     @property
     def time(self) -> float:
@@ -203,9 +203,7 @@ class _Run:
             left, largest, pivot = self._quality
             if left > self._worst[0] * max(largest, 1e-300) and pivot > _SINGULAR:
                 self._worst = left / max(largest, 1e-300), self.time
-            self._regular = max(self._regular, pivot)
-            if pivot < self._singular[0]:
-                self._singular = pivot, self.done
+            self._pivots[self.done] = pivot
             self.done += 1
         self.store_unread()
         return None
@@ -229,10 +227,8 @@ class _Run:
                 f"the motion needs, most at t = {say(self._worst[1], 's')}: a force of the run is "
                 "not in the model"
             )
-        least, row = self._singular
-        if least < max(_SINGULAR, _NEARLY * self._regular):
-            pose = self._prescribed_pose(row)
-            word = "passes" if least < _SINGULAR else "comes near"
+        word, pose = self._singular_pose()
+        if word:
             notes.append(
                 f"the motion {word} a singular pose at t = {pose.text(pose.time)}{holders(pose)}, "
                 "where drives lose hold of it and their forces grow without bound: those near it "
@@ -240,7 +236,18 @@ class _Run:
             )
         return notes
 
-    def _prescribed_pose(self, row: int) -> KinematicPose:
-        """The pose of a row of the motion."""
-        _put_row(self._prepared.pose, self._prepared.motion, row)
-        return self._prepared.pose
+    def _singular_pose(self) -> tuple[str, KinematicPose]:
+        """Whether the motion passes a singular pose, or comes near one, and the pose."""
+        pose, order = self._prepared.pose, np.argsort(self._pivots)
+        ratios = {int(row): 1.0 for row in (*order[:_ROWS], order[-1])}
+        for row in ratios if pose.compiled.layout.nv <= MAX_COORDINATES else ():
+            _put_row(pose, self._prepared.motion, row)
+            jacobian = pose.jacobian()
+            S, n = jacobian.decomposition.S, jacobian.A.shape[1]
+            ratios[row] = float(S[n - 1] / S[n - 2]) if n > 1 else 1.0
+        worst = min(ratios, key=ratios.__getitem__)
+        near = ratios[worst] < min(_NEARLY, 0.1 * ratios[int(order[-1])])
+        row = int(self._pivots.argmin())
+        passes = self._pivots[row] < _SINGULAR
+        _put_row(pose, self._prepared.motion, row if passes else worst)
+        return "passes" if passes else "comes near" if near else "", pose
