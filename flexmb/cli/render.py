@@ -75,10 +75,10 @@ def view_words(
     camera: str | None,
     direction: str | None,
     size: str | None,
-    words: list[str] | None,
+    others: list[str] | None,
 ) -> dict[str, Any]:
     """What the options say of the view, by words of ``[view]``; those without a value left out."""
-    said: dict[str, Any] = {
+    words: dict[str, Any] = {
         "exaggeration": parse_exaggeration(exaggeration),
         "color": color,
         "layer": layer,
@@ -86,16 +86,16 @@ def view_words(
         "direction": parse_direction(direction),
         "size": parse_size(size),
     }
-    said = {key: value for key, value in said.items() if value is not None}
-    for text in words or []:
+    words = {key: value for key, value in words.items() if value is not None}
+    for text in others or []:
         key, equals, value = (part.strip() for part in text.partition("="))
         if not (key and equals and value):
             raise typer.BadParameter(f'"{text}" is not of the form word=value', param_hint="--view")
         try:
-            said[key] = tomllib.loads(f"value = {value}")["value"]
+            words[key] = tomllib.loads(f"value = {value}")["value"]
         except tomllib.TOMLDecodeError:
-            said[key] = value
-    return said
+            words[key] = value
+    return words
 
 
 def check_output(output: Path | None, force: bool) -> None:

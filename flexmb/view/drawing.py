@@ -152,9 +152,9 @@ class Drawing:
         return [replace(first, camera=camera) for camera in self.cameras]
 
     def _factor(self) -> float:
-        given = self.view.exaggeration
-        if not isinstance(given, str):
-            return float(given)
+        factor = self.view.exaggeration
+        if not isinstance(factor, str):
+            return float(factor)
         ratios = [0.0]
         for time in self.times:
             true = Display(self.mechanism.at(time), 1.0, self.view.reference)
@@ -274,13 +274,13 @@ class Drawing:
             if surface is None or body.surface is None:
                 continue
             points, undeformed, displacement = surface
-            shown = values.get(name)
+            shades = values.get(name)
             if color == "displacement" and len(mechanism.pose(name).eta):
-                shown = displacement if mechanism.pose(name).eta.any() else None
+                shades = displacement if mechanism.pose(name).eta.any() else None
             faces, lines = body.surface.faces, body.surface.lines
             bodies.append(
                 Deformed(name, points, undeformed, faces, lines, displacement, self.colors[name],
-                         shown, self.view.opacity, self._sharp[name])
+                         shades, self.view.opacity, self._sharp[name])
             )  # fmt: skip
         return tuple(bodies)
 

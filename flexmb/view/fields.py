@@ -91,8 +91,8 @@ def stress_values(mechanism: Mechanism, color: str, layer: str | None) -> dict[s
     """
     function = FIELDS[color].of_stress
     assert function is not None
-    found = {name: _at_points(mechanism, name, function, layer) for name in mechanism.flexbodies}
-    if all(values is None for values in found.values()):
+    stress = {name: _at_points(mechanism, name, function, layer) for name in mechanism.flexbodies}
+    if all(values is None for values in stress.values()):
         layers = {name for body in mechanism.flexbodies.values() if body.stress is not None
                   for name in body.stress.layers}  # fmt: skip
         if layers and layer is not None:
@@ -100,7 +100,7 @@ def stress_values(mechanism: Mechanism, color: str, layer: str | None) -> dict[s
             raise ViewError.unknown(what, layer, sorted(layers))
         what = 'no flexible body of the run has stress; reduce the mesh with stress = "surface"'
         raise ViewError(what)
-    return found
+    return stress
 
 
 def _at_points(

@@ -197,11 +197,11 @@ def _loads(mechanism: Mechanism) -> Iterator[Vector]:
             continue
         values = []
         for function in spec.value:
-            known = {
+            variables = {
                 channel: (_at(result, channel, t), 0.0, 0.0)
                 for channel in function.expression.channels
             }
-            values.append(function.expression.value(seconds, known or None)[0])
+            values.append(function.expression.value(seconds, variables or None)[0])
         A = np.eye(3)
         if spec.axes != "global":
             A = mechanism.marker_frame(spec.at if spec.axes == "body" else spec.axes)[:3, :3]

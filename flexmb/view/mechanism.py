@@ -331,9 +331,9 @@ class Display:
         mechanism = self.mechanism
         marker, (u, turn) = mechanism.marker(reference), mechanism.motion(reference)
         R, d = self._references[marker.body]
-        held = R @ marker.position + d
+        rest = R @ marker.position + d
         relative = _rotation_vector(R.T @ rotation(turn))
-        place = held + self.factor * (marker.position + u - held)
+        place = rest + self.factor * (marker.position + u - rest)
         return transform(R @ rotation(self.factor * relative) @ marker.R, place)
 
     def _carried(self, link: Link) -> Array:

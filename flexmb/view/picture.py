@@ -79,12 +79,12 @@ def view_of(mechanism: Mechanism, words: dict[str, Any]) -> ViewSpec:
     """
     model = mechanism.model
     words = {key: value for key, value in words.items() if value is not None}
-    said = dict(mechanism.result.model.get("view", {}))
+    scene_words = dict(mechanism.result.model.get("view", {}))
     if {"camera", "direction"} & {*words}:
-        said.pop("direction", None)
-        said.pop("camera", None)
+        scene_words.pop("direction", None)
+        scene_words.pop("camera", None)
     try:
-        view = model.set_view(**{**said, **words})
+        view = model.set_view(**{**scene_words, **words})
         problems = list(view_problems(Scope(model, mechanism.flexbodies, {})))
     except Exception as error:
         problems = list(getattr(error, "problems", ()))
