@@ -28,6 +28,7 @@ from flexmb.view.content import (
     mechanism_camera,
     size_of,
 )
+from flexmb.view.framing import Framing
 from flexmb.view.plot import BODIES, GHOST, writable_file
 from flexmb.view.plot import GROUND as GROUND_COLOR
 from flexmb.view.shapes import (
@@ -102,7 +103,7 @@ def render(
     mechanism = Mechanism(run, time)
     view = mechanism.model.view
     pixels = size or view.size
-    _check(color, exaggeration, layer)
+    check_look(color, exaggeration, layer)
     check_size(pixels)
     content = compose(
         mechanism,
@@ -122,17 +123,24 @@ def compose(
     color: str = "displacement",
     layer: str | None = None,
     direction: tuple[float, float, float] | None = None,
+    framing: Framing | None = None,
 ) -> Content:
-    """Everything to draw; see :func:`flexmb.view.render` for the options."""
-    factor = _factor(mechanism, exaggeration)
+    """Everything to draw; see :func:`flexmb.view.render` for the options.
+
+    With a `framing` it is one picture of a motion, which says size, exaggeration, camera and scale.
+    """
+    if framing is None:
+        factor = exaggeration_factor([mechanism], exaggeration)
+    else:
+        factor = framing.exaggeration
     colors = {
         name: body.color or BODIES[i % len(BODIES)]
         for i, (name, body) in enumerate(mechanism.model.bodies.items())
     }
     deformed = tuple(_deformed(mechanism, factor, colors, _values(mechanism, color, layer)))
     drawn = {body.name for body in deformed}
-    size = _size(mechanism, deformed)
-    camera = mechanism_camera(mechanism, direction)
+    size = _size(mechanism, deformed) if framing is None else framing.size
+    camera = mechanism_camera(mechanism, direction) if framing is None else framing.camera
     joints = joint_points(mechanism)
     solids = [
         Solid(name, shape, colors[name], _opacity(shape, joints, mechanism.model.bodies[name]))
@@ -146,13 +154,14 @@ def compose(
     scale = _scale(mechanism, color, deformed)
     return Content(
         title=mechanism.model.title,
-        caption=_caption(mechanism, factor, deformed, scale),
+        caption=_caption(mechanism, factor, deformed, scale, framing.digits if framing else None),
         solids=tuple(solids),
         deformed=deformed,
         joints=joints,
         joint_radius=_JOINT * size,
-        scale=scale,
+        scale=framing.scale if framing is not None and framing.scale is not None else scale,
         camera=camera,
+        size=size,
     )
 
 
@@ -199,7 +208,13 @@ def check_size(size: tuple[int, int]) -> None:
         raise ViewError(f"a picture of {size[0]} x {size[1]} pixels is too small to show anything")
 
 
-def _check(color: str, exaggeration: float | str | None, layer: str | None) -> None:
+def check_look(
+    color: str = "displacement",
+    exaggeration: float | str | None = None,
+    layer: str | None = None,
+    direction: tuple[float, float, float] | None = None,
+) -> None:
+    """Refuse options of a picture that cannot be."""
     if color not in COLORS:
         raise ViewError.unknown_name("color", color, COLORS)
     if layer is not None and color != "von_mises":
@@ -207,15 +222,17 @@ def _check(color: str, exaggeration: float | str | None, layer: str | None) -> N
     check_exaggeration(exaggeration)
 
 
-def _factor(mechanism: Mechanism, exaggeration: float | str) -> float:
+def exaggeration_factor(mechanisms: Sequence[Mechanism], exaggeration: float | str) -> float:
+    """The factor on deformations; ``"auto"``: a round one that shows the largest of these times."""
     if exaggeration != "auto":
         return float(exaggeration)
     ratios = [0.0]
-    for name in mechanism.flexbodies:
-        surface = mechanism.surface(name, 0.0)
-        if surface is not None:
-            _, undeformed, displacement = surface
-            ratios.append(float(displacement.max()) / max(size_of(undeformed), 1e-300))
+    for mechanism in mechanisms:
+        for name in mechanism.flexbodies:
+            surface = mechanism.surface(name, 0.0)
+            if surface is not None:
+                _, undeformed, displacement = surface
+                ratios.append(float(displacement.max()) / max(size_of(undeformed), 1e-300))
     return round_exaggeration(max(ratios))
 
 
@@ -289,10 +306,15 @@ def _opacity(shape: Triangles, joints: Array, spec: object) -> float:
 
 
 def _caption(
-    mechanism: Mechanism, factor: float, deformed: tuple[Deformed, ...], scale: Scale | None
+    mechanism: Mechanism,
+    factor: float,
+    deformed: tuple[Deformed, ...],
+    scale: Scale | None,
+    digits: int | None,
 ) -> str:
     units = mechanism.result.units
-    parts = [f"t = {mechanism.time:.6g} {units.label('s')}"]
+    time = f"{mechanism.time:.6g}" if digits is None else f"{mechanism.time:.{digits}f}"
+    parts = [f"t = {time} {units.label('s')}"]
     if any(mechanism.pose(body.name).eta.any() for body in deformed):
         seen = "to scale" if factor == 1.0 else f"exaggerated {factor:g} times"
         parts.append(f"deformation {seen}")

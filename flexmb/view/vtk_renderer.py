@@ -207,6 +207,8 @@ def _draw_panel(scene: VtkScene, panel: int, content: Content, size: tuple[int, 
     if len(content.joints):
         balls = joined([sphere(content.joint_radius, center) for center in content.joints])
         scene.add_mesh(balls.points, balls.faces, look={"color": JOINT, **_LIGHT})
+    for trace in content.traces:
+        scene.add_lines(trace.points, look={"color": trace.color, "line_width": 2})
     colored = (actor.mapper for actor in actors if actor.mapper.scalar_visibility)
     _add_texts(scene, content, size)
     if first:
@@ -285,8 +287,7 @@ def _add_legend(plotter: Any, content: Content, size: tuple[int, int], mapper: A
 def _aim(scene: VtkScene, content: Content, size: tuple[int, int]) -> None:
     """Look along the direction, fit width and height to what is drawn."""
     axes = content.camera.axes
-    spans = content.all_points() @ axes.T
-    low, high = spans.min(axis=0), spans.max(axis=0)
+    low, high = content.extent()
     width, height, depth = high - low
     reach = max(width + height + depth, 1e-9)
     bar = _BAR if content.bar else 0.0

@@ -113,6 +113,12 @@ class VtkScene:
         self._parts[key] = _Part(self.plotter, points, faces, lines, values, edges, look)
         return self._parts[key].actor
 
+    def add_lines(self, points: ArrayLike, look: Mapping[str, Any]) -> Any:
+        """A line through points (n, 3); the actor."""
+        number = np.arange(len(np.asarray(points)))
+        none = np.zeros((0, 3), dtype=np.int64)
+        return self.add_mesh(points, none, np.stack([number[:-1], number[1:]], axis=1), look=look)
+
     def add_text(self, text: str, position: tuple[float, float], size: float, color: str) -> None:
         """A line of text at a place in the panel, as shares of its width and height."""
         key = self._panel, self._text_count
