@@ -35,6 +35,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
         simulate,
         statics,
         sweep_modes,
+        sweep_statics,
         warmup,
     )
 
@@ -44,7 +45,8 @@ __all__ = [
     "compare", "equilibria", "free_lengths", "history_figure", "inverse_dynamics", "iterate_motion",
     "kinematics", "linearize", "load_result", "load_scene", "mobility", "new_scene", "plot_history",
     "reduce", "render", "render_mode_shapes", "render_modes", "resume", "rigid_body", "run_scene",
-    "save_figure", "scene_schema", "simulate", "statics", "study", "sweep_modes", "warmup",
+    "save_figure", "scene_schema", "simulate", "statics", "study", "sweep_modes", "sweep_statics",
+    "warmup",
 ]  # fmt: skip
 
 _HOMES = {
@@ -58,7 +60,7 @@ _HOMES = {
     "workflow": (
         "audit", "check_scene", "compare", "equilibria", "free_lengths", "inverse_dynamics",
         "iterate_motion", "kinematics", "linearize", "mobility", "new_scene", "render_mode_shapes",
-        "resume", "run_scene", "simulate", "statics", "sweep_modes", "warmup",
+        "resume", "run_scene", "simulate", "statics", "sweep_modes", "sweep_statics", "warmup",
     ),
 }  # fmt: skip
 
