@@ -33,6 +33,7 @@ MISSING = (
 )
 _QUALITY = "20"  # constant rate factor of H.264: 18 cannot be told from the original
 _COLORS = 255  # of a GIF; one more is transparent
+_PALETTE_WIDTH = 640  # pixels of a picture that its colours are taken from
 _LOOP = b"\x21\xff\x0bNETSCAPE2.0\x03\x01\x00\x00\x00"
 
 
@@ -177,7 +178,9 @@ def _write_gif(samples: list[Image], frames: Iterator[Image], path: Path, rate: 
     from PIL import GifImagePlugin
     from PIL import Image as Pillow
 
-    colors = Pillow.fromarray(np.vstack(samples)).quantize(_COLORS)
+    step = 1 + samples[0].shape[1] // _PALETTE_WIDTH
+    some = Pillow.fromarray(np.vstack([sample[::step, ::step] for sample in samples]))
+    colors = some.quantize(_COLORS, method=Pillow.Quantize.MAXCOVERAGE, kmeans=2)
     palette = bytes(colors.getpalette() or ()).ljust(768, b"\0")
     height, width = samples[0].shape[:2]
     size = width.to_bytes(2, "little") + height.to_bytes(2, "little")

@@ -23,11 +23,12 @@ from numpy.typing import NDArray
 from flexmb.errors import FlexmbWarning, ViewError
 from flexmb.progress import Progress, silent
 from flexmb.results import Result
-from flexmb.view.content import Content, Mechanism
+from flexmb.view.content import Content, Mechanism, Trace
 from flexmb.view.encoder import check_output, find_ffmpeg, real_rate, write_film
 from flexmb.view.frames import Shot, draw_frames_in_parallel
-from flexmb.view.framing import Framing, common_box, largest_scale
-from flexmb.view.picture import check_look, check_size, compose, exaggeration_factor
+from flexmb.view.framing import Framing
+from flexmb.view.motion import check_points, some_times, survey, trace_points
+from flexmb.view.picture import check_look, check_size, compose
 
 Array = NDArray[np.float64]
 
@@ -36,8 +37,8 @@ _MAX_RATE = 240.0
 _MAX_FRAMES = 20_000
 _SHORTEST, _LONGEST = 2.0, 20.0  # seconds of a film in real time, unless a speed is given
 _USUAL = 6.0  # seconds of a film that is slower or faster
-_SAMPLES = 24  # frames that the view is fitted to
 _TURN_SAMPLES = 200  # frames at which rotations are looked at
+_COLOR_SAMPLES = 5  # frames from which a GIF takes its colours
 _FEW = 24  # frames below which a second process would not pay
 _TURN = math.radians(120.0)  # between two frames, beyond which it looks like another motion
 
@@ -80,6 +81,7 @@ class MotionShot:
     look: dict[str, Any]
     size: tuple[int, int]
     follow: str | None = None
+    traces: tuple[Trace, ...] = ()
     columns: int = 1
     _mechanism: Mechanism | None = field(default=None, repr=False)
 
@@ -93,7 +95,7 @@ class MotionShot:
         if box is not None and self.follow is not None:
             box = box + content.camera.axes @ mechanism.pose(self.follow).r
         caption = f"{content.caption}, {self.schedule.words}"
-        return [replace(content, caption=caption, box=box)]
+        return [replace(content, caption=caption, box=box, traces=self.traces)]
 
 
 def film(
@@ -107,6 +109,7 @@ def film(
     exaggeration: float | str | None = None,
     size: tuple[int, int] | None = None,
     follow: str | None = None,
+    traces: Sequence[str] = (),
     processes: int | None = None,
     force: bool = False,
     progress: Progress = silent,
@@ -134,6 +137,8 @@ def film(
         Width and height in pixels; that of the scene's ``[view]``.
     follow : str, optional
         A body that stays where it is in the picture, while the camera moves.
+    traces : sequence of str
+        Points whose paths are shown: bodies, whose centre is meant, or markers.
     processes : int, optional
         That draw; as many as there are cores.
     force : bool
@@ -166,10 +171,12 @@ def film(
     check_look(exaggeration=factor, **look)
     if follow is not None and follow not in mechanism.model.bodies:
         raise ViewError.unknown_name("body", follow, mechanism.model.bodies)
+    points = check_points(mechanism, traces)
     schedule = plan(run, real_rate(path, check_rate(fps)), speed, start, end)
     _warn_of_turns(run, schedule)
-    framing = survey(mechanism, schedule.times, factor, look, follow)
-    shot = MotionShot(run.path, schedule, framing, look, pixels, follow)
+    paths = trace_points(mechanism, points, schedule.times)
+    framing = survey(mechanism, schedule.times, factor, look, follow, paths)
+    shot = MotionShot(run.path, schedule, framing, look, pixels, follow, paths)
     make_film(shot, len(schedule.times), path, schedule.rate, processes, progress)
     return path
 
@@ -184,7 +191,8 @@ def make_film(
 ) -> None:
     """Draw all frames of a shot and write them."""
     numbers = list(range(count))
-    samples = sorted({count // 6, count // 2}) if path.suffix.lower() == ".gif" else []
+    spread = np.linspace(0, count - 1, _COLOR_SAMPLES).astype(int).tolist()
+    samples = spread if path.suffix.lower() == ".gif" else []
     workers = processes or (1 if count < _FEW else min(os.cpu_count() or 1, count // 12))
     started = clock.monotonic()
 
@@ -262,48 +270,6 @@ def check_processes(processes: int | None) -> None:
         raise ViewError(f"{processes} processes cannot draw: give 1 to {most}")
 
 
-def survey(
-    mechanism: Mechanism,
-    times: Sequence[float],
-    exaggeration: float | str,
-    look: dict[str, Any],
-    follow: str | None = None,
-) -> Framing:
-    """What pictures at these times have in common.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        At any time.
-    times : sequence of float
-        In the scene's units; some of them are looked at.
-    exaggeration : float or "auto"
-        Of deformations.
-    look : dict
-        Options of `compose`.
-    follow : str, optional
-        A body in the middle of the view.
-    """
-    poses = [mechanism.at(time) for time in _some(times, _SAMPLES)]
-    factor = exaggeration_factor(poses, exaggeration)
-    contents = [compose(one, exaggeration=factor, **look) for one in poses]
-    first = Framing(max(content.size for content in contents), factor, contents[0].camera)
-    contents = [compose(one, framing=first, **look) for one in poses]
-    centers = [np.zeros(3) if follow is None else one.pose(follow).r for one in poses]
-    step = float(np.min(np.diff(times))) if len(times) > 1 else 0.0
-    return replace(
-        first,
-        box=common_box(contents, centers),
-        scale=largest_scale(contents),
-        digits=max(0, 1 - math.floor(math.log10(step))) if step > 0.0 else None,
-    )
-
-
-def _some(times: Sequence[float], count: int) -> list[float]:
-    """So many of the times, the first and the last among them."""
-    return [times[k] for k in np.linspace(0, len(times) - 1, min(count, len(times))).astype(int)]
-
-
 def _warn_of_turns(run: Result, schedule: Schedule) -> None:
     """Say so where a body turns so far between two frames, or rows, that it seems to do otherwise.
 
@@ -311,7 +277,7 @@ def _warn_of_turns(run: Result, schedule: Schedule) -> None:
     """
     second = run.units.scale("s")
     frames, rows = [(0.0, "")], [(0.0, "")]
-    for time in _some(schedule.times, _TURN_SAMPLES):
+    for time in some_times(schedule.times, _TURN_SAMPLES):
         i, _ = run.row_at(time)
         row = second * float(np.diff(run.time[i : i + 2]).sum())
         for columns in run.layout.bodies:

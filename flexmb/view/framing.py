@@ -5,7 +5,7 @@ In: contents of some times of the motion. Out: a :class:`Framing` to compose all
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,7 +53,7 @@ def common_box(contents: Sequence[Content], centers: Sequence[Array]) -> Array:
     return np.stack([np.min(spans, axis=0)[0], np.max(spans, axis=0)[1]])
 
 
-def largest_scale(contents: Sequence[Content]) -> Scale | None:
+def largest_scale(scales: Iterable[Scale | None]) -> Scale | None:
     """The colour scale of the greatest value."""
-    scales = [content.scale for content in contents if content.scale is not None]
-    return max(scales, key=lambda scale: scale.largest, default=None)
+    shown = [scale for scale in scales if scale is not None]
+    return max(shown, key=lambda scale: scale.largest, default=None)

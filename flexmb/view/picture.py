@@ -1,8 +1,8 @@
-"""One picture of a mechanism at a time of a run.
+"""What one picture of a mechanism shows, and its drawing.
 
-In: a :class:`Result`, a time, how much to exaggerate deformations. Out: a PNG file, drawn by VTK
-where it renders, else by matplotlib, which then says so in the picture and names what to install.
-`compose` collects what the picture shows.
+In: a :class:`Mechanism`, how much to exaggerate deformations, what colours it. Out: a
+:class:`Content` by `compose`, and a PNG file by `draw_panels`: drawn by VTK where it renders, else
+by matplotlib, which then says so in the picture and names what to install.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from flexmb.errors import ViewError
 from flexmb.model.reading import GROUND
-from flexmb.results import Result
 from flexmb.view import mpl_renderer, vtk_renderer
 from flexmb.view.content import (
     Content,
@@ -29,7 +28,7 @@ from flexmb.view.content import (
     size_of,
 )
 from flexmb.view.framing import Framing
-from flexmb.view.plot import BODIES, GHOST, writable_file
+from flexmb.view.plot import BODIES, GHOST
 from flexmb.view.plot import GROUND as GROUND_COLOR
 from flexmb.view.shapes import (
     body_shape,
@@ -48,72 +47,6 @@ _VISIBLE = 0.05  # share of its size by which the most deformed body is to be se
 _ROUND_OFF = 1e-9  # share of its size below which a deformation is rounding, not exaggerated
 _SEE_THROUGH = 0.55  # opacity of a shape with a joint inside
 _JOINT = 0.018  # radius of a ball as a share of the mechanism's size
-
-
-def render(
-    result: Result | str | Path,
-    time: float | None = None,
-    *,
-    exaggeration: float | str | None = None,
-    color: str = "displacement",
-    layer: str | None = None,
-    direction: tuple[float, float, float] | None = None,
-    size: tuple[int, int] | None = None,
-    output: str | Path = "picture.png",
-) -> Path:
-    """Draw the mechanism at a time; what is left out follows the scene's ``[view]``.
-
-    Parameters
-    ----------
-    result : Result or path
-        The run.
-    time : float, optional
-        Within the run, in the scene's units; the end if the scene does not say.
-    exaggeration : float or "auto", optional
-        Factor on the deformation of flexible bodies; ``"auto"`` chooses a round one that shows it.
-        The factor is written in the picture.
-    color : str
-        ``"displacement"`` colours flexible bodies by the magnitude of their displacement relative
-        to the body frame, ``"von_mises"`` by their stress, ``"body"`` gives every body its own.
-    layer : str, optional
-        The layer whose stress is shown, such as ``"top"``; by default the largest of all layers.
-    direction : three floats, optional
-        From the scene towards the eye, global axes; along the joint axes if the scene does not say.
-    size : two ints, optional
-        Width and height in pixels; 1280 by 720 if the scene does not say.
-    output : path
-        A file that ends in .png.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    ViewError
-        An option that cannot be, nothing to draw, or the file cannot be written.
-    ResultFileError
-        The time lies outside the run, or the file is no result.
-    BodyFileError
-        A flexible-body file is missing or damaged.
-    """
-    path = writable_file(output, (".png",))
-    run = result if isinstance(result, Result) else Result(result)
-    mechanism = Mechanism(run, time)
-    view = mechanism.model.view
-    pixels = size or view.size
-    check_look(color, exaggeration, layer)
-    check_size(pixels)
-    content = compose(
-        mechanism,
-        exaggeration=view.exaggeration if exaggeration is None else exaggeration,
-        color=color,
-        layer=layer,
-        direction=direction,
-    )
-    draw_panels([content], path, pixels)
-    return path
 
 
 def compose(
@@ -137,7 +70,9 @@ def compose(
         name: body.color or BODIES[i % len(BODIES)]
         for i, (name, body) in enumerate(mechanism.model.bodies.items())
     }
-    deformed = tuple(_deformed(mechanism, factor, colors, _values(mechanism, color, layer)))
+    colored = framing is not None and framing.scale is not None
+    values = _values(mechanism, color, layer)
+    deformed = tuple(_deformed(mechanism, factor, colors, values, colored))
     drawn = {body.name for body in deformed}
     size = _size(mechanism, deformed) if framing is None else framing.size
     camera = mechanism_camera(mechanism, direction) if framing is None else framing.camera
@@ -252,6 +187,18 @@ def _values(mechanism: Mechanism, color: str, layer: str | None) -> dict[str, Ar
     return stress
 
 
+def color_scale(
+    mechanism: Mechanism,
+    color: str = "displacement",
+    layer: str | None = None,
+    direction: tuple[float, float, float] | None = None,
+) -> Scale | None:
+    """The colour scale of a picture at this time alone."""
+    colors = dict.fromkeys(mechanism.flexbodies, "")
+    bodies = _deformed(mechanism, 1.0, colors, _values(mechanism, color, layer))
+    return _scale(mechanism, color, tuple(bodies))
+
+
 def _scale(mechanism: Mechanism, color: str, deformed: tuple[Deformed, ...]) -> Scale | None:
     units = mechanism.result.units
     bent = [body for body in deformed if mechanism.pose(body.name).eta.any()]
@@ -268,6 +215,7 @@ def _deformed(
     factor: float,
     colors: dict[str, str],
     values: dict[str, Array | None],
+    colored: bool = False,
 ) -> list[Deformed]:
     by_stress = any(stress is not None for stress in values.values())
     bodies = []
@@ -277,7 +225,7 @@ def _deformed(
             points, undeformed, displacement = surface
             faces, lines = body.surface.faces, body.surface.lines
             shown = values[name]
-            if shown is None and not by_stress and mechanism.pose(name).eta.any():
+            if shown is None and not by_stress and (colored or mechanism.pose(name).eta.any()):
                 shown = displacement
             bodies.append(
                 Deformed(name, points, undeformed, faces, lines, displacement, colors[name], shown)
@@ -315,7 +263,7 @@ def _caption(
     units = mechanism.result.units
     time = f"{mechanism.time:.6g}" if digits is None else f"{mechanism.time:.{digits}f}"
     parts = [f"t = {time} {units.label('s')}"]
-    if any(mechanism.pose(body.name).eta.any() for body in deformed):
+    if any(body.values is not None or mechanism.pose(body.name).eta.any() for body in deformed):
         seen = "to scale" if factor == 1.0 else f"exaggerated {factor:g} times"
         parts.append(f"deformation {seen}")
         most = max(deformed, key=lambda body: float(body.displacement.max()))
