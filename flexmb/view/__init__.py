@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from flexmb.view.film import film
+from flexmb.view.history import history_figure, plot_history
 from flexmb.view.modes import film_modes, render_modes
-from flexmb.view.plot import history_figure, plot_history, save_figure
+from flexmb.view.plot import save_figure
 from flexmb.view.stills import render
 
 __all__ = [

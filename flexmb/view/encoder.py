@@ -169,8 +169,10 @@ def _write_mp4(frames: Iterator[Image], path: Path, rate: float) -> None:
             process.kill()
         if failed:
             errors.seek(0)
-            said = errors.read().decode(errors="replace").strip().splitlines()
-            raise ViewError(f"ffmpeg could not write the film: {said[-1] if said else 'it ended'}")
+            messages = errors.read().decode(errors="replace").strip().splitlines()
+            raise ViewError(
+                f"ffmpeg could not write the film: {messages[-1] if messages else 'it ended'}"
+            )
 
 
 def _write_gif(samples: list[Image], frames: Iterator[Image], path: Path, rate: float) -> None:

@@ -148,7 +148,7 @@ class ModeShot:
 def _shot(
     body: FlexBody | str | Path,
     modes: int | Sequence[int] | None,
-    held: Sequence[str],
+    supports: Sequence[str],
     exaggeration: float | str,
     direction: tuple[float, float, float] | None,
     size: tuple[int, int] | None,
@@ -159,7 +159,7 @@ def _shot(
     surface = body.surface
     if body.m == 0 or surface is None or not len(surface.points):
         raise ViewError(f"{where}: has no modes to draw, or no surface")
-    frequencies, motion = _motions(body, held)
+    frequencies, motion = _motions(body, supports)
     numbers = _numbers(body, modes, len(frequencies))
     check_exaggeration(exaggeration)
     columns = 1 if len(numbers) == 1 else 2 if len(numbers) in (2, 4) else 3
@@ -167,7 +167,7 @@ def _shot(
     pixels = size or (_SINGLE if len(numbers) == 1 else (_CELL[0] * columns, _CELL[1] * rows))
     check_size((pixels[0] // columns, pixels[1] // rows))
     camera = body_camera(surface.points, direction)
-    caption = f"{body.name}, {'held at ' + ', '.join(held) if held else 'free'}"
+    caption = f"{body.name}, {'held at ' + ', '.join(supports) if supports else 'free'}"
     shapes = [
         _panel(body, motion[:, :, k - 1], (title, caption), exaggeration, camera)
         for k in numbers
@@ -177,14 +177,14 @@ def _shot(
     return ModeShot(shapes, places, pixels, columns, count)
 
 
-def _motions(body: FlexBody, held: Sequence[str]) -> tuple[Array, Array]:
+def _motions(body: FlexBody, supports: Sequence[str]) -> tuple[Array, Array]:
     """Frequencies (k,) [Hz], and motion (n + i, 3, k) of surface points, then of interfaces."""
     assert body.surface is not None
     places = np.array([part.position for part in body.interfaces]).reshape(-1, 3)
     moved = np.array([part.Phi_t for part in body.interfaces]).reshape(-1, 3, body.m)
     points = np.concatenate([body.surface.points, places])
     shapes = np.concatenate([body.surface.modes, moved])
-    modes = natural_modes(body, held)
+    modes = natural_modes(body, supports)
     return modes.frequencies, modes.shapes(points, shapes)
 
 

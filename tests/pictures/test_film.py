@@ -1,4 +1,4 @@
-"""Films: the right frames at the right times, one view for all of them, and nothing half written."""
+"""Films: the right frames at the right times, one view for all, and nothing half written."""
 
 from __future__ import annotations
 
