@@ -197,7 +197,7 @@ class _Run:
         self.stability: list[str] = []
         self.monitors = (
             ContactLossMonitor(prepared.compiled),
-            ValidityMonitor(prepared.compiled, prepared.model, prepared.state.q),
+            ValidityMonitor(prepared.compiled, prepared.model, prepared.state.q, is_motion=False),
         )
         work = new_work(prepared.compiled.system, len(prepared.state.angles))
         system = prepared.compiled.system
