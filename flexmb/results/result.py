@@ -28,6 +28,7 @@ from flexmb.results.channels import (
 )
 from flexmb.results.export import copy_result, export_table, notebook_html
 from flexmb.results.recovery import Recovery, StressChannel
+from flexmb.units import UnitSystem
 
 Array = NDArray[np.float64]
 _LINES = 3  # of the history that notebooks show
@@ -175,6 +176,16 @@ class Result(Recovery):
             No such channel.
         """
         return self.units.label(self._channel(channel).unit, raised=True)
+
+    def si_unit(self, channel: str) -> str:
+        """The unit of a channel in SI; empty for none. Errors as of `unit`."""
+        return self._channel(channel).unit
+
+    def in_units(self, channel: str, units: UnitSystem) -> Array:
+        """A channel over time (n,) in another unit system."""
+        unit = self.si_unit(channel) or "1"
+        factor = self.units.scale(unit) / units.scale(unit)
+        return self[channel] if factor == 1.0 else factor * self[channel]
 
     def pose(self, body: str, time: float) -> Pose:
         """Where a body is at a time, interpolated between the rows.

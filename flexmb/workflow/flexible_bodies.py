@@ -267,8 +267,8 @@ def _stored_body(model: Model, name: str, file: Path, notes: list[str]) -> FlexB
         return None
     if options["residual"] != _selected_residual(model, name, body):
         return None
-    stored = () if body.load_response is None else body.load_response.nodes
-    if not np.isin(load_nodes(body.nodes, options["load_points"]), stored).all():
+    nodes = () if body.load_response is None else body.load_response.nodes
+    if not np.isin(load_nodes(body.nodes, options["load_points"]), nodes).all():
         return None
     notes.append(f"{name}: reduction reused from {file} (--fresh reduces it again)")
     notes += [f"{name}: {warning}" for warning in body.provenance["warnings"].splitlines()]

@@ -88,8 +88,8 @@ class ModalBasisMonitor:
         self._gravity = np.array(model.gravity or (0.0, 0.0, 0.0))
         self._paths: dict[str, str] = {}
         for path, owner, _ in loads_beside_interfaces(model):
-            known = self._paths.get(owner, "").split(", ")
-            self._paths[owner] = ", ".join(dict.fromkeys(filter(None, (*known, path))))
+            paths = self._paths.get(owner, "").split(", ")
+            self._paths[owner] = ", ".join(dict.fromkeys(filter(None, (*paths, path))))
         self._bodies = [
             _watched(compiled, columns, body, model, columns.name in self._paths)
             for columns, body in flexible_columns(compiled)
