@@ -18,6 +18,7 @@ from flexmb.analysis.assembly.jacobian import (
     column_scales,
     constraint_rank,
     null_space,
+    one_blas_thread,
 )
 from flexmb.analysis.assembly.positions import close_rows
 from flexmb.analysis.dynamics.validity import ValidityMonitor
@@ -117,6 +118,7 @@ class Equilibrium:
             return np.nan, True
 
 
+@one_blas_thread()
 def find_equilibrium(
     compiled: Compiled, model: Model, *, time: float = 0.0, start: Array | None = None
 ) -> Equilibrium:
@@ -159,6 +161,7 @@ class PreparedStatics:
     not_unique: tuple[str, ...]
 
 
+@one_blas_thread()
 def prepare_statics(
     compiled: Compiled, model: Model, *, progress: Progress = silent
 ) -> PreparedStatics:
@@ -187,6 +190,7 @@ def prepare_statics(
     return PreparedStatics(compiled, model, spec.times, state, timer, notes, not_unique)
 
 
+@one_blas_thread()
 def run_statics(prepared: PreparedStatics, sink: Sink, *, progress: Progress = silent) -> Outcome:
     """Find the equilibria of all times, each from the one before.
 
