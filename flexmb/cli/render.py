@@ -16,10 +16,11 @@ from flexmb.cli.app import (
     parse_names,
     parse_numbers,
     parse_size,
+    parse_times,
     refuse_options,
 )
 from flexmb.cli.reduce import modes_picture
-from flexmb.errors import ViewError
+from flexmb.errors import FlexmbError
 
 Exaggeration = Annotated[
     str | None,
@@ -65,7 +66,39 @@ ViewWords = Annotated[
     ),
 ]
 Size = Annotated[str | None, typer.Option(help="Width x height in pixels; 1280x720 by default.")]
-Force = Annotated[bool, typer.Option("--force", help="Overwrite the output if it exists.")]
+Pictured = Annotated[
+    Path, typer.Argument(help="Result file or its folder, or a flexible body.", show_default=False)
+]
+Modes = Annotated[
+    str | None,
+    typer.Option(
+        "--modes",
+        "--mode",
+        metavar="NUMBERS",
+        help="Of a flexible body: 7, 1..6 or 1,3,5; the first six by default.",
+        show_default=False,
+    ),
+]
+Supports = Annotated[
+    str | None,
+    typer.Option(
+        "--held",
+        metavar="NAMES",
+        help="Of a flexible body: interfaces that are held, with commas; free by default.",
+        show_default=False,
+    ),
+]
+Traces = Annotated[
+    str | None,
+    typer.Option(
+        "--trace",
+        metavar="POINTS",
+        help="Paths of points, with commas: bodies, whose centre is meant, or markers such as "
+        "rod.big_end.",
+        show_default=False,
+    ),
+]
+Force = Annotated[bool, typer.Option("--force", help="Replace what exists.")]
 
 
 def view_words(
@@ -98,49 +131,39 @@ def view_words(
     return words
 
 
-def check_output(output: Path | None, force: bool) -> None:
-    """Refuse a file that exists unless it may be overwritten."""
+def refuse_existing(output: Path | None, force: bool) -> None:
+    """Refuse to replace a file that was named, unless forced."""
     if output is not None and output.is_file() and not force:
-        raise ViewError(f"{output}: exists; give another name, or --force to overwrite it")
+        raise FlexmbError(f"{output}: exists; --force replaces it")
 
 
 @command()
 def render(
-    file: Annotated[
-        Path, typer.Argument(help="Result file, or a flexible body's.", show_default=False)
-    ],
+    file: Pictured,
     time: Annotated[
-        float | None,
+        str | None,
         typer.Option(
-            help="Time of the picture, in the scene's units; its own, else the end.", min=0.0
+            metavar="TIMES",
+            help="Time of the picture, in the scene's units, or several with commas for a panel "
+            "each; its own, else the end.",
+            show_default=False,
         ),
     ] = None,
     exaggeration: Exaggeration = None,
     color: Color = None,
     layer: Layer = None,
     camera: CameraNames = None,
-    modes: Annotated[
-        str | None,
-        typer.Option(
-            "--modes",
-            "--mode",
-            metavar="NUMBERS",
-            help="Of a flexible body: 7, 1..6 or 1,3,5; the first six by default.",
-            show_default=False,
-        ),
-    ] = None,
-    supports: Annotated[
-        str | None,
-        typer.Option(
-            "--held",
-            metavar="NAMES",
-            help="Of a flexible body: interfaces that are held, with commas; free by default.",
-            show_default=False,
-        ),
-    ] = None,
+    modes: Modes = None,
+    supports: Supports = None,
     direction: Direction = None,
     view: ViewWords = None,
     size: Size = None,
+    ghosts: Annotated[
+        int,
+        typer.Option(help="So many poses of the whole run, shown faintly (stroboscope)."),
+    ] = 0,
+    traces: Traces = None,
+    force: Force = False,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -149,13 +172,16 @@ def render(
             help="PNG file; by default picture.png or <body>.modes.png in the same folder.",
         ),
     ] = None,
-    force: Force = False,
 ) -> None:
     """Draw the mechanism at a time of a run, or mode shapes of a flexible body, off-screen.
 
     Example: flexmb render out/slider_crank/result.h5 --time 0.013 --color von_mises
 
-    Example: flexmb render out/slider_crank/result.h5 --camera front,top --view forces=reactions
+    Example: flexmb render out/slider_crank/result.h5 --time 0.01,0.02,0.03,0.04 --force
+
+    Example: flexmb render out/slider_crank --camera front,top --view forces=reactions
+
+    Example: flexmb render out/slider_crank --ghosts 12 --trace rod,slider --output strobe.png
 
     Example: flexmb render out/slider_crank/rod.flexbody.h5 --modes 1..6 --held big_end
     """
@@ -163,22 +189,26 @@ def render(
     from flexmb.view import render as render_run
     from flexmb.view import render_modes, vtk_renderer
 
-    check_output(output, force)
-    words = view_words(exaggeration, color, layer, camera, direction, size, view)
+    look = view_words(exaggeration, color, layer, camera, direction, size, view)
     with screen.Bars() as progress:
         progress("picture", 0.0)
-        if file_format(file) == "flexmb-flexbody":
-            of_run = {"time": time, "color": color, "layer": layer, "camera": camera, "view": view}
+        refuse_existing(output, force)
+        if not file.is_dir() and file_format(file) == "flexmb-flexbody":
+            of_run: dict[str, Any] = {"time": time, "color": color, "layer": layer}
+            of_run |= {"ghosts": ghosts or None, "trace": traces, "camera": camera, "view": view}
             refuse_options(of_run, "belongs to the picture of a run; this is a flexible body")
-            numbers, names = parse_numbers(modes, "--modes"), parse_names(supports)
             output = output or modes_picture(file)
-            written = render_modes(file, numbers, held=names, output=output, **words)
+            numbers, names = parse_numbers(modes, "--modes"), parse_names(supports)
+            written = render_modes(file, numbers, held=names, output=output, **look)
         else:
             of_body = {"modes": modes, "held": supports}
             refuse_options(of_body, "belongs to the picture of a flexible body (.flexbody.h5)")
             result = Result(file)
+            look |= {"ghosts": ghosts, "traces": parse_names(traces)}
             output = output or result.path.parent / "picture.png"
-            written = render_run(result, time, output=output, **words)
+            times = parse_times(time)
+            single = times[0] if times is not None and len(times) == 1 else times
+            written = render_run(result, single, output=output, **look)
         progress("picture", 1.0)
     verdict = vtk_renderer.probe()
     if not verdict.works:

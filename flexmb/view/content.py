@@ -60,6 +60,15 @@ class Deformed:
         return sharp_edges(self.undeformed, self.faces) if self.sharp is None else self.sharp
 
 
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """The path (n, 3) of a point through a motion."""
+
+    name: str
+    points: Array
+    color: str
+
+
 @dataclass(frozen=True)
 class Label:
     """A name at a point (3,)."""
@@ -138,6 +147,7 @@ class Content:
     camera: Camera
     bar: bool = True  # whether the scale has its colour bar, if there is one
     labels: tuple[Label, ...] = ()
+    traces: tuple[Trace, ...] = ()
     extent: Array | None = None  # (n, 3) what the view is fitted to; None: all that is drawn
     zoom: float = 1.0
     font_scale: float = 1.0
@@ -151,8 +161,11 @@ class Content:
         """Every drawn point (n, 3)."""
         parts = [solid.points for solid in self.solids if solid.role != "grid"]
         parts += [body.points for body in self.deformed]
+        parts += [trace.points for trace in self.traces]
         return np.vstack(parts) if parts else np.zeros((1, 3))
 
     def fitted_points(self) -> Array:
         """Points (n, 3) that the view is fitted to."""
-        return self.all_points() if self.extent is None else self.extent
+        if self.extent is None:
+            return self.all_points()
+        return np.vstack([self.extent, *(trace.points for trace in self.traces)])

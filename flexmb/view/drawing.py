@@ -37,9 +37,15 @@ _BETWEEN = 0.2  # of the least distance of two joints that a pin's radius may ha
 _LONGEST_PIN = 0.12  # half length of a pin, as a share of the mechanism's size
 _SAMPLES = 24  # times of a run that the framing looks at
 _SMALL = 0.75  # share of the whole motion below which a picture frames its moment
+_COLOR_SAMPLES = 240  # times at which the greatest value of the colours is looked for
 _GRID = 0.1  # spacing of the grid as a share of what is seen
 _POINTS = 250  # of a body, by which it is seen what hides what
 _TRIAD = ("#c2410c", "#15803d", "#1d4ed8")  # x, y, z
+
+
+def some_times(times: Sequence[float], count: int) -> list[float]:
+    """So many of the times, the first and the last among them."""
+    return [times[k] for k in np.linspace(0, len(times) - 1, min(count, len(times))).astype(int)]
 
 
 def size_of(points: Array) -> float:
@@ -77,6 +83,11 @@ class Drawing:
     times : sequence of float, optional
         Times whose largest deformation and values set the scales, in the scene's units; that of the
         mechanism by default. A film gives those of its frames.
+    scale : Scale, optional
+        Of the colours, where it is known already.
+    film : bool
+        Whether several times are frames: their distance says how many digits the time has, and
+        they are all that the view is fitted to.
 
     Raises
     ------
@@ -89,6 +100,8 @@ class Drawing:
         mechanism: Mechanism,
         view: ViewSpec | None = None,
         times: Sequence[float] | None = None,
+        scale: Scale | None = None,
+        film: bool = True,
     ) -> None:
         self.mechanism = mechanism
         self.view = view = mechanism.model.view if view is None else view
@@ -112,11 +125,13 @@ class Drawing:
         self.parts = list(self._body_parts())
         self.cameras = self._cameras()
         self.parts += self._acting_parts(self.cameras[0])
-        self.scale = fitting_scale(
-            [self._deformed(self.display(time)) for time in self.times],
+        self.scale = scale or fitting_scale(
+            [self._deformed(self.display(t)) for t in some_times(self.times, _COLOR_SAMPLES)],
             view.color,
             mechanism.result.units,
         )
+        step = min(np.diff(self.times), default=0.0)
+        self._digits = max(0, 1 - math.floor(math.log10(step))) if film and step > 0.0 else None
         self._moments: list[tuple[Array, Array]] | None = None
         self.parts += self._behind(self.cameras[0])
 
@@ -156,7 +171,7 @@ class Drawing:
         if not isinstance(factor, str):
             return float(factor)
         ratios = [0.0]
-        for time in self.times:
+        for time in some_times(self.times, _SAMPLES):
             true = Display(self.mechanism.at(time), 1.0, self.view.reference)
             for name in self.mechanism.flexbodies:
                 surface = true.surface(name)
@@ -276,7 +291,8 @@ class Drawing:
             points, undeformed, displacement = surface
             shades = values.get(name)
             if color == "displacement" and len(mechanism.pose(name).eta):
-                shades = displacement if mechanism.pose(name).eta.any() else None
+                bends = len(self.times) > 1 or mechanism.pose(name).eta.any()
+                shades = displacement if bends else None
             faces, lines = body.surface.faces, body.surface.lines
             bodies.append(
                 Deformed(name, points, undeformed, faces, lines, displacement, self.colors[name],
@@ -332,11 +348,11 @@ class Drawing:
         if view.framing == "moment":
             return here
         if self._moments is None:
-            time = self.mechanism.result.time
-            rows = np.unique(np.linspace(0, len(time) - 1, _SAMPLES).astype(int))
+            whole = self.mechanism.result.time.tolist()
+            times = whole if self._digits is None else self.times
             self._moments = []
-            for row in rows:
-                moment = self.display(float(time[row]))
+            for time in some_times(times, _SAMPLES):
+                moment = self.display(time)
                 origin = moment.frame(follow)[:3, 3] if follow else np.zeros(3)
                 self._moments.append((self._corners(moment), origin))
         shift = display.frame(follow)[:3, 3] if follow else np.zeros(3)
@@ -366,8 +382,11 @@ class Drawing:
 
     def _caption(self, display: Display, deformed: tuple[Deformed, ...]) -> str:
         units, mechanism = self.mechanism.result.units, display.mechanism
-        parts = [f"t = {display.time:.6g} {units.label('s')}"]
-        if any(mechanism.pose(body.name).eta.any() for body in deformed):
+        digits = self._digits
+        time = f"{display.time:.6g}" if digits is None else f"{display.time:.{digits}f}"
+        parts = [f"t = {time} {units.label('s')}"]
+        bends = any(mechanism.pose(body.name).eta.any() for body in deformed)
+        if bends or any(body.values is not None for body in deformed):
             seen = "to scale" if self.factor == 1.0 else f"exaggerated {self.factor:g} times"
             parts.append(f"deformation {seen}")
             most = max(deformed, key=lambda body: float(body.displacement.max()))

@@ -1,7 +1,7 @@
-"""One picture of a mechanism at a time of a run.
+"""What a picture is asked to show, and its drawing.
 
-In: a :class:`Result`, a time, words of a ``[view]``. Out: a PNG file, drawn by VTK where it
-renders, else by matplotlib, which then says so in the picture and names what to install.
+In: words of a ``[view]``; contents. Out: a checked :class:`ViewSpec`; a PNG file, drawn by VTK
+where it renders, else by matplotlib, which then says so in the picture and names what to install.
 """
 
 from __future__ import annotations
@@ -14,59 +14,11 @@ from flexmb.errors import Problem, ViewError
 from flexmb.model.lookup import Scope
 from flexmb.model.scenes.consistency import view_problems
 from flexmb.model.scenes.sections import ViewSpec
-from flexmb.results import Result
 from flexmb.view import mpl_renderer, vtk_renderer
 from flexmb.view.content import Content
-from flexmb.view.drawing import Drawing
 from flexmb.view.mechanism import Mechanism
-from flexmb.view.plot import writable_file
 
 _MIN_PIXELS = 64
-
-
-def render(
-    result: Result | str | Path,
-    time: float | None = None,
-    *,
-    output: str | Path = "picture.png",
-    **view: Any,
-) -> Path:
-    """Draw the mechanism at a time; what is left out follows the scene's ``[view]``.
-
-    Parameters
-    ----------
-    result : Result or path
-        The run.
-    time : float, optional
-        Within the run, in the scene's units; the end if the scene does not say.
-    output : path
-        A file that ends in .png.
-    **view
-        Any word of the scene's ``[view]``: ``color="von_mises"``, ``camera=["front", "top"]``,
-        ``exaggeration=50``, ``reference="rod.big_end"``, ``forces="reactions"``,
-        ``labels="bodies"``, ``follow="car"``, ``zoom=2``, ``size=(1920, 1080)``; ``flexmb describe
-        view`` lists them all.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    ViewError
-        An option that cannot be, nothing to draw, or the file cannot be written.
-    ResultFileError
-        The time lies outside the run, or the file is no result.
-    BodyFileError
-        A flexible-body file is missing or damaged.
-    """
-    path = writable_file(output, (".png",))
-    run = result if isinstance(result, Result) else Result(result)
-    mechanism = Mechanism(run, time)
-    drawing = Drawing(mechanism, view_of(mechanism, view))
-    draw_panels(drawing.contents(), path, drawing.view.size, columns_of(len(drawing.cameras)))
-    return path
 
 
 def view_of(mechanism: Mechanism, words: dict[str, Any]) -> ViewSpec:
@@ -99,7 +51,7 @@ def view_of(mechanism: Mechanism, words: dict[str, Any]) -> ViewSpec:
 
 def columns_of(count: int) -> int:
     """Columns of a grid of pictures."""
-    return 1 if count == 1 else 2 if count in (2, 3, 4) else 3
+    return 1 if count == 1 else 2 if count in (2, 4) else 3
 
 
 def draw_panels(

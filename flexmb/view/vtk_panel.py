@@ -34,6 +34,9 @@ def draw_panel(scene: VtkScene, number: int, content: Content, size: tuple[int, 
     actors = [_add_deformed(scene, body, content) for body in content.deformed]
     for solid in content.solids:
         _add_solid(scene, solid)
+    for trace in content.traces:
+        look = {"color": trace.color, "line_width": 2.5, "lighting": False}
+        scene.add_lines(trace.points, look=look)
     sizes = _sizes(content, size)
     free = _add_texts(scene, content, size, sizes)
     if first:
@@ -50,7 +53,7 @@ def _add_solid(scene: VtkScene, solid: Solid) -> None:
         scene.add_mesh(shape.points, _NO_FACES, shape.faces[:, :2], look=look, matrix=solid.matrix)
         return
     look = {"color": solid.color, "opacity": solid.opacity, **_LIGHT}
-    edges = _line(INK, 0.5) if solid.role == "body" else None
+    edges = _line(INK, 0.5 * solid.opacity) if solid.role == "body" else None
     scene.add_mesh(shape.points, shape.faces, look=look, edges=edges, matrix=solid.matrix)
 
 

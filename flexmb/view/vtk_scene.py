@@ -73,8 +73,8 @@ class VtkScene:
         """Remove what the panel showed before and shows no more."""
         for key in [k for k in self._parts if k[0] == self._panel and k[1] >= self._part_count]:
             self._parts.pop(key).remove(self.plotter)
-        for number, text in self._texts.items():
-            text.SetVisibility(number[0] != self._panel or number[1] < self._text_count)
+        for key in [k for k in self._texts if k[0] == self._panel and k[1] >= self._text_count]:
+            self.plotter.renderer.RemoveViewProp(self._texts.pop(key))
 
     def add_mesh(
         self,
@@ -126,6 +126,12 @@ class VtkScene:
             relative[:3, 3] -= self.origin
             part.place(relative)
         return part.actor
+
+    def add_lines(self, points: ArrayLike, look: Mapping[str, Any]) -> Any:
+        """A line through points (n, 3); the actor."""
+        number = np.arange(len(np.asarray(points)))
+        none = np.zeros((0, 3), dtype=np.int64)
+        return self.add_mesh(points, none, np.stack([number[:-1], number[1:]], axis=1), look=look)
 
     def add_text(
         self,
