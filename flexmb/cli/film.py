@@ -96,7 +96,13 @@ def film(
     }
     with screen.Bars() as progress:
         if not file.is_dir() and file_format(file) == "flexmb-flexbody":
-            of_run: dict[str, Any] = {"speed": speed, "start": start, "end": end, "color": color, "layer": layer}
+            of_run: dict[str, Any] = {
+                "speed": speed,
+                "start": start,
+                "end": end,
+                "color": color,
+                "layer": layer,
+            }
             of_run |= {"follow": follow, "trace": traces, "camera": camera, "view": view}
             refuse_options(of_run, "belongs to the film of a run; this is a flexible body")
             numbers, names = parse_numbers(modes, "--modes"), parse_names(supports)

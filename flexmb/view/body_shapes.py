@@ -8,6 +8,7 @@ a hatched wall where something is clamped.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -39,6 +40,7 @@ from flexmb.view.shapes import (
 Array = NDArray[np.float64]
 
 _CURVE_POINTS = 90
+_GRID = 0.1  # spacing of the grid as a share of what is seen
 _HATCH = 6  # strokes of a hatched wall
 # as shares of the mechanism's size
 _LINK = 0.012  # radius of a link
@@ -256,3 +258,28 @@ def _distinct(points: list[Array], size: float) -> list[Array]:
         if all(np.linalg.norm(point - other) > 1e-6 * size for other in distinct):
             distinct.append(point)
     return distinct
+
+
+def ground_grid(corners: Array, up: Array, towards: Array) -> Part:
+    """A square grid below points (n, 3), as it is seen from a direction."""
+    across = unit(np.cross(up, towards))
+    ahead = np.cross(across, up)
+    low, high = (corners @ up).min(), corners @ np.column_stack([across, ahead])
+    middle, span = 0.5 * (high.min(axis=0) + high.max(axis=0)), np.ptp(high, axis=0)
+    step = _round_step(_GRID * float(max(span.max(), np.ptp(corners @ up))))
+    cells = np.ceil(0.5 * span / step + 1).astype(int)
+    first = np.round(middle / step) * step
+    lines: list[Array] = []
+    for k, (a, b) in enumerate(((across, ahead), (ahead, across))):
+        reach = cells[1 - k] * step
+        for i in range(-cells[k], cells[k] + 1):
+            start = first[0] * across + first[1] * ahead + i * step * a + low * up
+            lines += [start - reach * b, start + reach * b]
+    ends = np.arange(len(lines)).reshape(-1, 2)
+    shape = Triangles(np.array(lines), ends[:, [0, 1, 1]])  # lines are triangles without area
+    return Part("grid", shape, "#d5d8de", at_rest, "grid")
+
+
+def _round_step(length: float) -> float:
+    power = 10.0 ** math.floor(math.log10(max(length, 1e-300)))
+    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= length * (1 + 1e-9))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from flexmb.model.reading import GROUND, split_reference
 from flexmb.model.scenes.sections import ViewSpec
-from flexmb.view.body_shapes import body_parts, ground_parts, own_shape
+from flexmb.view.body_shapes import body_parts, ground_grid, ground_parts, own_shape
 from flexmb.view.camera import Camera, mechanism_camera
 from flexmb.view.content import Content, Deformed, Label, Scale
 from flexmb.view.fields import FIELDS, fitting_scale, stress_values
@@ -23,9 +23,9 @@ from flexmb.view.force_shapes import arrow_scale, arrow_solids, force_parts
 from flexmb.view.gear_shapes import gear_parts
 from flexmb.view.joint_shapes import driver_parts, joint_parts
 from flexmb.view.mechanism import MEAN_AXES, Display, Mechanism, applied
-from flexmb.view.part import Part, at_rest, on_marker
+from flexmb.view.part import Part, on_marker
 from flexmb.view.plot import BODIES, INK
-from flexmb.view.shapes import Triangles, arrow, sharp_edges, unit
+from flexmb.view.shapes import arrow, sharp_edges
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,6 @@ _LONGEST_PIN = 0.12  # half length of a pin, as a share of the mechanism's size
 _SAMPLES = 24  # times of a run that the framing looks at
 _SMALL = 0.75  # share of the whole motion below which a picture frames its moment
 _COLOR_SAMPLES = 240  # times at which the greatest value of the colours is looked for
-_GRID = 0.1  # spacing of the grid as a share of what is seen
 _POINTS = 250  # of a body, by which it is seen what hides what
 _TRIAD = ("#c2410c", "#15803d", "#1d4ed8")  # x, y, z
 
@@ -416,36 +415,11 @@ class Drawing:
         gravity = self.mechanism.model.gravity
         floor = oblique and self.mechanism.model.plane is None and np.any(gravity)
         if self.view.grid == "on" or (self.view.grid == "auto" and floor):
-            parts.append(self._grid(up, towards))
+            parts.append(ground_grid(self._extent(self.display()), up, towards))
         return parts
-
-    def _grid(self, up: Array, towards: Array) -> Part:
-        """A square grid below everything."""
-        corners = self._extent(self.display())
-        across = unit(np.cross(up, towards))
-        ahead = np.cross(across, up)
-        low, high = (corners @ up).min(), corners @ np.column_stack([across, ahead])
-        middle, span = 0.5 * (high.min(axis=0) + high.max(axis=0)), np.ptp(high, axis=0)
-        step = _round_step(_GRID * float(max(span.max(), np.ptp(corners @ up))))
-        cells = np.ceil(0.5 * span / step + 1).astype(int)
-        first = np.round(middle / step) * step
-        lines: list[Array] = []
-        for k, (a, b) in enumerate(((across, ahead), (ahead, across))):
-            reach = cells[1 - k] * step
-            for i in range(-cells[k], cells[k] + 1):
-                start = first[0] * across + first[1] * ahead + i * step * a + low * up
-                lines += [start - reach * b, start + reach * b]
-        ends = np.arange(len(lines)).reshape(-1, 2)
-        shape = Triangles(np.array(lines), ends[:, [0, 1, 1]])  # lines are triangles without area
-        return Part("grid", shape, "#d5d8de", at_rest, "grid")
 
 
 def _box_corners(points: Array) -> Array:
     low, high = points.min(axis=0), points.max(axis=0)
     return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1])
                      for z in (low[2], high[2])])  # fmt: skip
-
-
-def _round_step(length: float) -> float:
-    power = 10.0 ** math.floor(math.log10(max(length, 1e-300)))
-    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= length * (1 + 1e-9))
