@@ -10,7 +10,6 @@ from flexmb.fe.elements.element_blocks import ELEMENTS, Block
 from flexmb.fe.meshes.mesh import Mesh, read_mesh
 from flexmb.fe.meshes.mesh_shapes import mesh_from
 from flexmb.fe.model_checks import Finding, Survey, mesh_report
-from flexmb.fe.part import part
 from flexmb.fe.reduce import make_body, mesh_problems, reduce, survey
 from flexmb.fe.reduction.component_modes import craig_bampton, free_interface, guyan
 from flexmb.fe.reduction.methods import METHODS, reduce_model, reduction_key
@@ -45,6 +44,7 @@ from flexmb.fe.sections.shell_section import (
     shell,
 )
 from flexmb.fe.sections.thin_walls import angle_section, box_section, i_section
+from flexmb.fe.solve_part import part
 from flexmb.fe.stress import SectionForces, section_force_modes
 from flexmb.flexbody.mesh_options import ModesOptions
 from flexmb.progress import Stopwatch

@@ -3,8 +3,9 @@
 A file is HDF5 with the attributes format, version, name and mass at its root, and the datasets of
 ``TABLE``. Lengths are symbols: m modal coordinates, c candidate modes, i interfaces, n surface
 points, t triangles, l lines, k nodes, e places with stress, g parts and y layers of these, b beams,
-h places of shells, j parts of these, d loads, u groups of nodes with x entries, s entries of
-provenance. All in SI, body frame; a group may be empty only where the table says so.
+h places of shells, j parts of these, d loads, r nodes with w loads, o omitted modes under v loads,
+u groups of nodes with x entries, s entries of provenance. All in SI, body frame; a group may be
+empty only where the table says so.
 
 In: a body and a path, or a path. Out: a file, or the body with exactly the same numbers. Reading
 is strict: what is not ours, of another version, incomplete or not finite is refused by a sentence.
@@ -27,13 +28,13 @@ from flexmb.errors import BodyFileError, OutputError, ReductionError
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.damping import damping_words, read_damping
 from flexmb.flexbody.parts import (
-    InertiaResponse,
     Interface,
     LoadVector,
     ModeInfo,
     NodeModes,
     Surface,
 )
+from flexmb.flexbody.static_response import InertiaResponse, LoadResponse, OmittedModes
 from flexmb.flexbody.stress_modes import SectionForceModes, ShellForceModes, StressModes
 from flexmb.untrusted import USER_BLOCK, open_hdf5, seal
 
@@ -114,6 +115,16 @@ TABLE = (
     Dataset("inertia_response/energy", "f8", (12, 12), "to inertia loads, full [J]", True),
     Dataset("inertia_response/missing", "f8", (12, 12), "of it the modes lack [J]", True),
     Dataset("inertia_response/motion", "f8", (12, 12), "and move by [kg m^2]", True),
+    Dataset("inertia_response/missing_without", "f8", (12, 12), "without residuals [J]", True),
+    Dataset("inertia_response/motion_without", "f8", (12, 12), "likewise [kg m^2]", True),
+    Dataset("load_response/nodes", "i8", ("r",), "mesh nodes with loads", True),
+    Dataset("load_response/energy", "f8", ("w", "w"), "to unit loads there, full [J]", True),
+    Dataset("load_response/missing", "f8", ("w", "w"), "of it the modes lack [J]", True),
+    Dataset("load_response/motion", "f8", ("w", "w"), "and move by [kg m^2]", True),
+    Dataset("omitted_modes/frequency", "f8", ("o",), "of the lowest that are left out [Hz]", True),
+    Dataset("omitted_modes/inertia", "f8", ("o", 12), "force by inertia loads", True),
+    Dataset("omitted_modes/modes", "f8", ("o", "m"), "force by modal accelerations", True),
+    Dataset("omitted_modes/loads", "f8", ("o", "v"), "force by loads at mesh nodes", True),
     Dataset("load_vectors/name", "text", ("d",), "names of the loads", True),
     Dataset("load_vectors/force", "f8", ("d", 3), "resultant [N]", True),
     Dataset("load_vectors/moment", "f8", ("d", 3), "about the body frame's origin [N m]", True),
@@ -129,6 +140,8 @@ _PARTS: dict[str, tuple[str, type]] = {  # groups that hold one part: its field 
     "section_forces": ("section_forces", SectionForceModes),
     "shell_forces": ("shell_forces", ShellForceModes),
     "inertia_response": ("inertia_response", InertiaResponse),
+    "load_response": ("load_response", LoadResponse),
+    "omitted_modes": ("omitted_modes", OmittedModes),
 }
 _NAN_ALLOWED = ("modes/interface_share", "modes/kinetic_share")  # unknown shares
 

@@ -7,22 +7,24 @@ reference points of supports, vibration modes and buckling modes in a grid each.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import ViewError
-from flexmb.flexbody import STATIC, PartResult, von_mises
+from flexmb.flexbody import STATIC, PartResult
 from flexmb.units import SI, UnitSystem
-from flexmb.view.content import Content, Deformed, Scale, body_camera, size_of
-from flexmb.view.modes import MARKER_RADIUS, mode_panel, panel_grid
-from flexmb.view.picture import check_exaggeration, check_size, draw_panels, round_exaggeration
+from flexmb.view.camera import Camera, body_camera
+from flexmb.view.content import Content, Deformed, Scale
+from flexmb.view.drawing import round_exaggeration, size_of
+from flexmb.view.fields import FIELDS, field_at_points, fitting_scale
+from flexmb.view.modes import balls, mode_panel, panel_grid
+from flexmb.view.picture import check_exaggeration, check_size, draw_panels
 from flexmb.view.plot import BODIES, writable_file
+from flexmb.view.shapes import sharp_edges
 
 Array = NDArray[np.float64]
 _FIRST = 6  # modes drawn
-PART_COLORS = ("von_mises", "displacement")
 
 
 def render_part(
@@ -45,7 +47,8 @@ def render_part(
     units : UnitSystem
         Of the figures in the pictures.
     color : str
-        Of the static solution: ``"von_mises"`` or ``"displacement"``.
+        Of the static solution: ``"von_mises"``, ``"principal"``, ``"strain_energy"`` or
+        ``"displacement"``.
     layer : str, optional
         The layer whose stress is shown; by default the largest of all layers.
     exaggeration : float or "auto"
@@ -72,15 +75,15 @@ def render_part(
     surface = result.surface
     if surface is None or not len(surface.points):
         raise ViewError(f"{result.name}: has no surface to draw")
-    if color not in PART_COLORS:
-        raise ViewError.unknown_name("color", color, PART_COLORS)
+    if color not in FIELDS:
+        raise ViewError.unknown_name("color", color, FIELDS)
     check_exaggeration(exaggeration)
     check_size(size or (1280, 720))
     camera = body_camera(surface.points, direction)
     written: list[Path] = []
     if STATIC in result.fields:
-        content = _static(result, units, color, layer, exaggeration)
-        draw_panels([Content(**content, camera=camera)], path, size or (1280, 720))
+        content = _static(result, units, color, layer, exaggeration, camera)
+        draw_panels([content], path, size or (1280, 720))
         written.append(path)
     places = np.array([part.position for part in result.interfaces]).reshape(-1, 3)
     shape = (len(places), 3, len(result.fields))
@@ -107,50 +110,46 @@ def render_part(
 
 
 def _static(
-    result: PartResult, units: UnitSystem, color: str, layer: str | None, exaggeration: float | str
-) -> dict[str, Any]:
-    """All of the picture of the static solution but its camera."""
-    surface = result.surface
+    result: PartResult,
+    units: UnitSystem,
+    color: str,
+    layer: str | None,
+    exaggeration: float | str,
+    camera: Camera,
+) -> Content:
+    """The static solution over the undeformed part, with its supports."""
+    surface, e = result.surface, result.column()
     assert surface is not None
     points, extent = surface.points, size_of(surface.points) or 1.0
-    u = surface.modes @ result.column()
+    u = surface.modes @ e
     amount = np.linalg.norm(u, axis=1)
     ratio = float(amount.max()) / extent
     factor = round_exaggeration(ratio) if isinstance(exaggeration, str) else float(exaggeration)
-    values, scale = amount, Scale.fitting(float(amount.max()), units)
-    moved = f"largest displacement {scale.top:.3g} {scale.unit}"
-    caption = [
-        f"deformation {'to scale' if factor == 1.0 else f'exaggerated {factor:g} times'}",
-        moved,
-    ]
-    if color == "von_mises" and result.stress is not None:
-        values = _surface_stress(result, layer)
-        scale = Scale.fitting(float(np.nanmax(values)), units, "Pa", "von Mises stress")
-        caption.append(f"largest von Mises stress {scale.top:.3g} {scale.unit}")
+    values: Array | None = amount
+    if color != "displacement":
+        values = field_at_points(result, e, color, layer)
+        if values is None:
+            names = () if result.stress is None else result.stress.layers
+            what = f'{result.name}: has no stress in a layer "{layer}"'
+            raise ViewError.unknown(what, str(layer), names)
     drawn = Deformed(
         result.name, points + factor * u, points, surface.faces, surface.lines, amount, BODIES[0],
-        values,
+        values, sharp=sharp_edges(points, surface.faces),
     )  # fmt: skip
-    return {
-        "title": result.name,
-        "caption": ", ".join(caption),
-        "solids": (),
-        "deformed": (drawn,),
-        "joints": np.array([s.position for s in result.supports]).reshape(-1, 3),
-        "joint_radius": MARKER_RADIUS * extent,
-        "scale": scale,
-    }
-
-
-def _surface_stress(result: PartResult, layer: str | None) -> Array:
-    """(n,) the largest von Mises stress over layers and sections at each surface point [Pa]."""
-    stress, surface = result.stress, result.surface
-    assert stress is not None and surface is not None
-    rows = stress.rows(layer=layer)
-    if not len(rows):
-        what = f'{result.name}: has no stress in a layer "{layer}"'
-        raise ViewError.unknown(what, str(layer), stress.layers)
-    ids = stress.ids[rows]
-    largest = np.full(max(ids.max(), surface.node_ids.max()) + 1, np.nan)
-    np.fmax.at(largest, ids, von_mises(stress.at(result.column(), rows)))
-    return np.asarray(largest[surface.node_ids])
+    scale = fitting_scale([(drawn,)], color, units)
+    moved = Scale.fitting(float(amount.max()), units)
+    caption = [
+        f"deformation {'to scale' if factor == 1.0 else f'exaggerated {factor:g} times'}",
+        f"largest displacement {moved.top:.3g} {moved.unit}",
+    ]
+    if color != "displacement" and scale is not None:
+        caption.append(f"largest {scale.quantity} {scale.top:.3g} {scale.unit}")
+    places = np.array([support.position for support in result.supports]).reshape(-1, 3)
+    return Content(
+        title=result.name,
+        caption=", ".join(caption),
+        solids=balls(places, extent),
+        deformed=(drawn,),
+        scale=scale,
+        camera=camera,
+    )

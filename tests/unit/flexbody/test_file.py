@@ -39,10 +39,11 @@ def beam(**options):
 
 def loaded():
     """A beam with everything that a body can hold."""
-    push = LoadVector("push", (1, 0, 0), (0, 0, 2), np.arange(6.0))
-    body = beam(geometric_stiffening="full", damping={"preset": "adams", "modes": {1: 0.02}})
+    damping = {"preset": "adams", "modes": {1: 0.02}}
+    body = beam(geometric_stiffening="full", damping=damping, residual="inertia", load_points=[1])
+    push = LoadVector("push", (1, 0, 0), (0, 0, 2), np.arange(float(body.m)))
     rng = np.random.default_rng(0)
-    axes, modes = np.tile(np.eye(3), (2, 1, 1)), rng.normal(size=(2, 8, 6))
+    axes, modes = np.tile(np.eye(3), (2, 1, 1)), rng.normal(size=(2, 8, body.m))
     shells = ShellForceModes(np.arange(2), np.zeros(2, int), ("skin",), axes, modes)
     return replace(body, loads=(push, replace(push, name="pull")), shell_forces=shells)
 
