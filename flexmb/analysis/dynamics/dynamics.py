@@ -60,6 +60,7 @@ from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
 from flexmb.results import NOT_UNIQUE, OutputBlock
 
+_UNBALANCED = 0.05  # of the energy that moved, from which on the user is told
 # Gap of a constraint, in radians or over the size of the model (1 m at most), from which on a
 # mechanism has come apart.
 _OPEN = 1e-3
@@ -258,8 +259,8 @@ class _Pass:
         if ending.status == "finished":
             notes += missed_accuracy(prepared)
             unstable = unstable_step(prepared.run, prepared.method, failed=False)
-            notes += [unstable] if unstable else []
-        return notes
+            notes += [unstable or _unbalanced(prepared)]
+        return [note for note in notes if note]
 
     def _first_row(self) -> int:
         prepared, self._begins = self._prepared, False
@@ -318,6 +319,20 @@ def _divided_modes(compiled: Compiled) -> str:
         f"some modes of bodies.{', bodies.'.join(names)} are quasi-static, which fails where "
         "joints hold the body stiffly: make all of them dynamic, or all quasi-static"
     )
+
+
+def _unbalanced(prepared: PreparedDynamics) -> str:
+    """The sentence for energy that appears or is lost in the steps, or ""."""
+    share, step = prepared.run.rows.balance.relative, prepared.run.settings.step
+    if share <= _UNBALANCED:
+        return ""
+    what = f"the energy balance is off by {100 * share:.3g} % of the energy that moved: "
+    if step > 0.0:
+        return (
+            f"{what}steps of {step:.3g} s are too long for the forces of this motion, such as an "
+            "impact; shorten them, or leave out dynamics.step, so that the accuracy is controlled"
+        )
+    return f"{what}ask for more accuracy; if it stays, a force or an effect makes energy"
 
 
 def _statistics(run: Integration) -> dict[str, float | int | str]:
