@@ -44,6 +44,7 @@ from flexmb.analysis.procedure import (
     open_joint,
     run_chunks,
 )
+from flexmb.analysis.singular_poses import nearly_redundant
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import (
@@ -105,7 +106,8 @@ def prepare_dynamics(
         with driver_reasons(compiled, model):
             assembled = assemble(compiled, model, start=spec.start, begin=begin)
         rank = constraint_rank(compiled, assembled.work)
-        if rank is None or rank == compiled.layout.nc:
+        can_move = bool(model.drivers) or rank != n_free(compiled)
+        if rank is None or (rank == compiled.layout.nc and can_move):
             return assembled, rank, (), []
         return assembled, rank, *redundant_reactions(compiled, model, assembled.state.q)
 
@@ -301,7 +303,11 @@ class _Pass:
         if unstable:
             return Ending("failed", f"at t = {at:.6g} s {unstable}")
         sentence = failure_sentence(status, run.compiled, prepared.model, run.work, at, step)
-        cause = self._validity.diverging() or _divided_modes(run.compiled)
+        cause = (
+            self._validity.diverging()
+            or _divided_modes(run.compiled)
+            or nearly_redundant(run.compiled, run.state.q)
+        )
         return Ending("failed", f"{sentence}; {cause}" if cause else sentence)
 
 

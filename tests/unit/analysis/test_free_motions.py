@@ -114,9 +114,33 @@ def test_a_locked_mechanism_is_told_with_a_cure():
     assert "exchange B: revolute -> spherical and C: revolute -> cylindrical" in note
     assert "slightly off" not in note
     (note,) = flexmb.mobility(four_bar(tilt=0.01)).notes
-    assert "nearly free, so axes or places that should fit may be slightly off" in note
+    assert "nearly free (to 0.001), so axes or places that should fit may be slightly off" in note
     (note,) = flexmb.mobility(bennett(skewed=0.01)).notes
     assert "locked" in note
+
+
+@pytest.mark.parametrize("tilt", [1e-6, 1e-4, 1e-2])
+def test_a_mechanism_that_a_slight_tilt_locks_does_not_run(tilt):
+    made = four_bar(tilt=tilt)
+    made.set_dynamics(duration=1.0)
+    with pytest.raises(AssemblyError, match=r"the mechanism is locked.* slightly off; .* exchange"):
+        flexmb.simulate(made)
+
+
+def test_a_mechanism_locked_by_its_build_stays_where_it_is():
+    made = four_bar(tilt=0.3)
+    made.set_dynamics(duration=0.1, outputs=2)
+    with pytest.warns(flexmb.FlexmbWarning, match="the mechanism is locked"):
+        run = flexmb.simulate(made)
+    np.testing.assert_allclose(run.q[-1], run.q[0], atol=1e-12)
+
+
+def test_a_run_that_ends_at_equations_nearly_redundant_says_so():
+    """Below the tolerance of ranks at first, a tilt of 1e-8 is felt on the way."""
+    made = four_bar(tilt=1e-8)
+    made.set_dynamics(duration=1.0, outputs=50)
+    with pytest.raises(flexmb.SolverError, match="nearly redundant there .* slightly off"):
+        flexmb.simulate(made)
 
 
 def test_a_driver_in_a_locked_mechanism():
