@@ -44,6 +44,8 @@ flexmb resume out/slider_crank
 
 flexmb render out/slider_crank/result.h5 --time 0.013 --output rod.png
 
+flexmb plot out/slider_crank slider.x crank_pin.rod.force
+
 flexmb export out/slider_crank --channels slider.x,energy.kinetic --output slider.csv
 
 flexmb reduce cases/slider_crank/scene.toml --body rod --report
@@ -234,6 +236,18 @@ def parse_numbers(text: str | None, option: str) -> list[int] | None:
             f'"{text}" is not of the form 7, 1..6 or 1,3,5', param_hint=option
         ) from None
     return numbers
+
+
+def parse_times(text: str | None, option: str = "--time") -> list[float] | None:
+    """``0.01`` or ``0,0.01,0.02`` as a list."""
+    if text is None:
+        return None
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise typer.BadParameter(
+            f'"{text}" is not a time or several such as 0,0.01,0.02', param_hint=option
+        ) from None
 
 
 def parse_names(text: str | None) -> list[str]:

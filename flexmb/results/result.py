@@ -9,6 +9,8 @@ the file. The file does not stay open.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
+from fnmatch import filter as filter_names
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.errors import Problem, ResultFileError, nearest
+from flexmb.errors import FlexmbError, Problem, ResultFileError, nearest
 from flexmb.results.channels import (
     CHANNEL_KINDS,
     Channel,
@@ -27,6 +29,7 @@ from flexmb.results.channels import (
     marker_pairs,
 )
 from flexmb.results.export import copy_result, export_table, notebook_html
+from flexmb.results.marker_history import MarkerHistory, MotionChannel
 from flexmb.results.recovery import Recovery, StressChannel
 from flexmb.units import UnitSystem
 
@@ -57,7 +60,7 @@ class Pose(NamedTuple):
     eta: Array  # (m,) modal coordinates
 
 
-class Result(Recovery):
+class Result(Recovery, MarkerHistory):
     """The result of one run.
 
     Parameters
@@ -129,10 +132,12 @@ class Result(Recovery):
         what : str
             ``"sensors"`` (such as slider.x), ``"reactions"`` (crank_pin.rod.force.x: what the joint
             does to that body, as `reaction` gives it), ``"energy"`` (energy.kinetic), ``"drift"``,
-            ``"coordinates"`` (rod.r.x, rod.eta.0), ``"accelerations"`` (rod.r_ddot.x) or
-            ``"stress"`` (rod.von_mises: the largest of the body; also known: rod.von_mises.17 of
-            mesh node 17, rod.stress.17.top.xx, and rod.section_force.3.1.Mz of beam element 3 at
-            its first end). What the run did not store is not among them.
+            ``"coordinates"`` (rod.r.x, rod.eta.0), ``"accelerations"`` (rod.r_ddot.x),
+            ``"motion"`` (recovered, of every marker, joint and mode: rod.big_end.velocity.x,
+            crank_pin.angle, crank_pin.angle_rate, rod.mode_energy.3) or ``"stress"``
+            (rod.von_mises: the largest of the body; also known: rod.von_mises.17 of mesh node 17,
+            rod.stress.17.top.xx, and rod.section_force.3.1.Mz of beam element 3 at its first end).
+            What the run did not store is not among them.
 
         Raises
         ------
@@ -142,6 +147,8 @@ class Result(Recovery):
         if what == "stress":
             bodies = (b for b in self.flexbodies if self.flexbody(b).stress is not None)
             return tuple(f"{name}.von_mises" for name in bodies)
+        if what == "motion":
+            return tuple(self._motions)
         named = list_channels(self.layout, self.model, what)
         return tuple(c.name for c in named if self.has_columns(c.table, [c.column]))
 
@@ -156,6 +163,8 @@ class Result(Recovery):
         stored = self._channel(channel)
         if isinstance(stored, StressChannel):
             return self._stress_values(stored)
+        if isinstance(stored, MotionChannel):
+            return self.in_scene_units(self._motion_values(stored), stored.unit)
         if stored.table == "balance":
             return self.balance
         return self.in_scene_units(self.part(stored.table, [stored.column])[:, 0], stored.unit)
@@ -165,7 +174,34 @@ class Result(Recovery):
         if channel in self._by_name:
             stored = self._by_name[str(channel)]
             return self.has_columns(stored.table, [stored.column])
-        return self._stress_channel(str(channel)) is not None
+        name = str(channel)
+        return self._stress_channel(name) is not None or self._motion_channel(name) is not None
+
+    def match(self, pattern: str) -> tuple[str, ...]:
+        """Names of channels that a name, or one with the wildcards ``*``, ``?``, ``[...]``, means.
+
+        Those of sensors go first: of the kinds as `channels` lists them, wildcards mean those of
+        the first one that has any.
+
+        Raises
+        ------
+        ResultFileError
+            There is none; lists those there are, nearest first.
+        """
+        if pattern in self:
+            return (pattern,)
+        kinds = (*CHANNEL_KINDS, "stress", "motion")
+        every: list[str] = []
+        for kind in kinds:
+            with suppress(FlexmbError):  # without those of bodies whose file is missing
+                names = self.channels(kind)
+                if matches := tuple(filter_names(names, pattern)):
+                    return matches
+                every += names
+        if pattern in self._by_name:
+            _ = self[pattern]  # raises the error that says what stores it
+        what = f'the result has no channel "{pattern}"'
+        raise ResultFileError.unknown(what, pattern, every)
 
     def unit(self, channel: str) -> str:
         """The unit of a channel in the scene's system, such as m/s², mm or N; empty for none.
@@ -210,9 +246,9 @@ class Result(Recovery):
         from scipy.spatial.transform import Rotation  # takes 0.2 s
 
         columns = self.layout.body(body)
-        i, s = self._row_at(time)
+        i, s = self.row_at(time)
         own = slice(columns.iq, columns.iq + 7 + columns.m)
-        rows = self.part("q", own)[[i, min(i + 1, len(self.time) - 1)]]
+        rows = self.two_rows("q", i, own)
         between = (1.0 - s) * rows[0] + s * rows[1]
         ends = Rotation.from_quat(np.roll(rows[:, 3:7], -1, axis=1))  # SciPy's scalar part is last
         turn = (ends[0].inv() * ends[1]).as_rotvec()  # along the shorter arc
@@ -349,8 +385,10 @@ class Result(Recovery):
     def _by_name(self) -> dict[str, Channel]:
         return all_channels(self.layout, self.model)
 
-    def _channel(self, name: str) -> Channel | StressChannel:
-        channel = self._by_name.get(name) or self._stress_channel(name)
+    def _channel(self, name: str) -> Channel | StressChannel | MotionChannel:
+        channel = (
+            self._by_name.get(name) or self._stress_channel(name) or self._motion_channel(name)
+        )
         if channel is None:
             allowed = self.layout.channels or ("energy.kinetic", "drift.position")
             what, likely = f'the result has no channel "{name}"', nearest(name, self._by_name)

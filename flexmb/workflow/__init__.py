@@ -7,7 +7,8 @@ from flexmb.workflow.audit import Audit, EffectOutcome, audit
 from flexmb.workflow.check import CheckReport, check_scene, mobility
 from flexmb.workflow.check_all import SceneChecks, check_all
 from flexmb.workflow.comparison import Comparison, compare
-from flexmb.workflow.drive_forces import inverse_dynamics
+from flexmb.workflow.drive_forces import inverse_dynamics, inverse_scene
+from flexmb.workflow.equilibria import equilibria, free_lengths, sweep_statics
 from flexmb.workflow.flexible_bodies import (
     ReducedBody,
     ReducedScene,
@@ -22,7 +23,7 @@ from flexmb.workflow.installation import (
     machine,
     warmup,
 )
-from flexmb.workflow.linearize import equilibria, free_lengths, linearize, sweep_modes
+from flexmb.workflow.linearize import linearize, sweep_modes
 from flexmb.workflow.listings import TOPICS, Listing, listing, new_scene, templates
 from flexmb.workflow.mode_pictures import render_mode_shapes
 from flexmb.workflow.resume import resume, resume_run
@@ -54,6 +55,7 @@ __all__ = [
     "flexible_bodies",
     "free_lengths",
     "inverse_dynamics",
+    "inverse_scene",
     "iterate_motion",
     "kinematics",
     "linearize",
@@ -71,6 +73,7 @@ __all__ = [
     "simulate",
     "statics",
     "sweep_modes",
+    "sweep_statics",
     "templates",
     "warmup",
 ]
