@@ -28,14 +28,14 @@ HEAD = """# Cases
 
 Scenes with known answers: what they show, a picture of each, and how to run them.
 
-Each case is a folder `cases/NAME` of the sources with one or more scenes, their known answers
+Each case is a folder of `cases/` in the sources with one or more scenes, their known answers
 (`[[check]]`) and, where these are no formula, `exact.py`, which uses nothing of flexmb.
-`flexmb run cases/NAME/scene.toml` runs one and compares it, `flexmb check-all cases` all of them,
+`flexmb run cases/quick_return/scene.toml` runs one and compares it, `flexmb check-all cases` all,
 and `flexmb compare` models of one object ([one object, several models](textbook.md)).
 `python cases/gallery.py` makes this index.
 
-| case | | what it shows | scenes | known answers |
-|---|---|---|---|---|
+| case | what it shows | scenes | known answers |
+|---|---|---|---|
 """
 
 
@@ -132,7 +132,7 @@ def index() -> str:
         image = f"![{folder.name}](pictures/{shown.name})" if shown.is_file() else ""
         what = first_sentence(own[0]).replace("|", "\\|")
         names = ", ".join(f"`{path.stem}`" for path in own)
-        rows.append(f"| `{folder.name}` | {image} | {what} | {names} | {sum(answers)} |")
+        rows.append(f"| `{folder.name}` {image} | {what} | {names} | {sum(answers)} |")
     return HEAD + "\n".join(rows) + "\n"
 
 

@@ -14,7 +14,7 @@ from tests.benchmarks import structure
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
     "files": 292,
-    "lines": 73_000,
+    "lines": 75_000,
     "participles": 100,
     "base names of three and more files": 0,
     _ALL: 0,
