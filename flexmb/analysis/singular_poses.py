@@ -290,7 +290,8 @@ def _singular_pose(pose: KinematicPose, jacobian: WeightedJacobian, time: float)
     drivers = _drivers_of(pose.compiled, U[:, n - 1])
     joints = [name for name in rows if not name.startswith("drivers.")]
     text = f"at t = {pose.text(time)} the mechanism reaches a singular pose"
-    text += f" (a dead point, or the limit of its reach) held by {', '.join(joints)}"
+    text += " (a dead point, or the limit of its reach)"
+    text += f" held by {', '.join(joints)}" if joints else ""
     if drivers:
         text += f", beyond which {' and '.join(drivers)} cannot lead it"
     motion = jacobian.velocities(jacobian.decomposition.V[:, n - 1 : n])
@@ -298,7 +299,8 @@ def _singular_pose(pose: KinematicPose, jacobian: WeightedJacobian, time: float)
     if coordinates:
         instead = f", instead of {drivers[0]}" if drivers else ""
         text += f": drive {coordinates[0]}, which moves most there{instead}"
-    return text + ", or change what is driven so that the pose is not reached"
+    cure = "change what is driven so that the pose is not reached"
+    return f"{text}, or {cure}" if coordinates else f"{text}: {cure}"
 
 
 def _branch(pose: KinematicPose, time: float) -> str:
