@@ -41,6 +41,7 @@ PAGES = (
     "statics",
     "linearization",
     "textbook",
+    "cases",
     "effects",
     "audit",
     "results",
