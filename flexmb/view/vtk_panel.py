@@ -13,14 +13,14 @@ import numpy as np
 
 from flexmb.view.content import Content, Deformed, Solid
 from flexmb.view.plot import COLORMAP, DIVERGING, GHOST, INK
-from flexmb.view.vtk_scene import OVERSAMPLING, VtkScene, style_text
+from flexmb.view.vtk_scene import VtkScene, style_text
 
 _MARGIN = 1.04  # of the fitted view
 _ROOM = 0.92  # of the width that is left free beside the colour bar
 _BAR = 0.13  # of the width that the colour bar takes
 _LIGHT = {"ambient": 0.32, "diffuse": 0.78, "specular": 0.08}  # colours stay those of the scale
 _TITLE, _TEXT, _SMALL = 28, 19, 17  # sizes of letters in pixels of a picture 1280 x 720
-_LEAST = 10 * OVERSAMPLING  # pixels
+_LEAST = 10  # pixels of the picture
 _LETTER = 0.58  # mean width of a letter over the size of the text
 _NO_FACES = np.zeros((0, 3), dtype=np.int64)
 
@@ -28,20 +28,21 @@ _NO_FACES = np.zeros((0, 3), dtype=np.int64)
 def draw_panel(scene: VtkScene, number: int, content: Content, size: tuple[int, int]) -> None:
     """Let a panel of `size` (width, height) pixels show the content."""
     first = scene.begin(number, content.fitted_points().mean(axis=0))
-    size = OVERSAMPLING * size[0], OVERSAMPLING * size[1]
+    size = scene.sampling * size[0], scene.sampling * size[1]
     actors = [_add_deformed(scene, body, content) for body in content.deformed]
     for solid in content.solids:
         _add_solid(scene, solid)
     for trace in content.traces:
         look = {"color": trace.color, "line_width": 2.5, "lighting": False}
         scene.add_lines(trace.points, look=look)
-    sizes = _sizes(content, size)
+    sizes = _sizes(content, size, _LEAST * scene.sampling)
     free = _add_texts(scene, content, size, sizes)
     if first:
         colored = (actor.mapper for actor in actors if actor.mapper.scalar_visibility)
-        _add_legend(scene.plotter, content, size, sizes[2], next(colored, None))
+        _add_legend(scene, content, size, sizes[2], next(colored, None))
     scene.end()
-    _aim(scene, content, size, free)
+    if first or not scene.is_window:
+        _aim(scene, content, size, free)
 
 
 def _add_solid(scene: VtkScene, solid: Solid) -> None:
@@ -84,12 +85,12 @@ def _line(color: str, opacity: float) -> dict[str, Any]:
     return {"color": color, "line_width": 1.5, "opacity": opacity}
 
 
-def _sizes(content: Content, size: tuple[int, int]) -> tuple[int, int, int]:
+def _sizes(content: Content, size: tuple[int, int], least: int) -> tuple[int, int, int]:
     """Pixels of the letters of the title, of the caption, of numbers and names."""
     unit = content.font_scale * min(size[1] / 720, size[0] / 700)
-    title, text, small = (max(round(pixels * unit), _LEAST) for pixels in (_TITLE, _TEXT, _SMALL))
+    title, text, small = (max(round(pixels * unit), least) for pixels in (_TITLE, _TEXT, _SMALL))
     fitting = int(0.96 * size[0] / (_LETTER * max(len(content.title), 1)))
-    return max(min(title, fitting), _LEAST), text, small
+    return max(min(title, fitting), least), text, small
 
 
 def _add_texts(
@@ -110,7 +111,7 @@ def _add_texts(
 
 
 def _add_legend(
-    plotter: Any, content: Content, size: tuple[int, int], letters: int, mapper: Any
+    scene: VtkScene, content: Content, size: tuple[int, int], letters: int, mapper: Any
 ) -> None:
     """The colour bar and the axes."""
     if content.scale is not None and content.bar:
@@ -132,11 +133,11 @@ def _add_legend(
         title.GetTextProperty().SetJustificationToRight()
         title.GetPositionCoordinate().SetCoordinateSystemToViewport()
         title.SetPosition(0.985 * size[0], 0.745 * size[1])
-        plotter.renderer.AddViewProp(bar)
-        plotter.renderer.AddViewProp(title)
+        scene.plotter.renderer.AddViewProp(bar)
+        scene.plotter.renderer.AddViewProp(title)
     high = 0.17 * min(1.0, 1.5 * content.font_scale)
     viewport = (0.0, 0.0, high * size[1] / size[0], high)
-    plotter.add_axes(color=INK, line_width=3 * OVERSAMPLING, viewport=viewport)
+    scene.plotter.add_axes(color=INK, line_width=3 * scene.sampling, viewport=viewport)
 
 
 def _aim(scene: VtkScene, content: Content, size: tuple[int, int], free: float) -> None:
