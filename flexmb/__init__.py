@@ -70,8 +70,8 @@ _HOMES = {
     "results": ("Result", "load_result"),
     "studies": ("Study", "study"),
     "view": (
-        "animation", "film", "film_modes", "history_figure", "open_window", "picture",
-        "plot_history", "render", "render_modes", "save_figure", "snapshot",
+        "animation", "film", "film_modes", "history_figure", "open_window", "plot_history",
+        "render", "render_modes", "save_figure", "snapshot",
     ),
     "workflow": (
         "audit", "check_scene", "compare", "equilibria", "free_lengths", "inverse_dynamics",
