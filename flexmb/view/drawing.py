@@ -390,7 +390,7 @@ class Drawing:
                 yield Label(name, display.point(spec.between[1]), "#9a4a00")
 
     def _caption(self, display: Display, deformed: tuple[Deformed, ...]) -> str:
-        units, mechanism = self.mechanism.result.units, display.mechanism
+        units = self.mechanism.result.units
         digits = self._digits
         time = f"{display.time:.6g}" if digits is None else f"{display.time:.{digits}f}"
         parts = [f"t = {time} {units.label('s')}"]
