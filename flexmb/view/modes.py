@@ -239,18 +239,10 @@ def mode_panel(
     factor = _AMPLITUDE * size / largest if isinstance(exaggeration, str) else float(exaggeration)
     faces, lines = body.surface.faces, body.surface.lines
     moved = points + factor * u
-<<<<<<< HEAD
     drawn = Deformed(body.name, moved, points, faces, lines, amount, BODIES[0], amount)
-    plates = plates_of(body)
+    plates = plates_of(body) if isinstance(body, FlexBody) else None
     drawn = drawn if plates is None else plates.drawn(drawn)
     drawn = replace(drawn, sharp=sharp_edges(drawn.undeformed, drawn.faces))
-    ball = sphere(_JOINT * size)
-=======
-    drawn = Deformed(
-        body.name, moved, points, faces, lines, amount, BODIES[0], amount,
-        sharp=sharp_edges(points, faces),
-    )  # fmt: skip
->>>>>>> 1798cb9ee021346532b7b114a3406743e757455f
     places = np.array([part.position for part in body.interfaces]).reshape(-1, 3)
     return Content(
         title=texts[0],
