@@ -148,7 +148,12 @@ def _static_modes(model: Model, flexbodies: Mapping[str, FlexBody]) -> StaticMod
     """Tables of the quasi-static modes of all bodies."""
     names = [*model.bodies]
     return static_modes([
-        (names.index(name), body, quasi_static(spec, body, model), spec.deformation == "quasi-static")
+        (
+            names.index(name),
+            body,
+            quasi_static(spec, body, model),
+            spec.deformation == "quasi-static",
+        )
         for name, body in flexbodies.items()
         if isinstance(spec := model.bodies[name], FlexibleBodySpec)
     ])  # fmt: skip

@@ -22,7 +22,7 @@ from flexmb.analysis.assembly.positions import (
     close_positions,
     mass_corrector,
 )
-from flexmb.analysis.assembly.residual_flexibility import hold_static_modes, static_coordinates
+from flexmb.analysis.assembly.residual_flexibility import choose_static_modes, static_coordinates
 from flexmb.analysis.assembly.velocities import InitialVelocities
 from flexmb.analysis.equilibrium import settle
 from flexmb.engine.bodies.static_modes import STATIC_MODES
@@ -140,8 +140,8 @@ def assemble(
     close(begin is None)
     notes = velocities.notes(state) if begin is None else []
     solve_stage(system, state, work, REMEMBER)
-    settled = start == "quasi-static"
-    modes = _modal_coordinates(compiled) if settled else static_coordinates(compiled)
+    elastic = start == "quasi-static"
+    modes = _modal_coordinates(compiled) if elastic else static_coordinates(compiled)
     if len(modes) and begin is None:
         _equilibrate(compiled, modes, _SLOW * period, state, work, close)
     if start == "static" and begin is None:
@@ -150,7 +150,7 @@ def assemble(
         velocities.set(state)
         _set_states(compiled, state, work, None)
     solve_stage(system, state, work, REMEMBER)
-    damped, dampings = add_damping(hold_static_modes(compiled, state.q), model, state.q)
+    damped, dampings = add_damping(choose_static_modes(compiled, state.q), model, state.q)
     _solve_accelerations(damped.system, state, work)
     solve_stage(damped.system, state, work, BEGIN)
     notes += _stop_notes(compiled, model, state, work)
@@ -185,11 +185,12 @@ def _equilibrate(
 ) -> None:
     """Elastic equilibrium of modes with the accelerations of a motion without vibration.
 
-    `rates` (k,) are the places of the modes in v. With the modal mass M + b K the accelerations η̈ give the way f = b η̈ to equilibrium, and
-    reactions that rigid bodies would leave open are shared by stiffness; b is long against all
-    periods, so that at the end η̈ = 0. Loads that change with the deformation, such as those of a
-    fast rotation, may outweigh K: the rounds are combined by Anderson's method (1965), J. ACM 12,
-    547, which solves linear equations in as many rounds as there are modes.
+    `rates` (k,) are the places of the modes in v. With the modal mass M + b K the accelerations η̈
+    give the way f = b η̈ to equilibrium, and reactions that rigid bodies would leave open are shared
+    by stiffness; b is long against all periods, so that at the end η̈ = 0. Loads that change with
+    the deformation, such as those of a fast rotation, may outweigh K: the rounds are combined by
+    Anderson's method (1965), J. ACM 12, 547, which solves linear equations in as many rounds as
+    there are modes.
     """
     slow = _stiffened(compiled.system, b, rates)
     bodies = compiled.layout.bodies

@@ -3,8 +3,8 @@
 In: a compiled model and its first pose. Out: the model with the damping matrices of its bodies, and
 the ratio that each mode has. The modes of a body as joined are those of the scene in that pose with
 this body flexible and all others rigid: joints, couplers and drivers hold, the others move with
-their mass, springs and other forces are left out. Quasi-static modes have no mass; those that are
-held have no vibrations. A bar that
+their mass, springs and other forces are left out. Quasi-static modes have no mass, and those of
+kinetostatic bodies no vibrations. A bar that
 is driven at its hub is clamped there; one on a free hub vibrates against its mass. In scenes of
 more than `MAX_COORDINATES` coordinates the others are at rest.
 """
@@ -75,14 +75,14 @@ def add_damping(compiled: Compiled, model: Model, q: Array) -> tuple[Compiled, l
     flexbodies = dict(compiled.flexbodies)
     problems: list[Problem] = []
     dampings: list[BodyDamping] = []
-    every, (static, held) = list(range(len(bodies))), static_bodies(compiled)
+    every, (static, kinetostatic) = list(range(len(bodies))), static_bodies(compiled)
     scene, others = None, ""
     for k, (row, columns) in enumerate(zip(bodies, compiled.layout.bodies, strict=True)):
         body = compiled.flexbodies.get(columns.name)
         if body is None or row["m"] == 0:
             continue
         name, m = columns.name, int(row["m"])
-        if k in held:
+        if k in kinetostatic:
             dampings.append(BodyDamping(name, "none: all modes are quasi-static"))
             continue
         D = np.asarray(body.D)
@@ -171,9 +171,10 @@ class _RigidScene:
 
     @cached_property
     def flexible(self) -> list[int]:
-        """Numbers of the flexible bodies, of which the modes are not held."""
-        held = static_bodies(self._compiled)[1]
-        return [k for k, one in enumerate(self._compiled.layout.bodies) if one.m and k not in held]
+        """Numbers of the flexible bodies, that are not kinetostatic."""
+        _, kinetostatic = static_bodies(self._compiled)
+        bodies = enumerate(self._compiled.layout.bodies)
+        return [k for k, one in bodies if one.m and k not in kinetostatic]
 
     @cached_property
     def together(self) -> Vibrations:

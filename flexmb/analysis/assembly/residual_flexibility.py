@@ -1,9 +1,9 @@
-"""Quasi-static modes in a pose: where they are held within a step, where they move without mass.
+"""Quasi-static modes in a pose: where they stay as they are within a step, where they move.
 
-In: a compiled model and a closed pose. Out: the model whose `engine.bodies.static_modes` are held
-only where the joints do not need their compliance: with these modes still, bodies and dynamic modes
-must be able to do what all coordinates can, or drivers would lock the machine and reactions that
-only elasticity decides would be anyone's.
+In: a compiled model and a closed pose. Out: the model whose bodies are kinetostatic
+(`engine.bodies.static_modes`) only where the joints do not need their compliance: with these modes
+still, bodies and dynamic modes must be able to do what all coordinates can, or drivers would lock
+the machine, and reactions that only elasticity decides would be anyone's.
 """
 
 from __future__ import annotations
@@ -35,29 +35,29 @@ _NO_MASS = 1e-11  # of the largest
 
 
 def static_bodies(compiled: Compiled) -> tuple[list[int], list[int]]:
-    """Numbers of the bodies with quasi-static modes, and of those that hold them."""
+    """Numbers of the bodies with quasi-static modes, and of the kinetostatic ones."""
     static = compiled.system.kinds.get(STATIC_MODES.name)
     if static is None:
         return [], []
-    return static.rows.tolist(), static.rows[static.held == 1].tolist()
+    return static.rows.tolist(), static.rows[static.kinetostatic == 1].tolist()
 
 
-def static_coordinates(compiled: Compiled, *, held: bool = False) -> Integers:
-    """(k,) places in v of the quasi-static modes: of all, or of those that are held."""
+def static_coordinates(compiled: Compiled, *, kinetostatic: bool = False) -> Integers:
+    """(k,) places in v of the quasi-static modes: of all, or of kinetostatic bodies."""
     static = compiled.system.kinds.get(STATIC_MODES.name)
     if static is None:
         return np.zeros(0, np.int64)
     begins = np.array([body.iv + 6 for body in compiled.layout.bodies])
     count = np.diff(static.first)
     places = np.asarray(np.repeat(begins[static.rows], count) + static.modes, np.int64)
-    return places[np.repeat(static.held == 1, count)] if held else places
+    return places[np.repeat(static.kinetostatic == 1, count)] if kinetostatic else places
 
 
 @one_blas_thread()
-def hold_static_modes(compiled: Compiled, q: Array) -> Compiled:
-    """The model with quasi-static modes that are held only if its joints let them, at q (nq,)."""
-    held = static_coordinates(compiled, held=True)
-    if not len(held) or n_free(compiled) > MAX_COORDINATES:
+def choose_static_modes(compiled: Compiled, q: Array) -> Compiled:
+    """The model with kinetostatic bodies only if its joints allow them, at q (nq,)."""
+    modes = static_coordinates(compiled, kinetostatic=True)
+    if not len(modes) or n_free(compiled) > MAX_COORDINATES:
         return compiled
     state, work = new_state(compiled.system), new_work(compiled.system)
     state.q[:] = q
@@ -65,17 +65,19 @@ def hold_static_modes(compiled: Compiled, q: Array) -> Compiled:
     rows = WeightedJacobian.of(compiled, dense_jacobian(compiled, work))
     ranks = [
         numerical_rank(np.asarray(np.linalg.svd(A, compute_uv=False)), 1.0)
-        for A in (rows.A, rows.A[:, ~np.isin(rows.columns, held)])
+        for A in (rows.A, rows.A[:, ~np.isin(rows.columns, modes)])
     ]
-    return compiled if ranks[0] == ranks[1] else replace(compiled, system=released(compiled.system))
+    if ranks[0] == ranks[1]:
+        return compiled
+    return replace(compiled, system=free_static_modes(compiled.system))
 
 
-def released(system: System) -> System:
+def free_static_modes(system: System) -> System:
     """The system with all quasi-static modes moving without mass."""
     static: StaticModes | None = system.kinds.get(STATIC_MODES.name)
-    if static is None or not static.held.any():
+    if static is None or not static.kinetostatic.any():
         return system
-    free = static._replace(held=np.zeros_like(static.held))
+    free = static._replace(kinetostatic=np.zeros_like(static.kinetostatic))
     return system._replace(kinds={**system.kinds, STATIC_MODES.name: free})
 
 

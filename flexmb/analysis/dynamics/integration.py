@@ -143,7 +143,9 @@ def loop_settings(
         works=int(works),
         stiff=int(stiff),
         determined=int(determined),
-        follow=int(static is not None and (integrator.stages > 0 or bool(static.held.any()))),
+        follow=int(
+            static is not None and (integrator.stages > 0 or bool(static.kinetostatic.any()))
+        ),
     )
 
 

@@ -129,8 +129,8 @@ class Linearization:
         scales = np.where(scales > 0.0, scales, 1.0)
         both = np.outer(scales, scales)
         T, L, remaining = condensation(both * M, both * K)
-        of = (L.T @ (both * one) @ T for one in (M, D, K))
-        modes = eigenmodes(*of, states[remaining], rate)
+        M, D, K = (L.T @ (both * one) @ T for one in (M, D, K))
+        modes = eigenmodes(M, D, K, states[remaining], rate)
         return Eigenmodes(modes.values, scales[:, None] * (T @ modes.shapes))
 
     @property

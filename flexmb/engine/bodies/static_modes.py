@@ -4,10 +4,10 @@ Their bodies have no modal mass of them (`flexbody.effects.without_modal_inertia
 modes they are a residual flexibility on which the rest moves (MacNeal, Computers & Structures 1,
 1971, 581). Implicit methods solve for η_s with all else, by a matrix with b K_ss there.
 
-Bodies of deformation "quasi-static", and all bodies where the method is explicit, hold η_s within a step,
-as if its modal mass were τ² K_ss; then η_s follows the loads, λ being that of the motion in which
-η_s stays, and joints are closed with the deformed body: the slow solution, without vibrations of
-what hangs on this compliance, and without rates of η_s. Single solves hold all η_s.
+Kinetostatic bodies, those of deformation "quasi-static", and all by an explicit method hold η_s
+within a step, as if its modal mass were τ² K_ss; then η_s follows the loads, λ being that of the
+motion in which η_s stays, and joints are closed with the deformed body: the slow solution, without
+vibrations of what hangs on this compliance, and without rates of η_s. Single solves hold all η_s.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class StaticModes(NamedTuple):
     rows: Integers  # (b,) bodies that have some
     first: Integers  # (b + 1,) where those of a body begin
     modes: Integers  # numbers of the modes in their bodies
-    held: Integers  # (b,) 1: by implicit methods too
+    kinetostatic: Integers  # (b,) 1: held by implicit methods too
     heavy: Vector  # (b,) τ² [s²]
     compliance: Vector  # K_ss⁻¹ of the bodies, row by row
 
@@ -44,7 +44,7 @@ def add_static_mass(run: Run, of: StaticModes, at: Point, cv: float, cp: float) 
     """Add τ² K_ss to the matrix of bodies that hold η_s, and of single solves."""
     parts, kkt, fac = run.system.parts, run.system.kkt, run.work.factor
     for n in range(of.rows.shape[0]):
-        if of.held[n] == 0 and (cv != 0.0 or cp != 0.0):
+        if of.kinetostatic[n] == 0 and (cv != 0.0 or cp != 0.0):
             continue
         body = parts.bodies[of.rows[n]]
         panel, m, o = kkt.panels[body["panel"]], body["m"], body["iv"] + 6
@@ -68,7 +68,7 @@ def follow_loads(run: Run, of: StaticModes, at: Point) -> float:
     change, place = 0.0, 0
     for n in range(of.rows.shape[0]):
         body, begin, end = bodies[of.rows[n]], of.first[n], of.first[n + 1]
-        if of.held[n] == 0 and run.method.stages == 0:
+        if of.kinetostatic[n] == 0 and run.method.stages == 0:
             place += (end - begin) ** 2
             continue
         iq, iv = body["iq"] + 7, body["iv"] + 6
@@ -91,7 +91,7 @@ STATIC_MODES = Kind(
 
 
 def static_modes(bodies: Sequence[tuple[int, FlexBody, Sequence[int], bool]]) -> StaticModes | None:
-    """Tables of the quasi-static modes of bodies by their row, held or not; None without any."""
+    """Tables of the quasi-static modes of bodies by row, kinetostatic or not; None without any."""
     some = [(row, body, np.array(modes)) for row, body, modes, _ in bodies if len(modes)]
     if not some:
         return None
@@ -105,7 +105,7 @@ def static_modes(bodies: Sequence[tuple[int, FlexBody, Sequence[int], bool]]) ->
         np.array([row for row, _, _ in some], np.int64),
         np.cumsum(counts).astype(np.int64),
         np.concatenate([modes for _, _, modes in some]).astype(np.int64),
-        np.array([held for _, _, modes, held in bodies if len(modes)], np.int64),
+        np.array([word for _, _, modes, word in bodies if len(modes)], np.int64),
         np.array(heavy),
         np.concatenate(compliance),
     )
