@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexmb.analysis.assembly.initial_state import StartValues, assemble
-from flexmb.analysis.assembly.jacobian import ConstraintRows, column_scales
+from flexmb.analysis.assembly.jacobian import ConstraintRows, column_scales, one_blas_thread
 from flexmb.analysis.assembly.residual_flexibility import condensation, static_bodies
 from flexmb.analysis.linear.eigenmodes import Complex, Eigenmodes, eigenmodes
 from flexmb.analysis.linear.observed_equations import SeenEquations
@@ -211,6 +211,7 @@ class Linearization:
 _GROWTH = 1e-6  # Re λ/|λ| that is round-off
 
 
+@one_blas_thread()
 def linearize_state(
     compiled: Compiled, model: Model, state: State, *, frame: str = "auto"
 ) -> Linearization:
