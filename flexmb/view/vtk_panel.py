@@ -13,14 +13,14 @@ import numpy as np
 
 from flexmb.view.content import Content, Deformed, Solid
 from flexmb.view.plot import COLORMAP, DIVERGING, GHOST, INK
-from flexmb.view.vtk_scene import VtkScene, style_text
+from flexmb.view.vtk_scene import OVERSAMPLING, VtkScene, style_text
 
 _MARGIN = 1.04  # of the fitted view
 _ROOM = 0.92  # of the width that is left free beside the colour bar
 _BAR = 0.13  # of the width that the colour bar takes
 _LIGHT = {"ambient": 0.32, "diffuse": 0.78, "specular": 0.08}  # colours stay those of the scale
 _TITLE, _TEXT, _SMALL = 28, 19, 17  # sizes of letters in pixels of a picture 1280 x 720
-_LEAST = 10  # pixels
+_LEAST = 10 * OVERSAMPLING  # pixels
 _LETTER = 0.58  # mean width of a letter over the size of the text
 _NO_FACES = np.zeros((0, 3), dtype=np.int64)
 
@@ -28,9 +28,7 @@ _NO_FACES = np.zeros((0, 3), dtype=np.int64)
 def draw_panel(scene: VtkScene, number: int, content: Content, size: tuple[int, int]) -> None:
     """Let a panel of `size` (width, height) pixels show the content."""
     first = scene.begin(number, content.fitted_points().mean(axis=0))
-    if first:
-        scene.plotter.enable_anti_aliasing("ssaa")
-        scene.plotter.enable_depth_peeling(8)
+    size = OVERSAMPLING * size[0], OVERSAMPLING * size[1]
     actors = [_add_deformed(scene, body, content) for body in content.deformed]
     for solid in content.solids:
         _add_solid(scene, solid)
@@ -138,7 +136,7 @@ def _add_legend(
         plotter.renderer.AddViewProp(title)
     high = 0.17 * min(1.0, 1.5 * content.font_scale)
     viewport = (0.0, 0.0, high * size[1] / size[0], high)
-    plotter.add_axes(color=INK, line_width=3, viewport=viewport)
+    plotter.add_axes(color=INK, line_width=3 * OVERSAMPLING, viewport=viewport)
 
 
 def _aim(scene: VtkScene, content: Content, size: tuple[int, int], free: float) -> None:

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+OVERSAMPLING = 2  # pixels that are drawn for one of the picture, each way
 FEATURE_DEGREES = 35.0  # edges sharper than this are drawn as lines, and not smoothed
 _RIGID = 1e-6  # of its size by which a part may leave a rigid motion that moves it
 _FIT_POINTS = 64  # from which the rigid motion is estimated
@@ -25,6 +26,9 @@ _FIT_POINTS = 64  # from which the rigid motion is estimated
 
 class VtkScene:
     """An off-screen window with panels in rows and columns.
+
+    It is drawn larger than it is shown, which smooths edges and letters in half the time of VTK's
+    own supersampling. Widths of lines are those of the picture, sizes of letters as drawn.
 
     Parameters
     ----------
@@ -41,12 +45,13 @@ class VtkScene:
 
         plotter: Any = pyvista.Plotter(
             off_screen=True,
-            window_size=list(size),
+            window_size=[OVERSAMPLING * pixels for pixels in size],
             lighting="light kit",
             shape=shape,
             border=False,
         )
         plotter.set_background(background)
+        plotter.disable_anti_aliasing()
         plotter.suppress_rendering = True  # but where a picture is wanted
         self.plotter = plotter
         self._parts: dict[tuple[int, int], _Part] = {}  # by panel and number
@@ -176,6 +181,7 @@ class VtkScene:
 
     def image(self) -> NDArray[np.uint8]:
         """The picture (height, width, 3)."""
+        from PIL import Image
         from pyvista import convert_array as to_numpy
         from vtkmodules.vtkRenderingCore import vtkWindowToImageFilter
 
@@ -189,7 +195,8 @@ class VtkScene:
         picture = reader.GetOutput()
         width, height, _ = picture.GetDimensions()
         pixels: NDArray[np.uint8] = to_numpy(picture.GetPointData().GetScalars())
-        return np.ascontiguousarray(pixels.reshape(height, width, -1)[::-1, :, :3])
+        picture = Image.fromarray(pixels.reshape(height, width, -1)[::-1, :, :3].copy())
+        return np.asarray(picture.reduce(OVERSAMPLING))
 
     def save(self, path: Path) -> None:
         """Write the picture into a PNG file."""
@@ -234,7 +241,7 @@ class _Part:
         if values is not None:
             mesh["values"] = values[self._numbers]
             look = {**look, "scalars": "values"}
-        self.actor = plotter.add_mesh(mesh, show_scalar_bar=False, **look)
+        self.actor = plotter.add_mesh(mesh, show_scalar_bar=False, **_drawn(look))
         if self._shading is not None and look.get("lighting", True):
             self.actor.prop.interpolation = "Phong"
         self._edges, self._edge_actor = None, None
@@ -251,7 +258,7 @@ class _Part:
         )
         if edges.n_cells:
             self._edges = edges
-            self._edge_actor = plotter.add_mesh(edges, lighting=False, **look)
+            self._edge_actor = plotter.add_mesh(edges, lighting=False, **_drawn(look))
 
     def is_like(
         self,
@@ -330,6 +337,11 @@ class _Shading:
         normals = self._sum @ np.cross(b - a, c - a)
         length = np.linalg.norm(normals, axis=1, keepdims=True)
         return np.asarray(normals / np.maximum(length, 1e-300))
+
+
+def _drawn(look: Mapping[str, Any]) -> dict[str, Any]:
+    """The look with lines as wide as they are drawn."""
+    return {**look, "line_width": OVERSAMPLING * look.get("line_width", 1.0)}
 
 
 def _text_actor(size: int, color: str, anchor: str, at_point: bool) -> Any:
