@@ -12,6 +12,8 @@ from flexmb.cli import screen
 from flexmb.cli.app import RunFile, command, parse_names, parse_numbers
 from flexmb.errors import FlexmbError, OutputError
 
+ROUNDING = 1e-6  # of the largest component of the same unit: less is rounding
+
 
 @command()
 def stress(
@@ -137,11 +139,15 @@ def _extremes(
 
     names = SECTION_FORCES if nodes is None else SHELL_FORCES
     values = values[None] if time is not None else values
+    largest = np.abs(values).reshape(-1, len(names)).max(axis=0)
     rows = []
     for c, (name, kind) in enumerate(zip(names, kinds, strict=True)):
         at = np.unravel_index(np.abs(values[..., c]).argmax(), values.shape[:-1])
         place = f"element {at[1]}, end {at[2] + 1}" if nodes is None else f"node {nodes[at[1]]}"
         moment = run.time[at[0]] if time is None else time
-        value = f"{values[(*at, c)]:.6g} {run.units.label(kind)}"
-        rows.append((f"{noun} {name}", value, f"{moment:.6g}", place))
+        alike = max(size for size, other in zip(largest, kinds, strict=True) if other == kind)
+        number = values[(*at, c)] if largest[c] > ROUNDING * alike else 0.0
+        value = f"{number:.6g} {run.units.label(kind)}"
+        where = (f"{moment:.6g}", place) if number else ("", "")
+        rows.append((f"{noun} {name}", value, *where))
     screen.table(("extreme", "value", f"t [{run.units.label('s')}]", "where"), rows, right=(1, 2))
