@@ -1,0 +1,300 @@
+"""The motion of a run for a web page: meshes, where each part is in each frame, its deformation.
+
+In: a result. Out: numbers for ``page.js``, packed. What moves as a whole takes twelve numbers per
+frame; what deforms takes two bytes per coordinate, relative to that motion, so that the reader can
+exaggerate it. Surfaces of many triangles are thinned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.progress import Progress, silent
+from flexmb.results import Result
+from flexmb.view.content import Content, Mechanism
+from flexmb.view.html_page import Html, packed, tag
+from flexmb.view.picture import _factor, compose
+from flexmb.view.plot import JOINT
+from flexmb.view.shapes import sphere
+from flexmb.view.vtk_scene import rigid_motion
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_FRAMES = 91
+_PER_TURN = 24  # frames for a turn of the fastest body, at least
+_MAX_FRAMES = 151
+_SECONDS = 7.0  # that the motion lasts on the screen
+_BUDGET = 4e6  # bytes of deformation, before they are packed
+_MAX_FACES = 12_000  # of one body
+_LEAST_FACES = 500
+_DEPTH = 32767  # the largest number of two bytes
+_STILL = 1e-9  # of the size: parts that move less stand still
+_SAMPLES = 12  # times at which the largest deformation is looked for
+_FACTORS = (0.0, 1.0)  # of deformation that can always be chosen
+
+
+@dataclass
+class _Part:
+    """One shape over all frames."""
+
+    faces: Indices  # (t, 3), of lines (l, 2)
+    color: str
+    opacity: float = 1.0
+    is_flexible: bool = False
+    points: list[Array] = field(default_factory=list)  # (n, 3) as drawn, by frame
+    undeformed: list[Array] = field(default_factory=list)  # of what is flexible
+    values: list[Array] = field(default_factory=list)  # (n,) that colour it
+
+    @property
+    def group(self) -> tuple[bool, bool, float, str]:
+        """Parts of one group make one mesh."""
+        is_line = self.faces.shape[1] == 2
+        return bool(self.values), is_line, self.opacity, self.color if is_line else ""
+
+
+@dataclass(frozen=True)
+class MovingScene:
+    """Numbers for ``page.js``, and what to say of them."""
+
+    data: dict[str, Any]
+    factor: float  # of the deformation as it is first shown
+    sentence: str
+
+    def player(self) -> Html:
+        """The element in which it moves, with its controls."""
+        last = self.data["frames"] - 1
+        choices = sorted({*_FACTORS, self.factor, 10.0 * self.factor} - {0.0} | {0.0})
+        options = [_option(f, f == self.factor) for f in choices] if self.data["flexible"] else []
+        return tag(
+            "div",
+            tag("div", id="stage", class_="stage", role="img", aria_label="The machine in motion"),
+            tag(
+                "div",
+                tag("button", "▶ Play", id="play", type="button", aria_pressed="false"),
+                tag("input", type="range", id="frame", min=0, max=last, value=0, aria_label="time"),
+                tag("output", id="clock"),
+                tag("label", "deformation ", tag("select", *options, id="factor"))
+                if options
+                else Html(""),
+                tag("button", "Home view", id="home", type="button"),
+                class_="controls",
+            ),
+            tag("p", self.sentence, class_="lead"),
+            class_="on-screen",
+        )
+
+
+def _option(factor: float, selected: bool) -> Html:
+    words = "none" if factor == 0.0 else "true" if factor == 1.0 else f"{factor:g} times"
+    more = {"selected": "selected"} if selected else {}
+    return tag("option", words, value=f"{factor:g}", **more)
+
+
+def moving_scene(result: Result, progress: Progress = silent) -> MovingScene:
+    """The machine of a run at evenly distributed times.
+
+    Raises
+    ------
+    ViewError
+        The result has no rows.
+    FlexmbError
+        It did not store the poses, or a file of a flexible body is missing.
+    """
+    times, note = frame_times(result)
+    contents, factor = _contents(result, times, progress)
+    parts = _parts(contents)
+    scales = [content.scale for content in contents if content.scale is not None]
+    scale = max(scales, key=lambda one: one.largest, default=None)
+    drawn = np.vstack(
+        [points for part in parts for points in part.points[:: max(1, len(times) // 30)]]
+    )
+    low, high = drawn.min(axis=0), drawn.max(axis=0)
+    pad = 0.03 * float((high - low).max()) or 1.0
+    axes = contents[0].camera.axes
+    data = {
+        "id": "stage",
+        "frames": len(times),
+        "times": packed(times, "f8"),
+        "unit": result.units.label("s"),
+        "rate": len(times) / _SECONDS,
+        "first": 0,
+        "meshes": _meshes(parts, factor, 1.0 if scale is None else scale.largest),
+        "flexible": any(part.is_flexible for part in parts),
+        "scale": "" if scale is None else scale.label,
+        "bar": scale is not None,
+        "top": 1.0 if scale is None else scale.top or 1.0,
+        "box": [(low - pad).tolist(), (high + pad).tolist()],
+        "eye": axes[2].tolist(),
+        "up": axes[1].tolist(),
+        "light": (1e4 * (np.array([-0.4, 0.7, 1.0]) @ axes)).tolist(),
+    }
+    return MovingScene(data, factor, _sentence(result, times, note))
+
+
+def _contents(result: Result, times: Array, progress: Progress) -> tuple[list[Content], float]:
+    """What pictures at these times show, and the exaggeration that they have in common."""
+    mechanism = Mechanism(result)
+
+    def at(time: float) -> Mechanism:
+        mechanism.time, mechanism._poses = float(time), {}
+        return mechanism
+
+    factor = min(_factor(at(t), "auto") for t in times[:: max(1, len(times) // _SAMPLES)])
+    contents = []
+    for k, time in enumerate(times):
+        progress("motion", k / len(times))
+        contents.append(compose(at(time), exaggeration=factor))
+    progress("motion", 1.0)
+    return contents, factor
+
+
+def _sentence(result: Result, times: Array, note: str) -> str:
+    seconds = float(times[-1] - times[0]) * result.units.scale("s")
+    speed = seconds / _SECONDS
+    how = f"slowed {1 / speed:.3g} times" if speed < 1 else f"{speed:.3g} times as fast as real"
+    if 0.9 < speed < 1.1:
+        how = "in real time"
+    return f"{len(times)} moments, played {how}{note}. Drag to turn, scroll or pinch to zoom."
+
+
+def frame_times(result: Result) -> tuple[Array, str]:
+    """Times of the frames in the scene's units, and what to say if they are not of the whole run.
+
+    Of a body that turns more often than frames can show, the last turns are taken.
+    """
+    t = result.time
+    if len(t) < 2:
+        return t, ""
+    turns = np.zeros(len(t))
+    seconds = t * result.units.scale("s")
+    for body in result.layout.bodies:
+        if result.has_columns("v", slice(body.iv + 3, body.iv + 6)):
+            speed = np.linalg.norm(result.part("v", slice(body.iv + 3, body.iv + 6)), axis=1)
+            step = 0.5 * (speed[1:] + speed[:-1]) * np.diff(seconds) / (2 * np.pi)
+            turned = np.concatenate([[0.0], np.cumsum(step)])
+            turns = turned if turned[-1] > turns[-1] else turns
+    count, first, note = _FRAMES, float(t[0]), ""
+    if turns[-1] * _PER_TURN > _FRAMES:
+        count = _MAX_FRAMES
+        left = turns[-1] - _MAX_FRAMES / _PER_TURN
+        if left > 0:
+            first = float(np.interp(left, turns, t))
+            unit = result.units.label("s")
+            note = f"; the last {t[-1] - first:.3g} of {t[-1] - t[0]:.3g} {unit}"
+    return np.linspace(first, float(t[-1]), count), note
+
+
+def _parts(contents: Sequence[Content]) -> list[_Part]:
+    """Shapes that are there in all frames, thinned where they are too fine."""
+    parts: list[_Part] = []
+    flexible = sum(len(body.points) for body in contents[0].deformed)
+    share = int(_BUDGET / (7 * len(contents)) * 2)  # a closed surface has two triangles per point
+    share = int(share / max(1, len(contents[0].deformed))) if flexible > share / 2 else _MAX_FACES
+    listed = [list(_shapes(content)) for content in contents]
+    for k, (faces, color, opacity, points, undeformed, _) in enumerate(listed[0]):
+        same = all(len(one) > k and len(one[k][0]) == len(faces) for one in listed)
+        if not same or not len(faces):
+            continue
+        most = _MAX_FACES if undeformed is None else max(_LEAST_FACES, share)
+        rows, few = _thinned(points if undeformed is None else undeformed, faces, most)
+        part = _Part(few, color, opacity, undeformed is not None)
+        part.points = [one[k][3][rows] for one in listed]
+        at_rest = [one[k][4] for one in listed]
+        part.undeformed = [places[rows] for places in at_rest if places is not None]
+        if any(one[k][5] is not None for one in listed):  # none in frames where it is at rest
+            zero = np.zeros(len(points))
+            values = [one[k][5] for one in listed]
+            part.values = [np.nan_to_num((zero if v is None else v)[rows]) for v in values]
+        parts.append(part)
+    return parts
+
+
+def _shapes(
+    content: Content,
+) -> Iterable[tuple[Indices, str, float, Array, Array | None, Array | None]]:
+    """Faces, colour, opacity, points, undeformed points and values of all that is drawn."""
+    for solid in content.solids:
+        shape = solid.triangles
+        yield shape.faces, solid.color, solid.opacity, shape.points, None, None
+    for center in content.joints:
+        ball = sphere(content.joint_radius, center)
+        yield ball.faces, JOINT, 1.0, ball.points, None, None
+    for body in content.deformed:
+        faces = body.faces if len(body.faces) else body.lines
+        yield faces, body.color, 1.0, body.points, body.undeformed, body.values
+
+
+def _thinned(points: Array, faces: Indices, most: int) -> tuple[Indices, Indices]:
+    """Rows of the points that remain of a fine surface, and its triangles."""
+    if faces.shape[1] == 2 or len(faces) <= most:
+        used = np.unique(faces)
+        new = np.zeros(len(points), dtype=int)
+        new[used] = np.arange(len(used))
+        return used, new[faces]
+    import pyvista
+
+    mesh = pyvista.PolyData(points, np.column_stack([np.full(len(faces), 3), faces]).ravel())
+    mesh.point_data["row"] = np.arange(len(points))
+    mesh = mesh.decimate_pro(1.0 - most / len(faces), preserve_topology=False)
+    return np.asarray(mesh.point_data["row"], dtype=int), np.asarray(mesh.faces).reshape(-1, 4)[
+        :, 1:
+    ]
+
+
+def _meshes(parts: Sequence[_Part], factor: float, largest: float) -> list[dict[str, Any]]:
+    """One mesh for all parts that can be drawn together."""
+    groups: dict[Any, list[_Part]] = {}
+    for part in parts:
+        groups.setdefault(part.group, []).append(part)
+    meshes = []
+    for (colored, is_line, opacity, _), members in groups.items():
+        starts = np.cumsum([0, *(len(part.points[0]) for part in members)])
+        corners = np.vstack([part.faces + n for part, n in zip(members, starts, strict=False)])
+        packed_parts = [_packed_part(part, factor, largest) for part in members]
+        meshes.append({
+            "corners": packed(corners, "u4"),
+            "lines": is_line,
+            "colored": colored,
+            "opacity": opacity,
+            "color": members[0].color,
+            "colors": [[part.color, len(part.faces)] for part in members],
+            "moves": any(p["motion"] or p["bend"] or p["values"] for p in packed_parts),
+            "parts": packed_parts,
+        })  # fmt: skip
+    return meshes
+
+
+def _packed_part(part: _Part, factor: float, largest: float) -> dict[str, Any]:
+    """The undeformed shape, how it moves as a whole, and how it deforms."""
+    whole = part.undeformed or part.points
+    points = whole[0]
+    motions, bends, is_rigid = [], [], not part.is_flexible
+    for moved, drawn in zip(whole, part.points, strict=True):
+        motion = rigid_motion(points, moved)
+        is_rigid &= motion is not None
+        motion = np.eye(4) if motion is None else motion
+        R, r = motion[:3, :3], motion[:3, 3]
+        motions.append(np.concatenate([R.ravel(), r]))
+        bends.append((drawn - r) @ R - points)
+    numbers, bend = np.array(motions), np.array(bends)
+    if part.is_flexible:
+        bend /= factor or 1.0
+    depth = float(np.abs(bend).max(initial=0.0))
+    bends_at_all = depth > 0.0 and not is_rigid
+    size = float(np.ptp(points, axis=0).max()) + float(np.abs(points).max())
+    moves = float(np.abs(numbers - numbers[0]).max()) > _STILL * max(size, 1.0)
+    values = np.array(part.values) / (largest or 1.0)
+    return {
+        "points": packed(points),
+        "motion": packed(numbers) if moves else None,
+        "bend": packed(np.round(bend / depth * _DEPTH), "i2") if bends_at_all else None,
+        "scale": depth / _DEPTH if bends_at_all else 0.0,
+        "flexible": part.is_flexible,
+        "values": packed(np.clip(np.round(255 * values), 0, 255), "u1") if part.values else None,
+    }
