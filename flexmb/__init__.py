@@ -16,7 +16,15 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
     from flexmb.model import Model, load_scene, scene_schema
     from flexmb.results import Result, load_result
     from flexmb.studies import Study, study
-    from flexmb.view import history_figure, plot_history, render, render_modes, save_figure
+    from flexmb.view import (
+        film,
+        film_modes,
+        history_figure,
+        plot_history,
+        render,
+        render_modes,
+        save_figure,
+    )
     from flexmb.workflow import (
         audit,
         check_scene,
@@ -42,11 +50,11 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
 __version__ = "0.1.0"
 __all__ = [
     "FlexBody", "FlexmbError", "FlexmbWarning", "Model", "Result", "Study", "audit", "check_scene",
-    "compare", "equilibria", "free_lengths", "history_figure", "inverse_dynamics", "iterate_motion",
-    "kinematics", "linearize", "load_result", "load_scene", "mobility", "new_scene", "plot_history",
-    "reduce", "render", "render_mode_shapes", "render_modes", "resume", "rigid_body", "run_scene",
-    "save_figure", "scene_schema", "simulate", "statics", "study", "sweep_modes", "sweep_statics",
-    "warmup",
+    "compare", "equilibria", "film", "film_modes", "free_lengths", "history_figure",
+    "inverse_dynamics", "iterate_motion", "kinematics", "linearize", "load_result", "load_scene",
+    "mobility", "new_scene", "plot_history", "reduce", "render", "render_mode_shapes",
+    "render_modes", "resume", "rigid_body", "run_scene", "save_figure", "scene_schema", "simulate",
+    "statics", "study", "sweep_modes", "sweep_statics", "warmup",
 ]  # fmt: skip
 
 _HOMES = {
@@ -56,7 +64,10 @@ _HOMES = {
     "model": ("Model", "load_scene", "scene_schema"),
     "results": ("Result", "load_result"),
     "studies": ("Study", "study"),
-    "view": ("history_figure", "plot_history", "render", "render_modes", "save_figure"),
+    "view": (
+        "film", "film_modes", "history_figure", "plot_history", "render", "render_modes",
+        "save_figure",
+    ),
     "workflow": (
         "audit", "check_scene", "compare", "equilibria", "free_lengths", "inverse_dynamics",
         "iterate_motion", "kinematics", "linearize", "mobility", "new_scene", "render_mode_shapes",

@@ -216,9 +216,9 @@ class _Path:
                     f"{self._name} = {value:g} changes which coordinates the model has: an "
                     "equilibrium is followed over values that keep its bodies and modes"
                 )
-        found = find_equilibrium(compiled, model, time=time, start=start)
-        growth, stable = found.growth()
-        return SweepPoint(value, found, found.channels(), growth, stable)
+        equilibrium = find_equilibrium(compiled, model, time=time, start=start)
+        growth, stable = equilibrium.growth()
+        return SweepPoint(value, equilibrium, equilibrium.channels(), growth, stable)
 
     @staticmethod
     def way(a: SweepPoint, b: SweepPoint) -> float:

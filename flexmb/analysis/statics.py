@@ -18,6 +18,7 @@ from flexmb.analysis.assembly.jacobian import (
     column_scales,
     constraint_rank,
     null_space,
+    one_blas_thread,
 )
 from flexmb.analysis.assembly.positions import close_rows
 from flexmb.analysis.dynamics.validity import ValidityMonitor
@@ -117,6 +118,7 @@ class Equilibrium:
             return np.nan, True
 
 
+@one_blas_thread()
 def find_equilibrium(
     compiled: Compiled, model: Model, *, time: float = 0.0, start: Array | None = None
 ) -> Equilibrium:
@@ -159,6 +161,7 @@ class PreparedStatics:
     not_unique: tuple[str, ...]
 
 
+@one_blas_thread()
 def prepare_statics(
     compiled: Compiled, model: Model, *, progress: Progress = silent
 ) -> PreparedStatics:
@@ -187,6 +190,7 @@ def prepare_statics(
     return PreparedStatics(compiled, model, spec.times, state, timer, notes, not_unique)
 
 
+@one_blas_thread()
 def run_statics(prepared: PreparedStatics, sink: Sink, *, progress: Progress = silent) -> Outcome:
     """Find the equilibria of all times, each from the one before.
 
@@ -228,7 +232,7 @@ class _Run:
         self._q, self._way = prepared.state.q.copy(), 0.0
         self.monitors = (
             ContactLossMonitor(prepared.compiled),
-            ValidityMonitor(prepared.compiled, prepared.model, prepared.state.q),
+            ValidityMonitor(prepared.compiled, prepared.model, prepared.state.q, is_motion=False),
         )
         work = new_work(prepared.compiled.system, len(prepared.state.angles))
         system = prepared.compiled.system

@@ -16,9 +16,22 @@ from flexmb.cli.app import (
     parse_names,
     parse_numbers,
     parse_size,
+    parse_times,
     refuse_options,
 )
 from flexmb.cli.check import show_check
+from flexmb.cli.film import (
+    Color,
+    Direction,
+    Exaggeration,
+    Force,
+    Layer,
+    Modes,
+    Size,
+    Supports,
+    Traces,
+    refuse_existing,
+)
 from flexmb.cli.reduce import modes_picture, show_body
 from flexmb.cli.run import show_result
 from flexmb.errors import FlexmbError
@@ -155,61 +168,31 @@ def export(
 @command()
 def render(
     file: Annotated[
-        Path, typer.Argument(help="Result file, or a flexible body's.", show_default=False)
+        Path,
+        typer.Argument(help="Result file or its folder, or a flexible body.", show_default=False),
     ],
     time: Annotated[
-        float | None,
-        typer.Option(
-            help="Time of the picture, in the scene's units; its own, else the end.", min=0.0
-        ),
-    ] = None,
-    exaggeration: Annotated[
-        str | None,
-        typer.Option(help="Factor on deformations, or auto; the scene's own, else auto."),
-    ] = None,
-    color: Annotated[
         str | None,
         typer.Option(
-            help="Flexible bodies by displacement (by default) or von_mises stress, or each by "
-            "its own: body."
-        ),
-    ] = None,
-    layer: Annotated[
-        str | None,
-        typer.Option(
-            help="Layer whose stress is shown, such as top; by default the largest of all.",
+            metavar="TIMES",
+            help="Time of the picture, in the scene's units, or several with commas for a panel "
+            "each; its own, else the end.",
             show_default=False,
         ),
     ] = None,
-    modes: Annotated[
-        str | None,
-        typer.Option(
-            "--modes",
-            "--mode",
-            metavar="NUMBERS",
-            help="Of a flexible body: 7, 1..6 or 1,3,5; the first six by default.",
-            show_default=False,
-        ),
-    ] = None,
-    supports: Annotated[
-        str | None,
-        typer.Option(
-            "--held",
-            metavar="NAMES",
-            help="Of a flexible body: interfaces that are held, with commas; free by default.",
-            show_default=False,
-        ),
-    ] = None,
-    direction: Annotated[
-        str | None,
-        typer.Option(
-            help="From the scene towards the eye: x, y, z, -x, -y, -z or numbers such as "
-            "1,-1,0.5; along the joint axes by default."
-        ),
-    ] = None,
-    size: Annotated[
-        str | None, typer.Option(help="Width x height in pixels; 1280x720 by default.")
-    ] = None,
+    exaggeration: Exaggeration = None,
+    color: Color = None,
+    layer: Layer = None,
+    modes: Modes = None,
+    supports: Supports = None,
+    direction: Direction = None,
+    size: Size = None,
+    ghosts: Annotated[
+        int,
+        typer.Option(help="So many poses of the whole run, shown faintly (stroboscope)."),
+    ] = 0,
+    traces: Traces = None,
+    force: Force = False,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -222,6 +205,10 @@ def render(
     """Draw the mechanism at a time of a run, or mode shapes of a flexible body, off-screen.
 
     Example: flexmb render out/slider_crank/result.h5 --time 0.013 --color von_mises
+
+    Example: flexmb render out/slider_crank/result.h5 --time 0.01,0.02,0.03,0.04 --force
+
+    Example: flexmb render out/slider_crank --ghosts 12 --trace rod,slider --output strobe.png
 
     Example: flexmb render out/slider_crank/rod.flexbody.h5 --modes 1..6 --held big_end
     """
@@ -236,8 +223,10 @@ def render(
     }
     with screen.Bars() as progress:
         progress("picture", 0.0)
-        if file_format(file) == "flexmb-flexbody":
-            of_run = {"time": time, "color": color, "layer": layer}
+        refuse_existing(output, force)
+        if not file.is_dir() and file_format(file) == "flexmb-flexbody":
+            of_run: dict[str, Any] = {"time": time, "color": color, "layer": layer}
+            of_run |= {"ghosts": ghosts or None, "trace": traces}
             refuse_options(of_run, "belongs to the picture of a run; this is a flexible body")
             look["exaggeration"] = look["exaggeration"] or "auto"
             output = output or modes_picture(file)
@@ -248,8 +237,11 @@ def render(
             refuse_options(of_body, "belongs to the picture of a flexible body (.flexbody.h5)")
             result = Result(file)
             look |= {"color": color or "displacement", "layer": layer}
+            look |= {"ghosts": ghosts, "traces": parse_names(traces)}
             output = output or result.path.parent / "picture.png"
-            written = render_run(result, time, output=output, **look)
+            times = parse_times(time)
+            single = times[0] if times is not None and len(times) == 1 else times
+            written = render_run(result, single, output=output, **look)
         progress("picture", 1.0)
     verdict = vtk_renderer.probe()
     if not verdict.works:

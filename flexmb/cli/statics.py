@@ -67,8 +67,10 @@ def statics(
     if vary is None:
         refuse_options({"output": output, "table": table}, "shows what --vary computes")
         with screen.Bars() as progress:
-            found = workflow.equilibria(scene, starts=starts, overrides=changes, progress=progress)
-        _show_equilibria(found, parse_names(channels))
+            equilibria = workflow.equilibria(
+                scene, starts=starts, overrides=changes, progress=progress
+            )
+        _show_equilibria(equilibria, parse_names(channels))
         return
     if output is not None:
         writable_file(output, (".png", ".pdf", ".svg"))
@@ -90,11 +92,11 @@ def statics(
         screen.line(f"written: {save_figure(figure, output)}")
 
 
-def _show_equilibria(found: Any, channels: list[str]) -> None:
-    unit = found[0].model.units
-    names = channels or list(found[0].compiled.layout.channels)[:_SHOWN]
+def _show_equilibria(equilibria: Any, channels: list[str]) -> None:
+    unit = equilibria[0].model.units
+    names = channels or list(equilibria[0].compiled.layout.channels)[:_SHOWN]
     rows = []
-    for k, one in enumerate(found):
+    for k, one in enumerate(equilibria):
         growth, stable = one.growth()
         values = one.channels(names)
         values[abs(values) < _ROUND_OFF * abs(values).max(initial=0.0)] = 0.0
@@ -103,7 +105,7 @@ def _show_equilibria(found: Any, channels: list[str]) -> None:
                      *(f"{value:.6g}" for value in values)))  # fmt: skip
     columns = ("equilibrium", "stable", f"energy [{unit.label('J')}]", *names)
     screen.table(columns, rows, right=range(2, len(columns)), whole=True)
-    for k, one in enumerate(found):
+    for k, one in enumerate(equilibria):
         growth, stable = one.growth()
         if not stable:
             screen.line(f"{k + 1} is unstable: a disturbance grows by a factor of e in "

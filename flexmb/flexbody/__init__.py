@@ -7,7 +7,6 @@ from flexmb.flexbody.body_file import load, save
 from flexmb.flexbody.parts import (
     SECTION_FORCES,
     STRESS,
-    InertiaResponse,
     Interface,
     LoadVector,
     ModeInfo,
@@ -17,6 +16,7 @@ from flexmb.flexbody.parts import (
     Surface,
     von_mises,
 )
+from flexmb.flexbody.static_response import InertiaResponse, LoadResponse, OmittedModes
 
 __all__ = [
     "MODE_COLUMNS",
@@ -25,9 +25,11 @@ __all__ = [
     "FlexBody",
     "InertiaResponse",
     "Interface",
+    "LoadResponse",
     "LoadVector",
     "ModeInfo",
     "NodeModes",
+    "OmittedModes",
     "SectionForceModes",
     "StressModes",
     "Surface",

@@ -25,7 +25,6 @@ from flexmb.errors import Problem, ReductionError, nearest
 from flexmb.flexbody.arrays import Checker, FloatArray, is_nonzero
 from flexmb.flexbody.damping import DampingOptions
 from flexmb.flexbody.parts import (
-    InertiaResponse,
     Interface,
     LoadVector,
     ModeInfo,
@@ -34,6 +33,7 @@ from flexmb.flexbody.parts import (
     StressModes,
     Surface,
 )
+from flexmb.flexbody.static_response import InertiaResponse, LoadResponse, OmittedModes
 
 _SYMMETRY = 1e-8  # relative; products of order 1e5 terms leave 1e-12, a wrong matrix leaves 1
 _RIGID = 1e-10  # least share of a mode's mass matrix that must remain after rigid motion
@@ -88,6 +88,10 @@ class FlexBody:
         Ratios of its modes where a scene joins it, in place of D.
     inertia_response : InertiaResponse, optional
         What the modes lack of the static response to the body's own inertia.
+    load_response : LoadResponse, optional
+        The same of loads at mesh nodes.
+    omitted_modes : OmittedModes, optional
+        The lowest modes that the body does not have.
 
     Raises
     ------
@@ -116,6 +120,8 @@ class FlexBody:
     centrifugal_stiffness: FloatArray | None = None
     damping: DampingOptions | None = None
     inertia_response: InertiaResponse | None = None
+    load_response: LoadResponse | None = None
+    omitted_modes: OmittedModes | None = None
 
     def __post_init__(self) -> None:
         check = Checker(f"body {self.name}")
@@ -280,6 +286,8 @@ def _check_parts(body: FlexBody, check: Checker) -> None:
         columns["stress"] = body.stress.m
     if body.section_forces is not None:
         columns["section_forces"] = body.section_forces.m
+    if body.omitted_modes is not None:
+        columns["omitted_modes"] = body.omitted_modes.modes.shape[1]
     for part, count in columns.items():
         if count != body.m:
             check.add(part, f"has {count} modes where the body has {body.m}")

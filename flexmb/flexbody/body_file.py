@@ -3,8 +3,8 @@
 A file is HDF5 with the attributes format, version, name and mass at its root, and the datasets of
 ``TABLE``. Lengths are symbols: m modal coordinates, c candidate modes, i interfaces, n surface
 points, t triangles, l lines, k nodes, e places with stress, g parts and y layers of these, b beams,
-d loads, u groups of nodes with x entries, s entries of provenance. All in SI, body frame; a group
-may be empty only where the table says so.
+d loads, r nodes with w loads, o omitted modes under v loads, u groups of nodes with x entries, s
+entries of provenance. All in SI, body frame; a group may be empty only where the table says so.
 
 In: a body and a path, or a path. Out: a file, or the body with exactly the same numbers. Reading
 is strict: what is not ours, of another version, incomplete or not finite is refused by a sentence.
@@ -27,7 +27,6 @@ from flexmb.errors import BodyFileError, OutputError, ReductionError
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.damping import damping_words, read_damping
 from flexmb.flexbody.parts import (
-    InertiaResponse,
     Interface,
     LoadVector,
     ModeInfo,
@@ -36,6 +35,7 @@ from flexmb.flexbody.parts import (
     StressModes,
     Surface,
 )
+from flexmb.flexbody.static_response import InertiaResponse, LoadResponse, OmittedModes
 from flexmb.untrusted import USER_BLOCK, open_hdf5, seal
 
 if TYPE_CHECKING:
@@ -109,6 +109,16 @@ TABLE = (
     Dataset("inertia_response/energy", "f8", (12, 12), "to inertia loads, full [J]", True),
     Dataset("inertia_response/missing", "f8", (12, 12), "of it the modes lack [J]", True),
     Dataset("inertia_response/motion", "f8", (12, 12), "and move by [kg m^2]", True),
+    Dataset("inertia_response/missing_without", "f8", (12, 12), "without residuals [J]", True),
+    Dataset("inertia_response/motion_without", "f8", (12, 12), "likewise [kg m^2]", True),
+    Dataset("load_response/nodes", "i8", ("r",), "mesh nodes with loads", True),
+    Dataset("load_response/energy", "f8", ("w", "w"), "to unit loads there, full [J]", True),
+    Dataset("load_response/missing", "f8", ("w", "w"), "of it the modes lack [J]", True),
+    Dataset("load_response/motion", "f8", ("w", "w"), "and move by [kg m^2]", True),
+    Dataset("omitted_modes/frequency", "f8", ("o",), "of the lowest that are left out [Hz]", True),
+    Dataset("omitted_modes/inertia", "f8", ("o", 12), "force by inertia loads", True),
+    Dataset("omitted_modes/modes", "f8", ("o", "m"), "force by modal accelerations", True),
+    Dataset("omitted_modes/loads", "f8", ("o", "v"), "force by loads at mesh nodes", True),
     Dataset("load_vectors/name", "text", ("d",), "names of the loads", True),
     Dataset("load_vectors/force", "f8", ("d", 3), "resultant [N]", True),
     Dataset("load_vectors/moment", "f8", ("d", 3), "about the body frame's origin [N m]", True),
@@ -123,6 +133,13 @@ _PARTS = {  # groups that hold one part of a body, by the field that has it
     "stress_recovery": "stress",
     "section_forces": "section_forces",
     "inertia_response": "inertia_response",
+    "load_response": "load_response",
+    "omitted_modes": "omitted_modes",
+}
+_ANSWERS = {
+    "inertia_response": InertiaResponse,
+    "load_response": LoadResponse,
+    "omitted_modes": OmittedModes,
 }
 _NAN_ALLOWED = ("modes/interface_share", "modes/kinetic_share")  # unknown shares
 
@@ -188,9 +205,7 @@ def from_datasets(name: str, mass: float, datasets: Mapping[str, Any]) -> FlexBo
             SectionForceModes(**group["section_forces"]) if group["section_forces"] else None
         ),
         loads=tuple(LoadVector(**row) for row in _rows(loads)) if loads else (),
-        inertia_response=(
-            InertiaResponse(**group["inertia_response"]) if group["inertia_response"] else None
-        ),
+        **{name: kind(**group[name]) for name, kind in _ANSWERS.items() if group[name]},
         provenance=dict(zip(datasets["provenance/key"], datasets["provenance/value"], strict=True)),
         damping=read_damping(json.loads(*datasets.get("damping/ratios", ["null"]))),
     )

@@ -29,7 +29,7 @@ def rigid_twin(body: FlexBody) -> FlexBody:
     if body.m == 0:
         return body
     twin = combine_modes(without_stiffening(body), np.zeros((body.m, 0)))
-    return replace(twin, D=None, inertia_response=None)
+    return replace(twin, D=None, inertia_response=None, load_response=None, omitted_modes=None)
 
 
 def without_stiffening(body: FlexBody) -> FlexBody:
@@ -76,7 +76,14 @@ def frame_at_interface(body: FlexBody, name: str) -> FlexBody:
         replace(load, modal=load.modal + load.force @ shift + load.moment @ turn)
         for load in body.loads
     )
-    return replace(body, **fields, interfaces=ends, nodes=nodes, surface=surface, loads=loads)
+    omitted = body.omitted_modes
+    if omitted is not None:
+        rigid = np.vstack([shift + np.cross(turn.T, body.center).T, turn])
+        omitted = replace(omitted, modes=omitted.modes + omitted.inertia[:, :6] @ rigid)
+    return replace(
+        body, **fields, interfaces=ends, nodes=nodes, surface=surface, loads=loads,
+        omitted_modes=omitted,
+    )  # fmt: skip
 
 
 def _rigid_displacement(points: FloatArray, shift: FloatArray, turn: FloatArray) -> FloatArray:

@@ -189,66 +189,6 @@ class NodeModes:
         return row if row < len(self.ids) and self.ids[row] == node else -1
 
 
-SYMMETRIC_PAIRS = tuple((a, b) for a in range(3) for b in range(a, 3))
-"""Axes of the six centrifugal fields: xx, xy, xz, yy, yz, zz."""
-
-
-_FELT = 1e-3  # share of the energy under the same motion about another axis: less is left out
-
-
-@dataclass(frozen=True, eq=False)
-class InertiaResponse:
-    """Static responses of the full model to the body's own inertia loads, interfaces held.
-
-    Forms over twelve numbers c that describe the acceleration of all its points, in body axes: of
-    the centre of mass less gravity, a [m/s^2], angular, α [1/s^2], and of G = sym(ω̃²) the entries
-    xx, 2 xy, 2 xz, yy, 2 yz, zz [1/s^2].
-
-    Parameters
-    ----------
-    energy : (12, 12) float
-        Twice the strain energy of the full response is c^T energy c [J].
-    missing : (12, 12) float
-        The same of what the modes of the body lack.
-    motion : (12, 12) float
-        c^T motion c is the mass times mean square displacement of that [kg m^2].
-    """
-
-    energy: FloatArray
-    missing: FloatArray
-    motion: FloatArray
-
-    def __post_init__(self) -> None:
-        check = Checker("inertia response")
-        for name in ("energy", "missing", "motion"):
-            _set(self, **{name: check.floats(name, getattr(self, name), (12, 12))})
-        check.raise_problems()
-
-    @staticmethod
-    def factors(a: FloatArray, alpha: FloatArray, omega: FloatArray) -> FloatArray:
-        """(t, 12) the numbers c of motions: a, alpha and omega (t, 3) in body axes."""
-        square = np.sum(omega**2, axis=1)
-        G = [omega[:, i] * omega[:, j] - (i == j) * square for i, j in SYMMETRIC_PAIRS]
-        twice = [value * (2 - (i == j)) for value, (i, j) in zip(G, SYMMETRIC_PAIRS, strict=True)]
-        return np.column_stack([a, alpha, *twice])
-
-    @property
-    def missing_shares(self) -> dict[str, float]:
-        """Share of the strain energy that the modes lack, by motion; without those hardly felt."""
-        none, axes = np.zeros((3, 3)), np.eye(3)
-        motions = {
-            "acceleration along": self.factors(axes, none, none),
-            "angular acceleration about": self.factors(none, axes, none),
-            "spin about": self.factors(none, none, axes),
-        }
-        shares = {}
-        for motion, c in motions.items():
-            full, missing = (np.einsum("ti,ij,tj->t", c, A, c) for A in (self.energy, self.missing))
-            for axis in np.flatnonzero(full > _FELT * full.max()):
-                shares[f"{motion} {'xyz'[axis]}"] = float(max(missing[axis] / full[axis], 0.0))
-        return shares
-
-
 @dataclass(frozen=True, eq=False)
 class LoadVector:
     """A load on the undeformed body by its resultant and its work on the modes.

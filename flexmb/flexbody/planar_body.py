@@ -299,6 +299,7 @@ def _combine_modes(body: FlexBody, inside: FloatArray, dropped: FloatArray, plan
 
 def combine_modes(body: FlexBody, Z: FloatArray) -> FlexBody:
     """The body in the modes made by Z (m, k); without a list of them."""
+    omitted = body.omitted_modes
     return replace(
         body,
         p=body.p @ Z,
@@ -315,6 +316,7 @@ def combine_modes(body: FlexBody, Z: FloatArray) -> FlexBody:
         ),
         modes=(),
         loads=tuple(replace(load, modal=load.modal @ Z) for load in body.loads),
+        omitted_modes=None if omitted is None else replace(omitted, modes=omitted.modes @ Z),
         **_combine_recovery(body, Z),
     )
 

@@ -13,6 +13,7 @@ slender.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -25,7 +26,7 @@ from flexmb.flexbody import von_mises
 from flexmb.model import Model
 from flexmb.model.body import BodySpec
 from flexmb.model.lookup import frames, place_marker
-from flexmb.model.markers import rotation_matrix
+from flexmb.model.markers import PlacedMarker, rotation_matrix
 from flexmb.model.reading import GROUND, split_reference
 from flexmb.results import Pose, Result
 from flexmb.units import SI, UnitSystem
@@ -66,6 +67,19 @@ class Mechanism:
             time = min(result.units.outward(self.model.view.time, "s"), float(result.time[-1]))
         self.time = float(result.time[-1] if time is None else time)
         self._poses: dict[str, Pose] = {}
+        self._markers: dict[str, PlacedMarker] = {}
+
+    def at(self, time: float) -> Mechanism:
+        """The same mechanism at another time [scene's unit]: they share what does not move."""
+        other = copy(self)
+        other.time, other._poses = time, {}
+        return other
+
+    def marker(self, reference: str) -> PlacedMarker:
+        """The marker ``"body.marker"`` on its undeformed body."""
+        if reference not in self._markers:
+            self._markers[reference] = place_marker(self.model, reference, self.flexbodies)
+        return self._markers[reference]
 
     def pose(self, body: str) -> Pose:
         """Origin, direction cosines and modal coordinates of a body or the ground."""
@@ -77,7 +91,7 @@ class Mechanism:
 
     def point(self, reference: str) -> Array:
         """Position (3,) of the marker ``"body.marker"``, its body deformed."""
-        marker = place_marker(self.model, reference, self.flexbodies)
+        marker = self.marker(reference)
         pose = self.pose(marker.body)
         s = marker.position
         if marker.Phi_t is not None and marker.Phi_r is not None:
@@ -91,7 +105,7 @@ class Mechanism:
         if body == GROUND:
             here = float(self.point(reference) @ axis)
             return here, here
-        marker = place_marker(self.model, reference, self.flexbodies)
+        marker = self.marker(reference)
         times = np.linspace(self.result.time[0], self.result.time[-1], 60)
         poses = [self.result.pose(body, float(t)) for t in times]
         along = [float((p.r + p.A @ marker.position) @ axis) for p in poses]
@@ -144,7 +158,7 @@ class Mechanism:
         """
         pose = self.pose(name)
         markers = [
-            place_marker(self.model, reference, self.flexbodies)
+            self.marker(reference)
             for spec in self.model.joints.values()
             for reference in spec.between
             if split_reference(reference)[0] == name
@@ -242,6 +256,15 @@ class Deformed:
     values: Array | None = None  # (n,) what the scale colours, SI; NaN where there is none
 
 
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """The path (n, 3) of a point through a motion."""
+
+    name: str
+    points: Array
+    color: str
+
+
 _SUITABLE = {  # units by the SI unit: below the limit, times the factor
     "m": ((1e-6, 1e9, "nm"), (1e-3, 1e6, "µm"), (1.0, 1e3, "mm"), (np.inf, 1.0, "m")),
     "Pa": ((1e3, 1.0, "Pa"), (1e6, 1e-3, "kPa"), (1e10, 1e-6, "MPa"), (np.inf, 1e-9, "GPa")),
@@ -307,6 +330,9 @@ class Content:
     scale: Scale | None  # None: no colour by values
     camera: Camera
     bar: bool = True  # whether the scale has its colour bar, if there is one
+    traces: tuple[Trace, ...] = ()
+    size: float = 0.0  # by which glyphs and links are drawn [m]
+    box: Array | None = None  # (2, 3) what the view is fitted to, in the camera's axes
 
     def __post_init__(self) -> None:
         shown = any(body.values is not None for body in self.deformed)
@@ -318,7 +344,15 @@ class Content:
         parts += [body.points for body in self.deformed]
         if len(self.joints):
             parts.append(self.joints)
+        parts += [trace.points for trace in self.traces]
         return np.vstack(parts) if parts else np.zeros((1, 3))
+
+    def extent(self) -> tuple[Array, Array]:
+        """Least and greatest coordinates (3,) of what the view is fitted to, in camera axes."""
+        if self.box is not None:
+            return self.box[0], self.box[1]
+        spans = self.all_points() @ self.camera.axes.T
+        return spans.min(axis=0), spans.max(axis=0)
 
 
 def mechanism_camera(mechanism: Mechanism, direction: tuple[float, float, float] | None) -> Camera:

@@ -32,6 +32,19 @@ def draw(
     panels: Sequence[Content], path: Path, size: tuple[int, int], reason: str, columns: int = 1
 ) -> None:
     """Draw panels, row by row, into a PNG file of `size` pixels; `reason` is shown in it."""
+    _figure(panels, size, reason, columns).savefig(path, dpi=_DPI, facecolor=PAPER)
+
+
+def image(
+    panels: Sequence[Content], size: tuple[int, int], reason: str, columns: int = 1
+) -> NDArray[np.uint8]:
+    """The same as an array (height, width, 3)."""
+    canvas = _figure(panels, size, reason, columns).canvas
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[:, :, :3]
+
+
+def _figure(panels: Sequence[Content], size: tuple[int, int], reason: str, columns: int) -> Any:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -43,7 +56,7 @@ def draw(
         _draw_panel(cell, content, rows)
     note = "\n".join(textwrap.wrap(f"Simple picture: {reason}", 150))
     figure.text(0.02, 0.02, note, fontsize=8.5, color=_WARNING, va="bottom")
-    figure.savefig(path, dpi=_DPI, facecolor=PAPER)
+    return figure
 
 
 def _draw_panel(cell: Any, content: Content, rows: int) -> None:
@@ -60,9 +73,8 @@ def _draw_panel(cell: Any, content: Content, rows: int) -> None:
     axes.add_collection(PolyCollection(polygons, facecolors=colors, edgecolors="face", lw=0.2))
     for segments, color, width in _segments(content, view):
         axes.add_collection(LineCollection(segments, colors=color, linewidths=width))
-    flat = content.all_points() @ view.T
-    low, high = flat.min(axis=0), flat.max(axis=0)
-    pad = 0.06 * max(high - low)
+    low, high = content.extent()
+    pad = 0.06 * max((high - low)[:2])
     axes.set_xlim(low[0] - pad, high[0] + pad)
     axes.set_ylim(low[1] - pad, high[1] + pad)
     for text, y, size in ((content.title, 0.955, 13), (content.caption, 0.905, 10)):
@@ -110,7 +122,9 @@ def _segments(content: Content, view: Array) -> list[tuple[Any, Any, float]]:
     """Line segments (l, 2, 2) in the picture plane with colours and widths: beams and ghosts."""
     from matplotlib import colormaps
 
-    drawn: list[tuple[Any, Any, float]] = []
+    drawn: list[tuple[Any, Any, float]] = [
+        ((trace.points @ view.T)[None, :, :2], trace.color, 1.5) for trace in content.traces
+    ]
     for body in content.deformed:
         ghost = _outline(body.undeformed, body.faces, body.lines)
         drawn.append(((body.undeformed @ view.T)[ghost][:, :, :2], GHOST, 0.7))

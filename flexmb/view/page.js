@@ -70,22 +70,21 @@
     const meshes = motion.meshes.map((mesh) => {
       const parts = mesh.parts.map((part) => ({
         ...part, points: unpack(part.points), motion: part.motion && unpack(part.motion),
-        bend: part.bend && unpack(part.bend), values: part.values && unpack(part.values),
+        shapes: part.shapes && unpack(part.shapes), amounts: part.amounts && unpack(part.amounts), values: part.values && unpack(part.values),
       }));
       const n = parts.reduce((sum, part) => sum + part.points.length / 3, 0);
       return { ...mesh, parts, n, corners: unpack(mesh.corners),
         x: new Float32Array(n), y: new Float32Array(n), z: new Float32Array(n), c: new Float32Array(n) };
     });
 
-    // x = R (s + f u) + r: s the undeformed place, u the deformation of the frame, f its exaggeration
+    // x = R (s + f u) + r: s the undeformed place, f the exaggeration of u, the sum of shared shapes
     function place(mesh, frame, f) {
       let at = 0;
       for (const part of mesh.parts) {
-        const n = part.points.length / 3, s = part.points, m = part.motion, b = part.bend;
-        const o = 12 * frame, q = 3 * n * frame, e = part.scale * (part.flexible ? f : 1);
+        const n = part.points.length / 3, m = part.motion, o = 12 * frame;
+        const s = part.shapes ? bent(part, frame, part.flexible ? f : 1) : part.points;
         for (let i = 0; i < n; i++, at++) {
-          let x = s[3 * i], y = s[3 * i + 1], z = s[3 * i + 2];
-          if (b) { x += e * b[q + 3 * i]; y += e * b[q + 3 * i + 1]; z += e * b[q + 3 * i + 2]; }
+          const x = s[3 * i], y = s[3 * i + 1], z = s[3 * i + 2];
           if (m) {
             mesh.x[at] = m[o] * x + m[o + 1] * y + m[o + 2] * z + m[o + 9];
             mesh.y[at] = m[o + 3] * x + m[o + 4] * y + m[o + 5] * z + m[o + 10];
@@ -95,12 +94,21 @@
         }
       }
     }
+    function bent(part, frame, f) {
+      const out = Float32Array.from(part.points), n = out.length, count = part.shapes.length / n;
+      for (let k = 0; k < count; k++) {
+        const amount = f * part.amounts[count * frame + k], o = n * k;
+        for (let i = 0; i < n; i++) out[i] += amount * part.shapes[o + i];
+      }
+      return out;
+    }
     function facets(mesh) {
       const n = mesh.corners.length / 3, ijk = [new Uint32Array(n), new Uint32Array(n), new Uint32Array(n)];
       for (let t = 0; t < n; t++) for (let k = 0; k < 3; k++) ijk[k][t] = mesh.corners[3 * t + k];
       return ijk;
     }
     const light = { lightposition: { x: motion.light[0], y: motion.light[1], z: motion.light[2] } };
+    const vector = (v) => ({ x: v[0], y: v[1], z: v[2] });
     const factorNow = () => (factor ? Number(factor.value) : 1);
     const traces = meshes.map((mesh) => {
       place(mesh, 0, factorNow());
@@ -112,7 +120,7 @@
       const [i, j, k] = facets(mesh);
       const trace = { type: "mesh3d", x: mesh.x, y: mesh.y, z: mesh.z, i, j, k, opacity: mesh.opacity,
         flatshading: !mesh.colored, hoverinfo: "skip", ...light,
-        lighting: { ambient: 0.62, diffuse: 0.6, specular: 0.12, roughness: 0.6, fresnel: 0.05 } };
+        lighting: { ambient: 0.5, diffuse: 0.85, specular: 0.1, roughness: 0.7, fresnel: 0.1, facenormalsepsilon: 0, vertexnormalsepsilon: 0 } };
       if (mesh.colored) {
         Object.assign(trace, { intensity: mesh.c, cmin: 0, cmax: motion.top, colorscale: "Viridis",
           showscale: motion.bar, colorbar: bar() });
@@ -144,9 +152,14 @@
     }
     const [low, high] = motion.box, extent = high.map((v, a) => v - low[a]), most = Math.max(...extent);
     const axis = (a) => ({ visible: false, range: [low[a], high[a]], autorange: false });
-    const eye = motion.eye.map((v) => 1.9 * v);
-    const home = { eye: { x: eye[0], y: eye[1], z: eye[2] }, up: { x: motion.up[0], y: motion.up[1], z: motion.up[2] },
-      center: { x: 0, y: 0, z: 0 }, projection: { type: "orthographic" } };
+    // plotly's orthographic view shows 1.35 times the length of the eye's vector, from top to bottom
+    const unit = 1.9 / most, shape = stage.clientWidth / stage.clientHeight;
+    const reach = Math.max(motion.seen[1], motion.seen[0] / (shape * (motion.bar && shape > 1 ? 0.86 : 0.96)));
+    const far = 1.08 * unit * reach / 1.35;
+    const eye = motion.eye.map((v) => far * v);
+    const middle = motion.center.map((v, a) => unit * (v - 0.5 * (low[a] + high[a])));
+    const home = { eye: vector(eye.map((v, a) => v + middle[a])), up: vector(motion.up), center: vector(middle),
+      projection: { type: "orthographic" } };
     const layout = {
       font, margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: "white", showlegend: false, uirevision: "stay",
       scene: { xaxis: axis(0), yaxis: axis(1), zaxis: axis(2), aspectmode: "manual", dragmode: "orbit",

@@ -18,7 +18,8 @@ from flexmb.progress import Progress, silent
 from flexmb.results import Result
 from flexmb.view.content import Content, Mechanism
 from flexmb.view.html_page import Html, packed, tag
-from flexmb.view.picture import _factor, compose
+from flexmb.view.motion import survey
+from flexmb.view.picture import compose
 from flexmb.view.plot import JOINT
 from flexmb.view.shapes import sphere
 from flexmb.view.vtk_scene import rigid_motion
@@ -30,12 +31,13 @@ _FRAMES = 91
 _PER_TURN = 24  # frames for a turn of the fastest body, at least
 _MAX_FRAMES = 151
 _SECONDS = 7.0  # that the motion lasts on the screen
-_BUDGET = 4e6  # bytes of deformation, before they are packed
+_BUDGET = 4e6  # bytes of deformation and colours, before they are packed
 _MAX_FACES = 12_000  # of one body
 _LEAST_FACES = 500
 _DEPTH = 32767  # the largest number of two bytes
 _STILL = 1e-9  # of the size: parts that move less stand still
-_SAMPLES = 12  # times at which the largest deformation is looked for
+_SAMPLES = 30  # frames that the view is fitted to
+_RESIDUAL = 2e-3  # of the largest deformation: what shapes that the frames share may leave out
 _FACTORS = (0.0, 1.0)  # of deformation that can always be chosen
 
 
@@ -111,25 +113,28 @@ def moving_scene(result: Result, progress: Progress = silent) -> MovingScene:
     parts = _parts(contents)
     scales = [content.scale for content in contents if content.scale is not None]
     scale = max(scales, key=lambda one: one.largest, default=None)
-    drawn = np.vstack(
-        [points for part in parts for points in part.points[:: max(1, len(times) // 30)]]
-    )
+    every = max(1, len(times) // _SAMPLES)
+    drawn = np.vstack([points for part in parts for points in part.points[::every]])
     low, high = drawn.min(axis=0), drawn.max(axis=0)
-    pad = 0.03 * float((high - low).max()) or 1.0
+    pad = 0.02 * float((high - low).max()) or 1.0
     axes = contents[0].camera.axes
+    seen = drawn @ axes.T
+    center = 0.5 * (seen.min(axis=0) + seen.max(axis=0)) @ axes
     data = {
         "id": "stage",
         "frames": len(times),
         "times": packed(times, "f8"),
         "unit": result.units.label("s"),
         "rate": len(times) / _SECONDS,
-        "first": 0,
+        "first": _first_frame(parts),
         "meshes": _meshes(parts, factor, 1.0 if scale is None else scale.largest),
         "flexible": any(part.is_flexible for part in parts),
         "scale": "" if scale is None else scale.label,
         "bar": scale is not None,
         "top": 1.0 if scale is None else scale.top or 1.0,
         "box": [(low - pad).tolist(), (high + pad).tolist()],
+        "center": center.tolist(),
+        "seen": np.ptp(seen, axis=0)[:2].tolist(),
         "eye": axes[2].tolist(),
         "up": axes[1].tolist(),
         "light": (1e4 * (np.array([-0.4, 0.7, 1.0]) @ axes)).tolist(),
@@ -140,18 +145,13 @@ def moving_scene(result: Result, progress: Progress = silent) -> MovingScene:
 def _contents(result: Result, times: Array, progress: Progress) -> tuple[list[Content], float]:
     """What pictures at these times show, and the exaggeration that they have in common."""
     mechanism = Mechanism(result)
-
-    def at(time: float) -> Mechanism:
-        mechanism.time, mechanism._poses = float(time), {}
-        return mechanism
-
-    factor = min(_factor(at(t), "auto") for t in times[:: max(1, len(times) // _SAMPLES)])
+    framing = survey(mechanism, times.tolist(), mechanism.model.view.exaggeration, {})
     contents = []
     for k, time in enumerate(times):
         progress("motion", k / len(times))
-        contents.append(compose(at(time), exaggeration=factor))
+        contents.append(compose(mechanism.at(float(time)), framing=framing))
     progress("motion", 1.0)
-    return contents, factor
+    return contents, framing.exaggeration
 
 
 def _sentence(result: Result, times: Array, note: str) -> str:
@@ -161,6 +161,17 @@ def _sentence(result: Result, times: Array, note: str) -> str:
     if 0.9 < speed < 1.1:
         how = "in real time"
     return f"{len(times)} moments, played {how}{note}. Drag to turn, scroll or pinch to zoom."
+
+
+def _first_frame(parts: Sequence[_Part]) -> int:
+    """The frame that is deformed most; without deformation one on the way."""
+    colored = [part for part in parts if part.values]
+    frames = len(parts[0].points) if parts else 1
+    if not colored:
+        return frames // 5
+    return int(
+        np.argmax([max(p.values[k].max(initial=0.0) for p in colored) for k in range(frames)])
+    )
 
 
 def frame_times(result: Result) -> tuple[Array, str]:
@@ -264,7 +275,7 @@ def _meshes(parts: Sequence[_Part], factor: float, largest: float) -> list[dict[
             "opacity": opacity,
             "color": members[0].color,
             "colors": [[part.color, len(part.faces)] for part in members],
-            "moves": any(p["motion"] or p["bend"] or p["values"] for p in packed_parts),
+            "moves": any(p["motion"] or p["shapes"] or p["values"] for p in packed_parts),
             "parts": packed_parts,
         })  # fmt: skip
     return meshes
@@ -290,11 +301,29 @@ def _packed_part(part: _Part, factor: float, largest: float) -> dict[str, Any]:
     size = float(np.ptp(points, axis=0).max()) + float(np.abs(points).max())
     moves = float(np.abs(numbers - numbers[0]).max()) > _STILL * max(size, 1.0)
     values = np.array(part.values) / (largest or 1.0)
+    shapes, amounts = _shared_shapes(bend.reshape(len(bend), -1), depth)
     return {
         "points": packed(points),
         "motion": packed(numbers) if moves else None,
-        "bend": packed(np.round(bend / depth * _DEPTH), "i2") if bends_at_all else None,
-        "scale": depth / _DEPTH if bends_at_all else 0.0,
+        "shapes": packed(shapes, "i2") if bends_at_all else None,
+        "amounts": packed(amounts) if bends_at_all else None,
         "flexible": part.is_flexible,
         "values": packed(np.clip(np.round(255 * values), 0, 255), "u1") if part.values else None,
     }
+
+
+def _shared_shapes(bend: Array, depth: float) -> tuple[Array, Array]:
+    """Few shapes (k, 3 n) of two bytes and their amounts (frames, k), whose sums are `bend`."""
+    if not depth:
+        return np.zeros((0, bend.shape[1])), np.zeros((len(bend), 0))
+    values, vectors = np.linalg.eigh(bend @ bend.T)  # few frames, many points
+    order = np.argsort(-values)
+    left = bend
+    for count in range(1, len(bend) + 1):
+        amounts = vectors[:, order[:count]]
+        shapes = amounts.T @ bend
+        left = bend - amounts @ shapes
+        if np.abs(left).max() <= _RESIDUAL * depth:
+            break
+    largest = np.abs(shapes).max(axis=1, keepdims=True)
+    return np.round(shapes / largest * _DEPTH), amounts * largest.T / _DEPTH

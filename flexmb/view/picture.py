@@ -1,8 +1,8 @@
-"""One picture of a mechanism at a time of a run.
+"""What one picture of a mechanism shows, and its drawing.
 
-In: a :class:`Result`, a time, how much to exaggerate deformations. Out: a PNG file, drawn by VTK
-where it renders, else by matplotlib, which then says so in the picture and names what to install.
-`compose` collects what the picture shows.
+In: a :class:`Mechanism`, how much to exaggerate deformations, what colours it. Out: a
+:class:`Content` by `compose`, and a PNG file by `draw_panels`: drawn by VTK where it renders, else
+by matplotlib, which then says so in the picture and names what to install.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from flexmb.errors import ViewError
 from flexmb.model.reading import GROUND
-from flexmb.results import Result
 from flexmb.view import mpl_renderer, vtk_renderer
 from flexmb.view.content import (
     Content,
@@ -28,7 +27,8 @@ from flexmb.view.content import (
     mechanism_camera,
     size_of,
 )
-from flexmb.view.plot import BODIES, GHOST, writable_file
+from flexmb.view.framing import Framing
+from flexmb.view.plot import BODIES, GHOST
 from flexmb.view.plot import GROUND as GROUND_COLOR
 from flexmb.view.shapes import (
     body_shape,
@@ -49,72 +49,6 @@ _SEE_THROUGH = 0.55  # opacity of a shape with a joint inside
 _JOINT = 0.018  # radius of a ball as a share of the mechanism's size
 
 
-def render(
-    result: Result | str | Path,
-    time: float | None = None,
-    *,
-    exaggeration: float | str | None = None,
-    color: str = "displacement",
-    layer: str | None = None,
-    direction: tuple[float, float, float] | None = None,
-    size: tuple[int, int] | None = None,
-    output: str | Path = "picture.png",
-) -> Path:
-    """Draw the mechanism at a time; what is left out follows the scene's ``[view]``.
-
-    Parameters
-    ----------
-    result : Result or path
-        The run.
-    time : float, optional
-        Within the run, in the scene's units; the end if the scene does not say.
-    exaggeration : float or "auto", optional
-        Factor on the deformation of flexible bodies; ``"auto"`` chooses a round one that shows it.
-        The factor is written in the picture.
-    color : str
-        ``"displacement"`` colours flexible bodies by the magnitude of their displacement relative
-        to the body frame, ``"von_mises"`` by their stress, ``"body"`` gives every body its own.
-    layer : str, optional
-        The layer whose stress is shown, such as ``"top"``; by default the largest of all layers.
-    direction : three floats, optional
-        From the scene towards the eye, global axes; along the joint axes if the scene does not say.
-    size : two ints, optional
-        Width and height in pixels; 1280 by 720 if the scene does not say.
-    output : path
-        A file that ends in .png.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    ViewError
-        An option that cannot be, nothing to draw, or the file cannot be written.
-    ResultFileError
-        The time lies outside the run, or the file is no result.
-    BodyFileError
-        A flexible-body file is missing or damaged.
-    """
-    path = writable_file(output, (".png",))
-    run = result if isinstance(result, Result) else Result(result)
-    mechanism = Mechanism(run, time)
-    view = mechanism.model.view
-    pixels = size or view.size
-    _check(color, exaggeration, layer)
-    check_size(pixels)
-    content = compose(
-        mechanism,
-        exaggeration=view.exaggeration if exaggeration is None else exaggeration,
-        color=color,
-        layer=layer,
-        direction=direction,
-    )
-    draw_panels([content], path, pixels)
-    return path
-
-
 def compose(
     mechanism: Mechanism,
     *,
@@ -122,17 +56,26 @@ def compose(
     color: str = "displacement",
     layer: str | None = None,
     direction: tuple[float, float, float] | None = None,
+    framing: Framing | None = None,
 ) -> Content:
-    """Everything to draw; see :func:`flexmb.view.render` for the options."""
-    factor = _factor(mechanism, exaggeration)
+    """Everything to draw; see :func:`flexmb.view.render` for the options.
+
+    With a `framing` it is one picture of a motion, which says size, exaggeration, camera and scale.
+    """
+    if framing is None:
+        factor = exaggeration_factor([mechanism], exaggeration)
+    else:
+        factor = framing.exaggeration
     colors = {
         name: body.color or BODIES[i % len(BODIES)]
         for i, (name, body) in enumerate(mechanism.model.bodies.items())
     }
-    deformed = tuple(_deformed(mechanism, factor, colors, _values(mechanism, color, layer)))
+    colored = framing is not None and framing.scale is not None
+    values = _values(mechanism, color, layer)
+    deformed = tuple(_deformed(mechanism, factor, colors, values, colored))
     drawn = {body.name for body in deformed}
-    size = _size(mechanism, deformed)
-    camera = mechanism_camera(mechanism, direction)
+    size = _size(mechanism, deformed) if framing is None else framing.size
+    camera = mechanism_camera(mechanism, direction) if framing is None else framing.camera
     joints = joint_points(mechanism)
     solids = [
         Solid(name, shape, colors[name], _opacity(shape, joints, mechanism.model.bodies[name]))
@@ -146,13 +89,14 @@ def compose(
     scale = _scale(mechanism, color, deformed)
     return Content(
         title=mechanism.model.title,
-        caption=_caption(mechanism, factor, deformed, scale),
+        caption=_caption(mechanism, factor, deformed, scale, framing.digits if framing else None),
         solids=tuple(solids),
         deformed=deformed,
         joints=joints,
         joint_radius=_JOINT * size,
-        scale=scale,
+        scale=framing.scale if framing is not None and framing.scale is not None else scale,
         camera=camera,
+        size=size,
     )
 
 
@@ -199,7 +143,13 @@ def check_size(size: tuple[int, int]) -> None:
         raise ViewError(f"a picture of {size[0]} x {size[1]} pixels is too small to show anything")
 
 
-def _check(color: str, exaggeration: float | str | None, layer: str | None) -> None:
+def check_look(
+    color: str = "displacement",
+    exaggeration: float | str | None = None,
+    layer: str | None = None,
+    direction: tuple[float, float, float] | None = None,
+) -> None:
+    """Refuse options of a picture that cannot be."""
     if color not in COLORS:
         raise ViewError.unknown_name("color", color, COLORS)
     if layer is not None and color != "von_mises":
@@ -207,15 +157,17 @@ def _check(color: str, exaggeration: float | str | None, layer: str | None) -> N
     check_exaggeration(exaggeration)
 
 
-def _factor(mechanism: Mechanism, exaggeration: float | str) -> float:
+def exaggeration_factor(mechanisms: Sequence[Mechanism], exaggeration: float | str) -> float:
+    """The factor on deformations; ``"auto"``: a round one that shows the largest of these times."""
     if exaggeration != "auto":
         return float(exaggeration)
     ratios = [0.0]
-    for name in mechanism.flexbodies:
-        surface = mechanism.surface(name, 0.0)
-        if surface is not None:
-            _, undeformed, displacement = surface
-            ratios.append(float(displacement.max()) / max(size_of(undeformed), 1e-300))
+    for mechanism in mechanisms:
+        for name in mechanism.flexbodies:
+            surface = mechanism.surface(name, 0.0)
+            if surface is not None:
+                _, undeformed, displacement = surface
+                ratios.append(float(displacement.max()) / max(size_of(undeformed), 1e-300))
     return round_exaggeration(max(ratios))
 
 
@@ -235,6 +187,18 @@ def _values(mechanism: Mechanism, color: str, layer: str | None) -> dict[str, Ar
     return stress
 
 
+def color_scale(
+    mechanism: Mechanism,
+    color: str = "displacement",
+    layer: str | None = None,
+    direction: tuple[float, float, float] | None = None,
+) -> Scale | None:
+    """The colour scale of a picture at this time alone."""
+    colors = dict.fromkeys(mechanism.flexbodies, "")
+    bodies = _deformed(mechanism, 1.0, colors, _values(mechanism, color, layer))
+    return _scale(mechanism, color, tuple(bodies))
+
+
 def _scale(mechanism: Mechanism, color: str, deformed: tuple[Deformed, ...]) -> Scale | None:
     units = mechanism.result.units
     bent = [body for body in deformed if mechanism.pose(body.name).eta.any()]
@@ -251,6 +215,7 @@ def _deformed(
     factor: float,
     colors: dict[str, str],
     values: dict[str, Array | None],
+    colored: bool = False,
 ) -> list[Deformed]:
     by_stress = any(stress is not None for stress in values.values())
     bodies = []
@@ -260,7 +225,7 @@ def _deformed(
             points, undeformed, displacement = surface
             faces, lines = body.surface.faces, body.surface.lines
             shown = values[name]
-            if shown is None and not by_stress and mechanism.pose(name).eta.any():
+            if shown is None and not by_stress and (colored or mechanism.pose(name).eta.any()):
                 shown = displacement
             bodies.append(
                 Deformed(name, points, undeformed, faces, lines, displacement, colors[name], shown)
@@ -289,11 +254,16 @@ def _opacity(shape: Triangles, joints: Array, spec: object) -> float:
 
 
 def _caption(
-    mechanism: Mechanism, factor: float, deformed: tuple[Deformed, ...], scale: Scale | None
+    mechanism: Mechanism,
+    factor: float,
+    deformed: tuple[Deformed, ...],
+    scale: Scale | None,
+    digits: int | None,
 ) -> str:
     units = mechanism.result.units
-    parts = [f"t = {mechanism.time:.6g} {units.label('s')}"]
-    if any(mechanism.pose(body.name).eta.any() for body in deformed):
+    time = f"{mechanism.time:.6g}" if digits is None else f"{mechanism.time:.{digits}f}"
+    parts = [f"t = {time} {units.label('s')}"]
+    if any(body.values is not None or mechanism.pose(body.name).eta.any() for body in deformed):
         seen = "to scale" if factor == 1.0 else f"exaggerated {factor:g} times"
         parts.append(f"deformation {seen}")
         most = max(deformed, key=lambda body: float(body.displacement.max()))

@@ -207,10 +207,12 @@ def _draw_panel(scene: VtkScene, panel: int, content: Content, size: tuple[int, 
     if len(content.joints):
         balls = joined([sphere(content.joint_radius, center) for center in content.joints])
         scene.add_mesh(balls.points, balls.faces, look={"color": JOINT, **_LIGHT})
+    for trace in content.traces:
+        scene.add_lines(trace.points, look={"color": trace.color, "line_width": 2})
     colored = (actor.mapper for actor in actors if actor.mapper.scalar_visibility)
     _add_texts(scene, content, size)
     if first:
-        _add_legend(scene.plotter, content, size, next(colored, None))
+        _add_legend(scene.plotter, content, size, next(colored, None), panel)
     scene.end()
     _aim(scene, content, size)
 
@@ -218,7 +220,7 @@ def _draw_panel(scene: VtkScene, panel: int, content: Content, size: tuple[int, 
 def _add_solid(scene: VtkScene, solid: Solid) -> None:
     shape = solid.triangles
     look = {"color": solid.color, "opacity": solid.opacity, **_LIGHT}
-    scene.add_mesh(shape.points, shape.faces, look=look, edges=_edges(INK, 0.5))
+    scene.add_mesh(shape.points, shape.faces, look=look, edges=_edges(INK, 0.5 * solid.opacity))
 
 
 def _add_deformed(scene: VtkScene, body: Deformed, content: Content) -> Any:
@@ -253,7 +255,7 @@ def _edges(color: str, opacity: float) -> dict[str, Any]:
 def _add_texts(scene: VtkScene, content: Content, size: tuple[int, int]) -> None:
     width, height = size
     large, small = (
-        min(max(height / share, least), width / (_LETTER * max(len(text), 1)))
+        min(max(height / share, least), width / (_LETTER * 8 * (1 + len(text) // 8)))
         for share, least, text in ((38, 9.0, content.title), (52, 8.0, content.caption))
     )
     first = 1 - 2.1 * large / height  # a line each, also where a panel is low
@@ -262,11 +264,13 @@ def _add_texts(scene: VtkScene, content: Content, size: tuple[int, int]) -> None
     scene.add_text(content.caption, (0.02, second), 0.72 * small, INK)
 
 
-def _add_legend(plotter: Any, content: Content, size: tuple[int, int], mapper: Any) -> None:
+def _add_legend(
+    plotter: Any, content: Content, size: tuple[int, int], mapper: Any, panel: int
+) -> None:
     """The colour bar and the axes."""
     if content.scale is not None and content.bar:
         plotter.add_scalar_bar(
-            title=f"{content.scale.label}\n",
+            title=f"{content.scale.label}\n{' ' * panel}",  # equal ones would share a bar
             mapper=mapper,
             vertical=True,
             position_x=0.885,
@@ -285,8 +289,7 @@ def _add_legend(plotter: Any, content: Content, size: tuple[int, int], mapper: A
 def _aim(scene: VtkScene, content: Content, size: tuple[int, int]) -> None:
     """Look along the direction, fit width and height to what is drawn."""
     axes = content.camera.axes
-    spans = content.all_points() @ axes.T
-    low, high = spans.min(axis=0), spans.max(axis=0)
+    low, high = content.extent()
     width, height, depth = high - low
     reach = max(width + height + depth, 1e-9)
     bar = _BAR if content.bar else 0.0

@@ -73,8 +73,8 @@ class VtkScene:
         """Remove what the panel showed before and shows no more."""
         for key in [k for k in self._parts if k[0] == self._panel and k[1] >= self._part_count]:
             self._parts.pop(key).remove(self.plotter)
-        for number, text in self._texts.items():
-            text.SetVisibility(number[0] != self._panel or number[1] < self._text_count)
+        for key in [k for k in self._texts if k[0] == self._panel and k[1] >= self._text_count]:
+            self.plotter.remove_actor(self._texts.pop(key)[0], render=False)
 
     def add_mesh(
         self,
@@ -113,16 +113,25 @@ class VtkScene:
         self._parts[key] = _Part(self.plotter, points, faces, lines, values, edges, look)
         return self._parts[key].actor
 
+    def add_lines(self, points: ArrayLike, look: Mapping[str, Any]) -> Any:
+        """A line through points (n, 3); the actor."""
+        number = np.arange(len(np.asarray(points)))
+        none = np.zeros((0, 3), dtype=np.int64)
+        return self.add_mesh(points, none, np.stack([number[:-1], number[1:]], axis=1), look=look)
+
     def add_text(self, text: str, position: tuple[float, float], size: float, color: str) -> None:
         """A line of text at a place in the panel, as shares of its width and height."""
-        key = self._panel, self._text_count
+        key, place = (self._panel, self._text_count), (position, size, color)
         self._text_count += 1
-        if key not in self._texts:
-            self._texts[key] = self.plotter.add_text(
+        if key in self._texts and self._texts[key][1] != place:
+            self.plotter.remove_actor(self._texts.pop(key)[0], render=False)
+        if key in self._texts:
+            self._texts[key][0].SetInput(text)
+        else:
+            actor = self.plotter.add_text(
                 text, position=position, font_size=size, color=color, viewport=True
             )
-        elif self._texts[key].GetInput() != text:
-            self._texts[key].SetInput(text)
+            self._texts[key] = actor, place
 
     def image(self) -> NDArray[np.uint8]:
         """The picture (height, width, 3)."""

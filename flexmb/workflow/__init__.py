@@ -7,7 +7,7 @@ from flexmb.workflow.audit import Audit, EffectOutcome, audit
 from flexmb.workflow.check import CheckReport, check_scene, mobility
 from flexmb.workflow.check_all import SceneChecks, check_all
 from flexmb.workflow.comparison import Comparison, compare
-from flexmb.workflow.drive_forces import inverse_dynamics
+from flexmb.workflow.drive_forces import inverse_dynamics, inverse_scene
 from flexmb.workflow.equilibria import equilibria, free_lengths, sweep_statics
 from flexmb.workflow.flexible_bodies import (
     ReducedBody,
@@ -55,6 +55,7 @@ __all__ = [
     "flexible_bodies",
     "free_lengths",
     "inverse_dynamics",
+    "inverse_scene",
     "iterate_motion",
     "kinematics",
     "linearize",

@@ -338,7 +338,9 @@ class ValiditySpec(Spec):
     ``deflection``, of points over the body's length, relative to its joints; ``rotation`` [rad] of
     points in the same sense; ``speed`` over the lowest natural frequency as joined, of bodies that
     are not stiffened by it; ``inertia_loads``, the share of the response to a body's own inertia
-    that its modes lack; ``load_factor``, of the loads over those that buckle it. A run warns before
+    that its modes lack; ``node_loads``, the same of the response to loads beside its interfaces;
+    ``truncation``, the share of its deformation with which a mode that was left out would vibrate;
+    ``load_factor``, of the loads over those that buckle it. A run warns before
     it stops. ``"any"`` takes a bound away.
     """
 
@@ -346,6 +348,8 @@ class ValiditySpec(Spec):
     rotation: _Bound = 1.0
     speed: _Bound = 1.0
     inertia_loads: _Bound = 0.5
+    node_loads: _Bound = 0.5
+    truncation: _Bound = 0.5
     load_factor: _Bound = 1.0
 
 

@@ -31,8 +31,9 @@ def beam(**options):
 
 def loaded():
     """A beam with everything that a body can hold."""
-    push = LoadVector("push", (1, 0, 0), (0, 0, 2), np.arange(6.0))
-    body = beam(geometric_stiffening="full", damping={"preset": "adams", "modes": {1: 0.02}})
+    damping = {"preset": "adams", "modes": {1: 0.02}}
+    body = beam(geometric_stiffening="full", damping=damping, residual="inertia", load_points=[1])
+    push = LoadVector("push", (1, 0, 0), (0, 0, 2), np.arange(float(body.m)))
     return replace(body, loads=(push, replace(push, name="pull")))
 
 
