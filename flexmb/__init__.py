@@ -46,6 +46,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
         sweep_statics,
         warmup,
     )
+    from flexmb.workflow.result_page import report
 
 __version__ = "0.1.0"
 __all__ = [
@@ -53,8 +54,8 @@ __all__ = [
     "compare", "equilibria", "film", "film_modes", "free_lengths", "history_figure",
     "inverse_dynamics", "iterate_motion", "kinematics", "linearize", "load_result", "load_scene",
     "mobility", "new_scene", "plot_history", "reduce", "render", "render_mode_shapes",
-    "render_modes", "resume", "rigid_body", "run_scene", "save_figure", "scene_schema", "simulate",
-    "statics", "study", "sweep_modes", "sweep_statics", "warmup",
+    "render_modes", "report", "resume", "rigid_body", "run_scene", "save_figure", "scene_schema",
+    "simulate", "statics", "study", "sweep_modes", "sweep_statics", "warmup",
 ]  # fmt: skip
 
 _HOMES = {
@@ -73,6 +74,7 @@ _HOMES = {
         "iterate_motion", "kinematics", "linearize", "mobility", "new_scene", "render_mode_shapes",
         "resume", "run_scene", "simulate", "statics", "sweep_modes", "sweep_statics", "warmup",
     ),
+    "workflow.result_page": ("report",),
 }  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from flexmb.cli import reduce as reduce  # isort: skip
 from flexmb.cli import postprocess as postprocess  # isort: skip
 from flexmb.cli import film as film  # isort: skip
 from flexmb.cli import plot as plot  # isort: skip
+from flexmb.cli import report as report  # isort: skip
 from flexmb.cli import modes as modes  # isort: skip
 from flexmb.cli import statics as statics  # isort: skip
 from flexmb.cli import compare as compare  # isort: skip

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from flexmb.errors import ViewError, printable
 
+_FACTS = 3  # columns up to which a table is as narrow as a telephone
 _POLICY = (
     "default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; "
     "script-src 'unsafe-inline' 'unsafe-eval'; worker-src blob:; font-src data:"
@@ -64,7 +65,8 @@ def table(
         return Html("")
     head = [tag("tr", *(_cell("th", name, i in right) for i, name in enumerate(columns)))]
     inner = [tag("thead", *head)] if any(columns) else []
-    return tag("div", tag("table", *inner, tag("tbody", *body)), class_="wide")
+    kind = "columns" if len(columns) > _FACTS else "facts"
+    return tag("div", tag("table", *inner, tag("tbody", *body), class_=kind), class_="wide")
 
 
 def _cell(name: str, cell: object, right: bool) -> Html:

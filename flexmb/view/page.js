@@ -120,7 +120,7 @@
       const [i, j, k] = facets(mesh);
       const trace = { type: "mesh3d", x: mesh.x, y: mesh.y, z: mesh.z, i, j, k, opacity: mesh.opacity,
         flatshading: !mesh.colored, hoverinfo: "skip", ...light,
-        lighting: { ambient: 0.5, diffuse: 0.85, specular: 0.1, roughness: 0.7, fresnel: 0.1, facenormalsepsilon: 0, vertexnormalsepsilon: 0 } };
+        lighting: { ambient: 0.65, diffuse: 0.6, specular: 0.08, roughness: 0.7, fresnel: 0.1, facenormalsepsilon: 0, vertexnormalsepsilon: 0 } };
       if (mesh.colored) {
         Object.assign(trace, { intensity: mesh.c, cmin: 0, cmax: motion.top, colorscale: "Viridis",
           showscale: motion.bar, colorbar: bar() });
@@ -150,20 +150,19 @@
       for (let l = 0; l < at.length / 2; l++) { c.push(mesh.c[at[2 * l]], mesh.c[at[2 * l + 1]], 0); }
       return c;
     }
-    const [low, high] = motion.box, extent = high.map((v, a) => v - low[a]), most = Math.max(...extent);
+    const [low, high] = motion.box, extent = high.map((v, a) => v - low[a]);
     const axis = (a) => ({ visible: false, range: [low[a], high[a]], autorange: false });
-    // plotly's orthographic view shows 1.35 times the length of the eye's vector, from top to bottom
-    const unit = 1.9 / most, shape = stage.clientWidth / stage.clientHeight;
-    const reach = Math.max(motion.seen[1], motion.seen[0] / (shape * (motion.bar && shape > 1 ? 0.86 : 0.96)));
-    const far = 1.08 * unit * reach / 1.35;
-    const eye = motion.eye.map((v) => far * v);
+    // plotly's orthographic view is two units high, whatever the distance of the eye
+    const shape = stage.clientWidth / stage.clientHeight;
+    const reach = Math.max(motion.seen[1], motion.seen[0] / (shape * (motion.bar && shape > 1 ? 0.84 : 0.96)));
+    const unit = 1.84 / reach;
     const middle = motion.center.map((v, a) => unit * (v - 0.5 * (low[a] + high[a])));
-    const home = { eye: vector(eye.map((v, a) => v + middle[a])), up: vector(motion.up), center: vector(middle),
-      projection: { type: "orthographic" } };
+    const home = { eye: vector(motion.eye.map((v, a) => 2 * v + middle[a])), up: vector(motion.up),
+      center: vector(middle), projection: { type: "orthographic" } };
     const layout = {
       font, margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: "white", showlegend: false, uirevision: "stay",
       scene: { xaxis: axis(0), yaxis: axis(1), zaxis: axis(2), aspectmode: "manual", dragmode: "orbit",
-        aspectratio: { x: 1.9 * extent[0] / most, y: 1.9 * extent[1] / most, z: 1.9 * extent[2] / most }, camera: home },
+        aspectratio: vector(extent.map((v) => unit * v)), camera: home },
     };
     const moving = meshes.map((mesh, k) => k).filter((k) => meshes[k].moves);
     let frame = 0, playing = false, held = false, busy = false, begun = 0, from = 0;

@@ -84,7 +84,7 @@ class MovingScene:
                 tag("label", "deformation ", tag("select", *options, id="factor"))
                 if options
                 else Html(""),
-                tag("button", "Home view", id="home", type="button"),
+                tag("button", "Home view", id="home", type="button", class_="quiet"),
                 class_="controls",
             ),
             tag("p", self.sentence, class_="lead"),
@@ -137,7 +137,7 @@ def moving_scene(result: Result, progress: Progress = silent) -> MovingScene:
         "seen": np.ptp(seen, axis=0)[:2].tolist(),
         "eye": axes[2].tolist(),
         "up": axes[1].tolist(),
-        "light": (1e4 * (np.array([-0.4, 0.7, 1.0]) @ axes)).tolist(),
+        "light": (1e3 * (np.array([-0.4, 0.7, -1.0]) @ axes)).tolist(),  # plotly turns it about
     }
     return MovingScene(data, factor, _sentence(result, times, note))
 
