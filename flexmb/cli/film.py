@@ -1,7 +1,4 @@
-"""``flexmb film`` and ``view``: the motion as a film, and in a window or a page that turns.
-
-The options that say how a run looks are shared with ``flexmb render``.
-"""
+"""``flexmb film`` and ``view``: the motion as a film, and in a window or a page that turns."""
 
 from __future__ import annotations
 
@@ -11,82 +8,22 @@ from typing import Annotated, Any
 import typer
 
 from flexmb.cli import screen
-from flexmb.cli.app import (
-    command,
-    parse_direction,
-    parse_exaggeration,
-    parse_names,
-    parse_numbers,
-    parse_size,
-    refuse_options,
+from flexmb.cli.app import command, parse_names, parse_numbers, refuse_options
+from flexmb.cli.render import (
+    CameraNames,
+    Color,
+    Direction,
+    Exaggeration,
+    Force,
+    Layer,
+    Modes,
+    Pictured,
+    Size,
+    Supports,
+    Traces,
+    ViewWords,
+    view_words,
 )
-from flexmb.errors import FlexmbError
-
-Pictured = Annotated[
-    Path, typer.Argument(help="Result file or its folder, or a flexible body.", show_default=False)
-]
-Exaggeration = Annotated[
-    str | None,
-    typer.Option(help="Factor on deformations, or auto; the scene's own, else auto."),
-]
-Color = Annotated[
-    str | None,
-    typer.Option(
-        help="Flexible bodies by displacement (by default) or von_mises stress, or each by its "
-        "own: body."
-    ),
-]
-Layer = Annotated[
-    str | None,
-    typer.Option(
-        help="Layer whose stress is shown, such as top; by default the largest of all.",
-        show_default=False,
-    ),
-]
-Modes = Annotated[
-    str | None,
-    typer.Option(
-        "--modes",
-        "--mode",
-        metavar="NUMBERS",
-        help="Of a flexible body: 7, 1..6 or 1,3,5; the first six by default.",
-        show_default=False,
-    ),
-]
-Supports = Annotated[
-    str | None,
-    typer.Option(
-        "--held",
-        metavar="NAMES",
-        help="Of a flexible body: interfaces that are held, with commas; free by default.",
-        show_default=False,
-    ),
-]
-Direction = Annotated[
-    str | None,
-    typer.Option(
-        help="From the scene towards the eye: x, y, z, -x, -y, -z or numbers such as 1,-1,0.5; "
-        "along the joint axes by default."
-    ),
-]
-Size = Annotated[str | None, typer.Option(help="Width x height in pixels; 1280x720 by default.")]
-Traces = Annotated[
-    str | None,
-    typer.Option(
-        "--trace",
-        metavar="POINTS",
-        help="Paths of points, with commas: bodies, whose centre is meant, or markers such as "
-        "rod.big_end.",
-        show_default=False,
-    ),
-]
-Force = Annotated[bool, typer.Option("--force", help="Replace what exists.")]
-
-
-def refuse_existing(output: Path | None, force: bool) -> None:
-    """Refuse to replace a file that was named, unless forced."""
-    if output is not None and output.is_file() and not force:
-        raise FlexmbError(f"{output}: exists; --force replaces it")
 
 
 @command()
@@ -119,7 +56,9 @@ def film(
     exaggeration: Exaggeration = None,
     color: Color = None,
     layer: Layer = None,
+    camera: CameraNames = None,
     direction: Direction = None,
+    view: ViewWords = None,
     size: Size = None,
     follow: Annotated[
         str | None,
@@ -150,19 +89,22 @@ def film(
     from flexmb.view import film_modes, vtk_renderer
 
     look: dict[str, Any] = {
-        "exaggeration": parse_exaggeration(exaggeration),
-        "direction": parse_direction(direction),
-        "size": parse_size(size),
+        **view_words(exaggeration, color, layer, camera, direction, size, view),
         "fps": fps,
         "processes": processes,
         "force": force,
     }
     with screen.Bars() as progress:
         if not file.is_dir() and file_format(file) == "flexmb-flexbody":
-            of_run = {"speed": speed, "start": start, "end": end, "color": color, "layer": layer}
-            of_run |= {"follow": follow, "trace": traces}
+            of_run: dict[str, Any] = {
+                "speed": speed,
+                "start": start,
+                "end": end,
+                "color": color,
+                "layer": layer,
+            }
+            of_run |= {"follow": follow, "trace": traces, "camera": camera, "view": view}
             refuse_options(of_run, "belongs to the film of a run; this is a flexible body")
-            look["exaggeration"] = look["exaggeration"] or "auto"
             numbers, names = parse_numbers(modes, "--modes"), parse_names(supports)
             written = film_modes(
                 file, numbers, held=names, output=output, progress=progress, **look
@@ -170,7 +112,6 @@ def film(
         else:
             of_body = {"modes": modes, "held": supports}
             refuse_options(of_body, "belongs to the film of a flexible body (.flexbody.h5)")
-            look |= {"color": color or "displacement", "layer": layer}
             look |= {"speed": speed, "start": start, "end": end, "follow": follow}
             points = parse_names(traces)
             written = film_run(file, output, traces=points, progress=progress, **look)

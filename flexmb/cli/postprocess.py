@@ -1,38 +1,16 @@
-"""``flexmb info``, ``export`` and ``render``: results, bodies, meshes."""
+"""``flexmb info`` and ``export``: results, bodies, meshes."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from flexmb.cli import screen
-from flexmb.cli.app import (
-    RunFile,
-    command,
-    parse_direction,
-    parse_exaggeration,
-    parse_names,
-    parse_numbers,
-    parse_size,
-    parse_times,
-    refuse_options,
-)
+from flexmb.cli.app import RunFile, command, parse_names
 from flexmb.cli.check import show_check
-from flexmb.cli.film import (
-    Color,
-    Direction,
-    Exaggeration,
-    Force,
-    Layer,
-    Modes,
-    Size,
-    Supports,
-    Traces,
-    refuse_existing,
-)
-from flexmb.cli.reduce import modes_picture, show_body
+from flexmb.cli.reduce import show_body
 from flexmb.cli.run import show_result
 from flexmb.errors import FlexmbError
 
@@ -163,87 +141,3 @@ def export(
     columns = len(names) or len(run.channels(kind))
     of = "1 channel" if columns == 1 else f"{columns} channels"
     screen.line(f"written: {written} ({len(run.time)} rows of {of})")
-
-
-@command()
-def render(
-    file: Annotated[
-        Path,
-        typer.Argument(help="Result file or its folder, or a flexible body.", show_default=False),
-    ],
-    time: Annotated[
-        str | None,
-        typer.Option(
-            metavar="TIMES",
-            help="Time of the picture, in the scene's units, or several with commas for a panel "
-            "each; its own, else the end.",
-            show_default=False,
-        ),
-    ] = None,
-    exaggeration: Exaggeration = None,
-    color: Color = None,
-    layer: Layer = None,
-    modes: Modes = None,
-    supports: Supports = None,
-    direction: Direction = None,
-    size: Size = None,
-    ghosts: Annotated[
-        int,
-        typer.Option(help="So many poses of the whole run, shown faintly (stroboscope)."),
-    ] = 0,
-    traces: Traces = None,
-    force: Force = False,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            help="PNG file; by default picture.png or <body>.modes.png in the same folder.",
-        ),
-    ] = None,
-) -> None:
-    """Draw the mechanism at a time of a run, or mode shapes of a flexible body, off-screen.
-
-    Example: flexmb render out/slider_crank/result.h5 --time 0.013 --color von_mises
-
-    Example: flexmb render out/slider_crank/result.h5 --time 0.01,0.02,0.03,0.04 --force
-
-    Example: flexmb render out/slider_crank --ghosts 12 --trace rod,slider --output strobe.png
-
-    Example: flexmb render out/slider_crank/rod.flexbody.h5 --modes 1..6 --held big_end
-    """
-    from flexmb.results import Result, file_format
-    from flexmb.view import render as render_run
-    from flexmb.view import render_modes, vtk_renderer
-
-    look: dict[str, Any] = {
-        "exaggeration": parse_exaggeration(exaggeration),
-        "direction": parse_direction(direction),
-        "size": parse_size(size),
-    }
-    with screen.Bars() as progress:
-        progress("picture", 0.0)
-        refuse_existing(output, force)
-        if not file.is_dir() and file_format(file) == "flexmb-flexbody":
-            of_run: dict[str, Any] = {"time": time, "color": color, "layer": layer}
-            of_run |= {"ghosts": ghosts or None, "trace": traces}
-            refuse_options(of_run, "belongs to the picture of a run; this is a flexible body")
-            look["exaggeration"] = look["exaggeration"] or "auto"
-            output = output or modes_picture(file)
-            numbers, names = parse_numbers(modes, "--modes"), parse_names(supports)
-            written = render_modes(file, numbers, held=names, output=output, **look)
-        else:
-            of_body = {"modes": modes, "held": supports}
-            refuse_options(of_body, "belongs to the picture of a flexible body (.flexbody.h5)")
-            result = Result(file)
-            look |= {"color": color or "displacement", "layer": layer}
-            look |= {"ghosts": ghosts, "traces": parse_names(traces)}
-            output = output or result.path.parent / "picture.png"
-            times = parse_times(time)
-            single = times[0] if times is not None and len(times) == 1 else times
-            written = render_run(result, single, output=output, **look)
-        progress("picture", 1.0)
-    verdict = vtk_renderer.probe()
-    if not verdict.works:
-        screen.line(f"note: {verdict.how}; a simple picture was drawn instead. {verdict.advice}")
-    screen.line(f"written: {written}")

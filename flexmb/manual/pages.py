@@ -40,6 +40,7 @@ PAGES = (
     "statics",
     "linearization",
     "textbook",
+    "cases",
     "effects",
     "audit",
     "results",

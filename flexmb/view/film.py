@@ -23,12 +23,13 @@ from numpy.typing import NDArray
 from flexmb.errors import FlexmbWarning, ViewError
 from flexmb.progress import Progress, silent
 from flexmb.results import Result
-from flexmb.view.content import Content, Mechanism, Trace
+from flexmb.view.content import Content, Scale, Trace
+from flexmb.view.drawing import Drawing, some_times
 from flexmb.view.encoder import check_output, find_ffmpeg, real_rate, write_film
 from flexmb.view.frames import Shot, draw_frames_in_parallel
-from flexmb.view.framing import Framing
-from flexmb.view.motion import check_points, some_times, survey, trace_points
-from flexmb.view.picture import check_look, check_size, compose
+from flexmb.view.mechanism import Mechanism
+from flexmb.view.motion import check_points, trace_points
+from flexmb.view.picture import columns_of, view_of
 
 Array = NDArray[np.float64]
 
@@ -77,25 +78,22 @@ class MotionShot:
 
     path: Path
     schedule: Schedule
-    framing: Framing
-    look: dict[str, Any]
+    view: dict[str, Any]  # words of [view], the exaggeration a number
     size: tuple[int, int]
-    follow: str | None = None
+    scale: Scale | None = None
     traces: tuple[Trace, ...] = ()
     columns: int = 1
-    _mechanism: Mechanism | None = field(default=None, repr=False)
+    _drawing: Drawing | None = field(default=None, repr=False)
 
     def panels(self, number: int) -> Sequence[Content]:
         """The mechanism at the time of the frame."""
-        if self._mechanism is None:
-            self._mechanism = Mechanism(Result(self.path))
-        mechanism = self._mechanism.at(self.schedule.times[number])
-        content = compose(mechanism, framing=self.framing, **self.look)
-        box = self.framing.box
-        if box is not None and self.follow is not None:
-            box = box + content.camera.axes @ mechanism.pose(self.follow).r
-        caption = f"{content.caption}, {self.schedule.words}"
-        return [replace(content, caption=caption, box=box, traces=self.traces)]
+        if self._drawing is None:
+            mechanism = Mechanism(Result(self.path))
+            view = view_of(mechanism, self.view)
+            self._drawing = Drawing(mechanism, view, self.schedule.times, self.scale)
+        contents = self._drawing.contents(self.schedule.times[number])
+        caption = f"{contents[0].caption}, {self.schedule.words}"
+        return [replace(content, caption=caption, traces=self.traces) for content in contents]
 
 
 def film(
@@ -106,14 +104,11 @@ def film(
     speed: float | None = None,
     start: float | None = None,
     end: float | None = None,
-    exaggeration: float | str | None = None,
-    size: tuple[int, int] | None = None,
-    follow: str | None = None,
     traces: Sequence[str] = (),
     processes: int | None = None,
     force: bool = False,
     progress: Progress = silent,
-    **look: Any,
+    **view: Any,
 ) -> Path:
     """Make a film of a run.
 
@@ -131,12 +126,6 @@ def film(
         for what takes 2 to 20 s, else what makes a film of some 6 s.
     start, end : float, optional
         Range of time, in the scene's units; the whole run.
-    exaggeration : float or "auto", optional
-        As for `render`; ``"auto"`` suits the largest deformation of the film.
-    size : two ints, optional
-        Width and height in pixels; that of the scene's ``[view]``.
-    follow : str, optional
-        A body that stays where it is in the picture, while the camera moves.
     traces : sequence of str
         Points whose paths are shown: bodies, whose centre is meant, or markers.
     processes : int, optional
@@ -145,8 +134,8 @@ def film(
         Replace what exists.
     progress : callable
         Is called for each frame.
-    **look
-        ``color``, ``layer``, ``direction``: as for `render`.
+    **view
+        Any word of the scene's ``[view]``, as for `render`: ``follow="car"``, ``color="body"``, ...
 
     Returns
     -------
@@ -164,19 +153,15 @@ def film(
     path = check_output(default_output(run) if output is None else output, force)
     mechanism = Mechanism(run)
     check_processes(processes)
-    view = mechanism.model.view
-    pixels = size or view.size
-    check_size(pixels)
-    factor = view.exaggeration if exaggeration is None else exaggeration
-    check_look(exaggeration=factor, **look)
-    if follow is not None and follow not in mechanism.model.bodies:
-        raise ViewError.unknown_name("body", follow, mechanism.model.bodies)
+    spec = view_of(mechanism, view)
     points = check_points(mechanism, traces)
     schedule = plan(run, real_rate(path, check_rate(fps)), speed, start, end)
     _warn_of_turns(run, schedule)
     paths = trace_points(mechanism, points, schedule.times)
-    framing = survey(mechanism, schedule.times, factor, look, follow, paths)
-    shot = MotionShot(run.path, schedule, framing, look, pixels, follow, paths)
+    drawing = Drawing(mechanism, spec, schedule.times)
+    words = {**view, "exaggeration": drawing.factor}
+    columns = columns_of(len(drawing.cameras))
+    shot = MotionShot(run.path, schedule, words, spec.size, drawing.scale, paths, columns)
     make_film(shot, len(schedule.times), path, schedule.rate, processes, progress)
     return path
 

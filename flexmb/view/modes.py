@@ -19,11 +19,16 @@ from flexmb.errors import ViewError
 from flexmb.flexbody import FlexBody, load
 from flexmb.flexbody.natural_modes import natural_modes
 from flexmb.progress import Progress, silent
-from flexmb.view.content import Camera, Content, Deformed, Scale, body_camera, size_of
+from flexmb.view.camera import Camera, body_camera
+from flexmb.view.content import Content, Deformed, Scale, Solid
+from flexmb.view.drawing import size_of
 from flexmb.view.encoder import check_output, real_rate
 from flexmb.view.film import RATE, check_processes, check_rate, make_film
-from flexmb.view.picture import check_exaggeration, check_size, draw_panels
+from flexmb.view.mechanism import transform
+from flexmb.view.part import PIN
+from flexmb.view.picture import check_exaggeration, check_size, columns_of, draw_panels
 from flexmb.view.plot import BODIES, writable_file
+from flexmb.view.shapes import sharp_edges, sphere
 
 Array = NDArray[np.float64]
 
@@ -141,8 +146,11 @@ class ModeShot:
         body, amount = shape.deformed[0], abs(phase) * shape.deformed[0].displacement
         points = body.undeformed + phase * (body.points - body.undeformed)
         moved = replace(body, points=points, displacement=amount, values=amount)
-        joints = self.places + phase * (shape.joints - self.places)
-        return replace(shape, deformed=(moved,), joints=joints)
+        solids = tuple(
+            replace(solid, matrix=transform(np.eye(3), at + phase * (solid.matrix[:3, 3] - at)))
+            for solid, at in zip(shape.solids, self.places, strict=True)
+        )
+        return replace(shape, deformed=(moved,), solids=solids)
 
 
 def _shot(
@@ -162,7 +170,7 @@ def _shot(
     frequencies, motion = _motions(body, supports)
     numbers = _numbers(body, modes, len(frequencies))
     check_exaggeration(exaggeration)
-    columns = 1 if len(numbers) == 1 else 2 if len(numbers) in (2, 4) else 3
+    columns = columns_of(len(numbers))
     rows = -(-len(numbers) // columns)
     pixels = size or (_SINGLE if len(numbers) == 1 else (_CELL[0] * columns, _CELL[1] * rows))
     check_size((pixels[0] // columns, pixels[1] // rows))
@@ -214,19 +222,23 @@ def _panel(
     largest = float(amount.max()) or 1.0
     factor = _AMPLITUDE * size / largest if isinstance(exaggeration, str) else float(exaggeration)
     faces, lines = body.surface.faces, body.surface.lines
-    ends = np.concatenate([points + factor * u, points - factor * u]) @ camera.axes.T
     moved = points + factor * u
-    drawn = Deformed(body.name, moved, points, faces, lines, amount, BODIES[0], amount)
+    drawn = Deformed(
+        body.name, moved, points, faces, lines, amount, BODIES[0], amount,
+        sharp=sharp_edges(points, faces),
+    )  # fmt: skip
+    ball = sphere(_JOINT * size)
     places = np.array([part.position for part in body.interfaces]).reshape(-1, 3)
     return Content(
         title=texts[0],
         caption=texts[1],
-        solids=(),
+        solids=tuple(
+            Solid("interface", ball, PIN, matrix=transform(np.eye(3), place), role="joint")
+            for place in places + factor * motion[len(points) :]
+        ),
         deformed=(drawn,),
-        joints=places + factor * motion[len(points) :],
-        joint_radius=_JOINT * size,
         scale=Scale(largest, 1.0 / largest, "", "displacement over the largest"),
         camera=camera,
         bar=False,
-        box=np.stack([ends.min(axis=0), ends.max(axis=0)]),
+        extent=np.concatenate([points + factor * u, points - factor * u]),
     )

@@ -1,75 +1,25 @@
-"""Several times of a motion: what their pictures have in common, paths of points, ghost poses.
+"""Several times of a motion in one picture: paths of points, ghost poses.
 
-In: a :class:`Mechanism`, times, the options of `compose`. Out: a :class:`Framing` for all pictures
-of the motion, paths, and a :class:`Content` with the poses before and after in it.
+In: a :class:`Mechanism` or a :class:`Drawing`, times. Out: paths, and a :class:`Content` with the
+poses before and after in it.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from flexmb.errors import ViewError
-from flexmb.model.reading import GROUND
-from flexmb.view.content import Content, Mechanism, Solid, Trace, Triangles
-from flexmb.view.framing import Framing, common_box, largest_scale
-from flexmb.view.picture import color_scale, compose, exaggeration_factor
+from flexmb.view.content import Content, Solid, Trace
+from flexmb.view.drawing import Drawing
+from flexmb.view.mechanism import Mechanism
 from flexmb.view.plot import LINES
+from flexmb.view.shapes import Triangles
 
-_SAMPLES = 24  # pictures that the view is fitted to
-_COLOR_SAMPLES = 240  # times at which the greatest value of the colours is looked for
 _PATH_POINTS = 400
 _FAINT, _CLEAR = 0.07, 0.22  # opacity of the first and of the last pose
-
-
-def survey(
-    mechanism: Mechanism,
-    times: Sequence[float],
-    exaggeration: float | str,
-    look: dict[str, Any],
-    follow: str | None = None,
-    traces: tuple[Trace, ...] = (),
-) -> Framing:
-    """What pictures at these times have in common.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        At any time.
-    times : sequence of float
-        In the scene's units; some of them are looked at.
-    exaggeration : float or "auto"
-        Of deformations.
-    look : dict
-        Options of `compose`.
-    follow : str, optional
-        A body in the middle of the view.
-    traces : tuple of Trace
-        To be in the view.
-    """
-    poses = [mechanism.at(time) for time in some_times(times, _SAMPLES)]
-    factor = exaggeration_factor(poses, exaggeration)
-    contents = [compose(one, exaggeration=factor, **look) for one in poses]
-    first = Framing(max(content.size for content in contents), factor, contents[0].camera)
-    contents = [replace(compose(one, framing=first, **look), traces=traces) for one in poses]
-    centers = [np.zeros(3) if follow is None else one.pose(follow).r for one in poses]
-    colored = some_times(times, _COLOR_SAMPLES) if contents[0].deformed else []
-    step = float(np.min(np.diff(times))) if len(times) > 1 else 0.0
-    return replace(
-        first,
-        box=common_box(contents, centers),
-        scale=largest_scale(color_scale(mechanism.at(t), **look) for t in colored),
-        digits=max(0, 1 - math.floor(math.log10(step))) if step > 0.0 else None,
-    )
-
-
-def some_times(times: Sequence[float], count: int) -> list[float]:
-    """So many of the times, the first and the last among them."""
-    return [times[k] for k in np.linspace(0, len(times) - 1, min(count, len(times))).astype(int)]
 
 
 def check_points(mechanism: Mechanism, names: Sequence[str]) -> list[str]:
@@ -104,22 +54,16 @@ def trace_points(
     )
 
 
-def add_ghosts(
-    content: Content,
-    mechanism: Mechanism,
-    times: Sequence[float],
-    framing: Framing,
-    look: dict[str, Any],
-) -> Content:
+def add_ghosts(content: Content, drawing: Drawing, times: Sequence[float]) -> Content:
     """The content with the moving bodies at other times as faint shapes, later ones clearer."""
     ghosts: list[Solid] = []
     for k, time in enumerate(times):
         opacity = _FAINT + (_CLEAR - _FAINT) * (k + 1) / len(times)
-        other = compose(mechanism.at(time), framing=framing, **look)
+        other = drawing.content(time)
         ghosts += [
             replace(solid, opacity=opacity * solid.opacity)
             for solid in other.solids
-            if solid.name not in (GROUND, "")
+            if solid.role == "body"
         ]
         ghosts += [
             Solid(body.name, Triangles(body.points, body.faces), body.color, opacity)

@@ -74,7 +74,7 @@ class VtkScene:
         for key in [k for k in self._parts if k[0] == self._panel and k[1] >= self._part_count]:
             self._parts.pop(key).remove(self.plotter)
         for key in [k for k in self._texts if k[0] == self._panel and k[1] >= self._text_count]:
-            self.plotter.remove_actor(self._texts.pop(key)[0], render=False)
+            self.plotter.renderer.RemoveViewProp(self._texts.pop(key))
 
     def add_mesh(
         self,
@@ -85,6 +85,7 @@ class VtkScene:
         look: Mapping[str, Any],
         values: Array | None = None,
         edges: Mapping[str, Any] | None = None,
+        matrix: Array | None = None,
     ) -> Any:
         """A surface or lines, its sharp edges if they have a look of their own; the actor.
 
@@ -100,18 +101,31 @@ class VtkScene:
             What colours it.
         edges : mapping, optional
             The look of its sharp edges.
+        matrix : (4, 4), optional
+            What takes the points to global ones; they are global without it.
         """
         key = self._panel, self._part_count
         self._part_count += 1
-        points = np.asarray(points, dtype=float) - self.origin
+        points = np.asarray(points, dtype=float)
+        if matrix is None:
+            points = points - self.origin
         part = self._parts.get(key)
-        if part is not None and part.is_like(faces, lines, values, edges, look):
-            part.move(points, values)
-            return part.actor
-        if part is not None:
+        is_like = part is not None and part.is_like(faces, lines, values, edges, look)
+        if is_like and matrix is not None:
+            is_like = part is not None and np.array_equal(points, part.points)
+        if part is not None and not is_like:
             part.remove(self.plotter)
-        self._parts[key] = _Part(self.plotter, points, faces, lines, values, edges, look)
-        return self._parts[key].actor
+            part = None
+        if part is None:
+            part = _Part(self.plotter, points, faces, lines, values, edges, look)
+            self._parts[key] = part
+        elif matrix is None:
+            part.move(points, values)
+        if matrix is not None:
+            relative = matrix.copy()
+            relative[:3, 3] -= self.origin
+            part.place(relative)
+        return part.actor
 
     def add_lines(self, points: ArrayLike, look: Mapping[str, Any]) -> Any:
         """A line through points (n, 3); the actor."""
@@ -119,19 +133,46 @@ class VtkScene:
         none = np.zeros((0, 3), dtype=np.int64)
         return self.add_mesh(points, none, np.stack([number[:-1], number[1:]], axis=1), look=look)
 
-    def add_text(self, text: str, position: tuple[float, float], size: float, color: str) -> None:
-        """A line of text at a place in the panel, as shares of its width and height."""
-        key, place = (self._panel, self._text_count), (position, size, color)
+    def add_text(
+        self,
+        text: str,
+        place: ArrayLike,
+        size: int,
+        color: str,
+        anchor: str = "left top",
+        at_point: bool = False,
+    ) -> None:
+        """A text of letters `size` pixels high.
+
+        Parameters
+        ----------
+        text : str
+            One or several lines.
+        place : (2,) or (3,)
+            Pixels from the lower left of the panel; with `at_point` a global point.
+        size : int
+            Pixels.
+        color : str
+            Of the letters.
+        anchor : str
+            Which point of the text is there: ``left``, ``center`` or ``right``, and ``top``,
+            ``center`` or ``bottom``.
+        at_point : bool
+            Whether the text stands at a point of the scene, in front of everything.
+        """
+        key = self._panel, self._text_count
         self._text_count += 1
-        if key in self._texts and self._texts[key][1] != place:
-            self.plotter.remove_actor(self._texts.pop(key)[0], render=False)
-        if key in self._texts:
-            self._texts[key][0].SetInput(text)
+        if key not in self._texts:
+            self._texts[key] = _text_actor(size, color, anchor, at_point)
+            self.plotter.renderer.AddViewProp(self._texts[key])
+        actor = self._texts[key]
+        if actor.GetInput() != text:
+            actor.SetInput(text)
+        if at_point:
+            actor.GetPositionCoordinate().SetValue(*(np.asarray(place) - self.origin))
         else:
-            actor = self.plotter.add_text(
-                text, position=position, font_size=size, color=color, viewport=True
-            )
-            self._texts[key] = actor, place
+            x, y = np.asarray(place)
+            actor.SetPosition(x, y)
 
     def image(self) -> NDArray[np.uint8]:
         """The picture (height, width, 3)."""
@@ -154,7 +195,7 @@ class VtkScene:
         """Write the picture into a PNG file."""
         from PIL import Image
 
-        Image.fromarray(self.image()).save(path)
+        Image.fromarray(self.image()).save(path, optimize=True)
 
     def close(self) -> None:
         """Release the window."""
@@ -239,10 +280,10 @@ class _Part:
         self._last = points
         motion = rigid_motion(self._first, points)
         if motion is not None:
-            self._place(motion)
+            self.place(motion)
             return
         if self._is_moved:
-            self._place(np.eye(4))
+            self.place(np.eye(4))
         self._first = points
         self._mesh.points[:] = points[self._numbers]
         if self._shading is not None:
@@ -252,7 +293,13 @@ class _Part:
             self._edges.points[:] = points[np.asarray(self._edges["point"])]
             _mark_changed(self._edges)
 
-    def _place(self, motion: Array) -> None:
+    @property
+    def points(self) -> Array:
+        """Where its points are, but for a matrix."""
+        return self._last
+
+    def place(self, motion: Array) -> None:
+        """Move it by a matrix (4, 4)."""
         self._is_moved = True
         for actor in (self.actor, self._edge_actor):
             if actor is not None:
@@ -283,6 +330,38 @@ class _Shading:
         normals = self._sum @ np.cross(b - a, c - a)
         length = np.linalg.norm(normals, axis=1, keepdims=True)
         return np.asarray(normals / np.maximum(length, 1e-300))
+
+
+def _text_actor(size: int, color: str, anchor: str, at_point: bool) -> Any:
+    from vtkmodules.vtkRenderingCore import vtkTextActor
+
+    actor = vtkTextActor()
+    style = actor.GetTextProperty()
+    style_text(style, size, color)
+    across, along = anchor.split()
+    getattr(style, f"SetJustificationTo{across.replace('center', 'centered').capitalize()}")()
+    getattr(
+        style, f"SetVerticalJustificationTo{along.replace('center', 'centered').capitalize()}"
+    )()
+    if at_point:
+        style.SetBackgroundColor(1, 1, 1)
+        style.SetBackgroundOpacity(0.7)
+        actor.GetPositionCoordinate().SetCoordinateSystemToWorld()
+    else:
+        actor.GetPositionCoordinate().SetCoordinateSystemToViewport()
+    return actor
+
+
+def style_text(style: Any, size: int, color: str) -> None:
+    """Letters that have Greek and superscripts among them, of a size in pixels."""
+    from matplotlib import get_data_path
+    from pyvista import Color
+    from vtkmodules.vtkCommonCore import VTK_FONT_FILE
+
+    style.SetFontFamily(VTK_FONT_FILE)
+    style.SetFontFile(f"{get_data_path()}/fonts/ttf/DejaVuSans.ttf")
+    style.SetFontSize(size)
+    style.SetColor(*Color(color).float_rgb)
 
 
 def rigid_motion(before: Array, after: Array) -> Array | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +17,11 @@ from flexmb.errors import FlexmbError, FlexmbWarning, ViewError
 from flexmb.model import Model
 from flexmb.results import Result, reader
 from flexmb.view import encoder, vtk_renderer
-from flexmb.view.content import Mechanism
+from flexmb.view.drawing import Drawing
 from flexmb.view.film import MotionShot, plan
 from flexmb.view.frames import draw_frames_in_parallel
-from flexmb.view.motion import survey
+from flexmb.view.mechanism import Mechanism
+from flexmb.view.picture import view_of
 
 SMALL = {"size": (160, 90), "processes": 1}
 
@@ -74,35 +74,39 @@ def test_processes_draw_the_same_pictures(run: Path, tmp_path: Path) -> None:
         assert (np.abs(one - two).max(axis=2) > 12).mean() < 0.003
 
 
-def test_every_frame_lies_in_the_view_of_the_whole_motion(run: Path) -> None:
+def _shot(run: Path, rate: float, speed: float, **view) -> MotionShot:
     mechanism = Mechanism(Result(run))
-    schedule = plan(mechanism.result, 50.0, 0.1, None, None)
-    framing = survey(mechanism, schedule.times, "auto", {})
-    shot = MotionShot(run, schedule, framing, {}, (160, 90))
-    size, largest = np.ptp(framing.box, axis=0).max(), 0.0
-    for k in range(len(schedule.times)):
+    schedule = plan(mechanism.result, rate, speed, None, None)
+    drawing = Drawing(mechanism, view_of(mechanism, view), schedule.times)
+    words = {**view, "exaggeration": drawing.factor}
+    return MotionShot(run, schedule, words, (160, 90), drawing.scale)
+
+
+def test_every_frame_lies_in_the_view_of_the_whole_motion(run: Path) -> None:
+    shot = _shot(run, 50.0, 0.1)
+    first, largest = shot.panels(0)[0], 0.0
+    axes = first.camera.axes[:2]
+    low, high = ((first.extent @ axes.T).min(axis=0), (first.extent @ axes.T).max(axis=0))
+    size = (high - low).max()
+    for k in range(len(shot.schedule.times)):
         content = shot.panels(k)[0]
-        assert (content.box == framing.box).all()
-        assert content.scale == framing.scale
-        low, high = replace(content, box=None).extent()
-        assert (low > framing.box[0] - 0.02 * size).all()
-        assert (high < framing.box[1] + 0.02 * size).all()
+        np.testing.assert_allclose(content.extent, first.extent)
+        assert content.scale == first.scale
+        seen = content.all_points() @ axes.T
+        assert (seen.min(axis=0) > low - 0.02 * size).all()
+        assert (seen.max(axis=0) < high + 0.02 * size).all()
         largest = max(largest, float(content.deformed[0].displacement.max()))
-    assert framing.scale.largest == pytest.approx(largest, rel=1e-12)
+    assert first.scale.largest == pytest.approx(largest, rel=1e-12)
 
 
 def test_a_followed_body_stays_in_its_place(run: Path) -> None:
+    shot = _shot(run, 25.0, 0.02, follow="slider", exaggeration=1)
     mechanism = Mechanism(Result(run))
-    schedule = plan(mechanism.result, 25.0, 0.02, None, None)
-    framing = survey(mechanism, schedule.times, 1.0, {}, follow="slider")
-    shot = MotionShot(run, schedule, framing, {}, (160, 90), follow="slider")
-    axes = framing.camera.axes
+    places = []
     for k in (0, 5, 11):
-        slider = mechanism.at(schedule.times[k]).pose("slider").r
-        middle = shot.panels(k)[0].box.mean(axis=0) - axes @ slider
-        assert middle == pytest.approx(framing.box.mean(axis=0), abs=1e-12)
-    assert np.ptp(framing.box, axis=0)[0] < 2.0 * np.ptp(survey(
-        mechanism, schedule.times, 1.0, {}).box, axis=0)[0]  # fmt: skip
+        slider = mechanism.at(shot.schedule.times[k]).pose("slider").r
+        places.append(shot.panels(k)[0].fitted_points().mean(axis=0) - slider)
+    np.testing.assert_allclose(places, [places[0]] * 3, atol=1e-12)
 
 
 def test_a_film_lasts_as_its_speed_says(spinning: Path) -> None:
@@ -144,8 +148,8 @@ def test_a_rotation_that_the_frames_show_otherwise_is_reported(
         ({"traces": ["rod.big_ned"]}, "big_end"),
         ({"color": "stress"}, "displacement"),
         ({"layer": "top"}, "von_mises"),
-        ({"exaggeration": -1.0}, "at least 0"),
-        ({"size": (10, 10)}, "too small"),
+        ({"exaggeration": -1.0}, "zero or positive"),
+        ({"size": (10, 10)}, "from 64 on"),
         ({"processes": 0}, "processes"),
         ({"output": "a.avi"}, ".mp4 or .gif"),
     ],
@@ -235,8 +239,7 @@ def test_a_machine_without_vtk_makes_a_simple_film(run: Path, tmp_path: Path, wi
 
 def test_a_process_that_ends_early_is_reported(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     schedule = plan(Result(run), 25.0, 0.02, 0.0, 0.01)
-    framing = survey(Mechanism(Result(run)), schedule.times, 1.0, {})
-    shot = MotionShot(run.parent / "gone.h5", schedule, framing, {}, (160, 90))
+    shot = MotionShot(run.parent / "gone.h5", schedule, {}, (160, 90))
     with pytest.raises(FlexmbError, match="gone.h5"):
         list(draw_frames_in_parallel(shot, [0, 1], 2))
 

@@ -43,7 +43,13 @@ def model_problems(
     problems = list(body_problems(scope))
     for section in ("joints", "couplers", "drivers", "forces", "sensors", "curves"):
         problems += _section_problems(scope, section)
-    for part in (_twice_driven, channel_problems, _assembly_problems, _channel_names):
+    for part in (
+        _twice_driven,
+        channel_problems,
+        _assembly_problems,
+        _channel_names,
+        view_problems,
+    ):
         problems += part(scope)
     problems += [
         *_study_problems(scope),
@@ -105,6 +111,19 @@ def _channel_names(scope: Scope) -> Iterator[Problem]:
     for where, name in names:
         if name not in channels and name.partition(".")[0] not in broken:
             yield Problem(where, f'unknown channel "{name}"', channels, nearest(name, channels))
+
+
+def view_problems(scope: Scope) -> Iterator[Problem]:
+    """Bodies and markers that pictures name."""
+    view = scope.model.view
+    if view.follow is not None:
+        yield from scope.unknown("view.follow", "body", view.follow, "bodies")
+    for i, reference in enumerate(view.reference):
+        if reference != "mean-axes":
+            yield from scope.marker(f"view.reference[{i}]", reference)
+    if view.layer is not None and view.color not in ("von_mises", "principal", "strain_energy"):
+        what = f'the layer "{view.layer}" is of stress; give color = "von_mises" with it'
+        yield Problem("view.layer", what)
 
 
 def _study_problems(scope: Scope) -> Iterator[Problem]:
