@@ -367,8 +367,8 @@ def participating_modes(results: Sequence[Result], bodies: Sequence[str] = ()) -
                 name = f"{body}.mode_energy.{mode}"
                 if name in run:
                     names[name] = max(names.get(name, 0.0), float(run[name].max(initial=0.0)))
-    top = max(names.values(), default=0.0)
-    seen = (name for name in names if names[name] >= _SMALL * top)
+    least = _SMALL * max(names.values(), default=0.0)
+    seen = (name for name in names if names[name] > least)
     return tuple(sorted(seen, key=lambda name: -names[name])[:_PARTICIPATING])
 
 
@@ -379,7 +379,7 @@ def participation_figure(
     runs = open_results(results)
     modes = participating_modes(runs, channels)
     if not modes:
-        what = "no body of the run has modes, or their coordinates were not stored"
+        what = "no body of the run deforms, or its modal coordinates were not stored"
         raise ViewError(f"{runs[0].path}: {what}")
     return history_figure(runs, modes, times)
 

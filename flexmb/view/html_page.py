@@ -73,10 +73,10 @@ def _cell(name: str, cell: object, right: bool) -> Html:
     return tag(name, cell, class_="number") if right else tag(name, cell)
 
 
-def section(title: str, *children: object) -> Html:
+def section(title: str, *children: object, class_: str = "") -> Html:
     """A part of the page with its heading; nothing without content."""
     content = [child for child in children if markup(child)]
-    return tag("section", tag("h2", title), *content) if content else Html("")
+    return tag("section", tag("h2", title), *content, class_=class_) if content else Html("")
 
 
 def image(png: bytes, words: str) -> Html:
@@ -91,6 +91,18 @@ def packed(values: Any, kind: str = "f4") -> dict[str, str]:
     return {"kind": kind, "data": base64.b64encode(data.tobytes()).decode("ascii")}
 
 
+def check_plotly() -> None:
+    """Refuse to begin a page without the library that draws in it.
+
+    Raises
+    ------
+    ViewError
+        The library plotly is not installed; says how to get it.
+    """
+    if find_spec("plotly") is None:
+        raise ViewError("a report needs the library plotly: pip install 'flexmb[report]'")
+
+
 def write_page(title: str, parts: Iterable[Html], data: Mapping[str, Any]) -> str:
     """The text of a page.
 
@@ -103,14 +115,7 @@ def write_page(title: str, parts: Iterable[Html], data: Mapping[str, Any]) -> st
     data : mapping
         ``charts`` and ``motion``, as `flexmb.view.page_charts` and `flexmb.view.page_motion` make
         them; each belongs to the element whose id it names.
-
-    Raises
-    ------
-    ViewError
-        The library plotly is not installed.
     """
-    if find_spec("plotly") is None:
-        raise ViewError("a report needs the library plotly: pip install 'flexmb[report]'")
     from plotly.offline import get_plotlyjs
 
     here = Path(__file__).parent

@@ -66,6 +66,7 @@
     const stage = document.getElementById(motion.id);
     const play = document.getElementById("play"), slider = document.getElementById("frame");
     const clock = document.getElementById("clock"), factor = document.getElementById("factor");
+    const [least, most] = motion.limits;
     const times = unpack(motion.times), frames = times.length;
     const meshes = motion.meshes.map((mesh) => {
       const parts = mesh.parts.map((part) => ({
@@ -90,7 +91,7 @@
             mesh.y[at] = m[o + 3] * x + m[o + 4] * y + m[o + 5] * z + m[o + 10];
             mesh.z[at] = m[o + 6] * x + m[o + 7] * y + m[o + 8] * z + m[o + 11];
           } else { mesh.x[at] = x; mesh.y[at] = y; mesh.z[at] = z; }
-          if (part.values) mesh.c[at] = part.values[n * frame + i] / 255 * motion.top;
+          if (part.values) mesh.c[at] = least + (most - least) * part.values[n * frame + i] / 255;
         }
       }
     }
@@ -108,6 +109,7 @@
       return ijk;
     }
     const light = { lightposition: { x: motion.light[0], y: motion.light[1], z: motion.light[2] } };
+    const digits = Math.max(0, Math.min(12, 3 - Math.ceil(Math.log10(times[frames - 1] - times[0] || 1))));
     const vector = (v) => ({ x: v[0], y: v[1], z: v[2] });
     const factorNow = () => (factor ? Number(factor.value) : 1);
     const traces = meshes.map((mesh) => {
@@ -115,14 +117,14 @@
       if (mesh.lines) {
         return { type: "scatter3d", mode: "lines", hoverinfo: "skip", ...lines(mesh),
           line: { width: 7, color: mesh.colored ? lineColors(mesh) : mesh.color, colorscale: "Viridis",
-            cmin: 0, cmax: motion.top, showscale: mesh.colored && motion.bar, colorbar: bar() } };
+            cmin: least, cmax: most, showscale: mesh.colored && motion.bar, colorbar: bar() } };
       }
       const [i, j, k] = facets(mesh);
       const trace = { type: "mesh3d", x: mesh.x, y: mesh.y, z: mesh.z, i, j, k, opacity: mesh.opacity,
         flatshading: !mesh.colored, hoverinfo: "skip", ...light,
         lighting: { ambient: 0.65, diffuse: 0.6, specular: 0.08, roughness: 0.7, fresnel: 0.1, facenormalsepsilon: 0, vertexnormalsepsilon: 0 } };
       if (mesh.colored) {
-        Object.assign(trace, { intensity: mesh.c, cmin: 0, cmax: motion.top, colorscale: "Viridis",
+        Object.assign(trace, { intensity: mesh.c, cmin: least, cmax: most, colorscale: "Viridis",
           showscale: motion.bar, colorbar: bar() });
       } else {
         const colors = [];
@@ -165,14 +167,15 @@
         aspectratio: vector(extent.map((v) => unit * v)), camera: home },
     };
     const moving = meshes.map((mesh, k) => k).filter((k) => meshes[k].moves);
-    let frame = 0, playing = false, held = false, busy = false, begun = 0, from = 0;
+    let frame = 0, playing = false, held = false, busy = false, late = false, begun = 0, from = 0;
 
     function show(next) {
       frame = next;
       slider.value = frame;
-      clock.textContent = `t = ${(times[frame]).toPrecision(4)} ${motion.unit}`;
+      clock.textContent = `t = ${times[frame].toFixed(digits)} ${motion.unit}`;
       stage.dataset.frame = frame;
       moveCursors(times[frame]);
+      late = busy;
       if (busy) return;
       busy = true;
       const update = { x: [], y: [], z: [] }, colors = [], at = [];
@@ -185,7 +188,8 @@
       let done = Promise.resolve();
       if (moving.length) done = Plotly.restyle(stage, update, moving);
       if (at.length) done = done.then(() => Plotly.restyle(stage, { intensity: colors }, at));
-      done.then(() => { busy = false; }, () => { busy = false; });
+      const end = () => { busy = false; if (late) show(frame); };
+      done.then(end, end);
     }
     function tick(now) {
       if (!playing) return;
@@ -210,6 +214,7 @@
     document.getElementById("home").addEventListener("click", () => Plotly.relayout(stage, { "scene.camera": home }));
     stage.addEventListener("pointerdown", () => { held = true; });
     window.addEventListener("pointerup", () => { if (held) { held = false; begun = performance.now(); from = frame; } });
+    window.addEventListener("resize", () => setTimeout(() => moveCursors(times[frame]), 400));
     seek = (time) => {
       let best = 0;
       for (let k = 1; k < frames; k++) if (Math.abs(times[k] - time) < Math.abs(times[best] - time)) best = k;

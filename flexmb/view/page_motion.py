@@ -7,7 +7,7 @@ exaggerate it. Surfaces of many triangles are thinned.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,12 +16,10 @@ from numpy.typing import NDArray
 
 from flexmb.progress import Progress, silent
 from flexmb.results import Result
-from flexmb.view.content import Content, Mechanism
+from flexmb.view.content import Content, Deformed, Solid
+from flexmb.view.drawing import Drawing
 from flexmb.view.html_page import Html, packed, tag
-from flexmb.view.motion import survey
-from flexmb.view.picture import compose
-from flexmb.view.plot import JOINT
-from flexmb.view.shapes import sphere
+from flexmb.view.mechanism import Mechanism, applied
 from flexmb.view.vtk_scene import rigid_motion
 
 Array = NDArray[np.float64]
@@ -35,7 +33,6 @@ _BUDGET = 4e6  # bytes of deformation and colours, before they are packed
 _MAX_FACES = 12_000  # of one body
 _LEAST_FACES = 500
 _DEPTH = 32767  # the largest number of two bytes
-_STILL = 1e-9  # of the size: parts that move less stand still
 _SAMPLES = 30  # frames that the view is fitted to
 _RESIDUAL = 2e-3  # of the largest deformation: what shapes that the frames share may leave out
 _FACTORS = (0.0, 1.0)  # of deformation that can always be chosen
@@ -50,8 +47,9 @@ class _Part:
     opacity: float = 1.0
     is_flexible: bool = False
     points: list[Array] = field(default_factory=list)  # (n, 3) as drawn, by frame
+    matrices: list[Array] = field(default_factory=list)  # (4, 4) of what moves as a whole
     undeformed: list[Array] = field(default_factory=list)  # of what is flexible
-    values: list[Array] = field(default_factory=list)  # (n,) that colour it
+    values: list[Array] = field(default_factory=list)  # (n,) shares of the colour scale
 
     @property
     def group(self) -> tuple[bool, bool, float, str]:
@@ -88,7 +86,6 @@ class MovingScene:
                 class_="controls",
             ),
             tag("p", self.sentence, class_="lead"),
-            class_="on-screen",
         )
 
 
@@ -111,13 +108,14 @@ def moving_scene(result: Result, progress: Progress = silent) -> MovingScene:
     times, note = frame_times(result)
     contents, factor = _contents(result, times, progress)
     parts = _parts(contents)
-    scales = [content.scale for content in contents if content.scale is not None]
-    scale = max(scales, key=lambda one: one.largest, default=None)
+    scale = contents[0].scale
+    limits = (0.0, 1.0) if scale is None else scale.limits
     every = max(1, len(times) // _SAMPLES)
-    drawn = np.vstack([points for part in parts for points in part.points[::every]])
+    drawn = np.vstack([points for part in parts for points in _places(part, every)])
     low, high = drawn.min(axis=0), drawn.max(axis=0)
     pad = 0.02 * float((high - low).max()) or 1.0
     axes = contents[0].camera.axes
+    colored = any(part.values for part in parts)  # something deforms
     seen = drawn @ axes.T
     center = 0.5 * (seen.min(axis=0) + seen.max(axis=0)) @ axes
     data = {
@@ -127,11 +125,11 @@ def moving_scene(result: Result, progress: Progress = silent) -> MovingScene:
         "unit": result.units.label("s"),
         "rate": len(times) / _SECONDS,
         "first": _first_frame(parts),
-        "meshes": _meshes(parts, factor, 1.0 if scale is None else scale.largest),
-        "flexible": any(part.is_flexible for part in parts),
+        "meshes": _meshes(parts, factor),
+        "flexible": colored,
         "scale": "" if scale is None else scale.label,
-        "bar": scale is not None,
-        "top": 1.0 if scale is None else scale.top or 1.0,
+        "bar": scale is not None and colored,
+        "limits": [float(limit) for limit in limits],
         "box": [(low - pad).tolist(), (high + pad).tolist()],
         "center": center.tolist(),
         "seen": np.ptp(seen, axis=0)[:2].tolist(),
@@ -144,14 +142,13 @@ def moving_scene(result: Result, progress: Progress = silent) -> MovingScene:
 
 def _contents(result: Result, times: Array, progress: Progress) -> tuple[list[Content], float]:
     """What pictures at these times show, and the exaggeration that they have in common."""
-    mechanism = Mechanism(result)
-    framing = survey(mechanism, times.tolist(), mechanism.model.view.exaggeration, {})
+    drawing = Drawing(Mechanism(result), times=times.tolist())
     contents = []
     for k, time in enumerate(times):
         progress("motion", k / len(times))
-        contents.append(compose(mechanism.at(float(time)), framing=framing))
+        contents.append(drawing.content(float(time)))
     progress("motion", 1.0)
-    return contents, framing.exaggeration
+    return contents, drawing.factor
 
 
 def _sentence(result: Result, times: Array, note: str) -> str:
@@ -163,12 +160,19 @@ def _sentence(result: Result, times: Array, note: str) -> str:
     return f"{len(times)} moments, played {how}{note}. Drag to turn, scroll or pinch to zoom."
 
 
+def _places(part: _Part, every: int) -> list[Array]:
+    """Points (n, 3) of a part in some frames."""
+    if part.matrices:
+        return [applied(M, part.points[0]) for M in part.matrices[::every]]
+    return part.points[::every]
+
+
 def _first_frame(parts: Sequence[_Part]) -> int:
     """The frame that is deformed most; without deformation one on the way."""
     colored = [part for part in parts if part.values]
-    frames = len(parts[0].points) if parts else 1
     if not colored:
-        return frames // 5
+        return 0
+    frames = len(colored[0].values)
     return int(
         np.argmax([max(p.values[k].max(initial=0.0) for p in colored) for k in range(frames)])
     )
@@ -203,42 +207,52 @@ def frame_times(result: Result) -> tuple[Array, str]:
 
 def _parts(contents: Sequence[Content]) -> list[_Part]:
     """Shapes that are there in all frames, thinned where they are too fine."""
-    parts: list[_Part] = []
-    flexible = sum(len(body.points) for body in contents[0].deformed)
-    share = int(_BUDGET / (7 * len(contents)) * 2)  # a closed surface has two triangles per point
-    share = int(share / max(1, len(contents[0].deformed))) if flexible > share / 2 else _MAX_FACES
-    listed = [list(_shapes(content)) for content in contents]
-    for k, (faces, color, opacity, points, undeformed, _) in enumerate(listed[0]):
-        same = all(len(one) > k and len(one[k][0]) == len(faces) for one in listed)
-        if not same or not len(faces):
-            continue
-        most = _MAX_FACES if undeformed is None else max(_LEAST_FACES, share)
-        rows, few = _thinned(points if undeformed is None else undeformed, faces, most)
-        part = _Part(few, color, opacity, undeformed is not None)
-        part.points = [one[k][3][rows] for one in listed]
-        at_rest = [one[k][4] for one in listed]
-        part.undeformed = [places[rows] for places in at_rest if places is not None]
-        if any(one[k][5] is not None for one in listed):  # none in frames where it is at rest
-            zero = np.zeros(len(points))
-            values = [one[k][5] for one in listed]
-            part.values = [np.nan_to_num((zero if v is None else v)[rows]) for v in values]
-        parts.append(part)
-    return parts
+    share = 2 * _BUDGET / (7 * len(contents) * max(1, len(contents[0].deformed)))
+    most = max(_LEAST_FACES, min(_MAX_FACES, int(share)))  # two triangles to a point
+    parts = []
+    for k, solid in enumerate(contents[0].solids):
+        frames = [content.solids[k] for content in contents if len(content.solids) > k]
+        if len(frames) == len(contents) and all(_is_same(solid, one) for one in frames):
+            parts.append(_rigid_part(frames))
+    for k in range(len(contents[0].deformed)):
+        bodies = [content.deformed[k] for content in contents]
+        parts.append(_flexible_part(bodies, contents, most))
+    return [part for part in parts if len(part.faces)]
 
 
-def _shapes(
-    content: Content,
-) -> Iterable[tuple[Indices, str, float, Array, Array | None, Array | None]]:
-    """Faces, colour, opacity, points, undeformed points and values of all that is drawn."""
-    for solid in content.solids:
-        shape = solid.triangles
-        yield shape.faces, solid.color, solid.opacity, shape.points, None, None
-    for center in content.joints:
-        ball = sphere(content.joint_radius, center)
-        yield ball.faces, JOINT, 1.0, ball.points, None, None
-    for body in content.deformed:
-        faces = body.faces if len(body.faces) else body.lines
-        yield faces, body.color, 1.0, body.points, body.undeformed, body.values
+def _is_same(first: Solid, other: Solid) -> bool:
+    return len(first.triangles.points) == len(other.triangles.points) and np.array_equal(
+        first.triangles.faces, other.triangles.faces
+    )
+
+
+def _rigid_part(frames: Sequence[Solid]) -> _Part:
+    """A shape that moves as a whole, or a spring, which does not."""
+    first = frames[0]
+    rows, faces = _thinned(first.triangles.points, first.triangles.faces, _MAX_FACES)
+    part = _Part(faces, first.color, round(first.opacity, 3))
+    if all(one.triangles is first.triangles for one in frames):
+        part.matrices = [one.matrix for one in frames]
+        part.points = [first.triangles.points[rows]]
+    else:
+        part.points = [one.points[rows] for one in frames]
+    return part
+
+
+def _flexible_part(bodies: Sequence[Deformed], contents: Sequence[Content], most: int) -> _Part:
+    first = bodies[0]
+    faces = first.faces if len(first.faces) else first.lines
+    rows, faces = _thinned(first.undeformed, faces, most)
+    part = _Part(faces, first.color, round(first.opacity, 3), is_flexible=True)
+    part.points = [body.points[rows] for body in bodies]
+    part.undeformed = [body.undeformed[rows] for body in bodies]
+    scale = contents[0].scale
+    moved = any(body.displacement.any() for body in bodies)
+    if scale is not None and moved and any(body.values is not None for body in bodies):
+        zero = np.zeros(len(first.points))  # where it is at rest
+        values = [zero if body.values is None else body.values for body in bodies]
+        part.values = [np.nan_to_num(scale.shares(one[rows])) for one in values]
+    return part
 
 
 def _thinned(points: Array, faces: Indices, most: int) -> tuple[Indices, Indices]:
@@ -258,7 +272,7 @@ def _thinned(points: Array, faces: Indices, most: int) -> tuple[Indices, Indices
     ]
 
 
-def _meshes(parts: Sequence[_Part], factor: float, largest: float) -> list[dict[str, Any]]:
+def _meshes(parts: Sequence[_Part], factor: float) -> list[dict[str, Any]]:
     """One mesh for all parts that can be drawn together."""
     groups: dict[Any, list[_Part]] = {}
     for part in parts:
@@ -267,7 +281,7 @@ def _meshes(parts: Sequence[_Part], factor: float, largest: float) -> list[dict[
     for (colored, is_line, opacity, _), members in groups.items():
         starts = np.cumsum([0, *(len(part.points[0]) for part in members)])
         corners = np.vstack([part.faces + n for part, n in zip(members, starts, strict=False)])
-        packed_parts = [_packed_part(part, factor, largest) for part in members]
+        packed_parts = [_packed_part(part, factor) for part in members]
         meshes.append({
             "corners": packed(corners, "u4"),
             "lines": is_line,
@@ -275,38 +289,41 @@ def _meshes(parts: Sequence[_Part], factor: float, largest: float) -> list[dict[
             "opacity": opacity,
             "color": members[0].color,
             "colors": [[part.color, len(part.faces)] for part in members],
-            "moves": any(p["motion"] or p["shapes"] or p["values"] for p in packed_parts),
+            "moves": any(_moves(part) for part in members),
             "parts": packed_parts,
         })  # fmt: skip
     return meshes
 
 
-def _packed_part(part: _Part, factor: float, largest: float) -> dict[str, Any]:
+def _moves(part: _Part) -> bool:
+    if part.matrices:
+        return any(not np.array_equal(part.matrices[0], M) for M in part.matrices)
+    return any(not np.array_equal(part.points[0], x) for x in part.points)
+
+
+def _packed_part(part: _Part, factor: float) -> dict[str, Any]:
     """The undeformed shape, how it moves as a whole, and how it deforms."""
     whole = part.undeformed or part.points
-    points = whole[0]
-    motions, bends, is_rigid = [], [], not part.is_flexible
-    for moved, drawn in zip(whole, part.points, strict=True):
-        motion = rigid_motion(points, moved)
-        is_rigid &= motion is not None
-        motion = np.eye(4) if motion is None else motion
-        R, r = motion[:3, :3], motion[:3, 3]
-        motions.append(np.concatenate([R.ravel(), r]))
-        bends.append((drawn - r) @ R - points)
-    numbers, bend = np.array(motions), np.array(bends)
-    if part.is_flexible:
-        bend /= factor or 1.0
+    points, matrices, is_rigid = whole[0], part.matrices, not part.is_flexible
+    if not matrices:
+        moves = [rigid_motion(points, moved) for moved in whole]
+        is_rigid = is_rigid and all(motion is not None for motion in moves)
+        matrices = [np.eye(4) if motion is None else motion for motion in moves]
+    numbers = np.array([np.concatenate([M[:3, :3].ravel(), M[:3, 3]]) for M in matrices])
+    bend = np.zeros((0, *points.shape))
+    if not is_rigid:
+        drawn = zip(part.points, matrices, strict=True)
+        bend = np.array([(x - M[:3, 3]) @ M[:3, :3] - points for x, M in drawn])
+        bend = bend / factor if part.is_flexible and factor else bend
     depth = float(np.abs(bend).max(initial=0.0))
-    bends_at_all = depth > 0.0 and not is_rigid
-    size = float(np.ptp(points, axis=0).max()) + float(np.abs(points).max())
-    moves = float(np.abs(numbers - numbers[0]).max()) > _STILL * max(size, 1.0)
-    values = np.array(part.values) / (largest or 1.0)
-    shapes, amounts = _shared_shapes(bend.reshape(len(bend), -1), depth)
+    shapes, amounts = _shared_shapes(bend.reshape(len(bend), points.size), depth)
+    values = np.array(part.values)
+    placed = part.matrices or float(np.ptp(numbers, axis=0).max()) > 0.0
     return {
         "points": packed(points),
-        "motion": packed(numbers) if moves else None,
-        "shapes": packed(shapes, "i2") if bends_at_all else None,
-        "amounts": packed(amounts) if bends_at_all else None,
+        "motion": packed(numbers) if placed else None,
+        "shapes": packed(shapes, "i2") if depth else None,
+        "amounts": packed(amounts) if depth else None,
         "flexible": part.is_flexible,
         "values": packed(np.clip(np.round(255 * values), 0, 255), "u1") if part.values else None,
     }

@@ -35,15 +35,16 @@ def comparison_parts(
         errors = [f"{statistics[key]:.2g}" if key in statistics else "" for key in keys]
         steps = statistics.get("steps", statistics.get("points", ""))
         seconds = sum(s for key, s in run.seconds.items() if key != "flexible_bodies")
+        label = f"{name}: {run.title}" if len(titles) > 1 else name
         rows.append((
-            name, run.title, run.status, str(len(run.layout.bodies)), str(run.layout.nv),
+            label, run.status, str(len(run.layout.bodies)), str(run.layout.nv),
             str(run.layout.nc), str(steps), f"{seconds:.3g}", *errors,
         ))  # fmt: skip
     columns: tuple[str, ...] = (
-        "run", "scene", "", "bodies", "coordinates", "equations", "steps", "wall time [s]",
+        "run", "", "bodies", "coordinates", "equations", "steps", "wall time [s]",
         "measured error", "energy balance error",
     )  # fmt: skip
-    parts.append(section("The runs", table(columns, rows, right=range(3, 10))))
+    parts.append(section("The runs", table(columns, rows, right=range(2, 9))))
     try:
         made = compare(*results, progress=progress)
         moving = [d for d in made.differences if d.moves or d.relative > STILL]

@@ -19,7 +19,7 @@ from flexmb.progress import Progress, silent
 from flexmb.results import Result
 from flexmb.results.run_summary import energy_rows, time_rows, work_rows
 from flexmb.view.charts import energy_names, loaded_reactions, participating_modes
-from flexmb.view.html_page import Html, section, table, tag, write_page
+from flexmb.view.html_page import Html, check_plotly, section, table, tag, write_page
 from flexmb.view.page_charts import Charts
 from flexmb.view.page_motion import moving_scene
 from flexmb.view.plot import writable_file
@@ -29,6 +29,7 @@ from flexmb.workflow.comparison_page import comparison_parts, foot, picture_of
 from flexmb.workflow.installation import machine
 from flexmb.workflow.run_report import PROVENANCE, check_frequencies, check_sensors
 
+_ENDINGS = (".html", ".htm")
 _MOST_MODES = 12
 _HOT_SPOTS = 5
 
@@ -68,21 +69,22 @@ def report(
     """
     from flexmb.workflow.study_page import is_study, study_parts
 
+    check_plotly()
     first = sources[0]
     charts, data = Charts(), dict[str, Any]()
     if len(sources) == 1 and not isinstance(first, Result) and is_study(Path(first)):
         folder = Path(first)
+        path = writable_file(output or folder / "report.html", _ENDINGS)
         title, parts = study_parts(folder, charts)
     else:
         results = [one if isinstance(one, Result) else Result(one) for one in sources]
-        folder = results[0].path.parent
+        path = writable_file(output or results[0].path.parent / "report.html", _ENDINGS)
         page = _ResultPage(results[0], charts, progress) if len(results) == 1 else None
         if page is not None:
             title, parts = page.title, page.parts(motion)
             data["motion"] = page.motion
         else:
             title, parts = comparison_parts(results, charts, progress)
-    path = writable_file(output or folder / "report.html", (".html", ".htm"))
     text = write_page(title, parts, {"charts": charts.data, **data})
     try:
         with whole_file(path) as partial:
@@ -179,7 +181,7 @@ class _ResultPage:
     def _motion(self) -> Html:
         scene = moving_scene(self.result, self.progress)
         self.motion = scene.data
-        return section("In motion", scene.player())
+        return section("In motion", scene.player(), class_="on-screen")
 
     def _pictures(self) -> Html:
 
@@ -192,6 +194,8 @@ class _ResultPage:
             if run.flexbody(body).stress is not None:
                 peak = run.peak_von_mises(body)
                 time = float(peak.time[peak.place])
+                if not peak.values.any():
+                    continue
                 looks.append(("von_mises", time, f"at the largest stress of {body}"))
                 break
         figures = [picture_of(run, color, time, words) for color, time, words in looks]
@@ -311,6 +315,9 @@ class _ResultPage:
             if run.flexbody(name).stress is None or not len(run.time):
                 continue
             peak = run.peak_von_mises(name)
+            if not peak.values.any():
+                self.left_out.append(f"{name} has no stress: it does not deform in this run")
+                continue
             nodes = set[int]()
             for place in np.argsort(-peak.values):
                 node = int(peak.node[place])
