@@ -332,7 +332,10 @@ def loaded_reactions(results: Sequence[Result], names: Sequence[str] = ()) -> tu
 def reactions_figure(results: Results, channels: Sequence[str] = (), times: Times = None) -> Figure:
     """Magnitudes of the forces and moments at joints and drivers; `channels`: their names."""
     runs = open_results(results)
+    names = tuple(dict.fromkeys(name for run in runs for name in run.reactions))
     vectors = loaded_reactions(runs, channels)
+    if not vectors and names:
+        vectors = loaded_reactions(runs, names)  # all of them are zero
     if not vectors:
         raise ViewError(f"{runs[0].path}: the result has no reactions, or did not store them")
     return history_figure(runs, vectors, times)
