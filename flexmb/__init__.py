@@ -20,6 +20,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
     from flexmb.workflow import (
         audit,
         check_scene,
+        compare,
         equilibria,
         free_lengths,
         inverse_dynamics,
@@ -34,16 +35,18 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
         simulate,
         statics,
         sweep_modes,
+        sweep_statics,
         warmup,
     )
 
 __version__ = "0.1.0"
 __all__ = [
     "FlexBody", "FlexmbError", "FlexmbWarning", "Model", "Result", "Study", "audit", "check_scene",
-    "equilibria", "free_lengths", "history_figure", "inverse_dynamics", "iterate_motion",
+    "compare", "equilibria", "free_lengths", "history_figure", "inverse_dynamics", "iterate_motion",
     "kinematics", "linearize", "load_result", "load_scene", "mobility", "new_scene", "plot_history",
     "reduce", "render", "render_mode_shapes", "render_modes", "resume", "rigid_body", "run_scene",
-    "save_figure", "scene_schema", "simulate", "statics", "study", "sweep_modes", "warmup",
+    "save_figure", "scene_schema", "simulate", "statics", "study", "sweep_modes", "sweep_statics",
+    "warmup",
 ]  # fmt: skip
 
 _HOMES = {
@@ -55,9 +58,9 @@ _HOMES = {
     "studies": ("Study", "study"),
     "view": ("history_figure", "plot_history", "render", "render_modes", "save_figure"),
     "workflow": (
-        "audit", "check_scene", "equilibria", "free_lengths", "inverse_dynamics", "iterate_motion",
-        "kinematics", "linearize", "mobility", "new_scene", "render_mode_shapes", "resume",
-        "run_scene", "simulate", "statics", "sweep_modes", "warmup",
+        "audit", "check_scene", "compare", "equilibria", "free_lengths", "inverse_dynamics",
+        "iterate_motion", "kinematics", "linearize", "mobility", "new_scene", "render_mode_shapes",
+        "resume", "run_scene", "simulate", "statics", "sweep_modes", "sweep_statics", "warmup",
     ),
 }  # fmt: skip
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmb.analysis.assembly.jacobian import joint_rows
+from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, joint_rows
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
 from flexmb.analysis.procedure import (
     ChunkRows,
@@ -22,7 +22,12 @@ from flexmb.analysis.procedure import (
     Sink,
     run_chunks,
 )
-from flexmb.analysis.singular_poses import KinematicPose, call_kinematics, free_motion_sentence
+from flexmb.analysis.singular_poses import (
+    KinematicPose,
+    call_kinematics,
+    free_motion_sentence,
+    holders,
+)
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import kinematics_units, sentence
@@ -38,7 +43,8 @@ from flexmb.results import NOT_UNIQUE, Result
 _CHUNK = 200  # rows
 _REMAINDER = 1e-6  # force that drives do not give, over the largest one
 _OPEN = 1e-5  # gap of a joint over the model size that the accuracy of a run does not leave
-_SINGULAR = 1e-7  # least pivot of a row over its own compliance
+_SINGULAR = 1e-5  # least pivot of a row over its own compliance
+_NEARLY, _ROWS = 0.02, 8  # least singular value over the next one; in rows of the least pivots
 
 
 @dataclass(frozen=True)
@@ -172,7 +178,7 @@ class _Run:
             new_run(pose.compiled.system, pose.state, pose.work, output=self.rows.output)
         )
         self._quality, self._joints = np.zeros(3), joint_rows(pose.compiled)
-        self._worst, self._singular = (0.0, 0.0), (1.0, 0.0)
+        self._worst, self._pivots = (0.0, 0.0), np.full(self._n, np.inf)
 
     @property
     def time(self) -> float:
@@ -195,10 +201,9 @@ class _Run:
             gaps = pose.work.con.C[self._joints]
             self.rows.output.drift[self.rows.output.rows[0] - 1, 0] = np.abs(gaps).max(initial=0.0)
             left, largest, pivot = self._quality
-            if left > self._worst[0] * max(largest, 1e-300):
+            if left > self._worst[0] * max(largest, 1e-300) and pivot > _SINGULAR:
                 self._worst = left / max(largest, 1e-300), self.time
-            if pivot < self._singular[0]:
-                self._singular = pivot, self.time
+            self._pivots[self.done] = pivot
             self.done += 1
         self.store_unread()
         return None
@@ -222,10 +227,27 @@ class _Run:
                 f"the motion needs, most at t = {say(self._worst[1], 's')}: a force of the run is "
                 "not in the model"
             )
-        if self._singular[0] < _SINGULAR:
+        word, pose = self._singular_pose()
+        if word:
             notes.append(
-                f"the motion passes a singular pose near t = {say(self._singular[1], 's')}, where "
-                "drives lose hold of it and their forces grow without bound: those near it are not "
-                "to be trusted; drive another coordinate"
+                f"the motion {word} a singular pose at t = {pose.text(pose.time)}{holders(pose)}, "
+                "where drives lose hold of it and their forces grow without bound: those near it "
+                "are not to be trusted; drive another coordinate"
             )
         return notes
+
+    def _singular_pose(self) -> tuple[str, KinematicPose]:
+        """Whether the motion passes a singular pose, or comes near one, and the pose."""
+        pose, order = self._prepared.pose, np.argsort(self._pivots)
+        ratios = {int(row): 1.0 for row in (*order[:_ROWS], order[-1])}
+        for row in ratios if pose.compiled.layout.nv <= MAX_COORDINATES else ():
+            _put_row(pose, self._prepared.motion, row)
+            jacobian = pose.jacobian()
+            S, n = jacobian.decomposition.S, jacobian.A.shape[1]
+            ratios[row] = float(S[n - 1] / S[n - 2]) if n > 1 else 1.0
+        worst = min(ratios, key=ratios.__getitem__)
+        near = ratios[worst] < min(_NEARLY, 0.1 * ratios[int(order[-1])])
+        row = int(self._pivots.argmin())
+        passes = self._pivots[row] < _SINGULAR
+        _put_row(pose, self._prepared.motion, row if passes else worst)
+        return "passes" if passes else "comes near" if near else "", pose

@@ -294,17 +294,22 @@ def _branch(pose: KinematicPose, time: float) -> str:
     )
 
 
+def holders(pose: KinematicPose, q: Array | None = None) -> str:
+    """ " held by " and the joints and drivers that hold a singular pose, here or at positions q."""
+    if pose.compiled.layout.nv > MAX_COORDINATES:
+        return ""
+    jacobian = pose.jacobian(q)
+    vector = jacobian.decomposition.U[:, jacobian.A.shape[1] - 1]
+    return f" held by {', '.join(_owners(_main_rows(pose.compiled, vector)))}"
+
+
 def singular_pose_notes(pose: KinematicPose) -> list[str]:
     """A note for each singular pose that the motion passed through smoothly."""
     path, notes = pose.path, []
     count = int(path.count[0]["singular_poses"])
     for k in range(min(count, len(path.singular_times))):
         before, after = path.singular_times[k]
-        where = ""
-        if pose.compiled.layout.nv <= MAX_COORDINATES:
-            jacobian = pose.jacobian(path.singular_positions[k])
-            vector = jacobian.decomposition.U[:, jacobian.A.shape[1] - 1]
-            where = f" held by {', '.join(_owners(_main_rows(pose.compiled, vector)))}"
+        where = holders(pose, path.singular_positions[k])
         notes.append(
             f"between t = {pose.text(before)} and {pose.text(after)} the motion passed a singular "
             f"pose{where}, where it could continue in two ways; it was continued smoothly"

@@ -18,6 +18,7 @@ from flexmb.analysis.assembly.jacobian import (
     column_scales,
     constraint_rank,
     null_space,
+    one_blas_thread,
 )
 from flexmb.analysis.assembly.positions import close_rows
 from flexmb.analysis.dynamics.validity import ValidityMonitor
@@ -44,7 +45,7 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import statics_units
 from flexmb.engine.state import State
 from flexmb.engine.state_rows import write_equilibrium
-from flexmb.engine.units import call
+from flexmb.engine.units import call, prepare_units
 from flexmb.engine.work import new_run, new_work
 from flexmb.errors import AssemblyError, FlexmbError, Problem, SceneError, nearest
 from flexmb.model.model import Model
@@ -54,6 +55,7 @@ from flexmb.results import NOT_UNIQUE
 
 _MAX_HOPS, _HOP = 8, 0.6  # of a random way, over the model size or in radians
 _SAME_PLACE = 1e-5
+_JUMP, _LONG_WAY = 10.0, 0.02  # way over that before; over the model size or in radians
 _MOVES = 0.5  # share of bodies in the kinetic energy of a mode of them
 _UNBALANCED = 1e-8  # of the load of the pose
 
@@ -86,7 +88,37 @@ class Equilibrium:
         """The equations of motion linearised about it; `stable` says whether it is stable."""
         return linearize_state(self.compiled, self.model, self.state, frame="ground")
 
+    def channels(self, names: Sequence[str] = ()) -> Array:
+        """Channels of sensors (k,), all by default, in the scene's units."""
+        compiled, model, system = self.compiled, self.model, self.compiled.system
+        available = compiled.layout.channels
+        unknown = [name for name in names if name not in available]
+        if unknown:
+            raise SceneError.unknown_name("channel of a sensor", unknown[0], available)
+        prepare_units(statics_units(system))
+        rows = ChunkRows(compiled, 1)
+        rows.clear()
+        work = new_work(system, len(self.state.angles))
+        call(write_equilibrium, new_run(system, self.state, work, output=rows.output))
+        values = dict(zip(available, rows.read().sensors[0], strict=True))
+        units = {name: model.channel_unit(name) or "" for name in names or available}
+        return np.array(
+            [model.units.outward(values[n], u) if u else values[n] for n, u in units.items()]
+        )
 
+    def growth(self) -> tuple[float, bool]:
+        """Largest Re λ [1/s] of its modes, and whether none of them grows.
+
+        NaN where motions without inertia leave it open.
+        """
+        try:
+            made = self.linearize()
+            return float(made.eigenvalues.real.max(initial=0.0)), made.stable
+        except FlexmbError:
+            return np.nan, True
+
+
+@one_blas_thread()
 def find_equilibrium(
     compiled: Compiled, model: Model, *, time: float = 0.0, start: Array | None = None
 ) -> Equilibrium:
@@ -129,6 +161,7 @@ class PreparedStatics:
     not_unique: tuple[str, ...]
 
 
+@one_blas_thread()
 def prepare_statics(
     compiled: Compiled, model: Model, *, progress: Progress = silent
 ) -> PreparedStatics:
@@ -157,6 +190,7 @@ def prepare_statics(
     return PreparedStatics(compiled, model, spec.times, state, timer, notes, not_unique)
 
 
+@one_blas_thread()
 def run_statics(prepared: PreparedStatics, sink: Sink, *, progress: Progress = silent) -> Outcome:
     """Find the equilibria of all times, each from the one before.
 
@@ -195,6 +229,7 @@ class _Run:
         self.rows = ChunkRows(prepared.compiled, 1)
         self.done, self.steps = 0, 0
         self.stability: list[str] = []
+        self._q, self._way = prepared.state.q.copy(), 0.0
         self.monitors = (
             ContactLossMonitor(prepared.compiled),
             ValidityMonitor(prepared.compiled, prepared.model, prepared.state.q),
@@ -223,6 +258,7 @@ class _Run:
         if call(write_equilibrium, self._writer) != method.FINE:
             return Ending("failed", f"at t = {model.units.say(time, 's')} reactions are not finite")
         self.store_unread()
+        self._note_jump(time)
         if self.done == 0 or self.done == len(prepared.times) - 1:
             self._note_stability(time)
         self.done += 1
@@ -234,6 +270,20 @@ class _Run:
             for monitor in self.monitors:
                 monitor.add(rows)
             self._sink.append(rows)
+
+    def _note_jump(self, time: float) -> None:
+        """Note where the equilibrium leaves the branch that it was on."""
+        prepared, say = self._prepared, self._prepared.model.units.say
+        way, body = separation(prepared.compiled, self._q, prepared.state.q)
+        if self.done > 1 and way > max(_JUMP * self._way, _LONG_WAY):
+            before = prepared.times[self.done - 1]
+            self.stability.append(
+                f"between t = {say(before, 's')} and {say(time, 's')} the equilibrium jumps, most "
+                f"of bodies.{body}: the branch that it was on ends there; flexmb statics --vary "
+                "time=... finds where"
+            )
+            way = 0.0
+        self._q, self._way = prepared.state.q.copy(), way
 
     def _note_stability(self, time: float) -> None:
         prepared = self._prepared
@@ -301,7 +351,7 @@ def find_equilibria(
                 steps = settle(compiled, model, state, descend=descend)
             except AssemblyError:
                 continue
-            if all(_differ(compiled, state.q, one.state.q, scales) for one in found):
+            if all(separation(compiled, state.q, one.state.q)[0] > _SAME_PLACE for one in found):
                 found.append(Equilibrium(compiled, model, state, steps))
     return sorted(found, key=lambda one: one.energy)
 
@@ -329,15 +379,20 @@ def _random_pose(
     return None if pose is None else pose.q
 
 
-def _differ(compiled: Compiled, a: Array, b: Array, scales: Array) -> bool:
-    """Whether two positions are not the same."""
+def separation(compiled: Compiled, a: Array, b: Array) -> tuple[float, str]:
+    """How far two positions (nq,) are apart, over the model size or in radians; which body most."""
+    scales, apart = column_scales(compiled), []
     for body in compiled.layout.bodies:
         size = scales[body.iv] if scales[body.iv] > 0.0 else compiled.length
-        far = np.abs(a[body.iq : body.iq + 3] - b[body.iq : body.iq + 3]).max() / size
-        turn = 1.0 - abs(float(a[body.iq + 3 : body.iq + 7] @ b[body.iq + 3 : body.iq + 7]))
-        if far > _SAME_PLACE or turn > _SAME_PLACE**2:
-            return True
-    return False
+        far = float(np.abs(a[body.iq : body.iq + 3] - b[body.iq : body.iq + 3]).max()) / size
+        p, r = a[body.iq + 3 : body.iq + 7], b[body.iq + 3 : body.iq + 7]
+        turn = 2.0 * float(np.linalg.norm(p - r if p @ r > 0.0 else p + r))  # of a small angle
+        modes = slice(body.iq + 7, body.iq + 7 + body.m)
+        bent = np.abs(a[modes] - b[modes])
+        sizes = scales[body.iv + 6 : body.iv + 6 + body.m]
+        bent = np.where(sizes > 0.0, bent / np.where(sizes > 0.0, sizes, 1.0), 0.0)
+        apart.append((max(far, turn, float(bent.max(initial=0.0))), body.name))
+    return max(apart, default=(0.0, ""))
 
 
 def preloads(compiled: Compiled, model: Model, springs: Sequence[str]) -> dict[str, float]:

@@ -44,6 +44,8 @@ flexmb resume out/slider_crank
 
 flexmb render out/slider_crank/result.h5 --time 0.013 --output rod.png
 
+flexmb plot out/slider_crank slider.x crank_pin.rod.force
+
 flexmb export out/slider_crank --channels slider.x,energy.kinetic --output slider.csv
 
 flexmb reduce cases/slider_crank/scene.toml --body rod --report
@@ -122,7 +124,7 @@ def command(name: str | None = None) -> Callable[[Callable[..., None]], Callable
         @functools.wraps(function)
         def run(*args: Any, **options: Any) -> None:
             with warnings.catch_warnings():
-                warnings.showwarning = _show_warning  # type: ignore[assignment]
+                warnings.showwarning = functools.partial(_show_warning, set())
                 try:
                     function(*args, **options)
                 except FlexmbError as error:
@@ -154,9 +156,12 @@ def _fault_message(error: Exception) -> str:
     )
 
 
-def _show_warning(message: Any, category: Any, *_: Any) -> None:
-    if issubclass(category, FlexmbWarning) or _options["debug"]:
-        typer.echo(f"warning: {printable(str(message))}", err=True)
+def _show_warning(shown: set[str], message: Any, category: Any, *_: Any) -> None:
+    """Each sentence once."""
+    text = str(message)
+    if text not in shown and (issubclass(category, FlexmbWarning) or _options["debug"]):
+        shown.add(text)
+        typer.echo(f"warning: {printable(text)}", err=True)
 
 
 def refuse_options(options: dict[str, Any], why: str) -> None:

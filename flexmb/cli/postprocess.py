@@ -129,7 +129,7 @@ def export(
         str | None,
         typer.Option(
             help="All channels of a kind: sensors, reactions, energy, drift, coordinates, "
-            "accelerations or stress; sensors by default.",
+            "accelerations, motion or stress; sensors by default.",
             show_default=False,
         ),
     ] = None,

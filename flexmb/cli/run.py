@@ -149,6 +149,58 @@ def resume(
     _show_run(report)
 
 
+@command()
+def inverse(
+    scene: Scene,
+    along: Annotated[
+        Path | None,
+        typer.Option(
+            help="A run with the same bodies whose motion is taken, in place of what the drivers "
+            "prescribe.",
+            show_default=False,
+        ),
+    ] = None,
+    drive: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="With --along: a joint that gets a driver in addition, elbow or elbow.stroke; may "
+            "be repeated.",
+            show_default=False,
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", help="Folder for everything that is written; out/<scene> by default."
+        ),
+    ] = None,
+    overrides: Overrides = None,
+    no_picture: NoPicture = False,
+) -> None:
+    """Find driver forces and all reactions of a motion, without integration (inverse dynamics).
+
+    The drivers of the scene fix the motion, or it is that of another run (--along), such as one
+    with torques in place of drivers. Leaves a result, a picture and a plot like `flexmb run`.
+
+    Example: flexmb inverse cases/planar_manipulator/scene.toml
+
+    Example: flexmb inverse arm.toml --along out/arm --drive shoulder --drive elbow
+    """
+    from flexmb import workflow
+
+    with screen.Bars() as progress:
+        report = workflow.inverse_scene(
+            scene,
+            along=along,
+            drives=drive or (),
+            output=output,
+            overrides=parse_pairs(overrides, "--set"),
+            pictures=not no_picture,
+            progress=progress,
+        )
+    _show_run(report)
+
+
 def _show_run(report: Any) -> None:
     """Show the summary of a run, and end in the exit code that belongs to it."""
     from flexmb.results import Result
@@ -212,7 +264,7 @@ def show_result(result: Any) -> None:
 def _energy_rows(result: Any) -> list[tuple[str, ...]]:
     """Energies and works that are not zero all along, and the error of their balance."""
     histories = dict(result.energy)
-    if result.has_columns("balance"):
+    if result.has_columns("balance") and "inverse_dynamics" not in result.seconds:  # has no work
         histories["energy balance error"] = result.balance
     return [
         (name.replace("_", " "), *(f"{x:.6g}" for x in (values[-1], values.min(), values.max())))

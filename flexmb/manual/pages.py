@@ -39,6 +39,7 @@ PAGES = (
     "accuracy",
     "statics",
     "linearization",
+    "textbook",
     "effects",
     "audit",
     "results",

@@ -33,7 +33,7 @@ from flexmb.model.reading import (
     split_reference,
     under,
 )
-from flexmb.model.scenes.consistency import far_markers, model_problems
+from flexmb.model.scenes.consistency import far_markers, impact_warnings, model_problems
 from flexmb.model.scenes.conversion import build, read_gravity, resolve_parameters, scene_dict
 from flexmb.model.scenes.dynamics import (
     AssemblySpec,
@@ -353,15 +353,26 @@ class Model:
         return model_problems(self, flexbodies or {})
 
     def validate(self, flexbodies: Mapping[str, FlexBody] | None = None) -> None:
-        """Raise a :class:`SceneError` with all problems, if there are any.
+        """Raise a :class:`SceneError` with all problems, if there are any, and warn.
 
-        Warns of markers far away from the flexible body they are on, once the body is given, and
-        of couplers that repeat others.
+        The warnings are those of :meth:`warnings`.
         """
         _raise(self.problems(flexbodies))
-        bodies = flexbodies or {}
-        for sentence in (*far_markers(self, bodies), *repeated_couplers(self, bodies)):
+        for sentence in self.warnings(flexbodies):
             warnings.warn(sentence, FlexmbWarning, stacklevel=2)
+
+    def warnings(self, flexbodies: Mapping[str, FlexBody] | None = None) -> list[str]:
+        """Sentences about what is likely not meant.
+
+        Markers far away from the flexible body they are on, once the body is given; couplers that
+        repeat others; drivers whose velocity jumps.
+        """
+        bodies = flexbodies or {}
+        return [
+            *far_markers(self, bodies),
+            *repeated_couplers(self, bodies),
+            *impact_warnings(self),
+        ]
 
     def to_scene_dict(
         self, folder: str | Path | None = None, flexbodies: Mapping[str, str | Path] | None = None

@@ -9,6 +9,8 @@ the file. The file does not stay open.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
+from fnmatch import filter as filter_names
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.errors import Problem, ResultFileError, nearest
+from flexmb.errors import FlexmbError, Problem, ResultFileError, nearest
 from flexmb.results.channels import (
     CHANNEL_KINDS,
     Channel,
@@ -27,7 +29,9 @@ from flexmb.results.channels import (
     marker_pairs,
 )
 from flexmb.results.export import copy_result, export_table, notebook_html
+from flexmb.results.marker_history import MarkerHistory, MotionChannel
 from flexmb.results.recovery import Recovery, StressChannel
+from flexmb.units import UnitSystem
 
 Array = NDArray[np.float64]
 _LINES = 3  # of the history that notebooks show
@@ -56,7 +60,7 @@ class Pose(NamedTuple):
     eta: Array  # (m,) modal coordinates
 
 
-class Result(Recovery):
+class Result(Recovery, MarkerHistory):
     """The result of one run.
 
     Parameters
@@ -128,10 +132,12 @@ class Result(Recovery):
         what : str
             ``"sensors"`` (such as slider.x), ``"reactions"`` (crank_pin.rod.force.x: what the joint
             does to that body, as `reaction` gives it), ``"energy"`` (energy.kinetic), ``"drift"``,
-            ``"coordinates"`` (rod.r.x, rod.eta.0), ``"accelerations"`` (rod.r_ddot.x) or
-            ``"stress"`` (rod.von_mises: the largest of the body; also known: rod.von_mises.17 of
-            mesh node 17, rod.stress.17.top.xx, and rod.section_force.3.1.Mz of beam element 3 at
-            its first end). What the run did not store is not among them.
+            ``"coordinates"`` (rod.r.x, rod.eta.0), ``"accelerations"`` (rod.r_ddot.x),
+            ``"motion"`` (recovered, of every marker, joint and mode: rod.big_end.velocity.x,
+            crank_pin.angle, crank_pin.angle_rate, rod.mode_energy.3) or ``"stress"``
+            (rod.von_mises: the largest of the body; also known: rod.von_mises.17 of mesh node 17,
+            rod.stress.17.top.xx, and rod.section_force.3.1.Mz of beam element 3 at its first end).
+            What the run did not store is not among them.
 
         Raises
         ------
@@ -141,6 +147,8 @@ class Result(Recovery):
         if what == "stress":
             bodies = (b for b in self.flexbodies if self.flexbody(b).stress is not None)
             return tuple(f"{name}.von_mises" for name in bodies)
+        if what == "motion":
+            return tuple(self._motions)
         named = list_channels(self.layout, self.model, what)
         return tuple(c.name for c in named if self.has_columns(c.table, [c.column]))
 
@@ -155,6 +163,8 @@ class Result(Recovery):
         stored = self._channel(channel)
         if isinstance(stored, StressChannel):
             return self._stress_values(stored)
+        if isinstance(stored, MotionChannel):
+            return self.in_scene_units(self._motion_values(stored), stored.unit)
         if stored.table == "balance":
             return self.balance
         return self.in_scene_units(self.part(stored.table, [stored.column])[:, 0], stored.unit)
@@ -164,7 +174,34 @@ class Result(Recovery):
         if channel in self._by_name:
             stored = self._by_name[str(channel)]
             return self.has_columns(stored.table, [stored.column])
-        return self._stress_channel(str(channel)) is not None
+        name = str(channel)
+        return self._stress_channel(name) is not None or self._motion_channel(name) is not None
+
+    def match(self, pattern: str) -> tuple[str, ...]:
+        """Names of channels that a name, or one with the wildcards ``*``, ``?``, ``[...]``, means.
+
+        Those of sensors go first: of the kinds as `channels` lists them, wildcards mean those of
+        the first one that has any.
+
+        Raises
+        ------
+        ResultFileError
+            There is none; lists those there are, nearest first.
+        """
+        if pattern in self:
+            return (pattern,)
+        kinds = (*CHANNEL_KINDS, "stress", "motion")
+        every: list[str] = []
+        for kind in kinds:
+            with suppress(FlexmbError):  # without those of bodies whose file is missing
+                names = self.channels(kind)
+                if matches := tuple(filter_names(names, pattern)):
+                    return matches
+                every += names
+        if pattern in self._by_name:
+            _ = self[pattern]  # raises the error that says what stores it
+        what = f'the result has no channel "{pattern}"'
+        raise ResultFileError.unknown(what, pattern, every)
 
     def unit(self, channel: str) -> str:
         """The unit of a channel in the scene's system, such as m/s², mm or N; empty for none.
@@ -175,6 +212,16 @@ class Result(Recovery):
             No such channel.
         """
         return self.units.label(self._channel(channel).unit, raised=True)
+
+    def si_unit(self, channel: str) -> str:
+        """The unit of a channel in SI; empty for none. Errors as of `unit`."""
+        return self._channel(channel).unit
+
+    def in_units(self, channel: str, units: UnitSystem) -> Array:
+        """A channel over time (n,) in another unit system."""
+        unit = self.si_unit(channel) or "1"
+        factor = self.units.scale(unit) / units.scale(unit)
+        return self[channel] if factor == 1.0 else factor * self[channel]
 
     def pose(self, body: str, time: float) -> Pose:
         """Where a body is at a time, interpolated between the rows.
@@ -338,8 +385,10 @@ class Result(Recovery):
     def _by_name(self) -> dict[str, Channel]:
         return all_channels(self.layout, self.model)
 
-    def _channel(self, name: str) -> Channel | StressChannel:
-        channel = self._by_name.get(name) or self._stress_channel(name)
+    def _channel(self, name: str) -> Channel | StressChannel | MotionChannel:
+        channel = (
+            self._by_name.get(name) or self._stress_channel(name) or self._motion_channel(name)
+        )
         if channel is None:
             allowed = self.layout.channels or ("energy.kinetic", "drift.position")
             what, likely = f'the result has no channel "{name}"', nearest(name, self._by_name)

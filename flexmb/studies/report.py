@@ -25,7 +25,7 @@ from flexmb.workflow import machine
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from flexmb.view.plot import Curve
+    from flexmb.view.work_precision import Curve
 
 
 _MIN_GAIN = 1.5  # times less error: what a slower setting must give to count as better
@@ -310,7 +310,7 @@ class Study(StudyRows):
         ViewError
             No run has an error to draw, or the file cannot be written.
         """
-        from flexmb.view.plot import work_precision_figure
+        from flexmb.view.work_precision import work_precision_figure
 
         lines = series(self)
         panels = {name: _curves(lines, name) for name in self.quantities}
@@ -328,7 +328,7 @@ class Study(StudyRows):
         ViewError
             No run has an error to draw, or the file cannot be written.
         """
-        from flexmb.view.plot import pareto_figure
+        from flexmb.view.work_precision import pareto_figure
 
         models: dict[str, list[Row]] = {}
         for row in self.rows:
@@ -395,7 +395,7 @@ def _has_several_models(rows: Sequence[Row]) -> bool:
 
 
 def _curves(lines: dict[str, list[Row]], quantity: str) -> list[Curve]:
-    from flexmb.view.plot import Curve
+    from flexmb.view.work_precision import Curve
 
     curves = []
     for name, rows in lines.items():

@@ -1,6 +1,7 @@
-"""Campbell diagrams, root loci and frequency responses, without matplotlib's global state.
+"""Campbell diagrams, root loci, frequency responses, equilibria over a parameter.
 
-In: a `ModeSweep`, or a response. Out: a matplotlib ``Figure``. Units: the parameter's own, Hz, 1/s.
+In: a `ModeSweep`, a response, or a `StaticSweep`. Out: a matplotlib ``Figure``. Units: the
+parameter's own, Hz, 1/s.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from flexmb.analysis.linear.mode_sweep import ModeSweep
+    from flexmb.analysis.static_sweep import StaticSweep
 
 _ORDERS = (1, 2, 3)  # multiples of the speed that are drawn
 _SHOWN = 12  # modes
@@ -73,4 +75,39 @@ def response_figure(frequencies: Sequence[float], response: Any, title: str) -> 
     bottom.set_xlabel("frequency [Hz]", color=INK)
     for axes in (top, bottom):
         style_axes(axes)
+    return figure
+
+
+def equilibria_figure(sweep: StaticSweep, names: Sequence[str] = ()) -> Figure:
+    """Channels of a static sweep over its parameter, one pair of axes for each unit.
+
+    Unstable equilibria are drawn with open circles, events as dotted lines.
+    """
+    names = names or [n for n in sweep.names if np.ptp(sweep[n]) > 0.0] or sweep.names
+    panels: dict[str, list[str]] = {}
+    for name in names:
+        panels.setdefault(sweep.units[sweep.names.index(name)], []).append(name)
+    figure = new_figure(9.6, 1.2 + 2.5 * len(panels), f"equilibria over {sweep.parameter}")
+    grid = figure.subplots(max(1, len(panels)), 1, sharex=True, squeeze=False)[:, 0]
+    values, unstable = sweep.values, ~sweep.stable
+    ends = [event.place for event in sweep.events if event.kind == "limit point"]  # of branches
+    for axes, (unit, members) in zip(grid, panels.items(), strict=False):
+        for k, name in enumerate(members):
+            color, line = LINES[k % len(LINES)], sweep[name]
+            for i, (part, rest) in enumerate(
+                zip(np.split(values, ends), np.split(line, ends), strict=True)
+            ):
+                label = None if i else name
+                axes.plot(part, rest, color=color, lw=1.6, marker="o", ms=3, label=label)
+            axes.plot(values[unstable], line[unstable], color=color, ls="", marker="o", ms=7,
+                      mfc="white")  # fmt: skip
+        for event in sweep.events:
+            axes.axvline(event.low, color=INK, lw=0.8, ls=":")
+            at = event.low, 1.0
+            axes.annotate(event.kind, at, xycoords=("data", "axes fraction"), color=INK,
+                          fontsize=8, rotation=90, ha="right", va="top")  # fmt: skip
+        axes.set_ylabel(f"[{unit}]" if unit else "", color=INK)
+        style_axes(axes)
+        axes.legend(loc="upper left", bbox_to_anchor=(1.005, 1.02), frameon=False, labelcolor=INK)
+    grid[-1].set_xlabel(sweep.parameter, color=INK)
     return figure

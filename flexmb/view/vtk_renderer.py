@@ -16,18 +16,17 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from flexmb.folders import cache_root, is_writable
 from flexmb.view.content import Content, Deformed, Solid
 from flexmb.view.plot import COLORMAP, GHOST, INK, JOINT, PAPER
 from flexmb.view.shapes import joined, sphere
+from flexmb.view.vtk_scene import VtkScene
 
 _WINDOW_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
 _EGL = "vtkEGLRenderWindow"
@@ -46,7 +45,6 @@ assert image.min() < 100 < 200 < image.max(), "the picture is blank"
 print("window:" + plotter.render_window.GetClassName())
 """
 
-_FEATURE_DEGREES = 35.0  # edges sharper than this are drawn as lines
 _MARGIN = 1.04  # of the fitted view
 _LETTER = 0.76  # width of a letter over the size of the text, with some room at the end
 _ROOM = (0.90, 0.74)  # of width and height that the captions leave free
@@ -106,26 +104,29 @@ def draw(
     panels: Sequence[Content], path: Path, size: tuple[int, int], columns: int, verdict: Verdict
 ) -> None:
     """Render panels, row by row, into a PNG file of `size` (width, height) pixels."""
-    use(verdict)
-    import pyvista
+    with open_scene(len(panels), size, columns, verdict) as scene:
+        show(scene, panels, size)
+        scene.save(path)
 
-    rows = -(-len(panels) // columns)
-    cell = (size[0] // columns, size[1] // rows)
-    plotter: Any = pyvista.Plotter(
-        off_screen=True,
-        window_size=list(size),
-        lighting="light kit",
-        shape=(rows, columns),
-        border=False,
-    )
+
+@contextlib.contextmanager
+def open_scene(
+    panels: int, size: tuple[int, int], columns: int, verdict: Verdict
+) -> Iterator[VtkScene]:
+    """A scene for so many panels, row by row, that `show` fills, once or for every frame."""
+    use(verdict)
+    scene = VtkScene(size, (-(-panels // columns), columns), PAPER)
     try:
-        plotter.set_background(PAPER)
-        for k, content in enumerate(panels):
-            plotter.subplot(*divmod(k, columns))
-            _draw_panel(plotter, content, cell)
-        plotter.screenshot(str(path))
+        yield scene
     finally:
-        plotter.close()
+        scene.close()
+
+
+def show(scene: VtkScene, panels: Sequence[Content], size: tuple[int, int]) -> None:
+    """Let the scene of `size` (width, height) pixels show the panels."""
+    rows, columns = scene.plotter.shape
+    for k, content in enumerate(panels):
+        _draw_panel(scene, k, content, (size[0] // columns, size[1] // rows))
 
 
 def _try_windows() -> Verdict:
@@ -195,98 +196,74 @@ def _version(package: str) -> str:
         return "not installed"
 
 
-def _draw_panel(plotter: Any, content: Content, size: tuple[int, int]) -> None:
-    plotter.enable_anti_aliasing("ssaa")
-    plotter.enable_depth_peeling(8)
+def _draw_panel(scene: VtkScene, panel: int, content: Content, size: tuple[int, int]) -> None:
+    first = scene.begin(panel, content.all_points().mean(axis=0))
+    if first:
+        scene.plotter.enable_anti_aliasing("ssaa")
+        scene.plotter.enable_depth_peeling(8)
     for solid in content.solids:
-        _add_solid(plotter, solid)
-    actors = [_add_deformed(plotter, body, content) for body in content.deformed]
+        _add_solid(scene, solid)
+    actors = [_add_deformed(scene, body, content) for body in content.deformed]
     if len(content.joints):
         balls = joined([sphere(content.joint_radius, center) for center in content.joints])
-        mesh = _mesh(balls.points, balls.faces)
-        plotter.add_mesh(mesh, color=JOINT, smooth_shading=True, **_LIGHT)
+        scene.add_mesh(balls.points, balls.faces, look={"color": JOINT, **_LIGHT})
     colored = (actor.mapper for actor in actors if actor.mapper.scalar_visibility)
-    _add_texts(plotter, content, size, next(colored, None))
-    _aim(plotter, content, size)
+    _add_texts(scene, content, size)
+    if first:
+        _add_legend(scene.plotter, content, size, next(colored, None))
+    scene.end()
+    _aim(scene, content, size)
 
 
-def _mesh(points: Any, faces: Any, lines: Any = None) -> Any:
-    import pyvista
-
-    def cells(rows: Any) -> Any:
-        return np.hstack([np.full((len(rows), 1), rows.shape[1]), rows]).ravel()
-
-    has_lines = lines is not None and len(lines) > 0
-    return pyvista.PolyData(
-        np.asarray(points, dtype=np.float32),
-        faces=cells(faces) if len(faces) else None,
-        lines=cells(lines) if has_lines else None,
-    )
+def _add_solid(scene: VtkScene, solid: Solid) -> None:
+    shape = solid.triangles
+    look = {"color": solid.color, "opacity": solid.opacity, **_LIGHT}
+    scene.add_mesh(shape.points, shape.faces, look=look, edges=_edges(INK, 0.5))
 
 
-def _add_solid(plotter: Any, solid: Solid) -> None:
-    mesh = _mesh(solid.triangles.points, solid.triangles.faces)
-    plotter.add_mesh(
-        mesh,
-        color=solid.color,
-        opacity=solid.opacity,
-        smooth_shading=True,
-        split_sharp_edges=True,
-        feature_angle=_FEATURE_DEGREES,
-        **_LIGHT,
-    )
-    _add_edges(plotter, mesh, INK, 0.5)
-
-
-def _add_deformed(plotter: Any, body: Deformed, content: Content) -> Any:
-    mesh = _mesh(body.points, body.faces, body.lines)
+def _add_deformed(scene: VtkScene, body: Deformed, content: Content) -> Any:
     look: dict[str, Any] = {"color": body.color}
+    values = None
     if content.scale is not None and body.values is not None:
-        mesh["values"] = body.values * content.scale.factor
+        values = body.values * content.scale.factor
         look = {
-            "scalars": "values",
             "cmap": COLORMAP,
             "nan_color": body.color,
             "clim": (0.0, content.scale.top or 1.0),
-            "show_scalar_bar": False,
         }
-    actor = plotter.add_mesh(
-        mesh,
-        smooth_shading=True,
-        split_sharp_edges=len(body.faces) > 0,
-        feature_angle=_FEATURE_DEGREES,
-        line_width=2 if len(body.faces) else 6,
-        **_LIGHT,
-        **look,
+    actor = scene.add_mesh(
+        body.points,
+        body.faces,
+        body.lines,
+        look={"line_width": 2 if len(body.faces) else 6, **_LIGHT, **look},
+        values=values,
     )
-    ghost = _mesh(body.undeformed, body.faces, body.lines)
+    look, edges = {"color": GHOST, "line_width": 2}, None
     if len(body.faces):
-        plotter.add_mesh(ghost, color=GHOST, opacity=0.10, lighting=False)
-        _add_edges(plotter, ghost, GHOST, 1.0)
-    else:
-        plotter.add_mesh(ghost, color=GHOST, line_width=2)
+        look, edges = {"color": GHOST, "opacity": 0.10, "lighting": False}, _edges(GHOST, 1.0)
+    scene.add_mesh(body.undeformed, body.faces, body.lines, look=look, edges=edges)
     return actor
 
 
-def _add_edges(plotter: Any, mesh: Any, color: str, opacity: float) -> None:
-    edges = mesh.extract_feature_edges(
-        feature_angle=_FEATURE_DEGREES, manifold_edges=False, non_manifold_edges=False
-    )
-    if edges.n_cells:
-        plotter.add_mesh(edges, color=color, line_width=1.5, opacity=opacity, lighting=False)
+def _edges(color: str, opacity: float) -> dict[str, Any]:
+    """The look of sharp edges."""
+    return {"color": color, "line_width": 1.5, "opacity": opacity}
 
 
-def _add_texts(plotter: Any, content: Content, size: tuple[int, int], mapper: Any) -> None:
+def _add_texts(scene: VtkScene, content: Content, size: tuple[int, int]) -> None:
     width, height = size
     large, small = (
         min(max(height / share, least), width / (_LETTER * max(len(text), 1)))
         for share, least, text in ((38, 9.0, content.title), (52, 8.0, content.caption))
     )
-    place = {"viewport": True, "color": INK}
     first = 1 - 2.1 * large / height  # a line each, also where a panel is low
     second = first - 2.05 * small / height
-    plotter.add_text(content.title, position=(0.02, first), font_size=0.72 * large, **place)
-    plotter.add_text(content.caption, position=(0.02, second), font_size=0.72 * small, **place)
+    scene.add_text(content.title, (0.02, first), 0.72 * large, INK)
+    scene.add_text(content.caption, (0.02, second), 0.72 * small, INK)
+
+
+def _add_legend(plotter: Any, content: Content, size: tuple[int, int], mapper: Any) -> None:
+    """The colour bar and the axes."""
     if content.scale is not None and content.bar:
         plotter.add_scalar_bar(
             title=f"{content.scale.label}\n",
@@ -299,13 +276,13 @@ def _add_texts(plotter: Any, content: Content, size: tuple[int, int], mapper: An
             n_labels=5,
             fmt="%.3g",
             color=INK,
-            title_font_size=round(1.15 * max(height / 52, 8)),
-            label_font_size=round(1.15 * max(height / 52, 8)),
+            title_font_size=round(1.15 * max(size[1] / 52, 8)),
+            label_font_size=round(1.15 * max(size[1] / 52, 8)),
         )
     plotter.add_axes(color=INK, line_width=2, viewport=(0.0, 0.0, 0.14, 0.2))
 
 
-def _aim(plotter: Any, content: Content, size: tuple[int, int]) -> None:
+def _aim(scene: VtkScene, content: Content, size: tuple[int, int]) -> None:
     """Look along the direction, fit width and height to what is drawn."""
     axes = content.camera.axes
     spans = content.all_points() @ axes.T
@@ -317,10 +294,11 @@ def _aim(plotter: Any, content: Content, size: tuple[int, int]) -> None:
     scale = 0.5 * _MARGIN * needed  # half of the height shown
     middle = 0.5 * (low + high)
     middle[0] += bar * scale * size[0] / size[1]
-    center = middle @ axes
-    plotter.camera.parallel_projection = True
-    plotter.camera.focal_point = center
-    plotter.camera.position = center + 3 * reach * axes[2]
-    plotter.camera.up = tuple(axes[1])
-    plotter.camera.parallel_scale = scale
-    plotter.camera.clipping_range = (0.5 * reach, 6 * reach)
+    center = middle @ axes - scene.origin
+    camera = scene.plotter.camera
+    camera.parallel_projection = True
+    camera.focal_point = center
+    camera.position = center + 3 * reach * axes[2]
+    camera.up = tuple(axes[1])
+    camera.parallel_scale = scale
+    camera.clipping_range = (0.5 * reach, 6 * reach)

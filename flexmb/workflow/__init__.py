@@ -6,7 +6,9 @@ The command line and the Python API use the same functions.
 from flexmb.workflow.audit import Audit, EffectOutcome, audit
 from flexmb.workflow.check import CheckReport, check_scene, mobility
 from flexmb.workflow.check_all import SceneChecks, check_all
-from flexmb.workflow.drive_forces import inverse_dynamics
+from flexmb.workflow.comparison import Comparison, compare
+from flexmb.workflow.drive_forces import inverse_dynamics, inverse_scene
+from flexmb.workflow.equilibria import equilibria, free_lengths, sweep_statics
 from flexmb.workflow.flexible_bodies import (
     ReducedBody,
     ReducedScene,
@@ -21,7 +23,7 @@ from flexmb.workflow.installation import (
     machine,
     warmup,
 )
-from flexmb.workflow.linearize import equilibria, free_lengths, linearize, sweep_modes
+from flexmb.workflow.linearize import linearize, sweep_modes
 from flexmb.workflow.listings import TOPICS, Listing, listing, new_scene, templates
 from flexmb.workflow.mode_pictures import render_mode_shapes
 from flexmb.workflow.resume import resume, resume_run
@@ -34,6 +36,7 @@ __all__ = [
     "Audit",
     "CheckOutcome",
     "CheckReport",
+    "Comparison",
     "EffectOutcome",
     "Installation",
     "Listing",
@@ -46,11 +49,13 @@ __all__ = [
     "audit",
     "check_all",
     "check_scene",
+    "compare",
     "equilibria",
     "examine_installation",
     "flexible_bodies",
     "free_lengths",
     "inverse_dynamics",
+    "inverse_scene",
     "iterate_motion",
     "kinematics",
     "linearize",
@@ -68,6 +73,7 @@ __all__ = [
     "simulate",
     "statics",
     "sweep_modes",
+    "sweep_statics",
     "templates",
     "warmup",
 ]

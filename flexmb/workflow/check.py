@@ -87,6 +87,7 @@ def check_scene(
     for name, survey in surveys.items():
         notes += [f"{name}: {finding.sentence}" for finding in survey.findings]
     bodies, rigid = bodies_of_surveys(model, surveys, output_folder(Path(path)))
+    notes += model.warnings(bodies)
     _check_results(model, bodies, rigid)
     moves = None
     if counts.rigid_coordinates > MAX_COORDINATES:

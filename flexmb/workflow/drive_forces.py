@@ -1,24 +1,29 @@
-"""Inverse dynamics: the forces of drives along a motion, from a model and a run.
+"""Inverse dynamics: the forces of drives along a motion, and all reactions, without integration.
 
-In: a model, a result, joints to drive. Out: a result with the same rows, and all reactions.
+In: a scene whose drivers fix the motion, or a model, a result and joints to drive. Out: a result
+with the same rows, and all reactions.
 """
 
 from __future__ import annotations
 
 import copy
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from flexmb.errors import FlexmbWarning, Problem, SceneError, SolverError, nearest
-from flexmb.folders import writable_folder
+from flexmb.folders import output_folder, writable_folder
 from flexmb.progress import Progress, silent
 from flexmb.workflow.flexible_bodies import flexible_bodies
 
 if TYPE_CHECKING:
     from flexmb.model import Model
     from flexmb.results import Result
+    from flexmb.workflow.run_report import RunReport
 
 
 def inverse_dynamics(
@@ -86,6 +91,93 @@ def inverse_dynamics(
     return Result(writer.path)
 
 
+def inverse_scene(
+    path: str | Path,
+    *,
+    along: Result | str | Path | None = None,
+    drives: Sequence[str] = (),
+    output: str | Path | None = None,
+    overrides: Mapping[str, str] | None = None,
+    pictures: bool = True,
+    progress: Progress = silent,
+) -> RunReport:
+    """Inverse dynamics of a scene file, with pictures and a table of what each driver gives.
+
+    Parameters
+    ----------
+    path : path
+        The scene. Its drivers fix the motion, for the duration of [kinematics] or [dynamics].
+    along : Result or path, optional
+        A run with the same bodies, whose motion is taken instead.
+    drives : sequence of str
+        With `along`: joints that get a driver in addition; see `inverse_dynamics`.
+    output, overrides, pictures, progress
+        As of `run_scene`.
+
+    Raises
+    ------
+    FlexmbError
+        Whatever is wrong, in one message: motions that nothing drives, singular poses.
+    """
+    from flexmb.model import load_scene
+    from flexmb.results import Result
+    from flexmb.workflow.run_report import RunReport, draw_run
+    from flexmb.workflow.simulate import run_model
+
+    model = load_scene(Path(path), dict(overrides or {}))
+    folder = output_folder(path) if output is None else Path(output)
+    if along is None:
+        if drives:
+            what = "a drive without a function needs a motion: give a run of it (along)"
+            raise SceneError.from_problems([Problem("drives", what)])
+        if model.kinematics is None and model.dynamics is not None:
+            outputs = {} if model.dynamics.outputs is None else {"outputs": model.dynamics.outputs}
+            duration = model.units.outward(model.dynamics.duration, "s")
+            model.set_kinematics(duration=duration, **outputs)
+        if model.kinematics is None:
+            what = "is missing: say how long the drivers move it, or name a run to go along"
+            raise SceneError.from_problems([Problem("kinematics.duration", what)])
+        report = run_model(
+            model, folder, analysis="kinematics", pictures=pictures, progress=progress
+        )
+        return replace(report, tables=(*report.tables, drive_table(Result(report.result))))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", FlexmbWarning)
+        run = inverse_dynamics(model, along, drives=drives, output=folder, progress=progress)
+    notes = [str(one.message) for one in caught if issubclass(one.category, FlexmbWarning)]
+    drawn = draw_run(run, progress) if pictures else (None, None)
+    return RunReport(
+        folder, run.path, run.flexbodies, *drawn, dict(run.statistics), notes,
+        resumable=False, tables=(drive_table(run),),
+    )  # fmt: skip
+
+
+def drive_table(run: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Of each driver what it gives: columns, and a row for each of its coordinates."""
+    from flexmb.model.joints.joint import COORDINATES
+
+    rows = []
+    columns = {path: [k for k, row in enumerate(run.layout.rows) if row.startswith(f"{path}: ")]
+               for path in run.layout.reactions if path.startswith("drivers.")}  # fmt: skip
+    for path, own in columns.items():
+        driver = path.removeprefix("drivers.")
+        table = run.model["drivers"][driver]
+        names = [word for word in COORDINATES if word in table]
+        names += [word for word in ("x", "y", "z", "distance") if word in table]
+        names += [f"position {k + 1}" for k in range(len(own) - len(names))]
+        for k, name in zip(own, names, strict=True):
+            unit = "N m" if name.endswith("angle") else "N"
+            values = run.in_scene_units(-run.part("lam", [k])[:, 0], unit)  # on marker J
+            at = int(np.abs(values).argmax())
+            figures = (values[at], run.time[at], values.min(), values.max())
+            rms = float(np.sqrt(np.mean(values**2)))
+            rows.append(
+                (driver, name, *(f"{x:.6g}" for x in (*figures, rms)), run.units.label(unit))
+            )
+    when = f"at t [{run.units.label('s')}]"
+    return ("driver", "of", "largest", when, "least", "greatest", "rms", "unit"), rows
+
+
 def _with_drives(model: Model, drives: Sequence[str]) -> Model:
     """A copy of a model with a driver on each of some joints."""
     from flexmb.model.joints.joint import JOINT_TYPES
@@ -101,12 +193,12 @@ def _with_drives(model: Model, drives: Sequence[str]) -> Model:
                 Problem(f'drives "{drive}"', "no such joint", names, nearest(joint, names))
             )
             continue
-        known = JOINT_TYPES[model.joints[joint].type].coordinates
-        if not known or coordinate not in ("", *known):
+        coordinates = JOINT_TYPES[model.joints[joint].type].coordinates
+        if not coordinates or coordinate not in ("", *coordinates):
             what = f"the joint has no coordinate {coordinate or 'to drive'}"
-            problems.append(Problem(f'drives "{drive}"', what, tuple(known)))
+            problems.append(Problem(f'drives "{drive}"', what, tuple(coordinates)))
             continue
-        made.add_driver(f"drive_{joint}", joint=joint, **{coordinate or known[0]: 0.0})
+        made.add_driver(f"drive_{joint}", joint=joint, **{coordinate or coordinates[0]: 0.0})
     if problems:
         raise SceneError.from_problems(problems)
     return made

@@ -13,8 +13,8 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "files": 272,
-    "lines": 69_000,
+    "files": 292,
+    "lines": 73_000,
     "participles": 100,
     "base names of three and more files": 0,
     _ALL: 0,

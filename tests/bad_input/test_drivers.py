@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from flexmb.engine.compile import compile_system
@@ -138,5 +139,51 @@ def test_a_distance_that_comes_to_zero_by_its_velocity():
 def test_a_rate_without_a_value_is_told():
     model = arm()
     model.add_driver("d", joint="shoulder", angle="log(1.5 - t)", prescribes="velocity")
-    with pytest.raises(SceneError, match=r"drivers\.d\.angle: the value is .* not finite"):
+    with pytest.raises(SceneError, match=r"drivers\.d\.angle: .* not finite at t = 1.5 s"):
         compile_system(model)
+
+
+@pytest.mark.parametrize(
+    ("angle", "sentence"),
+    [
+        ("0.2*sign(t - 0.7)", "jumps at t = 0.7 s"),
+        ("0.3*sign(sin(20*t))", f"jumps at t = {np.pi / 20:.5g} s"),
+        ("atan2(sin(3*t), cos(3*t))", f"jumps at t = {np.pi / 3:.5g} s"),
+        ("sqrt(0.5 - t)", "not finite at t = 0.5 s"),
+        ("log(1.5 - t)", "not finite at t = 1.5 s"),
+        ("1e-3/(t - 0.5)", "not finite at t = 0.5 s"),
+    ],
+)
+def test_an_angle_that_no_force_can_follow(angle, sentence):
+    (problem,) = problems("xy", {"joint": "shoulder", "angle": angle})
+    assert problem.where == "drivers.d0.angle" and sentence in problem.what
+
+
+@pytest.mark.parametrize("angle", ["t**3", "sqrt(1 + t)", "1/(3 - t)", "abs(2 - t)",
+                                   "step(t, 0.5, 0, 0.501, 1)", "max(1, 2 + t)"])  # fmt: skip
+def test_an_angle_that_is_well(angle):
+    assert not problems("xy", {"joint": "shoulder", "angle": angle})
+
+
+def test_a_force_without_a_value_at_some_time():
+    model = arm()
+    model.add_force("f", "force", at="b", value=["sqrt(1.25 - t)", "sign(t - 1)", 0])
+    (problem,) = model.problems()
+    assert problem.where == "forces.f.value[0]" and "not finite at t = 1.25 s" in problem.what
+
+
+@pytest.mark.parametrize(
+    ("fields", "time"),
+    [
+        ({"angle": "abs(t - 0.5)"}, "0.5"),
+        ({"angle": "max(sin(5*t), 0)"}, f"{np.pi / 5:.6g}"),
+        ({"angle": "sign(t - 1.1)", "prescribes": "velocity"}, "1.1"),
+        ({"angle": "t**2"}, None),
+    ],
+)
+def test_a_velocity_that_jumps_is_an_impact(fields, time):
+    model = arm()
+    model.add_driver("d", joint="shoulder", **fields)
+    told = model.warnings()
+    assert len(told) == (time is not None)
+    assert all(f"jumps at t = {time} s, an impact" in sentence for sentence in told)

@@ -50,15 +50,19 @@ def pulled_slider(x: float, height: float) -> flexmb.Model:
 
 
 def test_a_function_that_leaves_its_domain_is_named(tmp_path: Path) -> None:
+    """One of a channel, whose values are not known before the run."""
+    model = arm("2*t")
+    model.add_sensor("turn", "angle", joint="bearing")
+    model.add_force("brake", "torque", at="arm", value=[0, 0, "log(0.299 - turn)"])
     with pytest.raises(SolverError) as caught:
-        flexmb.simulate(arm("log(1.5 - 10*t)"), output=tmp_path)
+        flexmb.simulate(model, output=tmp_path)
     text = str(caught.value)
-    assert text.startswith("at t = 0.15 s drivers.motor.angle: the value of ")
-    assert '"log(1.5 - 10*t)"' in text and "not finite" in text
+    assert text.startswith("at t = 0.1495 s forces.brake.value"), text
+    assert '"log(0.299 - turn)"' in text and "not finite" in text
     run = flexmb.load_result(tmp_path / "result.h5")
     assert (run.status, len(run.time)) == ("failed", 30)
     assert run.message in text
-    np.testing.assert_allclose(run["tip.x"], R * np.cos(np.log(1.5 - 10 * run.time)), atol=1e-9)
+    np.testing.assert_allclose(run["tip.x"], R * np.cos(2 * run.time), atol=1e-9)
 
 
 def test_the_command_ends_in_2_and_says_what_is_kept(tmp_path: Path) -> None:
@@ -66,7 +70,9 @@ def test_the_command_ends_in_2_and_says_what_is_kept(tmp_path: Path) -> None:
     scene.write_text(
         "[bodies.arm]\nmass = 1\ninertia = [1, 1, 1]\nmarkers.tip = { position = [0.2, 0, 0] }\n"
         '[joints.bearing]\ntype = "revolute"\nbetween = ["ground", "arm"]\naxis = "z"\n'
-        '[drivers.motor]\njoint = "bearing"\nangle = "sqrt(0.1 - t)"\n'
+        '[drivers.motor]\njoint = "bearing"\nangle = "2*t"\n'
+        '[sensors.turn]\ntype = "angle"\njoint = "bearing"\n[forces.brake]\ntype = "torque"\n'
+        'at = "arm"\nvalue = [0, 0, "sqrt(0.1995 - turn)"]\n'
         '[sensors.tip]\ntype = "position"\nof = "arm.tip"\n'
         "[dynamics]\nduration = 0.2\nstep = 1e-3\noutputs = 40\n[view]\ntime = 0.15\n"
     )
@@ -76,7 +82,7 @@ def test_the_command_ends_in_2_and_says_what_is_kept(tmp_path: Path) -> None:
     assert "Traceback" not in done.output
     message = done.stderr.partition("error: ")[2].strip()
     assert len(message.splitlines()) == 1
-    assert "drivers.motor.angle: the " in message and 'of "sqrt(0.1 - t)" is' in message
+    assert "forces.brake.value" in message and '"sqrt(0.1995 - turn)" is nan' in message
     assert f"{out / 'result.h5'} keeps the 20 outputs until then" in message
     assert (out / "picture.png").exists()
 

@@ -14,7 +14,9 @@ from flexmb.workflow import reduce_scene
 
 FOLDER = Path(__file__).parents[2] / "cases"
 CASES = sorted(FOLDER.glob("*/*.toml"))
-EXACT = sorted(FOLDER.glob("*/exact.py"))
+EXACT = sorted(FOLDER.glob("*/exact.py"))  # Solutions that take seconds by themselves.
+LONG = {"flexible_manipulator", "hub_beam", "misaligned_four_bar", "rotating_beam_spin_up",
+        "slider_crank_speeds", "spacecraft_panels", "test_set_crank"}  # fmt: skip
 
 # Changes that shorten a run without leaving the tolerances of its checks.
 SHORTER = {
@@ -72,7 +74,14 @@ def test_every_case_says_where_its_answers_come_from() -> None:
             assert check.source, scene
 
 
-@pytest.mark.parametrize("script", EXACT, ids=lambda path: path.parent.name)
+@pytest.mark.parametrize(
+    "script",
+    [
+        pytest.param(path, marks=pytest.mark.slow) if path.parent.name in LONG else path
+        for path in EXACT
+    ],
+    ids=lambda path: path.parent.name,
+)
 def test_expected_values_are_those_of_the_exact_solution(script: Path) -> None:
     """`exact.py` prints `[scene] sensor time value`; it uses nothing of flexmb.
 

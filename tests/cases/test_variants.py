@@ -14,6 +14,7 @@ from flexmb.errors import FlexmbError
 CASES = Path(__file__).parents[2] / "cases"
 
 
+@pytest.mark.slow
 def test_the_four_bar_without_geometric_stiffening_bows_otherwise(tmp_path: Path) -> None:
     change = {"bodies.coupler.geometric_stiffening": "none"}
     scene = CASES / "flexible_four_bar/scene.toml"

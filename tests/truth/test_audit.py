@@ -50,7 +50,9 @@ def share_between(run, other, sensor):
     return max(np.abs(run[name] - other[name]).max() for name in names) / size
 
 
-@pytest.mark.parametrize("share", [0.05, 0.3, 0.7])
+@pytest.mark.parametrize(
+    "share", [0.05, *(pytest.param(s, marks=pytest.mark.slow) for s in (0.3, 0.7))]
+)
 def test_stiffening_left_out_of_a_spinning_bar(share, tmp_path):
     run = flexmb.simulate(spinning(share), output=tmp_path)
     true = share_between(run, flexmb.simulate(spinning(share, "full")), "tip")
@@ -112,7 +114,12 @@ def slow_or_fast(speed):
 
 
 @pytest.mark.parametrize(
-    ("share", "deformation"), [(0.002, "rigid"), (0.08, "quasi-static"), (0.3, "dynamic")]
+    ("share", "deformation"),
+    [
+        pytest.param(0.002, "rigid", marks=pytest.mark.slow),
+        (0.08, "quasi-static"),
+        pytest.param(0.3, "dynamic", marks=pytest.mark.slow),
+    ],
 )
 def test_selected_effects_keep_the_budget(share, deformation, tmp_path):
     """Against the model with all effects, of twice as many modes."""

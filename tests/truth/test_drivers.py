@@ -7,6 +7,8 @@ import pytest
 from generators import cloud, interface
 from truthkit import run
 
+import flexmb
+from flexmb.errors import FlexmbWarning
 from flexmb.model import Model
 
 L1, L2 = 1.0, 0.8
@@ -202,3 +204,26 @@ def test_the_drivers_do_the_work(name):
     else:
         found = crane() if name == "crane" else wheel(name)
     assert found.mismatch() / np.abs(found.energy).max() < 1e-2
+
+
+@pytest.mark.parametrize("method", ["auto", "explicit-rk", "radau"])
+def test_a_velocity_that_jumps_moves_what_hangs_on_it_by_its_impulse(method):
+    """A rod hangs on a slider that suddenly moves: about its end, I w = m v L/2 of the rod.
+
+    From rest at t = 0.3 the pin moves with v; the angular momentum of the rod about the pin stays
+    zero in the impact, so that w = -3 v/(2 L), in the axes of the pin.
+    """
+    length, speed = 0.8, 0.05
+    model = Model("slider with a rod", gravity=[0, 0, 0])
+    model.add_body("slider", mass=1.0, inertia=[1, 1, 1])
+    model.add_body("rod", mass=2.0, center=[0, -length / 2, 0],
+                   inertia=[2 * length**2 / 12, 1e-3, 2 * length**2 / 12])  # fmt: skip
+    model.add_joint("guide", "prismatic", between=["ground", "slider"], axis="x")
+    model.add_joint("pin", "revolute", between=["slider", "rod"], axis="z")
+    model.add_driver("d", joint="guide", stroke=f"max({speed}*(t - 0.3), 0)")
+    model.add_sensor("turn", "angular_velocity", of="rod")
+    model.set_dynamics(duration=0.31, outputs=[0.0, 0.29, 0.301, 0.31], method=method)
+    with pytest.warns(FlexmbWarning, match="an impact"):
+        run = flexmb.simulate(model)
+    assert run["turn.z"][:2] == pytest.approx(0.0, abs=1e-9)
+    assert abs(run["turn.z"][2]) == pytest.approx(1.5 * speed / length, rel=1e-5)

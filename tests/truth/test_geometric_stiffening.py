@@ -88,7 +88,7 @@ def test_a_column_under_load_vibrates_more_slowly(ends, euler):
     model.add_force("kick", "torque", at="column.tip", value=[0, 0, kick])
     model.add_sensor("slope", "orientation", of="column.tip")
     wanted = loaded_frequency(load, ends)
-    found = run(model, duration=60 / wanted, outputs=1500, accuracy=1e-5, verify=False,
+    found = run(model, duration=30 / wanted, outputs=750, accuracy=1e-5, verify=False,
                 start="quasi-static")  # fmt: skip
     omega = main_frequency(found.t, found["slope.gamma"])
     assert omega**2 / wanted**2 == pytest.approx(1.0, abs=0.05)
@@ -107,7 +107,7 @@ def spinning(speed, stiffening):
 def test_a_cantilever_vibrates_as_fast_as_its_speed_makes_it():
     """At a speed of 12, 3.4 times its first frequency; without stiffening it folds up."""
     speed = 12.0
-    found = run(spinning(speed, True), duration=6.0, outputs=1500, accuracy=1e-5, verify=False)
+    found = run(spinning(speed, True), duration=4.0, outputs=1000, accuracy=1e-5, verify=False)
     t, (x, y, z) = found.t, (found[f"tip.{axis}"] for axis in "xyz")
     c, s = np.cos(speed * t), np.sin(speed * t)
     flap = float(REFERENCE["rotating_cantilever"]["flap"]["12"][0])

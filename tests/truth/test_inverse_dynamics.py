@@ -9,8 +9,10 @@ import pytest
 from femeshes import line
 from mechanisms import stewart
 from restscenes import FAR, G
+from typer.testing import CliRunner
 
 import flexmb
+from flexmb.cli import app
 from flexmb.errors import AssemblyError, ResultFileError, SceneError
 from flexmb.fe import rectangle, reduce
 from flexmb.model import Model
@@ -104,3 +106,100 @@ def test_a_motion_that_does_not_meet_the_joints_is_reported():
     run = flexmb.simulate(arm(), duration=0.1, outputs=5, accuracy=1e-6)
     with pytest.warns(match=r"does not meet the joints.* 0\.3 m"):
         flexmb.inverse_dynamics(arm(False, (0.3, 0, 0)), run, drives=["shoulder", "elbow"])
+
+
+def stretched(tip):
+    """Two links of 1 m whose elbow turns from -1 rad through the stretched pose."""
+    made = Model("stretched arm", plane="xy", gravity=[0, -G, 0])
+    for k, name in enumerate(("upper", "lower")):
+        made.add_body(name, mass=1.0, inertia=[0.1] * 3, center=[0.5, 0, 0], position=[k, 0, 0],
+                      orientation={"axis": "z", "angle": -float(k)},
+                      markers={"end": {"position": [1, 0, 0]}})  # fmt: skip
+    made.add_joint("shoulder", "revolute", between=["ground", "upper"])
+    made.add_joint("elbow", "revolute", between=["upper.end", "lower"])
+    if tip:
+        made.add_driver("tip", marker="lower.end", x="0", y="0")
+    else:
+        made.add_driver("shoulder", joint="shoulder", angle="0.1*t")
+        made.add_driver("elbow", joint="elbow", angle="-1 + t")
+    return made
+
+
+@pytest.mark.parametrize(("outputs", "word"), [(40, "passes"), (67, "comes near")])
+def test_a_singular_pose_on_the_way_is_told_with_its_time_and_joints(outputs, word):
+    run = flexmb.kinematics(stretched(False), duration=2.0, outputs=outputs)
+    with pytest.warns(
+        match=rf"{word} a singular pose at t = (1|0\.98\d+|1\.01\d+) s held by .*tip"
+    ):
+        flexmb.inverse_dynamics(stretched(True), run)
+
+
+ARM = """
+gravity = [0, -9.80665, 0]
+[bodies.bar]
+mass = 2.0
+center = [0.5, 0, 0]
+inertia = [0.1, 0.2, 0.2]
+[joints.pin]
+type = "revolute"
+between = ["ground", "bar"]
+axis = "z"
+[drivers.motor]
+joint = "pin"
+angle = "0.5*t**2"
+[sensors.bar]
+type = "angle"
+joint = "pin"
+[dynamics]
+duration = 1.0
+outputs = 10
+"""
+
+
+def inverse(*words):
+    return CliRunner().invoke(app, ["inverse", *words, "--no-picture"])
+
+
+def test_the_command_gives_the_forces_of_drivers(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scene, free = tmp_path / "arm.toml", tmp_path / "free.toml"
+    scene.write_text(ARM, encoding="utf-8")
+    free.write_text(ARM.partition("[drivers")[0] + "[sensors" + ARM.partition("[sensors")[2],
+                    encoding="utf-8")  # fmt: skip
+    done = inverse("arm.toml", "-o", "first")
+    assert done.exit_code == 0, done.output
+    run = flexmb.load_result("first")
+    torque_of_motor = 0.2 + 2.0 * 0.5**2 + 2.0 * 9.80665 * 0.5 * np.cos(0.5 * run.time**2)
+    np.testing.assert_allclose(run.reaction("motor").moment[:, 2], torque_of_motor, rtol=1e-12)
+    table = next(line for line in done.output.splitlines() if line.strip().startswith("motor"))
+    largest = torque_of_motor[np.abs(torque_of_motor).argmax()]
+    assert table.split()[1:3] == ["angle", f"{largest:.6g}"]
+    again = inverse("free.toml", "--along", "first", "--drive", "pin", "-o", "second")
+    assert again.exit_code == 0, again.output
+    assert "drive_pin" in again.output and "energy balance error" not in again.output
+    second = flexmb.load_result("second").reaction("drive_pin").moment[:, 2]
+    np.testing.assert_allclose(second, torque_of_motor, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["free.toml"], "leave 1 motion free at t = 0, and a kinematic analysis needs all"),
+        (["free.toml", "--along", "none"], "none"),
+        (["free.toml", "--drive", "pin"], "needs a motion"),
+        (["free.toml", "--drive", "pni", "--along", "run"], "nearest: pin"),
+        (
+            ["free.toml", "--along", "run"],
+            "inverse dynamics needs all of them driven: add a driver",
+        ),
+    ],
+)
+def test_mistakes_of_the_command(tmp_path, monkeypatch, words, message):
+    monkeypatch.chdir(tmp_path)
+    text = ARM.partition("[drivers")[0] + "[sensors" + ARM.partition("[sensors")[2]
+    (tmp_path / "free.toml").write_text(text, encoding="utf-8")
+    if "run" in words:
+        flexmb.run_scene("free.toml", output="run", pictures=False)
+    done = inverse(*words)
+    assert done.exit_code == 2, done.output
+    assert message in done.stderr

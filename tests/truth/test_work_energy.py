@@ -107,7 +107,9 @@ METHODS = {
     "radau": ({"method": "radau", "newton_tolerance": 1e-12}, 3, 4),  # of the works
 }
 CASES = [
-    (name, method) for name in SCENES for method in METHODS
+    pytest.param(name, method, marks=pytest.mark.slow)
+    if (name, method) == ("driven, flexible", "generalized-alpha") else (name, method)
+    for name in SCENES for method in METHODS
     if name != "driven, flexible" or not method.startswith("order")  # which no stiff body is for
 ]  # fmt: skip
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexmb.analysis.assembly.initial_state import StartValues, assemble
-from flexmb.analysis.assembly.jacobian import ConstraintRows
+from flexmb.analysis.assembly.jacobian import ConstraintRows, one_blas_thread
 from flexmb.analysis.linear.eigenmodes import Complex, Eigenmodes, eigenmodes
 from flexmb.analysis.linear.observed_equations import SeenEquations
 from flexmb.analysis.linear.observer import RowsAlongMotion, body_axes, fastest_rate
@@ -206,6 +206,7 @@ class Linearization:
 _GROWTH = 1e-6  # Re λ/|λ| that is round-off
 
 
+@one_blas_thread()
 def linearize_state(
     compiled: Compiled, model: Model, state: State, *, frame: str = "auto"
 ) -> Linearization:

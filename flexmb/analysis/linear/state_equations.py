@@ -19,10 +19,12 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.equations_of_motion import put_matrix, put_rows
 from flexmb.engine.initial_conditions import evaluate_equations
 from flexmb.engine.state import State, Work
+from flexmb.engine.tables import Kkt
 from flexmb.engine.units import call, hand_over, prepare_units
 from flexmb.engine.work import new_run, new_work, units_of
 
 Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
 
 # Factors that let one term of S = M + cv D + cp K stand alone: powers of two, so that nothing is
 # rounded. Terms of the feedback are there only with cv > 0.
@@ -58,6 +60,7 @@ class StateEquations:
         self._run = hand_over(new_run(compiled.system, state, self.work))
         self._at = hand_over(self._run.record.state_point)
         self._channels = np.zeros(len(state.angles))
+        self._places = _matrix_places(compiled.system.kkt)
 
     def residual(self) -> Array:
         """F (nv,) at the state; C is in `work.con.C`."""
@@ -90,17 +93,11 @@ class StateEquations:
         """S (nv + nc, nv + nc) of the engine, without its regularisation."""
         for unit in (put_matrix, put_rows):
             call(unit, self._run, self._at, cv, cp)
-        kkt, factor = self.compiled.system.kkt, self.work.factor
-        n = int(kkt.panels["nc"].sum()) + 1  # the last one: what is left out
-        S = np.zeros((n, n))
-        for panel in kkt.panels:
-            at, nc, nr, col = (int(panel[word]) for word in ("at", "nc", "nr", "col"))
-            own, below = slice(col, col + nc), kkt.rows[panel["rows"] : panel["rows"] + nr]
-            low = factor.low[at : at + (nc + nr) * nc].reshape(-1, nc)
-            up = factor.up[at : at + (nc + nr) * nc].reshape(-1, nc)
-            S[own, own] = np.tril(low[:nc]) + np.tril(up[:nc], -1).T
-            S[below, own], S[own, below] = low[nc:], up[nc:].T
-        return S[np.ix_(kkt.place, kkt.place)]
+        factor, n = self.work.factor, len(self.compiled.system.kkt.place)
+        S = np.zeros(n * n)
+        for values, (sources, targets) in zip((factor.low, factor.up), self._places, strict=True):
+            S[targets] = values[sources]
+        return S.reshape(n, n)
 
     def channels(self) -> Array:
         """(channels,) values of all sensors at the state, SI."""
@@ -128,3 +125,27 @@ class StateEquations:
         out = q.copy()
         call(move, self.compiled.system.parts, q, np.ascontiguousarray(d), out)
         return out
+
+
+def _matrix_places(kkt: Kkt) -> tuple[tuple[Numbers, Numbers], tuple[Numbers, Numbers]]:
+    """Of the panels of L and U: which of their entries stand in S, and at which place of it."""
+    n, size = len(kkt.place), int(kkt.panels["nc"].sum()) + 1  # the last one: what is left out
+    own = np.full(size, -1)
+    own[kkt.place] = np.arange(n)
+    own[-1] = -1
+    entries: tuple[list[Numbers], list[Numbers]] = ([], [])
+    for panel in kkt.panels:
+        at, nc, nr, col = (int(panel[word]) for word in ("at", "nc", "nr", "col"))
+        columns = np.arange(col, col + nc)
+        rows = np.concatenate([columns, kkt.rows[panel["rows"] : panel["rows"] + nr]])
+        i, j = np.indices((nc + nr, nc))
+        lower = at + np.arange((nc + nr) * nc).reshape(nc + nr, nc)
+        for upper, part in enumerate(entries):
+            used = (i > j) if upper else (i >= j)
+            r, c = own[rows[i[used]]], own[columns[j[used]]]
+            place = c * n + r if upper else r * n + c
+            place[(r < 0) | (c < 0)] = -1
+            part.append(np.stack([lower[used], place]))
+    low, up = (np.concatenate(part, axis=1) for part in entries)
+    low, up = low[:, low[1] >= 0], up[:, up[1] >= 0]
+    return (low[0], low[1]), (up[0], up[1])

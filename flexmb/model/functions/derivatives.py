@@ -4,8 +4,8 @@ In: the postfix program of an expression (:mod:`flexmb.model.functions.expressio
 a jet (f, df/dt, d2f/dt2), by the chain rule, exact to round-off. Outside the domain of a function
 (logarithm of a negative number, division by zero) the result is not finite and nothing is raised:
 the caller reports. This is the readable reference of the compiled kernel of the engine. Times of
-jumps are those that can be read off: ends of steps, corners of tables and profiles whose argument
-is linear in time; those of abs, sign, min and max are not known.
+jumps are those that can be read off: ends of steps, corners of tables and profiles, zeros of abs
+and sign, changes of min and max, where arguments are linear in time.
 Source: Griewank and Walther, Evaluating Derivatives, 2nd ed. (2008), chapter 13.
 """
 
@@ -255,8 +255,10 @@ def derivative_jumps(ops: Program, end: float) -> tuple[float, ...]:
         elif op == "t":
             stack.append((0.0, 1.0))
         elif op in BINARY:
-            right = stack.pop()
-            stack.append(_line(op, stack.pop(), right))
+            right, left = stack.pop(), stack.pop()
+            if op in ("min", "max") and left and right and left[1] != right[1]:
+                times.add((right[0] - left[0]) / (left[1] - right[1]))
+            stack.append(_line(op, left, right))
         elif op in UNARY:
             line = stack.pop()
             if line is not None and line[1] != 0.0:
@@ -285,6 +287,8 @@ def _line(op: str, left: Line, right: Line) -> Line:
 def _jump_times(op: str, argument: object, line: tuple[float, float], end: float) -> list[float]:
     """Where a function of a + b t or a derivative jumps."""
     a, b = line
+    if op in ("abs", "sign"):
+        return [-a / b]
     if op in _JUMPING_RISES:
         return [-a / b, (1.0 - a) / b]
     if not isinstance(argument, Piecewise):

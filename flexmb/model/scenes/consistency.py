@@ -18,6 +18,7 @@ from flexmb.model import lookup
 from flexmb.model.body import BodySpec
 from flexmb.model.control import CHANNEL_SECTIONS, broken_channels, channel_problems
 from flexmb.model.flexible_body import FlexbodySpec, FlexibleBodySpec
+from flexmb.model.functions.discontinuities import first_discontinuities
 from flexmb.model.functions.function import Function
 from flexmb.model.functions.piecewise import Piecewise
 from flexmb.model.joints.coupler import coupler_loop_problems
@@ -152,6 +153,7 @@ def _time_problems(model: ModelData) -> Iterator[Problem]:
     if spans:
         yield from _output_time_problems(model, max(spans))
         yield from _table_time_problems(model, max(spans))
+        yield from _discontinuity_problems(model, max(spans))
 
 
 def _output_time_problems(model: ModelData, duration: float) -> Iterator[Problem]:
@@ -186,6 +188,51 @@ def _table_time_problems(model: ModelData, duration: float) -> Iterator[Problem]
                 if first > 0.0:
                     what = f"its points begin at {say(first, 's')}, the run at 0"
                     yield Problem(where, f"{what}; {cure}")
+
+
+def _discontinuity_problems(model: ModelData, duration: float) -> Iterator[Problem]:
+    """Functions without a value at some time of the run, and displacements that jump."""
+    say = model.units.say
+    for where, function, spec in _time_functions(model):
+        order = spec.order if isinstance(spec, DriverSpec) else 2
+        text = f'"{function.expression.text}"'
+        for kind, time, _ in first_discontinuities(function.expression.ops, duration, 2 - order):
+            if kind == "undefined" and time > 0.0:
+                first, last = _domain(function)
+                if first <= 0.0 and last >= duration:
+                    what = f"{text} or a derivative that is needed is not finite at"
+                    yield Problem(where, f"{what} t = {say(time, 's')}")
+            elif kind == "value" and order == 0:
+                what = f"{text} jumps at t = {say(time, 's')}: no force moves a body at once"
+                yield Problem(where, f"{what}; let it rise by a step with a beginning and an end")
+
+
+def impact_warnings(model: ModelData) -> Iterator[str]:
+    """Sentences about drivers whose velocity jumps."""
+    if model.dynamics is None:
+        return
+    for where, function, spec in _time_functions(model):
+        if not isinstance(spec, DriverSpec) or spec.order == 2:
+            continue
+        wanted = ("rate", "value")[spec.order]
+        for kind, time, _ in first_discontinuities(
+            function.expression.ops, model.dynamics.duration, 0
+        ):
+            if kind == wanted:
+                yield (
+                    f'{where}: the velocity of "{function.expression.text}" jumps at '
+                    f"t = {model.units.say(time, 's')}, an impact: reactions and works leave out "
+                    "its impulse; use a spline or a step without corners"
+                )
+
+
+def _time_functions(model: ModelData) -> Iterator[tuple[str, Function, Any]]:
+    """Functions of time alone, with their paths and specifications."""
+    for section in _WITH_FUNCTIONS:
+        for name, spec in getattr(model, section).items():
+            for where, function in _functions(f"{section}.{name}", vars(spec)):
+                if not function.expression.channels:
+                    yield where, function, spec
 
 
 def _functions(where: str, value: Any) -> Iterator[tuple[str, Function]]:

@@ -35,7 +35,14 @@ type = "revolute"
 between = ["ground", "stone"]
 [drivers.motor]
 joint = "pin"
-angle = "log(0.5 - t)"
+angle = "t"
+[sensors.turn]
+type = "angle"
+joint = "pin"
+[forces.brake]
+type = "torque"
+at = "stone"
+value = [0, 0, "log(0.5 - turn)"]
 [dynamics]""",
 )
 

@@ -21,7 +21,9 @@ TABLE = [[0, 0], [1, 1], [2, 2], [3, 0]]  # straight on at 1
         ("step(sin(t), 0, 0, 1, 1)", ()),  # not linear in time
         ("havsin(t, 1, 0, 2, 5) + step(t, 2, 0, 4, 1)", (1.0, 2.0, 4.0)),
         ("step5(t, 1, 0, 2, 5) + cycloidal(t, 1, 0, 2, 5)", ()),  # two smooth derivatives
-        ("abs(t - 1)", ()),  # not known
+        ("abs(t - 1) + sign(3 - 2*t)", (1.0, 1.5)),
+        ("max(t, 2) + min(4 - t, 1)", (2.0, 3.0)),
+        ("abs(sin(t))", ()),  # not linear in time
         ({"type": "table", "points": TABLE, "beyond": "hold"}, (2.0, 3.0)),
         ({"type": "table", "points": TABLE, "beyond": "repeat"}, (2.0, 3.0, 5.0)),
         ({"type": "spline", "points": TABLE, "beyond": "hold"}, (3.0,)),

@@ -14,7 +14,7 @@ from flexmb.studies.channel_errors import error_text
 from flexmb.studies.report import Study, cost_of_a_digit
 from flexmb.studies.rows import Error, Row
 from flexmb.studies.study_settings import headings, label
-from flexmb.view.plot import Curve, pareto_figure
+from flexmb.view.work_precision import Curve, pareto_figure
 
 
 def row(step: float, modes: int, error: float, time: float, floor: float = 1e-12) -> Row:

@@ -246,7 +246,10 @@ def test_a_temporary_folder_goes_with_its_result_unless_saved(tmp_path: Path) ->
 
 def test_a_failed_run_without_a_folder_stays_readable() -> None:
     with pytest.raises(SolverError) as caught:
-        flexmb.simulate(free_box(angle="sqrt(0.1 - t)"))
+        model = free_box()
+        model.add_sensor("turn", "angle", joint="bearing")
+        model.add_force("brake", "torque", at="arm", value=[0, 0, "log(0.2 - turn)"])
+        flexmb.simulate(model)
     found = re.search(r"(\S+result\.h5) keeps the (\d+) outputs", str(caught.value))
     assert found and len(flexmb.load_result(found[1]).time) == int(found[2]) > 1
 

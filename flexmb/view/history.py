@@ -1,0 +1,385 @@
+"""Histories: channels of one or several results over time, and how their lines are drawn.
+
+One pair of axes per unit, stacked over a common time axis, legends above the data; several results
+are drawn into one another. Units are those of the first scene, and those of SI get the prefix that
+suits the values. Of long runs the extremes of every stretch are drawn.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.errors import Problem, ResultFileError, ViewError
+from flexmb.model.sensor import CHANNEL_UNITS
+from flexmb.results import Result
+from flexmb.units import UnitSystem
+from flexmb.view.plot import INK, LINES, WIDTH, new_figure, prefixed, save_figure, style_axes
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+_OTHER_UNITS = {
+    "force": "N",
+    "moment": "N m",
+    "energy": "J",
+    "stress": "Pa",
+}  # of what sensors do not measure
+_APART = ("energy.balance",)  # far smaller than the others of its unit: on axes of its own
+_POINTS = 4000  # of a line: some two for each pixel of its width; of more the extremes are drawn
+_MAX_LINES = 24  # in one plot
+_LETTERS = 84  # of the legend above a pair of axes, in one line
+_MAX_SHARE = 12  # of the height of a figure: lines of a legend for one pair of axes
+
+Results = Result | str | Path | Sequence[Result | str | Path]
+
+
+class Series(NamedTuple):
+    """One channel of one result, or the magnitude of three."""
+
+    result: Result
+    channel: str  # without its ".x" of a magnitude
+    run: str  # what tells the result from the others; empty for one alone
+
+    @property
+    def unit(self) -> str:
+        """In SI."""
+        return self.result.si_unit(self.channel if self.is_scalar else f"{self.channel}.x")
+
+    @property
+    def is_scalar(self) -> bool:
+        """Whether it is a channel, not a magnitude."""
+        return self.channel in self.result
+
+    @property
+    def label(self) -> str:
+        """For legends."""
+        name = self.channel if self.is_scalar else f"|{self.channel}|"
+        return f"{name}, {self.run}" if self.run else name
+
+    def values(self, units: UnitSystem) -> Array:
+        """Over all rows (n,), in a unit system."""
+        if self.is_scalar:
+            return self.result.in_units(self.channel, units)
+        parts = (self.result.in_units(f"{self.channel}.{axis}", units) for axis in "xyz")
+        return np.sqrt(sum(part**2 for part in parts))
+
+    def time(self, units: UnitSystem) -> Array:
+        """Output times (n,) in a unit system."""
+        return np.asarray(units.outward(self.result.table("time"), "s"))
+
+
+class Line(NamedTuple):
+    """What a plot draws of a series."""
+
+    series: Series
+    x: Array  # as drawn
+    y: Array  # in the unit system of the plot
+    unit: str  # of y, in SI
+    panel: int = 0  # lines of one unit and one number share their axes
+
+
+def open_results(results: Results) -> tuple[Result, ...]:
+    """One or several results, from their files where paths are given.
+
+    Raises
+    ------
+    ResultFileError
+        No such result.
+    ViewError
+        A result has no rows.
+    """
+    several = [results] if isinstance(results, Result | str | Path) else list(results)
+    runs = tuple(run if isinstance(run, Result) else Result(run) for run in several)
+    for run in runs:
+        if not len(run.time):
+            raise ViewError(f"{run.path}: the result has no rows to draw")
+    return runs
+
+
+def run_labels(results: Sequence[Result]) -> tuple[str, ...]:
+    """What tells results from one another: the ends of their paths that differ; of one nothing."""
+    if len(results) < 2:
+        return ("",) * len(results)
+    paths = [run.path.resolve() for run in results]
+    same_name = len({path.name for path in paths}) == 1
+    parts = [path.parts[:-1] if same_name else (*path.parts[:-1], path.stem) for path in paths]
+    shared = len(os.path.commonprefix([tuple(reversed(part)) for part in parts]))
+    depth = max(len(part) for part in parts)
+    for count in range(shared + 1, depth + 1):
+        labels = ["/".join(part[max(0, len(part) - count) : len(part) - shared]) for part in parts]
+        if len(set(labels)) == len(labels):
+            return tuple(labels)
+    return tuple(f"{k + 1}" for k in range(len(results)))
+
+
+def select_series(
+    results: Sequence[Result], patterns: Sequence[str], *, vectors: bool = False
+) -> list[Series]:
+    """The channels that names mean in any of some results, in the order of the names.
+
+    Parameters
+    ----------
+    results : sequence of Result
+        The runs.
+    patterns : sequence of str
+        Names of channels, of vectors without their ``.x`` (their magnitude is meant), both perhaps
+        with the wildcards ``*``, ``?`` and ``[...]``; none: the default channels that all have.
+    vectors : bool
+        Whether only names of vectors are meant.
+
+    Raises
+    ------
+    ResultFileError
+        Names that mean nothing in any result, all of them at once; channels that were not stored.
+    ViewError
+        More lines than a plot can show, or nothing that the results have in common.
+    """
+    labels, problems, series = run_labels(results), list[Problem](), dict[tuple[str, str], Series]()
+    for pattern in patterns or _common_channels(results):
+        errors = list[ResultFileError]()
+        for run, label in zip(results, labels, strict=True):
+            try:
+                names = _names_of(run, pattern, vectors)
+            except ResultFileError as error:
+                errors.append(error)
+                continue
+            for name in names:
+                series.setdefault((name, label), Series(run, name, label))
+        if len(errors) == len(results):
+            problems += errors[0].problems
+    if problems:
+        raise ResultFileError.from_problems(problems)
+    if len(series) > _MAX_LINES:
+        what = f"{len(series)} lines are too many for one plot, which shows up to {_MAX_LINES}"
+        raise ViewError(f"{what}: name fewer channels, such as {next(iter(series))[0]}")
+    return list(series.values())
+
+
+def _names_of(run: Result, pattern: str, vectors: bool) -> tuple[str, ...]:
+    """Channels of a pattern; of vectors the name without its component."""
+    if not vectors:
+        with suppress(ResultFileError):
+            return run.match(pattern)
+    with suppress(ResultFileError):
+        stems = (name.removesuffix(".x") for name in run.match(f"{pattern}.x"))
+        return tuple(name for name in stems if all(f"{name}.{axis}" in run for axis in "yz"))
+    names = run.match(pattern)
+    what = f'"{pattern}" is one component; a hodograph needs the name of a vector'
+    vector = tuple(dict.fromkeys(name.rpartition(".")[0] for name in names))
+    raise ResultFileError.from_problems([Problem("", what, (), vector[:3])])
+
+
+def _common_channels(results: Sequence[Result]) -> tuple[str, ...]:
+    first, *others = ({name: None for name in _default_channels(run)} for run in results)
+    common = tuple(name for name in first if all(name in run for run in results[1:]))
+    if not common:
+        if not others:
+            raise ViewError(f"{results[0].path}: the result has no sensor channels to draw")
+        names = "; ".join(f"{run.path}: {', '.join(run.channels()[:6])}" for run in results)
+        raise ViewError(f"the results have no channels in common; name some of each ({names})")
+    return common
+
+
+def plot_history(
+    results: Results, channels: Sequence[str] = (), output: str | Path = "history.png"
+) -> Path:
+    """Draw channels over time into a file.
+
+    Parameters
+    ----------
+    results : Result or path, or several
+        The run, or its file; several are drawn into one another.
+    channels : sequence of str
+        Names such as ``"slider.x"``, ``"rod.eta.*"`` or ``"crank_pin.rod.force"`` (a magnitude);
+        none: those the scene's ``[view]`` names, else all that move.
+    output : path
+        A file that ends in .png, .pdf or .svg.
+
+    Raises
+    ------
+    ResultFileError
+        No such channel.
+    ViewError
+        The result has nothing to draw, or the file cannot be written.
+    """
+    return save_figure(history_figure(results, channels), output)
+
+
+def history_figure(
+    results: Results, channels: Sequence[str] = (), times: tuple[float, float] | None = None
+) -> Figure:
+    """Channels over time as a matplotlib ``Figure``, which notebooks show by themselves.
+
+    `times` (first and last, in the units of the first scene) limit what is drawn; the others are as
+    for :func:`plot_history`.
+
+    Raises
+    ------
+    ResultFileError
+        No such channel.
+    ViewError
+        The result has no channels or no rows.
+    """
+    runs = open_results(results)
+    series = select_series(runs, channels)
+    units = runs[0].units
+    spans = [time_span(one, units, times) for one in series]
+    first = min(float(one.time(units)[rows.start]) for one, rows in zip(series, spans, strict=True))
+    last = max(
+        float(one.time(units)[rows.stop - 1]) for one, rows in zip(series, spans, strict=True)
+    )
+    factor, unit = prefixed(last - first, units.label("s"), units)
+    lines = [
+        Line(
+            one, one.time(units)[rows] / factor, one.values(units)[rows], one.unit,
+            int(one.channel in _APART),
+        )
+        for one, rows in zip(series, spans, strict=True)
+    ]  # fmt: skip
+    figure, grid = draw_panels(lines, units, figure_title(runs))
+    grid[-1].set_xlabel(f"time [{unit}]", color=INK)
+    grid[-1].set_xlim(first / factor, max(last / factor, first / factor + 1e-300))
+    return figure
+
+
+def figure_title(runs: Sequence[Result]) -> str:
+    """The titles of the scenes, if they are one."""
+    titles = {run.title for run in runs}
+    return titles.pop() if len(titles) == 1 else ""
+
+
+def time_span(series: Series, units: UnitSystem, times: tuple[float, float] | None) -> slice:
+    """Rows of a result between two times.
+
+    Raises
+    ------
+    ViewError
+        Fewer than two rows lie between them.
+    """
+    t = series.time(units)
+    if times is None:
+        return slice(0, len(t))
+    rows = slice(int(np.searchsorted(t, times[0])), int(np.searchsorted(t, times[1], "right")))
+    if rows.stop - rows.start < 2:
+        unit = units.label("s")
+        what = f"between {times[0]:g} and {times[1]:g} {unit} lie no two outputs of the run"
+        covers = f"which covers {t[0]:g} to {t[-1]:g} {unit}"
+        raise ViewError(f"{series.result.path}: {what}, {covers}")
+    return rows
+
+
+def draw_panels(
+    lines: Sequence[Line],
+    units: UnitSystem,
+    title: str,
+    *,
+    what: str = "",
+    is_function: bool = True,
+) -> tuple[Figure, list[Any]]:
+    """One pair of axes per unit, stacked over common abscissae, and a line of each series.
+
+    Parameters
+    ----------
+    lines : sequence of Line
+        What is drawn.
+    units : UnitSystem
+        Of the ordinates.
+    title : str
+        Above all.
+    what : str
+        Put before the quantity of the ordinates, such as ``"amplitude of "``.
+    is_function : bool
+        Whether the abscissae ascend.
+    """
+    panels: dict[tuple[str, int], list[Line]] = {}
+    for line in lines:
+        panels.setdefault((line.unit, line.panel), []).append(line)
+    rows = [_legend_rows([line.series.label for line in panel]) for panel in panels.values()]
+    height = 1.0 + sum(2.4 + 0.2 * min(n, _MAX_SHARE) for n in rows)
+    figure = new_figure(WIDTH, height, title)
+    grid = list(figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0])
+    for axes, panel in zip(grid, panels.values(), strict=True):
+        _draw_panel(axes, panel, units, what, is_function)
+    return figure, grid
+
+
+def envelope(x: Array, y: Array, is_function: bool = True) -> tuple[Array, Array]:
+    """A line with far fewer points that looks the same: the extremes of every stretch of it."""
+    stretches = _POINTS // 2
+    size = len(x) // stretches
+    if size < 4:
+        return x, y
+    used = size * stretches
+    starts = size * np.arange(stretches)
+    places = [np.zeros(1, int), np.arange(used, len(x)), np.array([len(x) - 1])]
+    for values in (y,) if is_function else (x, y):
+        table = values[:used].reshape(stretches, size)
+        places += [starts + table.argmin(axis=1), starts + table.argmax(axis=1)]
+    order = np.unique(np.concatenate(places))
+    return x[order], y[order]
+
+
+def _default_channels(result: Result) -> tuple[str, ...]:
+    """Channels that the scene names, else those that change, else all."""
+    history = tuple(result.model.get("view", {}).get("history", ()))
+    if history:
+        return history
+    names = result.channels()
+    largest = {name: float(np.abs(result[name]).max(initial=0.0)) for name in names}
+    scale: dict[str, float] = {}
+    for name in names:
+        unit = result.unit(name)
+        scale[unit] = max(scale.get(unit, 0.0), largest[name])
+    moving = tuple(n for n in names if np.ptp(result[n]) > 1e-9 * scale[result.unit(n)])
+    return (moving or names)[:_MAX_LINES]
+
+
+def _draw_panel(
+    axes: Any,
+    lines: Sequence[Line],
+    units: UnitSystem,
+    what: str,
+    is_function: bool,
+) -> None:
+    largest, si_unit = max(float(np.abs(line.y).max(initial=0.0)) for line in lines), lines[0].unit
+    factor, shown = prefixed(largest, units.label(si_unit, raised=True), units)
+    channels = list(dict.fromkeys(line.series.channel for line in lines))
+    runs = list(dict.fromkeys(line.series.run for line in lines))
+    for i, (one, x, y, *_) in enumerate(lines):
+        channel, run = channels.index(one.channel), runs.index(one.run)
+        color, dash = (channel, run) if len(channels) > 1 < len(runs) else (i, i // len(LINES))
+        shown_x, shown_y = envelope(x, y, is_function)
+        axes.plot(
+            shown_x, shown_y / factor,
+            color=LINES[color % len(LINES)],
+            lw=4.0 if run == 0 < len(runs) - 1 else 1.5,  # lines that agree are all seen
+            alpha=0.4 if run == 0 < len(runs) - 1 else 1.0,
+            ls=("-", "--", ":", "-.")[dash % 4],
+            label=one.label,
+        )  # fmt: skip
+    words = {**CHANNEL_UNITS, **_OTHER_UNITS}.items()
+    labels = {units.label(si, raised=True): word for word, si in words}
+    quantity = what + labels.get(units.label(si_unit, raised=True), "value")
+    axes.set_ylabel(f"{quantity} [{shown}]" if shown else quantity, color=INK)
+    style_axes(axes)
+    names = [line.series.label for line in lines]
+    axes.legend(
+        loc="lower left", bbox_to_anchor=(-0.01, 1.0), frameon=False, labelcolor=INK,
+        fontsize=9, ncols=-(-len(names) // _legend_rows(names)), columnspacing=1.2,
+        handlelength=1.8, borderaxespad=0.1,
+    )  # fmt: skip
+
+
+def _legend_rows(names: Sequence[str]) -> int:
+    """Lines of a legend with these names."""
+    widest = max(len(name) for name in names) + 6
+    return -(-len(names) // max(1, _LETTERS // widest))

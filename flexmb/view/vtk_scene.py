@@ -1,0 +1,319 @@
+"""A VTK scene that stays from one picture of a motion to the next.
+
+Every picture is described by the same sequence of calls, `begin` for a panel, then `add_mesh` and
+`add_text` for all that is in it. The first time these make actors; from then on the n-th call of a
+panel moves the n-th actor: by its user matrix where the points moved as a rigid body, else by new
+points and normals in place. An actor is made again only where its triangles or its look changed.
+Points in global axes [m].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+FEATURE_DEGREES = 35.0  # edges sharper than this are drawn as lines, and not smoothed
+_RIGID = 1e-6  # of its size by which a part may leave a rigid motion that moves it
+_FIT_POINTS = 64  # from which the rigid motion is estimated
+
+
+class VtkScene:
+    """An off-screen window with panels in rows and columns.
+
+    Parameters
+    ----------
+    size : (int, int)
+        Width and height in pixels.
+    shape : (int, int)
+        Rows and columns of panels.
+    background : str
+        Colour of the ground.
+    """
+
+    def __init__(self, size: tuple[int, int], shape: tuple[int, int], background: str) -> None:
+        import pyvista
+
+        plotter: Any = pyvista.Plotter(
+            off_screen=True,
+            window_size=list(size),
+            lighting="light kit",
+            shape=shape,
+            border=False,
+        )
+        plotter.set_background(background)
+        plotter.suppress_rendering = True  # but where a picture is wanted
+        self.plotter = plotter
+        self._parts: dict[tuple[int, int], _Part] = {}  # by panel and number
+        self._texts: dict[tuple[int, int], Any] = {}
+        self._origins: dict[int, Array] = {}
+        self._ready: set[int] = set()
+        self.origin, self._panel = np.zeros(3), 0
+        self._columns = shape[1]
+        self._part_count = self._text_count = 0
+
+    def begin(self, panel: int, origin: Array) -> bool:
+        """Describe a panel, by its number; whether this is the first time.
+
+        The first `origin` (3,) stays: single precision is relative to it.
+        """
+        self.origin = self._origins.setdefault(panel, origin)
+        self._panel, self._part_count, self._text_count = panel, 0, 0
+        self.plotter.subplot(*divmod(panel, self._columns))
+        first = panel not in self._ready
+        self._ready.add(panel)
+        return first
+
+    def end(self) -> None:
+        """Remove what the panel showed before and shows no more."""
+        for key in [k for k in self._parts if k[0] == self._panel and k[1] >= self._part_count]:
+            self._parts.pop(key).remove(self.plotter)
+        for number, text in self._texts.items():
+            text.SetVisibility(number[0] != self._panel or number[1] < self._text_count)
+
+    def add_mesh(
+        self,
+        points: ArrayLike,
+        faces: NDArray[np.int64],
+        lines: NDArray[np.int64] | None = None,
+        *,
+        look: Mapping[str, Any],
+        values: Array | None = None,
+        edges: Mapping[str, Any] | None = None,
+    ) -> Any:
+        """A surface or lines, its sharp edges if they have a look of their own; the actor.
+
+        Parameters
+        ----------
+        points : (n, 3)
+            Points.
+        faces, lines : (t, 3) and (l, 2)
+            Rows of indices into them.
+        look : mapping
+            Options of ``pyvista.Plotter.add_mesh``.
+        values : (n,), optional
+            What colours it.
+        edges : mapping, optional
+            The look of its sharp edges.
+        """
+        key = self._panel, self._part_count
+        self._part_count += 1
+        points = np.asarray(points, dtype=float) - self.origin
+        part = self._parts.get(key)
+        if part is not None and part.is_like(faces, lines, values, edges, look):
+            part.move(points, values)
+            return part.actor
+        if part is not None:
+            part.remove(self.plotter)
+        self._parts[key] = _Part(self.plotter, points, faces, lines, values, edges, look)
+        return self._parts[key].actor
+
+    def add_text(self, text: str, position: tuple[float, float], size: float, color: str) -> None:
+        """A line of text at a place in the panel, as shares of its width and height."""
+        key = self._panel, self._text_count
+        self._text_count += 1
+        if key not in self._texts:
+            self._texts[key] = self.plotter.add_text(
+                text, position=position, font_size=size, color=color, viewport=True
+            )
+        elif self._texts[key].GetInput() != text:
+            self._texts[key].SetInput(text)
+
+    def image(self) -> NDArray[np.uint8]:
+        """The picture (height, width, 3)."""
+        from pyvista import convert_array as to_numpy
+        from vtkmodules.vtkRenderingCore import vtkWindowToImageFilter
+
+        window = self.plotter.render_window
+        window.Render()
+        reader = vtkWindowToImageFilter()
+        reader.SetInput(window)
+        reader.ReadFrontBufferOff()
+        reader.ShouldRerenderOff()
+        reader.Update()
+        picture = reader.GetOutput()
+        width, height, _ = picture.GetDimensions()
+        pixels: NDArray[np.uint8] = to_numpy(picture.GetPointData().GetScalars())
+        return np.ascontiguousarray(pixels.reshape(height, width, -1)[::-1, :, :3])
+
+    def save(self, path: Path) -> None:
+        """Write the picture into a PNG file."""
+        from PIL import Image
+
+        Image.fromarray(self.image()).save(path)
+
+    def close(self) -> None:
+        """Release the window."""
+        self.plotter.close()
+
+
+class _Part:
+    """A surface with its actor and that of its edges."""
+
+    def __init__(
+        self,
+        plotter: Any,
+        points: Array,
+        faces: NDArray[np.int64],
+        lines: NDArray[np.int64] | None,
+        values: Array | None,
+        edges: Mapping[str, Any] | None,
+        look: Mapping[str, Any],
+    ) -> None:
+        self._description = faces, lines, values is None, edges, look
+        self._first = self._last = points
+        self._is_moved = False
+        mesh = _polydata(points, faces, lines)
+        mesh["point"] = np.arange(len(points))
+        self._shading: _Shading | None = None
+        if len(faces):
+            mesh = mesh.compute_normals(
+                cell_normals=False,
+                split_vertices=True,
+                feature_angle=FEATURE_DEGREES,
+                consistent_normals=False,
+            )
+            self._shading = _Shading(mesh)
+        self._numbers = np.asarray(mesh["point"])
+        self._mesh = mesh
+        if values is not None:
+            mesh["values"] = values[self._numbers]
+            look = {**look, "scalars": "values"}
+        self.actor = plotter.add_mesh(mesh, show_scalar_bar=False, **look)
+        if self._shading is not None and look.get("lighting", True):
+            self.actor.prop.interpolation = "Phong"
+        self._edges, self._edge_actor = None, None
+        if edges is not None and len(faces):
+            self._add_edges(plotter, points, faces, edges)
+
+    def _add_edges(
+        self, plotter: Any, points: Array, faces: NDArray[np.int64], look: Mapping[str, Any]
+    ) -> None:
+        mesh = _polydata(points, faces, None)
+        mesh["point"] = np.arange(len(points))
+        edges = mesh.extract_feature_edges(
+            feature_angle=FEATURE_DEGREES, manifold_edges=False, non_manifold_edges=False
+        )
+        if edges.n_cells:
+            self._edges = edges
+            self._edge_actor = plotter.add_mesh(edges, lighting=False, **look)
+
+    def is_like(
+        self,
+        faces: NDArray[np.int64],
+        lines: NDArray[np.int64] | None,
+        values: Array | None,
+        edges: Mapping[str, Any] | None,
+        look: Mapping[str, Any],
+    ) -> bool:
+        """Whether only the points and values differ."""
+        own = self._description
+        return (
+            _equal(own[0], faces)
+            and _equal(own[1], lines)
+            and own[2:] == (values is None, edges, look)
+        )
+
+    def move(self, points: Array, values: Array | None) -> None:
+        """Show it at other points, with other values."""
+        if values is not None:
+            self._mesh["values"][:] = values[self._numbers]
+            self._mesh.GetPointData().Modified()
+            self._mesh.Modified()
+        if np.array_equal(points, self._last):
+            return
+        self._last = points
+        motion = rigid_motion(self._first, points)
+        if motion is not None:
+            self._place(motion)
+            return
+        if self._is_moved:
+            self._place(np.eye(4))
+        self._first = points
+        self._mesh.points[:] = points[self._numbers]
+        if self._shading is not None:
+            self._mesh.point_data.active_normals[:] = self._shading.normals(points[self._numbers])
+        _mark_changed(self._mesh)
+        if self._edges is not None:
+            self._edges.points[:] = points[np.asarray(self._edges["point"])]
+            _mark_changed(self._edges)
+
+    def _place(self, motion: Array) -> None:
+        self._is_moved = True
+        for actor in (self.actor, self._edge_actor):
+            if actor is not None:
+                actor.user_matrix = motion
+
+    def remove(self, plotter: Any) -> None:
+        """Take it out of the scene."""
+        for actor in (self.actor, self._edge_actor):
+            if actor is not None:
+                plotter.remove_actor(actor, render=False)
+
+
+class _Shading:
+    """Normals of a surface at its points, as the mean of those of its triangles by area."""
+
+    def __init__(self, mesh: Any) -> None:
+        from scipy.sparse import csr_array
+
+        self._faces = np.asarray(mesh.faces).reshape(-1, 4)[:, 1:]
+        rows = self._faces.ravel()
+        columns = np.repeat(np.arange(len(self._faces)), 3)
+        ones = np.ones(len(rows), dtype=np.float32)
+        self._sum = csr_array((ones, (rows, columns)), shape=(mesh.n_points, len(self._faces)))
+
+    def normals(self, points: Array) -> Array:
+        """(n, 3) of unit length."""
+        a, b, c = points[self._faces.T]
+        normals = self._sum @ np.cross(b - a, c - a)
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        return np.asarray(normals / np.maximum(length, 1e-300))
+
+
+def rigid_motion(before: Array, after: Array) -> Array | None:
+    """The (4, 4) matrix that moves points (n, 3) to where they are now; None if they deformed.
+
+    The rotation fits in the least-squares sense (Kabsch, Acta Crystallographica A32, 1976).
+    """
+    if len(before) != len(after) or len(before) < 3:
+        return None
+    some = np.linspace(0, len(before) - 1, min(len(before), _FIT_POINTS)).astype(int)
+    c, d = before[some].mean(axis=0), after[some].mean(axis=0)
+    U, _, V = np.linalg.svd((after[some] - d).T @ (before[some] - c))
+    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V
+    size = float(np.ptp(before, axis=0).max())
+    if np.abs((before - c) @ R.T + d - after).max() > _RIGID * size:
+        return None
+    motion = np.eye(4)
+    motion[:3, :3], motion[:3, 3] = R, d - R @ c
+    return motion
+
+
+def _mark_changed(mesh: Any) -> None:
+    mesh.GetPoints().Modified()
+    mesh.Modified()
+
+
+def _equal(first: Any, second: Any) -> bool:
+    if first is None or second is None:
+        return first is second
+    return first is second or np.array_equal(first, second)
+
+
+def _polydata(points: Array, faces: Any, lines: Any) -> Any:
+    import pyvista
+
+    def cells(rows: Any) -> Any:
+        return np.hstack([np.full((len(rows), 1), rows.shape[1]), rows]).ravel()
+
+    return pyvista.PolyData(
+        points.astype(np.float32),
+        faces=cells(faces) if len(faces) else None,
+        lines=cells(lines) if lines is not None and len(lines) else None,
+    )

@@ -1,0 +1,185 @@
+"""Error against wall time: work-precision plots, and the front of the settings that are best.
+
+Log-log, one pair of axes per quantity, the target as a line; errors below that of the reference
+itself are shaded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from flexmb.errors import ViewError
+from flexmb.view.plot import GHOST, INK, LINES, new_figure, style_axes
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_COLUMNS = 3
+_MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+_SMALLEST = 1e-17  # an error of exactly zero is drawn here, far below round-off
+_SMALL = 0.009  # smaller numbers are written as powers of ten
+_WIDE = 30.0  # last over first time from which powers of ten are marks enough
+_LETTER, _LINE = 0.021, 0.035  # width and height of a word's letters, over those of the axes
+_ORDINATES = {"energy": "mismatch / energy moved", "drift": "largest violation [m or rad]"}
+
+
+class Curve(NamedTuple):
+    """One series: its name, wall times [s], errors over the peak-to-peak, a word to each point."""
+
+    name: str
+    seconds: Sequence[float]
+    errors: Sequence[float]
+    words: Sequence[str] = ()
+
+
+Point = tuple[float, float, str]  # seconds, error, word
+Panels = Mapping[str, Sequence[Curve]]
+
+
+def work_precision_figure(
+    panels: Panels, floors: Mapping[str, float], *, target: float, title: str, note: str = ""
+) -> Figure:
+    """Error against wall time, one line per series, its points joined in their order.
+
+    Parameters
+    ----------
+    panels : mapping
+        Quantity to its series.
+    floors : mapping
+        Smallest error that can be shown, by quantity; less is shaded.
+    target : float
+        Error to be met, drawn as a line.
+    title, note : str
+        Above and below the plots.
+
+    Raises
+    ------
+    ViewError
+        There is no point to draw.
+    """
+    figure, grid = _figure(panels, title, note)
+    for axes, (name, curves) in zip(grid, panels.items(), strict=False):
+        _draw(axes, curves, joined=True)
+        _finish(axes, name, floors.get(name), target)
+    _legend(figure, grid)
+    return figure
+
+
+def pareto_figure(
+    panels: Panels, floors: Mapping[str, float], *, target: float, title: str, note: str = ""
+) -> Figure:
+    """Error against wall time as points, one colour per series, and the front through the best.
+
+    Parameters and errors as of :func:`work_precision_figure`.
+    """
+    figure, grid = _figure(panels, title, note)
+    for axes, (name, curves) in zip(grid, panels.items(), strict=False):
+        points = _draw(axes, curves, joined=False)
+        front: list[Point] = []  # the points that no other one beats in both time and error
+        for point in sorted(points):
+            if not front or point[1] < front[-1][1]:
+                front.append(point)
+        axes.step(
+            [point[0] for point in front], [point[1] for point in front],
+            where="post", color=GHOST, lw=1.2, zorder=1, label="front",
+        )  # fmt: skip
+        _finish(axes, name, floors.get(name), target)
+        _label(axes, front, points)
+    _legend(figure, grid)
+    return figure
+
+
+def _draw(axes: Any, curves: Sequence[Curve], *, joined: bool) -> list[Point]:
+    """Points of all curves in their colours, joined by lines or not; returns them."""
+    points = list[Point]()
+    for i, curve in enumerate(curves):
+        errors = [max(error, _SMALLEST) for error in curve.errors]
+        marker = _MARKERS[(i // len(LINES) if joined else i) % len(_MARKERS)]
+        axes.loglog(
+            curve.seconds, errors, color=LINES[i % len(LINES)], label=curve.name or None,
+            marker=marker, ms=5 if joined else 7, ls="-" if joined else "", lw=1.4,
+        )  # fmt: skip
+        points += zip(curve.seconds, errors, curve.words or [""] * len(errors), strict=True)
+    return points
+
+
+def _label(axes: Any, front: Sequence[Point], points: Sequence[Point]) -> None:
+    """Words next to the points of the front, where they cover neither each other nor a point."""
+
+    def place(point: Point) -> tuple[float, float]:
+        x, y = axes.transAxes.inverted().transform(axes.transData.transform(point[:2]))
+        return float(x), float(y)
+
+    taken = [(x - 0.015, x + 0.015, y) for x, y in map(place, points)]
+    for point in front:
+        x, y = place(point)
+        width = _LETTER * len(point[2])
+        for ha, dx, dy in (("left", 5, 8), ("right", -5, -8), ("right", -6, 0)):
+            low = x + 0.02 if ha == "left" else x - 0.02 - width
+            box = (low, low + width, y + dy / 220)
+            inside = box[0] >= 0 and box[1] <= 1
+            if inside and not any(
+                box[0] < right and left < box[1] and abs(box[2] - height) < _LINE
+                for left, right, height in taken
+            ):
+                axes.annotate(
+                    point[2], point[:2], xytext=(dx, dy), textcoords="offset points",
+                    fontsize=7, color=INK, ha=ha, va="center",
+                )  # fmt: skip
+                taken.append(box)
+                break
+
+
+def _figure(panels: Panels, title: str, note: str) -> tuple[Figure, list[Any]]:
+    if not any(len(curve.seconds) for curves in panels.values() for curve in curves):
+        raise ViewError("no run has an error to draw")
+    columns = 2 if len(panels) == 4 else min(_COLUMNS, len(panels))
+    rows = -(-len(panels) // columns)
+    figure = new_figure(1.4 + 3.4 * columns + 1.6, 1.5 + 2.9 * rows, title)
+    grid = list(figure.subplots(rows, columns, squeeze=False).flat)
+    for empty in grid[len(panels) :]:
+        empty.remove()
+    if note:
+        figure.supxlabel(note, color=GHOST, fontsize=7, x=0.02, ha="left")
+    return figure, grid[: len(panels)]
+
+
+def _finish(axes: Any, name: str, floor: float | None, target: float) -> None:
+    axes.set_title(name, color=INK, fontsize=10, loc="left")
+    axes.set_xlabel("wall time [s]", color=INK, fontsize=9)
+    axes.set_ylabel(_ORDINATES.get(name, "error / peak-to-peak"), color=INK, fontsize=9)
+    _ticks(axes.xaxis, axes.get_xlim())
+    _ticks(axes.yaxis, axes.get_ylim())
+    style_axes(axes, labelsize=8)
+    if floor is None:
+        return
+    axes.axhline(target, color=GHOST, lw=0.9, ls="--", label=f"target {100 * target:.2g} %")
+    low = min(axes.get_ylim()[0], 0.5 * floor)
+    axes.axhspan(low, floor, color=GHOST, alpha=0.15, lw=0, label="error of the reference")
+    axes.set_ylim(bottom=low)
+
+
+def _ticks(axis: Any, limits: tuple[float, float]) -> None:
+    """Marks at 1, 2, 5 of each decade, or where that would be many at powers of ten."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    subs = (1.0,) if limits[1] > _WIDE * limits[0] else (1.0, 2.0, 5.0)
+    axis.set_major_locator(LogLocator(10.0, subs))
+    axis.set_major_formatter(
+        FuncFormatter(lambda x, _: f"{x:g}" if x >= _SMALL else f"{x:.0e}".replace("e-0", "e-"))
+    )
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _legend(figure: Figure, grid: Sequence[Any]) -> None:
+    """One legend for all, right of the plots."""
+    named: dict[str, Any] = {}
+    for axes in grid:
+        for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
+            named.setdefault(name, handle)
+    if named:
+        figure.legend(
+            list(named.values()), list(named), loc="outside right upper",
+            frameon=False, labelcolor=INK, fontsize=8,
+        )  # fmt: skip

@@ -1,0 +1,392 @@
+"""Several models of one object compared: counts, motions, times.
+
+In: scenes, models or results. Out: a `Comparison`: of each model how many bodies, coordinates and
+equations it has and what it costs, and how far its sensors are from those of the first one. Scenes
+and models are run first.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.errors import FlexmbError, Problem, ResultFileError, SceneError, nearest
+from flexmb.folders import output_folder
+from flexmb.progress import Progress, silent
+from flexmb.workflow.compiled_model import compile_source
+from flexmb.workflow.run import select_analysis
+from flexmb.workflow.simulate import run_model
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from flexmb.analysis.mobility.degrees_of_freedom import Mobility
+    from flexmb.model import Model
+    from flexmb.results import Result
+
+Array = NDArray[np.float64]
+
+STILL = 1e-9
+"""What moves less, over the largest peak-to-peak of its unit, stands still."""
+
+_SAME_TIME = 1e-9  # of the duration
+_FEW_ROWS = 4  # that a cubic through rows of other times needs
+_ANALYSES = ("integrate", "kinematics", "statics", "inverse_dynamics")
+_CUBIC = 16.0  # error of a cubic spline with rows half as dense, over that with all
+
+
+@dataclass(frozen=True)
+class ModelRun:
+    """One of the models that are compared.
+
+    Attributes
+    ----------
+    name : str
+        That of the scene or folder.
+    result : Result
+        Its run.
+    mobility : Mobility or None
+        Bodies, coordinates, equations, degrees of freedom; None for a model that is too large.
+    seconds : float
+        Wall time of the analysis itself, NaN if the result does not say.
+    cpu_seconds : float
+        Processor time of the whole run, reading and loading included; NaN for a result.
+    """
+
+    name: str
+    result: Result
+    mobility: Mobility | None
+    seconds: float
+    cpu_seconds: float
+
+
+@dataclass(frozen=True)
+class ChannelDifference:
+    """How far a channel of one model is from that of the first.
+
+    Attributes
+    ----------
+    channel, model : str
+        Which one.
+    largest : float
+        The largest difference, in the units of the first model.
+    relative : float
+        The same over the peak-to-peak of the channel in the first model; of a channel that stands
+        still there, over the largest peak-to-peak of all of its unit. NaN if none moves.
+    moves : bool
+        Whether the channel moves in the first model.
+    time : float
+        When, in the units of the first model.
+    unit : str
+        Of `largest`.
+    """
+
+    channel: str
+    model: str
+    largest: float
+    relative: float
+    moves: bool
+    time: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Several models of one object.
+
+    Attributes
+    ----------
+    models : tuple of ModelRun
+        In the order of the sources; the first is what the others are compared with.
+    channels : tuple of str
+        What all of them measure.
+    differences : tuple of ChannelDifference
+        One for each channel and each model but the first.
+    notes : tuple of str
+        Times that not all of them cover, rows between which was interpolated, and the like.
+    """
+
+    models: tuple[ModelRun, ...]
+    channels: tuple[str, ...]
+    differences: tuple[ChannelDifference, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def largest(self) -> float:
+        """Largest difference over the peak-to-peak, of all that move; 0 if none does."""
+        relative = [d.relative for d in self.differences if np.isfinite(d.relative)]
+        return max(relative, default=0.0)
+
+    def plot(self, *channels: str, output: str | Path | None = None) -> Figure:
+        """Draw channels of all models over each other.
+
+        Parameters
+        ----------
+        *channels : str
+            None: those that differ most.
+        output : path, optional
+            A file that ends in .png, .pdf or .svg.
+
+        Raises
+        ------
+        ViewError
+            The file cannot be written.
+        """
+        from flexmb.view import save_figure
+        from flexmb.view.overlay import overlay_figure
+
+        unknown = [name for name in channels if name not in self.channels]
+        if unknown:
+            raise ResultFileError.unknown_name("common channel", unknown[0], self.channels)
+        worst = dict[str, float]()
+        for d in self.differences:
+            if d.moves or d.relative > STILL:
+                worst[d.channel] = max(worst.get(d.channel, 0.0), d.relative)
+        names = channels or tuple(sorted(worst, key=lambda name: -worst[name])) or self.channels
+        runs = {one.name: one.result for one in self.models}
+        figure = overlay_figure(runs, names)
+        if output is not None:
+            save_figure(figure, output)
+        return figure
+
+
+def compare(
+    *sources: Model | Result | str | Path,
+    channels: Sequence[str] = (),
+    output: str | Path = "out/compare",
+    overrides: Mapping[str, str] | None = None,
+    progress: Progress = silent,
+) -> Comparison:
+    """Compare several models or results of one object.
+
+    Parameters
+    ----------
+    *sources : Model, Result or path
+        Scene files, models, results or their folders; the others are compared with the first.
+    channels : sequence of str
+        What is compared, of any kind; none: the channels of sensors that all have.
+    output : path
+        Folder for the results of scenes and models, one folder in it for each.
+    overrides : mapping of str to str, optional
+        Parameters or knobs to change in all scenes.
+    progress : Progress
+        Called for every phase.
+
+    Raises
+    ------
+    FlexmbError
+        Whatever is wrong: fewer than two sources, broken files (all of them at once, before
+        anything is run), no common channel, no common time.
+    """
+    if len(sources) < 2:  # noqa: PLR2004
+        raise SceneError(f"{len(sources)} model given: comparing needs two or more")
+    names = _short_names(sources)
+    ready, problems = [], list[Problem]()
+    for name, source in zip(names, sources, strict=True):
+        try:
+            ready.append(_prepare(source, dict(overrides or {})))
+        except FlexmbError as error:
+            where = "" if isinstance(source, str | Path) and str(source) in str(error) else name
+            problems += [
+                Problem(": ".join(part for part in (where, p.where) if part), p.what, p.allowed,
+                        p.nearest)
+                for p in error.problems
+            ]  # fmt: skip
+    if problems:
+        raise FlexmbError.from_problems(problems)
+    runs = [_run(name, one, Path(output), progress) for name, one in zip(names, ready, strict=True)]
+    common, notes = _common_channels(runs, channels)
+    differences, more = _differences(runs, common)
+    return Comparison(tuple(runs), common, tuple(differences), (*notes, *more))
+
+
+def _short_names(sources: Sequence[Any]) -> list[str]:
+    """A short name for each source, all different."""
+    names = list[str]()
+    for number, source in enumerate(sources):
+        path = getattr(source, "path", source)
+        if not isinstance(path, str | Path):
+            names.append(getattr(source, "title", "") or f"model {number + 1}")
+            continue
+        path = Path(path)
+        scene = path.suffix == ".toml"
+        run = path.parent if path.name == "result.h5" else path
+        names.append(output_folder(path).name if scene else run.resolve().name)
+    return [name if names.count(name) == 1 else f"{name} ({k + 1})" for k, name in enumerate(names)]
+
+
+def _prepare(source: Any, overrides: dict[str, str]) -> Model | Result:
+    """A result, or a model that is valid and says how to run."""
+    from flexmb.model import Model, load_scene
+    from flexmb.results import Result
+
+    if isinstance(source, str | Path) and Path(source).suffix == ".toml":
+        source = load_scene(Path(source), overrides)
+    if isinstance(source, Model):
+        source.validate()
+        select_analysis(source, None)
+        return source
+    run = source if isinstance(source, Result) else Result(source)
+    if not len(run.time):
+        raise ResultFileError(f"{run.path}: holds no output rows")
+    return run
+
+
+def _run(name: str, source: Any, output: Path, progress: Progress) -> ModelRun:
+    """The run of a model, or the result as it is."""
+    from flexmb.analysis.assembly.jacobian import MAX_COORDINATES
+    from flexmb.analysis.mobility.degrees_of_freedom import mobility_of
+    from flexmb.model import Model
+    from flexmb.results import Result
+
+    result, cpu = source, np.nan
+    if isinstance(source, Model):
+        begin = time.process_time()
+        result = Result(run_model(source, output / name, pictures=False, progress=progress).result)
+        cpu = time.process_time() - begin
+    wall = [result.seconds[phase] for phase in _ANALYSES if phase in result.seconds]
+    moves = None
+    if result.layout.nv <= MAX_COORDINATES:
+        try:
+            system = compile_source(result)
+            moves = mobility_of(system.compiled, system.model)
+        except FlexmbError:  # a result of another version, or without its flexible bodies
+            moves = None
+    return ModelRun(name, result, moves, wall[0] if wall else np.nan, cpu)
+
+
+def _common_channels(
+    runs: Sequence[ModelRun], requested: Sequence[str]
+) -> tuple[tuple[str, ...], list[str]]:
+    """Channels that all models have in the same kind of unit, and a note on what is left out."""
+    first = runs[0].result
+    if requested:
+        problems = [
+            Problem(one.name, f'no channel "{name}"', one.result.channels(),
+                    nearest(name, one.result.channels()))
+            for one in runs for name in requested if name not in one.result
+        ]  # fmt: skip
+        if problems:
+            raise ResultFileError.from_problems(problems)
+        names = tuple(dict.fromkeys(requested))
+    else:
+        names = tuple(
+            name for name in first.channels() if all(name in one.result for one in runs[1:])
+        )
+    fit = [name for name in names if len({one.result.si_unit(name) for one in runs}) == 1]
+    if not fit:
+        problems = [Problem("", "the models have no common channel of a sensor; they measure")]
+        for one in runs:
+            mine = one.result.channels()
+            near = [n for name in first.channels() for n in nearest(name, mine, 1)]
+            words = ", ".join(mine[:12]) + (f" and {len(mine) - 12} more" if len(mine) > 12 else "")  # noqa: PLR2004
+            what = f"{words or 'nothing'}"
+            likely = tuple(dict.fromkeys(near))[:3] if one is not runs[0] else ()
+            problems.append(Problem(one.name, what, (), likely))
+        problems.append(Problem("", "give sensors of the same thing the same name, or --channels"))
+        raise ResultFileError.from_problems(problems)
+    notes = []
+    wrong = [name for name in names if name not in fit]
+    if wrong:
+        notes.append(f"of different units, not compared: {', '.join(wrong)}")
+    if not requested:
+        for one in runs:
+            own = [name for name in one.result.channels() if name not in names]
+            if own:
+                shown = ", ".join(own[:6]) + (f" and {len(own) - 6} more" if len(own) > 6 else "")  # noqa: PLR2004
+                notes.append(f"{one.name}: not in all models: {shown}")
+    return tuple(fit), notes
+
+
+def _differences(
+    runs: Sequence[ModelRun], channels: Sequence[str]
+) -> tuple[list[ChannelDifference], list[str]]:
+    """Differences of all channels from those of the first model, where times overlap."""
+    first, notes, differences = runs[0].result, list[str](), list[ChannelDifference]()
+    say = first.units.say
+    mine = first.table("time")
+    low = max(float(one.result.table("time")[0]) for one in runs)
+    high = min(float(one.result.table("time")[-1]) for one in runs)
+    slack = _SAME_TIME * max(float(np.ptp(mine)), high - low)
+    if high < low - slack:
+        covered = "; ".join(
+            f"{one.name}: {say(float(t[0]), 's')} to {say(float(t[-1]), 's')}"
+            for one in runs for t in (one.result.table("time"),)
+        )  # fmt: skip
+        raise ResultFileError(f"the results have no time in common: {covered}")
+    inside = (mine >= low - slack) & (mine <= high + slack)
+    if not inside.any():
+        raise ResultFileError(
+            f"{runs[0].name}: no row between {say(low, 's')} and {say(high, 's')}, where all "
+            "results are"
+        )
+    at = mine[inside]
+    cut = [
+        one.name for one in runs
+        if one.result.table("time")[0] < low - slack or one.result.table("time")[-1] > high + slack
+    ]  # fmt: skip
+    if cut:
+        notes.append(
+            f"compared from {say(low, 's')} to {say(high, 's')}, where all results are; "
+            f"{', '.join(cut)} cover{'s' * (len(cut) == 1)} more"
+        )
+    spans = {name: float(np.ptp(first.in_units(name, first.units)[inside])) for name in channels}
+    largest = dict[str, float]()
+    for name, span in spans.items():
+        largest[first.unit(name)] = max(span, largest.get(first.unit(name), 0.0))
+    for one in runs[1:]:
+        values_at, noise = _sampler(one.result.table("time"), at, slack)
+        worst = 0.0
+        for name in channels:
+            a = first.in_units(name, first.units)[inside]
+            b = one.result.in_units(name, first.units)
+            gap = np.abs(values_at(b) - a)
+            k, unit = int(gap.argmax()), first.unit(name)
+            moves = spans[name] > STILL * largest[unit]
+            span = spans[name] if moves else largest[unit]
+            relative = float(gap[k]) / span if span > 0.0 else np.nan
+            worst = max(worst, noise(b) / span if span > 0.0 else 0.0)
+            differences.append(
+                ChannelDifference(
+                    name, one.name, float(gap[k]), relative, moves,
+                    first.units.outward(float(at[k]), "s"), unit,
+                )
+            )  # fmt: skip
+        if worst > 0.0:
+            notes.append(
+                f"{one.name}: its rows are at other times than those of {runs[0].name}, and were "
+                f"interpolated, with an error of up to about {worst:.1g} of a peak-to-peak; give "
+                "both the same outputs to compare closer"
+            )
+    return differences, notes
+
+
+def _sampler(
+    times: Array, at: Array, slack: float
+) -> tuple[Callable[[Array], Array], Callable[[Array], float]]:
+    """What takes rows to other times, and what estimates the error of that."""
+    after = np.clip(np.searchsorted(times, at), 0, len(times) - 1)
+    before = np.maximum(after - 1, 0)
+    near = np.where(np.abs(times[before] - at) < np.abs(times[after] - at), before, after)
+    if np.abs(times[near] - at).max(initial=0.0) <= slack:
+        return (lambda values: values[near]), (lambda values: 0.0)
+    from scipy.interpolate import CubicSpline
+
+    def rows(values: Array) -> Array:
+        if len(times) < _FEW_ROWS:
+            return np.asarray(np.interp(at, times, values))
+        return np.asarray(CubicSpline(times, values)(at))
+
+    def noise(values: Array) -> float:
+        if len(times) < 2 * _FEW_ROWS:
+            return float(np.ptp(values))
+        coarse = CubicSpline(times[::2], values[::2])(times[1:-1])
+        return float(np.abs(coarse - values[1:-1]).max()) / _CUBIC
+
+    return rows, noise

@@ -1,0 +1,173 @@
+"""Equilibria of what a user names: all that can be reached, one over a parameter, preloads.
+
+In: a scene or a model. Out: `Equilibrium`, a `StaticSweep`, free lengths of springs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from flexmb.errors import Problem, SceneError, nearest
+from flexmb.folders import output_folder
+from flexmb.progress import Progress, silent
+from flexmb.workflow.compiled_model import compile_source
+
+if TYPE_CHECKING:
+    from flexmb.analysis.static_sweep import StaticSweep
+    from flexmb.analysis.statics import Equilibrium
+    from flexmb.model import Model
+
+TIME = "time"
+"""The parameter of a sweep over the time of functions and drivers."""
+
+
+def sweep_statics(
+    source: Model | str | Path | Callable[[float], Model],
+    parameter: str,
+    values: Sequence[float],
+    *,
+    overrides: Mapping[str, Any] | None = None,
+    progress: Progress = silent,
+) -> StaticSweep:
+    """Follow an equilibrium over values of a parameter, or of the time.
+
+    Parameters
+    ----------
+    source : path, callable or Model
+        A scene file, or a function that makes a model for a value; a model for `"time"`.
+    parameter : str
+        A parameter or knob of the scene, such as ``"load"`` or ``"forces.spring.stiffness"``;
+        ``"time"``: functions and drivers are taken at these times, in the scene's units.
+    values : sequence of float
+        In the order in which they are visited; the first begins at the placed pose.
+    overrides, progress
+        As of `linearize`.
+
+    Returns
+    -------
+    StaticSweep
+        Equilibria, channels, stability; limit points, and values without equilibrium.
+
+    Raises
+    ------
+    FlexmbError
+        Whatever is wrong; no equilibrium for the first value.
+    """
+    from flexmb.analysis.static_sweep import SystemAt, sweep_equilibria
+
+    if not len(values):
+        raise SceneError.from_problems([Problem("values", "at least one is needed")])
+    whole = None
+    if parameter == TIME and not callable(source):
+        whole = compile_source(source, overrides=overrides, progress=progress)
+
+    def system_at(value: float) -> SystemAt:
+        if whole is not None:
+            scale = whole.model.units.scale("s")
+            return SystemAt(whole.compiled, whole.model, value * scale)
+        if callable(source):
+            made = compile_source(source(value))
+        elif isinstance(source, str | Path):
+            changes = {**(overrides or {}), parameter: f"{value!r}"}
+            folder = output_folder(source) / "sweep"
+            made = compile_source(source, overrides=changes, output=folder)
+        else:
+            what = "give the scene file, or a function that makes the model for a value"
+            raise SceneError(f"a model in memory has no parameter {parameter} to vary: {what}")
+        return SystemAt(made.compiled, made.model)
+
+    return sweep_equilibria(
+        system_at, parameter, [float(value) for value in values], progress=progress
+    )
+
+
+def equilibria(
+    source: Model | str | Path,
+    *,
+    time: float = 0.0,
+    starts: int = 30,
+    overrides: Mapping[str, Any] | None = None,
+    progress: Progress = silent,
+) -> list[Equilibrium]:
+    """Equilibria of a model that are reached from many poses, of least energy first.
+
+    Parameters
+    ----------
+    source : Model or path
+        A model or a scene file (.toml).
+    time : float
+        At which functions and drivers are taken, in the scene's units.
+    starts : int
+        From how many poses: the placed one, and others at random along the free motions.
+    overrides, progress
+        As of `linearize`.
+
+    Returns
+    -------
+    list of Equilibrium
+        Stable and unstable ones, all different.
+
+    Raises
+    ------
+    FlexmbError
+        Whatever is wrong; no equilibrium is reached from the placed pose.
+    """
+    from flexmb.analysis.statics import find_equilibria
+
+    system = compile_source(source, overrides=overrides, progress=progress)
+    scaled = time * system.model.units.scale("s")
+    return find_equilibria(system.compiled, system.model, time=scaled, starts=starts)
+
+
+def free_lengths(
+    source: Model | str | Path,
+    springs: Sequence[str],
+    *,
+    overrides: Mapping[str, Any] | None = None,
+    progress: Progress = silent,
+) -> dict[str, float]:
+    """Free lengths of springs for which the placed pose is an equilibrium.
+
+    Parameters
+    ----------
+    source : Model or path
+        A model or a scene file (.toml).
+    springs : sequence of str
+        Linear spring-dampers that may change; where there are more than needed, the change of their
+        forces is least.
+    overrides, progress
+        As of `linearize`.
+
+    Returns
+    -------
+    dict of str to float
+        In the scene's units, for ``free_length``.
+
+    Raises
+    ------
+    SceneError
+        A name that is no linear spring-damper.
+    AssemblyError
+        They cannot bring the pose into balance.
+    """
+    from flexmb.analysis.statics import preloads
+
+    system = compile_source(source, overrides=overrides, progress=progress)
+    tables = system.compiled.system.kinds.get("springs")
+    rows = {
+        path.partition(".")[2]: tables.rows[element.row]
+        for path, element in system.compiled.elements.items()
+        if element.kind == "springs" and tables is not None
+    }
+    wrong = [name for name in springs if name not in rows or not rows[name]["k"] > 0.0]
+    if wrong:
+        names = tuple(rows)
+        what = "is no spring-damper with a stiffness"
+        raise SceneError.from_problems([Problem(n, what, names, nearest(n, names)) for n in wrong])
+    forces = preloads(system.compiled, system.model, springs)
+    return {
+        name: float(system.model.units.outward(rows[name]["d0"] + force / rows[name]["k"], "m"))
+        for name, force in forces.items()
+    }
