@@ -1,4 +1,10 @@
-"""The platform's motion, and the forces in legs without mass by Newton's and Euler's equations."""
+"""The platform's motion, and the forces in legs without mass by Newton's and Euler's equations.
+
+For assemblies.toml the poses that have the leg lengths of t = 1 s, by Newton's method on the closed
+form of inverse kinematics from four starts (the scene rounds to nine digits); for singular.toml the
+forces of a level platform that turns, by the balance whose determinant is zero at a yaw of 90
+degrees.
+"""
 
 import numpy as np
 
@@ -53,6 +59,45 @@ def leg_forces(t):
     return np.linalg.solve(balance, load)
 
 
+def turned(yaw, tilt, roll):
+    """Direction cosines Rz Rx Ry."""
+    (c, C, k), (s, S, n) = np.cos([yaw, tilt, roll]), np.sin([yaw, tilt, roll])
+    about_z = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    return about_z @ [[1, 0, 0], [0, C, -S], [0, S, C]] @ [[k, 0, n], [0, 1, 0], [-n, 0, k]]
+
+
+def leg_lines(p, A):
+    """Lengths of the legs (inverse kinematics) and the six Plücker coordinates of their lines."""
+    heads = HEADS @ A.T
+    legs = p + heads - FEET
+    lengths = np.linalg.norm(legs, axis=1)
+    units = legs / lengths[:, None]
+    return lengths, np.hstack([units, np.cross(heads, units)])
+
+
+STARTS = (  # place and angles of Rz Rx Ry of four of the assemblies above the base
+    (0.12, 0, 1.3, 0.25, 0.2, 0),
+    (0.0, 0.46, 0.99, -0.42, 1.13, 1.27),
+    (-0.36, -0.38, 0.88, 1.7, -0.94, 1.77),
+    (0.53, -0.42, 0.79, 0.68, 0.14, -1.62),
+)
+
+
+def assembly(start, wanted):
+    """Place and angles that have the wanted leg lengths, near a start."""
+    x = np.array(start, float)
+    for _ in range(30):
+        gap = leg_lines(x[:3], turned(*x[3:]))[0] - wanted
+        slopes = np.empty((6, 6))
+        for k in range(6):
+            d = 1e-30j * np.eye(6)[k]
+            heads = HEADS @ turned(*(x[3:] + d[3:])).T
+            legs = x[:3] + d[:3] + heads - FEET
+            slopes[:, k] = np.sqrt((legs**2).sum(axis=1)).imag / 1e-30
+        x = x - np.linalg.solve(slopes, gap)
+    return x
+
+
 def values():
     """Rows (scene, sensor, time, value) for the checks."""
     for t in (0.5, 1.0, 2.2, 3.0):
@@ -65,6 +110,19 @@ def values():
         push = leg_forces(t)
         yield "platform.toml", "push0", t, push[0]
         yield "platform.toml", "push3", t, push[3]
+    wanted = leg_lines(*pose(1.0))[0]
+    for n, start in enumerate(STARTS):
+        x = assembly(start, wanted)
+        assert np.abs(leg_lines(x[:3], turned(*x[3:]))[0] - wanted).max() < 1e-14
+        for sensor, value in zip(("x", "y", "z"), x[:3] + [3 * n, 0, 0], strict=True):
+            yield "assemblies.toml", f"place{n}.{sensor}", 0, value
+        for sensor, value in zip(("alpha", "beta", "gamma"), x[3:], strict=True):
+            yield "assemblies.toml", f"turn{n}.{sensor}", 0, value
+    for t in (0.4, 0.8, 1.04):
+        lines = leg_lines(np.array([0, 0, 1.2]), turned(np.pi / 2 * t, 0, 0))[1]
+        push = np.linalg.solve(lines.T, [0, 0, MASS * G, 0, 0, 0])
+        yield "singular.toml", "attitude.alpha", t, np.pi / 2 * t
+        yield "singular.toml", "push0", t, push[0]
 
 
 if __name__ == "__main__":

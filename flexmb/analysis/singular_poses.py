@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import (
     MAX_COORDINATES,
+    ConstraintRows,
     Decomposition,
     WeightedJacobian,
     dense_jacobian,
+    one_blas_thread,
 )
 from flexmb.analysis.procedure import not_finite_function
 from flexmb.engine import method
@@ -36,6 +38,7 @@ from flexmb.model.reading import GROUND, split_reference
 Array = NDArray[np.float64]
 
 _OWN_SENTENCE = (method.ZERO_LENGTH, method.CURVE_END, method.NO_LOOP, method.SELF_LOCKING)
+_ROUND_OFF, _NEARLY_REDUNDANT = 1e-13, 1e-6  # singular values over the largest
 _NEARLY = 0.02  # least singular value over the next one: a singular pose is near
 _CONTRADICTED = 1e-6  # share of the prescribed motion that no motion can follow
 _MOVES = 1e-6  # of the largest rate of a joint coordinate in a motion
@@ -50,6 +53,23 @@ def call_kinematics(system: System, state: State, work: Work, path: Path, what: 
     """A call of the compiled analysis that writes no rows; see `entries.analyse_kinematics`."""
     settings = KinematicsSettings(0.0, 1.0, 0, 0.0, 0)
     return analyse_kinematics(new_run(system, state, work), path, settings, what)
+
+
+def nearly_redundant(compiled: Compiled, q: NDArray[np.float64]) -> str:
+    """The sentence for constraint equations that are nearly redundant at some positions, or ""."""
+    if compiled.layout.nv > MAX_COORDINATES or not compiled.layout.nc:
+        return ""
+    with one_blas_thread():
+        sizes = ConstraintRows(compiled).evaluate(q).jacobian.decomposition.S
+    share = sizes / sizes[0]
+    near = share[(share > _ROUND_OFF) & (share < _NEARLY_REDUNDANT)]
+    if not len(near):
+        return ""
+    what = "constraint equations are" if len(near) > 1 else "constraint equation is"
+    return (
+        f"{len(near)} {what} nearly redundant there (to {near.min():.1g}): either the pose is "
+        "nearly singular, or axes or places that should fit are slightly off; make them exact"
+    )
 
 
 @dataclass(frozen=True)
@@ -270,7 +290,8 @@ def _singular_pose(pose: KinematicPose, jacobian: WeightedJacobian, time: float)
     drivers = _drivers_of(pose.compiled, U[:, n - 1])
     joints = [name for name in rows if not name.startswith("drivers.")]
     text = f"at t = {pose.text(time)} the mechanism reaches a singular pose"
-    text += f" (a dead point, or the limit of its reach) held by {', '.join(joints)}"
+    text += " (a dead point, or the limit of its reach)"
+    text += f" held by {', '.join(joints)}" if joints else ""
     if drivers:
         text += f", beyond which {' and '.join(drivers)} cannot lead it"
     motion = jacobian.velocities(jacobian.decomposition.V[:, n - 1 : n])
@@ -278,7 +299,8 @@ def _singular_pose(pose: KinematicPose, jacobian: WeightedJacobian, time: float)
     if coordinates:
         instead = f", instead of {drivers[0]}" if drivers else ""
         text += f": drive {coordinates[0]}, which moves most there{instead}"
-    return text + ", or change what is driven so that the pose is not reached"
+    cure = "change what is driven so that the pose is not reached"
+    return f"{text}, or {cure}" if coordinates else f"{text}: {cure}"
 
 
 def _branch(pose: KinematicPose, time: float) -> str:

@@ -232,7 +232,7 @@ class _Run:
         self._q, self._way = prepared.state.q.copy(), 0.0
         self.monitors = (
             ContactLossMonitor(prepared.compiled),
-            ValidityMonitor(prepared.compiled, prepared.model, prepared.state.q),
+            ValidityMonitor(prepared.compiled, prepared.model, prepared.state.q, is_motion=False),
         )
         work = new_work(prepared.compiled.system, len(prepared.state.angles))
         system = prepared.compiled.system

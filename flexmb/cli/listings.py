@@ -103,6 +103,7 @@ def schema(
 
 
 _LINK = re.compile(r"\[([^\]]+)\]\(([\w-]+)\.md(?:#[\w-]+)?\)")
+_THUMBNAIL = re.compile(r"!\[[^]]*\]\(pictures/case-[^)]*\)")  # in the table of cases
 _PICTURE = re.compile(r"^!\[([^\]]*)\]\([^)]*\)$", re.MULTILINE)
 _MAX_SECTIONS = 20
 
@@ -144,7 +145,8 @@ def help_pages(
 def _show_page(page: Page) -> None:
     from rich.markdown import Markdown
 
-    text = _PICTURE.sub(r"(picture: \1)", page.text)
+    text = _THUMBNAIL.sub("", page.text)
+    text = _PICTURE.sub(r"(picture: \1)", text)
     text = _LINK.sub(lambda link: f"{link[1]} (`flexmb help {link[2]}`)", text)
     screen.console().print(Markdown(text, hyperlinks=False))
 

@@ -1,27 +1,20 @@
-"""``flexmb info``, ``export`` and ``render``: results, bodies, meshes."""
+"""``flexmb info`` and ``export``: results, bodies, meshes."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from flexmb.cli import screen
-from flexmb.cli.app import (
-    RunFile,
-    command,
-    parse_direction,
-    parse_exaggeration,
-    parse_names,
-    parse_numbers,
-    parse_size,
-    refuse_options,
-)
+from flexmb.cli.app import RunFile, command, parse_names
 from flexmb.cli.check import show_check
-from flexmb.cli.reduce import modes_picture, show_body
+from flexmb.cli.part import show_part
+from flexmb.cli.reduce import show_body
 from flexmb.cli.run import show_result
 from flexmb.errors import FlexmbError
+from flexmb.units import unit_system
 
 
 @command()
@@ -61,6 +54,13 @@ def _show_h5(path: Path) -> None:
         body = load(path)
         show_body(body)
         screen.table(("where it comes from", ""), sorted(body.provenance.items()))
+        return
+    if file_format(path) == "flexmb-part":
+        from flexmb.flexbody import load_part
+
+        part = load_part(path)
+        show_part(part, unit_system(part.provenance.get("scene units", "SI")))
+        screen.table(("where it comes from", ""), sorted(part.provenance.items()))
         return
     run = Result(path)
     show_result(run)
@@ -150,108 +150,3 @@ def export(
     columns = len(names) or len(run.channels(kind))
     of = "1 channel" if columns == 1 else f"{columns} channels"
     screen.line(f"written: {written} ({len(run.time)} rows of {of})")
-
-
-@command()
-def render(
-    file: Annotated[
-        Path, typer.Argument(help="Result file, or a flexible body's.", show_default=False)
-    ],
-    time: Annotated[
-        float | None,
-        typer.Option(
-            help="Time of the picture, in the scene's units; its own, else the end.", min=0.0
-        ),
-    ] = None,
-    exaggeration: Annotated[
-        str | None,
-        typer.Option(help="Factor on deformations, or auto; the scene's own, else auto."),
-    ] = None,
-    color: Annotated[
-        str | None,
-        typer.Option(
-            help="Flexible bodies by displacement (by default) or von_mises stress, or each by "
-            "its own: body."
-        ),
-    ] = None,
-    layer: Annotated[
-        str | None,
-        typer.Option(
-            help="Layer whose stress is shown, such as top; by default the largest of all.",
-            show_default=False,
-        ),
-    ] = None,
-    modes: Annotated[
-        str | None,
-        typer.Option(
-            "--modes",
-            "--mode",
-            metavar="NUMBERS",
-            help="Of a flexible body: 7, 1..6 or 1,3,5; the first six by default.",
-            show_default=False,
-        ),
-    ] = None,
-    supports: Annotated[
-        str | None,
-        typer.Option(
-            "--held",
-            metavar="NAMES",
-            help="Of a flexible body: interfaces that are held, with commas; free by default.",
-            show_default=False,
-        ),
-    ] = None,
-    direction: Annotated[
-        str | None,
-        typer.Option(
-            help="From the scene towards the eye: x, y, z, -x, -y, -z or numbers such as "
-            "1,-1,0.5; along the joint axes by default."
-        ),
-    ] = None,
-    size: Annotated[
-        str | None, typer.Option(help="Width x height in pixels; 1280x720 by default.")
-    ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            help="PNG file; by default picture.png or <body>.modes.png in the same folder.",
-        ),
-    ] = None,
-) -> None:
-    """Draw the mechanism at a time of a run, or mode shapes of a flexible body, off-screen.
-
-    Example: flexmb render out/slider_crank/result.h5 --time 0.013 --color von_mises
-
-    Example: flexmb render out/slider_crank/rod.flexbody.h5 --modes 1..6 --held big_end
-    """
-    from flexmb.results import Result, file_format
-    from flexmb.view import render as render_run
-    from flexmb.view import render_modes, vtk_renderer
-
-    look: dict[str, Any] = {
-        "exaggeration": parse_exaggeration(exaggeration),
-        "direction": parse_direction(direction),
-        "size": parse_size(size),
-    }
-    with screen.Bars() as progress:
-        progress("picture", 0.0)
-        if file_format(file) == "flexmb-flexbody":
-            of_run = {"time": time, "color": color, "layer": layer}
-            refuse_options(of_run, "belongs to the picture of a run; this is a flexible body")
-            look["exaggeration"] = look["exaggeration"] or "auto"
-            output = output or modes_picture(file)
-            numbers, names = parse_numbers(modes, "--modes"), parse_names(supports)
-            written = render_modes(file, numbers, held=names, output=output, **look)
-        else:
-            of_body = {"modes": modes, "held": supports}
-            refuse_options(of_body, "belongs to the picture of a flexible body (.flexbody.h5)")
-            result = Result(file)
-            look |= {"color": color or "displacement", "layer": layer}
-            output = output or result.path.parent / "picture.png"
-            written = render_run(result, time, output=output, **look)
-        progress("picture", 1.0)
-    verdict = vtk_renderer.probe()
-    if not verdict.works:
-        screen.line(f"note: {verdict.how}; a simple picture was drawn instead. {verdict.advice}")
-    screen.line(f"written: {written}")

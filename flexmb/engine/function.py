@@ -286,6 +286,8 @@ def _binary(op, a, b):
         _hypot(a, b)
     elif (op == MIN and b0 < a0) or (op == MAX and b0 > a0):
         a[0], a[1], a[2] = b0, b1, b2
+    elif b0 == a0:  # a tie of MIN or MAX: the mean of both slopes
+        a[1], a[2] = 0.5 * (a1 + b1), 0.5 * (a2 + b2)
 
 
 @kernel

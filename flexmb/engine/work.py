@@ -54,7 +54,7 @@ _NO_FACTOR = Factor(
     *(np.zeros(0) for _ in range(3)),
 )  # fmt: skip
 _SINGULAR_POSES = 8  # of which time and positions are kept
-_NO_SETTINGS = Settings(0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1, 0, 0, 0)
+_NO_SETTINGS = Settings(0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1, 0, 0, 0, 0)
 
 
 def sizes(system: System) -> tuple[int, int, int]:

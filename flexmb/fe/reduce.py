@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -44,7 +44,6 @@ from flexmb.fe.model_checks import (
 )
 from flexmb.fe.reduction.eigenmodes import SymmetryPlane, make_symmetry_plane
 from flexmb.fe.reduction.geometric_stiffening import require_stresses, with_geometric_stiffening
-from flexmb.fe.reduction.inertia_relief import inertia_response
 from flexmb.fe.reduction.methods import (
     check_options,
     coordinates_text,
@@ -59,6 +58,7 @@ from flexmb.fe.reduction.reduced_basis import (
     mode_infos,
     orthonormalise,
 )
+from flexmb.fe.reduction.static_response import inertia_response, with_load_responses
 from flexmb.fe.reduction.user_modes import read_user_modes
 from flexmb.fe.scikit_fem import (
     has_stress,
@@ -99,6 +99,7 @@ def reduce(
     stress: bool | str = True,
     geometric_stiffening: str = "none",
     residual: str = "none",
+    load_points: Sequence[int | Sequence[float]] = (),
     stiffness: Any = None,
     mass: Any = None,
     inspect: Callable[..., None] | None = None,
@@ -153,6 +154,9 @@ def reduce(
         ``"inertia"`` adds the static responses to the body's own inertia loads to the modes, up to
         twelve: then stress and growth under acceleration and spin are exact in the static limit.
         ``"none"`` by default.
+    load_points : sequence of int or (3,) float
+        Mesh nodes beside the interfaces that a scene loads, or positions [m] near them: the body
+        then knows how much of the static response there its modes lack, and a run tells.
     stiffness, mass : (N, N) sparse, optional
         With a basis: matrices of the free body over its degrees of freedom; ``material`` then is
         for stress alone.
@@ -187,7 +191,7 @@ def reduce(
             refuse_matrices(stiffness=stiffness, mass=mass)
         if material is None:
             raise MaterialError.from_problems([Problem("material", "is missing")])
-        model, ends, findings = _prepare(
+        model, ends, findings = prepare_model(
             attempts, mesh, scale, material, sections, interfaces or {}, loads or {}, **connections
         )
         attempts.raise_errors()
@@ -213,6 +217,7 @@ def reduce(
     elastic = orthonormalise(fe, reduced)
     body = make_body(name or Path(fe.mesh.source).stem, fe, reduced, elastic, progress)
     body = with_recovery(body, fe, elastic.Phi, where, progress)
+    body = with_load_responses(body, fe, reduced, elastic, load_points, mirror, progress)
     if stiffens:
         body = with_geometric_stiffening(body, fe, elastic.Phi, ends, progress)
     if mirror is not None:
@@ -224,13 +229,13 @@ def reduce(
     options |= {"reduction": reduction, "plane": plane, "stress": where}
     options |= {"geometric_stiffening": geometric_stiffening, "residual": residual}
     made = sections_from(sections)
-    source = {**body.provenance, **_provenance(fe, options, interfaces or {}, made, findings)}
+    source = {**body.provenance, **model_provenance(fe, options, interfaces or {}, made, findings)}
     if isinstance(mesh, str | os.PathLike | Mapping):
         source |= _file_provenance(mesh, options, material, interfaces, name, made)
     return replace(body, provenance=source, damping=ratios)
 
 
-def _prepare(
+def prepare_model(
     attempts: Attempts,
     mesh: MeshLike | SkfemMesh,
     scale: float,
@@ -300,7 +305,7 @@ def survey(
     """
     attempts, scale = Attempts(), unit_system(units).factor(L=1)
     connections = {"ties": ties, "masses": masses, "springs": springs}
-    model, ends, findings = _prepare(
+    model, ends, findings = prepare_model(
         attempts, mesh, scale, material, sections, interfaces or {}, loads or {}, **connections
     )
     if model is not None:
@@ -392,13 +397,14 @@ def make_body(
     )
 
 
-def _provenance(
+def model_provenance(
     fe: FEMatrices,
     options: Mapping[str, Any],
     interfaces: Mapping[str, InterfaceLike],
     sections: Mapping[str, Any],
     findings: list[Finding],
 ) -> dict[str, str]:
+    """Mesh, material, options, findings and versions as texts."""
     packages = ("numpy", "scipy", "scikit-fem", "meshio")
     return {
         "mesh": fe.mesh.source,

@@ -25,15 +25,14 @@ from flexmb.errors import Problem, ReductionError, nearest
 from flexmb.flexbody.arrays import Checker, FloatArray, is_nonzero
 from flexmb.flexbody.damping import DampingOptions
 from flexmb.flexbody.parts import (
-    InertiaResponse,
     Interface,
     LoadVector,
     ModeInfo,
     NodeModes,
-    SectionForceModes,
-    StressModes,
     Surface,
 )
+from flexmb.flexbody.static_response import InertiaResponse, LoadResponse, OmittedModes
+from flexmb.flexbody.stress_modes import SectionForceModes, ShellForceModes, StressModes
 
 _SYMMETRY = 1e-8  # relative; products of order 1e5 terms leave 1e-12, a wrong matrix leaves 1
 _RIGID = 1e-10  # least share of a mode's mass matrix that must remain after rigid motion
@@ -77,6 +76,8 @@ class FlexBody:
         Stress at places of the body.
     section_forces : SectionForceModes, optional
         Section forces of its beams.
+    shell_forces : ShellForceModes, optional
+        Force and moment resultants of its shells.
     loads : tuple of LoadVector
         Loads on the mesh, reduced to the modes.
     provenance : mapping of str to str
@@ -88,6 +89,10 @@ class FlexBody:
         Ratios of its modes where a scene joins it, in place of D.
     inertia_response : InertiaResponse, optional
         What the modes lack of the static response to the body's own inertia.
+    load_response : LoadResponse, optional
+        The same of loads at mesh nodes.
+    omitted_modes : OmittedModes, optional
+        The lowest modes that the body does not have.
 
     Raises
     ------
@@ -111,11 +116,14 @@ class FlexBody:
     nodes: NodeModes | None = None
     stress: StressModes | None = None
     section_forces: SectionForceModes | None = None
+    shell_forces: ShellForceModes | None = None
     loads: tuple[LoadVector, ...] = ()
     provenance: Mapping[str, str] = field(default_factory=dict)
     centrifugal_stiffness: FloatArray | None = None
     damping: DampingOptions | None = None
     inertia_response: InertiaResponse | None = None
+    load_response: LoadResponse | None = None
+    omitted_modes: OmittedModes | None = None
 
     def __post_init__(self) -> None:
         check = Checker(f"body {self.name}")
@@ -280,6 +288,10 @@ def _check_parts(body: FlexBody, check: Checker) -> None:
         columns["stress"] = body.stress.m
     if body.section_forces is not None:
         columns["section_forces"] = body.section_forces.m
+    if body.shell_forces is not None:
+        columns["shell_forces"] = body.shell_forces.m
+    if body.omitted_modes is not None:
+        columns["omitted_modes"] = body.omitted_modes.modes.shape[1]
     for part, count in columns.items():
         if count != body.m:
             check.add(part, f"has {count} modes where the body has {body.m}")

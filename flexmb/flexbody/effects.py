@@ -9,6 +9,7 @@ Multibody Systems, 4th ed., §5.6 on reference conditions.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.flexbody.body import FlexBody
+from flexmb.flexbody.natural_modes import mass_at_rest
 from flexmb.flexbody.parts import Interface
 from flexmb.flexbody.planar_body import combine_modes
 
@@ -23,19 +25,38 @@ _EPS = np.zeros((3, 3, 3))  # permutation symbol
 for _a, _b, _c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     _EPS[_a, _b, _c], _EPS[_b, _a, _c] = 1.0, -1.0
 
+_NO_MASS = 1e-12  # a moment of inertia below this share of its bound is round-off
+
 
 def rigid_twin(body: FlexBody) -> FlexBody:
     """The body without deformation: its mass properties, and all that can be held on to."""
     if body.m == 0:
         return body
     twin = combine_modes(without_stiffening(body), np.zeros((body.m, 0)))
-    return replace(twin, D=None, inertia_response=None)
+    return replace(twin, D=None, inertia_response=None, load_response=None, omitted_modes=None)
 
 
 def without_stiffening(body: FlexBody) -> FlexBody:
     """The body without the data of geometric stiffening."""
     ends = tuple(replace(part, bend=None) for part in body.interfaces)
     return replace(body, centrifugal_stiffness=None, interfaces=ends)
+
+
+def without_modal_inertia(body: FlexBody, modes: Sequence[int]) -> FloatArray:
+    """Mab of a body of which some modes deform it without inertia: in mean axes no entry of them.
+
+    Where the frame moves with a mode, the motion of the whole body relative to it keeps its
+    inertia. The first integrals p and P, by which inertia loads the modes, are unchanged.
+    """
+    M = mass_at_rest(body.mass, body.S1, body.S0, body.p, body.P, body.M_eta)[:6]
+    size = np.sqrt(np.diag(M)) + np.finfo(float).tiny
+    inverse = np.linalg.pinv(M[:, :6] / np.outer(size, size), rcond=_NO_MASS, hermitian=True)
+    motion, dynamic = np.zeros((6, body.m)), np.ones(body.m)
+    motion[:, modes] = (inverse / size[:, None] @ (M[:, 6:] / size[:, None]))[:, modes]
+    dynamic[list(modes)] = 0.0
+    Mab = body.Mab * np.outer(dynamic, dynamic)
+    fields = _rigid_integrals(body, body.p * dynamic, body.P * dynamic, Mab, motion)
+    return np.asarray(fields["Mab"])
 
 
 def frame_at_interface(body: FlexBody, name: str) -> FlexBody:
@@ -59,7 +80,7 @@ def frame_at_interface(body: FlexBody, name: str) -> FlexBody:
     # rigid motion that is taken out, per eta: translation of the origin and rotation
     turn = -end.Phi_r
     shift = -end.Phi_t - np.cross(turn.T, end.position).T
-    fields = _rigid_integrals(body, shift, turn)
+    fields = _rigid_integrals(body, body.p, body.P, body.Mab, np.vstack([shift, turn]))
     ends = tuple(
         Interface(part.name, part.position, *_moved(part.position, shift, turn, part))
         for part in body.interfaces
@@ -76,7 +97,14 @@ def frame_at_interface(body: FlexBody, name: str) -> FlexBody:
         replace(load, modal=load.modal + load.force @ shift + load.moment @ turn)
         for load in body.loads
     )
-    return replace(body, **fields, interfaces=ends, nodes=nodes, surface=surface, loads=loads)
+    omitted = body.omitted_modes
+    if omitted is not None:
+        rigid = np.vstack([shift + np.cross(turn.T, body.center).T, turn])
+        omitted = replace(omitted, modes=omitted.modes + omitted.inertia[:, :6] @ rigid)
+    return replace(
+        body, **fields, interfaces=ends, nodes=nodes, surface=surface, loads=loads,
+        omitted_modes=omitted,
+    )  # fmt: skip
 
 
 def _rigid_displacement(points: FloatArray, shift: FloatArray, turn: FloatArray) -> FloatArray:
@@ -90,16 +118,19 @@ def _moved(
     return part.Phi_t + _rigid_displacement(point[None], shift, turn)[0], part.Phi_r + turn
 
 
-def _rigid_integrals(body: FlexBody, shift: FloatArray, turn: FloatArray) -> dict[str, Any]:
-    """p, P and Mab of the modes plus rigid motions d + G s, G_ab = ε_acb θ_c."""
+def _rigid_integrals(
+    body: FlexBody, p: FloatArray, P: FloatArray, Mab: FloatArray, motion: FloatArray
+) -> dict[str, Any]:
+    """p, P and Mab of modes plus rigid motions d + G s, G_ab = ε_acb θ_c; (6, m) d and θ."""
+    shift, turn = motion[:3], motion[3:]
     G = np.einsum("acb,cm->abm", _EPS, turn)
-    p = body.p + body.mass * shift + np.einsum("abm,b->am", G, body.S1)
-    P = body.P + np.einsum("a,bm->abm", body.S1, shift) + np.einsum("bcm,ac->abm", G, body.S0)
+    cross = np.einsum("ai,bj->abij", p, shift) + np.einsum("bcj,cai->abij", G, P)
+    p = p + body.mass * shift + np.einsum("abm,b->am", G, body.S1)
+    P = P + np.einsum("a,bm->abm", body.S1, shift) + np.einsum("bcm,ac->abm", G, body.S0)
     # int rho N_a (d + G s)_b, and the same of two rigid motions
-    cross = np.einsum("ai,bj->abij", body.p, shift) + np.einsum("bcj,cai->abij", G, body.P)
     both = body.mass * np.einsum("ai,bj->abij", shift, shift)
     both += np.einsum("ai,bcj,c->abij", shift, G, body.S1)
     both += np.einsum("aci,c,bj->abij", G, body.S1, shift)
     both += np.einsum("aci,cd,bdj->abij", G, body.S0, G)
-    Mab = body.Mab + cross + cross.transpose(1, 0, 3, 2) + both
+    Mab = Mab + cross + cross.transpose(1, 0, 3, 2) + both
     return {"p": p, "P": P, "Mab": Mab}

@@ -186,14 +186,14 @@ class MeshBodySpec(FlexibleBodySpec):
     scene's. `modes` counts fixed-interface modes, 20 by default (free modes without interfaces).
     With `geometric_stiffening = "full"` forces and rotation stiffen or soften the body. `residual =
     "inertia"` adds the static responses to its own inertia loads, so that it grows and is stressed
-    as it turns; `"auto"` does where an initial angular velocity or a driver turns it round.
+    as it turns; `"auto"` does where a driver or an initial spin asks for what its modes lack.
     """
 
     mesh: MeshSource
     units: UnitsName = Field("scene", validate_default=True)
     material: MaterialField
     sections: Sections = {}
-    interfaces: Interfaces
+    interfaces: Interfaces = {}
     ties: Ties = {}
     masses: Masses = {}
     springs: Springs = {}

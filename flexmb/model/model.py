@@ -54,6 +54,7 @@ from flexmb.model.scenes.sections import (
     read_named,
 )
 from flexmb.model.scenes.study import StudySpec
+from flexmb.model.scenes.supports import PartCheckSpec, PartSpec, part_unit
 from flexmb.model.sensor import SensorSpec, channels_of, unit_of
 from flexmb.units import UnitSystem, unit_system
 
@@ -124,12 +125,14 @@ class Model:
         self.checks: list[CheckSpec] = []
         self.frequency_checks: list[FrequencyCheckSpec] = []
         self.mode_checks: list[ModeCheckSpec] = []
+        self.part_checks: list[PartCheckSpec] = []
         self.assembly: AssemblySpec | None = None
         self.dynamics: DynamicsSpec | None = None
         self.effects: EffectsSpec | None = None
         self.results: ResultsSpec | None = None
         self.kinematics: KinematicsSpec | None = None
         self.statics: StaticsSpec | None = None
+        self.part: PartSpec | None = None
         self.study: StudySpec | None = None
         self.validity: ValiditySpec | None = None
         self.view = ViewSpec()
@@ -218,15 +221,18 @@ class Model:
         """Add a controller: ``input``, an expression over channels and t; its name is a channel."""
         return self._add("controllers", name, {"type": type, **fields})
 
-    def add_check(self, **fields: Any) -> CheckSpec | FrequencyCheckSpec | ModeCheckSpec:
+    def add_check(
+        self, **fields: Any
+    ) -> CheckSpec | FrequencyCheckSpec | ModeCheckSpec | PartCheckSpec:
         """Add a known answer: ``sensor``, ``time``, ``value``, ``tolerance``, ``source``.
 
         Of a natural frequency: ``body``, ``held``, ``mode``, ``value``, ``tolerance``, ``source``.
-        Of a linearised mode: ``linear_mode``, ``parameters`` and these.
+        Of a linearised mode: ``linear_mode``, ``parameters`` and these. Of a part by itself:
+        ``part``, its quantity, and these.
         """
         kind = check_kind(fields)
         checks: list[Any] = getattr(self, CHECK_LISTS[kind])
-        spec, problems = read_entry(kind, fields, self.check_context(fields.get("sensor")))
+        spec, problems = read_entry(kind, fields, self.check_context(fields))
         _raise(under(f"check[{len(checks)}]", problems))
         checks.append(spec)
         return spec  # type: ignore[return-value]
@@ -255,6 +261,11 @@ class Model:
         """Say of which times equilibria are sought: ``time``, or ``duration`` and ``outputs``."""
         self.statics = self._single("statics", StaticsSpec, fields)
         return self.statics
+
+    def set_part(self, **fields: Any) -> PartSpec:
+        """Say how one body is solved by itself: ``supports``, ``loads``, ``frequencies``, ..."""
+        self.part = self._single("part", PartSpec, fields)
+        return self.part
 
     def set_assembly(self, **fields: Any) -> AssemblySpec:
         """Say how the first pose is found: ``weights`` by body, ``guess`` by joint."""
@@ -323,9 +334,16 @@ class Model:
                     return unit_of(vars(owners[name]))
         return None
 
-    def check_context(self, channel: Any) -> ReadContext:
-        """What numbers mean that are compared with a channel."""
-        unit = self.channel_unit(channel) if isinstance(channel, str) else None
+    def check_unit(self, fields: Mapping[str, Any]) -> str | None:
+        """SI unit of what a check compares, its channel or the quantity of a part."""
+        if "part" in fields:
+            return part_unit(fields["part"])
+        channel = fields.get("sensor")
+        return self.channel_unit(channel) if isinstance(channel, str) else None
+
+    def check_context(self, fields: Mapping[str, Any]) -> ReadContext:
+        """What the numbers of a check mean."""
+        unit = self.check_unit(fields)
         return ReadContext(self.parameters, self.units, expected_unit=unit, folder=self.folder)
 
     def marker(self, reference: str) -> lookup.NamedMarker:

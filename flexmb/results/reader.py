@@ -73,6 +73,7 @@ Places = list[int] | NDArray[np.int64] | slice
 
 _SECONDS = "seconds_"  # statistics of this prefix are wall times by phase
 _ALL = slice(None)
+_SMALL = 8_000_000  # numbers of a table that is read at once where a few rows are wanted
 _WORK = "_work"  # energies of this ending were done by something, the others are stored
 _ERRORS = {  # statistic -> its name, and what it is relative to
     "measured_error_of_positions": (
@@ -109,6 +110,7 @@ class ResultReader:
     """Facts and tables of one run; see `Result`."""
 
     _bodies: dict[str, tuple[int, FlexBody]] | None = None
+    _rows: tuple[str, int, Array] = ("", 0, np.zeros((2, 0)))
 
     def __init__(self, path: str | Path) -> None:
         path = Path(path)
@@ -286,6 +288,7 @@ class ResultReader:
     def refresh(self) -> None:
         """Read the file again, for a run that has continued since."""
         self._contents = read_contents(self.path)
+        self._rows = ResultReader._rows
         self.close()
 
     def close(self) -> None:
@@ -308,6 +311,21 @@ class ResultReader:
         """
         return self._stored(name) if name == "time" else self.part(name)
 
+    def two_rows(self, name: str, i: int, columns: slice) -> Array:
+        """Rows i and, if there is one, i + 1 of these columns (2, k), SI.
+
+        Of a long table only these are read, so that memory stays bounded.
+        """
+        length = len(self.time)
+        if name in self._tables or length * widths(self.layout)[name] <= _SMALL:
+            return self.part(name, columns)[[i, min(i + 1, length - 1)]]
+        places = self._file_columns(name, columns)
+        if self._rows[:2] != (name, i):
+            contents = self._contents
+            rows = read_table(self.path, contents.run, name, min(i + 2, length), i)
+            self._rows = name, i, rows[[0, -1]]
+        return np.asarray(self._rows[2][:, places])
+
     def part(self, name: str, columns: Places = _ALL) -> Array:
         """Columns of a table (n, k) by their numbers in the layout, SI.
 
@@ -316,15 +334,20 @@ class ResultReader:
         ResultFileError
             The run did not store them.
         """
+        places = self._file_columns(name, columns)
+        return np.asarray(self._stored(name)[:, places])
+
+    def _file_columns(self, name: str, columns: Places) -> Places:
+        """Where the file holds columns of a table."""
         stored, width = self._contents.stored[name], widths(self.layout)[name]
         if len(stored) == width:
-            return np.asarray(self._stored(name)[:, columns])
+            return columns
         wanted = np.arange(width)[columns]
         missing = np.setdiff1d(wanted, stored)
         if len(missing):
             what = describe_missing(self.layout, self.model, name, missing.tolist())
             raise ResultFileError(f"{self.path}: {what}")
-        return np.asarray(self._stored(name)[:, np.searchsorted(stored, wanted)])
+        return np.searchsorted(stored, wanted)
 
     def has_columns(self, name: str, columns: Places = _ALL) -> bool:
         """Whether the run stored these columns of a table."""
@@ -347,8 +370,14 @@ class ResultReader:
             if key in statistics:
                 yield name, f"{statistics[key]:.2g}{unit}"
 
-    def _row_at(self, time: float) -> tuple[int, float]:
-        """Row before a time in the scene's units, and the fraction of the way to the next one."""
+    def row_at(self, time: float) -> tuple[int, float]:
+        """Row before a time in the scene's units, and the fraction of the way to the next one.
+
+        Raises
+        ------
+        ResultFileError
+            The time lies outside the run, or there are no rows.
+        """
         t, unit = self.time, self.units.label("s")
         if not len(t):
             raise ResultFileError(f"{self.path}: holds no output rows")

@@ -240,7 +240,7 @@ class Recovery(ResultReader):
         eta = self.part("q", slice(start, start + columns.m))
         if time is None and len(eta):
             return eta
-        i, s = self._row_at(time or 0.0)
+        i, s = self.row_at(time or 0.0)
         return np.asarray((1.0 - s) * eta[i] + s * eta[min(i + 1, len(eta) - 1)])
 
     def _places(

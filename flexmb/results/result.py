@@ -246,9 +246,9 @@ class Result(Recovery, MarkerHistory):
         from scipy.spatial.transform import Rotation  # takes 0.2 s
 
         columns = self.layout.body(body)
-        i, s = self._row_at(time)
+        i, s = self.row_at(time)
         own = slice(columns.iq, columns.iq + 7 + columns.m)
-        rows = self.part("q", own)[[i, min(i + 1, len(self.time) - 1)]]
+        rows = self.two_rows("q", i, own)
         between = (1.0 - s) * rows[0] + s * rows[1]
         ends = Rotation.from_quat(np.roll(rows[:, 3:7], -1, axis=1))  # SciPy's scalar part is last
         turn = (ends[0].inv() * ends[1]).as_rotvec()  # along the shorter arc

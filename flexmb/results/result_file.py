@@ -226,8 +226,8 @@ def read_contents(path: Path) -> Contents:
             raise ResultFileError(f"{path}: is a damaged result file ({error})") from error
 
 
-def read_table(path: Path, run: str, name: str, rows: int) -> NDArray[np.float64]:
-    """The first `rows` rows of one table of the run that was opened first.
+def read_table(path: Path, run: str, name: str, rows: int, first: int = 0) -> NDArray[np.float64]:
+    """The rows from `first` to before `rows` of one table of the run that was opened first.
 
     Raises
     ------
@@ -235,7 +235,7 @@ def read_table(path: Path, run: str, name: str, rows: int) -> NDArray[np.float64
         The file is gone, or holds another run by now.
     """
     with _open(path, run) as file:
-        return np.asarray(file[name][:rows], dtype=np.float64)
+        return np.asarray(file[name][first:rows], dtype=np.float64)
 
 
 def read_state(path: Path, run: str) -> tuple[int, dict[str, NDArray[Any]]] | None:

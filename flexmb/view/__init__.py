@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from flexmb.view.film import film
 from flexmb.view.history import history_figure, plot_history
-from flexmb.view.modes import render_modes
-from flexmb.view.picture import render
+from flexmb.view.modes import film_modes, render_modes
+from flexmb.view.part_pictures import render_part
 from flexmb.view.plot import save_figure
+from flexmb.view.stills import render
 
-__all__ = ["history_figure", "plot_history", "render", "render_modes", "save_figure"]
+__all__ = [
+    "film", "film_modes", "history_figure", "plot_history", "render", "render_modes", "render_part",
+    "save_figure",
+]  # fmt: skip

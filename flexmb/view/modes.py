@@ -1,4 +1,4 @@
-"""Pictures of the mode shapes of a flexible body, one or several in a grid.
+"""Pictures and films of the mode shapes of a flexible body, one or several in a grid.
 
 In: a :class:`FlexBody` or its file, numbers of modes, interfaces that are fixed. Out: a PNG file:
 each mode deformed over the undeformed body, its number and frequency above it, coloured by its
@@ -9,23 +9,34 @@ as in the checks of a scene; those of the free body are its modal coordinates, f
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import ViewError
-from flexmb.flexbody import FlexBody, load
+from flexmb.flexbody import FlexBody, PartResult, load
 from flexmb.flexbody.natural_modes import natural_modes
-from flexmb.view.content import Camera, Content, Deformed, Scale, body_camera, size_of
-from flexmb.view.picture import check_exaggeration, check_size, draw_panels
+from flexmb.progress import Progress, silent
+from flexmb.view.camera import Camera, body_camera
+from flexmb.view.content import Content, Deformed, Scale, Solid
+from flexmb.view.drawing import size_of
+from flexmb.view.encoder import check_output, real_rate
+from flexmb.view.film import RATE, check_processes, check_rate, make_film
+from flexmb.view.mechanism import transform
+from flexmb.view.part import PIN
+from flexmb.view.picture import check_exaggeration, check_size, columns_of, draw_panels
+from flexmb.view.plates import plates_of
 from flexmb.view.plot import BODIES, writable_file
+from flexmb.view.shapes import sharp_edges, sphere
 
 Array = NDArray[np.float64]
 
 _FIRST = 6  # modes drawn where none are named
 _AMPLITUDE = 0.10  # of the body's size that a mode moves it at most
 _JOINT = 0.012  # radius of an interface's ball as a share of the body's size
+_PERIOD = 2.0  # seconds of a vibration in a film
 _CELL = (640, 420)  # pixels of a panel where the size is not given
 _SINGLE = (1280, 720)
 
@@ -75,37 +86,120 @@ def render_modes(
         The file is missing or damaged.
     """
     path = writable_file(output, (".png",))
+    shot = _shot(body, modes, held, exaggeration, direction, size, 1)
+    draw_panels(shot.panels(0), path, shot.size, shot.columns)
+    return path
+
+
+def film_modes(
+    body: FlexBody | str | Path,
+    modes: int | Sequence[int] | None = None,
+    *,
+    held: Sequence[str] = (),
+    exaggeration: float | str = "auto",
+    direction: tuple[float, float, float] | None = None,
+    size: tuple[int, int] | None = None,
+    fps: float = RATE,
+    output: str | Path | None = None,
+    processes: int | None = None,
+    force: bool = False,
+    progress: Progress = silent,
+) -> Path:
+    """Make a film of mode shapes: one vibration of each, all in the same time, to be repeated.
+
+    Parameters and errors are those of `render_modes` and of `film`; the output is by default
+    ``<body>.modes.gif`` beside the body.
+
+    Returns
+    -------
+    Path
+        The file or folder.
+    """
+    if output is None:
+        folder = Path() if isinstance(body, FlexBody) else Path(body).parent
+        name = body.name if isinstance(body, FlexBody) else Path(body).name.partition(".")[0]
+        output = folder / f"{name}.modes.gif"
+    path = check_output(output, force)
+    rate = real_rate(path, check_rate(fps))
+    check_processes(processes)
+    count = max(2, round(_PERIOD * rate))
+    shot = _shot(body, modes, held, exaggeration, direction, size, count)
+    make_film(shot, count, path, rate, processes, progress)
+    return path
+
+
+@dataclass(eq=False)
+class ModeShot:
+    """Mode shapes through one vibration of `count` frames; the first has the largest amplitude."""
+
+    shapes: list[Content]  # at their largest amplitude
+    places: Array  # (j, 3) of the joints at rest
+    size: tuple[int, int]
+    columns: int
+    count: int
+
+    def panels(self, number: int) -> Sequence[Content]:
+        """A panel for each mode."""
+        phase = np.cos(2.0 * np.pi * number / self.count)
+        return [self._moved(shape, phase) for shape in self.shapes]
+
+    def _moved(self, shape: Content, phase: float) -> Content:
+        body, amount = shape.deformed[0], abs(phase) * shape.deformed[0].displacement
+        points = body.undeformed + phase * (body.points - body.undeformed)
+        moved = replace(body, points=points, displacement=amount, values=amount)
+        solids = tuple(
+            replace(solid, matrix=transform(np.eye(3), at + phase * (solid.matrix[:3, 3] - at)))
+            for solid, at in zip(shape.solids, self.places, strict=True)
+        )
+        return replace(shape, deformed=(moved,), solids=solids)
+
+
+def _shot(
+    body: FlexBody | str | Path,
+    modes: int | Sequence[int] | None,
+    supports: Sequence[str],
+    exaggeration: float | str,
+    direction: tuple[float, float, float] | None,
+    size: tuple[int, int] | None,
+    count: int,
+) -> ModeShot:
     where = f"the body {body.name}" if isinstance(body, FlexBody) else str(body)
     body = body if isinstance(body, FlexBody) else load(body)
     surface = body.surface
     if body.m == 0 or surface is None or not len(surface.points):
         raise ViewError(f"{where}: has no modes to draw, or no surface")
-    frequencies, motion = _motions(body, held)
+    frequencies, motion = _motions(body, supports)
     numbers = _numbers(body, modes, len(frequencies))
     check_exaggeration(exaggeration)
-    columns = 1 if len(numbers) == 1 else 2 if len(numbers) in (2, 4) else 3
-    rows = -(-len(numbers) // columns)
-    pixels = size or (_SINGLE if len(numbers) == 1 else (_CELL[0] * columns, _CELL[1] * rows))
-    check_size((pixels[0] // columns, pixels[1] // rows))
+    pixels, columns = panel_grid(len(numbers), size)
     camera = body_camera(surface.points, direction)
-    caption = f"{body.name}, {'held at ' + ', '.join(held) if held else 'free'}"
-    panels = [
-        _panel(body, motion[:, :, k - 1], (title, caption), exaggeration, camera)
+    caption = f"{body.name}, {'held at ' + ', '.join(supports) if supports else 'free'}"
+    shapes = [
+        mode_panel(body, motion[:, :, k - 1], (title, caption), exaggeration, camera)
         for k in numbers
         if (title := f"mode {k}: {frequencies[k - 1]:.4g} Hz")
     ]
-    draw_panels(panels, path, pixels, columns)
-    return path
+    places = np.array([part.position for part in body.interfaces]).reshape(-1, 3)
+    return ModeShot(shapes, places, pixels, columns, count)
 
 
-def _motions(body: FlexBody, held: Sequence[str]) -> tuple[Array, Array]:
+def panel_grid(count: int, size: tuple[int, int] | None = None) -> tuple[tuple[int, int], int]:
+    """Pixels of a picture of several panels, and in how many columns they stand."""
+    columns = columns_of(count)
+    rows = -(-count // columns)
+    pixels = size or (_SINGLE if count == 1 else (_CELL[0] * columns, _CELL[1] * rows))
+    check_size((pixels[0] // columns, pixels[1] // rows))
+    return pixels, columns
+
+
+def _motions(body: FlexBody, supports: Sequence[str]) -> tuple[Array, Array]:
     """Frequencies (k,) [Hz], and motion (n + i, 3, k) of surface points, then of interfaces."""
     assert body.surface is not None
     places = np.array([part.position for part in body.interfaces]).reshape(-1, 3)
     moved = np.array([part.Phi_t for part in body.interfaces]).reshape(-1, 3, body.m)
     points = np.concatenate([body.surface.points, places])
     shapes = np.concatenate([body.surface.modes, moved])
-    modes = natural_modes(body, held)
+    modes = natural_modes(body, supports)
     return modes.frequencies, modes.shapes(points, shapes)
 
 
@@ -120,14 +214,23 @@ def _numbers(body: FlexBody, modes: int | Sequence[int] | None, count: int) -> l
     return numbers
 
 
-def _panel(
-    body: FlexBody,
+def balls(places: Array, size: float) -> tuple[Solid, ...]:
+    """Balls at interfaces or supports (n, 3) of a body of a size."""
+    ball = sphere(_JOINT * size)
+    return tuple(
+        Solid("interface", ball, PIN, matrix=transform(np.eye(3), place), role="joint")
+        for place in places
+    )
+
+
+def mode_panel(
+    body: FlexBody | PartResult,
     motion: Array,
     texts: tuple[str, str],
     exaggeration: float | str,
     camera: Camera,
 ) -> Content:
-    """One mode; the texts are its title and its caption."""
+    """One mode at its amplitude, in the view of the vibration; the texts are title and caption."""
     assert body.surface is not None
     points, size = body.surface.points, size_of(body.surface.points) or 1.0
     u = motion[: len(points)]
@@ -137,15 +240,17 @@ def _panel(
     faces, lines = body.surface.faces, body.surface.lines
     moved = points + factor * u
     drawn = Deformed(body.name, moved, points, faces, lines, amount, BODIES[0], amount)
+    plates = plates_of(body) if isinstance(body, FlexBody) else None
+    drawn = drawn if plates is None else plates.drawn(drawn)
+    drawn = replace(drawn, sharp=sharp_edges(drawn.undeformed, drawn.faces))
     places = np.array([part.position for part in body.interfaces]).reshape(-1, 3)
     return Content(
         title=texts[0],
         caption=texts[1],
-        solids=(),
+        solids=balls(places + factor * motion[len(points) :], size),
         deformed=(drawn,),
-        joints=places + factor * motion[len(points) :],
-        joint_radius=_JOINT * size,
         scale=Scale(largest, 1.0 / largest, "", "displacement over the largest"),
         camera=camera,
         bar=False,
+        extent=np.concatenate([points + factor * u, points - factor * u]),
     )

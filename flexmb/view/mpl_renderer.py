@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.view.content import Content
-from flexmb.view.plot import COLORMAP, GHOST, INK, JOINT, PAPER
-from flexmb.view.shapes import sphere
+from flexmb.view.plot import COLORMAP, DIVERGING, GHOST, INK, PAPER
 
 Array = NDArray[np.float64]
 
@@ -32,6 +31,19 @@ def draw(
     panels: Sequence[Content], path: Path, size: tuple[int, int], reason: str, columns: int = 1
 ) -> None:
     """Draw panels, row by row, into a PNG file of `size` pixels; `reason` is shown in it."""
+    _figure(panels, size, reason, columns).savefig(path, dpi=_DPI, facecolor=PAPER)
+
+
+def image(
+    panels: Sequence[Content], size: tuple[int, int], reason: str, columns: int = 1
+) -> NDArray[np.uint8]:
+    """The same as an array (height, width, 3)."""
+    canvas = _figure(panels, size, reason, columns).canvas
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[:, :, :3]
+
+
+def _figure(panels: Sequence[Content], size: tuple[int, int], reason: str, columns: int) -> Any:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -43,7 +55,7 @@ def draw(
         _draw_panel(cell, content, rows)
     note = "\n".join(textwrap.wrap(f"Simple picture: {reason}", 150))
     figure.text(0.02, 0.02, note, fontsize=8.5, color=_WARNING, va="bottom")
-    figure.savefig(path, dpi=_DPI, facecolor=PAPER)
+    return figure
 
 
 def _draw_panel(cell: Any, content: Content, rows: int) -> None:
@@ -60,16 +72,20 @@ def _draw_panel(cell: Any, content: Content, rows: int) -> None:
     axes.add_collection(PolyCollection(polygons, facecolors=colors, edgecolors="face", lw=0.2))
     for segments, color, width in _segments(content, view):
         axes.add_collection(LineCollection(segments, colors=color, linewidths=width))
-    flat = content.all_points() @ view.T
+    flat = content.fitted_points() @ view.T
     low, high = flat.min(axis=0), flat.max(axis=0)
-    pad = 0.06 * max(high - low)
+    pad = 0.06 * max((high - low)[:2]) / content.zoom
     axes.set_xlim(low[0] - pad, high[0] + pad)
     axes.set_ylim(low[1] - pad, high[1] + pad)
-    for text, y, size in ((content.title, 0.955, 13), (content.caption, 0.905, 10)):
+    for label in content.labels:
+        axes.text(
+            *(view @ label.point)[:2], label.text, fontsize=11, color=label.color, ha="center"
+        )
+    for text, y, size in ((content.title, 0.955, 16), (content.caption, 0.905, 12)):
         font = min(max(size * rows**-0.5, 7.0), _LETTERS * cell.bbox.width / max(len(text), 1))
         cell.text(0.02, y, text, fontsize=font, color=INK, va="center")
     if content.scale is not None and content.bar:
-        mapped = ScalarMappable(Normalize(0.0, content.scale.top or 1.0), COLORMAP)
+        mapped = ScalarMappable(Normalize(*content.scale.limits), _colors(content))
         bar = cell.colorbar(mapped, cax=cell.add_axes((0.9, 0.2, 0.018, 0.6)))
         bar.set_label(content.scale.label, color=INK)
         bar.outline.set_visible(False)
@@ -87,17 +103,13 @@ def _shaded(content: Content, view: Array) -> tuple[Any, Array]:
         colors.append(np.broadcast_to(rgba, (len(faces), 4)))
 
     for solid in content.solids:
-        shape = solid.triangles
-        add(shape.points, shape.faces, to_rgba(solid.color, solid.opacity))
+        add(solid.points, solid.triangles.faces, to_rgba(solid.color, solid.opacity))
     for body in content.deformed:
         color: Any = to_rgba(body.color)
         if content.scale is not None and body.values is not None and len(body.faces):
-            share = body.values[body.faces].mean(axis=1) / (content.scale.largest or 1.0)
-            color = colormaps[COLORMAP].with_extremes(bad=color)(share)
+            share = content.scale.shares(body.values[body.faces].mean(axis=1))
+            color = colormaps[_colors(content)].with_extremes(bad=color)(share)
         add(body.points, body.faces, color)
-    for center in content.joints:
-        ball = sphere(content.joint_radius, center)
-        add(ball.points, ball.faces, to_rgba(JOINT))
     seen = np.concatenate(corners) @ view.T
     rgba = np.concatenate(colors).copy()
     lit = np.abs(_normals(*seen.transpose(1, 0, 2)) @ (np.array(_LAMP) / np.linalg.norm(_LAMP)))
@@ -110,31 +122,26 @@ def _segments(content: Content, view: Array) -> list[tuple[Any, Any, float]]:
     """Line segments (l, 2, 2) in the picture plane with colours and widths: beams and ghosts."""
     from matplotlib import colormaps
 
-    drawn: list[tuple[Any, Any, float]] = []
+    drawn: list[tuple[Any, Any, float]] = [
+        ((trace.points @ view.T)[None, :, :2], trace.color, 1.5) for trace in content.traces
+    ]
     for body in content.deformed:
-        ghost = _outline(body.undeformed, body.faces, body.lines)
-        drawn.append(((body.undeformed @ view.T)[ghost][:, :, :2], GHOST, 0.7))
+        edges = body.edges if len(body.faces) else body.lines
+        if content.outline:
+            drawn.append(((body.undeformed @ view.T)[edges][:, :, :2], GHOST, 0.7))
         if len(body.lines) and not len(body.faces):  # else they are inside what is drawn
             color: Any = body.color
             if content.scale is not None and body.values is not None:
-                share = body.values[body.lines].mean(axis=1) / (content.scale.largest or 1.0)
-                color = colormaps[COLORMAP](share)
+                color = colormaps[_colors(content)](
+                    content.scale.shares(body.values[body.lines].mean(axis=1))
+                )
             drawn.append(((body.points @ view.T)[body.lines][:, :, :2], color, 4.0))
     return drawn
 
 
-def _outline(points: Array, faces: NDArray[np.int64], lines: NDArray[np.int64]) -> Any:
-    """Point pairs of the sharp edges of a surface, or its lines."""
-    if not len(faces):
-        return lines
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    owner = np.tile(np.arange(len(faces)), 3)
-    order = np.lexsort((edges[:, 1], edges[:, 0]))
-    edges, owner = edges[order], owner[order]
-    twin = np.flatnonzero((edges[1:] == edges[:-1]).all(axis=1))
-    normals = _normals(*points[faces.T])
-    cosine = np.einsum("ti,ti->t", normals[owner[twin]], normals[owner[twin + 1]])
-    return edges[twin[cosine < np.cos(np.radians(35.0))]]
+def _colors(content: Content) -> str:
+    """The colour map of the scale."""
+    return DIVERGING if content.scale is not None and content.scale.least < 0 else COLORMAP
 
 
 def _normals(a: Array, b: Array, c: Array) -> Array:

@@ -1,177 +1,57 @@
-"""One picture of a mechanism at a time of a run.
+"""What a picture is asked to show, and its drawing.
 
-In: a :class:`Result`, a time, how much to exaggerate deformations. Out: a PNG file, drawn by VTK
+In: words of a ``[view]``; contents. Out: a checked :class:`ViewSpec`; a PNG file, drawn by VTK
 where it renders, else by matplotlib, which then says so in the picture and names what to install.
-`compose` collects what the picture shows.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from flexmb.errors import ViewError
-from flexmb.model.reading import GROUND
-from flexmb.results import Result
+from flexmb.errors import Problem, ViewError
+from flexmb.model.lookup import Scope
+from flexmb.model.scenes.consistency import view_problems
+from flexmb.model.scenes.sections import ViewSpec
 from flexmb.view import mpl_renderer, vtk_renderer
-from flexmb.view.content import (
-    Content,
-    Deformed,
-    Mechanism,
-    Scale,
-    Solid,
-    Triangles,
-    mechanism_camera,
-    size_of,
-)
-from flexmb.view.plot import BODIES, GHOST, writable_file
-from flexmb.view.plot import GROUND as GROUND_COLOR
-from flexmb.view.shapes import (
-    body_shape,
-    curve_shapes,
-    ground_shapes,
-    joint_points,
-    line_shapes,
-    own_shape,
-)
+from flexmb.view.content import Content
+from flexmb.view.mechanism import Mechanism
 
-Array = NDArray[np.float64]
-
-COLORS = ("displacement", "von_mises", "body")
 _MIN_PIXELS = 64
-_VISIBLE = 0.05  # share of its size by which the most deformed body is to be seen deformed
-_ROUND_OFF = 1e-9  # share of its size below which a deformation is rounding, not exaggerated
-_SEE_THROUGH = 0.55  # opacity of a shape with a joint inside
-_JOINT = 0.018  # radius of a ball as a share of the mechanism's size
 
 
-def render(
-    result: Result | str | Path,
-    time: float | None = None,
-    *,
-    exaggeration: float | str | None = None,
-    color: str = "displacement",
-    layer: str | None = None,
-    direction: tuple[float, float, float] | None = None,
-    size: tuple[int, int] | None = None,
-    output: str | Path = "picture.png",
-) -> Path:
-    """Draw the mechanism at a time; what is left out follows the scene's ``[view]``.
-
-    Parameters
-    ----------
-    result : Result or path
-        The run.
-    time : float, optional
-        Within the run, in the scene's units; the end if the scene does not say.
-    exaggeration : float or "auto", optional
-        Factor on the deformation of flexible bodies; ``"auto"`` chooses a round one that shows it.
-        The factor is written in the picture.
-    color : str
-        ``"displacement"`` colours flexible bodies by the magnitude of their displacement relative
-        to the body frame, ``"von_mises"`` by their stress, ``"body"`` gives every body its own.
-    layer : str, optional
-        The layer whose stress is shown, such as ``"top"``; by default the largest of all layers.
-    direction : three floats, optional
-        From the scene towards the eye, global axes; along the joint axes if the scene does not say.
-    size : two ints, optional
-        Width and height in pixels; 1280 by 720 if the scene does not say.
-    output : path
-        A file that ends in .png.
-
-    Returns
-    -------
-    Path
-        The file.
+def view_of(mechanism: Mechanism, words: dict[str, Any]) -> ViewSpec:
+    """What the scene's ``[view]`` says, and these words of it in their place.
 
     Raises
     ------
     ViewError
-        An option that cannot be, nothing to draw, or the file cannot be written.
-    ResultFileError
-        The time lies outside the run, or the file is no result.
-    BodyFileError
-        A flexible-body file is missing or damaged.
+        Words or values that it does not know; all at once.
     """
-    path = writable_file(output, (".png",))
-    run = result if isinstance(result, Result) else Result(result)
-    mechanism = Mechanism(run, time)
-    view = mechanism.model.view
-    pixels = size or view.size
-    _check(color, exaggeration, layer)
-    check_size(pixels)
-    content = compose(
-        mechanism,
-        exaggeration=view.exaggeration if exaggeration is None else exaggeration,
-        color=color,
-        layer=layer,
-        direction=direction,
-    )
-    draw_panels([content], path, pixels)
-    return path
+    model = mechanism.model
+    words = {key: value for key, value in words.items() if value is not None}
+    scene_words = dict(mechanism.result.model.get("view", {}))
+    if {"camera", "direction"} & {*words}:
+        scene_words.pop("direction", None)
+        scene_words.pop("camera", None)
+    try:
+        view = model.set_view(**{**scene_words, **words})
+        problems = list(view_problems(Scope(model, mechanism.flexbodies, {})))
+    except Exception as error:
+        problems = list(getattr(error, "problems", ()))
+        if not problems:
+            raise
+    if problems:
+        raise ViewError.from_problems(
+            [Problem(p.where.removeprefix("view."), p.what, p.allowed, p.nearest) for p in problems]
+        )
+    return view
 
 
-def compose(
-    mechanism: Mechanism,
-    *,
-    exaggeration: float | str = "auto",
-    color: str = "displacement",
-    layer: str | None = None,
-    direction: tuple[float, float, float] | None = None,
-) -> Content:
-    """Everything to draw; see :func:`flexmb.view.render` for the options."""
-    factor = _factor(mechanism, exaggeration)
-    colors = {
-        name: body.color or BODIES[i % len(BODIES)]
-        for i, (name, body) in enumerate(mechanism.model.bodies.items())
-    }
-    deformed = tuple(_deformed(mechanism, factor, colors, _values(mechanism, color, layer)))
-    drawn = {body.name for body in deformed}
-    size = _size(mechanism, deformed)
-    camera = mechanism_camera(mechanism, direction)
-    joints = joint_points(mechanism)
-    solids = [
-        Solid(name, shape, colors[name], _opacity(shape, joints, mechanism.model.bodies[name]))
-        for name in mechanism.model.bodies
-        if name not in drawn and (shape := body_shape(mechanism, name, size)) is not None
-    ]
-    solids += [
-        Solid(GROUND, shape, GROUND_COLOR) for shape in ground_shapes(mechanism, size, camera)
-    ]
-    solids += [Solid("", shape, GHOST) for shape in line_shapes(mechanism, size)]
-    scale = _scale(mechanism, color, deformed)
-    return Content(
-        title=mechanism.model.title,
-        caption=_caption(mechanism, factor, deformed, scale),
-        solids=tuple(solids),
-        deformed=deformed,
-        joints=joints,
-        joint_radius=_JOINT * size,
-        scale=scale,
-        camera=camera,
-    )
-
-
-def round_exaggeration(ratio: float) -> float:
-    """The largest of 1, 2, 5 times a power of ten by which a deformation stays within view.
-
-    Parameters
-    ----------
-    ratio : float
-        Largest displacement of a body over its size.
-
-    >>> round_exaggeration(3e-5)
-    1000.0
-    """
-    if ratio < _ROUND_OFF or ratio >= _VISIBLE:
-        return 1.0
-    limit = _VISIBLE / ratio * (1 + 1e-9)
-    power = 10.0 ** math.floor(math.log10(limit))
-    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= limit)
+def columns_of(count: int) -> int:
+    """Columns of a grid of pictures."""
+    return 1 if count == 1 else 2 if count in (2, 4) else 3
 
 
 def draw_panels(
@@ -197,113 +77,3 @@ def check_size(size: tuple[int, int]) -> None:
     """Refuse fewer than 64 pixels either way."""
     if min(size) < _MIN_PIXELS:
         raise ViewError(f"a picture of {size[0]} x {size[1]} pixels is too small to show anything")
-
-
-def _check(color: str, exaggeration: float | str | None, layer: str | None) -> None:
-    if color not in COLORS:
-        raise ViewError.unknown_name("color", color, COLORS)
-    if layer is not None and color != "von_mises":
-        raise ViewError(f'the layer "{layer}" is of stress; give color "von_mises" with it')
-    check_exaggeration(exaggeration)
-
-
-def _factor(mechanism: Mechanism, exaggeration: float | str) -> float:
-    if exaggeration != "auto":
-        return float(exaggeration)
-    ratios = [0.0]
-    for name in mechanism.flexbodies:
-        surface = mechanism.surface(name, 0.0)
-        if surface is not None:
-            _, undeformed, displacement = surface
-            ratios.append(float(displacement.max()) / max(size_of(undeformed), 1e-300))
-    return round_exaggeration(max(ratios))
-
-
-def _values(mechanism: Mechanism, color: str, layer: str | None) -> dict[str, Array | None]:
-    """What colours the flexible bodies, by name; None for the displacement itself."""
-    if color != "von_mises":
-        return dict.fromkeys(mechanism.flexbodies)
-    stress = {name: mechanism.von_mises(name, layer) for name in mechanism.flexbodies}
-    if all(values is None for values in stress.values()):
-        layers = {name for body in mechanism.flexbodies.values() if body.stress is not None
-                  for name in body.stress.layers}  # fmt: skip
-        if layers and layer is not None:
-            what = f'no flexible body has stress in a layer "{layer}"'
-            raise ViewError.unknown(what, layer, sorted(layers))
-        what = 'no flexible body of the run has stress; reduce the mesh with stress = "surface"'
-        raise ViewError(what)
-    return stress
-
-
-def _scale(mechanism: Mechanism, color: str, deformed: tuple[Deformed, ...]) -> Scale | None:
-    units = mechanism.result.units
-    bent = [body for body in deformed if mechanism.pose(body.name).eta.any()]
-    if color == "displacement" and bent:
-        return Scale.fitting(max(float(body.displacement.max()) for body in bent), units)
-    shown = [float(np.nanmax(body.values)) for body in deformed if body.values is not None]
-    if color == "von_mises" and shown:
-        return Scale.fitting(max(shown), units, "Pa", "von Mises stress")
-    return None
-
-
-def _deformed(
-    mechanism: Mechanism,
-    factor: float,
-    colors: dict[str, str],
-    values: dict[str, Array | None],
-) -> list[Deformed]:
-    by_stress = any(stress is not None for stress in values.values())
-    bodies = []
-    for name, body in mechanism.flexbodies.items():
-        surface = mechanism.surface(name, factor)
-        if surface is not None and body.surface is not None:
-            points, undeformed, displacement = surface
-            faces, lines = body.surface.faces, body.surface.lines
-            shown = values[name]
-            if shown is None and not by_stress and mechanism.pose(name).eta.any():
-                shown = displacement
-            bodies.append(
-                Deformed(name, points, undeformed, faces, lines, displacement, colors[name], shown)
-            )
-    return bodies
-
-
-def _size(mechanism: Mechanism, deformed: tuple[Deformed, ...]) -> float:
-    """Diagonal of all there is, at this time [m]; 1 for a single point."""
-    points = [mechanism.pose(name).r[None, :] for name in mechanism.model.bodies]
-    points += [body.undeformed for body in deformed]
-    points += [joint_points(mechanism)]
-    for name in mechanism.model.bodies:
-        shape = own_shape(mechanism, name)
-        shapes = [*curve_shapes(mechanism, name, 0.0), *([] if shape is None else [shape])]
-        points += [part.points for part in shapes]
-    return size_of(np.vstack(points)) or 1.0
-
-
-def _opacity(shape: Triangles, joints: Array, spec: object) -> float:
-    """Full, but for a shape of the scene that would hide the joints inside it."""
-    low, high = shape.points.min(axis=0), shape.points.max(axis=0)
-    inside = ((joints > low) & (joints < high)).all(axis=1)
-    hides = getattr(spec, "shape", None) is not None and inside.any()
-    return _SEE_THROUGH if hides else 1.0
-
-
-def _caption(
-    mechanism: Mechanism, factor: float, deformed: tuple[Deformed, ...], scale: Scale | None
-) -> str:
-    units = mechanism.result.units
-    parts = [f"t = {mechanism.time:.6g} {units.label('s')}"]
-    if any(mechanism.pose(body.name).eta.any() for body in deformed):
-        seen = "to scale" if factor == 1.0 else f"exaggerated {factor:g} times"
-        parts.append(f"deformation {seen}")
-        most = max(deformed, key=lambda body: float(body.displacement.max()))
-        moved = Scale.fitting(float(most.displacement.max()), units)
-        parts.append(f"largest displacement {moved.top:.3g} {moved.unit} ({most.name})")
-    if scale is not None and scale.quantity != "displacement":
-        where = next(
-            body.name
-            for body in deformed
-            if body.values is not None and np.nanmax(body.values) == scale.largest
-        )
-        parts.append(f"largest {scale.quantity} {scale.top:.3g} {scale.unit} ({where})")
-    return ", ".join(parts)

@@ -19,12 +19,13 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-PAPER: Final = "#fbfbf9"
+PAPER: Final = "#ffffff"
 INK: Final = "#2b2f36"
 GHOST: Final = "#6b7280"
 GROUND: Final = "#c9c5bb"
 JOINT: Final = "#e07b24"
 COLORMAP: Final = "viridis"
+DIVERGING: Final = "coolwarm"
 
 # Bodies in the order of the scene: muted and far apart in hue and lightness, none close to the
 # colour map's ends or to the joints. Lines of plots: the Okabe-Ito palette, safe for colour-blind

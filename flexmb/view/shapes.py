@@ -1,36 +1,38 @@
-"""Shapes of bodies, joints on curves and ground, as triangles for both renderers.
+"""Primitive shapes as triangles, each about its own axes, for all renderers.
 
-In: a :class:`Mechanism` and its size [m]. Out: :class:`Triangles`, outward oriented, in global
-axes. Bodies without a shape are drawn as links between the markers that joints use; a cam is a
-plate, an open curve a wire, a roller a disk, a flat a pad; a driven distance is a cylinder with its
-rod, a massless link a rod, a spring a coil; ground is a pedestal under what turns on it and a rail
-along what slides on it.
+Out: :class:`Triangles`, closed and outward oriented, in the axes in which they are made; a round
+thing stands along z. Sizes in metres.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexmb.model.joints.curve import curve_shape
-from flexmb.model.joints.joint import JointSpec
-from flexmb.model.lookup import joint_frames
-from flexmb.model.reading import GROUND, split_reference
-from flexmb.view.content import Camera, Mechanism, Triangles
-
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
-_COILED = ("spring-damper", "line-force")
 _AROUND = 48  # corners of a drawn circle
-_CURVE_POINTS = 90
-_COILS = 8  # of a drawn spring
-_BARREL = 0.6  # share of a driven distance that the cylinder's barrel covers
-# as shares of the mechanism's size
-_LINK = 0.012  # radius of a link
-_ROD, _WINDING = 0.006, 0.02  # radius of a line between two markers, of a spring's coils
-_CAM, _WIRE, _FLAT = 0.06, 0.006, 0.16  # thickness, radius, edge
-_RAIL, _RAIL_END = 0.005, 0.08  # radius, length beyond the travel
-_BEHIND = 0.08  # distance of a pedestal behind its cam
+_SHARP_DEGREES = 35.0  # edges sharper than this are drawn as lines
+
+
+@dataclass(frozen=True, eq=False)
+class Triangles:
+    """Points (n, 3) [m] and triangles (t, 3) as rows of indices into them."""
+
+    points: Array
+    faces: Indices
+
+    def moved(self, r: ArrayLike, A: ArrayLike | None = None) -> Triangles:
+        """Turned by A (3, 3), then shifted by r (3,)."""
+        turned = self.points if A is None else self.points @ np.asarray(A, dtype=float).T
+        return Triangles(turned + np.asarray(r, dtype=float), self.faces)
+
+    def along(self, axis: ArrayLike, r: ArrayLike = (0, 0, 0)) -> Triangles:
+        """Its z axis turned along a direction (3,), then shifted by r (3,)."""
+        return self.moved(r, axes_along(axis))
 
 
 def joined(parts: list[Triangles]) -> Triangles:
@@ -38,6 +40,20 @@ def joined(parts: list[Triangles]) -> Triangles:
     offsets = np.cumsum([0, *(len(part.points) for part in parts)])
     faces = [part.faces + offset for part, offset in zip(parts, offsets, strict=False)]
     return Triangles(np.vstack([part.points for part in parts]), np.vstack(faces))
+
+
+def axes_along(axis: ArrayLike) -> Array:
+    """Some right-handed axes (3, 3), as columns, whose z is along a direction (3,)."""
+    z = unit(axis)
+    x = unit(np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z))
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def unit(vector: ArrayLike) -> Array:
+    """A direction (3,) of unit length; z where it has none."""
+    values = np.asarray(vector, dtype=float)
+    length = float(np.linalg.norm(values))
+    return np.asarray(values / length) if length > 0 else np.array([0.0, 0.0, 1.0])
 
 
 def box(size: ArrayLike) -> Triangles:
@@ -53,213 +69,223 @@ def box(size: ArrayLike) -> Triangles:
 
 def cylinder(radius: float, length: float, axis: ArrayLike = (0, 0, 1)) -> Triangles:
     """A closed cylinder about the origin along `axis` (3,)."""
-    half = 0.5 * length * _unit(axis)
+    half = 0.5 * length * unit(axis)
     return tube(-half, half, radius)
-
-
-def plate(ring: ArrayLike, thickness: float) -> Triangles:
-    """A plate across z with a closed contour `ring` (n, 3), star-shaped about its middle."""
-    points = np.asarray(ring, dtype=float)
-    after = np.roll(points, -1, axis=0)
-    if np.sum(points[:, 0] * after[:, 1] - points[:, 1] * after[:, 0]) < 0:
-        points = points[::-1]
-    up, middle = np.array([0.0, 0.0, 0.5 * thickness]), points.mean(axis=0)
-    return _loft(np.stack([points + up, points - up]), middle + up, middle - up)
 
 
 def sphere(radius: float, center: ArrayLike = (0, 0, 0)) -> Triangles:
     """A ball of `radius` at `center` (3,)."""
-    polar = np.linspace(0, np.pi, _AROUND // 2 + 1)[1:-1, None, None]
-    rings = np.sin(polar) * _circle(np.eye(3)[0], np.eye(3)[1]) + np.cos(polar) * np.eye(3)[2]
-    unit = _loft(rings, np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0]))
-    return Triangles(radius * unit.points + np.asarray(center, dtype=float), unit.faces)
+    polar = np.linspace(np.pi, 0, _AROUND // 2 + 1)[1:-1]
+    ball = revolved(np.column_stack([np.sin(polar), np.cos(polar)]))
+    return Triangles(radius * ball.points + np.asarray(center, dtype=float), ball.faces)
 
 
-def tube(start: ArrayLike, stop: ArrayLike, radius: float) -> Triangles:
-    """A closed cylinder from `start` (3,) to `stop` (3,)."""
+def tube(start: ArrayLike, stop: ArrayLike, radius: float, end: float | None = None) -> Triangles:
+    """A closed cylinder from `start` (3,) to `stop` (3,); a cone towards another radius `end`."""
     a, b = np.asarray(start, dtype=float), np.asarray(stop, dtype=float)
-    axis = _unit(b - a)
-    e1 = _unit(np.cross(np.eye(3)[int(np.argmin(np.abs(axis)))], axis))
-    ring = radius * _circle(e1, np.cross(axis, e1))
-    return _loft(np.stack([b + ring, a + ring]), b, a)
+    axes = axes_along(b - a)
+    ring = _circle() @ axes[:, :2].T
+    top = radius if end is None else end
+    return _loft(np.stack([b + top * ring, a + radius * ring]), b, a)
 
 
-def body_shape(mechanism: Mechanism, name: str, size: float) -> Triangles | None:
-    """The body's own shape with links to joints outside it, or links alone; its curves."""
-    spec = mechanism.model.bodies[name]
-    shape = own_shape(mechanism, name)
-    points = _distinct([mechanism.point(ref) for ref in mechanism.used_markers(name)], size)
-    curves = curve_shapes(mechanism, name, size)
-    if curves and shape is not None:
-        return joined([*curves, shape])
-    if curves and len(points) > 1:
-        links = _links(points, mechanism.pose(name).A, size)
-        return joined([*curves, links] if links else curves)
-    if curves:
-        return joined(curves)
-    middle = mechanism.point(f"{name}.center")
-    if shape is None:
-        if len(points) < 2 and not spec.flexible:
-            points = _distinct([*points, middle], size)
-        return _links(points, mechanism.pose(name).A, size)
-    reach = float(np.linalg.norm(shape.points - middle, axis=1).max())
-    outside = [point for point in points if np.linalg.norm(point - middle) > reach]
-    return joined([shape, *(tube(middle, point, _LINK * size) for point in outside)])
+def revolved(profile: ArrayLike) -> Triangles:
+    """The solid of a profile (k, 2) of radius and height from below upwards, turned about z."""
+    rows = np.asarray(profile, dtype=float)[::-1]
+    circle = np.column_stack([_circle(), np.zeros(_AROUND)])
+    rings = rows[:, 0, None, None] * circle + rows[:, 1, None, None] * np.eye(3)[2]
+    ends = (np.array([0.0, 0.0, rows[k, 1]]) for k in (0, -1))
+    return _loft(rings, next(ends), next(ends))
 
 
-def own_shape(mechanism: Mechanism, name: str) -> Triangles | None:
-    """The shape that the scene gives a body, at its centre."""
-    spec = getattr(mechanism.model.bodies[name], "shape", None)
-    kind = getattr(spec, "type", None)
-    if spec is None or kind not in ("box", "cylinder", "sphere"):
-        return None
-    if kind == "box":
-        shape = box(spec.size)
-    elif kind == "cylinder":
-        shape = cylinder(spec.radius, spec.length, np.eye(3)["xyz".index(spec.axis)])
-    else:
-        shape = sphere(spec.radius)
-    return shape.moved(mechanism.point(f"{name}.center"), mechanism.pose(name).A)
+def ring(outer: float, inner: float, length: float) -> Triangles:
+    """A hollow cylinder along z."""
+    half = 0.5 * length
+    corners = ((outer, half), (inner, half), (inner, -half), (outer, -half))
+    rings = np.stack([np.column_stack([r * _circle(), np.full(_AROUND, z)]) for r, z in corners])
+    return _closed_loft(rings)
 
 
-def curve_shapes(mechanism: Mechanism, body: str, size: float) -> list[Triangles]:
-    """What joints on curves give a body to show: its curves, rollers and flats."""
-    shapes = []
-    for name, joint in mechanism.model.joints.items():
-        if not joint.curves:
-            continue
-        frames = joint_frames(mechanism.model, name, mechanism.flexbodies)
-        for side, (reference, marker) in enumerate(zip(joint.between, frames, strict=True)):
-            if split_reference(reference)[0] != body:
-                continue
-            shape = _side_shape(mechanism, joint, side, size)
-            if shape is not None:
-                A = mechanism.pose(body).A @ marker.R
-                shapes.append(shape.moved(mechanism.point(reference), A))
-    return shapes
+def frame_of(width: float, hole: float, length: float) -> Triangles:
+    """A hollow square bar along z."""
+    half, wall = 0.5 * length, 0.5 * (width - hole)
+    middle = 0.5 * (width + hole) / 2
+    sides = [box((wall, width, 2 * half)).moved((s * middle, 0, 0)) for s in (-1, 1)]
+    return joined(
+        [*sides, *(box((hole, wall, 2 * half)).moved((0, s * middle, 0)) for s in (-1, 1))]
+    )
 
 
-def joint_points(mechanism: Mechanism) -> Array:
-    """Where balls (j, 3) show joints: a marker of each, both of what slides between bodies."""
-    points = []
-    for spec in mechanism.model.joints.values():
-        slides = spec.type in ("prismatic", "cylindrical")
-        references = spec.between[: 2 if slides else 1]
-        if spec.curves:
-            references = follower_markers(spec)
-        points += [mechanism.point(r) for r in references if not (slides and is_ground(r))]
-    return np.array(points).reshape(-1, 3)
+def torus(radius: float, thickness: float, turn: float = 2 * np.pi) -> Triangles:
+    """A ring of round wire about z, or an arc of it from the x axis on."""
+    angle = np.linspace(0.0, turn, max(int(_AROUND * turn / (2 * np.pi)), 3) + 1)
+    return wire(np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]) * radius, thickness / 2)
 
 
-def follower_markers(joint: JointSpec) -> tuple[str, ...]:
-    """The markers of a joint on a curve where a ball shows it: none where more is drawn."""
-    points = ("pin-in-slot", "point-on-curve", "cam-knife")
-    return joint.between[1:] if joint.type in points else ()
+def wire(path: ArrayLike, radius: float, corners: int = 10) -> Triangles:
+    """A round wire along points (k, 3)."""
+    points = np.asarray(path, dtype=float)
+    tangents = np.gradient(points, axis=0)
+    tangents /= np.maximum(np.linalg.norm(tangents, axis=1, keepdims=True), 1e-300)
+    x = axes_along(tangents[0])[:, 0]
+    rings, angle = [], 2 * np.pi * np.arange(corners) / corners
+    for point, t in zip(points, tangents, strict=True):
+        x = unit(x - (x @ t) * t)
+        y = np.cross(t, x)
+        rings.append(point + radius * (np.outer(np.cos(angle), x) + np.outer(np.sin(angle), y)))
+    return _loft(np.stack(rings[::-1]), points[-1], points[0])
 
 
-def ground_shapes(mechanism: Mechanism, size: float, camera: Camera) -> list[Triangles]:
-    """The shapes of ground, its curves among them."""
-    shapes = curve_shapes(mechanism, GROUND, size)
-    for name, spec in mechanism.model.joints.items():
-        grounded = [ref for ref in spec.between if is_ground(ref)]
-        if not grounded or spec.curves:
-            continue
-        point = mechanism.point(grounded[0])
-        moving = [ref for ref in spec.between if not is_ground(ref)]
-        if spec.type in ("prismatic", "cylindrical"):  # a rail over all the way of what slides
-            axis = mechanism.axes[name]
-            low, high = mechanism.travel((moving or grounded)[0], axis)
-            start, over = point - (point @ axis) * axis, _RAIL_END * size
-            ends = start + (low - over) * axis, start + (high + over) * axis
-            shapes.append(tube(*ends, _RAIL * size))
-        else:
-            if moving and curve_shapes(mechanism, split_reference(moving[0])[0], size):
-                point = point - _BEHIND * size * np.array(camera.direction)
-            shapes.append(_pedestal(point, size, camera))
-    return shapes
+def coil(turns: float, radius: float, thickness: float, length: float) -> Triangles:
+    """A helical spring from z = 0 to 1 with straight ends, to be stretched to some such length."""
+    flat = 0.5 * thickness / length
+    angle = np.linspace(0, 2 * np.pi * turns, 24 * round(turns) + 1)
+    wound = np.column_stack(
+        [radius * np.cos(angle), radius * np.sin(angle), np.linspace(0.1, 0.9, len(angle))]
+    )
+    ends = [((0, 0, 0.0), (0, 0, 0.1)), ((0, 0, 0.9), (0, 0, 1.0))]
+    spokes = [box((radius, thickness, 2 * flat)).moved((0.5 * radius, 0, z)) for z in (0.1, 0.9)]
+    return joined(
+        [_flat_wire(wound, thickness, flat), *spokes, *(tube(a, b, thickness / 2) for a, b in ends)]
+    )
 
 
-def line_shapes(mechanism: Mechanism, size: float) -> list[Triangles]:
-    """What lies between two markers and is no body: cylinders, massless links, springs."""
-    model, shapes = mechanism.model, []
-    for parts in (model.joints, model.forces, model.drivers):
-        for spec in parts.values():
-            kind = getattr(spec, "type", "cylinder")
-            between = getattr(spec, "between", None)
-            if between is None or kind not in ("cylinder", "distance", *_COILED):
-                continue
-            a, b = (mechanism.point(reference) for reference in between)
-            if kind in _COILED:
-                shapes.append(_coil(a, b, size))
-            else:
-                shapes.append(tube(a, b, _ROD * size))
-            if kind == "cylinder":
-                shapes.append(tube(a, a + _BARREL * (b - a), 2.5 * _ROD * size))
-    return shapes
+def _flat_wire(path: Array, thickness: float, half_height: float) -> Triangles:
+    """A helix of wire whose section keeps its width across z, however z is stretched."""
+    outward = path * [1, 1, 0]
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    half, flat = 0.5 * thickness, np.array([0, 0, half_height])
+    rings = np.stack(
+        [path + half * outward + flat, path - half * outward + flat,
+         path - half * outward - flat, path + half * outward - flat], axis=1
+    )  # fmt: skip
+    return _loft(rings[::-1], path[-1], path[0])
 
 
-def is_ground(reference: str) -> bool:
-    """Whether a marker is on ground."""
-    return split_reference(reference)[0] == GROUND
+def spiral(inner: float, outer: float, turns: float, thickness: float) -> Triangles:
+    """A flat spiral spring about z."""
+    angle = np.linspace(0, 2 * np.pi * turns, int(20 * turns) + 1)
+    radius = np.linspace(inner, outer, len(angle))
+    path = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 0 * angle])
+    return wire(path, thickness / 2)
 
 
-def _side_shape(mechanism: Mechanism, joint: JointSpec, side: int, size: float) -> Triangles | None:
-    """The shape of one side of a joint on curves in the axes of its marker."""
-    thick = _CAM * size
-    if side < len(joint.curves):
-        shape = curve_shape(mechanism.model, joint.curves[side])
-        points = shape.points[:: max(1, len(shape.samples) // _CURVE_POINTS)]
-        if shape.closed:
-            return plate(points[:-1], thick)
-        ends = zip(points[:-1], points[1:], strict=True)
-        return joined([tube(a, b, _WIRE * size) for a, b in ends])
-    if joint.radius is not None:
-        return cylinder(joint.radius, 1.2 * thick)
-    if joint.type == "cam-flat":
-        return box((_FLAT * size, _FLAT * size, 0.1 * thick))
-    return None
+def extrusion(outline: ArrayLike, thickness: float) -> Triangles:
+    """A plate across z with a closed contour (n, 2 or 3) that does not cross itself.
+
+    Cut into triangles by its ears (Meisters, Amer. Math. Monthly 82, 1975).
+    """
+    points = np.asarray(outline, dtype=float)[:, :2]
+    if _area(points) < 0:
+        points = points[::-1]
+    n, caps = len(points), _ears(points)
+    flat = np.vstack([np.column_stack([points, np.full(n, z)]) for z in (0.5, -0.5)])
+    flat[:, 2] *= thickness
+    first = np.arange(n)
+    second = np.roll(first, -1)
+    sides = [[first, first + n, second + n], [first, second + n, second]]
+    faces = [caps, caps[:, ::-1] + n, *(np.column_stack(side) for side in sides)]
+    return Triangles(flat, np.vstack(faces))
 
 
-def _links(points: list[Array], A: Array, size: float) -> Triangles | None:
-    """Tubes between all of up to four points, else from each to the next; a box at one."""
-    if len(points) < 2:
-        return box(np.full(3, 6 * _LINK * size)).moved(points[0], A) if points else None
-    pairs = [(i, i + 1) for i in range(len(points) - 1)]
-    if len(points) <= 4:
-        pairs = [(i, j) for i in range(len(points)) for j in range(i + 1, len(points))]
-    ends = [sphere(_LINK * size, point) for point in points]
-    return joined([*(tube(points[i], points[j], _LINK * size) for i, j in pairs), *ends])
+def toothed_wheel(radius: float, teeth: int, width: float, internal: bool = False) -> Triangles:
+    """A gear of a pitch radius: teeth of trapezoids as high as a module above, 1.2 below."""
+    module = 2 * radius / teeth
+    steps, tips = np.array([-0.28, -0.13, 0.13, 0.28]), np.array([-1.2, 1.0, 1.0, -1.2])
+    angle = (2 * np.pi / teeth * (np.arange(teeth)[:, None] + steps)).ravel()
+    r = np.tile(radius + module * (-tips if internal else tips), teeth)
+    contour = np.column_stack([r * np.cos(angle), r * np.sin(angle)])
+    if not internal:
+        return extrusion(contour, width)
+    outside = (radius + 3.5 * module) * np.column_stack([np.cos(angle), np.sin(angle)])
+    rings = np.stack(
+        [np.column_stack([points, np.full(len(angle), z * width)])
+         for points, z in ((outside, 0.5), (contour, 0.5), (contour, -0.5), (outside, -0.5))]
+    )  # fmt: skip
+    return _closed_loft(rings)
 
 
-def _pedestal(point: Array, size: float, camera: Camera) -> Triangles:
-    """A post and a plate under a point."""
-    up = np.array(camera.up)
-    across = np.cross(up, camera.direction)
-    across /= np.linalg.norm(across)
-    axes = np.stack([across, up, np.cross(across, up)], axis=1)
-    post = box(np.array([0.03, 0.07, 0.03]) * size).moved([0, -0.035 * size, 0], np.eye(3))
-    foot = box(np.array([0.14, 0.012, 0.09]) * size).moved([0, -0.076 * size, 0], np.eye(3))
-    return joined([post, foot]).moved(point, axes)
+def rack(count: int, module: float, width: float, height: float) -> Triangles:
+    """A bar along x of `count` teeth that point along y, the pitch line at y = 0, across z."""
+    pitch = np.pi * module
+    x = pitch * (np.arange(count)[:, None] - 0.5 * (count - 1) + [-0.28, -0.13, 0.13, 0.28])
+    y = np.tile([-1.2, 1.0, 1.0, -1.2], count) * module
+    half = 0.5 * pitch * count
+    ends = [[half, -1.2 * module], [half, -height], [-half, -height], [-half, -1.2 * module]]
+    return extrusion(np.vstack([np.column_stack([x.ravel(), y]), ends]), width)
 
 
-def _coil(a: Array, b: Array, size: float) -> Triangles:
-    """A helix of thin tubes from point to point, straight at its ends."""
-    axis = _unit(b - a)
-    e1 = _unit(np.cross(np.eye(3)[int(np.argmin(np.abs(axis)))], axis))
-    turns = np.linspace(0, 2 * np.pi * _COILS, 12 * _COILS + 1)[:, None]
-    ring = _WINDING * size * (np.cos(turns) * e1 + np.sin(turns) * np.cross(axis, e1))
-    wound = a + np.linspace(0.12, 0.88, len(turns))[:, None] * (b - a)
-    points = [a, wound[0], *(wound + ring), wound[-1], b]
-    pairs = zip(points[:-1], points[1:], strict=True)
-    return joined([tube(p, q, 0.5 * _ROD * size) for p, q in pairs])
+def arrow(length: float, radius: float) -> Triangles:
+    """An arrow from the origin along z; heads do not grow with long arrows."""
+    head = min(6.0 * radius, 0.6 * length)
+    shaft = tube((0, 0, 0), (0, 0, length - head), radius)
+    return joined([shaft, tube((0, 0, length - head), (0, 0, length), 2.6 * radius, 0.0)])
 
 
-def _distinct(points: list[Array], size: float) -> list[Array]:
-    distinct: list[Array] = []
-    for point in points:
-        if all(np.linalg.norm(point - other) > 1e-6 * size for other in distinct):
-            distinct.append(point)
-    return distinct
+def turn_arrow(radius: float, thickness: float, turn: float = 1.5 * np.pi) -> Triangles:
+    """An arrow that turns about z, from the x axis on."""
+    end = radius * np.array([np.cos(turn), np.sin(turn), 0.0])
+    ahead = np.array([-np.sin(turn), np.cos(turn), 0.0])
+    head = tube(end, end + 3.2 * thickness * ahead, 1.5 * thickness, 0.0)
+    return joined([torus(radius, thickness, turn), head])
+
+
+def sharp_edges(points: Array, faces: Indices) -> Indices:
+    """Point pairs (e, 2) of the sharp edges of a surface, and of its border."""
+    if not len(faces):
+        return np.zeros((0, 2), dtype=np.int64)
+    _, weld = np.unique(
+        np.round(points / (np.abs(points).max() + 1e-300), 9), axis=0, return_inverse=True
+    )
+    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    owner = np.tile(np.arange(len(faces)), 3)
+    key = np.sort(weld.ravel()[pairs], axis=1)
+    order = np.lexsort((key[:, 1], key[:, 0]))
+    pairs, owner, key = pairs[order], owner[order], key[order]
+    same = (key[1:] == key[:-1]).all(axis=1)
+    twin = np.flatnonzero(same)
+    normals = face_normals(points, faces)
+    cosine = np.einsum("ti,ti->t", normals[owner[twin]], normals[owner[twin + 1]])
+    alone = np.ones(len(pairs), dtype=bool)
+    alone[twin] = alone[twin + 1] = False
+    alone &= key[:, 0] != key[:, 1]
+    return np.vstack([pairs[twin[cosine < np.cos(np.radians(_SHARP_DEGREES))]], pairs[alone]])
+
+
+def face_normals(points: Array, faces: Indices) -> Array:
+    """Unit normals (t, 3) of triangles."""
+    a, b, c = points[faces.T]
+    normals = np.cross(b - a, c - a)
+    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300))
+
+
+def _area(points: Array) -> float:
+    after = np.roll(points, -1, axis=0)
+    return 0.5 * float(np.sum(points[:, 0] * after[:, 1] - points[:, 1] * after[:, 0]))
+
+
+def _ears(points: Array) -> Indices:
+    """Triangles (n - 2, 3) of a counter-clockwise polygon (n, 2)."""
+    left, faces = list(range(len(points))), []
+
+    def cross(a: Array, b: Array) -> Array:
+        return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+
+    while len(left) > 3:
+        ring_ = points[left]
+        before, after = np.roll(ring_, 1, axis=0), np.roll(ring_, -1, axis=0)
+        convex = np.flatnonzero(cross(ring_ - before, after - ring_) > 0)
+        for k in convex[np.argsort(np.linalg.norm(after - before, axis=1)[convex])]:
+            a, b, c = before[k], ring_[k], after[k]
+            inside = (cross(b - a, ring_ - a) > 0) & (cross(c - b, ring_ - b) > 0)
+            inside &= cross(a - c, ring_ - c) > 0
+            if not inside.any():
+                break
+        else:  # rounding has left no proper ear: any corner will do
+            k = 0
+        faces.append([left[k - 1], left[k], left[(k + 1) % len(left)]])
+        del left[k]
+    return np.array([*faces, left], dtype=np.int64)
 
 
 def _loft(rings: Array, top: Array, bottom: Array) -> Triangles:
@@ -276,12 +302,18 @@ def _loft(rings: Array, top: Array, bottom: Array) -> Triangles:
     return Triangles(np.vstack([*rings, top, bottom]), np.vstack(faces))
 
 
-def _circle(e1: Array, e2: Array) -> Array:
+def _closed_loft(rings: Array) -> Triangles:
+    """The surface through rings (k, n, 3) from each to the next and from the last to the first."""
+    k, n = rings.shape[:2]
+    first = np.arange(n)
+    second, faces = np.roll(first, -1), []
+    for row in range(k):
+        a, b = n * row, n * ((row + 1) % k)
+        faces += [np.stack([a + first, a + second, b + first], axis=1)]
+        faces += [np.stack([a + second, b + second, b + first], axis=1)]
+    return Triangles(rings.reshape(-1, 3), np.vstack(faces))
+
+
+def _circle() -> Array:
     angle = 2 * np.pi * np.arange(_AROUND) / _AROUND
-    return np.asarray(np.outer(np.cos(angle), e1) + np.outer(np.sin(angle), e2))
-
-
-def _unit(vector: ArrayLike) -> Array:
-    values = np.asarray(vector, dtype=float)
-    length = float(np.linalg.norm(values))
-    return np.asarray(values / length) if length > 0 else np.array([0.0, 0.0, 1.0])
+    return np.column_stack([np.cos(angle), np.sin(angle)])

@@ -197,6 +197,8 @@ def _mobility(
     """
     try:
         moves = mobility(model, bodies)
+        if moves.lock and model.dynamics is not None:
+            raise AssemblyError(moves.lock)
     except AssemblyError as error:
         if not rigid:
             raise

@@ -139,7 +139,7 @@ class Comparison:
             The file cannot be written.
         """
         from flexmb.view import save_figure
-        from flexmb.view.overlay import overlay_figure
+        from flexmb.view.history import overlay_figure
 
         unknown = [name for name in channels if name not in self.channels]
         if unknown:

@@ -26,11 +26,14 @@ from flexmb.errors import (
     SceneError,
     nearest,
 )
+from flexmb.flexbody.static_response import load_nodes
 from flexmb.folders import output_folder, writable_folder
 from flexmb.model.flexible_body import FlexbodySpec
+from flexmb.model.loaded_nodes import load_points
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.plane import simulated_body
 from flexmb.progress import Progress, silent
+from flexmb.workflow.prescribed_rotation import is_rotated, needs_inertia_residuals
 from flexmb.workflow.run_report import CheckOutcome, check_frequencies
 
 if TYPE_CHECKING:
@@ -40,7 +43,6 @@ if TYPE_CHECKING:
 
 _PORTS = (f"{port}{number}" for port in ("com", "lpt") for number in range(10))
 _DEVICES = ("con", "prn", "aux", "nul", *_PORTS)  # no file names on Windows
-_SAMPLES = 201  # times at which the angle of a driver is looked at
 SIMULATED = ".simulated."
 """In the name of a file: the body as a run has it, and not as it was reduced."""
 _MISTAKES = (MeshError, MaterialError, ReductionError, BodyFileError)
@@ -123,7 +125,7 @@ def flexible_bodies(
             errors.append((name, error))
         files.setdefault(name, file)
     if errors:
-        problems = [problem for name, error in errors for problem in _under(name, error.problems)]
+        problems = [p for name, error in errors for p in under_body(name, error.problems)]
         raise type(errors[0][1]).from_problems(problems)
     return bodies, files, notes
 
@@ -153,14 +155,14 @@ def survey_bodies(model: Model) -> tuple[dict[str, Survey], list[Problem]]:
     surveys: dict[str, Survey] = {}
     for name, spec in model.bodies.items():
         if isinstance(spec, MeshBodySpec):
-            mesh, options = _reduction_input(model, name)
+            mesh, options = reduction_input(model, name)
             surveys[name] = fe.survey(mesh, **options)
-            problems += _under(name, surveys[name].problems)
+            problems += under_body(name, surveys[name].problems)
         elif isinstance(spec, FlexbodySpec):
             try:
                 _loaded_body(model, name)
             except (BodyFileError, ReductionError) as error:
-                problems += _under(name, error.problems)
+                problems += under_body(name, error.problems)
     return surveys, problems
 
 
@@ -212,7 +214,7 @@ def _source_body(model: Model, name: str) -> FlexBody:
     return load(model.path(source)) if isinstance(source, str) else source
 
 
-def _under(name: str, problems: Iterable[Problem]) -> list[Problem]:
+def under_body(name: str, problems: Iterable[Problem]) -> list[Problem]:
     """The problems with their place in the scene in front."""
     fields = MeshBodySpec.model_fields
     full = []
@@ -229,58 +231,24 @@ def _under(name: str, problems: Iterable[Problem]) -> list[Problem]:
     return full
 
 
-def _reduction_input(model: Model, name: str) -> tuple[Any, dict[str, Any]]:
-    """The mesh of a body, a path or a table, and the options of its reduction."""
+def reduction_input(model: Model, name: str, residual: str = "none") -> tuple[Any, dict[str, Any]]:
+    """The mesh of a body, a path or a table, and the options of its reduction.
+
+    `residual` is what the scene's "auto" is taken for.
+    """
     from flexmb.model.plane import plane_in_body
 
     spec: MeshBodySpec = model.bodies[name]  # type: ignore[assignment]
     options = spec.words() | {"name": name}
     if model.plane is not None:
         options["plane"] = plane_in_body(spec, model.plane)
-    if spec.residual == "auto" and spec.reduction != "user" and _turns_round(model, name):
-        options["residual"] = "inertia"
+    options["residual"] = residual if spec.residual == "auto" else spec.residual
+    options["load_points"] = load_points(model, name)
     if isinstance(spec.modes, str):
         options["modes"] = str(model.path(spec.modes))
     if isinstance(spec.mesh, str):
         return model.path(spec.mesh), options
     return spec.mesh.model_dump(exclude_none=True), options
-
-
-def _turns_round(model: Model, name: str) -> bool:
-    """Whether an initial angular velocity or a driver turns a body round during the run.
-
-    Those of bodies that fixed joints connect with it count as well.
-    """
-    spec = model.dynamics or model.kinematics
-    if spec is None:
-        return False
-    welds = [
-        {end.partition(".")[0] for end in joint.between}
-        for joint in model.joints.values()
-        if joint.type == "fixed"
-    ]
-    bodies, size = {name}, 0
-    while len(bodies) > size:
-        size = len(bodies)
-        bodies = bodies.union(*(weld for weld in welds if weld & bodies)) - {"ground"}
-    spins = (
-        one.angular_velocity
-        for body in bodies
-        for one in model.bodies[body].initial_velocities.values()
-    )
-    turns = [spec.duration * float(np.linalg.norm(spin)) for spin in spins if spin is not None]
-    times = np.linspace(0.0, spec.duration, _SAMPLES)
-    for driver in model.drivers.values():
-        ends = model.joints[driver.joint].between if driver.joint in model.joints else driver.ends
-        of = {end.partition(".")[0] for end in ends}
-        if "ground" in of and of & bodies:
-            for coordinate, function in driver.motions(model.plane):
-                if "angle" in coordinate and not function.expression.channels:
-                    values = np.array([next(iter(function.value(t))) for t in times])
-                    for _ in range(driver.order):
-                        values = np.cumsum(values) * (times[1] - times[0])
-                    turns.append(float(np.ptp(values)))
-    return max(turns, default=0.0) >= 2.0 * np.pi
 
 
 def _stored_body(model: Model, name: str, file: Path, notes: list[str]) -> FlexBody | None:
@@ -294,12 +262,26 @@ def _stored_body(model: Model, name: str, file: Path, notes: list[str]) -> FlexB
         body = load(file)
     except BodyFileError:
         return None  # of another version, or cut off: reduced again
-    mesh, options = _reduction_input(model, name)
+    mesh, options = reduction_input(model, name, body.provenance.get("residual", "none"))
     if body.provenance.get("key") != fe.reduction_key(mesh, **options):
+        return None
+    if options["residual"] != _selected_residual(model, name, body):
+        return None
+    nodes = () if body.load_response is None else body.load_response.nodes
+    if not np.isin(load_nodes(body.nodes, options["load_points"]), nodes).all():
         return None
     notes.append(f"{name}: reduction reused from {file} (--fresh reduces it again)")
     notes += [f"{name}: {warning}" for warning in body.provenance["warnings"].splitlines()]
     return body
+
+
+def _selected_residual(model: Model, name: str, body: FlexBody) -> str:
+    """The residual vectors that a reduced body needs, of a scene that leaves them open."""
+    spec: MeshBodySpec = model.bodies[name]  # type: ignore[assignment]
+    if spec.residual != "auto":
+        return spec.residual
+    needed = spec.reduction != "user" and needs_inertia_residuals(model, name, {name: body})
+    return "inertia" if needed else "none"
 
 
 def _reduce_body(
@@ -311,10 +293,16 @@ def _reduce_body(
 ) -> FlexBody:
     from flexmb import fe
 
-    mesh, options = _reduction_input(model, name)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", FlexmbWarning)
-        body = fe.reduce(mesh, **options, inspect=inspect, progress=progress)
+    rotated = model.bodies[name].reduction != "user" and is_rotated(model, name)  # type: ignore[attr-defined]
+    selected = "inertia" if rotated else "none"
+    for _ in range(2):
+        mesh, options = reduction_input(model, name, selected)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", FlexmbWarning)
+            body = fe.reduce(mesh, **options, inspect=inspect, progress=progress)
+        selected = _selected_residual(model, name, body)
+        if selected == options["residual"]:
+            break
     notes += [f"{name}: {entry.message}" for entry in caught]
     return body
 

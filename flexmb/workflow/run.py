@@ -106,6 +106,8 @@ def select_analysis(model: Model, name: str | None, starts_from_result: bool = F
     available = [section for section in ANALYSES if getattr(model, section) is not None]
     if name is not None and name not in ANALYSES:
         raise SceneError.unknown_name("analysis", name, ANALYSES)
+    if not available and name is None and model.part is not None:
+        raise SceneError("the scene has a part by itself and no motion: flexmb part solves it")
     if not available and name is None:
         raise SceneError(
             "the scene has no [dynamics] and no [kinematics]: give its duration, or [statics] for "

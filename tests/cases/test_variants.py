@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import runpy
 from pathlib import Path
 
@@ -58,3 +59,25 @@ def test_the_audit_says_at_which_speed_a_rigid_rod_is_wrong(scene, missing, tmp_
     (deformation,) = (one for one in audit.effects if one.effect == "deformation")
     assert deformation.shares["middle"] == pytest.approx(true, rel=0.1)
     assert audit.passed is not missing
+
+
+def test_the_singular_pose_of_the_platform_is_found_at_a_yaw_of_90_degrees(tmp_path: Path) -> None:
+    folder = CASES / "parallel_manipulator"
+    exact = runpy.run_path(str(folder / "exact.py"))
+    lines = exact["leg_lines"](np.array([0, 0, 1.2]), exact["turned"](np.pi / 2, 0, 0))[1]
+    assert abs(np.linalg.det(lines)) < 1e-15
+    for outputs in ("105", "37", "260"):  # none at t = 1
+        report = flexmb.run_scene(
+            folder / "singular.toml", output=tmp_path, pictures=False,
+            overrides={"kinematics.outputs": outputs},
+        )  # fmt: skip
+        [note] = [n for n in report.notes if "singular pose" in n]
+        before, after = (
+            float(word) for word in re.findall(r"t = ([\d.]+) s and ([\d.]+)", note)[0]
+        )
+        assert before < 1.0 < after < before + 0.1
+    with pytest.raises(FlexmbError, match=r"at t = (0\.999|1)\d* .* singular pose .*drivers\.leg0"):
+        flexmb.run_scene(
+            folder / "singular.toml", output=tmp_path, pictures=False,
+            overrides={"kinematics.outputs": "120"},
+        )  # fmt: skip

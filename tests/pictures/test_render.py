@@ -14,8 +14,8 @@ from flexmb.errors import ViewError
 from flexmb.model import Model
 from flexmb.results import Result
 from flexmb.view import render
-from flexmb.view.content import Mechanism
-from flexmb.view.shapes import line_shapes
+from flexmb.view.drawing import Drawing
+from flexmb.view.mechanism import Mechanism
 
 
 @pytest.fixture(scope="module")
@@ -80,10 +80,13 @@ def test_springs_massless_links_and_driven_distances_are_drawn_between_their_mar
     model.add_driver("cylinder", between=["ground.up", "b1"], distance="sqrt(8) + 0.1*t")
     model.add_force("spring", "spring-damper", between=["ground.up", "b2"], stiffness=1)
     run = simulate(model, duration=0.1, step=0.01)
-    shapes = line_shapes(Mechanism(run, 0.0), 1.0)
-    assert len(shapes) == 4  # the cylinder's barrel and rod are two
-    ends = sorted(round(float(shape.points[:, 0].max())) for shape in shapes)
-    assert ends == [1, 1, 2, 3]
+    solids = Drawing(Mechanism(run, 0.0)).content().solids
+    ends = {}
+    for name, at in (("link", 1.0), ("cylinder", 2.0), ("spring", 3.0)):
+        points = np.vstack([solid.points for solid in solids if solid.name == name])
+        ends[name] = np.linalg.norm(points - [at, 0, 0], axis=1).min()
+        assert np.linalg.norm(points - [0, 2, 0], axis=1).min() < 0.1
+    assert max(ends.values()) < 0.1
 
 
 def test_an_exaggerated_body_stays_on_its_joints(tmp_path: Path) -> None:

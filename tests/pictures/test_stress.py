@@ -14,8 +14,9 @@ from flexmb.errors import ViewError
 from flexmb.flexbody import StressModes, load, save
 from flexmb.results import Result
 from flexmb.view import render
-from flexmb.view.content import Mechanism
-from flexmb.view.picture import compose
+from flexmb.view.drawing import Drawing
+from flexmb.view.mechanism import Mechanism
+from flexmb.view.picture import view_of
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +38,8 @@ def test_the_largest_of_the_layers_is_shown_with_a_suitable_unit(result: Result)
     mechanism = Mechanism(result)
     eta = abs(mechanism.pose("rod").eta[0])
     for layer, factor in ((None, 2e9), ("top", 2e9), ("bottom", 1e9)):
-        content = compose(mechanism, color="von_mises", layer=layer)
+        view = view_of(mechanism, {"color": "von_mises", "layer": layer})
+        content = Drawing(mechanism, view).content()
         (rod,) = content.deformed
         known = np.isfinite(rod.values)
         assert 0.3 < known.mean() < 0.7  # the first half tells its stress
@@ -63,7 +65,7 @@ def test_mistakes_are_told(result: Result, tmp_path: Path) -> None:
         render(result, color="von_mises", layer="topp", output=out)
     with pytest.raises(ViewError, match='the layer "top" is of stress'):
         render(result, layer="top", output=out)
-    with pytest.raises(ViewError, match='unknown color "mises"; nearest: von_mises'):
+    with pytest.raises(ViewError, match='color: unknown choice "mises"; nearest: von_mises'):
         render(result, color="mises", output=out)
     bare = Result(slidercrank.make(tmp_path / "bare"))
     with pytest.raises(ViewError, match="no flexible body of the run has stress"):

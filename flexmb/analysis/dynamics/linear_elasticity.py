@@ -8,12 +8,6 @@ joined, of those modes that the motion contains. Source of the
 bounds: Adams/Flex limits linear bodies to a tenth of their length; Kane, Ryan & Banerjee, Dynamics
 of a cantilever beam attached to a moving base, J. Guidance 10 (1987) 139, for the loss of stiffness
 of linear equations: the first frequency of a cantilever is too low by the share 0.6 (Ω/ω₁)².
-
-A body that turns and accelerates loads itself; the share of its response that its modes lack is the
-strain energy of that share over all of it (:class:`flexmb.flexbody.InertiaResponse`), its root,
-since stress and displacement go with it. What moves less than a tenth of a millionth of the body's
-length is not worth a word. The motion is that of the frame of the body's joints: vibrations move
-the mean axes too, but load a body otherwise. Compared are the largest values of the run so far.
 """
 
 from __future__ import annotations
@@ -25,15 +19,15 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, ConstraintRows
 from flexmb.analysis.monitors import Indicator
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
-from flexmb.flexbody import FlexBody, InertiaResponse
+from flexmb.flexbody import FlexBody
 from flexmb.flexbody.natural_modes import natural_modes
+from flexmb.model.loaded_nodes import loads_beside_interfaces, marker_interface
 from flexmb.model.model import Model
 from flexmb.results import OutputBlock
 
@@ -48,11 +42,6 @@ LARGEST_ROTATION = 0.3
 #: What a body without stiffening is that turns faster than it vibrates.
 INCONSISTENT = "an inconsistent set of equations, centrifugal softening without stiffening"
 _SOFTENING = 0.6  # share of the first frequency of a cantilever that is lost, over (Ω/ω₁)²
-#: Share of the response to inertia loads that may be missing without a word.
-LARGEST_SHARE = 0.1
-_WINDOW = 3  # rows in each of which as much must be missing: no jolt, no vibration
-_SETTLED = 0.1  # share of a run before which little can be said of the whole of it
-_LEAST_MOTION = 1e-7  # displacement over the body's length: what moves less does not matter
 _POINTS = 64  # points of a body that are watched, at most
 _PRESENT = 0.05  # share of the largest amplitude from which on the motion contains a mode
 _ZERO_FREQUENCY = 1e-5  # over the highest: that of a motion that the joints leave free
@@ -254,26 +243,16 @@ def constraint_jacobian(compiled: Compiled, q: Array) -> Array:
 
 def loads_without_stiffening(compiled: Compiled, model: Model) -> Iterator[str]:
     """A sentence for each joint and force that acts beside the interfaces of a stiffened body."""
-    stiffened = {
-        name: body for name, body in compiled.flexbodies.items()
+    stiffened = [
+        name for name, body in compiled.flexbodies.items()
         if body.m and body.centrifugal_stiffness is not None
-    }  # fmt: skip
-    elements: dict[str, object] = {f"joints.{name}": spec for name, spec in model.joints.items()}
-    elements |= {f"forces.{name}": spec for name, spec in model.forces.items()}
-    for where, spec in elements.items() if stiffened else ():
-        for marker in getattr(spec, "between", None) or (getattr(spec, "at", None),):
-            owner, _, place = (marker or "").partition(".")
-            if owner in stiffened and place and _interface(model, owner, place) is None:
-                yield (
-                    f"{where}: its force does not stiffen bodies.{owner}, because {marker} is no "
-                    "interface of it; make it one"
-                )
-
-
-def _interface(model: Model, owner: str, place: str) -> str | None:
-    """The interface that a marker of a body is, or that carries it."""
-    marker = model.bodies[owner].markers.get(place)
-    return place if marker is None else marker.interface
+    ]  # fmt: skip
+    for where, owner, marker in loads_beside_interfaces(model) if stiffened else ():
+        if owner in stiffened:
+            yield (
+                f"{where}: its force does not stiffen bodies.{owner}, because {marker} is no "
+                "interface of it; make it one"
+            )
 
 
 def _joined_interfaces(body: FlexBody, name: str, model: Model) -> dict[str, bool]:
@@ -283,7 +262,7 @@ def _joined_interfaces(body: FlexBody, name: str, model: Model) -> dict[str, boo
     for joint, spec in model.joints.items():
         for marker in spec.between:
             owner, _, place = marker.partition(".")
-            place = _interface(model, name, place) or "" if owner == name else ""
+            place = marker_interface(model.bodies[name], place) or "" if owner == name else ""
             if any(place == one.name for one in body.interfaces):
                 holds = spec.type in _CLAMPS or joint in driven
                 places[place] = places.get(place, False) or holds
@@ -338,78 +317,6 @@ def _relative_motion(body: FlexBody, frame: JoinedFrame) -> tuple[Array, Array]:
     size = float(np.linalg.norm(np.ptp(positions, axis=0))) if len(positions) else 0.0
     relative = (modes - frame.at(positions)).reshape(-1, body.m) / (size if size > 0.0 else 1.0)
     return relative, (turns - frame.turn).reshape(-1, body.m)
-
-
-class InertiaLoadMonitor:
-    """The share of the response to its own inertia that the modes of each body lack.
-
-    Parameters
-    ----------
-    compiled, model : Compiled, Model
-        What is run.
-    """
-
-    def __init__(self, compiled: Compiled, model: Model) -> None:
-        self._units = model.units
-        self._gravity = np.array(model.gravity or (0.0, 0.0, 0.0))
-        self._bodies = [
-            (columns, body, body.inertia_response, joined_frame(body, columns.name, model))
-            for columns, body in flexible_columns(compiled)
-            if body.inertia_response is not None
-        ]
-        n = len(self._bodies)
-        self._whole = np.zeros(n)  # largest strain energy so far, of the response too, twice
-        self._last = np.zeros((_WINDOW - 1, n))  # what was missing in the last rows
-        self._largest = np.zeros((3, n))  # what was missing most, its time and angular velocity
-        self._now, self._begin = np.zeros(1), np.full(1, np.nan)
-        self._settled = _SETTLED * model.dynamics.duration if model.dynamics else 0.0
-
-    def add(self, rows: OutputBlock) -> None:
-        """Take the next rows."""
-        self._begin[:] = np.where(np.isnan(self._begin), rows.t[0], self._begin)
-        self._now[:] = rows.t[-1]
-        for k, (columns, body, response, frame) in enumerate(self._bodies):
-            iq, iv, m = columns.iq, columns.iv, columns.m
-            eta = rows.q[:, iq + 7 : iq + 7 + m]
-            strain = np.einsum("ti,ij,tj->t", eta, body.K, eta).max()
-            rate, further = rows.v[:, iv + 6 : iv + 6 + m], rows.vd[:, iv + 6 : iv + 6 + m]
-            alpha = rows.vd[:, iv + 3 : iv + 6] + further @ frame.turn.T
-            omega = rows.v[:, iv + 3 : iv + 6] + rate @ frame.turn.T
-            a = in_body_axes(rows.q[:, iq + 3 : iq + 7], rows.vd[:, iv : iv + 3] - self._gravity)
-            a = a + np.cross(rows.vd[:, iv + 3 : iv + 6], body.center)
-            a = a + np.cross(omega, np.cross(omega, body.center))
-            a = a + further @ frame.at(body.center[None])[0].T
-            c = InertiaResponse.factors(a, alpha, omega)
-            full, missing, motion = (
-                np.einsum("ti,ij,tj->t", c, form, c).clip(0.0)
-                for form in (response.energy, response.missing, response.motion)
-            )
-            least = (_LEAST_MOTION * body.characteristic_length) ** 2 * body.mass
-            self._whole[k] = max(self._whole[k], strain, full.max())
-            missing = np.where(motion > least, missing, 0.0)
-            missing = np.concatenate([self._last[:, k], missing])
-            self._last[:, k] = missing[len(missing) - _WINDOW + 1 :]
-            missing = sliding_window_view(missing, _WINDOW).min(axis=1)
-            row = int(missing.argmax())
-            if missing[row] > self._largest[0, k]:
-                self._largest[:, k] = missing[row], rows.t[row], np.linalg.norm(omega[row])
-
-    def indicators(self) -> Iterator[Indicator]:
-        """The share of each body."""
-        for k, (columns, *_) in enumerate(self._bodies):
-            missing, t, speed = self._largest[:, k]
-            early = self._now[0] - self._begin[0] < self._settled
-            share = 0.0 if early or not missing else float(np.sqrt(missing / self._whole[k]))
-            text = partial(self._sentence, columns.name, share, t, speed)
-            yield Indicator(columns.name, "inertia_loads", share, t, LARGEST_SHARE, text)
-
-    def _sentence(self, name: str, share: float, t: float, speed: float) -> str:
-        return (
-            f"bodies.{name}: its modes lack {100 * min(share, 1.0):.3g} % of the response to its "
-            f"own inertia at t = {self._units.say(t, 's', 4)}, where it turns with "
-            f"{self._units.say(speed, 'rad/s', 3)}: stress and growth are too small; reduce it "
-            'with residual = "inertia"'
-        )
 
 
 def in_body_axes(p: Array, vectors: Array) -> Array:

@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.dynamics.linear_elasticity import (
-    InertiaLoadMonitor,
     LinearElasticityMonitor,
     loads_without_stiffening,
 )
 from flexmb.analysis.dynamics.load_factor import LoadFactorMonitor
+from flexmb.analysis.dynamics.modal_basis import ModalBasisMonitor
 from flexmb.analysis.monitors import Indicator, Monitor
 from flexmb.engine.compile import Compiled
 from flexmb.model.model import Model
@@ -38,15 +38,20 @@ class ValidityMonitor:
         What is run.
     q : (nq,) array
         First positions.
+    is_motion : bool
+        Whether the rows are a motion, and not equilibria of their own.
     """
 
-    def __init__(self, compiled: Compiled, model: Model, q: NDArray[np.float64]) -> None:
+    def __init__(
+        self, compiled: Compiled, model: Model, q: NDArray[np.float64], is_motion: bool = True
+    ) -> None:
         self._spec = model.validity or ValiditySpec()
         self._elasticity = LinearElasticityMonitor(compiled, model, q)
+        self._basis = ModalBasisMonitor(compiled, model, is_motion)
         self._monitors: tuple[Monitor, ...] = (
             self._elasticity,
             LoadFactorMonitor(compiled, model, q),
-            InertiaLoadMonitor(compiled, model),
+            self._basis,
         )
         self._notes = tuple(loads_without_stiffening(compiled, model))
 
@@ -74,6 +79,7 @@ class ValidityMonitor:
     def notes(self) -> Iterator[str]:
         """A sentence for each body and limit that was left."""
         yield from self._notes
+        yield from self._basis.notes()
         for one in self.indicators():
             if one.value > one.warning:
                 yield one.text()

@@ -363,12 +363,13 @@ FLEXIBLE_BODIES = Kind(
 )
 
 
-def modal_block(body: FlexBody, coupling: str = "full") -> Array:
-    """The numbers of `tables.FLEX_LAYOUT` in one row."""
+def modal_block(body: FlexBody, coupling: str = "full", Mab: Array | None = None) -> Array:
+    """The numbers of `tables.FLEX_LAYOUT` in one row, by the Mab of the body or others."""
+    Mab = body.Mab if Mab is None else Mab
     damping = np.zeros_like(body.K) if body.D is None else body.D
-    parts = [body.p, body.P, body.M_eta, body.K, damping]
+    parts = [body.p, body.P, np.einsum("bbij->ij", Mab), body.K, damping]
     if coupling != "constant":
-        M = body.Mab
+        M = Mab
         if body.centrifugal_stiffness is not None:
             M = M - body.centrifugal_stiffness
         turning = [M[1, 2] - M[2, 1], M[2, 0] - M[0, 2], M[0, 1] - M[1, 0]]
@@ -384,22 +385,26 @@ def modal_block(body: FlexBody, coupling: str = "full") -> Array:
 _ROUND_OFF = 1e-12  # of integrals, relative to their Cauchy-Schwarz bounds
 
 
-def put_flags(row: Any, body: FlexBody) -> None:
-    """What the loops of a body may leave out, into its row of the table: see `tables.BODY`."""
+def put_flags(row: Any, body: FlexBody, static: bool) -> None:
+    """What the loops of a body may leave out, into its row of the table: see `tables.BODY`.
+
+    `static`: some of its modes have no inertia.
+    """
 
     def diagonal(form: Array) -> bool:
         size = np.sqrt(np.abs(np.diag(form)))
         rest = np.abs(form - np.diag(np.diag(form)))
         return bool(np.all(rest <= _ROUND_OFF * np.outer(size, size)))
 
-    row["diagonal"] = int(diagonal(body.M_eta) and diagonal(body.K))
-    row["damped"] = 0 if body.D is None or not np.any(body.D) else 2 if diagonal(body.D) else 1
     size = np.sqrt(np.diag(body.M_eta))
     arms = np.array([body.P[1, 2] - body.P[2, 1], body.P[2, 0] - body.P[0, 2],
                      body.P[0, 1] - body.P[1, 0]])  # fmt: skip
     moved = np.abs(body.p).max(axis=0) > _ROUND_OFF * size * np.sqrt(body.mass)
     turned = np.abs(arms).max(axis=0) > _ROUND_OFF * size * np.sqrt(np.trace(body.S0))
     row["attached"] = int(np.any(moved | turned))
+    decoupled = not (static and row["attached"])
+    row["diagonal"] = int(diagonal(body.M_eta) and diagonal(body.K) and decoupled)
+    row["damped"] = 0 if body.D is None or not np.any(body.D) else 2 if diagonal(body.D) else 1
 
 
 def modal_reach(body: FlexBody) -> Array:

@@ -29,11 +29,9 @@ from flexmb.errors import ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.interfaces import ModelInterface
 from flexmb.fe.assembly.loads import LoadPattern
-from flexmb.fe.linear_solver import SingularMatrix, factor
 from flexmb.fe.reduction.eigenmodes import (
     Modes,
     SymmetryPlane,
-    dense_modes,
     lowest_modes,
     mode_signs,
     polynomial_fields,
@@ -46,11 +44,9 @@ from flexmb.fe.reduction.fixed_interface import (
     interface_shares,
     read_modes,
     select_modes,
-    statically_determinate,
 )
 from flexmb.fe.reduction.inertia_relief import (
     InertiaRelief,
-    deforming_responses,
     fixed_interface_responses,
     free_body_responses,
     inertia_loads,
@@ -58,11 +54,11 @@ from flexmb.fe.reduction.inertia_relief import (
     load_columns,
     residual_kind,
     residual_vectors,
+    with_residual_vectors,
 )
 from flexmb.fe.reduction.reduced_basis import (
     ReducedBasis,
     directions_of,
-    free_part,
     interface_labels,
     rigid_motion_of_interfaces,
 )
@@ -71,6 +67,7 @@ from flexmb.flexbody.mesh_options import ModesOptions
 from flexmb.progress import Progress, silent
 
 _SPARE = 2  # modes beyond those requested, so that no pair of equal frequency is cut
+_OMITTED = 4  # of the modes that are left out, at most, by which a run judges what they would do
 
 
 def craig_bampton(
@@ -110,27 +107,30 @@ def craig_bampton(
     selection = read_modes(modes)
     directions = directions_of(mirror)
     fixed = FixedInterfaceModel(fe, interfaces, directions, progress)
+
+    def lowest(count: int) -> Modes:
+        inside = lambda number: fixed.lowest(number, progress)  # noqa: E731
+        return distinct_modes(fe, fixed.M, inside, count, fixed.count, mirror, fixed.dofs)
+
     omega2, inner, numbers = select_modes(
         selection,
-        lambda count: _distinct_modes(
-            fe,
-            fixed.M,
-            lambda number: fixed.lowest(number, progress),
-            count,
-            fixed.count,
-            mirror,
-            fixed.dofs,
-        ),
+        lowest,
         fixed.count,
-        _noun("fixed-interface modes", mirror),
+        mode_noun("fixed-interface modes", mirror),
         lambda modes: interface_shares(fixed, modes),
     )
+    if not len(omega2) and fixed.count:
+        omega2, inner = lowest(1)  # to judge what they would do
+    left = np.setdiff1d(np.arange(len(omega2)), numbers)[:_OMITTED]
+    omitted = np.zeros((fe.numbering.n, len(left)))
+    omitted[fixed.dofs] = inner[:, left]
     omega2, V = omega2[numbers], np.zeros((fe.numbering.n, len(numbers)))
     V[fixed.dofs] = inner[:, numbers]
     relief = InertiaRelief(fe.M, fe.rigid[:, directions])
     inertia = fixed.solve(inertia_loads(fe, mirror))
-    responses = fixed_interface_responses(fixed, relief, loads)
+    responses, without = fixed_interface_responses(fixed, relief, loads), None
     if residual == "inertia":
+        without = with_residual_vectors(fe, (omega2, V), responses)
         responses = np.concatenate([responses, inertia_responses(fe, inertia, mirror)], axis=1)
     stiff, U = residual_vectors(fe, responses, V)
     kind = residual_kind(loads, residual)
@@ -157,6 +157,8 @@ def craig_bampton(
         directions,
         loads,
         inertia,
+        without,
+        omitted,
     )
 
 
@@ -181,7 +183,7 @@ def guyan(
     return craig_bampton(fe, interfaces, 0, progress, mirror, loads, residual)
 
 
-def _distinct_modes(
+def distinct_modes(
     fe: FEMatrices,
     M: csr_array,
     lowest: Callable[[int], Modes],
@@ -206,7 +208,7 @@ def _distinct_modes(
     return omega2, V @ mode_signs(omega2, fields.T @ (M @ V))
 
 
-_DENSE = 300  # degrees of freedom up to which full matrices are faster
+DENSE = 300  # degrees of freedom up to which full matrices are faster
 
 
 def free_interface(
@@ -243,20 +245,22 @@ def free_interface(
         selection,
         lambda count: free_modes_of(fixed, relief, count, mirror, progress),
         free_count(fixed),
-        _noun("elastic modes", mirror),
+        mode_noun("elastic modes", mirror),
     )
-    omega2, V = omega2[rows], V[:, rows]
+    omega2, V, omitted = omega2[rows], V[:, rows], omitted_modes_of(V, rows)
     F = np.concatenate([fixed.loads(), load_columns(fe, loads)], axis=1)
     inertia = fixed.solve(inertia_loads(fe, mirror))
-    responses = free_body_responses(fixed, relief, F)
+    responses, without = free_body_responses(fixed, relief, F), None
     if residual == "inertia":
+        without = with_residual_vectors(fe, (omega2, V), responses)
         further = inertia_responses(fe, relief.fields(inertia), mirror)
         responses = np.concatenate([responses, further], axis=1)
     stiff, U = residual_vectors(fe, responses, V)
     progress("modes", 1.0)
+    modes, answers = (omega2, V), (inertia, without, omitted)
     return free_basis(
-        fe, interfaces, directions, (omega2, V), (stiff, U), loads, inertia, "attachment"
-    )
+        fe, interfaces, directions, modes, (stiff, U), loads, answers, "attachment"
+    )  # fmt: skip
 
 
 def free_basis(
@@ -266,10 +270,14 @@ def free_basis(
     modes: Modes,
     residual: Modes,
     loads: tuple[LoadPattern, ...],
-    inertia: FloatArray,
+    answers: tuple[FloatArray, Modes | None, FloatArray],
     kind: str,
 ) -> ReducedBasis:
-    """The basis of rigid motions, free modes and residual vectors of a kind."""
+    """The basis of rigid motions, free modes and residual vectors of a kind.
+
+    `answers` are its static responses to inertia, what it is without residual vectors of them, and
+    the modes that it leaves out.
+    """
     R = fe.rigid[:, directions]
     basis = np.concatenate([R, modes[1], residual[1]], axis=1)
     M = basis.T @ (fe.M @ basis)
@@ -292,8 +300,13 @@ def free_basis(
         ("rigid",) * r + ("free",) * m + (kind,) * k,
         directions,
         loads,
-        inertia,
+        *answers,
     )
+
+
+def omitted_modes_of(V: FloatArray, rows: IntArray) -> FloatArray:
+    """(n, o) the lowest of the modes V (n, k) that are not among the rows."""
+    return V[:, np.setdiff1d(np.arange(V.shape[1]), rows)[:_OMITTED]]
 
 
 def free_modes_of(
@@ -322,14 +335,14 @@ def free_modes_of(
         return relief.fields(fixed.free(relief.loads(f)))
 
     def lowest(number: int) -> Modes:
-        if fe.numbering.n <= _DENSE or 2 * number + 12 >= limit:
+        if fe.numbering.n <= DENSE or 2 * number + 12 >= limit:
             omega2, V = _dense(fixed, number)
         else:
             start = static(start_vector(fe.numbering.n))
             omega2, V = lowest_modes(fe.M, static, number, progress, start)
         return omega2, relief.fields(V)
 
-    return _distinct_modes(fe, fe.M, lowest, count, limit, mirror)
+    return distinct_modes(fe, fe.M, lowest, count, limit, mirror)
 
 
 def free_count(fixed: FixedInterfaceModel) -> int:
@@ -337,7 +350,7 @@ def free_count(fixed: FixedInterfaceModel) -> int:
     return fixed.modes.shape[1] + fixed.count - len(fixed.directions)
 
 
-def _noun(modes: str, mirror: SymmetryPlane | None) -> str:
+def mode_noun(modes: str, mirror: SymmetryPlane | None) -> str:
     return modes + (" in the plane" if mirror is not None else "")
 
 
@@ -347,103 +360,3 @@ def _dense(fixed: FixedInterfaceModel, count: int) -> Modes:
     rigid = len(fixed.directions)
     omega2, W = eigh(0.5 * (K + K.T), 0.5 * (M + M.T), subset_by_index=[0, count + rigid - 1])
     return omega2[rigid:], fields @ W[:, rigid:]
-
-
-def free_modes(
-    fe: FEMatrices,
-    interfaces: tuple[ModelInterface, ...] = (),
-    modes: ModesLike | ModesOptions = 20,
-    progress: Progress = silent,
-    mirror: SymmetryPlane | None = None,
-    loads: tuple[LoadPattern, ...] = (),
-    residual: str = "none",
-) -> ReducedBasis:
-    """Six rigid motions and the lowest elastic modes of the free body.
-
-    Parameters
-    ----------
-    fe : FEMatrices
-        The model.
-    interfaces : tuple
-        None: this is for bodies without.
-    modes : int, mapping or ModesOptions
-        Elastic modes: so many, or all below ``{"frequency": f}`` [Hz].
-    progress : Progress
-        Called with the phases ``"order"``, ``"factor"`` and ``"modes"``.
-    mirror : SymmetryPlane, optional
-        Keep what is symmetric about its plane alone.
-    loads : tuple of LoadPattern
-        Loads of the body; those with ``residual`` add their static responses.
-
-    Raises
-    ------
-    ReductionError
-        More modes than the model has, or a share of interface mass, which needs interfaces.
-    """
-    selection = read_modes(modes)
-    if interfaces or selection.effective_mass is not None:
-        raise ReductionError("modes.effective_mass: the body has no interfaces; give a count")
-    whole = InertiaRelief(fe.M, fe.rigid)
-    static: list[Callable[[FloatArray], FloatArray]] = []
-
-    def inverse(f: FloatArray) -> FloatArray:
-        if not static:
-            static.append(relieved_inverse(fe, whole, progress))
-        return static[0](f)
-
-    omega2, V, rows = select_modes(
-        selection,
-        lambda count: lowest_free(fe, inverse, count, mirror, progress),
-        fe.numbering.n - 6,
-        _noun("elastic modes", mirror),
-    )
-    omega2, V = omega2[rows], V[:, rows]
-    directions = directions_of(mirror)
-    relief = InertiaRelief(fe.M, fe.rigid[:, directions])
-    V = relief.fields(V)
-    F = load_columns(fe, loads)
-    responses = deforming_responses(fe, relief.fields(inverse(F)), F) if F.shape[1] else F
-    inertia = inverse(inertia_loads(fe, mirror, rigid=False))
-    if residual == "inertia":
-        further = inertia_responses(fe, relief.fields(inertia), mirror)
-        responses = np.concatenate([responses, further], axis=1)
-    progress("modes", 1.0)
-    vectors, kind = residual_vectors(fe, responses, V), residual_kind(loads, residual)
-    return free_basis(fe, (), directions, (omega2, V), vectors, loads, inertia, kind)
-
-
-def relieved_inverse(
-    fe: FEMatrices, relief: InertiaRelief, progress: Progress
-) -> Callable[[FloatArray], FloatArray]:
-    """Deformation of the free body, about mean axes, under loads (n, ...): the pseudo-inverse."""
-    left = np.setdiff1d(np.arange(fe.numbering.n), statically_determinate(fe.rigid))
-    try:
-        inner = factor(fe.K[left][:, left], fe.dof_points[left], progress)
-    except SingularMatrix as error:
-        raise ReductionError(free_part(fe, left[error.dofs])) from error
-
-    def inverse(f: FloatArray) -> FloatArray:
-        u = np.zeros_like(f)
-        u[left] = inner.solve(relief.loads(f)[left])
-        return relief.fields(u)
-
-    return inverse
-
-
-def lowest_free(
-    fe: FEMatrices,
-    inverse: Callable[[FloatArray], FloatArray],
-    count: int,
-    mirror: SymmetryPlane | None,
-    progress: Progress,
-) -> Modes:
-    """At least ``count`` elastic modes of the free model, or all, unique in direction."""
-    n = fe.numbering.n
-
-    def lowest(number: int) -> Modes:
-        if n <= _DENSE or 2 * number + 12 >= n:
-            omega2, V = dense_modes(fe.K, fe.M, number + 6)
-            return omega2[6:], V[:, 6:]
-        return lowest_modes(fe.M, inverse, number, progress, inverse(start_vector(n)))
-
-    return _distinct_modes(fe, fe.M, lowest, count, n - 6, mirror)

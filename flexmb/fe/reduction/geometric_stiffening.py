@@ -23,7 +23,7 @@ from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
 from flexmb.fe.reduction.inertia_relief import InertiaRelief, centrifugal_fields
 from flexmb.flexbody.arrays import FloatArray, skew
 from flexmb.flexbody.body import FlexBody
-from flexmb.flexbody.parts import SYMMETRIC_PAIRS
+from flexmb.flexbody.static_response import SYMMETRIC_PAIRS
 from flexmb.progress import Progress, silent
 
 _ALL = tuple(range(6))  # motions of a body, and of an interface

@@ -29,9 +29,8 @@ from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.loads import LoadPattern
 from flexmb.fe.reduction.eigenmodes import Modes, SymmetryPlane
 from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
-from flexmb.fe.reduction.reduced_basis import ReducedBasis, ReducedModes
 from flexmb.flexbody.arrays import FloatArray, is_nonzero
-from flexmb.flexbody.parts import SYMMETRIC_PAIRS, InertiaResponse
+from flexmb.flexbody.static_response import SYMMETRIC_PAIRS
 
 Gradient = FloatArray
 
@@ -48,6 +47,11 @@ def centrifugal_fields(fe: FEMatrices) -> list[tuple[FloatArray, Gradient]]:
     return fields
 
 
+def acceleration_fields(fe: FEMatrices) -> FloatArray:
+    """(n, 12) the accelerations of all points per unit of a, α and the six centrifugal fields."""
+    return np.column_stack([fe.rigid, *(w for w, _ in centrifugal_fields(fe))])
+
+
 def inertia_loads(
     fe: FEMatrices, mirror: SymmetryPlane | None = None, rigid: bool = True
 ) -> FloatArray:
@@ -55,7 +59,8 @@ def inertia_loads(
 
     Of a planar reduction those that leave the plane are zero too.
     """
-    fields = np.column_stack([fe.rigid * float(rigid), *(w for w, _ in centrifugal_fields(fe))])
+    fields = acceleration_fields(fe)
+    fields[:, :6] *= float(rigid)
     if mirror is not None:
         fields[:, ~_is_in_plane(mirror.normal)] = 0.0
     F = np.asarray(fe.M @ fields)
@@ -74,20 +79,6 @@ def inertia_responses(
 ) -> FloatArray:
     """(n, r) those of the twelve responses that deform the body."""
     return deforming_responses(fe, responses, inertia_loads(fe, mirror))
-
-
-def inertia_response(
-    fe: FEMatrices, basis: ReducedBasis, elastic: ReducedModes
-) -> InertiaResponse | None:
-    """Energies of the static responses to inertia loads, and what the modes lack of them."""
-    X = basis.inertia
-    if X is None:
-        return None
-    KX = fe.K @ X
-    Y = X - elastic.Phi @ ((elastic.Phi.T @ KX) / elastic.omega2[:, None])
-    moved = InertiaRelief(fe.M, fe.rigid).fields(Y)
-    forms = (X.T @ KX, Y.T @ (fe.K @ Y), moved.T @ (fe.M @ moved))
-    return InertiaResponse(*(0.5 * (form + form.T) for form in forms))
 
 
 class InertiaRelief:
@@ -154,6 +145,12 @@ def residual_vectors(fe: FEMatrices, responses: FloatArray, V: FloatArray) -> Mo
     sigma, Q = eigh(0.5 * (mass + mass.T)) if rank else (np.zeros(0), np.zeros((0, 0)))
     sigma, Q = sigma[::-1], Q[:, ::-1]
     return 1.0 / sigma, Y @ (Q / np.sqrt(sigma))
+
+
+def with_residual_vectors(fe: FEMatrices, modes: Modes, responses: FloatArray) -> Modes:
+    """Modes and what static responses add to them."""
+    stiff, U = residual_vectors(fe, responses, modes[1])
+    return np.concatenate([modes[0], stiff]), np.concatenate([modes[1], U], axis=1)
 
 
 def fixed_interface_responses(

@@ -22,9 +22,10 @@ from flexmb.errors import FlexmbError, MeshError, Problem, ReductionError, neare
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.interfaces import ModelInterface
 from flexmb.fe.assembly.loads import LoadPattern
-from flexmb.fe.reduction.component_modes import craig_bampton, free_interface, free_modes, guyan
+from flexmb.fe.reduction.component_modes import craig_bampton, free_interface, guyan
 from flexmb.fe.reduction.eigenmodes import SymmetryPlane
 from flexmb.fe.reduction.fixed_interface import read_modes
+from flexmb.fe.reduction.free_body import free_modes
 from flexmb.fe.reduction.reduced_basis import ReducedBasis
 from flexmb.fe.reduction.user_modes import read_user_modes, user_modes
 from flexmb.fe.sections.section_tables import MaterialLike, resolve, sections_from
@@ -186,7 +187,7 @@ def check_options(
     return requested, ratios
 
 
-_METHOD = 6  # raise it whenever the same input gives another body
+_METHOD = 7  # raise it whenever the same input gives another body
 _DEFAULTS: dict[str, Any] = {
     "reduction": "craig-bampton",
     "mass_matrix": "consistent",
@@ -231,6 +232,7 @@ def reduction_key(
         "file": VERSION,
     }
     options["stress"] = stress_option(options.get("stress", True))
+    options.pop("load_points", None)  # they change nothing but what the body knows
     for key, value in options.items():
         if value is not None and value != {} and value != _DEFAULTS.get(key):
             content[key] = _plain(value)

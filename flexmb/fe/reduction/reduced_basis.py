@@ -55,6 +55,11 @@ class ReducedBasis:
         Loads the body shall know.
     inertia : (n, 12) float, optional
         Static responses of the full model to the body's own inertia loads.
+    without : (k,) and (n, k) float, optional
+        Squared frequencies and fields of all but constraint modes, without residual vectors of
+        inertia loads, where the basis has them.
+    omitted : (n, o) float, optional
+        The lowest modes that the basis leaves out.
     """
 
     basis: FloatArray
@@ -68,6 +73,8 @@ class ReducedBasis:
     directions: tuple[int, ...] = SPATIAL
     loads: tuple[LoadPattern, ...] = ()
     inertia: FloatArray | None = None
+    without: tuple[FloatArray, FloatArray] | None = None
+    omitted: FloatArray | None = None
 
     def columns(self, *kinds: str) -> FloatArray:
         """(k,) bool, which columns are of these kinds."""

@@ -171,6 +171,16 @@ def _hypot(a: Jet, b: Jet) -> Jet:
     return f, f1, (a[1] ** 2 + a[0] * a[2] + b[1] ** 2 + b[0] * b[2] - f1 * f1) * n
 
 
+def _lesser(a: Jet, b: Jet) -> Jet:
+    if a[0] == b[0]:
+        return a[0], 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
+    return b if b[0] < a[0] else a
+
+
+def _negative(a: Jet) -> Jet:
+    return -a[0], -a[1], -a[2]
+
+
 BINARY: dict[str, Callable[[Jet, Jet], Jet]] = {
     "+": lambda a, b: (a[0] + b[0], a[1] + b[1], a[2] + b[2]),
     "-": lambda a, b: (a[0] - b[0], a[1] - b[1], a[2] - b[2]),
@@ -179,10 +189,10 @@ BINARY: dict[str, Callable[[Jet, Jet], Jet]] = {
     "pow": _pow,
     "atan2": _atan2,
     "hypot": _hypot,
-    "min": lambda a, b: a if a[0] <= b[0] else b,
-    "max": lambda a, b: a if a[0] >= b[0] else b,
+    "min": _lesser,
+    "max": lambda a, b: _negative(_lesser(_negative(a), _negative(b))),
 }
-"""Functions of two  Where min or max are undecided (equal values) the first one counts."""
+"""Functions of two. Where min or max are undecided (equal values) their slope is the mean."""
 
 
 UNARY = {*CHAIN, "neg", "powc", "piecewise"}

@@ -29,6 +29,7 @@ from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.plane import planar_problems
 from flexmb.model.reading import GROUND, Spec
 from flexmb.model.scenes.effects import effect_problems
+from flexmb.model.scenes.supports import part_problems
 
 _SAME_TIME = 1e-12  # share of the run by which times that are the same may differ
 _WITH_MARKERS = ("joints", "drivers", "forces", "sensors")
@@ -43,13 +44,20 @@ def model_problems(
     problems = list(body_problems(scope))
     for section in ("joints", "couplers", "drivers", "forces", "sensors", "curves"):
         problems += _section_problems(scope, section)
-    for part in (_twice_driven, channel_problems, _assembly_problems, _channel_names):
+    for part in (
+        _twice_driven,
+        channel_problems,
+        _assembly_problems,
+        _channel_names,
+        view_problems,
+    ):
         problems += part(scope)
     problems += [
         *_study_problems(scope),
         *_frequency_problems(scope),
         *_mode_problems(scope),
         *_time_problems(model),
+        *part_problems(scope),
     ]
     problems += effect_problems(model)
     if not problems:  # what is in the plane is known of entries that hold together
@@ -105,6 +113,19 @@ def _channel_names(scope: Scope) -> Iterator[Problem]:
     for where, name in names:
         if name not in channels and name.partition(".")[0] not in broken:
             yield Problem(where, f'unknown channel "{name}"', channels, nearest(name, channels))
+
+
+def view_problems(scope: Scope) -> Iterator[Problem]:
+    """Bodies and markers that pictures name."""
+    view = scope.model.view
+    if view.follow is not None:
+        yield from scope.unknown("view.follow", "body", view.follow, "bodies")
+    for i, reference in enumerate(view.reference):
+        if reference != "mean-axes":
+            yield from scope.marker(f"view.reference[{i}]", reference)
+    if view.layer is not None and view.color not in ("von_mises", "principal", "strain_energy"):
+        what = f'the layer "{view.layer}" is of stress; give color = "von_mises" with it'
+        yield Problem("view.layer", what)
 
 
 def _study_problems(scope: Scope) -> Iterator[Problem]:

@@ -143,14 +143,15 @@ MOST_OUTPUTS = 10_000_000
 """Rows that a run records at most."""
 
 
+MOST_STEPS = 1e10
+"""Fixed steps of a run at most: hours of a small model."""
+
+
 def _outputs(value: Any, info: ValidationInfo) -> int | tuple[float, ...]:
     """The number of intervals, or times in SI that increase."""
     value = plain(value)
     if not isinstance(value, list | tuple):
-        number = Integer(1).read(value, info)
-        if number > MOST_OUTPUTS:
-            raise fail(Problem("", f"at most {MOST_OUTPUTS} are recorded, is {number}"))
-        return number
+        return Integer(1, MOST_OUTPUTS).read(value, info)
     if not value:
         raise fail(Problem("", "the list of output times is empty"))
     if len(value) > MOST_OUTPUTS:
@@ -230,6 +231,10 @@ class DynamicsSpec(Spec):
             raise fail(Problem("step", what))
         if self.step is not None and self.step > self.duration:
             what = f"must not exceed the duration {self.duration:g} s, is {self.step:g} s"
+            raise fail(Problem("step", what))
+        if self.step is not None and not self.duration <= MOST_STEPS * self.step:
+            least = f"{self.duration / MOST_STEPS:.3g} s"
+            what = f"at most {MOST_STEPS:.0e} steps are run: at least {least}, is {self.step:g} s"
             raise fail(Problem("step", what))
         return self
 
@@ -338,7 +343,9 @@ class ValiditySpec(Spec):
     ``deflection``, of points over the body's length, relative to its joints; ``rotation`` [rad] of
     points in the same sense; ``speed`` over the lowest natural frequency as joined, of bodies that
     are not stiffened by it; ``inertia_loads``, the share of the response to a body's own inertia
-    that its modes lack; ``load_factor``, of the loads over those that buckle it. A run warns before
+    that its modes lack; ``node_loads``, the same of the response to loads beside its interfaces;
+    ``truncation``, the share of its deformation with which a mode that was left out would vibrate;
+    ``load_factor``, of the loads over those that buckle it. A run warns before
     it stops. ``"any"`` takes a bound away.
     """
 
@@ -346,6 +353,8 @@ class ValiditySpec(Spec):
     rotation: _Bound = 1.0
     speed: _Bound = 1.0
     inertia_loads: _Bound = 0.5
+    node_loads: _Bound = 0.5
+    truncation: _Bound = 0.5
     load_factor: _Bound = 1.0
 
 

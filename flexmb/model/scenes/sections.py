@@ -8,9 +8,11 @@ known answers stand here themselves.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from flexmb.errors import Problem
+from pydantic import StrictBool, ValidationInfo
+
+from flexmb.errors import Problem, nearest
 from flexmb.model.control import PidSpec, StateSpec, TransferFunctionSpec
 from flexmb.model.forces.bushing import BeamForceSpec, BushingSpec
 from flexmb.model.forces.contact import ContactSpec
@@ -34,17 +36,22 @@ from flexmb.model.joints.joint import JointSpec
 from flexmb.model.lookup import Component
 from flexmb.model.markers import MarkerSpec
 from flexmb.model.mesh_body import body_kind
-from flexmb.model.quantities import Axis, Integer, Measured, Quantity, Text, WordOr
+from flexmb.model.quantities import Axis, Integer, Measured, Quantity, Text, WordOr, plain
 from flexmb.model.reading import (
     GROUND,
     ReadContext,
+    Reader,
     Spec,
     bad_name,
+    choice,
+    fail,
+    list_form,
     quote,
     read_entry,
     read_variant,
     under,
 )
+from flexmb.model.scenes.supports import PartCheckSpec
 from flexmb.model.sensor import SENSOR_TYPES
 
 
@@ -62,19 +69,73 @@ class ResultsSpec(Spec):
 
 
 _PIXELS = Integer(64)  # smaller pictures show nothing
+CAMERAS = ("auto", "front", "back", "left", "right", "top", "bottom", "isometric")
+
+
+def _names(value: Any, info: ValidationInfo) -> tuple[str, ...]:
+    """One name, or a list of them."""
+    value = plain(value)
+    names = [value] if isinstance(value, str) else value
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise fail(Problem("", f"a name or a list of names is expected, given {quote(value)}"))
+    return tuple(names)
+
+
+def _cameras(value: Any, info: ValidationInfo) -> tuple[str, ...]:
+    names = _names(value, info)
+    for name in names or ("none",):
+        if name not in CAMERAS:
+            what = f"unknown camera {quote(name)}"
+            raise fail(Problem("", what, CAMERAS, nearest(name, CAMERAS)))
+    return names
+
+
+_Names = Annotated[
+    tuple[str, ...],
+    Reader(_names, form={"anyOf": [{"type": "string"}, list_form({"type": "string"})]}),
+]
+_Cameras = Annotated[
+    tuple[str, ...], Reader(_cameras, form={"anyOf": [choice(CAMERAS), list_form(choice(CAMERAS))]})
+]
+_Share = Annotated[float, Quantity(limits=(0, 1))]
+_Factor = Annotated[float, Quantity("", "positive")]
 
 
 class ViewSpec(Spec):
-    """Picture and plot of a run.
+    """Pictures and films of a run, and its plot.
 
-    ``time`` of the picture, default the end; ``exaggeration`` of the deformation, ``"auto"``
-    chooses a round factor; ``direction`` from the scene towards the eye, default along the joint
-    axes; ``history`` the channels of the plot, default all; ``size`` in pixels.
+    ``time`` of the picture, default the end. Flexible bodies: ``color`` by displacement, von Mises
+    or principal stress or strain energy per volume, or ``"body"``, each its own; ``layer`` of the
+    stress, default the largest of all; ``exaggeration`` of the deformation, ``"auto"`` chooses a
+    round factor; ``reference``: markers that it is relative to, such as ``"rod.big_end"``, default
+    the first that joins each body, or ``"mean-axes"``; ``outline``: the undeformed bodies.
+    ``camera``: one or several standard views; ``direction`` from the scene towards the eye in its
+    place, default along the joint axes from where bodies hide each other least; ``framing`` of the
+    whole motion, of this moment, or ``"auto"``: of the motion unless the machine is small in it;
+    ``follow`` a body; ``zoom``. ``labels``: names; ``forces``: arrows of loads and reactions;
+    ``frames`` of markers that are joined; ``grid`` on the ground. ``opacity`` of bodies,
+    ``font_scale``, ``size`` in pixels; ``history`` the channels of the plot, default all.
     """
 
     time: Annotated[float, Quantity("s", "not negative")] | None = None
+    color: Literal["displacement", "von_mises", "principal", "strain_energy", "body"] = (
+        "displacement"
+    )
+    layer: Text | None = None
     exaggeration: Annotated[float | str, WordOr("auto", "a factor", "", "not negative")] = "auto"
+    reference: _Names = ()
+    outline: StrictBool = True
+    camera: _Cameras = ("auto",)
     direction: Axis | None = None
+    framing: Literal["auto", "motion", "moment"] = "auto"
+    follow: Text | None = None
+    zoom: _Factor = 1.0
+    labels: Literal["none", "bodies", "joints", "all"] = "none"
+    forces: Literal["none", "loads", "reactions", "all"] = "none"
+    frames: StrictBool = False
+    grid: Literal["auto", "on", "off"] = "auto"
+    opacity: _Share = 1.0
+    font_scale: _Factor = 1.0
     history: tuple[Text, ...] = ()
     size: tuple[Annotated[int, _PIXELS], Annotated[int, _PIXELS]] = (1280, 720)
 
@@ -125,6 +186,7 @@ CHECK_LISTS: dict[type[Spec], str] = {
     CheckSpec: "checks",
     FrequencyCheckSpec: "frequency_checks",
     ModeCheckSpec: "mode_checks",
+    PartCheckSpec: "part_checks",
 }
 """What a ``[[check]]`` may be, and where a model has those of each kind."""
 
@@ -133,6 +195,8 @@ def check_kind(fields: Mapping[str, Any]) -> type[Spec]:
     """Which of them a table is."""
     if "linear_mode" in fields:
         return ModeCheckSpec
+    if "part" in fields:
+        return PartCheckSpec
     return FrequencyCheckSpec if "body" in fields else CheckSpec
 
 

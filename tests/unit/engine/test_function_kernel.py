@@ -70,6 +70,22 @@ def test_kernel_agrees_with_jets(table, k):
         np.testing.assert_allclose(found, wanted, rtol=LAST_DIGITS, atol=1e-15)
 
 
+@pytest.mark.parametrize(
+    ("text", "slope", "curvature"),
+    [("min(t, 1 - t)", 0, 0), ("max(t, 2*t - 0.5)", 1.5, 0), ("max(4*t*t, 1)", 2, 4),
+     ("min(t, t)", 1, 0), ("max(0.5 - t, 0)", -0.5, 0)],
+)  # fmt: skip
+def test_at_a_tie_the_derivative_is_the_mean_of_both_sides(text, slope, curvature):
+    """At t = 1/2, where a difference quotient over both sides tends to the mean as well."""
+    function = parse(text)
+    table = lower([function])
+    jet = evaluated(table, 0, 0.5, np.zeros((1, 3)), stack_for(table))
+    h = 2.0**-20
+    quotient = (function.value(0.5 + h)[0] - function.value(0.5 - h)[0]) / (2 * h)
+    assert jet[1:] == (slope, curvature) == function.value(0.5)[1:]
+    assert jet[1] == pytest.approx(quotient, abs=1e-5)
+
+
 def test_every_operation_is_exercised(table):
     assert set(table.ops) == {*OPCODES.values(), VAR}
 

@@ -19,7 +19,7 @@ from flexmb.fe import (
     resolve,
 )
 from flexmb.fe.meshes.mesh_shapes import plate
-from flexmb.fe.reduction.component_modes import free_modes
+from flexmb.fe.reduction.free_body import free_modes
 from flexmb.fe.sections.shell_section import shell
 
 STEEL = resolve("steel")

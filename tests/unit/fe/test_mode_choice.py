@@ -21,8 +21,8 @@ from flexmb.fe import (
     resolve,
     user_modes,
 )
-from flexmb.fe.reduction.component_modes import free_modes
 from flexmb.fe.reduction.eigenmodes import make_symmetry_plane
+from flexmb.fe.reduction.free_body import free_modes
 
 STEEL = resolve("steel")
 

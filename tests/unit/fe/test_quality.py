@@ -24,8 +24,8 @@ from flexmb.fe import (
     report_text,
     resolve,
 )
-from flexmb.fe.reduction.component_modes import free_modes
 from flexmb.fe.reduction.eigenmodes import make_symmetry_plane
+from flexmb.fe.reduction.free_body import free_modes
 from flexmb.progress import Stopwatch
 
 STEEL = resolve("steel")

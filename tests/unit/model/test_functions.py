@@ -47,7 +47,7 @@ FORMS = [
 
 
 @pytest.mark.parametrize(("given", "formula"), FORMS)
-@pytest.mark.parametrize("t", [0.0, 0.7, 3.0])
+@pytest.mark.parametrize("t", [0.0, 0.7, 3.1])
 def test_forms_are_their_formula(given, formula, t):
     function = read_function(given, {"speed": 2.0}, "rad")
     assert function.value(t) == pytest.approx(read_function(formula).value(t), rel=1e-13, abs=1e-13)

@@ -12,8 +12,11 @@ from resultfiles import writer
 from flexmb.errors import BodyFileError, ResultFileError, ViewError
 from flexmb.flexbody import rigid_body, save
 from flexmb.results import Result
-from flexmb.view.content import Mechanism, Scale
-from flexmb.view.picture import compose, round_exaggeration
+from flexmb.view.content import Content, Scale
+from flexmb.view.drawing import Drawing, round_exaggeration
+from flexmb.view.joint_shapes import slide_range
+from flexmb.view.mechanism import Mechanism
+from flexmb.view.picture import view_of
 
 
 @pytest.fixture(scope="module")
@@ -24,6 +27,10 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def mechanism(path: Path) -> Mechanism:
     return Mechanism(Result(path))
+
+
+def compose(mechanism: Mechanism, **words) -> Content:
+    return Drawing(mechanism, view_of(mechanism, words)).content()
 
 
 @pytest.mark.parametrize(
@@ -62,7 +69,8 @@ def test_the_content_says_time_title_and_exaggeration(mechanism: Mechanism) -> N
     content = compose(mechanism)
     assert content.title == "Slider-crank with a flexible connecting rod"
     assert content.caption.startswith("t = 0.0133 s, deformation exaggerated 500 times")
-    assert {solid.name for solid in content.solids} == {"crank", "slider", "ground"}
+    shown = {solid.name for solid in content.solids}
+    assert shown == {"crank", "slider", "ground", *mechanism.model.joints}
     assert [body.name for body in content.deformed] == ["rod"]
     assert content.scale.unit == "µm"
     assert "to scale" in compose(mechanism, exaggeration=1.0).caption
@@ -79,12 +87,12 @@ def test_a_planar_mechanism_is_seen_along_its_axes_from_above(mechanism: Mechani
 
 
 def test_a_direction_without_length_is_refused(mechanism: Mechanism) -> None:
-    with pytest.raises(ViewError, match="has no length"):
+    with pytest.raises(ViewError, match="vector of length zero"):
         compose(mechanism, direction=(0.0, 0.0, 0.0))
 
 
 def test_the_rail_spans_the_way_of_the_slider(mechanism: Mechanism) -> None:
-    low, high = mechanism.travel("slider.origin", np.array([1.0, 0, 0]))
+    low, high = slide_range(mechanism, "guide", mechanism.model.joints["guide"])
     assert high == pytest.approx(slidercrank.R + slidercrank.L, rel=1e-6)
     assert low == pytest.approx(slidercrank.L - slidercrank.R, rel=1e-2)
 

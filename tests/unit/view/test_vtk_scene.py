@@ -7,17 +7,24 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from flexmb.view import vtk_renderer
-from flexmb.view.content import Camera, Content, Deformed, Scale, Solid
+from flexmb.view.camera import Camera
+from flexmb.view.content import Content, Deformed, Scale, Solid
 from flexmb.view.shapes import box, sphere
 from flexmb.view.vtk_scene import rigid_motion
 
 SIZE = (320, 180)
+BALL, BAR = sphere(0.05), box((1.0, 0.2, 0.1))
+
+
+def _at(k: int, at: float) -> np.ndarray:
+    place = np.eye(4)
+    place[:3, 3] = [0.3 * k + at, 0.1 * k, 0.2 * k]
+    return place
 
 
 def _content(angle: float, bend: float, balls: int = 1, at: float = 0.0) -> Content:
-    turned = box((1.0, 0.2, 0.1)).moved(
-        (0.3, 0.0, 0.0), Rotation.from_euler("z", angle).as_matrix()
-    )
+    turned = _at(0, at + 0.3)
+    turned[:3, :3] = Rotation.from_euler("z", angle).as_matrix()
     plate = box((0.8, 0.4, 0.1))
     moved = plate.points + np.array([-0.8, 0.0, bend]) * (1.0 + plate.points[:, :1])
     amount = np.linalg.norm(moved - plate.points, axis=1)
@@ -35,10 +42,11 @@ def _content(angle: float, bend: float, balls: int = 1, at: float = 0.0) -> Cont
     return Content(
         title="a scene",
         caption=f"angle {angle:.2f}",
-        solids=(Solid("bar", turned.moved([at, 0, 0], np.eye(3)), "#c04020"),),
+        solids=(
+            Solid("bar", BAR, "#c04020", matrix=turned),
+            *(Solid("ball", BALL, "#e07b24", matrix=_at(k, at)) for k in range(balls)),
+        ),
         deformed=(body,),
-        joints=np.arange(3.0 * balls).reshape(-1, 3) * 0.1 + [at, 0, 0],
-        joint_radius=0.05,
         scale=Scale(2.0, 1.0, "m"),
         camera=Camera((0.36, 0.48, 0.8), (0.0, 1.0, 0.0)),
     )

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from flexmb.flexbody import FlexBody
+from flexmb.flexbody import FlexBody, load
 from flexmb.model import Model
 from flexmb.workflow import flexible_bodies
 
@@ -27,3 +28,54 @@ def test_bodies_whose_names_differ_in_case_only_have_files_of_their_own(tmp_path
     assert "con.flexbody.h5" not in names
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
     assert [body.mass for body in bodies.values()] == [1.0, 2.0, 3.0, 4.0, 5.0]
+
+
+def _disc(angle: str, duration: float = 0.01) -> Model:
+    """A disc of shells that a driver turns about its axis."""
+    model = Model("disc")
+    mesh = {"type": "disk", "radius": 0.4, "inner": 0.1, "divisions": [4, 16]}
+    model.add_body(
+        "disc", mesh=mesh, material="steel", modes=4, interfaces={"hub": "inner"},
+        sections={"all": {"type": "shell", "thickness": 0.01}},
+    )  # fmt: skip
+    model.add_joint("bearing", "revolute", between=["ground", "disc.hub"], axis="z")
+    model.add_driver("motor", joint="bearing", angle=angle)
+    model.set_dynamics(duration=duration)
+    return model
+
+
+@pytest.mark.parametrize(
+    ("angle", "duration", "residual"),
+    [("300*t", 0.001, "inertia"), ("300*t*t/0.02", 0.005, "inertia"), ("0.01*t", 2000.0, "none")],
+    ids=["a twentieth of a turn", "an eighth of a turn, from rest", "three slow turns"],
+)
+def test_static_responses_to_inertia_join_by_speed_and_not_by_angle(
+    angle, duration, residual, tmp_path
+) -> None:
+    """The disc grows by 300² ρ r³/8E, 2e-5 of its radius, or by 2e-14 of it."""
+    model = _disc(angle, duration)
+    bodies, files, _ = flexible_bodies(model, tmp_path)
+    assert bodies["disc"].provenance["residual"] == residual
+    before = files["disc"].stat().st_mtime_ns
+    _, _, notes = flexible_bodies(model, tmp_path)
+    assert files["disc"].stat().st_mtime_ns == before
+    assert "reduction reused" in notes[0]
+    # another speed changes the modes where they do not answer it, whatever is there already
+    other = "0.01*t" if residual == "inertia" else "300*t"
+    flexible_bodies(_disc(other, duration), tmp_path)
+    assert load(files["disc"]).provenance["residual"] != residual
+
+
+def test_an_arm_whose_bending_modes_answer_its_rotation_needs_none(tmp_path) -> None:
+    """Turned by a quarter within a second it bends a thousand times more than it stretches."""
+    model = Model("arm")
+    model.add_body(
+        "arm", mesh={"type": "beam", "length": 1.0}, material="steel", modes=8,
+        interfaces={"root": "start"},
+        sections={"all": {"type": "rectangle", "y": 0.02, "z": 0.02}},
+    )  # fmt: skip
+    model.add_joint("hub", "revolute", between=["ground", "arm.root"], axis="z")
+    model.add_driver("motor", joint="hub", angle="step(t, 0, 0, 1, 1.57)")
+    model.set_dynamics(duration=1.0)
+    bodies, _, _ = flexible_bodies(model, tmp_path)
+    assert bodies["arm"].provenance["residual"] == "none"

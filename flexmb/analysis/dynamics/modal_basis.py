@@ -1,0 +1,350 @@
+"""What the modes of a body cannot answer along a run: its own inertia, loads at nodes, vibrations.
+
+In: rows of a run, in order. Out: indicators. A body that turns and accelerates loads itself; forces
+beside its interfaces load it at mesh nodes. The share of its static response that its modes lack is
+the strain energy of that share over all of it (:mod:`flexmb.flexbody.static_response`), its root,
+since stress and displacement go with it. What moves less than a tenth of a millionth of the body's
+length is not worth a word. The motion is that of the frame of the body's joints: vibrations move
+the mean axes too, but load a body otherwise. Compared are the largest values of the run so far.
+
+The lowest modes that were left out are integrated beside the run, as oscillators that its
+accelerations and its loads drive, exactly for forces that are linear between rows (Biggs,
+Introduction to Structural Dynamics, 1964, ch. 2). What they do beyond following these forces is
+what truncation leaves out: near their frequency, it resonates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from flexmb.analysis.dynamics.linear_elasticity import (
+    JoinedFrame,
+    flexible_columns,
+    in_body_axes,
+    joined_frame,
+)
+from flexmb.analysis.monitors import Indicator
+from flexmb.engine import initial_conditions
+from flexmb.engine.compile import Compiled
+from flexmb.engine.tables import BodyColumns
+from flexmb.engine.units import call
+from flexmb.engine.work import new_run, new_state, new_work
+from flexmb.flexbody import FlexBody, InertiaResponse, LoadResponse
+from flexmb.flexbody.static_response import LARGEST_SHARE, LEAST_MOTION
+from flexmb.model.loaded_nodes import loads_beside_interfaces
+from flexmb.model.model import Model
+from flexmb.results import OutputBlock
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_WINDOW = 3  # rows in each of which as much must be missing: no jolt, no vibration
+_SETTLED = 0.1  # share of a run before which little can be said of the whole of it
+_RESOLVED = 1.0  # rad of a mode between two rows up to which they tell how it is driven
+_BLOCK = 50.0  # decades of e within one sum
+_DAMPING = 0.01  # ratio of the modes that are left out: they forget how a run began
+
+
+@dataclass(frozen=True, eq=False)
+class _Watched:
+    """A body, the frame of its joints, and what it knows of the answers that it lacks."""
+
+    columns: BodyColumns
+    body: FlexBody
+    frame: JoinedFrame
+    markers: Indices  # of the engine, where loads act at nodes
+    places: Indices  # first of six columns of each in the loads that the body knows; -1: not known
+    least: float  # kg m^2 of displacement that matters
+    coupling: Array  # (o, m) force on omitted modes by accelerations of eta, beside the frame
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self.columns.name
+
+
+INERTIA, LOADS, TRUNCATION = range(3)
+
+
+class ModalBasisMonitor:
+    """What the modes of each body lack: of the response to inertia, to loads, and modes.
+
+    Parameters
+    ----------
+    compiled, model : Compiled, Model
+        What is run.
+    is_motion : bool
+        Whether the rows are a motion, and not equilibria of their own.
+    """
+
+    def __init__(self, compiled: Compiled, model: Model, is_motion: bool = True) -> None:
+        self._units, self._window = model.units, _WINDOW if is_motion else 1
+        self._gravity = np.array(model.gravity or (0.0, 0.0, 0.0))
+        self._paths: dict[str, str] = {}
+        for path, owner, _ in loads_beside_interfaces(model):
+            paths = self._paths.get(owner, "").split(", ")
+            self._paths[owner] = ", ".join(dict.fromkeys(filter(None, (*paths, path))))
+        self._bodies = [
+            _watched(compiled, columns, body, model, columns.name in self._paths)
+            for columns, body in flexible_columns(compiled)
+        ]
+        n = len(self._bodies)
+        self._whole = np.zeros(n)  # largest strain energy so far, of the responses too, twice
+        self._last = np.zeros((2, self._window - 1, n))  # what was missing in the last rows
+        self._largest = np.zeros((3, 3, n))  # what was missing most, its time, a number beside it
+        self._now, self._begin = np.zeros(1), np.full(1, np.nan)
+        whole = model.dynamics.duration if model.dynamics and is_motion else 0.0
+        self._settled = _SETTLED * whole
+        self._oscillators = [_Oscillators(one.body) for one in self._bodies]
+        most = max((len(one.omega) for one in self._oscillators), default=0)
+        self._vibration = np.full((n, most, 5), np.nan)  # of omitted modes
+        self._unknown = np.zeros(n)  # largest force at a node without answers
+        self._compiled, self._work = compiled, None
+        if any(len(one.markers) for one in self._bodies):
+            self._work = new_state(compiled.system), new_work(compiled.system)
+
+    def add(self, rows: OutputBlock) -> None:
+        """Take the next rows."""
+        self._begin[:] = np.where(np.isnan(self._begin), rows.t[0], self._begin)
+        self._now[:] = rows.t[-1]
+        loads = self._node_loads(rows)
+        for k, one in enumerate(self._bodies):
+            eta = rows.q[:, one.columns.iq + 7 : one.columns.iq + 7 + one.columns.m]
+            self._whole[k] = max(
+                self._whole[k], np.einsum("ti,ij,tj->t", eta, one.body.K, eta).max()
+            )
+            c, omega = _accelerations(rows, one, self._gravity)
+            if one.body.inertia_response is not None:
+                speed = np.linalg.norm(omega, axis=1)
+                self._compare(INERTIA, k, rows.t, one.body.inertia_response, c, speed)
+            if one.body.load_response is not None:
+                size = np.abs(loads[k]).max(axis=1, initial=0.0)
+                self._compare(LOADS, k, rows.t, one.body.load_response, loads[k], size)
+            if one.body.omitted_modes is not None:
+                self._vibrate(k, rows, c, loads[k])
+
+    def _compare(
+        self, what: int, k: int, t: Array, response: InertiaResponse | LoadResponse, c: Array,
+        beside: Array,
+    ) -> None:  # fmt: skip
+        """Take what is missing of a response to loads c (t, columns)."""
+        full, missing, motion = (
+            np.einsum("ti,ij,tj->t", c, form, c).clip(0.0)
+            for form in (response.energy, response.missing, response.motion)
+        )
+        self._whole[k] = max(self._whole[k], full.max())
+        missing = np.where(motion > self._bodies[k].least, missing, 0.0)
+        last = self._last[what, :, k]
+        missing = np.concatenate([last, missing])
+        last[:] = missing[len(missing) - len(last) :]
+        missing = sliding_window_view(missing, self._window).min(axis=1)
+        row = int(missing.argmax())
+        if missing[row] > self._largest[what, 0, k]:
+            self._largest[what, :, k] = missing[row], t[row], beside[row]
+
+    def _vibrate(self, k: int, rows: OutputBlock, c: Array, loads: Array) -> None:
+        """Integrate the omitted modes of a body, and take what they do beyond following loads."""
+        one, omitted = self._bodies[k], self._bodies[k].body.omitted_modes
+        assert omitted is not None
+        first = one.columns.iv + 6
+        further = rows.vd[:, first : first + one.columns.m]
+        force = c @ omitted.inertia.T + further @ one.coupling.T
+        if loads.shape[1] == omitted.loads.shape[1]:
+            force = force + loads @ omitted.loads.T
+        oscillators = self._oscillators[k]
+        beyond = oscillators.integrate(rows.t, force, self._vibration[k, : len(oscillators.omega)])
+        energy = (oscillators.omega * beyond) ** 2
+        row, mode = np.unravel_index(int(energy.argmax()), energy.shape)
+        if energy[row, mode] > self._largest[TRUNCATION, 0, k] and (
+            beyond[row, mode] ** 2 > one.least
+        ):
+            frequency = omitted.frequency[mode]
+            self._largest[TRUNCATION, :, k] = energy[row, mode], rows.t[row], frequency
+
+    def _node_loads(self, rows: OutputBlock) -> list[Array]:
+        """By body the forces and moments (t, 6 r) at its nodes, in its axes."""
+        loads = []
+        for one in self._bodies:
+            response = one.body.load_response
+            count = 0 if response is None else 6 * len(response.nodes)
+            loads.append(np.zeros((len(rows.t), count)))
+        if self._work is None:
+            return loads
+        state, work = self._work
+        run = new_run(self._compiled.system, state, work)
+        for row in range(len(rows.t)):
+            state.t[0] = rows.t[row]
+            for name in ("q", "v", "vd", "lam"):
+                getattr(state, name)[:] = getattr(rows, name)[row]
+            call(initial_conditions.solve_stage, run, initial_conditions.RESIDUAL)
+            now = work.now.marker
+            for k, one in enumerate(self._bodies):
+                if not len(one.markers):
+                    continue
+                p = rows.q[row, one.columns.iq + 3 : one.columns.iq + 7]
+                W = now["W"][one.markers].reshape(-1, 3)
+                W = in_body_axes(np.tile(p, (len(W), 1)), W).reshape(-1, 6)
+                W[:, 3:] += np.cross(now["arm"][one.markers], W[:, :3])
+                for at, w in zip(one.places, W, strict=True):
+                    if at >= 0:
+                        loads[k][row, at : at + 6] += w
+                    else:
+                        self._unknown[k] = max(self._unknown[k], np.abs(w).max())
+        return loads
+
+    def indicators(self) -> Iterator[Indicator]:
+        """The shares of each body."""
+        early = self._now[0] - self._begin[0] < self._settled
+        words = ("inertia_loads", "node_loads", "truncation")
+        for k, one in enumerate(self._bodies):
+            for what, texts in enumerate((self._inertia, self._load, self._truncation)):
+                missing, t, beside = self._largest[what, :, k]
+                share = 0.0 if early or not missing else float(np.sqrt(missing / self._whole[k]))
+                text = partial(texts, one, share, t, beside)
+                yield Indicator(one.name, words[what], share, t, LARGEST_SHARE, text)
+
+    def notes(self) -> Iterator[str]:
+        """Bodies of which it is not known what they lack under the loads of the run."""
+        for k, one in enumerate(self._bodies):
+            if self._unknown[k] > 0.0:
+                what = self._paths.get(one.name, "a load")
+                yield (
+                    f"bodies.{one.name}: {what} acts beside its interfaces, and its file does not "
+                    "tell whether its modes answer that: name the point as an interface, or reduce "
+                    "it again with that node among its load_points"
+                )
+
+    def _inertia(self, one: _Watched, share: float, t: float, speed: float) -> str:
+        cure = 'reduce it with residual = "inertia"'
+        if one.body.provenance.get("reduction") == "user":
+            cure = "add the static responses to it to your modes, or take another reduction"
+        return (
+            f"bodies.{one.name}: its modes lack {100 * min(share, 1.0):.3g} % of the response to "
+            f"its own inertia at t = {self._units.say(t, 's', 4)}, where it turns with "
+            f"{self._units.say(speed, 'rad/s', 3)}: stress and growth are too small; {cure}"
+        )
+
+    def _load(self, one: _Watched, share: float, t: float, _: float) -> str:
+        what = self._paths.get(one.name)
+        place = f"of {what}, which acts beside its interfaces"
+        cure = "name the point as an interface, or give the body a force there among its loads"
+        if what is None or one.body.provenance.get("reduction") == "user":
+            place = "of its joints and forces" if what is None else f"of {what}"
+            cure = "add the static responses to it to your modes, or take another reduction"
+        return (
+            f"bodies.{one.name}: its modes lack {100 * min(share, 1.0):.3g} % of the response to "
+            f"the load {place}, at t = {self._units.say(t, 's', 4)}: the deflection there is too "
+            f"small by about {100 * min(share, 1.0) ** 2:.3g} %, stress by more; {cure}"
+        )
+
+    def _truncation(self, one: _Watched, share: float, t: float, hertz: float) -> str:
+        return (
+            f"bodies.{one.name}: a mode of {self._units.say(hertz, 'Hz', 3)} that it does not have "
+            f"would vibrate with {100 * share:.2g} % of its deformation at t = "
+            f"{self._units.say(t, 's', 4)}: its motion or loads come near that frequency; reduce "
+            "it with more modes"
+        )
+
+
+def _watched(
+    compiled: Compiled, columns: BodyColumns, body: FlexBody, model: Model, loaded: bool
+) -> _Watched:
+    frame = joined_frame(body, columns.name, model)
+    response, omitted, m = body.load_response, body.omitted_modes, columns.m
+    markers, places = [], []
+    parts = compiled.system.parts
+    number = int(np.flatnonzero(parts.bodies["iv"] == columns.iv)[0])
+    nodes = [] if response is None else response.nodes.tolist()
+    mine = np.flatnonzero((parts.markers["body"] == number) & (parts.markers["modes"] >= 0))
+    for k in mine if loaded or min(nodes, default=0) < 0 else ():
+        rho, at = parts.markers["rho"][k], parts.markers["modes"][k]
+        node = _carrier(body, rho, parts.pool[at : at + 3 * m].reshape(3, m))
+        if node in nodes or node >= 0:
+            markers.append(int(k))
+            places.append(6 * nodes.index(node) if node in nodes else -1)
+    coupling = np.zeros((0, m))
+    if omitted is not None:
+        rigid = np.vstack([frame.at(body.center[None])[0], frame.turn])
+        coupling = omitted.modes - omitted.inertia[:, :6] @ rigid
+    return _Watched(
+        columns, body, frame, np.array(markers, np.int64), np.array(places, np.int64),
+        (LEAST_MOTION * body.characteristic_length) ** 2 * body.mass, coupling,
+    )  # fmt: skip
+
+
+def _carrier(body: FlexBody, rho: Array, Phi_t: Array) -> int:
+    """The mesh node that carries a marker, or -1 - i of interface number i."""
+    for i, part in enumerate(body.interfaces):
+        if np.array_equal(part.position, rho) and np.array_equal(part.Phi_t, Phi_t):
+            return -1 - i
+    assert body.nodes is not None
+    return int(body.nodes.ids[((body.nodes.position - rho) ** 2).sum(axis=1).argmin()])
+
+
+def _accelerations(rows: OutputBlock, one: _Watched, gravity: Array) -> tuple[Array, Array]:
+    """The twelve numbers (t, 12) of the frame of a body's joints, and its angular velocity."""
+    iq, iv, m, frame = one.columns.iq, one.columns.iv, one.columns.m, one.frame
+    center = one.body.center
+    rate, further = rows.v[:, iv + 6 : iv + 6 + m], rows.vd[:, iv + 6 : iv + 6 + m]
+    alpha = rows.vd[:, iv + 3 : iv + 6] + further @ frame.turn.T
+    omega = rows.v[:, iv + 3 : iv + 6] + rate @ frame.turn.T
+    a = in_body_axes(rows.q[:, iq + 3 : iq + 7], rows.vd[:, iv : iv + 3] - gravity)
+    a = a + np.cross(rows.vd[:, iv + 3 : iv + 6], center)
+    a = a + np.cross(omega, np.cross(omega, center))
+    a = a + further @ frame.at(center[None])[0].T
+    return InertiaResponse.factors(a, alpha, omega), omega
+
+
+class _Oscillators:
+    """ÿ + 2ζω ẏ + ω² y = force of the modes that a body does not have."""
+
+    def __init__(self, body: FlexBody) -> None:
+        omitted = body.omitted_modes
+        self.omega = np.zeros(0) if omitted is None else 2.0 * np.pi * omitted.frequency
+
+    def integrate(self, t: Array, force: Array, state: Array) -> Array:
+        """(t, o) motion beyond force/ω², exactly for forces linear between rows.
+
+        With x that motion, z = ẋ + ζωx + iω_d x turns and decays, and each bend of the force kicks
+        it. Rows too far apart to tell how a mode is driven give no motion.
+
+        Parameters
+        ----------
+        t : (t,) array
+            Times.
+        force : (t, o) array
+            There.
+        state : (o, 5) array
+            z, the slope of force/ω², force and time of the row before; moved on. NaN: none yet.
+        """
+        beyond = np.zeros((len(t), len(self.omega)))
+        for k, w in enumerate(self.omega):
+            decay = complex(-_DAMPING * w, w * np.sqrt(1.0 - _DAMPING**2))
+            begins = np.isnan(state[k, 4])
+            time = t if begins else np.append(state[k, 4], t)
+            follow = force[:, k] / w**2 if begins else np.append(state[k, 3], force[:, k] / w**2)
+            h = np.diff(time)
+            slopes = np.diff(follow) / np.maximum(h, 1e-300)
+            slopes = np.append(slopes[:1] if begins else state[k, 2], slopes)
+            kicks = np.where(h > 0.0, -np.diff(slopes), 0.0)
+            z = np.empty(len(time), complex)
+            z[0] = 0.0 if begins else complex(*state[k, :2])
+            block = max(1, int(_BLOCK / max(_DAMPING * w * h.max(initial=0.0), 1e-300)))
+            for first in range(0, len(h), block):
+                part = slice(first, first + block)
+                since = time[first + 1 : first + 1 + block] - time[first]
+                back = np.exp(-decay * (time[part][: len(since)] - time[first]))
+                z[first + 1 : first + 1 + block] = np.exp(decay * since) * (
+                    z[first] + np.cumsum(kicks[part] * back)
+                )
+            resolved = np.append(begins, w * h < _RESOLVED)[-len(t) :]
+            beyond[:, k] = np.where(resolved, z.imag[-len(t) :] / decay.imag, 0.0)
+            slope = slopes[-1] if len(slopes) else np.nan
+            state[k] = z[-1].real, z[-1].imag, slope, follow[-1], time[-1]
+        return beyond

@@ -1,0 +1,153 @@
+"""Reduction of a body without interfaces: its own free modes.
+
+K is singular: it is solved with six statically determinate degrees of freedom fixed and the loads
+relieved of their resultant, the pseudo-inverse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from flexmb.errors import ReductionError
+from flexmb.fe.assembly.assemble import FEMatrices
+from flexmb.fe.assembly.interfaces import ModelInterface
+from flexmb.fe.assembly.loads import LoadPattern
+from flexmb.fe.linear_solver import SingularMatrix, factor
+from flexmb.fe.reduction.component_modes import (
+    DENSE,
+    distinct_modes,
+    free_basis,
+    mode_noun,
+    omitted_modes_of,
+)
+from flexmb.fe.reduction.eigenmodes import (
+    Modes,
+    SymmetryPlane,
+    dense_modes,
+    lowest_modes,
+    start_vector,
+)
+from flexmb.fe.reduction.fixed_interface import (
+    ModesLike,
+    read_modes,
+    select_modes,
+    statically_determinate,
+)
+from flexmb.fe.reduction.inertia_relief import (
+    InertiaRelief,
+    deforming_responses,
+    inertia_loads,
+    inertia_responses,
+    load_columns,
+    residual_kind,
+    residual_vectors,
+    with_residual_vectors,
+)
+from flexmb.fe.reduction.reduced_basis import ReducedBasis, directions_of, free_part
+from flexmb.flexbody.arrays import FloatArray
+from flexmb.flexbody.mesh_options import ModesOptions
+from flexmb.progress import Progress, silent
+
+
+def free_modes(
+    fe: FEMatrices,
+    interfaces: tuple[ModelInterface, ...] = (),
+    modes: ModesLike | ModesOptions = 20,
+    progress: Progress = silent,
+    mirror: SymmetryPlane | None = None,
+    loads: tuple[LoadPattern, ...] = (),
+    residual: str = "none",
+) -> ReducedBasis:
+    """Six rigid motions and the lowest elastic modes of the free body.
+
+    Parameters
+    ----------
+    fe : FEMatrices
+        The model.
+    interfaces : tuple
+        None: this is for bodies without.
+    modes : int, mapping or ModesOptions
+        Elastic modes: so many, or all below ``{"frequency": f}`` [Hz].
+    progress : Progress
+        Called with the phases ``"order"``, ``"factor"`` and ``"modes"``.
+    mirror : SymmetryPlane, optional
+        Keep what is symmetric about its plane alone.
+    loads : tuple of LoadPattern
+        Loads of the body; those with ``residual`` add their static responses.
+
+    Raises
+    ------
+    ReductionError
+        More modes than the model has, or a share of interface mass, which needs interfaces.
+    """
+    selection = read_modes(modes)
+    if interfaces or selection.effective_mass is not None:
+        raise ReductionError("modes.effective_mass: the body has no interfaces; give a count")
+    whole = InertiaRelief(fe.M, fe.rigid)
+    static: list[Callable[[FloatArray], FloatArray]] = []
+
+    def inverse(f: FloatArray) -> FloatArray:
+        if not static:
+            static.append(relieved_inverse(fe, whole, progress))
+        return static[0](f)
+
+    omega2, V, rows = select_modes(
+        selection,
+        lambda count: lowest_free(fe, inverse, count, mirror, progress),
+        fe.numbering.n - 6,
+        mode_noun("elastic modes", mirror),
+    )
+    omega2, V, omitted = omega2[rows], V[:, rows], omitted_modes_of(V, rows)
+    directions = directions_of(mirror)
+    relief = InertiaRelief(fe.M, fe.rigid[:, directions])
+    V, omitted = relief.fields(V), relief.fields(omitted)
+    F = load_columns(fe, loads)
+    responses = deforming_responses(fe, relief.fields(inverse(F)), F) if F.shape[1] else F
+    inertia, without = inverse(inertia_loads(fe, mirror, rigid=False)), None
+    if residual == "inertia":
+        without = with_residual_vectors(fe, (omega2, V), responses)
+        further = inertia_responses(fe, relief.fields(inertia), mirror)
+        responses = np.concatenate([responses, further], axis=1)
+    progress("modes", 1.0)
+    answers = inertia, without, omitted
+    vectors, kind = residual_vectors(fe, responses, V), residual_kind(loads, residual)
+    return free_basis(fe, (), directions, (omega2, V), vectors, loads, answers, kind)
+
+
+def relieved_inverse(
+    fe: FEMatrices, relief: InertiaRelief, progress: Progress
+) -> Callable[[FloatArray], FloatArray]:
+    """Deformation of the free body, about mean axes, under loads (n, ...): the pseudo-inverse."""
+    left = np.setdiff1d(np.arange(fe.numbering.n), statically_determinate(fe.rigid))
+    try:
+        inner = factor(fe.K[left][:, left], fe.dof_points[left], progress)
+    except SingularMatrix as error:
+        raise ReductionError(free_part(fe, left[error.dofs])) from error
+
+    def inverse(f: FloatArray) -> FloatArray:
+        u = np.zeros_like(f)
+        u[left] = inner.solve(relief.loads(f)[left])
+        return relief.fields(u)
+
+    return inverse
+
+
+def lowest_free(
+    fe: FEMatrices,
+    inverse: Callable[[FloatArray], FloatArray],
+    count: int,
+    mirror: SymmetryPlane | None,
+    progress: Progress,
+) -> Modes:
+    """At least ``count`` elastic modes of the free model, or all, unique in direction."""
+    n = fe.numbering.n
+
+    def lowest(number: int) -> Modes:
+        if n <= DENSE or 2 * number + 12 >= n:
+            omega2, V = dense_modes(fe.K, fe.M, number + 6)
+            return omega2[6:], V[:, 6:]
+        return lowest_modes(fe.M, inverse, number, progress, inverse(start_vector(n)))
+
+    return distinct_modes(fe, fe.M, lowest, count, n - 6, mirror)

@@ -1,0 +1,188 @@
+"""What the modes of a body lack of the full model's answers, for those who judge a run by it.
+
+Static responses of the full model to the body's own inertia loads and to loads at mesh nodes, as
+quadratic forms over the sizes of these loads: all of their strain energy, and that which the modes
+do not have. And the lowest modes that the basis leaves out, as oscillators which the motion and the
+loads of the body drive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexmb.errors import Problem, ReductionError
+from flexmb.flexbody.arrays import Checker, FloatArray, IntArray
+from flexmb.flexbody.parts import NodeModes
+
+SYMMETRIC_PAIRS = tuple((a, b) for a in range(3) for b in range(a, 3))
+"""Axes of the six centrifugal fields: xx, xy, xz, yy, yz, zz."""
+
+
+LARGEST_SHARE = 0.1
+"""Share of a response, by the root of its strain energy, that modes may lack without a word."""
+LEAST_MOTION = 1e-7
+"""Displacement over the body's length: what moves less does not matter."""
+_FELT = 1e-3  # share of the energy under the same motion about another axis: less is left out
+
+
+@dataclass(frozen=True, eq=False)
+class InertiaResponse:
+    """Static responses of the full model to the body's own inertia loads, interfaces held.
+
+    Forms over twelve numbers c that describe the acceleration of all its points, in body axes: of
+    the centre of mass less gravity, a [m/s^2], angular, α [1/s^2], and of G = sym(ω̃²) the entries
+    xx, 2 xy, 2 xz, yy, 2 yz, zz [1/s^2].
+
+    Parameters
+    ----------
+    energy : (12, 12) float
+        Twice the strain energy of the full response is c^T energy c [J].
+    missing : (12, 12) float
+        The same of what the modes of the body lack.
+    motion : (12, 12) float
+        c^T motion c is the mass times mean square displacement of that [kg m^2].
+    missing_without, motion_without : (12, 12) float, optional
+        The same of the modes without the static responses to these loads, where they have them.
+    """
+
+    energy: FloatArray
+    missing: FloatArray
+    motion: FloatArray
+    missing_without: FloatArray | None = None
+    motion_without: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        check = Checker("inertia response")
+        for name, form in tuple(vars(self).items()):
+            if form is not None:
+                object.__setattr__(self, name, check.floats(name, form, (12, 12)))
+        check.raise_problems()
+
+    def needs_residuals(self, c: FloatArray, length: float, mass: float) -> bool:
+        """Whether modes alone, without static responses to inertia, do not answer motions (t, 12).
+
+        They lack a tenth of the response, and what they lack can be felt.
+        """
+        missing, motion = self.missing, self.motion
+        if self.missing_without is not None and self.motion_without is not None:
+            missing, motion = self.missing_without, self.motion_without
+        full, lacks, moves = (
+            np.einsum("ti,ij,tj->t", c, form, c) for form in (self.energy, missing, motion)
+        )
+        felt = moves > (LEAST_MOTION * length) ** 2 * mass
+        return bool(np.where(felt, lacks, 0.0).max() > LARGEST_SHARE**2 * full.max())
+
+    @staticmethod
+    def factors(a: FloatArray, alpha: FloatArray, omega: FloatArray) -> FloatArray:
+        """(t, 12) the numbers c of motions: a, alpha and omega (t, 3) in body axes."""
+        square = np.sum(omega**2, axis=1)
+        G = [omega[:, i] * omega[:, j] - (i == j) * square for i, j in SYMMETRIC_PAIRS]
+        twice = [value * (2 - (i == j)) for value, (i, j) in zip(G, SYMMETRIC_PAIRS, strict=True)]
+        return np.column_stack([a, alpha, *twice])
+
+    @property
+    def missing_shares(self) -> dict[str, float]:
+        """Share of the strain energy that the modes lack, by motion; without those hardly felt."""
+        none, axes = np.zeros((3, 3)), np.eye(3)
+        motions = {
+            "acceleration along": self.factors(axes, none, none),
+            "angular acceleration about": self.factors(none, axes, none),
+            "spin about": self.factors(none, none, axes),
+        }
+        shares = {}
+        for motion, c in motions.items():
+            full, missing = (np.einsum("ti,ij,tj->t", c, A, c) for A in (self.energy, self.missing))
+            for axis in np.flatnonzero(full > _FELT * full.max()):
+                shares[f"{motion} {'xyz'[axis]}"] = float(max(missing[axis] / full[axis], 0.0))
+        return shares
+
+
+@dataclass(frozen=True, eq=False)
+class LoadResponse:
+    """Static responses of the full model to unit forces and moments at r mesh nodes.
+
+    With the interfaces held; of user's own modes, and without interfaces, of the free body less the
+    inertia of the acceleration. Forms over 6 r numbers c: force [N] and moment [N m] at each node,
+    body axes.
+
+    Parameters
+    ----------
+    nodes : (r,) int
+        The nodes.
+    energy, missing, motion : (6 r, 6 r) float
+        As of :class:`InertiaResponse`.
+    """
+
+    nodes: IntArray
+    energy: FloatArray
+    missing: FloatArray
+    motion: FloatArray
+
+    def __post_init__(self) -> None:
+        check = Checker("load response")
+        object.__setattr__(self, "nodes", check.integers("nodes", self.nodes, (None,)))
+        n = 6 * len(self.nodes)
+        for name in ("energy", "missing", "motion"):
+            form = check.floats(name, getattr(self, name), (n, n))
+            object.__setattr__(self, name, form)
+        check.raise_problems()
+
+
+@dataclass(frozen=True, eq=False)
+class OmittedModes:
+    """The lowest o modes that the basis leaves out, less what it has of them, of unit modal mass.
+
+    Each is an oscillator, ÿ + ω² y = force, which the acceleration of the body and the loads at its
+    mesh nodes drive. Loads at interfaces do not: their static response is in the basis.
+
+    Parameters
+    ----------
+    frequency : (o,) float
+        ω/2π [Hz].
+    inertia : (o, 12) float
+        Force per unit of the twelve numbers of :class:`InertiaResponse`.
+    modes : (o, m) float
+        Force per unit acceleration of the modal coordinates.
+    loads : (o, l) float
+        Force per unit of the 6 r loads of :class:`LoadResponse`; none where there is none.
+    """
+
+    frequency: FloatArray
+    inertia: FloatArray
+    modes: FloatArray
+    loads: FloatArray
+
+    def __post_init__(self) -> None:
+        check = Checker("omitted modes")
+        shapes = {"frequency": (None,), "inertia": (None, 12), "modes": (None, None)}
+        for name, shape in {**shapes, "loads": (None, None)}.items():
+            object.__setattr__(self, name, check.floats(name, getattr(self, name), shape))
+        check.raise_problems()
+
+
+def load_nodes(modes: NodeModes | None, points: Sequence[int | Sequence[float]]) -> list[int]:
+    """The mesh nodes that points are, or that are nearest to them.
+
+    Raises
+    ------
+    ReductionError
+        A node that is not of the body.
+    """
+    if modes is None:
+        return []
+    nodes: list[int] = []
+    for point in points:
+        if isinstance(point, int | np.integer):
+            node = int(point)
+            if modes.row(node) < 0:
+                what = f"the body has no node {node}"
+                raise ReductionError.from_problems([Problem("load_points", what)])
+        else:
+            away = np.sum((modes.position - np.array(point)) ** 2, axis=1)
+            node = int(modes.ids[np.argmin(away)])
+        if node not in nodes:
+            nodes.append(node)
+    return nodes

@@ -1,0 +1,288 @@
+"""The shapes of rigid bodies and of ground.
+
+A body without a shape is drawn as sticks between the markers that joints and forces use and a lump
+at its centre of mass; one with a shape has sticks to joints outside it. A cam is a plate, an open
+curve a wire, a roller a disk, a flat a pad. Ground is a bearing bracket behind what turns on it and
+a hatched wall where something is clamped.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.model.body import RigidBodySpec
+from flexmb.model.joints.curve import curve_shape
+from flexmb.model.joints.joint import JointSpec
+from flexmb.model.lookup import joint_frames
+from flexmb.model.reading import GROUND as GROUND_NAME
+from flexmb.model.reading import split_reference
+from flexmb.view.camera import Camera
+from flexmb.view.mechanism import Mechanism, applied
+from flexmb.view.part import GROUND, Part, at_rest, on_body
+from flexmb.view.shapes import (
+    Triangles,
+    axes_along,
+    box,
+    cylinder,
+    extrusion,
+    joined,
+    sphere,
+    tube,
+    unit,
+    wire,
+)
+
+Array = NDArray[np.float64]
+
+_CURVE_POINTS = 90
+_GRID = 0.1  # spacing of the grid as a share of what is seen
+_TURNING = ("revolute", "cylindrical", "screw")  # joints whose axis a bracket holds
+_HATCH = 6  # strokes of a hatched wall
+# as shares of the mechanism's size
+_LINK = 0.012  # radius of a link
+_LUMP = 0.022  # radius of a centre of mass
+_LARGEST_LUMP = 0.1  # edge of a box of the body's inertia, above which a ball stands for it
+_CAM, _WIRE, _FLAT = 0.06, 0.006, 0.16  # thickness, radius, edge
+
+
+def body_parts(mechanism: Mechanism, name: str, size: float, color: str) -> Iterator[Part]:
+    """What a body shows where it is no flexible surface."""
+    shape = body_shape(mechanism, name, size)
+    if shape is not None:
+        yield Part(name, shape, color, on_body(name))
+
+
+def body_shape(mechanism: Mechanism, name: str, size: float) -> Triangles | None:
+    """The body's own shape with links to joints outside it, or links and a lump; its curves."""
+    shape = own_shape(mechanism, name)
+    points = [mechanism.marker(reference).position for reference in mechanism.used_markers(name)]
+    points = _distinct(points, size)
+    curves = curve_shapes(mechanism, name, size)
+    center = _center(mechanism, name)
+    if shape is not None:
+        reach = float(np.linalg.norm(shape.points - center, axis=1).max())
+        outside = [point for point in points if np.linalg.norm(point - center) > reach]
+        return joined([*curves, shape, *(tube(center, point, _LINK * size) for point in outside)])
+    if curves and len(points) < 2:
+        return joined(curves)
+    flexible = mechanism.model.bodies[name].flexible and bool(len(mechanism.pose(name).eta))
+    lump = [] if flexible else [_lump(mechanism, name, size)]
+    if not points and not lump:
+        return None
+    return joined([*curves, *_links(points, center, size, bool(lump)), *lump])
+
+
+def own_shape(mechanism: Mechanism, name: str) -> Triangles | None:
+    """The shape that the scene gives a body, in its axes."""
+    spec = getattr(mechanism.model.bodies[name], "shape", None)
+    if spec is None:
+        return None
+    center = _center(mechanism, name)
+    if spec.type == "box":
+        return box(spec.size).moved(center)
+    if spec.type == "cylinder":
+        return cylinder(spec.radius, spec.length, np.eye(3)["xyz".index(spec.axis)]).moved(center)
+    if spec.type == "sphere":
+        return sphere(spec.radius, center)
+    return None
+
+
+def curve_shapes(mechanism: Mechanism, body: str, size: float) -> list[Triangles]:
+    """What joints on curves give a body to show, in its axes: its curves, rollers and flats."""
+    shapes = []
+    for name, joint in mechanism.model.joints.items():
+        if not joint.curves:
+            continue
+        frames = joint_frames(mechanism.model, name, mechanism.flexbodies)
+        for side, (reference, marker) in enumerate(zip(joint.between, frames, strict=True)):
+            if split_reference(reference)[0] == body:
+                shape = _side_shape(mechanism, joint, side, size)
+                if shape is not None:
+                    shapes.append(shape.moved(marker.position, marker.R))
+    return shapes
+
+
+def ground_parts(mechanism: Mechanism, size: float, r: float, camera: Camera) -> Iterator[Part]:
+    """Curves on ground, and what holds the markers of ground in which something is joined."""
+    curves = curve_shapes(mechanism, GROUND_NAME, size)
+    if curves:
+        yield Part(GROUND_NAME, joined(curves), GROUND, at_rest, "ground")
+    model, done = mechanism.model, list[Array]()
+    forces: dict[str, Any] = {**model.forces}
+    holders = [(n, s.between, s.type) for n, s in model.joints.items() if not s.curves]
+    holders += [(n, s.between, "distance") for n, s in model.drivers.items() if s.between]
+    holders += [(n, s.between, s.type) for n, s in forces.items()
+                if getattr(s, "between", None) and s.type != "contact"]  # fmt: skip
+    for name, ends, kind in holders:
+        for side, reference in enumerate(ends):
+            if split_reference(reference)[0] != GROUND_NAME or kind in (
+                "prismatic",
+                "planar",
+                "in-plane",
+            ):
+                continue
+            point = mechanism.point(reference)
+            if any(np.linalg.norm(point - other) < 0.5 * r for other in done):
+                continue
+            done.append(point)
+            axis = _bracket_axis(mechanism, name, reference, ends, side, kind)
+            shape = _support(point, axis, kind, r, camera)
+            yield Part(GROUND_NAME, shape, GROUND, at_rest, "ground")
+
+
+def _bracket_axis(
+    mechanism: Mechanism, name: str, reference: str, ends: tuple[str, str], side: int, kind: str
+) -> Array:
+    """The axis (3,) of a hinge on ground, or the line of what is joined there."""
+    if name in mechanism.joint_axes and kind in _TURNING:
+        axes = mechanism.marker_frame(reference)[:3, :3] @ mechanism.joint_axes[name][side]
+        return np.asarray(axes[:, 2])
+    other = ends[1 - side]
+    line = mechanism.point(other) - mechanism.point(reference)
+    if np.linalg.norm(line) < 1e-9:
+        body = split_reference(other)[0]
+        center = applied(mechanism.frame(body), _center(mechanism, body)[None])[0]
+        line = center - mechanism.point(reference)
+    return unit(line)
+
+
+def _support(point: Array, axis: Array, kind: str, r: float, camera: Camera) -> Triangles:
+    """A bracket on a hatched base, away from the eye; a hatched wall behind a clamp."""
+    up, towards = np.array(camera.up), np.array(camera.direction)
+    if kind in _TURNING:
+        facing = float(axis @ towards)
+        if abs(facing) > 0.5:  # seen along the axis: a triangle behind the pin
+            axis = axis if facing > 0 else -axis
+            down = -unit(up - (up @ axis) * axis)
+            axes = np.column_stack([np.cross(-down, axis), -down, axis])
+            outline = r * np.array(
+                [[-2.2, -3.4], [2.2, -3.4], [1.15, 0.3], [0.6, 1.0], [-0.6, 1.0], [-1.15, 0.3]]
+            )
+            plate = extrusion(outline, 0.5 * r)
+            return joined([plate, _hatched(r).moved((0, -3.4 * r, 0))]).moved(
+                point - 2.4 * r * axis, axes
+            )
+        axis = axis if axis @ up >= 0 else -axis
+    elif kind in ("fixed", "bushing", "beam"):
+        return _hatched(1.5 * r).moved(point - 1.3 * r * axis, _wall_axes(axis, towards))
+    else:
+        axis = np.sign(axis @ up) * up if abs(axis @ up) > 0.3 else axis
+    post = tube((0, 0, -3.0 * r), (0, 0, -1.2 * r), 1.3 * r, 0.9 * r).along(axis, point)
+    return joined([post, _hatched(r).moved(point - 3.0 * r * axis, _wall_axes(axis, towards))])
+
+
+def _wall_axes(normal: Array, towards: Array) -> Array:
+    """Axes whose y is the normal and whose x lies across the picture."""
+    across = np.cross(normal, towards)
+    x = unit(across) if np.linalg.norm(across) > 1e-3 else axes_along(normal)[:, 0]
+    return np.column_stack([x, normal, np.cross(x, normal)])
+
+
+def _hatched(r: float) -> Triangles:
+    """A wall across y, hatched below."""
+    wall = box((6.4 * r, 0.35 * r, 2.2 * r)).moved((0, -0.17 * r, 0))
+    x = np.linspace(-2.4, 3.0, _HATCH) * r
+    strokes = [tube((a, -0.2 * r, 1.0 * r), (a - 0.9 * r, -1.2 * r, 1.0 * r), 0.12 * r) for a in x]
+    return joined([wall, *strokes])
+
+
+def _center(mechanism: Mechanism, name: str) -> Array:
+    """The centre of mass in body axes (3,)."""
+    if name in mechanism.flexbodies:
+        return mechanism.flexbodies[name].center
+    spec = mechanism.model.bodies[name]
+    return np.array(spec.center) if isinstance(spec, RigidBodySpec) else np.zeros(3)
+
+
+def _lump(mechanism: Mechanism, name: str, size: float) -> Triangles:
+    """The box of the body's inertia at its centre of mass where it is legible, else a ball."""
+    center, spec = _center(mechanism, name), mechanism.model.bodies[name]
+    if isinstance(spec, RigidBodySpec):
+        properties = spec.mass_properties
+        moments, axes = np.linalg.eigh(properties.inertia)
+        squares = 6.0 / properties.mass * (moments.sum() - 2 * moments)
+        edges = np.sqrt(np.maximum(squares, 0.0))
+        if 2 * _LUMP * size < edges.max() <= _LARGEST_LUMP * size:
+            axes[:, 2] *= np.sign(np.linalg.det(axes))
+            return box(np.maximum(edges, 0.01 * size)).moved(center, axes)
+    return sphere(_LUMP * size, center)
+
+
+def _side_shape(mechanism: Mechanism, joint: JointSpec, side: int, size: float) -> Triangles | None:
+    """The shape of one side of a joint on curves in the axes of its marker."""
+    thick = _CAM * size
+    if side < len(joint.curves):
+        shape = curve_shape(mechanism.model, joint.curves[side])
+        points = shape.points[:: max(1, len(shape.samples) // _CURVE_POINTS)]
+        if shape.closed and shape.in_plane and joint.type not in ("pin-in-slot", "point-on-curve"):
+            return extrusion(points[:-1], thick)
+        return wire(points, _WIRE * size)
+    if joint.radius is not None:
+        return cylinder(joint.radius, 1.2 * thick)
+    if joint.type == "cam-flat":
+        return box((_FLAT * size, _FLAT * size, 0.1 * thick)).moved((0, 0, -0.05 * thick))
+    if joint.type == "cam-knife":
+        return cylinder(0.004 * size, 1.2 * thick)
+    if joint.type == "pin-in-slot":
+        return cylinder(0.016 * size, 0.05 * size)
+    return sphere(0.018 * size)
+
+
+def _links(points: list[Array], center: Array, size: float, lump: bool) -> list[Triangles]:
+    """Rods between all of up to three points, else from their middle to each; one to the lump."""
+    r, n = _LINK * size, len(points)
+    middle = np.mean(points, axis=0) if points else center
+    pairs = [(points[i], points[j]) for i in range(n) for j in range(i + 1, n)]
+    if n > 3:
+        pairs = [(middle, point) for point in points]
+    if lump and n:
+        feet = [_foot(center, a, b) for a, b in pairs] or points
+        foot = min(feet, key=lambda point: float(np.linalg.norm(center - point)))
+        if np.linalg.norm(center - foot) > r:
+            pairs.append((center, foot))
+    return [*(tube(a, b, r) for a, b in pairs), *(sphere(1.25 * r, point) for point in points)]
+
+
+def _foot(point: Array, a: Array, b: Array) -> Array:
+    """The place on the line between two points that is nearest to another one."""
+    line = b - a
+    share = float(np.clip((point - a) @ line / max(float(line @ line), 1e-300), 0.0, 1.0))
+    return np.asarray(a + share * line)
+
+
+def _distinct(points: list[Array], size: float) -> list[Array]:
+    distinct: list[Array] = []
+    for point in points:
+        if all(np.linalg.norm(point - other) > 1e-6 * size for other in distinct):
+            distinct.append(point)
+    return distinct
+
+
+def ground_grid(corners: Array, up: Array, towards: Array) -> Part:
+    """A square grid below points (n, 3), as it is seen from a direction."""
+    across = unit(np.cross(up, towards))
+    ahead = np.cross(across, up)
+    low, high = (corners @ up).min(), corners @ np.column_stack([across, ahead])
+    middle, span = 0.5 * (high.min(axis=0) + high.max(axis=0)), np.ptp(high, axis=0)
+    step = _round_step(_GRID * float(max(span.max(), np.ptp(corners @ up))))
+    cells = np.ceil(0.5 * span / step + 1).astype(int)
+    first = np.round(middle / step) * step
+    lines: list[Array] = []
+    for k, (a, b) in enumerate(((across, ahead), (ahead, across))):
+        reach = cells[1 - k] * step
+        for i in range(-cells[k], cells[k] + 1):
+            start = first[0] * across + first[1] * ahead + i * step * a + low * up
+            lines += [start - reach * b, start + reach * b]
+    ends = np.arange(len(lines)).reshape(-1, 2)
+    shape = Triangles(np.array(lines), ends[:, [0, 1, 1]])  # lines are triangles without area
+    return Part("grid", shape, "#d5d8de", at_rest, "grid")
+
+
+def _round_step(length: float) -> float:
+    power = 10.0 ** math.floor(math.log10(max(length, 1e-300)))
+    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= length * (1 + 1e-9))

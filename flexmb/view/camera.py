@@ -1,0 +1,218 @@
+"""From where a mechanism or a body is seen.
+
+A mechanism is seen along its joint axes if they are parallel, slightly from above; up is against
+gravity where there is any, else z, else (for a mechanism seen nearly along z) y. Of the sides that
+remain the one is taken from which the bodies hide each other least, over the whole motion. A body
+alone is seen from aside and above z, or lengthwise above its thinnest extent if slender.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.errors import ViewError
+from flexmb.model.scenes.sections import CAMERAS
+from flexmb.view.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+
+_ABOVE, _ASIDE = 0.32, 0.22  # slopes by which the eye leaves the joint axis
+_STEEP = 0.8  # cosine to the eye's direction above which an axis is not taken as upright
+_PARALLEL = 0.999  # cosine above which two directions count as one
+_SLENDER = 2.0  # times its next extent from which a body lies lengthwise
+_SPATIAL = np.array([0.45, 0.42, 0.79])  # aside, above, towards, where no plane is preferred
+_CELLS = 60  # of a coarse picture, along its longer side, that shows what hides what
+_GAINS = (0.0, 0.06, 0.8, 0.86)  # what each side must show more than the first: back is last
+
+# aside, above and towards the eye, where up is above and the front towards
+STANDARD: Final = {
+    "front": (0.0, 0.0, 1.0),
+    "back": (0.0, 0.0, -1.0),
+    "right": (1.0, 0.0, 0.0),
+    "left": (-1.0, 0.0, 0.0),
+    "top": (0.0, 1.0, 0.0),
+    "bottom": (0.0, -1.0, 0.0),
+    "isometric": (0.6, 0.55, 0.7),
+}
+
+
+@dataclass(frozen=True)
+class Camera:
+    """From where the scene is seen, in global axes."""
+
+    direction: tuple[float, float, float]  # from the scene towards the eye, unit length
+    up: tuple[float, float, float]
+
+    @property
+    def axes(self) -> Array:
+        """Rows (3, 3): right, above and towards the eye in the picture."""
+        towards = np.array(self.direction)
+        right = np.cross(self.up, towards)
+        right /= np.linalg.norm(right)
+        return np.stack([right, np.cross(towards, right), towards])
+
+
+def mechanism_camera(
+    mechanism: Mechanism,
+    name: str = "auto",
+    direction: Sequence[float] | None = None,
+    parts: Sequence[Sequence[Array]] = (),
+) -> Camera:
+    """The camera of a name, for a direction from the scene towards the eye, or by the joint axes.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        What is seen.
+    name : str
+        One of ``CAMERAS``.
+    direction : three floats, optional
+        Towards the eye, in place of a name.
+    parts : sequence of sequence of (n, 3) float
+        Points on each body at some times: the automatic camera looks from where they hide each
+        other least.
+
+    Raises
+    ------
+    ViewError
+        The direction has no length, or there is no camera of that name.
+    """
+    if direction is not None:
+        towards = _unit_direction(direction)
+        return _camera(towards, _up(mechanism, towards))
+    if name not in CAMERAS:
+        raise ViewError.unknown_name("camera", name, CAMERAS)
+    normal = common_axis(mechanism)
+    up = _up(mechanism, normal)
+    if name != "auto":
+        front = _front(up) if normal is None else _facing(normal, up)
+        frame = np.stack([np.cross(up, front), up, front], axis=1)
+        towards = frame @ np.array(STANDARD[name])
+        above = float(towards @ up)  # from above and below, x still grows to the right
+        return _camera(towards, -np.sign(above) * front if abs(above) > _PARALLEL else up)
+    if normal is None:
+        front = _front(up)
+        frame = np.stack([np.cross(up, front), up, front], axis=1)
+        sides = [(a, b) for b in (1, -1) for a in (1, -1)]
+        views = [_camera(frame @ (_SPATIAL * (a, 1, b)), up) for a, b in sides]
+    else:
+        front = _facing(normal, up)
+        right = np.cross(up, front)
+        around = [(front, right), (front, -right), (-front, -right), (-front, right)]
+        views = [_camera(n + _ABOVE * up + _ASIDE * r, up) for n, r in around]
+    return _clearest(views, parts)
+
+
+def body_camera(points: Array, direction: tuple[float, float, float] | None) -> Camera:
+    """The camera for a body alone, points (n, 3), in its own axes.
+
+    Raises
+    ------
+    ViewError
+        The direction has no length.
+    """
+    if direction is not None:
+        towards = _unit_direction(direction)
+        ups = (np.eye(3)[axis] for axis in (2, 1))
+        return _camera(towards, next(up for up in ups if abs(up @ towards) < _PARALLEL))
+    extent = np.ptp(points, axis=0)
+    right = int(np.argmax(extent))
+    if extent[right] < _SLENDER * np.sort(extent)[1]:
+        return _camera(np.array([1.0, -1.0, 1.0]) * _SPATIAL[[0, 2, 1]], np.eye(3)[2])
+    others = [axis for axis in (2, 1, 0) if axis != right]  # of equal ones z is up
+    up = min(others, key=lambda axis: extent[axis])
+    aside, above = np.eye(3)[right], np.eye(3)[up]
+    frame = np.stack([aside, above, np.cross(aside, above)], axis=1)
+    return _camera(frame @ _SPATIAL, above)
+
+
+def visible_shares(camera: Camera, parts: Sequence[Array]) -> Array:
+    """Share of each part's points (n, 3) in front of which no other part lies."""
+    flat = [np.asarray(points) @ camera.axes.T for points in parts]
+    everything = np.vstack(flat)
+    low, size = everything.min(axis=0), np.ptp(everything, axis=0)
+    cell = max(size[0], size[1], 1e-300) / _CELLS
+    columns = int(size[0] / cell) + 1
+    cells = [
+        ((points[:, 1] - low[1]) / cell).astype(int) * columns
+        + ((points[:, 0] - low[0]) / cell).astype(int)
+        for points in flat
+    ]
+    front = np.full((len(parts), columns * (int(size[1] / cell) + 1)), -np.inf)
+    for k, (points, where) in enumerate(zip(flat, cells, strict=True)):
+        np.maximum.at(front[k], where, points[:, 2])
+    shares = np.empty(len(parts))
+    for k, (points, where) in enumerate(zip(flat, cells, strict=True)):
+        others = np.delete(front, k, axis=0).max(axis=0, initial=-np.inf)
+        shares[k] = np.mean(points[:, 2] >= others[where] - cell)
+    return shares
+
+
+def _clearest(views: list[Camera], parts: Sequence[Sequence[Array]]) -> Camera:
+    """The view whose worst hidden part is seen best; the first of those that are alike."""
+    best, score = views[0], -np.inf
+    for view, gain in zip(views, _GAINS, strict=True):
+        shares = [visible_shares(view, moment) for moment in parts if len(moment) > 1]
+        worst = float(np.mean([s.min() + s.mean() for s in shares])) if shares else 0.0
+        if worst - gain > score:
+            best, score = view, worst - gain
+    return best
+
+
+def _unit_direction(direction: Sequence[float]) -> Array:
+    towards = np.array(direction, dtype=float)
+    length = float(np.linalg.norm(towards))
+    if not (np.isfinite(length) and length > 0):
+        raise ViewError(f"the direction {tuple(direction)} has no length")
+    return np.asarray(towards / length)
+
+
+def _front(up: Array) -> Array:
+    """The side that is in front where no joint axis says so."""
+    front = np.array([0.0, -1.0, 0.0] if abs(up[1]) < _PARALLEL else [0.0, 0.0, 1.0])
+    front -= (front @ up) * up
+    return np.asarray(front / np.linalg.norm(front))
+
+
+def _facing(normal: Array, up: Array) -> Array:
+    """Across the plane of a mechanism so that axes grow to the right, and at right angles to up."""
+    front = normal - (normal @ up) * up
+    front = front / np.linalg.norm(front)
+    right = np.cross(up, front)
+    return np.asarray(-front if right[int(np.argmax(np.abs(right)))] < 0 else front)
+
+
+def common_axis(mechanism: Mechanism) -> Array | None:
+    """The direction that all turning joints share; None if they share none."""
+    turning = [
+        mechanism.joint_axis(name)
+        for name, spec in mechanism.model.joints.items()
+        if spec.type in ("revolute", "cylindrical")
+    ]
+    if not turning or any(abs(axis @ turning[0]) < _PARALLEL for axis in turning):
+        return None
+    return turning[0]
+
+
+def _up(mechanism: Mechanism, towards: Array | None) -> Array:
+    candidates = [np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])]
+    gravity = mechanism.model.gravity
+    if gravity is not None and np.linalg.norm(gravity) > 0:
+        candidates.insert(0, -np.array(gravity) / np.linalg.norm(gravity))
+    if towards is None:
+        return candidates[0]
+    steep = [_PARALLEL] * (len(candidates) - 3) + [_STEEP] * 3
+    fitting = (abs(up @ towards) < limit for up, limit in zip(candidates, steep, strict=True))
+    return next(up for up, fits in zip(candidates, fitting, strict=True) if fits)
+
+
+def _camera(towards: Array, up: Array) -> Camera:
+    t = towards / np.linalg.norm(towards)
+    return Camera(
+        (float(t[0]), float(t[1]), float(t[2])), (float(up[0]), float(up[1]), float(up[2]))
+    )

@@ -1,0 +1,436 @@
+"""A drawing of a run: its parts, made once, and what they show at any time.
+
+In: a :class:`Mechanism` and the words of a ``[view]``. Out: :class:`Content` of a time, for a
+picture one, for a film many with the same scales, glyphs and framing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.model.reading import GROUND, split_reference
+from flexmb.model.scenes.sections import ViewSpec
+from flexmb.view.body_shapes import body_parts, ground_grid, ground_parts, own_shape
+from flexmb.view.camera import Camera, common_axis, mechanism_camera
+from flexmb.view.content import Content, Deformed, Label, Scale
+from flexmb.view.fields import FIELDS, fitting_scale, stress_values
+from flexmb.view.force_shapes import arrow_scale, arrow_solids, force_parts
+from flexmb.view.gear_shapes import gear_parts
+from flexmb.view.joint_shapes import driver_parts, joint_parts
+from flexmb.view.mechanism import MEAN_AXES, Display, Mechanism, applied
+from flexmb.view.part import Part, on_marker
+from flexmb.view.plates import plates_of
+from flexmb.view.plot import BODIES, INK
+from flexmb.view.shapes import arrow, sharp_edges
+
+Array = NDArray[np.float64]
+
+_VISIBLE = 0.05  # share of its size by which the most deformed body is to be seen deformed
+_ROUND_OFF = 1e-9  # share of its size below which a deformation is rounding, not exaggerated
+_NOTHING = 1e-13  # share of its size below which a displacement is rounding, and not shown
+_SEE_THROUGH = 0.55  # opacity of a shape with a joint inside
+_PIN = 0.016  # radius of a pin as a share of the mechanism's size
+_BETWEEN = 0.2  # of the least distance of two joints that a pin's radius may have
+_LONGEST_PIN = 0.12  # half length of a pin, as a share of the mechanism's size
+_SAMPLES = 24  # times of a run that the framing looks at
+_SMALL = 0.75  # share of the whole motion below which a picture frames its moment
+_COLOR_SAMPLES = 240  # times at which the greatest value of the colours is looked for
+_POINTS = 250  # of a body, by which it is seen what hides what
+_TRIAD = ("#c2410c", "#15803d", "#1d4ed8")  # x, y, z
+
+
+def some_times(times: Sequence[float], count: int) -> list[float]:
+    """So many of the times, the first and the last among them."""
+    return [times[k] for k in np.linspace(0, len(times) - 1, min(count, len(times))).astype(int)]
+
+
+def size_of(points: Array) -> float:
+    """Diagonal of the box around points (n, 3) [m]."""
+    return float(np.linalg.norm(np.ptp(np.asarray(points), axis=0))) if len(points) else 0.0
+
+
+def round_exaggeration(ratio: float) -> float:
+    """The largest of 1, 2, 5 times a power of ten by which a deformation stays within view.
+
+    Parameters
+    ----------
+    ratio : float
+        Largest displacement of a body over its size.
+
+    >>> round_exaggeration(3e-5)
+    1000.0
+    """
+    if ratio < _ROUND_OFF or ratio >= _VISIBLE:
+        return 1.0
+    limit = _VISIBLE / ratio * (1 + 1e-9)
+    power = 10.0 ** math.floor(math.log10(limit))
+    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= limit)
+
+
+class Drawing:
+    """What is drawn of a run.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        The run; its time is that of a picture.
+    view : ViewSpec, optional
+        What to show; by default what the scene says.
+    times : sequence of float, optional
+        Times whose largest deformation and values set the scales, in the scene's units; that of the
+        mechanism by default. A film gives those of its frames.
+    scale : Scale, optional
+        Of the colours, where it is known already.
+    film : bool
+        Whether several times are frames: their distance says how many digits the time has, and
+        they are all that the view is fitted to.
+
+    Raises
+    ------
+    ViewError
+        A colour that the run has not, a direction without length.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        view: ViewSpec | None = None,
+        times: Sequence[float] | None = None,
+        scale: Scale | None = None,
+        film: bool = True,
+    ) -> None:
+        self.mechanism = mechanism
+        self.view = view = mechanism.model.view if view is None else view
+        self.times = tuple(times) if times is not None else (mechanism.time,)
+        self.colors = {
+            name: body.color or BODIES[i % len(BODIES)]
+            for i, (name, body) in enumerate(mechanism.model.bodies.items())
+        }
+        self._plates, self._sharp = {}, {}
+        for name, body in mechanism.flexbodies.items():
+            if body.surface is not None:
+                points, faces = body.surface.points, body.surface.faces
+                self._plates[name] = plates = plates_of(body)
+                if plates is not None:
+                    points, faces = plates.thick(points), plates.faces
+                self._sharp[name] = sharp_edges(points, faces)
+        self.factor = self._factor()
+        start = Display(mechanism.at(float(mechanism.result.time[0])), 1.0, view.reference)
+        self.size = self._size(start)
+        self.pin = self._pin(start)
+        self._arrows = None
+        if view.forces != "none":
+            self._arrows = arrow_scale(mechanism, view.forces, self.size)
+        self.parts = list(self._body_parts())
+        self.cameras = self._cameras()
+        self.parts += self._acting_parts(self.cameras[0])
+        self.scale = scale or fitting_scale(
+            [self._deformed(self.display(t)) for t in some_times(self.times, _COLOR_SAMPLES)],
+            view.color,
+            mechanism.result.units,
+        )
+        step = min(np.diff(self.times), default=0.0)
+        self._digits = max(0, 1 - math.floor(math.log10(step))) if film and step > 0.0 else None
+        self._moments: list[tuple[Array, Array]] | None = None
+        self.parts += self._behind(self.cameras[0])
+
+    def display(self, time: float | None = None) -> Display:
+        """Where everything is at a time of the run; of the picture by default."""
+        moment = self.mechanism if time is None else self.mechanism.at(time)
+        return Display(moment, self.factor, self.view.reference)
+
+    def content(self, time: float | None = None, camera: Camera | None = None) -> Content:
+        """What is seen at a time, by default that of the picture, from its first camera."""
+        display, view, camera = self.display(time), self.view, camera or self.cameras[0]
+        deformed = self._deformed(display)
+        solids = [part.solid(display) for part in self.parts]
+        if self._arrows is not None:
+            solids += arrow_solids(display, view.forces, self._arrows, self.size, self.pin)
+        return Content(
+            title=self.mechanism.model.title,
+            caption=self._caption(display, deformed),
+            solids=tuple(solids),
+            deformed=deformed,
+            scale=self.scale,
+            camera=camera,
+            labels=tuple(self._labels(display)),
+            extent=self._extent(display),
+            zoom=view.zoom,
+            font_scale=view.font_scale,
+            outline=view.outline,
+        )
+
+    def contents(self, time: float | None = None) -> list[Content]:
+        """What is seen at a time from each camera."""
+        first = self.content(time)
+        return [replace(first, camera=camera) for camera in self.cameras]
+
+    def _factor(self) -> float:
+        factor = self.view.exaggeration
+        if not isinstance(factor, str):
+            return float(factor)
+        ratios = [0.0]
+        for time in some_times(self.times, _SAMPLES):
+            true = Display(self.mechanism.at(time), 1.0, self.view.reference)
+            for name in self.mechanism.flexbodies:
+                surface = true.surface(name)
+                if surface is not None:
+                    size = size_of(surface[1])
+                    ratios.append(float(surface[2].max()) / max(size, 1e-300))
+        return round_exaggeration(max(ratios))
+
+    def _size(self, display: Display) -> float:
+        """Diagonal of all there is at the start [m]; 1 for a single point."""
+        mechanism = self.mechanism
+        clouds = []
+        for name in mechanism.model.bodies:
+            references = mechanism.used_markers(name)
+            clouds.append(np.array([display.frame(name)[:3, 3], *map(display.point, references)]))
+            shape = own_shape(mechanism, name)
+            if shape is not None:
+                clouds.append(applied(display.frame(name), shape.points))
+            surface = display.surface(name) if name in mechanism.flexbodies else None
+            if surface is not None:
+                clouds.append(surface[1])
+        grounded = [display.point(ref) for ref in mechanism.used_markers(GROUND)]
+        clouds.append(np.array(grounded).reshape(-1, 3))
+        return size_of(np.vstack(clouds)) or 1.0
+
+    def _pin(self, display: Display) -> float:
+        """Radius of a pin [m]."""
+        specs = self.mechanism.model.joints.values()
+        points = np.array([display.point(spec.between[0]) for spec in specs]).reshape(-1, 3)
+        apart = np.linalg.norm(points[:, None] - points, axis=2)
+        apart = apart[apart > 0.02 * self.size]
+        least = float(apart.min()) if apart.size else np.inf
+        return float(np.clip(_BETWEEN * least, 0.35 * _PIN * self.size, _PIN * self.size))
+
+    def _body_parts(self) -> Iterator[Part]:
+        mechanism, view = self.mechanism, self.view
+        surfaces = {name: body.surface for name, body in mechanism.flexbodies.items()}
+        drawn = {name for name, own in surfaces.items() if own is not None and len(own.points)}
+        wheels = list(gear_parts(mechanism, self.colors))
+        yield from wheels
+        bodies = {part.name for part in wheels} & {*self.colors}
+        drawn |= {name for name in bodies if own_shape(mechanism, name) is not None}
+        for name in mechanism.model.bodies:
+            if name not in drawn:
+                for part in body_parts(mechanism, name, self.size, self.colors[name]):
+                    yield replace(part, opacity=view.opacity * self._opacity(part))
+
+    def _acting_parts(self, camera: Camera) -> Iterator[Part]:
+        """Joints, drivers, gears, forces and frames."""
+        mechanism, view = self.mechanism, self.view
+        half = {name: self._half(name) for name in mechanism.model.joints}
+        front = {  # on which side of a joint the eye is
+            name: 1.0 if mechanism.joint_axis(name) @ camera.direction >= 0 else -1.0
+            for name in half
+        }
+        lift = {name: front[name] * (half[name] + 0.9 * self.pin) for name in half}
+        yield from joint_parts(mechanism, self.pin, half)
+        yield from driver_parts(mechanism, self.pin, lift)
+        yield from force_parts(mechanism, self.pin, self.size, lift)
+        if view.frames:
+            references = {
+                r for name in mechanism.model.bodies for r in mechanism.used_markers(name)
+            }
+            for reference in sorted(references):
+                for axis, color in zip(np.eye(3), _TRIAD, strict=True):
+                    shape = arrow(5.0 * self.pin, 0.22 * self.pin).along(axis)
+                    yield Part(reference, shape, color, on_marker(reference), "arrow")
+
+    def _half(self, joint: str) -> float:
+        """Half length of a hinge's pin [m]: it sticks out of what it holds."""
+        mechanism, spec, r = self.mechanism, self.mechanism.model.joints[joint], self.pin
+        least, most = 1.8 * r, _LONGEST_PIN * self.size
+        if spec.type != "revolute":
+            return least
+        reach = 0.0
+        for reference, axes in zip(spec.between, mechanism.joint_axes[joint], strict=True):
+            body = split_reference(reference)[0]
+            shape = None if body == GROUND else own_shape(mechanism, body)
+            points = None if shape is None else shape.points
+            if body in mechanism.flexbodies and mechanism.flexbodies[body].surface is not None:
+                points = mechanism.flexbodies[body].surface.points  # type: ignore[union-attr]
+            if points is None:
+                continue
+            marker = mechanism.marker(reference)
+            local = (points - marker.position) @ (marker.R @ axes)
+            near = np.linalg.norm(local[:, :2], axis=1) < 4 * r
+            near = near if near.any() else np.ones(len(points), dtype=bool)
+            reach = max(reach, float(np.abs(local[near, 2]).max()))
+        return min(max(least, reach + 0.6 * r), most)
+
+    def _opacity(self, part: Part) -> float:
+        """Full, but for a shape of the scene that would hide joints inside it."""
+        own, mechanism = own_shape(self.mechanism, part.name), self.mechanism
+        if own is None:
+            return 1.0
+        joints = [
+            mechanism.point(reference)
+            for name, spec in mechanism.model.joints.items()
+            for reference in spec.between
+            if split_reference(reference)[0] == part.name
+            if spec.type != "revolute" or self._half(name) >= _LONGEST_PIN * self.size
+        ]
+        frame = mechanism.frame(part.name)
+        local = (np.array(joints).reshape(-1, 3) - frame[:3, 3]) @ frame[:3, :3]
+        low, high = own.points.min(axis=0), own.points.max(axis=0)
+        inside = ((local > low + 0.5 * self.pin) & (local < high - 0.5 * self.pin)).all(axis=1)
+        return _SEE_THROUGH if inside.any() else 1.0
+
+    def _deformed(self, display: Display) -> tuple[Deformed, ...]:
+        color, mechanism = self.view.color, display.mechanism
+        by_stress = color in FIELDS and FIELDS[color].of_stress is not None
+        values: dict[str, Array | None] = {}
+        if by_stress:
+            values = stress_values(mechanism, color, self.view.layer)
+        bodies = []
+        for name, body in mechanism.flexbodies.items():
+            surface = display.surface(name)
+            if surface is None or body.surface is None:
+                continue
+            points, undeformed, displacement = surface
+            shades = values.get(name)
+            if color == "displacement" and len(mechanism.pose(name).eta):
+                bends = float(displacement.max()) > _NOTHING * size_of(undeformed)
+                shades = displacement if bends or len(self.times) > 1 else None
+            faces, lines = body.surface.faces, body.surface.lines
+            drawn = Deformed(
+                name, points, undeformed, faces, lines, displacement, self.colors[name], shades,
+                self.view.opacity, self._sharp[name],
+            )  # fmt: skip
+            plates = self._plates[name]
+            bodies.append(drawn if plates is None else plates.drawn(drawn))
+        return tuple(bodies)
+
+    def _cameras(self) -> list[Camera]:
+        view = self.view
+        samples = []
+        if view.direction is None and "auto" in view.camera:
+            time = self.mechanism.result.time
+            rows = np.unique(np.linspace(0, len(time) - 1, 3).astype(int))
+            samples = [self._clouds(self.display(float(time[row]))) for row in rows]
+        names = view.camera if view.direction is None else ("auto",)
+        return [mechanism_camera(self.mechanism, name, view.direction, samples) for name in names]
+
+    def _clouds(self, display: Display) -> list[Array]:
+        """Points spread over each body."""
+        random, clouds = np.random.default_rng(7), []
+        shapes = [(part.solid(display).points, part.shape.faces)
+                  for part in self.parts if part.role == "body"]  # fmt: skip
+        shapes += [(body.points, body.faces) for body in self._deformed(display) if len(body.faces)]
+        for points, faces in shapes:
+            a, b, c = points[faces.T]
+            areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+            rows = random.choice(len(faces), _POINTS, p=areas / areas.sum())
+            u, v = random.random((2, _POINTS, 1))
+            u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+            clouds.append(a[rows] + u * (b - a)[rows] + v * (c - a)[rows])
+        return clouds
+
+    def _corners(self, display: Display) -> Array:
+        """Corners of boxes around all that is drawn (n, 3)."""
+        boxes = []
+        for part in self.parts:
+            if part.role in ("grid", "surface"):
+                continue
+            local = part.shape.points
+            boxes.append(applied(part.place(display), _box_corners(local)))
+        for name in display.mechanism.flexbodies:
+            surface = display.surface(name)
+            if surface is not None:
+                frame = display.frame(name)
+                local = (surface[0] - frame[:3, 3]) @ frame[:3, :3]
+                boxes.append(applied(frame, _box_corners(local)))
+        return np.vstack(boxes) if boxes else np.zeros((1, 3))
+
+    def _extent(self, display: Display) -> Array:
+        """What the view is fitted to (n, 3)."""
+        view, here = self.view, self._corners(display)
+        follow = view.follow
+        if view.framing == "moment":
+            return here
+        if self._moments is None:
+            whole = self.mechanism.result.time.tolist()
+            times = whole if self._digits is None else self.times
+            self._moments = []
+            for time in some_times(times, _SAMPLES):
+                moment = self.display(time)
+                origin = moment.frame(follow)[:3, 3] if follow else np.zeros(3)
+                self._moments.append((self._corners(moment), origin))
+        shift = display.frame(follow)[:3, 3] if follow else np.zeros(3)
+        motion = np.vstack([corners - origin + shift for corners, origin in self._moments])
+        if (
+            view.framing == "auto"
+            and len(self.times) == 1
+            and size_of(here) < _SMALL * size_of(motion)
+        ):
+            return here
+        return motion
+
+    def _labels(self, display: Display) -> Iterator[Label]:
+        which, mechanism = self.view.labels, self.mechanism
+        if which in ("bodies", "all"):
+            for name in mechanism.model.bodies:
+                shapes = [part.solid(display).points for part in self.parts
+                          if part.role == "body" and part.name == name]  # fmt: skip
+                surface = display.surface(name) if name in mechanism.flexbodies else None
+                shapes += [] if surface is None else [surface[0]]
+                if shapes:
+                    points = np.vstack(shapes)
+                    yield Label(name, 0.5 * (points.min(axis=0) + points.max(axis=0)), INK)
+        if which in ("joints", "all"):
+            for name, spec in mechanism.model.joints.items():
+                yield Label(name, display.point(spec.between[1]), "#9a4a00")
+
+    def _caption(self, display: Display, deformed: tuple[Deformed, ...]) -> str:
+        units = self.mechanism.result.units
+        digits = self._digits
+        time = f"{display.time:.6g}" if digits is None else f"{display.time:.{digits}f}"
+        parts = [f"t = {time} {units.label('s')}"]
+        moved = max((float(body.displacement.max()) for body in deformed), default=0.0)
+        if moved > _NOTHING * self.size or any(body.values is not None for body in deformed):
+            seen = "to scale" if self.factor == 1.0 else f"exaggerated {self.factor:g} times"
+            parts.append(f"deformation {seen}")
+            most = max(deformed, key=lambda body: float(body.displacement.max()))
+            largest = Scale.fitting(float(most.displacement.max()), units)
+            reference = display.reference_of(most.name)
+            shown = "mean axes" if reference == MEAN_AXES else reference
+            parts.append(
+                f"largest displacement {largest.top:.3g} {largest.unit} ({most.name}, from {shown})"
+            )
+        scale = self.scale
+        if scale is not None and scale.quantity != "displacement":
+            coloured = [body for body in deformed if body.values is not None]
+            most = max(coloured, key=lambda body: float(np.nanmax(np.abs(body.values))))  # type: ignore[arg-type]
+            values = most.values
+            assert values is not None
+            value = float(values[np.nanargmax(np.abs(values))]) * scale.factor
+            parts.append(f"largest {scale.quantity} {value:.3g} {scale.unit} ({most.name})")
+        if self._arrows is not None:
+            parts.append(self._arrows.caption)
+        return ", ".join(parts)
+
+    def _behind(self, camera: Camera) -> list[Part]:
+        """Ground and its grid, as they are seen by a camera."""
+        parts = list(ground_parts(self.mechanism, self.size, self.pin, camera))
+        up, towards = np.array(camera.up), np.array(camera.direction)
+        oblique = 0.2 < abs(up @ towards) < 0.95
+        gravity = self.mechanism.model.gravity
+        bare = not any(part.role == "surface" for part in self.parts)
+        floor = oblique and bare and np.any(gravity) and common_axis(self.mechanism) is None
+        if self.view.grid == "on" or (self.view.grid == "auto" and floor):
+            parts.append(ground_grid(self._extent(self.display()), up, towards))
+        return parts
+
+
+def _box_corners(points: Array) -> Array:
+    low, high = points.min(axis=0), points.max(axis=0)
+    return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1])
+                     for z in (low[2], high[2])])  # fmt: skip

@@ -1,0 +1,321 @@
+"""The shapes of forces: springs, dampers, bushings, actuators, contact surfaces, and arrows.
+
+A spring is a coil, a damper a cylinder with its piston rod, both together coaxial; on a joint they
+stand along or around its axis. Arrows show forces and torques at their points by option; their
+scale is a round number, said in the caption.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import floor, log10
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.flexbody.planar_body import PLANES
+from flexmb.model import lookup
+from flexmb.model.forces.contact import CylinderSide, PlaneSide, SphereSide
+from flexmb.model.forces.load import LoadSpec
+from flexmb.model.reading import GROUND, split_reference
+from flexmb.view.content import Scale, Solid
+from flexmb.view.mechanism import Display, Mechanism, transform
+from flexmb.view.part import (
+    DAMPER,
+    DRIVE,
+    HOUSING,
+    RUBBER,
+    SPRING,
+    SURFACE,
+    Part,
+    between,
+    on_marker,
+)
+from flexmb.view.shapes import (
+    Triangles,
+    arrow,
+    axes_along,
+    box,
+    coil,
+    cylinder,
+    joined,
+    ring,
+    sphere,
+    spiral,
+    tube,
+    turn_arrow,
+)
+
+Array = NDArray[np.float64]
+
+_COILS = 7
+_PLANE = 0.5  # edge of a contact plane as a share of the mechanism's size
+_FORCE, _TORQUE = "#b91c1c", "#7c3aed"
+_LONGEST = 0.2  # of an arrow, as a share of the mechanism's size
+_FELT = 1e-3  # of the largest: shorter arrows are left out
+_SAMPLES = 16  # times at which the largest arrow is sought
+
+
+def force_parts(
+    mechanism: Mechanism, r: float, size: float, lift: dict[str, float]
+) -> Iterator[Part]:
+    """All force elements; `r` [m]: radius of a pin, `lift`: how far springs stand off joints."""
+    forces: dict[str, Any] = {**mechanism.model.forces}
+    for name, spec in forces.items():
+        if spec.type in ("spring-damper", "line-force"):
+            length = float(np.linalg.norm(np.subtract(*map(mechanism.point, spec.between))))
+            for shape, color in _line_shapes(spec, r, max(length, 4 * r)):
+                yield Part(name, shape, color, between(*spec.between), "force")
+        elif spec.type == "bushing":
+            axes = _toward(mechanism, spec.between[0], spec.between[1])
+            place = on_marker(spec.between[0], axes)
+            yield Part(name, ring(2.6 * r, 1.5 * r, 2.6 * r), RUBBER, place, "force")
+            core = joined([ring(1.5 * r, 0.8 * r, 3.6 * r), ring(3.0 * r, 2.6 * r, 2.0 * r)])
+            yield Part(name, core, HOUSING, place, "force")
+        elif spec.type == "beam":
+            yield Part(
+                name, tube((0, 0, 0), (0, 0, 1), 0.7 * r), SPRING, between(*spec.between), "force"
+            )
+        elif spec.type == "stop":
+            pads = [box((2.6 * r, 2.6 * r, 0.5 * r)).moved((0, 0, z * r)) for z in (-0.4, 0.4)]
+            yield Part(name, joined(pads), RUBBER, on_marker(spec.between[0]), "force")
+        elif spec.type in ("rotational-spring-damper", "translational-spring-damper"):
+            yield from _joint_spring(mechanism, name, spec, r, lift)
+        elif spec.type == "contact":
+            yield from _contact(mechanism, name, spec, size)
+
+
+def _line_shapes(spec: Any, r: float, length: float) -> Iterator[tuple[Triangles, str]]:
+    """Between two markers, from z = 0 to 1."""
+    if spec.type == "line-force":
+        yield tube((0, 0, 0), (0, 0, 0.55), 1.2 * r), DRIVE
+        yield tube((0, 0, 0.55), (0, 0, 1), 0.5 * r), HOUSING
+        return
+    springs = bool(spec.stiffness) or spec.spring_force is not None
+    damps = bool(spec.damping) or spec.damper_force is not None
+    if springs:
+        yield coil(_COILS, 1.9 * r, 0.55 * r, length), SPRING
+    if damps:
+        wide = 0.95 * r if springs else 1.3 * r
+        yield tube((0, 0, 0.0), (0, 0, 0.55), wide), DAMPER
+        yield tube((0, 0, 0.55), (0, 0, 1), 0.4 * r), HOUSING
+    if spec.value is not None and not damps:
+        yield tube((0, 0, 0), (0, 0, 0.5), 0.9 * r), DRIVE
+        yield tube((0, 0, 0.5), (0, 0, 1), 0.4 * r), HOUSING
+
+
+def _joint_spring(
+    mechanism: Mechanism, name: str, spec: Any, r: float, lift: dict[str, float]
+) -> Iterator[Part]:
+    joint = mechanism.model.joints[spec.joint]
+    side = int(getattr(spec, "about", "axis") == "second_axis")
+    springs = bool(spec.stiffness) or spec.spring_force is not None
+    damps = bool(spec.damping) or spec.damper_force is not None
+    if spec.type == "translational-spring-damper":
+        first, second = joint.between
+        length = float(np.linalg.norm(mechanism.point(first) - mechanism.point(second)))
+        if length < 3 * r:
+            return  # no room: the sleeve of the joint stands there
+        shapes = [(coil(_COILS, 2.2 * r, 0.5 * r, length), SPRING)] if springs else []
+        if damps and not springs:
+            shapes.append((tube((0, 0, 0), (0, 0, 0.55), 1.4 * r), DAMPER))
+        for shape, color in shapes:
+            yield Part(name, shape, color, between(first, second), "force")
+        return
+    place = on_marker(joint.between[side], mechanism.joint_axes[spec.joint][side])
+    off = (0, 0, lift.get(spec.joint, 2.4 * r))
+    if springs:
+        yield Part(
+            name, spiral(1.0 * r, 3.2 * r, 2.75, 0.45 * r).moved(off), SPRING, place, "force"
+        )
+    if damps and not springs:
+        yield Part(name, ring(2.4 * r, 1.0 * r, 0.8 * r).moved(off), DAMPER, place, "force")
+    if spec.value is not None and not springs:
+        yield Part(name, turn_arrow(3.0 * r, 0.55 * r).moved(off), DRIVE, place, "force")
+
+
+def _contact(mechanism: Mechanism, name: str, spec: Any, size: float) -> Iterator[Part]:
+    """Surfaces that touch, where a body does not show them itself."""
+    for reference, side in zip(spec.between, spec.shapes, strict=True):
+        axes = np.eye(3)
+        if getattr(side, "axis", None) is not None:
+            marker = lookup.frames(
+                mechanism.model, (reference, reference), side.axis, mechanism.flexbodies
+            )[0]
+            axes = mechanism.marker(reference).R.T @ marker.R
+        place, body = on_marker(reference, axes), split_reference(reference)[0]
+        bare = body == GROUND or getattr(mechanism.model.bodies[body], "shape", None) is None
+        if isinstance(side, PlaneSide):
+            thick = 0.01 * size
+            other = next(one for one in spec.between if one != reference)
+            low, high = _way(mechanism, reference, axes, other, 0.5 * _PLANE * size)
+            shape = box((*(high - low), thick)).moved((*(0.5 * (low + high)), -0.5 * thick))
+            yield Part(name, shape, SURFACE, place, "surface", 0.85)
+        elif isinstance(side, SphereSide) and bare and body not in mechanism.flexbodies:
+            yield Part(name, sphere(side.radius), SURFACE, place, "force", 0.7)
+        elif isinstance(side, CylinderSide) and bare:
+            length = side.length or 4 * side.radius
+            inner = side.side == "inside"
+            shape = (
+                ring(1.08 * side.radius, side.radius, length)
+                if inner
+                else cylinder(side.radius, length)
+            )
+            yield Part(name, shape, SURFACE, place, "force", 0.5 if inner else 0.7)
+
+
+def _way(
+    mechanism: Mechanism, reference: str, axes: Array, other: str, room: float
+) -> tuple[Array, Array]:
+    """The rectangle, least and greatest x and y, in which a marker moves beside another one."""
+    time, places = mechanism.result.time, [np.zeros(2)]
+    for row in np.unique(np.linspace(0, len(time) - 1, _SAMPLES).astype(int)):
+        moment = mechanism.at(float(time[row]))
+        frame = moment.marker_frame(reference)
+        places.append((axes.T @ frame[:3, :3].T @ (moment.point(other) - frame[:3, 3]))[:2])
+    return np.min(places, axis=0) - room, np.max(places, axis=0) + room
+
+
+def _toward(mechanism: Mechanism, first: str, second: str) -> Array:
+    """Axes relative to a marker whose z leads to another one; its own where they coincide."""
+    frame = mechanism.marker_frame(first)
+    line = mechanism.point(second) - frame[:3, 3]
+    if np.linalg.norm(line) < 1e-9:
+        line = np.array(PLANES[mechanism.model.plane]) if mechanism.model.plane else frame[:3, 2]
+    return np.asarray(frame[:3, :3].T @ axes_along(line))
+
+
+@dataclass(frozen=True)
+class Vector:
+    """A force [N] or torque [N m] (3,) in global axes, and the marker on which it acts."""
+
+    name: str
+    marker: str
+    value: Array
+    torque: bool
+
+
+def vectors(mechanism: Mechanism, which: str) -> Iterator[Vector]:
+    """Loads, reactions of joints and drivers, or all, at the mechanism's time."""
+    if which in ("loads", "all"):
+        yield from _loads(mechanism)
+    if which in ("reactions", "all"):
+        yield from _reactions(mechanism)
+
+
+def _loads(mechanism: Mechanism) -> Iterator[Vector]:
+    result, t = mechanism.result, mechanism.time
+    seconds = t * result.units.scale("s")
+    for name, spec in mechanism.model.forces.items():
+        if not isinstance(spec, LoadSpec):
+            continue
+        values = []
+        for function in spec.value:
+            variables = {
+                channel: (_at(result, channel, t), 0.0, 0.0)
+                for channel in function.expression.channels
+            }
+            values.append(function.expression.value(seconds, variables or None)[0])
+        A = np.eye(3)
+        if spec.axes != "global":
+            A = mechanism.marker_frame(spec.at if spec.axes == "body" else spec.axes)[:3, :3]
+        yield Vector(name, spec.at, A @ np.array(values), spec.type == "torque")
+
+
+def _at(result: Any, channel: str, time: float) -> float:
+    """A channel's value at a time, SI."""
+    unit = result._channel(channel).unit
+    return float(np.interp(time, result.time, result[channel])) * (
+        result.units.scale(unit) if unit else 1.0
+    )
+
+
+def _reactions(mechanism: Mechanism) -> Iterator[Vector]:
+    result, time = mechanism.result, mechanism.result.time
+    for name in result.reactions:
+        path = name.removeprefix("joints.")
+        spec = mechanism.model.joints.get(path)
+        if spec is None:
+            continue
+        reaction = result.reaction(name)
+        A = mechanism.marker_frame(reaction.on)[:3, :3] @ _reaction_axes(mechanism, path)
+        for values, unit, torque in ((reaction.force, "N", False), (reaction.moment, "N m", True)):
+            local = [np.interp(mechanism.time, time, values[:, k]) for k in range(3)]
+            yield Vector(name, reaction.on, A @ np.array(local) * result.units.scale(unit), torque)
+
+
+def _reaction_axes(mechanism: Mechanism, joint: str) -> Array:
+    """The axes (3, 3) of a joint's reaction at marker J, in the marker's."""
+    axes = mechanism.joint_axes[joint][1]
+    plane, spec = mechanism.model.plane, mechanism.model.joints[joint]
+    if plane is None or spec.type not in (
+        "prismatic",
+        "in-line",
+        "in-plane",
+        "prismatic-spherical",
+    ):
+        return axes
+    z = mechanism.marker_frame(spec.between[1])[:3, :3].T @ np.array(PLANES[plane])
+    return np.column_stack([axes[:, 2], np.cross(z, axes[:, 2]), z])
+
+
+@dataclass(frozen=True)
+class ArrowScale:
+    """How long arrows are: metres per newton and per newton metre, and in words."""
+
+    force: float
+    torque: float
+    caption: str
+
+
+def arrow_scale(mechanism: Mechanism, which: str, size: float) -> ArrowScale:
+    """A round scale by which the largest arrow of the run is legible."""
+    time = mechanism.result.time
+    rows = np.unique(np.linspace(0, len(time) - 1, _SAMPLES).astype(int))
+    moments = [mechanism, *(mechanism.at(float(time[row])) for row in rows)]
+    largest = [0.0, 0.0]
+    for moment in moments:
+        for vector in vectors(moment, which):
+            k = int(vector.torque)
+            largest[k] = max(largest[k], float(np.linalg.norm(vector.value)))
+    if largest[1] < _FELT**2 * size * largest[0]:
+        largest[1] = 0.0  # torques that are rounding
+    units, length = mechanism.result.units, _LONGEST * size
+    scales, words = [0.0, 0.0], []
+    for k, (noun, unit) in enumerate((("force", "N"), ("torque", "N m"))):
+        if largest[k] > 0:
+            shown = Scale.fitting(largest[k], units, unit)
+            step = _round_up(shown.top)
+            scales[k] = length / (step / shown.factor)
+            words.append(f"{noun} {step:g} {shown.unit}")
+    drawn = Scale.fitting(length, units)
+    caption = (
+        f"arrows {drawn.top:.3g} {drawn.unit} long: {', '.join(words)}" if words else "no forces"
+    )
+    return ArrowScale(scales[0], scales[1], caption)
+
+
+def arrow_solids(
+    display: Display, which: str, scale: ArrowScale, size: float, r: float
+) -> Iterator[Solid]:
+    """Arrows at the markers on which forces act; torques are turning arrows about their axes."""
+    for vector in vectors(display.mechanism, which):
+        value = float(np.linalg.norm(vector.value))
+        length = value * (scale.torque if vector.torque else scale.force)
+        if length < 10 * _FELT * size:
+            continue
+        place = transform(axes_along(vector.value), display.point(vector.marker))
+        if vector.torque:
+            shape = turn_arrow(max(0.5 * length, 1.5 * r), 0.35 * r)
+            yield Solid(vector.name, shape, _TORQUE, 1.0, place, "arrow")
+        else:
+            yield Solid(vector.name, arrow(length, 0.4 * r), _FORCE, 1.0, place, "arrow")
+
+
+def _round_up(value: float) -> float:
+    power = 10.0 ** floor(log10(value))
+    return next(
+        step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value * (1 - 1e-9)
+    )
