@@ -75,7 +75,7 @@ def test_a_joint_given_twice(tmp_path):
         ("bodies.b.mas", "2", 'bodies.b.mas: unknown key "mas"; nearest: mass'),
         ("bodies.b.inertai.x", "2", 'bodies.b.inertai: unknown key "inertai"; nearest: inertia'),
         ("bodies.b.markers.tip.positon", "2", 'markers.tip.positon: unknown key "positon"'),
-        ("bodies.b.shape", "{typ = 1}", 'bodies.b.shape.type: is missing'),
+        ("bodies.b.shape", "{typ = 1}", "bodies.b.shape.type: is missing"),
         ("bodies.*.damping", "0.1", "override bodies.*.damping: the scene has no flexible body"),
         ("bodies.b.mass", "-2", "bodies.b.mass: must be positive, is -2 kg"),
         ("speed", "{a = 1}", "override speed: a single value is expected"),
