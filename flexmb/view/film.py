@@ -151,19 +151,32 @@ def film(
     """
     run = result if isinstance(result, Result) else Result(result)
     path = check_output(default_output(run) if output is None else output, force)
-    mechanism = Mechanism(run)
     check_processes(processes)
+    shot = shoot(run, real_rate(path, check_rate(fps)), speed, start, end, traces, view)
+    _warn_of_turns(run, shot.schedule)
+    make_film(shot, len(shot.schedule.times), path, shot.schedule.rate, processes, progress)
+    return path
+
+
+def shoot(
+    run: Result,
+    rate: float,
+    speed: float | None,
+    start: float | None,
+    end: float | None,
+    traces: Sequence[str],
+    view: dict[str, Any],
+) -> MotionShot:
+    """The frames of a film; parameters and errors as for `film`."""
+    mechanism = Mechanism(run)
     spec = view_of(mechanism, view)
     points = check_points(mechanism, traces)
-    schedule = plan(run, real_rate(path, check_rate(fps)), speed, start, end)
-    _warn_of_turns(run, schedule)
+    schedule = plan(run, rate, speed, start, end)
     paths = trace_points(mechanism, points, schedule.times)
     drawing = Drawing(mechanism, spec, schedule.times)
     words = {**view, "exaggeration": drawing.factor}
     columns = columns_of(len(drawing.cameras))
-    shot = MotionShot(run.path, schedule, words, spec.size, drawing.scale, paths, columns)
-    make_film(shot, len(schedule.times), path, schedule.rate, processes, progress)
-    return path
+    return MotionShot(run.path, schedule, words, spec.size, drawing.scale, paths, columns)
 
 
 def default_output(run: Result) -> Path:
