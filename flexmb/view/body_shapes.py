@@ -89,6 +89,11 @@ def own_shape(mechanism: Mechanism, name: str) -> Triangles | None:
         return cylinder(spec.radius, spec.length, np.eye(3)["xyz".index(spec.axis)]).moved(center)
     if spec.type == "sphere":
         return sphere(spec.radius, center)
+    if spec.type == "mesh":
+        return Triangles(*spec.surface)
+    if spec.type == "extrusion":
+        turn = np.roll(np.eye(3), "zxy".index(spec.axis), axis=0)
+        return extrusion(spec.outline, spec.thickness).moved((0, 0, 0), turn)
     return None
 
 
