@@ -8,16 +8,13 @@ mesh node 17), ``rod.von_mises.17.top``, ``rod.stress.17.top.xx`` and ``rod.sect
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import ResultFileError
 from flexmb.flexbody import SECTION_FORCES, STRESS
-
-if TYPE_CHECKING:
-    from flexmb.results.recovery import Recovery
 
 Array = NDArray[np.float64]
 _EQUAL_STRESS = 1e-12  # relative: places whose stress differs by less count as one
@@ -41,7 +38,7 @@ class StressChannel(NamedTuple):
         return ".".join((self.body, self.kind, *self.words))
 
 
-def _von_mises_channel(result: Recovery, channel: StressChannel) -> Array:
+def _von_mises_channel(result: Any, channel: StressChannel) -> Array:
     if len(channel.words) > 2:
         raise _wrong_form(channel, "von_mises.17 or von_mises.17.top")
     node = _number(channel, channel.words[0], "node") if channel.words else None
@@ -50,7 +47,7 @@ def _von_mises_channel(result: Recovery, channel: StressChannel) -> Array:
     return largest
 
 
-def _stress_component(result: Recovery, channel: StressChannel) -> Array:
+def _stress_component(result: Any, channel: StressChannel) -> Array:
     if len(channel.words) not in (2, 3):
         raise _wrong_form(channel, "stress.17.xx or stress.17.top.xx")
     component = _index_of(channel, channel.words[-1], STRESS, "component of stress")
@@ -65,10 +62,10 @@ def _stress_component(result: Recovery, channel: StressChannel) -> Array:
         count = len(stress.layer)
         what = f'the body "{channel.body}" has {count} stresses at node {node} ({names})'
         raise ResultFileError(f"{what}; name a layer, or use result.stress for all of them")
-    return values[:, 0]
+    return np.asarray(values[:, 0])
 
 
-def _section_force(result: Recovery, channel: StressChannel) -> Array:
+def _section_force(result: Any, channel: StressChannel) -> Array:
     if len(channel.words) != 3:
         raise _wrong_form(channel, "section_force.3.1.Mz: element, end 1 or 2, component")
     component = _index_of(channel, channel.words[2], SECTION_FORCES, "section force")
@@ -79,7 +76,7 @@ def _section_force(result: Recovery, channel: StressChannel) -> Array:
         what = f'the body "{channel.body}" has no beam element {element}'
         raise ResultFileError(f"{what}; it has those from 0 to {len(forces.elements) - 1}")
     table = forces.force if component < 3 else forces.moment
-    return table[:, element, end, component % 3]
+    return np.asarray(table[:, element, end, component % 3])
 
 
 def _index_of(channel: StressChannel, word: str, allowed: tuple[str, ...], what: str) -> int:
@@ -98,7 +95,7 @@ def _wrong_form(channel: StressChannel, form: str) -> ResultFileError:
     return ResultFileError(f"{channel}: is not of the form {channel.body}.{form}")
 
 
-STRESS_CHANNELS: dict[str, Callable[[Recovery, StressChannel], Array]] = {
+STRESS_CHANNELS: dict[str, Callable[[Any, StressChannel], Array]] = {
     "von_mises": _von_mises_channel,
     "stress": _stress_component,
     "section_force": _section_force,
