@@ -333,6 +333,16 @@ class ResultReader:
             self._rows = name, i, rows[[0, -1]]
         return np.asarray(self._rows[2][:, places])
 
+    def some_rows(self, name: str, rows: slice, columns: slice) -> Array:
+        """Rows of these columns (r, k), SI; of a long table only these are read."""
+        if name in self._tables or len(self.time) * widths(self.layout)[name] <= _SMALL:
+            return self.part(name, columns)[rows]
+        places = self._file_columns(name, columns)
+        stop = min(rows.stop, len(self.time))
+        return np.asarray(
+            read_table(self.path, self._contents.run, name, stop, rows.start)[:, places]
+        )
+
     def part(self, name: str, columns: Places = _ALL) -> Array:
         """Columns of a table (n, k) by their numbers in the layout, SI.
 
