@@ -182,7 +182,8 @@ def prepare_statics(
         redundancy: tuple[tuple[str, ...], list[str]] = (), []
         if rank is not None and rank < compiled.layout.nc:
             redundancy = redundant_reactions(compiled, model, assembled.state.q)
-        return assembled.state, *redundancy
+        not_unique, notes = redundancy
+        return assembled.state, not_unique, [*assembled.notes, *notes]
 
     units = statics_units(compiled.system)
     (state, not_unique, more), timer = assemble_first_state(compiled, units, first_state, progress)

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.analysis.assembly.gaps import moved_notes
 from flexmb.analysis.assembly.joined_damping import add_damping
 from flexmb.analysis.assembly.positions import (
     Corrector,
@@ -127,15 +128,18 @@ def assemble(
         return mass_corrector(metric, at, work if at is state else None)
 
     def close(guess: bool = False) -> None:
-        close_positions(compiled, model, state, make, guess)
+        moved = close_positions(compiled, model, state, make, guess)
+        if guess:
+            placement.extend(moved_notes(moved, model.units))
         velocities.set(state)
         if begin is not None:
             state.v[:] = np.where(np.isnan(begin.v), state.v, begin.v)
             solve_stage(stiff, state, work, VELOCITIES)
         _set_states(compiled, state, work, begin)
 
+    placement: list[str] = []
     close(begin is None)
-    notes = velocities.notes(state) if begin is None else []
+    notes = [*placement, *velocities.notes(state)] if begin is None else []
     solve_stage(system, state, work, REMEMBER)
     if "static_modes" in system.kinds:
         _settle_static_modes(system, state, work, close if begin is None else None)
