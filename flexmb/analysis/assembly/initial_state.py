@@ -24,7 +24,7 @@ from flexmb.analysis.assembly.positions import (
     mass_corrector,
 )
 from flexmb.analysis.assembly.velocities import InitialVelocities
-from flexmb.analysis.equilibrium import settle
+from flexmb.analysis.equilibrium import settle, spin_of
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import solve_stage
 from flexmb.engine.forces.force_characteristic import FORCE_CHARACTERISTICS
@@ -147,8 +147,12 @@ def assemble(
         _equilibrate(compiled, _SLOW * period, state, work, close)
     if start == "static" and begin is None:
         _solve_accelerations(system, state, work)
-        settle(compiled, model, state)
+        settle(compiled, model, state, spin=spin_of(model))
+        turning = state.v.copy()
         velocities.set(state)
+        if spin_of(model).any():
+            state.v[:] = turning
+            solve_stage(stiff, state, work, VELOCITIES)
         _set_states(compiled, state, work, None)
     if "static_modes" in system.kinds:
         _settle_static_modes(system, state, work, close if begin is None else None)
