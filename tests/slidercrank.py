@@ -20,8 +20,11 @@ _AMPLITUDE = 40e-6  # m, of the half sine
 _BAR = (0.03, 0.012)  # m, height and width of the bar
 
 
-def bent_bar(n: int = 40) -> FlexBody:
-    """A bar from (0, 0, 0) to (L, 0, 0) with one mode: half a sine in y, one metre at mid-span."""
+def bent_bar(n: int = 40, m: int = 1) -> FlexBody:
+    """A bar of 4 n + 4 nodes from (0, 0, 0) to (L, 0, 0); modes: half sines in y, one metre high.
+
+    Only the first moves mass.
+    """
     x = np.linspace(0.0, L, n + 1)
     ring = 0.5 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * _BAR
     points = np.array([[xi, y, z] for xi in x for y, z in ring])
@@ -31,32 +34,38 @@ def bent_bar(n: int = 40) -> FlexBody:
         for k in range(4)
     ] + [[3, 2, 1, 0], [4 * n, 4 * n + 1, 4 * n + 2, 4 * n + 3]]
     faces = np.array([corners for a, b, c, d in quads for corners in ([a, c, b], [a, d, c])])
-    modes = np.zeros((len(points), 3, 1))
-    modes[:, 1, 0] = np.sin(np.pi * points[:, 0] / L)
+    modes = np.zeros((len(points), 3, m))
+    waves = np.arange(1, m + 1)
+    modes[:, 1, :] = np.sin(np.pi * np.outer(points[:, 0] / L, waves))
     ends = (("big_end", 0.0, 1.0), ("small_end", L, -1.0))
     mass = 1.6
     J = np.diag([1e-4, mass * L**2 / 3, mass * L**2 / 3])
-    P = np.zeros((3, 3, 1))
-    P[0, 1] = mass * L / np.pi
+    p, P = np.zeros((3, m)), np.zeros((3, 3, m))
+    P[0, 1, 0] = mass * L / np.pi
+    p[1, 0] = 2 * mass / np.pi
+    Mab = np.zeros((3, 3, m, m))
+    Mab[1, 1] = 0.5 * mass * np.eye(m)
     return FlexBody(
         name="rod",
         mass=mass,
         S1=np.array([mass * L / 2, 0, 0]),
         S0=0.5 * np.trace(J) * np.eye(3) - J,
-        p=np.array([[0.0], [2 * mass / np.pi], [0.0]]),
+        p=p,
         P=P,
-        Mab=np.diag([0.0, mass / 2, 0.0])[:, :, None, None],
-        K=np.array([[1e8]]),
+        Mab=Mab,
+        K=1e8 * np.diag(waves**4.0),
         interfaces=tuple(
             Interface(
                 name,
                 np.array([x, 0.0, 0.0]),
-                np.zeros((3, 1)),
-                np.array([[0.0], [0.0], [turn * np.pi / L]]),
+                np.zeros((3, m)),
+                np.outer([0.0, 0.0, np.pi / L], waves * turn**waves),
             )
             for name, x, turn in ends
         ),
-        modes=(ModeInfo(0, "elastic", 1779.0, True, "chosen"),),
+        modes=tuple(
+            ModeInfo(k, "elastic", 1779.0 * (k + 1) ** 2, True, "chosen") for k in range(m)
+        ),
         surface=Surface(points, faces, np.zeros((0, 2), dtype=int), modes, np.arange(len(points))),
     )
 
@@ -109,8 +118,9 @@ def rows(t: np.ndarray, layout: Any) -> OutputBlock:
     at = np.stack([zero, zero, zero], axis=1)
     tip = np.stack([R * np.cos(turn), R * np.sin(turn), zero], axis=1)
     end = np.stack([x, zero, zero], axis=1)
+    eta = np.outer(eta, np.arange(1, layout.bodies[1].m + 1) ** -4.0)
     q = np.hstack([
-        at, _about_z(turn), tip, _about_z(rod), eta[:, None], end, _about_z(zero)
+        at, _about_z(turn), tip, _about_z(rod), eta, end, _about_z(zero)
     ])  # fmt: skip
     speed = -R * SPEED * np.sin(turn) * (1 + R * np.cos(turn) / (L * np.cos(rod)))
     sensors = np.stack([x, zero, zero, speed, zero, zero, turn], axis=1)
@@ -128,21 +138,24 @@ def rows(t: np.ndarray, layout: Any) -> OutputBlock:
     )
 
 
-def make(folder: Path) -> Path:
-    """Write rod.flexbody.h5 and result.h5 into `folder`; the path of the result."""
+def make(folder: Path, n: int = 40, m: int = 1) -> Path:
+    """Write rod.flexbody.h5 and result.h5 into `folder`; the path of the result.
+
+    The rod has 4 n + 4 nodes and m modes.
+    """
     from resultfiles import FakeBody, FakeLayout
 
     folder.mkdir(parents=True, exist_ok=True)
-    save(bent_bar(), folder / "rod.flexbody.h5")
+    save(bent_bar(n, m), folder / "rod.flexbody.h5")
     model = Model.from_scene_dict(scene(), folder)
     layout = FakeLayout(
         bodies=(
             FakeBody("crank", 0, 0, 0),
-            FakeBody("rod", 7, 6, 1),
-            FakeBody("slider", 15, 13, 0),
+            FakeBody("rod", 7, 6, m),
+            FakeBody("slider", 14 + m, 12 + m, 0),
         ),
-        nq=22,
-        nv=19,
+        nq=21 + m,
+        nv=18 + m,
         nc=0,
         rows=(),
         channels=model.channels(),

@@ -48,6 +48,9 @@ _MAX_COORDINATES = 600
 _MAX_MODES_SQUARED = 6000  # summed over the bodies
 # Share of the stored energy below which an exchange of energy is that of a scene at rest.
 _REST_SHARE = 1e-6
+# Round-off of energies: share of the weight of all bodies times the size of the model, and without
+# weight of what they have at a speed of this times that size squared [1/s^2].
+_ROUND_OFF, _NO_SPEED = 1e-12, 1e-9
 
 
 class Sink(Protocol):
@@ -196,7 +199,9 @@ class ChunkRows:
     def __init__(self, compiled: Compiled, n: int) -> None:
         self.output: Output = new_output(compiled.system, n, len(compiled.layout.channels))
         self.unread = False
-        self.balance = EnergyBalance()
+        parts, length = compiled.system.parts, compiled.length
+        speed = max(float(np.linalg.norm(parts.gravity)) * length, _NO_SPEED * length**2)
+        self.balance = EnergyBalance(_ROUND_OFF * float(parts.bodies["mass"].sum()) * speed)
         self.largest_drift = np.zeros(2)
 
     def clear(self) -> None:
@@ -218,6 +223,11 @@ class ChunkRows:
 class EnergyBalance:
     """Largest mismatch of energy and work, and what to compare it with.
 
+    Parameters
+    ----------
+    round_off : float
+        Energy that is none [J].
+
     Attributes
     ----------
     tally : (17,) array
@@ -225,8 +235,9 @@ class EnergyBalance:
         largest departure from it, and what an exchange at rest may be; NaN: no row yet.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, round_off: float = 0.0) -> None:
         n = len(ENERGIES)
+        self._round_off = round_off
         self.tally = np.full(2 * n + 3, np.nan)
         self._least, self._most = self.tally[:n], self.tally[n : 2 * n]
         self._rest = self.tally[2 * n :]
@@ -238,7 +249,7 @@ class EnergyBalance:
             self._rest[0] = stored[0]
         off = float(np.abs(stored - self._rest[0]).max())
         # in a scene at rest nothing but round-off of the stored energy moves
-        at_rest = _REST_SHARE * float(np.abs(energy).max())
+        at_rest = max(_REST_SHARE * float(np.abs(energy).max()), self._round_off)
         self._rest[1:] = np.fmax(self._rest[1:], (off, at_rest))
         np.fmin(self._least, energy.min(axis=0), out=self._least)
         np.fmax(self._most, energy.max(axis=0), out=self._most)

@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import (
     MAX_COORDINATES,
+    ConstraintRows,
     Decomposition,
     WeightedJacobian,
     dense_jacobian,
+    one_blas_thread,
 )
 from flexmb.analysis.procedure import not_finite_function
 from flexmb.engine import method
@@ -36,6 +38,7 @@ from flexmb.model.reading import GROUND, split_reference
 Array = NDArray[np.float64]
 
 _OWN_SENTENCE = (method.ZERO_LENGTH, method.CURVE_END, method.NO_LOOP, method.SELF_LOCKING)
+_ROUND_OFF, _NEARLY_REDUNDANT = 1e-13, 1e-6  # singular values over the largest
 _NEARLY = 0.02  # least singular value over the next one: a singular pose is near
 _CONTRADICTED = 1e-6  # share of the prescribed motion that no motion can follow
 _MOVES = 1e-6  # of the largest rate of a joint coordinate in a motion
@@ -50,6 +53,23 @@ def call_kinematics(system: System, state: State, work: Work, path: Path, what: 
     """A call of the compiled analysis that writes no rows; see `entries.analyse_kinematics`."""
     settings = KinematicsSettings(0.0, 1.0, 0, 0.0, 0)
     return analyse_kinematics(new_run(system, state, work), path, settings, what)
+
+
+def nearly_redundant(compiled: Compiled, q: NDArray[np.float64]) -> str:
+    """The sentence for constraint equations that are nearly redundant at some positions, or ""."""
+    if compiled.layout.nv > MAX_COORDINATES or not compiled.layout.nc:
+        return ""
+    with one_blas_thread():
+        sizes = ConstraintRows(compiled).evaluate(q).jacobian.decomposition.S
+    share = sizes / sizes[0]
+    near = share[(share > _ROUND_OFF) & (share < _NEARLY_REDUNDANT)]
+    if not len(near):
+        return ""
+    what = "constraint equations are" if len(near) > 1 else "constraint equation is"
+    return (
+        f"{len(near)} {what} nearly redundant there (to {near.min():.1g}): either the pose is "
+        "nearly singular, or axes or places that should fit are slightly off; make them exact"
+    )
 
 
 @dataclass(frozen=True)

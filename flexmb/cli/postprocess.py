@@ -10,9 +10,11 @@ import typer
 from flexmb.cli import screen
 from flexmb.cli.app import RunFile, command, parse_names
 from flexmb.cli.check import show_check
+from flexmb.cli.part import show_part
 from flexmb.cli.reduce import show_body
 from flexmb.cli.run import show_result
 from flexmb.errors import FlexmbError
+from flexmb.units import unit_system
 
 
 @command()
@@ -52,6 +54,13 @@ def _show_h5(path: Path) -> None:
         body = load(path)
         show_body(body)
         screen.table(("where it comes from", ""), sorted(body.provenance.items()))
+        return
+    if file_format(path) == "flexmb-part":
+        from flexmb.flexbody import load_part
+
+        part = load_part(path)
+        show_part(part, unit_system(part.provenance.get("scene units", "SI")))
+        screen.table(("where it comes from", ""), sorted(part.provenance.items()))
         return
     run = Result(path)
     show_result(run)

@@ -185,9 +185,11 @@ def render(
 
     Example: flexmb render out/slider_crank/rod.flexbody.h5 --modes 1..6 --held big_end
     """
+    from flexmb.flexbody import load_part
     from flexmb.results import Result, file_format
+    from flexmb.units import unit_system
     from flexmb.view import render as render_run
-    from flexmb.view import render_modes, vtk_renderer
+    from flexmb.view import render_modes, render_part, vtk_renderer
 
     look = view_words(exaggeration, color, layer, camera, direction, size, view)
     with screen.Bars() as progress:
@@ -200,6 +202,16 @@ def render(
             output = output or modes_picture(file)
             numbers, names = parse_numbers(modes, "--modes"), parse_names(supports)
             written = render_modes(file, numbers, held=names, output=output, **look)
+        elif not file.is_dir() and file_format(file) == "flexmb-part":
+            of_run = {"time": time, "modes": modes, "held": supports, "camera": camera}
+            of_run |= {"ghosts": ghosts or None, "trace": traces, "view": view}
+            refuse_options(of_run, "belongs to another picture; this is the result of a part")
+            part = load_part(file)
+            look["units"] = unit_system(part.provenance.get("scene units", "SI"))
+            output = output or file.with_suffix(".png")
+            written, *others = render_part(part, output=output, **look)
+            for other in others:
+                screen.line(f"written: {other}")
         else:
             of_body = {"modes": modes, "held": supports}
             refuse_options(of_body, "belongs to the picture of a flexible body (.flexbody.h5)")

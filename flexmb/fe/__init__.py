@@ -44,6 +44,7 @@ from flexmb.fe.sections.shell_section import (
     shell,
 )
 from flexmb.fe.sections.thin_walls import angle_section, box_section, i_section
+from flexmb.fe.solve_part import part
 from flexmb.fe.stress import SectionForces, section_force_modes
 from flexmb.flexbody.mesh_options import ModesOptions
 from flexmb.progress import Stopwatch
@@ -91,6 +92,7 @@ __all__ = [
     "mesh_report",
     "node_modes",
     "orthonormalise",
+    "part",
     "quality_report",
     "read_mesh",
     "rectangle",

@@ -191,7 +191,7 @@ def reduce(
             refuse_matrices(stiffness=stiffness, mass=mass)
         if material is None:
             raise MaterialError.from_problems([Problem("material", "is missing")])
-        model, ends, findings = _prepare(
+        model, ends, findings = prepare_model(
             attempts, mesh, scale, material, sections, interfaces or {}, loads or {}, **connections
         )
         attempts.raise_errors()
@@ -229,13 +229,13 @@ def reduce(
     options |= {"reduction": reduction, "plane": plane, "stress": where}
     options |= {"geometric_stiffening": geometric_stiffening, "residual": residual}
     made = sections_from(sections)
-    source = {**body.provenance, **_provenance(fe, options, interfaces or {}, made, findings)}
+    source = {**body.provenance, **model_provenance(fe, options, interfaces or {}, made, findings)}
     if isinstance(mesh, str | os.PathLike | Mapping):
         source |= _file_provenance(mesh, options, material, interfaces, name, made)
     return replace(body, provenance=source, damping=ratios)
 
 
-def _prepare(
+def prepare_model(
     attempts: Attempts,
     mesh: MeshLike | SkfemMesh,
     scale: float,
@@ -305,7 +305,7 @@ def survey(
     """
     attempts, scale = Attempts(), unit_system(units).factor(L=1)
     connections = {"ties": ties, "masses": masses, "springs": springs}
-    model, ends, findings = _prepare(
+    model, ends, findings = prepare_model(
         attempts, mesh, scale, material, sections, interfaces or {}, loads or {}, **connections
     )
     if model is not None:
@@ -397,13 +397,14 @@ def make_body(
     )
 
 
-def _provenance(
+def model_provenance(
     fe: FEMatrices,
     options: Mapping[str, Any],
     interfaces: Mapping[str, InterfaceLike],
     sections: Mapping[str, Any],
     findings: list[Finding],
 ) -> dict[str, str]:
+    """Mesh, material, options, findings and versions as texts."""
     packages = ("numpy", "scipy", "scikit-fem", "meshio")
     return {
         "mesh": fe.mesh.source,

@@ -1,4 +1,4 @@
-"""Stress at the nodes of a body per unit modal coordinate, and section forces of its beams.
+"""Stress at the nodes of a body per unit modal coordinate; section forces of beams and shells.
 
 Each element's stress at its nodes is linear in its displacements; it is applied to the modes and
 averaged over the elements of one section that meet at a node, never across sections or layers.
@@ -15,8 +15,9 @@ nodes; between the ends they are linear, exact where no load acts along the elem
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
@@ -26,10 +27,11 @@ from flexmb.errors import Problem, ReductionError, nearest
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.elements.beam_elements import FORCES, BeamFields, section_forces
 from flexmb.fe.elements.element_blocks import Block
+from flexmb.fe.elements.shell_fields import flatten, shell_functions
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.mesh_options import STRESS_OPTIONS
-from flexmb.flexbody.parts import SectionForceModes, StressModes
+from flexmb.flexbody.stress_modes import SectionForceModes, ShellForceModes, StressModes
 from flexmb.progress import Progress, silent
 
 # a larger angle is a fold, also where a curved shell is coarse
@@ -137,7 +139,7 @@ def stress_modes(
     for number, blocks in enumerate(groups):
         progress("stress", number / len(groups))
         names = blocks[0].family.stress_layers(blocks[0].section)
-        ids, values = _averaged(fe, blocks, len(names), U, wanted)
+        ids, values = _averaged(fe, _Places(fe, blocks, wanted), 6 * len(names), U, _stress_rows)
         parts += [name for name in (blocks[0].group,) if name not in parts]
         layers += [name for name in names if name not in layers]
         rows = np.tile([layers.index(name) for name in names], len(ids))
@@ -162,53 +164,161 @@ def _sections(blocks: Sequence[Block]) -> list[list[Block]]:
     return list(groups.values())
 
 
-def _averaged(
-    fe: FEMatrices, blocks: list[Block], layers: int, U: FloatArray, wanted: FloatArray
-) -> tuple[IntArray, FloatArray]:
-    """Nodes (p,) and the mean of the elements' stresses there (p, layers, 6, m), single precision.
+class _Places:
+    """Where the elements of one section meet: a node, once for each part that is smooth there."""
 
-    A node appears once for each part of the section that is smooth on its own.
-    """
-    smooth = smooth_parts(blocks, fe.mesh.points)
-    keys = [
-        np.stack([block.nodes, np.broadcast_to(number[:, None], block.nodes.shape)], axis=-1)
-        for block, number in zip(blocks, smooth, strict=True)
-    ]
-    flat = np.concatenate([key.reshape(-1, 2) for key in keys])
-    selected = wanted[flat[:, 0]]
-    places, inverse = np.unique(flat[selected], axis=0, return_inverse=True)
-    row_of = np.full(len(flat), -1)
-    row_of[selected] = inverse.ravel()
-    count = np.bincount(inverse.ravel(), minlength=len(places))
-    total = np.zeros((len(places), layers * 6 * U.shape[1]), dtype=np.float32)
-    start = 0
-    for block in blocks:
-        size = block.nodes.size
-        rows = row_of[start : start + size].reshape(block.nodes.shape)
-        start += size
-        for part, values in _element_stress(fe, block, rows, layers, U):
+    def __init__(self, fe: FEMatrices, blocks: list[Block], wanted: FloatArray) -> None:
+        self.blocks = blocks
+        smooth = smooth_parts(blocks, fe.mesh.points)
+        keys = [
+            np.stack([block.nodes, np.broadcast_to(number[:, None], block.nodes.shape)], axis=-1)
+            for block, number in zip(blocks, smooth, strict=True)
+        ]
+        flat = np.concatenate([key.reshape(-1, 2) for key in keys])
+        selected = wanted[flat[:, 0]]
+        places, inverse = np.unique(flat[selected], axis=0, return_inverse=True)
+        self.nodes = places[:, 0]
+        self.count = np.bincount(inverse.ravel(), minlength=len(places))
+        row_of = np.full(len(flat), -1)
+        row_of[selected] = inverse.ravel()
+        ends = np.cumsum([block.nodes.size for block in blocks])[:-1]
+        parts = zip(np.split(row_of, ends), blocks, strict=True)
+        self.rows = [part.reshape(block.nodes.shape) for part, block in parts]
+        """(ne, k) place of each node of each element, -1 where it is not wanted."""
+
+
+Matrices = Callable[[Block, FloatArray, IntArray], FloatArray]
+"""(ne, k, r, d) values at the nodes of elements of a block with node coordinates x (ne, k, 3), at
+places (ne, k), per unit of each degree of freedom."""
+
+
+def _stress_rows(block: Block, x: FloatArray, places: IntArray) -> FloatArray:
+    S = block.family.stress(x, block.section)
+    return S.reshape(*S.shape[:2], -1, S.shape[-1])
+
+
+def _averaged(
+    fe: FEMatrices, places: _Places, width: int, U: FloatArray, matrices: Matrices
+) -> tuple[IntArray, FloatArray]:
+    """Nodes (p,) and the mean of the elements' values there (p, width, m), single precision."""
+    total = np.zeros((len(places.nodes), width * U.shape[1]), dtype=np.float32)
+    for block, rows in zip(places.blocks, places.rows, strict=True):
+        for part, values in _element_values(fe, block, rows, width, U, matrices):
             at = rows[part].ravel()
             used = np.flatnonzero(at >= 0)
             met, local = np.unique(at[used], return_inverse=True)
-            share = csr_array((1 / count[at[used]], (local.ravel(), used)), (len(met), len(at)))
+            shape = (len(met), len(at))
+            share = csr_array((1 / places.count[at[used]], (local.ravel(), used)), shape)
             total[met] += share @ values
-    return places[:, 0], total.reshape(len(places), layers, 6, -1)
+    return places.nodes, total.reshape(len(places.nodes), width, -1)
 
 
-def _element_stress(
-    fe: FEMatrices, block: Block, rows: IntArray, layers: int, U: FloatArray
+def _element_values(
+    fe: FEMatrices, block: Block, rows: IntArray, width: int, U: FloatArray, matrices: Matrices
 ) -> Iterator[tuple[IntArray, FloatArray]]:
-    """Batches of elements that have a wanted node, and (ne * k, layers * 6 * m) their stress."""
+    """Batches of elements that have a wanted node, and (ne * k, width * m) their values."""
     elements = np.flatnonzero((rows >= 0).any(axis=1))
     k, d, m = block.nodes.shape[1], block.width, U.shape[1]
-    size = max(1, int(_CHUNK / (48 * k * layers * (d + m))))
+    size = max(1, int(_CHUNK / (8 * k * width * (d + m))))
     for start in range(0, len(elements), size):
         part = elements[start : start + size]
         nodes = block.nodes[part]
-        S = block.family.stress(fe.mesh.points[nodes], block.section)
+        S = matrices(block, fe.mesh.points[nodes], rows[part])
         u = U[fe.numbering.of(nodes, 6 if block.family.rotations else 3)]
-        values = np.matmul(S.reshape(len(part), k * layers * 6, d), u)
-        yield part, values.reshape(len(part) * k, layers * 6 * m)
+        values = np.matmul(S.reshape(len(part), k * width, d), u)
+        yield part, values.reshape(len(part) * k, width * m)
+
+
+def shell_force_modes(
+    fe: FEMatrices, Phi: FloatArray, nodes: IntArray | None = None
+) -> ShellForceModes | None:
+    """Resultants of shells at their nodes per unit modal coordinate; None without shells.
+
+    Those of the elements that meet are turned into common axes and averaged like their stress.
+    Transverse forces follow from the slopes of these moments by equilibrium: those of the elements'
+    own shear strains do not converge. At free edges the slopes are one-sided.
+    """
+    U = fe.expand(Phi)
+    wanted = np.ones(len(fe.mesh.points), dtype=bool)
+    if nodes is not None:
+        wanted[:] = False
+        wanted[nodes] = True
+    parts: list[str] = []
+    columns = []
+    for blocks in _sections([block for block in fe.blocks if block.family.dimension == 2]):
+        places = _Places(fe, blocks, wanted)
+        axes = _nodal_axes(fe, places)
+
+        def turned(block: Block, x: FloatArray, rows: IntArray, axes: FloatArray = axes) -> Any:
+            values, own = block.family.resultants(x, block.section)
+            return _turned(values, own, axes[rows])
+
+        ids, values = _averaged(fe, places, 6, U, turned)
+        values = np.concatenate([values, _transverse_forces(fe, places, axes, values)], axis=1)
+        parts += [name for name in (blocks[0].group,) if name not in parts]
+        part = np.full(len(ids), parts.index(blocks[0].group))
+        columns.append((ids, part, axes, values))
+    if not columns:
+        return None
+    ids, part, axes, values = (np.concatenate(column) for column in zip(*columns, strict=True))
+    order = np.argsort(ids, kind="stable")
+    return ShellForceModes(ids[order], part[order], tuple(parts), axes[order], values[order])
+
+
+def _nodal_axes(fe: FEMatrices, places: _Places) -> FloatArray:
+    """(p, 3, 3) axes at each place: the mean normal, axis 1 of the elements projected."""
+    total = np.zeros((len(places.nodes), 3, 3))
+    for block, rows in zip(places.blocks, places.rows, strict=True):
+        own = flatten(fe.mesh.points[block.nodes], block.section.orientation).axes
+        used = rows >= 0
+        np.add.at(total, rows[used], np.repeat(own, rows.shape[1], axis=0)[used.ravel()])
+    normal = total[:, :, 2] / np.linalg.norm(total[:, :, 2], axis=1, keepdims=True)
+    first = total[:, :, 0] - np.sum(total[:, :, 0] * normal, axis=1, keepdims=True) * normal
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(normal, first), normal], axis=2)
+
+
+def _turned(values: FloatArray, own: FloatArray, axes: FloatArray) -> FloatArray:
+    """(ne, k, 6, d) resultants in element axes own (ne, 3, 3) as those in axes (ne, k, 3, 3)."""
+    T = _tensor_rotation(_angle(own, axes))
+    return np.concatenate([np.matmul(T, values[:, :, :3]), np.matmul(T, values[:, :, 3:])], axis=2)
+
+
+def _tensor_rotation(angle: FloatArray) -> FloatArray:
+    """(..., 3, 3) xx, yy, xy of a plane tensor in axes that are turned by an angle."""
+    c, s = np.cos(angle), np.sin(angle)
+    rows = [[c * c, s * s, 2 * c * s], [s * s, c * c, -2 * c * s], [-c * s, c * s, c * c - s * s]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def _angle(own: FloatArray, axes: FloatArray) -> FloatArray:
+    """(ne, k) by which axes (ne, k, 3, 3) are turned about the normal from own (ne, 3, 3)."""
+    T = np.einsum("eai,ekaj->ekij", own[:, :, :2], axes[..., :2])
+    return np.asarray(np.arctan2(T[..., 1, 0] - T[..., 0, 1], T[..., 0, 0] + T[..., 1, 1]))
+
+
+def _transverse_forces(
+    fe: FEMatrices, places: _Places, axes: FloatArray, values: FloatArray
+) -> FloatArray:
+    """(p, 2, m) Qx = Mx,x + Mxy,y and Qy = Mxy,x + My,y of moments at the places (p, 6, m)."""
+    total = np.zeros((len(places.nodes), 2, values.shape[2]))
+    met = np.zeros(len(places.nodes))
+    for block, rows in zip(places.blocks, places.rows, strict=True):
+        inside = np.flatnonzero((rows >= 0).all(axis=1))
+        slopes = shell_functions(block.kind, "center").corner_slopes[0]
+        for part in np.array_split(inside, 1 + len(inside) * values.shape[2] // 100_000):
+            flat = flatten(fe.mesh.points[block.nodes[part]], block.section.orientation)
+            at = rows[part]
+            angle = _angle(flat.axes, axes[at])
+            moments = np.matmul(_tensor_rotation(-angle), values[at][:, :, 3:])
+            grads = np.linalg.inv(np.matmul(slopes, flat.xy)) @ slopes
+            M = moments[:, :, [[0, 2], [2, 1]]]
+            Q = np.einsum("ejk,ekijm->eim", grads, M)
+            c, s = np.cos(angle)[..., None], np.sin(angle)[..., None]
+            Qx, Qy = Q[:, None, 0], Q[:, None, 1]
+            np.add.at(total, at, np.stack([c * Qx + s * Qy, c * Qy - s * Qx], axis=2))
+            np.add.at(met, at, 1.0)
+    return total / np.maximum(met, 1.0)[:, None, None]
 
 
 def with_recovery(
@@ -245,6 +355,7 @@ def with_recovery(
     return replace(
         body,
         stress=stress_modes(fe, Phi, skin, progress),
+        shell_forces=shell_force_modes(fe, Phi, skin),
         section_forces=SectionForceModes(forces.nodes, forces.axes, forces.ends)
         if len(forces.nodes)
         else None,

@@ -29,11 +29,10 @@ from flexmb.flexbody.parts import (
     LoadVector,
     ModeInfo,
     NodeModes,
-    SectionForceModes,
-    StressModes,
     Surface,
 )
 from flexmb.flexbody.static_response import InertiaResponse, LoadResponse, OmittedModes
+from flexmb.flexbody.stress_modes import SectionForceModes, ShellForceModes, StressModes
 
 _SYMMETRY = 1e-8  # relative; products of order 1e5 terms leave 1e-12, a wrong matrix leaves 1
 _RIGID = 1e-10  # least share of a mode's mass matrix that must remain after rigid motion
@@ -77,6 +76,8 @@ class FlexBody:
         Stress at places of the body.
     section_forces : SectionForceModes, optional
         Section forces of its beams.
+    shell_forces : ShellForceModes, optional
+        Force and moment resultants of its shells.
     loads : tuple of LoadVector
         Loads on the mesh, reduced to the modes.
     provenance : mapping of str to str
@@ -115,6 +116,7 @@ class FlexBody:
     nodes: NodeModes | None = None
     stress: StressModes | None = None
     section_forces: SectionForceModes | None = None
+    shell_forces: ShellForceModes | None = None
     loads: tuple[LoadVector, ...] = ()
     provenance: Mapping[str, str] = field(default_factory=dict)
     centrifugal_stiffness: FloatArray | None = None
@@ -286,6 +288,8 @@ def _check_parts(body: FlexBody, check: Checker) -> None:
         columns["stress"] = body.stress.m
     if body.section_forces is not None:
         columns["section_forces"] = body.section_forces.m
+    if body.shell_forces is not None:
+        columns["shell_forces"] = body.shell_forces.m
     if body.omitted_modes is not None:
         columns["omitted_modes"] = body.omitted_modes.modes.shape[1]
     for part, count in columns.items():

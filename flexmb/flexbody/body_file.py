@@ -3,8 +3,9 @@
 A file is HDF5 with the attributes format, version, name and mass at its root, and the datasets of
 ``TABLE``. Lengths are symbols: m modal coordinates, c candidate modes, i interfaces, n surface
 points, t triangles, l lines, k nodes, e places with stress, g parts and y layers of these, b beams,
-d loads, r nodes with w loads, o omitted modes under v loads, u groups of nodes with x entries, s
-entries of provenance. All in SI, body frame; a group may be empty only where the table says so.
+h places of shells, j parts of these, d loads, r nodes with w loads, o omitted modes under v loads,
+u groups of nodes with x entries, s entries of provenance. All in SI, body frame; a group may be
+empty only where the table says so.
 
 In: a body and a path, or a path. Out: a file, or the body with exactly the same numbers. Reading
 is strict: what is not ours, of another version, incomplete or not finite is refused by a sentence.
@@ -15,7 +16,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
@@ -31,11 +32,10 @@ from flexmb.flexbody.parts import (
     LoadVector,
     ModeInfo,
     NodeModes,
-    SectionForceModes,
-    StressModes,
     Surface,
 )
 from flexmb.flexbody.static_response import InertiaResponse, LoadResponse, OmittedModes
+from flexmb.flexbody.stress_modes import SectionForceModes, ShellForceModes, StressModes
 from flexmb.untrusted import USER_BLOCK, open_hdf5, seal
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 
 FORMAT = "flexmb-flexbody"
 VERSION = 3
+_NOUN = "the flexible body"
 FRAME = "mean-axis"  # rigid motions are mass-orthogonal to all modes
 
 
@@ -106,6 +107,11 @@ TABLE = (
     Dataset("section_forces/elements", "i8", ("b", 2), "mesh nodes of the beams", True),
     Dataset("section_forces/axes", "f8", ("b", 3, 3), "local axes as columns", True),
     Dataset("section_forces/modes", "f8", ("b", 2, 6, "m"), "N Vy Vz T My Mz [N, N m]", True),
+    Dataset("shell_forces/ids", "i8", ("h",), "mesh node of each place, ascending", True),
+    Dataset("shell_forces/part", "i8", ("h",), "its section, among the parts", True),
+    Dataset("shell_forces/parts", "text", ("j",), "sections by mesh group", True),
+    Dataset("shell_forces/axes", "f8", ("h", 3, 3), "local axes as columns", True),
+    Dataset("shell_forces/modes", "f4", ("h", 8, "m"), "Nx Ny Nxy Mx My Mxy Qx Qy", True),
     Dataset("inertia_response/energy", "f8", (12, 12), "to inertia loads, full [J]", True),
     Dataset("inertia_response/missing", "f8", (12, 12), "of it the modes lack [J]", True),
     Dataset("inertia_response/motion", "f8", (12, 12), "and move by [kg m^2]", True),
@@ -127,29 +133,24 @@ TABLE = (
     Dataset("provenance/value", "text", ("s",), "their values"),
 )
 
-_PARTS = {  # groups that hold one part of a body, by the field that has it
-    "surface": "surface",
-    "nodes": "nodes",
-    "stress_recovery": "stress",
-    "section_forces": "section_forces",
-    "inertia_response": "inertia_response",
-    "load_response": "load_response",
-    "omitted_modes": "omitted_modes",
-}
-_ANSWERS = {
-    "inertia_response": InertiaResponse,
-    "load_response": LoadResponse,
-    "omitted_modes": OmittedModes,
+_PARTS: dict[str, tuple[str, type]] = {  # groups that hold one part: its field and class
+    "surface": ("surface", Surface),
+    "nodes": ("nodes", NodeModes),
+    "stress_recovery": ("stress", StressModes),
+    "section_forces": ("section_forces", SectionForceModes),
+    "shell_forces": ("shell_forces", ShellForceModes),
+    "inertia_response": ("inertia_response", InertiaResponse),
+    "load_response": ("load_response", LoadResponse),
+    "omitted_modes": ("omitted_modes", OmittedModes),
 }
 _NAN_ALLOWED = ("modes/interface_share", "modes/kinetic_share")  # unknown shares
 
 
 def to_datasets(body: FlexBody) -> dict[str, Any]:
     """Arrays and lists of text by path in the file."""
-    i, m, c = len(body.interfaces), body.m, len(body.modes)
-    datasets: dict[str, Any] = {
-        f"inertia/{name}": getattr(body, name) for name in ("S1", "S0", "p", "P", "Mab")
-    }
+    c = len(body.modes)
+    datasets = part_datasets(body, body.interfaces, body.m)
+    datasets |= {f"inertia/{name}": getattr(body, name) for name in ("S1", "S0", "p", "P", "Mab")}
     datasets |= {"stiffness/K": body.K, "stiffness/D": body.D}
     if body.damping is not None:
         datasets["damping/ratios"] = [json.dumps(damping_words(body.damping))]
@@ -157,10 +158,6 @@ def to_datasets(body: FlexBody) -> dict[str, Any]:
         datasets["stiffness/centrifugal_stiffness"] = body.centrifugal_stiffness
     if body.interfaces and all(part.bend is not None for part in body.interfaces):
         datasets["interfaces/bend"] = np.array([part.bend for part in body.interfaces])
-    for name, shape in (("position", (i, 3)), ("Phi_t", (i, 3, m)), ("Phi_r", (i, 3, m))):
-        rows = [getattr(part, name) for part in body.interfaces]
-        datasets[f"interfaces/{name}"] = np.array(rows, dtype=float).reshape(shape)
-    datasets["interfaces/name"] = [part.name for part in body.interfaces]
     for name, kind in (("index", int), ("frequency", float), ("kept", bool)):
         datasets[f"modes/{name}"] = np.array([getattr(mode, name) for mode in body.modes], kind)
     for name, sizes in (("interface_share", [c]), ("kinetic_share", [c, 3])):
@@ -168,9 +165,22 @@ def to_datasets(body: FlexBody) -> dict[str, Any]:
         datasets[f"modes/{name}"] = np.array(values, dtype=float).reshape(sizes)
     for name in ("kind", "why", "mostly"):
         datasets[f"modes/{name}"] = [getattr(mode, name) for mode in body.modes]
+    for name in ("name", "force", "moment", "modal") if body.loads else ():
+        values = [getattr(load, name) for load in body.loads]
+        datasets[f"load_vectors/{name}"] = values if name == "name" else np.array(values)
+    return datasets
+
+
+def part_datasets(body: Any, interfaces: Sequence[Interface], m: int) -> dict[str, Any]:
+    """Interfaces, groups, provenance and the parts that an object has in fields of their names."""
+    datasets: dict[str, Any] = {"interfaces/name": [part.name for part in interfaces]}
+    i = len(interfaces)
+    for name, shape in (("position", (i, 3)), ("Phi_t", (i, 3, m)), ("Phi_r", (i, 3, m))):
+        rows = [getattr(part, name) for part in interfaces]
+        datasets[f"interfaces/{name}"] = np.array(rows, dtype=float).reshape(shape)
     for row in TABLE:
         owner, _, name = row.path.partition("/")
-        part = getattr(body, _PARTS[owner]) if owner in _PARTS else None
+        part = getattr(body, _PARTS[owner][0], None) if owner in _PARTS else None
         value = getattr(part, name, None)
         if value is not None:
             datasets[row.path] = list(value) if row.kind == "text" else value
@@ -179,9 +189,6 @@ def to_datasets(body: FlexBody) -> dict[str, Any]:
         datasets["groups/name"] = list(groups)
         datasets["groups/count"] = np.array([len(nodes) for nodes in groups.values()], dtype=int)
         datasets["groups/nodes"] = np.concatenate(list(groups.values())).astype(int)
-    for name in ("name", "force", "moment", "modal") if body.loads else ():
-        values = [getattr(load, name) for load in body.loads]
-        datasets[f"load_vectors/{name}"] = values if name == "name" else np.array(values)
     datasets["provenance/key"] = list(body.provenance)
     datasets["provenance/value"] = list(body.provenance.values())
     return datasets
@@ -189,26 +196,35 @@ def to_datasets(body: FlexBody) -> dict[str, Any]:
 
 def from_datasets(name: str, mass: float, datasets: Mapping[str, Any]) -> FlexBody:
     """The body that these arrays describe; validated as any other."""
-    group = {owner: _members(datasets, owner) for owner in ("inertia", "stiffness", *_PARTS)}
+    group = {owner: _members(datasets, owner) for owner in ("inertia", "stiffness")}
     loads = _members(datasets, "load_vectors")
     return FlexBody(
         name=name,
         mass=mass,
         **group["inertia"],
         **group["stiffness"],
-        interfaces=tuple(Interface(**row) for row in _rows(_members(datasets, "interfaces"))),
         modes=tuple(ModeInfo(**row) for row in _rows(_members(datasets, "modes"))),
-        surface=Surface(**group["surface"]) if group["surface"] else None,
-        nodes=NodeModes(**group["nodes"], groups=_groups(datasets)) if group["nodes"] else None,
-        stress=StressModes(**group["stress_recovery"]) if group["stress_recovery"] else None,
-        section_forces=(
-            SectionForceModes(**group["section_forces"]) if group["section_forces"] else None
-        ),
         loads=tuple(LoadVector(**row) for row in _rows(loads)) if loads else (),
-        **{name: kind(**group[name]) for name, kind in _ANSWERS.items() if group[name]},
-        provenance=dict(zip(datasets["provenance/key"], datasets["provenance/value"], strict=True)),
         damping=read_damping(json.loads(*datasets.get("damping/ratios", ["null"]))),
+        **parts_of(datasets),
     )
+
+
+def parts_of(datasets: Mapping[str, Any]) -> dict[str, Any]:
+    """Interfaces, provenance and the parts of an object by field, from datasets by path."""
+    parts: dict[str, Any] = {
+        "interfaces": tuple(Interface(**row) for row in _rows(_members(datasets, "interfaces"))),
+        "provenance": dict(
+            zip(datasets["provenance/key"], datasets["provenance/value"], strict=True)
+        ),
+    }
+    for owner, (name, kind) in _PARTS.items():
+        members = _members(datasets, owner)
+        if owner == "nodes" and members:
+            members["groups"] = _groups(datasets)
+        if members:
+            parts[name] = kind(**members)
+    return parts
 
 
 def _groups(datasets: Mapping[str, Any]) -> dict[str, Any]:
@@ -255,13 +271,50 @@ def save(body: FlexBody, path: str | os.PathLike[str]) -> Path:
     OutputError
         The file cannot be written.
     """
+    marks = {"format": FORMAT, "version": VERSION, "name": body.name, "mass": body.mass}
+    marks["frame/choice"] = FRAME
+    return save_datasets(Path(path), marks, TABLE, to_datasets(body), _NOUN)
+
+
+def save_datasets(
+    target: Path,
+    marks: Mapping[str, Any],
+    table: tuple[Dataset, ...],
+    datasets: Mapping[str, Any],
+    noun: str,
+) -> Path:
+    """Write datasets and the attributes of their file; it appears only when it is complete.
+
+    Parameters
+    ----------
+    target : Path
+        The file.
+    marks : mapping
+        Attributes by name, those of a group as ``"group/name"``.
+    table, datasets, noun
+        What it may hold, what it holds, and what that is: "the flexible body".
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
     import h5py  # h5py: 20 ms that a check of a scene need not pay
 
-    target = Path(path)
     partial = target.with_name(f"{target.name}.{os.getpid()}.part")  # two runs do not meet
     content = BytesIO()  # HDF5 ends the process where a disk fails, so it never meets one
     with h5py.File(content, "w", userblock_size=USER_BLOCK) as file:
-        _write(file, body)
+        for row in table:
+            file.require_group(row.path.partition("/")[0])
+        for mark, value in marks.items():
+            owner, _, name = mark.rpartition("/")
+            file.require_group(owner or "/").attrs[name] = value
+        for place, value in datasets.items():
+            if isinstance(value, list):
+                text = np.array(value, dtype=object)
+                file.create_dataset(place, data=text, dtype=h5py.string_dtype())
+            else:
+                file.create_dataset(place, data=value)
     line = seal(content)
     try:
         with partial.open("wb") as disk:
@@ -272,7 +325,7 @@ def save(body: FlexBody, path: str | os.PathLike[str]) -> Path:
         with suppress(OSError):
             partial.unlink(missing_ok=True)
         why = os.strerror(error.errno) if error.errno else error
-        raise OutputError(f"{target}: cannot write the flexible body: {why}") from error
+        raise OutputError(f"{target}: cannot write {noun}: {why}") from error
     return target
 
 
@@ -285,47 +338,54 @@ def load(path: str | os.PathLike[str]) -> FlexBody:
         No such file, not HDF5, not a flexible body, of another version, incomplete, or with
         numbers that cannot be.
     """
-
     source = Path(path)
+    marks, datasets = load_datasets(source, FORMAT, VERSION, TABLE, "a flexible body")
+    if marks.get("frame/choice") != FRAME:
+        what = f"holds what this flexmb does not know (frame {marks.get('frame/choice')})"
+        raise BodyFileError(f"{source}: {what}")
     try:
-        with open_hdf5(source, BodyFileError, "a flexible body of flexmb") as file:
-            _check_header(file, source)
-            datasets = {row.path: _read_dataset(file, row, source) for row in TABLE}
-            name, mass = str(file.attrs["name"]), float(file.attrs["mass"])
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
-        raise BodyFileError(f"{source}: is damaged; write the body again ({error})") from error
-    present = {key: value for key, value in datasets.items() if value is not None}
-    _check_lengths(present, source)
-    try:
-        return from_datasets(name, mass, present)
+        return from_datasets(str(marks["name"]), float(marks["mass"]), datasets)
+    except (KeyError, ValueError) as error:
+        raise BodyFileError(f"{source}: is damaged; make it again ({error})") from error
     except (ReductionError, TypeError) as error:
         raise BodyFileError(f"{source}: the body inside is not valid\n{error}") from error
 
 
-def _write(file: h5py.File, body: FlexBody) -> None:
-    import h5py
+def load_datasets(
+    source: Path, form: str, version: int, table: tuple[Dataset, ...], noun: str
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The marks of a file, and its datasets by path.
 
-    file.attrs.update({"format": FORMAT, "version": VERSION, "name": body.name, "mass": body.mass})
-    for row in TABLE:
-        file.require_group(row.path.partition("/")[0])
-    for path, value in to_datasets(body).items():
-        if isinstance(value, list):
-            file.create_dataset(path, data=np.array(value, dtype=object), dtype=h5py.string_dtype())
-        else:
-            file.create_dataset(path, data=value)
-    file.create_group("frame").attrs["choice"] = FRAME
+    Parameters
+    ----------
+    source : Path
+        The file.
+    form, version, table
+        What it must be.
+    noun : str
+        What that is, for messages: "a flexible body".
 
-
-def _check_header(file: h5py.File, source: Path) -> None:
-    if file.attrs.get("format") != FORMAT:
-        raise BodyFileError(f"{source}: is an HDF5 file, but not a flexible body of flexmb")
-    version = file.attrs.get("version")
-    if version != VERSION:
-        what = f"is a flexible body of file version {version}; this flexmb reads {VERSION}"
-        raise BodyFileError(f"{source}: {what}: reduce the mesh again")
-    frame = file["frame"].attrs.get("choice") if "frame" in file else None
-    if frame != FRAME:
-        raise BodyFileError(f"{source}: holds what this flexmb does not know (frame {frame})")
+    Raises
+    ------
+    BodyFileError
+        No such file, not HDF5, another format or version, incomplete.
+    """
+    try:
+        with open_hdf5(source, BodyFileError, f"{noun} of flexmb") as file:
+            marks = dict(file.attrs)
+            for owner in file:
+                marks |= {f"{owner}/{name}": v for name, v in file[owner].attrs.items()}
+            if marks.get("format") != form:
+                raise BodyFileError(f"{source}: is an HDF5 file, but not {noun} of flexmb")
+            if marks.get("version") != version:
+                what = f"is {noun} of file version {marks.get('version')}; this flexmb reads "
+                raise BodyFileError(f"{source}: {what}{version}: make it again")
+            datasets = {row.path: _read_dataset(file, row, source) for row in table}
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
+        raise BodyFileError(f"{source}: is damaged; make it again ({error})") from error
+    present = {key: value for key, value in datasets.items() if value is not None}
+    _check_lengths(present, source, table)
+    return marks, present
 
 
 def _read_dataset(file: h5py.File, row: Dataset, source: Path) -> Any:
@@ -343,9 +403,9 @@ def _read_dataset(file: h5py.File, row: Dataset, source: Path) -> Any:
     return values
 
 
-def _check_lengths(datasets: dict[str, Any], source: Path) -> None:
+def _check_lengths(datasets: dict[str, Any], source: Path, table: tuple[Dataset, ...]) -> None:
     lengths: dict[str, int] = {}
-    for row in TABLE:
+    for row in table:
         if row.path not in datasets:
             continue
         shape = np.shape(datasets[row.path])

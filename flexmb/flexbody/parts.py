@@ -1,12 +1,7 @@
-"""The parts of a flexible body: interfaces, modes, surface, nodal modes, loads, stress.
+"""The parts of a flexible body: interfaces, modes, surface, nodal modes, loads.
 
 All in SI and in the body frame, which is the frame of the undeformed mesh. m is the number of
 modal coordinates eta; Phi_t and Phi_r are the translation [m] and rotation [rad] per unit eta.
-
-In: stress at places of the body and section forces at the ends of its beams, linear in eta. Out:
-:class:`StressModes` and :class:`SectionForceModes`, from which the stress of any motion is a sum.
-The von Mises stress is no such sum: it is taken of the summed components, never summed itself.
-Source: Huber (1904) and von Mises (1913), in Timoshenko, Strength of Materials, part II.
 
 In: a :class:`FlexBody`. Out: one row per candidate mode under the headings ``MODE_COLUMNS``:
 `mostly` names the candidate with the most strain energy in the mode, `interfaces` the share of
@@ -16,10 +11,9 @@ strain energy in interface motions, `x/y/z` the shares of kinetic energy along t
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.flexbody.arrays import Checker, FloatArray, IntArray
 
@@ -49,12 +43,12 @@ class Interface:
 
     def __post_init__(self) -> None:
         check = Checker(f"interface {self.name}")
-        _set(self, position=check.floats("position", self.position, (3,)))
-        _set(self, Phi_t=check.floats("Phi_t", self.Phi_t, (3, None)))
+        set_fields(self, position=check.floats("position", self.position, (3,)))
+        set_fields(self, Phi_t=check.floats("Phi_t", self.Phi_t, (3, None)))
         m = self.Phi_t.shape[1]
-        _set(self, Phi_r=check.floats("Phi_r", self.Phi_r, (3, m)))
+        set_fields(self, Phi_r=check.floats("Phi_r", self.Phi_r, (3, m)))
         if self.bend is not None:
-            _set(self, bend=check.floats("bend", self.bend, (3, m, m)))
+            set_fields(self, bend=check.floats("bend", self.bend, (3, m, m)))
         check.raise_problems()
 
 
@@ -131,12 +125,12 @@ class Surface:
 
     def __post_init__(self) -> None:
         check = Checker("surface")
-        _set(self, points=check.floats("points", self.points, (None, 3)))
+        set_fields(self, points=check.floats("points", self.points, (None, 3)))
         n = len(self.points)
-        _set(self, faces=check.integers("faces", self.faces, (None, 3)))
-        _set(self, lines=check.integers("lines", self.lines, (None, 2)))
-        _set(self, modes=check.floats("modes", self.modes, (n, 3, None)))
-        _set(self, node_ids=check.integers("node_ids", self.node_ids, (n,)))
+        set_fields(self, faces=check.integers("faces", self.faces, (None, 3)))
+        set_fields(self, lines=check.integers("lines", self.lines, (None, 2)))
+        set_fields(self, modes=check.floats("modes", self.modes, (n, 3, None)))
+        set_fields(self, node_ids=check.integers("node_ids", self.node_ids, (n,)))
         for name in ("faces", "lines"):
             rows = getattr(self, name)
             if rows.size and not (rows.min() >= 0 and rows.max() < n):
@@ -170,12 +164,12 @@ class NodeModes:
 
     def __post_init__(self) -> None:
         check = Checker("nodes")
-        _set(self, ids=check.integers("ids", self.ids, (None,)))
+        set_fields(self, ids=check.integers("ids", self.ids, (None,)))
         k = len(self.ids)
-        _set(self, position=check.floats("position", self.position, (k, 3)))
-        _set(self, Phi_t=check.floats("Phi_t", self.Phi_t, (k, 3, None)))
+        set_fields(self, position=check.floats("position", self.position, (k, 3)))
+        set_fields(self, Phi_t=check.floats("Phi_t", self.Phi_t, (k, 3, None)))
         if self.Phi_r is not None:
-            _set(self, Phi_r=check.floats("Phi_r", self.Phi_r, self.Phi_t.shape))
+            set_fields(self, Phi_r=check.floats("Phi_r", self.Phi_r, self.Phi_t.shape))
         if (np.diff(self.ids) <= 0).any():
             check.add("ids", "must be ascending without repetition")
         for name, nodes in self.groups.items():
@@ -210,146 +204,13 @@ class LoadVector:
 
     def __post_init__(self) -> None:
         check = Checker(f"load {self.name}")
-        _set(self, force=check.floats("force", self.force, (3,)))
-        _set(self, moment=check.floats("moment", self.moment, (3,)))
-        _set(self, modal=check.floats("modal", self.modal, (None,)))
+        set_fields(self, force=check.floats("force", self.force, (3,)))
+        set_fields(self, moment=check.floats("moment", self.moment, (3,)))
+        set_fields(self, modal=check.floats("modal", self.modal, (None,)))
         check.raise_problems()
 
 
-def _set(part: object, /, **fields: object) -> None:
+def set_fields(part: object, /, **fields: object) -> None:
+    """Set fields of a frozen part while it is made."""
     for name, value in fields.items():
         object.__setattr__(part, name, value)
-
-
-STRESS = ("xx", "yy", "zz", "yz", "zx", "xy")
-"""Order of stress components, body axes."""
-SECTION_FORCES = ("N", "Vy", "Vz", "T", "My", "Mz")
-"""Order of section forces: normal force, shear forces, torque, bending moments."""
-
-
-def von_mises(stress: FloatArray) -> FloatArray:
-    """(...) the von Mises stress of components (..., 6) in the order of ``STRESS``.
-
-    >>> von_mises(np.array([100.0, 0, 0, 0, 0, 0])).item()
-    100.0
-    """
-    xx, yy, zz, yz, zx, xy = np.moveaxis(np.asarray(stress), -1, 0)
-    apart = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
-    return np.asarray(np.sqrt(0.5 * apart + 3.0 * (yz**2 + zx**2 + xy**2)))
-
-
-@dataclass(frozen=True, eq=False)
-class StressModes:
-    """Stress at places of the body per unit modal coordinate.
-
-    A place is a mesh node, a section of the body and a layer of it: where two sections, or two
-    shells at an angle, meet at a node, each has a place of its own there. Single precision, seven
-    digits, is more than the stress of a mesh holds and halves the file.
-
-    Parameters
-    ----------
-    ids : (k,) int
-        Mesh node of each place, ascending.
-    part, layer : (k,) int
-        Which of ``parts`` and of ``layers`` each place belongs to.
-    parts : tuple of str
-        Sections, by the mesh group that gave them.
-    layers : tuple of str
-        Places across a section: ``"bottom"`` and ``"top"`` of shells, stress points of beams,
-        and ``"solid"``.
-    modes : (k, 6, m) float32
-        Stress per unit modal coordinate, xx yy zz yz zx xy in body axes [Pa].
-    """
-
-    ids: IntArray
-    part: IntArray
-    layer: IntArray
-    parts: tuple[str, ...]
-    layers: tuple[str, ...]
-    modes: NDArray[np.float32]
-
-    def __post_init__(self) -> None:
-        check = Checker("stress")
-        _set(self, ids=check.integers("ids", self.ids, (None,)))
-        k = len(self.ids)
-        for name in ("part", "layer"):
-            _set(self, **{name: check.integers(name, getattr(self, name), (k,))})
-            names = tuple(str(text) for text in getattr(self, f"{name}s"))
-            _set(self, **{f"{name}s": names})
-            rows = getattr(self, name)
-            if rows.size and not (rows.min() >= 0 and rows.max() < len(names)):
-                check.add(name, f"points outside the {len(names)} names of {name}s")
-        _set(self, modes=check.floats("modes", self.modes, (k, 6, None), np.float32))
-        if (np.diff(self.ids) < 0).any():
-            check.add("ids", "must be ascending")
-        check.raise_problems()
-
-    @property
-    def m(self) -> int:
-        """Number of modal coordinates."""
-        return int(self.modes.shape[2])
-
-    def rows(self, node: int | None = None, layer: str | None = None) -> IntArray:
-        """Places at a mesh node and of a layer; None takes all. Empty if there are none."""
-        selected = np.ones(len(self.ids), dtype=bool)
-        if node is not None:
-            selected &= self.ids == node
-        if layer is not None:
-            number = self.layers.index(layer) if layer in self.layers else -1
-            selected &= self.layer == number
-        return np.flatnonzero(selected)
-
-    def at(self, eta: FloatArray, rows: IntArray | slice = slice(None)) -> FloatArray:
-        """(..., k, 6) stress for modal coordinates (..., m) at all places, or at some rows [Pa]."""
-        modes = self.modes[rows]
-        flat = modes.reshape(-1, self.m).astype(np.float64)
-        return np.asarray((eta @ flat.T).reshape(*np.shape(eta)[:-1], len(modes), 6))
-
-    def combined(self, Z: FloatArray) -> StressModes:
-        """The same in modes made of these by Z (m, k)."""
-        return replace(self, modes=(self.modes @ Z).astype(np.float32))
-
-
-@dataclass(frozen=True, eq=False)
-class SectionForceModes:
-    """Section forces at both ends of each beam element per unit modal coordinate.
-
-    What the part of the beam beyond the section does to the part before it, in the order
-    ``SECTION_FORCES``, along the local axes and about the centroid: a tensile N is positive, a
-    positive Mz stretches the fibres at negative y, a positive My those at positive z.
-
-    Parameters
-    ----------
-    elements : (b, 2) int
-        Mesh nodes of the beam elements.
-    axes : (b, 3, 3) float
-        Local axes x (along the beam), y, z as columns, body frame.
-    modes : (b, 2, 6, m) float
-        N, Vy, Vz [N] and T, My, Mz [N m] at the first and at the second node.
-    """
-
-    elements: IntArray
-    axes: FloatArray
-    modes: FloatArray
-
-    def __post_init__(self) -> None:
-        check = Checker("section_forces")
-        _set(self, elements=check.integers("elements", self.elements, (None, 2)))
-        b = len(self.elements)
-        _set(self, axes=check.floats("axes", self.axes, (b, 3, 3)))
-        _set(self, modes=check.floats("modes", self.modes, (b, 2, 6, None)))
-        check.raise_problems()
-
-    @property
-    def m(self) -> int:
-        """Number of modal coordinates."""
-        return int(self.modes.shape[3])
-
-    def at(self, eta: FloatArray) -> FloatArray:
-        """(..., b, 2, 6) section forces for modal coordinates (..., m) [N, N m]."""
-        forces = eta @ self.modes.reshape(-1, self.m).T
-        return np.asarray(forces.reshape(*np.shape(eta)[:-1], len(self.elements), 2, 6))
-
-    def combined(self, Z: FloatArray) -> SectionForceModes:
-        """The same in modes made of these by Z (m, k)."""
-        return replace(self, modes=self.modes @ Z)

@@ -329,7 +329,7 @@ def _combined(forms: FloatArray | None, Z: FloatArray) -> FloatArray | None:
 def _combine_recovery(body: FlexBody, Z: FloatArray) -> dict[str, Any]:
     """Motion of nodes and surface, stress and section forces in the modes made by Z (m, k)."""
     nodes, surface = body.nodes, body.surface
-    stress, forces = body.stress, body.section_forces
+    stress, forces, shells = body.stress, body.section_forces, body.shell_forces
     if nodes is not None:
         turning = None if nodes.Phi_r is None else nodes.Phi_r @ Z
         nodes = NodeModes(nodes.ids, nodes.position, nodes.Phi_t @ Z, turning, nodes.groups)
@@ -338,6 +338,7 @@ def _combine_recovery(body: FlexBody, Z: FloatArray) -> dict[str, Any]:
         "surface": None if surface is None else replace(surface, modes=surface.modes @ Z),
         "stress": None if stress is None else stress.combined(Z),
         "section_forces": None if forces is None else forces.combined(Z),
+        "shell_forces": None if shells is None else shells.combined(Z),
     }
 
 

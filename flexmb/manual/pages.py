@@ -36,6 +36,7 @@ PAGES = (
     "flexible-bodies",
     "elements",
     "reduction",
+    "parts",
     "accuracy",
     "statics",
     "linearization",

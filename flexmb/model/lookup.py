@@ -69,6 +69,8 @@ class ModelData(Protocol):
     checks: list[Any]
     frequency_checks: list[Any]
     mode_checks: list[Any]
+    part_checks: list[Any]
+    part: Any
     assembly: Any
     dynamics: Any
     effects: Any
@@ -81,7 +83,9 @@ class ModelData(Protocol):
     @property
     def context(self) -> ReadContext: ...
 
-    def check_context(self, channel: Any) -> ReadContext: ...
+    def check_context(self, fields: Mapping[str, Any]) -> ReadContext: ...
+
+    def check_unit(self, fields: Mapping[str, Any]) -> str | None: ...
 
     def channels(self) -> tuple[str, ...]: ...
 

@@ -193,7 +193,7 @@ class MeshBodySpec(FlexibleBodySpec):
     units: UnitsName = Field("scene", validate_default=True)
     material: MaterialField
     sections: Sections = {}
-    interfaces: Interfaces
+    interfaces: Interfaces = {}
     ties: Ties = {}
     masses: Masses = {}
     springs: Springs = {}

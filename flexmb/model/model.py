@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from html import escape
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar
@@ -54,6 +55,7 @@ from flexmb.model.scenes.sections import (
     read_named,
 )
 from flexmb.model.scenes.study import StudySpec
+from flexmb.model.scenes.supports import PartCheckSpec, PartSpec, part_unit
 from flexmb.model.sensor import SensorSpec, channels_of, unit_of
 from flexmb.units import UnitSystem, unit_system
 
@@ -69,6 +71,9 @@ class Source(NamedTuple):
     path: Path
     text: str
     overrides: Mapping[str, Any] = MappingProxyType({})
+
+
+_LISTED = 12  # names of a section that notebooks show
 
 
 class Model:
@@ -124,12 +129,14 @@ class Model:
         self.checks: list[CheckSpec] = []
         self.frequency_checks: list[FrequencyCheckSpec] = []
         self.mode_checks: list[ModeCheckSpec] = []
+        self.part_checks: list[PartCheckSpec] = []
         self.assembly: AssemblySpec | None = None
         self.dynamics: DynamicsSpec | None = None
         self.effects: EffectsSpec | None = None
         self.results: ResultsSpec | None = None
         self.kinematics: KinematicsSpec | None = None
         self.statics: StaticsSpec | None = None
+        self.part: PartSpec | None = None
         self.study: StudySpec | None = None
         self.validity: ValiditySpec | None = None
         self.view = ViewSpec()
@@ -142,6 +149,22 @@ class Model:
             for section in ("bodies", "joints", "couplers", "drivers", "forces", "sensors")
         )
         return f"Model({self.title!r}: {counts})"
+
+    def _repr_html_(self) -> str:
+        """What notebooks show: the names in each section, and how bodies are joined."""
+        rows = []
+        for section in ("bodies", "joints", "couplers", "drivers", "forces", "sensors"):
+            parts = getattr(self, section)
+            names = [
+                f"{name} ({', '.join(getattr(part, 'between', None) or ())})".replace(" ()", "")
+                for name, part in parts.items()
+            ]
+            more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+            if names:
+                cells = f"{len(names)} {section}", ", ".join(names[:_LISTED]) + more
+                rows.append("".join(f'<td style="text-align:left">{escape(c)}</td>' for c in cells))
+        body = "".join(f"<tr>{row}</tr>" for row in rows)
+        return f"<div><strong>{escape(self.title)}</strong><table>{body}</table></div>"
 
     @property
     def context(self) -> ReadContext:
@@ -218,15 +241,18 @@ class Model:
         """Add a controller: ``input``, an expression over channels and t; its name is a channel."""
         return self._add("controllers", name, {"type": type, **fields})
 
-    def add_check(self, **fields: Any) -> CheckSpec | FrequencyCheckSpec | ModeCheckSpec:
+    def add_check(
+        self, **fields: Any
+    ) -> CheckSpec | FrequencyCheckSpec | ModeCheckSpec | PartCheckSpec:
         """Add a known answer: ``sensor``, ``time``, ``value``, ``tolerance``, ``source``.
 
         Of a natural frequency: ``body``, ``held``, ``mode``, ``value``, ``tolerance``, ``source``.
-        Of a linearised mode: ``linear_mode``, ``parameters`` and these.
+        Of a linearised mode: ``linear_mode``, ``parameters`` and these. Of a part by itself:
+        ``part``, its quantity, and these.
         """
         kind = check_kind(fields)
         checks: list[Any] = getattr(self, CHECK_LISTS[kind])
-        spec, problems = read_entry(kind, fields, self.check_context(fields.get("sensor")))
+        spec, problems = read_entry(kind, fields, self.check_context(fields))
         _raise(under(f"check[{len(checks)}]", problems))
         checks.append(spec)
         return spec  # type: ignore[return-value]
@@ -255,6 +281,11 @@ class Model:
         """Say of which times equilibria are sought: ``time``, or ``duration`` and ``outputs``."""
         self.statics = self._single("statics", StaticsSpec, fields)
         return self.statics
+
+    def set_part(self, **fields: Any) -> PartSpec:
+        """Say how one body is solved by itself: ``supports``, ``loads``, ``frequencies``, ..."""
+        self.part = self._single("part", PartSpec, fields)
+        return self.part
 
     def set_assembly(self, **fields: Any) -> AssemblySpec:
         """Say how the first pose is found: ``weights`` by body, ``guess`` by joint."""
@@ -323,9 +354,16 @@ class Model:
                     return unit_of(vars(owners[name]))
         return None
 
-    def check_context(self, channel: Any) -> ReadContext:
-        """What numbers mean that are compared with a channel."""
-        unit = self.channel_unit(channel) if isinstance(channel, str) else None
+    def check_unit(self, fields: Mapping[str, Any]) -> str | None:
+        """SI unit of what a check compares, its channel or the quantity of a part."""
+        if "part" in fields:
+            return part_unit(fields["part"])
+        channel = fields.get("sensor")
+        return self.channel_unit(channel) if isinstance(channel, str) else None
+
+    def check_context(self, fields: Mapping[str, Any]) -> ReadContext:
+        """What the numbers of a check mean."""
+        unit = self.check_unit(fields)
         return ReadContext(self.parameters, self.units, expected_unit=unit, folder=self.folder)
 
     def marker(self, reference: str) -> lookup.NamedMarker:

@@ -273,9 +273,10 @@ class Measured(Quantity):
 
 @dataclass(frozen=True)
 class Integer(FieldType):
-    """Annotation of an int: the smallest value it may have."""
+    """Annotation of an int: the smallest and the largest value it may have."""
 
     minimum: int = 0
+    maximum: int = 10_000_000
 
     def read(self, value: Any, info: ValidationInfo) -> int:
         """The whole number."""
@@ -284,10 +285,12 @@ class Integer(FieldType):
             raise fail(
                 Problem("", f"a whole number from {self.minimum} on is expected, is {number:g}")
             )
+        if number > self.maximum:
+            raise fail(Problem("", f"at most {self.maximum}, is {number:g}"))
         return round(number)
 
     def form(self, source: Any, form_of: Callable[[Any], Form]) -> Form:
-        return {"type": ["integer", "string"], "minimum": self.minimum}
+        return {"type": ["integer", "string"], "minimum": self.minimum, "maximum": self.maximum}
 
 
 def plain(value: Any) -> Any:

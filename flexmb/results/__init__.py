@@ -8,6 +8,7 @@ from flexmb.results.reader import DAMPING, BodyDamping, damping_text
 from flexmb.results.recovery import PeakStress, SectionForces, Stress
 from flexmb.results.result import NOT_UNIQUE, Pose, Reaction, Result, load_result
 from flexmb.results.result_file import extend_file, file_format, store_text
+from flexmb.results.vtu import write_vtu
 from flexmb.results.writer import OutputBlock, ResultWriter
 
 __all__ = [
@@ -31,4 +32,5 @@ __all__ = [
     "row_bytes",
     "store_text",
     "stored_columns",
+    "write_vtu",
 ]

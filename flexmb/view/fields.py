@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import ViewError
-from flexmb.flexbody import FlexBody, von_mises
+from flexmb.flexbody import FlexBody, PartResult, principal_stresses, von_mises
 from flexmb.units import UnitSystem
 from flexmb.view.content import Deformed, Scale
 from flexmb.view.mechanism import Mechanism
@@ -32,21 +32,19 @@ class Field:
     quantity: str
     unit: str
     signed: bool = False
-    of_stress: Callable[[FlexBody, Array, Any], Array] | None = None
+    of_stress: Callable[[FlexBody | PartResult, Array, Any], Array] | None = None
 
 
-def _mises(body: FlexBody, stress: Array, rows: Any) -> Array:
+def _mises(body: FlexBody | PartResult, stress: Array, rows: Any) -> Array:
     return von_mises(stress)
 
 
-def _principal(body: FlexBody, stress: Array, rows: Any) -> Array:
-    xx, yy, zz, yz, zx, xy = stress.T
-    tensors = np.stack([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]]).transpose(2, 0, 1)
-    values = np.linalg.eigvalsh(tensors)
-    return np.where(np.abs(values[:, 0]) > values[:, 2], values[:, 0], values[:, 2])
+def _principal(body: FlexBody | PartResult, stress: Array, rows: Any) -> Array:
+    values = principal_stresses(stress)
+    return np.where(np.abs(values[:, 2]) > values[:, 0], values[:, 2], values[:, 0])
 
 
-def _strain_energy(body: FlexBody, stress: Array, rows: Any) -> Array:
+def _strain_energy(body: FlexBody | PartResult, stress: Array, rows: Any) -> Array:
     assert body.stress is not None
     materials = _materials(body)
     E, nu = (np.array([row[k] for row in materials])[body.stress.part[rows]] for k in (0, 1))
@@ -63,7 +61,7 @@ FIELDS: Final = {
 }
 
 
-def _materials(body: FlexBody) -> list[tuple[float, float]]:
+def _materials(body: FlexBody | PartResult) -> list[tuple[float, float]]:
     """E [Pa] and nu of each part that has stress."""
     assert body.stress is not None
     common = json.loads(body.provenance.get("material") or "{}")
@@ -89,9 +87,10 @@ def stress_values(mechanism: Mechanism, color: str, layer: str | None) -> dict[s
     ViewError
         No body has stress, or none in the layer.
     """
-    function = FIELDS[color].of_stress
-    assert function is not None
-    stress = {name: _at_points(mechanism, name, function, layer) for name in mechanism.flexbodies}
+    stress = {
+        name: field_at_points(body, mechanism.pose(name).eta, color, layer)
+        for name, body in mechanism.flexbodies.items()
+    }
     if all(values is None for values in stress.values()):
         layers = {name for body in mechanism.flexbodies.values() if body.stress is not None
                   for name in body.stress.layers}  # fmt: skip
@@ -103,20 +102,18 @@ def stress_values(mechanism: Mechanism, color: str, layer: str | None) -> dict[s
     return stress
 
 
-def _at_points(
-    mechanism: Mechanism,
-    name: str,
-    function: Callable[[FlexBody, Array, Any], Array],
-    layer: str | None,
+def field_at_points(
+    body: FlexBody | PartResult, eta: Array, color: str, layer: str | None
 ) -> Array | None:
     """The value of largest magnitude over layers and sections at each surface point; NaN: none."""
-    body = mechanism.flexbodies[name]
+    function = FIELDS[color].of_stress
+    assert function is not None
     if body.stress is None or body.surface is None:
         return None
     rows = body.stress.rows(layer=layer)
     if not len(rows):
         return None
-    values = function(body, body.stress.at(mechanism.pose(name).eta, rows), rows)
+    values = function(body, body.stress.at(eta, rows), rows)
     ids, nodes = body.stress.ids[rows], body.surface.node_ids
     count = max(ids.max(), nodes.max()) + 1
     high, low = np.full(count, np.nan), np.full(count, np.nan)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import ViewError
-from flexmb.flexbody import FlexBody, load
+from flexmb.flexbody import FlexBody, PartResult, load
 from flexmb.flexbody.natural_modes import natural_modes
 from flexmb.progress import Progress, silent
 from flexmb.view.camera import Camera, body_camera
@@ -27,6 +27,7 @@ from flexmb.view.film import RATE, check_processes, check_rate, make_film
 from flexmb.view.mechanism import transform
 from flexmb.view.part import PIN
 from flexmb.view.picture import check_exaggeration, check_size, columns_of, draw_panels
+from flexmb.view.plates import plates_of
 from flexmb.view.plot import BODIES, writable_file
 from flexmb.view.shapes import sharp_edges, sphere
 
@@ -170,19 +171,25 @@ def _shot(
     frequencies, motion = _motions(body, supports)
     numbers = _numbers(body, modes, len(frequencies))
     check_exaggeration(exaggeration)
-    columns = columns_of(len(numbers))
-    rows = -(-len(numbers) // columns)
-    pixels = size or (_SINGLE if len(numbers) == 1 else (_CELL[0] * columns, _CELL[1] * rows))
-    check_size((pixels[0] // columns, pixels[1] // rows))
+    pixels, columns = panel_grid(len(numbers), size)
     camera = body_camera(surface.points, direction)
     caption = f"{body.name}, {'held at ' + ', '.join(supports) if supports else 'free'}"
     shapes = [
-        _panel(body, motion[:, :, k - 1], (title, caption), exaggeration, camera)
+        mode_panel(body, motion[:, :, k - 1], (title, caption), exaggeration, camera)
         for k in numbers
         if (title := f"mode {k}: {frequencies[k - 1]:.4g} Hz")
     ]
     places = np.array([part.position for part in body.interfaces]).reshape(-1, 3)
     return ModeShot(shapes, places, pixels, columns, count)
+
+
+def panel_grid(count: int, size: tuple[int, int] | None = None) -> tuple[tuple[int, int], int]:
+    """Pixels of a picture of several panels, and in how many columns they stand."""
+    columns = columns_of(count)
+    rows = -(-count // columns)
+    pixels = size or (_SINGLE if count == 1 else (_CELL[0] * columns, _CELL[1] * rows))
+    check_size((pixels[0] // columns, pixels[1] // rows))
+    return pixels, columns
 
 
 def _motions(body: FlexBody, supports: Sequence[str]) -> tuple[Array, Array]:
@@ -207,8 +214,17 @@ def _numbers(body: FlexBody, modes: int | Sequence[int] | None, count: int) -> l
     return numbers
 
 
-def _panel(
-    body: FlexBody,
+def balls(places: Array, size: float) -> tuple[Solid, ...]:
+    """Balls at interfaces or supports (n, 3) of a body of a size."""
+    ball = sphere(_JOINT * size)
+    return tuple(
+        Solid("interface", ball, PIN, matrix=transform(np.eye(3), place), role="joint")
+        for place in places
+    )
+
+
+def mode_panel(
+    body: FlexBody | PartResult,
     motion: Array,
     texts: tuple[str, str],
     exaggeration: float | str,
@@ -223,19 +239,15 @@ def _panel(
     factor = _AMPLITUDE * size / largest if isinstance(exaggeration, str) else float(exaggeration)
     faces, lines = body.surface.faces, body.surface.lines
     moved = points + factor * u
-    drawn = Deformed(
-        body.name, moved, points, faces, lines, amount, BODIES[0], amount,
-        sharp=sharp_edges(points, faces),
-    )  # fmt: skip
-    ball = sphere(_JOINT * size)
+    drawn = Deformed(body.name, moved, points, faces, lines, amount, BODIES[0], amount)
+    plates = plates_of(body) if isinstance(body, FlexBody) else None
+    drawn = drawn if plates is None else plates.drawn(drawn)
+    drawn = replace(drawn, sharp=sharp_edges(drawn.undeformed, drawn.faces))
     places = np.array([part.position for part in body.interfaces]).reshape(-1, 3)
     return Content(
         title=texts[0],
         caption=texts[1],
-        solids=tuple(
-            Solid("interface", ball, PIN, matrix=transform(np.eye(3), place), role="joint")
-            for place in places + factor * motion[len(points) :]
-        ),
+        solids=balls(places + factor * motion[len(points) :], size),
         deformed=(drawn,),
         scale=Scale(largest, 1.0 / largest, "", "displacement over the largest"),
         camera=camera,

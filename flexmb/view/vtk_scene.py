@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+OVERSAMPLING = 2  # pixels that are drawn for one of the picture, each way
 FEATURE_DEGREES = 35.0  # edges sharper than this are drawn as lines, and not smoothed
 _RIGID = 1e-6  # of its size by which a part may leave a rigid motion that moves it
 _FIT_POINTS = 64  # from which the rigid motion is estimated
@@ -25,6 +26,9 @@ _FIT_POINTS = 64  # from which the rigid motion is estimated
 
 class VtkScene:
     """An off-screen window with panels in rows and columns.
+
+    It is drawn larger than it is shown, which smooths edges and letters in half the time of VTK's
+    own supersampling. Widths of lines are those of the picture, sizes of letters as drawn.
 
     Parameters
     ----------
@@ -34,19 +38,32 @@ class VtkScene:
         Rows and columns of panels.
     background : str
         Colour of the ground.
+    window : bool
+        Whether it is a window on the desktop, whose camera the user moves.
     """
 
-    def __init__(self, size: tuple[int, int], shape: tuple[int, int], background: str) -> None:
+    def __init__(
+        self,
+        size: tuple[int, int],
+        shape: tuple[int, int],
+        background: str,
+        window: bool = False,
+    ) -> None:
         import pyvista
 
+        self.is_window = window
+        self.sampling = 1 if window else OVERSAMPLING
+
         plotter: Any = pyvista.Plotter(
-            off_screen=True,
-            window_size=list(size),
+            off_screen=not window,
+            window_size=[self.sampling * pixels for pixels in size],
             lighting="light kit",
             shape=shape,
             border=False,
         )
         plotter.set_background(background)
+        if not window:
+            plotter.disable_anti_aliasing()
         plotter.suppress_rendering = True  # but where a picture is wanted
         self.plotter = plotter
         self._parts: dict[tuple[int, int], _Part] = {}  # by panel and number
@@ -109,6 +126,9 @@ class VtkScene:
         points = np.asarray(points, dtype=float)
         if matrix is None:
             points = points - self.origin
+        look = {**look, "line_width": self.sampling * look.get("line_width", 1.0)}
+        if edges is not None:
+            edges = {**edges, "line_width": self.sampling * edges.get("line_width", 1.0)}
         part = self._parts.get(key)
         is_like = part is not None and part.is_like(faces, lines, values, edges, look)
         if is_like and matrix is not None:
@@ -176,6 +196,7 @@ class VtkScene:
 
     def image(self) -> NDArray[np.uint8]:
         """The picture (height, width, 3)."""
+        from PIL import Image
         from pyvista import convert_array as to_numpy
         from vtkmodules.vtkRenderingCore import vtkWindowToImageFilter
 
@@ -189,7 +210,8 @@ class VtkScene:
         picture = reader.GetOutput()
         width, height, _ = picture.GetDimensions()
         pixels: NDArray[np.uint8] = to_numpy(picture.GetPointData().GetScalars())
-        return np.ascontiguousarray(pixels.reshape(height, width, -1)[::-1, :, :3])
+        picture = Image.fromarray(pixels.reshape(height, width, -1)[::-1, :, :3].copy())
+        return np.asarray(picture.reduce(self.sampling))
 
     def save(self, path: Path) -> None:
         """Write the picture into a PNG file."""

@@ -26,6 +26,7 @@ from flexmb.workflow.installation import (
 from flexmb.workflow.linearize import linearize, sweep_modes
 from flexmb.workflow.listings import TOPICS, Listing, listing, new_scene, templates
 from flexmb.workflow.mode_pictures import render_mode_shapes
+from flexmb.workflow.part_analysis import PartReport, run_part
 from flexmb.workflow.resume import resume, resume_run
 from flexmb.workflow.run_report import CheckOutcome, RunReport
 from flexmb.workflow.simulate import kinematics, run_model, run_scene, simulate, statics
@@ -41,6 +42,7 @@ __all__ = [
     "Installation",
     "Listing",
     "MotionState",
+    "PartReport",
     "ReducedBody",
     "ReducedScene",
     "RunReport",
@@ -69,6 +71,7 @@ __all__ = [
     "resume",
     "resume_run",
     "run_model",
+    "run_part",
     "run_scene",
     "simulate",
     "statics",

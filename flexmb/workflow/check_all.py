@@ -17,6 +17,7 @@ from pathlib import Path
 from flexmb.errors import FlexmbError, Problem, SceneError
 from flexmb.folders import writable_folder
 from flexmb.progress import Progress, silent
+from flexmb.workflow.part_analysis import run_part
 from flexmb.workflow.run import ANALYSES
 from flexmb.workflow.run_report import CheckOutcome
 from flexmb.workflow.simulate import run_scene
@@ -46,7 +47,8 @@ def check_all(
 ) -> list[SceneChecks]:
     """Run every scene in a folder and compare it with its known answers, without pictures.
 
-    A scene without an analysis has its flexible bodies reduced.
+    A scene without an analysis has its flexible bodies reduced, one with a part by itself has that
+    solved.
 
     Parameters
     ----------
@@ -131,7 +133,9 @@ def _check(scene: Path, analyses: tuple[str, ...], output: Path) -> SceneChecks:
             for analysis in analyses:
                 report = run_scene(scene, output=output, analysis=analysis, pictures=False)
                 outcomes += report.checks
-            if not analyses:
+            if load_scene(scene).part is not None:
+                outcomes += run_part(scene, output=output, pictures=False).checks
+            elif not analyses:
                 outcomes += reduce_scene(scene, output=output).checks
             return SceneChecks(scene, tuple(outcomes), load_scene(scene).units.label("s"))
         except FlexmbError as error:

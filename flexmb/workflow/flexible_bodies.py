@@ -125,7 +125,7 @@ def flexible_bodies(
             errors.append((name, error))
         files.setdefault(name, file)
     if errors:
-        problems = [problem for name, error in errors for problem in _under(name, error.problems)]
+        problems = [p for name, error in errors for p in under_body(name, error.problems)]
         raise type(errors[0][1]).from_problems(problems)
     return bodies, files, notes
 
@@ -155,14 +155,14 @@ def survey_bodies(model: Model) -> tuple[dict[str, Survey], list[Problem]]:
     surveys: dict[str, Survey] = {}
     for name, spec in model.bodies.items():
         if isinstance(spec, MeshBodySpec):
-            mesh, options = _reduction_input(model, name)
+            mesh, options = reduction_input(model, name)
             surveys[name] = fe.survey(mesh, **options)
-            problems += _under(name, surveys[name].problems)
+            problems += under_body(name, surveys[name].problems)
         elif isinstance(spec, FlexbodySpec):
             try:
                 _loaded_body(model, name)
             except (BodyFileError, ReductionError) as error:
-                problems += _under(name, error.problems)
+                problems += under_body(name, error.problems)
     return surveys, problems
 
 
@@ -214,7 +214,7 @@ def _source_body(model: Model, name: str) -> FlexBody:
     return load(model.path(source)) if isinstance(source, str) else source
 
 
-def _under(name: str, problems: Iterable[Problem]) -> list[Problem]:
+def under_body(name: str, problems: Iterable[Problem]) -> list[Problem]:
     """The problems with their place in the scene in front."""
     fields = MeshBodySpec.model_fields
     full = []
@@ -231,7 +231,7 @@ def _under(name: str, problems: Iterable[Problem]) -> list[Problem]:
     return full
 
 
-def _reduction_input(model: Model, name: str, residual: str = "none") -> tuple[Any, dict[str, Any]]:
+def reduction_input(model: Model, name: str, residual: str = "none") -> tuple[Any, dict[str, Any]]:
     """The mesh of a body, a path or a table, and the options of its reduction.
 
     `residual` is what the scene's "auto" is taken for.
@@ -262,7 +262,7 @@ def _stored_body(model: Model, name: str, file: Path, notes: list[str]) -> FlexB
         body = load(file)
     except BodyFileError:
         return None  # of another version, or cut off: reduced again
-    mesh, options = _reduction_input(model, name, body.provenance.get("residual", "none"))
+    mesh, options = reduction_input(model, name, body.provenance.get("residual", "none"))
     if body.provenance.get("key") != fe.reduction_key(mesh, **options):
         return None
     if options["residual"] != _selected_residual(model, name, body):
@@ -296,7 +296,7 @@ def _reduce_body(
     rotated = model.bodies[name].reduction != "user" and is_rotated(model, name)  # type: ignore[attr-defined]
     selected = "inertia" if rotated else "none"
     for _ in range(2):
-        mesh, options = _reduction_input(model, name, selected)
+        mesh, options = reduction_input(model, name, selected)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", FlexmbWarning)
             body = fe.reduce(mesh, **options, inspect=inspect, progress=progress)

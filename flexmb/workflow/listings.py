@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 from flexmb.errors import FlexmbError, OutputError
 from flexmb.flexbody.mesh_options import REDUCTIONS, MassOptions, NodeSpringOptions, TieOptions
+from flexmb.flexbody.part_options import SUPPORTS, FrequenciesOptions, SupportOptions
 from flexmb.flexbody.section_options import LayerOptions, ReleasesOptions
 from flexmb.materials import COLUMNS
 from flexmb.materials import table as material_rows
@@ -47,6 +48,7 @@ from flexmb.model.scenes.dynamics import (
     ValiditySpec,
 )
 from flexmb.model.scenes.sections import CONTROLLER_TYPES, COUPLER_TYPES, FORCE_TYPES
+from flexmb.model.scenes.supports import PART_LOAD_TYPES, PartSpec
 from flexmb.model.sensor import SENSOR_TYPES
 from flexmb.units import UNIT_SYSTEMS
 
@@ -338,6 +340,18 @@ TOPICS = {
         },
         "How the mesh of a flexible body becomes modes:",
         lambda: Table(("reduction", "what it keeps"), list(REDUCTIONS.items())),
+    ),
+    "parts": Topic(
+        "a body by itself: supports, loads, frequencies, buckling",
+        "a part by itself: [part]",
+        {
+            "[part]": PartSpec,
+            "a support": spec_of(SupportOptions),
+            "frequencies": spec_of(FrequenciesOptions),
+            **{name: PART_LOAD_TYPES[name] for name in ("interface", "spin")},
+        },
+        "What a support holds; loads of a part are those of a body, and at an interface, and spin:",
+        lambda: Table(("support", "what it holds"), list(SUPPORTS.items())),
     ),
     "methods": Topic(
         "integrators and the settings of a run",

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from flexmb.errors import SceneError
 from flexmb.folders import writable_folder
 from flexmb.progress import Progress, silent
+from flexmb.results.run_summary import notes_statistic
 from flexmb.workflow.flexible_bodies import flexible_bodies
 from flexmb.workflow.linearize import check_modes
 from flexmb.workflow.resume import StartState, match_start
@@ -86,7 +87,8 @@ def run_single(
     ) as writer:
         outcome = task.run(writer)
         seconds = {"seconds_flexible_bodies": reduced - started} if bodies else {}
-        writer.finish({**outcome.statistics, **seconds}, outcome.status, outcome.message)
+        said = notes_statistic([*notes, *task.notes, *outcome.notes])
+        writer.finish({**outcome.statistics, **seconds, **said}, outcome.status, outcome.message)
     notes += task.notes
     report = report_run(
         model, Result(writer.path), outcome, notes, pictures=pictures, progress=progress
@@ -106,6 +108,8 @@ def select_analysis(model: Model, name: str | None, starts_from_result: bool = F
     available = [section for section in ANALYSES if getattr(model, section) is not None]
     if name is not None and name not in ANALYSES:
         raise SceneError.unknown_name("analysis", name, ANALYSES)
+    if not available and name is None and model.part is not None:
+        raise SceneError("the scene has a part by itself and no motion: flexmb part solves it")
     if not available and name is None:
         raise SceneError(
             "the scene has no [dynamics] and no [kinematics]: give its duration, or [statics] for "

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 import pytest
 
 import flexmb
@@ -83,3 +86,26 @@ def test_a_longer_run_is_refused_where_its_table_ends():
     result = flexmb.simulate(model)
     with pytest.raises(SceneError, match="its points end at 1 s, the run at 2 s"):
         flexmb.resume(result, duration=2)
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"dynamics.outputs": "1e9"}, "dynamics.outputs: at most 10000000, is 1e+09"),
+        ({"dynamics.step": "1e-12"}, "dynamics.step: at most 1e+10 steps are run: at least"),
+        ({"dynamics.step": "5e-324"}, "dynamics.step: at most 1e+10 steps are run: at least"),
+    ],
+)
+def test_a_run_without_an_end_is_refused(changes, sentence):
+    scene = Path(__file__).parents[2] / "cases/pendulum/scene.toml"
+    with pytest.raises(SceneError) as caught:
+        flexmb.load_scene(scene, changes)
+    assert sentence in str(caught.value)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="named pipes are of POSIX")
+def test_a_pipe_is_no_scene(tmp_path):
+    """It would be waited for."""
+    os.mkfifo(tmp_path / "scene.toml")
+    with pytest.raises(SceneError, match=r"scene\.toml: is no file"):
+        flexmb.load_scene(tmp_path / "scene.toml")

@@ -53,7 +53,23 @@ def test_a_case_gives_its_known_answers(scene: Path, tmp_path: Path) -> None:
     run(scene, tmp_path, SHORTER.get(case_name(scene), {}))
 
 
-@pytest.mark.parametrize("scene", [path for path in CASES if not runs(path)], ids=case_name)
+def is_part(scene: Path) -> bool:
+    """Whether the case is a part by itself."""
+    return "[part]" in scene.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("scene", [path for path in CASES if is_part(path)], ids=case_name)
+def test_a_part_by_itself_gives_its_known_answers(scene: Path, tmp_path: Path) -> None:
+    report = flexmb.run_part(scene, output=tmp_path, pictures=False)
+    assert report.checks, "a case without a check proves nothing"
+    for check in report.checks:
+        assert check.passed, check
+
+
+BODIES = [path for path in CASES if not runs(path) and not is_part(path)]
+
+
+@pytest.mark.parametrize("scene", BODIES, ids=case_name)
 def test_bodies_alone_have_their_known_frequencies(scene: Path, tmp_path: Path) -> None:
     found = reduce_scene(scene, output=tmp_path)
     assert found.checks, "a case without a check proves nothing"
@@ -70,7 +86,8 @@ def test_a_case_as_it_stands_gives_its_known_answers(name: str, tmp_path: Path) 
 def test_every_case_says_where_its_answers_come_from() -> None:
     for scene in CASES:
         model = flexmb.load_scene(scene)
-        for check in (*model.checks, *model.frequency_checks, *model.mode_checks):
+        of_bodies = (*model.frequency_checks, *model.mode_checks)
+        for check in (*model.checks, *of_bodies, *model.part_checks):
             assert check.source, scene
 
 
@@ -85,7 +102,8 @@ def test_every_case_says_where_its_answers_come_from() -> None:
 def test_expected_values_are_those_of_the_exact_solution(script: Path) -> None:
     """`exact.py` prints `[scene] sensor time value`; it uses nothing of flexmb.
 
-    Of linearised modes `linear_mode=1,name=2 value`, with the parameters in their order.
+    Of linearised modes `linear_mode=1,name=2 value`, with the parameters in their order; of
+    parts `quantity value`.
     """
     assert "flexmb" not in script.read_text(encoding="utf-8")
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -111,10 +129,14 @@ def test_expected_values_are_those_of_the_exact_solution(script: Path) -> None:
                 assert check.value == pytest.approx(
                     exact["", mode, 0.0], abs=0.05 * check.tolerance
                 )
+        for known in flexmb.load_scene(path).part_checks:
+            if "exact.py" in known.source:
+                value = exact["", known.part, 0.0]
+                assert known.value == pytest.approx(value, abs=0.05 * known.tolerance)
     for *scene, sensor, time, value in (row for row in rows if len(row) > 2):
         for name in scene or scenes:
             exact[name, sensor, round(float(time), 9)] = float(value)
-    assert sought
+    assert sought or exact
     for (scene, sensor, time), check in sought.items():
         value = exact[scene, sensor, round(time, 9)]
         assert check.value == pytest.approx(value, abs=0.05 * check.tolerance), check

@@ -15,7 +15,9 @@ from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 from truthkit import run
 
+import flexmb
 from flexmb.engine.forces.contact_pair import damping_factor, hertz_stiffness
+from flexmb.errors import FlexmbWarning
 from flexmb.fe import rectangle, reduce
 from flexmb.model import Model
 
@@ -255,3 +257,22 @@ def test_elastic_bar_that_hits_a_wall():
     momentum = bar.mass * found.v[:, 0]  # of the mean-axis frame
     assert momentum[-1] == pytest.approx(-bar.mass * speed, rel=0.05)
     assert found.mismatch() < 1e-2 * 0.5 * bar.mass * speed**2
+
+
+@pytest.mark.parametrize("method", ["generalized-alpha", "explicit-rk", "radau"])
+def test_steps_too_long_for_an_impact_are_told(method):
+    """The ball crosses the depth of its impact within one step: energy from nothing, and a word."""
+    made = ball([0, 0, -G], [0, 0, R + 0.5])
+    made.set_dynamics(duration=0.6, step=1e-2, outputs=60, method=method)
+    with pytest.warns(FlexmbWarning, match=r"energy balance is off by \d+ % .* 0\.01 s are too lo"):
+        flexmb.simulate(made)
+
+
+def test_a_ball_at_rest_is_no_alarm(recwarn):
+    """It lies on the plane, where the force of 1e8 N/m^1.5 carries its weight."""
+    depth = (M * G / 1e8) ** (2 / 3)
+    made = ball([0, 0, -G], [0, 0, R - depth])
+    made.set_dynamics(duration=0.1, step=1e-3, outputs=10)
+    rest = flexmb.simulate(made)
+    assert not [warning for warning in recwarn if "energy" in str(warning.message)]
+    assert rest.statistics["energy_balance_error"] < 1e-2

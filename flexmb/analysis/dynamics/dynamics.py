@@ -44,6 +44,7 @@ from flexmb.analysis.procedure import (
     open_joint,
     run_chunks,
 )
+from flexmb.analysis.singular_poses import nearly_redundant
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import (
@@ -60,6 +61,7 @@ from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
 from flexmb.results import NOT_UNIQUE, OutputBlock
 
+_UNBALANCED = 0.05  # of the energy that moved, from which on the user is told
 # Gap of a constraint, in radians or over the size of the model (1 m at most), from which on a
 # mechanism has come apart.
 _OPEN = 1e-3
@@ -104,7 +106,8 @@ def prepare_dynamics(
         with driver_reasons(compiled, model):
             assembled = assemble(compiled, model, start=spec.start, begin=begin)
         rank = constraint_rank(compiled, assembled.work)
-        if rank is None or rank == compiled.layout.nc:
+        can_move = bool(model.drivers) or rank != n_free(compiled)
+        if rank is None or (rank == compiled.layout.nc and can_move):
             return assembled, rank, (), []
         return assembled, rank, *redundant_reactions(compiled, model, assembled.state.q)
 
@@ -258,8 +261,8 @@ class _Pass:
         if ending.status == "finished":
             notes += missed_accuracy(prepared)
             unstable = unstable_step(prepared.run, prepared.method, failed=False)
-            notes += [unstable] if unstable else []
-        return notes
+            notes += [unstable or _unbalanced(prepared)]
+        return [note for note in notes if note]
 
     def _first_row(self) -> int:
         prepared, self._begins = self._prepared, False
@@ -300,24 +303,42 @@ class _Pass:
         if unstable:
             return Ending("failed", f"at t = {at:.6g} s {unstable}")
         sentence = failure_sentence(status, run.compiled, prepared.model, run.work, at, step)
-        cause = self._validity.diverging() or _divided_modes(run.compiled)
+        cause = (
+            self._validity.diverging()
+            or _divided_modes(run)
+            or nearly_redundant(run.compiled, run.state.q)
+        )
         return Ending("failed", f"{sentence}; {cause}" if cause else sentence)
 
 
-def _divided_modes(compiled: Compiled) -> str:
-    """The sentence for bodies with both dynamic and quasi-static modes, or ""."""
-    static = compiled.system.kinds.get("static_modes")
-    if static is None:
+def _divided_modes(run: Integration) -> str:
+    """The sentence for bodies with both kinds of modes by an explicit method, or ""."""
+    static = run.compiled.system.kinds.get("static_modes")
+    if static is None or run.method.stages == 0:
         return ""
-    bodies = [compiled.layout.bodies[row] for row in static.rows]
+    bodies = [run.compiled.layout.bodies[row] for row in static.rows]
     counts = np.diff(static.first)
     names = [body.name for body, n in zip(bodies, counts, strict=True) if n < body.m]
     if not names:
         return ""
     return (
-        f"some modes of bodies.{', bodies.'.join(names)} are quasi-static, which fails where "
-        "joints hold the body stiffly: make all of them dynamic, or all quasi-static"
+        f"some modes of bodies.{', bodies.'.join(names)} are quasi-static, which explicit "
+        f'methods cannot do where joints hold the body stiffly: use method = "{STIFF_METHOD}"'
     )
+
+
+def _unbalanced(prepared: PreparedDynamics) -> str:
+    """The sentence for energy that appears or is lost in the steps, or ""."""
+    share, step = prepared.run.rows.balance.relative, prepared.run.settings.step
+    if share <= _UNBALANCED:
+        return ""
+    what = f"the energy balance is off by {100 * share:.3g} % of the energy that moved: "
+    if step > 0.0:
+        return (
+            f"{what}steps of {step:.3g} s are too long for the forces of this motion, such as an "
+            "impact; shorten them, or leave out dynamics.step, so that the accuracy is controlled"
+        )
+    return f"{what}ask for more accuracy; if it stays, a force or an effect makes energy"
 
 
 def _statistics(run: Integration) -> dict[str, float | int | str]:

@@ -36,8 +36,7 @@ from flexmb.analysis.assembly.positions import (
 from flexmb.analysis.mobility.driver_conflicts import (
     driver_notes,
     driver_reasons,
-    is_locked,
-    locked_sentence,
+    lock_of_inexact_parts,
 )
 from flexmb.analysis.mobility.redundancy import (
     Redundancy,
@@ -48,6 +47,7 @@ from flexmb.analysis.mobility.redundancy import (
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.engine.work import new_state
+from flexmb.errors import AssemblyError
 from flexmb.model.markers import rotation_matrix
 from flexmb.model.model import Model
 from flexmb.model.reading import GROUND, split_reference
@@ -88,7 +88,8 @@ class Mobility:
     ``coordinates`` are those of the bodies, modes among them;
     ``rank`` that of all equations, ``joint_rank`` without drivers, both in the assembled pose;
     ``generic_rank`` the joints' in poses nearby. ``as_rigid`` is the number of redundant equations
-    that there would be without modes. ``notes`` are sentences for the user.
+    that there would be without modes. ``notes`` are sentences for the user; ``lock`` is that of
+    rigid bodies that nothing but inexact axes or places keeps from moving.
     """
 
     bodies: int
@@ -104,6 +105,7 @@ class Mobility:
     motions: tuple[FreeMotion, ...]
     as_rigid: int
     notes: tuple[str, ...]
+    lock: str = ""
 
     @property
     def count(self) -> int:
@@ -176,6 +178,7 @@ def mobility_of(compiled: Compiled, model: Model) -> Mobility:
         motions=free_motions(model, regular, elsewhere),
         as_rigid=n_joint_rows - jacobian.without_modes().joint_decomposition.rank,
         notes=(),
+        lock=lock_of_inexact_parts(model, pose),
     )
     return replace(mobility, notes=(*notes, *_notes(model, pose, mobility)))
 
@@ -189,10 +192,13 @@ def redundant_reactions(
     Raises
     ------
     AssemblyError
-        Drivers contradict each other or the joints.
+        Drivers contradict each other or the joints, or nothing moves because axes or places are
+        slightly off.
     """
     pose = ConstraintRows(compiled).evaluate(q)
     notes = driver_notes(model, pose)
+    if lock := lock_of_inexact_parts(model, pose):
+        raise AssemblyError(lock)
     count = len(pose.C) - pose.jacobian.decomposition.rank
     if not count:
         return (), notes
@@ -246,9 +252,6 @@ def _equations(model: Model, pose: ConstraintPose) -> tuple[Equations, ...]:
 def _notes(model: Model, pose: ConstraintPose, mobility: Mobility) -> list[str]:
     """What the user should know of a mechanism that can be assembled."""
     notes = []
-    flexible = any(spec.flexible for spec in model.bodies.values())
-    if is_locked(pose) and not mobility.drivers and not flexible:
-        notes.append(locked_sentence(model, pose))
     if mobility.singular:
         more = mobility.generic_rank - mobility.joint_rank
         notes.append(

@@ -158,7 +158,7 @@ def _driver_problems(
 
 
 def driver_notes(model: Model, pose: ConstraintPose) -> list[str]:
-    """Notes on drivers that share a degree of freedom.
+    """Notes on drivers that share a degree of freedom, and on a mechanism without any.
 
     Raises
     ------
@@ -169,6 +169,8 @@ def driver_notes(model: Model, pose: ConstraintPose) -> list[str]:
     problems, notes = _driver_findings(model, pose, redundant)
     if problems:
         raise AssemblyError.from_problems(problems)
+    if not model.drivers and is_locked(pose) and not any(b.flexible for b in model.bodies.values()):
+        notes.append(locked_sentence(model, pose))
     if not redundant:
         notes += [
             f"{' and '.join(one.drivers)} cannot lead the mechanism out of the assembled pose, a "
@@ -216,13 +218,26 @@ def is_locked(pose: ConstraintPose) -> bool:
     return bool(pose.jacobian.joint_decomposition.rank == pose.jacobian.A.shape[1] > 0)
 
 
+def lock_of_inexact_parts(model: Model, pose: ConstraintPose) -> str:
+    """The sentence where rigid bodies would move if axes or places were exact, or ""."""
+    flexible = any(body.flexible for body in model.bodies.values())
+    locked = is_locked(pose) and not flexible and _is_nearly_free(pose)
+    return locked_sentence(model, pose) if locked else ""
+
+
+def _is_nearly_free(pose: ConstraintPose) -> bool:
+    return pose.jacobian.joint_decomposition.condition < _NEARLY_FREE
+
+
 def locked_sentence(model: Model, pose: ConstraintPose, drivers: Sequence[str] = ()) -> str:
     """Which joints lock the mechanism, and what would free it; for `drivers`, so that they move."""
     joints = [plain_name(p) for p in dict.fromkeys(pose.jacobian.owners) if p.startswith("joints.")]
     sentence = f"the mechanism is locked, its joints {', '.join(joints)} prevent every motion"
     cure = _freeing_exchanges(model, pose, drivers)
-    if pose.jacobian.joint_decomposition.condition < _NEARLY_FREE:
-        sentence += "; it is nearly free, so axes or places that should fit may be slightly off"
+    if _is_nearly_free(pose):
+        off = pose.jacobian.joint_decomposition.condition
+        sentence += f"; it is nearly free (to {off:.1g}), so axes or places that should fit may be "
+        sentence += "slightly off"
     if cure:
         sentence += f"; to free one motion exchange {' and '.join(str(e) for e in cure)}"
     return sentence

@@ -312,7 +312,7 @@ def make_interface(
 ) -> ModelInterface:
     """One interface; ``where`` stands in messages, ``interfaces.<name>`` by default."""
     choice = select_interface(fe, f"interfaces.{name}" if where is None else where, words)
-    _check_ties(fe, choice)
+    check_tied_nodes(fe, choice)
     _check_rotation(fe, choice)
     arms = fe.mesh.points[choice.nodes] - choice.position
     if choice.type == "rbe2":
@@ -335,7 +335,7 @@ def _nodal_weights(fe: FEMatrices, choice: NodeSelection) -> FloatArray:
     return np.ones(len(choice.nodes))
 
 
-def _check_ties(fe: FEMatrices, choice: NodeSelection) -> None:
+def check_tied_nodes(fe: FEMatrices, choice: NodeSelection) -> None:
     following = np.intersect1d(choice.nodes, fe.numbering.tied)
     if len(following):
         what = f"{len(following)} of its nodes ({listed(following)}) follow a tie of the body; use "

@@ -181,7 +181,7 @@ def make_loads(
 def _make_load(fe: FEMatrices, name: str, words: Mapping[str, Any]) -> LoadPattern:
     where = f"loads.{name}"
     options = load_options(name, words)
-    f = _LOADS[options.type](fe, where, options)
+    f = load_vector(fe, where, options)
     R = fe.rigid
     total = R.T @ f
     parts = (np.abs(R.T) @ np.abs(f)).reshape(2, 3).max(axis=1)
@@ -189,6 +189,11 @@ def _make_load(fe: FEMatrices, name: str, words: Mapping[str, Any]) -> LoadPatte
     force = total[:3]
     moment = total[3:] + np.cross(fe.center, force)
     return LoadPattern(name, f, force, moment, options.residual)
+
+
+def load_vector(fe: FEMatrices, where: str, options: Any) -> FloatArray:
+    """(n,) the nodal loads of options of a load."""
+    return _LOADS[options.type](fe, where, options)
 
 
 def load_options(name: str, words: Mapping[str, Any]) -> Any:

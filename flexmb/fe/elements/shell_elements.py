@@ -187,11 +187,9 @@ class Shell:
         extrapolated to the corners. Transverse shear stress vanishes on the faces.
         """
         fields = make_fields(self.kind, x, section)
-        strains = make_points(fields.flat, shell_functions(self.kind, "sampling")).strains(fields)
-        ne, nq, _, d = strains.shape
-        at_corners = np.matmul(extrapolation(self.kind), strains.reshape(ne, nq, -1)).reshape(
-            ne, -1, 6, d
-        )
+        points = make_points(fields.flat, shell_functions(self.kind, "sampling"))
+        at_corners = self._at_corners(points.strains(fields))
+        ne, _, _, d = at_corners.shape
         laminate = section.laminate
         faces = np.stack(
             [np.hstack([C, z * C]) for C, z in zip(laminate.outer, laminate.z, strict=True)]
@@ -199,6 +197,18 @@ class Shell:
         to_body = np.matmul(_stress_axes(fields.flat.axes)[:, None], faces)  # (ne, 2, 6, 6)
         stress = np.matmul(to_body.reshape(ne, 1, 12, 6), at_corners)
         return stress.reshape(ne, -1, 2, 6, d)
+
+    def resultants(self, x: FloatArray, section: ShellSection) -> tuple[FloatArray, FloatArray]:
+        """Membrane forces and moments at the corners (ne, k, 6, d), and their axes (ne, 3, 3)."""
+        fields = make_fields(self.kind, x, section)
+        points = make_points(fields.flat, shell_functions(self.kind, "sampling"))
+        strains = self._at_corners(points.strains(fields))
+        return np.matmul(section.laminate.ABD, strains), fields.flat.axes
+
+    def _at_corners(self, values: FloatArray) -> FloatArray:
+        """(ne, k, r, d) at the corners from (ne, nq, r, d) at the sampling points."""
+        ne, nq, r, d = values.shape
+        return np.matmul(extrapolation(self.kind), values.reshape(ne, nq, -1)).reshape(ne, -1, r, d)
 
     def rotation(self, x: FloatArray) -> FloatArray:
         """(ne, k, 3, d) the nodes' own rotations."""

@@ -29,6 +29,7 @@ from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.plane import planar_problems
 from flexmb.model.reading import GROUND, Spec
 from flexmb.model.scenes.effects import effect_problems
+from flexmb.model.scenes.supports import part_problems
 
 _SAME_TIME = 1e-12  # share of the run by which times that are the same may differ
 _WITH_MARKERS = ("joints", "drivers", "forces", "sensors")
@@ -56,6 +57,7 @@ def model_problems(
         *_frequency_problems(scope),
         *_mode_problems(scope),
         *_time_problems(model),
+        *part_problems(scope),
     ]
     problems += effect_problems(model)
     if not problems:  # what is in the plane is known of entries that hold together

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 
 from flexmb.errors import FlexmbError, Problem, SceneError
 from flexmb.folders import relative_path
-from flexmb.model.body import BodySpec
+from flexmb.model.body import BodySpec, MeshShape
 from flexmb.model.flexible_body import FlexbodySpec
 from flexmb.model.functions.expression import CONSTANTS, FUNCTIONS, names_in
 from flexmb.model.joints.curve import CurveSpec, read_curve_file
@@ -59,6 +59,7 @@ from flexmb.model.scenes.sections import (
     read_named,
 )
 from flexmb.model.scenes.study import StudySpec, resolve_knob
+from flexmb.model.scenes.supports import PartSpec
 from flexmb.units import SI, UnitSystem, unit_system
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z_0-9]*\Z")
@@ -185,8 +186,8 @@ def gravity_in_words(gravity: Iterable[float] | str | None, units: UnitSystem) -
 
 TOP_KEYS = (
     "title", "units", "plane", "gravity", "parameters", "effects", "budget", "ground", *SECTIONS,
-    "assembly", "check", "dynamics", "kinematics", "results", "statics", "study", "validity",
-    "view",
+    "assembly", "check", "dynamics", "kinematics", "part", "results", "statics", "study",
+    "validity", "view",
 )  # fmt: skip
 """Everything a scene may say at its top level."""
 
@@ -195,6 +196,7 @@ SINGLE_TABLES: dict[str, type[Spec]] = {
     "dynamics": DynamicsSpec,
     "effects": EffectsSpec,
     "kinematics": KinematicsSpec,
+    "part": PartSpec,
     "results": ResultsSpec,
     "statics": StaticsSpec,
     "study": StudySpec,
@@ -295,8 +297,7 @@ class _Builder:
         for i, data in enumerate(checks):
             table = data if isinstance(data, Mapping) else {}
             check = check_kind(table)
-            channel = table.get("sensor")
-            unit = self.model.channel_unit(channel) if isinstance(channel, str) else None
+            unit = self.model.check_unit(table)
             context = ReadContext(self.names, self.model.units, unit)
             spec, problems = read_entry(check, data, context)
             self.problems += under(f"check[{i}]", problems)
@@ -333,9 +334,8 @@ def scene_dict(model: ModelData, folder: str | Path | None, flexbodies: Files) -
         scene[section] = {
             name: _plain(spec, model.context) for name, spec in getattr(model, section).items()
         }
-    scene["check"] = [_plain(spec, model.check_context(spec.sensor)) for spec in model.checks]
-    others = (*model.frequency_checks, *model.mode_checks)
-    scene["check"] += [_plain(spec, model.context) for spec in others]
+    checks = [spec for checks in CHECK_LISTS.values() for spec in getattr(model, checks)]
+    scene["check"] = [_plain(spec, model.check_context(vars(spec))) for spec in checks]
     for section in SINGLE_TABLES:
         spec = getattr(model, section)
         if spec is not None:
@@ -375,8 +375,13 @@ def _body(
             f"bodies.{name}: the flexible body is an object in memory; save it and name its file"
         )
     table = _plain(spec, model.context)
+    if table.get("interfaces") == {}:  # of a part by itself
+        del table["interfaces"]
     if isinstance(table.get("mesh"), dict):
         del table["units"]  # of mesh files
+    shape = getattr(spec, "shape", None)
+    if isinstance(shape, MeshShape) and folder is not None:  # the scene holds all of it
+        table["shape"] = shape.packed
     for key in ("mesh", "flexbody", "modes"):
         if isinstance(table.get(key), str) and folder is not None:
             table[key] = relative_path(model.path(table[key]), Path(folder))

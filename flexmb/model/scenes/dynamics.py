@@ -144,14 +144,15 @@ MOST_OUTPUTS = 10_000_000
 """Rows that a run records at most."""
 
 
+MOST_STEPS = 1e10
+"""Fixed steps of a run at most: hours of a small model."""
+
+
 def _outputs(value: Any, info: ValidationInfo) -> int | tuple[float, ...]:
     """The number of intervals, or times in SI that increase."""
     value = plain(value)
     if not isinstance(value, list | tuple):
-        number = Integer(1).read(value, info)
-        if number > MOST_OUTPUTS:
-            raise fail(Problem("", f"at most {MOST_OUTPUTS} are recorded, is {number}"))
-        return number
+        return Integer(1, MOST_OUTPUTS).read(value, info)
     if not value:
         raise fail(Problem("", "the list of output times is empty"))
     if len(value) > MOST_OUTPUTS:
@@ -231,6 +232,10 @@ class DynamicsSpec(Spec):
             raise fail(Problem("step", what))
         if self.step is not None and self.step > self.duration:
             what = f"must not exceed the duration {self.duration:g} s, is {self.step:g} s"
+            raise fail(Problem("step", what))
+        if self.step is not None and not self.duration <= MOST_STEPS * self.step:
+            least = f"{self.duration / MOST_STEPS:.3g} s"
+            what = f"at most {MOST_STEPS:.0e} steps are run: at least {least}, is {self.step:g} s"
             raise fail(Problem("step", what))
         return self
 

@@ -43,6 +43,7 @@ from flexmb.model.scenes.sections import (
 from flexmb.model.scenes.study import override
 from flexmb.model.sensor import SENSOR_TYPES
 
+_MAX_BYTES = 50_000_000
 _PLACE = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
 
 
@@ -93,6 +94,10 @@ def raw_scene(path: str | Path) -> dict[str, Any]:
 
 def _text(path: Path) -> str:
     try:
+        if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe may never end
+            raise SceneError(f"{path}: is no file")
+        if path.is_file() and path.stat().st_size > _MAX_BYTES:
+            raise SceneError(f"{path}: has more than {_MAX_BYTES / 1e6:g} MB, a scene has some kB")
         return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise SceneError.from_problems([_not_there(path)]) from None

@@ -51,6 +51,7 @@ from flexmb.model.reading import (
     read_variant,
     under,
 )
+from flexmb.model.scenes.supports import PartCheckSpec
 from flexmb.model.sensor import SENSOR_TYPES
 
 
@@ -185,6 +186,7 @@ CHECK_LISTS: dict[type[Spec], str] = {
     CheckSpec: "checks",
     FrequencyCheckSpec: "frequency_checks",
     ModeCheckSpec: "mode_checks",
+    PartCheckSpec: "part_checks",
 }
 """What a ``[[check]]`` may be, and where a model has those of each kind."""
 
@@ -193,6 +195,8 @@ def check_kind(fields: Mapping[str, Any]) -> type[Spec]:
     """Which of them a table is."""
     if "linear_mode" in fields:
         return ModeCheckSpec
+    if "part" in fields:
+        return PartCheckSpec
     return FrequencyCheckSpec if "body" in fields else CheckSpec
 
 

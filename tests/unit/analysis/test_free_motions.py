@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from mechanisms import Sketch, X, Z, crank_slider, four_bar, stewart
 from rings import bennett
 
 import flexmb
+from flexmb.analysis.singular_poses import nearly_redundant
+from flexmb.engine.compile import compile_system
 from flexmb.errors import AssemblyError, FlexmbError
 from flexmb.model import Model
 
@@ -114,9 +118,34 @@ def test_a_locked_mechanism_is_told_with_a_cure():
     assert "exchange B: revolute -> spherical and C: revolute -> cylindrical" in note
     assert "slightly off" not in note
     (note,) = flexmb.mobility(four_bar(tilt=0.01)).notes
-    assert "nearly free, so axes or places that should fit may be slightly off" in note
+    assert "nearly free (to 0.001), so axes or places that should fit may be slightly off" in note
     (note,) = flexmb.mobility(bennett(skewed=0.01)).notes
     assert "locked" in note
+
+
+@pytest.mark.parametrize("tilt", [1e-6, 1e-4, 1e-2])
+def test_a_mechanism_that_a_slight_tilt_locks_does_not_run(tilt):
+    made = four_bar(tilt=tilt)
+    made.set_dynamics(duration=1.0)
+    with pytest.raises(AssemblyError, match=r"the mechanism is locked.* slightly off; .* exchange"):
+        flexmb.simulate(made)
+
+
+def test_a_mechanism_locked_by_its_build_stays_where_it_is():
+    made = four_bar(tilt=0.3)
+    made.set_dynamics(duration=0.1, outputs=2)
+    with pytest.warns(flexmb.FlexmbWarning, match="the mechanism is locked"):
+        run = flexmb.simulate(made)
+    np.testing.assert_allclose(run.q[-1], run.q[0], atol=1e-12)
+
+
+@pytest.mark.parametrize(("tilt", "count"), [(0.0, 0), (1e-8, 1), (0.3, 0)])
+def test_equations_that_are_nearly_redundant(tilt, count):
+    """What a run that fails says of its last pose: 1 of 3 redundant equations feels a tilt."""
+    compiled = compile_system(four_bar(tilt=tilt))
+    sentence = nearly_redundant(compiled, compiled.initial_q)
+    assert bool(count) == bool(sentence)
+    assert not count or re.match(rf"{count} .* nearly redundant there .* slightly off", sentence)
 
 
 def test_a_driver_in_a_locked_mechanism():

@@ -242,12 +242,11 @@ def test_drivers_that_agree_at_first_are_both_named(runs):
 
 
 def test_a_driver_that_jumps_is_named(runs):
-    said(runs, "leap", "failed", "at t = 0.55 s drivers.motor.angle jumps", "finite duration")
-    assert len(runs["leap.t"]) == 6
+    said(runs, "leap", "refused", "drivers.motor.angle", "jumps at t = 0.55 s", "a step")
 
 
 def test_a_function_that_ends_is_named(runs):
-    said(runs, "root", "failed", "drivers.motor.angle", "not finite")
+    said(runs, "root", "refused", "drivers.motor.angle", "not finite at t = 0.55 s")
 
 
 def test_a_kink_in_a_driver_is_followed(runs):

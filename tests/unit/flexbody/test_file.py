@@ -13,7 +13,15 @@ from hdf5edit import edit_hdf5
 
 from flexmb.errors import BodyFileError, OutputError, ReductionError
 from flexmb.fe import rectangle, reduce
-from flexmb.flexbody import LoadVector, SectionForceModes, StressModes, load, rigid_body, save
+from flexmb.flexbody import (
+    LoadVector,
+    SectionForceModes,
+    ShellForceModes,
+    StressModes,
+    load,
+    rigid_body,
+    save,
+)
 from flexmb.flexbody.body_file import TABLE
 
 ENDS = {"left": "x0", "right": "x1"}
@@ -34,7 +42,10 @@ def loaded():
     damping = {"preset": "adams", "modes": {1: 0.02}}
     body = beam(geometric_stiffening="full", damping=damping, residual="inertia", load_points=[1])
     push = LoadVector("push", (1, 0, 0), (0, 0, 2), np.arange(float(body.m)))
-    return replace(body, loads=(push, replace(push, name="pull")))
+    rng = np.random.default_rng(0)
+    axes, modes = np.tile(np.eye(3), (2, 1, 1)), rng.normal(size=(2, 8, body.m))
+    shells = ShellForceModes(np.arange(2), np.zeros(2, int), ("skin",), axes, modes)
+    return replace(body, loads=(push, replace(push, name="pull")), shell_forces=shells)
 
 
 def plain():

@@ -44,6 +44,25 @@ def test_errors_are_the_true_ones(study: flexmb.Study) -> None:
         assert row.errors["positions"].where == "tip"
 
 
+def test_what_an_effect_contributes_is_measured_against_the_model_that_has_it(
+    tmp_path: Path,
+) -> None:
+    """Without its weight the bar stays where it is, and misses all of its motion."""
+    made = flexmb.study(
+        PENDULUM, {"effects.gravity": (False, True), "step": (4e-3,)}, output=tmp_path,
+        sensors=["tip"], **QUIET,
+    )  # fmt: skip
+    without, true = made.rows
+    start = np.array([1.0, 0.0])  # along x, and from there through the lowest point
+    moved = Result(Path(true.folder) / "result.h5")
+    way = np.stack([moved["tip.x"], moved["tip.y"]], axis=1)
+    error = np.abs(way - start).max() / np.ptp(way, axis=0).max()
+    assert without.errors["positions"].value == pytest.approx(error, rel=1e-3)
+    assert true.errors["positions"].value < 1e-3
+    assert true.finest and not without.finest
+    assert any("--set effects.gravity=true" in one for one in made.summary())
+
+
 @pytest.mark.parametrize("quantity", ["positions", "velocities", "reactions"])
 def test_generalized_alpha_shows_its_order_two(study: flexmb.Study, quantity: str) -> None:
     steps = [row.statistics["step_s"] for row in study.rows]
@@ -130,10 +149,11 @@ def test_error_control_keeps_what_is_asked(tmp_path: Path) -> None:
 
 
 def test_failed_and_refused_settings_are_rows_with_their_reason(tmp_path: Path) -> None:
-    """A driver that is not finite from half the run on, with every step; and a step below zero."""
+    """A torque that is not finite from an angle on, with every step; and a step below zero."""
     text = PENDULUM.read_text(encoding="utf-8").partition("[[check]]")[0]
     text = text.replace("period/4000", "period/400") + (
-        '[drivers.pull]\njoint = "pivot"\nangle = "-t + cut*sqrt(0.5 - t)"\n'
+        '[forces.pull]\ntype = "torque"\nat = "bar"\n'
+        'value = [0, 0, "1e-9*log(swing + 0.5 + cut)"]\n'
         "[study]\nvary = { cut = [0, 1e-6], step = [1e-2, -1] }\nrepeats = 1\n"
     )
     scene = tmp_path / "scene.toml"
@@ -141,7 +161,7 @@ def test_failed_and_refused_settings_are_rows_with_their_reason(tmp_path: Path) 
     found = flexmb.study(scene, output=tmp_path / "out", workers=1)
     status = {(row.values["cut"], row.values["dynamics.step"]): row for row in found.rows}
     assert [row.status for row in status.values()] == ["failed", "refused"] * 2
-    assert "t = 0.5" in status[1e-6, 1e-2].reason
+    assert "forces.pull.value[2]" in status[1e-6, 1e-2].reason
     assert all("no two tight runs ended well" in told for told in found.references.values())
     assert "no run ended" in found.summary()[-1]
 

@@ -1,0 +1,263 @@
+"""A part by itself: one mesh with supports and loads, solved and recovered.
+
+In: a mesh with its material, supports, loads. Out: a :class:`PartResult`. All mistakes that a look
+at mesh and options can find are raised together, before anything is assembled.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexmb.errors import FlexmbWarning, MaterialError, MeshError, Problem, ReductionError, nearest
+from flexmb.fe.assembly.assemble import (
+    Attempts,
+    FEMatrices,
+    MeshModel,
+    assemble_model,
+)
+from flexmb.fe.assembly.interfaces import InterfaceLike, ModelInterface
+from flexmb.fe.assembly.loads import condensed_load, load_vector
+from flexmb.fe.assembly.rigid_motions import motions_in_words
+from flexmb.fe.assembly.supports import Supports, make_supports
+from flexmb.fe.meshes.mesh_shapes import MeshLike
+from flexmb.fe.model_checks import Finding, check_releases, mass_sentence, point_mass
+from flexmb.fe.reduce import model_provenance, prepare_model
+from flexmb.fe.sections.section_tables import MaterialLike, sections_from
+from flexmb.fe.supported_model import SupportedModel, spin_field
+from flexmb.flexbody.arrays import FloatArray
+from flexmb.flexbody.options import kind_of, read_options
+from flexmb.flexbody.part_options import (
+    PART_LOADS,
+    FrequenciesOptions,
+    InterfaceLoad,
+    PartAnalysisOptions,
+    SpinLoad,
+    SupportOptions,
+    is_static,
+)
+from flexmb.flexbody.part_result import PartResult
+from flexmb.progress import Progress, silent
+from flexmb.units import unit_system
+
+Words = Mapping[str, Mapping[str, Any]]
+
+
+def part(
+    mesh: MeshLike,
+    *,
+    units: str = "SI",
+    material: MaterialLike | None = None,
+    sections: Mapping[str, Any] | None = None,
+    interfaces: Mapping[str, InterfaceLike] | None = None,
+    ties: Words | None = None,
+    masses: Words | None = None,
+    springs: Words | None = None,
+    mass_matrix: str = "consistent",
+    supports: Words | None = None,
+    loads: Words | None = None,
+    frequencies: Any = None,
+    buckling: int = 0,
+    preload: bool = False,
+    name: str | None = None,
+    progress: Progress = silent,
+) -> PartResult:
+    """Solve a part by itself: one mesh with supports and loads.
+
+    Parameters
+    ----------
+    mesh, units, material, sections, interfaces, ties, masses, springs, mass_matrix
+        As for :func:`flexmb.fe.reduce`. Nodes of rigid interfaces (rbe2) move as one.
+    supports : mapping of str to mapping, optional
+        What is held: ``interface``, or nodes by ``group``, ``node``, ``nodes`` or ``center`` and
+        ``radius``; ``type`` ``"clamped"``, ``"hinged"`` (``axis``), ``"sliding"``,
+        ``"symmetric"``, ``"antisymmetric"`` (``normal``), or ``hold``, a list of ux, uy, uz, rx,
+        ry, rz; ``displacement`` [m] and ``rotation`` [rad] that are imposed. Each node of a group
+        is held by itself, an interface at its reference point.
+    loads : mapping of str to mapping, optional
+        As for :func:`flexmb.fe.make_loads`, and ``{type = "interface", interface, force, moment}``
+        and ``{type = "spin", angular_velocity, angular_acceleration, position}`` [rad/s, rad/s^2,
+        m]. They act together.
+    frequencies : int or mapping, optional
+        How many natural frequencies, or ``{"band": [f1, f2]}`` [Hz]. A part that can move as a
+        whole may have them; its rigid motions do not count.
+    buckling : int
+        How many factors on the loads at which the part buckles.
+    preload : bool
+        Whether loads and spin stiffen or soften the part in its frequencies; without Coriolis
+        forces.
+    name : str, optional
+        Name of the part; the file's by default.
+    progress : Progress
+        Called with the phases read, assemble, factor, modes, recovery, stress.
+
+    Raises
+    ------
+    MeshError, MaterialError, ReductionError
+        All that is wrong with mesh, supports and loads at once; supports that leave a rigid
+        motion, which is named; a preload beyond buckling.
+    """
+    attempts = Attempts()
+    words = (supports or {}, loads or {}, frequencies, buckling, preload)
+    options = _read_part(attempts, *words)
+    scale = unit_system(units).factor(L=1)
+    if material is None:
+        attempts.errors.append(MaterialError.from_problems([Problem("material", "is missing")]))
+    progress("read", 0.0)
+    model, ends, findings = prepare_model(
+        attempts, mesh, scale, material, sections, interfaces or {}, _mesh_loads(loads or {}),
+        ties=ties, masses=masses, springs=springs,
+    )  # fmt: skip
+    _check_names(attempts, model, supports or {}, loads or {}, tuple(interfaces or {}))
+    attempts.raise_errors()
+    assert options is not None and model is not None
+    fe = assemble_model(model, mass_matrix, progress)
+    check_releases(fe, [end.nodes for end in ends])
+    if sentence := mass_sentence(fe, point_mass(masses)):
+        findings.append(Finding("warning", sentence))
+    for finding in findings:
+        if finding.level == "warning":
+            warnings.warn(finding.sentence, FlexmbWarning, stacklevel=2)
+    constraints = attempts(make_supports, fe, ends, options.supports)
+    vectors = {k: attempts(part_load, fe, ends, k, load) for k, load in options.loads.items()}
+    attempts.raise_errors()
+    assert constraints is not None
+    attempts(_check_loads, fe, constraints, {k: f for k, f in vectors.items() if f is not None})
+    notes = attempts(_check_motions, fe, constraints, options) or []
+    attempts.raise_errors()
+    progress("read", 1.0)
+    solved = SupportedModel(fe, ends, constraints, options, progress)
+    return solved.result(
+        name or Path(fe.mesh.source).stem,
+        {k: f for k, f in vectors.items() if f is not None},
+        notes,
+        model_provenance(
+            fe,
+            {"units": units, "ties": ties, "masses": masses, "springs": springs,
+             "mass_matrix": mass_matrix, "supports": supports, "loads": loads},
+            interfaces or {},
+            sections_from(sections),
+            findings,
+        ),
+    )  # fmt: skip
+
+
+def _read_part(
+    attempts: Attempts,
+    supports: Words,
+    loads: Words,
+    frequencies: Any,
+    buckling: int,
+    preload: bool,
+) -> PartAnalysisOptions | None:
+    """The options of a part; what is wrong with them in ``attempts``."""
+    errors = len(attempts.errors)
+    supported = {
+        name: attempts(read_options, SupportOptions, words, f"supports.{name}", ReductionError)
+        for name, words in supports.items()
+    }
+    acting = {name: attempts(_load_options, name, words) for name, words in loads.items()}
+    if isinstance(frequencies, int) and not isinstance(frequencies, bool):
+        frequencies = {"count": frequencies}
+    wanted = None
+    if frequencies is not None:
+        table = (FrequenciesOptions, frequencies, "frequencies", ReductionError)
+        wanted = attempts(read_options, *table)
+    if len(attempts.errors) > errors:
+        return None
+    every = {"supports": supported, "loads": acting, "frequencies": wanted}
+    every |= {"buckling": buckling, "preload": preload}
+    return attempts(read_options, PartAnalysisOptions, every, "part", ReductionError)
+
+
+def _load_options(name: str, words: Mapping[str, Any]) -> Any:
+    where = f"loads.{name}"
+    kind = kind_of("type", tuple(PART_LOADS), words, where, ReductionError)
+    return read_options(PART_LOADS[kind], words, where, ReductionError)
+
+
+def _mesh_loads(loads: Words) -> dict[str, Any]:
+    """Those loads whose nodes and groups a mesh model checks."""
+    own = ("interface", "spin")
+    return {k: w for k, w in loads.items() if isinstance(w, Mapping) and w.get("type") not in own
+            and w.get("type") in PART_LOADS}  # fmt: skip
+
+
+def _check_names(
+    attempts: Attempts,
+    model: MeshModel | None,
+    supports: Words,
+    loads: Words,
+    interfaces: tuple[str, ...],
+) -> None:
+    """Groups of supports, and interfaces of supports and loads, whatever else is wrong."""
+    tables = {f"supports.{k}": w for k, w in supports.items() if isinstance(w, Mapping)}
+    acting = {f"loads.{k}": w for k, w in loads.items() if isinstance(w, Mapping)}
+    for where, words in tables.items():
+        if model is not None and isinstance(words.get("group"), str):
+            attempts(model.mesh.group_nodes, words["group"], f"{where}.group")
+    problems = [
+        Problem(f"{where}.interface", f'there is no interface "{name}"', interfaces, near)
+        for where, words in {**tables, **acting}.items()
+        if isinstance(name := words.get("interface"), str) and name not in interfaces
+        for near in [nearest(name, interfaces)]
+    ]
+    if problems:
+        attempts.errors.append(MeshError.from_problems(problems))
+
+
+def part_load(
+    fe: FEMatrices, ends: tuple[ModelInterface, ...], name: str, options: Any
+) -> FloatArray:
+    """(n,) nodal loads of one load on a part."""
+    if isinstance(options, SpinLoad):
+        A, p = spin_field(options)
+        centered = fe.inertia.P - p[:, None, None] * fe.inertia.p
+        return condensed_load(fe, -np.einsum("ba,abn->n", A, centered))
+    if isinstance(options, InterfaceLoad):
+        end = next(end for end in ends if end.name == options.interface)
+        load = np.array([*(options.force or (0.0,) * 3), *(options.moment or (0.0,) * 3)])
+        dofs, values = end.loads()
+        f = np.zeros(fe.numbering.n)
+        np.add.at(f, dofs, values @ load)
+        return f
+    return load_vector(fe, f"loads.{name}", options)
+
+
+def _check_loads(fe: FEMatrices, constraints: Supports, vectors: Mapping[str, FloatArray]) -> None:
+    """A load that goes into the supports whole does nothing to the part."""
+    problems = []
+    for name, f in vectors.items():
+        z = constraints.G.T @ f
+        if f.any() and np.abs(z[constraints.free]).max(initial=0.0) <= 1e-12 * np.abs(z).max():
+            loaded = constraints.owner[np.abs(z[constraints.fixed]) > 0]
+            owners = sorted({constraints.names[k] for k in loaded})
+            what = f"acts on held motions alone: it goes straight into {', '.join(owners)}"
+            problems.append(Problem(f"loads.{name}", what))
+    if problems:
+        raise MeshError.from_problems(problems)
+
+
+def _check_motions(
+    fe: FEMatrices, constraints: Supports, options: PartAnalysisOptions
+) -> list[str]:
+    """Refuse rigid motions where they make the analysis impossible; else a note names them."""
+    size = float(np.ptp(fe.mesh.points[fe.numbering.nodes], axis=0).max())
+    free = constraints.free_motions(size)
+    if not free.shape[1]:
+        return []
+    names = "; ".join(motions_in_words(free, fe.center, size))
+    needs = [k for k in ("loads", "buckling", "preload") if getattr(options, k)]
+    if needs or is_static(options):
+        what = f"leave the part free to move as a whole: {names}"
+        problem = Problem("supports", f"{what}; hold it, or ask for frequencies without loads")
+        raise ReductionError.from_problems([problem])
+    if constraints.W.shape[0]:
+        what = "an interface of type rbe3 holds a part that can still move as a whole"
+        problem = Problem("supports", f"{what} ({names}): take rbe2, or hold the rest")
+        raise ReductionError.from_problems([problem])
+    return [f"free to move as a whole: {names}; frequencies are those of the deformation"]

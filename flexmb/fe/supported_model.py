@@ -1,0 +1,346 @@
+"""A supported model: its static solution, natural frequencies, buckling, and what they mean.
+
+With u = G z (:mod:`flexmb.fe.assembly.supports`) and some z held, G^T K G z = G^T f is solved for
+the others; what is left of the equations at those that are held are the reactions. Under preload
+the stiffness is K + K_g of the static stress, less the spin softening: with B = omega~^2, u^T B u
+is the work of the centrifugal load that grows with the displacement. Coriolis forces are left out.
+Buckling: K v = -factor K_g v. Loads keep their direction, a pressure too. Source: Bathe, Finite
+Element Procedures, ch. 4 and 6.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import eigh
+from scipy.sparse import csr_array
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
+
+from flexmb.errors import FlexmbWarning, Problem, ReductionError
+from flexmb.fe.assembly.assemble import FEMatrices, geometric_stiffness
+from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface
+from flexmb.fe.assembly.mass import component_masses
+from flexmb.fe.assembly.numbering import Accumulator
+from flexmb.fe.assembly.supports import Supports
+from flexmb.fe.displacements import node_modes, surface
+from flexmb.fe.linear_solver import SingularMatrix
+from flexmb.fe.reduction.eigenmodes import (
+    dense_modes,
+    lowest_modes,
+    mode_signs,
+    polynomial_fields,
+    start_vector,
+)
+from flexmb.fe.reduction.fixed_interface import BorderedSolver
+from flexmb.fe.reduction.inertia_relief import InertiaRelief
+from flexmb.fe.reduction.reduced_basis import moving_nodes
+from flexmb.fe.stress import section_force_modes, shell_force_modes, stress_modes
+from flexmb.flexbody.arrays import FloatArray, IntArray, skew
+from flexmb.flexbody.mesh_options import GravityLoad
+from flexmb.flexbody.part_options import PartAnalysisOptions, SpinLoad, is_static
+from flexmb.flexbody.part_result import STATIC, PartResult, Resultant
+from flexmb.flexbody.parts import Interface
+from flexmb.flexbody.stress_modes import SectionForceModes
+from flexmb.progress import Progress
+
+_DENSE = 300  # unknowns below which full matrices are faster
+_BALANCE = 1e-6  # reactions that miss the loads by more are reported
+_MAX_MODES = 2000  # of a band
+
+
+def spin_field(load: SpinLoad) -> tuple[FloatArray, FloatArray]:
+    """A and p of the acceleration A (s - p) of the points s."""
+    w, alpha = (skew(np.array(v)) for v in (load.angular_velocity, load.angular_acceleration))
+    return w @ w + alpha, np.array(load.position)
+
+
+@dataclass(frozen=True, eq=False)
+class _Modes:
+    numbers: IntArray
+    omega2: FloatArray
+    z: FloatArray  # (k, v)
+
+
+class SupportedModel:
+    """One supported model, its matrices over the coordinates z, and what is solved with them."""
+
+    def __init__(
+        self,
+        fe: FEMatrices,
+        ends: tuple[ModelInterface, ...],
+        supports: Supports,
+        options: PartAnalysisOptions,
+        progress: Progress,
+    ) -> None:
+        self.fe, self.ends, self.supports, self.options = fe, ends, supports, options
+        self.progress, self.free = progress, supports.free
+        self.K = csr_array(supports.G.T @ fe.K @ supports.G)
+        self.M = self._inner(csr_array(supports.G.T @ fe.M @ supports.G))
+        self.W = csr_array(supports.W[:, self.free])
+        size = float(np.ptp(fe.mesh.points[fe.numbering.nodes], axis=0).max())
+        self.R = supports.rigid[self.free] @ supports.free_motions(size, means=False)
+        self.moves = bool(supports.free_motions(size).shape[1])
+
+    def result(
+        self,
+        name: str,
+        loads: Mapping[str, FloatArray],
+        notes: list[str],
+        provenance: Mapping[str, str],
+    ) -> PartResult:
+        """Solve, and recover everything."""
+        fe, supports, options = self.fe, self.supports, self.options
+        fields: list[str] = []
+        columns = [np.zeros((supports.G.shape[1], 0))]
+        solver = self._solver(self._inner(self.K)) if self._needs_stiffness() else None
+        reactions: tuple[Resultant, ...] = ()
+        Kg, spin = None, np.zeros((3, 3))
+        total = sum(loads.values(), np.zeros(fe.numbering.n))
+        if is_static(options):
+            assert solver is not None
+            z = self._static(solver, total)
+            reactions = self._reactions(z, total)
+            columns.append(z[:, None])
+            fields.append(STATIC)
+            if options.buckling or options.preload:
+                Kg, spin = self._stressed(supports.G @ z)
+        factors = np.zeros(0)
+        shapes = np.zeros((supports.G.shape[1], 0))
+        if options.buckling:
+            assert solver is not None and Kg is not None
+            factors, shapes = self._buckling(solver, Kg)
+            if not len(factors):
+                notes.append("the loads do not buckle the part, however large they are")
+        if options.frequencies is not None:
+            modes = self._vibration(solver, Kg if options.preload else None, spin)
+            columns.append(modes.z)
+            fields += [f"mode {k}" for k in modes.numbers]
+        else:
+            modes = _Modes(np.zeros(0, int), np.zeros(0), np.zeros((supports.G.shape[1], 0)))
+        columns.append(shapes)
+        fields += [f"buckling {k + 1}" for k in range(len(factors))]
+        Z = np.concatenate(columns, axis=1)
+        made = PartResult(
+            name,
+            fe.inertia.mass,
+            tuple(fields),
+            modes.numbers,
+            np.sqrt(np.maximum(modes.omega2, 0.0)) / (2 * np.pi),
+            self._effective_mass(modes),
+            factors,
+            reactions,
+            tuple(self._resultant(k, fe.center, f) for k, f in loads.items()),
+            notes=tuple(notes),
+            provenance=provenance,
+            **self._recovered(Z),
+        )
+        if made.supports and made.imbalance > _BALANCE:
+            what = f"rounding leaves reactions and loads out of balance by {made.imbalance:.1e} of "
+            what += "the largest of them: the part is very slender, or its stiffnesses differ much"
+            warnings.warn(what, FlexmbWarning, stacklevel=3)
+        return made
+
+    def _needs_stiffness(self) -> bool:
+        return is_static(self.options) or not self.options.preload
+
+    def _inner(self, matrix: csr_array) -> csr_array:
+        return csr_array(matrix[self.free][:, self.free])
+
+    def _solver(self, K: csr_array) -> BorderedSolver:
+        """The factorised stiffness with what is held.
+
+        Raises
+        ------
+        ReductionError
+            A part of the mesh moves freely; names its nodes.
+        """
+        try:
+            points = self.supports.points[self.free]
+            return BorderedSolver(K, self.W, self.R, points, self.progress)
+        except SingularMatrix as error:
+            z = np.zeros((self.supports.G.shape[1], 1))
+            z[self.free[error.dofs]] = 1.0
+            where = moving_nodes(self.fe, self.supports.G @ z)
+            what = "with its supports held, a part of the mesh still moves freely: "
+            raise ReductionError(f"supports: {what}{where}") from error
+
+    def _static(self, solver: BorderedSolver, f: FloatArray) -> FloatArray:
+        """(k,) the coordinates under the loads and the imposed displacements."""
+        z = np.zeros(self.supports.G.shape[1])
+        z[self.supports.fixed] = self.supports.value
+        right = (self.supports.G.T @ f - self.K @ z)[self.free]
+        z[self.free] = solver.solve(right, self.supports.mean)
+        return z
+
+    def _reactions(self, z: FloatArray, f: FloatArray) -> tuple[Resultant, ...]:
+        """Reactions of the supports on the part."""
+        supports, rest = self.supports, self.K @ z - self.supports.G.T @ f
+        reactions = np.zeros((len(supports.names), len(z)))
+        reactions[supports.owner, supports.fixed] = rest[supports.fixed]
+        if supports.W.shape[0]:
+            dense = self.W.toarray()
+            forces = np.linalg.lstsq(dense.T, rest[self.free], rcond=None)[0]
+            for k, owner in enumerate(supports.mean_owner):
+                reactions[owner] += supports.W[[k]].toarray()[0] * forces[k]
+        places = zip(supports.names, supports.positions, reactions, strict=True)
+        return tuple(self._pull(name, x, supports.rigid.T @ row) for name, x, row in places)
+
+    def _pull(self, name: str, at: FloatArray, total: FloatArray) -> Resultant:
+        """A resultant (6,) about the centre of mass as one about a point."""
+        force = total[:3]
+        moment = total[3:] - np.cross(at - self.fe.center, force)
+        return Resultant(name, np.asarray(at), force, moment)
+
+    def _resultant(self, name: str, at: FloatArray, f: FloatArray) -> Resultant:
+        return self._pull(name, at, self.fe.rigid.T @ f)
+
+    def _stressed(self, u: FloatArray) -> tuple[csr_array, FloatArray]:
+        """Geometric stiffness of the static solution over z, and B = omega~^2 of its spin."""
+        field, B = np.zeros((3, 4)), np.zeros((3, 3))
+        for load in self.options.loads.values():
+            if isinstance(load, SpinLoad):
+                A, p = spin_field(load)
+                field -= np.column_stack([A, -A @ p])
+                w = skew(np.array(load.angular_velocity))
+                B += w @ w
+            elif isinstance(load, GravityLoad):
+                field[:, 3] += load.acceleration
+        Kg = geometric_stiffness(self.fe, u, field)
+        return csr_array(self.supports.G.T @ Kg @ self.supports.G), B
+
+    def _spin_softening(self, B: FloatArray) -> csr_array:
+        """(k, k) sum of B_ab M_ab over z: what spin takes off the stiffness, negative."""
+        fe, total = self.fe, Accumulator(self.fe.numbering.n_all)
+        points, numbering = fe.mesh.points, fe.numbering
+        blocks = () if fe.lumped else fe.blocks
+        for mass, dofs in (
+            *component_masses(blocks, numbering, points), *fe.nodal.masses(numbering, points)
+        ):  # fmt: skip
+            element = np.einsum("ab,eabij->eij", B, mass.Mab)
+            total.add(0.5 * (element + element.transpose(0, 2, 1)), dofs)
+        matrix, scalar = total.matrix(), fe.inertia.scalar.tocoo()
+        for a in range(3):
+            for b in range(3):
+                rows, columns = numbering.table[scalar.row, a], numbering.table[scalar.col, b]
+                data = (B[a, b] * scalar.data, (rows, columns))
+                matrix = matrix + csr_array(data, shape=matrix.shape)
+        return csr_array(self.supports.G.T @ fe.condensed(matrix) @ self.supports.G)
+
+    def _vibration(
+        self, solver: BorderedSolver | None, Kg: csr_array | None, spin: FloatArray
+    ) -> _Modes:
+        """The requested modes, numbered from 1, of unit modal mass."""
+        wanted, K = self.options.frequencies, self._inner(self.K)
+        assert wanted is not None
+        if Kg is not None:
+            K = csr_array(K + self._inner(Kg))
+            if spin.any():
+                K = csr_array(K + self._inner(self._spin_softening(spin)))
+            try:
+                solver = self._solver(K)
+            except ReductionError as error:
+                what = "the part is not stable under its loads: they exceed those that buckle it"
+                raise ReductionError(f"preload: {what} ({error})") from error
+        assert solver is not None
+        count = wanted.count or 20
+        limit = K.shape[0] - self.W.shape[0] - (self.R.shape[1] if self.moves else 0)
+        while True:
+            if wanted.count is not None and count > limit:
+                what = f"{count} requested, but the part has only {limit} degrees of freedom"
+                raise ReductionError.from_problems([Problem("frequencies.count", what)])
+            omega2, V = self._lowest(solver, K, min(count, limit))
+            if wanted.band is None:
+                rows = np.arange(count)
+                break
+            low, high = ((2 * np.pi * f) ** 2 for f in wanted.band)
+            if count >= limit or omega2[-1] > high:
+                rows = np.flatnonzero((omega2 >= low) & (omega2 <= high))
+                break
+            if count >= _MAX_MODES:
+                what = f"holds more than {_MAX_MODES} frequencies: take a narrower band"
+                raise ReductionError.from_problems([Problem("frequencies.band", what)])
+            count *= 2
+        z = np.zeros((self.supports.G.shape[1], len(omega2)))
+        z[self.free] = V
+        U = self.supports.G @ z
+        z = z @ mode_signs(omega2, polynomial_fields(self.fe).T @ (self.fe.M @ U))
+        return _Modes(rows + 1, omega2[rows], z[:, rows])
+
+    def _lowest(
+        self, solver: BorderedSolver, K: csr_array, count: int
+    ) -> tuple[FloatArray, FloatArray]:
+        n = K.shape[0]
+        if not self.moves:
+            if not self.W.shape[0] and (n <= _DENSE or 2 * count >= n):
+                return dense_modes(K, self.M, count)
+            start = solver.solve(start_vector(n))
+            return lowest_modes(self.M, solver.solve, count, self.progress, start)
+        relief = InertiaRelief(self.M, self.R)
+        if n <= _DENSE or 2 * count >= n:
+            skip = self.R.shape[1]
+            omega2, V = dense_modes(K, self.M, count + skip)
+            return omega2[skip:], V[:, skip:]
+
+        def deform(f: FloatArray) -> FloatArray:
+            return relief.fields(solver.solve(relief.loads(f)))
+
+        return lowest_modes(self.M, deform, count, self.progress, deform(start_vector(n)))
+
+    def _buckling(self, solver: BorderedSolver, Kg: csr_array) -> tuple[FloatArray, FloatArray]:
+        """Positive load factors, ascending, and their shapes over z."""
+        K, stress = self._inner(self.K), -self._inner(Kg)
+        n, count = K.shape[0], self.options.buckling
+        count = min(count, n - self.W.shape[0] - 1)
+        if n <= _DENSE and not self.W.shape[0]:
+            mu, V = eigh(stress.toarray(), K.toarray(), subset_by_index=[n - count, n - 1])
+        else:
+            inverse = LinearOperator(
+                (n, n), matvec=lambda b: solver.solve(np.ravel(b)), dtype=float
+            )
+            start = solver.solve(start_vector(n))
+            try:
+                mu, V = eigsh(stress, count, M=K, Minv=inverse, which="LA", v0=start, tol=1e-10)
+            except ArpackError as error:
+                what = f"the lowest {count} load factors were not found ({error})"
+                raise ReductionError(f"buckling: {what}") from error
+        scale = np.abs(mu).max(initial=0.0)
+        order = [k for k in np.argsort(-mu) if mu[k] > 1e-9 * max(scale, 1e-300)]
+        z = np.zeros((self.supports.G.shape[1], len(order)))
+        z[self.free] = V[:, order]
+        slides = np.abs((self.supports.G @ z)[self._translations()]).max(axis=0, initial=1e-300)
+        U = self.supports.G @ z
+        sign = np.where((polynomial_fields(self.fe).T @ U).sum(axis=0) < 0, -1.0, 1.0)
+        return 1.0 / mu[order], z * (sign / slides)
+
+    def _translations(self) -> IntArray:
+        table = self.fe.numbering.table[:, :3]
+        return table[(table >= 0) & (table < self.fe.numbering.n)]
+
+    def _effective_mass(self, modes: _Modes) -> FloatArray:
+        U = self.supports.G @ modes.z
+        return np.asarray((U.T @ (self.fe.M @ self.fe.rigid[:, :3])) ** 2)
+
+    def _recovered(self, Z: FloatArray) -> dict[str, Any]:
+        """Interfaces, nodes, surface and stress of the fields."""
+        fe, U = self.fe, self.supports.G @ Z
+        rigid = tuple(end for end in self.ends if isinstance(end, RigidInterface))
+        motions = {end.name: end.motion(U) for end in self.ends}
+        turns = np.array([motions[end.name][3:] for end in rigid]).reshape(-1, 3, Z.shape[1])
+        nodes = node_modes(fe, U, rigid, turns, self.progress)
+        forces = section_force_modes(fe, U)
+        beams = SectionForceModes(forces.nodes, forces.axes, forces.ends)
+        return {
+            "interfaces": tuple(
+                Interface(end.name, end.position, motions[end.name][:3], motions[end.name][3:])
+                for end in self.ends
+            ),
+            "nodes": nodes,
+            "surface": surface(fe, nodes),
+            "stress": stress_modes(fe, U, progress=self.progress),
+            "section_forces": beams if len(forces.nodes) else None,
+            "shell_forces": shell_force_modes(fe, U),
+        }

@@ -1,0 +1,237 @@
+"""A part by itself: closed forms, symmetry, balance, and what it refuses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from flexmb.errors import FlexmbError
+from flexmb.fe import mesh_from, part
+from flexmb.flexbody import load_part, save_part
+
+STEEL = {"E": 200e9, "nu": 0.3, "density": 8000}
+BEAM = {"type": "beam", "length": 2.0, "divisions": 12}
+SECTION = {"all": {"type": "rectangle", "y": 0.02, "z": 0.03, "shear": False}}
+EI = 200e9 * 0.03 * 0.02**3 / 12  # about the weak axis
+CLAMPED = {"group": "start", "type": "clamped"}
+
+
+WEIGHT = {"q": {"type": "gravity", "acceleration": [0, 50.0 / (8000 * 6e-4), 0]}}  # 50 N/m
+
+
+def beam(**words):
+    return part(BEAM, material=STEEL, sections=SECTION, **words)
+
+
+def at_end(force, group="end"):
+    return {"push": {"type": "force", "group": group, "force": force}}
+
+
+ENDS = {  # supports, factor in P L^2/EI (Timoshenko, Gere: Theory of Elastic Stability), beta L
+    "clamped, free": ({"a": CLAMPED}, np.pi**2 / 4, 1.8751040687),
+    "pinned": (
+        {"a": {"group": "start", "hold": ["ux", "uy", "uz", "rx"]},
+         "b": {"group": "end", "hold": ["uy", "uz"]}}, np.pi**2, np.pi,
+    ),
+    "clamped, pinned": (
+        {"a": CLAMPED, "b": {"group": "end", "hold": ["uy", "uz"]}}, 20.19072856, 3.9266023120,
+    ),
+    "clamped": (
+        {"a": CLAMPED, "b": {"group": "end", "hold": ["uy", "uz", "rx", "ry", "rz"]}},
+        4 * np.pi**2, 4.7300407449,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("ends", ENDS)
+def test_a_column_buckles_and_vibrates_as_its_ends_say(ends):
+    supports, factor, root = ENDS[ends]
+    load = at_end([-1000.0, 0, 0])
+    found = beam(supports=supports, loads=load, buckling=1, frequencies=1)
+    assert found.load_factors[0] * 1000 * 4 / EI == pytest.approx(factor, rel=1e-3)
+    expected = root**2 * np.sqrt(EI / (8000 * 6e-4 * 2**4)) / (2 * np.pi)
+    assert found.frequencies[0] == pytest.approx(expected, rel=1e-3)
+    assert found.imbalance < 1e-12
+    half = {"push": {**load["push"], "force": [-500 * found.load_factors[0], 0, 0]}}
+    loaded = beam(supports=supports, loads=half, frequencies=1, preload=True)
+    # pinned ends keep their shape under the force: f^2 falls linearly to 0 at the factor
+    share = (loaded.frequencies[0] / found.frequencies[0]) ** 2
+    assert share == pytest.approx(0.5, abs=1e-6 if ends == "pinned" else 0.03)
+    too_much = {"push": {**load["push"], "force": [-1001 * found.load_factors[0], 0, 0]}}
+    with pytest.raises(FlexmbError, match="not stable under its loads"):
+        beam(supports=supports, loads=too_much, frequencies=1, preload=True)
+
+
+def test_an_imposed_displacement_bends_a_beam_and_an_oblique_support_slides():
+    held = {"a": CLAMPED, "b": {"group": "end", "hold": ["uy"], "displacement": [0, 1e-3, 0]}}
+    found = beam(supports=held)
+    assert found.reactions["b"].force[1] == pytest.approx(3 * EI * 1e-3 / 8, rel=1e-9)
+    assert found.reactions["a"].moment[2] == pytest.approx(-3 * EI * 1e-3 / 4, rel=1e-9)
+    assert found.quantity("displacement.end.y") == pytest.approx(1e-3, rel=1e-12)
+    slope = np.array([0.6, 0.8, 0.0])
+    held = {"a": CLAMPED, "b": {"group": "end", "type": "sliding", "normal": slope}}
+    found = beam(supports=held, loads=at_end([100.0, 200.0, 30.0]))
+    moved = found.displacements()[-1]
+    assert abs(moved @ slope) < 1e-15 < np.abs(moved).max()
+    across = np.cross(found.reactions["b"].force, slope)
+    assert np.abs(across).max() < 1e-9
+    assert found.imbalance < 1e-12
+
+
+def test_half_a_beam_with_a_plane_of_symmetry_is_the_whole():
+    supports = {"a": {"group": "start", "hold": ["ux", "uy", "uz", "rx"]}}
+    whole = part(
+        {"type": "beam", "length": 4.0, "divisions": 24}, material=STEEL, sections=SECTION,
+        supports={**supports, "b": {"group": "end", "hold": ["uy", "uz"]}},
+        loads=WEIGHT, frequencies=6,
+    )  # fmt: skip
+    plane = {"group": "end", "type": "symmetric", "normal": "x"}
+    free_axial = {"a": {"group": "start", "hold": ["uy", "uz", "rx"]}, "middle": plane}
+    half = beam(supports=free_axial, loads=WEIGHT, frequencies=2)
+    exact = 5 * 50.0 * 4.0**4 / (384 * EI)
+    assert half.quantity("displacement.end.y") == pytest.approx(exact, rel=1e-9)
+    np.testing.assert_allclose(half.frequencies, whole.frequencies[[0, 1]], rtol=1e-9)
+    odd = {"a": free_axial["a"], "middle": {**plane, "type": "antisymmetric"},
+           "axial": {"group": "start", "hold": ["ux"]}}  # fmt: skip
+    other = beam(supports=odd, frequencies=2)
+    np.testing.assert_allclose(other.frequencies, whole.frequencies[[2, 3]], rtol=1e-9)
+    forces = half.section_forces.at(half.column())
+    assert abs(forces[-1, 1, 5]) == pytest.approx(50.0 * 4**2 / 8, rel=2e-3)
+
+
+@pytest.mark.parametrize("kind", ["rbe2", "rbe3"])
+@pytest.mark.parametrize("scale, units", [(1.0, "SI"), (1e3, "mm-t-s")])
+def test_interfaces_are_hinged_and_loaded_at_their_points(kind, scale, units):
+    size = [1.0 * scale, 0.1 * scale, 0.05 * scale]
+    found = part(
+        {"type": "box", "size": size, "divisions": [8, 1, 1]}, units=units, material=STEEL,
+        interfaces={"root": {"group": "x0", "type": kind}, "tip": {"group": "x1", "type": kind}},
+        supports={"root": {"interface": "root", "type": "hinged", "axis": "z"},
+                  "tip": {"interface": "tip", "hold": ["uy"]}},
+        loads={"turn": {"type": "interface", "interface": "root", "moment": [0, 0, 120.0]}},
+    )  # fmt: skip
+    np.testing.assert_allclose(found.reactions["tip"].force, [0, -120, 0], rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(found.reactions["root"].force, [0, 120, 0], rtol=1e-9, atol=1e-6)
+    assert np.abs(found.reactions["root"].moment).max() < 1e-6
+    assert found.imbalance < 1e-9
+    slope = 120.0 * 1.0 / (3 * 200e9 * 0.05 * 0.1**3 / 12)  # M L/(3 E I)
+    assert found.quantity("rotation.root.z") == pytest.approx(slope, rel=0.06)
+
+
+def test_a_thick_cylinder_under_pressure_follows_lame():
+    a, b, p, nu = 0.05, 0.1, 1e8, 0.3
+    tube = {"type": "tube", "length": 0.05, "radius": b, "inner": a, "divisions": [3, 24, 1]}
+    mesh = mesh_from(tube)
+    bore = [n for n in mesh.node_sets["inner"] if mesh.points[n, 0] < 1e-9]
+    y, z = ([int(n) for n in bore if abs(mesh.points[n, c]) < 1e-9] for c in (1, 2))
+    found = part(
+        tube, material=STEEL,
+        supports={"start": {"group": "start", "type": "symmetric"},
+                  "end": {"group": "end", "type": "sliding"},
+                  "z": {"nodes": z, "hold": ["uz"]},
+                  "y": {"nodes": y, "hold": ["uy"]}},
+        loads={"p": {"type": "pressure", "group": "inner", "pressure": p}},
+    )  # fmt: skip
+    ratio = a**2 / (b**2 - a**2)
+    grown = (1 + nu) / 200e9 * p * ratio * ((1 - 2 * nu) * a + b**2 / a)
+    assert found.quantity(f"displacement.{z[0]}.y") == pytest.approx(grown, rel=5e-4)
+    hoop, radial = p * ratio * (1 + b**2 / a**2), -p
+    assert found.quantity(f"principal.{z[0]}.1") == pytest.approx(hoop, rel=0.02)
+    assert found.quantity(f"principal.{z[0]}.3") == pytest.approx(radial, rel=0.03)
+    assert found.reactions["end"].force[0] == pytest.approx(
+        2 * nu * p * ratio * np.pi * (b**2 - a**2), rel=5e-3
+    )
+
+
+def test_a_spinning_beam_is_stretched_and_stiffened():
+    h, n = 0.002, 12
+    rate = np.sqrt(200e9 * h * h / 12 / 8000) / 4  # sqrt(EI/(rho A L^4))
+    speed = 12 * rate
+    found = part(
+        {**BEAM, "divisions": n}, material=STEEL,
+        sections={"all": {"type": "rectangle", "y": h, "z": h, "shear": False}},
+        supports={"a": CLAMPED}, frequencies=2, preload=True,
+        loads={"turn": {"type": "spin", "angular_velocity": [0, 0, speed]}},
+    )  # fmt: skip
+    pull = 8000 * h * h * speed**2 * 2**2 / 2
+    assert found.reactions["a"].force[0] == pytest.approx(-pull, rel=1e-10)
+    stretch = 8000 * speed**2 * 2**3 / 3 / 200e9
+    assert found.quantity("displacement.end.x") == pytest.approx(stretch, rel=3e-3)
+    # tests/references: rotating_beam_EB_flap at speed 12; lag^2 = flap^2 - speed^2
+    np.testing.assert_allclose(found.frequencies * 2 * np.pi / rate, [5.4271, 13.1702], rtol=2e-4)
+
+
+def test_a_result_is_stored_and_read(tmp_path):
+    found = beam(supports={"a": CLAMPED}, loads=at_end([0, 0, 5.0]), frequencies=2, buckling=0)
+    again = load_part(save_part(found, tmp_path / "beam.part.h5"))
+    assert again.fields == ("static", "mode 1", "mode 2")
+    for name in ("frequency.2", "reaction.a.My", "von_mises", "section_force.0.1.My"):
+        assert again.quantity(name) == found.quantity(name) != 0.0
+    with pytest.raises(FlexmbError, match="nearest: reaction"):
+        found.quantity("reacton.a.Fz")
+    with pytest.raises(FlexmbError, match='no support "b"'):
+        found.quantity("reaction.b.Fz")
+
+
+def test_supports_that_leave_a_motion_name_it():
+    load = at_end([0, 0, 1.0])
+    with pytest.raises(FlexmbError, match="translation along y; hold it"):
+        beam(supports={"a": {"group": "start", "hold": ["ux", "uz", "rx", "ry", "rz"]}}, loads=load)
+    with pytest.raises(FlexmbError, match=r"rotation about x through \(1, 0, 0\) m; hold it"):
+        supports = {
+            "a": {"group": "start", "type": "hinged"},
+            "b": {"group": "end", "hold": ["uy", "uz"]},
+        }
+        beam(supports=supports, loads=load)
+    free = beam(frequencies=2)
+    assert "translation along x" in free.notes[0]
+    expected = 4.730040744862704**2 * np.sqrt(EI / (8000 * 6e-4 * 2**4)) / (2 * np.pi)
+    assert free.frequencies[0] == pytest.approx(expected, rel=1e-3)
+
+
+def test_all_mistakes_are_told_at_once():
+    with pytest.raises(FlexmbError) as caught:
+        part(
+            BEAM, sections=SECTION, interfaces={"tip": "end"},
+            supports={"a": {"group": "strat", "hold": ["ux", "uq"]},
+                      "b": {"group": "start", "type": "clampd"},
+                      "c": {"interface": "tpi", "type": "clamped"}},
+            loads={"p": {"type": "forse", "group": "end"},
+                   "q": {"type": "line", "group": "edn", "force": [0, 0, 1]}},
+        )  # fmt: skip
+    text = str(caught.value)
+    for piece in ("material", 'unknown "uq"', "nearest: clamped", "nearest: start", "nearest: tip",
+                  "nearest: force", "nearest: end"):  # fmt: skip
+        assert piece in text
+
+
+@pytest.mark.parametrize(
+    "words, sentence",
+    [
+        ({"supports": {"a": CLAMPED}}, "nothing to compute"),
+        ({"supports": {"a": CLAMPED}, "buckling": 1, "frequencies": 1}, "there are none"),
+        ({"supports": {"a": {**CLAMPED, "hold": ["ux"]}}, "frequencies": 1}, "given both"),
+        ({"supports": {"a": CLAMPED}, "loads": at_end([1.0, 0, 0], "start")}, "straight into a"),
+        (
+            {"supports": {"a": {"group": "start", "type": "symmetric"}}, "frequencies": 1},
+            "lie on a line or a point",
+        ),
+        (
+            {"supports": {"a": {"group": "start", "hold": ["ux"], "displacement": [0, 1, 0]}}},
+            "moves along y, which the support leaves free",
+        ),
+        (
+            {"supports": {"a": CLAMPED, "b": {**CLAMPED, "displacement": [1e-3, 0, 0]}}},
+            'moves node 0 by 0.001, the support "a" by 0',
+        ),
+        (
+            {"supports": {"a": CLAMPED}, "interfaces": {"root": "start"}, "frequencies": 1},
+            'move rigidly with the interface "root"',
+        ),
+        ({"supports": {"a": CLAMPED}, "frequencies": 1000}, "degrees of freedom"),
+        ({"supports": {"a": CLAMPED}, "frequencies": {"band": [5.0, 1.0]}}, "the lower one first"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused(words, sentence):
+    with pytest.raises(FlexmbError, match=sentence):
+        beam(**words)
