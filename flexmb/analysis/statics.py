@@ -292,9 +292,8 @@ class _Run:
         if prepared.compiled.layout.nv > MAX_COORDINATES:
             return
         try:
-            made = Equilibrium(
-                prepared.compiled, prepared.model, prepared.state, self.steps
-            ).linearize()
+            one = Equilibrium(prepared.compiled, prepared.model, prepared.state, self.steps)
+            made = one.linearize()
             values = made.eigenvalues
         except FlexmbError:  # motions without inertia have no modes
             return
