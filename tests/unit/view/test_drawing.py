@@ -113,7 +113,7 @@ def test_what_hangs_on_an_exaggerated_body_is_carried_along(clamped) -> None:
     points, _, _ = display.surface("beam")
     x = clamped.flexbodies["beam"].surface.points[:, 0]
     np.testing.assert_allclose(points[x == 0][:, 2], 0.0, atol=ETA**3)
-    np.testing.assert_allclose(display.point("weight"), display.point("beam.tip"), atol=1e-12)
+    np.testing.assert_allclose(display.point("weight"), display.point("beam.tip"), atol=ETA**2)
     assert display.point("weight")[2] == pytest.approx(20 * ETA, rel=0.02)
     tilt = display.frame("weight")[:3, 0]
     assert np.arctan2(tilt[2], tilt[0]) == pytest.approx(20 * 2 * ETA, rel=0.02)
@@ -201,7 +201,7 @@ def test_the_teeth_of_two_wheels_do_not_meet(tmp_path: Path) -> None:
         model.add_joint("b", "revolute", between=["ground.second", "second"], axis="z")
         model.add_coupler("g", "gear", joints=["a", "b"], teeth=list(teeth), internal=internal)
         drawing = Drawing(still_run(model, tmp_path))
-        wheels = {part.name: part for part in drawing.parts if len(part.shape.points) > 100}
+        wheels = {part.name: part for part in reversed(drawing.parts)}  # lumps stand behind them
         first, second = (
             wheels[name].solid(drawing.display()).points for name in ("first", "second")
         )
