@@ -399,12 +399,14 @@ class Drawing:
             seen = "to scale" if self.factor == 1.0 else f"exaggerated {self.factor:g} times"
             parts.append(f"deformation {seen}")
             most = max(deformed, key=lambda body: float(body.displacement.max()))
-            largest = Scale.fitting(float(most.displacement.max()), units)
+            largest = Scale.fitting(moved, units)
+            amount = f"{largest.top:.3g} {largest.unit}"
+            if digits is not None and self.scale and self.scale.quantity == "displacement":
+                places = max(0, 2 - math.floor(math.log10(self.scale.top or 1.0)))  # stay the same
+                amount = f"{moved * self.scale.factor:.{places}f} {self.scale.unit}"
             reference = display.reference_of(most.name)
             shown = "mean axes" if reference == MEAN_AXES else reference
-            parts.append(
-                f"largest displacement {largest.top:.3g} {largest.unit} ({most.name}, from {shown})"
-            )
+            parts.append(f"largest displacement {amount} ({most.name}, from {shown})")
         scale = self.scale
         if scale is not None and scale.quantity != "displacement":
             coloured = [body for body in deformed if body.values is not None]
