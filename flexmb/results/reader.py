@@ -73,6 +73,8 @@ Places = list[int] | NDArray[np.int64] | slice
 
 _SECONDS = "seconds_"  # statistics of this prefix are wall times by phase
 _ALL = slice(None)
+_MAX_TABLE = 1.28e8  # bytes: of a larger table only what is wanted is read, and none is remembered
+_BLOCK = 1.6e7  # bytes of it that are read at once
 _SMALL = 8_000_000  # numbers of a table that is read at once where a few rows are wanted
 _WORK = "_work"  # energies of this ending were done by something, the others are stored
 _ERRORS = {  # statistic -> its name, and what it is relative to
@@ -350,7 +352,17 @@ class ResultReader:
             The run did not store them.
         """
         places = self._file_columns(name, columns)
-        return np.asarray(self._stored(name)[:, places])
+        contents = self._contents
+        row, rows = 8 * len(contents.stored[name]), contents.rows
+        if name in self._tables or row * rows <= _MAX_TABLE:
+            return np.asarray(self._stored(name)[:, places])
+        step = int(_BLOCK / row)
+        table = np.empty((rows, np.arange(row // 8)[places].size))
+        for first in range(0, rows, step):
+            last = min(first + step, rows)
+            block = read_table(self.path, contents.run, name, last, first)
+            table[first:last] = block[:, places]
+        return table
 
     def _file_columns(self, name: str, columns: Places) -> Places:
         """Where the file holds columns of a table."""
