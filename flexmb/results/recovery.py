@@ -202,12 +202,13 @@ class Recovery(ResultReader):
         """Batches of output times: which, their modal coordinates (t, m), and the twelve numbers
         (t, 12) of the body's acceleration where its inertia is to count. ``width`` is of a row."""
         columns, flexbody = self.layout.body(body), self.flexbody(body)
-        q = slice(columns.iq, columns.iq + 7 + columns.m)
         v = slice(columns.iv, columns.iv + 6)
         if mode_acceleration and not flexbody.answers_inertia:
             what = "does not know what its modes lack of its own inertia loads: reduce the mesh "
             raise ResultFileError(f"{self.flexbodies[body]}: {what}again, in mean axes")
         omits = mode_acceleration and flexbody.omitted_stress is not None
+        first = columns.iq if omits else columns.iq + 7  # a run may store modal coordinates alone
+        q = slice(first, columns.iq + 7 + columns.m)
         if not len(self.time):
             raise ResultFileError(f"{self.path}: the result holds no rows")
         if time is not None:
@@ -223,7 +224,7 @@ class Recovery(ResultReader):
             if mix is not None:
                 tables = [((1 - mix) * t[:1] + mix * t[-1:]) for t in tables]
             c = self._inertia_numbers(flexbody, *tables) if omits else None
-            yield rows, tables[0][:, 7:], c
+            yield rows, tables[0][:, 7 if omits else 0 :], c
 
     def _inertia_numbers(self, body: FlexBody, q: Array, v: Array, vd: Array) -> Array:
         """(t, 12) of the acceleration of the centre of mass less gravity, alpha and omega."""
