@@ -57,6 +57,8 @@ def call_kinematics(system: System, state: State, work: Work, path: Path, what: 
 
 def nearly_redundant(compiled: Compiled, q: NDArray[np.float64]) -> str:
     """The sentence for constraint equations that are nearly redundant at some positions, or ""."""
+    if not np.isfinite(q).all():  # a motion that has diverged
+        return ""
     if compiled.layout.nv > MAX_COORDINATES or not compiled.layout.nc:
         return ""
     with one_blas_thread():
