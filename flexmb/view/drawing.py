@@ -352,10 +352,9 @@ class Drawing:
 
     def _extent(self, display: Display) -> Array:
         """What the view is fitted to (n, 3)."""
-        view, here = self.view, self._corners(display)
-        follow = view.follow
+        view, follow = self.view, self.view.follow
         if view.framing == "moment":
-            return here
+            return self._corners(display)
         if self._moments is None:
             whole = self.mechanism.result.time.tolist()
             times = whole if self._digits is None else self.times
@@ -366,12 +365,9 @@ class Drawing:
                 self._moments.append((self._corners(moment), origin))
         shift = display.frame(follow)[:3, 3] if follow else np.zeros(3)
         motion = np.vstack([corners - origin + shift for corners, origin in self._moments])
-        if (
-            view.framing == "auto"
-            and len(self.times) == 1
-            and size_of(here) < _SMALL * size_of(motion)
-        ):
-            return here
+        if view.framing == "auto" and len(self.times) == 1:
+            here = self._corners(display)
+            return here if size_of(here) < _SMALL * size_of(motion) else motion
         return motion
 
     def _labels(self, display: Display) -> Iterator[Label]:
@@ -399,12 +395,14 @@ class Drawing:
             seen = "to scale" if self.factor == 1.0 else f"exaggerated {self.factor:g} times"
             parts.append(f"deformation {seen}")
             most = max(deformed, key=lambda body: float(body.displacement.max()))
-            largest = Scale.fitting(float(most.displacement.max()), units)
+            largest = Scale.fitting(moved, units)
+            amount = f"{largest.top:.3g} {largest.unit}"
+            if digits is not None and self.scale and self.scale.quantity == "displacement":
+                places = max(0, 2 - math.floor(math.log10(self.scale.top or 1.0)))  # stay the same
+                amount = f"{moved * self.scale.factor:.{places}f} {self.scale.unit}"
             reference = display.reference_of(most.name)
             shown = "mean axes" if reference == MEAN_AXES else reference
-            parts.append(
-                f"largest displacement {largest.top:.3g} {largest.unit} ({most.name}, from {shown})"
-            )
+            parts.append(f"largest displacement {amount} ({most.name}, from {shown})")
         scale = self.scale
         if scale is not None and scale.quantity != "displacement":
             coloured = [body for body in deformed if body.values is not None]

@@ -39,7 +39,7 @@ _MAX_FRAMES = 20_000
 _SHORTEST, _LONGEST = 2.0, 20.0  # seconds of a film in real time, unless a speed is given
 _USUAL = 6.0  # seconds of a film that is slower or faster
 _TURN_SAMPLES = 200  # frames at which rotations are looked at
-_COLOR_SAMPLES = 5  # frames from which a GIF takes its colours
+_COLOR_SAMPLES = 8  # frames from which a GIF takes its colours
 _FEW = 24  # frames below which a second process would not pay
 _TURN = math.radians(120.0)  # between two frames, beyond which it looks like another motion
 
