@@ -22,6 +22,7 @@ from flexmb.analysis.dynamics.linear_elasticity import (
 )
 from flexmb.analysis.dynamics.load_factor import LoadFactorMonitor
 from flexmb.analysis.dynamics.modal_basis import ModalBasisMonitor
+from flexmb.analysis.dynamics.omitted_vibrations import OmittedVibrationMonitor
 from flexmb.analysis.monitors import Indicator, Monitor
 from flexmb.engine.compile import Compiled
 from flexmb.model.model import Model
@@ -52,6 +53,7 @@ class ValidityMonitor:
             self._elasticity,
             LoadFactorMonitor(compiled, model, q),
             self._basis,
+            *((OmittedVibrationMonitor(compiled, model, q),) if is_motion else ()),
         )
         self._notes = tuple(loads_without_stiffening(compiled, model))
 
