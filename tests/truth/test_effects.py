@@ -11,7 +11,7 @@ from truth.test_simeon_crank import L1, L2, P
 from truth.test_simeon_crank import rod as simeon_rod
 
 import flexmb
-from flexmb.errors import ReductionError, SceneError
+from flexmb.errors import FlexmbWarning, ReductionError, SceneError
 from flexmb.flexbody.effects import frame_at_interface
 from flexmb.flexbody.natural_modes import natural_frequencies
 from flexmb.model import Model
@@ -415,3 +415,42 @@ def test_linearised_modes_are_those_of_static_condensation(dynamic):
     assert len(frequencies) == len(expected)
     np.testing.assert_allclose(frequencies, expected, rtol=1e-6)
     assert frequencies[0] == pytest.approx(1 / BEAM_PERIOD, rel=0.006)
+
+
+@pytest.mark.parametrize(("deformation", "share"), [("quasi-static", 0.30), ("automatic", 0.0)])
+def test_a_run_says_what_vibrations_are_missing(deformation, share):
+    """A force at 0.57 of the first frequency: the run with all modes dynamic differs by 30 %."""
+    made = cantilever(deformation=deformation)
+    del made.forces["load"]
+    made.add_force("load", "force", at="beam.tip", value=[0, "10*sin(30*t)", 0])
+    with pytest.warns(FlexmbWarning) as found:
+        flexmb.simulate(made, duration=0.6, outputs=60, accuracy=1e-3, verify=False)
+    texts = [str(one.message) for one in found if "leave out vibrations" in str(one.message)]
+    assert len(texts) == (share > 0.0)
+    for text in texts:
+        assert "from 8.4" in text and 'deformation = "automatic"' in text
+        assert float(text.split("differ by ")[1].split("%")[0]) / 100 == pytest.approx(share, 0.15)
+
+
+@pytest.mark.slow
+def test_a_run_with_a_residual_flexibility_resumes_bit_for_bit(tmp_path):
+    def interrupt(phase: str, share: float, detail: str = "") -> None:
+        if phase == "integrate" and share > 0.2:
+            raise KeyboardInterrupt
+
+    made = turned({"dynamic": [0, 1]})
+    knobs = {"accuracy": 1e-4, "duration": 2.0, "outputs": 400, "verify": False}
+    whole = flexmb.simulate(made, output=tmp_path / "whole", **knobs)
+    flexmb.simulate(made, output=tmp_path / "part", progress=interrupt, **knobs)
+    assert flexmb.load_result(tmp_path / "part").status != "finished"
+    again = flexmb.resume(tmp_path / "part")
+    assert np.array_equal(whole["tip.y"], again["tip.y"])
+
+
+def test_modes_without_stiffness_cannot_be_quasi_static():
+    body = rod(0.012)
+    K = body.K.copy()
+    K[3] = K[:, 3] = 0.0
+    made = pendulum(replace(body, K=K), deformation={"quasi_static": [3]})
+    with pytest.raises(ReductionError, match="mode 3 of the body has no stiffness"):
+        flexmb.simulate(made, duration=0.1)

@@ -21,6 +21,7 @@ from flexmb.analysis.assembly.residual_flexibility import static_bodies, static_
 from flexmb.analysis.monitors import Indicator
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import FINE_METHOD, STIFF_METHOD
+from flexmb.errors import AssemblyError
 from flexmb.model.model import Model
 from flexmb.results import OutputBlock
 
@@ -46,7 +47,7 @@ class OmittedVibrationMonitor:
         still = static_coordinates(compiled, kinetostatic=not explicit)
         self._cure = 'deformation = "automatic" has them'
         if explicit:
-            self._cure = f'method = "{STIFF_METHOD}" has those of bodies that are not "quasi-static"'
+            self._cure = f'method = "{STIFF_METHOD}" has those of bodies not "quasi-static"'
         self._bodies = [body for body in compiled.layout.bodies if body.m]
         self._omega, self._parts = np.zeros(0), np.zeros((0, 0))
         self._largest = np.zeros(3)  # of what is missing, with its time, and of the deformation
@@ -58,10 +59,11 @@ class OmittedVibrationMonitor:
         self._names = [compiled.layout.bodies[k].name for k in rows]
         scene = JoinedScene(compiled, q, list(range(len(compiled.layout.bodies))))
         flexible = [k for k, body in enumerate(compiled.layout.bodies) if body.m]
-        free, remaining = (
-            scene.vibrations(*flexible),
-            scene.vibrations(*flexible, still=still).omega,
-        )
+        try:
+            free = scene.vibrations(*flexible)
+            remaining = scene.vibrations(*flexible, still=still).omega
+        except AssemblyError:  # motions without inertia
+            return
         gone = [
             k for k, w in enumerate(free.omega) if not np.any(np.abs(remaining - w) < _EQUAL * w)
         ]
