@@ -16,6 +16,7 @@ from flexmb.cli import postprocess as postprocess  # isort: skip
 from flexmb.cli import render as render  # isort: skip
 from flexmb.cli import film as film  # isort: skip
 from flexmb.cli import plot as plot  # isort: skip
+from flexmb.cli import report as report  # isort: skip
 from flexmb.cli import modes as modes  # isort: skip
 from flexmb.cli import study as study  # isort: skip
 from flexmb.cli import listings as listings  # isort: skip

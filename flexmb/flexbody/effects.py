@@ -3,7 +3,10 @@
 In: a body with its modes in mean axes. Out: the rigid body with the same interfaces, nodes and
 surface; the body without the data of geometric stiffening; or its modes relative to a frame that
 one of its interfaces carries along, by u' = u − u_k − θ_k × (s − s_k): integrals of the new modes
-follow exactly from those of the old ones and of rigid motion. Source: Shabana, Dynamics of
+follow exactly from those of the old ones and of rigid motion. Of displacements of second order,
+which stiffen the body, the turn of the frame takes away θ_k × N η − θ_k × (θ_k × (s − c))/2, and a
+rigid motion of second order, so that they have no momentum and no angular momentum in the new frame
+either: its interface stays at rest in it to first order. Source: Shabana, Dynamics of
 Multibody Systems, 4th ed., §5.6 on reference conditions.
 """
 
@@ -65,7 +68,7 @@ def frame_at_interface(body: FlexBody, name: str) -> FlexBody:
     Parameters
     ----------
     body : FlexBody
-        Without data of geometric stiffening, which are those of mean axes.
+        In mean axes.
     name : str
         The interface.
 
@@ -82,9 +85,13 @@ def frame_at_interface(body: FlexBody, name: str) -> FlexBody:
     shift = -end.Phi_t - np.cross(turn.T, end.position).T
     fields = _rigid_integrals(body, body.p, body.P, body.Mab, np.vstack([shift, turn]))
     ends = tuple(
-        Interface(part.name, part.position, *_moved(part.position, shift, turn, part))
+        Interface(part.name, part.position, *_moved(part.position, shift, turn, part), part.bend)
         for part in body.interfaces
     )
+    if body.centrifugal_stiffness is not None:
+        stiffness, bends = _stiffening(body, -turn)
+        fields["centrifugal_stiffness"] = stiffness
+        ends = tuple(replace(part, bend=bend) for part, bend in zip(ends, bends, strict=True))
     nodes, surface = body.nodes, body.surface
     if nodes is not None:
         Phi_r = None if nodes.Phi_r is None else nodes.Phi_r + turn
@@ -134,3 +141,33 @@ def _rigid_integrals(
     both += np.einsum("aci,cd,bdj->abij", G, body.S0, G)
     Mab = Mab + cross + cross.transpose(1, 0, 3, 2) + both
     return {"p": p, "P": P, "Mab": Mab}
+
+
+def _stiffening(body: FlexBody, turn: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
+    """Centrifugal stiffness and bends in a frame that turns by `turn` (3, m) more per eta.
+
+    What is of second order in the new frame is v = −θ × N̄η + θ × (θ × s̄)/2 − ψ × s̄ more, with N̄
+    and s̄ relative to the centre of mass and ψ such that ∫ρ s̄ × v = 0.
+    """
+    c, S = body.center, body.S0 - np.outer(body.S1, body.S1) / body.mass
+    theta = np.einsum("bcd,cm->bdm", _EPS, turn)  # θ × x = theta x: (3, 3, m)
+    twice = np.einsum("bcm,cdn->bdmn", theta, theta)
+    P = body.P - np.einsum("a,dm->adm", c, body.p)
+    A = -np.einsum("bdm,adn->abmn", theta, P) + 0.5 * np.einsum("bdmn,ad->abmn", twice, S)
+    inertia = np.trace(S) * np.eye(3) - S
+    psi = np.einsum("ci,iab,abmn->cmn", np.linalg.pinv(inertia), _EPS, A)
+    A = A - np.einsum("bcd,cmn,ad->abmn", _EPS, psi, S)
+    both = _symmetric(A + A.transpose(1, 0, 2, 3))
+    assert body.centrifugal_stiffness is not None
+    bends = []
+    for part in body.interfaces:
+        arm, moved = part.position - c, part.Phi_t - body.p / body.mass
+        v = -np.einsum("bdm,dn->bmn", theta, moved) + 0.5 * np.einsum("bdmn,d->bmn", twice, arm)
+        v = v - np.einsum("bcd,cmn,d->bmn", _EPS, psi, arm)
+        assert part.bend is not None
+        bends.append(part.bend - 2.0 * _symmetric(v))
+    return body.centrifugal_stiffness - both, bends
+
+
+def _symmetric(forms: FloatArray) -> FloatArray:
+    return np.asarray(0.5 * (forms + np.swapaxes(forms, -1, -2)))

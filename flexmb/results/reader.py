@@ -150,6 +150,11 @@ class ResultReader:
         }
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on the run that were told when it ended."""
+        return tuple(str(self.statistics.get("notes", "")).splitlines())
+
+    @property
     def extended(self) -> bool:
         """Whether the duration is no longer the one that the scene began with."""
         return self._contents.extended

@@ -279,6 +279,18 @@ class Result(Recovery, MarkerHistory):
             flexmb.save_figure(figure, output)
         return figure
 
+    def snapshot(self, time: float | Sequence[float] | None = None, **options: Any) -> Any:
+        """The mechanism at a time, or at several, as a notebook shows it; see `flexmb.render`."""
+        import flexmb
+
+        return flexmb.snapshot(self, time, **options)
+
+    def animation(self, **options: Any) -> Any:
+        """The motion, as a notebook shows it; see `flexmb.film`."""
+        import flexmb
+
+        return flexmb.animation(self, **options)
+
     def to_csv(
         self, path: str | Path, channels: Sequence[str] = (), *, what: str = "sensors"
     ) -> Path:

@@ -96,7 +96,7 @@ def report_run(
         rows = f"{run.path} keeps the {len(run.time)} outputs until then"
         raise SolverError(f"{outcome.message}; {rows}")
     bodies = {check.body: load(run.flexbodies[check.body]) for check in model.frequency_checks}
-    checks = [*_check_sensors(model, run), *check_frequencies(model, bodies)]
+    checks = [*check_sensors(model, run), *check_frequencies(model, bodies)]
     return RunReport(
         run.path.parent,
         run.path,
@@ -128,7 +128,7 @@ def draw_run(run: Result, progress: Progress) -> tuple[Path | None, Path | None]
     return picture, history
 
 
-def _check_sensors(model: Model, run: Result) -> list[CheckOutcome]:
+def check_sensors(model: Model, run: Result) -> list[CheckOutcome]:
     """The scene's known answers at their times, by interpolation between outputs.
 
     A check that a run did not reach has the value NaN, and fails; of a run that the user stopped

@@ -35,6 +35,7 @@ from flexmb.engine.algebra.vector import (
     part,
     plus,
     put_part,
+    rows_times,
     times,
     triple,
     turned,
@@ -54,6 +55,7 @@ from flexmb.engine.jit import Vector, kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.state import DAMPER_POWER, KINETIC_ENERGY, STRAIN_ENERGY, Point, Run
+from flexmb.engine.tables import upper_triangles
 
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
@@ -113,8 +115,7 @@ def flexible_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
 def put_modal_rate(a, at, i, j, v, o, m, V):
     """V (3, 3): V_ab = m numbers of a from at + i a + j b on, times v[o:o+m]."""
     for r in range(3):
-        for c in range(3):
-            V[r, c] = dot(a, at + i * r + j * c, v, o, m)
+        put_part(V[r], 0, rows_times(a, at + i * r, j, m, v, o))
 
 
 @kernel
@@ -371,12 +372,13 @@ def modal_block(body: FlexBody, coupling: str = "full", Mab: Array | None = None
         M = Mab
         if body.centrifugal_stiffness is not None:
             M = M - body.centrifugal_stiffness
-        forms = np.array([M[b, a] for a in range(3) for b in range(3)])
+        turning = [M[1, 2] - M[2, 1], M[2, 0] - M[0, 2], M[0, 1] - M[1, 0]]
         if coupling == "partial":
-            parts.append(forms.transpose(1, 0, 2))
-            return np.concatenate([np.ascontiguousarray(part).ravel() for part in parts])
-        parts.append(forms)
-        parts += [M[1, 2] - M[2, 1], M[2, 0] - M[0, 2], M[0, 1] - M[1, 0]]
+            sums = [M[0, 0], M[1, 1], M[2, 2], M[0, 1] + M[1, 0], M[1, 2] + M[2, 1],
+                    M[2, 0] + M[0, 2]]  # fmt: skip
+            parts.append(upper_triangles([*sums, *turning]))
+        else:
+            parts += [np.array([M[b, a] for a in range(3) for b in range(3)]), *turning]
     return np.concatenate([np.ascontiguousarray(part).ravel() for part in parts])
 
 
