@@ -12,6 +12,7 @@ from flexmb.cli import run as run  # isort: skip
 from flexmb.cli import check as check  # isort: skip
 from flexmb.cli import reduce as reduce  # isort: skip
 from flexmb.cli import part as part  # isort: skip
+from flexmb.cli import stress as stress  # isort: skip
 from flexmb.cli import postprocess as postprocess  # isort: skip
 from flexmb.cli import render as render  # isort: skip
 from flexmb.cli import film as film  # isort: skip

@@ -36,7 +36,10 @@ def rigid_twin(body: FlexBody) -> FlexBody:
     if body.m == 0:
         return body
     twin = combine_modes(without_stiffening(body), np.zeros((body.m, 0)))
-    return replace(twin, D=None, inertia_response=None, load_response=None, omitted_modes=None)
+    return replace(
+        twin, D=None, inertia_response=None, load_response=None, omitted_modes=None,
+        omitted_stress=None,
+    )  # fmt: skip
 
 
 def without_stiffening(body: FlexBody) -> FlexBody:

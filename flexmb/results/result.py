@@ -30,7 +30,8 @@ from flexmb.results.channels import (
 )
 from flexmb.results.export import copy_result, export_table, notebook_html
 from flexmb.results.marker_history import MarkerHistory, MotionChannel
-from flexmb.results.recovery import Recovery, StressChannel
+from flexmb.results.stress_channels import StressChannel
+from flexmb.results.stress_envelopes import StressEnvelopes
 from flexmb.units import UnitSystem
 
 Array = NDArray[np.float64]
@@ -60,7 +61,7 @@ class Pose(NamedTuple):
     eta: Array  # (m,) modal coordinates
 
 
-class Result(Recovery, MarkerHistory):
+class Result(StressEnvelopes, MarkerHistory):
     """The result of one run.
 
     Parameters

@@ -352,10 +352,9 @@ class Drawing:
 
     def _extent(self, display: Display) -> Array:
         """What the view is fitted to (n, 3)."""
-        view, here = self.view, self._corners(display)
-        follow = view.follow
+        view, follow = self.view, self.view.follow
         if view.framing == "moment":
-            return here
+            return self._corners(display)
         if self._moments is None:
             whole = self.mechanism.result.time.tolist()
             times = whole if self._digits is None else self.times
@@ -366,12 +365,9 @@ class Drawing:
                 self._moments.append((self._corners(moment), origin))
         shift = display.frame(follow)[:3, 3] if follow else np.zeros(3)
         motion = np.vstack([corners - origin + shift for corners, origin in self._moments])
-        if (
-            view.framing == "auto"
-            and len(self.times) == 1
-            and size_of(here) < _SMALL * size_of(motion)
-        ):
-            return here
+        if view.framing == "auto" and len(self.times) == 1:
+            here = self._corners(display)
+            return here if size_of(here) < _SMALL * size_of(motion) else motion
         return motion
 
     def _labels(self, display: Display) -> Iterator[Label]:

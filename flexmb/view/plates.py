@@ -46,10 +46,11 @@ class Plates:
 
     def thick(self, points: Array) -> Array:
         """The new points (k, 3) of old ones (n, 3)."""
-        normals = np.zeros_like(points)
-        np.add.at(normals, self.middle, face_normals(points, self.middle)[:, None])
+        corners, n = self.middle.ravel(), len(points)
+        each = np.repeat(face_normals(points, self.middle), 3, axis=0)
+        normals: Array = np.column_stack([np.bincount(corners, each[:, k], n) for k in range(3)])
         length = np.linalg.norm(normals, axis=1, keepdims=True)
-        normals /= np.maximum(length, 1e-300)
+        normals = normals / np.maximum(length, 1e-300)
         return np.asarray(points[self.source] + self.offset[:, None] * normals[self.source])
 
     def drawn(self, body: Deformed) -> Deformed:

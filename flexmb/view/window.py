@@ -1,7 +1,8 @@
-"""A run in a window on the desktop: the motion plays, the user turns and zooms it.
+"""A run that plays while the user turns and zooms it: in a window on the desktop, or in a web page.
 
-In: a :class:`Result` and words of its view. Out: nothing; the function returns when the window is
-closed. The keys: space plays and stops, the arrows go to the next frame and the one before.
+In: a :class:`Result`. Out: nothing from the window, whose function returns when it is closed; the
+path of the page. In the window space plays and stops, the arrows go to the next frame and the one
+before.
 """
 
 from __future__ import annotations
@@ -13,9 +14,14 @@ from pathlib import Path
 from typing import Any
 
 from flexmb.errors import ViewError
+from flexmb.folders import whole_file
+from flexmb.progress import Progress, silent
 from flexmb.results import Result
 from flexmb.view import vtk_renderer
 from flexmb.view.film import RATE, MotionShot, shoot
+from flexmb.view.html_page import tag, write_page
+from flexmb.view.page_motion import moving_scene
+from flexmb.view.plot import writable_file
 from flexmb.view.vtk_scene import VtkScene
 
 _TICK = 20  # ms between two looks at the clock
@@ -23,12 +29,9 @@ _FOREVER = 10**8  # ticks
 
 
 def has_desktop() -> bool:
-    """Whether a window can be opened: a display that VTK draws to."""
+    """Whether a window can be opened: there is a display, and VTK draws to it."""
     verdict = vtk_renderer.probe()
-    if platform.system() == "Linux":
-        display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-        return bool(display) and verdict.works and not vtk_renderer.is_off_screen(verdict)
-    return verdict.works
+    return has_display() and verdict.works and not vtk_renderer.is_off_screen(verdict)
 
 
 def open_window(result: Result | str | Path, speed: float | None = None, **view: Any) -> None:
@@ -52,12 +55,55 @@ def open_window(result: Result | str | Path, speed: float | None = None, **view:
     """
     run = result if isinstance(result, Result) else Result(result)
     if not has_desktop():
-        raise ViewError("there is no desktop to open a window on; a web page shows the same")
+        raise ViewError(
+            "there is no desktop to open a window on; flexmb view writes a web page there"
+        )
     shot = shoot(run, RATE, speed, None, None, (), view)
     count = len(shot.panels(0))
     verdict = vtk_renderer.probe()
     with vtk_renderer.open_scene(count, shot.size, shot.columns, verdict, window=True) as scene:
         Player(shot, scene).run()
+
+
+def write_page_of_motion(
+    result: Result | str | Path, output: str | Path | None = None, progress: Progress = silent
+) -> Path:
+    """Write a web page in which a run plays; it needs nothing else, and no network.
+
+    Parameters
+    ----------
+    result : Result or path
+        The run.
+    output : path, optional
+        A file that ends in .html; ``view.html`` beside the result.
+    progress : callable
+        Is called for each frame.
+
+    Raises
+    ------
+    ViewError
+        The library plotly is missing, there is nothing to show, or the file cannot be written.
+    """
+    run = result if isinstance(result, Result) else Result(result)
+    path = writable_file(output or run.path.parent / "view.html", (".html", ".htm"))
+    scene = moving_scene(run, progress)
+    title = run.title or run.path.parent.name
+    text = write_page(
+        title, [tag("h1", title), scene.player()], {"charts": [], "motion": scene.data}
+    )
+    try:
+        with whole_file(path) as partial:
+            partial.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ViewError(f"{path}: cannot be written ({error.strerror or error})") from error
+    return path
+
+
+def has_display() -> bool:
+    """Whether there is a screen that programs can open windows on."""
+    if platform.system() != "Linux":
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 class Player:

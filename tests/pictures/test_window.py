@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 import slidercrank
+from typer.testing import CliRunner
 
+from flexmb.cli import app
 from flexmb.errors import ViewError
 from flexmb.results import Result
 from flexmb.view import vtk_renderer, window
@@ -61,3 +64,28 @@ def test_without_a_desktop_a_window_is_refused(run: Path, monkeypatch) -> None:
     monkeypatch.setattr(window, "has_desktop", lambda: False)
     with pytest.raises(ViewError, match="no desktop"):
         window.open_window(run)
+
+
+def test_the_command_writes_a_page_where_there_is_no_desktop(
+    run: Path, tmp_path: Path, monkeypatch
+) -> None:
+    pytest.importorskip("plotly")
+    monkeypatch.setattr(window, "has_desktop", lambda: False)
+    monkeypatch.setattr(window, "has_display", lambda: False)
+    page = tmp_path / "a.html"
+    outcome = CliRunner().invoke(app, ["view", str(run), "-o", str(page)])
+    assert outcome.exit_code == 0, outcome.output
+    assert "no desktop" in outcome.output
+    text = page.read_text(encoding="utf-8")
+    assert 'id="play"' in text
+    assert "Slider-crank" in text
+    assert not re.search(r'<(script|link|img|iframe)[^>]+(src|href)="?http', text)
+    for arguments, words in (
+        (["-o", str(page)], "--force"),
+        (["-o", "a.png"], ".html"),
+        (["--page", "--speed", "2"], "belongs to the window"),
+    ):
+        outcome = CliRunner().invoke(app, ["view", str(run), *arguments])
+        assert outcome.exit_code == 2
+        assert words in outcome.output
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.html"]

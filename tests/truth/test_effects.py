@@ -273,7 +273,8 @@ def test_friction_of_joints_and_contacts_is_switched_off():
                    friction={"static": 0.3, "dynamic": 0.3, "stiffness": 1e5,
                              "damping": 500.0})  # fmt: skip
     made.add_body("block", mass=1.0, inertia=[0.1] * 3, position=[0, 5, 0], velocity=[2.0, 0, 0])
-    made.add_joint("guide", "prismatic", between=["ground", "block"], axis="x")
+    made.add_marker("ground.rail", position=[0, 5, 0])
+    made.add_joint("guide", "prismatic", between=["ground.rail", "block"], axis="x")
     made.add_force("rub", "joint-friction", joint="guide", dynamic=0.2, length=0.4, stiffness=1e5,
                    damping=800.0)  # fmt: skip
     for name in ("ball", "block"):

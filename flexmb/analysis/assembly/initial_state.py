@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.analysis.assembly.gaps import moved_notes
 from flexmb.analysis.assembly.joined_damping import add_damping
 from flexmb.analysis.assembly.positions import (
     Corrector,
@@ -24,7 +25,7 @@ from flexmb.analysis.assembly.positions import (
 )
 from flexmb.analysis.assembly.residual_flexibility import choose_static_modes, static_coordinates
 from flexmb.analysis.assembly.velocities import InitialVelocities
-from flexmb.analysis.equilibrium import settle
+from flexmb.analysis.equilibrium import settle, spin_of
 from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import solve_stage
@@ -130,15 +131,18 @@ def assemble(
         return mass_corrector(metric, at, work if at is state else None)
 
     def close(guess: bool = False) -> None:
-        close_positions(compiled, model, state, make, guess)
+        moved = close_positions(compiled, model, state, make, guess)
+        if guess:
+            placement.extend(moved_notes(moved, model.units))
         velocities.set(state)
         if begin is not None:
             state.v[:] = np.where(np.isnan(begin.v), state.v, begin.v)
             solve_stage(stiff, state, work, VELOCITIES)
         _set_states(compiled, state, work, begin)
 
+    placement: list[str] = []
     close(begin is None)
-    notes = velocities.notes(state) if begin is None else []
+    notes = [*placement, *velocities.notes(state)] if begin is None else []
     solve_stage(system, state, work, REMEMBER)
     elastic = start == "quasi-static"
     modes = _modal_coordinates(compiled) if elastic else static_coordinates(compiled)
@@ -146,8 +150,12 @@ def assemble(
         _equilibrate(compiled, modes, _SLOW * period, state, work, close)
     if start == "static" and begin is None:
         _solve_accelerations(system, state, work)
-        settle(compiled, model, state)
+        settle(compiled, model, state, spin=spin_of(model))
+        turning = state.v.copy()
         velocities.set(state)
+        if spin_of(model).any():
+            state.v[:] = turning
+            solve_stage(stiff, state, work, VELOCITIES)
         _set_states(compiled, state, work, None)
     solve_stage(system, state, work, REMEMBER)
     damped, dampings = add_damping(choose_static_modes(compiled, state.q), model, state.q)
