@@ -304,7 +304,7 @@ class _Pass:
             return Ending("failed", f"at t = {at:.6g} s {unstable}")
         sentence = failure_sentence(status, run.compiled, prepared.model, run.work, at, step)
         cause = (
-            self._validity.diverging()
+            self._validity.diverging(run.state)
             or _static_modes(run)
             or nearly_redundant(run.compiled, run.state.q)
         )

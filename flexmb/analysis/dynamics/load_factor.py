@@ -113,6 +113,20 @@ class LoadFactorMonitor:
         larger = mean > self._largest[0]
         self._largest[:, larger] = mean[larger], np.full(larger.sum(), t)
 
+    def add_last(self, rows: OutputBlock) -> None:
+        """Take the row in which a run ends, by itself: there is no time for a mean."""
+        if self._bodies:
+            values = self._values(rows, 0)
+            larger = values > self._largest[0]
+            self._largest[:, larger] = values[larger], np.full(larger.sum(), rows.t[0])
+
+    def diverging(self) -> str:
+        """The sentence for the first body that its loads have buckled, or ""."""
+        for one in self.indicators():
+            if one.warning == NEAR_BUCKLING and one.value > 1.0:
+                return one.text()
+        return ""
+
     def indicators(self) -> Iterator[Indicator]:
         """The load factor of each body."""
         for k, (columns, _, _, _, _, stiffened) in enumerate(self._bodies):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +13,10 @@ from resultfiles import FakeBody, FakeLayout
 
 from flexmb.errors import ViewError
 from flexmb.flexbody import FlexBody, Interface, Surface, save
+from flexmb.flexbody.stress_modes import StressModes
 from flexmb.model import Model
 from flexmb.model.joints.joint import JOINT_TYPES
+from flexmb.model.surface_mesh import open_edges
 from flexmb.results import OutputBlock, Result, ResultWriter
 from flexmb.view.camera import Camera, visible_shares
 from flexmb.view.content import Content
@@ -303,3 +307,46 @@ def test_colours_stand_where_the_strip_is_displaced(clamped, tmp_path: Path) -> 
     columns = [np.flatnonzero(mask.any(axis=0)) for mask in (purple, yellow)]
     assert len(columns[0]) and len(columns[1])
     assert columns[0].mean() < columns[1].mean() - 80
+
+
+def stressed_plate(folder: Path) -> Mechanism:
+    """The strip as a plate 20 mm thick with a compression of 3 MPa along x at its lower face."""
+    body = cantilever()
+    ids = np.unique(body.surface.node_ids)
+    modes = np.zeros((len(ids), 6, 1), dtype=np.float32)
+    modes[:, 0, 0] = -3e8  # eta = 0.01
+    zeros = np.zeros(len(ids), dtype=int)
+    stress = StressModes(ids, zeros, zeros, ("all",), ("bottom",), modes)
+    facts = {
+        "material": json.dumps({"E": 210e9, "nu": 0.3}),
+        "sections": json.dumps({"all": {"layers": [{"thickness": 0.02}], "offset": 0.0}}),
+    }
+    save(replace(body, stress=stress, provenance=facts), folder / "beam.flexbody.h5")
+    model = Model("A plate", folder=folder)
+    model.add_body("beam", flexbody="beam.flexbody.h5")
+    model.add_joint("clamp", "fixed", between=["ground", "beam.root"])
+    return still_run(model, folder, (ETA,))
+
+
+def test_stress_and_strain_energy_follow_from_uniaxial_stress(tmp_path: Path) -> None:
+    """One axis: the principal stress is the stress, with its sign; the energy sigma^2 / (2 E)."""
+    mechanism = stressed_plate(tmp_path)
+    expected = {"von_mises": 3e6, "principal": -3e6, "strain_energy": 9e12 / 420e9}
+    for color, value in expected.items():
+        content = compose(mechanism, color=color)
+        np.testing.assert_allclose(content.deformed[0].values, value, rtol=1e-6)
+        assert content.scale.largest == pytest.approx(abs(value), rel=1e-6)
+    assert "largest principal stress -3 MPa (beam)" in compose(mechanism, color="principal").caption
+    with pytest.raises(ViewError, match="bottom"):
+        compose(mechanism, color="von_mises", layer="botom")
+
+
+def test_a_plate_is_drawn_with_its_thickness(tmp_path: Path) -> None:
+    mechanism = stressed_plate(tmp_path)
+    (body,) = compose(mechanism, exaggeration=0).deformed
+    points = body.points
+    assert np.ptp(points[:, 2]) == pytest.approx(0.02 + ETA, rel=0.02)  # the root is tilted
+    a, b, c = (points[body.faces[:, k]] for k in range(3))
+    volume = float(np.einsum("ti,ti->", np.cross(a, b), c) / 6)
+    assert abs(volume) == pytest.approx(1.0 * 0.1 * 0.02, rel=1e-3)
+    assert open_edges(body.faces) == 0
