@@ -17,13 +17,16 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
     from flexmb.results import Result, load_result
     from flexmb.studies import Study, study
     from flexmb.view import (
+        animation,
         film,
         film_modes,
         history_figure,
+        open_window,
         plot_history,
         render,
         render_modes,
         save_figure,
+        snapshot,
     )
     from flexmb.workflow import (
         audit,
@@ -47,15 +50,17 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
         sweep_statics,
         warmup,
     )
+    from flexmb.workflow.result_page import report
 
 __version__ = "0.1.0"
 __all__ = [
-    "FlexBody", "FlexmbError", "FlexmbWarning", "Model", "Result", "Study", "audit", "check_scene",
-    "compare", "equilibria", "film", "film_modes", "free_lengths", "history_figure",
+    "FlexBody", "FlexmbError", "FlexmbWarning", "Model", "Result", "Study", "animation", "audit",
+    "check_scene", "compare", "equilibria", "film", "film_modes", "free_lengths", "history_figure",
     "inverse_dynamics", "iterate_motion", "kinematics", "linearize", "load_result", "load_scene",
-    "mobility", "new_scene", "part", "plot_history", "reduce", "render", "render_mode_shapes",
-    "render_modes", "resume", "rigid_body", "run_part", "run_scene", "save_figure", "scene_schema",
-    "simulate", "statics", "study", "sweep_modes", "sweep_statics", "warmup",
+    "mobility", "new_scene", "open_window", "part", "plot_history", "reduce", "render",
+    "render_mode_shapes", "render_modes", "report", "resume", "rigid_body", "run_part",
+    "run_scene", "save_figure", "scene_schema", "simulate", "snapshot", "statics", "study",
+    "sweep_modes", "sweep_statics", "warmup",
 ]  # fmt: skip
 
 _HOMES = {
@@ -66,8 +71,8 @@ _HOMES = {
     "results": ("Result", "load_result"),
     "studies": ("Study", "study"),
     "view": (
-        "film", "film_modes", "history_figure", "plot_history", "render", "render_modes",
-        "save_figure",
+        "animation", "film", "film_modes", "history_figure", "open_window", "plot_history",
+        "render", "render_modes", "save_figure", "snapshot",
     ),
     "workflow": (
         "audit", "check_scene", "compare", "equilibria", "free_lengths", "inverse_dynamics",
@@ -75,6 +80,7 @@ _HOMES = {
         "resume", "run_part", "run_scene", "simulate", "statics", "sweep_modes", "sweep_statics",
         "warmup",
     ),
+    "workflow.result_page": ("report",),
 }  # fmt: skip
 
 

@@ -9,6 +9,9 @@ a step β of a motion in which velocity, not acceleration, is in proportion to f
 goes downhill, to an equilibrium that is stable. β begins with a step of a third of the model's
 size, grows while forces do work on the way, ½(F + F')·δ ≤ 0, and shrinks where they resist; at the
 end the step is Newton's. States of controllers are at rest too: ż = 0 decides them.
+
+A machine that turns steadily is in equilibrium in the axes that turn with it: v and v̇ are those of
+a rotation ω about a fixed axis, v = ω × r, v̇ = ω × v, and K gets D ∂v/∂q + M ∂v̇/∂q.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ import numpy as np
 import scipy.linalg
 
 from flexmb.analysis.assembly.jacobian import column_scales, one_blas_thread
+from flexmb.analysis.linear.observer import body_axes, cross_matrix
 from flexmb.analysis.linear.state_equations import Array, StateEquations, Tangents
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import solve_stage
@@ -40,25 +44,41 @@ _REGULAR, _REFINEMENTS = 1e-10, 2
 _FAR = 20.0  # model sizes after which a body that goes on has no equilibrium
 
 
+def spin_of(model: Model) -> Array:
+    """(3,) angular velocity of the whole machine in its equilibrium [rad/s]; zero: at rest."""
+    return np.array((0.0, 0.0, 0.0) if model.statics is None else model.statics.spin)
+
+
 @one_blas_thread()
-def settle(compiled: Compiled, model: Model, state: State, *, descend: bool = True) -> int:
+def settle(
+    compiled: Compiled,
+    model: Model,
+    state: State,
+    *,
+    descend: bool = True,
+    spin: Array | None = None,
+) -> int:
     """Bring an assembled state into equilibrium, in place; returns the number of steps.
 
-    Without `descend` by Newton's method alone, which leads to unstable ones too.
+    Without `descend` by Newton's method alone, which leads to unstable ones too. With `spin` (3,)
+    [rad/s] the machine turns about an axis through the ground's origin.
 
     Raises
     ------
     AssemblyError
         No equilibrium.
     """
-    return _Descent(compiled, model, state).run(descend)
+    return _Descent(compiled, model, state, spin).run(descend)
 
 
 class _Descent:
     """The way of one state to its equilibrium."""
 
-    def __init__(self, compiled: Compiled, model: Model, state: State) -> None:
+    def __init__(
+        self, compiled: Compiled, model: Model, state: State, spin: Array | None = None
+    ) -> None:
         self.compiled, self.model, self.state = compiled, model, state
+        self.spin = spin if spin is not None and np.any(spin) else None
         self.scales = column_scales(compiled)
         starts = np.array([start.iv for start in compiled.starts], int)
         self.rates = np.zeros(len(self.scales), bool)
@@ -67,9 +87,12 @@ class _Descent:
         self.unknown = np.flatnonzero(self.moving | self.rates)
         self.size = np.where(self.scales > 0.0, self.scales, 1.0)
         acceleration = np.abs(state.vd[self.moving] / self.size[self.moving]).max(initial=0.0)
+        if self.spin is not None:
+            acceleration = max(acceleration, float(self.spin @ self.spin))
         self.first = _LONGEST / (float(acceleration) or 1.0)
         state.v[self.moving] = 0.0
         state.vd[:] = 0.0
+        self._turn()
         self.equations = StateEquations(compiled, state)
         self.travel = np.zeros_like(self.scales)
 
@@ -148,6 +171,8 @@ class _Descent:
         """Derivatives, and F without multipliers."""
         T = self.equations.tangents()
         F = np.array(self.equations.work.trial.res)
+        if self.spin is not None:
+            T = T._replace(K=T.K + self._centrifugal(T))
         return T, F - T.L @ self.state.lam
 
     def _step(self, T: Tangents, F0: Array, gap: Array, beta: float) -> tuple[Array, Array]:
@@ -183,6 +208,29 @@ class _Descent:
     def _move(self, step: Array) -> None:
         self.state.q[:] = self.equations.moved(self.state.q, np.where(self.moving, step, 0.0))
         self.state.v[self.rates] += step[self.rates]
+        self._turn()
+
+    def _turn(self) -> None:
+        """Velocities and accelerations of the steady rotation."""
+        if self.spin is None:
+            return
+        for body, A in zip(
+            self.compiled.layout.bodies, body_axes(self.compiled, self.state.q), strict=True
+        ):
+            place, turn = slice(body.iv, body.iv + 3), slice(body.iv + 3, body.iv + 6)
+            self.state.v[place] = np.cross(self.spin, self.state.q[body.iq : body.iq + 3])
+            self.state.v[turn] = A.T @ self.spin
+            self.state.vd[place] = np.cross(self.spin, self.state.v[place])
+
+    def _centrifugal(self, T: Tangents) -> Array:
+        """D ∂v/∂q + M ∂v̇/∂q (nv, nv) of the rotation."""
+        assert self.spin is not None
+        K, W = np.zeros_like(T.K), cross_matrix(self.spin)
+        for body in self.compiled.layout.bodies:
+            place, turn = slice(body.iv, body.iv + 3), slice(body.iv + 3, body.iv + 6)
+            K[:, place] = T.D[:, place] @ W + T.M[:, place] @ W @ W
+            K[:, turn] = T.D[:, turn] @ cross_matrix(self.state.v[turn])
+        return K
 
     def _finish(self) -> None:
         """Integrator memory and joint angles of a state at rest."""
@@ -192,6 +240,8 @@ class _Descent:
         solve_stage(self.compiled.system, state, work, BEGIN)
         state.lam[:], state.lam_before[:] = lam, lam
         state.aa[:] = state.vd_before[:] = state.vd[:] = 0.0
+        self._turn()
+        state.aa[:] = state.vd_before[:] = state.vd
 
     def _what_grows(self, force: Array) -> str:
         """The sentence on the body that moves on."""

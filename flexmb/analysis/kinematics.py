@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexmb.analysis.assembly.gaps import moved_notes
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES
 from flexmb.analysis.assembly.positions import Corrector, assembly_weights, close_positions
 from flexmb.analysis.mobility.degrees_of_freedom import redundancy_note, redundant_reactions
@@ -97,8 +98,9 @@ def prepare_kinematics(
     _refuse_states(model)
 
     def first_state() -> tuple[KinematicPose, int, tuple[str, ...], list[str]]:
-        pose = _first_pose(compiled, model)
-        return pose, *_check_motion(pose)
+        pose, moved = _first_pose(compiled, model)
+        redundant, not_unique, notes = _check_motion(pose)
+        return pose, redundant, not_unique, [*moved, *notes]
 
     units = kinematics_units(compiled.system)
     first, timer = assemble_first_state(compiled, units, first_state, progress)
@@ -164,8 +166,11 @@ def _refuse_states(model: Model) -> None:
         raise SceneError.from_problems([Problem(name, what) for name in names])
 
 
-def _first_pose(compiled: Compiled, model: Model) -> KinematicPose:
-    """The first positions, closed with least change in lengths and angles times body weights."""
+def _first_pose(compiled: Compiled, model: Model) -> tuple[KinematicPose, list[str]]:
+    """The first positions, closed with least change in lengths and angles times body weights.
+
+    With a note on which bodies had to move for it.
+    """
     weights, channels = assembly_weights(model), len(compiled.layout.channels)
     state, work = new_state(compiled.system, channels), new_work(compiled.system, channels)
     state.q[:] = compiled.initial_q
@@ -183,8 +188,9 @@ def _first_pose(compiled: Compiled, model: Model) -> KinematicPose:
         )
 
     with driver_reasons(compiled, model):
-        close_positions(compiled, model, state, make)
-    return KinematicPose(compiled, model, state, work, new_path(compiled.system))
+        moved = close_positions(compiled, model, state, make)
+    pose = KinematicPose(compiled, model, state, work, new_path(compiled.system))
+    return pose, moved_notes(moved, model.units)
 
 
 def _check_motion(pose: KinematicPose) -> tuple[int, tuple[str, ...], list[str]]:

@@ -22,7 +22,7 @@ from flexmb.analysis.assembly.jacobian import (
 )
 from flexmb.analysis.assembly.positions import close_rows
 from flexmb.analysis.dynamics.validity import ValidityMonitor
-from flexmb.analysis.equilibrium import settle
+from flexmb.analysis.equilibrium import settle, spin_of
 from flexmb.analysis.linear.linearization import Linearization, linearize_state
 from flexmb.analysis.linear.observed_equations import SeenEquations
 from flexmb.analysis.linear.observer import RowsAlongMotion
@@ -67,7 +67,7 @@ class Equilibrium:
     Attributes
     ----------
     state : State
-        Positions q and multipliers λ; v and v̇ are zero. SI.
+        Positions q and multipliers λ; v and v̇ are zero, or those of a steady rotation. SI.
     steps : int
         How many it took.
     """
@@ -86,7 +86,8 @@ class Equilibrium:
 
     def linearize(self) -> Linearization:
         """The equations of motion linearised about it; `stable` says whether it is stable."""
-        return linearize_state(self.compiled, self.model, self.state, frame="ground")
+        frame = "auto" if spin_of(self.model).any() else "ground"
+        return linearize_state(self.compiled, self.model, self.state, frame=frame)
 
     def channels(self, names: Sequence[str] = ()) -> Array:
         """Channels of sensors (k,), all by default, in the scene's units."""
@@ -144,7 +145,7 @@ def find_equilibrium(
         first = assemble(compiled, model)
     else:
         first = assemble(compiled, model, begin=begin)
-    steps = settle(first.compiled, model, first.state)
+    steps = settle(first.compiled, model, first.state, spin=spin_of(model))
     return Equilibrium(first.compiled, model, first.state, steps)
 
 
@@ -182,7 +183,8 @@ def prepare_statics(
         redundancy: tuple[tuple[str, ...], list[str]] = (), []
         if rank is not None and rank < compiled.layout.nc:
             redundancy = redundant_reactions(compiled, model, assembled.state.q)
-        return assembled.state, *redundancy
+        not_unique, notes = redundancy
+        return assembled.state, not_unique, [*assembled.notes, *notes]
 
     units = statics_units(compiled.system)
     (state, not_unique, more), timer = assemble_first_state(compiled, units, first_state, progress)
@@ -252,7 +254,7 @@ class _Run:
         state.t[0] = time = prepared.times[self.done]
         self.rows.clear()
         try:
-            self.steps += settle(compiled, model, state)
+            self.steps += settle(compiled, model, state, spin=spin_of(model))
         except AssemblyError as error:
             return Ending("failed", f"at t = {model.units.say(time, 's')} {error}")
         if call(write_equilibrium, self._writer) != method.FINE:
@@ -290,9 +292,8 @@ class _Run:
         if prepared.compiled.layout.nv > MAX_COORDINATES:
             return
         try:
-            made = linearize_state(
-                prepared.compiled, prepared.model, prepared.state, frame="ground"
-            )
+            one = Equilibrium(prepared.compiled, prepared.model, prepared.state, self.steps)
+            made = one.linearize()
             values = made.eigenvalues
         except FlexmbError:  # motions without inertia have no modes
             return
@@ -348,7 +349,7 @@ def find_equilibria(
             begin = StartValues(q, np.zeros(compiled.layout.nv), time)
             try:
                 state = assemble(compiled, model, begin=begin).state
-                steps = settle(compiled, model, state, descend=descend)
+                steps = settle(compiled, model, state, descend=descend, spin=spin_of(model))
             except AssemblyError:
                 continue
             if all(separation(compiled, state.q, one.state.q)[0] > _SAME_PLACE for one in found):

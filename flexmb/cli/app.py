@@ -46,6 +46,8 @@ flexmb render out/slider_crank/result.h5 --time 0.013 --output rod.png
 
 flexmb plot out/slider_crank slider.x crank_pin.rod.force
 
+flexmb report out/slider_crank
+
 flexmb export out/slider_crank --channels slider.x,energy.kinetic --output slider.csv
 
 flexmb reduce cases/slider_crank/scene.toml --body rod --report

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import webbrowser
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from flexmb.cli import screen
-from flexmb.cli.app import command, parse_names, parse_numbers, refuse_options
+from flexmb.cli.app import RunFile, command, parse_names, parse_numbers, refuse_options
 from flexmb.cli.render import (
     CameraNames,
     Color,
@@ -22,6 +23,7 @@ from flexmb.cli.render import (
     Supports,
     Traces,
     ViewWords,
+    refuse_existing,
     view_words,
 )
 
@@ -119,3 +121,60 @@ def film(
     if not verdict.works:
         screen.line(f"note: {verdict.how}; simple pictures were drawn instead. {verdict.advice}")
     screen.line(f"written: {written}")
+
+
+@command()
+def view(
+    result: RunFile,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help="Write a web page there, a file .html; a window opens on a desktop, and "
+            "view.html is written beside the result where there is none.",
+            show_default=False,
+        ),
+    ] = None,
+    page: Annotated[bool, typer.Option("--page", help="A web page also on a desktop.")] = False,
+    speed: Annotated[
+        float | None,
+        typer.Option(
+            help="In the window: simulated seconds in a second, as for film.", show_default=False
+        ),
+    ] = None,
+    exaggeration: Exaggeration = None,
+    color: Color = None,
+    layer: Layer = None,
+    camera: CameraNames = None,
+    direction: Direction = None,
+    words: ViewWords = None,
+    size: Size = None,
+    force: Force = False,
+) -> None:
+    """Show a run that plays while you turn and zoom it: in a window, or in the browser.
+
+    In the window the space bar plays and stops, and the options say how it looks. The web page
+    needs no network; it shows what the scene's [view] says.
+
+    Example: flexmb view out/slider_crank
+    """
+    from flexmb.results import Result
+    from flexmb.view import open_window
+    from flexmb.view.window import has_desktop, has_display, write_page_of_motion
+
+    run = Result(result)
+    look = view_words(exaggeration, color, layer, camera, direction, size, words)
+    if output is None and not page and has_desktop():
+        open_window(run, speed, **look)
+        return
+    refuse_existing(output, force)
+    of_window = {**look, "speed": speed}
+    refuse_options(of_window, "belongs to the window on a desktop; this is a web page")
+    with screen.Bars() as progress:
+        written = write_page_of_motion(run, output, progress)
+    if has_display() and output is None:
+        webbrowser.open(written.resolve().as_uri())
+    elif not has_display():
+        screen.line("there is no desktop here: open the page in any browser, it needs no network")
+    screen.line(f"written: {written} ({written.stat().st_size / 1e6:.1f} MB)")

@@ -10,7 +10,13 @@ import typer
 
 from flexmb.cli import screen
 from flexmb.cli.app import FAILED_CHECK, NoPicture, Overrides, Scene, command, parse_pairs
+from flexmb.cli.stress import ROUNDING
 from flexmb.units import UnitSystem, unit_system
+
+_UNITS = {  # by the first letter of a component
+    "section force": {"N": "N", "V": "N", "T": "N m", "M": "N m"},
+    "shell force": {"N": "N/m", "M": "N", "Q": "N/m"},
+}
 
 
 @command()
@@ -121,20 +127,23 @@ def _static_rows(result: Any, units: UnitSystem) -> list[tuple[str, str]]:
             layer = result.stress.layers[result.stress.layer[k]]
             at = f"at node {result.stress.ids[k]}, {layer}"
             rows.append((title, f"{units.say(values[k], 'Pa')} {at}"))
-    if result.section_forces is not None:
-        forces = result.section_forces.at(result.column())
-        for c, name in enumerate(SECTION_FORCES):
-            e, end = np.unravel_index(np.abs(forces[:, :, c]).argmax(), forces.shape[:2])
-            unit = "N" if c < 3 else "N m"
-            value = units.say(forces[e, end, c], unit)
-            rows.append((f"extreme section force {name}", f"{value} in element {e}, end {end + 1}"))
-    if result.shell_forces is not None:
-        forces = result.shell_forces.at(result.column())
-        for c, name in enumerate(SHELL_FORCES):
-            k = int(np.abs(forces[:, c]).argmax())
-            unit = "N" if name.startswith("M") else "N/m"
-            value = units.say(forces[k, c], unit)
+    for noun, names, part in (
+        ("section force", SECTION_FORCES, result.section_forces),
+        ("shell force", SHELL_FORCES, result.shell_forces),
+    ):
+        if part is None:
+            continue
+        forces = part.at(result.column())
+        largest = np.abs(forces).reshape(-1, len(names)).max(axis=0)
+        kinds = [_UNITS[noun][name[0]] for name in names]
+        for c, (name, kind) in enumerate(zip(names, kinds, strict=True)):
+            index = np.unravel_index(np.abs(forces[..., c]).argmax(), forces.shape[:-1])
+            alike = max(x for x, other in zip(largest, kinds, strict=True) if other == kind)
+            value = forces[(*index, c)] if largest[c] > ROUNDING * alike else 0.0
+            at = f"at node {part.ids[index[0]]}" if len(index) == 1 else (
+                f"in element {index[0]}, end {index[1] + 1}"
+            )  # fmt: skip
             rows.append(
-                (f"extreme shell force {name}", f"{value} at node {result.shell_forces.ids[k]}")
+                (f"extreme {noun} {name}", f"{units.say(value, kind)} {at if value else ''}")
             )
     return rows

@@ -60,7 +60,7 @@ ViewWords = Annotated[
     typer.Option(
         "--view",
         metavar="WORD=VALUE",
-        help="Any other word of the scene's \\[view], such as labels=bodies, forces=reactions, "
+        help="Any other word of the scene's [view], such as labels=bodies, forces=reactions, "
         "reference=rod.big_end, zoom=2, follow=car, font_scale=1.5; may be repeated.",
         show_default=False,
     ),

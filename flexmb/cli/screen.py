@@ -80,6 +80,9 @@ def failed_outcomes(outcomes: Sequence[Any], unit: str, where: str = "") -> None
     for o in outcomes:
         if not o.passed:
             line(f"failed: {where}{o.place(unit)}; the expected value is from: {o.source}")
+        elif o.is_open:
+            what = f"lies between outputs, which leave it open by {o.uncertainty:.2g}"
+            line(f"not decided: {where}{o.place(unit)} {what}; add the time to outputs")
 
 
 def known_answers(outcomes: Sequence[Any], unit: str) -> None:
@@ -87,7 +90,7 @@ def known_answers(outcomes: Sequence[Any], unit: str) -> None:
     timed = any(o.time is not None for o in outcomes)
     rows = [
         (
-            "ok" if o.passed else "FAILED",
+            "open" if o.is_open else "ok" if o.passed else "FAILED",
             o.sensor,
             *(("" if o.time is None else f"{o.time:g}",) if timed else ()),
             *outcome_figures(o),

@@ -58,6 +58,7 @@ class Settings(NamedTuple):
     works: int  # 1: something does work (drivers, dampers, applied forces)
     stiff: int  # 1: springs, flexible bodies or other stiffness
     determined: int  # 1: the constraints alone fix the motion (no free coordinate)
+    follow: int  # 1: quasi-static modes follow the loads after a step, 0: within it
 
 
 ROUND_OFF = 1e-6  # parts of a fixed step are powers of a half, so this is far below them

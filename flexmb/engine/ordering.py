@@ -33,6 +33,7 @@ from flexmb.engine.symbolic import Blocks, Symbolic, analyse
 from flexmb.engine.tables import BODY, GROUP, Functions, Kkt, Pool, Sensors
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
+from flexmb.flexbody.effects import without_modal_inertia
 from flexmb.model.bandwidth import cutoff_frequency
 from flexmb.model.body import BodySpec, RigidBodySpec
 from flexmb.model.control import channel_program, resolved, states_of
@@ -126,8 +127,10 @@ def body_table(model: Model, flexbodies: Mapping[str, FlexBody], pool: Pool) -> 
         row["m"], row["mass"], row["S1"], row["S0"] = body.m, body.mass, body.S1, body.S0
         coupling = spec.inertia_coupling if isinstance(spec, FlexibleBodySpec) else "full"
         row["coupling"] = COUPLINGS.index(coupling)
-        row["flex"] = pool.add(modal_block(body, coupling))
-        put_flags(row, body)
+        static = quasi_static(spec, body, model)
+        Mab = without_modal_inertia(body, static) if static else None
+        row["flex"] = pool.add(modal_block(body, coupling, Mab))
+        put_flags(row, body, bool(static))
     for name, n in (("iq", 7 + table["m"]), ("iv", 6 + table["m"]), ("z", 12 * table["m"])):
         table[name] = np.cumsum(n) - n
     return table
@@ -145,8 +148,14 @@ def _static_modes(model: Model, flexbodies: Mapping[str, FlexBody]) -> StaticMod
     """Tables of the quasi-static modes of all bodies."""
     names = [*model.bodies]
     return static_modes([
-        (names.index(name), body, quasi_static(model.bodies[name], body, model))
+        (
+            names.index(name),
+            body,
+            quasi_static(spec, body, model),
+            spec.deformation == "quasi-static",
+        )
         for name, body in flexbodies.items()
+        if isinstance(spec := model.bodies[name], FlexibleBodySpec)
     ])  # fmt: skip
 
 

@@ -123,7 +123,7 @@ def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
     SELF_LOCKING where friction does not.
     """
     status = _solve_motion(run, at, cp, project)
-    if len(run.stages.static.units) == 0:
+    if run.settings.follow == 0:
         return status
     for _ in range(_LOOP_ROUNDS):
         status = max(status, forces(run, at))

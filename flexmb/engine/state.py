@@ -94,7 +94,7 @@ class Now(NamedTuple):
     body: array_of(BODY_NOW)
     marker: array_of(MARKER_NOW)
     Z: Vector  # 9 m numbers Z_ab and 3 m of M_omega_eta for every flexible body
-    X: Vector  # 9 m numbers of one flexible body: what its integrals M_ab are multiplied by
+    X: Vector  # of one body with partial coupling: two triangles and m numbers
     Phi: Matrix  # Phi_t - eta^T K_d: 3 m numbers of every marker, where some of them bend
     curve_marker: array_of(CURVE_MARKER_NOW)
     history: Vector  # of the elements, that forces are evaluated with, as State.history

@@ -47,8 +47,8 @@ BODY = np.dtype(
 )
 
 # Blocks of the pool of one flexible body, in this order, with their sizes (rows, columns). With
-# constant coupling the last two are left out, with partial coupling the last one, and the rows of
-# the nine blocks of M stand side by side: (m, 9 m).
+# constant coupling the last two are left out. With partial coupling the `upper_triangles` of M_xx,
+# M_yy, M_zz, M_xy + M_yx and cyclic, and of G stand in their place.
 FLEX_LAYOUT = (
     ("p", 3),  # int rho N_b Phi: (3, m)
     ("P", 9),  # P[a, b] at row 3 a + b: (9, m)
@@ -304,6 +304,13 @@ class Pool:
     def array(self) -> NDArray[np.float64]:
         """All blocks in one array (at least one number, so that it has an address)."""
         return np.concatenate([*self.blocks, np.zeros(1)])
+
+
+def upper_triangles(forms: ArrayLike) -> NDArray[np.float64]:
+    """(n, m (m+1)/2) of n symmetric or skew forms, row by row, with half of their diagonals."""
+    forms = np.asarray(forms, np.float64)
+    rows, columns = np.triu_indices(forms.shape[1])
+    return forms[:, rows, columns] * np.where(rows == columns, 0.5, 1.0)
 
 
 @dataclass

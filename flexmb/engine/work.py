@@ -54,7 +54,7 @@ _NO_FACTOR = Factor(
     *(np.zeros(0) for _ in range(3)),
 )  # fmt: skip
 _SINGULAR_POSES = 8  # of which time and positions are kept
-_NO_SETTINGS = Settings(0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1, 0, 0, 0)
+_NO_SETTINGS = Settings(0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1, 0, 0, 0, 0)
 
 
 def sizes(system: System) -> tuple[int, int, int]:
@@ -169,6 +169,12 @@ def _bending_shape(parts: Parts) -> tuple[int, int]:
     return (len(parts.markers), 3 * int(parts.bodies["m"].max())) if bends else (0, 0)
 
 
+def _velocity_shape(parts: Parts) -> tuple[int]:
+    """Shape of Now.X."""
+    m = int(parts.bodies["m"][parts.bodies["coupling"] == 1].max(initial=0))
+    return (m * (m + 2),)
+
+
 def _nan(*shape: int) -> np.ndarray:
     return np.full(shape, np.nan)
 
@@ -189,7 +195,7 @@ def new_work(system: System, channels: int = 0, method: Method = _NO_METHOD) -> 
         _nan_records(len(m), BODY_NOW),
         _nan_records(len(system.parts.markers), MARKER_NOW),
         _nan(12 * int(m.sum())),
-        _nan(9 * int(m.max(initial=0))),
+        _nan(*_velocity_shape(system.parts)),
         _nan(*_bending_shape(system.parts)),
         _nan_records(len(system.parts.curve_markers), CURVE_MARKER_NOW),
         _nan(history),

@@ -42,6 +42,7 @@ from flexmb.fe.model_checks import (
     nominal_mass,
     point_mass,
 )
+from flexmb.fe.recovery import with_recovery
 from flexmb.fe.reduction.eigenmodes import SymmetryPlane, make_symmetry_plane
 from flexmb.fe.reduction.geometric_stiffening import require_stresses, with_geometric_stiffening
 from flexmb.fe.reduction.methods import (
@@ -58,7 +59,11 @@ from flexmb.fe.reduction.reduced_basis import (
     mode_infos,
     orthonormalise,
 )
-from flexmb.fe.reduction.static_response import inertia_response, with_load_responses
+from flexmb.fe.reduction.static_response import (
+    inertia_response,
+    omitted_responses,
+    with_load_responses,
+)
 from flexmb.fe.reduction.user_modes import read_user_modes
 from flexmb.fe.scikit_fem import (
     has_stress,
@@ -68,7 +73,7 @@ from flexmb.fe.scikit_fem import (
     refuse_mesh_options,
 )
 from flexmb.fe.sections.section_tables import MaterialLike, resolve, sections_from
-from flexmb.fe.stress import stress_option, with_recovery
+from flexmb.fe.stress import stress_option
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.mesh_options import PointLoad
 from flexmb.flexbody.parts import Interface, LoadVector
@@ -216,7 +221,8 @@ def reduce(
     )  # fmt: skip
     elastic = orthonormalise(fe, reduced)
     body = make_body(name or Path(fe.mesh.source).stem, fe, reduced, elastic, progress)
-    body = with_recovery(body, fe, elastic.Phi, where, progress)
+    omitted = omitted_responses(fe, reduced, elastic)
+    body = with_recovery(body, fe, elastic.Phi, where, progress, omitted)
     body = with_load_responses(body, fe, reduced, elastic, load_points, mirror, progress)
     if stiffens:
         body = with_geometric_stiffening(body, fe, elastic.Phi, ends, progress)

@@ -16,8 +16,7 @@ nodes; between the ends they are linear, exact where no load acts along the elem
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
@@ -27,11 +26,11 @@ from flexmb.errors import Problem, ReductionError, nearest
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.elements.beam_elements import FORCES, BeamFields, section_forces
 from flexmb.fe.elements.element_blocks import Block
-from flexmb.fe.elements.shell_fields import flatten, shell_functions
 from flexmb.flexbody.arrays import FloatArray, IntArray
-from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.mesh_options import STRESS_OPTIONS
-from flexmb.flexbody.stress_modes import SectionForceModes, ShellForceModes, StressModes
+from flexmb.flexbody.stress_modes import (
+    StressModes,
+)
 from flexmb.progress import Progress, silent
 
 # a larger angle is a fold, also where a curved shell is coarse
@@ -135,11 +134,11 @@ def stress_modes(
         wanted[:] = False
         wanted[nodes] = True
     parts, layers, columns = [], [], []
-    groups = _sections(fe.blocks)
+    groups = stress_sections(fe.blocks)
     for number, blocks in enumerate(groups):
         progress("stress", number / len(groups))
         names = blocks[0].family.stress_layers(blocks[0].section)
-        ids, values = _averaged(fe, _Places(fe, blocks, wanted), 6 * len(names), U, _stress_rows)
+        ids, values = averaged(fe, Places(fe, blocks, wanted), 6 * len(names), U, _stress_rows)
         parts += [name for name in (blocks[0].group,) if name not in parts]
         layers += [name for name in names if name not in layers]
         rows = np.tile([layers.index(name) for name in names], len(ids))
@@ -154,7 +153,7 @@ def stress_modes(
     return StressModes(*columns, tuple(parts), tuple(layers), modes[order])
 
 
-def _sections(blocks: Sequence[Block]) -> list[list[Block]]:
+def stress_sections(blocks: Sequence[Block]) -> list[list[Block]]:
     """Blocks whose elements may share their stress: of one group and the same layers."""
     groups: dict[tuple[object, ...], list[Block]] = {}
     for block in blocks:
@@ -164,7 +163,7 @@ def _sections(blocks: Sequence[Block]) -> list[list[Block]]:
     return list(groups.values())
 
 
-class _Places:
+class Places:
     """Where the elements of one section meet: a node, once for each part that is smooth there."""
 
     def __init__(self, fe: FEMatrices, blocks: list[Block], wanted: FloatArray) -> None:
@@ -197,13 +196,13 @@ def _stress_rows(block: Block, x: FloatArray, places: IntArray) -> FloatArray:
     return S.reshape(*S.shape[:2], -1, S.shape[-1])
 
 
-def _averaged(
-    fe: FEMatrices, places: _Places, width: int, U: FloatArray, matrices: Matrices
+def averaged(
+    fe: FEMatrices, places: Places, width: int, U: FloatArray, matrices: Matrices
 ) -> tuple[IntArray, FloatArray]:
     """Nodes (p,) and the mean of the elements' values there (p, width, m), single precision."""
     total = np.zeros((len(places.nodes), width * U.shape[1]), dtype=np.float32)
     for block, rows in zip(places.blocks, places.rows, strict=True):
-        for part, values in _element_values(fe, block, rows, width, U, matrices):
+        for part, values in element_values(fe, block, rows, width, U, matrices):
             at = rows[part].ravel()
             used = np.flatnonzero(at >= 0)
             met, local = np.unique(at[used], return_inverse=True)
@@ -213,7 +212,7 @@ def _averaged(
     return places.nodes, total.reshape(len(places.nodes), width, -1)
 
 
-def _element_values(
+def element_values(
     fe: FEMatrices, block: Block, rows: IntArray, width: int, U: FloatArray, matrices: Matrices
 ) -> Iterator[tuple[IntArray, FloatArray]]:
     """Batches of elements that have a wanted node, and (ne * k, width * m) their values."""
@@ -227,139 +226,6 @@ def _element_values(
         u = U[fe.numbering.of(nodes, 6 if block.family.rotations else 3)]
         values = np.matmul(S.reshape(len(part), k * width, d), u)
         yield part, values.reshape(len(part) * k, width * m)
-
-
-def shell_force_modes(
-    fe: FEMatrices, Phi: FloatArray, nodes: IntArray | None = None
-) -> ShellForceModes | None:
-    """Resultants of shells at their nodes per unit modal coordinate; None without shells.
-
-    Those of the elements that meet are turned into common axes and averaged like their stress.
-    Transverse forces follow from the slopes of these moments by equilibrium: those of the elements'
-    own shear strains do not converge. At free edges the slopes are one-sided.
-    """
-    U = fe.expand(Phi)
-    wanted = np.ones(len(fe.mesh.points), dtype=bool)
-    if nodes is not None:
-        wanted[:] = False
-        wanted[nodes] = True
-    parts: list[str] = []
-    columns = []
-    for blocks in _sections([block for block in fe.blocks if block.family.dimension == 2]):
-        places = _Places(fe, blocks, wanted)
-        axes = _nodal_axes(fe, places)
-
-        def turned(block: Block, x: FloatArray, rows: IntArray, axes: FloatArray = axes) -> Any:
-            values, own = block.family.resultants(x, block.section)
-            return _turned(values, own, axes[rows])
-
-        ids, values = _averaged(fe, places, 6, U, turned)
-        values = np.concatenate([values, _transverse_forces(fe, places, axes, values)], axis=1)
-        parts += [name for name in (blocks[0].group,) if name not in parts]
-        part = np.full(len(ids), parts.index(blocks[0].group))
-        columns.append((ids, part, axes, values))
-    if not columns:
-        return None
-    ids, part, axes, values = (np.concatenate(column) for column in zip(*columns, strict=True))
-    order = np.argsort(ids, kind="stable")
-    return ShellForceModes(ids[order], part[order], tuple(parts), axes[order], values[order])
-
-
-def _nodal_axes(fe: FEMatrices, places: _Places) -> FloatArray:
-    """(p, 3, 3) axes at each place: the mean normal, axis 1 of the elements projected."""
-    total = np.zeros((len(places.nodes), 3, 3))
-    for block, rows in zip(places.blocks, places.rows, strict=True):
-        own = flatten(fe.mesh.points[block.nodes], block.section.orientation).axes
-        used = rows >= 0
-        np.add.at(total, rows[used], np.repeat(own, rows.shape[1], axis=0)[used.ravel()])
-    normal = total[:, :, 2] / np.linalg.norm(total[:, :, 2], axis=1, keepdims=True)
-    first = total[:, :, 0] - np.sum(total[:, :, 0] * normal, axis=1, keepdims=True) * normal
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([first, np.cross(normal, first), normal], axis=2)
-
-
-def _turned(values: FloatArray, own: FloatArray, axes: FloatArray) -> FloatArray:
-    """(ne, k, 6, d) resultants in element axes own (ne, 3, 3) as those in axes (ne, k, 3, 3)."""
-    T = _tensor_rotation(_angle(own, axes))
-    return np.concatenate([np.matmul(T, values[:, :, :3]), np.matmul(T, values[:, :, 3:])], axis=2)
-
-
-def _tensor_rotation(angle: FloatArray) -> FloatArray:
-    """(..., 3, 3) xx, yy, xy of a plane tensor in axes that are turned by an angle."""
-    c, s = np.cos(angle), np.sin(angle)
-    rows = [[c * c, s * s, 2 * c * s], [s * s, c * c, -2 * c * s], [-c * s, c * s, c * c - s * s]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-
-def _angle(own: FloatArray, axes: FloatArray) -> FloatArray:
-    """(ne, k) by which axes (ne, k, 3, 3) are turned about the normal from own (ne, 3, 3)."""
-    T = np.einsum("eai,ekaj->ekij", own[:, :, :2], axes[..., :2])
-    return np.asarray(np.arctan2(T[..., 1, 0] - T[..., 0, 1], T[..., 0, 0] + T[..., 1, 1]))
-
-
-def _transverse_forces(
-    fe: FEMatrices, places: _Places, axes: FloatArray, values: FloatArray
-) -> FloatArray:
-    """(p, 2, m) Qx = Mx,x + Mxy,y and Qy = Mxy,x + My,y of moments at the places (p, 6, m)."""
-    total = np.zeros((len(places.nodes), 2, values.shape[2]))
-    met = np.zeros(len(places.nodes))
-    for block, rows in zip(places.blocks, places.rows, strict=True):
-        inside = np.flatnonzero((rows >= 0).all(axis=1))
-        slopes = shell_functions(block.kind, "center").corner_slopes[0]
-        for part in np.array_split(inside, 1 + len(inside) * values.shape[2] // 100_000):
-            flat = flatten(fe.mesh.points[block.nodes[part]], block.section.orientation)
-            at = rows[part]
-            angle = _angle(flat.axes, axes[at])
-            moments = np.matmul(_tensor_rotation(-angle), values[at][:, :, 3:])
-            grads = np.linalg.inv(np.matmul(slopes, flat.xy)) @ slopes
-            M = moments[:, :, [[0, 2], [2, 1]]]
-            Q = np.einsum("ejk,ekijm->eim", grads, M)
-            c, s = np.cos(angle)[..., None], np.sin(angle)[..., None]
-            Qx, Qy = Q[:, None, 0], Q[:, None, 1]
-            np.add.at(total, at, np.stack([c * Qx + s * Qy, c * Qy - s * Qx], axis=2))
-            np.add.at(met, at, 1.0)
-    return total / np.maximum(met, 1.0)[:, None, None]
-
-
-def with_recovery(
-    body: FlexBody,
-    fe: FEMatrices,
-    Phi: FloatArray,
-    stress: bool | str = True,
-    progress: Progress = silent,
-) -> FlexBody:
-    """The body with its stress and the section forces of its beams.
-
-    Parameters
-    ----------
-    body : FlexBody
-        With a surface: its nodes are those of ``"surface"``.
-    fe, Phi
-        The model and its modes (n, m).
-    stress : bool or str
-        ``"surface"`` (or True): at the nodes of the skin, where stress is largest; ``"all"``: also
-        at the nodes inside solids; ``"none"`` (or False): neither stress nor section forces.
-    progress : Progress
-        Called with the phase ``"stress"``.
-
-    Raises
-    ------
-    ReductionError
-        An unknown option.
-    """
-    where = stress_option(stress)
-    if where == "none":
-        return body
-    skin = None if where == "all" or body.surface is None else np.unique(body.surface.node_ids)
-    forces = section_force_modes(fe, Phi)
-    return replace(
-        body,
-        stress=stress_modes(fe, Phi, skin, progress),
-        shell_forces=shell_force_modes(fe, Phi, skin),
-        section_forces=SectionForceModes(forces.nodes, forces.axes, forces.ends)
-        if len(forces.nodes)
-        else None,
-    )
 
 
 _BEAM_BATCH = 1000  # elements at once

@@ -38,7 +38,8 @@ from flexmb.fe.reduction.eigenmodes import (
 from flexmb.fe.reduction.fixed_interface import BorderedSolver
 from flexmb.fe.reduction.inertia_relief import InertiaRelief
 from flexmb.fe.reduction.reduced_basis import moving_nodes
-from flexmb.fe.stress import section_force_modes, shell_force_modes, stress_modes
+from flexmb.fe.shell_resultants import shell_force_modes
+from flexmb.fe.stress import section_force_modes, stress_modes
 from flexmb.flexbody.arrays import FloatArray, IntArray, skew
 from flexmb.flexbody.mesh_options import GravityLoad
 from flexmb.flexbody.part_options import PartAnalysisOptions, SpinLoad, is_static

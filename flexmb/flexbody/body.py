@@ -32,7 +32,12 @@ from flexmb.flexbody.parts import (
     Surface,
 )
 from flexmb.flexbody.static_response import InertiaResponse, LoadResponse, OmittedModes
-from flexmb.flexbody.stress_modes import SectionForceModes, ShellForceModes, StressModes
+from flexmb.flexbody.stress_modes import (
+    OmittedStress,
+    SectionForceModes,
+    ShellForceModes,
+    StressModes,
+)
 
 _SYMMETRY = 1e-8  # relative; products of order 1e5 terms leave 1e-12, a wrong matrix leaves 1
 _RIGID = 1e-10  # least share of a mode's mass matrix that must remain after rigid motion
@@ -78,6 +83,8 @@ class FlexBody:
         Section forces of its beams.
     shell_forces : ShellForceModes, optional
         Force and moment resultants of its shells.
+    omitted_stress : OmittedStress, optional
+        Stress under its own inertia loads that its modes lack.
     loads : tuple of LoadVector
         Loads on the mesh, reduced to the modes.
     provenance : mapping of str to str
@@ -117,6 +124,7 @@ class FlexBody:
     stress: StressModes | None = None
     section_forces: SectionForceModes | None = None
     shell_forces: ShellForceModes | None = None
+    omitted_stress: OmittedStress | None = None
     loads: tuple[LoadVector, ...] = ()
     provenance: Mapping[str, str] = field(default_factory=dict)
     centrifugal_stiffness: FloatArray | None = None
@@ -140,6 +148,14 @@ class FlexBody:
     def m(self) -> int:
         """Number of modal coordinates."""
         return int(self.K.shape[0])
+
+    @property
+    def answers_inertia(self) -> bool:
+        """Whether it is known what its modes lack of its own inertia loads, in mean axes."""
+        return self.inertia_response is not None and (
+            self.omitted_stress is not None
+            or max(self.inertia_response.missing_shares.values(), default=0.0) < 1e-6
+        )
 
     @property
     def M_eta(self) -> FloatArray:

@@ -35,7 +35,12 @@ from flexmb.flexbody.parts import (
     Surface,
 )
 from flexmb.flexbody.static_response import InertiaResponse, LoadResponse, OmittedModes
-from flexmb.flexbody.stress_modes import SectionForceModes, ShellForceModes, StressModes
+from flexmb.flexbody.stress_modes import (
+    OmittedStress,
+    SectionForceModes,
+    ShellForceModes,
+    StressModes,
+)
 from flexmb.untrusted import USER_BLOCK, open_hdf5, seal
 
 if TYPE_CHECKING:
@@ -112,6 +117,9 @@ TABLE = (
     Dataset("shell_forces/parts", "text", ("j",), "sections by mesh group", True),
     Dataset("shell_forces/axes", "f8", ("h", 3, 3), "local axes as columns", True),
     Dataset("shell_forces/modes", "f4", ("h", 8, "m"), "Nx Ny Nxy Mx My Mxy Qx Qy", True),
+    Dataset("omitted_stress/stress", "f4", ("e", 6, 12), "stress that the modes lack", True),
+    Dataset("omitted_stress/section_forces", "f8", ("b", 2, 6, 12), "likewise", True),
+    Dataset("omitted_stress/shell_forces", "f4", ("h", 8, 12), "likewise", True),
     Dataset("inertia_response/energy", "f8", (12, 12), "to inertia loads, full [J]", True),
     Dataset("inertia_response/missing", "f8", (12, 12), "of it the modes lack [J]", True),
     Dataset("inertia_response/motion", "f8", (12, 12), "and move by [kg m^2]", True),
@@ -139,6 +147,7 @@ _PARTS: dict[str, tuple[str, type]] = {  # groups that hold one part: its field 
     "stress_recovery": ("stress", StressModes),
     "section_forces": ("section_forces", SectionForceModes),
     "shell_forces": ("shell_forces", ShellForceModes),
+    "omitted_stress": ("omitted_stress", OmittedStress),
     "inertia_response": ("inertia_response", InertiaResponse),
     "load_response": ("load_response", LoadResponse),
     "omitted_modes": ("omitted_modes", OmittedModes),

@@ -3,12 +3,16 @@
 In: a body with its modes in mean axes. Out: the rigid body with the same interfaces, nodes and
 surface; the body without the data of geometric stiffening; or its modes relative to a frame that
 one of its interfaces carries along, by u' = u − u_k − θ_k × (s − s_k): integrals of the new modes
-follow exactly from those of the old ones and of rigid motion. Source: Shabana, Dynamics of
+follow exactly from those of the old ones and of rigid motion. Of displacements of second order,
+which stiffen the body, the turn of the frame takes away θ_k × N η − θ_k × (θ_k × (s − c))/2, and a
+rigid motion of second order, so that they have no momentum and no angular momentum in the new frame
+either: its interface stays at rest in it to first order. Source: Shabana, Dynamics of
 Multibody Systems, 4th ed., §5.6 on reference conditions.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,6 +20,7 @@ import numpy as np
 
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.flexbody.body import FlexBody
+from flexmb.flexbody.natural_modes import mass_at_rest
 from flexmb.flexbody.parts import Interface
 from flexmb.flexbody.planar_body import combine_modes
 
@@ -23,13 +28,18 @@ _EPS = np.zeros((3, 3, 3))  # permutation symbol
 for _a, _b, _c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     _EPS[_a, _b, _c], _EPS[_b, _a, _c] = 1.0, -1.0
 
+_NO_MASS = 1e-12  # a moment of inertia below this share of its bound is round-off
+
 
 def rigid_twin(body: FlexBody) -> FlexBody:
     """The body without deformation: its mass properties, and all that can be held on to."""
     if body.m == 0:
         return body
     twin = combine_modes(without_stiffening(body), np.zeros((body.m, 0)))
-    return replace(twin, D=None, inertia_response=None, load_response=None, omitted_modes=None)
+    return replace(
+        twin, D=None, inertia_response=None, load_response=None, omitted_modes=None,
+        omitted_stress=None,
+    )  # fmt: skip
 
 
 def without_stiffening(body: FlexBody) -> FlexBody:
@@ -38,13 +48,30 @@ def without_stiffening(body: FlexBody) -> FlexBody:
     return replace(body, centrifugal_stiffness=None, interfaces=ends)
 
 
+def without_modal_inertia(body: FlexBody, modes: Sequence[int]) -> FloatArray:
+    """Mab of a body of which some modes deform it without inertia: in mean axes no entry of them.
+
+    Where the frame moves with a mode, the motion of the whole body relative to it keeps its
+    inertia. The first integrals p and P, by which inertia loads the modes, are unchanged.
+    """
+    M = mass_at_rest(body.mass, body.S1, body.S0, body.p, body.P, body.M_eta)[:6]
+    size = np.sqrt(np.diag(M)) + np.finfo(float).tiny
+    inverse = np.linalg.pinv(M[:, :6] / np.outer(size, size), rcond=_NO_MASS, hermitian=True)
+    motion, dynamic = np.zeros((6, body.m)), np.ones(body.m)
+    motion[:, modes] = (inverse / size[:, None] @ (M[:, 6:] / size[:, None]))[:, modes]
+    dynamic[list(modes)] = 0.0
+    Mab = body.Mab * np.outer(dynamic, dynamic)
+    fields = _rigid_integrals(body, body.p * dynamic, body.P * dynamic, Mab, motion)
+    return np.asarray(fields["Mab"])
+
+
 def frame_at_interface(body: FlexBody, name: str) -> FlexBody:
     """The body with its frame fixed at an interface, which then neither moves nor turns in it.
 
     Parameters
     ----------
     body : FlexBody
-        Without data of geometric stiffening, which are those of mean axes.
+        In mean axes.
     name : str
         The interface.
 
@@ -59,11 +86,15 @@ def frame_at_interface(body: FlexBody, name: str) -> FlexBody:
     # rigid motion that is taken out, per eta: translation of the origin and rotation
     turn = -end.Phi_r
     shift = -end.Phi_t - np.cross(turn.T, end.position).T
-    fields = _rigid_integrals(body, shift, turn)
+    fields = _rigid_integrals(body, body.p, body.P, body.Mab, np.vstack([shift, turn]))
     ends = tuple(
-        Interface(part.name, part.position, *_moved(part.position, shift, turn, part))
+        Interface(part.name, part.position, *_moved(part.position, shift, turn, part), part.bend)
         for part in body.interfaces
     )
+    if body.centrifugal_stiffness is not None:
+        stiffness, bends = _stiffening(body, -turn)
+        fields["centrifugal_stiffness"] = stiffness
+        ends = tuple(replace(part, bend=bend) for part, bend in zip(ends, bends, strict=True))
     nodes, surface = body.nodes, body.surface
     if nodes is not None:
         Phi_r = None if nodes.Phi_r is None else nodes.Phi_r + turn
@@ -97,16 +128,49 @@ def _moved(
     return part.Phi_t + _rigid_displacement(point[None], shift, turn)[0], part.Phi_r + turn
 
 
-def _rigid_integrals(body: FlexBody, shift: FloatArray, turn: FloatArray) -> dict[str, Any]:
-    """p, P and Mab of the modes plus rigid motions d + G s, G_ab = ε_acb θ_c."""
+def _rigid_integrals(
+    body: FlexBody, p: FloatArray, P: FloatArray, Mab: FloatArray, motion: FloatArray
+) -> dict[str, Any]:
+    """p, P and Mab of modes plus rigid motions d + G s, G_ab = ε_acb θ_c; (6, m) d and θ."""
+    shift, turn = motion[:3], motion[3:]
     G = np.einsum("acb,cm->abm", _EPS, turn)
-    p = body.p + body.mass * shift + np.einsum("abm,b->am", G, body.S1)
-    P = body.P + np.einsum("a,bm->abm", body.S1, shift) + np.einsum("bcm,ac->abm", G, body.S0)
+    cross = np.einsum("ai,bj->abij", p, shift) + np.einsum("bcj,cai->abij", G, P)
+    p = p + body.mass * shift + np.einsum("abm,b->am", G, body.S1)
+    P = P + np.einsum("a,bm->abm", body.S1, shift) + np.einsum("bcm,ac->abm", G, body.S0)
     # int rho N_a (d + G s)_b, and the same of two rigid motions
-    cross = np.einsum("ai,bj->abij", body.p, shift) + np.einsum("bcj,cai->abij", G, body.P)
     both = body.mass * np.einsum("ai,bj->abij", shift, shift)
     both += np.einsum("ai,bcj,c->abij", shift, G, body.S1)
     both += np.einsum("aci,c,bj->abij", G, body.S1, shift)
     both += np.einsum("aci,cd,bdj->abij", G, body.S0, G)
-    Mab = body.Mab + cross + cross.transpose(1, 0, 3, 2) + both
+    Mab = Mab + cross + cross.transpose(1, 0, 3, 2) + both
     return {"p": p, "P": P, "Mab": Mab}
+
+
+def _stiffening(body: FlexBody, turn: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
+    """Centrifugal stiffness and bends in a frame that turns by `turn` (3, m) more per eta.
+
+    What is of second order in the new frame is v = −θ × N̄η + θ × (θ × s̄)/2 − ψ × s̄ more, with N̄
+    and s̄ relative to the centre of mass and ψ such that ∫ρ s̄ × v = 0.
+    """
+    c, S = body.center, body.S0 - np.outer(body.S1, body.S1) / body.mass
+    theta = np.einsum("bcd,cm->bdm", _EPS, turn)  # θ × x = theta x: (3, 3, m)
+    twice = np.einsum("bcm,cdn->bdmn", theta, theta)
+    P = body.P - np.einsum("a,dm->adm", c, body.p)
+    A = -np.einsum("bdm,adn->abmn", theta, P) + 0.5 * np.einsum("bdmn,ad->abmn", twice, S)
+    inertia = np.trace(S) * np.eye(3) - S
+    psi = np.einsum("ci,iab,abmn->cmn", np.linalg.pinv(inertia), _EPS, A)
+    A = A - np.einsum("bcd,cmn,ad->abmn", _EPS, psi, S)
+    both = _symmetric(A + A.transpose(1, 0, 2, 3))
+    assert body.centrifugal_stiffness is not None
+    bends = []
+    for part in body.interfaces:
+        arm, moved = part.position - c, part.Phi_t - body.p / body.mass
+        v = -np.einsum("bdm,dn->bmn", theta, moved) + 0.5 * np.einsum("bdmn,d->bmn", twice, arm)
+        v = v - np.einsum("bcd,cmn,d->bmn", _EPS, psi, arm)
+        assert part.bend is not None
+        bends.append(part.bend - 2.0 * _symmetric(v))
+    return body.centrifugal_stiffness - both, bends
+
+
+def _symmetric(forms: FloatArray) -> FloatArray:
+    return np.asarray(0.5 * (forms + np.swapaxes(forms, -1, -2)))

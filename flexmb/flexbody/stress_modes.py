@@ -215,3 +215,38 @@ class ShellForceModes:
     def combined(self, Z: FloatArray) -> ShellForceModes:
         """The same in modes made of these by Z (m, k)."""
         return replace(self, modes=(self.modes @ Z).astype(np.float32))
+
+
+@dataclass(frozen=True, eq=False)
+class OmittedStress:
+    """Stress under the body's own inertia loads that its modes lack: the mode-acceleration method.
+
+    Static responses of the full model with the interfaces held, less what the modes have of them,
+    per unit of the twelve numbers of :class:`~flexmb.flexbody.static_response.InertiaResponse`.
+    None where the body has no such stress.
+
+    Parameters
+    ----------
+    stress : (k, 6, 12) float32, optional
+        At the places of its :class:`StressModes`.
+    section_forces : (b, 2, 6, 12) float, optional
+        Of its beams.
+    shell_forces : (h, 8, 12) float32, optional
+        Of its shells.
+    """
+
+    stress: NDArray[np.float32] | None = None
+    section_forces: FloatArray | None = None
+    shell_forces: NDArray[np.float32] | None = None
+
+    def __post_init__(self) -> None:
+        check = Checker("omitted stress")
+        shapes: dict[str, tuple[tuple[int | None, ...], type]] = {
+            "stress": ((None, 6, 12), np.float32),
+            "section_forces": ((None, 2, 6, 12), np.float64),
+            "shell_forces": ((None, 8, 12), np.float32),
+        }
+        for name, (shape, kind) in shapes.items():
+            if getattr(self, name) is not None:
+                set_fields(self, **{name: check.floats(name, getattr(self, name), shape, kind)})
+        check.raise_problems()

@@ -45,6 +45,7 @@ PAGES = (
     "effects",
     "audit",
     "results",
+    "pictures",
     "errors",
     "design",
     "adding-a-kind",

@@ -6,7 +6,7 @@ the body's origin, ``initial`` at any other; where none is given the assembly is
 
 A shape gives a volume [m^3] and the inertia per unit mass about its own centre [m^2], in body axes,
 in closed form. Source: any table of moments of inertia of solids, e.g. Meriam and Kraige,
-Engineering Mechanics: Dynamics, appendix D.
+Engineering Mechanics: Dynamics, appendix D; of polygons Green's theorem.
 """
 
 from __future__ import annotations
@@ -18,17 +18,19 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationInfo, model_validator
+from pydantic import PrivateAttr, ValidationInfo, model_validator
 
 from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.model.markers import Marker, Orientation
 from flexmb.model.option_specs import Inertia, MaterialField
 from flexmb.model.quantities import (
     AngularVelocity,
+    Length,
     Position,
     Quantity,
     Size,
     Sizes,
+    Text,
     Velocity,
 )
 from flexmb.model.reading import (
@@ -39,7 +41,15 @@ from flexmb.model.reading import (
     choice,
     context_of,
     fail,
+    only_one,
     quote,
+)
+from flexmb.model.surface_mesh import (
+    enclosed,
+    open_edges,
+    pack_surface,
+    read_surface,
+    unpack_surface,
 )
 from flexmb.units import UNIT_SYSTEMS, unit_system
 
@@ -58,6 +68,16 @@ class ShapeSpec(Spec):
     def inertia_per_mass(self) -> Diagonal:
         """Principal moments about the centre over the mass, body axes [m^2]."""
         raise NotImplementedError
+
+    @property
+    def inertia(self) -> NDArray[np.float64]:
+        """Moments (3, 3) about the centre over the mass, body axes [m^2]."""
+        return np.diag(self.inertia_per_mass)
+
+    @property
+    def centroid(self) -> NDArray[np.float64] | None:
+        """Its centre (3,) in body axes [m]; None: wherever the body has its own."""
+        return None
 
 
 class BoxShape(ShapeSpec):
@@ -113,10 +133,139 @@ class SphereShape(ShapeSpec):
         return (moment, moment, moment)
 
 
+class ExtrusionShape(ShapeSpec):
+    """A plate with a straight-edged ``outline`` in body axes, half its thickness to both sides.
+
+    The points of the outline are x, y across the axis z; y, z across x; z, x across y.
+    """
+
+    type: Literal["extrusion"] = "extrusion"
+    outline: tuple[tuple[Length, Length], ...]
+    thickness: Size
+    axis: Literal["x", "y", "z"] = "z"
+
+    @model_validator(mode="after")
+    def _is_a_polygon(self) -> Self:
+        points = np.array(self.outline, dtype=float).reshape(-1, 2)
+        if len(points) < 3:
+            raise fail(Problem("outline", f"needs 3 points at least, given {len(points)}"))
+        crossing = _crossing(points)
+        if crossing is not None:
+            what = f"its edges {crossing[0] + 1} and {crossing[1] + 1} cross or touch"
+            raise fail(Problem("outline", what))
+        return self
+
+    @property
+    def volume(self) -> float:
+        return _polygon(self.outline)[0] * self.thickness
+
+    @property
+    def centroid(self) -> NDArray[np.float64]:
+        return np.roll([*_polygon(self.outline)[1], 0.0], "zxy".index(self.axis))
+
+    @property
+    def inertia(self) -> NDArray[np.float64]:
+        xx, yy, xy = _polygon(self.outline)[2]
+        S = np.array([[xx, xy, 0], [xy, yy, 0], [0, 0, self.thickness**2 / 12]])
+        turn = "zxy".index(self.axis)
+        return np.roll(np.trace(S) * np.eye(3) - S, (turn, turn), axis=(0, 1))
+
+
+class MeshShape(ShapeSpec):
+    """A surface from an STL or VTU ``file`` in body axes; a closed one gives mass properties.
+
+    A length of the file times ``scale`` is one of the scene. ``data`` stands for the file in
+    results.
+    """
+
+    type: Literal["mesh"] = "mesh"
+    file: Text | None = None
+    data: Text | None = None
+    scale: Annotated[float, Quantity("", "positive")] = 1.0
+    _points: NDArray[np.float64] = PrivateAttr()
+    _faces: NDArray[np.int64] = PrivateAttr()
+
+    @model_validator(mode="after")
+    def _read_it(self, info: ValidationInfo) -> Self:
+        word = only_one(self, "file", "data")
+        context = context_of(info)
+        try:
+            if self.data is not None:
+                self._points, self._faces = unpack_surface(self.data)
+            else:
+                self._points, self._faces = read_surface(context.folder / str(self.file))
+        except FlexmbError as error:
+            raise fail(Problem(word, str(error))) from None
+        factor = 1.0 if self.data is not None else context.units.scale("m")
+        self._points = self._points * self.scale * factor
+        return self
+
+    @property
+    def surface(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Points (n, 3) in body axes [m], and triangles (t, 3)."""
+        return self._points, self._faces
+
+    @property
+    def volume(self) -> float:
+        return enclosed(*self.surface)[0]
+
+    @property
+    def centroid(self) -> NDArray[np.float64]:
+        return enclosed(*self.surface)[1]
+
+    @property
+    def inertia(self) -> NDArray[np.float64]:
+        S = enclosed(*self.surface)[2]
+        return np.asarray(np.trace(S) * np.eye(3) - S)
+
+    @property
+    def packed(self) -> dict[str, Any]:
+        """The shape without its file, to be stored with a result."""
+        return {"type": "mesh", "data": pack_surface(*self.surface)}
+
+
+def _polygon(outline: Any) -> tuple[float, NDArray[np.float64], tuple[float, float, float]]:
+    """Area, centroid (2,), and second moments xx, yy, xy about it over the area."""
+    points = np.array(outline, dtype=float)
+    origin = points.mean(axis=0)
+    x, y = (points - origin).T
+    a, b = np.roll(x, -1), np.roll(y, -1)
+    c = x * b - a * y
+    area = 0.5 * float(c.sum())
+    cx, cy = float((x + a) @ c) / (6 * area), float((y + b) @ c) / (6 * area)
+    xx = float((x * x + x * a + a * a) @ c) / (12 * area) - cx * cx
+    yy = float((y * y + y * b + b * b) @ c) / (12 * area) - cy * cy
+    xy = float((x * b + 2 * x * y + 2 * a * b + a * y) @ c) / (24 * area) - cx * cy
+    return abs(area), origin + [cx, cy], (xx, yy, xy)
+
+
+def _crossing(points: NDArray[np.float64]) -> tuple[int, int] | None:
+    """Two edges of a polygon (n, 2) that meet where they should not."""
+    n, after = len(points), np.roll(points, -1, axis=0)
+
+    def side(i: int, p: NDArray[np.float64]) -> float:
+        u, v = after[i] - points[i], p - points[i]
+        return float(u[0] * v[1] - u[1] * v[0])
+
+    for i in range(n):
+        for j in range(i + 1, n):
+            if (j + 1) % n == i or j == i + 1:  # neighbours: one must not turn back on the other
+                u, v = after[i] - points[i], after[j] - points[j]
+                if u[0] * v[1] == u[1] * v[0] and u @ v <= 0:
+                    return i, j
+                continue
+            across = side(i, points[j]) * side(i, after[j]), side(j, points[i]) * side(j, after[i])
+            if max(across) <= 0 and any(across):
+                return i, j
+    return None
+
+
 SHAPES: dict[str, type[ShapeSpec]] = {
     "box": BoxShape,
     "cylinder": CylinderShape,
     "sphere": SphereShape,
+    "extrusion": ExtrusionShape,
+    "mesh": MeshShape,
 }
 
 Shape = Annotated[Any, Variant("shape", lambda: SHAPES)]
@@ -252,7 +401,28 @@ class RigidBodySpec(BodySpec):
             raise fail(Problem("inertia", "is missing (or give a shape to compute it from)"))
         if self.mass is None and self.inertia is not None:
             raise fail(Problem("inertia", f"follows from the shape and {names}; leave it out"))
+        self._check_shape()
         return self
+
+    def _check_shape(self) -> None:
+        """A mesh must be closed where it says the mass; a shape in body axes says the centre."""
+        if isinstance(self.shape, MeshShape) and (self.mass is None or self.inertia is None):
+            edges = open_edges(self.shape.surface[1])
+            if edges or self.shape.volume == 0.0:
+                what = f"its surface is not closed: {edges} edges have not two triangles. Close it"
+                raise fail(Problem("shape", f'{what}, or give "mass" and "inertia"'))
+        centroid = None if self.shape is None else self.shape.centroid
+        if (
+            self.shape is None
+            or centroid is None
+            or (self.inertia is not None and "center" in self.model_fields_set)
+        ):
+            return
+        apart = float(np.linalg.norm(np.array(self.center) - centroid))
+        if "center" in self.model_fields_set and apart > 1e-5 * self.shape.volume ** (1 / 3):
+            raise fail(Problem("center", "follows from the shape; leave it out"))
+        x, y, z = centroid.tolist()
+        object.__setattr__(self, "center", (x, y, z))
 
     @property
     def mass_properties(self) -> MassProperties:
@@ -265,5 +435,5 @@ class RigidBodySpec(BodySpec):
         if self.inertia is not None:
             return MassProperties(mass, np.array(self.center), np.array(self.inertia))
         assert self.shape is not None
-        inertia = mass * np.diag(self.shape.inertia_per_mass)
+        inertia = mass * self.shape.inertia
         return MassProperties(mass, np.array(self.center), inertia)

@@ -127,21 +127,6 @@ class FlexibleBodySpec(BodySpec):
     frame: Annotated[str, Reader(_frame, form=choice((MEAN_AXIS, "interface NAME")))] = MEAN_AXIS
     damping: DampingField | None = None
 
-    @model_validator(mode="after")
-    def _frame_fits(self) -> Self:
-        if self.frame == MEAN_AXIS or self.deformation == "rigid":
-            return self
-        problems = []
-        if self.geometric_stiffening == "full":
-            what = "geometric stiffening is formulated in mean axes: leave the frame out"
-            problems.append(Problem("frame", what))
-        if self.inertia_coupling == "partial":
-            what = "partial coupling needs mean axes: take constant or full coupling, or leave it"
-            problems.append(Problem("frame", what))
-        if problems:
-            raise fail(*problems)
-        return self
-
     @property
     def frame_interface(self) -> str | None:
         """Name of the interface that the body frame is fixed at; None: mean axes."""
@@ -181,7 +166,7 @@ class FlexibleBodySpec(BodySpec):
                     problems.append(Problem(f"deformation.{word}", f"{what}{body.m - 1}"))
         if problems:
             raise ReductionError.from_problems(problems)
-        if stiffened and (self.geometric_stiffening == "none" or self.frame != MEAN_AXIS):
+        if stiffened and self.geometric_stiffening == "none":
             body = without_stiffening(body)
         name = self.frame_interface
         return body if name is None else frame_at_interface(body, name)

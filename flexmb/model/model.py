@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from html import escape
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar
@@ -70,6 +71,9 @@ class Source(NamedTuple):
     path: Path
     text: str
     overrides: Mapping[str, Any] = MappingProxyType({})
+
+
+_LISTED = 12  # names of a section that notebooks show
 
 
 class Model:
@@ -145,6 +149,22 @@ class Model:
             for section in ("bodies", "joints", "couplers", "drivers", "forces", "sensors")
         )
         return f"Model({self.title!r}: {counts})"
+
+    def _repr_html_(self) -> str:
+        """What notebooks show: the names in each section, and how bodies are joined."""
+        rows = []
+        for section in ("bodies", "joints", "couplers", "drivers", "forces", "sensors"):
+            parts = getattr(self, section)
+            names = [
+                f"{name} ({', '.join(getattr(part, 'between', None) or ())})".replace(" ()", "")
+                for name, part in parts.items()
+            ]
+            more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+            if names:
+                cells = f"{len(names)} {section}", ", ".join(names[:_LISTED]) + more
+                rows.append("".join(f'<td style="text-align:left">{escape(c)}</td>' for c in cells))
+        body = "".join(f"<tr>{row}</tr>" for row in rows)
+        return f"<div><strong>{escape(self.title)}</strong><table>{body}</table></div>"
 
     @property
     def context(self) -> ReadContext:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from flexmb.engine.tables import BodyColumns
 from flexmb.results.channels import Columns, row_bytes, stored_columns
 from flexmb.results.reader import DAMPING, BodyDamping, damping_text
-from flexmb.results.recovery import PeakStress, SectionForces, Stress
+from flexmb.results.recovery import SectionForces, ShellForces, Stress
 from flexmb.results.result import NOT_UNIQUE, Pose, Reaction, Result, load_result
 from flexmb.results.result_file import extend_file, file_format, store_text
+from flexmb.results.stress_envelopes import HotSpot, PeakStress, StressEnvelope
+from flexmb.results.stress_tables import export_stress
 from flexmb.results.vtu import write_vtu
 from flexmb.results.writer import OutputBlock, ResultWriter
 
@@ -17,6 +19,7 @@ __all__ = [
     "BodyColumns",
     "BodyDamping",
     "Columns",
+    "HotSpot",
     "OutputBlock",
     "PeakStress",
     "Pose",
@@ -24,8 +27,11 @@ __all__ = [
     "Result",
     "ResultWriter",
     "SectionForces",
+    "ShellForces",
     "Stress",
+    "StressEnvelope",
     "damping_text",
+    "export_stress",
     "extend_file",
     "file_format",
     "load_result",

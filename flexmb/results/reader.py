@@ -73,6 +73,8 @@ Places = list[int] | NDArray[np.int64] | slice
 
 _SECONDS = "seconds_"  # statistics of this prefix are wall times by phase
 _ALL = slice(None)
+_MAX_TABLE = 1.28e8  # bytes: of a larger table only what is wanted is read, and none is remembered
+_BLOCK = 1.6e7  # bytes of it that are read at once
 _SMALL = 8_000_000  # numbers of a table that is read at once where a few rows are wanted
 _WORK = "_work"  # energies of this ending were done by something, the others are stored
 _ERRORS = {  # statistic -> its name, and what it is relative to
@@ -148,6 +150,11 @@ class ResultReader:
             for name, value in self.statistics.items()
             if name.startswith(_SECONDS)
         }
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on the run that were told when it ended."""
+        return tuple(str(self.statistics.get("notes", "")).splitlines())
 
     @property
     def extended(self) -> bool:
@@ -326,6 +333,16 @@ class ResultReader:
             self._rows = name, i, rows[[0, -1]]
         return np.asarray(self._rows[2][:, places])
 
+    def some_rows(self, name: str, rows: slice, columns: slice) -> Array:
+        """Rows of these columns (r, k), SI; of a long table only these are read."""
+        if name in self._tables or len(self.time) * widths(self.layout)[name] <= _SMALL:
+            return self.part(name, columns)[rows]
+        places = self._file_columns(name, columns)
+        stop = min(rows.stop, len(self.time))
+        return np.asarray(
+            read_table(self.path, self._contents.run, name, stop, rows.start)[:, places]
+        )
+
     def part(self, name: str, columns: Places = _ALL) -> Array:
         """Columns of a table (n, k) by their numbers in the layout, SI.
 
@@ -335,7 +352,17 @@ class ResultReader:
             The run did not store them.
         """
         places = self._file_columns(name, columns)
-        return np.asarray(self._stored(name)[:, places])
+        contents = self._contents
+        row, rows = 8 * len(contents.stored[name]), contents.rows
+        if name in self._tables or row * rows <= _MAX_TABLE:
+            return np.asarray(self._stored(name)[:, places])
+        step = int(_BLOCK / row)
+        table = np.empty((rows, np.arange(row // 8)[places].size))
+        for first in range(0, rows, step):
+            last = min(first + step, rows)
+            block = read_table(self.path, contents.run, name, last, first)
+            table[first:last] = block[:, places]
+        return table
 
     def _file_columns(self, name: str, columns: Places) -> Places:
         """Where the file holds columns of a table."""

@@ -3,15 +3,11 @@
 In: the modal coordinates of a result and the files of its flexible bodies. Out: stress, von Mises
 stress and section forces at a time or at all output times, peaks over the run, in the scene's
 units. Components are superposed first; the von Mises stress is taken of their sum.
-
-As channels they are named ``rod.von_mises`` (the largest of the body), ``rod.von_mises.17`` (of
-mesh node 17), ``rod.von_mises.17.top``, ``rod.stress.17.top.xx`` and ``rod.section_force.3.2.Mz``
-(of beam element 3 at its second end).
 """
 
 from __future__ import annotations
 
-import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -19,20 +15,20 @@ from numpy.typing import NDArray
 
 from flexmb.errors import ResultFileError
 from flexmb.flexbody import (
-    SECTION_FORCES,
-    STRESS,
+    SHELL_FORCES,
+    FlexBody,
+    InertiaResponse,
     StressModes,
     von_mises,
 )
 from flexmb.results.reader import ResultReader
+from flexmb.results.stress_channels import STRESS_CHANNELS, StressChannel
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _BATCH_BYTES = 6.4e7  # of stress components at once
 _MAX_BYTES = 2e9  # of an answer that still fits into the memory of most machines
-_EQUAL_STRESS = 1e-12  # relative: places whose stress differs by less count as one
-_KINDS = ("von_mises", "stress", "section_force")
 
 
 class Stress(NamedTuple):
@@ -44,19 +40,13 @@ class Stress(NamedTuple):
     part: tuple[str, ...]  # (k,) mesh group of its section
 
 
-class PeakStress(NamedTuple):
-    """The largest von Mises stress at each place over a run, and when, in the scene's units."""
+class ShellForces(NamedTuple):
+    """Resultants of shells per length, in the scene's units, local axes."""
 
-    values: Array  # (k,)
-    time: Array  # (k,)
+    values: Array  # (k, 8) or (n, k, 8) in SHELL_FORCES
     node: IntArray  # (k,)
-    layer: tuple[str, ...]
     part: tuple[str, ...]
-
-    @property
-    def place(self) -> int:
-        """Row of the place with the largest stress of all."""
-        return int(np.argmax(self.values))
+    axes: Array  # (k, 3, 3) local axes as columns, body axes
 
 
 class SectionForces(NamedTuple):
@@ -65,24 +55,6 @@ class SectionForces(NamedTuple):
     force: Array  # (b, 2, 3) or (n, b, 2, 3): N, Vy, Vz
     moment: Array  # the same of T, My, Mz
     elements: IntArray  # (b, 2) mesh nodes
-
-
-class StressChannel(NamedTuple):
-    """The parts of the name of a stress or section-force channel."""
-
-    body: str
-    kind: str  # one of von_mises, stress, section_force
-    words: tuple[str, ...]
-
-    @property
-    def unit(self) -> str:
-        """In SI."""
-        if self.kind != "section_force":
-            return "Pa"
-        return "N" if self.words[-1:] and self.words[-1] in SECTION_FORCES[:3] else "N m"
-
-    def __str__(self) -> str:
-        return ".".join((self.body, self.kind, *self.words))
 
 
 class Recovery(ResultReader):
@@ -95,6 +67,7 @@ class Recovery(ResultReader):
         *,
         node: int | None = None,
         layer: str | None = None,
+        mode_acceleration: bool = False,
     ) -> Stress:
         """Stress components of a flexible body, averaged at the nodes of each section.
 
@@ -108,6 +81,8 @@ class Recovery(ResultReader):
             Mesh node, from 0; all places by default.
         layer : str, optional
             Such as ``"top"``; all by default.
+        mode_acceleration : bool
+            Add the static response to the body's own acceleration and rotation that its modes lack.
 
         Returns
         -------
@@ -120,10 +95,11 @@ class Recovery(ResultReader):
             No such body, node, layer or time, a body without stress, or an answer that does not fit
             into memory.
         """
-        modes, rows = self._places(body, node, layer)
-        eta = self._eta(body, time)
-        self._fits(6 * len(rows) * math.prod(eta.shape[:-1]), body)
-        return Stress(self.in_scene_units(modes.at(eta, rows), "Pa"), *_labels(modes, rows))
+        modes, rows = self.stress_places(body, node, layer)
+        self._fits(6 * len(rows) * self._moments(time), body)
+        parts = [s for _, s in self._stresses(body, modes, rows, time, mode_acceleration)]
+        values = parts[0][0] if time is not None else np.concatenate(parts)
+        return Stress(self.in_scene_units(values, "Pa"), *labels(modes, rows))
 
     def von_mises(
         self,
@@ -132,6 +108,7 @@ class Recovery(ResultReader):
         *,
         node: int | None = None,
         layer: str | None = None,
+        mode_acceleration: bool = False,
     ) -> Stress:
         """The von Mises stress of a flexible body; parameters and errors as for `stress`.
 
@@ -140,46 +117,16 @@ class Recovery(ResultReader):
         Stress
             ``values`` (k,) at a time, (n, k) over all output times.
         """
-        modes, rows = self._places(body, node, layer)
-        eta = self._eta(body, time)
-        self._fits(len(rows) * math.prod(eta.shape[:-1]), body)
-        values = np.empty((*eta.shape[:-1], len(rows)))
-        for part in _batches(eta, len(rows)):
-            values[part] = von_mises(modes.at(eta[part], rows))
-        return Stress(self.in_scene_units(values, "Pa"), *_labels(modes, rows))
+        modes, rows = self.stress_places(body, node, layer)
+        self._fits(len(rows) * self._moments(time), body)
+        batches = self._stresses(body, modes, rows, time, mode_acceleration)
+        parts = [von_mises(stress) for _, stress in batches]
+        values = parts[0][0] if time is not None else np.concatenate(parts)
+        return Stress(self.in_scene_units(values, "Pa"), *labels(modes, rows))
 
-    def peak_von_mises(self, body: str, *, layer: str | None = None) -> PeakStress:
-        """The largest von Mises stress over the run at each place, and when.
-
-        Parameters
-        ----------
-        body : str
-            Name of the body.
-        layer : str, optional
-            Such as ``"top"``; all by default.
-
-        Returns
-        -------
-        PeakStress
-            Also `place`, the row of the largest of all.
-
-        Raises
-        ------
-        ResultFileError
-            No such body or layer, a body without stress, or a result without rows.
-        """
-        modes, rows = self._places(body, None, layer)
-        eta = self._eta(body, None)
-        peak, when = np.full(len(rows), -1.0), np.zeros(len(rows), dtype=int)
-        for part in _batches(eta, len(rows)):
-            values = von_mises(modes.at(eta[part], rows))
-            best = values.argmax(axis=0)
-            highest = values[best, np.arange(len(rows))]
-            larger = highest > peak
-            peak[larger], when[larger] = highest[larger], best[larger] + (part.start or 0)
-        return PeakStress(self.in_scene_units(peak, "Pa"), self.time[when], *_labels(modes, rows))
-
-    def section_forces(self, body: str, time: float | None = None) -> SectionForces:
+    def section_forces(
+        self, body: str, time: float | None = None, *, mode_acceleration: bool = False
+    ) -> SectionForces:
         """Section forces of the beams of a flexible body at both ends of each element.
 
         Parameters
@@ -188,6 +135,8 @@ class Recovery(ResultReader):
             Name of the body.
         time : float, optional
             In the scene's units; all output times by default.
+        mode_acceleration : bool
+            As for `stress`.
 
         Raises
         ------
@@ -197,12 +146,28 @@ class Recovery(ResultReader):
         modes = self.flexbody(body).section_forces
         if modes is None:
             raise ResultFileError(f"{self.flexbodies[body]}: holds no section forces of beams")
-        values = modes.at(self._eta(body, time))
+        values = self._resultants(body, "section_forces", time, mode_acceleration)
         force, moment = (
             self.in_scene_units(values[..., :3], "N"),
             self.in_scene_units(values[..., 3:], "N m"),
         )
         return SectionForces(force, moment, modes.elements)
+
+    def shell_forces(
+        self, body: str, time: float | None = None, *, mode_acceleration: bool = False
+    ) -> ShellForces:
+        """Membrane forces, moments and transverse forces of shells at their nodes, per length.
+
+        Parameters and errors are those of `section_forces`.
+        """
+        modes = self.flexbody(body).shell_forces
+        if modes is None:
+            what = "holds no resultants of shells; if it has shells, reduce the mesh again"
+            raise ResultFileError(f"{self.flexbodies[body]}: {what}")
+        values = self._resultants(body, "shell_forces", time, mode_acceleration)
+        scales = [self.units.scale("N" if name[0] == "M" else "N/m") for name in SHELL_FORCES]
+        parts = tuple(modes.parts[i] for i in modes.part)
+        return ShellForces(values / scales, modes.ids, parts, modes.axes)
 
     def close(self) -> None:
         """Release the arrays and bodies read so far."""
@@ -212,7 +177,7 @@ class Recovery(ResultReader):
     def _stress_channel(self, name: str) -> StressChannel | None:
         """The parts of the name; None for names of other channels."""
         body, *words = name.split(".")
-        if body in self.flexbodies and words and words[0] in _KINDS:
+        if body in self.flexbodies and words and words[0] in STRESS_CHANNELS:
             return StressChannel(body, words[0], tuple(words[1:]))
         return None
 
@@ -224,28 +189,112 @@ class Recovery(ResultReader):
         ResultFileError
             No such node, layer, component, beam element or end; says which there are.
         """
-        recover = {
-            "von_mises": _von_mises_channel,
-            "stress": _stress_component,
-            "section_force": _section_force,
-        }[channel.kind]
-        values = np.array(recover(self, channel))
+        values = np.array(STRESS_CHANNELS[channel.kind](self, channel))
         values.flags.writeable = False
         return values
 
-    def _eta(self, body: str, time: float | None) -> Array:
-        """(n, m) modal coordinates at all output times, or (m,) at one."""
-        columns = self.layout.body(body)
-        start = columns.iq + 7
-        eta = self.part("q", slice(start, start + columns.m))
-        if time is None and len(eta):
-            return eta
-        i, s = self.row_at(time or 0.0)
-        return np.asarray((1.0 - s) * eta[i] + s * eta[min(i + 1, len(eta) - 1)])
+    def _moments(self, time: float | None) -> int:
+        return len(self.time) if time is None else 1
 
-    def _places(
+    def _batches(
+        self, body: str, time: float | None, width: int, mode_acceleration: bool
+    ) -> Iterator[tuple[slice, Array, Array | None]]:
+        """Batches of output times: which, their modal coordinates (t, m), and the twelve numbers
+        (t, 12) of the body's acceleration where its inertia is to count. ``width`` is of a row."""
+        columns, flexbody = self.layout.body(body), self.flexbody(body)
+        q = slice(columns.iq, columns.iq + 7 + columns.m)
+        v = slice(columns.iv, columns.iv + 6)
+        if mode_acceleration and not flexbody.answers_inertia:
+            what = "does not know what its modes lack of its own inertia loads: reduce the mesh "
+            raise ResultFileError(f"{self.flexbodies[body]}: {what}again, in mean axes")
+        omits = mode_acceleration and flexbody.omitted_stress is not None
+        if not len(self.time):
+            raise ResultFileError(f"{self.path}: the result holds no rows")
+        if time is not None:
+            i, s = self.row_at(time)
+            batches, mix = [slice(i, i + 2)], s
+        else:
+            size, mix = max(1, int(_BATCH_BYTES / (8 * max(width, 1)))), None
+            batches = [slice(k, k + size) for k in range(0, len(self.time), size)]
+        for rows in batches:
+            tables = [self.some_rows("q", rows, q)]
+            if omits:
+                tables += [self.some_rows(name, rows, v) for name in ("v", "vd")]
+            if mix is not None:
+                tables = [((1 - mix) * t[:1] + mix * t[-1:]) for t in tables]
+            c = self._inertia_numbers(flexbody, *tables) if omits else None
+            yield rows, tables[0][:, 7:], c
+
+    def _inertia_numbers(self, body: FlexBody, q: Array, v: Array, vd: Array) -> Array:
+        """(t, 12) of the acceleration of the centre of mass less gravity, alpha and omega."""
+        p = q[:, 3:7] / np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
+        w, x, y, z = p.T
+        A = np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+        gravity = self.model.get("gravity", "none")
+        g = np.zeros(3) if isinstance(gravity, str) else np.array(gravity, dtype=float)
+        a = np.einsum("abt,ta->tb", A, vd[:, :3] - g * self.units.scale("m/s^2"))
+        omega, alpha, center = v[:, 3:6], vd[:, 3:6], body.center
+        a = a + np.cross(alpha, center) + np.cross(omega, np.cross(omega, center))
+        return InertiaResponse.factors(a, alpha, omega)
+
+    def stress_batches(
+        self, body: str, rows: IntArray, mode_acceleration: bool = False
+    ) -> Iterator[tuple[slice, Array]]:
+        """Batches of output times, and stress (t, k, 6) at places of a body [Pa]."""
+        modes, _ = self.stress_places(body, None, None)
+        return self._stresses(body, modes, rows, None, mode_acceleration)
+
+    def _stresses(
+        self,
+        body: str,
+        modes: StressModes,
+        rows: IntArray,
+        time: float | None,
+        mode_acceleration: bool,
+    ) -> Iterator[tuple[slice, Array]]:
+        """Batches of output times and their stress (t, k, 6) at places [Pa]."""
+        width = 6 * len(rows)
+        omitted = self.flexbody(body).omitted_stress
+        for part, eta, c in self._batches(body, time, width, mode_acceleration):
+            stress = modes.at(eta, rows)
+            if c is not None and omitted is not None and omitted.stress is not None:
+                flat = omitted.stress[rows].reshape(width, 12).astype(np.float64)
+                stress = stress - (c @ flat.T).reshape(stress.shape)
+            yield part, stress
+
+    def _resultants(
+        self, body: str, name: str, time: float | None, mode_acceleration: bool
+    ) -> Array:
+        """(..., k, c) section or shell forces by the name of the part of the body, SI."""
+        flexbody = self.flexbody(body)
+        modes, omitted = getattr(flexbody, name), flexbody.omitted_stress
+        width = int(np.prod(modes.modes.shape[:-1]))
+        self._fits(width * self._moments(time), body)
+        parts = []
+        for _, eta, c in self._batches(body, time, width, mode_acceleration):
+            values = modes.at(eta)
+            if c is not None and omitted is not None and getattr(omitted, name) is not None:
+                flat = getattr(omitted, name).reshape(width, 12).astype(np.float64)
+                values = values - (c @ flat.T).reshape(values.shape)
+            parts.append(values)
+        return np.asarray(parts[0][0] if time is not None else np.concatenate(parts))
+
+    def stress_places(
         self, body: str, node: int | None, layer: str | None
     ) -> tuple[StressModes, IntArray]:
+        """The stress per mode of a body, and its places at a node and in a layer.
+
+        Raises
+        ------
+        ResultFileError
+            No such body, node or layer, or a body without stress.
+        """
         modes = self.flexbody(body).stress
         if modes is None:
             what = (
@@ -268,73 +317,7 @@ class Recovery(ResultReader):
             raise ResultFileError(f"{what}: give a time, a node or a layer, or ask for the peaks")
 
 
-def _labels(
-    modes: StressModes, rows: IntArray
-) -> tuple[IntArray, tuple[str, ...], tuple[str, ...]]:
+def labels(modes: StressModes, rows: IntArray) -> tuple[IntArray, tuple[str, ...], tuple[str, ...]]:
+    """Node, layer and section of places."""
     layer = tuple(modes.layers[i] for i in modes.layer[rows])
     return modes.ids[rows], layer, tuple(modes.parts[i] for i in modes.part[rows])
-
-
-def _batches(eta: Array, places: int) -> list[slice]:
-    """Rows of eta (n, m) in batches whose stress fits into memory; all of eta (m,)."""
-    if eta.ndim == 1:
-        return [slice(None)]
-    size = max(1, int(_BATCH_BYTES / (48 * max(places, 1))))
-    return [slice(start, start + size) for start in range(0, len(eta), size)]
-
-
-def _von_mises_channel(result: Recovery, channel: StressChannel) -> Array:
-    if len(channel.words) > 2:
-        raise _wrong_form(channel, "von_mises.17 or von_mises.17.top")
-    node = _number(channel, channel.words[0], "node") if channel.words else None
-    layer = channel.words[1] if len(channel.words) > 1 else None
-    largest: Array = result.von_mises(channel.body, node=node, layer=layer).values.max(axis=1)
-    return largest
-
-
-def _stress_component(result: Recovery, channel: StressChannel) -> Array:
-    if len(channel.words) not in (2, 3):
-        raise _wrong_form(channel, "stress.17.xx or stress.17.top.xx")
-    component = _index_of(channel, channel.words[-1], STRESS, "component of stress")
-    layer = channel.words[1] if len(channel.words) == 3 else None
-    node = _number(channel, channel.words[0], "node")
-    stress = result.stress(channel.body, node=node, layer=layer)
-    values = stress.values[:, :, component]
-    difference = np.ptp(values, axis=1).max(initial=0.0)
-    if difference > _EQUAL_STRESS * np.abs(values).max(initial=0.0):
-        places = zip(stress.layer, stress.part, strict=True)
-        names = ", ".join(sorted({" of ".join(filter(None, place)) for place in places}))
-        count = len(stress.layer)
-        what = f'the body "{channel.body}" has {count} stresses at node {node} ({names})'
-        raise ResultFileError(f"{what}; name a layer, or use result.stress for all of them")
-    return values[:, 0]
-
-
-def _section_force(result: Recovery, channel: StressChannel) -> Array:
-    if len(channel.words) != 3:
-        raise _wrong_form(channel, "section_force.3.1.Mz: element, end 1 or 2, component")
-    component = _index_of(channel, channel.words[2], SECTION_FORCES, "section force")
-    end = _index_of(channel, channel.words[1], ("1", "2"), "end of a beam element")
-    element = _number(channel, channel.words[0], "beam element")
-    forces = result.section_forces(channel.body)
-    if element >= len(forces.elements):
-        what = f'the body "{channel.body}" has no beam element {element}'
-        raise ResultFileError(f"{what}; it has those from 0 to {len(forces.elements) - 1}")
-    table = forces.force if component < 3 else forces.moment
-    return table[:, element, end, component % 3]
-
-
-def _index_of(channel: StressChannel, word: str, allowed: tuple[str, ...], what: str) -> int:
-    if word not in allowed:
-        raise ResultFileError.unknown(f'{channel}: "{word}" is no {what}', word, allowed)
-    return allowed.index(word)
-
-
-def _number(channel: StressChannel, word: str, what: str) -> int:
-    if not word.isdecimal():
-        raise ResultFileError(f'{channel}: "{word}" is no number of a {what}, from 0')
-    return int(word)
-
-
-def _wrong_form(channel: StressChannel, form: str) -> ResultFileError:
-    return ResultFileError(f"{channel}: is not of the form {channel.body}.{form}")

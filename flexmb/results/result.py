@@ -30,7 +30,8 @@ from flexmb.results.channels import (
 )
 from flexmb.results.export import copy_result, export_table, notebook_html
 from flexmb.results.marker_history import MarkerHistory, MotionChannel
-from flexmb.results.recovery import Recovery, StressChannel
+from flexmb.results.stress_channels import StressChannel
+from flexmb.results.stress_envelopes import StressEnvelopes
 from flexmb.units import UnitSystem
 
 Array = NDArray[np.float64]
@@ -60,7 +61,7 @@ class Pose(NamedTuple):
     eta: Array  # (m,) modal coordinates
 
 
-class Result(Recovery, MarkerHistory):
+class Result(StressEnvelopes, MarkerHistory):
     """The result of one run.
 
     Parameters
@@ -278,6 +279,18 @@ class Result(Recovery, MarkerHistory):
         if output is not None:
             flexmb.save_figure(figure, output)
         return figure
+
+    def snapshot(self, time: float | Sequence[float] | None = None, **options: Any) -> Any:
+        """The mechanism at a time, or at several, as a notebook shows it; see `flexmb.render`."""
+        import flexmb
+
+        return flexmb.snapshot(self, time, **options)
+
+    def animation(self, **options: Any) -> Any:
+        """The motion, as a notebook shows it; see `flexmb.film`."""
+        import flexmb
+
+        return flexmb.animation(self, **options)
 
     def to_csv(
         self, path: str | Path, channels: Sequence[str] = (), *, what: str = "sensors"

@@ -123,7 +123,7 @@ class ReferenceSearch:
         if len(self.candidates) < 2:
             why = f" ({self.failures[0]})" if self.failures else ""
             what = "there is no reference, so no errors are shown: no two tight runs ended well"
-            return Reference(None, {}, what + why, self.finest.physics)
+            return Reference(None, {}, what + why, self.finest.complete_physics)
         _, apart, second, best = self._best(readings)
         floors = {name: max(one.value / _AGREEMENT, _ROUND_OFF) for name, one in apart.items()}
         reference = Reference(best.reading, floors)
@@ -135,7 +135,7 @@ class ReferenceSearch:
         bad = [name for name in floors if not reference.shown(name)]
         if bad:
             sentence += f"; it does not converge in {', '.join(bad)}, whose errors are not shown"
-        return Reference(best.reading, floors, sentence, self.finest.physics)
+        return Reference(best.reading, floors, sentence, self.finest.complete_physics)
 
     def _other_method(self, best: Candidate) -> str:
         """How far the tightest run of another method is from the reference, if one ended well."""

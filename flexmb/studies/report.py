@@ -19,7 +19,7 @@ from flexmb.errors import OutputError, ViewError
 from flexmb.folders import whole_file
 from flexmb.studies.channel_errors import error_text
 from flexmb.studies.rows import Error, Row, StudyRows
-from flexmb.studies.study_settings import is_numerical, label, value_text
+from flexmb.studies.study_settings import is_numerical, label, toml_text, value_text
 from flexmb.workflow import machine
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ def _command(study: StudyRows, row: Row) -> str:
     if not study.source:
         return ""
     changes = " ".join(
-        f"--set {knob}={shlex.quote(str(value))}" for knob, value in row.values.items()
+        f"--set {shlex.quote(f'{knob}={toml_text(value)}')}" for knob, value in row.values.items()
     )
     return f": flexmb run {shlex.quote(study.source)} {changes}"
 

@@ -15,7 +15,7 @@ from typing import Any
 from flexmb.errors import FlexmbError, Problem, SceneError, nearest
 from flexmb.folders import writable_folder
 from flexmb.model import Model
-from flexmb.model.body import BodySpec
+from flexmb.model.flexible_body import FlexibleBodySpec
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.scenes.study import StudySpec, sweep_values
 from flexmb.progress import Progress, silent
@@ -34,7 +34,7 @@ from flexmb.studies.study_settings import (
 from flexmb.studies.workers import Job, Record, Workers, open_workers, result_file, run_key
 
 _REDUCTION_FIELDS = tuple(
-    key for key in MeshBodySpec.model_fields if key not in BodySpec.model_fields
+    key for key in MeshBodySpec.model_fields if key not in FlexibleBodySpec.model_fields
 )
 _FAILED: Record = {"status": "failed", "reason": "its result cannot be read", "seconds": []}
 
@@ -189,6 +189,7 @@ class StudyRunner:
         tables = model.to_scene_dict(self.source.folder)["bodies"]
         reductions = {
             name: {key: tables[name][key] for key in _REDUCTION_FIELDS if key in tables[name]}
+            | {"stiffened": "geometric_stiffening" in spec.words()}
             for name, spec in model.bodies.items()
             if isinstance(spec, MeshBodySpec)
         }
@@ -228,7 +229,7 @@ class StudyRunner:
     ) -> Iterator[tuple[ReferenceSearch, ReferenceRun, Model, Job]]:
         """The job of a tight run; none if the model refuses its values, such as below round-off."""
         try:
-            values = {**search.finest.values, **run.changes}
+            values = {**search.finest.complete, **run.changes}
             model, scene = change_model(self.source, values)
         except SceneError as error:
             search.add(run, None, {"reason": str(error)})

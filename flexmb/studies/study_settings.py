@@ -6,7 +6,10 @@ the model refuses it. What a knob changes decides what its error is measured aga
 - numbers of the integration (accuracy, step, method, ...) leave the model as it is;
 - modes, meshes, divisions of a mesh and body files are finer or coarser descriptions of the same
   machine: their settings form one group, whose reference is the finest model of the group;
-- anything else (a speed, a mass, a damping) makes another machine, which is a group of its own.
+- effects of flexible bodies and of the scene are what a model leaves out of one machine: the
+  reference has all those that the study varies;
+- anything else (a speed, a mass, several dampings) makes another machine, which is a group of its
+  own.
 """
 
 from __future__ import annotations
@@ -19,13 +22,14 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import Any
 
-from flexmb.errors import Problem, SceneError
+from flexmb.errors import FlexmbError, Problem, SceneError
 from flexmb.folders import output_folder
 from flexmb.model import Model
-from flexmb.model.flexible_body import FlexbodySpec
+from flexmb.model.flexible_body import MEAN_AXIS, FlexbodySpec
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.reading import under
 from flexmb.model.scenes.dynamics import OPTIONS
+from flexmb.model.scenes.effects import SWITCHES
 from flexmb.model.scenes.scene import load_scene, raw_scene
 from flexmb.model.scenes.study import override, resolve_knob
 from flexmb.studies.channel_errors import add_velocity_sensors
@@ -93,7 +97,21 @@ def value_text(value: Any) -> str:
             return f"{value:g}"
         mantissa, _, exponent = f"{value:.5e}".partition("e")
         return f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"
+    if isinstance(value, Mapping | list | bool):
+        return toml_text(value)
     return PurePath(value).name if isinstance(value, str) and "/" in value else str(value)
+
+
+def toml_text(value: Any, inside: bool = False) -> str:
+    """A knob's value as ``--set`` reads it; texts within tables and lists are in quotes."""
+    if isinstance(value, Mapping):
+        parts = (f"{key} = {toml_text(one, True)}" for key, one in value.items())
+        return f"{{ {', '.join(parts)} }}"
+    if isinstance(value, list):
+        return f"[{', '.join(toml_text(one, True) for one in value)}]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f'"{value}"' if inside and isinstance(value, str) else str(value)
 
 
 def headings(knobs: Sequence[str]) -> dict[str, str]:
@@ -132,6 +150,8 @@ class Setting:
     group: str = ""  # key of the machine, however finely it is described
     physics: str = ""  # key of the model, apart from the numbers of its integration
     rank: tuple[int, ...] = ()  # the larger, the finer the model within its group
+    complete: dict[str, Any] = field(default_factory=dict)  # values with all varied effects
+    complete_physics: str = ""  # key of the model with them
 
 
 def make_settings(source: StudySource, vary: Mapping[str, tuple[Any, ...]]) -> list[Setting]:
@@ -146,8 +166,11 @@ def make_settings(source: StudySource, vary: Mapping[str, tuple[Any, ...]]) -> l
     count = math.prod(len(values) for values in knobs.values())
     if count > _MAX_RUNS:
         raise SceneError(f"the study has {count} combinations; {_MAX_RUNS} are the most")
+    effects = _complete_effects(source, knobs)
     settings = [
-        _make_setting(source, dict(zip(knobs, (value for _, value in choice), strict=True)), choice)
+        _make_setting(
+            source, dict(zip(knobs, (value for _, value in choice), strict=True)), choice, effects
+        )
         for choice in itertools.product(*(enumerate(values) for values in knobs.values()))
     ]
     if all(setting.model is None for setting in settings):
@@ -198,8 +221,65 @@ def _resolve_knobs(
     return knobs
 
 
+_COMPLETE: dict[str, Any] = {
+    "deformation": "dynamic", "inertia_coupling": "full", "geometric_stiffening": "full",
+    "frame": MEAN_AXIS, **dict.fromkeys(SWITCHES, True), "planar": False,
+}  # fmt: skip
+
+
+def _complete_effects(source: StudySource, knobs: Mapping[str, tuple[Any, ...]]) -> dict[str, Any]:
+    """Values of the knobs that are effects in a model that leaves nothing out.
+
+    Raises
+    ------
+    SceneError
+        Values of effects that the scene cannot have, all of them.
+    """
+    complete: dict[str, Any] = {}
+    problems: list[Problem] = []
+    for knob, values in knobs.items():
+        section, word = knob.partition(".")[0], knob.rpartition(".")[2]
+        if section == ("effects" if word in SWITCHES else "bodies") and word in _COMPLETE:
+            whole = _COMPLETE[word]
+        elif (
+            section == "bodies" and word == "damping" and [bool(v) for v in values].count(True) == 1
+        ):
+            whole = next(filter(None, values))
+        else:
+            continue
+        for value in values:
+            problems += _effect_problems(source, {knob: value})
+        if len(values) > 1 and not problems:
+            refused = whole not in values and _effect_problems(source, {knob: whole})
+            complete[knob] = values[-1] if refused else whole
+    if problems:
+        raise SceneError.from_problems(list(dict.fromkeys(problems)))
+    return complete
+
+
+def _effect_problems(source: StudySource, changes: Mapping[str, Any]) -> list[Problem]:
+    """What is wrong with a value, and what files of reduced bodies lack for it."""
+    from flexmb.flexbody import load
+
+    try:
+        model = change_model(source, changes)[0]
+    except SceneError as error:
+        return list(error.problems)
+    problems: list[Problem] = []
+    for name, spec in model.bodies.items():
+        if isinstance(spec, FlexbodySpec) and isinstance(spec.flexbody, str):
+            try:
+                spec.simulated(load(model.path(spec.flexbody)))
+            except FlexmbError as error:
+                problems += under(f"bodies.{name}", error.problems)
+    return problems
+
+
 def _make_setting(
-    source: StudySource, values: dict[str, Any], choice: tuple[tuple[int, Any], ...]
+    source: StudySource,
+    values: dict[str, Any],
+    choice: tuple[tuple[int, Any], ...],
+    effects: Mapping[str, Any],
 ) -> Setting:
     try:
         model, scene = change_model(source, values)
@@ -209,12 +289,21 @@ def _make_setting(
         return Setting(values, refusal="the scene has no [dynamics]: give its duration")
     dynamics = model.to_scene_dict(source.folder)["dynamics"]
     machine, fidelity = _split_scene(model, source.folder)
-    places = (i for i, value in choice if isinstance(value, str))  # later in the list: finer
+    texts = zip(values, choice, strict=True)  # later in the list: finer
+    places = (i for knob, (i, value) in texts if isinstance(value, str) and knob not in effects)
     meshed = [spec for spec in model.bodies.values() if isinstance(spec, MeshBodySpec)]
     rank = (sum(spec.cells for spec in meshed), sum(spec.mode_count for spec in meshed))
-    group = content_key(machine)
-    physics = content_key([group, fidelity])
-    return Setting(values, model, scene, dynamics, "", group, physics, (*places, *rank))
+    complete = {**values, **effects}
+    whole = machine, fidelity
+    if complete != values:
+        try:
+            whole = _split_scene(change_model(source, complete)[0], source.folder)
+        except SceneError as error:
+            return Setting(values, refusal=str(error))
+    return Setting(
+        values, model, scene, dynamics, "", content_key(whole[0]), content_key([machine, fidelity]),
+        (*places, *rank), complete, content_key(whole),
+    )  # fmt: skip
 
 
 def _split_scene(model: Model, folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:

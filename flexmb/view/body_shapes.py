@@ -22,7 +22,7 @@ from flexmb.model.lookup import joint_frames
 from flexmb.model.reading import GROUND as GROUND_NAME
 from flexmb.model.reading import split_reference
 from flexmb.view.camera import Camera
-from flexmb.view.mechanism import Mechanism
+from flexmb.view.mechanism import Mechanism, applied
 from flexmb.view.part import GROUND, Part, at_rest, on_body
 from flexmb.view.shapes import (
     Triangles,
@@ -41,11 +41,12 @@ Array = NDArray[np.float64]
 
 _CURVE_POINTS = 90
 _GRID = 0.1  # spacing of the grid as a share of what is seen
+_TURNING = ("revolute", "cylindrical", "screw")  # joints whose axis a bracket holds
 _HATCH = 6  # strokes of a hatched wall
 # as shares of the mechanism's size
 _LINK = 0.012  # radius of a link
 _LUMP = 0.022  # radius of a centre of mass
-_LARGEST_LUMP = 0.22  # edge of a box of the body's inertia, above which a ball stands for it
+_LARGEST_LUMP = 0.1  # edge of a box of the body's inertia, above which a ball stands for it
 _CAM, _WIRE, _FLAT = 0.06, 0.006, 0.16  # thickness, radius, edge
 
 
@@ -88,6 +89,11 @@ def own_shape(mechanism: Mechanism, name: str) -> Triangles | None:
         return cylinder(spec.radius, spec.length, np.eye(3)["xyz".index(spec.axis)]).moved(center)
     if spec.type == "sphere":
         return sphere(spec.radius, center)
+    if spec.type == "mesh":
+        return Triangles(*spec.surface)
+    if spec.type == "extrusion":
+        turn = np.roll(np.eye(3), "zxy".index(spec.axis), axis=0)
+        return extrusion(spec.outline, spec.thickness).moved((0, 0, 0), turn)
     return None
 
 
@@ -114,6 +120,7 @@ def ground_parts(mechanism: Mechanism, size: float, r: float, camera: Camera) ->
     model, done = mechanism.model, list[Array]()
     forces: dict[str, Any] = {**model.forces}
     holders = [(n, s.between, s.type) for n, s in model.joints.items() if not s.curves]
+    holders += [(n, s.between, "distance") for n, s in model.drivers.items() if s.between]
     holders += [(n, s.between, s.type) for n, s in forces.items()
                 if getattr(s, "between", None) and s.type != "contact"]  # fmt: skip
     for name, ends, kind in holders:
@@ -137,21 +144,22 @@ def _bracket_axis(
     mechanism: Mechanism, name: str, reference: str, ends: tuple[str, str], side: int, kind: str
 ) -> Array:
     """The axis (3,) of a hinge on ground, or the line of what is joined there."""
-    if name in mechanism.joint_axes and kind in ("revolute", "cylindrical", "screw", "universal"):
+    if name in mechanism.joint_axes and kind in _TURNING:
         axes = mechanism.marker_frame(reference)[:3, :3] @ mechanism.joint_axes[name][side]
         return np.asarray(axes[:, 2])
     other = ends[1 - side]
     line = mechanism.point(other) - mechanism.point(reference)
     if np.linalg.norm(line) < 1e-9:
         body = split_reference(other)[0]
-        line = mechanism.pose(body).r - mechanism.point(reference)
+        center = applied(mechanism.frame(body), _center(mechanism, body)[None])[0]
+        line = center - mechanism.point(reference)
     return unit(line)
 
 
 def _support(point: Array, axis: Array, kind: str, r: float, camera: Camera) -> Triangles:
     """A bracket on a hatched base, away from the eye; a hatched wall behind a clamp."""
     up, towards = np.array(camera.up), np.array(camera.direction)
-    if kind in ("revolute", "cylindrical", "screw", "universal"):
+    if kind in _TURNING:
         facing = float(axis @ towards)
         if abs(facing) > 0.5:  # seen along the axis: a triangle behind the pin
             axis = axis if facing > 0 else -axis
@@ -168,7 +176,7 @@ def _support(point: Array, axis: Array, kind: str, r: float, camera: Camera) -> 
     elif kind in ("fixed", "bushing", "beam"):
         return _hatched(1.5 * r).moved(point - 1.3 * r * axis, _wall_axes(axis, towards))
     else:
-        axis = up if abs(axis @ up) < 0.7 else axis
+        axis = np.sign(axis @ up) * up if abs(axis @ up) > 0.3 else axis
     post = tube((0, 0, -3.0 * r), (0, 0, -1.2 * r), 1.3 * r, 0.9 * r).along(axis, point)
     return joined([post, _hatched(r).moved(point - 3.0 * r * axis, _wall_axes(axis, towards))])
 
@@ -238,18 +246,18 @@ def _links(points: list[Array], center: Array, size: float, lump: bool) -> list[
     if n > 3:
         pairs = [(middle, point) for point in points]
     if lump and n:
-        near = points[0] if n == 1 else middle
-        apart = [_distance(center, a, b) > r for a, b in [*pairs, (near, near)]]
-        if all(apart):
-            pairs.append((center, near))
+        feet = [_foot(center, a, b) for a, b in pairs] or points
+        foot = min(feet, key=lambda point: float(np.linalg.norm(center - point)))
+        if np.linalg.norm(center - foot) > r:
+            pairs.append((center, foot))
     return [*(tube(a, b, r) for a, b in pairs), *(sphere(1.25 * r, point) for point in points)]
 
 
-def _distance(point: Array, a: Array, b: Array) -> float:
-    """Of a point from the line between two others [m]."""
+def _foot(point: Array, a: Array, b: Array) -> Array:
+    """The place on the line between two points that is nearest to another one."""
     line = b - a
     share = float(np.clip((point - a) @ line / max(float(line @ line), 1e-300), 0.0, 1.0))
-    return float(np.linalg.norm(point - a - share * line))
+    return np.asarray(a + share * line)
 
 
 def _distinct(points: list[Array], size: float) -> list[Array]:

@@ -27,7 +27,7 @@ _PARALLEL = 0.999  # cosine above which two directions count as one
 _SLENDER = 2.0  # times its next extent from which a body lies lengthwise
 _SPATIAL = np.array([0.45, 0.42, 0.79])  # aside, above, towards, where no plane is preferred
 _CELLS = 60  # of a coarse picture, along its longer side, that shows what hides what
-_GAINS = (0.0, 0.06, 0.3, 0.06)  # what each side must show more than those before: back is last
+_GAINS = (0.0, 0.06, 0.8, 0.86)  # what each side must show more than the first: back is last
 
 # aside, above and towards the eye, where up is above and the front towards
 STANDARD: Final = {
@@ -87,13 +87,14 @@ def mechanism_camera(
         return _camera(towards, _up(mechanism, towards))
     if name not in CAMERAS:
         raise ViewError.unknown_name("camera", name, CAMERAS)
-    normal = _common_axis(mechanism)
+    normal = common_axis(mechanism)
     up = _up(mechanism, normal)
     if name != "auto":
         front = _front(up) if normal is None else _facing(normal, up)
         frame = np.stack([np.cross(up, front), up, front], axis=1)
         towards = frame @ np.array(STANDARD[name])
-        return _camera(towards, front if abs(towards @ up) > _PARALLEL else up)
+        above = float(towards @ up)  # from above and below, x still grows to the right
+        return _camera(towards, -np.sign(above) * front if abs(above) > _PARALLEL else up)
     if normal is None:
         front = _front(up)
         frame = np.stack([np.cross(up, front), up, front], axis=1)
@@ -158,8 +159,8 @@ def _clearest(views: list[Camera], parts: Sequence[Sequence[Array]]) -> Camera:
     for view, gain in zip(views, _GAINS, strict=True):
         shares = [visible_shares(view, moment) for moment in parts if len(moment) > 1]
         worst = float(np.mean([s.min() + s.mean() for s in shares])) if shares else 0.0
-        if worst > score + gain:
-            best, score = view, worst
+        if worst - gain > score:
+            best, score = view, worst - gain
     return best
 
 
@@ -186,7 +187,7 @@ def _facing(normal: Array, up: Array) -> Array:
     return np.asarray(-front if right[int(np.argmax(np.abs(right)))] < 0 else front)
 
 
-def _common_axis(mechanism: Mechanism) -> Array | None:
+def common_axis(mechanism: Mechanism) -> Array | None:
     """The direction that all turning joints share; None if they share none."""
     turning = [
         mechanism.joint_axis(name)

@@ -292,37 +292,53 @@ def hodograph_figure(results: Results, channels: Sequence[str], times: Times = N
     return figure
 
 
+def energy_names(results: Sequence[Result]) -> tuple[str, ...]:
+    """Channels of energies and works that are not zero all along, and of the balance."""
+    names = (n for run in results for n in run.channels("energy") if run[n].any())
+    return tuple(dict.fromkeys(names))
+
+
 def energy_figure(results: Results, channels: Sequence[str] = (), times: Times = None) -> Figure:
     """Energies and works that are not zero all along, and the error of their balance."""
     runs = open_results(results)
-    names = dict.fromkeys(
-        name for run in runs for name in run.channels("energy") if run[name].any()
-    )
-    return history_figure(runs, channels or tuple(names) or ("energy.*",), times)
+    return history_figure(runs, channels or energy_names(runs) or ("energy.*",), times)
+
+
+def loaded_reactions(results: Sequence[Result], names: Sequence[str] = ()) -> tuple[str, ...]:
+    """Vectors of the forces and moments at joints and drivers, one for each of their pairs.
+
+    Without names those of all, without what is too small to be seen.
+
+    Raises
+    ------
+    ResultFileError
+        No such joint or driver.
+    """
+    vectors = []
+    for run in results:
+        for name in names or run.reactions:
+            components = run.channels("reactions")
+            stems = [one.removesuffix(".x") for one in components if one.endswith(".x")]
+            own = [stem for stem in stems if stem.startswith(f"{name}.")]
+            if not own and names:
+                what = f'the result has no reaction of "{name}"'
+                raise ResultFileError.unknown(what, name, run.reactions)
+            for quantity in ("force", "moment"):
+                vectors += [stem for stem in own if stem.endswith(quantity)][:1]
+    unique = tuple(dict.fromkeys(vectors))
+    return unique if names else tuple(v for v in unique if any(_is_loaded(r, v) for r in results))
 
 
 def reactions_figure(results: Results, channels: Sequence[str] = (), times: Times = None) -> Figure:
     """Magnitudes of the forces and moments at joints and drivers; `channels`: their names."""
     runs = open_results(results)
-    vectors = []
-    for run in runs:
-        for name in channels or run.reactions:
-            stems = [
-                one.removesuffix(".x") for one in run.channels("reactions") if one[-2:] == ".x"
-            ]
-            own = [stem for stem in stems if stem.startswith(f"{name}.")]
-            if not own:
-                what = f'the result has no reaction of "{name}"'
-                raise ResultFileError.unknown(what, name, run.reactions)
-            for quantity in ("force", "moment"):
-                vectors += [stem for stem in own if stem.endswith(quantity)][:1]
+    names = tuple(dict.fromkeys(name for run in runs for name in run.reactions))
+    vectors = loaded_reactions(runs, channels)
+    if not vectors and names:
+        vectors = loaded_reactions(runs, names)  # all of them are zero
     if not vectors:
         raise ViewError(f"{runs[0].path}: the result has no reactions, or did not store them")
-    wanted = [
-        name for name in dict.fromkeys(vectors)
-        if channels or any(_is_loaded(run, name) for run in runs)
-    ]  # fmt: skip
-    return history_figure(runs, wanted or vectors, times)
+    return history_figure(runs, vectors, times)
 
 
 def _is_loaded(run: Result, vector: str) -> bool:
@@ -332,8 +348,31 @@ def _is_loaded(run: Result, vector: str) -> bool:
         return False
     kind = vector.rpartition(".")[2]
     alike = (n for n in run.channels("reactions") if f".{kind}." in n)
-    scale = max(float(np.abs(run[n]).max(initial=0.0)) for n in alike)
+    scale = max((float(np.abs(run[n]).max(initial=0.0)) for n in alike), default=0.0)
     return max(float(np.abs(run[n]).max(initial=0.0)) for n in names) > _SMALL * scale
+
+
+def participating_modes(results: Sequence[Result], bodies: Sequence[str] = ()) -> tuple[str, ...]:
+    """Channels of the modes of flexible bodies that have most strain energy.
+
+    Raises
+    ------
+    ResultFileError
+        No such flexible body.
+    """
+    names: dict[str, float] = {}
+    for run in results:
+        for body in bodies or run.flexbodies:
+            if body not in run.flexbodies:
+                what = f'the result has no flexible body "{body}"'
+                raise ResultFileError.unknown(what, body, run.flexbodies)
+            for mode in range(run.layout.body(body).m):
+                name = f"{body}.mode_energy.{mode}"
+                if name in run:
+                    names[name] = max(names.get(name, 0.0), float(run[name].max(initial=0.0)))
+    least = _SMALL * max(names.values(), default=0.0)
+    seen = (name for name in names if names[name] > least)
+    return tuple(sorted(seen, key=lambda name: -names[name])[:_PARTICIPATING])
 
 
 def participation_figure(
@@ -341,21 +380,11 @@ def participation_figure(
 ) -> Figure:
     """Strain energy of the modes of flexible bodies that have most of it; `channels`: bodies."""
     runs = open_results(results)
-    names: dict[str, float] = {}
-    for run in runs:
-        for body in channels or run.flexbodies:
-            if body not in run.flexbodies:
-                what = f'the result has no flexible body "{body}"'
-                raise ResultFileError.unknown(what, body, run.flexbodies)
-            for mode in range(run.layout.body(body).m):
-                name = f"{body}.mode_energy.{mode}"
-                names[name] = max(names.get(name, 0.0), float(run[name].max(initial=0.0)))
-    if not names:
-        raise ViewError(f"{runs[0].path}: no body of the run has modes")
-    top = max(names.values())
-    seen = (name for name in names if names[name] >= _SMALL * top)
-    largest = sorted(seen, key=lambda name: -names[name])[:_PARTICIPATING]
-    return history_figure(runs, largest, times)
+    modes = participating_modes(runs, channels)
+    if not modes:
+        what = "no body of the run deforms, or its modal coordinates were not stored"
+        raise ViewError(f"{runs[0].path}: {what}")
+    return history_figure(runs, modes, times)
 
 
 CHARTS: dict[str, Callable[..., Figure]] = {

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from flexmb.model.reading import GROUND, split_reference
 from flexmb.model.scenes.sections import ViewSpec
 from flexmb.view.body_shapes import body_parts, ground_grid, ground_parts, own_shape
-from flexmb.view.camera import Camera, mechanism_camera
+from flexmb.view.camera import Camera, common_axis, mechanism_camera
 from flexmb.view.content import Content, Deformed, Label, Scale
 from flexmb.view.fields import FIELDS, fitting_scale, stress_values
 from flexmb.view.force_shapes import arrow_scale, arrow_solids, force_parts
@@ -24,6 +24,7 @@ from flexmb.view.gear_shapes import gear_parts
 from flexmb.view.joint_shapes import driver_parts, joint_parts
 from flexmb.view.mechanism import MEAN_AXES, Display, Mechanism, applied
 from flexmb.view.part import Part, on_marker
+from flexmb.view.plates import plates_of
 from flexmb.view.plot import BODIES, INK
 from flexmb.view.shapes import arrow, sharp_edges
 
@@ -31,6 +32,7 @@ Array = NDArray[np.float64]
 
 _VISIBLE = 0.05  # share of its size by which the most deformed body is to be seen deformed
 _ROUND_OFF = 1e-9  # share of its size below which a deformation is rounding, not exaggerated
+_NOTHING = 1e-13  # share of its size below which a displacement is rounding, and not shown
 _SEE_THROUGH = 0.55  # opacity of a shape with a joint inside
 _PIN = 0.016  # radius of a pin as a share of the mechanism's size
 _BETWEEN = 0.2  # of the least distance of two joints that a pin's radius may have
@@ -109,11 +111,14 @@ class Drawing:
             name: body.color or BODIES[i % len(BODIES)]
             for i, (name, body) in enumerate(mechanism.model.bodies.items())
         }
-        self._sharp = {
-            name: sharp_edges(body.surface.points, body.surface.faces)
-            for name, body in mechanism.flexbodies.items()
-            if body.surface is not None
-        }
+        self._plates, self._sharp = {}, {}
+        for name, body in mechanism.flexbodies.items():
+            if body.surface is not None:
+                points, faces = body.surface.points, body.surface.faces
+                self._plates[name] = plates = plates_of(body)
+                if plates is not None:
+                    points, faces = plates.thick(points), plates.faces
+                self._sharp[name] = sharp_edges(points, faces)
         self.factor = self._factor()
         start = Display(mechanism.at(float(mechanism.result.time[0])), 1.0, view.reference)
         self.size = self._size(start)
@@ -209,6 +214,10 @@ class Drawing:
         mechanism, view = self.mechanism, self.view
         surfaces = {name: body.surface for name, body in mechanism.flexbodies.items()}
         drawn = {name for name, own in surfaces.items() if own is not None and len(own.points)}
+        wheels = list(gear_parts(mechanism, self.colors))
+        yield from wheels
+        bodies = {part.name for part in wheels} & {*self.colors}
+        drawn |= {name for name in bodies if own_shape(mechanism, name) is not None}
         for name in mechanism.model.bodies:
             if name not in drawn:
                 for part in body_parts(mechanism, name, self.size, self.colors[name]):
@@ -225,7 +234,6 @@ class Drawing:
         lift = {name: front[name] * (half[name] + 0.9 * self.pin) for name in half}
         yield from joint_parts(mechanism, self.pin, half)
         yield from driver_parts(mechanism, self.pin, lift)
-        yield from gear_parts(mechanism, self.colors)
         yield from force_parts(mechanism, self.pin, self.size, lift)
         if view.frames:
             references = {
@@ -290,13 +298,15 @@ class Drawing:
             points, undeformed, displacement = surface
             shades = values.get(name)
             if color == "displacement" and len(mechanism.pose(name).eta):
-                bends = len(self.times) > 1 or mechanism.pose(name).eta.any()
-                shades = displacement if bends else None
+                bends = float(displacement.max()) > _NOTHING * size_of(undeformed)
+                shades = displacement if bends or len(self.times) > 1 else None
             faces, lines = body.surface.faces, body.surface.lines
-            bodies.append(
-                Deformed(name, points, undeformed, faces, lines, displacement, self.colors[name],
-                         shades, self.view.opacity, self._sharp[name])
+            drawn = Deformed(
+                name, points, undeformed, faces, lines, displacement, self.colors[name], shades,
+                self.view.opacity, self._sharp[name],
             )  # fmt: skip
+            plates = self._plates[name]
+            bodies.append(drawn if plates is None else plates.drawn(drawn))
         return tuple(bodies)
 
     def _cameras(self) -> list[Camera]:
@@ -328,7 +338,7 @@ class Drawing:
         """Corners of boxes around all that is drawn (n, 3)."""
         boxes = []
         for part in self.parts:
-            if part.role == "grid":
+            if part.role in ("grid", "surface"):
                 continue
             local = part.shape.points
             boxes.append(applied(part.place(display), _box_corners(local)))
@@ -342,10 +352,9 @@ class Drawing:
 
     def _extent(self, display: Display) -> Array:
         """What the view is fitted to (n, 3)."""
-        view, here = self.view, self._corners(display)
-        follow = view.follow
+        view, follow = self.view, self.view.follow
         if view.framing == "moment":
-            return here
+            return self._corners(display)
         if self._moments is None:
             whole = self.mechanism.result.time.tolist()
             times = whole if self._digits is None else self.times
@@ -356,12 +365,9 @@ class Drawing:
                 self._moments.append((self._corners(moment), origin))
         shift = display.frame(follow)[:3, 3] if follow else np.zeros(3)
         motion = np.vstack([corners - origin + shift for corners, origin in self._moments])
-        if (
-            view.framing == "auto"
-            and len(self.times) == 1
-            and size_of(here) < _SMALL * size_of(motion)
-        ):
-            return here
+        if view.framing == "auto" and len(self.times) == 1:
+            here = self._corners(display)
+            return here if size_of(here) < _SMALL * size_of(motion) else motion
         return motion
 
     def _labels(self, display: Display) -> Iterator[Label]:
@@ -377,24 +383,26 @@ class Drawing:
                     yield Label(name, 0.5 * (points.min(axis=0) + points.max(axis=0)), INK)
         if which in ("joints", "all"):
             for name, spec in mechanism.model.joints.items():
-                yield Label(name, display.point(spec.between[0]), "#9a4a00")
+                yield Label(name, display.point(spec.between[1]), "#9a4a00")
 
     def _caption(self, display: Display, deformed: tuple[Deformed, ...]) -> str:
-        units, mechanism = self.mechanism.result.units, display.mechanism
+        units = self.mechanism.result.units
         digits = self._digits
         time = f"{display.time:.6g}" if digits is None else f"{display.time:.{digits}f}"
         parts = [f"t = {time} {units.label('s')}"]
-        bends = any(mechanism.pose(body.name).eta.any() for body in deformed)
-        if bends or any(body.values is not None for body in deformed):
+        moved = max((float(body.displacement.max()) for body in deformed), default=0.0)
+        if moved > _NOTHING * self.size or any(body.values is not None for body in deformed):
             seen = "to scale" if self.factor == 1.0 else f"exaggerated {self.factor:g} times"
             parts.append(f"deformation {seen}")
             most = max(deformed, key=lambda body: float(body.displacement.max()))
-            moved = Scale.fitting(float(most.displacement.max()), units)
+            largest = Scale.fitting(moved, units)
+            amount = f"{largest.top:.3g} {largest.unit}"
+            if digits is not None and self.scale and self.scale.quantity == "displacement":
+                places = max(0, 2 - math.floor(math.log10(self.scale.top or 1.0)))  # stay the same
+                amount = f"{moved * self.scale.factor:.{places}f} {self.scale.unit}"
             reference = display.reference_of(most.name)
             shown = "mean axes" if reference == MEAN_AXES else reference
-            parts.append(
-                f"largest displacement {moved.top:.3g} {moved.unit} ({most.name}, from {shown})"
-            )
+            parts.append(f"largest displacement {amount} ({most.name}, from {shown})")
         scale = self.scale
         if scale is not None and scale.quantity != "displacement":
             coloured = [body for body in deformed if body.values is not None]
@@ -413,7 +421,8 @@ class Drawing:
         up, towards = np.array(camera.up), np.array(camera.direction)
         oblique = 0.2 < abs(up @ towards) < 0.95
         gravity = self.mechanism.model.gravity
-        floor = oblique and self.mechanism.model.plane is None and np.any(gravity)
+        bare = not any(part.role == "surface" for part in self.parts)
+        floor = oblique and bare and np.any(gravity) and common_axis(self.mechanism) is None
         if self.view.grid == "on" or (self.view.grid == "auto" and floor):
             parts.append(ground_grid(self._extent(self.display()), up, towards))
         return parts

@@ -39,7 +39,7 @@ _MAX_FRAMES = 20_000
 _SHORTEST, _LONGEST = 2.0, 20.0  # seconds of a film in real time, unless a speed is given
 _USUAL = 6.0  # seconds of a film that is slower or faster
 _TURN_SAMPLES = 200  # frames at which rotations are looked at
-_COLOR_SAMPLES = 5  # frames from which a GIF takes its colours
+_COLOR_SAMPLES = 8  # frames from which a GIF takes its colours
 _FEW = 24  # frames below which a second process would not pay
 _TURN = math.radians(120.0)  # between two frames, beyond which it looks like another motion
 
@@ -151,19 +151,32 @@ def film(
     """
     run = result if isinstance(result, Result) else Result(result)
     path = check_output(default_output(run) if output is None else output, force)
-    mechanism = Mechanism(run)
     check_processes(processes)
+    shot = shoot(run, real_rate(path, check_rate(fps)), speed, start, end, traces, view)
+    _warn_of_turns(run, shot.schedule)
+    make_film(shot, len(shot.schedule.times), path, shot.schedule.rate, processes, progress)
+    return path
+
+
+def shoot(
+    run: Result,
+    rate: float,
+    speed: float | None,
+    start: float | None,
+    end: float | None,
+    traces: Sequence[str],
+    view: dict[str, Any],
+) -> MotionShot:
+    """The frames of a film; parameters and errors as for `film`."""
+    mechanism = Mechanism(run)
     spec = view_of(mechanism, view)
     points = check_points(mechanism, traces)
-    schedule = plan(run, real_rate(path, check_rate(fps)), speed, start, end)
-    _warn_of_turns(run, schedule)
+    schedule = plan(run, rate, speed, start, end)
     paths = trace_points(mechanism, points, schedule.times)
     drawing = Drawing(mechanism, spec, schedule.times)
     words = {**view, "exaggeration": drawing.factor}
     columns = columns_of(len(drawing.cameras))
-    shot = MotionShot(run.path, schedule, words, spec.size, drawing.scale, paths, columns)
-    make_film(shot, len(schedule.times), path, schedule.rate, processes, progress)
-    return path
+    return MotionShot(run.path, schedule, words, spec.size, drawing.scale, paths, columns)
 
 
 def default_output(run: Result) -> Path:

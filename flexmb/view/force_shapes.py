@@ -65,7 +65,8 @@ def force_parts(
     forces: dict[str, Any] = {**mechanism.model.forces}
     for name, spec in forces.items():
         if spec.type in ("spring-damper", "line-force"):
-            for shape, color in _line_shapes(spec, r):
+            length = float(np.linalg.norm(np.subtract(*map(mechanism.point, spec.between))))
+            for shape, color in _line_shapes(spec, r, max(length, 4 * r)):
                 yield Part(name, shape, color, between(*spec.between), "force")
         elif spec.type == "bushing":
             axes = _toward(mechanism, spec.between[0], spec.between[1])
@@ -86,7 +87,7 @@ def force_parts(
             yield from _contact(mechanism, name, spec, size)
 
 
-def _line_shapes(spec: Any, r: float) -> Iterator[tuple[Triangles, str]]:
+def _line_shapes(spec: Any, r: float, length: float) -> Iterator[tuple[Triangles, str]]:
     """Between two markers, from z = 0 to 1."""
     if spec.type == "line-force":
         yield tube((0, 0, 0), (0, 0, 0.55), 1.2 * r), DRIVE
@@ -95,7 +96,7 @@ def _line_shapes(spec: Any, r: float) -> Iterator[tuple[Triangles, str]]:
     springs = bool(spec.stiffness) or spec.spring_force is not None
     damps = bool(spec.damping) or spec.damper_force is not None
     if springs:
-        yield coil(_COILS, 1.9 * r, 0.5 * r), SPRING
+        yield coil(_COILS, 1.9 * r, 0.55 * r, length), SPRING
     if damps:
         wide = 0.95 * r if springs else 1.3 * r
         yield tube((0, 0, 0.0), (0, 0, 0.55), wide), DAMPER
@@ -114,9 +115,10 @@ def _joint_spring(
     damps = bool(spec.damping) or spec.damper_force is not None
     if spec.type == "translational-spring-damper":
         first, second = joint.between
-        if np.linalg.norm(mechanism.point(first) - mechanism.point(second)) < 3 * r:
+        length = float(np.linalg.norm(mechanism.point(first) - mechanism.point(second)))
+        if length < 3 * r:
             return  # no room: the sleeve of the joint stands there
-        shapes = [(coil(_COILS, 2.2 * r, 0.5 * r), SPRING)] if springs else []
+        shapes = [(coil(_COILS, 2.2 * r, 0.5 * r, length), SPRING)] if springs else []
         if damps and not springs:
             shapes.append((tube((0, 0, 0), (0, 0, 0.55), 1.4 * r), DAMPER))
         for shape, color in shapes:
@@ -147,8 +149,10 @@ def _contact(mechanism: Mechanism, name: str, spec: Any, size: float) -> Iterato
         bare = body == GROUND or getattr(mechanism.model.bodies[body], "shape", None) is None
         if isinstance(side, PlaneSide):
             thick = 0.01 * size
-            shape = box((_PLANE * size, _PLANE * size, thick)).moved((0, 0, -0.5 * thick))
-            yield Part(name, shape, SURFACE, place, "force", 0.85)
+            other = next(one for one in spec.between if one != reference)
+            low, high = _way(mechanism, reference, axes, other, 0.5 * _PLANE * size)
+            shape = box((*(high - low), thick)).moved((*(0.5 * (low + high)), -0.5 * thick))
+            yield Part(name, shape, SURFACE, place, "surface", 0.85)
         elif isinstance(side, SphereSide) and bare and body not in mechanism.flexbodies:
             yield Part(name, sphere(side.radius), SURFACE, place, "force", 0.7)
         elif isinstance(side, CylinderSide) and bare:
@@ -160,6 +164,18 @@ def _contact(mechanism: Mechanism, name: str, spec: Any, size: float) -> Iterato
                 else cylinder(side.radius, length)
             )
             yield Part(name, shape, SURFACE, place, "force", 0.5 if inner else 0.7)
+
+
+def _way(
+    mechanism: Mechanism, reference: str, axes: Array, other: str, room: float
+) -> tuple[Array, Array]:
+    """The rectangle, least and greatest x and y, in which a marker moves beside another one."""
+    time, places = mechanism.result.time, [np.zeros(2)]
+    for row in np.unique(np.linspace(0, len(time) - 1, _SAMPLES).astype(int)):
+        moment = mechanism.at(float(time[row]))
+        frame = moment.marker_frame(reference)
+        places.append((axes.T @ frame[:3, :3].T @ (moment.point(other) - frame[:3, 3]))[:2])
+    return np.min(places, axis=0) - room, np.max(places, axis=0) + room
 
 
 def _toward(mechanism: Mechanism, first: str, second: str) -> Array:
@@ -264,6 +280,8 @@ def arrow_scale(mechanism: Mechanism, which: str, size: float) -> ArrowScale:
         for vector in vectors(moment, which):
             k = int(vector.torque)
             largest[k] = max(largest[k], float(np.linalg.norm(vector.value)))
+    if largest[1] < _FELT**2 * size * largest[0]:
+        largest[1] = 0.0  # torques that are rounding
     units, length = mechanism.result.units, _LONGEST * size
     scales, words = [0.0, 0.0], []
     for k, (noun, unit) in enumerate((("force", "N"), ("torque", "N m"))):

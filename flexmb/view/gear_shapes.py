@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 _Wheel = tuple[str, Array, Array]  # body, centre (3,) and axis (3,) at this time
 _Phases = dict[tuple[str, int, int], float]
 
-_TEETH = 20  # of the smaller wheel where no numbers are said
+_TEETH = 28  # of the smaller wheel where no numbers are said
 _WIDTH = 0.3  # of a wheel, as a share of the smaller radius
 _PARALLEL = 1e-6  # sine of the angle between axes that count as parallel
 
@@ -30,7 +30,7 @@ _PARALLEL = 1e-6  # sine of the angle between axes that count as parallel
 def gear_parts(mechanism: Mechanism, colors: dict[str, str]) -> Iterator[Part]:
     """Toothed wheels and racks, in the axes of the bodies that carry them."""
     phases: _Phases = {}
-    for name, spec in mechanism.model.couplers.items():
+    for spec in mechanism.model.couplers.values():
         if not isinstance(spec, GearSpec | RackSpec):
             continue
         ends = [_wheel(mechanism, joint, spec.joints) for joint in spec.joints]
@@ -45,7 +45,7 @@ def gear_parts(mechanism: Mechanism, colors: dict[str, str]) -> Iterator[Part]:
         for body, shape in shapes:
             local = inverse(mechanism.frame(body))
             yield Part(
-                name,
+                body,
                 shape.moved(local[:3, 3], local[:3, :3]),
                 colors.get(body, GROUND),
                 on_body(body),

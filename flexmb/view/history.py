@@ -312,9 +312,11 @@ def draw_panels(
     return figure, grid
 
 
-def envelope(x: Array, y: Array, is_function: bool = True) -> tuple[Array, Array]:
+def envelope(
+    x: Array, y: Array, is_function: bool = True, points: int = _POINTS
+) -> tuple[Array, Array]:
     """A line with far fewer points that looks the same: the extremes of every stretch of it."""
-    stretches = _POINTS // 2
+    stretches = points // 2
     size = len(x) // stretches
     if size < 4:
         return x, y
@@ -351,7 +353,7 @@ def _draw_panel(
     is_function: bool,
 ) -> None:
     largest, si_unit = max(float(np.abs(line.y).max(initial=0.0)) for line in lines), lines[0].unit
-    factor, shown = prefixed(largest, units.label(si_unit, raised=True), units)
+    factor, label = quantity_label(si_unit, largest, units)
     channels = list(dict.fromkeys(line.series.channel for line in lines))
     runs = list(dict.fromkeys(line.series.run for line in lines))
     for i, (one, x, y, *_) in enumerate(lines):
@@ -366,10 +368,7 @@ def _draw_panel(
             ls=("-", "--", ":", "-.")[dash % 4],
             label=one.label,
         )  # fmt: skip
-    words = {**CHANNEL_UNITS, **_OTHER_UNITS}.items()
-    labels = {units.label(si, raised=True): word for word, si in words}
-    quantity = what + labels.get(units.label(si_unit, raised=True), "value")
-    axes.set_ylabel(f"{quantity} [{shown}]" if shown else quantity, color=INK)
+    axes.set_ylabel(what + label, color=INK)
     style_axes(axes)
     names = [line.series.label for line in lines]
     axes.legend(
@@ -377,6 +376,15 @@ def _draw_panel(
         fontsize=9, ncols=-(-len(names) // _legend_rows(names)), columnspacing=1.2,
         handlelength=1.8, borderaxespad=0.1,
     )  # fmt: skip
+
+
+def quantity_label(si_unit: str, largest: float, units: UnitSystem) -> tuple[float, str]:
+    """Factor and label of an axis: what is measured in this unit of SI, and the unit shown."""
+    unit = units.label(si_unit, raised=True)
+    factor, shown = prefixed(largest, unit, units)
+    words = {**CHANNEL_UNITS, **_OTHER_UNITS}.items()
+    quantity = {units.label(si, raised=True): word for word, si in words}.get(unit, "value")
+    return factor, f"{quantity} [{shown}]" if shown else quantity
 
 
 def _legend_rows(names: Sequence[str]) -> int:

@@ -27,6 +27,7 @@ from flexmb.view.film import RATE, check_processes, check_rate, make_film
 from flexmb.view.mechanism import transform
 from flexmb.view.part import PIN
 from flexmb.view.picture import check_exaggeration, check_size, columns_of, draw_panels
+from flexmb.view.plates import plates_of
 from flexmb.view.plot import BODIES, writable_file
 from flexmb.view.shapes import sharp_edges, sphere
 
@@ -238,10 +239,10 @@ def mode_panel(
     factor = _AMPLITUDE * size / largest if isinstance(exaggeration, str) else float(exaggeration)
     faces, lines = body.surface.faces, body.surface.lines
     moved = points + factor * u
-    drawn = Deformed(
-        body.name, moved, points, faces, lines, amount, BODIES[0], amount,
-        sharp=sharp_edges(points, faces),
-    )  # fmt: skip
+    drawn = Deformed(body.name, moved, points, faces, lines, amount, BODIES[0], amount)
+    plates = plates_of(body) if isinstance(body, FlexBody) else None
+    drawn = drawn if plates is None else plates.drawn(drawn)
+    drawn = replace(drawn, sharp=sharp_edges(drawn.undeformed, drawn.faces))
     places = np.array([part.position for part in body.interfaces]).reshape(-1, 3)
     return Content(
         title=texts[0],

@@ -136,24 +136,25 @@ def wire(path: ArrayLike, radius: float, corners: int = 10) -> Triangles:
     return _loft(np.stack(rings[::-1]), points[-1], points[0])
 
 
-def coil(turns: float, radius: float, thickness: float) -> Triangles:
-    """A helical spring from z = 0 to 1 with straight ends: stretched to its length where drawn."""
+def coil(turns: float, radius: float, thickness: float, length: float) -> Triangles:
+    """A helical spring from z = 0 to 1 with straight ends, to be stretched to some such length."""
+    flat = 0.5 * thickness / length
     angle = np.linspace(0, 2 * np.pi * turns, 24 * round(turns) + 1)
     wound = np.column_stack(
         [radius * np.cos(angle), radius * np.sin(angle), np.linspace(0.1, 0.9, len(angle))]
     )
     ends = [((0, 0, 0.0), (0, 0, 0.1)), ((0, 0, 0.9), (0, 0, 1.0))]
-    spokes = [box((radius, thickness, 0.036)).moved((0.5 * radius, 0, z)) for z in (0.1, 0.9)]
+    spokes = [box((radius, thickness, 2 * flat)).moved((0.5 * radius, 0, z)) for z in (0.1, 0.9)]
     return joined(
-        [_flat_wire(wound, thickness), *spokes, *(tube(a, b, thickness / 2) for a, b in ends)]
+        [_flat_wire(wound, thickness, flat), *spokes, *(tube(a, b, thickness / 2) for a, b in ends)]
     )
 
 
-def _flat_wire(path: Array, thickness: float) -> Triangles:
-    """A helix of square wire whose section keeps its width across z, however z is stretched."""
+def _flat_wire(path: Array, thickness: float, half_height: float) -> Triangles:
+    """A helix of wire whose section keeps its width across z, however z is stretched."""
     outward = path * [1, 1, 0]
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    half, flat = 0.5 * thickness, np.array([0, 0, 0.018])
+    half, flat = 0.5 * thickness, np.array([0, 0, half_height])
     rings = np.stack(
         [path + half * outward + flat, path - half * outward + flat,
          path - half * outward - flat, path + half * outward - flat], axis=1

@@ -13,14 +13,14 @@ import numpy as np
 
 from flexmb.view.content import Content, Deformed, Solid
 from flexmb.view.plot import COLORMAP, DIVERGING, GHOST, INK
-from flexmb.view.vtk_scene import OVERSAMPLING, VtkScene, style_text
+from flexmb.view.vtk_scene import VtkScene, style_text
 
 _MARGIN = 1.04  # of the fitted view
 _ROOM = 0.92  # of the width that is left free beside the colour bar
 _BAR = 0.13  # of the width that the colour bar takes
 _LIGHT = {"ambient": 0.32, "diffuse": 0.78, "specular": 0.08}  # colours stay those of the scale
 _TITLE, _TEXT, _SMALL = 28, 19, 17  # sizes of letters in pixels of a picture 1280 x 720
-_LEAST = 10 * OVERSAMPLING  # pixels
+_LEAST, _TINY = 16, 8  # pixels of the picture, of one that is not very low, and of all
 _LETTER = 0.58  # mean width of a letter over the size of the text
 _NO_FACES = np.zeros((0, 3), dtype=np.int64)
 
@@ -28,20 +28,21 @@ _NO_FACES = np.zeros((0, 3), dtype=np.int64)
 def draw_panel(scene: VtkScene, number: int, content: Content, size: tuple[int, int]) -> None:
     """Let a panel of `size` (width, height) pixels show the content."""
     first = scene.begin(number, content.fitted_points().mean(axis=0))
-    size = OVERSAMPLING * size[0], OVERSAMPLING * size[1]
+    size = scene.sampling * size[0], scene.sampling * size[1]
     actors = [_add_deformed(scene, body, content) for body in content.deformed]
     for solid in content.solids:
         _add_solid(scene, solid)
     for trace in content.traces:
         look = {"color": trace.color, "line_width": 2.5, "lighting": False}
         scene.add_lines(trace.points, look=look)
-    sizes = _sizes(content, size)
+    sizes = _sizes(content, size, scene.sampling)
     free = _add_texts(scene, content, size, sizes)
     if first:
         colored = (actor.mapper for actor in actors if actor.mapper.scalar_visibility)
-        _add_legend(scene.plotter, content, size, sizes[2], next(colored, None))
+        _add_legend(scene, content, size, sizes[2], next(colored, None))
+    pixel = _aim(scene, content, size, free, moves=first or not scene.is_window)
+    _add_names(scene, content, pixel, sizes[2])
     scene.end()
-    _aim(scene, content, size, free)
 
 
 def _add_solid(scene: VtkScene, solid: Solid) -> None:
@@ -52,7 +53,10 @@ def _add_solid(scene: VtkScene, solid: Solid) -> None:
         return
     look = {"color": solid.color, "opacity": solid.opacity, **_LIGHT}
     edges = _line(INK, 0.5 * solid.opacity) if solid.role == "body" else None
-    scene.add_mesh(shape.points, shape.faces, look=look, edges=edges, matrix=solid.matrix)
+    actor = scene.add_mesh(shape.points, shape.faces, look=look, edges=edges, matrix=solid.matrix)
+    if solid.role == "arrow":  # in front of the bodies on which it acts
+        actor.mapper.SetResolveCoincidentTopologyToPolygonOffset()
+        actor.mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(0.0, -1e6)
 
 
 def _add_deformed(scene: VtkScene, body: Deformed, content: Content) -> Any:
@@ -84,33 +88,44 @@ def _line(color: str, opacity: float) -> dict[str, Any]:
     return {"color": color, "line_width": 1.5, "opacity": opacity}
 
 
-def _sizes(content: Content, size: tuple[int, int]) -> tuple[int, int, int]:
+def _sizes(content: Content, size: tuple[int, int], sampling: int) -> tuple[int, int, int]:
     """Pixels of the letters of the title, of the caption, of numbers and names."""
-    unit = content.font_scale * min(size[1] / 720, size[0] / 700)
-    title, text, small = (max(round(pixels * unit), _LEAST) for pixels in (_TITLE, _TEXT, _SMALL))
+    unit = content.font_scale * min((size[1] / 720 * size[0] / 1280) ** 0.5, size[0] / 700)
+    least = min(_LEAST * sampling, max(size[1] // 22, _TINY * sampling))
+    title, text, small = (max(round(pixels * unit), least) for pixels in (_TITLE, _TEXT, _SMALL))
     fitting = int(0.96 * size[0] / (_LETTER * max(len(content.title), 1)))
-    return max(min(title, fitting), _LEAST), text, small
+    return max(min(title, fitting), least), text, small
 
 
 def _add_texts(
     scene: VtkScene, content: Content, size: tuple[int, int], sizes: tuple[int, int, int]
 ) -> float:
-    """Title, caption and names; the share of the height that they leave free."""
+    """Title and caption; the share of the height that they leave free."""
     width, height = size
-    title, text, small = sizes
+    title, text, _ = sizes
     lines = textwrap.wrap(content.caption, max(int(0.96 * width / (_LETTER * text)), 20))
     top = height - 0.35 * title
     below = top - (1.45 * title if content.title else 0.0)
     scene.add_text(content.title, (0.02 * width, top), title, INK)
     scene.add_text("\n".join(lines), (0.02 * width, below), text, INK)
-    for label in content.labels:
-        anchor = "center center" if label.color == INK else "center bottom"
-        scene.add_text(label.text, label.point, small, label.color, anchor, at_point=True)
     return max((below - 1.35 * text * max(len(lines), 1)) / height, 0.4) - 0.04
 
 
+def _add_names(scene: VtkScene, content: Content, pixel: float, letters: int) -> None:
+    """Names at their points, in front of everything and not over each other."""
+    axes, places = content.camera.axes, list[tuple[float, float, float]]()
+    for label in content.labels:
+        x, y = axes[:2] @ label.point
+        half, high = 0.5 * _LETTER * letters * len(label.text) * pixel, 1.25 * letters * pixel
+        while any(abs(x - a) < half + b and abs(y - c) < high for a, b, c in places):
+            y -= 0.3 * high
+        places.append((x, half, y))
+        point = label.point + (y - axes[1] @ label.point) * axes[1]
+        scene.add_text(label.text, point, letters, label.color, "center center", at_point=True)
+
+
 def _add_legend(
-    plotter: Any, content: Content, size: tuple[int, int], letters: int, mapper: Any
+    scene: VtkScene, content: Content, size: tuple[int, int], letters: int, mapper: Any
 ) -> None:
     """The colour bar and the axes."""
     if content.scale is not None and content.bar:
@@ -132,15 +147,20 @@ def _add_legend(
         title.GetTextProperty().SetJustificationToRight()
         title.GetPositionCoordinate().SetCoordinateSystemToViewport()
         title.SetPosition(0.985 * size[0], 0.745 * size[1])
-        plotter.renderer.AddViewProp(bar)
-        plotter.renderer.AddViewProp(title)
+        scene.plotter.renderer.AddViewProp(bar)
+        scene.plotter.renderer.AddViewProp(title)
     high = 0.17 * min(1.0, 1.5 * content.font_scale)
     viewport = (0.0, 0.0, high * size[1] / size[0], high)
-    plotter.add_axes(color=INK, line_width=3 * OVERSAMPLING, viewport=viewport)
+    scene.plotter.add_axes(color=INK, line_width=3 * scene.sampling, viewport=viewport)
 
 
-def _aim(scene: VtkScene, content: Content, size: tuple[int, int], free: float) -> None:
-    """Look along the direction, fit width and height to what is drawn."""
+def _aim(
+    scene: VtkScene, content: Content, size: tuple[int, int], free: float, moves: bool
+) -> float:
+    """Look along the direction, fit width and height to what is drawn; the size of a pixel [m].
+
+    Without `moves` the camera stays where it is.
+    """
     axes = content.camera.axes
     spans = content.fitted_points() @ axes.T
     low, high = spans.min(axis=0), spans.max(axis=0)
@@ -154,6 +174,8 @@ def _aim(scene: VtkScene, content: Content, size: tuple[int, int], free: float) 
     middle[0] += bar * scale * size[0] / size[1]
     middle[1] += (0.94 - free) * scale
     center = middle @ axes - scene.origin
+    if not moves:
+        return float(2 * scale / size[1])
     camera = scene.plotter.camera
     camera.parallel_projection = True
     camera.focal_point = center
@@ -161,3 +183,4 @@ def _aim(scene: VtkScene, content: Content, size: tuple[int, int], free: float) 
     camera.up = tuple(axes[1])
     camera.parallel_scale = scale
     camera.clipping_range = (0.05 * reach, 8 * reach)
+    return float(2 * scale / size[1])

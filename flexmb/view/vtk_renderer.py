@@ -86,9 +86,14 @@ def probe(fresh: bool = False) -> Verdict:
     return verdict
 
 
+def is_off_screen(verdict: Verdict) -> bool:
+    """Whether the window class that works has no window on a desktop."""
+    return verdict.window in (_EGL, _OSMESA)
+
+
 def use(verdict: Verdict) -> None:
     """Make VTK take the window class that works; call it before pyvista is imported."""
-    if verdict.window in (_EGL, _OSMESA):
+    if is_off_screen(verdict):
         os.environ.setdefault(_WINDOW_VARIABLE, verdict.window)
 
 
@@ -103,11 +108,11 @@ def draw(
 
 @contextlib.contextmanager
 def open_scene(
-    panels: int, size: tuple[int, int], columns: int, verdict: Verdict
+    panels: int, size: tuple[int, int], columns: int, verdict: Verdict, window: bool = False
 ) -> Iterator[VtkScene]:
     """A scene for so many panels, row by row, that `show` fills, once or for every frame."""
     use(verdict)
-    scene = VtkScene(size, (-(-panels // columns), columns), PAPER)
+    scene = VtkScene(size, (-(-panels // columns), columns), PAPER, window)
     try:
         yield scene
     finally:

@@ -38,20 +38,32 @@ class VtkScene:
         Rows and columns of panels.
     background : str
         Colour of the ground.
+    window : bool
+        Whether it is a window on the desktop, whose camera the user moves.
     """
 
-    def __init__(self, size: tuple[int, int], shape: tuple[int, int], background: str) -> None:
+    def __init__(
+        self,
+        size: tuple[int, int],
+        shape: tuple[int, int],
+        background: str,
+        window: bool = False,
+    ) -> None:
         import pyvista
 
+        self.is_window = window
+        self.sampling = 1 if window else OVERSAMPLING
+
         plotter: Any = pyvista.Plotter(
-            off_screen=True,
-            window_size=[OVERSAMPLING * pixels for pixels in size],
+            off_screen=not window,
+            window_size=[self.sampling * pixels for pixels in size],
             lighting="light kit",
             shape=shape,
             border=False,
         )
         plotter.set_background(background)
-        plotter.disable_anti_aliasing()
+        if not window:
+            plotter.disable_anti_aliasing()
         plotter.suppress_rendering = True  # but where a picture is wanted
         self.plotter = plotter
         self._parts: dict[tuple[int, int], _Part] = {}  # by panel and number
@@ -114,6 +126,9 @@ class VtkScene:
         points = np.asarray(points, dtype=float)
         if matrix is None:
             points = points - self.origin
+        look = {**look, "line_width": self.sampling * look.get("line_width", 1.0)}
+        if edges is not None:
+            edges = {**edges, "line_width": self.sampling * edges.get("line_width", 1.0)}
         part = self._parts.get(key)
         is_like = part is not None and part.is_like(faces, lines, values, edges, look)
         if is_like and matrix is not None:
@@ -196,7 +211,7 @@ class VtkScene:
         width, height, _ = picture.GetDimensions()
         pixels: NDArray[np.uint8] = to_numpy(picture.GetPointData().GetScalars())
         picture = Image.fromarray(pixels.reshape(height, width, -1)[::-1, :, :3].copy())
-        return np.asarray(picture.reduce(OVERSAMPLING))
+        return np.asarray(picture.reduce(self.sampling))
 
     def save(self, path: Path) -> None:
         """Write the picture into a PNG file."""
@@ -241,7 +256,7 @@ class _Part:
         if values is not None:
             mesh["values"] = values[self._numbers]
             look = {**look, "scalars": "values"}
-        self.actor = plotter.add_mesh(mesh, show_scalar_bar=False, **_drawn(look))
+        self.actor = plotter.add_mesh(mesh, show_scalar_bar=False, **look)
         if self._shading is not None and look.get("lighting", True):
             self.actor.prop.interpolation = "Phong"
         self._edges, self._edge_actor = None, None
@@ -258,7 +273,7 @@ class _Part:
         )
         if edges.n_cells:
             self._edges = edges
-            self._edge_actor = plotter.add_mesh(edges, lighting=False, **_drawn(look))
+            self._edge_actor = plotter.add_mesh(edges, lighting=False, **look)
 
     def is_like(
         self,
@@ -337,11 +352,6 @@ class _Shading:
         normals = self._sum @ np.cross(b - a, c - a)
         length = np.linalg.norm(normals, axis=1, keepdims=True)
         return np.asarray(normals / np.maximum(length, 1e-300))
-
-
-def _drawn(look: Mapping[str, Any]) -> dict[str, Any]:
-    """The look with lines as wide as they are drawn."""
-    return {**look, "line_width": OVERSAMPLING * look.get("line_width", 1.0)}
 
 
 def _text_actor(size: int, color: str, anchor: str, at_point: bool) -> Any:

@@ -99,7 +99,7 @@ def check_scene(
         notes += mobility_notes
     return CheckReport(
         model.title or str(path),
-        _counts_table(counts),
+        counts_table(counts),
         notes,
         {
             name: {
@@ -172,7 +172,8 @@ def _reaction_scene(model: Model) -> dict[str, Any]:
     return {key: scene[key] for key in scene if key not in ("results", "bodies")}
 
 
-def _counts_table(counts: Counts) -> dict[str, int]:
+def counts_table(counts: Counts) -> dict[str, int]:
+    """What a model consists of, in words."""
     coupled = " and couplers" if counts.couplers else ""
     return {
         "rigid bodies": counts.rigid_bodies,

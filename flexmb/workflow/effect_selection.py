@@ -50,7 +50,7 @@ _WORDS: dict[str, dict[str, Any]] = {
     _FULL: {"inertia_coupling": "full"},
 }
 _R = "rigid"
-_FIRST = {"deformation": "dynamic"}  # of bodies that cannot be rigid
+_FIRST = {"deformation": "dynamic"}  # of bodies that cannot be rigid, or follow their loads
 _LOWEST = {
     "deformation": _R, "inertia_coupling": "constant", "geometric_stiffening": "none",
 }  # fmt: skip
@@ -134,17 +134,18 @@ def run_with_selected_effects(
     selection = Selection(
         {name: _open_words(spec) for name, spec in model.bodies.items() if spec.flexible}
     )
+    first: FlexmbError | None = None  # of runs one after the other that failed
     for number in map(str, range(1, _MOST_RUNS + 1)):
         try:
             report = run_single(
                 selection.apply(model), output, pictures=False, progress=progress, **options
             )
         except FlexmbError as error:
-            why = str(error).splitlines()[0]
-            rigid = [k for k, words in selection.words.items() if words.get("deformation") == _R]
-            if not any([selection.switch(k, _FIRST, number, why, "", "") for k in rigid]):
-                raise
+            first = first or error
+            if not _climb(selection, number, str(error).splitlines()[0]):
+                raise first from None
             continue
+        first = None
         run = Result(report.result)
         if run.status != "finished":
             return report
@@ -168,6 +169,17 @@ def _open_words(spec: Any) -> dict[str, Any]:
     if isinstance(spec, MeshBodySpec) and spec.modes is None and spec.reduction != "guyan":
         words["modes"] = spec.mode_count
     return words
+
+
+def _climb(selection: Selection, number: str, why: str) -> bool:
+    """Give all bodies the words of the next rung, where a run fails; False at the last one."""
+    open_ = [k for k, words in selection.words.items() if words.get("deformation") != "dynamic"]
+    if any([selection.switch(k, _FIRST, number, why, "", "") for k in open_]):
+        return True
+    constant = [
+        k for k, words in selection.words.items() if words.get("inertia_coupling") == "constant"
+    ]
+    return any([selection.switch(k, _WORDS[BOTH], number, why, "", "") for k in constant])
 
 
 def _switch_on(selection: Selection, made: Audit, number: str, budget: float) -> bool:

@@ -47,7 +47,12 @@ from flexmb.model.scenes.dynamics import (
     StaticsSpec,
     ValiditySpec,
 )
-from flexmb.model.scenes.sections import CONTROLLER_TYPES, COUPLER_TYPES, FORCE_TYPES
+from flexmb.model.scenes.sections import (
+    CONTROLLER_TYPES,
+    COUPLER_TYPES,
+    FORCE_TYPES,
+    ViewSpec,
+)
 from flexmb.model.scenes.supports import PART_LOAD_TYPES, PartSpec
 from flexmb.model.sensor import SENSOR_TYPES
 from flexmb.units import UNIT_SYSTEMS
@@ -381,6 +386,11 @@ TOPICS = {
         lambda: Table(COLUMNS, material_rows()),
     ),
     "units": Topic("unit systems", "unit systems", {}, "One unit of each, in SI:", _unit_table),
+    "view": Topic(
+        "what pictures and films show",
+        "pictures and films: [view], flexmb render and film --view WORD=VALUE, render(**words)",
+        {"a view": ViewSpec},
+    ),
     "shapes": Topic(
         "shapes of rigid bodies", "shapes of rigid bodies: [bodies.name] shape = { ... }", SHAPES
     ),

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from flexmb.errors import SceneError
 from flexmb.folders import writable_folder
 from flexmb.progress import Progress, silent
+from flexmb.results.run_summary import notes_statistic
 from flexmb.workflow.flexible_bodies import flexible_bodies
 from flexmb.workflow.linearize import check_modes
 from flexmb.workflow.resume import StartState, match_start
@@ -86,7 +87,8 @@ def run_single(
     ) as writer:
         outcome = task.run(writer)
         seconds = {"seconds_flexible_bodies": reduced - started} if bodies else {}
-        writer.finish({**outcome.statistics, **seconds}, outcome.status, outcome.message)
+        said = notes_statistic([*notes, *task.notes, *outcome.notes])
+        writer.finish({**outcome.statistics, **seconds, **said}, outcome.status, outcome.message)
     notes += task.notes
     report = report_run(
         model, Result(writer.path), outcome, notes, pictures=pictures, progress=progress

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexmb.errors import SolverError
 from flexmb.folders import relative_path
@@ -26,6 +27,10 @@ if TYPE_CHECKING:
     from flexmb.model import Model
     from flexmb.results import Result
 
+Array = NDArray[np.float64]
+
+_SAME_TIME = 1e-9  # of the run
+_DOUBT = 4.0  # times the difference of both polynomials that a value between outputs may be off
 PROVENANCE = "origin"  # name of the text in the result
 
 
@@ -43,11 +48,18 @@ class CheckOutcome:
     expected: float
     tolerance: float
     source: str
+    uncertainty: float = 0.0
+    """How far off the value may be because its time lies between outputs."""
 
     @property
     def passed(self) -> bool:
-        """Whether the value lies within the tolerance."""
-        return abs(self.value - self.expected) <= self.tolerance
+        """Whether the value lies within the tolerance, as far as the outputs tell."""
+        return abs(self.value - self.expected) <= self.tolerance + self.uncertainty
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the outputs around its time are too far apart to tell."""
+        return self.passed and abs(self.value - self.expected) > self.tolerance
 
     def place(self, unit: str) -> str:
         """The sensor and its time, for a sentence."""
@@ -96,7 +108,7 @@ def report_run(
         rows = f"{run.path} keeps the {len(run.time)} outputs until then"
         raise SolverError(f"{outcome.message}; {rows}")
     bodies = {check.body: load(run.flexbodies[check.body]) for check in model.frequency_checks}
-    checks = [*_check_sensors(model, run), *check_frequencies(model, bodies)]
+    checks = [*check_sensors(model, run), *check_frequencies(model, bodies)]
     return RunReport(
         run.path.parent,
         run.path,
@@ -128,8 +140,8 @@ def draw_run(run: Result, progress: Progress) -> tuple[Path | None, Path | None]
     return picture, history
 
 
-def _check_sensors(model: Model, run: Result) -> list[CheckOutcome]:
-    """The scene's known answers at their times, by interpolation between outputs.
+def check_sensors(model: Model, run: Result) -> list[CheckOutcome]:
+    """The scene's known answers at their times; between outputs by polynomials through them.
 
     A check that a run did not reach has the value NaN, and fails; of a run that the user stopped
     it is left out.
@@ -143,9 +155,40 @@ def _check_sensors(model: Model, run: Result) -> list[CheckOutcome]:
         reached = len(run.time) and time <= run.time[-1] * (1 + 1e-9) + 1e-12
         if not reached and run.status == "stopped":
             continue
-        value = float(np.interp(time, run.time, run[check.sensor])) if reached else math.nan
-        outcomes.append(CheckOutcome(check.sensor, time, value, expected, tolerance, check.source))
+        value, doubt = value_at(time, run.time, run[check.sensor]) if reached else (math.nan, 0.0)
+        outcomes.append(
+            CheckOutcome(check.sensor, time, value, expected, tolerance, check.source, doubt)
+        )
     return outcomes
+
+
+def value_at(time: float, t: Array, x: Array) -> tuple[float, float]:
+    """A channel x(t) at a time, and how far off that may be, which is 0 at an output.
+
+    Between outputs by the polynomial through the six around it; the one through the inner four says
+    by how much that may be off.
+    """
+    k = int(np.clip(np.searchsorted(t, time), 1, max(len(t) - 1, 1)))
+    near = min((k - 1, min(k, len(t) - 1)), key=lambda i: abs(t[i] - time))
+    if abs(t[near] - time) <= _SAME_TIME * max(abs(t[0]), abs(t[-1]), 1e-300):
+        return float(x[near]), 0.0
+    values = []
+    for count in (6, 4):
+        first = int(np.clip(k - count // 2, 0, max(len(t) - count, 0)))
+        rows = slice(first, min(first + count, len(t)))
+        values.append(_lagrange(time, t[rows], x[rows]))
+    if len(t) <= 4:  # too few to tell
+        values[1] = float(np.interp(time, t, x))
+    return values[0], _DOUBT * abs(values[0] - values[1])
+
+
+def _lagrange(time: float, t: Array, x: Array) -> float:
+    """The polynomial through points (k,) at a time."""
+    total = 0.0
+    for i in range(len(t)):
+        others = np.delete(t, i)
+        total += float(x[i] * np.prod((time - others) / (t[i] - others)))
+    return total
 
 
 def check_frequencies(model: Model, bodies: Mapping[str, FlexBody]) -> list[CheckOutcome]:

@@ -81,3 +81,20 @@ def test_the_singular_pose_of_the_platform_is_found_at_a_yaw_of_90_degrees(tmp_p
             folder / "singular.toml", output=tmp_path, pictures=False,
             overrides={"kinematics.outputs": "120"},
         )  # fmt: skip
+
+
+def test_the_loss_of_contact_is_found_when_the_force_of_the_cam_is_zero(tmp_path: Path) -> None:
+    folder = CASES / "cam_valve"
+    lost = runpy.run_path(str(folder / "exact.py"))["time_of_loss"]()
+    report = flexmb.run_scene(
+        folder / "contact_loss.toml", output=tmp_path, pictures=False,
+        overrides={"kinematics.outputs": "1000"},
+    )  # fmt: skip
+    [note] = [n for n in report.notes if "pulls its follower" in n]
+    first = float(re.findall(r"first at t = ([\d.e-]+) s", note)[0])
+    assert lost <= first < lost + 0.0125 / 1000
+    slow = flexmb.run_scene(
+        folder / "contact_loss.toml", output=tmp_path, pictures=False,
+        overrides={"speed": "2*pi*60"},
+    )  # fmt: skip
+    assert not any("pulls" in note for note in slow.notes)

@@ -23,6 +23,7 @@ CLOSED = 1e-11  # m, on lengths of 0.1 m
 def cam(kind, driven=True, shape=None, gravity=(0, 0, 0), height=R + 0.01, **fields):
     """A cam on a pivot and a follower that slides along y above it, its foot the joint's J."""
     made = Model(kind, plane="xy", gravity=list(gravity))
+    made.set_assembly()  # the follower is brought to the cam
     made.add_curve("profile", **(shape or {"circle": R, "center": [E, 0]}))
     made.add_body("cam", mass=1.0, center=[0.01, 0, 0], inertia=[1e-3, 1e-3, 2e-3],
                   angular_velocity=[0, 0, 0 if driven else SPEED])  # fmt: skip

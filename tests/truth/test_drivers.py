@@ -78,6 +78,7 @@ def wheel(name, flexible=False):
     if flexible:
         rng = np.random.default_rng(5)
         made = cloud(rng, 3)
+        model.set_assembly()  # the hub is somewhere in the body
         model.add_body("wheel", made.flexbody("wheel", [interface(rng, "hub", 3)]))
         at = "wheel.hub"
     else:

@@ -92,10 +92,12 @@ def assembly_notes(gaps: Sequence[Offset], moved: Sequence[Offset], units: UnitS
     """
     if not moved:
         return []
-    return [
-        f"position error before assembly: {_listing(gaps, units)}",
-        f"assembled with least change; moved: {_listing(moved, units)}",
-    ]
+    return [f"position error before assembly: {_listing(gaps, units)}", *moved_notes(moved, units)]
+
+
+def moved_notes(moved: Sequence[Offset], units: UnitSystem) -> list[str]:
+    """Which bodies had to move from where the scene places them, farthest first."""
+    return [f"assembled with least change; moved: {_listing(moved, units)}"] if moved else []
 
 
 def _listing(offsets: Sequence[Offset], units: UnitSystem) -> str:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.analysis.assembly.gaps import moved_notes
 from flexmb.analysis.assembly.joined_damping import add_damping
 from flexmb.analysis.assembly.positions import (
     Corrector,
@@ -22,8 +23,10 @@ from flexmb.analysis.assembly.positions import (
     close_positions,
     mass_corrector,
 )
+from flexmb.analysis.assembly.residual_flexibility import choose_static_modes, static_coordinates
 from flexmb.analysis.assembly.velocities import InitialVelocities
-from flexmb.analysis.equilibrium import settle
+from flexmb.analysis.equilibrium import settle, spin_of
+from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import solve_stage
 from flexmb.engine.forces.force_characteristic import FORCE_CHARACTERISTICS
@@ -39,6 +42,7 @@ from flexmb.model.model import Model
 from flexmb.results import BodyDamping
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 _RIGID = 1e8  # how much stiffer than slow inertia the modes are while gaps close
 _SLOW = 1e3  # b of the quasi-static solve over 1/ω² of the softest mode
@@ -116,7 +120,7 @@ def assemble(
     work = new_work(system)
     state.q[:] = compiled.initial_q if begin is None else begin.q
     state.t[0] = 0.0 if begin is None else begin.time
-    period = _slowest_period(system)
+    period = _slowest_period(compiled)
     stiff = _stiffened(system, _RIGID * period)
     velocities = InitialVelocities(compiled, model, stiff)
 
@@ -127,29 +131,34 @@ def assemble(
         return mass_corrector(metric, at, work if at is state else None)
 
     def close(guess: bool = False) -> None:
-        close_positions(compiled, model, state, make, guess)
+        moved = close_positions(compiled, model, state, make, guess)
+        if guess:
+            placement.extend(moved_notes(moved, model.units))
         velocities.set(state)
         if begin is not None:
             state.v[:] = np.where(np.isnan(begin.v), state.v, begin.v)
             solve_stage(stiff, state, work, VELOCITIES)
         _set_states(compiled, state, work, begin)
 
+    placement: list[str] = []
     close(begin is None)
-    notes = velocities.notes(state) if begin is None else []
+    notes = [*placement, *velocities.notes(state)] if begin is None else []
     solve_stage(system, state, work, REMEMBER)
-    if "static_modes" in system.kinds:
-        _settle_static_modes(system, state, work, close if begin is None else None)
-    if start == "quasi-static" and begin is None and period > 0.0:
-        _equilibrate(compiled, _SLOW * period, state, work, close)
+    elastic = start == "quasi-static"
+    modes = _modal_coordinates(compiled) if elastic else static_coordinates(compiled)
+    if len(modes) and begin is None:
+        _equilibrate(compiled, modes, _SLOW * period, state, work, close)
     if start == "static" and begin is None:
         _solve_accelerations(system, state, work)
-        settle(compiled, model, state)
+        settle(compiled, model, state, spin=spin_of(model))
+        turning = state.v.copy()
         velocities.set(state)
+        if spin_of(model).any():
+            state.v[:] = turning
+            solve_stage(stiff, state, work, VELOCITIES)
         _set_states(compiled, state, work, None)
-    if "static_modes" in system.kinds:
-        _settle_static_modes(system, state, work, close if begin is None else None)
     solve_stage(system, state, work, REMEMBER)
-    damped, dampings = add_damping(compiled, model, state.q)
+    damped, dampings = add_damping(choose_static_modes(compiled, state.q), model, state.q)
     _solve_accelerations(damped.system, state, work)
     solve_stage(damped.system, state, work, BEGIN)
     notes += _stop_notes(compiled, model, state, work)
@@ -168,21 +177,33 @@ def _set_states(compiled: Compiled, state: State, work: Work, begin: StartValues
             state.v[start.iv] = work.con.fun[start.program, 0]
 
 
-def _equilibrate(
-    compiled: Compiled, b: float, state: State, work: Work, close: Callable[[], None]
-) -> None:
-    """Elastic equilibrium of all modes with the accelerations of a motion without vibration.
+def _modal_coordinates(compiled: Compiled) -> Integers:
+    """(k,) places in v of all modes."""
+    places = [body.iv + 6 + np.arange(body.m) for body in compiled.layout.bodies]
+    return np.concatenate([np.zeros(0, np.int64), *places])
 
-    With the modal mass M + b K the accelerations η̈ give the way f = b η̈ to equilibrium, and
-    reactions that rigid bodies would leave open are shared by stiffness; b is long against all
-    periods, so that at the end η̈ = 0. Loads that change with the deformation, such as those of a
-    fast rotation, may outweigh K: the rounds are combined by Anderson's method (1965), J. ACM 12,
-    547, which solves linear equations in as many rounds as there are modes.
+
+def _equilibrate(
+    compiled: Compiled,
+    rates: Integers,
+    b: float,
+    state: State,
+    work: Work,
+    close: Callable[[], None],
+) -> None:
+    """Elastic equilibrium of modes with the accelerations of a motion without vibration.
+
+    `rates` (k,) are the places of the modes in v. With the modal mass M + b K the accelerations η̈
+    give the way f = b η̈ to equilibrium, and reactions that rigid bodies would leave open are shared
+    by stiffness; b is long against all periods, so that at the end η̈ = 0. Loads that change with
+    the deformation, such as those of a fast rotation, may outweigh K: the rounds are combined by
+    Anderson's method (1965), J. ACM 12, 547, which solves linear equations in as many rounds as
+    there are modes.
     """
-    slow = _stiffened(compiled.system, b)
+    slow = _stiffened(compiled.system, b, rates)
     bodies = compiled.layout.bodies
-    modes = np.concatenate([np.arange(body.iq + 7, body.iq + 7 + body.m) for body in bodies])
-    rates = np.concatenate([np.arange(body.iv + 6, body.iv + 6 + body.m) for body in bodies])
+    begins = np.array([body.iv for body in bodies])
+    modes = rates + np.searchsorted(begins, rates, side="right")  # a pose has one more than v
     weights = compiled.system.weights[rates]
     before: list[tuple[Array, Array]] = []  # deformations and their steps
     for _ in range(_MAX_ROUNDS):
@@ -206,28 +227,6 @@ def _equilibrate(
         "the flexible bodies find no elastic equilibrium with the first motion: it is too fast or "
         'the body too soft for dynamics.start = "quasi-static"; use "undeformed", or begin slower'
     )
-
-
-def _settle_static_modes(
-    system: System, state: State, work: Work, close: Callable[[], None] | None
-) -> None:
-    """Static equilibrium of the quasi-static modes with the first motion, joints closed."""
-    sentence = (
-        "the quasi-static modes find no equilibrium with the first motion: without their "
-        "compliance the joints are redundant (flexmb check tells which exchange of joints cures "
-        "it), or the bodies are too soft for it; make the lowest modes dynamic"
-    )
-    for _ in range(_MAX_ROUNDS):
-        before = state.q.copy()
-        try:
-            _solve_accelerations(system, state, work)
-        except AssemblyError:
-            raise AssemblyError(sentence) from None
-        change = float(np.abs(state.q - before).max())
-        if close is None or change <= _EQUILIBRIUM:
-            return
-        close()
-    raise AssemblyError(sentence)
 
 
 def _solve_accelerations(system: System, state: State, work: Work) -> None:
@@ -274,13 +273,18 @@ def _stop_measure(compiled: Compiled, row: np.void, state: State, work: Work) ->
     return float(markers["R"][row["I"]][:, 2] @ h)
 
 
-def _stiffened(system: System, b: float) -> System:
-    """The same system with modal masses M + b K, b in s²."""
-    pool = system.parts.pool.copy()
+def _stiffened(system: System, b: float, modes: Integers | None = None) -> System:
+    """The same system with modal masses M + b K, b in s², of all modes or some by place in v."""
+    pool, added = system.parts.pool.copy(), np.ones(len(system.weights))
+    if modes is not None:
+        added[:] = 0.0
+        added[modes] = 1.0
     for body in _flexible(system):
         mass, stiffness = _modal_blocks(pool, body)
-        mass += b * stiffness
-    return system._replace(parts=system.parts._replace(pool=pool))
+        own = added[body["iv"] + 6 : body["iv"] + 6 + body["m"]]
+        mass += b * stiffness * np.outer(own, own)
+    kinds = {name: tables for name, tables in system.kinds.items() if name != STATIC_MODES.name}
+    return system._replace(parts=system.parts._replace(pool=pool), kinds=kinds)
 
 
 def _weighted(system: System, weights: Array) -> System:
@@ -299,13 +303,11 @@ def _weighted(system: System, weights: Array) -> System:
     return system._replace(parts=system.parts._replace(bodies=bodies, pool=pool))
 
 
-def _slowest_period(system: System) -> float:
+def _slowest_period(compiled: Compiled) -> float:
     """1/ω² of the softest mode of all bodies that has stiffness [s²]; 0 without flexible bodies."""
     slowest = 0.0
-    for body in _flexible(system):
-        mass, stiffness = _modal_blocks(system.parts.pool, body)
-        half = np.linalg.inv(np.linalg.cholesky(mass))
-        values = np.linalg.eigvalsh(half @ stiffness @ half.T)
+    for body in compiled.flexbodies.values():
+        values = (2.0 * np.pi * body.frequencies) ** 2
         values = values[values > _NO_STIFFNESS * values.max(initial=0.0)]
         slowest = max(slowest, 1.0 / float(values.min())) if values.size else slowest
     return slowest

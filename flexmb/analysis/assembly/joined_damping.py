@@ -3,7 +3,8 @@
 In: a compiled model and its first pose. Out: the model with the damping matrices of its bodies, and
 the ratio that each mode has. The modes of a body as joined are those of the scene in that pose with
 this body flexible and all others rigid: joints, couplers and drivers hold, the others move with
-their mass, springs and other forces are left out, quasi-static modes stay as they are. A bar that
+their mass, springs and other forces are left out. Quasi-static modes have no mass, and those of
+kinetostatic bodies no vibrations. A bar that
 is driven at its hub is clamped there; one on a free hub vibrates against its mass. In scenes of
 more than `MAX_COORDINATES` coordinates the others are at rest.
 """
@@ -25,17 +26,17 @@ from flexmb.analysis.assembly.jacobian import (
     null_space,
     one_blas_thread,
 )
+from flexmb.analysis.assembly.residual_flexibility import condensation, static_bodies
 from flexmb.engine.bodies.flexible_body import put_flags
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import evaluate_rows
 from flexmb.engine.state import Work
-from flexmb.engine.tables import BodyColumns
+from flexmb.engine.tables import BodyColumns, System
 from flexmb.engine.work import new_state, new_work
 from flexmb.errors import AssemblyError, FlexmbError, Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.damping import DampingOptions, read_damping
 from flexmb.flexbody.natural_modes import Vibrations, damping_matrix, damping_ratios, mass_at_rest
-from flexmb.flexbody.planar_body import combine_modes
 from flexmb.model.markers import rotation_matrix
 from flexmb.model.model import Model
 from flexmb.results import BodyDamping
@@ -74,18 +75,17 @@ def add_damping(compiled: Compiled, model: Model, q: Array) -> tuple[Compiled, l
     flexbodies = dict(compiled.flexbodies)
     problems: list[Problem] = []
     dampings: list[BodyDamping] = []
-    every = list(range(len(bodies)))
+    every, (static, kinetostatic) = list(range(len(bodies))), static_bodies(compiled)
     scene, others = None, ""
     for k, (row, columns) in enumerate(zip(bodies, compiled.layout.bodies, strict=True)):
         body = compiled.flexbodies.get(columns.name)
         if body is None or row["m"] == 0:
             continue
-        name, m, dynamic = columns.name, int(row["m"]), dynamic_modes(compiled, k)
-        if not len(dynamic):
+        name, m = columns.name, int(row["m"])
+        if k in kinetostatic:
             dampings.append(BodyDamping(name, "none: all modes are quasi-static"))
             continue
-        both = np.ix_(dynamic, dynamic)
-        D = np.asarray(body.D)[both]
+        D = np.asarray(body.D)
         words = damping_words(model, name, body)
         if words is None and not np.any(D):
             dampings.append(BodyDamping(name, "none"))
@@ -98,50 +98,27 @@ def add_damping(compiled: Compiled, model: Model, q: Array) -> tuple[Compiled, l
             text = words.sentence()
             try:
                 D = damping_matrix(
-                    _with_modes(body, dynamic), words, joined, f"bodies.{name}.damping",
+                    body, words, joined, f"bodies.{name}.damping",
                     None if others else scene.part_of_modes(k),
                 )  # fmt: skip
             except FlexmbError as error:
                 problems += error.problems
                 continue
-        at, every_mode = int(row["flex"]) + 12 * m + 2 * m * m, np.zeros((m, m))
-        every_mode[both] = D
-        pool[at : at + m * m] = every_mode.ravel()
-        flexbodies[name] = replace(body, D=every_mode)
-        put_flags(row, flexbodies[name])
+        at = int(row["flex"]) + 12 * m + 2 * m * m
+        pool[at : at + m * m] = D.ravel()
+        flexbodies[name] = replace(body, D=D)
+        put_flags(row, flexbodies[name], k in static)
         dampings.append(_ratios(name, text + others, D, joined))
     if problems:
         raise SceneError.from_problems(problems)
     if scene is None:
         return compiled, dampings
     if len(scene.flexible) > 1 and not others:
-        blocks = []
-        for k in scene.flexible:
-            dynamic = dynamic_modes(compiled, k)
-            D = np.asarray(flexbodies[compiled.layout.bodies[k].name].D)
-            blocks.append(D[np.ix_(dynamic, dynamic)])
-        D = block_diag(*blocks)
+        names = [compiled.layout.bodies[k].name for k in scene.flexible]
+        D = block_diag(*(flexbodies[name].D for name in names))
         dampings.append(_ratios("", "all flexible bodies", D, scene.together))
     system = compiled.system._replace(parts=parts._replace(pool=pool, bodies=bodies))
     return replace(compiled, system=system, flexbodies=flexbodies, is_damped=True), dampings
-
-
-def dynamic_modes(compiled: Compiled, k: int) -> NDArray[np.int64]:
-    """Numbers of the modes of body k that are not quasi-static."""
-    every = np.arange(compiled.layout.bodies[k].m)
-    static = compiled.system.kinds.get("static_modes")
-    if static is None or k not in static.rows:
-        return every
-    n = int(np.flatnonzero(static.rows == k)[0])
-    return np.setdiff1d(every, static.modes[static.first[n] : static.first[n + 1]])
-
-
-def _with_modes(body: FlexBody, modes: NDArray[np.int64]) -> FlexBody:
-    """The body with some of its modes, without what is drawn of it."""
-    if len(modes) == body.m:
-        return body
-    plain = replace(body, nodes=None, surface=None, stress=None, section_forces=None)
-    return combine_modes(plain, np.eye(body.m)[:, modes])
 
 
 def _ratios(body: str, words: str, D: Array, joined: Vibrations) -> BodyDamping:
@@ -180,7 +157,7 @@ class _RigidScene:
         for k in bodies:
             columns = layout.bodies[k]
             at = order[_columns(columns)]
-            block = _mass(system.parts.bodies[k], compiled.flexbodies.get(columns.name))
+            block = _mass(system, k, compiled.flexbodies.get(columns.name))
             turn = rotation_matrix(q[columns.iq + 3 : columns.iq + 7])
             block[:3] = turn @ block[:3]
             block[:, :3] = block[:, :3] @ turn.T
@@ -194,8 +171,10 @@ class _RigidScene:
 
     @cached_property
     def flexible(self) -> list[int]:
-        """Numbers of the flexible bodies."""
-        return [k for k, one in enumerate(self._compiled.layout.bodies) if one.m > 0]
+        """Numbers of the flexible bodies, that are not kinetostatic."""
+        _, kinetostatic = static_bodies(self._compiled)
+        bodies = enumerate(self._compiled.layout.bodies)
+        return [k for k, one in bodies if one.m and k not in kinetostatic]
 
     @cached_property
     def together(self) -> Vibrations:
@@ -206,7 +185,7 @@ class _RigidScene:
         """Frequencies of all flexible bodies together [rad/s], and body k in their modes."""
         if len(self.flexible) < 2:
             return None
-        sizes = [len(dynamic_modes(self._compiled, one)) for one in self.flexible]
+        sizes = [self._compiled.layout.bodies[one].m for one in self.flexible]
         n = self.flexible.index(k)
         at = sum(sizes[:n])
         return self.together.omega, self.together.eta[at : at + sizes[n]]
@@ -214,9 +193,7 @@ class _RigidScene:
     def vibrations(self, *bodies: int) -> Vibrations:
         """Vibrations of a body, or of several together, as joined, all others rigid."""
         several = [self._compiled.layout.bodies[k] for k in bodies]
-        modes = [dynamic_modes(self._compiled, k) for k in bodies]
-        pairs = list(zip(several, modes, strict=True))
-        modal = np.concatenate([self._order[_columns(one)[6:][some]] for one, some in pairs])
+        modal = np.concatenate([self._order[_columns(one)[6:]] for one in several])
         rows, A = self._rows, self._A[:, modal]
         # motions (x, y) with A_r x + A y = 0: y that redundant rows allow, and the x that follows
         r = rows.rank
@@ -227,10 +204,12 @@ class _RigidScene:
         both = np.append(self._rigid, modal)
         mass = motions.T @ self._mass[np.ix_(both, both)] @ motions
         try:
-            stiffnesses = (self._compiled.flexbodies[one.name].K for one in several)
-            forms = zip(stiffnesses, modes, strict=True)
-            K = block_diag(*(K[np.ix_(some, some)] for K, some in forms))
-            return Vibrations.of(K, self._scales[modal, None] * motions[n:], mass)
+            K = block_diag(*(self._compiled.flexbodies[one.name].K for one in several))
+            eta = self._scales[modal, None] * motions[n:]
+            if any(k in static_bodies(self._compiled)[0] for k in bodies):
+                T = condensation(mass, eta.T @ K @ eta)[0]
+                eta, mass = eta @ T, T.T @ mass @ T
+            return Vibrations.of(K, eta, mass)
         except np.linalg.LinAlgError:
             what = "has no meaning: a motion of the scene that joints leave free has no inertia"
             problem = Problem(f"bodies.{several[0].name}.damping", what)
@@ -254,9 +233,12 @@ def _rows_of_body(compiled: Compiled, work: Work, k: int) -> Array:
     return np.asarray(system.row_weights[touched, None] * A[touched])
 
 
-def _mass(row: np.void, body: FlexBody | None) -> Array:
-    """(6 + m, 6 + m) of a body at rest, in body axes."""
+def _mass(system: System, k: int, body: FlexBody | None) -> Array:
+    """(6 + m, 6 + m) of a body at rest, in body axes; quasi-static modes have none."""
+    row = system.parts.bodies[k]
     if body is not None and row["m"] > 0:
-        return mass_at_rest(body.mass, body.S1, body.S0, body.p, body.P, body.M_eta)
+        at, m = int(row["flex"]) + 12 * body.m, body.m
+        M_eta = system.parts.pool[at : at + m * m].reshape(m, m)
+        return mass_at_rest(body.mass, body.S1, body.S0, body.p, body.P, M_eta)
     no = np.zeros
     return mass_at_rest(row["mass"], row["S1"], row["S0"], no((3, 0)), no((3, 3, 0)), no((0, 0)))

@@ -21,6 +21,7 @@ from flexmb.analysis.assembly.gaps import (
     Offset,
     check_branches,
     gap_problems,
+    joint_gaps,
     moved_bodies,
 )
 from flexmb.analysis.assembly.jacobian import (
@@ -50,6 +51,8 @@ _MAX_CORRECTIONS = 60
 _OPEN = 1e-10  # gap relative to the model size, or radians
 _CLOSED = 1e-13  # correction of a position relative to the model size: round-off
 _NEAR = 1e-6  # correction at which the least squares of a guess have converged
+_FAR, _GAPING = 0.01, 1e-3  # of the model size: how far bodies may move, gaps that are no rounding
+_MAX_SHOWN = 3
 _FIXED = 1e-6  # a fixed body may move by this share of the model size, or this angle
 
 # Closing in numpy: gaps over the model size, or radians.
@@ -148,7 +151,39 @@ def close_positions(
         raise AssemblyError.from_problems(gap_problems(compiled, model, corrector.work, moved))
     check_branches(compiled, model, state, corrector.work)
     _check_fixed(compiled, model, moved)
+    if guess and model.assembly is None:
+        _check_placement(compiled, model, state, start, corrector, moved)
     return moved
+
+
+def _check_placement(
+    compiled: Compiled,
+    model: Model,
+    state: State,
+    start: Array,
+    corrector: Corrector,
+    moved: tuple[Offset, ...],
+) -> None:
+    """Refuse a pose whose joints close only far from where the scene places the bodies."""
+    far = [body for body in moved if body.distance > _FAR * compiled.length]
+    if not far:
+        return
+    closed = state.q.copy()
+    state.q[:] = start
+    corrector.evaluate()
+    gaps = [gap for gap in joint_gaps(compiled, corrector.work) if gap.name.startswith("joints.")]
+    state.q[:] = closed
+    corrector.evaluate()
+    if gaps and gaps[0].size(compiled.length) > _GAPING:  # else drivers say where bodies are
+        raise AssemblyError.from_problems(
+            Problem(
+                f"bodies.{body.name}",
+                f"would have to move by {body.text(model.units)} to close the joints: as placed "
+                f"{gaps[0].name} is open by {gaps[0].text(model.units)}; place it where its joints "
+                "close, or accept what they do by an empty section [assembly]",
+            )
+            for body in far[:_MAX_SHOWN]
+        )
 
 
 def _iterate(corrector: Corrector, tolerance: float) -> None:

@@ -304,26 +304,26 @@ class _Pass:
             return Ending("failed", f"at t = {at:.6g} s {unstable}")
         sentence = failure_sentence(status, run.compiled, prepared.model, run.work, at, step)
         cause = (
-            self._validity.diverging()
-            or _divided_modes(run.compiled)
+            self._validity.diverging(run.state)
+            or _divided_modes(run)
             or nearly_redundant(run.compiled, run.state.q)
         )
         return Ending("failed", f"{sentence}; {cause}" if cause else sentence)
 
 
-def _divided_modes(compiled: Compiled) -> str:
-    """The sentence for bodies with both dynamic and quasi-static modes, or ""."""
-    static = compiled.system.kinds.get("static_modes")
-    if static is None:
+def _divided_modes(run: Integration) -> str:
+    """The sentence for bodies with both kinds of modes by an explicit method, or ""."""
+    static = run.compiled.system.kinds.get("static_modes")
+    if static is None or run.method.stages == 0:
         return ""
-    bodies = [compiled.layout.bodies[row] for row in static.rows]
+    bodies = [run.compiled.layout.bodies[row] for row in static.rows]
     counts = np.diff(static.first)
     names = [body.name for body, n in zip(bodies, counts, strict=True) if n < body.m]
     if not names:
         return ""
     return (
-        f"some modes of bodies.{', bodies.'.join(names)} are quasi-static, which fails where "
-        "joints hold the body stiffly: make all of them dynamic, or all quasi-static"
+        f"some modes of bodies.{', bodies.'.join(names)} are quasi-static, which explicit "
+        f'methods cannot do where joints hold the body stiffly: use method = "{STIFF_METHOD}"'
     )
 
 

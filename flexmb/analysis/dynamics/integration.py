@@ -9,6 +9,7 @@ import numpy as np
 
 from flexmb.analysis.procedure import ChunkRows
 from flexmb.engine import entries, method
+from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
 from flexmb.engine.method import round_off
 from flexmb.engine.state import Plan, State, Work
@@ -124,6 +125,7 @@ def loop_settings(
         or np.any(system.parts.bodies["damped"])
     )
     stiff = any(kind.is_stiff(system.kinds[kind.name]) for kind in kinds)
+    static = system.kinds.get(STATIC_MODES.name)
     newton = _NEWTON if integrator.order < _HIGH_ORDER else _NEWTON_OF_HIGH_ORDER
     return method.Settings(
         start=0.0,
@@ -141,6 +143,9 @@ def loop_settings(
         works=int(works),
         stiff=int(stiff),
         determined=int(determined),
+        follow=int(
+            static is not None and (integrator.stages > 0 or bool(static.kinetostatic.any()))
+        ),
     )
 
 

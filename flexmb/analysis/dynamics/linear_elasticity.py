@@ -41,6 +41,7 @@ LARGEST_SOFTENING = 0.01
 LARGEST_ROTATION = 0.3
 #: What a body without stiffening is that turns faster than it vibrates.
 INCONSISTENT = "an inconsistent set of equations, centrifugal softening without stiffening"
+_LARGEST_LOSS = 0.5**0.5  # speed over frequency at which rotation takes half of the stiffness
 _SOFTENING = 0.6  # share of the first frequency of a cantilever that is lost, over (Ω/ω₁)²
 _POINTS = 64  # points of a body that are watched, at most
 _PRESENT = 0.05  # share of the largest amplitude from which on the motion contains a mode
@@ -146,15 +147,13 @@ class LinearElasticityMonitor:
             yield Indicator(name, "rotation", rotation, turned, LARGEST_ROTATION, text)
 
     def diverging(self) -> str:
-        """Names bodies whose equations lose all stiffness as they turn; "" if there are none."""
-        return next(
-            (one.text() for one in self.indicators() if one.quantity == "speed" and one.value > 1),
-            "",
-        )
+        """Names a body whose equations lose most of their stiffness as it turns; "" if none."""
+        speeds = (one for one in self.indicators() if one.quantity == "speed")
+        return next((one.text() for one in speeds if one.value > _LARGEST_LOSS), "")
 
     def _deflected(self, name: str, deflection: float, t: float, ratio: float) -> str:
         what = f"bodies.{name} is deflected by {deflection:.2g} of its length at"
-        if ratio >= 1.0:
+        if ratio > _LARGEST_LOSS:
             cure = f'{INCONSISTENT}, and diverges; reduce it with geometric_stiffening = "full"'
             return f"{what} t = {self._units.say(t, 's', 4)}: {cure}"
         return (
@@ -183,6 +182,7 @@ class LinearElasticityMonitor:
             error += INCONSISTENT
         else:
             error = f"that frequency is too low by about {100 * _SOFTENING * ratio**2:.2g} %"
+            error += f": {INCONSISTENT}" if ratio > _LARGEST_LOSS else ""
         return (
             f"{where}, {share} (t = {self._units.say(t, 's', 4)}): {why}, so that {error}; reduce "
             'the body with geometric_stiffening = "full"'

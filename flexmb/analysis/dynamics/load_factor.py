@@ -113,6 +113,20 @@ class LoadFactorMonitor:
         larger = mean > self._largest[0]
         self._largest[:, larger] = mean[larger], np.full(larger.sum(), t)
 
+    def add_last(self, rows: OutputBlock) -> None:
+        """Take the row in which a run ends, by itself: there is no time for a mean."""
+        if self._bodies:
+            values = self._values(rows, 0)
+            larger = values > self._largest[0]
+            self._largest[:, larger] = values[larger], np.full(larger.sum(), rows.t[0])
+
+    def diverging(self) -> str:
+        """The sentence for the first body that its loads have buckled, or ""."""
+        for one in self.indicators():
+            if one.warning == NEAR_BUCKLING and one.value > 1.0:
+                return one.text()
+        return ""
+
     def indicators(self) -> Iterator[Indicator]:
         """The load factor of each body."""
         for k, (columns, _, _, _, _, stiffened) in enumerate(self._bodies):
@@ -200,7 +214,11 @@ def load_factors(compiled: Compiled, state: object, now: NDArray[np.void], gravi
         M[part, part], K[part, part] = turn @ Mb @ turn.T, Kb
         a = (vd[iv : iv + 3] - gravity) @ A
         w = v[iv + 3 : iv + 6]
-        G = skew(vd[iv + 3 : iv + 6]) + np.outer(w, w) - w @ w * np.eye(3)
+        alpha = vd[iv + 3 : iv + 6]
+        if body is not None and body.m == m:  # of mean axes, whatever the body frame is fixed at
+            shift, turn = _mean_motion(body, vd[iv + 6 : iv + 6 + m])
+            a, alpha = a + shift, alpha + turn
+        G = skew(alpha) + np.outer(w, w) - w @ w * np.eye(3)
         forces = now["W"][loads, :3] @ A
         Kg[iv + 3 : iv + 6 + m, iv + 3 : iv + 6 + m] = _geometric_stiffness(
             compiled,
@@ -224,6 +242,14 @@ def load_factors(compiled: Compiled, state: object, now: NDArray[np.void], gravi
         energy = [x[part] @ K[part, part] @ x[part] for part in slices]
         values[int(np.argmax(energy))] = factors[-1]
     return values
+
+
+def _mean_motion(body: FlexBody, eta: Array) -> tuple[Array, Array]:
+    """Translation at the origin and rotation (3,) that modal coordinates (m,) have in the mean."""
+    P = body.P @ eta - np.outer(body.center, body.p @ eta)
+    moment = np.array([P[1, 2] - P[2, 1], P[2, 0] - P[0, 2], P[0, 1] - P[1, 0]])
+    turn = np.linalg.pinv(body.inertia_about_center) @ moment
+    return body.p @ eta / body.mass - np.cross(turn, body.center), turn
 
 
 def _geometric_stiffness(

@@ -54,6 +54,10 @@ QUANTITIES = {
 """Quantity to which the channels of each unit belong."""
 # A sensor that moves by less than this share of the largest motion of its kind is at rest.
 _AT_REST = 1e-9
+# Reactions are judged over their own peak-to-peak, but over no less than this share of the largest
+# reaction of their unit; moments over no less than the next share of the largest force times the
+# size of the model: below that they are zero but for round-off.
+_LEAST_REACTION, _NO_MOMENT = 1e-3, 1e-9
 _SCOUT = "scout_"
 _NO_MOTION = 1e-10  # of the size of the model, or of a radian, within the run
 # Ratio of errors where vibrations are damped: they move a sensor as the square of their period.
@@ -101,6 +105,7 @@ class MeasuredError:
     ) -> None:
         self._compared = _compared(layout, model)
         self._least = least or {}
+        self._length = self._least.get("m", 0.0) / _NO_MOTION
         n = len(self._compared)
         self._largest = np.zeros((2, n))  # difference so far; its time
         widest = max((len(one.columns) for one in self._compared), default=0)
@@ -167,7 +172,7 @@ class MeasuredError:
         return until
 
     def _spans(self) -> Array:
-        """Peak-to-peak of each; 0 for what is at rest against others of its unit."""
+        """Scale of each: its peak-to-peak; 0 for what is at rest against others of its unit."""
         low, high = self._range
         spans = np.where(np.isfinite(low), high - low, 0.0).max(axis=1, initial=0.0)
         units = np.array([one.unit for one in self._compared])
@@ -175,6 +180,14 @@ class MeasuredError:
             same = units == unit
             least = max(_AT_REST * spans[same].max(), self._least.get(unit, 0.0))
             spans[same & (spans <= least)] = 0.0
+        reacts = np.array([one.quantity == "reactions" for one in self._compared])
+        size = np.where(np.isfinite(low), np.maximum(np.abs(low), np.abs(high)), 0.0)
+        size = size.max(axis=1, initial=0.0)
+        force = size[reacts & (units == "N")].max(initial=0.0)
+        for unit, floor in (("N", 0.0), ("N m", _NO_MOMENT * force * self._length)):
+            same = reacts & (units == unit)
+            largest = size[same].max(initial=0.0)
+            spans[same] = np.maximum(spans[same], max(floor, _LEAST_REACTION * largest))
         return np.asarray(spans)
 
 

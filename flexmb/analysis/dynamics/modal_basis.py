@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -33,10 +34,11 @@ from flexmb.analysis.monitors import Indicator
 from flexmb.engine import initial_conditions
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
-from flexmb.engine.units import call
-from flexmb.engine.work import new_run, new_state, new_work
+from flexmb.engine.units import call, hand_over, prepare_units
+from flexmb.engine.work import new_run, new_state, new_work, units_of
 from flexmb.flexbody import FlexBody, InertiaResponse, LoadResponse
 from flexmb.flexbody.static_response import LARGEST_SHARE, LEAST_MOTION
+from flexmb.model.bandwidth import slowest_oscillation
 from flexmb.model.loaded_nodes import loads_beside_interfaces
 from flexmb.model.model import Model
 from flexmb.results import OutputBlock
@@ -95,19 +97,24 @@ class ModalBasisMonitor:
             for columns, body in flexible_columns(compiled)
         ]
         n = len(self._bodies)
-        self._whole = np.zeros(n)  # largest strain energy so far, of the responses too, twice
+        self._strain = np.zeros(n)  # largest strain energy so far, or what modes lack of it, twice
+        self._whole = np.zeros(n)  # the same, or all of the responses
         self._last = np.zeros((2, self._window - 1, n))  # what was missing in the last rows
         self._largest = np.zeros((3, 3, n))  # what was missing most, its time, a number beside it
         self._now, self._begin = np.zeros(1), np.full(1, np.nan)
         whole = model.dynamics.duration if model.dynamics and is_motion else 0.0
         self._settled = _SETTLED * whole
-        self._oscillators = [_Oscillators(one.body) for one in self._bodies]
+        drive = slowest_oscillation(model) if self._bodies else 0.0
+        self._oscillators = [_Oscillators(one.body, drive) for one in self._bodies]
         most = max((len(one.omega) for one in self._oscillators), default=0)
         self._vibration = np.full((n, most, 5), np.nan)  # of omitted modes
         self._unknown = np.zeros(n)  # largest force at a node without answers
-        self._compiled, self._work = compiled, None
+        self._work: tuple[Any, Any, Any] | None = None
+        self._loads: tuple[Array, list[Array]] = np.zeros(0), []  # of the last rows
         if any(len(one.markers) for one in self._bodies):
-            self._work = new_state(compiled.system), new_work(compiled.system)
+            state, work = new_state(compiled.system), new_work(compiled.system)
+            prepare_units([initial_conditions.solve_stage, *units_of(compiled.system)])
+            self._work = hand_over(new_run(compiled.system, state, work)), state, work
 
     def add(self, rows: OutputBlock) -> None:
         """Take the next rows."""
@@ -116,9 +123,9 @@ class ModalBasisMonitor:
         loads = self._node_loads(rows)
         for k, one in enumerate(self._bodies):
             eta = rows.q[:, one.columns.iq + 7 : one.columns.iq + 7 + one.columns.m]
-            self._whole[k] = max(
-                self._whole[k], np.einsum("ti,ij,tj->t", eta, one.body.K, eta).max()
-            )
+            strain = np.einsum("ti,ij,tj->t", eta, one.body.K, eta).max()
+            self._strain[k] = max(self._strain[k], strain)
+            self._whole[k] = max(self._whole[k], strain)
             c, omega = _accelerations(rows, one, self._gravity)
             if one.body.inertia_response is not None:
                 speed = np.linalg.norm(omega, axis=1)
@@ -138,6 +145,7 @@ class ModalBasisMonitor:
             np.einsum("ti,ij,tj->t", c, form, c).clip(0.0)
             for form in (response.energy, response.missing, response.motion)
         )
+        self._strain[k] = max(self._strain[k], missing.max())
         self._whole[k] = max(self._whole[k], full.max())
         missing = np.where(motion > self._bodies[k].least, missing, 0.0)
         last = self._last[what, :, k]
@@ -176,26 +184,30 @@ class ModalBasisMonitor:
             loads.append(np.zeros((len(rows.t), count)))
         if self._work is None:
             return loads
-        state, work = self._work
-        run = new_run(self._compiled.system, state, work)
+        t, before = self._loads
+        if len(rows.t) <= len(t) and np.array_equal(rows.t, t[: len(rows.t)]):
+            return [part[: len(rows.t)] for part in before]
+        run, state, work = self._work
+        now, at = work.now.marker, [one.markers for one in self._bodies]
+        wrenches = [np.zeros((len(rows.t), len(markers), 6)) for markers in at]
+        arms = [np.zeros((len(rows.t), len(markers), 3)) for markers in at]
         for row in range(len(rows.t)):
             state.t[0] = rows.t[row]
             for name in ("q", "v", "vd", "lam"):
                 getattr(state, name)[:] = getattr(rows, name)[row]
             call(initial_conditions.solve_stage, run, initial_conditions.RESIDUAL)
-            now = work.now.marker
-            for k, one in enumerate(self._bodies):
-                if not len(one.markers):
-                    continue
-                p = rows.q[row, one.columns.iq + 3 : one.columns.iq + 7]
-                W = now["W"][one.markers].reshape(-1, 3)
-                W = in_body_axes(np.tile(p, (len(W), 1)), W).reshape(-1, 6)
-                W[:, 3:] += np.cross(now["arm"][one.markers], W[:, :3])
-                for at, w in zip(one.places, W, strict=True):
-                    if at >= 0:
-                        loads[k][row, at : at + 6] += w
-                    else:
-                        self._unknown[k] = max(self._unknown[k], np.abs(w).max())
+            for markers, w, arm in zip(at, wrenches, arms, strict=True):
+                w[row], arm[row] = now["W"][markers], now["arm"][markers]
+        for k, one in enumerate(self._bodies):
+            p = rows.q[:, one.columns.iq + 3 : one.columns.iq + 7]
+            for i, place in enumerate(one.places):
+                force, moment = (in_body_axes(p, wrenches[k][:, i, c : c + 3]) for c in (0, 3))
+                moment = moment + np.cross(arms[k][:, i], force)
+                if place < 0:
+                    self._unknown[k] = max(self._unknown[k], np.abs(force).max(initial=0.0))
+                else:
+                    loads[k][:, place : place + 6] += np.hstack([force, moment])
+        self._loads = rows.t.copy(), loads
         return loads
 
     def indicators(self) -> Iterator[Indicator]:
@@ -205,7 +217,8 @@ class ModalBasisMonitor:
         for k, one in enumerate(self._bodies):
             for what, texts in enumerate((self._inertia, self._load, self._truncation)):
                 missing, t, beside = self._largest[what, :, k]
-                share = 0.0 if early or not missing else float(np.sqrt(missing / self._whole[k]))
+                whole = self._strain[k] if what == TRUNCATION else self._whole[k]
+                share = 0.0 if early or not missing else float(np.sqrt(missing / whole))
                 text = partial(texts, one, share, t, beside)
                 yield Indicator(one.name, words[what], share, t, LARGEST_SHARE, text)
 
@@ -304,15 +317,18 @@ def _accelerations(rows: OutputBlock, one: _Watched, gravity: Array) -> tuple[Ar
 class _Oscillators:
     """ÿ + 2ζω ẏ + ω² y = force of the modes that a body does not have."""
 
-    def __init__(self, body: FlexBody) -> None:
+    def __init__(self, body: FlexBody, drive: float) -> None:
         omitted = body.omitted_modes
         self.omega = np.zeros(0) if omitted is None else 2.0 * np.pi * omitted.frequency
+        ratio = 2.0 * np.pi * drive / self.omega
+        self._gain = ratio**2 / np.hypot(1.0 - ratio**2, 2.0 * _DAMPING * ratio)
 
     def integrate(self, t: Array, force: Array, state: Array) -> Array:
         """(t, o) motion beyond force/ω², exactly for forces linear between rows.
 
         With x that motion, z = ẋ + ζωx + iω_d x turns and decays, and each bend of the force kicks
-        it. Rows too far apart to tell how a mode is driven give no motion.
+        it. Where rows are too far apart to tell how a mode is driven, the force oscillates with the
+        frequency of the drivers and loads of the scene.
 
         Parameters
         ----------
@@ -331,7 +347,7 @@ class _Oscillators:
             follow = force[:, k] / w**2 if begins else np.append(state[k, 3], force[:, k] / w**2)
             h = np.diff(time)
             slopes = np.diff(follow) / np.maximum(h, 1e-300)
-            slopes = np.append(slopes[:1] if begins else state[k, 2], slopes)
+            slopes = np.append(slopes[:1] if np.isnan(state[k, 2]) else state[k, 2], slopes)
             kicks = np.where(h > 0.0, -np.diff(slopes), 0.0)
             z = np.empty(len(time), complex)
             z[0] = 0.0 if begins else complex(*state[k, :2])
@@ -344,7 +360,8 @@ class _Oscillators:
                     z[first] + np.cumsum(kicks[part] * back)
                 )
             resolved = np.append(begins, w * h < _RESOLVED)[-len(t) :]
-            beyond[:, k] = np.where(resolved, z.imag[-len(t) :] / decay.imag, 0.0)
+            swing = np.abs(follow - follow.mean())[-len(t) :] * self._gain[k]
+            beyond[:, k] = np.where(resolved, z.imag[-len(t) :] / decay.imag, swing)
             slope = slopes[-1] if len(slopes) else np.nan
             state[k] = z[-1].real, z[-1].imag, slope, follow[-1], time[-1]
         return beyond

@@ -25,6 +25,7 @@ import numpy as np
 
 from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
 from flexmb.analysis.assembly.joined_damping import add_damping
+from flexmb.analysis.assembly.residual_flexibility import choose_static_modes
 from flexmb.analysis.dynamics.integration import (
     Integration,
     compared_times,
@@ -358,7 +359,7 @@ def prepare_resumed(
     timer.lap("compile" if units else "load")
     first, rank = _first_pose(compiled, arrays, result, rows)
     if "first_q" in arrays:
-        compiled, _ = add_damping(compiled, model, first)
+        compiled, _ = add_damping(choose_static_modes(compiled, first), model, first)
     settings = loop_settings(compiled, spec, integrator, rank == n_free(compiled))
     if settings.step == 0.0 and passes is not None and passes.dtype == PASSES:
         tolerance = float(passes[0]["tolerance"])

@@ -24,6 +24,7 @@ from flexmb.analysis.dynamics.load_factor import LoadFactorMonitor
 from flexmb.analysis.dynamics.modal_basis import ModalBasisMonitor
 from flexmb.analysis.monitors import Indicator, Monitor
 from flexmb.engine.compile import Compiled
+from flexmb.engine.state import State
 from flexmb.model.model import Model
 from flexmb.model.scenes.dynamics import ValiditySpec
 from flexmb.results import OutputBlock
@@ -48,11 +49,8 @@ class ValidityMonitor:
         self._spec = model.validity or ValiditySpec()
         self._elasticity = LinearElasticityMonitor(compiled, model, q)
         self._basis = ModalBasisMonitor(compiled, model, is_motion)
-        self._monitors: tuple[Monitor, ...] = (
-            self._elasticity,
-            LoadFactorMonitor(compiled, model, q),
-            self._basis,
-        )
+        self._load_factor = LoadFactorMonitor(compiled, model, q)
+        self._monitors: tuple[Monitor, ...] = (self._elasticity, self._load_factor, self._basis)
         self._notes = tuple(loads_without_stiffening(compiled, model))
 
     def add(self, rows: OutputBlock) -> int:
@@ -84,9 +82,19 @@ class ValidityMonitor:
             if one.value > one.warning:
                 yield one.text()
 
-    def diverging(self) -> str:
-        """The sentence for a body that turns so fast that its equations lose all stiffness."""
-        return self._elasticity.diverging()
+    def diverging(self, state: State) -> str:
+        """The sentence for a body whose equations lose all stiffness, or "".
+
+        By its rotation without stiffening or by loads that buckle it, up to the state in which a
+        run ends.
+        """
+        none = np.zeros((1, 0))
+        motion = (state.q, state.v, state.vd, state.lam)
+        if all(np.isfinite(one).all() for one in motion):
+            last = OutputBlock(state.t[:1].copy(), *(one[None] for one in motion), *[none] * 4)
+            self._elasticity.add(last)
+            self._load_factor.add_last(last)
+        return self._elasticity.diverging() or self._load_factor.diverging()
 
     def refusal(self) -> str:
         """The sentence for the first bound that was passed, or ""."""
@@ -94,7 +102,11 @@ class ValidityMonitor:
             bound = getattr(self._spec, one.quantity, "any")
             if not isinstance(bound, str) and one.value > bound:
                 way_on = f'{one.quantity} = "any" under [validity] runs on'
-                return f"{one.text()} (bound {bound:g}; {way_on})"
+                buckled = self._load_factor.diverging()
+                cause = (
+                    f"{one.text()}; {buckled}" if buckled != one.text() and buckled else one.text()
+                )
+                return f"{cause} (bound {bound:g}; {way_on})"
         return ""
 
 

@@ -28,6 +28,7 @@ from flexmb.engine import equations_of_motion as stages
 from flexmb.engine.compile import Compiled
 from flexmb.engine.units import call, hand_over, prepare_units
 from flexmb.engine.work import new_run, new_state, new_work, units_of
+from flexmb.errors import FlexmbError
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -351,7 +352,11 @@ def _solve(
     load = -np.einsum("tij,ti->tj", Z, load + np.einsum("tij,tj->ti", K, g))
     # modal coordinates of the mean matrices, rates over their frequencies: entries of like size
     stiffness = 0.5 * (Kr + Kr.transpose(0, 2, 1)).mean(axis=0)
-    squares, T = eigh(stiffness, 0.5 * (Mr + Mr.transpose(0, 2, 1)).mean(axis=0))
+    try:
+        squares, T = eigh(stiffness, 0.5 * (Mr + Mr.transpose(0, 2, 1)).mean(axis=0))
+    except np.linalg.LinAlgError:
+        what = "the motions about the computed one have no inertia in the mean: the rows of the run"
+        raise FlexmbError(f"{what} are too far apart for them; ask for more outputs") from None
     omega = np.maximum(np.sqrt(np.abs(squares)), 1.0 / (t[-1] - t[0]))
     Mt, Dt, Kt = (T.T @ A @ T for A in (Mr, Dr, Kr))
     # what modes that the rows do not resolve do slowly is taken out of the forces first

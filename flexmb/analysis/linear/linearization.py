@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexmb.analysis.assembly.initial_state import StartValues, assemble
-from flexmb.analysis.assembly.jacobian import ConstraintRows, one_blas_thread
+from flexmb.analysis.assembly.jacobian import ConstraintRows, column_scales, one_blas_thread
+from flexmb.analysis.assembly.residual_flexibility import condensation, static_bodies
 from flexmb.analysis.linear.eigenmodes import Complex, Eigenmodes, eigenmodes
 from flexmb.analysis.linear.observed_equations import SeenEquations
 from flexmb.analysis.linear.observer import RowsAlongMotion, body_axes, fastest_rate
@@ -120,13 +121,17 @@ class Linearization:
 
     @cached_property
     def _modes(self) -> Eigenmodes:
-        return eigenmodes(
-            self.mass,
-            self.damping,
-            self.stiffness,
-            self.seen.coordinates.states,
-            fastest_rate(self.compiled, self.state),
-        )
+        M, D, K, coordinates = self.mass, self.damping, self.stiffness, self.seen.coordinates
+        rate, states = fastest_rate(self.compiled, self.state), coordinates.states
+        if not static_bodies(self.compiled)[0]:
+            return eigenmodes(M, D, K, states, rate)
+        scales = column_scales(self.compiled)[coordinates.index]
+        scales = np.where(scales > 0.0, scales, 1.0)
+        both = np.outer(scales, scales)
+        T, L, remaining = condensation(both * M, both * K)
+        M, D, K = (L.T @ (both * one) @ T for one in (M, D, K))
+        modes = eigenmodes(M, D, K, states[remaining], rate)
+        return Eigenmodes(modes.values, scales[:, None] * (T @ modes.shapes))
 
     @property
     def eigenvalues(self) -> Complex:

@@ -8,11 +8,13 @@ engine's iteration matrix, in which cv and cp single them out.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.analysis.assembly.residual_flexibility import free_static_modes
 from flexmb.engine.bodies.motion import move
 from flexmb.engine.bodies.wrench import marker_jacobian
 from flexmb.engine.compile import Compiled
@@ -55,6 +57,7 @@ class StateEquations:
     def __init__(self, compiled: Compiled, state: State) -> None:
         units = (evaluate_equations, put_matrix, put_rows, move)
         prepare_units([*units, *units_of(compiled.system)])
+        compiled = replace(compiled, system=free_static_modes(compiled.system))
         self.compiled, self.state = compiled, state
         self.work: Work = new_work(compiled.system, len(state.angles))
         self._run = hand_over(new_run(compiled.system, state, self.work))

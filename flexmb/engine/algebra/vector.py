@@ -189,6 +189,42 @@ def add_multiple(f, a, i, b, j, n):
 
 
 @kernel
+def add_rows(pool, at, m, f, g, h, out, o):
+    """out[o:o+m] += f, g and h times three rows of the pool."""
+    a, o = np.uintp(at), np.uintp(o)
+    b, c = a + np.uintp(m), a + np.uintp(2 * m)
+    for k in range(np.uintp(m)):
+        out[o + k] += f * pool[a + k] + g * pool[b + k] + h * pool[c + k]
+
+
+@kernel
+def add_symmetric_and_skew(T, m, x, j, y, k, out, o):
+    """out[o:o+m] += S x[j:j+m] + G y[k:k+m], S symmetric and G skew.
+
+    T holds their upper triangles, row by row, of S with half of its diagonal. Two rows at a time,
+    since rows are short and each loop over them costs as much as ten numbers.
+    """
+    one, two, a, n = np.uintp(1), np.uintp(2), np.uintp(0), np.uintp(m)
+    size, j, k, o = np.uintp(m * (m + 1) // 2), np.uintp(j), np.uintp(k), np.uintp(o)
+    while n > one:
+        b, p, q, r, u = a + n, x[j], x[j + one], y[k], y[k + one]
+        first = 2.0 * T[a] * p + T[a + one] * q + T[size + a + one] * u
+        second = 2.0 * T[b] * q + T[a + one] * p - T[size + a + one] * r
+        n, a, b, j, k, i = n - two, a + two, b + one, j + two, k + two, o + two
+        c, d = size + a, size + b
+        for h in range(n):
+            s, t, g, w = T[a + h], T[b + h], T[c + h], T[d + h]
+            first += s * x[j + h] + g * y[k + h]
+            second += t * x[j + h] + w * y[k + h]
+            out[i + h] += s * p + t * q - g * r - w * u
+        out[o] += first
+        out[o + one] += second
+        a, o = b + n, i
+    if n == one:
+        out[o] += 2.0 * T[a] * x[j]
+
+
+@kernel
 def largest(x):
     """Largest |x_i|; NaN counts as largest."""
     s = 0.0
@@ -310,15 +346,21 @@ def turned_by(th, f, g, a):
 @kernel
 def modal_vector(pool, at, m, v, o):
     """Three rows of the pool, starting at `at`, times v[o:o+m]."""
-    a = 0.0
-    b = 0.0
-    c = 0.0
-    for j in range(m):
-        y = v[o + j]
-        a += pool[at + j] * y
-        b += pool[at + m + j] * y
-        c += pool[at + 2 * m + j] * y
-    return a, b, c
+    return rows_times(pool, at, m, m, v, o)
+
+
+@kernel
+def rows_times(a, at, apart, m, v, o):
+    """m numbers of three rows of a, the first at `at`, their starts apart, times v[o:o+m]."""
+    x, y, z = 0.0, 0.0, 0.0
+    i, o = np.uintp(at), np.uintp(o)
+    j, k = i + np.uintp(apart), i + np.uintp(2 * apart)
+    for n in range(np.uintp(m)):
+        s = v[o + n]
+        x += a[i + n] * s
+        y += a[j + n] * s
+        z += a[k + n] * s
+    return x, y, z
 
 
 @kernel

@@ -35,6 +35,7 @@ from flexmb.engine.algebra.vector import (
     part,
     plus,
     put_part,
+    rows_times,
     times,
     triple,
     turned,
@@ -54,6 +55,7 @@ from flexmb.engine.jit import Vector, kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.state import DAMPER_POWER, KINETIC_ENERGY, STRAIN_ENERGY, Point, Run
+from flexmb.engine.tables import upper_triangles
 
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
@@ -113,8 +115,7 @@ def flexible_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
 def put_modal_rate(a, at, i, j, v, o, m, V):
     """V (3, 3): V_ab = m numbers of a from at + i a + j b on, times v[o:o+m]."""
     for r in range(3):
-        for c in range(3):
-            V[r, c] = dot(a, at + i * r + j * c, v, o, m)
+        put_part(V[r], 0, rows_times(a, at + i * r, j, m, v, o))
 
 
 @kernel
@@ -362,42 +363,48 @@ FLEXIBLE_BODIES = Kind(
 )
 
 
-def modal_block(body: FlexBody, coupling: str = "full") -> Array:
-    """The numbers of `tables.FLEX_LAYOUT` in one row."""
+def modal_block(body: FlexBody, coupling: str = "full", Mab: Array | None = None) -> Array:
+    """The numbers of `tables.FLEX_LAYOUT` in one row, by the Mab of the body or others."""
+    Mab = body.Mab if Mab is None else Mab
     damping = np.zeros_like(body.K) if body.D is None else body.D
-    parts = [body.p, body.P, body.M_eta, body.K, damping]
+    parts = [body.p, body.P, np.einsum("bbij->ij", Mab), body.K, damping]
     if coupling != "constant":
-        M = body.Mab
+        M = Mab
         if body.centrifugal_stiffness is not None:
             M = M - body.centrifugal_stiffness
-        forms = np.array([M[b, a] for a in range(3) for b in range(3)])
+        turning = [M[1, 2] - M[2, 1], M[2, 0] - M[0, 2], M[0, 1] - M[1, 0]]
         if coupling == "partial":
-            parts.append(forms.transpose(1, 0, 2))
-            return np.concatenate([np.ascontiguousarray(part).ravel() for part in parts])
-        parts.append(forms)
-        parts += [M[1, 2] - M[2, 1], M[2, 0] - M[0, 2], M[0, 1] - M[1, 0]]
+            sums = [M[0, 0], M[1, 1], M[2, 2], M[0, 1] + M[1, 0], M[1, 2] + M[2, 1],
+                    M[2, 0] + M[0, 2]]  # fmt: skip
+            parts.append(upper_triangles([*sums, *turning]))
+        else:
+            parts += [np.array([M[b, a] for a in range(3) for b in range(3)]), *turning]
     return np.concatenate([np.ascontiguousarray(part).ravel() for part in parts])
 
 
 _ROUND_OFF = 1e-12  # of integrals, relative to their Cauchy-Schwarz bounds
 
 
-def put_flags(row: Any, body: FlexBody) -> None:
-    """What the loops of a body may leave out, into its row of the table: see `tables.BODY`."""
+def put_flags(row: Any, body: FlexBody, static: bool) -> None:
+    """What the loops of a body may leave out, into its row of the table: see `tables.BODY`.
+
+    `static`: some of its modes have no inertia.
+    """
 
     def diagonal(form: Array) -> bool:
         size = np.sqrt(np.abs(np.diag(form)))
         rest = np.abs(form - np.diag(np.diag(form)))
         return bool(np.all(rest <= _ROUND_OFF * np.outer(size, size)))
 
-    row["diagonal"] = int(diagonal(body.M_eta) and diagonal(body.K))
-    row["damped"] = 0 if body.D is None or not np.any(body.D) else 2 if diagonal(body.D) else 1
     size = np.sqrt(np.diag(body.M_eta))
     arms = np.array([body.P[1, 2] - body.P[2, 1], body.P[2, 0] - body.P[0, 2],
                      body.P[0, 1] - body.P[1, 0]])  # fmt: skip
     moved = np.abs(body.p).max(axis=0) > _ROUND_OFF * size * np.sqrt(body.mass)
     turned = np.abs(arms).max(axis=0) > _ROUND_OFF * size * np.sqrt(np.trace(body.S0))
     row["attached"] = int(np.any(moved | turned))
+    decoupled = not (static and row["attached"])
+    row["diagonal"] = int(diagonal(body.M_eta) and diagonal(body.K) and decoupled)
+    row["damped"] = 0 if body.D is None or not np.any(body.D) else 2 if diagonal(body.D) else 1
 
 
 def modal_reach(body: FlexBody) -> Array:

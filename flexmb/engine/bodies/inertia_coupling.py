@@ -27,11 +27,15 @@ J. Guidance 15 (1992) 131.
 
 from __future__ import annotations
 
+import numpy as np
+
 from flexmb.engine.algebra.ldl import add_body_block
 from flexmb.engine.algebra.vector import (
     add_column,
-    add_multiple,
     add_part,
+    add_rows,
+    add_symmetric_and_skew,
+    axis_vector,
     dot,
     inner,
     modal_vector,
@@ -39,7 +43,6 @@ from flexmb.engine.algebra.vector import (
     outer,
     part,
     plus,
-    put_combination,
     put_part,
     times,
     triple,
@@ -95,17 +98,17 @@ def prepare_partial(run: Run, of: Bodies, at: Point) -> int:
     pool = parts.pool
     prepare_rigid(run, of, at)
     for n in range(rows.shape[0]):
-        body, J, c = parts.bodies[rows[n]], now.body[rows[n]]["J"], now.body[rows[n]]["c"]
-        m, eta, P = body["m"], body["iq"] + 7, body["flex"] + 3 * body["m"]
+        body, bn = parts.bodies[rows[n]], now.body[rows[n]]
+        m, eta, J, V = body["m"], body["iq"] + 7, bn["J"], bn["V"]
+        if body["attached"] == 1:
+            c = plus(triple(bn["c"]), 1.0, modal_vector(pool, body["flex"], m, q, eta))
+            put_part(bn["c"], 0, c)
+        put_modal_rate(pool, body["flex"] + 3 * m, 3 * m, m, q, eta, m, V)
+        trace = 2.0 * (V[0, 0] + V[1, 1] + V[2, 2])
         for a in range(3):
-            c[a] += dot(pool, body["flex"] + a * m, q, eta, m)
             for b in range(3):
-                s = dot(pool, P + (3 * a + b) * m, q, eta, m)
-                J[a, b] -= s
-                J[b, a] -= s
-                if a == b:
-                    for d in range(3):
-                        J[d, d] += 2.0 * s
+                J[a, b] -= V[a, b] + V[b, a]
+            J[a, a] += trace
     return FINE
 
 
@@ -119,7 +122,7 @@ def _put_undeformed_forces(run, i, at, p_rate):
     body, bn, pool = parts.bodies[i], now.body[i], parts.pool
     m, iv, flex, zw = body["m"], body["iv"], body["flex"], body["z"] + 9 * body["m"]
     o = iv + 6
-    put_frame_forces(run, i, at, p_rate)
+    put_frame_forces(run, i, at, p_rate if body["attached"] == 1 else 0)
     for k in range(m):
         out[o + k] = 0.0
     if body["attached"] == 1:
@@ -151,38 +154,46 @@ def partial_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
         i = of.rows[n]
         body, V = parts.bodies[i], run.work.now.body[i]["V"]
         m, iv, P = body["m"], body["iv"], body["flex"] + 3 * body["m"]
-        o, eta, at_M = iv + 6, body["iq"] + 7, P + 9 * m + 3 * m * m
+        o, om = iv + 6, part(v, iv + 3)
         _put_undeformed_forces(run, i, at, m)
-        om = part(v, iv + 3)
-        square = inner(om, om)
-        if square == 0.0:
+        if inner(om, om) == 0.0:
             continue
         put_modal_rate(pool, P, 3 * m, m, v, o, m, V)
         add_part(out, iv + 3, 2.0, less_trace(V, om))
-        # B_bc η + 2 ω̃_bc η̇ for the nine blocks M_bc, which stand side by side in the pool
-        for b in range(3):
-            for c in range(3):
-                f, w = _centrifugal(om, square, b, c), _coriolis(om, b, c)
-                place = (3 * c + b) * m
-                put_combination(f, q, eta, w, v, o, x, place, m)
-                add_multiple(f, pool, P + place, out, o, m)
-        for k in range(m):
-            out[o + k] += dot(pool, at_M + 9 * m * k, x, 0, 9 * m)
+        f = _centrifugal(om, om)
+        add_rows(pool, P, m, f[0], f[3], f[5], out, o)
+        add_rows(pool, P + 3 * m, m, f[3], f[1], f[4], out, o)
+        add_rows(pool, P + 6 * m, m, f[5], f[4], f[2], out, o)
+        _combine(pool, P + 9 * m + 3 * m * m, m, f, times(-2.0, om), x)
+        add_symmetric_and_skew(x, m, q, body["iq"] + 7, v, o, out, o)
     return FINE
 
 
 @kernel
-def _centrifugal(om, square, b, c):
-    """Entry b, c of ω̃²."""
-    return om[b] * om[c] - (square if b == c else 0.0)
+def _centrifugal(a, b):
+    """½ (ã b̃ + b̃ ã) as xx, yy, zz, xy, yz, zx."""
+    x, y, z = a[0] * b[0], a[1] * b[1], a[2] * b[2]
+    xy, yz, zx = a[0] * b[1] + a[1] * b[0], a[1] * b[2] + a[2] * b[1], a[2] * b[0] + a[0] * b[2]
+    return -y - z, -z - x, -x - y, 0.5 * xy, 0.5 * yz, 0.5 * zx
 
 
 @kernel
-def _coriolis(om, b, c):
-    """Entry b, c of 2 ω̃."""
-    if b == c:
-        return 0.0
-    return -2.0 * om[3 - b - c] if (c - b) % 3 == 1 else 2.0 * om[3 - b - c]
+def _combine(pool, at, m, f, w, out):
+    """The upper triangles of Σ f_s S_s and of Σ w_k G_k, one after the other, into out.
+
+    `at`: place of the nine triangles in the pool; S_s, s as in `_centrifugal`, have half of their
+    diagonals.
+    """
+    size = np.uintp(m * (m + 1) // 2)
+    xx = np.uintp(at)
+    yy, zz = xx + size, xx + size + size
+    xy, yz, zx = zz + size, zz + size + size, zz + size + size + size
+    x, y, z = zx + size, zx + size + size, zx + size + size + size
+    for i in range(size):
+        s = f[0] * pool[xx + i] + f[1] * pool[yy + i] + f[2] * pool[zz + i]
+        out[i] = s + f[3] * pool[xy + i] + f[4] * pool[yz + i] + f[5] * pool[zx + i]
+    for i in range(size):
+        out[size + i] = w[0] * pool[x + i] + w[1] * pool[y + i] + w[2] * pool[z + i]
 
 
 @unit
@@ -258,24 +269,23 @@ def _add_partial_columns(run, i, at, cv, cp, B):
 def _add_velocity_block(body, pool, q, v, cv, cp, x, B):
     """Modal rows: cp Σ B_bc M_bc − 2 cv Σ ω_b G_b, and what M_bc adds in the columns of ω'."""
     m, o, eta = body["m"], body["iv"] + 6, body["iq"] + 7
-    at_M, om = body["flex"] + 12 * m + 3 * m * m, part(v, body["iv"] + 3)
-    square = inner(om, om)
-    for b in range(3):
-        for c in range(3):
-            f = cp * _centrifugal(om, square, b, c) + cv * _coriolis(om, b, c)
-            for k in range(m):
-                row = at_M + (9 * k + 3 * c + b) * m
-                for r in range(m):
-                    B[6 + k, 6 + r] += f * pool[row + r]
-    for d in range(3):  # with ω_d: ∂B_bc = δ_bd ω_c + ω_b δ_cd − 2 ω_d δ_bc, and 2 ω̃ of the axis d
-        for b in range(3):
-            for c in range(3):
-                f = (om[c] if b == d else 0.0) + (om[b] if c == d else 0.0)
-                f -= 2.0 * om[d] if b == c else 0.0
-                w = 0.0 if b in (c, d) or c == d else -2.0 if (c - b) % 3 == 1 else 2.0
-                put_combination(f, q, eta, w, v, o, x, (3 * c + b) * m, m)
+    at, om, size = body["flex"] + 12 * m + 3 * m * m, part(v, body["iv"] + 3), m * (m + 1) // 2
+    f, i = _centrifugal(om, om), 0
+    _combine(pool, at, m, (cp * f[0], cp * f[1], cp * f[2], cp * f[3], cp * f[4], cp * f[5]),
+             times(-2.0 * cv, om), x)  # fmt: skip
+    for k in range(m):
+        for r in range(k, m):
+            B[6 + k, 6 + r] += x[i] + x[size + i]
+            B[6 + r, 6 + k] += x[i] - x[size + i]
+            i += 1
+    for d in range(3):
+        axis = axis_vector(d)
+        _combine(pool, at, m, _centrifugal(om, axis), times(-1.0, axis), x)
         for k in range(m):
-            B[6 + k, 3 + d] += cv * dot(pool, at_M + 9 * m * k, x, 0, 9 * m)
+            x[2 * size + k] = 0.0
+        add_symmetric_and_skew(x, m, q, eta, v, o, x, 2 * size)
+        for k in range(m):
+            B[6 + k, 3 + d] += 2.0 * cv * x[2 * size + k]
 
 
 @kernel

@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 from flexmb.engine.algebra.vector import (
     axis_vector,
     column,
-    dot,
     inner,
     modal_vector,
     outer,
@@ -111,24 +110,20 @@ def place_flexible(run: Run, markers: Markers, at: Point) -> int:
 def _bend(mk, pool, q, o, m, phi):
     """Φ_t − ηᵀ K_d of a marker at η = q[o:o+m], into phi (3 m,)."""
     place = mk["modes"]
-    for k in range(3 * m):
-        phi[k] = pool[place + k]
     for i in range(m):
-        row, eta = mk["bend"] + 3 * m * i, q[o + i]
-        for k in range(3 * m):
-            phi[k] -= eta * pool[row + k]
+        x, y, z = modal_vector(pool, mk["bend"] + 3 * m * i, m, q, o)
+        phi[i] = pool[place + i] - x
+        phi[m + i] = pool[place + m + i] - y
+        phi[2 * m + i] = pool[place + 2 * m + i] - z
 
 
 @kernel
 def _bending_acceleration(mk, pool, v, o, m):
     """−η̇ᵀ K_d η̇ of a marker, η̇ = v[o:o+m]."""
-    x, y, z = 0.0, 0.0, 0.0
+    x = (0.0, 0.0, 0.0)
     for i in range(m):
-        row, rate = mk["bend"] + 3 * m * i, v[o + i]
-        x -= rate * dot(pool, row, v, o, m)
-        y -= rate * dot(pool, row + m, v, o, m)
-        z -= rate * dot(pool, row + 2 * m, v, o, m)
-    return x, y, z
+        x = plus(x, -v[o + i], modal_vector(pool, mk["bend"] + 3 * m * i, m, v, o))
+    return x
 
 
 @kernel
@@ -433,7 +428,7 @@ class MarkerTable:
             return -1
         key = b"bend " + marker.body.encode() + marker.bend.tobytes()
         if key not in self.modes:
-            # by mode, direction, mode: a step over all that one mode does is contiguous
+            # by mode, direction, mode: what one mode does to all others is contiguous
             self.modes[key] = self.pool.add(marker.bend.transpose(1, 0, 2))
         return self.modes[key]
 

@@ -1,9 +1,13 @@
-"""Quasi-static modes: they follow the present loads and have no inertia.
+"""Quasi-static modes: they follow the present loads, K_ss η_s = Q_s − Cq_sᵀ λ, without inertia.
 
-K_ss η_s = Q_s − Cq_sᵀ λ − the inertia loads, with v̇ and λ of the motion in which η_s stays as it
-is: the slow solution, without vibrations of the modes or of what hangs on their compliance. A step
-therefore holds η_s, as if its modal mass were τ² K_ss larger; then η_s follows and joints are
-closed with the deformed body. Rates of η_s are left out.
+Their bodies have no modal mass of them (`flexbody.effects.without_modal_inertia`): beside dynamic
+modes they are a residual flexibility on which the rest moves (MacNeal, Computers & Structures 1,
+1971, 581). Implicit methods solve for η_s with all else, by a matrix with b K_ss there.
+
+Kinetostatic bodies, those of deformation "quasi-static", and all by an explicit method hold η_s
+within a step, as if its modal mass were τ² K_ss; then η_s follows the loads, λ being that of the
+motion in which η_s stays, and joints are closed with the deformed body: the slow solution, without
+vibrations of what hangs on this compliance, and without rates of η_s. Single solves hold all η_s.
 """
 
 from __future__ import annotations
@@ -30,15 +34,18 @@ class StaticModes(NamedTuple):
     rows: Integers  # (b,) bodies that have some
     first: Integers  # (b + 1,) where those of a body begin
     modes: Integers  # numbers of the modes in their bodies
+    kinetostatic: Integers  # (b,) 1: held by implicit methods too
     heavy: Vector  # (b,) τ² [s²]
     compliance: Vector  # K_ss⁻¹ of the bodies, row by row
 
 
 @unit
 def add_static_mass(run: Run, of: StaticModes, at: Point, cv: float, cp: float) -> int:
-    """Add τ² K_ss to the matrix."""
+    """Add τ² K_ss to the matrix of bodies that hold η_s, and of single solves."""
     parts, kkt, fac = run.system.parts, run.system.kkt, run.work.factor
     for n in range(of.rows.shape[0]):
+        if of.kinetostatic[n] == 0 and (cv != 0.0 or cp != 0.0):
+            continue
         body = parts.bodies[of.rows[n]]
         panel, m, o = kkt.panels[body["panel"]], body["m"], body["iv"] + 6
         K = body["flex"] + 12 * m + m * m
@@ -61,6 +68,9 @@ def follow_loads(run: Run, of: StaticModes, at: Point) -> float:
     change, place = 0.0, 0
     for n in range(of.rows.shape[0]):
         body, begin, end = bodies[of.rows[n]], of.first[n], of.first[n + 1]
+        if of.kinetostatic[n] == 0 and run.method.stages == 0:
+            place += (end - begin) ** 2
+            continue
         iq, iv = body["iq"] + 7, body["iv"] + 6
         for i in range(begin, end):
             step = 0.0
@@ -80,9 +90,9 @@ STATIC_MODES = Kind(
 )
 
 
-def static_modes(bodies: Sequence[tuple[int, FlexBody, Sequence[int]]]) -> StaticModes | None:
-    """Tables of the quasi-static modes of bodies by their row; None without any."""
-    some = [(row, body, np.array(modes)) for row, body, modes in bodies if len(modes)]
+def static_modes(bodies: Sequence[tuple[int, FlexBody, Sequence[int], bool]]) -> StaticModes | None:
+    """Tables of the quasi-static modes of bodies by row, kinetostatic or not; None without any."""
+    some = [(row, body, np.array(modes)) for row, body, modes, _ in bodies if len(modes)]
     if not some:
         return None
     heavy, compliance = [], []
@@ -95,6 +105,7 @@ def static_modes(bodies: Sequence[tuple[int, FlexBody, Sequence[int]]]) -> Stati
         np.array([row for row, _, _ in some], np.int64),
         np.cumsum(counts).astype(np.int64),
         np.concatenate([modes for _, _, modes in some]).astype(np.int64),
+        np.array([word for _, _, modes, word in bodies if len(modes)], np.int64),
         np.array(heavy),
         np.concatenate(compliance),
     )

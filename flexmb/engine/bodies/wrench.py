@@ -11,6 +11,7 @@ from flexmb.engine.algebra.ldl import add_body_block, add_coupling
 from flexmb.engine.algebra.vector import (
     add_column,
     add_part,
+    add_rows,
     add_skew,
     clear,
     inner,
@@ -188,10 +189,7 @@ def _add_modal_arm(mk, mn, pool, phi, m, force, moment, B):
     if mk["bend"] >= 0:
         x, y, z = force
         for r in range(m):
-            at = mk["bend"] + 3 * m * r
-            for c in range(m):
-                s = x * pool[at + c] + y * pool[at + m + c] + z * pool[at + 2 * m + c]
-                B[6 + r, 6 + c] -= s
+            add_rows(pool, mk["bend"] + 3 * m * r, m, -x, -y, -z, B[6 + r], 6)
 
 
 @kernel

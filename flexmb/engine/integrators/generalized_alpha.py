@@ -185,7 +185,7 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
                 estimate_error(run, alpha, h)
             if alpha.project == 1 and st.lam.shape[0] > 0:
                 status = _project(run, alpha, b)
-            if len(run.stages.static.units) > 0:
+            if settings.follow == 1:
                 return settle_static_modes(run, run.trial_point)
             return status
     return NO_CONVERGENCE

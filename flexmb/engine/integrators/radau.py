@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from flexmb.model.scenes.dynamics import DynamicsSpec
 
 STAGES = 3
+_ALMOST_ZERO = 1e-300
 
 
 class Radau(NamedTuple):
@@ -83,7 +84,7 @@ def factorise_stages(run: Run, radau: Radau, h: float) -> int:
     fac.symmetric[0] = int(memory["symmetric"])
     for i in range(pair.low.shape[0]):
         pair.low[i] = pair.up[i] = 0.0
-    put_matrix(run, at, 0.0, 0.0)
+    put_matrix(run, at, _ALMOST_ZERO, 0.0)  # the mass of motion, not that of single solves
     _add_matrix(pair, fac, -1j)
     put_matrix(run, at, y, 2.0 * x * y)
     _add_matrix(pair, fac, 1j)

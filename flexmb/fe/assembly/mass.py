@@ -137,7 +137,7 @@ def reduced_components(
         X = Phi[numbering.table[solid, :3]].reshape(len(solid), 3 * m)
         product = X.T @ (scalar @ X)
         Mab += product.reshape(3, m, 3, m).transpose(0, 2, 1, 3)
-    for mass, dofs in masses:
+    for mass, dofs in masses if m else ():
         local = Phi[dofs]
         flat = local.reshape(-1, m)
         for a in range(3):

@@ -35,6 +35,7 @@ from flexmb.flexbody.static_response import (
 )
 from flexmb.progress import Progress, silent
 
+_NOTHING = 1e-10  # share of the largest energy of a response: less is rounding
 _INSIDE = 1e-8  # share of a mode's strain energy that the basis leaves: less is in it
 
 
@@ -49,6 +50,19 @@ def inertia_response(
     if basis.without is not None:
         forms += lacking_forms(fe, X, basis.without)[1:]
     return InertiaResponse(*forms)
+
+
+def omitted_responses(
+    fe: FEMatrices, basis: ReducedBasis, elastic: ReducedModes
+) -> FloatArray | None:
+    """(n, 12) what the modes lack of the static responses to inertia loads; None if nothing."""
+    X = basis.inertia
+    if X is None:
+        return None
+    Y = _beside(fe, X, (elastic.omega2, elastic.Phi))
+    full, lacks = (np.einsum("nr,nr->r", Z, fe.K @ Z) for Z in (X, Y))
+    counts = lacks > _NOTHING * full.max()
+    return np.where(counts, Y, 0.0) if counts.any() else None
 
 
 def lacking_forms(fe: FEMatrices, X: FloatArray, modes: Modes) -> tuple[FloatArray, ...]:

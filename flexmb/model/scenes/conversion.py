@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 
 from flexmb.errors import FlexmbError, Problem, SceneError
 from flexmb.folders import relative_path
-from flexmb.model.body import BodySpec
+from flexmb.model.body import BodySpec, MeshShape
 from flexmb.model.flexible_body import FlexbodySpec
 from flexmb.model.functions.expression import CONSTANTS, FUNCTIONS, names_in
 from flexmb.model.joints.curve import CurveSpec, read_curve_file
@@ -379,6 +379,9 @@ def _body(
         del table["interfaces"]
     if isinstance(table.get("mesh"), dict):
         del table["units"]  # of mesh files
+    shape = getattr(spec, "shape", None)
+    if isinstance(shape, MeshShape) and folder is not None:  # the scene holds all of it
+        table["shape"] = shape.packed
     for key in ("mesh", "flexbody", "modes"):
         if isinstance(table.get(key), str) and folder is not None:
             table[key] = relative_path(model.path(table[key]), Path(folder))

@@ -15,6 +15,7 @@ from flexmb.errors import Problem, SceneError
 from flexmb.model.functions.tabulated import check_order
 from flexmb.model.quantities import (
     Angle,
+    AngularVelocity,
     Integer,
     Length,
     Quantity,
@@ -307,12 +308,15 @@ class StaticsSpec(Spec):
     """Equilibrium at rest, of rigid and flexible bodies under their weight and loads.
 
     Functions and drivers have the values that they have at ``time`` [s]. With a ``duration`` [s]
-    the equilibrium is followed through ``outputs`` intervals of it: a quasi-static motion.
+    the equilibrium is followed through ``outputs`` intervals of it: a quasi-static motion. With
+    ``spin`` [rad/s] the whole machine turns steadily about an axis through the ground's origin, and
+    the equilibrium is the one in the axes that turn with it.
     """
 
     time: Annotated[float, Quantity("s", "not negative")] = 0.0
     duration: Time | None = None
     outputs: Annotated[int, Integer(1)] | None = None
+    spin: AngularVelocity = (0.0, 0.0, 0.0)
 
     @model_validator(mode="after")
     def _times_fit(self) -> Self:

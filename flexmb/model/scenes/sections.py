@@ -8,9 +8,9 @@ known answers stand here themselves.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import StrictBool, ValidationInfo
+from pydantic import StrictBool, ValidationInfo, model_validator
 
 from flexmb.errors import Problem, nearest
 from flexmb.model.control import PidSpec, StateSpec, TransferFunctionSpec
@@ -138,6 +138,13 @@ class ViewSpec(Spec):
     font_scale: _Factor = 1.0
     history: tuple[Text, ...] = ()
     size: tuple[Annotated[int, _PIXELS], Annotated[int, _PIXELS]] = (1280, 720)
+
+    @model_validator(mode="after")
+    def _one_way_to_look(self) -> Self:
+        if self.direction is not None and self.camera != ("auto",):
+            what = '"camera" and "direction" both say from where; give one of them'
+            raise fail(Problem("direction", what))
+        return self
 
 
 class CheckSpec(Spec):

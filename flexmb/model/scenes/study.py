@@ -1,10 +1,12 @@
 """Values of a scene that are changed from outside: by overrides, and by studies of many values.
 
 A name is a parameter, a field of ``[dynamics]``, or the path of a value: ``speed=2*pi*10``,
-``dynamics.step=1e-5``. Texts are read as TOML values where they are ones, else stay texts
-(expressions, names). Values of a study are lists, or ranges: ``1e-2..1e-8`` by factors of ten,
-``1e-3..1e-5:5`` five values at equal ratios, rounded to three digits where they are far apart;
-between whole numbers the values are whole.
+``dynamics.step=1e-5``; ``bodies.*`` are all flexible bodies. Below the entries of a section
+(``bodies.rod``) a path may name what the scene does not have yet. Texts are read as TOML values
+where they are ones, tables in braces among them, else stay texts (expressions, names). Values of a
+study are lists, or ranges: ``1e-2..1e-8`` by factors of ten, ``1e-3..1e-5:5`` five values at equal
+ratios, rounded to three digits where they are far apart; between whole numbers the values are
+whole.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from __future__ import annotations
 import copy
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any
 
 from pydantic import ValidationInfo
@@ -61,32 +63,58 @@ def _value(text: Any) -> Any:
 
 def _set(scene: dict[str, Any], name: str, value: Any) -> Problem | None:
     where = f"override {name}"
-    if isinstance(value, Mapping):
-        return Problem(where, f"a single value is expected, given {quote(value)}")
     parts = name.split(".")
     if len(parts) == 1:
-        parameters = scene.get("parameters", {})
-        if not isinstance(parameters, Mapping):
-            parameters = {}
-        top = tuple(key for key in ("title", *_TOP) if key in scene)
-        if name in parameters:
-            parameters[name] = value
-        elif name in ("title", *_TOP):
-            scene[name] = value
-        else:
-            names = tuple(dict.fromkeys((*parameters, *top)))
-            return Problem(where, f'unknown parameter "{name}"', names, nearest(name, names))
-        return None
+        return _set_parameter(scene, name, value)
+    if parts[:2] == ALL_BODIES and len(parts) > 2:
+        bodies = flexible_bodies(scene)
+        problems = [_set(scene, ".".join(("bodies", k, *parts[2:])), value) for k in bodies]
+        return next(filter(None, problems), None) if bodies else Problem(where, NO_FLEXIBLE_BODY)
     table: Any = scene
     for depth, part in enumerate(parts[:-1]):
         if depth == 0 and part in _MAKEABLE:
             table.setdefault(part, {})
         if depth == 0 and part == "effects" and isinstance(table[part], str):
             table[part] = {"choice": table[part]}
-        if not isinstance(table, dict) or not isinstance(table.get(part), dict):
-            return _no_table(where, parts[: depth + 1], table)
+        inside = table.get(part)
+        if not isinstance(inside, dict):
+            if isinstance(inside, list) or not _is_free(parts, depth):
+                return _no_table(where, parts[: depth + 1], table)
+            table[part] = {}
         table = table[part]
+        if not isinstance(table, dict):
+            return _no_table(where, parts[: depth + 1], {})
     return _put(where, table, parts, value)
+
+
+def _set_parameter(scene: dict[str, Any], name: str, value: Any) -> Problem | None:
+    """A parameter, or one of the single values of a scene."""
+    where = f"override {name}"
+    parameters = scene.get("parameters", {})
+    if not isinstance(parameters, Mapping):
+        parameters = {}
+    if isinstance(value, Mapping) and (name in parameters or name != "effects"):
+        return Problem(where, f"a single value is expected, given {quote(value)}")
+    top = tuple(key for key in ("title", *_TOP) if key in scene)
+    if name in parameters:
+        parameters[name] = value
+    elif name in ("title", *_TOP):
+        scene[name] = value
+    else:
+        names = tuple(dict.fromkeys((*parameters, *top)))
+        return Problem(where, f'unknown parameter "{name}"', names, nearest(name, names))
+    return None
+
+
+_OF_NAMES = ("markers", "interfaces", "sections")  # tables of named things
+
+
+def _is_free(parts: Sequence[str], depth: int) -> bool:
+    """Whether a path may name a table at this depth that the scene does not have.
+
+    Whoever reads the changed scene knows what may stand there.
+    """
+    return depth > 1 or (depth == 1 and parts[0] in _MAKEABLE)
 
 
 def _no_table(where: str, path: list[str], table: Any) -> Problem:
@@ -97,7 +125,8 @@ def _no_table(where: str, path: list[str], table: Any) -> Problem:
 
 def _put(where: str, table: dict[str, Any], parts: list[str], value: Any) -> Problem | None:
     key = parts[-1]
-    if isinstance(table.get(key), dict) and key not in ("orientation", "material", "shape"):
+    whole = isinstance(table.get(key), dict) and not isinstance(value, Mapping)
+    if whole and (key in _OF_NAMES or not _is_free(parts, len(parts) - 1)):
         names = tuple(f"{'.'.join(parts)}.{name}" for name in table[key])
         return Problem(where, "is a table; name a value in it", names)
     if parts[0] == "parameters" and key not in table:
@@ -106,6 +135,16 @@ def _put(where: str, table: dict[str, Any], parts: list[str], value: Any) -> Pro
     if parts[0] == "dynamics" and key in INSTEAD:  # the new one replaces the scene's other choice
         table.pop(INSTEAD[key], None)
     return None
+
+
+ALL_BODIES = ["bodies", "*"]
+NO_FLEXIBLE_BODY = "the scene has no flexible body, with a mesh or a flexbody"
+
+
+def flexible_bodies(scene: Mapping[str, Any]) -> list[str]:
+    """Names of the bodies that the scene makes from meshes or files."""
+    bodies = _table(scene, "bodies")
+    return [name for name in bodies if {"mesh", "flexbody"} & set(_table(bodies, name))]
 
 
 _SECTIONS = (
@@ -126,13 +165,18 @@ def resolve_knob(scene: Mapping[str, Any], name: str) -> tuple[str, Problem | No
     if name in DynamicsSpec.model_fields:
         return f"dynamics.{name}", None
     *path, last = name.split(".")
+    if path[:2] == ALL_BODIES:
+        return name, None if flexible_bodies(scene) else Problem("", NO_FLEXIBLE_BODY)
     table: Any = scene
-    for part in path:
-        table = table.get(part) if isinstance(table, Mapping) else None
-    there = name.startswith("dynamics.") or isinstance(table, Mapping)
-    if path and path[0] in _SECTIONS and there:
-        inside = table.get(last) if isinstance(table, Mapping) else None
-        if not isinstance(inside, Mapping):
+    for depth, part in enumerate(path):
+        inside = table.get(part, {} if depth == 0 and part in _MAKEABLE else None)
+        table = {} if not isinstance(inside, Mapping) and _is_free(path, depth) else inside
+        if not isinstance(table, Mapping):
+            break
+    if path and path[0] in _SECTIONS and isinstance(table, Mapping):
+        inside = table.get(last)
+        free = last not in _OF_NAMES and _is_free([*path, last], len(path))
+        if free or not isinstance(inside, Mapping):
             return name, _unknown_parameter(path, last, table)
         names = tuple(f"{name}.{key}" for key in inside)
         return name, Problem("", "is a table; name a value in it", names)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 from linkages import bar, four_bar, four_bar_angles, swept
 
+import flexmb
 from flexmb.analysis.assembly.gaps import assembly_notes, joint_gaps, moved_bodies
 from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.engine.compile import compile_system
@@ -105,7 +108,9 @@ def report(made):
 
 
 def test_the_report_tells_gaps_and_moves_in_the_units_of_the_scene():
-    told = report(four_bar(tuple(1e3 * b for b in BARS), (0.7, 0.3, 1.9), units="mm-t-s"))
+    made = four_bar(tuple(1e3 * b for b in BARS), (0.7, 0.3, 1.9), units="mm-t-s")
+    made.set_assembly()
+    told = report(made)
     assert (
         told[0].startswith("position error before assembly: joints.rocker_pin by ")
         and " mm and 0 deg" in told[0]
@@ -163,3 +168,44 @@ def test_sections_are_written_and_read_back():
     again = Model.from_scene_dict(made.to_scene_dict())
     assert again.assembly == made.assembly and again.kinematics == made.kinematics
     assert again.assembly.guess["left"].angle == pytest.approx(np.pi / 6, rel=1e-15)
+
+
+def two_bars(gap, units="SI"):
+    """A bar on the ground and one at its end, placed too far by a gap; lengths of 1 m."""
+    scale = 1.0 if units == "SI" else 1e3
+    made = Model("bars", units=units)
+    for k, name in enumerate(("one", "two")):
+        made.add_body(name, mass=1.0, inertia=[1, 1, 1], position=[(k + k * gap) * scale, 0, 0])
+        made.add_marker(f"{name}.end", position=[scale, 0, 0])
+    made.add_joint("pin", "revolute", between=["ground", "one"], axis="z")
+    made.add_joint("elbow", "revolute", between=["one.end", "two"], axis="z")
+    return made
+
+
+@pytest.mark.parametrize(("units", "distance"), [("SI", "0.3 m"), ("mm-t-s", "300 mm")])
+def test_a_body_far_from_where_its_joints_close_is_refused(units, distance):
+    made = two_bars(0.3, units)
+    for analysis in (flexmb.simulate, flexmb.mobility):
+        words = {"duration": 0.1} if analysis is flexmb.simulate else {}
+        with pytest.raises(AssemblyError, match="bodies.two: would have to move by") as caught:
+            analysis(made, **words)
+        assert f"joints.elbow is open by {distance} and 0 deg" in str(caught.value)
+    made.set_assembly()
+    with pytest.warns(match=f"moved: two by {distance}"):
+        flexmb.simulate(made, duration=0.01, outputs=1)
+
+
+def test_a_small_gap_is_closed_and_said_so():
+    with pytest.warns(match=r"assembled with least change; moved: two by 0.004 m"):
+        flexmb.simulate(two_bars(0.004), duration=0.01, outputs=1)
+    with warnings.catch_warnings():  # round-off is no gap
+        warnings.simplefilter("error")
+        flexmb.simulate(two_bars(1e-9), duration=0.01, outputs=1)
+
+
+def test_drivers_say_where_bodies_begin_without_an_assembly():
+    made = two_bars(0.0)
+    made.add_driver("motor", joint="pin", angle="1 + t")
+    made.add_driver("fold", joint="elbow", angle="2 - t")
+    with pytest.warns(match=r"moved: two by 0\.95\d+ m and 171\.9 deg"):
+        flexmb.kinematics(made, duration=0.1, outputs=1)

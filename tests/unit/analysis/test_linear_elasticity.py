@@ -169,6 +169,17 @@ def test_a_blade_without_stiffening_beyond_its_first_frequency_is_refused():
     assert 'speed = "any" under [validity] runs on' in found.message
 
 
+@pytest.mark.parametrize("method", ["radau", "explicit-rk"])
+def test_a_blade_that_rotation_softens_until_it_folds_is_told_as_such(method):
+    """At rest it bends by less than the bound, with 0.8 of its frequency by more."""
+    model = on_a_hub(0.9 * 1.8751041**2 * BENDING)
+    push = [0, f"{0.33 * LENGTH * STIFFNESS}*t", 0]  # a push that it would bear at rest
+    model.add_force("push", "force", at="beam.tip", value=push, axes="beam.root")
+    found = outcome(model, duration=1.0, outputs=100, method=method)
+    assert "is deflected by 0.3" in found.message
+    assert "an inconsistent set of equations, centrifugal softening" in found.message
+
+
 @pytest.mark.parametrize(
     ("deflection", "bound"), [(0.25, 0.3), (0.4, 0.3), (0.4, "any"), (0.2, 0.15)]
 )

@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 
 from flexmb.analysis.dynamics import integration as module
 from flexmb.cli import app
-from flexmb.cli.run import summary_sentence, time_rows, work_rows
 from flexmb.results import Result
+from flexmb.results.run_summary import summary_sentence, time_rows, work_rows
 
 SCENE = Path(__file__).parents[3] / "cases" / "rigid_slider_crank" / "scene.toml"
 

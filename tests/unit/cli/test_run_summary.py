@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexmb.cli.run import summary_sentence, time_rows, work_rows
+from flexmb.results.run_summary import summary_sentence, time_rows, work_rows
 
 SWEEP = {
     "points": 1001,

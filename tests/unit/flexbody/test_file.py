@@ -23,6 +23,7 @@ from flexmb.flexbody import (
     save,
 )
 from flexmb.flexbody.body_file import TABLE
+from flexmb.flexbody.stress_modes import OmittedStress
 
 ENDS = {"left": "x0", "right": "x1"}
 
@@ -45,7 +46,12 @@ def loaded():
     rng = np.random.default_rng(0)
     axes, modes = np.tile(np.eye(3), (2, 1, 1)), rng.normal(size=(2, 8, body.m))
     shells = ShellForceModes(np.arange(2), np.zeros(2, int), ("skin",), axes, modes)
-    return replace(body, loads=(push, replace(push, name="pull")), shell_forces=shells)
+    places, beams = len(body.stress.ids), len(body.section_forces.elements)
+    shapes = {"stress": (places, 6, 12), "section_forces": (beams, 2, 6, 12)}
+    shapes["shell_forces"] = (2, 8, 12)
+    omitted = OmittedStress(**{name: rng.normal(size=shape) for name, shape in shapes.items()})
+    pair = (push, replace(push, name="pull"))
+    return replace(body, loads=pair, shell_forces=shells, omitted_stress=omitted)
 
 
 def plain():

@@ -124,3 +124,19 @@ def test_an_interruption_waits_for_the_end_of_the_block() -> None:
         done = True
     assert done
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_of_a_large_table_only_what_is_wanted_is_read(tmp_path, monkeypatch) -> None:
+    from flexmb.results import reader
+
+    with writer(tmp_path / "r.h5") as out:
+        out.append(block(0, 20))
+    whole = Result(out.path)
+    expected = {name: whole.part(name, [1, 0]) for name in ("q", "sensors", "energy")}
+    monkeypatch.setattr(reader, "_MAX_TABLE", 100)
+    monkeypatch.setattr(reader, "_BLOCK", 500)
+    large = Result(out.path)
+    for name, values in expected.items():
+        np.testing.assert_array_equal(large.part(name, [1, 0]), values)
+        np.testing.assert_array_equal(large.part(name), whole.part(name))
+    assert not {"q", "sensors", "energy"} & {*large._tables}

@@ -62,13 +62,67 @@ def kinds(settings) -> tuple[int, int]:
         ("bodies__beam__modes", (2, 5, 3), 1, 3),
         ("n", (2, 5, 3), 1, 3),  # a parameter that is the number of modes
         ("push", (3, 4), 2, 2),  # one in a function of time
-        ("bodies__beam__damping", (0.0, 0.1), 2, 2),
+        ("bodies__beam__damping", (0.1, 0.2, 0.0), 3, 3),  # another damping is another machine
+        ("bodies__beam__damping", (0.0, 0.1), 1, 2),  # none leaves it out
+        ("bodies__beam__damping", ({"ratio": 0.1}, 0), 1, 2),
+        ("bodies__beam__deformation", ("rigid", {"band": [0, 100]}, "quasi-static"), 1, 3),
+        ("bodies__*__inertia_coupling", ("constant", "partial", "full"), 1, 3),
+        ("bodies__*__geometric_stiffening", ("none", "full"), 1, 2),
+        ("bodies__beam__frame", ("interface a", "mean axis"), 1, 2),
+        ("effects__gravity", (False, True), 1, 2),
+        ("effects__planar", (True, False), 1, 2),
     ],
 )
 def test_what_a_knob_changes_decides_what_its_error_is_measured_against(
     tmp_path: Path, knob: str, values: tuple[object, ...], machines: int, models: int
 ) -> None:
     assert kinds(plan(tmp_path, BEAM, **{knob: values})) == (machines, models)
+
+
+def test_the_reference_has_all_effects_that_are_varied(tmp_path: Path) -> None:
+    knobs = {
+        "bodies__*__deformation": ("dynamic", "rigid"),
+        "bodies__beam__inertia_coupling": ("constant", "partial"),
+        "effects__planar": (True, False),
+        "bodies__beam__damping": (0.1, 0),
+    }
+    settings = plan(tmp_path, BEAM, **knobs)
+    whole = {
+        "bodies.*.deformation": "dynamic", "bodies.beam.inertia_coupling": "full",
+        "effects.planar": False, "bodies.beam.damping": 0.1,
+    }  # fmt: skip
+    assert all(one.complete == whole for one in settings)
+    assert len({one.complete_physics for one in settings}) == 1
+    assert settings[0].complete_physics not in {one.physics for one in settings}
+    (same,) = plan(tmp_path, BEAM, **{key: (one,) for key, one in settings[0].values.items()})
+    assert same.complete == same.values, "what is not varied stays as the scene says"
+
+
+@pytest.mark.parametrize(
+    ("knob", "values", "said"),
+    [
+        (
+            "bodies__beam__deformation",
+            ("rigd", "dynamic"),
+            "bodies.beam.deformation: unknown choice",
+        ),
+        ("bodies__*__deformation", ({"bnd": [0, 1]}, "rigid"), 'unknown key "bnd"; nearest: band'),
+        ("bodies__beam__frame", ("interface c", "mean axis"), 'no interface "c"'),
+        ("bodies__beam__damping", (0, -0.1), "must be zero or positive"),
+        ("effects__friction", (True, "no"), "effects.friction: true or false is expected"),
+    ],
+)
+def test_values_of_effects_are_refused_before_anything_runs(
+    tmp_path: Path, knob: str, values: tuple[object, ...], said: str
+) -> None:
+    with pytest.raises(SceneError) as caught:
+        plan(tmp_path, BEAM, **{knob: values, "dynamics__step": (1e-4, 1e-5)})
+    assert said in str(caught.value)
+
+
+def test_no_body_is_flexible(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="no flexible body"):
+        plan(tmp_path, GOOD, **{"bodies__*__deformation": ("rigid", "dynamic")})
 
 
 def test_the_finest_model_has_most_modes_and_the_last_mesh(tmp_path: Path) -> None:

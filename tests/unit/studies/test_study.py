@@ -44,6 +44,25 @@ def test_errors_are_the_true_ones(study: flexmb.Study) -> None:
         assert row.errors["positions"].where == "tip"
 
 
+def test_what_an_effect_contributes_is_measured_against_the_model_that_has_it(
+    tmp_path: Path,
+) -> None:
+    """Without its weight the bar stays where it is, and misses all of its motion."""
+    made = flexmb.study(
+        PENDULUM, {"effects.gravity": (False, True), "step": (4e-3,)}, output=tmp_path,
+        sensors=["tip"], **QUIET,
+    )  # fmt: skip
+    without, true = made.rows
+    start = np.array([1.0, 0.0])  # along x, and from there through the lowest point
+    moved = Result(Path(true.folder) / "result.h5")
+    way = np.stack([moved["tip.x"], moved["tip.y"]], axis=1)
+    error = np.abs(way - start).max() / np.ptp(way, axis=0).max()
+    assert without.errors["positions"].value == pytest.approx(error, rel=1e-3)
+    assert true.errors["positions"].value < 1e-3
+    assert true.finest and not without.finest
+    assert any("--set effects.gravity=true" in one for one in made.summary())
+
+
 @pytest.mark.parametrize("quantity", ["positions", "velocities", "reactions"])
 def test_generalized_alpha_shows_its_order_two(study: flexmb.Study, quantity: str) -> None:
     steps = [row.statistics["step_s"] for row in study.rows]

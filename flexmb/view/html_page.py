@@ -1,0 +1,137 @@
+"""Web pages of one file: elements whose text is escaped, numbers packed, plotly inside.
+
+In: texts, tables, pictures, charts and a moving scene. Out: the text of a page that needs nothing
+else, no network either, which a policy in it forbids. The library plotly carries the JavaScript
+that draws; ``page.js`` beside this file tells it what.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.errors import ViewError, printable
+
+_FACTS = 3  # columns up to which a table is as narrow as a telephone
+_POLICY = (
+    "default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; "
+    "script-src 'unsafe-inline' 'unsafe-eval'; worker-src blob:; font-src data:"
+)
+
+
+class Html(str):
+    """Markup, which is not escaped again."""
+
+    __slots__ = ()
+
+
+def tag(name: str, *children: object, **attributes: object) -> Html:
+    """An element; text within it and the values of attributes are escaped.
+
+    A trailing underscore of an attribute is left out: ``class_="card"``.
+
+    >>> tag("p", "a < b", class_="note")
+    '<p class="note">a &lt; b</p>'
+    """
+    words = "".join(
+        f' {key.rstrip("_").replace("_", "-")}="{escape(printable(str(value)))}"'
+        for key, value in attributes.items()
+    )
+    inner = "".join(markup(child) for child in children)
+    return Html(f"<{name}{words}>{inner}</{name}>" if name != "img" else f"<img{words}>")
+
+
+def markup(child: object) -> str:
+    """Markup as it is, other things as escaped text."""
+    return child if isinstance(child, Html) else escape(printable(str(child)))
+
+
+def table(
+    columns: Sequence[str], rows: Iterable[Sequence[object]], right: Sequence[int] = ()
+) -> Html:
+    """A table, the columns numbered in `right` set flush right; nothing without rows."""
+    body = [
+        tag("tr", *(_cell("td", cell, i in right) for i, cell in enumerate(row))) for row in rows
+    ]
+    if not body:
+        return Html("")
+    head = [tag("tr", *(_cell("th", name, i in right) for i, name in enumerate(columns)))]
+    inner = [tag("thead", *head)] if any(columns) else []
+    kind = "columns" if len(columns) > _FACTS else "facts"
+    return tag("div", tag("table", *inner, tag("tbody", *body), class_=kind), class_="wide")
+
+
+def _cell(name: str, cell: object, right: bool) -> Html:
+    return tag(name, cell, class_="number") if right else tag(name, cell)
+
+
+def section(title: str, *children: object, class_: str = "") -> Html:
+    """A part of the page with its heading; nothing without content."""
+    content = [child for child in children if markup(child)]
+    return tag("section", tag("h2", title), *content, class_=class_) if content else Html("")
+
+
+def image(png: bytes, words: str) -> Html:
+    """A picture within the page."""
+    source = "data:image/png;base64," + base64.b64encode(png).decode("ascii")
+    return tag("figure", tag("img", src=source, alt=words, loading="lazy"))
+
+
+def packed(values: Any, kind: str = "f4") -> dict[str, str]:
+    """Numbers as base64 text of little-endian `kind`, which ``page.js`` unpacks."""
+    data: NDArray[Any] = np.ascontiguousarray(values, dtype="<" + kind)
+    return {"kind": kind, "data": base64.b64encode(data.tobytes()).decode("ascii")}
+
+
+def check_plotly() -> None:
+    """Refuse to begin a page without the library that draws in it.
+
+    Raises
+    ------
+    ViewError
+        The library plotly is not installed; says how to get it.
+    """
+    if find_spec("plotly") is None:
+        raise ViewError("a report needs the library plotly: pip install 'flexmb[report]'")
+
+
+def write_page(title: str, parts: Iterable[Html], data: Mapping[str, Any]) -> str:
+    """The text of a page.
+
+    Parameters
+    ----------
+    title : str
+        Of the page.
+    parts : iterable of Html
+        Its body.
+    data : mapping
+        ``charts`` and ``motion``, as `flexmb.view.page_charts` and `flexmb.view.page_motion` make
+        them; each belongs to the element whose id it names.
+    """
+    from plotly.offline import get_plotlyjs
+
+    here = Path(__file__).parent
+    style, script = ((here / name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    return "\n".join([
+        "<!DOCTYPE html>",
+        '<html lang="en"><head><meta charset="utf-8">',
+        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">',
+        '<meta name="viewport" content="width=device-width, initial-scale=1">',
+        tag("title", title),
+        f"<style>{style}</style></head><body><main>",
+        *parts,
+        "</main>",
+        f'<script type="application/json" id="data">{text}</script>',
+        f"<script>{get_plotlyjs()}</script>",
+        f"<script>{script}</script>",
+        "</body></html>\n",
+    ])  # fmt: skip

@@ -1,0 +1,156 @@
+"""A run that plays while the user turns and zooms it: in a window on the desktop, or in a web page.
+
+In: a :class:`Result`. Out: nothing from the window, whose function returns when it is closed; the
+path of the page. In the window space plays and stops, the arrows go to the next frame and the one
+before.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import time as clock
+from pathlib import Path
+from typing import Any
+
+from flexmb.errors import ViewError
+from flexmb.folders import whole_file
+from flexmb.progress import Progress, silent
+from flexmb.results import Result
+from flexmb.view import vtk_renderer
+from flexmb.view.film import RATE, MotionShot, shoot
+from flexmb.view.html_page import tag, write_page
+from flexmb.view.page_motion import moving_scene
+from flexmb.view.plot import writable_file
+from flexmb.view.vtk_scene import VtkScene
+
+_TICK = 20  # ms between two looks at the clock
+_FOREVER = 10**8  # ticks
+
+
+def has_desktop() -> bool:
+    """Whether a window can be opened: there is a display, and VTK draws to it."""
+    verdict = vtk_renderer.probe()
+    return has_display() and verdict.works and not vtk_renderer.is_off_screen(verdict)
+
+
+def open_window(result: Result | str | Path, speed: float | None = None, **view: Any) -> None:
+    """Show a run in a window until it is closed.
+
+    Parameters
+    ----------
+    result : Result or path
+        The run.
+    speed : float, optional
+        Simulated seconds in a second, as for `film`.
+    **view
+        Any word of the scene's ``[view]``, as for `render`.
+
+    Raises
+    ------
+    ViewError
+        There is no desktop, or an option that cannot be.
+    ResultFileError
+        The file is no result.
+    """
+    run = result if isinstance(result, Result) else Result(result)
+    if not has_desktop():
+        raise ViewError(
+            "there is no desktop to open a window on; flexmb view writes a web page there"
+        )
+    shot = shoot(run, RATE, speed, None, None, (), view)
+    count = len(shot.panels(0))
+    verdict = vtk_renderer.probe()
+    with vtk_renderer.open_scene(count, shot.size, shot.columns, verdict, window=True) as scene:
+        Player(shot, scene).run()
+
+
+def write_page_of_motion(
+    result: Result | str | Path, output: str | Path | None = None, progress: Progress = silent
+) -> Path:
+    """Write a web page in which a run plays; it needs nothing else, and no network.
+
+    Parameters
+    ----------
+    result : Result or path
+        The run.
+    output : path, optional
+        A file that ends in .html; ``view.html`` beside the result.
+    progress : callable
+        Is called for each frame.
+
+    Raises
+    ------
+    ViewError
+        The library plotly is missing, there is nothing to show, or the file cannot be written.
+    """
+    run = result if isinstance(result, Result) else Result(result)
+    path = writable_file(output or run.path.parent / "view.html", (".html", ".htm"))
+    scene = moving_scene(run, progress)
+    title = run.title or run.path.parent.name
+    text = write_page(
+        title, [tag("h1", title), scene.player()], {"charts": [], "motion": scene.data}
+    )
+    try:
+        with whole_file(path) as partial:
+            partial.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ViewError(f"{path}: cannot be written ({error.strerror or error})") from error
+    return path
+
+
+def has_display() -> bool:
+    """Whether there is a screen that programs can open windows on."""
+    if platform.system() != "Linux":
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+class Player:
+    """The frames of a shot in a scene: one is shown, and others follow while it plays."""
+
+    def __init__(self, shot: MotionShot, scene: VtkScene) -> None:
+        self.shot, self.scene = shot, scene
+        self.count = len(shot.schedule.times)
+        self.number, self.is_playing = 0, False
+        self._began = 0.0  # when the first frame of this playing would have been shown
+        self._slider: Any = None
+        self.go_to(0)
+
+    def go_to(self, number: float) -> None:
+        """Show a frame."""
+        self.number = round(number) % self.count
+        vtk_renderer.show(self.scene, self.shot.panels(self.number), self.shot.size)
+        self.scene.plotter.render_window.Render()
+
+    def toggle(self) -> None:
+        """Play, or stop."""
+        self.is_playing = not self.is_playing
+        self._began = clock.monotonic() - self.number / self.shot.schedule.rate
+
+    def tick(self) -> None:
+        """Show the frame of this moment, if it plays: a slow machine leaves frames out."""
+        if self.is_playing:
+            number = int((clock.monotonic() - self._began) * self.shot.schedule.rate) % self.count
+            if number != self.number:
+                self._move(number)
+
+    def _move(self, number: int) -> None:
+        self.go_to(number)
+        if self._slider is not None:
+            self._slider.GetRepresentation().SetValue(self.number)
+
+    def run(self) -> None:
+        """Open the window; returns when it is closed."""
+        plotter = self.scene.plotter
+        self._slider = plotter.add_slider_widget(
+            self.go_to, rng=(0, self.count - 1), value=0, pointa=(0.3, 0.06), pointb=(0.85, 0.06),
+            fmt="%.0f", title="", style="modern", interaction_event="always",
+        )  # fmt: skip
+        plotter.add_key_event("space", self.toggle)
+        plotter.add_key_event("Right", lambda: self._move(self.number + 1))
+        plotter.add_key_event("Left", lambda: self._move(self.number - 1))
+        plotter.add_timer_event(_FOREVER, _TICK, lambda _: self.tick())
+        self.toggle()
+        plotter.suppress_rendering = False
+        plotter.show(title=f"{self.shot.panels(0)[0].title} - space plays and stops")

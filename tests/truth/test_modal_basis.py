@@ -1,0 +1,195 @@
+"""Guards of a basis: loads beside the interfaces and modes that were left out, against full models.
+
+Full models by sparse LU of the whole mesh (SciPy), by reductions that leave nothing out, and by
+Timoshenko & Young, Vibration Problems in Engineering, §5.12: a cantilever's frequencies.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.sparse.linalg import spsolve
+
+from flexmb.analysis.dynamics.modal_basis import ModalBasisMonitor
+from flexmb.engine.compile import compile_system
+from flexmb.errors import SolverError
+from flexmb.fe import assemble, mesh_from, reduce
+from flexmb.fe.sections.section_tables import resolve, sections_from
+from flexmb.flexbody import load
+from flexmb.model import Model
+from flexmb.results import OutputBlock, Result
+from flexmb.workflow.run import run_single
+
+E, RHO, H, L = 2.1e11, 7850.0, 0.02, 1.0
+STEEL = {"E": E, "nu": 0.3, "density": RHO}
+SQUARE = {"all": {"type": "rectangle", "y": H, "z": H}}
+SHELL = {"all": {"type": "shell", "thickness": 0.004}}
+PLATE = {"type": "plate", "length": 0.4, "width": 0.3, "divisions": [8, 6]}
+THIRD = 7.8547574**2 * np.sqrt(E * H**2 / 12 / RHO) / L**2 / (2 * np.pi)  # Hz, of a cantilever
+
+
+def full_compliance(node):
+    """(3, 3) of the plate, clamped at x = 0, by its whole stiffness."""
+    fe = assemble(mesh_from(PLATE), resolve("steel"), sections_from(SHELL))
+    edge = np.flatnonzero(fe.mesh.points[:, 0] < 1e-9)
+    free = np.setdiff1d(np.arange(fe.numbering.n), fe.numbering.table[edge].ravel())
+    F = np.zeros((fe.numbering.n, 3))
+    F[fe.numbering.table[node, :3], np.arange(3)] = 1.0
+    return F[free].T @ spsolve(fe.K.tocsc()[free][:, free], F[free])
+
+
+def reduced_compliance(body, node):
+    """(3, 3) of the body with its interface at rest: its frame and eta move, K holds eta."""
+    edge, row = body.interface("edge"), body.nodes.row(node)
+
+    def motion(position, Phi_t, Phi_r):
+        turn = np.cross(np.eye(3), position)  # row a: e_a x position
+        return np.block(
+            [[np.eye(3), turn.T @ np.eye(3), Phi_t], [np.zeros((3, 3)), np.eye(3), Phi_r]]
+        )
+
+    G = motion(edge.position, edge.Phi_t, edge.Phi_r)
+    B = motion(body.nodes.position[row], body.nodes.Phi_t[row], body.nodes.Phi_r[row])[:3]
+    n = 6 + body.m
+    A = np.zeros((n + 6, n + 6))
+    A[6:n, 6:n], A[:n, n:], A[n:, :n] = body.K, G.T, G
+    right = np.vstack([B.T, np.zeros((6, 3))])
+    return B @ np.linalg.solve(A, right)[:n]
+
+
+@pytest.mark.parametrize("reduction", ["craig-bampton", "free-interface"])
+@pytest.mark.parametrize("node", [31, 62])
+def test_what_is_missing_under_a_load_is_that_of_the_full_model(reduction, node):
+    """Out of the plate's plane, where modes answer at all, and within it, where four do not."""
+    body = reduce(
+        PLATE, material="steel", sections=SHELL, interfaces={"edge": "x0"}, reduction=reduction,
+        load_points=[node], modes=4,
+    )  # fmt: skip
+    full, reduced = full_compliance(node), reduced_compliance(body, node)
+    answer = body.load_response
+    np.testing.assert_allclose(answer.energy[:3, :3], full, rtol=1e-6, atol=1e-9 * full.max())
+    if reduction == "free-interface":  # its modes answer in part what the interface would hold
+        assert (np.diag(answer.missing)[:3] <= np.diag(full) * (1 + 1e-9)).all()
+        return
+    missing = full - reduced
+    np.testing.assert_allclose(answer.missing[:3, :3], missing, rtol=1e-6, atol=1e-8 * full.max())
+
+
+def clamped(value, modes=4, node=20, residual="auto", **dynamics):
+    """A cantilever with a force at a node of its mesh."""
+    model = Model("beam")
+    model.add_body(
+        "beam", mesh={"type": "beam", "length": L, "divisions": 20}, material=STEEL, modes=modes,
+        interfaces={"root": "start"}, sections=SQUARE, damping=0.02, **dynamics.pop("body", {}),
+    )  # fmt: skip
+    model.add_joint("clamp", "fixed", between=["ground", "beam.root"])
+    model.add_marker("beam.place", node=node)
+    model.add_force("push", "force", at="beam.place", value=value)
+    model.add_sensor("place", "position", of="beam.place")
+    model.set_dynamics(**{"duration": 0.1, "outputs": 600, **dynamics})
+    return model
+
+
+def ran(model, folder, **options):
+    report = run_single(model, folder, pictures=False, **options)
+    words = ("modes lack", "would vibrate", "does not tell")
+    return Result(report.result), [note for note in report.notes if any(w in note for w in words)]
+
+
+SLOW = ((0.3, 600), (1.1, 600), (0.95, 40))
+RISE = "step(t, 0, 0, 0.09, 50)"
+
+
+def test_the_share_that_a_run_tells_is_that_of_the_deflection(tmp_path):
+    """Two of its bending modes at a quarter of the beam, against Euler-Bernoulli: c = x³/3EI."""
+    result, (note,) = ran(clamped([0, 50, 0], modes=4, node=5), tmp_path, analysis="statics")
+    assert note.startswith("bodies.beam: its modes lack ")
+    assert "forces.push" in note and "name the point as an interface" in note
+    wanted = 50 * (L / 4) ** 3 / (3 * E * H**4 / 12)
+    loss = 1.0 - result["place.y"][-1] / wanted
+    share = float(note.split("modes lack ")[1].split(" %")[0]) / 100
+    assert share**2 == pytest.approx(loss, rel=0.05)
+    assert float(note.split("by about ")[1].split(" %")[0]) == pytest.approx(100 * loss, rel=0.05)
+
+
+@pytest.mark.parametrize("cure", ["interface", "load", "modes"])
+def test_the_cures_that_it_names(cure, tmp_path):
+    body = {"loads": {"push": {"type": "force", "node": 5, "force": [0, 1, 0]}}}
+    model = clamped([0, RISE, 0], modes=30 if cure == "modes" else 4, node=5,
+                    body=body if cure == "load" else {})  # fmt: skip
+    if cure == "interface":
+        ends = {"root": {"group": "start"}, "place": {"node": 5}}
+        mesh = {"type": "beam", "length": L, "divisions": 20}
+        del model.bodies["beam"]
+        model.add_body("beam", mesh=mesh, material=STEEL, modes=4, interfaces=ends, sections=SQUARE)
+    assert ran(model, tmp_path)[1] == []
+
+
+def test_above_its_bound_a_run_is_refused_unless_asked_for(tmp_path):
+    """No mode below 2 kHz stretches: the answer to an axial force is missing as a whole."""
+    model = clamped(["step(t, 0, 0, 0.05, 50)", 0, 0])
+    with pytest.raises(SolverError, match=r"lack 9.* of forces.push.*\(bound 0.5; node_loads"):
+        ran(model, tmp_path)
+    model.set_validity(node_loads="any")
+    result, notes = ran(model, tmp_path)
+    assert result.status == "finished" and len(notes) == 1
+
+
+def test_a_body_whose_file_does_not_say(tmp_path):
+    model = clamped([0, 1.0, 0])
+    body = reduce({"type": "beam", "length": L, "divisions": 20}, material=STEEL, modes=4,
+                  interfaces={"root": "start"}, sections=SQUARE)  # fmt: skip
+    other = Model("beam")
+    other.add_body("beam", body)
+    for name in ("joints", "forces", "sensors", "dynamics"):
+        setattr(other, name, getattr(model, name))
+    other.add_marker("beam.place", node=20)
+    _, (note,) = ran(other, tmp_path)
+    assert "does not tell whether its modes answer" in note and "load_points" in note
+
+
+@pytest.mark.parametrize(
+    ("ratio", "outputs"),
+    [(0.95, 600), *(pytest.param(*one, marks=pytest.mark.slow) for one in SLOW)],
+)
+def test_a_load_near_an_omitted_mode_is_told(ratio, outputs, tmp_path):
+    """The third bending mode is left out; with it the tip swings by so much more."""
+    value = [0, f"20*sin(2*pi*{ratio * THIRD}*t)", 0]
+    model = clamped(value, outputs=outputs)
+    model.set_validity(truncation="any")
+    _, notes = ran(model, tmp_path / "truncated")
+    full, none = ran(clamped(value, modes=12), tmp_path / "full")
+    assert not none
+    if ratio < 0.5:
+        assert not notes
+        return
+    (note,) = notes
+    assert "a mode of 292 Hz that it does not have" in note and "more modes" in note
+    few, all_ = (load(tmp_path / name / "beam.flexbody.h5") for name in ("truncated", "full"))
+    assert all_.m > few.m
+    K, eta = all_.K, full.q[:, 7 : 7 + all_.m]
+    fields = [body.nodes.Phi_t.reshape(-1, body.m) for body in (all_, few)]
+    A = np.linalg.lstsq(fields[0], fields[1], rcond=None)[0]  # the few modes, in coordinates of all
+    inside = eta @ (A @ np.linalg.solve(A.T @ K @ A, A.T @ K)).T
+    energy, rest = (np.einsum("ti,ij,tj->t", x, K, x).max() for x in (inside, eta - inside))
+    share = float(note.split("vibrate with ")[1].split(" %")[0]) / 100
+    assert share == pytest.approx(np.sqrt(rest / energy), rel=0.4 if outputs > 100 else 0.7)
+
+
+def test_rows_may_come_one_by_one(tmp_path):
+    """The same as all at once: a run hands them over in chunks."""
+    model = clamped([0, f"20*sin(2*pi*{0.95 * THIRD}*t)", 0], duration=0.05, outputs=300)
+    model.set_validity(truncation="any")
+    result, _ = ran(model, tmp_path)
+    compiled = compile_system(model, {"beam": load(tmp_path / "beam.flexbody.h5")})
+    none = np.zeros((len(result.time), 0))
+    tables = [result.part(name, slice(None)) for name in ("q", "v", "vd", "lam")]
+    rows = OutputBlock(result.time, *tables, none, none, none, none)
+    values = []
+    for size in (1, 7, len(result.time)):
+        monitor = ModalBasisMonitor(compiled, model)
+        for first in range(0, len(result.time), size):
+            monitor.add(rows.part(first, min(first + size, len(result.time))))
+        values.append([one.value for one in monitor.indicators()])
+    np.testing.assert_allclose(values[0], values[2], rtol=1e-9)
+    np.testing.assert_allclose(values[1], values[2], rtol=1e-9)

@@ -1,0 +1,87 @@
+"""Equilibria of machines that turn steadily: a governor, a rod that grows, closed forms."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from femeshes import line
+from restscenes import G
+
+import flexmb
+from flexmb.fe import rectangle, reduce
+from flexmb.model import Model
+
+MASS, LENGTH = 2.0, 0.5
+
+
+def governor(speed, lean=0.3, driven=True):
+    """Two bars that hang from a shaft about z and lean outwards."""
+    made = Model("governor", gravity=[0, 0, -G])
+    made.add_body("shaft", mass=1.0, inertia=[0.01] * 3)
+    made.add_joint("bearing", "revolute", between=["ground", "shaft"], axis="z")
+    if driven:
+        made.add_driver("motor", joint="bearing", angle=f"{speed}*t")
+    inertia = [MASS * LENGTH**2 / 12] * 2 + [1e-12]
+    for k, sign in enumerate((1, -1)):
+        made.add_body(f"arm{k}", mass=MASS, center=[0, 0, -LENGTH / 2], inertia=inertia,
+                      orientation={"axis": "y", "angle": -sign * lean},
+                      markers={"end": {"position": [0, 0, -LENGTH]}})  # fmt: skip
+        made.add_joint(f"pin{k}", "revolute", between=["shaft", f"arm{k}"], axis="y")
+        made.add_sensor(f"end{k}", "position", of=f"arm{k}.end")
+    made.set_statics(spin=[0, 0, speed])
+    return made
+
+
+@pytest.mark.parametrize("speed", [6.0, 8.0, 40.0])
+def test_a_governor_leans_as_far_as_its_speed_says(speed):
+    # moments about the pin: m w^2 L^2/3 sin cos = m g L/2 sin
+    height = -LENGTH * 3 * G / (2 * speed**2 * LENGTH)
+    result = flexmb.statics(governor(speed))
+    assert result["end0.z"][0] == pytest.approx(height, rel=1e-8)
+    assert result["end1.z"][0] == pytest.approx(height, rel=1e-8)
+    reach = math.sqrt(LENGTH**2 - height**2)
+    assert abs(result["end0.x"][0]) == pytest.approx(reach, rel=1e-8)
+    # the pin carries weight and centripetal force
+    force = np.linalg.norm(result.reaction("pin0").force[0])
+    assert force == pytest.approx(MASS * math.hypot(G, speed**2 * reach / 2), rel=1e-8)
+
+
+def test_hanging_bars_lose_their_stability_at_the_critical_speed():
+    sweep = flexmb.sweep_statics(lambda w: governor(w, lean=0.0), "speed", [3.0, 5.0, 7.0])
+    lost = [event for event in sweep.events if event.kind == "stability lost"]
+    critical = math.sqrt(3 * G / (2 * LENGTH))
+    assert any(event.low - 1e-3 <= critical <= event.high + 1e-3 for event in lost)
+    assert sweep.stable.tolist() == [True, True, False]
+    assert sweep.points[2].growth == pytest.approx(math.sqrt(49.0 - critical**2), rel=1e-5)
+
+
+@pytest.mark.parametrize("driven", [True, False])
+def test_a_run_that_begins_there_stays(driven):
+    model = governor(8.0, driven=driven)
+    model.set_dynamics(duration=1.0, outputs=10, start="static", accuracy=1e-7)
+    run = flexmb.simulate(model)
+    assert np.ptp(run["end0.z"]) < 1e-8
+    assert np.hypot(run["end0.x"], run["end0.y"]) == pytest.approx(math.sqrt(
+        LENGTH**2 - (3 * G / (2 * 64.0)) ** 2), rel=1e-8)  # fmt: skip
+    angle = np.unwrap(np.arctan2(run["end0.y"], run["end0.x"]))
+    np.testing.assert_allclose(np.diff(angle), 0.8, atol=1e-7)
+
+
+def test_a_rod_grows_by_its_centrifugal_force():
+    speed, side = 100.0, 0.02
+    rod = reduce(line(8, end=(LENGTH, 0, 0)), modes=6, interfaces={"root": "root", "tip": "tip"},
+                 material={"E": 70e9, "nu": 0.3, "density": 2700.0},
+                 sections={"all": rectangle(side, side)}, residual="inertia")  # fmt: skip
+    model = Model("rod on a hub")
+    model.add_body("hub", mass=1.0, inertia=[0.01] * 3)
+    model.add_joint("bearing", "revolute", between=["ground", "hub"], axis="z")
+    model.add_driver("motor", joint="bearing", angle=f"{speed}*t")
+    model.add_body("rod", rod)
+    model.add_joint("weld", "fixed", between=["hub", "rod.root"])
+    model.add_sensor("grown", "distance", between=["hub", "rod.tip"])
+    model.set_statics(spin=[0, 0, speed])
+    [equilibrium] = flexmb.equilibria(model, starts=1)
+    stretch = equilibrium.channels(["grown"])[0] - LENGTH
+    assert stretch == pytest.approx(2700.0 * speed**2 * LENGTH**3 / (3 * 70e9), rel=2e-3)
