@@ -170,9 +170,8 @@ def _write_mp4(frames: Iterator[Image], path: Path, rate: float) -> None:
         if failed:
             errors.seek(0)
             messages = errors.read().decode(errors="replace").strip().splitlines()
-            raise ViewError(
-                f"ffmpeg could not write the film: {messages[-1] if messages else 'it ended'}"
-            )
+            why = messages[-1] if messages else "it ended; is the disk full?"
+            raise ViewError(f"ffmpeg could not write the film: {why}")
 
 
 def _write_gif(samples: list[Image], frames: Iterator[Image], path: Path, rate: float) -> None:

@@ -198,8 +198,7 @@ _RENEW_ABOVE = 0.1
 _SAME_STEP = 0.1
 # Corrections of positions up to so many times round-off that no longer shrink are noise.
 _NOISE = 50.0
-# Regularisation of constraint rows over the usual, across a singular pose. One is near where a
-# pivot lies in these bounds over the usual regularisation: below are redundant rows.
+# Regularisation of constraint rows across a singular pose, and pivots near one, over the usual.
 _SINGULAR, _REDUNDANT, _INDEPENDENT = 1e5, 10.0, 1e6
 # Estimates of so many times round-off tell nothing: where stiff parts are at rest.
 _UNTOLD = 50.0
