@@ -16,6 +16,8 @@ from flexmb.view.page_charts import Charts
 from flexmb.workflow.comparison import STILL, compare
 from flexmb.workflow.installation import machine
 
+PHASES = ("integrate", "kinematics", "statics", "inverse_dynamics")
+"""Phases of a run that are the analysis itself, without reading, compiling and meshes."""
 _PICTURE = (1000, 620)
 
 
@@ -34,7 +36,7 @@ def comparison_parts(
         keys = ("measured_error_of_positions", "energy_balance_error")
         errors = [f"{statistics[key]:.2g}" if key in statistics else "" for key in keys]
         steps = statistics.get("steps", statistics.get("points", ""))
-        seconds = sum(s for key, s in run.seconds.items() if key != "flexible_bodies")
+        seconds = sum(run.seconds.get(phase, 0.0) for phase in PHASES)
         label = f"{name}: {run.title}" if len(titles) > 1 else name
         rows.append((
             label, run.status, str(len(run.layout.bodies)), str(run.layout.nv),

@@ -25,7 +25,7 @@ from flexmb.view.page_motion import moving_scene
 from flexmb.view.plot import writable_file
 from flexmb.workflow.audit import TEXT as AUDIT
 from flexmb.workflow.audit import Audit
-from flexmb.workflow.comparison_page import comparison_parts, foot, picture_of
+from flexmb.workflow.comparison_page import PHASES, comparison_parts, foot, picture_of
 from flexmb.workflow.installation import machine
 from flexmb.workflow.run_report import PROVENANCE, check_frequencies, check_sensors
 
@@ -154,7 +154,7 @@ class _ResultPage:
         modes = sum(body.m for body in run.layout.bodies)
         words = f"bodies, {flexible} flexible with {modes} modes" if flexible else "rigid bodies"
         cards.append((str(len(run.layout.bodies)), words))
-        spent = [s for name, s in run.seconds.items() if name not in ("load", "flexible_bodies")]
+        spent = [run.seconds[name] for name in PHASES if name in run.seconds]
         if spent:
             steps = statistics.get("steps", statistics.get("points", ""))
             kind = "steps" if "steps" in statistics else "points"
