@@ -38,7 +38,7 @@ from flexmb.model.reading import GROUND, split_reference
 Array = NDArray[np.float64]
 
 _OWN_SENTENCE = (method.ZERO_LENGTH, method.CURVE_END, method.NO_LOOP, method.SELF_LOCKING)
-_ROUND_OFF, _NEARLY_REDUNDANT = 1e-13, 1e-6  # singular values over the largest
+_ROUND_OFF, _NEARLY_REDUNDANT = 1e-13, 1e-3  # singular values over the largest
 _NEARLY = 0.02  # least singular value over the next one: a singular pose is near
 _CONTRADICTED = 1e-6  # share of the prescribed motion that no motion can follow
 _MOVES = 1e-6  # of the largest rate of a joint coordinate in a motion

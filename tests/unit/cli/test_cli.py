@@ -29,6 +29,7 @@ class Outcome:
     expected: float = 0.71
     tolerance: float = 1e-9
     source: str = "both links in line"
+    is_open: bool = False
 
     def place(self, unit: str) -> str:
         return self.sensor if self.time is None else f"{self.sensor} at t = {self.time:g} {unit}"

@@ -17,6 +17,7 @@ from flexmb import workflow
 from flexmb.cli import app
 from flexmb.fe import ELEMENTS
 from flexmb.flexbody.mesh_options import REDUCTIONS
+from flexmb.flexbody.part_options import SUPPORTS
 from flexmb.materials import LIBRARY
 from flexmb.model.body import SHAPES
 from flexmb.model.control import StateSpec
@@ -27,7 +28,8 @@ from flexmb.model.joints.driver import DriverSpec
 from flexmb.model.joints.joint import COORDINATES, JOINT_TYPES
 from flexmb.model.mesh_body import LOAD_TYPES, MESH_TYPES, SECTION_TYPES, MeshBodySpec
 from flexmb.model.scenes.dynamics import METHODS, DynamicsSpec
-from flexmb.model.scenes.sections import CONTROLLER_TYPES, COUPLER_TYPES, FORCE_TYPES
+from flexmb.model.scenes.sections import CONTROLLER_TYPES, COUPLER_TYPES, FORCE_TYPES, ViewSpec
+from flexmb.model.scenes.supports import PartSpec
 from flexmb.model.sensor import SENSOR_TYPES
 from flexmb.units import UNIT_SYSTEMS
 
@@ -43,12 +45,14 @@ ALL = {
     "meshes": MESH_TYPES,
     "sections": SECTION_TYPES,
     "reductions": (*REDUCTIONS, *MeshBodySpec.model_fields, *LOAD_TYPES),
+    "parts": (*SUPPORTS, *PartSpec.model_fields, "interface", "spin"),
     "methods": (*METHOD_NAMES, *DynamicsSpec.model_fields),
     "sensors": SENSOR_TYPES,
     "controllers": (*CONTROLLER_TYPES, *StateSpec.model_fields),
     "materials": LIBRARY,
     "units": UNIT_SYSTEMS,
     "shapes": SHAPES,
+    "view": ViewSpec.model_fields,
     "templates": workflow.templates(),
     "cases": ("pendulum", "slider_crank"),
 }
