@@ -38,7 +38,7 @@ from flexmb.model.reading import GROUND, split_reference
 Array = NDArray[np.float64]
 
 _OWN_SENTENCE = (method.ZERO_LENGTH, method.CURVE_END, method.NO_LOOP, method.SELF_LOCKING)
-_ROUND_OFF, _NEARLY_REDUNDANT = 1e-13, 1e-6  # singular values over the largest
+_ROUND_OFF, _NEARLY_REDUNDANT = 1e-13, 1e-3  # singular values over the largest
 _NEARLY = 0.02  # least singular value over the next one: a singular pose is near
 _CONTRADICTED = 1e-6  # share of the prescribed motion that no motion can follow
 _MOVES = 1e-6  # of the largest rate of a joint coordinate in a motion
@@ -57,6 +57,8 @@ def call_kinematics(system: System, state: State, work: Work, path: Path, what: 
 
 def nearly_redundant(compiled: Compiled, q: NDArray[np.float64]) -> str:
     """The sentence for constraint equations that are nearly redundant at some positions, or ""."""
+    if not np.isfinite(q).all():  # a motion that has diverged
+        return ""
     if compiled.layout.nv > MAX_COORDINATES or not compiled.layout.nc:
         return ""
     with one_blas_thread():

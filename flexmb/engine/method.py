@@ -88,6 +88,7 @@ INTEGRATOR_MEMORY = np.dtype([
     ("factor_age", "f8"),  # steps that the factor has served; < 0: there is none
     ("symmetric", "f8"),  # 1: it is that of the symmetric matrix
     ("factor_step", "f8"),  # the step that it is for, s
+    ("regularisation", "f8"),  # of constraint rows, over the usual; 0: as usual
     ("next_step", "f8"),  # the step to try next, s
     ("last_step", "f8"),  # the last one accepted, s
     ("earlier_step", "f8"),  # and the one before, s

@@ -64,6 +64,7 @@ DEFORMATIONS = ("rigid", "quasi-static", "dynamic", "automatic")
 COUPLINGS = ("constant", "partial", "full")
 MEAN_AXIS = "mean axis"
 _INTERFACE = "interface "
+_NO_STIFFNESS = 1e-12  # of the stiffest mode
 
 
 class _Deformation(FieldType):
@@ -164,6 +165,11 @@ class FlexibleBodySpec(BodySpec):
                 if wrong:
                     what = f"the body has no mode {wrong[0]}: they are numbered from 0 to "
                     problems.append(Problem(f"deformation.{word}", f"{what}{body.m - 1}"))
+        stiffness = np.diag(body.K)
+        for k in () if problems else self.static_modes(body):
+            if stiffness[k] <= _NO_STIFFNESS * stiffness.max():
+                what = f"mode {k} of the body has no stiffness, so it cannot follow loads: make it "
+                problems.append(Problem("deformation", what + "dynamic"))
         if problems:
             raise ReductionError.from_problems(problems)
         if stiffened and self.geometric_stiffening == "none":
@@ -210,7 +216,8 @@ class FlexibleBodySpec(BodySpec):
             low, high = words.band
         square = np.diag(body.K) / np.diag(body.M_eta)
         hertz = np.sqrt(square.clip(0.0)) / (2.0 * math.pi)
-        return tuple(k for k in every if not low <= hertz[k] <= high)
+        stiff = square > _NO_STIFFNESS * square.max(initial=0.0)
+        return tuple(k for k in every if stiff[k] and not low <= hertz[k] <= high)
 
 
 def _read_source(value: Any, info: ValidationInfo) -> Any:

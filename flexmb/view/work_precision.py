@@ -21,7 +21,7 @@ _SMALLEST = 1e-17  # an error of exactly zero is drawn here, far below round-off
 _SMALL = 0.009  # smaller numbers are written as powers of ten
 _WIDE = 30.0  # last over first time from which powers of ten are marks enough
 _LETTER, _LINE = 0.021, 0.035  # width and height of a word's letters, over those of the axes
-_ORDINATES = {"energy": "mismatch / energy moved", "drift": "largest violation [m or rad]"}
+ORDINATES = {"energy": "mismatch / energy moved", "drift": "largest violation [m or rad]"}
 
 
 class Curve(NamedTuple):
@@ -148,7 +148,7 @@ def _figure(panels: Panels, title: str, note: str) -> tuple[Figure, list[Any]]:
 def _finish(axes: Any, name: str, floor: float | None, target: float) -> None:
     axes.set_title(name, color=INK, fontsize=10, loc="left")
     axes.set_xlabel("wall time [s]", color=INK, fontsize=9)
-    axes.set_ylabel(_ORDINATES.get(name, "error / peak-to-peak"), color=INK, fontsize=9)
+    axes.set_ylabel(ORDINATES.get(name, "error / peak-to-peak"), color=INK, fontsize=9)
     _ticks(axes.xaxis, axes.get_xlim())
     _ticks(axes.yaxis, axes.get_ylim())
     style_axes(axes, labelsize=8)

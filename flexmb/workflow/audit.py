@@ -21,8 +21,10 @@ from numpy.typing import NDArray
 from flexmb.errors import FlexmbError, ResultFileError, SceneError
 from flexmb.progress import Progress, silent
 from flexmb.workflow.neighbours import Effect, Neighbours
+from flexmb.workflow.scene_effects import scene_effects
 
 if TYPE_CHECKING:
+    from flexmb.analysis.dynamics.validity import ValidityMonitor
     from flexmb.results import Result
 
 Array = NDArray[np.float64]
@@ -101,6 +103,8 @@ class Audit:
             return f"what {unknown} would contribute is not known; the rest stays within {budget}"
         worst = max(self.missing, key=lambda one: one.share or 0.0)
         what = f"{worst.effect} of {worst.body}" if worst.body else worst.effect
+        if worst.share is None:
+            return f"{what} is left out: {worst.indicator} of the deformation that the mesh has"
         return f"{what} is left out and contributes {percent(worst.share)}: more than {budget}"
 
     def text(self) -> str:
@@ -131,7 +135,9 @@ def _row(one: EffectOutcome) -> tuple[str, ...]:
 def percent(share: float | None) -> str:
     if share is None:
         return ""
-    return "unbounded" if share > 10.0 else f"{100 * share:.2g} %"
+    if share > 10.0:
+        return "unbounded"
+    return f"{100 * share:.2g} %" if share < 1.0 else f"{100 * share:.0f} %"
 
 
 def audit(
@@ -164,12 +170,14 @@ def audit(
         stated = neighbours.model.effects
         budget = BUDGET if stated is None else stated.budget
     effects = []
-    todo = list(neighbours.effects())
+    todo = [*neighbours.effects(), *scene_effects(neighbours)]
     for k, effect in enumerate(todo):
         progress("audit", k / len(todo), effect.name)
         effects.append(_outcome(neighbours, effect, budget))
     progress("audit", 1.0)
-    notes = (*neighbours.notes, *_validity(neighbours))
+    monitor = _validity(neighbours)
+    effects += _basis(neighbours, monitor)
+    notes = (*neighbours.notes, *monitor.notes())
     made = Audit(run.title, budget, tuple(effects), notes, time.perf_counter() - began)
     store_text(run.path, TEXT, made.text())
     run.refresh()
@@ -199,6 +207,10 @@ def _outcome(neighbours: Neighbours, effect: Effect, budget: float) -> EffectOut
     fixed = (effect.name, effect.body, effect.on, effect.indicator)
     if effect.why:
         return EffectOutcome(*fixed, None, "", "", None, UNKNOWN, effect.why)
+    if effect.direct is not None:
+        share, place = effect.direct
+        verdict = MISSING if share > budget else SMALL
+        return EffectOutcome(*fixed, share, "", place, None, verdict)
     try:
         changes, cost = neighbours.estimate(effect)
     except FlexmbError as error:
@@ -216,11 +228,41 @@ def _outcome(neighbours: Neighbours, effect: Effect, budget: float) -> EffectOut
     return EffectOutcome(*fixed, worst.share, value, worst.sensor, cost, verdict, "", shares)
 
 
-def _validity(neighbours: Neighbours) -> Iterator[str]:
-    """Sentences on bodies that leave what linear elasticity can answer."""
+def _validity(neighbours: Neighbours) -> ValidityMonitor:
+    """What linear elasticity and the modes of bodies cannot answer along the motion."""
     from flexmb.analysis.dynamics.validity import ValidityMonitor
 
     motion = neighbours.motion
     monitor = ValidityMonitor(neighbours.compiled, neighbours.model, motion.q[0])
     monitor.add(neighbours.rows())
-    yield from monitor.notes()
+    return monitor
+
+
+_BASIS = {
+    "inertia_loads": "response to inertia",
+    "node_loads": "response to loads at nodes",
+    "truncation": "vibration of omitted modes",
+}
+
+
+def _basis(neighbours: Neighbours, monitor: ValidityMonitor) -> Iterator[EffectOutcome]:
+    """What the modes of each body lack of the full model, or that this is not known."""
+    lacks = {(one.body, one.quantity): one for one in monitor.indicators()}
+    for name, body in neighbours.compiled.flexbodies.items():
+        has = {
+            "inertia_loads": body.inertia_response is not None,
+            "node_loads": body.load_response is not None,
+            "truncation": body.omitted_modes is not None,
+        }
+        for quantity, effect in _BASIS.items():
+            one = lacks.get((name, quantity))
+            if one is None or not body.m:
+                continue
+            if has[quantity]:
+                verdict = MISSING if one.value > one.warning else SMALL
+                yield EffectOutcome(
+                    effect, name, False, f"lacks {percent(one.value)}", None, "", "", None, verdict
+                )
+            elif quantity == "inertia_loads":
+                why = "the body was not reduced from a mesh by this version"
+                yield EffectOutcome(effect, name, False, "", None, "", "", None, UNKNOWN, why)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 import shutil
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,6 +34,7 @@ Array = NDArray[np.float64]
 DEFORMATION, VIBRATION = "deformation", "vibration"
 STIFFENING, COUPLING, BOTH = "geometric stiffening", "inertia coupling", "coupling and stiffening"
 MODES, DAMPING, GRAVITY, FRICTION = "further modes", "damping", "gravity", "friction"
+OUT_OF_PLANE = "motion out of the plane"
 _GAP = 0.05  # of velocities against accelerations between rows, relative
 _MORE_MODES = 2  # times as many modes tell what those left out would do
 _RIGID = {"deformation": "rigid"}
@@ -43,7 +44,8 @@ _RIGID = {"deformation": "rigid"}
 class Effect:
     """An effect of a body, or of the scene, and the words that switch it over.
 
-    `why` says what an estimate would need, where there can be none.
+    `why` says what an estimate would need, where there can be none. `direct` is its share and where
+    that is, where the computed motion says it by itself.
     """
 
     name: str
@@ -52,6 +54,7 @@ class Effect:
     indicator: str
     words: Mapping[str, Any] = field(default_factory=dict)
     why: str = ""
+    direct: tuple[float, str] | None = None
 
 
 @dataclass
@@ -103,14 +106,10 @@ class Neighbours:
         return OutputBlock(m.t, m.q, m.v, m.vd, m.lam, none, m.channels, none, none)
 
     def effects(self) -> Iterator[Effect]:
-        """All effects, body by body, then those of the scene."""
+        """The effects of flexible bodies, body by body."""
         for name, spec in self.model.bodies.items():
             if spec.flexible:
                 yield from self._of_body(name)
-        if self.model.gravity is not None:
-            yield Effect(GRAVITY, "", True, "", {"gravity": False})
-        if any(_has_friction(spec) for spec in self.model.forces.values()):
-            yield Effect(FRICTION, "", True, "", {"friction": False})
 
     def neighbour(self, effect: Effect) -> Model:
         """The scene with an effect switched over."""
@@ -137,7 +136,14 @@ class Neighbours:
         bodies, shapes = dict(self.bodies), {}
         if effect.body and (effect.name == MODES or effect.words.get("geometric_stiffening")):
             bodies[effect.body] = self._reduced(model, effect)
+        if effect.name == OUT_OF_PLANE:
+            for name, spec in model.bodies.items():
+                if isinstance(spec, MeshBodySpec):
+                    bodies[name] = self._reduced(model, replace(effect, body=name))
         other = self._compile(model, bodies)
+        if effect.name == OUT_OF_PLANE:
+            for name, body in self.compiled.flexbodies.items():
+                shapes[name] = _shapes(body, other.flexbodies[name])
         if effect.name == MODES:
             name = effect.body
             shapes[name] = _shapes(self.compiled.flexbodies[name], other.flexbodies[name])
@@ -319,10 +325,6 @@ def with_words(model: Model, words: Mapping[str, Mapping[str, Any]]) -> Model:
     for name, update in words.items():
         model.bodies[name] = model.bodies[name].model_copy(update=dict(update))
     return model
-
-
-def _has_friction(spec: Any) -> bool:
-    return getattr(spec, "type", "") == "joint-friction" or bool(getattr(spec, "friction", None))
 
 
 def _shapes(body: FlexBody, finer: FlexBody) -> Array:

@@ -8,7 +8,7 @@ from pathlib import Path
 from flexmb.errors import ResultFileError
 from flexmb.view.html_page import Html, section, table, tag
 from flexmb.view.page_charts import Charts
-from flexmb.view.work_precision import Curve
+from flexmb.view.work_precision import ORDINATES, Curve
 
 _TABLE, _TEXT = "study.csv", "study.md"
 _TIME = "seconds_integrate"
@@ -56,7 +56,10 @@ def study_parts(folder: Path, charts: Charts) -> tuple[str, list[Html]]:
             curves.append(Curve(label, seconds, values, words))
         quantity = name.removeprefix(_ERROR)
         if curves:
-            figures += [tag("h3", quantity), charts.costs(curves, "error over the peak-to-peak")]
+            figures += [
+                tag("h3", quantity),
+                charts.costs(curves, ORDINATES.get(quantity, "error / peak-to-peak")),
+            ]
     columns = [*knobs, "status", _TIME, *errors]
     shown = [[_cell(row.get(name) or "") for name in columns] for row in rows]
     names = [name.replace("_", " ") for name in columns]

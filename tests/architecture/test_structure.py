@@ -29,7 +29,7 @@ FIGURES = {
     "lines of README": lambda: len((structure.ROOT / "README.md").read_text().splitlines()),
 }
 # The aims are 50 000 lines and 120 files; these are held on the way.
-FILES_OF_MAIN_JOB = 168
+FILES_OF_MAIN_JOB = 172
 
 
 def files_with_all() -> list[str]:

@@ -61,6 +61,7 @@ def test_a_gif_has_the_frames_of_its_speed(run: Path, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
+@pytest.mark.slow
 def test_processes_draw_the_same_pictures(run: Path, tmp_path: Path) -> None:
     if not vtk_renderer.probe().works:
         pytest.skip("VTK does not render on this machine")

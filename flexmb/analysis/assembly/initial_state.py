@@ -223,9 +223,16 @@ def _equilibrate(
         close()
         if change <= _EQUILIBRIUM:
             return
-    raise AssemblyError(
+    what = (
         "the flexible bodies find no elastic equilibrium with the first motion: it is too fast or "
-        'the body too soft for dynamics.start = "quasi-static"; use "undeformed", or begin slower'
+    )
+    if len(rates) < len(_modal_coordinates(compiled)):
+        raise AssemblyError(
+            what + "the quasi-static modes too soft; make the lowest of them dynamic"
+        )
+    raise AssemblyError(
+        what
+        + 'the body too soft for dynamics.start = "quasi-static"; use "undeformed", or begin slower'
     )
 
 

@@ -42,6 +42,7 @@ from flexmb.model.model import Model
 from flexmb.results import BodyDamping
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 
 def damping_words(model: Model, name: str, body: FlexBody) -> DampingOptions | None:
@@ -91,8 +92,8 @@ def add_damping(compiled: Compiled, model: Model, q: Array) -> tuple[Compiled, l
             dampings.append(BodyDamping(name, "none"))
             continue
         if compiled.layout.nv > MAX_COORDINATES:
-            scene, others = _RigidScene(compiled, q, [k]), ", all other bodies at rest"
-        joined = (scene := scene or _RigidScene(compiled, q, every)).vibrations(k)
+            scene, others = JoinedScene(compiled, q, [k]), ", all other bodies at rest"
+        joined = (scene := scene or JoinedScene(compiled, q, every)).vibrations(k)
         text = "by the matrix of the body"
         if words is not None:
             text = words.sentence()
@@ -126,7 +127,7 @@ def _ratios(body: str, words: str, D: Array, joined: Vibrations) -> BodyDamping:
     return BodyDamping(body, words, tuple(frequencies.tolist()), tuple(ratios.tolist()))
 
 
-class _RigidScene:
+class JoinedScene:
     """The motions that joints and drivers leave to bodies as rigid ones, all others at rest.
 
     Parameters
@@ -190,10 +191,15 @@ class _RigidScene:
         at = sum(sizes[:n])
         return self.together.omega, self.together.eta[at : at + sizes[n]]
 
-    def vibrations(self, *bodies: int) -> Vibrations:
-        """Vibrations of a body, or of several together, as joined, all others rigid."""
+    def vibrations(self, *bodies: int, still: Integers | None = None) -> Vibrations:
+        """Vibrations of a body, or of several together, as joined, all others rigid.
+
+        `still` (k,) are places in v of modes that do not move.
+        """
         several = [self._compiled.layout.bodies[k] for k in bodies]
-        modal = np.concatenate([self._order[_columns(one)[6:]] for one in several])
+        places = np.concatenate([_columns(one)[6:] for one in several])
+        moving = ~np.isin(places, [] if still is None else still)
+        modal = self._order[places[moving]]
         rows, A = self._rows, self._A[:, modal]
         # motions (x, y) with A_r x + A y = 0: y that redundant rows allow, and the x that follows
         r = rows.rank
@@ -205,6 +211,7 @@ class _RigidScene:
         mass = motions.T @ self._mass[np.ix_(both, both)] @ motions
         try:
             K = block_diag(*(self._compiled.flexbodies[one.name].K for one in several))
+            K = K[np.ix_(moving, moving)]
             eta = self._scales[modal, None] * motions[n:]
             if any(k in static_bodies(self._compiled)[0] for k in bodies):
                 T = condensation(mass, eta.T @ K @ eta)[0]

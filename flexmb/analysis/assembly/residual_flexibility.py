@@ -90,6 +90,8 @@ def condensation(M: Array, K: Array) -> tuple[Array, Array, Integers]:
     n = len(M)
     values, vectors = np.linalg.eigh(0.5 * (M + M.T))
     free = vectors[:, values <= _NO_MASS * values.max(initial=0.0)]
+    if not free.size:
+        return np.eye(n), np.eye(n), np.arange(n)
     _, _, order = qr(free.T, pivoting=True, mode="economic")
     remaining = np.sort(order[free.shape[1] :])
     keep = np.eye(n)[:, remaining]

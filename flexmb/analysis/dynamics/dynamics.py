@@ -305,32 +305,30 @@ class _Pass:
         sentence = failure_sentence(status, run.compiled, prepared.model, run.work, at, step)
         cause = (
             self._validity.diverging(run.state)
-            or _divided_modes(run)
+            or _static_modes(run)
             or nearly_redundant(run.compiled, run.state.q)
         )
         return Ending("failed", f"{sentence}; {cause}" if cause else sentence)
 
 
-def _divided_modes(run: Integration) -> str:
-    """The sentence for bodies with both kinds of modes by an explicit method, or ""."""
+def _static_modes(run: Integration) -> str:
+    """The sentence for bodies with quasi-static modes by an explicit method, or ""."""
     static = run.compiled.system.kinds.get("static_modes")
     if static is None or run.method.stages == 0:
         return ""
     bodies = [run.compiled.layout.bodies[row] for row in static.rows]
-    counts = np.diff(static.first)
-    names = [body.name for body, n in zip(bodies, counts, strict=True) if n < body.m]
-    if not names:
-        return ""
+    names = ", bodies.".join(body.name for body in bodies)
     return (
-        f"some modes of bodies.{', bodies.'.join(names)} are quasi-static, which explicit "
-        f'methods cannot do where joints hold the body stiffly: use method = "{STIFF_METHOD}"'
+        f"modes of bodies.{names} are quasi-static, which explicit methods cannot do where joints "
+        f'need their compliance: use method = "{STIFF_METHOD}"'
     )
 
 
 def _unbalanced(prepared: PreparedDynamics) -> str:
     """The sentence for energy that appears or is lost in the steps, or ""."""
-    share, step = prepared.run.rows.balance.relative, prepared.run.settings.step
-    if share <= _UNBALANCED:
+    share, settings = prepared.run.rows.balance.relative, prepared.run.settings
+    step = settings.step
+    if share <= _UNBALANCED or settings.follow == 1:  # work at the rates of quasi-static modes
         return ""
     what = f"the energy balance is off by {100 * share:.3g} % of the energy that moved: "
     if step > 0.0:

@@ -259,7 +259,7 @@ class ModalBasisMonitor:
     def _truncation(self, one: _Watched, share: float, t: float, hertz: float) -> str:
         return (
             f"bodies.{one.name}: a mode of {self._units.say(hertz, 'Hz', 3)} that it does not have "
-            f"would vibrate with {100 * share:.2g} % of its deformation at t = "
+            f"would vibrate with {_percent(share)} of its deformation at t = "
             f"{self._units.say(t, 's', 4)}: its motion or loads come near that frequency; reduce "
             "it with more modes"
         )
@@ -365,3 +365,7 @@ class _Oscillators:
             slope = slopes[-1] if len(slopes) else np.nan
             state[k] = z[-1].real, z[-1].imag, slope, follow[-1], time[-1]
         return beyond
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %" if share < 1.0 else f"{100 * share:.0f} %"

@@ -22,6 +22,7 @@ from flexmb.analysis.dynamics.linear_elasticity import (
 )
 from flexmb.analysis.dynamics.load_factor import LoadFactorMonitor
 from flexmb.analysis.dynamics.modal_basis import ModalBasisMonitor
+from flexmb.analysis.dynamics.omitted_vibrations import OmittedVibrationMonitor
 from flexmb.analysis.monitors import Indicator, Monitor
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import State
@@ -50,7 +51,12 @@ class ValidityMonitor:
         self._elasticity = LinearElasticityMonitor(compiled, model, q)
         self._basis = ModalBasisMonitor(compiled, model, is_motion)
         self._load_factor = LoadFactorMonitor(compiled, model, q)
-        self._monitors: tuple[Monitor, ...] = (self._elasticity, self._load_factor, self._basis)
+        self._monitors: tuple[Monitor, ...] = (
+            self._elasticity,
+            self._load_factor,
+            self._basis,
+            *((OmittedVibrationMonitor(compiled, model, q),) if is_motion else ()),
+        )
         self._notes = tuple(loads_without_stiffening(compiled, model))
 
     def add(self, rows: OutputBlock) -> int:

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import numerical_rank, one_blas_thread
+from flexmb.analysis.assembly.residual_flexibility import static_coordinates
 from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.engine import equations_of_motion as stages
 from flexmb.engine.compile import Compiled
@@ -39,6 +40,7 @@ _MODES_LAST = 0.02  # preference of modes among dependent coordinates
 _WORSE = 30.0  # motion of dependent coordinates per independent one that asks for others
 _LEAST_ROWS = 8  # with one choice of them
 _EVALUATIONS = 50  # of the equations, to time them
+_MOST_VIBRATIONS = 80  # the slowest of many; what the rows do not resolve beyond only follows loads
 _UNBOUNDED = 1e12  # a small motion this many times the model is not followed any further
 
 
@@ -154,7 +156,8 @@ class _Frames:
         from scipy.spatial.transform import Rotation
 
         self.compiled, system = compiled, compiled.system
-        self.used = np.flatnonzero(system.kkt.column >= 0).astype(np.int64)
+        used = np.flatnonzero(system.kkt.column >= 0)  # quasi-static modes have no motion here
+        self.used = np.setdiff1d(used, static_coordinates(compiled)).astype(np.int64)
         weights = np.where(system.weights > 0.0, system.weights, 1.0)
         self.inverse = 1.0 / weights
         axes = [
@@ -364,6 +367,9 @@ def _solve(
     if elastic is not None:
         strain = np.einsum("tij,ik,tkl->jl", Z, elastic, Z) / n
         fast = np.einsum("ij,ik,kj->j", T, strain, T) > 0.5 * np.abs(squares)
+    still = (
+        fast if elastic is not None else fast & (np.argsort(np.argsort(omega)) >= _MOST_VIBRATIONS)
+    )
     rest, slow, inner = load @ T, np.zeros((3, n, d)), np.ix_(range(n), fast, fast)
     for _ in range(_ROUNDS if elastic is None else 1):
         y = np.zeros((n, d))
@@ -375,31 +381,33 @@ def _solve(
         slow += motion
     y0 = np.linalg.lstsq(Z[0], state[0] - g[0], rcond=None)[0]
     yd0 = np.linalg.lstsq(Z[0], state[1] - V1[0] @ y0 - a0[0], rcond=None)[0]
-    back, x = np.linalg.inv(T), np.zeros((n, 2 * d))
-    x[0] = np.concatenate([back @ y0, (back @ yd0) / omega])
-    x[0] -= np.concatenate([slow[0, 0], slow[1, 0] / omega])
-    still = np.tile(fast, 2) if elastic is not None else np.zeros(2 * d, bool)
-    x[0, still] = 0.0
+    back, on = np.linalg.inv(T), np.flatnonzero(~still)
+    u, w = len(on), omega[on]
+    x = np.zeros((n, 2 * u))
+    x[0] = np.concatenate([(back @ y0)[on], (back @ yd0)[on] / w])
+    x[0] -= np.concatenate([slow[0, 0, on], slow[1, 0, on] / w])
+    pick = np.ix_(np.arange(n), on, on)
+    Mt, Dt, Kt, rest = Mt[pick], Dt[pick], Kt[pick], rest[:, on]
     M, D, K = (0.5 * (C[1:] + C[:-1]) for C in (Mt, Dt, Kt))  # symmetric: they make no energy
-    A, inverse = _first_order(M, D, K, omega, still)
+    A, inverse = _first_order(M, D, K, w)
     bounded = n
     for k in range(n - 1):
         h = t[k + 1] - t[k]
-        step = np.zeros((2 * d + 2, 2 * d + 2))
-        step[: 2 * d, : 2 * d] = h * A[k]
-        step[d : 2 * d, 2 * d] = h * (inverse[k] @ rest[k]) / omega
-        step[d : 2 * d, 2 * d + 1] = h * (inverse[k] @ (rest[k + 1] - rest[k])) / omega
-        step[: 2 * d][still] = 0.0
-        step[2 * d + 1, 2 * d] = 1.0
-        x[k + 1] = (expm(step) @ np.append(x[k], (1.0, 0.0)))[: 2 * d]
-        if not np.abs(T @ x[k + 1, :d]).max(initial=0.0) < _UNBOUNDED:
+        step = np.zeros((2 * u + 2, 2 * u + 2))
+        step[: 2 * u, : 2 * u] = h * A[k]
+        step[u : 2 * u, 2 * u] = h * (inverse[k] @ rest[k]) / w
+        step[u : 2 * u, 2 * u + 1] = h * (inverse[k] @ (rest[k + 1] - rest[k])) / w
+        step[2 * u + 1, 2 * u] = 1.0
+        x[k + 1] = (expm(step) @ np.append(x[k], (1.0, 0.0)))[: 2 * u]
+        if not np.abs(T[:, on] @ x[k + 1, :u]).max(initial=0.0) < _UNBOUNDED:
             bounded = k + 1
             x[k + 1 :] = 0.0
             break
-    A, inverse = _first_order(Mt, Dt, Kt, omega, still)
+    A, inverse = _first_order(Mt, Dt, Kt, w)
     xd = np.einsum("tij,tj->ti", A, x)
-    xd[:, d:] += np.where(still[:d], 0.0, np.einsum("tij,tj->ti", inverse, rest) / omega)
-    y, yd, ydd = (z @ T.T for z in np.array([x[:, :d], x[:, d:] * omega, xd[:, d:] * omega]) + slow)
+    xd[:, u:] += np.einsum("tij,tj->ti", inverse, rest) / w
+    slow[:, :, on] += np.array([x[:, :u], x[:, u:] * w, xd[:, u:] * w])
+    y, yd, ydd = (z @ T.T for z in slow)
     dq = np.einsum("tij,tj->ti", Z, y) + g
     dv = np.einsum("tij,tj->ti", Z, yd) + np.einsum("tij,tj->ti", V1, y) + a0
     dvd = np.einsum("tij,tj->ti", Z, ydd) + np.einsum("tij,tj->ti", Zd + V1, yd)
@@ -407,18 +415,14 @@ def _solve(
     return np.array([dq, dv, dvd]), bounded
 
 
-def _first_order(
-    M: Array, D: Array, K: Array, omega: Array, still: NDArray[np.bool_]
-) -> tuple[Array, Array]:
-    """A (n, 2 d, 2 d) of x = (y, ẏ/ω), ẋ = A x + (0, M⁻¹ f/ω), and M⁻¹; `still` is not moved."""
+def _first_order(M: Array, D: Array, K: Array, omega: Array) -> tuple[Array, Array]:
+    """A (n, 2 d, 2 d) of x = (y, ẏ/ω), ẋ = A x + (0, M⁻¹ f/ω), and M⁻¹."""
     n, d, _ = M.shape
     inverse: Array = np.asarray(np.linalg.inv(M), np.float64)
     A = np.zeros((n, 2 * d, 2 * d))
     A[:, :d, d:] = np.diag(omega)
     A[:, d:, :d] = -(inverse @ K) / omega[:, None]
     A[:, d:, d:] = -(inverse @ D) * omega / omega[:, None]
-    A[:, still] = 0.0
-    A[:, :, still] = 0.0
     return A, inverse
 
 

@@ -198,6 +198,8 @@ _RENEW_ABOVE = 0.1
 _SAME_STEP = 0.1
 # Corrections of positions up to so many times round-off that no longer shrink are noise.
 _NOISE = 50.0
+# Regularisation of constraint rows across a singular pose, and pivots near one, over the usual.
+_SINGULAR, _REDUNDANT, _INDEPENDENT = 1e5, 10.0, 1e6
 # Estimates of so many times round-off tell nothing: where stiff parts are at rest.
 _UNTOLD = 50.0
 
@@ -240,7 +242,34 @@ def radau_5() -> Method:
 
 @unit
 def step(run: Run, radau: Radau, h: float) -> int:
-    """One step from the state; see the contract in `engine.method`."""
+    """One step from the state; see the contract in `engine.method`.
+
+    Across a singular pose constraint rows depend on each other at one stage and oppose each other
+    at the next, which no factor for all stages fits: there multipliers of what the other rows
+    answer for stay nearly as they were.
+    """
+    memory = run.state.memory[0]
+    status = _iterate(run, radau, h)
+    if status == method.NO_CONVERGENCE and _is_nearly_singular(run.work.collocation.real):
+        memory["regularisation"], memory["factor_step"] = _SINGULAR, 0.0
+        status = _iterate(run, radau, h)
+        memory["regularisation"], memory["factor_step"] = 0.0, 0.0
+    return status
+
+
+@kernel
+def _is_nearly_singular(fac):
+    """Whether constraint rows nearly depend on each other."""
+    for k in range(fac.eps.shape[0]):
+        pivot = abs(fac.d[k])
+        if _REDUNDANT * fac.eps[k] < pivot < _INDEPENDENT * fac.eps[k]:
+            return True
+    return False
+
+
+@kernel
+def _iterate(run, radau, h):
+    """Newton's method for the stages of a step."""
     memory, age = run.state.memory[0], run.work.collocation.age
     _predict(run, radau, h)
     memory["factor_age"], age[0] = age[0], -1.0  # the factors outlast outputs

@@ -129,6 +129,7 @@ def put_jacobian(run: Run, joints: Joints, at: Point) -> int:
     bodies, kkt, links, groups = sys.parts.bodies, sys.kkt, sys.kkt.links, sys.groups
     low, up, eps, rows, column = factor.low, factor.up, factor.eps, sys.rows, kkt.column
     symmetric = factor.symmetric[0] == 1
+    regularisation = _REGULARISATION * max(run.state.memory[0]["regularisation"], 1.0)
     for k in range(groups.shape[0]):
         group = groups[k]
         panel = kkt.panels[group["panel"]]
@@ -145,11 +146,11 @@ def put_jacobian(run: Run, joints: Joints, at: Point) -> int:
                 if not symmetric:
                     put_jacobian_row(link, r, bodies[b], column, jac, start, up)
                 s += row_compliance(bodies[b], kkt.panels, column, jac, start, low)
-            eps[panel["col"] + r] = _REGULARISATION * s
+            eps[panel["col"] + r] = regularisation * s
             diagonal = panel["at"] + r * panel["nc"] + r
-            low[diagonal] = -_REGULARISATION * s
+            low[diagonal] = -regularisation * s
             if not symmetric:
-                up[diagonal] = -_REGULARISATION * s
+                up[diagonal] = -regularisation * s
     return FINE
 
 

@@ -242,8 +242,8 @@ def impact_warnings(model: ModelData) -> Iterator[str]:
             if kind == wanted:
                 yield (
                     f'{where}: the velocity of "{function.expression.text}" jumps at '
-                    f"t = {model.units.say(time, 's')}, an impact: reactions and works leave out "
-                    "its impulse; use a spline or a step without corners"
+                    f"t = {model.units.say(time, 's')}, an impact, whose impulse reactions do not "
+                    "show; use a spline or a step without corners"
                 )
 
 

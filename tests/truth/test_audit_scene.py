@@ -1,0 +1,105 @@
+"""The audit of what a whole scene leaves out: stops, contacts, motion out of the plane."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import flexmb
+from flexmb.model import Model
+
+
+def pendulum(stops, lower=-2.0):
+    """A bar that falls from the horizontal: without a stop to -π."""
+    model = Model("pendulum", gravity=[0, -9.81, 0], plane="xy")
+    model.add_body("bar", mass=1.0, center=[0.5, 0, 0], inertia=[0.01, 0.1, 0.1])
+    model.add_joint("hinge", "revolute", between=["ground", "bar"], axis="z")
+    model.add_force("stop", "rotational-stop", joint="hinge", lower=lower, stiffness=1e4)
+    model.add_sensor("angle", "angle", joint="hinge")
+    model.set_effects(stops=stops)
+    model.set_dynamics(duration=1.2, outputs=200, accuracy=1e-5)
+    return model
+
+
+def ball(contact, height=0.3):
+    """A ball of radius 0.1 m that falls onto a floor."""
+    model = Model("ball", gravity=[0, 0, -9.81])
+    model.add_body("ball", mass=1.0, inertia=[1e-3] * 3, position=[0, 0, height])
+    model.add_force(
+        "floor", "contact", between=["ground", "ball"], stiffness=1e5, restitution=0.5,
+        shapes=[{"type": "plane", "axis": "z"}, {"type": "sphere", "radius": 0.1}],
+    )  # fmt: skip
+    model.add_sensor("place", "position", of="ball")
+    model.set_effects(contact=contact)
+    model.set_dynamics(duration=0.25, outputs=200, accuracy=1e-5)
+    return model
+
+
+def audited(model, effect, folder):
+    run = flexmb.simulate(model, output=folder)
+    made = flexmb.audit(run)
+    return run, made, next(one for one in made.effects if one.effect == effect)
+
+
+def test_travel_beyond_a_stop_that_is_left_out(tmp_path):
+    run, made, one = audited(pendulum(False), "stops", tmp_path)
+    beyond = -2.0 - run["angle"].min()
+    assert (one.on, one.verdict, one.sensor) == (False, "missing", "forces.stop")
+    assert one.indicator == "stop passed by 1.1 rad"
+    assert one.share == pytest.approx(beyond / np.ptp(run["angle"]), rel=1e-6)
+    assert not made.passed and "stops is left out" in made.sentence()
+
+
+def test_a_stop_that_is_never_met_may_stay_off(tmp_path):
+    _, made, one = audited(pendulum(False, lower=-3.5), "stops", tmp_path)
+    assert (one.verdict, one.indicator, one.share) == ("may stay off", "never met", 0.0)
+    assert made.passed
+
+
+def test_a_stop_that_is_hit_is_needed(tmp_path):
+    _, _, one = audited(pendulum(True), "stops", tmp_path)
+    assert one.on and one.verdict == "needed" and "passed by 0.0" in one.indicator
+
+
+def test_overlap_in_a_contact_that_is_left_out(tmp_path):
+    """It falls by g t²/2, of which what is below 0.1 m is inside the floor."""
+    _, made, one = audited(ball(False), "contact", tmp_path)
+    fall = 9.81 * 0.25**2 / 2
+    assert (one.on, one.verdict) == (False, "missing")
+    assert one.share == pytest.approx((fall - 0.2) / fall, rel=1e-3)
+    assert not made.passed
+
+
+def test_a_ball_that_never_lands_needs_no_floor(tmp_path):
+    _, made, one = audited(ball(False, height=1.0), "contact", tmp_path)
+    assert one.verdict == "may stay off" and made.passed
+
+
+def tilted(joint, planar=True):
+    """A bar whose axes of inertia are tilted turns: J_xz ω² pulls it out of its plane."""
+    model = Model("tilted", plane="xy")
+    model.add_body("bar", mass=1.0, center=[0.5, 0, 0], angular_velocity=[0, 0, 3],
+                   inertia=[[0.02, 0, 0.02], [0, 0.1, 0], [0.02, 0, 0.1]])  # fmt: skip
+    model.add_joint("hinge", joint, between=["ground", "bar"],
+                    **({"axis": "z"} if joint == "revolute" else {}))  # fmt: skip
+    model.add_sensor("end", "position", of="bar.center")
+    model.set_effects(planar=planar)
+    model.set_dynamics(duration=0.3, outputs=100, accuracy=1e-5)
+    return model
+
+
+def test_a_plane_that_joints_hold_leaves_out_nothing(tmp_path):
+    _, made, one = audited(tilted("revolute"), "motion out of the plane", tmp_path)
+    assert not one.on and one.verdict == "may stay off"
+    assert one.share < 1e-9 and made.passed
+
+
+def test_what_a_plane_leaves_out(tmp_path):
+    """On a ball joint nothing holds it: against the same scene in space."""
+    _, made, one = audited(tilted("spherical"), "motion out of the plane", tmp_path / "plane")
+    space = flexmb.simulate(tilted("spherical", planar=False), output=tmp_path / "space")
+    size = max(np.ptp(space[f"end.{axis}"]) for axis in "xyz")
+    true = np.abs(space["end.z"]).max() / size
+    assert true > 0.01
+    assert one.share == pytest.approx(true, rel=0.3)
+    assert one.verdict == "missing" and not made.passed

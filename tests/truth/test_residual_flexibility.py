@@ -1,0 +1,174 @@
+"""Quasi-static modes as springs without mass, against all modes dynamic and static condensation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flexiblescenes import BEAM_PERIOD, rod
+from truth.test_effects import cantilever, channels, pendulum
+
+import flexmb
+from flexmb.errors import FlexmbWarning, ReductionError
+from flexmb.model import Model
+
+pytestmark = pytest.mark.filterwarnings("ignore::flexmb.errors.FlexmbWarning")
+
+MIXED = ({"dynamic": [0, 1, 2, 3]}, {"band": [0, 200]}, "automatic")
+
+
+def clamped(deformation):
+    made = Model("clamped beam with a heavy ball")
+    made.add_body("beam", rod(0.01, 1.0, 20, 8), deformation=deformation)
+    made.add_body("ball", mass=5.0, inertia=[0.01] * 3, position=[1.0, 0, 0])
+    made.add_joint("clamp", "fixed", between=["ground", "beam.root"])
+    made.add_joint("tie", "fixed", between=["beam.tip", "ball"])
+    made.add_force("load", "force", at="ball", value=[0, "10*sin(12*t)", 0])
+    made.add_sensor("tip", "position", of="ball")
+    return made
+
+
+def welded(deformation):
+    made = Model("welded chain")
+    bar = rod(0.01, 0.4, 8, 4)
+    for k in range(3):
+        made.add_body(f"bar{k}", bar, position=[0.4 * k, 0, 0], deformation=deformation)
+        before = "ground" if k == 0 else f"bar{k - 1}.tip"
+        made.add_joint(f"weld{k}", "fixed", between=[before, f"bar{k}.root"])
+    made.add_force("load", "force", at="bar2.tip", value=[0, "10*sin(12*t)", 0])
+    made.add_sensor("tip", "position", of="bar2.tip")
+    return made
+
+
+def redundant(deformation):
+    """Four revolute joints with parallel axes, the rocker's shaft out of line by 3 degrees."""
+    made = Model("four-bar with a beam")
+    made.add_body("crank", mass=0.5, inertia=[0.01] * 3, center=[0, 0.1, 0])
+    made.add_marker("crank.pin", position=[0, 0.2, 0])
+    made.add_body("beam", rod(0.01, 1.0, 10, 8), position=[0, 0.2, 0], deformation=deformation)
+    made.add_marker("ground.right", position=[1.0, -0.4, 0])
+    made.add_body("rocker", mass=1.0, inertia=[0.05] * 3, center=[0, 0.3, 0],
+                  position=[1.0, -0.4, 0])  # fmt: skip
+    made.add_marker("rocker.pin", position=[0, 0.6, 0])
+    made.add_joint("left", "revolute", between=["ground", "crank"], axis="z")
+    made.add_joint("crank_pin", "revolute", between=["crank.pin", "beam.root"], axis="z")
+    made.add_joint("rocker_pin", "revolute", between=["beam.tip", "rocker.pin"], axis="z")
+    lean = [np.sin(np.deg2rad(3)), 0, np.cos(np.deg2rad(3))]
+    made.add_joint("right", "revolute", between=["ground.right", "rocker"], axis=lean)
+    made.add_driver("motor", joint="left", angle={"type": "step", "t1": 1.0, "y1": 1.0})
+    made.add_sensor("tip", "energy", quantity="strain")
+    return made
+
+
+def turned(deformation, speed=6.0):
+    made = Model("turned beam")
+    made.add_body("beam", rod(0.01, 1.0, 10, 6), deformation=deformation)
+    made.add_joint("hub", "revolute", between=["ground", "beam.root"], axis="z")
+    made.add_driver("motor", joint="hub", angle=f"sin({speed}*t)-{speed}*t")
+    made.add_sensor("tip", "position", of="beam.tip", relative_to="beam.root")
+    return made
+
+
+@pytest.mark.parametrize(
+    ("scene", "channel", "error", "method"),
+    [(clamped, "tip.y", 1.5e-3, "radau")]
+    + [pytest.param(*case, method, marks=pytest.mark.slow)
+       for method in ("radau", "generalized-alpha")
+       for case in ((welded, "tip.y", 1.5e-3), (turned, "tip.y", 3e-3), (redundant, "tip", 2e-2))],
+)  # fmt: skip
+def test_dynamic_and_quasi_static_modes_together(scene, channel, error, method):
+    """Vibrations of clamped bodies and of what hangs on them, self-stress of redundant joints."""
+    knobs = {"duration": 1.0, "accuracy": 1e-4, "outputs": 60, "start": "quasi-static"}
+    (full,), _ = channels(scene("dynamic"), (channel,), **knobs)
+    for deformation in MIXED:
+        (some,), result = channels(scene(deformation), (channel,), **knobs, method=method)
+        assert np.abs(some - full).max() < error * np.ptp(full), deformation
+        assert result.statistics["largest_position_drift"] < 1e-9
+        assert abs(result.statistics["energy_balance_error"]) < 2e-3
+
+
+def test_the_error_of_a_residual_flexibility_falls_with_the_square_of_the_speed():
+    errors = []
+    for speed in (8.0, 4.0):
+        knobs = {"duration": 3.0 / speed, "accuracy": 1e-7, "start": "quasi-static", "outputs": 30}
+        full, some = (
+            channels(turned(word, speed), ("tip.y",), method="radau", **knobs)[0][0]
+            for word in ("dynamic", {"dynamic": [0, 1]})
+        )
+        errors.append(np.abs(full - some).max() / np.abs(full).max())
+    assert errors[0] < 1e-4
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.15)
+
+
+def guyan(body, dynamic):
+    """Frequencies of a beam that is clamped at its root, all other modes condensed [Hz].
+
+    From the matrices of the body: 1/ω² are the eigenvalues of K⁻¹ M in the motions that the clamp
+    leaves free, M without entries of the condensed modes.
+    """
+    m, end = body.m, body.interface("root")
+    M = np.zeros((6 + m, 6 + m))
+    M[:3, :3] = body.mass * np.eye(3)
+    x, y, z = body.S1
+    M[:3, 3:6] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
+    M[3:6, :3] = M[:3, 3:6].T
+    M[3:6, 3:6] = np.trace(body.S0) * np.eye(3) - body.S0
+    both = np.ix_(dynamic, dynamic)
+    M[6:, 6:][both] = body.M_eta[both]
+    free = np.vstack([-end.Phi_t, -end.Phi_r, np.eye(m)])  # the root is at the origin
+    values = np.linalg.eigvals(np.linalg.solve(body.K, free.T @ M @ free)).real
+    return 1 / (2 * np.pi * np.sqrt(np.sort(values[values > 1e-12 * values.max()])[::-1]))
+
+
+@pytest.mark.parametrize("dynamic", [[0, 1], [0, 1, 2, 3], []])
+def test_linearised_modes_are_those_of_static_condensation(dynamic):
+    body = rod(0.01, 1.0, 20, 8)
+    made = Model("clamped")
+    others = [k for k in range(body.m) if k not in dynamic]
+    made.add_body("beam", body, deformation={"quasi_static": others})
+    made.add_joint("clamp", "fixed", between=["ground", "beam.root"])
+    frequencies = flexmb.linearize(made).frequencies
+    expected = guyan(body, dynamic)
+    assert len(frequencies) == len(expected)
+    np.testing.assert_allclose(frequencies, expected, rtol=1e-6)
+    assert frequencies[0] == pytest.approx(1 / BEAM_PERIOD, rel=0.006)
+
+
+@pytest.mark.parametrize(("deformation", "share"), [("quasi-static", 0.30), ("automatic", 0.0)])
+def test_a_run_says_what_vibrations_are_missing(deformation, share):
+    """A force at 0.57 of the first frequency: the run with all modes dynamic differs by 30 %."""
+    made = cantilever(deformation=deformation)
+    del made.forces["load"]
+    made.add_force("load", "force", at="beam.tip", value=[0, "10*sin(30*t)", 0])
+    with pytest.warns(FlexmbWarning) as found:
+        flexmb.simulate(made, duration=0.6, outputs=60, accuracy=1e-3, verify=False)
+    texts = [str(one.message) for one in found if "leave out vibrations" in str(one.message)]
+    assert len(texts) == (share > 0.0)
+    for text in texts:
+        assert "from 8.4" in text and 'deformation = "automatic"' in text
+        assert float(text.split("differ by ")[1].split("%")[0]) / 100 == pytest.approx(share, 0.15)
+
+
+@pytest.mark.slow
+def test_a_run_with_a_residual_flexibility_resumes_bit_for_bit(tmp_path):
+    def interrupt(phase: str, share: float, detail: str = "") -> None:
+        if phase == "integrate" and share > 0.2:
+            raise KeyboardInterrupt
+
+    made = turned({"dynamic": [0, 1]})
+    knobs = {"accuracy": 1e-4, "duration": 2.0, "outputs": 400, "verify": False}
+    whole = flexmb.simulate(made, output=tmp_path / "whole", **knobs)
+    flexmb.simulate(made, output=tmp_path / "part", progress=interrupt, **knobs)
+    assert flexmb.load_result(tmp_path / "part").status != "finished"
+    again = flexmb.resume(tmp_path / "part")
+    assert np.array_equal(whole["tip.y"], again["tip.y"])
+
+
+def test_modes_without_stiffness_cannot_be_quasi_static():
+    body = rod(0.012)
+    K = body.K.copy()
+    K[3] = K[:, 3] = 0.0
+    made = pendulum(replace(body, K=K), deformation={"quasi_static": [3]})
+    with pytest.raises(ReductionError, match="mode 3 of the body has no stiffness"):
+        flexmb.simulate(made, duration=0.1)
