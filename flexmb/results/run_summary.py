@@ -6,7 +6,7 @@ without words here is shown under its name.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from flexmb.units import SI, UnitSystem
@@ -55,7 +55,7 @@ def energy_rows(result: Any) -> list[tuple[str, ...]]:
     ]
 
 
-def notes_statistic(notes: Sequence[str]) -> dict[str, str]:
+def notes_statistic(notes: Iterable[str]) -> dict[str, str]:
     """What was told of a run, for its result file; nothing without notes."""
     text = "\n".join(note.replace("\n", " ") for note in notes)
     return {NOTES: text[:_MAX_NOTES]} if text else {}

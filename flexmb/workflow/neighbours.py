@@ -329,6 +329,8 @@ def with_words(model: Model, words: Mapping[str, Mapping[str, Any]]) -> Model:
 
 def _shapes(body: FlexBody, finer: FlexBody) -> Array:
     """(m of the finer, m) modal coordinates of a finer body that each of a body's own are."""
+    if not body.m:
+        return np.zeros((finer.m, 0))
     fields = [
         np.vstack([np.vstack([part.Phi_t, part.Phi_r]) for part in one.interfaces]
                   + ([] if one.nodes is None else [one.nodes.Phi_t.reshape(-1, one.m)]))

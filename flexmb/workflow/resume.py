@@ -32,6 +32,7 @@ from flexmb.errors import (
     SceneError,
 )
 from flexmb.progress import Progress, silent
+from flexmb.results.run_summary import notes_statistic
 from flexmb.workflow.run_report import RunReport, body_hash, code_version, provenance, report_run
 
 if TYPE_CHECKING:
@@ -122,9 +123,9 @@ def resume_run(
             raise OutputError(f"{run.path}: another run has written it meanwhile; try again")
         began = float(prepared.run.state.t[0])
         outcome = run_dynamics(prepared, writer, progress=progress)
-        writer.finish(
-            {**outcome.statistics, "resumed_at_s": began}, outcome.status, outcome.message
-        )
+        said = notes_statistic(dict.fromkeys([*run.notes, *outcome.notes]))
+        statistics = {**outcome.statistics, **said, "resumed_at_s": began}
+        writer.finish(statistics, outcome.status, outcome.message)
     run.refresh()
     return report_run(model, run, outcome, notes, pictures=pictures, progress=progress)
 

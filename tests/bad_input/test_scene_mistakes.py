@@ -146,7 +146,8 @@ ONE_LINE = [
     ),
     pytest.param(
         ('type = "box"', 'type = "bx"'),
-        'bodies.rod.shape.type: unknown shape "bx"; nearest: box; allowed: box, cylinder, sphere',
+        'bodies.rod.shape.type: unknown shape "bx"; nearest: box; allowed: box, cylinder, sphere, '
+        "extrusion, mesh",
         id="unknown shape",
     ),
     pytest.param(

@@ -58,6 +58,7 @@ def mechanism(plane, planar):
     made.add_force("coil", "rotational-spring-damper", joint="bearing", stiffness=5, damping=0.1)
     made.add_force("push", "force", at="slider", value=[f"{c!r}*cos(9*t)" if c else 0
                                                         for c in scene(4.0, 1.0, 0)])  # fmt: skip
+    made.set_assembly()  # the slider is brought onto its guide
     made.add_sensor("arm", "position", of="arm.end")
     made.add_sensor("angle", "angle", joint="wrist")
     return made

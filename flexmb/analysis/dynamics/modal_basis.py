@@ -49,6 +49,7 @@ Indices = NDArray[np.int64]
 _WINDOW = 3  # rows in each of which as much must be missing: no jolt, no vibration
 _SETTLED = 0.1  # share of a run before which little can be said of the whole of it
 _RESOLVED = 1.0  # rad of a mode between two rows up to which they tell how it is driven
+_ROUND_OFF = 2e-14  # of a place: motion that is none
 _BLOCK = 50.0  # decades of e within one sum
 _DAMPING = 0.01  # ratio of the modes that are left out: they forget how a run began
 
@@ -285,9 +286,11 @@ def _watched(
     if omitted is not None:
         rigid = np.vstack([frame.at(body.center[None])[0], frame.turn])
         coupling = omitted.modes - omitted.inertia[:, :6] @ rigid
+    away = float(np.abs(compiled.initial_q[columns.iq : columns.iq + 3]).max())
+    least = max(LEAST_MOTION * body.characteristic_length, _ROUND_OFF * away)
     return _Watched(
         columns, body, frame, np.array(markers, np.int64), np.array(places, np.int64),
-        (LEAST_MOTION * body.characteristic_length) ** 2 * body.mass, coupling,
+        least**2 * body.mass, coupling,
     )  # fmt: skip
 
 

@@ -36,6 +36,7 @@ from flexmb.flexbody.static_response import (
 from flexmb.progress import Progress, silent
 
 _NOTHING = 1e-10  # share of the largest energy of a response: less is rounding
+_COVERED = 0.01  # share of a mode's strain energy that the basis leaves: it has this mode
 _INSIDE = 1e-8  # share of a mode's strain energy that the basis leaves: less is in it
 
 
@@ -170,7 +171,8 @@ def _omitted(
         return None
     Y = _beside(fe, basis.omitted, modes)
     energy = np.sum(basis.omitted * (fe.K @ basis.omitted), axis=0)
-    Y = Y[:, np.sum(Y * (fe.K @ Y), axis=0) > _INSIDE * energy]
+    # beside modes and rigid motions: a rest without strain is a rigid motion, not a slow vibration
+    Y = Y[:, np.sum(Y * (fe.K @ Y), axis=0) > _COVERED * energy]
     if not Y.shape[1]:
         return None
     K, M = Y.T @ (fe.K @ Y), Y.T @ (fe.M @ Y)
