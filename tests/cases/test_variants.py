@@ -98,3 +98,25 @@ def test_the_loss_of_contact_is_found_when_the_force_of_the_cam_is_zero(tmp_path
         overrides={"speed": "2*pi*60"},
     )  # fmt: skip
     assert not any("pulls" in note for note in slow.notes)
+
+
+def test_the_planar_manipulator_names_its_stretched_pose() -> None:
+    """Both links in line reach 1.8 m: at the height of 0.7 m the tip gets to x = 1.6583 m."""
+    model = flexmb.load_scene(CASES / "planar_manipulator/scene.toml")
+    del model.drivers["path"]
+    model.dynamics = None
+    model.checks.clear()
+    model.add_driver("path", marker="forearm.tip", x="1.3 + 0.6*t", y="0.7")
+    model.set_kinematics(duration=1.0, outputs=50)
+    with pytest.raises(FlexmbError, match=r"singular pose") as caught:
+        flexmb.kinematics(model)
+    found = re.search(r"t = ([0-9.]+) s", str(caught.value))
+    assert found is not None
+    assert float(found[1]) == pytest.approx((np.sqrt(1.8**2 - 0.7**2) - 1.3) / 0.6, abs=2e-3)
+
+
+def test_a_cylinder_of_two_bodies_moves_as_a_driven_distance(tmp_path: Path) -> None:
+    folder = CASES / "planar_manipulator"
+    made = flexmb.compare(folder / "cylinder.toml", folder / "distance.toml", output=tmp_path)
+    moves = [one for one in made.differences if one.moves]
+    assert moves and max(one.largest for one in moves) < 1e-9
