@@ -41,7 +41,7 @@ import flexmb
 
 def pendulum(drag):
     model = flexmb.Model("pendulum", gravity=[0, -9.81, 0])
-    model.add_body("rod", mass=2.0, inertia=[0.1, 0.1, 0.1])
+    model.add_body("rod", mass=2.0, inertia=[0.1, 0.1, 0.1], position=[0.5, 0, 0])
     model.add_marker("rod.pin", position=[-0.5, 0, 0])
     model.add_marker("rod.tip", position=[0.5, 0, 0])
     model.add_joint("hinge", "revolute", between=["ground", "rod.pin"], axis="z")
