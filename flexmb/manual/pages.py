@@ -38,6 +38,7 @@ PAGES = (
     "reduction",
     "parts",
     "accuracy",
+    "hard-cases",
     "statics",
     "linearization",
     "textbook",

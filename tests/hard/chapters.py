@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from tests.hard import singular
+from tests.hard import discontinuity, singular, starts
 
 CHAPTERS = {
     "Singular positions": singular.CASES,
+    "Discontinuity": discontinuity.CASES,
+    "Bad starts": starts.CASES,
 }
