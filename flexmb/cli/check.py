@@ -150,7 +150,7 @@ def check_all(
         name = path.with_suffix("").as_posix().removesuffix("/scene")
         for o in scene.outcomes:
             place = o.place(scene.time_unit)
-            rows.append((name, "ok" if o.passed else "FAILED", place, *screen.outcome_figures(o)))
+            rows.append((name, screen.verdict(o), place, *screen.outcome_figures(o)))
         if scene.failure or not scene.outcomes:
             what = "the run failed" if scene.failure else "no [[check]]"
             rows.append((name, "FAILED" if scene.failure else "", what, "", "", "", ""))

@@ -75,14 +75,19 @@ def outcome_figures(o: Any) -> tuple[str, ...]:
     return f"{o.value:.12g}", f"{o.expected:.12g}", error, f"{o.tolerance:.2g}"
 
 
+def verdict(o: Any) -> str:
+    """Of a known answer."""
+    return "open" if o.is_open else "ok" if o.passed else "FAILED"
+
+
 def failed_outcomes(outcomes: Sequence[Any], unit: str, where: str = "") -> None:
     """A line for each known answer that failed; `where` stands before it."""
     for o in outcomes:
-        if not o.passed:
-            line(f"failed: {where}{o.place(unit)}; the expected value is from: {o.source}")
-        elif o.is_open:
+        if o.is_open:
             what = f"lies between outputs, which leave it open by {o.uncertainty:.2g}"
             line(f"not decided: {where}{o.place(unit)} {what}; add the time to outputs")
+        elif not o.passed:
+            line(f"failed: {where}{o.place(unit)}; the expected value is from: {o.source}")
 
 
 def known_answers(outcomes: Sequence[Any], unit: str) -> None:
@@ -90,7 +95,7 @@ def known_answers(outcomes: Sequence[Any], unit: str) -> None:
     timed = any(o.time is not None for o in outcomes)
     rows = [
         (
-            "open" if o.is_open else "ok" if o.passed else "FAILED",
+            verdict(o),
             o.sensor,
             *(("" if o.time is None else f"{o.time:g}",) if timed else ()),
             *outcome_figures(o),

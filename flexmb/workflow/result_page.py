@@ -213,7 +213,10 @@ class _ResultPage:
         unit = run.units.label("s")
         rows = [
             (
-                tag("span", "ok" if o.passed else "failed", class_="good" if o.passed else "bad"),
+                tag(
+                    "span", "ok" if o.passed else "open" if o.is_open else "failed",
+                    class_="good" if o.passed else "bad",
+                ),  # fmt: skip
                 o.place(unit), f"{o.value:.9g}", f"{o.expected:.9g}",
                 f"{abs(o.value - o.expected):.2g}", f"{o.tolerance:.2g}", o.source,
             )

@@ -53,13 +53,14 @@ class CheckOutcome:
 
     @property
     def passed(self) -> bool:
-        """Whether the value lies within the tolerance, as far as the outputs tell."""
-        return abs(self.value - self.expected) <= self.tolerance + self.uncertainty
+        """Whether the value lies within the tolerance."""
+        return abs(self.value - self.expected) <= self.tolerance
 
     @property
     def is_open(self) -> bool:
-        """Whether the outputs around its time are too far apart to tell."""
-        return self.passed and abs(self.value - self.expected) > self.tolerance
+        """Whether it does not pass, and the outputs around its time are too far apart to tell."""
+        error = abs(self.value - self.expected)
+        return self.tolerance < error <= self.tolerance + self.uncertainty
 
     def place(self, unit: str) -> str:
         """The sensor and its time, for a sentence."""

@@ -228,8 +228,8 @@ def _run_and_open(
         raise
     unit = model.units.label("s")
     failed = [
-        f"check of {c.place(unit)} failed: {c.value:.12g}, not {c.expected:.12g} "
-        f"within {c.tolerance:g} ({c.source})"
+        f"check of {c.place(unit)} {'is not decided between outputs' if c.is_open else 'failed'}: "
+        f"{c.value:.12g}, not {c.expected:.12g} within {c.tolerance:g} ({c.source})"
         for c in report.checks
         if not c.passed
     ]
