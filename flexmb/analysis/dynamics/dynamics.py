@@ -328,7 +328,9 @@ def _unbalanced(prepared: PreparedDynamics) -> str:
     """The sentence for energy that appears or is lost in the steps, or ""."""
     share, settings = prepared.run.rows.balance.relative, prepared.run.settings
     step = settings.step
-    if share <= _UNBALANCED or settings.follow == 1:  # work at the rates of quasi-static modes
+    if (
+        share <= max(_UNBALANCED, 10.0 * settings.accuracy) or settings.follow == 1
+    ):  # work at the rates of quasi-static modes
         return ""
     what = f"the energy balance is off by {100 * share:.3g} % of the energy that moved: "
     if step > 0.0:
