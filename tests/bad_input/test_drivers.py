@@ -149,6 +149,8 @@ def test_a_rate_without_a_value_is_told():
         ("0.2*sign(t - 0.7)", "jumps at t = 0.7 s"),
         ("0.3*sign(sin(20*t))", f"jumps at t = {np.pi / 20:.5g} s"),
         ("atan2(sin(3*t), cos(3*t))", f"jumps at t = {np.pi / 3:.5g} s"),
+        ("1e4*t + 0.005*sign(t - 0.7)", "jumps at t = 0.7 s"),  # beside a large motion
+        ("sin(3000*t) + 1e-3*sign(1.3 - t)", "jumps at t = 1.3 s"),  # beside a fast one
         ("sqrt(0.5 - t)", "not finite at t = 0.5 s"),
         ("log(1.5 - t)", "not finite at t = 1.5 s"),
         ("1e-3/(t - 0.5)", "not finite at t = 0.5 s"),
@@ -160,7 +162,9 @@ def test_an_angle_that_no_force_can_follow(angle, sentence):
 
 
 @pytest.mark.parametrize("angle", ["t**3", "sqrt(1 + t)", "1/(3 - t)", "abs(2 - t)",
-                                   "step(t, 0.5, 0, 0.501, 1)", "max(1, 2 + t)"])  # fmt: skip
+                                   "step(t, 0.5, 0, 0.501, 1)", "max(1, 2 + t)",
+                                   "abs(sin(1000*t))", "1e8 + abs(t - 1)", "sqrt(1e-6 + (t-1)**2)",
+                                   "1e-6*max(t, 1)"])  # fmt: skip
 def test_an_angle_that_is_well(angle):
     assert not problems("xy", {"joint": "shoulder", "angle": angle})
 

@@ -124,8 +124,8 @@ def off_cardan(run):
 CASES = {
     "two parallelograms through the horizontal": Hard(
         "The constraints lose rank twice a turn; the other branch begins there.",
-        "Ten turns on the branch of the pendulum: 1e-2 m; a wrong branch is off by metres.",
-        1e-2, lambda: parallelograms(2), off_parallelograms(2),
+        "Ten turns on the branch of the pendulum: 1e-3 m; a wrong branch is off by metres.",
+        1e-3, lambda: parallelograms(2), off_parallelograms(2),
         {"duration": 10.0, "outputs": 400, "accuracy": 1e-5},
         {**FAST, "generalized-alpha": {"accuracy": None, "step": 2e-4}},
         stops={"radau": "singular"},
