@@ -1,0 +1,267 @@
+"""A sweep from end to end: settings of the knobs, their runs, the answer to questions.
+
+In: a scene or a model, knobs with distributions, scalars of channels. Out: a :class:`Sweep`. All
+that can be wrong is said before anything is run. Runs that are in the folder are used again.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexmb.errors import FlexmbError, Problem, SceneError, nearest
+from flexmb.folders import output_folder, writable_folder
+from flexmb.model import Model
+from flexmb.model.quantities import read_number
+from flexmb.model.reading import under
+from flexmb.model.scenes.study import override
+from flexmb.model.scenes.sweep import Distribution, SweepSpec, read_knobs, read_question
+from flexmb.progress import Progress, silent
+from flexmb.studies.design_search import Answer, DesignSearch, Target
+from flexmb.studies.sampling import Design, make_design, values_at
+from flexmb.studies.scalars import Scalar, find_scalars
+from flexmb.studies.study_settings import StudySource, resolve_knobs
+from flexmb.studies.sweep_report import Sweep
+from flexmb.studies.sweep_runs import SECTIONS, Row, SweepScene, run_setting
+
+_MAX_REFUSALS = 5
+
+
+def sweep(
+    scene: str | Path | Model,
+    vary: Mapping[str, Any] | None = None,
+    *,
+    output: str | Path | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    histories: bool = False,
+    workers: int = 2,
+    fresh: bool = False,
+    progress: Progress = silent,
+    **settings: Any,
+) -> Sweep:
+    """Run a scene for many values of some knobs: statistics, sensitivities, worst cases, answers.
+
+    Parameters
+    ----------
+    scene : path or Model
+        A scene file, or a model made in Python.
+    vary : mapping, optional
+        Knob (a parameter, a path such as ``"bodies.rod.modes"``, a field of ``[dynamics]``) to a
+        distribution ``"normal(0.15, 1e-4)"``, ``"uniform(low, high)"``, ``"log-uniform(low,
+        high)"``, ``"triangular(low, mode, high)"``, a range ``"low..high"`` (uniform) or
+        ``"low..high:5"`` (five values), or a list of values. By default those of ``[sweep]``.
+    output : path, optional
+        Folder of the sweep; ``out/<scene>/sweep`` by default. Its runs are used again.
+    overrides : mapping, optional
+        Values of a scene file to change for all runs.
+    histories : bool
+        Whether each run leaves its result in a folder of its own.
+    workers : int
+        Runs at the same time.
+    fresh : bool
+        Run again what is there already.
+    progress : Progress
+        Told the phases `reduce` and `sweep`.
+    **settings
+        ``method``, ``samples``, ``seed``, ``sensors``, ``quantiles``, ``find`` in place of those of
+        ``[sweep]``.
+
+    Returns
+    -------
+    Sweep
+        All runs, and what they say.
+
+    Raises
+    ------
+    SceneError
+        All that is wrong with the scene, its knobs, scalars and questions, before anything is run.
+    OutputError
+        The folder cannot be written.
+    """
+    if isinstance(scene, str | Path):
+        folder = output_folder(scene) / "sweep" if output is None else output
+        source = StudySource.of_scene(scene, overrides, folder)
+    elif overrides:
+        raise SceneError("overrides are for scene files; change the model itself")
+    else:
+        source = StudySource.of_model(scene, output, "sweep")
+    plan = _plan(source, vary, settings, histories)
+    runner = _Runner(plan, source, workers, fresh, progress)
+    return runner.sweep()
+
+
+class _Plan:
+    """A sweep that has been checked."""
+
+    def __init__(
+        self, spec: SweepSpec, base: SweepScene, design: Design, targets: list[Target]
+    ) -> None:
+        self.spec, self.base, self.design, self.targets = spec, base, design, targets
+
+
+def _plan(
+    source: StudySource, vary: Mapping[str, Any] | None, settings: Mapping[str, Any], keep: bool
+) -> _Plan:
+    spec = _spec(source.model, vary, settings)
+    problems: list[Problem] = []
+    knobs: dict[str, Distribution] = {}
+    try:
+        resolved = resolve_knobs(source, {knob: (one,) for knob, one in spec.vary.items()})
+        knobs = {name: one for name, (one,) in resolved.items()}
+    except SceneError as error:
+        problems += error.problems
+    changed, wrong = override(source.scene, source.overrides)
+    scene = {k: v for k, v in changed.items() if k not in SECTIONS}
+    base = SweepScene(scene, str(source.folder), str(source.output / "bodies"))
+    questions = [read_question(text) for text in spec.find]
+    asked = [":".join(question.scalar) for question in questions]
+    scalars, missing = _scalars(base, (*spec.sensors, *asked))
+    for problem in missing:  # those of questions come last
+        i = int(problem.where[len("sensors[") : -1])
+        where = problem.where if i < len(spec.sensors) else f"find[{i - len(spec.sensors)}]"
+        problems.append(Problem(where, problem.what, problem.allowed, problem.nearest))
+    targets: list[Target] = []
+    units = {one.name: one.unit for one in scalars}
+    for i, question in enumerate(questions):
+        name, unit = asked[i], units.get(asked[i], "")
+        try:
+            bound = float("nan")
+            if question.bound:
+                bound = read_number(question.bound, source.model.context, unit or None)
+            targets.append(Target(question, name, bound, source.model.units.label(unit)))
+        except SceneError as error:
+            problems += under(f"find[{i}]", error.problems)
+    design = None
+    try:
+        if knobs and not questions:
+            design = make_design(knobs, spec.method, spec.samples, spec.seed)
+    except SceneError as error:
+        problems += error.problems
+    if not problems:
+        problems += _refusals(base, knobs)
+    if problems:
+        raise SceneError.from_problems(problems)
+    histories = str(source.output / "histories") if keep else ""
+    base = SweepScene(scene, base.folder, base.bodies, tuple(scalars), histories)
+    return _Plan(spec, base, design or Design(knobs, "search", np.zeros((0, len(knobs)))), targets)
+
+
+def _spec(model: Model, vary: Mapping[str, Any] | None, settings: Mapping[str, Any]) -> SweepSpec:
+    """`[sweep]` of the scene, with the values given here in place of its own."""
+    allowed = tuple(name for name in SweepSpec.model_fields if name != "vary")
+    unknown = [name for name in settings if name not in allowed]
+    problems = [Problem(name, "unknown", allowed, nearest(name, allowed)) for name in unknown]
+    fields: dict[str, Any] = {} if model.sweep is None else dict(model.sweep)
+    fields |= {name: value for name, value in settings.items() if value is not None}
+    if vary is not None and not isinstance(vary, Mapping):
+        problems.append(Problem("vary", "knobs with their distributions are expected"))
+    elif vary:
+        fields["vary"], wrong = read_knobs(vary, model.context)
+        problems += [Problem(f"vary {p.where}", p.what, p.allowed, p.nearest) for p in wrong]
+    if "vary" not in fields:
+        what = 'no knob to vary: give some, or [sweep] with vary = { r = "normal(0.15, 1e-4)" }'
+        problems.append(Problem("", what))
+    changed = copy.copy(model)
+    spec = None
+    try:
+        spec = changed.set_sweep(
+            **{"vary": {}, **{k: fields[k] for k in fields if k in (*allowed, "vary")}}
+        )
+    except SceneError as error:
+        problems += [p for p in error.problems]
+    if problems or spec is None:
+        raise SceneError.from_problems(problems)
+    return spec
+
+
+def _scalars(base: SweepScene, names: Sequence[str]) -> tuple[list[Scalar], list[Problem]]:
+    """The scalars of these names, by the columns of the scene with bodies not reduced yet."""
+    from flexmb.engine.compile import compile_system
+    from flexmb.model.scenes.effects import active_model
+    from flexmb.results import Columns
+    from flexmb.workflow.flexible_bodies import bodies_of_surveys, survey_bodies
+
+    model = active_model(base.model({}))
+    surveys, problems = survey_bodies(model)
+    if problems:
+        raise SceneError.from_problems(problems)
+    bodies, _ = bodies_of_surveys(model, surveys)
+    columns = Columns.of(compile_system(model, bodies).layout)
+    return find_scalars(columns, model, names)
+
+
+def _refusals(base: SweepScene, knobs: Mapping[str, Distribution]) -> list[Problem]:
+    """Values that the model refuses: each choice, and the median of what is distributed."""
+    problems: list[Problem] = []
+    for knob, one in knobs.items():
+        for value in one.choices or values_at(one, np.array([0.5])):
+            try:
+                base.model({knob: value})
+            except SceneError as error:
+                problems += under(f"vary {knob} = {value}", error.problems[:1])
+    return problems[:_MAX_REFUSALS]
+
+
+class _Runner:
+    """One sweep while it is run."""
+
+    def __init__(
+        self, plan: _Plan, source: StudySource, workers: int, fresh: bool, progress: Progress
+    ) -> None:
+        self.plan, self.source, self.progress = plan, source, progress
+        self.workers, self.fresh = workers, fresh
+        self.settings: list[dict[str, Any]] = []
+        self.rows: list[Row] = []
+
+    def sweep(self) -> Sweep:
+        """Run everything."""
+        plan, source = self.plan, self.source
+        writable_folder(source.output)
+        answer = None
+        if plan.targets:
+            answer = self._search()
+        else:
+            self.run(plan.design.values())
+        names = dict.fromkeys(name for row in self.rows for name in row)
+        columns = {name: np.array([row.get(name) for row in self.rows]) for name in names}
+        units = {one.name: source.model.units.label(one.unit) for one in plan.base.scalars}
+        return Sweep(
+            source.model.title or source.file, source.file, source.output, plan.design,
+            self.settings, units, columns, plan.spec.quantiles, plan.spec.seed,
+            source.overrides, answer,
+        )  # fmt: skip
+
+    def _search(self) -> Answer:
+        plan = self.plan
+        present = {knob: self._present(knob, one) for knob, one in plan.design.knobs.items()}
+        search = DesignSearch(
+            dict(plan.design.knobs), plan.targets, self.run, present, plan.spec.samples,
+            plan.spec.seed,
+        )  # fmt: skip
+        return search.answer()
+
+    def _present(self, knob: str, one: Distribution) -> float:
+        """The value in the scene as it stands; the middle of the range where it has none."""
+        model = self.source.model
+        if knob in model.parameters:
+            return float(model.parameters[knob])
+        value: Any = self.source.scene
+        for part in knob.split("."):
+            value = value.get(part) if isinstance(value, Mapping) else None
+        try:
+            return read_number(value, model.context, None)
+        except FlexmbError:
+            return 0.5 * sum(one.span)
+
+    def run(self, settings: list[dict[str, Any]]) -> list[Row]:
+        """Run settings; their rows in order."""
+        rows = []
+        for setting in settings:
+            rows.append(run_setting(self.plan.base, setting, f"run_{len(self.rows)}"))
+            self.settings.append(setting)
+            self.rows.append(rows[-1])
+        return rows
