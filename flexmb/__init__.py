@@ -54,13 +54,13 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
 
 __version__ = "0.1.0"
 __all__ = [
-    "FlexBody", "FlexmbError", "FlexmbWarning", "Model", "Result", "Study", "Sweep", "animation", "audit",
-    "check_scene", "compare", "equilibria", "film", "film_modes", "free_lengths", "history_figure",
-    "inverse_dynamics", "iterate_motion", "kinematics", "linearize", "load_result", "load_scene",
-    "mobility", "new_scene", "open_window", "part", "plot_history", "reduce", "render",
-    "render_mode_shapes", "render_modes", "report", "resume", "rigid_body", "run_part",
-    "run_scene", "save_figure", "scene_schema", "simulate", "snapshot", "statics", "study",
-    "sweep", "sweep_modes", "sweep_statics", "warmup",
+    "FlexBody", "FlexmbError", "FlexmbWarning", "Model", "Result", "Study", "Sweep", "animation",
+    "audit", "check_scene", "compare", "equilibria", "film", "film_modes", "free_lengths",
+    "history_figure", "inverse_dynamics", "iterate_motion", "kinematics", "linearize",
+    "load_result", "load_scene", "mobility", "new_scene", "open_window", "part", "plot_history",
+    "reduce", "render", "render_mode_shapes", "render_modes", "report", "resume", "rigid_body",
+    "run_part", "run_scene", "save_figure", "scene_schema", "simulate", "snapshot", "statics",
+    "study", "sweep", "sweep_modes", "sweep_statics", "warmup",
 ]  # fmt: skip
 
 _HOMES = {

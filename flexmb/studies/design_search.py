@@ -10,7 +10,8 @@ as it stands. What was not reached is said.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -23,14 +24,15 @@ from flexmb.studies.sampling import make_design
 
 Array = NDArray[np.float64]
 Row = Mapping[str, Any]
-RunSettings = Callable[[list[dict[str, Any]]], list[Row]]
+RunSettings = Callable[[list[dict[str, Any]]], Sequence[Row]]
 
 SCAN = 17
 """Runs of the scan of one knob."""
 
-_NARROW = 1e-7  # of the range: width of a root
+_NARROW = 1e-9  # of the range: width of a root
 _JUMP = 1e-2  # of what the scan covers: a change over that width that is no root
-_MET = 1e-4  # of what the scan covers: a constraint that is met
+_MET = (0.0, 1e-6, 1e-4)  # of what the scan covers: misses of a bound, the least that any run has
+_MARGIN = 1e-6  # of what the scan covers: inside a bound, so that what is found meets it
 _RADIUS = (0.1, 1e-4)  # of the unit cube: first and last trust region
 _DIGITS = 12
 
@@ -115,7 +117,7 @@ class DesignSearch:
         sentences = (*answer.sentences, *dict.fromkeys(self.failures))
         return Answer(sentences, answer.settings)
 
-    def _run_all(self, points: Array) -> tuple[list[dict[str, Any]], list[Row]]:
+    def _run_all(self, points: Array) -> tuple[list[dict[str, Any]], Sequence[Row]]:
         settings = [self._values(point) for point in points]
         rows = self.run(settings)
         bad = [i for i, row in enumerate(rows) if row["status"] != "finished"]
@@ -158,12 +160,15 @@ class DesignSearch:
         covers = float(np.nanmax(values) - np.nanmin(values))
         edges: list[float] = []  # values of the knob where the bound is crossed
         sentences: list[str] = []
-        for i in range(len(shares) - 1):
-            if not np.isfinite(off[i : i + 2]).all() or off[i] * off[i + 1] > 0.0:
+        finite = np.flatnonzero(np.isfinite(off))
+        for i, j in itertools.pairwise(finite):
+            if off[i] * off[j] > 0.0 or (off[j] == 0.0 and j < finite[-1]):
+                continue  # a root at the end of an interval belongs to the next one
+            if j > i + 1:
+                between = f"between {knob} = {at[i]:g} and {at[j]:g}, where runs fail"
+                sentences.append(f"{target.name} crosses {target.say(target.bound)} {between}")
                 continue
-            if off[i + 1] == 0.0 and i + 2 < len(shares):
-                continue  # the next interval begins there
-            root, sentence = self._narrow(target, knob, shares[i : i + 2], off[i : i + 2], covers)
+            root, sentence = self._narrow(target, knob, shares[[i, j]], off[[i, j]], covers)
             edges += [root] if root is not None else []
             sentences += [sentence] if sentence else []
         low, high = at[0], at[-1]
@@ -245,13 +250,16 @@ class DesignSearch:
         goal = next((target for target in self.targets if target.is_objective), None)
         table = {t.name: np.array([row[t.name] for row in rows], float) for t in self.targets}
         scales = {name: float(np.nanmax(v) - np.nanmin(v)) or 1.0 for name, v in table.items()}
-        cache = {point.tobytes(): row for point, row in zip(points, rows, strict=True)}
+        cache: dict[bytes, Row] = {
+            point.tobytes(): row for point, row in zip(points, rows, strict=True)
+        }
 
         def row_at(point: Array) -> Row:
             point = np.clip(point, 0.0, 1.0)
-            if point.tobytes() not in cache:
-                [cache[point.tobytes()]] = self.run([self._values(point)])
-            return cache[point.tobytes()]
+            key = point.tobytes()
+            if key not in cache:
+                [cache[key]] = self.run([self._values(point)])
+            return cache[key]
 
         def number(point: Array, target: Target) -> float:
             value = float(row_at(point)[target.name])
@@ -267,18 +275,18 @@ class DesignSearch:
 
         def misses(point: Array) -> Array:
             off = [float(t.violation(number(point, t))) / scales[t.name] for t in bounds]
-            return np.nan_to_num(np.array(off), nan=1.0)
+            return np.asarray(np.nan_to_num(np.array(off), nan=1.0))
 
         def order(point: Array) -> tuple[float, float]:
             return float(np.maximum(misses(point), 0.0).max(initial=0.0)), objective(point)
 
         finite = [p for p in points if cache[p.tobytes()]["status"] == "finished"]
         start = min(finite, key=order)
+        margins = {"<=": (-np.inf, -_MARGIN), ">=": (_MARGIN, np.inf), "=": (0.0, 0.0)}
         constraints = [
             NonlinearConstraint(
                 lambda p, t=t: np.nan_to_num((number(p, t) - t.bound) / scales[t.name], nan=1e3),
-                0.0 if t.question.relation in (">=", "=") else -np.inf,
-                0.0 if t.question.relation in ("<=", "=") else np.inf,
+                *margins[t.question.relation],
             )
             for t in bounds
         ]
@@ -290,20 +298,22 @@ class DesignSearch:
             },
         )  # fmt: skip
         good = [np.frombuffer(key) for key, row in cache.items() if row["status"] == "finished"]
-        best = min(good, key=lambda p: (max(order(p)[0], _MET), order(p)[1]))
-        return self._say(best, cache[best.tobytes()], order(best)[0], len(cache), points)
+        least = min(order(p)[0] for p in good)
+        limit = next((one for one in _MET if least <= one), least)
+        best = min(good, key=lambda p: (max(order(p)[0], limit), order(p)[1]))
+        return self._say(best, cache[best.tobytes()], order(best)[0], len(cache))
 
-    def _say(self, best: Array, row: Row, miss: float, runs: int, points: Array) -> Answer:
+    def _say(self, best: Array, row: Row, miss: float, runs: int) -> Answer:
         setting = self._values(best)
         values = ", ".join(f"{t.name} = {t.say(float(row[t.name]))}" for t in self.targets)
-        asked = " and ".join(target.question.text for target in self.targets)
+        questions = " and ".join(target.question.text for target in self.targets)
         names = list(self.knobs)
         edge = [names[i] for i in np.flatnonzero((best <= 0.0) | (best >= 1.0))]
         limit = f"; {', '.join(edge)} at the end of the range" if edge else ""
         what = f"{setting_text(setting)}: {values} ({runs} runs)"
-        if miss > _MET:
-            return Answer((f"nothing was found that meets {asked}; nearest is {what}{limit}",))
-        sentences = [f"{asked}: {what}{limit}"]
+        if miss > _MET[-1]:
+            return Answer((f"nothing was found that meets {questions}; nearest is {what}{limit}",))
+        sentences = [f"{questions}: {what}{limit}"]
         if not any(target.is_objective for target in self.targets):
             sentences.append("of what meets it, this is nearest to the scene as it stands")
         return Answer(tuple(sentences), (setting,))

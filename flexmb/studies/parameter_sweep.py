@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError, Problem, SceneError, nearest
 from flexmb.folders import output_folder, writable_folder
@@ -22,11 +24,22 @@ from flexmb.model.scenes.study import override
 from flexmb.model.scenes.sweep import Distribution, SweepSpec, read_knobs, read_question
 from flexmb.progress import Progress, silent
 from flexmb.studies.design_search import Answer, DesignSearch, Target
+from flexmb.studies.record_table import KEY, RecordTable
 from flexmb.studies.sampling import Design, make_design, values_at
 from flexmb.studies.scalars import Scalar, find_scalars
 from flexmb.studies.study_settings import StudySource, resolve_knobs
-from flexmb.studies.sweep_report import Sweep
-from flexmb.studies.sweep_runs import SECTIONS, Row, SweepScene, run_setting
+from flexmb.studies.sweep_report import RUNS, Sweep
+from flexmb.studies.sweep_runs import (
+    SECTIONS,
+    Job,
+    Row,
+    SweepScene,
+    flexible_bodies_of,
+    run_setting,
+)
+from flexmb.studies.workers import content_key, run_key
+from flexmb.workflow.cluster import Cluster, open_cluster
+from flexmb.workflow.job_batch import TOO_LONG
 
 _MAX_REFUSALS = 5
 
@@ -39,6 +52,9 @@ def sweep(
     overrides: Mapping[str, Any] | None = None,
     histories: bool = False,
     workers: int = 2,
+    scheduler: str = "",
+    limit: float = 0.0,
+    dashboard: bool = False,
     fresh: bool = False,
     progress: Progress = silent,
     **settings: Any,
@@ -61,7 +77,13 @@ def sweep(
     histories : bool
         Whether each run leaves its result in a folder of its own.
     workers : int
-        Runs at the same time.
+        Runs at the same time, each in a process; 1: in this process.
+    scheduler : str
+        Address of a Dask scheduler, whose workers are used instead.
+    limit : float
+        Wall time of a run [s], after which it is given up; 0: none.
+    dashboard : bool
+        Serve Dask's page on the work.
     fresh : bool
         Run again what is there already.
     progress : Progress
@@ -90,8 +112,46 @@ def sweep(
     else:
         source = StudySource.of_model(scene, output, "sweep")
     plan = _plan(source, vary, settings, histories)
-    runner = _Runner(plan, source, workers, fresh, progress)
-    return runner.sweep()
+    names = [one.name for one in plan.base.scalars]
+    about = {
+        "scene": run_key(source.model, plan.base.scene),
+        "list of sensors": content_key([names, histories]),
+    }
+    file = writable_folder(source.output) / RUNS
+    with (
+        open_cluster(workers, scheduler, limit=limit, dashboard=dashboard) as cluster,
+        RecordTable(file, about, fresh=fresh) as table,
+    ):
+        if cluster.dashboard:
+            progress("sweep", 0.0, f"dashboard: {cluster.dashboard}")
+        runner = _Runner(plan, source, cluster, table, progress)
+        answer = runner.sweep()
+        columns = columns_of(table.rows(), runner.keys, names)
+    units = {one.name: source.model.units.label(one.unit) for one in plan.base.scalars}
+    return Sweep(
+        source.model.title or source.file, source.file, source.output, plan.design,
+        runner.settings, units, columns, plan.spec.quantiles, plan.spec.seed, source.overrides,
+        answer, runner.reused,
+    )  # fmt: skip
+
+
+_TEXTS = ("status", "reason", "notes")
+_NUMBERS = ("seconds", "cpu_seconds", "seconds_run")
+
+
+def columns_of(rows: Any, keys: Sequence[str], scalars: Sequence[str]) -> dict[str, NDArray[Any]]:
+    """Columns of a table of runs, in the order of their keys; NaN and "" where there is nothing."""
+    place = {key: i for i, key in enumerate(rows.column(KEY).to_pylist())}
+    order = np.array([place[key] for key in keys], np.int64)
+    columns: dict[str, NDArray[Any]] = {}
+    for name in (*_TEXTS, *scalars, *_NUMBERS):
+        missing: Any = "" if name in _TEXTS else float("nan")
+        if name in rows.column_names:
+            column = rows.column(name).fill_null(missing)
+            columns[name] = column.to_numpy()[order]
+        else:
+            columns[name] = np.full(len(order), missing, object if name in _TEXTS else float)
+    return columns
 
 
 class _Plan:
@@ -118,8 +178,8 @@ def _plan(
     scene = {k: v for k, v in changed.items() if k not in SECTIONS}
     base = SweepScene(scene, str(source.folder), str(source.output / "bodies"))
     questions = [read_question(text) for text in spec.find]
-    asked = [":".join(question.scalar) for question in questions]
-    scalars, missing = _scalars(base, (*spec.sensors, *asked))
+    names = [":".join(question.scalar) for question in questions]
+    scalars, missing = _scalars(base, (*spec.sensors, *names))
     for problem in missing:  # those of questions come last
         i = int(problem.where[len("sensors[") : -1])
         where = problem.where if i < len(spec.sensors) else f"find[{i - len(spec.sensors)}]"
@@ -127,7 +187,7 @@ def _plan(
     targets: list[Target] = []
     units = {one.name: one.unit for one in scalars}
     for i, question in enumerate(questions):
-        name, unit = asked[i], units.get(asked[i], "")
+        name, unit = names[i], units.get(names[i], "")
         try:
             bound = float("nan")
             if question.bound:
@@ -209,40 +269,26 @@ def _refusals(base: SweepScene, knobs: Mapping[str, Distribution]) -> list[Probl
 class _Runner:
     """One sweep while it is run."""
 
-    def __init__(
-        self, plan: _Plan, source: StudySource, workers: int, fresh: bool, progress: Progress
-    ) -> None:
-        self.plan, self.source, self.progress = plan, source, progress
-        self.workers, self.fresh = workers, fresh
+    def __init__(self, plan: _Plan, source: StudySource, cluster: Cluster, table: RecordTable,
+                 progress: Progress) -> None:  # fmt: skip
+        self.plan, self.source, self.cluster, self.table = plan, source, cluster, table
+        self.progress = progress
         self.settings: list[dict[str, Any]] = []
-        self.rows: list[Row] = []
+        self.keys: list[str] = []
+        self.reused = 0
 
-    def sweep(self) -> Sweep:
-        """Run everything."""
-        plan, source = self.plan, self.source
-        writable_folder(source.output)
-        answer = None
-        if plan.targets:
-            answer = self._search()
-        else:
-            self.run(plan.design.values())
-        names = dict.fromkeys(name for row in self.rows for name in row)
-        columns = {name: np.array([row.get(name) for row in self.rows]) for name in names}
-        units = {one.name: source.model.units.label(one.unit) for one in plan.base.scalars}
-        return Sweep(
-            source.model.title or source.file, source.file, source.output, plan.design,
-            self.settings, units, columns, plan.spec.quantiles, plan.spec.seed,
-            source.overrides, answer,
-        )  # fmt: skip
-
-    def _search(self) -> Answer:
+    def sweep(self) -> Answer | None:
+        """Run everything; the answer to questions."""
         plan = self.plan
+        flexible_bodies_of(plan.base, plan.base.model({}), self.progress)
+        if not plan.targets:
+            self.run(plan.design.values())
+            return None
         present = {knob: self._present(knob, one) for knob, one in plan.design.knobs.items()}
-        search = DesignSearch(
+        return DesignSearch(
             dict(plan.design.knobs), plan.targets, self.run, present, plan.spec.samples,
             plan.spec.seed,
-        )  # fmt: skip
-        return search.answer()
+        ).answer()  # fmt: skip
 
     def _present(self, knob: str, one: Distribution) -> float:
         """The value in the scene as it stands; the middle of the range where it has none."""
@@ -257,11 +303,22 @@ class _Runner:
         except FlexmbError:
             return 0.5 * sum(one.span)
 
-    def run(self, settings: list[dict[str, Any]]) -> list[Row]:
+    def run(self, settings: Sequence[dict[str, Any]]) -> list[Row]:
         """Run settings; their rows in order."""
-        rows = []
-        for setting in settings:
-            rows.append(run_setting(self.plan.base, setting, f"run_{len(self.rows)}"))
-            self.settings.append(setting)
-            self.rows.append(rows[-1])
-        return rows
+        jobs = [Job(content_key(values), values) for values in settings]
+        ended = self.table.reasons()
+        left = [job for job in {job.key: job for job in jobs}.values() if _to_run(job, ended)]
+        self.reused += sum(not _to_run(job, ended) and job.key not in self.keys for job in jobs)
+        function = partial(run_setting, self.plan.base)
+        for job, record in self.cluster.run(function, left, progress=self.progress, phase="sweep"):
+            self.table.append({KEY: job.key, **job.values, **record})
+        self.settings += settings
+        self.keys += [job.key for job in jobs]
+        names = [one.name for one in self.plan.base.scalars]
+        columns = columns_of(self.table.rows(), [job.key for job in jobs], names)
+        return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def _to_run(job: Job, ended: Mapping[str, str]) -> bool:
+    """Whether a run has not ended, or was given up for its time: the machine may have been busy."""
+    return job.key not in ended or ended[job.key].startswith(TOO_LONG)

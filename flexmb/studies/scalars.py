@@ -1,9 +1,9 @@
 """Scalars of a run: least, largest, mean, ... of channels over its outputs.
 
-In: names such as ``slider.x:max``, the layout of a compiled model, rows of outputs or a result. Out:
-one number each, in the scene's units. A vector without its axis (``crank_pin.rod.force``) is its
-length. Means are integrals over time, by trapezoids between the outputs; extremes are those of the
-outputs.
+In: names such as ``slider.x:max``, the layout of a compiled model, rows of outputs or a result.
+Out: one number each, in the scene's units. A vector without its axis (``crank_pin.rod.force``) is
+its length. Means are integrals over time, by trapezoids between the outputs; extremes are those of
+the outputs.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def find_scalars(
     for i, text in enumerate(names or columns.channels):
         channel, word = read_scalar(text)
         owner = channel.partition(".")[0]
-        found = tuple(
+        matches = tuple(
             by_name[name]
             for name in ((channel,) if channel in by_name else (f"{channel}.{a}" for a in _AXES))
             if name in by_name and by_name[name].table != "balance"
@@ -78,14 +78,14 @@ def find_scalars(
         recovered = _RECOVERED.fullmatch(channel) and (
             owner in model.bodies or owner in model.joints or owner == "energy"
         )
-        if len(found) not in (1, 3) and not recovered:
+        if len(matches) not in (1, 3) and not recovered:
             vectors = (name.removesuffix(".x") for name in by_name if name.endswith(".x"))
-            known = tuple(dict.fromkeys((*by_name, *vectors)))
+            allowed = tuple(dict.fromkeys((*by_name, *vectors)))
             what = f'there is no channel "{channel}"'
-            problems.append(Problem(f"sensors[{i}]", what, known, nearest(channel, known)))
+            problems.append(Problem(f"sensors[{i}]", what, allowed, nearest(channel, allowed)))
             continue
-        unit = found[0].unit if found else ""
-        scalars += [Scalar(channel, one, unit, found) for one in ((word,) if word else _EXTREMES)]
+        unit = matches[0].unit if matches else ""
+        scalars += [Scalar(channel, one, unit, matches) for one in ((word,) if word else _EXTREMES)]
     return list(dict.fromkeys(scalars)), problems
 
 

@@ -95,7 +95,7 @@ def _surfaces(sweep: SweepRows) -> Figure | None:
         def fit(u: Array, v: Array, at: tuple[int, int], base: Array, surface=surface) -> Array:  # type: ignore[no-untyped-def]
             points = np.tile(base, (len(u), 1))
             points[:, at[0]], points[:, at[1]] = u, v
-            return surface(points)
+            return np.asarray(surface(points))
 
         others = ", others at their medians" if len(names) > 2 else ""
         note = f"fit of degree 2 explains {100 * surface.explained:.3g} % of the variance{others}"

@@ -39,7 +39,7 @@ class Table(NamedTuple):
 
     title: str
     columns: tuple[str, ...]
-    rows: list[tuple[str, ...]]
+    rows: Sequence[tuple[str, ...]]
     right: tuple[int, ...] = ()
 
 
@@ -54,6 +54,8 @@ class Sweep(SweepRows):
         short = headings(tuple(self.design.knobs))
         if self.answer is None:
             yield self._statistics_table()
+        rows: list[tuple[str, ...]]
+        columns: tuple[str, ...]
         if self.design.method == "saltelli":
             rows = [
                 (name, short[i.knob], _cell(i.first, 3) + _range(i.first_interval, 2),
@@ -92,13 +94,13 @@ class Sweep(SweepRows):
     def _statistics_table(self) -> Table:
         shares = [f"{100 * share:g} %" for share in self.shares]
         columns = ("of", "unit", "runs", "mean", "deviation", "least", *shares, "largest")
-        rows = []
+        rows: list[tuple[str, ...]] = []
         for scalar in self.scalars:
             one = self.statistics(scalar)
             digits = _digits(one.greatest, one.deviation)
             quantiles = (_cell(q.value, digits) + _range(q.interval, digits) for q in one.quantiles)
             rows.append((
-                scalar, self.units[scalar], str(one.count),
+                scalar, self.units[scalar], str(one.runs),
                 _cell(one.mean, digits) + _range(one.mean_interval, digits),
                 _cell(one.deviation, 3) + _range(one.deviation_interval, 3),
                 _cell(one.least, digits), *quantiles, _cell(one.greatest, digits),
@@ -106,7 +108,7 @@ class Sweep(SweepRows):
         return Table("Statistics [95 % confidence]", columns, rows, tuple(range(2, len(columns))))
 
     def _extremes_table(self, short: Mapping[str, str]) -> Table:
-        rows = []
+        rows: list[tuple[str, ...]] = []
         for scalar in self.scalars:
             for word, runs in zip(("largest", "least"), self.extremes(scalar, 1), strict=True):
                 rows += [
@@ -188,7 +190,8 @@ class Sweep(SweepRows):
         from flexmb.view import save_figure
 
         tables = [table._asdict() for table in self.tables()]
-        data = {"title": self.title, "sentences": self.summary(), "tables": tables, "pictures": []}
+        pictures: list[str] = []
+        data = {"title": self.title, "sentences": self.summary(), "tables": tables}
         files = [self.folder / RUNS, self.folder / "sweep.md"]
         for kind, draw in PICTURES.items():
             figure = draw(self)
@@ -196,8 +199,9 @@ class Sweep(SweepRows):
             path.unlink(missing_ok=True)  # that of an earlier sweep
             if figure is not None:
                 files.append(save_figure(figure, path))
-                data["pictures"].append(path.name)
-        texts = {files[1]: self.markdown(), self.folder / SUMMARY: json.dumps(data, indent=1)}
+                pictures.append(path.name)
+        about = json.dumps({**data, "pictures": pictures}, indent=1)
+        texts = {files[1]: self.markdown(), self.folder / SUMMARY: about}
         for path, text in texts.items():
             try:
                 with whole_file(path) as partial:

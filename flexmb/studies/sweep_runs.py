@@ -10,15 +10,15 @@ from __future__ import annotations
 import shutil
 import tempfile
 import time
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from flexmb.errors import FlexmbError, SceneError
+from flexmb.errors import SceneError, SolverError
 from flexmb.folders import writable_folder
 from flexmb.model.scenes.study import override
+from flexmb.progress import Progress, silent
 from flexmb.studies.runner import REDUCTION_FIELDS
 from flexmb.studies.scalars import Scalar, read_result, read_rows
 from flexmb.studies.workers import content_key
@@ -29,6 +29,14 @@ if TYPE_CHECKING:
     from flexmb.results import OutputBlock
 
 Row = dict[str, Any]
+
+
+class Job(NamedTuple):
+    """One run: the key of its row, and the values of its knobs."""
+
+    key: str
+    values: dict[str, Any]
+
 
 SECTIONS = ("check", "results", "view", "study", "sweep")
 """Sections of a scene that its runs in a sweep do without."""
@@ -74,34 +82,20 @@ class SweepScene:
         return Model.from_scene_dict(scene, Path(self.folder))
 
 
-def run_setting(scene: SweepScene, values: Mapping[str, Any], name: str = "") -> Row:
-    """Run a setting; a failure is a row with its reason.
+def run_setting(scene: SweepScene, job: Job) -> Row:
+    """Run a setting: its scalars, notes and times.
 
-    Parameters
-    ----------
-    scene : SweepScene
-        What all runs have in common.
-    values : mapping
-        Of the knobs.
-    name : str
-        Of the folder of its history, if that is kept.
+    Raises
+    ------
+    FlexmbError
+        The model refuses its values, or the run fails.
     """
     wall, cpu = time.perf_counter(), time.process_time()
-    row: Row = {"status": "finished", "reason": "", "notes": ""}
-    row |= dict.fromkeys((one.name for one in scene.scalars), float("nan"))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the run of the scene itself shows them
-        try:
-            model = scene.model(values)
-            in_memory = all(one.columns for one in scene.scalars) and not scene.histories
-            auto = getattr(model.effects, "choice", "") == "auto"
-            run = _run_in_memory if in_memory and not auto else _run_with_file
-            row |= run(scene, model, name)
-        except FlexmbError as error:
-            row |= {"status": "failed", "reason": str(error)}
-        except Exception as error:  # noqa: BLE001  one bad run must not end the sweep
-            what = f"failed unexpectedly ({type(error).__name__}: {error})"
-            row |= {"status": "failed", "reason": what}
+    model = scene.model(job.values)
+    in_memory = all(one.columns for one in scene.scalars) and not scene.histories
+    auto = getattr(model.effects, "choice", "") == "auto"
+    run = _run_in_memory if in_memory and not auto else _run_with_file
+    row = run(scene, model, job.key)
     row["seconds"] = time.perf_counter() - wall
     row["cpu_seconds"] = time.process_time() - cpu
     return row
@@ -123,10 +117,9 @@ class _Rows:
         self.blocks.clear()
 
 
-def _run_in_memory(scene: SweepScene, model: Model, name: str) -> Row:
+def _run_in_memory(scene: SweepScene, model: Model, _: str) -> Row:
     from flexmb.engine.compile import compile_system
     from flexmb.model.scenes.effects import active_model
-    from flexmb.progress import silent
     from flexmb.workflow.run import prepare_task, select_analysis
 
     model = active_model(model)
@@ -140,7 +133,7 @@ def _run_in_memory(scene: SweepScene, model: Model, name: str) -> Row:
     if outcome.status == "stopped":
         raise KeyboardInterrupt
     if outcome.status != "finished":
-        return {"status": "failed", "reason": outcome.message, "seconds_run": seconds}
+        raise SolverError(outcome.message)
     notes = "\n".join((*task.notes, *outcome.notes))
     return {
         **read_rows(scene.scalars, rows.blocks, model.units), "notes": notes, "seconds_run": seconds
@@ -151,8 +144,8 @@ def _run_with_file(scene: SweepScene, model: Model, name: str) -> Row:
     from flexmb.results import Result
     from flexmb.workflow import run_model
 
-    kept = Path(scene.histories) / name if scene.histories else None
-    folder = kept or Path(tempfile.mkdtemp(prefix="flexmb-"))
+    own_folder = Path(scene.histories) / name if scene.histories else None
+    folder = own_folder or Path(tempfile.mkdtemp(prefix="flexmb-"))
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if flexible_bodies_of(scene, model):
@@ -161,10 +154,10 @@ def _run_with_file(scene: SweepScene, model: Model, name: str) -> Row:
         result = Result(report.result)
         if result.status == "stopped":
             raise KeyboardInterrupt
-        row = {"notes": "\n".join(report.notes), "folder": str(kept or "")}
+        row = {"notes": "\n".join(report.notes), "folder": str(own_folder or "")}
         return row | read_result(scene.scalars, result)
     finally:
-        if kept is None:
+        if own_folder is None:
             shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -178,10 +171,14 @@ def _bodies_folder(scene: SweepScene, model: Model) -> Path:
     return Path(scene.bodies) / content_key(reductions)
 
 
-def flexible_bodies_of(scene: SweepScene, model: Model) -> dict[str, FlexBody]:
+def flexible_bodies_of(
+    scene: SweepScene, model: Model, progress: Progress = silent
+) -> dict[str, FlexBody]:
     """The reduced bodies of a model: from the folder of bodies, or reduced there."""
     from flexmb.workflow.flexible_bodies import flexible_bodies
 
     if not any(spec.flexible for spec in model.bodies.values()):
         return {}
-    return flexible_bodies(model, writable_folder(_bodies_folder(scene, model)))[0]
+    return flexible_bodies(model, writable_folder(_bodies_folder(scene, model)), progress=progress)[
+        0
+    ]

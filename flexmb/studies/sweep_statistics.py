@@ -36,7 +36,7 @@ class Quantile(NamedTuple):
 class Statistics(NamedTuple):
     """Statistics of a scalar; no intervals for a grid, which is no sample."""
 
-    count: int
+    runs: int
     least: float
     greatest: float
     mean: float

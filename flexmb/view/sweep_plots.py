@@ -73,7 +73,9 @@ def scatter_figure(
         for j, knob in enumerate(knobs):
             axes, failed = grid[i][j], ~np.isfinite(scalar.values)
             x, y = knob.values[~failed][:_MAX_POINTS], scalar.values[~failed][:_MAX_POINTS]
-            style = {"marker": "o", "lw": 1.2} if joined else {"marker": ".", "lw": 0.0}
+            style: dict[str, Any] = (
+                {"marker": "o", "lw": 1.2} if joined else {"marker": ".", "lw": 0.0}
+            )
             order = np.argsort(x) if joined else slice(None)
             axes.plot(x[order], y[order], ms=3, color=LINES[0], alpha=0.8, **style)
             if failed.any():
@@ -129,11 +131,11 @@ def sensitivity_figure(
         order = np.argsort([abs(bar.value) for bar in series[-1][1]])
         thickness = 0.8 / len(series)
         for k, (name, bars) in enumerate(series):
-            chosen = [bars[i] for i in order]
-            y = np.arange(len(chosen)) + (0.5 * (len(series) - 1) - k) * thickness
-            values = np.array([bar.value for bar in chosen])
+            sorted_bars = [bars[i] for i in order]
+            y = np.arange(len(sorted_bars)) + (0.5 * (len(series) - 1) - k) * thickness
+            values = np.array([bar.value for bar in sorted_bars])
             axes.barh(y, values, thickness * 0.9, color=LINES[k], label=name)
-            ends = np.array([(bar.value - bar.low, bar.high - bar.value) for bar in chosen]).T
+            ends = np.array([(bar.value - bar.low, bar.high - bar.value) for bar in sorted_bars]).T
             axes.errorbar(values, y, xerr=np.clip(ends, 0, None), fmt="none", ecolor=INK, lw=0.9)
         axes.set_yticks(range(len(order)), [series[0][1][i].label for i in order])
         axes.axvline(0.0, color=GHOST, lw=0.8)
@@ -167,9 +169,9 @@ def parallel_figure(axes_of: Sequence[Axis], color: Axis, title: str) -> Figure:
         scaled.append((one.values - low) / width if width > 0.0 else one.values * 0.0 + 0.5)
     lines = np.stack(scaled, axis=1)[order]
     for line, value in zip(lines, color.values[order], strict=True):
-        bad = not np.isfinite(value)
-        style = {"color": _FAILED, "lw": 1.0, "marker": "x", "ms": 4} if bad else {
-            "color": shown.to_rgba(value), "lw": 0.7, "alpha": 0.7}  # fmt: skip
+        style: dict[str, Any] = {"color": shown.to_rgba(value), "lw": 0.7, "alpha": 0.7}
+        if not np.isfinite(value):
+            style = {"color": _FAILED, "lw": 1.0, "marker": "x", "ms": 4}
         axes.plot(range(len(axes_of)), line, **style)
     for i, one in enumerate(axes_of):
         axes.plot((i, i), (0.0, 1.0), color=INK, lw=0.9)
