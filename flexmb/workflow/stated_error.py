@@ -43,8 +43,9 @@ def not_contained(model: Model, bodies: Mapping[str, FlexBody]) -> str:
 
 def _mode_count(spec: FlexibleBodySpec, body: FlexBody) -> int:
     """The number of modes as the scene says it, else of the body's coordinates."""
-    told = isinstance(spec, MeshBodySpec) and (spec.modes is None or isinstance(spec.modes, int))
-    return spec.mode_count if told and isinstance(spec, MeshBodySpec) else body.m
+    if isinstance(spec, MeshBodySpec) and isinstance(spec.modes, int | None):
+        return spec.mode_count
+    return body.m
 
 
 def has_several_nodes(spec: FlexibleBodySpec, body: FlexBody) -> bool:
