@@ -112,7 +112,8 @@ class Model:
         self.units = unit_system(units)
         self.parameters, problems = resolve_parameters(self.parameter_sources, self.units)
         _raise(problems)
-        self.gravity = gravity
+        self.gravity: tuple[float, float, float] | None = None
+        self.set_gravity(gravity)
         self.plane, problems = read_plane(plane)
         _raise(problems)
         self.ground = GroundSpec()
@@ -257,17 +258,8 @@ class Model:
         return spec  # type: ignore[return-value]
 
     def set_gravity(self, gravity: Any) -> None:
-        """Set its acceleration (3,) in global axes, ``"earth -z"`` or ``"none"``."""
-        self.gravity = gravity
-
-    @property
-    def gravity(self) -> tuple[float, float, float] | None:
-        """Acceleration (3,) [m/s^2], global axes; what is set is read as in a scene."""
-        return self._gravity
-
-    @gravity.setter
-    def gravity(self, value: Any) -> None:
-        self._gravity, problems = read_gravity(value, self.context)
+        """Set gravity: its acceleration (3,) in global axes, ``"earth -z"`` or ``"none"``."""
+        self.gravity, problems = read_gravity(gravity, self.context)
         _raise(problems)
 
     def set_effects(self, **fields: Any) -> EffectsSpec:
