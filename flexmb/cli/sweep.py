@@ -8,7 +8,18 @@ from typing import Annotated, Any
 import typer
 
 from flexmb.cli import screen
-from flexmb.cli.app import INTERRUPTED, MISTAKE, Overrides, Scene, command, parse_pairs
+from flexmb.cli.app import (
+    INTERRUPTED,
+    MISTAKE,
+    Dashboard,
+    Limit,
+    Overrides,
+    Scene,
+    Scheduler,
+    Workers,
+    command,
+    parse_pairs,
+)
 
 
 @command()
@@ -53,7 +64,10 @@ def sweep(
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Of the random numbers; 0.")] = None,
     overrides: Overrides = None,
-    workers: Annotated[int, typer.Option(help="Runs at the same time.", min=1)] = 2,
+    workers: Workers = 2,
+    scheduler: Scheduler = "",
+    limit: Limit = 0.0,
+    dashboard: Dashboard = False,
     histories: Annotated[
         bool, typer.Option("--histories", help="Leave the result of each run in a folder.")
     ] = False,
@@ -86,6 +100,9 @@ def sweep(
                 output=output,
                 histories=histories,
                 workers=workers,
+                scheduler=scheduler,
+                limit=limit,
+                dashboard=screen.line if dashboard else None,
                 fresh=fresh,
                 progress=progress,
                 method=method,

@@ -219,7 +219,8 @@ class DesignSearch:
         gap = abs(seen[below] - seen[above]) if below in seen and above in seen else 0.0
         if abs(seen[share]) > 0.0 and above - below < 1e-4 and gap > _JUMP * covers:
             ends_text = " to ".join(target.say(seen[s] + target.bound) for s in (below, above))
-            return value, f"{target.name} jumps there: from {ends_text} at {knob} = {value:.9g}"
+            jump = f"{target.name} jumps there: from {ends_text} at {knob} = {value:.9g}"
+            return (None if target.question.relation == "=" else value), jump
         return value, ""
 
     def _parts(

@@ -7,7 +7,7 @@ that can be wrong is said before anything is run. Runs that are in the folder ar
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from flexmb.studies.design_search import Answer, DesignSearch, Target
 from flexmb.studies.record_table import KEY, RecordTable
 from flexmb.studies.sampling import Design, make_design, values_at
 from flexmb.studies.scalars import Scalar, find_scalars
+from flexmb.studies.study_jobs import content_key, run_key
 from flexmb.studies.study_settings import StudySource, resolve_knobs
 from flexmb.studies.sweep_report import RUNS, Sweep
 from flexmb.studies.sweep_runs import (
@@ -37,7 +38,6 @@ from flexmb.studies.sweep_runs import (
     flexible_bodies_of,
     run_setting,
 )
-from flexmb.studies.workers import content_key, run_key
 from flexmb.workflow.cluster import Cluster, open_cluster
 from flexmb.workflow.job_batch import TOO_LONG
 
@@ -54,7 +54,7 @@ def sweep(
     workers: int = 2,
     scheduler: str = "",
     limit: float = 0.0,
-    dashboard: bool = False,
+    dashboard: Callable[[str], object] | None = None,
     fresh: bool = False,
     progress: Progress = silent,
     **settings: Any,
@@ -82,8 +82,8 @@ def sweep(
         Address of a Dask scheduler, whose workers are used instead.
     limit : float
         Wall time of a run [s], after which it is given up; 0: none.
-    dashboard : bool
-        Serve Dask's page on the work.
+    dashboard : callable, optional
+        Serve Dask's page on the work, and tell its address to this, such as ``print``.
     fresh : bool
         Run again what is there already.
     progress : Progress
@@ -103,6 +103,8 @@ def sweep(
         All that is wrong with the scene, its knobs, scalars and questions, before anything is run.
     OutputError
         The folder cannot be written.
+    FlexmbError
+        The folder holds runs of another scene, or no scheduler answers.
     """
     if isinstance(scene, str | Path):
         folder = output_folder(scene) / "sweep" if output is None else output
@@ -114,7 +116,7 @@ def sweep(
     plan = _plan(source, vary, settings, histories)
     names = [one.name for one in plan.base.scalars]
     about = {
-        "scene": run_key(source.model, plan.base.scene),
+        "scene or version of flexmb": run_key(plan.base.scene, source.folder),
         "list of sensors": content_key([names, histories]),
     }
     file = writable_folder(source.output) / RUNS
@@ -122,8 +124,6 @@ def sweep(
         open_cluster(workers, scheduler, limit=limit, dashboard=dashboard) as cluster,
         RecordTable(file, about, fresh=fresh) as table,
     ):
-        if cluster.dashboard:
-            progress("sweep", 0.0, f"dashboard: {cluster.dashboard}")
         runner = _Runner(plan, source, cluster, table, progress)
         answer = runner.sweep()
         columns = columns_of(table.rows(), runner.keys, names)

@@ -21,7 +21,7 @@ from flexmb.model.scenes.study import override
 from flexmb.progress import Progress, silent
 from flexmb.studies.runner import REDUCTION_FIELDS
 from flexmb.studies.scalars import Scalar, read_result, read_rows
-from flexmb.studies.workers import content_key
+from flexmb.studies.study_jobs import content_key
 
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody

@@ -42,7 +42,7 @@ SCALARS = ("min", "max", "peak", "peak-to-peak", "rms", "mean", "final")
 """Scalars of a channel over the outputs of a run; `peak` is the largest magnitude."""
 
 _CALL = re.compile(r"\s*([A-Za-z][\w-]*)\s*\((.*)\)\s*(?::(.*))?\Z", re.DOTALL)
-_RANGE = re.compile(r"\s*(.+?)\s*\.\.\s*([^:]+?)\s*(?::(.*))?\Z", re.DOTALL)
+_RANGE = re.compile(r"\s*(.*?)\s*\.\.(?![/\\])\s*([^:]*?)\s*(?::(.*))?\Z", re.DOTALL)
 _QUESTION = re.compile(
     r"\s*(?:(minimise|maximise)\s+(\S+)|([^\s<>=]+)\s*(<=|>=|<|>|==?)\s*(.+?))\s*\Z"
 )
@@ -114,6 +114,8 @@ def read_distribution(source: Any, names: ReadContext) -> Distribution:
         if kind not in DISTRIBUTIONS:
             raise SceneError.unknown_name("distribution", kind, DISTRIBUTIONS)
     elif ends is not None:
+        if not (ends[1] and ends[2]):
+            raise SceneError(f"{quote(source)}: a range has two ends: low..high")
         kind, inside, levels = "uniform", f"{ends[1]}, {ends[2]}", ends[3]
     else:
         return _choice([read_value(piece.strip()) for piece in split_values(source)])
@@ -220,8 +222,8 @@ def read_question(text: str) -> Question:
     extreme, objective, name, relation, bound = match.groups()
     channel, scalar = read_scalar(objective or name)
     if not scalar:
-        example = f"{channel}:max"
-        raise SceneError(f"{quote(text)} needs a scalar, such as {example}; one of {SCALARS}")
+        what = f"{quote(text)} needs a scalar, such as {channel}:max"
+        raise SceneError.from_problems([Problem("", what, SCALARS)])
     relation = extreme or {"<": "<=", ">": ">=", "==": "="}.get(relation, relation)
     return Question((channel, scalar), relation, bound or "")
 
