@@ -38,7 +38,16 @@ from flexmb.studies.workers import content_key
 NUMERICAL = ("accuracy", "step", "method", *OPTIONS)
 """Fields of `[dynamics]` that say how a model is integrated, not what it is."""
 
-_FIDELITY = ("modes", "mesh", "flexbody", "reduction", "mass_matrix", "stress", "residual")
+_FIDELITY = (
+    "modes",
+    "mesh",
+    "refine",
+    "flexbody",
+    "reduction",
+    "mass_matrix",
+    "stress",
+    "residual",
+)
 _FINENESS = ("divisions", "elements")  # of the table of a mesh
 _WITH_FUNCTIONS = ("drivers", "forces", "sensors", "states", "controllers")
 _NAME = re.compile(r"[A-Za-z_]\w*")
