@@ -98,6 +98,16 @@ def whole_file(path: Path) -> Iterator[Path]:
             partial.unlink(missing_ok=True)
 
 
+@contextmanager
+def output_errors(path: Path) -> Iterator[None]:
+    """Raise an :class:`OutputError` where a file that takes many runs cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        what = f"{path} cannot be written ({error.strerror or error})"
+        raise OutputError(f"{what}: make room, and the same command continues") from None
+
+
 def is_writable(folder: Path) -> bool:
     """Whether files can be made in `folder`, which is created if it is missing."""
     try:

@@ -26,7 +26,8 @@ from flexmb.fe.assembly.rigid_motions import motions_in_words
 from flexmb.fe.assembly.supports import Supports, make_supports
 from flexmb.fe.meshes.mesh_shapes import MeshLike
 from flexmb.fe.model_checks import Finding, check_releases, mass_sentence, point_mass
-from flexmb.fe.reduce import model_provenance, prepare_model
+from flexmb.fe.reduce import prepare_model
+from flexmb.fe.reduction.methods import model_provenance
 from flexmb.fe.sections.section_tables import MaterialLike, sections_from
 from flexmb.fe.supported_model import SupportedModel, spin_field
 from flexmb.flexbody.arrays import FloatArray

@@ -10,6 +10,7 @@ which one is always whole. Rows that are not finite are refused; the rows before
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Self
@@ -28,7 +29,7 @@ from flexmb.results.channels import (
     stored_columns,
     widths,
 )
-from flexmb.results.checksums import add_rows, no_rows, state_sum, sum_rows
+from flexmb.results.checksums import add_rows, no_rows, reading, state_sum, sum_rows
 from flexmb.results.kill_safe_file import DiskFile, uninterrupted
 from flexmb.results.result_file import (
     STATUS,
@@ -155,9 +156,9 @@ class ResultWriter:
             if newest is None:
                 what = "was cut off before its first state was kept; run the scene again"
                 raise ResultFileError(f"{writer.path}: {what}")
-            with uninterrupted():
+            with uninterrupted(), reading(writer.path), ExitStack() as stack:
                 writer._disk.write(bytes(USER_BLOCK))  # no seal while rows are added
-                writer._file = h5py.File(writer._disk, "r+")
+                writer._file = stack.enter_context(h5py.File(writer._disk, "r+"))
                 writer.columns, writer.stored = contents.columns, contents.stored
                 writer._rows = newest[0]
                 writer._saves = int(writer._file["state/saves"][:].max())
@@ -166,6 +167,7 @@ class ResultWriter:
                 writer._write_sums()
                 writer._file["progress"][:] = writer._rows, STATUS.index("running")
                 writer._flush()
+                stack.pop_all()
         except BaseException:
             writer._disk.close()
             raise

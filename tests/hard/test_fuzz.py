@@ -1,4 +1,4 @@
-"""A few hundred of the hostile inputs of `python -m tests.hard.fuzz`; slow: a thousand of all kinds."""
+"""A few hundred of the hostile inputs of `python -m tests.hard.fuzz`."""
 
 from __future__ import annotations
 

@@ -149,24 +149,26 @@ def test_column_with_shear():
     assert found < 0.995 * euler
 
 
-STRIP = rectangle(0.002, 0.05, shear=False)
+STRIP, FLAT = rectangle(0.002, 0.05, shear=False), rectangle(0.05, 0.002, shear=False)
 TWIST = np.sqrt(STEEL.E * STRIP.Iz * STEEL.G * STRIP.J)
 
 
-def test_lateral_buckling_under_a_uniform_moment():
-    """M L = pi sqrt(E I_z G J) between forks: Timoshenko and Gere, Elastic Stability, 6.3."""
-    fe = assemble(line(20), STEEL, {"all": STRIP})
+@pytest.mark.parametrize(("section", "about"), [(STRIP, 4), (FLAT, 5)])
+def test_lateral_buckling_under_a_uniform_moment(section, about):
+    """M L = pi sqrt(E I G J) between forks: Timoshenko and Gere, Elastic Stability, 6.3."""
+    fe = assemble(line(20), STEEL, {"all": section})
     table, force = fe.numbering.table, np.zeros(fe.numbering.n)
-    force[table[0, 4]], force[table[-1, 4]] = -1.0, 1.0
+    force[table[0, about]], force[table[-1, about]] = -1.0, 1.0
     held = np.append(table[0, :4], table[-1, 1:4])
     assert buckling_load(fe, force, held) == pytest.approx(np.pi * TWIST, rel=2e-3)
 
 
-def test_lateral_buckling_of_a_cantilever_under_a_tip_force():
-    """P L^2 = 4.013 sqrt(E I_z G J): Timoshenko and Gere, Elastic Stability, 6.4."""
-    fe = assemble(line(20), STEEL, {"all": STRIP})
+@pytest.mark.parametrize(("section", "along"), [(STRIP, 2), (FLAT, 1)])
+def test_lateral_buckling_of_a_cantilever_under_a_tip_force(section, along):
+    """P L^2 = 4.013 sqrt(E I G J): Timoshenko and Gere, Elastic Stability, 6.4."""
+    fe = assemble(line(20), STEEL, {"all": section})
     table, force = fe.numbering.table, np.zeros(fe.numbering.n)
-    force[table[-1, 2]] = -1.0
+    force[table[-1, along]] = -1.0
     assert buckling_load(fe, force, table[0]) == pytest.approx(4.013 * TWIST, rel=3e-3)
 
 
