@@ -7,7 +7,7 @@ that can be wrong is said before anything is run. Runs that are in the folder ar
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -275,6 +275,7 @@ class _Runner:
         self.progress = progress
         self.settings: list[dict[str, Any]] = []
         self.keys: list[str] = []
+        self.rows: dict[str, Row] | None = None  # of a search
         self.reused = 0
 
     def sweep(self) -> Answer | None:
@@ -282,7 +283,7 @@ class _Runner:
         plan = self.plan
         flexible_bodies_of(plan.base, plan.base.model({}), self.progress)
         if not plan.targets:
-            self.run(plan.design.values())
+            self.run_all(plan.design.values())
             return None
         present = {knob: self._present(knob, one) for knob, one in plan.design.knobs.items()}
         return DesignSearch(
@@ -303,22 +304,38 @@ class _Runner:
         except FlexmbError:
             return 0.5 * sum(one.span)
 
-    def run(self, settings: Sequence[dict[str, Any]]) -> list[Row]:
-        """Run settings; their rows in order."""
+    def run_all(self, settings: Sequence[dict[str, Any]]) -> None:
+        """Run settings as far as the table does not hold them; nothing of them stays in memory."""
         jobs = [Job(content_key(values), values) for values in settings]
         ended = self.table.reasons()
-        left = [job for job in {job.key: job for job in jobs}.values() if _to_run(job, ended)]
-        self.reused += sum(not _to_run(job, ended) and job.key not in self.keys for job in jobs)
+        again = {key for key, reason in ended.items() if _given_up(reason)}
+        single = {job.key: job for job in jobs if job.key not in ended or job.key in again}
+        left = list(single.values())
+        self.reused = len({job.key for job in jobs}) - len(left)
+        for _ in self._ends(left):
+            pass
+        self.settings, self.keys = list(settings), [job.key for job in jobs]
+
+    def _ends(self, jobs: list[Job]) -> Iterator[tuple[str, Row]]:
         function = partial(run_setting, self.plan.base)
-        for job, record in self.cluster.run(function, left, progress=self.progress, phase="sweep"):
+        for job, record in self.cluster.run(function, jobs, progress=self.progress, phase="sweep"):
             self.table.append({KEY: job.key, **job.values, **record})
-        self.settings += settings
-        self.keys += [job.key for job in jobs]
-        names = [one.name for one in self.plan.base.scalars]
-        columns = columns_of(self.table.rows(), [job.key for job in jobs], names)
-        return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+            yield job.key, record
+
+    def run(self, settings: Sequence[dict[str, Any]]) -> list[Row]:
+        """Run settings of a search; their rows in order."""
+        if self.rows is None:
+            stored = self.table.rows().to_pylist()
+            self.rows = {row[KEY]: row for row in stored if not _given_up(row["reason"])}
+        jobs = {content_key(values): values for values in settings}
+        self.reused += sum(key in self.rows and key not in self.keys for key in jobs)
+        self.rows |= self._ends([Job(*item) for item in jobs.items() if item[0] not in self.rows])
+        self.settings += [values for key, values in jobs.items() if key not in self.keys]
+        self.keys += [key for key in jobs if key not in self.keys]
+        missing = dict.fromkeys((one.name for one in self.plan.base.scalars), float("nan"))
+        return [{**missing, **self.rows[content_key(values)]} for values in settings]
 
 
-def _to_run(job: Job, ended: Mapping[str, str]) -> bool:
-    """Whether a run has not ended, or was given up for its time: the machine may have been busy."""
-    return job.key not in ended or ended[job.key].startswith(TOO_LONG)
+def _given_up(reason: str | None) -> bool:
+    """Whether a run took too long: the machine may have been busy."""
+    return (reason or "").startswith(TOO_LONG)
