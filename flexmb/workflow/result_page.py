@@ -6,7 +6,6 @@ does not hold is left out of its page and named at its end.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -30,7 +29,7 @@ from flexmb.workflow.audit import TEXT as AUDIT
 from flexmb.workflow.audit import Audit
 from flexmb.workflow.comparison_page import PHASES, comparison_parts, foot, picture_of
 from flexmb.workflow.installation import machine
-from flexmb.workflow.run_report import PROVENANCE, check_frequencies, check_sensors
+from flexmb.workflow.run_report import check_frequencies, check_sensors, provenance
 
 _ENDINGS = (".html", ".htm")
 _MOST_MODES = 12
@@ -392,7 +391,7 @@ class _ResultPage:
     def _provenance(self) -> Html:
 
         run = self.result
-        data = json.loads(run.texts.get(PROVENANCE, "{}"))
+        data = provenance(run)
         rows = [("result", str(run.path)), ("run started", run.created)]
         rows += [(k.replace("_", " "), _text(v)) for k, v in data.items() if k != "bodies" and v]
         for name, hashes in data.get("bodies", {}).items():
