@@ -50,7 +50,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
         sweep_statics,
         warmup,
     )
-    from flexmb.workflow.result_page import report
+    from flexmb.workflow.result_page import report, report_page
 
 __version__ = "0.1.0"
 __all__ = [
@@ -59,9 +59,9 @@ __all__ = [
     "film_modes", "free_lengths", "history_figure", "inverse_dynamics", "iterate_motion",
     "kinematics", "linearize", "load_result", "load_scene", "mobility", "new_scene",
     "open_window", "part", "plot_history", "reduce", "render", "render_mode_shapes",
-    "render_modes", "report", "resume", "rigid_body", "run_part", "run_scene", "save_figure",
-    "scene_schema", "simulate", "snapshot", "statics", "study", "sweep_modes", "sweep_statics",
-    "warmup",
+    "render_modes", "report", "report_page", "resume", "rigid_body", "run_part", "run_scene",
+    "save_figure", "scene_schema", "simulate", "snapshot", "statics", "study", "sweep_modes",
+    "sweep_statics", "warmup",
 ]  # fmt: skip
 
 _HOMES = {
@@ -81,7 +81,7 @@ _HOMES = {
         "resume", "run_part", "run_scene", "simulate", "statics", "sweep_modes", "sweep_statics",
         "warmup",
     ),
-    "workflow.result_page": ("report",),
+    "workflow.result_page": ("report", "report_page"),
 }  # fmt: skip
 
 

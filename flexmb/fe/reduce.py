@@ -56,6 +56,7 @@ from flexmb.fe.reduction.reduced_basis import (
     integrals,
     mode_infos,
     orthonormalise,
+    rigid_basis,
 )
 from flexmb.fe.reduction.static_response import (
     inertia_response,
@@ -106,6 +107,7 @@ def reduce(
     load_points: Sequence[int | Sequence[float]] = (),
     stiffness: Any = None,
     mass: Any = None,
+    rigid: bool = False,
     inspect: Callable[..., None] | None = None,
     progress: Progress = silent,
 ) -> FlexBody:
@@ -166,6 +168,8 @@ def reduce(
     stiffness, mass : (N, N) sparse, optional
         With a basis: matrices of the free body over its degrees of freedom; ``material`` then is
         for stress alone.
+    rigid : bool
+        No modes: only mass, centre, inertia, interfaces, nodes and surface, without any solution.
     inspect : callable, optional
         Called with what lies between, as (FEMatrices, reduced basis, its modes, the body, the
         mirror of a planar reduction or None), such as to judge it by ``quality_report``.
@@ -217,15 +221,19 @@ def reduce(
     patterns = make_loads(fe, loads or {})
     if reduction == "user":
         requested = read_user_modes(requested, scale)
-    reduced = reduce_model(
-        fe, ends, reduction, requested, progress=progress, mirror=mirror, loads=patterns,
-        residual=residual,
-    )  # fmt: skip
+    if rigid:
+        reduced = rigid_basis(fe, ends, patterns)
+    else:
+        reduced = reduce_model(
+            fe, ends, reduction, requested, progress=progress, mirror=mirror, loads=patterns,
+            residual=residual,
+        )  # fmt: skip
     elastic = orthonormalise(fe, reduced)
     body = make_body(name or Path(fe.mesh.source).stem, fe, reduced, elastic, progress)
     omitted = omitted_responses(fe, reduced, elastic)
     body = with_recovery(body, fe, elastic.Phi, where, progress, omitted)
-    body = with_load_responses(body, fe, reduced, elastic, load_points, mirror, progress)
+    if not rigid:
+        body = with_load_responses(body, fe, reduced, elastic, load_points, mirror, progress)
     if stiffens:
         body = with_geometric_stiffening(body, fe, elastic.Phi, ends, progress)
     if mirror is not None:
@@ -236,7 +244,7 @@ def reduce(
     options |= {"modes": 20 if modes is None else modes, "mass_matrix": mass_matrix}
     options |= {"reduction": reduction, "plane": plane, "stress": where}
     options |= {"geometric_stiffening": geometric_stiffening, "residual": residual}
-    options |= {"refine": refine} if refine else {}
+    options |= {name: word for name, word in (("rigid", rigid), ("refine", refine)) if word}
     made = sections_from(sections)
     source = {**body.provenance, **model_provenance(fe, options, interfaces or {}, made, findings)}
     if isinstance(mesh, str | os.PathLike | Mapping):
@@ -308,6 +316,7 @@ def survey(
     reduction: str = "craig-bampton",
     plane: str | None = None,
     residual: str = "none",
+    rigid: bool = False,
     refine: int = 0,
     **others: Any,
 ) -> Survey:
@@ -321,7 +330,7 @@ def survey(
         attempts, mesh, scale, material, sections, interfaces or {}, loads or {}, refine,
         **connections,
     )  # fmt: skip
-    if model is not None:
+    if model is not None and not rigid:
         attempts(check_mode_count, model, ends, modes, reduction)
     if model is None or attempts.errors:
         return Survey(attempts.problems)
@@ -339,7 +348,9 @@ def survey(
         findings,
         counts,
         model.numbering.n,
-        coordinates_text(
+        "none: rigid"
+        if rigid
+        else coordinates_text(
             6 if plane is None else 3, len(ends), modes, reduction, loads or {}, residual
         ),
         mass,

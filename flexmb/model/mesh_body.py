@@ -171,8 +171,8 @@ def mode_count(modes: Any, default: int = 20) -> int:
 
 
 _OPTIONS = (
-    "sections", "ties", "masses", "springs", "loads", "mass_matrix", "reduction", "stress",
-    "residual", "refine",
+    "reduction", "residual",  # of modes
+    "sections", "ties", "masses", "springs", "loads", "mass_matrix", "stress", "refine",
 )  # fmt: skip
 
 
@@ -258,13 +258,15 @@ class MeshBodySpec(FlexibleBodySpec):
             "material": self.material,
             "interfaces": {name: _plain(part) for name, part in self.interfaces.items()},
         }
-        if self.reduction != "guyan":
+        rigid = self.deformation == "rigid"
+        words |= {"rigid": True} if rigid else {}
+        if self.reduction != "guyan" and not rigid:
             words["modes"] = 20 if self.modes is None else _plain(self.modes)
-        for key in _OPTIONS:
+        for key in _OPTIONS[2 * rigid :]:
             value = getattr(self, key)
             if value != type(self).model_fields[key].default:
                 words[key] = _plain(value)
-        if self.geometric_stiffening == "full" and self.deformation != "rigid":
+        if self.geometric_stiffening == "full" and not rigid:
             words["geometric_stiffening"] = "full"
         return words
 

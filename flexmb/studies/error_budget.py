@@ -9,21 +9,20 @@ leaves the others alone. Runs that an earlier call left in the folder are used a
 
 from __future__ import annotations
 
-import json
 import math
-import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from flexmb.errors import FlexmbError, SceneError
-from flexmb.folders import whole_file, writable_folder
+from flexmb.folders import writable_folder
 from flexmb.model import Model
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.progress import Progress, silent
 from flexmb.studies.budget_report import Budget, percent
-from flexmb.studies.channel_errors import Reading, check_sensors, read_run
+from flexmb.studies.budget_runs import ChangedRuns, Run
+from flexmb.studies.channel_errors import Reading, check_sensors
 from flexmb.studies.error_shares import (
     BOTH,
     CONSTRAINTS,
@@ -45,15 +44,12 @@ from flexmb.studies.error_shares import (
     estimate_error,
     refinement_knobs,
 )  # fmt: skip
+from flexmb.studies.study_jobs import content_key
 from flexmb.studies.study_settings import StudySource, change_model, label
-from flexmb.studies.workers import content_key, result_file, run_key
-from flexmb.workflow.cluster import Cluster, open_cluster
-from flexmb.workflow.job_batch import Record, RunTimer
+from flexmb.workflow.cluster import open_cluster
 
 _MAX_DOFS = 150_000  # of a refined mesh; more takes minutes to reduce
 _MAX_FIRST = 2  # coarser settings that are tried at once
-_RECORD = "budget_run.json"
-_AUDIT = "audit"
 _ROUND_OFF_DRIFT = 1e-9  # m or rad
 
 
@@ -129,7 +125,7 @@ def budget(
     sizes = _mesh_sizes(model)
     writable_folder(folder)
     with open_cluster(workers, scheduler, limit=limit) as cluster:
-        runs = _Runs(source, folder, cluster, sensors, fresh, progress)
+        runs = ChangedRuns(source, folder, cluster, sensors, fresh, progress)
         return _Split(source, model, runs, knobs, target, sizes).budget()
 
 
@@ -155,116 +151,12 @@ def _mesh_sizes(model: Model) -> dict[str, tuple[int, int]]:
     }
 
 
-class _Run(NamedTuple):
-    """A run that has ended: its histories, or why there are none."""
-
-    reading: Reading | None
-    reason: str = ""
-    cpu: float = 0.0
-    statistics: Mapping[str, Any] = {}
-    folder: str = ""
-
-
-class _Runs:
-    """Runs of the scene with changes, each done once."""
-
-    def __init__(
-        self, source: StudySource, folder: Path, cluster: Cluster, sensors: Sequence[str],
-        fresh: bool, progress: Progress,
-    ) -> None:  # fmt: skip
-        self.source, self.folder, self.cluster = source, folder, cluster
-        self.sensors, self.fresh, self.progress = sensors, fresh, progress
-        self.ended: dict[str, _Run] = {}
-        self.audit: Record = {}
-        self.bodies = ""  # folder of a run whose reduced bodies others may use
-
-    def __getitem__(self, changes: Mapping[str, Any]) -> _Run:
-        return self.ended[content_key(changes)]
-
-    def do(self, phase: str, several: Sequence[Mapping[str, Any]], audit: str = "") -> None:
-        """Do those of the runs that have not been done, and the audit of the run in a folder."""
-        jobs: dict[str, dict[str, Any]] = {}
-        models: dict[str, Model] = {}
-        for changes in several:
-            key = content_key(changes)
-            if key in self.ended or key in jobs:
-                continue
-            try:
-                models[key], scene = change_model(self.source, changes)
-            except FlexmbError as error:
-                self.ended[key] = _Run(None, str(error).replace("\n", "; "))
-                continue
-            resolved = models[key].to_scene_dict(self.source.folder)
-            folder = self.folder / "runs" / run_key(models[key], resolved)
-            jobs[key] = {
-                "key": key, "scene": scene, "source": str(self.source.folder),
-                "folder": str(folder.resolve()), "bodies": self.bodies, "fresh": self.fresh,
-                "limit": self.cluster.limit,
-            }  # fmt: skip
-        todo = [*jobs.values()]
-        if audit:
-            todo.append({"key": _AUDIT, "audit": True, "folder": audit, "fresh": True})
-        for job, record in self.cluster.run(run_changed, todo, progress=self.progress, phase=phase):
-            if job["key"] == _AUDIT:
-                self.audit = record
-                continue
-            self.ended[job["key"]] = self._read(models[job["key"]], job["folder"], record)
-
-    def _read(self, model: Model, folder: str, record: Record) -> _Run:
-        if record["status"] != "finished":
-            return _Run(None, str(record["reason"]).replace("\n", "; "))
-        try:
-            reading = read_run(model, result_file(folder), self.sensors)
-        except FlexmbError as error:
-            return _Run(None, str(error))
-        return _Run(reading, "", float(record["cpu"]), record["statistics"], folder)
-
-
-def run_changed(job: Mapping[str, Any]) -> Record:
-    """Run a scene that is plain data into its folder; its processor time and statistics."""
-    from flexmb.workflow import run_model
-
-    folder = Path(job["folder"])
-    if job["key"] == _AUDIT:
-        return {"shares": _audit_shares(folder)}
-    file = folder / _RECORD
-    if file.is_file() and result_file(folder).is_file() and not job["fresh"]:
-        record: Record = json.loads(file.read_text(encoding="utf-8"))
-        return record
-    writable_folder(folder)
-    for body in Path(job["bodies"]).glob("*.flexbody.h5") if job["bodies"] else ():
-        if not (folder / body.name).exists():
-            shutil.copy2(body, folder / body.name)
-    timer = RunTimer(float(job["limit"]))
-    model = Model.from_scene_dict(job["scene"], Path(job["source"]))
-    report = run_model(model, folder, pictures=False, progress=timer)
-    record = {"cpu": timer.cpu, "statistics": report.statistics}
-    with whole_file(file) as partial:
-        partial.write_text(json.dumps(record, default=float), encoding="utf-8")
-    return record
-
-
-def _audit_shares(folder: Path) -> Shares:
-    """By sensor the sum over bodies of the largest effect that is left out."""
-    from flexmb.workflow.audit import audit
-
-    bodies: dict[str, Shares] = {}
-    for one in audit(folder).effects:
-        if not one.on and one.effect != "further modes":
-            own = bodies.setdefault(one.body, {})
-            for channel, value in one.shares.items():
-                name = channel.split(".")[0]
-                own[name] = max(own.get(name, 0.0), value)
-    names = {name for own in bodies.values() for name in own}
-    return {name: sum(own.get(name, 0.0) for own in bodies.values()) for name in names}
-
-
 class _Split:
     """One budget while it is made."""
 
     def __init__(
-        self, source: StudySource, model: Model, runs: _Runs, kinds: Sequence[str], target: float,
-        sizes: Mapping[str, tuple[int, int]],
+        self, source: StudySource, model: Model, runs: ChangedRuns, kinds: Sequence[str],
+        target: float, sizes: Mapping[str, tuple[int, int]],
     ) -> None:  # fmt: skip
         self.source, self.model, self.runs, self.target = source, model, runs, target
         self.sizes = sizes
@@ -365,7 +257,7 @@ class _Split:
     def _constraints(self) -> Share:
         drift = float(self.base.statistics.get("largest_position_drift", 0.0))
         knob = next((k for k in self.knobs if k.kind == INTEGRATION), None)
-        finer = self.runs[knob.steps[0]] if knob is not None else _Run(None)
+        finer = self.runs[knob.steps[0]] if knob is not None else Run(None)
         second = float(finer.statistics.get("largest_position_drift", drift))
         falls = drift <= _ROUND_OFF_DRIFT or second < drift
         note = f"drift {drift:.2g} m or rad"

@@ -12,15 +12,15 @@ import errno
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 
-from flexmb.errors import FlexmbError, OutputError
-from flexmb.folders import whole_file, writable_folder
+from flexmb.errors import FlexmbError
+from flexmb.folders import output_errors, whole_file, writable_folder
 
 KEY = "key"
 """The column that names a run; a later row of the same key replaces an earlier one."""
@@ -61,7 +61,7 @@ class RecordTable:
     def __init__(self, file: Path, about: Mapping[str, str], *, fresh: bool = False) -> None:
         self.file, self.about = file, dict(about)
         self._folder = _folder_of_parts(file)
-        with _writing(file):
+        with output_errors(file):
             writable_folder(file.parent)
             if fresh:
                 file.unlink(missing_ok=True)
@@ -95,7 +95,7 @@ class RecordTable:
             stored as JSON text. Rows may have different columns. One is `KEY`.
         """
         row = {name: _plain(value) for name, value in record.items()}
-        with _writing(self.file):
+        with output_errors(self.file):
             self._add_line(row)
             self._rows.append(row)
             if len(self._rows) >= _PART_ROWS:
@@ -119,7 +119,7 @@ class RecordTable:
         """Make one file of all parts."""
         import pyarrow.parquet as pq
 
-        with _writing(self.file):
+        with output_errors(self.file):
             self._journal.close()
             rows = self.rows()
             if rows.num_columns:
@@ -271,12 +271,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple) and all(isinstance(one, int | float) for one in value):
         return [float(one) for one in value]
     return json.dumps(value, default=str)
-
-
-@contextmanager
-def _writing(file: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        what = f"{file} cannot be written ({error.strerror or error})"
-        raise OutputError(f"{what}: make room, and the same command continues") from None

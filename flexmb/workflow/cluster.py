@@ -23,6 +23,7 @@ from typing import Any
 from flexmb.errors import FlexmbError
 from flexmb.progress import Progress, silent
 from flexmb.workflow.job_batch import (
+    DIED,
     TOO_LONG,
     Function,
     Record,
@@ -44,7 +45,11 @@ _RESUME = "runs that had ended are stored, and the same command continues"
 
 @contextmanager
 def open_cluster(
-    workers: int = 2, scheduler: str = "", *, limit: float = 0.0, dashboard: bool = False
+    workers: int = 2,
+    scheduler: str = "",
+    *,
+    limit: float = 0.0,
+    dashboard: Callable[[str], object] | None = None,
 ) -> Iterator[Cluster]:
     """Workers for many runs, which end with the ``with`` block.
 
@@ -57,8 +62,8 @@ def open_cluster(
     limit : float
         Wall time of a run [s], after which it is given up; 0: none. A function that can stop
         itself should; five seconds later its process is ended. In this process nothing ends it.
-    dashboard : bool
-        Serve Dask's page on the work; its address is `Cluster.dashboard`.
+    dashboard : callable, optional
+        Serve Dask's page on the work, and tell its address to this.
 
     Raises
     ------
@@ -80,12 +85,15 @@ def open_cluster(
         if scheduler:
             client = connect(scheduler)
             stack.callback(client.close)
-            yield Cluster(len(client.nthreads()), limit, client, scheduler)
+            cluster = Cluster(max(len(client.nthreads()), 1), limit, client, scheduler)
         elif workers == 1 and not dashboard:
-            yield Cluster(1, limit)
+            cluster = Cluster(1, limit)
         else:
-            local = stack.enter_context(LocalWorkers(workers, dashboard))
-            yield Cluster(workers, limit, local.client, watch=local.restart)
+            local = stack.enter_context(LocalWorkers(workers, dashboard is not None))
+            cluster = Cluster(workers, limit, local.client, watch=local.restart)
+        if dashboard is not None:
+            dashboard(cluster.client.dashboard_link or "the scheduler serves no dashboard")
+        yield cluster
 
 
 class Cluster:
@@ -97,8 +105,6 @@ class Cluster:
         Workers, which is how many runs are done at the same time.
     limit : float
         Wall time after which a run is given up [s]; 0: none.
-    dashboard : str
-        Address of Dask's page on the work; empty without one.
     """
 
     def __init__(
@@ -111,7 +117,6 @@ class Cluster:
     ) -> None:
         self.count, self.limit = count, limit
         self.client, self.scheduler, self.watch = client, scheduler, watch
-        self.dashboard = "" if client is None else str(client.dashboard_link or "")
 
     def run(
         self,
@@ -164,8 +169,8 @@ class Cluster:
             ends = _Flight(self, function, source).ends()
         try:
             for job, record in ends:
-                rate.count()
                 yield job, record
+                rate.count()
         finally:
             ends.close()
         rate.finish()
@@ -355,8 +360,8 @@ class _Flight:
         elif deaths < _MAX_DEATHS:
             self.suspects.append((job, deaths))
         else:
-            what = "its process ended abruptly each time: it was killed, or memory ran out"
-            yield job, failure(f"{what} ({deaths} times)")
+            what = f"{DIED} ({deaths} times): it was killed, or memory ran out"
+            yield job, failure(what)
 
     def _look(self) -> None:
         """Whether the scheduler and workers are still there; count the workers."""

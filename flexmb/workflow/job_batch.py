@@ -25,6 +25,9 @@ Function = Callable[[Any], Record]
 TOO_LONG = "given up"
 """How the reason begins of a run that took longer than its limit."""
 
+DIED = "its process ended abruptly each time"
+"""How the reason begins of a run whose workers died."""
+
 _GRACE = 5.0  # s after its limit, when a run that does not end by itself is ended with its worker
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
