@@ -196,10 +196,10 @@ def test_groups_of_a_part_that_the_mesh_lacks_are_told_by_check(tmp_path):
     path = write(tmp_path)
     part = """
 [part]
-frequencies = 2
+frequencies = { count = 2 }
 [part.supports]
 left = { group = "x00", hold = ["uz"] }
-root = { interface = "root", hold = "all" }
+root = { interface = "root", hold = ["ux", "uy", "uz"] }
 [part.loads]
 wind = { type = "pressure", group = "surfaces", pressure = 1 }
 """
