@@ -308,7 +308,7 @@ class _Runner:
         """Run settings as far as the table does not hold them; nothing of them stays in memory."""
         jobs = [Job(content_key(values), values) for values in settings]
         ended = self.table.reasons()
-        again = {key for key, reason in ended.items() if _given_up(reason)}
+        again = {key for key, reason in ended.items() if _was_too_long(reason)}
         single = {job.key: job for job in jobs if job.key not in ended or job.key in again}
         left = list(single.values())
         self.reused = len({job.key for job in jobs}) - len(left)
@@ -326,7 +326,7 @@ class _Runner:
         """Run settings of a search; their rows in order."""
         if self.rows is None:
             stored = self.table.rows().to_pylist()
-            self.rows = {row[KEY]: row for row in stored if not _given_up(row["reason"])}
+            self.rows = {row[KEY]: row for row in stored if not _was_too_long(row["reason"])}
         jobs = {content_key(values): values for values in settings}
         self.reused += sum(key in self.rows and key not in self.keys for key in jobs)
         self.rows |= self._ends([Job(*item) for item in jobs.items() if item[0] not in self.rows])
@@ -336,6 +336,6 @@ class _Runner:
         return [{**missing, **self.rows[content_key(values)]} for values in settings]
 
 
-def _given_up(reason: str | None) -> bool:
+def _was_too_long(reason: str | None) -> bool:
     """Whether a run took too long: the machine may have been busy."""
     return (reason or "").startswith(TOO_LONG)
