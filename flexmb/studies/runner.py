@@ -81,7 +81,7 @@ def study(
     limit : float
         Wall time of an integration [s], after which it is given up; 0: none.
     dashboard : callable, optional
-        Serve Dask's page on the work, and tell its address to this, such as ``print``.
+        Serve Dask's page on the work, and say its address by this, such as ``print``.
     fresh : bool
         Run again what is there already.
     progress : Progress
