@@ -38,6 +38,7 @@ PAGES = (
     "reduction",
     "parts",
     "accuracy",
+    "sweeps",
     "cluster",
     "hard-cases",
     "statics",

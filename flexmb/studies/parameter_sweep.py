@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,7 @@ from flexmb.studies.record_table import KEY, RecordTable
 from flexmb.studies.sampling import Design, make_design, values_at
 from flexmb.studies.scalars import Scalar, find_scalars
 from flexmb.studies.study_jobs import content_key, run_key
-from flexmb.studies.study_settings import StudySource, resolve_knobs
+from flexmb.studies.study_settings import StudySource, resolve_knobs, value_text
 from flexmb.studies.sweep_report import RUNS, Sweep
 from flexmb.studies.sweep_runs import (
     SECTIONS,
@@ -262,7 +263,14 @@ def _refusals(base: SweepScene, knobs: Mapping[str, Distribution]) -> list[Probl
             try:
                 base.model({knob: value})
             except SceneError as error:
-                problems += under(f"vary {knob} = {value}", error.problems[:1])
+                first = error.problems[0]
+                where = f"vary {knob} = {value_text(value)}"
+                what = (
+                    first.what
+                    if first.where == knob
+                    else str(replace(first, allowed=(), nearest=()))
+                )
+                problems.append(Problem(where, what, first.allowed, first.nearest))
     return problems[:_MAX_REFUSALS]
 
 
@@ -318,7 +326,8 @@ class _Runner:
 
     def _ends(self, jobs: list[Job]) -> Iterator[tuple[str, Row]]:
         function = partial(run_setting, self.plan.base)
-        for job, record in self.cluster.run(function, jobs, progress=self.progress, phase="sweep"):
+        progress = self.progress if len(jobs) > 1 else silent
+        for job, record in self.cluster.run(function, jobs, progress=progress, phase="sweep"):
             self.table.append({KEY: job.key, **job.values, **record})
             yield job.key, record
 

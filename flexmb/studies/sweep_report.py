@@ -133,6 +133,11 @@ class Sweep(SweepRows):
             what = f"{len(self.failures)} of {len(self)} runs failed: all figures are those of the "
             lines.append(f"{what}others, and differ if runs fail for their values")
         lines += self._notes()
+        if self.answer is not None:
+            return [
+                *lines,
+                *(self.command_of(one, i) for i, one in enumerate(self.answer.settings)),
+            ]
         for scalar in self.scalars[:1]:
             largest, least = self.extremes(scalar, 1)
             lines += [f"largest {scalar}: {self.command(i)}" for i in largest]
