@@ -84,6 +84,25 @@ Overrides = Annotated[
         "dynamics.step=1e-5; may be repeated.",
     ),
 ]
+Workers = Annotated[
+    int, typer.Option(help="Runs at the same time. 1 disturbs the timings least.", min=1)
+]
+Scheduler = Annotated[
+    str,
+    typer.Option(
+        metavar="ADDRESS",
+        help="Dask scheduler whose workers do the runs, such as tcp://host:8786; by default "
+        "processes of this machine (flexmb help cluster).",
+        show_default=False,
+    ),
+]
+Limit = Annotated[
+    float, typer.Option(metavar="SECONDS", help="Give up a run that takes longer.", min=0.0,
+                        show_default=False)
+]  # fmt: skip
+Dashboard = Annotated[
+    bool, typer.Option("--dashboard", help="Serve Dask's page on the work and say its address.")
+]
 NoPicture = Annotated[bool, typer.Option("--no-picture", help="Do not draw the picture and plot.")]
 
 

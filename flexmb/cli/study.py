@@ -12,9 +12,13 @@ from flexmb.cli.app import (
     FAILED_CHECK,
     INTERRUPTED,
     MISTAKE,
+    Dashboard,
+    Limit,
     Overrides,
     RunFile,
     Scene,
+    Scheduler,
+    Workers,
     command,
     parse_pairs,
 )
@@ -46,9 +50,10 @@ def study(
         list[str] | None,
         typer.Option(help="Sensor or channel to judge by; may be repeated; all by default."),
     ] = None,
-    workers: Annotated[
-        int, typer.Option(help="Runs at the same time. 1 disturbs the timings least.", min=1)
-    ] = 2,
+    workers: Workers = 2,
+    scheduler: Scheduler = "",
+    limit: Limit = 0.0,
+    dashboard: Dashboard = False,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Folder of the study; out/<scene>/study by default."),
@@ -75,6 +80,9 @@ def study(
                 overrides=parse_pairs(overrides, "--set"),
                 output=output,
                 workers=workers,
+                scheduler=scheduler,
+                limit=limit,
+                dashboard=screen.line if dashboard else None,
                 fresh=fresh,
                 progress=progress,
                 repeats=repeats,

@@ -127,7 +127,7 @@ def _system(of: ModelTables, order: EquationOrder, length: float) -> System:
     lowering, groups, markers = of.lowering, of.lowering.groups, of.lowering.markers
     model, programs = lowering.model, lowering.functions.programs
     scalar_weights = [unit_weight(scalar, length) for scalar in lowering.scalars]
-    gravity = np.array(model.gravity or (0.0,) * 3)
+    gravity = np.array(model.gravity or (0.0,) * 3, dtype=float)
     markers.frame_together([(row.I, row.J) for row in groups.rows])
     parts = Parts(
         of.bodies, markers.pool.array(), markers.table(), gravity, of.coordinates,

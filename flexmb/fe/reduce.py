@@ -7,12 +7,10 @@ a function of its own in this package.
 
 from __future__ import annotations
 
-import json
 import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
-from importlib.metadata import version
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -48,9 +46,9 @@ from flexmb.fe.reduction.geometric_stiffening import require_stresses, with_geom
 from flexmb.fe.reduction.methods import (
     check_options,
     coordinates_text,
-    mesh_hash,
+    file_provenance,
+    model_provenance,
     reduce_model,
-    reduction_key,
 )
 from flexmb.fe.reduction.reduced_basis import (
     ReducedBasis,
@@ -58,6 +56,7 @@ from flexmb.fe.reduction.reduced_basis import (
     integrals,
     mode_infos,
     orthonormalise,
+    rigid_basis,
 )
 from flexmb.fe.reduction.static_response import (
     inertia_response,
@@ -104,9 +103,11 @@ def reduce(
     stress: bool | str = True,
     geometric_stiffening: str = "none",
     residual: str = "none",
+    refine: int = 0,
     load_points: Sequence[int | Sequence[float]] = (),
     stiffness: Any = None,
     mass: Any = None,
+    rigid: bool = False,
     inspect: Callable[..., None] | None = None,
     progress: Progress = silent,
 ) -> FlexBody:
@@ -159,12 +160,16 @@ def reduce(
         ``"inertia"`` adds the static responses to the body's own inertia loads to the modes, up to
         twelve: then stress and growth under acceleration and spin are exact in the static limit.
         ``"none"`` by default.
+    refine : int
+        How often the mesh is refined first: all its elements halved in every direction.
     load_points : sequence of int or (3,) float
         Mesh nodes beside the interfaces that a scene loads, or positions [m] near them: the body
         then knows how much of the static response there its modes lack, and a run tells.
     stiffness, mass : (N, N) sparse, optional
         With a basis: matrices of the free body over its degrees of freedom; ``material`` then is
         for stress alone.
+    rigid : bool
+        No modes: only mass, centre, inertia, interfaces, nodes and surface, without any solution.
     inspect : callable, optional
         Called with what lies between, as (FEMatrices, reduced basis, its modes, the body, the
         mirror of a planar reduction or None), such as to judge it by ``quality_report``.
@@ -197,8 +202,9 @@ def reduce(
         if material is None:
             raise MaterialError.from_problems([Problem("material", "is missing")])
         model, ends, findings = prepare_model(
-            attempts, mesh, scale, material, sections, interfaces or {}, loads or {}, **connections
-        )
+            attempts, mesh, scale, material, sections, interfaces or {}, loads or {}, refine,
+            **connections,
+        )  # fmt: skip
         attempts.raise_errors()
         assert model is not None
         fe = assemble_model(model, mass_matrix, progress)
@@ -215,15 +221,19 @@ def reduce(
     patterns = make_loads(fe, loads or {})
     if reduction == "user":
         requested = read_user_modes(requested, scale)
-    reduced = reduce_model(
-        fe, ends, reduction, requested, progress=progress, mirror=mirror, loads=patterns,
-        residual=residual,
-    )  # fmt: skip
+    if rigid:
+        reduced = rigid_basis(fe, ends, patterns)
+    else:
+        reduced = reduce_model(
+            fe, ends, reduction, requested, progress=progress, mirror=mirror, loads=patterns,
+            residual=residual,
+        )  # fmt: skip
     elastic = orthonormalise(fe, reduced)
     body = make_body(name or Path(fe.mesh.source).stem, fe, reduced, elastic, progress)
     omitted = omitted_responses(fe, reduced, elastic)
     body = with_recovery(body, fe, elastic.Phi, where, progress, omitted)
-    body = with_load_responses(body, fe, reduced, elastic, load_points, mirror, progress)
+    if not rigid:
+        body = with_load_responses(body, fe, reduced, elastic, load_points, mirror, progress)
     if stiffens:
         body = with_geometric_stiffening(body, fe, elastic.Phi, ends, progress)
     if mirror is not None:
@@ -234,10 +244,11 @@ def reduce(
     options |= {"modes": 20 if modes is None else modes, "mass_matrix": mass_matrix}
     options |= {"reduction": reduction, "plane": plane, "stress": where}
     options |= {"geometric_stiffening": geometric_stiffening, "residual": residual}
+    options |= {name: word for name, word in (("rigid", rigid), ("refine", refine)) if word}
     made = sections_from(sections)
     source = {**body.provenance, **model_provenance(fe, options, interfaces or {}, made, findings)}
     if isinstance(mesh, str | os.PathLike | Mapping):
-        source |= _file_provenance(mesh, options, material, interfaces, name, made)
+        source |= file_provenance(mesh, options, material, interfaces, name, made)
     return replace(body, provenance=source, damping=ratios)
 
 
@@ -249,10 +260,12 @@ def prepare_model(
     sections: Mapping[str, Any] | None,
     interfaces: Mapping[str, InterfaceLike],
     loads: Words,
+    refine: int = 0,
     **connections: Words | None,
 ) -> tuple[MeshModel | None, tuple[ModelInterface, ...], list[Finding]]:
     """The model before any assembly, its interfaces, what is suspicious; problems in attempts."""
-    read = attempts(mesh_from_skfem if isinstance(mesh, SkfemMesh) else mesh_from, mesh)
+    plain = attempts(mesh_from_skfem, mesh) if isinstance(mesh, SkfemMesh) else mesh
+    read = None if plain is None else attempts(mesh_from, plain, "mesh", refine)
     made = attempts(sections_from, sections)
     resolved = None if material is None else attempts(resolve, material)
     if read is None:
@@ -303,6 +316,8 @@ def survey(
     reduction: str = "craig-bampton",
     plane: str | None = None,
     residual: str = "none",
+    rigid: bool = False,
+    refine: int = 0,
     **others: Any,
 ) -> Survey:
     """A reduction up to its assembly: all problems, and what the body will have.
@@ -312,9 +327,10 @@ def survey(
     attempts, scale = Attempts(), unit_system(units).factor(L=1)
     connections = {"ties": ties, "masses": masses, "springs": springs}
     model, ends, findings = prepare_model(
-        attempts, mesh, scale, material, sections, interfaces or {}, loads or {}, **connections
-    )
-    if model is not None:
+        attempts, mesh, scale, material, sections, interfaces or {}, loads or {}, refine,
+        **connections,
+    )  # fmt: skip
+    if model is not None and not rigid:
         attempts(check_mode_count, model, ends, modes, reduction)
     if model is None or attempts.errors:
         return Survey(attempts.problems)
@@ -332,7 +348,9 @@ def survey(
         findings,
         counts,
         model.numbering.n,
-        coordinates_text(
+        "none: rigid"
+        if rigid
+        else coordinates_text(
             6 if plane is None else 3, len(ends), modes, reduction, loads or {}, residual
         ),
         mass,
@@ -401,49 +419,3 @@ def make_body(
         ),
         inertia_response=inertia_response(fe, reduced, elastic),
     )
-
-
-def model_provenance(
-    fe: FEMatrices,
-    options: Mapping[str, Any],
-    interfaces: Mapping[str, InterfaceLike],
-    sections: Mapping[str, Any],
-    findings: list[Finding],
-) -> dict[str, str]:
-    """Mesh, material, options, findings and versions as texts."""
-    packages = ("numpy", "scipy", "scikit-fem", "meshio")
-    return {
-        "mesh": fe.mesh.source,
-        "material": "" if fe.material is None else json.dumps(asdict(fe.material)),
-        "interfaces": json.dumps(dict(interfaces), default=str),
-        "sections": json.dumps({name: asdict(section) for name, section in sections.items()}),
-        **{name: _option_text(value) for name, value in options.items() if value is not None},
-        "degrees of freedom": str(fe.numbering.n),
-        "nodes outside the body": str(len(fe.mesh.points) - len(fe.numbering.nodes)),
-        "warnings": "\n".join(f.sentence for f in findings if f.level == "warning"),
-        "notes": "\n".join(f.sentence for f in findings if f.level == "note"),
-        "versions": ", ".join(f"{package} {version(package)}" for package in packages),
-    }
-
-
-def _option_text(value: Any) -> str:
-    """An option as text: arrays by their shape."""
-    if isinstance(value, np.ndarray):
-        return f"array {value.shape}"
-    return json.dumps(value, default=str) if isinstance(value, Mapping) else str(value)
-
-
-def _file_provenance(
-    mesh: str | os.PathLike[str] | Mapping[str, Any],
-    options: Mapping[str, Any],
-    material: MaterialLike,
-    interfaces: Mapping[str, InterfaceLike] | None,
-    name: str | None,
-    sections: Mapping[str, Any],
-) -> dict[str, str]:
-    key = reduction_key(
-        mesh, material=material, interfaces=interfaces, name=name, sections=sections, **options
-    )
-    if isinstance(mesh, Mapping):
-        return {"key": key, "mesh": json.dumps(dict(mesh))}
-    return {"key": key, "mesh sha256": mesh_hash(mesh)}

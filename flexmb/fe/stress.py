@@ -143,7 +143,8 @@ def stress_modes(
         layers += [name for name in names if name not in layers]
         rows = np.tile([layers.index(name) for name in names], len(ids))
         part = np.full(len(rows), parts.index(blocks[0].group))
-        columns.append((np.repeat(ids, len(names)), part, rows, values.reshape(-1, 6, U.shape[1])))
+        stress = values.reshape(len(rows), 6, U.shape[1])
+        columns.append((np.repeat(ids, len(names)), part, rows, stress))
     progress("stress", 1.0)
     if not columns:
         return None

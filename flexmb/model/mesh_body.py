@@ -171,11 +171,12 @@ def mode_count(modes: Any, default: int = 20) -> int:
 
 
 _OPTIONS = (
-    "sections", "ties", "masses", "springs", "loads", "mass_matrix", "reduction", "stress",
-    "residual",
+    "reduction", "residual",  # of modes
+    "sections", "ties", "masses", "springs", "loads", "mass_matrix", "stress", "refine",
 )  # fmt: skip
 
 
+_MOST_REFINEMENTS = 6
 _MOST_RESIDUALS = 12  # static responses to inertia loads that may join the modes
 
 
@@ -187,6 +188,8 @@ class MeshBodySpec(FlexibleBodySpec):
     With `geometric_stiffening = "full"` forces and rotation stiffen or soften the body. `residual =
     "inertia"` adds the static responses to its own inertia loads, so that it grows and is stressed
     as it turns; `"auto"` does where a driver or an initial spin asks for what its modes lack.
+    `refine = 1` halves all elements of the mesh in every direction, `refine = 2` twice; nodes keep
+    their numbers but in tubes and disks, whose divisions it doubles.
     """
 
     mesh: MeshSource
@@ -203,6 +206,7 @@ class MeshBodySpec(FlexibleBodySpec):
     mass_matrix: MassMatrix = "consistent"
     stress: StressOption = "surface"
     residual: Residual = "auto"
+    refine: Annotated[int, Integer(0)] = 0
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -225,6 +229,9 @@ class MeshBodySpec(FlexibleBodySpec):
                 problems.append(Problem(f"damping.modes.{number}", what))
         if self.reduction == "guyan" and self.modes not in (None, 0):
             problems.append(Problem("modes", "a static reduction (guyan) keeps none; leave it out"))
+        if self.refine > _MOST_REFINEMENTS:
+            what = f"must be at most {_MOST_REFINEMENTS}, is {self.refine}"
+            problems.append(Problem("refine", what))
         if problems:
             raise fail(*problems)
         return self
@@ -236,11 +243,12 @@ class MeshBodySpec(FlexibleBodySpec):
 
     @property
     def cells(self) -> int:
-        """How finely the table of a mesh divides it; 0 for files."""
+        """How finely a mesh is divided, to compare it with other divisions of the same."""
         divisions = getattr(self.mesh, "divisions", None)
+        finer = 1 << 3 * self.refine
         if divisions is None:
-            return 0
-        return prod(divisions) if isinstance(divisions, tuple) else int(divisions) ** 3
+            return finer - 1
+        return finer * (prod(divisions) if isinstance(divisions, tuple) else int(divisions) ** 3)
 
     def words(self) -> dict[str, Any]:
         """The options of a reduction as plain data in SI; those left out are at their defaults."""
@@ -250,13 +258,15 @@ class MeshBodySpec(FlexibleBodySpec):
             "material": self.material,
             "interfaces": {name: _plain(part) for name, part in self.interfaces.items()},
         }
-        if self.reduction != "guyan":
+        rigid = self.deformation == "rigid"
+        words |= {"rigid": True} if rigid else {}
+        if self.reduction != "guyan" and not rigid:
             words["modes"] = 20 if self.modes is None else _plain(self.modes)
-        for key in _OPTIONS:
+        for key in _OPTIONS[2 * rigid :]:
             value = getattr(self, key)
             if value != type(self).model_fields[key].default:
                 words[key] = _plain(value)
-        if self.geometric_stiffening == "full" and self.deformation != "rigid":
+        if self.geometric_stiffening == "full" and not rigid:
             words["geometric_stiffening"] = "full"
         return words
 

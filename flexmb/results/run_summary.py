@@ -13,6 +13,9 @@ from flexmb.units import SI, UnitSystem
 
 NOTES = "notes"
 """The statistic that holds what was told of a run, a line for each."""
+NOT_CONTAINED = "not_contained"
+"""The statistic that says what the errors of a run do not contain."""
+_SPLIT = "`flexmb budget SCENE` splits them"
 _MAX_NOTES = 8000  # letters
 Number = float | int | str
 Row = tuple[str, str, str]
@@ -39,7 +42,7 @@ _PIVOTS = "replaced_pivots"
 _WITH_WORDS = {
     *_OF_STEPS, *_OF_POINTS, *_ITERATIONS, *_ERRORS, _PIVOTS, _RESUMED, _TEN_TIMES,
     *(prefix + name for prefix in (_MEASURED, _WORST) for name in _QUANTITIES),
-    "reactions_not_unique", NOTES,
+    "reactions_not_unique", NOTES, NOT_CONTAINED,
 }  # fmt: skip
 
 
@@ -84,6 +87,8 @@ def work_rows(statistics: Mapping[str, Number], units: UnitSystem = SI) -> list[
             exact = "points" in statistics or statistics.get("method") == _WITHOUT_PROJECTION
             text = meaning.replace(_UNPROJECTED, _ALL_CONSTRAINTS) if exact else meaning
             rows.append((name, f"{float(statistics[key]):.2g}", text))
+    if NOT_CONTAINED in statistics:
+        rows.append(("not contained", "", f"{statistics[NOT_CONTAINED]}; {_SPLIT}"))
     if _RESUMED in statistics:
         time = f"{float(statistics[_RESUMED]):.6g} s"
         rows.append(("resumed at", time, "wall times count from there"))
@@ -169,6 +174,8 @@ def summary_sentence(statistics: Mapping[str, Number]) -> str:
     ]
     if errors:
         text += f": {', '.join(errors)}"
+        if NOT_CONTAINED in statistics:
+            text += f" (not contained: {statistics[NOT_CONTAINED]})"
     if _TEN_TIMES in statistics:
         factor = float(statistics[_TEN_TIMES])
         text += f"; ten times more accuracy would cost about {factor:.2g} times the time"

@@ -1,14 +1,15 @@
 """A study from end to end: settings, reduction of bodies, runs, references, errors.
 
 In: a scene or a model, and knobs with values. Out: a :class:`Study`. Runs that an earlier call left
-in the same folder are used again. The first tight run of every group is done together with the
-settings, so that no process waits.
+in the same folder are used again. The tight runs of every group are done beside its settings as
+far as they do not depend on them, so that no worker waits.
 """
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +21,12 @@ from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.scenes.study import StudySpec, sweep_values
 from flexmb.progress import Progress, silent
 from flexmb.studies.channel_errors import Reading, check_sensors, difference, own_errors, read_run
+from flexmb.studies.record_table import RecordTable
 from flexmb.studies.reference import Reference, ReferenceRun, ReferenceSearch
 from flexmb.studies.report import Study
 from flexmb.studies.rows import Error, Row
+from flexmb.studies.study_jobs import Job, result_file, run_key
+from flexmb.studies.study_queue import StudyQueue
 from flexmb.studies.study_settings import (
     Setting,
     StudySource,
@@ -31,7 +35,8 @@ from flexmb.studies.study_settings import (
     label,
     make_settings,
 )
-from flexmb.studies.workers import Job, Record, Workers, open_workers, result_file, run_key
+from flexmb.workflow.cluster import open_cluster
+from flexmb.workflow.job_batch import Record
 
 _REDUCTION_FIELDS = tuple(
     key for key in MeshBodySpec.model_fields if key not in FlexibleBodySpec.model_fields
@@ -46,6 +51,9 @@ def study(
     output: str | Path | None = None,
     overrides: Mapping[str, Any] | None = None,
     workers: int = 2,
+    scheduler: str = "",
+    limit: float = 0.0,
+    dashboard: Callable[[str], object] | None = None,
     fresh: bool = False,
     progress: Progress = silent,
     **criteria: Any,
@@ -68,10 +76,16 @@ def study(
     workers : int
         Runs at the same time, each in a process; 1: one after the other in this process, which
         disturbs the timings least.
+    scheduler : str
+        Address of a Dask scheduler, such as ``"tcp://host:8786"``, whose workers are used instead.
+    limit : float
+        Wall time of an integration [s], after which it is given up; 0: none.
+    dashboard : callable, optional
+        Serve Dask's page on the work, and tell its address to this, such as ``print``.
     fresh : bool
         Run again what is there already.
     progress : Progress
-        Told the phases `reduce`, `study` and `reference`.
+        Told the phases `reduce` and `study`.
     **criteria
         ``repeats`` of each run (3), ``target`` error (0.01), ``sensors`` (all), in place of those
         of ``[study]``.
@@ -87,6 +101,8 @@ def study(
         Unknown knobs, or values of which the model takes none; everything wrong with the scene.
     OutputError
         The folder cannot be written.
+    FlexmbError
+        The folder holds a study of another scene, or no scheduler answers.
     """
     if isinstance(scene, str | Path):
         source = StudySource.of_scene(scene, overrides, output)
@@ -95,15 +111,18 @@ def study(
     else:
         source = StudySource.of_model(scene, output)
     spec = _spec(source.model, vary, criteria)
-    if workers < 1:
-        raise SceneError(f"workers: at least one is needed, given {workers}")
     settings = make_settings(source, spec.vary)
     good = [setting for setting in settings if setting.model is not None]
     assert good[0].model is not None  # `make_settings` refuses a study without any
     check_sensors(good[0].model, spec.sensors)
     writable_folder(source.output)
-    with open_workers(workers, fresh) as pool:
-        return StudyRunner(source, spec, pool, progress).run(settings)
+    about = {"scene": f"{source.model.title} ({Path(source.file).name})"}
+    with (
+        RecordTable(source.output / "runs.parquet", about, fresh=fresh) as table,
+        open_cluster(workers, scheduler, dashboard=dashboard) as cluster,
+        StudyQueue(cluster, table, progress) as queue,
+    ):
+        return StudyRunner(source, spec, queue, limit).run(settings)
 
 
 def _spec(model: Model, vary: Mapping[str, Any] | None, criteria: Mapping[str, Any]) -> StudySpec:
@@ -135,53 +154,62 @@ def _spec(model: Model, vary: Mapping[str, Any] | None, criteria: Mapping[str, A
     return spec
 
 
+@dataclass
+class _Group:
+    """The settings of a machine and the search for their reference, while they are run."""
+
+    members: list[Setting]
+    search: ReferenceSearch
+    settings_left: int
+    tight_left: int = 0
+    complete: bool = False
+
+
 class StudyRunner:
     """One study while it is run."""
 
     def __init__(
-        self, source: StudySource, spec: StudySpec, workers: Workers, progress: Progress
+        self, source: StudySource, spec: StudySpec, queue: StudyQueue, limit: float
     ) -> None:
-        self.source, self.spec, self.workers = source, spec, workers
-        self.progress = progress
+        self.source, self.spec, self.queue, self.limit = source, spec, queue, limit
         self.reductions: dict[str, Record] = {}  # by folder
         self.records: dict[Setting, Record] = {}
         self.readings: dict[Setting, Reading] = {}
 
     def run(self, settings: Sequence[Setting]) -> Study:
         """Run everything that the settings need."""
-        groups: dict[str, list[Setting]] = {}
+        members: dict[str, list[Setting]] = {}
         for setting in settings:
             if setting.model is not None:
-                groups.setdefault(setting.group, []).append(setting)
-        good = [setting for members in groups.values() for setting in members]
-        searches = {key: ReferenceSearch(members) for key, members in groups.items()}
-        self._reduce(good)
-        first = {key: search.next_runs([], 0.0) for key, search in searches.items()}
-        self._run(good, searches, first)
-        while True:
-            tighter = {key: self._next_runs(groups[key], one) for key, one in searches.items()}
-            if not any(tighter.values()):
-                break
-            self._run([], searches, tighter)
+                members.setdefault(setting.group, []).append(setting)
+        groups = {
+            key: _Group(some, ReferenceSearch(some), len(some)) for key, some in members.items()
+        }
+        self._reduce([setting for group in groups.values() for setting in group.members])
+        for group in groups.values():
+            for setting in group.members:
+                self._add_setting(group, setting)
+            self._search_on(group)
+        self.queue.run("study", self.limit * self.spec.repeats)
         references = {
-            key: search.reference(self._readings(groups[key])) for key, search in searches.items()
+            key: group.search.reference(self._readings(group)) for key, group in groups.items()
         }
         return self._study(settings, references)
 
     def _reduce(self, settings: Sequence[Setting]) -> None:
         """Reduce the flexible bodies of every model once."""
-        jobs: dict[str, Job] = {}
         for setting in settings:
             folder = self._bodies_folder(setting.model)
-            if folder and folder not in jobs:
-                jobs[folder] = Job(
-                    label=label({k: v for k, v in setting.values.items() if not is_numerical(k)}),
-                    scene=setting.scene,
-                    source=str(self.source.folder),
-                    folder=folder,
-                    repeats=0,
-                )
-        self.reductions = dict(zip(jobs, self._do("reduce", [*jobs.values()]), strict=True))
+            if folder and folder not in self.reductions:
+                self.reductions[folder] = {}
+                values = {k: v for k, v in setting.values.items() if not is_numerical(k)}
+                job = Job(label(values), setting.scene, str(self.source.folder), folder, repeats=0)
+
+                def store(record: Record, folder: str = folder) -> None:
+                    self.reductions[folder] = record
+
+                self.queue.add(job, values, store)
+        self.queue.run("reduce", 0.0)
 
     def _bodies_folder(self, model: Model | None) -> str:
         """Where the reduced bodies of a model are; empty if it has none."""
@@ -195,79 +223,75 @@ class StudyRunner:
         }
         if not reductions:
             return ""
-        return str(self.source.output / "bodies" / run_key(model, reductions))
+        key = run_key(reductions, self.source.folder)
+        return str(self.source.output.resolve() / "bodies" / key)
 
-    def _run(
-        self,
-        settings: Sequence[Setting],
-        searches: Mapping[str, ReferenceSearch],
-        reference_runs: Mapping[str, Sequence[ReferenceRun]],
-    ) -> None:
-        """Do tight runs, which take longest, and settings; store their histories and records."""
-        pairs = [(searches[key], one) for key, runs in reference_runs.items() for one in runs]
-        tight = [prepared for pair in pairs for prepared in self._reference_job(*pair)]
-        jobs = [job for *_, job in tight] + [self._setting_job(setting) for setting in settings]
-        records = self._do("study" if settings else "reference", jobs)
-        for (search, one, model, job), record in zip(tight, records, strict=False):
-            search.add(one, *self._reading(model, job, record))
-        timed = zip(settings, jobs[len(tight) :], records[len(tight) :], strict=True)
-        for setting, job, record in timed:
-            reading, self.records[setting] = self._reading(setting.model, job, record)
-            self.records[setting]["folder"] = job.folder
+    def _add_setting(self, group: _Group, setting: Setting) -> None:
+        """Do a setting; store its history and record."""
+        assert setting.model is not None
+        model = setting.model
+        job = self._new_job(
+            model, setting.scene, label(setting.values), self.spec.repeats, self.limit
+        )
+
+        def store(record: Record) -> None:
+            reading, self.records[setting] = self._reading(model, job, record)
+            self.records[setting]["folder"] = str(self.source.output / "runs" / job.key)
             if reading is not None:
                 self.readings[setting] = reading
+            group.settings_left -= 1
+            self._search_on(group)
 
-    def _next_runs(self, members: Sequence[Setting], search: ReferenceSearch) -> list[ReferenceRun]:
-        seconds = sum(sum(self.records[one].get("seconds", ())) for one in members)
-        return search.next_runs(self._readings(members), seconds)
+        self.queue.add(job, setting.values, store)
 
-    def _readings(self, members: Sequence[Setting]) -> list[Reading]:
-        return [self.readings[one] for one in members if one in self.readings]
+    def _search_on(self, group: _Group) -> None:
+        """Do the next tight runs; from the third stage on they depend on all settings."""
+        while not group.complete and not group.tight_left:
+            if group.search.stage > 1 and group.settings_left:
+                return
+            records = (self.records.get(one, {}) for one in group.members)
+            seconds = sum(sum(record.get("seconds", ())) for record in records)
+            runs = group.search.next_runs(self._readings(group), seconds)
+            group.complete = not runs
+            group.tight_left = len(runs)
+            for run in runs:
+                self._add_tight(group, run)
 
-    def _reference_job(
-        self, search: ReferenceSearch, run: ReferenceRun
-    ) -> Iterator[tuple[ReferenceSearch, ReferenceRun, Model, Job]]:
-        """The job of a tight run; none if the model refuses its values, such as below round-off."""
+    def _add_tight(self, group: _Group, run: ReferenceRun) -> None:
+        """Do a tight run, before all settings: it takes longest."""
         try:
-            values = {**search.finest.complete, **run.changes}
+            values = {**group.search.finest.complete, **run.changes}
             model, scene = change_model(self.source, values)
-        except SceneError as error:
-            search.add(run, None, {"reason": str(error)})
+        except SceneError as error:  # its values are refused, such as below round-off
+            group.search.add(run, None, {"reason": str(error)})
+            group.tight_left -= 1
             return
-        yield search, run, model, self._new_job(model, scene, run.label, 1, run.limit)
+        limit = min(filter(None, (run.limit, self.limit)), default=0.0)
+        job = self._new_job(model, scene, run.label, 1, limit)
 
-    def _setting_job(self, setting: Setting) -> Job:
-        assert setting.model is not None
-        return self._new_job(
-            setting.model, setting.scene, label(setting.values), self.spec.repeats, 0.0
-        )
+        def store(record: Record) -> None:
+            group.search.add(run, *self._reading(model, job, record))
+            group.tight_left -= 1
+            self._search_on(group)
+
+        self.queue.add(job, values, store, first=True)
+
+    def _readings(self, group: _Group) -> list[Reading]:
+        return [self.readings[one] for one in group.members if one in self.readings]
 
     def _new_job(
         self, model: Model, scene: dict[str, Any], name: str, repeats: int, limit: float
     ) -> Job:
-        resolved = model.to_scene_dict(self.source.folder)
+        key = run_key(model.to_scene_dict(self.source.folder), self.source.folder)
         return Job(
             label=name,
             scene=scene,
             source=str(self.source.folder),
-            folder=str(self.source.output / "runs" / run_key(model, resolved)),
+            folder=str(self.source.output.resolve() / "runs" / key),
             bodies=self._bodies_folder(model),
             repeats=repeats,
-            workers=self.workers.count,
             limit=limit,
         )
-
-    def _do(self, phase: str, jobs: Sequence[Job]) -> list[Record]:
-        if not jobs:
-            return []
-        self.progress(phase, 0.0, f"{len(jobs)} runs")
-
-        def report(done: int, of: int, last: str) -> None:
-            self.progress(phase, done / (of + 1), f"{done} of {of} runs, last: {last}")
-
-        records = self.workers.run(jobs, report)
-        self.progress(phase, 1.0)
-        return records
 
     def _reading(
         self, model: Model | None, job: Job, record: Record
@@ -283,7 +307,7 @@ class StudyRunner:
     def _study(self, settings: Sequence[Setting], references: Mapping[str, Reference]) -> Study:
         rows = [self._row(setting, references.get(setting.group)) for setting in settings]
         reductions = [
-            (record["label"], float(record["seconds"]))
+            (record["label"], record["seconds"][0])
             for record in self.reductions.values()
             if record["status"] == "finished"
         ]
@@ -298,8 +322,8 @@ class StudyRunner:
             rows=rows,
             target=self.spec.target,
             repeats=self.spec.repeats,
-            workers=self.workers.count,
-            reused=self.workers.reused,
+            workers=self.queue.workers,
+            reused=self.queue.reused,
             references=sentences,
             reductions=reductions,
         )
@@ -328,7 +352,7 @@ class StudyRunner:
             duration=setting.model.dynamics.duration,
             statistics=record["statistics"],
             folder=record["folder"],
-            reduction=float(bodies.get("seconds", 0.0)),
+            reduction=bodies.get("seconds", [0.0])[0],
         )
 
     def _errors(self, setting: Setting, reference: Reference) -> dict[str, Error]:

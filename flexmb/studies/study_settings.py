@@ -17,7 +17,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import Any
@@ -33,12 +33,21 @@ from flexmb.model.scenes.effects import SWITCHES
 from flexmb.model.scenes.scene import load_scene, raw_scene
 from flexmb.model.scenes.study import override, resolve_knob
 from flexmb.studies.channel_errors import add_velocity_sensors
-from flexmb.studies.workers import content_key
+from flexmb.studies.study_jobs import content_key, texts_of
 
 NUMERICAL = ("accuracy", "step", "method", *OPTIONS)
 """Fields of `[dynamics]` that say how a model is integrated, not what it is."""
 
-_FIDELITY = ("modes", "mesh", "flexbody", "reduction", "mass_matrix", "stress", "residual")
+_FIDELITY = (
+    "modes",
+    "mesh",
+    "refine",
+    "flexbody",
+    "reduction",
+    "mass_matrix",
+    "stress",
+    "residual",
+)
 _FINENESS = ("divisions", "elements")  # of the table of a mesh
 _WITH_FUNCTIONS = ("drivers", "forces", "sensors", "states", "controllers")
 _NAME = re.compile(r"[A-Za-z_]\w*")
@@ -331,21 +340,10 @@ def _parameters_in_functions(scene: Mapping[str, Any]) -> dict[str, Any]:
     """The parameters in functions of time, which alone are not worked into numbers."""
     parameters = scene.get("parameters", {})
     used: dict[str, Any] = {}
-    texts = list(_texts([scene.get(section, {}) for section in _WITH_FUNCTIONS]))
+    texts = list(texts_of([scene.get(section, {}) for section in _WITH_FUNCTIONS]))
     while texts:
         for name in _NAME.findall(texts.pop()):
             if name in parameters and name not in used:
                 used[name] = parameters[name]
                 texts.append(str(parameters[name]))
     return dict(sorted(used.items()))
-
-
-def _texts(value: Any) -> Iterator[str]:
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, Mapping):
-        for inside in value.values():
-            yield from _texts(inside)
-    elif isinstance(value, list | tuple):
-        for inside in value:
-            yield from _texts(inside)

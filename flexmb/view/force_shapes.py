@@ -1,8 +1,9 @@
 """The shapes of forces: springs, dampers, bushings, actuators, contact surfaces, and arrows.
 
 A spring is a coil, a damper a cylinder with its piston rod, both together coaxial; on a joint they
-stand along or around its axis. Arrows show forces and torques at their points by option; their
-scale is a round number, said in the caption.
+stand along or around its axis. A stop has its bumpers where it acts, friction of a joint is a
+brake. Arrows show forces and torques at their points by option; their scale is a round number, said
+in the caption.
 """
 
 from __future__ import annotations
@@ -18,13 +19,19 @@ from numpy.typing import NDArray
 from flexmb.flexbody.planar_body import PLANES
 from flexmb.model import lookup
 from flexmb.model.forces.contact import CylinderSide, PlaneSide, SphereSide
+from flexmb.model.forces.force_characteristic import AnyStop
+from flexmb.model.forces.friction import friction_coordinate
 from flexmb.model.forces.load import LoadSpec
+from flexmb.model.plane import in_plane_triad
 from flexmb.model.reading import GROUND, split_reference
+from flexmb.results.channels import marker_pairs
 from flexmb.view.content import Scale, Solid
+from flexmb.view.joint_shapes import joint_sides
 from flexmb.view.mechanism import Display, Mechanism, transform
 from flexmb.view.part import (
     DAMPER,
     DRIVE,
+    FRICTION,
     HOUSING,
     RUBBER,
     SPRING,
@@ -32,6 +39,7 @@ from flexmb.view.part import (
     Part,
     between,
     on_marker,
+    toward,
 )
 from flexmb.view.shapes import (
     Triangles,
@@ -44,6 +52,7 @@ from flexmb.view.shapes import (
     ring,
     sphere,
     spiral,
+    torus,
     tube,
     turn_arrow,
 )
@@ -78,9 +87,10 @@ def force_parts(
             yield Part(
                 name, tube((0, 0, 0), (0, 0, 1), 0.7 * r), SPRING, between(*spec.between), "force"
             )
-        elif spec.type == "stop":
-            pads = [box((2.6 * r, 2.6 * r, 0.5 * r)).moved((0, 0, z * r)) for z in (-0.4, 0.4)]
-            yield Part(name, joined(pads), RUBBER, on_marker(spec.between[0]), "force")
+        elif isinstance(spec, AnyStop):
+            yield from _stop(mechanism, name, spec, r, lift)
+        elif spec.type == "joint-friction":
+            yield from _brake(mechanism, name, spec, r, lift)
         elif spec.type in ("rotational-spring-damper", "translational-spring-damper"):
             yield from _joint_spring(mechanism, name, spec, r, lift)
         elif spec.type == "contact":
@@ -134,6 +144,66 @@ def _joint_spring(
         yield Part(name, ring(2.4 * r, 1.0 * r, 0.8 * r).moved(off), DAMPER, place, "force")
     if spec.value is not None and not springs:
         yield Part(name, turn_arrow(3.0 * r, 0.55 * r).moved(off), DRIVE, place, "force")
+
+
+def _stop(
+    mechanism: Mechanism, name: str, spec: Any, r: float, lift: dict[str, float]
+) -> Iterator[Part]:
+    """Bumpers at the bounds, and what they stop: a peg on a turning part, the sleeve of a slide."""
+    bounds = [bound for bound in (spec.lower, spec.upper) if bound is not None]
+    if spec.type == "rotational-stop":
+        joint, first = mechanism.model.joints[spec.joint], spec.about == "axis"
+        sides = [on_marker(*pair) for pair in joint_sides(mechanism, spec.joint)]
+        off, reach = np.array([0.0, 0.0, lift.get(spec.joint, 2.4 * r)]), 3.4 * r
+        blocks = []
+        for bound in bounds:
+            angle = bound + (-0.18 if bound == spec.lower else 0.18)
+            turn = _about_z(angle)
+            blocks.append(box((1.8 * r, 0.8 * r, 1.2 * r)).moved(off + turn[:, 0] * reach, turn))
+        if len(bounds) == 2 and spec.upper - spec.lower < 2 * np.pi:
+            arc = torus(reach, 0.3 * r, spec.upper - spec.lower)
+            blocks.append(arc.moved(off, _about_z(spec.lower)))
+        yield Part(name, joined(blocks), RUBBER, sides[0 if first else 1], "force")
+        if first and joint.type == "revolute":
+            peg = box((3.6 * r, 0.7 * r, 0.7 * r)).moved(off + (1.8 * r, 0, 0))
+            yield Part(name, peg, HOUSING, sides[1], "force")
+        return
+    if spec.type == "translational-stop":
+        place, other = (on_marker(*pair) for pair in joint_sides(mechanism, spec.joint))
+        room = 1.8 * r if mechanism.model.joints[spec.joint].type != "in-line" else 1.2 * r
+    else:
+        axes = None
+        if spec.axis is not None:
+            I = lookup.frames(mechanism.model, spec.between, spec.axis, mechanism.flexbodies)[0]  # noqa: E741
+            axes = mechanism.marker(spec.between[0]).R.T @ I.R
+        place = toward(*spec.between) if axes is None else on_marker(spec.between[0], axes)
+        other, room = on_marker(spec.between[1]), 0.9 * r
+        yield Part(name, sphere(room), HOUSING, other, "force")
+    pads = []
+    for bound in bounds:
+        z = bound + (room + 0.3 * r) * (-1 if bound == spec.lower else 1)
+        pads.append(ring(2.0 * r, 0.5 * r, 0.6 * r).moved((0, 0, z)))
+    yield Part(name, joined(pads), RUBBER, place, "force")
+
+
+def _brake(
+    mechanism: Mechanism, name: str, spec: Any, r: float, lift: dict[str, float]
+) -> Iterator[Part]:
+    """Friction in a joint: a disc with its caliper about a pin, two shoes on what slides."""
+    first, second = (on_marker(*pair) for pair in joint_sides(mechanism, spec.joint))
+    if friction_coordinate(mechanism.model, spec) == "angle":
+        z = 1.3 * lift.get(spec.joint, 2.4 * r)
+        yield Part(name, ring(3.0 * r, 1.0 * r, 0.3 * r).moved((0, 0, z)), DAMPER, second, "force")
+        caliper = box((1.5 * r, 2.4 * r, 1.1 * r)).moved((2.7 * r, 0, z))
+        yield Part(name, caliper, FRICTION, first, "force")
+        return
+    shoes = [box((0.5 * r, 1.4 * r, 7.0 * r)).moved((s * 0.9 * r, 0, 0)) for s in (-1, 1)]
+    yield Part(name, joined(shoes), FRICTION, second, "force")
+
+
+def _about_z(angle: float) -> Array:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _contact(mechanism: Mechanism, name: str, spec: Any, size: float) -> Iterator[Part]:
@@ -234,30 +304,35 @@ def _at(result: Any, channel: str, time: float) -> float:
 
 def _reactions(mechanism: Mechanism) -> Iterator[Vector]:
     result, time = mechanism.result, mechanism.result.time
-    for name in result.reactions:
-        path = name.removeprefix("joints.")
-        spec = mechanism.model.joints.get(path)
-        if spec is None:
-            continue
-        reaction = result.reaction(name)
-        A = mechanism.marker_frame(reaction.on)[:3, :3] @ _reaction_axes(mechanism, path)
+    for pair in marker_pairs(result.layout, result.model):
+        reaction, name = result.reaction(pair.path), pair.name
+        A = mechanism.marker_frame(reaction.on)[:3, :3] @ _reaction_axes(mechanism, pair.path)
         for values, unit, torque in ((reaction.force, "N", False), (reaction.moment, "N m", True)):
             local = [np.interp(mechanism.time, time, values[:, k]) for k in range(3)]
             yield Vector(name, reaction.on, A @ np.array(local) * result.units.scale(unit), torque)
 
 
-def _reaction_axes(mechanism: Mechanism, joint: str) -> Array:
-    """The axes (3, 3) of a joint's reaction at marker J, in the marker's."""
-    axes = mechanism.joint_axes[joint][1]
-    plane, spec = mechanism.model.plane, mechanism.model.joints[joint]
-    if plane is None or spec.type not in (
+def _reaction_axes(mechanism: Mechanism, path: str) -> Array:
+    """The axes (3, 3) of a reaction of a joint, driver or coupler at marker J, in the marker's."""
+    model, names = mechanism.model, path.split(".")
+    joint = names[-1]
+    if names[0] == "drivers":
+        driver = model.drivers[joint]
+        if driver.joint is None:
+            J = lookup.frames(model, driver.ends, driver.axis, mechanism.flexbodies)[1]
+            planar = model.plane if driver.axis is None else None
+            turn = np.eye(3) if planar is None else in_plane_triad(planar)
+            return np.asarray(mechanism.marker(driver.ends[1]).R.T @ J.R @ turn)
+        joint = driver.joint
+    axes, spec = mechanism.joint_axes[joint][1], model.joints[joint]
+    if model.plane is None or spec.type not in (
         "prismatic",
         "in-line",
         "in-plane",
         "prismatic-spherical",
     ):
         return axes
-    z = mechanism.marker_frame(spec.between[1])[:3, :3].T @ np.array(PLANES[plane])
+    z = mechanism.marker_frame(spec.between[1])[:3, :3].T @ np.array(PLANES[model.plane])
     return np.column_stack([axes[:, 2], np.cross(z, axes[:, 2]), z])
 
 

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.model.forces.force_characteristic import TranslationalStopSpec
 from flexmb.model.joints.driver import DriverSpec
 from flexmb.model.joints.joint import JointSpec
 from flexmb.model.reading import GROUND, split_reference
@@ -50,7 +51,7 @@ def joint_parts(mechanism: Mechanism, r: float, half: dict[str, float]) -> Itera
     for name, spec in mechanism.model.joints.items():
         if spec.curves:
             continue
-        I, J = (on_marker(*pair) for pair in _sides(mechanism, name, spec))  # noqa: E741
+        I, J = (on_marker(*pair) for pair in joint_sides(mechanism, name))  # noqa: E741
         h = half.get(name, 1.8 * r)
         if spec.type in _LINKS:
             ends = spec.type.split("-") if "-" in spec.type else ("spherical", "spherical")
@@ -72,14 +73,22 @@ def joint_parts(mechanism: Mechanism, r: float, half: dict[str, float]) -> Itera
                 yield Part(name, second, PIN, J, "joint")
 
 
-def _sides(mechanism: Mechanism, name: str, spec: JointSpec) -> Iterator[tuple[str, Array]]:
-    return zip(spec.between, mechanism.joint_axes[name], strict=True)
+def joint_sides(mechanism: Mechanism, name: str) -> Iterator[tuple[str, Array]]:
+    """Markers I and J of a joint with its axes (3, 3) relative to them."""
+    return zip(mechanism.model.joints[name].between, mechanism.joint_axes[name], strict=True)
 
 
 def slide_range(mechanism: Mechanism, name: str, spec: JointSpec) -> tuple[float, float]:
-    """Least and greatest place of marker J along the axis of I over the run [m]."""
+    """Least and greatest place of marker J along the axis of I over the run, and its stops [m]."""
     times = mechanism.result.time
-    axis, strokes = mechanism.joint_axes[name][0][:, 2], []
+    axis = mechanism.joint_axes[name][0][:, 2]
+    strokes = [
+        bound
+        for stop in mechanism.model.forces.values()
+        if isinstance(stop, TranslationalStopSpec) and stop.joint == name
+        for bound in stop.bounds
+        if np.isfinite(bound)
+    ]
     for t in times[np.unique(np.linspace(0, len(times) - 1, _SAMPLES).astype(int))]:
         moment = mechanism.at(float(t))
         offset = inverse(moment.marker_frame(spec.between[0])) @ moment.marker_frame(
@@ -135,10 +144,16 @@ def _pair(kind: str, r: float, h: float) -> tuple[Triangles | None, Triangles | 
         return box((9 * r, 9 * r, 0.25 * r)).moved((0, 0, -0.4 * r)), cylinder(1.4 * r, 0.7 * r)
     if kind == "in-plane":
         return box((9 * r, 9 * r, 0.25 * r)), sphere(1.1 * r)
-    if kind == "parallel":
-        return cylinder(0.5 * r, 5 * r), cylinder(0.5 * r, 5 * r)
-    if kind == "perpendicular":
-        return cylinder(0.5 * r, 5 * r), cylinder(0.5 * r, 5 * r)
+    if kind == "parallel":  # two rods, the second a pair: the sign of a drawing
+        pair = [cylinder(0.3 * r, 5 * r).moved((x * r, 0, 0)) for x in (-0.8, 0.8)]
+        return cylinder(0.5 * r, 5 * r), joined(pair)
+    if kind == "perpendicular":  # two rods, the second on a set square
+        return cylinder(0.5 * r, 5 * r), joined(
+            [
+                cylinder(0.5 * r, 5 * r),
+                box((1.8 * r, 0.3 * r, 1.8 * r)).moved((0.9 * r, 0, 0.9 * r)),
+            ]
+        )
     arms = [box(2.4 * r * np.where(np.eye(3)[k] > 0, 1.0, 0.18)) for k in range(3)]
     return joined(arms), joined(arms)  # orientation
 

@@ -1,7 +1,7 @@
-"""Pictures and films as values that notebooks show where they are the last line of a cell.
+"""Pictures, films and pages as values that notebooks show where they are the last line of a cell.
 
-In: a result, a time, words of the view. Out: a :class:`Picture` or a :class:`Film`; neither leaves
-files behind that were not asked for.
+In: a result, a time, words of the view. Out: a :class:`Picture`, a :class:`Film` or a
+:class:`Page`; none leaves files behind that were not asked for.
 """
 
 from __future__ import annotations
@@ -10,9 +10,12 @@ import base64
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 from typing import Any
 
+from flexmb.errors import OutputError
+from flexmb.folders import whole_file
 from flexmb.results import Result
 from flexmb.view.encoder import find_ffmpeg
 from flexmb.view.film import film
@@ -56,6 +59,42 @@ class Film:
         if self.kind == "gif":
             return f'<img {style} alt="film" src="data:image/gif;base64,{text}">'
         return f'<video {style} controls loop autoplay muted src="data:video/mp4;base64,{text}">'
+
+
+@dataclass(frozen=True)
+class Page:
+    """A web page of one file that needs nothing else; a notebook shows it in a frame.
+
+    Parameters
+    ----------
+    html : str
+        Its text.
+    file : Path
+        Where it is saved by default.
+    """
+
+    html: str = field(repr=False)
+    file: Path
+
+    def save(self, file: str | Path | None = None) -> Path:
+        """Write the page, whole or not at all.
+
+        Raises
+        ------
+        OutputError
+            The file cannot be written.
+        """
+        path = Path(file) if file is not None else self.file
+        try:
+            with whole_file(path) as partial:
+                partial.write_text(self.html, encoding="utf-8")
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
+        return path
+
+    def _repr_html_(self) -> str:
+        style = "width: 100%; height: 640px; border: 0"
+        return f'<iframe srcdoc="{escape(self.html)}" style="{style}"></iframe>'
 
 
 def snapshot(

@@ -25,6 +25,7 @@ HOUSING = "#4b5260"
 SPRING = "#2f6f9f"
 DAMPER = "#6b7280"
 RUBBER = "#3a3a3f"
+FRICTION = "#9f3a26"
 DRIVE = "#0f766e"
 SURFACE = "#b8a77d"
 GROUND = "#8f8b82"
@@ -71,5 +72,15 @@ def between(first: str, second: str) -> Place:
         axes = axes_along(b - a)
         axes[:, 2] = b - a
         return transform(axes, a)
+
+    return place
+
+
+def toward(first: str, second: str) -> Place:
+    """At one marker, the z axis towards another, not stretched."""
+
+    def place(display: Display) -> Array:
+        a = display.point(first)
+        return transform(axes_along(display.point(second) - a), a)
 
     return place

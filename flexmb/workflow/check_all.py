@@ -1,18 +1,10 @@
-"""The known answers of all scenes in a folder, several scenes at the same time.
-
-The processes of this machine do runs at the same time, each on one core.
-"""
+"""The known answers of all scenes in a folder, several scenes at the same time."""
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-import signal
-import warnings
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from flexmb.errors import FlexmbError, Problem, SceneError
 from flexmb.folders import writable_folder
@@ -76,30 +68,18 @@ def check_all(
     if not scenes:
         what = "holds no scene (*.toml)" if root.is_dir() else "there is no such folder"
         raise SceneError(f"{folder}: {what}")
-    if workers < 1:
-        raise SceneError(f"workers: at least one is needed, given {workers}")
+    from flexmb.workflow.cluster import open_cluster
+
     analyses = _read_scenes(scenes)
     base = root if root.is_dir() else root.parent
     out = writable_folder(Path(output))
     results: dict[Path, SceneChecks] = {}
-    with process_pool(min(workers, len(scenes))) as pool:
-        jobs = {}
-        for scene in scenes:
-            place = out / scene.relative_to(base).with_suffix("")
-            jobs[pool.submit(_check, scene, analyses[scene], place)] = scene
-        try:
-            for job in as_completed(jobs):
-                scene = jobs[job]
-                try:
-                    results[scene] = job.result()
-                except BrokenProcessPool:
-                    why = "a process ended abruptly: it was killed, or memory ran out"
-                    results[scene] = SceneChecks(scene, failure=why)
-                progress("scenes", len(results) / len(scenes), str(scene.relative_to(base)))
-        except KeyboardInterrupt:
-            for process in multiprocessing.active_children():
-                process.terminate()
-            raise
+    jobs = [
+        (scene, analyses[scene], out / scene.relative_to(base).with_suffix("")) for scene in scenes
+    ]
+    with open_cluster(min(workers, len(scenes))) as cluster:
+        for (scene, *_), record in cluster.run(_check, jobs, progress=progress, phase="scenes"):
+            results[scene] = record.get("checks") or SceneChecks(scene, failure=record["reason"])
     return [results[scene] for scene in scenes]
 
 
@@ -121,44 +101,23 @@ def _read_scenes(scenes: list[Path]) -> dict[Path, tuple[str, ...]]:
     return analyses
 
 
-def _check(scene: Path, analyses: tuple[str, ...], output: Path) -> SceneChecks:
+def _check(job: tuple[Path, tuple[str, ...], Path]) -> dict[str, Any]:
     """Run a scene by each of its analyses."""
     from flexmb.model import load_scene
     from flexmb.workflow.flexible_bodies import reduce_scene
 
+    scene, analyses, output = job
     outcomes: list[CheckOutcome] = []
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the run of the scene itself shows them
-        try:
-            for analysis in analyses:
-                report = run_scene(scene, output=output, analysis=analysis, pictures=False)
-                outcomes += report.checks
-            if load_scene(scene).part is not None:
-                outcomes += run_part(scene, output=output, pictures=False).checks
-            elif not analyses:
-                outcomes += reduce_scene(scene, output=output).checks
-            return SceneChecks(scene, tuple(outcomes), load_scene(scene).units.label("s"))
-        except FlexmbError as error:
-            return SceneChecks(scene, tuple(outcomes), failure=str(error))
-        except Exception as error:  # noqa: BLE001  one bad run must not end the others
-            what = f"failed unexpectedly ({type(error).__name__}: {error})"
-            return SceneChecks(scene, tuple(outcomes), failure=what)
-
-
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-
-
-def process_pool(count: int) -> ProcessPoolExecutor:
-    """Processes that begin empty, on every operating system alike."""
-    context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(count, mp_context=context, initializer=_prepare_process)
-
-
-def _prepare_process() -> None:
-    """Ctrl-C is handled by the parent, and one run uses one core."""
-    from threadpoolctl import threadpool_limits
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threadpool_limits(1)
-    for name in _THREADS:  # for libraries that are loaded later
-        os.environ.setdefault(name, "1")
+    failure = ""
+    try:
+        for analysis in analyses:
+            report = run_scene(scene, output=output, analysis=analysis, pictures=False)
+            outcomes += report.checks
+        if load_scene(scene).part is not None:
+            outcomes += run_part(scene, output=output, pictures=False).checks
+        elif not analyses:
+            outcomes += reduce_scene(scene, output=output).checks
+    except FlexmbError as error:
+        failure = str(error)
+    unit = load_scene(scene).units.label("s")
+    return {"checks": SceneChecks(scene, tuple(outcomes), unit, failure)}

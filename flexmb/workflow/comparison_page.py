@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 from flexmb.errors import FlexmbError
 from flexmb.progress import Progress
@@ -22,7 +24,7 @@ _PICTURE = (1000, 620)
 
 
 def comparison_parts(
-    results: Sequence[Result], charts: Charts, progress: Progress
+    results: Sequence[Result], charts: Charts, progress: Progress, view: Mapping[str, Any]
 ) -> tuple[str, list[Html]]:
     """The body of a page on several runs."""
     names = run_labels(results)
@@ -72,7 +74,7 @@ def comparison_parts(
     for name, run in zip(names, results, strict=True):
         progress("pictures", len(figures) / len(results))
         try:
-            figures.append(picture_of(run, "displacement", None, name))
+            figures.append(picture_of(run, "displacement", None, name, view))
         except FlexmbError as error:
             left_out.append(str(error))
     progress("pictures", 1.0)
@@ -80,11 +82,17 @@ def comparison_parts(
     return title, [tag("h1", title), head, *parts, foot(left_out)]
 
 
-def picture_of(run: Result, color: str, time: float | None, words: str) -> Html:
-    """A picture of a run at a time, with a line below."""
-
+def picture_of(
+    run: Result,
+    color: str | None,
+    time: float | None,
+    words: str,
+    view: Mapping[str, Any] = MappingProxyType({}),
+) -> Html:
+    """A picture of a run at a time, with a line below; `view`: words of ``[view]``."""
+    own = {"size": _PICTURE, **({} if color is None else {"color": color}), **view}
     with tempfile.TemporaryDirectory() as folder:
-        path = render(run, time, color=color, size=_PICTURE, output=Path(folder) / "picture.png")
+        path = render(run, time, output=Path(folder) / "picture.png", **own)
         picture = image(path.read_bytes(), words or run.title or "the machine")
     return tag("div", picture, tag("figcaption", words)) if words else picture
 

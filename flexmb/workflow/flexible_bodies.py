@@ -103,14 +103,15 @@ def flexible_bodies(
     files: dict[str, Path] = {}
     notes: list[str] = []
     errors: list[tuple[str, FlexmbError]] = []
-    for name, file in _body_files(model.bodies, folder).items():
+    for name, file in _body_files(model, folder).items():
         spec = model.bodies[name]
         if only is not None and name not in only:
             continue
         try:
             if isinstance(spec, MeshBodySpec):
                 stored = None if fresh or inspect else _stored_body(model, name, file, notes)
-                reduced = stored or _reduce_body(model, name, inspect, notes, progress)
+                look = None if spec.deformation == "rigid" else inspect
+                reduced = stored or _reduce_body(model, name, look, notes, progress)
             elif isinstance(spec, FlexbodySpec):
                 stored, reduced = None, _source_body(model, name)
             else:
@@ -119,7 +120,7 @@ def flexible_bodies(
                 save(reduced, file)
             bodies[name] = simulated_body(model, name, reduced)
             if bodies[name] is not reduced:  # the reduction remains for runs with other effects
-                files[name] = file.with_name(file.name.replace(".", SIMULATED, 1))
+                files[name] = _simulated(file)
                 save(bodies[name], files[name])
         except _MISTAKES as error:
             errors.append((name, error))
@@ -130,20 +131,26 @@ def flexible_bodies(
     return bodies, files, notes
 
 
-def _body_files(bodies: Iterable[str], folder: Path) -> dict[str, Path]:
+def _simulated(file: Path) -> Path:
+    return file.with_name(file.name.replace(".", SIMULATED, 1))
+
+
+def _body_files(model: Model, folder: Path) -> dict[str, Path]:
     """A file for each body, with names that differ and are allowed on every system.
 
     Windows and macOS take "Rod" and "rod" for the same file, and Windows reserves some names,
-    whatever their ending.
+    whatever their ending. Beside a mesh that is rigid its modes remain for runs with other effects.
     """
     files: dict[str, Path] = {}
     taken = set(_DEVICES)
-    for body in bodies:
+    for body, spec in model.bodies.items():
         stem = body
         while stem.casefold() in taken:
             stem += "_"
         taken.add(stem.casefold())
-        files[body] = folder / f"{stem}.flexbody.h5"
+        file = folder / f"{stem}.flexbody.h5"
+        rigid = isinstance(spec, MeshBodySpec) and spec.deformation == "rigid"
+        files[body] = _simulated(file) if rigid else file
     return files
 
 
@@ -179,7 +186,7 @@ def bodies_of_surveys(
 
     bodies: dict[str, FlexBody] = {}
     rigid: list[str] = []
-    for name, file in _body_files(model.bodies, folder or Path()).items():
+    for name, file in _body_files(model, folder or Path()).items():
         spec = model.bodies[name]
         if isinstance(spec, FlexbodySpec):
             bodies[name] = _loaded_body(model, name)
@@ -240,12 +247,13 @@ def reduction_input(model: Model, name: str, residual: str = "none") -> tuple[An
 
     spec: MeshBodySpec = model.bodies[name]  # type: ignore[assignment]
     options = spec.words() | {"name": name}
-    if model.plane is not None:
-        options["plane"] = plane_in_body(spec, model.plane)
-    options["residual"] = residual if spec.residual == "auto" else spec.residual
-    options["load_points"] = load_points(model, name)
-    if isinstance(spec.modes, str):
-        options["modes"] = str(model.path(spec.modes))
+    if spec.deformation != "rigid":
+        if model.plane is not None:
+            options["plane"] = plane_in_body(spec, model.plane)
+        options["residual"] = residual if spec.residual == "auto" else spec.residual
+        options["load_points"] = load_points(model, name)
+        if isinstance(spec.modes, str):
+            options["modes"] = str(model.path(spec.modes))
     if isinstance(spec.mesh, str):
         return model.path(spec.mesh), options
     return spec.mesh.model_dump(exclude_none=True), options
@@ -265,10 +273,10 @@ def _stored_body(model: Model, name: str, file: Path, notes: list[str]) -> FlexB
     mesh, options = reduction_input(model, name, body.provenance.get("residual", "none"))
     if body.provenance.get("key") != fe.reduction_key(mesh, **options):
         return None
-    if options["residual"] != _selected_residual(model, name, body):
+    if options.get("residual", "none") != _selected_residual(model, name, body):
         return None
     nodes = () if body.load_response is None else body.load_response.nodes
-    if not np.isin(load_nodes(body.nodes, options["load_points"]), nodes).all():
+    if not np.isin(load_nodes(body.nodes, options.get("load_points", ())), nodes).all():
         return None
     notes.append(f"{name}: reduction reused from {file} (--fresh reduces it again)")
     notes += [f"{name}: {warning}" for warning in body.provenance["warnings"].splitlines()]
@@ -278,6 +286,8 @@ def _stored_body(model: Model, name: str, file: Path, notes: list[str]) -> FlexB
 def _selected_residual(model: Model, name: str, body: FlexBody) -> str:
     """The residual vectors that a reduced body needs, of a scene that leaves them open."""
     spec: MeshBodySpec = model.bodies[name]  # type: ignore[assignment]
+    if spec.deformation == "rigid":
+        return "none"
     if spec.residual != "auto":
         return spec.residual
     needed = spec.reduction != "user" and needs_inertia_residuals(model, name, {name: body})
@@ -301,7 +311,7 @@ def _reduce_body(
             warnings.simplefilter("always", FlexmbWarning)
             body = fe.reduce(mesh, **options, inspect=inspect, progress=progress)
         selected = _selected_residual(model, name, body)
-        if selected == options["residual"]:
+        if selected == options.get("residual", "none"):
             break
     notes += [f"{name}: {entry.message}" for entry in caught]
     return body

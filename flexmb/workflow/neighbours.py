@@ -157,7 +157,7 @@ class Neighbours:
         spec: Any = self.model.bodies[name]
         body = self.compiled.flexbodies[name]
         if body.m == 0:
-            if self.bodies[name].m:
+            if self.bodies[name].m or spec.deformation == "rigid":
                 yield Effect(DEFORMATION, name, False, "rigid", {"deformation": "dynamic"})
                 yield Effect(VIBRATION, name, False, "rigid", {"deformation": "dynamic"})
             return
@@ -210,8 +210,9 @@ class Neighbours:
         model = with_words(rigid, {name: {"deformation": "dynamic"}})
         bodies, spec = dict(self.bodies), model.bodies[name]
         stiffened = getattr(spec, "geometric_stiffening", None) == "full"
-        if stiffened and bodies[name].centrifugal_stiffness is None and hasattr(spec, "mesh"):
-            bodies[name] = self._reduced(model, effect)  # as it was rigid, it was reduced without
+        lacks = bodies[name].m == 0 or (stiffened and bodies[name].centrifugal_stiffness is None)
+        if lacks and isinstance(spec, MeshBodySpec):  # as it was rigid, it was reduced without
+            bodies[name] = self._reduced(model, effect)
         other = self._compile(model, bodies)
         changes = self._changes(own, other, model, motion, {}, vibration)
         mine = self.run.seconds.get("integrate")
@@ -282,8 +283,7 @@ class Neighbours:
         from flexmb.workflow.run import run_single
 
         folder = writable_folder(self.folder / name)
-        for file in self.run.path.parent.glob("*.flexbody.h5"):
-            shutil.copy2(file, folder)  # so that nothing is reduced again
+        _copy_bodies(self.run.path.parent, folder)
         report = run_single(model, folder, pictures=False, progress=self.progress)
         return Result(report.result)
 
@@ -292,8 +292,14 @@ class Neighbours:
         from flexmb.folders import writable_folder
         from flexmb.workflow.flexible_bodies import flexible_bodies
 
-        folder = writable_folder(self.folder / effect.name.replace(" ", "_"))
+        own = self.run.path.parent
+        deforms = effect.name in (DEFORMATION, VIBRATION)
+        name = DEFORMATION if deforms else effect.name.replace(" ", "_")
+        folder = writable_folder(self.folder / name)
+        _copy_bodies(own, folder)
         bodies, _, _ = flexible_bodies(model, folder, only=[effect.body], progress=self.progress)
+        if deforms:
+            _copy_bodies(folder, own)  # for a next run with these effects
         return bodies[effect.body]
 
     def _resolved(self, motion: Motion, most_rows: int) -> Motion:
@@ -316,6 +322,13 @@ class Neighbours:
                 f"{100 * gap:.2g} % only: the estimates are rough"
             )
         return thinned
+
+
+def _copy_bodies(source: Path, folder: Path) -> None:
+    """Reductions of meshes that are not there yet: nothing is reduced twice."""
+    for file in source.glob("*.flexbody.h5"):
+        if not (folder / file.name).exists():
+            shutil.copy2(file, folder)
 
 
 def with_words(model: Model, words: Mapping[str, Mapping[str, Any]]) -> Model:

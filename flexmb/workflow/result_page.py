@@ -6,40 +6,43 @@ does not hold is left out of its page and named at its end.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from flexmb.errors import FlexmbError, OutputError
-from flexmb.folders import whole_file
+from flexmb.errors import FlexmbError, ViewError
 from flexmb.progress import Progress, silent
 from flexmb.results import Result
 from flexmb.results.run_summary import energy_rows, time_rows, work_rows
 from flexmb.view.charts import energy_names, loaded_reactions, participating_modes
 from flexmb.view.html_page import Html, check_plotly, section, table, tag, write_page
+from flexmb.view.mechanism import Mechanism
+from flexmb.view.notebook import Page
 from flexmb.view.page_charts import Charts
 from flexmb.view.page_motion import moving_scene
+from flexmb.view.picture import view_of
 from flexmb.view.plot import writable_file
 from flexmb.workflow.audit import TEXT as AUDIT
 from flexmb.workflow.audit import Audit
 from flexmb.workflow.comparison_page import PHASES, comparison_parts, foot, picture_of
 from flexmb.workflow.installation import machine
-from flexmb.workflow.run_report import PROVENANCE, check_frequencies, check_sensors
+from flexmb.workflow.run_report import check_frequencies, check_sensors, provenance
 
 _ENDINGS = (".html", ".htm")
 _MOST_MODES = 12
 _HOT_SPOTS = 5
 
 
-def report(
-    *sources: Result | str | Path,
-    output: str | Path | None = None,
-    motion: bool = True,
-    progress: Progress = silent,
-) -> Path:
+PARTS = (
+    "summary", "motion", "pictures", "checks", "plots", "model", "effects", "accuracy", "hot_spots",
+    "modes", "provenance",
+)  # fmt: skip
+
+
+def report(*sources: Result | str | Path, output: str | Path | None = None, **options: Any) -> Path:
     """Write a web page on a run, on several runs beside each other, or on a study.
 
     Parameters
@@ -48,10 +51,8 @@ def report(
         A result, its folder, or the folder of a study; or several results.
     output : path, optional
         The file; ``report.html`` beside the (first) source by default.
-    motion : bool
-        Whether the machine moves in the page.
-    progress : Progress
-        Called for every phase.
+    **options
+        Those of `report_page`.
 
     Returns
     -------
@@ -61,66 +62,99 @@ def report(
     Raises
     ------
     ViewError
-        The library plotly is missing, or there is nothing to show.
+        The library plotly is missing, an unknown part, or there is nothing to show.
     ResultFileError
         No such result.
     OutputError
         The file cannot be written.
     """
+    first = sources[0]
+    home = first.path.parent if isinstance(first, Result) else Path(first)
+    home = home if home.is_dir() else home.parent
+    return report_page(*sources, file=writable_file(output or home / "report.html", _ENDINGS),
+                       **options).save()  # fmt: skip
+
+
+def report_page(
+    *sources: Result | str | Path,
+    parts: Sequence[str] | None = None,
+    motion: bool = True,
+    view: Mapping[str, Any] = MappingProxyType({}),
+    progress: Progress = silent,
+    file: str | Path = "report.html",
+) -> Page:
+    """Make the page of `report`, or some of its parts: what a notebook shows.
+
+    Parameters
+    ----------
+    *sources : Result or path
+        A result, its folder, or the folder of a study; or several results.
+    parts : sequence of str, optional
+        Of the page on one run: ``"summary"``, ``"motion"``, ``"pictures"``, ``"checks"``,
+        ``"plots"``, ``"model"``, ``"effects"``, ``"accuracy"``, ``"hot_spots"``, ``"modes"``,
+        ``"provenance"``; all by default.
+    motion : bool
+        Whether the machine moves in the page.
+    view : mapping
+        Words of the scene's ``[view]`` for its pictures, such as ``{"camera": ["front", "top"]}``.
+    progress : Progress
+        Called for every phase.
+    file : path
+        What ``page.save()`` writes.
+
+    Returns
+    -------
+    Page
+        Its ``html``; the last line of a notebook's cell shows it.
+
+    Raises
+    ------
+    ViewError, ResultFileError
+        As for `report`.
+    """
     from flexmb.workflow.study_page import is_study, study_parts
 
     check_plotly()
-    first = sources[0]
-    charts, data = Charts(), dict[str, Any]()
-    if len(sources) == 1 and not isinstance(first, Result) and is_study(Path(first)):
-        folder = Path(first)
-        path = writable_file(output or folder / "report.html", _ENDINGS)
-        title, parts = study_parts(folder, charts)
+    for name in parts or ():
+        if name not in PARTS:
+            raise ViewError.unknown(f'a report has no part "{name}"', name, PARTS)
+    first, charts, data = sources[0], Charts(), dict[str, Any]()
+    single = len(sources) == 1
+    if single and not isinstance(first, Result) and is_study(Path(first)):
+        title, body = study_parts(Path(first), charts)
     else:
         results = [one if isinstance(one, Result) else Result(one) for one in sources]
-        path = writable_file(output or results[0].path.parent / "report.html", _ENDINGS)
-        page = _ResultPage(results[0], charts, progress) if len(results) == 1 else None
-        if page is not None:
-            title, parts = page.title, page.parts(motion)
+        if view:
+            view_of(Mechanism(results[0]), dict(view))  # refuses what it cannot be
+        if single:
+            page = _ResultPage(results[0], charts, progress, view)
+            title, body = (
+                page.title,
+                page.parts([n for n in parts or PARTS if motion or n != "motion"]),
+            )
             data["motion"] = page.motion
         else:
-            title, parts = comparison_parts(results, charts, progress)
-    text = write_page(title, parts, {"charts": charts.data, **data})
-    try:
-        with whole_file(path) as partial:
-            partial.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
-    return path
+            title, body = comparison_parts(results, charts, progress, view)
+    if parts is not None and "motion" not in data:
+        raise ViewError("parts are those of the page on one run: leave them out here")
+    text = write_page(title, body, {"charts": charts.data, **data})
+    return Page(text, Path(file))
 
 
 class _ResultPage:
     """The page on one run."""
 
-    def __init__(self, result: Result, charts: Charts, progress: Progress) -> None:
-        self.result, self.charts, self.progress = result, charts, progress
+    def __init__(
+        self, result: Result, charts: Charts, progress: Progress, view: Mapping[str, Any]
+    ) -> None:
+        self.result, self.charts, self.progress, self.view = result, charts, progress, view
         self.title = result.title or result.path.parent.name
         self.motion: dict[str, Any] | None = None
         self.left_out: list[str] = []
 
-    def parts(self, motion: bool) -> list[Html]:
-        """All of the page's body."""
-        made = [
-            self._attempt(part)
-            for part in (
-                self._head,
-                *([self._motion] if motion else []),
-                self._pictures,
-                self._checks,
-                self._plots,
-                self._model,
-                self._effects,
-                self._accuracy,
-                self._hot_spots,
-                self._modes,
-                self._provenance,
-            )
-        ]
+    def parts(self, names: Sequence[str]) -> list[Html]:
+        """Those of the page's body."""
+        made = [self._attempt(getattr(self, f"_{name}")) for name in PARTS if name in names]
         return [*made, foot(self.left_out)]
 
     def _attempt(self, part: Callable[[], Html]) -> Html:
@@ -131,7 +165,7 @@ class _ResultPage:
             self.left_out.append(str(error))
             return Html("")
 
-    def _head(self) -> Html:
+    def _summary(self) -> Html:
 
         run = self.result
         color = "good" if run.status == "finished" else "bad"
@@ -189,8 +223,10 @@ class _ResultPage:
         if not run.has_columns("q"):
             raise FlexmbError('no pictures: not all poses were kept (keep = ["poses"])')
         self.progress("pictures", 0.0)
-        looks: list[tuple[str, float | None, str]] = [("displacement", None, "")]
-        for body in run.flexbodies:
+        looks: list[tuple[str | None, float | None, str]] = [("displacement", None, "")]
+        if "color" in self.view:
+            looks = [(None, None, "")]
+        for body in run.flexbodies if "color" not in self.view else ():
             if run.flexbody(body).stress is not None:
                 peak = run.peak_von_mises(body)
                 time = float(peak.time[peak.place])
@@ -198,7 +234,7 @@ class _ResultPage:
                     continue
                 looks.append(("von_mises", time, f"at the largest stress of {body}"))
                 break
-        figures = [picture_of(run, color, time, words) for color, time, words in looks]
+        figures = [picture_of(run, *look, self.view) for look in looks]
         self.progress("pictures", 1.0)
         return section("Pictures", tag("div", *figures, class_="pair") if figures else Html(""))
 
@@ -355,7 +391,7 @@ class _ResultPage:
     def _provenance(self) -> Html:
 
         run = self.result
-        data = json.loads(run.texts.get(PROVENANCE, "{}"))
+        data = provenance(run)
         rows = [("result", str(run.path)), ("run started", run.created)]
         rows += [(k.replace("_", " "), _text(v)) for k, v in data.items() if k != "bodies" and v]
         for name, hashes in data.get("bodies", {}).items():

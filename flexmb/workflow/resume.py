@@ -32,7 +32,7 @@ from flexmb.errors import (
     SceneError,
 )
 from flexmb.progress import Progress, silent
-from flexmb.results.run_summary import notes_statistic
+from flexmb.results.run_summary import NOT_CONTAINED, notes_statistic
 from flexmb.workflow.run_report import RunReport, body_hash, code_version, provenance, report_run
 
 if TYPE_CHECKING:
@@ -124,6 +124,7 @@ def resume_run(
         began = float(prepared.run.state.t[0])
         outcome = run_dynamics(prepared, writer, progress=progress)
         said = notes_statistic(dict.fromkeys([*run.notes, *outcome.notes]))
+        said |= {NOT_CONTAINED: run.texts[NOT_CONTAINED]} if NOT_CONTAINED in run.texts else {}
         statistics = {**outcome.statistics, **said, "resumed_at_s": began}
         writer.finish(statistics, outcome.status, outcome.message)
     run.refresh()

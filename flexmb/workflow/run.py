@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, Any
 from flexmb.errors import SceneError
 from flexmb.folders import writable_folder
 from flexmb.progress import Progress, silent
-from flexmb.results.run_summary import notes_statistic
+from flexmb.results.run_summary import NOT_CONTAINED, notes_statistic
 from flexmb.workflow.flexible_bodies import flexible_bodies
 from flexmb.workflow.linearize import check_modes
 from flexmb.workflow.resume import StartState, match_start
 from flexmb.workflow.run_report import PROVENANCE, RunReport, provenance_text, report_run
+from flexmb.workflow.stated_error import not_contained
 
 if TYPE_CHECKING:
     from flexmb.analysis.procedure import Outcome, Sink
@@ -76,6 +77,8 @@ def run_single(
     task = prepare_task(analysis, compiled, model, start, progress)
     texts = {"scene": model.source.text} if model.source is not None else {}
     texts |= task.texts
+    missing = {NOT_CONTAINED: lack} if (lack := not_contained(model, bodies)) else {}
+    texts |= missing
     texts[PROVENANCE] = provenance_text(model, folder, bodies, start.source if start else None)
     with ResultWriter(
         folder / "result.h5",
@@ -87,7 +90,7 @@ def run_single(
     ) as writer:
         outcome = task.run(writer)
         seconds = {"seconds_flexible_bodies": reduced - started} if bodies else {}
-        said = notes_statistic([*notes, *task.notes, *outcome.notes])
+        said = notes_statistic([*notes, *task.notes, *outcome.notes]) | missing
         writer.finish({**outcome.statistics, **seconds, **said}, outcome.status, outcome.message)
     notes += task.notes
     report = report_run(

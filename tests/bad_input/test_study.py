@@ -54,7 +54,7 @@ def test_a_mistake_is_told_before_anything_runs(
     done = call(scene, *words)
     assert done.exit_code == 2, done.output
     assert said in done.stderr
-    assert not list(scene.parent.rglob("run.json"))
+    assert not list(scene.parent.rglob("runs.p*"))
 
 
 def test_a_scene_without_sensors_says_how_to_add_one(scene: Path) -> None:

@@ -48,7 +48,7 @@ def per_step(model, compiled, h, count):
     first = assemble(compiled, model, start=model.dynamics.start).state
     tolerance = model.dynamics.newton_tolerance or 1e-8
     settings = method.Settings(
-        0.0, count * h, count * h, h, 0.0, 0.0, 1.0, 1.0, 0.0, 1e-6, tolerance, 15, 1, 1, 0
+        0.0, count * h, count * h, h, 0.0, 0.0, 1.0, 1.0, 0.0, 1e-6, tolerance, 15, 1, 1, 0, 0
     )
     seconds, state = [], first
     for k in range(_REPEATS + 1):
@@ -114,6 +114,7 @@ def control_overhead(model, compiled, accuracy):
         15,
         1,
         stiff,
+        0,
         0,
     )
     ratios, iterations = [], np.zeros(2)

@@ -149,24 +149,26 @@ def test_column_with_shear():
     assert found < 0.995 * euler
 
 
-STRIP = rectangle(0.002, 0.05, shear=False)
+STRIP, FLAT = rectangle(0.002, 0.05, shear=False), rectangle(0.05, 0.002, shear=False)
 TWIST = np.sqrt(STEEL.E * STRIP.Iz * STEEL.G * STRIP.J)
 
 
-def test_lateral_buckling_under_a_uniform_moment():
-    """M L = pi sqrt(E I_z G J) between forks: Timoshenko and Gere, Elastic Stability, 6.3."""
-    fe = assemble(line(20), STEEL, {"all": STRIP})
+@pytest.mark.parametrize(("section", "about"), [(STRIP, 4), (FLAT, 5)])
+def test_lateral_buckling_under_a_uniform_moment(section, about):
+    """M L = pi sqrt(E I G J) between forks: Timoshenko and Gere, Elastic Stability, 6.3."""
+    fe = assemble(line(20), STEEL, {"all": section})
     table, force = fe.numbering.table, np.zeros(fe.numbering.n)
-    force[table[0, 4]], force[table[-1, 4]] = -1.0, 1.0
+    force[table[0, about]], force[table[-1, about]] = -1.0, 1.0
     held = np.append(table[0, :4], table[-1, 1:4])
     assert buckling_load(fe, force, held) == pytest.approx(np.pi * TWIST, rel=2e-3)
 
 
-def test_lateral_buckling_of_a_cantilever_under_a_tip_force():
-    """P L^2 = 4.013 sqrt(E I_z G J): Timoshenko and Gere, Elastic Stability, 6.4."""
-    fe = assemble(line(20), STEEL, {"all": STRIP})
+@pytest.mark.parametrize(("section", "along"), [(STRIP, 2), (FLAT, 1)])
+def test_lateral_buckling_of_a_cantilever_under_a_tip_force(section, along):
+    """P L^2 = 4.013 sqrt(E I G J): Timoshenko and Gere, Elastic Stability, 6.4."""
+    fe = assemble(line(20), STEEL, {"all": section})
     table, force = fe.numbering.table, np.zeros(fe.numbering.n)
-    force[table[-1, 2]] = -1.0
+    force[table[-1, along]] = -1.0
     assert buckling_load(fe, force, table[0]) == pytest.approx(4.013 * TWIST, rel=3e-3)
 
 
@@ -179,6 +181,36 @@ def test_buckling_of_a_shaft_under_torque():
     held = np.append(table[0], table[-1, [1, 2, 4, 5]])
     found = buckling_load(fe, force, held) / (2 * STEEL.E * section.Iz)
     assert found == pytest.approx(4.493409, rel=1e-4)
+
+
+def right_angle_frame(n=8):
+    """Legs of 240 mm of a strip of 30 x 0.6 mm in their plane (Argyris et al. 1979)."""
+    matter = resolve({"E": 71.24e9, "nu": 0.31, "density": 2700.0})
+    t = 0.24 * np.arange(n + 1) / n
+    points = np.array([[x, 0, 0] for x in t] + [[0.24, -y, 0] for y in t[1:]])
+    lines = np.stack([np.arange(2 * n), np.arange(1, 2 * n + 1)], axis=1)
+    strip = rectangle(30e-3, 0.6e-3, shear=False, orientation=(0.3, 1.0, 0.0))
+    return assemble(Mesh(points, {"line": lines}), matter, {"all": strip})
+
+
+def test_a_right_angle_frame_under_a_force_at_its_tip():
+    """1.088 N one way, 0.680 N the other (Simo & Vu-Quoc, Comput. Methods Appl. Mech. Eng. 58,
+    1986, after Argyris et al. 1979): moments turn with the corner."""
+    fe = right_angle_frame()
+    table, force = fe.numbering.table, np.zeros(fe.numbering.n)
+    for sign, wanted in ((1.0, 1.088), (-1.0, 0.680)):
+        force[table[-1, 0]] = sign
+        assert buckling_load(fe, force, table[0]) == pytest.approx(wanted, rel=5e-3)
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_right_angle_frame_under_end_moments(sign):
+    """622.2 N mm either way (Argyris et al., Comput. Methods Appl. Mech. Eng. 20, 1979)."""
+    fe = right_angle_frame()
+    table, force = fe.numbering.table, np.zeros(fe.numbering.n)
+    force[table[0, 5]], force[table[-1, 5]] = sign, -sign
+    held = np.concatenate([table[0, 1:5], table[-1, [0, 2, 3, 4]]])
+    assert buckling_load(fe, force, held) == pytest.approx(0.6222, rel=5e-3)
 
 
 def test_a_torsion_spring_of_tension():

@@ -154,8 +154,11 @@ class MeasuredError:
             # once the runs have parted, the finer one is no better than the other
             error = apart if apart > _PARTED else apart / (max(ratio, 1.0 + 1e-9) - 1.0)
             if one.quantity not in largest or error > largest[one.quantity].error:
-                time = float(self._largest[1, k])
-                largest[one.quantity] = ErrorOf(float(error), one.name, time)
+                time, name = float(self._largest[1, k]), one.name
+                low, high = (bound[k] for bound in self._range)
+                if spans[k] > (1 + 1e-9) * np.max(high - low):
+                    name += f" (over {_LEAST_REACTION:g} of the largest reaction)"
+                largest[one.quantity] = ErrorOf(float(error), name, time)
         return largest
 
     def reached_until(self, accuracy: float) -> float:

@@ -212,16 +212,20 @@ def divisions_along(extent: float, radius: float, turns: int) -> int:
     return min(_MAX_ALONG_TUBE, max(2, round(extent * turns / (2 * pi * radius))))
 
 
-def division_counts(divisions: Any, usual: Sequence[int]) -> tuple[int, ...]:
-    """The divisions that were given, or the usual ones; one number counts for all directions."""
-    if divisions is None:
-        return tuple(usual)
-    return (
-        (int(divisions),) * len(usual) if is_number(divisions) else tuple(int(n) for n in divisions)
-    )
+def division_counts(divisions: Any, usual: Sequence[int], refine: int = 0) -> tuple[int, ...]:
+    """The divisions that were given, or the usual ones; one number counts for all directions.
+
+    They are doubled as often as `refine` says.
+    """
+    counts = usual if divisions is None else divisions
+    numbers = [counts] * len(usual) if is_number(counts) else counts
+    doubled = tuple(int(n) * 2**refine for n in numbers)
+    if refine:
+        refuse(division_problems(doubled, usual))
+    return doubled
 
 
-def division_problems(divisions: Any, words: Sequence[str]) -> list[Problem]:
+def division_problems(divisions: Any, words: Sequence[Any]) -> list[Problem]:
     """What is wrong with divisions along the directions ``words``; nothing with None."""
     if divisions is None:
         return []

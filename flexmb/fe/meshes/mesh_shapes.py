@@ -33,6 +33,7 @@ from flexmb.fe.meshes.lattice import (
     refuse,
 )
 from flexmb.fe.meshes.mesh import Mesh, read_mesh
+from flexmb.fe.meshes.mesh_refinement import refine_mesh
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.mesh_options import MESHES, BeamMesh, BoxMesh, DiskMesh, PlateMesh, TubeMesh
 from flexmb.flexbody.options import is_number, key_problems, kind_of, read_options, rooted
@@ -194,6 +195,7 @@ def tube(
     inner: float | None = None,
     divisions: Divisions = None,
     elements: str | None = None,
+    refine: int = 0,
 ) -> Mesh:
     """A hollow cylinder along x, of solid elements, or of surface elements with normals outwards.
 
@@ -212,6 +214,8 @@ def tube(
         Elements through the wall (solids only), around, and along.
     elements : str
         Kind of solid or surface elements; ``"hexahedron20"`` or ``"quad"`` by default.
+    refine : int
+        How often the divisions are doubled.
 
     Raises
     ------
@@ -232,7 +236,7 @@ def tube(
     usual = (divisions_across(kind), turns, divisions_along(length, radius, turns))[
         0 if solid else 1 :
     ]
-    n = division_counts(divisions, usual)
+    n = division_counts(divisions, usual, refine)
     lattice = fill(kind, n, closed=int(solid))
     place = lattice.coordinates(n).T
     wall, angle, along = place if solid else (np.ones(len(place[0])), place[0], place[1])
@@ -255,6 +259,7 @@ def disk(
     thickness: float | None = None,
     divisions: Divisions = None,
     elements: str | None = None,
+    refine: int = 0,
 ) -> Mesh:
     """A disk in the xy plane around the origin, full or with a hole.
 
@@ -272,6 +277,8 @@ def disk(
         thickness (solids only). Around a full disk a multiple of 4, with tetrahedra of 8.
     elements : str
         Kind of solid or surface elements; ``"hexahedron20"`` or ``"quad"`` by default.
+    refine : int
+        How often the divisions are doubled.
 
     Raises
     ------
@@ -301,6 +308,7 @@ def disk(
     n = division_counts(
         divisions,
         (divisions_along(width, radius, turns), turns, divisions_across(kind))[: len(words)],
+        refine,
     )
     return _full(kind, radius, thickness, n) if full else _ring(kind, (inner, radius), thickness, n)
 
@@ -392,22 +400,29 @@ SHAPES: dict[str, Callable[..., Mesh]] = {
 """What makes the mesh of each type."""
 
 
-def mesh_from(mesh: MeshLike, where: str = "mesh") -> Mesh:
+_ROUND_SHAPES = ("tube", "disk")
+
+
+def mesh_from(mesh: MeshLike, where: str = "mesh", refine: int = 0) -> Mesh:
     """The mesh itself, that of a file, or of the table of a simple shape.
+
+    It is refined so many times: of tubes and disks, whose nodes lie on the circle, the divisions
+    are doubled; of others all elements are halved in every direction and nodes keep their numbers.
 
     Raises
     ------
     MeshError
         A file that cannot be read, or what is wrong with the table, all at once.
     """
-    if isinstance(mesh, Mesh):
-        return mesh
     if not isinstance(mesh, Mapping):
-        return read_mesh(mesh)
+        return refine_mesh(mesh if isinstance(mesh, Mesh) else read_mesh(mesh), refine)
     kind = kind_of("shape of a mesh", tuple(SHAPES), mesh, where, MeshError)
     if key_problems(MESHES[kind], mesh, where):
         read_options(MESHES[kind], mesh, where, MeshError)
     try:
-        return SHAPES[kind](**{name: value for name, value in mesh.items() if name != "type"})
+        words = {name: value for name, value in mesh.items() if name != "type"}
+        if kind in _ROUND_SHAPES:
+            return SHAPES[kind](**words, refine=refine)
+        return refine_mesh(SHAPES[kind](**words), refine)
     except MeshError as error:
         raise MeshError.from_problems(rooted(where, error.problems)) from None

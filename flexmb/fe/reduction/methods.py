@@ -12,7 +12,8 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import asdict, fields, is_dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -20,8 +21,9 @@ import numpy as np
 
 from flexmb.errors import FlexmbError, MeshError, Problem, ReductionError, nearest
 from flexmb.fe.assembly.assemble import FEMatrices
-from flexmb.fe.assembly.interfaces import ModelInterface
+from flexmb.fe.assembly.interfaces import InterfaceLike, ModelInterface
 from flexmb.fe.assembly.loads import LoadPattern
+from flexmb.fe.model_checks import Finding
 from flexmb.fe.reduction.component_modes import craig_bampton, free_interface, guyan
 from flexmb.fe.reduction.eigenmodes import SymmetryPlane
 from flexmb.fe.reduction.fixed_interface import read_modes
@@ -194,6 +196,7 @@ _DEFAULTS: dict[str, Any] = {
     "stress": "surface",
     "geometric_stiffening": "none",
     "residual": "none",
+    "refine": 0,
 }
 _NO_VALUES = ("name", "source")  # of materials
 
@@ -275,3 +278,49 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
     return value if isinstance(value, str | bool | int | float | None) else str(value)
+
+
+def model_provenance(
+    fe: FEMatrices,
+    options: Mapping[str, Any],
+    interfaces: Mapping[str, InterfaceLike],
+    sections: Mapping[str, Any],
+    findings: list[Finding],
+) -> dict[str, str]:
+    """Mesh, material, options, findings and versions as texts."""
+    packages = ("numpy", "scipy", "scikit-fem", "meshio")
+    return {
+        "mesh": fe.mesh.source,
+        "material": "" if fe.material is None else json.dumps(asdict(fe.material)),
+        "interfaces": json.dumps(dict(interfaces), default=str),
+        "sections": json.dumps({name: asdict(section) for name, section in sections.items()}),
+        **{name: _option_text(value) for name, value in options.items() if value is not None},
+        "degrees of freedom": str(fe.numbering.n),
+        "nodes outside the body": str(len(fe.mesh.points) - len(fe.numbering.nodes)),
+        "warnings": "\n".join(f.sentence for f in findings if f.level == "warning"),
+        "notes": "\n".join(f.sentence for f in findings if f.level == "note"),
+        "versions": ", ".join(f"{package} {version(package)}" for package in packages),
+    }
+
+
+def _option_text(value: Any) -> str:
+    """An option as text: arrays by their shape."""
+    if isinstance(value, np.ndarray):
+        return f"array {value.shape}"
+    return json.dumps(value, default=str) if isinstance(value, Mapping) else str(value)
+
+
+def file_provenance(
+    mesh: str | os.PathLike[str] | Mapping[str, Any],
+    options: Mapping[str, Any],
+    material: MaterialLike,
+    interfaces: Mapping[str, InterfaceLike] | None,
+    name: str | None,
+    sections: Mapping[str, Any],
+) -> dict[str, str]:
+    key = reduction_key(
+        mesh, material=material, interfaces=interfaces, name=name, sections=sections, **options
+    )
+    if isinstance(mesh, Mapping):
+        return {"key": key, "mesh": json.dumps(dict(mesh))}
+    return {"key": key, "mesh sha256": mesh_hash(mesh)}

@@ -106,6 +106,16 @@ def rigid_motion_of_interfaces(
     return np.concatenate(rows)
 
 
+def rigid_basis(
+    fe: FEMatrices, interfaces: tuple[ModelInterface, ...], loads: tuple[LoadPattern, ...] = ()
+) -> ReducedBasis:
+    """The rigid motions alone."""
+    R, names = fe.rigid, tuple(f"rigid {motion}" for motion in DIRECTIONS)
+    motion = rigid_motion_of_interfaces(fe, interfaces, SPATIAL).reshape(-1, 6, 6)
+    matrices = (np.zeros((6, 6)), R.T @ (fe.M @ R), np.eye(6))
+    return ReducedBasis(R, *matrices, motion, interfaces, names, ("rigid",) * 6, loads=loads)
+
+
 @dataclass(frozen=True, eq=False)
 class ReducedModes:
     """Elastic modes with unit modal mass.

@@ -20,7 +20,7 @@ from flexmb.fe import (
     tapered,
 )
 from flexmb.fe.assembly.assemble import geometric_stiffness
-from flexmb.fe.elements.beam_elements import LINE
+from flexmb.fe.elements.beam_elements import LINE, BeamFields, geometric_products
 from flexmb.materials import OrthotropicMaterial
 
 MATTER = resolve({"E": 1e9, "nu": 0.3, "density": 2000.0})
@@ -62,6 +62,36 @@ def test_rigid_motions_carry_the_rigid_inertia(name):
     free = 2 if name == "hinged" else 0  # the end nodes turn on their own there
     values = np.linalg.eigvalsh(K)
     assert np.abs(values[: 6 + free]).max() < 1e-10 * values[-1] < values[6 + free]
+
+
+@pytest.mark.parametrize("force", range(6), ids=["N", "Vy", "Vz", "T", "My", "Mz"])
+def test_geometric_stiffness_is_the_work_of_the_stress_over_the_section(force):
+    """u^T K_geo u = sum of sigma_ab u_c,a u_c,b over the volume, x moving by -y B - z C and the
+    section turning by phi; of all stress that makes up a torque or a shear force one field will do.
+    """
+    b, h, rng = 0.05, 0.08, np.random.default_rng(force)
+    section = rectangle(b, h).with_material(MATTER)
+    fields = BeamFields(np.array([[START, END]]), section)
+    ends, u = np.zeros((1, 2, 6)), rng.standard_normal(12)
+    ends[..., force] = 1.0
+    s, w = np.polynomial.legendre.leggauss(3)
+    y, z = (0.5 * b * s)[:, None], (0.5 * h * s)[None]
+    area = np.outer(w, w) * b * h / 4
+    A, Iy, Iz = b * h, b * h**3 / 12, h * b**3 / 12
+    xx = [1 / A, 0, 0, 0, z / Iy, -y / Iz][force] + 0 * y * z
+    xy = [0, 1 / A, 0, -0.5 * z / Iy, 0, 0][force] + 0 * y * z
+    xz = [0, 0, 1 / A, 0.5 * y / Iz, 0, 0][force] + 0 * y * z
+    rows = {k: getattr(fields, k)[0] @ u for k in
+            ("u_x", "B", "C", "B_x", "C_x", "phi", "phi_x", "V_x", "W_x")}  # fmt: skip
+    work = 0.0
+    for q, dx in enumerate(fields.dx[0]):
+        at = {name: values[q] for name, values in rows.items()}
+        along = (at["u_x"] - y * at["B_x"] - z * at["C_x"], at["V_x"] - z * at["phi_x"],
+                 at["W_x"] + y * at["phi_x"])  # fmt: skip
+        over_y, over_z = (-at["B"], 0.0, at["phi"]), (-at["C"], -at["phi"], 0.0)
+        for a, c, d in zip(along, over_y, over_z, strict=True):
+            work += dx * np.sum(area * (xx * a * a + 2 * xy * a * c + 2 * xz * a * d))
+    assert u @ geometric_products(fields, ends)[0] @ u == pytest.approx(work, rel=1e-11)
 
 
 @pytest.mark.parametrize("name", ["rectangle", "offset", "L", "I", "loaded"])

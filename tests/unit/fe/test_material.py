@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from flexmb.errors import MaterialError
 from flexmb.fe.sections.section_tables import plausibility, resolve
-from flexmb.materials import LIBRARY
+from flexmb.materials import LIBRARY, OrthotropicMaterial
 
 
 def test_from_a_name_a_mapping_and_itself():
@@ -52,3 +53,31 @@ def test_all_mistakes_at_once():
 def test_impossible_values(key, value):
     with pytest.raises(MaterialError, match=f"material.{key}"):
         resolve({"E": 1e9, "nu": 0.2, "density": 2000} | {key: value})
+
+
+PLY = OrthotropicMaterial("ply", (130e9, 9e9, 7e9), (0.3, 0.4, 0.25), (5e9, 3e9, 4e9), 1600.0)
+
+
+@pytest.mark.parametrize(
+    ("along", "strain"),
+    [
+        (0, [1 / 130, -0.3 / 130, -0.25 / 130]),
+        (1, [-0.3 / 130, 1 / 9, -0.4 / 9]),
+        (2, [-0.25 / 130, -0.4 / 9, 1 / 7]),
+    ],
+)
+def test_tension_of_an_orthotropic_material(along, strain):
+    """Contraction along j under stress along i is nu_ij/E_i = nu_ji/E_j (Jones, Mechanics of
+    Composite Materials, 2nd ed., 2.2), in space and in a plane."""
+    strain = np.array([*strain, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(PLY.stiffness() @ strain, 1e9 * np.eye(6)[along], atol=1e-4)
+    if along < 2:
+        flat = np.array([strain[0], strain[1], 0.0])
+        np.testing.assert_allclose(PLY.plane_stress() @ flat, 1e9 * np.eye(3)[along], atol=1e-4)
+
+
+def test_shear_moduli_of_an_orthotropic_material():
+    """In the order 23, 31, 12 in space, and 13, 23 across a layer."""
+    assert np.diag(PLY.stiffness())[3:] == pytest.approx([3e9, 4e9, 5e9], rel=1e-15)
+    assert PLY.transverse_shear() == pytest.approx(np.diag([4e9, 3e9]), rel=1e-15)
+    assert PLY.plane_stress()[2, 2] == 5e9

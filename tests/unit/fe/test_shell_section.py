@@ -42,6 +42,27 @@ def test_unsymmetric_cross_ply():
     assert ABD[0, 2] == pytest.approx(0.0, abs=1e-12 * mean * h)
 
 
+def test_mass_of_layers_of_two_materials():
+    """The heavier half on top: (rho_2 - rho_1) h^2/8 about the middle, the rest as of one layer."""
+    h, light = 0.02, Material("light", 70e9, 0.3, 2700.0)
+    mass = layered([Layer(h / 2, light), Layer(h / 2, STEEL)], nonstructural=5.0).laminate.mass
+    mean = (2700 + 7850) / 2
+    wanted = [mean * h + 5, (7850 - 2700) * h**2 / 8, mean * h**3 / 12]
+    assert mass == pytest.approx(wanted, rel=1e-13)
+
+
+def test_shear_stiffness_turns_with_a_layer():
+    """S = k h R diag(G13, G23) R^T: a layer at 30 degrees shears more easily across its fibres."""
+    h, angle = 0.004, np.pi / 6
+    S = layered([Layer(h, GRAPHITE, angle)]).laminate.S
+    c, s = np.cos(angle), np.sin(angle)
+    wanted = np.array([[0.5 * c * c + 0.2 * s * s, 0.3 * c * s], [0.0, 0.5 * s * s + 0.2 * c * c]])
+    wanted[1, 0] = wanted[0, 1]
+    share = S / (1e9 * h * wanted)  # the corrections of both directions
+    assert S[0, 1] > 0
+    assert share[0, 1] ** 2 == pytest.approx(share[0, 0] * share[1, 1], rel=1e-12)
+
+
 def test_angle_plies_couple_stretch_and_twist():
     """Plies at +45 and -45 degrees: B16 = B26 = -Q16(45) h^2/4, the other couplings vanish."""
     h, Q = 0.004, GRAPHITE.plane_stress()

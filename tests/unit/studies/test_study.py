@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +11,12 @@ from scipy.special import ellipj, ellipk
 
 import flexmb
 from flexmb.errors import FlexmbError, SceneError
+from flexmb.progress import silent
 from flexmb.results import Result
-from flexmb.studies.workers import Job, open_workers
+from flexmb.studies.record_table import RecordTable, read_rows
+from flexmb.studies.study_jobs import Job
+from flexmb.studies.study_queue import StudyQueue
+from flexmb.workflow.cluster import open_cluster
 
 PENDULUM = Path(__file__).parents[3] / "cases" / "pendulum" / "scene.toml"
 STEPS = (8e-3, 4e-3, 2e-3)
@@ -78,20 +81,40 @@ def test_the_reference_is_confirmed_by_another_method(study: flexmb.Study) -> No
     assert all(row.errors["positions"].floor <= smallest for row in study.rows)
 
 
+def results_in(folder: Path) -> dict[Path, int]:
+    return {path: path.stat().st_mtime_ns for path in folder.glob("runs/*/result.h5")}
+
+
 def test_what_is_there_is_used_again(study: flexmb.Study, folder: Path) -> None:
-    """Only runs whose record or result is gone, and a new setting, are run."""
-    records = {path: path.stat().st_mtime_ns for path in folder.glob("runs/*/run.json")}
-    lost = {Path(study.rows[i].folder) / "run.json" for i in (1, 2)}
-    (Path(study.rows[1].folder) / "run.json").unlink()
-    (Path(study.rows[2].folder) / "result.h5").unlink()
+    """Only runs whose result is gone, and a new setting, are run."""
+    before = results_in(folder)
+    lost = Path(study.rows[2].folder) / "result.h5"
+    lost.unlink()
     again = flexmb.study(
         PENDULUM, {"step": [*STEPS, 1.6e-2]}, output=folder, sensors=["tip"], **QUIET
     )
-    now = {path: path.stat().st_mtime_ns for path in folder.glob("runs/*/run.json")}
-    assert {path for path, when in records.items() if now[path] != when} == lost
-    assert len(now) == len(records) + 1
-    assert again.reused == len(records) - 2
+    now = results_in(folder)
+    assert {path for path, when in before.items() if now[path] != when} == {lost}
+    assert len(now) == len(before) + 1
+    assert again.reused == len(before) - 1
     assert again.errors("positions")[:3] == pytest.approx(study.errors("positions"), rel=1e-12)
+
+
+def test_records_are_one_table_with_the_values_of_the_knobs(
+    study: flexmb.Study, folder: Path
+) -> None:
+    rows = {row["key"]: row for row in read_rows(folder / "runs.parquet").to_pylist()}
+    for row in study.rows:
+        stored = rows[Path(row.folder).name]
+        assert stored["dynamics.step"] == row.values["dynamics.step"]
+        assert stored["status"] == "finished" and len(stored["seconds"]) == 1
+        assert json.loads(stored["statistics"])["steps"] == row.statistics["steps"]
+
+
+def test_a_study_of_another_scene_is_not_mixed_with_it(study: flexmb.Study, folder: Path) -> None:
+    crank = PENDULUM.parents[1] / "rigid_slider_crank" / "scene.toml"
+    with pytest.raises(FlexmbError, match="holds runs of another scene"):
+        flexmb.study(crank, {"step": [1e-4]}, output=folder, **QUIET)
 
 
 def test_another_mass_or_more_repeats_run_anew(study: flexmb.Study, folder: Path) -> None:
@@ -108,9 +131,8 @@ def test_an_interruption_keeps_what_has_ended(tmp_path: Path) -> None:
 
     with pytest.raises(KeyboardInterrupt):
         flexmb.study(PENDULUM, {"step": STEPS}, output=tmp_path, progress=interrupt, **QUIET)
-    kept = list(tmp_path.glob("runs/*/run.json"))
-    assert len(kept) == 1
-    assert json.loads(kept[0].read_text())["status"] == "finished"
+    (row,) = read_rows(tmp_path / "runs.parquet").to_pylist()
+    assert row["status"] == "finished"
     assert flexmb.study(PENDULUM, {"step": STEPS}, output=tmp_path, **QUIET).reused == 1
 
 
@@ -195,36 +217,17 @@ def test_a_run_that_takes_too_long_is_given_up_and_tried_again_next_time(
     scene = Result(Path(study.rows[0].folder) / "result.h5").model
     slow = Job("slow", scene, str(tmp_path), str(tmp_path / "slow"), limit=1e-9)
     for _ in range(2):
-        with open_workers(1, fresh=False) as pool:
-            (record,) = pool.run([slow], lambda *_: None)
-        assert record["status"] == "failed"
-        assert record["reason"].startswith("given up after 1e-09 s, at t = ")
-        assert pool.reused == 0
-
-
-class _Bomb(Job):
-    """A job that ends the process which unpacks it."""
-
-    def __reduce__(self) -> tuple[object, tuple[int]]:
-        return os._exit, (3,)
-
-
-@pytest.mark.slow
-def test_a_process_that_dies_takes_no_other_run_with_it(
-    study: flexmb.Study, tmp_path: Path
-) -> None:
-    row = study.rows[0]
-    scene = Result(Path(row.folder) / "result.h5").model
-    good = Job("good", scene, str(tmp_path), str(tmp_path / "good"))
-    other = Job("other", scene, str(tmp_path), str(tmp_path / "other"))
-    bomb = _Bomb("bad", {}, "", str(tmp_path / "bad"))
-    with open_workers(2, fresh=False) as pool:
-        pool.run([good], lambda *_: None)
-        records = pool.run([good, bomb, other], lambda *_: None)
-    assert [record["status"] for record in records] == ["finished", "failed", "finished"]
-    assert "ended abruptly" in records[1]["reason"]
-    with pytest.raises(FlexmbError, match="__main__"), open_workers(2, fresh=True) as pool:
-        pool.run([bomb], lambda *_: None)
+        records: list[dict[str, object]] = []
+        with (
+            RecordTable(tmp_path / "runs.parquet", {}) as table,
+            open_cluster(1) as cluster,
+            StudyQueue(cluster, table, silent) as queue,
+        ):
+            queue.add(slow, {}, records.append)
+            queue.run("study", 0.0)
+        assert records[0]["status"] == "failed"
+        assert str(records[0]["reason"]).startswith("given up after 1e-09 s, at t = ")
+        assert queue.reused == 0
 
 
 def test_tight_runs_that_the_model_refuses_are_no_reference(

@@ -11,6 +11,7 @@ import pytest
 import slidercrank
 from resultfiles import FakeBody, FakeLayout
 
+from flexmb import simulate
 from flexmb.errors import ViewError
 from flexmb.flexbody import FlexBody, Interface, Surface, save
 from flexmb.flexbody.stress_modes import StressModes
@@ -21,8 +22,10 @@ from flexmb.results import OutputBlock, Result, ResultWriter
 from flexmb.view.camera import Camera, visible_shares
 from flexmb.view.content import Content
 from flexmb.view.drawing import Drawing
+from flexmb.view.force_shapes import vectors
 from flexmb.view.joint_shapes import _LINKS as LINKS
 from flexmb.view.mechanism import Display, Mechanism, applied
+from flexmb.view.part import DAMPER, FRICTION, HOUSING, RUBBER
 from flexmb.view.picture import view_of
 from flexmb.view.shapes import box
 
@@ -188,8 +191,73 @@ def test_every_joint_has_a_glyph_of_its_own(tmp_path: Path) -> None:
             )
             for part in parts
         )
-        same = seen.setdefault(shape, kind)
-        assert same == kind or {same, kind} == {"parallel", "perpendicular"}, (same, kind)
+        assert seen.setdefault(shape, kind) == kind
+
+
+def test_bumpers_stand_where_a_slide_stops_and_the_rail_reaches_them(tmp_path: Path) -> None:
+    model = Model("stops", folder=tmp_path)
+    model.add_body("b", mass=1, inertia=[1, 1, 1], shape={"type": "box", "size": [1, 1, 1]})
+    model.add_joint("j", "prismatic", between=["ground", "b"], axis="z")
+    model.add_force("s", "translational-stop", joint="j", lower=-2, upper=3, stiffness=1e3)
+    mechanism = still_run(model, tmp_path)
+    drawing = Drawing(mechanism)
+    r, display = drawing.pin, drawing.display()
+    heights = {
+        name: np.vstack([p.solid(display).points for p in drawing.parts if p.name == name])[:, 2]
+        for name in "js"
+    }
+    inner = heights["s"][heights["s"] > 0].min(), heights["s"][heights["s"] < 0].max()
+    np.testing.assert_allclose(inner, (3 + 1.8 * r, -2 - 1.8 * r), atol=1e-12)  # of the sleeve
+    assert heights["j"].max() > inner[0]
+    assert heights["j"].min() < inner[1]
+
+
+def test_the_peg_of_an_angle_touches_its_stop_there(tmp_path: Path) -> None:
+    for angle in (-0.4, 0.9):
+        model = Model("stops", folder=tmp_path)
+        model.add_body("b", mass=1, inertia=[1, 1, 1], shape={"type": "box", "size": [1, 1, 1]})
+        model.add_joint("j", "revolute", between=["ground", "b"], axis="z")
+        model.add_force("s", "rotational-stop", joint="j", lower=-0.4, upper=0.9, stiffness=1e3)
+        model.add_force(
+            "f",
+            "joint-friction",
+            joint="j",
+            dynamic=0.1,
+            radius=0.1,
+            model="smooth",
+            creep_speed=0.1,
+        )
+        model.add_driver("d", joint="j", angle=f"{angle}*t")
+        run = simulate(model, duration=1.0, output=tmp_path)
+        drawing = Drawing(Mechanism(run, 1.0))
+        parts = {part.color: part for part in drawing.parts if part.name == "s"}
+        solid = [parts[color].solid(drawing.display()) for color in (RUBBER, HOUSING)]
+        blocks, peg = (s.points[:, :2] for s in solid)
+        apart = np.linalg.norm(blocks[:, None] - peg[None], axis=2).min()
+        assert apart < 0.6 * drawing.pin, angle
+        assert {part.color for part in drawing.parts if part.name == "f"} == {DAMPER, FRICTION}
+
+
+@pytest.mark.parametrize(
+    ("motion", "force"),
+    [
+        ({"z": "1.5*t**2"}, [0, 0, 2 * (10 + 3)]),
+        ({"joint": "j", "stroke": "1.5*t**2"}, [2 + 40 / 9, 4 + 80 / 9, 4 + 80 / 9]),
+        ({"between": ["ground.up", "b"], "distance": "2 - 0.25*t**2"}, [0, 0, 2 * (10 + 0.5)]),
+    ],
+)
+def test_the_arrow_of_a_driver_is_its_force_in_global_axes(motion, force, tmp_path) -> None:
+    model = Model("driven", folder=tmp_path, gravity=[0, 0, -10])
+    model.add_marker("ground.up", position=[0, 0, 2])
+    model.add_body("b", mass=2, inertia=[1, 1, 1])
+    if "joint" in motion:
+        model.add_joint("j", "prismatic", between=["ground", "b"], axis=[1, 2, 2])
+    else:
+        motion = motion if "between" in motion else {"marker": "b", **motion}
+    model.add_driver("d", **motion)
+    result = simulate(model, duration=1.0, output=tmp_path)
+    arrows = [v for v in vectors(Mechanism(result, 0.5), "reactions") if v.name == "d"]
+    np.testing.assert_allclose(next(v.value for v in arrows if not v.torque), force, rtol=1e-5)
 
 
 def test_the_teeth_of_two_wheels_do_not_meet(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from flexmb.flexbody import FlexBody, load
+from flexmb.flexbody.effects import rigid_twin
 from flexmb.model import Model
 from flexmb.workflow import flexible_bodies
 
@@ -79,3 +80,41 @@ def test_an_arm_whose_bending_modes_answer_its_rotation_needs_none(tmp_path) -> 
     model.set_dynamics(duration=1.0)
     bodies, _, _ = flexible_bodies(model, tmp_path)
     assert bodies["arm"].provenance["residual"] == "none"
+
+
+@pytest.mark.parametrize("shape", ["beam", "disk"])
+def test_a_rigid_mesh_has_its_mass_properties_without_a_reduction(shape, tmp_path) -> None:
+    """Whatever is said of modes; the reduced body remains beside it, and is used again."""
+    words = {"mesh": {"type": "beam", "length": 1.0, "divisions": 6}, "material": "steel",
+             "interfaces": {"root": "start", "tip": "end"},
+             "sections": {"all": {"type": "rectangle", "y": 0.02, "z": 0.03}}}  # fmt: skip
+    if shape == "disk":
+        words |= {"mesh": {"type": "disk", "radius": 0.4, "inner": 0.1, "divisions": [4, 16]},
+                  "interfaces": {"hub": "inner"},
+                  "sections": {"all": {"type": "shell", "thickness": 0.01}},
+                  "masses": {"weight": {"at": 3, "mass": 2.0}}}  # fmt: skip
+
+    def made(**more):
+        model, phases = Model("one body"), set()
+        model.add_body("part", **words, **more)
+        bodies, files, notes = flexible_bodies(
+            model, tmp_path, progress=lambda phase, *_: phases.add(phase)
+        )
+        return bodies["part"], files["part"].name, notes, phases
+
+    flexible, file, _, phases = made(modes=4)
+    assert "modes" in phases
+    rigid, simulated, _, phases = made(modes=4, deformation="rigid")
+    assert not {"factor", "modes"} & phases
+    assert simulated != file
+    assert rigid.m == 0
+    twin = rigid_twin(flexible)
+    for name in ("mass", "S1", "S0", "p", "P", "Mab"):
+        np.testing.assert_array_equal(getattr(rigid, name), getattr(twin, name))
+    for part, same in zip(rigid.interfaces, twin.interfaces, strict=True):
+        np.testing.assert_array_equal(part.position, same.position)
+    np.testing.assert_array_equal(rigid.nodes.position, twin.nodes.position)
+    np.testing.assert_array_equal(rigid.surface.points, twin.surface.points)
+    other = {"modes": 9, "deformation": "rigid", "reduction": "free-interface", "damping": 0.01}
+    assert "reused" in made(**other)[2][0]
+    assert "reused" in made(modes=4)[2][0]

@@ -33,8 +33,8 @@ HOSTILE = '<script>alert("1")</script> & "Ünïcode" </style>'
 def quick_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures are tested elsewhere, and the JavaScript of plotly is 5 MB."""
 
-    def picture(run: Result, color: str, time: float | None, words: str) -> html_page.Html:
-        return tag("figure", tag("figcaption", f"{color} {words}"))
+    def picture(run, color, time, words, view=None) -> html_page.Html:
+        return tag("figure", tag("figcaption", f"{color} {words} {view or ''}"))
 
     for module in (result_page, comparison_page):
         monkeypatch.setattr(module, "picture_of", picture)
@@ -85,6 +85,30 @@ def test_the_page_needs_nothing_else_and_has_every_part(folder: Path, tmp_path) 
     assert {chart["id"] for chart in data_of(text)["charts"]} <= set(
         re.findall(r'id="(\w+)"', text)
     )
+
+
+def test_a_notebook_shows_the_parts_asked_for(folder: Path, tmp_path) -> None:
+    page = flexmb.report_page(folder, parts=["plots", "motion"], file=tmp_path / "p.html")
+    words = " ".join(Reader(page.html).words)
+    assert "In motion" in words and "Plots" in words
+    assert "Provenance" not in words and "Pictures" not in words
+    frame = Reader(page._repr_html_())
+    assert frame.tags == ["iframe"]  # the page is text of an attribute
+    assert not list(tmp_path.iterdir())
+    assert page.save().read_text(encoding="utf-8") == page.html
+
+
+def test_words_of_the_view_reach_the_pictures_and_wrong_ones_are_refused(folder, tmp_path) -> None:
+    view = {"camera": ["front", "top"], "color": "body"}
+    page = flexmb.report_page(folder, parts=["pictures"], view=view)
+    assert "'top'" in " ".join(Reader(page.html).words)
+    with pytest.raises(ViewError, match="camera"):
+        flexmb.report(folder, output=tmp_path / "r.html", view={"camera": "frontt"})
+    with pytest.raises(ViewError, match='no part "plot"; nearest: plots'):
+        flexmb.report(folder, output=tmp_path / "r.html", parts=["plot"])
+    with pytest.raises(ViewError, match="one run"):
+        flexmb.report(folder, folder, output=tmp_path / "r.html", parts=["plots"])
+    assert not list(tmp_path.iterdir())
 
 
 def test_names_of_users_are_text(folder: Path, tmp_path) -> None:

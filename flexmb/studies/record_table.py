@@ -1,0 +1,273 @@
+"""The records of many runs as one Parquet table, safe against being killed while it grows.
+
+In: one record after the other. Out: a file that pandas, polars and DuckDB read, a row a run. While
+the table is open its rows lie in a folder beside the file: the latest, line by line, in a journal,
+the others in parts. At the end they become one file. What a killed process leaves there is read
+again.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import shutil
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from flexmb.errors import FlexmbError
+from flexmb.folders import output_errors, whole_file, writable_folder
+
+KEY = "key"
+"""The column that names a run; a later row of the same key replaces an earlier one."""
+
+_ABOUT = b"flexmb"
+_PART_ROWS = 2000
+_JOURNAL = "journal.jsonl"
+
+
+class RecordTable:
+    """Records that are appended, for a ``with`` statement.
+
+    Parameters
+    ----------
+    file : Path
+        The table, such as ``out/slider_crank/sweep/runs.parquet``.
+    about : mapping of str to str
+        What its runs depend on, by word, such as ``{"scene": content_key(scene)}``. Stored with it.
+    fresh : bool
+        Begin anew, whatever is there.
+
+    Raises
+    ------
+    FlexmbError
+        The table that is there is about something else, or cannot be read.
+    OutputError
+        It cannot be written, as where the disk is full.
+
+    Example
+    -------
+    >>> with RecordTable(folder / "runs.parquet", {"scene": key}) as table:  # doctest: +SKIP
+    ...     ended = table.reasons()
+    ...     jobs = (job for job in jobs if job.key not in ended)
+    ...     for job, record in cluster.run(function, jobs):
+    ...         table.append({"key": job.key, **job.values, **record})
+    """
+
+    def __init__(self, file: Path, about: Mapping[str, str], *, fresh: bool = False) -> None:
+        self.file, self.about = file, dict(about)
+        self._folder = _folder_of_parts(file)
+        with output_errors(file):
+            writable_folder(file.parent)
+            if fresh:
+                file.unlink(missing_ok=True)
+            if fresh or file.exists():
+                shutil.rmtree(self._folder, ignore_errors=True)
+            self._check()
+            self._folder.mkdir(exist_ok=True)
+            self._rows = _journal_rows(file)[1]
+            if file.exists():
+                file.replace(self._folder / f"{0:06d}.parquet")
+            if self._rows:
+                self._write_part()
+            self._begin_journal()
+
+    def _check(self) -> None:
+        """Refuse a table about something else."""
+        stored = _stored_about(self.file)
+        if stored is None or stored == self.about:
+            return
+        words = [word for word in self.about if stored.get(word) != self.about[word]]
+        what = f"{self.file} holds runs of another {' and another '.join(words) or 'kind'}"
+        raise FlexmbError(f"{what}: give another folder, or --fresh, which begins anew")
+
+    def append(self, record: Mapping[str, Any]) -> None:
+        """Add the record of a run, which is safe on disk when this returns.
+
+        Parameters
+        ----------
+        record : mapping
+            Column to number, text, truth value, None, or list or array of numbers; anything else is
+            stored as JSON text. Rows may have different columns. One is `KEY`.
+        """
+        row = {name: _plain(value) for name, value in record.items()}
+        with output_errors(self.file):
+            self._add_line(row)
+            self._rows.append(row)
+            if len(self._rows) >= _PART_ROWS:
+                self._journal.close()
+                self._write_part()
+                self._begin_journal()
+
+    def reasons(self) -> dict[Any, str]:
+        """Why each run failed that the table holds, by key; empty text where it did not."""
+        rows = self.rows([KEY, "reason"]).to_pylist()
+        return {row[KEY]: row.get("reason") or "" for row in rows}
+
+    def rows(self, columns: list[str] | None = None) -> Any:
+        """All rows up to now as a :class:`pyarrow.Table`; by default with all columns."""
+        return read_rows(self.file, columns)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Make one file of all parts."""
+        import pyarrow.parquet as pq
+
+        with output_errors(self.file):
+            self._journal.close()
+            rows = self.rows()
+            if rows.num_columns:
+                with whole_file(self.file) as partial:
+                    pq.write_table(rows.replace_schema_metadata(self._metadata()), partial)
+            shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _write_part(self) -> None:
+        """Move the rows of the journal into a part."""
+        import pyarrow.parquet as pq
+
+        number = len(_part_files(self.file)) + 1
+        with whole_file(self._folder / f"{number:06d}.parquet") as partial:
+            pq.write_table(_table(self._rows).replace_schema_metadata(self._metadata()), partial)
+        self._rows = []
+
+    def _begin_journal(self) -> None:
+        self._journal = (self._folder / _JOURNAL).open("wb", buffering=0)
+        self._add_line(self.about)
+
+    def _add_line(self, row: Mapping[str, Any]) -> None:
+        line = (json.dumps(row) + "\n").encode()
+        if self._journal.write(line) != len(line):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def _metadata(self) -> dict[bytes, bytes]:
+        return {_ABOUT: json.dumps(self.about).encode()}
+
+
+def read_rows(file: Path, columns: list[str] | None = None) -> Any:
+    """The rows of a table, also of one that is still open or was left by a killed process.
+
+    Parameters
+    ----------
+    file : Path
+        The table.
+    columns : list of str, optional
+        Those to read, as far as the table has them; all by default.
+
+    Returns
+    -------
+    pyarrow.Table
+        Its ``column(name).to_numpy()`` is an array; missing numbers are NaN.
+
+    Raises
+    ------
+    FlexmbError
+        The table cannot be read.
+    """
+    import pyarrow as pa
+
+    tables = [_read_part(path, columns) for path in _part_files(file)]
+    rows = _journal_rows(file)[1]
+    if rows:
+        table = _table(rows)
+        names = [one for one in columns or table.column_names if one in table.column_names]
+        tables.append(table.select(names))
+    kinds: dict[str, set[bool]] = {}  # whether columns are texts, and whether they are not
+    for table in tables:
+        for field in table.schema:
+            if not pa.types.is_null(field.type):
+                kinds.setdefault(field.name, set()).add(pa.types.is_string(field.type))
+    for name in [name for name, kind in kinds.items() if len(kind) > 1]:
+        tables = [_cast(table, name, pa.string()) for table in tables]
+    if not tables:
+        return pa.table({})
+    whole = pa.concat_tables(tables, promote_options="permissive")
+    if KEY not in whole.column_names:
+        return whole
+    last = {key: i for i, key in enumerate(whole.column(KEY).to_pylist())}
+    return whole if len(last) == len(whole) else whole.take(sorted(last.values()))
+
+
+def _cast(table: Any, name: str, kind: Any) -> Any:
+    if name not in table.column_names:
+        return table
+    return table.set_column(table.column_names.index(name), name, table.column(name).cast(kind))
+
+
+def _folder_of_parts(file: Path) -> Path:
+    return file.with_suffix(".parts")
+
+
+def _part_files(file: Path) -> list[Path]:
+    """The files that hold the rows, but for the journal."""
+    if file.exists():  # parts beside a whole table are what it was made of
+        return [file]
+    return sorted(_folder_of_parts(file).glob("[0-9]*.parquet"))
+
+
+def _journal_rows(file: Path) -> tuple[dict[str, str] | None, list[dict[str, Any]]]:
+    """What the table is about, and the rows of its journal; the last line may be cut off."""
+    path = _folder_of_parts(file) / _JOURNAL
+    if file.exists() or not path.exists():
+        return None, []
+    lines: list[dict[str, Any]] = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        with suppress(ValueError):
+            lines.append(json.loads(line))
+    return (lines[0], lines[1:]) if lines else (None, [])
+
+
+def _stored_about(file: Path) -> dict[str, str] | None:
+    import pyarrow.parquet as pq
+
+    for path in _part_files(file):
+        try:
+            return dict(json.loads((pq.read_schema(path).metadata or {})[_ABOUT]))
+        except (OSError, ValueError, KeyError) as error:
+            raise FlexmbError(f"{path} is no table of runs of flexmb ({error})") from None
+    return _journal_rows(file)[0]
+
+
+def _read_part(path: Path, columns: list[str] | None) -> Any:
+    import pyarrow.parquet as pq
+
+    try:
+        if columns is not None:
+            names = set(pq.read_schema(path).names)
+            columns = [name for name in columns if name in names]
+        return pq.read_table(path, columns=columns).replace_schema_metadata()
+    except (OSError, ValueError) as error:
+        raise FlexmbError(f"{path} cannot be read ({error}): remove it to lose its runs") from None
+
+
+def _table(rows: list[dict[str, Any]]) -> Any:
+    """Rows as a table; a column of different kinds becomes one of texts."""
+    import pyarrow as pa
+
+    columns = {}
+    for name in dict.fromkeys(name for row in rows for name in row):
+        values = [row.get(name) for row in rows]
+        try:
+            columns[name] = pa.array(values)
+        except (pa.ArrowInvalid, pa.ArrowTypeError):
+            texts = [
+                one if one is None or isinstance(one, str) else json.dumps(one) for one in values
+            ]
+            columns[name] = pa.array(texts)
+    return pa.table(columns)
+
+
+def _plain(value: Any) -> Any:
+    """A value that JSON and a column can hold."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, list | tuple) and all(isinstance(one, int | float) for one in value):
+        return [float(one) for one in value]
+    return json.dumps(value, default=str)

@@ -1,0 +1,232 @@
+"""The runs of a study: jobs that a worker does, on this machine or on another one.
+
+In: a job, plain data. Out: its record, and its files in the folder of the study. A worker that does
+not see that folder is sent the files that its job reads, once, and sends back those that it writes.
+
+The folder of a job has a key of all that the run depends on: the scene, the files that it reads,
+the sources of flexmb.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from flexmb.errors import FlexmbError, OutputError
+from flexmb.workflow.job_batch import Record, RunTimer, failure, source_key
+
+_FORMAT = 2
+_DIGITS = 16
+WANTED = "wanted"
+"""The status of a job whose worker lacks the files that it reads."""
+
+SENT = "sent"
+"""Files that a job has written where the study does not see them, by name."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """A run, or with no repeats the reduction of the flexible bodies of its model."""
+
+    label: str  # its values, for people
+    scene: dict[str, Any]  # its paths are relative to `source`
+    source: str  # folder of the scene
+    folder: str  # of the result
+    bodies: str = ""  # folder of the reduced bodies; empty: none
+    repeats: int = 1  # how often to integrate
+    limit: float = 0.0  # s, after which one integration is given up; 0: none
+    mark: str = ""  # a file that is seen by workers that see all folders; empty: all do
+    copies: str = ""  # key of the files that it reads, for the other workers
+    files: FileCopies | None = None  # these themselves, for a worker that lacks them
+
+    @property
+    def key(self) -> str:
+        """Of all that it depends on."""
+        return Path(self.folder).name
+
+
+@dataclass(frozen=True)
+class FileCopies:
+    """The files that a job reads, as data."""
+
+    names: dict[str, str]  # where its scene names them: their place among the copies
+    contents: dict[str, bytes]  # by place
+
+    @classmethod
+    def of(cls, job: Job) -> FileCopies:
+        """All files that the scene of a job names, and its reduced bodies."""
+        files = named_files(job.scene, Path(job.source))
+        names = {text: f"{i}/{path.name}" for i, (text, path) in enumerate(files.items())}
+        contents = {names[text]: path.read_bytes() for text, path in files.items()}
+        for path in _body_files(job.bodies):
+            contents[f"bodies/{path.name}"] = path.read_bytes()
+        return cls(names, contents)
+
+
+def named_files(scene: Mapping[str, Any], folder: Path) -> dict[str, Path]:
+    """The files that a scene names, by what it calls them."""
+    paths = {text: folder / text for text in texts_of(scene)}
+    return {text: path for text, path in paths.items() if os.path.isfile(path)}
+
+
+def files_key(job: Job) -> str:
+    """Key of the files that a job reads."""
+    files = named_files(job.scene, Path(job.source)) | {p.name: p for p in _body_files(job.bodies)}
+    return content_key({text: _file_key(path) for text, path in files.items()})
+
+
+def texts_of(value: Any) -> Iterator[str]:
+    """All texts in nested tables and lists."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping | list | tuple):
+        for inside in value.values() if isinstance(value, Mapping) else value:
+            yield from texts_of(inside)
+
+
+def content_key(data: Any) -> str:
+    """Hash of plain data; the order of tables' keys does not matter."""
+    text = json.dumps(data, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:_DIGITS]
+
+
+def run_key(scene: Mapping[str, Any], folder: Path) -> str:
+    """Key of a run: its scene as resolved, the files that it reads, the code that runs it."""
+    contents = {text: _file_key(path) for text, path in named_files(scene, folder).items()}
+    return content_key([_FORMAT, source_key(), scene, contents])
+
+
+def _file_key(path: Path) -> str:
+    """Hash of a file; empty if it cannot be read, which the run itself reports."""
+    try:
+        state = path.stat()
+        return _content_hash(path, state.st_mtime_ns, state.st_size)
+    except OSError:
+        return ""
+
+
+@cache
+def _content_hash(path: Path, *_: int) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:_DIGITS]
+
+
+def result_file(folder: str | Path) -> Path:
+    """The result file of a run in its folder."""
+    return Path(folder) / "result.h5"
+
+
+def do_job(job: Job) -> Record:
+    """On a worker: do a job; a failure is recorded with its reason."""
+    if not job.mark or os.path.exists(job.mark):
+        return _do(job)
+    copies = _place_copies(job)
+    if copies is None:
+        return {"status": WANTED, "reason": ""}
+    folder, names = copies
+    bodies = str(folder / "bodies") if job.bodies else ""
+    with tempfile.TemporaryDirectory() as output:
+        scene = _rename(job.scene, names)
+        record = _do(replace(job, scene=scene, source=str(folder), folder=output, bodies=bodies))
+        sent = {path.name: path.read_bytes() for path in Path(output).iterdir()}
+    return {**record, SENT: sent}
+
+
+_COPIES: dict[str, tuple[Any, dict[str, str]]] = {}  # folders of this process, and names, by key
+
+
+def _place_copies(job: Job) -> tuple[Path, dict[str, str]] | None:
+    """The folder of the files of a job and their names in it; None if this process lacks them."""
+    if job.copies not in _COPIES:
+        if job.files is None:
+            return None
+        folder = tempfile.TemporaryDirectory(prefix="flexmb-files-")
+        for place, data in job.files.contents.items():
+            path = Path(folder.name) / place
+            path.parent.mkdir(exist_ok=True)
+            path.write_bytes(data)
+        _COPIES[job.copies] = folder, job.files.names
+    folder, names = _COPIES[job.copies]
+    return Path(folder.name), names
+
+
+def _rename(value: Any, names: Mapping[str, str]) -> Any:
+    """A scene with the names of the copies in place of those of the files."""
+    if isinstance(value, Mapping):
+        return {key: _rename(inside, names) for key, inside in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rename(inside, names) for inside in value]
+    return names.get(value, value) if isinstance(value, str) else value
+
+
+def _do(job: Job) -> Record:
+    folder = Path(job.folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        result_file(folder).unlink(missing_ok=True)  # of a run that was interrupted
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written ({error.strerror})") from None
+    try:
+        return _run(job, folder) if job.repeats else _reduce(job, folder)
+    except OutputError:
+        raise
+    except FlexmbError as error:
+        return failure(_reason(folder, error))
+
+
+def _body_files(folder: str) -> list[Path]:
+    return sorted(Path(folder).glob("*.flexbody.h5")) if folder else []
+
+
+def _reduce(job: Job, folder: Path) -> Record:
+    from flexmb.model import Model
+    from flexmb.workflow import flexible_bodies
+
+    model = Model.from_scene_dict(job.scene, Path(job.source))
+    started = time.perf_counter()
+    flexible_bodies(model, folder, fresh=True)  # else its time would be that of reading
+    return {"seconds": time.perf_counter() - started}
+
+
+def _run(job: Job, folder: Path) -> Record:
+    """Integrate `repeats` times; the times of all, the statistics of the first run."""
+    from flexmb.model import Model
+    from flexmb.results import Result
+    from flexmb.workflow import run_model
+
+    model = Model.from_scene_dict(job.scene, Path(job.source))
+    files = _body_files(job.bodies)
+    for file in files:
+        shutil.copy2(file, folder / file.name)
+    statistics: list[dict[str, Any]] = []
+    cpu: list[float] = []
+    for _ in range(job.repeats):
+        timer = RunTimer(job.limit)
+        report = run_model(model, folder, pictures=False, progress=timer)
+        if Result(report.result).status == "stopped":
+            raise KeyboardInterrupt
+        statistics.append(report.statistics)
+        cpu.append(timer.cpu)
+    for file in files:  # one copy serves all runs of the model
+        (folder / file.name).unlink()
+    seconds = [float(one["seconds_integrate"]) for one in statistics]
+    return {"seconds": seconds, "cpu_seconds": cpu, "statistics": statistics[0]}
+
+
+def _reason(folder: Path, error: FlexmbError) -> str:
+    """Why a run failed: the sentence of its result, else that of the error."""
+    from flexmb.results import Result
+
+    try:
+        run = Result(result_file(folder))
+    except FlexmbError:
+        return str(error)
+    return run.message if run.status == "failed" and run.message else str(error)

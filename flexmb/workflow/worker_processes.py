@@ -1,0 +1,173 @@
+"""Where runs are done: worker processes of this machine, or the workers of a Dask scheduler.
+
+In: a number of workers, or an address. Out: a Dask client whose workers can do runs. Worker
+processes begin empty: they never run the script that started them.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Self
+
+from flexmb.errors import FlexmbError
+
+REACH = 5.0
+"""Seconds until which a scheduler must answer."""
+
+_CONFIG = {
+    "distributed.scheduler.allowed-failures": 0,  # repeated by the client, which tells them apart
+    "distributed.scheduler.work-stealing": False,
+}
+_MAX_STARTS = 3  # of processes that end before they are workers
+
+
+def connect(address: str) -> Any:
+    """A client of the scheduler at an address.
+
+    Raises
+    ------
+    FlexmbError
+        There is none, or it has another version of Dask.
+    """
+    _quiet()
+    from distributed import Client
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # versions are compared below
+            client = Client(address, timeout=REACH, set_as_default=False)
+    except (OSError, TimeoutError, ValueError, TypeError) as error:
+        cause = str(error.__cause__ or error).strip().splitlines()
+        why = f" ({cause[-1]})" if cause and isinstance(error, ValueError) else ""
+        raise FlexmbError(
+            f"no Dask scheduler answers at {address} within {REACH:.0f} s{why}: give the address "
+            "that it prints when it starts, such as tcp://host:8786"
+        ) from None
+    try:
+        _compare_versions(client.get_versions())
+    except BaseException:
+        client.close()
+        raise
+    return client
+
+
+def _compare_versions(versions: dict[str, Any]) -> None:
+    """Refuse another version of Dask, with which messages may not be understood."""
+    here = versions["client"]["packages"]
+    others = {"the scheduler": versions["scheduler"], **versions["workers"]}
+    for where, other in others.items():
+        for package in ("python", "distributed"):
+            there = (other or {}).get("packages", {}).get(package)
+            mine = here[package]
+            if package == "python":  # only the minor version must be equal
+                mine, there = (".".join(str(one).split(".")[:2]) for one in (mine, there))
+            if there != mine:
+                what = f"{where} has {package} {there}, and this process {mine}"
+                raise FlexmbError(f"{what}: install equal versions on all machines")
+
+
+class LocalWorkers:
+    """Worker processes of this machine and their scheduler, for a ``with`` statement."""
+
+    def __init__(self, count: int, dashboard: bool) -> None:
+        self.count, self.dashboard = count, dashboard
+        self.processes: list[subprocess.Popen[bytes]] = []
+        self.starts = 0
+        self.arrivals: list[str] = []  # addresses of all workers that there have been
+
+    def __enter__(self) -> Self:
+        _quiet()
+        import dask
+        from distributed import Client, LocalCluster, SchedulerPlugin
+
+        class Arrivals(SchedulerPlugin):  # type: ignore[misc]
+            def add_worker(_, scheduler: Any, worker: str) -> None:  # noqa: N805
+                self.arrivals.append(worker)
+
+        self.folder = tempfile.TemporaryDirectory(prefix="flexmb-workers-")
+        self.log = Path(self.folder.name) / "workers.log"
+        with dask.config.set(_CONFIG), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # another port than that asked for
+            self.cluster = LocalCluster(
+                n_workers=0, processes=False, protocol="tcp://", host="127.0.0.1",
+                dashboard_address="127.0.0.1:8787" if self.dashboard else None, silence_logs=False,
+            )  # fmt: skip
+        try:
+            self.cluster.scheduler.add_plugin(Arrivals(), name="arrivals")
+            self.client: Any = Client(self.cluster, set_as_default=False)
+            for _ in range(self.count):
+                self._start()
+            self._await_first()
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def _start(self) -> None:
+        package = str(Path(__file__).parents[2])
+        paths = [package, *filter(None, sys.path)]  # modules of the caller's functions too
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(dict.fromkeys(paths))}
+        environment |= {"DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
+        with self.log.open("ab") as log:
+            process = subprocess.Popen(
+                [sys.executable, "-P", "-m", "distributed.cli.dask_worker",
+                 self.cluster.scheduler_address, "--no-nanny", "--nthreads", "1",
+                 "--no-dashboard", "--memory-limit", "0", "--death-timeout", "60",
+                 "--local-directory", self.folder.name],
+                stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment,
+                start_new_session=True,  # Ctrl-C is for this process, which ends them
+            )  # fmt: skip
+        self.processes.append(process)
+        self.starts += 1
+
+    def _await_first(self) -> None:
+        while not self.arrivals:
+            time.sleep(0.02)
+            self.restart()
+
+    def restart(self) -> None:
+        """A new process for each that has ended.
+
+        Raises
+        ------
+        FlexmbError
+            They end before they are workers.
+        """
+        for process in [one for one in self.processes if one.poll() is not None]:
+            self.processes.remove(process)
+            if self.starts - len(self.arrivals) - len(self.processes) >= _MAX_STARTS:
+                said = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+                why = f": {said[-1]}" if said else ""
+                raise FlexmbError(f"worker processes end as soon as they start{why}")
+            self._start()
+
+    def __exit__(self, *_: object) -> None:
+        for process in self.processes:
+            process.kill()
+        for process in self.processes:
+            process.wait()
+        for one in (getattr(self, "client", None), self.cluster):
+            if one is not None:
+                with suppress(Exception):
+                    one.close()
+        with suppress(OSError):
+            self.folder.cleanup()
+
+
+def _quiet() -> None:
+    """Dask writes no lines of its own on the screen."""
+    import logging
+
+    import distributed  # noqa: F401  sets the levels of its own loggers
+
+    for name in [
+        name for name in logging.root.manager.loggerDict if name.startswith("distributed")
+    ]:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
