@@ -169,8 +169,7 @@ _LOCKS = (
     "coefficients or make its bearing longer"
 )
 _CURE = {
-    NO_CONVERGENCE: "smaller steps were tried; check the named place for a locked or "
-    "singular pose",
+    NO_CONVERGENCE: "smaller steps were tried; check the named place for a locked or singular pose",
     NOT_FINITE: "smaller steps were tried; check functions of time, and force characteristics, at "
     "this moment",
     TOO_SMALL: "ask for less accuracy",
