@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from scipy.integrate import solve_ivp
 from femeshes import line
+from scipy.integrate import solve_ivp
 from truthkit import reference
 
 from flexmb.fe import rectangle, reduce
