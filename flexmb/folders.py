@@ -8,10 +8,13 @@ costs time only.
 from __future__ import annotations
 
 import os
+import platform
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from zlib import crc32
 
 from flexmb.errors import OutputError
 
@@ -50,6 +53,31 @@ def writable_folder(folder: Path) -> Path:
         raise OutputError(f"cannot write to the output folder {folder}: {why}") from None
 
 
+def partial_path(path: Path) -> Path:
+    """A name beside `path` to write to; what killed processes left of it is removed."""
+    return path.with_name(_sweep(path.parent, path.name) + path.suffix)
+
+
+def temporary_folder() -> Path:
+    """A new folder among the temporary files; those of killed processes are removed."""
+    place = Path(tempfile.gettempdir())
+    return Path(tempfile.mkdtemp(prefix=f"{_sweep(place, 'flexmb', 'flexmb-')}-")).resolve()
+
+
+def _sweep(folder: Path, name: str, begin: str = ".") -> str:
+    """Begin of a name that tells this machine and process; leftovers of ended ones are removed."""
+    mark = f"{begin}{crc32(f'{platform.node()} {name}'.encode(errors='replace')):08x}-"
+    for old in folder.glob(f"{mark}*"):
+        process = old.name[len(mark) :].partition(".")[0].partition("-")[0]
+        if process.isdigit() and int(process) != os.getpid():
+            import psutil  # 10 ms that few need
+
+            if not psutil.pid_exists(int(process)):
+                with suppress(OSError):
+                    shutil.rmtree(old) if old.is_dir() else old.unlink()
+    return f"{mark}{os.getpid()}"
+
+
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """A name to write to, in the folder of `path`: at the end of the ``with`` block it becomes it.
@@ -61,7 +89,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     OSError
         The file cannot be written.
     """
-    partial = path.with_name(f".{os.getpid()}.{path.name}")
+    partial = partial_path(path)
     try:
         yield partial
         os.replace(partial, path)

@@ -23,12 +23,13 @@ import os
 import stat
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final, NoReturn
 
-from flexmb.errors import FlexmbError
+from flexmb.errors import FlexmbError, printable
 from flexmb.folders import cache_root
 
 if TYPE_CHECKING:
@@ -40,10 +41,12 @@ _PIECE = 1 << 20
 _SECONDS, _BYTES_A_SECOND = 10.0, 1e5  # time of the first reading; texts take most of it
 _MEMORY, _MEMORY_A_BYTE = 700_000_000, 40  # bytes that reading may take, and for each of the file
 _PATIENCE = 6  # wall time over that of the processor, for a busy machine
+_MARK_SECONDS = 30 * 86400.0  # that a mesh was read well is forgotten after a month
 _DEPTH = 8  # groups inside groups
 _OBJECTS = 100_000  # groups and datasets
 _KIND = "<kind>"  # in a sentence: what the file should be
 _REFUSED = 3  # exit code of the first reading
+_WITH_OTHERS = "<others>"  # it is well, but names other files of its folder
 _own: set[tuple[int, ...]] = set()  # files that this process is writing
 _checked: set[tuple[int, ...]] = set()  # files that were checked
 
@@ -66,6 +69,12 @@ def seal(content: IO[bytes]) -> bytes:
     return (_SEAL + f"sha256={digest} tag={_tag(digest) or '-'}\n".encode()).ljust(
         USER_BLOCK, b"\0"
     )
+
+
+def is_sealed(path: Path) -> bool:
+    """Whether the file has the checksum of a whole file."""
+    with path.open("rb") as file:
+        return file.read(len(_SEAL)) == _SEAL
 
 
 def begin_writing(path: Path) -> None:
@@ -209,9 +218,14 @@ def check_reading(path: Path, module: str) -> str | None:
     if mark.exists():
         return None
     problem = _first_reading(path, module)
+    if problem == _WITH_OTHERS:
+        return None  # whose contents the mark does not tell
     if problem is None:
         with suppress(OSError):  # then it is read apart the next time as well
             mark.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            for old in mark.parent.iterdir():
+                if old.stat().st_mtime < time.time() - _MARK_SECONDS:
+                    old.unlink()
             mark.touch()
     return problem
 
@@ -227,22 +241,51 @@ def serve_reading(read: Callable[[Path], object]) -> NoReturn:
     import psutil
 
     path = Path(sys.argv[1])
+    others = Neighbours(path)
+    sys.addaudithook(others.check_open)
     if hasattr(psutil, "RLIMIT_AS"):  # Linux
         process = psutil.Process()
         limit = process.memory_info().vms + _MEMORY + _MEMORY_A_BYTE * path.stat().st_size
         process.rlimit(psutil.RLIMIT_AS, (limit, limit))
         process.rlimit(psutil.RLIMIT_CPU, (int(sys.argv[2]), int(sys.argv[2])))
+    problem = ""
     try:
         read(path)
-    except ValueError as problem:
-        sys.stdout.write(str(problem))
-        sys.exit(_REFUSED)
-    sys.exit(0)
+    except ValueError as error:
+        problem = str(error)
+    problem = others.problem or problem or (_WITH_OTHERS if others.opened else "")
+    sys.stdout.write(problem)
+    sys.exit(_REFUSED if problem else 0)
+
+
+class Neighbours:
+    """The files that a file names, which parsers open: in its folder or below, and nowhere else."""
+
+    def __init__(self, path: Path) -> None:
+        self.problem, self.opened = "", set[Path]()
+        self._path = path.resolve()
+        parts = (sys.prefix, sys.base_prefix, *filter(None, sys.path))  # of Python, of the system
+        system = map(Path, (os.devnull, "/proc", "/sys"))
+        self._free = (*(Path(part).resolve() for part in parts), *system)
+
+    def check_open(self, event: str, words: tuple[Any, ...]) -> None:
+        """An audit hook: refuse to open what is not beside the file."""
+        if event == "open" and isinstance(words[0], str | bytes | os.PathLike):
+            self.check(words[0])
+
+    def check(self, name: str | bytes | os.PathLike[Any]) -> None:
+        """Raise PermissionError if a file is not beside the one that is read."""
+        place = Path(os.path.realpath(os.fsdecode(name)))
+        if place.is_relative_to(self._path.parent):
+            self.opened |= {place} - {self._path}
+        elif not any(place.is_relative_to(part) for part in self._free):
+            self.problem = f"names {printable(str(place))}: flexmb reads a mesh from its own folder"
+            raise PermissionError(self.problem)
 
 
 def _first_reading(path: Path, module: str) -> str | None:
     """Read the file in a process of its own; None if that ended well, else what it met."""
-    seconds = math.ceil(_SECONDS + path.stat().st_size / _BYTES_A_SECOND)  # of the processor
+    seconds = math.ceil(max(_SECONDS, path.stat().st_size / _BYTES_A_SECOND))  # of the processor
     command = [sys.executable, "-P", "-m", module, str(path.absolute()), str(seconds)]
     words = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     words["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))  # also where a script changed it
@@ -280,8 +323,11 @@ def _objects(group: h5py.Group, depth: int = 0) -> Iterator[tuple[str, Any]]:
             yield from _objects(item, depth + 1)
 
 
-def _check_objects(file: h5py.File, size: int) -> None:
-    """Raise ValueError at what a file of flexmb never has; read all that is in it."""
+def check_objects(file: h5py.File, size: int, *, packed: bool = False) -> None:
+    """Raise ValueError at what a file of flexmb never has; read all that is in it.
+
+    `packed` datasets are those of other programs, which compress.
+    """
     import h5py
 
     for number, (path, item) in enumerate(_objects(file)):
@@ -292,6 +338,8 @@ def _check_objects(file: h5py.File, size: int) -> None:
             if properties.get_external_count() or properties.get_layout() == h5py.h5d.VIRTUAL:
                 raise ValueError(f"stores {path} in other files: flexmb reads none of them")
             if properties.get_nfilters():
+                if packed:
+                    continue  # memory is limited while it is read
                 raise ValueError(f"stores {path} through a filter, which flexmb never does")
             if item.size is None or item.size * item.dtype.itemsize > size:
                 raise ValueError(f"states more values at {path} than the file has room for")
@@ -304,13 +352,42 @@ def _check_objects(file: h5py.File, size: int) -> None:
                 item[()]
 
 
+@contextmanager
+def hdf5_beside() -> Iterator[None]:
+    """Within a ``with`` block parsers open HDF5 files beside the mesh alone, without links.
+
+    Raises
+    ------
+    ValueError
+        At the end, where a file had such links.
+    """
+    import h5py
+
+    problems: list[ValueError] = []
+
+    class CheckedFile(h5py.File):  # type: ignore[misc]
+        def __init__(self, name: Any, *words: Any, **options: Any) -> None:
+            sys.audit("open", name, "r", 0)  # HDF5 opens it by itself
+            super().__init__(name, *words, **options)
+            try:
+                check_objects(self, os.path.getsize(name), packed=True)
+            except ValueError as problem:
+                problems.append(problem)
+                raise
+
+    h5py.File = CheckedFile
+    yield
+    if problems:
+        raise problems[0]
+
+
 def _read_hdf5(path: Path) -> None:
     """What the process of the first reading does."""
     import h5py
 
     try:
         with h5py.File(path, "r", locking=False) as file:
-            _check_objects(file, path.stat().st_size)
+            check_objects(file, path.stat().st_size)
     except (OSError, RuntimeError, KeyError, TypeError, MemoryError) as problem:
         text = " ".join(str(problem).split())
         raise ValueError(f"is a damaged HDF5 file ({text})") from None

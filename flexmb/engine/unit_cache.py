@@ -19,7 +19,6 @@ import platform
 import re
 import shutil
 import stat
-import tempfile
 import time
 import warnings
 from collections.abc import Sequence
@@ -28,7 +27,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from flexmb.errors import FlexmbWarning
-from flexmb.folders import cache_root, is_writable
+from flexmb.folders import cache_root, is_writable, temporary_folder, whole_file
 
 _ENGINE = Path(__file__).parent
 _IMPORT = re.compile(
@@ -172,9 +171,9 @@ def _forget_unused(folder: Path) -> None:
 
 @functools.cache
 def _scratch_folder() -> Path:
-    folder = tempfile.mkdtemp(prefix="flexmb-units-")
+    folder = temporary_folder()
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return Path(folder)
+    return folder
 
 
 def unit_file(name: str) -> str:
@@ -200,15 +199,8 @@ def write_unit(path: Path, code: bytes, called: Sequence[str]) -> None:
         The folder is gone, read-only or full.
     """
     head = {"format": _FORMAT, "sha256": hashlib.sha256(code).hexdigest(), "calls": list(called)}
-    handle, name = tempfile.mkstemp(prefix=path.stem, suffix=".part", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(json.dumps(head).encode() + b"\n" + code)
-        os.replace(name, path)
-    except BaseException:
-        with suppress(OSError):
-            os.unlink(name)
-        raise
+    with whole_file(path) as partial:
+        partial.write_bytes(json.dumps(head).encode() + b"\n" + code)
 
 
 def read_unit(path: Path) -> Stored | None:

@@ -17,7 +17,6 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -41,6 +40,7 @@ from flexmb.flexbody.stress_modes import (
     ShellForceModes,
     StressModes,
 )
+from flexmb.folders import whole_file
 from flexmb.untrusted import USER_BLOCK, open_hdf5, seal
 
 if TYPE_CHECKING:
@@ -310,7 +310,6 @@ def save_datasets(
     """
     import h5py  # h5py: 20 ms that a check of a scene need not pay
 
-    partial = target.with_name(f"{target.name}.{os.getpid()}.part")  # two runs do not meet
     content = BytesIO()  # HDF5 ends the process where a disk fails, so it never meets one
     with h5py.File(content, "w", userblock_size=USER_BLOCK) as file:
         for row in table:
@@ -326,13 +325,10 @@ def save_datasets(
                 file.create_dataset(place, data=value)
     line = seal(content)
     try:
-        with partial.open("wb") as disk:
+        with whole_file(target) as partial, partial.open("wb") as disk:
             disk.write(line)
             disk.write(content.getbuffer()[USER_BLOCK:])
-        os.replace(partial, target)
     except OSError as error:
-        with suppress(OSError):
-            partial.unlink(missing_ok=True)
         why = os.strerror(error.errno) if error.errno else error
         raise OutputError(f"{target}: cannot write {noun}: {why}") from error
     return target
@@ -403,7 +399,7 @@ def _read_dataset(file: h5py.File, row: Dataset, source: Path) -> Any:
         if row.optional:
             return None
         raise BodyFileError(f"{source}: the dataset {row.path} is missing; write the body again")
-    values = item.asstr()[()].tolist() if row.kind == "text" else item[()]
+    values = np.asarray(item.asstr()[()]).tolist() if row.kind == "text" else item[()]
     if row.kind != "text":
         values = np.asarray(values, dtype=row.kind)
         may_be_unknown = row.kind[0] != "f" or may_hold_nan(row.path)

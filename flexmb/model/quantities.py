@@ -23,7 +23,7 @@ import numpy as np
 from pydantic import BeforeValidator, SerializationInfo, ValidationInfo
 
 from flexmb.errors import FlexmbError, Problem, SceneError
-from flexmb.model.functions.expression import parse
+from flexmb.model.functions.expression import MAX_LENGTH, parse
 from flexmb.model.reading import (
     NUMBER,
     FieldType,
@@ -101,9 +101,10 @@ def expression_and_factor(
 
 def _split(text: str, time: bool) -> tuple[str, str]:
     """Expression and unit; the unit is empty where the text has none."""
-    for gap in re.finditer(r"(?<=\S)\s+(?=\S)", text):
+    short = text if len(text) <= MAX_LENGTH else ""  # each gap is looked at with all that follows
+    for gap in re.finditer(r"(?<=\S)\s+(?=\S)", short):
         front, rest = text[: gap.start()], text[gap.end() :].strip()
-        if not _ENDS_A_VALUE.search(front) or (time and "t" in _SYMBOLS.findall(rest)):
+        if not _ENDS_A_VALUE.search(front[-1]) or (time and "t" in _SYMBOLS.findall(rest)):
             continue
         try:
             parse_unit(rest)

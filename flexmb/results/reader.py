@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import tempfile
 import weakref
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
@@ -20,7 +19,9 @@ from numpy.typing import NDArray
 
 from flexmb.errors import ResultFileError
 from flexmb.flexbody import FlexBody, load
+from flexmb.folders import temporary_folder
 from flexmb.results.channels import Columns, describe_missing, row_bytes, widths
+from flexmb.results.checksums import reading
 from flexmb.results.result_file import read_contents, read_state, read_table
 from flexmb.units import UnitSystem, unit_system
 
@@ -99,7 +100,7 @@ class TemporaryFolder:
     permanent: ClassVar[list[TemporaryFolder]] = []
 
     def __init__(self) -> None:
-        self.path = Path(tempfile.mkdtemp(prefix="flexmb-")).resolve()
+        self.path = temporary_folder()
         weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)
         self.living[self.path] = self
 
@@ -187,7 +188,8 @@ class ResultReader:
 
         Of several, under "" the ratios of the modes that all of them have together.
         """
-        rows = read_damping_text(self.texts.get(DAMPING, "[]"))
+        with reading(self.path):
+            rows = read_damping_text(self.texts.get(DAMPING, "[]"))
         return {one.body: one for one in rows}
 
     @property
@@ -294,7 +296,10 @@ class ResultReader:
 
     def refresh(self) -> None:
         """Read the file again, for a run that has continued since."""
-        self._contents = read_contents(self.path)
+        old = self._contents
+        self._contents = read_contents(self.path, old.sums)
+        if self._contents.run != old.run:
+            self._contents = read_contents(self.path)
         self._rows = ResultReader._rows
         self.close()
 

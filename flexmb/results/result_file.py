@@ -20,6 +20,7 @@ dataset        shape               meaning
 /state/0, 1    (bytes,)            two slots of the integrator's complete state
 /state/arrays  text                its arrays, JSON: names, types, shapes
 /state/saves   (2,)                number of the save in each slot, 0: none; /state/rows: rows then
+/checks, /state/checks             sums of rows and states; see `checksums`
 =============  ==================  ==========================================================
 
 A reader opens the file for each reading and closes it again: a run may write it at the same time,
@@ -31,7 +32,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any, Final
@@ -44,13 +45,17 @@ from numpy.typing import NDArray
 from flexmb.engine.tables import BodyColumns
 from flexmb.errors import OutputError, ResultFileError
 from flexmb.results.channels import TABLES, Columns, StoredColumns, widths
+from flexmb.results.checksums import content_digest, no_rows, reading, state_sum, verify
 from flexmb.results.kill_safe_file import DiskFile, uninterrupted
-from flexmb.untrusted import USER_BLOCK, open_hdf5
+from flexmb.units import unit_system
+from flexmb.untrusted import USER_BLOCK, is_sealed, open_hdf5
 
 STATUS: Final = ("running", "finished", "stopped", "failed")
 _FORMAT, _VERSION = "flexmb-result", 3
 _REPORT_BYTES = 65536  # room for statistics and message, reserved before the run
 _CHUNK_BYTES = 1 << 16  # one chunk of a table: what a flush writes again at most
+_SECTIONS = ("bodies", "joints", "drivers", "forces", "sensors", "markers")  # tables by name
+_MAX_MODES = 100_000  # of all bodies
 _NAMES = ("bodies", "coordinates", "rows", "reactions", "channels", "energies")
 _REQUIRED = (
     *TABLES, "progress", "span", "report", "scene", "texts", "flexbodies", "state", "layout",
@@ -75,6 +80,7 @@ class Contents:
     extended: bool  # whether duration and outputs are no longer those of the scene as begun
     texts: dict[str, str]
     flexbodies: dict[str, str]
+    sums: NDArray[np.int64] | None = None  # of rows that were verified
 
 
 def create_content(
@@ -108,12 +114,15 @@ def create_content(
         for name, text in content.items():
             _write_text(file[group], name, text)
     file.create_group("state")
+    file.create_dataset("checks", data=np.tile(no_rows(), (2, 1)))
+    file.attrs["content"] = content_digest(file)
 
 
 def create_state(group: h5py.Group, arrays: Mapping[str, NDArray[Any]]) -> None:
     """Make both slots of the integrator's state, none of them valid yet."""
     group.create_dataset("saves", data=np.zeros(2, dtype=np.int64))
     group.create_dataset("rows", data=np.zeros(2, dtype=np.int64))
+    group.create_dataset("checks", data=np.zeros(2, dtype=np.int64))
     _write_text(group, "arrays", arrays_text(arrays))
     for slot in ("0", "1"):
         group.create_dataset(slot, data=state_bytes(arrays))
@@ -193,6 +202,7 @@ def store_text(path: Path, name: str, text: str) -> None:
             if name in file["texts"]:
                 del file["texts"][name]
             _write_text(file["texts"], name, text)
+            file.attrs["content"] = content_digest(file)
         disk.seal()
     finally:
         disk.close()
@@ -210,20 +220,26 @@ def file_format(path: str | Path) -> str | None:
         return None
 
 
-def read_contents(path: Path) -> Contents:
-    """Read and check everything but the tables.
+def read_contents(path: Path, verified: NDArray[np.int64] | None = None) -> Contents:
+    """Read and check everything, the tables where the file has no seal.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    verified : (10,) int, optional
+        `Contents.sums` of these rows as they were read before.
 
     Raises
     ------
     ResultFileError
         No such file, not HDF5, not a flexmb result, another version, or damaged.
     """
-    with _open(path) as file:
+    with reading(path), _open(path) as file:
         _check_identity(path, file)
-        try:
-            return _contents(file)
-        except (KeyError, IndexError, TypeError, ValueError) as error:
-            raise ResultFileError(f"{path}: is a damaged result file ({error})") from error
+        contents = _contents(file)
+        sums = None if is_sealed(path) else verify(path, verified)
+        return replace(contents, sums=sums)
 
 
 def read_table(path: Path, run: str, name: str, rows: int, first: int = 0) -> NDArray[np.float64]:
@@ -234,7 +250,7 @@ def read_table(path: Path, run: str, name: str, rows: int, first: int = 0) -> ND
     ResultFileError
         The file is gone, or holds another run by now.
     """
-    with _open(path, run) as file:
+    with reading(path), _open(path, run) as file:
         return np.asarray(file[name][first:rows], dtype=np.float64)
 
 
@@ -246,11 +262,13 @@ def read_state(path: Path, run: str) -> tuple[int, dict[str, NDArray[Any]]] | No
     ResultFileError
         The file is gone, or holds another run by now.
     """
-    with _open(path, run) as file:
+    with reading(path), _open(path, run) as file:
         group = file["state"]
         saves = group["saves"][:] if "saves" in group else np.zeros(2, dtype=np.int64)
         slot = int(np.argmax(saves))
-        if saves[slot] == 0:
+        if saves[slot] and not _is_whole(group, slot):
+            slot = 1 - slot  # the one before
+        if saves[slot] == 0 or not _is_whole(group, slot):
             return None
         data, start, arrays = group[str(slot)][:].tobytes(), 0, dict[str, NDArray[Any]]()
         for name, kind, shape in json.loads(group["arrays"].asstr()[()]):
@@ -259,6 +277,14 @@ def read_state(path: Path, run: str) -> tuple[int, dict[str, NDArray[Any]]] | No
             arrays[name] = np.frombuffer(data, dtype, n, start).reshape(shape).copy()
             start += n * dtype.itemsize
         return int(group["rows"][slot]), arrays
+
+
+def _is_whole(group: h5py.Group, slot: int) -> bool:
+    """Whether a slot of the state matches its checksum."""
+    if "checks" not in group:
+        return True  # of an earlier flexmb
+    saves, rows = int(group["saves"][slot]), int(group["rows"][slot])
+    return bool(group["checks"][slot] == state_sum(saves, rows, group[str(slot)][:]))
 
 
 def _open(path: Path, run: str | None = None) -> h5py.File:
@@ -274,11 +300,11 @@ def _open(path: Path, run: str | None = None) -> h5py.File:
 
 def _check_identity(path: Path, file: h5py.File) -> None:
     name = file.attrs.get("format")
-    if name != _FORMAT:
+    if not isinstance(name, str) or name != _FORMAT:
         kind = f'a "{name}" file' if isinstance(name, str) else "an HDF5 file of another program"
         raise ResultFileError(f"{path}: is {kind}, not a result of flexmb")
     version = file.attrs.get("version")
-    if version != _VERSION:
+    if not np.array_equal(version, _VERSION):
         raise ResultFileError(
             f"{path}: is a result of format version {version}; this flexmb reads version "
             f"{_VERSION}; run the scene again, or use the flexmb that wrote it"
@@ -296,8 +322,13 @@ def _contents(file: h5py.File) -> Contents:
         shape, k = file[name].shape, len(stored[name])
         if k > width or shape[1:] != (() if name == "time" else (k,)) or shape[0] < rows:
             raise ValueError(f"{name} has shape {shape}, {rows} rows and {k} columns expected")
+        if len(numbers := stored[name]) and not (
+            numbers[0] >= 0 and numbers[-1] < width and (np.diff(numbers) > 0).all()
+        ):
+            raise ValueError(f"layout/kept/{name} does not number its columns")
     report = json.loads(file["report"][()])
     scene = json.loads(file["scene"].asstr()[()])
+    _check_scene(scene)
     original = scene.get("dynamics", {})
     duration, outputs = (float(number) for number in file["span"][:])
     if math.isfinite(duration) and math.isfinite(outputs):
@@ -316,6 +347,17 @@ def _contents(file: h5py.File) -> Contents:
         texts={name: data.asstr()[()] for name, data in file["texts"].items()},
         flexbodies=_read_file_names(file["flexbodies"]),
     )
+
+
+def _check_scene(scene: Any) -> None:
+    """Raise TypeError or ValueError where a scene has another shape than those of flexmb."""
+    for name in _SECTIONS:
+        if not all(isinstance(table, dict) for table in scene.get(name, {}).values()):
+            raise TypeError(f"its scene has {name} that are no tables")
+    for name in ("dynamics", "view", "results"):
+        if not isinstance(scene.get(name, {}), dict):
+            raise TypeError(f"{name} of its scene is no table")
+    unit_system(str(scene.get("units", "SI")))
 
 
 def _read_file_names(group: h5py.Group) -> dict[str, str]:
@@ -340,6 +382,11 @@ def _read_layout(group: h5py.Group) -> Columns:
         BodyColumns(name, int(iq), int(iv), int(m))
         for name, (iq, iv, m) in zip(names.pop("bodies"), offsets, strict=True)
     )
+    iq, iv = 0, 0
+    for body in bodies:
+        if (body.iq, body.iv) != (iq, iv) or not 0 <= body.m <= _MAX_MODES - iv:
+            raise ValueError(f"the columns of {body.name} are not those of a body")
+        iq, iv = iq + 7 + body.m, iv + 6 + body.m
     return Columns(
         bodies=bodies,
         nq=sum(7 + body.m for body in bodies) + len(names["coordinates"]),
@@ -393,6 +440,7 @@ def _write_copy(path: Path, duration: float, outputs: int) -> None:
                 if name not in TABLES:
                     old.copy(name, new)
             new["span"][:] = duration, outputs
+            new.attrs["content"] = content_digest(new)
         disk.complete()
         disk.seal()
     finally:

@@ -10,6 +10,7 @@ which one is always whole. Rows that are not finite are refused; the rows before
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Self
@@ -28,6 +29,7 @@ from flexmb.results.channels import (
     stored_columns,
     widths,
 )
+from flexmb.results.checksums import add_rows, no_rows, reading, state_sum, sum_rows
 from flexmb.results.kill_safe_file import DiskFile, uninterrupted
 from flexmb.results.result_file import (
     STATUS,
@@ -117,6 +119,7 @@ class ResultWriter:
         self.columns = Columns.of(layout)
         self.stored = stored_columns(self.columns, scene)
         self._rows = 0
+        self._sums = no_rows()
         self._saves = 0
         self._capacity = max(int(n_outputs), 1)
         self._disk = _open_disk(self.path, new=True)
@@ -153,15 +156,18 @@ class ResultWriter:
             if newest is None:
                 what = "was cut off before its first state was kept; run the scene again"
                 raise ResultFileError(f"{writer.path}: {what}")
-            with uninterrupted():
+            with uninterrupted(), reading(writer.path), ExitStack() as stack:
                 writer._disk.write(bytes(USER_BLOCK))  # no seal while rows are added
-                writer._file = h5py.File(writer._disk, "r+")
+                writer._file = stack.enter_context(h5py.File(writer._disk, "r+"))
                 writer.columns, writer.stored = contents.columns, contents.stored
                 writer._rows = newest[0]
                 writer._saves = int(writer._file["state/saves"][:].max())
                 writer._capacity = len(writer._file["time"])
+                writer._sums = sum_rows(writer._file, writer._rows)
+                writer._write_sums()
                 writer._file["progress"][:] = writer._rows, STATUS.index("running")
                 writer._flush()
+                stack.pop_all()
         except BaseException:
             writer._disk.close()
             raise
@@ -219,8 +225,11 @@ class ResultWriter:
             slot = self._saves % 2
             group["saves"][slot] = 0  # not valid while it is being written
             self._flush()
-            group[str(slot)][...] = state_bytes(arrays)
+            data = state_bytes(arrays)
+            group[str(slot)][...] = data
             group["rows"][slot] = self._rows
+            if "checks" in group:
+                group["checks"][slot] = state_sum(self._saves + 1, self._rows, data)
             self._flush()
             self._saves += 1
             group["saves"][slot] = self._saves
@@ -235,9 +244,10 @@ class ResultWriter:
             The disk failed.
         """
         with uninterrupted():
+            self._rows, self._sums = 0, no_rows()
+            self._write_sums()
             self._file["progress"][0] = 0
             self._flush()
-            self._rows = 0
 
     def finish(
         self, statistics: Mapping[str, float | int | str], status: str, message: str = ""
@@ -303,14 +313,25 @@ class ResultWriter:
         start, stop = self._rows, self._rows + k
         if stop > self._capacity:
             self._grow(stop)
-        for name, values in tables.items():
-            stored = values[:k] if name == "time" else values[:k, self.stored[name]]
-            if stored.size:
-                self._file[name][start:stop] = stored
-        self._flush()
+        stored = {
+            name: values[:k] if name == "time" else values[:k, self.stored[name]]
+            for name, values in tables.items()
+        }
+        for name, values in stored.items():
+            if values.size:
+                self._file[name][start:stop] = values
+        self._sums = add_rows(self._sums, stored, k)
+        self._write_sums()
         self._file["progress"][0] = stop
         self._flush()
         self._rows = stop
+
+    def _write_sums(self) -> None:
+        """Write the sums where they are not those of the rows that `/progress` counts now."""
+        if "checks" in self._file:  # else of an earlier flexmb
+            checks = self._file["checks"]
+            checks[int(checks[0, 0] == self._file["progress"][0])] = self._sums
+        self._flush()
 
     def _grow(self, rows: int) -> None:
         self._capacity = max(rows, 2 * self._capacity)

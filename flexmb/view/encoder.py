@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import ViewError
-from flexmb.folders import whole_file
+from flexmb.folders import partial_path, whole_file
 
 Image = NDArray[np.uint8]
 
@@ -119,8 +119,9 @@ def write_film(frames: Iterable[Image], path: Path, rate: float, samples: int = 
 @contextmanager
 def _whole_folder(path: Path) -> Iterator[Path]:
     """A folder beside `path`, whose pictures move there at the end in place of older ones."""
-    folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    folder = partial_path(path)
     try:
+        folder.mkdir()
         yield folder
         path.mkdir(exist_ok=True)
         for old in path.glob(_FRAMES):

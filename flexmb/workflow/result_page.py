@@ -1,12 +1,11 @@
 """``flexmb report``: one web page on a run, a comparison of runs, or a study.
 
-In: results, or the folder of a study. Out: a file of HTML that needs nothing else. What a result
-does not hold is left out of its page and named at its end.
+In: results, or the folder of a study or a sweep. Out: a file of HTML that needs nothing else. What
+a result does not hold is left out of its page and named at its end.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -30,7 +29,7 @@ from flexmb.workflow.audit import TEXT as AUDIT
 from flexmb.workflow.audit import Audit
 from flexmb.workflow.comparison_page import PHASES, comparison_parts, foot, picture_of
 from flexmb.workflow.installation import machine
-from flexmb.workflow.run_report import PROVENANCE, check_frequencies, check_sensors
+from flexmb.workflow.run_report import check_frequencies, check_sensors, provenance
 
 _ENDINGS = (".html", ".htm")
 _MOST_MODES = 12
@@ -49,7 +48,7 @@ def report(*sources: Result | str | Path, output: str | Path | None = None, **op
     Parameters
     ----------
     *sources : Result or path
-        A result, its folder, or the folder of a study; or several results.
+        A result, its folder, or the folder of a study or a sweep; or several results.
     output : path, optional
         The file; ``report.html`` beside the (first) source by default.
     **options
@@ -89,7 +88,7 @@ def report_page(
     Parameters
     ----------
     *sources : Result or path
-        A result, its folder, or the folder of a study; or several results.
+        A result, its folder, or the folder of a study or a sweep; or several results.
     parts : sequence of str, optional
         Of the page on one run: ``"summary"``, ``"motion"``, ``"pictures"``, ``"checks"``,
         ``"plots"``, ``"model"``, ``"effects"``, ``"accuracy"``, ``"hot_spots"``, ``"modes"``,
@@ -392,7 +391,7 @@ class _ResultPage:
     def _provenance(self) -> Html:
 
         run = self.result
-        data = json.loads(run.texts.get(PROVENANCE, "{}"))
+        data = provenance(run)
         rows = [("result", str(run.path)), ("run started", run.created)]
         rows += [(k.replace("_", " "), _text(v)) for k, v in data.items() if k != "bodies" and v]
         for name, hashes in data.get("bodies", {}).items():

@@ -244,8 +244,11 @@ def provenance_text(
 
 def provenance(result: Result) -> dict[str, Any]:
     """The provenance in a result; empty if there is none."""
-    data: dict[str, Any] = json.loads(result.texts.get(PROVENANCE, "{}"))
-    return data
+    from flexmb.results.checksums import reading
+
+    with reading(result.path):
+        data: dict[str, Any] = json.loads(result.texts.get(PROVENANCE, "{}"))
+        return data | {"bodies": dict(data.get("bodies", {}))}
 
 
 def body_hash(body: FlexBody) -> str:

@@ -16,7 +16,6 @@ from __future__ import annotations
 import contextlib
 import io
 import os
-import struct
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -38,7 +37,7 @@ from skfem.quadrature import get_quadrature
 
 from flexmb.errors import MeshError, Problem, nearest
 from flexmb.flexbody.arrays import FloatArray, IntArray
-from flexmb.untrusted import check_reading, serve_reading
+from flexmb.untrusted import check_reading, hdf5_beside, serve_reading
 
 DIMENSION = {"vertex": 0, "line": 1, "triangle": 2, "quad": 2, "polygon": 2} | {
     name: 3 for name in ("tetra", "pyramid", "wedge", "hexahedron", "polyhedron")
@@ -142,11 +141,6 @@ class Mesh:
 
 Groups = dict[str, dict[str, list[IntArray]]]
 
-_UNREADABLE = (  # what meshio's parsers let through on a file they cannot parse
-    SystemExit, OSError, EOFError, ValueError, LookupError, TypeError, AttributeError,
-    AssertionError, ArithmeticError, RuntimeError, struct.error,
-)  # fmt: skip
-
 _FORGOTTEN = ("wedge15", "pyramid13", "hexahedron24")  # meshio 5.3.5 fails on these: no dimension
 
 
@@ -199,7 +193,9 @@ def _read_quietly(source: Path) -> Any:
             return meshio.read(source)
     except meshio.ReadError as error:
         reason = str(error)
-    except _UNREADABLE as error:
+    except MemoryError:
+        raise
+    except (Exception, SystemExit) as error:  # noqa: BLE001  its parsers let through what there is
         reason = "" if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}"
     has_format = source.suffix.lower() in meshio.extension_to_filetypes
     what = (
@@ -388,7 +384,7 @@ def _add_areas(total: FloatArray, mesh: Mesh, kind: str, cells: IntArray) -> Non
 
 
 def _read_apart(source: Path) -> None:
-    with contextlib.suppress(MeshError):  # then the process that wants the mesh says so
+    with hdf5_beside(), contextlib.suppress(MeshError):  # which the next reading says
         _read(source)
 
 

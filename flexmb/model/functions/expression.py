@@ -21,7 +21,7 @@ from flexmb.errors import Problem, SceneError, nearest
 from flexmb.model.functions.derivatives import Jet, evaluate
 
 _WINDOW = 60  # characters of a long text shown on either side of the mistake
-_MAX_LENGTH = 2000  # characters; beyond it the text is no formula, and Python's parser may give up
+MAX_LENGTH = 2000  # characters; beyond it the text is no formula, and Python's parser may give up
 
 
 def syntax_tree(text: str) -> ast.expr:
@@ -30,8 +30,8 @@ def syntax_tree(text: str) -> ast.expr:
     lead = len(flat) - len(body)
     if not body:
         raise mistake(text, 0, "the expression is empty")
-    if len(body) > _MAX_LENGTH:
-        raise mistake(text, 0, f"the expression is longer than {_MAX_LENGTH} characters")
+    if len(body) > MAX_LENGTH:
+        raise mistake(text, 0, f"the expression is longer than {MAX_LENGTH} characters")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

@@ -11,9 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from resultfiles import block
+from resultfiles import block, writer
 
-from flexmb.results import Result
+from flexmb import untrusted
+from flexmb.errors import ResultFileError
+from flexmb.results import Result, checksums
+from flexmb.results.channels import TABLES
 
 WRITE = """
 import sys
@@ -70,3 +73,34 @@ def test_readable_after_some_kills(tmp_path: Path) -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL is a POSIX signal")
 def test_readable_after_many_kills(tmp_path: Path) -> None:
     _kill_many(tmp_path, 40)
+
+
+def test_flipped_bits_of_a_killed_run_are_noticed_or_change_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(checksums, "_PAUSE", 0.0)
+    monkeypatch.setattr(untrusted, "_first_reading", lambda *_: None)  # here, to be fast
+    with writer(tmp_path / "run.h5", texts={"scene": "a" * 500}) as out:
+        out.save_state({"v": np.zeros(500)})
+        for k in range(4):
+            out.append(block(5 * k, 5))
+            out.save_state({"v": np.full(500, float(k + 1))})
+        whole = out.path.read_bytes()
+    path, rng, outcomes = tmp_path / "killed.h5", random.Random(2), []
+    for n in range(150):
+        damaged = bytearray(whole)
+        place = rng.randrange(untrusted.USER_BLOCK, len(whole)) if n else 0
+        damaged[place] ^= 1 << rng.randrange(8) if n else 0
+        path.write_bytes(damaged)
+        try:
+            result = Result(path)
+            read = [result.table(name).tobytes() for name in TABLES]
+            rows, state = result.last_state()
+            outcomes.append((read, result.texts, result.model, rows, state["v"].tolist()))
+        except ResultFileError:
+            outcomes.append(None)
+    true = outcomes[0]
+    assert true is not None
+    earlier = (*true[:3], 15, [3.0] * 500)  # the state before, where the newest is damaged
+    assert all(outcome in (None, true, earlier) for outcome in outcomes)
+    assert None in outcomes and earlier in outcomes
