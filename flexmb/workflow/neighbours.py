@@ -78,7 +78,7 @@ class Neighbours:
     folder: Path
     progress: Progress = silent
     notes: list[str] = field(default_factory=list)
-    _known: dict[tuple[str, str], Change] = field(default_factory=dict)
+    _changes_of: dict[tuple[str, str], Change] = field(default_factory=dict)
 
     @classmethod
     def of(cls, run: Result, most_rows: int, progress: Progress = silent) -> Neighbours:
@@ -137,7 +137,7 @@ class Neighbours:
         from flexmb.analysis.effects.contribution import contributions
 
         histories, change, names, cost = self._change(effect)
-        alike = [one for one in self._listed if (one.name, one.on) == (effect.name, effect.on)]
+        alike = [one for one in self._estimable if (one.name, one.on) == (effect.name, effect.on)]
         made = contributions(self.model, histories, change, names)
         if effect.body and len(alike) > 1 and any(one.at_rest and one.share for one in made):
             together = np.sum([self._change(one)[1] for one in alike], axis=0)  # to first order
@@ -145,17 +145,19 @@ class Neighbours:
         return made, cost
 
     @cached_property
-    def _listed(self) -> list[Effect]:
+    def _estimable(self) -> list[Effect]:
         return [effect for effect in self.effects() if not effect.why]
 
     def _change(self, effect: Effect) -> Change:
         key = effect.name, effect.body
-        if key not in self._known:
+        if key not in self._changes_of:
             deforms = effect.name in (DEFORMATION, VIBRATION)
-            self._known[key] = self._deformation(effect) if deforms else self._switched(effect)
-        return self._known[key]
+            self._changes_of[key] = (
+                self._deformation(effect) if deforms else self._switch_change(effect)
+            )
+        return self._changes_of[key]
 
-    def _switched(self, effect: Effect) -> Change:
+    def _switch_change(self, effect: Effect) -> Change:
         """Of all but deformation, along the motion of the run."""
         model = self.neighbour(effect)
         bodies, shapes = dict(self.bodies), {}

@@ -149,8 +149,7 @@ def respond(
         dq[k], dv, dvd = (frames.outward(k, part[k]) for part in parts)
         size = np.abs(parts[0, k]).max(initial=0.0)
         changes = []
-        # rows of constraints are closed to first order only: what a change at full size adds to
-        # that of a small one, in proportion, is no more than a large turn takes away
+        # joints are closed to first order only: at full size large turns may take away, not add
         for f in (1.0, min(1.0, _SMALL / size) if size > 0.0 else 1.0):
             motion.put(k, equations)
             now.q[:] = equations.moved(motion.q[k], f * dq[k])
@@ -282,8 +281,7 @@ class _Segment:
 def _segment(of: _Coefficients, first: int) -> _Segment:
     """Rows from `first` on along which one choice of independent coordinates serves.
 
-    Modes are independent wherever they can be, so that stiffness does not turn with the motion; and
-    bodies that turn little, in whose axes others move slowly.
+    Modes and bodies that turn little are independent where they can be: nothing turns with motion.
     """
     from scipy.linalg import qr
 
