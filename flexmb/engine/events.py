@@ -150,8 +150,10 @@ def missed_event(run: Run, h: float) -> int:
     if memory["event_trials"] == 0.0:
         memory["step_before_event"] = h
     least = _MIN_STEP_FRACTION * (settings.end - settings.start)
-    shorter = max(h * max(share * aim, 1e-3), least)
-    if shorter >= h:
+    shorter = h * max(share * aim, 1e-3)
+    if run.method.collocation > 0:
+        shorter = max(shorter, least)
+    if shorter < least or shorter >= h:
         return 0
     memory["event_trials"] += 1.0
     memory["next_step"] = shorter
