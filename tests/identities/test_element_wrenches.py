@@ -73,6 +73,22 @@ def test_what_is_read_is_what_acts(name):
     np.testing.assert_allclose(bench.channels, acts, rtol=0, atol=1e-12 * np.abs(acts).max())
 
 
+def test_a_preload_acts_on_J_without_any_deflection():
+    """And its opposite on I, both at the same point."""
+    made = Model("preload")
+    for body in "ab":
+        made.add_body(body, mass=1, inertia=[1, 1, 1])
+    pull = {"preload": [1, -2, 3], "preload_torque": [4, 5, -6]}
+    made.add_force("f", "bushing", between=["a", "b"], free="together", **pull)
+    for side in "JI":
+        for what in ("force", "moment"):
+            made.add_sensor(
+                f"{what}{side}", "reaction", force="f", on=side, quantity=what, axes="global"
+            )
+    wanted = np.array([1.0, -2, 3, 4, 5, -6])
+    np.testing.assert_allclose(Bench(made).at().channels, [*wanted, *-wanted], atol=1e-15)
+
+
 @pytest.mark.parametrize("name", ["spring", "law", "bush", "beam", "stop", "corners"])
 def test_what_is_stored_is_what_forces_take(name):
     """dE = -F.dx along any small motion from rest, with preloads, laws and any exponent."""

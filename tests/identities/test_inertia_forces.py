@@ -11,7 +11,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from enginekit import Bench, curvature, rotation, slope
-from generators import Mechanism, cloud
+from generators import Mechanism
+from generators import cloud as random_cloud
 
 from flexmb.model import Model
 
@@ -101,7 +102,7 @@ def test_mass_matrix_gives_the_energy_and_the_inertia_forces(free):
 
 def test_damping_of_single_modes_is_that_of_their_matrix():
     """A diagonal D is a product of numbers: D rate in the modal rows, and its power."""
-    points, made = cloud(np.random.default_rng(7), 4), Model("body")
+    points, made = random_cloud(np.random.default_rng(7), 4), Model("body")
     D = np.array([0.3, 0.0, 1.2, 0.7])
     made.add_body("b", replace(points, D=np.diag(D)).flexbody("b"))
     bench = Bench(made)
@@ -118,7 +119,7 @@ def test_damping_of_single_modes_is_that_of_their_matrix():
 
 def test_stress_of_a_spin_stiffens():
     """A field that pulls along x by Omega^2 adds Omega^2 K^xx to the stiffness of modes."""
-    points, made = cloud(np.random.default_rng(9), 3), Model("body")
+    points, made = random_cloud(np.random.default_rng(9), 3), Model("body")
     C = np.zeros((3, 3, 3, 3))
     C[0, 0] = np.diag([2.0, 3.0, 5.0])
     plain = points.flexbody("b")
