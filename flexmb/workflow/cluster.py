@@ -10,7 +10,6 @@ fails.
 
 from __future__ import annotations
 
-import importlib.util
 import itertools
 import queue
 import time
@@ -18,6 +17,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sized
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import Any
 
 from flexmb.errors import FlexmbError
@@ -78,7 +78,7 @@ def open_cluster(
     """
     if workers < 1:
         raise FlexmbError(f"workers: at least one is needed, given {workers}")
-    if dashboard and not scheduler and importlib.util.find_spec("bokeh") is None:
+    if dashboard and not scheduler and find_spec("bokeh") is None:
         what = 'the dashboard needs the package bokeh: pip install "flexmb[dashboard]"'
         raise FlexmbError(what)
     with ExitStack() as stack:

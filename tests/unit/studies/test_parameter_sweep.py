@@ -127,6 +127,9 @@ def test_runs_are_used_again_and_more_samples_continue(scene: Path) -> None:
     np.testing.assert_array_equal(more[RANGE][:4], first[RANGE])
     rows = read_rows(scene.parent / "sweep" / "runs.parquet")
     assert len(rows) == 8
+    other = sweep(scene, knobs, samples=4, sensors=["ball.y:max", RANGE])
+    assert other.reused == 0  # they lack a scalar
+    assert np.isfinite(other["ball.y:max"]).all()
     assert {"v", RANGE, "status", "reason", "notes", "seconds"} <= set(rows.column_names)
     scene.write_text(PROJECTILE.replace("mass = 2", "mass = 3"), encoding="utf-8")
     with pytest.raises(flexmb.FlexmbError, match="holds runs of another scene"):
