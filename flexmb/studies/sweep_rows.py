@@ -170,13 +170,13 @@ class SweepRows:
 
     def command(self, run: int) -> str:
         """The command that does a run again, by itself and with its history."""
-        return self.command_of(self.settings[run], run)
+        return self.command_of(self.settings[run], f"run_{run}")
 
-    def command_of(self, setting: Mapping[str, Any], run: int) -> str:
-        """The command that runs a setting, into a folder with the number of a run."""
+    def command_of(self, setting: Mapping[str, Any], name: str) -> str:
+        """The command that runs a setting, into a folder of this name in that of the sweep."""
         changes = {**self.overrides, **setting}
         words = [f"--set {shlex.quote(f'{k}={toml_text(v)}')}" for k, v in changes.items()]
         if not self.source:
             return setting_text(setting)
-        output = shlex.quote(str(self.folder / f"run_{run}"))
+        output = shlex.quote(str(self.folder / name))
         return f"flexmb run {shlex.quote(self.source)} {' '.join(words)} --output {output}"
