@@ -40,6 +40,7 @@ PAGES = (
     "accuracy",
     "studies",
     "budget",
+    "cluster",
     "hard-cases",
     "statics",
     "linearization",

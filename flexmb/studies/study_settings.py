@@ -83,13 +83,15 @@ class StudySource:
         return cls(model, raw_scene(path), home, folder, dict(overrides or {}), str(path))
 
     @classmethod
-    def of_model(cls, model: Model, output: str | Path | None) -> StudySource:
+    def of_model(
+        cls, model: Model, output: str | Path | None, name_of_folder: str = "study"
+    ) -> StudySource:
         """A model from Python; its bodies that are objects in memory are written to the folder."""
         from flexmb.flexbody import save
 
         model.validate()
         name = re.sub(r"\W+", "_", model.title.lower()).strip("_") or "model"
-        folder = (Path("out") / name / "study" if output is None else Path(output)).resolve()
+        folder = (Path("out") / name / name_of_folder if output is None else Path(output)).resolve()
         files: dict[str, Path] = {}
         for body, spec in model.bodies.items():
             if isinstance(spec, FlexbodySpec) and not isinstance(spec.flexbody, str):
@@ -171,7 +173,7 @@ def make_settings(source: StudySource, vary: Mapping[str, tuple[Any, ...]]) -> l
     SceneError
         Unknown knobs, knobs that exclude each other, or values of which the model takes none.
     """
-    knobs = _resolve_knobs(source, vary)
+    knobs = resolve_knobs(source, vary, exclusive=False)
     tables = _without_conflict(knobs)
     count = sum(math.prod(len(values) for values in table.values()) for table in tables)
     if count > _MAX_RUNS:
@@ -207,9 +209,16 @@ def change_model(source: StudySource, changes: Mapping[str, Any]) -> tuple[Model
     return Model.from_scene_dict(scene, source.folder), scene
 
 
-def _resolve_knobs(
-    source: StudySource, vary: Mapping[str, tuple[Any, ...]]
+def resolve_knobs(
+    source: StudySource, vary: Mapping[str, tuple[Any, ...]], *, exclusive: bool = True
 ) -> dict[str, tuple[Any, ...]]:
+    """The knobs by their full names; accuracy and step exclude each other unless told otherwise.
+
+    Raises
+    ------
+    SceneError
+        Knobs that are unknown, given twice, or exclude each other.
+    """
     knobs: dict[str, tuple[Any, ...]] = {}
     problems: list[Problem] = []
     for text, values in vary.items():
@@ -224,6 +233,9 @@ def _resolve_knobs(
         knobs[name] = tuple(values)
     if not knobs:
         problems.append(Problem("vary", 'no knob is given, such as accuracy = "1e-2..1e-6"'))
+    if exclusive and set(_EITHER) <= set(knobs):
+        what = "accuracy and step exclude each other: fixed steps have no accuracy; vary one"
+        problems.append(Problem("vary", what))
     if problems:
         raise SceneError.from_problems(problems)
     return knobs

@@ -24,7 +24,7 @@ import pytest
 
 from tests.mutants import ROOT, Mutant, all_mutants, relevant_tests, rooms
 
-_TIME_LIMIT = 300  # s of processor time for the tests of one mutant
+_TIME_LIMIT = 200  # s of processor time for the tests of one mutant
 _COPIED = ("flexmb", "tests", "cases", "meshes")
 _COMMON = ("scipy.linalg", "scipy.sparse.linalg", "scipy.spatial", "scipy.optimize", "skfem")
 _COMMON += ("scipy.integrate", "meshio", "h5py", "pydantic", "tomllib")

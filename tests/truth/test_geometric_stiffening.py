@@ -15,7 +15,7 @@ from flexmb.errors import ReductionError
 from flexmb.fe import Mesh, assemble, general, make_interfaces, rectangle, reduce, resolve
 from flexmb.fe.assembly.assemble import geometric_stiffness
 from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
-from flexmb.fe.reduction.geometric_stiffening import _force_per_mass
+from flexmb.fe.reduction.geometric_stiffening import _force_per_mass, _rotation_stiffness
 from flexmb.fe.reduction.inertia_relief import InertiaRelief, centrifugal_fields
 from flexmb.model import Model
 
@@ -67,6 +67,25 @@ def test_stress_of_a_load_turns_with_the_body(load):
     found = R.T @ (geometric_stiffness(fe, fixed.free(relief.loads(f)), per_mass) @ R)
     wanted = np.trace(moments) * np.eye(3) - moments
     np.testing.assert_allclose(found, wanted, atol=0.02 * np.abs(moments).max())
+
+
+def test_a_rigid_interface_turns_with_the_forces_on_its_nodes():
+    """The same of a solid whose end is rigid: what its nodes carry acts at its point."""
+    fe = assemble(solid_box("hexahedron20", [3, 1, 1], (1.0, 0.4, 0.3)), resolve("steel"))
+    ends = make_interfaces(fe, {"a": "x0", "b": "x1"})
+    fixed, relief = FixedInterfaceModel(fe, ends, tuple(range(6))), InertiaRelief(fe.M, fe.rigid)
+    for axis in range(3):
+        f, turns = fixed.loads()[:, 6 + axis], fe.rigid[:, 3:]
+        u = fixed.free(relief.loads(f))
+        links = fe.K @ u - relief.loads(f) + f
+        found = turns.T @ (geometric_stiffness(fe, u) @ turns)
+        found += sum(_rotation_stiffness(fe, end, links) for end in ends)
+        per_mass = _force_per_mass(fe, np.zeros((3, 3)), relief.acceleration(f))
+        moments = np.outer(ends[1].position, np.eye(3)[axis]) + moments_of_inertia_load(
+            fe, per_mass
+        )
+        wanted = np.trace(moments) * np.eye(3) - moments
+        np.testing.assert_allclose(found, wanted, atol=1e-9 * np.abs(moments).max())
 
 
 def main_frequency(t, y):

@@ -395,15 +395,16 @@ class _Builder:
                     values.append((v - expected) / size)
                     owners.append([hold.support])
                     continue
-                same = int(np.argmax(np.abs(shares)))
-                if abs(shares[same]) > 1.0 - _PARALLEL and hold.support not in owners[same]:
-                    owners[same].append(hold.support)
                 if abs(v - expected) > _AGREE * max(abs(v), abs(expected)):
                     name = self.names[hold.support]
                     place = f"node {site.node}" if site.interface < 0 else "the interface"
                     other = ", ".join(sorted({f'"{self.names[s]}"' for one in owners for s in one}))
                     what = f"moves {place} by {v:.6g}, the support {other} by {expected:.6g}"
                     problems.setdefault(name, Problem(f"supports.{name}", what))
+                    continue
+                same = int(np.argmax(np.abs(shares)))
+                if abs(shares[same]) > 1.0 - _PARALLEL and hold.support not in owners[same]:
+                    owners[same].append(hold.support)
         return np.array(basis).reshape(-1, 3), values, owners
 
     def _rotation(self, turned: Sequence[tuple[IntArray, FloatArray]]) -> csr_array:
