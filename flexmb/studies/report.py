@@ -318,7 +318,12 @@ class Study(StudyRows):
         words = "accuracy or step" if _both(self) else self.knobs[along]
         note = self._note(f"along each line: {words}")
         figure = work_precision_figure(
-            panels, self._floors(), self._chosen(), target=self.target, title=self.title, note=note
+            panels,
+            self._floors(),
+            self._best_points(),
+            target=self.target,
+            title=self.title,
+            note=note,
         )
         return _save(figure, output)
 
@@ -339,11 +344,16 @@ class Study(StudyRows):
         panels = {name: _curves(models, name) for name in self.compared}
         note = self._note("the front: no other setting is cheaper and better")
         figure = pareto_figure(
-            panels, self._floors(), self._chosen(), target=self.target, title=self.title, note=note
+            panels,
+            self._floors(),
+            self._best_points(),
+            target=self.target,
+            title=self.title,
+            note=note,
         )
         return _save(figure, output)
 
-    def _chosen(self) -> dict[str, tuple[float, float]]:
+    def _best_points(self) -> dict[str, tuple[float, float]]:
         """Time and error of the cheapest setting that meets the target, by quantity."""
         rows = {name: self.cheapest(name) for name in self.compared}
         return {

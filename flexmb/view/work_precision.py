@@ -41,7 +41,7 @@ Marks = Mapping[str, tuple[float, float]]
 
 
 def work_precision_figure(
-    panels: Panels, floors: Mapping[str, float], chosen: Marks | None = None, *, target: float,
+    panels: Panels, floors: Mapping[str, float], best: Marks | None = None, *, target: float,
     title: str, note: str = "",
 ) -> Figure:  # fmt: skip
     """Error against processor time, one line per series, its points joined in their order.
@@ -52,7 +52,7 @@ def work_precision_figure(
         Quantity to its series.
     floors : mapping
         Smallest error that can be shown, by quantity; less is shaded.
-    chosen : mapping, optional
+    best : mapping, optional
         Time and error of the cheapest setting that meets the target, by quantity: ringed.
     target : float
         Error to be met, drawn as a line.
@@ -68,14 +68,14 @@ def work_precision_figure(
     for axes, (name, curves) in zip(grid, panels.items(), strict=False):
         points = _draw(axes, curves, joined=True)
         _finish(axes, name, floors.get(name), target)
-        _mark(axes, (chosen or {}).get(name))
+        _mark(axes, (best or {}).get(name))
         _label(axes, points, points)
     _legend(figure, grid)
     return figure
 
 
 def pareto_figure(
-    panels: Panels, floors: Mapping[str, float], chosen: Marks | None = None, *, target: float,
+    panels: Panels, floors: Mapping[str, float], best: Marks | None = None, *, target: float,
     title: str, note: str = "",
 ) -> Figure:  # fmt: skip
     """Error against processor time as points, a colour per series, and the front through the best.
@@ -94,7 +94,7 @@ def pareto_figure(
             where="post", color=GHOST, lw=1.2, zorder=1, label="front",
         )  # fmt: skip
         _finish(axes, name, floors.get(name), target)
-        _mark(axes, (chosen or {}).get(name))
+        _mark(axes, (best or {}).get(name))
         _label(axes, front, points)
     _legend(figure, grid)
     return figure
@@ -116,11 +116,11 @@ def _draw(axes: Any, curves: Sequence[Curve], *, joined: bool) -> list[Point]:
     return points
 
 
-def _mark(axes: Any, chosen: tuple[float, float] | None) -> None:
+def _mark(axes: Any, best: tuple[float, float] | None) -> None:
     """A ring around the setting that is recommended."""
-    if chosen is not None:
+    if best is not None:
         axes.plot(
-            *([value] for value in chosen), marker="o", ms=15, mfc="none", mec=INK, mew=1.6, ls="",
+            *([value] for value in best), marker="o", ms=15, mfc="none", mec=INK, mew=1.6, ls="",
             label="cheapest that meets it", zorder=5,
         )  # fmt: skip
 
@@ -147,7 +147,7 @@ def _label(axes: Any, front: Sequence[Point], points: Sequence[Point]) -> None:
                 axes.annotate(
                     point[2], point[:2], xytext=(dx, dy), textcoords="offset points",
                     fontsize=7, color=point[3], ha=ha, va="center",
-                )  # fmt: skip
+                ).set_in_layout(False)  # fmt: skip
                 taken.append(box)
                 break
 
