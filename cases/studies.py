@@ -86,11 +86,12 @@ def summary_table(studies: dict[str, Any]) -> list[str]:
         "|---|---|---:|---:|",
     ]
     for name, study in studies.items():
-        rows = [study.cheapest(quantity) for quantity in ("positions", "reactions")]
+        shown = [q for q in ("positions", "reactions") if q in study.compared]
+        rows = [study.cheapest(quantity) for quantity in shown]
         words = dict.fromkeys(label(row.values) if row else "none tried" for row in rows)
         times = dict.fromkeys(f"{row.time:.2g}" if row else "-" for row in rows)
         costs = [cost_of_a_digit(study, q) for q in ("reactions", "velocities", "positions")]
-        cost = next((f"x {factor:.2g}" for factor in costs if factor is not None), "nothing")
+        cost = next((f"x {factor:.2g}" for factor in costs if factor is not None), "-")
         lines.append(f"| `{name}` | {'; '.join(words)} | {'; '.join(times)} | {cost} |")
     return lines
 
