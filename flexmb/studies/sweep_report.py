@@ -134,10 +134,8 @@ class Sweep(SweepRows):
             lines.append(f"{what}others, and differ if runs fail for their values")
         lines += self._notes()
         if self.answer is not None:
-            return [
-                *lines,
-                *(self.command_of(one, i) for i, one in enumerate(self.answer.settings)),
-            ]
+            settings = enumerate(self.answer.settings, 1)
+            return [*lines, *(self.command_of(one, f"answer_{i}") for i, one in settings)]
         for scalar in self.scalars[:1]:
             largest, least = self.extremes(scalar, 1)
             lines += [f"largest {scalar}: {self.command(i)}" for i in largest]

@@ -164,6 +164,14 @@ def test_files_of_a_sweep(scene: Path) -> None:
     assert flexmb.report(made.folder).is_file()
 
 
+def test_a_scene_with_a_sweep_is_written_and_read_again(scene: Path) -> None:
+    table = '[sweep]\nvary = { v = "normal(v, v/3)", angle = "0.1..0.7*angle:7", x1 = [1, 2] }\n'
+    scene.write_text(PROJECTILE + table, encoding="utf-8")
+    model = flexmb.load_scene(scene)
+    again = flexmb.Model.from_scene_dict(model.to_scene_dict(scene.parent), scene.parent)
+    assert again.sweep == model.sweep
+
+
 @pytest.mark.slow
 def test_sensitivities_of_an_expression_over_parameters(scene: Path) -> None:
     """Ishigami as a sensor; its closed form is known."""
