@@ -357,7 +357,7 @@ CASES = {
     ),
     "a fast top": Hard(
         "Spin 1e4 rad/s, precession 0.03 rad/s: 3e5 to 1.",
-        "Way of the slow precession to 5e-3 of it: what generalized-alpha, of order 2, reaches with "
+        "Way of the slow precession to 5e-3 of it: what generalized-alpha, of order 2, has with "
         "126 steps a turn.",
         5e-3, fast_top, off_fast_top, {"duration": 0.5, "outputs": 2, "accuracy": 1e-5},
         ways(5e-5, 5e-6),
