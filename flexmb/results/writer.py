@@ -2,7 +2,8 @@
 
 In: the layout of the compiled system, the scene, then blocks of output rows and the integrator's
 state. Out: one HDF5 file as `result_file` describes it, readable at any moment, also after a kill.
-All space is reserved before the run; a block is written, flushed, and only then counted, so that
+All space is reserved before the run; an older file of the name stays until the new one has rows.
+A block is written, flushed, and only then counted, so that
 the row counter never exceeds the rows; the integrator's state alternates between two slots, of
 which one is always whole. Rows that are not finite are refused; the rows before them are stored.
 """
@@ -129,8 +130,6 @@ class ResultWriter:
                 self._file, self.columns, self._capacity, self.stored, scene, texts or {},
                 flexbodies or {},
             )  # fmt: skip
-            self._flush()
-            self._disk.complete()
             self._flush()
 
     @classmethod
@@ -276,6 +275,8 @@ class ResultWriter:
             self._flush()
             self._file["progress"][1] = code
             self._flush()
+            self._disk.complete()
+            self._flush()
 
     def close(self) -> None:
         """Close the file; calling it again does nothing."""
@@ -325,6 +326,7 @@ class ResultWriter:
         self._file["progress"][0] = stop
         self._flush()
         self._rows = stop
+        self._disk.complete()
 
     def _write_sums(self) -> None:
         """Write the sums where they are not those of the rows that `/progress` counts now."""
