@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
     from flexmb.flexbody import FlexBody, rigid_body
     from flexmb.model import Model, load_scene, scene_schema
     from flexmb.results import Result, load_result
-    from flexmb.studies import Study, study
+    from flexmb.studies import Budget, Study, Sweep, budget, study, sweep
     from flexmb.view import (
         animation,
         film,
@@ -54,13 +54,13 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
 
 __version__ = "0.1.0"
 __all__ = [
-    "FlexBody", "FlexmbError", "FlexmbWarning", "Model", "Result", "Study", "animation", "audit",
-    "check_scene", "compare", "equilibria", "film", "film_modes", "free_lengths", "history_figure",
-    "inverse_dynamics", "iterate_motion", "kinematics", "linearize", "load_result", "load_scene",
-    "mobility", "new_scene", "open_window", "part", "plot_history", "reduce", "render",
-    "render_mode_shapes", "render_modes", "report", "report_page", "resume", "rigid_body",
-    "run_part", "run_scene", "save_figure", "scene_schema", "simulate", "snapshot", "statics",
-    "study", "sweep_modes", "sweep_statics", "warmup",
+    "Budget", "FlexBody", "FlexmbError", "FlexmbWarning", "Model", "Result", "Study", "Sweep",
+    "animation", "audit", "budget", "check_scene", "compare", "equilibria", "film", "film_modes",
+    "free_lengths", "history_figure", "inverse_dynamics", "iterate_motion", "kinematics",
+    "linearize", "load_result", "load_scene", "mobility", "new_scene", "open_window", "part",
+    "plot_history", "reduce", "render", "render_mode_shapes", "render_modes", "report",
+    "report_page", "resume", "rigid_body", "run_part", "run_scene", "save_figure", "scene_schema",
+    "simulate", "snapshot", "statics", "study", "sweep", "sweep_modes", "sweep_statics", "warmup",
 ]  # fmt: skip
 
 _HOMES = {
@@ -69,7 +69,7 @@ _HOMES = {
     "flexbody": ("FlexBody", "rigid_body"),
     "model": ("Model", "load_scene", "scene_schema"),
     "results": ("Result", "load_result"),
-    "studies": ("Study", "study"),
+    "studies": ("Budget", "Study", "Sweep", "budget", "study", "sweep"),
     "view": (
         "animation", "film", "film_modes", "history_figure", "open_window", "plot_history",
         "render", "render_modes", "save_figure", "snapshot",

@@ -302,6 +302,16 @@ class Bench:
         nv = self.layout.nv
         return self.matrix()[:nv, :nv]
 
+    def mass_product(self, x):
+        """M x as integrators form it, without the matrix."""
+        self.at()
+        self.work.trial.res[:] = x
+        run, at = self._handed()
+        stage = run.record.stages.mass
+        for unit, table in zip(stage.units, stage.tables, strict=True):
+            call(unit, run, table, at)
+        return self.work.factor.sol[self.sys.kkt.place[: self.layout.nv]]
+
     def solve(self, b, rounds):
         """Solve with the last factor; b in the order (v, rows)."""
         place = self.sys.kkt.place

@@ -268,8 +268,9 @@ _WORDS = ("value", "first derivative", "second derivative")
 
 
 def failure_sentence(
-    status: int, compiled: Compiled, model: Model, work: Work, time: float, step: float
-) -> str:
+    status: int, compiled: Compiled, model: Model, work: Work, time: float, step: float,
+    likely: str = "",
+) -> str:  # fmt: skip
     """The sentence for a step that failed.
 
     Parameters
@@ -280,12 +281,14 @@ def failure_sentence(
         What was run, and its scratch as the failed step left it.
     time, step : float
         When the step began, and its length [s].
+    likely : str
+        Its cause, unless a function is not finite.
     """
     cause = ""
     if status in (method.NOT_FINITE, method.NO_CONVERGENCE):
         cause = _not_finite(compiled, model, work, time)
         cause = cause or not_finite_function(model, (time, time + 0.5 * step, time + step))
-    return cause or sentence(status, compiled, work, time)
+    return cause or sentence(status, compiled, work, time, likely)
 
 
 def not_finite_function(model: Model, times: Iterable[float]) -> str:

@@ -20,6 +20,8 @@ from flexmb.cli import plot as plot  # isort: skip
 from flexmb.cli import report as report  # isort: skip
 from flexmb.cli import modes as modes  # isort: skip
 from flexmb.cli import study as study  # isort: skip
+from flexmb.cli import sweep as sweep  # isort: skip
+from flexmb.cli import budget as budget  # isort: skip
 from flexmb.cli import listings as listings  # isort: skip
 from flexmb.cli.app import app, main
 

@@ -20,7 +20,8 @@ def report(
         list[Path],
         typer.Argument(
             metavar="RESULT",
-            help="A result file or its folder, the folder of a study, or several results.",
+            help="A result file or its folder, the folder of a study or a sweep, or several "
+            "results.",
             show_default=False,
         ),
     ],

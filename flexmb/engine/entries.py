@@ -169,20 +169,23 @@ _LOCKS = (
     "coefficients or make its bearing longer"
 )
 _CURE = {
-    NO_CONVERGENCE: "smaller steps were tried; check the named place for a locked or "
-    "singular pose, or a jump in a force or driver",
+    NO_CONVERGENCE: "smaller steps were tried; check the named place for a locked or singular pose",
     NOT_FINITE: "smaller steps were tried; check functions of time, and force characteristics, at "
     "this moment",
-    TOO_SMALL: "ask for less accuracy, or smooth a jump in a force or driver at this time",
+    TOO_SMALL: "ask for less accuracy",
     ZERO_LENGTH: "keep its two markers apart, or use a joint",
     NO_LOOP: "the loop amplifies; lower its gain, or let a state or a filter stand between",
     SELF_LOCKING: _LOCKS,
     NO_PARTITION: 'the pose is singular; method = "explicit-rk" or "radau" may pass it',
 }
+_JUMP = {
+    NO_CONVERGENCE: ", or a jump in a force or driver",
+    TOO_SMALL: ", or smooth a jump in a force or driver at this time",
+}
 _NAMELESS = (ZERO_LENGTH, SELF_LOCKING, NO_PARTITION)
 
 
-def sentence(status: int, compiled: Compiled, work: Work, time: float) -> str:
+def sentence(status: int, compiled: Compiled, work: Work, time: float, cause: str = "") -> str:
     """The message for a failed step.
 
     Parameters
@@ -193,11 +196,17 @@ def sentence(status: int, compiled: Compiled, work: Work, time: float) -> str:
         The system and its scratch as the failed step left it.
     time : float
         Time at which the step began [s].
+    cause : str
+        What is known of it, in place of what may be.
     """
     if status == CURVE_END:
         return _curve_end(compiled, work, time)
     where = "" if status in _NAMELESS else f"; most at {worst_place(compiled, work)}"
+    if cause:
+        return f"at t = {time:.6g} s {_WHAT[status]}{where}: {cause}"
     cure = _CURE[status]
+    if compiled.functions or compiled.elements:
+        cure += _JUMP.get(status, "")
     if status == NO_CONVERGENCE and "joint_frictions" in compiled.system.kinds:
         cure += f"; or {_LOCKS}"
     return f"at t = {time:.6g} s {_WHAT[status]}{where}: {cure}"

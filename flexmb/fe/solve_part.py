@@ -235,8 +235,8 @@ def _check_loads(fe: FEMatrices, constraints: Supports, vectors: Mapping[str, Fl
     for name, f in vectors.items():
         z = constraints.G.T @ f
         if f.any() and np.abs(z[constraints.free]).max(initial=0.0) <= 1e-12 * np.abs(z).max():
-            loaded = constraints.owner[np.abs(z[constraints.fixed]) > 0]
-            owners = sorted({constraints.names[k] for k in loaded})
+            loaded = constraints.shares[:, np.abs(z[constraints.fixed]) > 0].any(axis=1)
+            owners = sorted(n for n, one in zip(constraints.names, loaded, strict=True) if one)
             what = f"acts on held motions alone: it goes straight into {', '.join(owners)}"
             problems.append(Problem(f"loads.{name}", what))
     if problems:

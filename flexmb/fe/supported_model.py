@@ -181,12 +181,11 @@ class SupportedModel:
         """Reactions of the supports on the part."""
         supports, rest = self.supports, self.K @ z - self.supports.G.T @ f
         reactions = np.zeros((len(supports.names), len(z)))
-        reactions[supports.owner, supports.fixed] = rest[supports.fixed]
+        reactions[:, supports.fixed] = supports.shares * rest[supports.fixed]
         if supports.W.shape[0]:
             dense = self.W.toarray()
             forces = np.linalg.lstsq(dense.T, rest[self.free], rcond=None)[0]
-            for k, owner in enumerate(supports.mean_owner):
-                reactions[owner] += supports.W[[k]].toarray()[0] * forces[k]
+            reactions += supports.mean_shares @ (forces[:, None] * supports.W.toarray())
         places = zip(supports.names, supports.positions, reactions, strict=True)
         return tuple(self._pull(name, x, supports.rigid.T @ row) for name, x, row in places)
 

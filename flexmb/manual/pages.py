@@ -38,6 +38,7 @@ PAGES = (
     "reduction",
     "parts",
     "accuracy",
+    "cluster",
     "hard-cases",
     "statics",
     "linearization",

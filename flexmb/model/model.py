@@ -56,6 +56,7 @@ from flexmb.model.scenes.sections import (
 )
 from flexmb.model.scenes.study import StudySpec
 from flexmb.model.scenes.supports import PartCheckSpec, PartSpec, part_unit
+from flexmb.model.scenes.sweep import SweepSpec
 from flexmb.model.sensor import SensorSpec, channels_of, unit_of
 from flexmb.units import UnitSystem, unit_system
 
@@ -138,6 +139,7 @@ class Model:
         self.statics: StaticsSpec | None = None
         self.part: PartSpec | None = None
         self.study: StudySpec | None = None
+        self.sweep: SweepSpec | None = None
         self.validity: ValiditySpec | None = None
         self.view = ViewSpec()
         self.budget = 0.01
@@ -301,6 +303,11 @@ class Model:
         """Say what a study varies: ``vary``, ``repeats``, ``target``, ``sensors``."""
         self.study = self._single("study", StudySpec, fields)
         return self.study
+
+    def set_sweep(self, **fields: Any) -> SweepSpec:
+        """Say what a sweep varies: ``vary``, ``method``, ``samples``, ``sensors``, ``find``, ..."""
+        self.sweep = self._single("sweep", SweepSpec, fields)
+        return self.sweep
 
     def set_results(self, **fields: Any) -> ResultsSpec:
         """Say what of a run is stored: ``keep``."""

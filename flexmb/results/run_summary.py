@@ -79,7 +79,7 @@ def work_rows(statistics: Mapping[str, Number], units: UnitSystem = SI) -> list[
             ratio = float(statistics[key]) / max(float(statistics.get(f"{of}s", 0)), 1.0)
             rows.append((name, _number_text(statistics[key]), f"{ratio:.3g} per {of}"))
     if statistics.get(_PIVOTS):
-        meaning = "regularised: long steps, or inertia is missing somewhere"
+        meaning = "regularised: inertia is missing somewhere, or the pose is singular"
         rows.append(("ill-conditioned pivots", _number_text(statistics[_PIVOTS]), meaning))
     rows += _measured_errors(statistics)
     for key, (name, meaning) in _ERRORS.items():

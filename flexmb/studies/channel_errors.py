@@ -99,11 +99,11 @@ def check_sensors(model: Model, names: Sequence[str]) -> None:
         return
     if names:
         raise SceneError(
-            f"study.sensors: none of {', '.join(names)} is a position or an angle; a study needs "
-            "the errors of positions"
+            f"study.sensors: none of {', '.join(names)} is a position or an angle, which "
+            "errors are judged by"
         )
     raise SceneError(
-        "the scene has no sensor of a position or an angle to judge a study by; add one, such as\n"
+        "the scene has no sensor of a position or an angle to judge errors by; add one, such as\n"
         f'    [sensors.place]\n    type = "position"\n    of = "{next(iter(model.bodies), "body")}"'
     )
 

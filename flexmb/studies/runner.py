@@ -38,7 +38,7 @@ from flexmb.studies.study_settings import (
 from flexmb.workflow.cluster import open_cluster
 from flexmb.workflow.job_batch import Record
 
-_REDUCTION_FIELDS = tuple(
+REDUCTION_FIELDS = tuple(
     key for key in MeshBodySpec.model_fields if key not in FlexibleBodySpec.model_fields
 )
 _FAILED: Record = {"status": "failed", "reason": "its result cannot be read", "seconds": []}
@@ -81,7 +81,7 @@ def study(
     limit : float
         Wall time of an integration [s], after which it is given up; 0: none.
     dashboard : callable, optional
-        Serve Dask's page on the work, and tell its address to this, such as ``print``.
+        Serve Dask's page on the work, and say its address by this, such as ``print``.
     fresh : bool
         Run again what is there already.
     progress : Progress
@@ -216,7 +216,7 @@ class StudyRunner:
         assert model is not None
         tables = model.to_scene_dict(self.source.folder)["bodies"]
         reductions = {
-            name: {key: tables[name][key] for key in _REDUCTION_FIELDS if key in tables[name]}
+            name: {key: tables[name][key] for key in REDUCTION_FIELDS if key in tables[name]}
             | {"stiffened": "geometric_stiffening" in spec.words()}
             for name, spec in model.bodies.items()
             if isinstance(spec, MeshBodySpec)

@@ -83,13 +83,15 @@ class StudySource:
         return cls(model, raw_scene(path), home, folder, dict(overrides or {}), str(path))
 
     @classmethod
-    def of_model(cls, model: Model, output: str | Path | None) -> StudySource:
+    def of_model(
+        cls, model: Model, output: str | Path | None, name_of_folder: str = "study"
+    ) -> StudySource:
         """A model from Python; its bodies that are objects in memory are written to the folder."""
         from flexmb.flexbody import save
 
         model.validate()
         name = re.sub(r"\W+", "_", model.title.lower()).strip("_") or "model"
-        folder = (Path("out") / name / "study" if output is None else Path(output)).resolve()
+        folder = (Path("out") / name / name_of_folder if output is None else Path(output)).resolve()
         files: dict[str, Path] = {}
         for body, spec in model.bodies.items():
             if isinstance(spec, FlexbodySpec) and not isinstance(spec.flexbody, str):
@@ -171,7 +173,7 @@ def make_settings(source: StudySource, vary: Mapping[str, tuple[Any, ...]]) -> l
     SceneError
         Unknown knobs, knobs that exclude each other, or values of which the model takes none.
     """
-    knobs = _resolve_knobs(source, vary)
+    knobs = resolve_knobs(source, vary)
     count = math.prod(len(values) for values in knobs.values())
     if count > _MAX_RUNS:
         raise SceneError(f"the study has {count} combinations; {_MAX_RUNS} are the most")
@@ -205,9 +207,16 @@ def change_model(source: StudySource, changes: Mapping[str, Any]) -> tuple[Model
     return Model.from_scene_dict(scene, source.folder), scene
 
 
-def _resolve_knobs(
+def resolve_knobs(
     source: StudySource, vary: Mapping[str, tuple[Any, ...]]
 ) -> dict[str, tuple[Any, ...]]:
+    """The knobs by their full names.
+
+    Raises
+    ------
+    SceneError
+        Knobs that are unknown, given twice, or exclude each other.
+    """
     knobs: dict[str, tuple[Any, ...]] = {}
     problems: list[Problem] = []
     for text, values in vary.items():

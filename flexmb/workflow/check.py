@@ -11,6 +11,7 @@ from flexmb.errors import AssemblyError, FlexmbError, SceneError
 from flexmb.folders import output_folder
 from flexmb.units import SI, UnitSystem
 from flexmb.workflow.flexible_bodies import bodies_of_surveys, survey_bodies
+from flexmb.workflow.part_analysis import part_group_problems
 
 if TYPE_CHECKING:
     from flexmb.analysis.mobility.degrees_of_freedom import Mobility
@@ -80,7 +81,7 @@ def check_scene(
     inconsistent = model.problems()
     model = active_model(model)
     surveys, problems = survey_bodies(model)
-    if problems := inconsistent + problems:
+    if problems := [*inconsistent, *problems, *part_group_problems(model, surveys)]:
         raise SceneError.from_problems(problems)
     counts = count(model)
     notes = _notes(model)

@@ -63,7 +63,7 @@ def open_cluster(
         Wall time of a run [s], after which it is given up; 0: none. A function that can stop
         itself should; five seconds later its process is ended. In this process nothing ends it.
     dashboard : callable, optional
-        Serve Dask's page on the work, and tell its address to this.
+        Serve Dask's page on the work, and call this with a sentence that has its address.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def open_cluster(
     """
     if workers < 1:
         raise FlexmbError(f"workers: at least one is needed, given {workers}")
-    if dashboard and importlib.util.find_spec("bokeh") is None:
+    if dashboard and not scheduler and importlib.util.find_spec("bokeh") is None:
         what = 'the dashboard needs the package bokeh: pip install "flexmb[dashboard]"'
         raise FlexmbError(what)
     with ExitStack() as stack:
@@ -92,7 +92,8 @@ def open_cluster(
             local = stack.enter_context(LocalWorkers(workers, dashboard is not None))
             cluster = Cluster(workers, limit, local.client, watch=local.restart)
         if dashboard is not None:
-            dashboard(cluster.client.dashboard_link or "the scheduler serves no dashboard")
+            link = cluster.client.dashboard_link
+            dashboard(f"dashboard: {link}" if link else "the scheduler serves no dashboard")
         yield cluster
 
 

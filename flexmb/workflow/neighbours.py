@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,11 +30,14 @@ if TYPE_CHECKING:
     from flexmb.results import OutputBlock, Result
 
 Array = NDArray[np.float64]
+Change: TypeAlias = tuple[tuple[Array, Array], Array, tuple[str, ...], float | None]
+"""Channels without an effect and with it (n, k), its change of them, their names, its cost."""
 
 DEFORMATION, VIBRATION = "deformation", "vibration"
 STIFFENING, COUPLING, BOTH = "geometric stiffening", "inertia coupling", "coupling and stiffening"
 MODES, DAMPING, GRAVITY, FRICTION = "further modes", "damping", "gravity", "friction"
 OUT_OF_PLANE = "motion out of the plane"
+_TURN = 0.3  # rad of a body between rows
 _GAP = 0.05  # of velocities against accelerations between rows, relative
 _MORE_MODES = 2  # times as many modes tell what those left out would do
 _RIGID = {"deformation": "rigid"}
@@ -75,6 +78,7 @@ class Neighbours:
     folder: Path
     progress: Progress = silent
     notes: list[str] = field(default_factory=list)
+    _changes_of: dict[tuple[str, str], Change] = field(default_factory=dict)
 
     @classmethod
     def of(cls, run: Result, most_rows: int, progress: Progress = silent) -> Neighbours:
@@ -130,8 +134,31 @@ class Neighbours:
         FlexmbError
             The neighbour cannot be made or run.
         """
-        if effect.name in (DEFORMATION, VIBRATION):
-            return self._deformation(effect)
+        from flexmb.analysis.effects.contribution import contributions
+
+        histories, change, names, cost = self._change(effect)
+        alike = [one for one in self._estimable if (one.name, one.on) == (effect.name, effect.on)]
+        made = contributions(self.model, histories, change, names)
+        if effect.body and len(alike) > 1 and any(one.at_rest and one.share for one in made):
+            together = np.sum([self._change(one)[1] for one in alike], axis=0)  # to first order
+            made = contributions(self.model, histories, change, names, together)
+        return made, cost
+
+    @cached_property
+    def _estimable(self) -> list[Effect]:
+        return [effect for effect in self.effects() if not effect.why]
+
+    def _change(self, effect: Effect) -> Change:
+        key = effect.name, effect.body
+        if key not in self._changes_of:
+            deforms = effect.name in (DEFORMATION, VIBRATION)
+            self._changes_of[key] = (
+                self._deformation(effect) if deforms else self._switch_change(effect)
+            )
+        return self._changes_of[key]
+
+    def _switch_change(self, effect: Effect) -> Change:
+        """Of all but deformation, along the motion of the run."""
         model = self.neighbour(effect)
         bodies, shapes = dict(self.bodies), {}
         if effect.body and (effect.name == MODES or effect.words.get("geometric_stiffening")):
@@ -149,7 +176,7 @@ class Neighbours:
             shapes[name] = _shapes(self.compiled.flexbodies[name], other.flexbodies[name])
         changes = self._changes(self.compiled, other, model, self.motion, shapes)
         times = self._time(other), self._own_time
-        return changes, times[1] / times[0] if effect.on else times[0] / times[1]
+        return *changes, times[1] / times[0] if effect.on else times[0] / times[1]
 
     def _of_body(self, name: str) -> Iterator[Effect]:
         from flexmb.analysis.effects.contribution import indicators
@@ -203,7 +230,7 @@ class Neighbours:
             return Effect(MODES, name, False, kept, {}, "needs the mesh of the body")
         return Effect(MODES, name, False, kept, {"modes": _MORE_MODES * max(spec.mode_count, 4)})
 
-    def _deformation(self, effect: Effect) -> tuple[list[Contribution], float | None]:
+    def _deformation(self, effect: Effect) -> Change:
         """Of one body, along the motion of the scene with rigid bodies."""
         name, vibration = effect.body, effect.name == VIBRATION
         rigid, own, motion, seconds = self._rigid
@@ -217,13 +244,13 @@ class Neighbours:
         changes = self._changes(own, other, model, motion, {}, vibration)
         mine = self.run.seconds.get("integrate")
         known = mine and seconds and effect.on and not vibration
-        return changes, mine / seconds if mine and known else None
+        return *changes, mine / seconds if mine and known else None
 
     def _changes(
         self, own: Compiled, other: Compiled, model: Model, motion: Motion,
         shapes: Mapping[str, Array], vibration: bool = False,
-    ) -> list[Contribution]:  # fmt: skip
-        from flexmb.analysis.effects.contribution import contributions, estimate
+    ) -> tuple[tuple[Array, Array], Array, tuple[str, ...]]:  # fmt: skip
+        from flexmb.analysis.effects.contribution import estimate
 
         begins = "from" not in self._origin
         change = estimate(own, other, model, motion, shapes, begins_as_placed=begins).channels
@@ -233,8 +260,7 @@ class Neighbours:
                 own, other, model, motion, shapes, begins_as_placed=begins, quasi_static=True
             )
             change = change - slow.channels
-        names = other.layout.channels
-        return contributions(model, (motion.channels, after), change, names)
+        return (motion.channels, after), change, other.layout.channels
 
     @cached_property
     def _rigid(self) -> tuple[Model, Compiled, Motion, float]:
@@ -243,6 +269,9 @@ class Neighbours:
 
         flexible = [name for name, spec in self.model.bodies.items() if spec.flexible]
         model = with_words(self.model, dict.fromkeys(flexible, _RIGID))
+        if model.dynamics is not None and self.notes:  # the rows of another run
+            finer = {"outputs": len(self.motion.t) - 1}
+            model.dynamics = model.dynamics.model_copy(update=finer)
         if all(self.compiled.flexbodies[name].m == 0 for name in flexible):
             seconds = self.run.seconds.get("integrate", 0.0)
             return model, self.compiled, self.motion, seconds
@@ -308,12 +337,13 @@ class Neighbours:
 
         thinned, spec = motion.thinned(most_rows), self.model.dynamics
         gap = thinned.gap(self.compiled)
-        n = min(int(np.ceil((len(thinned.t) - 1) * np.sqrt(gap / _GAP))), most_rows - 1)
-        if gap > _GAP and n > len(motion.t) and spec is not None and "from" not in self._origin:
+        finer = max(np.sqrt(gap / _GAP), thinned.turn(self.compiled) / _TURN)
+        n = min(int(np.ceil((len(thinned.t) - 1) * finer)), most_rows - 1)
+        if finer > 1.0 and n > len(motion.t) and spec is not None and "from" not in self._origin:
             model = copy.copy(self.model)
             model.dynamics = spec.model_copy(update={"outputs": n})
             thinned = read_motion(self._run(model, "rows")).thinned(most_rows)
-            rows = f"{len(motion.t)} rows do not resolve the accelerations: audited with {n + 1}"
+            rows = f"{len(motion.t)} rows do not resolve the motion: audited with {n + 1}"
             self.notes.append(rows)
             gap = thinned.gap(self.compiled)
         if gap > 4.0 * _GAP:

@@ -8,13 +8,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flexmb.errors import FlexmbError, FlexmbWarning, Problem, SceneError
+from flexmb.errors import FlexmbError, FlexmbWarning, Problem, SceneError, nearest
 from flexmb.folders import output_folder, writable_folder
 from flexmb.progress import Progress, silent
 from flexmb.workflow.flexible_bodies import reduction_input, under_body
 from flexmb.workflow.run_report import CheckOutcome
 
 if TYPE_CHECKING:
+    from flexmb.fe.model_checks import Survey
     from flexmb.flexbody import PartResult
     from flexmb.model import Model
 
@@ -115,6 +116,23 @@ def check_part(model: Model, result: PartResult) -> list[CheckOutcome]:
         computed, value, tolerance = (model.units.written(each, unit) for each in values)
         outcomes.append(CheckOutcome(check.part, None, computed, value, tolerance, check.source))
     return outcomes
+
+
+def part_group_problems(model: Model, surveys: Mapping[str, Survey]) -> list[Problem]:
+    """Groups that supports and loads of ``[part]`` name and the mesh does not have."""
+    from flexmb.model.scenes.supports import select_part_body
+
+    if model.part is None or (body := select_part_body(model)[0]) not in surveys:
+        return []
+    places = {f"part.supports.{k}.group": s for k, s in model.part.supports.items()}
+    places |= {f"part.loads.{k}.group": s for k, s in model.part.loads.items()}
+    groups, problems = tuple(surveys[body].groups), []
+    for where, spec in places.items():
+        group = getattr(spec, "group", None)
+        if group is not None and group not in groups:
+            what = f'the mesh has no group "{group}"'
+            problems.append(Problem(where, what, groups, nearest(group, groups)))
+    return problems
 
 
 def _in_scene(name: str, error: FlexmbError) -> list[Problem]:

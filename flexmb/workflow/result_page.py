@@ -1,7 +1,7 @@
 """``flexmb report``: one web page on a run, a comparison of runs, or a study.
 
-In: results, or the folder of a study. Out: a file of HTML that needs nothing else. What a result
-does not hold is left out of its page and named at its end.
+In: results, or the folder of a study or a sweep. Out: a file of HTML that needs nothing else. What
+a result does not hold is left out of its page and named at its end.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def report(*sources: Result | str | Path, output: str | Path | None = None, **op
     Parameters
     ----------
     *sources : Result or path
-        A result, its folder, or the folder of a study; or several results.
+        A result, its folder, or the folder of a study or a sweep; or several results.
     output : path, optional
         The file; ``report.html`` beside the (first) source by default.
     **options
@@ -88,7 +88,7 @@ def report_page(
     Parameters
     ----------
     *sources : Result or path
-        A result, its folder, or the folder of a study; or several results.
+        A result, its folder, or the folder of a study or a sweep; or several results.
     parts : sequence of str, optional
         Of the page on one run: ``"summary"``, ``"motion"``, ``"pictures"``, ``"checks"``,
         ``"plots"``, ``"model"``, ``"effects"``, ``"accuracy"``, ``"hot_spots"``, ``"modes"``,

@@ -1,23 +1,43 @@
-"""The page on a study, from the table and the sentences that the study left in its folder."""
+"""The page on a study, a sweep or an error budget, from the files that it left in its folder."""
 
 from __future__ import annotations
 
 import csv
+import json
 from pathlib import Path
 
 from flexmb.errors import ResultFileError
-from flexmb.view.html_page import Html, section, table, tag
+from flexmb.view.html_page import Html, image, section, table, tag
 from flexmb.view.page_charts import Charts
 from flexmb.view.work_precision import ORDINATES, Curve
 
-_TABLE, _TEXT = "study.csv", "study.md"
+_TABLE, _TEXT, _BUDGET, _SWEEP = "study.csv", "study.md", "budget.json", "sweep.json"
 _TIME = "seconds_integrate"
 _ERROR = "error_"
 
 
 def is_study(folder: Path) -> bool:
-    """Whether a folder is that of a study."""
-    return (folder / _TABLE).is_file()
+    """Whether a folder is that of a study, a sweep or a budget."""
+    return any((folder / name).is_file() for name in (_TABLE, _SWEEP, _BUDGET))
+
+
+def _budget_parts(folder: Path) -> tuple[str, list[Html]]:
+    try:
+        data = json.loads((folder / _BUDGET).read_text(encoding="utf-8"))
+        columns, rows = data["table"]
+        line, *sentences = data["sentences"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ResultFileError(f"{folder}: the budget cannot be read ({error})") from error
+    picture, numbers = folder / "budget.png", range(1, len(columns))
+    words = tag("ul", *(tag("li", one) for one in [*sentences, *data["notes"]]), class_="notes")
+    title = f"{data['title']}: error budget"
+    return title, [
+        tag("h1", title),
+        section("What the error consists of", tag("p", line)),
+        section("Shares over the peak-to-peak", table(columns, rows, right=numbers),
+                image(picture.read_bytes(), line) if picture.is_file() else ""),
+        section("Each share, and the cheapest setting", words),
+    ]  # fmt: skip
 
 
 def study_parts(folder: Path, charts: Charts) -> tuple[str, list[Html]]:
@@ -28,6 +48,10 @@ def study_parts(folder: Path, charts: Charts) -> tuple[str, list[Html]]:
     ResultFileError
         The files of the study cannot be read.
     """
+    if (folder / _SWEEP).is_file():
+        return _sweep_parts(folder)
+    if not (folder / _TABLE).is_file():
+        return _budget_parts(folder)
     try:
         with (folder / _TABLE).open(encoding="utf-8", newline="") as file:
             rows = list(csv.DictReader(file))
@@ -73,6 +97,24 @@ def study_parts(folder: Path, charts: Charts) -> tuple[str, list[Html]]:
         section("All settings", table(names, shown, right=numbers)),
         section("Why settings failed", tag("ul", *failures, class_="notes") if failures else ""),
     ]  # fmt: skip
+
+
+def _sweep_parts(folder: Path) -> tuple[str, list[Html]]:
+    """Title and body of the page on a sweep."""
+    try:
+        data = json.loads((folder / _SWEEP).read_text(encoding="utf-8"))
+        title, sentences = str(data["title"]), [tag("li", line) for line in data["sentences"]]
+        tables = [(t["title"], table(t["columns"], t["rows"], t["right"])) for t in data["tables"]]
+        names = [Path(name).name for name in data["pictures"]]
+        pictures = [image((folder / name).read_bytes(), Path(name).stem) for name in names]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ResultFileError(f"{folder}: the sweep cannot be read ({error})") from error
+    return title, [
+        tag("h1", title),
+        section("What the sweep says", tag("ul", *sentences, class_="notes")),
+        section("Pictures", *pictures),
+        *(section(name, cells) for name, cells in tables),
+    ]
 
 
 def _number(text: str | None) -> float:

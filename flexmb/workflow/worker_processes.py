@@ -51,14 +51,14 @@ def connect(address: str) -> Any:
             "that it prints when it starts, such as tcp://host:8786"
         ) from None
     try:
-        _compare_versions(client.get_versions())
+        compare_versions(client.get_versions())
     except BaseException:
         client.close()
         raise
     return client
 
 
-def _compare_versions(versions: dict[str, Any]) -> None:
+def compare_versions(versions: dict[str, Any]) -> None:
     """Refuse another version of Dask, with which messages may not be understood."""
     here = versions["client"]["packages"]
     others = {"the scheduler": versions["scheduler"], **versions["workers"]}

@@ -190,3 +190,22 @@ def test_every_word_is_a_knob(tmp_path, knob, value, told):
     words = ["check", str(write(tmp_path)), "--set", f"bodies.rod.{knob}={value}"]
     done = CliRunner().invoke(app, words)
     assert told in done.stdout + done.stderr
+
+
+def test_groups_of_a_part_that_the_mesh_lacks_are_told_by_check(tmp_path):
+    path = write(tmp_path)
+    part = """
+[part]
+frequencies = { count = 2 }
+[part.supports]
+left = { group = "x00", hold = ["uz"] }
+root = { interface = "root", hold = ["ux", "uy", "uz"] }
+[part.loads]
+wind = { type = "pressure", group = "surfaces", pressure = 1 }
+"""
+    path.write_text(path.read_text() + part)
+    done = CliRunner().invoke(app, ["check", str(path)])
+    assert done.exit_code == 2, done.output
+    for told in ("part.supports.left.group: the mesh has no group", "part.loads.wind.group", "x0"):
+        assert told in done.output
+    assert "part.supports.root" not in done.output

@@ -36,7 +36,7 @@ class Hard:
     run : mapping
         Fields of `dynamics`.
     methods : mapping of str to mapping
-        Fields of their own by method.
+        Fields of their own by method; "fixed radau" is radau, in a column of its own.
     stops : mapping of str to str
         By method, "all" for all: what the sentence of a run contains that must not finish.
     warns : str
@@ -74,7 +74,7 @@ def run_case(case: Hard, method: str) -> Outcome:
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always", FlexmbWarning)
         try:
-            model.set_dynamics(method=method, **{**case.run, **case.methods[method]})
+            model.set_dynamics(method=method.split()[-1], **{**case.run, **case.methods[method]})
             result = flexmb.simulate(model)
         except FlexmbError as error:
             return Outcome(np.nan, 0, str(error))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from tests.hard import discontinuity, singular, starts
+from tests.hard import discontinuity, redundant, singular, starts
 
 CHAPTERS = {
     "Singular positions": singular.CASES,
+    "Redundant constraints": redundant.CASES,
     "Discontinuity": discontinuity.CASES,
     "Bad starts": starts.CASES,
 }

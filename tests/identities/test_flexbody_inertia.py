@@ -166,3 +166,16 @@ def test_mean_axis_modes_have_no_linear_or_angular_momentum(kind):
     assert np.abs(found.p).max() < 1e-10 * np.sqrt(found.mass)
     skewness = found.P - found.P.transpose(1, 0, 2)
     assert np.abs(skewness).max() < 1e-9 * np.abs(found.P).max()
+
+
+@pytest.mark.parametrize("kind", ["solid", "beam"])
+def test_first_moments_of_turns_are_second_moments_of_mass(kind):
+    """P_ab = int rho s_a N_b of a turn about c through the centre: eps_bcd (S0 - S1 S1^T/m)_ad."""
+    mesh = block((2, 1, 1), (2, 1, 0.7), distort=0.2) if kind == "solid" else line(3, (1, 0, 2))
+    section = None if kind == "solid" else {"all": rectangle(0.2, 0.3)}
+    fe = assemble(mesh, MATTER, section)
+    inertia = fe.inertia
+    S = inertia.S0 - np.outer(inertia.S1, inertia.S1) / inertia.mass
+    turns = np.stack([cross_matrix(axis) for axis in np.eye(3)])  # [c, b, d]: (e_c x s)_b
+    found = inertia.P @ fe.rigid[:, 3:]
+    np.testing.assert_allclose(found, np.einsum("cbd,ad->abc", turns, S), atol=1e-11 * np.trace(S))

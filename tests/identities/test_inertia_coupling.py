@@ -91,3 +91,4 @@ def test_kinetic_energy_is_that_of_the_mass_matrix(coupling):
     M, v = bench.mass_matrix(), bench.v
     np.testing.assert_allclose(M, M.T, atol=LAST_DIGITS)
     assert bench.at().energies[0] == pytest.approx(0.5 * v @ M @ v, rel=LAST_DIGITS)
+    np.testing.assert_allclose(bench.mass_product(v), M @ v, atol=LAST_DIGITS * np.abs(v).max())

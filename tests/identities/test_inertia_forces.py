@@ -6,10 +6,15 @@ of the second-moment integrals enters the other route.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from enginekit import Bench, curvature, rotation, slope
 from generators import Mechanism
+from generators import cloud as random_cloud
+
+from flexmb.model import Model
 
 LAST_DIGITS = 1e-12
 DIFFERENCES = 1e-9
@@ -91,6 +96,63 @@ def test_mass_matrix_gives_the_energy_and_the_inertia_forces(free):
     with_vd = bench.residual
     difference = with_vd - bench.at(vd=0.0).residual
     np.testing.assert_allclose(difference, M @ vd, atol=LAST_DIGITS * np.abs(with_vd).max())
+    product = bench.mass_product(vd)
+    np.testing.assert_allclose(product, M @ vd, atol=LAST_DIGITS * np.abs(with_vd).max())
+
+
+def test_damping_of_single_modes_is_that_of_their_matrix():
+    """A diagonal D is a product of numbers: D rate in the modal rows, and its power."""
+    points, made = random_cloud(np.random.default_rng(7), 4), Model("body")
+    D = np.array([0.3, 0.0, 1.2, 0.7])
+    made.add_body("b", replace(points, D=np.diag(D)).flexbody("b"))
+    bench = Bench(made)
+    bench.randomise(8)
+    v, rate = bench.v.copy(), bench.v[6:].copy()
+    assert bench.sys.parts.bodies["damped"][0] == 2
+    damped = bench.at(v=v).residual
+    power = bench.powers[1]
+    bench.sys.parts.bodies["damped"][:] = 0
+    force = damped - bench.at(v=v).residual
+    np.testing.assert_allclose(force, [0.0] * 6 + list(D * rate), atol=1e-12 * np.abs(damped).max())
+    assert power == pytest.approx(-D @ rate**2, rel=LAST_DIGITS)
+
+
+def test_stress_of_a_spin_stiffens():
+    """A field that pulls along x by Omega^2 adds Omega^2 K^xx to the stiffness of modes."""
+    points, made = random_cloud(np.random.default_rng(9), 3), Model("body")
+    C = np.zeros((3, 3, 3, 3))
+    C[0, 0] = np.diag([2.0, 3.0, 5.0])
+    plain = points.flexbody("b")
+    made.add_body("b", plain)
+    stiff = Model("body")
+    stiff.add_body("b", replace(plain, centrifugal_stiffness=C))
+    residuals = []
+    for model in (made, stiff):
+        bench = Bench(model)
+        bench.q[7:] = 0.1, -0.2, 0.3
+        v = np.array([0, 0, 0, 0, 0, 4.0, 0, 0, 0])
+        residuals.append(bench.at(q=bench.q, v=v, vd=0.0).residual)
+    wanted = 16.0 * np.array([2.0, 3.0, 5.0]) * [0.1, -0.2, 0.3]
+    np.testing.assert_allclose((residuals[1] - residuals[0])[6:], wanted, rtol=1e-9)
+
+
+@pytest.mark.parametrize("plane", ["xy", "yz", "zx"])
+def test_planar_equations_are_those_of_space(plane):
+    """Inertia and weight of a body with its centre aside, for any motion in the plane."""
+    normal = ({"x", "y", "z"} - set(plane)).pop()
+    n, across = "xyz".index(normal), ["xyz".index(a) for a in plane]
+    center, gravity, found = np.zeros(3), np.zeros(3), []
+    center[across], gravity[across] = (0.3, -0.2), (2.0, -9.0)
+    for word in (plane, None):
+        made = Model("body", plane=word, gravity=list(gravity))
+        made.add_body("b", mass=2.0, inertia=[0.7, 0.9, 1.1], center=list(center))
+        bench, q = Bench(made), np.zeros(7)
+        q[3], q[4 + n], q[across] = np.cos(0.4), np.sin(0.4), (0.5, 0.1)
+        v, vd = np.zeros(6), np.zeros(6)
+        v[across], v[3 + n] = (0.2, -0.7), 3.0
+        vd[across], vd[3 + n] = (1.0, 2.0), -5.0
+        found.append(bench.at(q=q, v=v, vd=vd).residual)
+    np.testing.assert_allclose(*found, atol=1e-13 * np.abs(found[1]).max())
 
 
 def test_lagrange_equations_in_quasi_velocities(free):

@@ -7,7 +7,7 @@ import pytest
 from enginekit import Bench, slope
 from generators import Mechanism
 
-from flexmb.engine.forces.friction import BRISTLE, SMOOTH
+from flexmb.engine.forces.friction import BRISTLE, SMOOTH, line_friction
 from flexmb.model.joints.joint import JOINT_TYPES
 
 RUBBING = ("revolute", "prismatic", "cylindrical")
@@ -133,3 +133,36 @@ def test_coupling_with_the_reactions(friction):
         np.testing.assert_allclose(found, wanted, atol=1e-8)
     # the other way round there is none
     np.testing.assert_array_equal(S[n:, n - count : n], bench.matrix()[n:, n - count : n])
+
+
+@pytest.mark.parametrize("friction", FRICTIONS)
+def test_friction_acts_on_its_coordinate_with_its_lever(friction):
+    """Radius times the force on the surface, against the motion."""
+    bench = bench_of(friction)
+    bench.at()
+    rows, acting = bench.sys.kinds["joint_frictions"].rows, bench.residual
+    wanted = np.zeros_like(acting)
+    for k, row in enumerate(rows):
+        iv = bench.sys.parts.coordinates[row["coordinate"]]["iv"]
+        wanted[iv] -= row["radius"] * bench.work.kinds["joint_frictions"].load[k, 1]
+    rows["static"], rows["dynamic"], rows["viscous"], rows["model"] = 0.0, 0.0, 0.0, SMOOTH
+    np.testing.assert_allclose(acting - bench.at().residual, wanted, atol=1e-11)
+    assert np.abs(wanted).max() > 1e-3
+
+
+LAW = {"static": 0.4, "dynamic": 0.3, "stribeck": 0.5, "viscous": 0.1, "creep": 0.2, "k": 100.0}
+
+
+def test_smooth_friction_is_that_of_its_law():
+    """mu(v) N v/sqrt(v^2 + v_c^2), mu by Stribeck's curve and the viscous part."""
+    v, N = -0.7, 20.0
+    mu = 0.3 + 0.1 * np.exp(-((v / 0.5) ** 2)) + 0.1 * abs(v)
+    force = line_friction({**LAW, "model": SMOOTH}, N, 0.0, v, 0.0)[0]
+    assert force == pytest.approx(mu * N * 0.7 / np.hypot(0.7, 0.2), rel=1e-12)
+
+
+def test_a_bristle_that_slides_stays_stretched_by_the_limit():
+    """Its anchor follows so that k times its stretch is the friction."""
+    force, anchor, *_ = line_friction({**LAW, "model": BRISTLE, "c": 0.0}, 20.0, 0.9, 0.0, 0.1)
+    assert force == pytest.approx(-0.4 * 20)
+    assert 0.9 - anchor == pytest.approx(0.4 * 20 / 100.0)

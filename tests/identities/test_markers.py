@@ -16,7 +16,9 @@ SECOND_DIFFERENCES = 3e-8
 LAST_DIGITS = 1e-13
 
 
-@pytest.fixture(params=[("flexible", 0.3), ("mixed", 1.0), ("mixed", 1e-4), ("mixed", 0.0)])
+@pytest.fixture(
+    params=[("flexible", 0.3), ("stiffened", 0.3), ("mixed", 1.0), ("mixed", 1e-4), ("mixed", 0.0)]
+)
 def bench(request):
     bodies, eta = request.param
     made = Bench(Mechanism(7, "loop", bodies).model)
@@ -41,6 +43,10 @@ def placed(bench, q):
             u, theta = np.split(shapes @ q[i + 7 : i + 7 + m], [3])
             E = rotation(exponential(theta))
             s = mk["rho"] + u + E @ mk["arm"]
+            if mk["bend"] >= 0:  # foreshortening: half eta^T K_d eta along d
+                K = parts.pool[mk["bend"] : mk["bend"] + 3 * m * m].reshape(m, 3, m)
+                eta = q[i + 7 : i + 7 + m]
+                s = s - 0.5 * np.einsum("idj,i,j->d", K, eta, eta)
         x.append(q[i : i + 3] + A @ s)
         R.append(A @ E @ mk["R"])
     return np.array(x), np.array(R)

@@ -183,6 +183,36 @@ def test_buckling_of_a_shaft_under_torque():
     assert found == pytest.approx(4.493409, rel=1e-4)
 
 
+def right_angle_frame(n=8):
+    """Legs of 240 mm of a strip of 30 x 0.6 mm in their plane (Argyris et al. 1979)."""
+    matter = resolve({"E": 71.24e9, "nu": 0.31, "density": 2700.0})
+    t = 0.24 * np.arange(n + 1) / n
+    points = np.array([[x, 0, 0] for x in t] + [[0.24, -y, 0] for y in t[1:]])
+    lines = np.stack([np.arange(2 * n), np.arange(1, 2 * n + 1)], axis=1)
+    strip = rectangle(30e-3, 0.6e-3, shear=False, orientation=(0.3, 1.0, 0.0))
+    return assemble(Mesh(points, {"line": lines}), matter, {"all": strip})
+
+
+def test_a_right_angle_frame_under_a_force_at_its_tip():
+    """1.088 N one way, 0.680 N the other (Simo & Vu-Quoc, Comput. Methods Appl. Mech. Eng. 58,
+    1986, after Argyris et al. 1979): moments turn with the corner."""
+    fe = right_angle_frame()
+    table, force = fe.numbering.table, np.zeros(fe.numbering.n)
+    for sign, wanted in ((1.0, 1.088), (-1.0, 0.680)):
+        force[table[-1, 0]] = sign
+        assert buckling_load(fe, force, table[0]) == pytest.approx(wanted, rel=5e-3)
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_right_angle_frame_under_end_moments(sign):
+    """622.2 N mm either way (Argyris et al., Comput. Methods Appl. Mech. Eng. 20, 1979)."""
+    fe = right_angle_frame()
+    table, force = fe.numbering.table, np.zeros(fe.numbering.n)
+    force[table[0, 5]], force[table[-1, 5]] = sign, -sign
+    held = np.concatenate([table[0, 1:5], table[-1, [0, 2, 3, 4]]])
+    assert buckling_load(fe, force, held) == pytest.approx(0.6222, rel=5e-3)
+
+
 def test_a_torsion_spring_of_tension():
     """Tension stiffens twist by N I_p/A: a thin strip under N = G A/100 (Wagner)."""
     fe = assemble(line(4), STEEL, {"all": STRIP})

@@ -6,10 +6,42 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from femeshes import line
 from flexiblescenes import rod
 
 import flexmb
+from flexmb.fe import rectangle, reduce
+from flexmb.flexbody.effects import frame_at_interface
+from flexmb.flexbody.natural_modes import natural_modes
 from flexmb.model import Model
+
+
+@pytest.fixture(scope="module")
+def frames():
+    """A skew beam under a force and a moment at its tip, by its mean axis and by its root."""
+    body = reduce(
+        line(6, (0.1, -0.2, 0.3), (0.9, 0.5, 0.4)), material="steel", modes=6,
+        interfaces={"root": "root", "tip": "tip"},
+        sections={"all": rectangle(0.03, 0.05, orientation=(0, 0, 1))},
+        loads={"push": {"type": "force", "node": 6, "force": [3, -5, 2], "moment": [0.4, 1, -2]}},
+    )  # fmt: skip
+    return body, frame_at_interface(body, "root")
+
+
+def test_natural_frequencies_do_not_depend_on_the_frame(frames):
+    """Free, and held at one end: the coupling of turns and modes is that of the frame."""
+    for held in ((), ("tip",)):
+        one, other = (natural_modes(body, held, None if held else np.zeros((0, 6 + body.m)))
+                      .frequencies for body in frames)  # fmt: skip
+        np.testing.assert_allclose(other, one, rtol=1e-7, atol=1e-5 * one.max())
+
+
+def test_a_load_acts_on_modes_as_its_node_moves(frames):
+    """Force by displacement, moment by rotation, whatever the frame."""
+    for body in frames:
+        row, load = body.nodes.row(6), body.loads[0]
+        wanted = [3, -5, 2] @ body.nodes.Phi_t[row] + [0.4, 1, -2] @ body.nodes.Phi_r[row]
+        np.testing.assert_allclose(load.modal, wanted, atol=1e-9 * np.abs(wanted).max())
 
 
 def spun_up(body, **words):

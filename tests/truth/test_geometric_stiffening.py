@@ -12,7 +12,11 @@ from scipy.optimize import brentq
 from truthkit import run
 
 from flexmb.errors import ReductionError
-from flexmb.fe import Mesh, general, rectangle, reduce
+from flexmb.fe import Mesh, assemble, general, make_interfaces, rectangle, reduce, resolve
+from flexmb.fe.assembly.assemble import geometric_stiffness
+from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
+from flexmb.fe.reduction.geometric_stiffening import _force_per_mass, _rotation_stiffness
+from flexmb.fe.reduction.inertia_relief import InertiaRelief, centrifugal_fields
 from flexmb.model import Model
 
 REFERENCE = json.loads(
@@ -29,6 +33,59 @@ def blade(stiffening=True, modes=10, elements=20):
         interfaces={"root": "root", "tip": "tip"}, sections={"all": rectangle(HEIGHT, HEIGHT)},
         geometric_stiffening="full" if stiffening else "none",
     )  # fmt: skip
+
+
+def moments_of_inertia_load(fe, per_mass):
+    """Sum of s f^T of forces G s + g per mass."""
+    return fe.inertia.S0 @ per_mass[:, :3].T + np.outer(fe.inertia.S1, per_mass[:, 3])
+
+
+@pytest.mark.parametrize("load", [*range(6), "x", "y", "z"])
+def test_stress_of_a_load_turns_with_the_body(load):
+    """R_v^T K_geo R_w = v.(tr(M) w - M w) of turns v, w and the moments M = sum of s f^T, for loads
+    that turn with the body do no work."""
+    corners = np.array([[0, 0, 0], [1.0, 0, 0], [1.0, 0.7, 0], [1.0, 0.7, 0.5]])
+    places = np.linspace(0, 3, 19)
+    points = np.stack([np.interp(places, range(4), corners[:, a]) for a in range(3)], axis=1)
+    lines = np.stack([np.arange(18), np.arange(1, 19)], axis=1)
+    bent = Mesh(points, {"line": lines}, {"root": np.array([0])})
+    material = resolve({"E": 1e9, "nu": 0.3, "density": 1000.0})
+    thin = {"all": rectangle(1e-3, 1e-3, shear=False)}
+    fe = assemble(bent, material, thin)
+    fixed = FixedInterfaceModel(fe, make_interfaces(fe, {"root": "root"}), tuple(range(6)))
+    relief = InertiaRelief(fe.M, fe.rigid)
+    if isinstance(load, int):
+        field, G = centrifugal_fields(fe)[load]
+        f, moments = fe.M @ field, np.zeros((3, 3))
+    else:
+        axis, G, f = "xyz".index(load), np.zeros((3, 3)), np.zeros(fe.numbering.n)
+        f[fe.numbering.table[-1, axis]] = 1.0
+        moments = np.outer(points[-1], np.eye(3)[axis])
+    per_mass = _force_per_mass(fe, G, relief.acceleration(f))
+    moments = moments + moments_of_inertia_load(fe, per_mass)
+    R = fe.rigid[:, 3:]
+    found = R.T @ (geometric_stiffness(fe, fixed.free(relief.loads(f)), per_mass) @ R)
+    wanted = np.trace(moments) * np.eye(3) - moments
+    np.testing.assert_allclose(found, wanted, atol=0.02 * np.abs(moments).max())
+
+
+def test_a_rigid_interface_turns_with_the_forces_on_its_nodes():
+    """The same of a solid whose end is rigid: what its nodes carry acts at its point."""
+    fe = assemble(solid_box("hexahedron20", [3, 1, 1], (1.0, 0.4, 0.3)), resolve("steel"))
+    ends = make_interfaces(fe, {"a": "x0", "b": "x1"})
+    fixed, relief = FixedInterfaceModel(fe, ends, tuple(range(6))), InertiaRelief(fe.M, fe.rigid)
+    for axis in range(3):
+        f, turns = fixed.loads()[:, 6 + axis], fe.rigid[:, 3:]
+        u = fixed.free(relief.loads(f))
+        links = fe.K @ u - relief.loads(f) + f
+        found = turns.T @ (geometric_stiffness(fe, u) @ turns)
+        found += sum(_rotation_stiffness(fe, end, links) for end in ends)
+        per_mass = _force_per_mass(fe, np.zeros((3, 3)), relief.acceleration(f))
+        moments = np.outer(ends[1].position, np.eye(3)[axis]) + moments_of_inertia_load(
+            fe, per_mass
+        )
+        wanted = np.trace(moments) * np.eye(3) - moments
+        np.testing.assert_allclose(found, wanted, atol=1e-9 * np.abs(moments).max())
 
 
 def main_frequency(t, y):

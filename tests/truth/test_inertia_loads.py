@@ -12,7 +12,9 @@ from femeshes import line
 from truthkit import run
 
 from flexmb.errors import ReductionError
-from flexmb.fe import rectangle, reduce
+from flexmb.fe import assemble, rectangle, reduce, resolve
+from flexmb.fe.reduction.inertia_relief import acceleration_fields
+from flexmb.flexbody.static_response import InertiaResponse
 from flexmb.model import Model
 
 STEEL = {"E": 2.1e11, "nu": 0.3, "density": 7850.0}
@@ -134,3 +136,16 @@ def test_words_that_are_none():
         bar("inertial")
     with pytest.raises(ReductionError, match="residual: user modes take no residual vectors"):
         bar(modes=np.eye(66)[:, 30:31], reduction="user")
+
+
+def test_factors_of_the_fields_are_those_of_a_rigid_motion():
+    """a + alpha x s + omega x (omega x s) of every node, by the twelve fields of a body."""
+    fe = assemble(
+        line(2, (0.1, 0.5, -0.3), (1.0, -0.4, 0.7)), resolve(STEEL), {"all": rectangle(0.1, 0.1)}
+    )
+    a, alpha, omega = np.random.default_rng(4).normal(size=(3, 3))
+    (c,) = InertiaResponse.factors(a[None], alpha[None], omega[None])
+    s = fe.mesh.points - fe.center
+    wanted = a + np.cross(alpha, s) + np.cross(omega, np.cross(omega, s))
+    found = (acceleration_fields(fe) @ c)[fe.numbering.table[:, :3]]
+    np.testing.assert_allclose(found, wanted, atol=1e-13)

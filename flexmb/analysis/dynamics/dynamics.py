@@ -255,8 +255,8 @@ class _Pass:
         pivots = int(prepared.run.state.count[0]["regularised_pivots"])
         if pivots:
             notes.append(
-                f"{pivots} ill-conditioned pivots were regularised: the steps are long, a body has "
-                "no inertia in some direction that it can move in, or the pose is singular"
+                f"{pivots} ill-conditioned pivots were regularised: a body has no inertia in some "
+                "direction that it can move in, or the pose is singular"
             )
         if ending.status == "finished":
             notes += missed_accuracy(prepared)
@@ -302,13 +302,13 @@ class _Pass:
         unstable = unstable_step(run, prepared.method, failed=True)
         if unstable:
             return Ending("failed", f"at t = {at:.6g} s {unstable}")
-        sentence = failure_sentence(status, run.compiled, prepared.model, run.work, at, step)
         cause = (
             self._validity.diverging(run.state)
             or _static_modes(run)
             or nearly_redundant(run.compiled, run.state.q)
         )
-        return Ending("failed", f"{sentence}; {cause}" if cause else sentence)
+        return Ending("failed", failure_sentence(
+            status, run.compiled, prepared.model, run.work, at, step, cause))  # fmt: skip
 
 
 def _static_modes(run: Integration) -> str:
@@ -329,8 +329,10 @@ def _unbalanced(prepared: PreparedDynamics) -> str:
     share, settings = prepared.run.rows.balance.relative, prepared.run.settings
     step = settings.step
     if (
-        share <= max(_UNBALANCED, 10.0 * settings.accuracy) or settings.follow == 1
-    ):  # work at the rates of quasi-static modes
+        share <= max(_UNBALANCED, 10.0 * settings.accuracy)
+        or settings.follow == 1  # work at the rates of quasi-static modes
+        or (settings.determined == 1 and not prepared.model.drivers)  # nothing moves
+    ):
         return ""
     what = f"the energy balance is off by {100 * share:.3g} % of the energy that moved: "
     if step > 0.0:

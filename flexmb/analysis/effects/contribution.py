@@ -10,7 +10,7 @@ accelerations change against that.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,17 +32,23 @@ from flexmb.results import Result
 Array = NDArray[np.float64]
 
 _STANDSTILL = 1e-7  # of the largest motion of the same unit: what changes less is round-off
+_AT_REST = 1e-3  # of its motion with the change: the change moves a sensor, and nothing else
+_SYMMETRIC = 0.2  # of the change by one body, that all together leave
 _UNBOUNDED = 1e3  # a change this many times the motion is no number any more
 
 
 @dataclass(frozen=True)
 class Contribution:
-    """The largest change of a sensor: `value` in its SI unit, `share` of its peak-to-peak."""
+    """The largest change of a sensor: `value` in its SI unit, `share` of its peak-to-peak.
+
+    ``at_rest``: the sensor does not move in the run.
+    """
 
     sensor: str
     unit: str
     value: float
     share: float
+    at_rest: bool = False
 
 
 def read_motion(run: Result) -> Motion:
@@ -132,35 +138,45 @@ def first_change(compiled: Compiled, model: Model, motion: Motion) -> tuple[Arra
 
 
 def contributions(
-    model: Model, histories: Sequence[Array], change: Array, names: tuple[str, ...]
-) -> list[Contribution]:
+    model: Model, histories: tuple[Array, Array], change: Array, names: tuple[str, ...],
+    together: Array | None = None,
+) -> list[Contribution]:  # fmt: skip
     """The largest change of each sensor; of what stands still in all histories, none.
 
     Parameters
     ----------
     model : Model
         For its sensors and their units.
-    histories : sequence of (n, k) array
-        Channels without effects and with them, for their peak-to-peak.
+    histories : two (n, k) arrays
+        Channels of the run and with the change, for their peak-to-peak.
     change : (n, k) array
         What an effect changes of them.
     names : tuple of str
         Of the channels.
+    together : (n, k) array, optional
+        The change by the same effect of all bodies: what is at rest and stays there, by symmetry,
+        is not changed by that of one.
     """
     sizes: dict[str, tuple[str, float, float]] = {}
+    rests: dict[str, float] = {}
     largest: dict[str, float] = {}
     owners = {**model.sensors, **model.states, **model.controllers}
     for name, spec in owners.items():
         columns = [names.index(channel) for channel in channels_of(name, spec)]
         unit = model.channel_unit(channels_of(name, spec)[0]) or ""
-        size = max(np.ptp(x[:, columns], axis=0).max(initial=0.0) for x in histories)
-        sizes[name] = unit, float(size), float(np.abs(change[:, columns]).max(initial=0.0))
+        rests[name], after = (np.ptp(x[:, columns], axis=0).max(initial=0.0) for x in histories)
+        size = max(rests[name], after)
+        value = np.abs(change[:, columns]).max(initial=0.0)
+        if together is not None and np.abs(together[:, columns]).max() < _SYMMETRIC * value:
+            value *= rests[name] > _AT_REST * size
+        sizes[name] = unit, float(size), float(value)
         largest[unit] = max(largest.get(unit, 0.0), float(size))
     result = []
     for name, (unit, size, value) in sizes.items():
         moves = size > _STANDSTILL * largest[unit]
         share = min(value / size, _UNBOUNDED) if moves else 0.0
-        result.append(Contribution(name, unit, value if moves else 0.0, share))
+        at_rest = bool(rests[name] <= _AT_REST * size)
+        result.append(Contribution(name, unit, value if moves else 0.0, share, at_rest))
     return result
 
 

@@ -37,10 +37,12 @@ Indices = NDArray[np.int64]
 _UNRESOLVED = 1.0  # rad of a vibration between two rows from which on they do not resolve it
 _ROUNDS = 2  # of what such vibrations do slowly
 _MODES_LAST = 0.02  # preference of modes among dependent coordinates
+_TURNING = 2 * np.pi  # of a body over the run: so much makes its coordinates twice as dependent
 _WORSE = 30.0  # motion of dependent coordinates per independent one that asks for others
 _LEAST_ROWS = 8  # with one choice of them
 _EVALUATIONS = 50  # of the equations, to time them
 _MOST_VIBRATIONS = 80  # the slowest of many; what the rows do not resolve beyond only follows loads
+_SMALL = 1e-5  # of the size of the model: a change of the motion that is linear in all sensors
 _UNBOUNDED = 1e12  # a small motion this many times the model is not followed any further
 
 
@@ -74,6 +76,12 @@ class Motion:
         missing = change - mean * np.diff(self.t)[:, None]
         total = float(np.sqrt((change**2).sum()))
         return float(np.sqrt((missing**2).sum())) / total if total > 0.0 else 0.0
+
+    def turn(self, compiled: Compiled) -> float:
+        """Largest angle that a body turns from row to row, rad."""
+        steps = np.diff(self.t)[:, None]
+        turns = (self.v[1:, body.iv + 3 : body.iv + 6] * steps for body in compiled.layout.bodies)
+        return max((float(np.linalg.norm(x, axis=1).max(initial=0.0)) for x in turns), default=0.0)
 
     def thinned(self, most: int) -> Motion:
         """At most so many rows of it, at equal numbers of rows."""
@@ -139,12 +147,17 @@ def respond(
         force = one.F[k] + one.M[k] @ parts[2, k] + one.D[k] @ parts[1, k] + one.K[k] @ parts[0, k]
         multipliers = np.linalg.lstsq(one.Cq[k].T, force, rcond=1e-10)[0] @ one.rows[k]
         dq[k], dv, dvd = (frames.outward(k, part[k]) for part in parts)
-        motion.put(k, equations)
-        now.q[:] = equations.moved(motion.q[k], dq[k])
-        now.v[:] += dv
-        now.vd[:] += dvd
-        now.lam[:] -= multipliers
-        change[k] = equations.channels() - motion.channels[k]
+        size = np.abs(parts[0, k]).max(initial=0.0)
+        changes = []
+        # joints are closed to first order only: at full size large turns may take away, not add
+        for f in (1.0, min(1.0, _SMALL / size) if size > 0.0 else 1.0):
+            motion.put(k, equations)
+            now.q[:] = equations.moved(motion.q[k], f * dq[k])
+            now.v[:] += f * dv
+            now.vd[:] += f * dvd
+            now.lam[:] -= f * multipliers
+            changes.append((equations.channels() - motion.channels[k]) / f)
+        change[k] = np.where(np.abs(changes[0]) < np.abs(changes[1]), *changes)
     change[bounded:] = np.inf
     return Response(change, dq, bounded)
 
@@ -203,12 +216,13 @@ class _Coefficients:
     """M δv̇ + D δv + K δq + Cqᵀ δλ = −F, Cq δq = −C, row by row, in weighted coordinates.
 
     The rows of Cq are independent: combinations `rows` of those of the model. D contains the
-    turning of the axes in δv̇, Omega is that in δv. `modal` marks the modes of bodies.
+    turning of the axes in δv̇, Omega is that in δv. The larger `prefer`, the rather a coordinate
+    depends on others.
     """
 
     frames: _Frames
     weights: Array
-    modal: NDArray[np.bool_]
+    prefer: Array
     M: Array
     D: Array
     K: Array
@@ -247,11 +261,13 @@ def _coefficients(compiled: Compiled, motion: Motion, balance: Array) -> _Coeffi
                 Cq, rows, C = np.zeros((n, rank, nu)), np.zeros((n, rank, nc)), np.zeros((n, rank))
             rows[k] = U[:, :rank].T * scale
             Cq[k], C[k] = rows[k] @ at.Cq @ S, rows[k] @ equations.work.con.C
-    modal = np.zeros(compiled.layout.nv, bool)
+    prefer, v = np.ones(compiled.layout.nv), motion.v
     for body in compiled.layout.bodies:
-        modal[body.iv + 6 : body.iv + 6 + body.m] = True
+        prefer[body.iv + 6 : body.iv + 6 + body.m] = _MODES_LAST
+        spin = np.linalg.norm(v[:, body.iv + 3 : body.iv + 6], axis=1).max()
+        prefer[body.iv : body.iv + 6] += spin * (motion.t[-1] - motion.t[0]) / _TURNING
     weights = 1.0 / frames.inverse[used]
-    return _Coefficients(frames, weights, modal[used], M, D, K, Cq, F, C, Omega, rows)
+    return _Coefficients(frames, weights, prefer[used], M, D, K, Cq, F, C, Omega, rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,13 +281,12 @@ class _Segment:
 def _segment(of: _Coefficients, first: int) -> _Segment:
     """Rows from `first` on along which one choice of independent coordinates serves.
 
-    Modes are independent wherever they can be, so that stiffness does not turn with the motion.
+    Modes and bodies that turn little are independent where they can be: nothing turns with motion.
     """
     from scipy.linalg import qr
 
     n, rank, nu = of.Cq.shape
-    prefer = np.where(of.modal, _MODES_LAST, 1.0)
-    order = qr(of.Cq[first] * prefer, mode="r", pivoting=True)[1] if rank else np.arange(nu)
+    order = qr(of.Cq[first] * of.prefer, mode="r", pivoting=True)[1] if rank else np.arange(nu)
     dependent, free = order[:rank], np.sort(order[rank:])
     Z, g = np.zeros((n - first, nu, nu - rank)), np.zeros((n - first, nu))
     Z[:, free] = np.eye(nu - rank)

@@ -42,9 +42,10 @@ Array = NDArray[np.float64]
 _ZERO_TOLERANCE = 1e-7
 _SHARES = (0.001, 0.01, 0.1, 0.3, 0.6, 1.0)  # of the duration, at which drivers must agree
 # Singular value over the largest below which a locked mechanism is nearly not, and below which no
-# method holds it (a four-bar whose pin is tilted by 1e-3 rad has 1.3e-4 and runs, by 1e-4 none
-# does), if it is as small over the next one.
-_NEARLY_FREE, _TOO_NEARLY_FREE, _GAP = 1e-2, 1e-4, 0.1
+# method holds it (a four-bar whose pin is tilted by 2e-3 rad has 2.6e-4 and runs by all methods, by
+# 1e-4 by none), if it is as small over the next one. Equations that count as redundant, with a
+# value below RANK_TOLERANCE, fit each other if it is below this one.
+_NEARLY_FREE, _TOO_NEARLY_FREE, _GAP, _FITS = 1e-2, 2e-4, 0.1, 3e-10
 
 
 @dataclass(frozen=True)
@@ -223,10 +224,21 @@ def is_locked(pose: ConstraintPose) -> bool:
 
 def lock_of_inexact_parts(model: Model, pose: ConstraintPose) -> str:
     """The sentence where no method can run rigid bodies that a slight misfit locks, or ""."""
-    flexible = any(body.flexible for body in model.bodies.values())
-    if flexible or not is_locked(pose) or not _is_nearly_free(pose, _TOO_NEARLY_FREE):
+    if any(body.flexible for body in model.bodies.values()):
         return ""
-    return locked_sentence(model, pose)
+    if is_locked(pose):
+        return locked_sentence(model, pose) if _is_nearly_free(pose, _TOO_NEARLY_FREE) else ""
+    joints = pose.jacobian.joint_decomposition
+    share = joints.S[joints.rank :] / joints.S[0] if joints.rank else joints.S[:0]
+    off = float(share[share > _FITS].max(initial=0.0))
+    if not off or off > _GAP * joints.condition:
+        return ""
+    names = [plain_name(p) for p in dict.fromkeys(pose.jacobian.owners) if p.startswith("joints.")]
+    return (
+        f"equations of the joints {', '.join(names)} are redundant to {off:.1g} only, too much for "
+        "any method: axes or places that should fit are slightly off; make them exact, or exchange "
+        "joints as flexmb check tells"
+    )
 
 
 def _is_nearly_free(pose: ConstraintPose, bound: float = _NEARLY_FREE) -> bool:

@@ -3,8 +3,8 @@
 The symbolic part (`engine.symbolic`) gives panels of columns in elimination order; each holds its
 diagonal block and the dense rows below, row by row, so every inner loop is a dot product over
 neighbouring numbers. Symmetric: A = L D Lᵀ on `low`. Unsymmetric with the same pattern:
-A = L D U, where `up` holds U by columns in the same places. No pivoting: every pivot has a known
-sign (+ coordinate, − constraint row); one of the wrong sign or nearly zero is replaced and counted.
+A = L D U, where `up` holds U by columns in the same places. No pivoting: a pivot without digits is
+replaced by a small one of the usual sign (+ coordinate, − constraint row), and counted.
 
 Dense blocks in v order go into the panels by `column` (nv,), the column of each velocity coordinate
 in its panel, modes before the rigid part; −1 leaves it out (out of the plane of a planar model).
@@ -31,16 +31,14 @@ _SMALL = 1e-8
 
 @kernel
 def _guarded(d, a, sign):
-    """Pivot d, or a replacement if it has the wrong sign or no digits; and whether it was.
+    """Pivot d, or a replacement if it has no digits; and whether it was.
 
-    a is its diagonal entry. One of the wrong sign becomes |a|, a step of Newton's method in a safe
-    direction. One without digits becomes small, so that refinement takes it back.
+    a is its diagonal entry. The replacement is small, so that refinement takes it back. A pivot of
+    the other sign has its digits and stays: forces and reactions make a body unstable that joints
+    hold, and any other pivot there spoils the convergence of Newton's method.
     """
-    sound = abs(d) > _TINY * abs(a) and math.isfinite(abs(d))
-    if sound and ((d * sign).real > 0.0 or d.imag != 0.0):
+    if abs(d) > _TINY * abs(a) and math.isfinite(abs(d)):
         return d, 0
-    if sound:
-        return 0.0 * d + sign * max(abs(a), abs(d)), 1
     return 0.0 * a + sign * _SMALL * (abs(a) if abs(a) > 0.0 else 1.0), 1
 
 

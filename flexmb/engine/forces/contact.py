@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from flexmb.engine.algebra.vector import axis_vector as axis
 from flexmb.engine.algebra.vector import (
-    add_part,
     clear,
     column,
     inner,
@@ -32,7 +32,6 @@ from flexmb.engine.algebra.vector import (
     turned_back,
     zero,
 )
-from flexmb.engine.algebra.vector import axis_vector as axis
 from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_rate_arms, add_rates
 from flexmb.engine.forces.contact_pair import (
     normal_change,
@@ -202,22 +201,19 @@ def add_wrenches(run: Run, contacts: Contacts, at: Point) -> int:
 
 @unit
 def read_wrench(run: Run, contacts: Contacts, at: Point, channel: int) -> float:
-    """Wrench pair of all points of the contact that a channel reads: on its first I, and on J."""
+    """Wrench pair of all points of the contact that a channel reads, on J; of I their force."""
     rows, cn = contacts.rows, contacts.scratch.now[0]
     markers, dense = run.work.now.marker, run.work.dense
     row = run.system.sensors.channels[channel]
     first, g, w = row["first"], dense.g[0], dense.g[1]
-    i, j = rows[first]["I"], rows[first]["J"]
-    dense.pair[0], dense.pair[1] = i, j
+    dense.pair[0], dense.pair[1] = rows[first]["I"], rows[first]["J"]
     zero(w)
     for k in range(first, first + row["n"]):
         if evaluate_contact(run, contacts, k) > 0.0:
-            c, f = rows[k], force(cn)
-            mi, mj = markers[c["I"]], markers[c["J"]]
-            put_wrench(c, triple(cn["n"]), mi, mj, f, g)
+            c = rows[k]
+            put_wrench(c, triple(cn["n"]), markers[c["I"]], markers[c["J"]], force(cn), g)
             for r in range(12):
                 w[r] += g[r]
-            add_part(w, 3, 1.0, outer(separation(markers[i], mi), f))
     return 0.0
 
 

@@ -46,14 +46,18 @@ class Supports:
         Their reference points [m].
     G : (n, k) sparse
         Motions of the model per coordinate z.
-    fixed, owner : (h,) int
-        The coordinates that are held, and the support of each.
+    fixed : (h,) int
+        The coordinates that are held.
+    shares : (s, h) float
+        What each support bears of them: those that hold the same motion bear equal shares.
     value : (h,) float
         What they are held at [m, rad].
     W : (w, k) sparse
         Rows of held means.
-    mean, mean_owner : (w,)
-        Their values and supports.
+    mean : (w,) float
+        Their values.
+    mean_shares : (s, w) float
+        As `shares`.
     rigid : (k, 6) float
         Rigid motions about the centre of mass as coordinates.
     points : (k, 3) float
@@ -66,11 +70,11 @@ class Supports:
     positions: FloatArray
     G: csr_array
     fixed: IntArray
-    owner: IntArray
+    shares: FloatArray
     value: FloatArray
     W: csr_array
     mean: FloatArray
-    mean_owner: IntArray
+    mean_shares: FloatArray
     rigid: FloatArray
     points: FloatArray
     references: Mapping[str, IntArray]
@@ -313,8 +317,8 @@ class _Builder:
             for row, site in enumerate(hold.sites):
                 at.setdefault(site, []).append((hold, row))
         turned: list[tuple[IntArray, FloatArray]] = []
-        fixed: list[tuple[int, float, int]] = []
-        means: list[tuple[FloatArray, IntArray, float, int]] = []
+        fixed: list[tuple[int, float, list[int]]] = []
+        means: list[tuple[FloatArray, IntArray, float, list[int]]] = []
         problems: dict[str, Problem] = {}
         for site, parts in at.items():
             basis, values, owners = self._independent(site, parts, problems)
@@ -348,15 +352,22 @@ class _Builder:
             self.positions,
             csr_array(self.G @ Q),
             np.array([k for k, *_ in fixed], dtype=int),
-            np.array([s for *_, s in fixed], dtype=int),
+            self._shares([s for *_, s in fixed]),
             np.array([v for _, v, _ in fixed], dtype=float),
             csr_array(csr_array(W) @ Q),
             np.array([v for *_, v, _ in means], dtype=float),
-            np.array([s for *_, s in means], dtype=int),
+            self._shares([s for *_, s in means]),
             Q.T @ self.rigid,
             self.points,
             {self.interfaces[k].name: numbers for k, numbers in self.references.items()},
         )
+
+    def _shares(self, owners: Sequence[Sequence[int]]) -> FloatArray:
+        """(supports, n) equal shares of the supports of each motion."""
+        shares = np.zeros((len(self.names), len(owners)))
+        for k, supports in enumerate(owners):
+            shares[[*supports], k] = 1.0 / len(supports)
+        return shares
 
     def _numbers(self, site: Site) -> IntArray | None:
         """The three coordinates of a site; None for a weighted interface."""
@@ -368,11 +379,11 @@ class _Builder:
 
     def _independent(
         self, site: Site, parts: Sequence[tuple[_Hold, int]], problems: dict[str, Problem]
-    ) -> tuple[FloatArray, list[float], list[int]]:
+    ) -> tuple[FloatArray, list[float], list[list[int]]]:
         """Orthonormal directions, their values and supports; notes values that contradict."""
         basis: list[FloatArray] = []
         values: list[float] = []
-        owners: list[int] = []
+        owners: list[list[int]] = []
         for hold, row in parts:
             for d, v in zip(hold.directions, hold.values[row], strict=True):
                 shares = [float(d @ b) for b in basis]
@@ -382,13 +393,18 @@ class _Builder:
                 if size > _PARALLEL:
                     basis.append(rest / size)
                     values.append((v - expected) / size)
-                    owners.append(hold.support)
-                elif abs(v - expected) > _AGREE * max(abs(v), abs(expected)):
+                    owners.append([hold.support])
+                    continue
+                if abs(v - expected) > _AGREE * max(abs(v), abs(expected)):
                     name = self.names[hold.support]
                     place = f"node {site.node}" if site.interface < 0 else "the interface"
-                    other = ", ".join(sorted({f'"{self.names[s]}"' for s in owners}))
+                    other = ", ".join(sorted({f'"{self.names[s]}"' for one in owners for s in one}))
                     what = f"moves {place} by {v:.6g}, the support {other} by {expected:.6g}"
                     problems.setdefault(name, Problem(f"supports.{name}", what))
+                    continue
+                same = int(np.argmax(np.abs(shares)))
+                if abs(shares[same]) > 1.0 - _PARALLEL and hold.support not in owners[same]:
+                    owners[same].append(hold.support)
         return np.array(basis).reshape(-1, 3), values, owners
 
     def _rotation(self, turned: Sequence[tuple[IntArray, FloatArray]]) -> csr_array:

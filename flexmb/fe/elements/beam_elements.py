@@ -17,8 +17,9 @@ section changes.
 Geometric stiffness is the integral over the volume of sigma_ij u_k,i u_k,j with the stresses that
 the section forces cause and the kinematics of the section: with N alone N (u'^2 + V'^2 + W'^2) + N
 I_p/A phi'^2. Moments vary linearly along the element. Third moments of the section (Wagner's
-constants) are left out; a torque acts half by each shear stress, as in Saint-Venant torsion.
-Source: Yang, Kuo, Theory and Analysis of Nonlinear Framed Structures, section 5.5.
+constants) are left out; a torque acts half by each shear stress, as in Saint-Venant torsion; a
+bending moment turns with its node, which matters where beams meet at an angle. Source: Yang, Kuo,
+Theory and Analysis of Nonlinear Framed Structures, section 5.5; Yang, McGuire, J. Struct. Eng. 112.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ class BeamFields:
         axes = local_axes(x, self.section.orientation)
         offset = self.ends_of("offset", len(x))
         arms = np.einsum("eab,enb->ena", axes[:, :, 1:], offset)
-        self.ends = x + arms
+        self.ends, self.arms = x + arms, arms
         center = self.ends_of("shear_center", len(x)).mean(axis=1)
         angle = self.section.at(0.0).angle
         along = self.ends[:, 1] - self.ends[:, 0]
@@ -308,15 +309,19 @@ class _Line:
     ) -> FloatArray:
         """(ne, 12, 12) geometric stiffness of the stress that displacements u (ne, 12) cause.
 
-        ``field`` (3, 4), [G, g], is the force per mass G s + g at s that acts along the
-        elements: the displacements know the mean axial force alone, with the field it varies
-        along an element as it does, and the error falls with the fourth power of the element
-        length instead of the second.
+        ``field`` (3, 4), [G, g], is the force per mass G s + g at s: with it the axial force varies
+        along an element, and the error falls with the fourth power of its length, not the second.
         """
         fields = BeamFields(x, section)
         forces = np.einsum("enci,ei->enc", section_forces(fields), u)
-        axial = 0.0 if field is None else _axial_variation(fields, field)
-        return _symmetric(_turned(geometric_products(fields, forces, axial), fields.turn))
+        axial, ends = 0.0, forces[:, :, 0]
+        if field is not None:
+            axial = _axial_variation(fields, field, fields.x)
+            ends = ends + _axial_variation(fields, field, fields.length[:, None] * [0.0, 1.0])
+        K = _symmetric(_turned(geometric_products(fields, forces, axial), fields.turn))
+        turning = _turning_of_ends(fields, forces, ends).swapaxes(0, 1)
+        K.reshape(-1, 4, 3, 4, 3)[:, [1, 3], :, [1, 3]] += turning
+        return K
 
     def stress_layers(self, section: Any) -> tuple[str, ...]:
         """Names of the stress points of the section."""
@@ -381,7 +386,20 @@ def _local_mass(fields: BeamFields) -> tuple[FloatArray, FloatArray]:
     return local, first
 
 
-def _axial_variation(fields: BeamFields, field: FloatArray) -> FloatArray:
+def _turning_of_ends(fields: BeamFields, forces: FloatArray, axial: FloatArray) -> FloatArray:
+    """(ne, 2, 3, 3) sym(M) - tr(M) I of nodes that turn, M the sum of s f^T on an end, s from it.
+
+    Neighbours cancel it where a beam goes on straight."""
+    x, y, z = fields.axes.transpose(2, 0, 1)
+    local = np.concatenate([axial[:, :, None], forces[:, :, 1:3]], axis=2)
+    M = np.einsum("ena,ebc,enc->enab", fields.arms, fields.axes, local)
+    bent = forces[:, :, 4, None] * z[:, None] - forces[:, :, 5, None] * y[:, None]
+    M = np.array([-1.0, 1.0])[:, None, None] * (M + bent[..., None] * x[:, None, None])
+    trace = np.einsum("enaa->en", M)[:, :, None, None]
+    return np.asarray(0.5 * (M + M.transpose(0, 1, 3, 2)) - trace * np.eye(3))
+
+
+def _axial_variation(fields: BeamFields, field: FloatArray, x: FloatArray) -> FloatArray:
     """(ne, points) axial force less its mean, from a force per mass along the elements."""
     force = fields.ends @ field[:, :3].T + field[:, 3]
     per_length = np.einsum("eni,ei->en", force, fields.axes[:, :, 0])
@@ -389,7 +407,7 @@ def _axial_variation(fields: BeamFields, field: FloatArray) -> FloatArray:
     line = rho * fields.ends_of("A", len(force)) + fields.ends_of("nonstructural", len(force))
     start, end = (line * per_length)[:, :, None].transpose(1, 0, 2)
     L = fields.length[:, None]
-    gone = start * fields.x + (end - start) * fields.x**2 / (2 * L)
+    gone = start * x + (end - start) * x**2 / (2 * L)
     return start * L / 2 + (end - start) * L / 6 - gone
 
 

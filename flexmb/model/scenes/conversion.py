@@ -60,6 +60,7 @@ from flexmb.model.scenes.sections import (
 )
 from flexmb.model.scenes.study import StudySpec, resolve_knob
 from flexmb.model.scenes.supports import PartSpec
+from flexmb.model.scenes.sweep import SweepSpec
 from flexmb.units import SI, UnitSystem, unit_system
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z_0-9]*\Z")
@@ -187,7 +188,7 @@ def gravity_in_words(gravity: Iterable[float] | str | None, units: UnitSystem) -
 TOP_KEYS = (
     "title", "units", "plane", "gravity", "parameters", "effects", "budget", "ground", *SECTIONS,
     "assembly", "check", "dynamics", "kinematics", "part", "results", "statics", "study",
-    "validity", "view",
+    "sweep", "validity", "view",
 )  # fmt: skip
 """Everything a scene may say at its top level."""
 
@@ -200,6 +201,7 @@ SINGLE_TABLES: dict[str, type[Spec]] = {
     "results": ResultsSpec,
     "statics": StaticsSpec,
     "study": StudySpec,
+    "sweep": SweepSpec,
     "validity": ValiditySpec,
 }
 """Tables of which a scene has one or none."""
@@ -284,11 +286,11 @@ class _Builder:
         for key, kind in SINGLE_TABLES.items():
             if key in self.scene or (key == "effects" and "budget" in self.scene):
                 setattr(self.model, key, self.single(key, kind))
-        if self.model.study is not None:
-            for name in self.model.study.vary:
+        for section in ("study", "sweep"):
+            for name in getattr(getattr(self.model, section), "vary", ()):
                 problem = resolve_knob(self.scene, name)[1]
                 if problem is not None:
-                    self.problems += under(f"study.vary.{name}", [problem])
+                    self.problems += under(f"{section}.vary.{name}", [problem])
         self.model.view = self.single("view", ViewSpec) or ViewSpec()
         checks = self.scene.get("check", [])
         if not isinstance(checks, list | tuple):

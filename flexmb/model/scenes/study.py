@@ -44,7 +44,7 @@ def override(
     changed: dict[str, Any] = copy.deepcopy(dict(scene))
     problems: list[Problem] = []
     for name, text in changes.items():
-        problem = _set(changed, str(name).strip(), _value(text))
+        problem = _set(changed, str(name).strip(), read_value(text))
         if problem is not None:
             problems.append(problem)
     if isinstance(changed.get("dynamics"), dict):
@@ -53,7 +53,8 @@ def override(
     return changed, problems
 
 
-def _value(text: Any) -> Any:
+def read_value(text: Any) -> Any:
+    """A TOML value where a text is one, else the text: an expression or a name."""
     if not isinstance(text, str):
         return text
     try:
@@ -197,7 +198,7 @@ def knob_names(scene: Mapping[str, Any]) -> Iterator[str]:
     yield from DynamicsSpec.model_fields
     yield from _TOP
     for section in _SECTIONS[1:]:
-        yield from (path for path, _ in _leaves(section, _table(scene, section)))
+        yield from (path for path, _ in leaves(section, _table(scene, section)))
 
 
 def _table(scene: Mapping[str, Any], key: str) -> Mapping[str, Any]:
@@ -205,12 +206,12 @@ def _table(scene: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     return table if isinstance(table, Mapping) else {}
 
 
-def _leaves(path: str, table: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+def leaves(path: str, table: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     """Values of nested tables: TOML reads ``bodies.rod.modes = [4]`` as tables in tables."""
     for key, value in table.items():
         name = f"{path}.{key}" if path else str(key)
         if isinstance(value, Mapping):
-            yield from _leaves(name, value)
+            yield from leaves(name, value)
         else:
             yield name, value
 
@@ -236,7 +237,7 @@ def sweep_values(source: Any) -> tuple[Any, ...]:
     SceneError
         No values, an empty piece, or a range that cannot be.
     """
-    pieces = _split(source) if isinstance(source, str) else plain(source)
+    pieces = split_values(source) if isinstance(source, str) else plain(source)
     if not isinstance(pieces, list):
         pieces = [pieces]
     values: list[Any] = []
@@ -251,7 +252,8 @@ def sweep_values(source: Any) -> tuple[Any, ...]:
     return tuple(values)
 
 
-def _split(text: str) -> list[str]:
+def split_values(text: str) -> list[str]:
+    """The pieces between commas outside of brackets."""
     pieces, depth = [""], 0
     for letter in text:
         depth += (letter in "([{") - (letter in ")]}")
@@ -274,7 +276,7 @@ def _expanded(piece: Any) -> Iterator[Any]:
     if match is None:
         if _HALF_RANGE.match(piece):
             raise SceneError(f'the range "{piece.strip()}" must have two numbers: 1e-2..1e-6')
-        yield _value(piece.strip())
+        yield read_value(piece.strip())
         return
     a, b = match["a"], match["b"]
     if not (0 < float(a) < math.inf and 0 < float(b) < math.inf):
@@ -310,7 +312,7 @@ def _vary(value: Any, info: ValidationInfo) -> dict[str, tuple[Any, ...]]:
         raise fail(Problem("", f"a table {{knob = values, ...}} is expected, given {quote(value)}"))
     knobs: dict[str, tuple[Any, ...]] = {}
     problems: list[Problem] = []
-    for knob, values in _leaves("", value):
+    for knob, values in leaves("", value):
         try:
             knobs[knob] = sweep_values(values)
         except SceneError as error:

@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
+from generators import cloud, interface
 from linkages import bar, four_bar, four_bar_angles, swept
 
 import flexmb
@@ -98,6 +99,41 @@ def test_heavier_bodies_move_less_and_fixed_ones_not_at_all():
     end = np.array([np.cos(0.7) + 2 * np.cos(0.3), np.sin(0.7) + 2 * np.sin(0.3)])
     other = np.array([2.2 + 1.5 * np.cos(1.9), 1.5 * np.sin(1.9)])
     assert (gap.name, gap.distance) == ("joints.rocker_pin", float(np.linalg.norm(end - other)))
+
+
+def closed_pair(weights, first, offset=(0.0, 0.0, 0.0)):
+    """How two bodies 0.1 m apart move to close their joint: changes of their coordinates."""
+    made = Model("two")
+    made.add_body("b", mass=1.0, inertia=[1, 2, 3], position=[0.1, 0, 0])
+    if first is None:
+        made.add_body("a", mass=2.0, inertia=[1, 1, 1])
+        made.add_marker("a.pin", position=list(offset))
+        made.add_marker("b.pin", position=list(offset))
+        ends = ["a.pin", "b.pin"]
+    else:
+        made.add_body("a", first, position=list(-first.interfaces[0].position))
+        ends = ["a.pin", "b"]
+    made.add_joint("pin", "spherical", between=ends)
+    made.set_assembly(weights=dict(zip("ab", weights, strict=True)))
+    compiled = compile_system(made)
+    state = assemble(compiled, made).state
+    return state.q - compiled.initial_q
+
+
+def test_bodies_share_a_gap_by_mass_and_weight():
+    """Least sum of w m d^2: each moves by the share of what the other one counts."""
+    moved = closed_pair((1.0, 3.0), None)
+    assert moved[7] == pytest.approx(0.1 * 3 / (3 + 2), rel=1e-9)  # a, the second
+    assert moved[0] == pytest.approx(-0.1 * 2 / (3 + 2), rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["rigid", "flexible"])
+def test_only_ratios_of_weights_count(kind):
+    rng = np.random.default_rng(1)
+    first = cloud(rng, 3).flexbody("a", [interface(rng, "pin", 3)]) if kind == "flexible" else None
+    one, other = (closed_pair(w, first, (0, 0.3, 0.2)) for w in ((1e-9, 1.0), (1.0, 1e9)))
+    assert np.abs(one).max() > 0.01
+    np.testing.assert_allclose(one, other, atol=1e-12)
 
 
 def report(made):

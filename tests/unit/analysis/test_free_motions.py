@@ -123,12 +123,24 @@ def test_a_locked_mechanism_is_told_with_a_cure():
     assert "locked" in note
 
 
-@pytest.mark.parametrize("tilt", [1e-7, 1e-6, 1e-5])
+@pytest.mark.parametrize("tilt", [1e-7, 1e-6, 1e-5, 1e-3])
 def test_a_mechanism_that_a_slight_tilt_locks_does_not_run(tilt):
     made = four_bar(tilt=tilt)
     made.set_dynamics(duration=1.0)
     with pytest.raises(AssemblyError, match=r"the mechanism is locked.* slightly off; .* exchange"):
         flexmb.simulate(made)
+
+
+def test_equations_that_are_redundant_but_for_a_slight_tilt_do_not_run():
+    """Too little to lock it, too much for round-off: 1e-9 rad fits, 1e-8 rad does not."""
+    for tilt, runs in ((1e-9, True), (1e-8, False)):
+        made = four_bar(tilt=tilt)
+        made.set_dynamics(duration=0.1, outputs=2)
+        if runs:
+            flexmb.simulate(made)
+        else:
+            with pytest.raises(AssemblyError, match=r"redundant to 1e-09 only.* make them exact"):
+                flexmb.simulate(made)
 
 
 @pytest.mark.parametrize("tilt", [2e-3, 1e-2, 0.3])

@@ -70,6 +70,19 @@ def test_without_weights_the_size_of_the_machine_would_decide(size):
     assert numerical_rank(np.linalg.svd(Cq, compute_uv=False)) < 9
 
 
+@pytest.mark.parametrize(("tilt", "rank"), [(0.0, 5), (1e-10, 5), (1e-6, 6), (1e-2, 6)])
+def test_hinges_of_a_door_out_of_line_hold_it_from_a_hundred_millionth_on(tilt, rank):
+    """Two pins on one line leave the turn; a tilt below 1e-8 rad is what digits of a pose leave."""
+    made = Model("door")
+    made.add_body("door", mass=1.0, inertia=[1, 1, 1])
+    made.add_marker("door.top", position=[0, 0, 1])
+    made.add_marker("ground.top", position=[0, 0, 1])
+    made.add_joint("low", "revolute", between=["ground", "door"], axis="z")
+    made.add_joint("high", "revolute", between=["ground.top", "door.top"], axis=[tilt, 0, 1])
+    compiled = compile_system(made)
+    assert constraint_rank(compiled, assemble(compiled, made).work) == rank
+
+
 def beam_between_walls():
     """A beam with six modes, welded to the ground at both ends."""
     rng = np.random.default_rng(3)

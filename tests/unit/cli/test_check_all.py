@@ -49,7 +49,12 @@ value = [0, 0, "log(0.5 - turn)"]
 
 def check_all(folder: Path, *words: str) -> Result:
     out = str(folder.parent / "out")
-    return CliRunner().invoke(app, ["check-all", str(folder), "-o", out, *words])
+    return CliRunner().invoke(app, ["check-all", str(folder), "-o", out, "--workers", "1", *words])
+
+
+@pytest.mark.slow
+def test_two_workers_find_the_same(scenes: Path) -> None:
+    assert check_all(scenes).stdout == check_all(scenes, "--workers", "2").stdout
 
 
 @pytest.fixture
@@ -76,7 +81,7 @@ def test_right_wrong_and_missing_answers_stand_in_one_table(scenes: Path) -> Non
 
 def test_a_run_that_fails_does_not_end_the_others(scenes: Path) -> None:
     (scenes / "wrong" / "scene.toml").write_text(STUCK.format(value=0), encoding="utf-8")
-    done = check_all(scenes, "--workers", "1")
+    done = check_all(scenes)
     assert done.exit_code == 3
     assert "the run failed" in done.stdout
     assert done.stdout.splitlines()[-1] == "2 scenes: 1 of 1 check passed, 1 run failed"

@@ -144,7 +144,11 @@ def test_what_is_not_known_is_left_out() -> None:
     assert summary_sentence({"steps": 7}) == "7 steps"
     assert work_rows({"steps": 7, "replaced_pivots": 2, "method": "x"}) == [
         ("steps", "7", "by x"),
-        ("ill-conditioned pivots", "2", "regularised: long steps, or inertia is missing somewhere"),
+        (
+            "ill-conditioned pivots",
+            "2",
+            "regularised: inertia is missing somewhere, or the pose is singular",
+        ),
     ]
     for key in EVERYTHING:
         known = {name: value for name, value in EVERYTHING.items() if name != key}

@@ -7,7 +7,12 @@ import pytest
 from truthkit import steps
 
 from flexmb.engine.compile import compile_system
-from flexmb.engine.integrators.generalized_alpha import generalized_alpha, step
+from flexmb.engine.integrators.generalized_alpha import (
+    generalized_alpha,
+    hilber_hughes_taylor,
+    newmark,
+    step,
+)
 from flexmb.engine.method import Settings
 from flexmb.engine.units import call, hand_over
 from flexmb.engine.work import new_run, new_work
@@ -75,3 +80,20 @@ def test_algorithmic_accelerations_move_with_the_step(ratio):
     wanted = derivative(2, t + shift * h)
     left = abs(derivative(2, t + shift * H) - wanted)
     assert abs(work.trial.aa_start[0] - wanted) < 0.1 * left
+
+
+@pytest.mark.parametrize("alpha", [0.0, -0.1, -0.3])
+def test_hht_has_its_constants(alpha):
+    """beta = (1 - alpha)^2/4, gamma = 1/2 - alpha; forces at t + (1 + alpha) h (Hughes, The Finite
+    Element Method, 9.3)."""
+    (one,) = hilber_hughes_taylor(alpha).coefficients
+    assert (one.alpha_m, one.alpha_f) == (0.0, -alpha)
+    assert one.beta == pytest.approx((1 - alpha) ** 2 / 4)
+    assert one.gamma == pytest.approx(0.5 - alpha)
+
+
+@pytest.mark.parametrize(("gamma", "project"), [(0.5, 1), (0.51, 1), (0.6, 0), (0.9, 0)])
+def test_newmark_is_projected_where_joints_would_ring(gamma, project):
+    """Its spectral radius at infinity is (3/2 - gamma)/(1/2 + gamma): 1, 0.98, 0.82, 0.43."""
+    (one,) = newmark(0.25 * (gamma + 0.5) ** 2, gamma).coefficients
+    assert one.project == project

@@ -128,6 +128,10 @@ def test_radau_is_collocation_at_its_points():
         if k < 3:
             np.testing.assert_allclose(found, c ** (k + 1) / (k + 1), atol=1e-15)
         assert found[2] == pytest.approx(1 / (k + 1), abs=1e-15)
+    # the formula beside: γ₀ h f(t₀) and increments of the stages, exact for cubics (Hairer, Wanner,
+    # Solving Ordinary Differential Equations II, IV.8)
+    wanted = [-1 / radau.gamma, 0.0, 0.0]
+    np.testing.assert_allclose([radau.error @ c**k for k in (1, 2, 3)], wanted, atol=1e-14)
     mu = complex(radau.mu_real, radau.mu_imag)
     first = np.outer(radau.back[0], radau.to[0])
     second = np.outer(radau.back[1] - 1j * radau.back[2], radau.to[1] + 1j * radau.to[2])

@@ -6,8 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from enginekit import exponential, rotation, slope
 
 from flexmb.engine.algebra.vector import tangent_coefficients
+from flexmb.engine.bodies.motion import _interpolate_rotation, hermite
+from flexmb.engine.integrators.radau import _angular_velocity
 
 
 def series(x):
@@ -26,3 +29,33 @@ def test_tangent_coefficients(x):
     np.testing.assert_allclose(found[:2], series(x)[:2], rtol=1e-12)
     # Beside the switch to the series the derivatives lose digits; they are used times x.
     np.testing.assert_allclose(found[2:], series(x)[2:], rtol=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_a_cubic_is_interpolated_exactly(share):
+    """Value and slope within a step of length h, from those at its ends."""
+    h, cubic = 0.2, np.polynomial.Polynomial([1.0, -2.0, 3.0, 5.0])
+    slope, ends = cubic.deriv(), np.array([0.0, h])
+    found = hermite(share, h, *cubic(ends), *slope(ends))
+    np.testing.assert_allclose(found, [cubic(share * h), slope(share * h)], rtol=1e-13)
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_a_turn_within_a_step_begins_and_ends_as_it_should(share):
+    """Orientation and angular velocity about axes that are not those of the turn."""
+    half = 0.01 * np.array([1.0, -2.0, 0.5])
+    q = np.array([[1.0, 0, 0, 0], [math.sqrt(1 - half @ half), *half]])
+    v = np.array([[0.3, 0.2, -0.1], [0.5, -0.4, 0.6]])
+    place, rate = np.zeros(4), np.zeros(3)
+    _interpolate_rotation(q[0], v[0], q[1], v[1], 0, 0, share, 0.1, place, rate)
+    np.testing.assert_allclose(place, q[int(share)], atol=1e-12)
+    np.testing.assert_allclose(rate, v[int(share)], atol=1e-5)  # terms of the third power of 0.05
+
+
+def test_the_angular_velocity_of_a_rotation_vector():
+    """Body axes: R' dR/dt of R = exp(theta), at a large angle."""
+    theta, rate = np.array([0.7, -1.1, 0.4]), np.array([0.3, 0.5, -0.9])
+    R = rotation(exponential(theta))
+    spin = R.T @ slope(lambda s: rotation(exponential(theta + s * rate)))
+    wanted = [spin[2, 1], spin[0, 2], spin[1, 0]]
+    np.testing.assert_allclose(_angular_velocity(theta, rate), wanted, atol=1e-9)

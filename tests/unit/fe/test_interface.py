@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from enginekit import cross_matrix
 from femeshes import block, line
 
 from flexmb.errors import MeshError
@@ -59,6 +60,33 @@ def test_ties_reproduce_rigid_motions():
         arm = part.position - fe.center
         q[:3, 3:] = [[0, arm[2], -arm[1]], [-arm[2], 0, arm[0]], [arm[1], -arm[0], 0]]
         np.testing.assert_allclose(part.T @ q, fe.rigid[part.dofs], atol=1e-15)
+
+
+@pytest.mark.parametrize("kind", ["rbe2", "rbe3"])
+def test_a_unit_wrench_at_an_interface_is_that_wrench_on_its_nodes(kind):
+    """Forces spread over the nodes have the resultant and the moment about the reference point."""
+    fe = assemble(block((2, 2, 1)), STEEL)
+    part = make_interfaces(fe, {"a": {"group": "x1", "type": kind}})[0]
+    dofs, values = part.loads()
+    force = np.zeros((fe.numbering.n, 6))
+    force[dofs] = values
+    R = fe.rigid.copy()
+    R[:, 3:] += R[:, :3] @ cross_matrix(part.position - fe.center)  # about the reference point
+    np.testing.assert_allclose(R.T @ force, np.eye(6), atol=1e-13)
+
+
+def test_a_mean_of_beam_nodes_on_a_line_does_not_depend_on_the_unit_of_length():
+    """Rotations count by the square of the nodes' radius of gyration."""
+    u, found = np.random.default_rng(5).normal(size=(5, 6)), []
+    for unit in (1.0, 1000.0):
+        fe = assemble(line(4, end=(unit, 0, 0)), STEEL, {"all": rectangle(0.1 * unit, 0.1 * unit)})
+        words = {"nodes": [0, 2, 3], "type": "rbe3"}
+        (part,) = make_interfaces(fe, {"a": words})
+        scale = np.array([unit] * 3 + [1.0] * 3)
+        field = np.zeros(fe.numbering.n)
+        field[fe.numbering.table] = u * scale
+        found.append(part.motion(field) / scale)
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-9)
 
 
 def test_a_single_beam_node_is_an_interface():

@@ -7,7 +7,7 @@ import pytest
 from femeshes import block, held_frequencies, line, slope
 
 from flexmb.errors import MeshError, ReductionError
-from flexmb.fe import Mesh, assemble, rectangle, reduce, reduction_key, resolve
+from flexmb.fe import Mesh, assemble, rectangle, reduce, reduction_key, resolve, shell
 
 MATTER = resolve({"E": 1e9, "nu": 0.3, "density": 2000.0})
 SECTION = {"all": rectangle(0.1, 0.2)}
@@ -103,6 +103,30 @@ def test_lumped_inertia_approaches_the_exact_one():
         inertia = assemble(line(n), MATTER, thin, mass_matrix="hrz").inertia
         errors.append(inertia.S0[0, 0] - inertia.mass / 4 - exact)
     assert slope(sizes, errors) == pytest.approx(-2, abs=0.1)
+
+
+def test_lumped_inertia_of_a_beam_by_hand():
+    """The diagonal of the consistent matrix, scaled to the mass (Hinton, Rock & Zienkiewicz 1976):
+    156/420 m across, 1/3 m along and 4/420 m L^2 of a thin beam, the mean of all three axes."""
+    length = 3.0
+    fe = assemble(
+        line(1, (0, 0, 0), (length, 0, 0)), MATTER, {"all": rectangle(1e-4, 1e-4, shear=False)},
+        mass_matrix="hrz",
+    )  # fmt: skip
+    m, table = fe.inertia.mass, fe.numbering.table
+    diagonal = fe.M.diagonal()[table[0]]
+    move, turn = (1 / 3 + 2 * 156 / 420) / 3, (0 + 2 * 4 / 420) / 3
+    np.testing.assert_allclose(diagonal[:3], m / 2, rtol=1e-9)
+    np.testing.assert_allclose(diagonal[3:], turn / (2 * move) * m * length**2, rtol=1e-6)
+
+
+def test_mass_spread_over_uneven_quadrilaterals_has_the_centroid_of_their_area():
+    """Sides 1 and 3 long: each gives its corners a quarter of its share."""
+    x = [[0, 0, 0], [1, 0, 0], [4, 0, 0], [0, 1, 0], [1, 1, 0], [4, 1, 0]]
+    quads = {"quad": np.array([[0, 1, 4, 3], [1, 2, 5, 4]])}
+    mesh = Mesh(np.array(x, float), quads, {}, {"skin": {"quad": np.arange(2)}})
+    fe = assemble(mesh, MATTER, {"skin": shell(0.01)}, masses={"a": {"at": "skin", "mass": 8.0}})
+    np.testing.assert_allclose(fe.nodal.mass, [0.5, 2.0, 1.5] * 2, rtol=1e-12)
 
 
 def test_lumped_frequencies_converge():

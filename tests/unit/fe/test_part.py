@@ -78,6 +78,19 @@ def test_an_imposed_displacement_bends_a_beam_and_an_oblique_support_slides():
     assert found.imbalance < 1e-12
 
 
+def test_an_imposed_turn_of_a_face_carries_the_whole_part_along():
+    """u = turn x (x - c) everywhere, c the centroid of the face that is turned."""
+    turn = np.array([1e-4, -2e-4, 3e-4])
+    found = part(
+        {"type": "box", "size": [1.0, 0.4, 0.2], "divisions": [2, 1, 1]}, material=STEEL,
+        supports={"a": {"group": "x0", "hold": ["ux", "uy", "uz"], "rotation": list(turn)}},
+        loads={"none": {"type": "gravity", "acceleration": [0, 0, 1e-9]}},
+    )  # fmt: skip
+    points = found.nodes.position
+    wanted = np.cross(turn, points - [0.0, points[:, 1].mean(), points[:, 2].mean()])
+    np.testing.assert_allclose(found.displacements(), wanted, atol=1e-9)
+
+
 def test_half_a_beam_with_a_plane_of_symmetry_is_the_whole():
     supports = {"a": {"group": "start", "hold": ["ux", "uy", "uz", "rx"]}}
     whole = part(

@@ -10,7 +10,8 @@ from femeshes import block, line, mirrored_block
 
 from flexmb.errors import ReductionError
 from flexmb.fe import Mesh, assemble, rectangle, reduce, reduction_key, resolve
-from flexmb.fe.reduction.eigenmodes import antisymmetric, reflection
+from flexmb.fe.reduction.eigenmodes import antisymmetric, make_symmetry_plane, reflection
+from flexmb.fe.reduction.inertia_relief import acceleration_fields, inertia_loads
 from flexmb.flexbody.planar_body import PLANES
 
 STEEL = resolve("steel")
@@ -179,6 +180,16 @@ def test_the_reflection_interpolates_quadratic_fields_exactly():
         u[fe.numbering.table[fe.numbering.nodes, c]] = value
         image[fe.numbering.table[fe.numbering.nodes, c]] = there
     np.testing.assert_allclose(reflection(fe, 2) @ u, image, atol=1e-12)
+
+
+def test_inertia_in_the_plane_is_its_own_mirror_image():
+    """Loads of the motions in the plane are those of space, of the others there are none."""
+    fe = assemble(mirrored_block(), STEEL)
+    mirror = make_symmetry_plane(fe, "xy")
+    found, whole = inertia_loads(fe, mirror), fe.M @ acceleration_fields(fe)
+    inside = [0, 1, 5, 6, 7, 9, 11]  # along x, y; about z; xx, xy, yy, zz
+    np.testing.assert_allclose(found[:, inside], whole[:, inside], atol=1e-9 * np.abs(whole).max())
+    assert not np.delete(found, inside, axis=1).any()
 
 
 def test_twice_reflected_is_the_same():

@@ -93,6 +93,33 @@ def test_shear_correction_of_three_plies():
         assert S[i, i] / uncorrected[i] == pytest.approx(k, rel=1e-3)  # of the midpoint rule
 
 
+SOFT = Material("soft", 30e9, 0.0, 2000.0)
+HARD = Material("hard", 210e9, 0.0, 7800.0)
+
+
+def test_bending_about_the_neutral_axis():
+    """A strip of two materials: sum of E (h^3/12 + h (z - z0)^2), z0 the mean of z by E h."""
+    h = np.array([0.01, 0.004])
+    z, E = np.array([-0.002, 0.005]), np.array([30e9, 210e9])
+    z0 = (E * h) @ z / (E @ h)
+    wanted = E @ (h**3 / 12 + h * (z - z0) ** 2)
+    found = layered([Layer(h[0], SOFT), Layer(h[1], HARD)]).laminate.bending()
+    np.testing.assert_allclose(np.diag(found)[:2], wanted, rtol=1e-12)
+
+
+def test_shear_correction_of_two_materials():
+    """Against the energy of the shear stress of the strip, whose neutral axis is off the middle."""
+    h = np.array([0.01, 0.004])
+    S = layered([Layer(h[0], SOFT), Layer(h[1], HARD)]).laminate.S
+    z = (np.arange(70000) + 0.5) / 70000 * 0.014 - 0.007
+    E = np.where(z < 0.003, 30e9, 210e9)
+    G, dz = E / 2, z[1] - z[0]
+    z0 = E @ z / E.sum()
+    flow = np.cumsum(E * (z - z0)) * dz
+    wanted = (E @ (z - z0) ** 2 * dz) ** 2 / (np.sum(flow**2 / G) * dz)
+    assert S[0, 0] == pytest.approx(wanted, rel=1e-3)  # of the midpoint rule
+
+
 def test_shear_stiffness_of_a_sandwich():
     """Thin stiff faces on a core that carries shear only: G d^2/c with d between the faces' middles
     (Allen, Analysis and Design of Structural Sandwich Panels, 1969, chapter 2)."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flexmb.engine.compile import compile_system
-from flexmb.engine.forces.contact_pair import damping_factor
+from flexmb.engine.forces.contact_pair import damping_factor, plane_modulus
 from flexmb.model import Model
 
 
@@ -74,3 +74,34 @@ def test_damping_laws_agree_for_hard_impacts():
     assert damping_factor(e, "exact") == pytest.approx(1.5e-4, rel=1e-3)
     assert damping_factor(e, "lankarani-nikravesh") == pytest.approx(1.5e-4, rel=1e-3)
     assert damping_factor(e, "flores") == pytest.approx(1.6e-4, rel=1e-3)
+
+
+def test_damping_laws_are_the_published_ones():
+    """8 (1 - e)/(5 e) (Flores et al., Multibody Syst. Dyn. 25, 2011), 3/4 (1 - e^2) (Lankarani &
+    Nikravesh, J. Mech. Des. 112, 1990)."""
+    assert damping_factor(0.5, "flores") == pytest.approx(1.6)
+    assert damping_factor(0.5, "lankarani-nikravesh") == pytest.approx(0.5625)
+    assert damping_factor(0.2, "flores") == pytest.approx(6.4)
+
+
+def stiffness(surface):
+    """Of a steel ball of 10 mm on a surface of steel."""
+    made, steel = Model("hertz"), {"E": 200e9, "nu": 0.3, "density": 7800}
+    made.add_body("ball", mass=1, inertia=[1, 1, 1],
+                  position=[0, 0, 0 if surface.get("side") == "inside" else 9.0])  # fmt: skip
+    made.add_force("touch", "contact", between=["ball", "ground"], materials=[steel, steel],
+                   shapes=[{"type": "sphere", "radius": 0.01}, surface])  # fmt: skip
+    return compile_system(made).system.kinds["contacts"].rows[0]["K"]
+
+
+def test_hertz_of_a_ball_on_surfaces_of_one_curvature():
+    """4/3 E* sqrt(r) on a plane, E* = E/(2 (1 - nu^2)); more in a bore, less on a shaft, and the
+    same in the limit of a large one (Johnson, Contact Mechanics, 4.2)."""
+    modulus = 200e9 / (2 * (1 - 0.09))
+    assert plane_modulus((200e9, 0.3), (200e9, 0.3)) == pytest.approx(modulus)
+    plane = stiffness({"type": "plane"})
+    assert plane == pytest.approx(4 / 3 * modulus * 0.1, rel=1e-12)
+    bore, shaft = ({"type": "cylinder", "radius": 0.03, "axis": "x", "side": side}
+                   for side in ("inside", "outside"))  # fmt: skip
+    assert stiffness(bore) > 1.05 * plane > plane > 1.05 * stiffness(shaft)
+    assert stiffness({**bore, "radius": 1e4}) == pytest.approx(plane, rel=1e-6)

@@ -111,3 +111,38 @@ def test_no_module_of_dask_is_loaded_without_need() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_other_software_of_a_worker_is_refused(
+    cluster: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("flexmb.workflow.cluster.software", lambda: ("Python 3.9,", "flexmb 0.0"))
+    with pytest.raises(FlexmbError, match=r"a worker has other software \(Python 3\.\d+, flexmb"):
+        list(cluster.run(do, [{"number": 0}]))
+
+
+def test_another_version_of_dask_is_refused() -> None:
+    mine = {"packages": {"python": "3.12.1.final.0", "distributed": "2026.1.0"}}
+    other = {"packages": {"python": "3.12.7.final.0", "distributed": "2025.1.0"}}
+    versions = {"client": mine, "scheduler": mine, "workers": {"tcp://a:1": other}}
+    with pytest.raises(FlexmbError, match=r"tcp://a:1 has distributed 2025\.1\.0, and this proc"):
+        worker_processes.compare_versions(versions)
+
+
+def test_the_dashboard_needs_a_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with (
+        pytest.raises(FlexmbError, match="needs the package bokeh: pip install"),
+        open_cluster(2, dashboard=print),
+    ):
+        pass
+
+
+@pytest.mark.slow
+def test_workers_that_cannot_start_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DASK_DISTRIBUTED__WORKER__PRELOAD", "['no_such_module_at_all']")
+    with (
+        pytest.raises(FlexmbError, match="worker processes end as soon as they start: .*no_such"),
+        open_cluster(2),
+    ):
+        pass

@@ -1,0 +1,298 @@
+"""What each knob of a scene contributes to the error of its sensors, from runs with it refined.
+
+In: histories of a run, of one with a knob refined once and of one with it refined twice. Out: an
+estimate of the error that the knob leaves, by sensor, over the peak-to-peak. Differences that fall
+by a factor r from one refinement to the next leave d₂/(r - 1) after the second (Richardson 1911;
+Roache, Verification and Validation, 1998); where they do not fall the share is not converged.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from flexmb.model import Model
+from flexmb.model.flexible_body import FlexibleBodySpec
+from flexmb.model.mesh_body import MeshBodySpec
+from flexmb.model.reading import Spec
+from flexmb.model.scenes.dynamics import ACCURACY, ROUND_OFF
+from flexmb.model.scenes.effects import SWITCHES
+from flexmb.studies.channel_errors import Reading
+
+MESH, MODES, INTERFACE, INTEGRATION, CONSTRAINTS, EFFECTS = KINDS = (
+    "mesh", "modes", "interface model", "integration", "constraints", "effects",
+)  # fmt: skip
+CONVERGED, NOT_CONVERGED, ONE, NOISE, BOTH, UNKNOWN, NONE = (
+    "converged", "not converged", "refined once", "within the error of the integration", "range",
+    "not known", "none left out",
+)  # fmt: skip
+_MIN_RATIO = 1.5  # between the differences of two refinements that count as converging
+_NOISE = 2.0  # times the share of the integration: smaller differences are its own
+_ONE_RATIO = 2.0  # taken for a knob that could be refined once only
+_LOOSEST = 0.1  # accuracy
+Shares = dict[str, float]
+
+
+@dataclass(frozen=True)
+class Knob:
+    """Something to refine: what to change for it once, twice, and for less of it."""
+
+    kind: str
+    body: str = ""
+    steps: tuple[dict[str, Any], ...] = ()
+    coarser: tuple[dict[str, Any], ...] = ()
+    base: dict[str, Any] = field(default_factory=dict)  # as it is
+    why: str = ""  # there is nothing to refine
+
+    @property
+    def name(self) -> str:
+        """``mesh of rod``."""
+        return f"{self.kind} of {self.body}" if self.body else self.kind
+
+
+@dataclass(frozen=True)
+class Share:
+    """What a knob contributes to the error of the sensors.
+
+    ``values`` are over the peak-to-peak of each sensor, none where nothing is known; ``ratio`` is
+    that of the first difference to the second; ``tried`` the settings from the scene's own on;
+    ``cheapest`` what to set for the target, and ``met`` whether it meets it.
+    """
+
+    name: str
+    kind: str
+    values: Shares
+    state: str
+    ratio: float | None = None
+    tried: tuple[str, ...] = ()
+    note: str = ""
+    cost: float | None = None
+    rising: tuple[str, ...] = ()  # sensors for which it is a lower bound
+    cheapest: dict[str, Any] = field(default_factory=dict)
+    met: bool | None = None
+
+    @property
+    def worst(self) -> tuple[float, str]:
+        """The largest value and its sensor."""
+        name = max(self.values, key=lambda key: self.values[key], default="")
+        return self.values.get(name, math.nan), name
+
+
+def refinement_knobs(model: Model, dynamics: Mapping[str, Any]) -> list[Knob]:
+    """The knobs of a model: those of its flexible bodies, then integration and constraints.
+
+    Parameters
+    ----------
+    model : Model
+        The scene.
+    dynamics : mapping
+        Its ``[dynamics]`` with all numbers worked out, in the scene's units.
+    """
+    knobs: list[Knob] = []
+    for name, spec in model.bodies.items():
+        if isinstance(spec, FlexibleBodySpec) and spec.deformation != "rigid":
+            if isinstance(spec, MeshBodySpec):
+                knobs += [_mesh(name, spec), _modes(name, spec), _interface(name, spec)]
+            else:
+                why = "not known from a body file: give its mesh"
+                knobs += [Knob(kind, name, why=why) for kind in (MESH, MODES, INTERFACE)]
+    knobs.append(_integration(dynamics))
+    return [*knobs, Knob(CONSTRAINTS)]
+
+
+def _mesh(name: str, spec: MeshBodySpec) -> Knob:
+    key = f"bodies.{name}.refine"
+    coarser = tuple({key: k} for k in range(spec.refine - 1, -1, -1))
+    divisions = getattr(spec.mesh, "divisions", None)
+    if divisions is not None and not coarser:
+        coarser = tuple(_coarser_divisions(f"bodies.{name}.mesh.divisions", divisions))
+    steps = tuple({key: spec.refine + k} for k in (1, 2))
+    return Knob(MESH, name, steps, coarser, {key: spec.refine})
+
+
+def _coarser_divisions(key: str, divisions: Any) -> list[dict[str, Any]]:
+    """Half and a quarter of the divisions, as long as these are whole numbers."""
+    listed = list(divisions) if isinstance(divisions, tuple) else [int(divisions)]
+    coarser: list[dict[str, Any]] = []
+    for factor in (2, 4):
+        if any(n % factor and n > 1 for n in listed) or max(listed) <= factor:
+            break
+        halves = [max(n // factor, 1) for n in listed]
+        coarser.append({key: halves if isinstance(divisions, tuple) else halves[0]})
+    return coarser
+
+
+def _modes(name: str, spec: MeshBodySpec) -> Knob:
+    key, modes = f"bodies.{name}.modes", spec.modes
+    if spec.reduction == "user":
+        return Knob(MODES, name, why="modes of your own have no next ones: add some to the file")
+    static = spec.reduction == "guyan"
+    if isinstance(modes, Spec):
+        words = modes.model_dump(exclude_none=True)
+        ((word, value),) = words.items()
+        if word == "effective_mass":
+            return Knob(
+                MODES, name, tuple({key: {word: 1 - (1 - value) / n}} for n in (4, 16)),
+                base={key: words},
+            )  # fmt: skip
+        steps = tuple({key: {word: n * value}} for n in (2, 4))
+        return Knob(MODES, name, steps, tuple({key: {word: value // n}} for n in (2, 4)),
+                    {key: words})  # fmt: skip
+    count = 0 if static else 20 if modes is None else int(modes)
+    method = {f"bodies.{name}.reduction": "craig-bampton"} if static else {}
+    first = max(2 * count, count + 4)
+    fewer = dict.fromkeys(n for n in (count // 2, count // 4, 0) if n < count)
+    return Knob(
+        MODES, name, tuple({**method, key: n} for n in (first, 2 * first)),
+        tuple({key: n} for n in fewer), {key: count},
+    )  # fmt: skip
+
+
+def _interface(name: str, spec: MeshBodySpec) -> Knob:
+    """The other way to join the nodes of all interfaces."""
+    swapped: dict[str, Any] = {}
+    for marker, nodes in spec.interfaces.items():
+        words = {"group": nodes} if isinstance(nodes, str) else nodes.model_dump(exclude_none=True)
+        if "node" in words or len(words.get("nodes", (0, 1))) < 2:
+            continue
+        old = words.pop("type", "rbe2")
+        words.pop("weights", None)
+        words |= {"type": "rbe3" if old == "rbe2" else "rbe2"}
+        swapped[f"bodies.{name}.interfaces.{marker}"] = words
+    why = "" if swapped else "its interfaces have one node each"
+    return Knob(INTERFACE, name, (swapped,) if swapped else (), why=why)
+
+
+def _integration(dynamics: Mapping[str, Any]) -> Knob:
+    step = dynamics.get("step")
+    finer: tuple[float, ...]
+    ladder: tuple[float, ...]
+    if step is not None:
+        key, finer = "dynamics.step", (step / 2, step / 4, step / 8)
+        ladder = (2 * step, 4 * step, 8 * step)
+    else:
+        key, own = "dynamics.accuracy", float(dynamics.get("accuracy") or ACCURACY)
+        finer = tuple(max(own / n, 10 * ROUND_OFF) for n in (10, 100, 1000))
+        ladder = tuple(x for x in (10 * own, 100 * own, 1000 * own) if x <= _LOOSEST)
+        step = own
+    return Knob(
+        INTEGRATION, "", tuple({key: float(f"{x:.12g}")} for x in finer),
+        tuple({key: float(f"{x:.12g}")} for x in ladder), {key: step},
+    )  # fmt: skip
+
+
+def complete_effects(model: Model) -> dict[str, Any]:
+    """What to change so that no effect that the scene has is left out."""
+    changes: dict[str, Any] = {}
+    for name, spec in model.bodies.items():
+        if not isinstance(spec, FlexibleBodySpec):
+            continue
+        whole = {"deformation": "dynamic", "inertia_coupling": "full"}
+        if isinstance(spec, MeshBodySpec) and spec.interfaces:
+            whole["geometric_stiffening"] = "full"
+        changes |= {
+            f"bodies.{name}.{word}": value
+            for word, value in whole.items()
+            if getattr(spec, word) != value
+        }
+    if model.effects is not None:
+        off = [word for word in SWITCHES if word != "planar" and not getattr(model.effects, word)]
+        changes |= {f"effects.{word}": True for word in off}
+    return changes
+
+
+class SensorErrors:
+    """Differences of runs over the peak-to-peak of a base run, by sensor; reactions together."""
+
+    def __init__(self, base: Reading) -> None:
+        self.base = base
+        positions = {one.name for one in base.histories if one.quantity == "positions"}
+        self.names = [
+            "reactions" if one.quantity == "reactions"
+            else one.name if one.quantity == "positions" or one.name not in positions
+            else f"{one.name}, {one.quantity}"
+            for one in base.histories
+        ]  # fmt: skip
+
+    def between(self, run: Reading, other: Reading) -> Shares:
+        """The largest difference of two runs over the outputs."""
+        shares: Shares = {}
+        rows = zip(self.names, run.histories, other.histories, self.base.scales, strict=True)
+        for name, mine, theirs, scale in rows:
+            if scale > 0.0:
+                error = float(np.abs(mine.values - theirs.values).max(initial=0.0)) / scale
+                shares[name] = max(shares.get(name, 0.0), error)
+        return shares
+
+    def of_drift(self, drift: float) -> Shares:
+        """A violation of the constraints, m or rad, at the sensors of positions."""
+        rows = zip(self.names, self.base.histories, self.base.scales, strict=True)
+        return {
+            name: drift / scale
+            for name, one, scale in rows
+            if one.quantity == "positions" and scale > 0.0 and one.unit in ("m", "rad")
+        }
+
+    def combined(self, runs: Sequence[Reading]) -> Reading:
+        """The base with the changes of several runs added: what all of them together make."""
+        histories = []
+        for k, one in enumerate(self.base.histories):
+            change = sum(np.asarray(run.histories[k].values - one.values) for run in runs)
+            histories.append(one._replace(values=one.values + change))
+        return Reading(histories, self.base.scales)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Error by sensor that a knob leaves as it is and after each refinement."""
+
+    values: tuple[Shares, ...]
+    state: str
+    ratio: float | None
+    rising: tuple[str, ...]  # sensors whose differences do not fall
+
+
+def estimate_error(
+    errors: SensorErrors, runs: Sequence[Reading], noise: Shares | None = None
+) -> Estimate:
+    """The error that a knob leaves, from its refinements.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        Of the base run.
+    runs : sequence of Reading
+        With the knob refined, once and more.
+    noise : mapping, optional
+        Error of the integration, which differences may be of.
+    """
+    chain = [errors.base, *runs]
+    steps = [errors.between(one, other) for one, other in itertools.pairwise(chain)]
+    last = steps[-1]
+    noise = noise or {}
+    quiet = {k for k in last if max(s[k] for s in steps) <= max(_NOISE * noise.get(k, 0.0), _FLOOR)}
+    ratios = {k: steps[-2][k] / max(last[k], 1e-300) if len(runs) > 1 else _ONE_RATIO for k in last}
+    rising = tuple(
+        k
+        for k, ratio in ratios.items()
+        if ratio < _MIN_RATIO and k not in quiet and last[k] > _NOISE * noise.get(k, 0.0)
+    )
+    rest = {k: last[k] / (max(ratios[k], _MIN_RATIO) - 1.0) for k in last}
+    values = []
+    for k, run in enumerate(chain[:-1]):
+        apart = errors.between(run, chain[-1])
+        values.append({key: max(apart[key], steps[k][key]) + rest[key] for key in rest})
+    worst = max(set(last) - quiet, key=lambda k: values[0][k], default="")
+    state = NOT_CONVERGED if worst in rising else CONVERGED if len(runs) > 1 else ONE
+    if not worst and any(noise.values()):
+        state = NOISE
+    ratio = ratios[worst] if worst and len(runs) > 1 and last[worst] > 0.0 else None
+    return Estimate((*values, rest), state, ratio, rising)
+
+
+_FLOOR = 1e-11  # differences of round-off need not fall

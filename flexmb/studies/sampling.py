@@ -1,0 +1,214 @@
+"""The settings of a sweep: points of the unit cube by a method, mapped to values of the knobs.
+
+In: distributions of knobs, a method, a number of samples, a seed. Out: a :class:`Design`: points
+(n, k) and values. The methods: all combinations of given values; independent samples; Latin
+hypercubes (McKay, Beckman, Conover 1979); scrambled Sobol sequences (Sobol 1967, Owen 1998); the
+radial scheme of Saltelli et al. (2010) for sensitivities; central differences with two steps.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.errors import Problem, SceneError
+from flexmb.model.scenes.sweep import Distribution
+
+Array = NDArray[np.float64]
+
+MAX_RUNS = 1_000_000
+DIFFERENCES = (-2.0, -1.0, 1.0, 2.0)
+"""Steps of the derivatives of each knob."""
+
+_STEP = 0.05  # of derivatives: share of the probability on each side of the median
+_SHARES = 20_000  # of a distribution from which its deviation is taken
+_DIGITS = 12  # of values: so a command repeats a run to the last bit
+_TAIL = 1e-12  # from a normal distribution's ends, which lie at infinity
+_MAX_SOBOL = 21201  # dimensions of SciPy's table of direction numbers
+
+
+@dataclass(frozen=True)
+class Design:
+    """Settings of a sweep.
+
+    Attributes
+    ----------
+    knobs : dict of str to Distribution
+        By full name.
+    method : str
+        How the settings are selected.
+    points : (n, k) array
+        In the unit cube; of a Saltelli scheme block by block: A, B, then A with one column of B
+        each; of derivatives steps from the medians: none, then for each knob `DIFFERENCES`.
+    notes : tuple of str
+        What differs from what was requested.
+    """
+
+    knobs: dict[str, Distribution]
+    method: str
+    points: Array
+    notes: tuple[str, ...] = ()
+
+    @property
+    def block(self) -> int:
+        """Runs that belong together: of a Saltelli scheme k + 2."""
+        return len(self.knobs) + 2 if self.method == "saltelli" else 1
+
+    def values(self) -> list[dict[str, Any]]:
+        """Value of each knob, run by run."""
+        at = _stepped if self.method == "derivatives" else values_at
+        columns = [at(one, self.points[:, i]) for i, one in enumerate(self.knobs.values())]
+        return [dict(zip(self.knobs, row, strict=True)) for row in zip(*columns, strict=True)]
+
+
+def values_at(distribution: Distribution, u: Array) -> list[Any]:
+    """Values of a knob (n) at shares u (n,) of its probability: the inverse distribution."""
+    if distribution.kind == "choice":
+        choices = distribution.choices
+        places = np.minimum((u * len(choices)).astype(int), len(choices) - 1)
+        return [choices[place] for place in places]
+    return _rounded(_quantiles(distribution, u))
+
+
+def _rounded(values: Array) -> list[float]:
+    return [float(f"{value:.{_DIGITS}g}") for value in values]
+
+
+def deviation_of(distribution: Distribution) -> float:
+    """Standard deviation of a distribution of numbers."""
+    shares = (np.arange(_SHARES) + 0.5) / _SHARES
+    return float(_quantiles(distribution, shares).std())
+
+
+def _stepped(distribution: Distribution, steps: Array) -> list[float]:
+    """Values at steps from the median."""
+    low, median, high = _quantiles(distribution, np.array([0.5 - _STEP, 0.5, 0.5 + _STEP]))
+    return _rounded(median + 0.5 * (high - low) * steps)
+
+
+def _quantiles(distribution: Distribution, u: Array) -> Array:
+    from scipy.special import ndtr, ndtri
+
+    numbers = distribution.numbers
+    if distribution.kind == "uniform":
+        low, high = numbers
+        return np.asarray(low + (high - low) * u)
+    if distribution.kind == "log-uniform":
+        low, high = numbers
+        return np.asarray(low * (high / low) ** u)
+    if distribution.kind == "triangular":
+        low, mode, high = numbers
+        rise, fall = (high - low) * (mode - low), (high - low) * (high - mode)
+        turn = (mode - low) / (high - low)
+        left, right = low + np.sqrt(u * rise), high - np.sqrt((1.0 - u) * fall)
+        return np.where(u < turn, left, right)
+    mean, deviation, *limits = numbers
+    shares = ndtr((np.array(limits) - mean) / deviation) if limits else (0.0, 1.0)
+    u = shares[0] + (shares[1] - shares[0]) * u
+    return np.asarray(mean + deviation * ndtri(np.clip(u, _TAIL, 1.0 - _TAIL)))
+
+
+def make_design(knobs: Mapping[str, Distribution], method: str, samples: int, seed: int) -> Design:
+    """The settings of a sweep.
+
+    Parameters
+    ----------
+    knobs : mapping of str to Distribution
+        By full name.
+    method : str
+        One of those of `SweepSpec`; ``"auto"``: a grid where all knobs have values, else Sobol
+        samples.
+    samples : int
+        Number of settings, of a Saltelli scheme that of its base; a grid takes none.
+    seed : int
+        Of the random numbers.
+
+    Raises
+    ------
+    SceneError
+        Knobs that the method cannot take; too many runs.
+    """
+    knobs = dict(knobs)
+    if method == "auto":
+        valued = all(one.kind == "choice" or one.levels for one in knobs.values())
+        method = "grid" if valued else "sobol"
+    problems = [p for name, one in knobs.items() for p in _problems(name, one, method)]
+    if problems:
+        raise SceneError.from_problems(problems)
+    notes: tuple[str, ...] = ()
+    if method in ("sobol", "saltelli"):
+        power = 1 << (samples - 1).bit_length()
+        if power != samples:
+            notes = (f"samples: {samples} is no power of two, {power} are taken",)
+        samples = power
+    count = _count(knobs, method, samples)
+    if count > MAX_RUNS:
+        raise SceneError(f"the sweep has {count} runs; {MAX_RUNS} are the most")
+    return Design(knobs, method, _points(knobs, method, samples, seed), notes)
+
+
+def _problems(name: str, one: Distribution, method: str) -> list[Problem]:
+    where = f"vary {name}"
+    if method == "grid" and one.kind != "choice" and not one.levels:
+        return [Problem(where, f'a grid needs a number of values: "{one.text}:5"')]
+    if method != "grid" and one.levels:
+        text = one.text.rpartition(":")[0]
+        return [Problem(where, f':{one.levels} is for a grid; {method} samples take "{text}"')]
+    if method == "derivatives" and one.kind == "choice":
+        return [Problem(where, "has no derivative: it is a choice; give a range of numbers")]
+    return []
+
+
+def _count(knobs: Mapping[str, Distribution], method: str, samples: int) -> int:
+    k = len(knobs)
+    if method == "grid":
+        return int(np.prod([one.levels or len(one.choices) for one in knobs.values()], dtype=float))
+    return {"saltelli": samples * (k + 2), "derivatives": 4 * k + 1}.get(method, samples)
+
+
+def _points(knobs: Mapping[str, Distribution], method: str, n: int, seed: int) -> Array:
+    from scipy.stats import qmc
+
+    k = len(knobs)
+    if method == "grid":
+        return np.array(list(itertools.product(*map(_levels, knobs.values()))))
+    if method == "derivatives":
+        return _differences(k)
+    if method == "random":
+        return np.random.default_rng(seed).random((n, k))
+    generator = np.random.default_rng(seed)
+    if method == "latin-hypercube":
+        return np.asarray(qmc.LatinHypercube(k, seed=generator).random(n))
+    dimensions = 2 * k if method == "saltelli" else k
+    if dimensions > _MAX_SOBOL:
+        raise SceneError(f"{k} knobs are more than a Sobol sequence has dimensions for")
+    sample = np.asarray(qmc.Sobol(dimensions, seed=generator).random(n))
+    if method == "sobol":
+        return sample
+    A, B = sample[:, :k], sample[:, k:]
+    blocks = np.stack([A, B, *(_exchanged(A, B, i) for i in range(k))], axis=1)
+    return blocks.reshape(-1, k)
+
+
+def _exchanged(A: Array, B: Array, i: int) -> Array:
+    mixed = A.copy()
+    mixed[:, i] = B[:, i]
+    return mixed
+
+
+def _levels(one: Distribution) -> Array:
+    n = one.levels or len(one.choices)
+    if one.kind in ("choice", "normal"):
+        return (np.arange(n) + 0.5) / n
+    return np.linspace(0.0, 1.0, n)
+
+
+def _differences(k: int) -> Array:
+    """Steps of central differences (4 k + 1, k)."""
+    steps = (step * row for row in np.eye(k) for step in DIFFERENCES)
+    return np.array([np.zeros(k), *steps])

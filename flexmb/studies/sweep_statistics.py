@@ -1,0 +1,228 @@
+"""What a sample says of a scalar: mean, deviation, quantiles, sensitivities, each with confidence.
+
+In: values of runs (n,), and of the knobs. Out: records. The intervals hold the true value in 95 of
+100 sweeps of independent samples; Latin-hypercube and Sobol samples lie closer to it, so that
+theirs are wider than need be. Sensitivities: indices of Sobol by the estimators of Saltelli et al.
+(2010) for the first order and Jansen (1999) for the total, with bootstrap over the rows of the
+scheme; derivatives by central differences of two steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Interval = tuple[float, float]
+
+CONFIDENCE = 0.95
+_NONE = (float("nan"), float("nan"))
+_RESAMPLES = 500
+_BATCH = 4e6  # weights at once
+_ROUND_OFF = 1e-12  # relative; a scalar that varies less does not vary
+
+
+class Quantile(NamedTuple):
+    """A value that a share of the runs stays below; the interval is NaN where runs are too few."""
+
+    share: float
+    value: float
+    interval: Interval
+
+
+class Statistics(NamedTuple):
+    """Statistics of a scalar; no intervals for a grid, which is no sample."""
+
+    runs: int
+    least: float
+    greatest: float
+    mean: float
+    mean_interval: Interval
+    deviation: float
+    deviation_interval: Interval
+    quantiles: tuple[Quantile, ...]
+
+
+def statistics_of(values: Array, shares: Sequence[float], is_sample: bool = True) -> Statistics:
+    """Statistics of values (n,), NaN left out.
+
+    The interval of the mean is that of Student, of the deviation that of its asymptotic variance
+    with the sample's own kurtosis, of a quantile that between two order statistics, which holds for
+    every distribution (David and Nagaraja, Order Statistics, 2003, section 7.1).
+    """
+    x = np.sort(values[np.isfinite(values)])
+    n = len(x)
+    if not n:
+        nan = float("nan")
+        none = tuple(Quantile(share, nan, _NONE) for share in shares)
+        return Statistics(0, nan, nan, nan, _NONE, nan, _NONE, none)
+    mean = float(x.mean())
+    deviation = float(x.std(ddof=1)) if n > 1 else float("nan")
+    mean_interval = deviation_interval = _NONE
+    if is_sample and n > 2:
+        from scipy.special import ndtri, stdtrit
+
+        half = float(stdtrit(n - 1, 0.5 + 0.5 * CONFIDENCE)) * deviation / np.sqrt(n)
+        mean_interval = (mean - half, mean + half)
+        scale = deviation or 1.0
+        kurtosis = float(np.mean(((x - mean) / scale) ** 4))
+        spread = np.sqrt(max(kurtosis - 1.0, 0.0) / (4.0 * n)) * ndtri(0.5 + 0.5 * CONFIDENCE)
+        deviation_interval = (deviation * float(np.exp(-spread)), deviation * float(np.exp(spread)))
+    quantiles = tuple(
+        Quantile(share, float(np.quantile(x, share)), _between(x, share) if is_sample else _NONE)
+        for share in shares
+    )
+    return Statistics(
+        n, float(x[0]), float(x[-1]), mean, mean_interval, deviation, deviation_interval, quantiles
+    )
+
+
+def _between(x: Array, share: float) -> Interval:
+    """The order statistics between which a quantile lies."""
+    from scipy.stats import binom
+
+    n, tail = len(x), 0.5 * (1.0 - CONFIDENCE)
+    low, high = int(binom.ppf(tail, n, share)), int(binom.ppf(1.0 - tail, n, share)) + 1
+    return (float(x[low - 1]), float(x[high - 1])) if low >= 1 and high <= n else _NONE
+
+
+class Index(NamedTuple):
+    """Share of the variance of a scalar that a knob has: alone, and with all interactions."""
+
+    knob: str
+    first: float
+    first_interval: Interval
+    total: float
+    total_interval: Interval
+
+
+def sobol_indices(knobs: Sequence[str], values: Array, seed: int = 0) -> list[Index]:
+    """Indices of Sobol from the values (n, k + 2) of a Saltelli scheme: A, B, A with B's column i.
+
+    Rows with a NaN are left out. None for a scalar that does not vary.
+    """
+    values = values[np.isfinite(values).all(axis=1)]
+    n, k = len(values), len(knobs)
+    if n < 2 or np.ptp(values) <= _ROUND_OFF * np.abs(values).max():
+        return []
+    centred = values - values[:, :2].mean()
+    a, b, mixed = centred[:, :1], centred[:, 1:2], centred[:, 2:]
+    terms = np.hstack([b * (mixed - a), 0.5 * (a - mixed) ** 2, a, b, a * a, b * b])
+
+    def indices(means: Array) -> Array:
+        """(..., 2 k) from the means (..., 2 k + 4) of the terms."""
+        mean = 0.5 * (means[..., -4] + means[..., -3])
+        variance = 0.5 * (means[..., -2] + means[..., -1]) - mean * mean
+        shares: Array = means[..., : 2 * k] / variance[..., None]
+        return shares
+
+    best = indices(terms.mean(axis=0))
+    generator, batch = np.random.default_rng(seed), max(1, int(_BATCH / n))
+    resamples = []
+    for start in range(0, _RESAMPLES, batch):
+        count = min(batch, _RESAMPLES - start)
+        places = generator.integers(0, n, (count, n))
+        weights = np.stack([np.bincount(row, minlength=n) for row in places]) / n
+        resamples.append(indices(weights @ terms))
+    tail = 0.5 * (1.0 - CONFIDENCE)
+    low, high = np.quantile(np.vstack(resamples), (tail, 1.0 - tail), axis=0)
+    return [
+        Index(knob, float(best[i]), (float(low[i]), float(high[i])),
+              float(best[k + i]), (float(low[k + i]), float(high[k + i])))
+        for i, knob in enumerate(knobs)
+    ]  # fmt: skip
+
+
+class Derivative(NamedTuple):
+    """Derivative of a scalar by a knob at the medians of all.
+
+    `error` is how far that of the smaller step alone is from it; `deviation` that of the knob,
+    `share` its part of the variance if the scalar were linear.
+    """
+
+    knob: str
+    value: float
+    error: float
+    deviation: float
+    share: float
+
+
+def derivatives_of(
+    knobs: Sequence[str], steps: Array, deviations: Array, values: Array
+) -> list[Derivative]:
+    """Derivatives from values (4 k + 1,) at the centre and at -2, -1, 1, 2 steps (k,) of each knob.
+
+    Extrapolated from both steps, so that the error is of fourth order.
+    """
+    outer = values[1:].reshape(-1, 4)
+    near = (outer[:, 2] - outer[:, 1]) / (2.0 * steps)
+    far = (outer[:, 3] - outer[:, 0]) / (4.0 * steps)
+    best = (4.0 * near - far) / 3.0
+    parts = (best * deviations) ** 2
+    shares = parts / np.nansum(parts) if np.nansum(parts) > 0.0 else np.zeros(len(parts))
+    return [
+        Derivative(*row) for row in zip(
+            knobs, best.tolist(), np.abs(best - near).tolist(), deviations.tolist(),
+            shares.tolist(), strict=True,
+        )
+    ]  # fmt: skip
+
+
+def correlation(knob: Sequence[object], values: Array) -> float:
+    """How much of a scalar (n,) follows a knob: correlation, of a choice the correlation ratio."""
+    finite = np.isfinite(values)
+    y = values[finite]
+    if len(y) < 3 or np.ptp(y) <= _ROUND_OFF * np.abs(y).max():
+        return float("nan")
+    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in knob):
+        x = np.asarray(knob, float)[finite]
+        return float(np.corrcoef(x, y)[0, 1]) if np.ptp(x) > 0.0 else float("nan")
+    words = np.array([str(value) for value in knob])[finite]
+    means = {word: y[words == word].mean() for word in set(words.tolist())}
+    between = np.array([means[word] for word in words])
+    return float(np.sqrt(between.var() / y.var()))
+
+
+class ResponseSurface(NamedTuple):
+    """A polynomial of second degree through a sample: its terms, and what it explains.
+
+    `centre` and `scale` (k,) make the numbers of the knobs comparable; `explained` is the share of
+    the variance of values that the fit had not seen (leave-one-out).
+    """
+
+    centre: Array
+    scale: Array
+    coefficients: Array
+    explained: float
+
+    def __call__(self, points: Array) -> Array:
+        """Values (n,) at points (n, k)."""
+        return np.asarray(_terms((points - self.centre) / self.scale) @ self.coefficients)
+
+
+def _terms(z: Array) -> Array:
+    i, j = np.triu_indices(z.shape[1])
+    return np.hstack([np.ones((len(z), 1)), z, z[:, i] * z[:, j]])
+
+
+def response_surface(points: Array, values: Array) -> ResponseSurface | None:
+    """The least-squares polynomial of second degree; None where runs are too few or do not vary."""
+    finite = np.isfinite(values)
+    x, y = points[finite], values[finite]
+    if len(y) < 4 or np.ptp(y) <= _ROUND_OFF * np.abs(y).max():
+        return None
+    centre, scale = x.mean(axis=0), x.std(axis=0)
+    scale[scale == 0.0] = 1.0
+    terms = _terms((x - centre) / scale)
+    if len(y) < 1.5 * terms.shape[1]:
+        return None
+    U, singular, Vt = np.linalg.svd(terms, full_matrices=False)
+    full = singular > _ROUND_OFF * singular[0]  # two values of a knob make no parabola
+    U, coefficients = U[:, full], Vt[full].T @ ((U[:, full].T @ y) / singular[full])
+    leverage = np.minimum((U**2).sum(axis=1), 1.0 - 1e-9)
+    residual = (y - terms @ coefficients) / (1.0 - leverage)
+    explained = 1.0 - float((residual**2).sum() / ((y - y.mean()) ** 2).sum())
+    return ResponseSurface(centre, scale, np.asarray(coefficients), explained)
