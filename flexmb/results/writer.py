@@ -175,8 +175,8 @@ class ResultWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self.close(complete=kind is None)
 
     @property
     def rows_written(self) -> int:
@@ -278,11 +278,19 @@ class ResultWriter:
             self._disk.complete()
             self._flush()
 
-    def close(self) -> None:
-        """Close the file; calling it again does nothing."""
+    def close(self, *, complete: bool = True) -> None:
+        """Close the file; calling it again does nothing.
+
+        Parameters
+        ----------
+        complete : bool
+            Whether it takes the place of an older one also without rows.
+        """
         if self._file:
             self._file.close()
             if self._disk.failure is None:
+                if complete:
+                    self._disk.complete()
                 self._disk.seal()
         self._disk.close()
 

@@ -173,7 +173,7 @@ class Trial:
             time.sleep(0.003)
         text = child.stderr.read().decode(errors="replace") if child.stderr else ""
         if number == signal.SIGINT:
-            if child.returncode not in (0, 130) or "Traceback" in text:
+            if child.returncode not in (0, 130, -signal.SIGINT) or "Traceback" in text:
                 self.wrong.append(f"Ctrl-C at {moment:.2f} s: {child.returncode} {text[-300:]}")
             if spent > 1.0:
                 self.wrong.append(f"Ctrl-C at {moment:.2f} s: {spent:.2f} s until it ended")
