@@ -22,7 +22,7 @@ from flexmb.errors import ResultFileError
 from flexmb.flexbody import FlexBody, load
 from flexmb.folders import temporary_folder
 from flexmb.results.channels import Columns, describe_missing, row_bytes, widths
-from flexmb.results.checksums import reading
+from flexmb.results.kill_safe_file import reading
 from flexmb.results.result_file import read_contents, read_state, read_table
 from flexmb.units import UnitSystem, unit_system
 

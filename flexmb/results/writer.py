@@ -30,8 +30,15 @@ from flexmb.results.channels import (
     stored_columns,
     widths,
 )
-from flexmb.results.checksums import add_rows, no_rows, reading, state_sum, sum_rows
-from flexmb.results.kill_safe_file import DiskFile, uninterrupted
+from flexmb.results.kill_safe_file import (
+    DiskFile,
+    add_rows,
+    no_rows,
+    reading,
+    state_sum,
+    sum_rows,
+    uninterrupted,
+)
 from flexmb.results.result_file import (
     STATUS,
     arrays_text,

@@ -332,6 +332,8 @@ def main() -> int:
     parser.add_argument("--interruptions", type=int, default=10)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--disk", action="store_true", help="full disks (root, Linux)")
+    room = [0, 3000, 30_000, 100_000, 400_000, 1_500_000]
+    parser.add_argument("--room", type=int, nargs="+", default=room, help="bytes on the disk")
     words = parser.parse_args()
     if words.disk and os.environ.get("FLEXMB_DISK") != "here":
         command = ["unshare", "-m", sys.executable, "-m", "tests.hard.interruption", *sys.argv[1:]]
@@ -343,7 +345,7 @@ def main() -> int:
     for name in words.phases or PHASES:
         if words.disk:
             print(f"{name}: full disk", flush=True)
-            wrong += fill_disks(name, [0, 3000, 30_000, 100_000, 400_000, 1_500_000])
+            wrong += fill_disks(name, words.room)
         else:
             wrong += kill_often(name, words.kills, words.interruptions, words.seed)
     print(f"{wrong} wrong", flush=True)
