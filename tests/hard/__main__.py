@@ -37,7 +37,8 @@ whole command. The older result stays until the new one has rows.
 |---|---|
 | run, with the reduced body and resumed after each kill | 50 kills: 0 wrong; 8 Ctrl-C: 0.08 s |
 | statics | 50 kills: 0 wrong |
-| export | 50 kills: 0 wrong; six full disks: one sentence, the older table stays |
+| export | 50 kills: 0 wrong |
+| full disks | export with six amounts of room, run and reduction with three: 0 wrong |
 
 ## Hostile files
 
