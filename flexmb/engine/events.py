@@ -40,6 +40,9 @@ from flexmb.engine.state import Run
 # A step is short enough if a crossing is this fraction of it before its end, by a straight line.
 _NEAR_END = 0.02
 _OVERSHOOT = 1.01  # where it is aimed at, over the way to the crossing
+# Methods of collocation end before the crossing first, and pass it by a step so short that what
+# changes in it is none of their stages' business: shares of the step that met it.
+_BEFORE, _NEAR_EVENT = 0.98, 3e-4
 _MAX_TRIES = 10
 # Steps are not made shorter for events than this fraction of the run.
 _MIN_STEP_FRACTION = 1e-7
@@ -137,12 +140,20 @@ def missed_event(run: Run, h: float) -> int:
     walk(run.stages.events, run, run.trial_point)
     share = _first_crossing(events, h)
     tried = memory["event_trials"] >= _MAX_TRIES or memory["steps_until_event_search"] > 0.0
-    if share >= 1.0 - _NEAR_END or tried:
+    longest = max(memory["step_before_event"], h) if memory["event_trials"] > 0.0 else h
+    near, aim = _NEAR_END * h, _OVERSHOOT
+    if run.method.collocation > 0:  # no estimate sees what a kink in the last stage adds
+        near = _NEAR_EVENT * longest
+        aim = _BEFORE if share * h > 2.0 * (1.0 - _BEFORE) * longest else _OVERSHOOT
+    if (1.0 - share) * h <= near or tried:
         return 0
     if memory["event_trials"] == 0.0:
         memory["step_before_event"] = h
-    shorter = h * max(share * _OVERSHOOT, 1e-3)
-    if shorter < _MIN_STEP_FRACTION * (settings.end - settings.start):
+    least = _MIN_STEP_FRACTION * (settings.end - settings.start)
+    shorter = h * max(share * aim, 1e-3)
+    if run.method.collocation > 0:
+        shorter = max(shorter, least)
+    if shorter < least or shorter >= h:
         return 0
     memory["event_trials"] += 1.0
     memory["next_step"] = shorter

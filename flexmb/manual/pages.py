@@ -38,6 +38,8 @@ PAGES = (
     "reduction",
     "parts",
     "accuracy",
+    "studies",
+    "budget",
     "cluster",
     "hard-cases",
     "statics",

@@ -63,6 +63,7 @@ class RecordTable:
         self._folder = _folder_of_parts(file)
         with output_errors(file):
             writable_folder(file.parent)
+            self._lock = self._acquire()
             if fresh:
                 file.unlink(missing_ok=True)
             if fresh or file.exists():
@@ -75,6 +76,17 @@ class RecordTable:
             if self._rows:
                 self._write_part()
             self._begin_journal()
+
+    def _acquire(self) -> Any:
+        """The lock of the table, which ends with the process."""
+        from filelock import FileLock, Timeout
+
+        lock = FileLock(self.file.with_suffix(".lock"))
+        try:
+            lock.acquire(timeout=0)
+        except Timeout:
+            raise FlexmbError(f"{self.file}: another command is writing it") from None
+        return lock
 
     def _check(self) -> None:
         """Refuse a table about something else."""
@@ -126,6 +138,7 @@ class RecordTable:
                 with whole_file(self.file) as partial:
                     pq.write_table(rows.replace_schema_metadata(self._metadata()), partial)
             shutil.rmtree(self._folder, ignore_errors=True)
+            self._lock.release()
 
     def _write_part(self) -> None:
         """Move the rows of the journal into a part."""

@@ -27,7 +27,7 @@ _MAX_DISAGREEMENT = 0.01  # two tight runs further apart than this are no refere
 _ROUND_OFF = 1e-12  # relative; smaller differences are accepted
 _MAX_STAGES = 3
 _TIME_SHARE = 1.0  # of the seconds of all timed runs: how long a further tight one may take
-_SHORT_RUN = 20.0  # s: a run that is always worth its time
+_SHORT_RUN = 20.0  # s of the processor: a run that is always worth its time
 _OTHER_METHOD_LIMIT = 10.0  # times the seconds of the first tight run for another method
 _TIME_GROWTH = 3.0  # from one stage to the next
 
@@ -47,7 +47,8 @@ class Candidate(NamedTuple):
 
     run: ReferenceRun
     reading: Reading
-    seconds: float
+    seconds: float  # of the processor
+    wall: float
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ class ReferenceSearch:
     def __init__(self, settings: Sequence[Setting]) -> None:
         self.finest = max(settings, key=lambda setting: setting.rank)
         self.specs = [setting.dynamics for setting in settings]
-        fixed = any(spec.get("step") is not None for spec in self.specs)
+        fixed = all(spec.get("step") is not None for spec in self.specs)
         available = _METHODS if fixed else _METHODS[1:]
         methods = dict.fromkeys(
             available[0] if spec["method"] == _AUTO else spec["method"] for spec in self.specs
@@ -94,7 +95,7 @@ class ReferenceSearch:
         readings : sequence of Reading
             The histories of the settings of the group.
         seconds : float
-            Wall time of all their timed integrations.
+            Processor time of all their timed integrations.
         """
         if self.stage == _MAX_STAGES or (self.stage > 1 and self._takes_too_long(seconds)):
             return []
@@ -106,7 +107,7 @@ class ReferenceSearch:
         ended = {one.run.method for one in self.candidates}
         for other in others:
             if self.stage == 2 or (self.stage > 2 and other in ended):
-                longest = max((one.seconds for one in self.candidates), default=0.0)
+                longest = max((one.wall for one in self.candidates), default=0.0)
                 limit = max(_SHORT_RUN, _OTHER_METHOD_LIMIT * longest)
                 runs.append(self._new_run(other, self.stage - 1, limit))
         return runs
@@ -116,7 +117,9 @@ class ReferenceSearch:
         if reading is None:
             self.failures.append(f"{run.label}: {record['reason']}")
         else:
-            self.candidates.append(Candidate(run, reading, min(record["seconds"])))
+            self.candidates.append(
+                Candidate(run, reading, min(record["cpu_seconds"]), min(record["seconds"]))
+            )
 
     def reference(self, readings: Sequence[Reading]) -> Reference:
         """The reference that is best confirmed."""
@@ -172,7 +175,7 @@ class ReferenceSearch:
         """A quarter of the smallest step, or a tenth of the smallest accuracy, and so on."""
         changes: dict[str, Any] = {"dynamics.method": method}
         steps, newton = self._values("step"), self._values("newton_tolerance")
-        if steps:
+        if len(steps) == len(self.specs):
             knob, value = "step", min(steps) * 0.5 ** (stage + 1)
         else:
             least = min(self._values("accuracy"), default=ACCURACY)

@@ -250,7 +250,7 @@ class StudyRunner:
             if group.search.stage > 1 and group.settings_left:
                 return
             records = (self.records.get(one, {}) for one in group.members)
-            seconds = sum(sum(record.get("seconds", ())) for record in records)
+            seconds = sum(sum(record.get("cpu_seconds", ())) for record in records)
             runs = group.search.next_runs(self._readings(group), seconds)
             group.complete = not runs
             group.tight_left = len(runs)

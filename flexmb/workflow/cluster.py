@@ -10,7 +10,6 @@ fails.
 
 from __future__ import annotations
 
-import importlib.util
 import itertools
 import queue
 import time
@@ -18,6 +17,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sized
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import Any
 
 from flexmb.errors import FlexmbError
@@ -32,14 +32,14 @@ from flexmb.workflow.job_batch import (
     failure,
     software,
 )
-from flexmb.workflow.worker_processes import LocalWorkers, connect
+from flexmb.workflow.worker_processes import LocalWorkers, connect, silent_dask
 
 _MAX_DEATHS = 3
 _BATCH_SECONDS = 0.5  # of runs in a task, as far as their number allows
 _MAX_BATCH = 256
 _MAX_SUSPECTS = 1000
 _PATIENCE = 300.0  # s, that a cluster may be without any worker
-_POLL = 0.25  # s, between looks at the workers while no run ends
+_POLL = 0.25  # s, between looks at the workers
 _RESUME = "runs that had ended are stored, and the same command continues"
 
 
@@ -78,10 +78,12 @@ def open_cluster(
     """
     if workers < 1:
         raise FlexmbError(f"workers: at least one is needed, given {workers}")
-    if dashboard and not scheduler and importlib.util.find_spec("bokeh") is None:
+    if dashboard and not scheduler and find_spec("bokeh") is None:
         what = 'the dashboard needs the package bokeh: pip install "flexmb[dashboard]"'
         raise FlexmbError(what)
     with ExitStack() as stack:
+        if scheduler or workers > 1 or dashboard:
+            stack.enter_context(silent_dask())
         if scheduler:
             client = connect(scheduler)
             stack.callback(client.close)
@@ -265,21 +267,19 @@ class _Flight:
         self.answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self.suspects: deque[tuple[Any, int]] = deque()
         self.mean = 0.0  # s, of a run; not known before the first
-        self.alive = time.perf_counter()
+        self.alive = self.looked = time.perf_counter()
 
     def ends(self) -> Generator[tuple[Any, Record], None, None]:
         """All jobs as they end."""
         try:
             self._fill()
             while self.batches or self.suspects:
-                try:
+                with suppress(queue.Empty):
                     future = self.answers.get(timeout=_POLL)
-                except queue.Empty:
+                    if future in self.batches:
+                        yield from self._end(future)
+                if time.perf_counter() - self.looked >= _POLL:
                     self._look()
-                    self._fill()
-                    continue
-                if future in self.batches:
-                    yield from self._end(future)
                 self._fill()
         finally:
             with suppress(Exception):
@@ -368,7 +368,7 @@ class _Flight:
         """Whether the scheduler and workers are still there; count the workers."""
         self.cluster.watch()
         workers = self._workers()
-        now = time.perf_counter()
+        self.looked = now = time.perf_counter()
         if workers:
             self.alive, self.cluster.count = now, len(workers)
         elif now - self.alive > _PATIENCE:

@@ -12,7 +12,8 @@ import sys
 import tempfile
 import time
 import warnings
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Self
 
@@ -36,7 +37,6 @@ def connect(address: str) -> Any:
     FlexmbError
         There is none, or it has another version of Dask.
     """
-    _quiet()
     from distributed import Client
 
     try:
@@ -83,7 +83,6 @@ class LocalWorkers:
         self.arrivals: list[str] = []  # addresses of all workers that there have been
 
     def __enter__(self) -> Self:
-        _quiet()
         import dask
         from distributed import Client, LocalCluster, SchedulerPlugin
 
@@ -161,13 +160,20 @@ class LocalWorkers:
             self.folder.cleanup()
 
 
-def _quiet() -> None:
+@contextmanager
+def silent_dask() -> Iterator[None]:
     """Dask writes no lines of its own on the screen."""
     import logging
 
     import distributed  # noqa: F401  sets the levels of its own loggers
 
-    for name in [
-        name for name in logging.root.manager.loggerDict if name.startswith("distributed")
-    ]:
-        logging.getLogger(name).setLevel(logging.CRITICAL)
+    names = [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]
+    loggers = [logging.getLogger(name) for name in names]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)

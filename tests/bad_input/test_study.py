@@ -81,3 +81,21 @@ def test_a_study_of_which_no_run_ends_says_why_and_is_a_mistake(scene: Path) -> 
     assert done.exit_code == 2
     assert "✗ step=0.1: " in done.stdout
     assert "no run ended" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--scheduler", "tcp://127.0.0.1:1"), "no Dask scheduler answers at tcp://127.0.0.1:1"),
+        (("--dashboard",), 'needs the package bokeh: pip install "flexmb[dashboard]"'),
+    ],
+)
+def test_a_cluster_that_is_not_there_is_told(
+    scene: Path, words: tuple[str, ...], said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("flexmb.workflow.worker_processes.REACH", 0.2)
+    monkeypatch.setattr("flexmb.workflow.cluster.find_spec", lambda name: None)
+    done = call(scene, "--vary", "step=1e-3", *words)
+    assert done.exit_code == 2
+    assert said in done.stderr
+    assert not list(scene.parent.rglob("runs.p*"))

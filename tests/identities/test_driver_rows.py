@@ -12,6 +12,8 @@ import pytest
 from enginekit import Bench, slope
 from generators import cloud, interface, random_rotation
 
+from flexmb.analysis.assembly.initial_state import assemble
+from flexmb.engine.compile import compile_system
 from flexmb.model import Model
 
 DIFFERENCES = 5e-9  # the difference rules leave 1e-12 of numbers below 1000
@@ -196,3 +198,39 @@ def test_angles_go_on_over_any_number_of_turns(turns):
     bench.at(t=turns / 2, q=q, v=np.array([0, 0, 0, 0, 0, 4 * np.pi]))
     close(bench.C, 0.0, 1e-15 * max(10.0, angle))  # the last digits of the angle
     close(bench.rate, 0.0, 1e-13)
+
+
+def test_an_integrated_driver_begins_with_its_speed():
+    """start + speed t + a t^2/2 of a driven angle, and its rate."""
+    model = Model("wheel")
+    model.add_body("b", mass=1.0, inertia=[1.0, 1.0, 1.0])
+    model.add_joint("axle", "revolute", between=["ground", "b"], axis="z")
+    model.add_driver("motor", joint="axle", angle="6", prescribes="acceleration", start=0.1,
+                     start_velocity=2.0)  # fmt: skip
+    bench, t = Bench(model), 0.2
+    angle, rate = 0.1 + 2.0 * t + 3.0 * t * t, 2.0 + 6.0 * t
+    q = np.array([0.0, 0, 0, np.cos(angle / 2), 0, 0, np.sin(angle / 2)])
+    bench.at(t=t, q=q, v=np.array([0, 0, 0, 0, 0, rate]))
+    close(bench.C, 0.0, 1e-14)
+    close(bench.rate, 0.0, 1e-14)
+
+
+def test_a_spring_on_an_angle_stores_half_its_stiffness_times_the_turn_squared():
+    """From where it is free, and a coupler holds the sum of angles at its constant."""
+    model = Model("two wheels")
+    for k, name in enumerate("ab"):
+        model.add_body(name, mass=1.0, inertia=[1.0, 1.0, 1.0])
+        model.add_joint(f"axle_{name}", "revolute", between=["ground", name], axis="z")
+        model.add_force(f"coil_{name}", "rotational-spring-damper", joint=f"axle_{name}",
+                        stiffness=3.0 + k, free=0.3)  # fmt: skip
+    terms = [{"joint": f"axle_{name}", "coordinate": "angle", "factor": 1.0 + k}
+             for k, name in enumerate("ab")]  # fmt: skip
+    model.add_coupler("link", "linear", terms=terms, constant=0.6)
+    compiled = compile_system(model)
+    state = assemble(compiled, model).state
+    turned = [2 * np.arctan2(state.q[b.iq + 6], state.q[b.iq + 3]) for b in compiled.layout.bodies]
+    assert turned[0] + 2 * turned[1] == pytest.approx(0.6, abs=1e-9)
+    bench = Bench(model)
+    stored = bench.at(q=state.q).energies[3]
+    wanted = 0.5 * 3.0 * (turned[0] - 0.3) ** 2 + 0.5 * 4.0 * (turned[1] - 0.3) ** 2
+    assert stored == pytest.approx(wanted, rel=1e-9)

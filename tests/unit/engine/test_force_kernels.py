@@ -10,9 +10,12 @@ import pytest
 from scipy.interpolate import Akima1DInterpolator, CubicSpline, PchipInterpolator
 from scipy.spatial.transform import Rotation
 
+from flexmb.engine.compile import compile_system
 from flexmb.engine.forces import relative_motion, spring_damper
+from flexmb.engine.forces.force_characteristic import stop_resistance
 from flexmb.engine.function import lower, run_program, stack_for
 from flexmb.engine.units import call
+from flexmb.model import Model
 from flexmb.model.forces.force_characteristic import CharacteristicOf
 from flexmb.model.functions.expression import parse
 
@@ -145,3 +148,27 @@ def test_the_series_meets_the_closed_form(found):
     assert before[1] == pytest.approx(after[1], rel=1e-6)
     np.testing.assert_allclose(none, [1 / 12, 1 / 720], rtol=1e-12)
     assert large[0] == pytest.approx((1.0 - 1.5 / np.tan(1.5)) / 9.0, rel=1e-14)
+
+
+def test_damping_of_a_stop_grows_with_its_depth():
+    """By 3 y^2 - 2 y^3 of the depth at which it is whole, beside k p^e."""
+    row = {"upper": 1.0, "lower": -np.inf, "depth": 0.2, "exponent": 1.5, "k": 10.0, "c": 4.0}
+    for y, share in ((0.25, 0.15625), (0.5, 0.5), (1.5, 1.0)):
+        force, _, damping = stop_resistance(row, 1.0 + 0.2 * y, 0.7)
+        assert damping == pytest.approx(4.0 * share)
+        assert force == pytest.approx(10.0 * (0.2 * y) ** 1.5 + 0.7 * 4.0 * share)
+
+
+def test_a_stop_is_the_same_in_millimetres():
+    """k p^2 of 3 N/mm^2 at 2 mm is 12 N, and so is 3e6 N/m^2 at 2e-3 m."""
+    rows = []
+    for units, k, upper in (("mm-t-s", 3.0, 5.0), ("SI", 3e6, 5e-3)):
+        made = Model("stop", units=units)
+        made.add_body("b", mass=1, inertia=[1, 1, 1])
+        made.add_joint("rail", "prismatic", between=["ground", "b"], axis="x")
+        made.add_force("end", "translational-stop", joint="rail", upper=upper, stiffness=k,
+                       exponent=2)  # fmt: skip
+        rows.append(compile_system(made).system.kinds["force_characteristics"].rows[0])
+    assert rows[0]["k"] == pytest.approx(rows[1]["k"], rel=1e-12)
+    force, _, _ = stop_resistance(rows[0], 7e-3, 0.0)
+    assert force == pytest.approx(12.0, rel=1e-9)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from truthkit import Memory
 
 from flexmb.analysis.dynamics.dynamics import dynamics, prepare_dynamics
 from flexmb.engine.compile import compile_system
+from flexmb.engine.events import _peak
 from flexmb.engine.method import FINE
 from flexmb.model import Model
 
@@ -82,3 +85,10 @@ def test_friction_is_felt_that_turns_within_a_step(method, model_of_friction):
     assert np.abs(np.array(times) - 1.0).min() < 0.02
     way = 2 / 3 - 2e-4 + 4 * (4 / 3 * 1e-6)
     assert -run.state.work_done[1] == pytest.approx(way, rel=2e-3)
+
+
+def test_the_peak_of_a_cubic_is_found():
+    """s^3 - 1.8 s^2 + 0.81 s - 0.1 is above zero about its peak at 0.3, and below at both ends."""
+    ends = [{"value": -0.1, "rate": 0.81}], [{"value": -0.09, "rate": 0.21}]
+    events = SimpleNamespace(before=ends[0], now=ends[1])
+    assert _peak(events, 0, 1.0) == pytest.approx(0.3)

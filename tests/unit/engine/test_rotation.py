@@ -6,9 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from enginekit import exponential, rotation, slope
 
 from flexmb.engine.algebra.vector import tangent_coefficients
 from flexmb.engine.bodies.motion import _interpolate_rotation, hermite
+from flexmb.engine.integrators.radau import _angular_velocity
 
 
 def series(x):
@@ -48,3 +50,12 @@ def test_a_turn_within_a_step_begins_and_ends_as_it_should(share):
     _interpolate_rotation(q[0], v[0], q[1], v[1], 0, 0, share, 0.1, place, rate)
     np.testing.assert_allclose(place, q[int(share)], atol=1e-12)
     np.testing.assert_allclose(rate, v[int(share)], atol=1e-5)  # terms of the third power of 0.05
+
+
+def test_the_angular_velocity_of_a_rotation_vector():
+    """Body axes: R' dR/dt of R = exp(theta), at a large angle."""
+    theta, rate = np.array([0.7, -1.1, 0.4]), np.array([0.3, 0.5, -0.9])
+    R = rotation(exponential(theta))
+    spin = R.T @ slope(lambda s: rotation(exponential(theta + s * rate)))
+    wanted = [spin[2, 1], spin[0, 2], spin[1, 0]]
+    np.testing.assert_allclose(_angular_velocity(theta, rate), wanted, atol=1e-9)

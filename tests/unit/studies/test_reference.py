@@ -42,7 +42,7 @@ def play(
             error = errors[tight.method]
             step = tight.changes["dynamics.step"]
             got = None if error is None else reading(error * step**2)
-            found.add(tight, got, {"seconds": [0.1], "reason": "diverged"})
+            found.add(tight, got, {"seconds": [0.1], "cpu_seconds": [0.1], "reason": "diverged"})
     return made
 
 
@@ -107,7 +107,11 @@ def test_impatience_ends_the_search() -> None:
     found = search()
     readings = [reading(1e-9)]
     for tight in (*found.next_runs([], 0.0), *found.next_runs(readings, 0.0)):
-        found.add(tight, reading(0.01 / tight.stage), {"seconds": [60.0], "reason": ""})
+        found.add(
+            tight,
+            reading(0.01 / tight.stage),
+            {"seconds": [60.0], "cpu_seconds": [60.0], "reason": ""},
+        )
     assert found.next_runs(readings, 30.0) == []
 
 
@@ -118,7 +122,7 @@ def test_with_error_control_the_tight_runs_ask_for_more_accuracy() -> None:
     )
     (first,) = found.next_runs([], 0.0)
     assert first.changes == {"dynamics.method": "generalized-alpha", "dynamics.accuracy": 1e-6}
-    found.add(first, reading(1e-6), {"seconds": [0.1]})
+    found.add(first, reading(1e-6), {"seconds": [0.1], "cpu_seconds": [0.1]})
     tighter, other = found.next_runs([reading(1e-5)], 1.0)
     assert tighter.changes["dynamics.accuracy"] == 1e-7
     assert other.changes["dynamics.method"] == "explicit-rk"
@@ -134,5 +138,5 @@ def test_no_tight_run_leaves_its_method_open(numbers: dict[str, float]) -> None:
     while runs := found.next_runs([reading(1e-12)], 0.0):
         for tight in runs:
             seen.append(tight.changes["dynamics.method"])
-            found.add(tight, reading(0.1**tight.stage), {"seconds": [0.1]})
+            found.add(tight, reading(0.1**tight.stage), {"seconds": [0.1], "cpu_seconds": [0.1]})
     assert "auto" not in seen and len(set(seen)) == 2

@@ -129,15 +129,6 @@ def test_another_version_of_dask_is_refused() -> None:
         worker_processes.compare_versions(versions)
 
 
-def test_the_dashboard_needs_a_package(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with (
-        pytest.raises(FlexmbError, match="needs the package bokeh: pip install"),
-        open_cluster(2, dashboard=print),
-    ):
-        pass
-
-
 @pytest.mark.slow
 def test_workers_that_cannot_start_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DASK_DISTRIBUTED__WORKER__PRELOAD", "['no_such_module_at_all']")
