@@ -40,6 +40,7 @@ PAGES = (
     "accuracy",
     "studies",
     "budget",
+    "sweeps",
     "cluster",
     "hard-cases",
     "statics",

@@ -8,11 +8,14 @@ from tests.hard.case import failure, run_case
 from tests.hard.chapters import CHAPTERS
 
 RUNS = [
-    pytest.param(case, method, id=f"{name}-{method}", marks=[pytest.mark.slow] if case.slow else [])
+    pytest.param(
+        case, method, id=f"{name}-{method}",
+        marks=[pytest.mark.slow] if case.slow and method not in case.quick else [],
+    )
     for cases in CHAPTERS.values()
     for name, case in cases.items()
     for method in case.methods
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("case", "method"), RUNS)

@@ -338,7 +338,7 @@ class StudySpec(Spec):
 
     ``vary`` names knobs and their values: lists, or ranges such as ``"1e-2..1e-6"`` (by factors of
     ten) and ``"1e-3..1e-5:5"`` (five values at equal ratios); all combinations are run.
-    ``repeats`` of each run, for the median of its wall time; ``target`` is the error over the
+    ``repeats`` of each run, for the median of its processor time; ``target`` is the error over the
     peak-to-peak that the cheapest setting must meet; ``sensors`` (or channels) that are judged,
     all by default.
     """
