@@ -98,7 +98,7 @@ class Trial:
     whole: dict[str, str] = field(default_factory=dict)  # digests of what it writes
     wrong: list[str] = field(default_factory=list)
 
-    damaged: Path | None = None  # a unit of the cache
+    damaged: set[Path] = field(default_factory=set)  # units of the cache: by this script
 
     def __post_init__(self) -> None:
         self.phase = PHASES[self.name]
@@ -154,7 +154,8 @@ class Trial:
             files = sorted((self.folder / "cache" / "units").glob("*/*.unit"))
             for path in rng.sample(files, self.phase.units):
                 path.unlink()
-            path = self.damaged = rng.choice([path for path in files if path.exists()])
+            path = rng.choice([path for path in files if path.exists()])
+            self.damaged.add(path)
             path.write_bytes(path.read_bytes()[: rng.randrange(2000)])
 
     def interrupt(self, rng: Random, number: int) -> float:
@@ -194,7 +195,7 @@ class Trial:
             except (FlexmbError, AssertionError, RuntimeError, OSError) as error:
                 self.wrong.append(f"{when}: {name}: {str(error)[:400]}")
         for path in (self.folder / "cache" / "units").glob("*/*.unit"):
-            if path != self.damaged and read_unit(path) is None:
+            if path not in self.damaged and read_unit(path) is None:
                 self.wrong.append(f"{when}: {path.name} is a broken unit")
 
     def check_result(self, path: Path, when: str, resume: bool) -> None:
