@@ -163,8 +163,7 @@ def report_text(statistics: Mapping[str, float | int | str], message: str) -> np
 def extend_file(path: Path, duration: float, outputs: int) -> None:
     """Make room for `outputs` intervals and note the new duration of the run as a whole.
 
-    A copy with more room replaces the file when it is complete, so that a kill at any moment leaves
-    one of the two.
+    A copy with more room replaces the file when it is complete: a kill leaves one of the two.
 
     Parameters
     ----------
