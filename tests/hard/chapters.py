@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from tests.hard import discontinuity, redundant, singular, starts
+from tests.hard import discontinuity, long_time, redundant, scale, singular, starts, stiffness
 
 CHAPTERS = {
     "Singular positions": singular.CASES,
     "Redundant constraints": redundant.CASES,
+    "Stiffness and ratios": stiffness.CASES,
+    "Long time": long_time.CASES,
     "Discontinuity": discontinuity.CASES,
+    "Scale": scale.CASES,
     "Bad starts": starts.CASES,
 }
