@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 
 _TENSION = 1e-6  # of the largest force of the joint so far: smaller pulls are round-off
 _NEAR_SINGULAR = 1.0  # degrees
+_MAX_TURN_OF_A_STEP = 1.0  # rad
 _MAX_SAMPLES = 256
 # The second half of the run so far is looked at in so many parts. In each of them the largest value
 # grows by this factor at least: powers of time up to the eighth do not.
@@ -97,6 +98,33 @@ class ContactLossMonitor:
             f"joints.{joint} pulls its follower towards the cam, first at t = {time:.6g} s: there "
             "contact is kept by force; use an impact force in its place, or a stronger spring"
             for joint, time in self._first.items()
+        ]
+
+
+class TurningMonitor:
+    """How far bodies turn in a step of a fixed size [s]; 0: steps are controlled."""
+
+    def __init__(self, compiled: Compiled, model: Model, step: float) -> None:
+        self._bodies, self._units, self._step = compiled.layout.bodies, model.units, step
+        self._largest = np.zeros(len(self._bodies))
+
+    def add(self, rows: OutputBlock) -> None:
+        """Take the next rows."""
+        for k, body in enumerate(self._bodies if self._step and len(rows.t) else ()):
+            turning = np.linalg.norm(rows.v[:, body.iv + 3 : body.iv + 6], axis=1).max()
+            self._largest[k] = max(self._largest[k], float(turning) * self._step)
+
+    def notes(self) -> list[str]:
+        """A sentence for the body that turns the farthest, if that is too far."""
+        if self._largest.max() <= _MAX_TURN_OF_A_STEP:
+            return []
+        k = int(self._largest.argmax())
+        turn, step = float(self._largest[k]), self._units.say(self._step, "s", 3)
+        enough = self._units.say(_MAX_TURN_OF_A_STEP / turn * self._step, "s", 2)
+        return [
+            f"bodies.{self._bodies[k].name} turns by {turn:.3g} rad in a step of {step}: what "
+            f"varies within a turn is not resolved; take steps of {enough} at most, or leave out "
+            "dynamics.step, so that the accuracy is controlled"
         ]
 
 

@@ -62,7 +62,7 @@ def study(
         bool, typer.Option("--fresh", help="Run again what an earlier study left there.")
     ] = False,
 ) -> None:
-    """Show what accuracy costs: errors and wall times over any knobs of a scene.
+    """Show what accuracy costs: errors and processor times over any knobs of a scene.
 
     Errors are the largest over the outputs, over the peak-to-peak, against a tighter run of the
     finest model that a second one confirms. Writes study.csv, study.md and plots. An interrupted

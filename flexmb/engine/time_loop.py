@@ -90,8 +90,8 @@ def accept_step(run: Run, h: float) -> int:
     angles = len(run.stages.angles.units) > 0
     if settings.works == 1 or angles:
         pose_stage(run, at)
-    if settings.works == 1:
         velocity_stage(run, at)
+    if settings.works == 1:
         feedback_stage(run, at)
         reaction_stage(run, at)
         powers(run, at)

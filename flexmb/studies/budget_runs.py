@@ -48,6 +48,7 @@ class ChangedRuns:
         self.sensors, self.fresh, self.progress = sensors, fresh, progress
         self.ended: dict[str, Run] = {}
         self.audit: Record = {}
+        self.names: list[tuple[str, str]] = []  # quantities and names of histories
         self.bodies = ""  # folder of a run whose reduced bodies others may use
 
     def __getitem__(self, changes: Mapping[str, Any]) -> Run:
@@ -89,6 +90,10 @@ class ChangedRuns:
             reading = read_run(model, result_file(folder), self.sensors)
         except FlexmbError as error:
             return Run(None, str(error))
+        names = [one[:2] for one in reading.histories]
+        self.names = self.names or names
+        if names != self.names:
+            return Run(None, "it has other sensors or reactions than the scene as it is")
         return Run(reading, "", float(record["cpu"]), record["statistics"], folder)
 
 
@@ -109,7 +114,7 @@ def run_changed(job: Mapping[str, Any]) -> Record:
             shutil.copy2(body, folder / body.name)
     timer = RunTimer(float(job["limit"]))
     model = Model.from_scene_dict(job["scene"], Path(job["source"]))
-    report = run_model(model, folder, pictures=False, progress=timer)
+    report = run_model(model, folder, pictures=False, analysis="dynamics", progress=timer)
     record = {"cpu": timer.cpu, "statistics": report.statistics}
     with whole_file(file) as partial:
         partial.write_text(json.dumps(record, default=float), encoding="utf-8")

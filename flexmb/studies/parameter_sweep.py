@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,7 @@ from flexmb.studies.record_table import KEY, RecordTable
 from flexmb.studies.sampling import Design, make_design, values_at
 from flexmb.studies.scalars import Scalar, find_scalars
 from flexmb.studies.study_jobs import content_key, run_key
-from flexmb.studies.study_settings import StudySource, resolve_knobs
+from flexmb.studies.study_settings import StudySource, resolve_knobs, value_text
 from flexmb.studies.sweep_report import RUNS, Sweep
 from flexmb.studies.sweep_runs import (
     SECTIONS,
@@ -115,10 +116,7 @@ def sweep(
         source = StudySource.of_model(scene, output, "sweep")
     plan = _plan(source, vary, settings, histories)
     names = [one.name for one in plan.base.scalars]
-    about = {
-        "scene or version of flexmb": run_key(plan.base.scene, source.folder),
-        "list of sensors": content_key([names, histories]),
-    }
+    about = {"scene or version of flexmb": run_key(plan.base.scene, source.folder)}
     file = writable_folder(source.output) / RUNS
     with (
         open_cluster(workers, scheduler, limit=limit, dashboard=dashboard) as cluster,
@@ -262,7 +260,14 @@ def _refusals(base: SweepScene, knobs: Mapping[str, Distribution]) -> list[Probl
             try:
                 base.model({knob: value})
             except SceneError as error:
-                problems += under(f"vary {knob} = {value}", error.problems[:1])
+                first = error.problems[0]
+                where = f"vary {knob} = {value_text(value)}"
+                what = (
+                    first.what
+                    if first.where == knob
+                    else str(replace(first, allowed=(), nearest=()))
+                )
+                problems.append(Problem(where, what, first.allowed, first.nearest))
     return problems[:_MAX_REFUSALS]
 
 
@@ -307,26 +312,40 @@ class _Runner:
     def run_all(self, settings: Sequence[dict[str, Any]]) -> None:
         """Run settings as far as the table does not hold them; nothing of them stays in memory."""
         jobs = [Job(content_key(values), values) for values in settings]
-        ended = self.table.reasons()
-        again = {key for key, reason in ended.items() if _was_too_long(reason)}
-        single = {job.key: job for job in jobs if job.key not in ended or job.key in again}
-        left = list(single.values())
+        ended = self._ended()
+        left = list({job.key: job for job in jobs if job.key not in ended}.values())
         self.reused = len({job.key for job in jobs}) - len(left)
         for _ in self._ends(left):
             pass
         self.settings, self.keys = list(settings), [job.key for job in jobs]
 
+    def _ended(self) -> dict[str, Row]:
+        """Runs of the table that failed, or hold all scalars, by key; not those that took too long.
+
+        On a busy machine another attempt may be shorter.
+        """
+        names = [one.name for one in self.plan.base.scalars]
+        if self.plan.base.histories:
+            names.append("folder")
+        rows = self.table.rows([KEY, "status", "reason", *names]).to_pylist()
+        return {
+            row[KEY]: row
+            for row in rows
+            if not (row["reason"] or "").startswith(TOO_LONG)
+            and (row["status"] == "failed" or all(row.get(one) is not None for one in names))
+        }
+
     def _ends(self, jobs: list[Job]) -> Iterator[tuple[str, Row]]:
         function = partial(run_setting, self.plan.base)
-        for job, record in self.cluster.run(function, jobs, progress=self.progress, phase="sweep"):
+        progress = self.progress if len(jobs) > 1 else silent
+        for job, record in self.cluster.run(function, jobs, progress=progress, phase="sweep"):
             self.table.append({KEY: job.key, **job.values, **record})
             yield job.key, record
 
     def run(self, settings: Sequence[dict[str, Any]]) -> list[Row]:
         """Run settings of a search; their rows in order."""
         if self.rows is None:
-            stored = self.table.rows().to_pylist()
-            self.rows = {row[KEY]: row for row in stored if not _was_too_long(row["reason"])}
+            self.rows = self._ended()
         jobs = {content_key(values): values for values in settings}
         self.reused += sum(key in self.rows and key not in self.keys for key in jobs)
         self.rows |= self._ends([Job(*item) for item in jobs.items() if item[0] not in self.rows])
@@ -334,8 +353,3 @@ class _Runner:
         self.keys += [key for key in jobs if key not in self.keys]
         missing = dict.fromkeys((one.name for one in self.plan.base.scalars), float("nan"))
         return [{**missing, **self.rows[content_key(values)]} for values in settings]
-
-
-def _was_too_long(reason: str | None) -> bool:
-    """Whether a run took too long: the machine may have been busy."""
-    return (reason or "").startswith(TOO_LONG)

@@ -75,7 +75,7 @@ class ReferenceSearch:
     def __init__(self, settings: Sequence[Setting]) -> None:
         self.finest = max(settings, key=lambda setting: setting.rank)
         self.specs = [setting.dynamics for setting in settings]
-        fixed = any(spec.get("step") is not None for spec in self.specs)
+        fixed = all(spec.get("step") is not None for spec in self.specs)
         available = _METHODS if fixed else _METHODS[1:]
         methods = dict.fromkeys(
             available[0] if spec["method"] == _AUTO else spec["method"] for spec in self.specs
@@ -175,7 +175,7 @@ class ReferenceSearch:
         """A quarter of the smallest step, or a tenth of the smallest accuracy, and so on."""
         changes: dict[str, Any] = {"dynamics.method": method}
         steps, newton = self._values("step"), self._values("newton_tolerance")
-        if steps:
+        if len(steps) == len(self.specs):
             knob, value = "step", min(steps) * 0.5 ** (stage + 1)
         else:
             least = min(self._values("accuracy"), default=ACCURACY)

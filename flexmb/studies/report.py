@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
 _MIN_GAIN = 1.5  # times less error: what a slower setting must give to count as better
 _MIN_SPAN = 10.0  # times less error that a series must cover before its trend is reported
-_MAX_WAIT = 1.25  # wall time over processor time: above it other programs disturbed a run
-_OVERHEAD = 0.05  # s: what opening and writing files may take
 
 
 def seconds_text(value: float) -> str:
@@ -68,7 +66,8 @@ def _group_label(study: StudyRows, group: str) -> str:
     telling = {
         knob: value
         for knob, value in values.items()
-        if all(one[knob] == value for one in own) and any(one[knob] != value for one in every)
+        if all(one.get(knob) == value for one in own)
+        and any(one.get(knob) != value for one in every)
     }
     return label(telling) if len(groups) > 1 else ""
 
@@ -114,8 +113,9 @@ def series_knob(study: StudyRows) -> str:
     """The knob along which lines are drawn: the number of the integration with most values."""
 
     def weight(knob: str) -> tuple[bool, int]:
-        values = {str(row.values[knob]) for row in study.rows}
-        numbers = all(isinstance(row.values[knob], int | float) for row in study.rows)
+        own = [row.values[knob] for row in study.rows if knob in row.values]
+        values = {str(value) for value in own}
+        numbers = all(isinstance(value, int | float) for value in own)
         return is_numerical(knob) and numbers and len(values) > 1, len(values)
 
     return max(study.knobs, key=weight)
@@ -123,12 +123,19 @@ def series_knob(study: StudyRows) -> str:
 
 def series(study: StudyRows) -> dict[str, list[Row]]:
     """The settings that differ by the knob of the series only, by the values of the others."""
-    along = series_knob(study)
+    along = {series_knob(study)}
+    if along <= {"dynamics.step", "dynamics.accuracy"}:  # either is the length of the steps
+        along = {"dynamics.step", "dynamics.accuracy"}
     members: dict[str, list[Row]] = {}
     for row in study.rows:
-        others = {knob: value for knob, value in row.values.items() if knob != along}
+        others = {knob: value for knob, value in row.values.items() if knob not in along}
+        others |= {"steps": "fixed"} if "dynamics.step" in row.values and _both(study) else {}
         members.setdefault(label(others), []).append(row)
     return members
+
+
+def _both(study: StudyRows) -> bool:
+    return {"dynamics.step", "dynamics.accuracy"} <= set(study.knobs)
 
 
 def cost_of_a_digit(study: StudyRows, quantity: str) -> float | None:
@@ -172,15 +179,7 @@ def _costs(study: StudyRows) -> Iterator[str]:
         yield f"one-off: units compiled in up to {seconds_text(max(compiled))} s"
     times = "" if study.repeats == 1 else f", median of {study.repeats} runs"
     at = "one run at a time" if study.workers == 1 else f"{study.workers} runs at the same time"
-    yield f"time: wall time of the integration{times}, {at}"
-    ended = [row for row in study.rows if row.seconds]
-    slowed = [row for row in ended if row.time > _MAX_WAIT * row.cpu_time + _OVERHEAD]
-    if slowed:
-        most = max(row.time / max(row.cpu_time, 1e-9) for row in slowed)
-        yield (
-            f"note: other programs or the disk slowed down {len(slowed)} of {len(ended)} settings: "
-            f"wall times are up to {most:.1f} times the processor times (study.csv has both)"
-        )
+    yield f"time: processor time of the integration{times}, {at} (study.csv has wall times too)"
 
 
 def _failures(study: StudyRows) -> Iterator[str]:
@@ -215,11 +214,11 @@ class Study(StudyRows):
 
     def table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         """Headings and rows of the table as text, failed settings included."""
-        columns = (*self.knobs.values(), *self.quantities, "time [s]", "per sim. s")
+        columns = (*self.knobs.values(), *self.quantities, "CPU [s]", "per sim. s")
         return columns, [self._cells(row) for row in self.rows]
 
     def _cells(self, row: Row) -> tuple[str, ...]:
-        values = [value_text(value) for value in row.values.values()]
+        values = [value_text(row.values[k]) if k in row.values else "-" for k in self.knobs]
         if row.status != "finished":
             return (*values, *[_FAILED] * (len(self.quantities) + 2))
         errors = [_error_cell(row.errors.get(name)) for name in self.quantities]
@@ -277,7 +276,8 @@ class Study(StudyRows):
         return path
 
     def _record(self, row: Row) -> dict[str, Any]:
-        record: dict[str, Any] = {**row.values, "status": row.status, "reason": row.reason}
+        record: dict[str, Any] = {knob: row.values.get(knob, "") for knob in self.knobs}
+        record |= {"status": row.status, "reason": row.reason}
         for name in self.quantities:
             error = row.errors.get(name)
             shown = error if error is not None and error.shown else None
@@ -288,13 +288,13 @@ class Study(StudyRows):
         if not row.seconds:
             return record
         record |= {
-            "seconds_integrate": row.time,
+            "seconds_integrate": row.wall_time,
             "seconds_integrate_least": min(row.seconds),
             "seconds_integrate_greatest": max(row.seconds),
             "seconds_per_simulated_second": row.time / row.duration,
             "repeats": len(row.seconds),
             "workers": self.workers,
-            "cpu_seconds_integrate": row.cpu_time,
+            "cpu_seconds_integrate": row.time,
             "seconds_flexible_bodies": row.reduction,
         }
         record |= {
@@ -303,7 +303,7 @@ class Study(StudyRows):
         return record | {"folder": row.folder}
 
     def plot(self, output: str | Path | None = None) -> Figure:
-        """Error against wall time, one panel per quantity and one line per series of settings.
+        """Error against processor time, one panel per quantity, one line per series of settings.
 
         Raises
         ------
@@ -313,15 +313,22 @@ class Study(StudyRows):
         from flexmb.view.work_precision import work_precision_figure
 
         lines = series(self)
-        panels = {name: _curves(lines, name) for name in self.quantities}
-        note = self._note(f"along each line: {self.knobs[series_knob(self)]}")
+        along = series_knob(self)
+        panels = {name: _curves(lines, name, along) for name in self.quantities}
+        words = "accuracy or step" if _both(self) else self.knobs[along]
+        note = self._note(f"along each line: {words}")
         figure = work_precision_figure(
-            panels, self._floors(), target=self.target, title=self.title, note=note
+            panels,
+            self._floors(),
+            self._best_points(),
+            target=self.target,
+            title=self.title,
+            note=note,
         )
         return _save(figure, output)
 
     def plot_pareto(self, output: str | Path | None = None) -> Figure:
-        """Error against wall time over models (modes, meshes), with the Pareto front.
+        """Error against processor time over models (modes, meshes), with the Pareto front.
 
         Raises
         ------
@@ -337,9 +344,23 @@ class Study(StudyRows):
         panels = {name: _curves(models, name) for name in self.compared}
         note = self._note("the front: no other setting is cheaper and better")
         figure = pareto_figure(
-            panels, self._floors(), target=self.target, title=self.title, note=note
+            panels,
+            self._floors(),
+            self._best_points(),
+            target=self.target,
+            title=self.title,
+            note=note,
         )
         return _save(figure, output)
+
+    def _best_points(self) -> dict[str, tuple[float, float]]:
+        """Time and error of the cheapest setting that meets the target, by quantity."""
+        rows = {name: self.cheapest(name) for name in self.compared}
+        return {
+            name: (row.time, row.errors[name].bound)
+            for name, row in rows.items()
+            if row is not None
+        }
 
     def save(self) -> list[Path]:
         """Write tables and plots into the folder of the study; their paths.
@@ -379,7 +400,7 @@ class Study(StudyRows):
         failed = sum(row.status != "finished" for row in self.rows)
         failures = f"; {_FAILED} {failed} of {len(self.rows)} settings failed" if failed else ""
         times = f"median of {self.repeats}, {self.workers} at a time"
-        return f"{first}; wall time: {times}{failures}\n{machine()}"
+        return f"{first}; processor time: {times}{failures}\n{machine()}"
 
 
 def _error_cell(error: Error | None) -> str:
@@ -394,7 +415,7 @@ def _has_several_models(rows: Sequence[Row]) -> bool:
     return len({row.physics for row in rows if row.physics}) > 1
 
 
-def _curves(lines: dict[str, list[Row]], quantity: str) -> list[Curve]:
+def _curves(lines: dict[str, list[Row]], quantity: str, along: str = "") -> list[Curve]:
     from flexmb.view.work_precision import Curve
 
     curves = []
@@ -402,9 +423,17 @@ def _curves(lines: dict[str, list[Row]], quantity: str) -> list[Curve]:
         shown = [row for row in rows if quantity in row.errors and row.errors[quantity].shown]
         times = [row.time for row in shown]
         errors = [row.errors[quantity].bound for row in shown]
-        texts = [label({k: v for k, v in row.values.items() if is_numerical(k)}) for row in shown]
+        texts = [_point_text(row, along) for row in shown]
         curves.append(Curve(name, times, errors, texts))
     return curves
+
+
+def _point_text(row: Row, along: str) -> str:
+    """The value of the knob of the series, or of all numbers of the integration."""
+    for knob in (along, "dynamics.step", "dynamics.accuracy") if along else ():
+        if knob in row.values:
+            return value_text(row.values[knob])
+    return label({k: v for k, v in row.values.items() if is_numerical(k)})
 
 
 def _save(figure: Figure, output: str | Path | None) -> Figure:

@@ -81,13 +81,14 @@ class Row:
 
     @property
     def time(self) -> float:
-        """Median wall time of the integration [s]; NaN for a run that failed."""
-        return statistics.median(self.seconds) if self.seconds else float("nan")
+        """Median processor time of the integration [s]; NaN for a run that failed."""
+        times = self.cpu_seconds or self.seconds
+        return statistics.median(times) if times else float("nan")
 
     @property
-    def cpu_time(self) -> float:
-        """Median processor time of the integration [s]; NaN for a run that failed."""
-        return statistics.median(self.cpu_seconds) if self.cpu_seconds else float("nan")
+    def wall_time(self) -> float:
+        """Median wall time of the integration [s]; NaN for a run that failed."""
+        return statistics.median(self.seconds) if self.seconds else float("nan")
 
 
 @dataclass(frozen=True, repr=False)
@@ -126,7 +127,7 @@ class StudyRows:
     @property
     def knobs(self) -> dict[str, str]:
         """The knobs that were varied, with the headings of their columns."""
-        return headings(tuple(self.rows[0].values))
+        return headings(tuple(dict.fromkeys(knob for row in self.rows for knob in row.values)))
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -141,7 +142,7 @@ class StudyRows:
 
     @property
     def seconds(self) -> Array:
-        """Median wall time of each row (n,) [s]; NaN where a run failed."""
+        """Median processor time of each row (n,) [s]; NaN where a run failed."""
         return np.array([row.time for row in self.rows])
 
     def errors(self, quantity: str) -> Array:

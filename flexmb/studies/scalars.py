@@ -27,11 +27,13 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _EXTREMES = ("min", "max")  # of channels for which no scalar is named
-_RECOVERED = re.compile(  # channels that only a result file can give
-    r"\w+(\.\w+)?\.(von_mises|stress|section_force|mode_energy|position|velocity|acceleration|"
-    r"angular_velocity|angular_acceleration|angle|angle_rate|second_angle|second_angle_rate|stroke|"
-    r"stroke_rate)(\..+)?|energy\.balance"
-)
+_RECOVERED = {  # channels that only a result file can give, and their units in SI
+    "von_mises": "Pa", "stress": "Pa", "section_force": "", "mode_energy": "J", "balance": "J",
+    "position": "m", "velocity": "m/s", "acceleration": "m/s^2", "angular_velocity": "rad/s",
+    "angular_acceleration": "rad/s^2", "angle": "rad", "angle_rate": "rad/s",
+    "second_angle": "rad", "second_angle_rate": "rad/s", "stroke": "m", "stroke_rate": "m/s",
+}  # fmt: skip
+_FORM = re.compile(rf"\w+(?:\.\w+)?\.({'|'.join(_RECOVERED)})(?:\..+)?|energy\.(balance)")
 _AXES = "xyz"
 
 
@@ -75,16 +77,17 @@ def find_scalars(
             for name in ((channel,) if channel in by_name else (f"{channel}.{a}" for a in _AXES))
             if name in by_name and by_name[name].table != "balance"
         )
-        recovered = _RECOVERED.fullmatch(channel) and (
-            owner in model.bodies or owner in model.joints or owner == "energy"
-        )
-        if len(matches) not in (1, 3) and not recovered:
+        form = _FORM.fullmatch(channel)
+        owners = {*model.bodies, *model.joints, "energy"}
+        recovered = form if form is not None and owner in owners else None
+        if len(matches) not in (1, 3) and recovered is None:
             vectors = (name.removesuffix(".x") for name in by_name if name.endswith(".x"))
             allowed = tuple(dict.fromkeys((*by_name, *vectors)))
             what = f'there is no channel "{channel}"'
             problems.append(Problem(f"sensors[{i}]", what, allowed, nearest(channel, allowed)))
             continue
-        unit = matches[0].unit if matches else ""
+        kind = "" if recovered is None else recovered[1] or recovered[2]
+        unit = matches[0].unit if matches else _RECOVERED[kind]
         scalars += [Scalar(channel, one, unit, matches) for one in ((word,) if word else _EXTREMES)]
     return list(dict.fromkeys(scalars)), problems
 

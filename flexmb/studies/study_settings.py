@@ -173,16 +173,18 @@ def make_settings(source: StudySource, vary: Mapping[str, tuple[Any, ...]]) -> l
     SceneError
         Unknown knobs, knobs that exclude each other, or values of which the model takes none.
     """
-    knobs = resolve_knobs(source, vary)
-    count = math.prod(len(values) for values in knobs.values())
+    knobs = resolve_knobs(source, vary, exclusive=False)
+    tables = _without_conflict(knobs)
+    count = sum(math.prod(len(values) for values in table.values()) for table in tables)
     if count > _MAX_RUNS:
         raise SceneError(f"the study has {count} combinations; {_MAX_RUNS} are the most")
     effects = _complete_effects(source, knobs)
     settings = [
         _make_setting(
-            source, dict(zip(knobs, (value for _, value in choice), strict=True)), choice, effects
+            source, dict(zip(table, (value for _, value in choice), strict=True)), choice, effects
         )
-        for choice in itertools.product(*(enumerate(values) for values in knobs.values()))
+        for table in tables
+        for choice in itertools.product(*(enumerate(values) for values in table.values()))
     ]
     if all(setting.model is None for setting in settings):
         refusals = dict.fromkeys(setting.refusal for setting in settings)
@@ -208,9 +210,9 @@ def change_model(source: StudySource, changes: Mapping[str, Any]) -> tuple[Model
 
 
 def resolve_knobs(
-    source: StudySource, vary: Mapping[str, tuple[Any, ...]]
+    source: StudySource, vary: Mapping[str, tuple[Any, ...]], *, exclusive: bool = True
 ) -> dict[str, tuple[Any, ...]]:
-    """The knobs by their full names.
+    """The knobs by their full names; accuracy and step exclude each other unless told otherwise.
 
     Raises
     ------
@@ -231,12 +233,22 @@ def resolve_knobs(
         knobs[name] = tuple(values)
     if not knobs:
         problems.append(Problem("vary", 'no knob is given, such as accuracy = "1e-2..1e-6"'))
-    if {"dynamics.accuracy", "dynamics.step"} <= set(knobs):
-        what = "accuracy and step exclude each other: fixed steps have no accuracy; study one"
+    if exclusive and set(_EITHER) <= set(knobs):
+        what = "accuracy and step exclude each other: fixed steps have no accuracy; vary one"
         problems.append(Problem("vary", what))
     if problems:
         raise SceneError.from_problems(problems)
     return knobs
+
+
+_EITHER = ("dynamics.accuracy", "dynamics.step")
+
+
+def _without_conflict(knobs: Mapping[str, tuple[Any, ...]]) -> list[dict[str, tuple[Any, ...]]]:
+    """Tables of knobs that may stand together: fixed steps have no accuracy."""
+    if not set(_EITHER) <= set(knobs):
+        return [dict(knobs)]
+    return [{k: v for k, v in knobs.items() if k != other} for other in reversed(_EITHER)]
 
 
 _COMPLETE: dict[str, Any] = {

@@ -64,11 +64,11 @@ def _histograms(sweep: SweepRows) -> Figure | None:
     if sweep.answer is not None or not names or sweep.design.method in ("grid", "derivatives"):
         return None
     axes = [
-        Axis(f"{n} [{sweep.units[n]}]" if sweep.units[n] else n, np.asarray(sweep[n], float))
-        for n in names
+        Axis(f"{n} [{sweep.units[n]}]" if sweep.units[n] else n, sweep.sample(n)) for n in names
     ]
     marks = [[q.value for q in sweep.statistics(n).quantiles] for n in names]
-    return histogram_figure(axes, marks, f"{sweep.title}: how often")
+    note = "dashed: " + ", ".join(f"{100 * share:g} %" for share in sweep.shares)
+    return histogram_figure(axes, marks, f"{sweep.title}: histograms", note)
 
 
 def _scatter(sweep: SweepRows) -> Figure | None:

@@ -133,6 +133,9 @@ class Sweep(SweepRows):
             what = f"{len(self.failures)} of {len(self)} runs failed: all figures are those of the "
             lines.append(f"{what}others, and differ if runs fail for their values")
         lines += self._notes()
+        if self.answer is not None:
+            settings = enumerate(self.answer.settings, 1)
+            return [*lines, *(self.command_of(one, f"answer_{i}") for i, one in settings)]
         for scalar in self.scalars[:1]:
             largest, least = self.extremes(scalar, 1)
             lines += [f"largest {scalar}: {self.command(i)}" for i in largest]

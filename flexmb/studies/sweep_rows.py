@@ -7,6 +7,7 @@ has NaN for its scalars.
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -102,9 +103,9 @@ class SweepRows:
     def statistics(self, scalar: str) -> Statistics:
         """Mean, deviation and quantiles of a scalar over the runs that ended well."""
         is_sample = self.design.method in ("random", "latin-hypercube", "sobol", "saltelli")
-        return statistics_of(self._sample(scalar), self.shares, is_sample)
+        return statistics_of(self.sample(scalar), self.shares, is_sample)
 
-    def _sample(self, scalar: str) -> Array:
+    def sample(self, scalar: str) -> Array:
         """Values that are a sample of the distributions: of a Saltelli scheme those of A and B."""
         values = np.asarray(self[scalar], float)
         block = self.design.block
@@ -169,9 +170,13 @@ class SweepRows:
 
     def command(self, run: int) -> str:
         """The command that does a run again, by itself and with its history."""
-        changes = {**self.overrides, **self.settings[run]}
+        return self.command_of(self.settings[run], f"run_{run}")
+
+    def command_of(self, setting: Mapping[str, Any], name: str) -> str:
+        """The command that runs a setting, into a folder of this name in that of the sweep."""
+        changes = {**self.overrides, **setting}
         words = [f"--set {shlex.quote(f'{k}={toml_text(v)}')}" for k, v in changes.items()]
         if not self.source:
-            return setting_text(self.settings[run])
-        output = shlex.quote(str(self.folder / f"run_{run}"))
+            return setting_text(setting)
+        output = shlex.quote(str(self.folder / name))
         return f"flexmb run {shlex.quote(self.source)} {' '.join(words)} --output {output}"

@@ -38,6 +38,7 @@ class Job(NamedTuple):
     values: dict[str, Any]
 
 
+_REUSED = "reduction reused from"  # in the note of a run that says nothing of it
 SECTIONS = ("check", "results", "view", "study", "sweep")
 """Sections of a scene that its runs in a sweep do without."""
 
@@ -154,7 +155,10 @@ def _run_with_file(scene: SweepScene, model: Model, name: str) -> Row:
         result = Result(report.result)
         if result.status == "stopped":
             raise KeyboardInterrupt
-        row = {"notes": "\n".join(report.notes), "folder": str(own_folder or "")}
+        row = {
+            "notes": "\n".join(note for note in report.notes if _REUSED not in note),
+            "folder": str(own_folder or ""),
+        }
         return row | read_result(scene.scalars, result)
     finally:
         if own_folder is None:

@@ -21,6 +21,7 @@ Interval = tuple[float, float]
 CONFIDENCE = 0.95
 _NONE = (float("nan"), float("nan"))
 _RESAMPLES = 500
+_DECIMALS = 9  # of a share: what is below is round-off
 _BATCH = 4e6  # weights at once
 _ROUND_OFF = 1e-12  # relative; a scalar that varies less does not vary
 
@@ -102,7 +103,8 @@ class Index(NamedTuple):
 def sobol_indices(knobs: Sequence[str], values: Array, seed: int = 0) -> list[Index]:
     """Indices of Sobol from the values (n, k + 2) of a Saltelli scheme: A, B, A with B's column i.
 
-    Rows with a NaN are left out. None for a scalar that does not vary.
+    Rows with a NaN are left out. None for a scalar that does not vary. The variance is that of the
+    differences of A and B, whose errors are those of the numerators.
     """
     values = values[np.isfinite(values).all(axis=1)]
     n, k = len(values), len(knobs)
@@ -110,14 +112,11 @@ def sobol_indices(knobs: Sequence[str], values: Array, seed: int = 0) -> list[In
         return []
     centred = values - values[:, :2].mean()
     a, b, mixed = centred[:, :1], centred[:, 1:2], centred[:, 2:]
-    terms = np.hstack([b * (mixed - a), 0.5 * (a - mixed) ** 2, a, b, a * a, b * b])
+    terms = np.hstack([b * (mixed - a), 0.5 * (a - mixed) ** 2, 0.5 * (a - b) ** 2])
 
     def indices(means: Array) -> Array:
-        """(..., 2 k) from the means (..., 2 k + 4) of the terms."""
-        mean = 0.5 * (means[..., -4] + means[..., -3])
-        variance = 0.5 * (means[..., -2] + means[..., -1]) - mean * mean
-        shares: Array = means[..., : 2 * k] / variance[..., None]
-        return shares
+        """(..., 2 k) from the means (..., 2 k + 1) of the terms."""
+        return np.round(means[..., :-1] / means[..., -1:], _DECIMALS) + 0.0
 
     best = indices(terms.mean(axis=0))
     generator, batch = np.random.default_rng(seed), max(1, int(_BATCH / n))

@@ -61,7 +61,8 @@ def budget_figure(
         axes.plot(
             numbers, [k + 0.22 * (i / max(len(shares) - 1, 1) - 0.5) * 2 for k in places],
             ls="", marker=_MARKERS[i % len(_MARKERS)], ms=7, mec=colour,
-            mfc="none" if least else colour, label=f"{name} (at least)" if least else name,
+            mfc="none" if least else colour,
+            label=name + (" (at least)" if least else "" if places else " (round-off)"),
         )  # fmt: skip
     axes.axvline(100 * target, color=INK, lw=0.9, ls="--", label=f"target {100 * target:.2g} %")
     axes.set_xscale("log")

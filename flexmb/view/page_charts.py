@@ -69,7 +69,7 @@ class Charts:
         return self._add(traces, x=x, y=label, time=time)
 
     def costs(self, curves: Sequence[Curve], quantity: str) -> Html:
-        """Error against wall time, in logarithmic scales."""
+        """Error against processor time, in logarithmic scales."""
         traces = [
             {
                 "name": curve.name or "settings", "x": packed(curve.seconds, "f8"),
@@ -78,7 +78,7 @@ class Charts:
             }
             for i, curve in enumerate(curves)
         ]  # fmt: skip
-        return self._add(traces, x="wall time [s]", y=quantity, logs=True, points=True)
+        return self._add(traces, x="processor time [s]", y=quantity, logs=True, points=True)
 
     def _add(self, traces: list[dict[str, Any]], **words: Any) -> Html:
         name = f"chart{len(self.data)}"

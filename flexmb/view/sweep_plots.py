@@ -43,7 +43,7 @@ class Bar(NamedTuple):
 
 
 def histogram_figure(
-    scalars: Sequence[Axis], marks: Sequence[Sequence[float]], title: str
+    scalars: Sequence[Axis], marks: Sequence[Sequence[float]], title: str, note: str
 ) -> Figure:
     """How often each scalar has which value; `marks` are its quantiles, drawn as lines."""
     figure, grid = _panels(len(scalars), title)
@@ -53,7 +53,7 @@ def histogram_figure(
         for value in lines:
             axes.axvline(value, color=JOINT, lw=1.2, ls="--")
         _finish(axes, one.label, "runs")
-    figure.supxlabel("dashed: quantiles", color=GHOST, fontsize=7, x=0.02, ha="left")
+    figure.supxlabel(note, color=GHOST, fontsize=7, x=0.02, ha="left")
     return figure
 
 
@@ -210,6 +210,7 @@ def _finish(axes: Any, x: str, y: str) -> None:
     axes.set_xlabel(x, color=INK, fontsize=8)
     axes.set_ylabel(y, color=INK, fontsize=8)
     style_axes(axes, labelsize=7)
+    axes.set_axisbelow(True)
 
 
 def _word_ticks(axis: Any, knob: Axis) -> None:

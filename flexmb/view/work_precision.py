@@ -1,4 +1,4 @@
-"""Error against wall time: work-precision plots, and the front of the settings that are best.
+"""Error against processor time: work-precision plots, and the front of the settings that are best.
 
 Log-log, one pair of axes per quantity, the target as a line; errors below that of the reference
 itself are shaded.
@@ -20,12 +20,14 @@ _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _SMALLEST = 1e-17  # an error of exactly zero is drawn here, far below round-off
 _SMALL = 0.009  # smaller numbers are written as powers of ten
 _WIDE = 30.0  # last over first time from which powers of ten are marks enough
+_PLACES = (("left", 5, 8), ("right", -5, -8), ("right", -6, 0), ("left", 6, 0), ("right", -5, 8),
+           ("left", 5, -8))  # fmt: skip
 _LETTER, _LINE = 0.021, 0.035  # width and height of a word's letters, over those of the axes
 ORDINATES = {"energy": "mismatch / energy moved", "drift": "largest violation [m or rad]"}
 
 
 class Curve(NamedTuple):
-    """One series: its name, wall times [s], errors over the peak-to-peak, a word to each point."""
+    """A series: name, processor times [s], errors over the peak-to-peak, a word to each point."""
 
     name: str
     seconds: Sequence[float]
@@ -33,14 +35,16 @@ class Curve(NamedTuple):
     words: Sequence[str] = ()
 
 
-Point = tuple[float, float, str]  # seconds, error, word
+Point = tuple[float, float, str, str]  # seconds, error, word, colour
 Panels = Mapping[str, Sequence[Curve]]
+Marks = Mapping[str, tuple[float, float]]
 
 
 def work_precision_figure(
-    panels: Panels, floors: Mapping[str, float], *, target: float, title: str, note: str = ""
-) -> Figure:
-    """Error against wall time, one line per series, its points joined in their order.
+    panels: Panels, floors: Mapping[str, float], best: Marks | None = None, *, target: float,
+    title: str, note: str = "",
+) -> Figure:  # fmt: skip
+    """Error against processor time, one line per series, its points joined in their order.
 
     Parameters
     ----------
@@ -48,6 +52,8 @@ def work_precision_figure(
         Quantity to its series.
     floors : mapping
         Smallest error that can be shown, by quantity; less is shaded.
+    best : mapping, optional
+        Time and error of the cheapest setting that meets the target, by quantity: ringed.
     target : float
         Error to be met, drawn as a line.
     title, note : str
@@ -60,16 +66,19 @@ def work_precision_figure(
     """
     figure, grid = _figure(panels, title, note)
     for axes, (name, curves) in zip(grid, panels.items(), strict=False):
-        _draw(axes, curves, joined=True)
+        points = _draw(axes, curves, joined=True)
         _finish(axes, name, floors.get(name), target)
+        _mark(axes, (best or {}).get(name))
+        _label(axes, points, points)
     _legend(figure, grid)
     return figure
 
 
 def pareto_figure(
-    panels: Panels, floors: Mapping[str, float], *, target: float, title: str, note: str = ""
-) -> Figure:
-    """Error against wall time as points, one colour per series, and the front through the best.
+    panels: Panels, floors: Mapping[str, float], best: Marks | None = None, *, target: float,
+    title: str, note: str = "",
+) -> Figure:  # fmt: skip
+    """Error against processor time as points, a colour per series, and the front through the best.
 
     Parameters and errors as of :func:`work_precision_figure`.
     """
@@ -85,6 +94,7 @@ def pareto_figure(
             where="post", color=GHOST, lw=1.2, zorder=1, label="front",
         )  # fmt: skip
         _finish(axes, name, floors.get(name), target)
+        _mark(axes, (best or {}).get(name))
         _label(axes, front, points)
     _legend(figure, grid)
     return figure
@@ -100,12 +110,23 @@ def _draw(axes: Any, curves: Sequence[Curve], *, joined: bool) -> list[Point]:
             curve.seconds, errors, color=LINES[i % len(LINES)], label=curve.name or None,
             marker=marker, ms=5 if joined else 7, ls="-" if joined else "", lw=1.4,
         )  # fmt: skip
-        points += zip(curve.seconds, errors, curve.words or [""] * len(errors), strict=True)
+        words = curve.words or [""] * len(errors)
+        colours = [LINES[i % len(LINES)]] * len(errors)
+        points += zip(curve.seconds, errors, words, colours, strict=True)
     return points
 
 
+def _mark(axes: Any, best: tuple[float, float] | None) -> None:
+    """A ring around the setting that is recommended."""
+    if best is not None:
+        axes.plot(
+            *([value] for value in best), marker="o", ms=15, mfc="none", mec=INK, mew=1.6, ls="",
+            label="cheapest that meets it", zorder=5,
+        )  # fmt: skip
+
+
 def _label(axes: Any, front: Sequence[Point], points: Sequence[Point]) -> None:
-    """Words next to the points of the front, where they cover neither each other nor a point."""
+    """Words next to points, where they cover neither each other nor a point."""
 
     def place(point: Point) -> tuple[float, float]:
         x, y = axes.transAxes.inverted().transform(axes.transData.transform(point[:2]))
@@ -115,7 +136,7 @@ def _label(axes: Any, front: Sequence[Point], points: Sequence[Point]) -> None:
     for point in front:
         x, y = place(point)
         width = _LETTER * len(point[2])
-        for ha, dx, dy in (("left", 5, 8), ("right", -5, -8), ("right", -6, 0)):
+        for ha, dx, dy in _PLACES if point[2] else ():
             low = x + 0.02 if ha == "left" else x - 0.02 - width
             box = (low, low + width, y + dy / 220)
             inside = box[0] >= 0 and box[1] <= 1
@@ -125,8 +146,8 @@ def _label(axes: Any, front: Sequence[Point], points: Sequence[Point]) -> None:
             ):
                 axes.annotate(
                     point[2], point[:2], xytext=(dx, dy), textcoords="offset points",
-                    fontsize=7, color=INK, ha=ha, va="center",
-                )  # fmt: skip
+                    fontsize=7, color=point[3], ha=ha, va="center",
+                ).set_in_layout(False)  # fmt: skip
                 taken.append(box)
                 break
 
@@ -147,7 +168,7 @@ def _figure(panels: Panels, title: str, note: str) -> tuple[Figure, list[Any]]:
 
 def _finish(axes: Any, name: str, floor: float | None, target: float) -> None:
     axes.set_title(name, color=INK, fontsize=10, loc="left")
-    axes.set_xlabel("wall time [s]", color=INK, fontsize=9)
+    axes.set_xlabel("processor time [s]", color=INK, fontsize=9)
     axes.set_ylabel(ORDINATES.get(name, "error / peak-to-peak"), color=INK, fontsize=9)
     _ticks(axes.xaxis, axes.get_xlim())
     _ticks(axes.yaxis, axes.get_ylim())

@@ -193,16 +193,23 @@ class _Source:
         """All jobs as far as it is known."""
         return self._size if self._queue is None else self._taken + len(self._queue)
 
+    @property
+    def left(self) -> int | None:
+        """Jobs that are still to come as far as it is known."""
+        return None if self.size is None else self.size - self._taken
+
     def __iter__(self) -> Iterator[Any]:
         return self
 
     def __next__(self) -> Any:
         if self._queue is None:
-            return next(self._rest)
-        if not self._queue:
+            job = next(self._rest)
+        elif self._queue:
+            job = self._queue.popleft()
+        else:
             raise StopIteration
         self._taken += 1
-        return self._queue.popleft()
+        return job
 
 
 class _Rate:
@@ -312,9 +319,8 @@ class _Flight:
         if not self.mean:
             return 1
         size = int(min(max(_BATCH_SECONDS / self.mean, 1), _MAX_BATCH))
-        left = self.source.size
-        if left is not None:
-            size = max(1, min(size, left // (4 * self.cluster.count)))
+        if self.source.left is not None:
+            size = max(1, min(size, self.source.left // (4 * self.cluster.count)))
         return size
 
     def _send(self, jobs: list[tuple[Any, int]], worker: str = "") -> None:

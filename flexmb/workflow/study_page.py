@@ -12,7 +12,7 @@ from flexmb.view.page_charts import Charts
 from flexmb.view.work_precision import ORDINATES, Curve
 
 _TABLE, _TEXT, _BUDGET, _SWEEP = "study.csv", "study.md", "budget.json", "sweep.json"
-_TIME = "seconds_integrate"
+_TIME = "cpu_seconds_integrate"
 _ERROR = "error_"
 
 

@@ -43,6 +43,8 @@ class Hard:
         What one of the sentences of a run that finishes contains.
     slow : bool
         Left out of the part of a minute.
+    quick : tuple of str
+        Methods by which it is part of it all the same.
     """
 
     why: str
@@ -57,6 +59,7 @@ class Hard:
     stops: Mapping[str, str] = field(default_factory=dict)
     warns: str = ""
     slow: bool = False
+    quick: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -263,39 +263,46 @@ CASES = {
         "Six hinges: 30 equations for 30 coordinates, and yet it moves.",
         "Points of the IFToMM benchmark to 1e-4 m; told that reactions are not unique.",
         1e-4, bricard, off_bricard, RUN, ALL, warns="redundant: the motion is unique",
+        slow=True, quick=("auto", "radau"),
     ),
     "a door on three hinges": Hard(
         "Two hinges too many: ten redundant equations.",
         "Swing of a physical pendulum to 1e-4 rad; the hinges bear together m (a - g), to 1e-4 of "
         "the weight; told that each alone is not unique.",
         1e-4, door, off_door, RUN, ALL, warns=_REDUNDANT,
+        slow=True, quick=("auto", "generalized-alpha"),
     ),
     "a four-bar of spatial joints": Hard(
         "Three of 20 equations are redundant.",
         "The angles close the loop and the weight's work is the kinetic energy, to 1e-3.",
         1e-3, four_bar, off_four_bar, RUN, ALL, warns=_REDUNDANT,
+        slow=True, quick=("auto", "radau", "coordinate-partitioning"),
     ),
     "a pin tilted by 1e-9 rad": Hard(
         "Redundant equations contradict each other, by what machines and round-off leave.",
         "As if it were exact, to 1e-3.",
         1e-3, lambda: four_bar(1e-9), off_four_bar, RUN, ALL, warns=_REDUNDANT,
         stops={"coordinate-partitioning": "nearly redundant"},
+        slow=True, quick=("auto",),
     ),
     "a pin tilted by 1e-8 rad": Hard(
         "Too much for round-off, too little to lock it.",
         "Refused before the run, with the size and the cure.",
         0.0, lambda: four_bar(1e-8), run=RUN, methods=ALL, stops={"all": "make them exact"},
+        slow=True, quick=("auto",),
     ),
     "a pin tilted by 1e-5 rad": Hard(
         "The tilt locks the four-bar, and its lever is 1e5.",
         "Refused before the run: locked, nearly free, and what to exchange.",
         0.0, lambda: four_bar(1e-5), run=RUN, methods=ALL, stops={"all": "it is nearly free"},
+        slow=True, quick=("auto",),
     ),
     "a pin tilted by 0.01 rad": Hard(
         "Locked: nothing can move, with forces a thousand times the weight.",
         "It rests to 1e-9 rad, and says that it is locked, and by what.",
         1e-9, lambda: four_bar(1e-2), lambda run: largest(run["crank"], run["rocker"]), RUN, ALL,
         warns="the mechanism is locked",
+        slow=True, quick=("auto", "radau", "baumgarte"),
     ),
     "twenty parallel leaves": Hard(
         "A block on 20 clamped beams: 114 equations too many, were they rigid.",
@@ -303,18 +310,21 @@ CASES = {
         1e-2, leaf_guides, off_leaves(), {"duration": 0.1, "outputs": 40, "accuracy": 1e-4},
         {"auto": {}, "generalized-alpha": {"accuracy": None, "step": 2e-4}, "radau": {},
          "fixed radau": {"accuracy": None, "step": 1e-3}},
+        slow=True, quick=("radau",),
     ),
     "a rank that changes on the way": Hard(
         "A plate on three cranks in a row: flat, twice a turn, two more equations are redundant.",
         "The pendulum of one freedom to 1e-3 m; sum of the pivots' forces to 1e-3 of the weight.",
         1e-3, three_cranks, off_three_cranks, {**RUN, "outputs": 39}, ALL,
         warns=_REDUNDANT,
+        slow=True, quick=("auto", "generalized-alpha", "radau"),
     ),
     "a flat net that spins": Hard(
         "16 balls and 33 links in one plane: links pull at each other, and none has a say across.",
         "It turns as one body to 1e-4 m; each ball's links give its centripetal force to 1e-4.",
         1e-4, net, off_net, {"duration": 1.0, "outputs": 10, "accuracy": 1e-6},
         {**ALL, "generalized-alpha": {"accuracy": None, "step": 5e-4}}, warns=_REDUNDANT,
+        slow=True, quick=("auto",),
     ),
     "a taut net under its weight": Hard(
         "Flat in a frame of rigid links: no tension bears a load across.",
@@ -322,5 +332,6 @@ CASES = {
         0.0, lambda: net(4, 0.0, True), 
         run={"duration": 1.0, "outputs": 10, "accuracy": 1e-4},
         methods={"generalized-alpha": {}, "radau": {}}, stops={"all": "nearly redundant"},
+        slow=True,
     ),
 }  # fmt: skip

@@ -10,7 +10,8 @@ from tests.hard.chapters import CHAPTERS
 RUNS = [
     pytest.param(
         case, method, id=f"{name}-{method}",
-        marks=[pytest.mark.slow] if case.slow or method not in METHODS else [],
+        marks=[pytest.mark.slow]
+        if (case.slow or method not in METHODS) and method not in case.quick else [],
     )
     for cases in CHAPTERS.values()
     for name, case in cases.items()

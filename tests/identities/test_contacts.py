@@ -13,6 +13,7 @@ from generators import Mechanism
 
 from flexmb.engine.forces.contact_pair import BALL, BORE, CYLINDER, PLANE
 from flexmb.engine.forces.friction import BRISTLE, NO_FRICTION, SMOOTH
+from flexmb.engine.units import call
 
 DIFFERENCES = 1e-8  # forces have fifth derivatives of some hundred times their size
 KINDS = {"ball": BALL, "plane": PLANE, "cylinder": CYLINDER, "bore": BORE}
@@ -163,3 +164,33 @@ def test_contact_never_pulls():
         along = bench.marker("W")[row["I"]][:3] @ n
         expected = 40.0 * DEPTH ** EXPONENTS["plane"] * (1 + row["damping"] * speed / 3.0)
         assert along == pytest.approx(max(0.0, expected), rel=1e-9)
+
+
+def test_what_a_contact_remembers():
+    """The bristle in axes of J, that of a step before carried along; the speed of an onset."""
+    bench = touching("plane", "sticks", "rigid")
+    bench.lam[:] = 0.0
+    bench.at()
+    now, row = bench.work.now, bench.sys.kinds["contacts"].rows[0]
+    i, j = row["I"], row["J"]
+    R, x = bench.marker("R")[j], bench.marker("x")
+    n, o = R[:, 2], row["history"]
+    before = now.history[o + 2 : o + 5].copy()
+    arm = x[i] - row["ri"] * n
+    rate = [bench.marker("vx")[k] + np.cross(bench.marker("om")[k], arm - x[k]) for k in (i, j)]
+    g, across = rate[0] - rate[1], np.eye(3) - np.outer(n, n)
+    assert remembered(bench, 0.1)[o + 2 : o + 5] == pytest.approx(
+        R.T @ across @ (R @ before + 0.1 * g), abs=1e-12
+    )
+    bench.at(v=-bench.v)  # they approach; in a long step the depth is that of an onset
+    assert remembered(bench, 1e4)[o] == pytest.approx(n @ g)
+
+
+def remembered(bench, span):
+    """The history after a step of this length."""
+    bench.work.now.span[0] = span
+    run, at = bench._handed()
+    stage = run.record.stages.remember
+    for unit, table in zip(stage.units, stage.tables, strict=True):
+        call(unit, run, table, at)
+    return bench.state.history.copy()

@@ -133,6 +133,22 @@ def test_rows_vanish_on_all_motions_that_the_joint_allows(case):
         assert np.linalg.matrix_rank(bench.Cq, tol=1e-6) == equations
 
 
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+@pytest.mark.parametrize("case", ["revolute", "cylindrical", "planar", "parallel"])
+def test_joints_hold_as_well_after_quarters_of_a_turn(case, quarters):
+    """About an axis that they leave free no row becomes another one."""
+    bench = Bench(hinged(case))
+    whole = turn(A, I)
+
+    class Quarter:
+        uniform = staticmethod(lambda *_: 0.5 * np.pi * quarters)
+
+    bench.at(q=moved(bench, [whole], Quarter), v=np.zeros(6))
+    np.testing.assert_allclose(bench.C, 0.0, atol=1e-13)
+    equations = JOINT_TYPES[case].equations
+    assert np.linalg.svd(bench.Cq, compute_uv=False)[equations - 1] > 0.1
+
+
 def test_the_table_of_joints_is_whole():
     elsewhere = {"screw"}  # its turn and slide are one motion: test_couplers
     elsewhere |= {name for name, row in JOINT_TYPES.items() if row.curves}

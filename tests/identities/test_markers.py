@@ -136,3 +136,21 @@ def test_angle_sensors_follow_more_than_one_turn():
         np.testing.assert_allclose(bench.channels[-1] - start, 2.0 * k, atol=1e-12)
         np.testing.assert_allclose(rotation(bench.q[3:7]), A @ rotation(turn), atol=1e-12)
     np.testing.assert_allclose(bench.q[:3], r)
+
+
+def test_a_marker_seen_from_another_is_their_difference():
+    """Positions, velocities and accelerations, in global axes."""
+    made = Mechanism(7, "chain", "rigid")
+    names = [made.marker(body, f"seen{body}", [0.1 * body, 0.3, -0.2]) for body in (0, 1)]
+    for kind in ("position", "velocity", "acceleration"):
+        for k, name in enumerate(names):
+            made.model.add_sensor(f"{kind}{k}", kind, of=name)
+        made.model.add_sensor(f"apart_{kind}", kind, of=names[0], relative_to=names[1])
+    bench = Bench(made.model)
+    bench.randomise(8)
+    values = dict(zip(bench.layout.channels, bench.at().channels, strict=True))
+    for kind in ("position", "velocity", "acceleration"):
+        for axis in "xyz":
+            one, other = (values[f"{kind}{k}.{axis}"] for k in (0, 1))
+            assert abs(other) > 1e-3
+            assert values[f"apart_{kind}.{axis}"] == pytest.approx(one - other, rel=1e-9)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
@@ -36,6 +37,7 @@ class Mutant:
         return text.replace(self.old, self.new)
 
 
+@cache
 def rooms() -> dict[str, dict]:
     """Tables of `tests/mutants/*.toml` by room."""
     files = sorted(FOLDER.glob("*.toml"))

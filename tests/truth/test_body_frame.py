@@ -36,6 +36,19 @@ def test_natural_frequencies_do_not_depend_on_the_frame(frames):
         np.testing.assert_allclose(other, one, rtol=1e-7, atol=1e-5 * one.max())
 
 
+def test_a_frame_at_an_interface_stays_with_it(frames):
+    """Its interface neither moves nor turns; the other one as seen from it."""
+    mean, held = frames
+    root, tip = (held.interface(name) for name in ("root", "tip"))
+    size = np.abs(mean.interface("tip").Phi_t).max()
+    np.testing.assert_allclose(root.Phi_t, 0.0, atol=1e-9 * size)
+    np.testing.assert_allclose(root.Phi_r, 0.0, atol=1e-9 * size)
+    start, end = (mean.interface(name) for name in ("root", "tip"))
+    arm = (end.position - start.position)[:, None]
+    seen = end.Phi_t - start.Phi_t - np.cross(start.Phi_r, arm, axis=0)
+    np.testing.assert_allclose(tip.Phi_t, seen, atol=1e-9 * size)
+
+
 def test_a_load_acts_on_modes_as_its_node_moves(frames):
     """Force by displacement, moment by rotation, whatever the frame."""
     for body in frames:

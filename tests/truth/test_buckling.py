@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from femeshes import line, solid_box
 
-from flexmb.analysis.dynamics.load_factor import LoadFactorMonitor
+from flexmb.analysis.dynamics.load_factor import _EULER, LoadFactorMonitor
 from flexmb.fe import rectangle, reduce
 from flexmb.model import Model
 from tests.accuracyscenes.judging import judged
@@ -122,3 +122,8 @@ def test_a_mast_with_a_mass_on_top_is_a_cantilever_under_its_weight(all_are_told
     # its own weight of 1 % of that on top: 7.837 EI/L² buckle a column by its weight alone
     own = 0.01 * load / 7.837
     assert load_factor(model) == pytest.approx(0.5 + own, rel=0.01)
+
+
+def test_the_estimate_without_stiffening_is_eulers_load() -> None:
+    """pi^2 EI/L^2 of pins over w1^2 m L with w1 = pi^2 sqrt(EI/(m L^3)): 1/pi^2."""
+    assert _EULER == pytest.approx(1 / np.pi**2, rel=0.02)

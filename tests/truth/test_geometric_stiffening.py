@@ -40,8 +40,11 @@ def moments_of_inertia_load(fe, per_mass):
     return fe.inertia.S0 @ per_mass[:, :3].T + np.outer(fe.inertia.S1, per_mass[:, 3])
 
 
-@pytest.mark.parametrize("load", [*range(6), "x", "y", "z"])
-def test_stress_of_a_load_turns_with_the_body(load):
+@pytest.mark.parametrize(
+    ("load", "offset"),
+    [*((load, (0.0, 0.0)) for load in (0, 1, 5, "x", "z")), ("x", (0.1, -0.06)), ("y", (0.1, 0.0))],
+)
+def test_stress_of_a_load_turns_with_the_body(load, offset):
     """R_v^T K_geo R_w = v.(tr(M) w - M w) of turns v, w and the moments M = sum of s f^T, for loads
     that turn with the body do no work."""
     corners = np.array([[0, 0, 0], [1.0, 0, 0], [1.0, 0.7, 0], [1.0, 0.7, 0.5]])
@@ -50,7 +53,7 @@ def test_stress_of_a_load_turns_with_the_body(load):
     lines = np.stack([np.arange(18), np.arange(1, 19)], axis=1)
     bent = Mesh(points, {"line": lines}, {"root": np.array([0])})
     material = resolve({"E": 1e9, "nu": 0.3, "density": 1000.0})
-    thin = {"all": rectangle(1e-3, 1e-3, shear=False)}
+    thin = {"all": rectangle(1e-3, 1e-3, shear=False, offset=offset)}
     fe = assemble(bent, material, thin)
     fixed = FixedInterfaceModel(fe, make_interfaces(fe, {"root": "root"}), tuple(range(6)))
     relief = InertiaRelief(fe.M, fe.rigid)

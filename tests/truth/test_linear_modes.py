@@ -65,7 +65,10 @@ def test_coupled_oscillators_with_damping(redundant):
     made = flexmb.linearize(chain(n, k, c, m, redundant))
     wanted = 2.0 * np.sqrt(k / m) * np.sin(np.arange(1, n + 1) * np.pi / (2 * n + 2))
     np.testing.assert_allclose(np.abs(made.eigenvalues), wanted, rtol=1e-10)
-    np.testing.assert_allclose(made.damping_ratios, wanted * c / (2 * k), rtol=1e-9)
+    ratios = wanted * c / (2 * k)
+    np.testing.assert_allclose(made.damping_ratios, ratios, rtol=1e-9)
+    damped = wanted * np.sqrt(1 - ratios**2) / (2 * np.pi)
+    np.testing.assert_allclose(made.frequencies, damped, rtol=1e-10)
     shape = made.shapes[[6 * i for i in range(n)], 0]
     wanted = np.sin(np.arange(1, n + 1) * np.pi / (n + 1))
     np.testing.assert_allclose(np.abs(shape / shape[0]), wanted / wanted[0], rtol=1e-9)

@@ -10,6 +10,7 @@ from flexiblescenes import BEAM_PERIOD, rod
 from truth.test_effects import cantilever, channels, pendulum
 
 import flexmb
+from flexmb.analysis.assembly.residual_flexibility import condensation
 from flexmb.errors import FlexmbWarning, ReductionError
 from flexmb.model import Model
 
@@ -172,3 +173,13 @@ def test_modes_without_stiffness_cannot_be_quasi_static():
     made = pendulum(replace(body, K=K), deformation={"quasi_static": [3]})
     with pytest.raises(ReductionError, match="mode 3 of the body has no stiffness"):
         flexmb.simulate(made, duration=0.1)
+
+
+def test_massless_motions_follow_in_equilibrium() -> None:
+    """K T and K' L leave no force on a coordinate without mass; K need not be symmetric."""
+    K = np.array([[5.0, -1.0, 2.0], [-1.5, 4.0, 1.0], [0.5, 2.5, 3.0]])
+    T, L, remaining = condensation(np.diag([1.0, 2.0, 0.0]), K)
+    assert remaining.tolist() == [0, 1]
+    np.testing.assert_allclose((K @ T)[2], 0.0, atol=1e-14)
+    np.testing.assert_allclose((K.T @ L)[2], 0.0, atol=1e-14)
+    np.testing.assert_array_equal(T[:2], np.eye(2))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from femeshes import line
 from restscenes import G
+from scipy.optimize import brentq
 
 import flexmb
 from flexmb.fe import rectangle, reduce
@@ -16,8 +17,8 @@ from flexmb.model import Model
 MASS, LENGTH = 2.0, 0.5
 
 
-def governor(speed, lean=0.3, driven=True):
-    """Two bars that hang from a shaft about z and lean outwards."""
+def governor(speed, lean=0.3, driven=True, aside=0.0):
+    """Two bars that hang from a shaft about z, or from arms on it, and lean outwards."""
     made = Model("governor", gravity=[0, 0, -G])
     made.add_body("shaft", mass=1.0, inertia=[0.01] * 3)
     made.add_joint("bearing", "revolute", between=["ground", "shaft"], axis="z")
@@ -25,10 +26,12 @@ def governor(speed, lean=0.3, driven=True):
         made.add_driver("motor", joint="bearing", angle=f"{speed}*t")
     inertia = [MASS * LENGTH**2 / 12] * 2 + [1e-12]
     for k, sign in enumerate((1, -1)):
+        made.add_marker(f"shaft.pin{k}", position=[sign * aside, 0, 0])
         made.add_body(f"arm{k}", mass=MASS, center=[0, 0, -LENGTH / 2], inertia=inertia,
+                      position=[sign * aside, 0, 0],
                       orientation={"axis": "y", "angle": -sign * lean},
                       markers={"end": {"position": [0, 0, -LENGTH]}})  # fmt: skip
-        made.add_joint(f"pin{k}", "revolute", between=["shaft", f"arm{k}"], axis="y")
+        made.add_joint(f"pin{k}", "revolute", between=[f"shaft.pin{k}", f"arm{k}"], axis="y")
         made.add_sensor(f"end{k}", "position", of=f"arm{k}.end")
     made.set_statics(spin=[0, 0, speed])
     return made
@@ -46,6 +49,25 @@ def test_a_governor_leans_as_far_as_its_speed_says(speed):
     # the pin carries weight and centripetal force
     force = np.linalg.norm(result.reaction("pin0").force[0])
     assert force == pytest.approx(MASS * math.hypot(G, speed**2 * reach / 2), rel=1e-8)
+
+
+def test_a_governor_with_its_pins_beside_the_shaft():
+    """m w^2 (e L/2 cos + L^2/3 sin cos) = m g L/2 sin, and what the pins carry."""
+    speed, e = 7.0, 0.2
+
+    def moment(x):
+        spin = speed**2 * (e / 2 * np.cos(x) + LENGTH / 3 * np.sin(x) * np.cos(x))
+        return spin - G / 2 * np.sin(x)
+
+    lean = brentq(moment, 0.1, 1.5)
+    result = flexmb.statics(governor(speed, aside=e))
+    for k, sign in enumerate((1, -1)):
+        assert result[f"end{k}.z"][0] == pytest.approx(-LENGTH * np.cos(lean), rel=1e-8)
+        assert sign * result[f"end{k}.x"][0] == pytest.approx(e + LENGTH * np.sin(lean), rel=1e-8)
+    force = np.linalg.norm(result.reaction("pin0").force[0])
+    pull = speed**2 * (e + LENGTH / 2 * np.sin(lean))
+    assert force == pytest.approx(MASS * math.hypot(G, pull), rel=1e-8)
+    assert result.statistics["newton_iterations"] < 20
 
 
 def test_hanging_bars_lose_their_stability_at_the_critical_speed():

@@ -44,6 +44,7 @@ def test_a_label_is_a_unit_of_the_size_that_is_scaled_by(system, unit):
         ("N s/m", 1.0, Dimension(0, 1, -1)),
         ("g/cm^3", 1e3, Dimension(-3, 1)),
         ("1/s", 1.0, Dimension(T=-1)),
+        ("m/s^-1", 1.0, Dimension(L=1, T=1)),
         ("psi", 6894.757293168361, Dimension(-1, 1, -2)),  # NIST SP 811
         ("lbf/in^2", 6894.757293168361, Dimension(-1, 1, -2)),
         ("slug", 14.59390293720636, Dimension(M=1)),  # NIST SP 811

@@ -33,6 +33,7 @@ from flexmb.analysis.monitors import (
     ContactLossMonitor,
     GrowthMonitor,
     SingularOrientationMonitor,
+    TurningMonitor,
     algebraic_loop_notes,
 )
 from flexmb.analysis.procedure import (
@@ -213,6 +214,9 @@ class _Pass:
         compiled, model = prepared.run.compiled, prepared.model
         self._contact_loss = ContactLossMonitor(compiled)
         self._orientations = SingularOrientationMonitor(compiled.layout, model)
+        settings = prepared.run.settings
+        step = settings.step if settings.determined == 0 else 0.0
+        self._turning = TurningMonitor(compiled, model, step)
         self._validity = ValidityMonitor(compiled, model, prepared.first.q)
         self.growth = GrowthMonitor(compiled, model)
         self._begins = prepared.rows_before == 0
@@ -250,7 +254,7 @@ class _Pass:
     def notes(self, ending: Ending) -> list[str]:
         """What the user should know of the pass."""
         prepared = self._prepared
-        monitors = (self._contact_loss, self._orientations, self._validity)
+        monitors = (self._contact_loss, self._orientations, self._validity, self._turning)
         notes = [note for monitor in monitors for note in monitor.notes()]
         notes = [note for note in notes if note not in ending.message]
         if self.growth.sentence and self.growth.sentence != ending.message:
@@ -280,7 +284,7 @@ class _Pass:
 
     def _append(self, rows: OutputBlock) -> None:
         rows = rows.part(0, self._validity.add(rows))
-        for monitor in (self._contact_loss, self._orientations, self.growth):
+        for monitor in (self._contact_loss, self._orientations, self.growth, self._turning):
             monitor.add(rows)
         self._sink.append(rows)
 

@@ -60,6 +60,7 @@ _AT_REST = 1e-9
 _LEAST_REACTION, _NO_MOMENT = 1e-3, 1e-9
 _SCOUT = "scout_"
 _NO_MOTION = 1e-10  # of the size of the model, or of a radian, within the run
+_SPUN = 0.1  # radians for each of those by which the first speeds turn a body within the run
 # Ratio of errors where vibrations are damped: they move a sensor as the square of their period.
 _DAMPED_RATIO = 2.6
 # Difference of a pass below which that of the next one is compared with it; least share of the
@@ -286,7 +287,9 @@ class VerifiedRun:
             compiled, integrator, fine_settings(settings, integrator), states[1], times, scout.plan
         )
         length, span = compiled.length, settings.end - settings.start
-        least = {"m": length, "rad": 1.0, "m/s": length / span, "rad/s": 1.0 / span}
+        spun = (np.abs(first.v[body.iv + 3 : body.iv + 6]).max() for body in compiled.layout.bodies)
+        turn = max(1.0, _SPUN * span * float(max(spun, default=0.0)))
+        least = {"m": length, "rad": turn, "m/s": length / span, "rad/s": turn / span}
         at_rest = {unit: _NO_MOTION * size for unit, size in least.items()}
         error = MeasuredError(compiled.layout, model, at_rest)
         return cls(scout, fine, error, recorded, of_scout, passes)

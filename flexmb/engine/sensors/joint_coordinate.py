@@ -116,7 +116,9 @@ def coordinate_acceleration_gradient(run: Run, sensors: Sensors, at: Point, t: i
     return 0.0
 
 
-COORDINATE = Measure(coordinate, coordinate_gradient, 0, ("value",), ("gradient",))
+COORDINATE = Measure(
+    coordinate, coordinate_gradient, 0, ("value", "gradient"), ("gradient",)
+)  # turns that are counted go by the rate
 COORDINATE_RATE = Measure(
     coordinate_rate, coordinate_rate_gradient, 1, ("gradient",), ("gradient", "tangent")
 )
@@ -129,6 +131,9 @@ COORDINATE_ACCELERATION = Measure(
 )
 ROW_MEASURES = (COORDINATE, COORDINATE_RATE, COORDINATE_ACCELERATION)
 """What a row measures, by the derivative in time."""
+
+
+_QUARTER_TURN = 0.5 * math.pi
 
 
 class JointAngles(NamedTuple):
@@ -147,10 +152,18 @@ def joint_angle(run: Run, sensors: Sensors, at: Point, c: int) -> float:
 
 @unit
 def carry_joint_angles(run: Run, of: JointAngles, at: Point) -> int:
-    """Carry joint angles to the present position; a NaN before gives those next to zero."""
-    near, listed = run.work.feedback.near, of.channels
+    """Carry joint angles to the present position; a NaN before gives those next to zero.
+
+    In a long step a body may turn more than half a turn: then its speed tells how many.
+    """
+    near, listed, sensors = run.work.feedback.near, of.channels, run.system.sensors
+    passed = at.t[0] - run.state.t[0]
     for n in range(listed.shape[0]):
-        near[listed[n]] = joint_angle(run, run.system.sensors, at, listed[n])
+        c = listed[n]
+        ahead = passed * coordinate_rate(run, sensors, at, sensors.channels[c]["first"])
+        if abs(ahead) > _QUARTER_TURN:  # false for NaN
+            near[c] += ahead
+        near[c] = joint_angle(run, sensors, at, c)
     return FINE
 
 

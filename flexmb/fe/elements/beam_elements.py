@@ -16,10 +16,9 @@ section changes.
 
 Geometric stiffness is the integral over the volume of sigma_ij u_k,i u_k,j with the stresses that
 the section forces cause and the kinematics of the section: with N alone N (u'^2 + V'^2 + W'^2) + N
-I_p/A phi'^2. Moments vary linearly along the element. Third moments of the section (Wagner's
-constants) are left out; a torque acts half by each shear stress, as in Saint-Venant torsion; a
-bending moment turns with its node, which matters where beams meet at an angle. Source: Yang, Kuo,
-Theory and Analysis of Nonlinear Framed Structures, section 5.5; Yang, McGuire, J. Struct. Eng. 112.
+I_p/A phi'^2. Moments vary linearly along the element and turn with their nodes. Third moments of
+the section (Wagner's constants) are left out; a torque acts half by each shear stress. Source:
+Yang, Kuo, Theory and Analysis of Nonlinear Framed Structures, section 5.5.
 """
 
 from __future__ import annotations
@@ -36,6 +35,8 @@ from flexmb.flexbody.arrays import FloatArray, IntArray, skew
 _ORDER = 6  # products of two cubics
 _TAPERED_ORDER = 10  # the same times second moments of degree four
 _ALONG = ("A", "Iy", "Iz", "J", "nonstructural")
+# forces at both ends of a clamped beam over its length, by the forces per length there
+_AT_ENDS = np.array([[[20, 21, 21], [10, 9, 9]], [[-10, -9, -9], [-20, -21, -21]]]) / 60
 
 
 class BeamFields:
@@ -314,13 +315,13 @@ class _Line:
         """
         fields = BeamFields(x, section)
         forces = np.einsum("enci,ei->enc", section_forces(fields), u)
-        axial, ends = 0.0, forces[:, :, 0]
+        axial, ends = 0.0, forces[:, :, :3]
         if field is not None:
-            axial = _axial_variation(fields, field, fields.x)
-            ends = ends + _axial_variation(fields, field, fields.length[:, None] * [0.0, 1.0])
+            q = _line_load(fields, field)
+            axial = _axial_variation(fields, q[:, :, 0])
+            ends = ends + fields.length[:, None, None] * np.einsum("nmc,emc->enc", _AT_ENDS, q)
         K = _symmetric(_turned(geometric_products(fields, forces, axial), fields.turn))
-        turning = _turning_of_ends(fields, forces, ends).swapaxes(0, 1)
-        K.reshape(-1, 4, 3, 4, 3)[:, [1, 3], :, [1, 3]] += turning
+        K.reshape(-1, 4, 3, 4, 3)[:, [1, 3], :, [1, 3]] += _turning_of_ends(fields, forces, ends)
         return K
 
     def stress_layers(self, section: Any) -> tuple[str, ...]:
@@ -386,29 +387,28 @@ def _local_mass(fields: BeamFields) -> tuple[FloatArray, FloatArray]:
     return local, first
 
 
-def _turning_of_ends(fields: BeamFields, forces: FloatArray, axial: FloatArray) -> FloatArray:
-    """(ne, 2, 3, 3) sym(M) - tr(M) I of nodes that turn, M the sum of s f^T on an end, s from it.
-
-    Neighbours cancel it where a beam goes on straight."""
+def _turning_of_ends(fields: BeamFields, forces: FloatArray, ends: FloatArray) -> FloatArray:
+    """(2, ne, 3, 3) sym(M) - tr(M) I of turning nodes, M the sum of s f^T on an end, s from it."""
     x, y, z = fields.axes.transpose(2, 0, 1)
-    local = np.concatenate([axial[:, :, None], forces[:, :, 1:3]], axis=2)
-    M = np.einsum("ena,ebc,enc->enab", fields.arms, fields.axes, local)
+    M = np.einsum("ena,ebc,enc->enab", fields.arms, fields.axes, ends)
     bent = forces[:, :, 4, None] * z[:, None] - forces[:, :, 5, None] * y[:, None]
-    M = np.array([-1.0, 1.0])[:, None, None] * (M + bent[..., None] * x[:, None, None])
-    trace = np.einsum("enaa->en", M)[:, :, None, None]
-    return np.asarray(0.5 * (M + M.transpose(0, 1, 3, 2)) - trace * np.eye(3))
+    M = np.array([[[-1.0]], [[1.0]]]) * (M + bent[..., None] * x[:, None, None])
+    trace = np.trace(M, axis1=2, axis2=3)[:, :, None, None]
+    return np.asarray(0.5 * (M + M.transpose(0, 1, 3, 2)) - trace * np.eye(3)).swapaxes(0, 1)
 
 
-def _axial_variation(fields: BeamFields, field: FloatArray, x: FloatArray) -> FloatArray:
-    """(ne, points) axial force less its mean, from a force per mass along the elements."""
+def _line_load(fields: BeamFields, field: FloatArray) -> FloatArray:
+    """(ne, 2, 3) force per length at both ends, element axes, from a force per mass."""
     force = fields.ends @ field[:, :3].T + field[:, 3]
-    per_length = np.einsum("eni,ei->en", force, fields.axes[:, :, 0])
     rho = fields.section.material.density
     line = rho * fields.ends_of("A", len(force)) + fields.ends_of("nonstructural", len(force))
-    start, end = (line * per_length)[:, :, None].transpose(1, 0, 2)
-    L = fields.length[:, None]
-    gone = start * x + (end - start) * x**2 / (2 * L)
-    return start * L / 2 + (end - start) * L / 6 - gone
+    return np.asarray(line[:, :, None] * np.matmul(force, fields.axes))
+
+
+def _axial_variation(fields: BeamFields, q: FloatArray) -> FloatArray:
+    """(ne, points) axial force less its mean, from the axial force per length at both ends."""
+    L, rise = fields.length[:, None], q[:, 1:] - q[:, :1]
+    return q[:, :1] * (L / 2 - fields.x) + rise * (L / 6 - fields.x**2 / (2 * L))
 
 
 def _rigid(fields: BeamFields) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -69,6 +69,8 @@ def _set(scene: dict[str, Any], name: str, value: Any) -> Problem | None:
         return _set_parameter(scene, name, value)
     if parts[:2] == ALL_BODIES and len(parts) > 2:
         bodies = flexible_bodies(scene)
+        if ".".join(parts) in OF_MESHES.values():
+            bodies = [body for body in bodies if "mesh" in scene["bodies"][body]]
         problems = [_set(scene, ".".join(("bodies", k, *parts[2:])), value) for k in bodies]
         return next(filter(None, problems), None) if bodies else Problem(where, NO_FLEXIBLE_BODY)
     table: Any = scene
@@ -139,6 +141,8 @@ def _put(where: str, table: dict[str, Any], parts: list[str], value: Any) -> Pro
 
 
 ALL_BODIES = ["bodies", "*"]
+OF_MESHES = {"modes": "bodies.*.modes", "mesh": "bodies.*.refine"}
+"""Short names of what all bodies made from meshes have: modes, refinements of the mesh."""
 NO_FLEXIBLE_BODY = "the scene has no flexible body, with a mesh or a flexbody"
 
 
@@ -165,6 +169,7 @@ def resolve_knob(scene: Mapping[str, Any], name: str) -> tuple[str, Problem | No
         return name, None
     if name in DynamicsSpec.model_fields:
         return f"dynamics.{name}", None
+    name = OF_MESHES.get(name, name)
     *path, last = name.split(".")
     if path[:2] == ALL_BODIES:
         return name, None if flexible_bodies(scene) else Problem("", NO_FLEXIBLE_BODY)
@@ -195,6 +200,7 @@ def knob_names(scene: Mapping[str, Any]) -> Iterator[str]:
     """Short names, then the paths of all values that the scene writes down."""
     yield from _table(scene, "parameters")
     yield from DynamicsSpec.model_fields
+    yield from OF_MESHES if flexible_bodies(scene) else ()
     yield from _TOP
     for section in _SECTIONS[1:]:
         yield from (path for path, _ in leaves(section, _table(scene, section)))
@@ -332,7 +338,7 @@ class StudySpec(Spec):
 
     ``vary`` names knobs and their values: lists, or ranges such as ``"1e-2..1e-6"`` (by factors of
     ten) and ``"1e-3..1e-5:5"`` (five values at equal ratios); all combinations are run.
-    ``repeats`` of each run, for the median of its wall time; ``target`` is the error over the
+    ``repeats`` of each run, for the median of its processor time; ``target`` is the error over the
     peak-to-peak that the cheapest setting must meet; ``sensors`` (or channels) that are judged,
     all by default.
     """

@@ -76,7 +76,7 @@ class Distribution:
         """As it is written."""
         if self.kind == "choice":
             return ", ".join(map(str, self.choices))
-        inside = ", ".join(f"{number:.12g}" for number in self.numbers)
+        inside = ", ".join(repr(number).removesuffix(".0") for number in self.numbers)
         return f"{self.kind}({inside})" + (f":{self.levels}" if self.levels else "")
 
     @property

@@ -12,6 +12,7 @@ from linkages import bar, four_bar, four_bar_angles, swept
 import flexmb
 from flexmb.analysis.assembly.gaps import assembly_notes, joint_gaps, moved_bodies
 from flexmb.analysis.assembly.initial_state import assemble
+from flexmb.analysis.assembly.positions import assembly_weights, length_corrector
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import solve_stage
 from flexmb.engine.initial_conditions import RESIDUAL
@@ -125,6 +126,21 @@ def test_bodies_share_a_gap_by_mass_and_weight():
     moved = closed_pair((1.0, 3.0), None)
     assert moved[7] == pytest.approx(0.1 * 3 / (3 + 2), rel=1e-9)  # a, the second
     assert moved[0] == pytest.approx(-0.1 * 2 / (3 + 2), rel=1e-9)
+
+
+def test_by_lengths_bodies_share_a_gap_by_weight_alone():
+    made = Model("two")
+    for name, mass, x in (("b", 1.0, 0.1), ("a", 2.0, 0.0)):
+        made.add_body(name, mass=mass, inertia=[1, 1, 1], position=[x, 0, 0])
+    made.add_joint("pin", "spherical", between=["a", "b"])
+    made.set_assembly(weights={"a": 1.0, "b": 3.0})
+    compiled = compile_system(made)
+    state = new_state(compiled.system)
+    state.q[:] = compiled.initial_q
+    corrector = length_corrector(compiled, state, assembly_weights(made))
+    for _ in range(5):
+        corrector.correct()
+    assert state.q[7] == pytest.approx(0.1 * 3 / 4, rel=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["rigid", "flexible"])

@@ -248,3 +248,23 @@ def test_all_mistakes_are_told_at_once():
 def test_what_cannot_be_is_refused(words, sentence):
     with pytest.raises(FlexmbError, match=sentence):
         beam(**words)
+
+
+def test_transverse_forces_of_a_plate_carry_the_load():
+    """A strip along y under a line load at its end: Q = q along it, in axes turned too."""
+    for angle in (0.0, 0.5):
+        towards = [np.cos(angle), np.sin(angle), 0.0]
+        found = part(
+            {"type": "plate", "length": 0.2, "width": 1.0, "divisions": [2, 10]}, material={**STEEL, "nu": 0.0},
+            sections={"all": {"type": "shell", "thickness": 0.01, "orientation": towards}},
+            supports={"a": {"group": "y0", "type": "clamped"}},
+            loads={"q": {"type": "line", "group": "y1", "force": [0, 0, -100.0]}},
+        )  # fmt: skip
+        forces = found.shell_forces.at(found.column())[:, 6:]
+        rows = np.searchsorted(found.nodes.ids, found.shell_forces.ids)
+        inside = np.abs(found.nodes.position[rows, 1] - 0.5) < 0.3
+        wanted = 100.0 * np.array([np.sin(angle), np.cos(angle)])
+        size = np.sign(forces[inside][0] @ wanted)
+        np.testing.assert_allclose(
+            forces[inside], np.tile(size * wanted, (inside.sum(), 1)), atol=1
+        )

@@ -134,3 +134,12 @@ def test_stress_of_a_cone_follows_its_local_section():
         assert stress["+y"][4] == pytest.approx(
             2 * M[0] / (np.pi * radius**3) + 4 / 3 * FORCE[2] / (np.pi * radius**2), rel=1e-9
         )
+
+
+def test_shear_stress_in_the_web_of_an_i_by_hand():
+    """V Q/(I t) at the neutral axis, Q of the half above it."""
+    h, b, web, flange = 0.2, 0.1, 0.006, 0.01
+    section = i_section(h, b, web, flange)
+    Q = b * flange * (h - flange) / 2 + web * (h / 2 - flange) ** 2 / 2
+    point = next(point for point in section.points if point.name == "web +y")
+    assert point.xz[2] == pytest.approx(Q / (section.Iy * web), rel=1e-12)

@@ -13,8 +13,10 @@ from flexmb.fe import stress as recovery
 from flexmb.fe.elements.element_blocks import skin_triangles
 from flexmb.fe.sections.section_tables import SolidSection
 from flexmb.fe.sections.shell_section import shell
+from flexmb.fe.shell_resultants import _turned
 from flexmb.fe.stress import section_force_modes, stress_modes, stress_option
 from flexmb.flexbody import von_mises
+from flexmb.flexbody.stress_modes import principal_stresses
 
 STEEL, ALUMINIUM = resolve("steel"), resolve("aluminium")
 H = np.array([[2.0, 0.3, -0.7], [0.4, -1.0, 0.2], [0.1, 0.5, 1.5]]) * 1e-4  # displacement gradient
@@ -206,3 +208,23 @@ def test_stress_can_be_left_out_and_mistakes_are_told():
     assert stress_option(True) == "surface"
     with pytest.raises(ReductionError, match='unknown "surfase"; nearest: surface'):
         reduce(box, material="steel", modes=2, stress="surfase")
+
+
+def test_principal_stresses_are_those_of_the_tensor():
+    """Components in the order xx, yy, zz, yz, zx, xy."""
+    xx, yy, zz, yz, zx, xy = stress = np.random.default_rng(6).normal(size=6)
+    tensor = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
+    wanted = np.linalg.eigvalsh(tensor)[::-1]
+    np.testing.assert_allclose(principal_stresses(stress), wanted, rtol=1e-12)
+
+
+def test_resultants_turn_as_a_tensor():
+    """N' = R' N R in axes turned about the normal, the moments alike."""
+    angle, N = 0.4, np.array([[3.0, 1.5], [1.5, -2.0]])
+    c, s = np.cos(angle), np.sin(angle)
+    axes = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+    R = axes[:2, :2]
+    turned = R.T @ N @ R
+    values = np.array([N[0, 0], N[1, 1], N[0, 1]] * 2)[None, None, :, None]
+    found = _turned(values, np.eye(3)[None], axes[None, None])[0, 0, :, 0]
+    np.testing.assert_allclose(found, [turned[0, 0], turned[1, 1], turned[0, 1]] * 2, rtol=1e-12)

@@ -127,6 +127,9 @@ def test_runs_are_used_again_and_more_samples_continue(scene: Path) -> None:
     np.testing.assert_array_equal(more[RANGE][:4], first[RANGE])
     rows = read_rows(scene.parent / "sweep" / "runs.parquet")
     assert len(rows) == 8
+    other = sweep(scene, knobs, samples=4, sensors=["ball.y:max", RANGE])
+    assert other.reused == 0  # they lack a scalar
+    assert np.isfinite(other["ball.y:max"]).all()
     assert {"v", RANGE, "status", "reason", "notes", "seconds"} <= set(rows.column_names)
     scene.write_text(PROJECTILE.replace("mass = 2", "mass = 3"), encoding="utf-8")
     with pytest.raises(flexmb.FlexmbError, match="holds runs of another scene"):
@@ -159,6 +162,14 @@ def test_files_of_a_sweep(scene: Path) -> None:
     text = (made.folder / "sweep.md").read_text(encoding="utf-8")
     assert "## Statistics" in text
     assert flexmb.report(made.folder).is_file()
+
+
+def test_a_scene_with_a_sweep_is_written_and_read_again(scene: Path) -> None:
+    table = '[sweep]\nvary = { v = "normal(v, v/3)", angle = "0.1..0.7*angle:7", x1 = [1, 2] }\n'
+    scene.write_text(PROJECTILE + table, encoding="utf-8")
+    model = flexmb.load_scene(scene)
+    again = flexmb.Model.from_scene_dict(model.to_scene_dict(scene.parent), scene.parent)
+    assert again.sweep == model.sweep
 
 
 @pytest.mark.slow

@@ -142,9 +142,21 @@ def test_all_combinations_are_made_and_refused_ones_kept_with_the_reason(tmp_pat
     assert "dynamics.step: must be positive" in refused[0].refusal
 
 
-def test_accuracy_and_step_are_not_mixed(tmp_path: Path) -> None:
-    with pytest.raises(SceneError, match="exclude each other|no knob"):
-        plan(tmp_path, GOOD, accuracy=(1e-3,), step=(1e-3,))
+def test_accuracy_and_step_vary_beside_each_other_with_everything_else(tmp_path: Path) -> None:
+    text = BEAM.replace('mesh = "box.msh"', "mesh = { type = 'box', size = [1, 0.1, 0.1] }")
+    text = text.replace('"left"', '"x0"').replace('"right"', '"x1"')
+    settings = plan(
+        tmp_path, text, accuracy=[1e-3, 1e-4], step=[1e-4], method=["radau", "generalized-alpha"],
+        modes=[2, 4], mesh=[0, 1],
+    )  # fmt: skip
+    assert len(settings) == (2 + 1) * 2 * 2 * 2
+    for setting in settings:
+        assert ("dynamics.accuracy" in setting.values) != ("dynamics.step" in setting.values)
+        assert setting.model is not None
+    assert len({setting.group for setting in settings}) == 1  # one machine
+    assert len({setting.physics for setting in settings}) == 4
+    finest = max(settings, key=lambda one: one.rank).values
+    assert (finest["bodies.*.modes"], finest["bodies.*.refine"]) == (4, 1)
 
 
 def test_parameters_of_a_python_model_are_refused_because_they_have_no_effect(

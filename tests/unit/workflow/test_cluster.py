@@ -58,6 +58,7 @@ def test_few_jobs_are_taken_before_their_turn(cluster: Cluster) -> None:
         if i == 20:
             break
     assert taken < 2500  # four batches
+    assert [job["number"] for job, _ in cluster.run(do, (j for j in [{"number": 9}]))] == [9]
     assert len(list(cluster.run(do, [{"number": 0}]))) == 1  # those under way are forgotten
 
 

@@ -218,7 +218,7 @@ def test_several_runs_are_compared(folder: Path, tmp_path) -> None:
 def test_a_study_is_reported_from_its_folder(tmp_path) -> None:
     rows = [
         {"step": 10**-k, "status": "finished", "reason": "", "error_positions": 10.0**-k,
-         "seconds_integrate": 0.01 * 2**k} for k in (1, 2, 3)
+         "cpu_seconds_integrate": 0.01 * 2**k} for k in (1, 2, 3)
     ]  # fmt: skip
     rows.append({"step": 1.0, "status": "failed", "reason": HOSTILE})
     with (tmp_path / "study.csv").open("w", newline="", encoding="utf-8") as file:
