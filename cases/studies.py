@@ -25,7 +25,9 @@ WHY = {
     "asked for; what a digit costs is told by accelerations, reactions "
     "and the energy balance.",
     "slider_crank": "Above 1e-4 the steps decide, below it the modes: without vibration "
-    "modes the reactions stay wrong however small the tolerance.",
+    "modes the reactions stay wrong however small the tolerance. "
+    "At 1e-4 a run misses its request and is repeated, so that it "
+    "costs twice as much as one at 1e-5.",
     "andrews": "A smooth, fast rigid mechanism: methods of high order pay little for "
     "a digit, one of order two pays for it in steps.",
     "flexible_four_bar": "What the model leaves out costs more accuracy than any tolerance: a "

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import platform
 import shutil
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -29,10 +30,21 @@ def cache_root() -> Path:
     return Path(user_cache_dir("flexmb", appauthor=False))
 
 
+def is_private(path: Path) -> bool:
+    """Whether no other user may write to a path; always so where there are no such rights."""
+    user = getattr(os, "getuid", None)
+    if user is None:
+        return True
+    state = path.stat()
+    return state.st_uid in (user(), 0) and not state.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+
+
 def output_folder(scene: str | Path) -> Path:
     """``out/<name>``, the name being that of the scene's folder for a file ``scene.toml``."""
     path = Path(scene)
-    return Path("out") / (path.resolve().parent.name if path.stem == "scene" else path.stem)
+    return Path("out") / (
+        Path(os.path.abspath(path)).parent.name if path.stem == "scene" else path.stem
+    )
 
 
 def writable_folder(folder: Path) -> Path:

@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final, NoReturn
 
 from flexmb.errors import FlexmbError, printable
-from flexmb.folders import cache_root
+from flexmb.folders import cache_root, is_private
 
 if TYPE_CHECKING:
     import h5py
@@ -189,7 +189,9 @@ def _tag(digest: str) -> str | None:
                 with os.fdopen(handle, "wb") as file:
                     file.write(os.urandom(32))
         key = path.read_bytes()
-        if len(key) == 32:  # else another process is writing it
+        if len(key) == 32 and is_private(
+            path
+        ):  # else another process is writing it, or another user made it
             return hmac.new(key, digest.encode(), hashlib.sha256).hexdigest()
     return None
 
@@ -215,7 +217,7 @@ def check_reading(path: Path, module: str) -> str | None:
     """
     with path.open("rb") as file:
         mark = cache_root() / "files" / f"{module}-{_digest(file)}"
-    if mark.exists():
+    if mark.exists() and is_private(mark.parent):
         return None
     problem = _first_reading(path, module)
     if problem == _WITH_OTHERS:

@@ -157,6 +157,8 @@ def command(name: str | None = None) -> Callable[[Callable[..., None]], Callable
                 except Exception as error:  # noqa: BLE001  the border: all faults become one line
                     if _options["debug"]:
                         raise
+                    if isinstance(error, OSError) and error.filename and error.strerror:
+                        _leave(f"error: {error.filename}: {error.strerror}", MISTAKE)
                     _leave(_fault_message(error), FAULT)
 
         return app.command(name)(run)

@@ -29,7 +29,7 @@ def line(text: str) -> None:
 
 def heading(text: str) -> None:
     """The title of what follows."""
-    console().print(text, style="bold", markup=False, highlight=False, soft_wrap=True)
+    console().print(printable(text), style="bold", markup=False, highlight=False, soft_wrap=True)
 
 
 def table(

@@ -18,7 +18,6 @@ import os
 import platform
 import re
 import shutil
-import stat
 import time
 import warnings
 from collections.abc import Sequence
@@ -27,7 +26,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from flexmb.errors import FlexmbWarning
-from flexmb.folders import cache_root, is_writable, temporary_folder, whole_file
+from flexmb.folders import cache_root, is_private, is_writable, temporary_folder, whole_file
 
 _ENGINE = Path(__file__).parent
 _IMPORT = re.compile(
@@ -110,15 +109,6 @@ def _machine() -> str:
     return f"{platform.machine()}-{cpu}-numba{version('numba')}-llvmlite{version('llvmlite')}"
 
 
-def _private(folder: Path) -> bool:
-    """Whether no other user may write into a folder; always so where there are no such rights."""
-    user = getattr(os, "getuid", None)
-    if user is None:
-        return True
-    state = folder.stat()
-    return state.st_uid in (user(), 0) and not state.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
-
-
 def cache_folders() -> tuple[Path, ...]:
     """Folders that hold compiled units; the first is where new ones are written.
 
@@ -146,7 +136,7 @@ def _shared_folders() -> tuple[Path, ...]:
     folder, shared = cache_root() / "units" / _machine(), False
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        shared = not _private(folder)
+        shared = not is_private(folder)
         if not shared and is_writable(folder):
             _forget_unused(folder)
             return (folder,)

@@ -350,7 +350,7 @@ def load(path: str | os.PathLike[str]) -> FlexBody:
         raise BodyFileError(f"{source}: {what}")
     try:
         return from_datasets(str(marks["name"]), float(marks["mass"]), datasets)
-    except (KeyError, ValueError) as error:
+    except (LookupError, ValueError, AttributeError) as error:
         raise BodyFileError(f"{source}: is damaged; make it again ({error})") from error
     except (ReductionError, TypeError) as error:
         raise BodyFileError(f"{source}: the body inside is not valid\n{error}") from error
@@ -386,7 +386,7 @@ def load_datasets(
                 what = f"is {noun} of file version {marks.get('version')}; this flexmb reads "
                 raise BodyFileError(f"{source}: {what}{version}: make it again")
             datasets = {row.path: _read_dataset(file, row, source) for row in table}
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
+    except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError) as error:
         raise BodyFileError(f"{source}: is damaged; make it again ({error})") from error
     present = {key: value for key, value in datasets.items() if value is not None}
     _check_lengths(present, source, table)

@@ -7,6 +7,7 @@ temporary folder (`TemporaryFolder`) removes it when it is no longer used.
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import weakref
 from collections.abc import Iterable, Iterator
@@ -21,7 +22,7 @@ from flexmb.errors import ResultFileError
 from flexmb.flexbody import FlexBody, load
 from flexmb.folders import temporary_folder
 from flexmb.results.channels import Columns, describe_missing, row_bytes, widths
-from flexmb.results.checksums import reading
+from flexmb.results.kill_safe_file import reading
 from flexmb.results.result_file import read_contents, read_state, read_table
 from flexmb.units import UnitSystem, unit_system
 
@@ -118,7 +119,7 @@ class ResultReader:
     def __init__(self, path: str | Path) -> None:
         path = Path(path)
         inside = path / "result.h5"
-        self.path = inside if inside.is_file() else path
+        self.path = inside if os.path.isfile(inside) else path  # of any name
         self._contents = read_contents(self.path)
         self._tables: dict[str, Array] = {}
         self._folder = TemporaryFolder.living.get(self.path.parent.resolve())

@@ -2,7 +2,8 @@
 
 In: the layout of the compiled system, the scene, then blocks of output rows and the integrator's
 state. Out: one HDF5 file as `result_file` describes it, readable at any moment, also after a kill.
-All space is reserved before the run; a block is written, flushed, and only then counted, so that
+All space is reserved before the run; an older file of the name stays until the new one has rows.
+A block is written, flushed, and only then counted, so that
 the row counter never exceeds the rows; the integrator's state alternates between two slots, of
 which one is always whole. Rows that are not finite are refused; the rows before them are stored.
 """
@@ -29,8 +30,15 @@ from flexmb.results.channels import (
     stored_columns,
     widths,
 )
-from flexmb.results.checksums import add_rows, no_rows, reading, state_sum, sum_rows
-from flexmb.results.kill_safe_file import DiskFile, uninterrupted
+from flexmb.results.kill_safe_file import (
+    DiskFile,
+    add_rows,
+    no_rows,
+    reading,
+    state_sum,
+    sum_rows,
+    uninterrupted,
+)
 from flexmb.results.result_file import (
     STATUS,
     arrays_text,
@@ -130,8 +138,6 @@ class ResultWriter:
                 flexbodies or {},
             )  # fmt: skip
             self._flush()
-            self._disk.complete()
-            self._flush()
 
     @classmethod
     def reopen(cls, path: str | Path) -> Self:
@@ -176,8 +182,8 @@ class ResultWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self.close(complete=kind is None)
 
     @property
     def rows_written(self) -> int:
@@ -276,12 +282,22 @@ class ResultWriter:
             self._flush()
             self._file["progress"][1] = code
             self._flush()
+            self._disk.complete()
+            self._flush()
 
-    def close(self) -> None:
-        """Close the file; calling it again does nothing."""
+    def close(self, *, complete: bool = True) -> None:
+        """Close the file; calling it again does nothing.
+
+        Parameters
+        ----------
+        complete : bool
+            Whether it takes the place of an older one also without rows.
+        """
         if self._file:
             self._file.close()
             if self._disk.failure is None:
+                if complete:
+                    self._disk.complete()
                 self._disk.seal()
         self._disk.close()
 
@@ -325,6 +341,7 @@ class ResultWriter:
         self._file["progress"][0] = stop
         self._flush()
         self._rows = stop
+        self._disk.complete()
 
     def _write_sums(self) -> None:
         """Write the sums where they are not those of the rows that `/progress` counts now."""

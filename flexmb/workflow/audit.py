@@ -209,8 +209,7 @@ def _outcome(neighbours: Neighbours, effect: Effect, budget: float) -> EffectOut
         return EffectOutcome(*fixed, None, "", "", None, UNKNOWN, effect.why)
     if effect.direct is not None:
         share, place = effect.direct
-        verdict = MISSING if share > budget else SMALL
-        return EffectOutcome(*fixed, share, "", place, None, verdict)
+        return EffectOutcome(*fixed, share, "", place, None, _verdict(effect.on, share, budget))
     try:
         changes, cost = neighbours.estimate(effect)
     except FlexmbError as error:
@@ -219,13 +218,16 @@ def _outcome(neighbours: Neighbours, effect: Effect, budget: float) -> EffectOut
     if not changes:
         return EffectOutcome(*fixed, 0.0, "", "", cost, WASTED if effect.on else SMALL)
     worst = max(changes, key=lambda one: one.share)
-    if effect.on:
-        verdict = NEEDED if worst.share > _WASTED * budget else WASTED
-    else:
-        verdict = MISSING if worst.share > budget else SMALL
+    verdict = _verdict(effect.on, worst.share, budget)
     value = neighbours.model.units.say(worst.value, worst.unit, 2) if worst.unit else ""
     shares = {one.sensor: one.share for one in changes}
     return EffectOutcome(*fixed, worst.share, value, worst.sensor, cost, verdict, "", shares)
+
+
+def _verdict(on: bool, share: float, budget: float) -> str:
+    if on:
+        return NEEDED if share > _WASTED * budget else WASTED
+    return MISSING if share > budget else SMALL
 
 
 def _validity(neighbours: Neighbours) -> ValidityMonitor:

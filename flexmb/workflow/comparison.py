@@ -7,6 +7,7 @@ and models are run first.
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -217,7 +218,7 @@ def _short_names(sources: Sequence[Any]) -> list[str]:
         path = Path(path)
         scene = path.suffix == ".toml"
         run = path.parent if path.name == "result.h5" else path
-        names.append(output_folder(path).name if scene else run.resolve().name)
+        names.append(output_folder(path).name if scene else Path(os.path.abspath(run)).name)
     return [name if names.count(name) == 1 else f"{name} ({k + 1})" for k, name in enumerate(names)]
 
 

@@ -244,7 +244,7 @@ def provenance_text(
 
 def provenance(result: Result) -> dict[str, Any]:
     """The provenance in a result; empty if there is none."""
-    from flexmb.results.checksums import reading
+    from flexmb.results.kill_safe_file import reading
 
     with reading(result.path):
         data: dict[str, Any] = json.loads(result.texts.get(PROVENANCE, "{}"))

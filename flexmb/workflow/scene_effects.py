@@ -14,10 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from flexmb.errors import FlexmbError
 from flexmb.model.forces.contact import ContactSpec
 from flexmb.model.forces.force_characteristic import AnyStop, JointStopSpec
+from flexmb.model.plane import plane_axes
 from flexmb.model.scenes.effects import EffectsSpec, active_model
 from flexmb.workflow.neighbours import FRICTION, GRAVITY, OUT_OF_PLANE, Effect, Neighbours
 
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _MEASURE = "audited_"
+_STANDSTILL = 1e-6  # of the size of the model
 
 
 def scene_effects(of: Neighbours) -> Iterator[Effect]:
@@ -47,6 +50,24 @@ def scene_effects(of: Neighbours) -> Iterator[Effect]:
             yield Effect(word, "", on, indicator, {word: not on}, why, met)
     if model.plane is not None and stated.planar:
         yield Effect(OUT_OF_PLANE, "", False, f"plane {model.plane}", {"planar": False})
+    elif model.plane is not None:
+        yield Effect(OUT_OF_PLANE, "", True, f"plane {model.plane}", direct=_off_plane(of))
+
+
+def _off_plane(of: Neighbours) -> tuple[float, str]:
+    """How far bodies of a run in space leave the plane over the largest travel, or tilt [rad]."""
+    normal, q, bodies = plane_axes(of.model.plane or "")[2], of.motion.q, of.compiled.layout.bodies
+    travel = max(float(np.ptp(q[:, one.iq : one.iq + 3], axis=0).max()) for one in bodies)
+    travel = max(travel, _STANDSTILL / of.compiled.system.weights.max())
+    worst = 0.0, ""
+    for body in bodies:
+        e = np.roll(q[:, body.iq + 3 : body.iq + 7], -1, axis=1)
+        axes = Rotation.from_quat(e).as_matrix()[:, normal]  # the normal in body axes
+        tilt = float(np.linalg.norm(axes - axes[0], axis=1).max())
+        off = float(np.ptp(q[:, body.iq + normal]))
+        share = max(tilt, off / travel)
+        worst = max(worst, (share, f"bodies.{body.name}"))
+    return worst
 
 
 def _largest(of: Neighbours, specs: Mapping[str, Any]) -> tuple[str, float, str]:

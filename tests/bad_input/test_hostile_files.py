@@ -26,11 +26,12 @@ from flexmb.errors import (
     SceneError,
     printable,
 )
-from flexmb.fe.meshes.mesh import read_mesh
+from flexmb.fe.meshes.mesh import _read, read_mesh
 from flexmb.flexbody import load, rigid_body, save
 from flexmb.model.functions.tabulated import Columns, read_columns
-from flexmb.results import Result
+from flexmb.results import DAMPING, Result, ResultWriter
 from flexmb.units import SI
+from flexmb.workflow.run_report import PROVENANCE, provenance
 
 
 @pytest.fixture
@@ -254,3 +255,119 @@ def test_a_flexmb_that_only_this_program_finds_reads_as_well(
         cwd=tmp_path, check=False,
     )  # fmt: skip
     assert done.stdout.strip() == "2.0", done.stderr
+
+
+TETRAHEDRON = "*NODE\n1,0,0,0\n2,1,0,0\n3,0,1,0\n4,0,0,1\n*ELEMENT, TYPE=C3D4\n1,1,2,3,4\n"
+
+
+@pytest.mark.slow
+def test_a_mesh_includes_files_of_its_own_folder_alone(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setenv("FLEXMB_CACHE_DIR", str(tmp_path / "cache"))
+    folder = tmp_path / "here"
+    folder.mkdir()
+    for place in (tmp_path, folder):
+        (place / "part.inp").write_text(TETRAHEDRON)
+    mesh = folder / "whole.inp"
+    mesh.write_text("*INCLUDE, INPUT=../part.inp\n")
+    with pytest.raises(
+        MeshError, match=r"names .*part\.inp: flexmb reads a mesh from its own folder"
+    ):
+        read_mesh(mesh)
+    mesh.write_text("*INCLUDE, INPUT=part.inp\n")
+    assert len(read_mesh(mesh).points) == 4
+    (folder / "part.inp").write_text("*INCLUDE, INPUT=/etc/hostname\n")  # changed since
+    with pytest.raises(MeshError, match="hostname: flexmb reads a mesh from its own folder"):
+        read_mesh(mesh)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("short.xdmf", "<Xdmf Version='3.0'><Domain>"),
+        ("vector.mesh", "MeshVersionFormatted 1\nDimension 3\nTetrahedra\n1\n1 1 1 1 1\nEnd"),
+        ("empty.vtu", "<VTKFile type='UnstructuredGrid' version='0.1'></VTKFile>"),
+    ],
+)
+def test_what_parsers_let_through_is_a_sentence(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(MeshError, match=f"{name}: the mesh file is damaged"):
+        _read(tmp_path / name)
+
+
+def test_hdf5_of_a_mesh_has_no_links(tmp_path: Path) -> None:
+    secret = tmp_path / "secret.bin"
+    secret.write_bytes(np.arange(12.0).tobytes())
+    with h5py.File(tmp_path / "data.h5", "w") as file:
+        file.create_dataset("x", shape=(4, 3), dtype="f8", external=[(str(secret), 0, 96)])
+    grid = (
+        '<Xdmf Version="3.0"><Domain><Grid><Geometry GeometryType="XYZ">'
+        '<DataItem DataType="Float" Dimensions="4 3" Format="HDF" Precision="8">data.h5:/x'
+        "</DataItem></Geometry></Grid></Domain></Xdmf>"
+    )
+    (tmp_path / "mesh.xdmf").write_text(grid)
+    with pytest.raises(MeshError, match="stores /x in other files"):
+        read_mesh(tmp_path / "mesh.xdmf")
+
+
+def many_modes(file: h5py.File) -> None:
+    file["layout/m"][:] = 10**9
+
+
+def far_columns(file: h5py.File) -> None:
+    file["layout/kept/q"][-1] = 99
+
+
+def no_tables(file: h5py.File) -> None:
+    del file["scene"]
+    file["scene"] = '{"sensors": {"slider": 3}}'
+
+
+def no_units(file: h5py.File) -> None:
+    del file["scene"]
+    file["scene"] = '{"units": "cubits"}'
+
+
+def no_scalars(file: h5py.File) -> None:
+    file.attrs["format"] = [1, 2]
+
+
+@pytest.mark.parametrize("attack", [many_modes, far_columns, no_tables, no_units, no_scalars])
+def test_a_result_that_contradicts_itself_is_refused(tmp_path: Path, attack) -> None:
+    path = write_result(tmp_path / "result.h5")
+    with edit_hdf5(path) as file:
+        attack(file)
+    with pytest.raises(FlexmbError):
+        Result(path)
+
+
+def test_damaged_texts_and_states_of_a_result_are_a_sentence(tmp_path: Path) -> None:
+    with writer(tmp_path / "result.h5", texts={DAMPING: "{", PROVENANCE: "["}) as out:
+        out.save_state({"v": np.zeros(3)})
+        out.append(block(0, 5))
+    run = Result(tmp_path / "result.h5")
+    for use in (lambda: run.damping, lambda: provenance(run)):
+        with pytest.raises(ResultFileError, match="is a damaged result file"):
+            use()
+    with edit_hdf5(run.path) as file:
+        del file["state/arrays"]
+    with pytest.raises(ResultFileError, match="is a damaged result file"):
+        ResultWriter.reopen(run.path)
+
+
+def test_a_group_is_no_dataset_of_a_body(body: Path) -> None:
+    with edit_hdf5(body) as file:
+        del file["modes/why"]
+        file.create_group("modes/why")
+    with pytest.raises(BodyFileError, match="is damaged"):
+        load(body)
+
+
+def test_a_key_that_others_may_write_is_none(body: Path, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setenv("FLEXMB_CACHE_DIR", str(tmp_path / "cache"))
+    seal_again(body)
+    monkeypatch.setattr(untrusted, "_first_reading", lambda *_: "is read apart")
+    assert load(body).mass == 2.0
+    (tmp_path / "cache" / "seal.key").chmod(0o666)
+    untrusted._checked.clear()
+    with pytest.raises(BodyFileError, match="is read apart"):
+        load(body)

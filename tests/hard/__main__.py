@@ -24,6 +24,39 @@ Measured: in the unit of the bar, with the number of steps in brackets. Fixed st
 has no error control.
 """
 
+TAIL = """## Interruption
+
+`python -m tests.hard.interruption` ends commands at random moments of their processor time by
+kill -9 and by Ctrl-C, and with `--disk` runs them on a disk without room. What must hold: each file
+under its final name is whole, the older one or the new one; rows of a killed run are those of the
+whole run to the last bit, and so is the run when it is resumed; Ctrl-C ends within a second of the
+processor; a damaged unit of the compile cache is a missing one; nothing is left over after the next
+whole command. The older result stays until the new one has rows.
+
+| phase | measured |
+|---|---|
+| run, with the reduced body and resumed after each kill | 50 kills: 0 wrong; 8 Ctrl-C: 0.08 s |
+| compile, with missing and damaged units | 50 kills: 0 wrong |
+| statics | 50 kills: 0 wrong |
+| plot | 50 kills: 0 wrong |
+| export | 50 kills: 0 wrong |
+| full disks | export with six amounts of room, run and reduction with three: 0 wrong |
+
+## Hostile files
+
+`python -m tests.hard.fuzz` lets the commands read mutated expressions, scenes, units and ranges,
+tables, `[study]` sections, meshes of all formats, bodies, results and units of the compile cache.
+What must hold: a sentence or a result, never a traceback; less than 10 s of the processor and 1 GB;
+no file read or written outside of the folders of the input, the cache and Python, no program
+started; no control characters. Each input is made from its number, which repeats it.
+
+| inputs | measured |
+|---|---|
+| 40 000 expressions, 14 000 units and ranges, 8000 studies | 0 wrong, but for two ranges, mended |
+| 2400 scenes, 800 tables, 200 units of the cache | 0 wrong |
+| 1500 meshes, 500 results, 200 bodies | of those that were wrong each kind is mended and a test |
+"""
+
 
 def measured(case: Hard, method: str) -> tuple[str, str]:
     """A cell of the table, and what is wrong."""
@@ -60,6 +93,8 @@ def main(words: list[str]) -> int:
                 wrong += bool(what)
                 print(f"{name}, {method}: {what}\n" if what else "", end="", file=sys.stderr)
         print()
+    if not words:
+        print(TAIL, end="")
     print(f"{wrong} failed", file=sys.stderr)
     return wrong
 

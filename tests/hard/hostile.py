@@ -170,7 +170,7 @@ def command(*words: str | Path) -> None:
     from flexmb.cli import app
 
     application = _command(app, typer)
-    application.main(["--debug", *map(str, words)], prog_name="flexmb", standalone_mode=True)
+    application.main([*map(str, words)], prog_name="flexmb", standalone_mode=True)
 
 
 @cache

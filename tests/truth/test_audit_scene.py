@@ -103,3 +103,13 @@ def test_what_a_plane_leaves_out(tmp_path):
     assert true > 0.01
     assert one.share == pytest.approx(true, rel=0.3)
     assert one.verdict == "missing" and not made.passed
+
+
+@pytest.mark.parametrize(
+    ("joint", "verdict"), [("spherical", "needed"), ("revolute", "could be off")]
+)
+def test_what_a_run_in_space_shows_of_its_plane(joint, verdict, tmp_path):
+    """The end of the bar is 1 m/2 from the joint: it rises by half of its length times the tilt."""
+    run, _, one = audited(tilted(joint, planar=False), "motion out of the plane", tmp_path)
+    assert one.on and one.verdict == verdict
+    assert one.share == pytest.approx(2.0 * np.abs(run["end.z"]).max(), rel=0.1, abs=1e-9)

@@ -175,6 +175,37 @@ def test_modes_without_stiffness_cannot_be_quasi_static():
         flexmb.simulate(made, duration=0.1)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "deformation", [{"band": [0, 60]}, {"band": [0, 0.1]}, "automatic", "quasi-static"]
+)
+def test_a_plate_on_four_ball_joints_follows_a_load_like_one_that_vibrates(deformation, tmp_path):
+    """Rigid it would be held six times over; the joints need its compliance."""
+
+    def made(**words):
+        model = Model("plate on four supports")
+        corners = {"a": (0, -0.5), "b": (1, -0.5), "c": (1, 0.5), "d": (0, 0.5)}
+        groups = {"a": "x0y0", "b": "x1y0", "c": "x1y1", "d": "x0y1"}
+        model.add_body(
+            "plate", mesh={"type": "plate", "length": 1.0, "width": 1.0, "divisions": [4, 4]},
+            material="steel", sections={"surface": {"type": "shell", "thickness": 0.01}},
+            interfaces=groups, modes=6, stress="none", markers={"centre": {"node": 12}}, **words,
+        )  # fmt: skip
+        for name, (x, y) in corners.items():
+            model.add_marker(f"ground.{name}", position=[x, y, 0])
+            model.add_joint(name, "spherical", between=[f"ground.{name}", f"plate.{name}"])
+        push = {"type": "step", "t1": 2.0, "y1": -500.0}
+        model.add_force("push", "force", at="plate.centre", value=[0, 0, push])
+        model.add_sensor("middle", "position", of="plate.centre")
+        model.set_validity(node_loads="any")
+        model.set_dynamics(duration=2.0, outputs=20, method="radau", accuracy=1e-5)
+        return model
+
+    z = flexmb.simulate(made(deformation=deformation), output=tmp_path)["middle.z"][-1]
+    still = flexmb.simulate(made(), output=tmp_path / "dynamic")["middle.z"][-1]
+    assert z == pytest.approx(still, rel=1e-3)
+
+
 def test_massless_motions_follow_in_equilibrium() -> None:
     """K T and K' L leave no force on a coordinate without mass; K need not be symmetric."""
     K = np.array([[5.0, -1.0, 2.0], [-1.5, 4.0, 1.0], [0.5, 2.5, 3.0]])

@@ -168,12 +168,15 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
 
 def _read(source: Path) -> Mesh:
     raw = _read_quietly(source)
-    points = np.asarray(raw.points, dtype=float)
-    if points.ndim == 2 and points.shape[1] < 3:
-        points = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
-    blocks, became = _merge_blocks(raw)
-    groups = _named_groups(raw, became)
-    node_sets = {name: np.asarray(nodes, int) for name, nodes in raw.point_sets.items()}
+    try:
+        points = np.asarray(raw.points, dtype=float)
+        if points.ndim == 2 and points.shape[1] < 3:
+            points = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
+        blocks, became = _merge_blocks(raw)
+        groups = _named_groups(raw, became)
+        node_sets = {name: np.asarray(nodes, int) for name, nodes in raw.point_sets.items()}
+    except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
+        raise MeshError(f"{source}: the mesh file is damaged ({error})") from error
     return Mesh(points, blocks, node_sets, groups, source=source.name)
 
 

@@ -12,6 +12,7 @@ whole.
 from __future__ import annotations
 
 import copy
+import math
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -284,7 +285,7 @@ def _expanded(piece: Any) -> Iterator[Any]:
         yield read_value(piece.strip())
         return
     a, b = match["a"], match["b"]
-    if float(a) <= 0 or float(b) <= 0:
+    if not (0 < float(a) < math.inf and 0 < float(b) < math.inf):
         raise SceneError(f'the range "{piece.strip()}" must have two positive ends')
     values = _decades(float(a), float(b)) if match["n"] is None else _spaced(piece, match)
     whole = a.isdigit() and b.isdigit()
@@ -292,11 +293,11 @@ def _expanded(piece: Any) -> Iterator[Any]:
 
 
 def _decades(a: float, b: float) -> Iterator[float]:
-    factor = 10.0 if b > a else 0.1
+    sign = "" if b > a else "-"
     low, high = min(a, b) * (1 - 1e-9), max(a, b) * (1 + 1e-9)
     k = 0
-    while low <= a * factor**k <= high:
-        yield float(f"{a * factor**k:.12g}")  # 0.001, not 0.0010000000000000002
+    while low <= (value := a * float(f"1e{sign}{k}")) <= high:  # infinite beyond 1e308
+        yield float(f"{value:.12g}")  # 0.001, not 0.0010000000000000002
         k += 1
 
 

@@ -209,6 +209,8 @@ def test_a_bar_that_is_twisted_far_is_told_and_refused(twist):
     assert ("is turned within itself" in found.message) == (twist > 1.0)
     if told:
         assert float(told[0].split()[6]) == pytest.approx(twist, rel=0.05)
+        longer = float(told[0].split("too long by ")[1].split()[0])  # an arm turned by its sine
+        assert longer == pytest.approx(100 * (np.hypot(1, twist) - 1), rel=0.2)
 
 
 def disc(residual, speed, modes=20):

@@ -255,7 +255,8 @@ def test_transverse_forces_of_a_plate_carry_the_load():
     for angle in (0.0, 0.5):
         towards = [np.cos(angle), np.sin(angle), 0.0]
         found = part(
-            {"type": "plate", "length": 0.2, "width": 1.0, "divisions": [2, 10]}, material={**STEEL, "nu": 0.0},
+            {"type": "plate", "length": 0.2, "width": 1.0, "divisions": [2, 10]},
+            material={**STEEL, "nu": 0.0},
             sections={"all": {"type": "shell", "thickness": 0.01, "orientation": towards}},
             supports={"a": {"group": "y0", "type": "clamped"}},
             loads={"q": {"type": "line", "group": "y1", "force": [0, 0, -100.0]}},

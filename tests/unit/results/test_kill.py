@@ -15,7 +15,7 @@ from resultfiles import block, writer
 
 from flexmb import untrusted
 from flexmb.errors import ResultFileError
-from flexmb.results import Result, checksums
+from flexmb.results import Result, kill_safe_file
 from flexmb.results.channels import TABLES
 
 WRITE = """
@@ -78,7 +78,7 @@ def test_readable_after_many_kills(tmp_path: Path) -> None:
 def test_flipped_bits_of_a_killed_run_are_noticed_or_change_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(checksums, "_PAUSE", 0.0)
+    monkeypatch.setattr(kill_safe_file, "_PAUSE", 0.0)
     monkeypatch.setattr(untrusted, "_first_reading", lambda *_: None)  # here, to be fast
     with writer(tmp_path / "run.h5", texts={"scene": "a" * 500}) as out:
         out.save_state({"v": np.zeros(500)})
