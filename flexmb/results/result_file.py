@@ -230,12 +230,7 @@ def file_format(path: str | Path) -> str | None:
 def read_contents(path: Path, verified: NDArray[np.int64] | None = None) -> Contents:
     """Read and check everything, the tables where the file has no seal.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    verified : (10,) int, optional
-        `Contents.sums` of these rows as they were read before.
+    `verified` (10,) are `Contents.sums` of these rows as they were read before.
 
     Raises
     ------
