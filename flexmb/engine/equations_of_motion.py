@@ -20,7 +20,7 @@ from flexmb.engine.algebra.vector import copy, zero
 from flexmb.engine.jit import Vector, call_matrix, call_stage, call_value, kernel, unit
 from flexmb.engine.joints.constraint import constraint_jacobian, put_constraint_matrix
 from flexmb.engine.method import FINE
-from flexmb.engine.state import Point, Run
+from flexmb.engine.state import ComplexFactor, Point, Run
 
 
 @kernel
@@ -205,6 +205,7 @@ _UNSYMMETRIC_ABOVE = 0.2
 _GIVE_UP_ABOVE = 0.9
 _REGULARISATION = 1e-9
 _REPEATED = 1e-7
+_UNEVEN = 1e5
 
 
 @unit
@@ -247,8 +248,93 @@ def factorise(run: Run, at: Point, cv: float, cp: float) -> int:
     copy(low, low0)
     if factor.symmetric[0] == 0:
         copy(up, up0)
-    factor.replaced[0] = ldl.factor(kkt, factor)
+    factor.replaced[0] = _factor_firmly(kkt, factor) if _is_uneven(run) else ldl.factor(kkt, factor)
     return factor.replaced[0]
+
+
+# Pivots of rows, over their regularisation, below which joints yield too much to it, and what part
+# of it does instead. Of rows that repeat others the pivots are as small, and follow it.
+_YIELDING, _LESS, _FOLLOWS = 1e3, 1e-3, 2e-3
+
+
+@kernel
+def _factor_firmly(kkt, fac):
+    """Factor where heavy bodies hang on light ones: what joints move is not the light mass.
+
+    Of a matrix that low0 and up0 hold too. fac.tmp is what it takes from the regularisation.
+    """
+    replaced, eps, d, change, before = ldl.factor(kkt, fac), fac.eps, fac.d, fac.tmp, fac.rhs
+    yielding = False
+    for k in range(eps.shape[0]):
+        change[k] = (1.0 - _LESS) * eps[k]
+        before[k] = abs(d[k])
+        yielding = yielding or before[k] < _YIELDING * eps[k]
+    if not yielding:
+        zero(change)
+        return replaced
+    replaced = _factor_again(kkt, fac, 1.0)
+    for k in range(eps.shape[0]):
+        if eps[k] > 0.0 and abs(d[k]) < _FOLLOWS * before[k]:
+            replaced = _factor_again(kkt, fac, -1.0)
+            zero(change)
+            return replaced
+    return replaced
+
+
+@kernel
+def _factor_again(kkt, fac, sign):
+    """Factor with fac.tmp taken from the regularisation, or given back."""
+    for k in range(fac.eps.shape[0]):
+        fac.eps[k] -= sign * fac.tmp[k]
+    _add_diagonal(kkt.panels, fac.tmp, sign, fac.low0)
+    copy(fac.low0, fac.low)
+    if fac.symmetric[0] == 0:
+        _add_diagonal(kkt.panels, fac.tmp, sign, fac.up0)
+        copy(fac.up0, fac.up)
+    return ldl.factor(kkt, fac)
+
+
+@kernel
+def _add_diagonal(panels, change, f, low):
+    """low += f diag(change), in elimination order."""
+    for p in range(panels.shape[0]):
+        panel = panels[p]
+        at, nc, col = panel["at"], panel["nc"], panel["col"]
+        for c in range(nc):
+            low[at + c * nc + c] += f * change[col + c]
+
+
+@unit
+def factorise_pair(run: Run, pair: ComplexFactor) -> int:
+    """Factor the matrix assembled, and one of complex numbers with the same regularisation."""
+    factor, kkt = run.work.factor, run.system.kkt
+    if run.state.memory[0]["regularisation"] == 0.0 and _is_uneven(run):
+        copy(factor.low, factor.low0)
+        copy(factor.up, factor.up0)
+        replaced = _factor_firmly(kkt, factor)
+        _add_diagonal(kkt.panels, factor.tmp, 1.0, pair.low)
+        _add_diagonal(kkt.panels, factor.tmp, 1.0, pair.up)
+    else:
+        replaced = ldl.factor(kkt, factor)
+    ldl.factor_complex(kkt, pair)
+    return replaced
+
+
+@kernel
+def _is_uneven(run):
+    """Whether some bodies are lighter than others by more than `_UNEVEN`, for this matrix."""
+    bodies, place, diagonal = (
+        run.system.parts.bodies,
+        run.system.kkt.place,
+        run.work.factor.diagonal,
+    )
+    least, most = math.inf, 0.0
+    for b in range(bodies.shape[0]):
+        first = bodies[b]["iv"]
+        for k in place[first : first + 3]:
+            if k < diagonal.shape[0] - 1 and diagonal[k] < math.inf:
+                least, most = min(least, diagonal[k]), max(most, diagonal[k])
+    return most > _UNEVEN * least
 
 
 @kernel

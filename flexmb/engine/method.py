@@ -37,6 +37,7 @@ class Method(NamedTuple):
     stabilised: int = 0  # 1: C̈ + 2α Ċ + β² C = 0 in place of projection onto the constraints
     alpha: float = 0.0  # 1/s
     beta: float = 0.0  # 1/s
+    mass_rounds: int = 0  # refinements of projected rates and accelerations by M alone
     partitions: int = 0  # 1: it needs memory for independent and dependent coordinates
 
 

@@ -244,7 +244,7 @@ def _refine_by_mass(run: Run, at: Point, top: Vector, bottom: Vector, x: Vector,
     place, sol, both, own = kkt.place, fac.sol, fac.tmp, fac.rhs
     nv = x.shape[0]
     copy(top, tr.spare)
-    for _ in range((run.method.order - 1) // 2):
+    for _ in range(run.method.mass_rounds):
         permute(kkt, x, y, sol)
         multiply(kkt, fac, sol, both)  # (S x + Cqᵀ y; Cq x)
         for i in range(y.shape[0]):

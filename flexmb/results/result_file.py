@@ -163,8 +163,7 @@ def report_text(statistics: Mapping[str, float | int | str], message: str) -> np
 def extend_file(path: Path, duration: float, outputs: int) -> None:
     """Make room for `outputs` intervals and note the new duration of the run as a whole.
 
-    A copy with more room replaces the file when it is complete, so that a kill at any moment leaves
-    one of the two.
+    A copy with more room replaces the file when it is complete: a kill leaves one of the two.
 
     Parameters
     ----------
@@ -230,12 +229,7 @@ def file_format(path: str | Path) -> str | None:
 def read_contents(path: Path, verified: NDArray[np.int64] | None = None) -> Contents:
     """Read and check everything, the tables where the file has no seal.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    verified : (10,) int, optional
-        `Contents.sums` of these rows as they were read before.
+    `verified` (10,) are `Contents.sums` of these rows as they were read before.
 
     Raises
     ------

@@ -76,14 +76,18 @@ def main(words: list[str]) -> int:
         names = [name for name in cases if all(word in f"{chapter} {name}" for word in words)]
         if not names:
             continue
-        columns = dict.fromkeys([*METHODS, *(way for name in names for way in cases[name].methods)])
         print(f"## {chapter}\n")
+        others = any(set(cases[name].methods) - set(METHODS) for name in names)
+        columns = [*METHODS, *(["others"] if others else [])]
         print(f"| case | what makes it hard | what must hold | {' | '.join(columns)} |")
         print(f"|{'---|' * (3 + len(columns))}")
         for name in names:
             case = cases[name]
             cells = {method: measured(case, method) for method in case.methods}
-            texts = [cells[method][0] if method in cells else "" for method in columns]
+            texts = [cells[method][0] if method in cells else "" for method in METHODS]
+            if others:
+                rest = [f"{k}: {cell[0]}" for k, cell in cells.items() if k not in METHODS]
+                texts.append("; ".join(rest))
             print(f"| {name} | {case.why} | {case.bar} | {' | '.join(texts)} |", flush=True)
             for method, (_, what) in cells.items():
                 wrong += bool(what)

@@ -73,10 +73,10 @@ class Outcome:
 
 def run_case(case: Hard, method: str) -> Outcome:
     """Run a case by a method."""
-    model = case.make()
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always", FlexmbWarning)
         try:
+            model = case.make()
             model.set_dynamics(method=method.split()[-1], **{**case.run, **case.methods[method]})
             result = flexmb.simulate(model)
         except FlexmbError as error:

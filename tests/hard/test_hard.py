@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from tests.hard.case import failure, run_case
+from tests.hard.case import METHODS, failure, run_case
 from tests.hard.chapters import CHAPTERS
 
 RUNS = [
     pytest.param(
         case, method, id=f"{name}-{method}",
-        marks=[pytest.mark.slow] if case.slow and method not in case.quick else [],
+        marks=[pytest.mark.slow]
+        if (case.slow or method not in METHODS) and method not in case.quick else [],
     )
     for cases in CHAPTERS.values()
     for name, case in cases.items()

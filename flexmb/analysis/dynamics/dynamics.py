@@ -16,6 +16,7 @@ from flexmb.analysis.dynamics.integration import Integration, loop_settings, tim
 from flexmb.analysis.dynamics.passes import (
     PreparedDynamics,
     error_statistics,
+    keeps_failing,
     limited_by_stability,
     may_change_method,
     missed_accuracy,
@@ -237,8 +238,10 @@ class _Pass:
             status, blocks = prepared.advance()
             apart = self._store(blocks)
             apart = apart or self._validity.refusal()
-            if apart or (self.growth.ends_run and self.growth.sentence):
-                return Ending("failed", apart)
+            if apart or keeps_failing(prepared.run):
+                return Ending("failed", self._unstable(prepared.run) or apart)
+            if self.growth.ends_run and self.growth.sentence:
+                return Ending("failed", "")
         if status != method.FINE:
             return self._failure(status)
         stiff = not prepared.run.finished and limited_by_stability(prepared)
@@ -303,9 +306,9 @@ class _Pass:
         if verified is not None and run.state.t[0] >= verified.scout.state.t[0]:
             run = verified.scout
         at, step = float(run.state.t[0]), float(run.state.memory[0]["next_step"])
-        unstable = unstable_step(run, prepared.method, failed=True)
+        unstable = self._unstable(run)
         if unstable:
-            return Ending("failed", f"at t = {at:.6g} s {unstable}")
+            return Ending("failed", unstable)
         cause = (
             self._validity.diverging(run.state)
             or _static_modes(run)
@@ -313,6 +316,10 @@ class _Pass:
         )
         return Ending("failed", failure_sentence(
             status, run.compiled, prepared.model, run.work, at, step, cause))  # fmt: skip
+
+    def _unstable(self, run: Integration) -> str:
+        sentence = unstable_step(run, self._prepared.method, failed=True)
+        return f"at t = {float(run.state.t[0]):.6g} s {sentence}" if sentence else ""
 
 
 def _static_modes(run: Integration) -> str:

@@ -316,6 +316,12 @@ def unstable_step(run: Integration, name: str, failed: bool) -> str:
     )
 
 
+def keeps_failing(run: Integration) -> bool:
+    """Whether fixed steps of an explicit method fail again and again for want of stability."""
+    unstable = run.state.memory[0]["steps_at_stability_limit"]
+    return bool(run.settings.step > 0.0 and min(run.state.count[0]["failed"], unstable) > _FEW)
+
+
 def limited_by_stability(prepared: PreparedDynamics) -> bool:
     """Whether stability, not accuracy, limits the steps of an explicit method."""
     run = prepared.run if prepared.verified is None else prepared.verified.scout

@@ -115,12 +115,14 @@ def newmark(beta: float, gamma: float) -> Method:
 
 
 def _method(alpha_m: float, alpha_f: float, beta: float, gamma: float, radius: float) -> Method:
-    alpha = Alpha(alpha_m, alpha_f, beta, gamma, int(radius > _FREE_RADIUS))
+    project = int(radius > _FREE_RADIUS)
+    alpha = Alpha(alpha_m, alpha_f, beta, gamma, project)
     order = 2 if abs(gamma - 0.5 - alpha_f + alpha_m) < _ROUND_OFF else 1
     return Method(
         step=(step,), interpolate=(interpolate,), coefficients=(alpha,), order=order,
         error_order=order + 1, stages=0, filter=beta * (1.0 - alpha_f) / (1.0 - alpha_m),
         keeps_step=1, collocation=0, loosest=1e-4,
+        mass_rounds=project,  # these accelerations go on, and those by M + b K change the frequency
     )  # fmt: skip
 
 

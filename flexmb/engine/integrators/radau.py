@@ -37,6 +37,7 @@ from flexmb.engine.algebra.vector import (
 from flexmb.engine.bodies.motion import interpolate_step, last_places, move
 from flexmb.engine.equations_of_motion import (
     REFACTOR_ABOVE,
+    factorise_pair,
     give_up,
     keep_diagonal,
     put_matrix,
@@ -78,10 +79,11 @@ class Radau(NamedTuple):
 def factorise_stages(run: Run, radau: Radau, h: float) -> int:
     """Assemble and factor S(h/γ) and S(h/μ) at the stage evaluated last."""
     fac, col, kkt, at = run.work.factor, run.work.collocation, run.system.kkt, run.trial_point
-    pair, memory = col.pair, run.state.memory[0]
-    n = radau.mu_real * radau.mu_real + radau.mu_imag * radau.mu_imag
+    pair, real, memory = col.pair, col.real, run.state.memory[0]
+    n = radau.mu_real**2 + radau.mu_imag**2
     x, y = radau.mu_real * h / n, -radau.mu_imag * h / n
     fac.symmetric[0] = int(memory["symmetric"])
+    pair.symmetric[0] = fac.symmetric[0]
     for i in range(pair.low.shape[0]):
         pair.low[i] = pair.up[i] = 0.0
     put_matrix(run, at, _ALMOST_ZERO, 0.0)  # the mass of motion, not that of single solves
@@ -96,14 +98,12 @@ def factorise_stages(run: Run, radau: Radau, h: float) -> int:
     keep_diagonal(kkt.panels, fac.low, fac.diagonal)
     put_rows(run, at, c, c * c)
     _add_matrix(pair, fac, 1.0 + 0j)  # the rows alone
-    run.state.count[0]["regularised_pivots"] += ldl.factor(kkt, fac)
-    real = col.real
+    run.state.count[0]["regularised_pivots"] += factorise_pair(run, pair)
     copy(fac.low, real.low)
     copy(fac.up, real.up)
     copy(fac.d, real.d)
     copy(fac.eps, real.eps)
-    real.symmetric[0] = pair.symmetric[0] = fac.symmetric[0]
-    ldl.factor_complex(kkt, pair)
+    real.symmetric[0] = fac.symmetric[0]
     run.state.count[0]["factorisations"] += 2
     memory["factor_age"], memory["contraction"], memory["factor_step"] = 0.0, 1.0, h
     return FINE
@@ -236,7 +236,7 @@ def radau_5() -> Method:
     )  # fmt: skip
     return Method(
         (step,), (interpolate,), (coefficients,), order=5, error_order=4, stages=0,
-        filter=1.0 / gamma**2, keeps_step=1, loosest=3e-4, collocation=STAGES,
+        filter=1.0 / gamma**2, keeps_step=1, loosest=3e-4, collocation=STAGES, mass_rounds=2,
     )  # fmt: skip
 
 
