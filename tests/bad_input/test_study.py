@@ -71,7 +71,7 @@ def test_a_study_of_the_scene_is_run_shown_and_written(scene: Path) -> None:
     done = call(scene, "--workers", "1", "--repeats", "1")
     assert done.exit_code == 0, done.output
     assert "cheapest setting that meets 1 % in positions" in done.stdout
-    assert "time: wall time of the integration, one run at a time" in done.stdout
+    assert "time: processor time of the integration" in done.stdout
     assert (scene.parent / "out" / scene.parent.name / "study" / "study.md").is_file()
 
 
