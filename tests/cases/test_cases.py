@@ -15,8 +15,9 @@ from flexmb.workflow import reduce_scene
 FOLDER = Path(__file__).parents[2] / "cases"
 CASES = sorted(FOLDER.glob("*/*.toml"))
 EXACT = sorted(FOLDER.glob("*/exact.py"))  # Solutions that take seconds by themselves.
-LONG = {"flexible_manipulator", "hub_beam", "misaligned_four_bar", "rotating_beam_spin_up",
-        "slider_crank_speeds", "spacecraft_panels", "test_set_crank"}  # fmt: skip
+LONG = {"excavator", "flexible_manipulator", "hub_beam", "misaligned_four_bar",
+        "parallel_manipulator", "rotating_beam_spin_up", "slider_crank_speeds",
+        "spacecraft_panels", "test_set_crank"}  # fmt: skip
 
 # Changes that shorten a run without leaving the tolerances of its checks.
 SHORTER = {

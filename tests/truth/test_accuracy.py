@@ -302,7 +302,14 @@ def test_a_jump_at_a_place_is_met_with_small_steps(method):
         assert found.statistics["measured_error_of_positions"] > error / 3
 
 
-@pytest.mark.parametrize("name", ["swing of 1 µm at 1 m", "sleeping top", "driven pendulum"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "swing of 1 µm at 1 m",
+        pytest.param("sleeping top", marks=pytest.mark.slow),
+        "driven pendulum",
+    ],
+)
 def test_the_floor_of_round_off_is_named_and_true(name):
     """An accuracy that nothing reaches: the run tells its floor, and asked for that all is well."""
     scene = SCENES[name]

@@ -137,6 +137,7 @@ def test_runs_are_used_again_and_more_samples_continue(scene: Path) -> None:
     assert sweep(scene, knobs, samples=4, sensors=[RANGE], fresh=True).reused == 0
 
 
+@pytest.mark.slow
 def test_which_speed_reaches_how_far(scene: Path) -> None:
     """v = sqrt(g x / sin 2 angle); one file of a table for all runs."""
     made = sweep(scene, {"v": "10..30"}, find=[f"{RANGE} <= 50"])

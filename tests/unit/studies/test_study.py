@@ -203,6 +203,7 @@ def test_a_model_from_python_is_studied_with_the_same_words(tmp_path: Path) -> N
         flexmb.study(model, {"step": [1]}, overrides={"a": "1"})
 
 
+@pytest.mark.slow
 def test_two_processes_give_the_same_errors(study: flexmb.Study, tmp_path: Path) -> None:
     both = flexmb.study(
         PENDULUM, {"step": STEPS}, output=tmp_path, sensors=["tip"], repeats=1, workers=2
