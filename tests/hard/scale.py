@@ -44,12 +44,16 @@ def off_vibration(rate, place, swing):
     return judge
 
 
-def vibration_case(why, rate, place, swing, bound=1e-3):
+_FLOOR = {"controlled generalized-alpha": "accuracy 0.0001 was asked for and"}
+
+
+def vibration_case(why, rate, place, swing, misses=None):
     turn = 2 * np.pi / rate
     return Hard(
-        why, f"The cosine to {bound:g} of its amplitude over ten swings.", bound,
+        why, "The cosine to 1e-3 of its amplitude over ten swings, or the error is said.", 1e-3,
         lambda: vibration(rate, place, swing), off_vibration(rate, place, swing),
         {"duration": 10 * turn, "outputs": 100, "accuracy": 1e-4}, every(turn / 2000),
+        misses=misses or {},
     )  # fmt: skip
 
 
@@ -72,10 +76,10 @@ CASES = {
         )
         for words, size in SIZES.items()
     },
-    "microseconds": vibration_case("A swing of 1 µs and 1 nm.", 2e6 * np.pi, 1.0, 1e-9, 1e-3),
+    "microseconds": vibration_case("A swing of 1 µs and 1 nm.", 2e6 * np.pi, 1.0, 1e-9, _FLOOR),
     "days": vibration_case("A swing of one day.", 2 * np.pi / 86400, 10.0, 1.0),
     "1 µm, 100 m from the origin": vibration_case(
-        "Round-off of places is 1e-8 of the motion.", 20.0, 100.0, 1e-6
+        "Round-off of places is 1e-8 of the motion.", 20.0, 100.0, 1e-6, _FLOOR
     ),
     "no gravity and no force": Hard(
         "Nothing but inertia.", "A straight line to 1e-9 of the way.", 1e-9, floating,
