@@ -164,7 +164,7 @@ class _Plan:
 def _plan(
     source: StudySource, vary: Mapping[str, Any] | None, settings: Mapping[str, Any], keep: bool
 ) -> _Plan:
-    spec = _spec(source.model, vary, settings)
+    spec = _spec(source, vary, settings)
     problems: list[Problem] = []
     knobs: dict[str, Distribution] = {}
     try:
@@ -208,8 +208,11 @@ def _plan(
     return _Plan(spec, base, design or Design(knobs, "search", np.zeros((0, len(knobs)))), targets)
 
 
-def _spec(model: Model, vary: Mapping[str, Any] | None, settings: Mapping[str, Any]) -> SweepSpec:
+def _spec(
+    source: StudySource, vary: Mapping[str, Any] | None, settings: Mapping[str, Any]
+) -> SweepSpec:
     """`[sweep]` of the scene, with the values given here in place of its own."""
+    model = source.model
     allowed = tuple(name for name in SweepSpec.model_fields if name != "vary")
     unknown = [name for name in settings if name not in allowed]
     problems = [Problem(name, "unknown", allowed, nearest(name, allowed)) for name in unknown]
@@ -232,6 +235,11 @@ def _spec(model: Model, vary: Mapping[str, Any] | None, settings: Mapping[str, A
     except SceneError as error:
         problems += [p for p in error.problems]
     if problems or spec is None:
+        if isinstance(vary, Mapping) and vary:  # unknown names of knobs come with the rest
+            try:
+                resolve_knobs(source, dict.fromkeys(vary, (0,)))
+            except SceneError as error:
+                problems += error.problems
         raise SceneError.from_problems(problems)
     return spec
 

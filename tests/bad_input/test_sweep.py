@@ -94,3 +94,10 @@ def test_a_full_disk(scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     result = call(scene, *VARY, "--samples", "2", "--workers", "1")
     assert result.exit_code == 2
     assert "cannot be written (No space left on device): make room" in result.output
+
+
+def test_a_wrong_range_and_an_unknown_knob_are_told_together(scene) -> None:
+    done = call(scene, "--vary", "accuracy=5..1", "--vary", "accurasy=1..2")
+    assert done.exit_code == 2
+    assert "the range is empty" in done.stderr
+    assert 'no knob "accurasy"' in done.stderr
