@@ -56,12 +56,12 @@ def open_cluster(
     Parameters
     ----------
     workers : int
-        Runs at the same time on this machine, each in a process; 1: in this process.
+        Runs at the same time on this machine, each in a process; 1 without `limit`: in this one.
     scheduler : str
         Address of a Dask scheduler, such as ``"tcp://host:8786"``, whose workers are used instead.
     limit : float
         Wall time of a run [s], after which it is given up; 0: none. A function that can stop
-        itself should; five seconds later its process is ended. In this process nothing ends it.
+        itself should; five seconds later its process is ended.
     dashboard : callable, optional
         Serve Dask's page on the work, and call this with a sentence that has its address.
 
@@ -82,13 +82,14 @@ def open_cluster(
         what = 'the dashboard needs the package bokeh: pip install "flexmb[dashboard]"'
         raise FlexmbError(what)
     with ExitStack() as stack:
-        if scheduler or workers > 1 or dashboard:
+        alone = workers == 1 and not (scheduler or dashboard or limit)
+        if not alone:
             stack.enter_context(silent_dask())
         if scheduler:
             client = connect(scheduler)
             stack.callback(client.close)
             cluster = Cluster(max(len(client.nthreads()), 1), limit, client, scheduler)
-        elif workers == 1 and not dashboard:
+        elif alone:
             cluster = Cluster(1, limit)
         else:
             local = stack.enter_context(LocalWorkers(workers, dashboard is not None))
