@@ -43,7 +43,7 @@ def connect(address: str) -> Any:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # versions are compared below
             client = Client(address, timeout=REACH, set_as_default=False)
-    except (OSError, TimeoutError, ValueError, TypeError) as error:
+    except (OSError, TimeoutError, ValueError, TypeError, AssertionError) as error:
         cause = str(error.__cause__ or error).strip().splitlines()
         why = f" ({cause[-1]})" if cause and isinstance(error, ValueError) else ""
         raise FlexmbError(
