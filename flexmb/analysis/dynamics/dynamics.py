@@ -373,7 +373,7 @@ def _statistics(run: Integration) -> dict[str, float | int | str]:
         **steps,
         **({} if fixed or run.settings.refinement else estimate),
         "failed_steps": int(count["failed"]),
-        "newton_iterations": int(count["residuals"]),
+        "residual_evaluations": int(count["residuals"]),
         "factorisations": int(count["factorisations"]),
         "replaced_pivots": int(count["regularised_pivots"]),
         **({"events": int(count["events"])} if count["events"] else {}),
