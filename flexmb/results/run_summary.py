@@ -21,7 +21,10 @@ Number = float | int | str
 Row = tuple[str, str, str]
 
 _SECONDS = "seconds_"  # statistics of this prefix are wall times by phase
-_ITERATIONS = {"newton_iterations": "Newton iterations", "factorisations": "factorisations"}
+_ITERATIONS = {
+    name: name.replace("_", " ").replace("newton", "Newton")
+    for name in ("newton_iterations", "residual_evaluations", "factorisations")
+}
 _ALL_CONSTRAINTS, _UNPROJECTED = "the largest of any constraint", "before the projection"
 _WITHOUT_PROJECTION = "baumgarte"  # the method that does not project velocities
 _MEASURED, _WORST = "measured_error_of_", "worst_of_"

@@ -193,7 +193,8 @@ def _failures(study: StudyRows) -> Iterator[str]:
 
 
 _FAILED = "✗"
-_COUNTS = ("steps", "rejected_steps", "failed_steps", "newton_iterations", "factorisations")
+_COUNTS = ("steps", "rejected_steps", "failed_steps", "residual_evaluations", "newton_iterations",
+           "factorisations")  # fmt: skip
 _PHASES = ("seconds_compile", "seconds_load", "seconds_assemble")
 
 

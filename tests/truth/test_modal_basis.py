@@ -176,6 +176,21 @@ def test_a_load_near_an_omitted_mode_is_told(ratio, outputs, tmp_path):
     assert share == pytest.approx(np.sqrt(rest / energy), rel=0.4 if outputs > 100 else 0.7)
 
 
+@pytest.mark.parametrize("share", [0.9, 0.2])
+def test_a_load_faster_than_the_omitted_modes_that_are_known(share, tmp_path):
+    """Along the bar, which resonates at c/4L; the lowest omitted modes, of bending, do not."""
+    hertz = share * np.sqrt(E / RHO) / (4 * L)
+    model = clamped(
+        [f"sin(2*pi*{hertz}*t)", 0, 0], duration=0.01 / share, outputs=200, residual="none"
+    )
+    model.set_validity(node_loads="any")
+    report = run_single(model, tmp_path, pictures=False)
+    notes = [note for note in report.notes if "is known up to" in note]
+    assert len(notes) == (share > 0.5)
+    for note in notes:
+        assert f"forces.push oscillates with {hertz:.4g} Hz" in note and "frequency = " in note
+
+
 def test_rows_may_come_one_by_one(tmp_path):
     """The same as all at once: a run hands them over in chunks."""
     model = clamped([0, f"20*sin(2*pi*{0.95 * THIRD}*t)", 0], duration=0.05, outputs=300)
