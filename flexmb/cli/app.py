@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import errno
 import functools
 import gc
 import io
@@ -25,6 +26,7 @@ from flexmb.errors import FlexmbError, FlexmbWarning, printable
 from flexmb.progress import Progress
 
 FAULT, MISTAKE, FAILED_CHECK, INTERRUPTED = 1, 2, 3, 130
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)  # what a disk says of itself
 
 _ABOUT = """
 Flexible multibody dynamics: from a finite-element mesh to a moving, deforming machine.
@@ -174,8 +176,8 @@ def command(name: str | None = None) -> Callable[[Callable[..., None]], Callable
                 except Exception as error:  # noqa: BLE001  the border: all faults become one line
                     if _options["debug"]:
                         raise
-                    if isinstance(error, OSError) and error.filename and error.strerror:
-                        _leave(f"error: {error.filename}: {error.strerror}", MISTAKE)
+                    if isinstance(error, OSError) and (error.filename or error.errno in _FULL):
+                        _leave(f"error: {error.filename or 'a file'}: {error.strerror}", MISTAKE)
                     _leave(_fault_message(error), FAULT)
 
         return app.command(name)(run)

@@ -108,7 +108,8 @@ def _measured_errors(statistics: Mapping[str, Number]) -> Iterator[Row]:
     for name in _QUANTITIES:
         key = f"{_MEASURED}{name}"
         if key in statistics:
-            meaning = f"measured, over the peak-to-peak: {statistics.get(f'{_WORST}{name}', '')}"
+            over = "the peak-to-peak" + " or 1e-3 of the largest" * (name == "reactions")
+            meaning = f"measured, over {over}: {statistics.get(f'{_WORST}{name}', '')}"
             if name == "positions" and "accuracy_asked" in statistics:
                 meaning += f"; {float(statistics['accuracy_asked']):.1g} asked"
             yield f"error of {name}", f"{float(statistics[key]):.2g}", meaning
