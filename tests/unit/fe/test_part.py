@@ -297,8 +297,8 @@ def test_a_part_that_turns_ever_faster_is_held_by_its_support():
     ids=["gravity", "spin"],
 )
 def test_a_column_buckles_under_loads_along_it(load, factor):
-    """∫q dx = 7.837 EI/L² of its weight, 16.1 of loads that fall to zero at the free end, as of a bar
-    that turns about that end (Timoshenko and Gere, §2.12)."""
+    """∫q dx = 7.837 EI/L² of its weight, 16.1 of loads that fall to zero at the free end, as of a
+    bar that turns about that end (Timoshenko and Gere, §2.12)."""
     found = part(
         {**BEAM, "divisions": 3}, material=STEEL, sections=SECTION, supports={"a": CLAMPED},
         loads={"q": load}, buckling=1,
