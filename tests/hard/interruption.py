@@ -155,7 +155,10 @@ class Trial:
     def restore(self) -> None:
         """Put the older files back; leave what kills have left."""
         for path in (self.folder / "older").iterdir():
-            shutil.copy(path, self.folder / "out" / path.name)
+            if path.is_dir():  # runs of a study
+                shutil.copytree(path, self.folder / "out" / path.name, dirs_exist_ok=True)
+            else:
+                shutil.copy(path, self.folder / "out" / path.name)
 
     def remove_units(self, rng: Random) -> None:
         """Some of the compiled units are missing, and one is damaged."""
