@@ -128,7 +128,7 @@ NO_POISSON = resolve({"E": 2e11, "nu": 0.0, "density": 7800})
 
 
 def held_and_loaded(kind, wrench):
-    """Motion of the end x1 of a box whose nodes at x0 are held, by a wrench spread over its face."""
+    """Motion of the end x1 of a box that is held at x0, by a wrench spread over its face."""
     size = (0.6, 0.2, 0.1)
     fe = assemble(mesh_shapes.box(size, (3, 2, 2), kind), NO_POISSON)
     (end,) = make_interfaces(fe, {"end": {"group": "x1", "type": "rbe3"}})
