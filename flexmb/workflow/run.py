@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexmb.errors import SceneError
-from flexmb.folders import writable_folder
+from flexmb.folders import scratch_folder, writable_folder
 from flexmb.progress import Progress, silent
 from flexmb.results.run_summary import NOT_CONTAINED, notes_statistic
 from flexmb.workflow.flexible_bodies import flexible_bodies
@@ -191,12 +191,11 @@ def _with_motion_band(model: Model, progress: Progress) -> tuple[Model, list[str
     """Bands of modes by the frequencies of a run with rigid bodies."""
     if all(getattr(spec, "deformation", "") != "automatic" for spec in model.bodies.values()):
         return model, []
-    import tempfile
 
     from flexmb.results import Result
     from flexmb.workflow.motion_band import with_motion_band
 
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch_folder() as folder:
         return with_motion_band(model, lambda rigid: Result(
             run_single(rigid, folder, pictures=False, progress=progress).result
         ))  # fmt: skip

@@ -26,7 +26,6 @@ from random import Random
 
 import numpy as np
 import psutil
-from pyarrow import parquet
 
 from flexmb.engine.unit_cache import read_unit
 from flexmb.errors import FlexmbError
@@ -58,7 +57,7 @@ duration = 0.15
 outputs = 1500
 accuracy = 1e-4
 """
-LEFT_BY_LOCKS = ".lock"
+KEPT = (".unit", ".lock", ".parquet")  # the cache, locks, and rows of runs that have ended
 
 
 @dataclass(frozen=True)
@@ -88,11 +87,11 @@ PHASES = {
     ),
     "study": Phase(
         "study {}/scene.toml -v accuracy=1e-3,1e-4 --repeats 1 --workers 1 -o {}/out --fresh",
-        ("out/study.csv", "out/study.md", "out/runs.parquet", "out/work_precision.png"),
+        ("out/study.csv", "out/study.md", "out/work_precision.png"),
     ),
     "sweep": Phase(
         "sweep {}/scene.toml -v dynamics.accuracy=1e-3,1e-4,1e-5 -o {}/out --fresh",
-        ("out/sweep.md", "out/runs.parquet"),
+        ("out/sweep.md", "out/sweep.json"),
     ),
 }
 
@@ -155,7 +154,10 @@ class Trial:
     def restore(self) -> None:
         """Put the older files back; leave what kills have left."""
         for path in (self.folder / "older").iterdir():
-            shutil.copy(path, self.folder / "out" / path.name)
+            if path.is_dir():  # runs of a study
+                shutil.copytree(path, self.folder / "out" / path.name, dirs_exist_ok=True)
+            else:
+                shutil.copy(path, self.folder / "out" / path.name)
 
     def remove_units(self, rng: Random) -> None:
         """Some of the compiled units are missing, and one is damaged."""
@@ -224,13 +226,14 @@ class Trial:
     def leftovers(self) -> list[str]:
         """Files that are no outputs."""
         wanted = {self.folder / name for name in self.phase.outputs} | {
-            self.folder / "out" / path.name for path in (self.folder / "older").iterdir()
+            self.folder / "out" / path.relative_to(self.folder / "older")
+            for path in (self.folder / "older").rglob("*")
         }
         places = [*(self.folder / "out").rglob("*"), *(self.folder / "tmp").glob("*"),
                   *(self.folder / "cache").glob("units/*/*")]  # fmt: skip
         return [
             str(path.relative_to(self.folder)) for path in places
-            if path.is_file() and path not in wanted and path.suffix not in (".unit", LEFT_BY_LOCKS)
+            if path.is_file() and path not in wanted and path.suffix not in KEPT
             or path.is_dir() and path.parent.name == "tmp"
         ]  # fmt: skip
 
@@ -261,8 +264,6 @@ def digest(path: Path) -> str:
     if path.suffix == ".gif":
         assert data[:4] == b"GIF8" and data[-1:] == b"\x3b", "a GIF that is cut"
         return "gif"
-    if path.suffix == ".parquet":
-        return f"{sorted(parquet.read_schema(path).names)}"
     if path.name.startswith(("study.", "sweep.")):  # times differ
         return f"{path.read_text().count(chr(10))} lines"
     if path.suffix == ".html":

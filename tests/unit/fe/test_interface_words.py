@@ -8,7 +8,6 @@ from femeshes import block, line
 
 from flexmb.errors import MeshError
 from flexmb.fe import Mesh, WeightedInterface, assemble, make_interfaces, rectangle, resolve
-from flexmb.fe.meshes.mesh import tributary
 
 STEEL = resolve("steel")
 
@@ -57,30 +56,6 @@ def test_weights_are_those_of_a_least_squares_fit(box):
     left = u[box.numbering.table[part.nodes, :3], 0] - q[:3] - np.cross(q[3:], arms)
     np.testing.assert_allclose(w @ left, 0, atol=1e-12)
     np.testing.assert_allclose(w @ np.cross(arms, left), 0, atol=1e-12)
-
-
-@pytest.mark.parametrize("kind", ["triangle", "triangle6", "quad", "quad8", "quad9", "line3"])
-def test_tributary_areas_are_positive_and_add_up(kind):
-    """One facet of the unit square, or half of it, or the unit line."""
-    square = np.array(
-        [[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0], [1, 0.5], [0.5, 1], [0, 0.5], [0.5, 0.5]]
-    )
-    chosen = {
-        "triangle": ([0, 1, 3], 0.5),
-        "triangle6": ([0, 1, 3, 4, 8, 7], 0.5),
-        "quad": ([0, 1, 2, 3], 1.0),
-        "quad8": ([0, 1, 2, 3, 4, 5, 6, 7], 1.0),
-        "quad9": (list(range(9)), 1.0),
-        "line3": ([0, 1, 4], 1.0),
-    }
-    nodes, size = chosen[kind]
-    points = np.column_stack([square[nodes], np.zeros(len(nodes))])
-    mesh = Mesh(points, {kind: np.arange(len(nodes))[None]}, {}, {"all": {kind: np.array([0])}})
-    part = tributary(mesh, "all", np.arange(len(nodes)))
-    assert part.min() > 0
-    assert part.sum() == pytest.approx(size, rel=1e-14)
-    if kind.startswith("quad"):
-        np.testing.assert_allclose(part[:4], part[0], rtol=1e-14)
 
 
 def test_weights_by_area_do_not_ask_how_finely_a_side_is_meshed():
