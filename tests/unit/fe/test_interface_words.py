@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 from femeshes import block, line
+from solidkit import held, nodal_stress, solve
 
 from flexmb.errors import MeshError
-from flexmb.fe import Mesh, WeightedInterface, assemble, make_interfaces, rectangle, resolve
-from flexmb.fe.meshes.mesh import tributary
+from flexmb.fe import (
+    Mesh,
+    WeightedInterface,
+    assemble,
+    make_interfaces,
+    mesh_from,
+    rectangle,
+    resolve,
+)
+from flexmb.fe.meshes.mesh_shapes import KINDS
 
 STEEL = resolve("steel")
 
@@ -59,28 +70,49 @@ def test_weights_are_those_of_a_least_squares_fit(box):
     np.testing.assert_allclose(w @ np.cross(arms, left), 0, atol=1e-12)
 
 
-@pytest.mark.parametrize("kind", ["triangle", "triangle6", "quad", "quad8", "quad9", "line3"])
-def test_tributary_areas_are_positive_and_add_up(kind):
-    """One facet of the unit square, or half of it, or the unit line."""
-    square = np.array(
-        [[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0], [1, 0.5], [0.5, 1], [0, 0.5], [0.5, 0.5]]
+@pytest.mark.parametrize("nodes", [False, True])
+@pytest.mark.parametrize("kind", KINDS[3])
+def test_a_force_at_a_weighted_point_is_a_uniform_traction(kind, nodes):
+    """A block under 6 N on 6 mm^2 has 1e6 Pa all over, also by a group of nodes or by a tie."""
+    size = np.array([1e-3, 2e-3, 3e-3])
+    box = mesh_from({"type": "box", "size": size, "divisions": [1, 2, 2], "elements": kind})
+    points = np.vstack([box.points, [1e-3, 0, 0]])
+    groups = dict(box.node_sets), {} if nodes else box.element_sets
+    mesh = Mesh(points, box.blocks, groups[0] | {"point": np.array([len(box.points)])}, groups[1])
+    weighted = {"type": "rbe3", "position": [1e-3, 0, 0]}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        fe = assemble(mesh, STEEL)
+        tied = assemble(
+            mesh, STEEL, ties={"a": {"type": "rbe3", "reference": "point", "nodes": "x1"}}
+        )
+    part = one(fe, {**weighted, "group": "x1"})
+    fixed = held(fe, ("x0", "x"), ("y0", "y"), ("z0", "z"))
+    f = np.zeros(fe.numbering.n)
+    f[part.dofs] = 6.0 * part.W[0]
+    row = tied.numbering.table[-1, 0] - tied.numbering.n
+    np.testing.assert_allclose(6.0 * tied.follow[[row]].toarray()[0], f, atol=1e-12)
+    stress = nodal_stress(fe, solve(fe, f, fixed))[: len(box.points)]
+    np.testing.assert_allclose(stress, np.broadcast_to([1e6, 0, 0, 0, 0, 0], stress.shape), atol=1)
+    arms = mesh.points[part.nodes] - part.position
+    np.testing.assert_allclose(
+        np.cross(arms, f[part.dofs].reshape(-1, 3)).sum(axis=0), 0, atol=1e-15
     )
-    chosen = {
-        "triangle": ([0, 1, 3], 0.5),
-        "triangle6": ([0, 1, 3, 4, 8, 7], 0.5),
-        "quad": ([0, 1, 2, 3], 1.0),
-        "quad8": ([0, 1, 2, 3, 4, 5, 6, 7], 1.0),
-        "quad9": (list(range(9)), 1.0),
-        "line3": ([0, 1, 4], 1.0),
-    }
-    nodes, size = chosen[kind]
-    points = np.column_stack([square[nodes], np.zeros(len(nodes))])
-    mesh = Mesh(points, {kind: np.arange(len(nodes))[None]}, {}, {"all": {kind: np.array([0])}})
-    part = tributary(mesh, "all", np.arange(len(nodes)))
-    assert part.min() > 0
-    assert part.sum() == pytest.approx(size, rel=1e-14)
-    if kind.startswith("quad"):
-        np.testing.assert_allclose(part[:4], part[0], rtol=1e-14)
+
+
+@pytest.mark.parametrize("kind", ["hexahedron20", "hexahedron27", "tetra10", "wedge15"])
+def test_a_moment_and_the_mean_of_a_face_are_those_of_its_integral(kind):
+    """M y/I on a unit square; the mean of a bulge y^2 about its middle is 1/12."""
+    box = mesh_from({"type": "box", "size": [1, 1, 1], "divisions": 2, "elements": kind})
+    fe = assemble(box, resolve({"E": 1e9, "nu": 0.0, "density": 1.0}))
+    part = one(fe, {"type": "rbe3", "group": "x1"})
+    f, u = np.zeros(fe.numbering.n), np.zeros((fe.numbering.n, 1))
+    f[part.dofs] = part.W[5]
+    fixed = np.union1d(held(fe, ("x0", "x"), ("y0", "z")), fe.numbering.table[0, 1])
+    stress = nodal_stress(fe, solve(fe, f, fixed))[:, 0]
+    np.testing.assert_allclose(stress, -12.0 * fe.mesh.points[:, 1], atol=1e-6)
+    u[fe.numbering.table[:, 0], 0] = fe.mesh.points[:, 1] ** 2
+    assert part.motion(u)[0, 0] == pytest.approx(1 / 12, rel=1e-12)
 
 
 def test_weights_by_area_do_not_ask_how_finely_a_side_is_meshed():
