@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.model.mesh_body import MeshBodySpec
+from flexmb.model.scenes.effects import with_words
 from flexmb.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ Change: TypeAlias = tuple[tuple[Array, Array], Array, tuple[str, ...], float | N
 """Channels without an effect and with it (n, k), its change of them, their names, its cost."""
 
 DEFORMATION, VIBRATION = "deformation", "vibration"
+STATIC = "vibration of quasi-static modes"
 STIFFENING, COUPLING, BOTH = "geometric stiffening", "inertia coupling", "coupling and stiffening"
 MODES, DAMPING, GRAVITY, FRICTION = "further modes", "damping", "gravity", "friction"
 OUT_OF_PLANE = "motion out of the plane"
@@ -179,7 +181,9 @@ class Neighbours:
         return *changes, times[1] / times[0] if effect.on else times[0] / times[1]
 
     def _of_body(self, name: str) -> Iterator[Effect]:
+        from flexmb.analysis.dynamics.linear_elasticity import LEAST_SPEED
         from flexmb.analysis.effects.contribution import indicators
+        from flexmb.engine.ordering import quasi_static
 
         spec: Any = self.model.bodies[name]
         body = self.compiled.flexbodies[name]
@@ -193,26 +197,41 @@ class Neighbours:
         fast, turning = f"f/f1 {numbers.excitation:.2g}", f"Ω/ω1 {numbers.speed:.2g}"
         if spec.deformation != "quasi-static":
             yield Effect(VIBRATION, name, True, fast, {"deformation": "quasi-static"})
+            if static := quasi_static(spec, body, self.model):
+                few = f"{len(static)} of {body.m}"
+                yield Effect(STATIC, name, False, few, {"deformation": "dynamic"})
         else:
             yield Effect(VIBRATION, name, False, fast, {"deformation": "dynamic"})
-        yield from self._couplings(name, spec, body, turning)
+        yield from self._couplings(name, spec, body, turning, numbers.speed < LEAST_SPEED)
         yield self._modes(name, spec, body)
         number = [one.name for one in self.compiled.layout.bodies].index(name)
         if self.compiled.system.parts.bodies["damped"][number]:
             yield Effect(DAMPING, name, True, "", {"damping": 0.0})
 
-    def _couplings(self, name: str, spec: Any, body: FlexBody, turning: str) -> Iterator[Effect]:
-        """Inertia coupling and geometric stiffening."""
+    def _couplings(
+        self, name: str, spec: Any, body: FlexBody, turning: str, slow: bool
+    ) -> Iterator[Effect]:
+        """Inertia coupling and geometric stiffening; coupling alone where rotation is too slow for
+        stiffening, and there is no data for that."""
         stiffened = body.centrifugal_stiffness is not None
         constant = spec.inertia_coupling == "constant"
         has_data = self.bodies[name].centrifugal_stiffness is not None
         why = ""
         if not stiffened and not has_data and not isinstance(spec, MeshBodySpec):
-            why = "the body file has no data for it: flexmb reduce with --geometric-stiffening full"
+            why = "the body file has no data for it: "
+            why += (
+                "flexmb reduce with --geometric-stiffening full"
+                if self.bodies[name].provenance
+                else "give centrifugal_stiffness with its arrays, and the bend of its interfaces"
+            )
         full = {"inertia_coupling": "full", "geometric_stiffening": "full"}
         none = {"inertia_coupling": "constant", "geometric_stiffening": "none"}
         if constant and not stiffened:
-            yield Effect(BOTH, name, False, turning, full, why)
+            if why and slow:
+                yield Effect(COUPLING, name, False, turning, {"inertia_coupling": "full"})
+                yield Effect(STIFFENING, name, False, turning, full, why)
+            else:
+                yield Effect(BOTH, name, False, turning, full, why)
             return
         if not stiffened:
             yield Effect(COUPLING, name, True, turning, {"inertia_coupling": "constant"})
@@ -359,15 +378,6 @@ def _copy_bodies(source: Path, folder: Path) -> None:
     for file in source.glob("*.flexbody.h5"):
         if not (folder / file.name).exists():
             shutil.copy2(file, folder)
-
-
-def with_words(model: Model, words: Mapping[str, Mapping[str, Any]]) -> Model:
-    """The model with other words of some bodies."""
-    model = copy.copy(model)
-    model.bodies = dict(model.bodies)
-    for name, update in words.items():
-        model.bodies[name] = model.bodies[name].model_copy(update=dict(update))
-    return model
 
 
 def _shapes(body: FlexBody, finer: FlexBody) -> Array:

@@ -80,6 +80,11 @@ class ValidityMonitor:
         for monitor in self._monitors:
             yield from monitor.indicators()
 
+    @property
+    def beyond(self) -> dict[str, str]:
+        """A sentence on each body that is driven faster than its omitted modes are known."""
+        return self._basis.beyond
+
     def notes(self) -> Iterator[str]:
         """A sentence for each body and limit that was left."""
         yield from self._notes

@@ -1,14 +1,15 @@
 """Connections inside a body: ties of nodes (RBE2, RBE3) and springs between nodes.
 
 RBE2: nodes follow a reference node rigidly, u = T q. RBE3: the reference follows the mean motion of
-the nodes, q = W u, the least-squares fit of a rigid motion over faces: with G how nodes follow a
-rigid motion and A = int N^T N dA, W = (G^T A G)^-1 G^T A. A force at the reference is then a
-traction that varies linearly over the faces, whatever their order; nodes without faces count alike.
-So a beam ends on the face of a solid, and a mass hangs on a hole. A spring has one stiffness along
-the line between its nodes, or six on the motion of the second node relative to the first at the
-point midway between them, three along and three about its axes; rigid arms join that point to the
-nodes. Sources: MSC Nastran Quick Reference Guide, entries RBE2 and RBE3 (nodal weights); Abaqus,
-Distributing coupling (weights of a surface), here integrals of the faces in place of nodal areas.
+the nodes, q = W u, the least-squares fit of a rigid motion over their faces: W = (G^T A G)^-1 G^T
+A, A = int N^T N dA, G how nodes follow a rigid motion. A force at the reference is then a traction
+that varies linearly over the faces, whatever their order; nodes without faces count alike. So a
+beam ends on the face of a solid, and a mass hangs on a hole. A spring has one stiffness along the
+line between its nodes, or six on the motion of the second node relative to the first at the point
+midway between them, three along and three about its axes; rigid arms join that point to the nodes.
+Source: MSC Nastran Quick Reference Guide, entries RBE2 and RBE3 (nodal weights); Abaqus, coupling
+constraints (distributing, weights of the surface), with the face integrals of consistent loads in
+place of nodal areas.
 """
 
 from __future__ import annotations

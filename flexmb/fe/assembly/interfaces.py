@@ -2,9 +2,9 @@
 
 Nodes are those of a group, a node, several, or all within a radius of a centre. The reference point
 is the area centroid of a surface group (length centroid of a line group, mean of nodes, the centre
-of a sphere) unless a position is given. Rigid: u = T q. Weighted: q = W u, the least-squares fit
-of a rigid motion over the faces of the nodes (see ``weighted_rows`` of ties), or
-with weights of the nodes; loads at the point spread over the nodes by W^T. Displacements alone
+of a sphere) unless a position is given. Rigid: u = T q. Weighted: q = W u, the least-squares fit of
+a rigid motion over the faces of the nodes (:func:`~flexmb.fe.assembly.connections.weighted_rows`),
+or with weights of the nodes; loads at the point spread over the nodes by W^T. Displacements alone
 count; where they do not determine all rotations (nodes on a line) the nodes' own rotations count
 too, with the square of the group's radius of gyration as weight. Source: MSC Nastran, Linear Static
 Analysis User's Guide, RBE3.
@@ -256,7 +256,8 @@ def make_interfaces(
         By name a mesh group, or a table: one of ``group``, ``node``, ``nodes`` or ``center`` [m]
         with ``radius`` [m]; ``type`` ``"rbe2"`` (default) or ``"rbe3"``; for the latter
         ``weights`` ``"area"`` (default where the nodes are those of faces), ``"uniform"`` or one
-        number a node; ``position`` [m] of the reference point. Node numbers count from 0.
+        number a node; ``position`` [m] of the reference point. Node numbers count from 0 in the
+        mesh.
 
     Raises
     ------

@@ -12,8 +12,7 @@ from flexmb.fe import reduce, reduction_key
 from flexmb.flexbody import load, save
 
 BOX = block((2, 1, 1), (0.4, 0.1, 0.07))
-AREA = {"left": "x0", "right": {"group": "x1", "type": "rbe3"}}
-SOFT = {"left": "x0", "right": {**AREA["right"], "weights": "uniform"}}
+SOFT = {"left": "x0", "right": {"group": "x1", "type": "rbe3"}}
 LOADS = {
     "press": {"type": "pressure", "group": "x1", "pressure": 1e5},
     "weight": {"type": "gravity", "acceleration": [0, 0, -9.81]},
@@ -31,8 +30,8 @@ def body(**words):
         ({"reduction": "guyan", "modes": None}, 6),
         ({"reduction": "free-interface"}, 4 + 12),
         ({"modes": {"count": 7}}, 12 + 7 - 6),
-        ({"loads": LOADS}, 12 + 4 - 6 + 2),
-        ({"loads": LOADS, "interfaces": AREA}, 12 + 4 - 6 + 1),  # the pressure is the point's force
+        ({"loads": LOADS}, 12 + 4 - 6 + 1),  # the pressure is a force of the interface at x1
+        ({"loads": LOADS | {"press": LOADS["press"] | {"group": "x0"}}}, 12 + 4 - 6 + 1),
         ({"loads": {"press": {**LOADS["press"], "residual": False}}}, 12 + 4 - 6),
         ({"interfaces": None}, 4),
         ({"interfaces": None, "loads": LOADS}, 5),
