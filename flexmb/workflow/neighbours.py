@@ -147,6 +147,17 @@ class Neighbours:
         return made, cost
 
     @cached_property
+    def _static(self) -> dict[str, Any]:
+        """Bodies with quasi-static modes, and their words."""
+        from flexmb.engine.ordering import quasi_static
+
+        bodies = self.compiled.flexbodies
+        specs: Mapping[str, Any] = self.model.bodies
+        return {
+            k: specs[k].deformation for k in bodies if quasi_static(specs[k], bodies[k], self.model)
+        }
+
+    @cached_property
     def _estimable(self) -> list[Effect]:
         return [effect for effect in self.effects() if not effect.why]
 
@@ -160,8 +171,13 @@ class Neighbours:
         return self._changes_of[key]
 
     def _switch_change(self, effect: Effect) -> Change:
-        """Of all but deformation, along the motion of the run."""
-        model = self.neighbour(effect)
+        """Of all but deformation, along the motion of the run; modes without inertia follow it."""
+        model, own, follow = self.neighbour(effect), self.compiled, False
+        if effect.name != STATIC and self._static:
+            words = dict.fromkeys(self._static, {"deformation": "dynamic"})
+            own = self._compile(with_words(self.model, words), self.bodies)
+            follow = "quasi-static" in self._static.values()
+            model = with_words(model, words)
         bodies, shapes = dict(self.bodies), {}
         if effect.body and (effect.name == MODES or effect.words.get("geometric_stiffening")):
             bodies[effect.body] = self._reduced(model, effect)
@@ -171,13 +187,13 @@ class Neighbours:
                     bodies[name] = self._reduced(model, replace(effect, body=name))
         other = self._compile(model, bodies)
         if effect.name == OUT_OF_PLANE:
-            for name, body in self.compiled.flexbodies.items():
+            for name, body in own.flexbodies.items():
                 shapes[name] = _shapes(body, other.flexbodies[name])
         if effect.name == MODES:
             name = effect.body
             shapes[name] = _shapes(self.compiled.flexbodies[name], other.flexbodies[name])
-        changes = self._changes(self.compiled, other, model, self.motion, shapes)
-        times = self._time(other), self._own_time
+        changes = self._changes(own, other, model, self.motion, shapes, follow=follow)
+        times = self._time(other), self._time(own) if self._static else self._own_time
         return *changes, times[1] / times[0] if effect.on else times[0] / times[1]
 
     def _of_body(self, name: str) -> Iterator[Effect]:
@@ -267,12 +283,14 @@ class Neighbours:
 
     def _changes(
         self, own: Compiled, other: Compiled, model: Model, motion: Motion,
-        shapes: Mapping[str, Array], vibration: bool = False,
+        shapes: Mapping[str, Array], vibration: bool = False, follow: bool = False,
     ) -> tuple[tuple[Array, Array], Array, tuple[str, ...]]:  # fmt: skip
         from flexmb.analysis.effects.contribution import estimate
 
         begins = "from" not in self._origin
-        change = estimate(own, other, model, motion, shapes, begins_as_placed=begins).channels
+        change = estimate(
+            own, other, model, motion, shapes, begins_as_placed=begins, quasi_static=follow
+        ).channels
         after = motion.channels + np.where(np.isfinite(change), change, 0.0)
         if vibration:
             slow = estimate(

@@ -12,6 +12,7 @@ from flexiblescenes import BEAM_PERIOD, STEEL, flexible_crank, rod
 import flexmb
 from flexmb.errors import FlexmbError
 from flexmb.model import Model
+from flexmb.model.flexible_body import DeformationSpec
 from flexmb.workflow.audit import Audit
 
 SECTION = {"type": "rectangle", "y": 0.01, "z": 0.01}
@@ -210,3 +211,23 @@ def test_coupling_of_a_slow_body_without_data_for_stiffening(tmp_path):
     assert find(made, "inertia coupling", "rod").share == pytest.approx(true, rel=0.2)
     stiffening = find(made, "geometric stiffening", "rod")
     assert stiffening.verdict == "not known" and "flexmb reduce" in stiffening.why
+
+
+@pytest.mark.parametrize(
+    "deformation",
+    ["quasi-static", pytest.param(DeformationSpec(band=(0.0, 30.0)), marks=pytest.mark.slow)],
+)
+def test_effects_of_bodies_whose_modes_have_no_inertia(deformation, tmp_path):
+    """Gravity bends them, and is not taken for nothing because its modes have no motion."""
+    runs = {}
+    for gravity in (True, False):
+        model = spinning(0.3)
+        model.bodies["bar"] = model.bodies["bar"].model_copy(update={"deformation": deformation})
+        model.set_gravity([0, 0, -9.81])
+        model.set_effects(gravity=gravity)
+        model.set_dynamics(duration=BEAM_PERIOD, outputs=60, accuracy=1e-5, start="quasi-static")
+        runs[gravity] = flexmb.simulate(model, output=tmp_path / str(gravity))
+    one = find(flexmb.audit(runs[True]), "gravity", "")
+    true = share_between(runs[False], runs[True], "tip")
+    assert one.verdict == "needed"
+    assert 1 / 2 < min(one.share, 1.0) / min(true, 1.0) < 2
