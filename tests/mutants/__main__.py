@@ -105,9 +105,7 @@ def _first_failure(mutant: Mutant, root: Path, tests: Iterable[str]) -> str:
         os._exit(status)
     status = _wait(child)
     text = output.read_text(encoding="utf-8", errors="replace")
-    if status is None:
-        return f"no end within {_TIME_LIMIT} s"
-    if status in (0, 5):
+    if status in (None, 0, 5):  # tests that take too long have not noticed
         return ""
     lines = re.findall(r"^(?:FAILED|ERROR) (?:tests/)?(.*?)(?: - |$)", text, re.MULTILINE)
     return lines[0] if lines else f"pytest ends with {status}: {text[-300:]}"
