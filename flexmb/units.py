@@ -59,11 +59,12 @@ UNITS: dict[str, Unit] = {
         (_ANGLE, {"rad": 1, "mrad": 1e-3, "deg": math.pi / 180, "rev": 2 * math.pi}),
         (_FREQUENCY, {"Hz": 1, "kHz": 1e3}),
         (Dimension(T=-1, angle=1), {"rpm": 2 * math.pi / 60}),
-        (_FORCE, {"N": 1, "mN": 1e-3, "kN": 1e3, "MN": 1e6, "dyn": 1e-5, "lbf": _POUND_FORCE}),
+        (_FORCE, {"N": 1, "mN": 1e-3, "uN": 1e-6, "µN": 1e-6, "nN": 1e-9, "kN": 1e3, "MN": 1e6}),
+        (_FORCE, {"dyn": 1e-5, "lbf": _POUND_FORCE}),
         (_PRESSURE, {"Pa": 1, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "bar": 1e5}),
         (_PRESSURE, {"psi": _POUND_FORCE / _INCH**2, "psf": _POUND_FORCE / _FOOT**2}),
-        (_ENERGY, {"J": 1, "mJ": 1e-3, "µJ": 1e-6, "kJ": 1e3, "erg": 1e-7}),
-        (_POWER, {"W": 1, "mW": 1e-3, "µW": 1e-6, "kW": 1e3}),
+        (_ENERGY, {"J": 1, "mJ": 1e-3, "µJ": 1e-6, "pJ": 1e-12, "kJ": 1e3, "erg": 1e-7}),
+        (_POWER, {"W": 1, "mW": 1e-3, "µW": 1e-6, "pW": 1e-12, "kW": 1e3}),
     )
     for name, factor in units.items()
 }
@@ -215,6 +216,7 @@ UNIT_SYSTEMS: dict[str, UnitSystem] = {
         _system("mm-kg-s", 1e-3, 1.0, 1.0, "mm,kg,s,mN,kPa,µJ,µW,Hz"),
         _system("mm-kg-ms", 1e-3, 1.0, 1e-3, "mm,kg,ms,kN,GPa,J,kW,kHz"),
         _system("mm-g-ms", 1e-3, 1e-3, 1e-3, "mm,g,ms,N,MPa,mJ,W,kHz"),
+        _system("um-kg-s", 1e-6, 1.0, 1.0, "µm,kg,s,µN,MPa,pJ,pW,Hz"),
         _system("cm-g-s", 1e-2, 1e-3, 1.0, "cm,g,s,dyn,dyn/cm^2,erg,erg/s,Hz"),
         _system("in-lbf-s", _INCH, _POUND_FORCE / _INCH, 1.0,
                 "in,slinch,s,lbf,psi,lbf in,lbf in/s,Hz"),

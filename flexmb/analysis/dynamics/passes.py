@@ -270,26 +270,33 @@ def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
     worst = verified.errors().get("positions")
     if worst is None or worst.error <= _MISSED * accuracy:
         return
-    until = verified.error.reached_until(accuracy)
     unit = prepared.model.units
     reached = (
         f"accuracy {accuracy:g} was asked for and {worst.error:.2g} reached (sensor {worst.name}, "
         f"t = {unit.say(worst.time, 's', 4)})"
     )
-    if verified.difference < _DIFFERENT_MOTION and _is_in_vain(prepared):
-        other = "" if prepared.method == FINE_METHOD else (
-            f', or method = "{FINE_METHOD}", whose floor is lower where the scene is not stiff'
-        )  # fmt: skip
+    other = "" if prepared.method == FINE_METHOD else (
+        f', or method = "{FINE_METHOD}", whose floor is lower where the scene is not stiff'
+    )  # fmt: skip
+    ask = f"ask for accuracy = {2.0 * worst.error:.1g}{other}"
+    apart, last = verified.difference, prepared.passes[0]["last_difference"]
+    if _is_in_vain(prepared) and apart < _DIFFERENT_MOTION:
         yield (
             f"{reached}: shorter steps do not help, so that this is the floor that round-off "
-            f"leaves method {prepared.method}; ask for accuracy = {2.0 * worst.error:.1g}{other}"
+            f"leaves method {prepared.method}; {ask}"
         )
-        return
-    yield (
-        f"{reached}; the run and its scout agree to it until "
-        f"t = {unit.say(until, 's', 4)}: a chaotic motion multiplies errors whatever the steps, so "
-        "that the rest is one motion of many; else another method or fixed steps may reach it"
-    )
+    elif 0.0 < apart < _IN_VAIN * last:
+        yield (
+            f"{reached}: shorter steps still help, but these were the last of {MAX_PASSES} passes; "
+            f"take fixed steps, or {ask}"
+        )
+    else:
+        until = unit.say(verified.error.reached_until(accuracy), "s", 4)
+        yield (
+            f"{reached}; the run and its scout agree to it until t = {until}: a chaotic motion "
+            "multiplies errors whatever the steps, so that the rest is one motion of many; else "
+            "another method or fixed steps may reach it"
+        )
 
 
 def may_change_method(prepared: PreparedDynamics) -> bool:
