@@ -76,6 +76,12 @@ def temporary_folder() -> Path:
     return Path(tempfile.mkdtemp(prefix=f"{_sweep(place, 'flexmb', 'flexmb-')}-")).resolve()
 
 
+def scratch_folder() -> tempfile.TemporaryDirectory[str]:
+    """The same for a ``with`` statement, or until it is cleaned up."""
+    place = Path(tempfile.gettempdir())
+    return tempfile.TemporaryDirectory(prefix=f"{_sweep(place, 'flexmb', 'flexmb-')}-")
+
+
 def _sweep(folder: Path, name: str, begin: str = ".") -> str:
     """Begin of a name that tells this machine and process; leftovers of ended ones are removed."""
     mark = f"{begin}{crc32(f'{platform.node()} {name}'.encode(errors='replace')):08x}-"
@@ -108,6 +114,21 @@ def whole_file(path: Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             partial.unlink(missing_ok=True)
+
+
+def write_text_file(path: Path, text: str) -> None:
+    """Write a text file as a whole.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written.
+    """
+    try:
+        with whole_file(path) as partial:
+            partial.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from None
 
 
 @contextmanager

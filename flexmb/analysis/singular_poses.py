@@ -133,8 +133,7 @@ class KinematicPose:
             axis = mi["R"][:, 2] if coordinate == "angle" else mj["R"][:, 2]
             return float((mj["om"] - mi["om"]) @ axis)
         axis = mi["R"][:, 0 if self.model.plane is not None else 2]
-        turning = np.cross(mi["om"], axis) @ (mj["x"] - mi["x"])
-        return float(axis @ (mj["vx"] - mi["vx"]) + turning) / self.compiled.length
+        return float(axis @ (mj["vx"] - mi["vx"])) / self.compiled.length  # J is on the axis of I
 
     def text(self, time: float) -> str:
         """A time in the scene's units."""

@@ -7,13 +7,15 @@ message, an interruption in 130, faults of flexmb in 1 with a request to report 
 from __future__ import annotations
 
 import atexit
+import contextlib
+import errno
 import functools
 import gc
 import io
 import sys
 import tomllib
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,8 +23,10 @@ import typer
 
 from flexmb import __version__
 from flexmb.errors import FlexmbError, FlexmbWarning, printable
+from flexmb.progress import Progress
 
 FAULT, MISTAKE, FAILED_CHECK, INTERRUPTED = 1, 2, 3, 130
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)  # what a disk says of itself
 
 _ABOUT = """
 Flexible multibody dynamics: from a finite-element mesh to a moving, deforming machine.
@@ -103,6 +107,21 @@ Limit = Annotated[
 Dashboard = Annotated[
     bool, typer.Option("--dashboard", help="Serve Dask's page on the work and say its address.")
 ]
+JudgedSensors = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--sensor", help="Sensor or channel to judge by; may be repeated; all by default."
+    ),
+]
+RunsFolder = Annotated[
+    Path | None,
+    typer.Option(
+        "--output",
+        "-o",
+        help="Folder of the runs; by default out/<scene>/ with this command's name.",
+    ),
+]
+Fresh = Annotated[bool, typer.Option("--fresh", help="Run again what an earlier call left there.")]
 NoPicture = Annotated[bool, typer.Option("--no-picture", help="Do not draw the picture and plot.")]
 
 
@@ -157,8 +176,8 @@ def command(name: str | None = None) -> Callable[[Callable[..., None]], Callable
                 except Exception as error:  # noqa: BLE001  the border: all faults become one line
                     if _options["debug"]:
                         raise
-                    if isinstance(error, OSError) and error.filename and error.strerror:
-                        _leave(f"error: {error.filename}: {error.strerror}", MISTAKE)
+                    if isinstance(error, OSError) and (error.filename or error.errno in _FULL):
+                        _leave(f"error: {error.filename or 'a file'}: {error.strerror}", MISTAKE)
                     _leave(_fault_message(error), FAULT)
 
         return app.command(name)(run)
@@ -192,6 +211,19 @@ def refuse_options(options: dict[str, Any], why: str) -> None:
     for name, value in options.items():
         if value is not None and value is not False and value != []:
             raise typer.BadParameter(why, param_hint=f"--{name}")
+
+
+@contextlib.contextmanager
+def repeatable_runs() -> Iterator[Progress]:
+    """Progress of many runs, which the same command continues after Ctrl-C."""
+    from flexmb.cli import screen
+
+    try:
+        with screen.Bars() as progress:
+            yield progress
+    except KeyboardInterrupt:
+        screen.line("stopped; finished runs stay on disk, and the same command continues")
+        raise typer.Exit(INTERRUPTED) from None
 
 
 def parse_pairs(texts: list[str] | None, option: str) -> dict[str, str]:

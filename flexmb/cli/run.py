@@ -185,10 +185,7 @@ def _show_run(report: Any) -> None:
     if report.checks:
         screen.known_answers(report.checks, result.units.label("s"))
     files = [*report.flexbodies.values(), report.result, report.picture, report.history]
-    screen.heading("files")
-    for path in files:
-        if path is not None:
-            screen.line(f"  {path}")
+    screen.files(files)
     sentence = summary_sentence(result.statistics)
     if sentence:
         screen.line(sentence)

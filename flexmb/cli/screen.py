@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
@@ -30,6 +31,14 @@ def line(text: str) -> None:
 def heading(text: str) -> None:
     """The title of what follows."""
     console().print(printable(text), style="bold", markup=False, highlight=False, soft_wrap=True)
+
+
+def files(paths: Iterable[Path | None]) -> None:
+    """Print the files that a command has written."""
+    heading("files")
+    for path in paths:
+        if path is not None:
+            line(f"  {path}")
 
 
 def table(

@@ -10,17 +10,20 @@ import typer
 from flexmb.cli import screen
 from flexmb.cli.app import (
     FAILED_CHECK,
-    INTERRUPTED,
     MISTAKE,
     Dashboard,
+    Fresh,
+    JudgedSensors,
     Limit,
     Overrides,
     RunFile,
+    RunsFolder,
     Scene,
     Scheduler,
     Workers,
     command,
     parse_pairs,
+    repeatable_runs,
 )
 
 
@@ -46,21 +49,13 @@ def study(
     target: Annotated[
         float | None, typer.Option(help="Error the cheapest setting must meet; 0.01 is 1 %.")
     ] = None,
-    sensor: Annotated[
-        list[str] | None,
-        typer.Option(help="Sensor or channel to judge by; may be repeated; all by default."),
-    ] = None,
+    sensor: JudgedSensors = None,
     workers: Workers = 2,
     scheduler: Scheduler = "",
     limit: Limit = 0.0,
     dashboard: Dashboard = False,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Folder of the study; out/<scene>/study by default."),
-    ] = None,
-    fresh: Annotated[
-        bool, typer.Option("--fresh", help="Run again what an earlier study left there.")
-    ] = False,
+    output: RunsFolder = None,
+    fresh: Fresh = False,
 ) -> None:
     """Show what accuracy costs: errors and processor times over any knobs of a scene.
 
@@ -72,29 +67,25 @@ def study(
     """
     from flexmb import studies
 
-    try:
-        with screen.Bars() as progress:
-            result = studies.study(
-                scene,
-                parse_pairs(vary, "--vary"),
-                overrides=parse_pairs(overrides, "--set"),
-                output=output,
-                workers=workers,
-                scheduler=scheduler,
-                limit=limit,
-                dashboard=screen.line if dashboard else None,
-                fresh=fresh,
-                progress=progress,
-                repeats=repeats,
-                target=target,
-                sensors=sensor,
-            )
-            progress("plots", 0.0)
-            files = result.save()
-            progress("plots", 1.0)
-    except KeyboardInterrupt:
-        screen.line("stopped; finished runs stay on disk, and the same command continues")
-        raise typer.Exit(INTERRUPTED) from None
+    with repeatable_runs() as progress:
+        result = studies.study(
+            scene,
+            parse_pairs(vary, "--vary"),
+            overrides=parse_pairs(overrides, "--set"),
+            output=output,
+            workers=workers,
+            scheduler=scheduler,
+            limit=limit,
+            dashboard=screen.line if dashboard else None,
+            fresh=fresh,
+            progress=progress,
+            repeats=repeats,
+            target=target,
+            sensors=sensor,
+        )
+        progress("plots", 0.0)
+        files = result.save()
+        progress("plots", 1.0)
     _show_study(result, files)
     if all(row.status != "finished" for row in result.rows):
         raise typer.Exit(MISTAKE)
@@ -108,9 +99,7 @@ def _show_study(study: Any, files: list[Path]) -> None:
     screen.table(columns, rows, right=tuple(range(len(study.knobs), len(columns))), whole=True)
     for sentence in study.summary():
         screen.line(sentence)
-    screen.heading("files")
-    for path in files:
-        screen.line(f"  {path}")
+    screen.files(files)
 
 
 @command()

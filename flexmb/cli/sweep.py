@@ -9,16 +9,18 @@ import typer
 
 from flexmb.cli import screen
 from flexmb.cli.app import (
-    INTERRUPTED,
     MISTAKE,
     Dashboard,
+    Fresh,
     Limit,
     Overrides,
+    RunsFolder,
     Scene,
     Scheduler,
     Workers,
     command,
     parse_pairs,
+    repeatable_runs,
 )
 
 
@@ -71,13 +73,8 @@ def sweep(
     histories: Annotated[
         bool, typer.Option("--histories", help="Leave the result of each run in a folder.")
     ] = False,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Folder of the sweep; out/<scene>/sweep by default."),
-    ] = None,
-    fresh: Annotated[
-        bool, typer.Option("--fresh", help="Run again what an earlier sweep left there.")
-    ] = False,
+    output: RunsFolder = None,
+    fresh: Fresh = False,
 ) -> None:
     """Run a scene for many values of its knobs: statistics, sensitivities, worst cases, answers.
 
@@ -91,32 +88,28 @@ def sweep(
     """
     from flexmb import studies
 
-    try:
-        with screen.Bars() as progress:
-            result = studies.sweep(
-                scene,
-                parse_pairs(vary, "--vary"),
-                overrides=parse_pairs(overrides, "--set"),
-                output=output,
-                histories=histories,
-                workers=workers,
-                scheduler=scheduler,
-                limit=limit,
-                dashboard=screen.line if dashboard else None,
-                fresh=fresh,
-                progress=progress,
-                method=method,
-                samples=samples,
-                seed=seed,
-                sensors=sensor,
-                find=find,
-            )
-            progress("pictures", 0.0)
-            files = result.save()
-            progress("pictures", 1.0)
-    except KeyboardInterrupt:
-        screen.line("stopped; runs that have ended stay on disk, and the same command continues")
-        raise typer.Exit(INTERRUPTED) from None
+    with repeatable_runs() as progress:
+        result = studies.sweep(
+            scene,
+            parse_pairs(vary, "--vary"),
+            overrides=parse_pairs(overrides, "--set"),
+            output=output,
+            histories=histories,
+            workers=workers,
+            scheduler=scheduler,
+            limit=limit,
+            dashboard=screen.line if dashboard else None,
+            fresh=fresh,
+            progress=progress,
+            method=method,
+            samples=samples,
+            seed=seed,
+            sensors=sensor,
+            find=find,
+        )
+        progress("pictures", 0.0)
+        files = result.save()
+        progress("pictures", 1.0)
     _show_sweep(result, files)
     if len(result.failures) == len(result):
         raise typer.Exit(MISTAKE)
@@ -129,6 +122,4 @@ def _show_sweep(sweep: Any, files: list[Path]) -> None:
         screen.table(table.columns, table.rows, right=table.right, whole=True)
     for sentence in sweep.summary():
         screen.line(sentence)
-    screen.heading("files")
-    for path in files:
-        screen.line(f"  {path}")
+    screen.files(files)

@@ -120,10 +120,13 @@ def mesh_report(
     ]
 
 
-def size_sentence(points: FloatArray) -> str:
-    """What hints at a slip of units in the extent of these points [m]; empty if nothing does."""
+def size_sentence(points: FloatArray, unit: float = 1.0) -> str:
+    """What hints at a slip of units in the extent of these points [m]; empty if nothing does.
+
+    `unit` [m] is that of the mesh: who writes in micrometres has small parts.
+    """
     extent = float(np.ptp(points, axis=0).max())
-    if _EXTENT[0] <= extent <= _EXTENT[1]:
+    if _EXTENT[0] * min(1.0, unit / 1e-3) <= extent <= _EXTENT[1]:
         return ""
     return f"the mesh extends over {extent:g} m: is its unit system the right one?"
 
@@ -350,14 +353,15 @@ def _mean_line_mass(section: Any, start: float, end: float) -> float:
 
 
 def model_findings(
-    model: MeshModel | FEMatrices, interfaces: tuple[ModelInterface, ...]
+    model: MeshModel | FEMatrices, interfaces: tuple[ModelInterface, ...], unit: float
 ) -> list[Finding]:
-    """What is worth reporting of a model: notes, and what hints at a slip in mesh or units; errors
-    where the mesh falls into parts that neither nodes nor an interface, a tie or a spring join."""
+    """What is worth reporting of a model: notes, and what hints at a slip in mesh or units, a
+    length of which is `unit` [m]; errors where the mesh falls into parts that neither nodes nor an
+    interface, a tie or a spring join."""
     linked = [part.nodes for part in (*interfaces, *model.springs)]
     linked += [np.append(tie.nodes, tie.reference) for tie in model.ties]
     sentences = [] if model.material is None else plausibility(model.material)
-    sentences.append(size_sentence(model.mesh.points[model.numbering.nodes]))
+    sentences.append(size_sentence(model.mesh.points[model.numbering.nodes], unit))
     return [
         *(Finding("warning", sentence) for sentence in sentences if sentence),
         *mesh_report(model.mesh, model.blocks, linked),

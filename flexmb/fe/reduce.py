@@ -194,7 +194,7 @@ def reduce(
         fe = model_from_basis(mesh, stiffness, mass, resolved)
         ends = attempts(make_interfaces, fe, interfaces or {}) or ()
         attempts.raise_errors()
-        findings = model_findings(fe, ends)
+        findings = model_findings(fe, ends, scale)
         where = where if has_stress(fe) else "none"
     else:
         if stiffness is not None or mass is not None:
@@ -285,7 +285,7 @@ def prepare_model(
                 attempts(select_interface, model, f"loads.{name}", options)
         elif hasattr(options, "group"):
             attempts(read.group_nodes, options.group, f"loads.{name}.group")
-    findings = [] if model is None else model_findings(model, ends)
+    findings = [] if model is None else model_findings(model, ends, scale)
     errors = [Problem(read.source, f.sentence) for f in findings if f.level == "error"]
     if errors:
         attempts.errors.append(MeshError.from_problems(errors))

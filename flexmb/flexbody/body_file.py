@@ -402,8 +402,8 @@ def _read_dataset(file: h5py.File, row: Dataset, source: Path) -> Any:
     values = np.asarray(item.asstr()[()]).tolist() if row.kind == "text" else item[()]
     if row.kind != "text":
         values = np.asarray(values, dtype=row.kind)
-        may_be_unknown = row.kind[0] != "f" or may_hold_nan(row.path)
-        if not (may_be_unknown or np.isfinite(values).all()):
+        unknown = may_hold_nan(row.path) and np.isnan(values)
+        if row.kind[0] == "f" and not (np.isfinite(values) | unknown).all():
             raise BodyFileError(f"{source}: the dataset {row.path} has entries that are not finite")
     return values
 

@@ -16,12 +16,12 @@ import json
 import logging
 import re
 import shutil
-import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from flexmb.errors import FlexmbError, OutputError, Problem, nearest
+from flexmb.folders import scratch_folder
 
 FOLDER = Path(__file__).parent
 PAGES = (
@@ -235,7 +235,7 @@ def write_site(folder: Path) -> Path:
     others = folder.is_file() or (folder.is_dir() and any(folder.iterdir()))
     if others and not (folder / _MARK).is_file():
         raise OutputError(f"{folder}: holds other files; give a new or empty folder")
-    with tempfile.TemporaryDirectory() as name:
+    with scratch_folder() as name:
         work = Path(name)
         _write_sources(work / "pages")
         (work / "mkdocs.yml").write_text("site_name: flexmb\n", encoding="utf-8")

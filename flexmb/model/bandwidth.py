@@ -32,10 +32,16 @@ def cutoff_frequency(model: ModelData) -> float:
 
 def slowest_oscillation(model: ModelData) -> float:
     """Frequency [Hz] of the slowest driver or load: of those over many cycles; else 0."""
+    return min((hertz for _, hertz in oscillations(model)), default=0.0)
+
+
+def oscillations(model: ModelData) -> Iterator[tuple[str, float]]:
+    """Path and mean frequency [Hz] of drivers and loads; 0 of those that make few cycles."""
     end = getattr(model.dynamics or model.kinematics, "duration", 0.0)
-    functions = [f for _, _, f in _driving_functions(model) if f.constant is None]
-    slowest = min((_mean_frequency(function, end) for function in functions), default=0.0)
-    return slowest if slowest * end > _MANY_CYCLES else 0.0
+    for _, path, function in _driving_functions(model):
+        if function.constant is None:
+            hertz = _mean_frequency(function, end)
+            yield path, hertz if hertz * end > _MANY_CYCLES else 0.0
 
 
 def driving_frequencies(model: ModelData) -> Iterator[tuple[str, float]]:

@@ -190,6 +190,9 @@ class FlexibleBodySpec(BodySpec):
             parts = [f"{count} of {body.m} modes dynamic, {words}"]
             if self.deformation == "automatic":
                 parts[0] += f" (cut-off at {cutoff:.4g} Hz)"
+            if isinstance(self.deformation, DeformationSpec) and self.deformation.band:
+                low, high = self.deformation.band
+                parts[0] += f" (band {low:g} to {high:.4g} Hz)"
             stiffened = body.centrifugal_stiffness is not None
         parts += [f"{self.inertia_coupling} coupling"]
         parts += ["geometric stiffening"] if stiffened else ["no geometric stiffening"]

@@ -14,14 +14,21 @@ from flexmb.model.lookup import ModelData
 
 def loads_beside_interfaces(model: ModelData) -> Iterator[tuple[str, str, str]]:
     """Path of each joint, driver or force, the body that it acts on at a node, and the marker."""
+    for path, owner, marker in loads_on_bodies(model):
+        if is_beside_interfaces(model.bodies[owner], marker.partition(".")[2]):
+            yield path, owner, marker
+
+
+def loads_on_bodies(model: ModelData) -> Iterator[tuple[str, str, str]]:
+    """Path of each joint, driver or force, the flexible body that it acts on, and the marker."""
     for section in ("joints", "drivers", "forces"):
         for name, spec in getattr(model, section).items():
             for field in ("between", "marker", "at"):
                 ends = getattr(spec, field, None) or ()
                 for marker in (ends,) if isinstance(ends, str) else ends:
-                    owner, _, place = marker.partition(".")
+                    owner = marker.partition(".")[0]
                     body = model.bodies.get(owner)
-                    if body is not None and body.flexible and is_beside_interfaces(body, place):
+                    if body is not None and body.flexible:
                         yield f"{section}.{name}", owner, marker
 
 

@@ -65,7 +65,12 @@ def damping_text(dampings: Iterable[BodyDamping]) -> str:
 def read_damping_text(text: str) -> tuple[BodyDamping, ...]:
     """From the text of a result."""
     return tuple(
-        BodyDamping(row["body"], row["words"], tuple(row["frequencies"]), tuple(row["ratios"]))
+        BodyDamping(
+            str(row["body"]),
+            str(row["words"]),
+            tuple(map(float, row["frequencies"])),
+            tuple(map(float, row["ratios"])),
+        )
         for row in json.loads(text)
     )
 

@@ -323,10 +323,10 @@ def _contents(file: h5py.File) -> Contents:
         shape, k = file[name].shape, len(stored[name])
         if k > width or shape[1:] != (() if name == "time" else (k,)) or shape[0] < rows:
             raise ValueError(f"{name} has shape {shape}, {rows} rows and {k} columns expected")
-        if len(numbers := stored[name]) and not (
-            numbers[0] >= 0 and numbers[-1] < width and (np.diff(numbers) > 0).all()
-        ):
+        numbers, whole = stored[name], stored[name].dtype.kind in "iu"
+        if k and not (whole and numbers[-1] < width and (np.diff(numbers, prepend=-1) > 0).all()):
             raise ValueError(f"layout/kept/{name} does not number its columns")
+        stored[name] = numbers.astype(np.int64)  # none at all are of any type
     report = json.loads(file["report"][()])
     scene = json.loads(file["scene"].asstr()[()])
     _check_scene(scene)

@@ -21,7 +21,10 @@ Number = float | int | str
 Row = tuple[str, str, str]
 
 _SECONDS = "seconds_"  # statistics of this prefix are wall times by phase
-_ITERATIONS = {"newton_iterations": "Newton iterations", "factorisations": "factorisations"}
+_ITERATIONS = {
+    name: name.replace("_", " ").replace("newton", "Newton")
+    for name in ("newton_iterations", "residual_evaluations", "factorisations")
+}
 _ALL_CONSTRAINTS, _UNPROJECTED = "the largest of any constraint", "before the projection"
 _WITHOUT_PROJECTION = "baumgarte"  # the method that does not project velocities
 _MEASURED, _WORST = "measured_error_of_", "worst_of_"
@@ -105,7 +108,8 @@ def _measured_errors(statistics: Mapping[str, Number]) -> Iterator[Row]:
     for name in _QUANTITIES:
         key = f"{_MEASURED}{name}"
         if key in statistics:
-            meaning = f"measured, over the peak-to-peak: {statistics.get(f'{_WORST}{name}', '')}"
+            over = "the peak-to-peak" + " or 1e-3 of the largest" * (name == "reactions")
+            meaning = f"measured, over {over}: {statistics.get(f'{_WORST}{name}', '')}"
             if name == "positions" and "accuracy_asked" in statistics:
                 meaning += f"; {float(statistics['accuracy_asked']):.1g} asked"
             yield f"error of {name}", f"{float(statistics[key]):.2g}", meaning

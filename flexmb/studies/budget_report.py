@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexmb.errors import OutputError
+from flexmb.folders import write_text_file
 from flexmb.studies.error_shares import (
     CONVERGED,
     INTEGRATION,
@@ -229,10 +229,7 @@ class Budget:
         files = [self.folder / "budget.json", self.folder / "budget.md"]
         data = {**asdict(self), "folder": "", "sentences": self.summary(), "table": self.table()}
         for file, text in zip(files, (json.dumps(data, indent=1), self.markdown()), strict=True):
-            try:
-                file.write_text(text, encoding="utf-8")
-            except OSError as error:
-                raise OutputError(f"{file}: cannot be written ({error.strerror})") from None
+            write_text_file(file, text)
         if self.columns:
             files.append(self.folder / "budget.png")
             self.plot(files[-1])

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexmb.errors import OutputError, ViewError
-from flexmb.folders import whole_file
+from flexmb.folders import whole_file, write_text_file
 from flexmb.studies.channel_errors import error_text
 from flexmb.studies.rows import Error, Row, StudyRows
 from flexmb.studies.study_settings import is_numerical, label, toml_text, value_text
@@ -193,7 +193,8 @@ def _failures(study: StudyRows) -> Iterator[str]:
 
 
 _FAILED = "✗"
-_COUNTS = ("steps", "rejected_steps", "failed_steps", "newton_iterations", "factorisations")
+_COUNTS = ("steps", "rejected_steps", "failed_steps", "residual_evaluations", "newton_iterations",
+           "factorisations")  # fmt: skip
 _PHASES = ("seconds_compile", "seconds_load", "seconds_assemble")
 
 
@@ -374,10 +375,7 @@ class Study(StudyRows):
             A file cannot be written.
         """
         text = self.folder / "study.md"
-        try:
-            text.write_text(self.markdown(), encoding="utf-8")
-        except OSError as error:
-            raise OutputError(f"{text}: cannot be written ({error.strerror or error})") from None
+        write_text_file(text, self.markdown())
         files = [self.to_csv(self.folder / "study.csv"), text]
         if any(math.isfinite(row.time) for row in self.rows):
             files.append(self.folder / "work_precision.png")

@@ -13,7 +13,6 @@ import hashlib
 import json
 import os
 import shutil
-import tempfile
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -22,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from flexmb.errors import FlexmbError, OutputError
+from flexmb.folders import scratch_folder
 from flexmb.workflow.job_batch import Record, RunTimer, failure, source_key
 
 _FORMAT = 2
@@ -133,7 +133,7 @@ def do_job(job: Job) -> Record:
         return {"status": WANTED, "reason": ""}
     folder, names = copies
     bodies = str(folder / "bodies") if job.bodies else ""
-    with tempfile.TemporaryDirectory() as output:
+    with scratch_folder() as output:
         scene = _rename(job.scene, names)
         record = _do(replace(job, scene=scene, source=str(folder), folder=output, bodies=bodies))
         sent = {path.name: path.read_bytes() for path in Path(output).iterdir()}
@@ -148,7 +148,7 @@ def _place_copies(job: Job) -> tuple[Path, dict[str, str]] | None:
     if job.copies not in _COPIES:
         if job.files is None:
             return None
-        folder = tempfile.TemporaryDirectory(prefix="flexmb-files-")
+        folder = scratch_folder()
         for place, data in job.files.contents.items():
             path = Path(folder.name) / place
             path.parent.mkdir(exist_ok=True)

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from flexmb.errors import FlexmbError, OutputError
-from flexmb.folders import whole_file
+from flexmb.errors import FlexmbError
+from flexmb.folders import write_text_file
 from flexmb.studies.design_search import setting_text
 from flexmb.studies.study_settings import headings
 from flexmb.studies.sweep_rows import SweepRows
@@ -206,12 +206,7 @@ class Sweep(SweepRows):
         about = json.dumps({**data, "pictures": pictures}, indent=1)
         texts = {files[1]: self.markdown(), self.folder / SUMMARY: about}
         for path, text in texts.items():
-            try:
-                with whole_file(path) as partial:
-                    partial.write_text(text, encoding="utf-8")
-            except OSError as error:
-                what = f"{path}: cannot be written ({error.strerror or error})"
-                raise OutputError(what) from None
+            write_text_file(path, text)
         return files
 
 

@@ -8,7 +8,6 @@ is to stay, writes one.
 from __future__ import annotations
 
 import shutil
-import tempfile
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from flexmb.errors import SceneError, SolverError
-from flexmb.folders import writable_folder
+from flexmb.folders import temporary_folder, writable_folder
 from flexmb.model.scenes.study import override
 from flexmb.progress import Progress, silent
 from flexmb.studies.runner import REDUCTION_FIELDS
@@ -146,7 +145,7 @@ def _run_with_file(scene: SweepScene, model: Model, name: str) -> Row:
     from flexmb.workflow import run_model
 
     own_folder = Path(scene.histories) / name if scene.histories else None
-    folder = own_folder or Path(tempfile.mkdtemp(prefix="flexmb-"))
+    folder = own_folder or temporary_folder()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if flexible_bodies_of(scene, model):

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.folders import whole_file
 from flexmb.view.content import Content
 from flexmb.view.plot import COLORMAP, DIVERGING, GHOST, INK, PAPER
 
@@ -31,7 +32,8 @@ def draw(
     panels: Sequence[Content], path: Path, size: tuple[int, int], reason: str, columns: int = 1
 ) -> None:
     """Draw panels, row by row, into a PNG file of `size` pixels; `reason` is shown in it."""
-    _figure(panels, size, reason, columns).savefig(path, dpi=_DPI, facecolor=PAPER)
+    with whole_file(path) as partial:
+        _figure(panels, size, reason, columns).savefig(partial, dpi=_DPI, facecolor=PAPER)
 
 
 def image(

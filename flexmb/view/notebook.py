@@ -7,7 +7,6 @@ In: a result, a time, words of the view. Out: a :class:`Picture`, a :class:`Film
 from __future__ import annotations
 
 import base64
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
@@ -15,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from flexmb.errors import OutputError
-from flexmb.folders import whole_file
+from flexmb.folders import scratch_folder, whole_file
 from flexmb.results import Result
 from flexmb.view.encoder import find_ffmpeg
 from flexmb.view.film import film
@@ -101,7 +100,7 @@ def snapshot(
     result: Result | str | Path, time: float | Sequence[float] | None = None, **options: Any
 ) -> Picture:
     """Draw the mechanism for a notebook; options and errors as for `render`."""
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch_folder() as folder:
         return Picture(render(result, time, output=Path(folder) / "a.png", **options).read_bytes())
 
 
@@ -109,5 +108,5 @@ def animation(result: Result | str | Path, **options: Any) -> Film:
     """Make a film for a notebook, 960 x 540 by default; options and errors as for `film`."""
     kind = "gif" if find_ffmpeg() is None else "mp4"
     options = {"size": (960, 540), **options}
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch_folder() as folder:
         return Film(film(result, Path(folder) / f"a.{kind}", **options).read_bytes(), kind)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import ViewError
+from flexmb.folders import whole_file
 from flexmb.units import SI, UnitSystem
 
 if TYPE_CHECKING:
@@ -94,7 +95,8 @@ def save_figure(figure: Figure, output: str | Path) -> Path:
     """
     path = writable_file(output, (".png", ".pdf", ".svg"))
     try:
-        figure.savefig(path)
+        with whole_file(path) as partial:
+            figure.savefig(partial)
     except OSError as error:
         raise ViewError(f"{path}: cannot be written ({error.strerror or error})") from error
     return path

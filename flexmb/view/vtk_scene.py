@@ -217,7 +217,10 @@ class VtkScene:
         """Write the picture into a PNG file."""
         from PIL import Image
 
-        Image.fromarray(self.image()).save(path, optimize=True)
+        from flexmb.folders import whole_file
+
+        with whole_file(path) as partial:
+            Image.fromarray(self.image()).save(partial, optimize=True)
 
     def close(self) -> None:
         """Release the window."""

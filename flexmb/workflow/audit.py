@@ -260,7 +260,10 @@ def _basis(neighbours: Neighbours, monitor: ValidityMonitor) -> Iterator[EffectO
             one = lacks.get((name, quantity))
             if one is None or not body.m:
                 continue
-            if has[quantity]:
+            if quantity == "truncation" and one.value <= one.warning and name in monitor.beyond:
+                why = monitor.beyond[name].partition(": ")[2]
+                yield EffectOutcome(effect, name, False, "", None, "", "", None, UNKNOWN, why)
+            elif has[quantity]:
                 verdict = MISSING if one.value > one.warning else SMALL
                 yield EffectOutcome(
                     effect, name, False, f"lacks {percent(one.value)}", None, "", "", None, verdict

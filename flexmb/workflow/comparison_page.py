@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from flexmb.errors import FlexmbError
+from flexmb.folders import scratch_folder
 from flexmb.progress import Progress
 from flexmb.results import Result
 from flexmb.view import render
@@ -91,7 +91,7 @@ def picture_of(
 ) -> Html:
     """A picture of a run at a time, with a line below; `view`: words of ``[view]``."""
     own = {"size": _PICTURE, **({} if color is None else {"color": color}), **view}
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch_folder() as folder:
         path = render(run, time, output=Path(folder) / "picture.png", **own)
         picture = image(path.read_bytes(), words or run.title or "the machine")
     return tag("div", picture, tag("figcaption", words)) if words else picture

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from flexmb.errors import FlexmbError
 from flexmb.model.mesh_body import MeshBodySpec
+from flexmb.model.scenes.effects import with_words
 from flexmb.progress import Progress, silent
 from flexmb.workflow.audit import Audit, audit, percent
 from flexmb.workflow.neighbours import (
@@ -25,9 +26,9 @@ from flexmb.workflow.neighbours import (
     COUPLING,
     DEFORMATION,
     MODES,
+    STATIC,
     STIFFENING,
     VIBRATION,
-    with_words,
 )
 from flexmb.workflow.run import run_single
 from flexmb.workflow.run_report import RunReport, draw_run
@@ -45,7 +46,9 @@ _FULL = f"full {COUPLING}"
 _WORDS: dict[str, dict[str, Any]] = {
     DEFORMATION: {"deformation": "quasi-static"},
     VIBRATION: {"deformation": "dynamic"},
+    STATIC: {"deformation": "dynamic"},
     BOTH: {"inertia_coupling": "partial", "geometric_stiffening": "full"},
+    COUPLING: {"inertia_coupling": "partial"},
     STIFFENING: {"geometric_stiffening": "full"},
     _FULL: {"inertia_coupling": "full"},
 }

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.model.mesh_body import MeshBodySpec
+from flexmb.model.scenes.effects import with_words
 from flexmb.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ Change: TypeAlias = tuple[tuple[Array, Array], Array, tuple[str, ...], float | N
 """Channels without an effect and with it (n, k), its change of them, their names, its cost."""
 
 DEFORMATION, VIBRATION = "deformation", "vibration"
+STATIC = "vibration of quasi-static modes"
 STIFFENING, COUPLING, BOTH = "geometric stiffening", "inertia coupling", "coupling and stiffening"
 MODES, DAMPING, GRAVITY, FRICTION = "further modes", "damping", "gravity", "friction"
 OUT_OF_PLANE = "motion out of the plane"
@@ -145,6 +147,17 @@ class Neighbours:
         return made, cost
 
     @cached_property
+    def _static(self) -> dict[str, Any]:
+        """Bodies with quasi-static modes, and their words."""
+        from flexmb.engine.ordering import quasi_static
+
+        bodies = self.compiled.flexbodies
+        specs: Mapping[str, Any] = self.model.bodies
+        return {
+            k: specs[k].deformation for k in bodies if quasi_static(specs[k], bodies[k], self.model)
+        }
+
+    @cached_property
     def _estimable(self) -> list[Effect]:
         return [effect for effect in self.effects() if not effect.why]
 
@@ -158,8 +171,13 @@ class Neighbours:
         return self._changes_of[key]
 
     def _switch_change(self, effect: Effect) -> Change:
-        """Of all but deformation, along the motion of the run."""
-        model = self.neighbour(effect)
+        """Of all but deformation, along the motion of the run; modes without inertia follow it."""
+        model, own, follow = self.neighbour(effect), self.compiled, False
+        if effect.name != STATIC and self._static:
+            words = dict.fromkeys(self._static, {"deformation": "dynamic"})
+            own = self._compile(with_words(self.model, words), self.bodies)
+            follow = "quasi-static" in self._static.values()
+            model = with_words(model, words)
         bodies, shapes = dict(self.bodies), {}
         if effect.body and (effect.name == MODES or effect.words.get("geometric_stiffening")):
             bodies[effect.body] = self._reduced(model, effect)
@@ -169,17 +187,19 @@ class Neighbours:
                     bodies[name] = self._reduced(model, replace(effect, body=name))
         other = self._compile(model, bodies)
         if effect.name == OUT_OF_PLANE:
-            for name, body in self.compiled.flexbodies.items():
+            for name, body in own.flexbodies.items():
                 shapes[name] = _shapes(body, other.flexbodies[name])
         if effect.name == MODES:
             name = effect.body
             shapes[name] = _shapes(self.compiled.flexbodies[name], other.flexbodies[name])
-        changes = self._changes(self.compiled, other, model, self.motion, shapes)
-        times = self._time(other), self._own_time
+        changes = self._changes(own, other, model, self.motion, shapes, follow=follow)
+        times = self._time(other), self._time(own) if self._static else self._own_time
         return *changes, times[1] / times[0] if effect.on else times[0] / times[1]
 
     def _of_body(self, name: str) -> Iterator[Effect]:
+        from flexmb.analysis.dynamics.linear_elasticity import LEAST_SPEED
         from flexmb.analysis.effects.contribution import indicators
+        from flexmb.engine.ordering import quasi_static
 
         spec: Any = self.model.bodies[name]
         body = self.compiled.flexbodies[name]
@@ -193,26 +213,41 @@ class Neighbours:
         fast, turning = f"f/f1 {numbers.excitation:.2g}", f"Ω/ω1 {numbers.speed:.2g}"
         if spec.deformation != "quasi-static":
             yield Effect(VIBRATION, name, True, fast, {"deformation": "quasi-static"})
+            if static := quasi_static(spec, body, self.model):
+                few = f"{len(static)} of {body.m}"
+                yield Effect(STATIC, name, False, few, {"deformation": "dynamic"})
         else:
             yield Effect(VIBRATION, name, False, fast, {"deformation": "dynamic"})
-        yield from self._couplings(name, spec, body, turning)
+        yield from self._couplings(name, spec, body, turning, numbers.speed < LEAST_SPEED)
         yield self._modes(name, spec, body)
         number = [one.name for one in self.compiled.layout.bodies].index(name)
         if self.compiled.system.parts.bodies["damped"][number]:
             yield Effect(DAMPING, name, True, "", {"damping": 0.0})
 
-    def _couplings(self, name: str, spec: Any, body: FlexBody, turning: str) -> Iterator[Effect]:
-        """Inertia coupling and geometric stiffening."""
+    def _couplings(
+        self, name: str, spec: Any, body: FlexBody, turning: str, slow: bool
+    ) -> Iterator[Effect]:
+        """Inertia coupling and geometric stiffening; coupling alone where rotation is too slow for
+        stiffening, and there is no data for that."""
         stiffened = body.centrifugal_stiffness is not None
         constant = spec.inertia_coupling == "constant"
         has_data = self.bodies[name].centrifugal_stiffness is not None
         why = ""
         if not stiffened and not has_data and not isinstance(spec, MeshBodySpec):
-            why = "the body file has no data for it: flexmb reduce with --geometric-stiffening full"
+            why = "the body file has no data for it: "
+            why += (
+                "flexmb reduce with --geometric-stiffening full"
+                if self.bodies[name].provenance
+                else "give centrifugal_stiffness with its arrays, and the bend of its interfaces"
+            )
         full = {"inertia_coupling": "full", "geometric_stiffening": "full"}
         none = {"inertia_coupling": "constant", "geometric_stiffening": "none"}
         if constant and not stiffened:
-            yield Effect(BOTH, name, False, turning, full, why)
+            if why and slow:
+                yield Effect(COUPLING, name, False, turning, {"inertia_coupling": "full"})
+                yield Effect(STIFFENING, name, False, turning, full, why)
+            else:
+                yield Effect(BOTH, name, False, turning, full, why)
             return
         if not stiffened:
             yield Effect(COUPLING, name, True, turning, {"inertia_coupling": "constant"})
@@ -248,12 +283,14 @@ class Neighbours:
 
     def _changes(
         self, own: Compiled, other: Compiled, model: Model, motion: Motion,
-        shapes: Mapping[str, Array], vibration: bool = False,
+        shapes: Mapping[str, Array], vibration: bool = False, follow: bool = False,
     ) -> tuple[tuple[Array, Array], Array, tuple[str, ...]]:  # fmt: skip
         from flexmb.analysis.effects.contribution import estimate
 
         begins = "from" not in self._origin
-        change = estimate(own, other, model, motion, shapes, begins_as_placed=begins).channels
+        change = estimate(
+            own, other, model, motion, shapes, begins_as_placed=begins, quasi_static=follow
+        ).channels
         after = motion.channels + np.where(np.isfinite(change), change, 0.0)
         if vibration:
             slow = estimate(
@@ -359,15 +396,6 @@ def _copy_bodies(source: Path, folder: Path) -> None:
     for file in source.glob("*.flexbody.h5"):
         if not (folder / file.name).exists():
             shutil.copy2(file, folder)
-
-
-def with_words(model: Model, words: Mapping[str, Mapping[str, Any]]) -> Model:
-    """The model with other words of some bodies."""
-    model = copy.copy(model)
-    model.bodies = dict(model.bodies)
-    for name, update in words.items():
-        model.bodies[name] = model.bodies[name].model_copy(update=dict(update))
-    return model
 
 
 def _shapes(body: FlexBody, finer: FlexBody) -> Array:

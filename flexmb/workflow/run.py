@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexmb.errors import SceneError
-from flexmb.folders import writable_folder
+from flexmb.folders import scratch_folder, writable_folder
 from flexmb.progress import Progress, silent
 from flexmb.results.run_summary import NOT_CONTAINED, notes_statistic
 from flexmb.workflow.flexible_bodies import flexible_bodies
@@ -66,8 +66,12 @@ def run_single(
     analysis = select_analysis(model, analysis, start_from is not None)
     folder = writable_folder(Path(output))
     started = time.perf_counter()
+    band_notes: list[str] = []
+    if analysis == "dynamics" and start_from is None:
+        scene_model, band_notes = _with_motion_band(scene_model, progress)
+        model = active_model(scene_model)
     bodies, files, notes = flexible_bodies(model, folder, fresh=fresh, progress=progress)
-    notes += _effect_notes(model, bodies)
+    notes += band_notes + _effect_notes(model, bodies)
     reduced = time.perf_counter()
     compiled = compile_system(model, bodies)
     names = {name: file.name for name, file in files.items()}
@@ -181,6 +185,20 @@ def prepare_task(
         notes,
         {DAMPING: damping_text(prepared.dampings)} if prepared.dampings else {},
     )
+
+
+def _with_motion_band(model: Model, progress: Progress) -> tuple[Model, list[str]]:
+    """Bands of modes by the frequencies of a run with rigid bodies."""
+    if all(getattr(spec, "deformation", "") != "automatic" for spec in model.bodies.values()):
+        return model, []
+
+    from flexmb.results import Result
+    from flexmb.workflow.motion_band import with_motion_band
+
+    with scratch_folder() as folder:
+        return with_motion_band(model, lambda rigid: Result(
+            run_single(rigid, folder, pictures=False, progress=progress).result
+        ))  # fmt: skip
 
 
 def _effect_notes(model: Model, bodies: Mapping[str, FlexBody]) -> list[str]:

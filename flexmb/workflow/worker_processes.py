@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import tempfile
 import time
 import warnings
 from collections.abc import Iterator
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from flexmb.errors import FlexmbError
+from flexmb.folders import scratch_folder
 
 REACH = 5.0
 """Seconds until which a scheduler must answer."""
@@ -90,7 +90,7 @@ class LocalWorkers:
             def add_worker(_, scheduler: Any, worker: str) -> None:  # noqa: N805
                 self.arrivals.append(worker)
 
-        self.folder = tempfile.TemporaryDirectory(prefix="flexmb-workers-")
+        self.folder = scratch_folder()
         self.log = Path(self.folder.name) / "workers.log"
         with dask.config.set(_CONFIG), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # another port than that asked for

@@ -14,7 +14,7 @@ from tests.benchmarks import structure
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
     "files": 370,
-    "lines": 89_000,
+    "lines": 90_000,
     "participles": 100,
     "base names of three and more files": 0,
     _ALL: 0,

@@ -114,8 +114,7 @@ def test_an_unknown_unit_system_is_one_mistake(tmp_path):
     text = message(tmp_path, ("[parameters]", 'units = "mm-s"\n[parameters]'))
     assert text == (
         'units: unknown unit system "mm-s"; nearest: mm-t-s, mm-kg-s, mm-g-ms; '
-        "allowed: SI, mm-t-s, mm-kg-s, mm-kg-ms, mm-g-ms, um-kg-s, "
-        "cm-g-s, in-lbf-s, ft-slug-s"
+        "allowed: SI, mm-t-s, mm-kg-s, mm-kg-ms, mm-g-ms, um-kg-s, cm-g-s, in-lbf-s, ft-slug-s"
     )
     assert "unknown unit system" in message(tmp_path, ("[parameters]", "units = 3\n[parameters]"))
 

@@ -36,6 +36,7 @@ from typing import Any
 import psutil
 
 SECONDS, MEMORY = 10.0, 1_000_000_000
+peaks: list[int] = []  # bytes that the processes of a first reading had at most
 _FIRST_READING = 2.0  # seconds of the processor for the first reading of a file, here
 _PLAIN = ("/proc/", "/sys/", "/dev/null", "/dev/urandom", "/usr/", "/etc/", "/lib")
 _STARTS = ("os.system", "subprocess.Popen", "os.exec", "os.posix_spawn", "os.spawn",
@@ -103,7 +104,8 @@ def read_apart(path: Path, module: str) -> str | None:
                         sys.stdout.write(traceback.format_exc())
                 sys.stdout.flush()
             os._exit(code)
-        _, status = os.waitpid(child, 0)
+        _, status, used = os.wait4(child, 0)
+        peaks.append(used.ru_maxrss * 1024)
         said.seek(0)
         text = said.read().decode(errors="replace").strip()
     code = os.waitstatus_to_exitcode(status)
@@ -129,13 +131,15 @@ def serve(kind: str, begin: int, end: int, folder: Path) -> None:
     os.chdir(folder)
     process = psutil.Process()
     warnings.simplefilter("ignore")
-    limited = False
+    limited, at_rest = False, process.memory_info().rss
     for number in range(begin, end):
         rng = Random(f"{kind} {number}")
         report.write(f"{number}\n")
         printed = io.StringIO()
+        peaks.clear()
+        forget_peak()
         guard.noted.clear()
-        started, outcome = time.process_time(), ""
+        started, outcome = sum(os.times()[:4]), ""
         try:
             with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
                 make(rng, folder)
@@ -148,7 +152,8 @@ def serve(kind: str, begin: int, end: int, folder: Path) -> None:
                 outcome = f"exit code {done.code}: {printed.getvalue()[-600:]}"
         except BaseException:  # noqa: BLE001  what must not be
             outcome = traceback.format_exc()
-        spent = time.process_time() - started
+        spent = sum(os.times()[:4]) - started  # of the first readings too
+        peak = max(0, read_peak(), *peaks) - at_rest
         bad = [
             c for c in printed.getvalue() if unicodedata.category(c)[0] == "C" and c not in "\n\t"
         ]
@@ -158,11 +163,25 @@ def serve(kind: str, begin: int, end: int, folder: Path) -> None:
             outcome = f"not allowed: {guard.noted[:3]}"
         if spent > SECONDS:
             outcome = f"{spent:.1f} s of the processor"
-        report.write(f"{number} {outcome!r}\n")
+        if peak > MEMORY:
+            outcome = f"{peak / 1e6:.0f} MB"
+        report.write(f"{number} {spent:.2f} {peak / 1e6:.0f} {outcome!r}\n")
         if not limited and number - begin > 3:  # what is imported late is no part of an input
+            at_rest = process.memory_info().rss
             limit = process.memory_info().vms + MEMORY
             resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))
             limited = True
+
+
+def forget_peak() -> None:
+    """The largest memory of this process is measured anew from here."""
+    Path("/proc/self/clear_refs").write_text("5")
+
+
+def read_peak() -> int:
+    """Bytes that this process had at most since then."""
+    words = Path("/proc/self/status").read_text().split("VmHWM:")[1].split()
+    return int(words[0]) * 1024
 
 
 class Campaign:
@@ -172,7 +191,7 @@ class Campaign:
         self.kind, self.folder, self.finds = kind, folder, finds
         self.counts: collections.Counter[str] = collections.Counter()
         self.wrong: dict[str, list[int]] = {}
-        self.examples: dict[str, str] = {}
+        self.slowest, self.largest = (0.0, 0), (0.0, 0)  # s, MB, with the number of the input
 
     def run(self, begin: int, end: int) -> None:
         while begin < end:
@@ -206,6 +225,9 @@ class Campaign:
                 with contextlib.suppress(psutil.Error):
                     since = sum(process.cpu_times()[:2])
                 if outcome:
+                    spent, peak, outcome = outcome.split(" ", 2)
+                    self.slowest = max(self.slowest, (float(spent), at))
+                    self.largest = max(self.largest, (float(peak), at))
                     self.note(at, outcome)
                     at += 1
             if ended:
@@ -230,7 +252,6 @@ class Campaign:
         self.counts["wrong"] += 1
         key = signature(text)
         if key not in self.wrong:
-            self.examples[key] = text
             kept = self.finds / f"{self.kind}-{number}"
             kept.mkdir(parents=True, exist_ok=True)
             (kept / "outcome.txt").write_text(text)
@@ -285,7 +306,9 @@ def main() -> int:
         total, wrong = total + counts.total(), wrong + counts["wrong"]
         print(
             f"{kind:10} {counts.total():7} inputs: {counts['read']} read, {counts['refused']} "
-            f"refused, {counts['wrong']} wrong in {time.monotonic() - began:.0f} s", flush=True,
+            f"refused, {counts['wrong']} wrong in {time.monotonic() - began:.0f} s; at most "
+            f"{campaign.slowest[0]:.1f} s ({campaign.slowest[1]}) and {campaign.largest[0]:.0f} MB "
+            f"({campaign.largest[1]})", flush=True,
         )  # fmt: skip
         for key, numbers in sorted(campaign.wrong.items(), key=lambda item: -len(item[1])):
             print(f"   {len(numbers):5} x  {key}  e.g. {kind} {numbers[:3]}", flush=True)

@@ -57,7 +57,7 @@ duration = 0.15
 outputs = 1500
 accuracy = 1e-4
 """
-LEFT_BY_LOCKS = ".lock"
+KEPT = (".unit", ".lock", ".parquet")  # the cache, locks, and rows of runs that have ended
 
 
 @dataclass(frozen=True)
@@ -85,6 +85,14 @@ PHASES = {
         "run {}/scene.toml --analysis statics -o {}/out",
         ("out/result.h5", _BODY, "out/picture.png"),
     ),
+    "study": Phase(
+        "study {}/scene.toml -v accuracy=1e-3,1e-4 --repeats 1 --workers 1 -o {}/out --fresh",
+        ("out/study.csv", "out/study.md", "out/work_precision.png"),
+    ),
+    "sweep": Phase(
+        "sweep {}/scene.toml -v dynamics.accuracy=1e-3,1e-4,1e-5 -o {}/out --fresh",
+        ("out/sweep.md", "out/sweep.json"),
+    ),
 }
 
 
@@ -98,7 +106,7 @@ class Trial:
     whole: dict[str, str] = field(default_factory=dict)  # digests of what it writes
     wrong: list[str] = field(default_factory=list)
 
-    damaged: set[Path] = field(default_factory=set)  # units of the cache: by this script
+    damaged: set[str] = field(default_factory=set)  # units of the cache: by this script
 
     def __post_init__(self) -> None:
         self.phase = PHASES[self.name]
@@ -146,7 +154,10 @@ class Trial:
     def restore(self) -> None:
         """Put the older files back; leave what kills have left."""
         for path in (self.folder / "older").iterdir():
-            shutil.copy(path, self.folder / "out" / path.name)
+            if path.is_dir():  # runs of a study
+                shutil.copytree(path, self.folder / "out" / path.name, dirs_exist_ok=True)
+            else:
+                shutil.copy(path, self.folder / "out" / path.name)
 
     def remove_units(self, rng: Random) -> None:
         """Some of the compiled units are missing, and one is damaged."""
@@ -155,7 +166,7 @@ class Trial:
             for path in rng.sample(files, self.phase.units):
                 path.unlink()
             path = rng.choice([path for path in files if path.exists()])
-            self.damaged.add(path)
+            self.damaged.add(path.name)
             path.write_bytes(path.read_bytes()[: rng.randrange(2000)])
 
     def interrupt(self, rng: Random, number: int) -> float:
@@ -195,7 +206,7 @@ class Trial:
             except (FlexmbError, AssertionError, RuntimeError, OSError) as error:
                 self.wrong.append(f"{when}: {name}: {str(error)[:400]}")
         for path in (self.folder / "cache" / "units").glob("*/*.unit"):
-            if path not in self.damaged and read_unit(path) is None:
+            if path.name not in self.damaged and read_unit(path) is None:
                 self.wrong.append(f"{when}: {path.name} is a broken unit")
 
     def check_result(self, path: Path, when: str, resume: bool) -> None:
@@ -215,13 +226,14 @@ class Trial:
     def leftovers(self) -> list[str]:
         """Files that are no outputs."""
         wanted = {self.folder / name for name in self.phase.outputs} | {
-            self.folder / "out" / path.name for path in (self.folder / "older").iterdir()
+            self.folder / "out" / path.relative_to(self.folder / "older")
+            for path in (self.folder / "older").rglob("*")
         }
         places = [*(self.folder / "out").rglob("*"), *(self.folder / "tmp").glob("*"),
                   *(self.folder / "cache").glob("units/*/*")]  # fmt: skip
         return [
             str(path.relative_to(self.folder)) for path in places
-            if path.is_file() and path not in wanted and path.suffix not in (".unit", LEFT_BY_LOCKS)
+            if path.is_file() and path not in wanted and path.suffix not in KEPT
             or path.is_dir() and path.parent.name == "tmp"
         ]  # fmt: skip
 
@@ -252,6 +264,8 @@ def digest(path: Path) -> str:
     if path.suffix == ".gif":
         assert data[:4] == b"GIF8" and data[-1:] == b"\x3b", "a GIF that is cut"
         return "gif"
+    if path.name.startswith(("study.", "sweep.")):  # times differ
+        return f"{path.read_text().count(chr(10))} lines"
     if path.suffix == ".html":
         assert data.rstrip().endswith(b"</html>"), "a page that is cut"
         return "html"
@@ -282,7 +296,7 @@ def fill_disks(name: str, sizes: list[int]) -> int:
 def fill_disk(ready: Trial, place: Path, size: int) -> list[str]:
     """Run a phase in a copy of its folder on a disk with so much room; what is wrong."""
     shutil.copytree(ready.folder, place, dirs_exist_ok=True)
-    trial = Trial(ready.name, place, ready.cpu, ready.whole)
+    trial = Trial(ready.name, place, ready.cpu, ready.whole, damaged=set(ready.damaged))
     trial.remove_units(Random(size))
     free = shutil.disk_usage(place).free - size
     (place / "filler").write_bytes(bytes(max(free, 0)))

@@ -6,12 +6,15 @@ import numpy as np
 
 import flexmb
 from flexmb.flexbody import load
+from flexmb.model import Model
 from tests.accuracyscenes import SCENES
 from tests.accuracyscenes.oscillators import undamped
 from tests.cases.test_spacecraft import SCENE as SPACECRAFT
 from tests.cases.test_spacecraft import momentum
 from tests.hard.case import Hard, largest
+from tests.hard.stiffness import rod
 
+PLANETARY_GEAR = SPACECRAFT.parents[1] / "planetary_gear" / "scene.toml"
 RATE = 10.0  # rad/s, of the mass on its spring
 
 
@@ -87,6 +90,32 @@ def off(truth):
     return judge
 
 
+def planetary_gear():
+    made = flexmb.load_scene(PLANETARY_GEAR)
+    made.checks.clear()
+    return made
+
+
+def off_planetary_gear(run):
+    """One freedom with a linear damper; Willis' ratios of arm and planet, in radians."""
+    i, p, module, thick = 3.5, 1 / 3.5 - 24 / 18 * (1 - 1 / 3.5), 2e-3, 0.012
+    sun, planet = (7850 * thick * np.pi * (module * z / 2) ** 2 for z in (24, 18))  # kg
+    J = sun * (module * 24 / 2) ** 2 / 2 + 3 * planet * (module * 18 / 2) ** 2 / 2 * p**2
+    J += (4e-4 + 3 * planet * (module * 42 / 2) ** 2) / i**2
+    speed, T = 0.4 * i**2 / 0.05, J * i**2 / 0.05
+    sun = speed * (run.time - T * (1 - np.exp(-run.time / T)))
+    return largest(run["sun"] - sun, run["arm"] - sun / i, run["planet"] - p * sun)
+
+
+def flexible_pendulum():
+    """A steel bar of 1 m on a pin, with four modes, let go level."""
+    made = Model("flexible pendulum", gravity=[0, -9.81, 0])
+    made.add_body("rod", rod(0.01, 1.0, 20, 4))
+    made.add_joint("hinge", "revolute", between=["ground", "rod.root"], axis="z")
+    made.add_sensor("tip", "position", of="rod.tip")
+    return made
+
+
 STEPS = ("fixed auto", "generalized-alpha", "fixed radau", "fixed explicit-rk", "hht",
          "newmark", "trapezoidal", "baumgarte", "fixed coordinate-partitioning")  # fmt: skip
 CONTROLLED = {"auto": {}, "explicit-rk": {}, "radau": {}}
@@ -112,6 +141,20 @@ CASES = {
         "Momentum and moment of momentum of all bodies to 1e-10 of the wheel's: nothing acts.",
         1e-10, spacecraft, off_momentum, {"duration": 1.5, "outputs": 15, "accuracy": 1e-6},
         CONTROLLED, slow=True,
+    ),
+    "a flexible pendulum, 1e6 steps": Hard(
+        "A steel bar that swings for 1000 s; its vibrations of the start are damped by the method.",
+        "Energy to 1e-3 of the swing's, of which they have 1e-5.",
+        1e-3, flexible_pendulum, off_energy,
+        {"duration": 1000.0, "outputs": 500}, fixed(1e-3, *STEPS[:3]),
+        slow=True,
+    ),
+    "a planetary gear, 1e4 turns": Hard(
+        "A motor turns the sun for 650 s against a damper, 63 000 rad.",
+        "The closed form and Willis' ratios to 1e-3 rad: a tooth is 0.26 rad.",
+        1e-3, planetary_gear, off_planetary_gear,
+        {"duration": 650.0, "outputs": 500, "accuracy": 1e-6},
+        {**CONTROLLED, **fixed(1e-3, "generalized-alpha", "fixed radau")}, slow=True,
     ),
     "a driven slider-crank, many turns": Hard(
         "The crank is driven for 200 s.", "No drift of phase: the closed form to 1e-9.",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import re
+from contextlib import suppress
 from io import BytesIO
 from random import Random
 from typing import Any
@@ -155,7 +156,8 @@ def mutate_table(scene: dict[str, Any], rng: Random, other: dict[str, Any]) -> d
         elif what == 4 and isinstance(table, dict):
             table[rng.choice((*WORDS, *table))] = table.pop(key)
         elif what == 5 and isinstance(table[key], int | float):
-            table[key] = table[key] * rng.choice((-1, 1e-12, 1e-3, 1e3, 1e12))
+            with suppress(OverflowError):  # a number of many digits
+                table[key] = table[key] * rng.choice((-1, 1e-12, 1e-3, 1e3, 1e12))
         else:
             source = rng.choice([p for p in places(other)] or [()])
             table[key if rng.random() < 0.5 or isinstance(table, list) else source[-1]] = (

@@ -57,7 +57,7 @@ class Flexmb:
         assert outcome.status == "finished", outcome.message
         at = [compiled.layout.channels.index(channel) for channel in scene.channels]
         error = np.abs(rows.sensors[at] - scene.end()).max() / scene.size
-        return Point(accuracy, error, cpu, outcome.statistics["newton_iterations"])
+        return Point(accuracy, error, cpu, outcome.statistics["residual_evaluations"])
 
 
 class Exudyn:

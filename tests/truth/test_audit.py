@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from flexiblescenes import BEAM_PERIOD, STEEL, rod
+from flexiblescenes import BEAM_PERIOD, STEEL, flexible_crank, rod
 
 import flexmb
 from flexmb.errors import FlexmbError
 from flexmb.model import Model
+from flexmb.model.flexible_body import DeformationSpec
 from flexmb.workflow.audit import Audit
 
 SECTION = {"type": "rectangle", "y": 0.01, "z": 0.01}
@@ -190,3 +191,43 @@ def test_two_panels_that_mirror_each_other_do_not_move_the_craft_between_them(tm
         assert one.share < 3 * true
         assert one.verdict == "may stay off"
         assert find(audit, "deformation", body).sensor == body
+
+
+def test_coupling_of_a_slow_body_without_data_for_stiffening(tmp_path):
+    """A rod from arrays: its coupling alone is estimated while it turns slowly, and switched on."""
+    runs = {}
+    for coupling in ("constant", "full"):
+        model = flexible_crank()
+        model.bodies["rod"] = model.bodies["rod"].model_copy(update={"inertia_coupling": coupling})
+        model.sensors.clear()
+        model.drivers.clear()
+        model.add_driver("motor", joint="bearing", angle="75*t")
+        model.add_marker("rod.middle", position=[0.225, 0, 0])
+        model.add_sensor("middle", "position", of="rod.middle", relative_to="rod", axes="rod")
+        model.set_dynamics(duration=0.04, outputs=120, accuracy=1e-5, start="quasi-static")
+        runs[coupling] = flexmb.simulate(model, output=tmp_path / coupling)
+    made = flexmb.audit(runs["constant"])
+    true = share_between(runs["constant"], runs["full"], "middle")
+    assert find(made, "inertia coupling", "rod").share == pytest.approx(true, rel=0.2)
+    stiffening = find(made, "geometric stiffening", "rod")
+    assert stiffening.verdict == "not known" and "flexmb reduce" in stiffening.why
+
+
+@pytest.mark.parametrize(
+    "deformation",
+    ["quasi-static", pytest.param(DeformationSpec(band=(0.0, 30.0)), marks=pytest.mark.slow)],
+)
+def test_effects_of_bodies_whose_modes_have_no_inertia(deformation, tmp_path):
+    """Gravity bends them, and is not taken for nothing because its modes have no motion."""
+    runs = {}
+    for gravity in (True, False):
+        model = spinning(0.3)
+        model.bodies["bar"] = model.bodies["bar"].model_copy(update={"deformation": deformation})
+        model.set_gravity([0, 0, -9.81])
+        model.set_effects(gravity=gravity)
+        model.set_dynamics(duration=BEAM_PERIOD, outputs=60, accuracy=1e-5, start="quasi-static")
+        runs[gravity] = flexmb.simulate(model, output=tmp_path / str(gravity))
+    one = find(flexmb.audit(runs[True]), "gravity", "")
+    true = share_between(runs[False], runs[True], "tip")
+    assert one.verdict == "needed"
+    assert 1 / 2 < min(one.share, 1.0) / min(true, 1.0) < 2

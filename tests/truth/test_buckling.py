@@ -127,3 +127,21 @@ def test_a_mast_with_a_mass_on_top_is_a_cantilever_under_its_weight(all_are_told
 def test_the_estimate_without_stiffening_is_eulers_load() -> None:
     """pi^2 EI/L^2 of pins over w1^2 m L with w1 = pi^2 sqrt(EI/(m L^3)): 1/pi^2."""
     assert _EULER == pytest.approx(1 / np.pi**2, rel=0.02)
+
+
+def test_a_blade_that_points_to_the_axis_is_buckled_by_its_own_centrifugal_load(
+    all_are_told, monkeypatch
+):
+    """∫q dx = 16.1 EI/L² of loads q = q₀ (1 − x/L) along a cantilever buckle it (Timoshenko & Gere,
+    §2.12, of the powers n of 1 − x/L that of n = 1). Here q₀ = ρA Ω² L."""
+    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t, on:
+                        f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
+    speed = np.sqrt(0.5 * 2 * 16.1)
+    model = Model("blade")
+    model.add_body("hub", mass=1.0, inertia=[1, 1, 1])
+    model.add_marker("hub.rim", position=[-1, 0, 0])
+    model.add_body("column", column(), position=[-1, 0, 0])
+    model.add_joint("axle", "revolute", between=["ground", "hub"], axis="z")
+    model.add_joint("root", "fixed", between=["hub.rim", "column.root"])
+    model.add_driver("motor", joint="axle", angle=f"{speed}*t")
+    assert load_factor(model) == pytest.approx(0.5, rel=0.01)

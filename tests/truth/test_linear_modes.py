@@ -14,6 +14,7 @@ from femeshes import line
 from restscenes import FAR, G, chain, pendulum
 
 import flexmb
+from flexmb.analysis.linear.mode_sweep import ModeSweep
 from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.fe import rectangle, reduce
 from flexmb.model import Model
@@ -221,3 +222,62 @@ def test_soft_motion_beside_stiff_modes_keeps_its_digits():
     assert rates(made)[-1] > 2e4
     inertia = 1 / 3 + 0.05**2 / 12
     assert rates(made)[0] == pytest.approx(np.sqrt(G * 0.5 / inertia), rel=1e-5)
+
+
+def test_a_yoke_on_a_crank_that_turns():
+    """Of T = m θ̇²/2 with m(θ) = J + M r² sin²θ and V = k r² (cos θ − cos θ₀)²/2 a small change has
+    m ÿ + m' θ̇ ẏ + (m' θ̈ + m'' θ̇²/2 + V'') y = 0: what the joint leaves free changes on the way."""
+    J, M, r, k, angle, rate = 0.3, 2.0, 0.4, 50.0, 0.9, 3.0
+    model = Model("yoke", plane="xy")
+    model.add_body("crank", mass=1.0, inertia=[1, 1, J], angular_velocity=[0, 0, rate],
+                   orientation={"axis": "z", "angle": f"{angle} rad"})  # fmt: skip
+    model.add_marker("crank.pin", position=[r, 0, 0])
+    model.add_body("yoke", mass=M, inertia=[1, 1, 1], position=[r * np.cos(angle), 0, 0],
+                   velocity=[-r * rate * np.sin(angle), 0, 0])  # fmt: skip
+    model.add_joint("bearing", "revolute", between=["ground", "crank"], axis="z")
+    model.add_joint("guide", "prismatic", between=["ground", "yoke"], axis="x")
+    model.add_joint("slot", "in-plane", between=["yoke", "crank.pin"], axis="x")
+    model.add_force("spring", "bushing", between=["ground", "yoke"], stiffness=[k, 0, 0])
+    model.add_sensor("yoke", "acceleration", of="yoke")
+    with pytest.warns(match="not steady"):
+        made = flexmb.linearize(model, frame="ground")
+    s, c = np.sin(angle), np.cos(angle)
+    m, slope, bend = J + M * r * r * s * s, M * r * r * 2 * s * c, 2 * M * r * r * (c * c - s * s)
+    faster = -0.5 * slope * rate**2 / m
+    stiffness = slope * faster + 0.5 * bend * rate**2 + k * r * r * s * s
+    assert made.coordinates == ("crank.rotation.z",)
+    np.testing.assert_allclose(
+        [made.mass[0, 0], made.damping[0, 0], made.stiffness[0, 0]], [m, slope * rate, stiffness],
+        rtol=1e-7,
+    )  # fmt: skip
+    space = made.state_space([], ["yoke.x"])  # ẍ = −r (s θ̈ + c θ̇²)
+    rates = -r * (s * space.A[1] + np.array([c * faster - s * rate**2, 2 * c * rate]))
+    np.testing.assert_allclose(space.C[0], rates, rtol=1e-6)
+
+
+def test_a_bead_on_springs_in_a_frame_that_speeds_up():
+    """m (ẍ + 2 ω × ẋ + α × x − ω² x) + k x = 0 in the axes of what turns, with Euler's force."""
+    m, k, w, a = 2.0, 300.0, 5.0, 40.0
+    model = Model("bead", plane="xy")
+    model.add_body("table", mass=1.0, inertia=[1, 1, 1])
+    model.add_body("bead", mass=m, inertia=[1, 1, 1], angular_velocity=[0, 0, w])
+    model.add_joint("bearing", "revolute", between=["ground", "table"], axis="z")
+    model.add_driver("motor", joint="bearing", angle=f"{w}*t + {a / 2}*t**2")
+    model.add_force("springs", "bushing", between=["table", "bead"], stiffness=[k, k, k])
+    with pytest.warns(match="not steady"):
+        made = flexmb.linearize(model, frame="table")
+    J = np.array([[0.0, -1.0], [1.0, 0.0]])
+    at = [made.coordinates.index(f"bead.r.{axis}") for axis in "xy"]
+    block = np.ix_(at, at)
+    np.testing.assert_allclose(made.mass[block], m * np.eye(2), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(made.damping[block], 2 * m * w * J, atol=1e-9)
+    wanted = (k - m * w * w) * np.eye(2) + m * a * J
+    np.testing.assert_allclose(made.stiffness[block], wanted, atol=1e-6)
+
+
+def test_a_sweep_has_the_damping_of_its_modes():
+    """ζ = c/(2 √(k m)) of one mass, for several dampers."""
+    sweep = ModeSweep.of("c", [0.5, 2.0], [flexmb.linearize(chain(1, 300.0, c, 2.0, False))
+                                           for c in (0.5, 2.0)])  # fmt: skip
+    wanted = np.array([[0.5], [2.0]]) / np.sqrt(2 * 300.0 * 2.0)  # two springs, two dampers
+    np.testing.assert_allclose(sweep.damping_ratios, wanted, rtol=1e-9)

@@ -6,11 +6,13 @@ Timoshenko & Young, Vibration Problems in Engineering, §5.12: a cantilever's fr
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
-from flexmb.analysis.dynamics.modal_basis import ModalBasisMonitor
+from flexmb.analysis.dynamics.modal_basis import ModalBasisMonitor, _accelerations, _Oscillators
 from flexmb.engine.compile import compile_system
 from flexmb.errors import SolverError
 from flexmb.fe import assemble, mesh_from, reduce
@@ -176,6 +178,21 @@ def test_a_load_near_an_omitted_mode_is_told(ratio, outputs, tmp_path):
     assert share == pytest.approx(np.sqrt(rest / energy), rel=0.4 if outputs > 100 else 0.7)
 
 
+@pytest.mark.parametrize("share", [0.9, 0.2])
+def test_a_load_faster_than_the_omitted_modes_that_are_known(share, tmp_path):
+    """Along the bar, which resonates at c/4L; the lowest omitted modes, of bending, do not."""
+    hertz = share * np.sqrt(E / RHO) / (4 * L)
+    model = clamped(
+        [f"sin(2*pi*{hertz}*t)", 0, 0], duration=0.01 / share, outputs=200, residual="none"
+    )
+    model.set_validity(node_loads="any")
+    report = run_single(model, tmp_path, pictures=False)
+    notes = [note for note in report.notes if "is known up to" in note]
+    assert len(notes) == (share > 0.5)
+    for note in notes:
+        assert f"forces.push oscillates with {hertz:.4g} Hz" in note and "frequency = " in note
+
+
 def test_rows_may_come_one_by_one(tmp_path):
     """The same as all at once: a run hands them over in chunks."""
     model = clamped([0, f"20*sin(2*pi*{0.95 * THIRD}*t)", 0], duration=0.05, outputs=300)
@@ -193,3 +210,43 @@ def test_rows_may_come_one_by_one(tmp_path):
         values.append([one.value for one in monitor.indicators()])
     np.testing.assert_allclose(values[0], values[2], rtol=1e-9)
     np.testing.assert_allclose(values[1], values[2], rtol=1e-9)
+
+
+def test_what_loads_a_body_is_the_acceleration_of_its_centre_in_its_axes():
+    """A body that turns about a point P with φ(t): its centre C has α × (C − P) − ω² (C − P)."""
+    body = reduce({"type": "beam", "length": L, "divisions": 20}, material=STEEL, modes=2,
+                  interfaces={"root": "start"}, sections=SQUARE)  # fmt: skip
+    model = Model("beam", gravity=[0, -9.81, 0])
+    model.add_body("beam", body)
+    compiled = compile_system(model, {"beam": body})
+    (one,) = ModalBasisMonitor(compiled, model)._bodies
+    (columns,) = compiled.layout.bodies
+    angle, w, alpha, pivot = 0.7, 3.0, 5.0, np.array([0.2, -0.3, 0.0])
+    A = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    z = np.array([0, 0, 1.0])
+
+    def acceleration(r):
+        return alpha * np.cross(z, A @ (r - pivot)) - w**2 * A @ (r - pivot)
+
+    q, v, vd = np.zeros((1, 7 + body.m)), np.zeros((1, 6 + body.m)), np.zeros((1, 6 + body.m))
+    q[0, columns.iq + 3 : columns.iq + 7] = np.cos(angle / 2), 0, 0, np.sin(angle / 2)
+    v[0, columns.iv + 5], vd[0, columns.iv + 5] = w, alpha
+    vd[0, columns.iv : columns.iv + 3] = acceleration(np.zeros(3))
+    rows = SimpleNamespace(q=q, v=v, vd=vd)
+    factors, _ = _accelerations(rows, one, np.array(model.gravity))
+    wanted = A.T @ (acceleration(body.center) - model.gravity)
+    np.testing.assert_allclose(factors[0, :3], wanted, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("ratio", [0.25, 0.6, 1.5])
+@pytest.mark.parametrize("outputs", [41, 4001])
+def test_an_omitted_mode_swings_as_an_oscillator_does(ratio, outputs):
+    """Beyond x = F/ω² a steady force F e^(iΩt) moves it by x r² / (1 − r² + 2iζr), r = Ω/ω."""
+    omega, periods = 50.0, 2000 if outputs < 100 else 100
+    body = SimpleNamespace(omitted_modes=SimpleNamespace(frequency=np.array([omega / (2 * np.pi)])))
+    oscillators = _Oscillators(body, ratio * omega / (2 * np.pi))
+    t = np.linspace(0.0, periods * 2 * np.pi / omega * (1 + np.sqrt(2) / 100), outputs)
+    force = 3.0 * np.sin(ratio * omega * t)[:, None]
+    beyond = oscillators.integrate(t, force, np.full((1, 5), np.nan))
+    wanted = 3.0 / omega**2 * abs(ratio**2 / (1 - ratio**2 + 0.02j * ratio))
+    assert np.abs(beyond[3 * len(t) // 4 :]).max() == pytest.approx(wanted, rel=0.06)

@@ -126,3 +126,58 @@ def test_unknown_names_are_refused_with_the_nearest():
         made.state_space(["push.xx"])
     with pytest.raises(SceneError, match=r"m3\.x"):
         made.frequency_response("push.x", "m3.xx", [1.0])
+
+
+def test_a_bead_on_a_spoke_feels_how_the_wheel_is_turned():
+    """δr̈ + (k/m − ω²) δr = 2 r ω δφ̇ from the wheel; from the ground x = r cos φ has what follows
+    by its derivatives, the spoke being oblique just now."""
+    m, k, w, r, phi = 2.0, 500.0, 6.0, 0.5, 0.4
+    c, s = np.cos(phi), np.sin(phi)
+    turned = {"orientation": {"axis": "z", "angle": f"{phi} rad"}}
+    model = Model("wheel", plane="xy")
+    model.add_body("wheel", mass=1.0, inertia=[1, 1, 1], **turned)
+    model.add_body("bead", mass=m, inertia=[1, 1, 1], position=[r * c, r * s, 0], **turned,
+                   velocity=[-r * w * s, r * w * c, 0], angular_velocity=[0, 0, w])  # fmt: skip
+    model.add_joint("axle", "revolute", between=["ground", "wheel"], axis="z")
+    model.add_joint("spoke", "prismatic", between=["wheel", "bead"], axis=[c, s, 0])
+    model.add_driver("motor", joint="axle", angle=f"{w}*t")
+    model.add_force("spring", "bushing", between=["wheel", "bead"], stiffness=[k, 0, 0],
+                    preload=[-m * r * w * w, 0, 0])  # fmt: skip
+    for kind in ("position", "velocity"):
+        model.add_sensor(kind, kind, of="bead", relative_to="wheel", axes="wheel")
+    made = flexmb.linearize(model, frame="wheel")
+    hertz = np.array([0.5, 1.5, 4.0])
+    rate = 2j * np.pi * hertz
+    wanted = 2 * r * w * rate / (rate**2 + k / m - w * w)
+    for name, factor in (("position.x", 1.0), ("velocity.x", rate)):
+        found = made.frequency_response("motor", name, hertz)
+        np.testing.assert_allclose(found, factor * wanted, rtol=1e-6, err_msg=name)
+    with pytest.warns(match="not steady"):
+        ground = flexmb.linearize(model, frame="ground").state_space(["motor"], [])
+    assert ground.states == ("bead.r.x", "bead.r.x'", "motor", "motor'")
+    x, xd, u, ud, udd = np.eye(5)
+    dr = (x + r * s * u) / c
+    drd = (xd + w * s * dr + r * w * c * u + r * s * ud) / c
+    drdd = (w * w - k / m) * dr + 2 * r * w * ud
+    xdd = c * (drdd - w * w * dr - 2 * r * w * ud) - s * (2 * w * drd - r * w * w * u + r * udd)
+    np.testing.assert_allclose(np.append(ground.A[1], ground.B[1]), xdd, rtol=1e-6, atol=1e-6)
+
+
+def test_what_acts_between_two_bodies_moves_both():
+    """A spring's force parts two masses; a force at a point of one acts back at that point."""
+    masses, J, arm = (2.0, 5.0), 0.7, np.array([0.3, 0.4])
+    model = Model("two", plane="xy")
+    for name, mass, x in zip("ab", masses, (0.0, 1.0), strict=True):
+        model.add_body(name, mass=mass, inertia=[1, 1, J], position=[x, 0, 0])
+        model.add_sensor(name, "acceleration", of=name)
+        model.add_sensor(f"turn_{name}", "angular_acceleration", of=name)
+    model.add_marker("a.edge", position=[1 - arm[0], -arm[1], 0])
+    model.add_force("link", "spring-damper", between=["a", "b"], stiffness=10.0)
+    model.add_force("push", "force", at="a.edge", reaction="b", value=[0, 0, 0])
+    space = flexmb.linearize(model).state_space()
+    D = {pair: space.D[space.outputs.index(pair[0]), space.inputs.index(pair[1])]
+         for pair in (("a.x", "link"), ("b.x", "link"), ("b.x", "push.x"), ("turn_b.z", "push.x"),
+                      ("turn_b.z", "push.y"), ("turn_a.z", "push.y"))}  # fmt: skip
+    wanted = (-1 / masses[0], 1 / masses[1], -1 / masses[1], -arm[1] / J, arm[0] / J,
+              (1 - arm[0]) / J)  # fmt: skip
+    np.testing.assert_allclose(list(D.values()), wanted, rtol=1e-9)

@@ -111,7 +111,9 @@ def prepare_dynamics(
         can_move = bool(model.drivers) or rank != n_free(compiled)
         if rank is None or (rank == compiled.layout.nc and can_move):
             return assembled, rank, (), []
-        return assembled, rank, *redundant_reactions(compiled, model, assembled.state.q)
+        state, span = assembled.state, spec.duration
+        paths = np.array([state.v * span, state.vd * span**2 / 2.0])
+        return assembled, rank, *redundant_reactions(compiled, model, state.q, paths)
 
     units = integration_units(compiled.system, integrator)
     first, timer = assemble_first_state(compiled, units, first_state, progress)
@@ -373,7 +375,7 @@ def _statistics(run: Integration) -> dict[str, float | int | str]:
         **steps,
         **({} if fixed or run.settings.refinement else estimate),
         "failed_steps": int(count["failed"]),
-        "newton_iterations": int(count["residuals"]),
+        "residual_evaluations": int(count["residuals"]),
         "factorisations": int(count["factorisations"]),
         "replaced_pivots": int(count["regularised_pivots"]),
         **({"events": int(count["events"])} if count["events"] else {}),

@@ -43,6 +43,8 @@ LARGEST_ROTATION = 0.3
 INCONSISTENT = "an inconsistent set of equations, centrifugal softening without stiffening"
 _LARGEST_LOSS = 0.5**0.5  # speed over frequency at which rotation takes half of the stiffness
 _SOFTENING = 0.6  # share of the first frequency of a cantilever that is lost, over (Ω/ω₁)²
+#: Speed over the lowest frequency below which centrifugal stiffening may be left out.
+LEAST_SPEED = (LARGEST_SOFTENING / _SOFTENING) ** 0.5
 _POINTS = 64  # points of a body that are watched, at most
 _PRESENT = 0.05  # share of the largest amplitude from which on the motion contains a mode
 _ZERO_FREQUENCY = 1e-5  # over the highest: that of a motion that the joints leave free
@@ -137,10 +139,9 @@ class LinearElasticityMonitor:
             ratio = 0.0
             if not one.is_stiffened:
                 ratio = speed / one.frequencies[present].min(initial=np.inf)
-            least = (LARGEST_SOFTENING / _SOFTENING) ** 0.5
             text = partial(self._softening, name, speed, ratio, spun, one.softens)
             quantity = "speed" if one.softens else "speed, of constant inertia"
-            yield Indicator(name, quantity, ratio, spun, least, text)
+            yield Indicator(name, quantity, ratio, spun, LEAST_SPEED, text)
             text = partial(self._deflected, name, deflection, at, ratio * one.softens)
             yield Indicator(name, "deflection", deflection, at, LARGEST_DEFLECTION, text)
             text = partial(self._rotated, name, rotation, turned)

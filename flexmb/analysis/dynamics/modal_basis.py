@@ -15,7 +15,7 @@ what truncation leaves out: near their frequency, it resonates.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -38,8 +38,8 @@ from flexmb.engine.units import call, hand_over, prepare_units
 from flexmb.engine.work import new_run, new_state, new_work, units_of
 from flexmb.flexbody import FlexBody, InertiaResponse, LoadResponse
 from flexmb.flexbody.static_response import LARGEST_SHARE, LEAST_MOTION
-from flexmb.model.bandwidth import slowest_oscillation
-from flexmb.model.loaded_nodes import loads_beside_interfaces
+from flexmb.model.bandwidth import oscillations, slowest_oscillation
+from flexmb.model.loaded_nodes import loads_beside_interfaces, loads_on_bodies
 from flexmb.model.model import Model
 from flexmb.results import OutputBlock
 
@@ -84,6 +84,11 @@ class ModalBasisMonitor:
         What is run.
     is_motion : bool
         Whether the rows are a motion, and not equilibria of their own.
+
+    Attributes
+    ----------
+    beyond : dict of str to str
+        A sentence on each body that is driven faster than its omitted modes are known.
     """
 
     def __init__(self, compiled: Compiled, model: Model, is_motion: bool = True) -> None:
@@ -97,6 +102,7 @@ class ModalBasisMonitor:
             _watched(compiled, columns, body, model, columns.name in self._paths)
             for columns, body in flexible_columns(compiled)
         ]
+        self.beyond = _beyond_omitted_modes(model, self._bodies) if is_motion else {}
         n = len(self._bodies)
         self._strain = np.zeros(n)  # largest strain energy so far, or what modes lack of it, twice
         self._whole = np.zeros(n)  # the same, or all of the responses
@@ -233,6 +239,7 @@ class ModalBasisMonitor:
                     "tell whether its modes answer that: name the point as an interface, or reduce "
                     "it again with that node among its load_points"
                 )
+        yield from self.beyond.values()
 
     def _inertia(self, one: _Watched, share: float, t: float, speed: float) -> str:
         cure = 'reduce it with residual = "inertia"'
@@ -292,6 +299,28 @@ def _watched(
         columns, body, frame, np.array(markers, np.int64), np.array(places, np.int64),
         least**2 * body.mass, coupling,
     )  # fmt: skip
+
+
+def _beyond_omitted_modes(model: Model, bodies: Iterable[_Watched]) -> dict[str, str]:
+    """By name a sentence on bodies that are driven faster than their omitted modes are known."""
+    places = {(path, owner) for path, owner, _ in loads_on_bodies(model)}
+    for name, driver in model.drivers.items():
+        on = (owner for path, owner in places if path == f"joints.{driver.joint}")
+        places |= {(f"drivers.{name}", owner) for owner in on}
+    sentences = {}
+    for one in bodies if places else ():
+        omitted = one.body.omitted_modes
+        last = np.inf if omitted is None else omitted.frequency.max(initial=0.0)
+        drives = [drive for drive in oscillations(model) if (drive[0], one.name) in places]
+        path, hertz = max(drives, key=lambda drive: drive[1], default=("", 0.0))
+        if hertz > last:
+            say = partial(model.units.say, unit="Hz", digits=4)
+            sentences[one.name] = (
+                f"bodies.{one.name}: {path} oscillates with {say(hertz)}; what modes that were "
+                f"left out do there is known up to {say(last)} only: reduce it with modes = "
+                f"{{ frequency = {1.5 * hertz:.2g} }}"
+            )
+    return sentences
 
 
 def _carrier(body: FlexBody, rho: Array, Phi_t: Array) -> int:

@@ -255,7 +255,7 @@ def _coefficients(compiled: Compiled, motion: Motion, balance: Array) -> _Coeffi
         M[k], D[k], K[k] = (S.T @ X @ S for X in (at.M, at.D, at.K))
         D[k] += M[k] @ shift
         if nc:
-            U, sizes, _ = np.linalg.svd(scale[:, None] * (at.Cq @ S))
+            U, sizes, _ = np.linalg.svd(scale[:, None] * (at.Cq @ S), full_matrices=False)
             if k == 0:
                 rank = numerical_rank(sizes)
                 Cq, rows, C = np.zeros((n, rank, nu)), np.zeros((n, rank, nc)), np.zeros((n, rank))
@@ -380,11 +380,10 @@ def _solve(
     # what modes that the rows do not resolve do slowly is taken out of the forces first
     fast = omega * np.median(np.diff(t)) > _UNRESOLVED
     if elastic is not None:
-        strain = np.einsum("tij,ik,tkl->jl", Z, elastic, Z) / n
+        strain = np.tensordot(Z, elastic @ Z, ((0, 1), (0, 1))) / n
         fast = np.einsum("ij,ik,kj->j", T, strain, T) > 0.5 * np.abs(squares)
-    still = (
-        fast if elastic is not None else fast & (np.argsort(np.argsort(omega)) >= _MOST_VIBRATIONS)
-    )
+    slowest = np.argsort(np.argsort(omega)) < _MOST_VIBRATIONS
+    still = fast & ~(slowest & (elastic is None))
     rest, slow, inner = load @ T, np.zeros((3, n, d)), np.ix_(range(n), fast, fast)
     for _ in range(_ROUNDS if elastic is None else 1):
         y = np.zeros((n, d))
@@ -445,6 +444,7 @@ def _rate(t: Array, values: Array, order: int = 1) -> Array:
     """Time derivative of rows, by cubic splines."""
     from scipy.interpolate import CubicSpline
 
-    if len(t) < 3 or not np.any(values):
-        return np.zeros_like(values)
-    return np.asarray(CubicSpline(t, values)(t, order))
+    rates, changing = np.zeros_like(values), (values != values[0]).any(axis=0)
+    if len(t) > 2:
+        rates[:, changing] = CubicSpline(t, values[:, changing])(t, order)
+    return rates

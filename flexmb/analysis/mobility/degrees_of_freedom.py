@@ -38,6 +38,7 @@ from flexmb.analysis.mobility.driver_conflicts import (
     driver_reasons,
     lock_of_inexact_parts,
 )
+from flexmb.analysis.mobility.infinitesimal_motion import infinitesimal_motion
 from flexmb.analysis.mobility.redundancy import (
     Redundancy,
     Undetermined,
@@ -157,8 +158,10 @@ def mobility_of(compiled: Compiled, model: Model) -> Mobility:
     """
     pose, moves = _assembled_pose(compiled, model)
     jacobian = pose.jacobian
-    notes = [*moves, *driver_notes(model, pose)]
-    others = nearby_poses(ConstraintRows(compiled), pose, joint_rows(compiled))
+    constraints = ConstraintRows(compiled)
+    taut = infinitesimal_motion(constraints, pose)
+    notes = [*moves, *driver_notes(model, pose), *([] if taut is None else [taut.sentence])]
+    others = nearby_poses(constraints, pose, joint_rows(compiled))
     ranks = [one.jacobian.joint_decomposition.rank for one in (pose, *others)]
     regular, *elsewhere = [
         one for one, rank in zip((pose, *others), ranks, strict=True) if rank == max(ranks)
@@ -185,26 +188,33 @@ def mobility_of(compiled: Compiled, model: Model) -> Mobility:
 
 @one_blas_thread()
 def redundant_reactions(
-    compiled: Compiled, model: Model, q: NDArray[np.float64]
+    compiled: Compiled, model: Model, q: Array, paths: Array | None = None
 ) -> tuple[tuple[str, ...], list[str]]:
     """Joints and drivers whose reactions are not unique in a closed pose, and notes on that.
+
+    `paths` (n, nv): where velocities and accelerations of the pose lead, if it is to move.
 
     Raises
     ------
     AssemblyError
-        Drivers contradict each other or the joints, or nothing moves because axes or places are
-        slightly off.
+        Drivers contradict each other or the joints, nothing moves because axes or places are
+        slightly off, or the paths lead along motions that are infinitesimal.
     """
-    pose = ConstraintRows(compiled).evaluate(q)
+    constraints = ConstraintRows(compiled)
+    pose = constraints.evaluate(q)
     notes = driver_notes(model, pose)
     if lock := lock_of_inexact_parts(model, pose):
         raise AssemblyError(lock)
     count = len(pose.C) - pose.jacobian.decomposition.rank
     if not count:
         return (), notes
-    paths = tuple(reaction.path for reaction in undetermined_reactions(pose))
-    notes.append(redundancy_note(count, len(pose.C), [plain_name(path) for path in paths]))
-    return paths, notes
+    if (taut := infinitesimal_motion(constraints, pose)) is not None:
+        if paths is not None and taut.is_along(pose, paths):
+            raise AssemblyError(f"at the start {taut.sentence}")
+        notes.append(taut.sentence)
+    joints = tuple(reaction.path for reaction in undetermined_reactions(pose))
+    notes.append(redundancy_note(count, len(pose.C), [plain_name(path) for path in joints]))
+    return joints, notes
 
 
 def redundancy_note(count: int, equations: int, joints: Sequence[str] = ()) -> str:

@@ -185,10 +185,11 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
             _finish(sys.weights, alpha, st, tr)
             if settings.tolerance > 0.0:
                 estimate_error(run, alpha, h)
-            if alpha.project == 1 and st.lam.shape[0] > 0:
+            # what quasi-static modes follow must not come from how far they moved positions
+            if (alpha.project == 1 or settings.follow == 1) and st.lam.shape[0] > 0:
                 status = _project(run, alpha, b)
             if settings.follow == 1:
-                return settle_static_modes(run, run.trial_point)
+                return max(status, settle_static_modes(run, run.trial_point))
             return status
     return NO_CONVERGENCE
 

@@ -275,7 +275,7 @@ def assemble_model(
     for part in nodal.masses(numbering, points):
         mass.add_components(*part)
     inertia, M = mass.total()
-    follow = dependence(model.ties, numbering, points) if model.ties else None
+    follow = dependence(model.ties, numbering, model.mesh, blocks) if model.ties else None
     K, M = (_condensed(matrix, follow) for matrix in (stiffness.matrix(), M))
     progress("assemble", 1.0)
     matrices = (K, M, inertia, nodal, lumped, model.springs, model.ties, follow)

@@ -1,30 +1,37 @@
 """Connections inside a body: ties of nodes (RBE2, RBE3) and springs between nodes.
 
 RBE2: nodes follow a reference node rigidly, u = T q. RBE3: the reference follows the mean motion of
-the nodes, q = W u, the least-squares fit of a rigid motion. So a beam ends on the face of a solid,
-and a mass hangs on a hole. A spring has one stiffness along the line between its nodes, or six on
-the motion of the second node relative to the first at the point midway between them, three along
-and three about its axes; rigid arms join that point to the nodes. Source: MSC Nastran Quick
-Reference Guide, entries RBE2 and RBE3.
+the nodes, q = W u, the least-squares fit of a rigid motion over their faces: W = (G^T A G)^-1 G^T
+A, A = int N^T N dA, G how nodes follow a rigid motion. A force at the reference is then a traction
+that varies linearly over the faces, whatever their order; nodes without faces count alike. So a
+beam ends on the face of a solid, and a mass hangs on a hole. A spring has one stiffness along the
+line between its nodes, or six on the motion of the second node relative to the first at the point
+midway between them, three along and three about its axes; rigid arms join that point to the nodes.
+Source: MSC Nastran Quick Reference Guide, entries RBE2 and RBE3 (nodal weights); Abaqus, coupling
+constraints (distributing, weights of the surface), with the face integrals of consistent loads in
+place of nodal areas.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array
+from scipy.linalg import solve_triangular
+from scipy.sparse import coo_array, csr_array, eye_array
 
 from flexmb.errors import MeshError, Problem
 from flexmb.fe.assembly.numbering import Numbering
-from flexmb.fe.meshes.mesh import Mesh
+from flexmb.fe.elements.element_blocks import Block, outer_faces
+from flexmb.fe.meshes.mesh import Mesh, facet_samples, group_facets
 from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero, skew
 from flexmb.flexbody.mesh_options import NodeSpringOptions, TieOptions
 from flexmb.flexbody.options import read_options
 
+_FACE_KINDS = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"}  # by nodes
 COLLINEAR = 1e-6  # smallest over largest extent of nodes that still define a rotation
 
 
@@ -47,21 +54,56 @@ def rigid_rows(
     return numbers[exists], T[exists]
 
 
-def mean_motion(arms: FloatArray, weights: FloatArray) -> FloatArray:
-    """(6, k, 3) displacement and rotation of the point per unit displacement of each node.
+def surface_samples(
+    mesh: Mesh, blocks: Iterable[Block], group: str | None, nodes: IntArray
+) -> csr_array | None:
+    """Area of nodes as :func:`facet_samples`: of the group's facets, else of faces of the elements
+    that have no other nodes; None if these do not meet all nodes."""
+    facets = [] if group is None else group_facets(mesh, group, nodes)
+    if not facets:
+        near = [block for block in blocks if np.isin(block.nodes, nodes).any()]
+        faces = outer_faces(near, mesh.points)
+        faces += [block.nodes for block in near if block.family.dimension == 2]
+        facets = [
+            (_FACE_KINDS[face.shape[1]], face[np.isin(face, nodes).all(axis=1)]) for face in faces
+        ]
+    met = np.unique(np.concatenate([nodes[:0], *(cells.ravel() for _, cells in facets)]))
+    return facet_samples(mesh.points, facets, nodes) if len(met) == len(nodes) else None
+
+
+def weighted_rows(
+    numbering: Numbering, nodes: IntArray, arms: FloatArray, samples: csr_array
+) -> tuple[IntArray, FloatArray]:
+    """The rigid motion of a point nearest to the motion of nodes, by least squares.
+
+    Degrees of freedom (s,) that count, and W (6, s).
 
     Parameters
     ----------
+    numbering : Numbering
+        Of the model.
+    nodes : (k,) int
+        The nodes; they must be able to hold all six motions.
     arms : (k, 3) float
-        From the point to the nodes [m]; not on a line.
-    weights : (k,) float
-        Positive.
+        Their positions from the reference point [m].
+    samples : (p, k) sparse
+        Values that are fitted, each with the root of its weight, per unit motion of each node.
     """
-    G = np.zeros((len(arms), 3, 6))
-    G[:, :, :3] = np.eye(3)
-    G[:, :, 3:] = -skew(arms)
-    weighted = (weights[:, None, None] * G).reshape(-1, 6)
-    return np.linalg.solve(weighted.T @ G.reshape(-1, 6), weighted.T).reshape(6, len(arms), 3)
+    exists = numbering.table[nodes] >= 0
+    if spans_rotation(arms):
+        exists &= np.arange(6) < 3
+    G = np.zeros((len(nodes), 6, 6))
+    G[:] = np.eye(6)
+    G[:, :3, 3:] = -skew(arms)
+    G[~exists] = 0.0
+    roots, places = samples @ np.ones(len(nodes)), samples @ arms
+    spread = places - np.outer(roots, roots @ places / (roots @ roots))
+    gyration = np.linalg.norm(spread) / np.linalg.norm(roots)
+    scale = np.repeat([1.0, gyration if gyration > 0 else 1.0], 3)[:, None]
+    fields = (samples @ G.reshape(-1, 36)).reshape(-1, 6, 6) * scale
+    Q, R = np.linalg.qr(fields.reshape(-1, 6))
+    shares = (samples.T @ (Q.reshape(-1, 6, 6) * scale).reshape(-1, 36)).reshape(-1, 6, 6)
+    return numbering.table[nodes][exists], solve_triangular(R, shares[exists].T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,12 +121,15 @@ class Tie:
         The reference node; it has six motions.
     nodes : (k,) int
         The others.
+    group : str
+        Their group.
     """
 
     name: str
     kind: str
     reference: int
     nodes: IntArray
+    group: str
 
 
 def make_ties(mesh: Mesh, words_by_name: Mapping[str, Mapping[str, Any]]) -> tuple[Tie, ...]:
@@ -133,8 +178,11 @@ def followers(ties: tuple[Tie, ...], count: int) -> NDArray[np.bool_]:
     return tied
 
 
-def dependence(ties: tuple[Tie, ...], numbering: Numbering, points: FloatArray) -> csr_array:
+def dependence(
+    ties: tuple[Tie, ...], numbering: Numbering, mesh: Mesh, blocks: tuple[Block, ...]
+) -> csr_array:
     """(n_all - n, n) motions that follow, per unit of each independent degree of freedom."""
+    points = mesh.points
     rows, columns, values = [], [], []
     for tie in ties:
         arms = points[tie.nodes] - points[tie.reference]
@@ -145,8 +193,9 @@ def dependence(ties: tuple[Tie, ...], numbering: Numbering, points: FloatArray) 
             columns.append(np.tile(reference, len(numbers)))
             values.append(T.ravel())
         else:
-            W = mean_motion(arms, np.ones(len(arms)))
-            leading = numbering.table[tie.nodes, :3].ravel()
+            samples = surface_samples(mesh, blocks, tie.group, tie.nodes)
+            samples = csr_array(eye_array(len(arms))) if samples is None else samples
+            leading, W = weighted_rows(numbering, tie.nodes, arms, samples)
             rows.append(np.repeat(reference, len(leading)))
             columns.append(np.tile(leading, 6))
             values.append(W.ravel())
@@ -167,7 +216,7 @@ def _make_tie(mesh: Mesh, name: str, words: dict[str, Any]) -> Tie:
     if kind == "rbe3" and not spans_rotation(mesh.points[nodes]):
         what = f"the {len(nodes)} nodes lie on a line or a point: they cannot hold a rotation"
         raise MeshError.from_problems([Problem(f"{where}.nodes", what)])
-    return Tie(name, kind, reference, nodes)
+    return Tie(name, kind, reference, nodes, options.nodes)
 
 
 def one_node(mesh: Mesh, node: str | int, where: str) -> int:

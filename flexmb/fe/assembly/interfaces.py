@@ -2,11 +2,12 @@
 
 Nodes are those of a group, a node, several, or all within a radius of a centre. The reference point
 is the area centroid of a surface group (length centroid of a line group, mean of nodes, the centre
-of a sphere) unless a position is given. Rigid: u = T q. Weighted: q = W u with W = (G^T w G)^-1 G^T
-w, G how nodes follow a rigid motion; loads at the point spread over the nodes by W^T. Displacements
-alone count; where they do not determine all rotations (nodes on a line) the nodes' own rotations
-count too, with the square of the group's radius of gyration as weight. Source: MSC Nastran, Linear
-Static Analysis User's Guide, RBE3.
+of a sphere) unless a position is given. Rigid: u = T q. Weighted: q = W u, the least-squares fit of
+a rigid motion over the faces of the nodes (:func:`~flexmb.fe.assembly.connections.weighted_rows`),
+or with weights of the nodes; loads at the point spread over the nodes by W^T. Displacements alone
+count; where they do not determine all rotations (nodes on a line) the nodes' own rotations count
+too, with the square of the group's radius of gyration as weight. Source: MSC Nastran, Linear Static
+Analysis User's Guide, RBE3.
 """
 
 from __future__ import annotations
@@ -16,13 +17,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.sparse import csr_array, diags_array, eye_array
 
 from flexmb.errors import MeshError, Problem, nearest
 from flexmb.fe.assembly.assemble import FEMatrices
-from flexmb.fe.assembly.connections import rigid_rows, spans_rotation
-from flexmb.fe.assembly.numbering import Numbering
-from flexmb.fe.meshes.mesh import Mesh, group_centroid, tributary
+from flexmb.fe.assembly.connections import (
+    rigid_rows,
+    spans_rotation,
+    surface_samples,
+    weighted_rows,
+)
+from flexmb.fe.meshes.mesh import Mesh, group_centroid
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.mesh_options import InterfaceOptions, NodeOptions
 from flexmb.flexbody.options import is_number, read_options
@@ -234,36 +239,6 @@ class WeightedInterface:
         return self.dofs, self.W.T
 
 
-def weighted_rows(
-    numbering: Numbering, nodes: IntArray, arms: FloatArray, weights: FloatArray
-) -> tuple[IntArray, FloatArray]:
-    """Degrees of freedom (s,) that count, and W (6, s).
-
-    Parameters
-    ----------
-    numbering : Numbering
-        Of the model.
-    nodes : (k,) int
-        The nodes; they must be able to hold all six motions.
-    arms : (k, 3) float
-        Their positions from the reference point [m].
-    weights : (k,) float
-        Positive.
-    """
-    dofs, G = rigid_rows(numbering, nodes, arms)
-    exists = numbering.table[nodes] >= 0
-    turning = np.broadcast_to(np.arange(6) >= 3, exists.shape)[exists]
-    w = np.broadcast_to(weights[:, None], exists.shape)[exists]
-    if spans_rotation(arms):
-        dofs, G, w = dofs[~turning], G[~turning], w[~turning]
-    else:
-        middle = weights @ arms / weights.sum()
-        gyration = weights @ np.sum((arms - middle) ** 2, axis=1) / weights.sum()
-        w = np.where(turning, w * (gyration if gyration > 0 else 1.0), w)
-    Q, R = np.linalg.qr(np.sqrt(w)[:, None] * G)
-    return dofs, solve_triangular(R, Q.T * np.sqrt(w))
-
-
 InterfaceLike = str | Mapping[str, Any] | NodeOptions
 ModelInterface = RigidInterface | WeightedInterface
 
@@ -280,8 +255,9 @@ def make_interfaces(
     words_by_name : mapping of str to str or mapping
         By name a mesh group, or a table: one of ``group``, ``node``, ``nodes`` or ``center`` [m]
         with ``radius`` [m]; ``type`` ``"rbe2"`` (default) or ``"rbe3"``; for the latter
-        ``weights`` ``"area"`` (default where the group has facets), ``"uniform"`` or one number a
-        node; ``position`` [m] of the reference point. Node numbers count from 0 in the mesh.
+        ``weights`` ``"area"`` (default where the nodes are those of faces), ``"uniform"`` or one
+        number a node; ``position`` [m] of the reference point. Node numbers count from 0 in the
+        mesh.
 
     Raises
     ------
@@ -318,21 +294,29 @@ def make_interface(
     if choice.type == "rbe2":
         dofs, T = rigid_rows(fe.numbering, choice.nodes, arms)
         return RigidInterface(name, choice.position, choice.nodes, dofs, T)
-    dofs, W = weighted_rows(fe.numbering, choice.nodes, arms, _nodal_weights(fe, choice))
+    dofs, W = weighted_rows(fe.numbering, choice.nodes, arms, weight_samples(fe, choice))
     return WeightedInterface(name, choice.position, choice.nodes, dofs, W)
 
 
-def _nodal_weights(fe: FEMatrices, choice: NodeSelection) -> FloatArray:
+def weight_samples(fe: FEMatrices, choice: NodeSelection) -> csr_array:
+    """(p, k) the weights of nodes as :func:`weighted_rows` takes them.
+
+    Raises
+    ------
+    MeshError
+        Weights by area of nodes that have none.
+    """
     if not isinstance(choice.weights, str | None):
-        return choice.weights
-    if choice.weights != "uniform" and choice.group is not None:
-        area = tributary(fe.mesh, choice.group, choice.nodes)
-        if area is not None:
-            return area
+        return csr_array(diags_array(np.sqrt(choice.weights)))
+    if choice.weights != "uniform":
+        samples = surface_samples(fe.mesh, fe.blocks, choice.group, choice.nodes)
+        if samples is not None:
+            return samples
     if choice.weights == "area":
-        what = f'the nodes {choice.about} have no facets: weights "area" need a group of them'
+        what = f'the nodes {choice.about} have no facets: weights "area" need a group of them, or '
+        what += "all nodes of faces"
         raise MeshError.from_problems([Problem(choice.where, what)])
-    return np.ones(len(choice.nodes))
+    return csr_array(eye_array(len(choice.nodes)))
 
 
 def check_tied_nodes(fe: FEMatrices, choice: NodeSelection) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 from flexmb.errors import MeshError, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.connections import spans_rotation
-from flexmb.fe.assembly.interfaces import make_interface, select_interface
+from flexmb.fe.assembly.interfaces import make_interface, select_interface, weight_samples
 from flexmb.fe.elements.element_blocks import outer_faces
 from flexmb.fe.meshes.mesh import FACETS, dimension, facet_rule
 from flexmb.flexbody.arrays import FloatArray, IntArray
@@ -234,8 +234,8 @@ def _force(fe: FEMatrices, where: str, options: PointLoad) -> FloatArray:
         dofs, values = make_interface(fe, "", options, where).loads()
         np.add.at(f, dofs, values @ np.concatenate([force, moment]))
     else:  # nodes that carry no moment share the force
-        weights = selection.weights
-        share = weights if isinstance(weights, np.ndarray) else np.ones(len(nodes))
+        samples = weight_samples(fe, selection)
+        share = samples.T @ (samples @ np.ones(len(nodes)))
         np.add.at(f, fe.numbering.table[nodes, :3], np.outer(share / share.sum(), force))
     return condensed_load(fe, f)
 

@@ -7,8 +7,6 @@ among the groups and leaves gmsh's two formats different: :func:`read_mesh` catc
 all of that. Groups without a name are called ``"dim:tag"``.
 
 Curved facets are integrated with their own shape functions; basis and quadrature are scikit-fem's.
-For nodal areas facets with mid-side nodes are cut into small linear ones, each of which gives its
-corners equal parts: consistent shares of such facets vanish or turn negative at the corners.
 """
 
 from __future__ import annotations
@@ -23,6 +21,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.sparse import coo_array, csr_array
 from skfem import (
     ElementLineP1,
     ElementLineP2,
@@ -330,60 +329,40 @@ def facet_moments(kind: str, x: FloatArray) -> tuple[float, FloatArray]:
     return float(rule.size.sum()), np.einsum("fq,kq,fkc->c", rule.size, rule.N, x)
 
 
-_PIECES: dict[str, tuple[tuple[int, ...], ...]] = {  # triangles or segments of local nodes
-    "triangle": ((0, 1, 2),),
-    "triangle6": ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)),
-    "quad": ((0, 1, 2), (0, 2, 3), (0, 1, 3), (1, 2, 3)),
-    "quad8": (
-        (0, 4, 7),
-        (4, 1, 5),
-        (5, 2, 6),
-        (7, 6, 3),
-        (4, 5, 6),
-        (4, 6, 7),
-        (4, 5, 7),
-        (5, 6, 7),
-    ),
-    "quad9": tuple(
-        piece
-        for a, b, c, d in ((0, 4, 8, 7), (4, 1, 5, 8), (8, 5, 2, 6), (7, 8, 6, 3))
-        for piece in ((a, b, c), (a, c, d), (a, b, d), (b, c, d))
-    ),
-    "line": ((0, 1),),
-    "line3": ((0, 2), (2, 1)),
-}
-_TWICE = {"quad": slice(0, 4), "quad8": slice(4, 8), "quad9": slice(0, 16)}  # both diagonals
+Facets = list[tuple[str, IntArray]]  # kind, and nodes of its cells
 
 
-def tributary(mesh: Mesh, group: str, nodes: IntArray) -> FloatArray | None:
-    """(k,) area, or length, that belongs to each of ``nodes``; None if the group has no facets.
-
-    Surfaces count before lines.
-    """
-    rows = mesh.group_elements(group)
+def group_facets(mesh: Mesh, group: str, nodes: IntArray) -> Facets:
+    """Surfaces of a group, else its lines, whose nodes are all among ``nodes``."""
     for dim in (2, 1):
-        total = np.zeros(len(mesh.points))
-        for kind, row in rows.items():
-            if dimension(kind) == dim and kind in _PIECES and len(row):
-                _add_areas(total, mesh, kind, mesh.blocks[kind][row])
-        if total[nodes].any():
-            return total[nodes]
-    return None
+        facets = [
+            (kind, cells[np.isin(cells, nodes).all(axis=1)])
+            for kind, rows in mesh.group_elements(group).items()
+            if dimension(kind) == dim and kind in FACETS
+            for cells in [mesh.blocks[kind][rows]]
+        ]
+        if any(len(cells) for _, cells in facets):
+            return facets
+    return []
 
 
-def _add_areas(total: FloatArray, mesh: Mesh, kind: str, cells: IntArray) -> None:
-    pieces = np.array(_PIECES[kind])
-    share = np.ones(len(pieces))
-    share[_TWICE.get(kind, slice(0, 0))] = 0.5
-    corners = cells[:, pieces]
-    x = mesh.points[corners]
-    if pieces.shape[1] == 2:
-        size = np.linalg.norm(x[:, :, 1] - x[:, :, 0], axis=2)
-    else:
-        normal = np.cross(x[:, :, 1] - x[:, :, 0], x[:, :, 2] - x[:, :, 0])
-        size = 0.5 * np.linalg.norm(normal, axis=2)
-    part = size * share / pieces.shape[1]
-    np.add.at(total, corners, np.broadcast_to(part[:, :, None], corners.shape))
+def facet_samples(points: FloatArray, facets: Facets, nodes: IntArray) -> csr_array:
+    """(p, k) B, the root of the area at each quadrature point times the shape functions there.
+
+    B^T B = int N^T N dA of fields over the facets by their values at ``nodes``, ascending.
+    """
+    rows, columns, values, start = [], [], [], 0
+    for kind, cells in facets:
+        rule = facet_rule(kind, points[cells])
+        entries = np.sqrt(rule.size)[:, :, None] * rule.N.T
+        at = np.arange(start, start + rule.size.size).reshape(rule.size.shape)
+        rows.append(np.broadcast_to(at[:, :, None], entries.shape).ravel())
+        places = np.searchsorted(nodes, cells)[:, None]
+        columns.append(np.broadcast_to(places, entries.shape).ravel())
+        values.append(entries.ravel())
+        start += rule.size.size
+    parts = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
+    return csr_array(coo_array(parts, shape=(start, len(nodes))))
 
 
 def _read_apart(source: Path) -> None:

@@ -63,6 +63,15 @@ def effects_table(scene: Mapping[str, Any]) -> Any:
     return table
 
 
+def with_words(model: M, words: Mapping[str, Mapping[str, Any]]) -> M:
+    """The model with other words of some bodies."""
+    model = copy.copy(model)
+    model.bodies = dict(model.bodies)
+    for name, update in words.items():
+        model.bodies[name] = model.bodies[name].model_copy(update=dict(update))
+    return model
+
+
 def active_model(model: M) -> M:
     """The model without what its effects switch off; itself if that is nothing."""
     effects = model.effects

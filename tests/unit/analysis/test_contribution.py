@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from flexmb.analysis.effects.contribution import contributions
+from flexmb.analysis.effects.perturbation import Motion, respond
+from flexmb.engine.compile import compile_system
 from flexmb.model import Model
 
 
@@ -29,3 +31,20 @@ def test_a_sensor_at_rest_counts_what_all_bodies_together_change(sum_of_all, sha
     assert alone[0].share == pytest.approx(1.0)
     assert bus.share == pytest.approx(share)
     assert arm.share == alone[1].share == pytest.approx(0.01 / 1.01)
+
+
+def test_a_change_of_velocity_goes_straight_on_whatever_turns_below_it() -> None:
+    """Without forces δr = δv t, also of a body whose axes, in which it is solved, turn."""
+    model = Model("spinner")
+    model.add_body("disc", mass=2.0, inertia=[1.0, 1.0, 1.0])
+    compiled = compile_system(model)
+    (columns,), t, w = compiled.layout.bodies, np.linspace(0.0, 2.0, 401), 1.5
+    q, v = np.zeros((len(t), 7)), np.zeros((len(t), 6))
+    q[:, columns.iq] = 4.0 * t
+    q[:, columns.iq + 3], q[:, columns.iq + 6] = np.cos(w * t / 2), np.sin(w * t / 2)
+    v[:, columns.iv], v[:, columns.iv + 5] = 4.0, w
+    none = np.zeros((len(t), 0))
+    motion = Motion(t, q, v, np.zeros_like(v), none, none)
+    change = np.array([1e-3, 2e-3, -3e-3, 0.0, 0.0, 0.0])
+    found = respond(compiled, motion, np.zeros_like(v), (np.zeros(6), change)).dq
+    np.testing.assert_allclose(found[:, :3], np.outer(t, change[:3]), atol=1e-7)

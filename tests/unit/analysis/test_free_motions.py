@@ -46,12 +46,15 @@ def test_free_motions_in_words():
     sketch.body("ball", [0, 0, 0])
     sketch.body("bead", [1, 0, 0])
     sketch.body("stone", [2, 0, 0])
+    sketch.body("flap", [3, 1, 0])
     sketch.joint("socket", "spherical", "ground", "ball", [0, 0, 1])
+    sketch.joint("pin", "revolute", "ground", "flap", [3, 0, 0], axis=Z)
     sketch.joint("wire", "prismatic", "ground", "bead", [1, 0, 0], axis=X)
     assert [motion.sentence for motion in flexmb.mobility(sketch.model).motions] == [
         "ball can move by itself: 3 turns",
         "bead can slide along x",
         "stone has no joint",
+        "flap can turn about z through its joint pin",
     ]
 
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from enginekit import executed
 from linkages import four_bar_angles
 
 from flexmb.analysis import kinematics
+from flexmb.analysis.singular_poses import KinematicPose
+from flexmb.model import Model
 
 CODE = """
 import numpy as np
@@ -291,3 +295,11 @@ def test_friction_in_a_joint_is_pushed_against(runs):
     assert runs["sled"][0] == "finished"
     force = 2.0 * -0.8 + 0.3 * 20.0 * np.sign(runs["sled.v"])
     np.testing.assert_allclose(runs["sled.push"][1:], force[1:], rtol=1e-9)
+
+
+def test_the_rate_of_a_stroke_is_that_of_the_distance_along_the_axis():
+    """Over the size of the model; both ends move."""
+    R = np.eye(3)[:, [1, 2, 0]]  # the axis z of the marker along x
+    ends = [{"R": R, "vx": np.array([v, 5.0, 0.0]), "om": np.zeros(3)} for v in (2.0, 3.5)]
+    pose = SimpleNamespace(model=Model("any"), compiled=SimpleNamespace(length=10.0))
+    assert KinematicPose._joint_rate(pose, *ends, "stroke") == pytest.approx(0.15)

@@ -155,3 +155,20 @@ def test_turning_counts_where_nothing_is_sensed():
         error = np.abs(found - truth)[:, 3:].max() / np.ptp(truth, axis=0)[3:].max()
         assert 0.0 < outcome.statistics["measured_error_of_positions"] < 2 * accuracy
         assert error < 20 * accuracy
+
+
+@pytest.mark.parametrize(
+    ("knobs", "near"),
+    [({"method": "generalized-alpha"}, 0.01), ({"method": "explicit-rk", "order": 5}, 0.2)],
+)
+def test_the_error_that_it_tells_is_the_error(knobs, near):
+    """Of x = cos 2πt, over its peak-to-peak: a wrong order of Richardson's would give the half."""
+    made = Model("oscillator", plane="xy")
+    made.add_body("mass", mass=1.0, inertia=[1, 1, 1], position=[1, 0, 0])
+    made.add_joint("guide", "prismatic", between=["ground", "mass"], axis="x")
+    made.add_sensor("place", "position", of="mass")
+    made.add_force("pull", "force", at="mass", value=["-4*pi**2*place.x", 0, 0])
+    outcome, t, sensors, _ = simulated(made, accuracy=1e-3, duration=4.3, outputs=100, **knobs)
+    error = np.abs(sensors[:, 0] - np.cos(2 * np.pi * t)).max() / 2
+    told = outcome.statistics["measured_error_of_positions"]
+    assert told == pytest.approx(error, rel=near)

@@ -108,7 +108,7 @@ EVERYTHING = {
     "steps": 1234,
     "rejected_steps": 5,
     "failed_steps": 1,
-    "newton_iterations": 2468,
+    "residual_evaluations": 2468,
     "factorisations": 617,
     "replaced_pivots": 0,
     "smallest_step_s": 1e-6,
@@ -127,7 +127,7 @@ def test_the_summary_says_what_a_run_cost_and_what_more_would() -> None:
     rows = {name: (value, about) for name, value, about in work_rows(EVERYTHING)}
     assert rows["steps"][0] == "1 234"
     assert rows["steps"][1] == "of 1e-06 to 0.002 s; 5 rejected; 1 failed and tried shorter"
-    assert rows["Newton iterations"] == ("2 468", "2 per step")
+    assert rows["residual evaluations"] == ("2 468", "2 per step")
     assert rows["factorisations"][1] == "0.5 per step"
     assert rows["estimated error"][0] == "3.2e-05"
     assert "ill-conditioned pivots" not in rows

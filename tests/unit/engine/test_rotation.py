@@ -10,6 +10,7 @@ from enginekit import exponential, rotation, slope
 
 from flexmb.engine.algebra.vector import tangent_coefficients
 from flexmb.engine.bodies.motion import _interpolate_rotation, hermite
+from flexmb.engine.integrators.coordinate_partitioning import _put_rates
 from flexmb.engine.integrators.radau import _angular_velocity
 
 
@@ -59,3 +60,16 @@ def test_the_angular_velocity_of_a_rotation_vector():
     spin = R.T @ slope(lambda s: rotation(exponential(theta + s * rate)))
     wanted = [spin[2, 1], spin[0, 2], spin[1, 0]]
     np.testing.assert_allclose(_angular_velocity(theta, rate), wanted, atol=1e-9)
+
+
+@pytest.mark.parametrize("size", [0.02, 0.3, 2.5])
+def test_the_rate_of_a_rotation_vector_is_that_of_its_angular_velocity(size):
+    """Below and above the switch to a series: the way back from the rate to body axes."""
+    theta, spin = size * np.array([0.6, -0.64, 0.48]), np.array([0.3, 0.5, -0.9])
+    bodies, rate = np.array([(0,)], dtype=[("iv", "i8")]), np.zeros(6)
+    _put_rates(bodies, np.append(np.zeros(3), theta), np.append(np.ones(3), spin), rate)
+    np.testing.assert_allclose(rate[:3], 1.0)
+    np.testing.assert_allclose(_angular_velocity(theta, rate[3:]), spin, atol=1e-9)
+    R = rotation(exponential(theta))
+    turn = R.T @ slope(lambda s: rotation(exponential(theta + s * rate[3:])))
+    np.testing.assert_allclose([turn[2, 1], turn[0, 2], turn[1, 0]], spin, atol=1e-8)

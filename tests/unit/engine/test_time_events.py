@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from flexmb.analysis.dynamics.dynamics import prepare_dynamics
 from flexmb.analysis.dynamics.integration import Integration
 from flexmb.engine.compile import compile_system
 from flexmb.engine.method import FINE
+from flexmb.engine.time_loop import _work
 from flexmb.engine.work import new_state
 from flexmb.model import Model
 
@@ -164,3 +166,20 @@ def test_a_speed_integrated_over_the_run_leaves_the_fingerprint_for_a_longer_one
     short, long = spun(2.0), spun(7.0)
     assert len(short.system.functions.data) < len(long.system.functions.data)
     assert short.layout.fingerprint == long.layout.fingerprint
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_the_work_of_a_step_is_that_of_a_polynomial_of_the_power(degree):
+    """Straight from one step, a parabola from two, a cubic from three, of unequal steps."""
+    power = np.polynomial.Polynomial([3.0, -2.0, 1.5, 0.7][: degree + 1])
+    earlier, before, now, end = 0.2, 0.5, 0.9, 1.2
+    unknown = [[power(before)], [power(earlier)]]
+    for k in range(degree - 1, 2):
+        unknown[k][0] = np.nan
+    state = SimpleNamespace(
+        power=np.array([power(now)]), power_before=np.array(unknown),
+        memory=[{"last_step": now - before, "earlier_step": before - earlier}],
+    )  # fmt: skip
+    whole = power.integ()
+    found = _work(state, 0, power(end), end - now)
+    assert found == pytest.approx(whole(end) - whole(now), rel=1e-12)

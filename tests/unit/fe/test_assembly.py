@@ -10,6 +10,8 @@ from femeshes import block, line
 
 from flexmb.errors import MeshError
 from flexmb.fe import Mesh, assemble, rectangle, resolve
+from flexmb.fe.displacements import extruded_beams
+from flexmb.flexbody import NodeModes
 
 MATTER = resolve({"E": 1e9, "nu": 0.3, "density": 2000.0})
 TIGHT = {"rtol": 1e-12, "atol": 1e-12}
@@ -135,3 +137,15 @@ def test_mixed_meshes_are_refused_by_name_not_truncated():
     blocks = dict(box.blocks) | {"wedge18": np.arange(18)[None]}
     with pytest.raises(MeshError, match='1 elements of kind "wedge18", which cannot be used'):
         assemble(Mesh(box.points, blocks), MATTER)
+
+
+def test_corners_of_an_extruded_beam_turn_with_its_nodes():
+    """Under a rigid rotation every corner at x moves by ω × x."""
+    fe = assemble(line(3, end=(1, 1, 0)), MATTER, {"all": rectangle(0.2, 0.1)})
+    ids, turn = np.arange(4), np.array([1.0, -2.0, 3.0])
+    places = fe.mesh.points
+    moved = np.cross(turn, places)[:, :, None]
+    modes = NodeModes(ids, places, moved, np.tile(turn[:, None], (4, 1, 1)))
+    solid = extruded_beams(fe, modes)
+    assert np.ptp(solid.points[:, 2]) > 0.09
+    np.testing.assert_allclose(solid.modes[:, :, 0], np.cross(turn, solid.points), atol=1e-12)

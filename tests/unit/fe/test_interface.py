@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from enginekit import cross_matrix
 from femeshes import block, line
+from scipy.sparse.linalg import spsolve
 
 from flexmb.errors import MeshError
 from flexmb.fe import Mesh, assemble, make_interfaces, rectangle, resolve
+from flexmb.fe.meshes import mesh_shapes
 from flexmb.fe.meshes.mesh import facet_moments
 
 STEEL = resolve("steel")
@@ -120,3 +122,44 @@ def with_node_groups(**groups):
 def test_refused(groups, asked, sentence):
     with pytest.raises(MeshError, match=sentence):
         make_interfaces(with_node_groups(**groups), asked)
+
+
+NO_POISSON = resolve({"E": 2e11, "nu": 0.0, "density": 7800})
+
+
+def held_and_loaded(kind, wrench):
+    """Motion of the end x1 of a box that is held at x0, by a wrench spread over its face."""
+    size = (0.6, 0.2, 0.1)
+    fe = assemble(mesh_shapes.box(size, (3, 2, 2), kind), NO_POISSON)
+    (end,) = make_interfaces(fe, {"end": {"group": "x1", "type": "rbe3"}})
+    dofs, values = end.loads()
+    force = np.zeros(fe.numbering.n)
+    np.add.at(force, dofs, values @ wrench)
+    free = np.setdiff1d(np.arange(fe.numbering.n), fe.numbering.table[fe.mesh.points[:, 0] < 1e-9])
+    u = np.zeros(fe.numbering.n)
+    u[free] = spsolve(fe.K.tocsc()[free][:, free], force[free])
+    return end.motion(u), u.reshape(-1, 3), fe.mesh.points
+
+
+SOLIDS = ["tetra", "tetra10", "wedge15", "hexahedron", "hexahedron20", "hexahedron27"]
+
+
+@pytest.mark.parametrize("kind", SOLIDS)
+def test_a_force_spread_over_a_face_is_a_uniform_traction(kind):
+    """Without Poisson's ratio the box extends by F L/(E A), every node in proportion to x."""
+    motion, u, points = held_and_loaded(kind, np.array([1e5, 0, 0, 0, 0, 0]))
+    extension = 1e5 * 0.6 / (2e11 * 0.02)
+    np.testing.assert_allclose(motion, [extension, 0, 0, 0, 0, 0], atol=1e-11 * extension)
+    np.testing.assert_allclose(u[:, 0], extension * points[:, 0] / 0.6, atol=1e-11 * extension)
+
+
+@pytest.mark.parametrize("kind", ["tetra10", "wedge15", "hexahedron20", "hexahedron27"])
+def test_a_moment_spread_over_a_face_is_a_linear_traction(kind):
+    """Quadratic elements have pure bending exactly: the end turns by M L/(E I)."""
+    motion, u, points = held_and_loaded(kind, np.array([0, 0, 0, 0, 0, 300.0]))
+    turn = 300.0 * 0.6 / (2e11 * 0.1 * 0.2**3 / 12)
+    np.testing.assert_allclose(motion[5], turn, rtol=1e-10)
+    np.testing.assert_allclose(motion[1], turn * 0.6 / 2, rtol=1e-10)
+    np.testing.assert_allclose(
+        u[:, 0], -turn * points[:, 0] / 0.6 * points[:, 1], atol=1e-10 * turn
+    )

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 from femeshes import block, line
+from solidkit import held, nodal_stress, solve
 
 from flexmb.errors import MeshError
-from flexmb.fe import Mesh, WeightedInterface, assemble, make_interfaces, rectangle, resolve
-from flexmb.fe.meshes.mesh import tributary
+from flexmb.fe import (
+    Mesh,
+    WeightedInterface,
+    assemble,
+    make_interfaces,
+    mesh_from,
+    rectangle,
+    resolve,
+)
+from flexmb.fe.meshes.mesh_shapes import KINDS
 
 STEEL = resolve("steel")
 
@@ -59,28 +70,34 @@ def test_weights_are_those_of_a_least_squares_fit(box):
     np.testing.assert_allclose(w @ np.cross(arms, left), 0, atol=1e-12)
 
 
-@pytest.mark.parametrize("kind", ["triangle", "triangle6", "quad", "quad8", "quad9", "line3"])
-def test_tributary_areas_are_positive_and_add_up(kind):
-    """One facet of the unit square, or half of it, or the unit line."""
-    square = np.array(
-        [[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0], [1, 0.5], [0.5, 1], [0, 0.5], [0.5, 0.5]]
+@pytest.mark.parametrize("nodes", [False, True])
+@pytest.mark.parametrize("kind", KINDS[3])
+def test_ties_and_groups_of_nodes_bring_a_uniform_traction(kind, nodes):
+    """A block under 6 N on 6 mm^2 has 1e6 Pa all over: group of faces or of nodes, and a tie."""
+    size = np.array([1e-3, 2e-3, 3e-3])
+    box = mesh_from({"type": "box", "size": size, "divisions": [1, 2, 2], "elements": kind})
+    points = np.vstack([box.points, [1e-3, 0, 0]])
+    groups = dict(box.node_sets), {} if nodes else box.element_sets
+    mesh = Mesh(points, box.blocks, groups[0] | {"point": np.array([len(box.points)])}, groups[1])
+    weighted = {"type": "rbe3", "position": [1e-3, 0, 0]}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        fe = assemble(mesh, STEEL)
+        tied = assemble(
+            mesh, STEEL, ties={"a": {"type": "rbe3", "reference": "point", "nodes": "x1"}}
+        )
+    part = one(fe, {**weighted, "group": "x1"})
+    fixed = held(fe, ("x0", "x"), ("y0", "y"), ("z0", "z"))
+    f = np.zeros(fe.numbering.n)
+    f[part.dofs] = 6.0 * part.W[0]
+    row = tied.numbering.table[-1, 0] - tied.numbering.n
+    np.testing.assert_allclose(6.0 * tied.follow[[row]].toarray()[0], f, atol=1e-12)
+    stress = nodal_stress(fe, solve(fe, f, fixed))[: len(box.points)]
+    np.testing.assert_allclose(stress, np.broadcast_to([1e6, 0, 0, 0, 0, 0], stress.shape), atol=1)
+    arms = mesh.points[part.nodes] - part.position
+    np.testing.assert_allclose(
+        np.cross(arms, f[part.dofs].reshape(-1, 3)).sum(axis=0), 0, atol=1e-15
     )
-    chosen = {
-        "triangle": ([0, 1, 3], 0.5),
-        "triangle6": ([0, 1, 3, 4, 8, 7], 0.5),
-        "quad": ([0, 1, 2, 3], 1.0),
-        "quad8": ([0, 1, 2, 3, 4, 5, 6, 7], 1.0),
-        "quad9": (list(range(9)), 1.0),
-        "line3": ([0, 1, 4], 1.0),
-    }
-    nodes, size = chosen[kind]
-    points = np.column_stack([square[nodes], np.zeros(len(nodes))])
-    mesh = Mesh(points, {kind: np.arange(len(nodes))[None]}, {}, {"all": {kind: np.array([0])}})
-    part = tributary(mesh, "all", np.arange(len(nodes)))
-    assert part.min() > 0
-    assert part.sum() == pytest.approx(size, rel=1e-14)
-    if kind.startswith("quad"):
-        np.testing.assert_allclose(part[:4], part[0], rtol=1e-14)
 
 
 def test_weights_by_area_do_not_ask_how_finely_a_side_is_meshed():

@@ -125,6 +125,8 @@ def test_warped_quads_are_told_where_they_are_shells():
 def test_a_slip_of_units_shows_in_the_size():
     assert size_sentence(np.array([[0, 0, 0], [0.5, 0, 0]])) == ""
     assert "extends over 450 m" in size_sentence(np.array([[0, 0, 0], [450.0, 0, 0]]))
+    micro = np.array([[0, 0, 0], [2e-6, 0, 0]])
+    assert "extends over 2e-06 m" in size_sentence(micro) and not size_sentence(micro, 1e-6)
 
 
 @pytest.mark.parametrize(

@@ -269,3 +269,45 @@ def test_transverse_forces_of_a_plate_carry_the_load():
         np.testing.assert_allclose(
             forces[inside], np.tile(size * wanted, (inside.sum(), 1)), atol=1
         )
+
+
+def test_a_part_that_turns_ever_faster_is_held_by_its_support():
+    """Force m a and moment of ∫ρ s × a of a bar along x, a = α × (s − p) + ω × (ω × (s − p))."""
+    p, w, alpha = np.array([0.3, -0.2, 0.5]), np.array([1.0, 2.0, 3.0]), np.array([40, 50, -60])
+    found = beam(
+        supports={"a": CLAMPED},
+        loads={"turn": {"type": "spin", "angular_velocity": w.tolist(),
+                        "angular_acceleration": alpha.tolist(), "position": p.tolist()}},
+    )  # fmt: skip
+    at, weights = np.polynomial.legendre.leggauss(3)
+    arms = np.outer(1.0 + at, [1.0, 0, 0])
+    a = np.cross(alpha, arms - p) + np.cross(w, np.cross(w, arms - p))
+    forces = 8000 * 6e-4 * weights[:, None] * a
+    np.testing.assert_allclose(found.reactions["a"].force, forces.sum(axis=0), rtol=1e-9)
+    moment = np.cross(arms, forces).sum(axis=0)[1:]  # that about x is of the section too
+    np.testing.assert_allclose(found.reactions["a"].moment[1:], moment, rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("load", "factor"),
+    [
+        ({"type": "gravity", "acceleration": [-1.0, 0, 0]}, 7.837),
+        ({"type": "spin", "angular_velocity": [0, 0, 1.0], "position": [2.0, 0, 0]}, 16.1),
+    ],
+    ids=["gravity", "spin"],
+)
+def test_a_column_buckles_under_loads_along_it(load, factor):
+    """∫q dx = 7.837 EI/L² of its weight, 16.1 of loads that fall to zero at the free end, as of a
+    bar that turns about that end (Timoshenko and Gere, §2.12)."""
+    found = part(
+        {**BEAM, "divisions": 3}, material=STEEL, sections=SECTION, supports={"a": CLAMPED},
+        loads={"q": load}, buckling=1,
+    )  # fmt: skip
+    assert found.load_factors[0] * 8000 * 6e-4 * 2**3 / EI == pytest.approx(factor, rel=0.01)
+
+
+def test_a_band_holds_the_modes_between_its_frequencies():
+    lowest = beam(supports={"a": CLAMPED}, frequencies=6).frequencies
+    low, high = 0.5 * (lowest[1] + lowest[2]), 0.5 * (lowest[4] + lowest[5])
+    found = beam(supports={"a": CLAMPED}, frequencies={"band": [low, high]})
+    np.testing.assert_allclose(found.frequencies, lowest[2:5], rtol=1e-9)

@@ -30,7 +30,8 @@ def body(**words):
         ({"reduction": "guyan", "modes": None}, 6),
         ({"reduction": "free-interface"}, 4 + 12),
         ({"modes": {"count": 7}}, 12 + 7 - 6),
-        ({"loads": LOADS}, 12 + 4 - 6 + 2),
+        ({"loads": LOADS}, 12 + 4 - 6 + 1),  # the pressure is a force of the interface at x1
+        ({"loads": LOADS | {"press": LOADS["press"] | {"group": "x0"}}}, 12 + 4 - 6 + 1),
         ({"loads": {"press": {**LOADS["press"], "residual": False}}}, 12 + 4 - 6),
         ({"interfaces": None}, 4),
         ({"interfaces": None, "loads": LOADS}, 5),

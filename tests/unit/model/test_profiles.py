@@ -103,6 +103,7 @@ def test_the_modified_sine_has_the_factors_of_the_literature():
         ({"t1": 3.5, "ramp": 0.5, "y1": -2}, 3.0, -0.8),
         ({"speed": 1.0, "acceleration": 4.0, "y1": 2}, 2.25, 1.0),
         ({"speed": 5.0, "acceleration": 2.0, "y1": -2}, 2.0, -2.0),  # the speed is not reached
+        ({"speed": 1.0, "acceleration": 1.0, "y1": 0.64}, 1.6, 0.8),  # almost
     ],
 )
 def test_trapezoids_cover_their_way_in_their_time(fields, length, top):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,13 +17,18 @@ from flexmb.errors import FlexmbError, SceneError
 from flexmb.flexbody import save
 from flexmb.model.scenes.scene import load_scene
 from flexmb.studies import budget_runs
-from flexmb.studies.channel_errors import History, Reading
+from flexmb.studies.channel_errors import History, Reading, _scales
+from flexmb.studies.error_budget import _Split
 from flexmb.studies.error_shares import (
     CONVERGED,
+    MESH,
     NOISE,
     NOT_CONVERGED,
     ONE,
+    Estimate,
+    Knob,
     SensorErrors,
+    Share,
     complete_effects,
     estimate_error,
     refinement_knobs,
@@ -186,3 +192,49 @@ def test_the_command_shows_line_table_and_settings(tmp_path: Path) -> None:
         assert text in done.output
     wrong = CliRunner().invoke(app, ["budget", scene, "-o", folder, "--knob", "meshes"])
     assert wrong.exit_code != 0
+
+
+def test_changes_of_single_refinements_are_added() -> None:
+    errors = SensorErrors(reading(0.1, 0.2))
+    both = errors.combined([reading(0.4, 0.2), reading(0.1, 0.7)])
+    wanted = reading(0.4, 0.7)
+    for one, other in zip(both.histories, wanted.histories, strict=True):
+        np.testing.assert_allclose(one.values, other.values, rtol=1e-12)
+
+
+def test_refined_modes_leave_out_a_quarter_of_the_mass_of_before(tmp_path: Path) -> None:
+    (tmp_path / "scene.toml").write_text(BEAM)
+    save(flexmb.rigid_body(1.0, inertia=1.0, name="block"), tmp_path / "block.flexbody.h5")
+    model = load_scene(tmp_path / "scene.toml", {"bodies.beam.modes": "{ effective_mass = 0.9 }"})
+    (modes,) = (one for one in refinement_knobs(model, {}) if one.name == "modes of beam")
+    kept = [step["bodies.beam.modes"]["effective_mass"] for step in modes.steps]
+    assert kept == pytest.approx([0.975, 0.99375])
+
+
+def test_a_refined_mesh_has_as_many_times_the_unknowns_as_it_has_dimensions() -> None:
+    """Halves of lengths: 2, 4, 8 times; those of more than 150 000 are not tried."""
+    knob = Knob(MESH, "b", steps=({"refine": 1}, {"refine": 2}))
+    for dimension, most in ((1, 150_000 / 4), (2, 150_000 / 16), (3, 150_000 / 64)):
+        for dofs, count in ((0.99 * most, 2), (1.01 * most, 1)):
+            sizes = SimpleNamespace(sizes={"b": (dofs, dimension)})
+            assert len(_Split._fit(sizes, knob).steps) == count
+
+
+def test_how_many_more_refinements_would_meet_the_target() -> None:
+    """What is left falls to a quarter each time: 0.032, 0.008, 0.002."""
+    knob = Knob(MESH, "b", steps=({"refine": 1}, {"refine": 2}))
+    left = Estimate(({"tip": 0.512}, {"tip": 0.128}, {"tip": 0.032}), CONVERGED, 4.0, ())
+    split = SimpleNamespace(knobs=[knob], estimates={knob.name: left}, target=0.003)
+    share = _Split._cheapest(split, Share(knob.name, MESH, {"tip": 0.512}, CONVERGED))
+    assert "2 more refinements would meet it" in share.note
+
+
+def test_a_small_reaction_is_judged_by_a_hundredth_of_the_largest() -> None:
+    """What moves a billionth of the like of it stands still."""
+    t = np.linspace(0.0, 1.0, 11)[:, None]
+    sizes = {"reactions": (100.0, 5.0, 0.1), "positions": (3.0, 1e-3, 1e-10)}
+    histories = [
+        History(quantity, f"{quantity}{k}", "N" if quantity == "reactions" else "m", size * t)
+        for quantity, many in sizes.items() for k, size in enumerate(many)
+    ]  # fmt: skip
+    assert _scales(histories) == pytest.approx([100.0, 5.0, 1.0, 3.0, 1e-3, 0.0])

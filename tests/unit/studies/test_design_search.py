@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
 from flexmb.errors import SceneError
@@ -105,3 +106,11 @@ def test_questions_that_cannot_be_sought() -> None:
         ask(lambda m: {"x:max": 1.0}, {"m": 1}, "x:max = 2", m="steel,copper")
     with pytest.raises(SceneError, match="one scalar can be minimised"):
         ask(lambda a: {"x:max": a}, {"a": 1}, "minimise x:max", "maximise x:max", a="0..1")
+
+
+def test_half_of_a_logarithmic_range_is_its_geometric_mean() -> None:
+    ranges = {"k": "log-uniform(1, 10000)", "d": "1..10000"}
+    knobs = {name: read_distribution(text, ReadContext({})) for name, text in ranges.items()}
+    search = DesignSearch(knobs, [], lambda settings: [], {})
+    assert search._values(np.array([0.5, 0.5])) == pytest.approx({"k": 100.0, "d": 5000.5})
+    assert search._share("k", 100.0) == pytest.approx(0.5)

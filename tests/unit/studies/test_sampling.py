@@ -129,3 +129,8 @@ def test_knobs_that_a_method_cannot_take(method: str, knobs: dict[str, str], wha
     with pytest.raises(SceneError) as error:
         design(method, samples=400_000, **knobs)
     assert what in str(error.value)
+
+
+def test_derivatives_step_by_a_twentieth_of_the_probability() -> None:
+    values = [one["a"] for one in design("derivatives", a="uniform(10, 30)").values()]
+    assert values == pytest.approx([20.0, 18.0, 19.0, 21.0, 22.0])

@@ -101,3 +101,22 @@ def test_correlations_of_numbers_and_choices() -> None:
     assert np.isclose(correlation([1, 2, 3, 4], y), 1.0)
     assert np.isclose(correlation(["a", "a", "b", "b"], y), np.sqrt(0.8))
     assert np.isnan(correlation([1, 2, 3, 4], np.ones(4)))
+
+
+def test_the_deviation_of_a_sample_is_that_without_bias() -> None:
+    one = statistics_of(np.array([4.0, 1.0, 3.0, 2.0]), [0.5])
+    assert (one.mean, one.greatest, one.quantiles[0].value) == (2.5, 4.0, 2.5)
+    assert np.isclose(one.deviation**2, 5 / 3)
+
+
+def test_what_a_surface_explains_is_that_of_fits_without_the_point() -> None:
+    generator = np.random.default_rng(4)
+    x = np.linspace(-1.0, 1.0, 12)
+    y = x**2 - 0.3 * x + 0.2 * generator.standard_normal(12)
+    missed = [
+        y[k] - np.polyval(np.polyfit(np.delete(x, k), np.delete(y, k), 2), x[k]) for k in range(12)
+    ]
+    surface = response_surface(x[:, None], y)
+    assert surface is not None
+    explained = 1.0 - np.sum(np.square(missed)) / np.sum((y - y.mean()) ** 2)
+    assert np.isclose(surface.explained, explained, rtol=1e-9)

@@ -15,6 +15,7 @@ import flexmb
 from flexmb.cli import app
 from flexmb.errors import FlexmbError, ResultFileError
 from flexmb.model import Model
+from flexmb.workflow.comparison import _sampler
 
 
 def slider(
@@ -148,3 +149,11 @@ def test_the_command_draws_and_ends_in_code_3_beyond_what_is_allowed(tmp_path, m
     assert "place.x   b" in run.output
     assert "still in all models: place.y, place.z" in run.output
     assert "<svg" in (tmp_path / "plot.svg").read_text(encoding="utf-8")
+
+
+def test_the_error_of_rows_between_others_is_that_of_the_spline():
+    """Of the fourth order: with half of the rows it is sixteen times as large."""
+    times, at = np.linspace(-3.0, 3.0, 81), np.linspace(-2.5, 2.5, 1001)
+    rows, noise = _sampler(times, at, 0.0)
+    error = np.abs(rows(np.exp(-(times**2))) - np.exp(-(at**2))).max()
+    assert noise(np.exp(-(times**2))) == pytest.approx(error, rel=0.2)

@@ -1,0 +1,124 @@
+"""Motions that joints allow at first order only: a taut net, links stretched straight.
+
+In: the rows of a closed pose. Out: the motions u that no row hinders, Cq u = 0, and that no finite
+motion follows, since the rows open with the square of u. They do if some self-stress σ, σᵀ Cq = 0,
+has σᵀ (Cq u)_q u > 0 for all of them. C. R. Calladine & S. Pellegrino, First-order infinitesimal
+mechanisms, Int. J. Solids Structures 27 (1991) 505-515.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.analysis.assembly.jacobian import (
+    ConstraintPose,
+    ConstraintRows,
+    column_scales,
+    joint_rows,
+    null_space,
+    plain_name,
+)
+
+Array = NDArray[np.float64]
+
+_MAX_MOTIONS = 100
+_STEP = 1e-4  # of the differences, over the model size
+_CURVED = (
+    1e-5  # a row that opens less along a motion of size one, over the model size, stays closed
+)
+_DEFINITE = 1e-6  # least eigenvalue of a definite form, over the largest
+_ROUNDS = 1000
+_MAX_NAMES = 6
+_AT_REST = 1e-9  # of the model size, or in radians
+
+
+@dataclass(frozen=True)
+class InfinitesimalMotion:
+    """Motions (columns, k) of size one in a pose, and the bodies and joints that they concern."""
+
+    motions: Array
+    bodies: tuple[str, ...]
+    joints: tuple[str, ...]
+
+    def is_along(self, pose: ConstraintPose, paths: Array) -> bool:
+        """Whether changes (n, nv) of the velocity coordinates have a part along the motions."""
+        columns = pose.jacobian.columns
+        scales = column_scales(pose.compiled)[columns]
+        along = paths[:, columns] / scales @ self.motions
+        return bool(np.abs(along).max(initial=0.0) > _AT_REST)
+
+    @property
+    def sentence(self) -> str:
+        """What is the matter, and the cure."""
+        k = self.motions.shape[1]
+        what = "1 free motion is" if k == 1 else f"{k} free motions are"
+        return (
+            f"{what} infinitesimal: {_names(self.bodies)} may begin to move, but the joints "
+            f"{_names(self.joints)} stop them at once, as taut links do; no finite reaction bears "
+            "a load across: give the links some sag, or take springs in place of some of them"
+        )
+
+
+def _names(names: tuple[str, ...]) -> str:
+    more = len(names) - _MAX_NAMES
+    return ", ".join(names[:_MAX_NAMES]) + (f" and {more} more" if more > 0 else "")
+
+
+def infinitesimal_motion(
+    constraints: ConstraintRows, pose: ConstraintPose
+) -> InfinitesimalMotion | None:
+    """The motions that the joints allow at first order only; None if there are none."""
+    jacobian, scales = pose.jacobian, column_scales(constraints.compiled)
+    rows = joint_rows(constraints.compiled)
+    stresses = jacobian.joint_circuits[:, rows]
+    free = null_space(jacobian.A[rows])
+    if not len(stresses) or not 0 < free.shape[1] <= _MAX_MOTIONS:
+        return None
+
+    def opening(u: Array) -> Array:
+        """(n, columns) of the stresses on the change of the rows along a motion u."""
+        step = np.zeros(len(scales))
+        step[jacobian.columns] = _STEP * u
+        ahead, behind = (
+            constraints.evaluate(constraints.move(pose.q, scales * d)).jacobian.A[rows]
+            for d in (step, -step)
+        )
+        return np.asarray(stresses @ (ahead - behind) / (2.0 * _STEP))
+
+    any_motion = free @ np.random.default_rng(0).standard_normal(free.shape[1])
+    if np.abs(opening(any_motion) @ any_motion).max() < _CURVED * (any_motion @ any_motion):
+        return None  # a mechanism, the usual case
+    forms = np.stack([opening(u) @ free for u in free.T], axis=1)
+    forms = (forms + forms.transpose(0, 2, 1)) / 2.0
+    _, size, Vt = np.linalg.svd(forms.reshape(-1, free.shape[1]))
+    curved = Vt[: int(np.sum(size > _CURVED))].T
+    stress = _positive_combination(curved.T @ forms @ curved)
+    if stress is None:
+        return None
+    motions = free @ curved
+    moving = np.abs(jacobian.velocities(motions)).max(axis=1) > _CURVED
+    layout = constraints.compiled.layout
+    bodies = [body.name for body in layout.bodies if np.any(moving[body.iv : body.iv + 6 + body.m])]
+    tense = np.abs(stress @ stresses) > _CURVED * np.abs(stress @ stresses).max()
+    joints = dict.fromkeys(np.array(jacobian.owners, object)[rows][tense])
+    return InfinitesimalMotion(motions, tuple(bodies), tuple(plain_name(path) for path in joints))
+
+
+def _positive_combination(forms: Array) -> Array | None:
+    """Factors (n,) of symmetric forms (n, k, k) whose sum is positive definite, by a perceptron."""
+    if not forms.shape[1]:
+        return None
+    factors = np.trace(forms, axis1=1, axis2=2)
+    for _ in range(_ROUNDS):
+        values, vectors = np.linalg.eigh(np.tensordot(factors, forms, 1))
+        if values[0] > _DEFINITE * abs(values).max():
+            return np.asarray(factors)
+        worst = np.einsum("nij,i,j", forms, vectors[:, 0], vectors[:, 0])
+        size = float(np.linalg.norm(worst))
+        if size < _DEFINITE * abs(forms).max():
+            return None
+        factors = factors / max(float(np.linalg.norm(factors)), 1.0) + worst / size
+    return None

@@ -1,0 +1,108 @@
+"""``deformation = "automatic"``: the band of modes that vibrate, by how fast the scene moves.
+
+In: a scene, and its run with rigid bodies. Out: the scene with the band in place of the word. The
+frequencies are those of drivers and loads (`model.bandwidth`), and of the inertia forces in that
+run: springs, gears, contacts and spins move bodies faster than what drives them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from flexmb.errors import FlexmbError
+from flexmb.model.bandwidth import BAND_FACTOR, cutoff_frequency
+from flexmb.model.flexible_body import DeformationSpec, FlexibleBodySpec
+from flexmb.model.scenes.effects import with_words
+
+if TYPE_CHECKING:
+    from flexmb.model import Model
+    from flexmb.results import Result
+
+Array = NDArray[np.float64]
+
+_ROWS = 2000
+_REST = 1e-3  # of the energy of a motion, which may be faster
+_SMALL = 1e-3  # of the largest acceleration in the scene: smaller ones are not looked at
+_AT_REST = 1e-9  # of the size of the flexible bodies
+
+
+def with_motion_band(model: Model, run: Callable[[Model], Result]) -> tuple[Model, list[str]]:
+    """The model with the band of its "automatic" bodies, and a sentence on it.
+
+    Parameters
+    ----------
+    model : Model
+        With a section ``[dynamics]`` and "automatic" bodies.
+    run : callable
+        Runs a model.
+    """
+    specs = model.bodies.items()
+    flexible = {name: spec for name, spec in specs if isinstance(spec, FlexibleBodySpec)}
+    names = [name for name, spec in flexible.items() if spec.deformation == "automatic"]
+    assert model.dynamics is not None
+    rigid = with_words(model, dict.fromkeys(flexible, {"deformation": "rigid"}))
+    rows = {"outputs": _ROWS, "verify": False}
+    rigid.dynamics = model.dynamics.model_copy(update=rows)
+    try:
+        gravity = np.array(model.gravity or (0.0, 0.0, 0.0))
+        fastest = max(motion_frequencies(run(rigid), names, gravity), default=0.0)
+    except FlexmbError:  # only elasticity lets it move
+        return model, []
+    by_drivers = cutoff_frequency(model)
+    cutoff = max(BAND_FACTOR * fastest, by_drivers if math.isfinite(by_drivers) else 0.0)
+    if cutoff == 0.0:
+        return model, []
+    band = {"deformation": DeformationSpec(band=(0.0, cutoff))}
+    what = "drivers and loads" if cutoff == by_drivers else "the motion with rigid bodies"
+    note = (
+        f'deformation = "automatic" of bodies.{", bodies.".join(names)}: modes up to {cutoff:.4g} '
+        f"Hz vibrate, {BAND_FACTOR:g} times the frequency of {what}"
+    )
+    return with_words(model, dict.fromkeys(names, band)), [note]
+
+
+def motion_frequencies(run: Result, names: Collection[str], gravity: Array) -> Iterator[float]:
+    """Frequencies [Hz] of what loads these bodies of a run, and of the forces of all others.
+
+    That is of accelerations, less gravity and in axes of the body, angular accelerations and
+    centrifugal ones; of other bodies of accelerations. A frequency is that below which a motion has
+    nearly all of its energy.
+    """
+    from flexmb.flexbody import load
+
+    t = run.time * run.units.scale("s")
+    q, v, vd = (run.part(name, slice(None)) for name in ("q", "v", "vd"))
+    size = max(load(file).characteristic_length for file in run.flexbodies.values())
+    loads: list[list[Array]] = [[], [], []]
+    for body in run.layout.bodies:
+        place = q[:, body.iq : body.iq + 7] / np.repeat([size, 1.0], [3, 4])
+        if np.ptp(place, axis=0).max() < _AT_REST:
+            continue
+        a, spin = vd[:, body.iv : body.iv + 3], v[:, body.iv + 3 : body.iv + 6]
+        if body.name in names:
+            turn = Rotation.from_quat(np.roll(q[:, body.iq + 3 : body.iq + 7], -1, axis=1))
+            a = turn.inv().apply(a - gravity)
+            loads[1].append(vd[:, body.iv + 3 : body.iv + 6])
+            loads[2].append(spin**2)
+        loads[0].append(a)
+    for alike in loads:
+        changes = [float(np.ptp(one, axis=0).max()) for one in alike]
+        for one, change in zip(alike, changes, strict=True):
+            if change > _SMALL * max(changes):
+                yield _frequency(t, one)
+
+
+def _frequency(t: Array, c: Array) -> float:
+    """That below which c (n, k) has nearly all of its energy, a straight line taken out."""
+    line = c[:1] + (c[-1:] - c[:1]) * ((t - t[0]) / (t[-1] - t[0]))[:, None]
+    energy = (np.abs(np.fft.rfft(c - line, axis=0)) ** 2).sum(axis=1)
+    whole = np.cumsum(energy)
+    if not whole[-1] > 0.0:
+        return 0.0
+    return float(np.searchsorted(whole, (1.0 - _REST) * whole[-1]) / (t[-1] - t[0]))
