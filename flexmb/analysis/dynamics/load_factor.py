@@ -15,7 +15,7 @@ and frequency, f = f₀ √(1 − P/P_cr), Timoshenko, Vibration Problems in Eng
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from flexmb.analysis.monitors import Indicator
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import solve_stage
 from flexmb.engine.initial_conditions import RESIDUAL
+from flexmb.engine.state import State, Work
 from flexmb.engine.work import new_state, new_work
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import skew
@@ -83,7 +84,10 @@ class LoadFactorMonitor:
         ]
         self._largest = np.zeros((2, len(self._bodies)))
         self._mean = np.full((2, len(self._bodies)), np.nan)  # over a period, and its last moment
-        self._scratch = new_state(compiled.system), new_work(compiled.system)
+
+    @cached_property
+    def _scratch(self) -> tuple[State, Work]:
+        return new_state(self._compiled.system), new_work(self._compiled.system)
 
     def add(self, rows: OutputBlock) -> None:
         """Take the next rows."""

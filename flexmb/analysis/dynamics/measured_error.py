@@ -111,6 +111,14 @@ class MeasuredError:
         self._largest = np.zeros((2, n))  # difference so far; its time
         widest = max((len(one.columns) for one in self._compared), default=0)
         self._range = np.stack([np.full((n, widest), np.inf), np.full((n, widest), -np.inf)])
+        self._columns = {  # in each table, and where they stand in the range
+            table: tuple(np.array(pairs, dtype=np.intp).T)
+            for table in dict.fromkeys(one.table for one in self._compared)
+            if (pairs := [
+                (column, k * widest + i) for k, one in enumerate(self._compared)
+                if one.table == table for i, column in enumerate(one.columns)
+            ])
+        }  # fmt: skip
         self._places = [k for k, one in enumerate(self._compared) if one.quantity == "positions"]
         self._growth = SampledHistory(len(self._places))  # of the differences of positions
 
@@ -132,14 +140,14 @@ class MeasuredError:
         n = min(len(fine.t), len(coarse.t))
         if n == 0:
             return
-        gaps = np.zeros((n, len(self._compared)))
-        for k, one in enumerate(self._compared):
-            columns = list(one.columns)
-            ours, theirs = (getattr(rows, one.table)[:n][:, columns] for rows in (fine, coarse))
-            gaps[:, k] = np.abs(ours - theirs).max(axis=1, initial=0.0)
-            low, high = self._range[:, k, : len(columns)]
-            np.minimum(low, ours.min(axis=0), out=low)
-            np.maximum(high, ours.max(axis=0), out=high)
+        gaps = np.zeros((n, self._range[0].size))
+        low, high = (bound.reshape(-1) for bound in self._range)
+        for table, (columns, places) in self._columns.items():
+            ours, theirs = (getattr(rows, table)[:n, columns] for rows in (fine, coarse))
+            gaps[:, places] = np.abs(ours - theirs)
+            low[places] = np.minimum(low[places], ours.min(axis=0))
+            high[places] = np.maximum(high[places], ours.max(axis=0))
+        gaps = gaps.reshape(n, *self._range[0].shape).max(axis=2, initial=0.0)
         gaps[np.isnan(gaps)] = np.inf
         so_far = np.maximum.accumulate(np.vstack([self._largest[0], gaps]), axis=0)[1:]
         rises = so_far[-1] > self._largest[0]
@@ -150,10 +158,10 @@ class MeasuredError:
     def largest(self, ratio: float) -> dict[str, ErrorOf]:
         """The largest error of each quantity; `ratio` is that of the errors of the two runs."""
         spans, largest = self._spans(), dict[str, ErrorOf]()
-        for k, one in enumerate(self._compared):
-            apart = self._largest[0, k] / spans[k] if spans[k] > 0.0 else 0.0
-            # once the runs have parted, the finer one is no better than the other
-            error = apart if apart > _PARTED else apart / (max(ratio, 1.0 + 1e-9) - 1.0)
+        apart = np.divide(self._largest[0], spans, out=np.zeros(len(spans)), where=spans > 0.0)
+        # once the runs have parted, the finer one is no better than the other
+        errors = np.where(apart > _PARTED, apart, apart / (max(ratio, 1.0 + 1e-9) - 1.0))
+        for k, (one, error) in enumerate(zip(self._compared, errors, strict=True)):
             if one.quantity not in largest or error > largest[one.quantity].error:
                 time, name = float(self._largest[1, k]), one.name
                 low, high = (bound[k] for bound in self._range)

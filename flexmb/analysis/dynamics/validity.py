@@ -51,12 +51,14 @@ class ValidityMonitor:
         self._elasticity = LinearElasticityMonitor(compiled, model, q)
         self._basis = ModalBasisMonitor(compiled, model, is_motion)
         self._load_factor = LoadFactorMonitor(compiled, model, q)
-        self._monitors: tuple[Monitor, ...] = (
-            self._elasticity,
-            self._load_factor,
-            self._basis,
-            *((OmittedVibrationMonitor(compiled, model, q),) if is_motion else ()),
-        )
+        self._monitors: tuple[Monitor, ...] = ()  # all are of flexible bodies
+        if compiled.system.parts.bodies["m"].any():
+            self._monitors = (
+                self._elasticity,
+                self._load_factor,
+                self._basis,
+                *((OmittedVibrationMonitor(compiled, model, q),) if is_motion else ()),
+            )
         self._notes = tuple(loads_without_stiffening(compiled, model))
 
     def add(self, rows: OutputBlock) -> int:
