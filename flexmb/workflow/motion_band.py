@@ -79,7 +79,7 @@ def motion_frequencies(run: Result, names: Collection[str], gravity: Array) -> I
     t = run.time * run.units.scale("s")
     q, v, vd = (run.part(name, slice(None)) for name in ("q", "v", "vd"))
     size = max(load(file).characteristic_length for file in run.flexbodies.values())
-    loads: list[list[Array]] = [[], [], []]
+    loads: list[Array] = []  # m/s^2, angular ones by the size
     for body in run.layout.bodies:
         place = q[:, body.iq : body.iq + 7] / np.repeat([size, 1.0], [3, 4])
         if np.ptp(place, axis=0).max() < _AT_REST:
@@ -88,14 +88,12 @@ def motion_frequencies(run: Result, names: Collection[str], gravity: Array) -> I
         if body.name in names:
             turn = Rotation.from_quat(np.roll(q[:, body.iq + 3 : body.iq + 7], -1, axis=1))
             a = turn.inv().apply(a - gravity)
-            loads[1].append(vd[:, body.iv + 3 : body.iv + 6])
-            loads[2].append(spin**2)
-        loads[0].append(a)
-    for alike in loads:
-        changes = [float(np.ptp(one, axis=0).max()) for one in alike]
-        for one, change in zip(alike, changes, strict=True):
-            if change > _SMALL * max(changes):
-                yield _frequency(t, one)
+            loads += [size * vd[:, body.iv + 3 : body.iv + 6], size * spin**2]
+        loads.append(a)
+    changes = [float(np.ptp(one, axis=0).max()) for one in loads]
+    for one, change in zip(loads, changes, strict=True):
+        if change > _SMALL * max(changes):
+            yield _frequency(t, one)
 
 
 def _frequency(t: Array, c: Array) -> float:

@@ -61,3 +61,14 @@ def test_what_does_not_move_has_the_band_of_its_drivers():
     run = flexmb.simulate(model, duration=1.0, outputs=50, accuracy=1e-3, verify=False)
     words = run.model["bodies"]["beam"]["deformation"]
     assert words == "automatic" or words["band"][1] == pytest.approx(100.0, rel=0.02)
+
+
+def test_round_off_at_rest_points_is_no_motion():
+    """The root of a beam on a hub does not move: only its turning has a frequency."""
+    model = Model("turned beam")
+    model.add_body("beam", rod(0.01, 1.0, 10, 6), deformation="automatic")
+    model.add_joint("hub", "revolute", between=["ground", "beam.root"], axis="z")
+    model.add_driver("motor", joint="hub", angle="sin(6*t)-6*t")
+    model.add_sensor("tip", "position", of="beam.tip")
+    run = flexmb.simulate(model, duration=1.0, outputs=20, accuracy=1e-3, verify=False)
+    assert 25 * 6 / (2 * np.pi) < run.model["bodies"]["beam"]["deformation"]["band"][1] < 150
