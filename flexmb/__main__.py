@@ -47,6 +47,8 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
         frame = frame.f_back
     else:
         sys.unraisablehook = lambda _: None  # what objects say that go in the middle of their work
+        if "logging" in sys.modules:
+            sys.modules["logging"].disable()  # and what Dask does
         raise KeyboardInterrupt
     if sys.platform != "win32":
         signal.setitimer(signal.ITIMER_REAL, _LATER)

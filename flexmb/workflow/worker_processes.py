@@ -92,7 +92,10 @@ class LocalWorkers:
 
         self.folder = scratch_folder()
         self.log = Path(self.folder.name) / "workers.log"
-        with dask.config.set(_CONFIG), warnings.catch_warnings():
+        with (
+            dask.config.set({**_CONFIG, "temporary-directory": self.folder.name}),
+            warnings.catch_warnings(),
+        ):
             warnings.simplefilter("ignore")  # another port than that asked for
             self.cluster = LocalCluster(
                 n_workers=0, processes=False, protocol="tcp://", host="127.0.0.1",

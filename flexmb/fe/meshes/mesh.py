@@ -208,12 +208,16 @@ def _read_quietly(source: Path) -> Any:
 
 def _merge_blocks(raw: Any) -> tuple[dict[str, IntArray], list[IntArray]]:
     """One block per kind, and for each raw block the row that each of its elements became."""
+    from meshio._common import num_nodes_per_cell
+
     kinds = list(dict.fromkeys(block.type for block in raw.cells))
     blocks: dict[str, IntArray] = {}
     became: list[IntArray] = [np.zeros(0, dtype=int)] * len(raw.cells)
     for kind in kinds:
         numbers = [k for k, block in enumerate(raw.cells) if block.type == kind]
         cells = np.concatenate([np.asarray(raw.cells[k].data, dtype=int) for k in numbers])
+        if cells.shape[1] != num_nodes_per_cell.get(kind, cells.shape[1]):
+            raise ValueError(f"elements of kind {kind} with {cells.shape[1]} nodes")
         blocks[kind], rows = _without_repeats(cells)
         ends = np.cumsum([len(raw.cells[k].data) for k in numbers])
         for number, part in zip(numbers, np.split(rows, ends[:-1]), strict=True):

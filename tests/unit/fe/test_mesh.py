@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from femeshes import block
 
 from flexmb.errors import MeshError
 from flexmb.fe import Mesh
+from flexmb.fe.meshes import mesh as mesh_module
 from flexmb.fe.meshes.mesh import dimension
 
 
@@ -47,3 +50,13 @@ def test_mesh_without_groups_says_so():
 def test_refused(points, blocks, sentence):
     with pytest.raises(MeshError, match=sentence):
         Mesh(points, blocks)
+
+
+def test_elements_with_too_few_nodes_are_a_damaged_file(tmp_path, monkeypatch):
+    """A Nastran CTETRA with five nodes, which meshio takes for one of ten."""
+    raw = SimpleNamespace(
+        points=np.zeros((5, 3)), cells=[SimpleNamespace(type="tetra10", data=np.arange(5)[None])]
+    )
+    monkeypatch.setattr(mesh_module, "_read_quietly", lambda _: raw)
+    with pytest.raises(MeshError, match="is damaged .elements of kind tetra10 with 5 nodes"):
+        mesh_module._read(tmp_path / "a.bdf")
