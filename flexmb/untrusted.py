@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 USER_BLOCK: Final = 512  # bytes before the HDF5 data: room for the seal
 _SEAL: Final = b"flexmb seal 1 "
 _PIECE = 1 << 20
-_SECONDS, _BYTES_A_SECOND = 10.0, 1e5  # time of the first reading; texts take most of it
+_SECONDS, _BYTES_A_SECOND = 8.0, 1e5  # time of the first reading; texts take most of it
 _MEMORY, _MEMORY_A_BYTE = 700_000_000, 40  # bytes that reading may take, and for each of the file
 _PATIENCE = 6  # wall time over that of the processor, for a busy machine
 _MARK_SECONDS = 30 * 86400.0  # that a mesh was read well is forgotten after a month
@@ -216,7 +216,8 @@ def check_reading(path: Path, module: str) -> str | None:
         What is wrong with the file; None if it can be read.
     """
     with path.open("rb") as file:
-        mark = cache_root() / "files" / f"{module}-{_digest(file)}"
+        form = printable(path.suffix).replace("/", "")[:20]  # it chooses the parser
+        mark = cache_root() / "files" / f"{module}-{_digest(file)}{form}"
     if mark.exists() and is_private(mark.parent):
         return None
     problem = _first_reading(path, module)
@@ -375,6 +376,9 @@ def hdf5_beside() -> Iterator[None]:
                 check_objects(self, os.path.getsize(name), packed=True)
             except ValueError as problem:
                 problems.append(problem)
+                raise
+            except (RuntimeError, LookupError, OSError) as problem:  # of the library
+                problems.append(ValueError(f"is damaged ({problem})"))
                 raise
 
     h5py.File = CheckedFile

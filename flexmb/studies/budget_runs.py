@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -99,6 +100,7 @@ class ChangedRuns:
 
 def run_changed(job: Mapping[str, Any]) -> Record:
     """Run a scene that is plain data into its folder; its processor time and statistics."""
+    from flexmb.results import Result
     from flexmb.workflow import run_model
 
     folder = Path(job["folder"])
@@ -106,8 +108,10 @@ def run_changed(job: Mapping[str, Any]) -> Record:
         return {"shares": _audit_shares(folder)}
     file = folder / _RECORD
     if file.is_file() and result_file(folder).is_file() and not job["fresh"]:
-        record: Record = json.loads(file.read_text(encoding="utf-8"))
-        return record
+        with suppress(ValueError, OSError):  # a damaged record is a missing one
+            record = json.loads(file.read_text(encoding="utf-8"))
+            if isinstance(record, dict) and record.keys() >= {"cpu", "statistics"}:
+                return record
     writable_folder(folder)
     for body in Path(job["bodies"]).glob("*.flexbody.h5") if job["bodies"] else ():
         if not (folder / body.name).exists():
@@ -115,6 +119,8 @@ def run_changed(job: Mapping[str, Any]) -> Record:
     timer = RunTimer(float(job["limit"]))
     model = Model.from_scene_dict(job["scene"], Path(job["source"]))
     report = run_model(model, folder, pictures=False, analysis="dynamics", progress=timer)
+    if Result(report.result).status == "stopped":  # by Ctrl-C: its record would say finished
+        raise KeyboardInterrupt
     record = {"cpu": timer.cpu, "statistics": report.statistics}
     with whole_file(file) as partial:
         partial.write_text(json.dumps(record, default=float), encoding="utf-8")

@@ -229,9 +229,11 @@ def _journal_rows(file: Path) -> tuple[dict[str, str] | None, list[dict[str, Any
     if file.exists() or not path.exists():
         return None, []
     lines: list[dict[str, Any]] = []
-    for line in path.read_text(encoding="utf-8").splitlines():
+    for line in path.read_bytes().splitlines():
         with suppress(ValueError):
-            lines.append(json.loads(line))
+            row = json.loads(line)
+            if isinstance(row, dict):
+                lines.append(row)
     return (lines[0], lines[1:]) if lines else (None, [])
 
 

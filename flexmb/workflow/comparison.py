@@ -250,6 +250,8 @@ def _run(name: str, source: Any, output: Path, progress: Progress) -> ModelRun:
     if isinstance(source, Model):
         begin = time.process_time()
         result = Result(run_model(source, output / name, pictures=False, progress=progress).result)
+        if result.status == "stopped":  # by Ctrl-C
+            raise KeyboardInterrupt
         cpu = time.process_time() - begin
     wall = [result.seconds[phase] for phase in _ANALYSES if phase in result.seconds]
     moves = None

@@ -30,6 +30,7 @@ from flexmb.fe.meshes.mesh import _read, read_mesh
 from flexmb.flexbody import load, rigid_body, save
 from flexmb.model.functions.tabulated import Columns, read_columns
 from flexmb.results import DAMPING, Result, ResultWriter
+from flexmb.studies.record_table import RecordTable
 from flexmb.units import SI
 from flexmb.workflow.run_report import PROVENANCE, provenance
 
@@ -242,6 +243,18 @@ def test_a_mesh_is_read_apart_once(tmp_path: Path, monkeypatch) -> None:
         read_mesh(path)
 
 
+def test_the_mark_of_a_mesh_holds_for_its_format_alone(tmp_path: Path, monkeypatch) -> None:
+    """Bytes that are well in one format may loop in the parser of another one."""
+    monkeypatch.setenv("FLEXMB_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(untrusted, "_first_reading", lambda *_: None)
+    for name in ("a.obj", "a.ele"):
+        (tmp_path / name).touch()
+    assert untrusted.check_reading(tmp_path / "a.obj", "meshes") is None
+    monkeypatch.setattr(untrusted, "_first_reading", lambda *_: "is read apart")
+    assert untrusted.check_reading(tmp_path / "a.obj", "meshes") is None
+    assert untrusted.check_reading(tmp_path / "a.ele", "meshes") == "is read apart"
+
+
 def test_a_flexmb_that_only_this_program_finds_reads_as_well(
     body: Path, tmp_path: Path, monkeypatch, project: Path
 ) -> None:
@@ -371,3 +384,12 @@ def test_a_key_that_others_may_write_is_none(body: Path, tmp_path: Path, monkeyp
     untrusted._checked.clear()
     with pytest.raises(BodyFileError, match="is read apart"):
         load(body)
+
+
+@pytest.mark.parametrize("journal", [b"\xff\xfe\n", b"3\n4\n", b'{"a": "b"}\n3\n{"key'])
+def test_a_damaged_journal_holds_the_rows_that_can_be_read(tmp_path: Path, journal) -> None:
+    (tmp_path / "runs.parts").mkdir()
+    (tmp_path / "runs.parts" / "journal.jsonl").write_bytes(journal)
+    with RecordTable(tmp_path / "runs.parquet", {"a": "b"}) as table:
+        table.append({"key": "x", "reason": ""})
+        assert table.reasons() == {"x": ""}

@@ -98,7 +98,7 @@ def test_motion_at_the_times_of_the_reference():
     """15 radians of the crank, 20 bending periods and 1500 of the fastest stretching mode.
 
     A step of 0.5 us turns the phase of that mode (95 324 rad/s) by 1.8 rad in the end; it has an
-    amplitude of some 5e-9 m, which is the tolerance. With the published mass block phi2 and x3
+    amplitude of some 5e-9 m: up to 2 sin(0.9) of it are the tolerance. With the published mass block phi2 and x3
     would differ by 7e-8, q1 by 1e-8.
     """
     found = motion(5e-7)
@@ -107,5 +107,5 @@ def test_motion_at_the_times_of_the_reference():
         y = np.array(table[t])
         np.testing.assert_allclose(row[:2], y[1:3], rtol=0, atol=1e-8, err_msg=t)
         np.testing.assert_allclose(row[2:4], y[3:5], rtol=0, atol=1e-9, err_msg=t)
-        np.testing.assert_allclose(row[4:6], y[5:7], rtol=0, atol=5e-9, err_msg=t)
+        np.testing.assert_allclose(row[4:6], y[5:7], rtol=0, atol=8e-9, err_msg=t)
     assert np.ptp(found[:, 2]) > 1e-3  # q1 swings by a thousand times its tolerance and more
