@@ -28,7 +28,7 @@ from flexmb.engine.method import (
 )
 from flexmb.engine.state import Run, Stage, Stages, State, Work
 from flexmb.engine.tables import System
-from flexmb.engine.units import call, call_ready, prepare_units
+from flexmb.engine.units import call, call_ready, hand_over, prepare_units
 from flexmb.engine.work import new_run, output_run, units_of
 from flexmb.progress import Progress, silent
 
@@ -57,6 +57,12 @@ def solve_stage(system: System, state: State, work: Work, level: int) -> float:
         REMEMBER: history of the elements, at rest here. BEGIN: works and joint angles from here.
     """
     return float(call(initial_conditions.solve_stage, new_run(system, state, work), level))
+
+
+def stage_solver(system: System, state: State, work: Work) -> Callable[[int], float]:
+    """`solve_stage` for many calls: the tables are handed over once."""
+    run = hand_over(new_run(system, state, work))
+    return lambda level: float(call(initial_conditions.solve_stage, run, level))
 
 
 def evaluate_rows(system: System, state: State, work: Work) -> None:

@@ -98,8 +98,8 @@ def test_motion_at_the_times_of_the_reference():
     """15 radians of the crank, 20 bending periods and 1500 of the fastest stretching mode.
 
     A step of 0.5 us turns the phase of that mode (95 324 rad/s) by 1.8 rad in the end; it has an
-    amplitude of some 5e-9 m: up to 2 sin(0.9) of it are the tolerance. With the published mass block phi2 and x3
-    would differ by 7e-8, q1 by 1e-8.
+    amplitude of some 5e-9 m, of which up to 2 sin(0.9) are the tolerance. With the published mass
+    block phi2 and x3 would differ by 7e-8, q1 by 1e-8.
     """
     found = motion(5e-7)
     table = TABLE["with_mass_block_over_15"]["y14_at"]

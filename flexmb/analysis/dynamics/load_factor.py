@@ -14,7 +14,7 @@ and frequency, f = f₀ √(1 − P/P_cr), Timoshenko, Vibration Problems in Eng
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cached_property, partial
 
 import numpy as np
@@ -25,7 +25,7 @@ from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, ConstraintRows
 from flexmb.analysis.dynamics.linear_elasticity import flexible_columns, in_body_axes, joined_modes
 from flexmb.analysis.monitors import Indicator
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import solve_stage
+from flexmb.engine.entries import stage_solver
 from flexmb.engine.initial_conditions import RESIDUAL
 from flexmb.engine.state import State, Work
 from flexmb.engine.work import new_state, new_work
@@ -86,8 +86,10 @@ class LoadFactorMonitor:
         self._mean = np.full((2, len(self._bodies)), np.nan)  # over a period, and its last moment
 
     @cached_property
-    def _scratch(self) -> tuple[State, Work]:
-        return new_state(self._compiled.system), new_work(self._compiled.system)
+    def _scratch(self) -> tuple[State, Work, Callable[[int], float]]:
+        system = self._compiled.system
+        state, work = new_state(system), new_work(system)
+        return state, work, stage_solver(system, state, work)
 
     def add(self, rows: OutputBlock) -> None:
         """Take the next rows."""
@@ -155,11 +157,11 @@ class LoadFactorMonitor:
 
     def _values(self, rows: OutputBlock, row: int) -> Array:
         """(bodies,) load factors at one row, from the wrenches at all markers."""
-        state, work = self._scratch
+        state, work, solve = self._scratch
         state.t[0] = rows.t[row]
         for name in ("q", "v", "vd", "lam"):
             getattr(state, name)[:] = getattr(rows, name)[row]
-        solve_stage(self._compiled.system, state, work, RESIDUAL)
+        solve(RESIDUAL)
         now, table = work.now.marker, self._compiled.system.parts.markers
         values = np.zeros(len(self._bodies))
         whole: Array | None = None
