@@ -163,4 +163,11 @@ CASES = {
         {"duration": 200.0, "outputs": 100, "accuracy": 1e-6},
         CONTROLLED,
     ),
+    "a driven slider-crank, 1e4 turns": Hard(
+        "The crank is driven for 3142 s.", "The same.",
+        1e-9, lambda: SCENES["driven slider-crank"].make(1.0),
+        off(SCENES["driven slider-crank"].truth),
+        {"duration": 3142.0, "outputs": 1000, "accuracy": 1e-6},
+        {"auto": {}, **fixed(1e-2, "fixed radau", "generalized-alpha")}, slow=True,
+    ),
 }  # fmt: skip
