@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from flexiblescenes import rod
+from scipy.integrate import solve_ivp
 
 from flexmb.model import Model
 from tests.accuracyscenes import SCENES
@@ -66,6 +68,34 @@ def floating():
     return made
 
 
+def bar(modes):
+    """A steel bar of 1 m that swings on a pin, with so many modes of 120 beams."""
+    made = Model("bar", gravity=[0, -9.81, 0])
+    made.add_body("rod", rod(0.02, 1.0, 120, modes))
+    made.add_joint("hinge", "revolute", between=["ground", "rod.root"], axis="z")
+    made.add_sensor("tip", "position", of="rod.tip")
+    return made
+
+
+def off_rigid_bar(run):
+    """The pendulum of a rigid bar: it bends by some 5e-5 of its length."""
+    inertia = 1 / 3 + 0.02**2 / 12
+    angle = solve_ivp(lambda _, y: [y[1], -9.81 * 0.5 / inertia * np.cos(y[0])], (0, run.time[-1]),
+                      [0.0, 0.0], "DOP853", run.time, rtol=1e-12, atol=1e-12).y[0]  # fmt: skip
+    return largest(run["tip.x"] - np.cos(angle), run["tip.y"] - np.sin(angle))
+
+
+def bar_case(modes):
+    """That bar against the rigid one."""
+    fixed = {"accuracy": None, "step": 1e-3}
+    return Hard(
+        f"A steel bar swings on a pin, with {modes} modes and those of its interfaces.",
+        "The swing of a rigid bar to 1e-4 of its length: it bends by some 5e-5.",
+        1e-4, lambda: bar(modes), off_rigid_bar, {"duration": 0.2, "outputs": 20},
+        {"auto": {}, "generalized-alpha": fixed, "fixed radau": fixed}, slow=modes > 0,
+    )  # fmt: skip
+
+
 CASES = {
     **{
         f"a four-bar {words}": Hard(
@@ -81,6 +111,8 @@ CASES = {
     "1 µm, 100 m from the origin": vibration_case(
         "Round-off of places is 1e-8 of the motion.", 20.0, 100.0, 1e-6, _FLOOR
     ),
+    "no modes": bar_case(0),
+    "300 modes": bar_case(300),
     "no gravity and no force": Hard(
         "Nothing but inertia.", "A straight line to 1e-9 of the way.", 1e-9, floating,
         lambda run: largest(run["box.x"] - run.time, run["box.y"]),

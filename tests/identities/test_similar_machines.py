@@ -1,0 +1,106 @@
+"""One machine in metres, millimetres or micrometres moves alike: nothing in the code has a size.
+
+All quantities are scaled by units of length L, mass M and time T, so that x(t)/L as a function of
+t/T must not depend on them. Fixed steps; 1e-8 of the amplitude.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import flexmb
+from flexmb.flexbody import FlexBody
+from flexmb.model import Model
+
+UNITS = [(1e-3, 1e-3, 1.0), (1e-6, 1e-9, 1e-3), (1e3, 1e9, 60.0)]
+METHODS = ["generalized-alpha", "radau", "explicit-rk"]
+
+
+class Units:
+    """Factors of quantities by their dimensions."""
+
+    def __init__(self, L, M, T):
+        self.L, self.M, self.T = L, M, T
+
+    def __call__(self, value, L=0.0, M=0.0, T=0.0):
+        return (np.asarray(value, float) * self.L**L * self.M**M * self.T**T).tolist()
+
+
+def swinging_linkage(u):
+    """A double pendulum with a spring to ground, a bushing's damping and a stop."""
+    made = Model("linkage", gravity=u([0, -9.81, 0], L=1, T=-2))
+    for k in range(2):
+        made.add_body(f"b{k}", mass=u(1 + k, M=1), inertia=u([0.02, 0.03, 0.04], L=2, M=1),
+                      position=u([0.5 * k + 0.25, 0, 0], L=1))  # fmt: skip
+        made.add_marker(f"b{k}.in", position=u([-0.25, 0, 0], L=1))
+        made.add_marker(f"b{k}.out", position=u([0.25, 0, 0], L=1))
+    made.add_joint("a", "revolute", between=["ground", "b0.in"], axis="z")
+    made.add_joint("b", "spherical", between=["b0.out", "b1.in"])
+    made.add_force("spring", "spring-damper", between=["ground", "b1.out"],
+                   stiffness=u(40, M=1, T=-2), damping=u(0.5, M=1, T=-1),
+                   free_length=u(0.7, L=1))  # fmt: skip
+    made.add_force("stop", "rotational-stop", joint="a", lower=-0.6,
+                   stiffness=u(200, L=2, M=1, T=-2), damping=u(1, L=2, M=1, T=-1),
+                   depth=1e-3)  # fmt: skip
+    made.add_sensor("tip", "position", of="b1.out")
+    return made
+
+
+def bouncing_ball(u):
+    """A ball that bounces and slides, with rolling and dry friction."""
+    made = Model("ball", gravity=u([0, 0, -9.81], L=1, T=-2))
+    made.add_body("ball", mass=u(2, M=1), inertia=u([0.008] * 3, L=2, M=1),
+                  position=u([0, 0, 0.15], L=1), velocity=u([0.5, 0, 0], L=1, T=-1))  # fmt: skip
+    made.add_force(
+        "floor", "contact", between=["ball", "ground"],
+        shapes=[{"type": "sphere", "radius": u(0.1, L=1)}, {"type": "plane"}],
+        stiffness=u(1e6, L=-0.5, M=1, T=-2), exponent=1.5, restitution=0.5,
+        least_speed=u(1e-3, L=1, T=-1),
+        friction={"static": 0.3, "dynamic": 0.2, "stiffness": u(1e4, M=1, T=-2),
+                  "damping": u(10, M=1, T=-1), "stribeck_speed": u(0.05, L=1, T=-1)},
+    )  # fmt: skip
+    made.add_sensor("tip", "position", of="ball")
+    return made
+
+
+def beam(u) -> FlexBody:
+    return flexmb.reduce(
+        {"type": "beam", "length": u(1.0, L=1), "divisions": 10}, name="beam", modes=4,
+        material={"E": u(7e9, L=-1, M=1, T=-2), "nu": 0.3, "density": u(2700, L=-3, M=1)},
+        sections={"all": {"type": "rectangle", "y": u(0.02, L=1), "z": u(0.03, L=1)}},
+        interfaces={"root": "start", "tip": "end"},
+    )  # fmt: skip
+
+
+def driven_beam(u):
+    """A beam that a driver turns, with a mass at its tip."""
+    made = Model("beam", gravity=u([0, -9.81, 0], L=1, T=-2))
+    made.add_body("beam", beam(u))
+    made.add_body("end", mass=u(0.5, M=1), inertia=u([1e-3] * 3, L=2, M=1),
+                  position=u([1, 0, 0], L=1))  # fmt: skip
+    made.add_joint("pin", "revolute", between=["ground", "beam.root"], axis="z")
+    made.add_joint("weld", "fixed", between=["beam.tip", "end"])
+    made.add_driver("motor", joint="pin", angle=f"0.5*({1 / u.T!r}*t)**2")
+    made.add_sensor("tip", "position", of="end", relative_to="beam.root")
+    return made
+
+
+def path(make, factors, method):
+    """(rows, 3) places of the tip over the unit of length."""
+    u = Units(*factors)
+    made = make(u)
+    step = u(5e-4 if method == "explicit-rk" and make is driven_beam else 1e-3, T=1)
+    made.set_dynamics(duration=u(0.4, T=1), outputs=20, step=step, method=method)
+    run = flexmb.simulate(made)
+    return np.column_stack([run[f"tip.{c}"] for c in "xyz"]) / u.L
+
+
+@pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("make", [swinging_linkage, bouncing_ball, driven_beam])
+def test_machines_of_all_sizes_move_alike(make, method):
+    wanted = path(make, (1.0, 1.0, 1.0), method)
+    for factors in UNITS:
+        off = path(make, factors, method) - wanted
+        assert np.abs(off).max() < 1e-8 * np.ptp(wanted, axis=0).max(), factors
