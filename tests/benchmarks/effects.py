@@ -51,7 +51,9 @@ STEEL = {"E": 2.1e11, "nu": 0.3, "density": 7850.0}
 BARS = {
     "beams": (lambda: line(40, end=(0.5, 0, 0)), {"all": rectangle(0.02, 0.02)}, "root", "tip"),
     "shells": (
-        lambda: sheet((20, 3), shape=lambda x: np.pad(x * [0.5, 0.06], ((0, 0), (0, 1)))),
+        lambda: sheet(
+            (20, 3), shape=lambda x: np.pad(x * [0.5, 0.06] - [0, 0.03], ((0, 0), (0, 1)))
+        ),
         {"all": shell(0.01)}, "x0", "x1",
     ),
     "solids": (
