@@ -111,9 +111,8 @@ def prepare_dynamics(
         can_move = bool(model.drivers) or rank != n_free(compiled)
         if rank is None or (rank == compiled.layout.nc and can_move):
             return assembled, rank, (), []
-        state, span = assembled.state, spec.duration
-        paths = np.array([state.v * span, state.vd * span**2 / 2.0])
-        return assembled, rank, *redundant_reactions(compiled, model, state.q, paths)
+        state = assembled.state
+        return assembled, rank, *redundant_reactions(compiled, model, state.q, state)
 
     units = integration_units(compiled.system, integrator)
     first, timer = assemble_first_state(compiled, units, first_state, progress)

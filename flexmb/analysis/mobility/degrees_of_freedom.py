@@ -46,6 +46,7 @@ from flexmb.analysis.mobility.redundancy import (
     undetermined_reactions,
 )
 from flexmb.engine.compile import Compiled
+from flexmb.engine.state import State
 from flexmb.engine.tables import BodyColumns
 from flexmb.engine.work import new_state
 from flexmb.errors import AssemblyError
@@ -188,17 +189,16 @@ def mobility_of(compiled: Compiled, model: Model) -> Mobility:
 
 @one_blas_thread()
 def redundant_reactions(
-    compiled: Compiled, model: Model, q: Array, paths: Array | None = None
+    compiled: Compiled, model: Model, q: Array, first: State | None = None
 ) -> tuple[tuple[str, ...], list[str]]:
-    """Joints and drivers whose reactions are not unique in a closed pose, and notes on that.
-
-    `paths` (n, nv): where velocities and accelerations of the pose lead, if it is to move.
+    """Joints and drivers whose reactions are not unique in a closed pose, and notes on that; `first`
+    is the state there of a run that is to begin.
 
     Raises
     ------
     AssemblyError
         Drivers contradict each other or the joints, nothing moves because axes or places are
-        slightly off, or the paths lead along motions that are infinitesimal.
+        slightly off, or the state moves along motions that are infinitesimal.
     """
     constraints = ConstraintRows(compiled)
     pose = constraints.evaluate(q)
@@ -209,7 +209,7 @@ def redundant_reactions(
     if not count:
         return (), notes
     if (taut := infinitesimal_motion(constraints, pose)) is not None:
-        if paths is not None and taut.is_along(pose, paths):
+        if first is not None and taut.is_begun(pose, first):
             raise AssemblyError(f"at the start {taut.sentence}")
         notes.append(taut.sentence)
     joints = tuple(reaction.path for reaction in undetermined_reactions(pose))

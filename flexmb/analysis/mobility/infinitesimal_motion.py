@@ -21,6 +21,7 @@ from flexmb.analysis.assembly.jacobian import (
     null_space,
     plain_name,
 )
+from flexmb.engine.state import State
 
 Array = NDArray[np.float64]
 
@@ -32,7 +33,7 @@ _CURVED = (
 _DEFINITE = 1e-6  # least eigenvalue of a definite form, over the largest
 _ROUNDS = 1000
 _MAX_NAMES = 6
-_AT_REST = 1e-9  # of the model size, or in radians
+_AT_REST = 1e-9  # of the largest acceleration: round-off leaves 1e-15 of it
 
 
 @dataclass(frozen=True)
@@ -43,12 +44,20 @@ class InfinitesimalMotion:
     bodies: tuple[str, ...]
     joints: tuple[str, ...]
 
-    def is_along(self, pose: ConstraintPose, paths: Array) -> bool:
-        """Whether changes (n, nv) of the velocity coordinates have a part along the motions."""
-        columns = pose.jacobian.columns
-        scales = column_scales(pose.compiled)[columns]
-        along = paths[:, columns] / scales @ self.motions
-        return bool(np.abs(along).max(initial=0.0) > _AT_REST)
+    def is_begun(self, pose: ConstraintPose, state: State) -> bool:
+        """Whether velocities or accelerations of a state in the pose have a part along the motions.
+
+        Accelerations count over the largest one of a body, or that its reactions alone would give.
+        """
+        columns, scales = pose.jacobian.columns, column_scales(pose.compiled)
+        push = pose.Cq.T @ state.lam
+        size = np.abs(state.vd[columns] / scales[columns]).max(initial=0.0)
+        size = max(size, np.abs(state.v[columns] / scales[columns]).max(initial=0.0) ** 2)
+        for body in pose.compiled.system.parts.bodies:
+            iv = int(body["iv"])
+            size = max(size, np.abs(push[iv : iv + 3]).max() / body["mass"] / pose.compiled.length)
+        rates = np.array([state.vd, state.v * size**0.5])[:, columns] / scales[columns]
+        return bool(np.abs(rates @ self.motions).max(initial=0.0) > _AT_REST * size)
 
     @property
     def sentence(self) -> str:
