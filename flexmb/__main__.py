@@ -11,7 +11,7 @@ _INTERRUPTED = 130  # exit code
 _LATER = 0.02  # s
 # An exception is lost where others call back, and leaves their modules half loaded: VTK's crash.
 _IMPORT, _OURS = "<frozen importlib", os.path.dirname(__file__)
-_CALLBACKS = ("weakref.py", "_weakrefset.py")
+_CALLBACKS = ("weakref", "_weakrefset", "pydantic")
 
 
 def main() -> None:
@@ -33,14 +33,14 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     """Ctrl-C; a little later where others load a module, call back or remove an object."""
     imports = others = False
     while frame is not None:
-        name = frame.f_code.co_filename
+        name, module = frame.f_code.co_filename, str(frame.f_globals.get("__name__", ""))
         if name.startswith(_IMPORT):
             imports = True
         elif name.startswith(_OURS):
             if imports and others:
                 break
             imports = others = False
-        elif name.endswith(_CALLBACKS) or "pydantic" in name or frame.f_code.co_name == "__del__":
+        elif module.startswith(_CALLBACKS) or frame.f_code.co_name == "__del__":
             break
         else:
             others = True

@@ -72,14 +72,16 @@ def partial_path(path: Path) -> Path:
 
 def temporary_folder() -> Path:
     """A new folder among the temporary files; those of killed processes are removed."""
-    place = Path(tempfile.gettempdir())
-    return Path(tempfile.mkdtemp(prefix=f"{_sweep(place, 'flexmb', 'flexmb-')}-")).resolve()
+    return Path(tempfile.mkdtemp(prefix=_temporary_prefix())).resolve()
 
 
 def scratch_folder() -> tempfile.TemporaryDirectory[str]:
     """The same for a ``with`` statement, or until it is cleaned up."""
-    place = Path(tempfile.gettempdir())
-    return tempfile.TemporaryDirectory(prefix=f"{_sweep(place, 'flexmb', 'flexmb-')}-")
+    return tempfile.TemporaryDirectory(prefix=_temporary_prefix())
+
+
+def _temporary_prefix() -> str:
+    return f"{_sweep(Path(tempfile.gettempdir()), 'flexmb', 'flexmb-')}-"
 
 
 def _sweep(folder: Path, name: str, begin: str = ".") -> str:

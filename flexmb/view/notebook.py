@@ -13,8 +13,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from flexmb.errors import OutputError
-from flexmb.folders import scratch_folder, whole_file
+from flexmb.folders import scratch_folder, write_text_file
 from flexmb.results import Result
 from flexmb.view.encoder import find_ffmpeg
 from flexmb.view.film import film
@@ -84,11 +83,7 @@ class Page:
             The file cannot be written.
         """
         path = Path(file) if file is not None else self.file
-        try:
-            with whole_file(path) as partial:
-                partial.write_text(self.html, encoding="utf-8")
-        except OSError as error:
-            raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
+        write_text_file(path, self.html)
         return path
 
     def _repr_html_(self) -> str:
