@@ -191,8 +191,8 @@ def mobility_of(compiled: Compiled, model: Model) -> Mobility:
 def redundant_reactions(
     compiled: Compiled, model: Model, q: Array, first: State | None = None
 ) -> tuple[tuple[str, ...], list[str]]:
-    """Joints and drivers whose reactions are not unique in a closed pose, and notes on that; `first`
-    is the state there of a run that is to begin.
+    """Joints and drivers whose reactions are not unique in a closed pose, and notes on that;
+    `first` is the state there of a run that is to begin.
 
     Raises
     ------
