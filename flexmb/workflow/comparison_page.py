@@ -13,8 +13,7 @@ from flexmb.progress import Progress
 from flexmb.results import Result
 from flexmb.view import render
 from flexmb.view.history import run_labels
-from flexmb.view.html_page import Html, image, section, table, tag
-from flexmb.view.page_charts import Charts
+from flexmb.view.html_page import Charts, Html, image, section, table, tag
 from flexmb.workflow.comparison import STILL, compare
 from flexmb.workflow.installation import machine
 

@@ -7,8 +7,7 @@ import json
 from pathlib import Path
 
 from flexmb.errors import ResultFileError
-from flexmb.view.html_page import Html, image, section, table, tag
-from flexmb.view.page_charts import Charts
+from flexmb.view.html_page import Charts, Html, image, section, table, tag
 from flexmb.view.work_precision import ORDINATES, Curve
 
 _TABLE, _TEXT, _BUDGET, _SWEEP = "study.csv", "study.md", "budget.json", "sweep.json"
