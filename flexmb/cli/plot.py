@@ -1,4 +1,4 @@
-"""``flexmb plot``: channels of results as histories, spectra, paths; ``flexmb report``: web pages."""
+"""``flexmb plot``: channels as histories, spectra and paths; ``flexmb report``: a web page."""
 
 from __future__ import annotations
 

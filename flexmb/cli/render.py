@@ -1,4 +1,4 @@
-"""``flexmb render``, ``film`` and ``view``: runs and mode shapes as pictures, films, in a window."""
+"""``flexmb render``, ``film`` and ``view``: pictures, films and windows of runs and modes."""
 
 from __future__ import annotations
 

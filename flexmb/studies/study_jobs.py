@@ -28,7 +28,7 @@ from flexmb.folders import output_errors, scratch_folder, whole_file, writable_f
 from flexmb.progress import Progress
 from flexmb.studies.record_table import KEY, RecordTable
 from flexmb.workflow.cluster import Cluster
-from flexmb.workflow.job_batch import DIED, TOO_LONG, Record, RunTimer, failure, source_key
+from flexmb.workflow.worker_processes import DIED, TOO_LONG, Record, RunTimer, failure, source_key
 
 _FORMAT = 2
 _DIGITS = 16

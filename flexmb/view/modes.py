@@ -34,7 +34,7 @@ from flexmb.view.shapes import sharp_edges, sphere
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from flexmb.analysis.linear.mode_sweep import ModeSweep
+    from flexmb.analysis.linear.linearization import ModeSweep
     from flexmb.analysis.static_sweep import StaticSweep
 
 

@@ -111,7 +111,7 @@ def report_page(
     ViewError, ResultFileError
         As for `report`.
     """
-    from flexmb.workflow.study_page import is_study, study_parts
+    from flexmb.workflow.comparison_page import is_study, study_parts
 
     check_plotly()
     for name in parts or ():

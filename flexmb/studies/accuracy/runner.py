@@ -35,7 +35,7 @@ from flexmb.studies.study_settings import (
     make_settings,
 )
 from flexmb.workflow.cluster import open_cluster
-from flexmb.workflow.job_batch import Record
+from flexmb.workflow.worker_processes import Record
 
 REDUCTION_FIELDS = tuple(
     key for key in MeshBodySpec.model_fields if key not in FlexibleBodySpec.model_fields

@@ -34,7 +34,7 @@ from flexmb.studies.channel_errors import Reading, read_run
 from flexmb.studies.study_jobs import content_key, result_file, run_key
 from flexmb.studies.study_settings import StudySource, change_model
 from flexmb.workflow.cluster import Cluster
-from flexmb.workflow.job_batch import Record, RunTimer
+from flexmb.workflow.worker_processes import Record, RunTimer
 
 MESH, MODES, INTERFACE, INTEGRATION, CONSTRAINTS, EFFECTS = KINDS = (
     "mesh", "modes", "interface model", "integration", "constraints", "effects",

@@ -41,7 +41,7 @@ from flexmb.studies.sweeps.sweep_runs import (
     run_setting,
 )
 from flexmb.workflow.cluster import Cluster, open_cluster
-from flexmb.workflow.job_batch import TOO_LONG
+from flexmb.workflow.worker_processes import TOO_LONG
 
 _MAX_REFUSALS = 5
 
