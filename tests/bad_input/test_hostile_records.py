@@ -12,12 +12,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from flexmb.errors import FlexmbError
-from flexmb.studies.budget_runs import _stored
-from flexmb.studies.parameter_sweep import columns_of
+from flexmb.studies.budgets.error_shares import _stored
 from flexmb.studies.record_table import RecordTable, read_rows
-from flexmb.studies.study_queue import _readable
+from flexmb.studies.study_jobs import _readable
+from flexmb.studies.sweeps.parameter_sweep import columns_of
 from flexmb.untrusted import note_reading
-from flexmb.workflow.study_page import study_parts
+from flexmb.workflow.comparison_page import study_parts
 
 DEEP = b"[" * 99_999  # more than Python's recursion reaches
 JOURNALS = [

@@ -238,8 +238,8 @@ def words(rng: Random, folder: Path) -> None:
 def section(rng: Random, folder: Path) -> None:
     """A scene with a mutated [study] or [sweep], or one of the cases with a mutated [part]."""
     from flexmb.model import Model
-    from flexmb.studies.parameter_sweep import _plan
     from flexmb.studies.study_settings import StudySource, make_settings
+    from flexmb.studies.sweeps.parameter_sweep import _plan
 
     tables, place = tomllib.loads(SCENE), folder
     sections = {

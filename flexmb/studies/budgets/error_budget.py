@@ -20,10 +20,8 @@ from flexmb.folders import writable_folder
 from flexmb.model import Model
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.progress import Progress, silent
-from flexmb.studies.budget_report import Budget, percent
-from flexmb.studies.budget_runs import ChangedRuns, Run
-from flexmb.studies.channel_errors import Reading, check_sensors
-from flexmb.studies.error_shares import (
+from flexmb.studies.budgets.budget_report import Budget, percent
+from flexmb.studies.budgets.error_shares import (
     BOTH,
     CONSTRAINTS,
     CONVERGED,
@@ -35,8 +33,10 @@ from flexmb.studies.error_shares import (
     NONE,
     NOT_CONVERGED,
     UNKNOWN,
+    ChangedRuns,
     Estimate,
     Knob,
+    Run,
     SensorErrors,
     Share,
     Shares,
@@ -44,6 +44,7 @@ from flexmb.studies.error_shares import (
     estimate_error,
     refinement_knobs,
 )  # fmt: skip
+from flexmb.studies.channel_errors import Reading, check_sensors
 from flexmb.studies.record_table import lock_runs
 from flexmb.studies.study_jobs import content_key
 from flexmb.studies.study_settings import StudySource, change_model, label

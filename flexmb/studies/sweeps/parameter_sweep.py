@@ -24,23 +24,24 @@ from flexmb.model.reading import under
 from flexmb.model.scenes.study import override
 from flexmb.model.scenes.sweep import Distribution, SweepSpec, read_knobs, read_question
 from flexmb.progress import Progress, silent
-from flexmb.studies.design_search import Answer, DesignSearch, Target
 from flexmb.studies.record_table import KEY, RecordTable
-from flexmb.studies.sampling import Design, make_design, values_at
-from flexmb.studies.scalars import Scalar, find_scalars
 from flexmb.studies.study_jobs import content_key, run_key
 from flexmb.studies.study_settings import StudySource, resolve_knobs, value_text
-from flexmb.studies.sweep_report import RUNS, Sweep
-from flexmb.studies.sweep_runs import (
+from flexmb.studies.sweeps.design_search import Answer, DesignSearch, Target
+from flexmb.studies.sweeps.sampling import Design, make_design, values_at
+from flexmb.studies.sweeps.sweep_report import RUNS, Sweep
+from flexmb.studies.sweeps.sweep_runs import (
     SECTIONS,
     Job,
     Row,
+    Scalar,
     SweepScene,
+    find_scalars,
     flexible_bodies_of,
     run_setting,
 )
 from flexmb.workflow.cluster import Cluster, open_cluster
-from flexmb.workflow.job_batch import TOO_LONG
+from flexmb.workflow.worker_processes import TOO_LONG
 
 _MAX_REFUSALS = 5
 
