@@ -193,7 +193,7 @@ def new_work(system: System, channels: int = 0, method: Method = _NO_METHOD) -> 
         _nan_records(len(system.parts.curve_markers), CURVE_MARKER_NOW),
         _nan(history),
         _nan(1),
-        np.zeros(1),
+        _nan(1),
     )
     trial = Trial(
         t=_nan(1), q=_nan(nq), v=_nan(nv), vd=_nan(nv), aa=_nan(nv), aa_start=_nan(nv),
