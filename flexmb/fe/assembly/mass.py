@@ -186,6 +186,13 @@ class NodalInertia:
                 part = NodalInertia(*(values[rows] for values in vars(self).values()))
                 yield part._components(points, width), numbering.of(part.nodes[:, None], width)
 
+    def moments(self, points: FloatArray, field: FloatArray) -> FloatArray:
+        """(k, 3, 3) sums of s f^T, s from the node, of a force per mass G s + g, field [G, g]."""
+        at_nodes = points[self.nodes] @ field[:, :3].T + field[:, 3]
+        first = self.mass[:, None] * self.arm
+        second = self.second + first[:, :, None] * self.arm[:, None, :]
+        return np.asarray(first[:, :, None] * at_nodes[:, None] + second @ field[:, :3].T)
+
     def _components(self, points: FloatArray, width: int) -> ComponentMass:
         x, eye, m = points[self.nodes], np.eye(3), self.mass
         first = m[:, None] * self.arm
