@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 _TENSION = 1e-6  # of the largest force of the joint so far: smaller pulls are round-off
 _NEAR_SINGULAR = 1.0  # degrees
-_MAX_TURN_OF_A_STEP = 1.0  # rad
+MAX_TURN_OF_A_STEP = 1.0  # rad
 _MAX_SAMPLES = 256
 # The second half of the run so far is looked at in so many parts. In each of them the largest value
 # grows by this factor at least: powers of time up to the eighth do not.
@@ -116,11 +116,11 @@ class TurningMonitor:
 
     def notes(self) -> list[str]:
         """A sentence for the body that turns the farthest, if that is too far."""
-        if self._largest.max() <= _MAX_TURN_OF_A_STEP:
+        if self._largest.max() <= MAX_TURN_OF_A_STEP:
             return []
         k = int(self._largest.argmax())
         turn, step = float(self._largest[k]), self._units.say(self._step, "s", 3)
-        enough = self._units.say(_MAX_TURN_OF_A_STEP / turn * self._step, "s", 2)
+        enough = self._units.say(MAX_TURN_OF_A_STEP / turn * self._step, "s", 2)
         return [
             f"bodies.{self._bodies[k].name} turns by {turn:.3g} rad in a step of {step}: what "
             f"varies within a turn is not resolved; take steps of {enough} at most, or leave out "

@@ -282,8 +282,7 @@ CASES = {
         "Redundant equations contradict each other, by what machines and round-off leave.",
         "As if it were exact, to 1e-3.",
         1e-3, lambda: four_bar(1e-9), off_four_bar, RUN, ALL, warns=_REDUNDANT,
-        stops={"coordinate-partitioning": "nearly redundant"},
-        slow=True, quick=("auto",),
+        slow=True, quick=("auto", "coordinate-partitioning"),
     ),
     "a pin tilted by 1e-8 rad": Hard(
         "Too much for round-off, too little to lock it.",

@@ -30,6 +30,7 @@ from flexmb.analysis.dynamics.validity import ValidityMonitor
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
 from flexmb.analysis.mobility.driver_conflicts import driver_reasons
 from flexmb.analysis.monitors import (
+    MAX_TURN_OF_A_STEP,
     ContactLossMonitor,
     GrowthMonitor,
     SingularOrientationMonitor,
@@ -103,6 +104,9 @@ def prepare_dynamics(
         raise SceneError("the scene has no [dynamics]: give its duration")
     name = method_name(spec, _is_flexible(compiled))
     integrator = make_integrator(spec, name)
+    static = _static_modes(compiled, integrator, beside_dynamic=True)
+    if static:
+        raise SceneError(static)
 
     def first_state() -> tuple[Assembled, int | None, tuple[str, ...], list[str]]:
         with driver_reasons(compiled, model):
@@ -312,7 +316,7 @@ class _Pass:
             return Ending("failed", unstable)
         cause = (
             self._validity.diverging(run.state)
-            or _static_modes(run)
+            or _static_modes(run.compiled, run.method)
             or nearly_redundant(run.compiled, run.state.q, run.state.q_first)
         )
         return Ending("failed", failure_sentence(
@@ -320,15 +324,46 @@ class _Pass:
 
     def _unstable(self, run: Integration) -> str:
         sentence = unstable_step(run, self._prepared.method, failed=True)
-        return f"at t = {float(run.state.t[0]):.6g} s {sentence}" if sentence else ""
+        if not sentence:
+            return ""
+        return f"at t = {float(run.state.t[0]):.6g} s {sentence}{self._first_turn()}"
+
+    def _first_turn(self) -> str:
+        """Words on a body that its first acceleration turns too far in a fixed step, or ""."""
+        first, h = self._prepared.first, self._prepared.settings.step
+        turns = {
+            body.name: float(np.linalg.norm(first.v[at] + 0.5 * h * first.vd[at])) * h
+            for body in self._prepared.run.compiled.layout.bodies
+            for at in [slice(body.iv + 3, body.iv + 6)]
+        }
+        name = max(turns, key=lambda one: turns[one])
+        if not turns[name] > MAX_TURN_OF_A_STEP:
+            return ""
+        return (
+            f"; by its first acceleration bodies.{name} turns by {turns[name]:.2g} rad in such a "
+            "step: unless a stiff spring holds it, no method resolves that"
+        )
 
 
-def _static_modes(run: Integration) -> str:
-    """The sentence for bodies with quasi-static modes by an explicit method, or ""."""
-    static = run.compiled.system.kinds.get("static_modes")
-    if static is None or run.method.stages == 0:
+def _static_modes(
+    compiled: Compiled, integrator: method.Method, beside_dynamic: bool = False
+) -> str:
+    """The sentence for bodies with quasi-static modes by an explicit method, or "".
+
+    With `beside_dynamic` for those alone that have dynamic modes too, and are joined.
+    """
+    static = compiled.system.kinds.get("static_modes")
+    if static is None or integrator.stages == 0:
         return ""
-    bodies = [run.compiled.layout.bodies[row] for row in static.rows]
+    rows = static.rows
+    if beside_dynamic:
+        markers, system = compiled.system.parts.markers, compiled.system
+        ends = np.concatenate([system.rows["I"], system.rows["J"]])
+        joined = np.isin(rows, markers["body"][ends[ends >= 0]])
+        rows = rows[(static.kinetostatic == 0) & joined]
+    if not len(rows):
+        return ""
+    bodies = [compiled.layout.bodies[row] for row in rows]
     names = ", bodies.".join(body.name for body in bodies)
     return (
         f"modes of bodies.{names} are quasi-static, which explicit methods cannot do where joints "

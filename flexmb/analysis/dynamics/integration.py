@@ -31,9 +31,10 @@ _CHUNK_WORK = 200_000
 # Steps of a chunk at least: after each the state is saved.
 _MIN_CHUNK = 4
 # Steps between two looks at how long the rest of a run will take, and steps for it that are too
-# many; fewer where stability limits them, which another method is free of.
+# many, also times velocity coordinates and stages; fewer where stability limits them, which another
+# method is free of.
 _CHECK_EVERY = 5_000
-_MAX_STEPS, _MAX_STABLE_STEPS = 1e9, 1e7
+_MAX_STEPS, _MAX_STABLE_STEPS = (1e9, 1e11), (1e7, 2e9)
 # Share of steps at the limit of stability that makes a run one that stability limits.
 _STIFF_SHARE = 0.35
 
@@ -257,7 +258,8 @@ class Integration:
         limited = stiff - self._checkpoint[2] > _STIFF_SHARE * steps
         self._checkpoint = done, t, stiff
         left = (self.settings.end - t) / passed * steps if passed > 0.0 else math.inf
-        if left > (_MAX_STABLE_STEPS if limited else _MAX_STEPS):
+        most, work = _MAX_STABLE_STEPS if limited else _MAX_STEPS
+        if left > min(most, work / (self.compiled.layout.nv * max(self.method.stages, 1))):
             raise FlexmbError(_endless(t, passed / steps, left, limited))
 
 

@@ -63,8 +63,9 @@ from flexmb.engine.state import Point, Run
 if TYPE_CHECKING:
     from flexmb.model.scenes.dynamics import DynamicsSpec
 
-# Pivots of Cq over the first one: below, a row repeats others; below, the pose is singular.
-_RANK, _SINGULAR = 1e-10, 1e-7
+# Pivots of Cq over the first one: below, a row repeats others, but for how machines and scenes are
+# off (`analysis.mobility` refuses more before the run); below, the pose is singular.
+_RANK, _SINGULAR = 1e-8, 1e-7
 # Weight of independent coordinates in the metric.
 _HEAVY = 1e10
 # The choice is renewed where the least pivot of the rows has fallen to this share.
