@@ -89,7 +89,7 @@ def build_tables(model: Model, flexbodies: Mapping[str, FlexBody]) -> ModelTable
     table = coordinate_table(scalars, nq, nv)
     lowering = Lowering(Geometry(model, flexbodies), markers, functions, groups, scalars)
     kinds = {kind.name: kind.lower(lowering) for kind in KINDS if kind.lower is not None}
-    kinds["static_modes"] = _static_modes(model, flexbodies)
+    kinds["static_modes"] = _static_modes(model, flexbodies, bodies["mass"].sum(), lowering)
     kinds = {name: tables for name, tables in kinds.items() if tables is not None}
     ground = markers.on_ground()
     ivs = {s.name: nv + before - len(states) + k for k, s in enumerate(states)}
@@ -144,7 +144,9 @@ def quasi_static(spec: BodySpec, body: FlexBody, model: Model) -> tuple[int, ...
     return spec.static_modes(body, cutoff_frequency(model) if automatic else math.inf)
 
 
-def _static_modes(model: Model, flexbodies: Mapping[str, FlexBody]) -> StaticModes | None:
+def _static_modes(
+    model: Model, flexbodies: Mapping[str, FlexBody], mass: float, lowering: Lowering
+) -> StaticModes | None:
     """Tables of the quasi-static modes of all bodies."""
     names = [*model.bodies]
     return static_modes([
@@ -156,7 +158,7 @@ def _static_modes(model: Model, flexbodies: Mapping[str, FlexBody]) -> StaticMod
         )
         for name, body in flexbodies.items()
         if isinstance(spec := model.bodies[name], FlexibleBodySpec)
-    ])  # fmt: skip
+    ], mass, lowering.add_history)  # fmt: skip
 
 
 def _frame_reactions(

@@ -34,7 +34,7 @@ from flexmb.engine.method import (
     NOT_FINITE,
     Method,
 )
-from flexmb.engine.projection import VELOCITIES, accelerations, settle_static_modes
+from flexmb.engine.projection import POSITIONS, VELOCITIES, accelerations
 from flexmb.engine.state import Run
 
 if TYPE_CHECKING:
@@ -185,12 +185,11 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
             _finish(sys.weights, alpha, st, tr)
             if settings.tolerance > 0.0:
                 estimate_error(run, alpha, h)
-            # what quasi-static modes follow must not come from how far they moved positions
-            if (alpha.project == 1 or settings.follow == 1) and st.lam.shape[0] > 0:
-                status = _project(run, alpha, b)
             if settings.follow == 1:
-                return max(status, settle_static_modes(run, run.trial_point))
-            return status
+                return _project(run, alpha, b, POSITIONS)
+            if alpha.project == 1 and st.lam.shape[0] > 0:
+                return _project(run, alpha, b, VELOCITIES)
+            return FINE
     return NO_CONVERGENCE
 
 
@@ -295,12 +294,12 @@ def _put_algorithmic(alpha, st, tr):
 
 
 @unit
-def _project(run: Run, alpha: Alpha, b: float) -> int:
+def _project(run: Run, alpha: Alpha, b: float, project: int) -> int:
     """Velocities, accelerations and multipliers of the trial state as the constraints want them."""
     cp = b if run.settings.determined == 0 else 0.0
     run.state.count[0]["factorisations"] += 1
     run.state.memory[0]["factor_age"] = -1.0
-    status = accelerations(run, run.trial_point, cp, VELOCITIES)
+    status = accelerations(run, run.trial_point, cp, project)
     _put_algorithmic(alpha, run.state, run.work.trial)
     return status
 
