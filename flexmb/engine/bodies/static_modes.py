@@ -27,6 +27,8 @@ from flexmb.engine.method import FINE
 from flexmb.engine.state import Point, Run
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from flexmb.flexbody import FlexBody
 
 _SLOW = 1e8  # τ² K_ss over the inertia of the model in the softest of them
@@ -174,29 +176,26 @@ STATIC_MODES = Kind("static_modes", StaticModes, {
 
 
 def static_modes(
-    bodies: Sequence[tuple[int, FlexBody, Sequence[int], bool]],
+    bodies: Sequence[tuple[int, FlexBody, NDArray[np.int64], bool]],
     mass: float,
     add_history: Callable[[int], int],
-) -> StaticModes | None:
-    """Tables of the quasi-static modes of bodies by row, kinetostatic or not; None without any.
+) -> StaticModes:
+    """Tables of the quasi-static modes of bodies by row, kinetostatic or not.
 
     `mass` is that of the model, which may hang on any of them.
     """
-    some = [(row, body, np.array(modes)) for row, body, modes, _ in bodies if len(modes)]
-    if not some:
-        return None
     heavy, compliance = [], []
-    for _, body, modes in some:
+    for _, body, modes, _ in bodies:
         square = np.diag(body.K)[modes] / np.diag(body.M_eta)[modes]
         heavy.append(_SLOW / square.min() * max(mass / body.mass, 1.0))
         compliance.append(np.linalg.inv(body.K[np.ix_(modes, modes)]).ravel())
-    counts = [0, *(len(modes) for _, _, modes in some)]
+    rows, _, modes, kinetostatic = zip(*bodies, strict=True)
     return StaticModes(
-        np.array([row for row, _, _ in some], np.int64),
-        np.cumsum(counts).astype(np.int64),
-        np.concatenate([modes for _, _, modes in some]).astype(np.int64),
-        np.array([word for _, _, modes, word in bodies if len(modes)], np.int64),
+        np.array(rows, np.int64),
+        np.cumsum([0, *map(len, modes)]),
+        np.concatenate(modes),
+        np.array(kinetostatic, np.int64),
         np.array(heavy),
         np.concatenate(compliance),
-        np.array([add_history(_POINTS * (1 + len(modes))) for _, _, modes in some], np.int64),
+        np.array([add_history(_POINTS * (1 + len(some))) for some in modes], np.int64),
     )
