@@ -132,7 +132,8 @@ class ValidityMonitor:
         """The sentence for the first bound that was passed, or ""."""
         for one in self.indicators():
             bound = getattr(self._spec, one.quantity, "any")
-            if not isinstance(bound, str) and one.value > bound:
+            value = one.value if one.against_bound is None else one.against_bound
+            if not isinstance(bound, str) and value > bound:
                 way_on = f'{one.quantity} = "any" under [validity] runs on'
                 buckled = self._load_factor.diverging()
                 cause = (
