@@ -43,7 +43,7 @@ _STATIC = 1e-11
 # A correction of positions this small, relative to the model, is round-off.
 _ROUND_OFF = 1e-13
 # Loads that follow from reactions, such as friction in joints, agree with them to this share of the
-# largest force.
+# largest force: a moment beside forces must not decide by its unit.
 _SETTLED = 1e-10
 # What `accelerations` puts on the constraints first.
 NOTHING, VELOCITIES, POSITIONS = 0, 1, 2
@@ -244,7 +244,7 @@ def _refine_by_mass(run: Run, at: Point, top: Vector, bottom: Vector, x: Vector,
     place, sol, both, own = kkt.place, fac.sol, fac.tmp, fac.rhs
     nv = x.shape[0]
     copy(top, tr.spare)
-    for _ in range(run.method.mass_rounds):
+    for _ in range(max(run.method.mass_rounds, int(depends_on_solution(run)))):
         permute(kkt, x, y, sol)
         multiply(kkt, fac, sol, both)  # (S x + Cqᵀ y; Cq x)
         for i in range(y.shape[0]):
@@ -268,6 +268,18 @@ def _refine_by_mass(run: Run, at: Point, top: Vector, bottom: Vector, x: Vector,
 
 
 @kernel
+def _largest_force(sys, res, lam):
+    """The largest force (N) in the equations of motion; a moment counts over the model size."""
+    size, bodies, weights = 0.0, sys.parts.bodies, sys.weights
+    for i in range(res.shape[0]):
+        if abs(res[i]) > size * weights[i]:
+            size = abs(res[i]) / weights[i]
+    for k in range(lam.shape[0]):
+        size = max(size, abs(lam[k]) / sys.row_weights[k])
+    return size * weights[bodies[0]["iv"]] if bodies.shape[0] > 0 else size
+
+
+@kernel
 def _solve_loop(run, at, cp):
     """Solve again while forces depend on what was solved for; whether that came to an end."""
     before, vd, weights = run.work.trial.jerk, at.vd, run.system.weights
@@ -275,7 +287,7 @@ def _solve_loop(run, at, cp):
         copy(vd, before)
         change = reaction_stage(run, at)
         feedback_stage(run, at)
-        at_rest = change <= _SETTLED * max(largest(run.work.trial.res), largest(at.lam))
+        at_rest = change <= _SETTLED * _largest_force(run.system, run.work.trial.res, at.lam)
         _solve(run, at, cp)
         size = weighted_size(vd, weights)
         for i in range(vd.shape[0]):
