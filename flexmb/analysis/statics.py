@@ -24,8 +24,7 @@ from flexmb.analysis.assembly.positions import close_rows
 from flexmb.analysis.dynamics.validity import ValidityMonitor
 from flexmb.analysis.equilibrium import settle, spin_of
 from flexmb.analysis.linear.linearization import Linearization, linearize_state
-from flexmb.analysis.linear.observed_equations import SeenEquations
-from flexmb.analysis.linear.observer import RowsAlongMotion
+from flexmb.analysis.linear.observer import RowsAlongMotion, SeenEquations
 from flexmb.analysis.linear.state_equations import Array, StateEquations
 from flexmb.analysis.linear.state_space import actuators
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions

@@ -180,7 +180,7 @@ def _show_modes(made: Any, count: int) -> None:
 
 def _show_sweep(sweep: Any, count: int, output: Path | None, root_locus: Path | None) -> None:
     from flexmb.view import save_figure
-    from flexmb.view.mode_plots import campbell_figure, root_locus_figure
+    from flexmb.view.modes import campbell_figure, root_locus_figure
 
     n = min(count, sweep.eigenvalues.shape[1])
     screen.heading(f"frequencies [Hz] over {sweep.parameter}")
@@ -271,7 +271,7 @@ def response(
     screen.line(f"largest: {abs(answer[largest]):.5g} at {values[largest]:.5g} Hz")
     if output is not None:
         from flexmb.view import save_figure
-        from flexmb.view.mode_plots import response_figure
+        from flexmb.view.modes import response_figure
 
         figure = response_figure(values, answer, f"{sensor} per {actuator}")
         screen.line(f"written: {save_figure(figure, output)}")
@@ -347,7 +347,7 @@ def statics(
         screen.line(f"written: {sweep.to_csv(table)}")
     if output is not None:
         from flexmb.view import save_figure
-        from flexmb.view.mode_plots import equilibria_figure
+        from flexmb.view.modes import equilibria_figure
 
         figure = equilibria_figure(sweep, parse_names(channels))
         screen.line(f"written: {save_figure(figure, output)}")

@@ -85,8 +85,11 @@ class Kind:
     units : mapping of str to Unit
         Its units by stage.
     lower : callable, optional
-        Makes its tables from the model (`engine.lowering`), None if the model has none;
-        those of the kinds that every model has are made elsewhere (`engine.compile`).
+        Makes its tables from the model (`engine.lowering`), those of a force from the forces of its
+        types too; None if the model has none. Those of the kinds that every model has are made
+        elsewhere (`engine.compile`).
+    types : tuple of str
+        Of a force: its types in a scene.
     place : callable, optional
         Tells its tables where they stand in the iteration matrix (`engine.lowering`).
     couples : tuple of Couple
@@ -108,6 +111,7 @@ class Kind:
     tables: type
     units: Mapping[str, Unit] = field(default_factory=dict)
     lower: Callable[..., Any] | None = None
+    types: tuple[str, ...] = ()
     place: Callable[..., None] | None = None
     couples: tuple[Couple, ...] = ()
     uses_velocity: bool = False

@@ -34,9 +34,9 @@ from flexmb.engine.tables import BODY, GROUP, Functions, Kkt, Pool, Sensors
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.effects import without_modal_inertia
-from flexmb.model.bandwidth import cutoff_frequency
 from flexmb.model.body import BodySpec, RigidBodySpec
 from flexmb.model.control import channel_program, resolved, states_of
+from flexmb.model.excitation import cutoff_frequency
 from flexmb.model.flexible_body import COUPLINGS, FlexibleBodySpec
 from flexmb.model.model import Model
 from flexmb.model.plane import normal_in_body, plane_axes
@@ -88,7 +88,7 @@ def build_tables(model: Model, flexbodies: Mapping[str, FlexBody]) -> ModelTable
     nq, nv = int((7 + bodies["m"]).sum()), int((6 + bodies["m"]).sum())
     table = coordinate_table(scalars, nq, nv)
     lowering = Lowering(Geometry(model, flexbodies), markers, functions, groups, scalars)
-    kinds = {kind.name: kind.lower(lowering) for kind in KINDS if kind.lower is not None}
+    kinds = {kind.name: lowering.lower(kind) for kind in KINDS if kind.lower is not None}
     kinds["static_modes"] = _static_modes(model, flexbodies)
     kinds = {name: tables for name, tables in kinds.items() if tables is not None}
     ground = markers.on_ground()
@@ -146,17 +146,13 @@ def quasi_static(spec: BodySpec, body: FlexBody, model: Model) -> tuple[int, ...
 
 def _static_modes(model: Model, flexbodies: Mapping[str, FlexBody]) -> StaticModes | None:
     """Tables of the quasi-static modes of all bodies."""
-    names = [*model.bodies]
-    return static_modes([
-        (
-            names.index(name),
-            body,
-            quasi_static(spec, body, model),
-            spec.deformation == "quasi-static",
-        )
-        for name, body in flexbodies.items()
-        if isinstance(spec := model.bodies[name], FlexibleBodySpec)
-    ])  # fmt: skip
+    rows = [
+        (number, flexbodies[name], np.array(modes), spec.deformation == "quasi-static")
+        for number, (name, spec) in enumerate(model.bodies.items())
+        if isinstance(spec, FlexibleBodySpec) and name in flexbodies
+        if (modes := quasi_static(spec, flexbodies[name], model))
+    ]
+    return static_modes(rows) if rows else None
 
 
 def _frame_reactions(

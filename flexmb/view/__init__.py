@@ -5,11 +5,10 @@ from __future__ import annotations
 from flexmb.view.film import film
 from flexmb.view.history import history_figure, plot_history
 from flexmb.view.modes import film_modes, render_modes
-from flexmb.view.notebook import animation, snapshot
 from flexmb.view.part_pictures import render_part
+from flexmb.view.picture import render
 from flexmb.view.plot import save_figure
-from flexmb.view.stills import render
-from flexmb.view.window import open_window
+from flexmb.view.window import animation, open_window, snapshot
 
 __all__ = [
     "animation", "film", "film_modes", "history_figure", "open_window", "plot_history", "render",

@@ -23,14 +23,20 @@ from flexmb.workflow.installation import (
     machine,
     warmup,
 )
-from flexmb.workflow.linearize import linearize, sweep_modes
+from flexmb.workflow.linearize import linearize, render_mode_shapes, sweep_modes
 from flexmb.workflow.listings import TOPICS, Listing, listing, new_scene, templates
-from flexmb.workflow.mode_pictures import render_mode_shapes
 from flexmb.workflow.part_analysis import PartReport, run_part
 from flexmb.workflow.resume import resume, resume_run
 from flexmb.workflow.run_report import CheckOutcome, RunReport
-from flexmb.workflow.simulate import kinematics, run_model, run_scene, simulate, statics
-from flexmb.workflow.stepping import MotionState, iterate_motion
+from flexmb.workflow.simulate import (
+    MotionState,
+    iterate_motion,
+    kinematics,
+    run_model,
+    run_scene,
+    simulate,
+    statics,
+)
 
 __all__ = [
     "TOPICS",

@@ -18,8 +18,13 @@ from flexmb.results.run_summary import NOT_CONTAINED, notes_statistic
 from flexmb.workflow.flexible_bodies import flexible_bodies
 from flexmb.workflow.linearize import check_modes
 from flexmb.workflow.resume import StartState, match_start
-from flexmb.workflow.run_report import PROVENANCE, RunReport, provenance_text, report_run
-from flexmb.workflow.stated_error import not_contained
+from flexmb.workflow.run_report import (
+    PROVENANCE,
+    RunReport,
+    not_contained,
+    provenance_text,
+    report_run,
+)
 
 if TYPE_CHECKING:
     from flexmb.analysis.procedure import Outcome, Sink
@@ -203,7 +208,7 @@ def _with_motion_band(model: Model, progress: Progress) -> tuple[Model, list[str
 
 def _effect_notes(model: Model, bodies: Mapping[str, FlexBody]) -> list[str]:
     """Which effects of flexible bodies a run contains, where the scene says something of them."""
-    from flexmb.model.bandwidth import cutoff_frequency
+    from flexmb.model.excitation import cutoff_frequency
     from flexmb.model.flexible_body import EFFECT_WORDS, FlexibleBodySpec
 
     notes = []

@@ -38,8 +38,12 @@ from flexmb.engine.units import call, hand_over, prepare_units
 from flexmb.engine.work import new_run, new_state, new_work, units_of
 from flexmb.flexbody import FlexBody, InertiaResponse, LoadResponse
 from flexmb.flexbody.static_response import LARGEST_SHARE, LEAST_MOTION
-from flexmb.model.bandwidth import oscillations, slowest_oscillation
-from flexmb.model.loaded_nodes import loads_beside_interfaces, loads_on_bodies
+from flexmb.model.excitation import (
+    loads_beside_interfaces,
+    loads_on_bodies,
+    oscillations,
+    slowest_oscillation,
+)
 from flexmb.model.model import Model
 from flexmb.results import OutputBlock
 

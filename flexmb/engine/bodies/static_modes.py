@@ -23,6 +23,8 @@ from flexmb.engine.method import FINE
 from flexmb.engine.state import Point, Run
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from flexmb.flexbody import FlexBody
 
 _SLOW = 1e8  # τ² over 1/ω² of the softest of them
@@ -90,22 +92,19 @@ STATIC_MODES = Kind(
 )
 
 
-def static_modes(bodies: Sequence[tuple[int, FlexBody, Sequence[int], bool]]) -> StaticModes | None:
-    """Tables of the quasi-static modes of bodies by row, kinetostatic or not; None without any."""
-    some = [(row, body, np.array(modes)) for row, body, modes, _ in bodies if len(modes)]
-    if not some:
-        return None
+def static_modes(bodies: Sequence[tuple[int, FlexBody, NDArray[np.int64], bool]]) -> StaticModes:
+    """Tables of the quasi-static modes of bodies by row, kinetostatic or not."""
     heavy, compliance = [], []
-    for _, body, modes in some:
+    for _, body, modes, _ in bodies:
         square = np.diag(body.K)[modes] / np.diag(body.M_eta)[modes]
         heavy.append(_SLOW / square.min())
         compliance.append(np.linalg.inv(body.K[np.ix_(modes, modes)]).ravel())
-    counts = [0, *(len(modes) for _, _, modes in some)]
+    rows, _, modes, kinetostatic = zip(*bodies, strict=True)
     return StaticModes(
-        np.array([row for row, _, _ in some], np.int64),
-        np.cumsum(counts).astype(np.int64),
-        np.concatenate([modes for _, _, modes in some]).astype(np.int64),
-        np.array([word for _, _, modes, word in bodies if len(modes)], np.int64),
+        np.array(rows, np.int64),
+        np.cumsum([0, *map(len, modes)]),
+        np.concatenate(modes),
+        np.array(kinetostatic, np.int64),
         np.array(heavy),
         np.concatenate(compliance),
     )

@@ -20,12 +20,11 @@ from flexmb.model.joints.joint import JOINT_TYPES
 from flexmb.model.surface_mesh import open_edges
 from flexmb.results import OutputBlock, Result, ResultWriter
 from flexmb.view.camera import Camera, visible_shares
-from flexmb.view.content import Content
+from flexmb.view.content import DAMPER, FRICTION, HOUSING, RUBBER, Content
 from flexmb.view.drawing import Drawing
 from flexmb.view.force_shapes import vectors
 from flexmb.view.joint_shapes import _LINKS as LINKS
 from flexmb.view.mechanism import Display, Mechanism, applied
-from flexmb.view.part import DAMPER, FRICTION, HOUSING, RUBBER
 from flexmb.view.picture import view_of
 from flexmb.view.shapes import box
 

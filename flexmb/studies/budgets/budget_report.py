@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexmb.folders import write_text_file
-from flexmb.studies.error_shares import (
+from flexmb.studies.budgets.error_shares import (
     CONVERGED,
     INTEGRATION,
     INTERFACE,
@@ -208,7 +208,7 @@ class Budget:
             There is nothing to draw, or the file cannot be written.
         """
         from flexmb.view import save_figure
-        from flexmb.view.budget_figure import budget_figure
+        from flexmb.view.work_precision import budget_figure
 
         moving = [name for name in self.sensors if any(name in s.values for s in self.columns)]
         points = {share.name: share.values for share in self.columns}

@@ -17,8 +17,8 @@ import numpy as np
 
 from flexmb.errors import OutputError, ViewError
 from flexmb.folders import whole_file, write_text_file
+from flexmb.studies.accuracy.rows import Error, Row, StudyRows
 from flexmb.studies.channel_errors import error_text
-from flexmb.studies.rows import Error, Row, StudyRows
 from flexmb.studies.study_settings import is_numerical, label, toml_text, value_text
 from flexmb.workflow import machine
 
