@@ -96,7 +96,7 @@ def normalise(bodies, q):
 
 @unit
 def last_places(run: Run) -> float:
-    """Weighted size of a correction that positions cannot show, nor what is driven, as many turns."""
+    """Weighted size of a correction that positions cannot show, nor what drivers turn or move."""
     bodies, weights, q = run.system.parts.bodies, run.system.weights, run.state.q
     rows, size = run.system.rows, _ROUND_OFF
     for k in range(bodies.shape[0]):

@@ -191,8 +191,8 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
             _finish(sys.weights, alpha, st, tr)
             if settings.tolerance > 0.0:
                 estimate_error(run, alpha, h)
-            # Neither what quasi-static modes follow nor the loads of friction in joints may come from
-            # how far they moved positions.
+            # what quasi-static modes follow, or loads friction in joints, must not come from
+            # how far they moved positions
             project = alpha.project == 1 or settings.follow == 1 or depends_on_solution(run)
             if project and st.lam.shape[0] > 0:
                 status = _project(run, alpha, b)
