@@ -21,6 +21,7 @@ from flexmb.engine.equations_of_motion import (
     factorise,
     feedback_stage,
     forces,
+    has_dependent_rows,
     permute,
     position_stage,
     rate_stage,
@@ -42,6 +43,8 @@ _LOOP_ROUNDS, _LOOP_CLOSED = 100, 1e-12
 _STATIC = 1e-11
 # A correction of positions this small, relative to the model, is round-off.
 _ROUND_OFF = 1e-13
+# Rows that repeat others do so in the pose alone: by a factor from farther off they get reactions.
+_SAME_POSE = 1e-12
 # Loads that follow from reactions, such as friction in joints, agree with them to this share of the
 # largest force: a moment beside forces must not decide by its unit.
 _SETTLED = 1e-10
@@ -89,15 +92,15 @@ def project_velocity(run: Run, at: Point, cp: float) -> int:
 
 
 @unit
-def project_positions(run: Run, at: Point, rounds: int) -> int:
+def project_positions(run: Run, at: Point, rounds: int) -> float:
     """Put q on C = 0 by Newton corrections with the present factor, after a position stage at q.
 
-    Returns 1 if the last correction was round-off; leaves a position stage at q, or that near.
+    Returns the first correction, weighted; leaves a position stage at q, or that near.
     """
     kkt, parts, weights = run.system.kkt, run.system.parts, run.system.weights
     C, sol, place, dq = run.work.con.C, run.work.factor.sol, kkt.place, run.work.trial.dq
-    nv = dq.shape[0]
-    for _ in range(rounds):
+    nv, first = dq.shape[0], 0.0
+    for n in range(rounds):
         constraint_stage(run, at)
         for i in range(nv):
             sol[place[i]] = 0.0
@@ -107,10 +110,12 @@ def project_positions(run: Run, at: Point, rounds: int) -> int:
         for i in range(nv):
             dq[i] = sol[place[i]]
         move(parts, at.q, dq, at.q)
-        if weighted_size(dq, weights) <= _ROUND_OFF:
-            return 1
+        moved = weighted_size(dq, weights)
+        first = moved if n == 0 else first
+        if moved <= _ROUND_OFF:
+            break
         position_stage(run, at)
-    return 0
+    return first
 
 
 @unit
@@ -175,7 +180,9 @@ def _solve_motion(run: Run, at: Point, cp: float, project: int) -> int:
     run.work.factor.symmetric[0] = 1
     factorise(run, at, 0.0, cp)
     if project == POSITIONS and at.lam.shape[0] > 0:
-        project_positions(run, at, _ROUNDS)
+        moved = project_positions(run, at, _ROUNDS)
+        if moved > _SAME_POSE and has_dependent_rows(run.work.factor, 0.0):
+            factorise(run, at, 0.0, cp)
     if project != NOTHING:
         project_velocity(run, at, cp)
         velocity_stage(run, at)
