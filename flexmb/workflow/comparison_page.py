@@ -16,9 +16,9 @@ from flexmb.errors import FlexmbError, ResultFileError
 from flexmb.folders import scratch_folder
 from flexmb.progress import Progress
 from flexmb.results import Result
-from flexmb.view import render
 from flexmb.view.history import run_labels
 from flexmb.view.html_page import Charts, Html, image, section, table, tag
+from flexmb.view.picture import render
 from flexmb.view.work_precision import ORDINATES, Curve
 from flexmb.workflow.comparison import STILL, compare
 from flexmb.workflow.installation import machine

@@ -23,8 +23,8 @@ from flexmb.workflow.run_report import CheckOutcome
 
 if TYPE_CHECKING:
     from flexmb.analysis.assembly.initial_state import Assembled
+    from flexmb.analysis.equilibria import Equilibrium
     from flexmb.analysis.linear.linearization import Linearization, ModeSweep
-    from flexmb.analysis.statics import Equilibrium
     from flexmb.model import Model
     from flexmb.results import Result
 
@@ -107,7 +107,7 @@ def state_of(system: CompiledModel, time: float | None, about: str) -> Assembled
     if about == "initial":
         about = "undeformed" if model.dynamics is None else model.dynamics.start
     if about == "static":
-        from flexmb.analysis.statics import find_equilibrium
+        from flexmb.analysis.equilibria import find_equilibrium
 
         return find_equilibrium(compiled, model)
     return assemble(compiled, model, start=about)
@@ -222,7 +222,7 @@ def render_mode_shapes(
     """
     from flexmb.flexbody import save
     from flexmb.results import OutputBlock, Result, ResultWriter
-    from flexmb.view import render
+    from flexmb.view.picture import render
 
     target, compiled = writable_folder(Path(folder)), made.compiled
     files = {name: f"{name}.flexbody.h5" for name in compiled.flexbodies}

@@ -128,7 +128,8 @@ def report_run(
 
 def draw_run(run: Result, progress: Progress) -> tuple[Path | None, Path | None]:
     """Picture and history of a run that has at least one output, of what it stored."""
-    from flexmb.view import plot_history, render
+    from flexmb.view.history import plot_history
+    from flexmb.view.picture import render
 
     if not len(run.time):
         return None, None

@@ -102,8 +102,7 @@ def _largest(of: Neighbours, specs: Mapping[str, Any]) -> tuple[str, float, str]
 
 def _measured(of: Neighbours, specs: Mapping[str, Any]) -> dict[str, Array]:
     """(t, k) by name the coordinate of a stop, or the force of a contact, along the motion."""
-    from flexmb.analysis.effects.contribution import carry_motion
-    from flexmb.analysis.effects.perturbation import equations_of
+    from flexmb.analysis.effects.stored_motion import carry_motion, equations_of
     from flexmb.engine.compile import compile_system
 
     model = copy.copy(of.model)

@@ -20,7 +20,7 @@ from flexmb.folders import whole_file, write_text_file
 from flexmb.studies.accuracy.rows import Error, Row, StudyRows
 from flexmb.studies.channel_errors import error_text
 from flexmb.studies.study_settings import is_numerical, label, toml_text, value_text
-from flexmb.workflow import machine
+from flexmb.workflow.installation import machine
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -435,7 +435,7 @@ def _point_text(row: Row, along: str) -> str:
 
 
 def _save(figure: Figure, output: str | Path | None) -> Figure:
-    from flexmb.view import save_figure
+    from flexmb.view.plot import save_figure
 
     if not figure.axes:
         raise ViewError("no run has an error to draw")

@@ -207,7 +207,7 @@ class Budget:
         ViewError
             There is nothing to draw, or the file cannot be written.
         """
-        from flexmb.view import save_figure
+        from flexmb.view.plot import save_figure
         from flexmb.view.work_precision import budget_figure
 
         moving = [name for name in self.sensors if any(name in s.values for s in self.columns)]

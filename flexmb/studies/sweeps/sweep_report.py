@@ -191,7 +191,7 @@ class Sweep(SweepRows):
             The sweep has nothing of that kind.
         """
         from flexmb.studies.sweeps.sweep_report import PICTURES
-        from flexmb.view import save_figure
+        from flexmb.view.plot import save_figure
 
         if kind not in PICTURES:
             raise FlexmbError.unknown_name("picture", kind, PICTURES)
@@ -211,7 +211,7 @@ class Sweep(SweepRows):
             A file cannot be written.
         """
         from flexmb.studies.sweeps.sweep_report import PICTURES
-        from flexmb.view import save_figure
+        from flexmb.view.plot import save_figure
 
         tables = [table._asdict() for table in self.tables()]
         pictures: list[str] = []
