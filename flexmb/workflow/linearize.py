@@ -171,7 +171,7 @@ def check_modes(model: Model, folder: Path) -> list[CheckOutcome]:
     frequencies: dict[tuple[tuple[str, float], ...], Any] = {}
     outcomes = []
     source = model.source
-    for check in model.mode_checks if source is not None else ():
+    for check in model.mode_checks:
         assert source is not None
         key = tuple(check.parameters.items())
         if key not in frequencies:
@@ -183,16 +183,10 @@ def check_modes(model: Model, folder: Path) -> list[CheckOutcome]:
         modes = frequencies[key]
         value = float(modes[check.linear_mode - 1]) if check.linear_mode <= len(modes) else math.nan
         values = "".join(f", {name} = {value:g}" for name, value in key)
-        outcomes.append(
-            CheckOutcome(
-                f"linear mode {check.linear_mode}{values}",
-                None,
-                model.units.written(value, "Hz"),
-                model.units.written(check.value, "Hz"),
-                model.units.written(check.tolerance, "Hz"),
-                check.source,
-            )
-        )
+        what = f"linear mode {check.linear_mode}{values}"
+        numbers = (value, check.value, check.tolerance)
+        computed, expected, tolerance = (model.units.written(each, "Hz") for each in numbers)
+        outcomes.append(CheckOutcome(what, None, computed, expected, tolerance, check.source))
     return outcomes
 
 
