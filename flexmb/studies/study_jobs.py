@@ -24,8 +24,9 @@ from pathlib import Path
 from typing import Any, Self
 
 from flexmb.errors import FlexmbError, OutputError
-from flexmb.folders import output_errors, scratch_folder, whole_file, writable_folder
+from flexmb.folders import output_errors, read_json, scratch_folder, whole_file, writable_folder
 from flexmb.progress import Progress
+from flexmb.studies.channel_errors import read_statistics
 from flexmb.studies.record_table import KEY, RecordTable
 from flexmb.workflow.cluster import Cluster
 from flexmb.workflow.worker_processes import DIED, TOO_LONG, Record, RunTimer, failure, source_key
@@ -311,18 +312,17 @@ class StudyQueue:
         """The record of a job that was done in this study, or in an earlier one."""
         if job.key in self._records:
             return self._records[job.key]
-        row = self._earlier.get(job.key)
-        if row is None or row["repeats"] < job.repeats:
+        record = _readable(self._earlier.get(job.key))
+        if record is None or record["repeats"] < job.repeats:
             return None
-        if row["reason"].startswith((TOO_LONG, DIED)):
+        if record["reason"].startswith((TOO_LONG, DIED)):
             return None  # it may have been the machine that was busy
         files = [result_file(job.folder)] if job.repeats else Path(job.folder).glob("*.h5")
-        if row["status"] == "finished" and not any(file.is_file() for file in files):
+        if record["status"] == "finished" and not any(file.is_file() for file in files):
             return None
-        if job.repeats > 1 and (row["workers"] == 1) != (self.workers == 1):
+        if job.repeats > 1 and (record["workers"] == 1) != (self.workers == 1):
             return None  # times of parallel runs and of single runs are not compared
         self.reused += 1
-        record = {**row, "statistics": json.loads(row.get("statistics") or "{}")}
         self._records[job.key] = record
         return record
 
@@ -334,3 +334,23 @@ class StudyQueue:
         record |= {"label": job.label, "repeats": job.repeats, "workers": self.workers}
         self._records[job.key] = record
         self._table.append({KEY: job.key, **self._values.pop(job.key), **record})
+
+
+def _readable(row: Mapping[str, Any] | None) -> Record | None:
+    """A row of the table as the record that it was; a damaged one is a missing one."""
+    if row is None:
+        return None
+    try:
+        ended, statistics = row["status"] == "finished", row.get("statistics") or "{}"
+        record = {
+            **row,
+            "repeats": int(row["repeats"]),
+            "reason": str(row["reason"] or ""),
+            "seconds": [float(one) for one in row["seconds"] or ()] if ended else [],
+            "statistics": read_statistics(read_json(statistics)),
+        }
+        if ended and record["repeats"]:
+            record["cpu_seconds"] = [float(one) for one in row["cpu_seconds"]]
+        return record if len(record["seconds"]) >= max(1, record["repeats"]) * ended else None
+    except (LookupError, TypeError, ValueError, OverflowError):
+        return None

@@ -91,6 +91,8 @@ def section(title: str, *children: object, class_: str = "") -> Html:
 
 def image(png: bytes, words: str) -> Html:
     """A picture within the page."""
+    if not png.startswith(b"\x89PNG"):  # another file under its name
+        raise ValueError(f"the picture {words} is no PNG")
     source = "data:image/png;base64," + base64.b64encode(png).decode("ascii")
     return tag("figure", tag("img", src=source, alt=words, loading="lazy"))
 

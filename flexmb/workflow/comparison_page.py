@@ -6,14 +6,15 @@ A study, a sweep and an error budget are read from the files that they left in t
 from __future__ import annotations
 
 import csv
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from io import StringIO
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from flexmb.errors import FlexmbError, ResultFileError
-from flexmb.folders import scratch_folder
+from flexmb.folders import read_json, read_regular, scratch_folder
 from flexmb.progress import Progress
 from flexmb.results import Result
 from flexmb.view.history import run_labels
@@ -120,12 +121,9 @@ def is_study(folder: Path) -> bool:
 
 
 def _budget_parts(folder: Path) -> tuple[str, list[Html]]:
-    try:
-        data = json.loads((folder / _BUDGET).read_text(encoding="utf-8"))
-        columns, rows = data["table"]
-        line, *sentences = data["sentences"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ResultFileError(f"{folder}: the budget cannot be read ({error})") from error
+    data = read_json(read_regular(folder / _BUDGET))
+    columns, rows = data["table"]
+    line, *sentences = data["sentences"]
     picture, numbers = folder / "budget.png", range(1, len(columns))
     words = tag("ul", *(tag("li", one) for one in [*sentences, *data["notes"]]), class_="notes")
     title = f"{data['title']}: error budget"
@@ -133,7 +131,7 @@ def _budget_parts(folder: Path) -> tuple[str, list[Html]]:
         tag("h1", title),
         section("What the error consists of", tag("p", line)),
         section("Shares over the peak-to-peak", table(columns, rows, right=numbers),
-                image(picture.read_bytes(), line) if picture.is_file() else ""),
+                image(read_regular(picture), line) if picture.is_file() else ""),
         section("Each share, and the cheapest setting", words),
     ]  # fmt: skip
 
@@ -146,16 +144,20 @@ def study_parts(folder: Path, charts: Charts) -> tuple[str, list[Html]]:
     ResultFileError
         The files of the study cannot be read.
     """
-    if (folder / _SWEEP).is_file():
-        return _sweep_parts(folder)
-    if not (folder / _TABLE).is_file():
-        return _budget_parts(folder)
+    parts: dict[str, Callable[[Path], tuple[str, list[Html]]]] = {
+        _SWEEP: _sweep_parts,
+        _TABLE: partial(_study_parts, charts=charts),
+    }
+    name = next((name for name in parts if (folder / name).is_file()), _BUDGET)
     try:
-        with (folder / _TABLE).open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file))
-        text = (folder / _TEXT).read_text(encoding="utf-8") if (folder / _TEXT).is_file() else ""
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ResultFileError(f"{folder}: the study cannot be read ({error})") from error
+        return parts.get(name, _budget_parts)(folder)
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, csv.Error) as error:
+        raise ResultFileError(f"{folder / name}: cannot be read ({error})") from error
+
+
+def _study_parts(folder: Path, charts: Charts) -> tuple[str, list[Html]]:
+    rows = list(csv.DictReader(StringIO(read_regular(folder / _TABLE).decode(), "")))
+    text = read_regular(folder / _TEXT).decode() if (folder / _TEXT).is_file() else ""
     if not rows or "status" not in rows[0]:
         raise ResultFileError(f"{folder / _TABLE}: is not the table of a study")
     lines = text.splitlines()
@@ -199,14 +201,11 @@ def study_parts(folder: Path, charts: Charts) -> tuple[str, list[Html]]:
 
 def _sweep_parts(folder: Path) -> tuple[str, list[Html]]:
     """Title and body of the page on a sweep."""
-    try:
-        data = json.loads((folder / _SWEEP).read_text(encoding="utf-8"))
-        title, sentences = str(data["title"]), [tag("li", line) for line in data["sentences"]]
-        tables = [(t["title"], table(t["columns"], t["rows"], t["right"])) for t in data["tables"]]
-        names = [Path(name).name for name in data["pictures"]]
-        pictures = [image((folder / name).read_bytes(), Path(name).stem) for name in names]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ResultFileError(f"{folder}: the sweep cannot be read ({error})") from error
+    data = read_json(read_regular(folder / _SWEEP))
+    title, sentences = str(data["title"]), [tag("li", line) for line in data["sentences"]]
+    tables = [(t["title"], table(t["columns"], t["rows"], t["right"])) for t in data["tables"]]
+    names = [Path(name).name for name in data["pictures"]]
+    pictures = [image(read_regular(folder / name), Path(name).stem) for name in names]
     return title, [
         tag("h1", title),
         section("What the sweep says", tag("ul", *sentences, class_="notes")),

@@ -45,6 +45,7 @@ from flexmb.studies.budgets.error_shares import (
     refinement_knobs,
 )  # fmt: skip
 from flexmb.studies.channel_errors import Reading, check_sensors
+from flexmb.studies.record_table import lock_runs
 from flexmb.studies.study_jobs import content_key
 from flexmb.studies.study_settings import StudySource, change_model, label
 from flexmb.workflow.cluster import open_cluster
@@ -119,8 +120,10 @@ def budget(
             raise SceneError.unknown_name("sensor", name, names)
     check_sensors(model, sensors)
     sizes = _mesh_sizes(model)
-    writable_folder(folder)
-    with open_cluster(workers, scheduler, limit=limit) as cluster:
+    with (
+        lock_runs(writable_folder(folder) / "budget.json"),
+        open_cluster(workers, scheduler, limit=limit) as cluster,
+    ):
         runs = ChangedRuns(source, folder, cluster, sensors, fresh, progress)
         return _Split(source, model, runs, knobs, target, sizes).budget()
 
@@ -184,6 +187,9 @@ class _Split:
         if base.reading is None:
             what = "the run of the scene itself fails, so there is no error to split: "
             raise FlexmbError(what + base.reason)
+        if not any(scale > 0.0 for scale in base.reading.scales):
+            what = "no sensor and no reaction of the scene changes, so there is no error to split"
+            raise FlexmbError(f"{what}: give it a load, a motion or other sensors")
         self.base, self.runs.bodies = base, base.folder
         self.errors = SensorErrors(base.reading)
         refined = [step for knob in self.knobs for step in knob.steps[:2]]

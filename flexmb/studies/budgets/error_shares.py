@@ -14,7 +14,6 @@ import json
 import math
 import shutil
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexmb.errors import FlexmbError
-from flexmb.folders import whole_file, writable_folder
+from flexmb.folders import read_json, read_regular, whole_file, writable_folder
 from flexmb.model import Model
 from flexmb.model.flexible_body import FlexibleBodySpec
 from flexmb.model.mesh_body import MeshBodySpec
@@ -30,7 +29,7 @@ from flexmb.model.reading import Spec
 from flexmb.model.scenes.dynamics import ACCURACY, ROUND_OFF
 from flexmb.model.scenes.effects import SWITCHES
 from flexmb.progress import Progress
-from flexmb.studies.channel_errors import Reading, read_run
+from flexmb.studies.channel_errors import Reading, read_run, read_statistics
 from flexmb.studies.study_jobs import content_key, result_file, run_key
 from flexmb.studies.study_settings import StudySource, change_model
 from flexmb.workflow.cluster import Cluster
@@ -391,11 +390,8 @@ def run_changed(job: Mapping[str, Any]) -> Record:
     if job["key"] == _AUDIT:
         return {"shares": _audit_shares(folder)}
     file = folder / _RECORD
-    if file.is_file() and result_file(folder).is_file() and not job["fresh"]:
-        with suppress(ValueError, OSError):  # a damaged record is a missing one
-            record = json.loads(file.read_text(encoding="utf-8"))
-            if isinstance(record, dict) and record.keys() >= {"cpu", "statistics"}:
-                return record
+    if result_file(folder).is_file() and not job["fresh"] and (record := _stored(file)):
+        return record
     writable_folder(folder)
     for body in Path(job["bodies"]).glob("*.flexbody.h5") if job["bodies"] else ():
         if not (folder / body.name).exists():
@@ -409,6 +405,15 @@ def run_changed(job: Mapping[str, Any]) -> Record:
     with whole_file(file) as partial:
         partial.write_text(json.dumps(record, default=float), encoding="utf-8")
     return record
+
+
+def _stored(file: Path) -> Record | None:
+    """The record of a run that has ended; a damaged one is a missing one."""
+    try:
+        record = read_json(read_regular(file))
+        return {"cpu": float(record["cpu"]), "statistics": read_statistics(record["statistics"])}
+    except (OSError, ValueError, LookupError, TypeError):
+        return None
 
 
 def _audit_shares(folder: Path) -> Shares:

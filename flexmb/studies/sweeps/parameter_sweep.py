@@ -119,7 +119,7 @@ def sweep(
     ):
         runner = _Runner(plan, source, cluster, table, progress)
         answer = runner.sweep()
-        columns = columns_of(table.rows(), runner.keys, names)
+        columns = columns_of(table.rows(), runner.keys, names, file)
     units = {one.name: source.model.units.label(one.unit) for one in plan.base.scalars}
     return Sweep(
         source.model.title or source.file, source.file, source.output, plan.design,
@@ -132,16 +132,30 @@ _TEXTS = ("status", "reason", "notes")
 _NUMBERS = ("seconds", "cpu_seconds", "seconds_run")
 
 
-def columns_of(rows: Any, keys: Sequence[str], scalars: Sequence[str]) -> dict[str, NDArray[Any]]:
-    """Columns of a table of runs, in the order of their keys; NaN and "" where there is nothing."""
+def columns_of(
+    rows: Any, keys: Sequence[str], scalars: Sequence[str], file: Path
+) -> dict[str, NDArray[Any]]:
+    """Columns of a table of runs, in the order of their keys; NaN and "" where there is nothing.
+
+    Raises
+    ------
+    FlexmbError
+        A column holds something else than those that flexmb writes.
+    """
+    import pyarrow as pa
+
     place = {key: i for i, key in enumerate(rows.column(KEY).to_pylist())}
     order = np.array([place[key] for key in keys], np.int64)
     columns: dict[str, NDArray[Any]] = {}
     for name in (*_TEXTS, *scalars, *_NUMBERS):
         missing: Any = "" if name in _TEXTS else float("nan")
         if name in rows.column_names:
-            column = rows.column(name).fill_null(missing)
-            columns[name] = column.to_numpy()[order]
+            try:
+                column = rows.column(name).cast(pa.string() if name in _TEXTS else pa.float64())
+            except pa.ArrowException:
+                what = f"{file}: the column {name} is not one of a sweep"
+                raise FlexmbError(f"{what}: give another folder, or --fresh") from None
+            columns[name] = column.fill_null(missing).to_numpy()[order]
         else:
             columns[name] = np.full(len(order), missing, object if name in _TEXTS else float)
     return columns
@@ -334,8 +348,8 @@ class _Runner:
         return {
             row[KEY]: row
             for row in rows
-            if not (row["reason"] or "").startswith(TOO_LONG)
-            and (row["status"] == "failed" or all(row.get(one) is not None for one in names))
+            if not str(row.get("reason") or "").startswith(TOO_LONG)
+            and (row.get("status") == "failed" or all(row.get(one) is not None for one in names))
         }
 
     def _ends(self, jobs: list[Job]) -> Iterator[tuple[str, Row]]:
