@@ -13,8 +13,8 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "files": 370,
-    "lines": 90_000,
+    "files": 335,
+    "lines": 89_000,
     "participles": 100,
     "base names of three and more files": 0,
     _ALL: 0,
@@ -29,7 +29,7 @@ FIGURES = {
     "lines of README": lambda: len((structure.ROOT / "README.md").read_text().splitlines()),
 }
 # The aims are 50 000 lines and 120 files; these are held on the way.
-FILES_OF_MAIN_JOB = 172
+FILES_OF_MAIN_JOB = 144
 
 
 def files_with_all() -> list[str]:
