@@ -30,7 +30,15 @@ from flexmb.engine.lowering import Lowering, Placement
 from flexmb.engine.sensors import CHANNEL_KINDS, SENSOR_KINDS, feedback
 from flexmb.engine.sensors.sensor import WRENCH, Channels, sensor_tables
 from flexmb.engine.symbolic import Blocks, Symbolic, analyse
-from flexmb.engine.tables import BODY, GROUP, Functions, Kkt, Pool, Sensors
+from flexmb.engine.tables import (
+    BODY,
+    GROUP,
+    Functions,
+    Kkt,
+    Pool,
+    Sensors,
+    deformation_room,
+)
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.effects import without_modal_inertia
@@ -131,7 +139,7 @@ def body_table(model: Model, flexbodies: Mapping[str, FlexBody], pool: Pool) -> 
         Mab = without_modal_inertia(body, static) if static else None
         row["flex"] = pool.add(modal_block(body, coupling, Mab))
         put_flags(row, body, bool(static))
-    for name, n in (("iq", 7 + table["m"]), ("iv", 6 + table["m"]), ("z", 12 * table["m"])):
+    for name, n in (("iq", 7 + table["m"]), ("iv", 6 + table["m"]), ("z", deformation_room(table))):
         table[name] = np.cumsum(n) - n
     return table
 

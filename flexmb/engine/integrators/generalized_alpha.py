@@ -133,6 +133,7 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
     cv = alpha.gamma / (alpha.beta * h)
     sys, st, tr, settings = run.system, run.state, run.work.trial, run.settings
     memory, count, factor = st.memory[0], st.count[0], run.work.factor
+    iteration = run.work.now.iteration
     _predict(alpha, st, tr, h)
     if memory["factor_step"] != h and settings.stiff == 1:
         memory["factor_age"] = -1.0  # without stiffness the matrix hardly knows the step
@@ -153,7 +154,9 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
     for n in range(settings.max_iterations):
         move(sys.parts, st.q, tr.dq, tr.q)
         count["residuals"] += 1
+        iteration[0] = n
         status = residual(run, run.trial_point)
+        iteration[0] = 0.0
         if status != FINE:
             return status
         if memory["factor_age"] < 0.0:
