@@ -28,8 +28,9 @@ FIGURES = {
     _ALL: lambda: len(files_with_all()),
     "lines of README": lambda: len((structure.ROOT / "README.md").read_text().splitlines()),
 }
-# The aims are 50 000 lines and 120 files; these are held on the way.
-FILES_OF_MAIN_JOB = 144
+# The aims are 50 000 lines and 120 files; these are held on the way. 144 run with compiled units
+# at hand, some more where units are compiled.
+FILES_OF_MAIN_JOB = 155
 
 
 def files_with_all() -> list[str]:
