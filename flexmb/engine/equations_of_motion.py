@@ -205,6 +205,7 @@ _UNSYMMETRIC_ABOVE = 0.2
 _GIVE_UP_ABOVE = 0.9
 _REGULARISATION = 1e-9
 _REPEATED = 1e-7
+_INDEPENDENT = 1e6  # pivots of rows over their regularisation
 _UNEVEN = 1e5
 
 
@@ -390,6 +391,19 @@ def least_pivot(run, nv):
             pivot = abs(fac.d[k]) * _REGULARISATION / fac.eps[k]
             least = min(least, pivot if pivot > _REPEATED else 1.0)
     return least
+
+
+@kernel
+def has_dependent_rows(fac, redundant):
+    """Whether constraint rows nearly depend on each other, by pivots over their regularisation.
+
+    Above `redundant` of them: below are those that repeat others in whatever pose.
+    """
+    for k in range(fac.eps.shape[0]):
+        pivot = abs(fac.d[k])
+        if redundant * fac.eps[k] < pivot < _INDEPENDENT * fac.eps[k]:
+            return True
+    return False
 
 
 @kernel

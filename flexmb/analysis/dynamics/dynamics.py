@@ -313,7 +313,7 @@ class _Pass:
         cause = (
             self._validity.diverging(run.state)
             or _static_modes(run)
-            or nearly_redundant(run.compiled, run.state.q)
+            or nearly_redundant(run.compiled, run.state.q, run.state.q_first)
         )
         return Ending("failed", failure_sentence(
             status, run.compiled, prepared.model, run.work, at, step, cause))  # fmt: skip
@@ -381,6 +381,7 @@ def _statistics(run: Integration) -> dict[str, float | int | str]:
         **({"partitions": 1 + int(count["partitions"])} if run.method.partitions else {}),
         "largest_position_drift": float(run.rows.largest_drift[0]),
         "largest_velocity_drift": float(run.rows.largest_drift[1]),
+        "largest_speed": float(run.rows.largest_drift[2]),
         "energy_balance_error": run.rows.balance.relative,
     }
 
