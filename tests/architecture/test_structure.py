@@ -13,8 +13,8 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "files": 335,
-    "lines": 89_000,
+    "files": 340,
+    "lines": 90_000,
     "participles": 100,
     "base names of three and more files": 0,
     _ALL: 0,
