@@ -136,9 +136,9 @@ def markdown_table(
     columns: Sequence[str], rows: Iterable[Sequence[str]], right: Collection[int]
 ) -> list[str]:
     """Lines of a table in Markdown; `right` are the columns of numbers."""
-    marks = ["---:" if i in right else "---" for i in range(len(columns))]
-    cells = [[cell.replace("|", "\\|") for cell in row] for row in (columns, marks, *rows)]
-    return [f"| {' | '.join(row)} |" for row in cells]
+    head, *body = (" | ".join(c.replace("|", "\\|") for c in row) for row in (columns, *rows))
+    rule = "|".join("---:" if i in right else "---" for i in range(len(columns)))
+    return [f"| {head} |", f"|{rule}|", *(f"| {row} |" for row in body)]
 
 
 def headings(knobs: Sequence[str]) -> dict[str, str]:
