@@ -26,7 +26,6 @@ from flexmb.engine.equations_of_motion import (
     position_stage,
     rate_stage,
     reaction_stage,
-    residual,
     velocity_stage,
     walk,
 )
@@ -46,7 +45,7 @@ _ROUND_OFF = 1e-13
 # Rows that repeat others do so in the pose alone: by a factor from farther off they get reactions.
 _SAME_POSE = 1e-12
 # Loads that follow from reactions, such as friction in joints, agree with them to this share of the
-# largest force.
+# largest force: a moment beside forces must not decide by its unit.
 _SETTLED = 1e-10
 # What `accelerations` puts on the constraints first.
 NOTHING, VELOCITIES, POSITIONS = 0, 1, 2
@@ -128,7 +127,7 @@ def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
     SELF_LOCKING where friction does not.
     """
     status = _solve_motion(run, at, cp, project)
-    if run.settings.follow == 0:
+    if run.settings.follow == 0 or project == NOTHING:
         return status
     for _ in range(_LOOP_ROUNDS):
         status = max(status, forces(run, at))
@@ -136,7 +135,8 @@ def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
         if status != FINE or not math.isfinite(change):
             return max(status, NO_LOOP)
         if change <= _STATIC:
-            return status
+            walk(run.stages.static_rates, run, at)
+            return _solve_motion(run, at, cp, VELOCITIES)
         status = _solve_motion(run, at, cp, project)
     return NO_LOOP
 
@@ -148,24 +148,6 @@ def follow_loads(run, at):
     for k in range(len(units)):
         change = max(change, call_value(units[k], run, tables[k], at))
     return change
-
-
-@unit
-def settle_static_modes(run: Run, at: Point) -> int:
-    """Quasi-static modes at the end of a step, and joints closed with them; returns the status.
-
-    By the present factor; velocities, accelerations and multipliers stay.
-    """
-    for _ in range(_LOOP_ROUNDS):
-        status = residual(run, at)
-        change = follow_loads(run, at)
-        if status != FINE or not change < 1.0:
-            return max(status, NO_LOOP)
-        position_stage(run, at)
-        project_positions(run, at, _ROUNDS)
-        if change <= _SETTLED:
-            return status
-    return NO_LOOP
 
 
 @unit
@@ -251,7 +233,7 @@ def _refine_by_mass(run: Run, at: Point, top: Vector, bottom: Vector, x: Vector,
     place, sol, both, own = kkt.place, fac.sol, fac.tmp, fac.rhs
     nv = x.shape[0]
     copy(top, tr.spare)
-    for _ in range(run.method.mass_rounds):
+    for _ in range(max(run.method.mass_rounds, int(depends_on_solution(run)))):
         permute(kkt, x, y, sol)
         multiply(kkt, fac, sol, both)  # (S x + Cqᵀ y; Cq x)
         for i in range(y.shape[0]):
@@ -275,6 +257,18 @@ def _refine_by_mass(run: Run, at: Point, top: Vector, bottom: Vector, x: Vector,
 
 
 @kernel
+def _largest_force(sys, res, lam):
+    """The largest force (N) in the equations of motion; a moment counts over the model size."""
+    size, bodies, weights = 0.0, sys.parts.bodies, sys.weights
+    for i in range(res.shape[0]):
+        if abs(res[i]) > size * weights[i]:
+            size = abs(res[i]) / weights[i]
+    for k in range(lam.shape[0]):
+        size = max(size, abs(lam[k]) / sys.row_weights[k])
+    return size * weights[bodies[0]["iv"]] if bodies.shape[0] > 0 else size
+
+
+@kernel
 def _solve_loop(run, at, cp):
     """Solve again while forces depend on what was solved for; whether that came to an end."""
     before, vd, weights = run.work.trial.jerk, at.vd, run.system.weights
@@ -282,7 +276,7 @@ def _solve_loop(run, at, cp):
         copy(vd, before)
         change = reaction_stage(run, at)
         feedback_stage(run, at)
-        at_rest = change <= _SETTLED * max(largest(run.work.trial.res), largest(at.lam))
+        at_rest = change <= _SETTLED * _largest_force(run.system, run.work.trial.res, at.lam)
         _solve(run, at, cp)
         size = weighted_size(vd, weights)
         for i in range(vd.shape[0]):

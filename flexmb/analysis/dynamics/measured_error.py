@@ -131,6 +131,7 @@ class MeasuredError:
         }  # fmt: skip
         self._places = [k for k, one in enumerate(self._compared) if one.quantity == "positions"]
         self._growth = SampledHistory(len(self._places))  # of the differences of positions
+        self._results: dict[float, dict[str, ErrorOf]] = {}  # by ratio, of the rows so far
 
     def arrays(self) -> dict[str, np.ndarray]:
         """All that there is so far, to be saved and filled in again."""
@@ -150,6 +151,7 @@ class MeasuredError:
         n = min(len(fine.t), len(coarse.t))
         if n == 0:
             return
+        self._results.clear()
         gaps = np.zeros((n, self._range[0].size))
         low, high = (bound.reshape(-1) for bound in self._range)
         for table, (columns, places) in self._columns.items():
@@ -167,6 +169,8 @@ class MeasuredError:
 
     def largest(self, ratio: float) -> dict[str, ErrorOf]:
         """The largest error of each quantity; `ratio` is that of the errors of the two runs."""
+        if ratio in self._results:
+            return self._results[ratio]
         spans, largest = self._spans(), dict[str, ErrorOf]()
         apart = np.divide(self._largest[0], spans, out=np.zeros(len(spans)), where=spans > 0.0)
         # once the runs have parted, the finer one is no better than the other
@@ -178,6 +182,7 @@ class MeasuredError:
                 if spans[k] > (1 + 1e-9) * np.max(high - low):
                     worst = replace(worst, over=_FLOORS[one.quantity])
                 largest[one.quantity] = worst
+        self._results[ratio] = largest
         return largest
 
     def reached_until(self, accuracy: float) -> float:
@@ -283,11 +288,15 @@ class VerifiedRun:
 
         Not where the runs were different motions then, whose difference says nothing.
         """
-        integrator, passes, now = self.fine.method, self.passes[0], self.difference
-        if not 0.0 < passes["last_difference"] < _SAME_MOTION or now == 0.0:
+        integrator, passes = self.fine.method, self.passes[0]
+        if not 0.0 < passes["last_difference"] < _SAME_MOTION or self.difference == 0.0:
             return integrator.order
         reduction = math.log(passes["last_tolerance"] / passes["tolerance"])
-        order = integrator.error_order * math.log(passes["last_difference"] / now) / reduction
+        order = (
+            integrator.error_order
+            * math.log(passes["last_difference"] / self.difference)
+            / reduction
+        )
         return min(max(order, _MIN_ORDER * integrator.order), integrator.order)
 
     @property
