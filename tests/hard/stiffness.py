@@ -305,7 +305,7 @@ CASES = {
     "quasi-static modes beside dynamic ones": Hard(
         "Modes without mass give way to reactions at once, and reactions follow from them.",
         "The sum of the modes of Euler's beam to 1 %: the frame of mean axes turns with them; "
-        "explicit methods refuse it.",
+        "explicit methods stop and say why.",
         0.01, lambda: cantilever(0.02, deformation={"band": [0, 500]}),
         off_cantilever(swing_of_2_percent, 2 * np.pi * 500), {**RUN, "duration": 0.1},
         {"auto": {}, "generalized-alpha": {"accuracy": None, "step": 1e-4}, "radau": {},

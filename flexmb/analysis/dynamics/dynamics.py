@@ -12,7 +12,12 @@ import numpy as np
 
 from flexmb.analysis.assembly.initial_state import Assembled, StartValues, assemble
 from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
-from flexmb.analysis.dynamics.integration import Integration, loop_settings, time_grid
+from flexmb.analysis.dynamics.integration import (
+    Integration,
+    loop_settings,
+    static_modes_sentence,
+    time_grid,
+)
 from flexmb.analysis.dynamics.passes import (
     PreparedDynamics,
     error_statistics,
@@ -104,9 +109,6 @@ def prepare_dynamics(
         raise SceneError("the scene has no [dynamics]: give its duration")
     name = method_name(spec, _is_flexible(compiled))
     integrator = make_integrator(spec, name)
-    static = _static_modes(compiled, integrator, beside_dynamic=True)
-    if static:
-        raise SceneError(static)
 
     def first_state() -> tuple[Assembled, int | None, tuple[str, ...], list[str]]:
         with driver_reasons(compiled, model):
@@ -316,7 +318,7 @@ class _Pass:
             return Ending("failed", unstable)
         cause = (
             self._validity.diverging(run.state)
-            or _static_modes(run.compiled, run.method)
+            or static_modes_sentence(run.compiled, run.method)
             or nearly_redundant(run.compiled, run.state.q, run.state.q_first)
         )
         return Ending("failed", failure_sentence(
@@ -326,7 +328,8 @@ class _Pass:
         sentence = unstable_step(run, self._prepared.method, failed=True)
         if not sentence:
             return ""
-        return f"at t = {float(run.state.t[0]):.6g} s {sentence}{self._first_turn()}"
+        static = static_modes_sentence(run.compiled, run.method, beside_dynamic=True)
+        return f"at t = {float(run.state.t[0]):.6g} s {static or sentence + self._first_turn()}"
 
     def _first_turn(self) -> str:
         """Words on a body that its first acceleration turns too far in a fixed step, or ""."""
@@ -343,32 +346,6 @@ class _Pass:
             f"; by its first acceleration bodies.{name} turns by {turns[name]:.2g} rad in such a "
             "step: unless a stiff spring holds it, no method resolves that"
         )
-
-
-def _static_modes(
-    compiled: Compiled, integrator: method.Method, beside_dynamic: bool = False
-) -> str:
-    """The sentence for bodies with quasi-static modes by an explicit method, or "".
-
-    With `beside_dynamic` for those alone that have dynamic modes too, and are joined.
-    """
-    static = compiled.system.kinds.get("static_modes")
-    if static is None or integrator.stages == 0:
-        return ""
-    rows = static.rows
-    if beside_dynamic:
-        markers, system = compiled.system.parts.markers, compiled.system
-        ends = np.concatenate([system.rows["I"], system.rows["J"]])
-        joined = np.isin(rows, markers["body"][ends[ends >= 0]])
-        rows = rows[(static.kinetostatic == 0) & joined]
-    if not len(rows):
-        return ""
-    bodies = [compiled.layout.bodies[row] for row in rows]
-    names = ", bodies.".join(body.name for body in bodies)
-    return (
-        f"modes of bodies.{names} are quasi-static, which explicit methods cannot do where joints "
-        f'need their compliance: use method = "{STIFF_METHOD}"'
-    )
 
 
 def _unbalanced(prepared: PreparedDynamics) -> str:

@@ -35,6 +35,7 @@ _MIN_CHUNK = 4
 # method is free of.
 _CHECK_EVERY = 5_000
 _MAX_STEPS, _MAX_STABLE_STEPS = (1e9, 1e11), (1e7, 2e9)
+_MAX_STATIC_STEPS = 1e5  # of an explicit method with quasi-static modes beside dynamic ones
 # Share of steps at the limit of stability that makes a run one that stability limits.
 _STIFF_SHARE = 0.35
 
@@ -259,14 +260,18 @@ class Integration:
         self._checkpoint = done, t, stiff
         left = (self.settings.end - t) / passed * steps if passed > 0.0 else math.inf
         most, work = _MAX_STABLE_STEPS if limited else _MAX_STEPS
+        static = static_modes_sentence(self.compiled, self.method, beside_dynamic=True)
+        most = _MAX_STATIC_STEPS if static else most
         if left > min(most, work / (self.compiled.layout.nv * max(self.method.stages, 1))):
-            raise FlexmbError(_endless(t, passed / steps, left, limited))
+            raise FlexmbError(_endless(t, passed / steps, left, limited, static))
 
 
-def _endless(t: float, step: float, left: float, limited: bool) -> str:
+def _endless(t: float, step: float, left: float, limited: bool, static: str) -> str:
     where = (
         f"at t = {t:.6g} s steps of {step:.2g} s leave {left:.2g} of them for the rest of the run"
     )
+    if static:
+        return f"{where}: {static}"
     if limited:
         return (
             f"{where}: stability of an explicit method limits them, not accuracy; "
@@ -275,4 +280,30 @@ def _endless(t: float, step: float, left: float, limited: bool) -> str:
     return (
         f"{where}: look for a singular pose, or forces that jump again and again; ask for less "
         "accuracy, or try another method or a fixed step"
+    )
+
+
+def static_modes_sentence(
+    compiled: Compiled, integrator: method.Method, beside_dynamic: bool = False
+) -> str:
+    """The sentence for bodies with quasi-static modes by an explicit method, or "".
+
+    With `beside_dynamic` for those alone that have dynamic modes too, and are joined.
+    """
+    static = compiled.system.kinds.get(STATIC_MODES.name)
+    if static is None or integrator.stages == 0:
+        return ""
+    rows = static.rows
+    if beside_dynamic:
+        markers, system = compiled.system.parts.markers, compiled.system
+        ends = np.concatenate([system.rows["I"], system.rows["J"]])
+        joined = np.isin(rows, markers["body"][ends[ends >= 0]])
+        rows = rows[(static.kinetostatic == 0) & joined]
+    if not len(rows):
+        return ""
+    bodies = [compiled.layout.bodies[row] for row in rows]
+    names = ", bodies.".join(body.name for body in bodies)
+    return (
+        f"modes of bodies.{names} are quasi-static, which explicit methods cannot do where joints "
+        f'need their compliance: use method = "{entries.STIFF_METHOD}"'
     )
