@@ -196,7 +196,7 @@ def _body_files(folder: str) -> list[Path]:
 
 def _reduce(job: Job, folder: Path) -> Record:
     from flexmb.model import Model
-    from flexmb.workflow import flexible_bodies
+    from flexmb.workflow.flexible_bodies import flexible_bodies
 
     model = Model.from_scene_dict(job.scene, Path(job.source))
     started = time.perf_counter()
@@ -209,7 +209,7 @@ def _run(job: Job, folder: Path) -> Record:
     from flexmb.analysis.assembly.jacobian import one_blas_thread
     from flexmb.model import Model
     from flexmb.results import Result
-    from flexmb.workflow import run_model
+    from flexmb.workflow.simulate import run_model
 
     model = Model.from_scene_dict(job.scene, Path(job.source))
     files = _body_files(job.bodies)

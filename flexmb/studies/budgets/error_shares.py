@@ -385,7 +385,7 @@ def run_changed(job: Mapping[str, Any]) -> Record:
     """Run a scene that is plain data into its folder; its processor time and statistics."""
     from flexmb.analysis.assembly.jacobian import one_blas_thread
     from flexmb.results import Result
-    from flexmb.workflow import run_model
+    from flexmb.workflow.simulate import run_model
 
     folder = Path(job["folder"])
     if job["key"] == _AUDIT:

@@ -166,7 +166,7 @@ def _run_in_memory(scene: SweepScene, model: Model, _: str) -> Row:
 
 def _run_with_file(scene: SweepScene, model: Model, name: str) -> Row:
     from flexmb.results import Result
-    from flexmb.workflow import run_model
+    from flexmb.workflow.simulate import run_model
 
     own_folder = Path(scene.histories) / name if scene.histories else None
     folder = own_folder or temporary_folder()
