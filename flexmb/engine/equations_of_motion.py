@@ -115,13 +115,16 @@ def forces(run: Run, at: Point) -> int:
 
 @unit
 def residual(run: Run, at: Point) -> int:
-    """Trial.res and C at a point; returns the status."""
+    """Trial.res and C at a point; returns the status. Kinetostatic modes need no balance here."""
     position_stage(run, at)
     walk(run.stages.force_velocity, run, at)
     feedback_stage(run, at)
     walk(run.stages.constraint, run, at)
     reaction_stage(run, at)
-    return forces(run, at)
+    status = forces(run, at)
+    if run.settings.follow == 1:
+        walk(run.stages.static_hold, run, at)
+    return status
 
 
 @unit

@@ -97,7 +97,7 @@ def build_tables(model: Model, flexbodies: Mapping[str, FlexBody]) -> ModelTable
     table = coordinate_table(scalars, nq, nv)
     lowering = Lowering(Geometry(model, flexbodies), markers, functions, groups, scalars)
     kinds = {kind.name: lowering.lower(kind) for kind in KINDS if kind.lower is not None}
-    kinds["static_modes"] = _static_modes(model, flexbodies)
+    kinds["static_modes"] = _static_modes(model, flexbodies, bodies["mass"].sum(), lowering)
     kinds = {name: tables for name, tables in kinds.items() if tables is not None}
     ground = markers.on_ground()
     ivs = {s.name: nv + before - len(states) + k for k, s in enumerate(states)}
@@ -152,7 +152,9 @@ def quasi_static(spec: BodySpec, body: FlexBody, model: Model) -> tuple[int, ...
     return spec.static_modes(body, cutoff_frequency(model) if automatic else math.inf)
 
 
-def _static_modes(model: Model, flexbodies: Mapping[str, FlexBody]) -> StaticModes | None:
+def _static_modes(
+    model: Model, flexbodies: Mapping[str, FlexBody], mass: float, lowering: Lowering
+) -> StaticModes | None:
     """Tables of the quasi-static modes of all bodies."""
     rows = [
         (number, flexbodies[name], np.array(modes), spec.deformation == "quasi-static")
@@ -160,7 +162,7 @@ def _static_modes(model: Model, flexbodies: Mapping[str, FlexBody]) -> StaticMod
         if isinstance(spec, FlexibleBodySpec) and name in flexbodies
         if (modes := quasi_static(spec, flexbodies[name], model))
     ]
-    return static_modes(rows) if rows else None
+    return static_modes(rows, mass, lowering.add_history) if rows else None
 
 
 def _frame_reactions(

@@ -26,7 +26,6 @@ from flexmb.engine.equations_of_motion import (
     position_stage,
     rate_stage,
     reaction_stage,
-    residual,
     velocity_stage,
     walk,
 )
@@ -130,7 +129,7 @@ def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
     SELF_LOCKING where friction does not.
     """
     status = _solve_motion(run, at, cp, project)
-    if run.settings.follow == 0:
+    if run.settings.follow == 0 or project == NOTHING:
         return status
     for _ in range(_LOOP_ROUNDS):
         status = max(status, forces(run, at))
@@ -138,7 +137,8 @@ def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
         if status != FINE or not math.isfinite(change):
             return max(status, NO_LOOP)
         if change <= _STATIC:
-            return status
+            walk(run.stages.static_rates, run, at)
+            return _solve_motion(run, at, cp, VELOCITIES)
         status = _solve_motion(run, at, cp, project)
     return NO_LOOP
 
@@ -150,24 +150,6 @@ def follow_loads(run, at):
     for k in range(len(units)):
         change = max(change, call_value(units[k], run, tables[k], at))
     return change
-
-
-@unit
-def settle_static_modes(run: Run, at: Point) -> int:
-    """Quasi-static modes at the end of a step, and joints closed with them; returns the status.
-
-    By the present factor; velocities, accelerations and multipliers stay.
-    """
-    for _ in range(_LOOP_ROUNDS):
-        status = residual(run, at)
-        change = follow_loads(run, at)
-        if status != FINE or not change < 1.0:
-            return max(status, NO_LOOP)
-        position_stage(run, at)
-        project_positions(run, at, _ROUNDS)
-        if change <= _SETTLED:
-            return status
-    return NO_LOOP
 
 
 @unit

@@ -320,6 +320,8 @@ class Stages(NamedTuple):
     feedback: Stage
     reaction: Stage
     static: Stage
+    static_hold: Stage
+    static_rates: Stage
     wrench: Stage
     force: Stage
     matrix: Stage

@@ -160,3 +160,10 @@ def test_newton_stops_alike_whatever_the_unit_of_a_stroke():
         found, _ = run(rubbing_crank, factors, "radau", step=1e-3)
         counts.append(found.statistics["residual_evaluations"])
     assert counts[1] == pytest.approx(counts[0], rel=0.02)
+
+
+@pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
+def test_a_machine_of_a_thousand_kilometres_does_not_come_apart():
+    """Joints that drift, as by Baumgarte's method, are judged over the size of the machine."""
+    found, _ = run(swinging_linkage, (1e6, 1.0, 1.0), "baumgarte", accuracy=1e-4)
+    assert found.status == "finished" and found.drift[:, 0].max() > 1e-3

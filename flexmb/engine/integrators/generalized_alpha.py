@@ -35,10 +35,10 @@ from flexmb.engine.method import (
     Method,
 )
 from flexmb.engine.projection import (
+    POSITIONS,
     VELOCITIES,
     accelerations,
     depends_on_solution,
-    settle_static_modes,
 )
 from flexmb.engine.state import Run
 
@@ -194,14 +194,12 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
             _finish(sys.weights, alpha, st, tr)
             if settings.tolerance > 0.0:
                 estimate_error(run, alpha, h)
-            # what quasi-static modes follow, or loads friction in joints, must not come from
-            # how far they moved positions
-            project = alpha.project == 1 or settings.follow == 1 or depends_on_solution(run)
-            if project and st.lam.shape[0] > 0:
-                status = _project(run, alpha, b)
             if settings.follow == 1:
-                return max(status, settle_static_modes(run, run.trial_point))
-            return status
+                return _project(run, alpha, b, POSITIONS)
+            # what loads friction in joints must not come from how far it moved positions
+            if (alpha.project == 1 or depends_on_solution(run)) and st.lam.shape[0] > 0:
+                return _project(run, alpha, b, VELOCITIES)
+            return FINE
     return NO_CONVERGENCE
 
 
@@ -306,12 +304,12 @@ def _put_algorithmic(alpha, st, tr):
 
 
 @unit
-def _project(run: Run, alpha: Alpha, b: float) -> int:
+def _project(run: Run, alpha: Alpha, b: float, project: int) -> int:
     """Velocities, accelerations and multipliers of the trial state as the constraints want them."""
     cp = b if run.settings.determined == 0 else 0.0
     run.state.count[0]["factorisations"] += 1
     run.state.memory[0]["factor_age"] = -1.0
-    status = accelerations(run, run.trial_point, cp, VELOCITIES)
+    status = accelerations(run, run.trial_point, cp, project)
     _put_algorithmic(alpha, run.state, run.work.trial)
     return status
 
