@@ -48,6 +48,8 @@ _SAFETY = 0.9
 _LEAST, _MOST = 0.2, 5.0
 # Where a change of the step is dear: most that it grows, and what is not worth a change.
 _MOST_KEPT, _KEEP, _SHRINK = 2.0, 1.25, 0.8
+# Share of what is allowed below which an error is noise, and growth that is safe then.
+_CALM, _CALM_GROWTH = 1e-6, 1.2
 # Velocities, whose estimate rings after a change of the step, may be off by this many times more
 # before a step is rejected; the next one is shorter anyhow.
 _PATIENCE = 4.0
@@ -262,7 +264,9 @@ def record_step(method, settings, st, error, h):
     memory["steps_until_growth"] = max(memory["steps_until_growth"] - 1.0, 0.0)
     if method.keeps_step == 0:
         longer = h * (min(factor, _MOST) if calm else min(factor, 1.0))
-        memory["next_step"] = min(longer, memory["stable_step"])
+        # what is at rest but for round-off has no rate to tell
+        least = _CALM_GROWTH * h if ratio < _CALM else 0.0
+        memory["next_step"] = min(longer, max(memory["stable_step"], least))
     elif factor > _KEEP and memory["steps_until_growth"] == 0.0:
         memory["next_step"] = max(memory["next_step"], h * min(factor, _MOST_KEPT))
     elif factor < _SHRINK:

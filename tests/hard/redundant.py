@@ -324,6 +324,7 @@ CASES = {
         1e-4, net, off_net, {"duration": 1.0, "outputs": 10, "accuracy": 1e-6},
         {**ALL, "generalized-alpha": {"accuracy": None, "step": 5e-4}}, warns=_REDUNDANT,
         slow=True, quick=("auto",),
+        alarms=("radau",),  # of 7e-4 of the largest reaction, in links that bear none
     ),
     "a taut net under its weight": Hard(
         "Flat in a frame of rigid links: no tension bears a load across.",
