@@ -90,11 +90,14 @@ def weighted_rows(
         Values that are fitted, each with the root of its weight, per unit motion of each node.
     """
     exists = numbering.table[nodes] >= 0
-    if spans_rotation(arms):
-        exists &= np.arange(6) < 3
     G = np.zeros((len(nodes), 6, 6))
     G[:] = np.eye(6)
     G[:, :3, 3:] = -skew(arms)
+    if spans_rotation(arms):
+        exists &= np.arange(6) < 3
+    elif np.ptp(arms, axis=0).any():  # on a line: rotations about it alone
+        line = np.linalg.svd(arms - arms.mean(axis=0), full_matrices=False)[2][0]
+        G[:, 3:, 3:] = np.outer(line, line)
     G[~exists] = 0.0
     roots, places = samples @ np.ones(len(nodes)), samples @ arms
     spread = places - np.outer(roots, roots @ places / (roots @ roots))
