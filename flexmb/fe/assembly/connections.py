@@ -26,6 +26,7 @@ from scipy.sparse import coo_array, csr_array, eye_array
 from flexmb.errors import MeshError, Problem
 from flexmb.fe.assembly.numbering import Numbering
 from flexmb.fe.elements.element_blocks import Block, outer_faces
+from flexmb.fe.elements.shell_fields import free_edges
 from flexmb.fe.meshes.mesh import Mesh, facet_samples, group_facets
 from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero, skew
 from flexmb.flexbody.mesh_options import NodeSpringOptions, TieOptions
@@ -58,17 +59,21 @@ def surface_samples(
     mesh: Mesh, blocks: Iterable[Block], group: str | None, nodes: IntArray
 ) -> csr_array | None:
     """Area of nodes as :func:`facet_samples`: of the group's facets, else of faces of the elements
-    that have no other nodes; None if these do not meet all nodes."""
-    facets = [] if group is None else group_facets(mesh, group, nodes)
-    if not facets:
+    that have no other nodes, else the length of free edges of shells; None if these do not meet
+    all nodes."""
+    choices = [] if group is None else [group_facets(mesh, group, nodes)]
+    if not any(choices):
         near = [block for block in blocks if np.isin(block.nodes, nodes).any()]
-        faces = outer_faces(near, mesh.points)
-        faces += [block.nodes for block in near if block.family.dimension == 2]
-        facets = [
-            (_FACE_KINDS[face.shape[1]], face[np.isin(face, nodes).all(axis=1)]) for face in faces
-        ]
-    met = np.unique(np.concatenate([nodes[:0], *(cells.ravel() for _, cells in facets)]))
-    return facet_samples(mesh.points, facets, nodes) if len(met) == len(nodes) else None
+        shells = [block.nodes for block in near if block.family.dimension == 2]
+        cells = [*outer_faces(near, mesh.points), *shells]
+        choices.append([(_FACE_KINDS[face.shape[1]], face) for face in cells])
+        choices.append([("line", free_edges(shells))])
+    for choice in choices:
+        facets = [(kind, cells[np.isin(cells, nodes).all(axis=1)]) for kind, cells in choice]
+        met = np.unique(np.concatenate([nodes[:0], *(cells.ravel() for _, cells in facets)]))
+        if len(met) == len(nodes):
+            return facet_samples(mesh.points, facets, nodes)
+    return None
 
 
 def weighted_rows(

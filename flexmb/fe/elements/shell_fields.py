@@ -18,6 +18,7 @@ and Cook (1986), Int. J. Numer. Meth. Eng. 23, 1347 (membrane).
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -239,6 +240,28 @@ def degenerate_elements(x: FloatArray) -> IntArray:
     size = np.linalg.norm(normal, axis=1)
     flat = size <= 1e-10 * longest**2
     return np.flatnonzero(flat | (corner <= 1e-6 * size[:, None] ** 2).any(axis=1))
+
+
+def opposed_edges(cells: Iterable[IntArray]) -> IntArray:
+    """(k, 2) nodes of the edges at which two shells meet whose normals have opposite sides."""
+    pairs, shared = _edges(cells)
+    same, first, twice = np.unique(pairs, axis=0, return_index=True, return_counts=True)
+    return same[(twice == 2) & (shared[first] == 2)]
+
+
+def free_edges(cells: Iterable[IntArray]) -> IntArray:
+    """(k, 2) nodes of the edges of one shell alone."""
+    pairs, shared = _edges(cells)
+    return pairs[shared == 1]
+
+
+def _edges(cells: Iterable[IntArray]) -> tuple[IntArray, IntArray]:
+    """(k, 2) edges of all shells in the sense of their nodes, and how many shells each has."""
+    edges = [np.stack([c, np.roll(c, -1, axis=1)], axis=2).reshape(-1, 2) for c in cells]
+    pairs = np.concatenate([np.zeros((0, 2), dtype=np.int64), *edges])
+    ends = np.sort(pairs, axis=1)
+    _, number, shared = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
+    return pairs, shared[np.ravel(number)]
 
 
 def _normal(x: FloatArray) -> FloatArray:
