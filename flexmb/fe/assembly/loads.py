@@ -21,7 +21,7 @@ from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.connections import spans_rotation
 from flexmb.fe.assembly.interfaces import make_interface, select_interface, weight_samples
 from flexmb.fe.elements.element_blocks import outer_faces
-from flexmb.fe.elements.shell_fields import opposed_edges
+from flexmb.fe.elements.shell_fields import edge_bows, opposed_edges
 from flexmb.fe.meshes.mesh import FACETS, dimension, facet_rule
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.mesh_options import (
@@ -89,6 +89,14 @@ def _uniform(fe: FEMatrices, where: str, group: str, dim: int, load: FloatArray)
         rule = facet_rule(kind, fe.mesh.points[cells])
         shares = np.einsum("fq,kq->fk", rule.size, rule.N)
         np.add.at(f, fe.numbering.table[cells, :3], shares[:, :, None] * load)
+        if kind == "line":  # rotations bow the edges of shells, and beams
+            shells = [block.nodes for block in fe.blocks if block.family.dimension == 2]
+            bow = 0.5 * rule.size @ np.prod(rule.N, axis=0)
+            B = edge_bows(fe.mesh.points, shells, cells)
+            moments = bow[:, None, None] * (np.swapaxes(B, 1, 2) @ load)[:, None]
+            numbers = fe.numbering.table[cells, 3:]
+            there = (numbers >= 0).all(axis=(1, 2))
+            np.add.at(f, numbers[there], (moments * np.array([[1.0], [-1.0]]))[there])
     return condensed_load(fe, f)
 
 
@@ -242,7 +250,7 @@ def _force(fe: FEMatrices, where: str, options: PointLoad) -> FloatArray:
         dofs, values = make_interface(fe, "", options, where).loads()
         np.add.at(f, dofs, values @ np.concatenate([force, moment]))
     else:  # nodes that carry no moment share the force
-        samples = weight_samples(fe, selection)
+        samples, _ = weight_samples(fe, selection)
         share = samples.T @ (samples @ np.ones(len(nodes)))
         np.add.at(f, fe.numbering.table[nodes, :3], np.outer(share / share.sum(), force))
     return condensed_load(fe, f)

@@ -62,6 +62,18 @@ def test_shells_with_an_offset_and_opposite_normals_are_named(offset, count):
     assert sum("opposite sides at 4 edges" in str(one.message) for one in issued) == count
 
 
+def test_a_line_load_bends_one_beam_as_it_should():
+    """Deflection q L^4/8 EI and slope q L^3/6 EI of a clamped beam of one element."""
+    mesh = line(1, end=(2.0, 0, 0))
+    mesh = Mesh(mesh.points, mesh.blocks, {}, {"all": {"line": np.array([0])}})
+    fe = assemble(mesh, STEEL, {"all": rectangle(0.02, 0.03, shear=False)})
+    f = one(fe, type="line", group="all", force=[0, 0, 7.0]).f
+    tip = fe.numbering.table[1]
+    u = np.linalg.solve(fe.K.toarray()[np.ix_(tip, tip)], f[tip])
+    EI = STEEL.E * 0.02 * 0.03**3 / 12
+    assert u[[2, 4]] == pytest.approx([7 * 2**4 / (8 * EI), -7 * 2**3 / (6 * EI)], rel=1e-9)
+
+
 def one(fe, **words):
     return make_loads(fe, {"push": words})[0]
 
