@@ -52,10 +52,10 @@ def part(
 
     Example: flexmb part cases/supported_plate/scene.toml --set part.buckling=3
     """
-    from flexmb import workflow
+    from flexmb.workflow import part_analysis
 
     with screen.Bars() as progress:
-        report = workflow.run_part(
+        report = part_analysis.run_part(
             scene,
             output=output,
             overrides=parse_pairs(overrides, "--set"),

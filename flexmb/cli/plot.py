@@ -114,8 +114,8 @@ def _draw(
     log: bool,
     path: Path,
 ) -> Path:
-    from flexmb.view import save_figure
     from flexmb.view.charts import CHARTS, xy_figure
+    from flexmb.view.plot import save_figure
 
     if kind not in CHARTS:
         raise FlexmbError.unknown_name("kind of plot", kind, CHARTS)

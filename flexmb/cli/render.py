@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 import webbrowser
 from pathlib import Path
 from typing import Annotated, Any
@@ -121,15 +120,14 @@ def view_words(
         "direction": parse_direction(direction),
         "size": parse_size(size),
     }
+    from flexmb.model.scenes.study import read_value
+
     words = {key: value for key, value in words.items() if value is not None}
     for text in others or []:
         key, equals, value = (part.strip() for part in text.partition("="))
         if not (key and equals and value):
             raise typer.BadParameter(f'"{text}" is not of the form word=value', param_hint="--view")
-        try:
-            words[key] = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
-            words[key] = value
+        words[key] = read_value(value)
     return words
 
 
@@ -190,8 +188,10 @@ def render(
     from flexmb.flexbody import load_part
     from flexmb.results import Result, file_format
     from flexmb.units import unit_system
-    from flexmb.view import render as render_run
-    from flexmb.view import render_modes, render_part, vtk_renderer
+    from flexmb.view import vtk_renderer
+    from flexmb.view.modes import render_modes
+    from flexmb.view.part_pictures import render_part
+    from flexmb.view.picture import render as render_run
 
     look = view_words(exaggeration, color, layer, camera, direction, size, view)
     with screen.Bars() as progress:
@@ -289,8 +289,9 @@ def film(
     Example: flexmb film out/slider_crank/rod.flexbody.h5 --modes 1..4 --held big_end
     """
     from flexmb.results import file_format
-    from flexmb.view import film as film_run
-    from flexmb.view import film_modes, vtk_renderer
+    from flexmb.view import vtk_renderer
+    from flexmb.view.film import film as film_run
+    from flexmb.view.modes import film_modes
 
     look: dict[str, Any] = {
         **view_words(exaggeration, color, layer, camera, direction, size, view),
@@ -362,8 +363,7 @@ def view(
     Example: flexmb view out/slider_crank
     """
     from flexmb.results import Result
-    from flexmb.view import open_window
-    from flexmb.view.window import has_desktop, has_display, write_page_of_motion
+    from flexmb.view.window import has_desktop, has_display, open_window, write_page_of_motion
 
     run = Result(result)
     look = view_words(exaggeration, color, layer, camera, direction, size, words)

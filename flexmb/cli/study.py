@@ -65,10 +65,10 @@ def study(
 
     Example: flexmb study cases/pendulum/scene.toml --vary step=1e-2..1e-4:5
     """
-    from flexmb import studies
+    from flexmb.studies.accuracy import runner
 
     with repeatable_runs() as progress:
-        result = studies.study(
+        result = runner.study(
             scene,
             parse_pairs(vary, "--vary"),
             overrides=parse_pairs(overrides, "--set"),
@@ -124,10 +124,10 @@ def audit(
 
     Example: flexmb audit out/slider_crank --budget 0.001
     """
-    from flexmb import workflow
+    from flexmb.workflow import audit
 
     with screen.Bars() as progress:
-        made = workflow.audit(result, budget=budget, progress=progress)
+        made = audit.audit(result, budget=budget, progress=progress)
     show_audit(made)
     if not made.passed:
         raise typer.Exit(FAILED_CHECK)
@@ -208,10 +208,10 @@ def sweep(
 
     Example: flexmb sweep scene.toml --vary l=0.3..0.6 --find "guide.slider.force:max <= 5 kN"
     """
-    from flexmb import studies
+    from flexmb.studies.sweeps import parameter_sweep
 
     with repeatable_runs() as progress:
-        result = studies.sweep(
+        result = parameter_sweep.sweep(
             scene,
             parse_pairs(vary, "--vary"),
             overrides=parse_pairs(overrides, "--set"),
@@ -278,10 +278,10 @@ def budget(
 
     Example: flexmb budget cases/slider_crank/scene.toml --target 0.001
     """
-    from flexmb import studies
+    from flexmb.studies.budgets import error_budget
 
     with repeatable_runs() as progress:
-        result = studies.budget(
+        result = error_budget.budget(
             scene,
             overrides=parse_pairs(overrides, "--set"),
             knobs=knob or (),

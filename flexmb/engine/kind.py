@@ -22,6 +22,8 @@ Stages (`engine.equations_of_motion`): signatures of the units of a `Kind`, with
     feedback    (run, tables, at)           status; forces by what is measured
     reaction    (run, tables, at)           number; loads by multipliers, their largest change
     static      (run, tables, at)           number; deformation by loads, its largest change
+    static_hold (run, tables, at)           status; no residual of what keeps its rate in a step
+    static_rates (run, tables, at)          status; rates of the deformation by loads
     wrench      (run, tables, at)           status; forces, into the wrenches of markers
     force       (run, tables, at)           status; forces, into the residual
     matrix      (run, tables, at, cv, cp)   status; tangents, into the iteration matrix

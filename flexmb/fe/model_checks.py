@@ -371,7 +371,7 @@ def model_findings(
 
 def _opposed(model: MeshModel | FEMatrices) -> Iterator[Finding]:
     sided = [b for b in model.blocks if b.family.dimension == 2 and b.section.has_sides]
-    edges = opposed_edges([block.nodes for block in sided])
+    edges = opposed_edges([block.nodes for block in sided]) if sided else ()
     if len(edges):
         a, b = edges[0]
         what = f"the normals of neighbouring shells point to opposite sides at {len(edges)} edges, "

@@ -11,10 +11,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexmb.model.body import BodySpec
+from flexmb.model.functions.expression import Expression
 from flexmb.model.functions.function import Function
 from flexmb.model.lookup import ModelData
 
@@ -73,16 +76,22 @@ def _driving_functions(model: ModelData) -> Iterator[tuple[str, str, Function]]:
                         yield "angles" if turns else section, f"{section}.{name}", function
 
 
+@lru_cache(maxsize=64)
+def _samples(expression: Expression, end: float) -> NDArray[np.float64]:
+    """(times, 3) value, first and second derivative."""
+    return np.array([expression.value(t) for t in np.linspace(0.0, end, _SAMPLES)])
+
+
 def _mean_frequency(function: Function, end: float) -> float:
     """That of a harmonic with the same ratio of second derivative and value, in the mean."""
-    jets = np.array([function.value(t) for t in np.linspace(0.0, end, _SAMPLES)])
+    jets = _samples(function.expression, end)
     with np.errstate(all="ignore"):
         square = float(np.std(jets[:, 2]) / np.std(jets[:, 0]))
     return math.sqrt(square) / (2.0 * math.pi) if math.isfinite(square) else 0.0
 
 
 def _frequency(function: Function, end: float, turns: bool) -> float:
-    value, rate, second = np.array([function.value(t) for t in np.linspace(0.0, end, _SAMPLES)]).T
+    value, rate, second = _samples(function.expression, end).T
     size = float(np.abs(value - value.mean()).max())
     squares = [float(np.abs(second).max()) / size] if size > 0.0 else [0.0]
     if turns:
@@ -100,14 +109,14 @@ def loads_beside_interfaces(model: ModelData) -> Iterator[tuple[str, str, str]]:
 
 def loads_on_bodies(model: ModelData) -> Iterator[tuple[str, str, str]]:
     """Path of each joint, driver or force, the flexible body that it acts on, and the marker."""
-    for section in ("joints", "drivers", "forces"):
+    flexible = {name for name, body in model.bodies.items() if body.flexible}
+    for section in ("joints", "drivers", "forces") if flexible else ():
         for name, spec in getattr(model, section).items():
             for field in ("between", "marker", "at"):
                 ends = getattr(spec, field, None) or ()
                 for marker in (ends,) if isinstance(ends, str) else ends:
                     owner = marker.partition(".")[0]
-                    body = model.bodies.get(owner)
-                    if body is not None and body.flexible:
+                    if owner in flexible:
                         yield f"{section}.{name}", owner, marker
 
 

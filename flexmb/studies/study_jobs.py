@@ -196,7 +196,7 @@ def _body_files(folder: str) -> list[Path]:
 
 def _reduce(job: Job, folder: Path) -> Record:
     from flexmb.model import Model
-    from flexmb.workflow import flexible_bodies
+    from flexmb.workflow.flexible_bodies import flexible_bodies
 
     model = Model.from_scene_dict(job.scene, Path(job.source))
     started = time.perf_counter()
@@ -206,9 +206,10 @@ def _reduce(job: Job, folder: Path) -> Record:
 
 def _run(job: Job, folder: Path) -> Record:
     """Integrate `repeats` times; the times of all, the statistics of the first run."""
+    from flexmb.analysis.assembly.jacobian import one_blas_thread
     from flexmb.model import Model
     from flexmb.results import Result
-    from flexmb.workflow import run_model
+    from flexmb.workflow.simulate import run_model
 
     model = Model.from_scene_dict(job.scene, Path(job.source))
     files = _body_files(job.bodies)
@@ -218,7 +219,8 @@ def _run(job: Job, folder: Path) -> Record:
     cpu: list[float] = []
     for _ in range(job.repeats):
         timer = RunTimer(job.limit)
-        report = run_model(model, folder, pictures=False, progress=timer)
+        with one_blas_thread():
+            report = run_model(model, folder, pictures=False, progress=timer)
         if Result(report.result).status == "stopped":
             raise KeyboardInterrupt
         statistics.append(report.statistics)

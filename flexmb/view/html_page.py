@@ -161,7 +161,7 @@ class Charts:
         Raises
         ------
         FlexmbError
-            As of :func:`flexmb.view.history_figure`.
+            As of :func:`flexmb.history_figure`.
         """
         runs = open_results(results)
         units = runs[0].units

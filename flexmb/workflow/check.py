@@ -81,7 +81,6 @@ def check_scene(
     from flexmb.model import load_scene
     from flexmb.model.joints.joint import count
     from flexmb.model.scenes.effects import active_model
-    from flexmb.workflow.check import definition_tables
 
     model = load_scene(Path(path), dict(overrides or {}))
     inconsistent = model.problems()

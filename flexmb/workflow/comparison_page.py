@@ -17,9 +17,9 @@ from flexmb.errors import FlexmbError, ResultFileError
 from flexmb.folders import read_json, read_regular, scratch_folder
 from flexmb.progress import Progress
 from flexmb.results import Result
-from flexmb.view import render
 from flexmb.view.history import run_labels
 from flexmb.view.html_page import Charts, Html, image, section, table, tag
+from flexmb.view.picture import render
 from flexmb.view.work_precision import ORDINATES, Curve
 from flexmb.workflow.comparison import STILL, compare
 from flexmb.workflow.installation import machine

@@ -23,8 +23,8 @@ from flexmb.workflow.run_report import CheckOutcome
 
 if TYPE_CHECKING:
     from flexmb.analysis.assembly.initial_state import Assembled
+    from flexmb.analysis.equilibria import Equilibrium
     from flexmb.analysis.linear.linearization import Linearization, ModeSweep
-    from flexmb.analysis.statics import Equilibrium
     from flexmb.model import Model
     from flexmb.results import Result
 
@@ -107,7 +107,7 @@ def state_of(system: CompiledModel, time: float | None, about: str) -> Assembled
     if about == "initial":
         about = "undeformed" if model.dynamics is None else model.dynamics.start
     if about == "static":
-        from flexmb.analysis.statics import find_equilibrium
+        from flexmb.analysis.equilibria import find_equilibrium
 
         return find_equilibrium(compiled, model)
     return assemble(compiled, model, start=about)
@@ -171,7 +171,7 @@ def check_modes(model: Model, folder: Path) -> list[CheckOutcome]:
     frequencies: dict[tuple[tuple[str, float], ...], Any] = {}
     outcomes = []
     source = model.source
-    for check in model.mode_checks if source is not None else ():
+    for check in model.mode_checks:
         assert source is not None
         key = tuple(check.parameters.items())
         if key not in frequencies:
@@ -183,16 +183,10 @@ def check_modes(model: Model, folder: Path) -> list[CheckOutcome]:
         modes = frequencies[key]
         value = float(modes[check.linear_mode - 1]) if check.linear_mode <= len(modes) else math.nan
         values = "".join(f", {name} = {value:g}" for name, value in key)
-        outcomes.append(
-            CheckOutcome(
-                f"linear mode {check.linear_mode}{values}",
-                None,
-                model.units.written(value, "Hz"),
-                model.units.written(check.value, "Hz"),
-                model.units.written(check.tolerance, "Hz"),
-                check.source,
-            )
-        )
+        what = f"linear mode {check.linear_mode}{values}"
+        numbers = (value, check.value, check.tolerance)
+        computed, expected, tolerance = (model.units.written(each, "Hz") for each in numbers)
+        outcomes.append(CheckOutcome(what, None, computed, expected, tolerance, check.source))
     return outcomes
 
 
@@ -222,7 +216,7 @@ def render_mode_shapes(
     """
     from flexmb.flexbody import save
     from flexmb.results import OutputBlock, Result, ResultWriter
-    from flexmb.view import render
+    from flexmb.view.picture import render
 
     target, compiled = writable_folder(Path(folder)), made.compiled
     files = {name: f"{name}.flexbody.h5" for name in compiled.flexbodies}

@@ -128,7 +128,8 @@ def report_run(
 
 def draw_run(run: Result, progress: Progress) -> tuple[Path | None, Path | None]:
     """Picture and history of a run that has at least one output, of what it stored."""
-    from flexmb.view import plot_history, render
+    from flexmb.view.history import plot_history
+    from flexmb.view.picture import render
 
     if not len(run.time):
         return None, None
@@ -208,16 +209,10 @@ def check_frequencies(model: Model, bodies: Mapping[str, FlexBody]) -> list[Chec
         missing = check.mode > len(frequencies)
         value = math.nan if missing else float(frequencies[check.mode - 1])
         support = f"{', '.join(check.held)} held" if check.held else "free"
-        outcomes.append(
-            CheckOutcome(
-                f"frequency {check.mode} of {check.body}, {support}",
-                None,
-                model.units.written(value, "Hz"),
-                model.units.written(check.value, "Hz"),
-                model.units.written(check.tolerance, "Hz"),
-                check.source,
-            )
-        )
+        what = f"frequency {check.mode} of {check.body}, {support}"
+        numbers = (value, check.value, check.tolerance)
+        computed, expected, tolerance = (model.units.written(each, "Hz") for each in numbers)
+        outcomes.append(CheckOutcome(what, None, computed, expected, tolerance, check.source))
     return outcomes
 
 

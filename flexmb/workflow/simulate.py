@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import copy
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from flexmb.errors import FlexmbWarning, SolverError
 from flexmb.folders import output_folder, writable_folder
 from flexmb.progress import Progress, silent
-from flexmb.workflow.effect_selection import run_with_selected_effects
 from flexmb.workflow.run import run_single
 from flexmb.workflow.run_report import RunReport
 
@@ -91,7 +90,11 @@ def run_model(
 ) -> RunReport:
     """Run a model from mesh to picture; see :func:`run_scene`."""
     auto = model.dynamics is not None and getattr(model.effects, "choice", "") == "auto"
-    run = run_with_selected_effects if auto and analysis in (None, "dynamics") else run_single
+    run: Callable[..., RunReport] = run_single
+    if auto and analysis in (None, "dynamics"):
+        from flexmb.workflow.effect_selection import run_with_selected_effects
+
+        run = run_with_selected_effects
     return run(
         model, writable_folder(Path(output)), analysis=analysis, start_from=start_from, fresh=fresh,
         pictures=pictures, progress=progress,

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.optimize
 from numpy.typing import ArrayLike, NDArray
 
 from flexmb.analysis.assembly.initial_state import StartValues, assemble
@@ -375,7 +374,9 @@ def _match(before: Linearization, order: Numbers, after: Linearization, most: in
         a, b = weights * before.shapes[:, order], weights * after.shapes[:, :n]
         norms = np.outer((np.abs(a) ** 2).sum(axis=0), (np.abs(b) ** 2).sum(axis=0))
         gap = gap + 1.0 - np.abs(a.conj().T @ b) ** 2 / np.where(norms > 0.0, norms, 1.0)
-    rows, columns = scipy.optimize.linear_sum_assignment(gap)
+    from scipy.optimize import linear_sum_assignment  # takes 0.2 s
+
+    rows, columns = linear_sum_assignment(gap)
     found: Numbers = np.zeros(len(rows), np.int64)
     found[np.argsort(rows)] = columns
     return found

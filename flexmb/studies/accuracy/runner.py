@@ -103,12 +103,7 @@ def study(
     FlexmbError
         The folder holds a study of another scene, or no scheduler answers.
     """
-    if isinstance(scene, str | Path):
-        source = StudySource.of_scene(scene, overrides, output)
-    elif overrides:
-        raise SceneError("overrides are for scene files; change the model itself")
-    else:
-        source = StudySource.of_model(scene, output)
+    source = StudySource.of(scene, overrides, output, "study")
     spec = _spec(source.model, vary, criteria)
     settings = make_settings(source, spec.vary)
     good = [setting for setting in settings if setting.model is not None]

@@ -109,13 +109,8 @@ def budget(
     for knob in knobs:
         if knob not in KINDS:
             raise SceneError.unknown_name("knob", knob, KINDS)
-    if isinstance(scene, str | Path):
-        source = StudySource.of_scene(scene, overrides, output)
-    elif overrides:
-        raise SceneError("overrides are for scene files; change the model itself")
-    else:
-        source = StudySource.of_model(scene, output)
-    folder = source.output if output is not None else source.output.with_name("budget")
+    source = StudySource.of(scene, overrides, output, "budget")
+    folder = source.output
     model = change_model(source, {})[0]
     if model.dynamics is None:
         raise SceneError("the scene has no [dynamics]: give its duration")

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError, Problem, SceneError, nearest
-from flexmb.folders import output_folder, writable_folder
+from flexmb.folders import writable_folder
 from flexmb.model import Model
 from flexmb.model.quantities import read_number
 from flexmb.model.reading import under
@@ -108,13 +108,7 @@ def sweep(
     FlexmbError
         The folder holds runs of another scene, or no scheduler answers.
     """
-    if isinstance(scene, str | Path):
-        folder = output_folder(scene) / "sweep" if output is None else output
-        source = StudySource.of_scene(scene, overrides, folder)
-    elif overrides:
-        raise SceneError("overrides are for scene files; change the model itself")
-    else:
-        source = StudySource.of_model(scene, output, "sweep")
+    source = StudySource.of(scene, overrides, output, "sweep")
     plan = _plan(source, vary, settings, histories)
     names = [one.name for one in plan.base.scalars]
     about = {"scene or version of flexmb": run_key(plan.base.scene, source.folder)}

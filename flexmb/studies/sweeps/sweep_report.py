@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError
 from flexmb.folders import write_text_file
-from flexmb.studies.study_settings import headings
+from flexmb.studies.study_settings import headings, markdown_table
 from flexmb.studies.sweeps.design_search import setting_text
 from flexmb.studies.sweeps.sweep_statistics import SweepRows
 from flexmb.view.sweep_plots import (
@@ -176,9 +176,8 @@ class Sweep(SweepRows):
         """All sentences and tables."""
         parts = [f"# {self.title}: sweep", "", *(f"- {line}" for line in self.summary())]
         for table in self.tables():
-            parts += ["", f"## {table.title}", "", _markdown_row(table.columns)]
-            marks = ["--:" if i in table.right else "---" for i in range(len(table.columns))]
-            parts += [_markdown_row(marks), *map(_markdown_row, table.rows)]
+            parts += ["", f"## {table.title}", ""]
+            parts += markdown_table(table.columns, table.rows, table.right)
         return "\n".join(parts) + "\n"
 
     def plot(self, kind: str, output: str | Path | None = None) -> Figure:
@@ -190,8 +189,7 @@ class Sweep(SweepRows):
         FlexmbError
             The sweep has nothing of that kind.
         """
-        from flexmb.studies.sweeps.sweep_report import PICTURES
-        from flexmb.view import save_figure
+        from flexmb.view.plot import save_figure
 
         if kind not in PICTURES:
             raise FlexmbError.unknown_name("picture", kind, PICTURES)
@@ -210,8 +208,7 @@ class Sweep(SweepRows):
         OutputError
             A file cannot be written.
         """
-        from flexmb.studies.sweeps.sweep_report import PICTURES
-        from flexmb.view import save_figure
+        from flexmb.view.plot import save_figure
 
         tables = [table._asdict() for table in self.tables()]
         pictures: list[str] = []
@@ -229,10 +226,6 @@ class Sweep(SweepRows):
         for path, text in texts.items():
             write_text_file(path, text)
         return files
-
-
-def _markdown_row(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(str(cell).replace("|", "\\|") for cell in cells) + " |"
 
 
 def _cell(value: float, digits: int = 4) -> str:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError
-from flexmb.studies.study_settings import toml_text
+from flexmb.studies.study_settings import run_command
 from flexmb.studies.sweeps.design_search import Answer, setting_text
 from flexmb.studies.sweeps.sampling import Design, deviation_of
 
@@ -376,9 +376,7 @@ class SweepRows:
 
     def command_of(self, setting: Mapping[str, Any], name: str) -> str:
         """The command that runs a setting, into a folder of this name in that of the sweep."""
-        changes = {**self.overrides, **setting}
-        words = [f"--set {shlex.quote(f'{k}={toml_text(v)}')}" for k, v in changes.items()]
         if not self.source:
             return setting_text(setting)
-        output = shlex.quote(str(self.folder / name))
-        return f"flexmb run {shlex.quote(self.source)} {' '.join(words)} --output {output}"
+        command = run_command(self.source, {**self.overrides, **setting})
+        return f"{command} --output {shlex.quote(str(self.folder / name))}"

@@ -360,7 +360,8 @@ def test_colours_stand_where_the_strip_is_displaced(clamped, tmp_path: Path) -> 
     """Seen from above the left end is dark blue (least), the right end yellow (largest)."""
     from PIL import Image
 
-    from flexmb.view import render, vtk_renderer
+    from flexmb.view import vtk_renderer
+    from flexmb.view.picture import render
 
     if not vtk_renderer.probe().works:
         pytest.skip("VTK does not render on this machine")
