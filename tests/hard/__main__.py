@@ -56,7 +56,7 @@ stays until the new one has rows.
 | report | 50 kills, 40 Ctrl-C: files whole, 0.70 s; temporary folders stayed, mended |
 | film | 50 kills, 40 Ctrl-C: files whole, 0.62 s; a crash of VTK while it was loaded, mended |
 | study, sweep, on workers | 25 kills, 10 Ctrl-C each: tables and plots whole, 0.56 s |
-| sweep, in one process, resumed after each kill | 25 kills, 3 Ctrl-C: the same rows, 0.19 s |
+| study, sweep, in one process, resumed after each kill | 25 kills, 3 Ctrl-C: same rows, 0.3 s |
 | sweep of 20 000 Sobol samples | 25 Ctrl-C: 6 swallowed, all samples the same; mended, 11 more: 0 |
 | two at once: run, reduce, cold cache, study, sweep, budget | 20 pairs each: 0 wrong |
 | full disks | run and compile, reduction, report, film, export, with six amounts of room: 0 wrong |
