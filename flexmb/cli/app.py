@@ -245,7 +245,7 @@ def parse_table(text: str, option: str) -> Any:
         return text
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise typer.BadParameter(f"{text} is no table ({error})", param_hint=option) from None
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 import webbrowser
 from pathlib import Path
 from typing import Annotated, Any
@@ -121,15 +120,14 @@ def view_words(
         "direction": parse_direction(direction),
         "size": parse_size(size),
     }
+    from flexmb.model.scenes.study import read_value
+
     words = {key: value for key, value in words.items() if value is not None}
     for text in others or []:
         key, equals, value = (part.strip() for part in text.partition("="))
         if not (key and equals and value):
             raise typer.BadParameter(f'"{text}" is not of the form word=value', param_hint="--view")
-        try:
-            words[key] = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
-            words[key] = value
+        words[key] = read_value(value)
     return words
 
 

@@ -36,6 +36,8 @@ from flexmb.engine.state import Point, Run
 
 _ROUNDS = 3
 _REFINEMENTS = 2
+# Pivot of a row over its regularisation, from which on one refinement leaves round-off.
+_FIRM = 1e7
 # Forces that depend on accelerations or reactions: rounds until they settle, relative.
 _LOOP_ROUNDS, _LOOP_CLOSED = 100, 1e-12
 # Quasi-static modes follow the loads up to this weighted change.
@@ -198,6 +200,15 @@ def depends_on_solution(run):
     return len(run.stages.reaction.units) > 0 or run.system.implicit_feedback == 1
 
 
+@kernel
+def _is_firm(fac):
+    """Whether no row yields to its regularisation, so that a refinement leaves its square."""
+    firm = fac.replaced[0] == 0
+    for k in range(fac.eps.shape[0]):
+        firm = firm and abs(fac.d[k]) >= _FIRM * fac.eps[k]
+    return firm
+
+
 @unit
 def _solve(run: Run, at: Point, cp: float) -> int:
     """(v̇; λ) from (Q; γ) with the present factor; returns the status of the forces."""
@@ -212,7 +223,7 @@ def _solve(run: Run, at: Point, cp: float) -> int:
     for i in range(nv):
         res[i] = -res[i]
     permute(kkt, res, run.work.con.gamma, fac.rhs)
-    solve_refined(kkt, fac, _REFINEMENTS)
+    solve_refined(kkt, fac, 1 if _is_firm(fac) else _REFINEMENTS)
     for i in range(nv):
         vd[i] = fac.sol[place[i]]
     for i in range(lam.shape[0]):

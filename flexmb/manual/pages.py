@@ -25,39 +25,12 @@ from flexmb.folders import scratch_folder
 
 FOLDER = Path(__file__).parent
 PAGES = (
-    "first-machine",
-    "scenes",
-    "units",
-    "joints",
-    "drivers",
-    "forces",
-    "contact",
-    "sensors-and-control",
-    "flexible-bodies",
-    "elements",
-    "reduction",
-    "parts",
-    "accuracy",
-    "studies",
-    "budget",
-    "sweeps",
-    "cluster",
-    "hard-cases",
-    "statics",
-    "linearization",
-    "textbook",
-    "cases",
-    "effects",
-    "audit",
-    "results",
-    "pictures",
-    "errors",
-    "design",
-    "adding-a-kind",
-    "benchmarks",
-    "adams",
-    "changes",
-)
+    "first-machine", "scenes", "units", "joints", "drivers", "forces", "contact",
+    "sensors-and-control", "flexible-bodies", "elements", "reduction", "parts", "accuracy",
+    "studies", "budget", "sweeps", "cluster", "hard-cases", "statics", "linearization", "textbook",
+    "cases", "effects", "audit", "results", "pictures", "errors", "design", "adding-a-kind",
+    "benchmarks", "adams", "changes",
+)  # fmt: skip
 _LIST = re.compile(r"^<!-- list: ([\w-]+)(?: (.+?))? -->$", re.MULTILINE)
 _COMMENT = re.compile(r"^<!--.*?-->\n?", re.DOTALL | re.MULTILINE)
 _HEADING = re.compile(r"^#{1,4} (.+)$")

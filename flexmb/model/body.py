@@ -295,27 +295,9 @@ UnitsName = Annotated[str, Reader(_read_units, form=choice(UNIT_SYSTEMS))]
 
 
 COLORS = (
-    "black",
-    "gray",
-    "silver",
-    "white",
-    "maroon",
-    "red",
-    "orange",
-    "gold",
-    "yellow",
-    "olive",
-    "green",
-    "lime",
-    "teal",
-    "cyan",
-    "blue",
-    "navy",
-    "purple",
-    "magenta",
-    "pink",
-    "brown",
-)
+    "black", "gray", "silver", "white", "maroon", "red", "orange", "gold", "yellow", "olive",
+    "green", "lime", "teal", "cyan", "blue", "navy", "purple", "magenta", "pink", "brown",
+)  # fmt: skip
 _HEX = re.compile(r"#[0-9a-fA-F]{6}\Z")
 
 

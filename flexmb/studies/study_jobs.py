@@ -206,6 +206,7 @@ def _reduce(job: Job, folder: Path) -> Record:
 
 def _run(job: Job, folder: Path) -> Record:
     """Integrate `repeats` times; the times of all, the statistics of the first run."""
+    from flexmb.analysis.assembly.jacobian import one_blas_thread
     from flexmb.model import Model
     from flexmb.results import Result
     from flexmb.workflow.simulate import run_model
@@ -218,7 +219,8 @@ def _run(job: Job, folder: Path) -> Record:
     cpu: list[float] = []
     for _ in range(job.repeats):
         timer = RunTimer(job.limit)
-        report = run_model(model, folder, pictures=False, progress=timer)
+        with one_blas_thread():
+            report = run_model(model, folder, pictures=False, progress=timer)
         if Result(report.result).status == "stopped":
             raise KeyboardInterrupt
         statistics.append(report.statistics)

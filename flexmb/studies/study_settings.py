@@ -40,15 +40,8 @@ NUMERICAL = ("accuracy", "step", "method", *OPTIONS)
 """Fields of `[dynamics]` that say how a model is integrated, not what it is."""
 
 _FIDELITY = (
-    "modes",
-    "mesh",
-    "refine",
-    "flexbody",
-    "reduction",
-    "mass_matrix",
-    "stress",
-    "residual",
-)
+    "modes", "mesh", "refine", "flexbody", "reduction", "mass_matrix", "stress", "residual",
+)  # fmt: skip
 _FINENESS = ("divisions", "elements")  # of the table of a mesh
 _WITH_FUNCTIONS = ("drivers", "forces", "sensors", "states", "controllers")
 _NAME = re.compile(r"[A-Za-z_]\w*")

@@ -20,11 +20,12 @@ from flexmb.view.content import Content, Deformed, Solid
 from flexmb.view.drawing import Drawing
 from flexmb.view.html_page import Html, packed, tag
 from flexmb.view.mechanism import Mechanism, applied
-from flexmb.view.vtk_scene import rigid_motion
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+_RIGID = 1e-6  # of its size by which a part may leave a rigid motion that moves it
+_FIT_POINTS = 64  # from which the rigid motion is estimated
 _FRAMES = 91
 _PER_TURN = 24  # frames for a turn of the fastest body, at least
 _MAX_FRAMES = 151
@@ -299,6 +300,25 @@ def _moves(part: _Part) -> bool:
     if part.matrices:
         return any(not np.array_equal(part.matrices[0], M) for M in part.matrices)
     return any(not np.array_equal(part.points[0], x) for x in part.points)
+
+
+def rigid_motion(before: Array, after: Array) -> Array | None:
+    """The (4, 4) matrix that moves points (n, 3) to where they are now; None if they deformed.
+
+    The rotation fits in the least-squares sense (Kabsch, Acta Crystallographica A32, 1976).
+    """
+    if len(before) != len(after) or len(before) < 3:
+        return None
+    some = np.linspace(0, len(before) - 1, min(len(before), _FIT_POINTS)).astype(int)
+    c, d = before[some].mean(axis=0), after[some].mean(axis=0)
+    U, _, V = np.linalg.svd((after[some] - d).T @ (before[some] - c))
+    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V
+    size = float(np.ptp(before, axis=0).max())
+    if np.abs((before - c) @ R.T + d - after).max() > _RIGID * size:
+        return None
+    motion = np.eye(4)
+    motion[:3, :3], motion[:3, 3] = R, d - R @ c
+    return motion
 
 
 def _packed_part(part: _Part, factor: float) -> dict[str, Any]:

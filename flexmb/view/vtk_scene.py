@@ -20,8 +20,6 @@ Array = NDArray[np.float64]
 
 OVERSAMPLING = 2  # pixels that are drawn for one of the picture, each way
 FEATURE_DEGREES = 35.0  # edges sharper than this are drawn as lines, and not smoothed
-_RIGID = 1e-6  # of its size by which a part may leave a rigid motion that moves it
-_FIT_POINTS = 64  # from which the rigid motion is estimated
 
 
 class VtkScene:
@@ -241,8 +239,7 @@ class _Part:
         look: Mapping[str, Any],
     ) -> None:
         self._description = faces, lines, values is None, edges, look
-        self._first = self._last = points
-        self._is_moved = False
+        self._last = points
         mesh = _polydata(points, faces, lines)
         mesh["point"] = np.arange(len(points))
         self._shading: _Shading | None = None
@@ -303,13 +300,6 @@ class _Part:
         if np.array_equal(points, self._last):
             return
         self._last = points
-        motion = rigid_motion(self._first, points)
-        if motion is not None:
-            self.place(motion)
-            return
-        if self._is_moved:
-            self.place(np.eye(4))
-        self._first = points
         self._mesh.points[:] = points[self._numbers]
         if self._shading is not None:
             self._mesh.point_data.active_normals[:] = self._shading.normals(points[self._numbers])
@@ -325,7 +315,6 @@ class _Part:
 
     def place(self, motion: Array) -> None:
         """Move it by a matrix (4, 4)."""
-        self._is_moved = True
         for actor in (self.actor, self._edge_actor):
             if actor is not None:
                 actor.user_matrix = motion
@@ -387,25 +376,6 @@ def style_text(style: Any, size: int, color: str) -> None:
     style.SetFontFile(f"{get_data_path()}/fonts/ttf/DejaVuSans.ttf")
     style.SetFontSize(size)
     style.SetColor(*Color(color).float_rgb)
-
-
-def rigid_motion(before: Array, after: Array) -> Array | None:
-    """The (4, 4) matrix that moves points (n, 3) to where they are now; None if they deformed.
-
-    The rotation fits in the least-squares sense (Kabsch, Acta Crystallographica A32, 1976).
-    """
-    if len(before) != len(after) or len(before) < 3:
-        return None
-    some = np.linspace(0, len(before) - 1, min(len(before), _FIT_POINTS)).astype(int)
-    c, d = before[some].mean(axis=0), after[some].mean(axis=0)
-    U, _, V = np.linalg.svd((after[some] - d).T @ (before[some] - c))
-    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V
-    size = float(np.ptp(before, axis=0).max())
-    if np.abs((before - c) @ R.T + d - after).max() > _RIGID * size:
-        return None
-    motion = np.eye(4)
-    motion[:3, :3], motion[:3, 3] = R, d - R @ c
-    return motion
 
 
 def _mark_changed(mesh: Any) -> None:

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
+import h5py
 import pytest
+from hdf5edit import edit_hdf5
+from resultfiles import writer
+from typer.main import get_command
 from typer.testing import CliRunner
 
+from flexmb import untrusted
 from flexmb.cli import app
 from flexmb.cli.app import MISTAKE
 from flexmb.errors import SceneError, printable
@@ -22,46 +28,95 @@ pytestmark = pytest.mark.skipif(os.name == "nt", reason="names and files as POSI
 DEAD = 2**22 + 1  # above the largest number of a process on Linux
 
 COMMANDS = {
-    "info": ["info", "FILE"],
-    "check": ["check", "FILE"],
-    "export": ["export", "FILE"],
-    "resume": ["resume", "FILE"],
-    "compare": ["compare", "FILE", "FILE"],
-    "part": ["part", "FILE"],
-    "study": ["study", "FILE"],
-}
-ODD = ("loop", "long", "pipe", "zero", "folder", "escape", "null", "bytes")
+    "run": ["FILE"], "resume": ["FILE"], "inverse": ["FILE"], "check": ["FILE"],
+    "check-all": ["FILE"], "compare": ["FILE", "FILE"], "reduce": ["FILE"], "stress": ["FILE"],
+    "part": ["FILE"], "info": ["FILE"], "export": ["FILE"], "render": ["FILE"],
+    "film": ["FILE"], "view": ["FILE"], "plot": ["FILE"], "report": ["FILE"],
+    "modes": ["FILE"], "response": ["FILE", "a", "b"], "statics": ["FILE"],
+    "study": ["FILE", "-v", "accuracy=1e-3"], "audit": ["FILE"],
+    "sweep": ["FILE", "-v", "a=1..2"], "budget": ["FILE"],
+}  # fmt: skip
+OTHERS = {"list", "schema", "help", "doctor", "warmup", "new"}
+"""Commands that read no file; `new` makes a folder."""
 
 
-def odd_file(kind: str, ending: str, folder: Path) -> str:
-    """The name of a file that is none."""
-    path = folder / f"odd{ending}"
-    if kind == "loop":
-        path.symlink_to(path)
-    elif kind == "pipe":
-        os.mkfifo(path)
-    elif kind == "zero":
-        path.symlink_to("/dev/zero")
-    elif kind == "folder":
-        path.mkdir()
-    names = {"long": "x" * 500 + ending, "escape": f"a\x1b]0;x\x07\nb{ending}",
-             "null": f"a\0b{ending}", "bytes": os.fsdecode(b"a\xff") + ending}  # fmt: skip
-    return names.get(kind, str(path))
+def make_loop(path: Path) -> None:
+    path.symlink_to(path)
 
 
-@pytest.mark.parametrize("kind", ODD)
+def make_zero(path: Path) -> None:
+    path.symlink_to("/dev/zero")
+
+
+def make_foreign(path: Path) -> None:
+    """A file of another program in the same format."""
+    if path.suffix == ".h5":
+        with h5py.File(path, "w") as file:
+            file["temperatures"] = [1.0, 2.0]
+    else:
+        path.write_text('[tool.poetry]\nname = "x"\n' if path.suffix == ".toml" else "solid x\n")
+
+
+def make_future(path: Path) -> None:
+    """A file of a later flexmb."""
+    if path.suffix == ".h5":
+        with writer(path):
+            pass
+        with edit_hdf5(path) as file:
+            file.attrs["version"] = 99
+    else:
+        text = "[warp_drives.a]\nfactor = 9\n" if path.suffix == ".toml" else "$MeshFormat\n9 0 8\n"
+        path.write_text(text)
+
+
+def make_damaged(path: Path) -> None:
+    """A file with a byte that has changed, or that is cut."""
+    if path.suffix == ".h5":
+        with writer(path):
+            pass
+        path.write_bytes(path.read_bytes()[:-9] + b"x" * 9)
+    else:
+        path.write_text("[bodies.a]\nmass = " if path.suffix == ".toml" else "$Nodes\n1 9")
+
+
+FILES: dict[str, Callable[[Path], object]] = {
+    "loop": make_loop, "pipe": os.mkfifo, "zero": make_zero, "folder": Path.mkdir,
+    "empty": Path.touch, "bytes": lambda path: path.write_bytes(bytes(range(256))),
+    "missing": lambda path: None, "foreign": make_foreign, "future": make_future,
+    "damaged": make_damaged, "deep": lambda path: path.write_text("a = " + "[" * 9999),
+}  # fmt: skip
+NAMES = (
+    "x" * 500,
+    "a\x1b]0;x\x07\nb",
+    "a\0b",
+    os.fsdecode(b"a\xff"),
+    "\u202eä",
+    "-x",
+    " ",
+)
+APPLICATION = get_command(app)
+
+
+def test_no_command_is_left_out():
+    assert APPLICATION.commands.keys() == {*COMMANDS} | OTHERS
+
+
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_file_that_is_none_ends_a_command_with_a_sentence(name, kind, tmp_path, monkeypatch):
+def test_a_file_that_is_none_ends_a_command_with_a_sentence(name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(untrusted, "_first_reading", lambda *_: None)  # it would also be read apart
     for ending in (".h5", ".toml", ".msh"):
-        folder = tmp_path / ending
-        folder.mkdir()
-        file = odd_file(kind, ending, folder)
-        words = [file if word == "FILE" else word for word in COMMANDS[name]]
-        done = CliRunner().invoke(app, words)
-        assert done.exit_code == MISTAKE, done.output
-        assert "unexpectedly" not in done.output
-        assert done.output == printable(done.output)
+        files = [f"{odd}{ending}" for odd in NAMES]
+        for kind, make in FILES.items():
+            make(tmp_path / f"{kind}{ending}")
+            files.append(f"{kind}{ending}")
+        for file in files:
+            words = [file if word == "FILE" else word for word in COMMANDS[name]]
+            with pytest.raises(SystemExit) as done:
+                APPLICATION.main([name, *words], prog_name="flexmb")
+            said = "".join(capsys.readouterr())
+            assert done.value.code == MISTAKE, (file, said)
+            assert said == printable(said)
 
 
 def test_a_title_moves_no_cursor(tmp_path):

@@ -263,7 +263,7 @@ def section(rng: Random, folder: Path) -> None:
         return
     target = folder / "fuzz.toml"
     target.write_text("\n".join(f"{toml(k)} = {toml(v)}" for k, v in tables.items()))
-    source = StudySource.of_scene(target, None, folder / "study")
+    source = StudySource.of(target, None, folder / "study", "study")
     if name == "sweep":
         _plan(source, None, {}, False)
     elif model.study is not None:

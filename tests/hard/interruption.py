@@ -4,7 +4,8 @@ For each phase, at `--kills` random moments of the processor time that it takes:
 Ctrl-C; and as root on Linux a disk (tmpfs in a mount namespace of its own) that has no more room.
 What must hold is in `check_outputs`: every file under its final name is whole, an older one or the
 new one; a killed run opens with rows that are those of the whole run to the last bit, and resumes
-to it; a broken cache is a missing one; what was left over is gone after the next whole run.
+to it, and so are the runs of a study, a sweep or a budget; a broken cache is a missing one; what
+was left over is gone after the next whole run. `--pairs N` runs each phase twice at the same time.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from flexmb.errors import FlexmbError
 from flexmb.flexbody import load
 from flexmb.results import Result
 from flexmb.results.channels import TABLES
+from flexmb.studies.record_table import read_rows
 
 SCENE = """
 title = "a beam that swings"
@@ -57,7 +59,14 @@ duration = 0.15
 outputs = 1500
 accuracy = 1e-4
 """
-KEPT = (".unit", ".lock", ".parquet")  # the cache, locks, and rows of runs that have ended
+PENDULUM = """
+gravity = "earth -y"
+bodies.rod = { mass = 1, center = [0.5, 0, 0], inertia = [0.01, 0.1, 0.1] }
+joints.pin = { type = "revolute", between = ["ground", "rod"], axis = "z" }
+sensors.swing = { type = "angle", joint = "pin" }
+dynamics = { duration = 1, outputs = 20 }
+"""
+KEPT = (".unit", ".lock", ".parquet", ".jsonl")  # the cache, locks, and rows of runs that have ended
 
 
 @dataclass(frozen=True)
@@ -86,12 +95,19 @@ PHASES = {
         ("out/result.h5", _BODY, "out/picture.png"),
     ),
     "study": Phase(
-        "study {}/scene.toml -v accuracy=1e-3,1e-4 --repeats 1 --workers 1 -o {}/out --fresh",
+        "study {}/rod.toml -v accuracy=1e-3,1e-4 --repeats 1 --workers 1 -o {}/out --fresh",
         ("out/study.csv", "out/study.md", "out/work_precision.png"),
     ),
     "sweep": Phase(
-        "sweep {}/scene.toml -v dynamics.accuracy=1e-3,1e-4,1e-5 -o {}/out --fresh",
+        "sweep {}/rod.toml -v bodies.rod.mass=1,2,3,4,5 --workers 1 -o {}/out --fresh",
         ("out/sweep.md", "out/sweep.json"),
+    ),
+    "budget": Phase(
+        "budget {}/rod.toml --knob integration --workers 1 -o {}/out --fresh",
+        ("out/budget.md", "out/budget.json", "out/budget.png"),
+    ),
+    "modes": Phase(
+        "modes {}/rod.toml --vary bodies.rod.mass=1,2,3 -o {}/out/m.png", ("out/m.png",)
     ),
 }
 
@@ -107,6 +123,7 @@ class Trial:
     wrong: list[str] = field(default_factory=list)
 
     damaged: set[str] = field(default_factory=set)  # units of the cache: by this script
+    refusals: int = 0  # of two at once
 
     def __post_init__(self) -> None:
         self.phase = PHASES[self.name]
@@ -122,6 +139,7 @@ class Trial:
         for name in ("tmp", "out"):
             (self.folder / name).mkdir(parents=True, exist_ok=True)
         (self.folder / "scene.toml").write_text(SCENE)
+        (self.folder / "rod.toml").write_text(PENDULUM)
         if self.phase.units:
             from flexmb.folders import cache_root
 
@@ -189,8 +207,37 @@ class Trial:
                 self.wrong.append(f"Ctrl-C at {moment:.2f} s: {child.returncode} {text[-300:]}")
             if spent > 1.0:
                 self.wrong.append(f"Ctrl-C at {moment:.2f} s: {spent:.2f} s until it ended")
-        self.check_outputs(f"signal {number} at {moment:.2f} s of {self.cpu:.2f} s")
+        when = f"signal {number} at {moment:.2f} s of {self.cpu:.2f} s"
+        self.check_outputs(when)
+        if "--fresh" in self.words and "out/result.h5" not in self.phase.outputs:
+            self.finish(self.start([word for word in self.words if word != "--fresh"]))
+            self.check_runs(when)
         return spent
+
+    def start_twice(self, rng: Random) -> None:
+        """Two processes do the same at nearly the same time: whole files, one may be refused."""
+        self.restore()
+        self.remove_units(rng)
+        words = [word for word in self.words if word != "--fresh" or rng.random() < 0.5]
+        children = [self.start(words)]
+        time.sleep(rng.uniform(0.0, 0.3))
+        children.append(self.start(words))
+        ends = [(child.communicate()[1].decode(), child.returncode) for child in children]
+        for said, code in ends:
+            self.refusals += code == 2
+            if code not in (0, 2) or "Traceback" in said or (code and "another" not in said):
+                self.wrong.append(f"two at once: exit code {code}: {said[-400:]}")
+        if all(code for _, code in ends):
+            self.wrong.append(f"two at once: none of both went on: {ends[0][0][-300:]}")
+        self.check_outputs("two at once")
+        self.check_runs("two at once")
+
+    def check_runs(self, when: str) -> None:
+        """The runs of a study, a sweep or a budget are those of the whole command."""
+        whole, now = runs_of(self.folder / "older"), runs_of(self.folder / "out")
+        different = [key for key in whole.keys() & now.keys() if whole[key] != now[key]]
+        if different or (whole and not now):
+            self.wrong.append(f"{when}: runs that differ: {different} of {len(now)}")
 
     def check_outputs(self, when: str, *, resume: bool = True) -> None:
         """Every file under its final name is whole; a run that was cut off resumes."""
@@ -238,6 +285,18 @@ class Trial:
         ]  # fmt: skip
 
 
+def runs_of(folder: Path) -> dict[str, str]:
+    """What the runs of a study, a sweep or a budget say, by key, without times."""
+    runs = {
+        path.parent.name: digest(path) + repr(Result(path).table("q").tobytes())
+        for path in folder.glob("runs/*/result.h5") if Result(path).status == "finished"
+    }  # fmt: skip
+    for row in read_rows(folder / "runs.parquet").to_pylist():
+        words = {k: v for k, v in row.items() if "seconds" not in k and k != "statistics"}
+        runs[f"row {row['key']}"] = repr(sorted(words.items()))
+    return runs
+
+
 def seconds_of(child: subprocess.Popen[bytes]) -> float:
     """Processor time of a process and its children [s]; 0 where it has ended."""
     total = 0.0
@@ -264,7 +323,7 @@ def digest(path: Path) -> str:
     if path.suffix == ".gif":
         assert data[:4] == b"GIF8" and data[-1:] == b"\x3b", "a GIF that is cut"
         return "gif"
-    if path.name.startswith(("study.", "sweep.")):  # times differ
+    if path.name.startswith(("study.", "sweep.", "budget.")):  # times differ
         return f"{path.read_text().count(chr(10))} lines"
     if path.suffix == ".html":
         assert data.rstrip().endswith(b"</html>"), "a page that is cut"
@@ -314,6 +373,22 @@ def fill_disk(ready: Trial, place: Path, size: int) -> list[str]:
     return trial.wrong
 
 
+def pair_often(name: str, pairs: int, seed: int) -> int:
+    """A phase twice at the same time, again and again; the number of what is wrong."""
+    with tempfile.TemporaryDirectory() as base:
+        trial, rng = Trial(name, Path(base)), Random(f"{name} {seed}")
+        trial.prepare()
+        for _ in range(pairs):
+            trial.start_twice(rng)
+        if left := trial.leftovers():
+            trial.wrong.append(f"left over: {left[:5]}")
+        print(f"{name:8} {pairs} pairs: {trial.refusals} refused, {len(trial.wrong)} wrong",
+              flush=True)  # fmt: skip
+        for sentence in trial.wrong:
+            print(f"   WRONG {sentence}", flush=True)
+        return len(trial.wrong)
+
+
 def kill_often(name: str, kills: int, interruptions: int, seed: int) -> int:
     """Kills and Ctrl-C in a phase; the number of what is wrong."""
     with tempfile.TemporaryDirectory() as base:
@@ -346,6 +421,7 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--interruptions", type=int, default=10)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--pairs", type=int, help="two processes at once, so often")
     parser.add_argument("--disk", action="store_true", help="full disks (root, Linux)")
     room = [0, 3000, 30_000, 100_000, 400_000, 1_500_000]
     parser.add_argument("--room", type=int, nargs="+", default=room, help="bytes on the disk")
@@ -361,6 +437,8 @@ def main() -> int:
         if words.disk:
             print(f"{name}: full disk", flush=True)
             wrong += fill_disks(name, words.room)
+        elif words.pairs:
+            wrong += pair_often(name, words.pairs, words.seed)
         else:
             wrong += kill_often(name, words.kills, words.interruptions, words.seed)
     print(f"{wrong} wrong", flush=True)

@@ -71,7 +71,7 @@ def test_processes_draw_the_same_pictures(run: Path, tmp_path: Path) -> None:
     assert sorted(path.name for path in (tmp_path / "2").iterdir()) == names
     for name in names:
         one, two = (np.asarray(Image.open(tmp_path / f"{count}" / name), int) for count in (1, 2))
-        assert (np.abs(one - two).max(axis=2) > 12).mean() < 0.003
+        assert np.abs(one - two).max() <= 2  # whatever frames a process has drawn before
 
 
 def _shot(run: Path, rate: float, speed: float, **view) -> MotionShot:

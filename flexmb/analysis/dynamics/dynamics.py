@@ -389,6 +389,9 @@ def _statistics(run: Integration) -> dict[str, float | int | str]:
 def n_closed(compiled: Compiled, rows: OutputBlock) -> int:
     """How many of the first rows satisfy the constraints."""
     for row in np.flatnonzero(rows.drift[:, 0] > _OPEN * min(compiled.length, 1.0)):
-        if not np.abs(gaps_at(compiled, rows, row) * compiled.system.row_weights).max() <= _OPEN:
+        if (
+            not np.abs(gaps_at(compiled, rows, int(row)) * compiled.system.row_weights).max()
+            <= _OPEN
+        ):
             return int(row)
     return len(rows.t)

@@ -26,15 +26,8 @@ from flexmb.model.reading import Reader, Spec, fail, fail_if, quote, under
 from flexmb.model.scenes.dynamics import INSTEAD, DynamicsSpec, drop_idle_options
 
 _MAKEABLE = (
-    "assembly",
-    "dynamics",
-    "effects",
-    "kinematics",
-    "results",
-    "statics",
-    "validity",
-    "view",
-)  # tables whose fields all have defaults or will be missed
+    "assembly", "dynamics", "effects", "kinematics", "results", "statics", "validity", "view",
+)  # tables whose fields all have defaults or will be missed  # fmt: skip
 
 
 def override(
@@ -59,7 +52,7 @@ def read_value(text: Any) -> Any:
         return text
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except (tomllib.TOMLDecodeError, KeyError):
+    except (tomllib.TOMLDecodeError, KeyError, RecursionError):
         return text.strip()
 
 

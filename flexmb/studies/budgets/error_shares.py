@@ -383,6 +383,7 @@ class ChangedRuns:
 
 def run_changed(job: Mapping[str, Any]) -> Record:
     """Run a scene that is plain data into its folder; its processor time and statistics."""
+    from flexmb.analysis.assembly.jacobian import one_blas_thread
     from flexmb.results import Result
     from flexmb.workflow.simulate import run_model
 
@@ -398,7 +399,8 @@ def run_changed(job: Mapping[str, Any]) -> Record:
             shutil.copy2(body, folder / body.name)
     timer = RunTimer(float(job["limit"]))
     model = Model.from_scene_dict(job["scene"], Path(job["source"]))
-    report = run_model(model, folder, pictures=False, analysis="dynamics", progress=timer)
+    with one_blas_thread():
+        report = run_model(model, folder, pictures=False, analysis="dynamics", progress=timer)
     if Result(report.result).status == "stopped":  # by Ctrl-C: its record would say finished
         raise KeyboardInterrupt
     record = {"cpu": timer.cpu, "statistics": report.statistics}

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from flexmb.errors import Problem, SceneError
 from flexmb.model.scenes.sweep import Distribution
+from flexmb.results.kill_safe_file import uninterrupted
 
 Array = NDArray[np.float64]
 
@@ -187,7 +188,8 @@ def _points(knobs: Mapping[str, Distribution], method: str, n: int, seed: int) -
     dimensions = 2 * k if method == "saltelli" else k
     if dimensions > _MAX_SOBOL:
         raise SceneError(f"{k} knobs are more than a Sobol sequence has dimensions for")
-    sample = np.asarray(qmc.Sobol(dimensions, seed=generator).random(n))
+    with uninterrupted():  # SciPy ignores exceptions while it reads its directions: other samples
+        sample = np.asarray(qmc.Sobol(dimensions, seed=generator).random(n))
     if method == "sobol":
         return sample
     A, B = sample[:, :k], sample[:, k:]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+from contextlib import suppress
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -134,3 +137,17 @@ def test_knobs_that_a_method_cannot_take(method: str, knobs: dict[str, str], wha
 def test_derivatives_step_by_a_twentieth_of_the_probability() -> None:
     values = [one["a"] for one in design("derivatives", a="uniform(10, 30)").values()]
     assert values == pytest.approx([20.0, 18.0, 19.0, 21.0, 22.0])
+
+
+def test_an_interruption_that_scipy_swallows_stops_the_sweep(monkeypatch) -> None:
+    """It came while the direction numbers were read: all samples were the same, without a word."""
+
+    class Sobol(stats.qmc.Sobol):
+        def __init__(self, *words, **options):
+            with suppress(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+            super().__init__(*words, **options)
+
+    monkeypatch.setattr(stats.qmc, "Sobol", Sobol)
+    with pytest.raises(KeyboardInterrupt):
+        make_design({"a": read_distribution("uniform(0, 1)", NAMES)}, "sobol", 8, 1)

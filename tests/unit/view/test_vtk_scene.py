@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from flexmb.view import vtk_renderer
 from flexmb.view.camera import Camera
 from flexmb.view.content import Content, Deformed, Scale, Solid
+from flexmb.view.page_motion import rigid_motion
 from flexmb.view.shapes import box, sphere
-from flexmb.view.vtk_scene import rigid_motion
 
 SIZE = (320, 180)
 BALL, BAR = sphere(0.05), box((1.0, 0.2, 0.1))
