@@ -61,6 +61,8 @@ def draw(scene: Path) -> None:
         if {"dynamics", "kinematics", "statics"} & data.keys():
             report = flexmb.run_scene(scene, output=folder)
             drawn = {report.picture: picture, report.history: history}
+        elif "part" in data:
+            drawn = {flexmb.run_part(scene, output=folder).pictures[0]: picture}
         else:  # bodies alone: the modes of the first
             from flexmb.workflow.flexible_bodies import reduce_scene
 

@@ -42,7 +42,7 @@ def main(path: Path) -> None:
 
 def write(path: Path, points: np.ndarray, groups: dict[str, tuple[str, np.ndarray]]) -> None:
     """Write elements by the name of their group."""
-    dimension = {"vertex": 0, "line": 1, "quad": 2}
+    dimension = {"vertex": 0, "line": 1, "line3": 1, "quad": 2, "quad8": 2, "hexahedron20": 3}
     tags = [np.full(len(cells), k + 1) for k, (_, cells) in enumerate(groups.values())]
     mesh = meshio.Mesh(
         points.round(9),

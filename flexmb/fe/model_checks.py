@@ -26,7 +26,7 @@ from flexmb.errors import MeshError, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, MeshModel
 from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface
 from flexmb.fe.elements.element_blocks import FAMILIES, Block
-from flexmb.fe.elements.shell_fields import WARP_WARNING, warp
+from flexmb.fe.elements.shell_fields import WARP_WARNING, opposed_edges, warp
 from flexmb.fe.meshes.mesh import Mesh, dimension
 from flexmb.fe.reduction.fixed_interface import read_modes
 from flexmb.fe.reduction.user_modes import read_user_modes
@@ -365,7 +365,18 @@ def model_findings(
     return [
         *(Finding("warning", sentence) for sentence in sentences if sentence),
         *mesh_report(model.mesh, model.blocks, linked),
+        *_opposed(model),
     ]
+
+
+def _opposed(model: MeshModel | FEMatrices) -> Iterator[Finding]:
+    sided = [b for b in model.blocks if b.family.dimension == 2 and b.section.has_sides]
+    edges = opposed_edges([block.nodes for block in sided]) if sided else ()
+    if len(edges):
+        a, b = edges[0]
+        what = f"the normals of neighbouring shells point to opposite sides at {len(edges)} edges, "
+        what += f"the first between the nodes {a} and {b}: offset and layers change sides there; "
+        yield Finding("warning", f"{what}number the nodes of all elements in one sense")
 
 
 @dataclass(frozen=True)

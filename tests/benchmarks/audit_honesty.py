@@ -87,6 +87,7 @@ LEFT_OUT = {
     "bracket": "nothing moves",
     "nafems_plates": "nothing moves",
     "supported_plate": "nothing moves",
+    "elliptic_plate": "nothing moves",
     "slider_crank_speeds/slow": "slider_crank_speeds/medium at another speed",
     "slider_crank_speeds/scene": "slider_crank_speeds/medium at another speed",
     "rotating_beam_spin_up/zeroth_order": "the case beside a model that is wrong on purpose",

@@ -66,7 +66,7 @@ joints.pin = { type = "revolute", between = ["ground", "rod"], axis = "z" }
 sensors.swing = { type = "angle", joint = "pin" }
 dynamics = { duration = 1, outputs = 20 }
 """
-KEPT = (".unit", ".lock", ".parquet", ".jsonl")  # the cache, locks, and rows of runs that have ended
+KEPT = (".unit", ".lock", ".parquet", ".jsonl")  # the cache, locks, rows of runs that have ended
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,12 @@ from femeshes import block, held_frequencies
 from scipy.sparse.linalg import eigsh
 from shellkit import KINDS, REFERENCE, held, model, node_at, sheet, static
 
-from flexmb.fe import Mesh, assemble, geometric_stiffness
+from flexmb.fe import Mesh, assemble, geometric_stiffness, make_interfaces, mesh_from
 from flexmb.fe.assembly.mass import component_masses
 from flexmb.fe.assembly.numbering import Accumulator
+from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
 from flexmb.fe.sections.shell_section import shell
+from flexmb.fe.stress import stress_modes
 from flexmb.materials import Material
 
 STATIC = REFERENCE["static"]
@@ -245,3 +247,26 @@ def test_angle_section_against_solids(kind):
     table = solid.numbering.table[solid.mesh.node_sets["x0"]]
     exact = held_frequencies(solid, table[table >= 0], 6)
     assert np.abs(found / exact - 1).max() < 0.015
+
+
+@pytest.mark.parametrize("motion", [0, 4, 5])
+def test_a_point_on_the_edge_of_shells_pulls_and_bends_evenly(motion):
+    """An rbe3 at either end of a strip: N, M_y and M_z leave the stress of a bar everywhere."""
+    length, width, thick = 1.0, 0.4, 0.02
+    mesh = mesh_from({"type": "plate", "length": length, "width": width, "divisions": [6, 3]})
+    fe = assemble(mesh, Material("m", 2e11, 0.0, 7800.0), {"all": shell(thick)})
+    ends = make_interfaces(fe, {k: {"group": k, "type": "rbe3"} for k in ("x0", "x1")})
+    f = np.zeros(fe.numbering.n)
+    for sign, end in zip((-1.0, 1.0), ends, strict=True):
+        dofs, values = end.loads()
+        f[dofs] += sign * values[:, motion]
+    u = FixedInterfaceModel(fe, ends, tuple(range(6))).free(f)
+    stress = stress_modes(fe, u[:, None])
+    top = np.array([stress.layers[k] == "top" for k in stress.layer])
+    y = mesh.points[stress.ids, 1] - mesh.points[:, 1].mean()
+    wanted = {
+        0: np.full(len(y), 1 / (width * thick)),
+        4: np.where(top, 6.0, -6.0) / (width * thick**2),
+        5: -12 * y / (thick * width**3),
+    }[motion]
+    np.testing.assert_allclose(stress.modes[:, 0, 0], wanted, atol=1e-6 * np.abs(wanted).max())

@@ -11,6 +11,7 @@ from flexmb.analysis.procedure import ChunkRows
 from flexmb.engine import entries, method
 from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
+from flexmb.engine.forces.friction import BRISTLE
 from flexmb.engine.method import round_off
 from flexmb.engine.state import Plan, State, Work
 from flexmb.engine.units import hand_over
@@ -87,6 +88,12 @@ def scout_rows(n: int) -> np.ndarray:
 def damps_vibrations(compiled: Compiled, integrator: method.Method) -> bool:
     """Whether there are flexible bodies, and a method that damps what it does not resolve."""
     return integrator.stages == 0 and bool(compiled.system.parts.bodies["m"].any())
+
+
+def remembers_bristles(compiled: Compiled) -> bool:
+    """Whether contacts stick by bristles, which each step stretches by its last velocity."""
+    contacts = compiled.system.kinds.get("contacts")
+    return contacts is not None and bool(np.any(contacts.rows["model"] == BRISTLE))
 
 
 def local_tolerance(spec: DynamicsSpec, integrator: method.Method) -> float:

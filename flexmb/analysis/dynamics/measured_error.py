@@ -26,6 +26,7 @@ from flexmb.analysis.dynamics.integration import (
     Integration,
     damps_vibrations,
     fine_settings,
+    remembers_bristles,
     scout_rows,
     scout_settings,
 )
@@ -286,18 +287,21 @@ class VerifiedRun:
     def order(self) -> float:
         """That of the method, or less, where the difference fell less since the pass before.
 
-        Not where the runs were different motions then, whose difference says nothing.
+        Not where the runs were different motions then, whose difference says nothing. The bristles
+        of contacts follow with order one: a first pass can not tell whether that decides.
         """
         integrator, passes = self.fine.method, self.passes[0]
+        bristles = remembers_bristles(self.fine.compiled)
         if not 0.0 < passes["last_difference"] < _SAME_MOTION or self.difference == 0.0:
-            return integrator.order
+            return 1 if bristles else integrator.order
         reduction = math.log(passes["last_tolerance"] / passes["tolerance"])
         order = (
             integrator.error_order
             * math.log(passes["last_difference"] / self.difference)
             / reduction
         )
-        return min(max(order, _MIN_ORDER * integrator.order), integrator.order)
+        least = 1.0 if bristles else _MIN_ORDER * integrator.order
+        return min(max(order, least), integrator.order)
 
     @property
     def ratio(self) -> float:

@@ -282,7 +282,14 @@ def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
     )  # fmt: skip
     ask = f"ask for accuracy = {2.0 * worst.error:.1g}{other}"
     apart, last = verified.difference, prepared.passes[0]["last_difference"]
-    if _is_in_vain(prepared) and apart < _DIFFERENT_MOTION:
+    events = int(verified.fine.state.count[0]["events"])
+    if _is_in_vain(prepared) and apart < _DIFFERENT_MOTION and events:
+        yield (
+            f"{reached}: shorter steps do not help, as {events} events of contacts, stops or "
+            "friction leave errors that fall slower than the order of the method says, and that "
+            f"may be several times as large; ask for accuracy = {2.0 * worst.error:.1g}"
+        )
+    elif _is_in_vain(prepared) and apart < _DIFFERENT_MOTION:
         yield (
             f"{reached}: shorter steps do not help, so that this is the floor that round-off "
             f"leaves method {prepared.method}; {ask}"

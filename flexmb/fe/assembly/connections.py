@@ -26,11 +26,13 @@ from scipy.sparse import coo_array, csr_array, eye_array
 from flexmb.errors import MeshError, Problem
 from flexmb.fe.assembly.numbering import Numbering
 from flexmb.fe.elements.element_blocks import Block, outer_faces
-from flexmb.fe.meshes.mesh import Mesh, facet_samples, group_facets
+from flexmb.fe.elements.shell_fields import edge_bows, free_edges
+from flexmb.fe.meshes.mesh import Facets, Mesh, facet_rule, facet_samples, group_facets
 from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero, skew
 from flexmb.flexbody.mesh_options import NodeSpringOptions, TieOptions
 from flexmb.flexbody.options import read_options
 
+Samples = tuple[csr_array, csr_array | None]
 _FACE_KINDS = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"}  # by nodes
 COLLINEAR = 1e-6  # smallest over largest extent of nodes that still define a rotation
 
@@ -56,23 +58,46 @@ def rigid_rows(
 
 def surface_samples(
     mesh: Mesh, blocks: Iterable[Block], group: str | None, nodes: IntArray
-) -> csr_array | None:
-    """Area of nodes as :func:`facet_samples`: of the group's facets, else of faces of the elements
-    that have no other nodes; None if these do not meet all nodes."""
-    facets = [] if group is None else group_facets(mesh, group, nodes)
-    if not facets:
+) -> Samples | None:
+    """Area of nodes as :func:`facet_samples` and :func:`edge_samples`: of the group's facets, else
+    of faces of the elements that have no other nodes, else the length of free edges of shells;
+    None if these do not meet all nodes."""
+    choices = [] if group is None else [group_facets(mesh, group, nodes)]
+    if not any(choices):
         near = [block for block in blocks if np.isin(block.nodes, nodes).any()]
-        faces = outer_faces(near, mesh.points)
-        faces += [block.nodes for block in near if block.family.dimension == 2]
-        facets = [
-            (_FACE_KINDS[face.shape[1]], face[np.isin(face, nodes).all(axis=1)]) for face in faces
-        ]
-    met = np.unique(np.concatenate([nodes[:0], *(cells.ravel() for _, cells in facets)]))
-    return facet_samples(mesh.points, facets, nodes) if len(met) == len(nodes) else None
+        shells = [block.nodes for block in near if block.family.dimension == 2]
+        cells = [*outer_faces(near, mesh.points), *shells]
+        choices.append([(_FACE_KINDS[face.shape[1]], face) for face in cells])
+        choices.append([("line", free_edges(shells))])
+    for choice in choices:
+        facets = [(kind, cells[np.isin(cells, nodes).all(axis=1)]) for kind, cells in choice]
+        met = np.unique(np.concatenate([nodes[:0], *(cells.ravel() for _, cells in facets)]))
+        if len(met) == len(nodes):
+            shells = [block.nodes for block in blocks if block.family.dimension == 2]
+            bows = edge_samples(mesh.points, shells, facets, nodes)
+            return facet_samples(mesh.points, facets, nodes), bows
+    return None
+
+
+def edge_samples(
+    points: FloatArray, shells: list[IntArray], facets: Facets, nodes: IntArray
+) -> csr_array | None:
+    """(3p, 3k) displacements by rotations of ``nodes`` beside :func:`facet_samples`, of lines."""
+    if [kind for kind, _ in facets] != ["line"]:
+        return None
+    cells = facets[0][1]
+    rule, B = facet_rule("line", points[cells]), edge_bows(points, shells, cells)
+    share = 0.5 * np.sqrt(rule.size) * np.prod(rule.N, axis=0)  # (f, q)
+    f, q = share.shape
+    values = np.einsum("fq,fab,n->fqnab", share, B, [1.0, -1.0])
+    rows = 3 * np.arange(f * q).reshape(f, q, 1, 1, 1) + np.arange(3)[:, None]
+    columns = 3 * np.searchsorted(nodes, cells)[:, None, :, None, None] + np.arange(3)
+    places = [np.broadcast_to(part, values.shape).ravel() for part in (rows, columns)]
+    return csr_array(coo_array((values.ravel(), places), shape=(3 * f * q, 3 * len(nodes))))
 
 
 def weighted_rows(
-    numbering: Numbering, nodes: IntArray, arms: FloatArray, samples: csr_array
+    numbering: Numbering, nodes: IntArray, arms: FloatArray, weights: Samples
 ) -> tuple[IntArray, FloatArray]:
     """The rigid motion of a point nearest to the motion of nodes, by least squares.
 
@@ -86,15 +111,23 @@ def weighted_rows(
         The nodes; they must be able to hold all six motions.
     arms : (k, 3) float
         Their positions from the reference point [m].
-    samples : (p, k) sparse
-        Values that are fitted, each with the root of its weight, per unit motion of each node.
+    weights : (p, k) sparse, and (3p, 3k) sparse or None
+        Values that are fitted, each with the root of its weight, per unit motion of each node; what
+        rotations of the nodes add to the displacements.
     """
+    samples, bows = weights
     exists = numbering.table[nodes] >= 0
-    if spans_rotation(arms):
-        exists &= np.arange(6) < 3
+    if not exists[:, 3:].all():
+        bows = None
     G = np.zeros((len(nodes), 6, 6))
     G[:] = np.eye(6)
     G[:, :3, 3:] = -skew(arms)
+    if spans_rotation(arms):
+        exists[:, 3:] &= bows is not None
+        G[:, 3:] = 0.0
+    elif np.ptp(arms, axis=0).any():  # on a line: rotations about it alone
+        line = np.linalg.svd(arms - arms.mean(axis=0), full_matrices=False)[2][0]
+        G[:, 3:, 3:] = np.outer(line, line)
     G[~exists] = 0.0
     roots, places = samples @ np.ones(len(nodes)), samples @ arms
     spread = places - np.outer(roots, roots @ places / (roots @ roots))
@@ -103,6 +136,8 @@ def weighted_rows(
     fields = (samples @ G.reshape(-1, 36)).reshape(-1, 6, 6) * scale
     Q, R = np.linalg.qr(fields.reshape(-1, 6))
     shares = (samples.T @ (Q.reshape(-1, 6, 6) * scale).reshape(-1, 36)).reshape(-1, 6, 6)
+    if bows is not None:
+        shares[:, 3:] += (bows.T @ Q.reshape(-1, 6, 6)[:, :3].reshape(-1, 6)).reshape(-1, 3, 6)
     return numbering.table[nodes][exists], solve_triangular(R, shares[exists].T)
 
 
@@ -194,7 +229,7 @@ def dependence(
             values.append(T.ravel())
         else:
             samples = surface_samples(mesh, blocks, tie.group, tie.nodes)
-            samples = csr_array(eye_array(len(arms))) if samples is None else samples
+            samples = samples or (csr_array(eye_array(len(arms))), None)
             leading, W = weighted_rows(numbering, tie.nodes, arms, samples)
             rows.append(np.repeat(reference, len(leading)))
             columns.append(np.tile(leading, 6))

@@ -22,6 +22,7 @@ from scipy.sparse import csr_array, diags_array, eye_array
 from flexmb.errors import MeshError, Problem, nearest
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.connections import (
+    Samples,
     rigid_rows,
     spans_rotation,
     surface_samples,
@@ -305,8 +306,8 @@ def interface_stiffness(fe: FEMatrices, interface: ModelInterface, links: FloatA
     return rotation_stiffness(arms.T @ forces)
 
 
-def weight_samples(fe: FEMatrices, choice: NodeSelection) -> csr_array:
-    """(p, k) the weights of nodes as :func:`weighted_rows` takes them.
+def weight_samples(fe: FEMatrices, choice: NodeSelection) -> Samples:
+    """The weights of nodes as :func:`weighted_rows` takes them.
 
     Raises
     ------
@@ -314,7 +315,7 @@ def weight_samples(fe: FEMatrices, choice: NodeSelection) -> csr_array:
         Weights by area of nodes that have none.
     """
     if not isinstance(choice.weights, str | None):
-        return csr_array(diags_array(np.sqrt(choice.weights)))
+        return csr_array(diags_array(np.sqrt(choice.weights))), None
     if choice.weights != "uniform":
         samples = surface_samples(fe.mesh, fe.blocks, choice.group, choice.nodes)
         if samples is not None:
@@ -323,7 +324,7 @@ def weight_samples(fe: FEMatrices, choice: NodeSelection) -> csr_array:
         what = f'the nodes {choice.about} have no facets: weights "area" need a group of them, or '
         what += "all nodes of faces"
         raise MeshError.from_problems([Problem(choice.where, what)])
-    return csr_array(eye_array(len(choice.nodes)))
+    return csr_array(eye_array(len(choice.nodes))), None
 
 
 def check_tied_nodes(fe: FEMatrices, choice: NodeSelection) -> None:

@@ -9,17 +9,19 @@ Method, vol. 1 (consistent loads).
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from flexmb.errors import MeshError, Problem, ReductionError
+from flexmb.errors import FlexmbWarning, MeshError, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.connections import spans_rotation
 from flexmb.fe.assembly.interfaces import make_interface, select_interface, weight_samples
 from flexmb.fe.elements.element_blocks import outer_faces
+from flexmb.fe.elements.shell_fields import edge_bows, opposed_edges
 from flexmb.fe.meshes.mesh import FACETS, dimension, facet_rule
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.mesh_options import (
@@ -43,7 +45,7 @@ def pressure_load(fe: FEMatrices, where: str, group: str, pressure: float) -> Fl
     MeshError
         The group has no facets, or some that neither bound a solid of the body nor are shells.
     """
-    f = np.zeros(fe.numbering.n_all)
+    f, skins = np.zeros(fe.numbering.n_all), []
     outside = {face.shape[1]: face for face in outer_faces(fe.blocks, fe.mesh.points)}
     missing = 0
     for kind, cells in _cells(fe, where, group, 2):
@@ -57,12 +59,18 @@ def pressure_load(fe: FEMatrices, where: str, group: str, pressure: float) -> Fl
         there, row = _match_facets(rest, outside.get(cells.shape[1], rest[:0]))
         missing += int((~there).sum())
         _add_pressure(fe, f, kind, cells[is_shell], pressure)
+        skins.append(cells[is_shell])
         if there.any():
             _add_pressure(fe, f, kind, outside[cells.shape[1]][row[there]], -pressure)
     if missing:
         what = f'{missing} facets of the group "{group}" neither bound a solid of the body nor are '
         what += "shells: there is nothing to push on"
         raise MeshError.from_problems([Problem(where, what)])
+    if len(edges := opposed_edges(skins)):
+        what = f'{where}: the normals of shells of the group "{group}" point to opposite sides at '
+        what += f"{len(edges)} edges, the first between the nodes {edges[0, 0]} and {edges[0, 1]}: "
+        what += "the pressure pushes both ways; number the nodes of all elements in one sense"
+        warnings.warn(what, FlexmbWarning, stacklevel=2)
     return condensed_load(fe, f)
 
 
@@ -81,6 +89,14 @@ def _uniform(fe: FEMatrices, where: str, group: str, dim: int, load: FloatArray)
         rule = facet_rule(kind, fe.mesh.points[cells])
         shares = np.einsum("fq,kq->fk", rule.size, rule.N)
         np.add.at(f, fe.numbering.table[cells, :3], shares[:, :, None] * load)
+        if kind == "line":  # rotations bow the edges of shells, and beams
+            shells = [block.nodes for block in fe.blocks if block.family.dimension == 2]
+            bow = 0.5 * rule.size @ np.prod(rule.N, axis=0)
+            B = edge_bows(fe.mesh.points, shells, cells)
+            moments = bow[:, None, None] * (np.swapaxes(B, 1, 2) @ load)[:, None]
+            numbers = fe.numbering.table[cells, 3:]
+            there = (numbers >= 0).all(axis=(1, 2))
+            np.add.at(f, numbers[there], (moments * np.array([[1.0], [-1.0]]))[there])
     return condensed_load(fe, f)
 
 
@@ -234,7 +250,7 @@ def _force(fe: FEMatrices, where: str, options: PointLoad) -> FloatArray:
         dofs, values = make_interface(fe, "", options, where).loads()
         np.add.at(f, dofs, values @ np.concatenate([force, moment]))
     else:  # nodes that carry no moment share the force
-        samples = weight_samples(fe, selection)
+        samples, _ = weight_samples(fe, selection)
         share = samples.T @ (samples @ np.ones(len(nodes)))
         np.add.at(f, fe.numbering.table[nodes, :3], np.outer(share / share.sum(), force))
     return condensed_load(fe, f)

@@ -18,6 +18,7 @@ and Cook (1986), Int. J. Numer. Meth. Eng. 23, 1347 (membrane).
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -35,7 +36,7 @@ from skfem.quadrature import get_quadrature
 
 from flexmb.errors import MeshError
 from flexmb.fe.sections.shell_section import ShellSection
-from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.arrays import FloatArray, IntArray, skew
 
 EDGES = {
     "triangle": ((0, 1), (1, 2), (2, 0)),
@@ -239,6 +240,48 @@ def degenerate_elements(x: FloatArray) -> IntArray:
     size = np.linalg.norm(normal, axis=1)
     flat = size <= 1e-10 * longest**2
     return np.flatnonzero(flat | (corner <= 1e-6 * size[:, None] ** 2).any(axis=1))
+
+
+def opposed_edges(cells: Iterable[IntArray]) -> IntArray:
+    """(k, 2) nodes of the edges at which two shells meet whose normals have opposite sides."""
+    pairs, shared = _edges(cells)
+    same, first, twice = np.unique(pairs, axis=0, return_index=True, return_counts=True)
+    return same[(twice == 2) & (shared[first] == 2)]
+
+
+def free_edges(cells: Iterable[IntArray]) -> IntArray:
+    """(k, 2) nodes of the edges of one shell alone."""
+    pairs, shared = _edges(cells)
+    return pairs[shared == 1]
+
+
+def edge_bows(points: FloatArray, shells: Iterable[IntArray], edges: IntArray) -> FloatArray:
+    """(k, 3, 3) B of lines of two nodes i, j: at the share t of the way rotations displace them by
+    1/2 t (1 - t) B (theta_i - theta_j). Shells bow in their planes alone, beams in both."""
+    along = points[edges[:, 1]] - points[edges[:, 0]]
+    B = -skew(along)
+    cells = [nodes[np.isin(nodes, edges).sum(axis=1) > 1] for nodes in shells]
+    pairs = [np.stack([c, np.roll(c, -1, axis=1)], axis=2).reshape(-1, 2) for c in cells]
+    normals = [np.repeat(_normal(points[c]), c.shape[1], axis=0) for c in cells]
+    if sum(map(len, pairs)):
+        ends, n = np.sort(np.concatenate(pairs), axis=1), np.concatenate(normals)
+        n = n / np.linalg.norm(n, axis=1, keepdims=True)
+        keys, sought = (e @ [len(points), 1] for e in (ends, np.sort(edges, axis=1)))
+        order = np.argsort(keys)
+        row = order[np.searchsorted(keys[order], sought).clip(max=len(keys) - 1)]
+        met = keys[row] == sought
+        n = n[row[met]]
+        B[met] = B[met] @ (n[:, :, None] * n[:, None, :])
+    return B
+
+
+def _edges(cells: Iterable[IntArray]) -> tuple[IntArray, IntArray]:
+    """(k, 2) edges of all shells in the sense of their nodes, and how many shells each has."""
+    edges = [np.stack([c, np.roll(c, -1, axis=1)], axis=2).reshape(-1, 2) for c in cells]
+    pairs = np.concatenate([np.zeros((0, 2), dtype=np.int64), *edges])
+    ends = np.sort(pairs, axis=1)
+    _, number, shared = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
+    return pairs, shared[np.ravel(number)]
 
 
 def _normal(x: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import isfinite
+from math import isfinite, sin
 from numbers import Real
 from typing import Any
 
@@ -199,6 +199,12 @@ class ShellSection:
                 problems.append(Problem("section.orientation", what))
         if problems:
             raise ReductionError.from_problems(problems)
+
+    @property
+    def has_sides(self) -> bool:
+        """Whether it matters to which side the normals point."""
+        angled = any(abs(sin(2 * layer.angle)) > 1e-9 for layer in self.layers)
+        return self.offset != 0 or angled or self.layers != self.layers[::-1]
 
     @property
     def thickness(self) -> float:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 from femeshes import block, line
 
-from flexmb.errors import ReductionError
+from flexmb.errors import FlexmbWarning, ReductionError
 from flexmb.fe import (
     Mesh,
     assemble,
@@ -16,6 +18,7 @@ from flexmb.fe import (
     make_loads,
     orthonormalise,
     rectangle,
+    reduce,
     resolve,
 )
 from flexmb.fe.meshes.mesh_shapes import plate
@@ -33,6 +36,42 @@ def box():
 @pytest.fixture(scope="module")
 def bar():
     return assemble(line(6), STEEL, {"all": rectangle(0.02, 0.03)})
+
+
+def half_turned_plate():
+    """A plate of which every other element has its normal on the other side."""
+    mesh = plate(1.0, 0.5, (4, 2))
+    cells = mesh.blocks["quad"].copy()
+    cells[::2] = cells[::2, ::-1]
+    return Mesh(mesh.points, {"quad": cells}, {}, {"surface": {"quad": np.arange(8)}})
+
+
+def test_a_pressure_on_shells_with_opposite_normals_is_named():
+    fe = assemble(half_turned_plate(), STEEL, {"all": shell(0.01)})
+    with pytest.warns(FlexmbWarning, match="loads.push: the normals .* at 4 edges"):
+        one(fe, type="pressure", group="surface", pressure=1.0)
+
+
+@pytest.mark.parametrize(("offset", "count"), [(0.01, 1), (0.0, 0)])
+def test_shells_with_an_offset_and_opposite_normals_are_named(offset, count):
+    sections = {"all": shell(0.01, offset=offset)}
+    with warnings.catch_warnings(record=True) as issued:
+        warnings.simplefilter("always")
+        reduce(half_turned_plate(), material=STEEL, sections=sections, modes=2,
+               interfaces={"a": {"node": 0}})  # fmt: skip
+    assert sum("opposite sides at 4 edges" in str(one.message) for one in issued) == count
+
+
+def test_a_line_load_bends_one_beam_as_it_should():
+    """Deflection q L^4/8 EI and slope q L^3/6 EI of a clamped beam of one element."""
+    mesh = line(1, end=(2.0, 0, 0))
+    mesh = Mesh(mesh.points, mesh.blocks, {}, {"all": {"line": np.array([0])}})
+    fe = assemble(mesh, STEEL, {"all": rectangle(0.02, 0.03, shear=False)})
+    f = one(fe, type="line", group="all", force=[0, 0, 7.0]).f
+    tip = fe.numbering.table[1]
+    u = np.linalg.solve(fe.K.toarray()[np.ix_(tip, tip)], f[tip])
+    EI = STEEL.E * 0.02 * 0.03**3 / 12
+    assert u[[2, 4]] == pytest.approx([7 * 2**4 / (8 * EI), -7 * 2**3 / (6 * EI)], rel=1e-9)
 
 
 def one(fe, **words):
