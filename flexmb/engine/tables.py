@@ -317,7 +317,8 @@ def grouped_rows(forms: ArrayLike) -> NDArray[np.float64]:
     forms[:, diagonal, diagonal] *= 0.5
     forms = np.pad(forms, ((0, 0), *[(0, -len(diagonal) % 4)] * 2))
     groups = [forms[:, k : k + 4, k:] for k in range(0, forms.shape[1], 4)]
-    return np.concatenate([rows.reshape(len(forms), -1) for rows in groups], axis=1)
+    rows = [group.reshape(len(forms), -1) for group in groups]
+    return np.concatenate([np.zeros((len(forms), 0)), *rows], axis=1)
 
 
 def deformation_room(bodies: NDArray[np.void]) -> NDArray[np.int64]:

@@ -80,7 +80,8 @@ def channels(model, names=("tip.x", "tip.y", "tip.z"), **dynamics):
 
 def test_rigid_is_the_body_of_its_mass_properties():
     body = rod(0.012)
-    rigid, _ = channels(pendulum(body, deformation="rigid"), step=1e-3, accuracy=None)
+    words = {"deformation": "rigid", "inertia_coupling": "partial"}
+    rigid, _ = channels(pendulum(body, **words), step=1e-3, accuracy=None)
     made = Model("pendulum", gravity=[0, -9.81, 3.0])
     made.add_body("rod", mass=body.mass, center=body.center.tolist(),
                   inertia=body.inertia_about_center.tolist())  # fmt: skip

@@ -149,3 +149,24 @@ def test_factors_of_the_fields_are_those_of_a_rigid_motion():
     field[fe.numbering.table[:, :3]] = wanted
     loads = fe.M @ field
     np.testing.assert_allclose(inertia_loads(fe) @ c, loads, atol=1e-13 * np.abs(loads).max())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (1000.0, 500.0, -700.0)])
+def test_a_shaken_bar_is_stressed_as_its_inertia_bends_it(place):
+    """rho a (L - x)^2/2 times y over the second moment of the section, away from the clamp."""
+    L, h, a, rho = 1.0, 0.02, 50.0, 7800.0
+    mesh = solid_box("hexahedron20", (20, 1, 1), (L, h, h), shape=lambda x: x - [0, h / 2, h / 2])
+    bar = reduce(mesh, material={"E": 2e11, "nu": 0.0, "density": rho}, modes=4,
+                 interfaces={"root": "x0"}, residual="inertia")  # fmt: skip
+    model = Model("shaken")
+    model.add_marker("ground.rail", position=list(place))
+    model.add_body("bar", bar, position=list(place))
+    model.add_joint("slide", "prismatic", between=["ground.rail", "bar.root"], axis="y")
+    model.add_driver("push", joint="slide", stroke=f"{a}*t**2/2")
+    found = run(model, duration=0.02, outputs=5, accuracy=1e-6, verify=False, start="quasi-static")
+    stress = bar.stress.modes[:, 0].astype(float) @ found.q[-1, 7 : 7 + bar.m]
+    x, y, _ = mesh.points[bar.stress.ids].T
+    wanted = 6 * rho * a * (L - x) ** 2 / h**2 * y
+    error = np.abs(stress - wanted)[x > 0.1]
+    assert error.max() < 1e-3 * np.abs(wanted).max()

@@ -64,6 +64,29 @@ def redundant(deformation):
     return made
 
 
+def unlike(deformation):
+    """A bar of one kind of modes welded to one of another."""
+    made = Model("two kinds of modes", gravity=[0, -9.81, 0])
+    made.add_body("inner", rod(0.012, 0.5, 8, 4), deformation="quasi-static")
+    made.add_body("outer", rod(0.012, 0.5, 8, 4), position=[0.5, 0, 0], deformation=deformation)
+    made.add_joint("hub", "revolute", between=["ground", "inner.root"], axis="z")
+    made.add_joint("weld", "fixed", between=["inner.tip", "outer.root"])
+    made.add_driver("motor", joint="hub", angle="sin(4*t)")
+    made.add_sensor("tip", "position", of="outer.tip")
+    return made
+
+
+@pytest.mark.parametrize(
+    "words", ["dynamic", pytest.param({"dynamic": [0, 1]}, marks=pytest.mark.slow)]
+)
+def test_quasi_static_bodies_join_others(words):
+    knobs = {"duration": 0.3, "outputs": 30, "accuracy": 1e-4, "start": "quasi-static"}
+    every = unlike("dynamic")
+    every.bodies["inner"] = every.bodies["inner"].model_copy(update={"deformation": "dynamic"})
+    (full,), (some,) = (channels(made, ("tip.y",), **knobs)[0] for made in (every, unlike(words)))
+    np.testing.assert_allclose(some, full, atol=2e-3 * np.ptp(full))
+
+
 def turned(deformation, speed=6.0):
     made = Model("turned beam")
     made.add_body("beam", rod(0.01, 1.0, 10, 6), deformation=deformation)

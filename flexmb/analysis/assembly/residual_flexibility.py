@@ -3,7 +3,8 @@
 In: a compiled model and a closed pose. Out: the model whose bodies are kinetostatic
 (`engine.bodies.static_modes`) only where the joints do not need their compliance: with these modes
 still, bodies and dynamic modes must be able to do what all coordinates can, or drivers would lock
-the machine, and reactions that only elasticity decides would be anyone's.
+the machine, and reactions that only elasticity decides would be anyone's. Nor beside bodies with
+other modes: what closes a joint there would strain these.
 """
 
 from __future__ import annotations
@@ -59,6 +60,8 @@ def choose_static_modes(compiled: Compiled, q: Array) -> Compiled:
     modes = static_coordinates(compiled, kinetostatic=True)
     if not len(modes) or n_free(compiled) > MAX_COORDINATES:
         return compiled
+    if sum(body.m for body in compiled.layout.bodies) > len(modes):
+        return replace(compiled, system=free_static_modes(compiled.system))
     state, work = new_state(compiled.system), new_work(compiled.system)
     state.q[:] = q
     evaluate_rows(compiled.system, state, work)
