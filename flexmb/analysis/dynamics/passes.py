@@ -32,6 +32,7 @@ from flexmb.analysis.dynamics.integration import (
     local_tolerance,
     loop_settings,
     output_times,
+    set_least_motion,
     with_tolerance,
 )
 from flexmb.analysis.dynamics.measured_error import VerifiedRun
@@ -72,7 +73,7 @@ PASSES = np.dtype([
 _FIRST = "first_"  # before the names of the first state in what is saved
 # Measured error, accurate to a factor of about three, over the requested one: that is good enough;
 # that the next pass aims at; from which on a note reports it.
-_ENOUGH, _AIM, _MISSED = 0.6, 0.25, 1.0
+_ENOUGH, _AIM, _MISSED = 0.6, 0.15, 1.0
 # Times as many steps at most from pass to pass; what is left of the difference of the two runs
 # after a pass that was in vain, which after this many means that they part whatever the steps.
 _MAX_MORE_STEPS, _IN_VAIN, _MIN_PASSES = 5.0, 0.5, 2
@@ -84,6 +85,7 @@ _FEW, _GROWN = 50, 1e6  # unstable steps; rate times step, above which it is tha
 _MIN_STEPS, _STIFF_SHARE, _UNSTABLE_SHARE = 200, 0.35, 0.01
 _ROUGH = 1e-3  # local error of the rough run over the motion
 _MIN_MOTION = 1e-3  # that counts in the rough run, over the size of the model
+_LEAST_SHARE, _ROUGH_SHARE = 1e-9, 1e-6  # of a part of the model over its size: that is rest
 
 _DRIFTED = (
     "stabilization makes forces of the drift of joints that are beyond measure: the pose is "
@@ -144,12 +146,16 @@ class PreparedDynamics:
         again, before = self._restarted(self.method, settings), self.passes[0]
         last = self.settings.tolerance, self.verified.difference
         again.passes[0] = (tolerance, before["count"] + 1, before["method"], *last)
+        assert again.verified is not None
+        again.verified.error.compare(self.verified.error)
+        _set_motion(again, self.run.state)
         return again
 
     def as_last_pass(self) -> PreparedDynamics:
         """The same run from its start, the last one."""
         again = self._restarted(self.method, self.settings)
         again.passes["count"] = MAX_PASSES
+        _set_motion(again, self.run.state)
         return again
 
     def by_method(self, name: str) -> PreparedDynamics:
@@ -172,6 +178,10 @@ def prepared_run(
     assert spec is not None
     integrator, times, verified = make_integrator(spec, name), output_times(spec), None
     passes = np.array([(settings.tolerance, 1, tuple(METHODS).index(name), 0.0, 0.0)], PASSES)
+    state = State(*(array.copy() for array in state))
+    state.q_first[:] = state.q
+    if settings.step == 0.0:
+        set_least_motion(compiled, integrator, settings, state, _LEAST_SHARE)
     if spec.verify is not False and settings.step == 0.0:
         compared = compared_times(spec)
         recorded = np.isin(compared, times)
@@ -180,17 +190,21 @@ def prepared_run(
         )
         run = verified.fine
     else:
-        copy = State(*(array.copy() for array in state))
-        run = Integration(compiled, integrator, settings, copy, times)
+        run = Integration(compiled, integrator, settings, state, times)
     return PreparedDynamics(
         run, model, first=state, settings=settings, verified=verified, passes=passes, **fields
     )
 
 
 def needs_rough_run(prepared: PreparedDynamics) -> bool:
-    """Whether a run is to know in advance what it will move: by the method for stiff motions."""
+    """Whether a run is to know in advance what it will move: by an implicit method.
+
+    The method of order 2 cannot tell how fast states change before they do.
+    """
     controlled, first = prepared.settings.step == 0.0, prepared.passes[0]["count"] == 1
-    return prepared.method == STIFF_METHOD and controlled and bool(first)
+    mechanical = not prepared.run.compiled.layout.coordinates
+    implicit = prepared.run.method.stages == 0 and (mechanical or prepared.method == STIFF_METHOD)
+    return implicit and controlled and bool(first)
 
 
 def rough_run(prepared: PreparedDynamics, progress: Progress) -> None:
@@ -201,7 +215,8 @@ def rough_run(prepared: PreparedDynamics, progress: Progress) -> None:
         least_motion=_MIN_MOTION,
     )  # fmt: skip
     state = State(*(array.copy() for array in prepared.first))
-    state.motion[:] = state.speed[:] = 0.0
+    state.q_first[:] = state.q
+    set_least_motion(own.compiled, own.method, rough, state, _ROUGH_SHARE)
     run, status = Integration(own.compiled, own.method, rough, state), method.FINE
     try:
         while status == method.FINE and not run.finished:
@@ -211,11 +226,17 @@ def rough_run(prepared: PreparedDynamics, progress: Progress) -> None:
         return
     if status != method.FINE:
         return
-    states = [prepared.first, own.state]
+    _set_motion(prepared, state)
+
+
+def _set_motion(prepared: PreparedDynamics, like: State) -> None:
+    """Motion and speed of all coordinates of a run are those of another one at least."""
+    states = [prepared.run.state]
     if prepared.verified is not None:
         states.append(prepared.verified.scout.state)
-    for other in states:
-        other.motion[:], other.speed[:] = state.motion, state.speed
+    for state in states:
+        np.maximum(state.motion, like.motion, out=state.motion)
+        np.maximum(state.speed, like.speed, out=state.speed)
 
 
 def stricter_tolerance(prepared: PreparedDynamics) -> float | None:
@@ -240,7 +261,7 @@ def _is_in_vain(prepared: PreparedDynamics) -> bool:
     assert verified is not None
     passes = prepared.passes[0]
     if prepared.settings.tolerance <= 2.0 * _MIN_TOLERANCE:
-        return True
+        return bool(passes["count"] > 1)  # a second one tells what round-off leaves
     little = verified.difference > _IN_VAIN * passes["last_difference"]
     return bool(passes["count"] > _MIN_PASSES and little)
 
