@@ -62,7 +62,7 @@ def draw(scene: Path) -> None:
             report = flexmb.run_scene(scene, output=folder)
             drawn = {report.picture: picture, report.history: history}
         else:  # bodies alone: the modes of the first
-            from flexmb.workflow import reduce_scene
+            from flexmb.workflow.flexible_bodies import reduce_scene
 
             body = reduce_scene(scene, output=Path(folder)).bodies[0]
             drawn = {flexmb.render_modes(body.path, output=Path(folder) / "modes.png"): picture}

@@ -80,7 +80,7 @@ def run(name: str, fresh: bool, repeats: int) -> Any:
 
 def summary_table(studies: dict[str, Any]) -> list[str]:
     """The cheapest setting of each case that meets 1 %, and what a digit costs."""
-    from flexmb.studies.report import cost_of_a_digit
+    from flexmb.studies.accuracy.report import cost_of_a_digit
     from flexmb.studies.study_settings import label
 
     lines = [

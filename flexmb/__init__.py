@@ -15,42 +15,30 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not run __getattr__
     from flexmb.flexbody import FlexBody, rigid_body
     from flexmb.model import Model, load_scene, scene_schema
     from flexmb.results import Result, load_result
-    from flexmb.studies import Budget, Study, Sweep, budget, study, sweep
-    from flexmb.view import (
-        animation,
-        film,
-        film_modes,
-        history_figure,
-        open_window,
-        plot_history,
-        render,
-        render_modes,
-        save_figure,
-        snapshot,
-    )
-    from flexmb.workflow import (
-        audit,
-        check_scene,
-        compare,
-        equilibria,
-        free_lengths,
-        inverse_dynamics,
-        iterate_motion,
-        kinematics,
-        linearize,
-        mobility,
-        new_scene,
-        render_mode_shapes,
-        resume,
-        run_part,
-        run_scene,
-        simulate,
-        statics,
-        sweep_modes,
-        sweep_statics,
-        warmup,
-    )
+    from flexmb.studies.accuracy.report import Study
+    from flexmb.studies.accuracy.runner import study
+    from flexmb.studies.budgets.budget_report import Budget
+    from flexmb.studies.budgets.error_budget import budget
+    from flexmb.studies.sweeps.parameter_sweep import sweep
+    from flexmb.studies.sweeps.sweep_report import Sweep
+    from flexmb.view.film import film
+    from flexmb.view.history import history_figure, plot_history
+    from flexmb.view.modes import film_modes, render_modes
+    from flexmb.view.picture import render
+    from flexmb.view.plot import save_figure
+    from flexmb.view.window import animation, open_window, snapshot
+    from flexmb.workflow.audit import audit
+    from flexmb.workflow.check import check_scene, mobility
+    from flexmb.workflow.comparison import compare
+    from flexmb.workflow.drive_forces import inverse_dynamics
+    from flexmb.workflow.equilibria import equilibria, free_lengths, sweep_statics
+    from flexmb.workflow.installation import warmup
+    from flexmb.workflow.linearize import linearize, render_mode_shapes, sweep_modes
+    from flexmb.workflow.listings import new_scene
+    from flexmb.workflow.part_analysis import run_part
     from flexmb.workflow.result_page import report, report_page
+    from flexmb.workflow.resume import resume
+    from flexmb.workflow.simulate import iterate_motion, kinematics, run_scene, simulate, statics
 
 __version__ = "0.1.0"
 __all__ = [
@@ -69,19 +57,31 @@ _HOMES = {
     "flexbody": ("FlexBody", "rigid_body"),
     "model": ("Model", "load_scene", "scene_schema"),
     "results": ("Result", "load_result"),
-    "studies": ("Budget", "Study", "Sweep", "budget", "study", "sweep"),
-    "view": (
-        "animation", "film", "film_modes", "history_figure", "open_window", "plot_history",
-        "render", "render_modes", "save_figure", "snapshot",
-    ),
-    "workflow": (
-        "audit", "check_scene", "compare", "equilibria", "free_lengths", "inverse_dynamics",
-        "iterate_motion", "kinematics", "linearize", "mobility", "new_scene", "render_mode_shapes",
-        "resume", "run_part", "run_scene", "simulate", "statics", "sweep_modes", "sweep_statics",
-        "warmup",
-    ),
+    "studies.accuracy.report": ("Study",),
+    "studies.accuracy.runner": ("study",),
+    "studies.budgets.budget_report": ("Budget",),
+    "studies.budgets.error_budget": ("budget",),
+    "studies.sweeps.parameter_sweep": ("sweep",),
+    "studies.sweeps.sweep_report": ("Sweep",),
+    "view.film": ("film",),
+    "view.history": ("history_figure", "plot_history"),
+    "view.modes": ("film_modes", "render_modes"),
+    "view.picture": ("render",),
+    "view.plot": ("save_figure",),
+    "view.window": ("animation", "open_window", "snapshot"),
+    "workflow.audit": ("audit",),
+    "workflow.check": ("check_scene", "mobility"),
+    "workflow.comparison": ("compare",),
+    "workflow.drive_forces": ("inverse_dynamics",),
+    "workflow.equilibria": ("equilibria", "free_lengths", "sweep_statics"),
+    "workflow.installation": ("warmup",),
+    "workflow.linearize": ("linearize", "render_mode_shapes", "sweep_modes"),
+    "workflow.listings": ("new_scene",),
+    "workflow.part_analysis": ("run_part",),
     "workflow.result_page": ("report", "report_page"),
-}  # fmt: skip
+    "workflow.resume": ("resume",),
+    "workflow.simulate": ("iterate_motion", "kinematics", "run_scene", "simulate", "statics"),
+}
 
 
 def __getattr__(name: str) -> Any:

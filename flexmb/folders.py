@@ -7,6 +7,8 @@ costs time only.
 
 from __future__ import annotations
 
+import errno
+import json
 import os
 import platform
 import shutil
@@ -15,6 +17,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 from zlib import crc32
 
 from flexmb.errors import OutputError
@@ -131,6 +134,33 @@ def write_text_file(path: Path, text: str) -> None:
             partial.write_text(text, encoding="utf-8")
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from None
+
+
+def read_regular(path: Path) -> bytes:
+    """The content of a file that is no pipe, no device and no folder.
+
+    Raises
+    ------
+    OSError
+        It is one, or cannot be read.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(errno.ENOENT, "is no regular file", str(path))
+    return path.read_bytes()
+
+
+def read_json(text: str | bytes) -> Any:
+    """Data of a JSON text.
+
+    Raises
+    ------
+    ValueError
+        It is none, or has lists inside each other more deeply than anything of flexmb.
+    """
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("lists inside each other, too many") from None
 
 
 @contextmanager

@@ -44,6 +44,7 @@ _PATIENCE = 6  # wall time over that of the processor, for a busy machine
 _MARK_SECONDS = 30 * 86400.0  # that a mesh was read well is forgotten after a month
 _DEPTH = 8  # groups inside groups
 _OBJECTS = 100_000  # groups and datasets
+_HERE = "flexmb.untrusted"
 _KIND = "<kind>"  # in a sentence: what the file should be
 _REFUSED = 3  # exit code of the first reading
 _WITH_OTHERS = "<others>"  # it is well, but names other files of its folder
@@ -149,7 +150,7 @@ def _problem(path: Path) -> str | None:
             "does not match its checksum: it was damaged, or changed after it was written; take a "
             "copy that is whole, or make it again"
         )
-    problem = None if known else _first_reading(path, "flexmb.untrusted")
+    problem = None if known else _first_reading(path, _HERE)
     if problem is None:
         _checked.add(written if head.startswith(_SEAL) else unsealed)
     return problem
@@ -200,7 +201,7 @@ def _identity(state: os.stat_result) -> tuple[int, ...]:
     return state.st_dev, state.st_ino
 
 
-def check_reading(path: Path, module: str) -> str | None:
+def check_reading(path: Path, module: str = _HERE) -> str | None:
     """Let `module` read a file in a process of its own, unless it has read that content before.
 
     Parameters
@@ -208,29 +209,39 @@ def check_reading(path: Path, module: str) -> str | None:
     path : Path
         The file.
     module : str
-        A module that calls `serve_reading` when it is run.
+        A module that calls `serve_reading` when it is run; this one reads HDF5 and Parquet.
 
     Returns
     -------
     str or None
         What is wrong with the file; None if it can be read.
     """
-    with path.open("rb") as file:
-        form = printable(path.suffix).replace("/", "")[:20]  # it chooses the parser
-        mark = cache_root() / "files" / f"{module}-{_digest(file)}{form}"
+    mark = _mark(path, module)
     if mark.exists() and is_private(mark.parent):
         return None
     problem = _first_reading(path, module)
     if problem == _WITH_OTHERS:
         return None  # whose contents the mark does not tell
     if problem is None:
-        with suppress(OSError):  # then it is read apart the next time as well
-            mark.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            for old in mark.parent.iterdir():
-                if old.stat().st_mtime < time.time() - _MARK_SECONDS:
-                    old.unlink()
-            mark.touch()
+        note_reading(path, module)
     return problem
+
+
+def note_reading(path: Path, module: str = _HERE) -> None:
+    """Note that a content was read well by `module`, or written by it."""
+    with suppress(OSError):  # then it is read apart the next time as well
+        mark = _mark(path, module)
+        mark.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        for old in mark.parent.iterdir():
+            if old.stat().st_mtime < time.time() - _MARK_SECONDS:
+                old.unlink()
+        mark.touch()
+
+
+def _mark(path: Path, module: str) -> Path:
+    with path.open("rb") as file:
+        form = printable(path.suffix).replace("/", "")[:20]  # it chooses the parser
+        return cache_root() / "files" / f"{module}-{_digest(file)}{form}"
 
 
 def serve_reading(read: Callable[[Path], object]) -> NoReturn:
@@ -399,5 +410,38 @@ def _read_hdf5(path: Path) -> None:
         raise ValueError(f"is a damaged HDF5 file ({text})") from None
 
 
+def column_kind(kind: Any) -> str:
+    """What a column of a Parquet file holds; empty for a type that flexmb never writes."""
+    import pyarrow as pa
+
+    if pa.types.is_string(kind):
+        return "texts"
+    if pa.types.is_list(kind):
+        return "lists" if kind.value_type in (pa.null(), pa.float64()) else ""
+    return "numbers" if kind in (pa.null(), pa.bool_(), pa.int64(), pa.float64()) else ""
+
+
+def _read_parquet(path: Path) -> None:
+    """The same for a table of runs: all that will be done with its rows."""
+    os.environ["ARROW_DEFAULT_MEMORY_POOL"] = "system"  # others reserve more than they use
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        with pq.ParquetFile(path, pre_buffer=False) as file:
+            names = file.schema_arrow.names
+            plain = all(column_kind(field.type) for field in file.schema_arrow)
+            if "key" not in names or len({*names}) < len(names) or not plain:
+                raise LookupError("it has other columns")
+            file.read(use_threads=False).to_pylist()
+    except (OSError, MemoryError, LookupError, ValueError, pa.ArrowException) as error:
+        text = " ".join(str(error).split())[:200]
+        raise ValueError(f"is no table of runs of flexmb ({text})") from None
+
+
+def _read_apart(path: Path) -> None:
+    (_read_parquet if path.suffix == ".parquet" else _read_hdf5)(path)
+
+
 if __name__ == "__main__":
-    serve_reading(_read_hdf5)
+    serve_reading(_read_apart)

@@ -131,7 +131,7 @@ def steps(model, chosen, h, count, every, start=None, **settings):
             "start": 0.0, "end": count * h, "interval": (every or count) * h, "step": h,
             "tolerance": 0.0, "accuracy": 0.0, "slack": 1.0, "turn": 1.0, "refinement": 0.0,
             "least_motion": 1e-6, "newton_tolerance": 1e-10, "max_iterations": 15,
-            "works": 1, "stiff": 1, "follow": 1,
+            "works": 1, "stiff": 1, "follow": 0,
             "determined": 0,
             **settings,
         }

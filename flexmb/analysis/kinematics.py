@@ -272,5 +272,6 @@ class _Run:
             "singular_poses_passed": int(path["singular_poses"]),
             "largest_position_drift": float(self._rows.largest_drift[0]),
             "largest_velocity_drift": float(self._rows.largest_drift[1]),
+            "largest_speed": float(self._rows.largest_drift[2]),
             "energy_balance_error": self._rows.balance.relative,
         }

@@ -55,6 +55,8 @@ class Indicator:
         Value from which on the user is told.
     text : callable
         The sentence.
+    against_bound : float, optional
+        What is compared with the bound of `[validity]`, if not the value.
     """
 
     body: str
@@ -63,6 +65,7 @@ class Indicator:
     time: float
     warning: float
     text: Callable[[], str]
+    against_bound: float | None = None
 
 
 class Monitor(Protocol):

@@ -202,7 +202,8 @@ class ChunkRows:
         parts, length = compiled.system.parts, compiled.length
         speed = max(float(np.linalg.norm(parts.gravity)) * length, _NO_SPEED * length**2)
         self.balance = EnergyBalance(_ROUND_OFF * float(parts.bodies["mass"].sum()) * speed)
-        self.largest_drift = np.zeros(2)
+        self.largest_drift = np.zeros(3)  # of positions and velocities, and the largest speed
+        self._speeds = (parts.bodies["iv"][:, None] + np.arange(6)).ravel()
 
     def clear(self) -> None:
         """Before a chunk: an interruption before its first row leaves no old rows behind."""
@@ -216,7 +217,9 @@ class ChunkRows:
         rows = OutputBlock(*(np.array(table[:n]) for table in self.output[:-1]))
         if n:
             self.balance.add(rows.energy)
-            np.maximum(self.largest_drift, rows.drift.max(axis=0), out=self.largest_drift)
+            speed = np.abs(rows.v[:, self._speeds]).max(initial=0.0)
+            largest = [*rows.drift.max(axis=0), speed]
+            np.maximum(self.largest_drift, largest, out=self.largest_drift)
         return rows
 
 

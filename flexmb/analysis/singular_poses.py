@@ -40,6 +40,7 @@ Array = NDArray[np.float64]
 _OWN_SENTENCE = (method.ZERO_LENGTH, method.CURVE_END, method.NO_LOOP, method.SELF_LOCKING)
 _ROUND_OFF, _NEARLY_REDUNDANT = 1e-13, 1e-3  # singular values over the largest
 _NEARLY = 0.02  # least singular value over the next one: a singular pose is near
+_FALLEN = 0.2  # singular value over that of the first pose
 _CONTRADICTED = 1e-6  # share of the prescribed motion that no motion can follow
 _MOVES = 1e-6  # of the largest rate of a joint coordinate in a motion
 _MOVING_BODY = 0.1  # of a motion of size one
@@ -55,16 +56,23 @@ def call_kinematics(system: System, state: State, work: Work, path: Path, what: 
     return analyse_kinematics(new_run(system, state, work), path, settings, what)
 
 
-def nearly_redundant(compiled: Compiled, q: NDArray[np.float64]) -> str:
-    """The sentence for constraint equations that are nearly redundant at some positions, or ""."""
+def nearly_redundant(compiled: Compiled, q: Array, q_first: Array) -> str:
+    """The sentence for equations that are nearly redundant at some positions, or "".
+
+    Those that are redundant at the first positions as well do not count.
+    """
     if not np.isfinite(q).all():  # a motion that has diverged
         return ""
     if compiled.layout.nv > MAX_COORDINATES or not compiled.layout.nc:
         return ""
     with one_blas_thread():
-        sizes = ConstraintRows(compiled).evaluate(q).jacobian.decomposition.S
-    share = sizes / sizes[0]
-    near = share[(share > _ROUND_OFF) & (share < _NEARLY_REDUNDANT)]
+        rows = ConstraintRows(compiled)
+        share, first = (
+            S / S[0] for S in (rows.evaluate(x).jacobian.decomposition.S for x in (q, q_first))
+        )
+    n = np.count_nonzero(first > _ROUND_OFF)
+    limit = np.maximum(_NEARLY_REDUNDANT, np.minimum(_NEARLY, _FALLEN * first[:n]))
+    near = share[:n][share[:n] < limit]
     if not len(near):
         return ""
     what = "constraint equations are" if len(near) > 1 else "constraint equation is"

@@ -12,16 +12,11 @@ from flexmb.cli import run as run  # isort: skip
 from flexmb.cli import check as check  # isort: skip
 from flexmb.cli import reduce as reduce  # isort: skip
 from flexmb.cli import part as part  # isort: skip
-from flexmb.cli import stress as stress  # isort: skip
 from flexmb.cli import postprocess as postprocess  # isort: skip
 from flexmb.cli import render as render  # isort: skip
-from flexmb.cli import film as film  # isort: skip
 from flexmb.cli import plot as plot  # isort: skip
-from flexmb.cli import report as report  # isort: skip
 from flexmb.cli import modes as modes  # isort: skip
 from flexmb.cli import study as study  # isort: skip
-from flexmb.cli import sweep as sweep  # isort: skip
-from flexmb.cli import budget as budget  # isort: skip
 from flexmb.cli import listings as listings  # isort: skip
 from flexmb.cli.app import app, main
 

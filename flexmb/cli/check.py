@@ -36,9 +36,9 @@ def check(
 
     Example: flexmb check cases/slider_crank/scene.toml --tables
     """
-    from flexmb import workflow
+    from flexmb.workflow import check
 
-    report = workflow.check_scene(scene, parse_pairs(overrides, "--set"), tables=tables)
+    report = check.check_scene(scene, parse_pairs(overrides, "--set"), tables=tables)
     if as_json:
         screen.line(_report_json(report))
     else:
@@ -140,10 +140,10 @@ def check_all(
 
     Example: flexmb check-all cases
     """
-    from flexmb import workflow
+    from flexmb.workflow import check_all
 
     with screen.Bars() as progress:
-        scenes = workflow.check_all(folder, output=output, workers=workers, progress=progress)
+        scenes = check_all.check_all(folder, output=output, workers=workers, progress=progress)
     rows = []
     for scene in scenes:
         path = scene.scene.relative_to(folder) if folder.is_dir() else Path(scene.scene.name)
@@ -215,14 +215,14 @@ def compare(
 
     Example: flexmb compare cases/quick_return/scene.toml cases/quick_return/pin_in_slot.toml
     """
-    from flexmb import workflow
     from flexmb.view.plot import writable_file
+    from flexmb.workflow import comparison
     from flexmb.workflow.comparison import STILL
 
     if output is not None:
         writable_file(output, (".png", ".pdf", ".svg"))
     with screen.Bars() as progress:
-        made = workflow.compare(
+        made = comparison.compare(
             *sources, channels=parse_names(channels), output=folder,
             overrides=parse_pairs(overrides, "--set"), progress=progress,
         )  # fmt: skip

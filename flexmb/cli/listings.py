@@ -34,13 +34,13 @@ def list_topic(
 
     Example: flexmb list joints
     """
-    from flexmb import workflow
+    from flexmb.workflow import listings
 
     if topic is None:
-        rows = [(name, topic.words) for name, topic in workflow.TOPICS.items()]
+        rows = [(name, topic.words) for name, topic in listings.TOPICS.items()]
         screen.table(("flexmb list", "what"), rows)
         return
-    listing = workflow.listing(topic)
+    listing = listings.listing(topic)
     screen.heading(listing.title)
     for about, table in listing.tables:
         screen.line("")
@@ -67,9 +67,9 @@ def new(
 
     Example: flexmb new my_beam --template flexible-beam
     """
-    from flexmb import workflow
+    from flexmb.workflow import listings
 
-    scene = workflow.new_scene(name, template)
+    scene = listings.new_scene(name, template)
     screen.line(f"written: {scene}")
     screen.line(f"run it with: flexmb run {scene}")
 
@@ -167,10 +167,10 @@ def doctor() -> None:
 
     Ends in exit code 2 if something is missing.
     """
-    from flexmb import workflow
+    from flexmb.workflow import installation
 
     with screen.Bars() as progress:
-        state = workflow.examine_installation(progress)
+        state = installation.examine_installation(progress)
     screen.heading(f"flexmb {state.version}")
     screen.line(f"Python {state.python}")
     screen.line(state.system)
@@ -195,10 +195,10 @@ def warmup() -> None:
 
     Example: flexmb warmup
     """
-    from flexmb import workflow
+    from flexmb.workflow import installation
 
     with screen.Bars() as progress:
-        done = workflow.warmup(progress)
+        done = installation.warmup(progress)
     screen.line(
         f"{done.units} units, {done.compiled} of them compiled in {done.seconds:.1f} s; "
         f"{done.size / 1e6:.1f} MB in {done.cache}"

@@ -98,25 +98,25 @@ def modes(
 
     Example: flexmb modes scene.toml --vary speed=0..60:13 -o campbell.png
     """
-    from flexmb import workflow
+    from flexmb.workflow import linearize
 
     changes = parse_pairs(overrides, "--set")
     if vary is None:
         refuse_options({"output": output, "root-locus": root_locus}, "draws what --vary computes")
         with screen.Bars() as progress:
-            made = workflow.linearize(
+            made = linearize.linearize(
                 source, time=time, about=about, frame=frame, overrides=changes, progress=progress
             )
         _show_modes(made, count)
         if pictures is not None:
             shown = range(1, min(count, _MAX_PICTURES) + 1)
-            for path in workflow.render_mode_shapes(made, pictures, list(shown)):
+            for path in linearize.render_mode_shapes(made, pictures, list(shown)):
                 screen.line(f"written: {path}")
         return
     refuse_options({"time": time, "pictures": pictures}, "belongs to one state; --vary has many")
     [(name, text)] = parse_pairs([vary], "--vary").items()
     with screen.Bars() as progress:
-        sweep = workflow.sweep_modes(
+        sweep = linearize.sweep_modes(
             source, name, parse_values(text, "--vary"), about=about, frame=frame,
             overrides=changes, progress=progress,
         )  # fmt: skip
@@ -179,8 +179,8 @@ def _show_modes(made: Any, count: int) -> None:
 
 
 def _show_sweep(sweep: Any, count: int, output: Path | None, root_locus: Path | None) -> None:
-    from flexmb.view import save_figure
-    from flexmb.view.mode_plots import campbell_figure, root_locus_figure
+    from flexmb.view.modes import campbell_figure, root_locus_figure
+    from flexmb.view.plot import save_figure
 
     n = min(count, sweep.eigenvalues.shape[1])
     screen.heading(f"frequencies [Hz] over {sweep.parameter}")
@@ -246,11 +246,11 @@ def response(
 
     Example: flexmb response scene.toml --input push.x --sensor tip.x --frequencies 1..200:400
     """
-    from flexmb import workflow
     from flexmb.model.scenes.study import sweep_values
+    from flexmb.workflow import linearize
 
     with screen.Bars() as progress:
-        made = workflow.linearize(
+        made = linearize.linearize(
             source, time=time, about=about, overrides=parse_pairs(overrides, "--set"),
             progress=progress,
         )  # fmt: skip
@@ -270,8 +270,8 @@ def response(
     largest = max(range(len(values)), key=lambda k: abs(answer[k]))
     screen.line(f"largest: {abs(answer[largest]):.5g} at {values[largest]:.5g} Hz")
     if output is not None:
-        from flexmb.view import save_figure
-        from flexmb.view.mode_plots import response_figure
+        from flexmb.view.modes import response_figure
+        from flexmb.view.plot import save_figure
 
         figure = response_figure(values, answer, f"{sensor} per {actuator}")
         screen.line(f"written: {save_figure(figure, output)}")
@@ -321,17 +321,17 @@ def statics(
 
     Example: flexmb statics scene.toml --vary load=0..100:21 -o sweep.svg
     """
-    from flexmb import workflow
     from flexmb.view.plot import writable_file
+    from flexmb.workflow import equilibria
 
     changes = parse_pairs(overrides, "--set")
     if vary is None:
         refuse_options({"output": output, "table": table}, "shows what --vary computes")
         with screen.Bars() as progress:
-            equilibria = workflow.equilibria(
+            states = equilibria.equilibria(
                 scene, starts=starts, overrides=changes, progress=progress
             )
-        _show_equilibria(equilibria, parse_names(channels))
+        _show_equilibria(states, parse_names(channels))
         return
     if output is not None:
         writable_file(output, (".png", ".pdf", ".svg"))
@@ -339,15 +339,15 @@ def statics(
         writable_file(table, (".csv",))
     [(name, text)] = parse_pairs([vary], "--vary").items()
     with screen.Bars() as progress:
-        sweep = workflow.sweep_statics(
+        sweep = equilibria.sweep_statics(
             scene, name, parse_values(text, "--vary"), overrides=changes, progress=progress
         )
     _show_static_sweep(sweep, parse_names(channels))
     if table is not None:
         screen.line(f"written: {sweep.to_csv(table)}")
     if output is not None:
-        from flexmb.view import save_figure
-        from flexmb.view.mode_plots import equilibria_figure
+        from flexmb.view.modes import equilibria_figure
+        from flexmb.view.plot import save_figure
 
         figure = equilibria_figure(sweep, parse_names(channels))
         screen.line(f"written: {save_figure(figure, output)}")

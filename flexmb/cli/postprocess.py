@@ -36,9 +36,9 @@ def info(
             f"{file}: is a folder without a result.h5; give a result, flexible body, mesh or scene"
         )
     if file.suffix == ".toml":
-        from flexmb import workflow
+        from flexmb.workflow import check
 
-        show_check(workflow.check_scene(file, {}))
+        show_check(check.check_scene(file, {}))
     elif file.suffix in (".h5", ".hdf5"):
         _show_h5(file)
     else:

@@ -127,7 +127,7 @@ def reduce(
     Example: flexmb reduce meshes/connecting_rod.msh --units mm-t-s --material steel
     --interface big_end=bore_big --interface small_end=bore_small --pictures
     """
-    from flexmb import workflow
+    from flexmb.workflow import flexible_bodies
 
     options: dict[str, Any] = {
         "units": units,
@@ -144,7 +144,7 @@ def reduce(
     if source.suffix == ".toml":
         refuse_options(of_mesh, "belongs to a mesh file; a scene says it itself, or by --set")
         with screen.Bars() as progress:
-            scene = workflow.reduce_scene(
+            scene = flexible_bodies.reduce_scene(
                 source,
                 overrides=parse_pairs(overrides, "--set"),
                 progress=progress,
@@ -161,7 +161,7 @@ def reduce(
             raise typer.BadParameter("is needed with a mesh file", param_hint="--material")
         sections = parse_pairs(section, "--section").items()
         with screen.Bars() as progress:
-            reduced = workflow.reduce_mesh(
+            reduced = flexible_bodies.reduce_mesh(
                 source,
                 material=parse_table(material, "--material"),
                 interfaces=parse_pairs(interface, "--interface"),
@@ -188,7 +188,7 @@ def _show_bodies(bodies: Any, notes: list[str], checks: Any, pictures: bool) -> 
     if checks:
         screen.known_answers(checks, "s")
     for reduced in bodies if pictures else ():
-        from flexmb.view import render_modes
+        from flexmb.view.modes import render_modes
 
         screen.line(f"written: {render_modes(reduced.path, output=modes_picture(reduced.path))}")
 

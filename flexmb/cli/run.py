@@ -65,10 +65,10 @@ def run(
 
     Example: flexmb run cases/slider_crank/scene.toml --set r=0.12
     """
-    from flexmb import workflow
+    from flexmb.workflow import simulate
 
     with screen.Bars() as progress:
-        report = workflow.run_scene(
+        report = simulate.run_scene(
             scene,
             output=output,
             overrides=parse_pairs(overrides, "--set"),
@@ -106,10 +106,10 @@ def resume(
 
     Example: flexmb resume out/slider_crank
     """
-    from flexmb import workflow
+    from flexmb.workflow import resume
 
     with screen.Bars() as progress:
-        report = workflow.resume_run(
+        report = resume.resume_run(
             result,
             duration=duration,
             as_begun=as_begun,
@@ -156,10 +156,10 @@ def inverse(
 
     Example: flexmb inverse arm.toml --along out/arm --drive shoulder --drive elbow
     """
-    from flexmb import workflow
+    from flexmb.workflow import drive_forces
 
     with screen.Bars() as progress:
-        report = workflow.inverse_scene(
+        report = drive_forces.inverse_scene(
             scene,
             along=along,
             drives=drive or (),

@@ -115,13 +115,16 @@ def forces(run: Run, at: Point) -> int:
 
 @unit
 def residual(run: Run, at: Point) -> int:
-    """Trial.res and C at a point; returns the status."""
+    """Trial.res and C at a point; returns the status. Kinetostatic modes need no balance here."""
     position_stage(run, at)
     walk(run.stages.force_velocity, run, at)
     feedback_stage(run, at)
     walk(run.stages.constraint, run, at)
     reaction_stage(run, at)
-    return forces(run, at)
+    status = forces(run, at)
+    if run.settings.follow == 1:
+        walk(run.stages.static_hold, run, at)
+    return status
 
 
 @unit
@@ -205,6 +208,7 @@ _UNSYMMETRIC_ABOVE = 0.2
 _GIVE_UP_ABOVE = 0.9
 _REGULARISATION = 1e-9
 _REPEATED = 1e-7
+_INDEPENDENT = 1e6  # pivots of rows over their regularisation
 _UNEVEN = 1e5
 
 
@@ -390,6 +394,19 @@ def least_pivot(run, nv):
             pivot = abs(fac.d[k]) * _REGULARISATION / fac.eps[k]
             least = min(least, pivot if pivot > _REPEATED else 1.0)
     return least
+
+
+@kernel
+def has_dependent_rows(fac, redundant):
+    """Whether constraint rows nearly depend on each other, by pivots over their regularisation.
+
+    Above `redundant` of them: below are those that repeat others in whatever pose.
+    """
+    for k in range(fac.eps.shape[0]):
+        pivot = abs(fac.d[k])
+        if redundant * fac.eps[k] < pivot < _INDEPENDENT * fac.eps[k]:
+            return True
+    return False
 
 
 @kernel

@@ -22,6 +22,8 @@ Stages (`engine.equations_of_motion`): signatures of the units of a `Kind`, with
     feedback    (run, tables, at)           status; forces by what is measured
     reaction    (run, tables, at)           number; loads by multipliers, their largest change
     static      (run, tables, at)           number; deformation by loads, its largest change
+    static_hold (run, tables, at)           status; no residual of what keeps its rate in a step
+    static_rates (run, tables, at)          status; rates of the deformation by loads
     wrench      (run, tables, at)           status; forces, into the wrenches of markers
     force       (run, tables, at)           status; forces, into the residual
     matrix      (run, tables, at, cv, cp)   status; tangents, into the iteration matrix
@@ -85,8 +87,11 @@ class Kind:
     units : mapping of str to Unit
         Its units by stage.
     lower : callable, optional
-        Makes its tables from the model (`engine.lowering`), None if the model has none;
-        those of the kinds that every model has are made elsewhere (`engine.compile`).
+        Makes its tables from the model (`engine.lowering`), those of a force from the forces of its
+        types too; None if the model has none. Those of the kinds that every model has are made
+        elsewhere (`engine.compile`).
+    types : tuple of str
+        Of a force: its types in a scene.
     place : callable, optional
         Tells its tables where they stand in the iteration matrix (`engine.lowering`).
     couples : tuple of Couple
@@ -108,6 +113,7 @@ class Kind:
     tables: type
     units: Mapping[str, Unit] = field(default_factory=dict)
     lower: Callable[..., Any] | None = None
+    types: tuple[str, ...] = ()
     place: Callable[..., None] | None = None
     couples: tuple[Couple, ...] = ()
     uses_velocity: bool = False

@@ -264,7 +264,7 @@ def solve_reactions(run: Run) -> int:
     """λ of Cqᵀ λ = Q − M v̇ at the state with the factor of its pose; returns the status."""
     at, fac, kkt, now = run.state_point, run.work.factor, run.system.kkt, run.work.now
     place, lam, before, res = kkt.place, at.lam, run.work.con.gamma, run.work.trial.res
-    nv, nc = res.shape[0], lam.shape[0]
+    nv, nc, weights = res.shape[0], lam.shape[0], run.system.row_weights
     walk(run.stages.inertia, run, at)
     if now.history.shape[0] > 0:
         now.span[0] = at.t[0] - now.history[0]
@@ -285,8 +285,8 @@ def solve_reactions(run: Run) -> int:
         change, size = 0.0, 0.0
         for i in range(nc):
             lam[i] = fac.sol[place[nv + i]]
-            change = max(change, abs(lam[i] - before[i]))
-            size = max(size, abs(lam[i]))
+            change = max(change, abs(lam[i] - before[i]) / weights[i])
+            size = max(size, abs(lam[i]) / weights[i])
         if not depends_on_solution(run) or (n > 0 and change <= _SETTLED * size):
             return FINE
     return SELF_LOCKING if len(run.stages.reaction.units) > 0 else NO_LOOP

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,11 +11,15 @@ if TYPE_CHECKING:  # files of kernels import this one
     from flexmb.engine.geometry import Geometry
     from flexmb.engine.joints.constraint_groups import Groups
     from flexmb.engine.joints.coordinate import Scalar
+    from flexmb.engine.kind import Kind
     from flexmb.engine.symbolic import Symbolic
     from flexmb.engine.tables import Functions
     from flexmb.flexbody import FlexBody
     from flexmb.model.model import Model
     from flexmb.model.sensor import ReactionSensorSpec
+
+Forces = Sequence[tuple[str, Any]]
+"""Names and specifications of the forces that a kind is made from."""
 
 
 class Element(NamedTuple):
@@ -95,11 +99,16 @@ class Lowering:
     def __post_init__(self) -> None:
         self._coordinates = {scalar.name: k for k, scalar in enumerate(self.scalars)}
 
-    def forces(self, *types: str) -> Iterator[tuple[str, Any]]:
-        """Forces of the scene of these types, by name."""
-        for name, spec in self.model.forces.items():
-            if spec.type in types:  # type: ignore[attr-defined]
-                yield name, spec
+    def lower(self, kind: Kind) -> Any:
+        """Tables of a kind; None if the model has none."""
+        if kind.lower is None or not kind.types:
+            return None if kind.lower is None else kind.lower(self)
+        forces = [
+            (name, spec)
+            for name, spec in self.model.forces.items()
+            if spec.type in kind.types  # type: ignore[attr-defined]
+        ]
+        return kind.lower(self, forces) if forces else None
 
     def add_element(
         self, name: str, kind: str, row: int, n: int = 1, reversed: bool = False

@@ -113,6 +113,7 @@ INTEGRATOR_MEMORY = np.dtype([
     ("event_trials", "f8"),  # how often it was shortened
     ("steps_until_event_search", "f8"),  # after an event
     ("steps_at_stability_limit", "f8"),  # of an explicit method
+    ("stable_step", "f8"),  # that it may take next, s
     ("fastest_rate", "f8"),  # of the motion at the first one, 1/s
 ])  # fmt: skip
 

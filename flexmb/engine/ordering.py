@@ -30,13 +30,21 @@ from flexmb.engine.lowering import Lowering, Placement
 from flexmb.engine.sensors import CHANNEL_KINDS, SENSOR_KINDS, feedback
 from flexmb.engine.sensors.sensor import WRENCH, Channels, sensor_tables
 from flexmb.engine.symbolic import Blocks, Symbolic, analyse
-from flexmb.engine.tables import BODY, GROUP, Functions, Kkt, Pool, Sensors
+from flexmb.engine.tables import (
+    BODY,
+    GROUP,
+    Functions,
+    Kkt,
+    Pool,
+    Sensors,
+    deformation_room,
+)
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.effects import without_modal_inertia
-from flexmb.model.bandwidth import cutoff_frequency
 from flexmb.model.body import BodySpec, RigidBodySpec
 from flexmb.model.control import channel_program, resolved, states_of
+from flexmb.model.excitation import cutoff_frequency
 from flexmb.model.flexible_body import COUPLINGS, FlexibleBodySpec
 from flexmb.model.model import Model
 from flexmb.model.plane import normal_in_body, plane_axes
@@ -88,8 +96,8 @@ def build_tables(model: Model, flexbodies: Mapping[str, FlexBody]) -> ModelTable
     nq, nv = int((7 + bodies["m"]).sum()), int((6 + bodies["m"]).sum())
     table = coordinate_table(scalars, nq, nv)
     lowering = Lowering(Geometry(model, flexbodies), markers, functions, groups, scalars)
-    kinds = {kind.name: kind.lower(lowering) for kind in KINDS if kind.lower is not None}
-    kinds["static_modes"] = _static_modes(model, flexbodies)
+    kinds = {kind.name: lowering.lower(kind) for kind in KINDS if kind.lower is not None}
+    kinds["static_modes"] = _static_modes(model, flexbodies, bodies["mass"].sum(), lowering)
     kinds = {name: tables for name, tables in kinds.items() if tables is not None}
     ground = markers.on_ground()
     ivs = {s.name: nv + before - len(states) + k for k, s in enumerate(states)}
@@ -131,7 +139,7 @@ def body_table(model: Model, flexbodies: Mapping[str, FlexBody], pool: Pool) -> 
         Mab = without_modal_inertia(body, static) if static else None
         row["flex"] = pool.add(modal_block(body, coupling, Mab))
         put_flags(row, body, bool(static))
-    for name, n in (("iq", 7 + table["m"]), ("iv", 6 + table["m"]), ("z", 12 * table["m"])):
+    for name, n in (("iq", 7 + table["m"]), ("iv", 6 + table["m"]), ("z", deformation_room(table))):
         table[name] = np.cumsum(n) - n
     return table
 
@@ -144,19 +152,17 @@ def quasi_static(spec: BodySpec, body: FlexBody, model: Model) -> tuple[int, ...
     return spec.static_modes(body, cutoff_frequency(model) if automatic else math.inf)
 
 
-def _static_modes(model: Model, flexbodies: Mapping[str, FlexBody]) -> StaticModes | None:
+def _static_modes(
+    model: Model, flexbodies: Mapping[str, FlexBody], mass: float, lowering: Lowering
+) -> StaticModes | None:
     """Tables of the quasi-static modes of all bodies."""
-    names = [*model.bodies]
-    return static_modes([
-        (
-            names.index(name),
-            body,
-            quasi_static(spec, body, model),
-            spec.deformation == "quasi-static",
-        )
-        for name, body in flexbodies.items()
-        if isinstance(spec := model.bodies[name], FlexibleBodySpec)
-    ])  # fmt: skip
+    rows = [
+        (number, flexbodies[name], np.array(modes), spec.deformation == "quasi-static")
+        for number, (name, spec) in enumerate(model.bodies.items())
+        if isinstance(spec, FlexibleBodySpec) and name in flexbodies
+        if (modes := quasi_static(spec, flexbodies[name], model))
+    ]
+    return static_modes(rows, mass, lowering.add_history) if rows else None
 
 
 def _frame_reactions(

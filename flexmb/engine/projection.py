@@ -21,11 +21,11 @@ from flexmb.engine.equations_of_motion import (
     factorise,
     feedback_stage,
     forces,
+    has_dependent_rows,
     permute,
     position_stage,
     rate_stage,
     reaction_stage,
-    residual,
     velocity_stage,
     walk,
 )
@@ -42,8 +42,10 @@ _LOOP_ROUNDS, _LOOP_CLOSED = 100, 1e-12
 _STATIC = 1e-11
 # A correction of positions this small, relative to the model, is round-off.
 _ROUND_OFF = 1e-13
+# Rows that repeat others do so in the pose alone: by a factor from farther off they get reactions.
+_SAME_POSE = 1e-12
 # Loads that follow from reactions, such as friction in joints, agree with them to this share of the
-# largest force.
+# largest force: a moment beside forces must not decide by its unit.
 _SETTLED = 1e-10
 # What `accelerations` puts on the constraints first.
 NOTHING, VELOCITIES, POSITIONS = 0, 1, 2
@@ -89,15 +91,15 @@ def project_velocity(run: Run, at: Point, cp: float) -> int:
 
 
 @unit
-def project_positions(run: Run, at: Point, rounds: int) -> int:
+def project_positions(run: Run, at: Point, rounds: int) -> float:
     """Put q on C = 0 by Newton corrections with the present factor, after a position stage at q.
 
-    Returns 1 if the last correction was round-off; leaves a position stage at q, or that near.
+    Returns the first correction, weighted; leaves a position stage at q, or that near.
     """
     kkt, parts, weights = run.system.kkt, run.system.parts, run.system.weights
     C, sol, place, dq = run.work.con.C, run.work.factor.sol, kkt.place, run.work.trial.dq
-    nv = dq.shape[0]
-    for _ in range(rounds):
+    nv, first = dq.shape[0], 0.0
+    for n in range(rounds):
         constraint_stage(run, at)
         for i in range(nv):
             sol[place[i]] = 0.0
@@ -107,10 +109,12 @@ def project_positions(run: Run, at: Point, rounds: int) -> int:
         for i in range(nv):
             dq[i] = sol[place[i]]
         move(parts, at.q, dq, at.q)
-        if weighted_size(dq, weights) <= _ROUND_OFF:
-            return 1
+        moved = weighted_size(dq, weights)
+        first = moved if n == 0 else first
+        if moved <= _ROUND_OFF:
+            break
         position_stage(run, at)
-    return 0
+    return first
 
 
 @unit
@@ -123,7 +127,7 @@ def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
     SELF_LOCKING where friction does not.
     """
     status = _solve_motion(run, at, cp, project)
-    if run.settings.follow == 0:
+    if run.settings.follow == 0 or project == NOTHING:
         return status
     for _ in range(_LOOP_ROUNDS):
         status = max(status, forces(run, at))
@@ -131,7 +135,8 @@ def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
         if status != FINE or not math.isfinite(change):
             return max(status, NO_LOOP)
         if change <= _STATIC:
-            return status
+            walk(run.stages.static_rates, run, at)
+            return _solve_motion(run, at, cp, VELOCITIES)
         status = _solve_motion(run, at, cp, project)
     return NO_LOOP
 
@@ -146,24 +151,6 @@ def follow_loads(run, at):
 
 
 @unit
-def settle_static_modes(run: Run, at: Point) -> int:
-    """Quasi-static modes at the end of a step, and joints closed with them; returns the status.
-
-    By the present factor; velocities, accelerations and multipliers stay.
-    """
-    for _ in range(_LOOP_ROUNDS):
-        status = residual(run, at)
-        change = follow_loads(run, at)
-        if status != FINE or not change < 1.0:
-            return max(status, NO_LOOP)
-        position_stage(run, at)
-        project_positions(run, at, _ROUNDS)
-        if change <= _SETTLED:
-            return status
-    return NO_LOOP
-
-
-@unit
 def _solve_motion(run: Run, at: Point, cp: float, project: int) -> int:
     """The same with quasi-static modes as they are."""
     if run.method.stabilised == 1:
@@ -175,7 +162,9 @@ def _solve_motion(run: Run, at: Point, cp: float, project: int) -> int:
     run.work.factor.symmetric[0] = 1
     factorise(run, at, 0.0, cp)
     if project == POSITIONS and at.lam.shape[0] > 0:
-        project_positions(run, at, _ROUNDS)
+        moved = project_positions(run, at, _ROUNDS)
+        if moved > _SAME_POSE and has_dependent_rows(run.work.factor, 0.0):
+            factorise(run, at, 0.0, cp)
     if project != NOTHING:
         project_velocity(run, at, cp)
         velocity_stage(run, at)
@@ -244,7 +233,7 @@ def _refine_by_mass(run: Run, at: Point, top: Vector, bottom: Vector, x: Vector,
     place, sol, both, own = kkt.place, fac.sol, fac.tmp, fac.rhs
     nv = x.shape[0]
     copy(top, tr.spare)
-    for _ in range(run.method.mass_rounds):
+    for _ in range(max(run.method.mass_rounds, int(depends_on_solution(run)))):
         permute(kkt, x, y, sol)
         multiply(kkt, fac, sol, both)  # (S x + Cqᵀ y; Cq x)
         for i in range(y.shape[0]):
@@ -268,6 +257,18 @@ def _refine_by_mass(run: Run, at: Point, top: Vector, bottom: Vector, x: Vector,
 
 
 @kernel
+def _largest_force(sys, res, lam):
+    """The largest force (N) in the equations of motion; a moment counts over the model size."""
+    size, bodies, weights = 0.0, sys.parts.bodies, sys.weights
+    for i in range(res.shape[0]):
+        if abs(res[i]) > size * weights[i]:
+            size = abs(res[i]) / weights[i]
+    for k in range(lam.shape[0]):
+        size = max(size, abs(lam[k]) / sys.row_weights[k])
+    return size * weights[bodies[0]["iv"]] if bodies.shape[0] > 0 else size
+
+
+@kernel
 def _solve_loop(run, at, cp):
     """Solve again while forces depend on what was solved for; whether that came to an end."""
     before, vd, weights = run.work.trial.jerk, at.vd, run.system.weights
@@ -275,7 +276,7 @@ def _solve_loop(run, at, cp):
         copy(vd, before)
         change = reaction_stage(run, at)
         feedback_stage(run, at)
-        at_rest = change <= _SETTLED * max(largest(run.work.trial.res), largest(at.lam))
+        at_rest = change <= _SETTLED * _largest_force(run.system, run.work.trial.res, at.lam)
         _solve(run, at, cp)
         size = weighted_size(vd, weights)
         for i in range(vd.shape[0]):

@@ -93,12 +93,12 @@ class Now(NamedTuple):
 
     body: array_of(BODY_NOW)
     marker: array_of(MARKER_NOW)
-    Z: Vector  # 9 m numbers Z_ab and 3 m of M_omega_eta for every flexible body
-    X: Vector  # of one body with partial coupling: two triangles and m numbers
+    Z: Vector  # of every flexible body 9 m numbers Z_ab, 3 m of M_omega_eta (`deformation_room`)
     Phi: Matrix  # Phi_t - eta^T K_d: 3 m numbers of every marker, where some of them bend
     curve_marker: array_of(CURVE_MARKER_NOW)
     history: Vector  # of the elements, that forces are evaluated with, as State.history
     span: Vector  # (1,) time since then, s
+    iteration: Vector  # (1,) of Newton's method within a step, from 0
 
 
 class Constraints(NamedTuple):
@@ -320,6 +320,8 @@ class Stages(NamedTuple):
     feedback: Stage
     reaction: Stage
     static: Stage
+    static_hold: Stage
+    static_rates: Stage
     wrench: Stage
     force: Stage
     matrix: Stage

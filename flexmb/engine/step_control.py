@@ -261,7 +261,8 @@ def record_step(method, settings, st, error, h):
     calm = memory["steps_until_growth"] == 0.0
     memory["steps_until_growth"] = max(memory["steps_until_growth"] - 1.0, 0.0)
     if method.keeps_step == 0:
-        memory["next_step"] = h * (min(factor, _MOST) if calm else min(factor, 1.0))
+        longer = h * (min(factor, _MOST) if calm else min(factor, 1.0))
+        memory["next_step"] = min(longer, memory["stable_step"])
     elif factor > _KEEP and memory["steps_until_growth"] == 0.0:
         memory["next_step"] = max(memory["next_step"], h * min(factor, _MOST_KEPT))
     elif factor < _SHRINK:

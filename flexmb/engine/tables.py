@@ -40,14 +40,14 @@ BODY = np.dtype(
         ("coupling", _I),  # of inertia and deformation: 0 constant, 1 partial, 2 full
         ("diagonal", _I),  # 1 if modal mass and stiffness are diagonal
         ("attached", _I),  # 1 if p or the antisymmetric part of P is not zero
-        ("z", _I),  # offset of its deformation integrals (12 m) in Now.Z
+        ("z", _I),  # offset of its deformation integrals in Now.Z
         ("panel", _I),  # its panel of the KKT matrix
     ],
     align=True,
 )
 
 # Blocks of the pool of one flexible body, in this order, with their sizes (rows, columns). With
-# constant coupling the last two are left out. With partial coupling the `upper_triangles` of M_xx,
+# constant coupling the last two are left out. With partial coupling the `grouped_rows` of M_xx,
 # M_yy, M_zz, M_xy + M_yx and cyclic, and of G stand in their place.
 FLEX_LAYOUT = (
     ("p", 3),  # int rho N_b Phi: (3, m)
@@ -306,11 +306,26 @@ class Pool:
         return np.concatenate([*self.blocks, np.zeros(1)])
 
 
-def upper_triangles(forms: ArrayLike) -> NDArray[np.float64]:
-    """(n, m (m+1)/2) of n symmetric or skew forms, row by row, with half of their diagonals."""
-    forms = np.asarray(forms, np.float64)
-    rows, columns = np.triu_indices(forms.shape[1])
-    return forms[:, rows, columns] * np.where(rows == columns, 0.5, 1.0)
+def grouped_rows(forms: ArrayLike) -> NDArray[np.float64]:
+    """The upper triangles of n symmetric or skew forms (m, m) with half of their diagonals.
+
+    Rows in groups of four, each from the first diagonal of its group on, with zeros below the
+    diagonals and up to the next multiple of four: (n, M (M + 4) / 2).
+    """
+    forms = np.triu(np.asarray(forms, np.float64))
+    diagonal = np.arange(forms.shape[1])
+    forms[:, diagonal, diagonal] *= 0.5
+    forms = np.pad(forms, ((0, 0), *[(0, -len(diagonal) % 4)] * 2))
+    groups = [forms[:, k : k + 4, k:] for k in range(0, forms.shape[1], 4)]
+    return np.concatenate([rows.reshape(len(forms), -1) for rows in groups], axis=1)
+
+
+def deformation_room(bodies: NDArray[np.void]) -> NDArray[np.int64]:
+    """Numbers of each body in Now.Z: Z_ab and M_ωη; with partial coupling also what its velocity
+    terms are multiplied with, coordinates, rates, product, and the angular velocity."""
+    m = np.asarray(bodies["m"], np.int64)
+    padded = m + -m % 4
+    return 12 * m + (bodies["coupling"] == 1) * (padded * (padded + 7) + 3)
 
 
 @dataclass

@@ -265,11 +265,9 @@ def end_row(run, at, state):
 
 @kernel
 def _filter(run):
-    """Factor cp of the matrix that reported accelerations are solved with, of order h²."""
-    settings = run.settings
-    if settings.determined == 0:
-        h = settings.step if settings.step > 0.0 else run.state.memory[0]["last_step"]
-        return run.method.filter * h * h
+    """Factor cp, of order h², of the matrix for reported accelerations; 0 in the first row."""
+    if run.settings.determined == 0:
+        return run.method.filter * run.state.memory[0]["last_step"] ** 2
     return 0.0
 
 

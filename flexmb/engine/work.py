@@ -46,7 +46,7 @@ from flexmb.engine.state import (
     Trial,
     Work,
 )
-from flexmb.engine.tables import Parts, System
+from flexmb.engine.tables import Parts, System, deformation_room
 
 _NO_METHOD = Method((), (), (), 2, 3, 0, 0.0, 1, 0, 1.0)
 _NO_FACTOR = Factor(
@@ -169,12 +169,6 @@ def _bending_shape(parts: Parts) -> tuple[int, int]:
     return (len(parts.markers), 3 * int(parts.bodies["m"].max())) if bends else (0, 0)
 
 
-def _velocity_shape(parts: Parts) -> tuple[int]:
-    """Shape of Now.X."""
-    m = int(parts.bodies["m"][parts.bodies["coupling"] == 1].max(initial=0))
-    return (m * (m + 2),)
-
-
 def _nan(*shape: int) -> np.ndarray:
     return np.full(shape, np.nan)
 
@@ -194,11 +188,11 @@ def new_work(system: System, channels: int = 0, method: Method = _NO_METHOD) -> 
     now = Now(
         _nan_records(len(m), BODY_NOW),
         _nan_records(len(system.parts.markers), MARKER_NOW),
-        _nan(12 * int(m.sum())),
-        _nan(*_velocity_shape(system.parts)),
+        _nan(int(deformation_room(system.parts.bodies).sum())),
         _nan(*_bending_shape(system.parts)),
         _nan_records(len(system.parts.curve_markers), CURVE_MARKER_NOW),
         _nan(history),
+        _nan(1),
         _nan(1),
     )
     trial = Trial(

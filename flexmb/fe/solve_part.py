@@ -217,8 +217,7 @@ def part_load(
     """(n,) nodal loads of one load on a part."""
     if isinstance(options, SpinLoad):
         A, p = spin_field(options)
-        centered = fe.inertia.P - p[:, None, None] * fe.inertia.p
-        return condensed_load(fe, -np.einsum("ba,abn->n", A, centered))
+        return condensed_load(fe, -fe.load_per_mass(np.column_stack([A, -A @ p])))
     if isinstance(options, InterfaceLoad):
         end = next(end for end in ends if end.name == options.interface)
         load = np.array([*(options.force or (0.0,) * 3), *(options.moment or (0.0,) * 3)])

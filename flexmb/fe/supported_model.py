@@ -22,7 +22,11 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from flexmb.errors import FlexmbWarning, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, geometric_stiffness
-from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface
+from flexmb.fe.assembly.interfaces import (
+    ModelInterface,
+    RigidInterface,
+    interface_stiffness,
+)
 from flexmb.fe.assembly.mass import component_masses
 from flexmb.fe.assembly.numbering import Accumulator
 from flexmb.fe.assembly.supports import Supports
@@ -42,7 +46,12 @@ from flexmb.fe.shell_resultants import shell_force_modes
 from flexmb.fe.stress import section_force_modes, stress_modes
 from flexmb.flexbody.arrays import FloatArray, IntArray, skew
 from flexmb.flexbody.mesh_options import GravityLoad
-from flexmb.flexbody.part_options import PartAnalysisOptions, SpinLoad, is_static
+from flexmb.flexbody.part_options import (
+    InterfaceLoad,
+    PartAnalysisOptions,
+    SpinLoad,
+    is_static,
+)
 from flexmb.flexbody.part_result import STATIC, PartResult, Resultant
 from flexmb.flexbody.parts import Interface
 from flexmb.flexbody.stress_modes import SectionForceModes
@@ -108,7 +117,10 @@ class SupportedModel:
             columns.append(z[:, None])
             fields.append(STATIC)
             if options.buckling or options.preload:
-                Kg, spin = self._stressed(supports.G @ z)
+                inside = [f for k, f in loads.items()
+                          if not isinstance(options.loads[k], InterfaceLoad)]  # fmt: skip
+                links = fe.K @ (supports.G @ z) - sum(inside, np.zeros(fe.numbering.n))
+                Kg, spin = self._stressed(supports.G @ z, links)
         factors = np.zeros(0)
         shapes = np.zeros((supports.G.shape[1], 0))
         if options.buckling:
@@ -198,8 +210,11 @@ class SupportedModel:
     def _resultant(self, name: str, at: FloatArray, f: FloatArray) -> Resultant:
         return self._pull(name, at, self.fe.rigid.T @ f)
 
-    def _stressed(self, u: FloatArray) -> tuple[csr_array, FloatArray]:
-        """Geometric stiffness of the static solution over z, and B = omega~^2 of its spin."""
+    def _stressed(self, u: FloatArray, links: FloatArray) -> tuple[csr_array, FloatArray]:
+        """Geometric stiffness of the static solution over z, and B = omega~^2 of its spin.
+
+        ``links`` (n,) are what supports and interfaces exert.
+        """
         field, B = np.zeros((3, 4)), np.zeros((3, 3))
         for load in self.options.loads.values():
             if isinstance(load, SpinLoad):
@@ -210,7 +225,15 @@ class SupportedModel:
             elif isinstance(load, GravityLoad):
                 field[:, 3] += load.acceleration
         Kg = geometric_stiffness(self.fe, u, field)
-        return csr_array(self.supports.G.T @ Kg @ self.supports.G), B
+        Kg = csr_array(self.supports.G.T @ Kg @ self.supports.G)
+        for end in self.ends:
+            S = interface_stiffness(self.fe, end, links)
+            dofs, values = end.loads()
+            arms = np.abs(self.fe.mesh.points[end.nodes] - end.position).max()
+            if np.abs(S).max() > _BALANCE * arms * np.abs(links[dofs]).sum():
+                turns = csr_array(values.T[3:] @ self.supports.G[dofs])
+                Kg = csr_array(Kg + turns.T @ csr_array(S) @ turns)
+        return Kg, B
 
     def _spin_softening(self, B: FloatArray) -> csr_array:
         """(k, k) sum of B_ab M_ab over z: what spin takes off the stiffness, negative."""
@@ -254,7 +277,7 @@ class SupportedModel:
                 raise ReductionError.from_problems([Problem("frequencies.count", what)])
             omega2, V = self._lowest(solver, K, min(count, limit))
             if wanted.band is None:
-                rows = np.arange(count)
+                rows = np.arange(len(omega2))
                 break
             low, high = ((2 * np.pi * f) ** 2 for f in wanted.band)
             if count >= limit or omega2[-1] > high:
@@ -276,13 +299,13 @@ class SupportedModel:
         n = K.shape[0]
         if not self.moves:
             if not self.W.shape[0] and (n <= _DENSE or 2 * count >= n):
-                return dense_modes(K, self.M, count)
+                return dense_modes(K.toarray(), self.M.toarray(), count, definite=True)
             start = solver.solve(start_vector(n))
             return lowest_modes(self.M, solver.solve, count, self.progress, start)
         relief = InertiaRelief(self.M, self.R)
         if n <= _DENSE or 2 * count >= n:
             skip = self.R.shape[1]
-            omega2, V = dense_modes(K, self.M, count + skip)
+            omega2, V = dense_modes(K.toarray(), self.M.toarray(), count + skip)
             return omega2[skip:], V[:, skip:]
 
         def deform(f: FloatArray) -> FloatArray:

@@ -2,7 +2,8 @@
 
 :class:`Checker` turns an array-like and the shape it must have (``None`` leaves a length free) into
 a read-only float64 or int64 array. Mistakes are collected, so that all are raised at once.
-:func:`is_nonzero` is the one decision about ranks, :func:`skew` the matrix of a cross product.
+:func:`is_nonzero` is the one decision about ranks, :func:`skew` the matrix of a cross product,
+:func:`rotation_stiffness` what forces on rigid arms add to the stiffness of their rotation.
 """
 
 from __future__ import annotations
@@ -34,6 +35,16 @@ def skew(s: FloatArray) -> FloatArray:
         out[..., c, b] = s[..., a]
         out[..., b, c] = -s[..., a]
     return out
+
+
+def rotation_stiffness(moments: FloatArray) -> FloatArray:
+    """(..., 3, 3) second derivative of the work of forces on the ends of arms that turn rigidly.
+
+    Turned by theta, an arm s moves its end by theta x s + theta x (theta x s)/2. ``moments`` are
+    the sums of s f^T.
+    """
+    trace = np.trace(moments, axis1=-2, axis2=-1)[..., None, None]
+    return np.asarray(0.5 * (moments + np.swapaxes(moments, -1, -2)) - trace * np.eye(3))
 
 
 class Checker:

@@ -22,7 +22,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import eigh, null_space, solve_triangular
-from scipy.optimize import linear_sum_assignment
 
 from flexmb.flexbody.arrays import RANK_TOLERANCE, FloatArray, skew
 from flexmb.flexbody.body import FlexBody
@@ -258,6 +257,8 @@ def damping_ratios(D: FloatArray, vibrations: Vibrations) -> FloatArray:
     oscillates = values.imag > 0.0
     values, shares = values[oscillates], np.abs(W[k:, oscillates])
     ratios = np.maximum(own, 1.0)
+    from scipy.optimize import linear_sum_assignment  # takes 0.2 s, and is seldom needed
+
     modes, pairs = linear_sum_assignment(-shares)
     ratios[modes] = -values[pairs].real / np.abs(values[pairs])
     return ratios

@@ -110,11 +110,11 @@ def _read(name: str) -> Page:
 
 def _tables(topic: str, kinds: str | None) -> str:
     """Markdown of what ``flexmb list`` shows of a topic, or of some of its kinds."""
-    from flexmb import workflow
+    from flexmb.workflow import listings
 
     names = kinds.split(", ") if kinds else []
     parts = []
-    for about, table in workflow.listing(topic).tables:
+    for about, table in listings.listing(topic).tables:
         described, colon, text = about.partition(": ")
         described = described if colon else "overview"
         shared = [name for name in described.split(", ") if name in names]

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from flexmb.engine.tables import BodyColumns
 from flexmb.results.channels import Columns, row_bytes, stored_columns
+from flexmb.results.export import write_vtu
 from flexmb.results.reader import DAMPING, BodyDamping, damping_text
 from flexmb.results.recovery import SectionForces, ShellForces, Stress
 from flexmb.results.result import NOT_UNIQUE, Pose, Reaction, Result, load_result
 from flexmb.results.result_file import extend_file, file_format, store_text
-from flexmb.results.stress_envelopes import HotSpot, PeakStress, StressEnvelope
-from flexmb.results.stress_tables import export_stress
-from flexmb.results.vtu import write_vtu
+from flexmb.results.stress_envelopes import HotSpot, PeakStress, StressEnvelope, export_stress
 from flexmb.results.writer import OutputBlock, ResultWriter
 
 __all__ = [

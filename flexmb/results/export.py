@@ -1,11 +1,15 @@
-"""Output formats: histories as tables of other programs, HTML for notebooks, copies of results.
+"""Output formats: histories as tables of other programs, HTML for notebooks, fields as VTU files.
 
 A table format is one function that takes a `HistoryTable` and a path, and one line in `FORMATS`,
-by the ending of its files; `Result.export` and ``flexmb export`` choose it by that ending.
+by the ending of its files; `Result.export` and ``flexmb export`` choose it by that ending. A VTU
+file, which ParaView opens, holds the skin of a part as an unstructured grid with the displacement,
+the von Mises and the largest and least principal stress of each field, in SI; of several layers at
+a point the extreme ones. Source: VTK File Formats, The VTK User's Guide.
 """
 
 from __future__ import annotations
 
+import base64
 import csv
 import filecmp
 import shutil
@@ -19,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import OutputError
+from flexmb.flexbody import PartResult, principal_stresses, von_mises
 from flexmb.folders import whole_file
 from flexmb.results.channels import HistoryTable
 from flexmb.results.kill_safe_file import WriteLock
@@ -28,6 +33,10 @@ Array = NDArray[np.float64]
 _WIDTH, _HEIGHT = 520, 120  # of the history in notebooks, pixels
 _POINTS = 400  # per line
 _COLORS = ("#2f6db5", "#c8552b", "#3c8d4f")
+
+
+_LINE, _TRIANGLE = 3, 5
+_TYPES = {"f": "Float64", "i": "Int64", "u": "UInt8"}
 
 
 def export_table(table: HistoryTable, path: Path, ending: str | None = None) -> Path:
@@ -137,3 +146,74 @@ def notebook_html(
 
 def _same(one: Path, other: Path) -> bool:
     return other.exists() and other.samefile(one)
+
+
+def write_vtu(result: PartResult, path: str | Path) -> Path:
+    """Write the fields of a part on its skin.
+
+    Raises
+    ------
+    OutputError
+        It has no surface, or the file cannot be written.
+    """
+    target, surface = Path(path), result.surface
+    if surface is None or not len(surface.points):
+        raise OutputError(f"{target}: the part has no surface to write")
+    cells = [*surface.faces.tolist(), *surface.lines.tolist()]
+    kinds = [_TRIANGLE] * len(surface.faces) + [_LINE] * len(surface.lines)
+    data = {}
+    for name in result.fields:
+        data[f"{name}: displacement"] = surface.modes @ result.column(name)
+        if result.stress is not None:
+            data |= _stress_fields(result, name)
+    texts = [
+        '<?xml version="1.0"?>',
+        '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" '
+        'header_type="UInt64">',
+        f'<UnstructuredGrid><Piece NumberOfPoints="{len(surface.points)}" '
+        f'NumberOfCells="{len(cells)}">',
+        "<Points>",
+        _array("points", surface.points),
+        "</Points><Cells>",
+        _array("connectivity", np.array([k for cell in cells for k in cell], dtype=np.int64)),
+        _array("offsets", np.cumsum([len(cell) for cell in cells], dtype=np.int64)),
+        _array("types", np.array(kinds, dtype=np.uint8)),
+        "</Cells><PointData>",
+        *(_array(name, values) for name, values in data.items()),
+        "</PointData></Piece></UnstructuredGrid></VTKFile>",
+    ]
+    try:
+        with whole_file(target) as partial:
+            partial.write_text("\n".join(texts), encoding="ascii")
+    except OSError as error:
+        raise OutputError(f"{target}: cannot be written ({error.strerror or error})") from error
+    return target
+
+
+def _stress_fields(result: PartResult, name: str) -> dict[str, Array]:
+    assert result.stress is not None and result.surface is not None
+    components, ids = result.stresses(name), result.stress.ids
+    principal = principal_stresses(components)
+    nodes = result.surface.node_ids
+    count = int(max(ids.max(), nodes.max())) + 1
+    fields = {}
+    for title, values, extreme in (
+        ("von Mises stress", von_mises(components), np.fmax),
+        ("largest principal stress", principal[:, 0], np.fmax),
+        ("least principal stress", principal[:, 2], np.fmin),
+    ):
+        whole = np.full(count, np.nan)
+        extreme.at(whole, ids, values)
+        fields[f"{name}: {title}"] = whole[nodes]
+    return fields
+
+
+def _array(name: str, values: NDArray[np.generic]) -> str:
+    """A DataArray: the length in bytes, then the numbers, in base64."""
+    plain = np.ascontiguousarray(values).astype(values.dtype.newbyteorder("<"))
+    raw = np.array([plain.nbytes], dtype="<u8").tobytes() + plain.tobytes()
+    width = f' NumberOfComponents="{values.shape[1]}"' if values.ndim == 2 else ""
+    return (
+        f'<DataArray type="{_TYPES[values.dtype.kind]}" Name="{name}"{width} format="binary">'
+        f"{base64.b64encode(raw).decode('ascii')}</DataArray>"
+    )

@@ -25,6 +25,7 @@ from flexmb.model.lookup import joint_frames, marker_names, place_marker
 from flexmb.model.markers import PlacedMarker, rotation_matrices
 from flexmb.model.reading import GROUND
 from flexmb.model.sensor import CHANNEL_UNITS
+from flexmb.results.kill_safe_file import reading
 from flexmb.results.reader import ResultReader
 
 if TYPE_CHECKING:
@@ -316,8 +317,9 @@ class MarkerHistory(ResultReader):
     @cached_property
     def _motions(self) -> dict[str, MotionChannel]:
         """Channels that are recovered, by name."""
-        channels = motion_channels(self, self.scene_model, self._loaded_bodies)
-        return {channel.name: channel for channel in channels}
+        model, bodies = self.scene_model, self._loaded_bodies
+        with reading(self.path):  # its columns may be those of another scene
+            return {channel.name: channel for channel in motion_channels(self, model, bodies)}
 
     def _motion_channel(self, name: str) -> MotionChannel | None:
         return self._motions.get(name) if is_recoverable(name) else None

@@ -30,7 +30,7 @@ from flexmb.results.channels import (
 )
 from flexmb.results.export import copy_result, export_table, notebook_html
 from flexmb.results.marker_history import MarkerHistory, MotionChannel
-from flexmb.results.stress_channels import StressChannel
+from flexmb.results.recovery import StressChannel
 from flexmb.results.stress_envelopes import StressEnvelopes
 from flexmb.units import UnitSystem
 

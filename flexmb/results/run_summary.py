@@ -27,7 +27,7 @@ _ITERATIONS = {
 }
 _ALL_CONSTRAINTS, _UNPROJECTED = "the largest of any constraint", "before the projection"
 _WITHOUT_PROJECTION = "baumgarte"  # the method that does not project velocities
-_MEASURED, _WORST = "measured_error_of_", "worst_of_"
+_MEASURED, _WORST, _SCALE = "measured_error_of_", "worst_of_", "scale_of_"
 _QUANTITIES = ("positions", "velocities", "reactions")
 _ERRORS = {
     "estimated_error": ("estimated error", "sum of the local errors over the motion; not verified"),
@@ -39,12 +39,13 @@ _OF_STEPS = ("steps", "rejected_steps", "failed_steps", "step_s", "smallest_step
              "largest_step_s", "method", "reason_of_method", "passes", "scout_steps",
              "accuracy_asked")  # fmt: skip
 _OF_POINTS = ("points", "increments", "halved_increments", "singular_poses_passed")
+_SPEED = "largest_speed"
 _TEN_TIMES = "ten_times_more_accuracy_costs"
 _RESUMED = "resumed_at_s"
 _PIVOTS = "replaced_pivots"
 _WITH_WORDS = {
-    *_OF_STEPS, *_OF_POINTS, *_ITERATIONS, *_ERRORS, _PIVOTS, _RESUMED, _TEN_TIMES,
-    *(prefix + name for prefix in (_MEASURED, _WORST) for name in _QUANTITIES),
+    *_OF_STEPS, *_OF_POINTS, *_ITERATIONS, *_ERRORS, _PIVOTS, _RESUMED, _TEN_TIMES, _SPEED,
+    *(prefix + name for prefix in (_MEASURED, _WORST, _SCALE) for name in _QUANTITIES),
     "reactions_not_unique", NOTES, NOT_CONTAINED,
 }  # fmt: skip
 
@@ -89,6 +90,8 @@ def work_rows(statistics: Mapping[str, Number], units: UnitSystem = SI) -> list[
         if key in statistics:
             exact = "points" in statistics or statistics.get("method") == _WITHOUT_PROJECTION
             text = meaning.replace(_UNPROJECTED, _ALL_CONSTRAINTS) if exact else meaning
+            if key == "largest_velocity_drift" and _SPEED in statistics:
+                text += f"; speeds up to {float(statistics[_SPEED]):.2g}"
             rows.append((name, f"{float(statistics[key]):.2g}", text))
     if NOT_CONTAINED in statistics:
         rows.append(("not contained", "", f"{statistics[NOT_CONTAINED]}; {_SPLIT}"))
@@ -108,7 +111,7 @@ def _measured_errors(statistics: Mapping[str, Number]) -> Iterator[Row]:
     for name in _QUANTITIES:
         key = f"{_MEASURED}{name}"
         if key in statistics:
-            over = "the peak-to-peak" + " or 1e-3 of the largest" * (name == "reactions")
+            over = statistics.get(f"{_SCALE}{name}", "the peak-to-peak")
             meaning = f"measured, over {over}: {statistics.get(f'{_WORST}{name}', '')}"
             if name == "positions" and "accuracy_asked" in statistics:
                 meaning += f"; {float(statistics['accuracy_asked']):.1g} asked"

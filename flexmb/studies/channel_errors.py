@@ -215,6 +215,21 @@ def difference(run: Reading, reference: Reading) -> dict[str, Difference]:
     return {name: worst[name] for name in COMPARED if name in worst}
 
 
+def read_statistics(data: Any) -> dict[str, Any]:
+    """The statistics of a run from a record that may be damaged.
+
+    Raises
+    ------
+    TypeError, ValueError
+        They are none.
+    """
+    statistics = dict(data)
+    for name, value in statistics.items():
+        if name.startswith(("seconds_", "energy_", "largest_")):
+            float(value)
+    return statistics
+
+
 def own_errors(statistics: Mapping[str, Any]) -> dict[str, float]:
     """Errors among the statistics of a run: energy balance, drift of the constraints."""
     names = {"energy": "energy_balance_error", "drift": "largest_position_drift"}

@@ -20,7 +20,9 @@ from typing import Any, Self
 import numpy as np
 
 from flexmb.errors import FlexmbError
-from flexmb.folders import output_errors, whole_file, writable_folder
+from flexmb.folders import output_errors, read_json, read_regular, whole_file, writable_folder
+from flexmb.results.kill_safe_file import WriteLock
+from flexmb.untrusted import check_reading, column_kind, note_reading
 
 KEY = "key"
 """The column that names a run; a later row of the same key replaces an earlier one."""
@@ -63,12 +65,16 @@ class RecordTable:
         self._folder = _folder_of_parts(file)
         with output_errors(file):
             writable_folder(file.parent)
-            self._lock = self._acquire()
+            self._lock = lock_runs(file)
             if fresh:
                 file.unlink(missing_ok=True)
             if fresh or file.exists():
                 shutil.rmtree(self._folder, ignore_errors=True)
-            self._check()
+            try:
+                self._check()
+            except FlexmbError:
+                self._lock.release()
+                raise
             self._folder.mkdir(exist_ok=True)
             self._rows = _journal_rows(file)[1]
             if file.exists():
@@ -76,17 +82,6 @@ class RecordTable:
             if self._rows:
                 self._write_part()
             self._begin_journal()
-
-    def _acquire(self) -> Any:
-        """The lock of the table, which ends with the process."""
-        from filelock import FileLock, Timeout
-
-        lock = FileLock(self.file.with_suffix(".lock"))
-        try:
-            lock.acquire(timeout=0)
-        except Timeout:
-            raise FlexmbError(f"{self.file}: another command is writing it") from None
-        return lock
 
     def _check(self) -> None:
         """Refuse a table about something else."""
@@ -118,7 +113,7 @@ class RecordTable:
     def reasons(self) -> dict[Any, str]:
         """Why each run failed that the table holds, by key; empty text where it did not."""
         rows = self.rows([KEY, "reason"]).to_pylist()
-        return {row[KEY]: row.get("reason") or "" for row in rows}
+        return {row[KEY]: str(row.get("reason") or "") for row in rows}
 
     def rows(self, columns: list[str] | None = None) -> Any:
         """All rows up to now as a :class:`pyarrow.Table`; by default with all columns."""
@@ -129,25 +124,27 @@ class RecordTable:
 
     def __exit__(self, *_: object) -> None:
         """Make one file of all parts."""
-        import pyarrow.parquet as pq
-
         with output_errors(self.file):
             self._journal.close()
             rows = self.rows()
             if rows.num_columns:
-                with whole_file(self.file) as partial:
-                    pq.write_table(rows.replace_schema_metadata(self._metadata()), partial)
+                self._write(rows, self.file)
             shutil.rmtree(self._folder, ignore_errors=True)
             self._lock.release()
 
     def _write_part(self) -> None:
         """Move the rows of the journal into a part."""
+        number = len(_part_files(self.file)) + 1
+        self._write(_table(self._rows), self._folder / f"{number:06d}.parquet")
+        self._rows = []
+
+    def _write(self, rows: Any, file: Path) -> None:
         import pyarrow.parquet as pq
 
-        number = len(_part_files(self.file)) + 1
-        with whole_file(self._folder / f"{number:06d}.parquet") as partial:
-            pq.write_table(_table(self._rows).replace_schema_metadata(self._metadata()), partial)
-        self._rows = []
+        with whole_file(file) as partial:
+            about = {_ABOUT: json.dumps(self.about).encode()}
+            pq.write_table(rows.replace_schema_metadata(about), partial)
+        note_reading(file)
 
     def _begin_journal(self) -> None:
         self._journal = (self._folder / _JOURNAL).open("wb", buffering=0)
@@ -158,8 +155,20 @@ class RecordTable:
         if self._journal.write(line) != len(line):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    def _metadata(self) -> dict[bytes, bytes]:
-        return {_ABOUT: json.dumps(self.about).encode()}
+
+def lock_runs(file: Path) -> WriteLock:
+    """The claim to write a file that tells of many runs, and what lies beside it.
+
+    Raises
+    ------
+    FlexmbError
+        Another command has it.
+    """
+    try:
+        return WriteLock(file)
+    except BlockingIOError:
+        what = f"{file}: another command is writing it"
+        raise FlexmbError(f"{what}: wait until it ends, or give another folder") from None
 
 
 def read_rows(file: Path, columns: list[str] | None = None) -> Any:
@@ -190,15 +199,15 @@ def read_rows(file: Path, columns: list[str] | None = None) -> Any:
         table = _table(rows)
         names = [one for one in columns or table.column_names if one in table.column_names]
         tables.append(table.select(names))
-    kinds: dict[str, set[bool]] = {}  # whether columns are texts, and whether they are not
+    if not tables:
+        return pa.table({})
+    kinds: dict[str, set[str]] = {}
     for table in tables:
         for field in table.schema:
             if not pa.types.is_null(field.type):
-                kinds.setdefault(field.name, set()).add(pa.types.is_string(field.type))
+                kinds.setdefault(field.name, set()).add(column_kind(field.type))
     for name in [name for name, kind in kinds.items() if len(kind) > 1]:
-        tables = [_cast(table, name, pa.string()) for table in tables]
-    if not tables:
-        return pa.table({})
+        tables = [_as_texts(table, name) for table in tables]
     whole = pa.concat_tables(tables, promote_options="permissive")
     if KEY not in whole.column_names:
         return whole
@@ -206,10 +215,17 @@ def read_rows(file: Path, columns: list[str] | None = None) -> Any:
     return whole if len(last) == len(whole) else whole.take(sorted(last.values()))
 
 
-def _cast(table: Any, name: str, kind: Any) -> Any:
+def _as_texts(table: Any, name: str) -> Any:
     if name not in table.column_names:
         return table
-    return table.set_column(table.column_names.index(name), name, table.column(name).cast(kind))
+    texts = _texts(table.column(name).to_pylist())
+    return table.set_column(table.column_names.index(name), name, texts)
+
+
+def _texts(values: list[Any]) -> Any:
+    import pyarrow as pa
+
+    return pa.array([one if isinstance(one, str | None) else json.dumps(one) for one in values])
 
 
 def _folder_of_parts(file: Path) -> Path:
@@ -229,35 +245,48 @@ def _journal_rows(file: Path) -> tuple[dict[str, str] | None, list[dict[str, Any
     if file.exists() or not path.exists():
         return None, []
     lines: list[dict[str, Any]] = []
-    for line in path.read_bytes().splitlines():
-        with suppress(ValueError):
-            row = json.loads(line)
-            if isinstance(row, dict):
-                lines.append(row)
+    try:
+        text = read_regular(path)
+    except OSError as error:
+        raise FlexmbError(f"{path}: {error.strerror}: remove it to lose its runs") from None
+    for line in text.splitlines():
+        with suppress(ValueError, OverflowError):
+            row = read_json(line)
+            if isinstance(row, dict) and (KEY in row or not lines):
+                lines.append({name: _plain(value) for name, value in row.items()})
     return (lines[0], lines[1:]) if lines else (None, [])
 
 
 def _stored_about(file: Path) -> dict[str, str] | None:
-    import pyarrow.parquet as pq
-
     for path in _part_files(file):
-        try:
-            return dict(json.loads((pq.read_schema(path).metadata or {})[_ABOUT]))
-        except (OSError, ValueError, KeyError) as error:
-            raise FlexmbError(f"{path} is no table of runs of flexmb ({error})") from None
+        metadata = _checked(path).metadata.metadata or {}
+        with suppress(ValueError):
+            about = read_json(metadata.get(_ABOUT, b""))
+            if isinstance(about, dict):
+                return about
+        raise FlexmbError(f"{path} is no table of runs of flexmb: remove it, or give --fresh")
     return _journal_rows(file)[0]
 
 
-def _read_part(path: Path, columns: list[str] | None) -> Any:
+def _checked(path: Path) -> Any:
+    """A Parquet file that is open, and can be read with little time and memory."""
     import pyarrow.parquet as pq
 
+    problem = None if path.is_file() else "is no regular file"
     try:
-        if columns is not None:
-            names = set(pq.read_schema(path).names)
-            columns = [name for name in columns if name in names]
-        return pq.read_table(path, columns=columns).replace_schema_metadata()
+        problem = problem or check_reading(path)
+        if problem is None:
+            return pq.ParquetFile(path)
     except (OSError, ValueError) as error:
-        raise FlexmbError(f"{path} cannot be read ({error}): remove it to lose its runs") from None
+        problem = f"cannot be read ({error})"
+    raise FlexmbError(f"{path} {problem}: remove it to lose its runs, or give --fresh")
+
+
+def _read_part(path: Path, columns: list[str] | None) -> Any:
+    with _checked(path) as file:
+        if columns is not None:
+            columns = [name for name in columns if name in file.schema_arrow.names]
+        return file.read(columns).replace_schema_metadata()
 
 
 def _table(rows: list[dict[str, Any]]) -> Any:
@@ -269,11 +298,8 @@ def _table(rows: list[dict[str, Any]]) -> Any:
         values = [row.get(name) for row in rows]
         try:
             columns[name] = pa.array(values)
-        except (pa.ArrowInvalid, pa.ArrowTypeError):
-            texts = [
-                one if one is None or isinstance(one, str) else json.dumps(one) for one in values
-            ]
-            columns[name] = pa.array(texts)
+        except (pa.ArrowInvalid, pa.ArrowTypeError, OverflowError):
+            columns[name] = _texts(values)
     return pa.table(columns)
 
 
@@ -281,7 +307,9 @@ def _plain(value: Any) -> Any:
     """A value that JSON and a column can hold."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
-    if value is None or isinstance(value, bool | int | float | str):
+    if isinstance(value, str):
+        return value.encode(errors="replace").decode()  # what is no Unicode cannot be written
+    if value is None or isinstance(value, bool | int | float):
         return value
     if isinstance(value, list | tuple) and all(isinstance(one, int | float) for one in value):
         return [float(one) for one in value]

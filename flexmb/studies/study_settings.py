@@ -17,7 +17,8 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Mapping, Sequence
+import shlex
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import Any
@@ -67,31 +68,31 @@ class StudySource:
     file: str = ""  # the scene file, empty for a model from Python
 
     @classmethod
-    def of_scene(
-        cls, path: str | Path, overrides: Mapping[str, Any] | None, output: str | Path | None
-    ) -> StudySource:
-        """A scene file, some values of which may be changed for all settings.
+    def of(
+        cls, scene: str | Path | Model, overrides: Mapping[str, Any] | None,
+        output: str | Path | None, kind: str,
+    ) -> StudySource:  # fmt: skip
+        """A scene file, some values of which may be changed for all settings, or a model.
+
+        Bodies of a model that are objects in memory are written to the folder.
 
         Raises
         ------
         SceneError
             All that is wrong with the scene.
         """
-        model = load_scene(path, overrides)
-        folder = output_folder(path) / "study" if output is None else Path(output)
-        home = Path(path).resolve().parent
-        return cls(model, raw_scene(path), home, folder, dict(overrides or {}), str(path))
-
-    @classmethod
-    def of_model(
-        cls, model: Model, output: str | Path | None, name_of_folder: str = "study"
-    ) -> StudySource:
-        """A model from Python; its bodies that are objects in memory are written to the folder."""
+        if isinstance(scene, str | Path):
+            model, home = load_scene(scene, overrides), Path(scene).resolve().parent
+            folder = output_folder(scene) / kind if output is None else Path(output)
+            return cls(model, raw_scene(scene), home, folder, dict(overrides or {}), str(scene))
+        if overrides:
+            raise SceneError("overrides are for scene files; change the model itself")
         from flexmb.flexbody import save
 
+        model = scene
         model.validate()
         name = re.sub(r"\W+", "_", model.title.lower()).strip("_") or "model"
-        folder = (Path("out") / name / name_of_folder if output is None else Path(output)).resolve()
+        folder = (Path("out") / name / kind if output is None else Path(output)).resolve()
         files: dict[str, Path] = {}
         for body, spec in model.bodies.items():
             if isinstance(spec, FlexbodySpec) and not isinstance(spec.flexbody, str):
@@ -123,6 +124,21 @@ def toml_text(value: Any, inside: bool = False) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return f'"{value}"' if inside and isinstance(value, str) else str(value)
+
+
+def run_command(source: str, values: Mapping[str, Any]) -> str:
+    """The run of a scene with values of its knobs, to paste."""
+    changes = [f"--set {shlex.quote(f'{k}={toml_text(value)}')}" for k, value in values.items()]
+    return " ".join([f"flexmb run {shlex.quote(source)}", *changes])
+
+
+def markdown_table(
+    columns: Sequence[str], rows: Iterable[Sequence[str]], right: Collection[int]
+) -> list[str]:
+    """Lines of a table in Markdown; `right` are the columns of numbers."""
+    head, *body = (" | ".join(c.replace("|", "\\|") for c in row) for row in (columns, *rows))
+    rule = "|".join("---:" if i in right else "---" for i in range(len(columns)))
+    return [f"| {head} |", f"|{rule}|", *(f"| {row} |" for row in body)]
 
 
 def headings(knobs: Sequence[str]) -> dict[str, str]:

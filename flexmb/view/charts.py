@@ -1,6 +1,6 @@
 """Charts of channels against something else than time: x-y, phase, spectrum, Campbell, hodograph.
 
-In: results, names of channels as for :func:`flexmb.view.history_figure`. Out: matplotlib figures.
+In: results, names of channels as for :func:`flexmb.history_figure`. Out: matplotlib figures.
 Spectra: amplitudes, one-sided, with a Hann window and the mean removed, so that a sine of amplitude
 a that lasts long reads a; outputs at uneven times are interpolated to as many even ones.
 """

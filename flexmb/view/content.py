@@ -1,13 +1,16 @@
-"""What a picture holds, apart from how it is drawn.
+"""What a picture holds, apart from how it is drawn; parts, from which drawings make it.
 
 :class:`Content` holds shapes with their places, flexible surfaces with the values that colour them,
 names, colour scale, captions and camera, in global axes [m]. All renderers take it and show the
 same. Of one :class:`~flexmb.view.drawing.Drawing` the shapes of two times are the same objects at
-other places, so that a film only moves them.
+other places, so that a film only moves them. A :class:`Part` has a transform (4, 4) from its axes
+to global ones at each moment. It is rigid, but for what lies between two markers: that is stretched
+along its z axis, from 0 at the first to 1 at the second.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,11 +18,30 @@ from numpy.typing import NDArray
 
 from flexmb.units import SI, UnitSystem
 from flexmb.view.camera import Camera
-from flexmb.view.mechanism import applied
-from flexmb.view.shapes import Triangles, sharp_edges
+from flexmb.view.mechanism import Display, applied, transform
+from flexmb.view.shapes import Triangles, axes_along, sharp_edges
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+
+
+_SUITABLE = {  # units by the SI unit: below the limit, times the factor
+    "m": ((1e-6, 1e9, "nm"), (1e-3, 1e6, "µm"), (1.0, 1e3, "mm"), (np.inf, 1.0, "m")),
+    "Pa": ((1e3, 1.0, "Pa"), (1e6, 1e-3, "kPa"), (1e10, 1e-6, "MPa"), (np.inf, 1e-9, "GPa")),
+    "J/m^3": ((1e3, 1.0, "J/m³"), (1e6, 1e-3, "kJ/m³"), (np.inf, 1e-6, "MJ/m³")),
+    "N": ((1e3, 1.0, "N"), (1e6, 1e-3, "kN"), (np.inf, 1e-6, "MN")),
+    "N m": ((1e3, 1.0, "N m"), (1e6, 1e-3, "kN m"), (np.inf, 1e-6, "MN m")),
+}
+Place = Callable[[Display], Array]
+PIN = "#e07b24"
+HOUSING = "#4b5260"
+SPRING = "#2f6f9f"
+DAMPER = "#6b7280"
+RUBBER = "#3a3a3f"
+FRICTION = "#9f3a26"
+DRIVE = "#0f766e"
+SURFACE = "#b8a77d"
+GROUND = "#8f8b82"
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,15 +98,6 @@ class Label:
     text: str
     point: Array
     color: str
-
-
-_SUITABLE = {  # units by the SI unit: below the limit, times the factor
-    "m": ((1e-6, 1e9, "nm"), (1e-3, 1e6, "µm"), (1.0, 1e3, "mm"), (np.inf, 1.0, "m")),
-    "Pa": ((1e3, 1.0, "Pa"), (1e6, 1e-3, "kPa"), (1e10, 1e-6, "MPa"), (np.inf, 1e-9, "GPa")),
-    "J/m^3": ((1e3, 1.0, "J/m³"), (1e6, 1e-3, "kJ/m³"), (np.inf, 1e-6, "MJ/m³")),
-    "N": ((1e3, 1.0, "N"), (1e6, 1e-3, "kN"), (np.inf, 1e-6, "MN")),
-    "N m": ((1e3, 1.0, "N m"), (1e6, 1e-3, "kN m"), (np.inf, 1e-6, "MN m")),
-}
 
 
 @dataclass(frozen=True)
@@ -169,3 +182,58 @@ class Content:
         if self.extent is None:
             return self.all_points()
         return np.vstack([self.extent, *(trace.points for trace in self.traces)])
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A shape with its place, colour, and the name of the body, joint or force that it shows."""
+
+    name: str
+    shape: Triangles
+    color: str
+    place: Place
+    role: str = "body"
+    opacity: float = 1.0
+
+    def solid(self, display: Display) -> Solid:
+        """The part at a moment."""
+        place = self.place(display)
+        return Solid(self.name, self.shape, self.color, self.opacity, place, self.role)
+
+
+def at_rest(display: Display) -> Array:
+    """The place of what is drawn in global axes."""
+    return np.eye(4)
+
+
+def on_body(body: str) -> Place:
+    """In the axes of a body, undeformed."""
+    return lambda display: display.frame(body)
+
+
+def on_marker(reference: str, axes: Array | None = None) -> Place:
+    """In the axes of a marker, or in others (3, 3) relative to them."""
+    T = np.eye(4) if axes is None else transform(axes, np.zeros(3))
+    return lambda display: np.asarray(display.marker(reference) @ T)
+
+
+def between(first: str, second: str) -> Place:
+    """From one marker to another, stretched."""
+
+    def place(display: Display) -> Array:
+        a, b = display.point(first), display.point(second)
+        axes = axes_along(b - a)
+        axes[:, 2] = b - a
+        return transform(axes, a)
+
+    return place
+
+
+def toward(first: str, second: str) -> Place:
+    """At one marker, the z axis towards another, not stretched."""
+
+    def place(display: Display) -> Array:
+        a = display.point(first)
+        return transform(axes_along(display.point(second) - a), a)
+
+    return place

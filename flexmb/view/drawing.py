@@ -15,16 +15,13 @@ from numpy.typing import NDArray
 
 from flexmb.model.reading import GROUND, split_reference
 from flexmb.model.scenes.sections import ViewSpec
-from flexmb.view.body_shapes import body_parts, ground_grid, ground_parts, own_shape
+from flexmb.view.body_shapes import body_parts, ground_grid, ground_parts, own_shape, plates_of
 from flexmb.view.camera import Camera, common_axis, mechanism_camera
-from flexmb.view.content import Content, Deformed, Label, Scale
+from flexmb.view.content import Content, Deformed, Label, Part, Scale, on_marker
 from flexmb.view.fields import FIELDS, fitting_scale, stress_values
 from flexmb.view.force_shapes import arrow_scale, arrow_solids, force_parts
-from flexmb.view.gear_shapes import gear_parts
-from flexmb.view.joint_shapes import driver_parts, joint_parts
+from flexmb.view.joint_shapes import driver_parts, gear_parts, joint_parts
 from flexmb.view.mechanism import MEAN_AXES, Display, Mechanism, applied
-from flexmb.view.part import Part, on_marker
-from flexmb.view.plates import plates_of
 from flexmb.view.plot import BODIES, INK
 from flexmb.view.shapes import arrow, sharp_edges
 

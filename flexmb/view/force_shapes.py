@@ -25,10 +25,7 @@ from flexmb.model.forces.load import LoadSpec
 from flexmb.model.plane import in_plane_triad
 from flexmb.model.reading import GROUND, split_reference
 from flexmb.results.channels import marker_pairs
-from flexmb.view.content import Scale, Solid
-from flexmb.view.joint_shapes import joint_sides
-from flexmb.view.mechanism import Display, Mechanism, transform
-from flexmb.view.part import (
+from flexmb.view.content import (
     DAMPER,
     DRIVE,
     FRICTION,
@@ -37,10 +34,14 @@ from flexmb.view.part import (
     SPRING,
     SURFACE,
     Part,
+    Scale,
+    Solid,
     between,
     on_marker,
     toward,
 )
+from flexmb.view.joint_shapes import joint_sides
+from flexmb.view.mechanism import Display, Mechanism, transform
 from flexmb.view.shapes import (
     Triangles,
     arrow,

@@ -1,4 +1,4 @@
-"""Web pages of one file: elements whose text is escaped, numbers packed, plotly inside.
+"""Web pages of one file: elements whose text is escaped, numbers packed, charts by plotly inside.
 
 In: texts, tables, pictures, charts and a moving scene. Out: the text of a page that needs nothing
 else, no network either, which a policy in it forbids. The library plotly carries the JavaScript
@@ -19,12 +19,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import ViewError, printable
+from flexmb.results import Result
+from flexmb.view.history import Line, envelope, open_results, quantity_label, select_series
+from flexmb.view.plot import LINES, prefixed
+from flexmb.view.work_precision import Curve
 
 _FACTS = 3  # columns up to which a table is as narrow as a telephone
 _POLICY = (
     "default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; "
     "script-src 'unsafe-inline' 'unsafe-eval'; worker-src blob:; font-src data:"
 )
+
+
+Array = NDArray[np.float64]
+_POINTS = 1200  # of a line
+_DASHES = ("solid", "dash", "dot", "dashdot")
+_LETTERS = 60  # of a legend in one line, on a telephone
 
 
 class Html(str):
@@ -81,6 +91,8 @@ def section(title: str, *children: object, class_: str = "") -> Html:
 
 def image(png: bytes, words: str) -> Html:
     """A picture within the page."""
+    if not png.startswith(b"\x89PNG"):  # another file under its name
+        raise ValueError(f"the picture {words} is no PNG")
     source = "data:image/png;base64," + base64.b64encode(png).decode("ascii")
     return tag("figure", tag("img", src=source, alt=words, loading="lazy"))
 
@@ -113,7 +125,7 @@ def write_page(title: str, parts: Iterable[Html], data: Mapping[str, Any]) -> st
     parts : iterable of Html
         Its body.
     data : mapping
-        ``charts`` and ``motion``, as `flexmb.view.page_charts` and `flexmb.view.page_motion` make
+        ``charts`` and ``motion``, as `flexmb.view.html_page` and `flexmb.view.page_motion` make
         them; each belongs to the element whose id it names.
     """
     from plotly.offline import get_plotlyjs
@@ -135,3 +147,69 @@ def write_page(title: str, parts: Iterable[Html], data: Mapping[str, Any]) -> st
         f"<script>{script}</script>",
         "</body></html>\n",
     ])  # fmt: skip
+
+
+class Charts:
+    """The charts of a page, in the order in which they are made."""
+
+    def __init__(self) -> None:
+        self.data: list[dict[str, Any]] = []
+
+    def histories(self, results: Result | Sequence[Result], names: Sequence[str]) -> list[Html]:
+        """Channels over time, one chart per unit.
+
+        Raises
+        ------
+        FlexmbError
+            As of :func:`flexmb.history_figure`.
+        """
+        runs = open_results(results)
+        units = runs[0].units
+        panels: dict[tuple[str, bool], list[Line]] = {}
+        last = 0.0
+        for one in select_series(runs, names):
+            t, y = one.time(units), one.values(units)
+            last = max(last, float(np.ptp(t)))
+            line = Line(one, *envelope(t, y, points=_POINTS), one.unit)
+            panels.setdefault((one.unit, one.channel == "energy.balance"), []).append(line)
+        factor, shown = prefixed(last, units.label("s"), units)
+        return [self._panel(lines, runs, factor, f"time [{shown}]") for lines in panels.values()]
+
+    def _panel(self, lines: Sequence[Line], runs: Sequence[Result], time: float, x: str) -> Html:
+        units = runs[0].units
+        largest = max(float(np.abs(line.y).max(initial=0.0)) for line in lines)
+        factor, label = quantity_label(lines[0].unit, largest, units)
+        channels = list(dict.fromkeys(line.series.channel for line in lines))
+        labels = list(dict.fromkeys(line.series.run for line in lines))
+        traces = []
+        for i, line in enumerate(lines):
+            channel, run = channels.index(line.series.channel), labels.index(line.series.run)
+            color, dash = (
+                (channel, run) if len(channels) > 1 < len(labels) else (i, i // len(LINES))
+            )
+            traces.append({
+                "name": line.series.label,
+                "x": packed(line.x / time, "f8"),
+                "y": packed(line.y / factor, "f4"),
+                "color": LINES[color % len(LINES)],
+                "dash": _DASHES[dash % len(_DASHES)],
+            })  # fmt: skip
+        return self._add(traces, x=x, y=label, time=time)
+
+    def costs(self, curves: Sequence[Curve], quantity: str) -> Html:
+        """Error against processor time, in logarithmic scales."""
+        traces = [
+            {
+                "name": curve.name or "settings", "x": packed(curve.seconds, "f8"),
+                "y": packed(curve.errors, "f8"), "words": list(curve.words),
+                "color": LINES[i % len(LINES)], "dash": "solid",
+            }
+            for i, curve in enumerate(curves)
+        ]  # fmt: skip
+        return self._add(traces, x="processor time [s]", y=quantity, logs=True, points=True)
+
+    def _add(self, traces: list[dict[str, Any]], **words: Any) -> Html:
+        name = f"chart{len(self.data)}"
+        letters = sum(len(str(trace["name"])) + 6 for trace in traces)
+        self.data.append({"id": name, "lines": traces, "rows": 1 + letters // _LETTERS, **words})
+        return tag("div", id=name, class_="chart")

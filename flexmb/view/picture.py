@@ -1,24 +1,37 @@
-"""What a picture is asked to show, and its drawing.
+"""Pictures of a run: at one time, at several side by side, with ghost poses and paths of points.
 
-In: words of a ``[view]``; contents. Out: a checked :class:`ViewSpec`; a PNG file, drawn by VTK
-where it renders, else by matplotlib, which then says so in the picture and names what to install.
+In: a :class:`Result`, times, words of a ``[view]``. Out: a PNG file, drawn by VTK where it renders,
+else by matplotlib, which then says so in the picture and names what to install.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from flexmb.errors import Problem, ViewError
 from flexmb.model.lookup import Scope
 from flexmb.model.scenes.consistency import view_problems
 from flexmb.model.scenes.sections import ViewSpec
+from flexmb.results import Result
 from flexmb.view import mpl_renderer, vtk_renderer
-from flexmb.view.content import Content
+from flexmb.view.content import Content, Solid, Trace
+from flexmb.view.drawing import Drawing
 from flexmb.view.mechanism import Mechanism
+from flexmb.view.plot import LINES, writable_file
+from flexmb.view.shapes import Triangles
 
 _MIN_PIXELS = 64
+
+
+_PATH_POINTS = 400
+_FAINT, _CLEAR = 0.07, 0.22  # opacity of the first and of the last pose
+_MAX_PANELS, _MAX_GHOSTS = 24, 60
+_CELL = (640, 420)  # pixels of a panel where the size is not given
 
 
 def view_of(mechanism: Mechanism, words: dict[str, Any]) -> ViewSpec:
@@ -77,3 +90,137 @@ def check_size(size: tuple[int, int]) -> None:
     """Refuse fewer than 64 pixels either way."""
     if min(size) < _MIN_PIXELS:
         raise ViewError(f"a picture of {size[0]} x {size[1]} pixels is too small to show anything")
+
+
+def check_points(mechanism: Mechanism, names: Sequence[str]) -> list[str]:
+    """Markers by the names of bodies, whose centre is meant, or of markers.
+
+    Raises
+    ------
+    ViewError
+        No such body or marker.
+    """
+    bodies = mechanism.model.bodies
+    for name in names:
+        body = name.partition(".")[0]
+        if body not in bodies:
+            raise ViewError.unknown_name("body", body, bodies)
+    center = {name: "origin" if body.flexible else "center" for name, body in bodies.items()}
+    markers = [name if "." in name else f"{name}.{center[name]}" for name in names]
+    for marker in markers:
+        mechanism.point(marker)
+    return markers
+
+
+def trace_points(
+    mechanism: Mechanism, markers: Sequence[str], times: Sequence[float]
+) -> tuple[Trace, ...]:
+    """The paths of markers from the first to the last time."""
+    path = np.linspace(times[0], times[-1], _PATH_POINTS)
+    poses = [mechanism.at(float(time)) for time in path] if markers else []
+    return tuple(
+        Trace(name, np.array([pose.point(name) for pose in poses]), LINES[k % len(LINES)])
+        for k, name in enumerate(markers)
+    )
+
+
+def add_ghosts(content: Content, drawing: Drawing, times: Sequence[float]) -> Content:
+    """The content with the moving bodies at other times as faint shapes, later ones clearer."""
+    ghosts: list[Solid] = []
+    for k, time in enumerate(times):
+        opacity = _FAINT + (_CLEAR - _FAINT) * (k + 1) / len(times)
+        other = drawing.content(time)
+        ghosts += [
+            replace(solid, opacity=opacity * solid.opacity)
+            for solid in other.solids
+            if solid.role == "body"
+        ]
+        ghosts += [
+            Solid(body.name, Triangles(body.points, body.faces), body.color, opacity)
+            for body in other.deformed
+        ]
+    return replace(content, solids=(*content.solids, *ghosts))
+
+
+def render(
+    result: Result | str | Path,
+    time: float | Sequence[float] | None = None,
+    *,
+    ghosts: int = 0,
+    traces: Sequence[str] = (),
+    output: str | Path = "picture.png",
+    **view: Any,
+) -> Path:
+    """Draw the mechanism at a time, or at several side by side.
+
+    What is left out follows the scene's ``[view]``.
+
+    Parameters
+    ----------
+    result : Result or path
+        The run.
+    time : float or sequence of float, optional
+        Within the run, in the scene's units; the end if the scene does not say. Several have a
+        panel each, with the same view and colours.
+    ghosts : int
+        So many poses of the whole run are shown faintly, at equal times (stroboscope).
+    traces : sequence of str
+        Points whose paths are shown: bodies, whose centre is meant, or markers.
+    output : path
+        A file that ends in .png.
+    **view
+        Any word of the scene's ``[view]``: ``color="von_mises"``, ``camera=["front", "top"]``,
+        ``exaggeration=50``, ``reference="rod.big_end"``, ``forces="reactions"``,
+        ``labels="bodies"``, ``follow="car"``, ``zoom=2``, ``size=(1920, 1080)``, ...
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ViewError
+        An option that cannot be, nothing to draw, or the file cannot be written.
+    ResultFileError
+        The time lies outside the run, or the file is no result.
+    BodyFileError
+        A flexible-body file is missing or damaged.
+    """
+    path = writable_file(output, (".png",))
+    run = result if isinstance(result, Result) else Result(result)
+    several = time is not None and not isinstance(time, int | float)
+    times = [time] if time is None or isinstance(time, int | float) else [*map(float, time)]
+    check_numbers(len(times), ghosts)
+    mechanisms = [Mechanism(run, times[0])]
+    mechanisms += [mechanisms[0].at(t) for t in times[1:] if t is not None]
+    for mechanism in mechanisms:
+        run.row_at(mechanism.time)
+    spec = view_of(mechanisms[0], view)
+    points = check_points(mechanisms[0], traces)
+    span = float(run.time[0]), float(run.time[-1])
+    others = np.linspace(*span, ghosts).tolist()
+    drawn = [*(mechanism.time for mechanism in mechanisms), *others]
+    drawing = Drawing(mechanisms[0], spec, sorted(drawn) if len(drawn) > 1 else None, film=False)
+    paths = trace_points(mechanisms[0], points, span)
+    panels = [
+        add_ghosts(replace(content, traces=paths), drawing, others)
+        for mechanism in mechanisms
+        for content in drawing.contents(mechanism.time)
+    ]
+    columns = columns_of(len(panels))
+    rows = -(-len(panels) // columns)
+    pixels = spec.size
+    if several and "size" not in view:
+        pixels = _CELL[0] * columns, _CELL[1] * rows
+    check_size((pixels[0] // columns, pixels[1] // rows))
+    draw_panels(panels, path, pixels, columns)
+    return path
+
+
+def check_numbers(times: int, ghosts: int) -> None:
+    """Refuse more panels or poses than can be told apart."""
+    if not 1 <= times <= _MAX_PANELS:
+        raise ViewError(f"{times} times make no picture: give 1 to {_MAX_PANELS}, or make a film")
+    if not 0 <= ghosts <= _MAX_GHOSTS:
+        raise ViewError(f"{ghosts} ghost poses cannot be told apart: give 1 to {_MAX_GHOSTS}")

@@ -1,26 +1,32 @@
-"""A run that plays while the user turns and zooms it: in a window on the desktop, or in a web page.
+"""A run that plays while the user turns and zooms it: in a window, a web page or a notebook.
 
-In: a :class:`Result`. Out: nothing from the window, whose function returns when it is closed; the
-path of the page. In the window space plays and stops, the arrows go to the next frame and the one
-before.
+In: a :class:`Result`, words of the view. Out: nothing from the window, whose function returns when
+it is closed; the path of the page; a value that a notebook shows where it is the last line of a
+cell. In the window space plays and stops, the arrows go to the next frame and the one before.
 """
 
 from __future__ import annotations
 
+import base64
 import os
 import platform
 import time as clock
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 from typing import Any
 
 from flexmb.errors import ViewError
-from flexmb.folders import whole_file
+from flexmb.folders import scratch_folder, whole_file, write_text_file
 from flexmb.progress import Progress, silent
 from flexmb.results import Result
 from flexmb.view import vtk_renderer
-from flexmb.view.film import RATE, MotionShot, shoot
+from flexmb.view.encoder import find_ffmpeg
+from flexmb.view.film import RATE, MotionShot, film, shoot
 from flexmb.view.html_page import tag, write_page
 from flexmb.view.page_motion import moving_scene
+from flexmb.view.picture import render
 from flexmb.view.plot import writable_file
 from flexmb.view.vtk_scene import VtkScene
 
@@ -154,3 +160,90 @@ class Player:
         self.toggle()
         plotter.suppress_rendering = False
         plotter.show(title=f"{self.shot.panels(0)[0].title} - space plays and stops")
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture of a run.
+
+    Parameters
+    ----------
+    png : bytes
+        As a file would hold it.
+    """
+
+    png: bytes = field(repr=False)
+
+    def _repr_png_(self) -> bytes:
+        return self.png
+
+
+@dataclass(frozen=True)
+class Film:
+    """A film of a run that repeats itself.
+
+    Parameters
+    ----------
+    data : bytes
+        As a file would hold it.
+    kind : str
+        ``"mp4"``, or ``"gif"``.
+    """
+
+    data: bytes = field(repr=False)
+    kind: str
+
+    def _repr_html_(self) -> str:
+        text = base64.b64encode(self.data).decode("ascii")
+        style = 'style="max-width: 100%"'
+        if self.kind == "gif":
+            return f'<img {style} alt="film" src="data:image/gif;base64,{text}">'
+        return f'<video {style} controls loop autoplay muted src="data:video/mp4;base64,{text}">'
+
+
+@dataclass(frozen=True)
+class Page:
+    """A web page of one file that needs nothing else; a notebook shows it in a frame.
+
+    Parameters
+    ----------
+    html : str
+        Its text.
+    file : Path
+        Where it is saved by default.
+    """
+
+    html: str = field(repr=False)
+    file: Path
+
+    def save(self, file: str | Path | None = None) -> Path:
+        """Write the page, whole or not at all.
+
+        Raises
+        ------
+        OutputError
+            The file cannot be written.
+        """
+        path = Path(file) if file is not None else self.file
+        write_text_file(path, self.html)
+        return path
+
+    def _repr_html_(self) -> str:
+        style = "width: 100%; height: 640px; border: 0"
+        return f'<iframe srcdoc="{escape(self.html)}" style="{style}"></iframe>'
+
+
+def snapshot(
+    result: Result | str | Path, time: float | Sequence[float] | None = None, **options: Any
+) -> Picture:
+    """Draw the mechanism for a notebook; options and errors as for `render`."""
+    with scratch_folder() as folder:
+        return Picture(render(result, time, output=Path(folder) / "a.png", **options).read_bytes())
+
+
+def animation(result: Result | str | Path, **options: Any) -> Film:
+    """Make a film for a notebook, 960 x 540 by default; options and errors as for `film`."""
+    kind = "gif" if find_ffmpeg() is None else "mp4"
+    options = {"size": (960, 540), **options}
+    with scratch_folder() as folder:
+        return Film(film(result, Path(folder) / f"a.{kind}", **options).read_bytes(), kind)

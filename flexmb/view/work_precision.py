@@ -1,12 +1,12 @@
-"""Error against processor time: work-precision plots, and the front of the settings that are best.
+"""Plots of errors: against processor time, with the front of the best settings, and by causes.
 
-Log-log, one pair of axes per quantity, the target as a line; errors below that of the reference
-itself are shaded.
+Work-precision plots are log-log, one pair of axes per quantity, the target as a line; errors below
+that of the reference itself are shaded. An error budget shows the shares of each sensor as points.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from flexmb.errors import ViewError
@@ -14,6 +14,7 @@ from flexmb.view.plot import GHOST, INK, LINES, new_figure, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
 
 _COLUMNS = 3
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
@@ -26,6 +27,11 @@ _LETTER, _LINE = 0.021, 0.035  # width and height of a word's letters, over thos
 ORDINATES = {"energy": "mismatch / energy moved", "drift": "largest violation [m or rad]"}
 
 
+Point = tuple[float, float, str, str]  # seconds, error, word, colour
+Marks = Mapping[str, tuple[float, float]]
+_FAINT = 1e-7  # in percent; less is not drawn
+
+
 class Curve(NamedTuple):
     """A series: name, processor times [s], errors over the peak-to-peak, a word to each point."""
 
@@ -35,9 +41,7 @@ class Curve(NamedTuple):
     words: Sequence[str] = ()
 
 
-Point = tuple[float, float, str, str]  # seconds, error, word, colour
 Panels = Mapping[str, Sequence[Curve]]
-Marks = Mapping[str, tuple[float, float]]
 
 
 def work_precision_figure(
@@ -204,3 +208,63 @@ def _legend(figure: Figure, grid: Sequence[Any]) -> None:
             list(named.values()), list(named), loc="outside right upper",
             frameon=False, labelcolor=INK, fontsize=8,
         )  # fmt: skip
+
+
+def budget_figure(
+    sensors: Sequence[str],
+    shares: Mapping[str, Mapping[str, float]],
+    open_shares: Collection[str],
+    *,
+    target: float,
+    title: str,
+) -> Figure:
+    """A line for each sensor, a mark for each share, a bar to the sum.
+
+    Parameters
+    ----------
+    sensors : sequence of str
+        From top to bottom.
+    shares : mapping
+        Name of a share to its value over the peak-to-peak, by sensor.
+    open_shares : collection of str
+        Shares that are lower bounds: hollow.
+    target : float
+        Error to be met by each, drawn as a line.
+    title : str
+        Above the picture.
+
+    Raises
+    ------
+    ViewError
+        There is nothing to draw.
+    """
+    if not sensors or not shares:
+        raise ViewError("no share of the error is known: there is nothing to draw")
+    figure = new_figure(8.6, 1.9 + 0.42 * len(sensors) + 0.1 * len(shares), title)
+    axes = figure.subplots()
+    values = [100 * v for s in shares.values() for v in s.values() if 100 * v > _FAINT]
+    left = 0.4 * min([*values, 100 * target])
+    for k, sensor in enumerate(sensors):
+        total = 100 * sum(s.get(sensor, 0.0) for s in shares.values())
+        axes.barh(k, max(total, left) - left, left=left, height=0.62, color=GHOST, alpha=0.22,
+                  lw=0, label="sum" if k == 0 else None)  # fmt: skip
+    for i, (name, share) in enumerate(shares.items()):
+        places = [k for k, sensor in enumerate(sensors) if 100 * share.get(sensor, 0.0) > _FAINT]
+        numbers = [100 * share[sensors[k]] for k in places]
+        colour = LINES[i % len(LINES)]
+        least = name in open_shares
+        axes.plot(
+            numbers, [k + 0.22 * (i / max(len(shares) - 1, 1) - 0.5) * 2 for k in places],
+            ls="", marker=_MARKERS[i % len(_MARKERS)], ms=7, mec=colour,
+            mfc="none" if least else colour,
+            label=name + (" (at least)" if least else "" if places else " (round-off)"),
+        )  # fmt: skip
+    axes.axvline(100 * target, color=INK, lw=0.9, ls="--", label=f"target {100 * target:.2g} %")
+    axes.set_xscale("log")
+    axes.set_xlim(left=left)
+    axes.set_ylim(len(sensors) - 0.4, -0.6)
+    axes.set_yticks(range(len(sensors)), list(sensors))
+    axes.set_xlabel("share of the error, % of the sensor's peak-to-peak", color=INK, fontsize=9)
+    style_axes(axes, labelsize=8)
+    figure.legend(loc="outside right upper", frameon=False, labelcolor=INK, fontsize=8)
+    return figure

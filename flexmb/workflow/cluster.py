@@ -22,17 +22,19 @@ from typing import Any
 
 from flexmb.errors import FlexmbError
 from flexmb.progress import Progress, silent
-from flexmb.workflow.job_batch import (
+from flexmb.workflow.worker_processes import (
     DIED,
     TOO_LONG,
     Function,
+    LocalWorkers,
     Record,
     attempt,
+    connect,
     do_batch,
     failure,
+    silent_dask,
     software,
 )
-from flexmb.workflow.worker_processes import LocalWorkers, connect, silent_dask
 
 _MAX_DEATHS = 3
 _BATCH_SECONDS = 0.5  # of runs in a task, as far as their number allows

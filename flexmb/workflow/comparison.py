@@ -139,8 +139,8 @@ class Comparison:
         ViewError
             The file cannot be written.
         """
-        from flexmb.view import save_figure
         from flexmb.view.history import overlay_figure
+        from flexmb.view.plot import save_figure
 
         unknown = [name for name in channels if name not in self.channels]
         if unknown:

@@ -28,8 +28,8 @@ from flexmb.errors import (
 )
 from flexmb.flexbody.static_response import load_nodes
 from flexmb.folders import output_folder, writable_folder
+from flexmb.model.excitation import load_points
 from flexmb.model.flexible_body import FlexbodySpec
-from flexmb.model.loaded_nodes import load_points
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.plane import simulated_body
 from flexmb.progress import Progress, silent

@@ -1,7 +1,8 @@
 """Linearised modes of a model: about its first state, an equilibrium, a time of a run.
 
 In: a scene, a model or a result. Out: a `Linearization`, or a `ModeSweep` of one over a parameter:
-what Campbell diagrams and root loci are drawn from.
+what Campbell diagrams and root loci are drawn from; pictures of the machine displaced by each mode,
+with the result files that they are drawn from, whose rows go once through the vibration.
 """
 
 from __future__ import annotations
@@ -15,20 +16,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexmb.errors import FlexmbWarning, Problem, SceneError, nearest
+from flexmb.folders import writable_folder
 from flexmb.progress import Progress, silent
 from flexmb.workflow.compiled_model import CompiledModel, compile_source
 from flexmb.workflow.run_report import CheckOutcome
 
 if TYPE_CHECKING:
     from flexmb.analysis.assembly.initial_state import Assembled
-    from flexmb.analysis.linear.linearization import Linearization
-    from flexmb.analysis.linear.mode_sweep import ModeSweep
-    from flexmb.analysis.statics import Equilibrium
+    from flexmb.analysis.equilibria import Equilibrium
+    from flexmb.analysis.linear.linearization import Linearization, ModeSweep
     from flexmb.model import Model
     from flexmb.results import Result
 
+
 STARTS = ("quasi-static", "undeformed", "static", "initial")
 """States of a scene that it can be linearised about."""
+
+
+_AMPLITUDE = 0.12  # of the model's size, or rad
+_PHASES = 24  # rows of one vibration
 
 
 def linearize(
@@ -101,7 +107,7 @@ def state_of(system: CompiledModel, time: float | None, about: str) -> Assembled
     if about == "initial":
         about = "undeformed" if model.dynamics is None else model.dynamics.start
     if about == "static":
-        from flexmb.analysis.statics import find_equilibrium
+        from flexmb.analysis.equilibria import find_equilibrium
 
         return find_equilibrium(compiled, model)
     return assemble(compiled, model, start=about)
@@ -140,7 +146,7 @@ def sweep_modes(
     FlexmbError
         Whatever is wrong, in one message; for which value.
     """
-    from flexmb.analysis.linear.mode_sweep import ModeSweep
+    from flexmb.analysis.linear.linearization import ModeSweep
 
     if not len(values):
         raise SceneError.from_problems([Problem("values", "at least one is needed")])
@@ -165,7 +171,7 @@ def check_modes(model: Model, folder: Path) -> list[CheckOutcome]:
     frequencies: dict[tuple[tuple[str, float], ...], Any] = {}
     outcomes = []
     source = model.source
-    for check in model.mode_checks if source is not None else ():
+    for check in model.mode_checks:
         assert source is not None
         key = tuple(check.parameters.items())
         if key not in frequencies:
@@ -177,14 +183,68 @@ def check_modes(model: Model, folder: Path) -> list[CheckOutcome]:
         modes = frequencies[key]
         value = float(modes[check.linear_mode - 1]) if check.linear_mode <= len(modes) else math.nan
         values = "".join(f", {name} = {value:g}" for name, value in key)
-        outcomes.append(
-            CheckOutcome(
-                f"linear mode {check.linear_mode}{values}",
-                None,
-                model.units.written(value, "Hz"),
-                model.units.written(check.value, "Hz"),
-                model.units.written(check.tolerance, "Hz"),
-                check.source,
-            )
-        )
+        what = f"linear mode {check.linear_mode}{values}"
+        numbers = (value, check.value, check.tolerance)
+        computed, expected, tolerance = (model.units.written(each, "Hz") for each in numbers)
+        outcomes.append(CheckOutcome(what, None, computed, expected, tolerance, check.source))
     return outcomes
+
+
+def render_mode_shapes(
+    made: Linearization, folder: str | Path, modes: Sequence[int] = (1, 2, 3, 4, 5, 6)
+) -> list[Path]:
+    """Draw a machine displaced by some of its modes.
+
+    Parameters
+    ----------
+    made : Linearization
+        The model.
+    folder : path
+        Gets `mode_1.png`, ... and `mode_1.h5`, ...
+    modes : sequence of int
+        Which, from 1; those that there are not are left out.
+
+    Returns
+    -------
+    list of Path
+        The pictures.
+
+    Raises
+    ------
+    OutputError
+        The folder cannot be written.
+    """
+    from flexmb.flexbody import save
+    from flexmb.results import OutputBlock, Result, ResultWriter
+    from flexmb.view.picture import render
+
+    target, compiled = writable_folder(Path(folder)), made.compiled
+    files = {name: f"{name}.flexbody.h5" for name in compiled.flexbodies}
+    for name, body in compiled.flexbodies.items():
+        save(body, target / files[name])
+    scene = made.model.to_scene_dict(target, files)
+    for section in ("check", "dynamics", "kinematics", "statics", "study", "results", "view"):
+        scene.pop(section, None)
+    layout, pictures = compiled.layout, []
+    for k in modes:
+        if not 1 <= k <= len(made.eigenvalues):
+            continue
+        title = made.model.title or "mode"
+        scene["title"] = f"{title}: mode {k}, {made.frequencies[k - 1]:.4g} Hz"
+        phases = 2.0 * np.pi * np.arange(_PHASES + 1) / _PHASES
+        q = np.array([made.displaced(k - 1, _AMPLITUDE, phase) for phase in phases])
+        n = len(phases)
+        widths = {
+            "v": layout.nv, "vd": layout.nv, "lam": layout.nc, "drift": 2,
+            "reactions": 12 * len(layout.reactions), "sensors": len(layout.channels),
+            "energy": len(layout.energies),
+        }  # fmt: skip
+        zeros = {name: np.zeros((n, width)) for name, width in widths.items()}
+        rows = OutputBlock(t=phases / (2.0 * np.pi), q=q, **zeros)
+        path = target / f"mode_{k}.h5"
+        with ResultWriter(path, layout, n, scene=scene, flexbodies=files) as writer:
+            writer.append(rows)
+            writer.finish({}, "finished", "")
+        picture = target / f"mode_{k}.png"
+        pictures.append(render(Result(path), 0.0, exaggeration=1.0, output=picture))
+    return pictures

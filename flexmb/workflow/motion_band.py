@@ -1,7 +1,7 @@
 """``deformation = "automatic"``: the band of modes that vibrate, by how fast the scene moves.
 
 In: a scene, and its run with rigid bodies. Out: the scene with the band in place of the word. The
-frequencies are those of drivers and loads (`model.bandwidth`), and of the inertia forces in that
+frequencies are those of drivers and loads (`model.excitation`), and of the inertia forces in that
 run: springs, gears, contacts and spins move bodies faster than what drives them.
 """
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from flexmb.errors import FlexmbError
-from flexmb.model.bandwidth import BAND_FACTOR, cutoff_frequency
+from flexmb.model.excitation import BAND_FACTOR, cutoff_frequency
 from flexmb.model.flexible_body import DeformationSpec, FlexibleBodySpec
 from flexmb.model.scenes.effects import with_words
 

@@ -24,7 +24,7 @@ from flexmb.progress import Progress, silent
 
 if TYPE_CHECKING:
     from flexmb.analysis.effects.contribution import Contribution
-    from flexmb.analysis.effects.perturbation import Motion
+    from flexmb.analysis.effects.stored_motion import Motion
     from flexmb.engine.compile import Compiled
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
@@ -85,7 +85,7 @@ class Neighbours:
     @classmethod
     def of(cls, run: Result, most_rows: int, progress: Progress = silent) -> Neighbours:
         """The model of a run, and at most so many of its rows."""
-        from flexmb.analysis.effects.contribution import read_motion
+        from flexmb.analysis.effects.stored_motion import read_motion
         from flexmb.engine.compile import compile_system
         from flexmb.flexbody import load
         from flexmb.model import Model
@@ -302,7 +302,7 @@ class Neighbours:
     @cached_property
     def _rigid(self) -> tuple[Model, Compiled, Motion, float]:
         """The scene with rigid bodies, and its motion."""
-        from flexmb.analysis.effects.contribution import read_motion
+        from flexmb.analysis.effects.stored_motion import read_motion
 
         flexible = [name for name, spec in self.model.bodies.items() if spec.flexible]
         model = with_words(self.model, dict.fromkeys(flexible, _RIGID))
@@ -370,7 +370,7 @@ class Neighbours:
 
     def _resolved(self, motion: Motion, most_rows: int) -> Motion:
         """At most so many rows; of another run with more of them where these are too far apart."""
-        from flexmb.analysis.effects.contribution import read_motion
+        from flexmb.analysis.effects.stored_motion import read_motion
 
         thinned, spec = motion.thinned(most_rows), self.model.dynamics
         gap = thinned.gap(self.compiled)

@@ -98,7 +98,7 @@ def run_part(
     stored = save_part(result, folder / f"{name}.part.h5")
     drawn: tuple[Path, ...] = ()
     if pictures:
-        from flexmb.view import render_part
+        from flexmb.view.part_pictures import render_part
 
         progress("picture", 0.0)
         drawn = render_part(result, units=model.units, output=folder / f"{name}.part.png")

@@ -18,13 +18,12 @@ from flexmb.progress import Progress, silent
 from flexmb.results import Result
 from flexmb.results.run_summary import energy_rows, time_rows, work_rows
 from flexmb.view.charts import energy_names, loaded_reactions, participating_modes
-from flexmb.view.html_page import Html, check_plotly, section, table, tag, write_page
+from flexmb.view.html_page import Charts, Html, check_plotly, section, table, tag, write_page
 from flexmb.view.mechanism import Mechanism
-from flexmb.view.notebook import Page
-from flexmb.view.page_charts import Charts
 from flexmb.view.page_motion import moving_scene
 from flexmb.view.picture import view_of
 from flexmb.view.plot import writable_file
+from flexmb.view.window import Page
 from flexmb.workflow.audit import TEXT as AUDIT
 from flexmb.workflow.audit import Audit
 from flexmb.workflow.comparison_page import PHASES, comparison_parts, foot, picture_of
@@ -112,7 +111,7 @@ def report_page(
     ViewError, ResultFileError
         As for `report`.
     """
-    from flexmb.workflow.study_page import is_study, study_parts
+    from flexmb.workflow.comparison_page import is_study, study_parts
 
     check_plotly()
     for name in parts or ():

@@ -16,10 +16,14 @@ from flexmb.folders import scratch_folder, writable_folder
 from flexmb.progress import Progress, silent
 from flexmb.results.run_summary import NOT_CONTAINED, notes_statistic
 from flexmb.workflow.flexible_bodies import flexible_bodies
-from flexmb.workflow.linearize import check_modes
 from flexmb.workflow.resume import StartState, match_start
-from flexmb.workflow.run_report import PROVENANCE, RunReport, provenance_text, report_run
-from flexmb.workflow.stated_error import not_contained
+from flexmb.workflow.run_report import (
+    PROVENANCE,
+    RunReport,
+    not_contained,
+    provenance_text,
+    report_run,
+)
 
 if TYPE_CHECKING:
     from flexmb.analysis.procedure import Outcome, Sink
@@ -100,8 +104,11 @@ def run_single(
     report = report_run(
         model, Result(writer.path), outcome, notes, pictures=pictures, progress=progress
     )
-    checks = [*report.checks, *check_modes(model, folder)]
-    return replace(report, checks=checks, resumable=analysis == "dynamics")
+    if model.mode_checks and model.source is not None:
+        from flexmb.workflow.linearize import check_modes
+
+        report = replace(report, checks=[*report.checks, *check_modes(model, folder)])
+    return replace(report, resumable=analysis == "dynamics")
 
 
 def select_analysis(model: Model, name: str | None, starts_from_result: bool = False) -> str:
@@ -157,21 +164,23 @@ def prepare_task(
     progress : Progress
         Called for every phase.
     """
-    from flexmb.analysis.dynamics.dynamics import prepare_dynamics, run_dynamics
-    from flexmb.analysis.kinematics import prepare_kinematics, run_kinematics
-    from flexmb.analysis.statics import prepare_statics, run_statics
-    from flexmb.results import DAMPING, damping_text
-
     if analysis == "kinematics":
+        from flexmb.analysis.kinematics import prepare_kinematics, run_kinematics
+
         ready = prepare_kinematics(compiled, model, progress=progress)
         return Task(
             analysis, ready.points, lambda sink: run_kinematics(ready, sink, progress=progress)
         )
     if analysis == "statics":
+        from flexmb.analysis.statics import prepare_statics, run_statics
+
         found = prepare_statics(compiled, model, progress=progress)
         return Task(
             analysis, len(found.times), lambda sink: run_statics(found, sink, progress=progress)
         )
+    from flexmb.analysis.dynamics.dynamics import prepare_dynamics, run_dynamics
+    from flexmb.results import DAMPING, damping_text
+
     begin = start.begin if start is not None else None
     prepared = prepare_dynamics(compiled, model, begin=begin, progress=progress)
     notes: tuple[str, ...] = ()
@@ -203,7 +212,7 @@ def _with_motion_band(model: Model, progress: Progress) -> tuple[Model, list[str
 
 def _effect_notes(model: Model, bodies: Mapping[str, FlexBody]) -> list[str]:
     """Which effects of flexible bodies a run contains, where the scene says something of them."""
-    from flexmb.model.bandwidth import cutoff_frequency
+    from flexmb.model.excitation import cutoff_frequency
     from flexmb.model.flexible_body import EFFECT_WORDS, FlexibleBodySpec
 
     notes = []

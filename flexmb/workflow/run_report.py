@@ -1,7 +1,8 @@
 """The report of a run: files, pictures, statistics, notes, known answers of the scene; provenance.
 
 The provenance of a result is a text of JSON in it: version of flexmb, hash of the compiled code,
-the scene file with its overrides, a hash of every flexible body.
+the scene file with its overrides, a hash of every flexible body. The error that a run states is
+that of the integration alone; what it does not contain is a line of the report.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,8 @@ from numpy.typing import NDArray
 
 from flexmb.errors import SolverError
 from flexmb.folders import relative_path
+from flexmb.model.flexible_body import FlexibleBodySpec
+from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.progress import Progress
 
 if TYPE_CHECKING:
@@ -26,6 +29,7 @@ if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
     from flexmb.results import Result
+
 
 Array = NDArray[np.float64]
 
@@ -124,7 +128,8 @@ def report_run(
 
 def draw_run(run: Result, progress: Progress) -> tuple[Path | None, Path | None]:
     """Picture and history of a run that has at least one output, of what it stored."""
-    from flexmb.view import plot_history, render
+    from flexmb.view.history import plot_history
+    from flexmb.view.picture import render
 
     if not len(run.time):
         return None, None
@@ -204,16 +209,10 @@ def check_frequencies(model: Model, bodies: Mapping[str, FlexBody]) -> list[Chec
         missing = check.mode > len(frequencies)
         value = math.nan if missing else float(frequencies[check.mode - 1])
         support = f"{', '.join(check.held)} held" if check.held else "free"
-        outcomes.append(
-            CheckOutcome(
-                f"frequency {check.mode} of {check.body}, {support}",
-                None,
-                model.units.written(value, "Hz"),
-                model.units.written(check.value, "Hz"),
-                model.units.written(check.tolerance, "Hz"),
-                check.source,
-            )
-        )
+        what = f"frequency {check.mode} of {check.body}, {support}"
+        numbers = (value, check.value, check.tolerance)
+        computed, expected, tolerance = (model.units.written(each, "Hz") for each in numbers)
+        outcomes.append(CheckOutcome(what, None, computed, expected, tolerance, check.source))
     return outcomes
 
 
@@ -262,3 +261,62 @@ def body_hash(body: FlexBody) -> str:
             data = repr(value).encode() if isinstance(value, list) else np.asarray(value).tobytes()
             digest.update(data)
     return digest.hexdigest()
+
+
+def not_contained(model: Model, bodies: Mapping[str, FlexBody]) -> str:
+    """``mesh, modes (20), interface model, geometric stiffening``; empty if nothing is missing."""
+    specs = {
+        name: spec for name, spec in model.bodies.items() if isinstance(spec, FlexibleBodySpec)
+    }
+    elastic = {name: spec for name, spec in specs.items() if name in bodies and bodies[name].m}
+    parts = []
+    if elastic:
+        counts = {name: _mode_count(spec, bodies[name]) for name, spec in elastic.items()}
+        same = len(set(counts.values())) == 1
+        words = [f"{n} of {name}" for name, n in counts.items()]
+        parts = ["mesh", f"modes ({next(iter(counts.values())) if same else ', '.join(words)})"]
+    if any(has_several_nodes(spec, bodies[name]) for name, spec in elastic.items()):
+        parts.append("interface model")
+    effects: dict[str, list[str]] = {}
+    for name, spec in specs.items():
+        for effect in _effects_left_out(spec, bodies.get(name)):
+            effects.setdefault(effect, []).append(name)
+    for effect, names in effects.items():
+        every = len(names) == len(specs)
+        parts.append(effect if every else f"{effect} of {' and '.join(names)}")
+    return ", ".join([*parts, *(model.effects.absent if model.effects is not None else ())])
+
+
+def _mode_count(spec: FlexibleBodySpec, body: FlexBody) -> int:
+    """The number of modes as the scene says it, else of the body's coordinates."""
+    if isinstance(spec, MeshBodySpec) and isinstance(spec.modes, int | None):
+        return spec.mode_count
+    return body.m
+
+
+def has_several_nodes(spec: FlexibleBodySpec, body: FlexBody) -> bool:
+    """Whether an interface holds more than one node, so that its rigidity is a model."""
+    if not isinstance(spec, MeshBodySpec):
+        return bool(body.interfaces)
+    groups = {} if body.nodes is None else body.nodes.groups
+    for nodes in spec.interfaces.values():
+        group = nodes if isinstance(nodes, str) else nodes.group
+        if group is not None:
+            count = len(groups.get(group, (0, 1)))
+        else:
+            count = 1 if nodes.node is not None else len(nodes.nodes or (0, 1))
+        if count > 1:
+            return True
+    return False
+
+
+def _effects_left_out(spec: FlexibleBodySpec, body: FlexBody | None) -> Iterator[str]:
+    if spec.deformation == "rigid":
+        yield "deformation"
+        return
+    if spec.deformation == "quasi-static":
+        yield "vibration"
+    if spec.inertia_coupling != "full":
+        yield "full inertia coupling"
+    if body is not None and body.m and body.centrifugal_stiffness is None:
+        yield "geometric stiffening"

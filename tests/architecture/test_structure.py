@@ -13,7 +13,7 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "files": 370,
+    "files": 340,
     "lines": 90_000,
     "participles": 100,
     "base names of three and more files": 0,
@@ -28,8 +28,9 @@ FIGURES = {
     _ALL: lambda: len(files_with_all()),
     "lines of README": lambda: len((structure.ROOT / "README.md").read_text().splitlines()),
 }
-# The aims are 50 000 lines and 120 files; these are held on the way.
-FILES_OF_MAIN_JOB = 172
+# The aims are 50 000 lines and 120 files; these are held on the way. 144 run with compiled units
+# at hand, some more where units are compiled.
+FILES_OF_MAIN_JOB = 155
 
 
 def files_with_all() -> list[str]:

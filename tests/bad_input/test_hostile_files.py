@@ -30,7 +30,6 @@ from flexmb.fe.meshes.mesh import _read, read_mesh
 from flexmb.flexbody import load, rigid_body, save
 from flexmb.model.functions.tabulated import Columns, read_columns
 from flexmb.results import DAMPING, Result, ResultWriter
-from flexmb.studies.record_table import RecordTable
 from flexmb.units import SI
 from flexmb.workflow.run_report import PROVENANCE, provenance
 
@@ -384,12 +383,3 @@ def test_a_key_that_others_may_write_is_none(body: Path, tmp_path: Path, monkeyp
     untrusted._checked.clear()
     with pytest.raises(BodyFileError, match="is read apart"):
         load(body)
-
-
-@pytest.mark.parametrize("journal", [b"\xff\xfe\n", b"3\n4\n", b'{"a": "b"}\n3\n{"key'])
-def test_a_damaged_journal_holds_the_rows_that_can_be_read(tmp_path: Path, journal) -> None:
-    (tmp_path / "runs.parts").mkdir()
-    (tmp_path / "runs.parts" / "journal.jsonl").write_bytes(journal)
-    with RecordTable(tmp_path / "runs.parquet", {"a": "b"}) as table:
-        table.append({"key": "x", "reason": ""})
-        assert table.reasons() == {"x": ""}

@@ -11,7 +11,8 @@ from PIL import Image
 
 from flexmb.errors import FlexmbError
 from flexmb.folders import write_text_file
-from flexmb.view import mpl_renderer, save_figure
+from flexmb.view import mpl_renderer
+from flexmb.view.plot import save_figure
 from flexmb.view.vtk_scene import VtkScene
 
 

@@ -16,7 +16,8 @@ from pathlib import Path
 
 import slidercrank
 
-from flexmb.view import encoder, film
+from flexmb.view import encoder
+from flexmb.view.film import film
 
 _ENDING = ".mp4" if encoder.find_ffmpeg() else ".gif"
 

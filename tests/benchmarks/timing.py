@@ -28,7 +28,7 @@ _REPEATS = 5
 _RUN = """
 import sys, time
 started = time.perf_counter()
-from flexmb.workflow import run_scene
+from flexmb.workflow.simulate import run_scene
 first = {}
 def progress(phase, fraction, detail=""):
     first.setdefault(phase, time.perf_counter() - started)

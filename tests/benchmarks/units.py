@@ -147,7 +147,7 @@ def one_more_kind(folder):
 def everything(folder):
     """`flexmb warmup` with an empty cache."""
     begin = time.perf_counter()
-    code = "from flexmb import workflow as w; d = w.warmup(); print(d.units, d.compiled, d.size)"
+    code = "import flexmb; d = flexmb.warmup(); print(d.units, d.compiled, d.size)"
     out, cpu, peak = _python(code, f"{folder}/all")
     units, compiled, size = map(int, out.split())
     wall = time.perf_counter() - begin

@@ -14,6 +14,8 @@ from flexmb.errors import FlexmbError, FlexmbWarning
 from flexmb.model import Model
 from flexmb.results import Result
 
+# Error of velocities or reactions that no run of right positions states.
+_ALARM = 0.3
 METHODS = ("auto", "generalized-alpha", "explicit-rk", "radau")
 
 
@@ -43,6 +45,8 @@ class Hard:
         By method: the sentence with which a run says that it did not reach what was asked.
     warns : str
         What one of the sentences of a run that finishes contains.
+    alarms : tuple of str
+        Methods that may state errors of velocities or reactions of their own size.
     slow : bool
         Left out of the part of a minute.
     quick : tuple of str
@@ -61,17 +65,22 @@ class Hard:
     stops: Mapping[str, str] = field(default_factory=dict)
     misses: Mapping[str, str] = field(default_factory=dict)
     warns: str = ""
+    alarms: tuple[str, ...] = ()
     slow: bool = False
     quick: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended: what was measured (NaN: it stopped), steps, and all its sentences."""
+    """How a run ended: what was measured (NaN: it stopped), steps, and all its sentences.
+
+    And the largest error that it states of velocities and reactions.
+    """
 
     measured: float
     steps: int
     sentences: str
+    stated: float = 0.0
 
 
 def run_case(case: Hard, method: str) -> Outcome:
@@ -87,7 +96,9 @@ def run_case(case: Hard, method: str) -> Outcome:
         measured = float(case.judge(result))
     steps = int(result.statistics["steps"])
     sentences = "; ".join(str(one.message) for one in told)
-    return Outcome(measured if np.isfinite(measured) else np.inf, steps, sentences)
+    keys = ("measured_error_of_velocities", "measured_error_of_reactions")
+    stated = max(float(result.statistics.get(key, 0.0)) for key in keys)
+    return Outcome(measured if np.isfinite(measured) else np.inf, steps, sentences, stated)
 
 
 def failure(case: Hard, method: str, outcome: Outcome) -> str:
@@ -104,6 +115,8 @@ def failure(case: Hard, method: str, outcome: Outcome) -> str:
         if told and told in outcome.sentences:
             return ""
         return f"{outcome.measured:.3g} is above {case.bound:g}"
+    if outcome.stated > _ALARM and method not in case.alarms:
+        return f"it states an error of velocities or reactions of {outcome.stated:.2g}"
     if case.warns and case.warns not in outcome.sentences:
         return f'nothing says "{case.warns}": {outcome.sentences}'
     return ""

@@ -18,6 +18,7 @@ from __future__ import annotations
 import argparse
 import collections
 import contextlib
+import importlib
 import io
 import os
 import resource
@@ -38,6 +39,7 @@ import psutil
 SECONDS, MEMORY = 10.0, 1_000_000_000
 peaks: list[int] = []  # bytes that the processes of a first reading had at most
 _FIRST_READING = 2.0  # seconds of the processor for the first reading of a file, here
+_FOLDERS = ("mesh", "result", "records")  # of inputs
 _PLAIN = ("/proc/", "/sys/", "/dev/null", "/dev/urandom", "/usr/", "/etc/", "/lib")
 _STARTS = ("os.system", "subprocess.Popen", "os.exec", "os.posix_spawn", "os.spawn",
            "socket.connect", "pickle.find_class", "socket.bind", "urllib.Request")  # fmt: skip
@@ -83,10 +85,9 @@ class Guard:
 def read_apart(path: Path, module: str) -> str | None:
     """As `flexmb.untrusted` does it, by a copy of this process instead of a new one: 100 times as
     many inputs in the same time."""
-    import flexmb.fe.meshes.mesh as meshes
     from flexmb import untrusted
 
-    read = untrusted._read_hdf5 if module == "flexmb.untrusted" else meshes._read_apart
+    read = importlib.import_module(module)._read_apart
     with os.fdopen(os.memfd_create("said"), "r+b") as said:
         child = os.fork()
         if child == 0:
@@ -127,7 +128,9 @@ def serve(kind: str, begin: int, end: int, folder: Path) -> None:
     make = KINDS[kind][1]
     report = os.fdopen(os.dup(1), "w", buffering=1)
     untrusted._first_reading = read_apart
-    guard = Guard(folder, kind in ("scene", "study"))
+    if kind in ("result", "records"):
+        import matplotlib.font_manager  # noqa: F401  asks programs for the fonts, once
+    guard = Guard(folder, kind in ("scene", "grammar", "section"))
     os.chdir(folder)
     process = psutil.Process()
     warnings.simplefilter("ignore")
@@ -255,9 +258,10 @@ class Campaign:
             kept = self.finds / f"{self.kind}-{number}"
             kept.mkdir(parents=True, exist_ok=True)
             (kept / "outcome.txt").write_text(text)
-            for path in [*self.folder.glob("fuzz*"), self.folder / "mesh", self.folder / "result"]:
+            for path in [*self.folder.glob("fuzz*"), *map(self.folder.joinpath, _FOLDERS)]:
                 if path.is_dir():
-                    shutil.copytree(path, kept / path.name, dirs_exist_ok=True)
+                    with contextlib.suppress(shutil.Error):  # the next input replaces it
+                        shutil.copytree(path, kept / path.name, dirs_exist_ok=True)
                 elif path.is_file():
                     shutil.copy(path, kept)
         self.wrong.setdefault(key, []).append(number)
@@ -286,7 +290,8 @@ def main() -> int:
         serve(kind, int(begin), int(end), Path(folder))
         return 0
     from flexmb.folders import cache_root
-    from tests.hard.hostile import KINDS, prepare
+    from tests.hard.hostile import KINDS
+    from tests.hard.hostile_seeds import prepare
 
     os.nice(10)
     folder = words.folder or Path(tempfile.mkdtemp(prefix="flexmb-fuzz-"))
@@ -294,7 +299,7 @@ def main() -> int:
         folder.mkdir(exist_ok=True)
         prepare(folder)
     units = cache_root() / "units"  # compiled once for all
-    os.environ["FLEXMB_CACHE_DIR"] = str(folder / "cache")
+    os.environ["FLEXMB_CACHE_DIR"] = os.environ["MPLCONFIGDIR"] = str(folder / "cache")
     if units.is_dir() and not (folder / "cache").is_dir():
         shutil.copytree(units, folder / "cache" / "units")
     total, wrong, started = 0, 0, time.monotonic()

@@ -5,122 +5,30 @@ What reads is the command line, as a user would call it, so that what it prints 
 
 from __future__ import annotations
 
+import datetime as dt
+import json
 import os
 import shutil
-import subprocess
-import sys
 import tomllib
-import warnings
 from collections.abc import Callable
-from contextlib import redirect_stderr, suppress
+from contextlib import suppress
 from functools import cache
-from io import StringIO
 from pathlib import Path
 from random import Random
 from typing import Any
 
-import numpy as np
-
 from flexmb import untrusted
 from flexmb.errors import FlexmbError
+from tests.hard.hostile_seeds import MANY, SCENE
 from tests.hard.mutation import (
     NUMBERS,
+    VALUES,
     WORDS,
     mutate_bytes,
     mutate_hdf5,
+    mutate_parquet,
     mutate_table,
 )
-
-PROJECT = Path(__file__).parents[2]
-SLOW_SCENES = ("andrews", "excavator", "parallel_manipulator")  # a second and more to read
-SCENE = """
-[bodies.rod]
-mass = 1
-center = [0, -0.5, 0]
-inertia = [0.1, 0.1, 0.1]
-[joints.pin]
-type = "revolute"
-between = ["ground", "rod"]
-axis = "z"
-[sensors.swing]
-type = "angle"
-joint = "pin"
-[dynamics]
-duration = 0.1
-step = 0.001
-outputs = 3
-"""
-
-
-def prepare(folder: Path) -> None:
-    """Copy scenes and meshes, and make whole bodies, results and meshes of every format."""
-    for name in ("cases", "meshes"):
-        leave = shutil.ignore_patterns("*.png", "*.py", "out", *SLOW_SCENES)
-        shutil.copytree(PROJECT / name, folder / name, ignore=leave, dirs_exist_ok=True)
-    seeds = folder / "seeds"
-    seeds.mkdir(exist_ok=True)
-    (seeds / "short.toml").write_text(SCENE + '[sensors.end]\ntype = "position"\nof = "rod"\n')
-    cases = folder / "cases"
-    commands = [
-        ["run", seeds / "short.toml", "--output", seeds / "short", "--no-picture"],
-        ["run", cases / "hub_beam" / "scene.toml", "--output", seeds / "flexible", "--no-picture"],
-    ]
-    for words in commands:
-        subprocess.run(
-            [sys.executable, "-m", "flexmb", *map(str, words)], capture_output=True, check=True
-        )
-    write_meshes(seeds)
-
-
-def write_meshes(seeds: Path) -> None:
-    """A small mesh with groups in every format that can be written here."""
-    import meshio
-
-    x, y, z = np.meshgrid([0, 0.5, 1.0], [0, 0.1], [0, 0.1], indexing="ij")
-    points = np.stack([x, y, z], axis=-1).reshape(-1, 3)
-    number = np.arange(12).reshape(3, 2, 2)
-    hexes = [
-        [number[i, 0, 0], number[i + 1, 0, 0], number[i + 1, 1, 0], number[i, 1, 0],
-         number[i, 0, 1], number[i + 1, 0, 1], number[i + 1, 1, 1], number[i, 1, 1]]
-        for i in range(2)
-    ]  # fmt: skip
-    split = ((0, 1, 3, 4), (1, 2, 3, 6), (1, 3, 4, 6), (3, 4, 6, 7), (1, 4, 5, 6))
-    tetras = [[cell[k] for k in corners] for cell in hexes for corners in split]
-    ends = [[0, 1, 2], [8, 9, 10]]
-    meshes = {
-        "hexes": meshio.Mesh(points, [("hexahedron", hexes)]),
-        "tetras": meshio.Mesh(points, [("tetra", tetras)]),
-        "faces": meshio.Mesh(points, [("triangle", ends)]),
-        "beams": meshio.Mesh(points, [("line", [[0, 4], [4, 8]])]),
-    }
-    grouped = meshio.Mesh(
-        points, [("tetra", tetras), ("triangle", ends)],
-        point_sets={"root": np.array([0, 1, 2, 3])},
-        cell_data={"gmsh:physical": [np.full(10, 3), np.array([1, 2])],
-                   "gmsh:geometrical": [np.full(10, 3), np.array([1, 2])]},
-        field_data={"all": np.array([3, 3]), "A": np.array([1, 2]), "B": np.array([2, 2])},
-    )  # fmt: skip
-    options: dict[str, list[dict[str, Any]]] = {
-        "gmsh": [{}, {"binary": False}], "gmsh22": [{}, {"binary": False}],
-        "vtk": [{}, {"binary": False}, {"binary": False, "fmt_version": "4.2"}],
-        "vtu": [{}, {"binary": False}, {"compression": None}],
-        "xdmf": [{}, {"data_format": "XML"}, {"data_format": "Binary"}],
-        "stl": [{"binary": True}, {"binary": False}], "ply": [{"binary": False}, {}],
-    }  # fmt: skip
-    for ending, formats in meshio.extension_to_filetypes.items():
-        for form in ["gmsh", "gmsh22", "ansys"] if ending == ".msh" else formats[:1]:
-            for k, option in enumerate(options.get(form, [{}])):
-                for name, mesh in (meshes | {"grouped": grouped}).items():
-                    path = seeds / f"{form.removeprefix('.')}{k}-{name}{ending}"
-                    with (
-                        suppress(Exception),
-                        warnings.catch_warnings(),
-                        redirect_stderr(StringIO()),
-                    ):
-                        warnings.simplefilter("ignore")
-                        meshio.write(path, mesh, file_format=form, **option)
-                    if path.is_file() and not path.stat().st_size:
-                        path.unlink()
 
 
 @cache
@@ -157,6 +65,8 @@ def toml(value: Any) -> str:
         return "[" + ", ".join(map(toml, value)) + "]"
     if isinstance(value, int | float):
         return repr(value)
+    if isinstance(value, dt.date | dt.time):
+        return value.isoformat()
     return '"' + "".join(
         c if c.isalnum() or c in " ._-+*/()" else f"\\U{ord(c) & 0x10FFFF:08x}"
         if not 0xD800 <= ord(c) < 0xE000 else "?" for c in str(value)
@@ -195,6 +105,46 @@ def scene(rng: Random, folder: Path) -> None:
         from flexmb.model import load_scene
 
         load_scene(target).problems()
+
+
+def grammar(rng: Random, folder: Path) -> None:
+    """A scene whose text is TOML throughout: odd numbers, names and forms, depth and length."""
+    _, _, tables = rng.choice(scenes(folder))
+    tables = mutate_table(tables, rng, rng.choice(scenes(folder))[2])
+    lines = []
+    for section, inside in tables.items():
+        if not isinstance(inside, dict) or rng.random() < 0.2:
+            lines.insert(0, f"{toml(str(section))} = {_form(inside, rng)}")
+            continue
+        lines.append(f"[{toml(str(section))}]")
+        for name, value in inside.items():
+            lines += [f"{toml(str(name))} = {_form(value, rng)}"] * (1 + (rng.random() < 0.003))
+            if rng.random() < 0.02:
+                lines.append(f"{toml(str(name).swapcase())} = {_form(value, rng)}")
+        if rng.random() < 0.02:
+            lines.append(f"[[{toml(str(section))}.{rng.choice(('a', 'x.y', toml('')))}]]")
+    target = folder / "cases" / "hub_beam" / f"fuzz{os.getpid()}.toml"
+    target.write_text("\n".join(lines), encoding="utf-8", errors="replace")
+    from flexmb.model import load_scene
+
+    load_scene(target).problems()
+
+
+def _form(value: Any, rng: Random) -> str:
+    """A value, or seldom something else, as TOML may write it."""
+    what = rng.random()
+    if what < 0.985:
+        return toml(value)
+    odd = ("nan", "-inf", "+1e308", "1e400", "0x7fffffffffffffff", "0b1", "1_0.0_1", "1979-05-27",
+           "07:32:00", "1979-05-27T00:32:00.999999-07:00", "'''a\nb'''", '"""\\\n a"""', "[[], {}]",
+           "true", "{}", "-0", '"\\U0010FFFF"', "9" * 4000)  # fmt: skip
+    depth, length = rng.choice((3, 50, 400, 3000)), rng.choice((0, 1, 1000, 30_000))
+    return rng.choice((
+        rng.choice(odd), rng.choice(odd), toml(rng.choice(VALUES)),
+        "[" * depth + "]" * depth, "{a = " * min(depth, 400) + "1" + "}" * min(depth, 400),
+        f"[{'1, ' * length}]", f"[{toml(value)}, {toml(value)}]", toml("x" * length),
+        "{" + ", ".join(f"k{i} = {i}" for i in range(length)) + "}",
+    ))  # fmt: skip
 
 
 _ATOMS = (
@@ -285,16 +235,77 @@ def words(rng: Random, folder: Path) -> None:
             raise FlexmbError.from_problems(problems)
 
 
-def study(rng: Random, folder: Path) -> None:
-    """A scene with a mutated [study]."""
+def section(rng: Random, folder: Path) -> None:
+    """A scene with a mutated [study] or [sweep], or one of the cases with a mutated [part]."""
     from flexmb.model import Model
+    from flexmb.studies.study_settings import StudySource, make_settings
+    from flexmb.studies.sweeps.parameter_sweep import _plan
 
-    tables = tomllib.loads(SCENE)
-    section = {"vary": {"dynamics.step": "1e-3..1e-5", "dynamics.method": ["auto", "radau"]},
-               "target": 0.01, "repeats": 2, "sensors": ["swing"]}  # fmt: skip
+    tables, place = tomllib.loads(SCENE), folder
+    sections = {
+        "study": {"vary": {"dynamics.step": "1e-3..1e-5", "dynamics.method": ["auto", "radau"]},
+                  "target": 0.01, "repeats": 2, "sensors": ["swing"]},
+        "sweep": {"vary": {"bodies.rod.mass": "normal(1, 0.1)", "dynamics.step": "1e-4..1e-3:3",
+                           "gravity": ["earth -y", [0, 0, 0]]},
+                  "method": "latin-hypercube", "samples": 8, "seed": 3, "sensors": ["swing:max"],
+                  "quantiles": [0.05, 0.95]},
+        "part": {},
+    }  # fmt: skip
+    name = rng.choice(sorted(sections))
+    if name == "part":
+        parts = [(path.parent, one) for path, _, one in scenes(folder) if "part" in one]
+        place, tables = rng.choice(parts)
+        sections["part"] = tables["part"]
     other = rng.choice(scenes(folder))[2]
-    tables["study"] = mutate_table({"study": section}, rng, other).get("study", section)
-    Model.from_scene_dict(tables, folder).problems()
+    tables = tables | {name: mutate_table({name: sections[name]}, rng, other).get(name, {})}
+    model = Model.from_scene_dict(tables, place)
+    if model.problems() or name == "part":
+        return
+    target = folder / "fuzz.toml"
+    target.write_text("\n".join(f"{toml(k)} = {toml(v)}" for k, v in tables.items()))
+    source = StudySource.of_scene(target, None, folder / "study")
+    if name == "sweep":
+        _plan(source, None, {}, False)
+    elif model.study is not None:
+        make_settings(source, model.study.vary)
+
+
+def records(rng: Random, folder: Path) -> None:
+    """The folder of a study, sweep or budget with a mutated file: shown, or done again."""
+    name = rng.choice(sorted(MANY))
+    place = folder / "records"
+    shutil.rmtree(place, ignore_errors=True)
+    shutil.copytree(folder / "seeds" / name, place)
+    endings = ("parquet", "parquet", "parquet", "csv", "md", "json")
+    files = [path for ending in endings for path in sorted(place.rglob(f"*.{ending}"))]
+    target = rng.choice(files)
+    data = target.read_bytes()
+    if target.suffix == ".parquet" and rng.random() < 0.8:
+        data = mutate_parquet(data, rng, [data])
+    elif target.suffix == ".parquet":  # as a killed command leaves it
+        import pyarrow.parquet as pq
+
+        rows = pq.read_table(target).to_pylist()
+        rows = mutate_table({"rows": rows}, rng, {"rows": rows}).get("rows")
+        about = pq.read_schema(target).metadata[b"flexmb"]
+        lines = [json.dumps(row, default=str).encode() for row in rows if isinstance(rows, list)]
+        data = b"\n".join((about, *lines)) if isinstance(rows, list) else b"[" * 99_999
+        if rng.random() < 0.5:
+            data = mutate_bytes(data, rng, [data])
+        target.unlink()
+        target = place / "runs.parts" / "journal.jsonl"
+        target.parent.mkdir(exist_ok=True)
+    elif target.suffix == ".json" and rng.random() < 0.6:
+        tables = mutate_table({"json": json.loads(data)}, rng, rng.choice(scenes(folder))[2])
+        data = json.dumps(tables.get("json"), default=str).encode()
+    else:
+        data = mutate_bytes(data, rng, [data, b"[" * 99_999])
+    target.write_bytes(data)
+    if rng.random() < 0.4:
+        command("report", place, "--output", place / "r.html", "--force")
+    else:
+        words = (*map(str, MANY[name]), "--workers", "1", "--output", str(place))
+        command(name, folder / "seeds" / "short.toml", *words)
 
 
 def table(rng: Random, folder: Path) -> None:
@@ -358,8 +369,7 @@ def _hdf5(rng: Random, data: bytes, target: Path, begin: int) -> None:
             changed[place] = rng.randrange(256)
         data = bytes(changed)
     else:
-        target.write_bytes(mutate_bytes(data, rng, [data]))
-        return
+        data, what = mutate_bytes(data, rng, [data]), 0.0
     target.write_bytes(data)
     if what > 0.02:
         with target.open("r+b") as disk:
@@ -389,9 +399,14 @@ def result(rng: Random, folder: Path) -> None:
     shutil.copytree(folder / "seeds" / name, place)
     target = place / "result.h5"
     _hdf5(rng, target.read_bytes(), target, untrusted.USER_BLOCK)
-    what = rng.randrange(5)
+    what = rng.randrange(6)
     if what < 2:
         command("info", place)
+    elif what == 5:
+        name = rng.choice(("plot", "stress", "audit", "modes", "compare", "response", "report"))
+        parts = ("--parts", "summary,plots,model,effects,accuracy,provenance")  # without VTK
+        also = {"compare": (folder / "seeds" / "short",), "report": parts}
+        command(name, place, *also.get(name, ()))
     elif what == 2:
         kind = rng.choice(("sensors", "energy", "drift", "reactions", "motion", "coordinates"))
         command("export", place, "--what", kind, "--output", place / "x.csv")
@@ -423,8 +438,10 @@ KINDS: dict[str, tuple[int, Callable[[Random, Path], None]]] = {
     "expression": (40_000, expression),
     "scene": (12_000, scene),
     "words": (14_000, words),
-    "table": (12_000, table),
-    "study": (8_000, study),
+    "table": (8_000, table),
+    "section": (6_000, section),
+    "grammar": (6_000, grammar),
+    "records": (1_500, records),
     "mesh": (6_000, mesh),
     "body": (2_000, body),
     "result": (2_000, result),

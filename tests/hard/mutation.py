@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import datetime as dt
 import re
 from contextlib import suppress
 from io import BytesIO
@@ -110,7 +111,23 @@ def _splice(data: bytes, rng: Random, others: list[bytes]) -> bytes:
     return data[:place] + piece + data[place + rng.choice((0, len(piece))) :]
 
 
-_CHANGES = (_flip, _cut, _drop, _insert, _number, _number, _word, _exchange, _lines, _splice)
+def _header(data: bytes, rng: Random, others: list[bytes]) -> bytes:
+    """A number of the first lines: counts, sizes, versions."""
+    end = rng.choice((60, 200, 600))
+    return _number(data[:end], rng, others) + data[end:]
+
+
+def _integer(data: bytes, rng: Random, others: list[bytes]) -> bytes:
+    """A binary number is another one."""
+    width, order = rng.choice((2, 4, 8)), rng.choice(("little", "big"))
+    value = rng.choice((0, 1, -1, 2**15, 2**31 - 1, 2**31, 2**40, 2**62, -(2**31), 1000))
+    raw = (value % 2 ** (8 * width)).to_bytes(width, order)
+    place = rng.randrange(min(len(data), rng.choice((64, 400, len(data) + 1))) + 1)
+    return data[:place] + raw + data[place + width :]
+
+
+_CHANGES = (_flip, _cut, _drop, _insert, _number, _number, _word, _exchange, _lines, _splice,
+            _header, _integer)  # fmt: skip
 
 VALUES: tuple[Any, ...] = (
     None, True, False, 0, -1, 1, 3.7, 1e-12, 5e-324, 1e9, 10**9, 1e308, float("inf"), float("nan"),
@@ -119,6 +136,9 @@ VALUES: tuple[Any, ...] = (
     {"type": "box"}, {"axis": "z", "angle": "9 deg"}, {"a": {"node": 3}}, {"": {}}, "1e-2..1e-6",
     "1..1e300", "1e-3..1e-5:1000", {"euler": "xyz", "angles": [1, 2, 3]}, [1e-300, 0, 0],
     {"origin": {"velocity": [1, 2, 3]}}, "x.y", "sensors.a.x", list(range(40)), [{}] * 5,
+    dt.date(2026, 1, 1), dt.datetime(1, 1, 1, tzinfo=dt.UTC), dt.time(9, 30), -0.0, 2**63, [None],
+    "normal(0.15, 1e-4)", "uniform(1, 0)", "triangular(0, 0, 0)", "log-uniform(-1, 1)", "1..2:1e9",
+    "log-uniform(1e-320, 1e308)", {"x": 1, "X": 2}, ["\u0000"], {"a.b": 1, 'a"b': 2, "a\nb": 3},
 )  # fmt: skip
 
 
@@ -187,7 +207,11 @@ def _change_item(file: h5py.File, path: str, rng: Random, items: list[str]) -> N
     if what == 1:
         owner = rng.choice((file, item))
         name = rng.choice([*owner.attrs, "x"])
-        owner.attrs[name] = rng.choice((1, -1, 2.5, np.nan, "x" * 70, "\x1b[2J", b"\xff", [1, 2]))
+        owner.attrs[name] = rng.choice((
+            1, -1, 2.5, np.nan, "x" * 70, "\x1b[2J", b"\xff", [1, 2], h5py.Empty("f8"), "",
+            np.void(b"a"), np.zeros((2, 2)), "9" * 5000, file.ref, np.zeros(1, "i4,f8"), [b"a"],
+            h5py.Empty("S4"), ["\u202e"], np.uint8(1), np.bool_(False), np.complex128(1j), 2**62,
+        ))  # fmt: skip
         return
     if isinstance(item, h5py.Group):
         return
@@ -222,7 +246,8 @@ def _changed_value(value: Any, rng: Random, what: int) -> Any:
     if what == 5:
         return value.T
     if what == 6:
-        return rng.choice(("text", ["a", "b"]))
+        return rng.choice(("text", ["a", "b"], np.zeros(3, "i4,f8"), np.void(b"\0" * 8),
+                           np.zeros((2, 0)), np.array([], "f8"), h5py.Empty("f8")))  # fmt: skip
     new = np.array(value)
     if new.size:
         place = np.unravel_index(rng.randrange(new.size), new.shape)
@@ -230,3 +255,37 @@ def _changed_value(value: Any, rng: Random, what: int) -> Any:
         with np.errstate(all="ignore"):
             new[place] = np.array(wrong).astype(new.dtype)
     return new
+
+
+def mutate_parquet(data: bytes, rng: Random, others: list[bytes]) -> bytes:
+    """Bytes changed, or a column dropped, renamed, doubled, of another type, or ever so long."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    if rng.random() < 0.5:
+        return mutate_bytes(data, rng, others)
+    table = pq.read_table(BytesIO(data))
+    for _ in range(rng.choice((1, 1, 2))):
+        place = rng.randrange(table.num_columns)
+        name, what = table.column_names[place], rng.randrange(6)
+        values = pa.array([rng.choice((None, *NUMBERS, *WORDS[5:], "{}", "[[1]]", "[" * 9999))
+                           for _ in range(table.num_rows)], pa.string())  # fmt: skip
+        if what == 0 and table.num_columns > 1:
+            table = table.remove_column(place)
+        elif what == 1:
+            table = table.append_column(rng.choice((name, *WORDS, "key", "reason")), values)
+        elif what == 2:
+            table = table.set_column(place, name, values)
+        elif what == 3:
+            other = rng.choice((0, 1.5, -(2**62), True, [1.0], ["a"], b"\xff", {"a": 1}, [],
+                                float("nan"), None, dt.date(2026, 1, 1), [[1.0]]))  # fmt: skip
+            table = table.set_column(place, name, pa.array([other] * table.num_rows))
+        elif what == 4:
+            about = rng.choice((b"", b"{}", b"3", b"[" * 9999, b'{"scene": 3}', b"\xff"))
+            table = table.replace_schema_metadata({b"flexmb": about})
+        else:
+            rows = table.slice(0, 1).to_pylist() * rng.choice((0, 2, 200_000))
+            table = pa.Table.from_pylist(rows, table.schema)
+    target = BytesIO()
+    pq.write_table(table, target, compression=rng.choice(("snappy", "zstd", "gzip", "none")))
+    return target.getvalue()

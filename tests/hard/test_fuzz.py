@@ -10,10 +10,11 @@ from random import Random
 import pytest
 
 from flexmb.errors import FlexmbError
-from tests.hard.hostile import KINDS, PROJECT
+from tests.hard.hostile import KINDS
+from tests.hard.hostile_seeds import PROJECT
 
 
-@pytest.mark.parametrize("kind", ["expression", "words", "study", "table", "unit"])
+@pytest.mark.parametrize("kind", ["expression", "words", "section", "table", "unit"])
 @pytest.mark.filterwarnings("ignore")
 def test_hostile_inputs_end_in_a_sentence(kind, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

@@ -47,6 +47,33 @@ def swinging_linkage(u):
     return made
 
 
+def rubbing_crank(u, speed=None):
+    """A slider-crank with friction on its guide, driven or from rest under its weight."""
+    made = Model("crank", gravity=u([0, -9.81, 0], L=1, T=-2))
+    for name, mass, length, x in (("crank", 1, 0.2, 0.1), ("rod", 2, 0.6, 0.5)):
+        made.add_body(name, mass=u(mass, M=1), inertia=u([0.01, 0.06, 0.06], L=2, M=1),
+                      position=u([x, 0, 0], L=1))  # fmt: skip
+        made.add_marker(f"{name}.in", position=u([-length / 2, 0, 0], L=1))
+        made.add_marker(f"{name}.out", position=u([length / 2, 0, 0], L=1))
+    made.add_body("block", mass=u(1, M=1), inertia=u([0.01] * 3, L=2, M=1),
+                  position=u([0.8, 0, 0], L=1))  # fmt: skip
+    made.add_joint("a", "revolute", between=["ground", "crank.in"], axis="z")
+    made.add_joint("b", "revolute", between=["crank.out", "rod.in"], axis="z")
+    made.add_joint("c", "spherical", between=["rod.out", "block"])
+    made.add_joint("d", "prismatic", between=["ground", "block"], axis="x")
+    made.add_force("rub", "joint-friction", joint="d", static=0.3, dynamic=0.2,
+                   stribeck_speed=u(0.05, L=1, T=-1), stiffness=u(1e5, M=1, T=-2),
+                   damping=u(100, M=1, T=-1))  # fmt: skip
+    if speed is not None:
+        made.add_driver("motor", joint="a", angle=f"{speed / u.T!r}*t")
+    made.add_sensor("tip", "position", of="block")
+    return made
+
+
+def driven_crank(u):
+    return rubbing_crank(u, 10.0)
+
+
 def bouncing_ball(u):
     """A ball that bounces and slides, with rolling and dry friction."""
     made = Model("ball", gravity=u([0, 0, -9.81], L=1, T=-2))
@@ -86,14 +113,18 @@ def driven_beam(u):
     return made
 
 
-def path(make, factors, method):
-    """(rows, 3) places of the tip over the unit of length."""
+def run(make, factors, method, **steps):
+    """The result; (rows, 3) places of the tip over the unit of length."""
     u = Units(*factors)
     made = make(u)
-    step = u(5e-4 if method == "explicit-rk" and make is driven_beam else 1e-3, T=1)
-    made.set_dynamics(duration=u(0.4, T=1), outputs=20, step=step, method=method)
-    run = flexmb.simulate(made)
-    return np.column_stack([run[f"tip.{c}"] for c in "xyz"]) / u.L
+    made.set_dynamics(duration=u(0.4, T=1), outputs=20, method=method, **steps)
+    result = flexmb.simulate(made)
+    return result, np.column_stack([result[f"tip.{c}"] for c in "xyz"]) / u.L
+
+
+def path(make, factors, method):
+    step = 5e-4 if method == "explicit-rk" and make is driven_beam else 1e-3
+    return run(make, factors, method, step=Units(*factors)(step, T=1))[1]
 
 
 @pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
@@ -104,3 +135,35 @@ def test_machines_of_all_sizes_move_alike(make, method):
     for factors in UNITS:
         off = path(make, factors, method) - wanted
         assert np.abs(off).max() < 1e-8 * np.ptp(wanted, axis=0).max(), factors
+
+
+@pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
+@pytest.mark.parametrize("method", METHODS[:2])
+@pytest.mark.parametrize("make", [driven_crank, rubbing_crank])
+def test_machines_of_all_sizes_take_the_same_steps(make, method):
+    """With error control too, and the same reactions: a moment beside forces has no say."""
+    wanted, tip = run(make, (1.0, 1.0, 1.0), method, accuracy=1e-4)
+    friction = wanted.lam[:, -1]
+    for L, M, T in [(1e6, 1.0, 1.0), (1e-3, 1e-3, 60.0)]:
+        found, place = run(make, (L, M, T), method, accuracy=1e-4)
+        assert found.statistics["steps"] == pytest.approx(wanted.statistics["steps"], rel=0.05)
+        assert np.abs(place - tip).max() < 1e-8 * np.ptp(tip, axis=0).max()
+        force = found.lam[:, -1] / (M * L / T**2)
+        assert np.abs(force - friction).max() < 1e-8 * np.abs(friction).max(), (L, M, T)
+
+
+@pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
+def test_newton_stops_alike_whatever_the_unit_of_a_stroke():
+    """What round-off leaves of a stroke that a coordinate follows counts over the model size."""
+    counts = []
+    for factors in [(1.0, 1.0, 1.0), (1e6, 1.0, 1.0)]:
+        found, _ = run(rubbing_crank, factors, "radau", step=1e-3)
+        counts.append(found.statistics["residual_evaluations"])
+    assert counts[1] == pytest.approx(counts[0], rel=0.02)
+
+
+@pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
+def test_a_machine_of_a_thousand_kilometres_does_not_come_apart():
+    """Joints that drift, as by Baumgarte's method, are judged over the size of the machine."""
+    found, _ = run(swinging_linkage, (1e6, 1.0, 1.0), "baumgarte", accuracy=1e-4)
+    assert found.status == "finished" and found.drift[:, 0].max() > 1e-3

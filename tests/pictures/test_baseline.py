@@ -16,7 +16,8 @@ import slidercrank
 from flexmb import simulate
 from flexmb.model import Model
 from flexmb.results import Result
-from flexmb.view import render, vtk_renderer
+from flexmb.view import vtk_renderer
+from flexmb.view.picture import render
 
 HERE = Path(__file__).parent / "baseline"
 SIZE = 320, 180

@@ -18,8 +18,7 @@ from flexmb.model import Model
 from flexmb.results import Result, reader
 from flexmb.view import encoder, vtk_renderer
 from flexmb.view.drawing import Drawing
-from flexmb.view.film import MotionShot, plan
-from flexmb.view.frames import draw_frames_in_parallel
+from flexmb.view.film import MotionShot, draw_frames_in_parallel, plan
 from flexmb.view.mechanism import Mechanism
 from flexmb.view.picture import view_of
 

@@ -13,9 +13,9 @@ from flexmb import load_result, run_scene, simulate
 from flexmb.errors import ViewError
 from flexmb.model import Model
 from flexmb.results import Result
-from flexmb.view import render
 from flexmb.view.drawing import Drawing
 from flexmb.view.mechanism import Mechanism
+from flexmb.view.picture import render
 
 
 @pytest.fixture(scope="module")

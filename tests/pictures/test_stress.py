@@ -13,10 +13,9 @@ import slidercrank
 from flexmb.errors import ViewError
 from flexmb.flexbody import StressModes, load, save
 from flexmb.results import Result
-from flexmb.view import render
 from flexmb.view.drawing import Drawing
 from flexmb.view.mechanism import Mechanism
-from flexmb.view.picture import view_of
+from flexmb.view.picture import render, view_of
 
 
 @pytest.fixture(scope="module")

@@ -105,16 +105,21 @@ def cantilever(**words):
 @pytest.mark.parametrize("method", METHODS)
 def test_quasi_static_modes_have_the_deflection_of_statics(method):
     """F (L³/3EI + L/κGA) at each time, however fast it is loaded; and the joint stays closed."""
-    (y,), result = channels(
-        cantilever(deformation="quasi-static"), ("tip.y",), duration=1.0, accuracy=1e-4,
-        method=method,
-    )  # fmt: skip
+    made = cantilever(deformation="quasi-static")
+    made.add_sensor("speed", "velocity", of="beam.tip")
+    (y, v), result = channels(
+        made, ("tip.y", "speed.y"), duration=1.0, accuracy=1e-4, method=method
+    )
     E, nu = STEEL["E"], STEEL["nu"]
     shear = 10 * (1 + nu) / (12 + 11 * nu) * E / (2 * (1 + nu)) * 0.01**2
     compliance = 1 / (3 * E * 0.01**4 / 12) + 1 / shear
     assert y == pytest.approx(compliance * result.time, rel=5e-6, abs=1e-11)
     assert result.statistics["largest_position_drift"] < 1e-10
     assert result["force.y"][1:] == pytest.approx(-result.time[1:], rel=1e-6)
+    assert v[5:] == pytest.approx(compliance, rel=1e-5)
+    work = result.energy["applied_work"]  # ½ C F², all of which is strain energy
+    assert work == pytest.approx(compliance / 2 * result.time**2, rel=1e-3, abs=1e-4 * work[-1])
+    assert result.statistics["energy_balance_error"] < 1e-3
 
 
 def test_quasi_static_modes_are_the_limit_of_slow_motion():

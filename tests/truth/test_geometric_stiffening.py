@@ -12,10 +12,21 @@ from scipy.optimize import brentq
 from truthkit import run
 
 from flexmb.errors import ReductionError
-from flexmb.fe import Mesh, assemble, general, make_interfaces, rectangle, reduce, resolve
+from flexmb.fe import (  # fmt: skip
+    Mesh,
+    assemble,
+    general,
+    make_interfaces,
+    mesh_from,
+    part,
+    rectangle,
+    reduce,
+    resolve,
+    shell,
+)
 from flexmb.fe.assembly.assemble import geometric_stiffness
 from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
-from flexmb.fe.reduction.geometric_stiffening import _force_per_mass, _rotation_stiffness
+from flexmb.fe.reduction.geometric_stiffening import _acceleration, interface_stiffness
 from flexmb.fe.reduction.inertia_relief import InertiaRelief, centrifugal_fields
 from flexmb.model import Model
 
@@ -35,60 +46,200 @@ def blade(stiffening=True, modes=10, elements=20):
     )  # fmt: skip
 
 
-def moments_of_inertia_load(fe, per_mass):
-    """Sum of s f^T of forces G s + g per mass."""
-    return fe.inertia.S0 @ per_mass[:, :3].T + np.outer(fe.inertia.S1, per_mass[:, 3])
+BENT = np.array([[0, 0, 0], [1.0, 0, 0], [1.0, 0.7, 0], [1.0, 0.7, 0.5]])
+SKEW = np.linalg.qr([[0.9, 0.1, 0.4], [0.3, 0.8, -0.2], [0.1, 0.5, 0.7]])[0]
+THIN = {"all": rectangle(1e-3, 1e-3, shear=False)}
+MASS = {"mass": 5.0, "offset": [0.1, 0.3, -0.2], "inertia": [0.3, 0.2, 0.1]}
+
+
+def bent_line(offset=(0.0, 0.0)):
+    """Beams around two corners, clamped at one end, loaded at the other."""
+    points = np.stack([np.interp(np.linspace(0, 3, 19), range(4), c) for c in BENT.T], axis=1)
+    lines = np.stack([np.arange(18), np.arange(1, 19)], axis=1)
+    mesh = Mesh(points, {"line": lines}, {"root": np.array([0])})
+    return mesh, {"sections": {"all": rectangle(1e-3, 1e-3, shear=False, offset=offset)}}
+
+
+def with_mass(**options):
+    mesh, more = bent_line()
+    return mesh, {**more, "masses": {"m": {"at": 18, **MASS}}, **options}
+
+
+def tied_lines():
+    """Two beams and a rigid arm between them, with a body on the far end of the arm."""
+    one, other = line(12, end=(1, 0.2, 0.1)), line(6, start=(1.3, 0.5, 0.1), end=(2, 0.5, 0.3))
+    lines = np.vstack([one.blocks["line"], other.blocks["line"] + 13])
+    groups = {"root": np.array([0]), "c": np.array([13])}
+    mesh = Mesh(np.vstack([one.points, other.points]), {"line": lines}, groups)
+    ties = {"arm": {"type": "rbe2", "reference": 12, "nodes": "c"}}
+    return mesh, {"sections": THIN, "ties": ties, "masses": {"m": {"at": 13, **MASS}}}
+
+
+def block_and_line(kind):
+    """A beam that is tied to the face of a solid, beside its middle."""
+    block, bar = solid_box("hexahedron20", [2, 1, 1], (1.0, 0.4, 0.3)), line(4, (1.2, 0.5, 0.1))
+    first, bar_points = len(block.points), bar.points + [0.1, 0.4, 0.2]
+    groups = {"root": block.group_nodes("x0", ""), "x1": block.group_nodes("x1", "")}
+    blocks = {**block.blocks, "line": bar.blocks["line"] + first}
+    mesh = Mesh(np.vstack([block.points, bar_points]), blocks, groups)
+    ties = {"t": {"type": kind, "reference": first, "nodes": "x1"}}
+    return mesh, {"sections": {"all": rectangle(0.03, 0.02)}, "ties": ties}
+
+
+def skew_plate(kind, offset):
+    mesh = mesh_from(
+        {"type": "plate", "length": 1, "width": 0.3, "divisions": [6, 2], "elements": kind}
+    )
+    groups = {"root": mesh.group_nodes("x0", "")}
+    mesh = Mesh(mesh.points @ SKEW.T, mesh.blocks, groups)
+    return mesh, {"sections": {"all": shell(0.01, offset=offset)}}
+
+
+def turning_work(fe, ends, load):
+    """R_v^T K_geo R_w of turns v, w under a load, and tr(M) I - M with its moments sum of s f^T.
+
+    A load is a centrifugal field, by number, a force along an axis at the last node, or one at the
+    last interface.
+    """
+    fixed, relief = FixedInterfaceModel(fe, ends, tuple(range(6))), InertiaRelief(fe.M, fe.rigid)
+    f, field, moments = np.zeros(fe.numbering.n), np.zeros((3, 4)), np.zeros((3, 3))
+    at_end = 0.0
+    if isinstance(load, int):
+        f, field = centrifugal_fields(fe)[load]
+    elif load[0] == "i":
+        axis = "xyz".index(load[1])
+        f = at_end = fixed.loads()[:, axis - 6]
+        moments = np.outer(ends[-1].position, np.eye(3)[axis])
+    else:
+        axis = "xyz".index(load)
+        f[fe.numbering.table[-1, axis]] = 1.0
+        moments = np.outer(fe.mesh.points[-1], np.eye(3)[axis])
+    field = field - _acceleration(fe, relief.acceleration(f))
+    moments = moments + fe.inertia.S0 @ field[:, :3].T + np.outer(fe.inertia.S1, field[:, 3])
+    u, turns = fixed.free(relief.loads(f)), fe.rigid[:, 3:]
+    found = turns.T @ (geometric_stiffness(fe, u, field) @ turns)
+    links = fe.K @ u - relief.loads(f) + at_end
+    found += sum(interface_stiffness(fe, end, links) for end in ends)
+    return found, np.trace(moments) * np.eye(3) - moments
 
 
 @pytest.mark.parametrize(
-    ("load", "offset"),
-    [*((load, (0.0, 0.0)) for load in (0, 1, 5, "x", "z")), ("x", (0.1, -0.06)), ("y", (0.1, 0.0))],
-)
-def test_stress_of_a_load_turns_with_the_body(load, offset):
-    """R_v^T K_geo R_w = v.(tr(M) w - M w) of turns v, w and the moments M = sum of s f^T, for loads
-    that turn with the body do no work."""
-    corners = np.array([[0, 0, 0], [1.0, 0, 0], [1.0, 0.7, 0], [1.0, 0.7, 0.5]])
-    places = np.linspace(0, 3, 19)
-    points = np.stack([np.interp(places, range(4), corners[:, a]) for a in range(3)], axis=1)
-    lines = np.stack([np.arange(18), np.arange(1, 19)], axis=1)
-    bent = Mesh(points, {"line": lines}, {"root": np.array([0])})
+    ("made", "error"),
+    [
+        (bent_line(), 3e-3),
+        (bent_line((0.1, -0.06)), 0.02),
+        (with_mass(), 3e-3),
+        (with_mass(mass_matrix="hrz"), 1e-9),
+        (tied_lines(), 1e-3),
+        (block_and_line("rbe2"), 1e-3),
+        (block_and_line("rbe3"), 1e-3),
+        (skew_plate("quad", 0.0), 6e-3),
+        (skew_plate("quad", 0.05), 6e-3),
+        (skew_plate("triangle", 0.05), 6e-3),
+    ],
+    ids=[
+        "beams", "beams beside their nodes", "mass on an arm", "lumped mass", "rigid arm",
+        "rbe2 face", "rbe3 face", "quads", "quads beside their nodes", "triangles",
+    ],
+)  # fmt: skip
+def test_stress_of_a_load_turns_with_the_body(made, error):
+    """Loads that turn with the body do no work: of turns v, w it is v.(tr(M) w - M w)."""
+    mesh, options = made
     material = resolve({"E": 1e9, "nu": 0.3, "density": 1000.0})
-    thin = {"all": rectangle(1e-3, 1e-3, shear=False, offset=offset)}
-    fe = assemble(bent, material, thin)
-    fixed = FixedInterfaceModel(fe, make_interfaces(fe, {"root": "root"}), tuple(range(6)))
-    relief = InertiaRelief(fe.M, fe.rigid)
-    if isinstance(load, int):
-        field, G = centrifugal_fields(fe)[load]
-        f, moments = fe.M @ field, np.zeros((3, 3))
-    else:
-        axis, G, f = "xyz".index(load), np.zeros((3, 3)), np.zeros(fe.numbering.n)
-        f[fe.numbering.table[-1, axis]] = 1.0
-        moments = np.outer(points[-1], np.eye(3)[axis])
-    per_mass = _force_per_mass(fe, G, relief.acceleration(f))
-    moments = moments + moments_of_inertia_load(fe, per_mass)
-    R = fe.rigid[:, 3:]
-    found = R.T @ (geometric_stiffness(fe, fixed.free(relief.loads(f)), per_mass) @ R)
-    wanted = np.trace(moments) * np.eye(3) - moments
-    np.testing.assert_allclose(found, wanted, atol=0.02 * np.abs(moments).max())
+    fe = assemble(mesh, material, **options)
+    ends = make_interfaces(fe, {"root": "root"})
+    for load in (0, 1, 5, "x", "y", "z"):
+        found, wanted = turning_work(fe, ends, load)
+        np.testing.assert_allclose(found, wanted, atol=error * np.abs(wanted).max())
 
 
-def test_a_rigid_interface_turns_with_the_forces_on_its_nodes():
-    """The same of a solid whose end is rigid: what its nodes carry acts at its point."""
+@pytest.mark.parametrize("kind", ["rbe2", "rbe3"])
+def test_an_interface_turns_with_the_forces_on_its_nodes(kind):
+    """The same of a solid with an interface beside its end: what its nodes carry acts there."""
     fe = assemble(solid_box("hexahedron20", [3, 1, 1], (1.0, 0.4, 0.3)), resolve("steel"))
-    ends = make_interfaces(fe, {"a": "x0", "b": "x1"})
-    fixed, relief = FixedInterfaceModel(fe, ends, tuple(range(6))), InertiaRelief(fe.M, fe.rigid)
-    for axis in range(3):
-        f, turns = fixed.loads()[:, 6 + axis], fe.rigid[:, 3:]
-        u = fixed.free(relief.loads(f))
-        links = fe.K @ u - relief.loads(f) + f
-        found = turns.T @ (geometric_stiffness(fe, u) @ turns)
-        found += sum(_rotation_stiffness(fe, end, links) for end in ends)
-        per_mass = _force_per_mass(fe, np.zeros((3, 3)), relief.acceleration(f))
-        moments = np.outer(ends[1].position, np.eye(3)[axis]) + moments_of_inertia_load(
-            fe, per_mass
+    tip = {"group": "x1", "type": kind, "position": [1.3, 0.7, 0.2]}
+    ends = make_interfaces(fe, {"a": "x0", "b": tip})
+    for load in ("ix", "iy", "iz", 1):
+        found, wanted = turning_work(fe, ends, load)
+        np.testing.assert_allclose(found, wanted, atol=1e-9 * np.abs(wanted).max())
+
+
+def spinning_arm(mass, EI, beam, arm, hub, speed):
+    """Frequency [rad/s] of a mass on a rigid arm on a beam without mass, out of the plane of
+    rotation. Of the beam EI times the fourth derivative of w is N times the second; at its end
+    the moment is r (1 - N dw/dx), the force 1."""
+    N = mass * speed**2 * (hub + beam + arm)
+    k = np.sqrt(N / EI)
+
+    def row(x, n):
+        """n-th derivatives of 1, x, cosh kx, sinh kx."""
+        waves = [np.cosh(k * x), np.sinh(k * x)][:: 1 if n % 2 == 0 else -1]
+        return np.array([float(n == 0), [x, 1.0, 0.0, 0.0][n], *(k**n * v for v in waves)])
+
+    rows = [row(0, 0), row(0, 1), EI * row(beam, 2) + arm * N * row(beam, 1)]
+    rows.append(N * row(beam, 1) - EI * row(beam, 3))
+    shape = np.linalg.solve(rows, [0.0, 0.0, arm, 1.0])
+    return 1 / np.sqrt(mass * (row(beam, 0) + arm * row(beam, 1)) @ shape)
+
+
+@pytest.mark.parametrize("kind", ["tie", "offset"])
+def test_a_mass_on_a_rigid_arm_spins(kind):
+    """Its arm, a tie or an offset, is stretched like a pendulum's string."""
+    beam, arm, hub, mass, speed, h = 0.2, 0.5, 0.3, 2.0, 40.0, 0.01
+    bar = line(8, end=(beam, 0, 0))
+    groups = {"root": np.array([0]), "tip": np.array([8])}
+    mesh = Mesh(np.vstack([bar.points, [beam + arm, 0, 0]]), bar.blocks, groups)
+    held = {"at": 8, "mass": mass, "offset": [arm, 0, 0]}
+    ties = {}
+    if kind == "tie":
+        ties, held = (
+            {"t": {"type": "rbe2", "reference": 9, "nodes": "tip"}},
+            {"at": 9, "mass": mass},
         )
-        wanted = np.trace(moments) * np.eye(3) - moments
-        np.testing.assert_allclose(found, wanted, atol=1e-9 * np.abs(moments).max())
+    found = part(
+        mesh, material={"E": 7e10, "nu": 0.3, "density": 1e-3}, ties=ties, masses={"m": held},
+        sections={"all": rectangle(h, h, shear=False)}, frequencies=2, preload=True,
+        supports={"hub": {"group": "root", "type": "clamped"}},
+        loads={"s": {"type": "spin", "angular_velocity": [0, 0, speed], "position": [-hub, 0, 0]}},
+    ).frequencies  # fmt: skip
+    flap = spinning_arm(mass, 7e10 * h**4 / 12, beam, arm, hub, speed)
+    lag = np.sqrt(flap**2 - speed**2)  # in the plane, without Coriolis forces
+    assert 2 * np.pi * found == pytest.approx([lag, flap], rel=2e-4)
+
+
+@pytest.mark.parametrize("kind", ["rbe2", "rbe3"])
+def test_a_column_with_a_rigid_end_buckles(kind):
+    """Pressed at the end of a rigid extension a: tan kL = 1/(k a), P = EI k^2."""
+    h, a, E = 0.02, 0.3, 2e11
+    mesh = solid_box("hexahedron20", (12, 1, 1), (1.0, h, 1.5 * h))
+    tip = {"group": "x1", "type": kind, "position": [1.0 + a, h / 2, 0.75 * h]}
+    load = {"type": "interface", "interface": "tip", "force": [-1.0, 0, 0]}
+    factors = part(
+        mesh, material={"E": E, "nu": 0.0, "density": 7800.0}, interfaces={"tip": tip},
+        supports={"root": {"group": "x0", "type": "clamped"}}, loads={"p": load}, buckling=1,
+    ).load_factors  # fmt: skip
+    k = brentq(lambda k: np.cos(k) - k * a * np.sin(k), 0.1, np.pi / 2)
+    assert factors[0] == pytest.approx(E * 1.5 * h**4 / 12 * k**2, rel=2e-3)
+
+
+def test_shells_beside_their_nodes_stiffen_like_those_on_them():
+    """With rigid ends the plate is the same, wherever its nodes are."""
+    size = {"type": "plate", "length": 1, "width": 0.3, "divisions": [6, 2]}
+    bodies = []
+    for offset in (0.0, 0.04):
+        plate = mesh_from(size)
+        ends = {k: plate.group_nodes(f"x{k}", "") for k in (0, 1)}
+        mesh = Mesh(
+            plate.points - [0, 0, offset], plate.blocks, {f"x{k}": v for k, v in ends.items()}
+        )
+        interfaces = {f"x{k}": {"group": f"x{k}", "position": [k, 0.1, 0.2]} for k in (0, 1)}
+        sections = {"all": shell(0.01, offset=offset)}
+        bodies.append(reduce(mesh, material="steel", sections=sections, interfaces=interfaces,
+                             modes=2, geometric_stiffening="full"))  # fmt: skip
+    for forms in zip(*([b.centrifugal_stiffness[0, 0], b.centrifugal_stiffness[0, 1],
+                        *b.interfaces[1].bend] for b in bodies), strict=True):  # fmt: skip
+        one, other = (np.linalg.eigvalsh(form) for form in forms)
+        np.testing.assert_allclose(other, one, atol=1e-6 * np.abs(one).max())
 
 
 def main_frequency(t, y):

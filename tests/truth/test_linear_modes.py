@@ -14,7 +14,7 @@ from femeshes import line
 from restscenes import FAR, G, chain, pendulum
 
 import flexmb
-from flexmb.analysis.linear.mode_sweep import ModeSweep
+from flexmb.analysis.linear.linearization import ModeSweep
 from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.fe import rectangle, reduce
 from flexmb.model import Model

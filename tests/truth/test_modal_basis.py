@@ -178,6 +178,33 @@ def test_a_load_near_an_omitted_mode_is_told(ratio, outputs, tmp_path):
     assert share == pytest.approx(np.sqrt(rest / energy), rel=0.4 if outputs > 100 else 0.7)
 
 
+def test_a_run_is_refused_by_what_its_sensors_miss(tmp_path):
+    """A beam let go: a mode that it lacks is most of its deformation, and little of its way."""
+
+    def swing(modes, **sensors):
+        made = Model("swing", gravity=[0, -9.81, 0])
+        made.add_body(
+            "beam", mesh={"type": "beam", "length": L, "divisions": 20}, material="steel",
+            sections={"all": {"type": "rectangle", "y": 0.002, "z": 0.002}}, modes=modes,
+            interfaces={"root": "start", "tip": "end"}, stress="none",
+        )  # fmt: skip
+        made.add_joint("hinge", "revolute", between=["ground", "beam.root"], axis="z")
+        for name, kind in sensors.items():
+            made.add_sensor(name, kind, of="beam.tip")
+        made.set_dynamics(duration=0.6, outputs=120, accuracy=1e-5)
+        return made
+
+    few, notes = ran(swing(2, tip="position"), tmp_path / "few")
+    all_, none = ran(swing(12, tip="position"), tmp_path / "all")
+    assert not none
+    (note,) = (note for note in notes if "would vibrate" in note)
+    error = np.abs(few["tip.y"] - all_["tip.y"]).max() / np.ptp(all_["tip.y"])
+    said = float(note.split("change sensors by up to ")[1].split(" %")[0]) / 100
+    assert error / 4 < said < 4 * error
+    with pytest.raises(SolverError, match=r"bound 0.5; truncation = \"any\""):
+        ran(swing(2, tip="position", kick="acceleration"), tmp_path / "kick")
+
+
 @pytest.mark.parametrize("share", [0.9, 0.2])
 def test_a_load_faster_than_the_omitted_modes_that_are_known(share, tmp_path):
     """Along the bar, which resonates at c/4L; the lowest omitted modes, of bending, do not."""

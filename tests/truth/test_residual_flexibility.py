@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flexiblescenes import BEAM_PERIOD, rod
+from femeshes import line
+from flexiblescenes import BEAM_PERIOD, STEEL, rod
 from truth.test_effects import cantilever, channels, pendulum
 
 import flexmb
 from flexmb.analysis.assembly.residual_flexibility import condensation
 from flexmb.errors import FlexmbWarning, ReductionError
+from flexmb.fe import rectangle, reduce
 from flexmb.model import Model
 
 pytestmark = pytest.mark.filterwarnings("ignore::flexmb.errors.FlexmbWarning")
@@ -149,6 +151,79 @@ def test_a_run_says_what_vibrations_are_missing(deformation, share):
     for text in texts:
         assert "from 8.4" in text and 'deformation = "automatic"' in text
         assert float(text.split("differ by ")[1].split("%")[0]) / 100 == pytest.approx(share, 0.15)
+
+
+SUDDEN = {"type": "step", "t0": 0.4, "y0": 0.0, "y1": 10.0}
+
+
+@pytest.mark.parametrize(
+    ("load", "start", "share"),
+    [
+        (10, "undeformed", 1.0), (10, "quasi-static", 0.0),
+        ({**SUDDEN, "t1": 0.8}, "undeformed", 0.0),
+        ({**SUDDEN, "t1": 0.4001}, "undeformed", 1.0), ({**SUDDEN, "t1": 0.404}, "undeformed", 1.0),
+    ],
+)  # fmt: skip
+def test_a_run_says_what_a_sudden_load_would_excite(load, start, share):
+    """A load that comes at once moves a beam twice as far as it does in the end."""
+    made = cantilever(deformation="quasi-static")
+    del made.forces["load"]
+    made.add_force("load", "force", at="beam.tip", value=[0, load, 0])
+    with pytest.warns(FlexmbWarning) as found:
+        flexmb.simulate(made, duration=0.8, outputs=30, accuracy=1e-3, start=start, verify=False)
+    texts = [str(one.message) for one in found if "leave out vibrations" in str(one.message)]
+    assert len(texts) == (share > 0.0)
+    for text in texts:
+        assert float(text.split("differ by ")[1].split("%")[0]) / 100 == pytest.approx(share, 0.03)
+        assert ('start = "quasi-static" begins without' in text) == (load == 10)
+
+
+RADIUS, BALL, ARM, STRETCH = 0.4, 1.0, 2e-3, 5.25e4  # m, kg, kg m², N/m
+
+
+def governor():
+    """A ball that slides on an arm and hangs on a light rod, soft along its axis."""
+    body = reduce(
+        line(4, end=(RADIUS, 0, 0)), material={**STEEL, "density": 10.0}, modes=1,
+        interfaces={"root": "root", "tip": "tip"}, sections={"all": rectangle(0.1, 0.1)},
+    )  # fmt: skip
+    made = Model("governor")
+    made.add_body("arm", mass=0.01, inertia=[ARM / 2] * 3)
+    body = replace(body, K=STRETCH / (STEEL["E"] * 0.01 / RADIUS) * body.K)
+    made.add_body("rod", body, deformation="quasi-static")
+    made.add_body("ball", mass=BALL, inertia=[ARM / 2] * 3, position=[RADIUS, 0, 0])
+    made.add_joint("hub", "revolute", between=["ground", "arm"], axis="z")
+    made.add_joint("guide", "prismatic", between=["arm", "ball"], axis="x")
+    made.add_joint("root", "spherical", between=["arm", "rod.root"])
+    made.add_joint("tip", "spherical", between=["rod.tip", "ball"])
+    made.add_force("torque", "torque", at="arm", value=[0, 0, "1 + sin(2*t)"])
+    for name, kind in {"p": "position", "v": "velocity"}.items():
+        made.add_sensor(name, kind, of="ball")
+    return made
+
+
+@pytest.mark.parametrize("method", ["radau", pytest.param("explicit-rk", marks=pytest.mark.slow)])
+def test_what_a_soft_rod_lets_out_slows_the_turn(method):
+    """Angular momentum and energy of a ball that centrifugal force takes outwards.
+
+    L = (m r² + J) ω = ∫M dt and k (r − r₀) = m ω² r, m with a third of the rod, J with its height.
+    """
+    m, J = BALL + 0.04 / 3, ARM + 0.04 * 0.01 / 12
+    knobs = {"duration": 3.0, "outputs": 30, "start": "quasi-static"}
+    (x, y, u, v), result = channels(
+        governor(), ("p.x", "p.y", "v.x", "v.y"), **knobs, accuracy=1e-5, method=method
+    )
+    t, r = result.time, np.hypot(x, y)
+    momentum = t + (1 - np.cos(2 * t)) / 2
+    omega = (x * v - y * u) / r**2
+    np.testing.assert_allclose((m * r**2 + J) * omega, momentum, atol=1e-4 * momentum[-1])
+    np.testing.assert_allclose(r - RADIUS, m * omega**2 * r / STRETCH, atol=1e-6)
+    # dr/dt by dω of both: (m r² + J) dω + 2 m r ω dr = M dt, (k − m ω²) dr = 2 m ω r dω
+    grows = 2 * m * omega * r / (STRETCH - m * omega**2)
+    rate = (1 + np.sin(2 * t)) * grows / (m * r**2 + J + 2 * m * r * omega * grows)
+    np.testing.assert_allclose(((x * u + y * v) / r)[2:], rate[2:], atol=1e-2 * rate.max())
+    assert r[-1] - RADIUS > 2e-3
+    assert result.statistics["energy_balance_error"] < 1e-4
 
 
 @pytest.mark.slow

@@ -7,7 +7,14 @@ import pytest
 from scipy.sparse.linalg import eigsh
 from shellkit import KINDS, held, model, node_at, rectangle, sheet, static
 
-from flexmb.fe import geometric_stiffness
+from flexmb.fe import (
+    assemble,
+    geometric_stiffness,
+    make_interfaces,
+    mesh_from,
+    resolve,
+)
+from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
 from flexmb.fe.sections.shell_section import shell
 from flexmb.materials import Material
 
@@ -66,3 +73,28 @@ def test_cylinder_pressed_along_its_axis(kind):
     after = np.union1d(before, held(fe, {"y0": (0, 2), "y1": (0, 2)}))
     found = load_factor(fe, squeeze(fe, 1, "y0", "y1"), before, after) / (np.pi / 2)
     assert found == pytest.approx(STEEL.E * H**2 / np.sqrt(3 * (1 - STEEL.nu**2)), rel=0.04)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_bending_moments_of_shells_couple_twist_and_sway(kind):
+    """A strip bent by a force P at its tip, swaying by v and twisted by phi: int P (L - x) phi v''
+    (Timoshenko and Gere, Theory of Elastic Stability, section 6.3)."""
+    mesh = mesh_from(
+        {"type": "plate", "length": 1, "width": 0.06, "divisions": [16, 4], "elements": kind}
+    )
+    fe = assemble(mesh, resolve({"E": 2e11, "nu": 0.0, "density": 7800.0}), {"all": shell(0.01)})
+    root, tip = make_interfaces(fe, {"root": "x0", "tip": {"group": "x1", "type": "rbe3"}})
+    f = np.zeros((fe.numbering.n, 6))
+    f[tip.loads()[0]] = tip.loads()[1]
+    bent = FixedInterfaceModel(fe, (root,), tuple(range(6))).solve(f[:, 2])
+    table, (x, y) = fe.numbering.table, mesh.points[:, :2].T
+    y, sway, twist = y - y.mean(), np.zeros(fe.numbering.n), np.zeros(fe.numbering.n)
+    slope = (6 * x - 3 * x**2) / 2
+    sway[table[:, 1]], sway[table[:, 0]], sway[table[:, 5]] = (
+        (3 * x**2 - x**3) / 2,
+        -y * slope,
+        slope,
+    )
+    twist[table[:, 3]], twist[table[:, 2]], twist[table[:, 4]] = x, x * y, -y
+    found = sway @ (geometric_stiffness(fe, bent) @ twist)
+    assert found == pytest.approx(-0.25, rel=0.01)

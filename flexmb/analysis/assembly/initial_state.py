@@ -28,7 +28,7 @@ from flexmb.analysis.assembly.velocities import InitialVelocities
 from flexmb.analysis.equilibrium import settle, spin_of
 from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import solve_stage
+from flexmb.engine.entries import solve_stage, stage_solver
 from flexmb.engine.forces.force_characteristic import FORCE_CHARACTERISTICS
 from flexmb.engine.forces.spring_damper import COORDINATE_OF, DISTANCE_OF
 from flexmb.engine.initial_conditions import ACCELERATIONS, BEGIN, REMEMBER, RESIDUAL, VELOCITIES
@@ -125,8 +125,11 @@ def assemble(
     velocities = InitialVelocities(compiled, model, stiff)
 
     weights = assembly_weights(model)
+    corrector = mass_corrector(_weighted(stiff, weights), state, work)
 
     def make(of: Compiled, at: State) -> Corrector:
+        if of is compiled and at is state:
+            return corrector
         metric = _weighted(_stiffened(of.system, _RIGID * period), weights)
         return mass_corrector(metric, at, work if at is state else None)
 
@@ -149,7 +152,7 @@ def assemble(
     if len(modes) and begin is None:
         _equilibrate(compiled, modes, _SLOW * period, state, work, close)
     if start == "static" and begin is None:
-        _solve_accelerations(system, state, work)
+        _solve_accelerations(stage_solver(system, state, work), state)
         settle(compiled, model, state, spin=spin_of(model))
         turning = state.v.copy()
         velocities.set(state)
@@ -159,8 +162,9 @@ def assemble(
         _set_states(compiled, state, work, None)
     solve_stage(system, state, work, REMEMBER)
     damped, dampings = add_damping(choose_static_modes(compiled, state.q), model, state.q)
-    _solve_accelerations(damped.system, state, work)
-    solve_stage(damped.system, state, work, BEGIN)
+    solve = stage_solver(damped.system, state, work)
+    _solve_accelerations(solve, state)
+    solve(BEGIN)
     notes += _stop_notes(compiled, model, state, work)
     return Assembled(state, work, tuple(notes), damped, dampings)
 
@@ -200,14 +204,14 @@ def _equilibrate(
     Anderson's method (1965), J. ACM 12, 547, which solves linear equations in as many rounds as
     there are modes.
     """
-    slow = _stiffened(compiled.system, b, rates)
+    solve = stage_solver(_stiffened(compiled.system, b, rates), state, work)
     bodies = compiled.layout.bodies
     begins = np.array([body.iv for body in bodies])
     modes = rates + np.searchsorted(begins, rates, side="right")  # a pose has one more than v
     weights = compiled.system.weights[rates]
     before: list[tuple[Array, Array]] = []  # deformations and their steps
     for _ in range(_MAX_ROUNDS):
-        _solve_accelerations(slow, state, work)
+        _solve_accelerations(solve, state)
         eta, step = state.q[modes], b * state.vd[rates]
         change = float(np.abs(step * weights).max(initial=0.0))
         if not change < 1.0:
@@ -236,8 +240,8 @@ def _equilibrate(
     )
 
 
-def _solve_accelerations(system: System, state: State, work: Work) -> None:
-    code = solve_stage(system, state, work, ACCELERATIONS)
+def _solve_accelerations(solve: Callable[[int], float], state: State) -> None:
+    code = solve(ACCELERATIONS)
     if code != FINE:
         no_length = "a spring-damper has no length in the first pose; move its markers apart"
         raise AssemblyError(_ACCELERATION_ERRORS.get(int(code), no_length))

@@ -31,7 +31,7 @@ from flexmb.analysis.assembly.jacobian import (
     null_space,
 )
 from flexmb.engine.compile import Compiled, compile_system
-from flexmb.engine.entries import solve_stage
+from flexmb.engine.entries import stage_solver
 from flexmb.engine.initial_conditions import POSITIONS, RESIDUAL
 from flexmb.engine.state import State, Work
 from flexmb.engine.tables import System
@@ -81,11 +81,8 @@ MakeCorrector = Callable[[Compiled, State], Corrector]
 def mass_corrector(system: System, state: State, work: Work | None = None) -> Corrector:
     """Corrections that are least in the mass matrix of a system."""
     scratch = work if work is not None else new_work(system)
-    return Corrector(
-        scratch,
-        lambda: float(solve_stage(system, state, scratch, POSITIONS)),
-        lambda: solve_stage(system, state, scratch, RESIDUAL),
-    )
+    solve = stage_solver(system, state, scratch)
+    return Corrector(scratch, lambda: solve(POSITIONS), lambda: solve(RESIDUAL))
 
 
 def length_corrector(compiled: Compiled, state: State, weights: Array) -> Corrector:

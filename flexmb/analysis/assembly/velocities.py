@@ -9,7 +9,7 @@ at a marker is corrected in rounds.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from flexmb.engine.bodies.marker import MarkerTable
 from flexmb.engine.compile import Compiled, with_markers
-from flexmb.engine.entries import solve_stage
+from flexmb.engine.entries import solve_stage, stage_solver
 from flexmb.engine.initial_conditions import BEGIN, VELOCITIES
 from flexmb.engine.state import State
 from flexmb.engine.tables import MARKER, Pool, System
@@ -83,12 +83,16 @@ class InitialVelocities:
         table[:before], table[before:] = metric.parts.markers, markers.table()
         self._system = self._anchored(with_markers(metric, table, markers.pool.array()))
         self._work = new_work(self._system)
+        self._handed: tuple[State, Callable[[int], float]] | None = None  # the last state
 
     def set(self, state: State) -> None:
         """Set v of a state with closed positions."""
+        if self._handed is None or self._handed[0] is not state:
+            self._handed = state, stage_solver(self._system, state, self._work)
+        solve = self._handed[1]
         if not self._prescribed:
             state.v[:] = 0.0
-            solve_stage(self._system, state, self._work, VELOCITIES)
+            solve(VELOCITIES)
             return
         self._measure(state)
         wanted = self._wanted()
@@ -97,7 +101,7 @@ class InitialVelocities:
         for n in range(_MAX_ROUNDS):
             before, missed = state.v.copy(), left
             state.v[:] = self._guess(state, aim)
-            solve_stage(self._system, state, self._work, VELOCITIES)
+            solve(VELOCITIES)
             self._measure(state)
             missing = wanted - self._present()
             left = self._size(missing)

@@ -64,8 +64,8 @@ from flexmb.progress import Progress, silent
 from flexmb.results import NOT_UNIQUE, OutputBlock
 
 _UNBALANCED = 0.05  # of the energy that moved, from which on the user is told
-# Gap of a constraint, in radians or over the size of the model (1 m at most), from which on a
-# mechanism has come apart.
+# Gap of a constraint, in radians or over the size of the model, from which on a mechanism has come
+# apart.
 _OPEN = 1e-3
 _STIFF = "stiff"  # how a run ends that another method starts again
 _UNABLE = (method.NO_CONVERGENCE, method.NOT_FINITE, method.TOO_SMALL)
@@ -313,7 +313,7 @@ class _Pass:
         cause = (
             self._validity.diverging(run.state)
             or _static_modes(run)
-            or nearly_redundant(run.compiled, run.state.q)
+            or nearly_redundant(run.compiled, run.state.q, run.state.q_first)
         )
         return Ending("failed", failure_sentence(
             status, run.compiled, prepared.model, run.work, at, step, cause))  # fmt: skip
@@ -381,11 +381,14 @@ def _statistics(run: Integration) -> dict[str, float | int | str]:
         **({"partitions": 1 + int(count["partitions"])} if run.method.partitions else {}),
         "largest_position_drift": float(run.rows.largest_drift[0]),
         "largest_velocity_drift": float(run.rows.largest_drift[1]),
+        "largest_speed": float(run.rows.largest_drift[2]),
         "energy_balance_error": run.rows.balance.relative,
     }
 
 
 def n_closed(compiled: Compiled, rows: OutputBlock) -> int:
     """How many of the first rows satisfy the constraints."""
-    apart = np.flatnonzero(rows.drift[:, 0] > _OPEN * min(compiled.length, 1.0))
-    return int(apart[0]) if len(apart) else len(rows.t)
+    for row in np.flatnonzero(rows.drift[:, 0] > _OPEN * min(compiled.length, 1.0)):
+        if not np.abs(gaps_at(compiled, rows, row) * compiled.system.row_weights).max() <= _OPEN:
+            return int(row)
+    return len(rows.t)

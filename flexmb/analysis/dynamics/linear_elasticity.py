@@ -27,7 +27,7 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.natural_modes import natural_modes
-from flexmb.model.loaded_nodes import loads_beside_interfaces, marker_interface
+from flexmb.model.excitation import loads_beside_interfaces, marker_interface
 from flexmb.model.model import Model
 from flexmb.results import OutputBlock
 

@@ -171,9 +171,9 @@ class LoadFactorMonitor:
                     whole = self._load_factors(state, now)
                 values[k] = whole[self._number(columns.iv)]
                 continue
-            at = np.flatnonzero(table["body"] == self._number(columns.iv))
-            p = state.q[columns.iq + 3 : columns.iq + 7]
-            forces = in_body_axes(np.tile(p, (len(at), 1)), now["W"][at, :3])
+            number = self._number(columns.iv)
+            at = np.flatnonzero(table["body"] == number)
+            forces = now["W"][at, :3] @ work.now.body[number]["A"]
             values[k] = -((forces @ axis) @ ((now["s"][at] - body.center) @ axis)) / length / euler
         return values
 

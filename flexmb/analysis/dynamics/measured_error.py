@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,10 +55,16 @@ QUANTITIES = {
 """Quantity to which the channels of each unit belong."""
 # A sensor that moves by less than this share of the largest motion of its kind is at rest.
 _AT_REST = 1e-9
-# Reactions are judged over their own peak-to-peak, but over no less than this share of the largest
-# reaction of their unit; moments over no less than the next share of the largest force times the
-# size of the model: below that they are zero but for round-off.
-_LEAST_REACTION, _NO_MOMENT = 1e-3, 1e-9
+# All are judged over their own peak-to-peak, but reactions over no less than this share of the
+# largest of their unit, moments also than its square of the largest force times the size of the
+# model: below that they are zero but for errors. Velocities over no less than this share of their
+# own largest, those of bodies also than what moves them within the run as far as they move.
+_LEAST_SHARE = 1e-3
+_FLOORS = {
+    "reactions": f"{_LEAST_SHARE:g} of the largest of its unit",
+    "velocities": f"its mean speed or {_LEAST_SHARE:g} of its largest",
+}
+_FOR_SCALE = "motion"  # of bodies, which their velocities are judged by; positions are sensed
 _SCOUT = "scout_"
 _NO_MOTION = 1e-10  # of the size of the model, or of a radian, within the run
 _SPUN = 0.1  # radians for each of those by which the first speeds turn a body within the run
@@ -88,9 +94,10 @@ class _Compared:
 class ErrorOf:
     """The largest error of one quantity."""
 
-    error: float  # over the peak-to-peak of the sensor
+    error: float  # over its scale
     name: str  # of the sensor, body or joint
     time: float  # s, at which it is largest
+    over: str = ""  # its scale, if not its peak-to-peak
 
 
 class MeasuredError:
@@ -103,12 +110,15 @@ class MeasuredError:
         position or a velocity.
     least : mapping of str to float, optional
         Motion by unit below which a sensor counts as at rest.
+    duration : float
+        Of the run [s].
     """
 
     def __init__(
-        self, layout: Layout, model: Model, least: Mapping[str, float] | None = None
-    ) -> None:
-        self._compared = _compared(layout, model)
+        self, layout: Layout, model: Model, least: Mapping[str, float] | None = None,
+        duration: float = math.inf,
+    ) -> None:  # fmt: skip
+        self._compared, self._duration = _compared(layout, model), duration
         self._least = least or {}
         self._length = self._least.get("m", 0.0) / _NO_MOTION
         n = len(self._compared)
@@ -125,9 +135,13 @@ class MeasuredError:
         }  # fmt: skip
         self._places = [k for k, one in enumerate(self._compared) if one.quantity == "positions"]
         self._growth = SampledHistory(len(self._places))  # of the differences of positions
+<<<<<<< HEAD
         # positions of the fine run and differences, of this pass and of the one before
         self._samples = SampledHistory(len(self._places) * (widest + 1))
         self._before = np.full_like(self._samples.table, np.nan)
+=======
+        self._results: dict[float, dict[str, ErrorOf]] = {}  # by ratio, of the rows so far
+>>>>>>> 9d865615a050735d0d38c0eb119ce5755fce4e16
 
     def arrays(self) -> dict[str, np.ndarray]:
         """All that there is so far, to be saved and filled in again."""
@@ -153,7 +167,12 @@ class MeasuredError:
         n = min(len(fine.t), len(coarse.t))
         if n == 0:
             return
+<<<<<<< HEAD
         values, gaps = np.zeros((2, n, self._range[0].size))
+=======
+        self._results.clear()
+        gaps = np.zeros((n, self._range[0].size))
+>>>>>>> 9d865615a050735d0d38c0eb119ce5755fce4e16
         low, high = (bound.reshape(-1) for bound in self._range)
         for table, (columns, places) in self._columns.items():
             ours, theirs = (getattr(rows, table)[:n, columns] for rows in (fine, coarse))
@@ -172,17 +191,20 @@ class MeasuredError:
 
     def largest(self, ratio: float) -> dict[str, ErrorOf]:
         """The largest error of each quantity; `ratio` is that of the errors of the two runs."""
+        if ratio in self._results:
+            return self._results[ratio]
         spans, largest = self._spans(), dict[str, ErrorOf]()
         apart = np.divide(self._largest[0], spans, out=np.zeros(len(spans)), where=spans > 0.0)
         # once the runs have parted, the finer one is no better than the other
         errors = np.where(apart > _PARTED, apart, apart / (max(ratio, 1.0 + 1e-9) - 1.0))
         for k, (one, error) in enumerate(zip(self._compared, errors, strict=True)):
             if one.quantity not in largest or error > largest[one.quantity].error:
-                time, name = float(self._largest[1, k]), one.name
+                worst = ErrorOf(float(error), one.name, float(self._largest[1, k]))
                 low, high = (bound[k] for bound in self._range)
                 if spans[k] > (1 + 1e-9) * np.max(high - low):
-                    name += f" (over {_LEAST_REACTION:g} of the largest reaction)"
-                largest[one.quantity] = ErrorOf(float(error), name, time)
+                    worst = replace(worst, over=_FLOORS[one.quantity])
+                largest[one.quantity] = worst
+        self._results[ratio] = largest
         return largest
 
     def ratio_before(self) -> float:
@@ -212,22 +234,28 @@ class MeasuredError:
         return until
 
     def _spans(self) -> Array:
-        """Scale of each: its peak-to-peak; 0 for what is at rest against others of its unit."""
+        """Scale of each: its peak-to-peak, or more; 0 for what is at rest against others."""
         low, high = self._range
         spans = np.where(np.isfinite(low), high - low, 0.0).max(axis=1, initial=0.0)
         units = np.array([one.unit for one in self._compared])
-        for unit in set(units):
-            same = units == unit
+        sorts = np.array([one.quantity == _FOR_SCALE for one in self._compared])
+        for unit, sort in set(zip(units, sorts, strict=True)):
+            same = (units == unit) & (sorts == sort)
             least = max(_AT_REST * spans[same].max(), self._least.get(unit, 0.0))
             spans[same & (spans <= least)] = 0.0
         reacts = np.array([one.quantity == "reactions" for one in self._compared])
         size = np.where(np.isfinite(low), np.maximum(np.abs(low), np.abs(high)), 0.0)
         size = size.max(axis=1, initial=0.0)
         force = size[reacts & (units == "N")].max(initial=0.0)
-        for unit, floor in (("N", 0.0), ("N m", _NO_MOMENT * force * self._length)):
+        for unit, floor in (("N", 0.0), ("N m", _LEAST_SHARE**2 * force * self._length)):
             same = reacts & (units == unit)
             largest = size[same].max(initial=0.0)
-            spans[same] = np.maximum(spans[same], max(floor, _LEAST_REACTION * largest))
+            spans[same] = np.maximum(spans[same], max(floor, _LEAST_SHARE * largest))
+        moved = {one.name + one.unit: spans[k] for k, one in enumerate(self._compared)}
+        for k, one in enumerate(self._compared):
+            if one.quantity == "velocities" and spans[k] > 0.0:
+                mean = moved.get(f"{one.name}{one.unit.removesuffix('/s')}", 0.0) / self._duration
+                spans[k] = max(spans[k], mean, _LEAST_SHARE * size[k])
         return np.asarray(spans)
 
 
@@ -247,9 +275,13 @@ def _compared(layout: Layout, model: Model) -> list[_Compared]:
             ("positions", "m", "q", body.iq, 3), ("positions", "rad", "q", body.iq + 3, 4),
             ("velocities", "m/s", "v", body.iv, 3), ("velocities", "rad/s", "v", body.iv + 3, 3),
         ):  # fmt: skip
-            if quantity not in sensed:
-                columns = tuple(range(first, first + n))
-                compared.append(_Compared(f"bodies.{body.name}", quantity, unit, table, columns))
+            what = quantity
+            if quantity in sensed:
+                if "velocities" in sensed or quantity == "velocities":
+                    continue
+                what = _FOR_SCALE
+            columns = tuple(range(first, first + n))
+            compared.append(_Compared(f"bodies.{body.name}", what, unit, table, columns))
     for k, name in enumerate(layout.reactions):
         for unit, first in (("N", 12 * k), ("N m", 12 * k + 3)):
             columns = (first, first + 1, first + 2)
@@ -297,6 +329,7 @@ class VerifiedRun:
 
         Not where the runs were different motions then, whose difference says nothing.
         """
+<<<<<<< HEAD
         integrator, passes, now = self.fine.method, self.passes[0], self.difference
         highest = integrator.order - _ORDER_LOST * self._has_stiff_states
         if not 0.0 < passes["last_difference"] < _SAME_MOTION or now == 0.0:
@@ -304,6 +337,18 @@ class VerifiedRun:
         reduction = math.log(passes["last_tolerance"] / passes["tolerance"])
         order = integrator.error_order * math.log(passes["last_difference"] / now) / reduction
         return min(max(order, _MIN_ORDER * integrator.order), highest)
+=======
+        integrator, passes = self.fine.method, self.passes[0]
+        if not 0.0 < passes["last_difference"] < _SAME_MOTION or self.difference == 0.0:
+            return integrator.order
+        reduction = math.log(passes["last_tolerance"] / passes["tolerance"])
+        order = (
+            integrator.error_order
+            * math.log(passes["last_difference"] / self.difference)
+            / reduction
+        )
+        return min(max(order, _MIN_ORDER * integrator.order), integrator.order)
+>>>>>>> 9d865615a050735d0d38c0eb119ce5755fce4e16
 
     @property
     def ratio(self) -> float:
@@ -334,7 +379,7 @@ class VerifiedRun:
         turn = max(1.0, _SPUN * span * float(max(spun, default=0.0)))
         least = {"m": length, "rad": turn, "m/s": length / span, "rad/s": turn / span}
         at_rest = {unit: _NO_MOTION * size for unit, size in least.items()}
-        error = MeasuredError(compiled.layout, model, at_rest)
+        error = MeasuredError(compiled.layout, model, at_rest, span)
         return cls(scout, fine, error, recorded, of_scout, passes)
 
     def advance(self, first: bool = False) -> tuple[int, list[OutputBlock]]:

@@ -10,7 +10,10 @@ the mean axes too, but load a body otherwise. Compared are the largest values of
 The lowest modes that were left out are integrated beside the run, as oscillators that its
 accelerations and its loads drive, exactly for forces that are linear between rows (Biggs,
 Introduction to Structural Dynamics, 1964, ch. 2). What they do beyond following these forces is
-what truncation leaves out: near their frequency, it resonates.
+what truncation leaves out: near their frequency, it resonates. Some part of the body moves by
+2/√m of it (a free end of a beam, m its mass): by so much, and ω or ω² times that, positions,
+velocities and accelerations may be off, and by m ω²/2 times that forces of joints. A run is refused
+by that share of the range of its sensors; without such sensors by the share of the deformation.
 """
 
 from __future__ import annotations
@@ -38,8 +41,12 @@ from flexmb.engine.units import call, hand_over, prepare_units
 from flexmb.engine.work import new_run, new_state, new_work, units_of
 from flexmb.flexbody import FlexBody, InertiaResponse, LoadResponse
 from flexmb.flexbody.static_response import LARGEST_SHARE, LEAST_MOTION
-from flexmb.model.bandwidth import oscillations, slowest_oscillation
-from flexmb.model.loaded_nodes import loads_beside_interfaces, loads_on_bodies
+from flexmb.model.excitation import (
+    loads_beside_interfaces,
+    loads_on_bodies,
+    oscillations,
+    slowest_oscillation,
+)
 from flexmb.model.model import Model
 from flexmb.results import OutputBlock
 
@@ -51,6 +58,7 @@ _SETTLED = 0.1  # share of a run before which little can be said of the whole of
 _RESOLVED = 1.0  # rad of a mode between two rows up to which they tell how it is driven
 _ROUND_OFF = 2e-14  # of a place: motion that is none
 _BLOCK = 50.0  # decades of e within one sum
+_POWER = {"position": 0, "distance": 0, "velocity": 1, "acceleration": 2, "reaction": 2}  # of ω
 _DAMPING = 0.01  # ratio of the modes that are left out: they forget how a run began
 
 
@@ -115,6 +123,16 @@ class ModalBasisMonitor:
         self._oscillators = [_Oscillators(one.body, drive) for one in self._bodies]
         most = max((len(one.omega) for one in self._oscillators), default=0)
         self._vibration = np.full((n, most, 5), np.nan)  # of omitted modes
+        self._sensors = [
+            (
+                [k for k, one in enumerate(compiled.layout.channels) if one.split(".")[0] == name],
+                _POWER[spec.type],
+                spec.type == "reaction",
+            )
+            for name, spec in model.sensors.items()
+            if spec.type in _POWER and getattr(spec, "quantity", "force") == "force"
+        ]
+        self._least, self._most = np.array(np.inf), np.array(-np.inf)  # of all channels
         self._unknown = np.zeros(n)  # largest force at a node without answers
         self._work: tuple[Any, Any, Any] | None = None
         self._loads: tuple[Array, list[Array]] = np.zeros(0), []  # of the last rows
@@ -127,6 +145,9 @@ class ModalBasisMonitor:
         """Take the next rows."""
         self._begin[:] = np.where(np.isnan(self._begin), rows.t[0], self._begin)
         self._now[:] = rows.t[-1]
+        if rows.sensors.shape[1]:
+            self._least = np.minimum(self._least, rows.sensors.min(axis=0))
+            self._most = np.maximum(self._most, rows.sensors.max(axis=0))
         loads = self._node_loads(rows)
         for k, one in enumerate(self._bodies):
             eta = rows.q[:, one.columns.iq + 7 : one.columns.iq + 7 + one.columns.m]
@@ -227,7 +248,22 @@ class ModalBasisMonitor:
                 whole = self._strain[k] if what == TRUNCATION else self._whole[k]
                 share = 0.0 if early or not missing else float(np.sqrt(missing / whole))
                 text = partial(texts, one, share, t, beside)
-                yield Indicator(one.name, words[what], share, t, LARGEST_SHARE, text)
+                by_sensors = self._change(one, share, beside) if what == TRUNCATION else None
+                yield Indicator(one.name, words[what], share, t, LARGEST_SHARE, text, by_sensors)
+
+    def _change(self, one: _Watched, share: float, hertz: float) -> float | None:
+        """How much an omitted mode may change the sensors, over the range of each; None: none."""
+        k = self._bodies.index(one)
+        if not share or not self._sensors or not self._most.ndim:
+            return None
+        omega = 2.0 * np.pi * hertz
+        moved = 2.0 * np.sqrt(self._largest[TRUNCATION, 0, k] / one.body.mass) / omega
+        changes = []
+        for columns, power, is_force in self._sensors:
+            size = float((self._most - self._least)[columns].max())
+            change = moved * omega**power * (0.5 * one.body.mass if is_force else 1.0)
+            changes.append(change / size if size > 0.0 else 0.0)
+        return max(changes)
 
     def notes(self) -> Iterator[str]:
         """Bodies of which it is not known what they lack under the loads of the run."""
@@ -265,11 +301,13 @@ class ModalBasisMonitor:
         )
 
     def _truncation(self, one: _Watched, share: float, t: float, hertz: float) -> str:
+        change = self._change(one, share, hertz)
+        sensors = "" if change is None else f", and change sensors by up to {_percent(change)}"
         return (
             f"bodies.{one.name}: a mode of {self._units.say(hertz, 'Hz', 3)} that it does not have "
             f"would vibrate with {_percent(share)} of its deformation at t = "
-            f"{self._units.say(t, 's', 4)}: its motion or loads come near that frequency; reduce "
-            "it with more modes"
+            f"{self._units.say(t, 's', 4)}{sensors}: its motion or loads come near that frequency; "
+            "reduce it with more modes"
         )
 
 

@@ -280,6 +280,8 @@ def error_statistics(prepared: PreparedDynamics) -> dict[str, float | int | str]
         if quantity in ("positions", "velocities", "reactions"):
             statistics[f"measured_error_of_{quantity}"] = worst.error
             statistics[f"worst_of_{quantity}"] = f"{worst.name} at t = {worst.time:.4g} s"
+            if worst.over:
+                statistics[f"scale_of_{quantity}"] = worst.over
     return statistics
 
 

@@ -19,15 +19,14 @@ from numpy.typing import NDArray
 from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.assembly.jacobian import ConstraintRows
 from flexmb.analysis.dynamics.linear_elasticity import joined_modes
-from flexmb.analysis.effects.perturbation import Motion, Response, out_of_balance, respond
+from flexmb.analysis.effects.perturbation import Response, respond
+from flexmb.analysis.effects.stored_motion import Motion, carry_motion
 from flexmb.engine.bodies.flexible_body import modal_reach
 from flexmb.engine.compile import Compiled
-from flexmb.engine.tables import BodyColumns
 from flexmb.errors import FlexmbError
 from flexmb.flexbody import FlexBody
 from flexmb.model.model import Model
 from flexmb.model.sensor import channels_of
-from flexmb.results import Result
 
 Array = NDArray[np.float64]
 
@@ -49,66 +48,6 @@ class Contribution:
     value: float
     share: float
     at_rest: bool = False
-
-
-def read_motion(run: Result) -> Motion:
-    """The rows of a run."""
-    rows = slice(None)
-    tables = (run.part(name, rows) for name in ("q", "v", "vd", "lam", "sensors"))
-    return Motion(run.time * run.units.scale("s"), *tables)
-
-
-def carry_motion(
-    motion: Motion, own: Compiled, other: Compiled, shapes: Mapping[str, Array]
-) -> tuple[Motion, Array]:
-    """A motion in the coordinates of another model, and what its rows leave out of balance there.
-
-    Bodies, rows and scalar coordinates are matched by name. `shapes` are by body the modal
-    coordinates (m of the other, m) of each of its own; none: those of the same number, else a body
-    is undeformed.
-    """
-    n, layout = len(motion.t), other.layout
-    q = np.tile(other.initial_q, (n, 1))
-    v, vd, balance = (np.zeros((n, layout.nv)) for _ in range(3))
-    residual = out_of_balance(own, motion)
-    mine = {body.name: body for body in own.layout.bodies}
-    for body in layout.bodies:
-        _carry_body(motion, residual, mine[body.name], body, shapes, (q, v, vd, balance))
-    names = own.layout.coordinates
-    for k, name in enumerate(layout.coordinates):
-        if name in names:
-            a = names.index(name) - len(names)
-            b = k - len(layout.coordinates)
-            q[:, b], v[:, b], vd[:, b] = motion.q[:, a], motion.v[:, a], motion.vd[:, a]
-            balance[:, b] = residual[:, a]
-    lam = np.zeros((n, layout.nc))
-    places = {name: k for k, name in enumerate(own.layout.rows)}
-    for k, name in enumerate(layout.rows):
-        if name in places:
-            lam[:, k] = motion.lam[:, places[name]]
-    return Motion(motion.t, q, v, vd, lam, motion.channels), balance
-
-
-def _carry_body(
-    motion: Motion, residual: Array, old: BodyColumns, new: BodyColumns,
-    shapes: Mapping[str, Array], into: tuple[Array, Array, Array, Array],
-) -> None:  # fmt: skip
-    q, v, vd, balance = into
-    q[:, new.iq : new.iq + 7] = motion.q[:, old.iq : old.iq + 7]
-    q[:, new.iq + 7 : new.iq + 7 + new.m] = 0.0
-    tables = ((motion.v, v), (motion.vd, vd), (residual, balance))
-    for have, put in tables:
-        put[:, new.iv : new.iv + 6] = have[:, old.iv : old.iv + 6]
-    shape = shapes.get(new.name)
-    if shape is None and new.m == old.m:
-        shape = np.eye(new.m)
-    if shape is not None:
-        back = np.linalg.pinv(shape)  # a force on the coordinates that the own ones are part of
-        q[:, new.iq + 7 : new.iq + 7 + new.m] = (
-            motion.q[:, old.iq + 7 : old.iq + 7 + old.m] @ shape.T
-        )
-        for (have, put), T in zip(tables, (shape.T, shape.T, back), strict=True):
-            put[:, new.iv + 6 : new.iv + 6 + new.m] = have[:, old.iv + 6 : old.iv + 6 + old.m] @ T
 
 
 def first_change(compiled: Compiled, model: Model, motion: Motion) -> tuple[Array, Array] | None:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import numerical_rank, one_blas_thread
 from flexmb.analysis.assembly.residual_flexibility import static_coordinates
-from flexmb.analysis.linear.state_equations import StateEquations
+from flexmb.analysis.effects.stored_motion import Motion, equations_of
 from flexmb.engine import equations_of_motion as stages
 from flexmb.engine.compile import Compiled
 from flexmb.engine.units import call, hand_over, prepare_units
@@ -44,49 +44,6 @@ _EVALUATIONS = 50  # of the equations, to time them
 _MOST_VIBRATIONS = 80  # the slowest of many; what the rows do not resolve beyond only follows loads
 _SMALL = 1e-5  # of the size of the model: a change of the motion that is linear in all sensors
 _UNBOUNDED = 1e12  # a small motion this many times the model is not followed any further
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """Rows of a run, SI: t (n,), q (n, nq), v, vd (n, nv), lam (n, nc), channels (n, k)."""
-
-    t: Array
-    q: Array
-    v: Array
-    vd: Array
-    lam: Array
-    channels: Array
-
-    def put(self, k: int, equations: StateEquations) -> None:
-        """Make row number k the state of the equations."""
-        state = equations.state
-        state.t[0], state.angles[:] = self.t[k], self.channels[k]
-        for name in ("q", "v", "vd", "lam"):
-            getattr(state, name)[:] = getattr(self, name)[k]
-
-    def gap(self, compiled: Compiled) -> float:
-        """How far velocities of bodies depart from the sum of their accelerations, relative (rms).
-
-        Large where rows are too far apart to tell what happens between them.
-        """
-        rigid = [body.iv + k for body in compiled.layout.bodies for k in range(6)]
-        weights = compiled.system.weights[rigid]
-        change = np.diff(self.v[:, rigid] * weights, axis=0)
-        mean = 0.5 * (self.vd[1:, rigid] + self.vd[:-1, rigid]) * weights
-        missing = change - mean * np.diff(self.t)[:, None]
-        total = float(np.sqrt((change**2).sum()))
-        return float(np.sqrt((missing**2).sum())) / total if total > 0.0 else 0.0
-
-    def turn(self, compiled: Compiled) -> float:
-        """Largest angle that a body turns from row to row, rad."""
-        steps = np.diff(self.t)[:, None]
-        turns = (self.v[1:, body.iv + 3 : body.iv + 6] * steps for body in compiled.layout.bodies)
-        return max((float(np.linalg.norm(x, axis=1).max(initial=0.0)) for x in turns), default=0.0)
-
-    def thinned(self, most: int) -> Motion:
-        """At most so many rows of it, at equal numbers of rows."""
-        every = slice(None, None, -(-len(self.t) // most))
-        return Motion(*(table[every] for table in vars(self).values()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,15 +260,6 @@ def _segment(of: _Coefficients, first: int) -> _Segment:
     return _Segment(Z, g)
 
 
-def out_of_balance(compiled: Compiled, motion: Motion) -> Array:
-    """F (n, nv) that the rows of a run leave in their own model."""
-    equations, rows = equations_of(compiled), np.zeros((len(motion.t), compiled.layout.nv))
-    for k in range(len(rows)):
-        motion.put(k, equations)
-        rows[k] = equations.residual()
-    return rows
-
-
 def evaluation_time(compiled: Compiled) -> float:
     """Seconds that one evaluation of the forces and one of their matrix take."""
     system, state = compiled.system, new_state(compiled.system, len(compiled.layout.channels))
@@ -327,11 +275,6 @@ def evaluation_time(compiled: Compiled) -> float:
             call(stages.put_matrix, run, at, 1.0, 1.0)
         best = min(best, time.process_time() - began)
     return best / _EVALUATIONS
-
-
-def equations_of(compiled: Compiled) -> StateEquations:
-    """The equations of a model, at no state yet."""
-    return StateEquations(compiled, new_state(compiled.system, len(compiled.layout.channels)))
 
 
 def _elastic(compiled: Compiled, frames: _Frames) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import column_scales, one_blas_thread
-from flexmb.analysis.linear.observed_equations import SeenEquations
+from flexmb.analysis.linear.observer import SeenEquations
 from flexmb.analysis.linear.state_equations import Array, StateEquations
 from flexmb.engine.forces.spring_damper import DISTANCE_OF
 from flexmb.errors import Problem, SceneError, nearest

@@ -154,8 +154,8 @@ def _driver_problems(
     if pose is None:
         return gaps
     problems, _ = _driver_findings(model, pose, _always_redundant(pose), moment=0.0)
-    if problems:
-        return problems
+    if problems or not any(gap.where == "assembly" for gap in gaps):  # joints closed, but far off
+        return problems or gaps
     names = ", ".join(f"drivers.{name}" for name in model.drivers)
     what = "the joints close alone, but not in the pose asked for at t = 0: it is out of reach"
     return [Problem(names, what), *gaps]

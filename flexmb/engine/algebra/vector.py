@@ -198,30 +198,48 @@ def add_rows(pool, at, m, f, g, h, out, o):
 
 
 @kernel
-def add_symmetric_and_skew(T, m, x, j, y, k, out, o):
-    """out[o:o+m] += S x[j:j+m] + G y[k:k+m], S symmetric and G skew.
+def add_symmetric_and_skew(T, size, n, x, y, out):
+    """out[:n] += S x[:n] + G y[:n], S symmetric and G skew.
 
-    T holds their upper triangles, row by row, of S with half of its diagonal. Two rows at a time,
-    since rows are short and each loop over them costs as much as ten numbers.
+    T holds their `tables.grouped_rows`, from 0 and from `size` on; n is a multiple of four. Short
+    rows one by one would cost twice as much: each loop over them as much as ten numbers.
     """
-    one, two, a, n = np.uintp(1), np.uintp(2), np.uintp(0), np.uintp(m)
-    size, j, k, o = np.uintp(m * (m + 1) // 2), np.uintp(j), np.uintp(k), np.uintp(o)
-    while n > one:
-        b, p, q, r, u = a + n, x[j], x[j + one], y[k], y[k + one]
-        first = 2.0 * T[a] * p + T[a + one] * q + T[size + a + one] * u
-        second = 2.0 * T[b] * q + T[a + one] * p - T[size + a + one] * r
-        n, a, b, j, k, i = n - two, a + two, b + one, j + two, k + two, o + two
-        c, d = size + a, size + b
-        for h in range(n):
-            s, t, g, w = T[a + h], T[b + h], T[c + h], T[d + h]
-            first += s * x[j + h] + g * y[k + h]
-            second += t * x[j + h] + w * y[k + h]
-            out[i + h] += s * p + t * q - g * r - w * u
+    one, two, three, four = np.uintp(1), np.uintp(2), np.uintp(3), np.uintp(4)
+    a, o, size = np.uintp(0), np.uintp(0), np.uintp(size)
+    for left in range(np.uintp(n // 4), np.uintp(0), -1):
+        length = four * np.uintp(left)
+        b, c, d = a + length, a + two * length, a + three * length
+        p, q, r, s = x[o], x[o + one], x[o + two], x[o + three]
+        t, u, v, w = y[o], y[o + one], y[o + two], y[o + three]
+        first, second, third, fourth = 0.0, 0.0, 0.0, 0.0
+        for i in range(length):
+            e, f, g, h = T[a + i], T[b + i], T[c + i], T[d + i]
+            j, k, m, z = T[size + a + i], T[size + b + i], T[size + c + i], T[size + d + i]
+            first += e * x[o + i] + j * y[o + i]
+            second += f * x[o + i] + k * y[o + i]
+            third += g * x[o + i] + m * y[o + i]
+            fourth += h * x[o + i] + z * y[o + i]
+            out[o + i] += e * p + f * q + g * r + h * s - j * t - k * u - m * v - z * w
         out[o] += first
         out[o + one] += second
-        a, o = b + n, i
-    if n == one:
-        out[o] += 2.0 * T[a] * x[j]
+        out[o + two] += third
+        out[o + three] += fourth
+        a, o = d + length, o + four
+
+
+@kernel
+def combine_forms(pool, at, size, f, w, out):
+    """The grouped rows of Σ f_s S_s and of Σ w_k G_k, one after the other, into out: six and three
+    forms of `size` numbers from `at` on."""
+    size, xx = np.uintp(size), np.uintp(at)
+    yy, zz = xx + size, xx + size + size
+    xy, yz, zx = zz + size, zz + size + size, zz + size + size + size
+    x, y, z = zx + size, zx + size + size, zx + size + size + size
+    for i in range(size):
+        s = f[0] * pool[xx + i] + f[1] * pool[yy + i] + f[2] * pool[zz + i]
+        out[i] = s + f[3] * pool[xy + i] + f[4] * pool[yz + i] + f[5] * pool[zx + i]
+    for i in range(size):
+        out[size + i] = w[0] * pool[x + i] + w[1] * pool[y + i] + w[2] * pool[z + i]
 
 
 @kernel

@@ -55,7 +55,7 @@ from flexmb.engine.jit import Vector, kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.state import DAMPER_POWER, KINETIC_ENERGY, STRAIN_ENERGY, Point, Run
-from flexmb.engine.tables import upper_triangles
+from flexmb.engine.tables import grouped_rows
 
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
@@ -376,7 +376,7 @@ def modal_block(body: FlexBody, coupling: str = "full", Mab: Array | None = None
         if coupling == "partial":
             sums = [M[0, 0], M[1, 1], M[2, 2], M[0, 1] + M[1, 0], M[1, 2] + M[2, 1],
                     M[2, 0] + M[0, 2]]  # fmt: skip
-            parts.append(upper_triangles([*sums, *turning]))
+            parts.append(grouped_rows([*sums, *turning]))
         else:
             parts += [np.array([M[b, a] for a in range(3) for b in range(3)]), *turning]
     return np.concatenate([np.ascontiguousarray(part).ravel() for part in parts])

@@ -27,15 +27,18 @@ J. Guidance 15 (1992) 131.
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
 from flexmb.engine.algebra.ldl import add_body_block
 from flexmb.engine.algebra.vector import (
     add_column,
+    add_multiple,
     add_part,
     add_rows,
     add_symmetric_and_skew,
     axis_vector,
+    combine_forms,
+    copy,
     dot,
     inner,
     modal_vector,
@@ -48,6 +51,7 @@ from flexmb.engine.algebra.vector import (
     triple,
     turned,
     turned_back,
+    zero,
 )
 from flexmb.engine.bodies.flexible_body import (
     add_modal_product,
@@ -72,6 +76,9 @@ from flexmb.engine.state import Point, Run
 # Velocity terms of partial coupling enter the iteration matrix where they change it by more than
 # this share of the mass.
 _NEGLIGIBLE = 0.05
+# Share of the angular velocity that iterations of a step may change without new velocity terms of
+# the modes. What the prediction of a step is off is some ten errors of one step.
+_AS_BEFORE = 1e-5
 
 
 @unit
@@ -148,11 +155,11 @@ def constant_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
 @unit
 def partial_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
     """Trial.res = the same with all velocity terms that are linear in the deformation."""
-    parts, out, q, v, x = run.system.parts, run.work.trial.res, at.q, at.v, run.work.now.X
+    parts, now, out, q, v = run.system.parts, run.work.now, run.work.trial.res, at.q, at.v
     pool = parts.pool
     for n in range(of.rows.shape[0]):
         i = of.rows[n]
-        body, V = parts.bodies[i], run.work.now.body[i]["V"]
+        body, V = parts.bodies[i], now.body[i]["V"]
         m, iv, P = body["m"], body["iv"], body["flex"] + 3 * body["m"]
         o, om = iv + 6, part(v, iv + 3)
         _put_undeformed_forces(run, i, at, m)
@@ -164,8 +171,12 @@ def partial_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
         add_rows(pool, P, m, f[0], f[3], f[5], out, o)
         add_rows(pool, P + 3 * m, m, f[3], f[1], f[4], out, o)
         add_rows(pool, P + 6 * m, m, f[5], f[4], f[2], out, o)
-        _combine(pool, P + 9 * m + 3 * m * m, m, f, times(-2.0, om), x)
-        add_symmetric_and_skew(x, m, q, body["iq"] + 7, v, o, out, o)
+        at_forms, size, padded = _place_of_forms(body)
+        forms = now.Z[at_forms:]
+        if not _turns_as_before(forms, 2 * size + 3 * padded, now.iteration[0], om):
+            combine_forms(pool, P + 9 * m + 3 * m * m, size, f, times(-2.0, om), forms)
+        _put_form_product(forms, size, padded, m, q, body["iq"] + 7, v, o)
+        add_multiple(1.0, forms, 2 * size + 2 * padded, out, o, m)
     return FINE
 
 
@@ -178,22 +189,35 @@ def _centrifugal(a, b):
 
 
 @kernel
-def _combine(pool, at, m, f, w, out):
-    """The upper triangles of Σ f_s S_s and of Σ w_k G_k, one after the other, into out.
+def _place_of_forms(body):
+    """Place in Z of Σ f_s S_s and Σ w_k G_k, what they are multiplied with, the product, and the
+    angular velocity that they belong to; numbers of a form, and of modes with padding."""
+    padded = (body["m"] + 3) // 4 * 4
+    return body["z"] + 12 * body["m"], padded * (padded + 4) // 2, padded
 
-    `at`: place of the nine triangles in the pool; S_s, s as in `_centrifugal`, have half of their
-    diagonals.
-    """
-    size = np.uintp(m * (m + 1) // 2)
-    xx = np.uintp(at)
-    yy, zz = xx + size, xx + size + size
-    xy, yz, zx = zz + size, zz + size + size, zz + size + size + size
-    x, y, z = zx + size, zx + size + size, zx + size + size + size
-    for i in range(size):
-        s = f[0] * pool[xx + i] + f[1] * pool[yy + i] + f[2] * pool[zz + i]
-        out[i] = s + f[3] * pool[xy + i] + f[4] * pool[yz + i] + f[5] * pool[zx + i]
-    for i in range(size):
-        out[size + i] = w[0] * pool[x + i] + w[1] * pool[y + i] + w[2] * pool[z + i]
+
+@kernel
+def _turns_as_before(forms, at, iteration, om):
+    """Whether the forms are those of the first iteration of this step, with such a velocity."""
+    allowed, same = _AS_BEFORE * (abs(om[0]) + abs(om[1]) + abs(om[2])), iteration > 0.0
+    for k in range(3):
+        same = same and abs(om[k] - forms[at + k]) <= allowed
+    if not same:
+        put_part(forms, at, om)
+    return same
+
+
+@kernel
+def _put_form_product(forms, size, padded, m, q, iq, v, iv):
+    """The product of both forms with coordinates and rates of the modes, behind these."""
+    x = forms[2 * size : 2 * size + padded]
+    y, out = forms[2 * size + padded :], forms[2 * size + 2 * padded :]
+    copy(q[iq : iq + m], x)
+    copy(v[iv : iv + m], y)
+    zero(out[:m])
+    for k in range(m, padded):
+        x[k] = y[k] = 0.0
+    add_symmetric_and_skew(forms, size, padded, x, y, out)
 
 
 @unit
@@ -266,26 +290,29 @@ def _add_partial_columns(run, i, at, cv, cp, B):
 
 
 @kernel
-def _add_velocity_block(body, pool, q, v, cv, cp, x, B):
+def _add_velocity_block(body, pool, q, v, cv, cp, Z, B):
     """Modal rows: cp Σ B_bc M_bc − 2 cv Σ ω_b G_b, and what M_bc adds in the columns of ω'."""
     m, o, eta = body["m"], body["iv"] + 6, body["iq"] + 7
-    at, om, size = body["flex"] + 12 * m + 3 * m * m, part(v, body["iv"] + 3), m * (m + 1) // 2
-    f, i = _centrifugal(om, om), 0
-    _combine(pool, at, m, (cp * f[0], cp * f[1], cp * f[2], cp * f[3], cp * f[4], cp * f[5]),
-             times(-2.0 * cv, om), x)  # fmt: skip
+    at, om = body["flex"] + 12 * m + 3 * m * m, part(v, body["iv"] + 3)
+    f = _centrifugal(om, om)
+    at_forms, size, padded = _place_of_forms(body)
+    forms = Z[at_forms:]
+    forms[2 * size + 3 * padded] = math.inf  # they become others
+    shares = (cp * f[0], cp * f[1], cp * f[2], cp * f[3], cp * f[4], cp * f[5])
+    combine_forms(pool, at, size, shares, times(-2.0 * cv, om), forms)
+    row = 0  # place in the forms, less its first column
     for k in range(m):
         for r in range(k, m):
-            B[6 + k, 6 + r] += x[i] + x[size + i]
-            B[6 + r, 6 + k] += x[i] - x[size + i]
-            i += 1
+            i = row + r
+            B[6 + k, 6 + r] += forms[i] + forms[size + i]
+            B[6 + r, 6 + k] += forms[i] - forms[size + i]
+        row += padded - k // 4 * 4 - (4 if k % 4 == 3 else 0)
     for d in range(3):
         axis = axis_vector(d)
-        _combine(pool, at, m, _centrifugal(om, axis), times(-1.0, axis), x)
+        combine_forms(pool, at, size, _centrifugal(om, axis), times(-1.0, axis), forms)
+        _put_form_product(forms, size, padded, m, q, eta, v, o)
         for k in range(m):
-            x[2 * size + k] = 0.0
-        add_symmetric_and_skew(x, m, q, eta, v, o, x, 2 * size)
-        for k in range(m):
-            B[6 + k, 3 + d] += 2.0 * cv * x[2 * size + k]
+            B[6 + k, 3 + d] += 2.0 * cv * forms[2 * size + 2 * padded + k]
 
 
 @kernel
@@ -359,7 +386,7 @@ def partial_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> int
         if fast or (body["attached"] == 1 and (cv != 0.0 or cp != 0.0)):
             _add_partial_columns(run, i, at, cv, cp, B)
         if fast:
-            _add_velocity_block(body, parts.pool, at.q, at.v, cv, cp, run.work.now.X, B)
+            _add_velocity_block(body, parts.pool, at.q, at.v, cv, cp, run.work.now.Z, B)
         add_body_block(run, i, B)
     return FINE
 

@@ -96,18 +96,17 @@ def normalise(bodies, q):
 
 @unit
 def last_places(run: Run) -> float:
-    """Weighted size of a correction that positions cannot show, nor angles of many driven turns."""
+    """Weighted size of a correction that positions cannot show, nor what drivers turn or move."""
     bodies, weights, q = run.system.parts.bodies, run.system.weights, run.state.q
-    rows, size, turn = run.system.rows, _ROUND_OFF, 0.0
+    rows, size = run.system.rows, _ROUND_OFF
     for k in range(bodies.shape[0]):
         i, o = bodies[k]["iq"], bodies[k]["iv"]
         for a in range(3):
             size = max(size, _LAST_PLACES * abs(q[i + a]) * weights[o + a])
-            turn = max(turn, weights[o + 3 + a])
     for r in range(rows.shape[0]):
         if rows[r]["fun"] >= 0:
             driven = abs(run.work.con.fun[rows[r]["fun"], 0])
-            size = max(size, _LAST_PLACES * driven * turn)
+            size = max(size, _LAST_PLACES * driven * run.system.row_weights[r])
     return size
 
 

@@ -4,15 +4,19 @@ Their bodies have no modal mass of them (`flexbody.effects.without_modal_inertia
 modes they are a residual flexibility on which the rest moves (MacNeal, Computers & Structures 1,
 1971, 581). Implicit methods solve for η_s with all else, by a matrix with b K_ss there.
 
-Kinetostatic bodies, those of deformation "quasi-static", and all by an explicit method hold η_s
-within a step, as if its modal mass were τ² K_ss; then η_s follows the loads, λ being that of the
-motion in which η_s stays, and joints are closed with the deformed body: the slow solution, without
-vibrations of what hangs on this compliance, and without rates of η_s. Single solves hold all η_s.
+Kinetostatic bodies, those of deformation "quasi-static", and all by an explicit method keep the
+rates of η_s within a step, as if its modal mass were τ² K_ss; then η_s follows the loads, λ being
+that of the motion in which η_s stays, and joints are closed with the deformed body: the slow
+solution, without vibrations of what hangs on this compliance. The rates for the next step are the
+slope of the cubic through the last values: with them what is carried outwards slows down a turn
+as it should, and loads do work. They do not act on η_s itself, or a damper on soft modes would
+make short steps unstable. Single solves hold all η_s.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -23,9 +27,14 @@ from flexmb.engine.method import FINE
 from flexmb.engine.state import Point, Run
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from flexmb.flexbody import FlexBody
 
-_SLOW = 1e8  # τ² over 1/ω² of the softest of them
+_SLOW = 1e8  # τ² K_ss over the inertia of the model in the softest of them
+_POINTS = 3  # of the past, for the slope
+# A point counts if it is this part of the last interval before the next one.
+_FAR_ENOUGH = 0.3
 
 
 class StaticModes(NamedTuple):
@@ -37,6 +46,7 @@ class StaticModes(NamedTuple):
     kinetostatic: Integers  # (b,) 1: held by implicit methods too
     heavy: Vector  # (b,) τ² [s²]
     compliance: Vector  # K_ss⁻¹ of the bodies, row by row
+    history: Integers  # (b,) where a body has its past: _POINTS times [s], and η_s at each
 
 
 @unit
@@ -58,6 +68,17 @@ def add_static_mass(run: Run, of: StaticModes, at: Point, cv: float, cp: float) 
                     fac.low[panel["at"] + r * panel["nc"] + c] += x
                 if r <= c:
                     fac.up[panel["at"] + c * panel["nc"] + r] += x
+    return FINE
+
+
+@unit
+def hold(run: Run, of: StaticModes, at: Point) -> int:
+    """No residual of the modes of kinetostatic bodies, so that Newton's method leaves them."""
+    for n in range(of.rows.shape[0]):
+        if of.kinetostatic[n] == 1:
+            iv = run.system.parts.bodies[of.rows[n]]["iv"] + 6
+            for k in range(of.first[n], of.first[n + 1]):
+                run.work.trial.res[iv + of.modes[k]] = 0.0
     return FINE
 
 
@@ -85,27 +106,96 @@ def follow_loads(run: Run, of: StaticModes, at: Point) -> float:
     return change
 
 
-STATIC_MODES = Kind(
-    "static_modes", StaticModes, {"matrix": add_static_mass, "static": follow_loads}
-)
+@unit
+def put_rates(run: Run, of: StaticModes, at: Point) -> int:
+    """Rates of the modes that follow the loads: slopes of the polynomials through their past.
+
+    What was before the last jump of a function of time does not count.
+    """
+    jumps, past = run.system.time_events, run.work.now.history
+    begin = -math.inf
+    for k in range(jumps.shape[0]):
+        if jumps[k, 1] <= at.t[0]:
+            begin = jumps[k, 1]
+    for n in range(of.rows.shape[0]):
+        body, m = run.system.parts.bodies[of.rows[n]], of.first[n + 1] - of.first[n]
+        iq, iv, times = body["iq"] + 7, body["iv"] + 6, of.history[n]
+        first, count = 0, 0
+        while first < _POINTS and past[times + first] >= at.t[0]:
+            first += 1
+        while first + count < _POINTS and past[times + first + count] > begin:
+            if count > 0:
+                gap = past[times + first + count - 1] - past[times + first + count]
+                if gap < _FAR_ENOUGH * (at.t[0] - past[times + first]):
+                    break
+            count += 1
+        for i in range(m):
+            mode, rate = of.modes[of.first[n] + i], 0.0
+            for k in range(first, first + count):
+                weight = 1.0 / (at.t[0] - past[times + k])
+                for other in range(first, first + count):
+                    if other != k:
+                        weight *= (at.t[0] - past[times + other]) / (
+                            past[times + k] - past[times + other]
+                        )
+                rate += weight * (at.q[iq + mode] - past[times + _POINTS + k * m + i])
+            at.v[iv + mode] = rate
+    return FINE
 
 
-def static_modes(bodies: Sequence[tuple[int, FlexBody, Sequence[int], bool]]) -> StaticModes | None:
-    """Tables of the quasi-static modes of bodies by row, kinetostatic or not; None without any."""
-    some = [(row, body, np.array(modes)) for row, body, modes, _ in bodies if len(modes)]
-    if not some:
-        return None
+@unit
+def forget(run: Run, of: StaticModes, at: Point) -> int:
+    """Begin without a past."""
+    for n in range(of.rows.shape[0]):
+        for k in range(_POINTS):
+            run.state.history[of.history[n] + k] = -math.inf
+    return FINE
+
+
+@unit
+def remember(run: Run, of: StaticModes, at: Point) -> int:
+    """Add the present to the past of all modes."""
+    past = run.state.history
+    for n in range(of.rows.shape[0]):
+        o, m = of.history[n], of.first[n + 1] - of.first[n]
+        for k in range(_POINTS - 1, 0, -1):
+            past[o + k] = past[o + k - 1]
+            for i in range(m):
+                past[o + _POINTS + k * m + i] = past[o + _POINTS + (k - 1) * m + i]
+        past[o] = at.t[0]
+        for i in range(m):
+            place = run.system.parts.bodies[of.rows[n]]["iq"] + 7 + of.modes[of.first[n] + i]
+            past[o + _POINTS + i] = at.q[place]
+    return FINE
+
+
+STATIC_MODES = Kind("static_modes", StaticModes, {
+    "matrix": add_static_mass, "static": follow_loads, "static_hold": hold,
+    "static_rates": put_rates, "begin": forget, "remember": remember,
+})  # fmt: skip
+
+
+def static_modes(
+    bodies: Sequence[tuple[int, FlexBody, NDArray[np.int64], bool]],
+    mass: float,
+    add_history: Callable[[int], int],
+) -> StaticModes:
+    """Tables of the quasi-static modes of bodies by row, kinetostatic or not.
+
+    `mass` is that of the model, which may hang on any of them.
+    """
     heavy, compliance = [], []
-    for _, body, modes in some:
+    for _, body, modes, _ in bodies:
         square = np.diag(body.K)[modes] / np.diag(body.M_eta)[modes]
-        heavy.append(_SLOW / square.min())
+        heavy.append(_SLOW / square.min() * max(mass / body.mass, 1.0))
         compliance.append(np.linalg.inv(body.K[np.ix_(modes, modes)]).ravel())
-    counts = [0, *(len(modes) for _, _, modes in some)]
+    rows, _, modes, kinetostatic = zip(*bodies, strict=True)
     return StaticModes(
-        np.array([row for row, _, _ in some], np.int64),
-        np.cumsum(counts).astype(np.int64),
-        np.concatenate([modes for _, _, modes in some]).astype(np.int64),
-        np.array([word for _, _, modes, word in bodies if len(modes)], np.int64),
+        np.array(rows, np.int64),
+        np.cumsum([0, *map(len, modes)]),
+        np.concatenate(modes),
+        np.array(kinetostatic, np.int64),
         np.array(heavy),
         np.concatenate(compliance),
+        np.array([add_history(_POINTS * (1 + len(some))) for some in modes], np.int64),
     )

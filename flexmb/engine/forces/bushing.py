@@ -34,7 +34,7 @@ from flexmb.engine.state import DAMPER_POWER, SPRING_ENERGY, Point, Run
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from flexmb.engine.lowering import Lowering
+    from flexmb.engine.lowering import Forces, Lowering
     from flexmb.model.forces.bushing import BeamForceSpec, BushingSpec
     from flexmb.model.markers import PlacedMarker
 
@@ -63,16 +63,16 @@ class SixComponentForces(NamedTuple):
     scratch: RelativeMotion = None  # of one run
 
 
-def lower_six_component_forces(lowering: Lowering) -> SixComponentForces | None:
-    """SIX_COMPONENT_FORCE rows; None if the model has none. Links are filled in later."""
+def lower_six_component_forces(lowering: Lowering, forces: Forces) -> SixComponentForces:
+    """SIX_COMPONENT_FORCE rows. Links are filled in later."""
     rows: list[tuple[object, ...]] = []
-    for name, spec in lowering.forces("bushing", "beam"):
+    for name, spec in forces:
         parameters = _bushing if spec.type == "bushing" else _beam
         ends, u0, p0, K, C = parameters(lowering, spec)
         i, j = (lowering.markers.add(marker) for marker in ends)
         lowering.add_element(name, "six_component_forces", len(rows))
         rows.append((i, j, -1, C.any(), u0, p0, K, C))
-    return SixComponentForces(np.array(rows, SIX_COMPONENT_FORCE)) if rows else None
+    return SixComponentForces(np.array(rows, SIX_COMPONENT_FORCE))
 
 
 def _bushing(lowering: Lowering, spec: BushingSpec) -> Parameters:
@@ -265,6 +265,7 @@ SIX_COMPONENT_FORCES = Kind(
         "wrenches": put_wrench,
     },
     lower=lower_six_component_forces,
+    types=("bushing", "beam"),
     couples=(("couple", "I", "J"),),
     uses_velocity=True,
     works=True,

@@ -60,7 +60,7 @@ from flexmb.engine.method import FINE
 from flexmb.engine.state import BRISTLE_ENERGY, DAMPER_POWER, SPRING_ENERGY, Point, Run
 
 if TYPE_CHECKING:
-    from flexmb.engine.lowering import Lowering
+    from flexmb.engine.lowering import Forces, Lowering
     from flexmb.model.forces.contact import ContactSpec
 
 _I, _F = "i8", "f8"
@@ -126,15 +126,13 @@ _HISTORY, _FRICTION_HISTORY = 1, 5
 _MODE_PLACE, _BRISTLE_PLACE = 1, 2  # where they begin
 
 
-def lower_contacts(lowering: Lowering) -> Contacts | None:
+def lower_contacts(lowering: Lowering, forces: Forces) -> Contacts:
     """CONTACT rows of all contacts, one for each point; links are filled in later."""
     rows: list[tuple[object, ...]] = []
-    for name, spec in lowering.forces("contact"):
+    for name, spec in forces:
         first = len(rows)
         rows += _contact_rows(lowering, spec)
         lowering.add_element(name, "contacts", first, len(rows) - first, spec.round_side == 1)
-    if not rows:
-        return None
     return Contacts(np.array(rows, CONTACT), lowering.add_events(2 * len(rows)))
 
 
@@ -384,6 +382,7 @@ CONTACTS = Kind(
         "wrenches": read_wrench,
     },
     lower=lower_contacts,
+    types=("contact",),
     couples=(("couple", "I", "J"),),
     uses_velocity=True,
     works=True,

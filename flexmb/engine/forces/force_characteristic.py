@@ -45,7 +45,7 @@ from flexmb.engine.method import FINE, ZERO_LENGTH
 from flexmb.engine.state import DAMPER_POWER, LOAD_POWER, SPRING_ENERGY, Point, Run
 
 if TYPE_CHECKING:
-    from flexmb.engine.lowering import Lowering
+    from flexmb.engine.lowering import Forces, Lowering
     from flexmb.model.forces.force_characteristic import AnyStop
     from flexmb.model.functions.expression import Expression
 
@@ -157,11 +157,11 @@ _TYPES = (
 _NONE = dict.fromkeys(("I", "J", "coordinate", "couple", "fun", "spring", "stored", "damper"), -1)
 
 
-def lower_force_characteristics(lowering: Lowering) -> ForceCharacteristics | None:
+def lower_force_characteristics(lowering: Lowering, forces: Forces) -> ForceCharacteristics | None:
     """FORCE_CHARACTERISTIC rows with their programs; None if the model has none."""
     rows: list[dict[str, float]] = []
     expressions: list[Expression] = []
-    for name, spec in lowering.forces(*_TYPES):
+    for name, spec in forces:
         if spec.type.endswith("stop"):
             row = _stop_row(lowering, name, spec)
         elif spec.type == "spring-damper" and not spec.linear:
@@ -431,6 +431,7 @@ FORCE_CHARACTERISTICS = Kind(
         "unit_force": put_unit_force,
     },
     lower=lower_force_characteristics,
+    types=_TYPES,
     couples=(("couple", "I", "J"),),
     uses_velocity=True,
     works=True,

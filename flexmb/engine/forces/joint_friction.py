@@ -32,7 +32,7 @@ from flexmb.engine.method import FINE
 from flexmb.engine.state import BRISTLE_ENERGY, DAMPER_POWER, Point, Run
 
 if TYPE_CHECKING:
-    from flexmb.engine.lowering import Lowering, Placement
+    from flexmb.engine.lowering import Forces, Lowering, Placement
 
 _I, _F = "i8", "f8"
 # Friction in a joint, on a scalar coordinate s that follows the joint's; the surface moves by
@@ -86,11 +86,11 @@ class JointFrictions(NamedTuple):
 _ANCHOR_PLACE, _MODE_PLACE, _HISTORY = 0, 1, 2  # places of history of one friction, and how many
 
 
-def lower_joint_frictions(lowering: Lowering) -> JointFrictions | None:
+def lower_joint_frictions(lowering: Lowering, forces: Forces) -> JointFrictions:
     """JOINT_FRICTION rows of all frictions in joints; `link` is filled in later."""
     groups = lowering.groups
     rows: list[tuple[object, ...]] = []
-    for name, spec in lowering.forces("joint-friction"):
+    for name, spec in forces:
         group, k = groups.numbers[f"joints.{spec.joint}"], lowering.coordinate(f"forces.{name}")
         stroke = not lowering.scalars[k].angular
         rows.append(
@@ -102,8 +102,6 @@ def lower_joint_frictions(lowering: Lowering) -> JointFrictions | None:
         )  # fmt: skip
         lowering.reaction_loads.append((group, k))
         lowering.markers.framed.add(groups.in_group(group)[0].I)  # the reaction is read in its axes
-    if not rows:
-        return None
     return JointFrictions(np.array(rows, JOINT_FRICTION), lowering.add_events(len(rows)))
 
 
@@ -327,6 +325,7 @@ JOINT_FRICTIONS = Kind(
         "events": put_events,
     },
     lower=lower_joint_frictions,
+    types=("joint-friction",),
     place=place_joint_frictions,
     unsymmetric=lambda frictions: True,
     scratch=lambda frictions: Scratch(

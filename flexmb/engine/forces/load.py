@@ -27,7 +27,7 @@ from flexmb.engine.method import FINE
 from flexmb.engine.state import LOAD_POWER, Point, Run
 
 if TYPE_CHECKING:
-    from flexmb.engine.lowering import Lowering
+    from flexmb.engine.lowering import Forces, Lowering
 
 # Force or torque at `marker` (J) with components in the axes of the marker `axes` (-1: global
 # ones), and with its opposite on the body of `other` (I) at the same point (-1: none).
@@ -52,10 +52,10 @@ class Loads(NamedTuple):
     rows: array_of(LOAD)
 
 
-def lower_loads(lowering: Lowering) -> Loads | None:
-    """LOAD rows; None if the model has none. Links are filled in later."""
+def lower_loads(lowering: Lowering, forces: Forces) -> Loads:
+    """LOAD rows. Links are filled in later."""
     rows: list[tuple[object, ...]] = []
-    for name, spec in lowering.forces("force", "torque"):
+    for name, spec in forces:
         k, axes_marker = len(rows), spec.at if spec.axes == "body" else spec.axes_marker
         marker, other, axes = (
             -1 if reference is None else lowering.marker(reference)
@@ -68,7 +68,7 @@ def lower_loads(lowering: Lowering) -> Loads | None:
             for on, end in enumerate((marker, other)):
                 if end >= 0:
                     lowering.add_action(program, "loads", k, on, a, end)
-    return Loads(np.array(rows, LOAD)) if rows else None
+    return Loads(np.array(rows, LOAD))
 
 
 @unit
@@ -271,6 +271,7 @@ LOADS = Kind(
         "unit_force": put_unit_force,
     },
     lower=lower_loads,
+    types=("force", "torque"),
     couples=(
         ("couple", "other", "marker"),
         ("couple_marker", "marker", "axes"),

@@ -22,7 +22,7 @@ from flexmb.engine.method import FINE, ZERO_LENGTH
 from flexmb.engine.state import DAMPER_POWER, SPRING_ENERGY, Point, Run
 
 if TYPE_CHECKING:
-    from flexmb.engine.lowering import Lowering
+    from flexmb.engine.lowering import Forces, Lowering
     from flexmb.model.forces.spring_damper import SpringDamperSpec
     from flexmb.model.functions.expression import Expression
 
@@ -45,10 +45,10 @@ class Springs(NamedTuple):
     rows: array_of(SPRING)
 
 
-def lower_springs(lowering: Lowering) -> Springs | None:
+def lower_springs(lowering: Lowering, forces: Forces) -> Springs | None:
     """SPRING rows of all linear spring-dampers; None if the model has none."""
     rows: list[tuple[object, ...]] = []
-    for name, spec in lowering.forces("spring-damper"):
+    for name, spec in forces:
         if spec.linear:
             lowering.add_element(name, "springs", len(rows))
             i, j, length = line_ends(lowering, spec)
@@ -210,6 +210,7 @@ SPRINGS = Kind(
         "wrenches": put_wrench,
     },
     lower=lower_springs,
+    types=("spring-damper",),
     couples=(("couple", "I", "J"),),
     uses_velocity=True,
     works=True,

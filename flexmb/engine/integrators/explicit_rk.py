@@ -46,6 +46,9 @@ _OPEN = 1e-9
 # Limit of stability by what positions differ by, over that by velocities: of a damper 0.4, of a
 # vibration 0.6.
 _BY_POSITIONS = 0.3
+# After so many steps at the limit of stability none is longer than so many times it, where the
+# method damps: at the edge fast parts ring by what the tolerance allows, reactions by far more.
+_SEVERAL, _NEAR = 10.0, 1.2
 # Share of the third-order estimate in that of DOP853 (Hairer, Nørsett & Wanner, eq. II.10.17).
 _THIRD = 0.1
 
@@ -201,7 +204,8 @@ def _watch_stability(run, tableau, h, of_parameters):
     time (Hairer & Wanner, Solving Ordinary Differential Equations II, 1996, §IV.2).
     """
     tr, weights, nq, last = run.work.trial, run.system.weights, run.state.q.shape[0], tableau.stages
-    change, apart = 0.0, 0.0
+    change, apart, memory = 0.0, 0.0, run.state.memory[0]
+    memory["stable_step"] = math.inf
     for i in range(tr.v.shape[0]):
         difference = abs(tr.stages[last, nq + i] - tr.stages[last - 1, nq + i]) * weights[i]
         if not difference <= change:
@@ -217,8 +221,9 @@ def _watch_stability(run, tableau, h, of_parameters):
         slow = 2.0 * change / (apart + math.sqrt(apart * apart + 4.0 * change * moved))
         if h * slow < _BY_POSITIONS * tableau.stable:
             return
+    if memory["steps_at_stability_limit"] > _SEVERAL and rate > 0.0:
+        memory["stable_step"] = _NEAR * tableau.stable / rate
     if not h * rate <= tableau.stable:  # what is not finite was not stable either
-        memory = run.state.memory[0]
         if memory["fastest_rate"] == 0.0 and math.isfinite(rate):
             memory["fastest_rate"] = rate  # later ones are those of what has grown
         memory["steps_at_stability_limit"] += 1.0

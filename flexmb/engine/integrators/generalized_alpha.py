@@ -34,7 +34,12 @@ from flexmb.engine.method import (
     NOT_FINITE,
     Method,
 )
-from flexmb.engine.projection import VELOCITIES, accelerations, settle_static_modes
+from flexmb.engine.projection import (
+    POSITIONS,
+    VELOCITIES,
+    accelerations,
+    depends_on_solution,
+)
 from flexmb.engine.state import Run
 
 if TYPE_CHECKING:
@@ -49,8 +54,9 @@ _NOISE = 50.0
 # With error control Newton's method stops at these shares of the local tolerance of positions and
 # of velocities.
 _SHARE, _SPEED_SHARE = 0.05, 0.3
-# Steps of one size after which differences of accelerations are smooth.
-_SETTLED = 3
+# Steps of one size after which differences of accelerations are smooth; growth of their bound from
+# step to step till then.
+_SETTLED, _FORGETTING = 3, 1.5
 # Spectral radius up to which what joints hold needs no projection.
 _FREE_RADIUS = 0.95
 _ROUND_OFF = 1e-12
@@ -133,6 +139,7 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
     cv = alpha.gamma / (alpha.beta * h)
     sys, st, tr, settings = run.system, run.state, run.work.trial, run.settings
     memory, count, factor = st.memory[0], st.count[0], run.work.factor
+    iteration = run.work.now.iteration
     _predict(alpha, st, tr, h)
     if memory["factor_step"] != h and settings.stiff == 1:
         memory["factor_age"] = -1.0  # without stiffness the matrix hardly knows the step
@@ -153,7 +160,9 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
     for n in range(settings.max_iterations):
         move(sys.parts, st.q, tr.dq, tr.q)
         count["residuals"] += 1
+        iteration[0] = n
         status = residual(run, run.trial_point)
+        iteration[0] = 0.0
         if status != FINE:
             return status
         if memory["factor_age"] < 0.0:
@@ -185,12 +194,12 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
             _finish(sys.weights, alpha, st, tr)
             if settings.tolerance > 0.0:
                 estimate_error(run, alpha, h)
-            # what quasi-static modes follow must not come from how far they moved positions
-            if (alpha.project == 1 or settings.follow == 1) and st.lam.shape[0] > 0:
-                status = _project(run, alpha, b)
             if settings.follow == 1:
-                return max(status, settle_static_modes(run, run.trial_point))
-            return status
+                return _project(run, alpha, b, POSITIONS)
+            # what loads friction in joints must not come from how far it moved positions
+            if (alpha.project == 1 or depends_on_solution(run)) and st.lam.shape[0] > 0:
+                return _project(run, alpha, b, VELOCITIES)
+            return FINE
     return NO_CONVERGENCE
 
 
@@ -295,12 +304,12 @@ def _put_algorithmic(alpha, st, tr):
 
 
 @unit
-def _project(run: Run, alpha: Alpha, b: float) -> int:
+def _project(run: Run, alpha: Alpha, b: float, project: int) -> int:
     """Velocities, accelerations and multipliers of the trial state as the constraints want them."""
     cp = b if run.settings.determined == 0 else 0.0
     run.state.count[0]["factorisations"] += 1
     run.state.memory[0]["factor_age"] = -1.0
-    status = accelerations(run, run.trial_point, cp, VELOCITIES)
+    status = accelerations(run, run.trial_point, cp, project)
     _put_algorithmic(alpha, run.state, run.work.trial)
     return status
 
@@ -313,7 +322,8 @@ def estimate_error(run: Run, alpha: Alpha, h: float) -> int:
     a(t) = v̇(t + c h). The factor S of the step takes out what stiff modes and constraints do not
     let move: S⁻¹ M (a₁ − a₀) = h q⃛. Accelerations ring with alternating sign after a change of the
     step; means and differences over two steps hardly see it, and right after the change the q⁗ of
-    before is taken.
+    before is a bound, which loosens: taken from tiny steps it is noise, and steps that follow a
+    plan may never be equal for long.
     """
     sys, st, tr, sol, kkt = (
         run.system, run.state, run.work.trial, run.work.factor.sol, run.system.kkt
@@ -338,10 +348,9 @@ def estimate_error(run: Run, alpha: Alpha, h: float) -> int:
             velocities = s
     c = alpha.alpha_m - alpha.alpha_f
     tr.error[0] = abs(alpha.beta + 0.5 * c - 1.0 / 6.0) * h**3 * positions
-    if st.memory[0]["steps_at_this_size"] >= _SETTLED and h == st.memory[0]["last_step"]:
-        tr.error[1] = abs(0.5 * c * c - 1.0 / 12.0) * h**2 * velocities
-    else:
-        tr.error[1] = st.memory[0]["velocity_error"] * h**3
+    tr.error[1] = abs(0.5 * c * c - 1.0 / 12.0) * h**2 * velocities
+    if st.memory[0]["steps_at_this_size"] < _SETTLED or h != st.memory[0]["last_step"]:
+        tr.error[1] = min(tr.error[1], _FORGETTING * st.memory[0]["velocity_error"] * h**3)
     return FINE
 
 

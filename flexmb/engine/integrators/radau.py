@@ -39,6 +39,7 @@ from flexmb.engine.equations_of_motion import (
     REFACTOR_ABOVE,
     factorise_pair,
     give_up,
+    has_dependent_rows,
     keep_diagonal,
     put_matrix,
     put_rows,
@@ -201,8 +202,9 @@ _RENEW_ABOVE = 0.1
 _SAME_STEP = 0.1
 # Corrections of positions up to so many times round-off that no longer shrink are noise.
 _NOISE = 50.0
-# Regularisation of constraint rows across a singular pose, and pivots near one, over the usual.
-_SINGULAR, _REDUNDANT, _INDEPENDENT = 1e5, 10.0, 1e6
+# Regularisation of constraint rows across a singular pose, and pivots of redundant ones, over the
+# usual.
+_SINGULAR, _REDUNDANT = 1e5, 10.0
 # Estimates of so many times round-off tell nothing: where stiff parts are at rest.
 _UNTOLD = 50.0
 
@@ -253,21 +255,13 @@ def step(run: Run, radau: Radau, h: float) -> int:
     """
     memory = run.state.memory[0]
     status = _iterate(run, radau, h)
-    if status == method.NO_CONVERGENCE and _is_nearly_singular(run.work.collocation.real):
+    if status == method.NO_CONVERGENCE and has_dependent_rows(
+        run.work.collocation.real, _REDUNDANT
+    ):
         memory["regularisation"], memory["factor_step"] = _SINGULAR, 0.0
         status = _iterate(run, radau, h)
         memory["regularisation"], memory["factor_step"] = 0.0, 0.0
     return status
-
-
-@kernel
-def _is_nearly_singular(fac):
-    """Whether constraint rows nearly depend on each other."""
-    for k in range(fac.eps.shape[0]):
-        pivot = abs(fac.d[k])
-        if _REDUNDANT * fac.eps[k] < pivot < _INDEPENDENT * fac.eps[k]:
-            return True
-    return False
 
 
 @kernel
@@ -279,7 +273,7 @@ def _iterate(run, radau, h):
     if abs(memory["factor_step"] - h) > _SAME_STEP * h or memory["contraction"] > _RENEW_ABOVE:
         memory["factor_age"] = -1.0
     allowed, floor = _allowed(run, h), last_places(run)
-    last = 0.0
+    last, last_moved = 0.0, 0.0
     for n in range(run.settings.max_iterations):
         _put_rates(run, radau, h)
         for i in (0, 2, 1):
@@ -295,9 +289,10 @@ def _iterate(run, radau, h):
         noise = moved <= _NOISE * floor and last > 0.0 and size > REFACTOR_ABOVE * last
         if last > 0.0 and not noise:
             memory["contraction"] = size / last
-            if size > allowed and give_up(memory, size / last):
+            # what a correction of fast parts leaves to others may be as large over their motion
+            if size > allowed and give_up(memory, size / last) and moved > 0.5 * last_moved:
                 return method.NO_CONVERGENCE
-        last = size
+        last, last_moved = size, moved
         theta = min(memory["contraction"], 0.99)
         # what an old factor leaves is a bias, below the last places of positions too
         settled = moved <= floor and (n > 0 or run.settings.step == 0.0)

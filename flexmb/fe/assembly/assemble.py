@@ -26,6 +26,7 @@ from flexmb.fe.assembly.connections import (
     make_springs,
     make_ties,
     spring_stiffness,
+    tie_moments,
 )
 from flexmb.fe.assembly.mass import (
     Inertia,
@@ -41,7 +42,7 @@ from flexmb.fe.assembly.numbering import Accumulator, Numbering, number_nodes, r
 from flexmb.fe.elements.element_blocks import Block, select_elements
 from flexmb.fe.linear_solver import require_memory
 from flexmb.fe.meshes.mesh import Mesh
-from flexmb.flexbody.arrays import FloatArray
+from flexmb.flexbody.arrays import FloatArray, rotation_stiffness
 from flexmb.flexbody.mesh_options import MASS_MATRICES
 from flexmb.materials import AnyMaterial
 from flexmb.progress import Progress, silent
@@ -117,6 +118,8 @@ class FEMatrices:
         Nodes that follow others.
     follow : (n_all - n, n) sparse, optional
         Their motion per unit of each independent degree of freedom; None without ties.
+    tied_stiffness : (n_all - n, n_all) sparse, optional
+        Forces on them per unit of each motion, ties apart; None without ties.
     """
 
     mesh: Mesh
@@ -131,6 +134,7 @@ class FEMatrices:
     springs: tuple[Spring, ...] = ()
     ties: tuple[Tie, ...] = ()
     follow: csr_array | None = None
+    tied_stiffness: csr_array | None = None
 
     @property
     def center(self) -> FloatArray:
@@ -154,6 +158,11 @@ class FEMatrices:
     def expand(self, V: FloatArray) -> FloatArray:
         """(n_all, ...) all motions from the independent ones (n, ...)."""
         return V if self.follow is None else np.concatenate([V, self.follow @ V])
+
+    def load_per_mass(self, field: FloatArray) -> FloatArray:
+        """(n_all,) loads of a force per mass G s + g at s, ``field`` (3, 4) = [G, g]."""
+        G, g = field[:, :3], field[:, 3]
+        return np.asarray(np.einsum("ba,abn->n", G, self.inertia.P) + g @ self.inertia.p)
 
     def condensed(self, matrix: csr_array) -> csr_array:
         """(n, n) a matrix over all motions (n_all, n_all) as one over the independent ones."""
@@ -276,9 +285,11 @@ def assemble_model(
         mass.add_components(*part)
     inertia, M = mass.total()
     follow = dependence(model.ties, numbering, model.mesh, blocks) if model.ties else None
-    K, M = (_condensed(matrix, follow) for matrix in (stiffness.matrix(), M))
+    whole = stiffness.matrix()
+    K, M = (_condensed(matrix, follow) for matrix in (whole, M))
     progress("assemble", 1.0)
-    matrices = (K, M, inertia, nodal, lumped, model.springs, model.ties, follow)
+    tied = whole[numbering.n :] if model.ties else None
+    matrices = (K, M, inertia, nodal, lumped, model.springs, model.ties, follow, tied)
     return FEMatrices(model.mesh, model.material, blocks, numbering, *matrices)
 
 
@@ -349,18 +360,27 @@ def geometric_stiffness(
     u : (n,) float
         Displacements of a linear static solution, all independent degrees of freedom [m, rad].
     field : (3, 4) float, optional
-        [G, g] where a force per mass G s + g at s [m] acts all over the body: beams take from it
-        how their axial force varies along an element.
+        [G, g] where a force per mass G s + g at s [m] acts all over the body: on ties, offsets and
+        masses that turn; beams take from it how their axial force varies along an element.
     """
-    everywhere = fe.expand(u)
+    everywhere, table = fe.expand(u), fe.numbering.table
     total = Accumulator(fe.numbering.n_all)
+    within = None if fe.lumped else field
     for block in fe.blocks:
         family, width = block.family, 6 if block.family.rotations else 3
         for nodes in block.chunks():
             dofs = fe.numbering.of(nodes, width)
             elements = (fe.mesh.points[nodes], block.section, everywhere[dofs])
-            if family.dimension == 1 and field is not None:
-                total.add(family.geometric_stiffness(*elements, field), dofs)
-            else:
-                total.add(family.geometric_stiffness(*elements), dofs)
+            total.add(family.geometric_stiffness(*elements, within), dofs)
+    if fe.follow is not None and fe.tied_stiffness is not None:
+        n, forces = fe.numbering.n, np.zeros(fe.numbering.n_all)
+        forces[n:] = fe.tied_stiffness @ everywhere
+        if field is not None:
+            forces[n:] -= fe.load_per_mass(field)[n:]
+        moments = tie_moments(fe.ties, fe.numbering, fe.mesh.points, fe.follow, forces)
+        references = [tie.reference for tie in fe.ties]
+        total.add(rotation_stiffness(moments), table[references, 3:])
+    if field is not None and len(fe.nodal.nodes):
+        moments = fe.nodal.moments(fe.mesh.points, field)
+        total.add(-rotation_stiffness(moments), table[fe.nodal.nodes, 3:])
     return fe.condensed(total.matrix())

@@ -205,6 +205,29 @@ def dependence(
     return csr_array(coo_array((entries, places), shape=shape))
 
 
+def tie_moments(
+    ties: tuple[Tie, ...],
+    numbering: Numbering,
+    points: FloatArray,
+    follow: csr_array,
+    forces: FloatArray,
+) -> FloatArray:
+    """(ties, 3, 3) sums of s f^T over the nodes, f what the tie exerts, s from the reference.
+
+    ``follow`` are the motions that follow, per independent one; ``forces`` (n_all,) those of the
+    ties on the motions that follow.
+    """
+    moments = np.zeros((len(ties), 3, 3))
+    for k, tie in enumerate(ties):
+        numbers, exerted = numbering.table[tie.nodes, :3], forces
+        if tie.kind == "rbe3":
+            reference = numbering.table[tie.reference]
+            exerted = -(follow[reference - numbering.n].T @ forces[reference])
+        f = np.where(numbers >= 0, exerted[numbers], 0.0)
+        moments[k] = (points[tie.nodes] - points[tie.reference]).T @ f
+    return moments
+
+
 def _make_tie(mesh: Mesh, name: str, words: dict[str, Any]) -> Tie:
     where = f"ties.{name}"
     options = read_options(TieOptions, words, where, MeshError)

@@ -28,7 +28,7 @@ from flexmb.fe.assembly.connections import (
     weighted_rows,
 )
 from flexmb.fe.meshes.mesh import Mesh, group_centroid
-from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.arrays import FloatArray, IntArray, rotation_stiffness
 from flexmb.flexbody.mesh_options import InterfaceOptions, NodeOptions
 from flexmb.flexbody.options import is_number, read_options
 
@@ -296,6 +296,13 @@ def make_interface(
         return RigidInterface(name, choice.position, choice.nodes, dofs, T)
     dofs, W = weighted_rows(fe.numbering, choice.nodes, arms, weight_samples(fe, choice))
     return WeightedInterface(name, choice.position, choice.nodes, dofs, W)
+
+
+def interface_stiffness(fe: FEMatrices, interface: ModelInterface, links: FloatArray) -> FloatArray:
+    """(3, 3) stiffness of an interface's rotation, from what it exerts on its nodes, links (n,)."""
+    arms = fe.mesh.points[interface.nodes] - interface.position
+    forces = links[fe.numbering.of(interface.nodes, 3)].reshape(-1, 3)
+    return rotation_stiffness(arms.T @ forces)
 
 
 def weight_samples(fe: FEMatrices, choice: NodeSelection) -> csr_array:

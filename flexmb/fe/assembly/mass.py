@@ -186,10 +186,21 @@ class NodalInertia:
                 part = NodalInertia(*(values[rows] for values in vars(self).values()))
                 yield part._components(points, width), numbering.of(part.nodes[:, None], width)
 
+    def moments(self, points: FloatArray, field: FloatArray) -> FloatArray:
+        """(k, 3, 3) sums of s f^T, s from the node, of a force per mass G s + g, field [G, g]."""
+        at_nodes = points[self.nodes] @ field[:, :3].T + field[:, 3]
+        first, second = self._about_nodes()
+        return np.asarray(first[:, :, None] * at_nodes[:, None] + second @ field[:, :3].T)
+
+    def _about_nodes(self) -> tuple[FloatArray, FloatArray]:
+        """First and second moments."""
+        first = self.mass[:, None] * self.arm
+        second = self.second + first[:, :, None] * self.arm[:, None, :]
+        return first, second
+
     def _components(self, points: FloatArray, width: int) -> ComponentMass:
         x, eye, m = points[self.nodes], np.eye(3), self.mass
-        first = m[:, None] * self.arm
-        second = self.second + first[:, :, None] * self.arm[:, None, :]
+        first, second = self._about_nodes()
         k = len(m)
         # N_a = (e_a, E_a) with (E_a)_c = eps_acd rho_d, rho from the node: rotation c moves along a
         E = np.einsum("acd,kd->kac", _LEVI_CIVITA, first)

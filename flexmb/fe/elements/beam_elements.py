@@ -30,7 +30,7 @@ from skfem import CellBasis, ElementLineHermite, ElementLineP1, MeshLine
 
 from flexmb.fe.elements.element_family import ComponentMass
 from flexmb.fe.sections.beam_chain import BoundBeam, local_axes, section_values
-from flexmb.flexbody.arrays import FloatArray, IntArray, skew
+from flexmb.flexbody.arrays import FloatArray, IntArray, rotation_stiffness, skew
 
 _ORDER = 6  # products of two cubics
 _TAPERED_ORDER = 10  # the same times second moments of degree four
@@ -208,7 +208,7 @@ def _axes_from(x: FloatArray, y: FloatArray) -> FloatArray:
 def geometric_products(
     fields: BeamFields, forces: FloatArray, axial: FloatArray | float = 0.0
 ) -> FloatArray:
-    """(ne, 12, 12) geometric stiffness.
+    """(ne, 12, 12) geometric stiffness, of which the symmetric part counts.
 
     Parameters
     ----------
@@ -219,20 +219,17 @@ def geometric_products(
     axial : (ne, points) float
         What is added to N along the elements.
     """
-    along = (1 - fields.t)[:, None] * forces[:, :1] + fields.t[:, None] * forces[:, 1:]
+    along = forces[:, :1] + fields.t[:, None] * (forces[:, 1:] - forces[:, :1])
     N, Vy, Vz, T, My, Mz = np.moveaxis(along, 2, 0)
-    N = N + axial
+    N += axial
     A, Iy, Iz = (fields.values[name] for name in ("A", "Iy", "Iz"))
-    squares = (
-        (N, fields.u_x),
-        (N, fields.V_x),
-        (N, fields.W_x),
-        (N * (Iy + Iz) / A, fields.phi_x),
-        (N * Iz / A, fields.B_x),
-        (N * Iy / A, fields.C_x),
-    )
-    K = sum(fields.product(weight, row, row) for weight, row in squares)
-    pairs = (
+    terms = (
+        (N, fields.u_x, fields.u_x),
+        (N, fields.V_x, fields.V_x),
+        (N, fields.W_x, fields.W_x),
+        (N * (Iy + Iz) / A, fields.phi_x, fields.phi_x),
+        (N * Iz / A, fields.B_x, fields.B_x),
+        (N * Iy / A, fields.C_x, fields.C_x),
         (2 * Mz, fields.u_x, fields.B_x),
         (-2 * My, fields.u_x, fields.C_x),
         (-2 * My, fields.V_x, fields.phi_x),
@@ -244,10 +241,7 @@ def geometric_products(
         (T, fields.C, fields.B_x),
         (-T, fields.B, fields.C_x),
     )
-    for weight, left, right in pairs:
-        product = fields.product(0.5 * weight, left, right)
-        K = K + product + product.transpose(0, 2, 1)
-    return np.asarray(K)
+    return np.asarray(sum(fields.product(*term) for term in terms))
 
 
 FORCES = ("N", "Vy", "Vz", "T", "My", "Mz")
@@ -315,12 +309,11 @@ class _Line:
         """
         fields = BeamFields(x, section)
         forces = np.einsum("enci,ei->enc", section_forces(fields), u)
-        axial, ends = 0.0, forces[:, :, :3]
-        if field is not None:
-            q = _line_load(fields, field)
-            axial = _axial_variation(fields, q[:, :, 0])
-            ends = ends + fields.length[:, None, None] * np.einsum("nmc,emc->enc", _AT_ENDS, q)
-        K = _symmetric(_turned(geometric_products(fields, forces, axial), fields.turn))
+        field = np.zeros((3, 4)) if field is None else field
+        q = _line_load(fields, field)
+        ends = np.einsum("nmc,emc,e->enc", _AT_ENDS, q, fields.length) + forces[:, :, :3]
+        K = geometric_products(fields, forces, _axial_variation(fields, q[:, :, 0]))
+        K = _symmetric(_turned(K - _turning_of_sections(fields, field), fields.turn))
         K.reshape(-1, 4, 3, 4, 3)[:, [1, 3], :, [1, 3]] += _turning_of_ends(fields, forces, ends)
         return K
 
@@ -331,9 +324,8 @@ class _Line:
 
     def stress(self, x: FloatArray, section: Any) -> FloatArray:
         """(ne, 2, layers, 6, 12) stress per unit of each degree of freedom."""
-        fields = BeamFields(x, section)
-        forces, ne = section_forces(fields), len(x)
-        place = _point_values(fields, ne)
+        fields, ne = BeamFields(x, section), len(x)
+        forces, place = section_forces(fields), _point_values(fields, ne)
         A, Iy, Iz = (fields.ends_of(name, ne)[..., None] for name in ("A", "Iy", "Iz"))
         local = np.zeros((ne, 2, place.shape[2], 3, 6))  # xx, xy, xz per section force
         local[..., 0, 0] = 1 / A
@@ -393,8 +385,17 @@ def _turning_of_ends(fields: BeamFields, forces: FloatArray, ends: FloatArray) -
     M = np.einsum("ena,ebc,enc->enab", fields.arms, fields.axes, ends)
     bent = forces[:, :, 4, None] * z[:, None] - forces[:, :, 5, None] * y[:, None]
     M = np.array([[[-1.0]], [[1.0]]]) * (M + bent[..., None] * x[:, None, None])
-    trace = np.trace(M, axis1=2, axis2=3)[:, :, None, None]
-    return np.asarray(0.5 * (M + M.transpose(0, 1, 3, 2)) - trace * np.eye(3)).swapaxes(0, 1)
+    return rotation_stiffness(M).swapaxes(0, 1)
+
+
+def _turning_of_sections(fields: BeamFields, field: FloatArray) -> FloatArray:
+    """(ne, 12, 12) second-order work of a force per mass on sections that turn in their places."""
+    _, Iy, Iz = _mass_per_length(fields)
+    G = fields.axes.transpose(0, 2, 1) @ field[:, :3] @ fields.axes
+    moments = np.stack([0 * Iy, Iz, Iy], axis=2)[..., None] * G.swapaxes(1, 2)[:, None]
+    turns = np.stack([fields.phi, -fields.C, fields.B], axis=2)
+    S = rotation_stiffness(moments) * fields.dx[..., None, None]
+    return np.asarray(np.sum(turns.swapaxes(2, 3) @ S @ turns, axis=1))
 
 
 def _line_load(fields: BeamFields, field: FloatArray) -> FloatArray:
@@ -440,9 +441,8 @@ def _to_body(R: FloatArray) -> FloatArray:
     pairs = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
     out = np.zeros((len(R), 6, 3))
     for row, (i, j) in enumerate(pairs):
-        out[:, row, 0] = R[:, i, 0] * R[:, j, 0]
-        for c in (1, 2):
-            out[:, row, c] = R[:, i, 0] * R[:, j, c] + R[:, i, c] * R[:, j, 0]
+        out[:, row] = R[:, i, :1] * R[:, j] + R[:, i] * R[:, j, :1]
+    out[:, :, 0] *= 0.5
     return out
 
 

@@ -103,8 +103,13 @@ class Family(Protocol):
         """Consistent mass."""
         ...
 
-    def geometric_stiffness(self, x: FloatArray, section: Any, u: FloatArray) -> FloatArray:
-        """(ne, d, d) geometric stiffness of the stress that displacements u (ne, d) cause."""
+    def geometric_stiffness(
+        self, x: FloatArray, section: Any, u: FloatArray, field: FloatArray | None = None
+    ) -> FloatArray:
+        """(ne, d, d) geometric stiffness of the stress that displacements u (ne, d) cause.
+
+        ``field`` (3, 4), [G, g], is a force per mass G s + g at s that acts in the elements.
+        """
         ...
 
     def stress_layers(self, section: Any) -> tuple[str, ...]:

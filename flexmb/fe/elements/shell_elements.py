@@ -19,6 +19,7 @@ from flexmb.fe.elements.element_family import ComponentMass
 from flexmb.fe.elements.shell_fields import (
     EDGES,
     Fields,
+    ShellPoints,
     degenerate_elements,
     extrapolation,
     make_fields,
@@ -26,7 +27,7 @@ from flexmb.fe.elements.shell_fields import (
     shell_functions,
 )
 from flexmb.fe.sections.shell_section import ShellSection
-from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.arrays import FloatArray, IntArray, rotation_stiffness
 
 DRILLING = 0.3
 """Stiffness against drilling, as a share of the in-plane shear stiffness: 1e-6 to 1 do alike."""
@@ -37,6 +38,14 @@ def _stiffness_product(rows: FloatArray, elasticity: FloatArray, weight: FloatAr
     ne, _, _, d = rows.shape
     forces = np.matmul(elasticity, rows) * weight[..., None, None]
     return np.matmul(rows.reshape(ne, -1, d).transpose(0, 2, 1), forces.reshape(ne, -1, d))
+
+
+def _internal_forces(
+    rows: FloatArray, elasticity: FloatArray, weight: FloatArray, u: FloatArray
+) -> FloatArray:
+    """(ne, d) forces on the nodes of what :func:`_stiffness_product` has stiffness for."""
+    forces = np.einsum("eqid,ed->eqi", rows, u) @ elasticity.T
+    return np.einsum("eqid,eqi->ed", rows, forces * weight[..., None])
 
 
 def _stress_axes(axes: FloatArray) -> FloatArray:
@@ -58,6 +67,17 @@ def _mass_motion(fields: Fields) -> FloatArray:
     local[:, k:n, 1] += fields.tangent[..., 1:] * swirl
     local[:, n:, :2] = fields.nodal[:, :, 3:]
     return np.matmul(fields.flat.axes[:, None], local)
+
+
+def _mass_weights(points: ShellPoints, section: ShellSection) -> FloatArray:
+    """(ne, 2n, 2n) mass between the nodes, over u, then beta."""
+    ne, n = len(points.area), points.values.shape[1]
+    products = (points.values[:, :, None] * points.values[:, None]).reshape(-1, n * n)
+    area = (points.area @ products).reshape(ne, n, n)
+    area = 0.5 * (area + area.transpose(0, 2, 1))
+    m0, m1, m2 = section.laminate.mass
+    upper = np.concatenate([m0 * area, m1 * area], axis=2)
+    return np.concatenate([upper, np.concatenate([m1 * area, m2 * area], axis=2)], axis=1)
 
 
 def _mass_position(kind: str, fields: Fields, offset: float) -> FloatArray:
@@ -114,31 +134,28 @@ class Shell:
 
     def stiffness(self, x: FloatArray, section: ShellSection) -> FloatArray:
         """(ne, d, d) stiffness."""
-        fields = make_fields(self.kind, x, section)
+        parts = self._strains(make_fields(self.kind, x, section), section)
+        K = sum(_stiffness_product(*part) for part in parts)
+        return np.asarray(0.5 * (K + K.transpose(0, 2, 1)))
+
+    def _strains(self, fields: Fields, section: ShellSection) -> list[tuple[FloatArray, ...]]:
+        """Rows of strains (ne, nq, r, d), elasticity (r, r) and weights (ne, nq) of each kind."""
         points = make_points(fields.flat, shell_functions(self.kind, "stiffness"))
-        K = _stiffness_product(points.strains(fields), section.laminate.ABD, points.area)
-        if section.shear:
-            K += _stiffness_product(points.shear_strains(fields), section.laminate.S, points.area)
         hold = DRILLING * section.laminate.ABD[2, 2] * points.area.sum(axis=1)
-        K += (hold[:, None] * fields.drill)[:, :, None] * fields.drill[:, None, :]
-        return 0.5 * (K + K.transpose(0, 2, 1))
+        parts = [
+            (points.strains(fields), section.laminate.ABD, points.area),
+            (fields.drill[:, None, None], np.eye(1), hold[:, None]),
+        ]
+        if section.shear:
+            parts.append((points.shear_strains(fields), section.laminate.S, points.area))
+        return parts
 
     def mass(self, x: FloatArray, section: ShellSection) -> ComponentMass:
         """Consistent mass."""
         fields = make_fields(self.kind, x, section)
         points = make_points(fields.flat, shell_functions(self.kind, "mass"))
         ne, n = len(x), points.values.shape[1]
-        products = (points.values[:, :, None] * points.values[:, None]).reshape(-1, n * n)
-        area = (points.area @ products).reshape(ne, n, n)
-        area = 0.5 * (area + area.transpose(0, 2, 1))
-        m0, m1, m2 = section.laminate.mass
-        W = np.concatenate(  # over u at the nodes, then beta
-            [
-                np.concatenate([m0 * area, m1 * area], axis=2),
-                np.concatenate([m1 * area, m2 * area], 2),
-            ],
-            axis=1,
-        )
+        W = _mass_weights(points, section)
         N = _mass_motion(fields)  # (ne, 2n, 3, d)
         s = _mass_position(self.kind, fields, section.offset)  # (ne, 2n, 4)
         d = N.shape[3]
@@ -158,23 +175,73 @@ class Shell:
         )
 
     def geometric_stiffness(
-        self, x: FloatArray, section: ShellSection, u: FloatArray
+        self, x: FloatArray, section: ShellSection, u: FloatArray, field: FloatArray | None = None
     ) -> FloatArray:
-        """(ne, d, d) int N_ab u_c,a u_c,b over the three displacements c of the mid-surface.
+        """(ne, d, d) geometric stiffness of the stress that displacements u (ne, d) cause.
 
-        N are the membrane forces that the displacements ``u`` (ne, d) cause. Bending moments do not
-        contribute: their second-order work depends on how rotations are composed.
+        int N_ab u_c,a u_c,b + 2 M_ab u_c,a beta_c,b over the displacements c of the mid-surface,
+        with membrane forces N and moments M, and along the edges what works on g, times 2 u_c,s
+        beta_c. Normals turn with their nodes, by rotation vectors; offset and moments go along.
         """
         fields = make_fields(self.kind, x, section)
-        points = make_points(fields.flat, shell_functions(self.kind, "mass"))
+        flat, points = fields.flat, make_points(fields.flat, shell_functions(self.kind, "mass"))
         ne, nq = points.area.shape
         strains = np.einsum("eqid,ed->eqi", points.strains(fields), u)
-        N = (strains @ section.laminate.ABD[:3].T) * points.area[..., None]
-        H = points.gradients(fields)[:, :, :, :3]
-        forces = N[..., [[0, 2], [2, 1]]]
-        NH = np.matmul(forces, H.reshape(ne, nq, 2, -1)).reshape(ne, nq * 6, -1)
-        K = np.matmul(H.reshape(ne, nq * 6, -1).transpose(0, 2, 1), NH)
-        return 0.5 * (K + K.transpose(0, 2, 1))
+        N, M = np.split((strains @ section.laminate.ABD.T) * points.area[..., None], 2, axis=2)
+        forces = sum(_internal_forces(*part, u) for part in self._strains(fields, section))
+        forces = forces.reshape(ne, -1, 2, 3) @ flat.axes[:, None]  # element axes
+        H = points.gradients(fields)
+        d, pairs = H.shape[-1], [[0, 2], [2, 1]]
+        work = np.matmul(N[..., pairs], H[..., :3, :].reshape(ne, nq, 2, -1))
+        work = work.reshape(ne, nq, 2, 3, d)
+        bent = np.matmul(M[..., pairs], H[..., 3:, :].reshape(ne, nq, 2, -1))
+        work[..., :2, :] += 2 * bent.reshape(ne, nq, 2, 2, d)
+        slopes = H[..., :3, :].reshape(ne, nq * 6, d)
+        K = np.matmul(slopes.transpose(0, 2, 1), work.reshape(ne, nq * 6, d))
+        K += self._edge_work(fields, section, u)
+        K = 0.5 * (K + K.transpose(0, 2, 1))
+        if field is not None:
+            forces = forces - self._load_per_mass(fields, section, field)
+        k = forces.shape[1]
+        moments = np.zeros((ne, k, 3, 3))  # n x (moment x n + arm n.f) at each node
+        moments[:, :, 2, 0], moments[:, :, 2, 1] = forces[:, :, 1, 1], -forces[:, :, 1, 0]
+        moments[:, :, 2, 2] = (section.offset - flat.height) * forces[:, :, 0, 2]
+        axes = flat.axes[:, None]
+        turns = axes @ rotation_stiffness(moments) @ axes.transpose(0, 1, 3, 2)
+        nodes = np.arange(k)
+        K.reshape(ne, k, 2, 3, k, 2, 3)[:, nodes, 1, :, nodes, 1] += turns.swapaxes(0, 1)
+        return K
+
+    def _edge_work(self, fields: Fields, section: ShellSection, u: FloatArray) -> FloatArray:
+        """(ne, d, d) what works on g of each edge, times 2 u_c,s beta_c in the mean over the edge.
+
+        It is the shear force, and the moments of the bow: neighbours share an edge, so that large
+        parts of both cancel, which they would not inside the elements.
+        """
+        points = make_points(fields.flat, shell_functions(self.kind, "stiffness"))
+        strains = np.einsum("eqid,ed->eqi", points.strains(fields), u)
+        M = (strains @ section.laminate.ABD[3:].T * points.area[..., None])[..., [[0, 2], [2, 1]]]
+        k, nodal = fields.length.shape[1], fields.nodal
+        g = fields.bow * np.einsum("eqab,eqbk,eka->ek", M, points.slopes[..., k:], fields.tangent)
+        if section.shear:
+            Q = np.einsum("eqad,ed->eqa", points.shear_strains(fields), u) @ section.laminate.S
+            share = (1 + fields.bow / 1.5) * fields.length
+            g += share * np.einsum("eq,eqa,eqak->ek", points.area, Q, points.edge)
+        start, end = (list(nodes) for nodes in zip(*EDGES[self.kind], strict=True))
+        along = (nodal[:, end, :2] - nodal[:, start, :2]) / fields.length[..., None, None]
+        beta = (nodal[:, start, 3:] + 4 * nodal[:, k:, 3:] + nodal[:, end, 3:]) / 6
+        left = (2 * g[..., None, None] * along).reshape(len(u), 2 * k, -1)
+        return np.matmul(left.transpose(0, 2, 1), beta.reshape(len(u), 2 * k, -1))
+
+    def _load_per_mass(
+        self, fields: Fields, section: ShellSection, field: FloatArray
+    ) -> FloatArray:
+        """(ne, k, 2, 3) forces and moments at the nodes, element axes, of a force per mass."""
+        points = make_points(fields.flat, shell_functions(self.kind, "mass"))
+        s = _mass_position(self.kind, fields, section.offset)
+        load = np.matmul(_mass_weights(points, section), np.matmul(s, field.T))
+        f = np.einsum("enc,encd->ed", load, _mass_motion(fields))
+        return np.asarray(f.reshape(len(s), -1, 2, 3) @ fields.flat.axes[:, None])
 
     def stress_layers(self, section: Any) -> tuple[str, ...]:
         """The outer faces; the element normal points from bottom to top."""

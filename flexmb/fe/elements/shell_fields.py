@@ -268,6 +268,8 @@ class Fields:
         Mean rotation of the nodes about the normal less that of the mid-surface at the centre.
     length, tangent : (ne, k), (ne, k, 2) float
         Of the edges.
+    bow : (ne, k) float
+        Rotation of mid-sides about the edges less the mean of the corners, per g of the edge.
     linear : float
         Share of the linear part of the membrane strain that is kept.
     """
@@ -278,6 +280,7 @@ class Fields:
     drill: FloatArray
     length: FloatArray
     tangent: FloatArray
+    bow: FloatArray
     linear: float
 
 
@@ -359,12 +362,12 @@ def make_fields(kind: str, x: FloatArray, section: ShellSection) -> Fields:
     slope_i, slope_j = (sx * f[:, :, 3] + sy * f[:, :, 4] for f in (first, last))
     g = (last[:, :, 2] - first[:, :, 2]) / L + 0.5 * (slope_i + slope_j)
     turn = L / 8 * (first[:, :, 5] - last[:, :, 5])
-    bow = -1.5 * g / (1 + phi)
+    bow = -1.5 / (1 + phi)
     middle[:, :, 0] -= sy * turn
     middle[:, :, 1] += sx * turn
     middle[:, :, 2] -= L / 8 * (slope_i - slope_j)
-    middle[:, :, 3] += sx * bow
-    middle[:, :, 4] += sy * bow
+    middle[:, :, 3] += sx * bow * g
+    middle[:, :, 4] += sy * bow * g
 
     nodal = np.concatenate([corner[:, :, :5], middle], axis=1)
     slopes = make_points(flat, shell_functions(kind, "center")).slopes[:, 0]
@@ -373,7 +376,8 @@ def make_fields(kind: str, x: FloatArray, section: ShellSection) -> Fields:
         - np.einsum("en,end->ed", slopes[:, 1], nodal[:, :, 0])
     )
     drill = corner[:, :, 5].mean(axis=1) - spin
-    return Fields(flat, nodal, phi / (1 + phi) * L * g, drill, length, tangent, _LINEAR[kind])
+    shear = phi / (1 + phi) * L * g
+    return Fields(flat, nodal, shear, drill, length, tangent, bow[..., 0], _LINEAR[kind])
 
 
 def _corner_fields(flat: Flat, offset: float) -> FloatArray:

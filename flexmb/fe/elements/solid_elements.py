@@ -180,7 +180,7 @@ class Solid:
         return ScalarMass(M)
 
     def geometric_stiffness(
-        self, x: FloatArray, section: SolidSection, u: FloatArray
+        self, x: FloatArray, section: SolidSection, u: FloatArray, field: FloatArray | None = None
     ) -> FloatArray:
         """(ne, 3k, 3k) int sigma_ab dN_i/dx_a dN_j/dx_b in each direction [N/m].
 

@@ -24,7 +24,7 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 import scipy  # scipy.spatial is loaded where it is used
-from scipy.linalg import eigh, qr
+from scipy.linalg import cholesky, eigh, qr, solve_triangular
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
@@ -32,7 +32,7 @@ from flexmb.errors import FlexmbWarning, Problem, ReductionError, nearest
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.numbering import Numbering
 from flexmb.fe.multifrontal import blas_threads
-from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero
 from flexmb.flexbody.planar_body import PLANES, fit_weights
 from flexmb.progress import Progress, silent
 
@@ -121,11 +121,22 @@ def _check(
         )
 
 
-def dense_modes(K: csr_array, M: csr_array, count: int) -> tuple[FloatArray, FloatArray]:
-    """The same from full matrices, where many or all modes of a small model are requested."""
+def dense_modes(
+    K: FloatArray, M: FloatArray, count: int, definite: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """The same from full matrices, where many or all modes of a small model are requested.
+
+    Where K is positive ``definite``, they are those of 1/omega^2: degrees of freedom with little
+    mass or none take no digits from the low ones. There are fewer then.
+    """
     if count == 0:
-        return np.zeros(0), np.zeros((K.shape[0], 0))
-    return eigh(K.toarray(), M.toarray(), subset_by_index=[0, count - 1])
+        return np.zeros(0), np.zeros((len(K), 0))
+    if not definite:
+        return eigh(K, M, subset_by_index=[0, count - 1])
+    sigma, V = eigh(M, K, subset_by_index=[len(K) - count, len(K) - 1])
+    massive = is_nonzero(sigma)  # of the others 1 / omega^2 is rounding
+    sigma, V = sigma[massive][::-1], V[:, massive][:, ::-1]
+    return 1.0 / sigma, solve_triangular(cholesky(V.T @ M @ V, lower=True), V.T, lower=True).T
 
 
 def start_vector(n: int) -> FloatArray:

@@ -28,7 +28,6 @@ from scipy.linalg import (
     block_diag,
     cho_factor,
     cho_solve,
-    eigh,
     lu_factor,
     lu_solve,
     null_space,
@@ -40,9 +39,9 @@ from flexmb.errors import Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface, WeightedInterface
 from flexmb.fe.linear_solver import Factor, SingularMatrix, factor
-from flexmb.fe.reduction.eigenmodes import lowest_modes, start_vector
+from flexmb.fe.reduction.eigenmodes import dense_modes, lowest_modes, start_vector
 from flexmb.fe.reduction.reduced_basis import free_part
-from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero
+from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.mesh_options import ModesOptions
 from flexmb.flexbody.options import read_options
 from flexmb.progress import Progress, silent
@@ -271,18 +270,9 @@ class FixedInterfaceModel:
 
     def _dense(self, count: int) -> tuple[FloatArray, FloatArray]:
         """The same from full matrices, fewer where motions have no mass; the means are at rest."""
-        if count == 0:
-            return np.zeros(0), np.zeros((len(self.dofs), 0))
         K, M = self._inner(self.fe.K).toarray(), self.M.toarray()
         N = null_space(self._W.toarray()) if self._W.shape[0] else np.eye(len(K))
-        K, M = N.T @ K @ N, N.T @ M @ N
-        try:
-            omega2, V = eigh(K, M, subset_by_index=[0, count - 1])
-        except np.linalg.LinAlgError:  # some motions have no mass: by 1 / omega^2
-            sigma, V = eigh(M, K, subset_by_index=[len(K) - count, len(K) - 1])
-            massive = is_nonzero(sigma)  # of the others 1 / omega^2 is rounding
-            sigma, V = sigma[massive], V[:, massive]
-            omega2, V = 1.0 / sigma[::-1], (V / np.sqrt(sigma))[:, ::-1]
+        omega2, V = dense_modes(N.T @ K @ N, N.T @ M @ N, count, definite=True)
         return omega2, N @ V
 
     def _means(self) -> csr_array:

@@ -146,7 +146,7 @@ def lowest_free(
 
     def lowest(number: int) -> Modes:
         if n <= DENSE or 2 * number + 12 >= n:
-            omega2, V = dense_modes(fe.K, fe.M, number + 6)
+            omega2, V = dense_modes(fe.K.toarray(), fe.M.toarray(), number + 6)
             return omega2[6:], V[:, 6:]
         return lowest_modes(fe.M, inverse, number, progress, inverse(start_vector(n)))
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from flexmb.errors import Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, geometric_stiffness
-from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface
+from flexmb.fe.assembly.interfaces import ModelInterface, interface_stiffness
 from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
 from flexmb.fe.reduction.inertia_relief import InertiaRelief, centrifugal_fields
 from flexmb.flexbody.arrays import FloatArray, skew
@@ -53,22 +53,22 @@ def with_geometric_stiffening(
     """
     fixed, relief = FixedInterfaceModel(fe, interfaces, _ALL), InertiaRelief(fe.M, fe.rigid)
     fields = centrifugal_fields(fe)
-    loads = [np.asarray(fe.M @ w) for w, _ in fields]
+    loads = [f for f, _ in fields]
     forces = fixed.loads()
     loads += [forces[:, 6 * k + d] for k in range(len(interfaces)) for d in range(3)]
-    gradients = [G for _, G in fields] + [np.zeros((3, 3))] * (3 * len(interfaces))
     forms = np.zeros((len(loads), body.m, body.m))
-    for number, (load, gradient) in enumerate(zip(loads, gradients, strict=True)):
+    for number, load in enumerate(loads):
         progress("stiffening", number / len(loads))
         relieved = relief.loads(load)
         u = fixed.free(relieved)
-        per_mass = _force_per_mass(fe, gradient, relief.acceleration(load))
+        per_mass = -_acceleration(fe, relief.acceleration(load))
+        if number < len(fields):
+            per_mass += fields[number][1]
         form = Phi.T @ (geometric_stiffness(fe, u, per_mass) @ Phi)
         # forces on the nodes of interfaces, which a unit force reaches through them alone
         links = np.asarray(fe.K @ u) - relieved + (load if number >= len(fields) else 0.0)
         for part, interface in zip(body.interfaces, interfaces, strict=True):
-            if isinstance(interface, RigidInterface):
-                form += part.Phi_r.T @ _rotation_stiffness(fe, interface, links) @ part.Phi_r
+            form += part.Phi_r.T @ interface_stiffness(fe, interface, links) @ part.Phi_r
         forms[number] = 0.5 * (form + form.T)
     progress("stiffening", 1.0)
     centrifugal = np.zeros((3, 3, body.m, body.m))
@@ -101,17 +101,7 @@ def require_stresses(fe: FEMatrices, interfaces: tuple[ModelInterface, ...]) -> 
         raise ReductionError.from_problems([Problem("geometric_stiffening", what)])
 
 
-def _rotation_stiffness(fe: FEMatrices, interface: RigidInterface, f: FloatArray) -> FloatArray:
-    """(3, 3) second derivative of the work of forces f on nodes that rotate rigidly.
-
-    Turned by a rotation theta, an arm s moves its node by theta x s + theta x (theta x s)/2.
-    """
-    arms = fe.mesh.points[interface.nodes] - interface.position
-    moments = arms.T @ f[fe.numbering.of(interface.nodes, 3)].reshape(-1, 3)
-    return 0.5 * (moments + moments.T) - np.trace(moments) * np.eye(3)
-
-
-def _force_per_mass(fe: FEMatrices, G: FloatArray, acceleration: FloatArray) -> FloatArray:
-    """[G, g] (3, 4) of a load per mass G (s - c) less the rigid acceleration that it causes."""
-    G = G - skew(acceleration[3:])
-    return np.column_stack([G, -acceleration[:3] - G @ fe.center])
+def _acceleration(fe: FEMatrices, rigid: FloatArray) -> FloatArray:
+    """[A, b] (3, 4) of the accelerations A s + b at s of a rigid acceleration (6,)."""
+    A = skew(rigid[3:])
+    return np.column_stack([A, rigid[:3] - A @ fe.center])

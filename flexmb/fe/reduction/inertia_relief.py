@@ -26,30 +26,23 @@ from scipy.linalg.lapack import dpstrf
 from scipy.sparse import csr_array
 
 from flexmb.fe.assembly.assemble import FEMatrices
-from flexmb.fe.assembly.loads import LoadPattern
+from flexmb.fe.assembly.loads import LoadPattern, condensed_load
 from flexmb.fe.reduction.eigenmodes import Modes, SymmetryPlane
 from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
 from flexmb.flexbody.arrays import FloatArray, is_nonzero
 from flexmb.flexbody.static_response import SYMMETRIC_PAIRS
 
-Gradient = FloatArray
 
-
-def centrifugal_fields(fe: FEMatrices) -> list[tuple[FloatArray, Gradient]]:
-    """The fields G s of the six symmetric G: at the degrees of freedom (n,), and G (3, 3)."""
-    arms, axes = fe.dof_points - fe.center, fe.rigid[:, :3]
+def centrifugal_fields(fe: FEMatrices) -> list[tuple[FloatArray, FloatArray]]:
+    """Of the six symmetric G the loads (n,) of G (s - c) per mass, and [G, -G c] (3, 4)."""
     fields = []
     for a, b in SYMMETRIC_PAIRS:
         G = np.zeros((3, 3))
         G[a, b] += 0.5
         G[b, a] += 0.5
-        fields.append((np.sum(axes * (arms @ G), axis=1), G))
+        field = np.column_stack([G, -G @ fe.center])
+        fields.append((condensed_load(fe, fe.load_per_mass(field)), field))
     return fields
-
-
-def acceleration_fields(fe: FEMatrices) -> FloatArray:
-    """(n, 12) the accelerations of all points per unit of a, α and the six centrifugal fields."""
-    return np.column_stack([fe.rigid, *(w for w, _ in centrifugal_fields(fe))])
 
 
 def inertia_loads(
@@ -59,11 +52,10 @@ def inertia_loads(
 
     Of a planar reduction those that leave the plane are zero too.
     """
-    fields = acceleration_fields(fe)
-    fields[:, :6] *= float(rigid)
+    rigid_loads = np.asarray(fe.M @ fe.rigid) * float(rigid)
+    F = np.column_stack([rigid_loads, *(f for f, _ in centrifugal_fields(fe))])
     if mirror is not None:
-        fields[:, ~_is_in_plane(mirror.normal)] = 0.0
-    F = np.asarray(fe.M @ fields)
+        F[:, ~_is_in_plane(mirror.normal)] = 0.0
     return F if mirror is None else 0.5 * (F + mirror.S.T @ F)
 
 

@@ -23,7 +23,7 @@ from flexmb.fe.assembly.loads import condensed_load
 from flexmb.fe.reduction.eigenmodes import Modes, SymmetryPlane
 from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
 from flexmb.fe.reduction.free_body import relieved_inverse
-from flexmb.fe.reduction.inertia_relief import InertiaRelief, acceleration_fields, inertia_loads
+from flexmb.fe.reduction.inertia_relief import InertiaRelief, inertia_loads
 from flexmb.fe.reduction.reduced_basis import ReducedBasis, ReducedModes
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.flexbody.body import FlexBody
@@ -182,7 +182,7 @@ def _omitted(
     MY = fe.M @ Y
     return OmittedModes(
         1.0 / (2.0 * np.pi * np.sqrt(sizes[there][::-1])),
-        -MY.T @ acceleration_fields(fe),
+        -Y.T @ inertia_loads(fe),
         -MY.T @ modes[1],
         Y.T @ F,
     )

@@ -1,4 +1,4 @@
-"""Second-order derivatives of a function of time, and the times at which they jump.
+"""Second-order derivatives of a function of time, and where it jumps or is undefined.
 
 In: the postfix program of an expression (:mod:`flexmb.model.functions.expression`) and a time. Out:
 a jet (f, df/dt, d2f/dt2), by the chain rule, exact to round-off. Outside the domain of a function
@@ -7,19 +7,40 @@ the caller reports. This is the readable reference of the compiled kernel of the
 jumps are those that can be read off: ends of steps, corners of tables and profiles, zeros of abs
 and sign, changes of min and max, where arguments are linear in time.
 Source: Griewank and Walther, Evaluating Derivatives, 2nd ed. (2008), chapter 13.
+
+Over a whole run, programs of smooth operations are not looked at. The others are evaluated at both
+sides of their corners and at equal distances; intervals whose ends do not fit the slopes are halved
+until they are as short as round-off allows. What happens twice within one interval (1/512 of the
+run) may be missed there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexmb.model.functions.piecewise import Piecewise
 
 Jet = tuple[float, float, float]
 Program = Iterable[tuple[str, Any]]
+
+
+# Rises whose second derivative jumps at their ends; that of the others begins with zero.
+_JUMPING_RISES = {"cubicstep", "haversinestep"}
+# More than so many times all over again are no events but the motion itself.
+_MAX_REPETITIONS = 100_000
+Line = tuple[float, float] | None
+_INTERVALS = 512
+_SUSPECTS = 12  # intervals that are halved
+_HALVINGS = 44
+_SAME = 1e-9  # share of the run that is the start
+_JUMP = 1e-9  # of the largest value; smaller jumps are round-off
+_CORNERS = 2000  # that are looked at
+# Operations that are undefined, or jump, somewhere.
+_UNSAFE = {"abs", "acos", "asin", "log", "sign", "sqrt", "tan"}
 
 
 def _times(g: float, a: float) -> float:
@@ -246,12 +267,6 @@ def evaluate(ops: Program, t: float, variables: Mapping[str, Jet] | None = None)
     return float(f), float(f1), float(f2)
 
 
-# Rises whose second derivative jumps at their ends; that of the others begins with zero.
-_JUMPING_RISES = {"cubicstep", "haversinestep"}
-# More than so many times all over again are no events but the motion itself.
-_MAX_REPETITIONS = 100_000
-
-Line = tuple[float, float] | None
 """a + b t, or None for what is not linear in t."""
 
 
@@ -313,3 +328,103 @@ def _jump_times(op: str, argument: object, line: tuple[float, float], end: float
         turns = np.arange(first, last + 1) * argument.period
         places = (places[None, :] + turns[:, None]).ravel()
     return [float(t) for t in (places - a) / b]
+
+
+_UNSAFE |= {"/", "atan2", "max", "min", "pow", "powc"}
+
+
+class Discontinuity(NamedTuple):
+    """The first of its kind."""
+
+    kind: str  # "undefined", "value" or "rate"
+    time: float  # [s]
+    size: float  # of the jump, SI
+
+
+def first_discontinuities(ops: Program, end: float, derivatives: int) -> list[Discontinuity]:
+    """The first time of each kind within a run.
+
+    Parameters
+    ----------
+    ops : program
+        Of time alone.
+    end : float
+        Of the run [s].
+    derivatives : int
+        How many derivatives must be finite.
+
+    Returns
+    -------
+    list of Discontinuity
+        Where value or derivatives are not finite, where the value jumps, and where the rate does.
+    """
+    ops = tuple(ops)
+    if end <= 0.0 or not any(_is_unsafe(*op) for op in ops):
+        return []
+    places = np.array(derivative_jumps(ops, end)[:_CORNERS])
+    sides = np.nextafter(places, -np.inf), places, np.nextafter(places, np.inf)
+    times = np.unique(np.concatenate([np.linspace(0.0, end, _INTERVALS + 1), *sides]))
+    jets = np.array([evaluate(ops, t) for t in times])
+    finite = np.isfinite(jets[:, : derivatives + 1]).all(axis=1)
+    if not finite.all():
+        return [_undefined(ops, times, finite, derivatives)]
+    found = (_first_jump(ops, times, jets, order) for order in (0, 1))
+    return [jump for jump in found if jump is not None]
+
+
+def _is_unsafe(op: str, argument: object) -> bool:
+    if op == "powc":
+        return not (float(argument).is_integer() and argument >= 0)  # type: ignore[arg-type, operator]
+    return op in _UNSAFE or isinstance(argument, Piecewise)
+
+
+def _undefined(
+    ops: Program, times: NDArray[np.float64], finite: NDArray[np.bool_], derivatives: int
+) -> Discontinuity:
+    k = int(np.argmin(finite))
+    if k == 0:
+        return Discontinuity("undefined", 0.0, np.nan)
+    low, high = times[k - 1], times[k]
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if np.isfinite(evaluate(ops, middle)[: derivatives + 1]).all():
+            low = middle
+        else:
+            high = middle
+    return Discontinuity("undefined", float(high), np.nan)
+
+
+def _first_jump(
+    ops: Program, times: NDArray[np.float64], jets: NDArray[np.float64], order: int
+) -> Discontinuity | None:
+    """The first jump of the derivative of an order, of those that are seen."""
+    scale = np.abs(jets[:, order]).max()
+    if order == 1:  # what the value would need to change by over the run
+        scale = max(scale, np.abs(jets[:, 0]).max() / times[-1])
+    if not scale > 0.0 or not np.isfinite(jets[:, order + 1]).any():
+        return None
+    errors = _misfit(times[:-1], jets[:-1], times[1:], jets[1:], order)
+    corners = np.diff(times) <= 2.0 * np.spacing(times[1:])
+    suspects = np.zeros(len(errors), bool)
+    suspects[np.argsort(np.where(corners, 0.0, errors))[::-1][:_SUSPECTS]] = True
+    for k in np.flatnonzero((corners | suspects) & (errors > _JUMP * scale)):
+        low, high, a, b = times[k], times[k + 1], jets[k], jets[k + 1]
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            if not low < middle < high:
+                break
+            jet = np.array(evaluate(ops, middle))
+            if _misfit(low, a, middle, jet, order) >= _misfit(middle, jet, high, b, order):
+                high, b = middle, jet
+            else:
+                low, a = middle, jet
+        size = abs(b[order] - a[order])
+        if size > _JUMP * scale and high > _SAME * times[-1]:  # nothing was before the start
+            return Discontinuity(("value", "rate")[order], float(high), float(size))
+    return None
+
+
+def _misfit(low: Any, a: Any, high: Any, b: Any, order: int) -> Any:
+    """How far the change over an interval is from the mean slope at its ends."""
+    slopes = np.nan_to_num(a[..., order + 1] + b[..., order + 1], posinf=0.0, neginf=0.0)
+    return np.abs(b[..., order] - a[..., order] - 0.5 * (high - low) * slopes)

@@ -18,7 +18,7 @@ from flexmb.model import lookup
 from flexmb.model.body import BodySpec
 from flexmb.model.control import CHANNEL_SECTIONS, broken_channels, channel_problems
 from flexmb.model.flexible_body import FlexbodySpec, FlexibleBodySpec
-from flexmb.model.functions.discontinuities import first_discontinuities
+from flexmb.model.functions.derivatives import first_discontinuities
 from flexmb.model.functions.function import Function
 from flexmb.model.functions.piecewise import Piecewise
 from flexmb.model.joints.coupler import coupler_loop_problems

@@ -348,9 +348,10 @@ class ValiditySpec(Spec):
     points in the same sense; ``speed`` over the lowest natural frequency as joined, of bodies that
     are not stiffened by it; ``inertia_loads``, the share of the response to a body's own inertia
     that its modes lack; ``node_loads``, the same of the response to loads beside its interfaces;
-    ``truncation``, the share of its deformation with which a mode that was left out would vibrate;
-    ``load_factor``, of the loads over those that buckle it. A run warns before
-    it stops. ``"any"`` takes a bound away.
+    ``truncation``, the change of sensors over their range where a mode that was left out would
+    vibrate, or its share of the deformation without sensors of motion and reactions;
+    ``load_factor``, of the loads over those that buckle it. A run warns before it stops. ``"any"``
+    takes a bound away.
     """
 
     deflection: _Bound = 0.3

@@ -242,6 +242,11 @@ def test_a_body_far_from_where_its_joints_close_is_refused(units, distance):
         with pytest.raises(AssemblyError, match="bodies.two: would have to move by") as caught:
             analysis(made, **words)
         assert f"joints.elbow is open by {distance} and 0 deg" in str(caught.value)
+    driven = two_bars(0.3)
+    driven.add_driver("motor", joint="pin", angle=0.1)
+    with pytest.raises(AssemblyError, match="would have to move by") as caught:
+        flexmb.mobility(driven)
+    assert "drivers.motor" not in str(caught.value)  # it is not out of reach
     made.set_assembly()
     with pytest.warns(match=f"moved: two by {distance}"):
         flexmb.simulate(made, duration=0.01, outputs=1)

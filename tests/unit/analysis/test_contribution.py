@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from flexmb.analysis.effects.contribution import contributions
-from flexmb.analysis.effects.perturbation import Motion, respond
+from flexmb.analysis.effects.perturbation import respond
+from flexmb.analysis.effects.stored_motion import Motion
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
 

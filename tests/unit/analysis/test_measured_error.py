@@ -210,3 +210,20 @@ def test_no_rows_change_nothing():
     error.add(coarse.block.part(0, 0), fine.block.part(0, 0))
     for name, array in error.arrays().items():
         assert array.tobytes() == before[name].tobytes(), name
+
+
+def test_the_speed_of_a_rotor_is_judged_by_the_speed_and_not_by_its_round_off():
+    """400 rad/s to 1e-8 of it; a body at rest but for its creep is judged by that."""
+    made = model()
+    coarse, fine = Rows(made, T), Rows(made, T)
+    spun, still = fine.layout.bodies
+    for rows, off in ((coarse, 4e-6), (fine, 0.0)):
+        rows.block.v[:, spun.iv + 5] = 400.0 + 1e-7 * np.cos(T) + off * np.sin(T)
+        rows.block.q[:, still.iq] = 1e-6 * (T > 0)
+        rows.block.v[:, still.iv] = 1e-14 * (T == T[1]) + 1e-9 * off * np.cos(T)
+    error = MeasuredError(fine.layout, made, duration=10.0)
+    error.add(coarse.block, fine.block)
+    worst = error.largest(RATIO)["velocities"]
+    assert worst.name == "bodies.a" and "0.001 of its largest" in worst.over
+    assert worst.error == pytest.approx(4e-6 * np.abs(np.sin(T)).max() / 32 / 0.4, rel=1e-6)
+    assert fed(made, coarse, fine).largest(RATIO)["velocities"].name == "bodies.b"

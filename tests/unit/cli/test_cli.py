@@ -13,11 +13,11 @@ import pytest
 import slidercrank
 from typer.testing import CliRunner
 
-import flexmb
 from flexmb.cli import app
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import rigid_body, save
 from flexmb.results import Result
+from flexmb.workflow import check, flexible_bodies, simulate
 
 
 @dataclass
@@ -46,11 +46,10 @@ class Report:
     tables: tuple = ()
 
 
-class Workflow(types.ModuleType):
+class Workflow:
     """Stands in for the workflow: keeps what it was called with, answers as told."""
 
     def __init__(self, result: Path) -> None:
-        super().__init__("flexmb.workflow")
         self.report = Report(result, {"rod": result.parent / "rod.flexbody.h5"})
         self.called: dict[str, Any] = {}
         self.failure: BaseException | None = None
@@ -100,10 +99,15 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def workflow(result: Path, monkeypatch: pytest.MonkeyPatch) -> Workflow:
-    module = Workflow(result)
-    monkeypatch.setitem(sys.modules, "flexmb.workflow", module)
-    monkeypatch.setattr(flexmb, "workflow", module, raising=False)
-    return module
+    stand_in = Workflow(result)
+    for module, name in (
+        (simulate, "run_scene"),
+        (flexible_bodies, "reduce_mesh"),
+        (flexible_bodies, "reduce_scene"),
+        (check, "check_scene"),
+    ):
+        monkeypatch.setattr(module, name, getattr(stand_in, name))
+    return stand_in
 
 
 def call(*words: str) -> Any:

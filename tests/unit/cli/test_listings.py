@@ -13,7 +13,6 @@ from typing import Any, get_args
 import pytest
 from typer.testing import CliRunner
 
-from flexmb import workflow
 from flexmb.cli import app
 from flexmb.fe import ELEMENTS
 from flexmb.flexbody.mesh_options import REDUCTIONS
@@ -32,6 +31,7 @@ from flexmb.model.scenes.sections import CONTROLLER_TYPES, COUPLER_TYPES, FORCE_
 from flexmb.model.scenes.supports import PartSpec
 from flexmb.model.sensor import SENSOR_TYPES
 from flexmb.units import UNIT_SYSTEMS
+from flexmb.workflow import listings, simulate
 
 METHOD_NAMES = get_args(DynamicsSpec.model_fields["method"].annotation)
 ALL = {
@@ -53,7 +53,7 @@ ALL = {
     "units": UNIT_SYSTEMS,
     "shapes": SHAPES,
     "view": ViewSpec.model_fields,
-    "templates": workflow.templates(),
+    "templates": listings.templates(),
     "cases": ("pendulum", "slider_crank"),
 }
 
@@ -62,7 +62,7 @@ def call(*words: str) -> Any:
     return CliRunner().invoke(app, list(words))
 
 
-@pytest.mark.parametrize("topic", workflow.TOPICS)
+@pytest.mark.parametrize("topic", listings.TOPICS)
 def test_a_list_holds_everything_there_is(topic: str) -> None:
     done = call("list", topic)
     assert done.exit_code == 0, done.output
@@ -73,14 +73,14 @@ def test_a_list_holds_everything_there_is(topic: str) -> None:
 def test_without_a_topic_it_says_what_can_be_listed() -> None:
     done = call("list")
     assert done.exit_code == 0
-    assert all(topic in done.stdout for topic in workflow.TOPICS)
+    assert all(topic in done.stdout for topic in listings.TOPICS)
     wrong = call("list", "joint")
     assert wrong.exit_code == 2
     assert "nearest: joints" in wrong.stderr
 
 
 def test_fields_come_with_their_defaults() -> None:
-    spring = dict(workflow.listing("forces").tables)
+    spring = dict(listings.listing("forces").tables)
     table = next(table for about, table in spring.items() if about.startswith("spring-damper"))
     assert {name: default for name, _, default in table.rows} == {
         "between": "required",
@@ -94,7 +94,7 @@ def test_fields_come_with_their_defaults() -> None:
 
 
 def test_what_a_joint_leaves_free_is_as_many_motions_as_its_equations_leave() -> None:
-    (_, table), *_ = workflow.listing("joints").tables
+    (_, table), *_ = listings.listing("joints").tables
     free = {row[0]: row[3] for row in table.rows}
     assert (free["fixed"], free["revolute"], free["spherical"]) == (
         "nothing", "turn z", "turn x, y, z",
@@ -112,7 +112,7 @@ def test_every_method_is_described() -> None:
 
 
 def test_a_new_scene_is_valid_and_nothing_is_overwritten(tmp_path: Path) -> None:
-    for template in workflow.templates():
+    for template in listings.templates():
         done = call("new", str(tmp_path / template), "--template", template)
         assert done.exit_code == 0, done.output
         scene = tmp_path / template / "scene.toml"
@@ -134,10 +134,10 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     assert "cannot be written" in done.stderr
 
 
-@pytest.mark.parametrize("template", workflow.templates())
+@pytest.mark.parametrize("template", listings.templates())
 def test_a_new_scene_runs_and_keeps_its_known_answers(template: str, tmp_path: Path) -> None:
-    scene = workflow.new_scene(tmp_path / "new", template)
-    report = workflow.run_scene(scene, output=tmp_path / "out", pictures=False)
+    scene = listings.new_scene(tmp_path / "new", template)
+    report = simulate.run_scene(scene, output=tmp_path / "out", pictures=False)
     assert report.checks
     assert all(outcome.passed for outcome in report.checks), report.checks
 
@@ -158,8 +158,8 @@ def test_warmup_is_for_all_methods_at_once() -> None:
 
 
 def test_templates_are_plain_toml_with_titles() -> None:
-    for template, title in workflow.templates().items():
-        folder = Path(workflow.__file__).parents[1] / "templates" / template
+    for template, title in listings.templates().items():
+        folder = Path(listings.__file__).parents[1] / "templates" / template
         text = (folder / "scene.toml").read_text(encoding="utf-8")
         assert tomllib.loads(text)["title"] == title
         assert "flexmb run scene.toml" in text

@@ -20,7 +20,7 @@ from flexmb.model import Model
 
 OMEGA, COUNT, H = 10.0, 60, 2e-3
 AMPLITUDE = 0.1
-SETTINGS = Settings(0.0, 1.0, 1.0, H, 1e-6, 1e-6, 1.0, 1.0, 0.0, 1e-6, 1e-10, 15, 1, 1, 0, 1)
+SETTINGS = Settings(0.0, 1.0, 1.0, H, 1e-6, 1e-6, 1.0, 1.0, 0.0, 1e-6, 1e-10, 15, 1, 1, 0, 0)
 
 
 def oscillator():

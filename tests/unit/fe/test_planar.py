@@ -11,7 +11,7 @@ from femeshes import block, line, mirrored_block
 from flexmb.errors import ReductionError
 from flexmb.fe import Mesh, assemble, rectangle, reduce, reduction_key, resolve
 from flexmb.fe.reduction.eigenmodes import antisymmetric, make_symmetry_plane, reflection
-from flexmb.fe.reduction.inertia_relief import acceleration_fields, inertia_loads
+from flexmb.fe.reduction.inertia_relief import inertia_loads
 from flexmb.flexbody.planar_body import PLANES
 
 STEEL = resolve("steel")
@@ -186,7 +186,7 @@ def test_inertia_in_the_plane_is_its_own_mirror_image():
     """Loads of the motions in the plane are those of space, of the others there are none."""
     fe = assemble(mirrored_block(), STEEL)
     mirror = make_symmetry_plane(fe, "xy")
-    found, whole = inertia_loads(fe, mirror), fe.M @ acceleration_fields(fe)
+    found, whole = inertia_loads(fe, mirror), inertia_loads(fe)
     inside = [0, 1, 5, 6, 7, 9, 11]  # along x, y; about z; xx, xy, yy, zz
     np.testing.assert_allclose(found[:, inside], whole[:, inside], atol=1e-9 * np.abs(whole).max())
     assert not np.delete(found, inside, axis=1).any()

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from flexmb.model import Model
-from flexmb.model.bandwidth import BAND_FACTOR, cutoff_frequency
+from flexmb.model.excitation import BAND_FACTOR, cutoff_frequency
 
 
 def driven(**driver):

@@ -240,7 +240,7 @@ def test_in_a_plane_stops_and_axes_lie_in_it():
 
 
 def test_every_type_is_listed():
-    from flexmb.workflow import listing
+    from flexmb.workflow.listings import listing
 
     told = " ".join(about for about, _ in listing("forces").tables)
     assert all(name in told for name in FORCE_TYPES)

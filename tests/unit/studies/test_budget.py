@@ -16,10 +16,9 @@ from flexmb.cli import app
 from flexmb.errors import FlexmbError, SceneError
 from flexmb.flexbody import save
 from flexmb.model.scenes.scene import load_scene
-from flexmb.studies import budget_runs
-from flexmb.studies.channel_errors import History, Reading, _scales
-from flexmb.studies.error_budget import _Split
-from flexmb.studies.error_shares import (
+from flexmb.studies.budgets import error_shares
+from flexmb.studies.budgets.error_budget import _Split
+from flexmb.studies.budgets.error_shares import (
     CONVERGED,
     MESH,
     NOISE,
@@ -33,6 +32,7 @@ from flexmb.studies.error_shares import (
     estimate_error,
     refinement_knobs,
 )
+from flexmb.studies.channel_errors import History, Reading, _scales
 
 SCENE = """
 title = "Bar"
@@ -165,14 +165,14 @@ def test_a_refinement_that_fails_is_named_and_the_rest_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "scene.toml").write_text(SCENE)
-    true_run, shortest = budget_runs.run_changed, 0.004
+    true_run, shortest = error_shares.run_changed, 0.004
 
     def run(job: Mapping[str, Any]) -> Mapping[str, Any]:
         if job["scene"]["dynamics"]["step"] < shortest:
             raise FlexmbError("given up after 2 s, at t = 0.1")
         return true_run(job)
 
-    monkeypatch.setattr(budget_runs, "run_changed", run)
+    monkeypatch.setattr(error_shares, "run_changed", run)
     made = flexmb.budget(tmp_path / "scene.toml", output=tmp_path, workers=1)
     share = next(one for one in made.shares if one.kind == "integration")
     assert share.state == ONE

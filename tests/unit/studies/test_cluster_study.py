@@ -117,9 +117,7 @@ def test_workers_that_do_not_see_the_folder_are_sent_what_they_lack(
     scene = CASES / "slider_crank" / "scene.toml"
     seen = flexmb.study(scene, vary, output=tmp_path / "seen", scheduler=dask.address, repeats=1)
     unseen = SimpleNamespace(name=str(tmp_path / "not there"), close=lambda: None)
-    monkeypatch.setattr(
-        "flexmb.studies.study_queue.tempfile.NamedTemporaryFile", lambda **_: unseen
-    )
+    monkeypatch.setattr("flexmb.studies.study_jobs.tempfile.NamedTemporaryFile", lambda **_: unseen)
     study = flexmb.study(scene, vary, output=tmp_path / "sent", scheduler=dask.address, repeats=1)
     assert study.errors("positions") == pytest.approx(seen.errors("positions"), rel=1e-9)
     assert len(list((tmp_path / "sent").glob("bodies/*/*.h5"))) == 1

@@ -12,7 +12,7 @@ import pytest
 from flexmb.errors import SceneError
 from flexmb.model.reading import ReadContext
 from flexmb.model.scenes.sweep import read_distribution, read_question
-from flexmb.studies.design_search import Answer, DesignSearch, Target
+from flexmb.studies.sweeps.design_search import Answer, DesignSearch, Target
 
 
 def ask(

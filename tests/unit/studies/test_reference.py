@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from flexmb.model import Model
+from flexmb.studies.accuracy.reference import ReferenceSearch
 from flexmb.studies.channel_errors import History, Reading, difference
-from flexmb.studies.reference import ReferenceSearch
 from flexmb.studies.study_settings import Setting
 
 SCENE = {

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from flexmb.errors import FlexmbError, ViewError
+from flexmb.studies.accuracy.report import Study, cost_of_a_digit
+from flexmb.studies.accuracy.rows import Error, Row
 from flexmb.studies.channel_errors import error_text
-from flexmb.studies.report import Study, cost_of_a_digit
-from flexmb.studies.rows import Error, Row
 from flexmb.studies.study_settings import headings, label
 from flexmb.view.work_precision import Curve, pareto_figure
 

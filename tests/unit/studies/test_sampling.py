@@ -9,7 +9,7 @@ from scipy import stats
 from flexmb.errors import SceneError
 from flexmb.model.reading import ReadContext
 from flexmb.model.scenes.sweep import read_distribution, read_question
-from flexmb.studies.sampling import deviation_of, make_design, values_at
+from flexmb.studies.sweeps.sampling import deviation_of, make_design, values_at
 
 NAMES = ReadContext({"k": 100.0, "r": 0.15})
 

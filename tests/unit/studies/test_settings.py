@@ -42,7 +42,7 @@ step = "h"
 def plan(tmp_path: Path, text: str, **vary: object):
     write_box(tmp_path / "box.msh")
     (tmp_path / "scene.toml").write_text(text)
-    base = StudySource.of_scene(tmp_path / "scene.toml", None, tmp_path / "out")
+    base = StudySource.of(tmp_path / "scene.toml", None, tmp_path / "out", "study")
     knobs = {name.replace("__", "."): tuple(values) for name, values in vary.items()}  # type: ignore[call-overload]
     return make_settings(base, knobs)
 
@@ -163,8 +163,8 @@ def test_parameters_of_a_python_model_are_refused_because_they_have_no_effect(
     tmp_path: Path,
 ) -> None:
     (tmp_path / "scene.toml").write_text(GOOD)
-    model = StudySource.of_scene(tmp_path / "scene.toml", None, None).model
-    base = StudySource.of_model(model, tmp_path / "out")
+    model = StudySource.of(tmp_path / "scene.toml", None, None, "study").model
+    base = StudySource.of(model, None, tmp_path / "out", "study")
     with pytest.raises(SceneError, match="worked its parameters into its numbers"):
         make_settings(base, {"r": (0.1, 0.2)})
     assert len(make_settings(base, {"bodies.crank.mass": (1, 2)})) == 2

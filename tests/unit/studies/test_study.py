@@ -14,8 +14,7 @@ from flexmb.errors import FlexmbError, SceneError
 from flexmb.progress import silent
 from flexmb.results import Result
 from flexmb.studies.record_table import RecordTable, read_rows
-from flexmb.studies.study_jobs import Job
-from flexmb.studies.study_queue import StudyQueue
+from flexmb.studies.study_jobs import Job, StudyQueue
 from flexmb.workflow.cluster import open_cluster
 
 PENDULUM = Path(__file__).parents[3] / "cases" / "pendulum" / "scene.toml"
@@ -239,7 +238,7 @@ def test_tight_runs_that_the_model_refuses_are_no_reference(
     def refuse(*_: object) -> None:
         raise SceneError("dynamics.accuracy: below round-off")
 
-    monkeypatch.setattr("flexmb.studies.runner.change_model", refuse)
+    monkeypatch.setattr("flexmb.studies.accuracy.runner.change_model", refuse)
     found = flexmb.study(PENDULUM, {"step": STEPS[:1]}, output=tmp_path, **QUIET)
     assert found.rows[0].status == "finished"
     assert found.compared == ()

@@ -7,8 +7,8 @@ from ishigami import ishigami, ishigami_indices
 from scipy import stats
 
 from flexmb.model.scenes.sweep import Distribution
-from flexmb.studies.sampling import make_design
-from flexmb.studies.sweep_statistics import (
+from flexmb.studies.sweeps.sampling import make_design
+from flexmb.studies.sweeps.sweep_statistics import (
     correlation,
     derivatives_of,
     response_surface,

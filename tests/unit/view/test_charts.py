@@ -11,7 +11,6 @@ from resultfiles import FakeLayout, block, writer
 
 from flexmb.errors import FlexmbError, ResultFileError, ViewError
 from flexmb.results import OutputBlock, Result
-from flexmb.view import history_figure
 from flexmb.view.charts import (
     amplitudes,
     campbell_of_run,
@@ -23,7 +22,7 @@ from flexmb.view.charts import (
     spectrum_figure,
     xy_figure,
 )
-from flexmb.view.history import envelope, run_labels, select_series
+from flexmb.view.history import envelope, history_figure, run_labels, select_series
 
 
 @pytest.fixture(scope="module")

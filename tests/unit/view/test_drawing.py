@@ -20,12 +20,11 @@ from flexmb.model.joints.joint import JOINT_TYPES
 from flexmb.model.surface_mesh import open_edges
 from flexmb.results import OutputBlock, Result, ResultWriter
 from flexmb.view.camera import Camera, visible_shares
-from flexmb.view.content import Content
+from flexmb.view.content import DAMPER, FRICTION, HOUSING, RUBBER, Content
 from flexmb.view.drawing import Drawing
 from flexmb.view.force_shapes import vectors
 from flexmb.view.joint_shapes import _LINKS as LINKS
 from flexmb.view.mechanism import Display, Mechanism, applied
-from flexmb.view.part import DAMPER, FRICTION, HOUSING, RUBBER
 from flexmb.view.picture import view_of
 from flexmb.view.shapes import box
 
@@ -361,7 +360,8 @@ def test_colours_stand_where_the_strip_is_displaced(clamped, tmp_path: Path) -> 
     """Seen from above the left end is dark blue (least), the right end yellow (largest)."""
     from PIL import Image
 
-    from flexmb.view import render, vtk_renderer
+    from flexmb.view import vtk_renderer
+    from flexmb.view.picture import render
 
     if not vtk_renderer.probe().works:
         pytest.skip("VTK does not render on this machine")

@@ -11,7 +11,7 @@ from resultfiles import writer
 
 from flexmb.errors import ResultFileError, ViewError
 from flexmb.results import Result
-from flexmb.view import history_figure, plot_history
+from flexmb.view.history import history_figure, plot_history
 
 
 @pytest.fixture(scope="module")

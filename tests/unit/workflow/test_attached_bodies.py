@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from flexmb.model import Model
-from flexmb.workflow import flexible_bodies
+from flexmb.workflow.flexible_bodies import flexible_bodies
 
 
 def _write_line(path, n: int = 4) -> None:

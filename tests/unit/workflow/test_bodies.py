@@ -8,7 +8,7 @@ import pytest
 from flexmb.flexbody import FlexBody, load
 from flexmb.flexbody.effects import rigid_twin
 from flexmb.model import Model
-from flexmb.workflow import flexible_bodies
+from flexmb.workflow.flexible_bodies import flexible_bodies
 
 
 def _body(mass: float) -> FlexBody:

@@ -9,7 +9,7 @@ import pytest
 import flexmb
 from flexmb.folders import output_folder
 from flexmb.model import load_scene
-from flexmb.workflow import flexible_bodies
+from flexmb.workflow.flexible_bodies import flexible_bodies
 
 PORTAL = """
 [bodies.beam]

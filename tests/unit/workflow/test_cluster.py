@@ -107,7 +107,8 @@ def test_no_worker_is_a_mistake() -> None:
 @pytest.mark.slow
 def test_no_module_of_dask_is_loaded_without_need() -> None:
     code = (
-        "import sys, flexmb.cli.app, flexmb.workflow.cluster, flexmb.studies\n"
+        "import sys, flexmb.cli.app, flexmb.workflow.cluster, flexmb.studies.accuracy.runner\n"
+        "import flexmb.studies.budgets.error_budget, flexmb.studies.sweeps.parameter_sweep\n"
         "print([name for name in ('dask', 'distributed', 'pyarrow') if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

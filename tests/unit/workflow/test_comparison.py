@@ -37,7 +37,7 @@ def slider(
     return made
 
 
-def compare(*models: Any, folder: Path, **more: Any) -> flexmb.workflow.Comparison:
+def compare(*models: Any, folder: Path, **more: Any) -> flexmb.workflow.comparison.Comparison:
     return flexmb.compare(*models, output=folder, **more)
 
 

@@ -14,7 +14,8 @@ import flexmb
 from flexmb.analysis.dynamics import integration as module
 from flexmb.errors import ResultFileError, SceneError
 from flexmb.results import Result
-from flexmb.workflow import check_scene, run_model
+from flexmb.workflow.check import check_scene
+from flexmb.workflow.simulate import run_model
 
 SCENE = Path(__file__).parents[3] / "cases" / "rigid_slider_crank" / "scene.toml"
 pytestmark = pytest.mark.filterwarnings("ignore::flexmb.errors.FlexmbWarning")

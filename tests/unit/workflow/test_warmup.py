@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from flexmb import workflow
 from flexmb.cli import app
 from flexmb.engine import entries, unit_cache
 from flexmb.engine.bodies import motion, wrench
@@ -17,6 +16,7 @@ from flexmb.engine.jit import Unit
 from flexmb.engine.units import missing_units
 from flexmb.model import load_scene
 from flexmb.model.scenes.dynamics import METHODS, DynamicsSpec
+from flexmb.workflow import flexible_bodies, installation, listings
 
 FEW = (motion.move, wrench.add_moment_arm, wrench.marker_jacobian)
 
@@ -34,7 +34,9 @@ def few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Unit, ...]:
 
 def test_all_units_are_compiled_once_with_progress(few: tuple[Unit, ...]) -> None:
     told: list[tuple[str, float, str]] = []
-    done = workflow.warmup(progress=lambda phase, share, text="": told.append((phase, share, text)))
+    done = installation.warmup(
+        progress=lambda phase, share, text="": told.append((phase, share, text))
+    )
     assert (done.units, done.compiled) == (len(few), len(few))
     assert not missing_units(few)
     assert done.cache == unit_cache.cache_folders()[0]
@@ -44,7 +46,7 @@ def test_all_units_are_compiled_once_with_progress(few: tuple[Unit, ...]) -> Non
     assert shares[0] == 0.0 and shares[-1] == 1.0 and shares == sorted(shares)
     assert any(text.startswith("2 of 3 units") for _, _, text in told)
     told.clear()
-    again = workflow.warmup(progress=lambda *words: told.append(words))
+    again = installation.warmup(progress=lambda *words: told.append(words))
     assert (again.units, again.compiled, again.size) == (len(few), 0, done.size)
     assert told == []
 
@@ -57,11 +59,11 @@ def test_the_command_says_what_it_did(few: tuple[Unit, ...]) -> None:
 
 
 def test_the_scenes_of_the_templates_find_their_units(tmp_path: Path) -> None:
-    done = workflow.warmup()
+    done = installation.warmup()
     assert done.units == len(all_units()) and not missing_units(all_units())
-    for template in workflow.templates():
-        model = load_scene(workflow.new_scene(tmp_path / template, template))
-        bodies, _, _ = workflow.flexible_bodies(model, tmp_path)
+    for template in listings.templates():
+        model = load_scene(listings.new_scene(tmp_path / template, template))
+        bodies, _, _ = flexible_bodies.flexible_bodies(model, tmp_path)
         system, method = compile_system(model, bodies).system, make_integrator(model.dynamics)
         assert not missing_units(integration_units(system, method)), template
 

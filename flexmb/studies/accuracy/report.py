@@ -8,7 +8,6 @@ from __future__ import annotations
 import csv
 import html
 import math
-import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,10 +16,16 @@ import numpy as np
 
 from flexmb.errors import OutputError, ViewError
 from flexmb.folders import whole_file, write_text_file
+from flexmb.studies.accuracy.rows import Error, Row, StudyRows
 from flexmb.studies.channel_errors import error_text
-from flexmb.studies.rows import Error, Row, StudyRows
-from flexmb.studies.study_settings import is_numerical, label, toml_text, value_text
-from flexmb.workflow import machine
+from flexmb.studies.study_settings import (
+    is_numerical,
+    label,
+    markdown_table,
+    run_command,
+    value_text,
+)
+from flexmb.workflow.installation import machine
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -86,10 +91,11 @@ def _cheapest(study: StudyRows, group: str) -> Iterator[str]:
         else:
             answers.setdefault(id(row), (row, []))[1].append(quantity)
     for row, quantities in answers.values():
+        command = f": {run_command(study.source, row.values)}" if study.source else ""
         errors = ", ".join(f"{q} to {_percent(row.errors[q].bound)}" for q in quantities)
         yield (
             f"cheapest setting that meets {target}{at} in {_listed(quantities)}: "
-            f"{label(row.values)}, {seconds_text(row.time)} s ({errors}){_command(study, row)}"
+            f"{label(row.values)}, {seconds_text(row.time)} s ({errors}){command}"
         )
     if missed:
         yield f"no setting{at} is known to meet {target} in {_listed(missed)}"
@@ -98,15 +104,6 @@ def _cheapest(study: StudyRows, group: str) -> Iterator[str]:
 def _listed(names: Sequence[str]) -> str:
     *first, last = names
     return f"{', '.join(first)} and {last}" if first else last
-
-
-def _command(study: StudyRows, row: Row) -> str:
-    if not study.source:
-        return ""
-    changes = " ".join(
-        f"--set {shlex.quote(f'{knob}={toml_text(value)}')}" for knob, value in row.values.items()
-    )
-    return f": flexmb run {shlex.quote(study.source)} {changes}"
 
 
 def series_knob(study: StudyRows) -> str:
@@ -228,13 +225,10 @@ class Study(StudyRows):
     def markdown(self) -> str:
         """Table and sentences in Markdown."""
         columns, rows = self.table()
-        n = len(self.knobs)
         lines = [
             f"### {self.title}: what accuracy costs",
             "",
-            f"| {' | '.join(columns)} |",
-            f"|{'|'.join('---:' if i >= n else '---' for i in range(len(columns)))}|",
-            *(f"| {' | '.join(cell.replace('|', ' ') for cell in row)} |" for row in rows),
+            *markdown_table(columns, rows, range(len(self.knobs), len(columns))),
             "",
             "Errors: the largest over the outputs, over the peak-to-peak; "
             "drift: of the constraints.",
@@ -435,7 +429,7 @@ def _point_text(row: Row, along: str) -> str:
 
 
 def _save(figure: Figure, output: str | Path | None) -> Figure:
-    from flexmb.view import save_figure
+    from flexmb.view.plot import save_figure
 
     if not figure.axes:
         raise ViewError("no run has an error to draw")

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-import shlex
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexmb.folders import write_text_file
-from flexmb.studies.error_shares import (
+from flexmb.studies.budgets.error_shares import (
     CONVERGED,
     INTEGRATION,
     INTERFACE,
@@ -23,7 +22,7 @@ from flexmb.studies.error_shares import (
     UNKNOWN,
     Share,
 )  # fmt: skip
-from flexmb.studies.study_settings import label, toml_text
+from flexmb.studies.study_settings import label, markdown_table, run_command
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -181,19 +180,14 @@ class Budget:
 
     def command(self) -> str:
         """The run with the cheapest settings, to paste."""
-        changes = " ".join(
-            f"--set {shlex.quote(f'{key}={toml_text(value)}')}"
-            for key, value in self.changes.items()
-        )
-        return f"flexmb run {shlex.quote(self.source or 'SCENE')} {changes}"
+        return run_command(self.source or "SCENE", self.changes)
 
     def markdown(self) -> str:
         """Table and sentences in Markdown."""
         heads, rows = self.table()
         lines = [
             f"### {self.title}: error budget", "",
-            f"| {' | '.join(heads)} |", f"|---|{'---:|' * (len(heads) - 1)}",
-            *(f"| {' | '.join(row)} |" for row in rows), "",
+            *markdown_table(heads, rows, range(1, len(heads))), "",
             "Shares are over the peak-to-peak of each sensor.", "",
             *(f"- {sentence}" for sentence in (*self.summary(), *self.notes)),
         ]  # fmt: skip
@@ -207,8 +201,8 @@ class Budget:
         ViewError
             There is nothing to draw, or the file cannot be written.
         """
-        from flexmb.view import save_figure
-        from flexmb.view.budget_figure import budget_figure
+        from flexmb.view.plot import save_figure
+        from flexmb.view.work_precision import budget_figure
 
         moving = [name for name in self.sensors if any(name in s.values for s in self.columns)]
         points = {share.name: share.values for share in self.columns}

@@ -20,10 +20,8 @@ from flexmb.folders import writable_folder
 from flexmb.model import Model
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.progress import Progress, silent
-from flexmb.studies.budget_report import Budget, percent
-from flexmb.studies.budget_runs import ChangedRuns, Run
-from flexmb.studies.channel_errors import Reading, check_sensors
-from flexmb.studies.error_shares import (
+from flexmb.studies.budgets.budget_report import Budget, percent
+from flexmb.studies.budgets.error_shares import (
     BOTH,
     CONSTRAINTS,
     CONVERGED,
@@ -35,8 +33,10 @@ from flexmb.studies.error_shares import (
     NONE,
     NOT_CONVERGED,
     UNKNOWN,
+    ChangedRuns,
     Estimate,
     Knob,
+    Run,
     SensorErrors,
     Share,
     Shares,
@@ -44,6 +44,8 @@ from flexmb.studies.error_shares import (
     estimate_error,
     refinement_knobs,
 )  # fmt: skip
+from flexmb.studies.channel_errors import Reading, check_sensors
+from flexmb.studies.record_table import lock_runs
 from flexmb.studies.study_jobs import content_key
 from flexmb.studies.study_settings import StudySource, change_model, label
 from flexmb.workflow.cluster import open_cluster
@@ -107,13 +109,8 @@ def budget(
     for knob in knobs:
         if knob not in KINDS:
             raise SceneError.unknown_name("knob", knob, KINDS)
-    if isinstance(scene, str | Path):
-        source = StudySource.of_scene(scene, overrides, output)
-    elif overrides:
-        raise SceneError("overrides are for scene files; change the model itself")
-    else:
-        source = StudySource.of_model(scene, output)
-    folder = source.output if output is not None else source.output.with_name("budget")
+    source = StudySource.of(scene, overrides, output, "budget")
+    folder = source.output
     model = change_model(source, {})[0]
     if model.dynamics is None:
         raise SceneError("the scene has no [dynamics]: give its duration")
@@ -123,8 +120,10 @@ def budget(
             raise SceneError.unknown_name("sensor", name, names)
     check_sensors(model, sensors)
     sizes = _mesh_sizes(model)
-    writable_folder(folder)
-    with open_cluster(workers, scheduler, limit=limit) as cluster:
+    with (
+        lock_runs(writable_folder(folder) / "budget.json"),
+        open_cluster(workers, scheduler, limit=limit) as cluster,
+    ):
         runs = ChangedRuns(source, folder, cluster, sensors, fresh, progress)
         return _Split(source, model, runs, knobs, target, sizes).budget()
 
@@ -188,6 +187,9 @@ class _Split:
         if base.reading is None:
             what = "the run of the scene itself fails, so there is no error to split: "
             raise FlexmbError(what + base.reason)
+        if not any(scale > 0.0 for scale in base.reading.scales):
+            what = "no sensor and no reaction of the scene changes, so there is no error to split"
+            raise FlexmbError(f"{what}: give it a load, a motion or other sensors")
         self.base, self.runs.bodies = base, base.folder
         self.errors = SensorErrors(base.reading)
         refined = [step for knob in self.knobs for step in knob.steps[:2]]

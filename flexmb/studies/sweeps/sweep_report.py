@@ -8,20 +8,33 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError
 from flexmb.folders import write_text_file
-from flexmb.studies.design_search import setting_text
-from flexmb.studies.study_settings import headings
-from flexmb.studies.sweep_rows import SweepRows
+from flexmb.studies.study_settings import headings, markdown_table
+from flexmb.studies.sweeps.design_search import setting_text
+from flexmb.studies.sweeps.sweep_statistics import SweepRows
+from flexmb.view.sweep_plots import (
+    Axis,
+    Bar,
+    SurfacePicture,
+    histogram_figure,
+    parallel_figure,
+    scatter_figure,
+    sensitivity_figure,
+    surface_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
 
 SUMMARY = "sweep.json"
 """The file of all tables and sentences in the folder of a sweep."""
@@ -32,6 +45,14 @@ RUNS = "runs.parquet"
 _DIGIT = re.compile(r"[\d.]*\d(?:e[+-]?\d+)?")
 _LISTED = 20  # failures in a table
 _EXACT = ("grid", "derivatives")  # methods without random numbers
+
+
+Array = NDArray[np.float64]
+_PANELS = 9
+_GRID = 4  # knobs and scalars of the scatter, each
+_SURFACES = 3
+_AXES = 10  # of parallel coordinates
+_EXPLAINED = 0.5  # of the variance, below which a surface is not worth a picture
 
 
 class Table(NamedTuple):
@@ -155,9 +176,8 @@ class Sweep(SweepRows):
         """All sentences and tables."""
         parts = [f"# {self.title}: sweep", "", *(f"- {line}" for line in self.summary())]
         for table in self.tables():
-            parts += ["", f"## {table.title}", "", _markdown_row(table.columns)]
-            marks = ["--:" if i in table.right else "---" for i in range(len(table.columns))]
-            parts += [_markdown_row(marks), *map(_markdown_row, table.rows)]
+            parts += ["", f"## {table.title}", ""]
+            parts += markdown_table(table.columns, table.rows, table.right)
         return "\n".join(parts) + "\n"
 
     def plot(self, kind: str, output: str | Path | None = None) -> Figure:
@@ -169,8 +189,7 @@ class Sweep(SweepRows):
         FlexmbError
             The sweep has nothing of that kind.
         """
-        from flexmb.studies.sweep_pictures import PICTURES
-        from flexmb.view import save_figure
+        from flexmb.view.plot import save_figure
 
         if kind not in PICTURES:
             raise FlexmbError.unknown_name("picture", kind, PICTURES)
@@ -189,8 +208,7 @@ class Sweep(SweepRows):
         OutputError
             A file cannot be written.
         """
-        from flexmb.studies.sweep_pictures import PICTURES
-        from flexmb.view import save_figure
+        from flexmb.view.plot import save_figure
 
         tables = [table._asdict() for table in self.tables()]
         pictures: list[str] = []
@@ -210,10 +228,6 @@ class Sweep(SweepRows):
         return files
 
 
-def _markdown_row(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(str(cell).replace("|", "\\|") for cell in cells) + " |"
-
-
 def _cell(value: float, digits: int = 4) -> str:
     return f"{value:.{digits}g}" if np.isfinite(value) else "-"
 
@@ -230,3 +244,115 @@ def _digits(value: float, deviation: float) -> int:
     if not (np.isfinite(deviation) and deviation > 0.0 and abs(value) > deviation):
         return 4
     return int(np.clip(np.ceil(np.log10(abs(value) / deviation)) + 3, 4, 12))
+
+
+def _knobs(sweep: SweepRows) -> list[Axis]:
+    """All knobs, the values of choices as numbers with words."""
+    axes = []
+    for knob, label in headings(tuple(sweep.design.knobs)).items():
+        values = sweep[knob]
+        if np.issubdtype(values.dtype, np.number):
+            axes.append(Axis(label, values.astype(float)))
+            continue
+        words = tuple(map(str, sweep.design.knobs[knob].choices))
+        places = np.array([float(words.index(str(value))) for value in values])
+        axes.append(Axis(label, places, words))
+    return axes
+
+
+def _scalars(sweep: SweepRows, count: int) -> list[Axis]:
+    """The first scalars that vary."""
+    axes = []
+    for name, unit in sweep.units.items():
+        values = np.asarray(sweep[name], float)
+        finite = values[np.isfinite(values)]
+        if len(finite) > 1 and np.ptp(finite) > 1e-12 * np.abs(finite).max():
+            axes.append(Axis(f"{name} [{unit}]" if unit else name, values))
+    return axes[:count]
+
+
+def _histograms(sweep: SweepRows) -> Figure | None:
+    names = [name for name in sweep.scalars if sweep.statistics(name).deviation > 0.0][:_PANELS]
+    if sweep.answer is not None or not names or sweep.design.method in ("grid", "derivatives"):
+        return None
+    axes = [
+        Axis(f"{n} [{sweep.units[n]}]" if sweep.units[n] else n, sweep.sample(n)) for n in names
+    ]
+    marks = [[q.value for q in sweep.statistics(n).quantiles] for n in names]
+    note = "dashed: " + ", ".join(f"{100 * share:g} %" for share in sweep.shares)
+    return histogram_figure(axes, marks, f"{sweep.title}: histograms", note)
+
+
+def _scatter(sweep: SweepRows) -> Figure | None:
+    knobs, scalars = _knobs(sweep)[:_GRID], _scalars(sweep, _GRID)
+    if not scalars or sweep.design.method == "derivatives":
+        return None
+    joined = len(sweep.design.knobs) == 1 and not knobs[0].words and len(sweep) < 200
+    return scatter_figure(knobs, scalars, f"{sweep.title}: runs", joined)
+
+
+def _surfaces(sweep: SweepRows) -> Figure | None:
+    pictures = []
+    for axis in _scalars(sweep, _SURFACES):
+        scalar = axis.label.partition(" [")[0]
+        names, surface = sweep.surface(scalar)
+        if surface is None or len(names) < 2 or surface.explained < _EXPLAINED:
+            continue
+        influence = sweep.correlations(scalar)
+        i, j = sorted(range(len(names)), key=lambda k: -abs(influence[names[k]]))[:2]
+        labels = headings(tuple(sweep.design.knobs))
+        x, y = (Axis(labels[names[k]], sweep[names[k]].astype(float)) for k in (i, j))
+        fixed = np.array([np.median(sweep[name].astype(float)) for name in names])
+
+        def fit(u: Array, v: Array, at: tuple[int, int], base: Array, surface=surface) -> Array:  # type: ignore[no-untyped-def]
+            points = np.tile(base, (len(u), 1))
+            points[:, at[0]], points[:, at[1]] = u, v
+            return np.asarray(surface(points))
+
+        others = ", others at their medians" if len(names) > 2 else ""
+        note = f"fit of degree 2 explains {100 * surface.explained:.3g} % of the variance{others}"
+        pictures.append(SurfacePicture(x, y, axis, partial(fit, at=(i, j), base=fixed), note))
+    return surface_figure(pictures, f"{sweep.title}: response surfaces") if pictures else None
+
+
+def _sensitivities(sweep: SweepRows) -> Figure | None:
+    short = headings(tuple(sweep.design.knobs))
+    panels = []
+    if sweep.design.method == "saltelli":
+        for name in sweep.scalars:
+            indices = sweep.sobol_indices(name)
+            if indices:
+                first = [Bar(short[i.knob], i.first, *i.first_interval) for i in indices]
+                total = [Bar(short[i.knob], i.total, *i.total_interval) for i in indices]
+                panels.append((name, [("first order", first), ("total", total)]))
+        ordinate = "share of the variance"
+    elif sweep.design.method == "derivatives":
+        for name in sweep.scalars:
+            bars = []
+            for one in sweep.derivatives(name):
+                effect, off = one.value * one.deviation, one.error * one.deviation
+                bars.append(Bar(short[one.knob], effect, effect - off, effect + off))
+            if any(np.isfinite(bar.value) and bar.value for bar in bars):
+                panels.append((name, [("", bars)]))
+        ordinate = "derivative times deviation of the knob"
+    if not panels:
+        return None
+    return sensitivity_figure(panels[:_PANELS], f"{sweep.title}: sensitivities", ordinate)
+
+
+def _parallel(sweep: SweepRows) -> Figure | None:
+    scalars = _scalars(sweep, _AXES)
+    if len(sweep.design.knobs) + len(scalars) < 3 or not scalars:
+        return None
+    axes = [*_knobs(sweep), *scalars[: max(1, _AXES - len(sweep.design.knobs))]]
+    return parallel_figure(axes, scalars[0], f"{sweep.title}: parallel coordinates")
+
+
+PICTURES: dict[str, Callable[[SweepRows], Figure | None]] = {
+    "histograms": _histograms,
+    "scatter": _scatter,
+    "surfaces": _surfaces,
+    "sensitivities": _sensitivities,
+    "parallel": _parallel,
+}
+"""The pictures by kind; None where a sweep has nothing for one."""

@@ -1,16 +1,23 @@
-"""How fast a scene is driven, and up to which frequency its flexible bodies answer with inertia.
+"""What excites the flexible bodies of a scene: how fast it is driven, and at which nodes.
 
-In: drivers, loads that are functions of time, initial spins. Out: a frequency. A motion f(t) has
-the frequencies |ḟ|/2π of an angle that turns round, and √(max |f̈| / max |f − mean|)/2π.
+In: drivers, loads that are functions of time, initial spins; joints and forces. Out: a frequency,
+up to which bodies answer with inertia. A motion f(t) has the frequencies |ḟ|/2π of an angle that
+turns round, and √(max |f̈| / max |f − mean|)/2π. Also where something acts beside the interfaces:
+modes answer a load at an interface exactly, in the static limit, and at other nodes as well as the
+vibration modes do.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
+from flexmb.model.body import BodySpec
+from flexmb.model.functions.expression import Expression
 from flexmb.model.functions.function import Function
 from flexmb.model.lookup import ModelData
 
@@ -69,19 +76,68 @@ def _driving_functions(model: ModelData) -> Iterator[tuple[str, str, Function]]:
                         yield "angles" if turns else section, f"{section}.{name}", function
 
 
+@lru_cache(maxsize=64)
+def _samples(expression: Expression, end: float) -> NDArray[np.float64]:
+    """(times, 3) value, first and second derivative."""
+    return np.array([expression.value(t) for t in np.linspace(0.0, end, _SAMPLES)])
+
+
 def _mean_frequency(function: Function, end: float) -> float:
     """That of a harmonic with the same ratio of second derivative and value, in the mean."""
-    jets = np.array([function.value(t) for t in np.linspace(0.0, end, _SAMPLES)])
+    jets = _samples(function.expression, end)
     with np.errstate(all="ignore"):
         square = float(np.std(jets[:, 2]) / np.std(jets[:, 0]))
     return math.sqrt(square) / (2.0 * math.pi) if math.isfinite(square) else 0.0
 
 
 def _frequency(function: Function, end: float, turns: bool) -> float:
-    value, rate, second = np.array([function.value(t) for t in np.linspace(0.0, end, _SAMPLES)]).T
+    value, rate, second = _samples(function.expression, end).T
     size = float(np.abs(value - value.mean()).max())
     squares = [float(np.abs(second).max()) / size] if size > 0.0 else [0.0]
     if turns:
         squares.append(float(np.abs(rate).max()) ** 2)
     largest = max(square for square in squares if math.isfinite(square))
     return math.sqrt(largest) / (2.0 * math.pi)
+
+
+def loads_beside_interfaces(model: ModelData) -> Iterator[tuple[str, str, str]]:
+    """Path of each joint, driver or force, the body that it acts on at a node, and the marker."""
+    for path, owner, marker in loads_on_bodies(model):
+        if is_beside_interfaces(model.bodies[owner], marker.partition(".")[2]):
+            yield path, owner, marker
+
+
+def loads_on_bodies(model: ModelData) -> Iterator[tuple[str, str, str]]:
+    """Path of each joint, driver or force, the flexible body that it acts on, and the marker."""
+    flexible = {name for name, body in model.bodies.items() if body.flexible}
+    for section in ("joints", "drivers", "forces") if flexible else ():
+        for name, spec in getattr(model, section).items():
+            for field in ("between", "marker", "at"):
+                ends = getattr(spec, field, None) or ()
+                for marker in (ends,) if isinstance(ends, str) else ends:
+                    owner = marker.partition(".")[0]
+                    if owner in flexible:
+                        yield f"{section}.{name}", owner, marker
+
+
+def is_beside_interfaces(body: BodySpec, place: str) -> bool:
+    """Whether a marker of a flexible body, or its origin, is carried by no interface."""
+    return bool(place) and marker_interface(body, place) is None
+
+
+def marker_interface(body: BodySpec, place: str) -> str | None:
+    """The interface that a marker of a body is, or that carries it."""
+    marker = body.markers.get(place)
+    return place if marker is None else marker.interface
+
+
+def load_points(model: ModelData, name: str) -> list[int | tuple[float, ...]]:
+    """Nodes of a body at which something acts, or positions [m] whose nearest nodes are meant."""
+    points: list[int | tuple[float, ...]] = []
+    for _, owner, reference in loads_beside_interfaces(model):
+        if owner == name:
+            marker = model.bodies[owner].markers[reference.partition(".")[2]]
+            point = tuple(marker.position or ()) if marker.node is None else marker.node
+            if point != () and point not in points:
+                points.append(point)
+    return points

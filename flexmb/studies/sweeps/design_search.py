@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from flexmb.errors import Problem, SceneError
 from flexmb.model.scenes.sweep import Distribution, Question
-from flexmb.studies.sampling import make_design
+from flexmb.studies.sweeps.sampling import make_design
 
 Array = NDArray[np.float64]
 Row = Mapping[str, Any]

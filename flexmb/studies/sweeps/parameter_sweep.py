@@ -17,30 +17,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError, Problem, SceneError, nearest
-from flexmb.folders import output_folder, writable_folder
+from flexmb.folders import writable_folder
 from flexmb.model import Model
 from flexmb.model.quantities import read_number
 from flexmb.model.reading import under
 from flexmb.model.scenes.study import override
 from flexmb.model.scenes.sweep import Distribution, SweepSpec, read_knobs, read_question
 from flexmb.progress import Progress, silent
-from flexmb.studies.design_search import Answer, DesignSearch, Target
 from flexmb.studies.record_table import KEY, RecordTable
-from flexmb.studies.sampling import Design, make_design, values_at
-from flexmb.studies.scalars import Scalar, find_scalars
 from flexmb.studies.study_jobs import content_key, run_key
 from flexmb.studies.study_settings import StudySource, resolve_knobs, value_text
-from flexmb.studies.sweep_report import RUNS, Sweep
-from flexmb.studies.sweep_runs import (
+from flexmb.studies.sweeps.design_search import Answer, DesignSearch, Target
+from flexmb.studies.sweeps.sampling import Design, make_design, values_at
+from flexmb.studies.sweeps.sweep_report import RUNS, Sweep
+from flexmb.studies.sweeps.sweep_runs import (
     SECTIONS,
     Job,
     Row,
+    Scalar,
     SweepScene,
+    find_scalars,
     flexible_bodies_of,
     run_setting,
 )
 from flexmb.workflow.cluster import Cluster, open_cluster
-from flexmb.workflow.job_batch import TOO_LONG
+from flexmb.workflow.worker_processes import TOO_LONG
 
 _MAX_REFUSALS = 5
 
@@ -107,13 +108,7 @@ def sweep(
     FlexmbError
         The folder holds runs of another scene, or no scheduler answers.
     """
-    if isinstance(scene, str | Path):
-        folder = output_folder(scene) / "sweep" if output is None else output
-        source = StudySource.of_scene(scene, overrides, folder)
-    elif overrides:
-        raise SceneError("overrides are for scene files; change the model itself")
-    else:
-        source = StudySource.of_model(scene, output, "sweep")
+    source = StudySource.of(scene, overrides, output, "sweep")
     plan = _plan(source, vary, settings, histories)
     names = [one.name for one in plan.base.scalars]
     about = {"scene or version of flexmb": run_key(plan.base.scene, source.folder)}
@@ -124,7 +119,7 @@ def sweep(
     ):
         runner = _Runner(plan, source, cluster, table, progress)
         answer = runner.sweep()
-        columns = columns_of(table.rows(), runner.keys, names)
+        columns = columns_of(table.rows(), runner.keys, names, file)
     units = {one.name: source.model.units.label(one.unit) for one in plan.base.scalars}
     return Sweep(
         source.model.title or source.file, source.file, source.output, plan.design,
@@ -137,16 +132,30 @@ _TEXTS = ("status", "reason", "notes")
 _NUMBERS = ("seconds", "cpu_seconds", "seconds_run")
 
 
-def columns_of(rows: Any, keys: Sequence[str], scalars: Sequence[str]) -> dict[str, NDArray[Any]]:
-    """Columns of a table of runs, in the order of their keys; NaN and "" where there is nothing."""
+def columns_of(
+    rows: Any, keys: Sequence[str], scalars: Sequence[str], file: Path
+) -> dict[str, NDArray[Any]]:
+    """Columns of a table of runs, in the order of their keys; NaN and "" where there is nothing.
+
+    Raises
+    ------
+    FlexmbError
+        A column holds something else than those that flexmb writes.
+    """
+    import pyarrow as pa
+
     place = {key: i for i, key in enumerate(rows.column(KEY).to_pylist())}
     order = np.array([place[key] for key in keys], np.int64)
     columns: dict[str, NDArray[Any]] = {}
     for name in (*_TEXTS, *scalars, *_NUMBERS):
         missing: Any = "" if name in _TEXTS else float("nan")
         if name in rows.column_names:
-            column = rows.column(name).fill_null(missing)
-            columns[name] = column.to_numpy()[order]
+            try:
+                column = rows.column(name).cast(pa.string() if name in _TEXTS else pa.float64())
+            except pa.ArrowException:
+                what = f"{file}: the column {name} is not one of a sweep"
+                raise FlexmbError(f"{what}: give another folder, or --fresh") from None
+            columns[name] = column.fill_null(missing).to_numpy()[order]
         else:
             columns[name] = np.full(len(order), missing, object if name in _TEXTS else float)
     return columns
@@ -339,8 +348,8 @@ class _Runner:
         return {
             row[KEY]: row
             for row in rows
-            if not (row["reason"] or "").startswith(TOO_LONG)
-            and (row["status"] == "failed" or all(row.get(one) is not None for one in names))
+            if not str(row.get("reason") or "").startswith(TOO_LONG)
+            and (row.get("status") == "failed" or all(row.get(one) is not None for one in names))
         }
 
     def _ends(self, jobs: list[Job]) -> Iterator[tuple[str, Row]]:

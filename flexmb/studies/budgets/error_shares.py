@@ -1,28 +1,39 @@
 """What each knob of a scene contributes to the error of its sensors, from runs with it refined.
 
-In: histories of a run, of one with a knob refined once and of one with it refined twice. Out: an
-estimate of the error that the knob leaves, by sensor, over the peak-to-peak. Differences that fall
-by a factor r from one refinement to the next leave d₂/(r - 1) after the second (Richardson 1911;
-Roache, Verification and Validation, 1998); where they do not fall the share is not converged.
+In: changes of a scene, each run once and stored; histories of a run, of one with a knob refined
+once and of one with it refined twice. Out: an estimate of the error that the knob leaves, by
+sensor, over the peak-to-peak. Differences that fall by a factor r from one refinement to the next
+leave d₂/(r - 1) after the second (Richardson 1911; Roache, Verification and Validation, 1998);
+where they do not fall the share is not converged.
 """
 
 from __future__ import annotations
 
 import itertools
+import json
 import math
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from flexmb.errors import FlexmbError
+from flexmb.folders import read_json, read_regular, whole_file, writable_folder
 from flexmb.model import Model
 from flexmb.model.flexible_body import FlexibleBodySpec
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.reading import Spec
 from flexmb.model.scenes.dynamics import ACCURACY, ROUND_OFF
 from flexmb.model.scenes.effects import SWITCHES
-from flexmb.studies.channel_errors import Reading
+from flexmb.progress import Progress
+from flexmb.studies.channel_errors import Reading, read_run, read_statistics
+from flexmb.studies.study_jobs import content_key, result_file, run_key
+from flexmb.studies.study_settings import StudySource, change_model
+from flexmb.workflow.cluster import Cluster
+from flexmb.workflow.worker_processes import Record, RunTimer
 
 MESH, MODES, INTERFACE, INTEGRATION, CONSTRAINTS, EFFECTS = KINDS = (
     "mesh", "modes", "interface model", "integration", "constraints", "effects",
@@ -36,6 +47,11 @@ _NOISE = 2.0  # times the share of the integration: smaller differences are its 
 _ONE_RATIO = 2.0  # taken for a knob that could be refined once only
 _LOOSEST = 0.1  # accuracy
 Shares = dict[str, float]
+
+
+_FLOOR = 1e-11  # differences of round-off need not fall
+_RECORD = "budget_run.json"
+_AUDIT = "audit"
 
 
 @dataclass(frozen=True)
@@ -295,4 +311,121 @@ def estimate_error(
     return Estimate((*values, rest), state, ratio, rising)
 
 
-_FLOOR = 1e-11  # differences of round-off need not fall
+class Run(NamedTuple):
+    """A run that has ended: its histories, or why there are none."""
+
+    reading: Reading | None
+    reason: str = ""
+    cpu: float = 0.0
+    statistics: Mapping[str, Any] = {}
+    folder: str = ""
+
+
+class ChangedRuns:
+    """Runs of the scene with changes, each done once."""
+
+    def __init__(
+        self, source: StudySource, folder: Path, cluster: Cluster, sensors: Sequence[str],
+        fresh: bool, progress: Progress,
+    ) -> None:  # fmt: skip
+        self.source, self.folder, self.cluster = source, folder, cluster
+        self.sensors, self.fresh, self.progress = sensors, fresh, progress
+        self.ended: dict[str, Run] = {}
+        self.audit: Record = {}
+        self.names: list[tuple[str, str]] = []  # quantities and names of histories
+        self.bodies = ""  # folder of a run whose reduced bodies others may use
+
+    def __getitem__(self, changes: Mapping[str, Any]) -> Run:
+        return self.ended[content_key(changes)]
+
+    def do(self, phase: str, several: Sequence[Mapping[str, Any]], audit: str = "") -> None:
+        """Do those of the runs that have not been done, and the audit of the run in a folder."""
+        jobs: dict[str, dict[str, Any]] = {}
+        models: dict[str, Model] = {}
+        for changes in several:
+            key = content_key(changes)
+            if key in self.ended or key in jobs:
+                continue
+            try:
+                models[key], scene = change_model(self.source, changes)
+            except FlexmbError as error:
+                self.ended[key] = Run(None, str(error).replace("\n", "; "))
+                continue
+            resolved = models[key].to_scene_dict(self.source.folder)
+            folder = self.folder / "runs" / run_key(resolved, self.source.folder)
+            jobs[key] = {
+                "key": key, "scene": scene, "source": str(self.source.folder),
+                "folder": str(folder.resolve()), "bodies": self.bodies, "fresh": self.fresh,
+                "limit": self.cluster.limit,
+            }  # fmt: skip
+        todo = [*jobs.values()]
+        if audit:
+            todo.append({"key": _AUDIT, "audit": True, "folder": audit, "fresh": True})
+        for job, record in self.cluster.run(run_changed, todo, progress=self.progress, phase=phase):
+            if job["key"] == _AUDIT:
+                self.audit = record
+                continue
+            self.ended[job["key"]] = self._read(models[job["key"]], job["folder"], record)
+
+    def _read(self, model: Model, folder: str, record: Record) -> Run:
+        if record["status"] != "finished":
+            return Run(None, str(record["reason"]).replace("\n", "; "))
+        try:
+            reading = read_run(model, result_file(folder), self.sensors)
+        except FlexmbError as error:
+            return Run(None, str(error))
+        names = [one[:2] for one in reading.histories]
+        self.names = self.names or names
+        if names != self.names:
+            return Run(None, "it has other sensors or reactions than the scene as it is")
+        return Run(reading, "", float(record["cpu"]), record["statistics"], folder)
+
+
+def run_changed(job: Mapping[str, Any]) -> Record:
+    """Run a scene that is plain data into its folder; its processor time and statistics."""
+    from flexmb.results import Result
+    from flexmb.workflow.simulate import run_model
+
+    folder = Path(job["folder"])
+    if job["key"] == _AUDIT:
+        return {"shares": _audit_shares(folder)}
+    file = folder / _RECORD
+    if result_file(folder).is_file() and not job["fresh"] and (record := _stored(file)):
+        return record
+    writable_folder(folder)
+    for body in Path(job["bodies"]).glob("*.flexbody.h5") if job["bodies"] else ():
+        if not (folder / body.name).exists():
+            shutil.copy2(body, folder / body.name)
+    timer = RunTimer(float(job["limit"]))
+    model = Model.from_scene_dict(job["scene"], Path(job["source"]))
+    report = run_model(model, folder, pictures=False, analysis="dynamics", progress=timer)
+    if Result(report.result).status == "stopped":  # by Ctrl-C: its record would say finished
+        raise KeyboardInterrupt
+    record = {"cpu": timer.cpu, "statistics": report.statistics}
+    with whole_file(file) as partial:
+        partial.write_text(json.dumps(record, default=float), encoding="utf-8")
+    return record
+
+
+def _stored(file: Path) -> Record | None:
+    """The record of a run that has ended; a damaged one is a missing one."""
+    try:
+        record = read_json(read_regular(file))
+        return {"cpu": float(record["cpu"]), "statistics": read_statistics(record["statistics"])}
+    except (OSError, ValueError, LookupError, TypeError):
+        return None
+
+
+def _audit_shares(folder: Path) -> Shares:
+    """By sensor the sum over bodies of the largest effect that is left out."""
+    from flexmb.workflow.audit import audit
+
+    bodies: dict[str, Shares] = {}
+    for one in audit(folder).effects:
+        if not one.on and one.effect != "further modes":
+            own = bodies.setdefault(one.body, {})
+            for channel, value in one.shares.items():
+                name = channel.split(".")[0]
+                own[name] = max(own.get(name, 0.0), value)
+    names = {name for own in bodies.values() for name in own}
+    return {name: sum(own.get(name, 0.0) for own in bodies.values()) for name in names}

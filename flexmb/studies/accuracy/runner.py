@@ -20,13 +20,12 @@ from flexmb.model.flexible_body import FlexibleBodySpec
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.scenes.study import StudySpec, sweep_values
 from flexmb.progress import Progress, silent
+from flexmb.studies.accuracy.reference import Reference, ReferenceRun, ReferenceSearch
+from flexmb.studies.accuracy.report import Study
+from flexmb.studies.accuracy.rows import Error, Row
 from flexmb.studies.channel_errors import Reading, check_sensors, difference, own_errors, read_run
 from flexmb.studies.record_table import RecordTable
-from flexmb.studies.reference import Reference, ReferenceRun, ReferenceSearch
-from flexmb.studies.report import Study
-from flexmb.studies.rows import Error, Row
-from flexmb.studies.study_jobs import Job, result_file, run_key
-from flexmb.studies.study_queue import StudyQueue
+from flexmb.studies.study_jobs import Job, StudyQueue, result_file, run_key
 from flexmb.studies.study_settings import (
     Setting,
     StudySource,
@@ -36,7 +35,7 @@ from flexmb.studies.study_settings import (
     make_settings,
 )
 from flexmb.workflow.cluster import open_cluster
-from flexmb.workflow.job_batch import Record
+from flexmb.workflow.worker_processes import Record
 
 REDUCTION_FIELDS = tuple(
     key for key in MeshBodySpec.model_fields if key not in FlexibleBodySpec.model_fields
@@ -104,12 +103,7 @@ def study(
     FlexmbError
         The folder holds a study of another scene, or no scheduler answers.
     """
-    if isinstance(scene, str | Path):
-        source = StudySource.of_scene(scene, overrides, output)
-    elif overrides:
-        raise SceneError("overrides are for scene files; change the model itself")
-    else:
-        source = StudySource.of_model(scene, output)
+    source = StudySource.of(scene, overrides, output, "study")
     spec = _spec(source.model, vary, criteria)
     settings = make_settings(source, spec.vary)
     good = [setting for setting in settings if setting.model is not None]

@@ -1,0 +1,137 @@
+"""The stored motion of a run, in the coordinates of its own model and of a neighbouring one.
+
+In: the rows of a run, compiled models. Out: their states, and what they leave out of balance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.analysis.linear.state_equations import StateEquations
+from flexmb.engine.compile import Compiled
+from flexmb.engine.tables import BodyColumns
+from flexmb.engine.work import new_state
+from flexmb.results import Result
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Rows of a run, SI: t (n,), q (n, nq), v, vd (n, nv), lam (n, nc), channels (n, k)."""
+
+    t: Array
+    q: Array
+    v: Array
+    vd: Array
+    lam: Array
+    channels: Array
+
+    def put(self, k: int, equations: StateEquations) -> None:
+        """Make row number k the state of the equations."""
+        state = equations.state
+        state.t[0], state.angles[:] = self.t[k], self.channels[k]
+        for name in ("q", "v", "vd", "lam"):
+            getattr(state, name)[:] = getattr(self, name)[k]
+
+    def gap(self, compiled: Compiled) -> float:
+        """How far velocities of bodies depart from the sum of their accelerations, relative (rms).
+
+        Large where rows are too far apart to tell what happens between them.
+        """
+        rigid = [body.iv + k for body in compiled.layout.bodies for k in range(6)]
+        weights = compiled.system.weights[rigid]
+        change = np.diff(self.v[:, rigid] * weights, axis=0)
+        mean = 0.5 * (self.vd[1:, rigid] + self.vd[:-1, rigid]) * weights
+        missing = change - mean * np.diff(self.t)[:, None]
+        total = float(np.sqrt((change**2).sum()))
+        return float(np.sqrt((missing**2).sum())) / total if total > 0.0 else 0.0
+
+    def turn(self, compiled: Compiled) -> float:
+        """Largest angle that a body turns from row to row, rad."""
+        steps = np.diff(self.t)[:, None]
+        turns = (self.v[1:, body.iv + 3 : body.iv + 6] * steps for body in compiled.layout.bodies)
+        return max((float(np.linalg.norm(x, axis=1).max(initial=0.0)) for x in turns), default=0.0)
+
+    def thinned(self, most: int) -> Motion:
+        """At most so many rows of it, at equal numbers of rows."""
+        every = slice(None, None, -(-len(self.t) // most))
+        return Motion(*(table[every] for table in vars(self).values()))
+
+
+def out_of_balance(compiled: Compiled, motion: Motion) -> Array:
+    """F (n, nv) that the rows of a run leave in their own model."""
+    equations, rows = equations_of(compiled), np.zeros((len(motion.t), compiled.layout.nv))
+    for k in range(len(rows)):
+        motion.put(k, equations)
+        rows[k] = equations.residual()
+    return rows
+
+
+def equations_of(compiled: Compiled) -> StateEquations:
+    """The equations of a model, at no state yet."""
+    return StateEquations(compiled, new_state(compiled.system, len(compiled.layout.channels)))
+
+
+def read_motion(run: Result) -> Motion:
+    """The rows of a run."""
+    rows = slice(None)
+    tables = (run.part(name, rows) for name in ("q", "v", "vd", "lam", "sensors"))
+    return Motion(run.time * run.units.scale("s"), *tables)
+
+
+def carry_motion(
+    motion: Motion, own: Compiled, other: Compiled, shapes: Mapping[str, Array]
+) -> tuple[Motion, Array]:
+    """A motion in the coordinates of another model, and what its rows leave out of balance there.
+
+    Bodies, rows and scalar coordinates are matched by name. `shapes` are by body the modal
+    coordinates (m of the other, m) of each of its own; none: those of the same number, else a body
+    is undeformed.
+    """
+    n, layout = len(motion.t), other.layout
+    q = np.tile(other.initial_q, (n, 1))
+    v, vd, balance = (np.zeros((n, layout.nv)) for _ in range(3))
+    residual = out_of_balance(own, motion)
+    mine = {body.name: body for body in own.layout.bodies}
+    for body in layout.bodies:
+        _carry_body(motion, residual, mine[body.name], body, shapes, (q, v, vd, balance))
+    names = own.layout.coordinates
+    for k, name in enumerate(layout.coordinates):
+        if name in names:
+            a = names.index(name) - len(names)
+            b = k - len(layout.coordinates)
+            q[:, b], v[:, b], vd[:, b] = motion.q[:, a], motion.v[:, a], motion.vd[:, a]
+            balance[:, b] = residual[:, a]
+    lam = np.zeros((n, layout.nc))
+    places = {name: k for k, name in enumerate(own.layout.rows)}
+    for k, name in enumerate(layout.rows):
+        if name in places:
+            lam[:, k] = motion.lam[:, places[name]]
+    return Motion(motion.t, q, v, vd, lam, motion.channels), balance
+
+
+def _carry_body(
+    motion: Motion, residual: Array, old: BodyColumns, new: BodyColumns,
+    shapes: Mapping[str, Array], into: tuple[Array, Array, Array, Array],
+) -> None:  # fmt: skip
+    q, v, vd, balance = into
+    q[:, new.iq : new.iq + 7] = motion.q[:, old.iq : old.iq + 7]
+    q[:, new.iq + 7 : new.iq + 7 + new.m] = 0.0
+    tables = ((motion.v, v), (motion.vd, vd), (residual, balance))
+    for have, put in tables:
+        put[:, new.iv : new.iv + 6] = have[:, old.iv : old.iv + 6]
+    shape = shapes.get(new.name)
+    if shape is None and new.m == old.m:
+        shape = np.eye(new.m)
+    if shape is not None:
+        back = np.linalg.pinv(shape)  # a force on the coordinates that the own ones are part of
+        q[:, new.iq + 7 : new.iq + 7 + new.m] = (
+            motion.q[:, old.iq + 7 : old.iq + 7 + old.m] @ shape.T
+        )
+        for (have, put), T in zip(tables, (shape.T, shape.T, back), strict=True):
+            put[:, new.iv + 6 : new.iv + 6 + new.m] = have[:, old.iv + 6 : old.iv + 6 + old.m] @ T

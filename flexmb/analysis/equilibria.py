@@ -1,0 +1,264 @@
+"""Equilibria of a model: the one that it settles in, all that can be reached, preloads of springs.
+
+In: a compiled model. Out: equilibria with their channels, energies and small vibrations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexmb.analysis.assembly.initial_state import StartValues, assemble
+from flexmb.analysis.assembly.jacobian import (
+    ConstraintRows,
+    column_scales,
+    null_space,
+    one_blas_thread,
+)
+from flexmb.analysis.assembly.positions import close_rows
+from flexmb.analysis.equilibrium import settle, spin_of
+from flexmb.analysis.linear.linearization import Linearization, linearize_state
+from flexmb.analysis.linear.observer import RowsAlongMotion, SeenEquations
+from flexmb.analysis.linear.state_equations import Array, StateEquations
+from flexmb.analysis.linear.state_space import actuators
+from flexmb.analysis.procedure import (
+    ChunkRows,
+)
+from flexmb.engine.compile import Compiled
+from flexmb.engine.entries import statics_units
+from flexmb.engine.state import State
+from flexmb.engine.state_rows import write_equilibrium
+from flexmb.engine.units import call, prepare_units
+from flexmb.engine.work import new_run, new_work
+from flexmb.errors import AssemblyError, FlexmbError, Problem, SceneError, nearest
+from flexmb.model.model import Model
+
+_MAX_HOPS, _HOP = 8, 0.6  # of a random way, over the model size or in radians
+_SAME_PLACE = 1e-5
+_UNBALANCED = 1e-8  # of the load of the pose
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """An equilibrium of a model.
+
+    Attributes
+    ----------
+    state : State
+        Positions q and multipliers λ; v and v̇ are zero, or those of a steady rotation. SI.
+    steps : int
+        How many it took.
+    """
+
+    compiled: Compiled
+    model: Model
+    state: State
+    steps: int
+
+    @property
+    def energy(self) -> float:
+        """Strain, gravity and spring energy [J]."""
+        equations = StateEquations(self.compiled, self.state)
+        equations.residual()
+        return float(equations.work.energies[1:4].sum())
+
+    def linearize(self) -> Linearization:
+        """The equations of motion linearised about it; `stable` says whether it is stable."""
+        frame = "auto" if spin_of(self.model).any() else "ground"
+        return linearize_state(self.compiled, self.model, self.state, frame=frame)
+
+    def channels(self, names: Sequence[str] = ()) -> Array:
+        """Channels of sensors (k,), all by default, in the scene's units."""
+        compiled, model, system = self.compiled, self.model, self.compiled.system
+        available = compiled.layout.channels
+        unknown = [name for name in names if name not in available]
+        if unknown:
+            raise SceneError.unknown_name("channel of a sensor", unknown[0], available)
+        prepare_units(statics_units(system))
+        rows = ChunkRows(compiled, 1)
+        rows.clear()
+        work = new_work(system, len(self.state.angles))
+        call(write_equilibrium, new_run(system, self.state, work, output=rows.output))
+        values = dict(zip(available, rows.read().sensors[0], strict=True))
+        units = {name: model.channel_unit(name) or "" for name in names or available}
+        return np.array(
+            [model.units.outward(values[n], u) if u else values[n] for n, u in units.items()]
+        )
+
+    def growth(self) -> tuple[float, bool]:
+        """Largest Re λ [1/s] of its modes, and whether none of them grows.
+
+        NaN where motions without inertia leave it open.
+        """
+        try:
+            made = self.linearize()
+            return float(made.eigenvalues.real.max(initial=0.0)), made.stable
+        except FlexmbError:
+            return np.nan, True
+
+
+@one_blas_thread()
+def find_equilibrium(
+    compiled: Compiled, model: Model, *, time: float = 0.0, start: Array | None = None
+) -> Equilibrium:
+    """The equilibrium that a model settles in from a pose.
+
+    Parameters
+    ----------
+    compiled, model : Compiled, Model
+        The model.
+    time : float
+        At which functions and drivers are taken [s].
+    start : (nq,) array, optional
+        Where to begin; by default where the scene places the bodies.
+
+    Raises
+    ------
+    AssemblyError
+        Positions that cannot be closed; no equilibrium, with what moves on and under which force.
+    """
+    q = compiled.initial_q if start is None else start
+    begin = StartValues(q, np.zeros(compiled.layout.nv), time)
+    if start is None and time == 0.0:
+        first = assemble(compiled, model)
+    else:
+        first = assemble(compiled, model, begin=begin)
+    steps = settle(first.compiled, model, first.state, spin=spin_of(model))
+    return Equilibrium(first.compiled, model, first.state, steps)
+
+
+def find_equilibria(
+    compiled: Compiled, model: Model, *, time: float = 0.0, starts: int = 30, seed: int = 0
+) -> list[Equilibrium]:
+    """Equilibria reached from many poses of the same assembly, of least energy first.
+
+    Parameters
+    ----------
+    compiled, model : Compiled, Model
+        The model.
+    time : float
+        At which functions and drivers are taken [s].
+    starts : int
+        From how many poses: the placed one, and others at random along the free motions.
+    seed : int
+        Of the random numbers.
+
+    Returns
+    -------
+    list of Equilibrium
+        Stable ones, which descents lead to, and unstable ones, which Newton's method alone finds on
+        the way; all different.
+    """
+    first = find_equilibrium(compiled, model, time=time)
+    found = [first]
+    rng, rows = np.random.default_rng(seed), ConstraintRows(compiled)
+    scales = column_scales(compiled)
+    for _ in range(starts - 1):
+        q = _random_pose(rows, first.state.q, scales, rng, time)
+        if q is None:
+            continue
+        for descend in (True, False):
+            begin = StartValues(q, np.zeros(compiled.layout.nv), time)
+            try:
+                state = assemble(compiled, model, begin=begin).state
+                steps = settle(compiled, model, state, descend=descend, spin=spin_of(model))
+            except AssemblyError:
+                continue
+            if all(separation(compiled, state.q, one.state.q)[0] > _SAME_PLACE for one in found):
+                found.append(Equilibrium(compiled, model, state, steps))
+    return sorted(found, key=lambda one: one.energy)
+
+
+def _random_pose(
+    rows: ConstraintRows, q: Array, scales: Array, rng: np.random.Generator, time: float
+) -> Array | None:
+    """Another pose of the assembly, by a random way along its free motions."""
+    pose = close_rows(rows, q, None, time)
+    for _ in range(int(rng.integers(1, _MAX_HOPS))):
+        if pose is None:
+            return None
+        free = np.zeros((len(scales), 0))
+        jacobian = pose.jacobian
+        rigid = ~jacobian.modal
+        if rigid.any():
+            null = null_space(jacobian.A[:, rigid]) if len(jacobian.A) else np.eye(int(rigid.sum()))
+            free = np.zeros((len(scales), null.shape[1]))
+            free[jacobian.columns[rigid]] = null
+        if not free.shape[1]:
+            return None
+        step = scales * (free @ rng.standard_normal(free.shape[1]))
+        step *= _HOP * rng.random() / np.abs(step[scales > 0] / scales[scales > 0]).max()
+        pose = close_rows(rows, rows.move(pose.q, step), None, time) or pose
+    return None if pose is None else pose.q
+
+
+def separation(compiled: Compiled, a: Array, b: Array) -> tuple[float, str]:
+    """How far two positions (nq,) are apart, over the model size or in radians; which body most."""
+    scales, apart = column_scales(compiled), []
+    for body in compiled.layout.bodies:
+        size = scales[body.iv] if scales[body.iv] > 0.0 else compiled.length
+        far = float(np.abs(a[body.iq : body.iq + 3] - b[body.iq : body.iq + 3]).max()) / size
+        p, r = a[body.iq + 3 : body.iq + 7], b[body.iq + 3 : body.iq + 7]
+        turn = 2.0 * float(np.linalg.norm(p - r if p @ r > 0.0 else p + r))  # of a small angle
+        modes = slice(body.iq + 7, body.iq + 7 + body.m)
+        bent = np.abs(a[modes] - b[modes])
+        sizes = scales[body.iv + 6 : body.iv + 6 + body.m]
+        bent = np.where(sizes > 0.0, bent / np.where(sizes > 0.0, sizes, 1.0), 0.0)
+        apart.append((max(far, turn, float(bent.max(initial=0.0))), body.name))
+    return max(apart, default=(0.0, ""))
+
+
+def preloads(compiled: Compiled, model: Model, springs: Sequence[str]) -> dict[str, float]:
+    """Forces [N or N m] that springs need in addition for the placed pose to be an equilibrium.
+
+    Least ones, in the sense of least squares, where there are many.
+
+    Parameters
+    ----------
+    compiled, model : Compiled, Model
+        The model.
+    springs : sequence of str
+        Springs, line forces and components of forces (``"push.x"``) that may change.
+
+    Returns
+    -------
+    dict of str to float
+        By name; positive forces push the markers of a spring apart.
+
+    Raises
+    ------
+    SceneError
+        No such force.
+    AssemblyError
+        No such forces bring the pose into balance, with the body that stays unbalanced.
+    """
+    state = assemble(compiled, model).state
+    state.v[:] = 0.0
+    state.vd[:] = 0.0
+    state.lam[:] = 0.0
+    equations = StateEquations(compiled, state)
+    force = equations.residual()
+    seen = SeenEquations(RowsAlongMotion(compiled, state), equations.tangents(), "ground")
+    of = actuators(seen)
+    unknown = [name for name in springs if name not in of.forces]
+    if unknown:
+        known = tuple(of.forces)
+        raise SceneError.from_problems(
+            [Problem(f'"{n}"', "no such force", known, nearest(n, known)) for n in unknown]
+        )
+    basis = seen.change.S @ seen.coordinates.N
+    scales = column_scales(compiled)[seen.coordinates.index]
+    right = scales * (basis.T @ force)
+    columns = scales[:, None] * (basis.T @ np.array([of.forces[name] for name in springs]).T)
+    found = np.linalg.lstsq(columns, right, rcond=1e-10)[0]
+    left = right - columns @ found
+    if np.abs(left).max(initial=0.0) > _UNBALANCED * np.abs(right).max(initial=0.0):
+        name = seen.names[int(np.abs(left).argmax())]
+        raise AssemblyError(
+            f"no preload of {', '.join(springs)} brings the pose into balance: {name} keeps "
+            f"{100 * np.abs(left).max() / np.abs(right).max():.3g} % of its load; let another "
+            "spring change too, or move the pose"
+        )
+    return dict(zip(springs, map(float, found), strict=True))

@@ -1,0 +1,1 @@
+"""What accuracy costs: errors against a reference and processor time over combinations of knobs."""

@@ -1,0 +1,1 @@
+"""Error budgets: what each knob contributes to the error of each sensor."""

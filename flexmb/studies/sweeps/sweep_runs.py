@@ -1,0 +1,327 @@
+"""One run of a sweep: values of the knobs in, scalars of channels out, nothing on disk.
+
+In: a scene as plain data, the values of its knobs, scalars such as ``slider.x:max``. Out: a row:
+status, reason, notes, scalars in the scene's units, times. A vector without its axis
+(``crank_pin.rod.force``) is its length; means are integrals over time, by trapezoids between the
+outputs; extremes are those of the outputs. A run whose scalars only a result file can give (stress,
+motion of markers), or whose history is to stay, writes one.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.errors import Problem, SceneError, SolverError, nearest
+from flexmb.folders import temporary_folder, writable_folder
+from flexmb.model.scenes.study import override
+from flexmb.model.scenes.sweep import SCALARS, read_scalar
+from flexmb.progress import Progress, silent
+from flexmb.results.channels import Channel, Columns, all_channels
+from flexmb.studies.accuracy.runner import REDUCTION_FIELDS
+from flexmb.studies.study_jobs import content_key
+
+if TYPE_CHECKING:
+    from flexmb.flexbody import FlexBody
+    from flexmb.model import Model
+    from flexmb.results import OutputBlock, Result
+    from flexmb.units import UnitSystem
+
+
+Row = dict[str, Any]
+
+
+_REUSED = "reduction reused from"  # in the note of a run that says nothing of it
+SECTIONS = ("check", "results", "view", "study", "sweep")
+Array = NDArray[np.float64]
+_EXTREMES = ("min", "max")  # of channels for which no scalar is named
+_RECOVERED = {  # channels that only a result file can give, and their units in SI
+    "von_mises": "Pa", "stress": "Pa", "section_force": "", "mode_energy": "J", "balance": "J",
+    "position": "m", "velocity": "m/s", "acceleration": "m/s^2", "angular_velocity": "rad/s",
+    "angular_acceleration": "rad/s^2", "angle": "rad", "angle_rate": "rad/s",
+    "second_angle": "rad", "second_angle_rate": "rad/s", "stroke": "m", "stroke_rate": "m/s",
+}  # fmt: skip
+_FORM = re.compile(rf"\w+(?:\.\w+)?\.({'|'.join(_RECOVERED)})(?:\..+)?|energy\.(balance)")
+_AXES = "xyz"
+
+
+class Job(NamedTuple):
+    """One run: the key of its row, and the values of its knobs."""
+
+    key: str
+    values: dict[str, Any]
+
+
+"""Sections of a scene that its runs in a sweep do without."""
+
+
+@dataclass(frozen=True)
+class SweepScene:
+    """What all runs of a sweep have in common; plain data.
+
+    Attributes
+    ----------
+    scene : dict
+        The scene, the values changed for all runs included.
+    folder : str
+        What its paths are relative to.
+    bodies : str
+        Folder of its reduced bodies.
+    scalars : tuple of Scalar
+        What is read from each run.
+    histories : str
+        Folder in which each run has one for its result; empty: none are kept.
+    """
+
+    scene: dict[str, Any]
+    folder: str
+    bodies: str
+    scalars: tuple[Scalar, ...] = field(default=())
+    histories: str = ""
+
+    def model(self, values: Mapping[str, Any]) -> Model:
+        """The model with these values.
+
+        Raises
+        ------
+        SceneError
+            It refuses them.
+        """
+        from flexmb.model import Model
+
+        scene, problems = override(self.scene, values)
+        if problems:
+            raise SceneError.from_problems(problems)
+        return Model.from_scene_dict(scene, Path(self.folder))
+
+
+def run_setting(scene: SweepScene, job: Job) -> Row:
+    """Run a setting: its scalars, notes and times.
+
+    Raises
+    ------
+    FlexmbError
+        The model refuses its values, or the run fails.
+    """
+    wall, cpu = time.perf_counter(), time.process_time()
+    model = scene.model(job.values)
+    in_memory = all(one.columns for one in scene.scalars) and not scene.histories
+    auto = getattr(model.effects, "choice", "") == "auto"
+    run = _run_in_memory if in_memory and not auto else _run_with_file
+    row = run(scene, model, job.key)
+    row["seconds"] = time.perf_counter() - wall
+    row["cpu_seconds"] = time.process_time() - cpu
+    return row
+
+
+class _Rows:
+    """Takes the rows of a run in memory."""
+
+    def __init__(self) -> None:
+        self.blocks: list[OutputBlock] = []
+
+    def append(self, block: OutputBlock) -> None:
+        self.blocks.append(block)
+
+    def save_state(self, state: Any) -> None:
+        """States are for runs that are continued."""
+
+    def restart(self) -> None:
+        self.blocks.clear()
+
+
+def _run_in_memory(scene: SweepScene, model: Model, _: str) -> Row:
+    from flexmb.engine.compile import compile_system
+    from flexmb.model.scenes.effects import active_model
+    from flexmb.workflow.run import prepare_task, select_analysis
+
+    model = active_model(model)
+    analysis = select_analysis(model, None)
+    compiled = compile_system(model, flexible_bodies_of(scene, model))
+    started = time.perf_counter()
+    task = prepare_task(analysis, compiled, model, None, silent)
+    rows = _Rows()
+    outcome = task.run(rows)
+    seconds = time.perf_counter() - started
+    if outcome.status == "stopped":
+        raise KeyboardInterrupt
+    if outcome.status != "finished":
+        raise SolverError(outcome.message)
+    notes = "\n".join((*task.notes, *outcome.notes))
+    return {
+        **read_rows(scene.scalars, rows.blocks, model.units), "notes": notes, "seconds_run": seconds
+    }  # fmt: skip
+
+
+def _run_with_file(scene: SweepScene, model: Model, name: str) -> Row:
+    from flexmb.results import Result
+    from flexmb.workflow.simulate import run_model
+
+    own_folder = Path(scene.histories) / name if scene.histories else None
+    folder = own_folder or temporary_folder()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if flexible_bodies_of(scene, model):
+            shutil.copytree(_bodies_folder(scene, model), folder, dirs_exist_ok=True)
+        report = run_model(model, folder, pictures=False)
+        result = Result(report.result)
+        if result.status == "stopped":
+            raise KeyboardInterrupt
+        row = {
+            "notes": "\n".join(note for note in report.notes if _REUSED not in note),
+            "folder": str(own_folder or ""),
+        }
+        return row | read_result(scene.scalars, result)
+    finally:
+        if own_folder is None:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _bodies_folder(scene: SweepScene, model: Model) -> Path:
+    """Where the reduced bodies of a model are, with all of the same reductions."""
+    from flexmb.model.mesh_body import MeshBodySpec
+
+    tables = model.to_scene_dict(Path(scene.folder))["bodies"]
+    meshes = [tables[k] for k, spec in model.bodies.items() if isinstance(spec, MeshBodySpec)]
+    reductions = [{k: v for k, v in one.items() if k in REDUCTION_FIELDS} for one in meshes]
+    return Path(scene.bodies) / content_key(reductions)
+
+
+def flexible_bodies_of(
+    scene: SweepScene, model: Model, progress: Progress = silent
+) -> dict[str, FlexBody]:
+    """The reduced bodies of a model: from the folder of bodies, or reduced there."""
+    from flexmb.workflow.flexible_bodies import flexible_bodies
+
+    if not any(spec.flexible for spec in model.bodies.values()):
+        return {}
+    return flexible_bodies(model, writable_folder(_bodies_folder(scene, model)), progress=progress)[
+        0
+    ]
+
+
+class Scalar(NamedTuple):
+    """A scalar of a channel, and the columns that it is read from; none: from a result file."""
+
+    channel: str
+    word: str  # one of SCALARS
+    unit: str = ""  # that of SI
+    columns: tuple[Channel, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """As it is written: ``slider.x:max``."""
+        return f"{self.channel}:{self.word}"
+
+
+def find_scalars(
+    columns: Columns, model: Model, names: Sequence[str]
+) -> tuple[list[Scalar], list[Problem]]:
+    """The scalars of these names, of all sensors by default, and the names of nothing.
+
+    Parameters
+    ----------
+    columns : Columns
+        All columns of a run.
+    model : Model
+        Its model.
+    names : sequence of str
+        Such as ``slider.x:max``; without a scalar the least and the largest value.
+    """
+    scene = model.to_scene_dict(model.folder, dict.fromkeys(model.bodies, ""))
+    by_name = all_channels(columns, scene)
+    scalars: list[Scalar] = []
+    problems: list[Problem] = []
+    for i, text in enumerate(names or columns.channels):
+        channel, word = read_scalar(text)
+        owner = channel.partition(".")[0]
+        matches = tuple(
+            by_name[name]
+            for name in ((channel,) if channel in by_name else (f"{channel}.{a}" for a in _AXES))
+            if name in by_name and by_name[name].table != "balance"
+        )
+        form = _FORM.fullmatch(channel)
+        owners = {*model.bodies, *model.joints, "energy"}
+        recovered = form if form is not None and owner in owners else None
+        if len(matches) not in (1, 3) and recovered is None:
+            vectors = (name.removesuffix(".x") for name in by_name if name.endswith(".x"))
+            allowed = tuple(dict.fromkeys((*by_name, *vectors)))
+            what = f'there is no channel "{channel}"'
+            problems.append(Problem(f"sensors[{i}]", what, allowed, nearest(channel, allowed)))
+            continue
+        kind = "" if recovered is None else recovered[1] or recovered[2]
+        unit = matches[0].unit if matches else _RECOVERED[kind]
+        scalars += [Scalar(channel, one, unit, matches) for one in ((word,) if word else _EXTREMES)]
+    return list(dict.fromkeys(scalars)), problems
+
+
+def _rms(t: Array, x: Array) -> float:
+    return float(np.sqrt(_mean(t, x * x)))
+
+
+def _mean(t: Array, x: Array) -> float:
+    if len(t) < 2:
+        return float(x[-1])
+    return float(0.5 * np.sum((x[1:] + x[:-1]) * np.diff(t)) / (t[-1] - t[0]))
+
+
+_FUNCTIONS: dict[str, Callable[[Array, Array], float]] = {
+    "min": lambda t, x: float(x.min()),
+    "max": lambda t, x: float(x.max()),
+    "peak": lambda t, x: float(np.abs(x).max()),
+    "peak-to-peak": lambda t, x: float(np.ptp(x)),
+    "rms": _rms,
+    "mean": _mean,
+    "final": lambda t, x: float(x[-1]),
+}
+assert tuple(_FUNCTIONS) == SCALARS
+
+
+def scalar_value(word: str, t: Array, x: Array) -> float:
+    """A scalar of values x (n,) at times t (n,)."""
+    return _FUNCTIONS[word](t, x)
+
+
+def read_rows(
+    scalars: Sequence[Scalar], blocks: Sequence[OutputBlock], units: UnitSystem
+) -> dict[str, float]:
+    """The scalars by name from the rows of a run."""
+    t = np.concatenate([block.t for block in blocks])
+    values: dict[str, Array] = {}
+    for one in scalars:
+        if one.channel not in values:
+            parts = [_column(blocks, channel) for channel in one.columns]
+            x = parts[0] if len(parts) == 1 else np.sqrt(sum(part * part for part in parts))
+            values[one.channel] = units.outward(x, one.unit) if one.unit else x
+    return {one.name: scalar_value(one.word, t, values[one.channel]) for one in scalars}
+
+
+def _column(blocks: Sequence[OutputBlock], channel: Channel) -> Array:
+    return np.concatenate([getattr(block, channel.table)[:, channel.column] for block in blocks])
+
+
+def read_result(scalars: Sequence[Scalar], result: Result) -> dict[str, float]:
+    """The scalars by name from a result.
+
+    Raises
+    ------
+    ResultFileError
+        It has no such channel.
+    """
+    t, values = np.asarray(result.time), dict[str, Array]()
+    for one in scalars:
+        if one.channel not in values:
+            vector = [f"{one.channel}.{axis}" for axis in _AXES]
+            whole = one.channel not in result and all(name in result for name in vector)
+            values[one.channel] = (
+                np.sqrt(sum(result[name] ** 2 for name in vector)) if whole else result[one.channel]
+            )
+    return {one.name: scalar_value(one.word, t, values[one.channel]) for one in scalars}
