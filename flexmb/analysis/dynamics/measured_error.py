@@ -135,13 +135,10 @@ class MeasuredError:
         }  # fmt: skip
         self._places = [k for k, one in enumerate(self._compared) if one.quantity == "positions"]
         self._growth = SampledHistory(len(self._places))  # of the differences of positions
-<<<<<<< HEAD
         # positions of the fine run and differences, of this pass and of the one before
         self._samples = SampledHistory(len(self._places) * (widest + 1))
         self._before = np.full_like(self._samples.table, np.nan)
-=======
         self._results: dict[float, dict[str, ErrorOf]] = {}  # by ratio, of the rows so far
->>>>>>> 9d865615a050735d0d38c0eb119ce5755fce4e16
 
     def arrays(self) -> dict[str, np.ndarray]:
         """All that there is so far, to be saved and filled in again."""
@@ -167,12 +164,8 @@ class MeasuredError:
         n = min(len(fine.t), len(coarse.t))
         if n == 0:
             return
-<<<<<<< HEAD
-        values, gaps = np.zeros((2, n, self._range[0].size))
-=======
         self._results.clear()
-        gaps = np.zeros((n, self._range[0].size))
->>>>>>> 9d865615a050735d0d38c0eb119ce5755fce4e16
+        values, gaps = np.zeros((2, n, self._range[0].size))
         low, high = (bound.reshape(-1) for bound in self._range)
         for table, (columns, places) in self._columns.items():
             ours, theirs = (getattr(rows, table)[:n, columns] for rows in (fine, coarse))
@@ -329,7 +322,6 @@ class VerifiedRun:
 
         Not where the runs were different motions then, whose difference says nothing.
         """
-<<<<<<< HEAD
         integrator, passes, now = self.fine.method, self.passes[0], self.difference
         highest = integrator.order - _ORDER_LOST * self._has_stiff_states
         if not 0.0 < passes["last_difference"] < _SAME_MOTION or now == 0.0:
@@ -337,18 +329,6 @@ class VerifiedRun:
         reduction = math.log(passes["last_tolerance"] / passes["tolerance"])
         order = integrator.error_order * math.log(passes["last_difference"] / now) / reduction
         return min(max(order, _MIN_ORDER * integrator.order), highest)
-=======
-        integrator, passes = self.fine.method, self.passes[0]
-        if not 0.0 < passes["last_difference"] < _SAME_MOTION or self.difference == 0.0:
-            return integrator.order
-        reduction = math.log(passes["last_tolerance"] / passes["tolerance"])
-        order = (
-            integrator.error_order
-            * math.log(passes["last_difference"] / self.difference)
-            / reduction
-        )
-        return min(max(order, _MIN_ORDER * integrator.order), integrator.order)
->>>>>>> 9d865615a050735d0d38c0eb119ce5755fce4e16
 
     @property
     def ratio(self) -> float:
