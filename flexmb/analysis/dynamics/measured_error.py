@@ -324,7 +324,8 @@ class VerifiedRun:
         """
         integrator, passes, now = self.fine.method, self.passes[0], self.difference
         highest = integrator.order - _ORDER_LOST * self._has_stiff_states
-        if not 0.0 < passes["last_difference"] < _SAME_MOTION or now == 0.0:
+        same = passes["last_tolerance"] == passes["tolerance"] or now == 0.0
+        if same or not 0.0 < passes["last_difference"] < _SAME_MOTION:
             return highest
         reduction = math.log(passes["last_tolerance"] / passes["tolerance"])
         order = integrator.error_order * math.log(passes["last_difference"] / now) / reduction
