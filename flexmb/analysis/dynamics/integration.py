@@ -29,6 +29,7 @@ _AT_REST = 1e-6  # motion over the size of the model
 # What round-off of positions, over their distance from the origin, leaves in estimates: of Radau's
 # method, which solves for the motion of a step, and of others.
 _SOLVED, _NOISE = 5e-14, 2e-17
+_SHARE_AT_REST = 1e-3  # of what counts for the model, for one of its parts
 _FASTER = 1e3  # speed at rest over its mean in the run: round-off is fast
 _STATE = 1e-3  # size of a scalar coordinate, of which nothing is known
 # Steps of a chunk times velocity coordinates: about a tenth of a second on a present machine.
@@ -156,12 +157,11 @@ def loop_settings(
 
 
 def set_least_motion(
-    compiled: Compiled, integrator: method.Method, settings: method.Settings, state: State,
-    share: float,
-) -> None:  # fmt: skip
+    compiled: Compiled, integrator: method.Method, settings: method.Settings, state: State
+) -> None:
     """Set motion and speed of all coordinates to what is rest or round-off.
 
-    Round-off grows with the distance from the origin; `share` is of the size of the part of the
+    Round-off grows with the distance from the origin; a share of the size of the part of the
     model that shares equations, so that what else moves, and where it stands, has no say.
     """
     system, kkt = compiled.system, compiled.system.kkt
@@ -185,7 +185,9 @@ def set_least_motion(
     first = len(weights) - len(system.parts.coordinates)
     size[first:] = away[first:] = _STATE
     noise = _SOLVED if integrator.collocation else _NOISE
-    state.motion[:] = np.maximum(share * size, noise / settings.tolerance * away)
+    state.motion[:] = np.maximum(
+        _SHARE_AT_REST * settings.least_motion * size, noise / settings.tolerance * away
+    )
     state.speed[:] = _FASTER / (settings.end - settings.start) * state.motion
 
 
@@ -226,6 +228,8 @@ class Integration:
     ) -> None:
         self.compiled, self.method = compiled, integrator
         self.settings, self.state = settings, state
+        if settings.step == 0.0 and not state.motion.any():
+            set_least_motion(compiled, integrator, settings, state)
         self.times = equal_times(settings) if times is None else times
         channels = len(compiled.layout.channels)
         self.work: Work = new_work(compiled.system, channels, integrator)

@@ -32,7 +32,6 @@ from flexmb.analysis.dynamics.integration import (
     local_tolerance,
     loop_settings,
     output_times,
-    set_least_motion,
     with_tolerance,
 )
 from flexmb.analysis.dynamics.measured_error import VerifiedRun
@@ -85,7 +84,6 @@ _FEW, _GROWN = 50, 1e6  # unstable steps; rate times step, above which it is tha
 _MIN_STEPS, _STIFF_SHARE, _UNSTABLE_SHARE = 200, 0.35, 0.01
 _ROUGH = 1e-3  # local error of the rough run over the motion
 _MIN_MOTION = 1e-3  # that counts in the rough run, over the size of the model
-_LEAST_SHARE, _ROUGH_SHARE = 1e-9, 1e-6  # of a part of the model over its size: that is rest
 
 _DRIFTED = (
     "stabilization makes forces of the drift of joints that are beyond measure: the pose is "
@@ -180,8 +178,6 @@ def prepared_run(
     passes = np.array([(settings.tolerance, 1, tuple(METHODS).index(name), 0.0, 0.0)], PASSES)
     state.q_first[:] = state.q
     begin = State(*(array.copy() for array in state))
-    if settings.step == 0.0:
-        set_least_motion(compiled, integrator, settings, begin, _LEAST_SHARE)
     if spec.verify is not False and settings.step == 0.0:
         compared = compared_times(spec)
         recorded = np.isin(compared, times)
@@ -216,7 +212,6 @@ def rough_run(prepared: PreparedDynamics, progress: Progress) -> None:
     )  # fmt: skip
     state = State(*(array.copy() for array in prepared.first))
     state.q_first[:] = state.q
-    set_least_motion(own.compiled, own.method, rough, state, _ROUGH_SHARE)
     run, status = Integration(own.compiled, own.method, rough, state), method.FINE
     try:
         while status == method.FINE and not run.finished:
