@@ -57,8 +57,8 @@ _PATIENCE = 4.0
 _REST = 10.0
 # What is left of a step of the plan and not worth a step of its own.
 _NEARLY = 0.1
-# Motion of a body counts as this share at least of the largest motion in the model.
-_LEAST_SHARE = 1e-3
+# Motion of a body counts as this share at least of the largest one, by methods of low order and all.
+_LEAST_SHARE, _NOTHING_SHARE = 1e-3, 1e-12
 
 
 @kernel
@@ -303,9 +303,10 @@ def follow_motion(run: Run) -> int:
     memory["max_displacement"] = max(motion, settings.least_motion)
     span = settings.end - settings.start
     memory["max_velocity"] = max(speed, memory["max_displacement"] / span)
+    share = _LEAST_SHARE if run.method.order < _HIGH_ORDER else _NOTHING_SHARE
     for i in range(v.shape[0]):
-        st.motion[i] = max(st.motion[i], _LEAST_SHARE * memory["max_displacement"])
-        st.speed[i] = max(st.speed[i], _LEAST_SHARE * memory["max_velocity"], st.motion[i] / span)
+        st.motion[i] = max(st.motion[i], share * memory["max_displacement"])
+        st.speed[i] = max(st.speed[i], share * memory["max_velocity"], st.motion[i] / span)
     return FINE
 
 

@@ -47,7 +47,7 @@ def van_der_pol(mu, duration, outputs=100):
 
     knobs = {**_STIFF, "jac": jacobian, "atol": 1e-13} if stiff else {}
     make = system(["y2", f"{mu}*(1 - y1**2)*y2 - y1"], [2.0, 0.0])
-    truth = solved(slope, [2.0, 0.0], [1], **knobs)
+    truth = solved(slope, [2.0, 0.0], **knobs)
     return Scene(make, duration, truth, sized=False, stiff=stiff, outputs=outputs)
 
 

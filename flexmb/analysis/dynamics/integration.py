@@ -21,12 +21,18 @@ from flexmb.model.scenes.dynamics import ACCURACY, DynamicsSpec
 
 _MAX_ITERATIONS = 15
 _NEWTON, _NEWTON_OF_HIGH_ORDER = 1e-8, 1e-10  # relative, with fixed steps
-_LOCAL = 0.2  # local error over the requested error in the end
+_LOCAL = {True: 0.1, False: 0.2}  # local error over the requested one in the end; of high order
 _HIGH_ORDER = 5
 _SLACK = 4.0
 _COMPARED = 51  # times in addition to listed outputs
 _SCOUT_ROWS = 128  # outputs from which on a scout has fewer than the run
 _AT_REST = 1e-6  # motion over the size of the model
+# What round-off of positions, over their distance from the origin, leaves in estimates: of Radau's
+# method, which solves for the motion of a step, and of others.
+_SOLVED, _NOISE = 5e-14, 2e-17
+_SHARE_AT_REST = 1e-3  # of what counts for the model, for one of its parts
+_FASTER = 1e3  # speed at rest over its mean in the run: round-off is fast
+_STATE = 1e-3  # size of a scalar coordinate, of which nothing is known
 # Steps of a chunk times velocity coordinates: about a tenth of a second on a present machine.
 _CHUNK_WORK = 200_000
 # Steps of a chunk at least: after each the state is saved.
@@ -107,7 +113,8 @@ def local_tolerance(spec: DynamicsSpec, integrator: method.Method) -> float:
     """
     accuracy = ACCURACY if spec.accuracy is None else spec.accuracy
     power = max(integrator.error_order / integrator.order, 1.0)
-    return float(min(_LOCAL * accuracy**power, integrator.loosest))
+    local = _LOCAL[integrator.order >= _HIGH_ORDER]
+    return float(min(local * accuracy**power, integrator.loosest))
 
 
 def with_tolerance(
@@ -158,6 +165,41 @@ def loop_settings(
     )
 
 
+def set_least_motion(
+    compiled: Compiled, integrator: method.Method, settings: method.Settings, state: State
+) -> None:
+    """Set motion and speed of all coordinates to what is rest or round-off.
+
+    Round-off grows with the distance from the origin; a share of the size of the part of the
+    model that shares equations, so that what else moves, and where it stands, has no say.
+    """
+    system, kkt = compiled.system, compiled.system.kkt
+    bodies, markers, weights = system.parts.bodies, system.parts.markers, system.weights
+    part = np.arange(int(kkt.panels["nc"].sum()) + 1)  # the last one: left out
+    for panel in kkt.panels[::-1]:
+        own = slice(panel["col"], panel["col"] + panel["nc"])
+        part[own] = part[kkt.rows[panel["rows"]]] if panel["nr"] else panel["col"]
+    of = part[kkt.place[: len(weights)]]
+    arms, on = np.zeros(len(bodies)), markers["body"] >= 0
+    reach = np.linalg.norm(markers["rho"] + markers["arm"], axis=1)
+    np.maximum.at(arms, markers["body"][on], reach[on])
+    low, high = np.full((len(part), 3), np.inf), np.full((len(part), 3), -np.inf)
+    for body, arm in zip(bodies, arms, strict=True):
+        r, own = state.q[body["iq"] : body["iq"] + 3], of[body["iv"] : body["iv"] + 3]
+        low[own], high[own] = np.minimum(low[own], r - arm), np.maximum(high[own], r + arm)
+    size = (high - low).max(axis=1)[of] * weights
+    away = np.maximum(abs(low), abs(high)).max(axis=1)[of] * weights
+    for iv in bodies["iv"]:
+        size[iv + 3 : iv + 6] = away[iv + 3 : iv + 6] = 1.0
+    first = len(weights) - len(system.parts.coordinates)
+    size[first:] = away[first:] = _STATE
+    noise = _SOLVED if integrator.collocation else _NOISE
+    state.motion[:] = np.maximum(
+        _SHARE_AT_REST * settings.least_motion * size, noise / settings.tolerance * away
+    )
+    state.speed[:] = _FASTER / (settings.end - settings.start) * state.motion
+
+
 def scout_settings(settings: method.Settings, integrator: method.Method) -> method.Settings:
     """Of the scout of a run: the tolerance that its longer steps leave."""
     factor = refinement(integrator) ** integrator.error_order
@@ -195,6 +237,8 @@ class Integration:
     ) -> None:
         self.compiled, self.method = compiled, integrator
         self.settings, self.state = settings, state
+        if settings.step == 0.0 and not state.motion.any():
+            set_least_motion(compiled, integrator, settings, state)
         self.times = equal_times(settings) if times is None else times
         channels = len(compiled.layout.channels)
         self.work: Work = new_work(compiled.system, channels, integrator)

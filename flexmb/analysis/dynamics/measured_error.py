@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.dynamics.integration import (
+    _HIGH_ORDER,
     Integration,
     damps_vibrations,
     fine_settings,
@@ -73,6 +74,9 @@ _DAMPED_RATIO = 2.6
 # Difference of a pass below which that of the next one is compared with it; least share of the
 # order that two passes may show.
 _SAME_MOTION, _MIN_ORDER = 0.05, 0.5
+_ORDER_LOST = 1.5  # with stiff states, of 2 at most
+_LUCK = 2.0  # ratio of errors of explicit methods by the pass before, over that by the order
+_LEAST_ERROR = 1e-15  # over the peak-to-peak
 _PARTED = 0.1  # difference over the peak-to-peak from which on two runs are different motions
 
 
@@ -132,6 +136,9 @@ class MeasuredError:
         }  # fmt: skip
         self._places = [k for k, one in enumerate(self._compared) if one.quantity == "positions"]
         self._growth = SampledHistory(len(self._places))  # of the differences of positions
+        # positions of the fine run and differences, of this pass and of the one before
+        self._samples = SampledHistory(len(self._places) * (widest + 1))
+        self._before = np.full_like(self._samples.table, np.nan)
         self._results: dict[float, dict[str, ErrorOf]] = {}  # by ratio, of the rows so far
 
     def arrays(self) -> dict[str, np.ndarray]:
@@ -139,7 +146,13 @@ class MeasuredError:
         return {
             "error_count": self._growth.count, "error_largest": self._largest,
             "error_range": self._range, "error_growth": self._growth.table,
+            "error_samples": self._samples.table, "error_sampled": self._samples.count,
+            "error_before": self._before,
         }  # fmt: skip
+
+    def compare(self, before: MeasuredError) -> None:
+        """Take the pass before for comparison."""
+        self._before[:] = before._samples.table
 
     def add(self, coarse: OutputBlock, fine: OutputBlock) -> None:
         """Take the same rows of both runs, as far as both have them (SI).
@@ -153,11 +166,11 @@ class MeasuredError:
         if n == 0:
             return
         self._results.clear()
-        gaps = np.zeros((n, self._range[0].size))
+        values, gaps = np.zeros((2, n, self._range[0].size))
         low, high = (bound.reshape(-1) for bound in self._range)
         for table, (columns, places) in self._columns.items():
             ours, theirs = (getattr(rows, table)[:n, columns] for rows in (fine, coarse))
-            gaps[:, places] = np.abs(ours - theirs)
+            values[:, places], gaps[:, places] = ours, np.abs(ours - theirs)
             low[places] = np.minimum(low[places], ours.min(axis=0))
             high[places] = np.maximum(high[places], ours.max(axis=0))
         gaps = gaps.reshape(n, *self._range[0].shape).max(axis=2, initial=0.0)
@@ -167,6 +180,8 @@ class MeasuredError:
         self._largest[1, rises] = fine.t[gaps.argmax(axis=0)][rises]
         self._largest[0] = so_far[-1]
         self._growth.add(fine.t[:n], so_far[:, self._places])
+        values = values.reshape(n, *self._range[0].shape)[:, self._places].reshape(n, -1)
+        self._samples.add(fine.t[:n], np.hstack([values, gaps[:, self._places]]))
 
     def largest(self, ratio: float) -> dict[str, ErrorOf]:
         """The largest error of each quantity; `ratio` is that of the errors of the two runs."""
@@ -185,6 +200,19 @@ class MeasuredError:
                 largest[one.quantity] = worst
         self._results[ratio] = largest
         return largest
+
+    def ratio_before(self) -> float:
+        """Ratio of the errors of the two runs of the pass before, whose truth is this one; or 0."""
+        n, spans = len(self._places), self._spans()[self._places]
+        if np.isnan(self._before[0, 0]) or not spans.any():
+            return 0.0
+        rows = self._samples.count[1]
+        now, before = (table[:rows, 1:] for table in (self._samples.table, self._before))
+        error = np.abs(now - before)[:, :-n].max(axis=0).reshape(n, -1).max(axis=1)
+        apart = before[:, -n:].max(axis=0)
+        moves = spans > 0.0
+        worst = (error[moves] / spans[moves]).max()
+        return float(1.0 + (apart[moves] / spans[moves]).max() / max(worst, _LEAST_ERROR))
 
     def reached_until(self, accuracy: float) -> float:
         """Time from which on the runs' positions are apart by more; infinite: never [s]."""
@@ -278,6 +306,12 @@ class VerifiedRun:
         self.recorded, self.of_scout, self.passes = recorded, of_scout, passes
 
     @property
+    def _has_stiff_states(self) -> bool:
+        """Of stiff states the order falls to that of a stage (Hairer & Wanner, II, §IV.15)."""
+        stiff = self.fine.method.stages == 0 and self.fine.method.order >= _HIGH_ORDER
+        return bool(stiff and self.fine.compiled.layout.coordinates)
+
+    @property
     def difference(self) -> float:
         """Largest difference of positions, over their peak-to-peak."""
         largest = self.error.largest(2.0)
@@ -290,18 +324,16 @@ class VerifiedRun:
         Not where the runs were different motions then, whose difference says nothing. The bristles
         of contacts follow with order one: a first pass can not tell whether that decides.
         """
-        integrator, passes = self.fine.method, self.passes[0]
+        integrator, passes, now = self.fine.method, self.passes[0], self.difference
         bristles = remembers_bristles(self.fine.compiled)
-        if not 0.0 < passes["last_difference"] < _SAME_MOTION or self.difference == 0.0:
-            return 1 if bristles else integrator.order
+        highest = integrator.order - _ORDER_LOST * self._has_stiff_states
+        same = passes["last_tolerance"] == passes["tolerance"] or now == 0.0
+        if same or not 0.0 < passes["last_difference"] < _SAME_MOTION:
+            return 1 if bristles else highest
         reduction = math.log(passes["last_tolerance"] / passes["tolerance"])
-        order = (
-            integrator.error_order
-            * math.log(passes["last_difference"] / self.difference)
-            / reduction
-        )
+        order = integrator.error_order * math.log(passes["last_difference"] / now) / reduction
         least = 1.0 if bristles else _MIN_ORDER * integrator.order
-        return min(max(order, least), integrator.order)
+        return min(max(order, least), highest)
 
     @property
     def ratio(self) -> float:
@@ -373,5 +405,8 @@ class VerifiedRun:
         Vibrations that the longer steps damp are damped by the shorter ones too, but for a band
         between, which may be all that a small sensor sees: no balance of energies tells.
         """
-        damped = damps_vibrations(self.fine.compiled, self.fine.method)
-        return self.error.largest(min(self.ratio, _DAMPED_RATIO) if damped else self.ratio)
+        damped, ratio = damps_vibrations(self.fine.compiled, self.fine.method), self.ratio
+        if 0.0 < self.passes[0]["last_difference"] < _SAME_MOTION:
+            luck = _LUCK if self.fine.method.stages else 1.0
+            ratio = min(self.error.ratio_before() or ratio, luck * ratio)
+        return self.error.largest(min(ratio, _DAMPED_RATIO) if damped else ratio)

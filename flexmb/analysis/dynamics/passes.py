@@ -72,11 +72,11 @@ PASSES = np.dtype([
 _FIRST = "first_"  # before the names of the first state in what is saved
 # Measured error, accurate to a factor of about three, over the requested one: that is good enough;
 # that the next pass aims at; from which on a note reports it.
-_ENOUGH, _AIM, _MISSED = 0.6, 0.25, 1.0
+_ENOUGH, _AIM, _MISSED = 0.6, 0.15, 1.0
 # Times as many steps at most from pass to pass; what is left of the difference of the two runs
 # after a pass that was in vain, which after this many means that they part whatever the steps.
 _MAX_MORE_STEPS, _IN_VAIN, _MIN_PASSES = 5.0, 0.5, 2
-_MIN_TOLERANCE = 1e-13  # above round-off
+_MIN_TOLERANCE = 3e-14  # above round-off
 _DIFFERENT_MOTION = 0.01  # difference of two runs
 _FEW, _GROWN = 50, 1e6  # unstable steps; rate times step, above which it is that of the growth
 # Steps from which on, and their share at the limit of stability from which on a run is stiff; that
@@ -144,12 +144,16 @@ class PreparedDynamics:
         again, before = self._restarted(self.method, settings), self.passes[0]
         last = self.settings.tolerance, self.verified.difference
         again.passes[0] = (tolerance, before["count"] + 1, before["method"], *last)
+        assert again.verified is not None
+        again.verified.error.compare(self.verified.error)
+        _set_motion(again, self.run.state)
         return again
 
     def as_last_pass(self) -> PreparedDynamics:
         """The same run from its start, the last one."""
         again = self._restarted(self.method, self.settings)
         again.passes["count"] = MAX_PASSES
+        _set_motion(again, self.run.state)
         return again
 
     def by_method(self, name: str) -> PreparedDynamics:
@@ -172,25 +176,31 @@ def prepared_run(
     assert spec is not None
     integrator, times, verified = make_integrator(spec, name), output_times(spec), None
     passes = np.array([(settings.tolerance, 1, tuple(METHODS).index(name), 0.0, 0.0)], PASSES)
+    state.q_first[:] = state.q
+    begin = State(*(array.copy() for array in state))
     if spec.verify is not False and settings.step == 0.0:
         compared = compared_times(spec)
         recorded = np.isin(compared, times)
         verified = VerifiedRun.of(
-            compiled, model, integrator, settings, state, compared, recorded, passes
+            compiled, model, integrator, settings, begin, compared, recorded, passes
         )
         run = verified.fine
     else:
-        copy = State(*(array.copy() for array in state))
-        run = Integration(compiled, integrator, settings, copy, times)
+        run = Integration(compiled, integrator, settings, begin, times)
     return PreparedDynamics(
         run, model, first=state, settings=settings, verified=verified, passes=passes, **fields
     )
 
 
 def needs_rough_run(prepared: PreparedDynamics) -> bool:
-    """Whether a run is to know in advance what it will move: by the method for stiff motions."""
+    """Whether a run is to know in advance what it will move: by an implicit method.
+
+    The method of order 2 cannot tell how fast states change before they do.
+    """
     controlled, first = prepared.settings.step == 0.0, prepared.passes[0]["count"] == 1
-    return prepared.method == STIFF_METHOD and controlled and bool(first)
+    mechanical = not prepared.run.compiled.layout.coordinates
+    implicit = prepared.run.method.stages == 0 and (mechanical or prepared.method == STIFF_METHOD)
+    return implicit and controlled and bool(first)
 
 
 def rough_run(prepared: PreparedDynamics, progress: Progress) -> None:
@@ -201,7 +211,7 @@ def rough_run(prepared: PreparedDynamics, progress: Progress) -> None:
         least_motion=_MIN_MOTION,
     )  # fmt: skip
     state = State(*(array.copy() for array in prepared.first))
-    state.motion[:] = state.speed[:] = 0.0
+    state.q_first[:] = state.q
     run, status = Integration(own.compiled, own.method, rough, state), method.FINE
     try:
         while status == method.FINE and not run.finished:
@@ -211,11 +221,17 @@ def rough_run(prepared: PreparedDynamics, progress: Progress) -> None:
         return
     if status != method.FINE:
         return
-    states = [prepared.first, own.state]
+    _set_motion(prepared, state)
+
+
+def _set_motion(prepared: PreparedDynamics, like: State) -> None:
+    """Motion and speed of all coordinates of a run are those of another one at least."""
+    states = [prepared.run.state]
     if prepared.verified is not None:
         states.append(prepared.verified.scout.state)
-    for other in states:
-        other.motion[:], other.speed[:] = state.motion, state.speed
+    for state in states:
+        np.maximum(state.motion, like.motion, out=state.motion)
+        np.maximum(state.speed, like.speed, out=state.speed)
 
 
 def stricter_tolerance(prepared: PreparedDynamics) -> float | None:

@@ -92,7 +92,7 @@ def dormand_prince_8() -> Tableau:
     A[13:] = DOP853.A_EXTRA
     c = np.array([*DOP853.C, 1.0, *DOP853.C_EXTRA])
     E = np.array([DOP853.E5, DOP853.E3])
-    return Tableau(A, c, 12, 8, 4.5, 3e-7, E, _dense_weights(DOP853))
+    return Tableau(A, c, 12, 8, 4.5, 1.2e-7, E, _dense_weights(DOP853))
 
 
 @cache

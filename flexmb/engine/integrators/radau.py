@@ -119,8 +119,11 @@ def _add_matrix(pair, fac, f):
 
 
 @kernel
-def correct_stages(run, radau, h):
-    """Newton correction of all stages, into their motions and multipliers; its two sizes."""
+def correct_stages(run, radau, h, floor):
+    """Newton correction of all stages, into their motions and multipliers; its two sizes.
+
+    Over motion and speed counts what is above the floor.
+    """
     st, col, kkt, weights = run.state, run.work.collocation, run.system.kkt, run.system.weights
     place, nv = kkt.place, st.v.shape[0]
     real, pair, to, back = col.real, col.pair, radau.to, radau.back
@@ -157,8 +160,8 @@ def correct_stages(run, radau, h):
     for i in range(STAGES):
         moved = max(moved, weighted_size(col.change[i], weights))
         if run.settings.step == 0.0:
-            size = max(size, scaled_size(col.change[i], weights, st.motion, 0.0))
-            size = max(size, scaled_size(col.change[i], weights, st.speed, 0.0) / h)
+            size = max(size, scaled_size(col.change[i], weights, st.motion, floor))
+            size = max(size, scaled_size(col.change[i], weights, st.speed, floor) / h)
     if run.settings.step > 0.0:
         size = moved
     return size, moved
@@ -280,7 +283,7 @@ def _iterate(run, radau, h):
         if memory["factor_age"] < 0.0:  # at the stage in the middle, the last one evaluated
             factorise_stages(run, radau, h)
             last = 0.0  # a contraction is measured between corrections by one factor
-        size, moved = correct_stages(run, radau, h)
+        size, moved = correct_stages(run, radau, h, floor)
         if not math.isfinite(size):
             return method.NOT_FINITE
         noise = moved <= _NOISE * floor and last > 0.0 and size > REFACTOR_ABOVE * last
@@ -432,7 +435,7 @@ def _estimate_error(run, radau, h):
     filter_motion(run, tr.dq)
     filter_motion(run, tr.jerk)
     noise = _UNTOLD * last_places(run)
-    tr.error[0] = scaled_size(tr.dq, run.system.weights, st.motion, noise)
+    tr.error[0] = scaled_size(tr.dq, run.system.weights, st.motion, 0.0)
     tr.error[1] = scaled_size(tr.jerk, run.system.weights, st.speed, noise / c)
 
 
