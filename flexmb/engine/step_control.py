@@ -59,6 +59,8 @@ _REST = 10.0
 _NEARLY = 0.1
 # Motion of a body counts as this share at least of the largest one, by methods of low order and all.
 _LEAST_SHARE, _NOTHING_SHARE = 1e-3, 1e-12
+# Of the frame of a flexible body, which stiff vibrations shake, over what its modes count as.
+_OF_FRAME = 0.03
 
 
 @kernel
@@ -294,7 +296,9 @@ def follow_motion(run: Run) -> int:
         memory["angular_velocity"] = max(memory["angular_velocity"], rate)
         _follow(st, w, iq + 7, iv + 6, m)
         moved, fast = max(st.motion[iv], st.motion[iv + 3]), max(st.speed[iv], st.speed[iv + 3])
-        _raise(st, iv + 6, m, moved, fast)  # a sensor sees both
+        if m > 0:  # a sensor sees both, and the frame follows the deformation
+            _raise(st, iv, 3, _OF_FRAME * moved, _OF_FRAME * fast)
+            _raise(st, iv + 6, m, moved, fast)
     for k in range(coordinates.shape[0]):
         _follow(st, w, coordinates[k]["iq"], coordinates[k]["iv"], 1)
     motion, speed = 0.0, 0.0

@@ -110,8 +110,14 @@ def test_a_gap_that_no_small_motion_narrows_is_no_assembly() -> None:
 
 def test_rows_of_a_mechanism_that_came_apart_are_left_out() -> None:
     compiled = compile_system(arm("t"))
-    rows = OutputBlock(*(np.zeros((5, 1)) for _ in range(9)))
+    layout = compiled.layout
+    rows = OutputBlock(
+        np.zeros(5), np.zeros((5, layout.nq)), np.zeros((5, layout.nv)),
+        *(np.zeros((5, 1)) for _ in range(6)),
+    )  # fmt: skip
+    rows.q[:, 3] = 1.0
     assert n_closed(compiled, rows) == 5
+    rows.q[3:, 0] = 2e-3 * compiled.length
     rows.drift[3:] = 2e-3 * compiled.length
     assert n_closed(compiled, rows) == 3
     assert len(rows.part(0, 3).t) == 3

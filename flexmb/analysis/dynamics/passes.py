@@ -79,8 +79,7 @@ _MAX_MORE_STEPS, _IN_VAIN, _MIN_PASSES = 5.0, 0.5, 2
 _MIN_TOLERANCE = 3e-14  # above round-off
 _DIFFERENT_MOTION = 0.01  # difference of two runs
 _FEW, _GROWN = 50, 1e6  # unstable steps; rate times step, above which it is that of the growth
-# Steps from which on, and their share at the limit of stability from which on a run is stiff; that
-# share in a run of fixed steps that fails by that.
+# Steps from which on, and unstable share at which, a run is stiff; that of one that fails so.
 _MIN_STEPS, _STIFF_SHARE, _UNSTABLE_SHARE = 200, 0.35, 0.01
 _ROUGH = 1e-3  # local error of the rough run over the motion
 _MIN_MOTION = 1e-3  # that counts in the rough run, over the size of the model

@@ -273,7 +273,7 @@ def _iterate(run, radau, h):
     if abs(memory["factor_step"] - h) > _SAME_STEP * h or memory["contraction"] > _RENEW_ABOVE:
         memory["factor_age"] = -1.0
     allowed, floor = _allowed(run, h), last_places(run)
-    last, last_moved = 0.0, 0.0
+    last, last_moved, least = 0.0, 0.0, 0.0
     for n in range(run.settings.max_iterations):
         _put_rates(run, radau, h)
         for i in (0, 2, 1):
@@ -290,10 +290,12 @@ def _iterate(run, radau, h):
         if last > 0.0 and not noise:
             memory["contraction"] = size / last
             # what a correction of fast parts leaves to others may be as large over their motion
-            if size > allowed and give_up(memory, size / last) and moved > 0.5 * last_moved:
-                return method.NO_CONVERGENCE
+            if size > allowed and give_up(memory, size / last):
+                least = 0.99
+                if moved > 0.5 * last_moved:
+                    return method.NO_CONVERGENCE
         last, last_moved = size, moved
-        theta = min(memory["contraction"], 0.99)
+        theta = max(min(memory["contraction"], 0.99), least)
         # what an old factor leaves is a bias, below the last places of positions too
         settled = moved <= floor and (n > 0 or run.settings.step == 0.0)
         if noise or settled or theta / (1.0 - theta) * size <= allowed:
@@ -435,7 +437,7 @@ def _estimate_error(run, radau, h):
     filter_motion(run, tr.dq)
     filter_motion(run, tr.jerk)
     noise = _UNTOLD * last_places(run)
-    tr.error[0] = scaled_size(tr.dq, run.system.weights, st.motion, 0.0)
+    tr.error[0] = scaled_size(tr.dq, run.system.weights, st.motion, noise)
     tr.error[1] = scaled_size(tr.jerk, run.system.weights, st.speed, noise / c)
 
 
