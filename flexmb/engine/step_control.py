@@ -57,10 +57,10 @@ _PATIENCE = 4.0
 _REST = 10.0
 # What is left of a step of the plan and not worth a step of its own.
 _NEARLY = 0.1
-# Motion of a body counts as this share at least of the largest one, by methods of low order and all.
+# Motion of a body counts as this share at least of the largest one, by low order and by all.
 _LEAST_SHARE, _NOTHING_SHARE = 1e-3, 1e-12
 # Of the frame of a flexible body, which stiff vibrations shake, over what its modes count as.
-_OF_FRAME = 0.03
+_OF_FRAME = 0.01
 
 
 @kernel

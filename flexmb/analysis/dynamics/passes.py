@@ -71,18 +71,17 @@ PASSES = np.dtype([
 
 _FIRST = "first_"  # before the names of the first state in what is saved
 # Measured error, accurate to a factor of about three, over the requested one: that is good enough;
-# that the next pass aims at; from which on a note reports it.
-_ENOUGH, _AIM, _MISSED = 0.6, 0.15, 1.0
+# that the next pass aims at; from which on a note reports it; what can be asked for, over it.
+_ENOUGH, _AIM, _MISSED, _FLOOR = 0.6, 0.15, 1.0, 4.0
 # Times as many steps at most from pass to pass; what is left of the difference of the two runs
 # after a pass that was in vain, which after this many means that they part whatever the steps.
 _MAX_MORE_STEPS, _IN_VAIN, _MIN_PASSES = 5.0, 0.5, 2
-_MIN_TOLERANCE = 3e-14  # above round-off
-_DIFFERENT_MOTION = 0.01  # difference of two runs
+_MIN_TOLERANCE, _DIFFERENT_MOTION = 3e-14, 0.01  # above round-off; difference of two runs
 _FEW, _GROWN = 50, 1e6  # unstable steps; rate times step, above which it is that of the growth
-# Steps from which on, and unstable share at which, a run is stiff; that of one that fails so.
+# Steps and share of unstable ones from which on a run is stiff; that share of one that fails.
 _MIN_STEPS, _STIFF_SHARE, _UNSTABLE_SHARE = 200, 0.35, 0.01
-_ROUGH = 1e-3  # local error of the rough run over the motion
-_MIN_MOTION = 1e-3  # that counts in the rough run, over the size of the model
+# Of the rough run: local error over the motion; motion that counts, over the size of the model.
+_ROUGH, _MIN_MOTION = 1e-3, 1e-3
 
 _DRIFTED = (
     "stabilization makes forces of the drift of joints that are beyond measure: the pose is "
@@ -295,14 +294,14 @@ def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
     other = "" if prepared.method == FINE_METHOD else (
         f', or method = "{FINE_METHOD}", whose floor is lower where the scene is not stiff'
     )  # fmt: skip
-    ask = f"ask for accuracy = {2.0 * worst.error:.1g}{other}"
+    ask = f"ask for accuracy = {_FLOOR * worst.error:.1g}{other}"
     apart, last = verified.difference, prepared.passes[0]["last_difference"]
     events = int(verified.fine.state.count[0]["events"])
     if _is_in_vain(prepared) and apart < _DIFFERENT_MOTION and events:
         yield (
             f"{reached}: shorter steps do not help, as {events} events of contacts, stops or "
             "friction leave errors that fall slower than the order of the method says, and that "
-            f"may be several times as large; ask for accuracy = {2.0 * worst.error:.1g}"
+            f"may be several times as large; ask for accuracy = {_FLOOR * worst.error:.1g}"
         )
     elif _is_in_vain(prepared) and apart < _DIFFERENT_MOTION:
         yield (

@@ -291,7 +291,7 @@ def _iterate(run, radau, h):
             memory["contraction"] = size / last
             # what a correction of fast parts leaves to others may be as large over their motion
             if size > allowed and give_up(memory, size / last):
-                least = 0.99
+                least = 0.5
                 if moved > 0.5 * last_moved:
                     return method.NO_CONVERGENCE
         last, last_moved = size, moved
@@ -437,7 +437,7 @@ def _estimate_error(run, radau, h):
     filter_motion(run, tr.dq)
     filter_motion(run, tr.jerk)
     noise = _UNTOLD * last_places(run)
-    tr.error[0] = scaled_size(tr.dq, run.system.weights, st.motion, noise)
+    tr.error[0] = scaled_size(tr.dq, run.system.weights, st.motion, 0.0)
     tr.error[1] = scaled_size(tr.jerk, run.system.weights, st.speed, noise / c)
 
 

@@ -24,7 +24,7 @@ def driven() -> flexmb.Model:
     made.add_joint("pin", "revolute", between=["ground", "b"], axis="z")
     made.add_force("twist", "torque", at="b", value=[0, 0, "6*sin(3*t)"])
     made.add_sensor("end", "position", of="b.end")
-    made.set_dynamics(duration=10.0, outputs=60, accuracy=1e-6)
+    made.set_dynamics(duration=10.0, outputs=60, accuracy=1e-7)
     return made
 
 
