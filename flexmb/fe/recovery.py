@@ -1,17 +1,31 @@
-"""What a body keeps for the recovery of stress: at its nodes, of its beams and shells."""
+"""What a body stores for the recovery of stress: at its nodes, of its beams and shells.
+
+In: a model and its modes. Out: stress at nodes, section forces of beams, and membrane forces,
+moments and transverse forces of shells at their nodes, in axes of each node: its mean normal and
+the direction of material axis 1.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from flexmb.fe.assembly.assemble import FEMatrices
-from flexmb.fe.shell_resultants import shell_force_modes
-from flexmb.fe.stress import section_force_modes, stress_modes, stress_option
-from flexmb.flexbody.arrays import FloatArray
+from flexmb.fe.elements.element_blocks import Block
+from flexmb.fe.elements.shell_fields import flatten, shell_functions
+from flexmb.fe.stress import (
+    Places,
+    averaged,
+    section_force_modes,
+    stress_modes,
+    stress_option,
+    stress_sections,
+)
+from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.body import FlexBody
-from flexmb.flexbody.stress_modes import OmittedStress, SectionForceModes
+from flexmb.flexbody.stress_modes import OmittedStress, SectionForceModes, ShellForceModes
 from flexmb.progress import Progress, silent
 
 
@@ -68,3 +82,95 @@ def with_recovery(
         section_forces=forces,
         omitted_stress=rest,
     )
+
+
+def shell_force_modes(
+    fe: FEMatrices, Phi: FloatArray, nodes: IntArray | None = None
+) -> ShellForceModes | None:
+    """Resultants of shells at their nodes per unit modal coordinate; None without shells.
+
+    Those of the elements that meet are turned into common axes and averaged like their stress.
+    Transverse forces follow from the slopes of these moments by equilibrium: those of the elements'
+    own shear strains do not converge. At free edges the slopes are one-sided.
+    """
+    U = fe.expand(Phi)
+    wanted = np.ones(len(fe.mesh.points), dtype=bool)
+    if nodes is not None:
+        wanted[:] = False
+        wanted[nodes] = True
+    parts: list[str] = []
+    columns = []
+    for blocks in stress_sections([block for block in fe.blocks if block.family.dimension == 2]):
+        places = Places(fe, blocks, wanted)
+        axes = _nodal_axes(fe, places)
+
+        def turned(block: Block, x: FloatArray, rows: IntArray, axes: FloatArray = axes) -> Any:
+            values, own = block.family.resultants(x, block.section)
+            return _turned(values, own, axes[rows])
+
+        ids, values = averaged(fe, places, 6, U, turned)
+        values = np.concatenate([values, _transverse_forces(fe, places, axes, values)], axis=1)
+        parts += [name for name in (blocks[0].group,) if name not in parts]
+        part = np.full(len(ids), parts.index(blocks[0].group))
+        columns.append((ids, part, axes, values))
+    if not columns:
+        return None
+    ids, part, axes, values = (np.concatenate(column) for column in zip(*columns, strict=True))
+    order = np.argsort(ids, kind="stable")
+    return ShellForceModes(ids[order], part[order], tuple(parts), axes[order], values[order])
+
+
+def _nodal_axes(fe: FEMatrices, places: Places) -> FloatArray:
+    """(p, 3, 3) axes at each place: the mean normal, axis 1 of the elements projected."""
+    total = np.zeros((len(places.nodes), 3, 3))
+    for block, rows in zip(places.blocks, places.rows, strict=True):
+        own = flatten(fe.mesh.points[block.nodes], block.section.orientation).axes
+        used = rows >= 0
+        np.add.at(total, rows[used], np.repeat(own, rows.shape[1], axis=0)[used.ravel()])
+    normal = total[:, :, 2] / np.linalg.norm(total[:, :, 2], axis=1, keepdims=True)
+    first = total[:, :, 0] - np.sum(total[:, :, 0] * normal, axis=1, keepdims=True) * normal
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(normal, first), normal], axis=2)
+
+
+def _turned(values: FloatArray, own: FloatArray, axes: FloatArray) -> FloatArray:
+    """(ne, k, 6, d) resultants in element axes own (ne, 3, 3) as those in axes (ne, k, 3, 3)."""
+    T = _tensor_rotation(_angle(own, axes))
+    return np.concatenate([np.matmul(T, values[:, :, :3]), np.matmul(T, values[:, :, 3:])], axis=2)
+
+
+def _tensor_rotation(angle: FloatArray) -> FloatArray:
+    """(..., 3, 3) xx, yy, xy of a plane tensor in axes that are turned by an angle."""
+    c, s = np.cos(angle), np.sin(angle)
+    rows = [[c * c, s * s, 2 * c * s], [s * s, c * c, -2 * c * s], [-c * s, c * s, c * c - s * s]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def _angle(own: FloatArray, axes: FloatArray) -> FloatArray:
+    """(ne, k) by which axes (ne, k, 3, 3) are turned about the normal from own (ne, 3, 3)."""
+    T = np.einsum("eai,ekaj->ekij", own[:, :, :2], axes[..., :2])
+    return np.asarray(np.arctan2(T[..., 1, 0] - T[..., 0, 1], T[..., 0, 0] + T[..., 1, 1]))
+
+
+def _transverse_forces(
+    fe: FEMatrices, places: Places, axes: FloatArray, values: FloatArray
+) -> FloatArray:
+    """(p, 2, m) Qx = Mx,x + Mxy,y and Qy = Mxy,x + My,y of moments at the places (p, 6, m)."""
+    total = np.zeros((len(places.nodes), 2, values.shape[2]))
+    met = np.zeros(len(places.nodes))
+    for block, rows in zip(places.blocks, places.rows, strict=True):
+        inside = np.flatnonzero((rows >= 0).all(axis=1))
+        slopes = shell_functions(block.kind, "center").corner_slopes[0]
+        for part in np.array_split(inside, 1 + len(inside) * values.shape[2] // 100_000):
+            flat = flatten(fe.mesh.points[block.nodes[part]], block.section.orientation)
+            at = rows[part]
+            angle = _angle(flat.axes, axes[at])
+            moments = np.matmul(_tensor_rotation(-angle), values[at][:, :, 3:])
+            grads = np.linalg.inv(np.matmul(slopes, flat.xy)) @ slopes
+            M = moments[:, :, [[0, 2], [2, 1]]]
+            Q = np.einsum("ejk,ekijm->eim", grads, M)
+            c, s = np.cos(angle)[..., None], np.sin(angle)[..., None]
+            Qx, Qy = Q[:, None, 0], Q[:, None, 1]
+            np.add.at(total, at, np.stack([c * Qx + s * Qy, c * Qy - s * Qx], axis=2))
+            np.add.at(met, at, 1.0)
+    return total / np.maximum(met, 1.0)[:, None, None]

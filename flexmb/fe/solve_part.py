@@ -22,7 +22,6 @@ from flexmb.fe.assembly.assemble import (
 )
 from flexmb.fe.assembly.interfaces import InterfaceLike, ModelInterface
 from flexmb.fe.assembly.loads import condensed_load, load_vector
-from flexmb.fe.assembly.rigid_motions import motions_in_words
 from flexmb.fe.assembly.supports import Supports, make_supports
 from flexmb.fe.meshes.mesh_shapes import MeshLike
 from flexmb.fe.model_checks import Finding, check_releases, mass_sentence, point_mass
@@ -250,7 +249,7 @@ def _check_motions(
     free = constraints.free_motions(size)
     if not free.shape[1]:
         return []
-    names = "; ".join(motions_in_words(free, fe.center, size))
+    names = "; ".join(_motions_in_words(free, fe.center, size))
     needs = [k for k in ("loads", "buckling", "preload") if getattr(options, k)]
     if needs or is_static(options):
         what = f"leave the part free to move as a whole: {names}"
@@ -261,3 +260,61 @@ def _check_motions(
         problem = Problem("supports", f"{what} ({names}): take rbe2, or hold the rest")
         raise ReductionError.from_problems([problem])
     return [f"free to move as a whole: {names}; frequencies are those of the deformation"]
+
+
+def _motions_in_words(N: FloatArray, center: FloatArray, size: float) -> list[str]:
+    """Sentences for rigid motions (6, r) about the centre of mass: translations and rotations.
+
+    Parameters
+    ----------
+    N : (6, r) float
+        Independent translations [m] and rotations [rad].
+    center : (3,) float
+        Centre of mass [m].
+    size : float
+        Of the part [m].
+    """
+    rows = (N * np.array([1.0] * 3 + [size] * 3)[:, None]).T[:, [3, 4, 5, 0, 1, 2]]
+    words = []
+    for row in _echelon(rows):
+        w, t = row[:3], row[3:]
+        if np.abs(w).max() < 1e-6 * np.abs(t).max():
+            words.append(f"translation along {_direction(t)}")
+            continue
+        w = w / size
+        rate = float(np.linalg.norm(w))
+        point = center + np.cross(w, t) / rate**2
+        pitch = float(w @ t) / rate**2
+        point[np.abs(point) < 1e-9 * size] = 0.0
+        place = ", ".join(f"{x:.4g}" for x in point)
+        screw = f", sliding {pitch:.3g} m along it per rad" if abs(pitch) > 1e-6 * size else ""
+        words.append(f"rotation about {_direction(w)} through ({place}) m{screw}")
+    return words
+
+
+def _echelon(rows: FloatArray) -> FloatArray:
+    """Reduced row echelon form with pivots of largest size."""
+    rows, at = rows.copy(), 0
+    for column in range(rows.shape[1]):
+        if at == len(rows):
+            break
+        pivot = at + int(np.abs(rows[at:, column]).argmax())
+        if abs(rows[pivot, column]) < 1e-6:
+            rows[at:, column] = 0.0
+            continue
+        rows[[at, pivot]] = rows[[pivot, at]]
+        rows[at] /= rows[at, column]
+        others = np.arange(len(rows)) != at
+        rows[others] -= np.outer(rows[others, column], rows[at])
+        at += 1
+    rows[np.abs(rows) < 1e-9] = 0.0
+    return rows
+
+
+def _direction(vector: FloatArray) -> str:
+    unit = vector / np.linalg.norm(vector)
+    unit *= np.sign(unit[np.abs(unit).argmax()])
+    axis = int(np.abs(unit).argmax())
+    if np.abs(np.delete(unit, axis)).max() < 1e-6:
+        return "xyz"[axis]
+    return "(" + ", ".join(f"{x:.4g}" for x in unit) + ")"

@@ -32,6 +32,7 @@ from flexmb.fe.assembly.numbering import Accumulator
 from flexmb.fe.assembly.supports import Supports
 from flexmb.fe.displacements import node_modes, surface
 from flexmb.fe.linear_solver import SingularMatrix
+from flexmb.fe.recovery import shell_force_modes
 from flexmb.fe.reduction.eigenmodes import (
     dense_modes,
     lowest_modes,
@@ -42,7 +43,6 @@ from flexmb.fe.reduction.eigenmodes import (
 from flexmb.fe.reduction.fixed_interface import BorderedSolver
 from flexmb.fe.reduction.inertia_relief import InertiaRelief
 from flexmb.fe.reduction.reduced_basis import moving_nodes
-from flexmb.fe.shell_resultants import shell_force_modes
 from flexmb.fe.stress import section_force_modes, stress_modes
 from flexmb.flexbody.arrays import FloatArray, IntArray, skew
 from flexmb.flexbody.mesh_options import GravityLoad

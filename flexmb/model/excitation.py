@@ -4,27 +4,39 @@ In: drivers, loads that are functions of time, initial spins; joints and forces.
 up to which bodies answer with inertia. A motion f(t) has the frequencies |ḟ|/2π of an angle that
 turns round, and √(max |f̈| / max |f − mean|)/2π. Also where something acts beside the interfaces:
 modes answer a load at an interface exactly, in the static limit, and at other nodes as well as the
-vibration modes do.
+vibration modes do. And how initial angular velocities and drivers accelerate a body: whether its
+modes answer its own inertia loads, or need the static responses to them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.errors import FlexmbError
+from flexmb.flexbody.static_response import InertiaResponse
 from flexmb.model.body import BodySpec
 from flexmb.model.functions.expression import Expression
 from flexmb.model.functions.function import Function
-from flexmb.model.lookup import ModelData
+from flexmb.model.lookup import ModelData, global_axes, global_position, joint_frames
+from flexmb.model.markers import rotation_matrix
+
+if TYPE_CHECKING:
+    from flexmb.flexbody import FlexBody
+    from flexmb.model.joints.driver import DriverSpec
+
+Array = NDArray[np.float64]
 
 BAND_FACTOR = 25.0
 """Cutoff over the fastest frequency: a mode answers statically to 1 % below a tenth of its
 frequency, and between pins a bar vibrates at 0.44 of its frequency when free."""
 _SAMPLES = 400
+_ROTATION_SAMPLES = 201  # times at which a driver is looked at
 _MANY_CYCLES = 3.0
 
 
@@ -77,7 +89,7 @@ def _driving_functions(model: ModelData) -> Iterator[tuple[str, str, Function]]:
 
 
 @lru_cache(maxsize=64)
-def _samples(expression: Expression, end: float) -> NDArray[np.float64]:
+def _samples(expression: Expression, end: float) -> Array:
     """(times, 3) value, first and second derivative."""
     return np.array([expression.value(t) for t in np.linspace(0.0, end, _SAMPLES)])
 
@@ -141,3 +153,114 @@ def load_points(model: ModelData, name: str) -> list[int | tuple[float, ...]]:
             if point != () and point not in points:
                 points.append(point)
     return points
+
+
+def needs_inertia_residuals(model: ModelData, name: str, bodies: Mapping[str, FlexBody]) -> bool:
+    """Whether the modes of a body do not answer the inertia loads of its prescribed rotation.
+
+    Parameters
+    ----------
+    model : ModelData
+        The scene.
+    name : str
+        The body.
+    bodies : mapping of str to FlexBody
+        Reduced bodies, this one among them.
+    """
+    body = bodies[name]
+    response = body.inertia_response
+    return response is not None and any(
+        response.needs_residuals(c, body.characteristic_length, body.mass)
+        for c in _accelerations(model, name, bodies)
+    )
+
+
+def is_rotated(model: ModelData, name: str) -> bool:
+    """Whether an initial angular velocity or a driver turns a body."""
+    return next(_rotations(model, name), None) is not None
+
+
+def _accelerations(model: ModelData, name: str, bodies: Mapping[str, FlexBody]) -> Iterator[Array]:
+    """(t, 12) of each rotation that is prescribed."""
+    spec, center = model.bodies[name], bodies[name].center
+    A = rotation_matrix(spec.orientation)
+    for driver, alpha, omega in _rotations(model, name):
+        if driver is None:
+            turns = [(np.zeros(3), alpha @ A, omega @ A)]
+        else:
+            turns = []
+            for point, axis in _axes(model, driver, bodies):
+                arm = center - A.T @ (point - np.array(spec.position))
+                turns.append((arm, np.outer(alpha, axis @ A), np.outer(omega, axis @ A)))
+        for arm, rate, w in turns:
+            a = np.cross(rate, arm) + np.cross(w, np.cross(w, arm))
+            yield InertiaResponse.factors(a, rate, w)
+
+
+def _axes(
+    model: ModelData, driver: DriverSpec, bodies: Mapping[str, FlexBody]
+) -> Iterator[tuple[Array, Array]]:
+    """A point and the direction of the axis that a driver turns about, global, as placed.
+
+    Any axis where it is not known yet, on another body that is not reduced.
+    """
+    try:
+        I, _ = joint_frames(model, driver.joint or "", bodies)  # noqa: E741
+    except (FlexmbError, KeyError):
+        name, body = next(iter(bodies.items()))
+        spec = model.bodies[name]
+        center = np.array(spec.position) + rotation_matrix(spec.orientation) @ body.center
+        yield from ((center, axis) for axis in np.eye(3))
+        return
+    yield global_position(model, I), global_axes(model, I)[:, 2]
+
+
+def _rotations(model: ModelData, name: str) -> Iterator[tuple[DriverSpec | None, Array, Array]]:
+    """The driver, or None, with angular acceleration and velocity over the run.
+
+    Of a driver about its axis (t,), of an initial one as a vector (t, 3), global.
+    """
+    run = model.dynamics or model.kinematics
+    if run is None:
+        return
+    bodies = _welded(model, name)
+    for body in bodies:
+        for marker, initial in model.bodies[body].initial_velocities.items():
+            if initial.angular_velocity is not None:
+                spin = np.array(initial.angular_velocity)
+                if initial.axes == "body" and marker in model.bodies[body].markers:
+                    spin = rotation_matrix(model.bodies[body].markers[marker].orientation) @ spin
+                if initial.axes == "body":
+                    spin = rotation_matrix(model.bodies[body].orientation) @ spin
+                if spin.any():
+                    yield None, np.zeros((1, 3)), spin[None]
+    times = np.linspace(0.0, run.duration, _ROTATION_SAMPLES)
+    for driver in model.drivers.values():
+        ends = model.joints[driver.joint].between if driver.joint in model.joints else driver.ends
+        of = {end.partition(".")[0] for end in ends}
+        if "ground" not in of or not of & bodies:
+            continue
+        for coordinate, function in driver.motions(model.plane):
+            if "angle" in coordinate and not function.expression.channels:
+                jets = np.array([tuple(function.value(t)) for t in times])
+                if driver.order == 2:
+                    omega, alpha = np.cumsum(jets[:, 0]) * (times[1] - times[0]), jets[:, 0]
+                else:
+                    omega, alpha = jets[:, 1 - driver.order], jets[:, 2 - driver.order]
+                finite = np.isfinite(omega) & np.isfinite(alpha)
+                if np.any(omega[finite]) or np.any(alpha[finite]):
+                    yield driver, alpha[finite], omega[finite]
+
+
+def _welded(model: ModelData, name: str) -> set[str]:
+    """A body and those that fixed joints connect with it."""
+    welds = [
+        {end.partition(".")[0] for end in joint.between}
+        for joint in model.joints.values()
+        if joint.type == "fixed"
+    ]
+    bodies, size = {name}, 0
+    while len(bodies) > size:
+        size = len(bodies)
+        bodies = bodies.union(*(weld for weld in welds if weld & bodies)) - {"ground"}
+    return bodies

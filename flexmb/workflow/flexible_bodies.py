@@ -28,12 +28,11 @@ from flexmb.errors import (
 )
 from flexmb.flexbody.static_response import load_nodes
 from flexmb.folders import output_folder, writable_folder
-from flexmb.model.excitation import load_points
+from flexmb.model.excitation import is_rotated, load_points, needs_inertia_residuals
 from flexmb.model.flexible_body import FlexbodySpec
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.plane import simulated_body
 from flexmb.progress import Progress, silent
-from flexmb.workflow.prescribed_rotation import is_rotated, needs_inertia_residuals
 from flexmb.workflow.run_report import CheckOutcome, check_frequencies
 
 if TYPE_CHECKING:

@@ -16,17 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.gaps import moved_notes
-from flexmb.analysis.assembly.joined_damping import add_damping
+from flexmb.analysis.assembly.joined_damping import add_damping, choose_static_modes
 from flexmb.analysis.assembly.positions import (
     Corrector,
     assembly_weights,
     close_positions,
     mass_corrector,
 )
-from flexmb.analysis.assembly.residual_flexibility import choose_static_modes, static_coordinates
 from flexmb.analysis.assembly.velocities import InitialVelocities
 from flexmb.analysis.equilibrium import settle, spin_of
-from flexmb.engine.bodies.static_modes import STATIC_MODES
+from flexmb.engine.bodies.static_modes import STATIC_MODES, static_coordinates
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import solve_stage, stage_solver
 from flexmb.engine.forces.force_characteristic import FORCE_CHARACTERISTICS
@@ -148,7 +147,7 @@ def assemble(
     notes = [*placement, *velocities.notes(state)] if begin is None else []
     solve_stage(system, state, work, REMEMBER)
     elastic = start == "quasi-static"
-    modes = _modal_coordinates(compiled) if elastic else static_coordinates(compiled)
+    modes = _modal_coordinates(compiled) if elastic else static_coordinates(compiled.system)
     if len(modes) and begin is None:
         _equilibrate(compiled, modes, _SLOW * period, state, work, close)
     if start == "static" and begin is None:

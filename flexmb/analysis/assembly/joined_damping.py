@@ -1,12 +1,17 @@
-"""Damping of flexible bodies as the scene joins them.
+"""Flexible bodies as the scene joins them: their damping, and which of their modes may be static.
 
 In: a compiled model and its first pose. Out: the model with the damping matrices of its bodies, and
 the ratio that each mode has. The modes of a body as joined are those of the scene in that pose with
 this body flexible and all others rigid: joints, couplers and drivers hold, the others move with
 their mass, springs and other forces are left out. Quasi-static modes have no mass, and those of
-kinetostatic bodies no vibrations. A bar that
-is driven at its hub is clamped there; one on a free hub vibrates against its mass. In scenes of
-more than `MAX_COORDINATES` coordinates the others are at rest.
+kinetostatic bodies no vibrations. A bar that is driven at its hub is clamped there; one on a free
+hub vibrates against its mass. In scenes of more than `MAX_COORDINATES` coordinates the others are
+at rest.
+
+Bodies are kinetostatic (`engine.bodies.static_modes`) only where the joints do not need their
+compliance: with these modes still, bodies and dynamic modes must be able to do what all coordinates
+can, or drivers would lock the machine, and reactions that only elasticity decides would be
+anyone's. Nor are they beside bodies with other modes: what closes a joint there would strain these.
 """
 
 from __future__ import annotations
@@ -16,18 +21,21 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, qr
 
 from flexmb.analysis.assembly.jacobian import (
     MAX_COORDINATES,
     Decomposition,
+    WeightedJacobian,
     column_scales,
     dense_jacobian,
+    n_free,
     null_space,
+    numerical_rank,
     one_blas_thread,
 )
-from flexmb.analysis.assembly.residual_flexibility import condensation, static_bodies
 from flexmb.engine.bodies.flexible_body import put_flags
+from flexmb.engine.bodies.static_modes import free_static_modes, static_bodies, static_coordinates
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import evaluate_rows
 from flexmb.engine.state import Work
@@ -43,6 +51,8 @@ from flexmb.results import BodyDamping
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+_NO_MASS = 1e-11  # of the largest
 
 
 def damping_words(model: Model, name: str, body: FlexBody) -> DampingOptions | None:
@@ -76,7 +86,7 @@ def add_damping(compiled: Compiled, model: Model, q: Array) -> tuple[Compiled, l
     flexbodies = dict(compiled.flexbodies)
     problems: list[Problem] = []
     dampings: list[BodyDamping] = []
-    every, (static, kinetostatic) = list(range(len(bodies))), static_bodies(compiled)
+    every, (static, kinetostatic) = list(range(len(bodies))), static_bodies(compiled.system)
     scene, others = None, ""
     for k, (row, columns) in enumerate(zip(bodies, compiled.layout.bodies, strict=True)):
         body = compiled.flexbodies.get(columns.name)
@@ -173,7 +183,7 @@ class JoinedScene:
     @cached_property
     def flexible(self) -> list[int]:
         """Numbers of the flexible bodies, that are not kinetostatic."""
-        _, kinetostatic = static_bodies(self._compiled)
+        _, kinetostatic = static_bodies(self._compiled.system)
         bodies = enumerate(self._compiled.layout.bodies)
         return [k for k, one in bodies if one.m and k not in kinetostatic]
 
@@ -213,7 +223,7 @@ class JoinedScene:
             K = block_diag(*(self._compiled.flexbodies[one.name].K for one in several))
             K = K[np.ix_(moving, moving)]
             eta = self._scales[modal, None] * motions[n:]
-            if any(k in static_bodies(self._compiled)[0] for k in bodies):
+            if any(k in static_bodies(self._compiled.system)[0] for k in bodies):
                 T = condensation(mass, eta.T @ K @ eta)[0]
                 eta, mass = eta @ T, T.T @ mass @ T
             return Vibrations.of(K, eta, mass)
@@ -249,3 +259,44 @@ def _mass(system: System, k: int, body: FlexBody | None) -> Array:
         return mass_at_rest(body.mass, body.S1, body.S0, body.p, body.P, M_eta)
     no = np.zeros
     return mass_at_rest(row["mass"], row["S1"], row["S0"], no((3, 0)), no((3, 3, 0)), no((0, 0)))
+
+
+@one_blas_thread()
+def choose_static_modes(compiled: Compiled, q: Array) -> Compiled:
+    """The model with kinetostatic bodies only if its joints allow them, at q (nq,)."""
+    modes = static_coordinates(compiled.system, kinetostatic=True)
+    if not len(modes) or n_free(compiled) > MAX_COORDINATES:
+        return compiled
+    if sum(body.m for body in compiled.layout.bodies) > len(modes):
+        return replace(compiled, system=free_static_modes(compiled.system))
+    state, work = new_state(compiled.system), new_work(compiled.system)
+    state.q[:] = q
+    evaluate_rows(compiled.system, state, work)
+    rows = WeightedJacobian.of(compiled, dense_jacobian(compiled, work))
+    ranks = [
+        numerical_rank(np.asarray(np.linalg.svd(A, compute_uv=False)), 1.0)
+        for A in (rows.A, rows.A[:, ~np.isin(rows.columns, modes)])
+    ]
+    if ranks[0] == ranks[1]:
+        return compiled
+    return replace(compiled, system=free_static_modes(compiled.system))
+
+
+def condensation(M: Array, K: Array) -> tuple[Array, Array, Integers]:
+    """Static equilibrium of motions without mass (Guyan).
+
+    M (n, n) is symmetric, K (n, n) need not be. Returns T and L (n, k) with the condensed matrices
+    Lᵀ M T and Lᵀ K T, and the places (k,) of the coordinates that remain.
+    """
+    n = len(M)
+    values, vectors = np.linalg.eigh(0.5 * (M + M.T))
+    free = vectors[:, values <= _NO_MASS * values.max(initial=0.0)]
+    if not free.size:
+        return np.eye(n), np.eye(n), np.arange(n)
+    _, _, order = qr(free.T, pivoting=True, mode="economic")
+    remaining = np.sort(order[free.shape[1] :])
+    keep = np.eye(n)[:, remaining]
+    stiffness = free.T @ K @ free
+    T = keep - free @ np.linalg.solve(stiffness, free.T @ K @ keep)
+    L = keep - free @ np.linalg.solve(stiffness.T, free.T @ K.T @ keep)
+    return T, L, remaining

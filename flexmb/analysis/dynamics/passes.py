@@ -24,8 +24,7 @@ from typing import Any
 import numpy as np
 
 from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
-from flexmb.analysis.assembly.joined_damping import add_damping
-from flexmb.analysis.assembly.residual_flexibility import choose_static_modes
+from flexmb.analysis.assembly.joined_damping import add_damping, choose_static_modes
 from flexmb.analysis.dynamics.integration import (
     Integration,
     compared_times,

@@ -27,7 +27,6 @@ from scipy.linalg import block_diag
 
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, n_free
 from flexmb.analysis.assembly.joined_damping import JoinedScene
-from flexmb.analysis.assembly.residual_flexibility import static_bodies, static_coordinates
 from flexmb.analysis.dynamics.linear_elasticity import (
     LinearElasticityMonitor,
     loads_without_stiffening,
@@ -35,6 +34,7 @@ from flexmb.analysis.dynamics.linear_elasticity import (
 from flexmb.analysis.dynamics.load_factor import LoadFactorMonitor
 from flexmb.analysis.dynamics.modal_basis import ModalBasisMonitor
 from flexmb.analysis.monitors import Indicator, Monitor
+from flexmb.engine.bodies.static_modes import static_bodies, static_coordinates
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import FINE_METHOD, STIFF_METHOD
 from flexmb.engine.state import State
@@ -161,7 +161,7 @@ class OmittedVibrationMonitor:
 
     def __init__(self, compiled: Compiled, model: Model, q: Array) -> None:
         explicit = model.dynamics is not None and model.dynamics.method == FINE_METHOD
-        still = static_coordinates(compiled, kinetostatic=not explicit)
+        still = static_coordinates(compiled.system, kinetostatic=not explicit)
         self._cure = 'deformation = "automatic" has them'
         if explicit:
             self._cure = f'method = "{STIFF_METHOD}" has those of bodies not "quasi-static"'
@@ -172,7 +172,7 @@ class OmittedVibrationMonitor:
         self._rows = np.zeros((0, 1))  # (2, 1 + k) of the last rows
         if not len(still) or n_free(compiled) > MAX_COORDINATES:
             return
-        every, kinetostatic = static_bodies(compiled)
+        every, kinetostatic = static_bodies(compiled.system)
         rows = every if explicit else kinetostatic
         self._names = [compiled.layout.bodies[k].name for k in rows]
         scene = JoinedScene(compiled, q, list(range(len(compiled.layout.bodies))))

@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import numerical_rank, one_blas_thread
-from flexmb.analysis.assembly.residual_flexibility import static_coordinates
 from flexmb.analysis.effects.stored_motion import Motion, equations_of
 from flexmb.engine import equations_of_motion as stages
+from flexmb.engine.bodies.static_modes import static_coordinates
 from flexmb.engine.compile import Compiled
 from flexmb.engine.units import call, hand_over, prepare_units
 from flexmb.engine.work import new_run, new_state, new_work, units_of
@@ -127,7 +127,7 @@ class _Frames:
 
         self.compiled, system = compiled, compiled.system
         used = np.flatnonzero(system.kkt.column >= 0)  # quasi-static modes have no motion here
-        self.used = np.setdiff1d(used, static_coordinates(compiled)).astype(np.int64)
+        self.used = np.setdiff1d(used, static_coordinates(compiled.system)).astype(np.int64)
         weights = np.where(system.weights > 0.0, system.weights, 1.0)
         self.inverse = 1.0 / weights
         axes = [

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmb.analysis.assembly.initial_state import StartValues, assemble
 from flexmb.analysis.assembly.jacobian import ConstraintRows, column_scales, one_blas_thread
-from flexmb.analysis.assembly.residual_flexibility import condensation, static_bodies
+from flexmb.analysis.assembly.joined_damping import condensation
 from flexmb.analysis.linear.eigenmodes import Complex, Eigenmodes, eigenmodes
 from flexmb.analysis.linear.observer import RowsAlongMotion, SeenEquations, body_axes, fastest_rate
 from flexmb.analysis.linear.state_equations import Array, StateEquations, Tangents
@@ -29,6 +29,7 @@ from flexmb.analysis.linear.state_space import (
     frequency_response,
     state_space,
 )
+from flexmb.engine.bodies.static_modes import static_bodies
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import State
 from flexmb.errors import Problem, SceneError, nearest
@@ -129,7 +130,7 @@ class Linearization:
     def _modes(self) -> Eigenmodes:
         M, D, K, coordinates = self.mass, self.damping, self.stiffness, self.seen.coordinates
         rate, states = fastest_rate(self.compiled, self.state), coordinates.states
-        if not static_bodies(self.compiled)[0]:
+        if not static_bodies(self.compiled.system)[0]:
             return eigenmodes(M, D, K, states, rate)
         scales = column_scales(self.compiled)[coordinates.index]
         scales = np.where(scales > 0.0, scales, 1.0)

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.assembly.residual_flexibility import free_static_modes
 from flexmb.engine.bodies.motion import move
+from flexmb.engine.bodies.static_modes import free_static_modes
 from flexmb.engine.bodies.wrench import marker_jacobian
 from flexmb.engine.compile import Compiled
 from flexmb.engine.equations_of_motion import put_matrix, put_rows

@@ -25,6 +25,7 @@ from flexmb.engine.jit import Integers, Vector, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.state import Point, Run
+from flexmb.engine.tables import System
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -199,3 +200,31 @@ def static_modes(
         np.concatenate(compliance),
         np.array([add_history(_POINTS * (1 + len(some))) for some in modes], np.int64),
     )
+
+
+def static_bodies(system: System) -> tuple[list[int], list[int]]:
+    """Numbers of the bodies with quasi-static modes, and of the kinetostatic ones."""
+    static = system.kinds.get(STATIC_MODES.name)
+    if static is None:
+        return [], []
+    return static.rows.tolist(), static.rows[static.kinetostatic == 1].tolist()
+
+
+def static_coordinates(system: System, *, kinetostatic: bool = False) -> Integers:
+    """(k,) places in v of the quasi-static modes: of all, or of kinetostatic bodies."""
+    static = system.kinds.get(STATIC_MODES.name)
+    if static is None:
+        return np.zeros(0, np.int64)
+    begins = system.parts.bodies["iv"] + 6
+    count = np.diff(static.first)
+    places = np.asarray(np.repeat(begins[static.rows], count) + static.modes, np.int64)
+    return places[np.repeat(static.kinetostatic == 1, count)] if kinetostatic else places
+
+
+def free_static_modes(system: System) -> System:
+    """The system with all quasi-static modes moving without mass."""
+    static: StaticModes | None = system.kinds.get(STATIC_MODES.name)
+    if static is None or not static.kinetostatic.any():
+        return system
+    free = static._replace(kinetostatic=np.zeros_like(static.kinetostatic))
+    return system._replace(kinds={**system.kinds, STATIC_MODES.name: free})

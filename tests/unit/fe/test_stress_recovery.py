@@ -11,9 +11,9 @@ from flexmb.errors import ReductionError
 from flexmb.fe import Mesh, assemble, rectangle, reduce, resolve
 from flexmb.fe import stress as recovery
 from flexmb.fe.elements.element_blocks import skin_triangles
+from flexmb.fe.recovery import _turned
 from flexmb.fe.sections.section_tables import SolidSection
 from flexmb.fe.sections.shell_section import shell
-from flexmb.fe.shell_resultants import _turned
 from flexmb.fe.stress import section_force_modes, stress_modes, stress_option
 from flexmb.flexbody import von_mises
 from flexmb.flexbody.stress_modes import principal_stresses

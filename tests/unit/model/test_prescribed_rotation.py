@@ -6,7 +6,7 @@ import numpy as np
 
 from flexmb.fe import reduce
 from flexmb.model import Model
-from flexmb.workflow.prescribed_rotation import _accelerations
+from flexmb.model.excitation import _accelerations
 
 
 def test_the_centre_goes_round_the_hinge():
