@@ -23,9 +23,7 @@ from flexmb.analysis.linear.linearization import Linearization, linearize_state
 from flexmb.analysis.linear.observer import RowsAlongMotion, SeenEquations
 from flexmb.analysis.linear.state_equations import Array, StateEquations
 from flexmb.analysis.linear.state_space import actuators
-from flexmb.analysis.procedure import (
-    ChunkRows,
-)
+from flexmb.analysis.procedure import ChunkRows
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import statics_units
 from flexmb.engine.state import State

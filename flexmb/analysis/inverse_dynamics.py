@@ -14,14 +14,7 @@ import numpy as np
 
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, joint_rows
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
-from flexmb.analysis.procedure import (
-    ChunkRows,
-    Ending,
-    Outcome,
-    PhaseTimer,
-    Sink,
-    run_chunks,
-)
+from flexmb.analysis.procedure import ChunkRows, Ending, Outcome, PhaseTimer, Sink, run_chunks
 from flexmb.analysis.singular_poses import (
     KinematicPose,
     call_kinematics,

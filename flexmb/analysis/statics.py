@@ -10,11 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmb.analysis.assembly.initial_state import StartValues, assemble
-from flexmb.analysis.assembly.jacobian import (
-    MAX_COORDINATES,
-    constraint_rank,
-    one_blas_thread,
-)
+from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, constraint_rank, one_blas_thread
 from flexmb.analysis.dynamics.validity import ValidityMonitor
 from flexmb.analysis.equilibria import Equilibrium, separation
 from flexmb.analysis.equilibrium import settle, spin_of

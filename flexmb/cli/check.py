@@ -22,8 +22,7 @@ def check(
     scene: Scene,
     overrides: Overrides = None,
     tables: Annotated[
-        bool,
-        typer.Option("--tables", help="Show the tables that define the model."),
+        bool, typer.Option("--tables", help="Show the tables that define the model.")
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Write the report as JSON.")] = False,
 ) -> None:

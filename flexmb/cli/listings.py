@@ -77,8 +77,7 @@ def new(
 @command()
 def schema(
     output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="File to write; the screen by default."),
+        Path | None, typer.Option("--output", "-o", help="File to write; the screen by default.")
     ] = None,
 ) -> None:
     """Write the JSON schema of scenes, for editors.
@@ -111,8 +110,7 @@ _MAX_SECTIONS = 20
 @command("help")
 def help_pages(
     words: Annotated[
-        list[str] | None,
-        typer.Argument(help="A page, or words to search for.", show_default=False),
+        list[str] | None, typer.Argument(help="A page, or words to search for.", show_default=False)
     ] = None,
     search: Annotated[
         bool, typer.Option("--search", help="Search for the words, even if a page has that name.")

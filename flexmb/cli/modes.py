@@ -10,14 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from flexmb.cli import screen
-from flexmb.cli.app import (
-    Overrides,
-    Scene,
-    command,
-    parse_names,
-    parse_pairs,
-    refuse_options,
-)
+from flexmb.cli.app import Overrides, Scene, command, parse_names, parse_pairs, refuse_options
 from flexmb.errors import FlexmbError
 
 _BODIES = 3  # that are named for a mode
@@ -225,8 +218,7 @@ def response(
         typer.Option("--sensor", help="Channel that answers, such as tip.z.", show_default=False),
     ] = None,
     frequencies: Annotated[
-        str,
-        typer.Option(help="In Hz: 1,2,5 or 0.1..100:200 (200 at equal ratios)."),
+        str, typer.Option(help="In Hz: 1,2,5 or 0.1..100:200 (200 at equal ratios).")
     ] = "0.1..100:200",
     time: Annotated[
         float | None, typer.Option(help="Of a result: the output nearest to this time.")

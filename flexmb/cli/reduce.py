@@ -78,7 +78,7 @@ def reduce(
         str | None,
         typer.Option(
             help="xy, yz or zx of the mesh's frame: keep the modes in that plane alone, "
-            "for planar scenes.",
+            "for planar scenes."
         ),
     ] = None,
     stress: Annotated[

@@ -24,8 +24,7 @@ from flexmb.cli.reduce import modes_picture
 from flexmb.errors import FlexmbError
 
 Exaggeration = Annotated[
-    str | None,
-    typer.Option(help="Factor on deformations, or auto; the scene's own, else auto."),
+    str | None, typer.Option(help="Factor on deformations, or auto; the scene's own, else auto.")
 ]
 Color = Annotated[
     str | None,
@@ -159,8 +158,7 @@ def render(
     view: ViewWords = None,
     size: Size = None,
     ghosts: Annotated[
-        int,
-        typer.Option(help="So many poses of the whole run, shown faintly (stroboscope)."),
+        int, typer.Option(help="So many poses of the whole run, shown faintly (stroboscope).")
     ] = 0,
     traces: Traces = None,
     force: Force = False,

@@ -93,8 +93,7 @@ def resume(
         ),
     ] = None,
     as_begun: Annotated[
-        bool,
-        typer.Option("--as-begun", help="Resume even if the scene file has changed since."),
+        bool, typer.Option("--as-begun", help="Resume even if the scene file has changed since.")
     ] = False,
     no_picture: NoPicture = False,
 ) -> None:
@@ -110,11 +109,7 @@ def resume(
 
     with screen.Bars() as progress:
         report = resume.resume_run(
-            result,
-            duration=duration,
-            as_begun=as_begun,
-            pictures=not no_picture,
-            progress=progress,
+            result, duration=duration, as_begun=as_begun, pictures=not no_picture, progress=progress
         )
     _show_run(report)
 

@@ -54,10 +54,7 @@ def table(
     """
     named = any(columns)
     shown = Table(
-        box=SIMPLE_HEAD if named else None,
-        show_header=named,
-        pad_edge=False,
-        header_style="bold",
+        box=SIMPLE_HEAD if named else None, show_header=named, pad_edge=False, header_style="bold"
     )
     rows = list(rows)
     short = max((len(row[0]) for row in rows), default=0) <= _MAX_NAME

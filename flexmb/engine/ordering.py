@@ -30,15 +30,7 @@ from flexmb.engine.lowering import Lowering, Placement
 from flexmb.engine.sensors import CHANNEL_KINDS, SENSOR_KINDS, feedback
 from flexmb.engine.sensors.sensor import WRENCH, Channels, sensor_tables
 from flexmb.engine.symbolic import Blocks, Symbolic, analyse
-from flexmb.engine.tables import (
-    BODY,
-    GROUP,
-    Functions,
-    Kkt,
-    Pool,
-    Sensors,
-    deformation_room,
-)
+from flexmb.engine.tables import BODY, GROUP, Functions, Kkt, Pool, Sensors, deformation_room
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.effects import without_modal_inertia

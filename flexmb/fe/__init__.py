@@ -37,12 +37,7 @@ from flexmb.fe.sections.section_tables import (
     section_from,
     tube,
 )
-from flexmb.fe.sections.shell_section import (
-    Layer,
-    ShellSection,
-    layered,
-    shell,
-)
+from flexmb.fe.sections.shell_section import Layer, ShellSection, layered, shell
 from flexmb.fe.sections.thin_walls import angle_section, box_section, i_section
 from flexmb.fe.solve_part import part
 from flexmb.fe.stress import SectionForces, section_force_modes

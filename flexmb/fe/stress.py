@@ -28,9 +28,7 @@ from flexmb.fe.elements.beam_elements import FORCES, BeamFields, section_forces
 from flexmb.fe.elements.element_blocks import Block
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.mesh_options import STRESS_OPTIONS
-from flexmb.flexbody.stress_modes import (
-    StressModes,
-)
+from flexmb.flexbody.stress_modes import StressModes
 from flexmb.progress import Progress, silent
 
 # a larger angle is a fold, also where a curved shell is coarse

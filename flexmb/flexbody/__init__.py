@@ -5,13 +5,7 @@ from __future__ import annotations
 from flexmb.flexbody.body import MODE_COLUMNS, FlexBody, mode_table, rigid_body
 from flexmb.flexbody.body_file import load, save
 from flexmb.flexbody.part_result import STATIC, PartResult, load_part, save_part
-from flexmb.flexbody.parts import (
-    Interface,
-    LoadVector,
-    ModeInfo,
-    NodeModes,
-    Surface,
-)
+from flexmb.flexbody.parts import Interface, LoadVector, ModeInfo, NodeModes, Surface
 from flexmb.flexbody.static_response import InertiaResponse, LoadResponse, OmittedModes
 from flexmb.flexbody.stress_modes import (
     SECTION_FORCES,

@@ -24,13 +24,7 @@ from numpy.typing import ArrayLike
 from flexmb.errors import Problem, ReductionError, nearest
 from flexmb.flexbody.arrays import Checker, FloatArray, is_nonzero
 from flexmb.flexbody.damping import DampingOptions
-from flexmb.flexbody.parts import (
-    Interface,
-    LoadVector,
-    ModeInfo,
-    NodeModes,
-    Surface,
-)
+from flexmb.flexbody.parts import Interface, LoadVector, ModeInfo, NodeModes, Surface
 from flexmb.flexbody.static_response import InertiaResponse, LoadResponse, OmittedModes
 from flexmb.flexbody.stress_modes import (
     OmittedStress,
@@ -372,15 +366,7 @@ def rigid_body(
     )
 
 
-MODE_COLUMNS = (
-    "mode",
-    "kind",
-    "f [Hz]",
-    "mostly",
-    "interfaces",
-    "x/y/z",
-    "kept or why dropped",
-)
+MODE_COLUMNS = ("mode", "kind", "f [Hz]", "mostly", "interfaces", "x/y/z", "kept or why dropped")
 
 
 def mode_table(body: FlexBody) -> list[tuple[str, ...]]:

@@ -26,13 +26,7 @@ import numpy as np
 from flexmb.errors import BodyFileError, OutputError, ReductionError
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.damping import damping_words, read_damping
-from flexmb.flexbody.parts import (
-    Interface,
-    LoadVector,
-    ModeInfo,
-    NodeModes,
-    Surface,
-)
+from flexmb.flexbody.parts import Interface, LoadVector, ModeInfo, NodeModes, Surface
 from flexmb.flexbody.static_response import InertiaResponse, LoadResponse, OmittedModes
 from flexmb.flexbody.stress_modes import (
     OmittedStress,

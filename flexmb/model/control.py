@@ -32,12 +32,7 @@ from flexmb.model.functions.expression import (
     channel_of,
     unknown_channel,
 )
-from flexmb.model.functions.function import (
-    Function,
-    FunctionInDeclaredUnit,
-    FunctionOf,
-    UnitName,
-)
+from flexmb.model.functions.function import Function, FunctionInDeclaredUnit, FunctionOf, UnitName
 from flexmb.model.lookup import ModelData, Scope
 from flexmb.model.quantities import Number, Quantity, Time, plain
 from flexmb.model.reading import Spec, fail, fail_if

@@ -189,8 +189,7 @@ def _read_divisions(value: Any, info: ValidationInfo) -> int | tuple[int, ...]:
 
 
 Divisions = Annotated[
-    Annotated[int, Integer(1)] | tuple[Annotated[int, Integer(1)], ...],
-    Reader(_read_divisions),
+    Annotated[int, Integer(1)] | tuple[Annotated[int, Integer(1)], ...], Reader(_read_divisions)
 ]
 """One number of elements for all directions, or one for each."""
 

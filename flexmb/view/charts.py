@@ -401,11 +401,7 @@ CHARTS: dict[str, Callable[..., Figure]] = {
 
 
 def _over(
-    lines: Sequence[Line],
-    units: UnitSystem,
-    runs: Sequence[Result],
-    name: str,
-    si_unit: str,
+    lines: Sequence[Line], units: UnitSystem, runs: Sequence[Result], name: str, si_unit: str
 ) -> Figure:
     """Lines over a channel."""
     factor, shown = prefixed(_largest(line.x for line in lines), _label(si_unit, units), units)

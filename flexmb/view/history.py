@@ -346,11 +346,7 @@ def _default_channels(result: Result) -> tuple[str, ...]:
 
 
 def _draw_panel(
-    axes: Any,
-    lines: Sequence[Line],
-    units: UnitSystem,
-    what: str,
-    is_function: bool,
+    axes: Any, lines: Sequence[Line], units: UnitSystem, what: str, is_function: bool
 ) -> None:
     largest, si_unit = max(float(np.abs(line.y).max(initial=0.0)) for line in lines), lines[0].unit
     factor, label = quantity_label(si_unit, largest, units)

@@ -41,11 +41,7 @@ class VtkScene:
     """
 
     def __init__(
-        self,
-        size: tuple[int, int],
-        shape: tuple[int, int],
-        background: str,
-        window: bool = False,
+        self, size: tuple[int, int], shape: tuple[int, int], background: str, window: bool = False
     ) -> None:
         import pyvista
 

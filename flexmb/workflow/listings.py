@@ -47,12 +47,7 @@ from flexmb.model.scenes.dynamics import (
     StaticsSpec,
     ValiditySpec,
 )
-from flexmb.model.scenes.sections import (
-    CONTROLLER_TYPES,
-    COUPLER_TYPES,
-    FORCE_TYPES,
-    ViewSpec,
-)
+from flexmb.model.scenes.sections import CONTROLLER_TYPES, COUPLER_TYPES, FORCE_TYPES, ViewSpec
 from flexmb.model.scenes.supports import PART_LOAD_TYPES, PartSpec
 from flexmb.model.sensor import SENSOR_TYPES
 from flexmb.units import UNIT_SYSTEMS

@@ -145,11 +145,7 @@ def simulate(
 
 
 def kinematics(
-    model: Model,
-    *,
-    output: str | Path | None = None,
-    progress: Progress = silent,
-    **fields: Any,
+    model: Model, *, output: str | Path | None = None, progress: Progress = silent, **fields: Any
 ) -> Result:
     """Find the motion that the joints and drivers of a model fix, and open its result.
 
@@ -182,11 +178,7 @@ def kinematics(
 
 
 def statics(
-    model: Model,
-    *,
-    output: str | Path | None = None,
-    progress: Progress = silent,
-    **fields: Any,
+    model: Model, *, output: str | Path | None = None, progress: Progress = silent, **fields: Any
 ) -> Result:
     """Find the equilibrium of a model at rest, or a series of them, and open its result.
 

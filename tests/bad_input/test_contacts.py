@@ -125,9 +125,7 @@ def test_joint_friction(tmp_path, change, where, words):
 
 def test_friction_in_a_joint_that_has_none(tmp_path):
     text = message(
-        tmp_path,
-        ("[sensors.tip]", FRICTION),
-        ('type = "prismatic"', 'type = "in-plane"'),
+        tmp_path, ("[sensors.tip]", FRICTION), ('type = "prismatic"', 'type = "in-plane"')
     )
     assert "there is no friction in in-plane joints" in text
     assert "revolute" in text

@@ -85,15 +85,7 @@ FILES: dict[str, Callable[[Path], object]] = {
     "missing": lambda path: None, "foreign": make_foreign, "future": make_future,
     "damaged": make_damaged, "deep": lambda path: path.write_text("a = " + "[" * 9999),
 }  # fmt: skip
-NAMES = (
-    "x" * 500,
-    "a\x1b]0;x\x07\nb",
-    "a\0b",
-    os.fsdecode(b"a\xff"),
-    "\u202eä",
-    "-x",
-    " ",
-)
+NAMES = ("x" * 500, "a\x1b]0;x\x07\nb", "a\0b", os.fsdecode(b"a\xff"), "\u202eä", "-x", " ")
 APPLICATION = get_command(app)
 
 

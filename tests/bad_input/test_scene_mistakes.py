@@ -257,10 +257,7 @@ ONE_LINE = [
         id="misspelt velocity",
     ),
     pytest.param(
-        (
-            "[bodies.rod]",
-            "velocity = [1, 0, 0]\ninitial.origin.velocity = [1, 0, 0]\n[bodies.rod]",
-        ),
+        ("[bodies.rod]", "velocity = [1, 0, 0]\ninitial.origin.velocity = [1, 0, 0]\n[bodies.rod]"),
         'bodies.crank.initial.origin: is the body\'s "velocity" already; say it in one place',
         id="velocity of the origin told twice",
     ),

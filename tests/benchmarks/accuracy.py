@@ -15,14 +15,7 @@ from collections import Counter
 
 import numpy as np
 
-from tests.accuracyscenes import (
-    AWAY,
-    CYCLES,
-    SCENES,
-    beside_a_large_motion,
-    moved,
-    truth_of,
-)
+from tests.accuracyscenes import AWAY, CYCLES, SCENES, beside_a_large_motion, moved, truth_of
 from tests.accuracyscenes.judging import METHODS, ROUND_OFF, judged
 
 _ASKED = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)

@@ -21,7 +21,7 @@ LONG = {"excavator", "flexible_manipulator", "hub_beam", "misaligned_four_bar",
 
 # Changes that shorten a run without leaving the tolerances of its checks.
 SHORTER = {
-    "slider_crank": {"dynamics.step": "4e-5", "dynamics.outputs": "80", "bodies.rod.modes": "4"},
+    "slider_crank": {"dynamics.step": "4e-5", "dynamics.outputs": "80", "bodies.rod.modes": "4"}
 }
 
 

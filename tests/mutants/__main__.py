@@ -35,11 +35,7 @@ def main() -> int:
     parser.add_argument("names", nargs="*", help="names of mutants, or beginnings of them")
     parser.add_argument("--room", action="append", choices=list(rooms()))
     parser.add_argument("--list", action="store_true", help="print them, run nothing")
-    parser.add_argument(
-        "--quick",
-        action="store_true",
-        help="tests it names, or of its file",
-    )
+    parser.add_argument("--quick", action="store_true", help="tests it names, or of its file")
     words = parser.parse_args()
     selected = [
         mutant

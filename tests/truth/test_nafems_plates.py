@@ -12,16 +12,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import legendre
 from scipy.linalg import eigh
-from shellkit import (
-    CLAMPED,
-    KINDS,
-    REFERENCE,
-    SIMPLE,
-    bending_frequencies,
-    model,
-    rectangle,
-    sheet,
-)
+from shellkit import CLAMPED, KINDS, REFERENCE, SIMPLE, bending_frequencies, model, rectangle, sheet
 
 from flexmb.fe.sections.shell_section import shell
 from flexmb.materials import Material

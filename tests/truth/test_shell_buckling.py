@@ -7,13 +7,7 @@ import pytest
 from scipy.sparse.linalg import eigsh
 from shellkit import KINDS, held, model, node_at, rectangle, sheet, static
 
-from flexmb.fe import (
-    assemble,
-    geometric_stiffness,
-    make_interfaces,
-    mesh_from,
-    resolve,
-)
+from flexmb.fe import assemble, geometric_stiffness, make_interfaces, mesh_from, resolve
 from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
 from flexmb.fe.sections.shell_section import shell
 from flexmb.materials import Material

@@ -84,11 +84,7 @@ class StartValues(NamedTuple):
 
 
 def assemble(
-    compiled: Compiled,
-    model: Model,
-    *,
-    start: str = "undeformed",
-    begin: StartValues | None = None,
+    compiled: Compiled, model: Model, *, start: str = "undeformed", begin: StartValues | None = None
 ) -> Assembled:
     """Consistent first state of a compiled model.
 

@@ -25,15 +25,7 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from flexmb.engine.algebra.vector import (
-    column,
-    inner,
-    outer,
-    plus,
-    put_part,
-    times,
-    triple,
-)
+from flexmb.engine.algebra.vector import column, inner, outer, plus, put_part, times, triple
 from flexmb.engine.jit import kernel
 
 if TYPE_CHECKING:

@@ -50,13 +50,7 @@ from flexmb.engine.integrators.explicit_rk import (
 )
 from flexmb.engine.jit import Vector, kernel, unit
 from flexmb.engine.joints.constraint import constraint_jacobian, put_constraint_matrix
-from flexmb.engine.method import (
-    FINE,
-    NO_CONVERGENCE,
-    NO_PARTITION,
-    NOT_FINITE,
-    Method,
-)
+from flexmb.engine.method import FINE, NO_CONVERGENCE, NO_PARTITION, NOT_FINITE, Method
 from flexmb.engine.projection import NOTHING, accelerations
 from flexmb.engine.state import Point, Run
 

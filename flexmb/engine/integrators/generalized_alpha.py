@@ -28,18 +28,8 @@ from flexmb.engine.algebra.vector import copy, weighted_size
 from flexmb.engine.bodies.motion import interpolate_step, last_places, move
 from flexmb.engine.equations_of_motion import REFACTOR_ABOVE, factorise, give_up, residual, walk
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.method import (
-    FINE,
-    NO_CONVERGENCE,
-    NOT_FINITE,
-    Method,
-)
-from flexmb.engine.projection import (
-    POSITIONS,
-    VELOCITIES,
-    accelerations,
-    depends_on_solution,
-)
+from flexmb.engine.method import FINE, NO_CONVERGENCE, NOT_FINITE, Method
+from flexmb.engine.projection import POSITIONS, VELOCITIES, accelerations, depends_on_solution
 from flexmb.engine.state import Run
 
 if TYPE_CHECKING:

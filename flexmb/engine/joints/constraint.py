@@ -252,11 +252,7 @@ def joint_wrench(run: Run, joints: Joints, at: Point, c: int) -> float:
 CONSTRAINT_ROWS = Kind(
     "constraint_rows",
     ConstraintRows,
-    {
-        "constraint": put_values,
-        "rate": put_rates,
-        "wrench": subtract_reactions,
-    },
+    {"constraint": put_values, "rate": put_rates, "wrench": subtract_reactions},
 )
 JOINTS = Kind(
     "joints",

@@ -190,9 +190,7 @@ def _observed(motion: Measure, observer: int, j: int, a: int) -> list[Term]:
 
 
 MARKER_MOTIONS = SensorKind(
-    tuple(_MOTIONS),
-    add_marker_motion,
-    measures=(*_MOTIONS.values(), TURNING_OF_AXES),
+    tuple(_MOTIONS), add_marker_motion, measures=(*_MOTIONS.values(), TURNING_OF_AXES)
 )
 
 

@@ -110,9 +110,7 @@ class _Hold(NamedTuple):
 
 
 def make_supports(
-    fe: FEMatrices,
-    interfaces: Sequence[ModelInterface],
-    options: Mapping[str, SupportOptions],
+    fe: FEMatrices, interfaces: Sequence[ModelInterface], options: Mapping[str, SupportOptions]
 ) -> Supports:
     """The coordinates of a supported model.
 

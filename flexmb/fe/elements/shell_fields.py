@@ -38,10 +38,7 @@ from flexmb.errors import MeshError
 from flexmb.fe.sections.shell_section import ShellSection
 from flexmb.flexbody.arrays import FloatArray, IntArray, skew
 
-EDGES = {
-    "triangle": ((0, 1), (1, 2), (2, 0)),
-    "quad": ((0, 1), (1, 2), (2, 3), (3, 0)),
-}
+EDGES = {"triangle": ((0, 1), (1, 2), (2, 0)), "quad": ((0, 1), (1, 2), (2, 3), (3, 0))}
 """Corners of the edges; the mid-side node of edge e comes k + e th."""
 
 _ELEMENTS = {

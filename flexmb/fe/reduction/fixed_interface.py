@@ -24,15 +24,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from scipy.linalg import (
-    block_diag,
-    cho_factor,
-    cho_solve,
-    lu_factor,
-    lu_solve,
-    null_space,
-    qr,
-)
+from scipy.linalg import block_diag, cho_factor, cho_solve, lu_factor, lu_solve, null_space, qr
 from scipy.sparse import csr_array
 
 from flexmb.errors import Problem, ReductionError

@@ -14,10 +14,7 @@ import numpy as np
 
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.loads import LoadPattern
-from flexmb.fe.reduction.component_modes import (
-    free_count,
-    free_modes_of,
-)
+from flexmb.fe.reduction.component_modes import free_count, free_modes_of
 from flexmb.fe.reduction.eigenmodes import SymmetryPlane
 from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
 from flexmb.fe.reduction.free_body import lowest_free, relieved_inverse

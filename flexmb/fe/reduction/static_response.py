@@ -27,12 +27,7 @@ from flexmb.fe.reduction.inertia_relief import InertiaRelief, inertia_loads
 from flexmb.fe.reduction.reduced_basis import ReducedBasis, ReducedModes
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.flexbody.body import FlexBody
-from flexmb.flexbody.static_response import (
-    InertiaResponse,
-    LoadResponse,
-    OmittedModes,
-    load_nodes,
-)
+from flexmb.flexbody.static_response import InertiaResponse, LoadResponse, OmittedModes, load_nodes
 from flexmb.progress import Progress, silent
 
 _NOTHING = 1e-10  # share of the largest energy of a response: less is rounding

@@ -39,12 +39,7 @@ from flexmb.fe.sections.beam_section import (
     positive,
     section_of,
 )
-from flexmb.fe.sections.shell_section import (
-    Layer,
-    ShellSection,
-    layered,
-    shell,
-)
+from flexmb.fe.sections.shell_section import Layer, ShellSection, layered, shell
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.flexbody.mesh_options import MaterialOptions, OrthotropicOptions
 from flexmb.flexbody.options import kind_of, option_values, read_options, rooted

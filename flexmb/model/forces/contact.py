@@ -30,15 +30,7 @@ from flexmb.model.markers import MarkerSpec, place
 from flexmb.model.option_specs import MaterialField
 from flexmb.model.plane import across, keeps_plane
 from flexmb.model.quantities import Axis, Integer, Pair, Position, Quantity, Size, Text
-from flexmb.model.reading import (
-    Spec,
-    Variant,
-    fail,
-    fail_if,
-    only_one,
-    split_reference,
-    under,
-)
+from flexmb.model.reading import Spec, Variant, fail, fail_if, only_one, split_reference, under
 
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody

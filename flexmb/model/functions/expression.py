@@ -202,12 +202,7 @@ class _Lowering:
     """Turns the syntax tree into postfix operations, folding constants on the way."""
 
     def __init__(
-        self,
-        text: str,
-        names: Mapping[str, float],
-        time: bool,
-        channels: bool,
-        variable: str = "t",
+        self, text: str, names: Mapping[str, float], time: bool, channels: bool, variable: str = "t"
     ) -> None:
         self.text, self.names, self.time, self.channels = text, names, time, channels
         self.variable = variable

@@ -20,14 +20,7 @@ from flexmb.errors import Problem
 from flexmb.model.functions.expression import Ops, parse
 from flexmb.model.functions.piecewise import Piecewise
 from flexmb.model.quantities import Angle, Measured, Quantity, plain, read_numbers
-from flexmb.model.reading import (
-    ReadContext,
-    Reader,
-    Spec,
-    context_of,
-    fail,
-    quote,
-)
+from flexmb.model.reading import ReadContext, Reader, Spec, context_of, fail, quote
 
 
 def _coefficients(value: Any, info: ValidationInfo) -> tuple[float, ...]:

@@ -22,12 +22,7 @@ from pydantic import SerializationInfo, ValidationInfo, model_validator
 from flexmb.errors import Problem, SceneError, nearest
 from flexmb.model.functions.expression import Ops
 from flexmb.model.functions.forms import FunctionForm
-from flexmb.model.functions.piecewise import (
-    Piecewise,
-    akima_curve,
-    cubic_spline,
-    linear_curve,
-)
+from flexmb.model.functions.piecewise import Piecewise, akima_curve, cubic_spline, linear_curve
 from flexmb.model.quantities import Text, plain, read_numbers
 from flexmb.model.reading import (
     NAME,

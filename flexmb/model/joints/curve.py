@@ -34,14 +34,7 @@ from flexmb.model.quantities import (
     plain,
     read_number,
 )
-from flexmb.model.reading import (
-    NUMBER,
-    Reader,
-    context_of,
-    fail_if,
-    only_one,
-    under,
-)
+from flexmb.model.reading import NUMBER, Reader, context_of, fail_if, only_one, under
 from flexmb.units import UnitSystem
 
 Array = NDArray[np.float64]

@@ -306,9 +306,7 @@ def count(model: ModelData, flexbodies: Bodies | None = None) -> Counts:
     used = [spec.type for spec in model.joints.values()]
     joints = tuple(
         JointCount(
-            name,
-            used.count(name),
-            used.count(name) * _equations(row, model.plane is not None),
+            name, used.count(name), used.count(name) * _equations(row, model.plane is not None)
         )
         for name, row in JOINT_TYPES.items()
         if name in used

@@ -32,15 +32,7 @@ from flexmb.model.quantities import (
     read_axis,
     read_number,
 )
-from flexmb.model.reading import (
-    ReadContext,
-    Spec,
-    bad_name,
-    quote,
-    read_entry,
-    under,
-    unknown_key,
-)
+from flexmb.model.reading import ReadContext, Spec, bad_name, quote, read_entry, under, unknown_key
 from flexmb.model.scenes.consistency import model_problems
 from flexmb.model.scenes.dynamics import (
     AssemblySpec,

@@ -174,10 +174,7 @@ def _write_outputs(value: int | tuple[float, ...], info: SerializationInfo) -> A
 
 
 _OUTPUTS: Form = {
-    "anyOf": [
-        {"type": ["integer", "string"], "minimum": 1},
-        {**list_form(NUMBER), "minItems": 1},
-    ],
+    "anyOf": [{"type": ["integer", "string"], "minimum": 1}, {**list_form(NUMBER), "minItems": 1}],
     "description": "or times [s]",
 }
 

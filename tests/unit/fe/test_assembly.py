@@ -102,11 +102,7 @@ def turned_inside_out():
     ("mesh", "sections", "sentence"),
     [
         (pyramids(), None, 'box.msh: has 6 elements of kind "pyramid".*mesh with tetrahedra'),
-        (
-            line(2),
-            None,
-            "no volume elements, and no lines or surfaces with a section; it has 2",
-        ),
+        (line(2), None, "no volume elements, and no lines or surfaces with a section; it has 2"),
         (turned_inside_out(), None, "flat, folded or turned inside out"),
         (line(2), {"rot": rectangle(1, 1)}, 'sections.rot: .* no group "rot"; nearest: root'),
         (line(2), {"root": rectangle(1, 1)}, "sections.root: the group has no line elements"),

@@ -256,8 +256,7 @@ def own(element=skfem.ElementTetP2, mesh=skfem.MeshTet1):
 
 
 @pytest.mark.parametrize(
-    ("element", "mesh"),
-    [(skfem.ElementTetP2, skfem.MeshTet1), (skfem.ElementHex2, skfem.MeshHex1)],
+    ("element", "mesh"), [(skfem.ElementTetP2, skfem.MeshTet1), (skfem.ElementHex2, skfem.MeshHex1)]
 )
 def test_a_model_of_scikit_fem_is_reduced_as_ours(element, mesh):
     """Frequencies, inertia integrals, motion of nodes and stress of the same mesh."""
@@ -295,10 +294,7 @@ def test_a_model_without_material_has_no_stress_and_any_lagrange_element_does():
     ("change", "sentence"),
     [
         ({"stiffness": None}, "stiffness: is missing: a basis comes with"),
-        (
-            {"mass": np.eye(3)},
-            r"mass: must have shape \(\d+, \d+\), .* has \(3, 3\)",
-        ),
+        ({"mass": np.eye(3)}, r"mass: must have shape \(\d+, \d+\), .* has \(3, 3\)"),
         ({"stiffness": "upper"}, "stiffness: must be symmetric, differs from its transpose by"),
         ({"stiffness": "clamped"}, "stiffness: resists rigid motion of the body"),
         ({"mass": "skewed"}, "mass: must be the same in x, y and z"),

@@ -136,10 +136,7 @@ ROUND = {"type": "circle", "radius": 0.1}
         (ROUND | {"releases": {"begin": ["rx"]}}, "s.releases.begin: unknown key"),
         (ROUND | {"material": "stel"}, 'unknown material "stel"; nearest: steel'),
         ({"type": "tapered", "start": ROUND}, "s.end: is missing"),
-        (
-            {"type": "tapered", "start": ROUND, "end": {"type": "crcle"}},
-            "s.end.type: unknown sect",
-        ),
+        ({"type": "tapered", "start": ROUND, "end": {"type": "crcle"}}, "s.end.type: unknown sect"),
         (
             {"type": "tapered", "start": ROUND, "end": ROUND | {"orientation": [1, 0, 0]}},
             "s.orientation: must be the same at both ends",

@@ -6,16 +6,7 @@ import numpy as np
 import pytest
 from femeshes import line
 
-from flexmb.fe import (
-    angle_section,
-    assemble,
-    circle,
-    i_section,
-    rectangle,
-    resolve,
-    tapered,
-    tube,
-)
+from flexmb.fe import angle_section, assemble, circle, i_section, rectangle, resolve, tapered, tube
 from flexmb.fe.elements.beam_elements import LINE
 from flexmb.fe.stress import section_force_modes
 

@@ -54,10 +54,7 @@ def halves():
     """A box whose halves are groups of their own."""
     box = block((2, 1, 1), (2.0, 1.0, 1.0))
     left = box.points[box.blocks["tetra10"]].mean(axis=1)[:, 0] < 1
-    sets = {
-        "left": {"tetra10": np.flatnonzero(left)},
-        "right": {"tetra10": np.flatnonzero(~left)},
-    }
+    sets = {"left": {"tetra10": np.flatnonzero(left)}, "right": {"tetra10": np.flatnonzero(~left)}}
     return Mesh(box.points, box.blocks, {}, sets)
 
 

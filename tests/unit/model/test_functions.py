@@ -25,10 +25,7 @@ FORMS = [
         {"type": "fourier", "frequency": 0.5, "cosine": [1, 3], "sine": [2], "offset": 4},
         "4 + cos(pi*t) + 3*cos(2*pi*t) + 2*sin(pi*t)",
     ),
-    (
-        {"type": "fourier", "frequency": 2, "sine": [0, 1], "phase": "20 deg"},
-        "sin(8*pi*t + pi/9)",
-    ),
+    ({"type": "fourier", "frequency": 2, "sine": [0, 1], "phase": "20 deg"}, "sin(8*pi*t + pi/9)"),
     ({"type": "step5", "t1": 2, "y1": 5}, "step5(t, 0, 0, 2, 5)"),
     ({"type": "step5", "t1": 4, "y1": 5}, "5*(t/4)**3*(10 - 15*t/4 + 6*(t/4)**2)"),
     ({"type": "havsin", "t0": 0.5, "y0": 1, "t1": 2, "y1": 5}, "havsin(t, 0.5, 1, 2, 5)"),

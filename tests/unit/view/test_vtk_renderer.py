@@ -57,8 +57,7 @@ def test_a_crash_of_the_trial_names_what_to_install(monkeypatch) -> None:
 def test_osmesa_is_the_second_choice(monkeypatch) -> None:
     osmesa = "vtkOSOpenGLRenderWindow"
     _answers(
-        monkeypatch,
-        {"vtkEGLRenderWindow": (-11, "", ""), osmesa: (0, f"window:{osmesa}\n", "")},
+        monkeypatch, {"vtkEGLRenderWindow": (-11, "", ""), osmesa: (0, f"window:{osmesa}\n", "")}
     )
     verdict = vtk_renderer.probe()
     assert (verdict.works, verdict.window) == (True, osmesa)

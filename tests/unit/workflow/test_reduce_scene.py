@@ -46,10 +46,7 @@ def test_all_bodies_or_one_are_reduced_and_checked(scene: Path, tmp_path: Path) 
     out = tmp_path / "out"
     found = reduce_scene(scene, output=out)
     assert [reduced.body.name for reduced in found.bodies] == ["bar", "other"]
-    assert sorted(path.name for path in out.iterdir()) == [
-        "bar.flexbody.h5",
-        "other.flexbody.h5",
-    ]
+    assert sorted(path.name for path in out.iterdir()) == ["bar.flexbody.h5", "other.flexbody.h5"]
     (check,) = found.checks
     assert check.passed, check
     assert load(out / "bar.flexbody.h5").stress is not None
