@@ -74,10 +74,8 @@ app = typer.Typer(
 )
 _options = {"debug": False}  # before the command
 
-Scene = Annotated[Path, typer.Argument(help="Scene file (TOML).", show_default=False)]
-RunFile = Annotated[
-    Path, typer.Argument(help="Result file, or the folder it is in.", show_default=False)
-]
+Scene = Annotated[Path, typer.Argument(help="Scene file (TOML).")]
+RunFile = Annotated[Path, typer.Argument(help="Result file, or the folder it is in.")]
 Overrides = Annotated[
     list[str] | None,
     typer.Option(
@@ -97,13 +95,14 @@ Scheduler = Annotated[
         metavar="ADDRESS",
         help="Dask scheduler whose workers do the runs, such as tcp://host:8786; by default "
         "processes of this machine (flexmb help cluster).",
-        show_default=False,
     ),
 ]
 Limit = Annotated[
-    float, typer.Option(metavar="SECONDS", help="Give up a run that takes longer.", min=0.0,
-                        show_default=False)
-]  # fmt: skip
+    float,
+    typer.Option(
+        metavar="SECONDS", help="Give up a run that takes longer.", min=0.0, show_default=False
+    ),
+]
 Dashboard = Annotated[
     bool, typer.Option("--dashboard", help="Serve Dask's page on the work and say its address.")
 ]

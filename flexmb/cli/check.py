@@ -125,9 +125,7 @@ def _report_json(report: Any) -> str:
 
 @command("check-all")
 def check_all(
-    folder: Annotated[
-        Path, typer.Argument(help="Folder of scenes, with its subfolders.", show_default=False)
-    ],
+    folder: Annotated[Path, typer.Argument(help="Folder of scenes, with its subfolders.")],
     output: Annotated[
         Path, typer.Option("--output", "-o", help="Folder for everything that is written.")
     ] = Path("out/check-all"),
@@ -174,16 +172,12 @@ def compare(
         list[Path],
         typer.Argument(
             help="Scene files (TOML), results or their folders; the first is what the others are "
-            "compared with.",
-            show_default=False,
+            "compared with."
         ),
     ],
     channels: Annotated[
         str | None,
-        typer.Option(
-            help="What is compared, with commas; the sensors that all have by default.",
-            show_default=False,
-        ),
+        typer.Option(help="What is compared, with commas; the sensors that all have by default."),
     ] = None,
     overrides: Overrides = None,
     output: Annotated[
@@ -192,7 +186,6 @@ def compare(
             "--output",
             "-o",
             help="Overlaid plot of the channels that differ most (.png, .pdf, .svg).",
-            show_default=False,
         ),
     ] = None,
     folder: Annotated[Path, typer.Option(help="Folder for the results of scenes.")] = Path(
@@ -202,8 +195,7 @@ def compare(
         float | None,
         typer.Option(
             help="Largest difference over the peak-to-peak that is allowed; more ends in exit "
-            "code 3.",
-            show_default=False,
+            "code 3."
         ),
     ] = None,
 ) -> None:

@@ -24,8 +24,7 @@ _WIDTH = 100  # columns of running text
 @command("list")
 def list_topic(
     topic: Annotated[
-        str | None,
-        typer.Argument(help="joints, forces, drivers, functions, ...", show_default=False),
+        str | None, typer.Argument(help="joints, forces, drivers, functions, ...")
     ] = None,
 ) -> None:
     """List what scenes may contain: joints, forces, materials, ...
@@ -51,7 +50,7 @@ def list_topic(
 
 @command()
 def new(
-    name: Annotated[Path, typer.Argument(help="Folder to make.", show_default=False)],
+    name: Annotated[Path, typer.Argument(help="Folder to make.")],
     template: Annotated[
         str | None,
         typer.Option(
@@ -110,7 +109,7 @@ _MAX_SECTIONS = 20
 @command("help")
 def help_pages(
     words: Annotated[
-        list[str] | None, typer.Argument(help="A page, or words to search for.", show_default=False)
+        list[str] | None, typer.Argument(help="A page, or words to search for.")
     ] = None,
     search: Annotated[
         bool, typer.Option("--search", help="Search for the words, even if a page has that name.")

@@ -24,10 +24,7 @@ _ENDINGS = (".png", ".pdf", ".svg")
 
 @command()
 def modes(
-    source: Annotated[
-        Path,
-        typer.Argument(help="Scene file (TOML), result file or its folder.", show_default=False),
-    ],
+    source: Annotated[Path, typer.Argument(help="Scene file (TOML), result file or its folder.")],
     time: Annotated[
         float | None,
         typer.Option(help="Of a result: the output nearest to this time; its end by default."),
@@ -55,17 +52,13 @@ def modes(
             metavar="NAME=VALUES",
             help="Of a scene: a parameter or an entry by its path, with values 0,10,20 or "
             "0..100:11 (eleven at equal distances).",
-            show_default=False,
         ),
     ] = None,
     overrides: Overrides = None,
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output",
-            "-o",
-            help="With --vary: the Campbell diagram (.png, .pdf, .svg).",
-            show_default=False,
+            "--output", "-o", help="With --vary: the Campbell diagram (.png, .pdf, .svg)."
         ),
     ] = None,
     pictures: Annotated[
@@ -74,12 +67,10 @@ def modes(
             "--pictures",
             metavar="FOLDER",
             help="Draw the modes that are shown, up to six, each displaced by it.",
-            show_default=False,
         ),
     ] = None,
     root_locus: Annotated[
-        Path | None,
-        typer.Option("--root-locus", help="With --vary: the root locus.", show_default=False),
+        Path | None, typer.Option("--root-locus", help="With --vary: the root locus.")
     ] = None,
 ) -> None:
     """Show the linearised modes about a state: frequencies, damping, stability.
@@ -201,21 +192,16 @@ def _show_sweep(sweep: Any, count: int, output: Path | None, root_locus: Path | 
 
 @command()
 def response(
-    source: Annotated[
-        Path,
-        typer.Argument(help="Scene file (TOML), result file or its folder.", show_default=False),
-    ],
+    source: Annotated[Path, typer.Argument(help="Scene file (TOML), result file or its folder.")],
     actuator: Annotated[
         str | None,
         typer.Option(
             "--input",
             help="What acts: a component of a force (push.x), a line force, spring or driver.",
-            show_default=False,
         ),
     ] = None,
     sensor: Annotated[
-        str | None,
-        typer.Option("--sensor", help="Channel that answers, such as tip.z.", show_default=False),
+        str | None, typer.Option("--sensor", help="Channel that answers, such as tip.z.")
     ] = None,
     frequencies: Annotated[
         str, typer.Option(help="In Hz: 1,2,5 or 0.1..100:200 (200 at equal ratios).")
@@ -228,8 +214,7 @@ def response(
     ] = "quasi-static",
     overrides: Overrides = None,
     output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Plot of amplitude and phase.", show_default=False),
+        Path | None, typer.Option("--output", "-o", help="Plot of amplitude and phase.")
     ] = None,
 ) -> None:
     """Show the frequency response between an actuator and a sensor, about a state.
@@ -280,28 +265,20 @@ def statics(
             metavar="NAME=VALUES",
             help="A parameter, an entry by its path, or time, with values 0,10,20 or 0..100:11 "
             "(eleven at equal distances).",
-            show_default=False,
         ),
     ] = None,
     channels: Annotated[
-        str | None,
-        typer.Option(
-            help="Channels of sensors that are shown and drawn, with commas.", show_default=False
-        ),
+        str | None, typer.Option(help="Channels of sensors that are shown and drawn, with commas.")
     ] = None,
     starts: Annotated[
         int, typer.Option(help="Without --vary: poses from which equilibria are sought.", min=1)
     ] = 30,
     overrides: Overrides = None,
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", help="With --vary: plot (.png, .pdf, .svg).", show_default=False
-        ),
+        Path | None, typer.Option("--output", "-o", help="With --vary: plot (.png, .pdf, .svg).")
     ] = None,
     table: Annotated[
-        Path | None,
-        typer.Option("--table", help="With --vary: all channels (.csv).", show_default=False),
+        Path | None, typer.Option("--table", help="With --vary: all channels (.csv).")
     ] = None,
 ) -> None:
     """Show the equilibria of a scene at rest, or follow one over a parameter or time.

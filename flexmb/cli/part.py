@@ -180,12 +180,9 @@ def stress(
             metavar="NUMBERS",
             help="Histories at these mesh nodes: 7, 1..6 or 1,3,5, or hot for the hot spots; they "
             "need --output.",
-            show_default=False,
         ),
     ] = None,
-    layer: Annotated[
-        str | None, typer.Option(help="Layer such as top; all by default.", show_default=False)
-    ] = None,
+    layer: Annotated[str | None, typer.Option(help="Layer such as top; all by default.")] = None,
     count: Annotated[int, typer.Option("--hot-spots", help="How many hot spots.", min=1)] = 5,
     distance: Annotated[
         float | None,
@@ -208,7 +205,6 @@ def stress(
             "-o",
             help="A .csv or .h5 file: the envelope over the run at all places, with --time all "
             "places at that time, with --nodes histories, such as for durability.",
-            show_default=False,
         ),
     ] = None,
 ) -> None:

@@ -26,7 +26,6 @@ def plot(
             metavar="RESULT|CHANNEL",
             help="One or more result files or their folders, then names of channels, perhaps with "
             "* and ?; by default those that the scene names.",
-            show_default=False,
         ),
     ],
     kind: Annotated[
@@ -44,15 +43,12 @@ def plot(
             "--against",
             metavar="CHANNEL",
             help="The channel of the abscissa in place of time; of campbell a speed.",
-            show_default=False,
         ),
     ] = None,
     times: Annotated[
         str | None,
         typer.Option(
-            metavar="FIRST..LAST",
-            help="Times between which to draw, in the scene's units.",
-            show_default=False,
+            metavar="FIRST..LAST", help="Times between which to draw, in the scene's units."
         ),
     ] = None,
     log: Annotated[bool, typer.Option("--log", help="Of a spectrum: amplitudes as logs.")] = False,
@@ -63,7 +59,6 @@ def plot(
             "-o",
             help="File that ends in .png, .pdf or .svg; plot.png beside the (first) result by "
             "default.",
-            show_default=False,
         ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that exists.")] = False,
@@ -212,7 +207,6 @@ def report(
             metavar="RESULT",
             help="A result file or its folder, the folder of a study or a sweep, or several "
             "results.",
-            show_default=False,
         ),
     ],
     output: Annotated[
@@ -221,7 +215,6 @@ def report(
             "--output",
             "-o",
             help="File that ends in .html; report.html beside the (first) result by default.",
-            show_default=False,
         ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that exists.")] = False,
@@ -232,8 +225,7 @@ def report(
         str | None,
         typer.Option(
             help="Of the page on one run, with commas: summary, motion, pictures, checks, plots, "
-            "model, effects, accuracy, hot_spots, modes, provenance; all by default.",
-            show_default=False,
+            "model, effects, accuracy, hot_spots, modes, provenance; all by default."
         ),
     ] = None,
     view: ViewWords = None,

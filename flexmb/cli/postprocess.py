@@ -19,9 +19,7 @@ from flexmb.units import unit_system
 
 @command()
 def info(
-    file: Annotated[
-        Path, typer.Argument(help="Result, flexible body, mesh or scene.", show_default=False)
-    ],
+    file: Annotated[Path, typer.Argument(help="Result, flexible body, mesh or scene.")],
 ) -> None:
     """Show the content of a file: a result, a flexible body, a mesh or a scene.
 
@@ -121,16 +119,14 @@ def export(
         str | None,
         typer.Option(
             help="Names with commas between them, of any kind: slider.x,energy.kinetic,"
-            "crank_pin.rod.force.x,rod.von_mises",
-            show_default=False,
+            "crank_pin.rod.force.x,rod.von_mises"
         ),
     ] = None,
     what: Annotated[
         str | None,
         typer.Option(
             help="All channels of a kind: sensors, reactions, energy, drift, coordinates, "
-            "accelerations, motion or stress; sensors by default.",
-            show_default=False,
+            "accelerations, motion or stress; sensors by default."
         ),
     ] = None,
 ) -> None:

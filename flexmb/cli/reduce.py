@@ -26,14 +26,12 @@ def reduce(
         typer.Argument(
             metavar="MESH_OR_SCENE",
             help="Mesh file (Gmsh and others), or a scene (.toml) with flexible bodies.",
-            show_default=False,
         ),
     ],
     material: Annotated[
         str | None,
         typer.Option(
-            help="Name such as steel, or a table in SI: '{E = 70e9, nu = 0.33, density = 2700}'.",
-            show_default=False,
+            help="Name such as steel, or a table in SI: '{E = 70e9, nu = 0.33, density = 2700}'."
         ),
     ] = None,
     units: Annotated[
@@ -63,7 +61,6 @@ def reduce(
             "--geometric-stiffening",
             help="full: the stress by rotation and by forces at interfaces stiffens or softens "
             "the body; none by default.",
-            show_default=False,
         ),
     ] = None,
     section: Annotated[
@@ -89,9 +86,7 @@ def reduce(
         str | None,
         typer.Option(help="inertia: add the static responses to the body's own inertia loads."),
     ] = None,
-    body: Annotated[
-        str | None, typer.Option(help="Only this flexible body of the scene.", show_default=False)
-    ] = None,
+    body: Annotated[str | None, typer.Option(help="Only this flexible body of the scene.")] = None,
     overrides: Overrides = None,
     fresh: Annotated[
         bool,
@@ -102,9 +97,7 @@ def reduce(
     ] = False,
     up_to: Annotated[
         float | None,
-        typer.Option(
-            "--up-to", metavar="HZ", help="Compare frequencies up to this one.", show_default=False
-        ),
+        typer.Option("--up-to", metavar="HZ", help="Compare frequencies up to this one."),
     ] = None,
     pictures: Annotated[
         bool, typer.Option("--pictures", help="Draw the first six modes into the same folder.")

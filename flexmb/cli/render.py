@@ -35,17 +35,13 @@ Color = Annotated[
 ]
 Layer = Annotated[
     str | None,
-    typer.Option(
-        help="Layer whose stress is shown, such as top; by default the largest of all.",
-        show_default=False,
-    ),
+    typer.Option(help="Layer whose stress is shown, such as top; by default the largest of all."),
 ]
 CameraNames = Annotated[
     str | None,
     typer.Option(
         help="auto, front, back, left, right, top, bottom or isometric; several with commas, side "
-        "by side. By default along the joint axes, from where bodies hide each other least.",
-        show_default=False,
+        "by side. By default along the joint axes, from where bodies hide each other least."
     ),
 ]
 Direction = Annotated[
@@ -62,13 +58,10 @@ ViewWords = Annotated[
         metavar="WORD=VALUE",
         help="Any other word of the scene's [view], such as labels=bodies, forces=reactions, "
         "reference=rod.big_end, zoom=2, follow=car, font_scale=1.5; may be repeated.",
-        show_default=False,
     ),
 ]
 Size = Annotated[str | None, typer.Option(help="Width x height in pixels; 1280x720 by default.")]
-Pictured = Annotated[
-    Path, typer.Argument(help="Result file or its folder, or a flexible body.", show_default=False)
-]
+Pictured = Annotated[Path, typer.Argument(help="Result file or its folder, or a flexible body.")]
 Modes = Annotated[
     str | None,
     typer.Option(
@@ -76,7 +69,6 @@ Modes = Annotated[
         "--mode",
         metavar="NUMBERS",
         help="Of a flexible body: 7, 1..6 or 1,3,5; the first six by default.",
-        show_default=False,
     ),
 ]
 Supports = Annotated[
@@ -85,7 +77,6 @@ Supports = Annotated[
         "--held",
         metavar="NAMES",
         help="Of a flexible body: interfaces that are held, with commas; free by default.",
-        show_default=False,
     ),
 ]
 Traces = Annotated[
@@ -95,7 +86,6 @@ Traces = Annotated[
         metavar="POINTS",
         help="Paths of points, with commas: bodies, whose centre is meant, or markers such as "
         "rod.big_end.",
-        show_default=False,
     ),
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace what exists.")]
@@ -145,7 +135,6 @@ def render(
             metavar="TIMES",
             help="Time of the picture, in the scene's units, or several with commas for a panel "
             "each; its own, else the end.",
-            show_default=False,
         ),
     ] = None,
     exaggeration: Exaggeration = None,
@@ -245,16 +234,11 @@ def film(
         float | None,
         typer.Option(
             help="Simulated seconds in a second of the film: 0.1 is ten times slower; by default "
-            "real time for 2 to 20 s, else for a film of some 6 s.",
-            show_default=False,
+            "real time for 2 to 20 s, else for a film of some 6 s."
         ),
     ] = None,
-    start: Annotated[
-        float | None, typer.Option(help="Time of the first frame.", show_default=False)
-    ] = None,
-    end: Annotated[
-        float | None, typer.Option(help="Time of the last frame.", show_default=False)
-    ] = None,
+    start: Annotated[float | None, typer.Option(help="Time of the first frame.")] = None,
+    end: Annotated[float | None, typer.Option(help="Time of the last frame.")] = None,
     exaggeration: Exaggeration = None,
     color: Color = None,
     layer: Layer = None,
@@ -264,18 +248,12 @@ def film(
     size: Size = None,
     follow: Annotated[
         str | None,
-        typer.Option(
-            metavar="BODY",
-            help="A body that stays in place while the camera moves.",
-            show_default=False,
-        ),
+        typer.Option(metavar="BODY", help="A body that stays in place while the camera moves."),
     ] = None,
     traces: Traces = None,
     modes: Modes = None,
     supports: Supports = None,
-    processes: Annotated[
-        int | None, typer.Option(help="That draw; the cores by default.", show_default=False)
-    ] = None,
+    processes: Annotated[int | None, typer.Option(help="That draw; the cores by default.")] = None,
     force: Force = False,
 ) -> None:
     """Make a film of a run, or of mode shapes of a flexible body.
@@ -334,15 +312,12 @@ def view(
             "-o",
             help="Write a web page there, a file .html; a window opens on a desktop, and "
             "view.html is written beside the result where there is none.",
-            show_default=False,
         ),
     ] = None,
     page: Annotated[bool, typer.Option("--page", help="A web page also on a desktop.")] = False,
     speed: Annotated[
         float | None,
-        typer.Option(
-            help="In the window: simulated seconds in a second, as for film.", show_default=False
-        ),
+        typer.Option(help="In the window: simulated seconds in a second, as for film."),
     ] = None,
     exaggeration: Exaggeration = None,
     color: Color = None,

@@ -37,8 +37,7 @@ def run(
         str | None,
         typer.Option(
             help="dynamics, kinematics or statics, for a scene that has several; statics needs no "
-            "section.",
-            show_default=False,
+            "section."
         ),
     ] = None,
     start_from: Annotated[
@@ -46,7 +45,6 @@ def run(
         typer.Option(
             "--from",
             help="Another result to begin with the end of: bodies matched by name, time from 0.",
-            show_default=False,
         ),
     ] = None,
     fresh: Annotated[
@@ -88,8 +86,7 @@ def resume(
         float | None,
         typer.Option(
             help="A new duration of the run as a whole, in the scene's units, a whole number of "
-            "its output intervals; a finished run is extended.",
-            show_default=False,
+            "its output intervals; a finished run is extended."
         ),
     ] = None,
     as_begun: Annotated[
@@ -121,16 +118,14 @@ def inverse(
         Path | None,
         typer.Option(
             help="A run with the same bodies whose motion is taken, in place of what the drivers "
-            "prescribe.",
-            show_default=False,
+            "prescribe."
         ),
     ] = None,
     drive: Annotated[
         list[str] | None,
         typer.Option(
             help="With --along: a joint that gets a driver in addition, elbow or elbow.stroke; may "
-            "be repeated.",
-            show_default=False,
+            "be repeated."
         ),
     ] = None,
     output: Annotated[

@@ -111,7 +111,6 @@ def audit(
             help="Largest share of a sensor's peak-to-peak that an effect which is left out may "
             "contribute; that of the scene, or 0.01, by default.",
             min=0.0,
-            show_default=False,
         ),
     ] = None,
 ) -> None:
