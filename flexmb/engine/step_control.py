@@ -18,13 +18,7 @@ import math
 from flexmb.engine.algebra.vector import weighted_size
 from flexmb.engine.events import next_end
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.method import (
-    FINE,
-    REPEAT,
-    ROUND_OFF,
-    TOO_SMALL,
-    round_off,
-)
+from flexmb.engine.method import FINE, REPEAT, ROUND_OFF, TOO_SMALL, round_off
 from flexmb.engine.state import Run
 
 # A fixed step is halved this often, one under error control may fall to this share of the run.

@@ -57,12 +57,7 @@ from flexmb.engine.kinematics_point import (
     solve_reactions,
     solve_velocities_accelerations,
 )
-from flexmb.engine.method import (
-    FINE,
-    NOT_FINITE,
-    TOO_SMALL,
-    round_off,
-)
+from flexmb.engine.method import FINE, NOT_FINITE, TOO_SMALL, round_off
 from flexmb.engine.projection import POSITIONS, VELOCITIES, accelerations
 from flexmb.engine.sensors.sensor import count_turns, read_channels
 from flexmb.engine.state import Run

@@ -11,12 +11,7 @@ from flexmb.engine.jit import Unit, units_in
 from flexmb.engine.joints import ROW_KINDS
 from flexmb.engine.kinds import KINDS
 from flexmb.engine.kinematics_point import PATH_COUNTERS, PATH_MEMORY, Path
-from flexmb.engine.method import (
-    COUNTERS,
-    INTEGRATOR_MEMORY,
-    Method,
-    Settings,
-)
+from flexmb.engine.method import COUNTERS, INTEGRATOR_MEMORY, Method, Settings
 from flexmb.engine.sensors import CHANNEL_KINDS, MEASURES
 from flexmb.engine.state import (
     BODY_NOW,

@@ -14,12 +14,7 @@ from typing import Any
 import numpy as np
 
 from flexmb.errors import FlexmbWarning, MaterialError, MeshError, Problem, ReductionError, nearest
-from flexmb.fe.assembly.assemble import (
-    Attempts,
-    FEMatrices,
-    MeshModel,
-    assemble_model,
-)
+from flexmb.fe.assembly.assemble import Attempts, FEMatrices, MeshModel, assemble_model
 from flexmb.fe.assembly.interfaces import InterfaceLike, ModelInterface
 from flexmb.fe.assembly.loads import condensed_load, load_vector
 from flexmb.fe.assembly.supports import Supports, make_supports

@@ -22,11 +22,7 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from flexmb.errors import FlexmbWarning, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, geometric_stiffness
-from flexmb.fe.assembly.interfaces import (
-    ModelInterface,
-    RigidInterface,
-    interface_stiffness,
-)
+from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface, interface_stiffness
 from flexmb.fe.assembly.mass import component_masses
 from flexmb.fe.assembly.numbering import Accumulator
 from flexmb.fe.assembly.supports import Supports
@@ -46,12 +42,7 @@ from flexmb.fe.reduction.reduced_basis import moving_nodes
 from flexmb.fe.stress import section_force_modes, stress_modes
 from flexmb.flexbody.arrays import FloatArray, IntArray, skew
 from flexmb.flexbody.mesh_options import GravityLoad
-from flexmb.flexbody.part_options import (
-    InterfaceLoad,
-    PartAnalysisOptions,
-    SpinLoad,
-    is_static,
-)
+from flexmb.flexbody.part_options import InterfaceLoad, PartAnalysisOptions, SpinLoad, is_static
 from flexmb.flexbody.part_result import STATIC, PartResult, Resultant
 from flexmb.flexbody.parts import Interface
 from flexmb.flexbody.stress_modes import SectionForceModes

@@ -28,12 +28,7 @@ from flexmb.engine.algebra.vector import copy, largest, scaled_size, weighted_si
 from flexmb.engine.bodies.motion import motion_of_rate, normalise, position_rate
 from flexmb.engine.equations_of_motion import constraint_stage, powers
 from flexmb.engine.jit import Matrix, Unit, Vector, kernel, unit
-from flexmb.engine.method import (
-    FINE,
-    NO_CONVERGENCE,
-    NOT_FINITE,
-    Method,
-)
+from flexmb.engine.method import FINE, NO_CONVERGENCE, NOT_FINITE, Method
 from flexmb.engine.projection import NOTHING, POSITIONS, accelerations
 from flexmb.engine.state import Run
 

@@ -47,10 +47,7 @@ from flexmb.engine.equations_of_motion import (
     walk,
 )
 from flexmb.engine.jit import Matrix, Vector, kernel, unit
-from flexmb.engine.method import (
-    FINE,
-    Method,
-)
+from flexmb.engine.method import FINE, Method
 from flexmb.engine.projection import POSITIONS, accelerations
 from flexmb.engine.state import Run
 

@@ -224,7 +224,7 @@ def free_interface(
 
     Parameters
     ----------
-    fe, interfaces, progress, mirror, loads
+    fe, interfaces, progress, mirror, loads, residual
         As for :func:`flexmb.fe.craig_bampton`.
     modes : int, mapping or ModesOptions
         Elastic modes of the free body: so many, or all below ``{"frequency": f}`` [Hz].

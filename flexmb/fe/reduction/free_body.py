@@ -64,18 +64,12 @@ def free_modes(
 
     Parameters
     ----------
-    fe : FEMatrices
-        The model.
+    fe, progress, mirror, loads, residual
+        As for :func:`flexmb.fe.craig_bampton`.
     interfaces : tuple
         None: this is for bodies without.
     modes : int, mapping or ModesOptions
         Elastic modes: so many, or all below ``{"frequency": f}`` [Hz].
-    progress : Progress
-        Called with the phases ``"order"``, ``"factor"`` and ``"modes"``.
-    mirror : SymmetryPlane, optional
-        Keep what is symmetric about its plane alone.
-    loads : tuple of LoadPattern
-        Loads of the body; those with ``residual`` add their static responses.
 
     Raises
     ------

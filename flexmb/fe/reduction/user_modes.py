@@ -75,15 +75,13 @@ def user_modes(
 
     Parameters
     ----------
-    fe : FEMatrices
-        The model.
+    fe, progress
+        As for :func:`flexmb.fe.craig_bampton`.
     interfaces : tuple of RigidInterface or WeightedInterface
         Their points follow the modes; none is allowed.
     modes : array or path
         (n, k) over the degrees of freedom [m, rad], or (nodes, 3, k) or (nodes, 6, k) over all
         nodes of the mesh in its order; scale is free.
-    progress : Progress
-        Called with the phase ``"modes"``.
     mirror : SymmetryPlane, optional
         Modes must be symmetric about its plane.
     loads : tuple of LoadPattern
