@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .contacts import CONTACTS
+from .heldout import HELD_OUT
 from .machines import MACHINES
 from .orbits import ORBITS
 from .oscillators import OSCILLATORS
@@ -11,9 +12,27 @@ from .scene import AWAY, Scene, beside_a_large_motion, moved, truth_of
 from .spinning import SPINNING
 from .states import STATES
 
-__all__ = ["AWAY", "CYCLES", "SCENES", "Scene", "beside_a_large_motion", "moved", "truth_of"]
+__all__ = [
+    "AWAY",
+    "CYCLES",
+    "HELD_OUT",
+    "SCENES",
+    "Scene",
+    "beside_a_large_motion",
+    "moved",
+    "truth_of",
+]
 
-SCENES = {**PENDULUMS, **SPINNING, **ORBITS, **OSCILLATORS, **MACHINES, **STATES, **CONTACTS}
+SCENES = {
+    **PENDULUMS,
+    **SPINNING,
+    **ORBITS,
+    **OSCILLATORS,
+    **MACHINES,
+    **STATES,
+    **CONTACTS,
+    **HELD_OUT,
+}
 
 CYCLES = {
     "pendulum": 1982.0,

@@ -61,7 +61,7 @@ def assert_reached(name, method, accuracy, model=None, duration=None, **changes)
 
 FAST = (
     "pendulum", "double pendulum", "orbit, e = 0.6", "oscillator", "rotor", "gears", "cam",
-    "cart-pole", "bead on a cycloid", "free top", "Hooke's joint",
+    "cart-pole", "bead on a cycloid", "free top", "Hooke's joint", "trammel", "Euler's body",
 )  # fmt: skip
 
 
@@ -263,6 +263,16 @@ def test_a_pulse_on_a_scene_at_rest_is_not_stepped_over():
     made.add_sensor("m", "velocity", of="m")
     found = run(made, duration=1.0, outputs=4, accuracy=1e-3)
     assert found["m.x"][-1] == pytest.approx(30 * 0.02 / 2, rel=1e-2)
+
+
+def test_a_driven_model_at_the_origin_sets_off():
+    """All stands at one point, at rest: round-off of the driver is no motion to be resolved."""
+    scene = SCENES["crane"]
+    knobs = {"duration": 0.5, "outputs": 20, "accuracy": 1e-6, **METHODS["order 5"]}
+    known = functools.partial(truth, "crane", 0.5, 20)
+    found = judged(scene.make(1.0), lambda t: known(), **knobs)
+    assert not found.message and found.is_reached(1e-6)
+    assert found.steps < 2000  # 14 for each of the 6.4 vibrations are 90
 
 
 def pushed(force):

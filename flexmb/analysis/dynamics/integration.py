@@ -171,7 +171,9 @@ def set_least_motion(
     """Set motion and speed of all coordinates to what is rest or round-off.
 
     Round-off grows with the distance from the origin; a share of the size of the part of the
-    model that shares equations, so that what else moves, and where it stands, has no say.
+    model that shares equations, so that what else moves, and where it stands, has no say. A body
+    reaches as far as its markers, and at least its radius of gyration: of a model whose bodies all
+    stand at the origin the first motion would be resolved down to the round-off of its drivers.
     """
     system, kkt = compiled.system, compiled.system.kkt
     bodies, markers, weights = system.parts.bodies, system.parts.markers, system.weights
@@ -180,7 +182,9 @@ def set_least_motion(
         own = slice(panel["col"], panel["col"] + panel["nc"])
         part[own] = part[kkt.rows[panel["rows"]]] if panel["nr"] else panel["col"]
     of = part[kkt.place[: len(weights)]]
-    arms, on = np.zeros(len(bodies)), markers["body"] >= 0
+    spread, mass = np.trace(bodies["S0"], axis1=1, axis2=2), bodies["mass"]
+    arms = np.sqrt(np.divide(spread, mass, out=np.zeros(len(mass)), where=mass > 0.0))
+    on = markers["body"] >= 0
     reach = np.linalg.norm(markers["rho"] + markers["arm"], axis=1)
     np.maximum.at(arms, markers["body"][on], reach[on])
     low, high = np.full((len(part), 3), np.inf), np.full((len(part), 3), -np.inf)
