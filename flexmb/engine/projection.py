@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.algebra.ldl import multiply, solve, solve_refined
-from flexmb.engine.algebra.vector import copy, largest, weighted_size
+from flexmb.engine.algebra.vector import copy, largest, weighted_size, zero
 from flexmb.engine.bodies.motion import move
 from flexmb.engine.equations_of_motion import (
     bias_stage,
@@ -264,6 +264,39 @@ def _refine_by_mass(run: Run, at: Point, top: Vector, bottom: Vector, x: Vector,
         for i in range(y.shape[0]):
             y[i] += own[place[nv + i]]
     copy(tr.spare, tr.res)
+    return FINE
+
+
+@unit
+def remove_self_stress(run: Run, at: Point, cp: float) -> int:
+    """Take from lam what moves nothing, after `accelerations` with the same cp.
+
+    Rows that depend on each other leave a part s with Cqᵀ s = 0 open. The solution that has least
+    norm by M + cp ∂F/∂q changes with the step and with the pose: by M, (M, Cqᵀ; Cq, 0) (x; λ) =
+    (Cqᵀ λ₀; 0), it is the same in all, and only what is wrong with x says that rows were
+    independent after all.
+    """
+    fac, kkt, lam, weights = run.work.factor, run.system.kkt, at.lam, run.system.weights
+    place, nv = kkt.place, at.vd.shape[0]
+    if fac.replaced[0] != 0 or not has_dependent_rows(fac, 0.0):
+        return FINE
+    if cp != 0.0 and factorise(run, at, 0.0, 0.0) != 0:
+        return FINE
+    zero(fac.sol)
+    for i in range(lam.shape[0]):
+        fac.sol[place[nv + i]] = lam[i]
+    multiply(kkt, fac, fac.sol, fac.rhs)
+    for i in range(lam.shape[0]):
+        fac.rhs[place[nv + i]] = 0.0
+    solve_refined(kkt, fac, _REFINEMENTS)
+    moved, most = 0.0, 0.0
+    for i in range(nv):
+        k = place[i]
+        moved = max(moved, abs(fac.sol[k]) * weights[i])
+        most = max(most, abs(fac.rhs[k]) / fac.diagonal[k] * weights[i])
+    if moved <= _SETTLED * most:
+        for i in range(lam.shape[0]):
+            lam[i] = fac.sol[place[nv + i]]
     return FINE
 
 

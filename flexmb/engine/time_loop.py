@@ -58,7 +58,7 @@ from flexmb.engine.kinematics_point import (
     solve_velocities_accelerations,
 )
 from flexmb.engine.method import FINE, NOT_FINITE, TOO_SMALL, round_off
-from flexmb.engine.projection import POSITIONS, VELOCITIES, accelerations
+from flexmb.engine.projection import POSITIONS, VELOCITIES, accelerations, remove_self_stress
 from flexmb.engine.sensors.sensor import count_turns, read_channels
 from flexmb.engine.state import Run
 
@@ -220,6 +220,7 @@ def write_output(run: Run) -> int:
     status = accelerations(run, at, _filter(run), project)
     if status != FINE:
         return status
+    remove_self_stress(run, at, _filter(run))
     constraint_stage(run, at)
     count_turns(run, at, tr.angles)
     write_motion(run, at, tr, run.work.con.drift[0])

@@ -31,10 +31,12 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath, PureWindowsPath
+from shutil import copyfileobj
 from typing import Any, Final
 from uuid import uuid4
 
@@ -62,6 +64,7 @@ _FORMAT, _VERSION = "flexmb-result", 3
 _REPORT_BYTES = 65536  # room for statistics and message, reserved before the run
 _CHUNK_BYTES = 1 << 16  # one chunk of a table: what a flush writes again at most
 _SECTIONS = ("bodies", "joints", "drivers", "forces", "sensors", "markers")  # tables by name
+_COPIED = 1 << 24  # bytes of a copy at once
 _MAX_MODES = 100_000  # of all bodies
 _NAMES = ("bodies", "coordinates", "rows", "reactions", "channels", "energies")
 _REQUIRED = (
@@ -163,7 +166,7 @@ def report_text(statistics: Mapping[str, float | int | str], message: str) -> np
 def extend_file(path: Path, duration: float, outputs: int) -> None:
     """Make room for `outputs` intervals and note the new duration of the run as a whole.
 
-    A copy with more room replaces the file when it is complete: a kill leaves one of the two.
+    A copy with more room replaces the file when it is complete.
 
     Parameters
     ----------
@@ -179,12 +182,22 @@ def extend_file(path: Path, duration: float, outputs: int) -> None:
     OutputError
         Another run is writing the file, the disk has no room, or the file cannot be replaced.
     """
-    try:
-        _write_copy(path, duration, outputs)
-    except BlockingIOError as error:
-        raise OutputError(f"{path}: another run is writing it") from error
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be extended ({error.strerror or error})") from error
+    with (
+        _successor(path, "extended") as disk,
+        open_hdf5(path, ResultFileError, "a result of flexmb") as old,
+        h5py.File(disk, "w", userblock_size=USER_BLOCK) as new,
+    ):
+        new.attrs.update(old.attrs)
+        rows = int(old["progress"][0])
+        for name in TABLES:
+            _reserve(new, name, (max(outputs + 1, rows), *old[name].shape[1:]))
+            if rows:
+                new[name][:rows] = old[name][:rows]
+        for name in old:
+            if name not in TABLES:
+                old.copy(name, new)
+        new["span"][:] = duration, outputs
+        new.attrs["content"] = content_digest(new)
 
 
 def store_text(path: Path, name: str, text: str) -> None:
@@ -196,24 +209,35 @@ def store_text(path: Path, name: str, text: str) -> None:
         A run is writing the file, or it cannot be written.
     """
     open_hdf5(path, ResultFileError, "a result of flexmb").close()
-    try:
-        disk = DiskFile(path)
-    except BlockingIOError as error:
-        raise OutputError(f"{path}: another run is writing it") from error
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
-    try:
+    with _successor(path, "written") as disk, uninterrupted():
+        with path.open("rb") as old:
+            copyfileobj(old, disk, _COPIED)
+        disk.seek(0)
         disk.write(bytes(USER_BLOCK))  # no seal until the text is complete
-        with uninterrupted(), h5py.File(disk, "r+") as file:
+        with h5py.File(disk, "r+") as file:
             if name in file["texts"]:
                 del file["texts"][name]
             _write_text(file["texts"], name, text)
             file.attrs["content"] = content_digest(file)
-        disk.seal()
-    finally:
-        disk.close()
-    if disk.failure is not None:
-        raise OutputError(f"{path}: cannot be written ({disk.failure.strerror})")
+
+
+@contextmanager
+def _successor(path: Path, done: str) -> Iterator[DiskFile]:
+    """A file that takes the place of a result when it is complete: a kill leaves one of the two."""
+    try:
+        disk = DiskFile(path, new=True)
+        try:
+            yield disk
+            disk.complete()
+            disk.seal()
+        finally:
+            disk.close()
+        if disk.failure is not None:
+            raise disk.failure
+    except BlockingIOError as error:
+        raise OutputError(f"{path}: another run is writing it") from error
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be {done} ({error.strerror or error})") from error
 
 
 def file_format(path: str | Path) -> str | None:
@@ -422,29 +446,3 @@ def _reserve(file: h5py.File, name: str, shape: tuple[int, ...]) -> None:
     properties.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
     space = h5py.h5s.create_simple(shape, (h5py.h5s.UNLIMITED, width)[: len(shape)])
     h5py.h5d.create(file.id, name.encode(), h5py.h5t.IEEE_F64LE, space, properties)
-
-
-def _write_copy(path: Path, duration: float, outputs: int) -> None:
-    disk = DiskFile(path, new=True)
-    try:
-        with (
-            open_hdf5(path, ResultFileError, "a result of flexmb") as old,
-            h5py.File(disk, "w", userblock_size=USER_BLOCK) as new,
-        ):
-            new.attrs.update(old.attrs)
-            rows = int(old["progress"][0])
-            for name in TABLES:
-                _reserve(new, name, (max(outputs + 1, rows), *old[name].shape[1:]))
-                if rows:
-                    new[name][:rows] = old[name][:rows]
-            for name in old:
-                if name not in TABLES:
-                    old.copy(name, new)
-            new["span"][:] = duration, outputs
-            new.attrs["content"] = content_digest(new)
-        disk.complete()
-        disk.seal()
-    finally:
-        disk.close()
-    if disk.failure is not None:
-        raise disk.failure

@@ -11,7 +11,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from flexmb.errors import OutputError, ResultFileError
 from flexmb.flexbody import STRESS, principal_stresses, von_mises
 from flexmb.folders import whole_file
+from flexmb.results.kill_safe_file import DiskFile, uninterrupted
 from flexmb.results.recovery import Recovery, labels
 
 Array = NDArray[np.float64]
@@ -330,19 +331,41 @@ def _write_csv(path: Path, columns: Columns, batches: Batches) -> None:
 def _write_hdf5(path: Path, columns: Columns, batches: Batches) -> None:
     import h5py
 
-    with h5py.File(path, "w") as file:
-        for batch in batches:
-            for (name, unit), values in zip(columns, batch, strict=True):
-                if isinstance(values, tuple | list):
-                    text = np.array(values, dtype=object)
-                    file.create_dataset(name, data=text, dtype=h5py.string_dtype())
-                    continue
-                array = np.asarray(values)
-                if name not in file:
-                    shape = {"maxshape": (None,), "chunks": (min(max(len(array), 1), 65536),)}
-                    file.create_dataset(name, data=array, **shape)
-                    file[name].attrs["unit"] = unit
-                else:
-                    size = len(file[name])
-                    file[name].resize((size + len(array),))
-                    file[name][size:] = array
+    path.touch()
+    disk = DiskFile(path)  # HDF5 ends the process where a disk fails, so it never meets one
+    try:
+        with uninterrupted():
+            file = h5py.File(disk, "w")
+        try:
+            for batch in batches:
+                with uninterrupted():
+                    _append_batch(file, columns, batch)
+                if disk.failure is not None:
+                    break
+        finally:
+            with uninterrupted():
+                file.close()
+    finally:
+        disk.close()
+    if disk.failure is not None:
+        raise disk.failure
+
+
+def _append_batch(file: Any, columns: Columns, batch: Sequence[Sequence[object] | Array]) -> None:
+    """Rows at the end of the datasets of an open HDF5 file."""
+    import h5py
+
+    for (name, unit), values in zip(columns, batch, strict=True):
+        if isinstance(values, tuple | list):
+            text = np.array(values, dtype=object)
+            file.create_dataset(name, data=text, dtype=h5py.string_dtype())
+            continue
+        array = np.asarray(values)
+        if name not in file:
+            shape = {"maxshape": (None,), "chunks": (min(max(len(array), 1), 65536),)}
+            file.create_dataset(name, data=array, **shape)
+            file[name].attrs["unit"] = unit
+        else:
+            size = len(file[name])
+            file[name].resize((size + len(array),))
+            file[name][size:] = array

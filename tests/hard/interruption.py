@@ -38,34 +38,26 @@ from flexmb.studies.record_table import read_rows
 SCENE = """
 title = "a beam that swings"
 gravity = "earth -y"
+joints.pin = { type = "revolute", between = ["ground", "beam.root"], axis = "z" }
+sensors.tip = { type = "position", of = "beam.tip" }
+sensors.swing = { type = "angle", joint = "pin" }
+dynamics = { duration = 0.15, outputs = 1500, accuracy = 1e-4 }
 [bodies.beam]
 mesh = { type = "beam", length = 1.0, divisions = 12 }
 material = "steel"
 sections = { all = { type = "rectangle", y = 0.02, z = 0.01 } }
 modes = 6
 interfaces = { root = "start", tip = "end" }
-[joints.pin]
-type = "revolute"
-between = ["ground", "beam.root"]
-axis = "z"
-[sensors.tip]
-type = "position"
-of = "beam.tip"
-[sensors.swing]
-type = "angle"
-joint = "pin"
-[dynamics]
-duration = 0.15
-outputs = 1500
-accuracy = 1e-4
 """
 PENDULUM = """
 gravity = "earth -y"
 bodies.rod = { mass = 1, center = [0.5, 0, 0], inertia = [0.01, 0.1, 0.1] }
 joints.pin = { type = "revolute", between = ["ground", "rod"], axis = "z" }
+forces.push = { type = "force", at = "rod", value = [0, -1.0, 0] }
 sensors.swing = { type = "angle", joint = "pin" }
 dynamics = { duration = 1, outputs = 20 }
 """
+DRIVEN = PENDULUM + 'drivers.motor = { joint = "pin", angle = "sin(t)" }\n'
 KEPT = (".unit", ".lock", ".parquet", ".jsonl")  # the cache, locks, rows of runs that have ended
 
 
@@ -76,13 +68,15 @@ class Phase:
     words: str
     outputs: tuple[str, ...]
     units: int = 0  # of the compile cache that are missing at its begin
+    after: str = ""  # the command that leaves what it works on
 
 
 _BODY = "out/beam.flexbody.h5"
+_RUN = "run {{}}/scene.toml -o {{}}/{} --no-picture"
 PHASES = {
-    "compile": Phase("run {}/scene.toml -o {}/out --no-picture", ("out/result.h5", _BODY), units=6),
+    "compile": Phase(_RUN.format("out"), ("out/result.h5", _BODY), units=6),
     "reduce": Phase("reduce {}/scene.toml --fresh -o {}/out", (_BODY,)),
-    "run": Phase("run {}/scene.toml -o {}/out --no-picture", ("out/result.h5", _BODY)),
+    "run": Phase(_RUN.format("out"), ("out/result.h5", _BODY)),
     "film": Phase(
         "film {}/done -o {}/out/a.gif --force --fps 8 --end 0.05 --speed 0.05 --size 320x180",
         ("out/a.gif",),
@@ -109,6 +103,12 @@ PHASES = {
     "modes": Phase(
         "modes {}/rod.toml --vary bodies.rod.mass=1,2,3 -o {}/out/m.png", ("out/m.png",)
     ),
+    "audit": Phase("audit {}/out --budget 9", ("out/result.h5",), after=_RUN.format("out")),
+    "inverse": Phase("inverse {}/driven.toml -o {}/out", ("out/result.h5", "out/picture.png")),
+    "response": Phase(
+        "response {}/rod.toml --input push.y --sensor swing -o {}/out/r.png", ("out/r.png",)
+    ),
+    "stress": Phase("stress {}/done -o {}/out/s.h5 --force", ("out/s.h5",)),
 }
 
 
@@ -128,9 +128,7 @@ class Trial:
     def __post_init__(self) -> None:
         self.phase = PHASES[self.name]
         self.words = self.phase.words.format(*[self.folder] * 2).split()
-        self.environment = os.environ | {
-            "TMPDIR": str(self.folder / "tmp"),
-        }
+        self.environment = os.environ | {"TMPDIR": str(self.folder / "tmp")}
         if self.phase.units:
             self.environment["FLEXMB_CACHE_DIR"] = str(self.folder / "cache")
 
@@ -140,13 +138,14 @@ class Trial:
             (self.folder / name).mkdir(parents=True, exist_ok=True)
         (self.folder / "scene.toml").write_text(SCENE)
         (self.folder / "rod.toml").write_text(PENDULUM)
+        (self.folder / "driven.toml").write_text(DRIVEN)
         if self.phase.units:
             from flexmb.folders import cache_root
 
             shutil.copytree(cache_root() / "units", self.folder / "cache" / "units")
-        if "{}/done" in self.phase.words:
-            run = f"run {self.folder}/scene.toml -o {self.folder}/done --no-picture"
-            self.finish(self.start(run.split()))
+        after = _RUN.format("done") if "{}/done" in self.phase.words else self.phase.after
+        if after:
+            self.finish(self.start(after.format(*[self.folder] * 2).split()))
         self.finish(self.start(self.words))  # whatever is compiled is compiled now
         self.remove_units(Random(0))
         child = self.start(self.words)
@@ -314,7 +313,7 @@ def digest(path: Path) -> str:
         body = load(path)
         data = b"".join(m.tobytes() for m in (body.K, body.D, body.p, body.Mab))
         return hashlib.sha256(data).hexdigest()
-    if path.suffix == ".h5":
+    if path.name == "result.h5":
         return str(len(Result(path).time))
     data = path.read_bytes()
     if path.suffix == ".png":  # whole: the last chunk is IEND

@@ -12,7 +12,7 @@ import pytest
 from resultfiles import block, writer
 
 from flexmb.errors import OutputError, ResultFileError
-from flexmb.results import Result, ResultWriter, extend_file
+from flexmb.results import Result, ResultWriter, extend_file, result_file, store_text
 from flexmb.results.kill_safe_file import uninterrupted
 
 
@@ -85,6 +85,27 @@ def test_a_longer_duration_is_kept_beside_the_scene(tmp_path: Path) -> None:
         assert len(file["q"]) == 21  # room for all rows, taken in advance
     assert [path.name for path in tmp_path.iterdir()] == ["r.h5"]
     assert result.model["dynamics"] == {"duration": 0.2, "outputs": 20, "step": 1e-3}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [lambda path: store_text(path, "audit", "a table"), lambda path: extend_file(path, 0.2, 20)],
+)
+def test_a_change_that_breaks_off_leaves_the_file_as_it_was(tmp_path, monkeypatch, change):
+    path = cut_off(tmp_path / "r.h5", 1)
+    before = path.read_bytes()
+
+    def broken(*_):
+        raise OSError("the machine stops here")
+
+    monkeypatch.setattr(result_file, "content_digest", broken)
+    with pytest.raises(OutputError, match="stops here"):
+        change(path)
+    assert path.read_bytes() == before
+    assert [one.name for one in tmp_path.iterdir()] == ["r.h5"]
+    monkeypatch.undo()
+    change(path)
+    assert len(Result(path).time) == 5
 
 
 def test_only_one_writes_at_a_time(tmp_path: Path) -> None:

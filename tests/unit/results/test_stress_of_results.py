@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 import flexmb
 from flexmb.cli import app
-from flexmb.errors import FlexmbError
-from flexmb.results import export_stress, reader, recovery
+from flexmb.errors import FlexmbError, OutputError
+from flexmb.results import export_stress, kill_safe_file, reader, recovery
 
 SHELL = {"surface": {"type": "shell", "thickness": 0.01}}
 BAR = {"all": {"type": "rectangle", "y": 0.02, "z": 0.03}}
@@ -140,6 +140,16 @@ def test_histories_envelopes_and_moments_are_written(swinging, tmp_path, monkeyp
         mises = np.array([float(row["von_mises [Pa]"]) for row in rows])
         assert (mises <= file["von_mises"][:] * (1 + 1e-12)).all()
     np.testing.assert_allclose(mises, swinging.von_mises("blade", 0.05).values, rtol=1e-12)
+
+
+def test_a_full_disk_ends_no_process_and_leaves_nothing(swinging, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(kill_safe_file.DiskFile, "_write_all", full)
+    with pytest.raises(OutputError, match="No space left"):
+        export_stress(swinging, tmp_path / "a.h5", "blade", nodes=[4], layer="top")
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_command_shows_and_refuses(swinging, tmp_path):
