@@ -131,6 +131,14 @@ class OrthotropicMaterial(_Elastic):
 AnyMaterial = Material | OrthotropicMaterial
 
 
+def material_problems(where: str, value: object) -> list[Problem]:
+    """A name or a table in place of a material."""
+    if value is None or isinstance(value, AnyMaterial):
+        return []
+    what = f"expects a material, given {value!r}; flexmb.fe.resolve makes one of a name or a table"
+    return [Problem(where, what)]
+
+
 def _compliance(E: Three, nu: Three) -> FloatArray:
     """(3, 3) strains 11, 22, 33 per stress."""
     nu12, nu23, nu13 = nu

@@ -118,17 +118,18 @@ def part(
         if finding.level == "warning":
             warnings.warn(finding.sentence, FlexmbWarning, stacklevel=2)
     constraints = attempts(make_supports, fe, ends, options.supports)
-    vectors = {k: attempts(part_load, fe, ends, k, load) for k, load in options.loads.items()}
+    parts = {k: attempts(part_load, fe, ends, k, load) for k, load in options.loads.items()}
     attempts.raise_errors()
     assert constraints is not None
-    attempts(_check_loads, fe, constraints, {k: f for k, f in vectors.items() if f is not None})
+    vectors = {k: f for k, f in parts.items() if f is not None}
+    attempts(_check_loads, fe, constraints, vectors)
     notes = attempts(_check_motions, fe, constraints, options) or []
     attempts.raise_errors()
     progress("read", 1.0)
     solved = SupportedModel(fe, ends, constraints, options, progress)
     return solved.result(
         name or Path(fe.mesh.source).stem,
-        {k: f for k, f in vectors.items() if f is not None},
+        vectors,
         notes,
         model_provenance(
             fe,
@@ -208,15 +209,15 @@ def _check_names(
 def part_load(
     fe: FEMatrices, ends: tuple[ModelInterface, ...], name: str, options: Any
 ) -> FloatArray:
-    """(n,) nodal loads of one load on a part."""
+    """(n_all,) nodal loads of one load on a part."""
     if isinstance(options, SpinLoad):
         A, p = spin_field(options)
-        return condensed_load(fe, -fe.load_per_mass(np.column_stack([A, -A @ p])))
+        return -fe.load_per_mass(np.column_stack([A, -A @ p]))
     if isinstance(options, InterfaceLoad):
         end = next(end for end in ends if end.name == options.interface)
         load = np.array([*(options.force or (0.0,) * 3), *(options.moment or (0.0,) * 3)])
         dofs, values = end.loads()
-        f = np.zeros(fe.numbering.n)
+        f = np.zeros(fe.numbering.n_all)
         np.add.at(f, dofs, values @ load)
         return f
     return load_vector(fe, f"loads.{name}", options)
@@ -226,7 +227,7 @@ def _check_loads(fe: FEMatrices, constraints: Supports, vectors: Mapping[str, Fl
     """A load that goes into the supports whole does nothing to the part."""
     problems = []
     for name, f in vectors.items():
-        z = constraints.G.T @ f
+        z = constraints.G.T @ condensed_load(fe, f)
         if f.any() and np.abs(z[constraints.free]).max(initial=0.0) <= 1e-12 * np.abs(z).max():
             loaded = constraints.shares[:, np.abs(z[constraints.fixed]) > 0].any(axis=1)
             owners = sorted(n for n, one in zip(constraints.names, loaded, strict=True) if one)

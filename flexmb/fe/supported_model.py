@@ -23,6 +23,7 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 from flexmb.errors import FlexmbWarning, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, geometric_stiffness
 from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface, interface_stiffness
+from flexmb.fe.assembly.loads import condensed_load
 from flexmb.fe.assembly.mass import component_masses
 from flexmb.fe.assembly.numbering import Accumulator
 from flexmb.fe.assembly.supports import Supports
@@ -37,6 +38,7 @@ from flexmb.fe.reduction.eigenmodes import (
     start_vector,
 )
 from flexmb.fe.reduction.fixed_interface import BorderedSolver
+from flexmb.fe.reduction.free_body import dense_free_modes
 from flexmb.fe.reduction.inertia_relief import InertiaRelief
 from flexmb.fe.reduction.reduced_basis import moving_nodes
 from flexmb.fe.stress import section_force_modes, stress_modes
@@ -93,14 +95,15 @@ class SupportedModel:
         notes: list[str],
         provenance: Mapping[str, str],
     ) -> PartResult:
-        """Solve, and recover everything."""
+        """Solve under the loads (n_all,), and recover everything."""
         fe, supports, options = self.fe, self.supports, self.options
         fields: list[str] = []
         columns = [np.zeros((supports.G.shape[1], 0))]
         solver = self._solver(self._inner(self.K)) if self._needs_stiffness() else None
         reactions: tuple[Resultant, ...] = ()
         Kg, spin = None, np.zeros((3, 3))
-        total = sum(loads.values(), np.zeros(fe.numbering.n))
+        acting = {k: condensed_load(fe, f) for k, f in loads.items()}
+        total = sum(acting.values(), np.zeros(fe.numbering.n))
         if is_static(options):
             assert solver is not None
             z = self._static(solver, total)
@@ -108,10 +111,10 @@ class SupportedModel:
             columns.append(z[:, None])
             fields.append(STATIC)
             if options.buckling or options.preload:
-                inside = [f for k, f in loads.items()
+                inside = [f for k, f in acting.items()
                           if not isinstance(options.loads[k], InterfaceLoad)]  # fmt: skip
                 links = fe.K @ (supports.G @ z) - sum(inside, np.zeros(fe.numbering.n))
-                Kg, spin = self._stressed(supports.G @ z, links)
+                Kg, spin = self._stressed(supports.G @ z, links, loads)
         factors = np.zeros(0)
         shapes = np.zeros((supports.G.shape[1], 0))
         if options.buckling:
@@ -137,7 +140,7 @@ class SupportedModel:
             self._effective_mass(modes),
             factors,
             reactions,
-            tuple(self._resultant(k, fe.center, f) for k, f in loads.items()),
+            tuple(self._resultant(k, fe.center, f) for k, f in acting.items()),
             notes=tuple(notes),
             provenance=provenance,
             **self._recovered(Z),
@@ -201,13 +204,16 @@ class SupportedModel:
     def _resultant(self, name: str, at: FloatArray, f: FloatArray) -> Resultant:
         return self._pull(name, at, self.fe.rigid.T @ f)
 
-    def _stressed(self, u: FloatArray, links: FloatArray) -> tuple[csr_array, FloatArray]:
+    def _stressed(
+        self, u: FloatArray, links: FloatArray, loads: Mapping[str, FloatArray]
+    ) -> tuple[csr_array, FloatArray]:
         """Geometric stiffness of the static solution over z, and B = omega~^2 of its spin.
 
-        ``links`` (n,) are what supports and interfaces exert.
+        ``links`` (n,) are what supports and interfaces exert, ``loads`` (n_all,) each load.
         """
         field, B = np.zeros((3, 4)), np.zeros((3, 3))
-        for load in self.options.loads.values():
+        direct = np.zeros(self.fe.numbering.n_all)
+        for name, load in self.options.loads.items():
             if isinstance(load, SpinLoad):
                 A, p = spin_field(load)
                 field -= np.column_stack([A, -A @ p])
@@ -215,7 +221,9 @@ class SupportedModel:
                 B += w @ w
             elif isinstance(load, GravityLoad):
                 field[:, 3] += load.acceleration
-        Kg = geometric_stiffness(self.fe, u, field)
+            else:
+                direct += loads[name]
+        Kg = geometric_stiffness(self.fe, u, field, direct)
         Kg = csr_array(self.supports.G.T @ Kg @ self.supports.G)
         for end in self.ends:
             S = interface_stiffness(self.fe, end, links)
@@ -290,14 +298,12 @@ class SupportedModel:
         n = K.shape[0]
         if not self.moves:
             if not self.W.shape[0] and (n <= _DENSE or 2 * count >= n):
-                return dense_modes(K.toarray(), self.M.toarray(), count, definite=True)
+                return dense_modes(K.toarray(), self.M.toarray(), count)
             start = solver.solve(start_vector(n))
             return lowest_modes(self.M, solver.solve, count, self.progress, start)
         relief = InertiaRelief(self.M, self.R)
         if n <= _DENSE or 2 * count >= n:
-            skip = self.R.shape[1]
-            omega2, V = dense_modes(K.toarray(), self.M.toarray(), count + skip)
-            return omega2[skip:], V[:, skip:]
+            return dense_free_modes(K.toarray(), self.M.toarray(), self.R, count)
 
         def deform(f: FloatArray) -> FloatArray:
             return relief.fields(solver.solve(relief.loads(f)))

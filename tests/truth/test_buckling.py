@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from femeshes import line, solid_box
+from femeshes import block, line, solid_box
+from scipy.optimize import brentq
 
 from flexmb.analysis.dynamics.load_factor import _EULER, LoadFactorMonitor
-from flexmb.fe import rectangle, reduce
+from flexmb.fe import Mesh, part, rectangle, reduce
 from flexmb.model import Model
 from tests.accuracyscenes.judging import judged
 
@@ -145,3 +146,31 @@ def test_a_blade_that_points_to_the_axis_is_buckled_by_its_own_centrifugal_load(
     model.add_joint("root", "fixed", between=["hub.rim", "column.root"])
     model.add_driver("motor", joint="axle", angle=f"{speed}*t")
     assert load_factor(model) == pytest.approx(0.5, rel=0.01)
+
+
+@pytest.mark.parametrize("load", ["traction", "pressure"])
+def test_a_load_on_a_tied_face_buckles_the_column_behind_it(load):
+    """On a face tied to the end of a beam, a behind it: tan kL = 1/(k a), P = EI k^2."""
+    h, a, E = 0.02, 0.3, 2e11
+    solid = block((1, 1, 1), (0.1, h, h))
+    bar = line(20, end=(1.0, 0, 0))
+    first = len(solid.points)
+    mesh = Mesh(
+        np.vstack([solid.points + [1.0 + a, -h / 2, -h / 2], bar.points]),
+        {**solid.blocks, "line": bar.blocks["line"] + first},
+        {"root": np.array([first])},
+        solid.element_sets,
+    )
+    loads = {
+        "traction": {"group": "x0", "traction": [-1 / h**2, 0, 0]},
+        "pressure": {"group": "x0", "pressure": -1 / h**2},
+    }
+    factors = part(
+        mesh, material={"E": E, "nu": 0.0, "density": 7800.0},
+        sections={"all": rectangle(h, h, shear=False)},
+        ties={"t": {"type": "rbe2", "reference": first + 20, "nodes": "x0"}},
+        supports={"root": {"group": "root", "type": "clamped"}},
+        loads={"p": {"type": load, **loads[load]}}, buckling=1,
+    ).load_factors  # fmt: skip
+    k = brentq(lambda k: np.cos(k) - k * a * np.sin(k), 0.1, np.pi / 2)
+    assert factors[0] == pytest.approx(E * h**4 / 12 * k**2, rel=1e-4)  # strain P/EA: 5e-5

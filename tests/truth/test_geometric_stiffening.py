@@ -75,6 +75,17 @@ def tied_lines():
     return mesh, {"sections": THIN, "ties": ties, "masses": {"m": {"at": 13, **MASS}}}
 
 
+def sprung_lines():
+    """The same with springs in place of the arm."""
+    mesh, options = tied_lines()
+    axes = [[1.0, 1.0, 0.0], [0.0, 1.0, 1.0]]
+    springs = {
+        "six": {"between": [12, 13], "stiffness": [10.0, 20.0, 30.0, 4.0, 5.0, 6.0], "axes": axes},
+        "line": {"between": [11, 15], "stiffness": 7.0},
+    }
+    return mesh, {**options, "ties": {}, "springs": springs}
+
+
 def block_and_line(kind):
     """A beam that is tied to the face of a solid, beside its middle."""
     block, bar = solid_box("hexahedron20", [2, 1, 1], (1.0, 0.4, 0.3)), line(4, (1.2, 0.5, 0.1))
@@ -131,6 +142,7 @@ def turning_work(fe, ends, load):
         (with_mass(), 3e-3),
         (with_mass(mass_matrix="hrz"), 1e-9),
         (tied_lines(), 1e-3),
+        (sprung_lines(), 3e-3),
         (block_and_line("rbe2"), 1e-3),
         (block_and_line("rbe3"), 1e-3),
         (skew_plate("quad", 0.0), 6e-3),
@@ -139,7 +151,7 @@ def turning_work(fe, ends, load):
     ],
     ids=[
         "beams", "beams beside their nodes", "mass on an arm", "lumped mass", "rigid arm",
-        "rbe2 face", "rbe3 face", "quads", "quads beside their nodes", "triangles",
+        "springs", "rbe2 face", "rbe3 face", "quads", "quads beside their nodes", "triangles",
     ],
 )  # fmt: skip
 def test_stress_of_a_load_turns_with_the_body(made, error):

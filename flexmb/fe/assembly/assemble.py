@@ -18,16 +18,7 @@ import numpy as np
 from scipy.sparse import csr_array, eye_array, vstack
 
 from flexmb.errors import FlexmbError, FlexmbWarning, Problem, ReductionError, nearest
-from flexmb.fe.assembly.connections import (
-    Spring,
-    Tie,
-    dependence,
-    followers,
-    make_springs,
-    make_ties,
-    spring_stiffness,
-    tie_moments,
-)
+from flexmb.fe.assembly.connections import Tie, dependence, followers, make_ties, tie_moments
 from flexmb.fe.assembly.mass import (
     Inertia,
     LumpedSum,
@@ -39,6 +30,12 @@ from flexmb.fe.assembly.mass import (
     reduced_components,
 )
 from flexmb.fe.assembly.numbering import Accumulator, Numbering, number_nodes, rigid_vectors
+from flexmb.fe.assembly.springs import (
+    Spring,
+    make_springs,
+    spring_geometric_stiffness,
+    spring_stiffness,
+)
 from flexmb.fe.elements.element_blocks import Block, select_elements
 from flexmb.fe.linear_solver import require_memory
 from flexmb.fe.meshes.mesh import Mesh
@@ -209,7 +206,7 @@ def assemble(
         :func:`flexmb.fe.assembly.mass.nodal_masses`.
     springs : mapping of str to mapping
         ``{name: {between: [node or group, node or group], stiffness, axes}}``, see
-        :func:`flexmb.fe.assembly.connections.make_springs`.
+        :func:`flexmb.fe.assembly.springs.make_springs`.
     mass_matrix : str
         ``"consistent"``, or ``"hrz"`` for lumped mass.
 
@@ -327,11 +324,14 @@ def _require_memory(blocks: tuple[Block, ...], numbering: Numbering) -> None:
 
 
 def _number_model(mesh: Mesh, blocks: tuple[Block, ...], ties: tuple[Tie, ...]) -> Numbering:
-    """Degrees of freedom of the nodes of elements and of the references of ties."""
-    references = [np.array([tie.reference]) for tie in ties]
-    moving = np.unique(np.concatenate([*(block.nodes.ravel() for block in blocks), *references]))
+    """Degrees of freedom of the nodes of elements and of ties: the references, and nodes without
+    elements that follow one rigidly."""
+    of_elements = np.unique(np.concatenate([block.nodes.ravel() for block in blocks]))
+    whole = [np.array([tie.reference]) for tie in ties]
+    whole += [np.setdiff1d(tie.nodes, of_elements) for tie in ties if tie.kind == "rbe2"]
+    moving = np.unique(np.concatenate([of_elements, *whole]))
     turning = [block.nodes.ravel() for block in blocks if block.family.rotations]
-    rotating = np.unique(np.concatenate([np.zeros(0, dtype=int), *turning, *references]))
+    rotating = np.unique(np.concatenate([np.zeros(0, dtype=int), *turning, *whole]))
     return number_nodes(len(mesh.points), moving, rotating, followers(ties, len(mesh.points)))
 
 
@@ -349,7 +349,7 @@ def _condensed(matrix: csr_array, follow: csr_array | None) -> csr_array:
 
 
 def geometric_stiffness(
-    fe: FEMatrices, u: FloatArray, field: FloatArray | None = None
+    fe: FEMatrices, u: FloatArray, field: FloatArray | None = None, direct: FloatArray | None = None
 ) -> csr_array:
     """(n, n) geometric stiffness.
 
@@ -362,6 +362,8 @@ def geometric_stiffness(
     field : (3, 4) float, optional
         [G, g] where a force per mass G s + g at s [m] acts all over the body: on ties, offsets and
         masses that turn; beams take from it how their axial force varies along an element.
+    direct : (n_all,) float, optional
+        Other loads, of constant direction, as they act on nodes that follow a tie.
     """
     everywhere, table = fe.expand(u), fe.numbering.table
     total = Accumulator(fe.numbering.n_all)
@@ -372,11 +374,15 @@ def geometric_stiffness(
             dofs = fe.numbering.of(nodes, width)
             elements = (fe.mesh.points[nodes], block.section, everywhere[dofs])
             total.add(family.geometric_stiffness(*elements, within), dofs)
+    for spring in fe.springs:
+        total.add(*spring_geometric_stiffness(spring, fe.numbering, fe.mesh.points, everywhere))
     if fe.follow is not None and fe.tied_stiffness is not None:
         n, forces = fe.numbering.n, np.zeros(fe.numbering.n_all)
         forces[n:] = fe.tied_stiffness @ everywhere
         if field is not None:
             forces[n:] -= fe.load_per_mass(field)[n:]
+        if direct is not None:
+            forces[n:] -= direct[n:]
         moments = tie_moments(fe.ties, fe.numbering, fe.mesh.points, fe.follow, forces)
         references = [tie.reference for tie in fe.ties]
         total.add(rotation_stiffness(moments), table[references, 3:])

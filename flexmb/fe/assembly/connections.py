@@ -1,12 +1,10 @@
-"""Connections inside a body: ties of nodes (RBE2, RBE3) and springs between nodes.
+"""Connections inside a body: ties of nodes (RBE2, RBE3).
 
 RBE2: nodes follow a reference node rigidly, u = T q. RBE3: the reference follows the mean motion of
 the nodes, q = W u, the least-squares fit of a rigid motion over their faces: W = (G^T A G)^-1 G^T
 A, A = int N^T N dA, G how nodes follow a rigid motion. A force at the reference is then a traction
 that varies linearly over the faces, whatever their order; nodes without faces count alike. So a
-beam ends on the face of a solid, and a mass hangs on a hole. A spring has one stiffness along the
-line between its nodes, or six on the motion of the second node relative to the first at the point
-midway between them, three along and three about its axes; rigid arms join that point to the nodes.
+beam ends on the face of a solid, and a mass hangs on a hole.
 Source: MSC Nastran Quick Reference Guide, entries RBE2 and RBE3 (nodal weights); Abaqus, coupling
 constraints (distributing, weights of the surface), with the face integrals of consistent loads in
 place of nodal areas.
@@ -29,7 +27,7 @@ from flexmb.fe.elements.element_blocks import Block, outer_faces
 from flexmb.fe.elements.shell_fields import edge_bows, free_edges
 from flexmb.fe.meshes.mesh import Facets, Mesh, facet_rule, facet_samples, group_facets
 from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero, skew
-from flexmb.flexbody.mesh_options import NodeSpringOptions, TieOptions
+from flexmb.flexbody.mesh_options import TieOptions
 from flexmb.flexbody.options import read_options
 
 Samples = tuple[csr_array, csr_array | None]
@@ -295,154 +293,3 @@ def one_node(mesh: Mesh, node: str | int, where: str) -> int:
         what = f'one node is expected, the group "{node}" has {len(nodes)}'
         raise MeshError.from_problems([Problem(where, what)])
     return int(nodes[0])
-
-
-_MIN_DISTANCE = 1e-9  # of the mesh's extent: nearer nodes have no line between them
-
-
-@dataclass(frozen=True, eq=False)
-class Spring:
-    """One spring.
-
-    Parameters
-    ----------
-    name : str
-        For messages.
-    nodes : (2,) int
-        The nodes.
-    stiffness : (1,) or (6,) float
-        Along the line [N/m]; or along [N/m] and about [N m/rad] the axes.
-    axes : (3, 3) float
-        As columns, body frame.
-    """
-
-    name: str
-    nodes: IntArray
-    stiffness: FloatArray
-    axes: FloatArray
-
-
-def make_springs(mesh: Mesh, words_by_name: Mapping[str, Mapping[str, Any]]) -> tuple[Spring, ...]:
-    """Find the nodes of springs ``{name: {between, stiffness, axes}}``.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        In metres.
-    words_by_name : mapping of str to mapping
-        ``between`` two node numbers or groups of one node; ``stiffness`` one number [N/m] or six
-        [N/m, N m/rad]; ``axes`` the directions of the first and second axis, the body's by
-        default.
-
-    Raises
-    ------
-    MeshError
-        Unknown words or groups, springs to ground, impossible values; all at once.
-    """
-    springs: list[Spring] = []
-    problems: list[Problem] = []
-    for name, words in words_by_name.items():
-        try:
-            springs.append(_make_spring(mesh, name, dict(words)))
-        except MeshError as error:
-            problems += error.problems
-    if problems:
-        raise MeshError.from_problems(problems)
-    return tuple(springs)
-
-
-def spring_stiffness(
-    spring: Spring, numbering: Numbering, points: FloatArray
-) -> tuple[FloatArray, IntArray]:
-    """Stiffness (1, d, d) of a spring and the numbers (1, d) of its degrees of freedom.
-
-    Raises
-    ------
-    MeshError
-        A node outside the body, or one whose missing rotations the spring would need.
-    """
-    where, numbers = f"springs.{spring.name}", numbering.table[spring.nodes]
-    outside = spring.nodes[numbers[:, 0] < 0]
-    if len(outside):
-        what = f"node {outside[0]} belongs to no element of the body and to no tie"
-        raise MeshError(f"{where}.between: {what}")
-    a, b = points[spring.nodes]
-    if len(spring.stiffness) == 1:
-        n = (b - a) / np.linalg.norm(b - a)
-        row = np.concatenate([-n, n])
-        return spring.stiffness * np.outer(row, row)[None], numbers[:, :3].reshape(1, -1)
-    _check_rotations(spring, numbering, points)
-    middle, B = 0.5 * (a + b), np.zeros((6, 2, 6))
-    for side, (sign, node) in enumerate(((-1.0, a), (1.0, b))):
-        B[:3, side, :3] = sign * spring.axes.T
-        B[:3, side, 3:] = -sign * spring.axes.T @ skew(middle - node)
-        B[3:, side, 3:] = sign * spring.axes.T
-    there = numbers >= 0
-    rows = B[:, there]
-    K = rows.T @ (spring.stiffness[:, None] * rows)
-    return 0.5 * (K + K.T)[None], numbers[there][None]
-
-
-def _check_rotations(spring: Spring, numbering: Numbering, points: FloatArray) -> None:
-    without = spring.nodes[numbering.table[spring.nodes, 3] < 0]
-    apart = np.linalg.norm(np.diff(points[spring.nodes], axis=0)) > _MIN_DISTANCE * np.ptp(points)
-    if len(without) and (apart or spring.stiffness[3:].any()):
-        why = "turning stiffnesses" if spring.stiffness[3:].any() else "arms to the other node"
-        what = f"node {without[0]} has no rotations for the spring's {why}"
-        raise MeshError(f"springs.{spring.name}: {what}: use the reference node of a tie")
-
-
-def _make_spring(mesh: Mesh, name: str, words: dict[str, Any]) -> Spring:
-    where = f"springs.{name}"
-    options = read_options(NodeSpringOptions, words, where, MeshError)
-    nodes = _spring_nodes(mesh, options.between, f"{where}.between")
-    stiffness = _spring_constants(options.stiffness, f"{where}.stiffness")
-    if len(stiffness) == 1:
-        a, b = mesh.points[nodes]
-        if np.linalg.norm(b - a) <= _MIN_DISTANCE * np.ptp(mesh.points):
-            what = f"nodes {nodes[0]} and {nodes[1]} coincide, so there is no line between them"
-            raise MeshError(f"{where}.between: {what}: give six stiffnesses")
-    return Spring(name, nodes, stiffness, _spring_axes(options.axes, f"{where}.axes"))
-
-
-def _spring_nodes(mesh: Mesh, between: Any, where: str) -> IntArray:
-    ends = list(between) if isinstance(between, list | tuple) else [between]
-    if len(ends) == 1 or "ground" in ends:
-        what = "a spring joins two nodes of the body, given"
-        why = "the body floats: a spring to the ground is a force of the scene"
-        raise MeshError(f"{where}: {what} {between!r}; {why}")
-    if len(ends) != 2:
-        raise MeshError(f"{where}: two nodes are expected, given {between!r}")
-    nodes = np.array([one_node(mesh, end, f"{where}[{k}]") for k, end in enumerate(ends)])
-    if nodes[0] == nodes[1]:
-        raise MeshError(f"{where}: both ends are node {nodes[0]}")
-    return nodes
-
-
-def _spring_constants(value: Any, where: str) -> FloatArray:
-    try:
-        values = np.atleast_1d(np.asarray(value, dtype=float))
-    except (TypeError, ValueError):
-        values = np.zeros(0)
-    if values.shape not in ((1,), (6,)) or not np.isfinite(values).all():
-        what = "one number [N/m], or six along [N/m] and about [N m/rad] the axes"
-        raise MeshError(f"{where}: expects {what}, given {value!r}")
-    if (values < 0).any() or not values.any():
-        raise MeshError(f"{where}: must be positive, given {value!r}")
-    return values
-
-
-def _spring_axes(axes: Any, where: str) -> FloatArray:
-    if axes is None:
-        return np.eye(3)
-    try:
-        first, second = np.asarray(axes, dtype=float).reshape(2, 3)
-    except (TypeError, ValueError) as error:
-        raise MeshError(f"{where}: expects two directions, given {axes!r}") from error
-    third = np.cross(first, second)
-    size = np.linalg.norm(first) * np.linalg.norm(second)
-    if not np.linalg.norm(third) > 1e-6 * size:
-        raise MeshError(f"{where}: the two directions must not be parallel, given {axes!r}")
-    third = third / np.linalg.norm(third)
-    first = first / np.linalg.norm(first)
-    return np.stack([first, np.cross(third, first), third], axis=1)

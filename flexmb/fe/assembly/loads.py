@@ -38,7 +38,7 @@ _CORNERS = {3: 3, 4: 4, 6: 3, 8: 4, 9: 4}  # of facets with so many nodes
 
 
 def pressure_load(fe: FEMatrices, where: str, group: str, pressure: float) -> FloatArray:
-    """(n,) loads of a pressure [Pa]: into the solid a facet bounds, along the normal of a shell.
+    """(n_all,) loads of a pressure [Pa]: into the solid of a facet, along the normal of a shell.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def pressure_load(fe: FEMatrices, where: str, group: str, pressure: float) -> Fl
         what += f"{len(edges)} edges, the first between the nodes {edges[0, 0]} and {edges[0, 1]}: "
         what += "the pressure pushes both ways; number the nodes of all elements in one sense"
         warnings.warn(what, FlexmbWarning, stacklevel=2)
-    return condensed_load(fe, f)
+    return f
 
 
 def condensed_load(fe: FEMatrices, f: FloatArray) -> FloatArray:
@@ -97,7 +97,7 @@ def _uniform(fe: FEMatrices, where: str, group: str, dim: int, load: FloatArray)
             numbers = fe.numbering.table[cells, 3:]
             there = (numbers >= 0).all(axis=(1, 2))
             np.add.at(f, numbers[there], (moments * np.array([[1.0], [-1.0]]))[there])
-    return condensed_load(fe, f)
+    return f
 
 
 def _add_pressure(
@@ -197,7 +197,7 @@ def make_loads(
 def _make_load(fe: FEMatrices, name: str, words: Mapping[str, Any]) -> LoadPattern:
     where = f"loads.{name}"
     options = load_options(name, words)
-    f = load_vector(fe, where, options)
+    f = condensed_load(fe, load_vector(fe, where, options))
     R = fe.rigid
     total = R.T @ f
     parts = (np.abs(R.T) @ np.abs(f)).reshape(2, 3).max(axis=1)
@@ -208,7 +208,7 @@ def _make_load(fe: FEMatrices, name: str, words: Mapping[str, Any]) -> LoadPatte
 
 
 def load_vector(fe: FEMatrices, where: str, options: Any) -> FloatArray:
-    """(n,) the nodal loads of options of a load."""
+    """(n_all,) the nodal loads of options of a load."""
     return _LOADS[options.type](fe, where, options)
 
 
@@ -238,7 +238,7 @@ def _line(fe: FEMatrices, where: str, options: LineLoad) -> FloatArray:
 
 
 def _gravity(fe: FEMatrices, where: str, options: GravityLoad) -> FloatArray:
-    return np.asarray(fe.M @ (fe.rigid[:, :3] @ np.array(options.acceleration, dtype=float)))
+    return fe.load_per_mass(np.column_stack([np.zeros((3, 3)), options.acceleration]))
 
 
 def _force(fe: FEMatrices, where: str, options: PointLoad) -> FloatArray:
@@ -253,7 +253,7 @@ def _force(fe: FEMatrices, where: str, options: PointLoad) -> FloatArray:
         samples, _ = weight_samples(fe, selection)
         share = samples.T @ (samples @ np.ones(len(nodes)))
         np.add.at(f, fe.numbering.table[nodes, :3], np.outer(share / share.sum(), force))
-    return condensed_load(fe, f)
+    return f
 
 
 _LOADS: dict[str, Callable[[FEMatrices, str, Any], FloatArray]] = {

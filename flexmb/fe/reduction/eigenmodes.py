@@ -121,18 +121,14 @@ def _check(
         )
 
 
-def dense_modes(
-    K: FloatArray, M: FloatArray, count: int, definite: bool = False
-) -> tuple[FloatArray, FloatArray]:
+def dense_modes(K: FloatArray, M: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
     """The same from full matrices, where many or all modes of a small model are requested.
 
-    Where K is positive ``definite``, they are those of 1/omega^2: degrees of freedom with little
-    mass or none take no digits from the low ones. There are fewer then.
+    They are those of 1/omega^2: degrees of freedom with little mass or none take no digits from the
+    low ones. There are fewer then.
     """
     if count == 0:
         return np.zeros(0), np.zeros((len(K), 0))
-    if not definite:
-        return eigh(K, M, subset_by_index=[0, count - 1])
     sigma, V = eigh(M, K, subset_by_index=[len(K) - count, len(K) - 1])
     massive = is_nonzero(sigma)  # of the others 1 / omega^2 is rounding
     sigma, V = sigma[massive][::-1], V[:, massive][:, ::-1]

@@ -264,7 +264,7 @@ class FixedInterfaceModel:
         """The same from full matrices, fewer where motions have no mass; the means are at rest."""
         K, M = self._inner(self.fe.K).toarray(), self.M.toarray()
         N = null_space(self._W.toarray()) if self._W.shape[0] else np.eye(len(K))
-        omega2, V = dense_modes(N.T @ K @ N, N.T @ M @ N, count, definite=True)
+        omega2, V = dense_modes(N.T @ K @ N, N.T @ M @ N, count)
         return omega2, N @ V
 
     def _means(self) -> csr_array:

@@ -128,6 +128,15 @@ def relieved_inverse(
     return inverse
 
 
+def dense_free_modes(K: FloatArray, M: FloatArray, rigid: FloatArray, count: int) -> Modes:
+    """The lowest elastic modes from full matrices (n, n) of a model with rigid motions (n, r): as
+    many degrees of freedom are fixed, the rigid motion is then taken off in the measure of mass."""
+    left = np.setdiff1d(np.arange(len(K)), statically_determinate(rigid))
+    fields = InertiaRelief(M, rigid).fields(np.eye(len(K))[:, left])
+    omega2, y = dense_modes(K[np.ix_(left, left)], fields.T @ M @ fields, count)
+    return omega2, fields @ y
+
+
 def lowest_free(
     fe: FEMatrices,
     inverse: Callable[[FloatArray], FloatArray],
@@ -140,8 +149,8 @@ def lowest_free(
 
     def lowest(number: int) -> Modes:
         if n <= DENSE or 2 * number + 12 >= n:
-            omega2, V = dense_modes(fe.K.toarray(), fe.M.toarray(), number + 6)
-            return omega2[6:], V[:, 6:]
+            inverse(fe.rigid[:, 0])  # refuses a part that moves by itself
+            return dense_free_modes(fe.K.toarray(), fe.M.toarray(), fe.rigid, number)
         return lowest_modes(fe.M, inverse, number, progress, inverse(start_vector(n)))
 
     return distinct_modes(fe, fe.M, lowest, count, n - 6, mirror)

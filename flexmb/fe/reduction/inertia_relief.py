@@ -76,7 +76,7 @@ def inertia_responses(
 class InertiaRelief:
     """Inertia relief with mass M (n, n) and rigid motions R (n, r)."""
 
-    def __init__(self, M: csr_array, R: FloatArray) -> None:
+    def __init__(self, M: csr_array | FloatArray, R: FloatArray) -> None:
         self._R, self._MR = R, M @ R
         gram = R.T @ self._MR
         size = np.sqrt(np.diag(gram))

@@ -16,7 +16,7 @@ import numpy as np
 
 from flexmb.errors import MaterialError, Problem, ReductionError, nearest
 from flexmb.flexbody.arrays import FloatArray
-from flexmb.materials import AnyMaterial, Material
+from flexmb.materials import AnyMaterial, Material, material_problems
 
 Place = tuple[float, float]
 Three = tuple[float, float, float]
@@ -183,6 +183,7 @@ class BeamSection:
         if not 0 <= self.nonstructural < math.inf:
             what = f"must not be negative, given {self.nonstructural} kg/m"
             problems.append(Problem("section.nonstructural", what))
+        problems += material_problems("section.material", self.material)
         problems += _vector_problems("offset", self.offset, 2)
         if self.orientation is not None:
             problems += _vector_problems("orientation", self.orientation, 3)

@@ -21,7 +21,7 @@ import numpy as np
 
 from flexmb.errors import Problem, ReductionError
 from flexmb.flexbody.arrays import FloatArray
-from flexmb.materials import AnyMaterial
+from flexmb.materials import AnyMaterial, material_problems
 
 _GAUSS = np.polynomial.legendre.leggauss(3)  # the square of a parabola
 
@@ -183,9 +183,11 @@ class ShellSection:
             if not (_finite(layer.thickness) and layer.thickness > 0):
                 what = f"must be positive, in m, given {layer.thickness}"
                 problems.append(Problem(f"{where}.thickness", what))
+            problems += material_problems(f"{where}.material", layer.material)
             if not _finite(layer.angle):
                 what = f"must be a number, in rad, given {layer.angle}"
                 problems.append(Problem(f"{where}.angle", what))
+        problems += material_problems("section.material", self.material)
         if not _finite(self.offset):
             what = f"must be a number, in m, given {self.offset}"
             problems.append(Problem("section.offset", what))

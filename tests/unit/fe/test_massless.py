@@ -10,7 +10,17 @@ from femeshes import line
 from scipy.sparse import csr_array, diags_array
 
 from flexmb.errors import ReductionError
-from flexmb.fe import assemble, craig_bampton, make_interfaces, orthonormalise, rectangle, resolve
+from flexmb.fe import (  # fmt: skip
+    Mesh,
+    assemble,
+    craig_bampton,
+    make_interfaces,
+    orthonormalise,
+    part,
+    rectangle,
+    reduce,
+    resolve,
+)
 from flexmb.fe.reduction.fixed_interface import mass_solve
 
 
@@ -49,3 +59,21 @@ def test_solving_with_a_mass_matrix():
     fe = bar([0, 1])
     X = mass_solve(fe.M, fe.M @ B)
     np.testing.assert_allclose(X, np.where(fe.M.diagonal()[:, None] > 0, B, 0), atol=1e-12)
+
+
+@pytest.mark.parametrize("solve", [reduce, part])
+def test_a_free_beam_whose_second_half_has_hardly_any_mass_vibrates_like_the_first(solve):
+    """Free-free: 22.3733, 61.6728, 120.903 sqrt(EI/m)/L^2 in both planes (Blevins, table 8-1)."""
+    mesh = line(16)
+    steel, light = (resolve({"E": 2e11, "nu": 0.3, "density": rho}) for rho in (8000.0, 8e-9))
+    halves = {"heavy": {"line": np.arange(8)}, "light": {"line": np.arange(8, 16)}}
+    mesh = Mesh(mesh.points, mesh.blocks, {}, halves)
+    sections = {
+        name: rectangle(2e-3, 1e-3, shear=False, material=material)
+        for name, material in (("heavy", steel), ("light", light))
+    }
+    words = {"modes": 5} if solve is reduce else {"frequencies": 5}
+    frequencies = solve(mesh, material=steel, sections=sections, **words).frequencies
+    waves = np.array([22.3733, 61.6728, 120.903]) / (2 * np.pi * 0.5**2)
+    bending = np.sort(np.outer([1e-3, 2e-3], waves).ravel() * np.sqrt(2e11 / 12 / 8000.0))[:5]
+    assert frequencies == pytest.approx(bending, rel=3e-3)

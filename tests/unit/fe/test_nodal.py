@@ -5,12 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from femeshes import block, held_frequencies, line, slope
+from scipy.spatial.transform import Rotation
 
 from flexmb.errors import MeshError, ReductionError
-from flexmb.fe import Mesh, assemble, rectangle, reduce, reduction_key, resolve, shell
+from flexmb.fe import Mesh, assemble, part, rectangle, reduce, reduction_key, resolve, shell
+from flexmb.fe.assembly.springs import spring_geometric_stiffness
 
 MATTER = resolve({"E": 1e9, "nu": 0.3, "density": 2000.0})
 SECTION = {"all": rectangle(0.1, 0.2)}
+STIFF = {"E": 1e15, "nu": 0.3, "density": 1e-6}
 START, END = (0.1, -0.2, 0.3), (0.7, 0.5, 0.9)
 INERTIA = [[3.0, 0.4, -0.2], [0.4, 2.5, 0.1], [-0.2, 0.1, 1.5]]
 LOAD = {"at": "tip", "mass": 7.0, "inertia": INERTIA, "offset": [0.3, -0.5, 0.2]}
@@ -180,6 +183,108 @@ def test_energy_of_springs():
     axes = np.stack([x, np.cross(z, x), z])
     energy = SIX["stiffness"] @ np.concatenate([axes @ relative, axes @ turn]) ** 2
     assert u @ (fe.K - loose.K) @ u == pytest.approx(energy)
+
+
+def spring_energy(spring, points, state, move):
+    """Exact energy of a spring of six stiffnesses at large motions: `state` a relative displacement
+    and rotation of its ends, `move` (12,) displacements and rotations of both beside it."""
+    stiffness, axes = np.array(spring.stiffness), spring.axes
+    arms = points.mean(axis=0) - points
+    turns = [Rotation.from_rotvec(sign * 0.5 * state[3:]) for sign in (-1, 1)]
+    ends, frames = [], []
+    for k, sign in enumerate((-1, 1)):
+        frames.append(Rotation.from_rotvec(move[6 * k + 3 : 6 * k + 6]) * turns[k])
+        ends.append(sign * 0.5 * state[:3] + move[6 * k : 6 * k + 3] + frames[k].apply(arms[k]))
+    relative = (frames[0].inv() * frames[1]).as_rotvec()
+    middle = frames[0] * Rotation.from_rotvec(0.5 * relative)
+    d = middle.inv().apply(points[1] + ends[1] - points[0] - ends[0])
+    x = np.concatenate([axes.T @ d, axes.T @ relative])
+    return 0.5 * stiffness @ x**2
+
+
+@pytest.mark.parametrize(
+    ("arms", "state"), [(1.0, [0.3, -0.2, 0.5, 0, 0, 0]), (0.0, [0.3, -0.2, 0.5, 0.2, 0.4, -0.3])]
+)
+def test_a_loaded_spring_of_six_stiffnesses_has_the_tangent_of_its_exact_energy(arms, state):
+    """The part that grows with the load, by differences of the energy at finite rotations."""
+    points = np.array([[0.4, 0.1, 0.3], [1.0, 0.7, 0.1]]) * [[1.0], [arms]]
+    points[1] += (1 - arms) * points[0]
+    mesh = Mesh(np.vstack([points, points + [[1, 0, 0]]]), {"line": np.array([[0, 2], [1, 3]])})
+    words = {**SIX, "between": [0, 1], "stiffness": [3.0, 2.0, 5.0, 0.7, 0.4, 0.9]}
+    fe = assemble(mesh, MATTER, SECTION, springs={"s": words})
+    u = np.zeros(fe.numbering.n)
+    for node, sign in ((0, -0.5), (1, 0.5)):
+        u[fe.numbering.table[node]] = sign * np.array(state)
+    K, numbers = spring_geometric_stiffness(fe.springs[0], fe.numbering, mesh.points, u)
+    assert (numbers[0] == fe.numbering.table[:2].ravel()).all()
+    h, load = 2e-3, 1e-3
+    steps = h * np.eye(12)
+
+    def hessian(scale):
+        def energy(move):
+            return spring_energy(fe.springs[0], points, scale * np.array(state), move)
+
+        return [
+            [
+                (energy(a + b) - energy(a - b) - energy(b - a) + energy(-a - b)) / (4 * h**2)
+                for b in steps
+            ]
+            for a in steps
+        ]
+
+    exact = np.subtract(hessian(load), hessian(-load)) / (2 * load)
+    np.testing.assert_allclose(K[0], exact, atol=1e-4 * np.abs(exact).max())
+
+
+def test_a_mass_between_two_taut_springs_vibrates_like_a_string():
+    """w^2 = (2 k + 2 T/L)/m across two springs of length L under the force T, k across from
+    others without load."""
+    m, L, T, k, stub = 3.0, 0.7, 900.0, 400.0, 0.01
+    x = np.cumsum([0, stub, L, stub, L, stub])
+    points = np.column_stack([x, 0 * x, 0 * x])
+    mesh = Mesh(points, {"line": np.array([[0, 1], [2, 3], [4, 5]])})
+    springs = {}
+    for name, ends in (("left", [1, 2]), ("right", [3, 4])):
+        springs[name] = {"between": ends, "stiffness": 1e5}
+        springs[f"{name} across"] = {"between": ends, "stiffness": [0, k, k, 1e4, 1e4, 1e4]}
+    fixed = {"type": "clamped"}
+    frequencies = part(
+        mesh, material=STIFF, sections=SECTION, springs=springs,
+        masses={"m": {"at": 2, "mass": m, "offset": [stub / 2, 0, 0], "inertia": [1, 1, 1]}},
+        supports={"a": {"nodes": [0, 1], **fixed},
+                  "b": {"nodes": [4, 5], **fixed, "displacement": [2 * T / 1e5, 0, 0]}},
+        frequencies=2, preload=True,
+    ).frequencies  # fmt: skip
+    assert 2 * np.pi * frequencies == pytest.approx(np.sqrt((2 * k + 2 * T / L) / m), rel=1e-3)
+
+
+def test_a_mass_on_a_node_without_elements_that_follows_a_tie_hangs_on_a_rigid_arm():
+    """The same as a mass with an offset on the reference node."""
+    arm, more = [0.1, -0.2, 0.3], {"mass": 7.0, "inertia": INERTIA}
+    bar = line(3, START, END)
+    mesh = Mesh(
+        np.vstack([bar.points, bar.points[3] + arm]), bar.blocks, {**bar.node_sets, "arm": [4]}
+    )
+    ties = {"t": {"type": "rbe2", "reference": 3, "nodes": "arm"}}
+    tied = assemble(mesh, MATTER, SECTION, ties=ties, masses={"m": {"at": "arm", **more}})
+    offset = assemble(bar, MATTER, SECTION, masses={"m": {"at": 3, "offset": arm, **more}})
+    np.testing.assert_allclose(tied.K.toarray(), offset.K.toarray(), rtol=1e-12, atol=1e-6)
+    np.testing.assert_allclose(tied.M.toarray(), offset.M.toarray(), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(tied.inertia.S0, offset.inertia.S0, rtol=1e-12)
+
+
+def test_a_rigid_post_on_a_spring_buckles():
+    """P a = k: the foot of the post turns about the middle of the spring, a below its top."""
+    foot, height, turn = 0.2, 1.3, 70.0
+    points = np.array([[0, 0, -0.1], [0, 0, 0], [0, 0, foot], [0, 0, foot + height]])
+    mesh = Mesh(points, {"line": np.array([[0, 1], [2, 3]])})
+    spring = {"between": [1, 2], "stiffness": [1e9, 1e9, 1e9, turn, 2 * turn, 1e9]}
+    factors = part(
+        mesh, material=STIFF, sections=SECTION, springs={"s": spring},
+        supports={"a": {"nodes": [0, 1], "type": "clamped"}},
+        loads={"p": {"type": "force", "node": 3, "force": [0, 0, -1.0]}}, buckling=2,
+    ).load_factors  # fmt: skip
+    assert factors == pytest.approx(np.array([1, 2]) * turn / (height + foot / 2), rel=1e-5)
 
 
 def solid_and_beam():

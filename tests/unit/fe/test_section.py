@@ -9,14 +9,17 @@ import pytest
 from flexmb.errors import FlexmbError, ReductionError
 from flexmb.fe import (
     BeamSection,
+    Layer,
     angle_section,
     box_section,
     circle,
     general,
     i_section,
+    layered,
     rectangle,
     resolve,
     section_from,
+    shell,
     tapered,
     tube,
 )
@@ -68,6 +71,15 @@ def test_from_plain_data():
 def test_refused_data(given, sentence):
     with pytest.raises(ReductionError, match=sentence):
         section_from(given, "s")
+
+
+def test_a_section_in_python_takes_a_material_not_its_name():
+    sentence = "section.material: expects a material, given 'steel'; .*resolve makes one"
+    for make in (lambda m: rectangle(0.1, 0.1, material=m), lambda m: shell(0.1, material=m)):
+        with pytest.raises(ReductionError, match=sentence):
+            make("steel")
+    with pytest.raises(ReductionError, match="layers.1..material: expects a material"):
+        layered([Layer(0.1), Layer(0.2, {"E": 1e9})])
 
 
 def test_refused_values():
