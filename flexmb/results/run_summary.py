@@ -94,7 +94,7 @@ def work_rows(statistics: Mapping[str, Number], units: UnitSystem = SI) -> list[
                 text += f"; speeds up to {float(statistics[_SPEED]):.2g}"
             rows.append((name, f"{float(statistics[key]):.2g}", text))
     if NOT_CONTAINED in statistics:
-        rows.append(("not contained", "", f"{statistics[NOT_CONTAINED]}; {_SPLIT}"))
+        rows.append(("not included", "", f"{statistics[NOT_CONTAINED]}; {_SPLIT}"))
     if _RESUMED in statistics:
         time = f"{float(statistics[_RESUMED]):.6g} s"
         rows.append(("resumed at", time, "wall times count from there"))
@@ -107,14 +107,14 @@ def work_rows(statistics: Mapping[str, Number], units: UnitSystem = SI) -> list[
 
 
 def _measured_errors(statistics: Mapping[str, Number]) -> Iterator[Row]:
-    """Rows on the errors that a scout has measured."""
+    """Rows on the errors that a comparison run has measured."""
     for name in _QUANTITIES:
         key = f"{_MEASURED}{name}"
         if key in statistics:
             over = statistics.get(f"{_SCALE}{name}", "the peak-to-peak")
             meaning = f"measured, over {over}: {statistics.get(f'{_WORST}{name}', '')}"
             if name == "positions" and "accuracy_asked" in statistics:
-                meaning += f"; {float(statistics['accuracy_asked']):.1g} asked"
+                meaning += f"; {float(statistics['accuracy_asked']):.1g} requested"
             yield f"error of {name}", f"{float(statistics[key]):.2g}", meaning
 
 
@@ -130,7 +130,7 @@ def _about_steps(statistics: Mapping[str, Number], units: UnitSystem) -> Iterato
     if "scout_steps" in statistics:
         passes = int(statistics.get("passes", 1))
         last = f" in the last of {passes} passes" if passes > 1 else ""
-        yield f"{_number_text(statistics['scout_steps'])} of its scout{last}"
+        yield f"{_number_text(statistics['scout_steps'])} of the comparison run{last}"
     if "rejected_steps" in statistics:
         yield f"{_number_text(statistics['rejected_steps'])} rejected"
     if statistics.get("failed_steps"):
@@ -182,7 +182,7 @@ def summary_sentence(statistics: Mapping[str, Number]) -> str:
     if errors:
         text += f": {', '.join(errors)}"
         if NOT_CONTAINED in statistics:
-            text += f" (not contained: {statistics[NOT_CONTAINED]})"
+            text += f" (not included: {statistics[NOT_CONTAINED]})"
     if _TEN_TIMES in statistics:
         factor = float(statistics[_TEN_TIMES])
         text += f"; ten times more accuracy would cost about {factor:.2g} times the time"

@@ -223,7 +223,7 @@ def _survey_table(survey: Survey, units: UnitSystem) -> dict[str, str]:
     return {
         "elements": ", ".join(f"{count} {kind}" for kind, count in survey.elements.items()),
         "degrees of freedom": str(survey.dofs),
-        "kept coordinates": survey.coordinates,
+        "modal coordinates": survey.coordinates,
         "mass": units.say(survey.mass, "kg"),
     }
 

@@ -315,9 +315,9 @@ def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
     else:
         until = unit.say(verified.error.reached_until(accuracy), "s", 4)
         yield (
-            f"{reached}; the run and its scout agree to it until t = {until}: a chaotic motion "
-            "multiplies errors whatever the steps, so that the rest is one motion of many; else "
-            "another method or fixed steps may reach it"
+            f"{reached}; the run and its comparison run agree to it until t = {until}: a chaotic "
+            "motion multiplies errors whatever the steps, so that the rest is one motion of many; "
+            "else another method or fixed steps may reach it"
         )
 
 

@@ -187,13 +187,12 @@ class DynamicsSpec(Spec):
 
     ``duration`` [s]; ``outputs`` intervals of equal length are recorded, both ends included, or the
     times of a list [s], those and no other: increasing, from 0 to the duration, to which the run
-    goes in any case. Either ``accuracy`` (1e-4
-    by default): the largest error over the outputs of each position sensor, over its peak-to-peak;
-    or ``step`` [s]: steps of fixed length. The error is measured by a second run with longer steps,
-    a scout, unless ``verify`` is false. ``start = "quasi-static"`` puts the flexible bodies into
-    elastic equilibrium with the initial motion, ``"undeformed"`` leaves them straight;
-    ``"static"`` begins in the equilibrium of the whole machine, from which initial velocities move
-    it.
+    goes in any case. Either ``accuracy`` (1e-4 by default): the largest error over the outputs of
+    each position sensor, over its peak-to-peak; or ``step`` [s]: steps of fixed length. The error
+    is measured by a comparison run with longer steps unless ``verify`` is false. ``start =
+    "quasi-static"`` puts the flexible bodies into elastic equilibrium with the initial motion,
+    ``"undeformed"`` leaves them straight; ``"static"`` begins in the equilibrium of the whole
+    machine, from which initial velocities move it.
 
     Options that only some methods have, and that others refuse: ``order`` of the explicit ones, 8
     (by default) or 5; ``newton_tolerance`` of the implicit ones, relative to the share of the

@@ -81,7 +81,7 @@ class Workflow:
 
     def check_scene(self, *given: Any, **named: Any) -> Any:
         self._call(*given, **named)
-        rod = {"kept coordinates": "11 = 6*2 interfaces + 5 modes - 6"}
+        rod = {"modal coordinates": "11 = 6*2 interfaces + 5 modes - 6"}
         return types.SimpleNamespace(
             title="A scene",
             counts={"bodies": 3},
