@@ -47,8 +47,8 @@ BODY = np.dtype(
 )
 
 # Blocks of the pool of one flexible body, in this order, with their sizes (rows, columns). With
-# constant coupling the last two are left out. With partial coupling the `grouped_rows` of M_xx,
-# M_yy, M_zz, M_xy + M_yx and cyclic, and of G stand in their place.
+# constant coupling the last two are left out. With partial coupling the `grouped_rows` of
+# M_yy + M_zz and G_x, of the like about y and z, and of M_xy + M_yx and cyclic stand there instead.
 FLEX_LAYOUT = (
     ("p", 3),  # int rho N_b Phi: (3, m)
     ("P", 9),  # P[a, b] at row 3 a + b: (9, m)
@@ -304,21 +304,6 @@ class Pool:
     def array(self) -> NDArray[np.float64]:
         """All blocks in one array (at least one number, so that it has an address)."""
         return np.concatenate([*self.blocks, np.zeros(1)])
-
-
-def grouped_rows(forms: ArrayLike) -> NDArray[np.float64]:
-    """The upper triangles of n symmetric or skew forms (m, m) with half of their diagonals.
-
-    Rows in groups of four, each from the first diagonal of its group on, with zeros below the
-    diagonals and up to the next multiple of four: (n, M (M + 4) / 2).
-    """
-    forms = np.triu(np.asarray(forms, np.float64))
-    diagonal = np.arange(forms.shape[1])
-    forms[:, diagonal, diagonal] *= 0.5
-    forms = np.pad(forms, ((0, 0), *[(0, -len(diagonal) % 4)] * 2))
-    groups = [forms[:, k : k + 4, k:] for k in range(0, forms.shape[1], 4)]
-    rows = [group.reshape(len(forms), -1) for group in groups]
-    return np.concatenate([np.zeros((len(forms), 0)), *rows], axis=1)
 
 
 def deformation_room(bodies: NDArray[np.void]) -> NDArray[np.int64]:

@@ -59,9 +59,16 @@ def forces_of(cloud, bench, row, partial):
     return A @ force, moment, modal + np.einsum("k,ka,kam->m", mass, at, N)
 
 
-@pytest.mark.parametrize("coupling", ["constant", "partial"])
-def test_forces_are_those_of_points(coupling):
+@pytest.mark.parametrize(
+    ("coupling", "turning"),
+    [("constant", "xyz"), *(("partial", axes) for axes in ("xyz", "x", "y", "z", "xz", ""))],
+)
+def test_forces_are_those_of_points(coupling, turning):
+    """Turning about all body axes, or about some."""
     made, bench = bench_of(coupling)
+    for row in bench.sys.parts.bodies:
+        for k, axis in enumerate("xyz"):
+            bench.v[int(row["iv"]) + 3 + k] *= axis in turning
     residual = bench.at().residual
     wanted = np.zeros_like(residual)
     for row, cloud in zip(bench.sys.parts.bodies, made.clouds.values(), strict=True):

@@ -198,51 +198,6 @@ def add_rows(pool, at, m, f, g, h, out, o):
 
 
 @kernel
-def add_symmetric_and_skew(T, size, n, x, y, out):
-    """out[:n] += S x[:n] + G y[:n], S symmetric and G skew.
-
-    T holds their `tables.grouped_rows`, from 0 and from `size` on; n is a multiple of four. Short
-    rows one by one would cost twice as much: each loop over them as much as ten numbers.
-    """
-    one, two, three, four = np.uintp(1), np.uintp(2), np.uintp(3), np.uintp(4)
-    a, o, size = np.uintp(0), np.uintp(0), np.uintp(size)
-    for left in range(np.uintp(n // 4), np.uintp(0), -1):
-        length = four * np.uintp(left)
-        b, c, d = a + length, a + two * length, a + three * length
-        p, q, r, s = x[o], x[o + one], x[o + two], x[o + three]
-        t, u, v, w = y[o], y[o + one], y[o + two], y[o + three]
-        first, second, third, fourth = 0.0, 0.0, 0.0, 0.0
-        for i in range(length):
-            e, f, g, h = T[a + i], T[b + i], T[c + i], T[d + i]
-            j, k, m, z = T[size + a + i], T[size + b + i], T[size + c + i], T[size + d + i]
-            first += e * x[o + i] + j * y[o + i]
-            second += f * x[o + i] + k * y[o + i]
-            third += g * x[o + i] + m * y[o + i]
-            fourth += h * x[o + i] + z * y[o + i]
-            out[o + i] += e * p + f * q + g * r + h * s - j * t - k * u - m * v - z * w
-        out[o] += first
-        out[o + one] += second
-        out[o + two] += third
-        out[o + three] += fourth
-        a, o = d + length, o + four
-
-
-@kernel
-def combine_forms(pool, at, size, f, w, out):
-    """The grouped rows of Σ f_s S_s and of Σ w_k G_k, one after the other, into out: six and three
-    forms of `size` numbers from `at` on."""
-    size, xx = np.uintp(size), np.uintp(at)
-    yy, zz = xx + size, xx + size + size
-    xy, yz, zx = zz + size, zz + size + size, zz + size + size + size
-    x, y, z = zx + size, zx + size + size, zx + size + size + size
-    for i in range(size):
-        s = f[0] * pool[xx + i] + f[1] * pool[yy + i] + f[2] * pool[zz + i]
-        out[i] = s + f[3] * pool[xy + i] + f[4] * pool[yz + i] + f[5] * pool[zx + i]
-    for i in range(size):
-        out[size + i] = w[0] * pool[x + i] + w[1] * pool[y + i] + w[2] * pool[z + i]
-
-
-@kernel
 def largest(x):
     """Largest |x_i|; NaN counts as largest."""
     s = 0.0

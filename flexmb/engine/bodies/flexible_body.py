@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from flexmb.engine.algebra.forms import grouped_rows
 from flexmb.engine.algebra.ldl import add_body_block
 from flexmb.engine.algebra.vector import (
     add_column,
@@ -55,7 +56,6 @@ from flexmb.engine.jit import Vector, kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.state import DAMPER_POWER, KINETIC_ENERGY, STRAIN_ENERGY, Point, Run
-from flexmb.engine.tables import grouped_rows
 
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
@@ -374,9 +374,10 @@ def modal_block(body: FlexBody, coupling: str = "full", Mab: Array | None = None
             M = M - body.centrifugal_stiffness
         turning = [M[1, 2] - M[2, 1], M[2, 0] - M[0, 2], M[0, 1] - M[1, 0]]
         if coupling == "partial":
-            sums = [M[0, 0], M[1, 1], M[2, 2], M[0, 1] + M[1, 0], M[1, 2] + M[2, 1],
-                    M[2, 0] + M[0, 2]]  # fmt: skip
-            parts.append(grouped_rows([*sums, *turning]))
+            across = [M[1, 1] + M[2, 2], M[2, 2] + M[0, 0], M[0, 0] + M[1, 1]]
+            mixed = [M[0, 1] + M[1, 0], M[1, 2] + M[2, 1], M[2, 0] + M[0, 2]]
+            pairs = [form for pair in zip(across, turning, strict=True) for form in pair]
+            parts.append(grouped_rows([*pairs, *mixed]))
         else:
             parts += [np.array([M[b, a] for a in range(3) for b in range(3)]), *turning]
     return np.concatenate([np.ascontiguousarray(part).ravel() for part in parts])

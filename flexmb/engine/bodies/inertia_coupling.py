@@ -27,18 +27,11 @@ J. Guidance 15 (1992) 131.
 
 from __future__ import annotations
 
-import math
-
 from flexmb.engine.algebra.ldl import add_body_block
 from flexmb.engine.algebra.vector import (
     add_column,
-    add_multiple,
     add_part,
     add_rows,
-    add_symmetric_and_skew,
-    axis_vector,
-    combine_forms,
-    copy,
     dot,
     inner,
     modal_vector,
@@ -51,7 +44,6 @@ from flexmb.engine.algebra.vector import (
     triple,
     turned,
     turned_back,
-    zero,
 )
 from flexmb.engine.bodies.flexible_body import (
     add_modal_product,
@@ -68,6 +60,11 @@ from flexmb.engine.bodies.rigid_body import (
     put_frame_matrix,
     turn_bodies,
 )
+from flexmb.engine.bodies.velocity_forms import (
+    add_velocity_block,
+    add_velocity_forces,
+    centrifugal_shares,
+)
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
@@ -76,9 +73,6 @@ from flexmb.engine.state import Point, Run
 # Velocity terms of partial coupling enter the iteration matrix where they change it by more than
 # this share of the mass.
 _NEGLIGIBLE = 0.05
-# Share of the angular velocity that iterations of a step may change without new velocity terms of
-# the modes. What the prediction of a step is off is some ten errors of one step.
-_AS_BEFORE = 1e-5
 
 
 @unit
@@ -167,57 +161,12 @@ def partial_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
             continue
         put_modal_rate(pool, P, 3 * m, m, v, o, m, V)
         add_part(out, iv + 3, 2.0, less_trace(V, om))
-        f = _centrifugal(om, om)
+        f = centrifugal_shares(om, om)
         add_rows(pool, P, m, f[0], f[3], f[5], out, o)
         add_rows(pool, P + 3 * m, m, f[3], f[1], f[4], out, o)
         add_rows(pool, P + 6 * m, m, f[5], f[4], f[2], out, o)
-        at_forms, size, padded = _place_of_forms(body)
-        forms = now.Z[at_forms:]
-        if not _turns_as_before(forms, 2 * size + 3 * padded, now.iteration[0], om):
-            combine_forms(pool, P + 9 * m + 3 * m * m, size, f, times(-2.0, om), forms)
-        _put_form_product(forms, size, padded, m, q, body["iq"] + 7, v, o)
-        add_multiple(1.0, forms, 2 * size + 2 * padded, out, o, m)
+        add_velocity_forces(body, now, q, v, om, pool, out)
     return FINE
-
-
-@kernel
-def _centrifugal(a, b):
-    """½ (ã b̃ + b̃ ã) as xx, yy, zz, xy, yz, zx."""
-    x, y, z = a[0] * b[0], a[1] * b[1], a[2] * b[2]
-    xy, yz, zx = a[0] * b[1] + a[1] * b[0], a[1] * b[2] + a[2] * b[1], a[2] * b[0] + a[0] * b[2]
-    return -y - z, -z - x, -x - y, 0.5 * xy, 0.5 * yz, 0.5 * zx
-
-
-@kernel
-def _place_of_forms(body):
-    """Place in Z of Σ f_s S_s and Σ w_k G_k, what they are multiplied with, the product, and the
-    angular velocity that they belong to; numbers of a form, and of modes with padding."""
-    padded = (body["m"] + 3) // 4 * 4
-    return body["z"] + 12 * body["m"], padded * (padded + 4) // 2, padded
-
-
-@kernel
-def _turns_as_before(forms, at, iteration, om):
-    """Whether the forms are those of the first iteration of this step, with such a velocity."""
-    allowed, same = _AS_BEFORE * (abs(om[0]) + abs(om[1]) + abs(om[2])), iteration > 0.0
-    for k in range(3):
-        same = same and abs(om[k] - forms[at + k]) <= allowed
-    if not same:
-        put_part(forms, at, om)
-    return same
-
-
-@kernel
-def _put_form_product(forms, size, padded, m, q, iq, v, iv):
-    """The product of both forms with coordinates and rates of the modes, behind these."""
-    x = forms[2 * size : 2 * size + padded]
-    y, out = forms[2 * size + padded :], forms[2 * size + 2 * padded :]
-    copy(q[iq : iq + m], x)
-    copy(v[iv : iv + m], y)
-    zero(out[:m])
-    for k in range(m, padded):
-        x[k] = y[k] = 0.0
-    add_symmetric_and_skew(forms, size, padded, x, y, out)
 
 
 @unit
@@ -287,32 +236,6 @@ def _add_partial_columns(run, i, at, cv, cp, B):
         moment = plus(plus(outer(p, a), 1.0, outer(om, spin)), 1.0, turned(V, e))
         add_column(B, 3, 6 + k, 1.0, plus(times(cv, half), cp, moment))
         add_part(B[6 + k], 3, -cv, spin)
-
-
-@kernel
-def _add_velocity_block(body, pool, q, v, cv, cp, Z, B):
-    """Modal rows: cp Σ B_bc M_bc − 2 cv Σ ω_b G_b, and what M_bc adds in the columns of ω'."""
-    m, o, eta = body["m"], body["iv"] + 6, body["iq"] + 7
-    at, om = body["flex"] + 12 * m + 3 * m * m, part(v, body["iv"] + 3)
-    f = _centrifugal(om, om)
-    at_forms, size, padded = _place_of_forms(body)
-    forms = Z[at_forms:]
-    forms[2 * size + 3 * padded] = math.inf  # they become others
-    shares = (cp * f[0], cp * f[1], cp * f[2], cp * f[3], cp * f[4], cp * f[5])
-    combine_forms(pool, at, size, shares, times(-2.0 * cv, om), forms)
-    row = 0  # place in the forms, less its first column
-    for k in range(m):
-        for r in range(k, m):
-            i = row + r
-            B[6 + k, 6 + r] += forms[i] + forms[size + i]
-            B[6 + r, 6 + k] += forms[i] - forms[size + i]
-        row += padded - k // 4 * 4 - (4 if k % 4 == 3 else 0)
-    for d in range(3):
-        axis = axis_vector(d)
-        combine_forms(pool, at, size, _centrifugal(om, axis), times(-1.0, axis), forms)
-        _put_form_product(forms, size, padded, m, q, eta, v, o)
-        for k in range(m):
-            B[6 + k, 3 + d] += 2.0 * cv * forms[2 * size + 2 * padded + k]
 
 
 @kernel
@@ -386,7 +309,7 @@ def partial_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> int
         if fast or (body["attached"] == 1 and (cv != 0.0 or cp != 0.0)):
             _add_partial_columns(run, i, at, cv, cp, B)
         if fast:
-            _add_velocity_block(body, parts.pool, at.q, at.v, cv, cp, run.work.now.Z, B)
+            add_velocity_block(body, parts.pool, at.q, at.v, cv, cp, run.work.now.Z, B)
         add_body_block(run, i, B)
     return FINE
 

@@ -1,0 +1,140 @@
+"""Coriolis and centrifugal forces on the modes where they are linear in the deformation.
+
+With B = ω̃ω̃ and the integrals of `flexible_body`
+
+    forces   Σ B_bc M_bc η − 2 Σ ω'_k G_k η̇
+
+Kept are `forms`: S_x = M_yy + M_zz and G_x = M_yz − M_zy, the like about y and z, M_xy + M_yx and
+cyclic. What turns about one axis of the body, as in planar motion, needs one pair of these; else
+their sums are made once and read by the iterations of a step.
+"""
+
+from __future__ import annotations
+
+import math
+
+from flexmb.engine.algebra.forms import (
+    add_pair_to_block,
+    add_symmetric_and_skew,
+    combine_forms,
+    size_of_form,
+)
+from flexmb.engine.algebra.vector import (
+    add_multiple,
+    axis_vector,
+    copy,
+    part,
+    put_part,
+    times,
+    zero,
+)
+from flexmb.engine.jit import kernel
+
+# Share of the angular velocity that iterations of a step may change without new sums of forms. The
+# prediction of a step is off by some ten errors of a step: what is left is below the step's error,
+# and falls with it.
+_AS_BEFORE = 1e-5
+# Share of the largest angular velocity about a body axis that those about the others may have to be
+# round-off: that of some thousand steps is 1e-16 to 2e-15.
+_NO_TURN = 1e-13
+
+
+@kernel
+def centrifugal_shares(a, b):
+    """½ (ã b̃ + b̃ ã) as xx, yy, zz, xy, yz, zx."""
+    x, y, z = a[0] * b[0], a[1] * b[1], a[2] * b[2]
+    xy, yz, zx = a[0] * b[1] + a[1] * b[0], a[1] * b[2] + a[2] * b[1], a[2] * b[0] + a[0] * b[2]
+    return -y - z, -z - x, -x - y, 0.5 * xy, 0.5 * yz, 0.5 * zx
+
+
+@kernel
+def _shares_of_forms(a, b):
+    """What the symmetric forms of the pool count in ½ Σ_bc (ã b̃ + b̃ ã)_bc M_bc."""
+    f = centrifugal_shares(a, b)
+    return -a[0] * b[0], -a[1] * b[1], -a[2] * b[2], f[3], f[4], f[5]
+
+
+@kernel
+def _place_of_forms(body):
+    """Place in Z of Σ f_s S_s and Σ w_k G_k, what they are multiplied with, the product, and the
+    angular velocity that they belong to; numbers of a form, and of modes with padding."""
+    size, padded = size_of_form(body["m"])
+    return body["z"] + 12 * body["m"], size, padded
+
+
+@kernel
+def _only_axis(om):
+    """The body axis about which the body turns, or −1 where it turns about several."""
+    least = _NO_TURN * max(abs(om[0]), abs(om[1]), abs(om[2]))
+    axis, axes = -1, 0
+    for k in range(3):
+        if abs(om[k]) > least:
+            axis, axes = k, axes + 1
+    return axis if axes == 1 else -1
+
+
+@kernel
+def _turns_as_before(forms, at, iteration, om):
+    """Whether the forms are those of the first iteration of this step, with such a velocity."""
+    allowed, same = _AS_BEFORE * (abs(om[0]) + abs(om[1]) + abs(om[2])), iteration > 0.0
+    for k in range(3):
+        same = same and abs(om[k] - forms[at + k]) <= allowed
+    if not same:
+        put_part(forms, at, om)
+    return same
+
+
+@kernel
+def _put_form_product(T, forms, size, padded, m):
+    """The product of the two forms of T with coordinates and rates of the modes, behind these."""
+    x = forms[2 * size : 2 * size + padded]
+    y, out = forms[2 * size + padded :], forms[2 * size + 2 * padded :]
+    zero(out[:m])
+    for k in range(m, padded):
+        x[k] = y[k] = 0.0
+    add_symmetric_and_skew(T, size, padded, x, y, out)
+
+
+@kernel
+def add_velocity_forces(body, now, q, v, om, pool, out):
+    """Modal rows += (Σ B_bc M_bc) η − 2 Σ ω'_k G_k η̇."""
+    m, o, eta = body["m"], body["iv"] + 6, body["iq"] + 7
+    at_pool = body["flex"] + 12 * m + 3 * m * m
+    at_forms, size, padded = _place_of_forms(body)
+    forms = now.Z[at_forms:]
+    x, y = forms[2 * size :], forms[2 * size + padded :]
+    axis = _only_axis(om)
+    if axis >= 0:
+        f, w = -om[axis] * om[axis], -2.0 * om[axis]
+        for k in range(m):
+            x[k], y[k] = f * q[eta + k], w * v[o + k]
+        _put_form_product(pool[at_pool + 2 * axis * size :], forms, size, padded, m)
+    else:
+        if not _turns_as_before(forms, 2 * size + 3 * padded, now.iteration[0], om):
+            combine_forms(pool, at_pool, size, _shares_of_forms(om, om), times(-2.0, om), forms)
+        copy(q[eta : eta + m], x)
+        copy(v[o : o + m], y)
+        _put_form_product(forms, forms, size, padded, m)
+    add_multiple(1.0, forms, 2 * size + 2 * padded, out, o, m)
+
+
+@kernel
+def add_velocity_block(body, pool, q, v, cv, cp, Z, B):
+    """Modal rows: cp Σ B_bc M_bc − 2 cv Σ ω_b G_b, and what M_bc adds in the columns of ω'."""
+    m, o, eta = body["m"], body["iv"] + 6, body["iq"] + 7
+    at, om = body["flex"] + 12 * m + 3 * m * m, part(v, body["iv"] + 3)
+    f = _shares_of_forms(om, om)
+    at_forms, size, padded = _place_of_forms(body)
+    forms = Z[at_forms:]
+    forms[2 * size + 3 * padded] = math.inf  # they become others
+    shares = (cp * f[0], cp * f[1], cp * f[2], cp * f[3], cp * f[4], cp * f[5])
+    combine_forms(pool, at, size, shares, times(-2.0 * cv, om), forms)
+    add_pair_to_block(forms, size, m, padded, B, 6)
+    for d in range(3):
+        axis = axis_vector(d)
+        combine_forms(pool, at, size, _shares_of_forms(om, axis), times(-1.0, axis), forms)
+        copy(q[eta : eta + m], forms[2 * size :])
+        copy(v[o : o + m], forms[2 * size + padded :])
+        _put_form_product(forms, forms, size, padded, m)
+        for k in range(m):
+            B[6 + k, 3 + d] += 2.0 * cv * forms[2 * size + 2 * padded + k]
