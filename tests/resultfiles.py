@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flexmb.results import OutputBlock, ResultWriter
+from flexmb.results.writer import OutputBlock, ResultWriter
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 
 from flexmb.flexbody import FlexBody, Interface, ModeInfo, Surface, save
 from flexmb.model import Model
-from flexmb.results import OutputBlock, ResultWriter
+from flexmb.results.writer import OutputBlock, ResultWriter
 
 R, L, SPEED = 0.15, 0.56, 2 * np.pi * 25  # m, m, rad/s
 _AMPLITUDE = 40e-6  # m, of the half sine

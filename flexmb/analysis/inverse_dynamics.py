@@ -31,7 +31,8 @@ from flexmb.engine.work import new_path, new_run, new_state, new_work
 from flexmb.errors import AssemblyError, ResultFileError
 from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
-from flexmb.results import NOT_UNIQUE, Result
+from flexmb.results import Result
+from flexmb.results.result import NOT_UNIQUE
 
 _CHUNK = 200  # rows
 _REMAINDER = 1e-6  # force that drives do not give, over the largest one

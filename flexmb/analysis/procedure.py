@@ -38,7 +38,7 @@ from flexmb.model.forces.spring_damper import JointSpringSpec, SpringDamperSpec
 from flexmb.model.functions.function import Function
 from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
-from flexmb.results import OutputBlock
+from flexmb.results.writer import OutputBlock
 
 T = TypeVar("T")
 
@@ -54,7 +54,7 @@ _ROUND_OFF, _NO_SPEED = 1e-12, 1e-9
 
 
 class Sink(Protocol):
-    """What takes the rows, such as `flexmb.results.ResultWriter`."""
+    """What takes the rows, such as `flexmb.results.writer.ResultWriter`."""
 
     def append(self, block: OutputBlock) -> None: ...
     def save_state(self, state: dict[str, np.ndarray]) -> None: ...

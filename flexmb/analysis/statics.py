@@ -37,7 +37,7 @@ from flexmb.errors import AssemblyError, FlexmbError
 from flexmb.model.model import Model
 from flexmb.model.scenes.dynamics import StaticsSpec
 from flexmb.progress import Progress, silent
-from flexmb.results import NOT_UNIQUE
+from flexmb.results.result import NOT_UNIQUE
 
 _JUMP, _LONG_WAY = 10.0, 0.02  # way over that before; over the model size or in radians
 _MOVES = 0.5  # share of bodies in the kinetic energy of a mode of them

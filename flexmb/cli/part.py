@@ -67,7 +67,7 @@ def part(
         screen.line(f"note: {note}")
     screen.line(f"written: {report.path}")
     if vtu:
-        from flexmb.results import write_vtu
+        from flexmb.results.export import write_vtu
 
         screen.line(f"written: {write_vtu(report.result, report.path.with_suffix('.vtu'))}")
     for picture in report.pictures:
@@ -80,7 +80,7 @@ def part(
 
 def show_part(result: Any, units: UnitSystem) -> None:
     """Show displacements, reactions, stresses, frequencies and load factors of a part."""
-    from flexmb.flexbody import STATIC
+    from flexmb.flexbody.part_result import STATIC
 
     screen.heading(f"part {result.name}")
     rows = [("mass", units.say(result.mass, "kg"))]
@@ -123,7 +123,7 @@ def show_part(result: Any, units: UnitSystem) -> None:
 
 
 def _static_rows(result: Any, units: UnitSystem) -> list[tuple[str, str]]:
-    from flexmb.flexbody import SECTION_FORCES, SHELL_FORCES
+    from flexmb.flexbody.stress_modes import SECTION_FORCES, SHELL_FORCES
 
     u = result.displacements()
     size = np.linalg.norm(u, axis=1)
@@ -278,7 +278,7 @@ def _extremes(
     run: Any, time: float | None, values: Any, noun: str, kinds: tuple[str, ...], nodes: Any = None
 ) -> None:
     """The value of largest magnitude of each component, where and when."""
-    from flexmb.flexbody import SECTION_FORCES, SHELL_FORCES
+    from flexmb.flexbody.stress_modes import SECTION_FORCES, SHELL_FORCES
 
     names = SECTION_FORCES if nodes is None else SHELL_FORCES
     values = values[None] if time is not None else values

@@ -44,7 +44,8 @@ def info(
 
 
 def _show_h5(path: Path) -> None:
-    from flexmb.results import Result, file_format
+    from flexmb.results import Result
+    from flexmb.results.result_file import file_format
 
     if file_format(path) == "flexmb-flexbody":
         from flexmb.flexbody import load

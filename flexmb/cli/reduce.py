@@ -194,7 +194,7 @@ def modes_picture(body: Path) -> Path:
 
 def show_body(body: Any) -> None:
     """Show mass, centre, inertia, interfaces and modes of a flexible body, in the mesh's units."""
-    from flexmb.flexbody import MODE_COLUMNS, mode_table
+    from flexmb.flexbody.body import MODE_COLUMNS, mode_table
 
     screen.heading(f"flexible body {body.name}")
     J = body.inertia_about_center

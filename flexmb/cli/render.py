@@ -173,7 +173,8 @@ def render(
     Example: flexmb render out/slider_crank/rod.flexbody.h5 --modes 1..6 --held big_end
     """
     from flexmb.flexbody import load_part
-    from flexmb.results import Result, file_format
+    from flexmb.results import Result
+    from flexmb.results.result_file import file_format
     from flexmb.units import unit_system
     from flexmb.view import vtk_renderer
     from flexmb.view.modes import render_modes
@@ -264,7 +265,7 @@ def film(
 
     Example: flexmb film out/slider_crank/rod.flexbody.h5 --modes 1..4 --held big_end
     """
-    from flexmb.results import file_format
+    from flexmb.results.result_file import file_format
     from flexmb.view import vtk_renderer
     from flexmb.view.film import film as film_run
     from flexmb.view.modes import film_modes

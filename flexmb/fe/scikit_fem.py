@@ -4,7 +4,7 @@ A mesh keeps its named boundaries and subdomains as groups. A basis is one of th
 with a Lagrange element (P1, P2, Q1, serendipity or Q2 on tetrahedra and hexahedra, or any other
 whose functions are one at their own node): its mass matrix then is one scalar matrix for all three
 directions, and with the places of the nodes it gives every inertia integral exactly. Stress is
-recovered where the element is one of :data:`flexmb.fe.ELEMENTS` and a material is given.
+recovered where the element is one of `fe.elements.element_blocks.FAMILIES`, and a material given.
 """
 
 from __future__ import annotations

@@ -17,15 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import ResultFileError
-from flexmb.flexbody import (
-    SECTION_FORCES,
-    SHELL_FORCES,
-    STRESS,
-    FlexBody,
-    InertiaResponse,
-    StressModes,
-    von_mises,
-)
+from flexmb.flexbody import FlexBody, InertiaResponse, StressModes, von_mises
+from flexmb.flexbody.stress_modes import SECTION_FORCES, SHELL_FORCES, STRESS
 from flexmb.results.reader import ResultReader
 
 Array = NDArray[np.float64]

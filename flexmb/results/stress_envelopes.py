@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import OutputError, ResultFileError
-from flexmb.flexbody import STRESS, principal_stresses, von_mises
+from flexmb.flexbody import principal_stresses, von_mises
+from flexmb.flexbody.stress_modes import STRESS
 from flexmb.folders import whole_file
 from flexmb.results.kill_safe_file import DiskFile, uninterrupted
 from flexmb.results.recovery import Recovery, labels

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import ViewError
-from flexmb.flexbody import STATIC, PartResult
+from flexmb.flexbody import PartResult
+from flexmb.flexbody.part_result import STATIC
 from flexmb.units import SI, UnitSystem
 from flexmb.view.camera import Camera, body_camera
 from flexmb.view.content import Content, Deformed, Scale

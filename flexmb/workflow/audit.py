@@ -178,7 +178,8 @@ def audit(
     FlexmbError
         The run is not finished, has no sensors, or did not store what is needed.
     """
-    from flexmb.results import Result, store_text
+    from flexmb.results import Result
+    from flexmb.results.result_file import store_text
 
     run = result if isinstance(result, Result) else Result(result)
     began = time.perf_counter()

@@ -166,7 +166,7 @@ def _check_results(model: Model, bodies: Mapping[str, FlexBody], rigid: Sequence
     """Refuse unknown names among the results to store."""
     if model.results is not None and model.results.keep:
         from flexmb.engine.compile import compile_system
-        from flexmb.results import Columns, stored_columns
+        from flexmb.results.channels import Columns, stored_columns
 
         scene = {"results": {"keep": model.results.keep}, **_reaction_scene(model)}
         stored_columns(Columns.of(compile_system(model, bodies).layout), scene, rigid)

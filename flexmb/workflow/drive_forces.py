@@ -64,8 +64,9 @@ def inverse_dynamics(
     """
     from flexmb.analysis.inverse_dynamics import prepare_inverse, run_inverse
     from flexmb.engine.compile import compile_system
-    from flexmb.results import Result, ResultWriter
+    from flexmb.results import Result
     from flexmb.results.reader import TemporaryFolder
+    from flexmb.results.writer import ResultWriter
 
     run = motion if isinstance(motion, Result) else Result(motion)
     driven = _with_drives(model, drives)

@@ -129,7 +129,8 @@ def run_with_selected_effects(
     FlexmbError
         As `run_single`.
     """
-    from flexmb.results import Result, store_text
+    from flexmb.results import Result
+    from flexmb.results.result_file import store_text
 
     model.validate()
     assert model.effects is not None

@@ -32,11 +32,11 @@ from flexmb.model.excitation import is_rotated, load_points, needs_inertia_resid
 from flexmb.model.flexible_body import FlexbodySpec
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.plane import simulated_body
-from flexmb.progress import Progress, silent
+from flexmb.progress import Progress, Stopwatch, silent
 from flexmb.workflow.run_report import CheckOutcome, check_frequencies
 
 if TYPE_CHECKING:
-    from flexmb.fe import Stopwatch, Survey
+    from flexmb.fe import Survey
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
 
@@ -260,7 +260,7 @@ def reduction_input(model: Model, name: str, residual: str = "none") -> tuple[An
 
 def _stored_body(model: Model, name: str, file: Path, notes: list[str]) -> FlexBody | None:
     """The body in the file, if it was made from the same input."""
-    from flexmb import fe
+    from flexmb.fe.reduction.methods import reduction_key
     from flexmb.flexbody import load
 
     if not file.exists():
@@ -270,7 +270,7 @@ def _stored_body(model: Model, name: str, file: Path, notes: list[str]) -> FlexB
     except BodyFileError:
         return None  # of another version, or cut off: reduced again
     mesh, options = reduction_input(model, name, body.provenance.get("residual", "none"))
-    if body.provenance.get("key") != fe.reduction_key(mesh, **options):
+    if body.provenance.get("key") != reduction_key(mesh, **options):
         return None
     if options.get("residual", "none") != _selected_residual(model, name, body):
         return None
@@ -354,7 +354,7 @@ def reduce_mesh(
     from flexmb.flexbody import save
 
     reports: dict[str, Any] = {}
-    watch = fe.Stopwatch(progress)
+    watch = Stopwatch(progress)
     body = fe.reduce(
         mesh,
         material=material,
@@ -405,7 +405,6 @@ def reduce_scene(
     FlexmbError
         Whatever is wrong, in one message.
     """
-    from flexmb.fe import Stopwatch
     from flexmb.model import load_scene
 
     path = Path(path)

@@ -215,7 +215,8 @@ def render_mode_shapes(
         The folder cannot be written.
     """
     from flexmb.flexbody import save
-    from flexmb.results import OutputBlock, Result, ResultWriter
+    from flexmb.results import Result
+    from flexmb.results.writer import OutputBlock, ResultWriter
     from flexmb.view.picture import render
 
     target, compiled = writable_folder(Path(folder)), made.compiled

@@ -233,7 +233,7 @@ def _expression_table() -> Table:
 
 
 def _element_table() -> Table:
-    from flexmb.fe import ELEMENTS
+    from flexmb.fe.elements.element_blocks import ELEMENTS
 
     return Table(("in the mesh", "what it is"), list(ELEMENTS.items()))
 

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from flexmb.engine.compile import Compiled
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
-    from flexmb.results import OutputBlock, Result
+    from flexmb.results import Result
+    from flexmb.results.writer import OutputBlock
 
 Array = NDArray[np.float64]
 Change: TypeAlias = tuple[tuple[Array, Array], Array, tuple[str, ...], float | None]
@@ -106,7 +107,7 @@ class Neighbours:
 
     def rows(self) -> OutputBlock:
         """The rows as a block of outputs."""
-        from flexmb.results import OutputBlock
+        from flexmb.results.writer import OutputBlock
 
         m, none = self.motion, np.zeros((len(self.motion.t), 0))
         return OutputBlock(m.t, m.q, m.v, m.vd, m.lam, none, m.channels, none, none)

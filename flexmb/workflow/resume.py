@@ -101,7 +101,9 @@ def resume_run(
     from flexmb.engine.compile import compile_system
     from flexmb.model import Model
     from flexmb.model.scenes.effects import active_model
-    from flexmb.results import Result, ResultWriter, extend_file
+    from flexmb.results import Result
+    from flexmb.results.result_file import extend_file
+    from flexmb.results.writer import ResultWriter
 
     run = result if isinstance(result, Result) else Result(result)
     if not as_begun:

@@ -63,7 +63,8 @@ def run_single(
     """Run a model with the effects that it states, from mesh to picture; see `run_scene`."""
     from flexmb.engine.compile import compile_system
     from flexmb.model.scenes.effects import active_model
-    from flexmb.results import Result, ResultWriter
+    from flexmb.results import Result
+    from flexmb.results.writer import ResultWriter
 
     model.validate()
     scene_model, model = model, active_model(model)
@@ -179,7 +180,7 @@ def prepare_task(
             analysis, len(found.times), lambda sink: run_statics(found, sink, progress=progress)
         )
     from flexmb.analysis.dynamics.dynamics import prepare_dynamics, run_dynamics
-    from flexmb.results import DAMPING, damping_text
+    from flexmb.results.reader import DAMPING, damping_text
 
     begin = start.begin if start is not None else None
     prepared = prepare_dynamics(compiled, model, begin=begin, progress=progress)
@@ -226,7 +227,7 @@ def _effect_notes(model: Model, bodies: Mapping[str, FlexBody]) -> list[str]:
 
 def _row_size_note(compiled: Compiled, scene: Mapping[str, Any]) -> list[str]:
     """A note where a scene stores part of the results; its mistakes before anything is run."""
-    from flexmb.results import Columns, row_bytes, stored_columns
+    from flexmb.results.channels import Columns, row_bytes, stored_columns
 
     if not scene.get("results", {}).get("keep"):
         return []

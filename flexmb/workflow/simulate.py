@@ -280,8 +280,7 @@ def iterate_motion(model: Model, **dynamics: Any) -> Iterator[MotionState]:
     from flexmb.analysis.procedure import failure_sentence
     from flexmb.engine.method import FINE
     from flexmb.model.scenes.dynamics import INSTEAD, drop_idle_options
-    from flexmb.results import Columns
-    from flexmb.results.channels import all_channels
+    from flexmb.results.channels import Columns, all_channels
     from flexmb.workflow.compiled_model import compile_source
 
     spec = model.dynamics

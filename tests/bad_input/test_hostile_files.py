@@ -29,7 +29,9 @@ from flexmb.errors import (
 from flexmb.fe.meshes.mesh import _read, read_mesh
 from flexmb.flexbody import load, rigid_body, save
 from flexmb.model.functions.tabulated import Columns, read_columns
-from flexmb.results import DAMPING, Result, ResultWriter
+from flexmb.results import Result
+from flexmb.results.reader import DAMPING
+from flexmb.results.writer import ResultWriter
 from flexmb.units import SI
 from flexmb.workflow.run_report import PROVENANCE, provenance
 

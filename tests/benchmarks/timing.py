@@ -20,7 +20,7 @@ from flexmb.engine.entries import integrate, prepare_integration
 from flexmb.engine.integrators.generalized_alpha import generalized_alpha
 from flexmb.engine.units import hand_over
 from flexmb.engine.work import new_output, new_run, new_work, output_run
-from flexmb.results import ResultWriter
+from flexmb.results.writer import ResultWriter
 from tests.benchmarks.models import chain_model
 
 _ROOT = Path(__file__).parents[2]

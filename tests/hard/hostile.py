@@ -411,7 +411,7 @@ def result(rng: Random, folder: Path) -> None:
         kind = rng.choice(("sensors", "energy", "drift", "reactions", "motion", "coordinates"))
         command("export", place, "--what", kind, "--output", place / "x.csv")
     elif what == 3:
-        from flexmb.results import ResultWriter
+        from flexmb.results.writer import ResultWriter
 
         with ResultWriter.reopen(target) as writer:
             assert writer.rows_written >= 0

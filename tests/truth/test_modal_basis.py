@@ -19,7 +19,8 @@ from flexmb.fe import assemble, mesh_from, reduce
 from flexmb.fe.sections.section_tables import resolve, sections_from
 from flexmb.flexbody import load
 from flexmb.model import Model
-from flexmb.results import OutputBlock, Result
+from flexmb.results import Result
+from flexmb.results.writer import OutputBlock
 from flexmb.workflow.run import run_single
 
 E, RHO, H, L = 2.1e11, 7850.0, 0.02, 1.0

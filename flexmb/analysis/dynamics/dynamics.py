@@ -67,7 +67,8 @@ from flexmb.errors import SceneError
 from flexmb.model.forces.friction import BaseFriction
 from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
-from flexmb.results import NOT_UNIQUE, OutputBlock
+from flexmb.results.result import NOT_UNIQUE
+from flexmb.results.writer import OutputBlock
 
 _UNBALANCED = 0.05  # of the energy that moved, from which on the user is told
 # Gap of a constraint, in radians or over the size of the model, from which on a mechanism has come

@@ -29,7 +29,7 @@ from flexmb.flexbody import FlexBody
 from flexmb.flexbody.natural_modes import natural_modes
 from flexmb.model.excitation import loads_beside_interfaces, marker_interface
 from flexmb.model.model import Model
-from flexmb.results import OutputBlock
+from flexmb.results.writer import OutputBlock
 
 Array = NDArray[np.float64]
 

@@ -33,7 +33,7 @@ from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import skew
 from flexmb.flexbody.natural_modes import matrices_at_rest
 from flexmb.model.model import Model
-from flexmb.results import OutputBlock
+from flexmb.results.writer import OutputBlock
 
 Array = NDArray[np.float64]
 

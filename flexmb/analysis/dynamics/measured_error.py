@@ -39,7 +39,7 @@ from flexmb.engine.tables import Layout
 from flexmb.model.model import Model
 from flexmb.model.reading import Spec
 from flexmb.model.sensor import channels_of, unit_of
-from flexmb.results import OutputBlock
+from flexmb.results.writer import OutputBlock
 
 Array = NDArray[np.float64]
 

@@ -48,7 +48,7 @@ from flexmb.model.excitation import (
     slowest_oscillation,
 )
 from flexmb.model.model import Model
-from flexmb.results import OutputBlock
+from flexmb.results.writer import OutputBlock
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

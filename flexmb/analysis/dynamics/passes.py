@@ -55,7 +55,8 @@ from flexmb.errors import FlexmbError, ResultFileError
 from flexmb.model.model import Model
 from flexmb.model.scenes.dynamics import METHODS, DynamicsSpec
 from flexmb.progress import Progress, silent
-from flexmb.results import BodyDamping, OutputBlock, Result
+from flexmb.results import BodyDamping, Result
+from flexmb.results.writer import OutputBlock
 
 MAX_PASSES = 4
 """Passes of a run at most, each with a stricter tolerance by the error measured."""

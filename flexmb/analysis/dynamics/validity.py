@@ -42,7 +42,7 @@ from flexmb.errors import AssemblyError
 from flexmb.model.functions.derivatives import derivative_jumps, evaluate
 from flexmb.model.model import Model
 from flexmb.model.scenes.dynamics import ValiditySpec
-from flexmb.results import OutputBlock
+from flexmb.results.writer import OutputBlock
 
 Array = NDArray[np.float64]
 _EQUAL = 0.05  # frequencies of the same vibration differ by less

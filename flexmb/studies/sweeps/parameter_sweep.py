@@ -257,7 +257,7 @@ def _scalars(base: SweepScene, names: Sequence[str]) -> tuple[list[Scalar], list
     """The scalars of these names, by the columns of the scene with bodies not reduced yet."""
     from flexmb.engine.compile import compile_system
     from flexmb.model.scenes.effects import active_model
-    from flexmb.results import Columns
+    from flexmb.results.channels import Columns
     from flexmb.workflow.flexible_bodies import bodies_of_surveys, survey_bodies
 
     model = active_model(base.model({}))

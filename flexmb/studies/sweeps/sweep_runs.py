@@ -32,7 +32,8 @@ from flexmb.studies.study_jobs import content_key
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
-    from flexmb.results import OutputBlock, Result
+    from flexmb.results import Result
+    from flexmb.results.writer import OutputBlock
     from flexmb.units import UnitSystem
 
 

@@ -9,7 +9,7 @@ from flexmb.analysis import monitors
 from flexmb.analysis.dynamics.measured_error import MeasuredError
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
-from flexmb.results import OutputBlock
+from flexmb.results.writer import OutputBlock
 
 RATIO = 33.0  # of the errors of both runs: 1/32 of their difference is left
 

@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from flexmb.cli import app
-from flexmb.fe import ELEMENTS
+from flexmb.fe.elements.element_blocks import ELEMENTS
 from flexmb.flexbody.mesh_options import REDUCTIONS
 from flexmb.flexbody.part_options import SUPPORTS
 from flexmb.materials import LIBRARY

@@ -8,8 +8,9 @@ from femeshes import block, held_frequencies, line, slope
 from scipy.spatial.transform import Rotation
 
 from flexmb.errors import MeshError, ReductionError
-from flexmb.fe import Mesh, assemble, part, rectangle, reduce, reduction_key, resolve, shell
+from flexmb.fe import Mesh, assemble, part, rectangle, reduce, resolve, shell
 from flexmb.fe.assembly.springs import spring_geometric_stiffness
+from flexmb.fe.reduction.methods import reduction_key
 
 MATTER = resolve({"E": 1e9, "nu": 0.3, "density": 2000.0})
 SECTION = {"all": rectangle(0.1, 0.2)}

@@ -9,9 +9,10 @@ import pytest
 from femeshes import block, line, mirrored_block
 
 from flexmb.errors import ReductionError
-from flexmb.fe import Mesh, assemble, rectangle, reduce, reduction_key, resolve
+from flexmb.fe import Mesh, assemble, rectangle, reduce, resolve
 from flexmb.fe.reduction.eigenmodes import antisymmetric, make_symmetry_plane, reflection
 from flexmb.fe.reduction.inertia_relief import inertia_loads
+from flexmb.fe.reduction.methods import reduction_key
 from flexmb.flexbody.planar_body import PLANES
 
 STEEL = resolve("steel")

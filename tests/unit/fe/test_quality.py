@@ -20,12 +20,11 @@ from flexmb.fe import (
     orthonormalise,
     quality_report,
     rectangle,
-    report_tables,
-    report_text,
     resolve,
 )
 from flexmb.fe.reduction.eigenmodes import make_symmetry_plane
 from flexmb.fe.reduction.free_body import free_modes
+from flexmb.fe.reduction.quality_report import report_tables, report_text
 from flexmb.progress import Stopwatch
 
 STEEL = resolve("steel")

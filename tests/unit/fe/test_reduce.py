@@ -9,8 +9,9 @@ import pytest
 from femeshes import block, line
 
 from flexmb.errors import FlexmbError, FlexmbWarning, MeshError, ReductionError
-from flexmb.fe import Mesh, rectangle, reduce, reduction_key
-from flexmb.flexbody import mode_table
+from flexmb.fe import Mesh, rectangle, reduce
+from flexmb.fe.reduction.methods import reduction_key
+from flexmb.flexbody.body import mode_table
 
 ENDS = {"left": "x0", "right": "x1"}
 ROD = {

@@ -8,7 +8,8 @@ import pytest
 from femeshes import block
 
 from flexmb.errors import FlexmbError
-from flexmb.fe import reduce, reduction_key
+from flexmb.fe import reduce
+from flexmb.fe.reduction.methods import reduction_key
 from flexmb.flexbody import load, save
 
 BOX = block((2, 1, 1), (0.4, 0.1, 0.07))

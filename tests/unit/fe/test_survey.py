@@ -7,8 +7,9 @@ import pytest
 from femeshes import block
 
 from flexmb.errors import MeshError
-from flexmb.fe import Mesh, assemble, make_interfaces, mesh_problems, reduce, resolve, survey
+from flexmb.fe import Mesh, assemble, make_interfaces, reduce, resolve, survey
 from flexmb.fe.meshes.mesh_shapes import mesh_from
+from flexmb.fe.reduce import mesh_problems
 
 BOX = block((2, 1, 1))
 

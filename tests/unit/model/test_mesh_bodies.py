@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from flexmb.fe import reduction_key, survey
+from flexmb.fe import survey
+from flexmb.fe.reduction.methods import reduction_key
 from flexmb.model import Model, load_scene, scene_schema
 
 SCENE = """

@@ -15,8 +15,9 @@ from resultfiles import FakeLayout, block, writer
 
 from flexmb.errors import OutputError, ResultFileError
 from flexmb.flexbody import rigid_body, save
-from flexmb.results import Result, ResultWriter
+from flexmb.results import Result
 from flexmb.results.reader import TemporaryFolder
+from flexmb.results.writer import ResultWriter
 
 
 @pytest.fixture

@@ -15,8 +15,10 @@ import flexmb
 from flexmb.cli import app
 from flexmb.errors import FlexmbWarning, ResultFileError
 from flexmb.model.markers import rotation_matrix
-from flexmb.results import NOT_UNIQUE, Result, ResultWriter
+from flexmb.results import Result
 from flexmb.results.channels import Columns, marker_pairs
+from flexmb.results.result import NOT_UNIQUE
+from flexmb.results.writer import ResultWriter
 
 SCENE = {
     "title": "two names",

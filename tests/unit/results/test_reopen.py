@@ -12,8 +12,10 @@ import pytest
 from resultfiles import block, writer
 
 from flexmb.errors import OutputError, ResultFileError
-from flexmb.results import Result, ResultWriter, extend_file, result_file, store_text
+from flexmb.results import Result, result_file
 from flexmb.results.kill_safe_file import uninterrupted
+from flexmb.results.result_file import extend_file, store_text
+from flexmb.results.writer import ResultWriter
 
 
 def state(i: int) -> dict[str, np.ndarray]:

@@ -10,7 +10,8 @@ import slidercrank
 from resultfiles import FakeLayout, block, writer
 
 from flexmb.errors import FlexmbError, ResultFileError, ViewError
-from flexmb.results import OutputBlock, Result
+from flexmb.results import Result
+from flexmb.results.writer import OutputBlock
 from flexmb.view.charts import (
     amplitudes,
     campbell_of_run,
@@ -91,7 +92,7 @@ def test_results_without_common_channels_need_names(result, tmp_path) -> None:
 
 def no_channels(folder: Path) -> Result:
     layout = FakeLayout(channels=())
-    from flexmb.results import ResultWriter
+    from flexmb.results.writer import ResultWriter
 
     with ResultWriter(folder / "n.h5", layout, 4, scene={"title": "none"}) as out:
         out.append(block(0, 5, layout))

@@ -18,7 +18,8 @@ from flexmb.flexbody.stress_modes import StressModes
 from flexmb.model import Model
 from flexmb.model.joints.joint import JOINT_TYPES
 from flexmb.model.surface_mesh import open_edges
-from flexmb.results import OutputBlock, Result, ResultWriter
+from flexmb.results import Result
+from flexmb.results.writer import OutputBlock, ResultWriter
 from flexmb.view.camera import Camera, visible_shares
 from flexmb.view.content import DAMPER, FRICTION, HOUSING, RUBBER, Content
 from flexmb.view.drawing import Drawing

@@ -68,7 +68,7 @@ def test_a_body_that_is_not_there(scene: Path, tmp_path: Path) -> None:
 
 
 def test_a_report_compares_with_the_full_model(scene: Path, tmp_path: Path) -> None:
-    from flexmb.fe import report_tables
+    from flexmb.fe.reduction.quality_report import report_tables
 
     (one,) = reduce_scene(scene, body="bar", output=tmp_path, report=True, up_to=600.0).bodies
     found = one.report.frequencies

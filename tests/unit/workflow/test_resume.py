@@ -27,8 +27,9 @@ from flexmb.errors import (
 )
 from flexmb.flexbody import load, save
 from flexmb.model import Model
-from flexmb.results import Result, ResultWriter
+from flexmb.results import Result
 from flexmb.results.reader import TemporaryFolder
+from flexmb.results.writer import ResultWriter
 from flexmb.workflow.run_report import provenance_text
 
 SCENE = Path(__file__).parents[3] / "cases" / "rigid_slider_crank" / "scene.toml"

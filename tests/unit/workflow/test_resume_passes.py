@@ -10,8 +10,9 @@ import pytest
 
 import flexmb
 from flexmb.analysis.dynamics import integration as module
-from flexmb.results import Result, ResultWriter
+from flexmb.results import Result
 from flexmb.results.channels import TABLES
+from flexmb.results.writer import ResultWriter
 
 pytestmark = pytest.mark.filterwarnings("ignore::flexmb.errors.FlexmbWarning")
 

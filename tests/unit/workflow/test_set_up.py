@@ -21,7 +21,8 @@ from flexmb.engine.state import State, Work
 from flexmb.engine.symbolic import Blocks, analyse
 from flexmb.engine.tables import System
 from flexmb.model import Model
-from flexmb.results import Result, ResultWriter
+from flexmb.results import Result
+from flexmb.results.writer import ResultWriter
 
 FEW, MANY = 150, 300
 MOST = 2.1  # times as many operations for twice as many bodies
