@@ -44,6 +44,9 @@ _BY_POSITIONS = 0.3
 # After so many steps at the limit of stability none is longer than so many times it, where the
 # method damps: at the edge fast parts ring by what the tolerance allows, reactions by far more.
 _SEVERAL, _NEAR = 10.0, 1.2
+# Share of what is allowed from which on an error rules the step: the control aims at 0.9⁸ = 0.43, a
+# tenth leaves 0.83 of that step. How many times it positions may ask for: as the control does.
+_RULES, _MOST_LONGER = 0.1, 5.0
 # Share of the third-order estimate in that of DOP853 (Hairer, Nørsett & Wanner, eq. II.10.17).
 _THIRD = 0.1
 
@@ -165,7 +168,6 @@ def end_step(run, tableau, h, status, of_parameters):
     """
     st, tr, stages = run.state, run.work.trial, tableau.stages
     nq, nv = st.q.shape[0], st.v.shape[0]
-    _watch_stability(run, tableau, h, of_parameters)
     constraint_stage(run, run.trial_point)
     gap = weighted_size(run.work.con.C, run.system.row_weights)
     if status == FINE and run.method.stabilised == 0 and not gap < _OPEN:
@@ -178,6 +180,7 @@ def end_step(run, tableau, h, status, of_parameters):
     if run.settings.step == 0.0:
         _estimate_error(run, tableau.errors, h, of_parameters)
         size += tr.error[0] + tr.error[1]
+    _watch_stability(run, tableau, h, of_parameters)
     return NOT_FINITE if status == FINE and not math.isfinite(size) else status
 
 
@@ -193,7 +196,7 @@ def put_shares(tableau, share, weights):
 
 @kernel
 def _watch_stability(run, tableau, h, of_parameters):
-    """Count a step at the limit of stability.
+    """Count a step at the limit of stability, or that only errors of velocities keep from it.
 
     The largest rate of the motion is that between the two last stages, which stand at the same
     time (Hairer & Wanner, Solving Ordinary Differential Equations II, 1996, §IV.2).
@@ -206,22 +209,40 @@ def _watch_stability(run, tableau, h, of_parameters):
         if not difference <= change:
             change = difference
         apart = max(apart, abs(tr.v[i] - tr.aa_start[i]) * weights[i])
-    rate = change / apart if apart > 0.0 else 0.0
-    if h * rate > tableau.stable and math.isfinite(rate):
-        # where velocities happen to agree, what positions differ by decides
+    rate, longer = change / apart if apart > 0.0 else 0.0, _step_of_positions(run, h)
+    fastest = rate
+    if (h * rate > tableau.stable or longer > h) and math.isfinite(rate):
         for k in range(last):
             tr.shares[k] = h * (tableau.A[last, k] - tableau.A[last - 1, k])
         _put_change(run, tr.shares, last, of_parameters)
         moved = weighted_size(tr.dq, weights)
+        if longer > h and moved > 0.0:  # of a vibration, whatever its phase in the two stages
+            fastest = max(rate, math.sqrt(change / moved))
+        # where velocities happen to agree, what positions differ by decides
         slow = 2.0 * change / (apart + math.sqrt(apart * apart + 4.0 * change * moved))
-        if h * slow < _BY_POSITIONS * tableau.stable:
+        if longer * slow < _BY_POSITIONS * tableau.stable:
             return
     if memory["steps_at_stability_limit"] > _SEVERAL and rate > 0.0:
         memory["stable_step"] = _NEAR * tableau.stable / rate
-    if not h * rate <= tableau.stable:  # what is not finite was not stable either
+    if not longer * fastest <= tableau.stable:  # what is not finite was not stable either
         if memory["fastest_rate"] == 0.0 and math.isfinite(rate):
             memory["fastest_rate"] = rate  # later ones are those of what has grown
         memory["steps_at_stability_limit"] += 1.0
+
+
+@kernel
+def _step_of_positions(run, h):
+    """The step that errors of positions alone would ask for, where those of velocities rule h.
+
+    A vibration of rate w that moves little has 1/w of its velocity's error in its positions, so
+    that a step that follows it for its velocity alone is far below what positions need. Were that
+    one unstable, the motion is stiff all the same.
+    """
+    error, allowed = run.work.trial.error, run.settings.tolerance * run.settings.slack
+    if run.settings.step > 0.0 or not error[1] > max(error[0], _RULES * allowed):
+        return h
+    left = max(error[0] / allowed, _MOST_LONGER ** (-run.method.error_order))
+    return h * max(left ** (-1.0 / run.method.error_order), 1.0)
 
 
 @kernel
