@@ -128,6 +128,8 @@ def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
     status; NO_LOOP where forces that depend on accelerations or reactions do not settle,
     SELF_LOCKING where friction does not.
     """
+    if run.settings.follow == 1 and project != NOTHING:
+        zero(run.work.trial.held)
     status = _solve_motion(run, at, cp, project)
     if run.settings.follow == 0 or project == NOTHING:
         return status
@@ -138,6 +140,7 @@ def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
             return max(status, NO_LOOP)
         if change <= _STATIC:
             walk(run.stages.static_rates, run, at)
+            walk(run.stages.static_force, run, at)
             return _solve_motion(run, at, cp, VELOCITIES)
         status = _solve_motion(run, at, cp, project)
     return NO_LOOP
@@ -223,6 +226,9 @@ def _solve(run: Run, at: Point, cp: float) -> int:
     for i in range(nv):
         res[i] = -res[i]
     permute(kkt, res, run.work.con.gamma, fac.rhs)
+    if run.settings.follow == 1:
+        for i in range(nv):
+            fac.rhs[place[i]] += run.work.trial.held[i]
     solve_refined(kkt, fac, 1 if _is_firm(fac) else _REFINEMENTS)
     for i in range(nv):
         vd[i] = fac.sol[place[i]]

@@ -103,7 +103,8 @@ def propose_step(method, settings, plan, time_events, st, times, room):
     h = min(h, _LONGEST_SHARE * (settings.end - settings.start))
     if st.memory[0]["angular_velocity"] > 0.0:
         h = min(h, settings.turn / st.memory[0]["angular_velocity"])
-    if settings.determined == 1 and method.stages == 0 and st.memory[0]["max_velocity"] > 0.0:
+    works_alone = method.stages == 0 or settings.follow == 1
+    if settings.determined == 1 and works_alone and st.memory[0]["max_velocity"] > 0.0:
         # Nothing is integrated but the work of the drivers, from powers of the method's order.
         h = min(
             h,

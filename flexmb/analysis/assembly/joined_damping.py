@@ -261,6 +261,11 @@ def _mass(system: System, k: int, body: FlexBody | None) -> Array:
     return mass_at_rest(row["mass"], row["S1"], row["S0"], no((3, 0)), no((3, 3, 0)), no((0, 0)))
 
 
+def is_determined(compiled: Compiled, rank: int | None) -> bool:
+    """Whether constraints of this rank fix the motion, but for modes that follow the loads."""
+    return rank == n_free(compiled) - len(static_coordinates(compiled, kinetostatic=True))
+
+
 @one_blas_thread()
 def choose_static_modes(compiled: Compiled, q: Array) -> Compiled:
     """The model with kinetostatic bodies only if its joints allow them, at q (nq,)."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from flexmb.analysis.assembly.initial_state import Assembled, StartValues, assemble
 from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
+from flexmb.analysis.assembly.joined_damping import is_determined
 from flexmb.analysis.dynamics.integration import (
     Integration,
     loop_settings,
@@ -125,7 +126,7 @@ def prepare_dynamics(
     first, timer = assemble_first_state(compiled, units, first_state, progress)
     assembled, rank, not_unique, redundancy = first
     compiled = assembled.compiled
-    settings = loop_settings(compiled, spec, integrator, rank == n_free(compiled))
+    settings = loop_settings(compiled, spec, integrator, is_determined(compiled, rank))
     notes = [*assembled.notes, *_friction_notes(model), *redundancy, *algebraic_loop_notes(model)]
     grid = time_grid(spec)
     if spec.step is not None and grid.step < spec.step * (1.0 - 1e-9):
@@ -355,11 +356,12 @@ def _unbalanced(prepared: PreparedDynamics) -> str:
     step = settings.step
     if (
         share <= max(_UNBALANCED, 10.0 * settings.accuracy)
-        or settings.follow == 1  # work at the rates of quasi-static modes
         or (settings.determined == 1 and not prepared.model.drivers)  # nothing moves
     ):
         return ""
     what = f"the energy balance is off by {100 * share:.3g} % of the energy that moved: "
+    if settings.follow == 1:
+        return f'{what}vibrations that quasi-static modes leave out; deformation = "automatic" has them'
     if step > 0.0:
         return (
             f"{what}steps of {step:.3g} s are too long for the forces of this motion, such as an "

@@ -195,7 +195,7 @@ class MeasuredError:
             if one.quantity not in largest or error > largest[one.quantity].error:
                 worst = ErrorOf(float(error), one.name, float(self._largest[1, k]))
                 low, high = (bound[k] for bound in self._range)
-                if spans[k] > (1 + 1e-9) * np.max(high - low):
+                if spans[k] > (1 + 1e-9) * max(np.max(high - low), 0.0):
                     worst = replace(worst, over=_FLOORS[one.quantity])
                 largest[one.quantity] = worst
         self._results[ratio] = largest

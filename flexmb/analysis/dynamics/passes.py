@@ -23,8 +23,12 @@ from typing import Any
 
 import numpy as np
 
-from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
-from flexmb.analysis.assembly.joined_damping import add_damping, choose_static_modes
+from flexmb.analysis.assembly.jacobian import constraint_rank
+from flexmb.analysis.assembly.joined_damping import (
+    add_damping,
+    choose_static_modes,
+    is_determined,
+)
 from flexmb.analysis.dynamics.integration import (
     Integration,
     compared_times,
@@ -396,7 +400,7 @@ def prepare_resumed(
     first, rank = _first_pose(compiled, arrays, result, rows)
     if "first_q" in arrays:
         compiled, _ = add_damping(choose_static_modes(compiled, first), model, first)
-    settings = loop_settings(compiled, spec, integrator, rank == n_free(compiled))
+    settings = loop_settings(compiled, spec, integrator, is_determined(compiled, rank))
     if settings.step == 0.0 and passes is not None and passes.dtype == PASSES:
         tolerance = float(passes[0]["tolerance"])
         settings = with_tolerance(settings, spec, integrator, tolerance)

@@ -260,7 +260,9 @@ def _sudden_changes(compiled: Compiled, duration: float, span: float) -> Array:
     """(n, 2) from when to when a function of time jumps, or nearly so: within the span [s]."""
     changes = []
     for program in compiled.functions:
-        times = derivative_jumps(program.ops, duration) if not program.channels else ()
+        if program.channels:
+            continue
+        times = derivative_jumps(program.ops, duration)
         largest = max(abs(evaluate(program.ops, t)[0]) for t in (0.0, *times, duration))
         for t in times:
             before, rate, _ = evaluate(program.ops, t - 1e-9 * span)

@@ -4,13 +4,15 @@ Their bodies have no modal mass of them (`flexbody.effects.without_modal_inertia
 modes they are a residual flexibility on which the rest moves (MacNeal, Computers & Structures 1,
 1971, 581). Implicit methods solve for η_s with all else, by a matrix with b K_ss there.
 
-Kinetostatic bodies, those of deformation "quasi-static", and all by an explicit method keep the
-rates of η_s within a step, as if its modal mass were τ² K_ss; then η_s follows the loads, λ being
-that of the motion in which η_s stays, and joints are closed with the deformed body: the slow
-solution, without vibrations of what hangs on this compliance. The rates for the next step are the
-slope of the cubic through the last values: with them what is carried outwards slows down a turn
-as it should, and loads do work. They do not act on η_s itself, or a damper on soft modes would
-make short steps unstable. Single solves hold all η_s.
+Kinetostatic bodies, those of deformation "quasi-static", and all by an explicit method have given
+accelerations of η_s within a step, as if its modal mass were τ² K_ss; then η_s follows the loads, λ
+being that of the motion in which η_s stays, and joints are closed with the deformed body: the slow
+solution, without vibrations of what hangs on this compliance. Rates and accelerations for the next
+step are those of the cubic through the last values: with them what is carried outwards slows down
+a turn as it should, and loads do work. The motion and λ are solved for with them; a driver pays
+for d/dt (M η̇_s) too, and energy is balanced but for η̇_sᵀ M η̇_s/2 of what moves with η_s. They
+do not act on η_s itself, or a damper on soft modes, and η_s by its own acceleration, would make
+short steps unstable. Other single solves hold all η_s.
 """
 
 from __future__ import annotations
@@ -33,9 +35,15 @@ if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
 
 _SLOW = 1e8  # τ² K_ss over the inertia of the model in the softest of them
-_POINTS = 3  # of the past, for the slope
-# A point counts if it is this part of the last interval before the next one.
+_POINTS, _CUBIC = 4, 3  # of the past: stored, the last of which may be the present; for the slope
+# A point counts if it is this part of the last interval before the next one; the last ones, if the
+# present is this part of the interval before them away: a jump at an event is one of long steps.
 _FAR_ENOUGH = 0.3
+# Values that jump, as at an impact, have no acceleration. Where η_s jumps between equal steps h, the
+# cubic and the parabola through it give η̈_s h² of 2 and 1, −3 and −1, 1 and 0 jumps in the next
+# three points, so that they differ by half of the cubic's at least, and rates h of 1.8, 1.2 and 0.3
+# jumps. Smooth motion of frequency ω differs by ω h of it, and where η̈_s is small, by little of η̇_s.
+_JUMP, _FAST = 0.45, 0.3
 
 
 class StaticModes(NamedTuple):
@@ -109,7 +117,7 @@ def follow_loads(run: Run, of: StaticModes, at: Point) -> float:
 
 @unit
 def put_rates(run: Run, of: StaticModes, at: Point) -> int:
-    """Rates of the modes that follow the loads: slopes of the polynomials through their past.
+    """Rates and accelerations of the modes that follow the loads, of the cubics through their past.
 
     What was before the last jump of a function of time does not count.
     """
@@ -124,23 +132,75 @@ def put_rates(run: Run, of: StaticModes, at: Point) -> int:
         first, count = 0, 0
         while first < _POINTS and past[times + first] >= at.t[0]:
             first += 1
-        while first + count < _POINTS and past[times + first + count] > begin:
+        while first + 1 < _POINTS and past[times + first + 1] > begin:
+            gap = past[times + first] - past[times + first + 1]
+            if at.t[0] - past[times + first] >= _FAR_ENOUGH * gap:
+                break
+            first += 1
+        while count < _CUBIC and first + count < _POINTS and past[times + first + count] > begin:
             if count > 0:
                 gap = past[times + first + count - 1] - past[times + first + count]
                 if gap < _FAR_ENOUGH * (at.t[0] - past[times + first]):
                     break
             count += 1
+        known = count == _CUBIC
+        bends, steps, speed = 0.0, 0.0, 0.0
         for i in range(m):
-            mode, rate = of.modes[of.first[n] + i], 0.0
+            mode = of.modes[of.first[n] + i]
+            now, rate, bend = at.q[iq + mode], 0.0, 0.0
             for k in range(first, first + count):
-                weight = 1.0 / (at.t[0] - past[times + k])
+                weight, more = 1.0 / (at.t[0] - past[times + k]), 0.0
                 for other in range(first, first + count):
                     if other != k:
-                        weight *= (at.t[0] - past[times + other]) / (
-                            past[times + k] - past[times + other]
-                        )
-                rate += weight * (at.q[iq + mode] - past[times + _POINTS + k * m + i])
-            at.v[iv + mode] = rate
+                        away = at.t[0] - past[times + other]
+                        weight *= away / (past[times + k] - past[times + other])
+                        more += 2.0 / away
+                change = weight * (now - past[times + _POINTS + k * m + i])
+                rate += change
+                bend += more * change
+            at.v[iv + mode], at.vd[iv + mode] = rate, bend if known else 0.0
+            if known:  # the parabola through the last three values
+                a, b = at.t[0] - past[times + first], at.t[0] - past[times + first + 1]
+                low = (now - past[times + _POINTS + first * m + i]) / a
+                low -= (now - past[times + _POINTS + (first + 1) * m + i]) / b
+                w = run.system.weights[iv + mode] ** 2
+                bends += w * bend * bend
+                steps += w * (bend - 2.0 * low / (b - a)) ** 2
+                speed += w * rate * rate
+        span = at.t[0] - past[times + first] if known else 0.0
+        if steps > _JUMP**2 * bends and span**2 * bends > _FAST**2 * speed:
+            for i in range(m):
+                at.v[iv + of.modes[of.first[n] + i]] = 0.0
+                at.vd[iv + of.modes[of.first[n] + i]] = 0.0
+    return FINE
+
+
+@unit
+def put_forces(run: Run, of: StaticModes, at: Point) -> int:
+    """Trial.held: τ² K_ss η̈_s, by which a single solve has the accelerations of the point."""
+    pool = run.system.parts.pool
+    for n in range(of.rows.shape[0]):
+        body = run.system.parts.bodies[of.rows[n]]
+        m, iv = body["m"], body["iv"] + 6
+        K = body["flex"] + 12 * m + m * m
+        for i in range(of.first[n], of.first[n + 1]):
+            force = 0.0
+            for j in range(of.first[n], of.first[n + 1]):
+                force += pool[K + of.modes[i] * m + of.modes[j]] * at.vd[iv + of.modes[j]]
+            run.work.trial.held[iv + of.modes[i]] = of.heavy[n] * force
+    return FINE
+
+
+@unit
+def put_path(run: Run, of: StaticModes, at: Point) -> int:
+    """Accelerations of the modes of kinetostatic bodies at all stages: those of the point."""
+    stages = run.work.collocation.next_a
+    for n in range(of.rows.shape[0]):
+        if of.kinetostatic[n] == 1:
+            iv = run.system.parts.bodies[of.rows[n]]["iv"] + 6
+            for k in range(of.first[n], of.first[n + 1]):
+                for i in range(stages.shape[0]):
+                    stages[i, iv + of.modes[k]] = at.vd[iv + of.modes[k]]
     return FINE
 
 
@@ -172,7 +232,8 @@ def remember(run: Run, of: StaticModes, at: Point) -> int:
 
 STATIC_MODES = Kind("static_modes", StaticModes, {
     "matrix": add_static_mass, "static": follow_loads, "static_hold": hold,
-    "static_rates": put_rates, "begin": forget, "remember": remember,
+    "static_rates": put_rates, "static_force": put_forces, "static_path": put_path,
+    "begin": forget, "remember": remember,
 })  # fmt: skip
 
 

@@ -26,7 +26,7 @@ import numpy as np
 
 from flexmb.engine.algebra.vector import copy, largest, scaled_size, weighted_size, zero
 from flexmb.engine.bodies.motion import motion_of_rate, normalise, position_rate
-from flexmb.engine.equations_of_motion import constraint_stage, powers
+from flexmb.engine.equations_of_motion import constraint_stage, powers, walk
 from flexmb.engine.jit import Matrix, Unit, Vector, kernel, unit
 from flexmb.engine.method import FINE, NO_CONVERGENCE, NOT_FINITE, Method
 from flexmb.engine.projection import NOTHING, POSITIONS, accelerations
@@ -325,10 +325,22 @@ def _evaluate_stage(run, tableau, q, v, t, s, h, project):
     combine(v, tr.stages, nq, tableau.A[s], s, h, tr.v)
     normalise(parts.bodies, tr.q)
     tr.t[0] = t + tableau.c[s] * h
+    if run.settings.follow == 1:
+        _extrapolate(run)
     status = accelerations(run, run.trial_point, 0.0, project)
     position_rate(parts, tr.q, tr.v, tr.stages[s])
     put_slopes(run, s)
     return status
+
+
+@kernel
+def _extrapolate(run):
+    """Accelerations of modes that follow the loads, by those at the last two points."""
+    st, tr, last = run.state, run.work.trial, run.state.memory[0]["last_step"]
+    share = (tr.t[0] - st.t[0]) / last if last > 0.0 else 0.0
+    for i in range(tr.vd.shape[0]):
+        tr.vd[i] = st.vd[i] + share * (st.vd[i] - st.vd_before[i])
+    walk(run.stages.static_force, run, run.trial_point)
 
 
 @unit

@@ -326,6 +326,9 @@ def _predict(run, radau, h):
     for k in range(st.v.shape[0]):
         for i in range(STAGES):
             col.next_a[i, k] = _sum(col.share[i], col.a, k) if known else st.vd[k]
+    if run.settings.follow == 1:
+        walk(run.stages.static_path, run, run.state_point)
+    for k in range(st.v.shape[0]):
         for i in range(STAGES):
             col.v[i, k] = st.v[k] + h * _sum(radau.A[i], col.next_a, k)
         for i in range(STAGES):
