@@ -129,7 +129,7 @@ def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
     SELF_LOCKING where friction does not.
     """
     if run.settings.follow == 1 and project != NOTHING:
-        zero(run.work.trial.held)
+        zero(run.work.trial.mode_force)
     status = _solve_motion(run, at, cp, project)
     if run.settings.follow == 0 or project == NOTHING:
         return status
@@ -228,7 +228,7 @@ def _solve(run: Run, at: Point, cp: float) -> int:
     permute(kkt, res, run.work.con.gamma, fac.rhs)
     if run.settings.follow == 1:
         for i in range(nv):
-            fac.rhs[place[i]] += run.work.trial.held[i]
+            fac.rhs[place[i]] += run.work.trial.mode_force[i]
     solve_refined(kkt, fac, 1 if _is_firm(fac) else _REFINEMENTS)
     for i in range(nv):
         vd[i] = fac.sol[place[i]]

@@ -246,7 +246,7 @@ class Trial(NamedTuple):
     dq: Vector  # (nv,) motion of the step
     res: Vector  # (nv,) M vd - Q + Cq^T lam
     spare: Vector  # (nv,)
-    held: Vector  # (nv,) forces by which modes that are held keep the acceleration given
+    mode_force: Vector  # (nv,) forces by which modes that are held keep the acceleration given
     power: Vector  # (3,)
     work_done: Vector  # (3,) works at an output
     angles: Vector  # (channels,) joint angles at an output

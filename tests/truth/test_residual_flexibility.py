@@ -291,11 +291,12 @@ def test_radau_is_of_order_three_at_least_with_kinetostatic_bodies():
 
 
 @pytest.mark.parametrize(
-    "method", ["generalized-alpha", *(pytest.param(k, marks=pytest.mark.slow) for k in ("radau", "hht"))]
+    "method",
+    ["generalized-alpha", *(pytest.param(k, marks=pytest.mark.slow) for k in ("radau", "hht"))],
 )
 @pytest.mark.parametrize("load", ["10*(1 + sign(t - 0.2))", "5*(sign(turn + 0.15) - 1)"])
 def test_a_jump_of_a_load_leaves_no_rate_in_fixed_steps(load, method):
-    """Reactions beside a jump, of time or of what is measured, against small steps of another method."""
+    """Reactions beside a jump, of time or of what is measured, against another method's."""
 
     def made():
         model = Model("pendulum under a torque that jumps", gravity=[0, -9.81, 0])

@@ -263,7 +263,7 @@ def _mass(system: System, k: int, body: FlexBody | None) -> Array:
 
 def is_determined(compiled: Compiled, rank: int | None) -> bool:
     """Whether constraints of this rank fix the motion, but for modes that follow the loads."""
-    return rank == n_free(compiled) - len(static_coordinates(compiled, kinetostatic=True))
+    return rank == n_free(compiled) - len(static_coordinates(compiled.system, kinetostatic=True))
 
 
 @one_blas_thread()

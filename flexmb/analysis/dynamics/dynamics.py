@@ -361,7 +361,7 @@ def _unbalanced(prepared: PreparedDynamics) -> str:
         return ""
     what = f"the energy balance is off by {100 * share:.3g} % of the energy that moved: "
     if settings.follow == 1:
-        return f'{what}vibrations that quasi-static modes leave out; deformation = "automatic" has them'
+        return f'{what}quasi-static modes leave out vibrations; deformation = "automatic" has them'
     if step > 0.0:
         return (
             f"{what}steps of {step:.3g} s are too long for the forces of this motion, such as an "

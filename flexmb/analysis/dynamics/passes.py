@@ -24,11 +24,7 @@ from typing import Any
 import numpy as np
 
 from flexmb.analysis.assembly.jacobian import constraint_rank
-from flexmb.analysis.assembly.joined_damping import (
-    add_damping,
-    choose_static_modes,
-    is_determined,
-)
+from flexmb.analysis.assembly.joined_damping import add_damping, choose_static_modes, is_determined
 from flexmb.analysis.dynamics.integration import (
     Integration,
     compared_times,

@@ -35,14 +35,15 @@ if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
 
 _SLOW = 1e8  # τ² K_ss over the inertia of the model in the softest of them
-_POINTS, _CUBIC = 4, 3  # of the past: stored, the last of which may be the present; for the slope
+# Points of the past: stored, the last of which may be the present; for the slope.
+_POINTS, _CUBIC = 4, 3
 # A point counts if it is this part of the last interval before the next one; the last ones, if the
 # present is this part of the interval before them away: a jump at an event is one of long steps.
 _FAR_ENOUGH = 0.3
-# Values that jump, as at an impact, have no acceleration. Where η_s jumps between equal steps h, the
+# Values that jump, as at impacts, have no acceleration. Where η_s jumps between equal steps h, the
 # cubic and the parabola through it give η̈_s h² of 2 and 1, −3 and −1, 1 and 0 jumps in the next
-# three points, so that they differ by half of the cubic's at least, and rates h of 1.8, 1.2 and 0.3
-# jumps. Smooth motion of frequency ω differs by ω h of it, and where η̈_s is small, by little of η̇_s.
+# three points, so that they differ by half of the cubic's at least, and rates h of 1.8, 1.2, 0.3.
+# Smooth motion of frequency ω differs by ω h of it, and where η̈_s is small, by little of η̇_s.
 _JUMP, _FAST = 0.45, 0.3
 
 
@@ -143,7 +144,7 @@ def put_rates(run: Run, of: StaticModes, at: Point) -> int:
                 if gap < _FAR_ENOUGH * (at.t[0] - past[times + first]):
                     break
             count += 1
-        known = count == _CUBIC
+        is_cubic = count == _CUBIC
         bends, steps, speed = 0.0, 0.0, 0.0
         for i in range(m):
             mode = of.modes[of.first[n] + i]
@@ -158,8 +159,8 @@ def put_rates(run: Run, of: StaticModes, at: Point) -> int:
                 change = weight * (now - past[times + _POINTS + k * m + i])
                 rate += change
                 bend += more * change
-            at.v[iv + mode], at.vd[iv + mode] = rate, bend if known else 0.0
-            if known:  # the parabola through the last three values
+            at.v[iv + mode], at.vd[iv + mode] = rate, bend if is_cubic else 0.0
+            if is_cubic:  # the parabola through the last three values
                 a, b = at.t[0] - past[times + first], at.t[0] - past[times + first + 1]
                 low = (now - past[times + _POINTS + first * m + i]) / a
                 low -= (now - past[times + _POINTS + (first + 1) * m + i]) / b
@@ -167,7 +168,7 @@ def put_rates(run: Run, of: StaticModes, at: Point) -> int:
                 bends += w * bend * bend
                 steps += w * (bend - 2.0 * low / (b - a)) ** 2
                 speed += w * rate * rate
-        span = at.t[0] - past[times + first] if known else 0.0
+        span = at.t[0] - past[times + first] if is_cubic else 0.0
         if steps > _JUMP**2 * bends and span**2 * bends > _FAST**2 * speed:
             for i in range(m):
                 at.v[iv + of.modes[of.first[n] + i]] = 0.0
@@ -177,7 +178,7 @@ def put_rates(run: Run, of: StaticModes, at: Point) -> int:
 
 @unit
 def put_forces(run: Run, of: StaticModes, at: Point) -> int:
-    """Trial.held: τ² K_ss η̈_s, by which a single solve has the accelerations of the point."""
+    """Trial.mode_force: τ² K_ss η̈_s, by which a single solve has the accelerations of the point."""
     pool = run.system.parts.pool
     for n in range(of.rows.shape[0]):
         body = run.system.parts.bodies[of.rows[n]]
@@ -187,7 +188,7 @@ def put_forces(run: Run, of: StaticModes, at: Point) -> int:
             force = 0.0
             for j in range(of.first[n], of.first[n + 1]):
                 force += pool[K + of.modes[i] * m + of.modes[j]] * at.vd[iv + of.modes[j]]
-            run.work.trial.held[iv + of.modes[i]] = of.heavy[n] * force
+            run.work.trial.mode_force[iv + of.modes[i]] = of.heavy[n] * force
     return FINE
 
 
