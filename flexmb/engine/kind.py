@@ -24,7 +24,7 @@ Stages (`engine.equations_of_motion`): signatures of the units of a `Kind`, with
     static      (run, tables, at)           number; deformation by loads, its largest change
     static_hold (run, tables, at)           status; no residual of what keeps its rate in a step
     static_rates (run, tables, at)          status; rates of the deformation by loads, twice
-    static_force (run, tables, at)          status; Trial.mode_force, what keeps those of `at` in a solve
+    static_force (run, tables, at)          status; Trial.mode_force, by which they have those
     static_path (run, tables, at)           status; the same at the stages of a collocation
     wrench      (run, tables, at)           status; forces, into the wrenches of markers
     force       (run, tables, at)           status; forces, into the residual
