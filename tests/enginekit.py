@@ -17,7 +17,7 @@ from flexmb.engine.algebra.ldl import solve_refined
 from flexmb.engine.bodies.motion import move, position_rate
 from flexmb.engine.bodies.wrench import add_pulled_back, marker_jacobian
 from flexmb.engine.compile import compile_system, with_markers
-from flexmb.engine.equations_of_motion import factorise
+from flexmb.engine.iteration_matrix import factorise
 from flexmb.engine.joints import constraint
 from flexmb.engine.joints.constraint import read_reactions
 from flexmb.engine.sensors.sensor import read_channels

@@ -15,7 +15,6 @@ from flexmb.engine.equations_of_motion import (
     complete_poses,
     constraint_stage,
     energies,
-    factorise,
     feedback_stage,
     pose_stage,
     position_stage,
@@ -25,6 +24,7 @@ from flexmb.engine.equations_of_motion import (
     velocity_stage,
     walk,
 )
+from flexmb.engine.iteration_matrix import factorise
 from flexmb.engine.jit import Vector, kernel, unit
 from flexmb.engine.joints.constraint import constraint_jacobian
 from flexmb.engine.projection import NOTHING, accelerations, project_velocity

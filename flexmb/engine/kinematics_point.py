@@ -26,7 +26,6 @@ from flexmb.engine.bodies.motion import move
 from flexmb.engine.equations_of_motion import (
     bias_stage,
     constraint_stage,
-    factorise_metric,
     feedback_stage,
     forces,
     pose_stage,
@@ -35,6 +34,7 @@ from flexmb.engine.equations_of_motion import (
     velocity_stage,
     walk,
 )
+from flexmb.engine.iteration_matrix import factorise_metric
 from flexmb.engine.jit import Matrix, Vector, array_of, kernel, unit
 from flexmb.engine.joints.constraint import constraint_right_side
 from flexmb.engine.method import (

@@ -18,17 +18,15 @@ from flexmb.engine.bodies.motion import move
 from flexmb.engine.equations_of_motion import (
     bias_stage,
     constraint_stage,
-    factorise,
     feedback_stage,
     forces,
-    has_dependent_rows,
-    permute,
     position_stage,
     rate_stage,
     reaction_stage,
     velocity_stage,
     walk,
 )
+from flexmb.engine.iteration_matrix import factorise, has_dependent_rows, permute
 from flexmb.engine.jit import Vector, call_value, kernel, unit
 from flexmb.engine.joints.constraint import constraint_right_side
 from flexmb.engine.method import FINE, NO_LOOP, SELF_LOCKING

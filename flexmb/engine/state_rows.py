@@ -9,8 +9,6 @@ from flexmb.engine.equations_of_motion import (
     bias_stage,
     complete_poses,
     constraint_stage,
-    factorise_metric,
-    least_pivot,
     position_stage,
     powers,
     put_energies,
@@ -18,6 +16,7 @@ from flexmb.engine.equations_of_motion import (
     residual,
     velocity_stage,
 )
+from flexmb.engine.iteration_matrix import factorise_metric, least_pivot
 from flexmb.engine.jit import Vector, unit
 from flexmb.engine.kinematics_point import solve_reactions
 from flexmb.engine.method import FINE

@@ -28,7 +28,6 @@ from flexmb.engine.equations_of_motion import (
     begin_run,
     complete_poses,
     constraint_stage,
-    factorise_metric,
     feedback_stage,
     pose_stage,
     powers,
@@ -41,6 +40,7 @@ from flexmb.engine.equations_of_motion import (
 )
 from flexmb.engine.events import accept_events, begin_events, cross_time_event, missed_event
 from flexmb.engine.initial_conditions import correct_positions
+from flexmb.engine.iteration_matrix import factorise_metric
 from flexmb.engine.jit import call_step, kernel, unit
 from flexmb.engine.joints.constraint import read_reactions
 from flexmb.engine.kinematics_point import (

@@ -70,7 +70,7 @@ def test_kernels_import_numpy_the_tables_and_each_other(project: Path) -> None:
         "flexmb.engine.jit",
     )
     rooms = ("algebra", "bodies", "joints", "forces", "sensors")
-    equations = ("function", "equations_of_motion", "projection")
+    equations = ("function", "equations_of_motion", "iteration_matrix", "projection")
     engine = (*tables, *(f"flexmb.engine.{name}" for name in (*rooms, *equations)))
     files = [path for room in rooms for path in _sources(project, f"flexmb/engine/{room}")]
     files += [project / f"flexmb/engine/{name}.py" for name in equations]

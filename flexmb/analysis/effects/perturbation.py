@@ -27,6 +27,7 @@ from flexmb.analysis.effects.stored_motion import Motion, equations_of
 from flexmb.engine import equations_of_motion as stages
 from flexmb.engine.bodies.static_modes import static_coordinates
 from flexmb.engine.compile import Compiled
+from flexmb.engine.iteration_matrix import put_matrix
 from flexmb.engine.units import call, hand_over, prepare_units
 from flexmb.engine.work import new_run, new_state, new_work, units_of
 from flexmb.errors import FlexmbError
@@ -264,7 +265,7 @@ def evaluation_time(compiled: Compiled) -> float:
     """Seconds that one evaluation of the forces and one of their matrix take."""
     system, state = compiled.system, new_state(compiled.system, len(compiled.layout.channels))
     state.q[:] = compiled.initial_q
-    prepare_units([stages.begin_run, stages.residual, stages.put_matrix, *units_of(system)])
+    prepare_units([stages.begin_run, stages.residual, put_matrix, *units_of(system)])
     run = hand_over(new_run(system, state, new_work(system, len(state.angles))))
     at, best = hand_over(run.record.state_point), np.inf
     call(stages.begin_run, run, at)
@@ -272,7 +273,7 @@ def evaluation_time(compiled: Compiled) -> float:
         began = time.thread_time()
         for _ in range(_EVALUATIONS):
             call(stages.residual, run, at)
-            call(stages.put_matrix, run, at, 1.0, 1.0)
+            call(put_matrix, run, at, 1.0, 1.0)
         best = min(best, time.thread_time() - began)
     return best / _EVALUATIONS
 

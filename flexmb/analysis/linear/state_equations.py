@@ -18,8 +18,8 @@ from flexmb.engine.bodies.motion import move
 from flexmb.engine.bodies.static_modes import free_static_modes
 from flexmb.engine.bodies.wrench import marker_jacobian
 from flexmb.engine.compile import Compiled
-from flexmb.engine.equations_of_motion import put_matrix, put_rows
 from flexmb.engine.initial_conditions import evaluate_equations
+from flexmb.engine.iteration_matrix import put_matrix, put_rows
 from flexmb.engine.state import State, Work
 from flexmb.engine.tables import Kkt
 from flexmb.engine.units import call, hand_over, prepare_units

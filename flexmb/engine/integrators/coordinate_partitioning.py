@@ -31,9 +31,7 @@ from flexmb.engine.algebra.vector import (
 from flexmb.engine.bodies.motion import move
 from flexmb.engine.equations_of_motion import (
     constraint_stage,
-    least_pivot,
     position_stage,
-    put_metric,
     rate_stage,
     velocity_stage,
 )
@@ -48,6 +46,7 @@ from flexmb.engine.integrators.explicit_rk import (
     put_slopes,
     tableau_of,
 )
+from flexmb.engine.iteration_matrix import least_pivot, put_metric
 from flexmb.engine.jit import Vector, kernel, unit
 from flexmb.engine.joints.constraint import constraint_jacobian, put_constraint_matrix
 from flexmb.engine.method import FINE, NO_CONVERGENCE, NO_PARTITION, NOT_FINITE, Method

@@ -26,7 +26,8 @@ import numpy as np
 from flexmb.engine.algebra.ldl import solve, solve_refined
 from flexmb.engine.algebra.vector import copy, weighted_size
 from flexmb.engine.bodies.motion import interpolate_step, last_places, move
-from flexmb.engine.equations_of_motion import REFACTOR_ABOVE, factorise, give_up, residual, walk
+from flexmb.engine.equations_of_motion import residual, walk
+from flexmb.engine.iteration_matrix import REFACTOR_ABOVE, factorise, give_up
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.method import FINE, NO_CONVERGENCE, NOT_FINITE, Method
 from flexmb.engine.projection import POSITIONS, VELOCITIES, accelerations, depends_on_solution

@@ -35,7 +35,8 @@ from flexmb.engine.algebra.vector import (
     weighted_size,
 )
 from flexmb.engine.bodies.motion import interpolate_step, last_places, move
-from flexmb.engine.equations_of_motion import (
+from flexmb.engine.equations_of_motion import residual, walk
+from flexmb.engine.iteration_matrix import (
     REFACTOR_ABOVE,
     factorise_pair,
     give_up,
@@ -43,8 +44,6 @@ from flexmb.engine.equations_of_motion import (
     keep_diagonal,
     put_matrix,
     put_rows,
-    residual,
-    walk,
 )
 from flexmb.engine.jit import Matrix, Vector, kernel, unit
 from flexmb.engine.method import FINE, Method
