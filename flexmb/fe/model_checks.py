@@ -111,6 +111,7 @@ def mesh_report(
         shells = [(b.kind, b.nodes) for b in blocks if b.family.dimension == 2]
     place = _Places(mesh.points, unit)
     return [
+        *([Finding("note", mesh.note)] if mesh.note else []),
         *_orphans(mesh, cells, linked),
         *_inverted(cells, place),
         *_slivers(cells, place),

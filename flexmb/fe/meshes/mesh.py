@@ -35,6 +35,13 @@ from skfem.element import Element
 from skfem.quadrature import get_quadrature
 
 from flexmb.errors import MeshError, Problem, nearest
+from flexmb.fe.meshes.decks import (
+    ABAQUS,
+    NASTRAN,
+    flat_abaqus_deck,
+    refuse_nastran_systems,
+    unread_entries,
+)
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.untrusted import check_reading, hdf5_beside, serve_reading
 
@@ -64,6 +71,8 @@ class Mesh:
         Groups of elements: rows of the block of each kind.
     source : str
         Where it was read from, for messages.
+    note : str
+        What the file has besides.
 
     Raises
     ------
@@ -76,6 +85,7 @@ class Mesh:
     node_sets: Mapping[str, IntArray] = field(default_factory=dict)
     element_sets: Mapping[str, Mapping[str, IntArray]] = field(default_factory=dict)
     source: str = "mesh"
+    note: str = ""
 
     def __post_init__(self) -> None:
         points = np.array(self.points, dtype=float)
@@ -176,7 +186,24 @@ def _read(source: Path) -> Mesh:
         node_sets = {name: np.asarray(nodes, int) for name, nodes in raw.point_sets.items()}
     except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
         raise MeshError(f"{source}: the mesh file is damaged ({error})") from error
-    return Mesh(points, blocks, node_sets, groups, source=source.name)
+    return Mesh(points, blocks, node_sets, groups, source.name, getattr(raw, "note", ""))
+
+
+def _read_raw(source: Path) -> Any:
+    import meshio
+
+    ending = source.suffix.lower()
+    if ending not in (*ABAQUS, *NASTRAN):
+        return meshio.read(source)
+    text = source.read_text(encoding="utf-8", errors="replace")
+    if ending in NASTRAN:
+        raw = meshio.read(source)
+        refuse_nastran_systems(source, text, raw.point_data.get("nastran:ref", ()))
+    else:
+        deck = io.StringIO(flat_abaqus_deck(source, text))
+        raw = meshio.abaqus._abaqus.read_buffer(deck)
+    raw.note = unread_entries(text)
+    return raw
 
 
 def _read_quietly(source: Path) -> Any:
@@ -192,7 +219,9 @@ def _read_quietly(source: Path) -> Any:
             warnings.catch_warnings(),
         ):
             warnings.simplefilter("ignore")
-            return meshio.read(source)
+            return _read_raw(source)
+    except MeshError:
+        raise
     except meshio.ReadError as error:
         reason = str(error)
     except MemoryError:
@@ -236,6 +265,12 @@ def _without_repeats(cells: IntArray) -> tuple[IntArray, IntArray]:
     return cells[first[order]], rank[same.ravel()]
 
 
+_TAGS = (  # numbers of groups: gmsh's, properties of Nastran, references and materials of others
+    "gmsh:physical", "nastran:ref", "medit:ref", "tetgen:ref", "ugrid:ref", "avsucd:material",
+    "netgen:index", "su2:tag",
+)  # fmt: skip
+
+
 def _named_groups(raw: Any, became: list[IntArray]) -> dict[str, dict[str, IntArray]]:
     groups: Groups = {}
     for name, per_block in raw.cell_sets.items():
@@ -248,7 +283,8 @@ def _named_groups(raw: Any, became: list[IntArray]) -> dict[str, dict[str, IntAr
                 )
     by_name = set(groups)
     names = _names_of_tags(raw.field_data)
-    for number, tags in enumerate(raw.cell_data.get("gmsh:physical", ())):
+    tagged = next((raw.cell_data[key] for key in _TAGS if key in raw.cell_data), ())
+    for number, tags in enumerate(tagged):
         kind = raw.cells[number].type
         for tag in np.unique(tags[tags != 0]):
             key = (dimension(kind), int(tag))

@@ -142,3 +142,88 @@ def test_nodes_of_second_order_solids_come_in_the_order_of_the_elements(kind, tm
     path.write_text("\n".join(lines))
     mesh = read_mesh(path)
     np.testing.assert_array_equal(mesh.points[mesh.blocks[kind][0]], reference.nodes)
+
+
+DECK = """*NODE, NSET=lower
+1, 0, 0, 0
+2, 1, 0
+3, 1, 1, 0
+4, 0, 1, 0
+*NODE
+5, 0, 0, 1
+6, 1, 0, 1
+7, 1, 1, 1
+8, 0, 1, 1
+*Element, type=c3d8, elset=Solid
+1, 1, 2, 3, 4,
+ 5, 6, 7, 8
+*NODE
+9, 0, 0, 2
+10, 1, 0, 2
+11, 1, 1, 2
+12, 0, 1, 2
+*Element, type=C3D8, elset=SOLID
+7, 5, 6, 7, 8, 9, 10, 11, 12
+*Nset, nset=upper, generate
+9, 11, 2
+*NSET, NSET=upper
+12
+*NSET, NSET=both
+Upper, 1
+*ELSET, ELSET=second
+7
+*MASS, ELSET=m
+1.0
+"""
+
+
+def test_blocks_and_sets_of_an_abaqus_deck_add_up(tmp_path):
+    """Three blocks of nodes, two of one element set, sets within sets: Abaqus Keywords, *NSET."""
+    path = tmp_path / "deck.inp"
+    path.write_text(DECK)
+    mesh = read_mesh(path)
+    assert mesh.blocks["hexahedron"].tolist() == [[*range(8)], [*range(4, 12)]]
+    assert mesh.points[[1, 10]].tolist() == [[1, 0, 0], [1, 1, 2]]
+    groups = {name: mesh.group_nodes(name).tolist() for name in ("lower", "upper", "both")}
+    assert groups == {"lower": [0, 1, 2, 3], "upper": [8, 10, 11], "both": [0, 8, 10, 11]}
+    assert mesh.group_elements("Solid")["hexahedron"].tolist() == [0, 1]
+    assert mesh.group_elements("second")["hexahedron"].tolist() == [1]
+    assert mesh.note == "the mesh file also has 1 MASS, not read: the body takes its own masses"
+
+
+@pytest.mark.parametrize(
+    ("more", "sentence"),
+    [
+        (
+            "*INSTANCE, NAME=a, PART=p\n0, 0, 1\n*END INSTANCE",
+            "an instance that is moved: write one",
+        ),
+        ("*PART, NAME=a\n*PART, NAME=b", "has 2 parts in 0 instances"),
+        ("*NSET, NSET=a\nuper", '"a" has the member "uper", which is neither'),
+        ("*NGEN\n1, 9, 2", "NGEN is not read"),
+        ("*NODE, SYSTEM=C\n13, 1, 90, 0", "cylindrical or spherical coordinates"),
+    ],
+)
+def test_what_an_abaqus_deck_says_elsewhere_is_refused(tmp_path, more, sentence):
+    path = tmp_path / "deck.inp"
+    path.write_text(DECK + more + "\n")
+    with pytest.raises(MeshError, match=sentence):
+        read_mesh(path)
+
+
+def test_properties_of_nastran_are_groups_and_its_systems_are_refused(tmp_path):
+    path = tmp_path / "deck.bdf"
+    grids = "".join(f"GRID,{k},{{}},{x},{y},0.\n" for k, (x, y) in enumerate(np.ndindex(2, 2), 1))
+    deck = f"BEGIN BULK\n{grids}CQUAD4,1,7,1,3,4,2\nCBAR,2,9,1,3,0.,0.,1.\nENDDATA\n"
+    path.write_text(deck.format(*[""] * 4))
+    mesh = read_mesh(path)
+    assert {k: sorted(v) for k, v in mesh.element_sets.items()} == {
+        "2:7": ["quad"],
+        "1:9": ["line"],
+    }
+    path.write_text(deck.format("", 5, "", ""))
+    with pytest.raises(MeshError, match="coordinates in the system 5, which is not read"):
+        read_mesh(path)
+    path.write_text(deck.format(*[""] * 4).replace("BULK\n", "BULK\nGRDSET,,3\n"))
+    with pytest.raises(MeshError, match="in the system 3"):
+        read_mesh(path)
