@@ -29,6 +29,10 @@ Array = NDArray[np.float64]
 _TENSION = 1e-6  # of the largest force of the joint so far: smaller pulls are round-off
 _NEAR_SINGULAR = 1.0  # degrees
 MAX_TURN_OF_A_STEP = 1.0  # rad
+# Of reactions that alternate: from which share of their range on that is said; range over the
+# largest of all, and force that moves mass by a share of the model's size in a run, below which
+# there is none; steps between rows.
+_RINGS, _LEAST_SHARE, _NO_MOTION, _SAME_STEP = 0.05, 1e-3, 1e-6, 1e-6
 _MAX_SAMPLES = 256
 # The second half of the run so far is looked at in so many parts. In each of them the largest value
 # grows by this factor at least: powers of time up to the eighth do not.
@@ -127,6 +131,87 @@ class TurningMonitor:
         return [
             f"bodies.{self._bodies[k].name} turns by {turn:.3g} rad in a step of {step}: what "
             f"varies within a turn is not resolved; take steps of {enough} at most, or leave out "
+            "dynamics.step, so that the accuracy is controlled"
+        ]
+
+
+class RingingMonitor:
+    """Reactions that alternate from step to step, by fixed steps of generalized-α and its kin.
+
+    What such a method does not resolve, such as the rate of a stiff damper, it repeats with
+    alternating sign (Hairer & Wanner, II, §IV.3): differences over two steps change their sign, and
+    the smaller one of two is four times what alternates.
+
+    Parameters
+    ----------
+    compiled, model : Compiled, Model
+        What is run.
+    step : float
+        Size of the steps [s]; 0: nothing is looked at.
+
+    Attributes
+    ----------
+    looks : bool
+        Whether anything is.
+    """
+
+    def __init__(self, compiled: Compiled, model: Model, step: float) -> None:
+        self._names, self._units, self._step = compiled.layout.reactions, model.units, step
+        self.looks = bool(step and self._names)
+        span = 1.0 if model.dynamics is None else model.dynamics.duration
+        mass, length = float(compiled.system.parts.bodies["mass"].sum()), compiled.length
+        least = _NO_MOTION * mass * length / span**2  # a force that moves nothing in the run
+        self._least = least * np.array([1.0, length])
+        n = 2 * len(self._names)  # force and moment of each joint
+        self._range = np.stack([np.full((n, 3), np.inf), np.full((n, 3), -np.inf)])
+        self._largest = np.zeros((2, n))  # what alternates; its time
+        self._rows = np.zeros((0, 1 + 3 * n))  # the last three
+
+    def add(self, rows: OutputBlock) -> None:
+        """Take the next rows: what alternates shows where they are a step apart."""
+        if not self.looks or not len(rows.t):
+            return
+        n = len(self._names)
+        values = rows.reactions.reshape(len(rows.t), n, 4, 3)[:, :, :2].reshape(len(rows.t), -1)
+        by_joint = values.reshape(-1, 2 * n, 3)
+        np.minimum(self._range[0], by_joint.min(axis=0), out=self._range[0])
+        np.maximum(self._range[1], by_joint.max(axis=0), out=self._range[1])
+        table = np.vstack([self._rows, np.column_stack([rows.t, values])])
+        self._rows = table[-3:]
+        near = np.abs(np.diff(table[:, 0]) / self._step - 1.0) < _SAME_STEP
+        at = np.flatnonzero(near[:-2] & near[1:-1] & near[2:])
+        if not len(at):
+            return
+        bend = np.diff(table[:, 1:], 2, axis=0).reshape(len(table) - 2, -1, 3)
+        one, two = bend[at], bend[at + 1]
+        size = np.minimum(np.linalg.norm(one, axis=2), np.linalg.norm(two, axis=2)) / 4.0
+        rings = np.where((one * two).sum(axis=2) < 0.0, size, 0.0)
+        k = rings.argmax(axis=0)
+        most = rings.max(axis=0)
+        rises = most > self._largest[0]
+        self._largest[:, rises] = most[rises], table[at[k] + 1, 0][rises]
+
+    def restart(self) -> None:
+        """The rows to come do not follow those before."""
+        self._rows = self._rows[:0]
+
+    def notes(self) -> list[str]:
+        """A sentence for the joint whose reactions alternate most, if that is too much."""
+        if not self._largest[0].any():
+            return []
+        span = (self._range[1] - self._range[0]).max(axis=1).reshape(-1, 2)
+        size = np.abs(self._range).max(axis=(0, 2)).reshape(-1, 2).max(axis=0)
+        span = np.maximum(span, np.maximum(_LEAST_SHARE * size, self._least)).reshape(-1)
+        share = self._largest[0] / span
+        k = int(share.argmax())
+        if share[k] <= _RINGS:
+            return []
+        what = ("force", "moment")[k % 2]
+        return [
+            f"the {what} at {self._names[k // 2]} alternates from step to step by "
+            f"{100 * share[k]:.2g} % of its range, most at t = {self._largest[1, k]:.4g} s: steps "
+            f"of {self._units.say(self._step, 's', 3)} are too long for a stiff damper or spring, "
+            'whose force changes within one; shorten them, take method = "radau", or leave out '
             "dynamics.step, so that the accuracy is controlled"
         ]
 

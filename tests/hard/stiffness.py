@@ -266,6 +266,14 @@ CASES = {
         | dict.fromkeys(("newmark", "trapezoidal"), {"accuracy": None, "step": 5e-4}),
         stops=BEYOND, alarms=("controlled generalized-alpha",), slow=True,
     ),
+    "the hinge of the governor at every step": Hard(
+        "Dampers of 1e4 1/s by fixed steps of 2 ms, which their method repeats with changing sign.",
+        "The force in a hinge, 12 to 21 % of its range off, is said to alternate.",
+        np.inf, governor, lambda run: off_governor(run)[2],
+        {"duration": 0.1, "outputs": 50, "accuracy": None, "step": 2e-3},
+        {"generalized-alpha": {}, "hht": {}, "trapezoidal": {}},
+        warns="alternates from step to step",
+    ),
     "springs of 1e3 to 1e10 N/m": Hard(
         "Eight masses in a row vibrate with 10 to 1e5 rad/s.",
         "The modes of the chain, by singular values, to 1e-3 of the motion.",

@@ -22,6 +22,7 @@ from flexmb.analysis.dynamics.integration import (
 from flexmb.analysis.dynamics.passes import (
     PreparedDynamics,
     error_statistics,
+    first_steps,
     keeps_failing,
     limited_by_stability,
     may_change_method,
@@ -39,6 +40,7 @@ from flexmb.analysis.monitors import (
     MAX_TURN_OF_A_STEP,
     ContactLossMonitor,
     GrowthMonitor,
+    RingingMonitor,
     SingularOrientationMonitor,
     TurningMonitor,
     algebraic_loop_notes,
@@ -226,6 +228,8 @@ class _Pass:
         settings = prepared.run.settings
         step = settings.step if settings.determined == 0 else 0.0
         self._turning = TurningMonitor(compiled, model, step)
+        alternates = step if prepared.run.method.keeps_step == 1 else 0.0  # generalized-α, its kin
+        self._ringing = RingingMonitor(compiled, model, alternates)
         self._validity = ValidityMonitor(compiled, model, prepared.first.q)
         self.growth = GrowthMonitor(compiled, model)
         self._begins = prepared.rows_before == 0
@@ -263,7 +267,13 @@ class _Pass:
     def notes(self, ending: Ending) -> list[str]:
         """What the user should know of the pass."""
         prepared = self._prepared
-        monitors = (self._contact_loss, self._orientations, self._validity, self._turning)
+        if ending.status == "finished" and self._ringing.looks and not prepared.rows_before:
+            self._ringing.restart()
+            for rows in first_steps(prepared):
+                self._ringing.add(rows)
+        monitors = (
+            self._contact_loss, self._orientations, self._validity, self._turning, self._ringing
+        )  # fmt: skip
         notes = [note for monitor in monitors for note in monitor.notes()]
         notes = [note for note in notes if note not in ending.message]
         if self.growth.sentence and self.growth.sentence != ending.message:
@@ -293,7 +303,9 @@ class _Pass:
 
     def _append(self, rows: OutputBlock) -> None:
         rows = rows.part(0, self._validity.add(rows))
-        for monitor in (self._contact_loss, self._orientations, self.growth, self._turning):
+        for monitor in (
+            self._contact_loss, self._orientations, self.growth, self._turning, self._ringing
+        ):  # fmt: skip
             monitor.add(rows)
         self._sink.append(rows)
 
