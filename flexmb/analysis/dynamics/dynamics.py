@@ -15,6 +15,7 @@ from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
 from flexmb.analysis.assembly.joined_damping import is_determined
 from flexmb.analysis.dynamics.integration import (
     Integration,
+    first_steps,
     loop_settings,
     static_modes_sentence,
     time_grid,
@@ -22,7 +23,6 @@ from flexmb.analysis.dynamics.integration import (
 from flexmb.analysis.dynamics.passes import (
     PreparedDynamics,
     error_statistics,
-    first_steps,
     keeps_failing,
     limited_by_stability,
     may_change_method,
@@ -269,7 +269,7 @@ class _Pass:
         prepared = self._prepared
         if ending.status == "finished" and self._ringing.looks and not prepared.rows_before:
             self._ringing.restart()
-            for rows in first_steps(prepared):
+            for rows in first_steps(prepared.run, prepared.first):
                 self._ringing.add(rows)
         monitors = (
             self._contact_loss, self._orientations, self._validity, self._turning, self._ringing

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ from flexmb.engine.units import hand_over
 from flexmb.engine.work import equal_times, kinds_of, new_plan, new_run, new_work, output_run
 from flexmb.errors import FlexmbError
 from flexmb.model.scenes.dynamics import ACCURACY, DynamicsSpec
+from flexmb.results.writer import OutputBlock
 
 _MAX_ITERATIONS = 15
 _NEWTON, _NEWTON_OF_HIGH_ORDER = 1e-8, 1e-10  # relative, with fixed steps
@@ -35,6 +37,7 @@ _FASTER = 1e3  # speed at rest over its mean in the run: round-off is fast
 _STATE = 1e-3  # size of a scalar coordinate, of which nothing is known
 # Steps of a chunk times velocity coordinates: about a tenth of a second on a present machine.
 _CHUNK_WORK = 200_000
+_RINGING_STEPS = 4  # from an output on: their differences show what alternates
 # Steps of a chunk at least: after each the state is saved.
 _MIN_CHUNK = 4
 # Steps between two looks at how long the rest of a run will take, and steps for it that are too
@@ -319,6 +322,23 @@ class Integration:
         most = _MAX_STATIC_STEPS if static else most
         if left > min(most, work / (self.compiled.layout.nv * max(self.method.stages, 1))):
             raise FlexmbError(_endless(t, passed / steps, left, limited, static))
+
+
+def first_steps(own: Integration, begin: State) -> Iterator[OutputBlock]:
+    """Rows of the fixed steps about the first output after the start, at each of them.
+
+    Steps between outputs are not seen else; where outputs are rare the motion begun is long gone.
+    """
+    settings = own.settings
+    last = round((settings.end - settings.start) / settings.step)
+    first = round((own.times[1] - settings.start) / settings.step) if len(own.times) > 1 else last
+    steps = np.arange(max(first - 1, 0), min(first + _RINGING_STEPS, last + 1))
+    if first < own.chunk:
+        state = State(*(array.copy() for array in begin))
+        times = settings.start + settings.step * steps
+        run = Integration(own.compiled, own.method, settings, state, times)
+        run.integrate(int(steps[-1]))
+        yield run.rows.read()
 
 
 def _endless(t: float, step: float, left: float, limited: bool, static: str) -> str:

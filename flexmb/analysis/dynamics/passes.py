@@ -80,7 +80,6 @@ _MIN_TOLERANCE, _DIFFERENT_MOTION = 3e-14, 0.01  # above round-off; difference o
 _FEW, _GROWN = 50, 1e6  # unstable steps; rate times step, above which it is that of the growth
 # Steps and share of unstable ones from which on a run is stiff; that share of one that fails.
 _MIN_STEPS, _STIFF_SHARE, _UNSTABLE_SHARE = 200, 0.35, 0.01
-_RINGING_STEPS = 4  # from an output on: their differences show what alternates
 # Of the rough run: local error over the motion; motion that counts, over the size of the model.
 _ROUGH, _MIN_MOTION = 1e-3, 1e-3
 
@@ -200,23 +199,6 @@ def needs_rough_run(prepared: PreparedDynamics) -> bool:
     mechanical = not prepared.run.compiled.layout.coordinates
     implicit = prepared.run.method.stages == 0 and (mechanical or prepared.method == STIFF_METHOD)
     return implicit and controlled and bool(first)
-
-
-def first_steps(prepared: PreparedDynamics) -> Iterator[OutputBlock]:
-    """Rows of the fixed steps about the first output after the start, at each of them.
-
-    Steps between outputs are not seen else; where outputs are rare the motion begun is long gone.
-    """
-    own, settings = prepared.run, prepared.settings
-    last = round((settings.end - settings.start) / settings.step)
-    first = round((own.times[1] - settings.start) / settings.step) if len(own.times) > 1 else last
-    steps = np.arange(max(first - 1, 0), min(first + _RINGING_STEPS, last + 1))
-    if first < own.chunk:
-        state = State(*(array.copy() for array in prepared.first))
-        times = settings.start + settings.step * steps
-        run = Integration(own.compiled, own.method, settings, state, times)
-        run.integrate(int(steps[-1]))
-        yield run.rows.read()
 
 
 def rough_run(prepared: PreparedDynamics, progress: Progress) -> None:
