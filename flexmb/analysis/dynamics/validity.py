@@ -9,16 +9,19 @@ Of vibrations that are left out because quasi-static modes stay as they are with
 all flexible bodies in their first pose with these modes as springs without mass (static
 condensation), beside those with these modes still; what is only among the former is left out, such
 as a heavy body on the compliance of a beam. Springs, gravity and other forces are not counted.
-Along the run, a of such a vibration ω being its part of the deformation, what is missing is ä/ω²,
-as ä + ω² (a − a_static) = 0 says; where a changes at once, at the start of an undeformed body under
-load or by a function of time that jumps, the change.
+What such a vibration ω would do beyond following, d, is integrated along the run: d̈ + 2ζω ḋ + ω² d
+= −ä, a its part of the computed deformation, a cubic by values and rates at two rows. Where a load
+or an acceleration of a driver has a jump or a bend between them, a follows that function of time.
+So d is what a shock spectrum has, of a step |a|, of a ramp that takes T, 2|a sin(ωT/2)|/(ωT), and
+|a|/(ωT) while it rises (Biggs, Introduction to Structural Dynamics, 1964, ch. 2).
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator
-from copy import deepcopy
+from collections.abc import Callable, Iterator, Sequence
+from copy import copy, deepcopy
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -39,7 +42,7 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import FINE_METHOD, STIFF_METHOD
 from flexmb.engine.state import State
 from flexmb.errors import AssemblyError
-from flexmb.model.functions.derivatives import derivative_jumps, evaluate
+from flexmb.model.functions.derivatives import Program, derivative_jumps, evaluate
 from flexmb.model.model import Model
 from flexmb.model.scenes.dynamics import ValiditySpec
 from flexmb.results.writer import OutputBlock
@@ -47,7 +50,14 @@ from flexmb.results.writer import OutputBlock
 Array = NDArray[np.float64]
 _EQUAL = 0.05  # frequencies of the same vibration differ by less
 _WARNING = 0.04  # of the deformation
-_SUDDEN = 0.05  # of the largest value of a function
+_DAMPING = 0.002  # ratio of vibrations that are left out: in 80 periods a start is forgotten
+_PARTS = 8  # lines for the shape of a function between two of its bends
+_LOOKS, _BEND = 2000, 0.01  # for bends of nested functions: times, and share of the largest rate
+_AT_ONCE = 1e-8  # of a run: what a jump takes
+# Of a change: what rates at both ends may say otherwise of it; and where one may lack its past.
+_SMOOTH, _SMOOTH_AFTER_BEND = 0.3, 0.02
+_NET = 0.5  # share of the range of a function within rows from which on their difference tells it
+_SERIES = 1e-2  # of a turn: below, integrals are by their series
 
 
 class ValidityMonitor:
@@ -144,8 +154,64 @@ class ValidityMonitor:
 
 
 def _arrays(monitor: Monitor) -> dict[str, Any]:
-    """What a monitor has gathered: its arrays."""
-    return {name: value for name, value in vars(monitor).items() if isinstance(value, np.ndarray)}
+    """What a monitor has gathered, in things that it replaces."""
+    kinds = (np.ndarray, VibrationResponse)
+    return {name: value for name, value in vars(monitor).items() if isinstance(value, kinds)}
+
+
+class VibrationResponse:
+    """What vibrations would do beyond following their static response, step by step.
+
+    Parameters
+    ----------
+    omega : (k,) array
+        Their frequencies [rad/s].
+
+    Attributes
+    ----------
+    turning : (k,) complex array
+        ḋ − λ̄ d, with d what they do beyond and λ = −ζω + iω√(1−ζ²): it turns and decays.
+    """
+
+    def __init__(self, omega: Array) -> None:
+        self._decay = omega * complex(-_DAMPING, np.sqrt(1.0 - _DAMPING**2))
+        self.turning = np.zeros(len(omega), complex)
+        self._rate = np.zeros(len(omega))  # of the static response, at the end of the last piece
+
+    @property
+    def amplitude(self) -> Array:
+        """(k,) amplitude of d that the loads of the moment leave."""
+        return np.asarray(np.abs(self.turning / self._decay))
+
+    def jump(self, change: Array) -> None:
+        """Let the static response jump."""
+        self.turning = self.turning + np.conj(self._decay) * change
+
+    def follow(self, h: float, before: Array, after: Array, rates: tuple[Array, Array]) -> Array:
+        """Let the static response go from `before` to `after` [k] in h seconds as a cubic.
+
+        Its rates at the ends may be those of the line between. Where the piece begins, a bend kicks
+        the vibrations. Returns the largest |d| (k,), the amplitude where d passes it.
+        """
+        begin, end = rates
+        self.turning = self.turning - (begin - self._rate)
+        largest, change = self.amplitude, (after - before) / h
+        phase = np.angle(self.turning) / np.pi - 0.5
+        passes = np.floor(phase) != np.floor(phase + self._decay.imag * h / np.pi)
+        first = (6.0 * change - 4.0 * begin - 2.0 * end) / h
+        last = (2.0 * begin + 4.0 * end - 6.0 * change) / h
+        x = self._decay * h
+        turn = np.exp(x)
+        small = np.abs(x) < _SERIES
+        x = np.where(small, 1.0, x)
+        once = np.where(small, h * (1 + self._decay * h / 2), h * (turn - 1) / x)
+        twice = np.where(
+            small, h / 2 * (1 + self._decay * h / 3), h * (turn - 1 - x) / x**2
+        )  # ∫ e^{λ(h − s)} s ds / h
+        self.turning = turn * self.turning - first * once - (last - first) * twice
+        self._rate = end
+        d = self.turning.imag / self._decay.imag
+        return np.where(passes, np.maximum(largest, self.amplitude), np.abs(d))
 
 
 class OmittedVibrationMonitor:
@@ -168,8 +234,7 @@ class OmittedVibrationMonitor:
         self._bodies = [body for body in compiled.layout.bodies if body.m]
         self._omega, self._parts = np.zeros(0), np.zeros((0, 0))
         self._largest = np.zeros(3)  # of what is missing, with its time, and of the deformation
-        self._samples = np.zeros((0, 1))  # (3, 1 + k) times and parts
-        self._rows = np.zeros((0, 1))  # (2, 1 + k) of the last rows
+        self._last = np.zeros((0, 0))  # (3, k) time, parts, their rates in the last row
         if not len(still) or n_free(compiled) > MAX_COORDINATES:
             return
         every, kinetostatic = static_bodies(compiled.system)
@@ -188,57 +253,86 @@ class OmittedVibrationMonitor:
         self._omega = free.omega[gone]
         self._K = block_diag(*(compiled.flexbodies[body.name].K for body in self._bodies))
         self._parts = free.eta[:, gone].T @ self._K / self._omega[:, None]  # a ω, of strain energy
-        self._samples = np.full((3, 1 + len(gone)), np.nan)
-        self._rows = np.full((2, 1 + len(gone)), np.nan)
+        self._last = np.full((3, len(gone)), np.nan)
+        self._response = VibrationResponse(self._omega)
+        self._bent = np.array([False])  # whether there was a bend before the last row
         spec = model.dynamics
         self._undeformed = spec is not None and spec.start == "undeformed"
-        self._waiting = np.full(2 + len(gone), np.nan)  # for the end of a jump: then, a, its time
-        self._sudden = (
-            _sudden_changes(compiled, spec.duration, 0.5 / self._omega[0])
-            if len(gone) and spec is not None
-            else np.zeros((0, 2))
-        )
-
-    def _deformation(self, q: Array) -> Array:
-        return np.concatenate([q[body.iq + 7 : body.iq + 7 + body.m] for body in self._bodies])
+        self._duration = spec.duration if spec is not None else 0.0
+        self._loads = _bent_functions(compiled, self._duration) if len(gone) else []
+        self._influence = np.full((len(self._loads), len(gone)), np.nan)  # of each on the parts
 
     @property
     def _frequency(self) -> float:
         return float(self._omega[0]) / (2.0 * np.pi)
 
     def add(self, rows: OutputBlock) -> None:
-        """Take the next rows: three that stand apart by 1/ω at least give ä."""
-        for t, q in zip(rows.t, rows.q, strict=True) if len(self._omega) else ():
-            eta = self._deformation(q)
+        """Take the next rows."""
+        if len(self._omega):
+            self._response = copy(self._response)
+        for t, q, v in zip(rows.t, rows.q, rows.v, strict=True) if len(self._omega) else ():
+            eta = np.concatenate([q[one.iq + 7 : one.iq + 7 + one.m] for one in self._bodies])
+            rate = np.concatenate([v[one.iv + 6 : one.iv + 6 + one.m] for one in self._bodies])
             self._largest[2] = max(self._largest[2], np.sqrt(eta @ self._K @ eta))
-            self._add_jumps(float(t), self._parts @ eta)
-            if (t - self._samples[-1, 0]) * self._omega[0] < 1.0:
-                continue
-            self._samples = np.vstack([self._samples[1:], np.append(t, self._parts @ eta)])
-            rates = np.diff(self._samples[:, 1:], axis=0) / np.diff(self._samples[:, :1], axis=0)
-            second = 2.0 * (rates[1] - rates[0]) / (t - self._samples[0, 0])
-            self._take(second / self._omega**2, self._samples[1, 0])
+            now = np.array([np.full(len(self._omega), t), self._parts @ eta, self._parts @ rate])
+            last, self._last = self._last, now
+            if np.isnan(last[0, 0]):
+                if t == 0.0 and self._undeformed:
+                    self._response.jump(now[1])
+                    self._take(self._response.amplitude, 0.0)
+            elif t > last[0, 0]:
+                self._pass(last, now)
 
     def _take(self, missing: Array, time: float) -> None:
         size = float(np.linalg.norm(missing))
         if size > self._largest[0]:
             self._largest[:2] = size, time
 
-    def _add_jumps(self, t: float, a: Array) -> None:
-        """What changes at once: at the start, and from the row before a jump to the one after."""
-        last, slope = self._rows[1], 0.0
-        if t == 0.0 and self._undeformed:
-            self._take(a, t)
-        for begin, end in self._sudden:
-            if last[0] <= begin < t:
-                if last[0] > self._rows[0, 0]:
-                    slope = (last[1:] - self._rows[0, 1:]) / (last[0] - self._rows[0, 0])
-                carried = last[1:] + slope * (end - last[0])
-                self._waiting = np.concatenate([[end], carried, [begin]])
-        if t >= self._waiting[0]:
-            self._take(a - self._waiting[1:-1], self._waiting[-1])
-            self._waiting = np.full_like(self._waiting, np.nan)
-        self._rows = np.vstack([last, np.append(t, a)])
+    def _pass(self, last: Array, now: Array) -> None:
+        """From row to row."""
+        t, end = float(last[0, 0]), float(now[0, 0])
+        for time, h, before, after in self._path(last, now):
+            line = (after - before) / h
+            rates = (line, line)
+            if h == end - t:  # without bends
+                mean = 0.5 * (last[2] + now[2])
+                size = max(np.linalg.norm(one) for one in (line, last[2], now[2]))
+                limit = _SMOOTH_AFTER_BEND if self._bent[0] else _SMOOTH
+                if np.linalg.norm(line - mean) <= limit * size:
+                    rates = last[2], now[2]
+            self._take(self._response.follow(h, before, after, rates), time)
+        self._bent = np.array([h < end - t])
+
+    def _path(self, last: Array, now: Array) -> Iterator[tuple[float, float, Array, Array]]:
+        """Beginning and length [s] of each piece, and the parts at its ends."""
+        begin, end = float(last[0, 0]), float(now[0, 0])
+        tiny = _AT_ONCE * self._duration
+        bent, grid, widest = -1, np.zeros(0), 0.0
+        for k, (bends, shape, scale) in enumerate(self._loads):
+            inside = bends[(bends >= begin) & (bends <= end)]
+            if not len(inside):
+                continue
+            ends = np.unique(np.clip([begin, *(inside - tiny), *(inside + tiny), end], begin, end))
+            times = np.unique(
+                [a + (b - a) * x for a, b in zip(ends, ends[1:], strict=False)
+                 for x in (np.arange(_PARTS + 1) / _PARTS if b - a > 3 * tiny else (0.0, 1.0))]
+            )  # fmt: skip
+            values = np.array([shape(float(t)) for t in times])
+            if np.ptp(values) > widest * scale:
+                bent, grid, load, widest = k, times, values, float(np.ptp(values)) / scale
+        if bent < 0:
+            yield begin, end - begin, last[1], now[1]
+            return
+        net = load[-1] - load[0]
+        if abs(net) > _NET * np.ptp(load):
+            self._influence = self._influence.copy()
+            self._influence[bent] = (now[1] - last[1]) / net
+        share = (grid - begin) / (end - begin)
+        path = last[1] + np.outer(share, now[1] - last[1])
+        beside = np.outer(load - load[0] - share * net, np.nan_to_num(self._influence[bent]))
+        path += beside
+        for k in range(len(grid) - 1):
+            yield float(grid[k]), float(grid[k + 1] - grid[k]), path[k], path[k + 1]
 
     def indicators(self) -> Iterator[Indicator]:
         """One of all bodies together."""
@@ -256,16 +350,43 @@ class OmittedVibrationMonitor:
             yield Indicator(self._names[0], "vibrations", share, time, _WARNING, lambda: sentence)
 
 
-def _sudden_changes(compiled: Compiled, duration: float, span: float) -> Array:
-    """(n, 2) from when to when a function of time jumps, or nearly so: within the span [s]."""
-    changes = []
-    for program in compiled.functions:
-        if program.channels:
-            continue
-        times = derivative_jumps(program.ops, duration)
-        largest = max(abs(evaluate(program.ops, t)[0]) for t in (0.0, *times, duration))
-        for t in times:
-            before, rate, _ = evaluate(program.ops, t - 1e-9 * span)
-            if abs(evaluate(program.ops, t + span)[0] - before - span * rate) > _SUDDEN * largest:
-                changes.append((t - 1e-9 * span, t + span))
-    return np.reshape(sorted(changes), (-1, 2))
+def _bent_functions(
+    compiled: Compiled, duration: float
+) -> Sequence[tuple[Array, Callable[[float], float], float]]:
+    """Functions of time with jumps or bends: their times, what loads go with, its largest value.
+
+    The load of a driver goes with its second derivative, else with the value.
+    """
+    driven = set(compiled.system.rows["fun"].tolist())
+    bent = []
+    for k, program in enumerate(compiled.functions):
+        times = [] if program.channels else _bends(tuple(program.ops), duration)
+        if times:
+            order = 2 if k in driven else 0
+            shape = partial(_derivative, program.ops, order)
+            near = (0.0, *(t + s * duration for t in times for s in (-1e-9, 1e-9)), duration)
+            values = [shape(t) for t in near]
+            bent.append((np.array(times), shape, float(np.ptp(values)) or 1.0))
+    return bent
+
+
+def _bends(ops: Program, duration: float) -> list[float]:
+    """Times at which a function of time jumps or bends: those known, and of nested min and max."""
+    times = set(derivative_jumps(ops, duration))
+    if any(op in ("min", "max") for op, _ in ops):
+        grid = np.linspace(0.0, duration, _LOOKS + 1)
+        jets = np.array([evaluate(ops, float(t)) for t in grid])
+        bend = np.diff(jets[:, 1]) - np.diff(grid) * (jets[1:, 2] + jets[:-1, 2]) / 2
+        for k in np.flatnonzero(np.abs(bend) > _BEND * np.abs(jets[:, 1]).max()):
+            a, b = grid[k], grid[k + 1]
+            while b - a > _AT_ONCE * duration:  # to where the rate is another
+                middle = 0.5 * (a + b)
+                rate = evaluate(ops, float(middle))[1]
+                nearer = abs(rate - jets[k, 1]) < abs(rate - jets[k + 1, 1])
+                a, b = (middle, b) if nearer else (a, middle)
+            times.add(0.5 * (a + b))
+    return sorted(times)
+
+
+def _derivative(ops: Program, order: int, t: float) -> float:
+    return evaluate(ops, t)[order]
