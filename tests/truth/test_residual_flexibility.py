@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from femeshes import line
 from flexiblescenes import BEAM_PERIOD, STEEL, rod
-from truth.test_effects import cantilever, channels, pendulum
+from truth.test_effects import channels, pendulum
 
 import flexmb
 from flexmb.analysis.assembly.joined_damping import condensation
-from flexmb.analysis.dynamics.validity import VibrationResponse
-from flexmb.errors import FlexmbWarning, ReductionError
+from flexmb.errors import ReductionError
 from flexmb.fe import rectangle, reduce
 from flexmb.model import Model
 
@@ -160,131 +159,6 @@ def test_linearised_modes_are_those_of_static_condensation(dynamic):
     assert len(frequencies) == len(expected)
     np.testing.assert_allclose(frequencies, expected, rtol=1e-6)
     assert frequencies[0] == pytest.approx(1 / BEAM_PERIOD, rel=0.006)
-
-
-def omitted(made, **knobs):
-    """What a run says that vibrations would change, as a share; 0: nothing."""
-    with pytest.warns(FlexmbWarning) as told:
-        flexmb.simulate(made, accuracy=1e-3, verify=False, **knobs)
-    texts = [str(one.message) for one in told if "leave out vibrations" in str(one.message)]
-    return (
-        (float(texts[0].split("differ by ")[1].split("%")[0]) / 100, texts[0]) if texts else (0, "")
-    )
-
-
-def pushed(load, deformation):
-    made = cantilever(deformation=deformation)
-    del made.forces["load"]
-    made.add_force("load", "force", at="beam.tip", value=[0, load, 0])
-    return made
-
-
-def difference(load, duration):
-    """Of all deformation with and without vibrations, in the energy norm, over the largest."""
-    shapes = []
-    for deformation in ("dynamic", "quasi-static"):
-        made = pushed(load, deformation)
-        knobs = {"duration": duration, "outputs": 400, "method": "radau", "verify": False}
-        result = flexmb.simulate(made, accuracy=1e-4, **knobs)
-        shapes.append(result.q[:, 7:])
-    K = rod(0.01, 1.0, 20, 16).K
-    size = [np.einsum("ti,ij,tj->t", e, K, e).max() for e in (shapes[0] - shapes[1], shapes[1])]
-    return np.sqrt(size[0] / size[1])
-
-
-@pytest.mark.parametrize("load", ["10*sin(30*t)", "10*sin(6*t)"])
-def test_a_run_says_what_vibrations_are_missing(load):
-    """Forces at 0.57 and 0.11 of the first frequency that come at once, with a slope."""
-    share, text = omitted(pushed(load, "quasi-static"), duration=0.6, outputs=60)
-    assert "from 8.4" in text and 'deformation = "automatic"' in text
-    assert share == pytest.approx(min(difference(load, 0.6), 1.0), rel=0.1, abs=0.01)
-    assert omitted(pushed(load, "automatic"), duration=0.6, outputs=60) == (0, "")
-
-
-@pytest.mark.parametrize("periods", [0.1, 0.5, 0.9, 1.0, 1.3, 2.0, 3.4, 5.0])
-def test_what_a_ramp_leaves_out_is_its_shock_spectrum(periods):
-    """Of one vibration; 1/(ωT) while a ramp rises, 2 sin(ωT/2)/(ωT) behind it."""
-    omega, x = np.array([7.0]), 2 * np.pi * periods
-    h = x / 7.0
-    for pieces in (1, 40):
-        made, most = VibrationResponse(omega), 0.0
-        line = np.array([1.0 / h])
-        for k in range(pieces):
-            ends = np.array([k / pieces]), np.array([(k + 1) / pieces])
-            most = max(most, made.follow(h / pieces, *ends, (line, line))[0])
-        one = np.array([1.0])
-        most = max(most, made.follow(1.0, one, one, (0 * line, 0 * line))[0])
-        exact = max(2 * abs(np.sin(x / 2)) / x, 1.0 / x if x > np.pi / 2 else 0.0)
-        assert most == pytest.approx(exact, rel=0.05, abs=0.005)
-
-
-@pytest.mark.parametrize("periods", [0.2, 0.5, 1.0, 1.5, 3.0])
-def test_what_a_half_sine_leaves_out_is_its_shock_spectrum(periods):
-    """It leaves 2 r cos(π/2r)/(1 − r²), r the frequency of the sine over that of the vibration."""
-    omega, length = 7.0, 2 * np.pi * periods / 7.0
-    w = np.pi / length
-    made, t = VibrationResponse(np.array([omega])), np.linspace(0.0, length, 200)
-    u, v = np.sin(w * t), w * np.cos(w * t)
-    for k in range(len(t) - 1):
-        made.follow(t[1], u[k : k + 1], u[k + 1 : k + 2], (v[k : k + 1], v[k + 1 : k + 2]))
-    made.follow(1e-9, np.zeros(1), np.zeros(1), (np.zeros(1), np.zeros(1)))
-    r = w / omega
-    exact = abs(2 * r * np.cos(np.pi / (2 * r)) / (1 - r * r)) if r != 1.0 else np.pi / 2
-    assert made.amplitude[0] == pytest.approx(exact, rel=0.02, abs=0.02)
-
-
-def test_smooth_motion_between_rows_far_apart_leaves_nothing_out():
-    """Rows a period of the vibration apart, where bends of straight lines would add up."""
-    omega, slow = 100.0, 6.0
-    made, t = VibrationResponse(np.array([omega])), np.arange(200) * 2 * np.pi / omega
-    u, v = np.sin(slow * t) ** 4, 4 * slow * np.sin(slow * t) ** 3 * np.cos(slow * t)
-    most = 0.0
-    for k in range(len(t) - 1):
-        ends, rates = (u[k : k + 1], u[k + 1 : k + 2]), (v[k : k + 1], v[k + 1 : k + 2])
-        most = max(most, made.follow(t[1], *ends, rates)[0])
-    assert most < 0.04
-
-
-SUDDEN = {"type": "step", "t0": 0.4, "y0": 0.0, "y1": 10.0}
-RAMP = "10*min(max((t - 0.1)/{span}, 0), 1)"
-
-
-@pytest.mark.parametrize(
-    ("load", "start", "share"),
-    [
-        (10, "undeformed", 1.0), (10, "quasi-static", 0.0),
-        ({**SUDDEN, "t1": 0.8}, "undeformed", 0.0),
-        ({**SUDDEN, "t1": 0.4001}, "undeformed", 1.0), ({**SUDDEN, "t1": 0.404}, "undeformed", 1.0),
-    ],
-)  # fmt: skip
-def test_a_run_says_what_a_sudden_load_would_excite(load, start, share):
-    """A load that comes at once moves a beam twice as far as it does in the end."""
-    made = pushed(load, "quasi-static")
-    told, text = omitted(made, duration=0.8, outputs=30, start=start)
-    assert told == pytest.approx(share, abs=0.03)
-    assert ('start = "quasi-static" begins without' in text) == (load == 10 and share > 0)
-
-
-@pytest.mark.parametrize("outputs", [10, 100])
-@pytest.mark.parametrize("periods", [0.5, 1.0, 1.5, 2.5, 5.0])
-def test_a_run_says_what_a_ramp_would_excite(periods, outputs):
-    """Nine tenths and more of the deflection are the first mode's; below 4 % nothing is told."""
-    span, x = periods * BEAM_PERIOD, 2 * np.pi * periods
-    knobs = {"duration": 0.1 + span + 3 * BEAM_PERIOD, "outputs": outputs}
-    share, _ = omitted(pushed(RAMP.format(span=span), "quasi-static"), **knobs)
-    exact = max(2 * abs(np.sin(x / 2)), 1.0) / x
-    assert share == pytest.approx(exact if exact > 0.04 else 0.0, rel=0.1)
-
-
-@pytest.mark.parametrize(("kind", "share"), [("step", 1.0), ("step5", 0.0985)])
-def test_a_driver_whose_acceleration_jumps_or_bends_leaves_vibrations_out(kind, share):
-    """Loads go with θ̈, which jumps to its largest value, or begins with 60/T³ over 5.77/T² ω₁."""
-    made = Model("turned beam")
-    made.add_body("beam", rod(0.01, 1.0, 10, 6), deformation="quasi-static")
-    made.add_joint("hub", "revolute", between=["ground", "beam.root"], axis="z")
-    made.add_driver("motor", joint="hub", angle={"type": kind, "t0": 0.5, "t1": 2.5, "y1": 1.0})
-    told, _ = omitted(made, duration=3.0, outputs=50)
-    assert 0.95 * share < told < 2.0 * share + 0.01  # at both ends of the motion
 
 
 RADIUS, BALL, ARM, STRETCH = 0.4, 1.0, 2e-3, 5.25e4  # m, kg, kg m², N/m
