@@ -142,15 +142,15 @@ def _problem(path: Path) -> str | None:
             content = file.read(8)
             if b"\x89HDF\r\n\x1a\n" not in (head[:8], content):
                 return f"is not an HDF5 file, so not {_KIND}"
-            known = _check_seal(file, head)
+            matches = _check_seal(file, head)
     except OSError as failure:
         return f"cannot be read ({failure.strerror})"
-    if known is False:
+    if matches is False:
         return (
             "does not match its checksum: it was damaged, or changed after it was written; take a "
             "copy that is whole, or make it again"
         )
-    problem = None if known else _first_reading(path, _HERE)
+    problem = None if matches else _first_reading(path, _HERE)
     if problem is None:
         _checked.add(written if head.startswith(_SEAL) else unsealed)
     return problem

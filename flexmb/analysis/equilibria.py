@@ -150,7 +150,7 @@ def find_equilibria(
         the way; all different.
     """
     first = find_equilibrium(compiled, model, time=time)
-    found = [first]
+    equilibria = [first]
     rng, rows = np.random.default_rng(seed), ConstraintRows(compiled)
     scales = column_scales(compiled)
     for _ in range(starts - 1):
@@ -164,9 +164,10 @@ def find_equilibria(
                 steps = settle(compiled, model, state, descend=descend, spin=spin_of(model))
             except AssemblyError:
                 continue
-            if all(separation(compiled, state.q, one.state.q)[0] > _SAME_PLACE for one in found):
-                found.append(Equilibrium(compiled, model, state, steps))
-    return sorted(found, key=lambda one: one.energy)
+            apart = (separation(compiled, state.q, one.state.q)[0] for one in equilibria)
+            if all(distance > _SAME_PLACE for distance in apart):
+                equilibria.append(Equilibrium(compiled, model, state, steps))
+    return sorted(equilibria, key=lambda one: one.energy)
 
 
 def _random_pose(
@@ -242,16 +243,16 @@ def preloads(compiled: Compiled, model: Model, springs: Sequence[str]) -> dict[s
     of = actuators(seen)
     unknown = [name for name in springs if name not in of.forces]
     if unknown:
-        known = tuple(of.forces)
+        forces = tuple(of.forces)
         raise SceneError.from_problems(
-            [Problem(f'"{n}"', "no such force", known, nearest(n, known)) for n in unknown]
+            [Problem(f'"{n}"', "no such force", forces, nearest(n, forces)) for n in unknown]
         )
     basis = seen.change.S @ seen.coordinates.N
     scales = column_scales(compiled)[seen.coordinates.index]
     right = scales * (basis.T @ force)
     columns = scales[:, None] * (basis.T @ np.array([of.forces[name] for name in springs]).T)
-    found = np.linalg.lstsq(columns, right, rcond=1e-10)[0]
-    left = right - columns @ found
+    lengths = np.linalg.lstsq(columns, right, rcond=1e-10)[0]
+    left = right - columns @ lengths
     if np.abs(left).max(initial=0.0) > _UNBALANCED * np.abs(right).max(initial=0.0):
         name = seen.names[int(np.abs(left).argmax())]
         raise AssemblyError(
@@ -259,4 +260,4 @@ def preloads(compiled: Compiled, model: Model, springs: Sequence[str]) -> dict[s
             f"{100 * np.abs(left).max() / np.abs(right).max():.3g} % of its load; let another "
             "spring change too, or move the pose"
         )
-    return dict(zip(springs, map(float, found), strict=True))
+    return dict(zip(springs, map(float, lengths), strict=True))

@@ -338,10 +338,10 @@ def _packed_part(part: _Part, factor: float) -> dict[str, Any]:
     depth = float(np.abs(bend).max(initial=0.0))
     shapes, amounts = _shared_shapes(bend.reshape(len(bend), points.size), depth)
     values = np.array(part.values)
-    placed = part.matrices or float(np.ptp(numbers, axis=0).max()) > 0.0
+    has_motion = part.matrices or float(np.ptp(numbers, axis=0).max()) > 0.0
     return {
         "points": packed(points),
-        "motion": packed(numbers) if placed else None,
+        "motion": packed(numbers) if has_motion else None,
         "shapes": packed(shapes, "i2") if depth else None,
         "amounts": packed(amounts) if depth else None,
         "flexible": part.is_flexible,

@@ -220,7 +220,7 @@ class _Rate:
 
     def __init__(self, progress: Progress, phase: str, source: _Source, total: int | None) -> None:
         self._progress, self._phase, self._source, self._total = progress, phase, source, total
-        self._start, self._number, self._told = time.perf_counter(), 0, 0.0
+        self._start, self._number, self._reported = time.perf_counter(), 0, 0.0
         if total or source.size is None or source.size:
             progress(phase, 0.0, self._of())
 
@@ -228,16 +228,16 @@ class _Rate:
         return max(self._total or self._source.size or 0, self._number)
 
     def _of(self) -> str:
-        known = self._total or self._source.size
-        return f"{self._number} of {self._size()} runs" if known else f"{self._number} runs"
+        total = self._total or self._source.size
+        return f"{self._number} of {self._size()} runs" if total else f"{self._number} runs"
 
     def count(self) -> None:
         """One more job has ended."""
         self._number += 1
         now = time.perf_counter()
-        if now - self._told < 0.1 and self._number != self._size():
+        if now - self._reported < 0.1 and self._number != self._size():
             return
-        self._told = now
+        self._reported = now
         rate = self._number / max(now - self._start, 1e-9)
         left = (self._size() - self._number) / rate
         detail = f"{self._of()}, {rate:.3g} a second"

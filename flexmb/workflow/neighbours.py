@@ -261,10 +261,10 @@ class Neighbours:
             yield Effect(f"full {COUPLING}", name, True, turning, {"inertia_coupling": "partial"})
 
     def _modes(self, name: str, spec: Any, body: FlexBody) -> Effect:
-        kept = f"{body.m} modes"
+        modes = f"{body.m} modes"
         if not isinstance(spec, MeshBodySpec) or spec.reduction in ("user", "guyan"):
-            return Effect(MODES, name, False, kept, {}, "needs the mesh of the body")
-        return Effect(MODES, name, False, kept, {"modes": _MORE_MODES * max(spec.mode_count, 4)})
+            return Effect(MODES, name, False, modes, {}, "needs the mesh of the body")
+        return Effect(MODES, name, False, modes, {"modes": _MORE_MODES * max(spec.mode_count, 4)})
 
     def _deformation(self, effect: Effect) -> Change:
         """Of one body, along the motion of the scene with rigid bodies."""
@@ -279,8 +279,8 @@ class Neighbours:
         other = self._compile(model, bodies)
         changes = self._changes(own, other, model, motion, {}, vibration)
         mine = self.run.seconds.get("integrate")
-        known = mine and seconds and effect.on and not vibration
-        return *changes, mine / seconds if mine and known else None
+        measured = mine and seconds and effect.on and not vibration
+        return *changes, mine / seconds if mine and measured else None
 
     def _changes(
         self, own: Compiled, other: Compiled, model: Model, motion: Motion,

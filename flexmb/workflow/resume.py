@@ -125,9 +125,9 @@ def resume_run(
             raise OutputError(f"{run.path}: another run has written it meanwhile; try again")
         began = float(prepared.run.state.t[0])
         outcome = run_dynamics(prepared, writer, progress=progress)
-        said = notes_statistic(dict.fromkeys([*run.notes, *outcome.notes]))
-        said |= {NOT_CONTAINED: run.texts[NOT_CONTAINED]} if NOT_CONTAINED in run.texts else {}
-        statistics = {**outcome.statistics, **said, "resumed_at_s": began}
+        words = notes_statistic(dict.fromkeys([*run.notes, *outcome.notes]))
+        words |= {NOT_CONTAINED: run.texts[NOT_CONTAINED]} if NOT_CONTAINED in run.texts else {}
+        statistics = {**outcome.statistics, **words, "resumed_at_s": began}
         writer.finish(statistics, outcome.status, outcome.message)
     run.refresh()
     return report_run(model, run, outcome, notes, pictures=pictures, progress=progress)

@@ -99,8 +99,8 @@ def run_single(
     ) as writer:
         outcome = task.run(writer)
         seconds = {"seconds_flexible_bodies": reduced - started} if bodies else {}
-        said = notes_statistic([*notes, *task.notes, *outcome.notes]) | missing
-        writer.finish({**outcome.statistics, **seconds, **said}, outcome.status, outcome.message)
+        words = notes_statistic([*notes, *task.notes, *outcome.notes]) | missing
+        writer.finish({**outcome.statistics, **seconds, **words}, outcome.status, outcome.message)
     notes += task.notes
     report = report_run(
         model, Result(writer.path), outcome, notes, pictures=pictures, progress=progress
@@ -175,9 +175,9 @@ def prepare_task(
     if analysis == "statics":
         from flexmb.analysis.statics import prepare_statics, run_statics
 
-        found = prepare_statics(compiled, model, progress=progress)
+        at_rest = prepare_statics(compiled, model, progress=progress)
         return Task(
-            analysis, len(found.times), lambda sink: run_statics(found, sink, progress=progress)
+            analysis, len(at_rest.times), lambda sink: run_statics(at_rest, sink, progress=progress)
         )
     from flexmb.analysis.dynamics.dynamics import prepare_dynamics, run_dynamics
     from flexmb.results.reader import DAMPING, damping_text

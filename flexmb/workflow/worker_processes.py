@@ -159,8 +159,9 @@ class LocalWorkers:
         for process in [one for one in self.processes if one.poll() is not None]:
             self.processes.remove(process)
             if self.starts - len(self.arrivals) - len(self.processes) >= _MAX_STARTS:
-                said = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-                why = f": {said[-1]}" if said else ""
+                text = self.log.read_text(encoding="utf-8", errors="replace")
+                printed = text.strip().splitlines()
+                why = f": {printed[-1]}" if printed else ""
                 raise FlexmbError(f"worker processes end as soon as they start{why}")
             self._start()
 

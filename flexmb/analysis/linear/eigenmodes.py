@@ -108,10 +108,10 @@ def _damped(M: Array, D: Array, K: Array, states: NDArray[np.bool_]) -> tuple[Co
     if not _is_symmetric(M - np.eye(n)) or np.abs(M - np.eye(n)).max() > _SYMMETRIC:
         lower = np.asarray(np.linalg.solve(M, lower), np.float64)
     A = np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), lower])
-    kept = np.concatenate([~states, np.ones(n, bool)])
-    values, vectors = np.linalg.eig(A[np.ix_(kept, kept)])
+    columns = np.concatenate([~states, np.ones(n, bool)])
+    values, vectors = np.linalg.eig(A[np.ix_(columns, columns)])
     whole = np.zeros((2 * n, len(values)), complex)
-    whole[kept] = vectors
+    whole[columns] = vectors
     one = values.imag >= 0.0
     values, whole = values[one].astype(complex), whole[:, one]
     # the larger half of (φ, λφ) has the digits
@@ -136,7 +136,7 @@ def _without_noise(
 
 def _distinct(values: Complex, shapes: Complex, order: NDArray[np.int64]) -> NDArray[np.int64]:
     """The order without second eigenvalues zero of the same rigid motion."""
-    kept: list[int] = []
+    selection: list[int] = []
     basis = np.zeros((len(shapes), 0), complex)
     for k in order:
         if values[k] == 0.0:
@@ -145,5 +145,5 @@ def _distinct(values: Complex, shapes: Complex, order: NDArray[np.int64]) -> NDA
             if np.linalg.norm(rest) < _SAME_SHAPE:
                 continue
             basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
-        kept.append(int(k))
-    return np.array(kept, np.int64)
+        selection.append(int(k))
+    return np.array(selection, np.int64)

@@ -335,9 +335,9 @@ class ModeSweep:
         eigenvalues[0, : len(order)] = made[0].eigenvalues[order]
         columns = order.copy()
         for i, (before, one) in enumerate(zip(made, made[1:], strict=False), start=1):
-            found = _match(before, order, one, k)
-            eigenvalues[i, columns[: len(found)]] = one.eigenvalues[found]
-            order, columns = found, columns[: len(found)]
+            match = _match(before, order, one, k)
+            eigenvalues[i, columns[: len(match)]] = one.eigenvalues[match]
+            order, columns = match, columns[: len(match)]
         speeds = np.array([_fastest_turn(one) for one in made])
         return cls(parameter, np.array(values, float), eigenvalues, speeds, tuple(made))
 
@@ -378,9 +378,9 @@ def _match(before: Linearization, order: Numbers, after: Linearization, most: in
     from scipy.optimize import linear_sum_assignment  # takes 0.2 s
 
     rows, columns = linear_sum_assignment(gap)
-    found: Numbers = np.zeros(len(rows), np.int64)
-    found[np.argsort(rows)] = columns
-    return found
+    match: Numbers = np.zeros(len(rows), np.int64)
+    match[np.argsort(rows)] = columns
+    return match
 
 
 def _fastest_turn(of: Linearization) -> float:

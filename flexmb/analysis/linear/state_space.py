@@ -167,18 +167,18 @@ def state_space(
     A[2 * n : 2 * n + d, 2 * n + d : width] = np.eye(d)
     A[2 * n + d : width, width + k :] = np.eye(d)
     C, channels = _outputs(seen, rates, outputs)
-    kept = np.concatenate([~seen.coordinates.states, np.ones(width - n, bool)])
+    has_value = np.concatenate([~seen.coordinates.states, np.ones(width - n, bool)])
     drivers = names[k:]
     states = (
         *seen.names, *(f"{name}'" for name in seen.names),
         *drivers, *(f"{name}'" for name in drivers),
     )  # fmt: skip
-    columns = np.concatenate([kept, np.ones(k + d, bool)])
-    A, C = A[kept][:, columns], C[:, columns]
-    n_states = int(kept.sum())
+    columns = np.concatenate([has_value, np.ones(k + d, bool)])
+    A, C = A[has_value][:, columns], C[:, columns]
+    n_states = int(has_value.sum())
     return StateSpace(
         A[:, :n_states], A[:, n_states:], C[:, :n_states], C[:, n_states:],
-        tuple(name for name, one in zip(states, kept, strict=True) if one),
+        tuple(name for name, one in zip(states, has_value, strict=True) if one),
         (*names[:k], *(f"{name}''" for name in drivers)), channels,
     )  # fmt: skip
 
@@ -206,7 +206,7 @@ def frequency_response(
     rates = _motion(seen, forces, rows)
     n, d = seen.coordinates.n, len(rows)
     C, _ = _outputs(seen, rates, [output])
-    found = np.zeros(len(frequencies), complex)
+    response = np.zeros(len(frequencies), complex)
     for i, frequency in enumerate(frequencies):
         s = 2j * np.pi * float(frequency)
         # what acts: f, or u with u̇ = s u, ü = s² u; ÿ then follows from the rest of Y
@@ -218,8 +218,8 @@ def frequency_response(
             y = np.linalg.solve(A, right) if n else right
         except np.linalg.LinAlgError:
             y = np.full(n, np.nan, complex)
-        found[i] = (C[0, : 2 * n] @ np.concatenate([y, s * y])) + C[0, columns] @ acting
-    return found
+        response[i] = (C[0, : 2 * n] @ np.concatenate([y, s * y])) + C[0, columns] @ acting
+    return response
 
 
 def _select(of: Actuators, names: Sequence[str] | None) -> tuple[Array, list[int], tuple[str, ...]]:
@@ -244,14 +244,17 @@ def _outputs(
     seen: SeenEquations, rates: _Rates, outputs: Sequence[str] | None
 ) -> tuple[Array, tuple[str, ...]]:
     """(channels, columns) of the sensors, and their names."""
-    known = seen.compiled.layout.channels
-    names = known if outputs is None else tuple(outputs)
-    unknown = [name for name in names if name not in known]
+    channels = seen.compiled.layout.channels
+    names = channels if outputs is None else tuple(outputs)
+    unknown = [name for name in names if name not in channels]
     if unknown:
         raise SceneError.from_problems(
             [
                 Problem(
-                    f'outputs "{name}"', "unknown channel of a sensor", known, nearest(name, known)
+                    f'outputs "{name}"',
+                    "unknown channel of a sensor",
+                    channels,
+                    nearest(name, channels),
                 )
                 for name in unknown
             ]
@@ -263,7 +266,7 @@ def _outputs(
     motion = change.S @ (rates.X2 + change.W @ rates.X1 + change.Wd @ rates.X0) + change.P @ turned
     whole = of_q @ change.S @ rates.X0 + of_v @ change.S @ turned + of_vd @ motion
     whole += of_lam @ rates.lam
-    return whole[[known.index(name) for name in names]], names
+    return whole[[channels.index(name) for name in names]], names
 
 
 def _channel_slopes(seen: SeenEquations) -> tuple[Array, Array, Array, Array]:

@@ -105,10 +105,10 @@ def hilber_hughes_taylor(alpha: float) -> Method:
 def newmark(beta: float, gamma: float) -> Method:
     """Newmark's method, stable for 2 β ≥ γ ≥ 1/2; of order 2 with γ = 1/2."""
     # velocity and acceleration where nothing moves, from step to step
-    held = np.array(
+    amplification = np.array(
         [[1.0 - gamma / beta, 1.0 - 0.5 * gamma / beta], [-1.0 / beta, 1.0 - 0.5 / beta]]
     )
-    return _method(0.0, 0.0, beta, gamma, np.abs(np.linalg.eigvals(held)).max())
+    return _method(0.0, 0.0, beta, gamma, np.abs(np.linalg.eigvals(amplification)).max())
 
 
 def _method(alpha_m: float, alpha_f: float, beta: float, gamma: float, radius: float) -> Method:

@@ -368,8 +368,8 @@ def first_discontinuities(ops: Program, end: float, derivatives: int) -> list[Di
     finite = np.isfinite(jets[:, : derivatives + 1]).all(axis=1)
     if not finite.all():
         return [_undefined(ops, times, finite, derivatives)]
-    found = (_first_jump(ops, times, jets, order) for order in (0, 1))
-    return [jump for jump in found if jump is not None]
+    jumps = (_first_jump(ops, times, jets, order) for order in (0, 1))
+    return [jump for jump in jumps if jump is not None]
 
 
 def _is_unsafe(op: str, argument: object) -> bool:
