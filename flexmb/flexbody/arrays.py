@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from flexmb.errors import Problem, ReductionError
 
-FloatArray = NDArray[np.float64]
+Array = NDArray[np.float64]
+FloatArray = Array  # as the finite elements call it
 IntArray = NDArray[np.int64]
 
 RANK_TOLERANCE = 1e-12

@@ -16,9 +16,9 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError
+from flexmb.flexbody.arrays import Array
 from flexmb.flexbody.static_response import InertiaResponse
 from flexmb.model.body import BodySpec
 from flexmb.model.functions.expression import Expression
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
     from flexmb.model.joints.driver import DriverSpec
 
-Array = NDArray[np.float64]
 
 BAND_FACTOR = 25.0
 """Cutoff over the fastest frequency: a mode answers statically to 1 % below a tenth of its

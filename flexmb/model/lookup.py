@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError, Problem, SceneError, nearest
+from flexmb.flexbody.arrays import Array
 from flexmb.model.body import BodySpec, RigidBodySpec
 from flexmb.model.flexible_body import FlexbodySpec
 from flexmb.model.markers import (
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
 
 
-Array = NDArray[np.float64]
 PARALLEL = 1e-9  # sine of the angle between axes that count as parallel
 _ORIGIN = MarkerSpec()
 Bodies = Mapping[str, "FlexBody"]

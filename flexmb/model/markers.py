@@ -23,10 +23,10 @@ from itertools import product
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import model_validator
 
 from flexmb.errors import Problem, SceneError, nearest
+from flexmb.flexbody.arrays import Array
 from flexmb.model.quantities import Integer, Position, Text, read_axis, read_number, unit_vector
 from flexmb.model.reading import (
     NUMBER,
@@ -47,7 +47,6 @@ if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
 
 
-Array = NDArray[np.float64]
 Quaternion = tuple[float, float, float, float]
 _ORTHOGONAL = 1e-6  # a matrix typed with seven digits passes, a wrong one does not
 _PARALLEL = 1e-9  # sine of the angle below which two directions are one

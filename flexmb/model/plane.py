@@ -11,10 +11,10 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.errors import Problem, ReductionError, nearest
 from flexmb.flexbody import FlexBody
+from flexmb.flexbody.arrays import Array
 from flexmb.flexbody.planar_body import PLANES, planar_body
 from flexmb.model import lookup
 from flexmb.model.body import BodySpec
@@ -23,7 +23,6 @@ from flexmb.model.lookup import Bodies, ModelData, Scope
 from flexmb.model.markers import rotation_matrix
 from flexmb.model.reading import quote, under
 
-Array = NDArray[np.float64]
 ALIGNED = 1e-9  # sine of the angle that round-off of an orientation leaves
 
 

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import SceneError
+from flexmb.flexbody.arrays import Array
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _MAX_BYTES, _MAX_TRIANGLES = 200e6, 2_000_000

@@ -49,8 +49,6 @@ from flexmb.engine.tables import BodyColumns, Layout
 from flexmb.errors import Problem, ResultFileError, SceneError, nearest
 from flexmb.model.sensor import channel_unit
 
-Array = NDArray[np.float64]
-
 
 class MarkerPair(NamedTuple):
     """The two markers of a joint or driver."""

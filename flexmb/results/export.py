@@ -24,11 +24,10 @@ from numpy.typing import NDArray
 
 from flexmb.errors import OutputError
 from flexmb.flexbody import PartResult, principal_stresses, von_mises
+from flexmb.flexbody.arrays import Array
 from flexmb.folders import whole_file
 from flexmb.results.channels import HistoryTable
 from flexmb.results.kill_safe_file import WriteLock
-
-Array = NDArray[np.float64]
 
 _WIDTH, _HEIGHT = 520, 120  # of the history in notebooks, pixels
 _POINTS = 400  # per line

@@ -16,9 +16,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.engine.joints.joint import SECOND_TURN, driver_row
+from flexmb.flexbody.arrays import Array
 from flexmb.model import Model
 from flexmb.model.body import BodySpec
 from flexmb.model.lookup import joint_frames, marker_names, place_marker
@@ -31,7 +31,6 @@ from flexmb.results.reader import ResultReader
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
 
-Array = NDArray[np.float64]
 
 _BATCH = 20_000  # rows at once: some 20 MB of axes and vectors
 _SERIES = 0.3  # rad^2: below it the coefficients of the turning tangent are series

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from flexmb.errors import ResultFileError
 from flexmb.flexbody import FlexBody, load
+from flexmb.flexbody.arrays import Array
 from flexmb.folders import temporary_folder
 from flexmb.results.channels import Columns, describe_missing, row_bytes, widths
 from flexmb.results.kill_safe_file import reading
@@ -75,7 +76,6 @@ def read_damping_text(text: str) -> tuple[BodyDamping, ...]:
     )
 
 
-Array = NDArray[np.float64]
 Places = list[int] | NDArray[np.int64] | slice
 
 _SECONDS = "seconds_"  # statistics of this prefix are wall times by phase

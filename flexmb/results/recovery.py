@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from flexmb.errors import ResultFileError
 from flexmb.flexbody import FlexBody, InertiaResponse, StressModes, von_mises
+from flexmb.flexbody.arrays import Array
 from flexmb.flexbody.stress_modes import SECTION_FORCES, SHELL_FORCES, STRESS
 from flexmb.results.reader import ResultReader
 
-Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _BATCH_BYTES = 6.4e7  # of stress components at once

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError, Problem, ResultFileError, nearest
+from flexmb.flexbody.arrays import Array
 from flexmb.results.channels import (
     CHANNEL_KINDS,
     Channel,
@@ -34,7 +34,6 @@ from flexmb.results.recovery import StressChannel
 from flexmb.results.stress_envelopes import StressEnvelopes
 from flexmb.units import UnitSystem
 
-Array = NDArray[np.float64]
 _LINES = 3  # of the history that notebooks show
 _LISTED = 12  # names in the table that notebooks show
 

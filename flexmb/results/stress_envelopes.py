@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from flexmb.errors import OutputError, ResultFileError
 from flexmb.flexbody import principal_stresses, von_mises
+from flexmb.flexbody.arrays import Array
 from flexmb.flexbody.stress_modes import STRESS
 from flexmb.folders import whole_file
 from flexmb.results.kill_safe_file import DiskFile, uninterrupted
 from flexmb.results.recovery import Recovery, labels
 
-Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from flexmb.engine.tables import Layout
 from flexmb.errors import OutputError, ResultFileError
+from flexmb.flexbody.arrays import Array
 from flexmb.results.channels import (
     TABLES,
     Columns,
@@ -50,8 +51,6 @@ from flexmb.results.result_file import (
     state_bytes,
 )
 from flexmb.untrusted import USER_BLOCK
-
-Array = NDArray[np.float64]
 
 _GROWTH = 2  # room taken for a table that grows, over its size: chunks are whole, indices need some
 

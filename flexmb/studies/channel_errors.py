@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.analysis.dynamics.measured_error import QUANTITIES
 from flexmb.errors import SceneError
+from flexmb.flexbody.arrays import Array
 from flexmb.model.reading import Spec
 from flexmb.model.sensor import channels_of, unit_of
 
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from flexmb.model import Model
     from flexmb.results import Result
 
-Array = NDArray[np.float64]
 COMPARED = ("positions", "velocities", "accelerations", "reactions")
 """Quantities whose error is the distance from a reference."""
 

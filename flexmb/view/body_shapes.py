@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.flexbody import FlexBody
+from flexmb.flexbody.arrays import Array
 from flexmb.flexbody.parts import Surface
 from flexmb.model.body import RigidBodySpec
 from flexmb.model.joints.curve import curve_shape
@@ -42,8 +43,6 @@ from flexmb.view.shapes import (
     unit,
     wire,
 )
-
-Array = NDArray[np.float64]
 
 _CURVE_POINTS = 90
 _GRID = 0.1  # spacing of the grid as a share of what is seen

@@ -13,13 +13,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.errors import ViewError
+from flexmb.flexbody.arrays import Array
 from flexmb.model.scenes.sections import CAMERAS
 from flexmb.view.mechanism import Mechanism
-
-Array = NDArray[np.float64]
 
 _ABOVE, _ASIDE = 0.32, 0.22  # slopes by which the eye leaves the joint axis
 _STEEP = 0.8  # cosine to the eye's direction above which an axis is not taken as upright

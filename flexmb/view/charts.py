@@ -11,9 +11,9 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.errors import ResultFileError, ViewError
+from flexmb.flexbody.arrays import Array
 from flexmb.results import Result
 from flexmb.units import UnitSystem
 from flexmb.view.history import (
@@ -33,7 +33,6 @@ from flexmb.view.plot import COLORMAP, INK, LINES, WIDTH, new_figure, prefixed, 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 Times = tuple[float, float] | None
 
 _EVEN = 1e-6  # of an interval: times that are even to round-off

@@ -16,12 +16,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.flexbody.arrays import Array
 from flexmb.units import SI, UnitSystem
 from flexmb.view.camera import Camera
 from flexmb.view.mechanism import Display, applied, transform
 from flexmb.view.shapes import Triangles, axes_along, sharp_edges
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 

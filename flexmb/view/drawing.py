@@ -11,8 +11,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexmb.flexbody.arrays import Array
 from flexmb.model.reading import GROUND, split_reference
 from flexmb.model.scenes.sections import ViewSpec
 from flexmb.view.body_shapes import body_parts, ground_grid, ground_parts, own_shape, plates_of
@@ -24,8 +24,6 @@ from flexmb.view.joint_shapes import driver_parts, gear_parts, joint_parts
 from flexmb.view.mechanism import MEAN_AXES, Display, Mechanism, applied
 from flexmb.view.plot import BODIES, INK
 from flexmb.view.shapes import arrow, sharp_edges
-
-Array = NDArray[np.float64]
 
 _VISIBLE = 0.05  # share of its size by which the most deformed body is to be seen deformed
 _ROUND_OFF = 1e-9  # share of its size below which a deformation is rounding, not exaggerated

@@ -14,15 +14,13 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.errors import ViewError
 from flexmb.flexbody import FlexBody, PartResult, principal_stresses, von_mises
+from flexmb.flexbody.arrays import Array
 from flexmb.units import UnitSystem
 from flexmb.view.content import Deformed, Scale
 from flexmb.view.mechanism import Mechanism
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

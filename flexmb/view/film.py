@@ -35,8 +35,6 @@ from flexmb.view.encoder import check_output, find_ffmpeg, real_rate, write_film
 from flexmb.view.mechanism import Mechanism
 from flexmb.view.picture import check_points, columns_of, trace_points, view_of
 
-Array = NDArray[np.float64]
-
 RATE = 25.0  # frames per second
 _MAX_RATE = 240.0
 _MAX_FRAMES = 20_000

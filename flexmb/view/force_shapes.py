@@ -14,8 +14,8 @@ from math import floor, log10
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexmb.flexbody.arrays import Array
 from flexmb.flexbody.planar_body import PLANES
 from flexmb.model import lookup
 from flexmb.model.forces.contact import CylinderSide, PlaneSide, SphereSide
@@ -57,8 +57,6 @@ from flexmb.view.shapes import (
     tube,
     turn_arrow,
 )
-
-Array = NDArray[np.float64]
 
 _COILS = 7
 _PLANE = 0.5  # edge of a contact plane as a share of the mechanism's size

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.errors import Problem, ResultFileError, ViewError
+from flexmb.flexbody.arrays import Array
 from flexmb.model.sensor import CHANNEL_UNITS
 from flexmb.results import Result
 from flexmb.units import UnitSystem
@@ -25,7 +25,6 @@ from flexmb.view.plot import INK, LINES, WIDTH, new_figure, prefixed, save_figur
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 
 _OTHER_UNITS = {
     "force": "N",

@@ -31,7 +31,6 @@ _POLICY = (
 )
 
 
-Array = NDArray[np.float64]
 _POINTS = 1200  # of a line
 _DASHES = ("solid", "dash", "dot", "dashdot")
 _LETTERS = 60  # of a legend in one line, on a telephone

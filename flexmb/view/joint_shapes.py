@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexmb.flexbody.arrays import Array
 from flexmb.model.forces.force_characteristic import TranslationalStopSpec
 from flexmb.model.joints.driver import DriverSpec
 from flexmb.model.joints.gear import GearSpec, RackSpec
@@ -40,8 +40,6 @@ from flexmb.view.shapes import (
     unit,
     wire,
 )
-
-Array = NDArray[np.float64]
 
 _LINKS = (
     "distance", "revolute-spherical", "prismatic-spherical", "cylindrical-spherical",

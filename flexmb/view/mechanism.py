@@ -20,17 +20,15 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.errors import ViewError
+from flexmb.flexbody.arrays import Array
 from flexmb.model import Model
 from flexmb.model.body import BodySpec
 from flexmb.model.lookup import joint_frames, marker_names, place_marker
 from flexmb.model.markers import PlacedMarker
 from flexmb.model.reading import GROUND, split_reference
 from flexmb.results import Pose, Result
-
-Array = NDArray[np.float64]
 
 _GROUND_POSE = Pose(np.zeros(3), np.eye(3), np.zeros(0))
 MEAN_AXES = "mean-axes"

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.errors import ViewError
 from flexmb.flexbody import FlexBody, PartResult, load
+from flexmb.flexbody.arrays import Array
 from flexmb.flexbody.natural_modes import natural_modes
 from flexmb.progress import Progress, silent
 from flexmb.view.body_shapes import plates_of
@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     from flexmb.analysis.linear.linearization import ModeSweep
     from flexmb.analysis.static_sweep import StaticSweep
 
-
-Array = NDArray[np.float64]
 
 _FIRST = 6  # modes drawn where none are named
 _AMPLITUDE = 0.10  # of the body's size that a mode moves it at most

@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.flexbody.arrays import Array
 from flexmb.folders import whole_file
 from flexmb.view.content import Content
 from flexmb.view.plot import COLORMAP, DIVERGING, GHOST, INK, PAPER
-
-Array = NDArray[np.float64]
 
 _DPI = 100
 _LETTERS = 1.25  # letters of size 1 for each pixel of the width, with some room at the end

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.flexbody.arrays import Array
 from flexmb.progress import Progress, silent
 from flexmb.results import Result
 from flexmb.view.content import Content, Deformed, Solid
@@ -21,7 +22,6 @@ from flexmb.view.drawing import Drawing
 from flexmb.view.html_page import Html, packed, tag
 from flexmb.view.mechanism import Mechanism, applied
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _RIGID = 1e-6  # of its size by which a part may leave a rigid motion that moves it

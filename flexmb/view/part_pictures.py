@@ -9,10 +9,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.errors import ViewError
 from flexmb.flexbody import PartResult
+from flexmb.flexbody.arrays import Array
 from flexmb.flexbody.part_result import STATIC
 from flexmb.units import SI, UnitSystem
 from flexmb.view.camera import Camera, body_camera
@@ -24,7 +24,6 @@ from flexmb.view.picture import check_exaggeration, check_size, draw_panels
 from flexmb.view.plot import BODIES, writable_file
 from flexmb.view.shapes import sharp_edges
 
-Array = NDArray[np.float64]
 _FIRST = 6  # modes drawn
 
 

@@ -8,9 +8,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from flexmb.errors import ViewError
 from flexmb.folders import whole_file
 from flexmb.units import SI, UnitSystem
@@ -18,7 +15,6 @@ from flexmb.units import SI, UnitSystem
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 
 PAPER: Final = "#ffffff"
 INK: Final = "#2b2f36"

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from flexmb.flexbody.arrays import Array
+
 Indices = NDArray[np.int64]
 
 _AROUND = 48  # corners of a drawn circle

@@ -9,14 +9,13 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexmb.flexbody.arrays import Array
 from flexmb.view.plot import COLORMAP, GHOST, INK, JOINT, LINES, new_figure, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 
 _FAILED = "#c0392b"
 _MAX_LINES = 500  # of parallel coordinates

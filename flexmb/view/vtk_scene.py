@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from flexmb.flexbody.arrays import Array
 
 OVERSAMPLING = 2  # pixels that are drawn for one of the picture, each way
 FEATURE_DEGREES = 35.0  # edges sharper than this are drawn as lines, and not smoothed

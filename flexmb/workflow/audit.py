@@ -20,9 +20,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError, ResultFileError, SceneError
+from flexmb.flexbody.arrays import Array
 from flexmb.model.forces.contact import ContactSpec
 from flexmb.model.forces.force_characteristic import AnyStop, JointStopSpec
 from flexmb.model.plane import plane_axes
@@ -35,8 +35,6 @@ if TYPE_CHECKING:
     from flexmb.model import Model
     from flexmb.results import Result
 
-
-Array = NDArray[np.float64]
 
 TEXT = "audit"
 """Name of the text in a result that holds its audit."""

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError, Problem, ResultFileError, SceneError, nearest
+from flexmb.flexbody.arrays import Array
 from flexmb.folders import output_folder
 from flexmb.progress import Progress, silent
 from flexmb.workflow.compiled_model import compile_source
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from flexmb.model import Model
     from flexmb.results import Result
 
-Array = NDArray[np.float64]
 
 STILL = 1e-9
 """What moves less, over the largest peak-to-peak of its unit, stands still."""

@@ -12,10 +12,10 @@ from collections.abc import Callable, Collection, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from flexmb.errors import FlexmbError
+from flexmb.flexbody.arrays import Array
 from flexmb.model.excitation import BAND_FACTOR, cutoff_frequency
 from flexmb.model.flexible_body import DeformationSpec, FlexibleBodySpec
 from flexmb.model.scenes.effects import with_words
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from flexmb.model import Model
     from flexmb.results import Result
 
-Array = NDArray[np.float64]
 
 _ROWS = 2000
 _REST = 1e-3  # of the energy of a motion, which may be faster

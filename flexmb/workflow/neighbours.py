@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexmb.flexbody.arrays import Array
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.scenes.effects import with_words
 from flexmb.progress import Progress, silent
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from flexmb.results import Result
     from flexmb.results.writer import OutputBlock
 
-Array = NDArray[np.float64]
 Change: TypeAlias = tuple[tuple[Array, Array], Array, tuple[str, ...], float | None]
 """Channels without an effect and with it (n, k), its change of them, their names, its cost."""
 

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.errors import SolverError
+from flexmb.flexbody.arrays import Array
 from flexmb.folders import relative_path
 from flexmb.model.flexible_body import FlexibleBodySpec
 from flexmb.model.mesh_body import MeshBodySpec
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from flexmb.model import Model
     from flexmb.results import Result
 
-
-Array = NDArray[np.float64]
 
 _SAME_TIME = 1e-9  # of the run
 _DOUBT = 4.0  # times the difference of both polynomials that a value between outputs may be off

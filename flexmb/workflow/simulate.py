@@ -11,10 +11,8 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from flexmb.errors import FlexmbWarning, SolverError
+from flexmb.flexbody.arrays import Array
 from flexmb.folders import output_folder, writable_folder
 from flexmb.progress import Progress, silent
 from flexmb.workflow.run import run_single
@@ -23,9 +21,6 @@ from flexmb.workflow.run_report import RunReport
 if TYPE_CHECKING:
     from flexmb.model import Model
     from flexmb.results import Result
-
-
-Array = NDArray[np.float64]
 
 
 def run_scene(

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from flexmb.errors import FlexmbError, Problem, SceneError, nearest
+from flexmb.flexbody.arrays import Array
 from flexmb.model import lookup
 from flexmb.model.forces.friction import Friction
 from flexmb.model.lookup import Bodies, Component, ModelData, Scope
@@ -35,7 +36,6 @@ from flexmb.model.reading import Spec, Variant, fail, fail_if, only_one, split_r
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
 
-Array = NDArray[np.float64]
 _LARGEST_OVERLAP = 0.1  # of the radius, or of the spread of the points
 
 

@@ -20,9 +20,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from flexmb.flexbody.arrays import Array
 
 # Jumps of a derivative below this share of its size are round-off of the construction.
 _JUMP = 1e-7

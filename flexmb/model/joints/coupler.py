@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, SerializationInfo, ValidationInfo, model_validator
 
 from flexmb.errors import FlexmbError, Problem, SceneError, nearest
+from flexmb.flexbody.arrays import Array
 from flexmb.model import lookup
 from flexmb.model.lookup import Bodies, Component, ModelData, Scope
 from flexmb.model.quantities import Number, Quantity, Text, plain
@@ -214,7 +215,6 @@ def coupler_equations(model: ModelData, flexbodies: Bodies) -> Iterator[tuple[st
             continue  # reported by the check of the coupler itself
 
 
-Array = NDArray[np.float64]
 _ROUND_OFF = 1e-9  # share of a row that round-off of ratios leaves
 
 

@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator, SerializationInfo, StrictBool, ValidationInfo, model_validator
 
 from flexmb.errors import Problem, SceneError
+from flexmb.flexbody.arrays import Array
 from flexmb.model.functions.derivatives import evaluate
 from flexmb.model.functions.expression import Ops, parse
 from flexmb.model.functions.tabulated import number_in, read_lines
@@ -36,8 +36,6 @@ from flexmb.model.quantities import (
 )
 from flexmb.model.reading import NUMBER, Reader, context_of, fail_if, only_one, under
 from flexmb.units import UnitSystem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -18,17 +18,16 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import StrictBool, model_validator
 
 from flexmb.errors import Problem, SceneError
+from flexmb.flexbody.arrays import Array
 from flexmb.model import lookup
 from flexmb.model.joints.coupler import Coupler, Equation, Key, Term
 from flexmb.model.lookup import Bodies, ModelData, Scope
 from flexmb.model.quantities import Integer, Number, Pair, Size
 from flexmb.model.reading import fail_if, only_one, split_reference
 
-Array = NDArray[np.float64]
 _WHEEL_JOINTS = ("revolute", "cylindrical", "screw", "planar", "parallel")
 _RACK_JOINTS = ("prismatic", "cylindrical", "screw")
 _ZERO_DISTANCE = 1e-6  # relative to the distances between the axes

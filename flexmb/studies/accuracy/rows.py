@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError
+from flexmb.flexbody.arrays import Array
 from flexmb.studies.channel_errors import COMPARED
 from flexmb.studies.study_settings import headings
 
-Array = NDArray[np.float64]
 ALL = "all"
 """All quantities that are compared with the reference, taken together."""
 

@@ -16,13 +16,12 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.errors import Problem, SceneError
+from flexmb.flexbody.arrays import Array
 from flexmb.model.scenes.sweep import Distribution, Question
 from flexmb.studies.sweeps.sampling import make_design
 
-Array = NDArray[np.float64]
 Row = Mapping[str, Any]
 RunSettings = Callable[[list[dict[str, Any]]], Sequence[Row]]
 

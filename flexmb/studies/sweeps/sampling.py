@@ -14,13 +14,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.errors import Problem, SceneError
+from flexmb.flexbody.arrays import Array
 from flexmb.model.scenes.sweep import Distribution
 from flexmb.results.kill_safe_file import uninterrupted
-
-Array = NDArray[np.float64]
 
 MAX_RUNS = 1_000_000
 DIFFERENCES = (-2.0, -1.0, 1.0, 2.0)

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError
+from flexmb.flexbody.arrays import Array
 from flexmb.folders import write_text_file
 from flexmb.studies.study_settings import headings, markdown_table
 from flexmb.studies.sweeps.design_search import setting_text
@@ -47,7 +47,6 @@ _LISTED = 20  # failures in a table
 _EXACT = ("grid", "derivatives")  # methods without random numbers
 
 
-Array = NDArray[np.float64]
 _PANELS = 9
 _GRID = 4  # knobs and scalars of the scatter, each
 _SURFACES = 3

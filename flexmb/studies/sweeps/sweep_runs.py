@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.errors import Problem, SceneError, SolverError, nearest
+from flexmb.flexbody.arrays import Array
 from flexmb.folders import temporary_folder, writable_folder
 from flexmb.model.scenes.study import override
 from flexmb.model.scenes.sweep import SCALARS, read_scalar
@@ -42,7 +42,6 @@ Row = dict[str, Any]
 
 _REUSED = "reduction reused from"  # in the note of a run that says nothing of it
 SECTIONS = ("check", "results", "view", "study", "sweep")
-Array = NDArray[np.float64]
 _EXTREMES = ("min", "max")  # of channels for which no scalar is named
 _RECOVERED = {  # channels that only a result file can give, and their units in SI
     "von_mises": "Pa", "stress": "Pa", "section_force": "", "mode_energy": "J", "balance": "J",

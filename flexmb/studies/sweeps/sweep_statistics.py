@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError
+from flexmb.flexbody.arrays import Array
 from flexmb.studies.study_settings import run_command
 from flexmb.studies.sweeps.design_search import Answer, setting_text
 from flexmb.studies.sweeps.sampling import Design, deviation_of
 
-Array = NDArray[np.float64]
 Interval = tuple[float, float]
 
 CONFIDENCE = 0.95
