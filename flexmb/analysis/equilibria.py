@@ -21,7 +21,7 @@ from flexmb.analysis.assembly.positions import close_rows
 from flexmb.analysis.equilibrium import settle, spin_of
 from flexmb.analysis.linear.linearization import Linearization, linearize_state
 from flexmb.analysis.linear.observer import RowsAlongMotion, SeenEquations
-from flexmb.analysis.linear.state_equations import Array, StateEquations
+from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.analysis.linear.state_space import actuators
 from flexmb.analysis.procedure import ChunkRows
 from flexmb.engine.compile import Compiled
@@ -31,6 +31,7 @@ from flexmb.engine.state_rows import write_equilibrium
 from flexmb.engine.units import call, prepare_units
 from flexmb.engine.work import new_run, new_work
 from flexmb.errors import AssemblyError, FlexmbError, Problem, SceneError, nearest
+from flexmb.flexbody.arrays import Array
 from flexmb.model.model import Model
 
 _MAX_HOPS, _HOP = 8, 0.6  # of a random way, over the model size or in radians

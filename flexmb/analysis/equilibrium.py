@@ -21,13 +21,14 @@ import scipy.linalg
 
 from flexmb.analysis.assembly.jacobian import column_scales, one_blas_thread
 from flexmb.analysis.linear.observer import body_axes, cross_matrix
-from flexmb.analysis.linear.state_equations import Array, StateEquations, Tangents
+from flexmb.analysis.linear.state_equations import StateEquations, Tangents
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import solve_stage
 from flexmb.engine.initial_conditions import BEGIN, REMEMBER
 from flexmb.engine.state import State
 from flexmb.engine.work import new_work
 from flexmb.errors import AssemblyError
+from flexmb.flexbody.arrays import Array
 from flexmb.model.model import Model
 
 _MAX_STEPS = 300

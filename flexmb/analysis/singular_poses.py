@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import (
     MAX_COORDINATES,
@@ -31,11 +30,10 @@ from flexmb.engine.state import State, Work
 from flexmb.engine.tables import System
 from flexmb.engine.time_loop import EVALUATE
 from flexmb.engine.work import new_run
+from flexmb.flexbody.arrays import Array
 from flexmb.model.joints.joint import JOINT_TYPES
 from flexmb.model.model import Model
 from flexmb.model.reading import GROUND, split_reference
-
-Array = NDArray[np.float64]
 
 _OWN_SENTENCE = (method.ZERO_LENGTH, method.CURVE_END, method.NO_LOOP, method.SELF_LOCKING)
 _ROUND_OFF, _NEARLY_REDUNDANT = 1e-13, 1e-3  # singular values over the largest

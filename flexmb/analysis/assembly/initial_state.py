@@ -36,11 +36,11 @@ from flexmb.engine.state import State, Work
 from flexmb.engine.tables import System
 from flexmb.engine.work import new_state, new_work
 from flexmb.errors import AssemblyError
+from flexmb.flexbody.arrays import Array
 from flexmb.model.forces.force_characteristic import JointStopSpec
 from flexmb.model.model import Model
 from flexmb.results import BodyDamping
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _RIGID = 1e8  # how much stiffer than slow inertia the modes are while gaps close

@@ -30,8 +30,7 @@ from flexmb.engine.joints import ROW_KINDS
 from flexmb.engine.state import Work, rows_between
 from flexmb.engine.units import call_ready
 from flexmb.engine.work import new_state, new_work
-
-Array = NDArray[np.float64]
+from flexmb.flexbody.arrays import Array
 
 MAX_COORDINATES = 600
 """Coordinates up to which a dense decomposition is affordable; larger models are taken as free,

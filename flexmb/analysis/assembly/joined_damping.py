@@ -43,13 +43,13 @@ from flexmb.engine.tables import BodyColumns, System
 from flexmb.engine.work import new_state, new_work
 from flexmb.errors import AssemblyError, FlexmbError, Problem, SceneError
 from flexmb.flexbody import FlexBody
+from flexmb.flexbody.arrays import Array
 from flexmb.flexbody.damping import DampingOptions, read_damping
 from flexmb.flexbody.natural_modes import Vibrations, damping_matrix, damping_ratios, mass_at_rest
 from flexmb.model.markers import rotation_matrix
 from flexmb.model.model import Model
 from flexmb.results import BodyDamping
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _NO_MASS = 1e-11  # of the largest

@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.engine.bodies.marker import MarkerTable
 from flexmb.engine.compile import Compiled, with_markers
@@ -22,12 +21,11 @@ from flexmb.engine.initial_conditions import BEGIN, VELOCITIES
 from flexmb.engine.state import State
 from flexmb.engine.tables import MARKER, Pool, System
 from flexmb.engine.work import new_work
+from flexmb.flexbody.arrays import Array
 from flexmb.model import lookup
 from flexmb.model.body import InitialVelocity
 from flexmb.model.markers import rotation_matrix
 from flexmb.model.model import Model
-
-Array = NDArray[np.float64]
 
 _HEAVY = 1e8
 _MAX_ROUNDS = 5  # each shrinks what is missing by a factor of ten or more where it can be had

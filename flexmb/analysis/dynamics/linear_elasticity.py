@@ -19,19 +19,17 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, ConstraintRows
 from flexmb.analysis.monitors import Indicator
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody
+from flexmb.flexbody.arrays import Array
 from flexmb.flexbody.natural_modes import natural_modes
 from flexmb.model.excitation import loads_beside_interfaces, marker_interface
 from flexmb.model.model import Model
 from flexmb.results.writer import OutputBlock
-
-Array = NDArray[np.float64]
 
 #: Deflection over the length of a body above which linear elasticity is doubtful.
 LARGEST_DEFLECTION = 0.1

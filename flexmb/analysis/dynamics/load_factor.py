@@ -30,12 +30,10 @@ from flexmb.engine.initial_conditions import RESIDUAL
 from flexmb.engine.state import State, Work
 from flexmb.engine.work import new_state, new_work
 from flexmb.flexbody import FlexBody
-from flexmb.flexbody.arrays import skew
+from flexmb.flexbody.arrays import Array, skew
 from flexmb.flexbody.natural_modes import matrices_at_rest
 from flexmb.model.model import Model
 from flexmb.results.writer import OutputBlock
-
-Array = NDArray[np.float64]
 
 #: Load factors from which on the user is told, with and without geometric stiffening.
 NEAR_BUCKLING, LARGEST_AXIAL_LOAD = 0.8, 0.1

@@ -20,7 +20,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.analysis.dynamics.integration import (
     _HIGH_ORDER,
@@ -36,12 +35,11 @@ from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import State
 from flexmb.engine.tables import Layout
+from flexmb.flexbody.arrays import Array
 from flexmb.model.model import Model
 from flexmb.model.reading import Spec
 from flexmb.model.sensor import channels_of, unit_of
 from flexmb.results.writer import OutputBlock
-
-Array = NDArray[np.float64]
 
 QUANTITIES = {
     "m": "positions",

@@ -40,6 +40,7 @@ from flexmb.engine.tables import BodyColumns
 from flexmb.engine.units import call, hand_over, prepare_units
 from flexmb.engine.work import new_run, new_state, new_work, units_of
 from flexmb.flexbody import FlexBody, InertiaResponse, LoadResponse
+from flexmb.flexbody.arrays import Array
 from flexmb.flexbody.static_response import LARGEST_SHARE, LEAST_MOTION
 from flexmb.model.excitation import (
     loads_beside_interfaces,
@@ -50,7 +51,6 @@ from flexmb.model.excitation import (
 from flexmb.model.model import Model
 from flexmb.results.writer import OutputBlock
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _WINDOW = 3  # rows in each of which as much must be missing: no jolt, no vibration

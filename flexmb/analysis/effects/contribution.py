@@ -14,7 +14,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.assembly.jacobian import ConstraintRows
@@ -25,10 +24,9 @@ from flexmb.engine.bodies.flexible_body import modal_reach
 from flexmb.engine.compile import Compiled
 from flexmb.errors import FlexmbError
 from flexmb.flexbody import FlexBody
+from flexmb.flexbody.arrays import Array
 from flexmb.model.model import Model
 from flexmb.model.sensor import channels_of
-
-Array = NDArray[np.float64]
 
 _STANDSTILL = 1e-7  # of the largest motion of the same unit: what changes less is round-off
 _AT_REST = 1e-3  # of its motion with the change: the change moves a sensor, and nothing else

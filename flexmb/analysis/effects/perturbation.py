@@ -31,8 +31,8 @@ from flexmb.engine.iteration_matrix import put_matrix
 from flexmb.engine.units import call, hand_over, prepare_units
 from flexmb.engine.work import new_run, new_state, new_work, units_of
 from flexmb.errors import FlexmbError
+from flexmb.flexbody.arrays import Array
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _UNRESOLVED = 1.0  # rad of a vibration between two rows from which on they do not resolve it

@@ -9,15 +9,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.engine.work import new_state
+from flexmb.flexbody.arrays import Array
 from flexmb.results import Result
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,7 @@ from flexmb.analysis.assembly.jacobian import ConstraintRows, column_scales, one
 from flexmb.analysis.assembly.joined_damping import condensation
 from flexmb.analysis.linear.eigenmodes import Complex, Eigenmodes, eigenmodes
 from flexmb.analysis.linear.observer import RowsAlongMotion, SeenEquations, body_axes, fastest_rate
-from flexmb.analysis.linear.state_equations import Array, StateEquations, Tangents
+from flexmb.analysis.linear.state_equations import StateEquations, Tangents
 from flexmb.analysis.linear.state_space import (
     StateSpace,
     actuators,
@@ -33,6 +33,7 @@ from flexmb.engine.bodies.static_modes import static_bodies
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import State
 from flexmb.errors import Problem, SceneError, nearest
+from flexmb.flexbody.arrays import Array
 from flexmb.model.model import Model
 
 _REST = 1e-12  # 1/s, rate of change of a state at rest

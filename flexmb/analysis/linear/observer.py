@@ -23,10 +23,11 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import ConstraintRows, column_scales, numerical_rank
-from flexmb.analysis.linear.state_equations import Array, Tangents
+from flexmb.analysis.linear.state_equations import Tangents
 from flexmb.engine.algebra.vector import rotation_matrix
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import State
+from flexmb.flexbody.arrays import Array
 
 _MODAL_SCALE = 1e-3  # modes become dependent coordinates only where nothing else can
 _STEP = 0.02  # of the differences along the motion, over its fastest rate

@@ -24,8 +24,8 @@ from flexmb.engine.state import State, Work
 from flexmb.engine.tables import Kkt
 from flexmb.engine.units import call, hand_over, prepare_units
 from flexmb.engine.work import new_run, new_work, units_of
+from flexmb.flexbody.arrays import Array
 
-Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
 # Factors that let one term of S = M + cv D + cp K stand alone: powers of two, so that nothing is

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import column_scales, one_blas_thread
 from flexmb.analysis.linear.observer import SeenEquations
-from flexmb.analysis.linear.state_equations import Array, StateEquations
+from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.engine.forces.spring_damper import DISTANCE_OF
 from flexmb.errors import Problem, SceneError, nearest
+from flexmb.flexbody.arrays import Array
 
 _POSITION_STEP = 1e-3  # of differences, over the model size or in radians
 _FIRST = ((-2.0, 1.0 / 12.0), (-1.0, -2.0 / 3.0), (1.0, 2.0 / 3.0), (2.0, -1.0 / 12.0))

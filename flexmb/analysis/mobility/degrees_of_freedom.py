@@ -50,11 +50,10 @@ from flexmb.engine.state import State
 from flexmb.engine.tables import BodyColumns
 from flexmb.engine.work import new_state
 from flexmb.errors import AssemblyError
+from flexmb.flexbody.arrays import Array
 from flexmb.model.markers import rotation_matrix
 from flexmb.model.model import Model
 from flexmb.model.reading import GROUND, split_reference
-
-Array = NDArray[np.float64]
 
 _ZERO_TOLERANCE = 1e-7
 _LINE_TOLERANCE = 1e-6  # pitch and distance of a line, over the model size, that are round-off

@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import qr
 
 from flexmb.analysis.assembly.jacobian import (
@@ -36,9 +35,9 @@ from flexmb.analysis.mobility.redundancy import (
 )
 from flexmb.engine.compile import Compiled
 from flexmb.errors import AssemblyError, Problem
+from flexmb.flexbody.arrays import Array
 from flexmb.model.model import Model
 
-Array = NDArray[np.float64]
 _ZERO_TOLERANCE = 1e-7
 _SHARES = (0.001, 0.01, 0.1, 0.3, 0.6, 1.0)  # of the duration, at which drivers must agree
 # Singular value over the largest below which a locked mechanism is nearly not, and below which no

@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import (
     ConstraintPose,
@@ -22,8 +21,7 @@ from flexmb.analysis.assembly.jacobian import (
     plain_name,
 )
 from flexmb.engine.state import State
-
-Array = NDArray[np.float64]
+from flexmb.flexbody.arrays import Array
 
 _MAX_MOTIONS = 100
 _STEP = 1e-4  # of the differences, over the model size

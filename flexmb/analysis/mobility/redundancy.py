@@ -29,12 +29,12 @@ from flexmb.analysis.assembly.jacobian import (
     row_gradient,
 )
 from flexmb.engine.joints.joint import JOINT_ROWS
+from flexmb.flexbody.arrays import Array
 from flexmb.model.joints.joint import JOINT_TYPES
 from flexmb.model.model import Model
 from flexmb.model.plane import plane_axes
 from flexmb.model.reading import GROUND
 
-Array = NDArray[np.float64]
 Turns = tuple[int, int]
 _CHANGED = 1e-6  # share of the largest change of a reaction that is round-off
 _MAX_EXCHANGES = 2  # of any joints
