@@ -127,13 +127,9 @@ def weighted_rows(
         line = np.linalg.svd(arms - arms.mean(axis=0), full_matrices=False)[2][0]
         G[:, 3:, 3:] = np.outer(line, line)
     G[~exists] = 0.0
-    roots, places = samples @ np.ones(len(nodes)), samples @ arms
-    spread = places - np.outer(roots, roots @ places / (roots @ roots))
-    gyration = np.linalg.norm(spread) / np.linalg.norm(roots)
-    scale = np.repeat([1.0, gyration if gyration > 0 else 1.0], 3)[:, None]
-    fields = (samples @ G.reshape(-1, 36)).reshape(-1, 6, 6) * scale
+    fields = (samples @ G.reshape(-1, 36)).reshape(-1, 6, 6)
     Q, R = np.linalg.qr(fields.reshape(-1, 6))
-    shares = (samples.T @ (Q.reshape(-1, 6, 6) * scale).reshape(-1, 36)).reshape(-1, 6, 6)
+    shares = (samples.T @ Q.reshape(-1, 36)).reshape(-1, 6, 6)
     if bows is not None:
         shares[:, 3:] += (bows.T @ Q.reshape(-1, 6, 6)[:, :3].reshape(-1, 6)).reshape(-1, 3, 6)
     return numbering.table[nodes][exists], solve_triangular(R, shares[exists].T)

@@ -5,9 +5,8 @@ is the area centroid of a surface group (length centroid of a line group, mean o
 of a sphere) unless a position is given. Rigid: u = T q. Weighted: q = W u, the least-squares fit of
 a rigid motion over the faces of the nodes (:func:`~flexmb.fe.assembly.connections.weighted_rows`),
 or with weights of the nodes; loads at the point spread over the nodes by W^T. Displacements alone
-count; where they do not determine all rotations (nodes on a line) the nodes' own rotations count
-too, with the square of the group's radius of gyration as weight. Source: MSC Nastran, Linear Static
-Analysis User's Guide, RBE3.
+count; of a rotation that they do not determine (about a line of nodes) the mean of the nodes' own.
+Source: MSC Nastran, Linear Static Analysis User's Guide, RBE3.
 """
 
 from __future__ import annotations

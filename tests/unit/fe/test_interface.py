@@ -78,7 +78,7 @@ def test_a_unit_wrench_at_an_interface_is_that_wrench_on_its_nodes(kind):
 
 
 def test_a_mean_of_beam_nodes_on_a_line_does_not_depend_on_the_unit_of_length():
-    """Rotations count by the square of the nodes' radius of gyration."""
+    """Turns of the nodes count about the line, of which their displacements tell nothing."""
     u, found = np.random.default_rng(5).normal(size=(5, 6)), []
     for unit in (1.0, 1000.0):
         fe = assemble(line(4, end=(unit, 0, 0)), STEEL, {"all": rectangle(0.1 * unit, 0.1 * unit)})
