@@ -132,8 +132,12 @@ def gap_problems(
     return [head, *worst, Problem("assembly", f"moved in vain: {_listing(moved, model.units)}")]
 
 
-def check_branches(compiled: Compiled, model: Model, state: State, work: Work) -> None:
+def check_branches(
+    compiled: Compiled, model: Model, state: State, work: Work, placed: NDArray[np.float64]
+) -> None:
     """Refuse joints whose axes differ, by 120 or 180 deg, though all their rows vanish.
+
+    ``placed`` (markers, 3, 3) are the axes of the markers before the joints closed.
 
     Raises
     ------
@@ -141,25 +145,33 @@ def check_branches(compiled: Compiled, model: Model, state: State, work: Work) -
         Such joints, and cams that pass through their followers.
     """
     what = (
-        "assembles with its sides turned against each other; turn a marker or body, or "
-        "guess the angle of a joint near it (assembly.guess)"
+        "assembles with its sides turned against each other: axes that it makes equal are {:.4g} "
+        "deg apart as placed; turn a marker or body, or guess the angle of a joint near it "
+        "(assembly.guess)"
     )
-    problems = [Problem(path, what) for path in _turned_joints(compiled, model, work)]
+    turned = _turned_joints(compiled, model, work, placed)
+    problems = [Problem(path, what.format(angle)) for path, angle in turned]
     problems += _cam_problems(compiled, model, state, work)
     if problems:
         raise AssemblyError.from_problems(problems)
 
 
-def _turned_joints(compiled: Compiled, model: Model, work: Work) -> Iterator[str]:
-    """Scene paths of the joints whose two sides are turned against each other."""
+def _turned_joints(
+    compiled: Compiled, model: Model, work: Work, placed: NDArray[np.float64]
+) -> Iterator[tuple[str, float]]:
+    """Scene paths of the joints whose two sides are turned against each other, and the largest
+    angle [deg] between their axes as placed."""
     system = compiled.system
-    first, R = system.rows[system.groups["row"]], work.now.marker["R"]
-    cosines = np.sum(R[first["I"]] * R[first["J"]], axis=1)  # (groups, 3) between equal axes
-    for path, cosine in zip(compiled.layout.reactions, cosines.tolist(), strict=True):
+    first = system.rows[system.groups["row"]]
+    cosines, before = (  # (groups, 3) between equal axes
+        np.sum(R[first["I"]] * R[first["J"]], axis=1) for R in (work.now.marker["R"], placed)
+    )
+    rows = zip(compiled.layout.reactions, cosines.tolist(), before, strict=True)
+    for path, cosine, start in rows:
         section, _, name = path.partition(".")
         signs = signs_of_axes(model.joints[name].type) if section == "joints" else ()
         if any(cosine[a] < _SAME_DIRECTION for a in signs):
-            yield path
+            yield path, float(np.degrees(np.arccos(np.clip(start[list(signs)], -1, 1).min())))
 
 
 def _cam_problems(compiled: Compiled, model: Model, state: State, work: Work) -> Iterator[Problem]:
