@@ -14,6 +14,7 @@ from typing import Self
 from unicodedata import category
 
 _MIN_LIKENESS = 0.65  # share of common letters; below it names only look alike by chance
+_MIN_BEGINNING = 3  # letters that must agree for names that begin alike
 _MAX_NAMES = 20  # a longer list of allowed names is cut: nobody reads a thousand mesh groups
 
 
@@ -136,7 +137,7 @@ class FlexmbWarning(UserWarning):
 
 
 def nearest(name: str, names: Iterable[str], n: int = 3) -> tuple[str, ...]:
-    """Names that resemble ``name``, best first, regardless of upper and lower case.
+    """Names that resemble ``name``, else that begin with it, best first, in any case of letters.
 
     Parameters
     ----------
@@ -154,4 +155,7 @@ def nearest(name: str, names: Iterable[str], n: int = 3) -> tuple[str, ...]:
         matcher.set_seq1(candidate.casefold())
         scored.append((matcher.ratio(), candidate))
     scored.sort(key=lambda pair: -pair[0])
-    return tuple(candidate for score, candidate in scored if score >= _MIN_LIKENESS)[:n]
+    similar = [candidate for score, candidate in scored if score >= _MIN_LIKENESS]
+    if not similar and len(name) >= _MIN_BEGINNING:
+        similar = [other for _, other in scored if other.casefold().startswith(name.casefold())]
+    return tuple(similar[:n])

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from flexmb.errors import FlexmbError
+from flexmb.errors import FlexmbError, Problem
 
 _INCH = 0.0254  # m, exact
 _FOOT = 0.3048  # m, exact
@@ -95,13 +95,29 @@ def parse_unit(text: str) -> Unit:
         if match["symbol"] != "1":
             unit = UNITS.get(match["symbol"])
             if unit is None:
-                raise FlexmbError.unknown_name("unit", match["symbol"], UNITS)
+                raise _unknown_unit(match["symbol"])
             power = int(match["power"] or _RAISED.get(match["raised"], 1))
             power = -power if match["sign"] == "/" else power
             factor *= unit.factor**power
             dimension = dimension.times(unit.dimension, power)
         at = match.end()
     return Unit(_rounded(factor), dimension)
+
+
+_WORDS = {
+    "degree": "deg", "radian": "rad", "meter": "m", "metre": "m", "millimeter": "mm",
+    "millimetre": "mm", "inch": "in", "second": "s", "sec": "s", "minute": "min", "hour": "h",
+    "newton": "N", "kilogram": "kg", "gram": "g", "pascal": "Pa", "hertz": "Hz", "mph": "km/h",
+}  # fmt: skip
+
+
+def _unknown_unit(symbol: str) -> FlexmbError:
+    word = symbol.casefold()
+    meant = _WORDS.get(word) or _WORDS.get(word.removesuffix("s"))
+    if meant is None:
+        return FlexmbError.unknown_name("unit", symbol, UNITS)
+    problem = Problem("", f'unknown unit "{symbol}"', tuple(UNITS), (meant,))
+    return FlexmbError.from_problems([problem])
 
 
 def _rounded(factor: float) -> float:

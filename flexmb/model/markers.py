@@ -50,6 +50,7 @@ if TYPE_CHECKING:
 Quaternion = tuple[float, float, float, float]
 _ORTHOGONAL = 1e-6  # a matrix typed with seven digits passes, a wrong one does not
 _PARALLEL = 1e-9  # sine of the angle below which two directions are one
+_TURN = 2 * math.pi * (1 + 1e-9)
 _AXIS_ANGLE = ("axis", "angle")
 _EULER = ("euler", "angles")
 _DIRECTIONS = tuple(f"{axis}_{how}" for axis in "xyz" for how in ("along", "towards"))
@@ -239,6 +240,9 @@ def _values(
 
 
 def _read_angle(value: Any, names: ReadContext) -> float:
+    if isinstance(value, int | float) and abs(value) > _TURN:
+        what = f"an angle [rad] is expected, given {value}, more than a turn"
+        raise SceneError(f'{what}; degrees are written "{value:g} deg"')
     return read_number(value, names, "rad")
 
 
@@ -246,7 +250,7 @@ def _read_angles(value: Any, names: ReadContext) -> tuple[float, ...]:
     value = value.tolist() if hasattr(value, "tolist") else value
     if not isinstance(value, list | tuple) or len(value) != 3:
         raise SceneError(f"three angles are expected, given {quote(value)}")
-    return tuple(read_number(item, names, "rad") for item in value)
+    return tuple(_read_angle(item, names) for item in value)
 
 
 def _read_sequence(value: Any, names: ReadContext) -> str:

@@ -19,6 +19,17 @@ ONE_LINE = [
         id="misspelt unit",
     ),
     pytest.param(
+        ("r = 0.2", 'r = "200 degrees"'),
+        'parameters.r: unknown unit "degrees"; nearest: deg; allowed: m, km, ',
+        id="a unit in words",
+    ),
+    pytest.param(
+        ("mass = 1", 'orientation = { axis = "z", angle = 90 }\nmass = 1'),
+        "bodies.crank.orientation.angle: an angle [rad] is expected, given 90, more than a turn; "
+        'degrees are written "90 deg"',
+        id="an orientation in degrees",
+    ),
+    pytest.param(
         ("r = 0.2", 'r = "200 mmm"'),
         'parameters.r: unknown unit "mmm"; nearest: mm; allowed: m, km, ',
         id="misspelt unit of a parameter",
