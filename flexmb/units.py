@@ -113,10 +113,10 @@ _WORDS = {
 
 def _unknown_unit(symbol: str) -> FlexmbError:
     word = symbol.casefold()
-    meant = _WORDS.get(word) or _WORDS.get(word.removesuffix("s"))
-    if meant is None:
+    likely = _WORDS.get(word) or _WORDS.get(word.removesuffix("s"))
+    if likely is None:
         return FlexmbError.unknown_name("unit", symbol, UNITS)
-    problem = Problem("", f'unknown unit "{symbol}"', tuple(UNITS), (meant,))
+    problem = Problem("", f'unknown unit "{symbol}"', tuple(UNITS), (likely,))
     return FlexmbError.from_problems([problem])
 
 

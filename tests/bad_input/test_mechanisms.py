@@ -63,8 +63,8 @@ CASES = {
     "no direction": (of_no_direction, "assembly: the initial positions cannot be assembled"),
     "wrong branch": (
         on_the_wrong_branch,
-        "joints.hinge: assembles with its sides turned against each other: axes that it makes equal "
-        "are 171.9 deg apart as placed; turn a marker or body",
+        "joints.hinge: assembles with its sides turned against each other: axes that it makes "
+        "equal are 171.9 deg apart as placed; turn a marker or body",
     ),
 }
 
