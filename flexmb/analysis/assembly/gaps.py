@@ -133,11 +133,11 @@ def gap_problems(
 
 
 def check_branches(
-    compiled: Compiled, model: Model, state: State, work: Work, placed: NDArray[np.float64]
+    compiled: Compiled, model: Model, state: State, work: Work, initial_axes: NDArray[np.float64]
 ) -> None:
     """Refuse joints whose axes differ, by 120 or 180 deg, though all their rows vanish.
 
-    ``placed`` (markers, 3, 3) are the axes of the markers before the joints closed.
+    ``initial_axes`` (markers, 3, 3) are the axes of the markers before the joints closed.
 
     Raises
     ------
@@ -149,7 +149,7 @@ def check_branches(
         "deg apart as placed; turn a marker or body, or guess the angle of a joint near it "
         "(assembly.guess)"
     )
-    turned = _turned_joints(compiled, model, work, placed)
+    turned = _turned_joints(compiled, model, work, initial_axes)
     problems = [Problem(path, what.format(angle)) for path, angle in turned]
     problems += _cam_problems(compiled, model, state, work)
     if problems:
@@ -157,14 +157,14 @@ def check_branches(
 
 
 def _turned_joints(
-    compiled: Compiled, model: Model, work: Work, placed: NDArray[np.float64]
+    compiled: Compiled, model: Model, work: Work, initial_axes: NDArray[np.float64]
 ) -> Iterator[tuple[str, float]]:
     """Scene paths of the joints whose two sides are turned against each other, and the largest
     angle [deg] between their axes as placed."""
     system = compiled.system
     first = system.rows[system.groups["row"]]
     cosines, before = (  # (groups, 3) between equal axes
-        np.sum(R[first["I"]] * R[first["J"]], axis=1) for R in (work.now.marker["R"], placed)
+        np.sum(R[first["I"]] * R[first["J"]], axis=1) for R in (work.now.marker["R"], initial_axes)
     )
     rows = zip(compiled.layout.reactions, cosines.tolist(), before, strict=True)
     for path, cosine, start in rows:

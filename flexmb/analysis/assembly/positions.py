@@ -142,13 +142,13 @@ def close_positions(
         _approach_guess(model, compiled, state, make)
     corrector = make(compiled, state)
     corrector.evaluate()
-    placed = corrector.work.now.marker["R"].copy()
+    initial_axes = corrector.work.now.marker["R"].copy()
     _iterate(corrector, _CLOSED)
     corrector.evaluate()
     moved = moved_bodies(compiled, start, state.q)
     if not np.abs(corrector.work.con.C * compiled.system.row_weights).max() <= _OPEN:
         raise AssemblyError.from_problems(gap_problems(compiled, model, corrector.work, moved))
-    check_branches(compiled, model, state, corrector.work, placed)
+    check_branches(compiled, model, state, corrector.work, initial_axes)
     _check_fixed(compiled, model, moved)
     if guess and model.assembly is None:
         _check_placement(compiled, model, state, start, corrector, moved)
