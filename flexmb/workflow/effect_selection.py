@@ -159,8 +159,12 @@ def run_with_selected_effects(
     store_text(run.path, TEXT, selection.text())
     picture, history = draw_run(run, progress) if pictures else (None, None)
     steps = selection.steps or [("1", "", "nothing", "all stays within the budget", "", "")]
+    from flexmb.analysis.dynamics.validity import LEFT_OUT
+
+    beside = "; the sensors stay within the budget, stresses may not" if made.passed else ""
+    notes = [note + beside * (LEFT_OUT in note) for note in report.notes]
     return replace(
-        report, picture=picture, history=history, notes=[*report.notes, made.sentence()],
+        report, picture=picture, history=history, notes=[*notes, made.sentence()],
         tables=((COLUMNS, tuple(steps)), made.table()),
     )  # fmt: skip
 

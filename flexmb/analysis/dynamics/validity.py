@@ -48,6 +48,8 @@ from flexmb.model.scenes.dynamics import ValiditySpec
 from flexmb.results.writer import OutputBlock
 
 Array = NDArray[np.float64]
+#: Words of the sentence on omitted vibrations.
+LEFT_OUT = "quasi-static modes leave out vibrations"
 _EQUAL = 0.05  # frequencies of the same vibration differ by less
 _WARNING = 0.04  # of the deformation
 _DAMPING = 0.002  # ratio of vibrations that are left out: in 80 periods a start is forgotten
@@ -342,7 +344,7 @@ class OmittedVibrationMonitor:
             names = ", bodies.".join(self._names)
             begin = 'start = "quasi-static" begins without them, ' if time == 0.0 else ""
             sentence = (
-                f"bodies.{names}: quasi-static modes leave out vibrations from "
+                f"bodies.{names}: {LEFT_OUT} from "
                 f"{self._frequency:.4g} Hz on, by which the deformation would differ by "
                 f"{min(share, 1.0):.0%} of its largest value, most at t = {time:.4g} s; "
                 f"{begin}{self._cure}"
