@@ -408,7 +408,7 @@ class Model:
         bodies = flexbodies or {}
         return [
             *far_markers(self, bodies),
-            *repeated_couplers(self, bodies),
+            *(repeated_couplers(self, bodies) if self.couplers else ()),
             *impact_warnings(self),
         ]
 

@@ -69,12 +69,12 @@ def _section_problems(scope: Scope, section: str) -> Iterator[Problem]:
     """What each entry of a section says of itself."""
     if section in _WITH_MARKERS:
         yield from scope.markers(section)
-    wrong = False
-    for name, spec in getattr(scope.model, section).items():
+    specs, wrong = getattr(scope.model, section), False
+    for name, spec in specs.items():
         for problem in spec.problems(scope, f"{section}.{name}"):
             wrong = True
             yield problem
-    if section == "couplers" and not wrong:
+    if section == "couplers" and specs and not wrong:
         yield from coupler_loop_problems(scope)
 
 
