@@ -38,6 +38,7 @@ class Method(NamedTuple):
     alpha: float = 0.0  # 1/s
     beta: float = 0.0  # 1/s
     mass_rounds: int = 0  # refinements of projected rates and accelerations by M alone
+    last_weight: float = 0.0  # of the power at the end in the works of a step
     partitions: int = 0  # 1: it needs memory for independent and dependent coordinates
 
 

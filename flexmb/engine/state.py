@@ -186,6 +186,7 @@ class Collocation(NamedTuple):
     res: Matrix  # (stages, nv) forces out of balance
     gap: Matrix  # (stages, nc) constraint values
     change: Matrix  # (stages, nv) last correction
+    power: Matrix  # (stages, 3) of drivers, dampers and applied forces, W
     share: Matrix  # (stages, stages) of the stages of the last step in the predicted ones
     age: Vector  # (1,) steps made by the present factors; below 0: there are none
     span: Vector  # (2,) start and length of the step that the stages are of, s; 0: of none
@@ -247,6 +248,7 @@ class Trial(NamedTuple):
     res: Vector  # (nv,) M vd - Q + Cq^T lam
     spare: Vector  # (nv,)
     mode_force: Vector  # (nv,) forces by which modes that are held keep the acceleration given
+    bend: Vector  # (nv,) beside the cubics of the dense output, times s² (1 − s)²
     power: Vector  # (3,)
     work_done: Vector  # (3,) works at an output
     angles: Vector  # (channels,) joint angles at an output

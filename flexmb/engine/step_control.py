@@ -53,8 +53,6 @@ _REST = 10.0
 _NEARLY = 0.1
 # Motion of a body counts as this share at least of the largest one, by low order and by all.
 _LEAST_SHARE, _NOTHING_SHARE = 1e-3, 1e-12
-# Of the frame of a flexible body, which stiff vibrations shake, over what its modes count as.
-_OF_FRAME = 0.01
 
 
 @kernel
@@ -274,7 +272,9 @@ def record_step(method, settings, st, error, h):
 def follow_motion(run: Run) -> int:
     """The largest motion from the first position and the largest speed of every coordinate so far.
 
-    The coordinates of a translation, of a rotation, and the modes of a body count together.
+    The coordinates of a translation and of a rotation count together. Of a flexible body nobody
+    sees frame and modes, but its points, which are as far off as they are together: all of them
+    count with the motion of the points.
     """
     st, settings, w = run.state, run.settings, run.system.weights
     bodies, coordinates = run.system.parts.bodies, run.system.parts.coordinates
@@ -290,10 +290,8 @@ def follow_motion(run: Run) -> int:
         _raise(st, iv + 3, 3, turn, rate)
         memory["angular_velocity"] = max(memory["angular_velocity"], rate)
         _follow(st, w, iq + 7, iv + 6, m)
-        moved, fast = max(st.motion[iv], st.motion[iv + 3]), max(st.speed[iv], st.speed[iv + 3])
-        if m > 0:  # a sensor sees both, and the frame follows the deformation
-            _raise(st, iv, 3, _OF_FRAME * moved, _OF_FRAME * fast)
-            _raise(st, iv + 6, m, moved, fast)
+        if m > 0:
+            _join(st, iv, m, _gyration(bodies[k]) * w[iv])
     for k in range(coordinates.shape[0]):
         _follow(st, w, coordinates[k]["iq"], coordinates[k]["iv"], 1)
     motion, speed = 0.0, 0.0
@@ -317,6 +315,23 @@ def _follow(st, weights, iq, iv, n):
         motion = max(motion, weights[iv + i] * abs(st.q[iq + i] - st.q_first[iq + i]))
         speed = max(speed, weights[iv + i] * abs(st.v[iv + i]))
     _raise(st, iv, n, motion, speed)
+
+
+@kernel
+def _gyration(body):
+    """Radius of gyration about the origin of the frame [m]."""
+    S0 = body["S0"]
+    return math.sqrt((S0[0, 0] + S0[1, 1] + S0[2, 2]) / body["mass"])
+
+
+@kernel
+def _join(st, iv, m, reach):
+    """Let all coordinates of a flexible body count with the motion of its points, `reach` away."""
+    motion = max(st.motion[iv], reach * st.motion[iv + 3], st.motion[iv + 6])
+    speed = max(st.speed[iv], reach * st.speed[iv + 3], st.speed[iv + 6])
+    _raise(st, iv, 3, motion, speed)
+    _raise(st, iv + 3, 3, motion / reach, speed / reach)
+    _raise(st, iv + 6, m, motion, speed)
 
 
 @kernel

@@ -193,7 +193,7 @@ def new_work(system: System, channels: int = 0, method: Method = _NO_METHOD) -> 
     trial = Trial(
         t=_nan(1), q=_nan(nq), v=_nan(nv), vd=_nan(nv), aa=_nan(nv), aa_start=_nan(nv),
         lam=_nan(nc), dq=_nan(nv), res=_nan(nv), spare=_nan(nv), mode_force=np.zeros(nv),
-        power=_nan(3), work_done=_nan(3), angles=_nan(channels),
+        bend=np.zeros(nv), power=_nan(3), work_done=_nan(3), angles=_nan(channels),
         before=Before(_nan(1), _nan(nq), _nan(nv), _nan(3), _nan(3), _nan(history)),
         stages=_nan(stages, nq + nv + 3), work=_nan(3), rate=_nan(nq), shares=_nan(stages),
         extended=np.zeros(1, dtype=np.int64), error=_nan(2), jerk=_nan(nv), stack=_nan(depth, 3),
@@ -259,7 +259,7 @@ def _new_collocation(system: System, stages: int) -> Collocation:
         np.ones(1, dtype=np.int64),
     )  # fmt: skip
     return Collocation(
-        *(_nan(stages, n) for n in (nv, nv, nv, nc, nv, nc, nv, nc, nv, stages)),
+        *(_nan(stages, n) for n in (nv, nv, nv, nc, nv, nc, nv, nc, nv, 3, stages)),
         np.full(1, -1.0), np.zeros(2), factor, pair,
     )  # fmt: skip
 

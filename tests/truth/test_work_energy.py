@@ -123,6 +123,8 @@ def imbalance(result):
 def test_the_balance_closes_with_the_order_of_the_works(name, method):
     make, exchanged, h, duration = SCENES[name]
     knobs, p, share = METHODS[method]
+    if name == "driven, flexible" and method == "radau":
+        share *= 4  # above what round-off of stiff reactions leaves
     steps, made = np.array([1, 1 / 2, 1 / 4]) * share * h, make()
     outputs = round(duration / steps[0])  # all steps as long as they are told
     runs = [

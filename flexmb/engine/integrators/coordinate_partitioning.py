@@ -28,7 +28,7 @@ from flexmb.engine.algebra.vector import (
     weighted_size,
     zero,
 )
-from flexmb.engine.bodies.motion import move
+from flexmb.engine.bodies.motion import move, rotation_rate
 from flexmb.engine.equations_of_motion import (
     constraint_stage,
     position_stage,
@@ -293,19 +293,7 @@ def _put_rates(bodies, x, v, out):
     copy(v, out)
     for k in range(bodies.shape[0]):
         o = bodies[k]["iv"] + 3
-        theta, w = part(x, o), part(v, o)
-        once = outer(theta, w)
-        f = _inverse_coefficient(inner(theta, theta))
-        put_part(out, o, plus(plus(w, 0.5, once), f, outer(theta, once)))
-
-
-@kernel
-def _inverse_coefficient(x):
-    """(1 − θ/2 cot θ/2)/θ² with x = θ²: T⁻¹ = I + θ̃/2 + that θ̃²."""
-    if x < 1e-2:
-        return 1.0 / 12.0 + x * (1.0 / 720.0 + x * (1.0 / 30240.0 + x / 1209600.0))
-    half = 0.5 * math.sqrt(x)
-    return (1.0 - half * math.cos(half) / math.sin(half)) / x
+        put_part(out, o, rotation_rate(part(x, o), part(v, o)))
 
 
 @unit

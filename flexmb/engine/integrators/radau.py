@@ -17,25 +17,28 @@ Runge–Kutta Methods, 1989, §6.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from flexmb.engine import method
 from flexmb.engine.algebra import ldl
-from flexmb.engine.algebra.vector import (
-    copy,
-    inner,
-    outer,
-    part,
-    plus,
-    put_part,
-    scaled_size,
-    tangent_coefficients,
-    weighted_size,
+from flexmb.engine.algebra.vector import copy, part, put_part, scaled_size, weighted_size, zero
+from flexmb.engine.bodies.motion import (
+    angular_velocity,
+    interpolate_step,
+    last_places,
+    move,
+    put_motion,
 )
-from flexmb.engine.bodies.motion import interpolate_step, last_places, move
-from flexmb.engine.equations_of_motion import residual, walk
+from flexmb.engine.equations_of_motion import (
+    feedback_stage,
+    pose_stage,
+    powers,
+    reaction_stage,
+    residual,
+    velocity_stage,
+    walk,
+)
+from flexmb.engine.integrators.radau_coefficients import STAGES, Radau, radau_coefficients
 from flexmb.engine.iteration_matrix import (
     REFACTOR_ABOVE,
     factorise_pair,
@@ -45,7 +48,7 @@ from flexmb.engine.iteration_matrix import (
     put_matrix,
     put_rows,
 )
-from flexmb.engine.jit import Matrix, Vector, kernel, unit
+from flexmb.engine.jit import Vector, kernel, unit
 from flexmb.engine.method import FINE, Method
 from flexmb.engine.projection import POSITIONS, accelerations
 from flexmb.engine.state import Run
@@ -53,23 +56,7 @@ from flexmb.engine.state import Run
 if TYPE_CHECKING:
     from flexmb.model.scenes.dynamics import DynamicsSpec
 
-STAGES = 3
 _ALMOST_ZERO = 1e-300
-
-
-class Radau(NamedTuple):
-    """Coefficients: A, A⁻¹ = V diag(γ, μ, μ̄) V⁻¹, and those of the error estimate."""
-
-    A: Matrix  # (3, 3)
-    inverse: Matrix  # (3, 3)
-    c: Vector  # (3,)
-    gamma: float
-    filter: float  # 1/γ²
-    mu_real: float
-    mu_imag: float
-    to: Matrix  # (3, 3) rows of V⁻¹: of γ; real and imaginary part of that of μ
-    back: Matrix  # (3, 3) columns of V: of γ; of μ twice the real, less twice the imaginary part
-    error: Vector  # (3,) weights of the increments of the stages
 
 
 @unit
@@ -212,32 +199,11 @@ def make_method(spec: DynamicsSpec) -> Method:
 
 def radau_5() -> Method:
     """Radau IIA of order 5."""
-    s = 6.0**0.5
-    A = np.array(
-        [
-            [(88 - 7 * s) / 360, (296 - 169 * s) / 1800, (-2 + 3 * s) / 225],
-            [(296 + 169 * s) / 1800, (88 + 7 * s) / 360, (-2 - 3 * s) / 225],
-            [(16 - s) / 36, (16 + s) / 36, 1 / 9],
-        ]
-    )
-    inverse = np.linalg.inv(A)
-    values, vectors = np.linalg.eig(inverse)
-    order = [int(np.argmin(abs(values.imag))), int(np.argmax(values.imag))]
-    rows = np.linalg.inv(vectors)
-    gamma, mu = float(values[order[0]].real), complex(values[order[1]])
-    # V is known but for a factor of each column, a complex one for γ too
-    factor = 1.0 / rows[order[0], np.argmax(abs(rows[order[0]]))]
-    first, of_first = (rows[order[0]] * factor).real, (vectors[:, order[0]] / factor).real
-    second, of_second = rows[order[1]], vectors[:, order[1]]
-    coefficients = Radau(
-        A, inverse, A.sum(axis=1), gamma, 1.0 / gamma**2, mu.real, mu.imag,
-        np.array([first, second.real, second.imag]),
-        np.array([of_first, 2.0 * of_second.real, -2.0 * of_second.imag]),
-        np.array([-13.0 - 7.0 * s, -13.0 + 7.0 * s, -1.0]) / (3.0 * gamma),
-    )  # fmt: skip
+    coefficients = radau_coefficients()
     return Method(
         (step,), (interpolate,), (coefficients,), order=5, error_order=4, stages=0,
-        filter=1.0 / gamma**2, keeps_step=1, loosest=3e-4, collocation=STAGES, mass_rounds=2,
+        filter=coefficients.filter, keeps_step=1, loosest=3e-4, collocation=STAGES, mass_rounds=2,
+        last_weight=float(coefficients.A[-1, -1]),
     )  # fmt: skip
 
 
@@ -358,7 +324,7 @@ def _put_rates(run: Run, radau: Radau, h: float) -> int:
             col.v[n, k] = _sum(radau.inverse[n], col.u, k) / h
         for b in range(bodies.shape[0]):
             o, u, v = bodies[b]["iv"] + 3, col.u[n], col.v[n]
-            put_part(v, o, _angular_velocity(part(u, o), part(v, o)))
+            put_part(v, o, angular_velocity(part(u, o), part(v, o)))
     for n in range(STAGES):
         rate = radau.inverse[n]
         for k in range(nv):
@@ -366,28 +332,45 @@ def _put_rates(run: Run, radau: Radau, h: float) -> int:
     return method.FINE
 
 
-@kernel
-def _angular_velocity(theta, rate):
-    """T(θ) θ̇ in body axes, of the orientation exp(θ̃) from the start of the step."""
-    c1, c2, _, _ = tangent_coefficients(inner(theta, theta))
-    once = outer(theta, rate)
-    return plus(plus(rate, -c1, once), c2, outer(theta, once))
-
-
 @unit
 def _evaluate_stage(run: Run, radau: Radau, h: float, i: int) -> int:
     """What is out of balance at stage i, into its rows of the collocation; returns the status."""
+    tr, col = run.work.trial, run.work.collocation
+    _place_stage(run, radau, h, i)
+    run.state.count[0]["residuals"] += 1
+    status = residual(run, run.trial_point)
+    copy(tr.res, col.res[i])
+    copy(run.work.con.C, col.gap[i])
+    return status
+
+
+@kernel
+def _place_stage(run, radau, h, i):
+    """Stage i into the trial state."""
     st, tr, col = run.state, run.work.trial, run.work.collocation
     move(run.system.parts, st.q, col.u[i], tr.q)
     copy(col.v[i], tr.v)
     copy(col.a[i], tr.vd)
     copy(col.lam[i], tr.lam)
     tr.t[0] = st.t[0] + radau.c[i] * h
-    st.count[0]["residuals"] += 1
-    status = residual(run, run.trial_point)
-    copy(tr.res, col.res[i])
-    copy(run.work.con.C, col.gap[i])
-    return status
+
+
+@kernel
+def _add_works(run, radau, h):
+    """Works of the step but for the share of its end, by the quadrature of the method."""
+    st, tr, col, at = run.state, run.work.trial, run.work.collocation, run.trial_point
+    copy(st.work_done, tr.work)
+    for i in range(STAGES - 1):
+        _place_stage(run, radau, h, i)
+        walk(run.stages.functions, run, at)
+        pose_stage(run, at)
+        velocity_stage(run, at)
+        feedback_stage(run, at)
+        reaction_stage(run, at)
+        powers(run, at)
+        for k in range(3):
+            col.power[i, k] = run.work.powers[k]
+            tr.work[k] += h * radau.A[STAGES - 1, i] * col.power[i, k]
 
 
 @kernel
@@ -404,11 +387,9 @@ def _finish(run, radau, h):
     # the matrix changes by about as much as the model moves relative to its size, or turns
     memory["contraction"] = min(0.99, measured + weighted_size(col.u[last], run.system.weights))
     _put_rates(run, radau, h)  # with the last correction
-    tr.t[0] = st.t[0] + h
-    move(run.system.parts, st.q, col.u[last], tr.q)
-    copy(col.v[last], tr.v)
-    copy(col.a[last], tr.vd)
-    copy(col.lam[last], tr.lam)
+    if run.settings.works == 1:
+        _add_works(run, radau, h)
+    _place_stage(run, radau, h, last)
     col.span[0], col.span[1] = st.t[0], h
     col.age[0] = memory["factor_age"]
     st.count[0]["factorisations"] += 1
@@ -442,8 +423,28 @@ def _estimate_error(run, radau, h):
 
 @unit
 def interpolate(run: Run, radau: Radau, share: float) -> int:
-    """Positions and velocities at a share of the last accepted step, into the trial state."""
-    return interpolate_step(run, share)  # type: ignore[no-any-return]
+    """Positions, velocities and works at a share of the last accepted step, into the trial state.
+
+    What the stages are off the cubic between the ends tells its error.
+    """
+    st, tr, col = run.state, run.work.trial, run.work.collocation
+    before, works = tr.before, radau.works
+    zero(tr.bend)
+    for i in range(STAGES - 1 if run.settings.follow == 0 else 0):  # modes that follow leave stages
+        put_motion(run, radau.c[i], tr.dq, tr.v)
+        for k in range(tr.dq.shape[0]):
+            tr.bend[k] += radau.bend[i] * (col.u[i, k] - tr.dq[k])
+    status = interpolate_step(run, share)
+    h = st.t[0] - before.t[0]
+    for k in range(3 * run.settings.works):
+        work = 0.0
+        for n in range(STAGES, -1, -1):
+            rate = works[n, 0] * before.power[k] + works[n, STAGES] * st.power[k]
+            for i in range(STAGES - 1):
+                rate += works[n, 1 + i] * col.power[i, k]
+            work = share * (work + rate)
+        tr.work_done[k] = before.work_done[k] + h * work
+    return status  # type: ignore[no-any-return]
 
 
 METHODS = {"radau": make_method}

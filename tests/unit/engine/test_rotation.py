@@ -9,9 +9,7 @@ import pytest
 from enginekit import exponential, rotation, slope
 
 from flexmb.engine.algebra.vector import tangent_coefficients
-from flexmb.engine.bodies.motion import _interpolate_rotation, hermite
-from flexmb.engine.integrators.coordinate_partitioning import _put_rates
-from flexmb.engine.integrators.radau import _angular_velocity
+from flexmb.engine.bodies.motion import angular_velocity, hermite, rotation_rate
 
 
 def series(x):
@@ -41,35 +39,21 @@ def test_a_cubic_is_interpolated_exactly(share):
     np.testing.assert_allclose(found, [cubic(share * h), slope(share * h)], rtol=1e-13)
 
 
-@pytest.mark.parametrize("share", [0.0, 1.0])
-def test_a_turn_within_a_step_begins_and_ends_as_it_should(share):
-    """Orientation and angular velocity about axes that are not those of the turn."""
-    half = 0.01 * np.array([1.0, -2.0, 0.5])
-    q = np.array([[1.0, 0, 0, 0], [math.sqrt(1 - half @ half), *half]])
-    v = np.array([[0.3, 0.2, -0.1], [0.5, -0.4, 0.6]])
-    place, rate = np.zeros(4), np.zeros(3)
-    _interpolate_rotation(q[0], v[0], q[1], v[1], 0, 0, share, 0.1, place, rate)
-    np.testing.assert_allclose(place, q[int(share)], atol=1e-12)
-    np.testing.assert_allclose(rate, v[int(share)], atol=1e-5)  # terms of the third power of 0.05
-
-
 def test_the_angular_velocity_of_a_rotation_vector():
     """Body axes: R' dR/dt of R = exp(theta), at a large angle."""
     theta, rate = np.array([0.7, -1.1, 0.4]), np.array([0.3, 0.5, -0.9])
     R = rotation(exponential(theta))
     spin = R.T @ slope(lambda s: rotation(exponential(theta + s * rate)))
     wanted = [spin[2, 1], spin[0, 2], spin[1, 0]]
-    np.testing.assert_allclose(_angular_velocity(theta, rate), wanted, atol=1e-9)
+    np.testing.assert_allclose(angular_velocity(theta, rate), wanted, atol=1e-9)
 
 
-@pytest.mark.parametrize("size", [0.02, 0.3, 2.5])
+@pytest.mark.parametrize("size", [0.02, 0.3, 0.33, 2.5])
 def test_the_rate_of_a_rotation_vector_is_that_of_its_angular_velocity(size):
     """Below and above the switch to a series: the way back from the rate to body axes."""
     theta, spin = size * np.array([0.6, -0.64, 0.48]), np.array([0.3, 0.5, -0.9])
-    bodies, rate = np.array([(0,)], dtype=[("iv", "i8")]), np.zeros(6)
-    _put_rates(bodies, np.append(np.zeros(3), theta), np.append(np.ones(3), spin), rate)
-    np.testing.assert_allclose(rate[:3], 1.0)
-    np.testing.assert_allclose(_angular_velocity(theta, rate[3:]), spin, atol=1e-9)
+    rate = np.array(rotation_rate(theta, spin))
+    np.testing.assert_allclose(angular_velocity(theta, rate), spin, atol=1e-12)
     R = rotation(exponential(theta))
-    turn = R.T @ slope(lambda s: rotation(exponential(theta + s * rate[3:])))
+    turn = R.T @ slope(lambda s: rotation(exponential(theta + s * rate)))
     np.testing.assert_allclose([turn[2, 1], turn[0, 2], turn[1, 0]], spin, atol=1e-8)
