@@ -101,6 +101,16 @@ def damps_vibrations(compiled: Compiled, integrator: method.Method) -> bool:
     return integrator.stages == 0 and bool(compiled.system.parts.bodies["m"].any())
 
 
+def gyration(compiled: Compiled) -> dict[str, float]:
+    """Radius of gyration of each flexible body about the origin of its frame, by its name [m]."""
+    rows = zip(compiled.layout.bodies, compiled.system.parts.bodies, strict=True)
+    return {
+        body.name: float(np.sqrt(np.trace(row["S0"]) / row["mass"]))
+        for body, row in rows
+        if row["m"]
+    }
+
+
 def remembers_bristles(compiled: Compiled) -> bool:
     """Whether contacts stick by bristles, which each step stretches by its last velocity."""
     contacts = compiled.system.kinds.get("contacts")

@@ -26,6 +26,7 @@ from flexmb.analysis.dynamics.integration import (
     Integration,
     damps_vibrations,
     fine_settings,
+    gyration,
     remembers_bristles,
     scout_rows,
     scout_settings,
@@ -63,6 +64,7 @@ _FLOORS = {
     "reactions": f"{_LEAST_SHARE:g} of the largest of its unit",
     "velocities": f"its mean speed or {_LEAST_SHARE:g} of its largest",
 }
+_OF_POINTS = "the motion of the body's points"
 _FOR_SCALE = "motion"  # of bodies, which their velocities are judged by; positions are sensed
 _SCOUT = "scout_"
 _NO_MOTION = 1e-10  # of the size of the model, or of a radian, within the run
@@ -111,13 +113,17 @@ class MeasuredError:
         Motion by unit below which a sensor counts as at rest.
     duration : float
         Of the run [s].
+    gyration : mapping of str to float, optional
+        Radius of gyration of each flexible body about the origin of its frame [m]: the frame counts
+        with the motion of its points, which alone are seen.
     """
 
     def __init__(
         self, layout: Layout, model: Model, least: Mapping[str, float] | None = None,
-        duration: float = math.inf,
+        duration: float = math.inf, gyration: Mapping[str, float] | None = None,
     ) -> None:  # fmt: skip
         self._compared, self._duration = _compared(layout, model), duration
+        self._gyration = gyration or {}
         self._least = least or {}
         self._length = self._least.get("m", 0.0) / _NO_MOTION
         n = len(self._compared)
@@ -188,13 +194,16 @@ class MeasuredError:
         spans, largest = self._spans(), dict[str, ErrorOf]()
         apart = np.divide(self._largest[0], spans, out=np.zeros(len(spans)), where=spans > 0.0)
         # once the runs have parted, the finer one is no better than the other
-        errors = np.where(apart > _PARTED, apart, apart / (max(ratio, 1.0 + 1e-9) - 1.0))
+        parted = self._largest[0] > _PARTED * np.maximum(spans, self._sizes())
+        errors = np.where(parted, apart, apart / (max(ratio, 1.0 + 1e-9) - 1.0))
         for k, (one, error) in enumerate(zip(self._compared, errors, strict=True)):
             if one.quantity not in largest or error > largest[one.quantity].error:
                 worst = ErrorOf(float(error), one.name, float(self._largest[1, k]))
                 low, high = (bound[k] for bound in self._range)
                 if spans[k] > (1 + 1e-9) * max(np.max(high - low), 0.0):
-                    worst = replace(worst, over=_FLOORS[one.quantity])
+                    joined = one.name.removeprefix("bodies.") in self._gyration
+                    over = _OF_POINTS if joined else _FLOORS[one.quantity]
+                    worst = replace(worst, over=over)
                 largest[one.quantity] = worst
         self._results[ratio] = largest
         return largest
@@ -243,12 +252,40 @@ class MeasuredError:
             same = reacts & (units == unit)
             largest = size[same].max(initial=0.0)
             spans[same] = np.maximum(spans[same], max(floor, _LEAST_SHARE * largest))
+        self._join_frames(spans)
         moved = {one.name + one.unit: spans[k] for k, one in enumerate(self._compared)}
         for k, one in enumerate(self._compared):
             if one.quantity == "velocities" and spans[k] > 0.0:
                 mean = moved.get(f"{one.name}{one.unit.removesuffix('/s')}", 0.0) / self._duration
                 spans[k] = max(spans[k], mean, _LEAST_SHARE * size[k])
         return np.asarray(spans)
+
+    def _sizes(self) -> Array:
+        """What each may be far below and yet part of the same motion: reactions, the largest of
+        their unit; velocities, their own largest; positions, nothing."""
+        low, high = self._range
+        size = np.where(np.isfinite(low), np.maximum(np.abs(low), np.abs(high)), 0.0)
+        size = size.max(axis=1, initial=0.0)
+        sorts = np.array([one.quantity for one in self._compared])
+        units = np.array([one.unit for one in self._compared])
+        for unit in set(units[sorts == "reactions"]):
+            same = (sorts == "reactions") & (units == unit)
+            size[same] = size[same].max()
+        return np.where((sorts == "reactions") | (sorts == "velocities"), size, 0.0)
+
+    def _join_frames(self, spans: Array) -> None:
+        """Let the frame of a flexible body count with the motion of its points."""
+        places = {one.name + one.unit: k for k, one in enumerate(self._compared)}
+        for name, reach in self._gyration.items():
+            for rate, turns in (
+                ("", 2.0),
+                ("/s", 1.0),
+            ):  # Euler parameters change by half the angle
+                words = [f"bodies.{name}{unit}{rate}" for unit in ("m", "rad")]
+                pair = [places[word] for word in words if word in places]
+                if len(pair) == 2:
+                    sizes = np.array([1.0, reach * turns])
+                    spans[pair] = (spans[pair] * sizes).max() / sizes
 
 
 def _compared(layout: Layout, model: Model) -> list[_Compared]:
@@ -362,7 +399,7 @@ class VerifiedRun:
         turn = max(1.0, _SPUN * span * float(max(spun, default=0.0)))
         least = {"m": length, "rad": turn, "m/s": length / span, "rad/s": turn / span}
         at_rest = {unit: _NO_MOTION * size for unit, size in least.items()}
-        error = MeasuredError(compiled.layout, model, at_rest, span)
+        error = MeasuredError(compiled.layout, model, at_rest, span, gyration(compiled))
         return cls(scout, fine, error, recorded, of_scout, passes)
 
     def advance(self, first: bool = False) -> tuple[int, list[OutputBlock]]:
