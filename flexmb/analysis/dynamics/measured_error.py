@@ -194,15 +194,15 @@ class MeasuredError:
         spans, largest = self._spans(), dict[str, ErrorOf]()
         apart = np.divide(self._largest[0], spans, out=np.zeros(len(spans)), where=spans > 0.0)
         # once the runs have parted, the finer one is no better than the other
-        parted = self._largest[0] > _PARTED * np.maximum(spans, self._sizes())
-        errors = np.where(parted, apart, apart / (max(ratio, 1.0 + 1e-9) - 1.0))
+        different = self._largest[0] > _PARTED * np.maximum(spans, self._sizes())
+        errors = np.where(different, apart, apart / (max(ratio, 1.0 + 1e-9) - 1.0))
         for k, (one, error) in enumerate(zip(self._compared, errors, strict=True)):
             if one.quantity not in largest or error > largest[one.quantity].error:
                 worst = ErrorOf(float(error), one.name, float(self._largest[1, k]))
                 low, high = (bound[k] for bound in self._range)
                 if spans[k] > (1 + 1e-9) * max(np.max(high - low), 0.0):
-                    joined = one.name.removeprefix("bodies.") in self._gyration
-                    over = _OF_POINTS if joined else _FLOORS[one.quantity]
+                    flexible = one.name.removeprefix("bodies.") in self._gyration
+                    over = _OF_POINTS if flexible else _FLOORS[one.quantity]
                     worst = replace(worst, over=over)
                 largest[one.quantity] = worst
         self._results[ratio] = largest

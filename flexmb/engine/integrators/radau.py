@@ -279,9 +279,9 @@ def _allowed(run, h):
 def _predict(run, radau, h):
     """Stages by the accelerations and multipliers of the last step, extrapolated."""
     st, col, span = run.state, run.work.collocation, run.work.collocation.span
-    known, before = span[1] > 0.0, st.memory[0]["last_step"]
+    has_step, before = span[1] > 0.0, st.memory[0]["last_step"]
     for i in range(STAGES):
-        x = (st.t[0] + radau.c[i] * h - span[0]) / span[1] if known else 0.0
+        x = (st.t[0] + radau.c[i] * h - span[0]) / span[1] if has_step else 0.0
         for j in range(STAGES):
             w = 1.0
             for k in range(STAGES):
@@ -290,7 +290,7 @@ def _predict(run, radau, h):
             col.share[i, j] = w
     for k in range(st.v.shape[0]):
         for i in range(STAGES):
-            col.next_a[i, k] = _sum(col.share[i], col.a, k) if known else st.vd[k]
+            col.next_a[i, k] = _sum(col.share[i], col.a, k) if has_step else st.vd[k]
     if run.settings.follow == 1:
         walk(run.stages.static_path, run, run.state_point)
     for k in range(st.v.shape[0]):
@@ -300,7 +300,7 @@ def _predict(run, radau, h):
             col.u[i, k] = h * _sum(radau.A[i], col.v, k)
     for k in range(st.lam.shape[0]):
         for i in range(STAGES):
-            col.next_lam[i, k] = _sum(col.share[i], col.lam, k) if known else st.lam[k]
+            col.next_lam[i, k] = _sum(col.share[i], col.lam, k) if has_step else st.lam[k]
         rise = (st.lam[k] - st.lam_before[k]) / before if before > 0.0 else 0.0
         for i in range(STAGES):
             col.lam[i, k] = col.next_lam[i, k]

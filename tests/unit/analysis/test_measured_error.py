@@ -227,3 +227,34 @@ def test_the_speed_of_a_rotor_is_judged_by_the_speed_and_not_by_its_round_off():
     assert worst.name == "bodies.a" and "0.001 of its largest" in worst.over
     assert worst.error == pytest.approx(4e-6 * np.abs(np.sin(T)).max() / 32 / 0.4, rel=1e-6)
     assert fed(made, coarse, fine).largest(RATIO)["velocities"].name == "bodies.b"
+
+
+def test_the_frame_of_a_flexible_body_is_judged_by_the_motion_of_its_points():
+    """A jitter of 1 um of the frame of a body of 0.5 m about it that turns by 2."""
+    made = model()
+    coarse, fine = Rows(made, T), Rows(made, T)
+    body = fine.layout.bodies[0]
+    for rows, off in ((coarse, 1e-6), (fine, 0.0)):
+        rows.block.q[:, body.iq] = 1e-6 * np.sin(T) + off * np.cos(T)
+        rows.block.q[:, body.iq + 3] = 0.1 * T  # Euler parameter: half the angle
+    told = {}
+    for reach in ({}, {"a": 0.5}):
+        error = MeasuredError(fine.layout, made, gyration=reach)
+        error.add(coarse.block, fine.block)
+        told[len(reach)] = error.largest(RATIO)["positions"]
+    assert told[0].error > 0.1
+    assert told[1].error == pytest.approx(1e-6 / (RATIO - 1) / (0.5 * 2.0), rel=1e-3)
+    assert "points" in told[1].over
+
+
+def test_a_reaction_that_is_zero_but_for_errors_does_not_make_two_runs_different_motions():
+    """Apart by half a thousandth of the largest: less by the order; by half of it: not."""
+    made = model()
+    for apart, share in ((0.5e-3, 0.5 / (RATIO - 1)), (0.5, 500.0)):
+        coarse, fine = Rows(made, T), Rows(made, T)
+        for rows, off in ((coarse, apart), (fine, 0.0)):
+            rows.block.reactions[:, 0] = np.sin(T) ** 2
+            rows.block.reactions[:, 12] = off * (T == 5.0)
+        worst = fed(made, coarse, fine).largest(RATIO)["reactions"]
+        assert "hinge_b" in worst.name
+        assert worst.error == pytest.approx(share, rel=1e-2)
