@@ -27,7 +27,7 @@ from flexmb.model.markers import GroundSpec, MarkerSpec
 from flexmb.model.plane import read_plane
 from flexmb.model.quantities import plain
 from flexmb.model.reading import GROUND, ReadContext, Spec, read_entry, split_reference, under
-from flexmb.model.scenes.consistency import far_markers, impact_warnings, model_problems
+from flexmb.model.scenes.consistency import far_markers, idle_loads, impact_warnings, model_problems
 from flexmb.model.scenes.conversion import build, read_gravity, resolve_parameters, scene_dict
 from flexmb.model.scenes.dynamics import (
     AssemblySpec,
@@ -410,6 +410,7 @@ class Model:
             *far_markers(self, bodies),
             *(repeated_couplers(self, bodies) if self.couplers else ()),
             *impact_warnings(self),
+            *idle_loads(self),
         ]
 
     def to_scene_dict(

@@ -17,6 +17,7 @@ from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.model import lookup
 from flexmb.model.body import BodySpec
 from flexmb.model.control import CHANNEL_SECTIONS, broken_channels, channel_problems
+from flexmb.model.excitation import loads_beside_interfaces
 from flexmb.model.flexible_body import FlexbodySpec, FlexibleBodySpec
 from flexmb.model.functions.derivatives import first_discontinuities
 from flexmb.model.functions.function import Function
@@ -244,6 +245,23 @@ def impact_warnings(model: ModelData) -> Iterator[str]:
                     f'{where}: the velocity of "{function.expression.text}" jumps at '
                     f"t = {model.units.say(time, 's')}, an impact, whose impulse reactions do not "
                     "show; use a spline or a step without corners"
+                )
+
+
+def idle_loads(model: ModelData) -> Iterator[str]:
+    """Sentences about loads of bodies, which shape their modes, in scenes that expect them to act:
+    all but forces on nodes of a body on which something acts beside its interfaces."""
+    if model.dynamics is None:
+        return
+    answered = {owner for _, owner, _ in loads_beside_interfaces(model)}
+    for body, spec in model.bodies.items():
+        for name, load in getattr(spec, "loads", {}).items():
+            if load.type != "force" or body not in answered:
+                yield (
+                    f"bodies.{body}.loads.{name}: adds its static response to the modes, but does "
+                    "not act in a run; what acts is gravity and forces on markers: on an interface "
+                    "of type rbe3 over faces (without nodes of other interfaces) a force is a "
+                    "uniform traction"
                 )
 
 

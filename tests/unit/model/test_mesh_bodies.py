@@ -225,3 +225,27 @@ def test_a_file_of_own_modes_is_told_by_its_path(tmp_path):
     written = model.to_scene_dict(tmp_path / "sub")["bodies"]["rod"]
     assert (written["mesh"], written["modes"]) == ("../rod.msh", "../own.npz")
     assert Path(written["modes"]).suffix == ".npz"
+
+
+def test_loads_of_a_body_that_do_not_act_are_told(tmp_path):
+    """All but a force of a body on which something acts beside its interfaces; none in a part."""
+    plate = """[bodies.plate]
+mesh = { type = "plate", length = 1, width = 0.2, divisions = [4, 2] }
+material = "steel"
+sections = { all = { type = "shell", thickness = 0.01 } }
+interfaces = { root = "x0" }
+markers.p = { node = 7 }
+[bodies.plate.loads]
+wind = { type = "pressure", group = "surface", pressure = 500 }
+push = { type = "force", node = 7, force = [0, 0, 1] }
+"""
+    run = "[dynamics]\nduration = 1\nstep = 1e-3\n"
+    force = '[forces.f]\ntype = "force"\nat = "plate.p"\nvalue = [0, 0, 1]\n'
+    told = []
+    for text in (plate, plate + run, plate + force + run):
+        path = tmp_path / "scene.toml"
+        path.write_text(text)
+        sentences = load_scene(path).warnings()
+        assert all("does not act in a run" in sentence for sentence in sentences)
+        told.append([sentence.split(":")[0].split(".")[-1] for sentence in sentences])
+    assert told == [[], ["wind", "push"], ["wind"]]
