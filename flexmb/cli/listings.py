@@ -116,9 +116,7 @@ def help_pages(
     ] = False,
     html: Annotated[
         Path | None,
-        typer.Option(
-            "--html", metavar="FOLDER", help="Write the manual as HTML pages with a search."
-        ),
+        typer.Option(metavar="FOLDER", help="Write the manual as HTML pages with a search."),
     ] = None,
 ) -> None:
     """Show the manual: its pages, one page, or the sections that hold some words.

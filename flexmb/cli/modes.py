@@ -64,14 +64,10 @@ def modes(
     pictures: Annotated[
         Path | None,
         typer.Option(
-            "--pictures",
-            metavar="FOLDER",
-            help="Draw the modes that are shown, up to six, each displaced by it.",
+            metavar="FOLDER", help="Draw the modes that are shown, up to six, each displaced by it."
         ),
     ] = None,
-    root_locus: Annotated[
-        Path | None, typer.Option("--root-locus", help="With --vary: the root locus.")
-    ] = None,
+    root_locus: Annotated[Path | None, typer.Option(help="With --vary: the root locus.")] = None,
 ) -> None:
     """Show the linearised modes about a state: frequencies, damping, stability.
 
@@ -200,9 +196,7 @@ def response(
             help="What acts: a component of a force (push.x), a line force, spring or driver.",
         ),
     ] = None,
-    sensor: Annotated[
-        str | None, typer.Option("--sensor", help="Channel that answers, such as tip.z.")
-    ] = None,
+    sensor: Annotated[str | None, typer.Option(help="Channel that answers, such as tip.z.")] = None,
     frequencies: Annotated[
         str, typer.Option(help="In Hz: 1,2,5 or 0.1..100:200 (200 at equal ratios).")
     ] = "0.1..100:200",
@@ -277,9 +271,7 @@ def statics(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="With --vary: plot (.png, .pdf, .svg).")
     ] = None,
-    table: Annotated[
-        Path | None, typer.Option("--table", help="With --vary: all channels (.csv).")
-    ] = None,
+    table: Annotated[Path | None, typer.Option(help="With --vary: all channels (.csv).")] = None,
 ) -> None:
     """Show the equilibria of a scene at rest, or follow one over a parameter or time.
 

@@ -40,7 +40,6 @@ def plot(
     against: Annotated[
         str | None,
         typer.Option(
-            "--against",
             metavar="CHANNEL",
             help="The channel of the abscissa in place of time; of campbell a speed.",
         ),

@@ -96,8 +96,7 @@ def reduce(
         bool, typer.Option("--report", help="Compare the bodies with their full models.")
     ] = False,
     up_to: Annotated[
-        float | None,
-        typer.Option("--up-to", metavar="HZ", help="Compare frequencies up to this one."),
+        float | None, typer.Option(metavar="HZ", help="Compare frequencies up to this one.")
     ] = None,
     pictures: Annotated[
         bool, typer.Option("--pictures", help="Draw the first six modes into the same folder.")
