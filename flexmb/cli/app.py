@@ -74,6 +74,12 @@ app = typer.Typer(
 )
 _options = {"debug": False}  # before the command
 
+
+def output_option(help: str) -> Any:
+    """The option ``--output`` of a command, ``-o`` for short."""
+    return typer.Option("--output", "-o", help=help)
+
+
 Scene = Annotated[Path, typer.Argument(help="Scene file (TOML).")]
 RunFile = Annotated[Path, typer.Argument(help="Result file, or the folder it is in.")]
 Overrides = Annotated[
@@ -114,11 +120,7 @@ JudgedSensors = Annotated[
 ]
 RunsFolder = Annotated[
     Path | None,
-    typer.Option(
-        "--output",
-        "-o",
-        help="Folder of the runs; by default out/<scene>/ with this command's name.",
-    ),
+    output_option("Folder of the runs; by default out/<scene>/ with this command's name."),
 ]
 Fresh = Annotated[bool, typer.Option("--fresh", help="Run again what an earlier call left there.")]
 NoPicture = Annotated[bool, typer.Option("--no-picture", help="Do not draw the picture and plot.")]

@@ -12,7 +12,15 @@ from typing import Annotated, Any
 import typer
 
 from flexmb.cli import screen
-from flexmb.cli.app import FAILED_CHECK, Overrides, Scene, command, parse_names, parse_pairs
+from flexmb.cli.app import (
+    FAILED_CHECK,
+    Overrides,
+    Scene,
+    command,
+    output_option,
+    parse_names,
+    parse_pairs,
+)
 
 _DERIVED = ("count", "delta", "delta_without_drivers", "redundant", "singular")
 
@@ -126,9 +134,9 @@ def _report_json(report: Any) -> str:
 @command("check-all")
 def check_all(
     folder: Annotated[Path, typer.Argument(help="Folder of scenes, with its subfolders.")],
-    output: Annotated[
-        Path, typer.Option("--output", "-o", help="Folder for everything that is written.")
-    ] = Path("out/check-all"),
+    output: Annotated[Path, output_option("Folder for everything that is written.")] = Path(
+        "out/check-all"
+    ),
     workers: Annotated[int, typer.Option(help="Scenes that are run at the same time.")] = 2,
 ) -> None:
     """Run all scenes of a folder and compare them with their known answers ([[check]]).
@@ -182,11 +190,7 @@ def compare(
     overrides: Overrides = None,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            help="Overlaid plot of the channels that differ most (.png, .pdf, .svg).",
-        ),
+        output_option("Overlaid plot of the channels that differ most (.png, .pdf, .svg)."),
     ] = None,
     folder: Annotated[Path, typer.Option(help="Folder for the results of scenes.")] = Path(
         "out/compare"

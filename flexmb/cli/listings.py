@@ -14,7 +14,7 @@ from typing import Annotated
 import typer
 
 from flexmb.cli import screen
-from flexmb.cli.app import MISTAKE, command
+from flexmb.cli.app import MISTAKE, command, output_option
 from flexmb.errors import OutputError
 from flexmb.manual import Page
 
@@ -75,9 +75,7 @@ def new(
 
 @command()
 def schema(
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="File to write; the screen by default.")
-    ] = None,
+    output: Annotated[Path | None, output_option("File to write; the screen by default.")] = None,
 ) -> None:
     """Write the JSON schema of scenes, for editors.
 

@@ -10,7 +10,15 @@ from typing import Annotated, Any
 import typer
 
 from flexmb.cli import screen
-from flexmb.cli.app import Overrides, Scene, command, parse_names, parse_pairs, refuse_options
+from flexmb.cli.app import (
+    Overrides,
+    Scene,
+    command,
+    output_option,
+    parse_names,
+    parse_pairs,
+    refuse_options,
+)
 from flexmb.errors import FlexmbError
 
 _BODIES = 3  # that are named for a mode
@@ -56,10 +64,7 @@ def modes(
     ] = None,
     overrides: Overrides = None,
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", help="With --vary: the Campbell diagram (.png, .pdf, .svg)."
-        ),
+        Path | None, output_option("With --vary: the Campbell diagram (.png, .pdf, .svg).")
     ] = None,
     pictures: Annotated[
         Path | None,
@@ -207,9 +212,7 @@ def response(
         str, typer.Option(help="Of a scene: quasi-static, undeformed, static or initial.")
     ] = "quasi-static",
     overrides: Overrides = None,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Plot of amplitude and phase.")
-    ] = None,
+    output: Annotated[Path | None, output_option("Plot of amplitude and phase.")] = None,
 ) -> None:
     """Show the frequency response between an actuator and a sensor, about a state.
 
@@ -268,9 +271,7 @@ def statics(
         int, typer.Option(help="Without --vary: poses from which equilibria are sought.", min=1)
     ] = 30,
     overrides: Overrides = None,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="With --vary: plot (.png, .pdf, .svg).")
-    ] = None,
+    output: Annotated[Path | None, output_option("With --vary: plot (.png, .pdf, .svg).")] = None,
     table: Annotated[Path | None, typer.Option(help="With --vary: all channels (.csv).")] = None,
 ) -> None:
     """Show the equilibria of a scene at rest, or follow one over a parameter or time.

@@ -16,6 +16,7 @@ from flexmb.cli.app import (
     RunFile,
     Scene,
     command,
+    output_option,
     parse_names,
     parse_numbers,
     parse_pairs,
@@ -41,8 +42,7 @@ def part(
         bool, typer.Option("--vtu", help="Write the fields for ParaView too: <body>.part.vtu.")
     ] = False,
     output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Folder to write to; out/<scene> by default."),
+        Path | None, output_option("Folder to write to; out/<scene> by default.")
     ] = None,
 ) -> None:
     """Solve one body of a scene by itself: static solution, frequencies, buckling.
@@ -200,11 +200,9 @@ def stress(
     force: Annotated[bool, typer.Option("--force", help="Replace what exists.")] = False,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            help="A .csv or .h5 file: the envelope over the run at all places, with --time all "
-            "places at that time, with --nodes histories, such as for durability.",
+        output_option(
+            "A .csv or .h5 file: the envelope over the run at all places, with --time all "
+            "places at that time, with --nodes histories, such as for durability."
         ),
     ] = None,
 ) -> None:

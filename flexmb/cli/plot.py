@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from flexmb.cli import screen
-from flexmb.cli.app import command, parse_names
+from flexmb.cli.app import command, output_option, parse_names
 from flexmb.cli.render import ViewWords, view_words
 from flexmb.errors import FlexmbError, ResultFileError
 
@@ -53,11 +53,8 @@ def plot(
     log: Annotated[bool, typer.Option("--log", help="Of a spectrum: amplitudes as logs.")] = False,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            help="File that ends in .png, .pdf or .svg; plot.png beside the (first) result by "
-            "default.",
+        output_option(
+            "File that ends in .png, .pdf or .svg; plot.png beside the (first) result by default."
         ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that exists.")] = False,
@@ -210,11 +207,7 @@ def report(
     ],
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            help="File that ends in .html; report.html beside the (first) result by default.",
-        ),
+        output_option("File that ends in .html; report.html beside the (first) result by default."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that exists.")] = False,
     no_motion: Annotated[

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from flexmb.cli import screen
-from flexmb.cli.app import RunFile, command, parse_names
+from flexmb.cli.app import RunFile, command, output_option, parse_names
 from flexmb.cli.check import show_check
 from flexmb.cli.part import show_part
 from flexmb.cli.reduce import show_body
@@ -110,11 +110,7 @@ def export(
     result: RunFile,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            help="File to write, its format by its ending; <result>.csv by default.",
-        ),
+        output_option("File to write, its format by its ending; <result>.csv by default."),
     ] = None,
     channels: Annotated[
         str | None,

@@ -12,6 +12,7 @@ from flexmb.cli.app import (
     FAILED_CHECK,
     Overrides,
     command,
+    output_option,
     parse_pairs,
     parse_table,
     refuse_options,
@@ -103,11 +104,9 @@ def reduce(
     ] = False,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            help="File to write, <mesh>.flexbody.h5 here by default; of a scene the folder, "
-            "out/<scene> by default.",
+        output_option(
+            "File to write, <mesh>.flexbody.h5 here by default; of a scene the folder, "
+            "out/<scene> by default."
         ),
     ] = None,
 ) -> None:

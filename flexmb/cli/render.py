@@ -12,6 +12,7 @@ from flexmb.cli import screen
 from flexmb.cli.app import (
     RunFile,
     command,
+    output_option,
     parse_direction,
     parse_exaggeration,
     parse_names,
@@ -153,11 +154,7 @@ def render(
     force: Force = False,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            help="PNG file; by default picture.png or <body>.modes.png in the same folder.",
-        ),
+        output_option("PNG file; by default picture.png or <body>.modes.png in the same folder."),
     ] = None,
 ) -> None:
     """Draw the mechanism at a time of a run, or mode shapes of a flexible body, off-screen.
@@ -223,11 +220,9 @@ def film(
     file: Pictured,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            help="File .mp4 or .gif, or a folder for PNG pictures; film.mp4 beside the result, or "
-            "film.gif without an encoder.",
+        output_option(
+            "File .mp4 or .gif, or a folder for PNG pictures; film.mp4 beside the result, or "
+            "film.gif without an encoder."
         ),
     ] = None,
     fps: Annotated[float, typer.Option(help="Frames per second.")] = 25.0,
@@ -308,11 +303,9 @@ def view(
     result: RunFile,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            help="Write a web page there, a file .html; a window opens on a desktop, and "
-            "view.html is written beside the result where there is none.",
+        output_option(
+            "Write a web page there, a file .html; a window opens on a desktop, and "
+            "view.html is written beside the result where there is none."
         ),
     ] = None,
     page: Annotated[bool, typer.Option("--page", help="A web page also on a desktop.")] = False,

@@ -19,6 +19,7 @@ from flexmb.cli.app import (
     RunFile,
     Scene,
     command,
+    output_option,
     parse_pairs,
 )
 
@@ -27,10 +28,7 @@ from flexmb.cli.app import (
 def run(
     scene: Scene,
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", help="Folder for everything that is written; out/<scene> by default."
-        ),
+        Path | None, output_option("Folder for everything that is written; out/<scene> by default.")
     ] = None,
     overrides: Overrides = None,
     analysis: Annotated[
@@ -129,10 +127,7 @@ def inverse(
         ),
     ] = None,
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", help="Folder for everything that is written; out/<scene> by default."
-        ),
+        Path | None, output_option("Folder for everything that is written; out/<scene> by default.")
     ] = None,
     overrides: Overrides = None,
     no_picture: NoPicture = False,
