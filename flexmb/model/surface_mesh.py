@@ -21,9 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import SceneError
-from flexmb.flexbody.arrays import Array
-
-Indices = NDArray[np.int64]
+from flexmb.flexbody.arrays import Array, IntArray
 
 _MAX_BYTES, _MAX_TRIANGLES = 200e6, 2_000_000
 _SAME = 1e-7  # of its size: points of an STL file closer than this are one
@@ -42,7 +40,7 @@ _FACES: Mapping[int, tuple[tuple[int, ...], ...]] = {  # corners of the faces of
 _SURFACE_CELLS = (5, 9)
 
 
-def read_surface(path: Path) -> tuple[Array, Indices]:
+def read_surface(path: Path) -> tuple[Array, IntArray]:
     """Points (n, 3) and triangles (t, 3) of a file, in its own unit.
 
     Raises
@@ -73,14 +71,14 @@ def read_surface(path: Path) -> tuple[Array, Indices]:
     return points, faces
 
 
-def pack_surface(points: Array, faces: Indices) -> str:
+def pack_surface(points: Array, faces: IntArray) -> str:
     """A surface as a text, points in single precision."""
     raw = struct.pack("<ii", len(points), len(faces))
     raw += points.astype("<f4").tobytes() + faces.astype("<i4").tobytes()
     return base64.b64encode(zlib.compress(raw)).decode()
 
 
-def unpack_surface(text: str) -> tuple[Array, Indices]:
+def unpack_surface(text: str) -> tuple[Array, IntArray]:
     """The surface of such a text.
 
     Raises
@@ -100,7 +98,7 @@ def unpack_surface(text: str) -> tuple[Array, Indices]:
     return points, faces
 
 
-def open_edges(faces: Indices) -> int:
+def open_edges(faces: IntArray) -> int:
     """How many edges have not two triangles, once in each direction; 0 of a closed surface."""
     pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     pairs = pairs[pairs[:, 0] != pairs[:, 1]]
@@ -111,7 +109,7 @@ def open_edges(faces: Indices) -> int:
     return int(np.sum((count % 2 != 0) | (balance != 0)))
 
 
-def enclosed(points: Array, faces: Indices) -> tuple[float, Array, Array]:
+def enclosed(points: Array, faces: IntArray) -> tuple[float, Array, Array]:
     """Volume, centre (3,), and second moments (3, 3) about it over the volume.
 
     The sum over the tetrahedra between the triangles and a point; a surface that is inside out
@@ -129,7 +127,7 @@ def enclosed(points: Array, faces: Indices) -> tuple[float, Array, Array]:
     return abs(volume), origin + center, np.asarray(second) - np.outer(center, center)
 
 
-def _read_stl(data: bytes) -> tuple[Array, Indices]:
+def _read_stl(data: bytes) -> tuple[Array, IntArray]:
     count = struct.unpack("<I", data[80:84])[0] if len(data) >= 84 else -1
     if len(data) == 84 + 50 * count:
         rows = np.frombuffer(
@@ -150,7 +148,7 @@ def _read_stl(data: bytes) -> tuple[Array, Indices]:
     return corners[first], number.reshape(-1, 3).astype(np.int64)
 
 
-def _read_vtu(data: bytes) -> tuple[Array, Indices]:
+def _read_vtu(data: bytes) -> tuple[Array, IntArray]:
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
         raise SceneError("holds definitions of entities, which no mesh needs")
     if b"<AppendedData" in data:

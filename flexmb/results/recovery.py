@@ -14,15 +14,12 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.errors import ResultFileError
 from flexmb.flexbody import FlexBody, InertiaResponse, StressModes, von_mises
-from flexmb.flexbody.arrays import Array
+from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.flexbody.stress_modes import SECTION_FORCES, SHELL_FORCES, STRESS
 from flexmb.results.reader import ResultReader
-
-IntArray = NDArray[np.int64]
 
 _BATCH_BYTES = 6.4e7  # of stress components at once
 _MAX_BYTES = 2e9  # of an answer that still fits into the memory of most machines

@@ -14,18 +14,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.errors import OutputError, ResultFileError
 from flexmb.flexbody import principal_stresses, von_mises
-from flexmb.flexbody.arrays import Array
+from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.flexbody.stress_modes import STRESS
 from flexmb.folders import whole_file
 from flexmb.results.kill_safe_file import DiskFile, uninterrupted
 from flexmb.results.recovery import Recovery, labels
-
-IntArray = NDArray[np.int64]
-
 
 _COMPONENTS = (*STRESS, "von_mises", "p1", "p2", "p3")
 _ENDINGS = (".csv", ".txt", ".h5", ".hdf5")

@@ -16,10 +16,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.flexbody import FlexBody
-from flexmb.flexbody.arrays import Array
+from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.flexbody.parts import Surface
 from flexmb.model.body import RigidBodySpec
 from flexmb.model.joints.curve import curve_shape
@@ -53,9 +52,6 @@ _LINK = 0.012  # radius of a link
 _LUMP = 0.022  # radius of a centre of mass
 _LARGEST_LUMP = 0.1  # edge of a box of the body's inertia, above which a ball stands for it
 _CAM, _WIRE, _FLAT = 0.06, 0.006, 0.16  # thickness, radius, edge
-
-
-Indices = NDArray[np.int64]
 
 
 def body_parts(mechanism: Mechanism, name: str, size: float, color: str) -> Iterator[Part]:
@@ -317,9 +313,9 @@ class Plates:
         How far it is moved along the normal there [m].
     """
 
-    middle: Indices
-    faces: Indices
-    source: Indices
+    middle: IntArray
+    faces: IntArray
+    source: IntArray
     offset: Array
 
     def thick(self, points: Array) -> Array:

@@ -14,16 +14,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flexmb.flexbody.arrays import Array
+from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.units import SI, UnitSystem
 from flexmb.view.camera import Camera
 from flexmb.view.mechanism import Display, applied, transform
 from flexmb.view.shapes import Triangles, axes_along, sharp_edges
-
-Indices = NDArray[np.int64]
-
 
 _SUITABLE = {  # units by the SI unit: below the limit, times the factor
     "m": ((1e-6, 1e9, "nm"), (1e-3, 1e6, "µm"), (1.0, 1e3, "mm"), (np.inf, 1.0, "m")),
@@ -68,16 +64,16 @@ class Deformed:
     name: str
     points: Array  # (n, 3) with the deformation exaggerated
     undeformed: Array  # (n, 3) as its reference holds it
-    faces: Indices  # (t, 3)
-    lines: Indices  # (l, 2)
+    faces: IntArray  # (t, 3)
+    lines: IntArray  # (l, 2)
     displacement: Array  # (n,) magnitude relative to the reference [m], not exaggerated
     color: str  # where no values are shown
     values: Array | None = None  # (n,) what the scale colours, SI; NaN where there is none
     opacity: float = 1.0
-    sharp: Indices | None = None  # (e, 2) its sharp edges where they are known
+    sharp: IntArray | None = None  # (e, 2) its sharp edges where they are known
 
     @property
-    def edges(self) -> Indices:
+    def edges(self) -> IntArray:
         """Point pairs (e, 2) of its sharp edges and borders."""
         return sharp_edges(self.undeformed, self.faces) if self.sharp is None else self.sharp
 

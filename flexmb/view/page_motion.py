@@ -12,17 +12,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flexmb.flexbody.arrays import Array
+from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.progress import Progress, silent
 from flexmb.results import Result
 from flexmb.view.content import Content, Deformed, Solid
 from flexmb.view.drawing import Drawing
 from flexmb.view.html_page import Html, packed, tag
 from flexmb.view.mechanism import Mechanism, applied
-
-Indices = NDArray[np.int64]
 
 _RIGID = 1e-6  # of its size by which a part may leave a rigid motion that moves it
 _FIT_POINTS = 64  # from which the rigid motion is estimated
@@ -43,7 +40,7 @@ _FACTORS = (0.0, 1.0)  # of deformation that can always be chosen
 class _Part:
     """One shape over all frames."""
 
-    faces: Indices  # (t, 3), of lines (l, 2)
+    faces: IntArray  # (t, 3), of lines (l, 2)
     color: str
     opacity: float = 1.0
     is_flexible: bool = False
@@ -256,7 +253,7 @@ def _flexible_part(bodies: Sequence[Deformed], contents: Sequence[Content], most
     return part
 
 
-def _thinned(points: Array, faces: Indices, most: int) -> tuple[Indices, Indices]:
+def _thinned(points: Array, faces: IntArray, most: int) -> tuple[IntArray, IntArray]:
     """Rows of the points that remain of a fine surface, and its triangles."""
     if faces.shape[1] == 2 or len(faces) <= most:
         used = np.unique(faces)

@@ -9,11 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from flexmb.flexbody.arrays import Array
-
-Indices = NDArray[np.int64]
+from flexmb.flexbody.arrays import Array, IntArray
 
 _AROUND = 48  # corners of a drawn circle
 _SHARP_DEGREES = 35.0  # edges sharper than this are drawn as lines
@@ -24,7 +22,7 @@ class Triangles:
     """Points (n, 3) [m] and triangles (t, 3) as rows of indices into them."""
 
     points: Array
-    faces: Indices
+    faces: IntArray
 
     def moved(self, r: ArrayLike, A: ArrayLike | None = None) -> Triangles:
         """Turned by A (3, 3), then shifted by r (3,)."""
@@ -231,7 +229,7 @@ def turn_arrow(radius: float, thickness: float, turn: float = 1.5 * np.pi) -> Tr
     return joined([torus(radius, thickness, turn), head])
 
 
-def sharp_edges(points: Array, faces: Indices) -> Indices:
+def sharp_edges(points: Array, faces: IntArray) -> IntArray:
     """Point pairs (e, 2) of the sharp edges of a surface, and of its border."""
     if not len(faces):
         return np.zeros((0, 2), dtype=np.int64)
@@ -253,7 +251,7 @@ def sharp_edges(points: Array, faces: Indices) -> Indices:
     return np.vstack([pairs[twin[cosine < np.cos(np.radians(_SHARP_DEGREES))]], pairs[alone]])
 
 
-def face_normals(points: Array, faces: Indices) -> Array:
+def face_normals(points: Array, faces: IntArray) -> Array:
     """Unit normals (t, 3) of triangles."""
     a, b, c = points[faces.T]
     normals = np.cross(b - a, c - a)
@@ -265,7 +263,7 @@ def _area(points: Array) -> float:
     return 0.5 * float(np.sum(points[:, 0] * after[:, 1] - points[:, 1] * after[:, 0]))
 
 
-def _ears(points: Array) -> Indices:
+def _ears(points: Array) -> IntArray:
     """Triangles (n - 2, 3) of a counter-clockwise polygon (n, 2)."""
     left, faces = list(range(len(points))), []
 

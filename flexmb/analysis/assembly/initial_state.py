@@ -36,12 +36,10 @@ from flexmb.engine.state import State, Work
 from flexmb.engine.tables import System
 from flexmb.engine.work import new_state, new_work
 from flexmb.errors import AssemblyError
-from flexmb.flexbody.arrays import Array
+from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.model.forces.force_characteristic import JointStopSpec
 from flexmb.model.model import Model
 from flexmb.results import BodyDamping
-
-Integers = NDArray[np.int64]
 
 _RIGID = 1e8  # how much stiffer than slow inertia the modes are while gaps close
 _SLOW = 1e3  # b of the quasi-static solve over 1/ω² of the softest mode
@@ -176,7 +174,7 @@ def _set_states(compiled: Compiled, state: State, work: Work, begin: StartValues
             state.v[start.iv] = work.con.fun[start.program, 0]
 
 
-def _modal_coordinates(compiled: Compiled) -> Integers:
+def _modal_coordinates(compiled: Compiled) -> IntArray:
     """(k,) places in v of all modes."""
     places = [body.iv + 6 + np.arange(body.m) for body in compiled.layout.bodies]
     return np.concatenate([np.zeros(0, np.int64), *places])
@@ -184,7 +182,7 @@ def _modal_coordinates(compiled: Compiled) -> Integers:
 
 def _equilibrate(
     compiled: Compiled,
-    rates: Integers,
+    rates: IntArray,
     b: float,
     state: State,
     work: Work,
@@ -279,7 +277,7 @@ def _stop_measure(compiled: Compiled, row: np.void, state: State, work: Work) ->
     return float(markers["R"][row["I"]][:, 2] @ h)
 
 
-def _stiffened(system: System, b: float, modes: Integers | None = None) -> System:
+def _stiffened(system: System, b: float, modes: IntArray | None = None) -> System:
     """The same system with modal masses M + b K, b in s², of all modes or some by place in v."""
     pool, added = system.parts.pool.copy(), np.ones(len(system.weights))
     if modes is not None:

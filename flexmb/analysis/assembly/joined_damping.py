@@ -43,14 +43,12 @@ from flexmb.engine.tables import BodyColumns, System
 from flexmb.engine.work import new_state, new_work
 from flexmb.errors import AssemblyError, FlexmbError, Problem, SceneError
 from flexmb.flexbody import FlexBody
-from flexmb.flexbody.arrays import Array
+from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.flexbody.damping import DampingOptions, read_damping
 from flexmb.flexbody.natural_modes import Vibrations, damping_matrix, damping_ratios, mass_at_rest
 from flexmb.model.markers import rotation_matrix
 from flexmb.model.model import Model
 from flexmb.results import BodyDamping
-
-Integers = NDArray[np.int64]
 
 _NO_MASS = 1e-11  # of the largest
 
@@ -201,7 +199,7 @@ class JoinedScene:
         at = sum(sizes[:n])
         return self.together.omega, self.together.eta[at : at + sizes[n]]
 
-    def vibrations(self, *bodies: int, still: Integers | None = None) -> Vibrations:
+    def vibrations(self, *bodies: int, still: IntArray | None = None) -> Vibrations:
         """Vibrations of a body, or of several together, as joined, all others rigid.
 
         `still` (k,) are places in v of modes that do not move.
@@ -287,7 +285,7 @@ def choose_static_modes(compiled: Compiled, q: Array) -> Compiled:
     return replace(compiled, system=free_static_modes(compiled.system))
 
 
-def condensation(M: Array, K: Array) -> tuple[Array, Array, Integers]:
+def condensation(M: Array, K: Array) -> tuple[Array, Array, IntArray]:
     """Static equilibrium of motions without mass (Guyan).
 
     M (n, n) is symmetric, K (n, n) need not be. Returns T and L (n, k) with the condensed matrices

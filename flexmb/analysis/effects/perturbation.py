@@ -20,7 +20,6 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import numerical_rank, one_blas_thread
 from flexmb.analysis.effects.stored_motion import Motion, equations_of
@@ -32,8 +31,6 @@ from flexmb.engine.units import call, hand_over, prepare_units
 from flexmb.engine.work import new_run, new_state, new_work, units_of
 from flexmb.errors import FlexmbError
 from flexmb.flexbody.arrays import Array
-
-Indices = NDArray[np.int64]
 
 _UNRESOLVED = 1.0  # rad of a vibration between two rows from which on they do not resolve it
 _ROUNDS = 2  # of what such vibrations do slowly

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flexmb.analysis.assembly.initial_state import StartValues, assemble
 from flexmb.analysis.assembly.jacobian import ConstraintRows, column_scales, one_blas_thread
@@ -33,7 +33,7 @@ from flexmb.engine.bodies.static_modes import static_bodies
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import State
 from flexmb.errors import Problem, SceneError, nearest
-from flexmb.flexbody.arrays import Array
+from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.model.model import Model
 
 _REST = 1e-12  # 1/s, rate of change of a state at rest
@@ -43,7 +43,6 @@ _MAX_OBSERVERS = 8
 
 
 _GROWTH = 1e-6  # Re λ/|λ| that is round-off
-Numbers = NDArray[np.int64]
 _MATCHED = 40  # modes that are followed
 
 
@@ -332,7 +331,7 @@ class ModeSweep:
         """Match the modes from value to value."""
         k = min(_MATCHED, max(len(one.eigenvalues) for one in made))
         eigenvalues = np.full((len(made), k), complex(np.nan, np.nan))
-        order: Numbers = np.arange(min(k, len(made[0].eigenvalues)))
+        order: IntArray = np.arange(min(k, len(made[0].eigenvalues)))
         eigenvalues[0, : len(order)] = made[0].eigenvalues[order]
         columns = order.copy()
         for i, (before, one) in enumerate(zip(made, made[1:], strict=False), start=1):
@@ -363,7 +362,7 @@ class ModeSweep:
         return tuple(seen.values())
 
 
-def _match(before: Linearization, order: Numbers, after: Linearization, most: int) -> Numbers:
+def _match(before: Linearization, order: IntArray, after: Linearization, most: int) -> IntArray:
     """Which modes of `after` continue those numbered `order` of `before`."""
     n = min(most, len(after.eigenvalues))
     old, new = before.eigenvalues[order], after.eigenvalues[:n]
@@ -379,7 +378,7 @@ def _match(before: Linearization, order: Numbers, after: Linearization, most: in
     from scipy.optimize import linear_sum_assignment  # takes 0.2 s
 
     rows, columns = linear_sum_assignment(gap)
-    match: Numbers = np.zeros(len(rows), np.int64)
+    match: IntArray = np.zeros(len(rows), np.int64)
     match[np.argsort(rows)] = columns
     return match
 

@@ -24,9 +24,7 @@ from flexmb.engine.state import State, Work
 from flexmb.engine.tables import Kkt
 from flexmb.engine.units import call, hand_over, prepare_units
 from flexmb.engine.work import new_run, new_work, units_of
-from flexmb.flexbody.arrays import Array
-
-Numbers = NDArray[np.int64]
+from flexmb.flexbody.arrays import Array, IntArray
 
 # Factors that let one term of S = M + cv D + cp K stand alone: powers of two, so that nothing is
 # rounded. Terms of the feedback are there only with cv > 0.
@@ -130,13 +128,13 @@ class StateEquations:
         return out
 
 
-def _matrix_places(kkt: Kkt) -> tuple[tuple[Numbers, Numbers], tuple[Numbers, Numbers]]:
+def _matrix_places(kkt: Kkt) -> tuple[tuple[IntArray, IntArray], tuple[IntArray, IntArray]]:
     """Of the panels of L and U: which of their entries stand in S, and at which place of it."""
     n, size = len(kkt.place), int(kkt.panels["nc"].sum()) + 1  # the last one: what is left out
     own = np.full(size, -1)
     own[kkt.place] = np.arange(n)
     own[-1] = -1
-    entries: tuple[list[Numbers], list[Numbers]] = ([], [])
+    entries: tuple[list[IntArray], list[IntArray]] = ([], [])
     for panel in kkt.panels:
         at, nc, nr, col = (int(panel[word]) for word in ("at", "nc", "nr", "col"))
         columns = np.arange(col, col + nc)
