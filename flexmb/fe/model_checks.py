@@ -366,8 +366,22 @@ def model_findings(
     return [
         *(Finding("warning", sentence) for sentence in sentences if sentence),
         *mesh_report(model.mesh, model.blocks, linked),
+        *_without_section(model),
         *_opposed(model),
     ]
+
+
+def _without_section(model: MeshModel | FEMatrices) -> Iterator[Finding]:
+    """Elements of a kind of which others belong to the body, by the groups that they are all of."""
+    for kind in dict.fromkeys(block.kind for block in model.blocks):
+        left = np.ones(len(model.mesh.blocks[kind]), dtype=bool)
+        left[np.concatenate([block.rows for block in model.blocks if block.kind == kind])] = False
+        if not left.any():
+            continue
+        groups = [name for name, rows in model.mesh.element_sets.items()
+                  if set(rows) == {kind} and left[rows[kind]].all()]  # fmt: skip
+        what = f"{left.sum()} of {len(left)} {kind} elements have no section and are left out"
+        yield Finding("note", f"{what}: {', '.join(groups)}" if groups else what)
 
 
 def _opposed(model: MeshModel | FEMatrices) -> Iterator[Finding]:

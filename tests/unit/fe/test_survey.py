@@ -231,3 +231,18 @@ def test_elements_that_are_too_stiff_are_told():
     (finding,) = told(soft, sections={}).findings
     assert finding.level == "warning"
     assert '192 elements of kind "tetra"' in finding.sentence
+
+
+def test_elements_without_a_section_beside_others_are_noted():
+    """A forgotten rib; the lines of a shell mesh, often borders, are none of its kind."""
+    plate = mesh_from({"type": "plate", "length": 1, "width": 1, "divisions": [4, 2]})
+    sets = {"skin": {"quad": np.arange(6)}, "rib": {"quad": np.arange(6, 8)}}
+    mesh = Mesh(plate.points, plate.blocks, {}, sets)
+    thin = {"type": "shell", "thickness": 0.01}
+    notes = {}
+    for names in (["skin"], ["skin", "rib"], ["all"]):
+        surveyed = survey(mesh, material="steel", sections=dict.fromkeys(names, thin))
+        notes[len(names), names[0]] = [one.sentence for one in surveyed.findings]
+    sentence = "2 of 8 quad elements have no section and are left out: rib"
+    assert sentence in notes.pop((1, "skin"))
+    assert not any("section" in text for texts in notes.values() for text in texts)
