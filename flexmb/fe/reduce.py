@@ -167,7 +167,7 @@ def reduce(
         then knows how much of the static response there its modes lack, and a run tells.
     stiffness, mass : (N, N) sparse, optional
         With a basis: matrices of the free body over its degrees of freedom; ``material`` then is
-        for stress alone.
+        for stress and what it stiffens.
     rigid : bool
         No modes: only mass, centre, inertia, interfaces, nodes and surface, without any solution.
     inspect : callable, optional
@@ -212,7 +212,7 @@ def reduce(
         if sentence := mass_sentence(fe, point_mass(masses)):
             findings.append(Finding("warning", sentence))
     if stiffens:
-        require_stresses(fe, ends)
+        require_stresses(fe, ends, material is not None)
     progress("read", 1.0)
     for finding in findings:
         if finding.level == "warning":

@@ -12,7 +12,7 @@ from truth.test_effects import channels, pendulum
 
 import flexmb
 from flexmb.analysis.assembly.joined_damping import condensation
-from flexmb.errors import ReductionError
+from flexmb.errors import ReductionError, SolverError
 from flexmb.fe import rectangle, reduce
 from flexmb.model import Model
 
@@ -274,6 +274,17 @@ def test_a_jump_of_a_load_leaves_no_rate_in_fixed_steps(load, method):
     )
     either = np.abs(result.time - 0.2) < 1e-9  # both sides of the jump are right there
     assert np.abs(steps - exact)[:, ~either].max() < 0.01 * np.abs(exact).max()
+
+
+def test_a_stop_that_is_stiffer_than_a_quasi_static_body_is_named():
+    made = Model("beam on a stop", gravity=[0, -9.81, 0])
+    made.add_body("beam", rod(0.01, 1.0, 10, 6), deformation="quasi-static")
+    made.add_joint("hub", "revolute", between=["ground", "beam.root"], axis="z")
+    made.add_marker("ground.below", position=[1.0, -0.2, 0])
+    made.add_force("bump", "stop", between=["ground.below", "beam.tip"], axis="y", lower=0.0,
+                   stiffness=2e4, damping=20.0, depth=1e-4)  # fmt: skip
+    with pytest.raises(SolverError, match=r"bodies.beam: loads .* stop .* \"automatic\" has them"):
+        flexmb.simulate(made, duration=0.3, outputs=30)
 
 
 @pytest.mark.slow

@@ -330,9 +330,10 @@ class _Pass:
         unstable = self._unstable(run)
         if unstable:
             return Ending("failed", unstable)
+        is_static = status == method.NO_LOOP or run.method.stages > 0
         cause = (
             self._validity.diverging(run.state)
-            or static_modes_sentence(run.compiled, run.method)
+            or (static_modes_sentence(run.compiled, run.method) if is_static else "")
             or nearly_redundant(run.compiled, run.state.q, run.state.q_first)
         )
         return Ending("failed", failure_sentence(

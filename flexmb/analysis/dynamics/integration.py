@@ -371,13 +371,15 @@ def _endless(t: float, step: float, left: float, limited: bool, static: str) -> 
 def static_modes_sentence(
     compiled: Compiled, integrator: method.Method, beside_dynamic: bool = False
 ) -> str:
-    """The sentence for bodies with quasi-static modes by an explicit method, or "".
+    """The sentence for bodies with quasi-static modes that a method cannot solve for, or "".
 
-    With `beside_dynamic` for those alone that have dynamic modes too, and are joined.
+    Of an explicit method, with `beside_dynamic` for those alone that have dynamic modes too, and are joined.
     """
     static = compiled.system.kinds.get(STATIC_MODES.name)
-    if static is None or integrator.stages == 0:
+    if static is None:
         return ""
+    if integrator.stages == 0:
+        return _unsettled(compiled, static.rows[static.kinetostatic == 1])
     rows = static.rows
     if beside_dynamic:
         markers, system = compiled.system.parts.markers, compiled.system
@@ -386,9 +388,19 @@ def static_modes_sentence(
         rows = rows[(static.kinetostatic == 0) & joined]
     if not len(rows):
         return ""
-    bodies = [compiled.layout.bodies[row] for row in rows]
-    names = ", bodies.".join(body.name for body in bodies)
+    names = ", bodies.".join(compiled.layout.bodies[row].name for row in rows)
     return (
         f"modes of bodies.{names} are quasi-static, which explicit methods cannot do where joints "
         f'need their compliance: use method = "{entries.STIFF_METHOD}"'
+    )
+
+
+def _unsettled(compiled: Compiled, rows: np.ndarray) -> str:
+    """The sentence for kinetostatic bodies whose loads follow their deformation too stiffly."""
+    if not len(rows):
+        return ""
+    names = ", bodies.".join(compiled.layout.bodies[row].name for row in rows)
+    return (
+        f"bodies.{names}: loads that depend on the deformation, such as a stop or a contact stiffer "
+        'than the body, do not settle with quasi-static modes; deformation = "automatic" has them'
     )

@@ -84,19 +84,23 @@ def with_geometric_stiffening(
     )
 
 
-def require_stresses(fe: FEMatrices, interfaces: tuple[ModelInterface, ...]) -> None:
+def require_stresses(
+    fe: FEMatrices, interfaces: tuple[ModelInterface, ...], has_material: bool = True
+) -> None:
     """Refuse a model whose geometric stiffness is not known.
 
     Raises
     ------
     ReductionError
-        There is no interface, or no element.
+        There is no interface, no element, or no material.
     """
     what = ""
     if not interfaces:
         what = "needs at least one interface, where the forces act that stiffen the body"
     elif not fe.blocks:
         what = "needs the stress in the elements, of which given matrices tell nothing"
+    elif not has_material:
+        what = "needs the stress in the elements: give the material of the matrices too"
     if what:
         raise ReductionError.from_problems([Problem("geometric_stiffening", what)])
 

@@ -283,8 +283,11 @@ def test_a_model_of_scikit_fem_is_reduced_as_ours(element, mesh):
 
 def test_a_model_without_material_has_no_stress_and_any_lagrange_element_does():
     basis, K, M = own()
-    body = flexmb.reduce(basis, stiffness=K, mass=M, interfaces={"left": "x0"}, modes=4)
+    words = {"stiffness": K, "mass": M, "interfaces": {"left": "x0"}, "modes": 4}
+    body = flexmb.reduce(basis, **words)
     assert body.stress is None and body.surface is not None
+    with pytest.raises(FlexmbError, match="geometric_stiffening: .* give the material"):
+        flexmb.reduce(basis, **words, geometric_stiffening="full")
     basis, K, M = own(skfem.ElementHex1, skfem.MeshHex1)
     made = flexmb.reduce(basis, stiffness=K, mass=M, material="steel", modes=4)
     assert made.stress is None and made.mass == pytest.approx(body.mass)
