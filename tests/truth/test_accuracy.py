@@ -145,6 +145,20 @@ def test_a_scene_of_kilometres_is_as_accurate(name, method):
     assert_reached_at(1e3, name, method)
 
 
+@pytest.mark.parametrize("method", ["auto", "radau", "generalized-alpha"])
+@pytest.mark.parametrize("name", ["top", "mass between stops", "spatial slider-crank"])
+def test_units_that_are_powers_of_two_change_no_bit(name, method):
+    """Such lengths round alike: all that differs by other units is round-off, and no scale."""
+    scene = SCENES[name]
+    knobs = {"duration": scene.duration / 3, "outputs": 20, "accuracy": 1e-3, **METHODS[method]}
+    plain = run(scene.make(1.0), **knobs)
+    for size in (2.0**-20, 2.0**10):
+        found = run(scene.make(size), **knobs)
+        np.testing.assert_array_equal(found.sensors, size * plain.sensors)
+        told = (one.statistics["measured_error_of_positions"] for one in (found, plain))
+        assert next(told) == next(told)
+
+
 @pytest.mark.parametrize(("name", "method"), changed("beside"))
 def test_a_small_sensor_beside_a_large_motion_is_as_accurate(name, method):
     """A flywheel of 1 km turns far off."""

@@ -22,7 +22,7 @@ from flexmb.analysis.dynamics.integration import (
 )
 from flexmb.analysis.dynamics.passes import (
     PreparedDynamics,
-    error_statistics,
+    is_worse,
     keeps_failing,
     limited_by_stability,
     may_change_method,
@@ -187,6 +187,9 @@ def run_dynamics(prepared: PreparedDynamics, sink: Sink, *, progress: Progress =
                 f"steps for more accuracy failed ({ending.message}); those before are kept"
             )
             again, finished = finished.as_last_pass(), None
+        elif ending.status == "finished" and finished is not None and is_worse(prepared):
+            notes.append("steps for more accuracy are worse by round-off; those before are kept")
+            again, finished = finished.as_last_pass(), None
         else:
             tolerance = stricter_tolerance(prepared) if ending.status == "finished" else None
             if tolerance is None:
@@ -201,7 +204,8 @@ def run_dynamics(prepared: PreparedDynamics, sink: Sink, *, progress: Progress =
     reason = reason_of_method(spec, prepared.method, _is_flexible(compiled))
     if reason:
         statistics["reason_of_method"] = reason
-    statistics |= error_statistics(prepared)
+    if prepared.verified is not None:
+        statistics |= prepared.verified.statistics()
     if prepared.not_unique:
         statistics[NOT_UNIQUE] = ", ".join(prepared.not_unique)
     return Outcome(ending.status, ending.message, statistics, tuple(notes))

@@ -184,9 +184,9 @@ def set_least_motion(
     """Set motion and speed of all coordinates to what is rest or round-off.
 
     Round-off grows with the distance from the origin; a share of the size of the part of the
-    model that shares equations, so that what else moves, and where it stands, has no say. A body
-    reaches as far as its markers, and at least its radius of gyration: of a model whose bodies all
-    stand at the origin the first motion would be resolved down to the round-off of its drivers.
+    model that shares equations, so that what else moves, and where it stands, has no say. A part
+    that is driven is as large as the radius of gyration of its bodies at least: where they all
+    stand at one point the first motion would be resolved down to the round-off of the driver.
     """
     system, kkt = compiled.system, compiled.system.kkt
     bodies, markers, weights = system.parts.bodies, system.parts.markers, system.weights
@@ -196,15 +196,19 @@ def set_least_motion(
         part[own] = part[kkt.rows[panel["rows"]]] if panel["nr"] else panel["col"]
     of = part[kkt.place[: len(weights)]]
     spread, mass = np.trace(bodies["S0"], axis1=1, axis2=2), bodies["mass"]
-    arms = np.sqrt(np.divide(spread, mass, out=np.zeros(len(mass)), where=mass > 0.0))
-    on = markers["body"] >= 0
+    gyration = np.sqrt(np.divide(spread, mass, out=np.zeros(len(mass)), where=mass > 0.0))
+    arms, on = np.zeros(len(bodies)), markers["body"] >= 0
     reach = np.linalg.norm(markers["rho"] + markers["arm"], axis=1)
     np.maximum.at(arms, markers["body"][on], reach[on])
+    ends = system.rows[system.rows["fun"] >= 0]
+    driven = bodies["iv"][[b for end in "IJ" for b in markers["body"][ends[end]] if b >= 0]]
     low, high = np.full((len(part), 3), np.inf), np.full((len(part), 3), -np.inf)
-    for body, arm in zip(bodies, arms, strict=True):
+    wide = np.zeros((len(part), 1))
+    for body, arm, turns in zip(bodies, arms, gyration, strict=True):
         r, own = state.q[body["iq"] : body["iq"] + 3], of[body["iv"] : body["iv"] + 3]
         low[own], high[own] = np.minimum(low[own], r - arm), np.maximum(high[own], r + arm)
-    size = (high - low).max(axis=1)[of] * weights
+        wide[own] = np.maximum(wide[own], turns * np.isin(own, of[driven])[:, None])
+    size = np.maximum(high - low, wide).max(axis=1)[of] * weights
     away = np.maximum(abs(low), abs(high)).max(axis=1)[of] * weights
     for iv in bodies["iv"]:
         size[iv + 3 : iv + 6] = away[iv + 3 : iv + 6] = 1.0

@@ -74,6 +74,7 @@ _DAMPED_RATIO = 2.6
 # Difference of a pass below which that of the next one is compared with it; least share of the
 # order that two passes may show.
 _SAME_MOTION, _MIN_ORDER = 0.05, 0.5
+_MORE_STEPS = 1.1  # of a scout over those of the pass before, from which on their order is told
 _ORDER_LOST = 1.5  # with stiff states, of 2 at most
 _LUCK = 2.0  # ratio of errors of explicit methods by the pass before, over that by the order
 _LEAST_ERROR = 1e-15  # over the peak-to-peak
@@ -356,17 +357,19 @@ class VerifiedRun:
     def order(self) -> float:
         """That of the method, or less, where the difference fell less since the pass before.
 
-        Not where the runs were different motions then, whose difference says nothing. The bristles
-        of contacts follow with order one: a first pass can not tell whether that decides.
+        By the steps that both scouts took: where steps lock to a swing, a stricter tolerance gives
+        hardly more of them, and the difference has no reason to fall. Not where the runs were
+        different motions then, whose difference says nothing. The bristles of contacts follow with
+        order one: a first pass can not tell whether that decides.
         """
         integrator, passes, now = self.fine.method, self.passes[0], self.difference
         bristles = remembers_bristles(self.fine.compiled)
         highest = integrator.order - _ORDER_LOST * self._has_stiff_states
-        same = passes["last_tolerance"] == passes["tolerance"] or now == 0.0
-        if same or not 0.0 < passes["last_difference"] < _SAME_MOTION:
+        steps = self.scout.state.count[0]["steps"]
+        known = 0.0 < passes["last_difference"] < _SAME_MOTION and now > 0.0
+        if not known or steps < _MORE_STEPS * passes["last_steps"]:
             return 1 if bristles else highest
-        reduction = math.log(passes["last_tolerance"] / passes["tolerance"])
-        order = integrator.error_order * math.log(passes["last_difference"] / now) / reduction
+        order = math.log(passes["last_difference"] / now) / math.log(steps / passes["last_steps"])
         least = 1.0 if bristles else _MIN_ORDER * integrator.order
         return min(max(order, least), highest)
 
@@ -445,3 +448,18 @@ class VerifiedRun:
             luck = _LUCK if self.fine.method.stages else 1.0
             ratio = min(self.error.ratio_before() or ratio, luck * ratio)
         return self.error.largest(min(ratio, _DAMPED_RATIO) if damped else ratio)
+
+    def statistics(self) -> dict[str, float | int | str]:
+        """Measured errors, each with what it is the error of."""
+        statistics: dict[str, float | int | str] = {
+            "accuracy_asked": self.fine.settings.accuracy,
+            "passes": int(self.passes[0]["count"]),
+            "scout_steps": int(self.scout.state.count[0]["steps"]),
+        }
+        for quantity, worst in self.errors().items():
+            if quantity in ("positions", "velocities", "reactions"):
+                statistics[f"measured_error_of_{quantity}"] = worst.error
+                statistics[f"worst_of_{quantity}"] = f"{worst.name} at t = {worst.time:.4g} s"
+                if worst.over:
+                    statistics[f"scale_of_{quantity}"] = worst.over
+        return statistics

@@ -64,7 +64,7 @@ PASSES = np.dtype([
     ("tolerance", "f8"),  # local one
     ("count", "i8"),  # passes so far
     ("method", "i8"),  # its place in METHODS
-    ("last_tolerance", "f8"),  # of the pass before; 0: there was none
+    ("last_steps", "f8"),  # of the scout of the pass before; 0: there was none
     ("last_difference", "f8"),  # of the two runs of the pass before
 ])  # fmt: skip
 """Record of the passes of a run, saved with its state."""
@@ -74,8 +74,9 @@ _FIRST = "first_"  # before the names of the first state in what is saved
 # that the next pass aims at; from which on a note reports it; what can be asked for, over it.
 _ENOUGH, _AIM, _MISSED, _FLOOR = 0.6, 0.15, 1.0, 4.0
 # Times as many steps at most from pass to pass; what is left of the difference of the two runs
-# after a pass that was in vain, which after this many means that they part whatever the steps.
-_MAX_MORE_STEPS, _IN_VAIN, _MIN_PASSES = 5.0, 0.5, 2
+# after a pass that was in vain, which after this many means that they part whatever the steps;
+# times as far apart as before, where round-off rules.
+_MAX_MORE_STEPS, _IN_VAIN, _MIN_PASSES, _WORSE = 5.0, 0.5, 2, 10.0
 _MIN_TOLERANCE, _DIFFERENT_MOTION = 3e-14, 0.01  # above round-off; difference of two runs
 _FEW, _GROWN = 50, 1e6  # unstable steps; rate times step, above which it is that of the growth
 # Steps and share of unstable ones from which on a run is stiff; that share of one that fails.
@@ -100,6 +101,7 @@ class PreparedDynamics:
     notes: tuple[str, ...]
     settings: Settings  # of the run, were it alone
     first: State  # where it begins
+    begin: State  # a copy, with the motion that was known beforehand
     passes: np.ndarray  # record `PASSES`, (1,)
     rows_before: int = 0  # rows that are in the file already
     not_unique: tuple[str, ...] = ()  # joints and drivers whose reactions are not unique
@@ -140,7 +142,7 @@ class PreparedDynamics:
         settings = self.settings._replace(turn=1.0)
         settings = with_tolerance(settings, self.spec, self.run.method, tolerance)
         again, before = self._restarted(self.method, settings), self.passes[0]
-        last = self.settings.tolerance, self.verified.difference
+        last = float(self.verified.scout.state.count[0]["steps"]), self.verified.difference
         again.passes[0] = (tolerance, before["count"] + 1, before["method"], *last)
         assert again.verified is not None
         again.verified.error.compare(self.verified.error)
@@ -151,7 +153,7 @@ class PreparedDynamics:
         """The same run from its start, the last one."""
         again = self._restarted(self.method, self.settings)
         again.passes["count"] = MAX_PASSES
-        _set_motion(again, self.run.state)
+        _set_motion(again, self.begin)
         return again
 
     def by_method(self, name: str) -> PreparedDynamics:
@@ -184,10 +186,12 @@ def prepared_run(
         )
         run = verified.fine
     else:
-        run = Integration(compiled, integrator, settings, begin, times)
+        own = State(*(array.copy() for array in begin))
+        run = Integration(compiled, integrator, settings, own, times)
     return PreparedDynamics(
-        run, model, first=state, settings=settings, verified=verified, passes=passes, **fields
-    )
+        run, model, first=state, begin=begin, settings=settings, verified=verified, passes=passes,
+        **fields,
+    )  # fmt: skip
 
 
 def needs_rough_run(prepared: PreparedDynamics) -> bool:
@@ -224,10 +228,8 @@ def rough_run(prepared: PreparedDynamics, progress: Progress) -> None:
 
 def _set_motion(prepared: PreparedDynamics, like: State) -> None:
     """Motion and speed of all coordinates of a run are those of another one at least."""
-    states = [prepared.run.state]
-    if prepared.verified is not None:
-        states.append(prepared.verified.scout.state)
-    for state in states:
+    runs = [prepared.run] if prepared.verified is None else [prepared.run, prepared.verified.scout]
+    for state in (prepared.begin, *(run.state for run in runs)):
         np.maximum(state.motion, like.motion, out=state.motion)
         np.maximum(state.speed, like.speed, out=state.speed)
 
@@ -248,6 +250,18 @@ def stricter_tolerance(prepared: PreparedDynamics) -> float | None:
     return max(float(stricter), _MIN_TOLERANCE)
 
 
+def is_worse(prepared: PreparedDynamics) -> bool:
+    """Whether a pass is ten times as far from its scout as the pass before was.
+
+    Round-off then rules its shorter steps, and not yet those before; where both are at the floor,
+    they differ by less. Not where the one before was another motion.
+    """
+    verified, last = prepared.verified, float(prepared.passes[0]["last_difference"])
+    return verified is not None and 0.0 < _WORSE * last < min(
+        verified.difference, _DIFFERENT_MOTION
+    )
+
+
 def _is_in_vain(prepared: PreparedDynamics) -> bool:
     """Whether shorter steps do not help: the finest are taken, or the last pass brought little."""
     verified = prepared.verified
@@ -257,25 +271,6 @@ def _is_in_vain(prepared: PreparedDynamics) -> bool:
         return True
     little = verified.difference > _IN_VAIN * passes["last_difference"]
     return bool(passes["count"] > _MIN_PASSES and little)
-
-
-def error_statistics(prepared: PreparedDynamics) -> dict[str, float | int | str]:
-    """Measured errors, each with what it is the error of; nothing for a run without scout."""
-    verified = prepared.verified
-    if verified is None:
-        return {}
-    statistics: dict[str, float | int | str] = {
-        "accuracy_asked": verified.fine.settings.accuracy,
-        "passes": int(prepared.passes[0]["count"]),
-        "scout_steps": int(verified.scout.state.count[0]["steps"]),
-    }
-    for quantity, worst in verified.errors().items():
-        if quantity in ("positions", "velocities", "reactions"):
-            statistics[f"measured_error_of_{quantity}"] = worst.error
-            statistics[f"worst_of_{quantity}"] = f"{worst.name} at t = {worst.time:.4g} s"
-            if worst.over:
-                statistics[f"scale_of_{quantity}"] = worst.over
-    return statistics
 
 
 def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
@@ -294,24 +289,24 @@ def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
     other = "" if prepared.method == FINE_METHOD else (
         f', or method = "{FINE_METHOD}", whose floor is lower where the scene is not stiff'
     )  # fmt: skip
-    ask = f"ask for accuracy = {_FLOOR * worst.error:.1g}{other}"
+    ask = f"ask for accuracy = {_FLOOR * worst.error:.1g}"
     apart, last = verified.difference, prepared.passes[0]["last_difference"]
     events = int(verified.fine.state.count[0]["events"])
     if _is_in_vain(prepared) and apart < _DIFFERENT_MOTION and events:
         yield (
             f"{reached}: shorter steps do not help, as {events} events of contacts, stops or "
             "friction leave errors that fall slower than the order of the method says, and that "
-            f"may be several times as large; ask for accuracy = {_FLOOR * worst.error:.1g}"
+            f"may be several times as large; {ask}"
         )
     elif _is_in_vain(prepared) and apart < _DIFFERENT_MOTION:
         yield (
             f"{reached}: shorter steps do not help, so that this is the floor that round-off "
-            f"leaves method {prepared.method}; {ask}"
+            f"leaves method {prepared.method}; {ask}{other}"
         )
     elif 0.0 < apart < _IN_VAIN * last:
         yield (
             f"{reached}: shorter steps still help, but these were the last of {MAX_PASSES} passes; "
-            f"take fixed steps, or {ask}"
+            f"take fixed steps, or {ask}{other}"
         )
     else:
         until = unit.say(verified.error.reached_until(accuracy), "s", 4)
