@@ -25,7 +25,7 @@ from scipy.sparse.csgraph import connected_components
 from flexmb.errors import MeshError, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, MeshModel
 from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface
-from flexmb.fe.elements.element_blocks import FAMILIES, Block
+from flexmb.fe.elements.element_blocks import FAMILIES, Block, elements_without_section
 from flexmb.fe.elements.shell_fields import WARP_WARNING, opposed_edges, warp
 from flexmb.fe.meshes.mesh import Mesh, dimension
 from flexmb.fe.reduction.fixed_interface import read_modes
@@ -366,22 +366,9 @@ def model_findings(
     return [
         *(Finding("warning", sentence) for sentence in sentences if sentence),
         *mesh_report(model.mesh, model.blocks, linked),
-        *_without_section(model),
+        *(Finding("note", text) for text in elements_without_section(model.mesh, model.blocks)),
         *_opposed(model),
     ]
-
-
-def _without_section(model: MeshModel | FEMatrices) -> Iterator[Finding]:
-    """Elements of a kind of which others belong to the body, by the groups that they are all of."""
-    for kind in dict.fromkeys(block.kind for block in model.blocks):
-        left = np.ones(len(model.mesh.blocks[kind]), dtype=bool)
-        left[np.concatenate([block.rows for block in model.blocks if block.kind == kind])] = False
-        if not left.any():
-            continue
-        groups = [name for name, rows in model.mesh.element_sets.items()
-                  if set(rows) == {kind} and left[rows[kind]].all()]  # fmt: skip
-        what = f"{left.sum()} of {len(left)} {kind} elements have no section and are left out"
-        yield Finding("note", f"{what}: {', '.join(groups)}" if groups else what)
 
 
 def _opposed(model: MeshModel | FEMatrices) -> Iterator[Finding]:

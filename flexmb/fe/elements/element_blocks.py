@@ -8,7 +8,7 @@ skin of a body is made of the faces of its solids that occur once, its shells an
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -313,3 +313,17 @@ def _outwards(faces: IntArray, centers: FloatArray, points: FloatArray) -> IntAr
     outward = faces.copy()
     outward[inward] = faces[inward][:, _TURNED[faces.shape[1]]]
     return outward
+
+
+def elements_without_section(mesh: Mesh, blocks: Sequence[Block]) -> Iterator[str]:
+    """Sentences about elements without a section, of a kind of which others have one, with the
+    groups that they make up."""
+    for kind in dict.fromkeys(block.kind for block in blocks):
+        left = np.ones(len(mesh.blocks[kind]), dtype=bool)
+        left[np.concatenate([block.rows for block in blocks if block.kind == kind])] = False
+        if not left.any():
+            continue
+        groups = [name for name, rows in mesh.element_sets.items()
+                  if set(rows) == {kind} and left[rows[kind]].all()]  # fmt: skip
+        what = f"{left.sum()} of {len(left)} {kind} elements have no section and are left out"
+        yield f"{what}: {', '.join(groups)}" if groups else what
