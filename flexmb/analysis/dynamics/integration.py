@@ -377,7 +377,8 @@ def static_modes_sentence(
 ) -> str:
     """The sentence for bodies with quasi-static modes that a method cannot solve for, or "".
 
-    Of an explicit method, with `beside_dynamic` for those alone that have dynamic modes too, and are joined.
+    Of an explicit method, with `beside_dynamic` for those alone that have dynamic modes too, and
+    are joined.
     """
     static = compiled.system.kinds.get(STATIC_MODES.name)
     if static is None:
@@ -405,6 +406,6 @@ def _unsettled(compiled: Compiled, rows: np.ndarray) -> str:
         return ""
     names = ", bodies.".join(compiled.layout.bodies[row].name for row in rows)
     return (
-        f"bodies.{names}: loads that depend on the deformation, such as a stop or a contact stiffer "
-        'than the body, do not settle with quasi-static modes; deformation = "automatic" has them'
+        f"bodies.{names}: loads that depend on the deformation, such as a stop or a contact that is "
+        'stiffer, do not settle with quasi-static modes; deformation = "automatic" has them'
     )
