@@ -283,7 +283,7 @@ def test_a_stop_that_is_stiffer_than_a_quasi_static_body_is_named():
     made.add_marker("ground.below", position=[1.0, -0.2, 0])
     made.add_force("bump", "stop", between=["ground.below", "beam.tip"], axis="y", lower=0.0,
                    stiffness=2e4, damping=20.0, depth=1e-4)  # fmt: skip
-    with pytest.raises(SolverError, match=r"bodies.beam: loads .* stop .* \"automatic\" has them"):
+    with pytest.raises(SolverError, match=r"bodies.beam: loads .* stop.* them"):
         flexmb.simulate(made, duration=0.3, outputs=30)
 
 

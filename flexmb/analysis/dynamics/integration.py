@@ -406,6 +406,6 @@ def _unsettled(compiled: Compiled, rows: np.ndarray) -> str:
         return ""
     names = ", bodies.".join(compiled.layout.bodies[row].name for row in rows)
     return (
-        f"bodies.{names}: loads that depend on the deformation, such as a stop or a contact that is "
-        'stiffer, do not settle with quasi-static modes; deformation = "automatic" has them'
+        f"bodies.{names}: loads that depend on the deformation, such as a stiff stop's, do "
+        'not settle with quasi-static modes; deformation = "automatic" has them'
     )
