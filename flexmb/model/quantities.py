@@ -159,6 +159,8 @@ def read_number(value: Any, names: ReadContext, unit: str | None = "") -> float:
     if isinstance(value, float):
         return _finite(float(value), value)
     if isinstance(value, str):
+        if value.rstrip().endswith("%"):
+            raise SceneError(f"shares are plain numbers, 2 % is 0.02; given {quote(value)}")
         text, factor = expression_and_factor(value, names, unit)
         constant = parse(text, names, time=False).constant
         assert constant is not None  # without time everything folds

@@ -19,6 +19,11 @@ ONE_LINE = [
         id="misspelt unit",
     ),
     pytest.param(
+        ("mass = 1", 'mass = "20 %"'),
+        'bodies.crank.mass: shares are plain numbers, 2 % is 0.02; given "20 %"',
+        id="percent",
+    ),
+    pytest.param(
         ("r = 0.2", 'r = "200 degrees"'),
         'parameters.r: unknown unit "degrees"; nearest: deg; allowed: m, km, ',
         id="a unit in words",
