@@ -13,9 +13,9 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "files": 340,
+    "files": 335,
     "lines": 90_000,
-    "participles": 35,
+    "participles": 30,
     "base names of three and more files": 0,
     _ALL: 0,
     "lines of README": 250,
@@ -28,7 +28,7 @@ FIGURES = {
     _ALL: lambda: len(files_with_all()),
     "lines of README": lambda: len((structure.ROOT / "README.md").read_text().splitlines()),
 }
-# The aims are 50 000 lines and 120 files; these are held on the way. 144 run with compiled units
+# The aims are 50 000 lines and 120 files; these are held on the way. 142 run with compiled units
 # at hand, some more where units are compiled.
 FILES_OF_MAIN_JOB = 155
 
