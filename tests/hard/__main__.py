@@ -58,8 +58,8 @@ stays until the new one has rows.
 | study, sweep, on workers | 25 kills, 10 Ctrl-C each: tables and plots whole, 0.56 s |
 | study, sweep, in one process, resumed after each kill | 25 kills, 3 Ctrl-C: same rows, 0.3 s |
 | budget | 50 kills, 10 Ctrl-C: same runs, 0 wrong, 0.12 s |
-| modes, inverse, response, stress | 50 kills, 10 Ctrl-C each: 0 wrong, 0.26 s |
-| audit | 50 kills, 10 Ctrl-C: the result is whole, with or without its table |
+| modes, inverse, response, stress | 50 kills, 10 Ctrl-C each: 0 wrong, 0.42 s |
+| audit | 50 kills, 10 Ctrl-C: the result is whole, with or without its table, 0.10 s |
 | sweep of 20 000 Sobol samples | 25 Ctrl-C: 6 swallowed, all samples the same; mended, 11 more: 0 |
 | two at once: run, reduce, cold cache, study, sweep, budget | 20 pairs each: 0 wrong |
 | full disks | run and compile, reduction, report, film, export, with six amounts of room: 0 wrong |

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import ellipk
 
 import flexmb
 from flexmb.flexbody import load
@@ -119,7 +120,33 @@ def flexible_pendulum():
 STEPS = ("fixed auto", "generalized-alpha", "fixed radau", "fixed explicit-rk", "hht",
          "newmark", "trapezoidal", "baumgarte", "fixed coordinate-partitioning")  # fmt: skip
 CONTROLLED = {"auto": {}, "explicit-rk": {}, "radau": {}}
+
+
+def swinging():
+    """A rod of 1 m on a pin, let go horizontally."""
+    made = Model("swinging", gravity=[0, -9.81, 0])
+    made.add_body("rod", mass=1, center=[0.5, 0, 0], inertia=[1e-3, 1 / 12, 1 / 12])
+    made.add_joint("pin", "revolute", between=["ground", "rod"], axis="z")
+    made.add_sensor("swing", "angle", joint="pin")
+    return made
+
+
+WHOLE_SWING = 4 * ellipk(0.5) / np.sqrt(1.5 * 9.81)  # s: m = sin² of half the amplitude
+
+
+def off_whole_swing(run):
+    """The larger one of what is off, and what is stated."""
+    return max(largest(run["swing"]), run.statistics["measured_error_of_positions"])
+
+
 CASES = {
+    "one output after a whole swing": Hard(
+        "Both outputs show the rod where it began and at rest.",
+        "It is there again to 1e-4 rad, and the error stated is one of its swing.",
+        1e-4, swinging, off_whole_swing,
+        {"duration": WHOLE_SWING, "outputs": 1, "accuracy": 1e-4},
+        {"auto": {}, "generalized-alpha": {}, "explicit-rk": {}, "radau": {}},
+    ),
     "the damping of each method": Hard(
         "20 000 steps of 2 ms, 6400 radians of a mass on a spring without damper.",
         "What the formula of the method in the books leaves of the swing, to 1e-5 of it.",

@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 from femeshes import line
+from flexiblescenes import rod as bar
 from scipy.integrate import solve_ivp
 from truthkit import reference
 
@@ -309,7 +310,25 @@ FLEXIBLE = {
     "auto": {}, "generalized-alpha": {"accuracy": None, "step": 1e-3}, "radau": {},
     "explicit-rk": {}, "fixed radau": {"accuracy": None, "step": 5e-3},
 }  # fmt: skip
+
+
+def driven_shaft():
+    """A balanced shaft of steel that a driver spins up."""
+    made = Model("driven shaft")
+    made.add_body("shaft", bar(0.03, 0.5, 8, 4))
+    made.add_joint("bearing", "revolute", between=["ground", "shaft.root"], axis="x")
+    made.add_driver("motor", joint="bearing", angle="100*t**2")
+    made.add_sensor("turn", "angle", joint="bearing")
+    return made
+
+
 CASES = {
+    "a balanced shaft that spins up": Hard(
+        "No bearing carries anything; the end alone is an output.",
+        "The angle of its driver to 1e-9 rad; reactions of round-off have no error.",
+        1e-9, driven_shaft, lambda run: largest(run["turn"] - 100 * run.time**2),
+        {"duration": 0.5, "outputs": (0.5,)}, {"auto": {}, "generalized-alpha": {}, "radau": {}},
+    ),
     "a rotor at 315 rad/s": Hard(
         "17 turns from one output to the next.",
         "All turns are counted, rim and centrifugal load of the bearing to 1e-6.",

@@ -26,7 +26,7 @@ _NEWTON, _NEWTON_OF_HIGH_ORDER = 1e-8, 1e-10  # relative, with fixed steps
 _LOCAL = {True: 0.1, False: 0.2}  # local error over the requested one in the end; of high order
 _HIGH_ORDER = 5
 _SLACK = 4.0
-_COMPARED = 51  # times in addition to listed outputs
+_COMPARED = 51  # times in addition to outputs that are fewer or listed
 _SCOUT_ROWS = 128  # outputs from which on a scout has fewer than the run
 _AT_REST = 1e-6  # motion over the size of the model
 # What round-off of positions, over their distance from the origin, leaves in estimates: of Radau's
@@ -80,10 +80,10 @@ def output_times(spec: DynamicsSpec) -> np.ndarray:
 
 
 def compared_times(spec: DynamicsSpec) -> np.ndarray:
-    """Times at which a run and its scout are compared: of outputs, and where these are listed of
-    so many others that the peak-to-peak is known."""
+    """Times at which a run and its scout are compared: of outputs, and where these are few or
+    listed of so many others that the peak-to-peak is known."""
     times = output_times(spec)
-    if isinstance(spec.outputs, int):
+    if isinstance(spec.outputs, int) and len(times) >= _COMPARED:
         return times
     return np.union1d(times, np.linspace(0.0, spec.duration, _COMPARED))
 

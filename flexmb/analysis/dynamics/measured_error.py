@@ -56,8 +56,9 @@ QUANTITIES = {
 # A sensor that moves by less than this share of the largest motion of its kind is at rest.
 _AT_REST = 1e-9
 # All are judged over their own peak-to-peak, but reactions over no less than this share of the
-# largest of their unit, moments also than its square of the largest force times the size of the
-# model: below that they are zero but for errors. Velocities over no less than this share of their
+# largest of their unit and its square of the forces of inertia of all mass at the largest speed,
+# moments also than its square of the largest force times the size of the model: below that they
+# are zero but for errors. Velocities over no less than this share of their
 # own largest, those of bodies also than what moves them within the run as far as they move.
 _LEAST_SHARE = 1e-3
 _FLOORS = {
@@ -117,13 +118,15 @@ class MeasuredError:
     gyration : mapping of str to float, optional
         Radius of gyration of each flexible body about the origin of its frame [m]: the frame counts
         with the motion of its points, which alone are seen.
+    mass : float
+        Of all bodies [kg], whose forces of inertia round-off of reactions is small beside.
     """
 
     def __init__(
         self, layout: Layout, model: Model, least: Mapping[str, float] | None = None,
-        duration: float = math.inf, gyration: Mapping[str, float] | None = None,
+        duration: float = math.inf, gyration: Mapping[str, float] | None = None, mass: float = 0.0,
     ) -> None:  # fmt: skip
-        self._compared, self._duration = _compared(layout, model), duration
+        self._compared, self._duration, self._mass = _compared(layout, model), duration, mass
         self._gyration = gyration or {}
         self._least = least or {}
         self._length = self._least.get("m", 0.0) / _NO_MOTION
@@ -248,8 +251,12 @@ class MeasuredError:
         reacts = np.array([one.quantity == "reactions" for one in self._compared])
         size = np.where(np.isfinite(low), np.maximum(np.abs(low), np.abs(high)), 0.0)
         size = size.max(axis=1, initial=0.0)
-        force = size[reacts & (units == "N")].max(initial=0.0)
-        for unit, floor in (("N", 0.0), ("N m", _LEAST_SHARE**2 * force * self._length)):
+        speed, rate = (size[units == unit].max(initial=0.0) for unit in ("m/s", "rad/s"))
+        turned = speed**2 / self._length + self._length * rate**2 if self._length else 0.0
+        least = self._mass * turned
+        force = max(least, size[reacts & (units == "N")].max(initial=0.0))
+        floors = _LEAST_SHARE**2 * least, _LEAST_SHARE**2 * force * self._length
+        for unit, floor in zip(("N", "N m"), floors, strict=True):
             same = reacts & (units == unit)
             largest = size[same].max(initial=0.0)
             spans[same] = np.maximum(spans[same], max(floor, _LEAST_SHARE * largest))
@@ -402,7 +409,8 @@ class VerifiedRun:
         turn = max(1.0, _SPUN * span * float(max(spun, default=0.0)))
         least = {"m": length, "rad": turn, "m/s": length / span, "rad/s": turn / span}
         at_rest = {unit: _NO_MOTION * size for unit, size in least.items()}
-        error = MeasuredError(compiled.layout, model, at_rest, span, gyration(compiled))
+        radii, mass = gyration(compiled), float(compiled.system.parts.bodies["mass"].sum())
+        error = MeasuredError(compiled.layout, model, at_rest, span, radii, mass)
         return cls(scout, fine, error, recorded, of_scout, passes)
 
     def advance(self, first: bool = False) -> tuple[int, list[OutputBlock]]:
