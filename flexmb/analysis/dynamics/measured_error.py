@@ -9,8 +9,7 @@ Two runs of a method of order p on the same plan of steps, one with r times as m
 error of the coarser one less that of the finer one, rᵖ : 1, so that the finer one is off by their
 difference over rᵖ − 1 (Richardson; Hairer, Nørsett & Wanner, Solving Ordinary Differential
 Equations I, 1993, §II.4). In: rows of both runs, in order. Out: the largest error of positions,
-velocities and reactions over the outputs, each over the peak-to-peak of its sensor, with the
-sensor's name.
+velocities and reactions, each over the peak-to-peak of its sensor, with its name.
 """
 
 from __future__ import annotations
@@ -56,9 +55,8 @@ QUANTITIES = {
 # A sensor that moves by less than this share of the largest motion of its kind is at rest.
 _AT_REST = 1e-9
 # All are judged over their own peak-to-peak, but reactions over no less than this share of the
-# largest of their unit and its square of the forces of inertia of all mass at the largest speed,
-# moments also than its square of the largest force times the size of the model: below that they
-# are zero but for errors. Velocities over no less than this share of their
+# largest of their unit and its square of all inertia forces, moments also than its square of the
+# largest force times the size of the model: below that they are zero but for errors. Velocities over no less than this share of their
 # own largest, those of bodies also than what moves them within the run as far as they move.
 _LEAST_SHARE = 1e-3
 _FLOORS = {
@@ -109,8 +107,7 @@ class MeasuredError:
     Parameters
     ----------
     layout, model : Layout, Model
-        Names of channels, and sensors with their units. Bodies are compared where nothing senses a
-        position or a velocity.
+        Channels, and sensors with units. Bodies are compared where nothing senses a motion.
     least : mapping of str to float, optional
         Motion by unit below which a sensor counts as at rest.
     duration : float
@@ -127,8 +124,7 @@ class MeasuredError:
         duration: float = math.inf, gyration: Mapping[str, float] | None = None, mass: float = 0.0,
     ) -> None:  # fmt: skip
         self._compared, self._duration, self._mass = _compared(layout, model), duration, mass
-        self._gyration = gyration or {}
-        self._least = least or {}
+        self._gyration, self._least = gyration or {}, least or {}
         self._length = self._least.get("m", 0.0) / _NO_MOTION
         n = len(self._compared)
         self._largest = np.zeros((2, n))  # difference so far; its time
@@ -249,17 +245,14 @@ class MeasuredError:
             least = max(_AT_REST * spans[same].max(), self._least.get(unit, 0.0))
             spans[same & (spans <= least)] = 0.0
         reacts = np.array([one.quantity == "reactions" for one in self._compared])
-        size = np.where(np.isfinite(low), np.maximum(np.abs(low), np.abs(high)), 0.0)
-        size = size.max(axis=1, initial=0.0)
+        size = self._largest_values()
         speed, rate = (size[units == unit].max(initial=0.0) for unit in ("m/s", "rad/s"))
-        turned = speed**2 / self._length + self._length * rate**2 if self._length else 0.0
-        least = self._mass * turned
+        least = self._mass * (speed**2 / (self._length or np.inf) + self._length * rate**2)
         force = max(least, size[reacts & (units == "N")].max(initial=0.0))
-        floors = _LEAST_SHARE**2 * least, _LEAST_SHARE**2 * force * self._length
-        for unit, floor in zip(("N", "N m"), floors, strict=True):
+        for unit, small in (("N", least), ("N m", force * self._length)):
             same = reacts & (units == unit)
-            largest = size[same].max(initial=0.0)
-            spans[same] = np.maximum(spans[same], max(floor, _LEAST_SHARE * largest))
+            largest = max(size[same].max(initial=0.0), _LEAST_SHARE * small)
+            spans[same] = np.maximum(spans[same], _LEAST_SHARE * largest)
         self._join_frames(spans)
         moved = {one.name + one.unit: spans[k] for k, one in enumerate(self._compared)}
         for k, one in enumerate(self._compared):
@@ -268,12 +261,14 @@ class MeasuredError:
                 spans[k] = max(spans[k], mean, _LEAST_SHARE * size[k])
         return np.asarray(spans)
 
+    def _largest_values(self) -> Array:
+        size = np.abs(np.where(np.isfinite(self._range), self._range, 0.0)).max(axis=0)
+        return np.asarray(size.max(axis=1, initial=0.0))
+
     def _sizes(self) -> Array:
         """What each may be far below and yet part of the same motion: reactions, the largest of
         their unit; velocities, their own largest; positions, nothing."""
-        low, high = self._range
-        size = np.where(np.isfinite(low), np.maximum(np.abs(low), np.abs(high)), 0.0)
-        size = size.max(axis=1, initial=0.0)
+        size = self._largest_values()
         sorts = np.array([one.quantity for one in self._compared])
         units = np.array([one.unit for one in self._compared])
         for unit in set(units[sorts == "reactions"]):
