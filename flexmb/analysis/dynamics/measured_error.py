@@ -55,9 +55,9 @@ QUANTITIES = {
 # A sensor that moves by less than this share of the largest motion of its kind is at rest.
 _AT_REST = 1e-9
 # All are judged over their own peak-to-peak, but reactions over no less than this share of the
-# largest of their unit and its square of all inertia forces, moments also than its square of the
-# largest force times the size of the model: below that they are zero but for errors. Velocities over no less than this share of their
-# own largest, those of bodies also than what moves them within the run as far as they move.
+# largest of their unit and its square of all inertia forces, moments also of the largest force
+# times the size: below are errors alone. Velocities over no less than this share of their own
+# largest, those of bodies also than what moves them within the run as far as they move.
 _LEAST_SHARE = 1e-3
 _FLOORS = {
     "reactions": f"{_LEAST_SHARE:g} of the largest of its unit",
