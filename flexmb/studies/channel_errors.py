@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from flexmb.analysis.dynamics.measured_error import QUANTITIES
+from flexmb.analysis.dynamics.compared_quantities import QUANTITIES
 from flexmb.errors import SceneError
 from flexmb.flexbody.arrays import Array
 from flexmb.model.reading import Spec

@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from flexmb.analysis.dynamics.compared_quantities import FOR_SCALE, compared
 from flexmb.analysis.dynamics.integration import (
     _HIGH_ORDER,
     Integration,
@@ -37,21 +38,8 @@ from flexmb.engine.state import State
 from flexmb.engine.tables import Layout
 from flexmb.flexbody.arrays import Array
 from flexmb.model.model import Model
-from flexmb.model.reading import Spec
-from flexmb.model.sensor import channels_of, unit_of
 from flexmb.results.writer import OutputBlock
 
-QUANTITIES = {
-    "m": "positions",
-    "rad": "positions",
-    "m/s": "velocities",
-    "rad/s": "velocities",
-    "m/s^2": "accelerations",
-    "rad/s^2": "accelerations",
-    "N": "reactions",
-    "N m": "reactions",
-}
-"""Quantity to which the channels of each unit belong."""
 # A sensor that moves by less than this share of the largest motion of its kind is at rest.
 _AT_REST = 1e-9
 # All are judged over their own peak-to-peak, but reactions over no less than this share of the
@@ -64,7 +52,6 @@ _FLOORS = {
     "velocities": f"its mean speed or {_LEAST_SHARE:g} of its largest",
 }
 _OF_POINTS = "the motion of the body's points"
-_FOR_SCALE = "motion"  # of bodies, which their velocities are judged by; positions are sensed
 _SCOUT = "scout_"
 _NO_MOTION = 1e-10  # of the size of the model, or of a radian, within the run
 _SPUN = 0.1  # radians for each of those by which the first speeds turn a body within the run
@@ -78,17 +65,6 @@ _ORDER_LOST = 1.5  # with stiff states, of 2 at most
 _LUCK = 2.0  # ratio of errors of explicit methods by the pass before, over that by the order
 _LEAST_ERROR = 1e-15  # over the peak-to-peak
 _PARTED = 0.1  # difference over the peak-to-peak from which on two runs are different motions
-
-
-@dataclass(frozen=True)
-class _Compared:
-    """One sensor, body or joint: where its components stand in a table of the rows."""
-
-    name: str
-    quantity: str
-    unit: str
-    table: str
-    columns: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -123,7 +99,7 @@ class MeasuredError:
         self, layout: Layout, model: Model, least: Mapping[str, float] | None = None,
         duration: float = math.inf, gyration: Mapping[str, float] | None = None, mass: float = 0.0,
     ) -> None:  # fmt: skip
-        self._compared, self._duration, self._mass = _compared(layout, model), duration, mass
+        self._compared, self._duration, self._mass = compared(layout, model), duration, mass
         self._gyration, self._least = gyration or {}, least or {}
         self._length = self._least.get("m", 0.0) / _NO_MOTION
         n = len(self._compared)
@@ -239,7 +215,7 @@ class MeasuredError:
         low, high = self._range
         spans = np.where(np.isfinite(low), high - low, 0.0).max(axis=1, initial=0.0)
         units = np.array([one.unit for one in self._compared])
-        sorts = np.array([one.quantity == _FOR_SCALE for one in self._compared])
+        sorts = np.array([one.quantity == FOR_SCALE for one in self._compared])
         for unit, sort in set(zip(units, sorts, strict=True)):
             same = (units == unit) & (sorts == sort)
             least = max(_AT_REST * spans[same].max(), self._least.get(unit, 0.0))
@@ -289,36 +265,6 @@ class MeasuredError:
                 if len(pair) == 2:
                     sizes = np.array([1.0, reach * turns])
                     spans[pair] = (spans[pair] * sizes).max() / sizes
-
-
-def _compared(layout: Layout, model: Model) -> list[_Compared]:
-    """Sensors by what they measure, bodies where nothing is sensed, and joints."""
-    column = {channel: k for k, channel in enumerate(layout.channels)}
-    owners: dict[str, Spec] = {**model.sensors, **model.states, **model.controllers}
-    compared = []
-    for name, spec in owners.items():
-        unit = unit_of(vars(spec)) or ""
-        columns = tuple(column[c] for c in channels_of(name, spec) if c in column)
-        if columns:
-            compared.append(_Compared(name, QUANTITIES.get(unit, unit), unit, "sensors", columns))
-    sensed = {one.quantity for one in compared}
-    for body in layout.bodies:
-        for quantity, unit, table, first, n in (
-            ("positions", "m", "q", body.iq, 3), ("positions", "rad", "q", body.iq + 3, 4),
-            ("velocities", "m/s", "v", body.iv, 3), ("velocities", "rad/s", "v", body.iv + 3, 3),
-        ):  # fmt: skip
-            what = quantity
-            if quantity in sensed:
-                if "velocities" in sensed or quantity == "velocities":
-                    continue
-                what = _FOR_SCALE
-            columns = tuple(range(first, first + n))
-            compared.append(_Compared(f"bodies.{body.name}", what, unit, table, columns))
-    for k, name in enumerate(layout.reactions):
-        for unit, first in (("N", 12 * k), ("N m", 12 * k + 3)):
-            columns = (first, first + 1, first + 2)
-            compared.append(_Compared(name, "reactions", unit, "reactions", columns))
-    return compared
 
 
 class VerifiedRun:

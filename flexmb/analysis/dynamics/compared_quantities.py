@@ -1,0 +1,65 @@
+"""What of two runs is compared: sensors by what they measure, bodies, and reactions of joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from flexmb.engine.tables import Layout
+from flexmb.model.model import Model
+from flexmb.model.reading import Spec
+from flexmb.model.sensor import channels_of, unit_of
+
+QUANTITIES = {
+    "m": "positions",
+    "rad": "positions",
+    "m/s": "velocities",
+    "rad/s": "velocities",
+    "m/s^2": "accelerations",
+    "rad/s^2": "accelerations",
+    "N": "reactions",
+    "N m": "reactions",
+}
+"""Quantity to which the channels of each unit belong."""
+FOR_SCALE = "motion"
+"""Quantity of bodies by which their velocities are judged where positions are sensed."""
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One sensor, body or joint: where its components stand in a table of the rows."""
+
+    name: str
+    quantity: str
+    unit: str
+    table: str
+    columns: tuple[int, ...]
+
+
+def compared(layout: Layout, model: Model) -> list[Compared]:
+    """Sensors by what they measure, bodies where nothing is sensed, and joints."""
+    column = {channel: k for k, channel in enumerate(layout.channels)}
+    owners: dict[str, Spec] = {**model.sensors, **model.states, **model.controllers}
+    rows = []
+    for name, spec in owners.items():
+        unit = unit_of(vars(spec)) or ""
+        columns = tuple(column[c] for c in channels_of(name, spec) if c in column)
+        if columns:
+            rows.append(Compared(name, QUANTITIES.get(unit, unit), unit, "sensors", columns))
+    sensed = {one.quantity for one in rows}
+    for body in layout.bodies:
+        for quantity, unit, table, first, n in (
+            ("positions", "m", "q", body.iq, 3), ("positions", "rad", "q", body.iq + 3, 4),
+            ("velocities", "m/s", "v", body.iv, 3), ("velocities", "rad/s", "v", body.iv + 3, 3),
+        ):  # fmt: skip
+            what = quantity
+            if quantity in sensed:
+                if "velocities" in sensed or quantity == "velocities":
+                    continue
+                what = FOR_SCALE
+            columns = tuple(range(first, first + n))
+            rows.append(Compared(f"bodies.{body.name}", what, unit, table, columns))
+    for k, name in enumerate(layout.reactions):
+        for unit, first in (("N", 12 * k), ("N m", 12 * k + 3)):
+            columns = (first, first + 1, first + 2)
+            rows.append(Compared(name, "reactions", unit, "reactions", columns))
+    return rows
