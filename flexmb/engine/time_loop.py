@@ -91,7 +91,8 @@ def accept_step(run: Run, h: float) -> int:
         reaction_stage(run, at)
         powers(run, at)
         for k in range(3):
-            if run.method.stages + run.method.collocation > 0:
+            # modes that follow the loads leave the stages of a collocation, at the end of a step
+            if run.method.stages > 0 or run.method.collocation > 0 and settings.follow == 0:
                 st.work_done[k] = tr.work[k] + h * run.method.last_weight * run.work.powers[k]
             else:
                 st.work_done[k] += _work(st, k, run.work.powers[k], h)

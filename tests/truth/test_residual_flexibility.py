@@ -235,6 +235,14 @@ def test_a_driver_pays_for_the_changing_rate_of_the_deformation(method, error):
     assert result.statistics["energy_balance_error"] < 1e-4
 
 
+@pytest.mark.parametrize("method", ["radau", "generalized-alpha"])
+def test_a_driver_that_turns_a_quasi_static_beam_balances_its_energy(method):
+    """At a steady rate of the deformation 1.3 % were lacking, by steps of 0.1 s 30 %."""
+    knobs = {"duration": 3.0, "start": "quasi-static", "accuracy": 1e-4, "method": method}
+    result = flexmb.simulate(turned("quasi-static"), outputs=60, verify=False, **knobs)
+    assert result.statistics["energy_balance_error"] < 3e-4
+
+
 def test_radau_is_of_order_three_at_least_with_kinetostatic_bodies():
     """Angular momentum of the governor; what is carried outwards jumped at the end of a step."""
     errors = []

@@ -387,7 +387,7 @@ def _finish(run, radau, h):
     # the matrix changes by about as much as the model moves relative to its size, or turns
     memory["contraction"] = min(0.99, measured + weighted_size(col.u[last], run.system.weights))
     _put_rates(run, radau, h)  # with the last correction
-    if run.settings.works == 1:
+    if run.settings.works == 1 and run.settings.follow == 0:
         _add_works(run, radau, h)
     _place_stage(run, radau, h, last)
     col.span[0], col.span[1] = st.t[0], h
@@ -436,7 +436,7 @@ def interpolate(run: Run, radau: Radau, share: float) -> int:
             tr.bend[k] += radau.bend[i] * (col.u[i, k] - tr.dq[k])
     status = interpolate_step(run, share)
     h = st.t[0] - before.t[0]
-    for k in range(3 * run.settings.works):
+    for k in range(3 * run.settings.works if run.settings.follow == 0 else 0):
         work = 0.0
         for n in range(STAGES, -1, -1):
             rate = works[n, 0] * before.power[k] + works[n, STAGES] * st.power[k]
