@@ -20,6 +20,7 @@ from flexmb.analysis.dynamics.integration import (
     static_modes_sentence,
     time_grid,
 )
+from flexmb.analysis.dynamics.measured_error import VerifiedRun
 from flexmb.analysis.dynamics.passes import (
     PreparedDynamics,
     is_worse,
@@ -205,7 +206,7 @@ def run_dynamics(prepared: PreparedDynamics, sink: Sink, *, progress: Progress =
     if reason:
         statistics["reason_of_method"] = reason
     if prepared.verified is not None:
-        statistics |= prepared.verified.statistics()
+        statistics |= _measured_errors(prepared.verified)
     if prepared.not_unique:
         statistics[NOT_UNIQUE] = ", ".join(prepared.not_unique)
     return Outcome(ending.status, ending.message, statistics, tuple(notes))
@@ -385,6 +386,21 @@ def _unbalanced(prepared: PreparedDynamics) -> str:
             "impact; shorten them, or leave out dynamics.step, so that the accuracy is controlled"
         )
     return f"{what}ask for more accuracy; if it stays, a force or an effect makes energy"
+
+
+def _measured_errors(verified: VerifiedRun) -> dict[str, float | int | str]:
+    statistics: dict[str, float | int | str] = {
+        "accuracy_asked": verified.fine.settings.accuracy,
+        "passes": int(verified.passes[0]["count"]),
+        "scout_steps": int(verified.scout.state.count[0]["steps"]),
+    }
+    for quantity, worst in verified.errors().items():
+        if quantity in ("positions", "velocities", "reactions"):
+            statistics[f"measured_error_of_{quantity}"] = worst.error
+            statistics[f"worst_of_{quantity}"] = f"{worst.name} at t = {worst.time:.4g} s"
+            if worst.over:
+                statistics[f"scale_of_{quantity}"] = worst.over
+    return statistics
 
 
 def _statistics(run: Integration) -> dict[str, float | int | str]:

@@ -397,18 +397,3 @@ class VerifiedRun:
             luck = _LUCK if self.fine.method.stages else 1.0
             ratio = min(self.error.ratio_before() or ratio, luck * ratio)
         return self.error.largest(min(ratio, _DAMPED_RATIO) if damped else ratio)
-
-    def statistics(self) -> dict[str, float | int | str]:
-        """Measured errors, each with what it is the error of."""
-        statistics: dict[str, float | int | str] = {
-            "accuracy_asked": self.fine.settings.accuracy,
-            "passes": int(self.passes[0]["count"]),
-            "scout_steps": int(self.scout.state.count[0]["steps"]),
-        }
-        for quantity, worst in self.errors().items():
-            if quantity in ("positions", "velocities", "reactions"):
-                statistics[f"measured_error_of_{quantity}"] = worst.error
-                statistics[f"worst_of_{quantity}"] = f"{worst.name} at t = {worst.time:.4g} s"
-                if worst.over:
-                    statistics[f"scale_of_{quantity}"] = worst.over
-        return statistics
