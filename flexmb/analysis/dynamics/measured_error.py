@@ -305,21 +305,18 @@ class VerifiedRun:
     def order(self) -> float:
         """That of the method, or less, where the difference fell less since the pass before.
 
-        By the steps that both scouts took: where steps lock to a swing, a stricter tolerance gives
-        hardly more of them, and the difference has no reason to fall. Not where the runs were
-        different motions then, whose difference says nothing. The bristles of contacts follow with
-        order one: a first pass can not tell whether that decides.
+        By the steps of both scouts: where these lock to a swing, a stricter tolerance gives hardly
+        more. Not where they were different motions. The bristles of contacts follow with order one.
         """
         integrator, passes, now = self.fine.method, self.passes[0], self.difference
         bristles = remembers_bristles(self.fine.compiled)
         highest = integrator.order - _ORDER_LOST * self._has_stiff_states
-        steps = self.scout.state.count[0]["steps"]
+        steps, last = self.scout.state.count[0]["steps"], passes["last_steps"]
         known = 0.0 < passes["last_difference"] < _SAME_MOTION and now > 0.0
-        if not known or steps < _MORE_STEPS * passes["last_steps"]:
+        if not known or steps < _MORE_STEPS * last:
             return 1 if bristles else highest
-        order = math.log(passes["last_difference"] / now) / math.log(steps / passes["last_steps"])
-        least = 1.0 if bristles else _MIN_ORDER * integrator.order
-        return min(max(order, least), highest)
+        order = math.log(passes["last_difference"] / now) / math.log(steps / last)
+        return min(max(order, 1.0 if bristles else _MIN_ORDER * integrator.order), highest)
 
     @property
     def ratio(self) -> float:
