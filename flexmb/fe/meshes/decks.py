@@ -17,13 +17,36 @@ from flexmb.errors import MeshError
 
 ABAQUS = (".inp",)
 NASTRAN = (".bdf", ".fem", ".nas")
-_GENERATORS = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM", "INCLUDE")
+_GENERATORS = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
 _PARTS = {  # of the model, which a mesh does not have, and where a body has them
     "masses": ("MASS", "ROTARY INERTIA", "CONM1", "CONM2"),
     "springs": ("SPRING", "CELAS1", "CELAS2", "CBUSH"),
     "ties": ("RIGID BODY", "COUPLING", "KINEMATIC", "DISTRIBUTING", "TIE", "MPC", "EQUATION",
              "KINEMATIC COUPLING", "DISTRIBUTING COUPLING", "RBE2", "RBE3", "RBAR"),
 }  # fmt: skip
+_INCLUDE = re.compile(r"^\*INCLUDE\s*,\s*INPUT\s*=\s*([^,\n]+)[^\n]*$", re.M | re.I)
+
+
+def abaqus_text(source: Path, inside: tuple[Path, ...] = ()) -> str:
+    """A deck, and in their places the files of its folder that it includes.
+
+    Raises
+    ------
+    MeshError
+        A file that includes itself, or that is not there.
+    """
+    if source.resolve() in inside:
+        raise MeshError(f"{source}: the deck includes itself")
+    inside = (*inside, source.resolve())
+    try:
+        text = source.read_text(encoding="utf-8", errors="replace")
+    except FileNotFoundError as error:
+        raise MeshError(f"{source}: no such file, named by *INCLUDE of {inside[-2]}") from error
+
+    def included(line: re.Match[str]) -> str:
+        return abaqus_text(inside[0].parent / line[1].strip().strip('"'), inside)
+
+    return _INCLUDE.sub(included, text)
 
 
 @dataclass

@@ -38,6 +38,7 @@ from flexmb.errors import MeshError, Problem, nearest
 from flexmb.fe.meshes.decks import (
     ABAQUS,
     NASTRAN,
+    abaqus_text,
     flat_abaqus_deck,
     refuse_nastran_systems,
     unread_entries,
@@ -195,11 +196,12 @@ def _read_raw(source: Path) -> Any:
     ending = source.suffix.lower()
     if ending not in (*ABAQUS, *NASTRAN):
         return meshio.read(source)
-    text = source.read_text(encoding="utf-8", errors="replace")
     if ending in NASTRAN:
+        text = source.read_text(encoding="utf-8", errors="replace")
         raw = meshio.read(source)
         refuse_nastran_systems(source, text, raw.point_data.get("nastran:ref", ()))
     else:
+        text = abaqus_text(source)
         deck = io.StringIO(flat_abaqus_deck(source, text))
         raw = meshio.abaqus._abaqus.read_buffer(deck)
     raw.note = unread_entries(text)
