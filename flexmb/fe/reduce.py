@@ -75,6 +75,7 @@ from flexmb.fe.sections.section_tables import MaterialLike, resolve, sections_fr
 from flexmb.fe.stress import stress_option
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.mesh_options import PointLoad
+from flexmb.flexbody.options import require_tables
 from flexmb.flexbody.parts import Interface, LoadVector
 from flexmb.flexbody.planar_body import PLANES, check_shares, flatten_body
 from flexmb.progress import Progress, silent
@@ -186,6 +187,8 @@ def reduce(
     where, stiffens = stress_option(stress), geometric_stiffening == "full"
     scale = unit_system(units).factor(L=1)
     connections = {"ties": ties, "masses": masses, "springs": springs}
+    tables = {"sections": sections, "interfaces": interfaces, "loads": loads}
+    require_tables(MeshError, tables | connections)
     attempts = Attempts()
     progress("read", 0.0)
     if isinstance(mesh, CellBasis):
@@ -264,6 +267,8 @@ def prepare_model(
     **connections: Words | None,
 ) -> tuple[MeshModel | None, tuple[ModelInterface, ...], list[Finding]]:
     """The model before any assembly, its interfaces, what is suspicious; problems in attempts."""
+    if mesh is None:
+        raise MeshError.from_problems([Problem("mesh", "is missing")])
     plain = attempts(mesh_from_skfem, mesh) if isinstance(mesh, SkfemMesh) else mesh
     read = None if plain is None else attempts(mesh_from, plain, "mesh", refine)
     made = attempts(sections_from, sections)

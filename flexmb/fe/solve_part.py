@@ -25,7 +25,7 @@ from flexmb.fe.reduction.methods import model_provenance
 from flexmb.fe.sections.section_tables import MaterialLike, sections_from
 from flexmb.fe.supported_model import SupportedModel, spin_field
 from flexmb.flexbody.arrays import FloatArray
-from flexmb.flexbody.options import kind_of, read_options
+from flexmb.flexbody.options import kind_of, read_options, require_tables
 from flexmb.flexbody.part_options import (
     PART_LOADS,
     FrequenciesOptions,
@@ -96,6 +96,9 @@ def part(
         All that is wrong with mesh, supports and loads at once; supports that leave a rigid
         motion, which is named; a preload beyond buckling.
     """
+    tables = {"sections": sections, "interfaces": interfaces, "ties": ties, "masses": masses}
+    tables |= {"springs": springs, "supports": supports, "loads": loads}
+    require_tables(MeshError, tables)
     attempts = Attempts()
     words = (supports or {}, loads or {}, frequencies, buckling, preload)
     options = _read_part(attempts, *words)

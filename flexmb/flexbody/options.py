@@ -98,6 +98,17 @@ def is_number(value: Any) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
 
 
+def require_tables(error: type[FlexmbError], tables: Mapping[str, Any]) -> None:
+    """Refuse what is no table of names, each of None or its own entry."""
+    problems = [
+        Problem(name, f"a table by name is expected, given {value!r}")
+        for name, value in tables.items()
+        if value is not None and not isinstance(value, Mapping)
+    ]
+    if problems:
+        raise error.from_problems(problems)
+
+
 def kind_of(
     noun: str, names: Sequence[str], words: Any, where: str, error: type[FlexmbError]
 ) -> str:

@@ -176,7 +176,7 @@ def make_ties(mesh: Mesh, words_by_name: Mapping[str, Mapping[str, Any]]) -> tup
     problems: list[Problem] = []
     for name, words in words_by_name.items():
         try:
-            ties.append(_make_tie(mesh, name, dict(words)))
+            ties.append(_make_tie(mesh, name, words))
         except MeshError as error:
             problems += error.problems
     seen: dict[int, str] = {}
@@ -257,7 +257,7 @@ def tie_moments(
     return moments
 
 
-def _make_tie(mesh: Mesh, name: str, words: dict[str, Any]) -> Tie:
+def _make_tie(mesh: Mesh, name: str, words: Mapping[str, Any]) -> Tie:
     where = f"ties.{name}"
     options = read_options(TieOptions, words, where, MeshError)
     kind = options.type

@@ -248,7 +248,7 @@ def nodal_masses(
     problems: list[Problem] = []
     for name, words in words_by_name.items():
         try:
-            masses.append(_make_point_mass(mesh, numbering, f"masses.{name}", dict(words)))
+            masses.append(_make_point_mass(mesh, numbering, f"masses.{name}", words))
         except MeshError as error:
             problems += error.problems
     if problems:
@@ -264,7 +264,7 @@ def join(parts: list[NodalInertia]) -> NodalInertia:
 
 
 def _make_point_mass(
-    mesh: Mesh, numbering: Numbering, where: str, words: dict[str, Any]
+    mesh: Mesh, numbering: Numbering, where: str, words: Mapping[str, Any]
 ) -> NodalInertia:
     options = read_options(MassOptions, words, where, MeshError)
     mass, arm = float(options.mass), np.array(options.offset or (0.0, 0.0, 0.0), dtype=float)

@@ -69,7 +69,7 @@ def make_springs(mesh: Mesh, words_by_name: Mapping[str, Mapping[str, Any]]) -> 
     problems: list[Problem] = []
     for name, words in words_by_name.items():
         try:
-            springs.append(_make_spring(mesh, name, dict(words)))
+            springs.append(_make_spring(mesh, name, words))
         except MeshError as error:
             problems += error.problems
     if problems:
@@ -166,7 +166,7 @@ def _check_rotations(spring: Spring, numbering: Numbering, points: FloatArray) -
         raise MeshError(f"springs.{spring.name}: {what}: use the reference node of a tie")
 
 
-def _make_spring(mesh: Mesh, name: str, words: dict[str, Any]) -> Spring:
+def _make_spring(mesh: Mesh, name: str, words: Mapping[str, Any]) -> Spring:
     where = f"springs.{name}"
     options = read_options(NodeSpringOptions, words, where, MeshError)
     nodes = _spring_nodes(mesh, options.between, f"{where}.between")

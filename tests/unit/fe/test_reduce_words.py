@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from femeshes import block
 
+import flexmb
 from flexmb.errors import FlexmbError
 from flexmb.fe import reduce
 from flexmb.fe.reduction.methods import reduction_key
@@ -119,3 +120,24 @@ def test_mistakes_of_method_and_damping_are_told_before_anything_is_assembled():
     assert phases == []
     with pytest.raises(FlexmbError, match="loads.push.group: is missing"):
         body(loads={"push": {"type": "pressure", "pressure": 1.0}})
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ({"sections": "rectangle"}, "sections: a table by name is expected, given 'rectangle'"),
+        ({"interfaces": ["start"]}, "interfaces: a table by name is expected, given .'start'."),
+        ({"loads": [1]}, "loads: a table by name is expected, given"),
+        ({"ties": {"t": "start"}}, "ties.t: a table is expected, given 'start'"),
+        ({"mesh": None}, "mesh: is missing"),
+    ],
+)
+@pytest.mark.parametrize("solve", [flexmb.reduce, flexmb.part])
+def test_what_is_no_table_is_told(solve, words, sentence):
+    beam = {
+        "mesh": {"type": "beam", "length": 1},
+        "material": "steel",
+        "sections": {"all": {"type": "circle", "radius": 0.01}},
+    }
+    with pytest.raises(flexmb.FlexmbError, match=sentence):
+        solve(**(beam | words))
