@@ -46,8 +46,6 @@ class Hard:
         By method: the sentence with which a run says that it did not reach what was asked.
     warns : str
         What one of the sentences of a run that finishes contains.
-    alarms : tuple of str
-        Methods that may state errors of velocities or reactions of their own size.
     slow : bool
         Left out of the part of a minute.
     quick : tuple of str
@@ -66,7 +64,6 @@ class Hard:
     stops: Mapping[str, str] = field(default_factory=dict)
     misses: Mapping[str, str] = field(default_factory=dict)
     warns: str = ""
-    alarms: tuple[str, ...] = ()
     slow: bool = False
     quick: tuple[str, ...] = ()
 
@@ -116,7 +113,7 @@ def failure(case: Hard, method: str, outcome: Outcome) -> str:
         if told and told in outcome.sentences:
             return ""
         return f"{outcome.measured:.3g} is above {case.bound:g}"
-    if outcome.stated > _ALARM and method not in case.alarms:
+    if outcome.stated > _ALARM:
         return f"it states an error of velocities or reactions of {outcome.stated:.2g}"
     if _RINGS in outcome.sentences and _RINGS not in case.warns:
         return f"it says that forces alternate: {outcome.sentences}"

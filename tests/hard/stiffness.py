@@ -254,7 +254,6 @@ CASES = {
         "Opening and sleeve follow Lagrange's equations to 5e-5 of their range, 5 accuracies.",
         5e-5, governor, lambda run: max(off_governor(run)[:2]),
         {"duration": 1.0, "outputs": 100, "accuracy": 1e-5}, every(1e-3), stops=BEYOND,
-        alarms=("controlled generalized-alpha",),
     ),
     "the hinge of the governor": Hard(
         "Its force hangs on speeds of 1e-4 m/s in dampers of 4e4 N s/m.",
@@ -264,7 +263,7 @@ CASES = {
         {"duration": 1.0, "outputs": 100, "accuracy": 1e-5},
         every(1e-3, "fixed explicit-rk")
         | dict.fromkeys(("newmark", "trapezoidal"), {"accuracy": None, "step": 5e-4}),
-        stops=BEYOND, alarms=("controlled generalized-alpha",), slow=True,
+        stops=BEYOND, slow=True,
     ),
     "the hinge of the governor at every step": Hard(
         "Dampers of 1e4 1/s by fixed steps of 2 ms, which their method repeats with changing sign.",
