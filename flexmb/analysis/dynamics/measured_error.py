@@ -40,8 +40,9 @@ from flexmb.flexbody.arrays import Array
 from flexmb.model.model import Model
 from flexmb.results.writer import OutputBlock
 
-# A sensor that moves by less than this share of the largest motion of its kind is at rest.
-_AT_REST = 1e-9
+# What moves by less than this share of the largest motion of its kind is at rest: positions below
+# 5000 times round-off, others below what projections leave of them near singular poses.
+_POSITIONS_AT_REST, _AT_REST = 1e-12, 1e-9
 # All are judged over their own peak-to-peak, but reactions over no less than this share of the
 # largest of their unit and its square of all inertia forces, moments also of the largest force
 # times the size: below are errors alone. Velocities over no less than this share of their own
@@ -218,7 +219,8 @@ class MeasuredError:
         sorts = np.array([one.quantity == FOR_SCALE for one in self._compared])
         for unit, sort in set(zip(units, sorts, strict=True)):
             same = (units == unit) & (sorts == sort)
-            least = max(_AT_REST * spans[same].max(), self._least.get(unit, 0.0))
+            share = _POSITIONS_AT_REST if unit in ("m", "rad") else _AT_REST
+            least = max(share * spans[same].max(), self._least.get(unit, 0.0))
             spans[same & (spans <= least)] = 0.0
         reacts = np.array([one.quantity == "reactions" for one in self._compared])
         size = self._largest_values()

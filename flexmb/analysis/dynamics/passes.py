@@ -215,23 +215,23 @@ def rough_run(prepared: PreparedDynamics, progress: Progress) -> None:
     state = State(*(array.copy() for array in prepared.first))
     state.q_first[:] = state.q
     run, status = Integration(own.compiled, own.method, rough, state), method.FINE
+    least = state.motion.copy()  # that it tells nothing below of
     try:
         while status == method.FINE and not run.finished:
             status = run.integrate(run.chunk)
             progress("integrate", 0.0, f"looks ahead, t = {state.t[0]:.4g} s")
     except FlexmbError:  # too many steps: the run itself says so, if it does as well
         return
-    if status != method.FINE:
-        return
-    _set_motion(prepared, state)
+    if status == method.FINE:
+        _set_motion(prepared, state, state.motion > least)
 
 
-def _set_motion(prepared: PreparedDynamics, like: State) -> None:
-    """Motion and speed of all coordinates of a run are those of another one at least."""
+def _set_motion(prepared: PreparedDynamics, like: State, moves: np.ndarray | bool = True) -> None:
+    """Motion and speed of coordinates that move are those of another run at least."""
     runs = [prepared.run] if prepared.verified is None else [prepared.run, prepared.verified.scout]
     for state in (prepared.begin, *(run.state for run in runs)):
-        np.maximum(state.motion, like.motion, out=state.motion)
-        np.maximum(state.speed, like.speed, out=state.speed)
+        np.maximum(state.motion, like.motion, out=state.motion, where=moves)
+        np.maximum(state.speed, like.speed, out=state.speed, where=moves)
 
 
 def stricter_tolerance(prepared: PreparedDynamics) -> float | None:

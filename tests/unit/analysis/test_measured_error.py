@@ -97,8 +97,8 @@ def test_a_sensor_of_small_motion_counts_by_its_own_span():
     assert worst.name == "right"
     assert worst.error == pytest.approx(1e-7 / 32 / np.ptp(1e-4 * np.sin(T)))
     at_rest = runs(made, T, left_x=1e-6 * (T > 5))
-    at_rest[1].set("right.x", 1e-11 * (T > 5))
-    at_rest[0].set("right.x", 9e-11 * (T > 7))
+    at_rest[1].set("right.x", 1e-13 * (T > 5))
+    at_rest[0].set("right.x", 9e-13 * (T > 7))
     assert fed(made, *at_rest).largest(RATIO)["positions"].name == "left"
 
 
