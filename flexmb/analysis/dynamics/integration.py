@@ -139,7 +139,11 @@ def with_tolerance(
 
 
 def refinement(integrator: method.Method) -> float:
-    """Steps of a run for each one of its scout: twice, or fewer where errors fall fast."""
+    """Steps of a run for each one of its scout: twice, or fewer where errors fall fast.
+
+    The error told over the true one of the judging scenes, a tenth of them below and a tenth above:
+    0.8 to 2.7 with 1.6 and order 8, 0.5 to 2.7 with 2; 0.9 to 2.6 and 0.8 to 4 with order 5.
+    """
     return 2.0 if integrator.order < _HIGH_ORDER else 1.6
 
 
