@@ -353,6 +353,8 @@ def _readable(row: Mapping[str, Any] | None) -> Record | None:
         }
         if ended and record["repeats"]:
             record["cpu_seconds"] = [float(one) for one in row["cpu_seconds"]]
+            if len(record["cpu_seconds"]) < record["repeats"]:
+                return None
         return record if len(record["seconds"]) >= max(1, record["repeats"]) * ended else None
     except (LookupError, TypeError, ValueError, OverflowError):
         return None

@@ -13,6 +13,7 @@ import flexmb
 from flexmb.errors import FlexmbError, SceneError
 from flexmb.progress import silent
 from flexmb.results import Result
+from flexmb.studies import study_jobs
 from flexmb.studies.record_table import RecordTable, read_rows
 from flexmb.studies.study_jobs import Job, StudyQueue
 from flexmb.workflow.cluster import open_cluster
@@ -108,6 +109,14 @@ def test_records_are_one_table_with_the_values_of_the_knobs(
         assert stored["dynamics.step"] == row.values["dynamics.step"]
         assert stored["status"] == "finished" and len(stored["seconds"]) == 1
         assert json.loads(stored["statistics"])["steps"] == row.statistics["steps"]
+
+
+@pytest.mark.parametrize("name", ["seconds", "cpu_seconds"])
+def test_a_record_without_its_times_is_a_missing_one(folder: Path, study, name: str) -> None:
+    assert study.rows
+    row = read_rows(folder / "runs.parquet").to_pylist()[0]
+    assert study_jobs._readable(row) is not None
+    assert study_jobs._readable({**row, name: []}) is None
 
 
 def test_a_study_of_another_scene_is_not_mixed_with_it(study: flexmb.Study, folder: Path) -> None:
