@@ -97,7 +97,7 @@ def resume_run(
 ) -> RunReport:
     """Resume a run and draw it; see :func:`resume`."""
     from flexmb.analysis.dynamics.dynamics import run_dynamics
-    from flexmb.analysis.dynamics.passes import prepare_resumed
+    from flexmb.analysis.dynamics.resumed_run import prepare_resumed
     from flexmb.engine.compile import compile_system
     from flexmb.model import Model
     from flexmb.model.scenes.effects import active_model
@@ -116,7 +116,7 @@ def resume_run(
     model = active_model(model)
     compiled = compile_system(model, bodies)
     notes = _check_system(run, compiled)
-    prepared = prepare_resumed(compiled, model, run, progress=progress)
+    prepared = prepare_resumed(compiled, model, run, duration is not None, progress=progress)
     if duration is not None and model.dynamics is not None:
         spec = model.dynamics
         extend_file(run.path, model.units.written(spec.duration, "s"), spec.n_rows - 1)

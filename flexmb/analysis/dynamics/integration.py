@@ -27,6 +27,7 @@ _LOCAL = {True: 0.1, False: 0.2}  # local error over the requested one in the en
 _HIGH_ORDER = 5
 _SLACK = 4.0
 _COMPARED = 51  # times in addition to outputs that are fewer or listed
+_SAME_TIME = 1e-9  # difference of two times that are one but for round-off, over the duration
 _SCOUT_ROWS = 128  # outputs from which on a scout has fewer than the run
 _AT_REST = 1e-6  # motion over the size of the model
 # What round-off of positions, over their distance from the origin, leaves in estimates: of Radau's
@@ -85,7 +86,9 @@ def compared_times(spec: DynamicsSpec) -> np.ndarray:
     times = output_times(spec)
     if isinstance(spec.outputs, int) and len(times) >= _COMPARED:
         return times
-    return np.union1d(times, np.linspace(0.0, spec.duration, _COMPARED))
+    others = np.linspace(0.0, spec.duration, _COMPARED)
+    apart = np.abs(others[:, None] - times).min(axis=1) > _SAME_TIME * spec.duration
+    return np.union1d(times, others[apart])
 
 
 def scout_rows(n: int) -> np.ndarray:
@@ -277,6 +280,11 @@ class Integration:
         )  # fmt: skip
         self._run, self._output_run = hand_over(run), hand_over(output_run(run))
         self._checkpoint: tuple[int, float, float] | None = None  # steps, time, steps at the limit
+
+    def count_outputs(self) -> None:
+        """Count the outputs until the time of the state, where it is that of a run with others."""
+        until = self.state.t[0] + method.round_off(self.settings)
+        self.state.count["outputs"] = np.searchsorted(self.times, until, side="right")
 
     def tallies(self) -> dict[str, np.ndarray]:
         """What all rows so far tell, to be saved and filled in again."""

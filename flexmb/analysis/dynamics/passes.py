@@ -9,10 +9,6 @@ error of a step is judged by motion and speed of each coordinate so far: a machi
 rest has not moved yet, and its stiff parts would be resolved as if their first tremor were all that
 ever happens. Nothing else is taken from the rough run: a wrong scale costs steps or another pass,
 no accuracy.
-
-A run that was stopped or killed is resumed from the state at the end of a chunk, as the file of the
-result holds it. A chunk begins by forgetting the factor and the state is complete, so the rest is
-that of an uninterrupted run to the last bit.
 """
 
 from __future__ import annotations
@@ -23,39 +19,25 @@ from typing import Any
 
 import numpy as np
 
-from flexmb.analysis.assembly.jacobian import constraint_rank
-from flexmb.analysis.assembly.joined_damping import add_damping, choose_static_modes, is_determined
 from flexmb.analysis.dynamics.integration import (
     Integration,
     compared_times,
     local_tolerance,
-    loop_settings,
     output_times,
     with_tolerance,
 )
 from flexmb.analysis.dynamics.measured_error import VerifiedRun
-from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
 from flexmb.analysis.procedure import PhaseTimer
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import (
-    AUTO,
-    FINE_METHOD,
-    STIFF_METHOD,
-    make_integrator,
-    method_name,
-    prepare_integration,
-    solve_stage,
-)
-from flexmb.engine.initial_conditions import ACCELERATIONS
+from flexmb.engine.entries import AUTO, FINE_METHOD, STIFF_METHOD, make_integrator
 from flexmb.engine.method import Settings
 from flexmb.engine.state import State
-from flexmb.engine.work import new_state, new_work
-from flexmb.errors import FlexmbError, ResultFileError
+from flexmb.errors import FlexmbError
 from flexmb.model.model import Model
 from flexmb.model.scenes.dynamics import METHODS, DynamicsSpec
-from flexmb.progress import Progress, silent
-from flexmb.results import BodyDamping, Result
+from flexmb.progress import Progress
+from flexmb.results import BodyDamping
 from flexmb.results.writer import OutputBlock
 
 MAX_PASSES = 4
@@ -353,93 +335,3 @@ def limited_by_stability(prepared: PreparedDynamics) -> bool:
     count, stiff = run.state.count[0], run.state.memory[0]["steps_at_stability_limit"]
     tried = count["steps"] + count["rejected"]
     return may_change_method(prepared) and tried > _MIN_STEPS and bool(stiff > _STIFF_SHARE * tried)
-
-
-def prepare_resumed(
-    compiled: Compiled, model: Model, result: Result, *, progress: Progress = silent
-) -> PreparedDynamics:
-    """Make the rest of a run ready.
-
-    Parameters
-    ----------
-    compiled : Compiled
-        The model of the result, compiled anew; its fingerprint must be that of the result.
-    model : Model
-        The model; `model.dynamics.duration` may be longer than it was.
-    result : Result
-        What there is of the run.
-    progress : Progress
-        Told the phase `compile`.
-
-    Raises
-    ------
-    ResultFileError
-        No whole state, or one that is not of this system.
-    """
-    spec = model.dynamics
-    newest = result.last_state()
-    if spec is None or newest is None:
-        raise ResultFileError(f"{result.path}: has no state to resume from; run the scene again")
-    rows, arrays = newest
-    timer, name = PhaseTimer(), method_name(spec)
-    passes = arrays.get("passes")
-    if passes is not None and passes.dtype == PASSES:
-        name = tuple(METHODS)[int(passes[0]["method"])]
-    integrator = make_integrator(spec, name)
-    units = prepare_integration(compiled.system, integrator, progress)
-    timer.lap("compile" if units else "load")
-    first, rank = _first_pose(compiled, arrays, result, rows)
-    if "first_q" in arrays:
-        compiled, _ = add_damping(choose_static_modes(compiled, first), model, first)
-    settings = loop_settings(compiled, spec, integrator, is_determined(compiled, rank))
-    if settings.step == 0.0 and passes is not None and passes.dtype == PASSES:
-        tolerance = float(passes[0]["tolerance"])
-        settings = with_tolerance(settings, spec, integrator, tolerance)
-    not_unique: tuple[str, ...] = ()
-    if rank is not None and rank < compiled.layout.nc:
-        not_unique, _ = redundant_reactions(compiled, model, first)
-    state = new_state(compiled.system, len(compiled.layout.channels))
-    prepared = prepared_run(
-        compiled, model, name, state, settings, timer=timer, notes=(), rows_before=rows,
-        not_unique=not_unique,
-    )  # fmt: skip
-    _restore(prepared, arrays, result)
-    timer.lap("assemble")
-    return prepared
-
-
-def _restore(prepared: PreparedDynamics, arrays: dict[str, np.ndarray], result: Result) -> None:
-    """Fill in the saved arrays.
-
-    Raises
-    ------
-    ResultFileError
-        They are not those of this run.
-    """
-    own = prepared.arrays()
-    fits = arrays.keys() == own.keys() and all(
-        arrays[name].shape == array.shape and arrays[name].dtype == array.dtype
-        for name, array in own.items()
-    )
-    if not fits:
-        what = "its saved state is of another version of flexmb; run the scene again"
-        raise ResultFileError(f"{result.path}: {what}")
-    for name, array in own.items():
-        array[...] = arrays[name]
-    if result.status == "finished":  # it continues with a longer duration
-        tolerance, _, number, _, _ = prepared.passes[0]
-        prepared.passes[0] = (tolerance, 1, number, 0.0, 0.0)
-
-
-def _first_pose(
-    compiled: Compiled, arrays: dict[str, np.ndarray], result: Result, rows: int
-) -> tuple[np.ndarray, int | None]:
-    """Positions (nq,) of the first row, and the rank of the constraints there as at the start."""
-    first = new_state(compiled.system, len(compiled.layout.channels))
-    try:
-        first.q[:], first.v[:] = arrays["first_q"], arrays["first_v"]
-    except (KeyError, ValueError):
-        return first.q, None  # of another version, which `_restore` reports
-    work = new_work(compiled.system)
-    solve_stage(compiled.system, first, work, ACCELERATIONS)
-    return first.q, constraint_rank(compiled, work)

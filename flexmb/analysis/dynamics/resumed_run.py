@@ -1,0 +1,128 @@
+"""The rest of a run that was stopped or killed, or is to last longer.
+
+It begins from the state at the end of a chunk, as the file of the result holds it. A chunk begins
+by forgetting the factor and the state is complete, so the rest is that of an uninterrupted run to
+the last bit.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexmb.analysis.assembly.jacobian import constraint_rank
+from flexmb.analysis.assembly.joined_damping import add_damping, choose_static_modes, is_determined
+from flexmb.analysis.dynamics.integration import loop_settings, with_tolerance
+from flexmb.analysis.dynamics.passes import PASSES, PreparedDynamics, prepared_run
+from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
+from flexmb.analysis.procedure import PhaseTimer
+from flexmb.engine.compile import Compiled
+from flexmb.engine.entries import make_integrator, method_name, prepare_integration, solve_stage
+from flexmb.engine.initial_conditions import ACCELERATIONS
+from flexmb.engine.work import new_state, new_work
+from flexmb.errors import ResultFileError
+from flexmb.model.model import Model
+from flexmb.model.scenes.dynamics import METHODS
+from flexmb.progress import Progress, silent
+from flexmb.results import Result
+
+
+def prepare_resumed(
+    compiled: Compiled,
+    model: Model,
+    result: Result,
+    extended: bool = False,
+    *,
+    progress: Progress = silent,
+) -> PreparedDynamics:
+    """Make the rest of a run ready.
+
+    Parameters
+    ----------
+    compiled : Compiled
+        The model of the result, compiled anew; its fingerprint must be that of the result.
+    model : Model
+        The model.
+    result : Result
+        What there is of the run.
+    extended : bool
+        Whether the model has a longer duration than the result.
+    progress : Progress
+        Told the phase `compile`.
+
+    Raises
+    ------
+    ResultFileError
+        No whole state, or one that is not of this system.
+    """
+    spec = model.dynamics
+    newest = result.last_state()
+    if spec is None or newest is None:
+        raise ResultFileError(f"{result.path}: has no state to resume from; run the scene again")
+    rows, arrays = newest
+    timer, name = PhaseTimer(), method_name(spec)
+    passes = arrays.get("passes")
+    if passes is not None and passes.dtype == PASSES:
+        name = tuple(METHODS)[int(passes[0]["method"])]
+    integrator = make_integrator(spec, name)
+    units = prepare_integration(compiled.system, integrator, progress)
+    timer.lap("compile" if units else "load")
+    first, rank = _first_pose(compiled, arrays, result, rows)
+    if "first_q" in arrays:
+        compiled, _ = add_damping(choose_static_modes(compiled, first), model, first)
+    settings = loop_settings(compiled, spec, integrator, is_determined(compiled, rank))
+    if settings.step == 0.0 and passes is not None and passes.dtype == PASSES:
+        tolerance = float(passes[0]["tolerance"])
+        settings = with_tolerance(settings, spec, integrator, tolerance)
+    not_unique: tuple[str, ...] = ()
+    if rank is not None and rank < compiled.layout.nc:
+        not_unique, _ = redundant_reactions(compiled, model, first)
+    state = new_state(compiled.system, len(compiled.layout.channels))
+    prepared = prepared_run(
+        compiled, model, name, state, settings, timer=timer, notes=(), rows_before=rows,
+        not_unique=not_unique,
+    )  # fmt: skip
+    _restore(prepared, arrays, result, extended)
+    timer.lap("assemble")
+    return prepared
+
+
+def _restore(
+    prepared: PreparedDynamics, arrays: dict[str, np.ndarray], result: Result, extended: bool
+) -> None:
+    """Fill in the saved arrays.
+
+    Raises
+    ------
+    ResultFileError
+        They are not those of this run.
+    """
+    own = prepared.arrays()
+    fits = arrays.keys() == own.keys() and all(
+        arrays[name].shape == array.shape and arrays[name].dtype == array.dtype
+        for name, array in own.items()
+    )
+    if not fits:
+        what = "its saved state is of another version of flexmb; run the scene again"
+        raise ResultFileError(f"{result.path}: {what}")
+    for name, array in own.items():
+        array[...] = arrays[name]
+    if extended:  # its outputs are others, and times that it is compared at
+        for run in (prepared.run, *((prepared.verified.scout,) if prepared.verified else ())):
+            run.count_outputs()
+    if result.status == "finished":
+        tolerance, _, number, _, _ = prepared.passes[0]
+        prepared.passes[0] = (tolerance, 1, number, 0.0, 0.0)
+
+
+def _first_pose(
+    compiled: Compiled, arrays: dict[str, np.ndarray], result: Result, rows: int
+) -> tuple[np.ndarray, int | None]:
+    """Positions (nq,) of the first row, and the rank of the constraints there as at the start."""
+    first = new_state(compiled.system, len(compiled.layout.channels))
+    try:
+        first.q[:], first.v[:] = arrays["first_q"], arrays["first_v"]
+    except (KeyError, ValueError):
+        return first.q, None  # of another version, which `_restore` reports
+    work = new_work(compiled.system)
+    solve_stage(compiled.system, first, work, ACCELERATIONS)
+    return first.q, constraint_rank(compiled, work)
