@@ -233,7 +233,8 @@ class _Pass:
         settings = prepared.run.settings
         step = settings.step if settings.determined == 0 else 0.0
         self._turning = TurningMonitor(compiled, model, step)
-        alternates = step if prepared.run.method.keeps_step == 1 else 0.0  # generalized-α, its kin
+        integrator = prepared.run.method  # generalized-α, its kin
+        alternates = step * (integrator.keeps_step - min(integrator.collocation, 1))
         self._ringing = RingingMonitor(compiled, model, alternates)
         self._validity = ValidityMonitor(compiled, model, prepared.first.q)
         self.growth = GrowthMonitor(compiled, model)

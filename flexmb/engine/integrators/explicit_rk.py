@@ -171,6 +171,8 @@ def end_step(run, tableau, h, status, of_parameters):
     constraint_stage(run, run.trial_point)
     gap = weighted_size(run.work.con.C, run.system.row_weights)
     if status == FINE and run.method.stabilised == 0 and not gap < _OPEN:
+        tr.error[0] = tr.error[1] = 0.0  # nothing is known of them
+        _watch_stability(run, tableau, h, of_parameters)
         return NO_CONVERGENCE
     copy(tr.vd, tr.aa)
     tr.extended[0] = 0
