@@ -237,7 +237,6 @@ def _add_solid(scene: VtkScene, solid: Solid) -> None:
     edges = _line(INK, 0.5 * solid.opacity) if solid.role == "body" else None
     actor = scene.add_mesh(shape.points, shape.faces, look=look, edges=edges, matrix=solid.matrix)
     if solid.role == "arrow":  # in front of the bodies on which it acts
-        actor.mapper.SetResolveCoincidentTopologyToPolygonOffset()
         actor.mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(0.0, -1e6)
 
 

@@ -22,6 +22,16 @@ OVERSAMPLING = 2  # pixels that are drawn for one of the picture, each way
 FEATURE_DEGREES = 35.0  # edges sharper than this are drawn as lines, and not smoothed
 
 
+def _offset_by_mappers_alone() -> None:
+    """Let mappers say what lies in front of what: VTK keeps this for all pictures of a process."""
+    from vtkmodules.vtkRenderingCore import vtkMapper
+
+    vtkMapper.SetResolveCoincidentTopologyToPolygonOffset()
+    vtkMapper.SetResolveCoincidentTopologyPolygonOffsetParameters(0.0, 0.0)
+    vtkMapper.SetResolveCoincidentTopologyLineOffsetParameters(0.0, 0.0)
+    vtkMapper.SetResolveCoincidentTopologyPointOffsetParameter(0.0)
+
+
 class VtkScene:
     """An off-screen window with panels in rows and columns.
 
@@ -45,6 +55,7 @@ class VtkScene:
     ) -> None:
         import pyvista
 
+        _offset_by_mappers_alone()
         self.is_window = window
         self.sampling = 1 if window else OVERSAMPLING
 

@@ -11,7 +11,7 @@ import slidercrank
 from PIL import Image, ImageSequence
 from typer.testing import CliRunner
 
-from flexmb import film, film_modes, simulate
+from flexmb import film, film_modes, render, simulate
 from flexmb.cli import app
 from flexmb.errors import FlexmbError, FlexmbWarning, ViewError
 from flexmb.model import Model
@@ -72,6 +72,24 @@ def test_processes_draw_the_same_pictures(run: Path, tmp_path: Path) -> None:
     for name in names:
         one, two = (np.asarray(Image.open(tmp_path / f"{count}" / name), int) for count in (1, 2))
         assert np.abs(one - two).max() <= 2  # whatever frames a process has drawn before
+
+
+def test_a_picture_does_not_depend_on_those_drawn_before(tmp_path: Path) -> None:
+    """Arrows lie in front of what they act on, by an offset that VTK keeps for all pictures."""
+    if not vtk_renderer.probe().works:
+        pytest.skip("VTK does not render on this machine")
+    model = Model("pendulum")
+    model.set_gravity([0, 0, -9.81])
+    shape = {"type": "box", "size": [1.0, 0.1, 0.1]}
+    model.add_body("bar", shape=shape, material="steel", position=[0.5, 0, 0])
+    model.add_marker("bar.end", position=[-0.5, 0, 0])
+    model.add_joint("pivot", "revolute", between=["ground", "bar.end"], axis="y")
+    result, pictures = simulate(model, duration=0.1, outputs=2), []
+    for k, words in enumerate(({}, {"forces": "reactions"}, {})):
+        render(result, 0.0, size=(320, 180), output=tmp_path / f"{k}.png", **words)
+        pictures.append(np.asarray(Image.open(tmp_path / f"{k}.png"), int))
+    assert np.abs(pictures[1] - pictures[0]).max() > 50
+    np.testing.assert_array_equal(pictures[2], pictures[0])
 
 
 def _shot(run: Path, rate: float, speed: float, **view) -> MotionShot:
