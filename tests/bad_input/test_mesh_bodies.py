@@ -101,7 +101,7 @@ WORDS = [
     (("modes = 4", 'modes = "own.npz"'), 'modes: an .npz file goes with reduction = "user"'),
     (("modes = 4", 'reduction = "user"'), "modes: must be the .npz file of your own modes"),
     (("modes = 4", 'modes = 4\nreduction = "guyan"'), "modes: a static reduction (guyan)"),
-    (("modes = 4", 'reduction = "craig"'), 'reduction: unknown choice "craig"; allowed: craig-b'),
+    (("modes = 4", 'reduction = "craig"'), 'reduction: unknown choice "craig"; nearest: craig-b'),
     (("modes = 4", 'mass_matrix = "lumped"'), 'mass_matrix: unknown choice "lumped"; allowed:'),
     (("mass = 1", "mass = 0"), "masses.lump.mass: must be positive where there is no inertia"),
     (("mass = 1", "mass = -1"), "masses.lump.mass: must be zero or positive, is -1 kg"),

@@ -119,7 +119,7 @@ def test_methods_refuse_what_they_cannot(bar, box):
         free_modes(fe, (), {"effective_mass": 0.5})
     with pytest.raises(ReductionError, match="only 72 elastic modes"):
         free_interface(fe, interfaces, 73)
-    with pytest.raises(ReductionError, match='unknown "craig"; allowed'):
+    with pytest.raises(ReductionError, match='unknown "craig"; nearest: craig-bampton; allowed'):
         reduce_model(fe, interfaces, "craig")
     with pytest.raises(ReductionError, match="needs interfaces: without them the body is rigid"):
         reduce_model(fe, (), "guyan")
