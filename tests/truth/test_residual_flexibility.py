@@ -107,6 +107,8 @@ def test_dynamic_and_quasi_static_modes_together(scene, channel, error, method):
     """Vibrations of clamped bodies and of what hangs on them, self-stress of redundant joints."""
     knobs = {"duration": 1.0, "accuracy": 1e-4, "outputs": 60, "start": "quasi-static"}
     (full,), _ = channels(scene("dynamic"), (channel,), **knobs)
+    if scene is redundant and method == "generalized-alpha":
+        knobs["accuracy"] = 1e-5  # at 1e-4 it reports reactions 2 % off, and pays drivers by them
     for deformation in MIXED:
         (some,), result = channels(scene(deformation), (channel,), **knobs, method=method)
         assert np.abs(some - full).max() < error * np.ptp(full), deformation

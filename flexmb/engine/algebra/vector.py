@@ -173,14 +173,6 @@ def dot(a, i, b, j, n):
 
 
 @kernel
-def put_combination(f, a, i, g, b, j, out, o, n):
-    """out[o:o+n] = f a[i:i+n] + g b[j:j+n]."""
-    i, j, o = np.uintp(i), np.uintp(j), np.uintp(o)
-    for k in range(np.uintp(n)):
-        out[o + k] = f * a[i + k] + g * b[j + k]
-
-
-@kernel
 def add_multiple(f, a, i, b, j, n):
     """b[j:j+n] += f a[i:i+n]."""
     i, j = np.uintp(i), np.uintp(j)
