@@ -24,6 +24,7 @@ from flexmb.cli.app import (
 from flexmb.errors import FlexmbError, OutputError
 from flexmb.units import UnitSystem, unit_system
 
+_ROUND_OFF = 1e-11  # forces of supports and loads out of balance, over the largest
 _UNITS = {  # by the first letter of a component
     "section force": {"N": "N", "V": "N", "T": "N m", "M": "N m"},
     "shell force": {"N": "N/m", "M": "N", "Q": "N/m"},
@@ -105,9 +106,12 @@ def show_part(result: Any, units: UnitSystem) -> None:
             for kind, one in parts
         ]
         screen.table((columns[0], columns[1], f"force {columns[2]}", columns[3]), lines)
+        balance = "in balance but for round-off"
+        if result.imbalance > _ROUND_OFF:
+            balance = f"out of balance by {result.imbalance:.1e} of the largest"
         screen.line(
             "moments of supports about their own points, of loads about the centre of mass; "
-            f"out of balance by {result.imbalance:.1e} of the largest"
+            + balance
         )
     if len(result.frequencies):
         shares = 100.0 * result.effective_mass / result.mass

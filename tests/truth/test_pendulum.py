@@ -191,7 +191,7 @@ def at_times(result, times):
         (5e-3, 5, 1e-12, {"method": "explicit-rk", "order": 5}),
         # ... and O(h⁹), where the slope is that of both.
         (2e-2, 8, 2e-13, {"method": "explicit-rk", "order": 8}),
-        (1e-2, 5, 1e-8, {"method": "radau", "newton_tolerance": 1e-12}),
+        (1.25e-2, 5, 1e-8, {"method": "radau", "newton_tolerance": 1e-12}),
     ],
     ids=["generalized-alpha", "order 5", "order 8", "radau"],
 )
