@@ -206,10 +206,10 @@ class RingingMonitor:
         k = int(share.argmax())
         if share[k] <= _RINGS:
             return []
-        what = ("force", "moment")[k % 2]
+        what, at = ("force", "moment")[k % 2], self._units.say(self._largest[1, k], "s", 4)
         return [
             f"the {what} at {self._names[k // 2]} alternates from step to step by "
-            f"{100 * share[k]:.2g} % of its range, most at t = {self._largest[1, k]:.4g} s: steps "
+            f"{100 * share[k]:.2g} % of its range, most at t = {at}: steps "
             f"of {self._units.say(self._step, 's', 3)} are too long for a stiff damper or spring, "
             'whose force changes within one; shorten them, take method = "radau", or leave out '
             "dynamics.step, so that the accuracy is controlled"

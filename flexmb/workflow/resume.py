@@ -116,7 +116,7 @@ def resume_run(
     model = active_model(model)
     compiled = compile_system(model, bodies)
     notes = _check_system(run, compiled)
-    prepared = prepare_resumed(compiled, model, run, duration is not None, progress=progress)
+    prepared = prepare_resumed(compiled, model, run, progress=progress)
     if duration is not None and model.dynamics is not None:
         spec = model.dynamics
         extend_file(run.path, model.units.written(spec.duration, "s"), spec.n_rows - 1)

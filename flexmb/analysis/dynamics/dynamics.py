@@ -233,9 +233,9 @@ class _Pass:
         settings = prepared.run.settings
         step = settings.step if settings.determined == 0 else 0.0
         self._turning = TurningMonitor(compiled, model, step)
-        integrator = prepared.run.method  # generalized-α, its kin
-        alternates = step * (integrator.keeps_step - min(integrator.collocation, 1))
-        self._ringing = RingingMonitor(compiled, model, alternates)
+        integrator = prepared.run.method
+        may_ring = integrator.keeps_step == 1 and integrator.collocation == 0  # generalized-α, kin
+        self._ringing = RingingMonitor(compiled, model, step if may_ring else 0.0)
         self._validity = ValidityMonitor(compiled, model, prepared.first.q)
         self.growth = GrowthMonitor(compiled, model)
         self._begins = prepared.rows_before == 0

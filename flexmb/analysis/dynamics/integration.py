@@ -87,8 +87,10 @@ def compared_times(spec: DynamicsSpec) -> np.ndarray:
     if isinstance(spec.outputs, int) and len(times) >= _COMPARED:
         return times
     others = np.linspace(0.0, spec.duration, _COMPARED)
-    apart = np.abs(others[:, None] - times).min(axis=1) > _SAME_TIME * spec.duration
-    return np.union1d(times, others[apart])
+    edges = np.concatenate([[-np.inf], times, [np.inf]])
+    after = np.searchsorted(edges, others)
+    apart = np.minimum(others - edges[after - 1], edges[after] - others)
+    return np.union1d(times, others[apart > _SAME_TIME * spec.duration])
 
 
 def scout_rows(n: int) -> np.ndarray:
@@ -282,7 +284,9 @@ class Integration:
         self._checkpoint: tuple[int, float, float] | None = None  # steps, time, steps at the limit
 
     def count_outputs(self) -> None:
-        """Count the outputs until the time of the state, where it is that of a run with others."""
+        """Count the outputs until the time of the state, which may be of a run with other ones."""
+        if not self.state.count[0]["outputs"]:
+            return  # it has not begun
         until = self.state.t[0] + method.round_off(self.settings)
         self.state.count["outputs"] = np.searchsorted(self.times, until, side="right")
 

@@ -261,10 +261,8 @@ class MeasuredError:
         """Let the frame of a flexible body count with the motion of its points."""
         places = {one.name + one.unit: k for k, one in enumerate(self._compared)}
         for name, reach in self._gyration.items():
-            for rate, turns in (
-                ("", 2.0),
-                ("/s", 1.0),
-            ):  # Euler parameters change by half the angle
+            # Euler parameters change by half the angle
+            for rate, turns in (("", 2.0), ("/s", 1.0)):
                 words = [f"bodies.{name}{unit}{rate}" for unit in ("m", "rad")]
                 pair = [places[word] for word in words if word in places]
                 if len(pair) == 2:

@@ -27,12 +27,7 @@ from flexmb.results import Result
 
 
 def prepare_resumed(
-    compiled: Compiled,
-    model: Model,
-    result: Result,
-    extended: bool = False,
-    *,
-    progress: Progress = silent,
+    compiled: Compiled, model: Model, result: Result, *, progress: Progress = silent
 ) -> PreparedDynamics:
     """Make the rest of a run ready.
 
@@ -41,11 +36,9 @@ def prepare_resumed(
     compiled : Compiled
         The model of the result, compiled anew; its fingerprint must be that of the result.
     model : Model
-        The model.
+        The model; `model.dynamics.duration` may be longer than it was.
     result : Result
         What there is of the run.
-    extended : bool
-        Whether the model has a longer duration than the result.
     progress : Progress
         Told the phase `compile`.
 
@@ -81,14 +74,12 @@ def prepare_resumed(
         compiled, model, name, state, settings, timer=timer, notes=(), rows_before=rows,
         not_unique=not_unique,
     )  # fmt: skip
-    _restore(prepared, arrays, result, extended)
+    _restore(prepared, arrays, result)
     timer.lap("assemble")
     return prepared
 
 
-def _restore(
-    prepared: PreparedDynamics, arrays: dict[str, np.ndarray], result: Result, extended: bool
-) -> None:
+def _restore(prepared: PreparedDynamics, arrays: dict[str, np.ndarray], result: Result) -> None:
     """Fill in the saved arrays.
 
     Raises
@@ -106,9 +97,8 @@ def _restore(
         raise ResultFileError(f"{result.path}: {what}")
     for name, array in own.items():
         array[...] = arrays[name]
-    if extended:  # its outputs are others, and times that it is compared at
-        for run in (prepared.run, *((prepared.verified.scout,) if prepared.verified else ())):
-            run.count_outputs()
+    for run in (prepared.run, *((prepared.verified.scout,) if prepared.verified else ())):
+        run.count_outputs()  # of a longer run they are others, as times of comparison are
     if result.status == "finished":
         tolerance, _, number, _, _ = prepared.passes[0]
         prepared.passes[0] = (tolerance, 1, number, 0.0, 0.0)

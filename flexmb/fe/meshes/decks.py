@@ -132,7 +132,9 @@ def flat_abaqus_deck(source: Path, text: str) -> str:
             points |= {int(row[0]): ([*row[1:4], "0", "0", "0"])[:3] for row in rows}
             if "NSET" in options:
                 nodes.add(options["NSET"], [int(row[0]) for row in rows])
-        elif card.word == "ELEMENT" and "TYPE" in options:
+        elif card.word == "ELEMENT":
+            if "TYPE" not in options:
+                raise MeshError(f"{source}: *ELEMENT has no TYPE, such as C3D4")
             body += [f"*ELEMENT, TYPE={options['TYPE'].upper()}", *card.lines]
             kind = abaqus_to_meshio_type.get(options["TYPE"].upper())
             step = 1 if kind is None else num_nodes_per_cell[kind] + 1

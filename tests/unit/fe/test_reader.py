@@ -201,6 +201,7 @@ def test_blocks_and_sets_of_an_abaqus_deck_add_up(tmp_path):
         ("*PART, NAME=a\n*PART, NAME=b", "has 2 parts in 0 instances"),
         ("*NSET, NSET=a\nuper", '"a" has the member "uper", which is neither'),
         ("*NGEN\n1, 9, 2", "NGEN is not read"),
+        ("*ELEMENT, ELSET=rib\n9, 1, 2, 3, 4", "ELEMENT has no TYPE"),
         ("*NODE, SYSTEM=C\n13, 1, 90, 0", "cylindrical or spherical coordinates"),
     ],
 )

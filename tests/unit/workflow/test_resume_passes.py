@@ -119,6 +119,9 @@ def test_a_run_killed_at_any_moment_goes_on_to_the_same_bytes(
     began = [(folder / "result.h5").is_file() for _, folder in left].index(True)
     assert began <= [moment for moment, _ in left].index("after append")  # the first rows
     restart = [moment for moment, _ in left].index("before restart")
+    for k in (restart - 1, restart + 1):  # to a longer run, from the old pass and the new one
+        folder = shutil.copytree(left[k][1], tmp_path / f"longer{k}")
+        np.testing.assert_allclose(flexmb.resume(folder, duration=20.0).time, np.arange(121) / 6)
     chosen = [*range(began, restart - 4, 19), *range(restart - 4, restart + 6), len(left) - 1]
     for k in chosen:
         _, folder = left[k]
