@@ -149,5 +149,9 @@ def test_an_interruption_that_scipy_swallows_stops_the_sweep(monkeypatch) -> Non
             super().__init__(*words, **options)
 
     monkeypatch.setattr(stats.qmc, "Sobol", Sobol)
-    with pytest.raises(KeyboardInterrupt):
-        make_design({"a": read_distribution("uniform(0, 1)", NAMES)}, "sobol", 8, 1)
+    usual = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            make_design({"a": read_distribution("uniform(0, 1)", NAMES)}, "sobol", 8, 1)
+    finally:
+        signal.signal(signal.SIGINT, usual)
