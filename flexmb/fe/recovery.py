@@ -14,7 +14,7 @@ import numpy as np
 
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.elements.element_blocks import Block
-from flexmb.fe.elements.shell_fields import flatten, shell_functions
+from flexmb.fe.elements.shell_fields import MIN_IN_PLANE, flatten, plane_axis, shell_functions
 from flexmb.fe.stress import (
     Places,
     averaged,
@@ -121,16 +121,18 @@ def shell_force_modes(
 
 
 def _nodal_axes(fe: FEMatrices, places: Places) -> FloatArray:
-    """(p, 3, 3) axes at each place: the mean normal, axis 1 of the elements projected."""
-    total = np.zeros((len(places.nodes), 3, 3))
+    """(p, 3, 3) axes at each place: the mean normal, axis 1 as of an element with that normal."""
+    total, first = np.zeros((len(places.nodes), 3)), np.zeros((len(places.nodes), 3))
     for block, rows in zip(places.blocks, places.rows, strict=True):
-        own = flatten(fe.mesh.points[block.nodes], block.section.orientation).axes
-        used = rows >= 0
-        np.add.at(total, rows[used], np.repeat(own, rows.shape[1], axis=0)[used.ravel()])
-    normal = total[:, :, 2] / np.linalg.norm(total[:, :, 2], axis=1, keepdims=True)
-    first = total[:, :, 0] - np.sum(total[:, :, 0] * normal, axis=1, keepdims=True) * normal
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([first, np.cross(normal, first), normal], axis=2)
+        flat = flatten(fe.mesh.points[block.nodes], block.section.orientation)
+        own = np.repeat(flat.axes, rows.shape[1], axis=0)[rows.ravel() >= 0]
+        np.add.at(total, rows[rows >= 0], own[:, :, 2])
+        first[rows[rows >= 0]] = own[:, :, 0]
+    normal = total / np.linalg.norm(total, axis=1, keepdims=True)
+    axis, share = plane_axis(normal, places.blocks[0].section.orientation)
+    axis = np.where(share < MIN_IN_PLANE, np.cross(normal, np.cross(first, normal)), axis)
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    return np.stack([axis, np.cross(normal, axis), normal], axis=2)
 
 
 def _turned(values: FloatArray, own: FloatArray, axes: FloatArray) -> FloatArray:

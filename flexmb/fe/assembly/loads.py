@@ -20,6 +20,7 @@ from flexmb.errors import FlexmbWarning, MeshError, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.connections import spans_rotation
 from flexmb.fe.assembly.interfaces import make_interface, select_interface, weight_samples
+from flexmb.fe.elements.beam_elements import BeamFields
 from flexmb.fe.elements.element_blocks import outer_faces
 from flexmb.fe.elements.shell_fields import edge_bows, opposed_edges
 from flexmb.fe.meshes.mesh import FACETS, dimension, facet_rule
@@ -34,7 +35,7 @@ from flexmb.flexbody.mesh_options import (
 )
 from flexmb.flexbody.options import kind_of, read_options
 
-_CORNERS = {3: 3, 4: 4, 6: 3, 8: 4, 9: 4}  # of facets with so many nodes
+_CORNERS = {2: 2, 3: 3, 4: 4, 6: 3, 8: 4, 9: 4}  # of facets with so many nodes
 
 
 def pressure_load(fe: FEMatrices, where: str, group: str, pressure: float) -> FloatArray:
@@ -82,14 +83,15 @@ def condensed_load(fe: FEMatrices, f: FloatArray) -> FloatArray:
 
 def _uniform(fe: FEMatrices, where: str, group: str, dim: int, load: FloatArray) -> FloatArray:
     f = np.zeros(fe.numbering.n_all)
-    for kind, cells in _cells(fe, where, group, dim):
-        if not np.isin(cells, fe.numbering.nodes).all():
+    for kind, facets in _cells(fe, where, group, dim):
+        if not np.isin(facets, fe.numbering.nodes).all():
             what = f'the group "{group}" has nodes that belong to no element of the body'
             raise MeshError.from_problems([Problem(where, what)])
+        cells = _load_beams(fe, f, facets, load) if kind == "line" else facets
         rule = facet_rule(kind, fe.mesh.points[cells])
         shares = np.einsum("fq,kq->fk", rule.size, rule.N)
         np.add.at(f, fe.numbering.table[cells, :3], shares[:, :, None] * load)
-        if kind == "line":  # rotations bow the edges of shells, and beams
+        if kind == "line":  # rotations bow the edges of shells
             shells = [block.nodes for block in fe.blocks if block.family.dimension == 2]
             bow = 0.5 * rule.size @ np.prod(rule.N, axis=0)
             B = edge_bows(fe.mesh.points, shells, cells)
@@ -98,6 +100,34 @@ def _uniform(fe: FEMatrices, where: str, group: str, dim: int, load: FloatArray)
             there = (numbers >= 0).all(axis=(1, 2))
             np.add.at(f, numbers[there], (moments * np.array([[1.0], [-1.0]]))[there])
     return f
+
+
+def _load_beams(fe: FEMatrices, f: FloatArray, cells: IntArray, load: FloatArray) -> IntArray:
+    """Add a load per length [N/m] along the nodes of beams; return the lines that are none.
+
+    It works on the displacement of each beam, which taper, shear and released ends shape.
+    """
+    rest = np.ones(len(cells), dtype=bool)
+    for block in fe.blocks:
+        if block.family.dimension != 1:
+            continue
+        there, row = _match_facets(cells, block.nodes)
+        if not there.any():
+            continue
+        rest &= ~there
+        x = fe.mesh.points[block.nodes]
+        fields = BeamFields(x, block.section)
+        arms = -np.matmul(fields.arms, fields.axes)[:, :, None]  # from the centroids to the nodes
+        arms = arms[:, 0] + fields.t[:, None] * (arms[:, 1] - arms[:, 0])
+        y, z = arms[..., 1:2], arms[..., 2:]
+        u = fields.u - y * fields.B - z * fields.C
+        stretch = np.linalg.norm(x[:, 1] - x[:, 0], axis=1) / fields.length
+        weight = np.broadcast_to(stretch[:, None], fields.dx.shape)
+        parts = (u, fields.V - z * fields.phi, fields.W + y * fields.phi)
+        work = np.stack([fields.integral(weight, part) for part in parts], axis=1)
+        work = np.einsum("a,eab,ebi->ei", load, fields.axes, work @ fields.turn)
+        np.add.at(f, fe.numbering.of(block.nodes[row[there]], 6), work[row[there]])
+    return cells[rest]
 
 
 def _add_pressure(

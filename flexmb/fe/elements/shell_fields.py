@@ -156,7 +156,7 @@ WARP_LIMIT = 0.15
 """Warp beyond which a quadrilateral should not be used at all."""
 
 _STEEP = 0.9  # share of the normal along x from which the default axis 1 is y
-_MIN_IN_PLANE = 1e-6  # least share of an orientation in the plane of an element
+MIN_IN_PLANE = 1e-6  # least share of an orientation in the plane of an element
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,23 +192,26 @@ def flatten(x: FloatArray, orientation: tuple[float, float, float] | None = None
     _check_warp(x)
     normal = _normal(x)
     normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-    if orientation is None:
-        towards = np.where(np.abs(normal[:, :1]) > _STEEP, [0.0, 1.0, 0.0], [1.0, 0.0, 0.0])
-    else:
-        towards = np.broadcast_to(
-            np.asarray(orientation) / np.linalg.norm(orientation), normal.shape
-        )
-    e1 = towards - np.sum(towards * normal, axis=1, keepdims=True) * normal
-    size = np.linalg.norm(e1, axis=1, keepdims=True)
-    if (size < _MIN_IN_PLANE).any():
-        count = np.count_nonzero(size < _MIN_IN_PLANE)
-        what = f"section.orientation is normal to {count} shell elements"
+    e1, size = plane_axis(normal, orientation)
+    if (size < MIN_IN_PLANE).any():
+        what = f"section.orientation is normal to {(size < MIN_IN_PLANE).sum()} shell elements"
         raise MeshError(f"{what}: it has no direction in their planes")
-    e1 = e1 / size
-    axes = np.stack([e1, np.cross(normal, e1), normal], axis=2)
+    axes = np.stack([e1 / size, np.cross(normal, e1 / size), normal], axis=2)
     center = x.mean(axis=1)
     local = np.matmul(x - center[:, None], axes)
     return Flat(center, axes, local[..., :2], local[..., 2])
+
+
+def plane_axis(
+    normal: FloatArray, orientation: tuple[float, float, float] | None
+) -> tuple[FloatArray, FloatArray]:
+    """(n, 3) projections of ``orientation``, else of x or y, on planes, and (n, 1) their length."""
+    if orientation is None:
+        towards = np.where(np.abs(normal[:, :1]) > _STEEP, [0.0, 1.0, 0.0], [1.0, 0.0, 0.0])
+    else:
+        towards = np.array([orientation]) / np.linalg.norm(orientation)
+    e1 = towards - np.sum(towards * normal, axis=1, keepdims=True) * normal
+    return e1, np.linalg.norm(e1, axis=1, keepdims=True)
 
 
 def _check_warp(x: FloatArray) -> None:

@@ -48,7 +48,7 @@ def beam(
 ) -> Mesh:
     """Line elements along x, or along a polyline.
 
-    Groups ``start`` and ``end`` (nodes); of a polyline also ``leg1``, ``leg2``, ... (elements) and
+    Groups ``start`` and ``end`` (nodes), ``leg1``, ``leg2``, ... (elements); of a polyline also
     ``corner1``, ... (nodes).
 
     Parameters
@@ -77,8 +77,7 @@ def beam(
     sets = {"start": np.array([0]), "end": np.array([n])}
     sets |= {f"corner{k}": at[k : k + 1] for k in range(1, len(legs))}
     rows = [np.arange(a, b) for a, b in zip(at[:-1], at[1:], strict=True)]
-    several = len(legs) > 1
-    groups = {f"leg{k + 1}": {"line": row} for k, row in enumerate(rows) if several}
+    groups = {f"leg{k + 1}": {"line": row} for k, row in enumerate(rows)}
     lines = np.stack([np.arange(n), np.arange(1, n + 1)], axis=1)
     return Mesh(nodes, {"line": lines}, sets, groups, source="beam")
 

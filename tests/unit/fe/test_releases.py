@@ -7,7 +7,7 @@ import pytest
 from femeshes import held_frequencies, line
 
 from flexmb.errors import MeshError
-from flexmb.fe import Mesh, assemble, circle, rectangle, reduce, resolve, tapered
+from flexmb.fe import Mesh, assemble, circle, part, rectangle, reduce, resolve, tapered
 
 MATTER = resolve({"E": 1e9, "nu": 0.3, "density": 2000.0})
 
@@ -45,6 +45,29 @@ def test_a_hinge_between_two_groups_transmits_force_and_no_moment():
     EI = MATTER.E * section.Iz
     assert u[table[1, 1]] == pytest.approx(0.5 / (3 * EI), rel=1e-9)
     assert u[table[2, 1]] == pytest.approx(0.25 / (3 * EI) + 1 / (48 * EI), rel=1e-9)
+
+
+def test_a_line_load_on_a_hinged_beam_leaves_no_moment_at_the_hinge():
+    """A cantilever carries X = 3/16 q L of a clamped bar of length L that is hinged on its tip."""
+    length, q, EI = 0.5, 1000.0, MATTER.E * circle(0.02).Iy
+    rod = circle(0.02, shear=False)
+    bar = circle(0.02, shear=False, releases={"start": ["ry", "rz"]})
+    sets = {"a": {"line": np.array([0, 1])}, "b": {"line": np.array([2, 3])}}
+    mesh = Mesh(line(4).points, line(4).blocks, {}, sets)
+    ends = {name: {"node": node, "type": "clamped"} for name, node in (("root", 0), ("wall", 4))}
+    hinged = part(
+        mesh,
+        material=MATTER,
+        sections={"a": rod, "b": bar},
+        supports=ends,
+        loads={"q": {"type": "line", "group": "b", "force": [0.0, 0.0, -q]}},
+    )
+    X = 3 / 16 * q * length
+    sag = -X * length**3 / (3 * EI)
+    assert hinged.quantity("displacement.2.z") == pytest.approx(sag, rel=1e-9)
+    assert hinged.quantity("reaction.root.My") == pytest.approx(-X * length, rel=1e-9)
+    wall = q * length**2 / 2 - X * length
+    assert hinged.quantity("reaction.wall.My") == pytest.approx(wall, rel=1e-9)
 
 
 RING = Mesh(np.eye(3), {"line": np.array([[0, 1], [1, 2], [2, 0]])})

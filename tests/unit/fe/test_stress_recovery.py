@@ -8,7 +8,7 @@ from femeshes import block, line, solid_box
 from scipy.sparse.linalg import spsolve
 
 from flexmb.errors import ReductionError
-from flexmb.fe import Mesh, assemble, rectangle, reduce, resolve
+from flexmb.fe import Mesh, assemble, part, rectangle, reduce, resolve
 from flexmb.fe import stress as recovery
 from flexmb.fe.elements.element_blocks import skin_triangles
 from flexmb.fe.recovery import _turned
@@ -225,3 +225,28 @@ def test_resultants_turn_as_a_tensor():
     values = np.array([N[0, 0], N[1, 1], N[0, 1]] * 2)[None, None, :, None]
     found = _turned(values, np.eye(3)[None], axes[None, None])[0, 0, :, 0]
     np.testing.assert_allclose(found, [turned[0, 0], turned[1, 1], turned[0, 1]] * 2, rtol=1e-12)
+
+
+@pytest.mark.parametrize("orientation", [None, (1.0, 0.0, 0.0)])
+def test_a_bent_arch_carries_one_moment_wherever_its_normal_points(orientation):
+    """Half a ring round z under a moment at its free edge: M along the arch, nothing across."""
+    n, width, moment = 24, 0.05, 0.3
+    angle = np.repeat(np.pi / n * np.arange(n + 1), 2)
+    points = np.stack([np.cos(angle), np.sin(angle), np.tile([0.0, width], n + 1)], axis=1)
+    quads = 2 * np.arange(n)[:, None] + [0, 2, 3, 1]
+    ends = {"root": np.array([0, 1]), "tip": np.array([2 * n, 2 * n + 1])}
+    arch = part(
+        Mesh(points, {"quad": quads}, ends),
+        material={"E": 70e9, "nu": 0.0, "density": 2700.0},
+        sections={"all": shell(2e-3, orientation=orientation)},
+        supports={"root": {"group": "root", "type": "clamped"}},
+        loads={"turn": {"type": "force", "group": "tip", "moment": [0.0, 0.0, moment]}},
+    )
+    along = [arch.quantity(f"shell_force.{node}.Mx") for node in range(2 * n + 2)]
+    others = [
+        arch.quantity(f"shell_force.{node}.{name}")
+        for node in range(2 * n + 2)
+        for name in ("My", "Mxy")
+    ]
+    np.testing.assert_allclose(np.abs(along), moment / width, rtol=5e-3)
+    np.testing.assert_allclose(others, 0.0, atol=5e-3 * moment / width)
