@@ -33,6 +33,7 @@ from flexmb.engine.units import interpretation, load_units, prepare_units
 from flexmb.engine.work import new_output, new_state, new_work
 from flexmb.errors import FlexmbError
 from flexmb.model.control import feedback_functions, resolved
+from flexmb.model.forces.body_load import BodyLoadSpec
 from flexmb.model.forces.load import LineForceSpec, LoadSpec
 from flexmb.model.forces.spring_damper import JointSpringSpec, SpringDamperSpec
 from flexmb.model.functions.function import Function
@@ -358,7 +359,7 @@ def _functions(model: Model) -> Iterator[tuple[str, Function, int]]:
             for k, function in enumerate(force.value):
                 if not function.expression.channels:
                     yield f"forces.{name}.value[{k}]", function, 0
-        elif isinstance(force, SpringDamperSpec | LineForceSpec | JointSpringSpec):
+        elif isinstance(force, BodyLoadSpec | SpringDamperSpec | LineForceSpec | JointSpringSpec):
             actuator = force.value
             if actuator is not None and not actuator.expression.channels:
                 yield f"forces.{name}.value", actuator, 0

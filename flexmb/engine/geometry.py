@@ -14,6 +14,7 @@ from flexmb.engine.bodies.rigid_body import mass_properties
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
 from flexmb.model.body import RigidBodySpec
+from flexmb.model.forces.body_load import BodyLoadSpec
 from flexmb.model.forces.contact import PointsSide, nodes_of
 from flexmb.model.markers import MarkerSpec, PlacedMarker, place, rotation_matrix, triad
 from flexmb.model.model import Model
@@ -59,6 +60,17 @@ class Geometry:
     def normal_to(self, direction: Array) -> Array:
         """A unit vector (3,) at right angles to a unit vector."""
         return triad(tuple(direction))[:, 0]
+
+    def load_points(
+        self, spec: BodyLoadSpec
+    ) -> tuple[PlacedMarker, list[tuple[PlacedMarker, Array]]]:
+        """The body frame, and the points of a load of a body with the wrench (6,) of each."""
+        origin, zero, R = place(spec.body, MarkerSpec()), np.zeros(3), np.eye(3)
+        load = self.flexbodies[spec.body].load(spec.load)
+        return origin, [
+            (PlacedMarker(spec.body, p.position, zero, R, p.Phi_t, p.Phi_r, p.bend), p.wrench)
+            for p in load.points
+        ]
 
     def contact_points(self, reference: str, side: PointsSide) -> Iterator[PlacedMarker]:
         """Markers at the points or mesh nodes of one side of a contact."""

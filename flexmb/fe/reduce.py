@@ -27,7 +27,7 @@ from flexmb.fe.assembly.interfaces import (
     make_interfaces,
     select_interface,
 )
-from flexmb.fe.assembly.loads import load_options, make_loads
+from flexmb.fe.assembly.loads import load_options, make_loads, reduce_load
 from flexmb.fe.displacements import node_modes, surface
 from flexmb.fe.meshes.mesh_shapes import MeshLike, mesh_from
 from flexmb.fe.model_checks import (
@@ -76,7 +76,7 @@ from flexmb.fe.stress import stress_option
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.mesh_options import PointLoad
 from flexmb.flexbody.options import require_tables
-from flexmb.flexbody.parts import Interface, LoadVector
+from flexmb.flexbody.parts import Interface
 from flexmb.flexbody.planar_body import PLANES, check_shares, flatten_body
 from flexmb.progress import Progress, silent
 from flexmb.units import unit_system
@@ -238,7 +238,7 @@ def reduce(
     if not rigid:
         body = with_load_responses(body, fe, reduced, elastic, load_points, mirror, progress)
     if stiffens:
-        body = with_geometric_stiffening(body, fe, elastic.Phi, ends, progress)
+        body = with_geometric_stiffening(body, fe, elastic.Phi, ends, patterns, progress)
     if mirror is not None:
         body = _in_plane(body, fe, mirror, elastic)
     if inspect is not None:
@@ -418,9 +418,6 @@ def make_body(
         modes=mode_infos(fe, reduced, elastic, inertia.Mab),
         surface=surface(fe, nodes) if fe.blocks else None,
         nodes=nodes,
-        loads=tuple(
-            LoadVector(load.name, load.force, load.moment, elastic.Phi.T @ load.f)
-            for load in reduced.loads
-        ),
+        loads=tuple(reduce_load(fe, elastic.Phi, load) for load in reduced.loads),
         inertia_response=inertia_response(fe, reduced, elastic),
     )

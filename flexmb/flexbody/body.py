@@ -17,6 +17,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,6 +34,7 @@ from flexmb.flexbody.stress_modes import (
     StressModes,
 )
 
+_Part = TypeVar("_Part", Interface, LoadVector)
 _SYMMETRY = 1e-8  # relative; products of order 1e5 terms leave 1e-12, a wrong matrix leaves 1
 _RIGID = 1e-10  # least share of a mode's mass matrix that must remain after rigid motion
 _SEMIDEFINITE = 1e-9  # relative; a negative eigenvalue below this is rounding
@@ -191,10 +193,23 @@ class FlexBody:
         ReductionError
             There is none; lists those there are, nearest first.
         """
-        names = tuple(interface.name for interface in self.interfaces)
+        return self._part("interface", self.interfaces, name)
+
+    def load(self, name: str) -> LoadVector:
+        """The load of that name.
+
+        Raises
+        ------
+        ReductionError
+            There is none; lists those there are, nearest first.
+        """
+        return self._part("load", self.loads, name)
+
+    def _part(self, noun: str, parts: tuple[_Part, ...], name: str) -> _Part:
+        names = tuple(part.name for part in parts)
         if name in names:
-            return self.interfaces[names.index(name)]
-        what = f'the body has no interface "{name}"'
+            return parts[names.index(name)]
+        what = f'the body has no {noun} "{name}"'
         problem = Problem(f"body {self.name}", what, names, nearest(name, names))
         raise ReductionError.from_problems([problem])
 
@@ -290,6 +305,10 @@ def _check_parts(body: FlexBody, check: Checker) -> None:
             check.add(field_, f'the name "{name}" is used twice')
     columns = {f"interface {part.name}": part.Phi_t.shape[1] for part in body.interfaces}
     columns |= {f"load {load.name}": len(load.modal) for load in body.loads}
+    columns |= {
+        f"load {load.name}.{point.name}": point.Phi_t.shape[1]
+        for load in body.loads for point in load.points
+    }  # fmt: skip
     if body.surface is not None:
         columns["surface"] = body.surface.modes.shape[2]
     if body.nodes is not None:

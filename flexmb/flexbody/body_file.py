@@ -26,7 +26,7 @@ import numpy as np
 from flexmb.errors import BodyFileError, OutputError, ReductionError
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.damping import damping_words, read_damping
-from flexmb.flexbody.parts import Interface, LoadVector, ModeInfo, NodeModes, Surface
+from flexmb.flexbody.parts import Interface, LoadPoint, LoadVector, ModeInfo, NodeModes, Surface
 from flexmb.flexbody.static_response import InertiaResponse, LoadResponse, OmittedModes
 from flexmb.flexbody.stress_modes import (
     OmittedStress,
@@ -131,6 +131,14 @@ TABLE = (
     Dataset("load_vectors/force", "f8", ("d", 3), "resultant [N]", True),
     Dataset("load_vectors/moment", "f8", ("d", 3), "about the body frame's origin [N m]", True),
     Dataset("load_vectors/modal", "f8", ("d", "m"), "work per unit eta", True),
+    Dataset("load_vectors/missing_share", "f8", ("d",), "of the static response", True),
+    Dataset("load_points/name", "text", ("q",), "sign and component of a load", True),
+    Dataset("load_points/load", "i8", ("q",), "number of the load", True),
+    Dataset("load_points/position", "f8", ("q", 3), "mean of its nodes [m]", True),
+    Dataset("load_points/Phi_t", "f8", ("q", 3, "m"), "translation per unit eta", True),
+    Dataset("load_points/Phi_r", "f8", ("q", 3, "m"), "rotation per unit eta [rad]", True),
+    Dataset("load_points/wrench", "f8", ("q", 6), "force [N] and moment [N m] there", True),
+    Dataset("load_points/bend", "f8", ("q", 3, "m", "m"), "as of interfaces", True),
     Dataset("provenance/key", "text", ("s",), "names of entries"),
     Dataset("provenance/value", "text", ("s",), "their values"),
 )
@@ -168,9 +176,16 @@ def to_datasets(body: FlexBody) -> dict[str, Any]:
         datasets[f"modes/{name}"] = np.array(values, dtype=float).reshape(sizes)
     for name in ("kind", "why", "mostly"):
         datasets[f"modes/{name}"] = [getattr(mode, name) for mode in body.modes]
-    for name in ("name", "force", "moment", "modal") if body.loads else ():
+    for name in ("name", "force", "moment", "modal", "missing_share") if body.loads else ():
         values = [getattr(load, name) for load in body.loads]
         datasets[f"load_vectors/{name}"] = values if name == "name" else np.array(values)
+    points = [(k, point) for k, load in enumerate(body.loads) for point in load.points]
+    for name in ("name", "position", "Phi_t", "Phi_r", "wrench", "bend") if points else ():
+        values = [getattr(point, name) for _, point in points]
+        if all(value is not None for value in values):
+            datasets[f"load_points/{name}"] = values if name == "name" else np.array(values)
+    if points:
+        datasets["load_points/load"] = np.array([k for k, _ in points])
     return datasets
 
 
@@ -200,14 +215,13 @@ def part_datasets(body: Any, interfaces: Sequence[Interface], m: int) -> dict[st
 def from_datasets(name: str, mass: float, datasets: Mapping[str, Any]) -> FlexBody:
     """The body that these arrays describe; validated as any other."""
     group = {owner: _members(datasets, owner) for owner in ("inertia", "stiffness")}
-    loads = _members(datasets, "load_vectors")
     return FlexBody(
         name=name,
         mass=mass,
         **group["inertia"],
         **group["stiffness"],
         modes=tuple(ModeInfo(**row) for row in _rows(_members(datasets, "modes"))),
-        loads=tuple(LoadVector(**row) for row in _rows(loads)) if loads else (),
+        loads=_loads(datasets),
         damping=read_damping(json.loads(*datasets.get("damping/ratios", ["null"]))),
         **parts_of(datasets),
     )
@@ -228,6 +242,17 @@ def parts_of(datasets: Mapping[str, Any]) -> dict[str, Any]:
         if members:
             parts[name] = kind(**members)
     return parts
+
+
+def _loads(datasets: Mapping[str, Any]) -> tuple[LoadVector, ...]:
+    """The loads with their points."""
+    loads, points = (_members(datasets, owner) for owner in ("load_vectors", "load_points"))
+    owners = points.pop("load", np.zeros(0)).tolist()
+    made = [LoadPoint(**row) for row in _rows(points)] if owners else []
+    return tuple(
+        LoadVector(**row, points=tuple(p for p, o in zip(made, owners, strict=True) if o == k))
+        for k, row in enumerate(_rows(loads) if loads else ())
+    )
 
 
 def _groups(datasets: Mapping[str, Any]) -> dict[str, Any]:

@@ -12,9 +12,9 @@ Multibody Systems, 4th ed., §5.6 on reference conditions.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -24,6 +24,8 @@ from flexmb.flexbody.natural_modes import mass_at_rest
 from flexmb.flexbody.parts import Interface
 from flexmb.flexbody.planar_body import combine_modes
 
+_Point = TypeVar("_Point", bound=Interface)
+_Stiffening = tuple[FloatArray, Callable[[Interface], FloatArray]]
 _EPS = np.zeros((3, 3, 3))  # permutation symbol
 for _a, _b, _c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     _EPS[_a, _b, _c], _EPS[_b, _a, _c] = 1.0, -1.0
@@ -45,7 +47,11 @@ def rigid_twin(body: FlexBody) -> FlexBody:
 def without_stiffening(body: FlexBody) -> FlexBody:
     """The body without the data of geometric stiffening."""
     ends = tuple(replace(part, bend=None) for part in body.interfaces)
-    return replace(body, centrifugal_stiffness=None, interfaces=ends)
+    loads = tuple(
+        replace(load, points=tuple(replace(point, bend=None) for point in load.points))
+        for load in body.loads
+    )
+    return replace(body, centrifugal_stiffness=None, interfaces=ends, loads=loads)
 
 
 def without_modal_inertia(body: FlexBody, modes: Sequence[int]) -> FloatArray:
@@ -87,14 +93,13 @@ def frame_at_interface(body: FlexBody, name: str) -> FlexBody:
     turn = -end.Phi_r
     shift = -end.Phi_t - np.cross(turn.T, end.position).T
     fields = _rigid_integrals(body, body.p, body.P, body.Mab, np.vstack([shift, turn]))
-    ends = tuple(
-        Interface(part.name, part.position, *_moved(part.position, shift, turn, part), part.bend)
-        for part in body.interfaces
-    )
-    if body.centrifugal_stiffness is not None:
-        stiffness, bends = _stiffening(body, -turn)
-        fields["centrifugal_stiffness"] = stiffness
-        ends = tuple(replace(part, bend=bend) for part, bend in zip(ends, bends, strict=True))
+    stiffening = None if body.centrifugal_stiffness is None else _stiffening(body, -turn)
+    if stiffening is not None:
+        fields["centrifugal_stiffness"] = stiffening[0]
+
+    def in_frame(parts: tuple[_Point, ...]) -> tuple[_Point, ...]:
+        return tuple(_moved(part, shift, turn, stiffening) for part in parts)
+
     nodes, surface = body.nodes, body.surface
     if nodes is not None:
         Phi_r = None if nodes.Phi_r is None else nodes.Phi_r + turn
@@ -104,7 +109,11 @@ def frame_at_interface(body: FlexBody, name: str) -> FlexBody:
         moved = _rigid_displacement(surface.points, shift, turn)
         surface = replace(surface, modes=surface.modes + moved)
     loads = tuple(
-        replace(load, modal=load.modal + load.force @ shift + load.moment @ turn)
+        replace(
+            load,
+            modal=load.modal + load.force @ shift + load.moment @ turn,
+            points=in_frame(load.points),
+        )
         for load in body.loads
     )
     omitted = body.omitted_modes
@@ -112,8 +121,8 @@ def frame_at_interface(body: FlexBody, name: str) -> FlexBody:
         rigid = np.vstack([shift + np.cross(turn.T, body.center).T, turn])
         omitted = replace(omitted, modes=omitted.modes + omitted.inertia[:, :6] @ rigid)
     return replace(
-        body, **fields, interfaces=ends, nodes=nodes, surface=surface, loads=loads,
-        omitted_modes=omitted,
+        body, **fields, interfaces=in_frame(body.interfaces), nodes=nodes, surface=surface,
+        loads=loads, omitted_modes=omitted,
     )  # fmt: skip
 
 
@@ -123,9 +132,11 @@ def _rigid_displacement(points: FloatArray, shift: FloatArray, turn: FloatArray)
 
 
 def _moved(
-    point: FloatArray, shift: FloatArray, turn: FloatArray, part: Interface
-) -> tuple[FloatArray, FloatArray]:
-    return part.Phi_t + _rigid_displacement(point[None], shift, turn)[0], part.Phi_r + turn
+    part: _Point, shift: FloatArray, turn: FloatArray, stiffening: _Stiffening | None
+) -> _Point:
+    moved = _rigid_displacement(part.position[None], shift, turn)[0]
+    bend = part.bend if stiffening is None else stiffening[1](part)
+    return replace(part, Phi_t=part.Phi_t + moved, Phi_r=part.Phi_r + turn, bend=bend)
 
 
 def _rigid_integrals(
@@ -146,7 +157,7 @@ def _rigid_integrals(
     return {"p": p, "P": P, "Mab": Mab}
 
 
-def _stiffening(body: FlexBody, turn: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
+def _stiffening(body: FlexBody, turn: FloatArray) -> _Stiffening:
     """Centrifugal stiffness and bends in a frame that turns by `turn` (3, m) more per eta.
 
     What is of second order in the new frame is v = −θ × N̄η + θ × (θ × s̄)/2 − ψ × s̄ more, with N̄
@@ -162,14 +173,15 @@ def _stiffening(body: FlexBody, turn: FloatArray) -> tuple[FloatArray, list[Floa
     A = A - np.einsum("bcd,cmn,ad->abmn", _EPS, psi, S)
     both = _symmetric(A + A.transpose(1, 0, 2, 3))
     assert body.centrifugal_stiffness is not None
-    bends = []
-    for part in body.interfaces:
+
+    def bend(part: Interface) -> FloatArray:
         arm, moved = part.position - c, part.Phi_t - body.p / body.mass
         v = -np.einsum("bdm,dn->bmn", theta, moved) + 0.5 * np.einsum("bdmn,d->bmn", twice, arm)
         v = v - np.einsum("bcd,cmn,d->bmn", _EPS, psi, arm)
         assert part.bend is not None
-        bends.append(part.bend - 2.0 * _symmetric(v))
-    return body.centrifugal_stiffness - both, bends
+        return np.asarray(part.bend - 2.0 * _symmetric(v))
+
+    return body.centrifugal_stiffness - both, bend
 
 
 def _symmetric(forms: FloatArray) -> FloatArray:

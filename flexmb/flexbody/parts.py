@@ -184,8 +184,27 @@ class NodeModes:
 
 
 @dataclass(frozen=True, eq=False)
+class LoadPoint(Interface):
+    """The mean of the nodes that one component of a load, of one sign, acts on, weighted by it.
+
+    Parameters
+    ----------
+    wrench : (6,) float
+        That component there: a force [N] or a moment [N m], body axes.
+    """
+
+    wrench: FloatArray = field(default_factory=lambda: np.zeros(6))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check = Checker(f"load point {self.name}")
+        set_fields(self, wrench=check.floats("wrench", self.wrench, (6,)))
+        check.raise_problems()
+
+
+@dataclass(frozen=True, eq=False)
 class LoadVector:
-    """A load on the undeformed body by its resultant and its work on the modes.
+    """A load by its resultant, its work on the modes, and where it acts on the deformed body.
 
     Parameters
     ----------
@@ -195,18 +214,25 @@ class LoadVector:
         Resultant [N] and moment about the origin of the body frame [N m], body axes.
     modal : (m,) float
         Generalised force on each modal coordinate: the load's work per unit eta.
+    points : tuple of LoadPoint
+        What the load is in a run; without any it cannot act there.
+    missing_share : float
+        Share of its static strain energy, interfaces held, that the modes lack.
     """
 
     name: str
     force: FloatArray
     moment: FloatArray
     modal: FloatArray
+    points: tuple[LoadPoint, ...] = ()
+    missing_share: float = 0.0
 
     def __post_init__(self) -> None:
         check = Checker(f"load {self.name}")
         set_fields(self, force=check.floats("force", self.force, (3,)))
         set_fields(self, moment=check.floats("moment", self.moment, (3,)))
         set_fields(self, modal=check.floats("modal", self.modal, (None,)))
+        set_fields(self, points=tuple(self.points), missing_share=float(self.missing_share))
         check.raise_problems()
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +25,8 @@ from flexmb.errors import Problem, ReductionError
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.parts import Interface, ModeInfo, NodeModes
+
+_Point = TypeVar("_Point", bound=Interface)
 
 PLANES: dict[str, tuple[float, float, float]] = {
     "xy": (0.0, 0.0, 1.0),
@@ -308,16 +310,22 @@ def combine_modes(body: FlexBody, Z: FloatArray) -> FlexBody:
         K=_symmetric(Z.T @ body.K @ Z),
         D=None if body.D is None else _symmetric(Z.T @ body.D @ Z),
         centrifugal_stiffness=_combined(body.centrifugal_stiffness, Z),
-        interfaces=tuple(
-            Interface(
-                part.name, part.position, part.Phi_t @ Z, part.Phi_r @ Z, _combined(part.bend, Z)
-            )
-            for part in body.interfaces
-        ),
+        interfaces=_combine_points(body.interfaces, Z),
         modes=(),
-        loads=tuple(replace(load, modal=load.modal @ Z) for load in body.loads),
+        loads=tuple(
+            replace(load, modal=load.modal @ Z, points=_combine_points(load.points, Z))
+            for load in body.loads
+        ),
         omitted_modes=None if omitted is None else replace(omitted, modes=omitted.modes @ Z),
         **_combine_recovery(body, Z),
+    )
+
+
+def _combine_points(points: tuple[_Point, ...], Z: FloatArray) -> tuple[_Point, ...]:
+    """Interfaces or points of a load in the modes made by Z (m, k)."""
+    return tuple(
+        replace(one, Phi_t=one.Phi_t @ Z, Phi_r=one.Phi_r @ Z, bend=_combined(one.bend, Z))
+        for one in points
     )
 
 

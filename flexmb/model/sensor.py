@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import ValidationInfo, model_validator
 
 from flexmb.errors import Problem, nearest
+from flexmb.model.forces.body_load import BodyLoadSpec
 from flexmb.model.forces.contact import ContactSpec, PointsSide
 from flexmb.model.forces.load import LoadSpec
 from flexmb.model.functions.function import Function, FunctionInDeclaredUnit, UnitName
@@ -195,6 +196,9 @@ class ReactionSensorSpec(SensorSpec):
         if isinstance(force, LoadSpec) and force.reaction is None and self.on == "I":
             what = f'"{self.force}" acts on one marker: its reaction is on ground; leave it out'
             yield Problem(f"{where}.on", what)
+        if isinstance(force, BodyLoadSpec):
+            what = "acts all over a body, at no marker: it is value times its load"
+            yield Problem(f"{where}.force", what)
         if isinstance(force, ContactSpec) and self.quantity == "moment":
             side = force.shapes["IJ".index(self.on)]
             if isinstance(side, PointsSide):

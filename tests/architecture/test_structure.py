@@ -13,8 +13,8 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "files": 336,
-    "lines": 90_000,
+    "files": 337,
+    "lines": 90_300,
     "participles": 30,
     "base names of three and more files": 0,
     _ALL: 0,

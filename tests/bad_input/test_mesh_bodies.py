@@ -209,3 +209,40 @@ wind = { type = "pressure", group = "surfaces", pressure = 1 }
     for told in ("part.supports.left.group: the mesh has no group", "part.loads.wind.group", "x0"):
         assert told in done.output
     assert "part.supports.root" not in done.output
+
+
+BODY_LOAD = """
+[bodies.block]
+mass = 1
+inertia = [1, 1, 1]
+[forces.gust]
+type = "body-load"
+body = "rod"
+load = "blow"
+value = "sin(t)"
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('load = "blow"', 'load = "blwo"', 'load: bodies.rod has no load "blwo"; nearest: blow'),
+        ('body = "rod"', 'body = "rodd"', 'gust.body: unknown body "rodd"; nearest: rod; allowed'),
+        ('body = "rod"', 'body = "block"', 'load: bodies.block has no load "blow": give it in the'),
+        ('"sin(t)"', '"log(t)"', 'value: the value of "log(t)" is -inf at t = 0, not finite'),
+        ('value = "sin(t)"', "", "forces.gust.value: is missing"),
+    ],
+)  # fmt: skip
+def test_mistakes_in_a_load_of_a_body(tmp_path, old, new, sentence):
+    text = write(tmp_path).read_text() + BODY_LOAD.replace(old, new, 1)
+    (tmp_path / "scene.toml").write_text(text)
+    with pytest.raises(SceneError) as error:
+        load_scene(tmp_path / "scene.toml")
+    assert sentence in str(error.value)
+
+
+def test_a_reaction_of_a_load_of_a_body_is_refused(tmp_path):
+    sensor = '[sensors.r]\ntype = "reaction"\nforce = "gust"\n'
+    (tmp_path / "scene.toml").write_text(write(tmp_path).read_text() + BODY_LOAD + sensor)
+    with pytest.raises(SceneError, match=r"sensors.r.force: acts all over a body, at no marker"):
+        load_scene(tmp_path / "scene.toml")

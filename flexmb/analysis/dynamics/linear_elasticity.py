@@ -27,7 +27,9 @@ from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array
 from flexmb.flexbody.natural_modes import natural_modes
+from flexmb.flexbody.static_response import LARGEST_SHARE
 from flexmb.model.excitation import loads_beside_interfaces, marker_interface
+from flexmb.model.forces.body_load import BodyLoadSpec
 from flexmb.model.model import Model
 from flexmb.results.writer import OutputBlock
 
@@ -238,6 +240,19 @@ def constraint_jacobian(compiled: Compiled, q: Array) -> Array:
     if compiled.layout.nv > MAX_COORDINATES:
         return np.zeros((0, compiled.layout.nv))
     return ConstraintRows(compiled).evaluate(q).Cq
+
+
+def loads_without_response(compiled: Compiled, model: Model) -> Iterator[str]:
+    """A sentence for each load of a body that its modes do not answer."""
+    for name, spec in model.forces.items():
+        if isinstance(spec, BodyLoadSpec) and compiled.flexbodies[spec.body].m:
+            share = compiled.flexbodies[spec.body].load(spec.load).missing_share
+            if share > LARGEST_SHARE:
+                yield (
+                    f"forces.{name}: the modes of bodies.{spec.body} lack {100 * share:.2g} % of "
+                    f'the strain energy of its static response to the load "{spec.load}": leave '
+                    "out its residual = false"
+                )
 
 
 def loads_without_stiffening(compiled: Compiled, model: Model) -> Iterator[str]:

@@ -32,6 +32,7 @@ from flexmb.engine.work import new_state, new_work
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, skew
 from flexmb.flexbody.natural_modes import matrices_at_rest
+from flexmb.model.forces.body_load import BodyLoadSpec
 from flexmb.model.model import Model
 from flexmb.results.writer import OutputBlock
 
@@ -78,6 +79,10 @@ class LoadFactorMonitor:
         ]
         self._loaded = [
             sum(_is_on(spec, columns.name) for spec in model.forces.values()) > 1
+            or any(
+                isinstance(f, BodyLoadSpec) and f.body == columns.name
+                for f in model.forces.values()
+            )
             for columns, *_ in self._bodies
         ]
         self._largest = np.zeros((2, len(self._bodies)))
@@ -315,5 +320,7 @@ def _acts_on(model: Model, path: str, body: str) -> bool:
 
 def _is_on(spec: object, body: str) -> bool:
     """Whether a joint or force acts at a marker of the body."""
+    if isinstance(spec, BodyLoadSpec):
+        return spec.body == body
     markers = getattr(spec, "between", None) or (getattr(spec, "at", None),)
     return any((marker or "").partition(".")[0] == body for marker in markers)

@@ -32,6 +32,7 @@ from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, n_free
 from flexmb.analysis.assembly.joined_damping import JoinedScene
 from flexmb.analysis.dynamics.linear_elasticity import (
     LinearElasticityMonitor,
+    loads_without_response,
     loads_without_stiffening,
 )
 from flexmb.analysis.dynamics.load_factor import LoadFactorMonitor
@@ -90,7 +91,10 @@ class ValidityMonitor:
                 self._basis,
                 *((OmittedVibrationMonitor(compiled, model, q),) if is_motion else ()),
             )
-        self._notes = tuple(loads_without_stiffening(compiled, model))
+        self._notes = (
+            *loads_without_stiffening(compiled, model),
+            *loads_without_response(compiled, model),
+        )
 
     def add(self, rows: OutputBlock) -> int:
         """Take the next rows; returns how many, up to that with which the run is refused."""

@@ -64,7 +64,13 @@ def actuators(seen: SeenEquations) -> Actuators:
     for path, element in compiled.elements.items():
         name, tables = path.partition(".")[2], compiled.system.kinds[element.kind]
         row = tables.rows[element.row]
-        if element.kind == "loads":
+        if element.kind == "loads" and not (row["factor"] == 1.0).all():  # a load of a body
+            forces[name] = sum(
+                equations.marker_motion(one["marker"])[3 * one["torque"] :][:3].T
+                @ (R[one["axes"]] @ one["factor"])
+                for one in tables.rows[element.row : element.row + element.n]
+            )
+        elif element.kind == "loads":
             J, other = equations.marker_motion(row["marker"]), int(row["other"])
             if other >= 0:  # the opposite acts at the same point
                 back = equations.marker_motion(other)

@@ -1,5 +1,8 @@
 """Loads: forces and torques on markers, their components functions of time or of channels.
 
+A load of a flexible body is some of them: forces at the means of the nodes that it acts on, which
+follow the deformation as these do (`flexbody.parts.LoadPoint`), in the axes of the body frame.
+
 A load has global axes or those of any marker. Its opposite may act on another body: a force F at
 marker J acts on the body of marker I at the same point with the wrench (−F, −h × F), h = x_J − x_I,
 so that the two have no moment; a torque likewise.
@@ -7,6 +10,7 @@ so that the two have no moment; a torque likewise.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -28,6 +32,7 @@ from flexmb.engine.state import LOAD_POWER, Point, Run
 
 if TYPE_CHECKING:
     from flexmb.engine.lowering import Forces, Lowering
+    from flexmb.model.forces.body_load import BodyLoadSpec
 
 # Force or torque at `marker` (J) with components in the axes of the marker `axes` (-1: global
 # ones), and with its opposite on the body of `other` (I) at the same point (-1: none).
@@ -38,6 +43,7 @@ LOAD = np.dtype(
         ("axes", "i8"),
         ("torque", "i8"),
         ("fun", "i8", (3,)),
+        ("factor", "f8", (3,)),  # of the functions
         ("couple", "i8"),  # LINK between the bodies of other and marker
         ("couple_marker", "i8"),  # between those of marker and axes
         ("couple_other", "i8"),  # between those of other and axes
@@ -56,19 +62,37 @@ def lower_loads(lowering: Lowering, forces: Forces) -> Loads:
     """LOAD rows. Links are filled in later."""
     rows: list[tuple[object, ...]] = []
     for name, spec in forces:
+        if spec.type == "body-load":
+            rows += _body_load_rows(lowering, name, spec, len(rows))
+            continue
         k, axes_marker = len(rows), spec.at if spec.axes == "body" else spec.axes_marker
         marker, other, axes = (
             -1 if reference is None else lowering.marker(reference)
             for reference in (spec.at, spec.reaction, axes_marker)
         )
         programs = tuple(lowering.functions.add(f.expression) for f in spec.value)
-        rows.append((marker, other, axes, spec.type == "torque", programs, -1, -1, -1))
+        rows.append((marker, other, axes, spec.type == "torque", programs, (1.0,) * 3, -1, -1, -1))
         lowering.add_element(name, "loads", k)
         for a, program in enumerate(programs):
             for on, end in enumerate((marker, other)):
                 if end >= 0:
                     lowering.add_action(program, "loads", k, on, a, end)
     return Loads(np.array(rows, LOAD))
+
+
+def _body_load_rows(
+    lowering: Lowering, name: str, spec: BodyLoadSpec, first: int
+) -> Iterator[tuple[object, ...]]:
+    """LOAD rows of a load of a body: one for each of its points."""
+    frame, points = lowering.geometry.load_points(spec)
+    axes, program = lowering.markers.add(frame), lowering.functions.add(spec.value.expression)
+    lowering.add_element(name, "loads", first, len(points))
+    for k, (point, wrench) in enumerate(points, first):
+        torque, marker = bool(wrench[3:].any()), lowering.markers.add(point)
+        factor = wrench[3:] if torque else wrench[:3]
+        for a in np.flatnonzero(factor):
+            lowering.add_action(program, "loads", k, 0, int(a), marker)
+        yield marker, -1, axes, torque, (program,) * 3, tuple(factor), -1, -1, -1
 
 
 @unit
@@ -91,8 +115,8 @@ def pull_back_unit_force(run: Run, k: int, first: int) -> int:
 @kernel
 def _vector(load, markers, fun):
     """Force or torque of a load, global axes."""
-    f = load["fun"]
-    x, y, z = fun[f[0], 0], fun[f[1], 0], fun[f[2], 0]
+    f, u = load["fun"], load["factor"]
+    x, y, z = u[0] * fun[f[0], 0], u[1] * fun[f[1], 0], u[2] * fun[f[2], 0]
     if load["axes"] >= 0:
         return transform(markers[load["axes"]]["R"], x, y, z)
     return x, y, z
@@ -174,7 +198,8 @@ def put_unit_force(run: Run, loads: Loads, at: Point, part: int) -> float:
     """Generalised force per unit of one component on one marker, for feedback (`engine.kind`)."""
     row, on, a = loads.rows[part // 6], part // 3 % 2, part % 3
     markers = run.work.now.marker
-    x, y, z = 1.0 * (a == 0), 1.0 * (a == 1), 1.0 * (a == 2)
+    f = row["factor"]
+    x, y, z = f[0] * (a == 0), f[1] * (a == 1), f[2] * (a == 2)
     if row["axes"] >= 0:
         x, y, z = transform(markers[row["axes"]]["R"], x, y, z)
     _put_pair(row, markers, x, y, z, run.work.dense.g[1])
@@ -271,7 +296,7 @@ LOADS = Kind(
         "unit_force": put_unit_force,
     },
     lower=lower_loads,
-    types=("force", "torque"),
+    types=("force", "torque", "body-load"),
     couples=(
         ("couple", "other", "marker"),
         ("couple_marker", "marker", "axes"),

@@ -34,6 +34,7 @@ from flexmb.flexbody.mesh_options import (
     TractionLoad,
 )
 from flexmb.flexbody.options import kind_of, read_options
+from flexmb.flexbody.parts import LoadPoint, LoadVector
 
 _CORNERS = {2: 2, 3: 3, 4: 4, 6: 3, 8: 4, 9: 4}  # of facets with so many nodes
 
@@ -235,6 +236,34 @@ def _make_load(fe: FEMatrices, name: str, words: Mapping[str, Any]) -> LoadPatte
     force = total[:3]
     moment = total[3:] + np.cross(fe.center, force)
     return LoadPattern(name, f, force, moment, options.residual)
+
+
+def reduce_load(fe: FEMatrices, Phi: FloatArray, load: LoadPattern) -> LoadVector:
+    """A load on modes (n, m), and the points at which it acts in a run.
+
+    One component of all nodal forces, of one sign, is a force at the mean of their nodes weighted
+    by it: it has their resultant, their moment about any point, and their work for any motion of
+    first order. A component of nodal moments likewise, by the mean rotation.
+    """
+    everywhere, points, m = fe.expand(Phi), [], Phi.shape[1]
+    for c, numbers in enumerate(fe.numbering.table.T):
+        nodes = np.flatnonzero((numbers >= 0) & (numbers < len(load.f)))
+        values = load.f[numbers[nodes]]
+        for sign in (1.0, -1.0):
+            weights = np.maximum(sign * values, 0.0)
+            total = float(weights.sum())
+            if total <= _ZERO_RESULTANT * np.abs(load.f).sum():
+                continue
+            there, axis, wrench = nodes[weights > 0.0], 3 * (c // 3), np.zeros(6)
+            mean = weights[weights > 0.0] / total
+            wrench[c] = sign * total
+            motion = np.zeros((2, 3, m))
+            rows = fe.numbering.table[there, axis : axis + 3]
+            motion[c // 3] = np.einsum("k,kdm->dm", mean, everywhere[rows])
+            name = f"{'force' if c < 3 else 'moment'} {'+' if sign > 0 else '-'}{'xyz'[c % 3]}"
+            position = mean @ fe.mesh.points[there]
+            points.append(LoadPoint(name, position, *motion, wrench=wrench))
+    return LoadVector(load.name, load.force, load.moment, Phi.T @ load.f, tuple(points))
 
 
 def load_vector(fe: FEMatrices, where: str, options: Any) -> FloatArray:

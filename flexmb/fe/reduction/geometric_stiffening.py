@@ -1,13 +1,13 @@
 """Geometric stiffening: what stresses do to the stiffness of the modes.
 
-It is the reduced geometric stiffness of the six centrifugal loads per mass (e_a s_b + e_b s_a)/2
-and of a unit force at each interface along each axis. The stress is that of the free body under a
-load and the inertia of the acceleration that it causes. Uniform and angular accelerations leave no
-load at all. With all of them every inertia and interface load of a motion is covered; the
-centrifugal loads alone would be wrong. Sources: Wallrapp & Schwertassek, Representation of
-geometric stiffening in multibody system simulation, Int. J. Numer. Meth. Engng 32 (1991) 1833;
-Wallrapp, Standardization of flexible body modeling in multibody system codes, Mech. Struct. & Mach.
-22 (1994) 283.
+Reduced geometric stiffness of the six centrifugal loads per mass (e_a s_b + e_b s_a)/2, of
+a unit force at each interface along each axis, and of the loads of the body. The stress is that of
+the free body under a load and the inertia of the acceleration that it causes. Uniform and angular
+accelerations leave no load at all. With all of them every inertia and interface load of a motion is
+covered; the centrifugal loads alone would be wrong. Sources: Wallrapp & Schwertassek,
+Representation of geometric stiffening in multibody system simulation, Int. J. Numer. Meth. Engng 32
+(1991) 1833; Wallrapp, Standardization of flexible body modeling in multibody system codes, Mech.
+Struct. & Mach. 22 (1994) 283.
 """
 
 from __future__ import annotations
@@ -19,10 +19,12 @@ import numpy as np
 from flexmb.errors import Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, geometric_stiffness
 from flexmb.fe.assembly.interfaces import ModelInterface, interface_stiffness
+from flexmb.fe.assembly.loads import LoadPattern
 from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
 from flexmb.fe.reduction.inertia_relief import InertiaRelief, centrifugal_fields
 from flexmb.flexbody.arrays import FloatArray, skew
 from flexmb.flexbody.body import FlexBody
+from flexmb.flexbody.parts import LoadPoint
 from flexmb.flexbody.static_response import SYMMETRIC_PAIRS
 from flexmb.progress import Progress, silent
 
@@ -34,6 +36,7 @@ def with_geometric_stiffening(
     fe: FEMatrices,
     Phi: FloatArray,
     interfaces: tuple[ModelInterface, ...],
+    patterns: tuple[LoadPattern, ...] = (),
     progress: Progress = silent,
 ) -> FlexBody:
     """The body with the geometric stiffness of its loads.
@@ -48,6 +51,8 @@ def with_geometric_stiffening(
         Its modes.
     interfaces : tuple of RigidInterface or WeightedInterface
         At least one.
+    patterns : tuple of LoadPattern
+        The loads of the body, in their order.
     progress : Progress
         Told the phase ``"stiffening"``.
     """
@@ -56,6 +61,8 @@ def with_geometric_stiffening(
     loads = [f for f, _ in fields]
     forces = fixed.loads()
     loads += [forces[:, 6 * k + d] for k in range(len(interfaces)) for d in range(3)]
+    units = slice(len(fields), len(loads))  # forces at interfaces
+    loads += [pattern.f for pattern in patterns]
     forms = np.zeros((len(loads), body.m, body.m))
     for number, load in enumerate(loads):
         progress("stiffening", number / len(loads))
@@ -66,7 +73,8 @@ def with_geometric_stiffening(
             per_mass += fields[number][1]
         form = Phi.T @ (geometric_stiffness(fe, u, per_mass) @ Phi)
         # forces on the nodes of interfaces, which a unit force reaches through them alone
-        links = np.asarray(fe.K @ u) - relieved + (load if number >= len(fields) else 0.0)
+        is_unit = units.start <= number < units.stop
+        links = np.asarray(fe.K @ u) - relieved + (load if is_unit else 0.0)
         for part, interface in zip(body.interfaces, interfaces, strict=True):
             form += part.Phi_r.T @ interface_stiffness(fe, interface, links) @ part.Phi_r
         forms[number] = 0.5 * (form + form.T)
@@ -74,14 +82,29 @@ def with_geometric_stiffening(
     centrifugal = np.zeros((3, 3, body.m, body.m))
     for (a, b), form in zip(SYMMETRIC_PAIRS, forms, strict=False):
         centrifugal[a, b] = centrifugal[b, a] = form
-    bends = forms[len(SYMMETRIC_PAIRS) :].reshape(len(interfaces), 3, body.m, body.m)
+    bends = forms[units].reshape(len(interfaces), 3, body.m, body.m)
     return replace(
         body,
         centrifugal_stiffness=centrifugal,
         interfaces=tuple(
             replace(part, bend=bend) for part, bend in zip(body.interfaces, bends, strict=True)
         ),
+        loads=tuple(
+            replace(load, points=_bent(load.points, form))
+            for load, form in zip(body.loads, forms[units.stop :], strict=True)
+        ),
     )
+
+
+def _bent(points: tuple[LoadPoint, ...], form: FloatArray) -> tuple[LoadPoint, ...]:
+    """Points of a load of which the first force falls back by what the stress of all does."""
+    bends = np.zeros((len(points), 3, *form.shape))
+    for point, bend in zip(points, bends, strict=True):
+        axis = int(np.abs(point.wrench[:3]).argmax())
+        if point.wrench[axis]:
+            bend[axis] = form / point.wrench[axis]
+            break
+    return tuple(replace(point, bend=bend) for point, bend in zip(points, bends, strict=True))
 
 
 def require_stresses(

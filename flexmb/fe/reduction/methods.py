@@ -234,6 +234,8 @@ def reduction_key(
         "method": _METHOD,
         "file": VERSION,
     }
+    if options.get("loads"):
+        content["load points"] = 1  # they act in a run since bodies have them
     options["stress"] = stress_option(options.get("stress", True))
     options.pop("load_points", None)  # they change nothing but what the body knows
     for key, value in options.items():

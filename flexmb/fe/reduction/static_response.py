@@ -112,21 +112,40 @@ def with_load_responses(
             dofs, values = part.loads()
             f[dofs] = values
             loads.append(f)
+    relief = InertiaRelief(fe.M, fe.rigid)
+    rest = [load for load in basis.loads if not load.residual]
+    if free:  # what moves the body as a whole deforms nothing
+        norm = np.linalg.norm
+        rest = [x for x in rest if norm(relief.loads(x.f)) > _INSIDE * norm(x.f)]
+    loads += [load.f[:, None] for load in rest]
     F = np.concatenate([np.zeros((fe.numbering.n, 0)), *loads], axis=1)
     if mirror is not None:
         F = 0.5 * (F + mirror.S.T @ F)
-    response, modes = None, (elastic.omega2, elastic.Phi)
-    if free and (nodes or basis.inertia is None):
-        inverse = relieved_inverse(fe, InertiaRelief(fe.M, fe.rigid), progress)
-        if nodes:
-            response = LoadResponse(np.array(nodes), *lacking_forms(fe, inverse(F), modes))
+    response, modes, at_nodes = None, (elastic.omega2, elastic.Phi), slice(0, 6 * len(nodes))
+    if free and (loads or basis.inertia is None):
+        solve = relieved_inverse(fe, relief, progress)
         if basis.inertia is None:
-            X = inverse(inertia_loads(fe, mirror, rigid=False))
+            X = solve(inertia_loads(fe, mirror, rigid=False))
             body = replace(body, inertia_response=InertiaResponse(*lacking_forms(fe, X, modes)))
-    elif nodes:
-        fixed = FixedInterfaceModel(fe, ends, basis.directions, progress)
-        response = LoadResponse(np.array(nodes), *lacking_forms(fe, fixed.solve(F), modes))
-    return replace(body, load_response=response, omitted_modes=_omitted(fe, basis, modes, F))
+    elif loads:
+        solve = FixedInterfaceModel(fe, ends, basis.directions, progress).solve
+    if loads:
+        forms = lacking_forms(fe, solve(F), modes)
+        if nodes:
+            response = LoadResponse(np.array(nodes), *(form[at_nodes, at_nodes] for form in forms))
+        body = _with_missing_shares(body, [load.name for load in rest], forms, at_nodes.stop)
+    omitted = _omitted(fe, basis, modes, F[:, at_nodes])
+    return replace(body, load_response=response, omitted_modes=omitted)
+
+
+def _with_missing_shares(
+    body: FlexBody, names: list[str], forms: tuple[FloatArray, ...], first: int
+) -> FlexBody:
+    """The body with what its modes lack of loads whose static response they need not hold."""
+    full, lacks = (np.diag(form)[first:] for form in forms[:2])
+    shares = dict(zip(names, lacks / np.where(full > 0.0, full, 1.0), strict=True))
+    loads = (replace(load, missing_share=shares.get(load.name, 0.0)) for load in body.loads)
+    return replace(body, loads=tuple(loads))
 
 
 def node_loads(fe: FEMatrices, node: int, interfaces: tuple[ModelInterface, ...]) -> FloatArray:

@@ -19,6 +19,7 @@ from flexmb.model.body import BodySpec
 from flexmb.model.control import CHANNEL_SECTIONS, broken_channels, channel_problems
 from flexmb.model.excitation import loads_beside_interfaces
 from flexmb.model.flexible_body import FlexbodySpec, FlexibleBodySpec
+from flexmb.model.forces.body_load import BodyLoadSpec
 from flexmb.model.functions.derivatives import first_discontinuities
 from flexmb.model.functions.function import Function
 from flexmb.model.functions.piecewise import Piecewise
@@ -253,15 +254,15 @@ def idle_loads(model: ModelData) -> Iterator[str]:
     all but forces on nodes of a body on which something acts beside its interfaces."""
     if model.dynamics is None:
         return
+    acting = {(f.body, f.load) for f in model.forces.values() if isinstance(f, BodyLoadSpec)}
     answered = {owner for _, owner, _ in loads_beside_interfaces(model)}
     for body, spec in model.bodies.items():
         for name, load in getattr(spec, "loads", {}).items():
-            if load.type != "force" or body not in answered:
+            if (body, name) not in acting and (load.type != "force" or body not in answered):
                 yield (
                     f"bodies.{body}.loads.{name}: adds its static response to the modes, but does "
-                    "not act in a run; what acts is gravity and forces on markers: on an interface "
-                    "of type rbe3 over faces (without nodes of other interfaces) a force is a "
-                    "uniform traction"
+                    'not act in a run without a force {type = "body-load", '
+                    f'body = "{body}", load = "{name}", value = ...}} that says when'
                 )
 
 

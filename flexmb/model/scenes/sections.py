@@ -14,6 +14,7 @@ from pydantic import StrictBool, ValidationInfo, model_validator
 
 from flexmb.errors import Problem, nearest
 from flexmb.model.control import PidSpec, StateSpec, TransferFunctionSpec
+from flexmb.model.forces.body_load import BodyLoadSpec
 from flexmb.model.forces.bushing import BeamForceSpec, BushingSpec
 from flexmb.model.forces.contact import ContactSpec
 from flexmb.model.forces.force_characteristic import (
@@ -218,6 +219,7 @@ FORCE_TYPES: dict[str, type[Component]] = {
     "torque": TorqueSpec,
     "spring-damper": SpringDamperSpec,
     "line-force": LineForceSpec,
+    "body-load": BodyLoadSpec,
     "rotational-spring-damper": RotationalSpringSpec,
     "translational-spring-damper": TranslationalSpringSpec,
     "contact": ContactSpec,

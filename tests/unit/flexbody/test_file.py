@@ -14,6 +14,7 @@ from hdf5edit import edit_hdf5
 from flexmb.errors import BodyFileError, OutputError, ReductionError
 from flexmb.fe import rectangle, reduce
 from flexmb.flexbody import (
+    LoadPoint,
     LoadVector,
     SectionForceModes,
     ShellForceModes,
@@ -43,8 +44,11 @@ def loaded():
     """A beam with everything that a body can hold."""
     damping = {"preset": "adams", "modes": {1: 0.02}}
     body = beam(geometric_stiffening="full", damping=damping, residual="inertia", load_points=[1])
-    push = LoadVector("push", (1, 0, 0), (0, 0, 2), np.arange(float(body.m)))
     rng = np.random.default_rng(0)
+    motion, bend = rng.normal(size=(2, 3, body.m)), np.zeros((3, body.m, body.m))
+    point = LoadPoint("force +x", (1, 2, 3), *motion, bend, np.arange(6.0))
+    points = (point, replace(point, name="moment -y"))
+    push = LoadVector("push", (1, 0, 0), (0, 0, 2), np.arange(float(body.m)), points, 0.25)
     axes, modes = np.tile(np.eye(3), (2, 1, 1)), rng.normal(size=(2, 8, body.m))
     shells = ShellForceModes(np.arange(2), np.zeros(2, int), ("skin",), axes, modes)
     places, beams = len(body.stress.ids), len(body.section_forces.elements)
@@ -95,6 +99,15 @@ def test_writing_what_was_read_gives_the_same_bytes(tmp_path):
     one = save(loaded(), tmp_path / "one.h5")
     two = save(load(one), tmp_path / "two.h5")
     assert one.read_bytes() == two.read_bytes()
+
+
+def test_points_of_loads_return_to_their_loads(tmp_path):
+    body = loaded()
+    short = replace(body.loads[1], points=body.loads[1].points[:1], missing_share=0.5)
+    there = load(save(replace(body, loads=(body.loads[0], short)), tmp_path / "one.h5")).loads
+    assert [len(one.points) for one in there] == [2, 1]
+    assert [one.missing_share for one in there] == [0.25, 0.5]
+    np.testing.assert_array_equal(there[1].points[0].wrench, np.arange(6.0))
 
 
 def test_every_dataset_of_the_table_is_in_the_file_and_no_other(tmp_path):

@@ -242,10 +242,11 @@ push = { type = "force", node = 7, force = [0, 0, 1] }
     run = "[dynamics]\nduration = 1\nstep = 1e-3\n"
     force = '[forces.f]\ntype = "force"\nat = "plate.p"\nvalue = [0, 0, 1]\n'
     told = []
-    for text in (plate, plate + run, plate + force + run):
+    acts = '[forces.a]\ntype = "body-load"\nbody = "plate"\nload = "wind"\nvalue = "sin(t)"\n'
+    for text in (plate, plate + run, plate + force + run, plate + acts + run):
         path = tmp_path / "scene.toml"
         path.write_text(text)
         sentences = load_scene(path).warnings()
         assert all("does not act in a run" in sentence for sentence in sentences)
         told.append([sentence.split(":")[0].split(".")[-1] for sentence in sentences])
-    assert told == [[], ["wind", "push"], ["wind"]]
+    assert told == [[], ["wind", "push"], ["wind"], ["push"]]
