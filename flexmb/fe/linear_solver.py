@@ -183,21 +183,9 @@ _NOT_POSITIVE = "-4"
 
 
 class Pardiso:
-    """The factors of a matrix, kept by MKL.
+    """The factors of a symmetric positive definite matrix, kept by MKL.
 
-    Parameters
-    ----------
-    K : (n, n) sparse
-        Symmetric positive definite; both triangles are stored.
-    progress : Progress
-        Called with the phases ``"order"`` and ``"factor"``.
-
-    Raises
-    ------
-    NotPositive
-        The matrix is not positive definite.
-    ReductionError
-        The factors do not fit into memory.
+    Raises NotPositive, or ReductionError where the factors do not fit into memory.
     """
 
     def __init__(self, K: csr_array, progress: Progress = silent) -> None:
@@ -342,20 +330,7 @@ _UNITS = {"": 1.0, "KB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12}
 
 
 def require_memory(needed: float, what: str) -> None:
-    """Refuse work that takes more memory than there is.
-
-    Parameters
-    ----------
-    needed : float
-        Bytes.
-    what : str
-        Name of the work, as subject of the sentence.
-
-    Raises
-    ------
-    ReductionError
-        Both figures, and what to do.
-    """
+    """Raise ReductionError if ``what`` needs more bytes than there are, with a cure."""
     free, limit = available_memory(), _own_limit()
     least = free if limit is None else min(free, limit)
     if needed <= least:

@@ -109,9 +109,10 @@ def mesh_report(
     else:
         cells = [(block.kind, block.nodes) for block in blocks]
         shells = [(b.kind, b.nodes) for b in blocks if b.family.dimension == 2]
-    place = _Places(mesh.points, unit)
+    place = _Places(mesh, unit)
     return [
         *([Finding("note", mesh.note)] if mesh.note else []),
+        *_numbers(mesh),
         *_orphans(mesh, cells, linked),
         *_inverted(cells, place),
         *_slivers(cells, place),
@@ -144,11 +145,11 @@ def parts(count: int, groups: Sequence[IntArray]) -> IntArray:
 class _Places:
     """Places of nodes and elements as text."""
 
-    def __init__(self, points: FloatArray, unit: str) -> None:
-        self.points, self._unit = points, unit
+    def __init__(self, mesh: Mesh, unit: str) -> None:
+        self.points, self._unit, self._mesh = mesh.points, unit, mesh
 
     def node(self, number: int) -> str:
-        return f"node {number} at {self._text(self.points[number])}"
+        return f"{self._mesh.node_text(number)} at {self._text(self.points[number])}"
 
     def element(self, nodes: IntArray) -> str:
         return f"at {self._text(self.points[nodes].mean(axis=0))}"
@@ -161,6 +162,13 @@ class _Places:
 def _highest(mesh: Mesh) -> list[Cells]:
     kinds = mesh.kinds(3) or mesh.kinds(2) or mesh.kinds(1)
     return [(kind, mesh.blocks[kind]) for kind in kinds]
+
+
+def _numbers(mesh: Mesh) -> Iterator[Finding]:
+    if mesh.numbers is not None and (mesh.numbers != np.arange(len(mesh.numbers))).any():
+        first, last = mesh.numbers[0], mesh.numbers[-1]
+        what = f"nodes are counted from 0: number {first} of the mesh file is node 0 here, number "
+        yield Finding("note", f"{what}{last} is node {len(mesh.numbers) - 1}")
 
 
 def _used(cells: Sequence[Cells]) -> IntArray:
@@ -253,20 +261,7 @@ def _apart(
 
 
 def check_releases(fe: FEMatrices, interfaces: Sequence[IntArray]) -> None:
-    """Refuse a model in which a released motion of a node meets no stiffness at all.
-
-    Parameters
-    ----------
-    fe : FEMatrices
-        The model.
-    interfaces : sequence of (k,) int
-        Their nodes.
-
-    Raises
-    ------
-    MeshError
-        With all such nodes, and about or along what they move.
-    """
+    """Refuse (MeshError) a model in which a released motion of a node meets no stiffness at all."""
     ends = [
         block.nodes.ravel()
         for block in fe.blocks

@@ -146,22 +146,7 @@ class _Update(NamedTuple):
 
 
 class Multifrontal:
-    """The factor L of P K P^T = L L^T.
-
-    Parameters
-    ----------
-    K : (n, n) sparse
-        Symmetric positive definite; both triangles are stored.
-    fronts : Fronts
-        Of its pattern.
-    progress : Progress
-        Called with the phase ``"factor"`` by the share of operations done.
-
-    Raises
-    ------
-    NotPositive
-        The matrix is not positive definite.
-    """
+    """The factor L of P K P^T = L L^T; raises NotPositive."""
 
     def __init__(self, K: csr_array, fronts: Fronts, progress: Progress = silent) -> None:
         self._fronts = fronts

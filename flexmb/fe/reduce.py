@@ -365,22 +365,6 @@ def survey(
     )
 
 
-def mesh_problems(
-    mesh: MeshLike | SkfemMesh,
-    interfaces: Mapping[str, Any] | None = None,
-    sections: Any = None,
-    **options: Any,
-) -> list[Problem]:
-    """Everything that keeps a mesh from becoming the body, as far as looking at it can tell.
-
-    Parameters
-    ----------
-    mesh, interfaces, sections, options
-        As for :func:`flexmb.fe.reduce`.
-    """
-    return survey(mesh, interfaces=interfaces, sections=sections, **options).problems
-
-
 def make_body(
     name: str,
     fe: FEMatrices,

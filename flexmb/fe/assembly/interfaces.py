@@ -11,7 +11,7 @@ Source: MSC Nastran, Linear Static Analysis User's Guide, RBE3.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -93,8 +93,8 @@ def select_interface(
     return NodeSelection(where, about, nodes, position, kind, weights, options.group)
 
 
-def listed(nodes: IntArray) -> str:
-    """The first few node numbers as text."""
+def listed(nodes: Sequence[Any] | IntArray) -> str:
+    """The first few numbers as text."""
     shown = ", ".join(str(node) for node in nodes[:_SHOWN])
     return f"{shown}, ..." if len(nodes) > _SHOWN else shown
 
@@ -139,6 +139,8 @@ def select_nodes(mesh: Mesh, where: str, options: NodeOptions) -> tuple[str, Int
     wrong = [n for n in numbers if n >= count]
     if wrong:
         what = f"{wrong[0]!r} is no node: numbers run from 0 to {count - 1}"
+        if mesh.numbers is not None and wrong[0] in mesh.numbers:
+            what += f"; number {wrong[0]} of the file is node {list(mesh.numbers).index(wrong[0])}"
         raise MeshError.from_problems([Problem(f"{where}.{key}", what)])
     if len(set(numbers)) < len(numbers):
         raise MeshError.from_problems([Problem(f"{where}.{key}", "names a node twice")])
@@ -167,7 +169,8 @@ def _selected_weights(
     count = len(requested)
     listed_ = hasattr(weights, "__len__") and not isinstance(weights, Mapping)
     if not listed_ or len(weights) != count or not all(is_number(w) and w > 0 for w in weights):
-        what = f"must be {count} positive numbers, one for each node, given {weights!r}"
+        given = f"{len(weights)}: {listed(weights)}" if listed_ else repr(weights)
+        what = f"must be {count} positive numbers, one for each node, given {given}"
         raise MeshError.from_problems([Problem(f"{where}.weights", what)])
     order = np.argsort(requested)
     return np.array(weights, dtype=float)[order][np.isin(requested[order], nodes)]

@@ -1,17 +1,22 @@
-"""Input decks of Abaqus and Nastran: what they say of nodes and groups, and meshio leaves out.
+"""Input decks of Abaqus and Nastran: nodes with their own numbers, elements and groups.
 
-meshio keeps the last of several ``*NODE`` blocks and of several blocks of one element set, leaves
-names out of node sets, and reads parts, instances and coordinate systems as if they were not there.
-:func:`flat_abaqus_deck` writes the deck anew, in the words that meshio reads, or refuses it.
+meshio leaves out elements in large fields, keeps the last of several blocks of one set, and refuses
+decks with springs, masses, shell angles or automatic continuations; so decks are read here.
+:func:`read_deck` returns a :class:`meshio.Mesh`, with ``numbers`` of its nodes and a ``note`` about
+what a mesh does not have, or refuses what would be read wrongly. Source: Abaqus Keywords Reference
+Guide; MSC Nastran Quick Reference Guide, sections on bulk data formats and on elements.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from flexmb.errors import MeshError
 
@@ -19,34 +24,144 @@ ABAQUS = (".inp",)
 NASTRAN = (".bdf", ".fem", ".nas")
 _GENERATORS = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
 _PARTS = {  # of the model, which a mesh does not have, and where a body has them
-    "masses": ("MASS", "ROTARY INERTIA", "CONM1", "CONM2"),
-    "springs": ("SPRING", "CELAS1", "CELAS2", "CBUSH"),
+    "interfaces": ("SURFACE",),
+    "masses": ("MASS", "ROTARY INERTIA", "CONM1", "CONM2", "CMASS1", "CMASS2"),
+    "springs": ("SPRING", "DASHPOT", "CELAS1", "CELAS2", "CBUSH", "CBUSH1D", "CGAP", "CDAMP1",
+                "CDAMP2", "CVISC"),
     "ties": ("RIGID BODY", "COUPLING", "KINEMATIC", "DISTRIBUTING", "TIE", "MPC", "EQUATION",
-             "KINEMATIC COUPLING", "DISTRIBUTING COUPLING", "RBE2", "RBE3", "RBAR"),
+             "KINEMATIC COUPLING", "DISTRIBUTING COUPLING", "CONNECTOR SECTION", "RBE1", "RBE2",
+             "RBE3", "RBAR", "CWELD", "CFAST", "R3D3", "R3D4", "DCOUP3D"),
 }  # fmt: skip
-_INCLUDE = re.compile(r"^\*INCLUDE\s*,\s*INPUT\s*=\s*([^,\n]+)[^\n]*$", re.M | re.I)
+_INCLUDES = (
+    re.compile(r"^\*INCLUDE\s*,\s*INPUT\s*=\s*([^,\n]+)[^\n]*$", re.M | re.I),
+    re.compile(r"^INCLUDE\s+([^\n]+)$", re.M | re.I),
+)
+_SOLIDS = {4: "tetra", 5: "pyramid", 6: "wedge", 8: "hexahedron", 10: "tetra10", 13: "pyramid13",
+           15: "wedge15", 20: "hexahedron20"}  # fmt: skip
+_SURFACES = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"}
+_ABAQUS_KINDS = (  # by the first letters of a type and the number of nodes that follows
+    (re.compile(r"C3D(\d+)"), _SOLIDS),
+    (re.compile(r"(?:S|STRI|M3D|SFM3D|CPS|CPE)(\d)"), _SURFACES),
+    (re.compile(r"T[23]D(\d)"), {2: "line", 3: "line3"}),
+    (re.compile(r"(?:B|PIPE)[23](\d)"), {1: "line", 2: "line3", 3: "line"}),
+)
+_ABAQUS_OTHERS = re.compile(r"MASS|ROTARYI|SPRING|DASHPOT|CONN|DCOUP|DIST|GAP|JOINT|R[23AB]")
+_NASTRAN_KINDS = {  # the first field of nodes, and how many nodes there may be
+    **dict.fromkeys(("CTRIA3", "CTRIAR"), (3, (3,))),
+    **dict.fromkeys(("CQUAD4", "CQUADR", "CSHEAR"), (3, (4,))),
+    **dict.fromkeys(("CROD", "CTUBE", "CBAR", "CBEAM", "CBEND"), (3, (2,))),
+    "CONROD": (2, (2,)), "CTRIA6": (3, (6,)), "CQUAD8": (3, (8,)), "CTETRA": (3, (4, 10)),
+    "CPYRAM": (3, (5, 13)), "CPYRA": (3, (5, 13)), "CPENTA": (3, (6, 15)), "CHEXA": (3, (8, 20)),
+}  # fmt: skip
+_TO_VTK = {  # Nastran counts the nodes between the faces before those of the upper face
+    "wedge15": [*range(9), 12, 13, 14, 9, 10, 11],
+    "hexahedron20": [*range(12), *range(16, 20), *range(12, 16)],
+}
 
 
-def abaqus_text(source: Path, inside: tuple[Path, ...] = ()) -> str:
-    """A deck, and in their places the files of its folder that it includes.
+@dataclass
+class _Deck:
+    """What is read of a deck, by the numbers of nodes and elements."""
+
+    source: Path
+    nodes: dict[int, tuple[float, ...]] = field(default_factory=dict)
+    elements: dict[int, tuple[str, list[int], int]] = field(default_factory=dict)
+    node_sets: dict[str, Iterable[int]] = field(default_factory=dict)
+    element_sets: dict[str, Iterable[int]] = field(default_factory=dict)
+
+    def add_node(self, number: str, place: Iterable[str]) -> None:
+        point = tuple(_real(x) for x in place)
+        if self.nodes.setdefault(int(number), point) != point:
+            raise self.error(f"node {number} is given twice, at different places")
+
+    def add_element(self, number: str, kind: str, nodes: list[int], tag: str = "") -> None:
+        if (count := sum(node not in self.nodes for node in nodes)) > 0:
+            missing = next(node for node in nodes if node not in self.nodes)
+            what = f"element {number} names node {missing}, which the deck does not have"
+            raise self.error(what if count == 1 else f"{what}, nor {count - 1} others")
+        new = (kind, nodes, int(tag or 0))
+        if self.elements.setdefault(int(number), new) != new:
+            raise self.error(f"element {number} is given twice, with different nodes")
+
+    def error(self, what: str) -> MeshError:
+        return MeshError(f"{self.source}: {what}")
+
+    def mesh(self, note: str) -> Any:
+        """The same as a mesh of meshio."""
+        import meshio
+
+        row = {number: k for k, number in enumerate(self.nodes)}
+        cells: dict[str, list[list[int]]] = {}
+        tags: dict[str, list[int]] = {}
+        place = {}
+        for number, (kind, nodes, tag) in self.elements.items():
+            place[number] = (kind, len(cells.setdefault(kind, [])))
+            cells[kind].append([row[node] for node in nodes])
+            tags.setdefault(kind, []).append(tag)
+        point_sets, cell_sets = {}, {}
+        for name, members in self.node_sets.items():
+            if missing := [node for node in members if node not in row]:
+                raise self.error(f'the node set "{name}" names node {missing[0]}, which is absent')
+            point_sets[name] = np.array([row[node] for node in members], dtype=int)
+        for name, members in self.element_sets.items():
+            rows: dict[str, list[int]] = {kind: [] for kind in cells}
+            for number in members:
+                if number in place:
+                    rows[place[number][0]].append(place[number][1])
+            cell_sets[name] = [np.array(part, dtype=int) for part in rows.values()]
+        mesh = meshio.Mesh(
+            np.array([*self.nodes.values()]),
+            [(kind, np.array(part)) for kind, part in cells.items()],
+            point_sets=point_sets,
+            cell_sets=cell_sets,
+            cell_data={"nastran:ref": [np.array(part) for part in tags.values()]},
+        )
+        mesh.numbers, mesh.note = np.array([*self.nodes]), note
+        return mesh
+
+
+def read_deck(source: Path) -> Any:
+    """The mesh of a deck, with ``numbers`` and a ``note``.
 
     Raises
     ------
     MeshError
-        A file that includes itself, or that is not there.
+        Nodes that are generated or have coordinates of their own, several parts or instances,
+        elements that are not known or name missing nodes, a file that includes itself.
     """
+    abaqus = source.suffix.lower() in ABAQUS
+    text = _text(source, _INCLUDES[0 if abaqus else 1])
+    deck = _Deck(source)
+    others = Counter(_read_abaqus(deck, text) if abaqus else _read_nastran(deck, text))
+    counts = {home: [f"{others[w]} {w}" for w in words if others[w]]
+              for home, words in _PARTS.items()}  # fmt: skip
+    entries = [entry for names in counts.values() for entry in names]
+    homes = [home for home, names in counts.items() if names]
+    note = f"the mesh file also has {', '.join(entries)}, not read: the body takes its own "
+    return deck.mesh(note + ", ".join(homes) if entries else "")
+
+
+def _text(source: Path, include: re.Pattern[str], inside: tuple[Path, ...] = ()) -> str:
+    """A deck, and in their places the files that it includes."""
     if source.resolve() in inside:
         raise MeshError(f"{source}: the deck includes itself")
     inside = (*inside, source.resolve())
     try:
         text = source.read_text(encoding="utf-8", errors="replace")
     except FileNotFoundError as error:
-        raise MeshError(f"{source}: no such file, named by *INCLUDE of {inside[-2]}") from error
+        raise MeshError(f"{source}: no such file, named by an include of {inside[-2]}") from error
 
     def included(line: re.Match[str]) -> str:
-        return abaqus_text(inside[0].parent / line[1].strip().strip('"'), inside)
+        name = line[1].strip().strip("\"'").replace("\\", "/")
+        return _text(inside[0].parent / name, include, inside)
 
-    return _INCLUDE.sub(included, text)
+    return include.sub(included, text)
+
+
+def _real(text: str) -> float:
+    """A number, also as Fortran writes it: 1.5-3, 1.D0; none is zero."""
+    plain = text.upper().replace("D", "E")
+    return float(re.sub(r"(?<=[\d.])([+-])", r"E\1", plain) or 0.0)
 
 
 @dataclass
@@ -76,8 +191,8 @@ def _cards(text: str) -> list[_Card]:
 class _Sets:
     """Sets by name, in small or capital letters alike; a second card of one name adds to it."""
 
-    def __init__(self, source: Path, noun: str) -> None:
-        self._source, self._noun = source, noun
+    def __init__(self, deck: _Deck, noun: str) -> None:
+        self._deck, self._noun = deck, noun
         self.members: dict[str, dict[int, None]] = {}
         self._names: dict[str, str] = {}
 
@@ -93,106 +208,142 @@ class _Sets:
                 self.add(name, [number for number in present if number in numbers])
             return
         for entry in card.numbers():
-            if entry.lstrip("+-").isdigit():
-                self.add(name, [int(entry)])
-            elif entry.strip('"').upper() in self._names:
-                self.add(name, list(self.members[self._names[entry.strip('"').upper()]]))
+            own = entry.strip('"').upper()
+            number = own.rpartition(".")[2]  # of an instance
+            if own in self._names:
+                self.add(name, list(self.members[self._names[own]]))
+            elif number.lstrip("+-").isdigit():
+                self.add(name, [int(number)])
             else:
                 what = f'the {self._noun} "{name}" has the member "{entry}", which is neither a '
-                raise MeshError(f"{self._source}: {what}number nor a set above it")
-
-    def lines(self, word: str) -> Iterable[str]:
-        for name, numbers in self.members.items():
-            yield f"*{word}, {word}={name}"
-            yield from (f"{number}," for number in numbers)
+                raise self._deck.error(f"{what}number nor a set above it")
 
 
-def flat_abaqus_deck(source: Path, text: str) -> str:
-    """The nodes, elements and sets of a deck, each node block and set once.
-
-    Raises
-    ------
-    MeshError
-        Nodes that are generated or in another file, several parts or instances, an instance that is
-        moved, cylindrical coordinates.
-    """
-    from meshio._common import num_nodes_per_cell
-    from meshio.abaqus._abaqus import abaqus_to_meshio_type
-
+def _read_abaqus(deck: _Deck, text: str) -> Iterator[str]:
+    """Read nodes, elements and sets; give the keywords and the types of other elements."""
     cards = _cards(text)
-    _refuse_assembly(source, cards)
-    points: dict[int, list[str]] = {}
-    nodes, elements = _Sets(source, "node set"), _Sets(source, "element set")
-    body: list[str] = []
-    present: dict[int, None] = {}
+    _refuse_assembly(deck, cards)
+    nodes, elements = _Sets(deck, "node set"), _Sets(deck, "element set")
+    for card in cards:
+        if card.word == "NODE":
+            rows = [[x.strip() for x in line.split(",")] for line in card.lines]
+            for number, *place in rows:
+                deck.add_node(number, [*place, "", "", ""][:3])
+            if "NSET" in card.options:
+                nodes.add(card.options["NSET"], [int(row[0]) for row in rows])
     for card in cards:
         options = card.options
-        if card.word == "NODE":
-            rows = [[x.strip() or "0" for x in line.split(",")] for line in card.lines]
-            points |= {int(row[0]): ([*row[1:4], "0", "0", "0"])[:3] for row in rows}
-            if "NSET" in options:
-                nodes.add(options["NSET"], [int(row[0]) for row in rows])
-        elif card.word == "ELEMENT":
+        if card.word == "ELEMENT":
             if "TYPE" not in options:
-                raise MeshError(f"{source}: *ELEMENT has no TYPE, such as C3D4")
-            body += [f"*ELEMENT, TYPE={options['TYPE'].upper()}", *card.lines]
-            kind = abaqus_to_meshio_type.get(options["TYPE"].upper())
-            step = 1 if kind is None else num_nodes_per_cell[kind] + 1
-            numbers = [int(number) for number in card.numbers()[::step]]
-            present |= dict.fromkeys(numbers)
+                raise deck.error("*ELEMENT has no TYPE, such as C3D4")
+            kind, values = _abaqus_kind(deck, options["TYPE"].upper()), card.numbers()
+            step = _nodes_of(kind) + 1
+            if kind and len(values) % step:
+                what = f"elements of type {options['TYPE']} have {step - 1} nodes, but the "
+                raise deck.error(f"{what}block of element {values[0]} has lines of other lengths")
+            numbers = [int(number) for number in values[::step]] if kind else []
+            if not kind and options["TYPE"].upper() in _PARTS["ties"]:
+                yield from [options["TYPE"].upper()] * len(card.lines)
+            for k, number in enumerate(numbers):
+                row = values[k * step + 1 : (k + 1) * step]
+                deck.add_element(str(number), kind, [int(x) for x in row])
             if "ELSET" in options:
                 elements.add(options["ELSET"], numbers)
         elif card.word == "NSET" and "NSET" in options:
-            nodes.read(options["NSET"], card, points)
+            nodes.read(options["NSET"], card, deck.nodes)
         elif card.word == "ELSET" and "ELSET" in options:
-            elements.read(options["ELSET"], card, present)
-    flat = ["*NODE", *(f"{number}, {', '.join(x)}" for number, x in points.items()), *body]
-    return "\n".join([*flat, *nodes.lines("NSET"), *elements.lines("ELSET"), ""])
+            elements.read(options["ELSET"], card, deck.elements)
+        else:
+            yield card.word
+    deck.node_sets, deck.element_sets = dict(nodes.members), dict(elements.members)
 
 
-def _refuse_assembly(source: Path, cards: list[_Card]) -> None:
+def _nodes_of(kind: str) -> int:
+    from meshio._common import num_nodes_per_cell
+
+    return int(num_nodes_per_cell.get(kind, 0))
+
+
+def _abaqus_kind(deck: _Deck, name: str) -> str:
+    """meshio's name of a type; none for masses, springs, connectors and rigid surfaces."""
+    for pattern, kinds in _ABAQUS_KINDS:
+        if (match := pattern.match(name)) and int(match[1]) in kinds:
+            return kinds[int(match[1])]
+    if _ABAQUS_OTHERS.match(name):
+        return ""
+    raise deck.error(f"elements of type {name} are not read; write C3D, S, B or T elements")
+
+
+def _refuse_assembly(deck: _Deck, cards: list[_Card]) -> None:
     count = Counter(card.word for card in cards)
     moved = any(card.word == "INSTANCE" and card.lines for card in cards)
     word = next((word for word in _GENERATORS if count[word]), "")
     if word:
-        what = f"*{word} is not read: write all nodes and elements into the deck"
-        raise MeshError(f"{source}: {what}")
+        raise deck.error(f"*{word} is not read: write all nodes and elements into the deck")
     if count["INSTANCE"] > 1 or count["PART"] > 1 or moved:
         what = f"the deck has {count['PART']} parts in {count['INSTANCE']} instances"
         what = "the deck has an instance that is moved" if moved else what
         cure = "write one part, or a flat deck (Abaqus/CAE: Model, Edit attributes, no parts)"
-        raise MeshError(f"{source}: {what}: {cure}")
+        raise deck.error(f"{what}: {cure}")
     systems = {card.options.get("SYSTEM", "R").upper() for card in cards if card.word == "NODE"}
     if systems - {"R"}:
-        raise MeshError(f"{source}: *NODE has cylindrical or spherical coordinates: write x, y, z")
+        raise deck.error("*NODE has cylindrical or spherical coordinates: write x, y, z")
 
 
-def refuse_nastran_systems(source: Path, text: str, systems: Iterable[int]) -> None:
-    """Refuse a deck with nodes in ``systems`` of coordinates of their own, or with other files."""
-    lines = text.upper().splitlines()
-    if any(line.startswith("INCLUDE") for line in lines):
-        raise MeshError(f"{source}: INCLUDE is not read: write all entries into one deck")
-    default = [_field(line, 2) for line in lines if line.startswith("GRDSET")]
-    numbers = [str(number) for number in (*systems, *default) if str(number) not in ("", "0")]
-    if numbers:
-        what = f"GRID gives coordinates in the system {numbers[0]}, which is not read: "
-        raise MeshError(f"{source}: {what}write them in the basic system")
+def _entries(text: str) -> Iterator[list[str]]:
+    """Bulk data entries: the name and all fields, continuations joined, padded with blanks."""
+    upper = text.upper()
+    begin = re.search(r"^ *BEGIN\b.*$", upper, re.M)
+    entry: list[str] = []
+    for whole in upper[begin.end() if begin else 0 :].splitlines():
+        line = whole.partition("$")[0].rstrip().expandtabs(8)
+        if not line.strip():
+            continue
+        free = "," in line
+        first = (line.split(",")[0] if free else line[:8]).strip()
+        if first == "ENDDATA":
+            break
+        large = first.endswith("*") or first.startswith("*")
+        count = 4 if large else 8
+        if free:
+            data = [x.strip() for x in line.split(",")[1:]]
+            if len(data) == count + 1 or re.match(r"[+*]([A-Z]|$)", data[-1]):
+                del data[-1]  # the name of a continuation
+        else:
+            width = 64 // count
+            data = [line[k : k + width].strip() for k in range(8, 72, width)]
+        data += [""] * (count - len(data))
+        if first[:1] in ("+", "*", ""):
+            entry += data
+            continue
+        if entry:
+            yield entry
+        entry = [first.rstrip("*").strip(), *data]
+    if entry:
+        yield entry
 
 
-def _field(line: str, number: int) -> str:
-    """A field of a line in free or small format, from 0."""
-    fields = line.split(",") if "," in line else [line[k : k + 8] for k in range(0, len(line), 8)]
-    return fields[number].strip() if number < len(fields) else ""
-
-
-def unread_entries(text: str) -> str:
-    """A sentence about masses, springs and ties of a deck, which a mesh does not have."""
-    words = Counter(card.word for card in _cards(text))
-    words += Counter(_field(line, 0).rstrip("*") for line in text.upper().splitlines())
-    counts = {kind: {word: words[word] for word in among if words[word]}
-              for kind, among in _PARTS.items()}  # fmt: skip
-    entries = [f"{n} {word}" for numbers in counts.values() for word, n in numbers.items()]
-    if not entries:
-        return ""
-    homes = ", ".join(kind for kind, numbers in counts.items() if numbers)
-    return f"the mesh file also has {', '.join(entries)}, not read: the body takes its own {homes}"
+def _read_nastran(deck: _Deck, text: str) -> Iterator[str]:
+    """Read nodes and elements, properties as groups; give the names of the other entries."""
+    entries = [[*entry, *[""] * 8] for entry in _entries(text)]
+    default = next((entry[2] for entry in entries if entry[0] == "GRDSET"), "")
+    for entry in entries:
+        if entry[0] == "GRID":
+            if (system := entry[2] or default) not in ("", "0"):
+                what = f"GRID gives coordinates in the system {system}, which is not read: "
+                raise deck.error(f"{what}write them in the basic system")
+            deck.add_node(entry[1], entry[3:6])
+    for entry in entries:
+        word = entry[0]
+        if word not in _NASTRAN_KINDS:
+            yield word
+            continue
+        start, counts = _NASTRAN_KINDS[word]
+        nodes = [int(x) for x in entry[start : start + counts[-1]] if x]
+        if len(nodes) not in counts:
+            allowed = " or ".join(map(str, counts))
+            raise deck.error(f"{word} {entry[1]} has {len(nodes)} nodes; allowed: {allowed}")
+        solid = word in ("CTETRA", "CPYRAM", "CPYRA", "CPENTA", "CHEXA")
+        kind = "line" if counts == (2,) else (_SOLIDS if solid else _SURFACES)[len(nodes)]
+        nodes = [nodes[k] for k in _TO_VTK.get(kind, range(len(nodes)))]
+        deck.add_element(entry[1], kind, nodes, entry[2] if start == 3 else "")

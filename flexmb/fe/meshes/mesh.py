@@ -35,14 +35,7 @@ from skfem.element import Element
 from skfem.quadrature import get_quadrature
 
 from flexmb.errors import MeshError, Problem, nearest
-from flexmb.fe.meshes.decks import (
-    ABAQUS,
-    NASTRAN,
-    abaqus_text,
-    flat_abaqus_deck,
-    refuse_nastran_systems,
-    unread_entries,
-)
+from flexmb.fe.meshes.decks import ABAQUS, NASTRAN, read_deck
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.untrusted import check_reading, hdf5_beside, serve_reading
 
@@ -74,6 +67,8 @@ class Mesh:
         Where it was read from, for messages.
     note : str
         What the file has besides.
+    numbers : (n,) int, optional
+        Of the nodes in the file, where it has some.
 
     Raises
     ------
@@ -87,6 +82,7 @@ class Mesh:
     element_sets: Mapping[str, Mapping[str, IntArray]] = field(default_factory=dict)
     source: str = "mesh"
     note: str = ""
+    numbers: IntArray | None = None
 
     def __post_init__(self) -> None:
         points = np.array(self.points, dtype=float)
@@ -135,6 +131,11 @@ class Mesh:
         """
         self._require(name, where)
         return self.element_sets.get(name, {})
+
+    def node_text(self, node: int) -> str:
+        """A node in a message: as it is counted here, and its number in the file."""
+        own = self.numbers is not None and node < len(self.numbers)
+        return f"node {node}" + (f" (number {self.numbers[node]} of the file)" if own else "")  # type: ignore[index]
 
     def _require(self, name: str, where: str) -> None:
         if name in self.node_sets:
@@ -187,25 +188,16 @@ def _read(source: Path) -> Mesh:
         node_sets = {name: np.asarray(nodes, int) for name, nodes in raw.point_sets.items()}
     except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
         raise MeshError(f"{source}: the mesh file is damaged ({error})") from error
-    return Mesh(points, blocks, node_sets, groups, source.name, getattr(raw, "note", ""))
+    own = (getattr(raw, "note", ""), getattr(raw, "numbers", None))
+    return Mesh(points, blocks, node_sets, groups, source.name, *own)
 
 
 def _read_raw(source: Path) -> Any:
     import meshio
 
-    ending = source.suffix.lower()
-    if ending not in (*ABAQUS, *NASTRAN):
-        return meshio.read(source)
-    if ending in NASTRAN:
-        text = source.read_text(encoding="utf-8", errors="replace")
-        raw = meshio.read(source)
-        refuse_nastran_systems(source, text, raw.point_data.get("nastran:ref", ()))
-    else:
-        text = abaqus_text(source)
-        deck = io.StringIO(flat_abaqus_deck(source, text))
-        raw = meshio.abaqus._abaqus.read_buffer(deck)
-    raw.note = unread_entries(text)
-    return raw
+    if source.suffix.lower() in (*ABAQUS, *NASTRAN):
+        return read_deck(source)
+    return meshio.read(source)
 
 
 def _read_quietly(source: Path) -> Any:

@@ -128,16 +128,8 @@ def compare_modes(
 ) -> FrequencyCheck:
     """Compare with the full model's elastic modes up to a frequency [Hz].
 
-    Parameters
-    ----------
-    fe, elastic
-        The model and the reduced body's modes.
-    lowest : callable
-        At least so many of the full model's lowest modes.
-    limit : int
-        How many it has.
-    up_to : float or None
-        Without it half as many modes as the reduced body has, twenty at most.
+    ``lowest`` gives at least so many of them, ``limit`` in all; without ``up_to`` half as many as
+    the reduced body has are compared, twenty at most.
     """
     count = (
         min(_FIRST, limit)
@@ -231,16 +223,7 @@ def missing_compliance(
 ) -> FloatArray:
     """(k,) the share of the compliance that the modes lack under each load.
 
-    Parameters
-    ----------
-    elastic : ReducedModes
-        The modes.
-    relief : InertiaRelief
-        Inertia relief of the model.
-    respond : callable
-        Deformation (n, k) of the full free body under relieved loads (n, k).
-    loads : sequence of LoadPattern
-        The loads.
+    ``respond`` gives the deformation (n, k) of the full free body under relieved loads (n, k).
     """
     if not loads:
         return np.zeros(0)

@@ -9,6 +9,7 @@ from femeshes import block
 
 from flexmb.errors import MeshError
 from flexmb.fe import read_mesh
+from flexmb.fe.elements.element_blocks import FAMILIES
 
 BOX = block((2, 1, 1))
 
@@ -228,3 +229,125 @@ def test_properties_of_nastran_are_groups_and_its_systems_are_refused(tmp_path):
     path.write_text(deck.format(*[""] * 4).replace("BULK\n", "BULK\nGRDSET,,3\n"))
     with pytest.raises(MeshError, match="in the system 3"):
         read_mesh(path)
+
+
+COLUMN = [*np.ndindex(3, 2, 2)]  # two cubes; node k has the number 101 + 10 k
+CUBES = [[4 * i + k for k in (0, 4, 6, 2, 1, 5, 7, 3)] for i in (0, 1)]
+
+
+def nastran_column(way):
+    """The same two cubes in the formats of the Quick Reference Guide."""
+    grids = [[101 + 10 * k, "", *map(float, x)] for k, x in enumerate(COLUMN)]
+    solids = [[e, 7, *(101 + 10 * k for k in cube)] for e, cube in enumerate(CUBES, 1)]
+    if way == "large":
+        lines = [f"GRID*   {n:<16}{'':16}{x:<16}{y:<16}*A\n*A      {z}" for n, _, x, y, z in grids]
+        for row in solids:
+            cells = [f"{x:<16}" for x in row]
+            parts = ["".join(cells[k : k + 4]) for k in (0, 4, 8)]
+            lines.append("*\n*       ".join([f"CHEXA*  {parts[0]}", *parts[1:]]))
+    elif way == "small":  # automatic continuation, exponents without a letter
+        lines = [
+            "GRID    " + "".join(f"{x:<8}" for x in (n, "", *(f"{x:g}.0+0" for x in place)))
+            for n, _, *place in grids
+        ]
+        for row in solids:
+            cells = [f"{x:<8}" for x in row]
+            lines.append(f"CHEXA   {''.join(cells[:8]).rstrip()}\n        {''.join(cells[8:])}")
+    else:  # free, with blanks for zeros and a remark behind
+        lines = [
+            f"GRID,{n},,{','.join(str(x) if x else '' for x in place)} $ remark"
+            for n, _, *place in grids
+        ]
+        mark = "+B" if way == "marked" else ""
+        for row in solids:
+            first, last = ",".join(map(str, row[:8])), ",".join(map(str, row[8:]))
+            lines.append(f"CHEXA,{first},{mark}\n{mark},{last}")
+    deck = "\n".join(lines) + "\n"
+    return deck.lower() if way == "lower" else f"SOL 103\nCEND\nBEGIN BULK\n{deck}ENDDATA\n"
+
+
+@pytest.mark.parametrize("way", ["large", "small", "marked", "lower"])
+def test_a_nastran_deck_is_read_in_every_format(way, tmp_path):
+    path = tmp_path / "deck.bdf"
+    path.write_text(nastran_column(way))
+    mesh = read_mesh(path)
+    assert mesh.points.tolist() == [list(map(float, x)) for x in COLUMN]
+    assert mesh.blocks["hexahedron"].tolist() == CUBES
+    assert mesh.numbers.tolist() == [101 + 10 * k for k in range(12)]
+
+
+def test_what_stands_behind_the_nodes_of_nastran_elements_is_no_node(tmp_path):
+    """Angles, offsets and vectors; springs are named; a deck may include another."""
+    (tmp_path / "grids.bdf").write_text(nastran_column("lower").partition("chexa")[0])
+    path = tmp_path / "deck.bdf"
+    path.write_text(
+        "BEGIN BULK\nINCLUDE 'grids.bdf'\nCQUAD4,1,7,101,141,161,121,30.,.5\n"
+        "CTRIA3,2,7,141,181,161,0\nCBAR,3,8,101,141,0.,1.,0.\nCELAS1,4,5,101,1,111,1\n"
+        "CBUSH,5,5,101,,,,,0\nENDDATA\n"
+    )
+    mesh = read_mesh(path)
+    assert {kind: cells.tolist() for kind, cells in mesh.blocks.items()} == {
+        "quad": [[0, 4, 6, 2]],
+        "triangle": [[4, 8, 6]],
+        "line": [[0, 4]],
+    }
+    assert "1 CELAS1, 1 CBUSH, not read: the body takes its own springs" in mesh.note
+
+
+@pytest.mark.parametrize(
+    ("word", "edges"),  # of the nodes behind the corners, Quick Reference Guide
+    [
+        ("CHEXA", "12 23 34 41 15 26 37 48 56 67 78 85"),
+        ("CPENTA", "12 23 31 14 25 36 45 56 64"),
+        ("CTETRA", "12 23 31 14 24 34"),
+    ],
+)
+def test_middle_nodes_of_nastran_solids_lie_on_their_edges(word, edges, tmp_path):
+    kind = {"CHEXA": "hexahedron20", "CPENTA": "wedge15", "CTETRA": "tetra10"}[word]
+    corners = {
+        "CHEXA": [*np.ndindex(2, 2, 2)],
+        "CPENTA": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (0, 1, 1)],
+        "CTETRA": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)],
+    }[word]
+    if word == "CHEXA":
+        corners = [corners[k] for k in (0, 4, 6, 2, 1, 5, 7, 3)]
+    x = np.array(corners, dtype=float)
+    x = np.concatenate([x, [(x[int(a) - 1] + x[int(b) - 1]) / 2 for a, b in edges.split()]])
+    lines = [f"GRID,{k},,{p[0]},{p[1]},{p[2]}" for k, p in enumerate(x, 1)]
+    fields = [word, "1", "1", *map(str, range(1, len(x) + 1))]
+    lines.append(",".join(fields[:9]))
+    lines += ["," + ",".join(fields[k : k + 8]) for k in range(9, len(fields), 8)]
+    (tmp_path / "deck.nas").write_text("BEGIN BULK\n" + "\n".join(lines) + "\nENDDATA\n")
+    mesh = read_mesh(tmp_path / "deck.nas")
+    at, known = mesh.points[mesh.blocks[kind][0]], FAMILIES[kind].edges
+    middle = [(at[a] + at[b]) / 2 for a, b in known]
+    np.testing.assert_allclose(at[len(corners) :], middle)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ((" 5, 6, 7, 8\n", " 5, 6, 7, 77\n"), "element 1 names node 77, which"),
+        (("type=C3D8,", "type=SC8R,"), "elements of type SC8R are not read"),
+        (("*ELSET, ", "*NODE\n1, 9., 9., 9.\n*ELSET, "), "node 1 is given twice, at different"),
+        (("*ELSET, ", "*NSET, NSET=far\n99\n*ELSET, "), '"far" names node 99, which is absent'),
+    ],
+)
+def test_an_abaqus_deck_that_contradicts_itself_is_refused(change, sentence, tmp_path):
+    assert change[0] in DECK
+    path = tmp_path / "deck.inp"
+    path.write_text(DECK.replace(*change, 1))
+    with pytest.raises(MeshError, match=sentence):
+        read_mesh(path)
+
+
+def test_elements_that_are_no_part_of_a_mesh_do_not_keep_an_abaqus_deck_from_being_read(tmp_path):
+    path = tmp_path / "deck.inp"
+    others = "*ELEMENT, TYPE=SPRINGA, ELSET=s\n91, 1, 2\n*SPRING, ELSET=s\n\n1.D5\n"
+    others += "*ELEMENT, TYPE=R3D4\n92, 1, 2, 3, 4\n*SURFACE, NAME=face\nlower, S1\n"
+    path.write_text(DECK + others + "*NSET, NSET=own\nPART-1.3\n")
+    mesh = read_mesh(path)
+    assert list(mesh.blocks) == ["hexahedron"]
+    assert mesh.group_nodes("own").tolist() == [2]
+    for words in ("1 SURFACE", "1 SPRING", "1 R3D4", "its own interfaces, masses, springs, ties"):
+        assert words in mesh.note

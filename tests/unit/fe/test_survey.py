@@ -9,32 +9,31 @@ from femeshes import block
 from flexmb.errors import MeshError
 from flexmb.fe import Mesh, assemble, make_interfaces, reduce, resolve, survey
 from flexmb.fe.meshes.mesh_shapes import mesh_from
-from flexmb.fe.reduce import mesh_problems
 
 BOX = block((2, 1, 1))
 
 
 def test_a_good_mesh_has_no_problems():
-    assert mesh_problems(BOX, {"a": "x0", "b": "x1"}) == []
+    assert survey(BOX, interfaces={"a": "x0", "b": "x1"}).problems == []
 
 
 def test_all_problems_at_once(tmp_path):
     faces = Mesh(BOX.points, {"triangle6": BOX.blocks["triangle6"]}, {}, BOX.element_sets)
-    found = [str(problem) for problem in mesh_problems(faces, {"a": "x2", "b": "y"})]
+    found = [str(problem) for problem in survey(faces, interfaces={"a": "x2", "b": "y"}).problems]
     assert len(found) == 3
     assert "has no volume elements" in found[0]
     assert found[1] == 'interfaces.a: mesh has no group "x2"; allowed: x0, x1'
     assert "interfaces.b" in found[2]
-    assert "no such mesh file" in str(mesh_problems(tmp_path / "a.msh")[0])
-    wrong = mesh_problems(BOX, sections={"all": {"type": "ellipse"}})
+    assert "no such mesh file" in str(survey(tmp_path / "a.msh").problems[0])
+    wrong = survey(BOX, sections={"all": {"type": "ellipse"}}).problems
     assert "ellipse" in str(wrong[0])
 
 
 def test_interfaces_told_by_tables():
     asked = {"a": {"group": "x1", "type": "rbe3"}, "b": {"center": [0, 0, 0], "radius": 0.6}}
-    assert mesh_problems(BOX, asked) == []
+    assert survey(BOX, interfaces=asked).problems == []
     asked = {"a": {"group": "x2"}, "b": {"group": "x1", "type": "rbe4"}, "c": {"node": 10**6}}
-    where = [problem.where for problem in mesh_problems(BOX, asked)]
+    where = [problem.where for problem in survey(BOX, interfaces=asked).problems]
     assert where == ["interfaces.a", "interfaces.b.type", "interfaces.c.node"]
 
 
