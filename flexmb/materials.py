@@ -9,7 +9,7 @@ digits): grades differ by a few per cent, plastics by half, so give your own whe
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isfinite
+from math import isfinite, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +58,22 @@ class _Elastic:
         """(2, 2) shear stress 13, 23 per shear strain."""
         _, _, (_, G23, G13) = self.constants()
         return np.diag([G13, G23])
+
+
+_DENSITY = (10.0, 25e3)  # kg/m^3: foam of polystyrene is 15, osmium 22.6e3
+_SOLID = (500.0, 25e3)  # of what is no foam
+_FASTEST = 18e3  # m/s, sqrt(E/density): beryllium 12.5e3, diamond 17.3e3
+# From a density on [kg/m^3]: the least E [Pa] and the least speed [m/s]. Soft: silicones of 50 kPa
+# at 1070 (7 m/s), foams of 10 kPa at 50 (14 m/s); polymers and wood whose E slipped by 1e6 have 4
+# at most. Filled rubbers, soils: 1 MPa and more. Metals, glass: thallium 820 m/s, lead 1190.
+_SLOWEST = ((0.0, 0.0, 6.0), (1500.0, 1e6, 0.0), (2600.0, 1e6, 800.0))
+_KG = "kg/m^3"  # in scenes in cm-g-s, mm-kg-s and mm-t-s
+_DENSITY_SLIPS = (
+    *((1e-12, "t/mm^3"), (1e-9, "kg/mm^3"), (1e-3, "g/cm^3")),
+    *((1e3, _KG), (1e9, _KG), (1e12, _KG)),
+)
+_MODULUS_SLIPS = ((1e-9, "GPa"), (1e-6, "MPa"), (1e-3, "MPa in place of GPa"))
+_STIFF = (1e9, 1e12)  # Pa: what an E that slipped was meant to be
 
 
 @dataclass(frozen=True)
@@ -129,6 +145,44 @@ class OrthotropicMaterial(_Elastic):
 
 
 AnyMaterial = Material | OrthotropicMaterial
+
+
+def plausibility(material: AnyMaterial) -> list[str]:
+    """What hints at a slip of units in E and density, in a sentence; empty for real materials."""
+    E = material.E if isinstance(material, Material) else max(material.E)
+    density = material.density
+    if sentence := implausible_density(density):
+        return [sentence]
+    softest, slowest = [row[1:] for row in _SLOWEST if row[0] <= density][-1]
+    speed = sqrt(E / density)
+    if E < softest or speed < slowest:
+        meant = max(_STIFF[0], slowest**2 * density), _STIFF[1]
+        hint = _slip(E, meant, _MODULUS_SLIPS, "Pa")
+        what = f"Young's modulus {E:g} Pa is implausible at a density of {density:g} kg/m^3"
+        return [what + hint]
+    if speed > _FASTEST:
+        return [
+            f"wave speed sqrt(E/density) = {speed:.4g} m/s is above {_FASTEST:g} m/s: "
+            "E in Pa and density in kg/m^3 do not fit together"
+        ]
+    return []
+
+
+def implausible_density(density: float) -> str:
+    """A sentence about a density [kg/m^3] that no material has, with the likely slip, or none."""
+    if _DENSITY[0] <= density <= _DENSITY[1]:
+        return ""
+    hint = _slip(density, _SOLID, _DENSITY_SLIPS, "kg/m^3")
+    return f"density {density:g} kg/m^3 is not that of an engineering material{hint}"
+
+
+def _slip(
+    value: float, range_: tuple[float, float], slips: tuple[tuple[float, str], ...], unit: str
+) -> str:
+    for factor, name in slips:
+        if range_[0] <= value / factor <= range_[1]:
+            return f"; given in {name}? Then it is {value / factor:.4g} {unit}"
+    return ""
 
 
 def material_problems(where: str, value: object) -> list[Problem]:

@@ -99,6 +99,7 @@ _REDUNDANT_GAP = 1e-10  # rows that repeat others may leave this much
 _MAX_ROUNDS = 6
 _EXACT = 1e-13  # relative, of velocities and accelerations
 _UNLIKE = 1e-7  # relative: rows that repeat others and ask for other velocities
+_REST = 1e-290  # a speed of zero: 1e-13 of it is the least number that has all its digits
 
 # Least pivot of a row, over what it is without the rest of the mechanism, against the largest such
 # so far: a singular pose below. (Where rows repeat others their pivots are small anyhow.)
@@ -180,7 +181,7 @@ def solve_velocities_accelerations(run: Run, path: Path, settings: KinematicsSet
         memory["largest_pivot"] = max(memory["largest_pivot"], pivot)
         if pivot < _SINGULAR * memory["largest_pivot"]:
             return SINGULAR
-    scale, off = 0.0, math.inf
+    scale, off = _REST, math.inf
     for n in range(_MAX_ROUNDS + 1):
         velocity_stage(run, at)
         rate_stage(run, at)

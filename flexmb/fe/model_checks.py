@@ -31,8 +31,8 @@ from flexmb.fe.meshes.mesh import Mesh, dimension
 from flexmb.fe.reduction.fixed_interface import read_modes
 from flexmb.fe.reduction.user_modes import read_user_modes
 from flexmb.fe.sections.beam_chain import BoundBeam
-from flexmb.fe.sections.section_tables import plausibility
 from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero
+from flexmb.materials import plausibility
 
 CORNERS: dict[str, tuple[str, float]] = {
     "triangle": ("12 20 01", 2 / math.sqrt(3)),

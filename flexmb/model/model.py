@@ -27,7 +27,13 @@ from flexmb.model.markers import GroundSpec, MarkerSpec
 from flexmb.model.plane import read_plane
 from flexmb.model.quantities import plain
 from flexmb.model.reading import GROUND, ReadContext, Spec, read_entry, split_reference, under
-from flexmb.model.scenes.consistency import far_markers, idle_loads, impact_warnings, model_problems
+from flexmb.model.scenes.consistency import (
+    far_markers,
+    idle_loads,
+    impact_warnings,
+    model_problems,
+    unlikely_densities,
+)
 from flexmb.model.scenes.conversion import build, read_gravity, resolve_parameters, scene_dict
 from flexmb.model.scenes.dynamics import (
     AssemblySpec,
@@ -403,13 +409,14 @@ class Model:
         """Sentences about what is likely not meant.
 
         Markers far away from the flexible body they are on, once the body is given; couplers that
-        repeat others; drivers whose velocity jumps.
+        repeat others; drivers whose velocity jumps; densities that no material has.
         """
         bodies = flexbodies or {}
         return [
             *far_markers(self, bodies),
             *(repeated_couplers(self, bodies) if self.couplers else ()),
             *impact_warnings(self),
+            *unlikely_densities(self),
             *idle_loads(self),
         ]
 

@@ -83,6 +83,8 @@ def expression_and_factor(
     SceneError
         A unit of something else, a symbol that is a parameter too, or an unknown unit.
     """
+    if text.rstrip().endswith(("%", "percent")):
+        raise SceneError(f"shares are plain numbers, 2 % is 0.02; given {quote(text)}")
     front, unit_text = _split(text, time)
     if not unit_text:
         _refuse_unknown(text, names, time)
@@ -159,8 +161,6 @@ def read_number(value: Any, names: ReadContext, unit: str | None = "") -> float:
     if isinstance(value, float):
         return _finite(float(value), value)
     if isinstance(value, str):
-        if value.rstrip().endswith("%"):
-            raise SceneError(f"shares are plain numbers, 2 % is 0.02; given {quote(value)}")
         text, factor = expression_and_factor(value, names, unit)
         constant = parse(text, names, time=False).constant
         assert constant is not None  # without time everything folds

@@ -338,6 +338,13 @@ class Variant(_Table):
         return {"anyOf": [reference(kind) for kind in kinds], "required": ["type"]}
 
 
+_STRESS = ": stress needs no sensor, results have it (body.von_mises, body.stress.NODE.xx; `flexmb "
+_STRESS += 'stress` shows the largest, a known answer names body.von_mises)'
+_REACTION = ': that is type = "reaction", with its quantity and the joint, driver or force'
+_MEANT = {("sensor type", name): _STRESS for name in ("stress", "von_mises", "strain")}
+_MEANT |= {("sensor type", name): _REACTION for name in ("force", "moment", "torque")}
+
+
 def read_variant(
     noun: str, kinds: Mapping[str, type[S]], data: Any, names: ReadContext
 ) -> tuple[S | None, list[Problem]]:
@@ -345,7 +352,7 @@ def read_variant(
     if isinstance(data, Mapping) and "type" not in data:
         return None, [Problem("type", "is missing", tuple(kinds))]
     if isinstance(data, Mapping) and data["type"] not in tuple(kinds):
-        what = f"unknown {noun} {quote(data['type'])}"
+        what = f"unknown {noun} {quote(data['type'])}" + _MEANT.get((noun, str(data["type"])), "")
         near = nearest(str(data["type"]), kinds)
         return None, [Problem("type", what, tuple(kinds), near)]
     kind = kinds[data["type"]] if isinstance(data, Mapping) else next(iter(kinds.values()))

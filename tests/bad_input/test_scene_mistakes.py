@@ -173,6 +173,11 @@ ONE_LINE = [
         id="unknown sensor type",
     ),
     pytest.param(
+        ('type = "position"', 'type = "stress"'),
+        'sensors.tip.type: unknown sensor type "stress": stress needs no sensor, results have it ',
+        id="a sensor of stress",
+    ),
+    pytest.param(
         ("[dynamics]", "[dynamcs]"),
         'dynamcs: unknown key "dynamcs"; nearest: dynamics; allowed: title, units, plane, gravity, '
         "parameters, effects, budget, ground, bodies, ",

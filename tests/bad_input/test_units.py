@@ -24,6 +24,11 @@ ONE_LINE = [
         id="percent",
     ),
     pytest.param(
+        ("r = 0.2", 'r = "20 percent"'),
+        'parameters.r: shares are plain numbers, 2 % is 0.02; given "20 percent"',
+        id="percent of a parameter",
+    ),
+    pytest.param(
         ("r = 0.2", 'r = "200 degrees"'),
         'parameters.r: unknown unit "degrees"; nearest: deg; allowed: m, km, ',
         id="a unit in words",

@@ -240,6 +240,16 @@ outcome, rows, channels = swept(made, duration=7e-3, outputs=7)
 kinds = ("position", "velocity", "acceleration")
 found["fine"] = np.array([channels[kind + ".x"] for kind in kinds])
 found["energy"] = rows["energy"]
+
+made = Model("dwell")  # at rest the speeds fall in each point, to the least number there is
+made.add_body("valve", mass=1.0, inertia=[1, 1, 1])
+made.add_joint("pin", "revolute", between=["ground", "valve"], axis=[1, 2, -2])
+made.add_driver("motor", joint="pin", angle="havsin(t, 0, 0, 0.5, 1)")
+for k in range(2):
+    made.add_sensor(f"angle{k}", "angle", joint="pin", derivative=k)
+outcome, _, channels = swept(made, duration=2.0, outputs=160)
+assert outcome.status == "finished", outcome.message
+found["dwell"] = np.array([channels["angle0"], channels["angle1"]])
 """
 
 
@@ -255,6 +265,12 @@ def test_universal_joint_turns_unevenly(spatial):
     speed = spatial["hooke.v"][:, 9]  # about the output shaft's own x axis
     expected = 2.0 * np.cos(b) / (1.0 - np.sin(b) ** 2 * np.sin(theta) ** 2)
     np.testing.assert_allclose(speed, expected, atol=1e-12)
+
+
+def test_a_body_dwells_after_its_motion(spatial):
+    phase = 2 * np.pi * np.minimum(np.linspace(0.0, 2.0, 161), 0.5)
+    expected = [(1 - np.cos(phase)) / 2, np.pi * np.sin(phase)]
+    np.testing.assert_allclose(spatial["dwell"], expected, atol=1e-13)
 
 
 @pytest.mark.parametrize("rod", ["link", "universal"])

@@ -9,6 +9,7 @@ mass matrix, where modal masses are M + b K: bodies are moved and hardly straine
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -25,6 +26,7 @@ from flexmb.analysis.assembly.positions import (
 )
 from flexmb.analysis.assembly.velocities import InitialVelocities
 from flexmb.analysis.equilibrium import settle, spin_of
+from flexmb.engine import initial_conditions
 from flexmb.engine.bodies.static_modes import STATIC_MODES, static_coordinates
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import solve_stage, stage_solver
@@ -34,7 +36,8 @@ from flexmb.engine.initial_conditions import ACCELERATIONS, BEGIN, REMEMBER, RES
 from flexmb.engine.method import FINE, NO_LOOP, SELF_LOCKING
 from flexmb.engine.state import State, Work
 from flexmb.engine.tables import System
-from flexmb.engine.work import new_state, new_work
+from flexmb.engine.units import interpretation, load_units
+from flexmb.engine.work import new_state, new_work, units_of
 from flexmb.errors import AssemblyError
 from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.model.forces.force_characteristic import JointStopSpec
@@ -47,6 +50,7 @@ _MAX_ROUNDS = 40  # of the quasi-static solve
 _EQUILIBRIUM = 1e-12  # change of the deformation relative to the model size
 _DEPENDENT = 1e-10  # singular values of the rounds before that are round-off
 _NO_STIFFNESS = 1e-12  # a mode softer than this share of the stiffest has no stiffness at all
+_INTERPRETED = 200  # velocities up to which plain Python sets them within half a second
 _PENETRATION = 1e-9  # of a stop, over the model size (or radians), that round-off does not leave
 
 _ACCELERATION_ERRORS = {
@@ -160,6 +164,27 @@ def assemble(
     solve(BEGIN)
     notes += _stop_notes(compiled, model, state, work)
     return Assembled(state, work, tuple(notes), damped, dampings)
+
+
+def velocity_notes(compiled: Compiled, model: Model, q: Array) -> list[str]:
+    """What a run from the closed positions q (nq,) would change of the velocities of a scene.
+
+    Nothing is compiled: missing units run as plain Python, where that is quick. Nothing is said
+    where a flexible body is not reduced yet: its modes may adapt.
+    """
+    specs = model.bodies.values()
+    rigid = any(s.flexible and not b.m for s, b in zip(specs, compiled.layout.bodies, strict=True))
+    loaded = load_units([initial_conditions.solve_stage, *units_of(compiled.system)])
+    slow = not loaded and compiled.layout.nv > _INTERPRETED
+    if rigid or slow or not any(spec.initial_velocities for spec in specs):
+        return []
+    state = new_state(compiled.system, channels=len(compiled.layout.channels))
+    state.q[:] = q
+    with nullcontext() if loaded else interpretation():
+        stiff = _stiffened(compiled.system, _RIGID * _slowest_period(compiled))
+        velocities = InitialVelocities(compiled, model, stiff)
+        velocities.set(state)
+        return velocities.notes(state)
 
 
 def _set_states(compiled: Compiled, state: State, work: Work, begin: StartValues | None) -> None:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flexmb.analysis.assembly.gaps import assembly_notes, joint_gaps
+from flexmb.analysis.assembly.initial_state import velocity_notes
 from flexmb.analysis.assembly.jacobian import (
     ConstraintPose,
     ConstraintRows,
@@ -141,6 +142,7 @@ def mobility_of(compiled: Compiled, model: Model) -> Mobility:
     constraints = ConstraintRows(compiled)
     taut = infinitesimal_motion(constraints, pose)
     notes = [*moves, *driver_notes(model, pose), *([] if taut is None else [taut.sentence])]
+    notes += velocity_notes(compiled, model, pose.q) if model.dynamics is not None else []
     others = nearby_poses(constraints, pose, joint_rows(compiled))
     ranks = [one.jacobian.joint_decomposition.rank for one in (pose, *others)]
     regular, *elsewhere = [

@@ -347,7 +347,10 @@ def _slowest(shape: CurveShape, u: Array, speed: Array) -> tuple[float, float]:
 def _check_ends(x: Array, size: float, speed: Array) -> None:
     gap = float(np.linalg.norm(x[-1, 0] - x[0, 0]))
     if gap > _SAME * size:
-        what = f"closed, its ends must meet, but lie {gap / size:.3g} of its size apart"
+        what = (
+            f"closed, its ends must meet, but lie {gap / size:.3g} of its size apart: let the last "
+        )
+        what += "last point repeat the first, and the range of a parameter be a whole turn"
         raise _fail("closed", what)
     turned = np.linalg.norm(x[-1, 1] / speed[-1] - x[0, 1] / speed[0])
     if turned > 1e-6:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from flexmb.errors import FlexmbError, Problem, nearest
+from flexmb.materials import implausible_density
 from flexmb.model import lookup
 from flexmb.model.body import BodySpec
 from flexmb.model.control import CHANNEL_SECTIONS, broken_channels, channel_problems
@@ -264,6 +265,15 @@ def idle_loads(model: ModelData) -> Iterator[str]:
                     'not act in a run without a force {type = "body-load", '
                     f'body = "{body}", load = "{name}", value = ...}} that says when'
                 )
+
+
+def unlikely_densities(model: ModelData) -> Iterator[str]:
+    """Sentences about densities of rigid shapes that no material has; 1 is that of an example."""
+    for name, spec in model.bodies.items():
+        density: Any = getattr(getattr(spec, "material", None) or spec, "density", None)
+        rigid = not spec.flexible and density is not None and density != 1.0
+        if rigid and (sentence := implausible_density(density)):
+            yield f"bodies.{name}: {sentence}"
 
 
 def _time_functions(model: ModelData) -> Iterator[tuple[str, Function, Any]]:

@@ -10,6 +10,7 @@ from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.assembly.velocities import rigid_motion
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
+from flexmb.workflow.check import mobility
 
 KEPT = 1e-9  # markers of given velocity weigh 1e8 times their body, and rounds follow
 POINT = np.array([0.3, -0.2, 0.5])
@@ -204,3 +205,18 @@ def test_points_that_coincide_do_not_turn():
     velocity, spin = rigid_motion(s, given, np.full((2, 3), np.nan), 1.0)
     np.testing.assert_array_equal(spin, 0)
     np.testing.assert_allclose(velocity, [1, 5e-10, 0], atol=1e-15)
+
+
+@pytest.mark.parametrize("along", [3.0, 0.0])
+def test_check_tells_of_velocities_that_a_run_changes(along):
+    """A bar on a pin, its free end asked for 4 m/s across it, and along it, which is lost."""
+    model = Model("bar")
+    model.set_dynamics(duration=1)
+    initial, markers = {"end": {"velocity": [along, 4, 0]}}, {"end": {"position": [2, 0, 0]}}
+    model.add_body("bar", mass=1, inertia=[1, 1, 1], markers=markers, initial=initial)
+    model.add_joint("pin", "revolute", between=["ground", "bar"], axis="z")
+    unfit = [note for note in mobility(model).notes if "does not fit" in note]
+    assert len(unfit) == (along > 0)
+    for note in unfit:
+        assert note.startswith("bodies.bar.initial.end.velocity")
+        assert note.endswith("changed by up to 3 m/s")

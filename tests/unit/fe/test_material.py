@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from flexmb.errors import MaterialError
-from flexmb.fe.sections.section_tables import plausibility, resolve
-from flexmb.materials import LIBRARY, OrthotropicMaterial
+from flexmb.fe.sections.section_tables import resolve
+from flexmb.materials import LIBRARY, OrthotropicMaterial, plausibility
 
 
 def test_from_a_name_a_mapping_and_itself():
@@ -27,10 +27,14 @@ def test_the_library_is_plausible():
         (7.85e-9, 210e9, r"density 7.85e-09 .* given in t/mm\^3\? Then it is 7850 kg/m\^3"),
         (7.85e-6, 210e9, r"given in kg/mm\^3\?"),
         (7.85, 210e9, r"given in g/cm\^3\?"),
-        (7850, 210e3, "210000 Pa is implausible; given in MPa"),
+        (7850, 210e3, "210000 Pa is implausible at .* given in MPa"),
+        (7850, 210e6, r"MPa in place of GPa\? Then it is 2.1e\+11 Pa"),  # "210 MPa" for steel
+        (2700, 70e6, "MPa in place of GPa"),
+        (1130, 2900, r"given in MPa\? Then it is 2.9e\+09 Pa"),
+        (7.85e15, 2.1e17, r"given in kg/m\^3\? Then it is 7850"),  # as mm-t-s takes it
         (7850, 210, "given in GPa"),
         (900, 9e11, "wave speed sqrt.E/density. = 3.162e.04 m/s"),
-        (7850, 2e6, "wave speed .* = 15.96 m/s"),
+        (7850, 2e6, "2e.06 Pa is implausible at a density of 7850 kg/m.3$"),
     ],
 )
 def test_unit_slips_are_named(density, E, sentence):
@@ -38,6 +42,16 @@ def test_unit_slips_are_named(density, E, sentence):
 
     found = "\n".join(plausibility(resolve({"E": E, "nu": 0.3, "density": density})))
     assert re.search(sentence, found)
+
+
+@pytest.mark.parametrize(
+    ("density", "E"),
+    [(1070, 69e3), (50, 1e4), (15, 5e6), (60, 6e7), (920, 1e6), (1200, 1e6), (2000, 2e7)]
+    + [(150, 3e9), (1850, 287e9), (3515, 1.05e12), (11340, 16e9), (11850, 8e9), (19300, 79e9)],
+)
+def test_soft_light_and_heavy_materials_are_plausible(density, E):
+    """Silicone, foams, rubber, soil; balsa, beryllium, diamond; lead, thallium, gold."""
+    assert not plausibility(resolve({"E": E, "nu": 0.3, "density": density}))
 
 
 def test_all_mistakes_at_once():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -65,3 +67,20 @@ def test_a_library_material_gives_the_density():
 
 def test_a_thin_plate_lies_on_the_limit_and_passes():
     assert Model().add_body("plate", mass=1, inertia=[1, 1, 2]).mass_properties.mass == 1
+
+
+@pytest.mark.parametrize(
+    ("fields", "slip"),
+    [
+        ({"density": 7.85}, r"bodies.b: density 7.85 kg/m\^3 .* given in g/cm\^3\? .* 7850 kg"),
+        ({"density": "7850 t/mm^3"}, r"given in kg/m\^3\? Then it is 7850"),
+        ({"density": 1.0}, None),  # of an example
+        ({"density": 25.0}, None),  # foam
+        ({"mass": 1e-3}, None),
+    ],
+)
+def test_densities_of_shapes_that_slipped_are_named(fields, slip):
+    model = Model()
+    model.add_body("b", shape={"type": "box", "size": [1, 1, 1]}, **fields)
+    (sentence,) = model.warnings() or ("",)
+    assert bool(sentence) == bool(slip) and (not slip or re.search(slip, sentence))
