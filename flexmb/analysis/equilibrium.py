@@ -20,7 +20,7 @@ import numpy as np
 import scipy.linalg
 
 from flexmb.analysis.assembly.jacobian import column_scales, one_blas_thread
-from flexmb.analysis.linear.observer import body_axes, cross_matrix
+from flexmb.analysis.linear.observer import body_axes
 from flexmb.analysis.linear.state_equations import StateEquations, Tangents
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import solve_stage
@@ -28,7 +28,7 @@ from flexmb.engine.initial_conditions import BEGIN, REMEMBER
 from flexmb.engine.state import State
 from flexmb.engine.work import new_work
 from flexmb.errors import AssemblyError
-from flexmb.flexbody.arrays import Array
+from flexmb.flexbody.arrays import Array, skew
 from flexmb.model.model import Model
 
 _MAX_STEPS = 300
@@ -226,11 +226,11 @@ class _Descent:
     def _centrifugal(self, T: Tangents) -> Array:
         """D ∂v/∂q + M ∂v̇/∂q (nv, nv) of the rotation."""
         assert self.spin is not None
-        K, W = np.zeros_like(T.K), cross_matrix(self.spin)
+        K, W = np.zeros_like(T.K), skew(self.spin)
         for body in self.compiled.layout.bodies:
             place, turn = slice(body.iv, body.iv + 3), slice(body.iv + 3, body.iv + 6)
             K[:, place] = T.D[:, place] @ W + T.M[:, place] @ W @ W
-            K[:, turn] = T.D[:, turn] @ cross_matrix(self.state.v[turn])
+            K[:, turn] = T.D[:, turn] @ skew(self.state.v[turn])
         return K
 
     def _finish(self) -> None:

@@ -225,12 +225,7 @@ class ChunkRows:
 
 
 class EnergyBalance:
-    """Largest mismatch of energy and work, and what to compare it with.
-
-    Parameters
-    ----------
-    round_off : float
-        Energy that is none [J].
+    """Largest mismatch of energy and work, and what to compare it with; `round_off` [J] is none.
 
     Attributes
     ----------

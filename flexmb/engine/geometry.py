@@ -16,7 +16,7 @@ from flexmb.model import lookup
 from flexmb.model.body import RigidBodySpec
 from flexmb.model.forces.body_load import BodyLoadSpec
 from flexmb.model.forces.contact import PointsSide, nodes_of
-from flexmb.model.markers import MarkerSpec, PlacedMarker, place, rotation_matrix, triad
+from flexmb.model.markers import MarkerSpec, PlacedMarker, place, triad
 from flexmb.model.model import Model
 from flexmb.model.reading import GROUND, split_reference
 
@@ -55,7 +55,7 @@ class Geometry:
 
     def turned(self, marker: PlacedMarker, R: Array) -> PlacedMarker:
         """The marker with axes R (3, 3)."""
-        return replace(marker, R=body_axes(self.model, marker.body).T @ R)
+        return replace(marker, R=lookup.body_axes(self.model, marker.body).T @ R)
 
     def normal_to(self, direction: Array) -> Array:
         """A unit vector (3,) at right angles to a unit vector."""
@@ -89,12 +89,7 @@ class Geometry:
 
 def marker_frame(model: Model, marker: PlacedMarker) -> tuple[Array, Array]:
     """Global position (3,) and axes (3, 3) of a marker in the initial pose."""
-    return lookup.global_position(model, marker), body_axes(model, marker.body) @ marker.R
-
-
-def body_axes(model: Model, body: str) -> Array:
-    """Axes (3, 3) of a body in the initial pose, global."""
-    return np.eye(3) if body == GROUND else rotation_matrix(model.bodies[body].orientation)
+    return lookup.global_position(model, marker), lookup.body_axes(model, marker.body) @ marker.R
 
 
 def model_length(

@@ -27,13 +27,7 @@ from flexmb.model.markers import GroundSpec, MarkerSpec
 from flexmb.model.plane import read_plane
 from flexmb.model.quantities import plain
 from flexmb.model.reading import GROUND, ReadContext, Spec, read_entry, split_reference, under
-from flexmb.model.scenes.consistency import (
-    far_markers,
-    idle_loads,
-    impact_warnings,
-    model_problems,
-    unlikely_densities,
-)
+from flexmb.model.scenes.consistency import model_problems, model_warnings
 from flexmb.model.scenes.conversion import build, read_gravity, resolve_parameters, scene_dict
 from flexmb.model.scenes.dynamics import (
     AssemblySpec,
@@ -413,11 +407,8 @@ class Model:
         """
         bodies = flexbodies or {}
         return [
-            *far_markers(self, bodies),
+            *model_warnings(self, bodies),
             *(repeated_couplers(self, bodies) if self.couplers else ()),
-            *impact_warnings(self),
-            *unlikely_densities(self),
-            *idle_loads(self),
         ]
 
     def to_scene_dict(

@@ -339,7 +339,7 @@ class Variant(_Table):
 
 
 _STRESS = ": stress needs no sensor, results have it (body.von_mises, body.stress.NODE.xx; `flexmb "
-_STRESS += 'stress` shows the largest, a known answer names body.von_mises)'
+_STRESS += "stress` shows the largest, a known answer names body.von_mises)"
 _REACTION = ': that is type = "reaction", with its quantity and the joint, driver or force'
 _MEANT = {("sensor type", name): _STRESS for name in ("stress", "von_mises", "strain")}
 _MEANT |= {("sensor type", name): _REACTION for name in ("force", "moment", "torque")}

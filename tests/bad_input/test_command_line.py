@@ -131,7 +131,10 @@ def test_a_mesh_without_volume_elements(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("values", "warned"),
     [
-        ("{E = 210, nu = 0.3, density = 7850}", "Young's modulus 210 Pa is implausible at a density of 7850"),
+        (
+            "{E = 210, nu = 0.3, density = 7850}",
+            "Young's modulus 210 Pa is implausible at a density of",
+        ),
         (
             "{E = 210e9, nu = 0.3, density = 7.85e-9}",
             "density 7.85e-09 kg/m^3 is not that of an engineering material; given in t/mm^3?",

@@ -174,7 +174,9 @@ ONE_LINE = [
     ),
     pytest.param(
         ('type = "position"', 'type = "stress"'),
-        'sensors.tip.type: unknown sensor type "stress": stress needs no sensor, results have it ',
+        'sensors.tip.type: unknown sensor type "stress": stress needs no sensor, results have it '
+        "(body.von_mises, body.stress.NODE.xx; `flexmb stress` shows the largest, a known answer "
+        "names body.von_mises); nearest: stroke; allowed: position, velocity, ",
         id="a sensor of stress",
     ),
     pytest.param(

@@ -27,7 +27,7 @@ from flexmb.analysis.linear.state_equations import Tangents
 from flexmb.engine.algebra.vector import rotation_matrix
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import State
-from flexmb.flexbody.arrays import Array
+from flexmb.flexbody.arrays import Array, skew
 
 _MODAL_SCALE = 1e-3  # modes become dependent coordinates only where nothing else can
 _STEP = 0.02  # of the differences along the motion, over its fastest rate
@@ -36,11 +36,6 @@ _SECOND = np.array([2.0, -27.0, 270.0, -490.0, 270.0, -27.0, 2.0]) / 180.0
 
 
 _AXES = ("x", "y", "z")
-
-
-def cross_matrix(a: Array) -> Array:
-    """ã (3, 3) of a (3,): ã b = a × b."""
-    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
 def body_axes(compiled: Compiled, q: Array) -> Array:
@@ -97,10 +92,10 @@ def change_of_coordinates(observer: Observer, compiled: Compiled, state: State) 
     W, Wd, turn = (np.zeros((nv, nv)) for _ in range(3))
     for body in compiled.layout.bodies:
         for at in (body.iv, body.iv + 3):
-            W[at : at + 3, at : at + 3] = cross_matrix(observer.w)
-            Wd[at : at + 3, at : at + 3] = cross_matrix(observer.wd)
+            W[at : at + 3, at : at + 3] = skew(observer.w)
+            Wd[at : at + 3, at : at + 3] = skew(observer.wd)
         own = slice(body.iv + 3, body.iv + 6)
-        turn[own, own] = cross_matrix(state.v[own])
+        turn[own, own] = skew(state.v[own])
     return Change(S, W, Wd, S @ W - turn @ S)
 
 

@@ -68,6 +68,14 @@ def model_problems(
     return problems
 
 
+def model_warnings(model: ModelData, flexbodies: Bodies) -> Iterator[str]:
+    """Sentences about what is likely not meant."""
+    yield from far_markers(model, flexbodies)
+    yield from impact_warnings(model)
+    yield from unlikely_densities(model)
+    yield from idle_loads(model)
+
+
 def _section_problems(scope: Scope, section: str) -> Iterator[Problem]:
     """What each entry of a section says of itself."""
     if section in _WITH_MARKERS:
