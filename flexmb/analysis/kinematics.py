@@ -7,13 +7,14 @@ undeformed shape. A motion that is not fixed, or no longer, is refused in one se
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from flexmb.analysis.assembly.gaps import moved_notes
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES
 from flexmb.analysis.assembly.positions import Corrector, assembly_weights, close_positions
+from flexmb.analysis.dynamics.linear_elasticity import LinearElasticityMonitor, flexible_columns
 from flexmb.analysis.mobility.degrees_of_freedom import redundancy_note, redundant_reactions
 from flexmb.analysis.mobility.driver_conflicts import driver_reasons
 from flexmb.analysis.monitors import (
@@ -39,7 +40,8 @@ from flexmb.analysis.singular_poses import (
 )
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import analyse_kinematics, kinematics_units
+from flexmb.engine.entries import analyse_kinematics, kinematics_units, stage_solver
+from flexmb.engine.initial_conditions import RESIDUAL
 from flexmb.engine.kinematics_point import KinematicsSettings
 from flexmb.engine.state import State
 from flexmb.engine.time_loop import CORRECT, EVALUATE, POINTS
@@ -48,9 +50,11 @@ from flexmb.errors import AssemblyError, Problem, SceneError
 from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
 from flexmb.results.result import NOT_UNIQUE
+from flexmb.results.writer import OutputBlock
 
 # Points of a chunk times velocity coordinates: a tenth of a second or two.
 _CHUNK_WORK = 200_000
+_MOST_ROWS = 100  # of a chunk, at which a deflection is looked at
 _CLOSED = 1e-14  # weighted gap of round-off, of a model near the origin
 
 
@@ -137,6 +141,7 @@ def run_kinematics(
     notes = (
         *prepared.notes,
         *singular_pose_notes(prepared.pose),
+        *run.deflection.notes(),
         *run.contact_loss.notes(),
         *run.orientations.notes(),
     )
@@ -202,23 +207,62 @@ def _check_motion(pose: KinematicPose) -> tuple[int, tuple[str, ...], list[str]]
         Motions that no driver fixes, or drivers that contradict each other or the joints.
     """
     compiled, state, nc = pose.compiled, pose.state, pose.compiled.layout.nc
-    flexible = [body.name for body in compiled.layout.bodies if body.m > 0]
-    notes = [f"kinematics keeps flexible bodies undeformed: {', '.join(flexible)}"]
-    notes = notes if flexible else []
     state.angles[:] = np.nan  # the first ones are those nearest to zero
     call_kinematics(compiled.system, state, pose.work, pose.path, EVALUATE)
     if compiled.layout.nv > MAX_COORDINATES:
-        return nc, (), notes
+        return nc, (), []
     jacobian = pose.jacobian()
     if jacobian.decomposition.rank < jacobian.A.shape[1]:
         raise AssemblyError(free_motion_sentence(pose))
     count = nc - jacobian.decomposition.rank
     if not count:
-        return 0, (), notes
+        return 0, (), []
     not_unique, more = redundant_reactions(compiled, pose.model, state.q)
     if not not_unique:  # rows of which deformation would decide
         more.append(redundancy_note(count, nc))
-    return count, not_unique, [*notes, *more]
+    return count, not_unique, more
+
+
+class _StaticDeflection:
+    """How far the forces that hold flexible bodies undeformed would bend them, statically.
+
+    They are the residual r of the modal rows, with inertia, loads and reactions: η = −K⁻¹ r.
+    """
+
+    def __init__(self, pose: KinematicPose) -> None:
+        compiled, self._units = pose.compiled, pose.model.units
+        self._bodies = [(columns, body.K) for columns, body in flexible_columns(compiled)]
+        self._monitor = LinearElasticityMonitor(compiled, pose.model, pose.state.q)
+        self._state = new_state(compiled.system, len(compiled.layout.channels))
+        self._work = new_work(compiled.system, len(compiled.layout.channels))
+        self._solve = stage_solver(compiled.system, self._state, self._work)
+
+    def add(self, rows: OutputBlock) -> None:
+        """Take the next rows, at most so many of them."""
+        if not self._bodies or not len(rows.t):
+            return
+        rows = rows.rows(np.arange(len(rows.t)) % -(-len(rows.t) // _MOST_ROWS) == 0)
+        q = rows.q.copy()
+        for k, t in enumerate(rows.t):
+            self._state.t[0] = t
+            for name in ("q", "v", "vd", "lam"):
+                getattr(self._state, name)[:] = getattr(rows, name)[k]
+            self._solve(RESIDUAL)
+            for body, K in self._bodies:
+                r = self._work.trial.res[body.iv + 6 : body.iv + 6 + body.m]
+                q[k, body.iq + 7 : body.iq + 7 + body.m] = -np.linalg.solve(K, r)
+        self._monitor.add(replace(rows, q=q))
+
+    def notes(self) -> list[str]:
+        """A sentence for each body."""
+        return [
+            f"kinematics keeps bodies.{one.body} undeformed: its loads and its inertia would bend "
+            f"it by {one.value:.2g} of its length (statically, t = "
+            f"{self._units.say(one.time, 's', 4)}); run the scene with [dynamics] for the motion "
+            "with deformation"
+            for one in self._monitor.indicators()
+            if one.quantity == "deflection"
+        ]
 
 
 class _Run:
@@ -233,6 +277,7 @@ class _Run:
         self._rows = ChunkRows(pose.compiled, n)
         self._run = new_run(pose.compiled.system, pose.state, pose.work, output=self._rows.output)
         self.contact_loss = ContactLossMonitor(pose.compiled)
+        self.deflection = _StaticDeflection(pose)
         self.orientations = SingularOrientationMonitor(pose.compiled.layout, pose.model)
 
     @property
@@ -257,6 +302,7 @@ class _Run:
         if self._rows.unread:
             rows = self._rows.read()
             self.contact_loss.add(rows)
+            self.deflection.add(rows)
             self.orientations.add(rows)
             self._sink.append(rows)
 

@@ -286,7 +286,7 @@ def _basis(neighbours: Neighbours, monitor: ValidityMonitor) -> Iterator[EffectO
 def scene_effects(of: Neighbours) -> Iterator[Effect]:
     """The effects of the scene, on or left out."""
     model, stated = of.model, of.model.effects or EffectsSpec()
-    if model.gravity is not None:
+    if any(model.gravity or ()):
         yield Effect(GRAVITY, "", stated.gravity, "", {"gravity": not stated.gravity})
     if any(_has_friction(spec) for spec in model.forces.values()):
         yield Effect(FRICTION, "", stated.friction, "", {"friction": not stated.friction})

@@ -16,6 +16,7 @@ from scipy.linalg import eigvalsh
 from scipy.optimize import brentq
 from truthkit import run
 
+import flexmb
 from flexmb.errors import SceneError
 from flexmb.fe import Mesh, assemble, make_loads, part, rectangle, reduce, resolve
 from flexmb.fe.meshes.mesh_shapes import mesh_from
@@ -228,6 +229,32 @@ def test_a_value_may_follow_a_sensor():
         speeds.append(run(model, duration=0.05, outputs=50, accuracy=1e-6)["tip.z"])
     assert np.abs(speeds[0]).max() > 5e-3
     np.testing.assert_allclose(*speeds, atol=1e-3 * np.abs(speeds[0]).max())
+
+
+def test_a_linearised_model_takes_it_as_an_input():
+    """The static gain w(L) = q L⁴/8 of a clamped beam, and Σ φ² at its frequencies."""
+    model = free(beam([0, 0, 1.0]), "line", value=0.0)
+    model.add_joint("root", "fixed", between=["ground", "slab.root"])
+    model.add_sensor("tip", "position", of="slab.tip")
+    model.set_dynamics(duration=1.0)
+    made = flexmb.linearize(model)
+    assert "push" in made.inputs
+    (gain,) = made.frequency_response("push", "tip.z", [1e-4])
+    assert gain.real == pytest.approx(1 / 8, rel=1e-3)
+
+
+@pytest.mark.parametrize("method", ["radau", "explicit-rk"])
+def test_quasi_static_modes_follow_it(method):
+    """w(L) = s(t) q L⁴/8 without vibration."""
+    model = Model("slow")
+    q, speed = 1e-3, 0.5
+    model.add_body("slab", beam([0, 0, q]), deformation="quasi-static")
+    model.add_force("push", "body-load", body="slab", load="line", value=f"sin({speed}*t)")
+    model.add_joint("root", "fixed", between=["ground", "slab.root"])
+    model.add_sensor("tip", "position", of="slab.tip")
+    found = run(model, duration=4.0, outputs=40, method=method, accuracy=1e-4)
+    wanted = q / 8 * np.sin(speed * found.t)
+    np.testing.assert_allclose(found["tip.z"], wanted, atol=2e-3 * np.ptp(wanted))
 
 
 def test_a_planar_scene_moves_as_a_spatial_one():

@@ -12,8 +12,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from enginekit import executed
+from femeshes import line
 from linkages import four_bar_angles
 from quickreturn import ram_motion
+from truthkit import Memory
+
+from flexmb.analysis.kinematics import kinematics
+from flexmb.engine.compile import compile_system
+from flexmb.fe import rectangle, reduce
+from flexmb.model import Model
 
 BARS = ("coupler", "rocker")
 R, E, CAM_SPEED = 0.05, 0.02, 10.0  # of the cam in test_curves
@@ -311,3 +318,26 @@ def test_the_motor_does_the_work(spatial):
     balance = energy[:, :4].sum(axis=1) - energy[:, 4:].sum(axis=1)
     assert np.abs(energy[-1, 4]) > 1e-3
     assert np.abs(balance - balance[0]).max() < 1e-4 * np.ptp(energy[:, 4])
+
+
+@pytest.mark.parametrize(("size", "place"), [(1.0, 0.0), (1e-3, 1e3)])
+def test_how_far_a_beam_that_is_kept_undeformed_would_bend(size, place):
+    """By w = q L⁴/8EI under its weight and 11 p L⁴/120EI under p = ρ A α L, as it is turned."""
+    L, h, E, rho, g, alpha = size, 0.02 * size, 2e11, 8000.0, 10.0, 3.0 / size
+    body = reduce(
+        line(8, end=(L, 0, 0)), material={"E": E, "nu": 0.0, "density": rho}, modes=4,
+        interfaces={"root": "root"}, sections={"all": rectangle(h, h)}, name="beam",
+    )  # fmt: skip
+    model = Model("boom", gravity=[0, -g, 0])
+    model.add_marker("ground.pin", position=[place, 0, 0])
+    model.add_body("beam", body, position=[place, 0, 0])
+    model.add_joint("hinge", "revolute", between=["ground.pin", "beam.root"], axis="z")
+    model.add_driver("motor", joint="hinge", angle=f"{0.5 * alpha}*t**2")
+    model.set_kinematics(duration=1e-4 * size, outputs=3)
+    outcome = kinematics(compile_system(model), model, Memory())
+    bending, weight = E * h**4 / 12, rho * h * h
+    wanted = weight * g * L**3 / (8 * bending) + 11 * weight * alpha * L * L**3 / (120 * bending)
+    shear = 1 + 3e-3
+    (note,) = [note for note in outcome.notes if "undeformed" in note]
+    assert float(note.split("bend it by ")[1].split()[0]) == pytest.approx(shear * wanted, rel=0.03)
+    assert "bodies.beam" in note and "[dynamics]" in note
