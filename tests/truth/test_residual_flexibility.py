@@ -286,15 +286,28 @@ def test_a_jump_of_a_load_leaves_no_rate_in_fixed_steps(load, method):
     assert np.abs(steps - exact)[:, ~either].max() < 0.01 * np.abs(exact).max()
 
 
-def test_a_stop_that_is_stiffer_than_a_quasi_static_body_is_named():
+def beam_on_a_stop(deformation):
     made = Model("beam on a stop", gravity=[0, -9.81, 0])
-    made.add_body("beam", rod(0.01, 1.0, 10, 6), deformation="quasi-static")
+    made.add_body("beam", rod(0.01, 1.0, 10, 6), deformation=deformation)
     made.add_joint("hub", "revolute", between=["ground", "beam.root"], axis="z")
     made.add_marker("ground.below", position=[1.0, -0.2, 0])
     made.add_force("bump", "stop", between=["ground.below", "beam.tip"], axis="y", lower=0.0,
                    stiffness=2e4, damping=20.0, depth=1e-4)  # fmt: skip
+    return made
+
+
+def test_a_stop_that_is_stiffer_than_a_quasi_static_body_is_named():
     with pytest.raises(SolverError, match=r"bodies.beam: loads .* stop.* them"):
-        flexmb.simulate(made, duration=0.3, outputs=30)
+        flexmb.simulate(beam_on_a_stop("quasi-static"), duration=0.3, outputs=30)
+
+
+def test_a_stop_that_one_method_fails_at_names_the_other():
+    """All modes but the slowest are quasi-static; the other method does it."""
+    made = beam_on_a_stop({"band": [0, 0.1]})
+    knobs = {"duration": 0.4, "outputs": 40}
+    with pytest.raises(SolverError, match=r'bodies.beam: a force .* use method = "radau", or'):
+        flexmb.simulate(made, **knobs, method="generalized-alpha")
+    assert flexmb.simulate(made, **knobs, method="radau").statistics["steps"] < 1000
 
 
 @pytest.mark.slow

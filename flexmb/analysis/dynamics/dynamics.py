@@ -18,6 +18,7 @@ from flexmb.analysis.dynamics.integration import (
     first_steps,
     loop_settings,
     static_modes_sentence,
+    stiff_force_sentence,
     time_grid,
 )
 from flexmb.analysis.dynamics.measured_error import VerifiedRun
@@ -340,6 +341,7 @@ class _Pass:
         cause = (
             self._validity.diverging(run.state)
             or (static_modes_sentence(run.compiled, run.method) if is_static else "")
+            or (stiff_force_sentence(run) if status == method.NO_CONVERGENCE else "")
             or nearly_redundant(run.compiled, run.state.q, run.state.q_first)
         )
         return Ending("failed", failure_sentence(

@@ -416,6 +416,23 @@ def static_modes_sentence(
     )
 
 
+def stiff_force_sentence(run: Integration) -> str:
+    """The sentence for a body whose quasi-static modes Newton's method leaves behind, or "".
+
+    They have no inertia, so that no step is small against a force that sets in with them.
+    """
+    static = run.compiled.system.kinds.get(STATIC_MODES.name)
+    names = [run.compiled.layout.bodies[row].name for row in static.rows] if static else []
+    body = entries.worst_place(run.compiled, run.work).removeprefix("body ")
+    if run.method.collocation > 0 or body not in names:
+        return ""
+    return (
+        f"bodies.{body}: a force that sets in with the deformation, such as a stiff stop's, is too "
+        f'stiff for its quasi-static modes; use method = "{entries.STIFF_METHOD}", or deformation '
+        '= "dynamic"'
+    )
+
+
 def _unsettled(compiled: Compiled, rows: np.ndarray) -> str:
     """The sentence for kinetostatic bodies whose loads follow their deformation too stiffly."""
     if not len(rows):

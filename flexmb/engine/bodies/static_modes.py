@@ -42,9 +42,11 @@ _POINTS, _CUBIC = 4, 3
 _FAR_ENOUGH = 0.3
 # Values that jump, as at impacts, have no acceleration. Where η_s jumps between equal steps h, the
 # cubic and the parabola through it give η̈_s h² of 2 and 1, −3 and −1, 1 and 0 jumps in the next
-# three points, so that they differ by half of the cubic's at least, and rates h of 1.8, 1.2, 0.3.
-# Smooth motion of frequency ω differs by ω h of it, and where η̈_s is small, by little of η̇_s.
-_JUMP, _FAST = 0.45, 0.3
+# three points, and rates h of 1.8, 1.2, 0.3: the share of the cubic's by which they differ and the
+# ratio of acceleration and rate are least for a jump in the last interval, which holds for all
+# intervals of ratios 0.3 to 3.3, so that these two are compared with those of such a jump. Smooth
+# motion has 0.9 and 0.275 of them at no phase of ω h = 0.2, h the mean interval, at 1.5 % of 0.3.
+_JUMP, _FAST = 0.9, 0.275
 
 
 class StaticModes(NamedTuple):
@@ -145,10 +147,10 @@ def put_rates(run: Run, of: StaticModes, at: Point) -> int:
                     break
             count += 1
         is_cubic = count == _CUBIC
-        bends, steps, speed = 0.0, 0.0, 0.0
+        bends, steps, speed, jump, fast = 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(m):
             mode = of.modes[of.first[n] + i]
-            now, rate, bend = at.q[iq + mode], 0.0, 0.0
+            now, rate, bend, unit_rate, unit_bend = at.q[iq + mode], 0.0, 0.0, 0.0, 0.0
             for k in range(first, first + count):
                 weight, more = 1.0 / (at.t[0] - past[times + k]), 0.0
                 for other in range(first, first + count):
@@ -159,6 +161,8 @@ def put_rates(run: Run, of: StaticModes, at: Point) -> int:
                 change = weight * (now - past[times + _POINTS + k * m + i])
                 rate += change
                 bend += more * change
+                unit_rate += weight  # of a jump by one in the last interval
+                unit_bend += more * weight
             at.v[iv + mode], at.vd[iv + mode] = rate, bend if is_cubic else 0.0
             if is_cubic:  # the parabola through the last three values
                 a, b = at.t[0] - past[times + first], at.t[0] - past[times + first + 1]
@@ -168,8 +172,9 @@ def put_rates(run: Run, of: StaticModes, at: Point) -> int:
                 bends += w * bend * bend
                 steps += w * (bend - 2.0 * low / (b - a)) ** 2
                 speed += w * rate * rate
-        span = at.t[0] - past[times + first] if is_cubic else 0.0
-        if steps > _JUMP**2 * bends and span**2 * bends > _FAST**2 * speed:
+                jump = (_JUMP * (1.0 - 2.0 / (a * b * unit_bend))) ** 2
+                fast = (_FAST * unit_bend / unit_rate) ** 2
+        if is_cubic and steps > jump * bends and bends > fast * speed:
             for i in range(m):
                 at.v[iv + of.modes[of.first[n] + i]] = 0.0
                 at.vd[iv + of.modes[of.first[n] + i]] = 0.0
