@@ -126,7 +126,8 @@ def part(
     assert constraints is not None
     vectors = {k: f for k, f in parts.items() if f is not None}
     attempts(_check_loads, fe, constraints, vectors)
-    notes = attempts(_check_motions, fe, constraints, options) or []
+    notes = [finding.sentence for finding in findings if finding.level == "note"]
+    notes += attempts(_check_motions, fe, constraints, options) or []
     attempts.raise_errors()
     progress("read", 1.0)
     solved = SupportedModel(fe, ends, constraints, options, progress)

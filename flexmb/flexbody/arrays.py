@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.errors import Problem, ReductionError
+from flexmb.errors import MeshError, Problem, ReductionError
 
 Array = NDArray[np.float64]
 FloatArray = Array  # as the finite elements call it
@@ -103,3 +103,25 @@ class Checker:
 
 def _text(shape: Sequence[int | None]) -> str:
     return "(" + ", ".join("any" if length is None else str(length) for length in shape) + ")"
+
+
+def unit_vector(words: object, where: str) -> FloatArray:
+    """(3,) the unit vector of "x", "-y" or three numbers.
+
+    Raises
+    ------
+    MeshError
+        It is neither, or zero.
+    """
+    if isinstance(words, str) and words.lstrip("+-") in ("x", "y", "z"):
+        sign = -1.0 if words.startswith("-") else 1.0
+        return np.asarray(sign * np.eye(3)["xyz".index(words[-1])])
+    try:
+        vector = np.asarray(words, dtype=float).reshape(3)
+    except (TypeError, ValueError):
+        vector = np.zeros(3)
+    size = np.linalg.norm(vector)
+    if not (np.isfinite(size) and size > 0):
+        what = f"x, y, z, -x, -y, -z or three numbers are expected, given {words!r}"
+        raise MeshError.from_problems([Problem(where, what)])
+    return np.asarray(vector / size)

@@ -203,9 +203,8 @@ class PartResult:
         form, _, read = QUANTITIES[kind]
         try:
             return float(read(self, words))
-        except (ValueError, IndexError) as error:
-            detail = f" ({error})" if str(error) and isinstance(error, ValueError) else ""
-            raise FlexmbError(f"{name}: is not of the form {form}{detail}") from None
+        except (ValueError, IndexError):
+            raise FlexmbError(f"{name}: is not of the form {form}") from None
 
 
 def unit_of_quantity(name: str) -> str | None:
@@ -287,13 +286,21 @@ def _von_mises(result: PartResult, words: list[str]) -> float:
     return float(_at_node(result, result.von_mises(), words).max())
 
 
+_EQUAL_STRESS = 1e-5  # relative; stress is stored in single precision
+
+
 def _stress_component(result: PartResult, words: list[str]) -> float:
-    component = STRESS.index(words[-1])
-    return float(_at_node(result, result.stresses(), words[:-1])[:, component].mean())
+    rows = _at_node(result, result.stresses(), words[:-1])[:, STRESS.index(words[-1])]
+    if np.ptp(rows) > _EQUAL_STRESS * np.abs(rows).max():
+        what = (
+            f"{result.name}: has {len(rows)} stresses at node {words[0]}, of layers or sections; "
+        )
+        raise FlexmbError(f"{what}name a layer, as stress.17.top.xx; stresses() has all of them")
+    return float(rows[0])
 
 
 def _principal(result: PartResult, words: list[str]) -> float:
-    values = _at_node(result, result.principal(), words[:-1])[:, int(words[-1]) - 1]
+    values = _at_node(result, result.principal(), words[:-1])[:, ("1", "2", "3").index(words[-1])]
     return float(values[np.abs(values).argmax()])
 
 

@@ -66,7 +66,8 @@ class Attempts:
     @property
     def problems(self) -> list[Problem]:
         """The problems of all steps."""
-        return [problem for error in self.errors for problem in error.problems]
+        every = [problem for error in self.errors for problem in error.problems]
+        return list(dict.fromkeys(every))
 
     def raise_errors(self) -> None:
         """Raise all problems, if there are any, as the first error."""

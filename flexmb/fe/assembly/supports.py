@@ -8,6 +8,7 @@ supports that meet at a node those directions count that the earlier ones do not
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -15,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from flexmb.errors import MeshError, Problem, nearest
+from flexmb.errors import FlexmbWarning, MeshError, Problem, nearest
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.interfaces import (
     ModelInterface,
@@ -24,7 +25,7 @@ from flexmb.fe.assembly.interfaces import (
     listed,
     select_interface,
 )
-from flexmb.flexbody.arrays import FloatArray, IntArray, skew
+from flexmb.flexbody.arrays import FloatArray, IntArray, skew, unit_vector
 from flexmb.flexbody.part_options import MOTIONS, SupportOptions
 
 _PLANE = 1e-6  # of the extent of nodes by which they may leave their plane
@@ -134,28 +135,6 @@ def make_supports(
     return _Builder(fe, interfaces, tuple(options), positions).build(holds)
 
 
-def unit_vector(words: object, where: str) -> FloatArray:
-    """(3,) the unit vector of "x", "-y" or three numbers.
-
-    Raises
-    ------
-    MeshError
-        It is neither, or zero.
-    """
-    if isinstance(words, str) and words.lstrip("+-") in tuple(_AXES):
-        sign = -1.0 if words.startswith("-") else 1.0
-        return sign * np.eye(3)[_AXES.index(words[-1])]
-    try:
-        vector = np.asarray(words, dtype=float).reshape(3)
-    except (TypeError, ValueError):
-        vector = np.zeros(3)
-    size = np.linalg.norm(vector)
-    if not (np.isfinite(size) and size > 0):
-        what = f"x, y, z, -x, -y, -z or three numbers are expected, given {words!r}"
-        raise MeshError.from_problems([Problem(where, what)])
-    return np.asarray(vector / size)
-
-
 def complement(directions: FloatArray) -> FloatArray:
     """(3 - c, 3) unit vectors across orthonormal ones (c, 3), axes of the mesh where these fit."""
     basis = [*directions]
@@ -204,12 +183,25 @@ def _make_support(
     if not len(along) and not turns:
         what = "holds rotations alone, and its nodes have none: they belong to solids"
         raise MeshError.from_problems([Problem(f"{where}.hold", what)])
+    if words.type == "hinged" and not turns and _is_stiff(places, complement(about)):
+        what = (
+            f"{where}: its nodes belong to solids and do not lie on one axis: held one by one they "
+        )
+        what += "do not turn, as if they were clamped; an interface of them turns as a whole"
+        warnings.warn(what, FlexmbWarning, stacklevel=2)
     shift, turn = (np.array(v or (0.0,) * 3) for v in (words.displacement, words.rotation))
     _check_imposed(where, shift, turn, along, about if turns else along)
     fields = (shift + np.cross(turn, places - position)) @ along.T
     holds = [_Hold(number, slides, along, fields)]
     holds.append(_Hold(number, turns, about, np.tile(turn @ about.T, (len(turns), 1))))
     return position, [hold for hold in holds if len(hold.sites) and len(hold.directions)]
+
+
+def _is_stiff(places: FloatArray, axes: FloatArray) -> bool:
+    """Whether points (k, 3) that are held leave no rotation about any of these directions."""
+    sizes, V = np.linalg.svd(places - places.mean(axis=0), full_matrices=True)[1:]
+    across = np.append(sizes, 0.0)[1] > _PLANE * sizes[0]
+    return bool(sizes[0] > 0.0 and (across or np.linalg.norm(axes @ V[0]) < 1.0 - _PLANE))
 
 
 def _check_imposed(

@@ -39,7 +39,7 @@ from flexmb.fe.sections.beam_section import (
     section_of,
 )
 from flexmb.fe.sections.shell_section import Layer, ShellSection, layered, shell
-from flexmb.flexbody.arrays import FloatArray
+from flexmb.flexbody.arrays import FloatArray, unit_vector
 from flexmb.flexbody.mesh_options import MaterialOptions, OrthotropicOptions
 from flexmb.flexbody.options import kind_of, option_values, read_options, rooted
 from flexmb.flexbody.section_options import SECTIONS as OPTIONS
@@ -376,6 +376,8 @@ def _value(name: str, value: Any, where: str) -> Any:
         return section_from(value if isinstance(value, Section) else _as_words(value), where)
     if name == "layers":
         return [_layer(layer, f"{where}[{k}]") for k, layer in enumerate(value)]
+    if name in _VECTORS and isinstance(value, str):
+        return tuple(unit_vector(value, where))
     return tuple(value) if name in _VECTORS and isinstance(value, list) else value
 
 

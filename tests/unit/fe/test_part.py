@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexmb.errors import FlexmbError
+from flexmb.errors import FlexmbError, FlexmbWarning
 from flexmb.fe import mesh_from, part
 from flexmb.flexbody import load_part, save_part
 
@@ -84,8 +84,8 @@ def test_an_imposed_turn_of_a_face_carries_the_whole_part_along():
     found = part(
         {"type": "box", "size": [1.0, 0.4, 0.2], "divisions": [2, 1, 1]}, material=STEEL,
         supports={"a": {"group": "x0", "hold": ["ux", "uy", "uz"], "rotation": list(turn)}},
-        loads={"none": {"type": "gravity", "acceleration": [0, 0, 1e-9]}},
     )  # fmt: skip
+    assert found.imbalance == 0.0
     points = found.nodes.position
     wanted = np.cross(turn, points - [0.0, points[:, 1].mean(), points[:, 2].mean()])
     np.testing.assert_allclose(found.displacements(), wanted, atol=1e-9)
@@ -311,3 +311,41 @@ def test_a_band_holds_the_modes_between_its_frequencies():
     low, high = 0.5 * (lowest[1] + lowest[2]), 0.5 * (lowest[4] + lowest[5])
     found = beam(supports={"a": CLAMPED}, frequencies={"band": [low, high]})
     np.testing.assert_allclose(found.frequencies, lowest[2:5], rtol=1e-9)
+
+
+def test_a_hinge_of_solid_nodes_that_cannot_turn_is_named():
+    """An edge turns about itself: P l/(3 EI) on simple supports; a face held node by node not."""
+    solid = {"type": "box", "size": [1.0, 0.1, 0.05], "divisions": [6, 1, 2]}
+    push = {"push": {"type": "force", "group": "x1", "force": [0.0, 0.0, 1.0]}}
+    words = {"material": STEEL, "loads": push}
+    edge = np.flatnonzero((mesh_from(solid).points[:, ::2] == [0.0, 0.0]).all(axis=1)).tolist()
+    turning = {"a": {"nodes": edge, "type": "hinged", "axis": "y"}}
+    with pytest.raises(FlexmbError, match="rotation about y"):
+        part(solid, supports=turning, **words)
+    for axis, support in (("y", {"group": "x0"}), ("z", {"nodes": edge})):
+        stiff = {
+            "a": {**support, "type": "hinged", "axis": axis},
+            "b": {"group": "x1", "hold": ["ux", "uy"]},
+        }
+        with pytest.warns(
+            FlexmbWarning, match="supports.a: its nodes belong to solids and do not lie"
+        ):
+            part(solid, supports=stiff, **words)
+
+
+def test_quantities_that_mean_two_things_or_none_are_refused():
+    plate = part(
+        {"type": "plate", "length": 1.0, "width": 0.5, "divisions": [4, 2]},
+        material=STEEL,
+        sections={"all": {"type": "shell", "thickness": 0.01, "orientation": "-x"}},
+        supports={"a": {"group": "x0", "type": "clamped"}},
+        loads={"push": {"type": "line", "group": "x1", "force": [0.0, 0.0, 10.0]}},
+    )
+    assert plate.quantity("stress.4.top.xx") == -plate.quantity("stress.4.bottom.xx") != 0.0
+    for name, sentence in (
+        ("stress.4.xx", "has 2 stresses at node 4, of layers or sections; name a layer"),
+        ("principal.4.top.0", "is not of the form principal.17.1"),
+        ("displacement.x1.w", r"is not of the form displacement.tip.z: interface, group or node$"),
+    ):
+        with pytest.raises(FlexmbError, match=sentence):
+            plate.quantity(name)
