@@ -239,17 +239,10 @@ Compute = Callable[[csr_array], Factor]
 
 
 def factor(K: csr_array, points: FloatArray | None = None, progress: Progress = silent) -> Factor:
-    """Factorise a sparse symmetric positive definite matrix.
+    """Factorise a sparse symmetric positive definite matrix K (n, n), both triangles.
 
-    Parameters
-    ----------
-    K : (n, n) sparse
-        Stiffness, both triangles.
-    points : (n, 3) float, optional
-        Position of the node of each unknown: a better order of elimination, and errors that say
-        where.
-    progress : Progress
-        Called with the phases ``"order"`` and ``"factor"``.
+    ``points`` (n, 3), of the node of each unknown, give a better order of elimination, and errors
+    that say where.
 
     Raises
     ------

@@ -263,17 +263,8 @@ def _check_motions(
 
 
 def _motions_in_words(N: FloatArray, center: FloatArray, size: float) -> list[str]:
-    """Sentences for rigid motions (6, r) about the centre of mass: translations and rotations.
-
-    Parameters
-    ----------
-    N : (6, r) float
-        Independent translations [m] and rotations [rad].
-    center : (3,) float
-        Centre of mass [m].
-    size : float
-        Of the part [m].
-    """
+    """Sentences for rigid motions (6, r) about the centre of mass: independent translations [m] and
+    rotations [rad] of a part of that size [m]."""
     rows = (N * np.array([1.0] * 3 + [size] * 3)[:, None]).T[:, [3, 4, 5, 0, 1, 2]]
     words = []
     for row in _echelon(rows):
