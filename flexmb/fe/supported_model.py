@@ -43,7 +43,7 @@ from flexmb.fe.reduction.inertia_relief import InertiaRelief
 from flexmb.fe.reduction.reduced_basis import moving_nodes
 from flexmb.fe.stress import section_force_modes, stress_modes
 from flexmb.flexbody.arrays import FloatArray, IntArray, skew
-from flexmb.flexbody.mesh_options import GravityLoad
+from flexmb.flexbody.mesh_options import GravityLoad, PressureLoad
 from flexmb.flexbody.part_options import InterfaceLoad, PartAnalysisOptions, SpinLoad, is_static
 from flexmb.flexbody.part_result import STATIC, PartResult, Resultant
 from flexmb.flexbody.parts import Interface
@@ -51,7 +51,7 @@ from flexmb.flexbody.stress_modes import SectionForceModes
 from flexmb.progress import Progress
 
 _DENSE = 300  # unknowns below which full matrices are faster
-_NO_FORCE = 1e-13  # of |K| |z|; a beam of 1000 elements bent by 1 m leaves 1e-10
+_NO_FORCE = 1e-13  # of the sum of all parts of a force
 _BALANCE = 1e-6  # reactions that miss the loads by more are reported
 _MAX_MODES = 2000  # of a band
 
@@ -123,6 +123,11 @@ class SupportedModel:
             factors, shapes = self._buckling(solver, Kg)
             if not len(factors):
                 notes.append("the loads do not buckle the part, however large they are")
+            if any(isinstance(load, PressureLoad) for load in options.loads.values()):
+                what = (
+                    "pressures keep their direction as the part buckles: where they turn with the "
+                )
+                notes.append(f"{what}surface, as of a fluid, it can buckle earlier, a ring at 3/4")
         if options.frequencies is not None:
             modes = self._vibration(solver, Kg if options.preload else None, spin)
             columns.append(modes.z)
@@ -187,8 +192,9 @@ class SupportedModel:
     def _reactions(self, z: FloatArray, f: FloatArray) -> tuple[Resultant, ...]:
         """Reactions of the supports on the part."""
         supports, rest = self.supports, self.K @ z - self.supports.G.T @ f
-        if not f.any() and (np.abs(rest) <= _NO_FORCE * (abs(self.K) @ np.abs(z))).all():
-            rest[:] = 0.0  # a part that is carried along has round-off alone
+        noise = _NO_FORCE * (abs(self.K) @ np.abs(z))[supports.fixed]
+        if not self._total(f).any() and (np.abs(rest[supports.fixed]) <= noise).all():
+            rest[supports.fixed] = 0.0  # carried along, or under loads in balance: round-off alone
         reactions = np.zeros((len(supports.names), len(z)))
         reactions[:, supports.fixed] = supports.shares * rest[supports.fixed]
         if supports.W.shape[0]:
@@ -204,8 +210,14 @@ class SupportedModel:
         moment = total[3:] - np.cross(at - self.fe.center, force)
         return Resultant(name, np.asarray(at), force, moment)
 
+    def _total(self, f: FloatArray) -> FloatArray:
+        """(6,) resultant of loads about the centre of mass; round-off beside them is zero."""
+        total, parts = self.fe.rigid.T @ f, np.abs(self.fe.rigid.T) @ np.abs(f)
+        parts = np.repeat(parts.reshape(2, 3).max(axis=1), 3)
+        return np.where(np.abs(total) <= _NO_FORCE * parts, 0.0, total)
+
     def _resultant(self, name: str, at: FloatArray, f: FloatArray) -> Resultant:
-        return self._pull(name, at, self.fe.rigid.T @ f)
+        return self._pull(name, at, self._total(f))
 
     def _stressed(
         self, u: FloatArray, links: FloatArray, loads: Mapping[str, FloatArray]

@@ -192,7 +192,7 @@ def damping_matrix(
 
     ``joined`` are its vibrations as the scene joins it, ``where`` its place for messages. With
     ``together``, natural frequencies [rad/s] (j,) of the scene with all its flexible bodies and
-    what of this body is in these modes (m, j), they damp shapes that the others would hold if rigid.
+    what of this body is in these modes (m, j), they damp shapes that rigid others would hold.
 
     Raises
     ------

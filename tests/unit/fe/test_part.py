@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flexmb.errors import FlexmbError, FlexmbWarning
-from flexmb.fe import mesh_from, part
+from flexmb.fe import Mesh, mesh_from, part
 from flexmb.flexbody import load_part, save_part
 
 STEEL = {"E": 200e9, "nu": 0.3, "density": 8000}
@@ -349,3 +349,27 @@ def test_quantities_that_mean_two_things_or_none_are_refused():
     ):
         with pytest.raises(FlexmbError, match=sentence):
             plate.quantity(name)
+
+
+def test_a_ring_buckles_under_a_pressure_that_keeps_its_direction():
+    """p R^3/(E I) = 4 with the ring held from turning (Bodner 1958: 3 if the pressure turns)."""
+    n, width, h = 32, 0.05, 0.01
+    angle = np.repeat(2 * np.pi / n * np.arange(n), 2)
+    points = np.stack([np.cos(angle), np.sin(angle), np.tile([0.0, width], n)], axis=1)
+    quads = (2 * np.arange(n)[:, None] + [0, 2, 3, 1]) % (2 * n)
+    held = {f"{c}{k}": {"node": 2 * k, "hold": [c]} for k, c in ((0, "uy"), (n // 2, "uy"))}
+    held |= {
+        f"{c}{k}": {"node": 2 * k, "hold": [c]} for k, c in ((n // 4, "ux"), (3 * n // 4, "ux"))
+    }
+    held["z"] = {"nodes": [0, n // 2, n], "hold": ["uz"]}
+    ring = part(
+        Mesh(points, {"quad": quads}, {}, {"skin": {"quad": np.arange(n)}}),
+        material={"E": 210e9, "nu": 0.0, "density": 7800.0},
+        sections={"skin": {"type": "shell", "thickness": h}},
+        supports=held,
+        loads={"water": {"type": "pressure", "group": "skin", "pressure": -1.0}},
+        buckling=1,
+    )
+    assert ring.load_factors[0] == pytest.approx(4 * 210e9 * h**3 / 12, rel=0.02)
+    assert ring.imbalance == 0.0  # it pushes evenly, so nothing acts at the supports
+    assert "pressures keep their direction" in ring.notes[0]
