@@ -26,7 +26,7 @@ from flexmb.errors import MeshError, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, MeshModel
 from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface
 from flexmb.fe.elements.element_blocks import FAMILIES, Block, elements_without_section
-from flexmb.fe.elements.shell_fields import WARP_WARNING, opposed_edges, warp
+from flexmb.fe.elements.shell_fields import STEEP, WARP_WARNING, flatten, opposed_edges, warp
 from flexmb.fe.meshes.mesh import Mesh, dimension
 from flexmb.fe.reduction.fixed_interface import read_modes
 from flexmb.fe.reduction.user_modes import read_user_modes
@@ -70,6 +70,9 @@ def scaled_jacobian(kind: str, x: FloatArray) -> FloatArray | None:
     return np.min(quality * np.where(quality.sum(axis=0) < 0, -1.0, 1.0), axis=0)
 
 
+_CURVED = (
+    0.7  # share of normals along x up to the change of axes; flat walls at 0 or 90 degrees pass
+)
 SLIVER = 0.05  # scaled Jacobian; the regular element has 1
 _COINCIDENT = 1e-6  # distance over the extent of the mesh
 _EXTENT = (1e-4, 100.0)  # m: a part of 450 mm read as metres is beyond
@@ -114,6 +117,7 @@ def mesh_report(
         *([Finding("note", mesh.note)] if mesh.note else []),
         *_numbers(mesh),
         *_orphans(mesh, cells, linked),
+        *_repeated(cells, place),
         *_inverted(cells, place),
         *_slivers(cells, place),
         *_warped(shells, place),
@@ -183,6 +187,19 @@ def _orphans(mesh: Mesh, cells: Sequence[Cells], linked: Sequence[IntArray]) -> 
         if missing > 1:
             what = f"{missing} nodes belong to no element of the body and are left out"
         yield Finding("note", what)
+
+
+def _repeated(cells: Sequence[Cells], place: _Places) -> Iterator[Finding]:
+    for kind in dict.fromkeys(kind for kind, _ in cells):
+        nodes = np.concatenate([rows for name, rows in cells if name == kind])
+        keys = np.stack([nodes.min(axis=1), nodes.max(axis=1), nodes.sum(axis=1)], axis=1)
+        _, like, count = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
+        some = np.sort(nodes[count[like.ravel()] > 1], axis=1)
+        again, count = np.unique(some, axis=0, return_counts=True)
+        if (count > 1).any():
+            what = f'{(count > 1).sum()} of {len(nodes)} elements of kind "{kind}" are there more '
+            what += f"than once, the first {place.element(again[count > 1][0])}: their stiffness "
+            yield Finding("warning", f"{what}and mass count as often")
 
 
 def _inverted(cells: Sequence[Cells], place: _Places) -> Iterator[Finding]:
@@ -363,6 +380,7 @@ def model_findings(
         *mesh_report(model.mesh, model.blocks, linked),
         *(Finding("note", text) for text in elements_without_section(model.mesh, model.blocks)),
         *_opposed(model),
+        *_turned_axes(model),
     ]
 
 
@@ -376,30 +394,26 @@ def _opposed(model: MeshModel | FEMatrices) -> Iterator[Finding]:
         yield Finding("warning", f"{what}number the nodes of all elements in one sense")
 
 
+def _turned_axes(model: MeshModel | FEMatrices) -> Iterator[Finding]:
+    for b in model.blocks:
+        if b.family.dimension != 2 or b.section.orientation or not b.section.has_directions:
+            continue
+        along = np.abs(flatten(model.mesh.points[b.nodes]).axes[:, 0, 2])  # of the normal, along x
+        if ((along > _CURVED) & (along <= STEEP)).any() and (
+            (along > STEEP) & (along < 0.999)
+        ).any():
+            what = f'section "{b.group}": material axis 1 is that of x, but of y where the normal '
+            yield Finding(
+                "warning", f"{what}nears x, as here on a curved shell: give an orientation"
+            )
+
+
 @dataclass(frozen=True)
 class Survey:
     """What is known of a body before it is reduced.
 
-    Parameters
-    ----------
-    problems : list of Problem
-        What keeps it from being reduced; where there are some, the rest is missing.
-    findings : list of Finding
-        Notes and warnings.
-    elements : dict of str to int
-        Elements of the body by kind.
-    dofs : int
-        Degrees of freedom of the finite-element model.
-    coordinates : str
-        Kept coordinates and how they are counted.
-    mass : float
-        kg.
-    interfaces : dict of str to (3,) float
-        Places of the interfaces, mesh frame [m].
-    points : (n, 3) float
-        Nodes of the mesh [m].
-    groups : dict of str to (g,) int
-        Nodes of its named groups.
+    With ``problems`` the rest is missing. ``coordinates`` says how the kept ones are counted;
+    ``mass`` is in kg; ``interfaces`` are places, ``points`` (n, 3) nodes in the mesh frame [m].
     """
 
     problems: list[Problem]
@@ -416,13 +430,7 @@ class Survey:
 def check_mode_count(
     model: MeshModel, ends: tuple[ModelInterface, ...], modes: Any, reduction: str
 ) -> None:
-    """Refuse more modes than there are degrees of freedom that the interfaces leave free.
-
-    Raises
-    ------
-    ReductionError
-        Both numbers.
-    """
+    """Refuse (ReductionError) more modes than degrees of freedom that the interfaces leave free."""
     if reduction == "user":
         read_user_modes(modes)
     if reduction not in ("craig-bampton", "free-interface"):

@@ -155,7 +155,7 @@ Splitting the quadrilaterals into triangles is no remedy: thin and twisted, thos
 WARP_LIMIT = 0.15
 """Warp beyond which a quadrilateral should not be used at all."""
 
-_STEEP = 0.9  # share of the normal along x from which the default axis 1 is y
+STEEP = 0.9  # share of the normal along x from which the default axis 1 is y
 MIN_IN_PLANE = 1e-6  # least share of an orientation in the plane of an element
 
 
@@ -207,7 +207,7 @@ def plane_axis(
 ) -> tuple[FloatArray, FloatArray]:
     """(n, 3) projections of ``orientation``, else of x or y, on planes, and (n, 1) their length."""
     if orientation is None:
-        towards = np.where(np.abs(normal[:, :1]) > _STEEP, [0.0, 1.0, 0.0], [1.0, 0.0, 0.0])
+        towards = np.where(np.abs(normal[:, :1]) > STEEP, [0.0, 1.0, 0.0], [1.0, 0.0, 0.0])
     else:
         towards = np.array([orientation]) / np.linalg.norm(orientation)
     e1 = towards - np.sum(towards * normal, axis=1, keepdims=True) * normal

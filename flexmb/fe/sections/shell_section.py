@@ -21,7 +21,7 @@ import numpy as np
 
 from flexmb.errors import Problem, ReductionError
 from flexmb.flexbody.arrays import FloatArray
-from flexmb.materials import AnyMaterial, material_problems
+from flexmb.materials import AnyMaterial, OrthotropicMaterial, material_problems
 
 _GAUSS = np.polynomial.legendre.leggauss(3)  # the square of a parabola
 
@@ -207,6 +207,11 @@ class ShellSection:
         """Whether it matters to which side the normals point."""
         angled = any(abs(sin(2 * layer.angle)) > 1e-9 for layer in self.layers)
         return self.offset != 0 or angled or self.layers != self.layers[::-1]
+
+    @property
+    def has_directions(self) -> bool:
+        """Whether it matters where its axis 1 points."""
+        return any(isinstance(layer.material, OrthotropicMaterial) for layer in self.layers)
 
     @property
     def thickness(self) -> float:

@@ -7,8 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from femeshes import block
+from shellkit import PLY
 
-from flexmb.fe import Mesh, assemble, mesh_report, reduce, resolve, section_from
+from flexmb.fe import Mesh, assemble, mesh_report, reduce, resolve, section_from, survey
 from flexmb.fe.elements.shell_fields import WARP_WARNING, warp
 from flexmb.fe.meshes.mesh_shapes import mesh_from
 from flexmb.fe.model_checks import (
@@ -183,3 +185,28 @@ def test_a_reduction_warns_and_keeps_what_it_found():
         body = reduce(mesh, material="steel", sections={"all": SHELL}, modes=2)
     assert "are warped" in body.provenance["warnings"]
     assert "1 node belongs to no element" in body.provenance["notes"]
+
+
+def test_elements_that_are_there_twice_are_counted():
+    box = block((2, 1, 1))
+    twice = np.concatenate([box.blocks["tetra10"], box.blocks["tetra10"][[3, 3]]])
+    count = len(twice)
+    (finding,) = mesh_report(Mesh(box.points, {"tetra10": twice}))
+    assert finding.sentence.startswith(
+        f'1 of {count} elements of kind "tetra10" are there more than'
+    )
+
+
+@pytest.mark.parametrize(
+    ("material", "orientation", "count"),
+    [("ply", None, 1), ("ply", (0.0, 0.0, 1.0), 0), ("steel", None, 0)],
+)
+def test_default_axes_that_jump_on_a_curved_shell_are_named(material, orientation, count):
+    """An arch round z: the projections of x and y on its elements are opposite to each other."""
+    angle = np.repeat(np.pi / 24 * np.arange(25), 2)
+    points = np.stack([np.cos(angle), np.sin(angle), np.tile([0.0, 0.05], 25)], axis=1)
+    arch = Mesh(points, {"quad": 2 * np.arange(24)[:, None] + [0, 2, 3, 1]})
+    skin = {"type": "shell", "thickness": 0.01, "orientation": orientation}
+    matter = PLY if material == "ply" else resolve("steel")
+    findings = survey(arch, material=matter, sections={"all": skin}).findings
+    assert sum("material axis 1" in finding.sentence for finding in findings) == count
