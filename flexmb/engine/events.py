@@ -46,9 +46,10 @@ _BEFORE, _NEAR_EVENT = 0.98, 3e-4
 _MAX_TRIES = 10
 # Steps are not made shorter for events than this fraction of the run.
 _MIN_STEP_FRACTION = 1e-7
-# Steps after an event in which no other one shortens steps, so that what flutters about zero, such
-# as friction without load, does not stop the run.
-_STEPS_AFTER_EVENT = 5.0
+# One event in so many steps may shorten steps, so that what flutters about zero, such as friction
+# without load, does not stop the run; after as many steps without, this many may follow each other
+# closely, as stick after slip and slip the other way.
+_STEPS_AFTER_EVENT, _CLOSE_EVENTS = 5.0, 3.0
 # First step after an event, over the one before it was shortened: estimates begin again.
 _RESTART_FRACTION = 0.1
 
@@ -167,17 +168,17 @@ def accept_events(run: Run, h: float) -> int:
     settings, memory = run.settings, run.state.memory[0]
     if len(run.stages.events.units) == 0 or settings.step > 0.0:
         return FINE
-    memory["steps_until_event_search"] = max(memory["steps_until_event_search"] - 1.0, 0.0)
+    least = (1.0 - _CLOSE_EVENTS) * _STEPS_AFTER_EVENT
+    memory["steps_until_event_search"] = max(memory["steps_until_event_search"] - 1.0, least)
     if _first_crossing(run.work.events, 0.0) < 1.0:
-        if memory["steps_until_event_search"] == 0.0:
-            run.state.count[0]["events"] += 1
         longest = memory["step_before_event"] if memory["event_trials"] > 0.0 else h
         longest = max(
             _RESTART_FRACTION * longest, _MIN_STEP_FRACTION * (settings.end - settings.start)
         )
-        if memory["steps_until_event_search"] == 0.0:
+        if memory["steps_until_event_search"] <= 0.0:
+            run.state.count[0]["events"] += 1
             memory["next_step"] = min(memory["next_step"], longest)
-            memory["steps_until_event_search"] = _STEPS_AFTER_EVENT
+            memory["steps_until_event_search"] += _STEPS_AFTER_EVENT
         memory["event_trials"] = 0.0
     elif memory["event_trials"] > 0.0:  # the event is still to come, or it has gone away
         memory["next_step"] = min(memory["next_step"], h)

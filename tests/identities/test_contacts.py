@@ -12,12 +12,12 @@ from enginekit import Bench, slope
 from generators import Mechanism
 
 from flexmb.engine.forces.contact_pair import BALL, BORE, CYLINDER, PLANE
-from flexmb.engine.forces.friction import BRISTLE, NO_FRICTION, SMOOTH
+from flexmb.engine.forces.friction import BRISTLE, NO_FRICTION, SMOOTH, STICKS
 from flexmb.engine.units import call
 
 DIFFERENCES = 1e-8  # forces have fifth derivatives of some hundred times their size
-KINDS = {"ball": BALL, "plane": PLANE, "cylinder": CYLINDER, "bore": BORE}
-EXPONENTS = {"ball": 1.5, "plane": 2.2, "cylinder": 1.0, "bore": 3.0}
+KINDS = {"ball": BALL, "plane": PLANE, "cylinder": CYLINDER, "bore": BORE, "point": BORE}
+EXPONENTS = {"ball": 1.5, "plane": 2.2, "cylinder": 1.0, "bore": 3.0, "point": 3.0}
 # model, static, dynamic coefficient
 FRICTIONS = {
     "none": (NO_FRICTION, 0.0, 0.0),
@@ -44,11 +44,18 @@ def touching(kind, friction, bodies, ground=False):
     row["kind"], row["half"], row["slow"], row["n"] = KINDS[kind], 1e3, 1e-3, EXPONENTS[kind]
     row["model"], row["static"], row["dynamic"] = FRICTIONS[friction]
     row["stribeck"], row["viscous"], row["creep"] = 1.5, 0.1, 0.4
-    row["ri"] = 0.4
+    row["ri"] = 0.0 if kind == "point" else 0.4
     overlap(bench, row)
     history = bench.work.now.history
-    history[:] = bench.state.t[0] - 0.1, 3.0, 0.0, 0.2, -0.1, 0.15
+    history[:6] = bench.state.t[0] - 0.1, 3.0, STICKS, 0.2, -0.1, 0.15
+    history[6:] = place_of(bench, row) - [1.2, 0.6, -2.4]
     return bench
+
+
+def place_of(bench, row):
+    """Where I is in axes of J."""
+    u = bench.marker("x")[row["I"]] - bench.marker("x")[row["J"]]
+    return bench.marker("R")[row["J"]].T @ u
 
 
 def overlap(bench, row):
@@ -184,6 +191,25 @@ def test_what_a_contact_remembers():
     )
     bench.at(v=-bench.v)  # they approach; in a long step the depth is that of an onset
     assert remembered(bench, 1e4)[o] == pytest.approx(n @ g)
+
+
+def test_the_bristle_of_a_point_follows_its_way():
+    """By its places in axes of J, whatever the length of the step."""
+    bench = touching("point", "sticks", "rigid")
+    bench.lam[:] = 0.0
+    bench.at()
+    now, row = bench.work.now, bench.sys.kinds["contacts"].rows[0]
+    x, R, o = bench.marker("x"), bench.marker("R")[row["J"]], row["history"]
+    u, a = x[row["I"]] - x[row["J"]], R[:, 2]
+    out = (u - a * (a @ u)) / np.linalg.norm(u - a * (a @ u))
+    place = place_of(bench, row)
+    now.history[o + 5 : o + 8] = place - [0.1, 0.05, -0.2]  # so near that it sticks
+    way = R @ (now.history[o + 2 : o + 5] + place - now.history[o + 5 : o + 8])
+    wanted = R.T @ (way - out * (out @ way))
+    for span in (1e-6, 0.1):
+        after = remembered(bench, span)
+        assert after[o + 2 : o + 5] == pytest.approx(wanted, abs=1e-12)
+        assert after[o + 5 : o + 8] == pytest.approx(place, abs=1e-14)
 
 
 def remembered(bench, span):

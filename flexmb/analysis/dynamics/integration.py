@@ -117,9 +117,10 @@ def gyration(compiled: Compiled) -> dict[str, float]:
 
 
 def remembers_bristles(compiled: Compiled) -> bool:
-    """Whether contacts stick by bristles, which each step stretches by its last velocity."""
+    """Whether balls stick by bristles, which each step stretches by its last velocity."""
     contacts = compiled.system.kinds.get("contacts")
-    return contacts is not None and bool(np.any(contacts.rows["model"] == BRISTLE))
+    rows = None if contacts is None else contacts.rows
+    return rows is not None and bool(np.any((rows["model"] == BRISTLE) & (rows["ri"] > 0.0)))
 
 
 def local_tolerance(spec: DynamicsSpec, integrator: method.Method) -> float:

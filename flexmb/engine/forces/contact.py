@@ -46,12 +46,15 @@ from flexmb.engine.forces.contact_pair import (
 from flexmb.engine.forces.friction import (
     BRISTLE,
     FRICTION_FIELDS,
+    LEAST_EXCESS,
     NO_FRICTION,
     OPEN,
     SLIDES,
+    STICKS,
     friction_force,
     friction_force_change,
     friction_parameters,
+    next_mode,
     tangential_part,
 )
 from flexmb.engine.jit import Matrix, array_of, kernel, unit
@@ -66,7 +69,8 @@ if TYPE_CHECKING:
 _I, _F = "i8", "f8"
 # One contact between a round side I (a sphere, or a point of radius 0) and a side J. Depth d > 0:
 # normal force K d^n (1 + c d'/d0'), d0' the speed of approach at the onset, at least `slow`.
-# It remembers d0', and with friction whether it slides, then the bristle (3) in axes of J.
+# It remembers d0', and with friction whether it slides, then in axes of J the bristle (3) and where
+# I is (3).
 CONTACT = np.dtype(
     [
         ("I", _I),
@@ -121,9 +125,9 @@ class Contacts(NamedTuple):
     scratch: Scratch = None  # of one run
 
 
-# Numbers of history of a point: speed of approach; with friction its mode and bristle too.
-_HISTORY, _FRICTION_HISTORY = 1, 5
-_MODE_PLACE, _BRISTLE_PLACE = 1, 2  # where they begin
+# Numbers of history of a point: speed of approach; with friction its mode, bristle and place too.
+_HISTORY, _FRICTION_HISTORY = 1, 8
+_MODE_PLACE, _BRISTLE_PLACE, _PLACE = 1, 2, 5  # where they begin
 
 
 def lower_contacts(lowering: Lowering, forces: Forces) -> Contacts:
@@ -147,9 +151,25 @@ def _contact_rows(lowering: Lowering, spec: ContactSpec) -> Iterator[tuple[objec
 
 
 @kernel
-def bristle(c, history, mj):
+def _bristle(c, now, mj):
     """The bristle of the last accepted step, global axes."""
-    return turned(mj["R"], part(history, c["history"] + _BRISTLE_PLACE))
+    return turned(mj["R"], part(now.history, c["history"] + _BRISTLE_PLACE))
+
+
+@kernel
+def _trial_bristle(c, now, g, mi, mj):
+    """The bristle if it sticks; what of it turns with J; its changes with g and with the way.
+
+    That of the last accepted step, and the way since: of a point exactly, by its places in axes of
+    J; of a ball, which rolls, by its velocity now (backward Euler). It begins free.
+    """
+    if now.history[c["history"] + _MODE_PLACE] == OPEN:
+        return _ZERO, _ZERO, 0.0, 0.0
+    s0 = _bristle(c, now, mj)
+    if c["ri"] > 0.0:
+        return plus(s0, now.span[0], g), s0, now.span[0], 0.0
+    s0 = plus(s0, -1.0, turned(mj["R"], part(now.history, c["history"] + _PLACE)))
+    return plus(s0, 1.0, separation(mi, mj)), s0, 0.0, 1.0
 
 
 @unit
@@ -167,8 +187,8 @@ def evaluate_contact(run: Run, contacts: Contacts, k: int) -> float:
         N, _, _ = normal_force(c, now.history, d, rate)
         f, s, mode, excess = _ZERO, _ZERO, OPEN, 0.0
         if c["model"] != NO_FRICTION:
-            before = bristle(c, now.history, mj)
-            f, s, mode, excess = friction_force(c, n, N, g, before, now.span[0])
+            z, _, _, _ = _trial_bristle(c, now, g, mi, mj)
+            f, s, mode, excess = friction_force(c, n, N, g, z)
         out["N"], out["mode"], out["excess"] = N, mode, excess
         put_part(out["friction"], 0, f)
         put_part(out["bristle"], 0, s)
@@ -250,9 +270,13 @@ def remember(run: Run, contacts: Contacts, at: Point) -> int:
         if d <= 0.0 or d <= _ONSET_FRACTION * rate * now.span[0]:
             history[o] = max(rate, c["slow"])
         if c["model"] != NO_FRICTION:
-            s = turned_back(now.marker[c["J"]]["R"], triple(cn["bristle"]))
-            history[o + _MODE_PLACE] = cn["mode"]
+            mj = now.marker[c["J"]]
+            s = turned_back(mj["R"], triple(cn["bristle"]))
+            u = separation(now.marker[c["I"]], mj)
+            along = -inner(triple(cn["friction"]), triple(cn["g"]))
+            history[o + _MODE_PLACE] = next_mode(history[o + _MODE_PLACE], cn["mode"], along)
             put_part(history, o + _BRISTLE_PLACE, s if d > 0.0 else _ZERO)
+            put_part(history, o + _PLACE, turned_back(mj["R"], u))
     return FINE
 
 
@@ -272,16 +296,17 @@ def put_events(run: Run, contacts: Contacts, at: Point) -> int:
         if c["model"] == BRISTLE and d > 0.0:
             mode = now.history[c["history"] + _MODE_PLACE]
             if mode == SLIDES:
-                s = bristle(c, now.history, now.marker[c["J"]])
+                s = _bristle(c, now, now.marker[c["J"]])
                 v = tangential_part(triple(cn["n"]), triple(cn["g"]))
-                slip["value"] = -inner(s, v) / math.sqrt(inner(s, s))
-            elif mode != OPEN:
-                slip["value"] = cn["excess"]
+                size = math.sqrt(inner(s, s))
+                slip["value"] = -inner(s, v) / size if size > 0.0 else 0.0
+            elif mode == STICKS:
+                slip["value"] = cn["excess"] - LEAST_EXCESS * cn["N"]
     return FINE
 
 
 @kernel
-def _force_change(c, now, n, d, g, mj, dd, dn, dg, turn):
+def _force_change(c, now, n, d, g, mi, mj, dd, dn, dg, du, turn):
     """Change of the force on I."""
     rate = -inner(n, g)
     N, stiff, viscous = normal_force(c, now.history, d, rate)
@@ -289,8 +314,9 @@ def _force_change(c, now, n, d, g, mj, dd, dn, dg, turn):
     df = plus(times(N, dn), dN, n)
     if c["model"] == NO_FRICTION:
         return df
-    s0 = bristle(c, now.history, mj)
-    more = friction_force_change(c, n, N, g, s0, now.span[0], dn, dN, dg, outer(turn, s0))
+    z, s0, with_g, with_way = _trial_bristle(c, now, g, mi, mj)
+    dz = plus(plus(outer(turn, s0), with_g, dg), with_way, du)
+    more = friction_force_change(c, n, N, g, z, dn, dN, dg, dz)
     return plus(df, 1.0, more)
 
 
@@ -323,7 +349,7 @@ def put_contact_changes(run: Run, contacts: Contacts, k: int, d: float, cp: floa
             dd, dn = normal_change(c, n, rho, mi, mj, du, turn)
             di = times(-c["ri"], dn)
             dg = plus(outer(omi, di), -1.0, outer(omj, plus(du, 1.0, di)))
-        df = _force_change(c, now, n, d, g, mj, dd, dn, dg, turn)
+        df = _force_change(c, now, n, d, g, mi, mj, dd, dn, dg, du, turn)
         if a < 3:
             D[0, a], D[1, a], D[2, a] = df
             continue

@@ -3,10 +3,10 @@
 μ(v) = μ_d + (μ_s − μ_d) exp(−(v/v_s)²) + v_v v, v the speed of sliding (Stribeck;
 Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994) 1083). Bristle: an elastic-plastic
 spring s, an internal variable that the surface carries; with T = k s + c v the force is −T while
-|T| ≤ μ N and −μ N T/|T| beyond, when s shrinks in the same ratio (Dupont et al., IEEE Trans. Autom.
-Control 47 (2002) 787; return mapping as in plasticity). A bristle that sticks does not creep.
-Smooth: −μ N v/√(v² + v₀²), which creeps at any load. In a step of length h the trial bristle
-is s₀ + h v with the velocity of the end (backward Euler), so that stiff bristles come to rest.
+|T| ≤ μ N and −μ N T/|T| beyond (Dupont et al., IEEE Trans. Autom. Control 47 (2002) 787). A
+bristle that sticks does not creep; one that slides follows up to the length k s = μ N, so that what
+a stick begins with depends on no step.
+Smooth: −μ N v/√(v² + v₀²), which creeps at any load.
 """
 
 from __future__ import annotations
@@ -20,9 +20,13 @@ from flexmb.engine.jit import kernel
 if TYPE_CHECKING:
     from flexmb.model.forces.friction import BaseFriction
 
-# Models of friction, and what its history says.
+# Models of friction, and what its history says: on a line −SLIDES, where the force is positive.
 NO_FRICTION, BRISTLE, SMOOTH = 0, 1, 2
-OPEN, STICKS, SLIDES = 0.0, 1.0, 2.0
+OPEN, STICKS, SLIDES, YIELDS = 0.0, 1.0, 2.0, 3.0
+
+# Of the normal force, by which |T| exceeds μ N where it begins to slide: above round-off of what
+# has just stuck.
+LEAST_EXCESS = 1e-9
 
 _I, _F = "i8", "f8"
 # Fields of a row with friction; what it remembers begins at `history`.
@@ -67,10 +71,10 @@ def tangential_part(n, a):
 
 
 @kernel
-def friction_force(f, n, N, g, s0, h):
+def friction_force(f, n, N, g, z):
     """Force of friction, bristle, whether it sticks or slides, and |T| − μ N.
 
-    f: parameters; n, N: normal and normal force; g: relative velocity; s0: bristle a time h ago.
+    f: parameters; n, N: normal and normal force; g: relative velocity; z: bristle if it sticks.
     """
     v = tangential_part(n, g)
     speed = math.sqrt(inner(v, v))
@@ -79,12 +83,14 @@ def friction_force(f, n, N, g, s0, h):
     if f["model"] == SMOOTH:
         w = -limit / math.sqrt(speed * speed + f["creep"] * f["creep"])
         return times(w, v), times(0.0, v), SLIDES, 0.0
-    s = tangential_part(n, plus(s0, h, g))
+    s = tangential_part(n, z)
     T = plus(times(f["k"], s), f["c"], v)
     size = math.sqrt(inner(T, T))
     if size <= limit:
         return times(-1.0, T), s, STICKS, size - limit
-    return times(-limit / size, T), times(limit / size, s), SLIDES, size - limit
+    stretch = f["k"] * math.sqrt(inner(s, s))
+    s = times(limit / stretch, s) if stretch > limit else s
+    return times(-limit / size, T), s, SLIDES, size - limit
 
 
 @kernel
@@ -95,7 +101,7 @@ def _tangential_part_change(n, a, dn, da):
 
 
 @kernel
-def friction_force_change(f, n, N, g, s0, h, dn, dN, dg, ds0):
+def friction_force_change(f, n, N, g, z, dn, dN, dg, dz):
     """Change of the force of friction with changes of what it depends on."""
     v = tangential_part(n, g)
     speed = math.sqrt(inner(v, v))
@@ -107,8 +113,7 @@ def friction_force_change(f, n, N, g, s0, h, dn, dN, dg, ds0):
         w = 1.0 / math.sqrt(speed * speed + f["creep"] * f["creep"])
         change = times(-limit * w, dv)
         return plus(change, -dlimit * w + limit * w * w * w * speed * dspeed, v)
-    z = plus(s0, h, g)
-    s, ds = tangential_part(n, z), _tangential_part_change(n, z, dn, plus(ds0, h, dg))
+    s, ds = tangential_part(n, z), _tangential_part_change(n, z, dn, dz)
     T = plus(times(f["k"], s), f["c"], v)
     dT = plus(times(f["k"], ds), f["c"], dv)
     size = math.sqrt(inner(T, T))
@@ -119,8 +124,19 @@ def friction_force_change(f, n, N, g, s0, h, dn, dN, dg, ds0):
 
 
 @kernel
+def next_mode(before, mode, along):
+    """Mode to remember; `before`: of the step before, `along`: speed along the bristle.
+
+    What slides and turns back sticks; what is pulled against its motion, as its load falls, yields.
+    """
+    if abs(mode) != SLIDES or along > 0.0:
+        return mode
+    return STICKS if abs(before) == SLIDES else YIELDS
+
+
+@kernel
 def line_friction(f, N, x, v, anchor):
-    """The same on a line: force, anchor of the bristle, stick or slide, |T| − μ N, and two slopes.
+    """The same on a line: force, anchor of the bristle, mode, |T| − μ N, and two slopes.
 
     x: place, v: speed, anchor: where the bristle is free. Slopes of −force over x and over v.
     """
@@ -136,4 +152,6 @@ def line_friction(f, N, x, v, anchor):
         return -T, anchor, STICKS, abs(T) - limit, f["k"], f["c"]
     sign = 1.0 if T > 0.0 else -1.0
     change = slope * N * sign * (1.0 if v > 0.0 else -1.0 if v < 0.0 else 0.0)
-    return -limit * sign, x - limit / abs(T) * s, SLIDES, abs(T) - limit, 0.0, change
+    longest = limit / f["k"]
+    anchor = x - min(max(s, -longest), longest)
+    return -limit * sign, anchor, sign * SLIDES, abs(T) - limit, 0.0, change

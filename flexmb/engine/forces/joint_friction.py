@@ -20,9 +20,12 @@ from flexmb.engine.algebra.vector import transform_back
 from flexmb.engine.forces.friction import (
     BRISTLE,
     FRICTION_FIELDS,
+    LEAST_EXCESS,
     SLIDES,
+    YIELDS,
     friction_parameters,
     line_friction,
+    next_mode,
 )
 from flexmb.engine.jit import Matrix, array_of, kernel, unit
 from flexmb.engine.joints.constraint import put_group_wrench
@@ -58,7 +61,7 @@ SURFACE = np.dtype(
     [
         ("force", _F),  # N
         ("anchor", _F),  # of the bristle, m
-        ("mode", _F),  # STICKS, SLIDES
+        ("mode", _F),  # STICKS, SLIDES, −SLIDES
         ("excess", _F),  # |T| − μ N
         ("stiffness", _F),  # slopes of −force over position and speed
         ("damping", _F),
@@ -204,7 +207,7 @@ def put_couplings(run: Run, frictions: JointFrictions, at: Point, cv: float, cp:
     for k in range(rows.shape[0]):
         f, N = rows[k], frictions.scratch.load[k, 0]
         evaluate_surface(run, frictions, at, k)
-        if surface["mode"] == SLIDES and N > 0.0:  # then the force is in proportion to N
+        if abs(surface["mode"]) == SLIDES and N > 0.0:  # then the force is in proportion to N
             put_group_wrench(run, f["group"], at.lam)
             _put_coupling(run, f, -f["radius"] * surface["force"] / N)
     return FINE
@@ -273,11 +276,12 @@ def free_bristles(run: Run, frictions: JointFrictions, at: Point) -> int:
 def remember(run: Run, frictions: JointFrictions, at: Point) -> int:
     """Write the history of all joint frictions at an accepted state."""
     rows, surface, history = frictions.rows, frictions.scratch.surface[0], run.state.history
+    coordinates = run.system.parts.coordinates
     for k in range(rows.shape[0]):
         evaluate_surface(run, frictions, at, k)
-        o = rows[k]["history"]
+        o, mode, iv = rows[k]["history"], surface["mode"], coordinates[rows[k]["coordinate"]]["iv"]
         history[o + _ANCHOR_PLACE] = surface["anchor"]
-        history[o + _MODE_PLACE] = surface["mode"]
+        history[o + _MODE_PLACE] = next_mode(history[o + _MODE_PLACE], mode, mode * at.v[iv])
     return FINE
 
 
@@ -300,13 +304,16 @@ def put_events(run: Run, frictions: JointFrictions, at: Point) -> int:
             continue
         evaluate_surface(run, frictions, at, k)
         stretch = surface["position"] - history[f["history"] + _ANCHOR_PLACE]
-        if history[f["history"] + _MODE_PLACE] == SLIDES and stretch != 0.0:
-            sign = -1.0 if stretch > 0.0 else 1.0
-            slip["value"], slip["rate"] = sign * speed, sign * change
+        mode = history[f["history"] + _MODE_PLACE]
+        if abs(mode) == SLIDES:
+            sign = math.copysign(1.0, mode)
+            slip["value"], slip["rate"] = -sign * speed, -sign * change
+        elif mode == YIELDS:
+            slip["value"], slip["rate"] = 0.0, math.nan
         else:
-            rate = f["k"] * speed + f["c"] * change
-            slip["value"] = surface["excess"]
-            slip["rate"] = rate if f["k"] * stretch + f["c"] * speed > 0.0 else -rate
+            sign = 1.0 if f["k"] * stretch + f["c"] * speed > 0.0 else -1.0
+            slip["value"] = surface["excess"] - LEAST_EXCESS * frictions.scratch.load[k, 0]
+            slip["rate"] = sign * (f["k"] * speed + f["c"] * change)
     return FINE
 
 
