@@ -82,16 +82,7 @@ MARKER = np.dtype(
 # ENERGY: number `first` of the energies. BODY_ENERGY: of body `n`. EXPRESSION: program `first` over
 # channels. STATE, PLACE_RATE: velocity coordinate `first`. PLACE: position coordinate `first`.
 CHANNEL = np.dtype(
-    [
-        ("what", _I),
-        ("first", _I),
-        ("n", _I),
-        ("side", _I),
-        ("quantity", _I),
-        ("axes", _I),
-        ("a", _I),
-        ("kind", _I),
-    ],
+    [(word, _I) for word in ["what", "first", "n", "side", "quantity", "axes", "a", "kind"]],
     align=True,
 )
 
@@ -180,23 +171,14 @@ GROUP = np.dtype(
 # One panel of the factor: `nc` columns, `nr` rows below, values at `at` with row stride nc,
 # `col` the first permuted index, `rows` the offset of its permuted row indices.
 PANEL = np.dtype(
-    [
-        ("at", _I),
-        ("nc", _I),
-        ("nr", _I),
-        ("col", _I),
-        ("rows", _I),
-        ("update", _I),
-        ("n_update", _I),
-        ("sign", _F),
-    ],
+    [(word, _I) for word in ["at", "nc", "nr", "col", "rows", "update", "n_update"]]
+    + [("sign", _F)],
     align=True,
 )
 
 # Rectangular update of a later panel: rows x times rows y of a panel, both counted from its top.
 UPDATE = np.dtype(
-    [("x", _I), ("nx", _I), ("y", _I), ("ny", _I), ("at", _I), ("stride", _I), ("diagonal", _I)],
-    align=True,
+    [(word, _I) for word in ["x", "nx", "y", "ny", "at", "stride", "diagonal"]], align=True
 )
 
 # Place of an off-diagonal block: entry (i, j) at at + i stride + j, transposed if flipped.

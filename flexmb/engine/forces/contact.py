@@ -89,20 +89,12 @@ CONTACT = np.dtype(
     align=True,
 )
 
-# One contact now: all that follows from the motion of its two markers, global axes.
+# One contact now, global axes: normal n from J to I, length rho by which it turns (0: with J;
+# negative: in a bore), velocity g of I relative to J where they meet, rate of the depth; only where
+# they touch the normal force N, friction on I, the bristle, its mode and |T| − μ N.
+_NUMBERS, _VECTORS = ("rho", "rate", "N", "mode", "excess"), ("n", "g", "friction", "bristle")
 CONTACT_NOW = np.dtype(
-    [
-        ("n", _F, (3,)),  # normal, from J to I
-        ("rho", _F),  # length by which n turns (0: with J; negative: in a bore)
-        ("g", _F, (3,)),  # velocity of I relative to J where they meet
-        ("rate", _F),  # of the depth
-        ("N", _F),  # normal force; this and what follows only where they touch
-        ("friction", _F, (3,)),  # force on I
-        ("bristle", _F, (3,)),
-        ("mode", _F),  # OPEN, STICKS, SLIDES
-        ("excess", _F),  # |T| − μ N
-    ],
-    align=True,
+    [(word, _F) for word in _NUMBERS] + [(word, _F, (3,)) for word in _VECTORS], align=True
 )
 
 # A step that ends within this fraction of itself after an onset gives the speed of the impact.

@@ -29,18 +29,10 @@ OPEN, STICKS, SLIDES, YIELDS = 0.0, 1.0, 2.0, 3.0
 LEAST_EXCESS = 1e-9
 
 _I, _F = "i8", "f8"
-# Fields of a row with friction; what it remembers begins at `history`.
-FRICTION_FIELDS = (
-    ("model", _I),  # NO_FRICTION, BRISTLE, SMOOTH
-    ("static", _F),
-    ("dynamic", _F),
-    ("stribeck", _F),  # m/s
-    ("viscous", _F),  # s/m, coefficient per speed
-    ("k", _F),  # N/m of the bristle
-    ("c", _F),  # N s/m of the bristle
-    ("creep", _F),  # m/s, of the smooth model
-    ("history", _I),
-)
+# Fields of a row with friction; what it remembers begins at `history`. Stribeck speed (m/s),
+# viscous coefficient per speed (s/m), k (N/m) and c (N s/m) of the bristle, speed of creep (m/s).
+_WORDS = ("static", "dynamic", "stribeck", "viscous", "k", "c", "creep")
+FRICTION_FIELDS = (("model", _I), *((word, _F) for word in _WORDS), ("history", _I))
 
 
 def friction_parameters(spec: BaseFriction | None) -> tuple[float, ...]:

@@ -56,24 +56,14 @@ JOINT_FRICTION = np.dtype(
 )
 
 
-# Friction of one joint now, on the surface of its pin or guide.
-SURFACE = np.dtype(
-    [
-        ("force", _F),  # N
-        ("anchor", _F),  # of the bristle, m
-        ("mode", _F),  # STICKS, SLIDES, −SLIDES
-        ("excess", _F),  # |T| − μ N
-        ("stiffness", _F),  # slopes of −force over position and speed
-        ("damping", _F),
-        ("position", _F),  # m
-    ],
-    align=True,
-)
+# Friction of one joint now, on the surface of its pin or guide: force (N), anchor of the bristle
+# (m), mode (STICKS, SLIDES, −SLIDES), |T| − μ N, slopes of −force over position and speed, position
+# (m).
+_WORDS = ("force", "anchor", "mode", "excess", "stiffness", "damping", "position")
+SURFACE = np.dtype([(word, _F) for word in _WORDS], align=True)
 
 
 class Scratch(NamedTuple):
-    """Scratch of all frictions."""
-
     load: Matrix  # (n, 2) bearing load, from the multipliers, and force of friction, N
     surface: array_of(SURFACE)  # (1,) the friction that was evaluated last
 

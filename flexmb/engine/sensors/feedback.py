@@ -50,20 +50,24 @@ PARTIAL = np.dtype([("program", _I), ("channel", _I)], align=True)
 # Where a partial derivative enters the iteration matrix. What acts: component `a` of row `row` on
 # its marker J or I (`on` 0, 1), of the kind `kind` among those with a unit force; or the scalar
 # coordinate with velocity `iv` if kind = -1. What it depends on: `term` at its marker I or J
-# (`side` 0, 1), or the state with velocity `state`. LINK of the two blocks, -1: the same.
+# (`side` 0, 1), or the state with velocity `state`. `panel`: of what acts; LINK
+# of the two blocks, -1: the same.
 FEEDBACK_TANGENT = np.dtype(
     [
-        ("partial", _I),
-        ("kind", _I),
-        ("row", _I),
-        ("on", _I),
-        ("a", _I),
-        ("iv", _I),
-        ("panel", _I),  # of what acts
-        ("term", _I),
-        ("side", _I),
-        ("state", _I),
-        ("link", _I),
+        (word, _I)
+        for word in [
+            "partial",
+            "kind",
+            "row",
+            "on",
+            "a",
+            "iv",
+            "panel",
+            "term",
+            "side",
+            "state",
+            "link",
+        ]
     ],
     align=True,
 )
