@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from flexmb.errors import MeshError, Problem, ReductionError
@@ -277,8 +277,10 @@ def _apart(
         yield Finding(level, what)
 
 
-def check_releases(fe: FEMatrices, interfaces: Sequence[IntArray]) -> None:
-    """Refuse (MeshError) a model in which a released motion of a node meets no stiffness at all."""
+def check_releases(
+    fe: FEMatrices, interfaces: Sequence[IntArray], motions: csr_array | None = None
+) -> None:
+    """Refuse released motions without stiffness, of those (n, k) that supports leave."""
     ends = [
         block.nodes.ravel()
         for block in fe.blocks
@@ -290,10 +292,13 @@ def check_releases(fe: FEMatrices, interfaces: Sequence[IntArray]) -> None:
     for node in np.setdiff1d(np.concatenate(ends) if ends else [], supported).astype(int):
         for first, what in ((0, "moves along"), (3, "turns about")):
             dofs = fe.numbering.table[node, first : first + 3]
-            values, axes = np.linalg.eigh(fe.K[dofs][:, dofs].toarray())
-            if is_nonzero(values)[0]:
+            K, free = fe.K[dofs][:, dofs].toarray(), np.eye(3)
+            free = free if motions is None else scipy.linalg.orth(motions[dofs].toarray())
+            values, axes = np.linalg.eigh(free.T @ K @ free)
+            if is_nonzero(np.append(values, np.trace(K)))[0]:
                 continue
-            axis = axes[:, 0] * np.sign(axes[np.argmax(np.abs(axes[:, 0])), 0])
+            axis = free @ axes[:, 0]
+            axis *= np.sign(axis[np.argmax(np.abs(axis))])
             place = ", ".join(f"{value:.3g}" for value in axis)
             text = f"node {node} {what} ({place}) "
             text += "without any stiffness: only released ends meet there; "

@@ -40,16 +40,8 @@ class NotPositive(ArithmeticError):
 class Fronts:
     """Dense fronts in the order of elimination, children before their parent.
 
-    Parameters
-    ----------
-    order : (n,) int
-        Rows of the matrix in the order of elimination.
-    first : (s + 1,) int
-        Front k eliminates the rows ``first[k]`` to ``first[k + 1] - 1`` of the new order.
-    borders : list of (b,) int
-        Rows of the new order, ascending, that front k updates.
-    parents : (s,) int
-        Front that takes this update; -1 if there is none.
+    ``order`` (n,) are rows of the matrix; front k eliminates ``first[k]`` to ``first[k + 1] - 1``
+    of them, updates ``borders[k]``, ascending, and passes it to ``parents[k]``, -1 for none.
     """
 
     order: IntArray

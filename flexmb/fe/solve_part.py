@@ -114,7 +114,6 @@ def part(
     attempts.raise_errors()
     assert options is not None and model is not None
     fe = assemble_model(model, mass_matrix, progress)
-    check_releases(fe, [end.nodes for end in ends])
     if sentence := mass_sentence(fe, point_mass(masses)):
         findings.append(Finding("warning", sentence))
     for finding in findings:
@@ -124,6 +123,8 @@ def part(
     parts = {k: attempts(part_load, fe, ends, k, load) for k, load in options.loads.items()}
     attempts.raise_errors()
     assert constraints is not None
+    free = np.setdiff1d(np.arange(constraints.G.shape[1]), constraints.fixed)
+    check_releases(fe, [end.nodes for end in ends], constraints.G[:, free])
     vectors = {k: f for k, f in parts.items() if f is not None}
     attempts(_check_loads, fe, constraints, vectors)
     notes = [finding.sentence for finding in findings if finding.level == "note"]

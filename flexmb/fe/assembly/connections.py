@@ -99,19 +99,10 @@ def weighted_rows(
 ) -> tuple[IntArray, FloatArray]:
     """The rigid motion of a point nearest to the motion of nodes, by least squares.
 
-    Degrees of freedom (s,) that count, and W (6, s).
-
-    Parameters
-    ----------
-    numbering : Numbering
-        Of the model.
-    nodes : (k,) int
-        The nodes; they must be able to hold all six motions.
-    arms : (k, 3) float
-        Their positions from the reference point [m].
-    weights : (p, k) sparse, and (3p, 3k) sparse or None
-        Values that are fitted, each with the root of its weight, per unit motion of each node; what
-        rotations of the nodes add to the displacements.
+    Returns the degrees of freedom (s,) that count, and W (6, s). ``arms`` (k, 3) are positions of
+    the nodes from the point [m]. ``weights`` are values that are fitted, each with the root of its
+    weight, per unit motion of each node (p, k), and what rotations of the nodes add to the
+    displacements (3p, 3k) or None.
     """
     samples, bows = weights
     exists = numbering.table[nodes] >= 0

@@ -142,3 +142,18 @@ def test_a_chain_runs_on_over_elements_drawn_the_other_way(flipped):
         first, second = (getattr(fe, name).toarray() for fe in (plain, turned))
         # the hinges' axes y, z of a flipped end element are others of the same plane
         np.testing.assert_allclose(first, second, atol=1e-12 * np.abs(first).max())
+
+
+def test_a_support_holds_what_a_release_lets_go():
+    """A shaft fixed at one end twists by T L/(G J); its other end is hinged at a support."""
+    shaft = Mesh(line(4).points, line(4).blocks, {}, {"shaft": {"line": np.arange(4)}})
+    section = circle(0.02, releases={"end": ["rx"]})
+    words = {"material": MATTER, "sections": {"shaft": section}, "frequencies": 1}
+    words["loads"] = {"T": {"type": "force", "node": 2, "moment": [10.0, 0.0, 0.0]}}
+    wall = {"wall": {"node": 0, "type": "clamped"}}
+    held = part(shaft, supports={**wall, "end": {"node": 4, "type": "clamped"}}, **words)
+    GJ = MATTER.G * section.J
+    assert held.quantity("rotation.2.x") == pytest.approx(10.0 * 0.5 / GJ, rel=1e-9)
+    loose = {**wall, "end": {"node": 4, "hold": ["ux", "uy", "uz", "ry", "rz"]}}
+    with pytest.raises(MeshError, match=r"node 4 turns about \(1, 0, 0\) without any stiffness"):
+        part(shaft, supports=loose, **words)
