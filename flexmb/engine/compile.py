@@ -47,7 +47,7 @@ from flexmb.errors import SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
 from flexmb.model.functions.derivatives import derivative_jumps
-from flexmb.model.functions.expression import Expression
+from flexmb.model.functions.expression import Expression, brief_changes
 from flexmb.model.model import Model
 from flexmb.model.plane import plane_axes, simulated_body
 from flexmb.model.scenes.dynamics import DynamicsSpec
@@ -269,7 +269,7 @@ _SAME_TIME = 1e-10
 def time_event_table(
     programs: Sequence[Expression], spec: DynamicsSpec | None
 ) -> NDArray[np.float64]:
-    """(n, 2) times [s] just before and just after every jump within the run.
+    """(n, 2) times [s] just before and just after every jump within the run, and in brief changes.
 
     Empty with fixed steps, which fall where they fall.
     """
@@ -277,7 +277,8 @@ def time_event_table(
         return np.zeros((0, 2))
     end = spec.duration
     events: list[float] = []
-    for t in sorted({t for program in programs for t in derivative_jumps(program.ops, end)}):
+    kinds = (derivative_jumps, brief_changes)
+    for t in sorted({t for program in programs for kind in kinds for t in kind(program.ops, end)}):
         if t - (events[-1] if events else 0.0) > _SAME_TIME * end and end - t > _SAME_TIME * end:
             events.append(t)
     times = np.array(events)

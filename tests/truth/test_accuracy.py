@@ -280,6 +280,24 @@ def test_a_pulse_on_a_scene_at_rest_is_not_stepped_over():
     assert found["m.x"][-1] == pytest.approx(30 * 0.02 / 2, rel=1e-2)
 
 
+@pytest.mark.parametrize("method", ["explicit-rk", "radau", "generalized-alpha"])
+@pytest.mark.parametrize(
+    ("pulse", "area"),
+    [
+        ("1000*exp(-((t - 5)/0.002)**2)", 2.0 * np.sqrt(np.pi)),
+        ("500*(step5(t, 5, 0, 5.002, 1) - step5(t, 5.004, 0, 5.006, 1))", 2.0),
+    ],
+)
+def test_a_brief_smooth_pulse_after_rest_is_not_stepped_over(pulse, area, method):
+    """5 ms of a run of 8 s, by a function whose changes no corner announces: its momentum."""
+    made = Model("hit")
+    made.add_body("m", mass=2, inertia=[1, 1, 1])
+    made.add_force("hit", "force", at="m", value=[pulse, 0, 0])
+    made.add_sensor("m", "velocity", of="m")
+    found = run(made, duration=8.0, outputs=4, accuracy=1e-3, method=method)
+    assert found["m.x"][-1] == pytest.approx(area / 2, rel=2e-3)
+
+
 def test_a_driven_model_at_the_origin_sets_off():
     """All stands at one point, at rest: round-off of the driver is no motion to be resolved."""
     scene = SCENES["crane"]

@@ -298,3 +298,18 @@ def test_modes_about_the_equilibrium_of_a_displaced_machine():
     made = flexmb.linearize(made, about="static")
     assert made.notes == ()
     assert abs(made.eigenvalues[0]) == pytest.approx(np.sqrt(2.0 * G * 0.5 / 0.8), rel=1e-9)
+
+
+def test_a_run_from_the_equilibrium_has_the_states_of_its_controllers():
+    """The integral of a PID controller carries a pendulum at its set point, from the start on."""
+    made = Model("held", gravity=[0, -9.81, 0])
+    made.add_body("bar", mass=2.0, center=[0, -0.5, 0], inertia=[0.2, 0.1, 0.2])
+    made.add_joint("pin", "revolute", between=["ground", "bar"], axis="z")
+    made.add_sensor("angle", "angle", joint="pin")
+    gains = {"kp": 5, "ki": 3, "kd": 1, "filter": 0.01}
+    made.add_controller("servo", type="pid", input="0.4 - angle", **gains)
+    made.add_force("motor", "torque", at="bar", value=[0, 0, "servo"])
+    made.add_sensor("torque", "expression", value="servo", unit="N m")
+    result = flexmb.simulate(made, duration=0.5, start="static")
+    np.testing.assert_allclose(result["angle"], 0.4, atol=1e-9)
+    np.testing.assert_allclose(result["torque"], 9.81 * np.sin(0.4), rtol=1e-9)

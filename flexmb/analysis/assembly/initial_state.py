@@ -151,12 +151,12 @@ def assemble(
     if start == "static" and begin is None:
         _solve_accelerations(stage_solver(system, state, work), state)
         settle(compiled, model, state, spin=spin_of(model))
-        turning = state.v.copy()
+        settled, states = state.v.copy(), [one.iv for one in compiled.starts]
         velocities.set(state)
         if spin_of(model).any():
-            state.v[:] = turning
+            state.v[:] = settled
             solve_stage(stiff, state, work, VELOCITIES)
-        _set_states(compiled, state, work, None)
+        state.v[states] = settled[states]
     solve_stage(system, state, work, REMEMBER)
     damped, dampings = add_damping(choose_static_modes(compiled, state.q), model, state.q)
     solve = stage_solver(damped.system, state, work)

@@ -270,7 +270,7 @@ def _estimate_error(run, errors, h, of_parameters):
             else:
                 low = _THIRD * h * part
         if low > 0.0:
-            size *= size / math.sqrt(size * size + low * low)
+            size *= size / math.hypot(size, low)  # squares of 1e-170 would be zero
         tr.error[level] = size
 
 

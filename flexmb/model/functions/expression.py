@@ -13,12 +13,15 @@ import ast
 import math
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from flexmb.errors import Problem, SceneError, nearest
-from flexmb.model.functions.derivatives import Jet, evaluate
+from flexmb.flexbody.arrays import Array
+from flexmb.model.functions.derivatives import BINARY, CHAIN, Jet, derivative_jumps, evaluate
 
 _WINDOW = 60  # characters of a long text shown on either side of the mistake
 MAX_LENGTH = 2000  # characters; beyond it the text is no formula, and Python's parser may give up
@@ -136,6 +139,62 @@ class Expression:
     def value(self, t: float, variables: Mapping[str, Jet] | None = None) -> Jet:
         """Value, first and second derivative at time ``t`` [s]; not finite outside its domain."""
         return evaluate(self.ops, t, variables)
+
+
+# With these operations alone a function changes all the time.
+_EVEN = {"const", "t", "neg", "+", "-", "*", "sin", "cos"}
+_ARRAYS: dict[str, Callable[..., Array]] = {
+    **{"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "pow": np.power},
+    **{"min": np.minimum, "max": np.maximum, "atan2": np.arctan2, "hypot": np.hypot},
+    **{"asin": np.arcsin, "acos": np.arccos, "atan": np.arctan, "neg": np.negative},
+    **{"sin": np.sin, "cos": np.cos, "tan": np.tan, "sinh": np.sinh, "cosh": np.cosh},
+    **{"tanh": np.tanh, "exp": np.exp, "log": np.log, "sqrt": np.sqrt, "abs": np.abs},
+    **{name: lambda s: np.clip(s, 0.0, 1.0) for name in CHAIN if name.endswith("step")},
+    "sign": np.sign,
+}
+_SAMPLES = 20_000  # of a run; what lasts for less than two of them may be missed
+_RAPID = 10.0  # times as fast as usual
+_NO_CHANGE = 1e-6  # of all
+_SPAN, _SPANS = 0.4, 200  # share of the run that is not brief; more than so many are the motion
+
+
+def brief_changes(ops: Ops, end: float) -> list[float]:
+    """Times in (0, end) [s] from the beginning to the end of each brief change, such as a pulse
+    ``exp(-((t - 5)/0.01)**2)``, five of each: a step from a state of rest would pass over it."""
+    if {op for op, _ in ops} <= _EVEN:
+        return []
+    times = np.linspace(0.0, end, _SAMPLES + 1)
+    with np.errstate(all="ignore"):
+        values = np.nan_to_num(_values(ops, times), posinf=0.0, neginf=0.0)
+    change = np.abs(np.diff(values))
+    limit = max(_RAPID * float(np.median(change)), _NO_CHANGE * float(np.ptp(values)))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], change > limit, [False]])))
+    spans = times[edges].reshape(-1, 2)
+    if len(spans) > _SPANS:
+        return []
+    brief = spans[np.diff(spans)[:, 0] < _SPAN * end]
+    beside = brief + np.array([-1.0, 1.0]) * times[1]
+    known = np.searchsorted(derivative_jumps(ops, end), beside)  # a jump there is an event anyhow
+    brief = brief[known[:, 0] == known[:, 1]]
+    return [float(t) for t in np.linspace(brief[:, 0], brief[:, 1], 5).ravel() if 0.0 < t < end]
+
+
+def _values(ops: Ops, times: Array) -> Array:
+    """Values (n,) of a program at times (n,) [s]; channels are 1, and steps straight."""
+    stack: list[Any] = []
+    for op, argument in ops:
+        if op == "t":
+            stack.append(times)
+        elif op == "const" or channel_of(op):
+            stack.append(np.full_like(times, argument if op == "const" else 1.0))
+        elif op in BINARY:
+            right, left = stack.pop(), stack.pop()
+            stack.append(_ARRAYS[op](left, right))
+        elif op == "powc":
+            stack.append(stack.pop() ** argument)
+        else:
+            stack.append((argument.values if op == "piecewise" else _ARRAYS[op])(stack.pop()))
+    return np.asarray(stack[0])
 
 
 def rescaled(ops: Ops, x: float, y: float) -> Ops:

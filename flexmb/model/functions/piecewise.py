@@ -92,6 +92,16 @@ class Piecewise:
             f, f1, f2 = f * u + c, f1 * u + f, f2 * u + f1
         return f, f1, 2.0 * f2
 
+    def values(self, x: Array) -> Array:
+        """Values (n,) at x (n,)."""
+        if self.period > 0.0:
+            x = x - np.floor((x - self.knots[0]) / self.period) * self.period
+        rows = np.searchsorted(self.knots, x, side="right")
+        u, f = x - self.knots[np.maximum(rows - 1, 0)], np.zeros(len(x))
+        for c in self.coefficients[rows].T[::-1]:
+            f = f * u + c
+        return f
+
     def antiderivative(self) -> Piecewise:
         """The antiderivative that is zero at the first knot; of one that does not repeat."""
         assert self.period == 0.0  # see `without_mean`

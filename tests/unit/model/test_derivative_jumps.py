@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from flexmb.model.functions.expression import brief_changes
 from flexmb.model.functions.function import read_function
 
 TABLE = [[0, 0], [1, 1], [2, 2], [3, 0]]  # straight on at 1
@@ -45,3 +46,25 @@ def test_there_is_a_jump_at_every_kink_and_none_elsewhere():
         for t in {*jumps, *(p[0] for p in points[1:]), 1.0, 3.3}:
             before, after = (np.array(function.value(t + s)) for s in (-1e-9, 1e-9))
             assert (np.abs(after - before).max() > 1e-3) == (t in jumps)
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted"),
+    [
+        ("sin(t)", None),
+        ("sin(t) + 100*exp(-((t - 2)/0.01)**2)", (1.96, 2.04)),
+        ("1000*(tanh((t - 2)*1000) - tanh((t - 2.01)*1000))", (1.99, 2.02)),
+        ("max(0, sin(t) - 0.9999)", (np.pi / 2 - 0.015, np.pi / 2 + 0.015)),
+        ("step5(t, 2, 0, 2.01, 5) - cycloidal(t, 2.01, 0, 2.02, 5)", (1.99, 2.03)),
+        ({"type": "spline", "points": [[0, 0], [1.99, 0], [2, 1], [2.01, 0], [6, 0]]}, None),
+        ("abs(t - 1) + sign(3 - 2*t)", None),  # jumps, whose times are known
+        ("max(0, sin(200*t) - 0.9)", None),  # the motion itself
+    ],
+    ids=str,
+)
+def test_brief_changes_are_seen(given, wanted):
+    times = brief_changes(read_function(given).expression.ops, 6.0)
+    assert bool(times) == bool(wanted)
+    if wanted:
+        low, high = wanted
+        assert low < min(times) < sum(wanted) / 2 < max(times) < high
