@@ -120,18 +120,8 @@ def assemble_first_state(
     first_state: Callable[[], T],
     progress: Progress = silent,
 ) -> tuple[T, PhaseTimer]:
-    """Load or compile units and find the first state; returns it, and the time both took.
-
-    Parameters
-    ----------
-    compiled : Compiled
-        The compiled model.
-    units : iterable of Unit
-        What its analysis calls.
-    first_state : callable
-        Finds the first state.
-    progress : Progress
-        Receives the phases `load` or `compile`, and `assemble`.
+    """Load or compile units, as `progress` is told, and find the first state; returns it, and the
+    time both took.
 
     Raises
     ------

@@ -122,14 +122,7 @@ class Mobility:
 
 @one_blas_thread()
 def mobility_of(compiled: Compiled, model: Model) -> Mobility:
-    """The mobility of a compiled model.
-
-    Parameters
-    ----------
-    compiled : Compiled
-        The compiled model, of `rank.MAX_COORDINATES` coordinates at most.
-    model : Model
-        The model.
+    """The mobility of a compiled model of `MAX_COORDINATES` coordinates at most.
 
     Raises
     ------

@@ -155,7 +155,7 @@ _ARRAYS: dict[str, Callable[..., Array]] = {
 _SAMPLES = 20_000  # of a run; what lasts for less than two of them may be missed
 _RAPID = 10.0  # times as fast as usual
 _NO_CHANGE = 1e-6  # of all
-_SPAN, _SPANS = 0.4, 200  # share of the run that is not brief; more than so many are the motion
+_SPAN, _SPANS = 0.4, 100  # share of the run that is not brief; more than so many are the motion
 
 
 def brief_changes(ops: Ops, end: float) -> list[float]:
@@ -174,8 +174,8 @@ def brief_changes(ops: Ops, end: float) -> list[float]:
         return []
     brief = spans[np.diff(spans)[:, 0] < _SPAN * end]
     beside = brief + np.array([-1.0, 1.0]) * times[1]
-    known = np.searchsorted(derivative_jumps(ops, end), beside)  # a jump there is an event anyhow
-    brief = brief[known[:, 0] == known[:, 1]]
+    jumps = np.searchsorted(derivative_jumps(ops, end), beside)  # these are events anyhow
+    brief = brief[jumps[:, 0] == jumps[:, 1]]
     return [float(t) for t in np.linspace(brief[:, 0], brief[:, 1], 5).ravel() if 0.0 < t < end]
 
 

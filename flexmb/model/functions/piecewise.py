@@ -95,7 +95,7 @@ class Piecewise:
     def values(self, x: Array) -> Array:
         """Values (n,) at x (n,)."""
         if self.period > 0.0:
-            x = x - np.floor((x - self.knots[0]) / self.period) * self.period
+            x = self.knots[0] + (x - self.knots[0]) % self.period
         rows = np.searchsorted(self.knots, x, side="right")
         u, f = x - self.knots[np.maximum(rows - 1, 0)], np.zeros(len(x))
         for c in self.coefficients[rows].T[::-1]:
