@@ -25,7 +25,12 @@ from scipy.sparse.csgraph import connected_components
 from flexmb.errors import MeshError, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, MeshModel
 from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface
-from flexmb.fe.elements.element_blocks import FAMILIES, Block, elements_without_section
+from flexmb.fe.elements.element_blocks import (
+    FAMILIES,
+    Block,
+    elements_without_section,
+    thick_shells,
+)
 from flexmb.fe.elements.shell_fields import STEEP, WARP_WARNING, flatten, opposed_edges, warp
 from flexmb.fe.meshes.mesh import Mesh, dimension
 from flexmb.fe.reduction.fixed_interface import read_modes
@@ -328,15 +333,7 @@ def point_mass(masses: Mapping[str, Mapping[str, Any]] | None) -> float:
 
 
 def mass_sentence(fe: FEMatrices, points: float = 0.0) -> str:
-    """What is wrong with the assembled mass; empty if nothing is.
-
-    Parameters
-    ----------
-    fe : FEMatrices
-        The model.
-    points : float
-        Masses at nodes [kg].
-    """
+    """What is wrong with the mass, ``points`` [kg] at nodes included; empty if nothing is."""
     expected = nominal_mass(fe.blocks, fe.mesh.points) + points
     R = fe.rigid[:, :3]
     masses = np.einsum("ij,ij->j", R, fe.M @ R)
@@ -386,6 +383,7 @@ def model_findings(
         *(Finding("note", text) for text in elements_without_section(model.mesh, model.blocks)),
         *_opposed(model),
         *_turned_axes(model),
+        *(Finding("warning", text) for text in thick_shells(model.mesh, model.blocks)),
     ]
 
 

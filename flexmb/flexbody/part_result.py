@@ -309,6 +309,8 @@ def _section_force(result: PartResult, words: list[str]) -> float:
     if result.section_forces is None:
         raise FlexmbError(f"{result.name}: has no beams")
     forces = result.section_forces.at(result.column())
+    if not element.isdecimal():
+        raise ValueError
     return float(forces[int(element), ("1", "2").index(end), SECTION_FORCES.index(component)])
 
 

@@ -107,14 +107,8 @@ def select_elements(
 ) -> tuple[Block, ...]:
     """Choose the elements of the body.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        In metres.
-    sections : mapping of str to section
-        By mesh group; ``"all"`` takes whatever elements of its dimension no other section names.
-    material : Material or OrthotropicMaterial, optional
-        Of all sections that name none.
+    ``sections`` are by mesh group; ``"all"`` takes whatever elements of its dimension no other
+    section names. The material is that of all sections that name none.
 
     Raises
     ------
@@ -222,7 +216,13 @@ def _check_shapes(mesh: Mesh, blocks: list[Block]) -> None:
     for block in blocks:
         bad = block.family.defects(mesh.points[block.nodes])
         if len(bad):
-            nodes = ", ".join(str(node) for node in block.nodes[bad[0]][:4])
+            row = block.nodes[bad[0]]
+            nodes = ", ".join(str(node) for node in row[:4])
+            if mesh.numbers is not None and row.max() < len(mesh.numbers):
+                own = ", ".join(str(number) for number in mesh.numbers[row[:4]])
+                nodes += f" (numbers {own} of the file)"
+            if len(set(row)) < len(row):
+                nodes += ", one of them twice; write collapsed elements as what they are"
             wrong = "flat, folded or turned inside out"
             if block.family.dimension == 1:
                 wrong = "without length"
@@ -327,3 +327,13 @@ def elements_without_section(mesh: Mesh, blocks: Sequence[Block]) -> Iterator[st
                   if set(rows) == {kind} and left[rows[kind]].all()]  # fmt: skip
         what = f"{left.sum()} of {len(left)} {kind} elements have no section and are left out"
         yield f"{what}: {', '.join(groups)}" if groups else what
+
+
+def thick_shells(mesh: Mesh, blocks: Sequence[Block]) -> Iterator[str]:
+    """Sentences about shells that are thicker than the extent of their nodes."""
+    for block in blocks:
+        if block.family.dimension == 2:
+            extent = float(np.ptp(mesh.points[block.nodes].reshape(-1, 3), axis=0).max())
+            if block.section.thickness > extent:
+                what = f'shells of the section "{block.group}" are {block.section.thickness:g} m '
+                yield f"{what}thick and extend over {extent:g} m: is the thickness in its unit?"

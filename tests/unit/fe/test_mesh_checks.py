@@ -210,3 +210,15 @@ def test_default_axes_that_jump_on_a_curved_shell_are_named(material, orientatio
     matter = PLY if material == "ply" else resolve("steel")
     findings = survey(arch, material=matter, sections={"all": skin}).findings
     assert sum("material axis 1" in finding.sentence for finding in findings) == count
+
+
+def test_shells_thicker_than_long_and_collapsed_elements_are_named():
+    plate = mesh_from({"type": "plate", "length": 1.0, "width": 0.5, "divisions": [2, 1]})
+    for thickness, count in ((1.2, 1), (0.9, 0)):
+        skin = {"all": {"type": "shell", "thickness": thickness}}
+        findings = survey(plate, material="steel", sections=skin).findings
+        assert sum("thick and extend over 1 m" in finding.sentence for finding in findings) == count
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0]])
+    wedge = Mesh(points, {"quad": np.array([[0, 1, 2, 2]])}, numbers=np.array([7, 8, 9]))
+    problems = survey(wedge, material="steel", sections=skin).problems
+    assert "nodes 0, 1, 2, 2 (numbers 7, 8, 9, 9 of the file), one of them twice" in str(problems)
