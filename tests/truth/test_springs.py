@@ -75,3 +75,46 @@ def test_works_and_energies_balance(refined):
     assert -fine.stored("damper_work")[-1] == pytest.approx(-taken, rel=3e-3)
     assert fine.stored("applied_work")[-1] == pytest.approx(given, rel=3e-3)
     np.testing.assert_allclose(fine.stored("kinetic"), 0.5 * M * v**2, atol=2e-3 * M)
+
+
+def stiff_error(step, damping=0.0, omega=1e4, **knobs):
+    """Errors of a mass of 1 kg that a spring of ω² N/m holds where ω² sin t N push it, after 0.5 s.
+
+    q = A sin t + B cos t by the complex response 1/(1 − 1/ω² + 2 i ζ/ω); of q, q̇ and q̈.
+    """
+    made = Model("follower")
+    response = 1.0 / (1 - 1 / omega**2 + 2j * damping / omega)
+    start = (1j * response).imag
+    made.add_body(
+        "b", mass=1, inertia=[1, 1, 1], position=[1 + response.imag, 0, 0], velocity=[start, 0, 0]
+    )
+    made.add_joint("guide", "prismatic", between=["ground", "b"], axis="x")
+    made.add_force(
+        "spring", "spring-damper", between=["ground", "b"], free_length=1.0,
+        stiffness=omega**2, damping=2 * damping * omega,
+    )  # fmt: skip
+    made.add_force("push", "force", at="b", value=[f"{omega**2}*sin(t)", 0, 0])
+    for kind in ("position", "velocity", "acceleration"):
+        made.add_sensor(kind, kind, of="b")
+    found = run(made, duration=2.0, step=step, outputs=round(2 / step), **knobs)
+    late, wave = found.t > 0.5, response * np.exp(1j * found.t)
+    return [
+        np.abs(found[f"{kind}.x"] - (kind == "position") - (1j**n * wave).imag)[late].max()
+        for n, kind in enumerate(("position", "velocity", "acceleration"))
+    ]
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.02])
+def test_what_follows_a_stiff_spring_is_of_order_4_by_radau(damping):
+    """Steps 1000 times the vibration: velocities of the stages alone are of order 3, and the
+    filter of reported accelerations left nothing of what the load makes."""
+    coarse, fine = (stiff_error(h, damping, method="radau") for h in (0.1, 0.05))
+    assert max(coarse[:2]) < 1e-6 and coarse[2] < 2e-4
+    assert coarse[1] / fine[1] > 12
+
+
+def test_accelerations_of_stiff_parts_are_right_by_generalized_alpha():
+    coarse, fine = (
+        stiff_error(h, 0.02, method="generalized-alpha")[2] for h in (0.02, 0.01)
+    )  # q⃛ h alone within a step
+    assert coarse < 1e-2 and coarse / fine > 3
