@@ -15,6 +15,7 @@ from flexmb.model import Model
 
 UNITS = [(1e-3, 1e-3, 1.0), (1e-6, 1e-9, 1e-3), (1e3, 1e9, 60.0)]
 METHODS = ["generalized-alpha", "radau", "explicit-rk"]
+SLOW = pytest.mark.slow
 
 
 class Units:
@@ -113,6 +114,17 @@ def driven_beam(u):
     return made
 
 
+def shaken_beam(u):
+    """A clamped beam that a harmonic force bends a little."""
+    made = Model("shaken", gravity=[0, 0, 0])
+    made.add_body("beam", beam(u))
+    made.add_joint("root", "fixed", between=["ground", "beam.root"])
+    force = f"{u(2.0, L=1, M=1, T=-2)!r}*sin({60 / u.T!r}*t)"
+    made.add_force("shaker", "force", at="beam.tip", value=[0, force, 0])
+    made.add_sensor("tip", "position", of="beam.tip")
+    return made
+
+
 def run(make, factors, method, **steps):
     """The result; (rows, 3) places of the tip over the unit of length."""
     u = Units(*factors)
@@ -150,6 +162,17 @@ def test_machines_of_all_sizes_take_the_same_steps(make, method):
         assert np.abs(place - tip).max() < 1e-8 * np.ptp(tip, axis=0).max()
         force = found.lam[:, -1] / (M * L / T**2)
         assert np.abs(force - friction).max() < 1e-8 * np.abs(friction).max(), (L, M, T)
+
+
+@pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
+@pytest.mark.parametrize("method", ["radau", pytest.param("generalized-alpha", marks=SLOW)])
+@pytest.mark.parametrize("size", [1e-6, 1e3])
+def test_flexible_machines_of_all_sizes_take_the_same_steps(method, size):
+    """Of one material; modes of a light body are large, and their scale was that of its points."""
+    wanted, tip = run(shaken_beam, (1.0, 1.0, 1.0), method, accuracy=1e-4)
+    found, place = run(shaken_beam, (size, size**3, size), method, accuracy=1e-4)
+    assert found.statistics["steps"] == pytest.approx(wanted.statistics["steps"], rel=0.2)
+    assert np.abs(place - tip).max() < 1e-4 * np.ptp(tip, axis=0).max()
 
 
 @pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")

@@ -220,8 +220,10 @@ def set_least_motion(
         wide[own] = np.maximum(wide[own], turns * np.isin(own, of[driven])[:, None])
     size = np.maximum(high - low, wide).max(axis=1)[of] * weights
     away = np.maximum(abs(low), abs(high)).max(axis=1)[of] * weights
-    for iv in bodies["iv"]:
+    for iv, m in zip(bodies["iv"], bodies["m"], strict=True):
         size[iv + 3 : iv + 6] = away[iv + 3 : iv + 6] = 1.0
+        for x in (size, away):  # a weighted mode moves points of the body, as its frame does
+            x[iv + 6 : iv + 6 + m] = x[iv]
     first = len(weights) - len(system.parts.coordinates)
     size[first:] = away[first:] = _STATE
     noise = _SOLVED if integrator.collocation else _NOISE
