@@ -40,7 +40,7 @@ from flexmb.fe.reduction.eigenmodes import (
 from flexmb.fe.reduction.fixed_interface import BorderedSolver
 from flexmb.fe.reduction.free_body import dense_free_modes
 from flexmb.fe.reduction.inertia_relief import InertiaRelief
-from flexmb.fe.reduction.reduced_basis import moving_nodes
+from flexmb.fe.reduction.reduced_basis import FREE_HINGE, moving_nodes
 from flexmb.fe.stress import section_force_modes, stress_modes
 from flexmb.flexbody.arrays import FloatArray, IntArray, skew
 from flexmb.flexbody.mesh_options import GravityLoad, PressureLoad
@@ -177,6 +177,8 @@ class SupportedModel:
         except SingularMatrix as error:
             z = np.zeros((self.supports.G.shape[1], 1))
             z[self.free[error.dofs]] = 1.0
+            if not self.supports.names:
+                raise ReductionError(FREE_HINGE) from error
             where = moving_nodes(self.fe, self.supports.G @ z)
             what = "with its supports held, a part of the mesh still moves freely: "
             raise ReductionError(f"supports: {what}{where}") from error

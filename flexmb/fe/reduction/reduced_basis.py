@@ -188,6 +188,11 @@ def elastic_modes(K: FloatArray, M: FloatArray, R: FloatArray) -> tuple[FloatArr
 
 _MOVING_SHARE = 0.05  # of the largest motion: nodes below that are held
 _SHOWN = 5
+FREE_HINGE = (
+    "the free body has a hinge: besides its motions as a whole a part of the mesh moves without "
+    "stiffness; parts are joined by too few nodes, or a beam or shell by nodes of solids, which "
+    "have no rotations; with an interface or a support at one of them the other is named"
+)
 
 
 def free_part(fe: FEMatrices, dofs: IntArray) -> str:

@@ -257,7 +257,9 @@ def test_a_part_that_nothing_holds_is_named():
     sentence = str(told.value)
     assert "with all interfaces held, a part of the mesh still moves freely: 24 of 51" in sentence
     assert "between (1, 1, 0) and (2, 2, 1) m" in sentence
-    with pytest.raises(ReductionError, match="of 51 nodes"):
+    with pytest.raises(
+        ReductionError, match="the free body has a hinge: besides its motions as a whole"
+    ):
         orthonormalise(fe, free_modes(fe, (), 4))
 
 

@@ -373,3 +373,20 @@ def test_a_ring_buckles_under_a_pressure_that_keeps_its_direction():
     assert ring.load_factors[0] == pytest.approx(4 * 210e9 * h**3 / 12, rel=0.02)
     assert ring.imbalance == 0.0  # it pushes evenly, so nothing acts at the supports
     assert "pressures keep their direction" in ring.notes[0]
+
+
+def test_a_free_part_with_a_hinge_is_refused_without_talk_of_supports():
+    """A plate that shares a line of nodes with a solid swings about it."""
+    box = mesh_from(
+        {"type": "box", "size": [1, 0.2, 0.2], "divisions": [2, 1, 2], "elements": "hexahedron"}
+    )
+    line = np.flatnonzero((box.points[:, ::2] == [1.0, 0.0]).all(axis=1))
+    n = len(box.points)
+    points = np.vstack([box.points, box.points[line] + [0.5, 0.0, 0.0]])
+    cells = box.blocks | {"quad": np.array([[line[0], n, n + 1, line[1]]])}
+    hinged = Mesh(points, cells, {}, {"skin": {"quad": np.array([0])}})
+    skin = {"skin": {"type": "shell", "thickness": 0.01}}
+    with pytest.raises(
+        FlexmbError, match="^the free body has a hinge: .* solids, which have no rot"
+    ):
+        part(hinged, material=STEEL, sections=skin, frequencies=2)
