@@ -168,11 +168,11 @@ def plausibility(material: AnyMaterial) -> list[str]:
     return []
 
 
-def implausible_density(density: float) -> str:
+def implausible_density(density: float, slips_only: bool = False) -> str:
     """A sentence about a density [kg/m^3] that no material has, with the likely slip, or none."""
-    if _DENSITY[0] <= density <= _DENSITY[1]:
-        return ""
     hint = _slip(density, _SOLID, _DENSITY_SLIPS, "kg/m^3")
+    if _DENSITY[0] <= density <= _DENSITY[1] or (slips_only and not hint):
+        return ""
     return f"density {density:g} kg/m^3 is not that of an engineering material{hint}"
 
 

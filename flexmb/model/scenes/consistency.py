@@ -276,11 +276,11 @@ def idle_loads(model: ModelData) -> Iterator[str]:
 
 
 def unlikely_densities(model: ModelData) -> Iterator[str]:
-    """Sentences about densities of rigid shapes that no material has; 1 is that of an example."""
+    """Sentences about densities of rigid shapes by a slip of units; 1 is that of an example."""
     for name, spec in model.bodies.items():
         density: Any = getattr(getattr(spec, "material", None) or spec, "density", None)
         rigid = not spec.flexible and density is not None and density != 1.0
-        if rigid and (sentence := implausible_density(density)):
+        if rigid and (sentence := implausible_density(density, slips_only=True)):
             yield f"bodies.{name}: {sentence}"
 
 

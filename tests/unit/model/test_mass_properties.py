@@ -76,6 +76,7 @@ def test_a_thin_plate_lies_on_the_limit_and_passes():
         ({"density": "7850 t/mm^3"}, r"given in kg/m\^3\? Then it is 7850"),
         ({"density": 1.0}, None),  # of an example
         ({"density": 25.0}, None),  # foam
+        ({"density": 1e-3}, None),  # hardly any mass
         ({"mass": 1e-3}, None),
     ],
 )
