@@ -5,8 +5,10 @@ the rate of this, one with friction by what makes it slide or stick; so is frict
 and each bound of a stop by its penetration. What may peak above zero and return within a step shows
 in its values and rates at both ends of the step: by their tangents, and by the cubic through them.
 With error control a step in which one of them crosses zero, and not just at its end, is repeated
-shorter, so that it ends a little beyond the crossing (regula falsi; each shorter step is closer,
-and tries are bounded). After it begins one of a small length, as forces may grow fast from there.
+shorter, so that it ends a little before the crossing, and then one of a small length a little
+beyond it (regula falsi; each shorter step is closer, and tries are bounded): no estimate sees what
+a kink in the last stages adds. After it begins one of a small length, as forces may grow fast from
+there.
 With fixed steps nothing is shortened. Source: Shampine & Thompson, Event location for ordinary
 differential equations, Comput. Math. Appl. 39 (2000) 43.
 
@@ -37,12 +39,13 @@ from flexmb.engine.method import FINE
 from flexmb.engine.projection import VELOCITIES, accelerations
 from flexmb.engine.state import Run
 
-# A step is short enough if a crossing is this fraction of it before its end, by a straight line.
-_NEAR_END = 0.02
-_OVERSHOOT = 1.01  # where it is aimed at, over the way to the crossing
-# Methods of collocation end before the crossing first, and pass it by a step so short that what
-# changes in it is none of their stages' business: shares of the step that met it.
-_BEFORE, _NEAR_EVENT = 0.98, 3e-4
+# Steps end before a crossing first, at this share of the way by a straight line, and pass it by one
+# so short that what changes within it is none of their stages' business: a share of the step that
+# met it. Of 240 runs by explicit methods with stops, contacts and sticking friction 23 report less
+# than a third of their error, or exceed twice the accuracy, with steps that end up to 0.02 beyond;
+# 2 to 5 with 0.95 to 0.99 and 3e-5 to 3e-3, in as many steps but for 5 %. What is aimed at in the
+# end, over the way to the crossing.
+_BEFORE, _NEAR_EVENT, _OVERSHOOT = 0.98, 3e-4, 1.01
 _MAX_TRIES = 10
 # Steps are not made shorter for events than this fraction of the run.
 _MIN_STEP_FRACTION = 1e-7
@@ -142,19 +145,14 @@ def missed_event(run: Run, h: float) -> int:
     share = _first_crossing(events, h)
     tried = memory["event_trials"] >= _MAX_TRIES or memory["steps_until_event_search"] > 0.0
     longest = max(memory["step_before_event"], h) if memory["event_trials"] > 0.0 else h
-    near, aim = _NEAR_END * h, _OVERSHOOT
-    if run.method.collocation > 0:  # no estimate sees what a kink in the last stage adds
-        near = _NEAR_EVENT * longest
-        aim = _BEFORE if share * h > 2.0 * (1.0 - _BEFORE) * longest else _OVERSHOOT
-    if (1.0 - share) * h <= near or tried:
+    aim = _BEFORE if share * h > 2.0 * (1.0 - _BEFORE) * longest else _OVERSHOOT
+    if (1.0 - share) * h <= _NEAR_EVENT * longest or tried:
         return 0
     if memory["event_trials"] == 0.0:
         memory["step_before_event"] = h
     least = _MIN_STEP_FRACTION * (settings.end - settings.start)
-    shorter = h * max(share * aim, 1e-3)
-    if run.method.collocation > 0:
-        shorter = max(shorter, least)
-    if shorter < least or shorter >= h:
+    shorter = max(h * max(share * aim, 1e-3), least)
+    if shorter >= h:
         return 0
     memory["event_trials"] += 1.0
     memory["next_step"] = shorter

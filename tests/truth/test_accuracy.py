@@ -334,6 +334,20 @@ def pushed(force):
 JUMP_METHODS = pytest.mark.parametrize("method", ["auto", "generalized-alpha", "order 5", "radau"])
 
 
+@pytest.mark.parametrize("method", ["auto", "order 5", "radau"])
+def test_round_off_of_a_far_place_is_part_of_the_error(method):
+    """1 µm about a place 1 km away: no steps lessen what the place leaves, and the run says so."""
+    scene = SCENES["swing of 1 µm at 1 m"]
+    knobs = {"duration": scene.duration, "outputs": scene.outputs, **METHODS[method]}
+    found = judged(
+        moved(scene.make(1.0)), lambda t: truth_of(scene, t, away=AWAY), accuracy=1e-8, **knobs
+    )
+    assert found.achieved > 1e-7  # an ulp there is a ten-millionth of the swing
+    assert 1 / 3 <= found.share <= 3
+    (sentence,) = [note for note in found.notes if "was asked for" in note]
+    assert "the floor that round-off leaves" in sentence
+
+
 @JUMP_METHODS
 def test_a_jump_at_a_known_time_is_met_by_steps(method):
     """A step ends where the jump begins, and a short one takes it: the motion as by hand."""

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import Layout
+from flexmb.flexbody.arrays import Array
 from flexmb.model.model import Model
 from flexmb.model.reading import Spec
 from flexmb.model.sensor import channels_of, unit_of
@@ -63,3 +68,25 @@ def compared(layout: Layout, model: Model) -> list[Compared]:
             columns = (first, first + 1, first + 2)
             rows.append(Compared(name, "reactions", unit, "reactions", columns))
     return rows
+
+
+def round_off(rows: Sequence[Compared], compiled: Compiled, q: Array) -> Array:
+    """Round-off of one step in each (k,), at a pose q: it is not of the motion, but of the place.
+
+    Lengths have that of the distance of their bodies from the origin, angles that of the Euler
+    parameters. A number is rounded twice, by the step and by its projection, evenly within an ulp.
+    """
+    parts, sizes = compiled.system.parts, np.zeros(len(rows))
+    terms = compiled.system.sensors.terms
+    away = {int(iq): float(np.linalg.norm(q[iq : iq + 3])) for iq in parts.bodies["iq"]}
+    for k, one in enumerate(rows):
+        if one.unit == "rad":
+            sizes[k] = 1.0
+        elif one.unit == "m" and one.table == "q":
+            sizes[k] = away[one.columns[0]]
+        elif one.unit == "m":
+            own = terms[np.isin(terms["channel"], one.columns)]
+            ends = np.concatenate([own["I"], own["J"]])
+            on = parts.markers["body"][ends[ends >= 0]]
+            sizes[k] = max((away[int(iq)] for iq in parts.bodies["iq"][on[on >= 0]]), default=0.0)
+    return np.asarray(np.finfo(float).eps * np.sqrt(2.0 / 12.0) * sizes)

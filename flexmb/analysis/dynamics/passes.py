@@ -245,11 +245,14 @@ def is_worse(prepared: PreparedDynamics) -> bool:
 
 
 def _is_in_vain(prepared: PreparedDynamics) -> bool:
-    """Whether shorter steps do not help: the finest are taken, or the last pass brought little."""
+    """Whether shorter steps do not help: the finest are taken, only round-off is too large, or the
+    last pass brought little."""
     verified = prepared.verified
     assert verified is not None
-    passes = prepared.passes[0]
+    passes, worst = prepared.passes[0], verified.errors()["positions"]
     if prepared.settings.tolerance <= 2.0 * _MIN_TOLERANCE:
+        return True
+    if worst.error - worst.round_off <= _ENOUGH * prepared.settings.accuracy:
         return True
     little = verified.difference > _IN_VAIN * passes["last_difference"]
     return bool(passes["count"] > _MIN_PASSES and little)
