@@ -76,17 +76,13 @@ def round_off(rows: Sequence[Compared], compiled: Compiled, q: Array) -> Array:
     Lengths have that of the distance of their bodies from the origin, angles that of the Euler
     parameters. A number is rounded twice, by the step and by its projection, evenly within an ulp.
     """
-    parts, sizes = compiled.system.parts, np.zeros(len(rows))
-    terms = compiled.system.sensors.terms
-    away = {int(iq): float(np.linalg.norm(q[iq : iq + 3])) for iq in parts.bodies["iq"]}
+    parts, terms = compiled.system.parts, compiled.system.sensors.terms
+    sizes, bodies = np.array([1.0 * (one.unit == "rad") for one in rows]), parts.bodies["iq"]
     for k, one in enumerate(rows):
-        if one.unit == "rad":
-            sizes[k] = 1.0
-        elif one.unit == "m" and one.table == "q":
-            sizes[k] = away[one.columns[0]]
-        elif one.unit == "m":
-            own = terms[np.isin(terms["channel"], one.columns)]
+        if one.unit == "m":
+            own = terms[(one.table == "sensors") & np.isin(terms["channel"], one.columns)]
             ends = np.concatenate([own["I"], own["J"]])
             on = parts.markers["body"][ends[ends >= 0]]
-            sizes[k] = max((away[int(iq)] for iq in parts.bodies["iq"][on[on >= 0]]), default=0.0)
+            places = one.columns[:1] if one.table == "q" else bodies[on[on >= 0]]
+            sizes[k] = max((float(np.linalg.norm(q[iq : iq + 3])) for iq in places), default=0.0)
     return np.asarray(np.finfo(float).eps * np.sqrt(2.0 / 12.0) * sizes)

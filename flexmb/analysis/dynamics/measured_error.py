@@ -105,28 +105,30 @@ class MeasuredError:
         self, layout: Layout, model: Model, least: Mapping[str, float] | None = None,
         duration: float = math.inf, gyration: Mapping[str, float] | None = None, mass: float = 0.0,
     ) -> None:  # fmt: skip
-        self._compared, self._duration, self._mass = compared(layout, model), duration, mass
+        self.compared, self._duration, self._mass = compared(layout, model), duration, mass
         self._gyration, self._least = gyration or {}, least or {}
         self._length = self._least.get("m", 0.0) / _NO_MOTION
-        n = len(self._compared)
+        n = len(self.compared)
+        self._units = np.array([one.unit for one in self.compared])
+        self._sorts = np.array([one.quantity for one in self.compared])
         self._largest = np.zeros((2, n))  # difference so far; its time
-        widest = max((len(one.columns) for one in self._compared), default=0)
+        widest = max((len(one.columns) for one in self.compared), default=0)
         self._range = np.stack([np.full((n, widest), np.inf), np.full((n, widest), -np.inf)])
         self._columns = {  # in each table, and where they stand in the range
             table: tuple(np.array(pairs, dtype=np.intp).T)
-            for table in dict.fromkeys(one.table for one in self._compared)
+            for table in dict.fromkeys(one.table for one in self.compared)
             if (pairs := [
-                (column, k * widest + i) for k, one in enumerate(self._compared)
+                (column, k * widest + i) for k, one in enumerate(self.compared)
                 if one.table == table for i, column in enumerate(one.columns)
             ])
         }  # fmt: skip
-        self._places = [k for k, one in enumerate(self._compared) if one.quantity == "positions"]
+        self._places = np.flatnonzero(self._sorts == "positions").tolist()
         self._growth = SampledHistory(len(self._places))  # of the differences of positions
         # positions of the fine run and differences, of this pass and of the one before
         self._samples = SampledHistory(len(self._places) * (widest + 1))
         self._before = np.full_like(self._samples.table, np.nan)
         self._results: dict[tuple[float, int], dict[str, ErrorOf]] = {}  # of the rows so far
-        self._round_off = np.zeros(n)  # of a step
+        self.round_off = np.zeros(n)  # of a step
 
     def arrays(self) -> dict[str, np.ndarray]:
         """All that there is so far, to be saved and filled in again."""
@@ -136,10 +138,6 @@ class MeasuredError:
             "error_samples": self._samples.table, "error_sampled": self._samples.count,
             "error_before": self._before,
         }  # fmt: skip
-
-    def set_round_off(self, compiled: Compiled, q: Array) -> None:
-        """Know the round-off of positions, by that of a pose q."""
-        self._round_off = round_off(self._compared, compiled, q)
 
     def compare(self, before: MeasuredError) -> None:
         """Take the pass before for comparison."""
@@ -187,15 +185,14 @@ class MeasuredError:
         apart = np.divide(self._largest[0], spans, out=np.zeros(len(spans)), where=spans > 0.0)
         # once the runs have parted, the finer one is no better than the other
         different = self._largest[0] > _PARTED * np.maximum(spans, self._sizes())
-        walk = math.sqrt(steps) * self._round_off
+        walk = math.sqrt(steps) * self.round_off
         walk = np.divide(walk, spans, out=np.zeros(len(spans)), where=spans > 0.0)
         falling = apart / (max(ratio, 1.0 + 1e-9) - 1.0)
         errors = np.where(different, apart, np.minimum(falling + walk, np.maximum(apart, falling)))
-        for k, (one, error) in enumerate(zip(self._compared, errors, strict=True)):
+        for k, (one, error) in enumerate(zip(self.compared, errors, strict=True)):
             if one.quantity not in largest or error > largest[one.quantity].error:
-                worst = ErrorOf(
-                    float(error), one.name, float(self._largest[1, k]), round_off=float(walk[k])
-                )
+                time = float(self._largest[1, k])
+                worst = ErrorOf(float(error), one.name, time, round_off=float(walk[k]))
                 low, high = (bound[k] for bound in self._range)
                 if spans[k] > (1 + 1e-9) * max(np.max(high - low), 0.0):
                     flexible = one.name.removeprefix("bodies.") in self._gyration
@@ -235,14 +232,13 @@ class MeasuredError:
         """Scale of each: its peak-to-peak, or more; 0 for what is at rest against others."""
         low, high = self._range
         spans = np.where(np.isfinite(low), high - low, 0.0).max(axis=1, initial=0.0)
-        units = np.array([one.unit for one in self._compared])
-        sorts = np.array([one.quantity == FOR_SCALE for one in self._compared])
+        units, sorts = self._units, self._sorts == FOR_SCALE
         for unit, sort in set(zip(units, sorts, strict=True)):
             same = (units == unit) & (sorts == sort)
             share = _POSITIONS_AT_REST if unit in ("m", "rad") else _AT_REST
             least = max(share * spans[same].max(), self._least.get(unit, 0.0))
             spans[same & (spans <= least)] = 0.0
-        reacts = np.array([one.quantity == "reactions" for one in self._compared])
+        reacts = self._sorts == "reactions"
         size = self._largest_values()
         speed, rate = (size[units == unit].max(initial=0.0) for unit in ("m/s", "rad/s"))
         least = self._mass * (speed**2 / (self._length or np.inf) + self._length * rate**2)
@@ -252,8 +248,8 @@ class MeasuredError:
             largest = max(size[same].max(initial=0.0), _LEAST_SHARE * small)
             spans[same] = np.maximum(spans[same], _LEAST_SHARE * largest)
         self._join_frames(spans)
-        moved = {one.name + one.unit: spans[k] for k, one in enumerate(self._compared)}
-        for k, one in enumerate(self._compared):
+        moved = {one.name + one.unit: spans[k] for k, one in enumerate(self.compared)}
+        for k, one in enumerate(self.compared):
             if one.quantity == "velocities" and spans[k] > 0.0:
                 mean = moved.get(f"{one.name}{one.unit.removesuffix('/s')}", 0.0) / self._duration
                 spans[k] = max(spans[k], mean, _LEAST_SHARE * size[k])
@@ -266,9 +262,7 @@ class MeasuredError:
     def _sizes(self) -> Array:
         """What each may be far below and yet part of the same motion: reactions, the largest of
         their unit; velocities, their own largest; positions, nothing."""
-        size = self._largest_values()
-        sorts = np.array([one.quantity for one in self._compared])
-        units = np.array([one.unit for one in self._compared])
+        size, sorts, units = self._largest_values(), self._sorts, self._units
         for unit in set(units[sorts == "reactions"]):
             same = (sorts == "reactions") & (units == unit)
             size[same] = size[same].max()
@@ -276,7 +270,7 @@ class MeasuredError:
 
     def _join_frames(self, spans: Array) -> None:
         """Let the frame of a flexible body count with the motion of its points."""
-        places = {one.name + one.unit: k for k, one in enumerate(self._compared)}
+        places = {one.name + one.unit: k for k, one in enumerate(self.compared)}
         for name, reach in self._gyration.items():
             # Euler parameters change by half the angle
             for rate, turns in (("", 2.0), ("/s", 1.0)):
@@ -370,7 +364,7 @@ class VerifiedRun:
         at_rest = {unit: _NO_MOTION * size for unit, size in least.items()}
         radii, mass = gyration(compiled), float(compiled.system.parts.bodies["mass"].sum())
         error = MeasuredError(compiled.layout, model, at_rest, span, radii, mass)
-        error.set_round_off(compiled, first.q)
+        error.round_off[:] = round_off(error.compared, compiled, first.q)
         return cls(scout, fine, error, recorded, of_scout, passes)
 
     def advance(self, first: bool = False) -> tuple[int, list[OutputBlock]]:

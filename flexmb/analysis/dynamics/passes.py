@@ -277,17 +277,14 @@ def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
     ask = f"ask for accuracy = {_FLOOR * worst.error:.1g}"
     apart, last = verified.difference, prepared.passes[0]["last_difference"]
     events = int(verified.fine.state.count[0]["events"])
-    if _is_in_vain(prepared) and apart < _DIFFERENT_MOTION and events:
-        yield (
-            f"{reached}: shorter steps do not help, as {events} events of contacts, stops or "
-            "friction leave errors that fall slower than the order of the method says, and that "
-            f"may be several times as large; {ask}"
-        )
-    elif _is_in_vain(prepared) and apart < _DIFFERENT_MOTION:
-        yield (
-            f"{reached}: shorter steps do not help, so that this is the floor that round-off "
-            f"leaves method {prepared.method}; {ask}{other}"
-        )
+    if _is_in_vain(prepared) and apart < _DIFFERENT_MOTION:
+        why = f"so that this is the floor that round-off leaves method {prepared.method}"
+        if events:
+            why, other = (
+                f"as {events} events of contacts, stops or friction leave errors that fall slower "
+                "than the order of the method says, and that may be several times as large"
+            ), ""  # fmt: skip
+        yield f"{reached}: shorter steps do not help, {why}; {ask}{other}"
     elif 0.0 < apart < _IN_VAIN * last:
         yield (
             f"{reached}: shorter steps still help, but these were the last of {MAX_PASSES} passes; "
