@@ -26,6 +26,7 @@ from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface, interf
 from flexmb.fe.assembly.loads import condensed_load
 from flexmb.fe.assembly.mass import component_masses
 from flexmb.fe.assembly.numbering import Accumulator
+from flexmb.fe.assembly.springs import turning_share
 from flexmb.fe.assembly.supports import Supports
 from flexmb.fe.displacements import node_modes, surface
 from flexmb.fe.linear_solver import SingularMatrix
@@ -52,6 +53,7 @@ from flexmb.progress import Progress
 
 _DENSE = 300  # unknowns below which full matrices are faster
 _NO_FORCE = 1e-13  # of the sum of all parts of a force
+_TURNED = 0.1  # of the rotational stiffness of a spring: a factor is 1 where that alone buckles it
 _BALANCE = 1e-6  # reactions that miss the loads by more are reported
 _MAX_MODES = 2000  # of a band
 
@@ -123,6 +125,17 @@ class SupportedModel:
             factors, shapes = self._buckling(solver, Kg)
             if not len(factors):
                 notes.append("the loads do not buckle the part, however large they are")
+            every = fe.expand(supports.G @ z)
+            for spring in fe.springs if len(factors) else ():
+                share = turning_share(spring, fe.numbering, fe.mesh.points, every)
+                if share * factors[0] ** 2 > _TURNED:
+                    what = (
+                        f'spring "{spring.name}" yields so far at the load factor {factors[0]:.4g} '
+                    )
+                    what += (
+                        "that its axes turn with it: factors, which are linear in the loads, are "
+                    )
+                    notes.append(f"{what}not to be trusted there; a bushing between two bodies is")
             if any(isinstance(load, PressureLoad) for load in options.loads.values()):
                 what = (
                     "pressures keep their direction as the part buckles: where they turn with the "

@@ -128,22 +128,8 @@ def weighted_rows(
 
 @dataclass(frozen=True, eq=False)
 class Tie:
-    """One tie.
-
-    Parameters
-    ----------
-    name : str
-        For messages.
-    kind : str
-        ``"rbe2"``: the nodes follow the reference rigidly; ``"rbe3"``: the reference moves with
-        the mean of the nodes and holds none of them.
-    reference : int
-        The reference node; it has six motions.
-    nodes : (k,) int
-        The others.
-    group : str
-        Their group.
-    """
+    """One tie: with ``"rbe2"`` the nodes (k,) follow the reference rigidly, with ``"rbe3"`` the
+    reference, which has six motions, moves with their mean and holds none of them."""
 
     name: str
     kind: str

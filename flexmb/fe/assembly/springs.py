@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import permutations
 from typing import Any
 
 import numpy as np
@@ -138,6 +139,20 @@ def spring_geometric_stiffness(
     H[3:6, 9:] += 0.5 * skew(M)
     H[9:, 3:6] += 0.5 * skew(M).T
     return 0.5 * (H + H.T)[None], numbers[None]
+
+
+def turning_share(spring: Spring, numbering: Numbering, points: FloatArray, u: FloatArray) -> float:
+    """What the geometric stiffness leaves out of the work of axes that turn under displacements u:
+    (k_i - k_j) d_j^2/4 over the stiffness about the third axis; it grows as the square of u."""
+    if len(spring.stiffness) == 1:
+        return 0.0
+    numbers = numbering.table[spring.nodes].reshape(12)
+    k, about = np.split(np.asarray(spring.stiffness), 2)
+    d = _relative_motion(spring, points).reshape(6, 12) @ np.where(numbers >= 0, u[numbers], 0.0)
+    if not (k.all() and about.all()):
+        return 0.0
+    gaps = np.abs(k[:, None] - k) * d[:3] ** 2 / 4  # [i, j]
+    return float(max(gaps[i, j] / about[3 - i - j] for i, j in permutations(range(3), 2)))
 
 
 def _relative_motion(spring: Spring, points: FloatArray) -> FloatArray:

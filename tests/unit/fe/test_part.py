@@ -390,3 +390,21 @@ def test_a_free_part_with_a_hinge_is_refused_without_talk_of_supports():
         FlexmbError, match="^the free body has a hinge: .* solids, which have no rot"
     ):
         part(hinged, material=STEEL, sections=skin, frequencies=2)
+
+
+def test_a_post_on_a_spring_buckles_at_its_stiffness_over_the_length():
+    """P = k/L; a spring that sinks by 0.2 m first has axes that turn: a wrong factor is noted."""
+    points = np.array([[0.0, 0, 0], [0, 0, 0], [0, 0, 0.5], [0, 0, 1.0], [0, 1, 0], [1, 1, 0]])
+    post = Mesh(points, {"line": np.array([[1, 2], [2, 3], [0, 4], [4, 5]])})
+    for along, about, notes in ((1e10, 1e4, 0), (1e5, 1e8, 1)):
+        stiffness = [1e10, 1e10, along, about, about, 1e8]
+        found = part(
+            post, material=STEEL,
+            sections={"all": {"type": "circle", "radius": 0.1, "shear": False}},
+            springs={"mount": {"between": [0, 1], "stiffness": stiffness}},
+            supports={"ground": {"nodes": [0, 4, 5], "type": "clamped"}},
+            loads={"P": {"type": "force", "node": 3, "force": [0.0, 0.0, -1.0]}}, buckling=1,
+        )  # fmt: skip
+        assert len(found.notes) == notes and all('spring "mount" yields' in n for n in found.notes)
+        if not notes:
+            assert found.load_factors[0] == pytest.approx(about, rel=1e-3)
