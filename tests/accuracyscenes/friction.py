@@ -16,25 +16,28 @@ from .scene import Scene
 G = 9.81
 
 
-def stick_slip(t, start, pull, k, c, N, law, belt=0.0):
-    """Places at the times of a mass of 1 kg; `pull(x, v)` but for friction, law: μ(v)."""
+def stick_slip(t, start, pull, k, c, N, law, belt=lambda _: 0.0):
+    """Places at the times of a mass of 1 kg; `pull(x, v)` but for friction, law: μ(v).
+
+    `belt(t)`: speed of what it rubs on.
+    """
     y, out, now = np.array([*start, 0.0]), np.zeros_like(t), t[0]
 
-    def tension(y):
-        return k * y[2] + c * (y[1] - belt)
+    def tension(t, y):
+        return k * y[2] + c * (y[1] - belt(t))
 
-    def limit(y):
-        return law(abs(y[1] - belt)) * N
+    def limit(t, y):
+        return law(abs(y[1] - belt(t))) * N
 
-    way = np.sign(tension(y)) if abs(tension(y)) > limit(y) else 0.0  # 0: it sticks
+    way = np.sign(tension(now, y)) if abs(tension(now, y)) > limit(now, y) else 0.0  # 0: it sticks
     while now < t[-1]:
 
-        def slope(_, y, way=way):
-            friction = way * limit(y) if way else tension(y)
-            return [y[1], pull(y[0], y[1]) - friction, 0.0 if way else y[1] - belt]
+        def slope(t, y, way=way):
+            friction = way * limit(t, y) if way else tension(t, y)
+            return [y[1], pull(y[0], y[1]) - friction, 0.0 if way else y[1] - belt(t)]
 
-        def changes(_, y, way=way):
-            return way * (belt - y[1]) if way else abs(tension(y)) - limit(y)
+        def changes(t, y, way=way):
+            return way * (belt(t) - y[1]) if way else abs(tension(t, y)) - limit(t, y)
 
         changes.terminal, changes.direction = True, 1
         part = solve_ivp(slope, (now, t[-1]), y, "DOP853", events=changes, dense_output=True,
@@ -44,9 +47,9 @@ def stick_slip(t, start, pull, k, c, N, law, belt=0.0):
             out[inside] = part.sol(t[inside])[0]
         now, y = part.t[-1], part.y[:, -1]
         if way:
-            y[2], way = way * limit(y) / k, 0.0
+            y[2], way = way * limit(now, y) / k, 0.0
         else:
-            way = np.sign(tension(y))
+            way = np.sign(tension(now, y))
     return out
 
 
@@ -103,13 +106,13 @@ def on_points_truth(t):
     return {"place.x": x}
 
 
-def on_a_belt(size=1.0):
+def on_a_belt(size=1.0, stroke="0.1*t"):
     """A block on a spring of 100 N/m, carried by a belt of 0.1 m/s until it slips."""
     made = Model("belt", gravity=[0, 0, -G * size])
     for name in ("belt", "block"):
         made.add_body(name, mass=1, inertia=[0.01] * 3)
     made.add_joint("drum", "prismatic", between=["ground", "belt"], axis="x")
-    made.add_driver("run", joint="drum", stroke=f"{0.1 * size!r}*t")
+    made.add_driver("run", joint="drum", stroke=f"{size!r}*({stroke})")
     made.add_joint("guide", "prismatic", between=["belt", "block"], axis="x")
     made.add_marker("ground.wall", position=[-2 * size, 0, 0])
     made.add_force("spring", "spring-damper", between=["ground.wall", "block"], stiffness=100,
@@ -120,10 +123,18 @@ def on_a_belt(size=1.0):
     return made
 
 
-def on_a_belt_truth(t):
+def on_a_belt_truth(t, belt=lambda _: 0.1):
     law = stribeck(0.4, 0.2, 0.05)
-    x = stick_slip(t, (0, 0), lambda x, v: -100 * x - 2 * v, 1e5, 300, G, law, belt=0.1)
+    x = stick_slip(t, (0, 0), lambda x, v: -100 * x - 2 * v, 1e5, 300, G, law, belt)
     return {"place.x": x}
+
+
+def on_a_belt_to_and_fro(size=1.0):
+    return on_a_belt(size, "0.02*sin(8*t)")
+
+
+def on_a_belt_to_and_fro_truth(t):
+    return on_a_belt_truth(t, lambda t: 0.16 * np.cos(8 * t))
 
 
 FRICTION = {
@@ -133,4 +144,5 @@ FRICTION = {
     "block that Stribeck's curve holds": _swings(0.4, 0.3, 100.0),
     "block on points": Scene(on_points, 1.0, on_points_truth),
     "block on a belt": Scene(on_a_belt, 3.0, on_a_belt_truth),
+    "block on a belt to and fro": Scene(on_a_belt_to_and_fro, 2.0, on_a_belt_to_and_fro_truth),
 }
