@@ -83,6 +83,23 @@ def test_a_force_in_resonance_with_a_bar_taken_for_rigid():
     assert one.verdict == "needed"
 
 
+@pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
+def test_estimates_do_not_depend_on_the_size_of_a_machine():
+    """A bar that turns under its weight, from its quasi-static shape, which small ones lost."""
+    tables = []
+    for size in (1.0, 1e-6):
+        model = Model("turned bar", gravity=[0, -9.81 / size, 0])
+        section = {"all": {"type": "rectangle", "y": 0.01 * size, "z": 0.01 * size}}
+        model.add_body("bar", **beam_fields(size, sections=section))
+        model.add_joint("hub", "revolute", between=["ground", "bar.root"], axis="z")
+        model.add_driver("motor", joint="hub", angle=f"{4 / size}*t")
+        model.add_sensor("tip", "position", of="bar.tip", relative_to="bar.root", axes="bar.root")
+        run = flexmb.simulate(model, duration=0.5 * size, outputs=100, start="quasi-static")
+        made = flexmb.audit(run)
+        tables.append([find(made, effect).share for effect in ("deformation", "vibration")])
+    assert tables[1] == pytest.approx(tables[0], rel=1e-3)
+
+
 def test_an_effect_that_does_nothing_is_named():
     """A bar so slow that its deformation does not matter."""
     model = spinning(1e-4)

@@ -158,8 +158,8 @@ class _Frames:
         return both[pick], shift[pick]
 
     def inward(self, k: int, motion: Array) -> Array:
-        """Weighted coordinates of a motion (nv,)."""
-        return np.asarray(np.linalg.lstsq(self.turning(k), motion, rcond=None)[0])
+        """Weighted coordinates of a motion (nv,); the columns of S are at right angles."""
+        return np.asarray(self.turning(k).T @ motion / self.inverse[self.used] ** 2)
 
     def outward(self, k: int, part: Array) -> Array:
         """Motion (nv,) of weighted coordinates."""
