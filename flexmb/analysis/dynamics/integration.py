@@ -23,7 +23,9 @@ from flexmb.results.writer import OutputBlock
 
 _MAX_ITERATIONS = 15
 _NEWTON, _NEWTON_OF_HIGH_ORDER = 1e-8, 1e-10  # relative, with fixed steps
-_LOCAL = {True: 0.1, False: 0.2}  # local error over the requested one in the end; of high order
+# Local error over the requested one, of high order or not: with 0.1 half of 171 first passes of the
+# judging scenes are below 0.1 times it and a fifth are repeated (order 8; 0.6 and a half, order 5).
+_LOCAL = {True: 0.1, False: 0.2}
 _HIGH_ORDER = 5
 _SLACK = 4.0
 _COMPARED = 51  # times in addition to outputs that are fewer or listed

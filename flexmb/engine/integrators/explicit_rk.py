@@ -47,6 +47,9 @@ _SEVERAL, _NEAR = 10.0, 1.2
 # Share of what is allowed from which on an error rules the step: the control aims at 0.9⁸ = 0.43, a
 # tenth leaves 0.83 of that step. How many times it positions may ask for: as the control does.
 _RULES, _MOST_LONGER = 0.1, 5.0
+# Loosest tolerances: the ratio of errors of run and scout is more than three times off what the
+# order says in 10 % of 204 passes of the judging scenes at 1e-7, 8 % of 122 at 1e-8 and 1e-9, none
+# of 22 below (order 8); in 9 % of 153 at 1e-6, 6 % of 72 at 1e-7, 1 of 223 below (order 5).
 # Share of the third-order estimate in that of DOP853 (Hairer, Nørsett & Wanner, eq. II.10.17).
 _THIRD = 0.1
 
