@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -160,6 +161,8 @@ def _text(source: Path, include: re.Pattern[str], inside: tuple[Path, ...] = ())
 
 def _real(text: str) -> float:
     """A number, also as Fortran writes it: 1.5-3, 1.D0; none is zero."""
+    with suppress(ValueError):
+        return float(text)
     plain = text.upper().replace("D", "E")
     return float(re.sub(r"(?<=[\d.])([+-])", r"E\1", plain) or 0.0)
 
