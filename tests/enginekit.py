@@ -27,6 +27,11 @@ from flexmb.engine.work import new_run, new_state, new_work
 STAGES, FACTOR, SOLVE, MOVE, MARKER, REACTIONS = range(6)
 
 
+def stack_for(table):
+    """(depth, 3) scratch for any function of a table."""
+    return np.full((table.depth, 3), np.nan)
+
+
 def run_stages(run, at, out):
     """Every stage at the state: what it leaves is in the work and in `out`; returns the status."""
     work = run.record.work

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -274,24 +274,20 @@ class SampledHistory:
                 self.table[: _MAX_SAMPLES // 2] = self.table[::2].copy()
                 self.table[_MAX_SAMPLES // 2 :] = np.nan
                 count[1], count[2] = _MAX_SAMPLES // 2, 2 * count[2]
-            self.table[count[1], 0], self.table[count[1], 1:] = t[row], values[row]
-            count[1] += 1
-            row += int(count[2] - (count[0] + row) % count[2])
+            every, here = int(count[2]), int(count[1])
+            new = t[row::every][: _MAX_SAMPLES - here]
+            samples = self.table[here : here + len(new)]
+            samples[:, 0], samples[:, 1:] = new, values[row::every][: len(new)]
+            count[1] += len(new)
+            row += every * len(new)
         count[0] += len(t)
 
-    @property
-    def samples(self) -> Array:
-        """The samples so far, (samples, 1 + n)."""
-        return self.table[: self.count[1]]
 
-
-@dataclass(frozen=True)
-class _Quantity:
-    """What may grow: columns of a table, their weights, and the bound."""
+class _Quantity(NamedTuple):
+    """What may grow: columns of positions and velocities in one table, weights, and the bound."""
 
     name: str
-    table: str
-    columns: slice
+    columns: range
     weights: Array
     bound: float
     from_start: bool = False  # whether it is the distance from the first value
@@ -313,9 +309,14 @@ class GrowthMonitor:
         self.ends_run = any(where.startswith("forces.") for where, _ in feedback_functions(model))
         self.sentence = ""
         self._units = model.units
-        self._quantities = _quantities(compiled)
-        self._first: list[Array] = []
-        self._largest = np.zeros(len(self._quantities))
+        self._quantities = every = _quantities(compiled)
+        sizes = [len(one.columns) for one in every]
+        self._starts = np.cumsum(sizes, dtype=np.intp) - np.array(sizes, dtype=np.intp)
+        self._columns = np.array([k for one in every for k in one.columns], dtype=np.intp)
+        self._weights = np.concatenate([np.zeros(0), *(one.weights for one in every)])
+        self._from_start = np.repeat([one.from_start for one in every], sizes)
+        self._first: Array | None = None
+        self._largest = np.zeros(len(every))
         self._history = SampledHistory(len(self._quantities))
 
     def add(self, rows: OutputBlock) -> None:
@@ -330,20 +331,15 @@ class GrowthMonitor:
 
     def _sizes(self, rows: OutputBlock) -> Array:
         """(k, quantities) values over what they count for."""
-        parts = [getattr(rows, q.table)[:, q.columns] for q in self._quantities]
-        if not self._first:
-            self._first = [
-                part[0] * q.from_start for part, q in zip(parts, self._quantities, strict=True)
-            ]
-        sizes = [
-            (np.abs(part - first) * q.weights).max(axis=1, initial=0.0)
-            for part, first, q in zip(parts, self._first, self._quantities, strict=True)
-        ]
-        return np.stack(sizes, axis=1) if sizes else np.zeros((len(rows.t), 0))
+        values = np.hstack([rows.q, rows.v])[:, self._columns]
+        if self._first is None:
+            self._first = values[0] * self._from_start
+        apart = np.abs(values - self._first) * self._weights
+        return np.asarray(np.maximum.reduceat(apart, self._starts, axis=1))
 
     def _check(self) -> None:
         """Compare the largest values at the ends of the parts."""
-        samples = self._history.samples
+        samples = self._history.table  # NaN behind the last
         samples = samples[np.isfinite(samples).all(axis=1)]
         if not len(samples):
             return
@@ -375,22 +371,22 @@ class GrowthMonitor:
 def _quantities(compiled: Compiled) -> list[_Quantity]:
     """Translations, turning and deformation of all bodies, and states."""
     layout, weights, quantities = compiled.layout, compiled.system.weights, list[_Quantity]()
+    nq, alike = layout.nq, np.ones(3)
     for body in layout.bodies:
-        iq, iv, m, name = body.iq, body.iv, body.m, f"bodies.{body.name}"
-        place, spin, shape = slice(iq, iq + 3), slice(iv + 3, iv + 6), slice(iq + 7, iq + 7 + m)
-        w, turning = weights[iv : iv + 6 + m], f"the angular velocity of {name}"
+        iq, iv, m, name = body.iq, nq + body.iv, body.m, f"bodies.{body.name}"
+        w, turning = weights[body.iv : body.iv + 6 + m], f"the angular velocity of {name}"
         quantities += [
-            _Quantity(name, "q", place, w[:3], _MAX_TRANSLATION, from_start=True),
-            _Quantity(turning, "v", spin, np.ones(3), _MAX_TURN, is_rate=True),
+            _Quantity(name, range(iq, iq + 3), w[:3], _MAX_TRANSLATION, from_start=True),
+            _Quantity(turning, range(iv + 3, iv + 6), alike, _MAX_TURN, is_rate=True),
         ]
         if m:
-            deformation = f"the deformation of {name}"
-            quantities.append(_Quantity(deformation, "q", shape, w[6:], _MAX_DEFORMATION))
+            deformation, shape = f"the deformation of {name}", range(iq + 7, iq + 7 + m)
+            quantities.append(_Quantity(deformation, shape, w[6:], _MAX_DEFORMATION))
     first = layout.nv - len(layout.coordinates)
-    for k, name in enumerate(layout.coordinates):
+    for k, name in enumerate(layout.coordinates, start=first):
         if name.startswith("states."):
-            column = slice(first + k, first + k + 1)
-            quantities.append(_Quantity(name, "v", column, weights[column], _MAX_STATE))
+            column = range(nq + k, nq + k + 1)
+            quantities.append(_Quantity(name, column, weights[k : k + 1], _MAX_STATE))
     return quantities
 
 

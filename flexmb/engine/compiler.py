@@ -30,6 +30,7 @@ import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.typing.templates import AttributeTemplate
+from numba.cpython import slicing
 from numba.extending import (
     infer_getattr,
     intrinsic,
@@ -54,6 +55,8 @@ _OPTIONS = {
     "_nrt": False,
 }
 _WORD = ir.IntType(64)
+# No kernel counts from the end: to look whether an index is below zero takes a quarter of a run.
+slicing.fix_index = lambda builder, index, size: index
 
 
 class RecordAddress(types.Type):

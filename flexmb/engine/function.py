@@ -102,11 +102,6 @@ def _arguments(
     return args, np.concatenate([*(pieces.data for pieces in places), np.zeros(1)])
 
 
-def stack_for(table: FunctionTable) -> np.ndarray:
-    """(depth, 3) scratch for evaluating any function of the table."""
-    return np.full((table.depth, 3), np.nan)
-
-
 def _code(op: str) -> int:
     return VAR if op.startswith(_CHANNEL) else OPCODES[op]
 

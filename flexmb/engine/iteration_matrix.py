@@ -55,13 +55,15 @@ def put_matrix(run: Run, at: Point, cv: float, cp: float) -> int:
     """M + cv ∂F/∂v + cp ∂F/∂q at the point of the last position stage into the panels."""
     factor = run.work.factor
     low, up = factor.low, factor.up
+    is_mass = cp == 0.0 and cv == 0.0 and factor.symmetric[0] == 1  # symmetric as it is
     zero(low)
-    zero(up)
+    if not is_mass:
+        zero(up)
     if cp != 0.0 or cv != 0.0:
         velocity_stage(run, at)
     add_matrix(run, at, cv, cp)
     constraint_jacobian(run)
-    if factor.symmetric[0] == 1:
+    if factor.symmetric[0] == 1 and not is_mass:
         for i in range(low.shape[0]):
             low[i] = 0.5 * (low[i] + up[i])
     return FINE
@@ -211,6 +213,7 @@ def factorise_metric(run: Run, at: Point, metric: Vector) -> int:
     zero(low)
     factor.symmetric[0] = 1
     put_metric(parts, kkt, metric, low)
+    keep_diagonal(kkt.panels, low, factor.diagonal)
     constraint_jacobian(run)
     _fix_shapes(parts, run.system.rows, run.work.dense.jac)
     put_constraint_matrix(run, at)

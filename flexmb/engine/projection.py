@@ -42,6 +42,8 @@ _LOOP_ROUNDS, _LOOP_CLOSED = 100, 1e-12
 _STATIC = 1e-11
 # A correction of positions this small, relative to the model, is round-off.
 _ROUND_OFF = 1e-13
+# What a solve leaves of a correction where no row yields: its regularisation over `_FIRM` of it.
+_LEFT = 1e-7
 # Rows that repeat others do so in the pose alone: by a factor from farther off they get reactions.
 _SAME_POSE = 1e-12
 # Loads that follow from reactions, such as friction in joints, agree with them to this share of the
@@ -62,8 +64,8 @@ def project_velocity(run: Run, at: Point, cp: float) -> int:
     Constraints.drift keeps how far v was off.
     """
     con, sol, kkt = run.work.con, run.work.factor.sol, run.system.kkt
-    rate, place, v = con.rate, kkt.place, at.v
-    nv = v.shape[0]
+    rate, place, v, weights = con.rate, kkt.place, at.v, run.system.weights
+    nv, firm = v.shape[0], _is_firm(run.work.factor)
     con.drift[0] = 0.0
     if rate.shape[0] == 0:
         return FINE
@@ -86,9 +88,14 @@ def project_velocity(run: Run, at: Point, cp: float) -> int:
             _refine_by_mass(run, at, top, rate, change, push)
             for i in range(nv):
                 v[i] += change[i]
-        else:
-            for i in range(nv):
-                v[i] += sol[place[i]]
+            continue
+        moved, speed = 0.0, 0.0
+        for i in range(nv):
+            v[i] += sol[place[i]]
+            moved = max(moved, abs(sol[place[i]]) * weights[i])
+            speed = max(speed, abs(v[i]) * weights[i])
+        if moved * (_LEFT if firm else 1.0) <= _ROUND_OFF * speed:
+            break
     return FINE
 
 

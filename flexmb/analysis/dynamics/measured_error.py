@@ -129,6 +129,7 @@ class MeasuredError:
         self._before = np.full_like(self._samples.table, np.nan)
         self._results: dict[tuple[float, int], dict[str, ErrorOf]] = {}  # of the rows so far
         self.round_off = np.zeros(n)  # of a step
+        self._scales = np.zeros(0)  # `_spans` of the rows so far, if they were asked for
 
     def arrays(self) -> dict[str, np.ndarray]:
         """All that there is so far, to be saved and filled in again."""
@@ -155,6 +156,7 @@ class MeasuredError:
         if n == 0:
             return
         self._results.clear()
+        self._scales = np.zeros(0)
         values, gaps = np.zeros((2, n, self._range[0].size))
         low, high = (bound.reshape(-1) for bound in self._range)
         for table, (columns, places) in self._columns.items():
@@ -230,6 +232,8 @@ class MeasuredError:
 
     def _spans(self) -> Array:
         """Scale of each: its peak-to-peak, or more; 0 for what is at rest against others."""
+        if len(self._scales):
+            return self._scales
         low, high = self._range
         spans = np.where(np.isfinite(low), high - low, 0.0).max(axis=1, initial=0.0)
         units, sorts = self._units, self._sorts == FOR_SCALE
@@ -253,7 +257,8 @@ class MeasuredError:
             if one.quantity == "velocities" and spans[k] > 0.0:
                 mean = moved.get(f"{one.name}{one.unit.removesuffix('/s')}", 0.0) / self._duration
                 spans[k] = max(spans[k], mean, _LEAST_SHARE * size[k])
-        return np.asarray(spans)
+        self._scales = np.asarray(spans)
+        return self._scales
 
     def _largest_values(self) -> Array:
         size = np.abs(np.where(np.isfinite(self._range), self._range, 0.0)).max(axis=0)

@@ -129,7 +129,7 @@ class ModalBasisMonitor:
                 _POWER[spec.type],
                 spec.type == "reaction",
             )
-            for name, spec in model.sensors.items()
+            for name, spec in (model.sensors if self._bodies else {}).items()
             if spec.type in _POWER and getattr(spec, "quantity", "force") == "force"
         ]
         self._least, self._most = np.array(np.inf), np.array(-np.inf)  # of all channels

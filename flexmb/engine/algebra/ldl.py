@@ -89,10 +89,11 @@ def _factor_panel(panel, L, W, d):
         for j in range(min(i, nc)):
             W[w + j] = L[row + j] - dot(W, w, L, at + j * nc, j)
         for j in range(min(i, nc)):
-            L[row + j] = W[w + j] / d[col + j]
+            L[row + j] = W[w + j] * W[j * nc + j]
         if i < nc:
             s = L[row + i] - dot(W, w, L, row, i)
             d[col + i], fixed = _guarded(s, L[row + i], panel["sign"])
+            W[w + i] = 1.0 / d[col + i]
             fixes += fixed
     return fixes
 
@@ -121,11 +122,12 @@ def _factor_panel_pair(panel, L, U, W, V, d):
             W[w + j] = L[row + j] - dot(W, w, U, lj, j)
             V[w + j] = U[row + j] - dot(V, w, L, lj, j)
         for j in range(min(i, nc)):
-            L[row + j] = W[w + j] / d[col + j]
-            U[row + j] = V[w + j] / d[col + j]
+            L[row + j] = W[w + j] * W[j * nc + j]
+            U[row + j] = V[w + j] * W[j * nc + j]
         if i < nc:
             s = L[row + i] - dot(W, w, U, row, i)
             d[col + i], fixed = _guarded(s, L[row + i], panel["sign"])
+            W[w + i] = 1.0 / d[col + i]
             fixes += fixed
     return fixes
 
@@ -387,26 +389,14 @@ def add_coupling(run: Run, a: int, b: int, k: int, swapped: int, B: Matrix) -> i
 
 
 @kernel
-def put_jacobian_row(link, r, body, column, jac, start, values):
-    """Place Jacobian row r of a group, in v order at jac[start:], by its link."""
-    at, stride, o = link["at"], link["stride"], body["iv"]
+def put_jacobian_row(link, r, body, kkt, jac, start, diagonal, values):
+    """Place row r of a group, in v order at jac[start:], by its link; returns Σ Cq² / |diag|."""
+    at, stride, o, column = link["at"], link["stride"], body["iv"], kkt.column
+    first, s = kkt.panels[body["panel"]]["col"], 0.0
     for c in range(6 + body["m"]):
         pc = column[o + c]
         if pc >= 0:
             p = at + pc * stride + r if link["flipped"] == 1 else at + r * stride + pc
             values[p] = jac[start + c]
-
-
-@kernel
-def row_compliance(body, panels, column, jac, start, low):
-    """Σ Cq² / diag(S) of one row on one body, over the coordinates that have inertia."""
-    panel, o = panels[body["panel"]], body["iv"]
-    at, nc = panel["at"], panel["nc"]
-    s = 0.0
-    for c in range(6 + body["m"]):
-        pc = column[o + c]
-        if pc >= 0:
-            d = abs(low[at + pc * nc + pc])
-            if d > 0.0:
-                s += jac[start + c] * jac[start + c] / d
+            s += jac[start + c] * jac[start + c] / diagonal[first + pc]
     return s

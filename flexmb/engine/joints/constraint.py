@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from flexmb.engine.algebra.ldl import put_jacobian_row, row_compliance
-from flexmb.engine.algebra.vector import clear, put, transform_back, wrapped, zero
+from flexmb.engine.algebra.ldl import put_jacobian_row
+from flexmb.engine.algebra.vector import clear, cross, put, transform_back, wrapped, zero
 from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_pulled_back
 from flexmb.engine.jit import Integers, Vector, call_stage, kernel, unit
+from flexmb.engine.joints import POINT
 from flexmb.engine.joints.row import (
     add_row_tangent,
     put_row_gradient,
@@ -92,6 +93,9 @@ def constraint_right_side(run: Run) -> int:
     for k in range(rows.shape[0]):
         row = rows[k]
         mi, mj = markers[row["I"]], markers[row["J"]]
+        if row["kind"] == POINT:
+            con.gamma[k] = mi["bx"][row["a"]] - mj["bx"][row["a"]]
+            continue
         put_row_gradient(run, row)
         s = row_curvature(run, row)
         for c in range(3):
@@ -111,15 +115,29 @@ def constraint_jacobian(run: Run) -> int:
     for k in range(rows.shape[0]):
         row = rows[k]
         i, j = row["I"], row["J"]
-        put_row_gradient(run, row)
+        plain = row["kind"] == POINT and table[i]["modes"] < 0 and table[j]["modes"] < 0
+        if not plain:
+            put_row_gradient(run, row)
         for side in range(2):
             at = row["jac_I"] if side == 0 else row["jac_J"]
             if at >= 0:
                 marker = i if side == 0 else j
                 for c in range(6 + bodies[table[marker]["body"]]["m"]):
                     jac[at + c] = 0.0
-                add_pulled_back(parts, now, marker, g, 6 * side, 1.0, jac, at)
+                if plain:
+                    A = now.body[table[marker]["body"]]["A"]
+                    _put_point_row(A, now.marker[marker]["s"], row["a"], 2.0 * side - 1.0, jac, at)
+                else:
+                    add_pulled_back(parts, now, marker, g, 6 * side, 1.0, jac, at)
     return FINE
+
+
+@kernel
+def _put_point_row(A, s, a, sign, jac, at):
+    """Gradient of ± x_a of a rigid place s of a body: ± e_a and ± s × Aᵀ e_a."""
+    jac[at + a] = sign
+    x, y, z = cross(s[0], s[1], s[2], A[a, 0], A[a, 1], A[a, 2])
+    put(jac, at + 3, sign * x, sign * y, sign * z)
 
 
 @unit
@@ -127,7 +145,7 @@ def put_jacobian(run: Run, joints: Joints, at: Point) -> int:
     """Rows of Cq from dense.jac, and their regularisation, into the iteration matrix."""
     sys, jac, factor = run.system, run.work.dense.jac, run.work.factor
     bodies, kkt, links, groups = sys.parts.bodies, sys.kkt, sys.kkt.links, sys.groups
-    low, up, eps, rows, column = factor.low, factor.up, factor.eps, sys.rows, kkt.column
+    low, up, eps, rows = factor.low, factor.up, factor.eps, sys.rows
     symmetric = factor.symmetric[0] == 1
     regularisation = _REGULARISATION * max(run.state.memory[0]["regularisation"], 1.0)
     for k in range(groups.shape[0]):
@@ -136,21 +154,20 @@ def put_jacobian(run: Run, joints: Joints, at: Point) -> int:
         for r in range(group["n"]):
             row = rows[group["row"] + r]
             s = 0.0
+            diagonal = panel["at"] + r * panel["nc"] + r
             for side in range(2):
                 b = group["body_I"] if side == 0 else group["body_J"]
                 if b < 0:
                     continue
                 link = links[group["link_I"] if side == 0 else group["link_J"]]
                 start = row["jac_I"] if side == 0 else row["jac_J"]
-                put_jacobian_row(link, r, bodies[b], column, jac, start, low)
+                s += put_jacobian_row(link, r, bodies[b], kkt, jac, start, factor.diagonal, low)
                 if not symmetric:
-                    put_jacobian_row(link, r, bodies[b], column, jac, start, up)
-                s += row_compliance(bodies[b], kkt.panels, column, jac, start, low)
+                    put_jacobian_row(link, r, bodies[b], kkt, jac, start, factor.diagonal, up)
             eps[panel["col"] + r] = regularisation * s
-            diagonal = panel["at"] + r * panel["nc"] + r
             low[diagonal] = -regularisation * s
             if not symmetric:
-                up[diagonal] = -regularisation * s
+                up[diagonal] = low[diagonal]
     return FINE
 
 

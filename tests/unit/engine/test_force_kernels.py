@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from enginekit import stack_for
 from scipy.interpolate import Akima1DInterpolator, CubicSpline, PchipInterpolator
 from scipy.spatial.transform import Rotation
 
 from flexmb.engine.compile import compile_system
 from flexmb.engine.forces import relative_motion, spring_damper
 from flexmb.engine.forces.force_characteristic import stop_resistance
-from flexmb.engine.function import lower, run_program, stack_for
+from flexmb.engine.function import lower, run_program
 from flexmb.engine.units import call
 from flexmb.model import Model
 from flexmb.model.forces.force_characteristic import CharacteristicOf

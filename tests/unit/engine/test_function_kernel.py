@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from enginekit import stack_for
 
-from flexmb.engine.function import OPCODES, VAR, lower, run_program, stack_for
+from flexmb.engine.function import OPCODES, VAR, lower, run_program
 from flexmb.engine.units import call
 from flexmb.model.functions.expression import parse
 from flexmb.model.functions.function import read_function
