@@ -323,19 +323,15 @@ class GrowthMonitor:
         """Take the next rows."""
         if not len(rows.t) or self.sentence:
             return
-        largest = np.vstack([self._largest, self._sizes(rows)])
-        largest = np.maximum.accumulate(largest, axis=0)[1:]
-        self._history.add(rows.t, largest)
-        self._largest = largest[-1]
-        self._check()
-
-    def _sizes(self, rows: OutputBlock) -> Array:
-        """(k, quantities) values over what they count for."""
         values = np.hstack([rows.q, rows.v])[:, self._columns]
         if self._first is None:
             self._first = values[0] * self._from_start
         apart = np.abs(values - self._first) * self._weights
-        return np.asarray(np.maximum.reduceat(apart, self._starts, axis=1))
+        sizes = np.maximum.reduceat(apart, self._starts, axis=1)
+        largest = np.maximum.accumulate(np.vstack([self._largest, sizes]), axis=0)[1:]
+        self._history.add(rows.t, largest)
+        self._largest = largest[-1]
+        self._check()
 
     def _check(self) -> None:
         """Compare the largest values at the ends of the parts."""
@@ -371,13 +367,12 @@ class GrowthMonitor:
 def _quantities(compiled: Compiled) -> list[_Quantity]:
     """Translations, turning and deformation of all bodies, and states."""
     layout, weights, quantities = compiled.layout, compiled.system.weights, list[_Quantity]()
-    nq, alike = layout.nq, np.ones(3)
     for body in layout.bodies:
-        iq, iv, m, name = body.iq, nq + body.iv, body.m, f"bodies.{body.name}"
+        iq, iv, m, name = body.iq, layout.nq + body.iv, body.m, f"bodies.{body.name}"
         w, turning = weights[body.iv : body.iv + 6 + m], f"the angular velocity of {name}"
         quantities += [
             _Quantity(name, range(iq, iq + 3), w[:3], _MAX_TRANSLATION, from_start=True),
-            _Quantity(turning, range(iv + 3, iv + 6), alike, _MAX_TURN, is_rate=True),
+            _Quantity(turning, range(iv + 3, iv + 6), np.ones(3), _MAX_TURN, is_rate=True),
         ]
         if m:
             deformation, shape = f"the deformation of {name}", range(iq + 7, iq + 7 + m)
@@ -385,7 +380,7 @@ def _quantities(compiled: Compiled) -> list[_Quantity]:
     first = layout.nv - len(layout.coordinates)
     for k, name in enumerate(layout.coordinates, start=first):
         if name.startswith("states."):
-            column = range(nq + k, nq + k + 1)
+            column = range(layout.nq + k, layout.nq + k + 1)
             quantities.append(_Quantity(name, column, weights[k : k + 1], _MAX_STATE))
     return quantities
 

@@ -42,8 +42,6 @@ _LOOP_ROUNDS, _LOOP_CLOSED = 100, 1e-12
 _STATIC = 1e-11
 # A correction of positions this small, relative to the model, is round-off.
 _ROUND_OFF = 1e-13
-# What a solve leaves of a correction where no row yields: its regularisation over `_FIRM` of it.
-_LEFT = 1e-7
 # Rows that repeat others do so in the pose alone: by a factor from farther off they get reactions.
 _SAME_POSE = 1e-12
 # Loads that follow from reactions, such as friction in joints, agree with them to this share of the
@@ -94,7 +92,7 @@ def project_velocity(run: Run, at: Point, cp: float) -> int:
             v[i] += sol[place[i]]
             moved = max(moved, abs(sol[place[i]]) * weights[i])
             speed = max(speed, abs(v[i]) * weights[i])
-        if moved * (_LEFT if firm else 1.0) <= _ROUND_OFF * speed:
+        if moved <= _ROUND_OFF * (_FIRM if firm else 1.0) * speed:  # which is what a solve leaves
             break
     return FINE
 

@@ -125,17 +125,16 @@ def constraint_jacobian(run: Run) -> int:
                 for c in range(6 + bodies[table[marker]["body"]]["m"]):
                     jac[at + c] = 0.0
                 if plain:
-                    A = now.body[table[marker]["body"]]["A"]
-                    _put_point_row(A, now.marker[marker]["s"], row["a"], 2.0 * side - 1.0, jac, at)
+                    _put_point_row(now, table[marker], marker, row["a"], 2.0 * side - 1.0, jac, at)
                 else:
                     add_pulled_back(parts, now, marker, g, 6 * side, 1.0, jac, at)
     return FINE
 
 
 @kernel
-def _put_point_row(A, s, a, sign, jac, at):
-    """Gradient of ± x_a of a rigid place s of a body: ± e_a and ± s × Aᵀ e_a."""
-    jac[at + a] = sign
+def _put_point_row(now, mk, k, a, sign, jac, at):
+    """Gradient of ± x_a of marker k on a rigid place s of a body: ± e_a and ± s × Aᵀ e_a."""
+    A, s, jac[at + a] = now.body[mk["body"]]["A"], now.marker[k]["s"], sign
     x, y, z = cross(s[0], s[1], s[2], A[a, 0], A[a, 1], A[a, 2])
     put(jac, at + 3, sign * x, sign * y, sign * z)
 
