@@ -280,13 +280,15 @@ def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
     apart, last = verified.difference, prepared.passes[0]["last_difference"]
     events = int(verified.fine.state.count[0]["events"])
     if _is_in_vain(prepared) and apart < _DIFFERENT_MOTION:
-        why = f"so that this is the floor that round-off leaves method {prepared.method}"
+        why = "shorter steps do not help, so that this is the floor that round-off leaves method "
+        why += prepared.method
         if events:
             why, other = (
-                f"as {events} events of contacts, stops or friction leave errors that fall slower "
-                "than the order of the method says, and that may be several times as large"
+                f"shorter steps do not help, as {events} events of contacts, stops or friction "
+                "leave errors that fall slower than the order of the method says, and that may be "
+                "several times as large"
             ), ""  # fmt: skip
-        yield f"{reached}: shorter steps do not help, {why}; {ask}{other}"
+        yield f"{reached}: {why}; {ask}{other}"
     elif 0.0 < apart < _IN_VAIN * last:
         yield (
             f"{reached}: shorter steps still help, but these were the last of {MAX_PASSES} passes; "

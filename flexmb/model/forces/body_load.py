@@ -1,7 +1,4 @@
-"""Loads of a flexible body in a run: pressure, traction, line loads, forces spread over nodes.
-
-In: the name of a load that the body was reduced with, and a function of time that multiplies it.
-"""
+"""Loads of a flexible body in a run: pressure, traction, line loads, forces spread over nodes."""
 
 from __future__ import annotations
 
@@ -16,8 +13,6 @@ from flexmb.model.lookup import Component, Scope, flexbody_of
 from flexmb.model.plane import ALIGNED, normal_in_body
 from flexmb.model.quantities import Text
 
-Multiplier = Annotated[Function, FunctionOf("", channels=True)]
-
 
 class BodyLoadSpec(Component):
     """A load of a flexible body times ``value``: pressure, traction, line load, force on nodes.
@@ -29,7 +24,7 @@ class BodyLoadSpec(Component):
     type: Literal["body-load"]
     body: Text
     load: Text
-    value: Multiplier
+    value: Annotated[Function, FunctionOf("", channels=True)]
 
     def problems(self, scope: Scope, where: str) -> Iterator[Problem]:
         yield from scope.unknown(f"{where}.body", "body", self.body, "bodies")
