@@ -137,7 +137,7 @@ class MeasuredError:
             "error_count": self._growth.count, "error_largest": self._largest,
             "error_range": self._range, "error_growth": self._growth.table,
             "error_samples": self._samples.table, "error_sampled": self._samples.count,
-            "error_before": self._before,
+            "error_before": self._before, "error_round_off": self.round_off,
         }  # fmt: skip
 
     def compare(self, before: MeasuredError) -> None:
