@@ -47,10 +47,8 @@ _SAME_POSE = 1e-12
 # Loads that follow from reactions, such as friction in joints, agree with them to this share of the
 # largest force: a moment beside forces must not decide by its unit.
 _SETTLED = 1e-10
-# What `accelerations` puts on the constraints first; and velocities on what stiffness prescribes.
-NOTHING, VELOCITIES, POSITIONS, STIFFNESS = 0, 1, 2, 3
-# Order 5 of soft parts needs what stiffness c² K leaves of M to this power.
-_STIFF_ROUNDS = 2
+# What `accelerations` puts on the constraints first.
+NOTHING, VELOCITIES, POSITIONS = 0, 1, 2
 
 
 @unit
@@ -124,57 +122,14 @@ def project_positions(run: Run, at: Point, rounds: int) -> float:
     return first
 
 
-@kernel
-def _multiply_stiffness(run, at, x):
-    """Factor.tmp = (S - M) x = cp ∂F/∂q x, in elimination order."""
-    fac, kkt, res = run.work.factor, run.system.kkt, run.work.trial.res
-    zero(fac.sol)
-    for i in range(x.shape[0]):
-        fac.sol[kkt.place[i]] = res[i] = x[i]
-    multiply(kkt, fac, fac.sol, fac.tmp)
-    walk(run.stages.mass, run, at)  # sol = M x
-    for i in range(x.shape[0]):
-        fac.tmp[kkt.place[i]] -= fac.sol[kkt.place[i]]
-
-
-@unit
-def keep_stiff_part(run: Run, at: Point, x: Vector) -> int:
-    """x becomes S⁻¹ c² ∂F/∂q x, what stiffness prescribes and dampers do not.
-
-    S = M + c ∂F/∂v + c² ∂F/∂q is that of the stages, of a step that may be another one.
-    """
-    fac, place = run.work.factor, run.system.kkt.place
-    same = (run.state.memory[0]["factor_step"] / (at.t[0] - run.state.t[0])) ** 2
-    _multiply_stiffness(run, at, x)
-    zero(fac.rhs)
-    for i in range(x.shape[0]):
-        fac.rhs[place[i]] = same * fac.tmp[place[i]]
-    solve(run.system.kkt, run.work.collocation.real, fac.rhs)
-    for i in range(x.shape[0]):
-        x[i] = fac.rhs[place[i]]
-    return FINE
-
-
-@kernel
-def _follow_stiffness(run, at):
-    """v += x and v̇ += 10 x/h, x the stiff part of Trial.lag."""
-    lag = run.work.trial.lag
-    for _ in range(_STIFF_ROUNDS):
-        keep_stiff_part(run, at, lag)
-    for i in range(lag.shape[0]):
-        at.v[i] += lag[i]
-        at.vd[i] += 10.0 / (at.t[0] - run.state.t[0]) * lag[i]
-
-
 @unit
 def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
-    """Solve for (v̇; λ) at (t, q, v) into vd and lam (in: estimates).
+    """Solve for (v̇; λ) at (t, q, v) into vd and lam (in: estimates for the tangents).
 
     The mass matrix is M + cp ∂F/∂q. With `project` = VELOCITIES, v is put on its constraints first,
-    with POSITIONS q and v are, with STIFFNESS v follows stiff forces too; a stabilised method
-    leaves both and adds its terms to γ. Stiff modes are filtered about the accelerations in vd.
-    Returns the status; NO_LOOP where forces that depend on accelerations or reactions do not
-    settle, SELF_LOCKING where friction does not.
+    with POSITIONS q and v are; a stabilised method leaves both and adds its terms to γ. Returns the
+    status; NO_LOOP where forces that depend on accelerations or reactions do not settle,
+    SELF_LOCKING where friction does not.
     """
     if run.settings.follow == 1 and project != NOTHING:
         zero(run.work.trial.mode_force)
@@ -214,12 +169,10 @@ def _solve_motion(run: Run, at: Point, cp: float, project: int) -> int:
     reaction_stage(run, at)
     run.work.factor.symmetric[0] = 1
     factorise(run, at, 0.0, cp)
-    if project >= POSITIONS and at.lam.shape[0] > 0:
+    if project == POSITIONS and at.lam.shape[0] > 0:
         moved = project_positions(run, at, _ROUNDS)
         if moved > _SAME_POSE and has_dependent_rows(run.work.factor, 0.0):
             factorise(run, at, 0.0, cp)
-    if project == STIFFNESS:
-        _follow_stiffness(run, at)
     if project != NOTHING:
         project_velocity(run, at, cp)
         velocity_stage(run, at)
@@ -228,7 +181,6 @@ def _solve_motion(run: Run, at: Point, cp: float, project: int) -> int:
     constraint_right_side(run)
     if run.method.stabilised == 1:
         _stabilise(run, at)
-    copy(at.vd, run.work.trial.lag)
     status = _solve(run, at, cp)
     if status != FINE:
         return status
@@ -277,12 +229,6 @@ def _solve(run: Run, at: Point, cp: float) -> int:
     for i in range(nv):
         res[i] = -res[i]
     permute(kkt, res, run.work.con.gamma, fac.rhs)
-    if cp != 0.0 and run.settings.follow == 0:  # stiff modes, about their smooth accelerations
-        copy(res, run.work.trial.spare)
-        _multiply_stiffness(run, at, run.work.trial.lag)
-        copy(run.work.trial.spare, res)
-        for i in range(nv):
-            fac.rhs[place[i]] += fac.tmp[place[i]]
     if run.settings.follow == 1:
         for i in range(nv):
             fac.rhs[place[i]] += run.work.trial.mode_force[i]

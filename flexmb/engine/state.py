@@ -62,7 +62,7 @@ class State(NamedTuple):
     vd: Vector  # (nv,) accelerations
     vd_before: Vector  # (nv,) accelerations one step earlier, for the predictor
     aa: Vector  # (nv,) algorithmic accelerations of generalized-alpha
-    jerk: Vector  # (nv,) its rate over the last step; of Radau's method that of v̇ within it
+    jerk: Vector  # (nv,) its rate over the last step
     jerk_before: Vector  # (nv,) and over the one before
     lam: Vector  # (nc,) the integrator's own multipliers
     lam_before: Vector  # (nc,) multipliers one step earlier, for the predictor
@@ -260,7 +260,6 @@ class Trial(NamedTuple):
     extended: Integers  # (1,) 1: the stages of the dense output of the last step are there
     error: Vector  # (2,) estimated local error of positions and velocities over their motion
     jerk: Vector  # (nv,) rate of the algorithmic acceleration, as far as S lets it move
-    lag: Vector  # (nv,) what velocities of Radau's method lag behind stiff forces
     stack: Matrix  # (depth, 3) of the function evaluator
     variables: Matrix  # (channels, 3) jets of the channels, for functions that name them
 

@@ -108,7 +108,7 @@ def accept_step(run: Run, h: float) -> int:
     copy(st.vd, st.vd_before)
     store(tr.vd, st.vd)
     store(tr.aa, st.aa)
-    if controlled or run.method.collocation > 0:
+    if controlled:
         copy(st.jerk, st.jerk_before)
         copy(tr.jerk, st.jerk)
     copy(st.lam, st.lam_before)
@@ -193,7 +193,6 @@ def _place_output(run):
         tr.t[0] = st.t[0]
         copy(st.q, tr.q)
         copy(st.v, tr.v)
-        copy(st.vd, tr.vd)
         copy(st.work_done, tr.work_done)
         copy(st.history, history)
         status = FINE
@@ -202,11 +201,7 @@ def _place_output(run):
         share = (now - before.t[0]) / (st.t[0] - before.t[0])
         status = call_step(run.method.interpolate[0], run, run.method.coefficients[0], share)
         tr.t[0] = now
-        h, bend = st.t[0] - before.t[0], 6.0 * share * (1.0 - share)
-        for k in range(tr.vd.shape[0]):
-            first, last = st.vd_before[k], st.vd[k]
-            mean = (st.v[k] - before.v[k]) / h
-            tr.vd[k] = first + share * (last - first) + bend * (mean - 0.5 * (first + last))
+    copy(st.vd, tr.vd)
     copy(st.lam, tr.lam)
     return status
 

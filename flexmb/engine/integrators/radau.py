@@ -9,9 +9,7 @@ and one complex system,
     S(c) = [[M + c ∂F/∂v + c² ∂F/∂q, Cqᵀ], [Cq, −ε]],   c = h/γ and c = h/μ.
 
 The error is estimated by an embedded formula of order 3, filtered by S(h/γ)⁻¹ M. Stiff modes are
-damped, not resolved; where positions follow stiff forces velocities of the stages are of order 3,
-and shorter steps behind would ring: the end of a step is put on the motion to one order more.
-Hairer & Wanner, Solving Ordinary Differential Equations II, 1996, §IV.8; for
+damped, not resolved. Hairer & Wanner, Solving Ordinary Differential Equations II, 1996, §IV.8; for
 constraints Hairer, Lubich & Roche, The Numerical Solution of Differential-Algebraic Systems by
 Runge–Kutta Methods, 1989, §6.
 """
@@ -40,21 +38,127 @@ from flexmb.engine.equations_of_motion import (
     velocity_stage,
     walk,
 )
-from flexmb.engine.integrators.radau_coefficients import (
-    STAGES,
-    Radau,
-    correct_stages,
-    factorise_stages,
-    radau_coefficients,
+from flexmb.engine.integrators.radau_coefficients import STAGES, Radau, radau_coefficients
+from flexmb.engine.iteration_matrix import (
+    REFACTOR_ABOVE,
+    factorise_pair,
+    give_up,
+    has_dependent_rows,
+    keep_diagonal,
+    put_matrix,
+    put_rows,
 )
-from flexmb.engine.iteration_matrix import REFACTOR_ABOVE, give_up, has_dependent_rows
 from flexmb.engine.jit import Vector, kernel, unit
 from flexmb.engine.method import FINE, Method
-from flexmb.engine.projection import POSITIONS, STIFFNESS, accelerations, keep_stiff_part
+from flexmb.engine.projection import POSITIONS, accelerations
 from flexmb.engine.state import Run
 
 if TYPE_CHECKING:
     from flexmb.model.scenes.dynamics import DynamicsSpec
+
+_ALMOST_ZERO = 1e-300
+
+
+@unit
+def factorise_stages(run: Run, radau: Radau, h: float) -> int:
+    """Assemble and factor S(h/γ) and S(h/μ) at the stage evaluated last."""
+    fac, col, kkt, at = run.work.factor, run.work.collocation, run.system.kkt, run.trial_point
+    pair, real, memory = col.pair, col.real, run.state.memory[0]
+    n = radau.mu_real**2 + radau.mu_imag**2
+    x, y = radau.mu_real * h / n, -radau.mu_imag * h / n
+    fac.symmetric[0] = int(memory["symmetric"])
+    pair.symmetric[0] = fac.symmetric[0]
+    for i in range(pair.low.shape[0]):
+        pair.low[i] = pair.up[i] = 0.0
+    put_matrix(run, at, _ALMOST_ZERO, 0.0)  # the mass of motion, not that of single solves
+    _add_matrix(pair, fac, -1j)
+    put_matrix(run, at, y, 2.0 * x * y)
+    _add_matrix(pair, fac, 1j)
+    put_matrix(run, at, x, x * x - y * y)
+    _add_matrix(pair, fac, 1.0 + 0j)
+    c = h / radau.gamma
+    put_matrix(run, at, c, c * c)
+    _add_matrix(pair, fac, -1.0 + 0j)
+    keep_diagonal(kkt.panels, fac.low, fac.diagonal)
+    put_rows(run, at, c, c * c)
+    _add_matrix(pair, fac, 1.0 + 0j)  # the rows alone
+    run.state.count[0]["regularised_pivots"] += factorise_pair(run, pair)
+    copy(fac.low, real.low)
+    copy(fac.up, real.up)
+    copy(fac.d, real.d)
+    copy(fac.eps, real.eps)
+    real.symmetric[0] = fac.symmetric[0]
+    run.state.count[0]["factorisations"] += 2
+    memory["factor_age"], memory["contraction"], memory["factor_step"] = 0.0, 1.0, h
+    return FINE
+
+
+@kernel
+def _add_matrix(pair, fac, f):
+    """pair += f times the assembled matrix."""
+    for i in range(pair.low.shape[0]):
+        pair.low[i] += f * fac.low[i]
+        pair.up[i] += f * fac.up[i]
+
+
+@kernel
+def correct_stages(run, radau, h, floor):
+    """Newton correction of all stages, into their motions and multipliers; its two sizes.
+
+    Over motion and speed counts what is above the floor.
+    """
+    st, col, kkt, weights = run.state, run.work.collocation, run.system.kkt, run.system.weights
+    place, nv = kkt.place, st.v.shape[0]
+    real, pair, to, back = col.real, col.pair, radau.to, radau.back
+    x, z, eps = real.sol, pair.sol, real.eps
+    c = h / radau.gamma
+    m = h / complex(radau.mu_real, radau.mu_imag)
+    for k in range(nv):
+        r, p, q = _transformed(to, col.res, k)
+        x[place[k]] = -c * c * r
+        z[place[k]] = -m * m * complex(p, q)
+    for k in range(st.lam.shape[0]):
+        # Regularised towards those that the points before share the least among redundant rows;
+        # towards zero each step would yield to its reactions.
+        i = place[nv + k]
+        r, p, q = _transformed(to, col.gap, k)
+        lr, lp, lq = _transformed(to, col.lam, k)
+        nr, np_, nq = _transformed(to, col.next_lam, k)
+        x[i] = eps[i] * c * c * (lr - nr) - r
+        z[i] = eps[i] * m * m * complex(lp - np_, lq - nq) - complex(p, q)
+    ldl.solve(kkt, real, x)
+    ldl.solve_complex(kkt, pair)
+    for k in range(nv):
+        r, y = x[place[k]], z[place[k]]
+        for i in range(STAGES):
+            d = back[0, i] * r + back[1, i] * y.real + back[2, i] * y.imag
+            col.u[i, k] += d
+            col.change[i, k] = d
+    for k in range(st.lam.shape[0]):
+        i = place[nv + k]
+        r, y = x[i] / (c * c), z[i] / (m * m)
+        for n in range(STAGES):
+            col.lam[n, k] += back[0, n] * r + back[1, n] * y.real + back[2, n] * y.imag
+    size, moved = 0.0, 0.0
+    for i in range(STAGES):
+        moved = max(moved, weighted_size(col.change[i], weights))
+        if run.settings.step == 0.0:
+            size = max(size, scaled_size(col.change[i], weights, st.motion, floor))
+            size = max(size, scaled_size(col.change[i], weights, st.speed, floor) / h)
+    if run.settings.step > 0.0:
+        size = moved
+    return size, moved
+
+
+@kernel
+def _transformed(to, rows, k):
+    """Column k of three stages by the eigenvectors: of γ, real and imaginary part of that of μ."""
+    a, b, c = rows[0, k], rows[1, k], rows[2, k]
+    return (
+        to[0, 0] * a + to[0, 1] * b + to[0, 2] * c,
+        to[1, 0] * a + to[1, 1] * b + to[1, 2] * c,
+        to[2, 0] * a + to[2, 1] * b + to[2, 2] * c,
+    )
 
 
 @unit
@@ -86,8 +190,6 @@ _NOISE = 50.0
 _SINGULAR, _REDUNDANT = 1e5, 10.0
 # Estimates of so many times round-off tell nothing: where stiff parts are at rest.
 _UNTOLD = 50.0
-# Share of a step that the one before must last, else differences to it are round-off.
-_LONG_ENOUGH = 0.05
 
 
 def make_method(spec: DynamicsSpec) -> Method:
@@ -292,50 +394,9 @@ def _finish(run, radau, h):
     col.age[0] = memory["factor_age"]
     st.count[0]["factorisations"] += 1
     cp = radau.filter * h * h if run.settings.determined == 0 else 0.0
-    is_stiff = cp > 0.0 and run.settings.stiff == 1 and run.settings.follow == 0
-    _put_lag(run, radau, h)
-    status = accelerations(run, run.trial_point, cp, STIFFNESS if is_stiff else POSITIONS)
+    status = accelerations(run, run.trial_point, cp, POSITIONS)
     copy(tr.vd, tr.aa)
-    _put_jerk(run, radau, h)
-    if is_stiff:
-        _balance(run, radau)
     return status
-
-
-@kernel
-def _put_jerk(run, radau, h):
-    """Rate of v̇ within the step, at 0.6 of it, from the velocities of its stages."""
-    jerk, v = run.work.trial.jerk, run.work.collocation.v
-    for k in range(jerk.shape[0]):
-        jerk[k] = _sum(radau.jerk, v, k) / (h * h)
-
-
-@kernel
-def _put_lag(run, radau, h):
-    """What velocities lag behind where positions follow stiff forces, into trial.lag.
-
-    There stages have the positions alone, and the cubic through them, off the motion by
-    c (c − c₁) (c − c₂) (c − 1)/24 h⁴ u⁗, has at the end too small a slope, by h³ u⁗/80, and
-    second derivative, by h² u⁗/8. u⁗ is the change of the jerk since the step before.
-    """
-    st, tr, before = run.state, run.work.trial, run.state.memory[0]["last_step"]
-    zero(tr.lag)
-    if before > _LONG_ENOUGH * h and weighted_size(st.jerk, run.system.weights) > 0.0:
-        _put_jerk(run, radau, h)
-        for k in range(tr.lag.shape[0]):
-            tr.lag[k] = (tr.jerk[k] - st.jerk[k]) / (0.6 * h + 0.4 * before) * h**3 / 80.0
-
-
-@kernel
-def _balance(run, radau):
-    """Move stiff parts from where the accelerations of the last stage hold them to where v̇ does."""
-    tr, a = run.work.trial, run.work.collocation.a[STAGES - 1]
-    c = run.state.memory[0]["factor_step"] / radau.gamma
-    for k in range(tr.dq.shape[0]):
-        tr.dq[k] = c * c * (a[k] - tr.vd[k])
-    filter_motion(run, tr.dq)
-    keep_stiff_part(run, run.trial_point, tr.dq)
-    move(run.system.parts, tr.q, tr.dq, tr.q)
 
 
 @kernel
