@@ -25,9 +25,12 @@ from flexmb.engine.method import FINE
 from flexmb.engine.state import Run
 from flexmb.engine.tables import Parts
 
-# Corrections of this size relative to the model where bodies turn or deform, or of this share of
-# positions and states, are round-off.
-_ROUND_OFF, _LAST_PLACES, _ALMOST_ZERO = 2e-15, 1e-15, 1e-300
+# Corrections of this size relative to the model, or of this many units in the last place of the
+# positions where the model is far from the origin, are round-off.
+_ROUND_OFF = 2e-15
+
+
+_LAST_PLACES = 1e-15
 
 
 @unit
@@ -104,18 +107,11 @@ def normalise(bodies, q):
 def last_places(run: Run) -> float:
     """Weighted size of a correction that positions cannot show, nor what drivers turn or move."""
     bodies, weights, q = run.system.parts.bodies, run.system.weights, run.state.q
-    states, rows, size, turns = run.system.parts.coordinates, run.system.rows, _ALMOST_ZERO, False
+    rows, size = run.system.rows, _ROUND_OFF
     for k in range(bodies.shape[0]):
         i, o = bodies[k]["iq"], bodies[k]["iv"]
         for a in range(3):
             size = max(size, _LAST_PLACES * abs(q[i + a]) * weights[o + a])
-        turns = turns or bodies[k]["m"] > 0
-        for a in range(i + 3, i + 7):
-            turns = turns or q[a] != run.state.q_first[a]
-    for k in range(states.shape[0]):
-        size = max(size, _LAST_PLACES * abs(q[states[k]["iq"]]) * weights[states[k]["iv"]])
-    if turns:
-        size = max(size, _ROUND_OFF)
     for r in range(rows.shape[0]):
         if rows[r]["fun"] >= 0:
             driven = abs(run.work.con.fun[rows[r]["fun"], 0])
