@@ -155,13 +155,15 @@ _ARRAYS: dict[str, Callable[..., Array]] = {
 _SAMPLES = 20_000  # of a run; what lasts for less than two of them may be missed
 _RAPID = 10.0  # times as fast as usual
 _NO_CHANGE = 1e-6  # of all
-_SPAN, _SPANS = 0.4, 100  # share of the run that is not brief; more than so many are the motion
+_OVER = 0.5  # of what is rapid
+_LOW_POWER = 8  # a polynomial of this degree has no pulses
+_SPAN, _SPANS = 0.2, 100  # share of the run that is not brief; more than so many are the motion
 
 
 def brief_changes(ops: Ops, end: float) -> list[float]:
     """Times in (0, end) [s] from the beginning to the end of each brief change, such as a pulse
     ``exp(-((t - 5)/0.01)**2)``, five of each: a step from a state of rest would pass over it."""
-    if {op for op, _ in ops} <= _EVEN:
+    if {op for op, n in ops if op != "powc" or n not in range(_LOW_POWER + 1)} <= _EVEN:
         return []
     times = np.linspace(0.0, end, _SAMPLES + 1)
     with np.errstate(all="ignore"):
@@ -172,7 +174,10 @@ def brief_changes(ops: Ops, end: float) -> list[float]:
     spans = times[edges].reshape(-1, 2)
     if len(spans) > _SPANS:
         return []
-    brief = spans[np.diff(spans)[:, 0] < _SPAN * end]
+    spans = spans[np.diff(spans)[:, 0] < _SPAN * end]
+    around = spans + np.diff(spans) * [-1.0, 1.0]  # where a pulse is over and growth is not
+    after = np.interp(around, times[1:], change, left=0.0, right=0.0)
+    brief = spans[(after < _OVER * limit).all(axis=1)]
     beside = brief + np.array([-1.0, 1.0]) * times[1]
     jumps = np.searchsorted(derivative_jumps(ops, end), beside)  # these are events anyhow
     brief = brief[jumps[:, 0] == jumps[:, 1]]

@@ -59,6 +59,8 @@ def test_there_is_a_jump_at_every_kink_and_none_elsewhere():
         ({"type": "spline", "points": [[0, 0], [1.99, 0], [2, 1], [2.01, 0], [6, 0]]}, None),
         ("abs(t - 1) + sign(3 - 2*t)", None),  # jumps, whose times are known
         ("max(0, sin(200*t) - 0.9)", None),  # the motion itself
+        ("1.5*t**5", None),  # growth is no pulse
+        ("exp(2*t)", None),
     ],
     ids=str,
 )
