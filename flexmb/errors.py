@@ -137,7 +137,17 @@ class FlexmbWarning(UserWarning):
 
 
 def nearest(name: str, names: Iterable[str], n: int = 3) -> tuple[str, ...]:
-    """Up to n `names` like `name`, else that begin with it, best first, in any case of letters."""
+    """Names that resemble ``name``, else that begin with it, best first, in any case of letters.
+
+    Parameters
+    ----------
+    name : str
+        What was given.
+    names : iterable of str
+        What there is.
+    n : int
+        How many to return at most.
+    """
     matcher = difflib.SequenceMatcher()
     matcher.set_seq2(name.casefold())
     scored = []

@@ -102,7 +102,16 @@ class Equilibrium:
 def find_equilibrium(
     compiled: Compiled, model: Model, *, time: float = 0.0, start: Array | None = None
 ) -> Equilibrium:
-    """The equilibrium that a model settles in at a time [s], from `start` (nq,) or as placed.
+    """The equilibrium that a model settles in from a pose.
+
+    Parameters
+    ----------
+    compiled, model : Compiled, Model
+        The model.
+    time : float
+        At which functions and drivers are taken [s].
+    start : (nq,) array, optional
+        Where to begin; by default where the scene places the bodies.
 
     Raises
     ------

@@ -55,8 +55,16 @@ class PreparedInverse:
 def prepare_inverse(
     compiled: Compiled, model: Model, motion: Result, *, progress: Progress = silent
 ) -> PreparedInverse:
-    """Match a run of the same bodies and modes with a model, and make sure that its drivers, one on
-    each coordinate that moves, can give its motion; `progress` receives `load` or `compile`.
+    """Match a motion with a model and make sure that its drivers can give it.
+
+    Parameters
+    ----------
+    compiled, model : Compiled, Model
+        The model with a driver on every coordinate that is moved.
+    motion : Result
+        A run with the same bodies and modes.
+    progress : Progress
+        Receives the phases `load` or `compile`.
 
     Raises
     ------

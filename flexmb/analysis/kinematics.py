@@ -77,8 +77,16 @@ class PreparedKinematics:
 def prepare_kinematics(
     compiled: Compiled, model: Model, *, progress: Progress = silent
 ) -> PreparedKinematics:
-    """Load the compiled units, close the first pose and make sure that the motion is fixed;
-    `progress` receives the phases `load` or `compile`, and `assemble`.
+    """Load the compiled units, close the first pose and make sure that the motion is fixed.
+
+    Parameters
+    ----------
+    compiled : Compiled
+        The compiled model.
+    model : Model
+        The model; `model.kinematics` must be there.
+    progress : Progress
+        Receives the phases `load` or `compile`, and `assemble`.
 
     Raises
     ------

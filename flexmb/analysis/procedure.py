@@ -120,8 +120,18 @@ def assemble_first_state(
     first_state: Callable[[], T],
     progress: Progress = silent,
 ) -> tuple[T, PhaseTimer]:
-    """Load or compile units, as `progress` is told, and find the first state; returns it, and the
-    time both took.
+    """Load or compile units and find the first state; returns it, and the time both took.
+
+    Parameters
+    ----------
+    compiled : Compiled
+        The compiled model.
+    units : iterable of Unit
+        What its analysis calls.
+    first_state : callable
+        Finds the first state.
+    progress : Progress
+        Receives the phases `load` or `compile`, and `assemble`.
 
     Raises
     ------
@@ -215,7 +225,12 @@ class ChunkRows:
 
 
 class EnergyBalance:
-    """Largest mismatch of energy and work, and what to compare it with; `round_off` [J] is none.
+    """Largest mismatch of energy and work, and what to compare it with.
+
+    Parameters
+    ----------
+    round_off : float
+        Energy that is none [J].
 
     Attributes
     ----------

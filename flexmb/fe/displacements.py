@@ -124,8 +124,19 @@ def node_modes(
     interface_rotations: FloatArray | None = None,
     progress: Progress = silent,
 ) -> NodeModes:
-    """Displacement and rotation of all nodes per unit modal coordinate of modes Phi (n, m); nodes
-    of rigid ``interfaces`` take ``interface_rotations`` (i, 3, m)."""
+    """Displacement and rotation of all nodes per unit modal coordinate.
+
+    Parameters
+    ----------
+    fe : FEMatrices
+        The model.
+    Phi : (n, m) float
+        Modes.
+    interfaces : tuple of RigidInterface
+        Their nodes take ``interface_rotations`` (i, 3, m).
+    progress : Progress
+        Called with the phase ``"recovery"``.
+    """
     nodes, table = fe.numbering.nodes, fe.numbering.table
     everywhere = fe.expand(Phi)
     rotation = _mean_rotation(fe, everywhere, progress)

@@ -183,9 +183,21 @@ _NOT_POSITIVE = "-4"
 
 
 class Pardiso:
-    """The factors of a symmetric positive definite matrix, kept by MKL.
+    """The factors of a matrix, kept by MKL.
 
-    Raises NotPositive, or ReductionError where the factors do not fit into memory.
+    Parameters
+    ----------
+    K : (n, n) sparse
+        Symmetric positive definite; both triangles are stored.
+    progress : Progress
+        Called with the phases ``"order"`` and ``"factor"``.
+
+    Raises
+    ------
+    NotPositive
+        The matrix is not positive definite.
+    ReductionError
+        The factors do not fit into memory.
     """
 
     def __init__(self, K: csr_array, progress: Progress = silent) -> None:
@@ -239,10 +251,17 @@ Compute = Callable[[csr_array], Factor]
 
 
 def factor(K: csr_array, points: FloatArray | None = None, progress: Progress = silent) -> Factor:
-    """Factorise a sparse symmetric positive definite matrix K (n, n), both triangles.
+    """Factorise a sparse symmetric positive definite matrix.
 
-    ``points`` (n, 3), of the node of each unknown, give a better order of elimination, and errors
-    that say where.
+    Parameters
+    ----------
+    K : (n, n) sparse
+        Stiffness, both triangles.
+    points : (n, 3) float, optional
+        Position of the node of each unknown: a better order of elimination, and errors that say
+        where.
+    progress : Progress
+        Called with the phases ``"order"`` and ``"factor"``.
 
     Raises
     ------
@@ -323,7 +342,20 @@ _UNITS = {"": 1.0, "KB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12}
 
 
 def require_memory(needed: float, what: str) -> None:
-    """Raise ReductionError if ``what`` needs more bytes than there are, with a cure."""
+    """Refuse work that takes more memory than there is.
+
+    Parameters
+    ----------
+    needed : float
+        Bytes.
+    what : str
+        Name of the work, as subject of the sentence.
+
+    Raises
+    ------
+    ReductionError
+        Both figures, and what to do.
+    """
     free, limit = available_memory(), _own_limit()
     least = free if limit is None else min(free, limit)
     if needed <= least:

@@ -40,8 +40,16 @@ class NotPositive(ArithmeticError):
 class Fronts:
     """Dense fronts in the order of elimination, children before their parent.
 
-    ``order`` (n,) are rows of the matrix; front k eliminates ``first[k]`` to ``first[k + 1] - 1``
-    of them, updates ``borders[k]``, ascending, and passes it to ``parents[k]``, -1 for none.
+    Parameters
+    ----------
+    order : (n,) int
+        Rows of the matrix in the order of elimination.
+    first : (s + 1,) int
+        Front k eliminates the rows ``first[k]`` to ``first[k + 1] - 1`` of the new order.
+    borders : list of (b,) int
+        Rows of the new order, ascending, that front k updates.
+    parents : (s,) int
+        Front that takes this update; -1 if there is none.
     """
 
     order: IntArray
@@ -138,7 +146,22 @@ class _Update(NamedTuple):
 
 
 class Multifrontal:
-    """The factor L of P K P^T = L L^T; raises NotPositive."""
+    """The factor L of P K P^T = L L^T.
+
+    Parameters
+    ----------
+    K : (n, n) sparse
+        Symmetric positive definite; both triangles are stored.
+    fronts : Fronts
+        Of its pattern.
+    progress : Progress
+        Called with the phase ``"factor"`` by the share of operations done.
+
+    Raises
+    ------
+    NotPositive
+        The matrix is not positive definite.
+    """
 
     def __init__(self, K: csr_array, fronts: Fronts, progress: Progress = silent) -> None:
         self._fronts = fronts

@@ -56,8 +56,14 @@ def model_from_basis(
 ) -> FEMatrices:
     """A model of assembled matrices, in SI.
 
-    ``stiffness`` and ``mass`` (N, N) are over the degrees of freedom of the basis, of the free
-    body: no boundary conditions. The material is for stress.
+    Parameters
+    ----------
+    basis : skfem.CellBasis
+        Of three displacements: ``CellBasis(mesh, ElementVector(element))``.
+    stiffness, mass : (N, N) sparse
+        Over its degrees of freedom, of the free body: no boundary conditions.
+    material : Material or OrthotropicMaterial, optional
+        For stress.
 
     Raises
     ------

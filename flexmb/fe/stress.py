@@ -115,8 +115,16 @@ def stress_modes(
 ) -> StressModes | None:
     """Stress per unit modal coordinate at all places of some nodes; None if no element has any.
 
-    ``Phi`` (n, m) are modes; ``nodes`` those where stress is wanted, such as those of the skin; all
-    by default.
+    Parameters
+    ----------
+    fe : FEMatrices
+        The model.
+    Phi : (n, m) float
+        Modes.
+    nodes : (k,) int, optional
+        Mesh nodes where stress is wanted, such as those of the skin; all by default.
+    progress : Progress
+        Called with the phase ``"stress"``.
     """
     U = fe.expand(Phi)
     wanted = np.ones(len(fe.mesh.points), dtype=bool)
@@ -258,7 +266,15 @@ class SectionForces:
 
 
 def section_force_modes(fe: FEMatrices, V: FloatArray) -> SectionForces:
-    """Section forces per unit of each column of ``V`` (n, m), or of one solution (n,)."""
+    """Section forces per unit of each column of ``V``.
+
+    Parameters
+    ----------
+    fe : FEMatrices
+        The model.
+    V : (n, m) or (n,) float
+        Motions of the independent degrees of freedom: modes, or one solution.
+    """
     every = fe.expand(V.reshape(len(V), -1))
     nodes, groups, axes, ends = [np.zeros((0, 2), dtype=int)], [], [np.zeros((0, 3, 3))], []
     for block, part in _beam_batches(fe):

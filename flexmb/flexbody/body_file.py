@@ -311,9 +311,21 @@ def save_datasets(
     datasets: Mapping[str, Any],
     noun: str,
 ) -> Path:
-    """Write datasets and attributes (of a group: ``"group/name"``); the file appears whole.
+    """Write datasets and the attributes of their file; it appears only when it is complete.
 
-    ``table`` says what it may hold, ``noun`` what that is. Raises OutputError.
+    Parameters
+    ----------
+    target : Path
+        The file.
+    marks : mapping
+        Attributes by name, those of a group as ``"group/name"``.
+    table, datasets, noun
+        What it may hold, what it holds, and what that is: "the flexible body".
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
     """
     import h5py  # h5py: 20 ms that a check of a scene need not pay
 
@@ -366,9 +378,21 @@ def load(path: str | os.PathLike[str]) -> FlexBody:
 def load_datasets(
     source: Path, form: str, version: int, table: tuple[Dataset, ...], noun: str
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The marks of a file that must be of this form and version, and its datasets by path.
+    """The marks of a file, and its datasets by path.
 
-    Raises BodyFileError: no such file, not HDF5, another format or version, incomplete.
+    Parameters
+    ----------
+    source : Path
+        The file.
+    form, version, table
+        What it must be.
+    noun : str
+        What that is, for messages: "a flexible body".
+
+    Raises
+    ------
+    BodyFileError
+        No such file, not HDF5, another format or version, incomplete.
     """
     try:
         with open_hdf5(source, BodyFileError, f"{noun} of flexmb") as file:

@@ -72,7 +72,14 @@ def without_modal_inertia(body: FlexBody, modes: Sequence[int]) -> FloatArray:
 
 
 def frame_at_interface(body: FlexBody, name: str) -> FlexBody:
-    """The body, in mean axes, with its frame fixed at an interface, which then rests in it.
+    """The body with its frame fixed at an interface, which then neither moves nor turns in it.
+
+    Parameters
+    ----------
+    body : FlexBody
+        In mean axes.
+    name : str
+        The interface.
 
     Raises
     ------

@@ -147,9 +147,16 @@ _COUPLED = 1e-6  # damping between modes, over that within them, that is round-o
 
 @dataclass(frozen=True, eq=False)
 class Vibrations:
-    """Natural modes with stiffness of unit modal mass, ascending: omega (k,) [rad/s], eta (m, k).
+    """Natural modes with stiffness of unit modal mass, ascending.
 
-    ``stress`` (r, r) is orthonormal: the k shapes Lᵀ η / ω, then others that the modes lack.
+    Parameters
+    ----------
+    omega : (k,) float
+        rad/s.
+    eta : (m, k) float
+        Modal coordinates.
+    stress : (r, r) float
+        Orthonormal: the k shapes Lᵀ η / ω, then all others of which the modes have none.
     """
 
     omega: FloatArray
@@ -190,9 +197,17 @@ def damping_matrix(
 ) -> FloatArray:
     """(m, m) damping in the modal coordinates of a body.
 
-    ``joined`` are its vibrations as the scene joins it, ``where`` its place for messages. With
-    ``together``, natural frequencies [rad/s] (j,) of the scene with all its flexible bodies and
-    what of this body is in these modes (m, j), they damp shapes that rigid others would hold.
+    Parameters
+    ----------
+    body, damping : FlexBody, DampingOptions
+        The body and its ratios.
+    joined : Vibrations
+        Of the body as the scene joins it.
+    where : str
+        Its place, for messages.
+    together : ((j,) array, (m, j) array), optional
+        Natural frequencies [rad/s] of the scene with all its flexible bodies, and what of this body
+        is in these modes: they damp shapes that the others would hold if they were rigid.
 
     Raises
     ------

@@ -47,9 +47,23 @@ _EQUAL_POINTS = 1e-6  # of the extent: closer points are the same
 def mirror_motion(
     points: FloatArray, motion: FloatArray, normal: FloatArray, center: FloatArray
 ) -> tuple[IntArray, FloatArray]:
-    """Reflect a motion (k, 3, m) of points (k, 3) at the plane with a unit normal through a point.
+    """Reflect a motion at the plane through a point.
 
-    Returns rows (r,) of points evenly spread over the list, and the reflected motion (r, 3, m).
+    Parameters
+    ----------
+    points : (k, 3) float
+        Where the motion is known.
+    motion : (k, 3, m) float
+        The motion of each point.
+    normal, center : (3,) float
+        Unit normal of the plane and a point of it.
+
+    Returns
+    -------
+    rows : (r,) int
+        Points that were looked at, evenly spread over the list.
+    reflected : (r, 3, m) float
+        The reflected motion at them.
     """
     R = np.eye(3) - 2 * np.outer(normal, normal)
     rows = np.unique(np.linspace(0, len(points) - 1, min(len(points), _MAX_POINTS)).astype(int))
@@ -155,7 +169,14 @@ def check_shares(name: str, shares: FloatArray, frequencies: FloatArray, normal:
 def flatten_body(body: FlexBody, normal: ArrayLike, share: float) -> FlexBody:
     """The body without what is left of out-of-plane motion in its integrals and interfaces.
 
-    ``normal`` (3,) is the unit normal in body axes, ``share`` the largest share, for the record.
+    Parameters
+    ----------
+    body : FlexBody
+        A body whose modes are in-plane but for a small share.
+    normal : (3,) float
+        Unit normal of the plane, body axes.
+    share : float
+        The largest share, 0 to 1, for the record.
     """
     n = np.asarray(normal, dtype=float)
     R = np.eye(3) - 2 * np.outer(n, n)  # the reflection

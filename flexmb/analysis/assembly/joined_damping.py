@@ -63,8 +63,14 @@ def damping_words(model: Model, name: str, body: FlexBody) -> DampingOptions | N
 def add_damping(compiled: Compiled, model: Model, q: Array) -> tuple[Compiled, list[BodyDamping]]:
     """The model with the damping of its flexible bodies, and the ratios of their modes.
 
-    Of several flexible bodies also those of the modes that all have together, under no name; at the
-    first positions q (nq,), closed. A model that has its damping is returned as it is.
+    Of several flexible bodies also those of the modes that all have together, under no name.
+
+    Parameters
+    ----------
+    compiled, model : Compiled, Model
+        The model, which is returned as it is if it has its damping already.
+    q : (nq,) array
+        First positions, closed.
 
     Raises
     ------

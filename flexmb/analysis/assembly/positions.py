@@ -116,8 +116,18 @@ def assembly_weights(model: Model) -> Array:
 def close_positions(
     compiled: Compiled, model: Model, state: State, make: MakeCorrector, guess: bool = True
 ) -> tuple[Offset, ...]:
-    """Close the positions of a state, near what the scene guesses if `guess`; returns how far the
-    bodies were moved. The metric of `make` says what little change is.
+    """Close the positions of a state; returns how far the bodies were moved.
+
+    Parameters
+    ----------
+    compiled, model : Compiled, Model
+        The compiled model, and the model for its guesses and fixed bodies.
+    state : State
+        The pose to begin from; its q becomes the closed one.
+    make : callable
+        Makes the corrector, whose metric says what little change is.
+    guess : bool
+        Whether to begin near the coordinates that the scene guesses.
 
     Raises
     ------

@@ -90,8 +90,18 @@ def prepare_dynamics(
     begin: StartValues | None = None,
     progress: Progress = silent,
 ) -> PreparedDynamics:
-    """Load the compiled units and find the first state of a run, from the placed pose or `begin`;
-    `progress` receives the phases `load` or `compile`, and `assemble`.
+    """Load the compiled units and find the first state of a run.
+
+    Parameters
+    ----------
+    compiled : Compiled
+        The compiled model.
+    model : Model
+        The model; `model.dynamics` must be there.
+    begin : StartValues, optional
+        Where to begin instead of the placed pose.
+    progress : Progress
+        Receives the phases `load` or `compile`, and `assemble`.
 
     Raises
     ------

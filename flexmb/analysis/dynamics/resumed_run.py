@@ -29,8 +29,18 @@ from flexmb.results import Result
 def prepare_resumed(
     compiled: Compiled, model: Model, result: Result, *, progress: Progress = silent
 ) -> PreparedDynamics:
-    """Make the rest of a run ready, whose model may last longer than it did; `progress` receives
-    the phase `compile`.
+    """Make the rest of a run ready.
+
+    Parameters
+    ----------
+    compiled : Compiled
+        The model of the result, compiled anew; its fingerprint must be that of the result.
+    model : Model
+        The model; `model.dynamics.duration` may be longer than it was.
+    result : Result
+        What there is of the run.
+    progress : Progress
+        Told the phase `compile`.
 
     Raises
     ------

@@ -166,9 +166,17 @@ def _arrays(monitor: Monitor) -> dict[str, Any]:
 
 
 class VibrationResponse:
-    """What vibrations of frequencies omega (k,) [rad/s] do beyond their static response, by steps.
+    """What vibrations would do beyond following their static response, step by step.
 
-    ``turning`` (k,) is ḋ − λ̄ d, d what they do beyond, λ = −ζω + iω√(1−ζ²): it turns and decays.
+    Parameters
+    ----------
+    omega : (k,) array
+        Their frequencies [rad/s].
+
+    Attributes
+    ----------
+    turning : (k,) complex array
+        ḋ − λ̄ d, with d what they do beyond and λ = −ζω + iω√(1−ζ²): it turns and decays.
     """
 
     def __init__(self, omega: Array) -> None:

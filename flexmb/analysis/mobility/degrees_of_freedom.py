@@ -122,7 +122,14 @@ class Mobility:
 
 @one_blas_thread()
 def mobility_of(compiled: Compiled, model: Model) -> Mobility:
-    """The mobility of a compiled model of `MAX_COORDINATES` coordinates at most.
+    """The mobility of a compiled model.
+
+    Parameters
+    ----------
+    compiled : Compiled
+        The compiled model, of `rank.MAX_COORDINATES` coordinates at most.
+    model : Model
+        The model.
 
     Raises
     ------

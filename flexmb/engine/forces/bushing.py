@@ -106,10 +106,20 @@ def _beam(lowering: Lowering, spec: BeamForceSpec) -> Parameters:
 
 
 def beam_matrix(spec: BeamForceSpec, length: float) -> Array:
-    """K (6, 6) of the end J of a beam of a length [m] clamped at I, x along its axis.
+    """K (6, 6) of the end J of a beam clamped at I, x along its axis.
 
-    Forces and moments [N, N m] at J over its displacement and rotation [m, rad]; Przemieniecki,
-    Theory of Matrix Structural Analysis, 1968, sec. 5.6.
+    Parameters
+    ----------
+    spec : BeamForceSpec
+        Moduli and section.
+    length : float
+        Its length [m].
+
+    Returns
+    -------
+    (6, 6) float64
+        Forces and moments [N, N m] at J over its displacement and rotation [m, rad]; Przemieniecki,
+        Theory of Matrix Structural Analysis, 1968, sec. 5.6.
     """
     E, G = spec.moduli
     L = length

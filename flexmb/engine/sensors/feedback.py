@@ -50,27 +50,10 @@ PARTIAL = np.dtype([("program", _I), ("channel", _I)], align=True)
 # Where a partial derivative enters the iteration matrix. What acts: component `a` of row `row` on
 # its marker J or I (`on` 0, 1), of the kind `kind` among those with a unit force; or the scalar
 # coordinate with velocity `iv` if kind = -1. What it depends on: `term` at its marker I or J
-# (`side` 0, 1), or the state with velocity `state`. `panel`: of what acts; LINK
-# of the two blocks, -1: the same.
-FEEDBACK_TANGENT = np.dtype(
-    [
-        (word, _I)
-        for word in [
-            "partial",
-            "kind",
-            "row",
-            "on",
-            "a",
-            "iv",
-            "panel",
-            "term",
-            "side",
-            "state",
-            "link",
-        ]
-    ],
-    align=True,
-)
+# (`side` 0, 1), or the state with velocity `state`. `panel`: of what acts; `link`: LINK of the two
+# blocks, -1: the same.
+_WORDS = "partial kind row on a iv panel term side state link"
+FEEDBACK_TANGENT = np.dtype([(word, _I) for word in _WORDS.split()], align=True)
 
 
 class Feedback(NamedTuple):

@@ -99,10 +99,19 @@ def weighted_rows(
 ) -> tuple[IntArray, FloatArray]:
     """The rigid motion of a point nearest to the motion of nodes, by least squares.
 
-    Returns the degrees of freedom (s,) that count, and W (6, s). ``arms`` (k, 3) are positions of
-    the nodes from the point [m]. ``weights`` are values that are fitted, each with the root of its
-    weight, per unit motion of each node (p, k), and what rotations of the nodes add to the
-    displacements (3p, 3k) or None.
+    Degrees of freedom (s,) that count, and W (6, s).
+
+    Parameters
+    ----------
+    numbering : Numbering
+        Of the model.
+    nodes : (k,) int
+        The nodes; they must be able to hold all six motions.
+    arms : (k, 3) float
+        Their positions from the reference point [m].
+    weights : (p, k) sparse, and (3p, 3k) sparse or None
+        Values that are fitted, each with the root of its weight, per unit motion of each node; what
+        rotations of the nodes add to the displacements.
     """
     samples, bows = weights
     exists = numbering.table[nodes] >= 0
@@ -128,8 +137,22 @@ def weighted_rows(
 
 @dataclass(frozen=True, eq=False)
 class Tie:
-    """One tie: with ``"rbe2"`` the nodes (k,) follow the reference rigidly, with ``"rbe3"`` the
-    reference, which has six motions, moves with their mean and holds none of them."""
+    """One tie.
+
+    Parameters
+    ----------
+    name : str
+        For messages.
+    kind : str
+        ``"rbe2"``: the nodes follow the reference rigidly; ``"rbe3"``: the reference moves with
+        the mean of the nodes and holds none of them.
+    reference : int
+        The reference node; it has six motions.
+    nodes : (k,) int
+        The others.
+    group : str
+        Their group.
+    """
 
     name: str
     kind: str

@@ -38,10 +38,22 @@ _SHOWN = 8  # nodes named in a message
 
 @dataclass(frozen=True, eq=False)
 class NodeSelection:
-    """The nodes of an interface (k,), ascending, and how they are tied.
+    """The nodes of an interface and how they are tied.
 
-    ``where`` and ``about`` are for messages: its place in the scene, and what was chosen;
-    ``position`` is its reference point [m]; ``weights`` are as given, or in the order of nodes.
+    Parameters
+    ----------
+    where, about : str
+        For messages: the interface's place in the scene, and what was chosen.
+    nodes : (k,) int
+        Ascending.
+    position : (3,) float
+        Reference point, body frame [m].
+    type : str
+        ``"rbe2"`` or ``"rbe3"``.
+    weights : str or (k,) float or None
+        As given, those of the nodes in their order here.
+    group : str or None
+        The mesh group, if one was named.
     """
 
     where: str

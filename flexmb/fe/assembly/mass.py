@@ -226,10 +226,17 @@ def nodal_masses(
 ) -> NodalInertia:
     """Point masses and masses spread over groups.
 
-    By name: ``{at: group or node, mass: kg, inertia: [Jxx, Jyy, Jzz] or 3 x 3 about its own centre
-    [kg m^2], offset: [x, y, z] from the node to that centre [m]}``. The mass of a group of several
-    nodes is spread over them: in proportion to the area (length) of the group's surfaces (lines) at
-    each node, equally without any; it has no inertia of its own.
+    Parameters
+    ----------
+    mesh : Mesh
+        In metres.
+    numbering : Numbering
+        Degrees of freedom of the body.
+    words_by_name : mapping of str to mapping
+        ``{name: {at: group or node, mass: kg, inertia: [Jxx, Jyy, Jzz] or 3 x 3 about its own
+        centre [kg m^2], offset: [x, y, z] from the node to that centre [m]}}``. The mass of a
+        group of several nodes is spread over them: in proportion to the area (length) of the
+        group's surfaces (lines) at each node, equally without any; it has no inertia of its own.
 
     Raises
     ------

@@ -52,8 +52,14 @@ class Spring:
 def make_springs(mesh: Mesh, words_by_name: Mapping[str, Mapping[str, Any]]) -> tuple[Spring, ...]:
     """Find the nodes of springs ``{name: {between, stiffness, axes}}``.
 
-    ``between`` are two node numbers or groups of one node; ``stiffness`` one number [N/m] or six
-    [N/m, N m/rad]; ``axes`` the directions of the first and second axis, the body's by default.
+    Parameters
+    ----------
+    mesh : Mesh
+        In metres.
+    words_by_name : mapping of str to mapping
+        ``between`` two node numbers or groups of one node; ``stiffness`` one number [N/m] or six
+        [N/m, N m/rad]; ``axes`` the directions of the first and second axis, the body's by
+        default.
 
     Raises
     ------

@@ -107,8 +107,14 @@ def select_elements(
 ) -> tuple[Block, ...]:
     """Choose the elements of the body.
 
-    ``sections`` are by mesh group; ``"all"`` takes whatever elements of its dimension no other
-    section names. The material is that of all sections that name none.
+    Parameters
+    ----------
+    mesh : Mesh
+        In metres.
+    sections : mapping of str to section
+        By mesh group; ``"all"`` takes whatever elements of its dimension no other section names.
+    material : Material or OrthotropicMaterial, optional
+        Of all sections that name none.
 
     Raises
     ------

@@ -276,7 +276,18 @@ def from_lattice(
 ) -> Mesh:
     """The mesh of elements on a lattice, without the points that none of them uses.
 
-    ``groups`` are facets (kind, cells); ``surface`` asks for a group of the elements themselves.
+    Parameters
+    ----------
+    source, kind : str
+        Name of the mesh, and of the kind of its elements.
+    points : (n, 3) float
+        Places of all lattice points [m].
+    cells : (ne, k) int
+        Elements.
+    groups : mapping of str to list of (kind, cells)
+        Facets of each group.
+    surface : bool
+        Whether the elements themselves make a group ``surface``.
     """
     used = np.unique(cells)
     number = np.full(len(points), -1)

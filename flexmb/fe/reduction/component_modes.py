@@ -316,8 +316,19 @@ def free_modes_of(
     mirror: SymmetryPlane | None = None,
     progress: Progress = silent,
 ) -> Modes:
-    """At least ``count`` elastic modes of the free tied model, or all, unique in direction; with a
-    ``mirror`` the symmetric ones."""
+    """At least ``count`` elastic modes of the free tied model, or all, unique in direction.
+
+    Parameters
+    ----------
+    fixed, relief
+        The model with its interfaces held, and its inertia relief.
+    count : int
+        How many.
+    mirror : SymmetryPlane, optional
+        Only symmetric ones.
+    progress : Progress
+        Called with the phase ``"modes"``.
+    """
     fe, limit = fixed.fe, free_count(fixed)
 
     def static(f: FloatArray) -> FloatArray:

@@ -50,10 +50,32 @@ def lowest_modes(
     progress: Progress = silent,
     start: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """The ``count`` lowest modes of K x = omega^2 M x: omega^2 ascending, V with V^T M V = I.
+    """Lowest modes of K x = omega^2 M x by the inverse of K.
 
-    ``solve`` is K^-1 b for b (n,) or (n, k); a pseudo-inverse leaves out what it maps to zero, and
-    ``start`` (n,) lies where it maps to. Raises ReductionError if one is wrong.
+    Parameters
+    ----------
+    M : (n, n) sparse
+        Mass.
+    solve : callable
+        K^-1 b for b (n,) or (n, k); a pseudo-inverse leaves the motions it maps to zero out.
+    count : int
+        How many, fewer than n.
+    progress : Progress
+        Called with the phase ``"modes"``.
+    start : (n,) float, optional
+        Start vector; it must lie where ``solve`` maps to, if that is a pseudo-inverse.
+
+    Returns
+    -------
+    omega2 : (count,) float
+        Squared circular frequencies, ascending [1/s^2].
+    V : (n, count) float
+        Modes with V^T M V = I.
+
+    Raises
+    ------
+    ReductionError
+        The modes found do not fulfil the equation of vibration.
     """
     n = M.shape[0]
     if count == 0:
@@ -211,8 +233,21 @@ def reflection(fe: FEMatrices, normal: int) -> csr_array:
 
 
 def antisymmetric(M: csr_array, S: csr_array, V: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Kinetic energy of the part of fields V (n, m) that changes its sign on the reflection S, and
-    of all: quadratic forms (m, m); all is V^T M V where the mesh is symmetric."""
+    """Kinetic energy of the part of fields that changes its sign on reflection, and of all.
+
+    Parameters
+    ----------
+    M, S : (n, n) sparse
+        Mass and reflection.
+    V : (n, m) float
+        The fields.
+
+    Returns
+    -------
+    odd, whole : (m, m) float
+        Quadratic forms over the fields; whole is the sum for both parts, V^T M V where the mesh is
+        symmetric.
+    """
     image = S @ V
     odd, even = 0.5 * (V - image), 0.5 * (V + image)
     lost = odd.T @ (M @ odd)
@@ -372,9 +407,18 @@ def make_symmetry_plane(fe: FEMatrices, plane: str) -> SymmetryPlane:
 def symmetric_modes(
     S: csr_array, M: csr_array, lowest: Callable[[int], Modes], modes: int, limit: int
 ) -> Modes:
-    """The ``modes`` lowest modes of the symmetric subspace and a few more, or all there are.
+    """The lowest modes of the symmetric subspace.
 
-    ``lowest`` gives as many modes of the model as it is asked for, ``limit`` in all; S reflects.
+    Parameters
+    ----------
+    S, M : (n, n) sparse
+        Reflection and mass.
+    lowest : callable
+        Squared frequencies and mass-normalised modes of the model, so many.
+    modes : int
+        How many symmetric ones are wanted; a few more are returned, or all there are.
+    limit : int
+        How many modes the model has in all.
     """
     if modes == 0:
         return lowest(0)

@@ -74,9 +74,25 @@ def constrained_mass_solve(M: csr_array, W: csr_array, B: FloatArray) -> FloatAr
 
 
 class BorderedSolver:
-    """A factorised stiffness K (n, n) with held means W (w, n) and null space R (n, r).
+    """A factorised stiffness with held means.
 
-    Raises SingularMatrix where a part moves freely; its ``dofs`` are rows of K.
+    Parameters
+    ----------
+    K : (n, n) sparse
+        Stiffness.
+    W : (w, n) sparse
+        Weighted means; none is allowed.
+    R : (n, r) float
+        Null space of K; no columns where K is regular.
+    points : (n, 3) float
+        Place of each degree of freedom [m].
+    progress : Progress
+        Called with the phases ``"order"`` and ``"factor"``.
+
+    Raises
+    ------
+    SingularMatrix
+        A part moves freely; ``dofs`` are its rows of K.
     """
 
     def __init__(
@@ -149,8 +165,21 @@ _DENSE = 300  # below this many interior degrees of freedom full matrices are fa
 class FixedInterfaceModel:
     """A model with its interfaces held.
 
-    ``directions`` are the motions of an interface that exist, of six; the others are held for good.
-    Raises ReductionError without interfaces, or where a part of the mesh moves freely.
+    Parameters
+    ----------
+    fe : FEMatrices
+        The model.
+    interfaces : tuple of RigidInterface or WeightedInterface
+        At least one.
+    directions : tuple of int
+        Motions of an interface that exist, of six; the others are held for good.
+    progress : Progress
+        Called with the phases ``"order"`` and ``"factor"``.
+
+    Raises
+    ------
+    ReductionError
+        No interface, or a part of the mesh that can move freely with all interfaces held.
     """
 
     def __init__(
@@ -302,10 +331,25 @@ def select_modes(
     noun: str,
     shares: Callable[[FloatArray], FloatArray] | None = None,
 ) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Compute modes until there are the requested ones: omega^2 (k,), V (n, k), and their rows.
+    """Compute modes until there are the requested ones.
 
-    ``lowest`` gives squared frequencies and fields of at least so many modes, ``limit`` in all;
-    ``shares`` is that of each mode in the effective interface mass; ``noun`` is for messages.
+    Parameters
+    ----------
+    selection : ModesOptions
+        A count, a frequency, or a share of the effective interface mass.
+    lowest : callable
+        Squared frequencies and fields of at least so many modes, or all.
+    limit : int
+        How many the model has.
+    noun : str
+        What they are, for messages.
+    shares : callable, optional
+        Share of each mode in the effective interface mass.
+
+    Returns
+    -------
+    omega2, V, rows
+        Squared frequencies (k,), fields (n, k) and which of them are requested.
 
     Raises
     ------

@@ -60,10 +60,21 @@ def free_modes(
     loads: tuple[LoadPattern, ...] = (),
     residual: str = "none",
 ) -> ReducedBasis:
-    """Six rigid motions and the lowest elastic modes of a free body without interfaces.
+    """Six rigid motions and the lowest elastic modes of the free body.
 
-    The parameters are those of :func:`flexmb.fe.craig_bampton`. Raises ReductionError for more
-    modes than the model has, or a share of interface mass, which needs interfaces.
+    Parameters
+    ----------
+    fe, progress, mirror, loads, residual
+        As for :func:`flexmb.fe.craig_bampton`.
+    interfaces : tuple
+        None: this is for bodies without.
+    modes : int, mapping or ModesOptions
+        Elastic modes: so many, or all below ``{"frequency": f}`` [Hz].
+
+    Raises
+    ------
+    ReductionError
+        More modes than the model has, or a share of interface mass, which needs interfaces.
     """
     selection = read_modes(modes)
     if interfaces or selection.effective_mass is not None:

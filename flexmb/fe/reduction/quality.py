@@ -128,8 +128,16 @@ def compare_modes(
 ) -> FrequencyCheck:
     """Compare with the full model's elastic modes up to a frequency [Hz].
 
-    ``lowest`` gives at least so many of them, ``limit`` in all; without ``up_to`` half as many as
-    the reduced body has are compared, twenty at most.
+    Parameters
+    ----------
+    fe, elastic
+        The model and the reduced body's modes.
+    lowest : callable
+        At least so many of the full model's lowest modes.
+    limit : int
+        How many it has.
+    up_to : float or None
+        Without it half as many modes as the reduced body has, twenty at most.
     """
     count = (
         min(_FIRST, limit)
@@ -223,7 +231,16 @@ def missing_compliance(
 ) -> FloatArray:
     """(k,) the share of the compliance that the modes lack under each load.
 
-    ``respond`` gives the deformation (n, k) of the full free body under relieved loads (n, k).
+    Parameters
+    ----------
+    elastic : ReducedModes
+        The modes.
+    relief : InertiaRelief
+        Inertia relief of the model.
+    respond : callable
+        Deformation (n, k) of the full free body under relieved loads (n, k).
+    loads : sequence of LoadPattern
+        The loads.
     """
     if not loads:
         return np.zeros(0)

@@ -162,7 +162,12 @@ def orthonormalise(fe: FEMatrices, reduced: ReducedBasis) -> ReducedModes:
 def elastic_modes(K: FloatArray, M: FloatArray, R: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Eigenvalues, ascending, and mass-normalised modes that are mass-orthogonal to R.
 
-    K, M (k, k) are reduced matrices, R (k, 6) rigid motions, fewer in a plane; K R = 0.
+    Parameters
+    ----------
+    K, M : (k, k) float
+        Reduced matrices; K R = 0.
+    R : (k, 6) float
+        Rigid motions, fewer in a plane.
 
     Raises
     ------

@@ -89,8 +89,16 @@ def with_load_responses(
 ) -> FlexBody:
     """The body with its answers to loads at nodes, and with the modes that it leaves out.
 
-    ``points`` are nodes of the mesh, or positions (3,) [m] whose nearest nodes are meant;
-    ``mirror`` is the plane of a planar reduction.
+    Parameters
+    ----------
+    body, fe, basis, elastic
+        The body, its model, its basis and the modes made of it.
+    points : sequence of int or (3,) float
+        Nodes of the mesh, or positions [m] whose nearest nodes are meant.
+    mirror : SymmetryPlane, optional
+        Of a planar reduction.
+    progress : Progress
+        Called with the phases of a factorisation.
     """
     nodes = load_nodes(body.nodes, points)
     ends: tuple[ModelInterface, ...] = basis.interfaces

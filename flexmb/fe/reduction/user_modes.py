@@ -40,7 +40,12 @@ UserModesLike = str | os.PathLike[str] | np.ndarray
 def read_user_modes(source: UserModesLike, length: float = 1.0) -> FloatArray:
     """The array of modes: itself, or the one array of an .npz file (or that named ``modes``).
 
-    Its shape is (n, k), (nodes, 3, k) or (nodes, 6, k); ``length`` is the mesh's unit in metres.
+    Parameters
+    ----------
+    given : array or path
+        (n, k), (nodes, 3, k) or (nodes, 6, k).
+    length : float
+        Displacements are multiplied by it: the mesh's unit of length in metres.
 
     Raises
     ------
