@@ -44,7 +44,7 @@ from numba.np import arrayobj
 
 from flexmb.engine import jit
 from flexmb.engine.jit import Array, is_record, layout
-from flexmb.engine.unit_cache import write_unit
+from flexmb.engine.unit_cache import checks_indices, write_unit
 
 # `fastmath=True` would let the compiler assume that no NaN exists and make isfinite(nan) true;
 # these four flags keep NaN honest and still allow vectorised sums. Without reference counting
@@ -55,8 +55,25 @@ _OPTIONS = {
     "_nrt": False,
 }
 _WORD = ir.IntType(64)
-# No kernel counts from the end: to look whether an index is below zero takes a quarter of a run.
-slicing.fix_index = lambda builder, index, size: index
+
+
+def _fix_index(builder: ir.IRBuilder, index: ir.Value, size: ir.Value) -> ir.Value:
+    """The index as it is: no kernel counts from the end, and to look takes a quarter of a run.
+
+    Where indices are checked, one outside its array ends the process by an illegal instruction.
+    """
+    if checks_indices():
+        bound = sys._getframe(1).f_code.co_name == "fix_bound"  # of a slice, then cut at the size
+        zero = ir.Constant(size.type, 0)
+        below = builder.icmp_signed("<", index, zero)
+        wrong = below if bound else builder.icmp_unsigned(">=", index, size)
+        with builder.if_then(wrong, likely=False):
+            kind = ir.FunctionType(ir.VoidType(), [])
+            builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.trap"), [])
+    return index
+
+
+slicing.fix_index = _fix_index
 
 
 class RecordAddress(types.Type):

@@ -99,6 +99,11 @@ def engine_hash() -> str:
     return digest.hexdigest()[:16]
 
 
+def checks_indices() -> bool:
+    """Whether kernels look at their indices: `FLEXMB_CHECK_INDICES=1`, to find a wrong kernel."""
+    return os.environ.get("FLEXMB_CHECK_INDICES", "0") not in ("", "0")
+
+
 @functools.cache
 def _machine() -> str:
     """What machine code depends on but for its source: processor, versions of the compilers."""
@@ -106,7 +111,8 @@ def _machine() -> str:
 
     features = llvm.get_host_cpu_features().flatten()
     cpu = hashlib.sha256(f"{llvm.get_host_cpu_name()} {features}".encode()).hexdigest()[:8]
-    return f"{platform.machine()}-{cpu}-numba{version('numba')}-llvmlite{version('llvmlite')}"
+    versions = f"numba{version('numba')}-llvmlite{version('llvmlite')}"
+    return f"{platform.machine()}-{cpu}-{versions}{'-indices' * checks_indices()}"
 
 
 def cache_folders() -> tuple[Path, ...]:

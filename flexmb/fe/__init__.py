@@ -7,9 +7,10 @@ from flexmb.fe.assembly.interfaces import RigidInterface, WeightedInterface, mak
 from flexmb.fe.assembly.loads import LoadPattern, make_loads
 from flexmb.fe.displacements import node_modes, surface
 from flexmb.fe.elements.element_blocks import Block
+from flexmb.fe.mesh_checks import Finding, mesh_report
 from flexmb.fe.meshes.mesh import Mesh, read_mesh
 from flexmb.fe.meshes.mesh_shapes import mesh_from
-from flexmb.fe.model_checks import Finding, Survey, mesh_report
+from flexmb.fe.model_checks import Survey
 from flexmb.fe.reduce import make_body, reduce, survey
 from flexmb.fe.reduction.component_modes import craig_bampton, free_interface, guyan
 from flexmb.fe.reduction.methods import reduce_model

@@ -1,9 +1,4 @@
-"""What is wrong or suspicious about a mesh and its finite-element model, in sentences.
-
-:func:`mesh_report` returns :class:`Finding` objects: notes, warnings, and errors for what cannot be
-a body. The quality of an element is its scaled Jacobian: at each corner the volume (area) spanned
-by its edges over the product of their lengths, scaled to 1 for the regular element; the least of
-its corners counts. Source: Knupp et al., The Verdict Library Reference Manual, Sandia 2007.
+"""What is wrong or suspicious about a finite-element model, in sentences.
 
 A release is a hinge only if something else at its node holds the motion: another element, a tie, or
 an interface of several nodes. An interface of that node alone would get a coordinate without mass
@@ -12,280 +7,50 @@ or stiffness. The nominal mass is the sum of volumes (areas, lengths) times dens
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy
-from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csr_array
 
 from flexmb.errors import MeshError, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, MeshModel
 from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface
-from flexmb.fe.elements.element_blocks import (
-    FAMILIES,
-    Block,
-    elements_without_section,
-    thick_shells,
-)
-from flexmb.fe.elements.shell_fields import STEEP, WARP_WARNING, flatten, opposed_edges, warp
-from flexmb.fe.meshes.mesh import Mesh, dimension
+from flexmb.fe.elements.element_blocks import Block, elements_without_section, thick_shells
+from flexmb.fe.elements.shell_fields import STEEP, flatten, opposed_edges
+from flexmb.fe.mesh_checks import Finding, mesh_report, size_sentence
 from flexmb.fe.reduction.fixed_interface import read_modes
 from flexmb.fe.reduction.user_modes import read_user_modes
 from flexmb.fe.sections.beam_chain import BoundBeam
 from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero
 from flexmb.materials import plausibility
 
-CORNERS: dict[str, tuple[str, float]] = {
-    "triangle": ("12 20 01", 2 / math.sqrt(3)),
-    "quad": ("13 20 31 02", 1.0),
-    "tetra": ("123 203 013 021", math.sqrt(2)),
-    "wedge": ("123 204 015 540 351 432", 2 / math.sqrt(3)),
-    "hexahedron": ("134 205 316 027 750 461 572 643", 1.0),
-}
-"""Neighbours of each corner, in a right-handed order, and the scale of the regular element."""
-
-
-def scaled_jacobian(kind: str, x: FloatArray) -> FloatArray | None:
-    """(ne,) quality of elements with node coordinates x (ne, k, 3); None for other kinds.
-
-    Left-handed numbering, or a normal to either side, counts as right; negative is what folds.
-    """
-    shape = CORNERS.get(kind.rstrip("0123456789"))
-    if shape is None:
-        return None
-    corners, scale = shape
-    normal = None
-    ratios = []
-    for corner, neighbours in enumerate(corners.split()):
-        edges = x[:, [int(k) for k in neighbours]] - x[:, [corner]]
-        lengths = np.prod(np.linalg.norm(edges, axis=2), axis=1)
-        if edges.shape[1] == 3:
-            spanned = np.einsum("ec,ec->e", np.cross(edges[:, 0], edges[:, 1]), edges[:, 2])
-        else:
-            areas = np.cross(edges[:, 0], edges[:, 1])
-            normal = areas if normal is None else normal
-            sign = np.where(np.einsum("ec,ec->e", areas, normal) < 0, -1.0, 1.0)
-            spanned = sign * np.linalg.norm(areas, axis=1)
-        ratios.append(spanned / np.where(lengths > 0, lengths, np.inf))
-    quality = scale * np.array(ratios)
-    return np.min(quality * np.where(quality.sum(axis=0) < 0, -1.0, 1.0), axis=0)
-
-
-_CURVED = (
-    0.7  # share of normals along x up to the change of axes; flat walls at 0 or 90 degrees pass
-)
-SLIVER = 0.05  # scaled Jacobian; the regular element has 1
-_COINCIDENT = 1e-6  # distance over the extent of the mesh
-_EXTENT = (1e-4, 100.0)  # m: a part of 450 mm read as metres is beyond
-
-Cells = tuple[str, IntArray]
-
-
-class Finding(NamedTuple):
-    """One sentence, and how bad it is: ``"note"``, ``"warning"`` or ``"error"``."""
-
-    level: str
-    sentence: str
-
-
-def mesh_report(
-    mesh: Mesh,
-    blocks: Sequence[Block] | None = None,
-    linked: Sequence[IntArray] = (),
-    unit: str = "m",
-) -> list[Finding]:
-    """Everything worth saying about a mesh.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        The mesh.
-    blocks : sequence of Block, optional
-        The elements of the body; without them its elements of the highest dimension.
-    linked : sequence of (k,) int
-        Nodes that are joined by other means: ties, interfaces.
-    unit : str
-        Unit of its coordinates, for places; empty if it is not known.
-    """
-    if blocks is None:
-        cells = _highest(mesh)
-        shells = [(kind, nodes) for kind, nodes in cells if dimension(kind) == 2]
-    else:
-        cells = [(block.kind, block.nodes) for block in blocks]
-        shells = [(b.kind, b.nodes) for b in blocks if b.family.dimension == 2]
-    place = _Places(mesh, unit)
-    return [
-        *([Finding("note", mesh.note)] if mesh.note else []),
-        *_numbers(mesh),
-        *_orphans(mesh, cells, linked),
-        *_repeated(cells, place),
-        *_inverted(cells, place),
-        *_slivers(cells, place),
-        *_warped(shells, place),
-        *_coincident(mesh, cells, linked, place),
-        *_apart(cells, linked, place, "warning" if blocks is None else "error"),
-    ]
-
-
-def size_sentence(points: FloatArray, unit: float = 1.0) -> str:
-    """What hints at a slip of units in the extent of these points [m]; empty if nothing does.
-
-    `unit` [m] is that of the mesh: who writes in micrometres has small parts.
-    """
-    extent = float(np.ptp(points, axis=0).max())
-    if _EXTENT[0] * min(1.0, unit / 1e-3) <= extent <= _EXTENT[1]:
-        return ""
-    return f"the mesh extends over {extent:g} m: is its unit system the right one?"
-
-
-def parts(count: int, groups: Sequence[IntArray]) -> IntArray:
-    """(count,) number of the part that each node belongs to; rows of ``groups`` join nodes."""
-    lists = [np.atleast_2d(group) for group in groups if np.size(group)] or [np.zeros((1, 1), int)]
-    first = [np.repeat(rows[:, 0], rows.shape[1]) for rows in lists]
-    ends = (np.concatenate([*first, []]).astype(int), np.concatenate([r.ravel() for r in lists]))
-    graph = coo_array((np.ones(len(ends[0]), dtype=np.int8), ends), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1])
-
-
-class _Places:
-    """Places of nodes and elements as text."""
-
-    def __init__(self, mesh: Mesh, unit: str) -> None:
-        self.points, self._unit, self._mesh = mesh.points, unit, mesh
-
-    def node(self, number: int) -> str:
-        return f"{self._mesh.node_text(number)} at {self._text(self.points[number])}"
-
-    def element(self, nodes: IntArray) -> str:
-        return f"at {self._text(self.points[nodes].mean(axis=0))}"
-
-    def _text(self, point: FloatArray) -> str:
-        text = ", ".join(f"{value:.4g}" for value in point + 0.0)
-        return f"({text}) {self._unit}".rstrip()
-
-
-def _highest(mesh: Mesh) -> list[Cells]:
-    kinds = mesh.kinds(3) or mesh.kinds(2) or mesh.kinds(1)
-    return [(kind, mesh.blocks[kind]) for kind in kinds]
-
-
-def _numbers(mesh: Mesh) -> Iterator[Finding]:
-    if mesh.numbers is not None and (mesh.numbers != np.arange(len(mesh.numbers))).any():
-        first, last = mesh.numbers[0], mesh.numbers[-1]
-        what = f"nodes are counted from 0: number {first} of the mesh file is node 0 here, number "
-        yield Finding("note", f"{what}{last} is node {len(mesh.numbers) - 1}")
-
-
-def _used(cells: Sequence[Cells]) -> IntArray:
-    return np.unique(np.concatenate([np.zeros(0, int), *(nodes.ravel() for _, nodes in cells)]))
-
-
-def _orphans(mesh: Mesh, cells: Sequence[Cells], linked: Sequence[IntArray]) -> Iterator[Finding]:
-    joined = [_used(cells), *(np.ravel(nodes) for nodes in linked)]
-    missing = len(mesh.points) - len(np.unique(np.concatenate(joined)))
-    if missing:
-        what = "1 node belongs to no element of the body and is left out"
-        if missing > 1:
-            what = f"{missing} nodes belong to no element of the body and are left out"
-        yield Finding("note", what)
-
-
-def _repeated(cells: Sequence[Cells], place: _Places) -> Iterator[Finding]:
-    for kind in dict.fromkeys(kind for kind, _ in cells):
-        nodes = np.concatenate([rows for name, rows in cells if name == kind])
-        keys = np.stack([nodes.min(axis=1), nodes.max(axis=1), nodes.sum(axis=1)], axis=1)
-        _, like, count = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
-        some = np.sort(nodes[count[like.ravel()] > 1], axis=1)
-        again, count = np.unique(some, axis=0, return_counts=True)
-        if (count > 1).any():
-            what = f'{(count > 1).sum()} of {len(nodes)} elements of kind "{kind}" are there more '
-            what += f"than once, the first {place.element(again[count > 1][0])}: their stiffness "
-            yield Finding("warning", f"{what}and mass count as often")
-
-
-def _inverted(cells: Sequence[Cells], place: _Places) -> Iterator[Finding]:
-    for kind, nodes in cells:
-        family = FAMILIES.get(kind)
-        bad = [] if family is None else family.defects(place.points[nodes])
-        if len(bad):
-            what = f'{len(bad)} of {len(nodes)} elements of kind "{kind}" are flat, folded or '
-            what += f"turned inside out, the first {place.element(nodes[bad[0]])}"
-            yield Finding("error", what)
-
-
-def _slivers(cells: Sequence[Cells], place: _Places) -> Iterator[Finding]:
-    for kind, nodes in cells:
-        quality = scaled_jacobian(kind, place.points[nodes])
-        if quality is None or not (quality < SLIVER).any():
-            continue
-        worst = int(np.argmin(quality))
-        what = f'{(quality < SLIVER).sum()} of {len(nodes)} elements of kind "{kind}" are '
-        what += f"slivers: quality (scaled Jacobian at the corners) below {SLIVER:g}, the least "
-        yield Finding("warning", f"{what}{quality[worst]:.2g} {place.element(nodes[worst])}")
-
-
-def _warped(shells: Sequence[Cells], place: _Places) -> Iterator[Finding]:
-    for kind, nodes in shells:
-        if not kind.startswith("quad"):
-            continue
-        out = warp(place.points[nodes[:, :4]])
-        count, worst = int((out > WARP_WARNING).sum()), int(np.argmax(out))
-        if count:
-            what = f'{count} of {len(nodes)} elements of kind "{kind}" are warped: their corners '
-            what += f"are off a plane by more than {WARP_WARNING:g} of their size, at most by "
-            what += f"{out[worst]:.2g} {place.element(nodes[worst])}; mesh the twist finer"
-            yield Finding("warning", what)
-
-
-def _coincident(
-    mesh: Mesh, cells: Sequence[Cells], linked: Sequence[IntArray], place: _Places
-) -> Iterator[Finding]:
-    used = _used(cells)
-    if len(used) < 2:
-        return
-    near = _COINCIDENT * np.ptp(mesh.points[used], axis=0).max()
-    for axis in np.sqrt([[0.2, 0.3, 0.5], [0.3, 0.5, 0.2], [0.5, 0.2, 0.3]]):
-        used = used[np.argsort(mesh.points[used] @ axis)]
-        gaps = np.diff(mesh.points[used] @ axis, prepend=-np.inf, append=np.inf)
-        used = used[np.minimum(gaps[1:], gaps[:-1]) <= 1.01 * near]  # along any axis; few are left
-    if len(used) < 2:
-        return
-    tree = scipy.spatial.cKDTree(mesh.points[used])
-    pairs = used[tree.query_pairs(near, output_type="ndarray")].reshape(-1, 2)
-    if linked and len(pairs):
-        joined = parts(len(mesh.points), linked)
-        pairs = pairs[joined[pairs[:, 0]] != joined[pairs[:, 1]]]
-    if len(pairs):
-        a, b = min(map(sorted, pairs.tolist()))
-        verb = "pair of nodes coincides" if len(pairs) == 1 else "pairs of nodes coincide"
-        what = f"{len(pairs)} {verb}, the first {place.node(a)} with node {b}: what touches there "
-        yield Finding("warning", f"{what}is not joined; merge the nodes if it should be")
-
-
-def _apart(
-    cells: Sequence[Cells], linked: Sequence[IntArray], place: _Places, level: str
-) -> Iterator[Finding]:
-    used = _used(cells)
-    if not len(used):
-        return
-    part_of = parts(len(place.points), [*(nodes for _, nodes in cells), *linked])[used]
-    names, first, count = np.unique(part_of, return_index=True, return_counts=True)
-    if len(names) > 1:
-        least = int(np.argmin(count))
-        what = f"the mesh falls into {len(names)} parts that share no nodes and no interface; the "
-        what += f"smallest has {count[least]} nodes, one of them {place.node(used[first[least]])}: "
-        what += "merge coincident nodes, or make the parts conform"
-        yield Finding(level, what)
+_CURVED = 0.7  # share of normals along x up to the change of axes; walls at 0 or 90 degrees pass
+_DIFFERENCE = 1e-3  # relative; curved elements are measured by another quadrature than their mass
+_SIMPSON = ((0.0, 1 / 6), (0.5, 2 / 3), (1.0, 1 / 6))  # exact for an area that varies as a square
 
 
 def check_releases(
     fe: FEMatrices, interfaces: Sequence[IntArray], motions: csr_array | None = None
 ) -> None:
-    """Refuse released motions without stiffness, of those (n, k) that supports leave."""
+    """Refuse released motions without stiffness.
+
+    Parameters
+    ----------
+    fe : FEMatrices
+        The model.
+    interfaces : sequence of (k,) int
+        Nodes of each interface.
+    motions : (n, k) csr_array, optional
+        Motions that supports leave free; all without it.
+
+    Raises
+    ------
+    MeshError
+        Names each node and the axis.
+    """
     ends = [
         block.nodes.ravel()
         for block in fe.blocks
@@ -313,10 +78,6 @@ def check_releases(
         raise MeshError.from_problems(problems)
 
 
-_DIFFERENCE = 1e-3  # relative; curved elements are measured by another quadrature than their mass
-_SIMPSON = ((0.0, 1 / 6), (0.5, 2 / 3), (1.0, 1 / 6))  # exact for an area that varies as a square
-
-
 def nominal_mass(blocks: Iterable[Block], points: FloatArray) -> float:
     """Volumes, areas or lengths of all elements times their density, and mass per area or length
     that adds no stiffness [kg]; the materials of all blocks are known."""
@@ -333,7 +94,10 @@ def point_mass(masses: Mapping[str, Mapping[str, Any]] | None) -> float:
 
 
 def mass_sentence(fe: FEMatrices, points: float = 0.0) -> str:
-    """What is wrong with the mass, ``points`` [kg] at nodes included; empty if nothing is."""
+    """What is wrong with the mass of the matrices; empty if nothing is.
+
+    ``points`` [kg] is the sum of masses at nodes.
+    """
     expected = nominal_mass(fe.blocks, fe.mesh.points) + points
     R = fe.rigid[:, :3]
     masses = np.einsum("ij,ij->j", R, fe.M @ R)

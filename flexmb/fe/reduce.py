@@ -29,9 +29,9 @@ from flexmb.fe.assembly.interfaces import (
 )
 from flexmb.fe.assembly.loads import load_options, make_loads, reduce_load
 from flexmb.fe.displacements import node_modes, surface
+from flexmb.fe.mesh_checks import Finding
 from flexmb.fe.meshes.mesh_shapes import MeshLike, mesh_from
 from flexmb.fe.model_checks import (
-    Finding,
     Survey,
     check_mode_count,
     check_releases,

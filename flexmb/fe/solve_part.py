@@ -18,8 +18,9 @@ from flexmb.fe.assembly.assemble import Attempts, FEMatrices, MeshModel, assembl
 from flexmb.fe.assembly.interfaces import InterfaceLike, ModelInterface
 from flexmb.fe.assembly.loads import condensed_load, load_vector
 from flexmb.fe.assembly.supports import Supports, make_supports
+from flexmb.fe.mesh_checks import Finding
 from flexmb.fe.meshes.mesh_shapes import MeshLike
-from flexmb.fe.model_checks import Finding, check_releases, mass_sentence, point_mass
+from flexmb.fe.model_checks import check_releases, mass_sentence, point_mass
 from flexmb.fe.reduce import prepare_model
 from flexmb.fe.reduction.methods import model_provenance
 from flexmb.fe.sections.section_tables import MaterialLike, sections_from

@@ -13,8 +13,8 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "files": 337,
-    "lines": 90_765,
+    "files": 338,
+    "lines": 90_816,
     "participles": 30,
     "base names of three and more files": 0,
     _ALL: 0,
@@ -30,7 +30,7 @@ FIGURES = {
 }
 # The aims are 50 000 lines and 120 files; these are held on the way. 142 run with compiled units
 # at hand, some more where units are compiled.
-FILES_OF_MAIN_JOB = 155
+FILES_OF_MAIN_JOB = 156
 
 
 def files_with_all() -> list[str]:

@@ -23,7 +23,7 @@ from flexmb.errors import FlexmbError, MeshError, Problem, ReductionError, neare
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.interfaces import InterfaceLike, ModelInterface
 from flexmb.fe.assembly.loads import LoadPattern
-from flexmb.fe.model_checks import Finding
+from flexmb.fe.mesh_checks import Finding
 from flexmb.fe.reduction.component_modes import craig_bampton, free_interface, guyan
 from flexmb.fe.reduction.eigenmodes import SymmetryPlane
 from flexmb.fe.reduction.fixed_interface import read_modes

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -181,6 +182,52 @@ import numba
 print(numba.config.CACHE_DIR)
 """
     assert run_python(code, project, NUMBA_CACHE_DIR="/mine").strip() == "/mine"
+
+
+# --- indices --------------------------------------------------------------------------------------
+
+ONE_FUNCTION = """
+import sys
+import numpy as np
+from flexmb.engine.function import lower, run_program
+from flexmb.engine.units import call
+from flexmb.model.functions.expression import parse
+table = lower([parse("2*t")])
+print(call(run_program, table, int(sys.argv[1]), 1.5, np.zeros((1, 3)), np.zeros((table.depth, 3))))
+"""
+
+
+def test_checked_kernels_stop_at_an_index_outside_its_array(cache, tmp_path):
+    """Below the first and behind the last; inside, they do what they always do."""
+
+    def run(number):
+        env = {**os.environ, "FLEXMB_CHECK_INDICES": "1"}
+        command = [sys.executable, "-c", ONE_FUNCTION, str(number)]
+        return subprocess.run(command, env=env, capture_output=True, text=True, check=False)
+
+    assert run(0).stdout.strip() == "3.0"
+    assert [run(number).returncode for number in (-1, 1000)] == [-signal.SIGILL] * 2
+
+
+@pytest.mark.slow
+def test_kernels_index_within_their_arrays(cache, project):
+    """Pendulums, contacts, friction, flexible bodies and every method, all indices looked at."""
+    rooms = [
+        "convergence",
+        "identities",
+        "truth/test_contact.py",
+        "truth/test_friction.py",
+        "truth/test_effects.py",
+        "truth/test_couplers.py",
+        "truth/test_drivers.py",
+    ]
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-n", "1"]
+    done = subprocess.run(
+        [*command, "-m", "not slow", *(str(project / "tests" / room) for room in rooms)],
+        env={**os.environ, "FLEXMB_CHECK_INDICES": "1"}, cwd=project, capture_output=True,
+        text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout[-3000:]
 
 
 # --- what the code does ---------------------------------------------------------------------------

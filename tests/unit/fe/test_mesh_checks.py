@@ -12,14 +12,9 @@ from shellkit import PLY
 
 from flexmb.fe import Mesh, assemble, mesh_report, reduce, resolve, section_from, survey
 from flexmb.fe.elements.shell_fields import WARP_WARNING, warp
+from flexmb.fe.mesh_checks import SLIVER, scaled_jacobian, size_sentence
 from flexmb.fe.meshes.mesh_shapes import mesh_from
-from flexmb.fe.model_checks import (
-    SLIVER,
-    mass_sentence,
-    nominal_mass,
-    scaled_jacobian,
-    size_sentence,
-)
+from flexmb.fe.model_checks import mass_sentence, nominal_mass
 
 BOX = mesh_from({"type": "box", "size": [2.0, 1.0, 1.0], "divisions": [2, 1, 1]})
 PLATE = mesh_from({"type": "plate", "length": 2.0, "width": 1.0, "divisions": [2, 1]})

@@ -9,10 +9,10 @@ from scipy.linalg import eigh
 import flexmb
 from flexmb import fe
 from flexmb.errors import FlexmbError, MeshError
+from flexmb.fe.mesh_checks import scaled_jacobian
 from flexmb.fe.meshes import Mesh, beam, box, mesh_from, plate
 from flexmb.fe.meshes.mesh import facet_moments
 from flexmb.fe.meshes.mesh_refinement import refine_mesh
-from flexmb.fe.model_checks import scaled_jacobian
 
 SOLIDS = ("hexahedron20", "hexahedron27", "hexahedron", "tetra10", "tetra", "wedge15")
 

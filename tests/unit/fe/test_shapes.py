@@ -10,10 +10,10 @@ import pytest
 from flexmb.errors import MeshError
 from flexmb.fe import mesh_report, meshes
 from flexmb.fe.elements.element_blocks import FAMILIES, outer_faces, select_elements
+from flexmb.fe.mesh_checks import scaled_jacobian
 from flexmb.fe.meshes.lattice import KINDS
 from flexmb.fe.meshes.mesh import dimension, facet_moments, group_centroid
 from flexmb.fe.meshes.mesh_shapes import SHAPES, mesh_from
-from flexmb.fe.model_checks import scaled_jacobian
 
 SOLIDS, SURFACES = KINDS[3], KINDS[2]
 STRAIGHT = ("hexahedron", "tetra", "quad", "triangle")  # first order: circles become polygons
