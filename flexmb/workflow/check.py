@@ -180,7 +180,7 @@ def _reaction_scene(model: Model) -> dict[str, Any]:
 
 def counts_table(counts: Counts) -> dict[str, int]:
     """What a model consists of, in words."""
-    coupled = " and couplers" if counts.couplers else ""
+    others = " and couplers" * bool(counts.couplers) + " and drivers" * bool(counts.drivers)
     return {
         "rigid bodies": counts.rigid_bodies,
         "flexible bodies": counts.flexible_bodies,
@@ -190,7 +190,7 @@ def counts_table(counts: Counts) -> dict[str, int]:
         "forces": counts.forces,
         "sensors": counts.sensors,
         "coordinates of the bodies, without modes": counts.rigid_coordinates,
-        f"equations of the joints{coupled}": counts.equations,
+        f"equations of the joints{others}": counts.equations + counts.drivers,
         "coordinates less equations": counts.mobility,
     }
 
