@@ -116,7 +116,7 @@ def export(
         str | None,
         typer.Option(
             help="Names with commas between them, of any kind: slider.x,energy.kinetic,"
-            "crank_pin.rod.force.x,rod.von_mises"
+            'crank_pin.rod.force,rod.von_mises; also with *, ? and [...]: "slider.*"'
         ),
     ] = None,
     what: Annotated[
@@ -138,8 +138,8 @@ def export(
     if channels is not None and what is not None:
         raise FlexmbError("give either --channels or --what: names of channels, or all of a kind")
     run = Result(result)
-    names, kind = parse_names(channels), what or "sensors"
-    written = run.export(output or run.path.with_suffix(".csv"), names, what=kind)
-    columns = len(names) or len(run.channels(kind))
+    names = run.select(parse_names(channels)) if channels else run.channels(what or "sensors")
+    written = run.export(output or run.path.with_suffix(".csv"), names, what=what or "sensors")
+    columns = len(names)
     of = "1 channel" if columns == 1 else f"{columns} channels"
     screen.line(f"written: {written} ({len(run.time)} rows of {of})")

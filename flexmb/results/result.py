@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexmb.errors import FlexmbError, Problem, ResultFileError, nearest
+from flexmb.errors import FlexmbError, Problem, ResultFileError
 from flexmb.flexbody.arrays import Array
 from flexmb.results.channels import (
     CHANNEL_KINDS,
@@ -36,7 +36,6 @@ from flexmb.units import UnitSystem
 
 _LINES = 3  # of the history that notebooks show
 _LISTED = 12  # names in the table that notebooks show
-
 
 NOT_UNIQUE = "reactions_not_unique"
 """The statistic that names the joints and drivers whose reactions redundant equations share."""
@@ -203,6 +202,26 @@ class Result(StressEnvelopes, MarkerHistory):
         what = f'the result has no channel "{pattern}"'
         raise ResultFileError.unknown(what, pattern, every)
 
+    def select(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Channels that names mean, once each: see `match`; a vector's name means all components.
+
+        Raises
+        ------
+        ResultFileError
+            Names that mean nothing, all of them at once.
+        """
+        channels, problems = dict[str, None](), list[Problem]()
+        for name in names:
+            components = [f"{name}.{axis}" for axis in "xyz"]
+            vector = name not in self and all(component in self for component in components)
+            try:
+                channels |= dict.fromkeys(components if vector else self.match(name))
+            except ResultFileError as error:
+                problems += error.problems
+        if problems:
+            raise ResultFileError.from_problems(problems)
+        return tuple(channels)
+
     def unit(self, channel: str) -> str:
         """The unit of a channel in the scene's system, such as m/s², mm or N; empty for none.
 
@@ -301,7 +320,7 @@ class Result(StressEnvelopes, MarkerHistory):
         path : path
             The file.
         channels : sequence of str
-            Names of channels; none: all of the kind `what`.
+            Names of channels, wildcards and vectors (see `select`); none: all of the kind `what`.
         what : str
             A kind of channels, as for `channels`.
 
@@ -367,10 +386,7 @@ class Result(StressEnvelopes, MarkerHistory):
 
     def _table(self, names: Sequence[str], what: str) -> HistoryTable:
         """The channels of these names, else of a kind, as a table for output formats."""
-        names = tuple(names) or self.channels(what)
-        problems = [problem for name in names if (problem := self._missing(name)) is not None]
-        if problems:
-            raise ResultFileError.from_problems(problems)
+        names = self.select(names) if names else self.channels(what)
         if not names:
             lacks = f"has no channels of the kind {what}"
             if what in CHANNEL_KINDS and list_channels(self.layout, self.model, what):
@@ -383,16 +399,6 @@ class Result(StressEnvelopes, MarkerHistory):
         values = np.column_stack([self.time, *(self[name] for name in names)])
         return HistoryTable(self.title, ("time", *names), units, values)
 
-    def _missing(self, name: str) -> Problem | None:
-        """What is wrong with the name of a channel, if anything."""
-        if name in self:
-            return None
-        if name in self._by_name:
-            _ = self[name]  # raises the error that says what stores it
-        kinds = ("sensors", "reactions", "energy")
-        allowed = tuple(channel for kind in kinds for channel in self.channels(kind))
-        return Problem("", f'the result has no channel "{name}"', allowed, nearest(name, allowed))
-
     @cached_property
     def _by_name(self) -> dict[str, Channel]:
         return all_channels(self.layout, self.model)
@@ -402,9 +408,8 @@ class Result(StressEnvelopes, MarkerHistory):
             self._by_name.get(name) or self._stress_channel(name) or self._motion_channel(name)
         )
         if channel is None:
-            allowed = self.layout.channels or ("energy.kinetic", "drift.position")
-            what, likely = f'the result has no channel "{name}"', nearest(name, self._by_name)
-            raise ResultFileError.from_problems([Problem("", what, allowed, likely)])
+            what = f'the result has no channel "{name}"'
+            raise ResultFileError.unknown(what, name, self._by_name)
         return channel
 
 
@@ -420,22 +425,7 @@ def load_result(path: str | Path) -> Result:
 
 
 def _find_side(pairs: tuple[MarkerPair, ...], name: str, on: str) -> tuple[int, str, MarkerPair]:
-    """Number of the joint or driver, side ``"I"`` or ``"J"``, and its markers.
-
-    Parameters
-    ----------
-    pairs : tuple of MarkerPair
-        From `marker_pairs`.
-    name : str
-        A joint or driver: ``crank_pin`` or ``joints.crank_pin``.
-    on : str
-        ``"I"``, ``"J"``, a body, or a marker such as ``rod.big_end``.
-
-    Raises
-    ------
-    ResultFileError
-        No such joint or driver, or it is not on that body.
-    """
+    """Number of a joint or driver, side ``"I"`` or ``"J"``, and its markers; see `reaction`."""
     number = next((i for i, pair in enumerate(pairs) if name in (pair.name, pair.path)), None)
     if number is None:
         what = f'the result has no reaction of "{name}"'

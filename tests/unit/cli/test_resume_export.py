@@ -53,6 +53,19 @@ def test_export_takes_names_of_any_kind(result: Path, tmp_path: Path) -> None:
     assert "drift.velocity" in (tmp_path / "d.csv").read_text()
 
 
+def test_export_takes_wildcards_and_vectors(result: Path, tmp_path: Path) -> None:
+    names = "slider.[xy],energy.k*,slider.x,speed"
+    done = call("export", result, "--channels", names, "-o", tmp_path / "x.csv")
+    assert done.exit_code == 0, done.output
+    assert "of 6 channels" in done.stdout
+    header = (tmp_path / "x.csv").read_text().splitlines()[0].split(",")
+    speed = [f"speed.{axis} [m/s]" for axis in "xyz"]
+    assert header == ["time [s]", "slider.x [m]", "slider.y [m]", "energy.kinetic [J]", *speed]
+    missing = refused("export", result, "--channels", "slidr.*,enrgy.kinetic")
+    assert 'no channel "slidr.*"; nearest: slider.' in missing
+    assert 'no channel "enrgy.kinetic"; nearest: energy.kinetic' in missing
+
+
 def test_export_names_what_there_is_not(result: Path, tmp_path: Path) -> None:
     assert 'no channel "slidr.x"; nearest: slider.x' in refused(
         "export", result, "--channels", "slidr.x"
