@@ -354,7 +354,7 @@ def channel_problems(scope: Scope) -> Iterator[Problem]:
         yield from _ambiguous_names(scope, channels, where, text)
         for name in function.expression.channels:
             if name not in channels and name.partition(".")[0] not in broken:
-                names = (*channels, *scope.model.parameters)
+                names = ("t", *channels, *scope.model.parameters)
                 problem = unknown_channel(text, name, names)
                 yield Problem(where, problem.what, problem.allowed, problem.nearest)
             unknown |= name not in channels

@@ -48,6 +48,10 @@ def test_a_sensor_of_three_channels_is_no_number():
     assert 'unknown name "x" at character' in told(push(model(), "-k*x"))
 
 
+def test_the_time_is_a_name_in_functions_of_channels():
+    assert "allowed: t, x.x" in told(push(model(), "step5(time, 0, 0, 1, 1)"))
+
+
 def test_a_misspelt_parameter_is_still_told():
     made = push(model(), "-stif*x.x")
     made.parameters["stiff"] = 1.0
