@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -60,6 +61,7 @@ def scaled_jacobian(kind: str, x: FloatArray) -> FloatArray | None:
 
 SLIVER = 0.05  # scaled Jacobian; the regular element has 1
 _COINCIDENT = 1e-6  # distance over the extent of the mesh
+_ON_EDGE = 1e-4  # distance over the edge: an element between the two were a sliver
 _EXTENT = (1e-4, 100.0)  # m: a part of 450 mm read as metres is beyond
 
 Cells = tuple[str, IntArray]
@@ -107,6 +109,7 @@ def mesh_report(
         *_slivers(cells, place),
         *_warped(shells, place),
         *_coincident(mesh, cells, linked, place),
+        *_hanging(mesh, cells, linked, place),
         *_apart(cells, linked, place, "warning" if blocks is None else "error"),
     ]
 
@@ -244,6 +247,38 @@ def _coincident(
         verb = "pair of nodes coincides" if len(pairs) == 1 else "pairs of nodes coincide"
         what = f"{len(pairs)} {verb}, the first {place.node(a)} with node {b}: what touches there "
         yield Finding("warning", f"{what}is not joined; merge the nodes if it should be")
+
+
+def _hanging(
+    mesh: Mesh, cells: Sequence[Cells], linked: Sequence[IntArray], place: _Places
+) -> Iterator[Finding]:
+    """Nodes inside the edges of elements that do not have them: one side can open there."""
+    used, ends = _used(cells), [np.zeros((0, 2), int)]
+    for kind, nodes in cells:
+        edges = FAMILIES[kind].edges if kind in FAMILIES else ()
+        for number, (a, b) in enumerate(edges, 1):
+            middle = max(map(max, edges)) + number
+            path = (a, middle, b) if middle < nodes.shape[1] else (a, b)
+            ends += [nodes[:, pair] for pair in pairwise(path)]
+    low, high = np.sort(np.concatenate(ends), axis=1).T
+    a, b = divmod(np.unique((low * len(mesh.points) + high)[low < high]), len(mesh.points))
+    if len(used) < 3 or not len(a):
+        return
+    x = mesh.points
+    _, near = scipy.spatial.cKDTree(x[used]).query((x[a] + x[b]) / 2, k=2)
+    along, part_of = x[b] - x[a], parts(len(x), linked)
+    square = np.maximum(np.sum(along**2, axis=1), np.finfo(float).tiny)
+    hanging = set[int]()
+    for node in used[near].T:
+        share = np.sum((x[node] - x[a]) * along, axis=1) / square
+        off = np.sum((x[node] - x[a] - share[:, None] * along) ** 2, axis=1)
+        on = (abs(share - 0.5) < 0.49) & (off < _ON_EDGE**2 * square)
+        on &= (part_of[node] != part_of[a]) & (part_of[node] != part_of[b])
+        hanging |= set(node[on].tolist())
+    if hanging:
+        what = f"hanging nodes, on edges of elements that do not have them: {len(hanging)}, the "
+        what += f"first {place.node(min(hanging))}; the body can open there: make the parts conform"
+        yield Finding("warning", what)
 
 
 def _apart(

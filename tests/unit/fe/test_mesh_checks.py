@@ -11,6 +11,7 @@ from femeshes import block
 from shellkit import PLY
 
 from flexmb.fe import Mesh, assemble, mesh_report, reduce, resolve, section_from, survey
+from flexmb.fe.elements.element_blocks import FAMILIES
 from flexmb.fe.elements.shell_fields import WARP_WARNING, warp
 from flexmb.fe.mesh_checks import SLIVER, scaled_jacobian, size_sentence
 from flexmb.fe.meshes.mesh_shapes import mesh_from
@@ -85,6 +86,26 @@ def test_coincident_nodes_are_counted_and_placed():
     assert f"has {n} nodes" in parts
     joined = [np.append(BOX.node_sets["x1"], BOX.node_sets["x0"] + n)]
     assert told(mesh, linked=joined) == []
+
+
+EDGES = FAMILIES["hexahedron20"].edges
+
+
+def test_nodes_that_hang_on_an_edge_are_named():
+    """One square beside two of half its height; then as solids with middle nodes; and a tie."""
+    points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0], [2, 0.5, 0], [1, 0.5, 0]]
+    points = np.array([*points, [2, 1, 0]], dtype=float)
+    cells = np.array([[0, 1, 2, 3], [1, 4, 5, 6], [6, 5, 7, 2]])
+    (sentence,) = told(Mesh(points, {"quad": cells}), "warning")
+    assert sentence.startswith("hanging nodes, on edges of elements that do not have them: 1, the")
+    assert "first node 6 at (1, 0.5, 0) m; the body can open there" in sentence
+    assert told(Mesh(points, {"quad": cells}), linked=[np.array([6, 2])]) == []
+    assert told(Mesh(points, {"quad": np.vstack([cells[1:], [[0, 1, 6, 3]]])}), "warning") == []
+    x = np.vstack([points, points + [0, 0, 1]])[np.hstack([cells, cells + len(points)])]
+    x = np.concatenate([x, [[(c[a] + c[b]) / 2 for a, b in EDGES] for c in x]], axis=1)
+    places, back = np.unique(x.reshape(-1, 3), axis=0, return_inverse=True)
+    (sentence,) = told(Mesh(places, {"hexahedron20": back.reshape(3, 20)}), "warning")
+    assert "have them: 4, the first node" in sentence  # middle nodes, at both ends of the solids
 
 
 def test_inverted_elements_are_errors():
