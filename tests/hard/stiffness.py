@@ -254,6 +254,7 @@ CASES = {
         "Opening and sleeve follow Lagrange's equations to 5e-5 of their range, 5 accuracies.",
         5e-5, governor, lambda run: max(off_governor(run)[:2]),
         {"duration": 1.0, "outputs": 100, "accuracy": 1e-5}, every(1e-3), stops=BEYOND,
+        quick=("controlled generalized-alpha",),
     ),
     "the hinge of the governor": Hard(
         "Its force hangs on speeds of 1e-4 m/s in dampers of 4e4 N s/m.",

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from truthkit import steps
 
+import flexmb
 from flexmb.engine.compile import compile_system
 from flexmb.engine.integrators.generalized_alpha import (
     generalized_alpha,
@@ -17,6 +18,7 @@ from flexmb.engine.method import Settings
 from flexmb.engine.units import call, hand_over
 from flexmb.engine.work import new_run, new_work
 from flexmb.model import Model
+from tests.hard.stiffness import governor
 
 OMEGA, COUNT, H = 10.0, 60, 2e-3
 AMPLITUDE = 0.1
@@ -97,3 +99,16 @@ def test_newmark_is_projected_where_joints_would_ring(gamma, project):
     """Its spectral radius at infinity is (3/2 - gamma)/(1/2 + gamma): 1, 0.98, 0.82, 0.43."""
     (one,) = newmark(0.25 * (gamma + 0.5) ** 2, gamma).coefficients
     assert one.project == project
+
+
+@pytest.mark.parametrize("accuracy", [1e-4, 1e-5])
+def test_stiff_dampers_leave_no_reactions_that_symmetry_forbids(accuracy):
+    """Two arms alike load their shaft along its axis alone, to 1e-6 of the force in a hinge."""
+    made = governor()
+    made.add_sensor("bearing", "reaction", joint="bearing")
+    made.set_dynamics(method="generalized-alpha", duration=1.0, outputs=100, accuracy=accuracy)
+    result = flexmb.simulate(made)
+    across = np.hypot(result["bearing.x"], result["bearing.y"]).max()
+    hinge = np.linalg.norm([result[f"hinge.{axis}"] for axis in "xyz"], axis=0)
+    assert across < 1e-6 * hinge.max()
+    assert result.statistics["measured_error_of_reactions"] < 0.1
