@@ -21,6 +21,7 @@ import re
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -272,10 +273,13 @@ def factor(K: csr_array, points: FloatArray | None = None, progress: Progress = 
     """
     K = _canonical(K)
     scale = stiffness_scale(K)
+    compute: Compute
     if K.shape[0] <= _SMALL:
-        compute = _small(scale)
+        compute = partial(SuperLU, scale=scale)
+    elif PARDISO_INSTALLED:
+        compute = partial(Pardiso, progress=progress)
     else:
-        compute = _pardiso(progress) if PARDISO_INSTALLED else _large(K, points, progress)
+        compute = _large(K, points, progress)
     factors = None
     with suppress(NotPositive):  # left behind at once, with all the memory its traceback holds
         factors = compute(K)
@@ -293,14 +297,6 @@ def _canonical(K: csr_array) -> csr_array:
         K = K.copy()
         K.sum_duplicates()
     return K
-
-
-def _small(scale: FloatArray) -> Compute:
-    return lambda matrix: SuperLU(matrix, scale)
-
-
-def _pardiso(progress: Progress) -> Compute:
-    return lambda matrix: Pardiso(matrix, progress)
 
 
 def _large(K: csr_array, points: FloatArray | None, progress: Progress) -> Compute:

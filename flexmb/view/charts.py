@@ -100,7 +100,8 @@ def phase_figure(results: Results, channels: Sequence[str], times: Times = None)
             rate = Series(one.result, name, one.run)
             x_dot, unit = rate.values(units), rate.unit
         lines.append(Line(one, x[rows], x_dot[rows], unit))
-    return _over(lines, units, runs, _names(series), series[0].unit)
+    names = ", ".join(dict.fromkeys(one.channel for one in series))
+    return _over(lines, units, runs, names, series[0].unit)
 
 
 def _rate_of(one: Series) -> str | None:
@@ -416,7 +417,3 @@ def _largest(arrays: Any) -> float:
 
 def _label(si_unit: str, units: UnitSystem) -> str:
     return units.label(si_unit, raised=True)
-
-
-def _names(series: Sequence[Series]) -> str:
-    return ", ".join(dict.fromkeys(one.channel for one in series))

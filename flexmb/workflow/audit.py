@@ -288,7 +288,8 @@ def scene_effects(of: Neighbours) -> Iterator[Effect]:
     model, stated = of.model, of.model.effects or EffectsSpec()
     if any(model.gravity or ()):
         yield Effect(GRAVITY, "", stated.gravity, "", {"gravity": not stated.gravity})
-    if any(_has_friction(spec) for spec in model.forces.values()):
+    kinds = [(getattr(s, "type", ""), getattr(s, "friction", None)) for s in model.forces.values()]
+    if any(kind == "joint-friction" or friction for kind, friction in kinds):
         yield Effect(FRICTION, "", stated.friction, "", {"friction": not stated.friction})
     for word, kind in (("contact", ContactSpec), ("stops", AnyStop)):
         specs = {name: s for name, s in model.forces.items() if isinstance(s, kind)}
@@ -400,7 +401,3 @@ def _add_measure(model: Model, name: str, spec: Any) -> None:
         model.add_sensor(_MEASURE + name, "distance", between=spec.between)
     else:
         model.add_sensor(_MEASURE + name, "stroke", between=spec.between, axis=spec.axis)
-
-
-def _has_friction(spec: Any) -> bool:
-    return getattr(spec, "type", "") == "joint-friction" or bool(getattr(spec, "friction", None))

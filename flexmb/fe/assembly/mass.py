@@ -309,17 +309,14 @@ def _shares(mesh: Mesh, at: str | int, nodes: IntArray) -> FloatArray:
         for kind, rows in groups.items():
             if dimension(kind) == dim and len(rows):
                 cells = mesh.blocks[kind][rows]
-                x = mesh.points[cells[:, : _corner_count(kind)]]
+                corners = {"line": 2, "tria": 3, "quad": 4}[kind[:4]]
+                x = mesh.points[cells[:, :corners]]
                 size = np.linalg.norm(x[:, 1] - x[:, 0], axis=1) if dim == 1 else _areas(x)
                 np.add.at(weight, cells, (size / cells.shape[1])[:, None])
         if weight.any():
             break
     share = weight[nodes] if weight.any() else np.ones(len(nodes))
     return share / share.sum()
-
-
-def _corner_count(kind: str) -> int:
-    return {"line": 2, "tria": 3, "quad": 4}[kind[:4]]
 
 
 def _areas(x: FloatArray) -> FloatArray:

@@ -130,7 +130,8 @@ def select_elements(
     for number, name in enumerate(names):
         problems += _assign(mesh, owners, names, number, by_group[name].dimension)
     problems += _unusable_kinds(mesh, owners)
-    if not problems and not _has_elements(mesh, owners):
+    used = mesh.kinds(3) or any((owner >= 0).any() for owner in owners.values())
+    if not problems and not used:
         problems.append(Problem(mesh.source, _no_elements_text(mesh)))
     if problems:
         raise MeshError.from_problems(problems)
@@ -183,10 +184,6 @@ def _unusable_kinds(mesh: Mesh, owners: Mapping[str, IntArray]) -> list[Problem]
             advice = ADVICE.get(kind, "mesh with elements of an allowed kind")
             problems.append(Problem(mesh.source, f"{what}; {advice}", allowed=tuple(FAMILIES)))
     return problems
-
-
-def _has_elements(mesh: Mesh, owners: Mapping[str, IntArray]) -> bool:
-    return bool(mesh.kinds(3)) or any((owner >= 0).any() for owner in owners.values())
 
 
 def _no_elements_text(mesh: Mesh) -> str:

@@ -62,11 +62,8 @@ class _Driven(FunctionOf):
     """Annotation of a function that is prescribed, or whose rate is."""
 
     def unit_here(self, info: ValidationInfo) -> str:
-        return _unit(self.unit, info.data.get("prescribes", "displacement"))
-
-
-def _unit(unit: str, prescribes: str) -> str:
-    return unit + {"displacement": "", "velocity": "/s", "acceleration": "/s^2"}[prescribes]
+        rates = {"displacement": "", "velocity": "/s", "acceleration": "/s^2"}
+        return self.unit + rates[info.data.get("prescribes", "displacement")]
 
 
 class Start(NamedTuple):

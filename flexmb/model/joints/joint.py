@@ -305,11 +305,9 @@ def count(model: ModelData, flexbodies: Bodies | None = None) -> Counts:
     bodies = [body for body in flexbodies_of if body is not None]
     used = [spec.type for spec in model.joints.values()]
     joints = tuple(
-        JointCount(
-            name, used.count(name), used.count(name) * _equations(row, model.plane is not None)
-        )
+        JointCount(name, n, n * ((row.planar_equations or 0) if model.plane else row.equations))
         for name, row in JOINT_TYPES.items()
-        if name in used
+        if (n := used.count(name))
     )
     return Counts(
         rigid_bodies=len(model.bodies) - len(flexible),
@@ -322,8 +320,3 @@ def count(model: ModelData, flexbodies: Bodies | None = None) -> Counts:
         couplers=len(model.couplers),
         modes=sum(body.m for body in bodies) if len(bodies) == len(flexible) else None,
     )
-
-
-def _equations(row: JointType, planar: bool) -> int:
-    """Equations of a joint type; none where it has no meaning."""
-    return (row.planar_equations or 0) if planar else row.equations
