@@ -45,9 +45,8 @@ _MOST_ROWS = 800  # rows of a run that are looked at
 MISSING, NEEDED, WASTED, SMALL, UNKNOWN = (
     "missing", "needed", "could be off", "may stay off", "not known",
 )  # fmt: skip
-
-
 COLUMNS = ("effect", "of", "", "indicator", "contribution", "at", "", "time", "")
+"""Columns of the table of an audit."""
 _BASIS = {
     "inertia_loads": "response to inertia",
     "node_loads": "response to loads at nodes",
@@ -136,9 +135,6 @@ class Audit:
         return cls(**{**data, "effects": effects, "notes": tuple(data["notes"])})
 
 
-"""Columns of the table of an audit."""
-
-
 def _row(one: EffectOutcome) -> tuple[str, ...]:
     return (
         one.effect, one.body, "on" if one.on else "off", one.indicator,
@@ -176,6 +172,7 @@ def audit(
     FlexmbError
         The run is not finished, has no sensors, or did not store what is needed.
     """
+    from flexmb.analysis.dynamics.validity import ValidityMonitor
     from flexmb.results import Result
     from flexmb.results.result_file import store_text
 
@@ -192,7 +189,8 @@ def audit(
         progress("audit", k / len(todo), effect.name)
         effects.append(_outcome(neighbours, effect, budget))
     progress("audit", 1.0)
-    monitor = _validity(neighbours)
+    monitor = ValidityMonitor(neighbours.compiled, neighbours.model, neighbours.motion.q[0])
+    monitor.add(neighbours.rows())
     effects += _basis(neighbours, monitor)
     notes = (*neighbours.notes, *monitor.notes())
     made = Audit(run.title, budget, tuple(effects), notes, time.perf_counter() - began)
@@ -247,16 +245,6 @@ def _verdict(on: bool, share: float, budget: float) -> str:
     return MISSING if share > budget else SMALL
 
 
-def _validity(neighbours: Neighbours) -> ValidityMonitor:
-    """What linear elasticity and the modes of bodies cannot answer along the motion."""
-    from flexmb.analysis.dynamics.validity import ValidityMonitor
-
-    motion = neighbours.motion
-    monitor = ValidityMonitor(neighbours.compiled, neighbours.model, motion.q[0])
-    monitor.add(neighbours.rows())
-    return monitor
-
-
 def _basis(neighbours: Neighbours, monitor: ValidityMonitor) -> Iterator[EffectOutcome]:
     """What the modes of each body lack of the full model, or that this is not known."""
     lacks = {(one.body, one.quantity): one for one in monitor.indicators()}
@@ -270,17 +258,16 @@ def _basis(neighbours: Neighbours, monitor: ValidityMonitor) -> Iterator[EffectO
             one = lacks.get((name, quantity))
             if one is None or not body.m:
                 continue
+            text, why, verdict = "", "", UNKNOWN
             if quantity == "truncation" and one.value <= one.warning and name in monitor.beyond:
                 why = monitor.beyond[name].partition(": ")[2]
-                yield EffectOutcome(effect, name, False, "", None, "", "", None, UNKNOWN, why)
             elif has[quantity]:
-                verdict = MISSING if one.value > one.warning else SMALL
-                yield EffectOutcome(
-                    effect, name, False, f"lacks {percent(one.value)}", None, "", "", None, verdict
-                )
+                text = f"lacks {percent(one.value)}"
+                verdict = _verdict(False, one.value, one.warning)
             elif quantity == "inertia_loads":
                 why = "the body was not reduced from a mesh by this version"
-                yield EffectOutcome(effect, name, False, "", None, "", "", None, UNKNOWN, why)
+            if text or why:
+                yield EffectOutcome(effect, name, False, text, None, "", "", None, verdict, why)
 
 
 def scene_effects(of: Neighbours) -> Iterator[Effect]:
@@ -319,8 +306,7 @@ def _off_plane(of: Neighbours) -> tuple[float, str]:
         e = np.roll(q[:, body.iq + 3 : body.iq + 7], -1, axis=1)
         axes = Rotation.from_quat(e).as_matrix()[:, normal]  # the normal in body axes
         tilt = float(np.linalg.norm(axes - axes[0], axis=1).max())
-        off = float(np.ptp(q[:, body.iq + normal]))
-        share = max(tilt, off / travel)
+        share = max(tilt, float(np.ptp(q[:, body.iq + normal])) / travel)
         worst = max(worst, (share, f"bodies.{body.name}"))
     return worst
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from flexmb.flexbody.arrays import Array
+from flexmb.folders import writable_folder
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.scenes.effects import with_words
 from flexmb.progress import Progress, silent
@@ -43,6 +44,7 @@ _TURN = 0.3  # rad of a body between rows
 _GAP = 0.05  # of velocities against accelerations between rows, relative
 _MORE_MODES = 2  # times as many modes tell what those left out would do
 _RIGID = {"deformation": "rigid"}
+_FULL = {"inertia_coupling": "full", "geometric_stiffening": "full"}
 
 
 @dataclass(frozen=True)
@@ -172,6 +174,8 @@ class Neighbours:
 
     def _switch_change(self, effect: Effect) -> Change:
         """Of all but deformation, along the motion of the run; modes without inertia follow it."""
+        from flexmb.analysis.effects.perturbation import evaluation_time as time
+
         model, own, follow = self.neighbour(effect), self.compiled, False
         if effect.name != STATIC and self._static:
             words = dict.fromkeys(self._static, {"deformation": "dynamic"})
@@ -193,7 +197,7 @@ class Neighbours:
             name = effect.body
             shapes[name] = _shapes(self.compiled.flexbodies[name], other.flexbodies[name])
         changes = self._changes(own, other, model, self.motion, shapes, follow=follow)
-        times = self._time(other), self._time(own) if self._static else self._own_time
+        times = time(other), time(own) if self._static else self._own_time
         return *changes, times[1] / times[0] if effect.on else times[0] / times[1]
 
     def _of_body(self, name: str) -> Iterator[Effect]:
@@ -240,20 +244,19 @@ class Neighbours:
                 if self.bodies[name].provenance
                 else "give centrifugal_stiffness with its arrays, and the bend of its interfaces"
             )
-        full = {"inertia_coupling": "full", "geometric_stiffening": "full"}
         none = {"inertia_coupling": "constant", "geometric_stiffening": "none"}
         if constant and not stiffened:
             if why and slow:
                 yield Effect(COUPLING, name, False, turning, {"inertia_coupling": "full"})
-                yield Effect(STIFFENING, name, False, turning, full, why)
+                yield Effect(STIFFENING, name, False, turning, _FULL, why)
             else:
-                yield Effect(BOTH, name, False, turning, full, why)
+                yield Effect(BOTH, name, False, turning, _FULL, why)
             return
         if not stiffened:
             yield Effect(COUPLING, name, True, turning, {"inertia_coupling": "constant"})
             yield Effect(STIFFENING, name, False, turning, {"geometric_stiffening": "full"}, why)
         else:
-            yield Effect(BOTH, name, not constant, turning, full if constant else none)
+            yield Effect(BOTH, name, not constant, turning, _FULL if constant else none)
         if spec.inertia_coupling == "partial":
             yield Effect(f"full {COUPLING}", name, False, turning, {"inertia_coupling": "full"})
         elif not constant:
@@ -266,7 +269,11 @@ class Neighbours:
         return Effect(MODES, name, False, modes, {"modes": _MORE_MODES * max(spec.mode_count, 4)})
 
     def _deformation(self, effect: Effect) -> Change:
-        """Of one body, along the motion of the scene with rigid bodies."""
+        """Of one body along the motion with rigid bodies; if rigid, stiffened by its rotation."""
+        from flexmb.analysis.dynamics.linear_elasticity import LEAST_SPEED
+        from flexmb.analysis.effects.contribution import indicators
+        from flexmb.analysis.effects.stored_motion import carry_motion
+
         name, vibration = effect.body, effect.name == VIBRATION
         rigid, own, motion, seconds = self._rigid
         model = with_words(rigid, {name: {"deformation": "dynamic"}})
@@ -275,7 +282,16 @@ class Neighbours:
         lacks = bodies[name].m == 0 or (stiffened and bodies[name].centrifugal_stiffness is None)
         if lacks and isinstance(spec, MeshBodySpec):  # as it was rigid, it was reduced without
             bodies[name] = self._reduced(model, effect)
-        other = self._compile(model, bodies)
+        other, has_data = (
+            self._compile(model, bodies),
+            bodies[name].centrifugal_stiffness is not None,
+        )
+        if not effect.on and (isinstance(spec, MeshBodySpec) or has_data):
+            carried, _ = carry_motion(motion, own, other, {})
+            if indicators(other, carried, bodies[name], name).speed >= LEAST_SPEED:
+                model = with_words(model, {name: _FULL})
+                bodies[name] = bodies[name] if has_data else self._reduced(model, effect)
+                other = self._compile(model, bodies)
         changes = self._changes(own, other, model, motion, {}, vibration)
         mine = self.run.seconds.get("integrate")
         measured = mine and seconds and effect.on and not vibration
@@ -317,14 +333,11 @@ class Neighbours:
         compiled = self._compile(model, self.bodies)
         return model, compiled, motion, run.seconds.get("integrate", 0.0)
 
-    def _time(self, compiled: Compiled) -> float:
-        from flexmb.analysis.effects.perturbation import evaluation_time
-
-        return evaluation_time(compiled)
-
     @cached_property
     def _own_time(self) -> float:
-        return self._time(self.compiled)
+        from flexmb.analysis.effects.perturbation import evaluation_time
+
+        return evaluation_time(self.compiled)
 
     @cached_property
     def _origin(self) -> dict[str, Any]:
@@ -344,7 +357,6 @@ class Neighbours:
         return add_damping(compiled, model, q)[0]
 
     def _run(self, model: Model, name: str) -> Result:
-        from flexmb.folders import writable_folder
         from flexmb.results import Result
         from flexmb.workflow.run import run_single
 
@@ -355,7 +367,6 @@ class Neighbours:
 
     def _reduced(self, model: Model, effect: Effect) -> FlexBody:
         """The body of an effect reduced with its words; kept beside the result."""
-        from flexmb.folders import writable_folder
         from flexmb.workflow.flexible_bodies import flexible_bodies
 
         own = self.run.path.parent

@@ -13,6 +13,7 @@ import flexmb
 from flexmb.errors import FlexmbError
 from flexmb.model import Model
 from flexmb.model.flexible_body import DeformationSpec
+from flexmb.model.scenes.effects import with_words
 from flexmb.workflow.audit import Audit
 
 SECTION = {"type": "rectangle", "y": 0.01, "z": 0.01}
@@ -63,6 +64,17 @@ def test_stiffening_left_out_of_a_spinning_bar(share, tmp_path):
     assert 1 / 3 < one.share / true < 3
     assert (one.verdict == "missing") == (true > 0.01)
     assert Audit.from_text(run.texts["audit"]).effects[0].effect == "deformation"
+
+
+def test_a_bar_taken_for_rigid_deforms_as_its_rotation_stiffens_it(tmp_path):
+    """Beyond its first frequency it would fold without; stiffened it bends less than at rest."""
+    model = spinning(2.0)
+    model.add_force("lift", "force", at="bar.tip", axes="bar.root", value=[0, 0, 5.0])
+    words = {"geometric_stiffening": "full"}
+    complete = flexmb.simulate(with_words(model, {"bar": words}))
+    run = flexmb.simulate(with_words(model, {"bar": {"deformation": "rigid"}}), output=tmp_path)
+    true = share_between(run, complete, "tip")
+    assert find(flexmb.audit(run), "deformation").shares["tip"] == pytest.approx(true, rel=0.1)
 
 
 def test_a_force_in_resonance_with_a_bar_taken_for_rigid():

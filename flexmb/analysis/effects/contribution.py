@@ -149,8 +149,6 @@ class Indicators:
 
     Attributes
     ----------
-    frequency : float
-        Lowest of the body as it is joined [Hz].
     deflection : float
         Largest displacement by deformation over the length of the body.
     speed : float
@@ -159,7 +157,6 @@ class Indicators:
         Frequency of the rigid accelerations, weighted by their energy, over the lowest one.
     """
 
-    frequency: float
     deflection: float
     speed: float
     excitation: float
@@ -179,6 +176,4 @@ def indicators(compiled: Compiled, motion: Motion, body: FlexBody, name: str) ->
     change = np.gradient(rigid, motion.t, axis=0)
     total = float(np.sqrt((rigid**2).sum()))
     fast = float(np.sqrt((change**2).sum())) / total if total > 0.0 else 0.0
-    return Indicators(
-        lowest / (2 * np.pi), moved / size if size > 0.0 else 0.0, speed / lowest, fast / lowest
-    )
+    return Indicators(moved / size if size > 0.0 else 0.0, speed / lowest, fast / lowest)
