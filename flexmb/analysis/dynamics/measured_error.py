@@ -218,14 +218,14 @@ class MeasuredError:
         return float(1.0 + (apart[moves] / spans[moves]).max() / max(worst, _LEAST_ERROR))
 
     def reached_until(self, accuracy: float) -> float:
-        """Time from which on the runs' positions are apart by more; infinite: never [s]."""
+        """Last time before the runs' positions are apart by more; infinite: they never are [s]."""
         spans, until = self._spans(), np.inf
         for column, k in enumerate(self._places, start=1):
             if spans[k] == 0.0:
                 continue
             beyond = np.flatnonzero(self._growth.table[:, column] > accuracy * spans[k])
             if len(beyond):
-                until = min(until, float(self._growth.table[beyond[0], 0]))
+                until = min(until, float(self._growth.table[max(beyond[0] - 1, 0), 0]))
             elif self._largest[0, k] > accuracy * spans[k]:
                 until = min(until, float(self._largest[1, k]))
         return until
