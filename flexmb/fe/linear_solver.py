@@ -120,18 +120,15 @@ def free_part_error(
         part = f"{len(dofs)} of {len(size)} unknowns move, the first is number {dofs[0]}"
     else:
         nodes = np.unique(points[dofs], axis=0)
-        low, high = (_point_text(end) for end in (nodes.min(axis=0), nodes.max(axis=0)))
-        part = f"its {len(nodes)} nodes lie between {low} and {high} m"
+        ends = nodes.min(axis=0), nodes.max(axis=0)
+        low, high = (", ".join(f"{value:.4g}" for value in end) for end in ends)
+        part = f"its {len(nodes)} nodes lie between ({low}) and ({high}) m"
     return _error(
         "the stiffness matrix with all interfaces held is singular: a part moves freely "
         f"({part}); hold it by an interface, connect it to the rest by more nodes, or make it less "
         "stiff relative to its support: a ratio beyond 1e12 is lost in rounding",
         dofs,
     )
-
-
-def _point_text(point: FloatArray) -> str:
-    return "(" + ", ".join(f"{value:.4g}" for value in point) + ")"
 
 
 def _error(text: str, dofs: IntArray) -> SingularMatrix:

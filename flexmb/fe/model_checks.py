@@ -139,7 +139,13 @@ def model_findings(
     interface, a tie or a spring join."""
     linked = [part.nodes for part in (*interfaces, *model.springs)]
     linked += [np.append(tie.nodes, tie.reference) for tie in model.ties]
-    sentences = [] if model.material is None else plausibility(model.material)
+    of = {model.material: ""}
+    for block in model.blocks:
+        for part in getattr(block.section, "layers", (block.section,)):
+            of.setdefault(part.material, f'section "{block.group}": ')
+    sentences = [
+        f"{w}{text}" for one, w in of.items() if one is not None for text in plausibility(one)
+    ]
     sentences.append(size_sentence(model.mesh.points[model.numbering.nodes], unit))
     return [
         *(Finding("warning", sentence) for sentence in sentences if sentence),

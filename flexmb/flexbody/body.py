@@ -393,7 +393,7 @@ def _mode_row(mode: ModeInfo) -> tuple[str, ...]:
         mode.kind,
         f"{mode.frequency:.1f}" if mode.frequency >= 100.0 else f"{mode.frequency:.3g}",
         mode.mostly,
-        _share_text(mode.interface_share),
+        "" if math.isnan(mode.interface_share) else f"{round(100 * mode.interface_share):d} %",
         _along_axes(mode.kinetic_share),
         f"{'kept' if mode.kept else 'dropped'}{': ' if mode.why else ''}{mode.why}",
     )
@@ -402,7 +402,3 @@ def _mode_row(mode: ModeInfo) -> tuple[str, ...]:
 def _along_axes(shares: tuple[float, ...]) -> str:
     complete = bool(shares) and not any(math.isnan(value) for value in shares)
     return "/".join(f"{round(100 * value):d}" for value in shares) + " %" if complete else ""
-
-
-def _share_text(value: float) -> str:
-    return "" if math.isnan(value) else f"{round(100 * value):d} %"

@@ -371,17 +371,13 @@ def place(body: str, marker: MarkerSpec, flexbody: FlexBody | None = None) -> Pl
     """
     R = rotation_matrix(marker.orientation)
     zero = np.zeros(3)
-    if flexbody is None or marker.is_frame or _at_rigid_place(marker, flexbody):
+    bare = marker.node is None and marker.interface is None
+    if flexbody is None or marker.is_frame or (flexbody.m == 0 and bare):  # nothing carries it
         rho = zero if marker.position is None else np.array(marker.position)
         return PlacedMarker(body, rho, zero, R)
     rho, Phi_t, Phi_r, bend = _carrier(marker, flexbody)
     arm = zero if marker.position is None else np.array(marker.position) - rho
     return PlacedMarker(body, rho, arm, R, Phi_t, Phi_r, bend)
-
-
-def _at_rigid_place(marker: MarkerSpec, flexbody: FlexBody) -> bool:
-    """Whether it is a mere position on a body without modes, where nothing needs to carry it."""
-    return flexbody.m == 0 and marker.node is None and marker.interface is None
 
 
 def _carrier(marker: MarkerSpec, flexbody: FlexBody) -> tuple[Array, Array, Array, Array | None]:

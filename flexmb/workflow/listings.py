@@ -98,8 +98,9 @@ def listing(topic: str) -> Listing:
         names = [name for name, kind in kinds.items() if kind is spec]
         text, fields = describe(spec)
         rows = [
-            (f.name, f.words, "required" if f.required else _default_text(f.default))
+            (f.name, f.words, "required" if f.required else shown)
             for f in fields
+            for shown in ["" if f.default in (None, {}, ()) else scene_text(f.default)]
             if f.name != "type" or f.form.get("enum", [None])[0] not in kinds
         ]
         tables.append((f"{', '.join(names)}: {text}", Table(("field", "holds", "default"), rows)))
@@ -152,11 +153,6 @@ def _title(path: Path) -> str:
         return str(tomllib.loads(path.read_text(encoding="utf-8")).get("title", ""))
     except (OSError, ValueError):
         return "cannot be read"
-
-
-def _default_text(default: Any) -> str:
-    """A default as a scene writes it; empty for an optional entry without default."""
-    return "" if default is None or default in ({}, ()) else scene_text(default)
 
 
 def scene_text(value: Any) -> str:

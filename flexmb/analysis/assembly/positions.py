@@ -163,17 +163,26 @@ def _check_placement(
     corrector: Corrector,
     moved: tuple[Offset, ...],
 ) -> None:
-    """Refuse a pose whose joints close only far from where the scene places the bodies."""
-    far = [body for body in moved if body.distance > _FAR * compiled.length]
-    if not far:
+    """Refuse a pose whose joints close only far from where the scene places the bodies: points of
+    them that move by 1 % of the model, or joints between axes that are placed askew."""
+    if not moved:
         return
-    closed = state.q.copy()
+    owner, markers = compiled.system.parts.markers["body"], corrector.work.now.marker
+    closed, there = state.q.copy(), markers["x"].copy()
     state.q[:] = start
     corrector.evaluate()
     gaps = [gap for gap in joint_gaps(compiled, corrector.work) if gap.name.startswith("joints.")]
+    shift, askew = np.linalg.norm(there - markers["x"], axis=1), any(g.angle > _FAR for g in gaps)
     state.q[:] = closed
     corrector.evaluate()
-    if gaps and gaps[0].size(compiled.length) > _GAPING:  # else drivers say where bodies are
+    number = {body.name: k for k, body in enumerate(compiled.layout.bodies)}
+    far = [
+        body
+        for body in moved
+        if max(body.distance, *shift[owner == number[body.name]]) > _FAR * compiled.length
+        or (askew and body.angle > _FAR)
+    ]
+    if far and gaps and gaps[0].size(compiled.length) > _GAPING:  # else drivers say where they are
         raise AssemblyError.from_problems(
             Problem(
                 f"bodies.{body.name}",

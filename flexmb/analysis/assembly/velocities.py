@@ -37,7 +37,7 @@ _DISTINCT = 1e-9  # of the model size: markers closer than this are one point
 class _Prescribed:
     """Velocities at one marker: their place in the scene, rows in the tables."""
 
-    where: str
+    where: str  # scene path before the word
     body: int
     marker: int
     spec: InitialVelocity
@@ -68,7 +68,7 @@ class InitialVelocities:
         before = len(metric.parts.markers)
         self._prescribed = [
             _Prescribed(
-                _place(name, marker, marker in spec.initial),
+                f"bodies.{name}.{f'initial.{marker}.' if marker in spec.initial else ''}",
                 markers.numbers[name],
                 before
                 + markers.add(lookup.place_marker(model, f"{name}.{marker}", compiled.flexbodies)),
@@ -222,8 +222,3 @@ def rigid_motion(s: Array, velocities: Array, spins: Array, length: float) -> tu
     share = np.divide(U.T @ right, size, out=np.zeros_like(size), where=size > _DISTINCT * length)
     spin = Vt.T @ share
     return mean - np.cross(spin, center), spin
-
-
-def _place(body: str, marker: str, initial: bool) -> str:
-    """Scene path before the word, of a velocity at a marker."""
-    return f"bodies.{body}." + (f"initial.{marker}." if initial else "")

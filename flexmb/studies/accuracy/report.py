@@ -374,7 +374,8 @@ class Study(StudyRows):
         if any(math.isfinite(row.time) for row in self.rows):
             files.append(self.folder / "work_precision.png")
             self.plot(files[-1])
-        if self.compared and any(_has_several_models(rows) for rows in self.groups().values()):
+        models = [{row.physics for row in rows if row.physics} for rows in self.groups().values()]
+        if self.compared and any(len(several) > 1 for several in models):
             files.append(self.folder / "pareto.png")
             self.plot_pareto(files[-1])
         return files
@@ -401,10 +402,6 @@ def _error_cell(error: Error | None) -> str:
     if not error.shown:
         return "?"
     return f"< {error_text(error.floor)}" if error.value < error.floor else error_text(error.value)
-
-
-def _has_several_models(rows: Sequence[Row]) -> bool:
-    return len({row.physics for row in rows if row.physics}) > 1
 
 
 def _curves(lines: dict[str, list[Row]], quantity: str, along: str = "") -> list[Curve]:

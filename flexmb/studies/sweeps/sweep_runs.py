@@ -301,14 +301,13 @@ def read_rows(
     values: dict[str, Array] = {}
     for one in scalars:
         if one.channel not in values:
-            parts = [_column(blocks, channel) for channel in one.columns]
+            parts = [
+                np.concatenate([getattr(block, c.table)[:, c.column] for block in blocks])
+                for c in one.columns
+            ]
             x = parts[0] if len(parts) == 1 else np.sqrt(sum(part * part for part in parts))
             values[one.channel] = units.outward(x, one.unit) if one.unit else x
     return {one.name: scalar_value(one.word, t, values[one.channel]) for one in scalars}
-
-
-def _column(blocks: Sequence[OutputBlock], channel: Channel) -> Array:
-    return np.concatenate([getattr(block, channel.table)[:, channel.column] for block in blocks])
 
 
 def read_result(scalars: Sequence[Scalar], result: Result) -> dict[str, float]:

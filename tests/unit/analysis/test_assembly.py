@@ -252,6 +252,22 @@ def test_a_body_far_from_where_its_joints_close_is_refused(units, distance):
         flexmb.simulate(made, duration=0.01, outputs=1)
 
 
+def test_a_body_that_would_have_to_turn_far_is_refused():
+    """A block whose fixed joint is askew turns about its origin, which does not move; so does a
+    bar that is placed at its pin, but not towards the other one."""
+    block = Model("askew")
+    block.add_body("block", mass=1.0, inertia=[1, 1, 1], orientation={"axis": "y", "angle": 1.2})
+    block.add_joint("weld", "fixed", between=["ground", "block"])
+    bar = two_bars(0.0)
+    bar.add_marker("ground.far", position=[1.0, 1.0, 0])
+    bar.add_joint("last", "spherical", between=["ground.far", "two.end"])
+    for made, body in ((block, "block"), (bar, "two")):
+        with pytest.raises(AssemblyError, match=f"bodies.{body}: would have to move by"):
+            flexmb.mobility(made)
+        made.set_assembly()
+        assert flexmb.mobility(made).delta == 0
+
+
 def test_a_small_gap_is_closed_and_said_so():
     with pytest.warns(match=r"assembled with least change; moved: two by 0.004 m"):
         flexmb.simulate(two_bars(0.004), duration=0.01, outputs=1)

@@ -53,6 +53,22 @@ def told(mesh=PLATE, **options):
     return survey(mesh, **(words | options))
 
 
+@pytest.mark.parametrize(
+    ("mesh", "section"),
+    [
+        (PLATE, {"type": "shell", "thickness": 0.01}),
+        ({"type": "beam", "length": 1.0}, {"type": "circle", "radius": 0.01}),
+        ({"type": "box", "size": [1.0, 0.1, 0.1]}, {"type": "solid"}),
+    ],
+)
+def test_a_slip_of_units_in_the_material_of_a_section_is_named(mesh, section):
+    slip = {"all": section | {"material": {"E": 210e3, "nu": 0.3, "density": 7800.0}}}
+    (finding,) = told(mesh, sections=slip, interfaces={}).findings
+    assert finding.level == "warning"
+    assert finding.sentence.startswith('section "all": Young\'s modulus 210000 Pa is implausible')
+    assert told(mesh, sections={"all": section}, interfaces={}).findings == []
+
+
 def test_it_says_what_a_reduction_will_keep():
     found = told(masses={"m": {"at": "x1y1", "mass": 2.0}})
     assert found.problems == []
