@@ -159,7 +159,7 @@ class SupportedModel:
             self._effective_mass(modes),
             factors,
             reactions,
-            tuple(self._resultant(k, fe.center, f) for k, f in acting.items()),
+            tuple(self._pull(k, fe.center, self._total(f)) for k, f in acting.items()),
             notes=tuple(notes),
             provenance=provenance,
             **self._recovered(Z),
@@ -230,9 +230,6 @@ class SupportedModel:
         total, parts = self.fe.rigid.T @ f, np.abs(self.fe.rigid.T) @ np.abs(f)
         parts = np.repeat(parts.reshape(2, 3).max(axis=1), 3)
         return np.where(np.abs(total) <= _NO_FORCE * parts, 0.0, total)
-
-    def _resultant(self, name: str, at: FloatArray, f: FloatArray) -> Resultant:
-        return self._pull(name, at, self._total(f))
 
     def _stressed(
         self, u: FloatArray, links: FloatArray, loads: Mapping[str, FloatArray]

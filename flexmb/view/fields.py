@@ -33,10 +33,6 @@ class Field:
     of_stress: Callable[[FlexBody | PartResult, Array, Any], Array] | None = None
 
 
-def _mises(body: FlexBody | PartResult, stress: Array, rows: Any) -> Array:
-    return von_mises(stress)
-
-
 def _principal(body: FlexBody | PartResult, stress: Array, rows: Any) -> Array:
     values = principal_stresses(stress)
     return np.where(np.abs(values[:, 2]) > values[:, 0], values[:, 2], values[:, 0])
@@ -53,7 +49,9 @@ def _strain_energy(body: FlexBody | PartResult, stress: Array, rows: Any) -> Arr
 
 FIELDS: Final = {
     "displacement": Field("displacement", "m"),
-    "von_mises": Field("von Mises stress", "Pa", of_stress=_mises),
+    "von_mises": Field(
+        "von Mises stress", "Pa", of_stress=lambda body, stress, rows: von_mises(stress)
+    ),
     "principal": Field("principal stress", "Pa", True, _principal),
     "strain_energy": Field("strain energy density", "J/m^3", of_stress=_strain_energy),
 }

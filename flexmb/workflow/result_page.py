@@ -171,7 +171,8 @@ class _ResultPage:
         badge = tag("span", run.status, class_=f"badge {color}")
         lines = [tag("h1", self.title, " ", badge)]
         lines += [tag("p", run.message, class_="bad")] if run.message else []
-        cards = tag("div", *(_card(*one) for one in self._figures()), class_="cards")
+        figures = [(tag("b", figure), tag("span", words)) for figure, words in self._figures()]
+        cards = tag("div", *(tag("div", *one, class_="card") for one in figures), class_="cards")
         notes = [tag("li", note) for note in self._notes()]
         warnings = tag("ul", *notes, class_="notes") if notes else Html("")
         return Html("".join([*lines, cards, section("Notes and warnings", warnings)]))
@@ -403,11 +404,6 @@ class _ResultPage:
         scene = run.texts.get("scene", "")
         text = tag("details", tag("summary", "The scene"), tag("pre", scene)) if scene else ""
         return section("Provenance", table(("", ""), rows), text)
-
-
-def _card(figure: str, words: str) -> Html:
-
-    return tag("div", tag("b", figure), tag("span", words), class_="card")
 
 
 def _place_of(force: Any) -> str:

@@ -176,7 +176,6 @@ CASES = {
     "the same 1 km away": rubs(
         BRISTLES, "Round-off is 1e-13 m, and it sticks within 7e-6 m.",
         make=lambda: moved(FRICTION[BRISTLES].make(1.0)), judge=off_truth(BRISTLES, away=1000.0),
-        methods={method: FINE[method] for method in ("generalized-alpha", "radau")},
     ),
     "the same of micrometres": rubs(
         BRISTLES, "It sticks within 7e-12 m.", judge=off_truth(BRISTLES, 1e-6),

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import Layout
@@ -13,6 +14,8 @@ from flexmb.flexbody.arrays import Array
 from flexmb.model.model import Model
 from flexmb.model.reading import Spec
 from flexmb.model.sensor import channels_of, unit_of
+
+Part = tuple[NDArray[np.bool_], NDArray[np.bool_], float]
 
 QUANTITIES = {
     "m": "positions",
@@ -56,11 +59,9 @@ def compared(layout: Layout, model: Model) -> list[Compared]:
             ("positions", "m", "q", body.iq, 3), ("positions", "rad", "q", body.iq + 3, 4),
             ("velocities", "m/s", "v", body.iv, 3), ("velocities", "rad/s", "v", body.iv + 3, 3),
         ):  # fmt: skip
-            what = quantity
-            if quantity in sensed:
-                if "velocities" in sensed or quantity == "velocities":
-                    continue
-                what = FOR_SCALE
+            what = FOR_SCALE if quantity in sensed else quantity
+            if quantity == "positions" and {"positions", "velocities"} <= sensed:
+                continue
             columns = tuple(range(first, first + n))
             rows.append(Compared(f"bodies.{body.name}", what, unit, table, columns))
     for k, name in enumerate(layout.reactions):
@@ -68,6 +69,36 @@ def compared(layout: Layout, model: Model) -> list[Compared]:
             columns = (first, first + 1, first + 2)
             rows.append(Compared(name, "reactions", unit, "reactions", columns))
     return rows
+
+
+def parts_of_model(compiled: Compiled) -> NDArray[np.intp]:
+    """Number of the part that each velocity coordinate is of, (nv,): parts share no equations."""
+    kkt = compiled.system.kkt
+    part = np.arange(int(kkt.panels["nc"].sum()) + 1)  # the last one: left out
+    for panel in kkt.panels[::-1]:
+        own = slice(panel["col"], panel["col"] + panel["nc"])
+        part[own] = part[kkt.rows[panel["rows"]]] if panel["nr"] else panel["col"]
+    return np.asarray(part[kkt.place[: compiled.layout.nv]])
+
+
+def by_part(rows: Sequence[Compared], compiled: Compiled, model: Model) -> list[Part]:
+    """Of each part of a model what is compared, what that is judged by, and its mass [kg].
+
+    What is of none, such as a coupler's reaction, is judged by all.
+    """
+    bodies, groups = compiled.system.parts.bodies, compiled.system.groups
+    of = np.append(parts_of_model(compiled)[bodies["iv"]], -1)  # the ground is of none
+    names = [*(f"bodies.{one.name}" for one in compiled.layout.bodies), *compiled.layout.reactions]
+    ends = np.maximum(groups["body_I"], groups["body_J"])
+    numbers = dict(zip(names, np.append(of[:-1], of[ends]).tolist(), strict=True))
+    for name, spec in model.sensors.items():
+        at = [f"{key}s.{getattr(spec, key, None)}" for key in ("joint", "driver", "force")]
+        numbers[name] = next((numbers[one] for one in at if one in numbers), -1)
+    own = np.array([numbers.get(one.name, -1) for one in rows], dtype=np.intp)
+    return [
+        (own == k, (own == k) | (k < 0), float(bodies["mass"][(of[:-1] == k) | (k < 0)].sum()))
+        for k in dict.fromkeys(own.tolist())
+    ]
 
 
 def round_off(rows: Sequence[Compared], compiled: Compiled, q: Array) -> Array:

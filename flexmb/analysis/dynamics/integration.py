@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexmb.analysis.dynamics.compared_quantities import parts_of_model
 from flexmb.analysis.procedure import ChunkRows
 from flexmb.engine import entries, method
 from flexmb.engine.bodies.static_modes import STATIC_MODES
@@ -202,13 +203,9 @@ def set_least_motion(
     that is driven is as large as the radius of gyration of its bodies at least: where they all
     stand at one point the first motion would be resolved down to the round-off of the driver.
     """
-    system, kkt = compiled.system, compiled.system.kkt
+    system = compiled.system
     bodies, markers, weights = system.parts.bodies, system.parts.markers, system.weights
-    part = np.arange(int(kkt.panels["nc"].sum()) + 1)  # the last one: left out
-    for panel in kkt.panels[::-1]:
-        own = slice(panel["col"], panel["col"] + panel["nc"])
-        part[own] = part[kkt.rows[panel["rows"]]] if panel["nr"] else panel["col"]
-    of = part[kkt.place[: len(weights)]]
+    of = parts_of_model(compiled)
     spread, mass = np.trace(bodies["S0"], axis1=1, axis2=2), bodies["mass"]
     gyration = np.sqrt(np.divide(spread, mass, out=np.zeros(len(mass)), where=mass > 0.0))
     arms, on = np.zeros(len(bodies)), markers["body"] >= 0
@@ -216,8 +213,8 @@ def set_least_motion(
     np.maximum.at(arms, markers["body"][on], reach[on])
     ends = system.rows[system.rows["fun"] >= 0]
     driven = bodies["iv"][[b for end in "IJ" for b in markers["body"][ends[end]] if b >= 0]]
-    low, high = np.full((len(part), 3), np.inf), np.full((len(part), 3), -np.inf)
-    wide = np.zeros((len(part), 1))
+    n = int(system.kkt.panels["nc"].sum()) + 1
+    low, high, wide = np.full((n, 3), np.inf), np.full((n, 3), -np.inf), np.zeros((n, 1))
     for body, arm, turns in zip(bodies, arms, gyration, strict=True):
         r, own = state.q[body["iq"] : body["iq"] + 3], of[body["iv"] : body["iv"] + 3]
         low[own], high[own] = np.minimum(low[own], r - arm), np.maximum(high[own], r + arm)

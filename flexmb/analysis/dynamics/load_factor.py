@@ -171,7 +171,7 @@ class LoadFactorMonitor:
         for k, (columns, body, axis, length, euler, stiffened) in enumerate(self._bodies):
             if stiffened:
                 if whole is None:
-                    whole = self._load_factors(state, now)
+                    whole = load_factors(self._compiled, state, now, self._gravity)
                 values[k] = whole[self._number(columns.iv)]
                 continue
             number = self._number(columns.iv)
@@ -183,10 +183,6 @@ class LoadFactorMonitor:
     def _number(self, iv: int) -> int:
         """Which body of the engine it is."""
         return int(np.flatnonzero(self._compiled.system.parts.bodies["iv"] == iv)[0])
-
-    def _load_factors(self, state: object, now: NDArray[np.void]) -> Array:
-        """(bodies,) the load factor, at the body with most strain energy in the critical motion."""
-        return load_factors(self._compiled, state, now, self._gravity)
 
 
 def load_factors(compiled: Compiled, state: object, now: NDArray[np.void], gravity: Array) -> Array:

@@ -15,12 +15,18 @@ velocities and reactions, each over the peak-to-peak of its sensor, with its nam
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexmb.analysis.dynamics.compared_quantities import FOR_SCALE, compared, round_off
+from flexmb.analysis.dynamics.compared_quantities import (
+    FOR_SCALE,
+    Part,
+    by_part,
+    compared,
+    round_off,
+)  # fmt: skip
 from flexmb.analysis.dynamics.integration import (
     _HIGH_ORDER,
     Integration,
@@ -45,8 +51,9 @@ from flexmb.results.writer import OutputBlock
 _POSITIONS_AT_REST, _AT_REST = 1e-12, 1e-9
 # All are judged over their own peak-to-peak, but reactions over no less than this share of the
 # largest of their unit and its square of all inertia forces, moments also of the largest force
-# times the size: below are errors alone. Velocities over no less than this share of their own
-# largest, those of bodies also than what moves them within the run as far as they move.
+# times the size, in their part of the model: below are errors alone. Velocities over no less than
+# this share of their own largest, those of bodies also than what moves them within the run as far
+# as they move.
 _LEAST_SHARE = 1e-3
 _FLOORS = {
     "reactions": f"{_LEAST_SHARE:g} of the largest of its unit",
@@ -97,20 +104,23 @@ class MeasuredError:
     gyration : mapping of str to float, optional
         Radius of gyration of each flexible body about the origin of its frame [m]: the frame counts
         with the motion of its points, which alone are seen.
-    mass : float
-        Of all bodies [kg], whose forces of inertia round-off of reactions is small beside.
+    parts : list of Part, optional
+        Whose reactions count together; by default all do, without forces of inertia.
     """
 
     def __init__(
         self, layout: Layout, model: Model, least: Mapping[str, float] | None = None,
-        duration: float = math.inf, gyration: Mapping[str, float] | None = None, mass: float = 0.0,
+        duration: float = math.inf, gyration: Mapping[str, float] | None = None,
+        parts: Sequence[Part] = (),
     ) -> None:  # fmt: skip
-        self.compared, self._duration, self._mass = compared(layout, model), duration, mass
+        self.compared, self._duration = compared(layout, model), duration
         self._gyration, self._least = gyration or {}, least or {}
         self._length = self._least.get("m", 0.0) / _NO_MOTION
         n = len(self.compared)
         self._units = np.array([one.unit for one in self.compared])
         self._sorts = np.array([one.quantity for one in self.compared])
+        every = np.ones(n, dtype=bool)
+        self._parts = parts or [(every, every, 0.0)]
         self._largest = np.zeros((2, n))  # difference so far; its time
         widest = max((len(one.columns) for one in self.compared), default=0)
         self._range = np.stack([np.full((n, widest), np.inf), np.full((n, widest), -np.inf)])
@@ -236,21 +246,21 @@ class MeasuredError:
             return self._scales
         low, high = self._range
         spans = np.where(np.isfinite(low), high - low, 0.0).max(axis=1, initial=0.0)
-        units, sorts = self._units, self._sorts == FOR_SCALE
-        for unit, sort in set(zip(units, sorts, strict=True)):
+        units, sorts, reacts = self._units, self._sorts == FOR_SCALE, self._sorts == "reactions"
+        for unit, sort in set(zip(units[~reacts], sorts[~reacts], strict=True)):
             same = (units == unit) & (sorts == sort)
             share = _POSITIONS_AT_REST if unit in ("m", "rad") else _AT_REST
             least = max(share * spans[same].max(), self._least.get(unit, 0.0))
             spans[same & (spans <= least)] = 0.0
-        reacts = self._sorts == "reactions"
         size = self._largest_values()
-        speed, rate = (size[units == unit].max(initial=0.0) for unit in ("m/s", "rad/s"))
-        least = self._mass * (speed**2 / (self._length or np.inf) + self._length * rate**2)
-        force = max(least, size[reacts & (units == "N")].max(initial=0.0))
-        for unit, small in (("N", least), ("N m", force * self._length)):
-            same = reacts & (units == unit)
-            largest = max(size[same].max(initial=0.0), _LEAST_SHARE * small)
-            spans[same] = np.maximum(spans[same], _LEAST_SHARE * largest)
+        for own, beside, mass in self._parts:
+            speed, rate = (size[beside & (units == u)].max(initial=0.0) for u in ("m/s", "rad/s"))
+            least = mass * (speed**2 / (self._length or np.inf) + self._length * rate**2)
+            force = max(least, size[beside & reacts & (units == "N")].max(initial=0.0))
+            for unit, small in (("N", least), ("N m", force * self._length)):
+                same = reacts & (units == unit)
+                largest = max(size[beside & same].max(initial=0.0), _LEAST_SHARE * small)
+                spans[own & same] = np.maximum(spans[own & same], _LEAST_SHARE * largest)
         self._join_frames(spans)
         moved = {one.name + one.unit: spans[k] for k, one in enumerate(self.compared)}
         for k, one in enumerate(self.compared):
@@ -268,9 +278,11 @@ class MeasuredError:
         """What each may be far below and yet part of the same motion: reactions, the largest of
         their unit; velocities, their own largest; positions, nothing."""
         size, sorts, units = self._largest_values(), self._sorts, self._units
-        for unit in set(units[sorts == "reactions"]):
-            same = (sorts == "reactions") & (units == unit)
-            size[same] = size[same].max()
+        largest = size.copy()
+        for own, beside, _ in self._parts:
+            for unit in set(units[own & (sorts == "reactions")]):
+                same = (sorts == "reactions") & (units == unit)
+                size[own & same] = largest[beside & same].max()
         return np.where((sorts == "reactions") | (sorts == "velocities"), size, 0.0)
 
     def _join_frames(self, spans: Array) -> None:
@@ -367,8 +379,9 @@ class VerifiedRun:
         turn = max(1.0, _SPUN * span * float(max(spun, default=0.0)))
         least = {"m": length, "rad": turn, "m/s": length / span, "rad/s": turn / span}
         at_rest = {unit: _NO_MOTION * size for unit, size in least.items()}
-        radii, mass = gyration(compiled), float(compiled.system.parts.bodies["mass"].sum())
-        error = MeasuredError(compiled.layout, model, at_rest, span, radii, mass)
+        parts = by_part(compared(compiled.layout, model), compiled, model)
+        radii = gyration(compiled)
+        error = MeasuredError(compiled.layout, model, at_rest, span, radii, parts)
         error.round_off[:] = round_off(error.compared, compiled, first.q)
         return cls(scout, fine, error, recorded, of_scout, passes)
 

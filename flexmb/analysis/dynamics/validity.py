@@ -369,7 +369,7 @@ def _bent_functions(
         times = [] if program.channels else _bends(tuple(program.ops), duration)
         if times:
             order = 2 if k in driven else 0
-            shape = partial(_derivative, program.ops, order)
+            shape = partial(lambda ops, order, t: evaluate(ops, t)[order], program.ops, order)
             near = (0.0, *(t + s * duration for t in times for s in (-1e-9, 1e-9)), duration)
             values = [shape(t) for t in near]
             bent.append((np.array(times), shape, float(np.ptp(values)) or 1.0))
@@ -392,7 +392,3 @@ def _bends(ops: Program, duration: float) -> list[float]:
                 a, b = (middle, b) if nearer else (a, middle)
             times.add(0.5 * (a + b))
     return sorted(times)
-
-
-def _derivative(ops: Program, order: int, t: float) -> float:
-    return evaluate(ops, t)[order]

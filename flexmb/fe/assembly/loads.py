@@ -25,14 +25,7 @@ from flexmb.fe.elements.element_blocks import outer_faces
 from flexmb.fe.elements.shell_fields import edge_bows, opposed_edges
 from flexmb.fe.meshes.mesh import FACETS, dimension, facet_rule
 from flexmb.flexbody.arrays import FloatArray, IntArray
-from flexmb.flexbody.mesh_options import (
-    LOADS,
-    GravityLoad,
-    LineLoad,
-    PointLoad,
-    PressureLoad,
-    TractionLoad,
-)
+from flexmb.flexbody.mesh_options import LOADS, GravityLoad, PointLoad
 from flexmb.flexbody.options import kind_of, read_options
 from flexmb.flexbody.parts import LoadPoint, LoadVector
 
@@ -284,18 +277,6 @@ def load_options(name: str, words: Mapping[str, Any]) -> Any:
     return read_options(LOADS[kind], words, where, ReductionError)
 
 
-def _pressure(fe: FEMatrices, where: str, options: PressureLoad) -> FloatArray:
-    return pressure_load(fe, where, options.group, float(options.pressure))
-
-
-def _traction(fe: FEMatrices, where: str, options: TractionLoad) -> FloatArray:
-    return _uniform(fe, where, options.group, 2, np.array(options.traction, dtype=float))
-
-
-def _line(fe: FEMatrices, where: str, options: LineLoad) -> FloatArray:
-    return _uniform(fe, where, options.group, 1, np.array(options.force, dtype=float))
-
-
 def _gravity(fe: FEMatrices, where: str, options: GravityLoad) -> FloatArray:
     return fe.load_per_mass(np.column_stack([np.zeros((3, 3)), options.acceleration]))
 
@@ -316,9 +297,9 @@ def _force(fe: FEMatrices, where: str, options: PointLoad) -> FloatArray:
 
 
 _LOADS: dict[str, Callable[[FEMatrices, str, Any], FloatArray]] = {
-    "pressure": _pressure,
-    "traction": _traction,
-    "line": _line,
+    "pressure": lambda fe, where, one: pressure_load(fe, where, one.group, float(one.pressure)),
+    "traction": lambda fe, where, one: _uniform(fe, where, one.group, 2, np.array(one.traction)),
+    "line": lambda fe, where, one: _uniform(fe, where, one.group, 1, np.array(one.force)),
     "force": _force,
     "gravity": _gravity,
 }

@@ -241,10 +241,6 @@ class _Generator(GenerateJsonSchema):
         return False
 
 
-def _form_of(annotation: Any) -> Form:
-    return dict(_Generator().generate_inner(TypeAdapter(annotation).core_schema))
-
-
 def _definition(spec: type[Spec]) -> Form:
     generator = _Generator()
     generator.root = spec
@@ -270,7 +266,7 @@ def _top_forms() -> dict[str, Form]:
     """The keys at the top level."""
     return {
         "title": {"type": "string"},
-        "units": _form_of(UnitsName),
+        "units": dict(_Generator().generate_inner(TypeAdapter(UnitsName).core_schema)),
         "plane": {"enum": list(PLANES)},
         "gravity": _GRAVITY,
         "parameters": {"type": "object", "additionalProperties": NUMBER},

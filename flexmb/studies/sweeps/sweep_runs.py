@@ -266,10 +266,6 @@ def find_scalars(
     return list(dict.fromkeys(scalars)), problems
 
 
-def _rms(t: Array, x: Array) -> float:
-    return float(np.sqrt(_mean(t, x * x)))
-
-
 def _mean(t: Array, x: Array) -> float:
     if len(t) < 2:
         return float(x[-1])
@@ -281,7 +277,7 @@ _FUNCTIONS: dict[str, Callable[[Array, Array], float]] = {
     "max": lambda t, x: float(x.max()),
     "peak": lambda t, x: float(np.abs(x).max()),
     "peak-to-peak": lambda t, x: float(np.ptp(x)),
-    "rms": _rms,
+    "rms": lambda t, x: float(np.sqrt(_mean(t, x * x))),
     "mean": _mean,
     "final": lambda t, x: float(x[-1]),
 }

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from flexmb.analysis import monitors
+from flexmb.analysis.dynamics.compared_quantities import by_part, compared
 from flexmb.analysis.dynamics.measured_error import MeasuredError
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
@@ -258,3 +259,29 @@ def test_a_reaction_that_is_zero_but_for_errors_does_not_make_two_runs_different
         worst = fed(made, coarse, fine).largest(RATIO)["reactions"]
         assert "hinge_b" in worst.name
         assert worst.error == pytest.approx(share, rel=1e-2)
+
+
+@pytest.mark.parametrize("joined", [False, True])
+def test_reactions_of_a_small_part_are_judged_by_that_part(joined):
+    """1e-6 N that are half wrong, beside a rotor of 1e4 N and 1000 rad/s: said, if none joins them.
+
+    A share of the largest force or of all forces of inertia is 10 N.
+    """
+    made = model(("speed", "velocity", "a"))
+    if joined:
+        made.add_force("tie", "bushing", between=["a", "b"], stiffness=[1.0] * 3)
+    made.add_sensor("pin", "reaction", joint="hinge_b")
+    coarse, fine = Rows(made, T), Rows(made, T)
+    body = fine.layout.bodies[0]
+    for rows, off in ((coarse, 0.5e-6), (fine, 0.0)):
+        rows.block.v[:, body.iv + 5] = 1e3
+        rows.block.reactions[:, 0] = 1e4 * np.sin(T) ** 2
+        pin = 1e-6 * np.sin(T) ** 2 + off * (T == 5.0)
+        rows.block.reactions[:, 12] = pin
+        rows.set("pin.x", pin)
+    compiled = compile_system(made)
+    parts = by_part(compared(compiled.layout, made), compiled, made)
+    error = MeasuredError(fine.layout, made, {"m": 1e-10}, parts=parts)
+    error.add(coarse.block, fine.block)
+    worst = error.largest(RATIO)["reactions"]
+    assert worst.error < 1e-8 if joined else worst.error == pytest.approx(0.5, rel=1e-2)
