@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.compile import Compiled
-from flexmb.engine.joints import ROW_KINDS
+from flexmb.engine.joints import DOT1, ROW_KINDS
 from flexmb.engine.joints.curve import Pieces
 from flexmb.engine.state import State, Work
 from flexmb.engine.tables import BodyColumns
@@ -20,9 +20,7 @@ from flexmb.units import UnitSystem
 _MAX_SHOWN = 3
 _SAME_DIRECTION = 0.5  # cosine between axes that belong together; rows leave only 1, or 0 and below
 _ROUND_OFF = 1e-6  # relative to the model size, or radians: what the digits of a mesh file leave
-_COORDINATE_ROUND_OFF = (
-    0.1 * _ROUND_OFF
-)  # of each coordinate: seven of them together make less than that
+_COORDINATE_ROUND_OFF = 0.1 * _ROUND_OFF  # of each coordinate: seven together make less than that
 _PENETRATION = 1e-6  # of the size of a curve that a follower may be inside of it
 
 
@@ -53,8 +51,10 @@ def joint_gaps(compiled: Compiled, work: Work) -> list[Offset]:
     for group in system.groups:
         rows = slice(int(group["row"]), int(group["row"] + group["n"]))
         C = np.where(np.isfinite(work.con.C[rows]), work.con.C[rows], np.inf)
-        angular = np.array([ROW_KINDS[kind].angular for kind in system.rows["kind"][rows]], bool)
-        distance, angle = float(np.linalg.norm(C[~angular])), float(np.linalg.norm(C[angular]))
+        kinds = system.rows["kind"][rows]
+        angular, cosine = np.array([ROW_KINDS[k].angular for k in kinds], bool), kinds == DOT1
+        distance, angle = (float(np.linalg.norm(C[w])) for w in (~angular, angular & ~cosine))
+        angle += np.arcsin(min(1.0, float(np.linalg.norm(C[cosine]))))  # C: sine of what is open
         name = names[rows.start].split(":")[0]
         gaps.append(Offset(name, *_without_round_off(compiled, distance, angle)))
     return sorted(gaps, key=lambda gap: -gap.size(compiled.length))

@@ -138,7 +138,8 @@ def composite_rows(
         if abs(a @ b) < lookup.PARALLEL:
             return _ACROSS + ((MOMENT, Z, Z, True),) + _AT_HEIGHT
         needed = "be parallel or at right angles"
-    what = f"the axes of a {kind} joint must {needed}"
+    apart = np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), abs(a @ b)))
+    what = f"the axes of a {kind} joint must {needed}; they are {apart:.4g} deg apart"
     raise SceneError.from_problems([Problem(f"joints.{name}.second_axis", what)])
 
 

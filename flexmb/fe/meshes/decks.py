@@ -26,6 +26,7 @@ NASTRAN = (".bdf", ".fem", ".nas")
 _GENERATORS = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
 _PARTS = {  # of the model, which a mesh does not have, and where a body has them
     "interfaces": ("SURFACE",),
+    "sections": ("offsets", "pin flags", "material angles"),
     "masses": ("MASS", "ROTARY INERTIA", "CONM1", "CONM2", "CMASS1", "CMASS2"),
     "springs": ("SPRING", "DASHPOT", "CELAS1", "CELAS2", "CBUSH", "CBUSH1D", "CGAP", "CDAMP1",
                 "CDAMP2", "CVISC"),
@@ -54,6 +55,11 @@ _NASTRAN_KINDS = {  # the first field of nodes, and how many nodes there may be
     "CONROD": (2, (2,)), "CTRIA6": (3, (6,)), "CQUAD8": (3, (8,)), "CTETRA": (3, (4, 10)),
     "CPYRAM": (3, (5, 13)), "CPYRA": (3, (5, 13)), "CPENTA": (3, (6, 15)), "CHEXA": (3, (8, 20)),
 }  # fmt: skip
+_ON_SECTIONS = {  # words of `_PARTS`, and their fields on an element
+    **dict.fromkeys(("CBAR", "CBEAM"), (("pin flags", 9, 11), ("offsets", 11, 17))),
+    **dict.fromkeys(("CQUAD4", "CQUADR"), (("material angles", 7, 8), ("offsets", 8, 9))),
+    **dict.fromkeys(("CTRIA3", "CTRIAR"), (("material angles", 6, 7), ("offsets", 7, 8))),
+}
 _TO_VTK = {  # Nastran counts the nodes between the faces before those of the upper face
     "wedge15": [*range(9), 12, 13, 14, 9, 10, 11],
     "hexahedron20": [*range(12), *range(16, 20), *range(12, 16)],
@@ -203,6 +209,9 @@ class _Sets:
         own = self._names.setdefault(name.upper(), name)
         self.members.setdefault(own, {}).update(dict.fromkeys(numbers))
 
+    def of(self, name: str) -> dict[int, None]:
+        return self.members.get(self._names.get(name.upper(), ""), {})
+
     def read(self, name: str, card: _Card, present: Iterable[int]) -> None:
         if "GENERATE" in card.options:
             for line in card.lines:
@@ -214,7 +223,7 @@ class _Sets:
             own = entry.strip('"').upper()
             number = own.rpartition(".")[2]  # of an instance
             if own in self._names:
-                self.add(name, list(self.members[self._names[own]]))
+                self.add(name, list(self.of(own)))
             elif number.lstrip("+-").isdigit():
                 self.add(name, [int(number)])
             else:
@@ -254,10 +263,13 @@ def _read_abaqus(deck: _Deck, text: str) -> Iterator[str]:
                 elements.add(options["ELSET"], numbers)
         elif card.word == "NSET" and "NSET" in options:
             nodes.read(options["NSET"], card, deck.nodes)
+            for number in deck.elements.keys() & elements.of(options.get("ELSET", "")):
+                nodes.add(options["NSET"], deck.elements[number][1])
         elif card.word == "ELSET" and "ELSET" in options:
             elements.read(options["ELSET"], card, deck.elements)
         else:
             yield card.word
+            yield from ["offsets"] * ("OFFSET" in options)
     deck.node_sets, deck.element_sets = dict(nodes.members), dict(elements.members)
 
 
@@ -341,6 +353,8 @@ def _read_nastran(deck: _Deck, text: str) -> Iterator[str]:
         if word not in _NASTRAN_KINDS:
             yield word
             continue
+        for what, first, end in _ON_SECTIONS.get(word, ()):
+            yield from [what] * any(x.strip("0.+-ED") for x in entry[first:end])
         start, counts = _NASTRAN_KINDS[word]
         nodes = [int(x) for x in entry[start : start + counts[-1]] if x]
         if len(nodes) not in counts:

@@ -268,6 +268,19 @@ def test_a_body_that_would_have_to_turn_far_is_refused():
         assert flexmb.mobility(made).delta == 0
 
 
+@pytest.mark.parametrize("angle", [0.02, 0.5, 1.2, np.pi / 2])
+@pytest.mark.parametrize("kind", ["fixed", "revolute", "parallel", "perpendicular"])
+def test_the_gap_between_axes_is_their_angle(kind, angle):
+    """Rows hold cosines; what is said is the angle that they differ by, up to a right one."""
+    made = Model("axes")
+    turn = angle + (np.pi / 2 if kind == "perpendicular" else 0)
+    made.add_body("block", mass=1.0, inertia=[1, 1, 1], orientation={"axis": "x", "angle": turn})
+    made.add_joint("hold", kind, between=["ground", "block"])
+    said = f"joints.hold.* open by 0 m and {np.degrees(angle):.4g} deg"
+    with pytest.raises(AssemblyError, match=said):
+        flexmb.mobility(made)
+
+
 def test_a_small_gap_is_closed_and_said_so():
     with pytest.warns(match=r"assembled with least change; moved: two by 0.004 m"):
         flexmb.simulate(two_bars(0.004), duration=0.01, outputs=1)

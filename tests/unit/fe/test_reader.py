@@ -190,6 +190,8 @@ def test_blocks_and_sets_of_an_abaqus_deck_add_up(tmp_path):
     assert mesh.group_elements("Solid")["hexahedron"].tolist() == [0, 1]
     assert mesh.group_elements("second")["hexahedron"].tolist() == [1]
     assert mesh.note == "the mesh file also has 1 MASS, not read: the body takes its own masses"
+    path.write_text(f"{DECK}\n*NSET, NSET=of second, ELSET=second\n")
+    assert read_mesh(path).group_nodes("of second").tolist() == [*range(4, 12)]
 
 
 @pytest.mark.parametrize(
@@ -291,7 +293,13 @@ def test_what_stands_behind_the_nodes_of_nastran_elements_is_no_node(tmp_path):
         "triangle": [[4, 8, 6]],
         "line": [[0, 4]],
     }
-    assert "1 CELAS1, 1 CBUSH, not read: the body takes its own springs" in mesh.note
+    assert "1 CELAS1, 1 CBUSH, not read: the body takes its own sections, springs" in mesh.note
+    assert "has 1 offsets, 1 material angles, " in mesh.note
+    bar = "CBAR,3,8,101,141,0.,1.,0.,GGG\n"
+    path.write_text(f"BEGIN BULK\nINCLUDE 'grids.bdf'\n{bar},,5,0.,0.,-.5,0.,0.E0,0.\nENDDATA\n")
+    assert "1 offsets, 1 pin flags, not read: the body takes its own sec" in read_mesh(path).note
+    path.write_text(f"BEGIN BULK\nINCLUDE 'grids.bdf'\n{bar},,,0.,0.,-0.,0.,0.E0,0.\nENDDATA\n")
+    assert not read_mesh(path).note
 
 
 @pytest.mark.parametrize(
