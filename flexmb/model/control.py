@@ -332,13 +332,13 @@ def states_of(model: ModelData) -> tuple[State, ...]:
     return tuple(states)
 
 
-def feedback_functions(model: ModelData) -> Iterator[tuple[str, Function]]:
-    """All functions that name channels, with their scene paths."""
+def feedback_functions(model: ModelData, every: bool = False) -> Iterator[tuple[str, Function]]:
+    """All functions that name channels (`every`: may do so), with their scene paths."""
     for section in ("forces", *CHANNEL_SECTIONS):
         for name, spec in getattr(model, section).items():
             for key, value in vars(spec).items():
                 for i, function in enumerate(value if isinstance(value, tuple) else (value,)):
-                    if isinstance(function, Function) and function.expression.channels:
+                    if isinstance(function, Function) and (every or function.expression.channels):
                         at = f"[{i}]" if isinstance(value, tuple) else ""
                         yield f"{section}.{name}.{key}{at}", function
 
@@ -349,7 +349,7 @@ def channel_problems(scope: Scope) -> Iterator[Problem]:
     channels = dict.fromkeys(scope.model.channels())
     broken = broken_channels(scope)
     unknown = False
-    for where, function in feedback_functions(scope.model):
+    for where, function in feedback_functions(scope.model, every=True):
         text = function.expression.text
         yield from _ambiguous_names(scope, channels, where, text)
         for name in function.expression.channels:

@@ -138,6 +138,19 @@ def test_a_channel_called_like_a_constant():
     assert '"e" is a constant and a channel; rename the channel' in told(made)
 
 
+@pytest.mark.parametrize(
+    ("name", "meaning"), [("pi", "a constant"), ("t", "the time"), ("k", "a parameter")]
+)
+def test_a_name_of_two_meanings_that_stands_alone(name, meaning):
+    """A controller "pi" drove a motor with 3.14159 N m."""
+    made = push(model(), name)
+    made.add_controller(name, "pid", input="1 - a.x", kp=1.0)
+    assert f'push.value[0]: "{name}" is {meaning} and a channel; rename the channel' in told(made)
+    made = push(model(), "2")
+    made.add_controller(name, "pid", input="1 - a.x", kp=1.0)
+    made.validate()
+
+
 def test_drivers_take_no_channels():
     text = refused(model().add_driver, "d", joint="rail", stroke="x.x")
     assert "drivers.d.stroke" in text and "only numbers, names" in text
