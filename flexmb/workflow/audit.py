@@ -367,11 +367,9 @@ def _measured(of: Neighbours, specs: Mapping[str, Any]) -> dict[str, Array]:
         name: [k for channel, k in columns.items() if channel.split(".")[0] == _MEASURE + name]
         for name in specs
     }
-    rows = np.zeros((len(motion.t), len(columns)))
+    rows, measured = np.zeros((len(motion.t), len(columns))), sum(mine.values(), [])
     for k in range(len(motion.t)):
-        if k:
-            wide[k] = np.where(np.isin(np.arange(len(columns)), sum(mine.values(), [])),
-                               rows[k - 1], wide[k])  # fmt: skip
+        wide[k, measured] = rows[k - 1, measured] if k else 0.0
         carried.put(k, equations)
         rows[k] = equations.channels()
     return {name: rows[:, places] for name, places in mine.items()}

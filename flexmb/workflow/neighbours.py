@@ -43,7 +43,7 @@ OUT_OF_PLANE = "motion out of the plane"
 _TURN = 0.3  # rad of a body between rows
 _GAP = 0.05  # of velocities against accelerations between rows, relative
 _MORE_MODES = 2  # times as many modes tell what those left out would do
-_RIGID = {"deformation": "rigid"}
+_RIGID, _DYNAMIC = {"deformation": "rigid"}, {"deformation": "dynamic"}
 _FULL = {"inertia_coupling": "full", "geometric_stiffening": "full"}
 
 
@@ -160,6 +160,12 @@ class Neighbours:
         }
 
     @cached_property
+    def _dynamic(self) -> tuple[Model, Compiled]:
+        """The scene with inertia of all modes that the run has."""
+        model = with_words(self.model, dict.fromkeys(self._static, _DYNAMIC))
+        return model, self._compile(model, self.bodies) if self._static else self.compiled
+
+    @cached_property
     def _estimable(self) -> list[Effect]:
         return [effect for effect in self.effects() if not effect.why]
 
@@ -178,10 +184,8 @@ class Neighbours:
 
         model, own, follow = self.neighbour(effect), self.compiled, False
         if effect.name != STATIC and self._static:
-            words = dict.fromkeys(self._static, {"deformation": "dynamic"})
-            own = self._compile(with_words(self.model, words), self.bodies)
-            follow = "quasi-static" in self._static.values()
-            model = with_words(model, words)
+            own, follow = self._dynamic[1], "quasi-static" in self._static.values()
+            model = with_words(model, dict.fromkeys(self._static, _DYNAMIC))
         bodies, shapes = dict(self.bodies), {}
         if effect.body and (effect.name == MODES or effect.words.get("geometric_stiffening")):
             bodies[effect.body] = self._reduced(model, effect)
@@ -209,8 +213,8 @@ class Neighbours:
         body = self.compiled.flexbodies[name]
         if body.m == 0:
             if self.bodies[name].m or spec.deformation == "rigid":
-                yield Effect(DEFORMATION, name, False, "rigid", {"deformation": "dynamic"})
-                yield Effect(VIBRATION, name, False, "rigid", {"deformation": "dynamic"})
+                yield Effect(DEFORMATION, name, False, "rigid", _DYNAMIC)
+                yield Effect(VIBRATION, name, False, "rigid", _DYNAMIC)
             return
         numbers = indicators(self.compiled, self.motion, body, name)
         yield Effect(DEFORMATION, name, True, f"u/L {numbers.deflection:.2g}", _RIGID)
@@ -219,9 +223,9 @@ class Neighbours:
             yield Effect(VIBRATION, name, True, fast, {"deformation": "quasi-static"})
             if static := quasi_static(spec, body, self.model):
                 few = f"{len(static)} of {body.m}"
-                yield Effect(STATIC, name, False, few, {"deformation": "dynamic"})
+                yield Effect(STATIC, name, False, few, _DYNAMIC)
         else:
-            yield Effect(VIBRATION, name, False, fast, {"deformation": "dynamic"})
+            yield Effect(VIBRATION, name, False, fast, _DYNAMIC)
         yield from self._couplings(name, spec, body, turning, numbers.speed < LEAST_SPEED)
         yield self._modes(name, spec, body)
         number = [one.name for one in self.compiled.layout.bodies].index(name)
@@ -269,14 +273,15 @@ class Neighbours:
         return Effect(MODES, name, False, modes, {"modes": _MORE_MODES * max(spec.mode_count, 4)})
 
     def _deformation(self, effect: Effect) -> Change:
-        """Of one body along the motion with rigid bodies; if rigid, stiffened by its rotation."""
+        """Of a flexible body along the motion of rigid ones, of a rigid body along the run's."""
         from flexmb.analysis.dynamics.linear_elasticity import LEAST_SPEED
         from flexmb.analysis.effects.contribution import indicators
         from flexmb.analysis.effects.stored_motion import carry_motion
 
         name, vibration = effect.body, effect.name == VIBRATION
-        rigid, own, motion, seconds = self._rigid
-        model = with_words(rigid, {name: {"deformation": "dynamic"}})
+        base = self._rigid if effect.on else (*self._dynamic, self.motion, 0.0)
+        start, own, motion, seconds = base
+        model = with_words(start, {name: _DYNAMIC})
         bodies, spec = dict(self.bodies), model.bodies[name]
         stiffened = getattr(spec, "geometric_stiffening", None) == "full"
         lacks = bodies[name].m == 0 or (stiffened and bodies[name].centrifugal_stiffness is None)
@@ -293,9 +298,8 @@ class Neighbours:
                 bodies[name] = bodies[name] if has_data else self._reduced(model, effect)
                 other = self._compile(model, bodies)
         changes = self._changes(own, other, model, motion, {}, vibration)
-        mine = self.run.seconds.get("integrate")
-        measured = mine and seconds and effect.on and not vibration
-        return *changes, mine / seconds if mine and measured else None
+        mine = self.run.seconds.get("integrate", 0.0) if not vibration else 0.0
+        return *changes, mine / seconds if mine and seconds else None
 
     def _changes(
         self, own: Compiled, other: Compiled, model: Model, motion: Motion,

@@ -77,6 +77,24 @@ def test_a_bar_taken_for_rigid_deforms_as_its_rotation_stiffens_it(tmp_path):
     assert find(flexmb.audit(run), "deformation").shares["tip"] == pytest.approx(true, rel=0.1)
 
 
+def test_a_rigid_body_on_a_flexible_one_is_seen_where_only_that_yields(tmp_path):
+    """The tip of a mast that carries a boom: with both rigid nothing moves there."""
+    model = Model("mast with a boom")
+    model.add_body("mast", **beam_fields())
+    model.add_body("boom", position=[1.0, 0, 0], **beam_fields())
+    model.add_body("load", mass=2.0, inertia=[1e-3] * 3, position=[2.0, 0, 0])
+    for name, ends in {"foot": "ground mast.root", "top": "mast.tip boom.root",
+                       "hook": "boom.tip load"}.items():  # fmt: skip
+        model.add_joint(name, "fixed", between=ends.split())
+    model.add_force("push", "force", at="load", value=[0, "20*sin(20*t)", 0])
+    model.add_sensor("head", "position", of="mast.tip")
+    model.set_dynamics(duration=0.5, outputs=150, accuracy=1e-5)
+    run = flexmb.simulate(with_words(model, {"boom": {"deformation": "rigid"}}), output=tmp_path)
+    true = share_between(run, flexmb.simulate(model), "head")
+    assert true > 0.05
+    assert find(flexmb.audit(run), "deformation", "boom").share == pytest.approx(true, rel=0.1)
+
+
 def test_a_force_in_resonance_with_a_bar_taken_for_rigid():
     """Its amplitude grows with every cycle, far beyond the static deflection F L³/3EI."""
     model = Model("struck bar")
