@@ -138,17 +138,15 @@ class Audit:
 def _row(one: EffectOutcome) -> tuple[str, ...]:
     return (
         one.effect, one.body, "on" if one.on else "off", one.indicator,
-        "" if one.share is None else percent(one.share), one.sensor, one.value,
+        percent(one.share), one.sensor, one.value,
         "" if one.cost is None else f"x {one.cost:.2f}",
         one.verdict if not one.why else f"{one.verdict}: {one.why}",
     )  # fmt: skip
 
 
 def percent(share: float | None) -> str:
-    if share is None:
-        return ""
-    if share > 10.0:
-        return "unbounded"
+    if share is None or share > 10.0:
+        return "" if share is None else "unbounded"
     return f"{100 * share:.2g} %" if share < 1.0 else f"{100 * share:.0f} %"
 
 

@@ -279,8 +279,7 @@ class Neighbours:
         from flexmb.analysis.effects.stored_motion import carry_motion
 
         name, vibration = effect.body, effect.name == VIBRATION
-        base = self._rigid if effect.on else (*self._dynamic, self.motion, 0.0)
-        start, own, motion, seconds = base
+        start, own, motion, last = self._rigid if effect.on else (*self._dynamic, self.motion, 0.0)
         model = with_words(start, {name: _DYNAMIC})
         bodies, spec = dict(self.bodies), model.bodies[name]
         stiffened = getattr(spec, "geometric_stiffening", None) == "full"
@@ -299,7 +298,7 @@ class Neighbours:
                 other = self._compile(model, bodies)
         changes = self._changes(own, other, model, motion, {}, vibration)
         mine = self.run.seconds.get("integrate", 0.0) if not vibration else 0.0
-        return *changes, mine / seconds if mine and seconds else None
+        return *changes, mine / last if mine and last else None
 
     def _changes(
         self, own: Compiled, other: Compiled, model: Model, motion: Motion,
