@@ -335,7 +335,9 @@ class GrowthMonitor:
 
     def _check(self) -> None:
         """Compare the largest values at the ends of the parts."""
-        samples = self._history.table  # NaN behind the last
+        samples = self._history.table[: self._history.count[1]]
+        if len(samples) <= _PARTS:
+            return
         samples = samples[np.isfinite(samples).all(axis=1)]
         if not len(samples):
             return
@@ -343,7 +345,7 @@ class GrowthMonitor:
         part = (now - begin) / (2 * _PARTS)
         at = np.searchsorted(samples[:, 0], now - part * np.arange(_PARTS, -1, -1))
         at = np.minimum(at, len(samples) - 1)
-        if len(np.unique(at)) <= _PARTS:
+        if len(set(at.tolist())) <= _PARTS:
             return
         values = samples[at, 1:]
         grows = (values[1:] >= _FACTOR * values[:-1]).all(axis=0) & (values[0] > 0.0)

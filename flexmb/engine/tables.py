@@ -47,8 +47,8 @@ BODY = np.dtype(
 )
 
 # Blocks of the pool of one flexible body, in this order, with their sizes (rows, columns). With
-# constant coupling the last two are left out. With partial coupling the `grouped_rows` of
-# M_yy + M_zz and G_x, of the like about y and z, and of M_xy + M_yx and cyclic stand there instead.
+# constant coupling the last two are left out. With partial coupling dJ/deta (6, m) and the
+# `grouped_rows` of M_yy + M_zz and G_x, the like about y and z, M_xy + M_yx and cyclic follow D.
 FLEX_LAYOUT = (
     ("p", 3),  # int rho N_b Phi: (3, m)
     ("P", 9),  # P[a, b] at row 3 a + b: (9, m)
@@ -289,11 +289,11 @@ class Pool:
 
 
 def deformation_room(bodies: NDArray[np.void]) -> NDArray[np.int64]:
-    """Numbers of each body in Now.Z: Z_ab and M_ωη; with partial coupling also what its velocity
-    terms are multiplied with, coordinates, rates, product, and the angular velocity."""
+    """Numbers of each body in Now.Z: Z_ab and M_ωη; with partial coupling also Σ f_s S_s and
+    Σ w_k G_k, coordinates, rates, their product in two parts, the angular velocity of the sums."""
     m = np.asarray(bodies["m"], np.int64)
-    padded = m + -m % 4
-    return 12 * m + (bodies["coupling"] == 1) * (padded * (padded + 7) + 3)
+    padded = m + -m % 8
+    return 12 * m + (bodies["coupling"] == 1) * (padded * (padded + 12) + 3)
 
 
 @dataclass

@@ -27,6 +27,7 @@ from flexmb.analysis.assembly.positions import (
 from flexmb.analysis.assembly.velocities import InitialVelocities
 from flexmb.analysis.equilibrium import settle, spin_of
 from flexmb.engine import initial_conditions
+from flexmb.engine.algebra.forms import size_of_form
 from flexmb.engine.bodies.static_modes import STATIC_MODES, static_coordinates
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import solve_stage, stage_solver
@@ -328,7 +329,8 @@ def _weighted(system: System, weights: Array) -> System:
         m, at = int(body["m"]), int(body["flex"])
         forms = at + 12 * m + 3 * m * m  # before them stiffness and damping
         pool[at : forms - 2 * m * m] *= weight
-        pool[forms : forms + (0, 9, 12)[int(body["coupling"])] * m * m] *= weight
+        partial = 6 * m + 9 * size_of_form(m)[0]
+        pool[forms : forms + (0, partial, 12 * m * m)[int(body["coupling"])]] *= weight
     return system._replace(parts=system.parts._replace(bodies=bodies, pool=pool))
 
 

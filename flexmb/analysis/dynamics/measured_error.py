@@ -15,10 +15,12 @@ velocities and reactions, each over the peak-to-peak of its sensor, with its nam
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexmb.analysis.dynamics.compared_quantities import (
     FOR_SCALE,
@@ -76,6 +78,7 @@ _ORDER_LOST = 1.5  # with stiff states, of 2 at most
 # twentieth fell by 0.54 times what the order says or less (0.59): only less is an order lost.
 _LUCK = 2.0
 _LEAST_ERROR = 1e-15  # over the peak-to-peak
+_NONE, _REACTIONS = np.zeros(0, np.intp), ("N", "N m")
 _PARTED = 0.1  # difference over the peak-to-peak from which on two runs are different motions
 
 
@@ -117,25 +120,31 @@ class MeasuredError:
         self._gyration, self._least = gyration or {}, least or {}
         self._length = self._least.get("m", 0.0) / _NO_MOTION
         n = len(self.compared)
-        self._units = np.array([one.unit for one in self.compared])
-        self._sorts = np.array([one.quantity for one in self.compared])
-        every = np.ones(n, dtype=bool)
-        self._parts = parts or [(every, every, 0.0)]
+        every = self.compared
+        self._of_unit = _groups((one.unit, one.quantity == FOR_SCALE) for one in every)
+        self._of_quantity = at = _groups(one.quantity for one in every)
+        self._units = np.array([one.unit for one in every])
+        self._parts = parts or [(*2 * [np.ones(n, dtype=bool)], 0.0)]
+        self._rates, self._places = at.get("velocities", _NONE), at.get("positions", _NONE)
+        row = {one.name + one.unit: k for k, one in enumerate(every)}
+        own = [row.get(every[k].name + every[k].unit.removesuffix("/s"), n) for k in self._rates]
+        self._motions = np.array(own, np.intp)  # of velocities; n: nowhere
         self._largest = np.zeros((2, n))  # difference so far; its time
-        widest = max((len(one.columns) for one in self.compared), default=0)
+        sizes = np.array([len(one.columns) for one in every], np.intp)
+        widest, self._starts = sizes.max(initial=0), np.cumsum(sizes) - sizes
         self._range = np.stack([np.full((n, widest), np.inf), np.full((n, widest), -np.inf)])
-        self._columns = {  # in each table, and where they stand in the range
-            table: tuple(np.array(pairs, dtype=np.intp).T)
-            for table in dict.fromkeys(one.table for one in self.compared)
-            if (pairs := [
-                (column, k * widest + i) for k, one in enumerate(self.compared)
-                if one.table == table for i, column in enumerate(one.columns)
-            ])
-        }  # fmt: skip
-        self._places = np.flatnonzero(self._sorts == "positions").tolist()
+        tables = np.repeat([one.table for one in every], sizes)
+        columns = np.array([k for one in every for k in one.columns], np.intp)
+        self._columns = {  # in each table, and where they stand in all that is compared
+            str(table): (columns[tables == table], np.flatnonzero(tables == table))
+            for table in np.unique(tables)
+        }
+        self._in_range = np.flatnonzero(np.arange(widest) < sizes[:, None])
+        self._sampled = np.flatnonzero(np.isin(np.repeat(np.arange(n), sizes), self._places))
+        self._sampled_starts = np.cumsum(sizes[self._places]) - sizes[self._places]
         self._growth = SampledHistory(len(self._places))  # of the differences of positions
         # positions of the fine run and differences, of this pass and of the one before
-        self._samples = SampledHistory(len(self._places) * (widest + 1))
+        self._samples = SampledHistory(len(self._sampled) + len(self._places))
         self._before = np.full_like(self._samples.table, np.nan)
         self._results: dict[tuple[float, int], dict[str, ErrorOf]] = {}  # of the rows so far
         self.round_off = np.zeros(n)  # of a step
@@ -167,22 +176,22 @@ class MeasuredError:
             return
         self._results.clear()
         self._scales = np.zeros(0)
-        values, gaps = np.zeros((2, n, self._range[0].size))
+        values, theirs = np.empty((2, n, len(self._in_range)))
         low, high = (bound.reshape(-1) for bound in self._range)
         for table, (columns, places) in self._columns.items():
-            ours, theirs = (getattr(rows, table)[:n, columns] for rows in (fine, coarse))
-            values[:, places], gaps[:, places] = ours, np.abs(ours - theirs)
-            low[places] = np.minimum(low[places], ours.min(axis=0))
-            high[places] = np.maximum(high[places], ours.max(axis=0))
-        gaps = gaps.reshape(n, *self._range[0].shape).max(axis=2, initial=0.0)
+            values[:, places] = getattr(fine, table)[:n, columns]
+            theirs[:, places] = getattr(coarse, table)[:n, columns]
+        low[self._in_range] = np.minimum(low[self._in_range], values.min(axis=0))
+        high[self._in_range] = np.maximum(high[self._in_range], values.max(axis=0))
+        gaps = np.maximum.reduceat(np.abs(values - theirs), self._starts, axis=1)
         gaps[np.isnan(gaps)] = np.inf
         so_far = np.maximum.accumulate(np.vstack([self._largest[0], gaps]), axis=0)[1:]
         rises = so_far[-1] > self._largest[0]
         self._largest[1, rises] = fine.t[gaps.argmax(axis=0)][rises]
         self._largest[0] = so_far[-1]
         self._growth.add(fine.t[:n], so_far[:, self._places])
-        values = values.reshape(n, *self._range[0].shape)[:, self._places].reshape(n, -1)
-        self._samples.add(fine.t[:n], np.hstack([values, gaps[:, self._places]]))
+        samples = np.hstack([values[:, self._sampled], gaps[:, self._places]])
+        self._samples.add(fine.t[:n], samples)
 
     def largest(self, ratio: float, steps: int = 0) -> dict[str, ErrorOf]:
         """The largest error of each quantity; `ratio` is that of the errors of the two runs.
@@ -201,16 +210,14 @@ class MeasuredError:
         walk = np.divide(walk, spans, out=np.zeros(len(spans)), where=spans > 0.0)
         falling = apart / (max(ratio, 1.0 + 1e-9) - 1.0)
         errors = np.where(different, apart, np.minimum(falling + walk, np.maximum(apart, falling)))
-        for k, (one, error) in enumerate(zip(self.compared, errors, strict=True)):
-            if one.quantity not in largest or error > largest[one.quantity].error:
-                time = float(self._largest[1, k])
-                worst = ErrorOf(float(error), one.name, time, round_off=float(walk[k]))
-                low, high = (bound[k] for bound in self._range)
-                if spans[k] > (1 + 1e-9) * max(np.max(high - low), 0.0):
-                    flexible = one.name.removeprefix("bodies.") in self._gyration
-                    over = _OF_POINTS if flexible else _FLOORS[one.quantity]
-                    worst = replace(worst, over=over)
-                largest[one.quantity] = worst
+        for quantity, of in self._of_quantity.items():
+            k = int(of[errors[of].argmax()])
+            name, (low, high), over = self.compared[k].name, self._range[:, k], ""
+            if spans[k] > (1 + 1e-9) * max((high - low).max(), 0.0):
+                flexible = name.removeprefix("bodies.") in self._gyration
+                over = _OF_POINTS if flexible else _FLOORS[quantity]
+            error, time = float(errors[k]), float(self._largest[1, k])
+            largest[quantity] = ErrorOf(error, name, time, over, float(walk[k]))
         self._results[key] = largest
         return largest
 
@@ -221,7 +228,8 @@ class MeasuredError:
             return 0.0
         rows = self._samples.count[1]
         now, before = (table[:rows, 1:] for table in (self._samples.table, self._before))
-        error = np.abs(now - before)[:, :-n].max(axis=0).reshape(n, -1).max(axis=1)
+        error = np.abs(now - before)[:, :-n].max(axis=0)
+        error = np.maximum.reduceat(error, self._sampled_starts)
         apart = before[:, -n:].max(axis=0)
         moves = spans > 0.0
         worst = (error[moves] / spans[moves]).max()
@@ -246,27 +254,25 @@ class MeasuredError:
             return self._scales
         low, high = self._range
         spans = np.where(np.isfinite(low), high - low, 0.0).max(axis=1, initial=0.0)
-        units, sorts, reacts = self._units, self._sorts == FOR_SCALE, self._sorts == "reactions"
-        for unit, sort in set(zip(units[~reacts], sorts[~reacts], strict=True)):
-            same = (units == unit) & (sorts == sort)
+        for (unit, _), same in self._of_unit.items():
+            if unit in _REACTIONS:
+                continue
             share = _POSITIONS_AT_REST if unit in ("m", "rad") else _AT_REST
             least = max(share * spans[same].max(), self._least.get(unit, 0.0))
-            spans[same & (spans <= least)] = 0.0
-        size = self._largest_values()
+            spans[same[spans[same] <= least]] = 0.0
+        size, rates, units = self._largest_values(), self._rates, self._units
         for own, beside, mass in self._parts:
             speed, rate = (size[beside & (units == u)].max(initial=0.0) for u in ("m/s", "rad/s"))
             least = mass * (speed**2 / (self._length or np.inf) + self._length * rate**2)
-            force = max(least, size[beside & reacts & (units == "N")].max(initial=0.0))
+            force = max(least, size[beside & (units == "N")].max(initial=0.0))
             for unit, small in (("N", least), ("N m", force * self._length)):
-                same = reacts & (units == unit)
+                same = units == unit
                 largest = max(size[beside & same].max(initial=0.0), _LEAST_SHARE * small)
                 spans[own & same] = np.maximum(spans[own & same], _LEAST_SHARE * largest)
         self._join_frames(spans)
-        moved = {one.name + one.unit: spans[k] for k, one in enumerate(self.compared)}
-        for k, one in enumerate(self.compared):
-            if one.quantity == "velocities" and spans[k] > 0.0:
-                mean = moved.get(f"{one.name}{one.unit.removesuffix('/s')}", 0.0) / self._duration
-                spans[k] = max(spans[k], mean, _LEAST_SHARE * size[k])
+        mean = np.append(spans, 0.0)[self._motions] / self._duration
+        scale = np.maximum(np.maximum(spans[rates], mean), _LEAST_SHARE * size[rates])
+        spans[rates] = np.where(spans[rates] > 0.0, scale, 0.0)
         self._scales = np.asarray(spans)
         return self._scales
 
@@ -277,18 +283,18 @@ class MeasuredError:
     def _sizes(self) -> Array:
         """What each may be far below and yet part of the same motion: reactions, the largest of
         their unit; velocities, their own largest; positions, nothing."""
-        size, sorts, units = self._largest_values(), self._sorts, self._units
-        largest = size.copy()
+        size, below = self._largest_values(), np.zeros(len(self.compared))
+        below[self._rates] = size[self._rates]
         for own, beside, _ in self._parts:
-            for unit in set(units[own & (sorts == "reactions")]):
-                same = (sorts == "reactions") & (units == unit)
-                size[own & same] = largest[beside & same].max()
-        return np.where((sorts == "reactions") | (sorts == "velocities"), size, 0.0)
+            for unit in _REACTIONS:
+                same = self._units == unit
+                below[own & same] = size[beside & same].max(initial=0.0)
+        return below
 
     def _join_frames(self, spans: Array) -> None:
         """Let the frame of a flexible body count with the motion of its points."""
-        places = {one.name + one.unit: k for k, one in enumerate(self.compared)}
         for name, reach in self._gyration.items():
+            places = {one.name + one.unit: k for k, one in enumerate(self.compared)}
             # Euler parameters change by half the angle
             for rate, turns in (("", 2.0), ("/s", 1.0)):
                 words = [f"bodies.{name}{unit}{rate}" for unit in ("m", "rad")]
@@ -296,6 +302,15 @@ class MeasuredError:
                 if len(pair) == 2:
                     sizes = np.array([1.0, reach * turns])
                     spans[pair] = (spans[pair] * sizes).max() / sizes
+
+
+def _groups(keys: Iterable[Any]) -> dict[Any, NDArray[np.intp]]:
+    """Places of each key, in the order of their first ones."""
+    every = list(keys)
+    return {
+        key: np.array([k for k, one in enumerate(every) if one == key], np.intp)
+        for key in dict.fromkeys(every)
+    }
 
 
 class VerifiedRun:

@@ -84,32 +84,6 @@ def tangent_coefficients(x):
 
 
 @kernel
-def transform(A, x, y, z):
-    """A (x, y, z) as three numbers."""
-    return (
-        A[0, 0] * x + A[0, 1] * y + A[0, 2] * z,
-        A[1, 0] * x + A[1, 1] * y + A[1, 2] * z,
-        A[2, 0] * x + A[2, 1] * y + A[2, 2] * z,
-    )
-
-
-@kernel
-def transform_back(A, x, y, z):
-    """Aᵀ (x, y, z) as three numbers."""
-    return (
-        A[0, 0] * x + A[1, 0] * y + A[2, 0] * z,
-        A[0, 1] * x + A[1, 1] * y + A[2, 1] * z,
-        A[0, 2] * x + A[1, 2] * y + A[2, 2] * z,
-    )
-
-
-@kernel
-def cross(ax, ay, az, bx, by, bz):
-    """a × b as three numbers."""
-    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-
-
-@kernel
 def rotation_vector(p, i, q, j):
     """ψ with q = p ∘ exp(ψ), |ψ| ≤ π, of Euler parameters at p[i:] and q[j:]."""
     a, b, c, d = p[i], p[i + 1], p[i + 2], p[i + 3]
@@ -126,14 +100,6 @@ def rotation_vector(p, i, q, j):
 
 
 _SMALLEST = 1e-150  # products of two such numbers are still normal
-
-
-@kernel
-def put(out, o, x, y, z):
-    """out[o:o+3] = (x, y, z)."""
-    out[o] = x
-    out[o + 1] = y
-    out[o + 2] = z
 
 
 @kernel
@@ -286,19 +252,36 @@ def inner(a, b):
 @kernel
 def outer(a, b):
     """a × b."""
-    return cross(a[0], a[1], a[2], b[0], b[1], b[2])
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @kernel
 def turned(R, a):
     """R a."""
-    return transform(R, a[0], a[1], a[2])
+    x, y, z = a[0], a[1], a[2]
+    return (
+        R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
+        R[1, 0] * x + R[1, 1] * y + R[1, 2] * z,
+        R[2, 0] * x + R[2, 1] * y + R[2, 2] * z,
+    )
+
+
+@kernel
+def symmetric_times(d, s, a):
+    """A symmetric matrix by its diagonal d and s = (xy, yz, zx), times a."""
+    y = s[0] * a[0] + d[1] * a[1] + s[1] * a[2]
+    return d[0] * a[0] + s[0] * a[1] + s[2] * a[2], y, s[2] * a[0] + s[1] * a[1] + d[2] * a[2]
 
 
 @kernel
 def turned_back(R, a):
     """Rᵀ a."""
-    return transform_back(R, a[0], a[1], a[2])
+    x, y, z = a[0], a[1], a[2]
+    return (
+        R[0, 0] * x + R[1, 0] * y + R[2, 0] * z,
+        R[0, 1] * x + R[1, 1] * y + R[2, 1] * z,
+        R[0, 2] * x + R[1, 2] * y + R[2, 2] * z,
+    )
 
 
 @kernel

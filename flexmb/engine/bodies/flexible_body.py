@@ -119,6 +119,16 @@ def put_modal_rate(a, at, i, j, v, o, m, V):
 
 
 @kernel
+def add_modal_rate(a, at, m, v, o, V, cv, B):
+    """V_ab = a_ab v[o:o+m], nine rows of a, and what 2 (tr(V) − Vᵀ) ω' adds to ∂F/∂v of a frame."""
+    put_modal_rate(a, at, 3 * m, m, v, o, m, V)
+    for b in range(3):
+        for c in range(3):
+            B[3 + b, 3 + c] -= 2.0 * cv * V[c, b]
+            B[3 + c, 3 + c] += 2.0 * cv * V[b, b]
+
+
+@kernel
 def less_trace(V, x):
     """tr(V) x − Vᵀ x."""
     return plus(times(V[0, 0] + V[1, 1] + V[2, 2], x), -1.0, turned_back(V, x))
@@ -207,17 +217,22 @@ def flexible_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> in
     return FINE
 
 
+@kernel
+def multiply_block(run, i):
+    """Rows of body i in Factor.sol = dense.B times its rows in Trial.res."""
+    body, B, place = run.system.parts.bodies[i], run.work.dense.B, run.system.kkt.place
+    o, size = body["iv"], 6 + body["m"]
+    for r in range(size):
+        run.work.factor.sol[place[o + r]] = dot(B[r], 0, run.work.trial.res, o, size)
+
+
 @unit
 def flexible_mass_product(run: Run, of: Bodies, at: Point) -> int:
     """Factor.sol = M Trial.res of flexible bodies."""
-    rows, B, place = of.rows, run.work.dense.B, run.system.kkt.place
-    for n in range(rows.shape[0]):
-        body = run.system.parts.bodies[rows[n]]
-        o, size = body["iv"], 6 + body["m"]
-        put_frame_matrix(run, rows[n], at, 0.0, 0.0, body["m"])
-        put_modal_matrix(run, rows[n], at, 0.0, 0.0)
-        for r in range(size):
-            run.work.factor.sol[place[o + r]] = dot(B[r], 0, run.work.trial.res, o, size)
+    for n in range(of.rows.shape[0]):
+        put_frame_matrix(run, of.rows[n], at, 0.0, 0.0, run.system.parts.bodies[of.rows[n]]["m"])
+        put_modal_matrix(run, of.rows[n], at, 0.0, 0.0)
+        multiply_block(run, of.rows[n])
     return FINE
 
 
@@ -234,11 +249,7 @@ def _add_mode_columns(body, bn, a, pool, Z, v, vd, cv, cp, B):
     at_M = at + 12 * m + 3 * size
     at_G = at_M + 9 * size
     om, e = part(v, iv + 3), part(vd, iv + 3)
-    put_modal_rate(Z, z, 3 * m, m, v, o, m, V)
-    for b in range(3):
-        for c in range(3):
-            B[3 + b, 3 + c] -= 2.0 * cv * V[c, b]
-            B[3 + c, 3 + c] += 2.0 * cv * V[b, b]
+    add_modal_rate(Z, z, m, v, o, V, cv, B)
     for k in range(m):
         p = mode_vector(pool, at + k, m)
         turning, pulled = outer(om, p), outer(p, a)
@@ -377,7 +388,9 @@ def modal_block(body: FlexBody, coupling: str = "full", Mab: Array | None = None
             across = [M[1, 1] + M[2, 2], M[2, 2] + M[0, 0], M[0, 0] + M[1, 1]]
             mixed = [M[0, 1] + M[1, 0], M[1, 2] + M[2, 1], M[2, 0] + M[0, 2]]
             pairs = [form for pair in zip(across, turning, strict=True) for form in pair]
-            parts.append(grouped_rows([*pairs, *mixed]))
+            P = body.P + body.P.swapaxes(0, 1)
+            rows = [*(np.trace(P) - P[[0, 1, 2], [0, 1, 2]]), *-P[[0, 1, 2], [1, 2, 0]]]
+            parts += [np.array(rows), grouped_rows([*pairs, *mixed])]
         else:
             parts += [np.array([M[b, a] for a in range(3) for b in range(3)]), *turning]
     return np.concatenate([np.ascontiguousarray(part).ravel() for part in parts])

@@ -15,8 +15,8 @@ the angular momentum of the undeformed body are conserved.
 Partial coupling adds c = S1 + p η, J = J0 + tr(S) I − S with S_ab = (P_ab + P_ba) η, and all
 velocity terms that are linear in the deformation:
 
-    moment   2 (tr(V) − Vᵀ) ω',   V_ab = P_ab·η̇
-    modes    Σ B_bc (P_cb + M_bc η) − 2 Σ ω'_k G_k η̇
+    moment   2 (tr(V) − Vᵀ) ω' = J̇ ω' + ω' × W η̇,   V_ab = P_ab·η̇
+    modes    Σ B_bc (P_cb + M_bc η) − 2 Σ ω'_k G_k η̇,   Σ B_bc P_cb = −½ ω'ᵀ (∂J/∂η) ω'
 
 Left out is what is of second order in the inertia of the whole body: M_bc in J, M_ωη and V. Energy
 and angular momentum hold but for terms of that order. In mean axes the velocity terms go into the
@@ -31,8 +31,6 @@ from flexmb.engine.algebra.ldl import add_body_block
 from flexmb.engine.algebra.vector import (
     add_column,
     add_part,
-    add_rows,
-    dot,
     inner,
     modal_vector,
     mode_vector,
@@ -40,6 +38,7 @@ from flexmb.engine.algebra.vector import (
     part,
     plus,
     put_part,
+    symmetric_times,
     times,
     triple,
     turned,
@@ -47,11 +46,11 @@ from flexmb.engine.algebra.vector import (
 )
 from flexmb.engine.bodies.flexible_body import (
     add_modal_product,
+    add_modal_rate,
     add_product,
     damping_power,
     flexible_energies,
-    less_trace,
-    put_modal_rate,
+    multiply_block,
 )
 from flexmb.engine.bodies.rigid_body import (
     Bodies,
@@ -61,9 +60,10 @@ from flexmb.engine.bodies.rigid_body import (
     turn_bodies,
 )
 from flexmb.engine.bodies.velocity_forms import (
+    add_inertia_rate,
     add_velocity_block,
     add_velocity_forces,
-    centrifugal_shares,
+    place_of_inertia_change,
 )
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kind import Kind
@@ -100,16 +100,18 @@ def prepare_partial(run: Run, of: Bodies, at: Point) -> int:
     prepare_rigid(run, of, at)
     for n in range(rows.shape[0]):
         body, bn = parts.bodies[rows[n]], now.body[rows[n]]
-        m, eta, J, V = body["m"], body["iq"] + 7, bn["J"], bn["V"]
+        m, eta, J = body["m"], body["iq"] + 7, bn["J"]
         if body["attached"] == 1:
             c = plus(triple(bn["c"]), 1.0, modal_vector(pool, body["flex"], m, q, eta))
             put_part(bn["c"], 0, c)
-        put_modal_rate(pool, body["flex"] + 3 * m, 3 * m, m, q, eta, m, V)
-        trace = 2.0 * (V[0, 0] + V[1, 1] + V[2, 2])
+        change = place_of_inertia_change(body)
+        straight = modal_vector(pool, change, m, q, eta)
+        mixed = modal_vector(pool, change + 3 * m, m, q, eta)
         for a in range(3):
-            for b in range(3):
-                J[a, b] -= V[a, b] + V[b, a]
-            J[a, a] += trace
+            b = a + 1 if a < 2 else 0
+            J[a, a] += straight[a]
+            J[a, b] += mixed[a]
+            J[b, a] += mixed[a]
     return FINE
 
 
@@ -150,22 +152,18 @@ def constant_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
 def partial_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
     """Trial.res = the same with all velocity terms that are linear in the deformation."""
     parts, now, out, q, v = run.system.parts, run.work.now, run.work.trial.res, at.q, at.v
-    pool = parts.pool
     for n in range(of.rows.shape[0]):
-        i = of.rows[n]
-        body, V = parts.bodies[i], now.body[i]["V"]
-        m, iv, P = body["m"], body["iv"], body["flex"] + 3 * body["m"]
-        o, om = iv + 6, part(v, iv + 3)
-        _put_undeformed_forces(run, i, at, m)
+        body = parts.bodies[of.rows[n]]
+        m, iv = body["m"], body["iv"]
+        om = part(v, iv + 3)
+        _put_undeformed_forces(run, of.rows[n], at, m)
         if inner(om, om) == 0.0:
             continue
-        put_modal_rate(pool, P, 3 * m, m, v, o, m, V)
-        add_part(out, iv + 3, 2.0, less_trace(V, om))
-        f = centrifugal_shares(om, om)
-        add_rows(pool, P, m, f[0], f[3], f[5], out, o)
-        add_rows(pool, P + 3 * m, m, f[3], f[1], f[4], out, o)
-        add_rows(pool, P + 6 * m, m, f[5], f[4], f[2], out, o)
-        add_velocity_forces(body, now, q, v, om, pool, out)
+        if body["attached"] == 1:  # 2 (tr(V) − Vᵀ) ω' = J̇ ω' + ω' × W η̇
+            turning = modal_vector(now.Z, body["z"] + 9 * m, m, v, iv + 6)
+            add_part(out, iv + 3, 1.0, outer(om, turning))
+        add_inertia_rate(body, parts.pool, v, om, out)
+        add_velocity_forces(body, now, q, v, om, parts.pool, out)
     return FINE
 
 
@@ -181,7 +179,8 @@ def put_undeformed_matrix(run: Run, i: int, at: Point, cv: float, cp: float, par
         for r in range(6):
             B[r, 6 + k] = B[6 + k, r] = 0.0
         for r in range(m):
-            B[6 + k, 6 + r] = pool[at_M + k * m + r]
+            n = at_M + k * m + r
+            B[6 + k, 6 + r] = pool[n] + cp * pool[n + m * m] + cv * pool[n + 2 * m * m]
     a = turned_back(A, plus(part(vd, iv), -1.0, triple(parts.gravity)))
     if body["attached"] == 1:
         for k in range(m):
@@ -194,19 +193,7 @@ def put_undeformed_matrix(run: Run, i: int, at: Point, cv: float, cp: float, par
             x = modal_vector(pool, flex, m, vd, o)
             for r in range(3):
                 add_part(B[r], 3, -cp, outer(part(A[r], 0), x))
-    if cv != 0.0 or cp != 0.0:
-        _add_elastic_block(body, pool, cv, cp, B)
     return FINE
-
-
-@kernel
-def _add_elastic_block(body, pool, cv, cp, B):
-    """Modal rows with the modes: cp K + cv D."""
-    m = body["m"]
-    at = body["flex"] + 12 * m + m * m
-    for k in range(m):
-        for r in range(m):
-            B[6 + k, 6 + r] += cp * pool[at + k * m + r] + cv * pool[at + (m + k) * m + r]
 
 
 @kernel
@@ -218,36 +205,21 @@ def _add_partial_columns(run, i, at, cv, cp, B):
     parts, now, v, vd = run.system.parts, run.work.now, at.v, at.vd
     body, bn, pool, Z = parts.bodies[i], now.body[i], parts.pool, now.Z
     m, iv, flex, z, A, V = body["m"], body["iv"], body["flex"], body["z"], bn["A"], bn["V"]
-    P, om, e = flex + 3 * m, part(v, iv + 3), part(vd, iv + 3)
+    change, om, e = place_of_inertia_change(body), part(v, iv + 3), part(vd, iv + 3)
     a = turned_back(A, plus(part(vd, iv), -1.0, triple(parts.gravity)))
-    put_modal_rate(pool, P, 3 * m, m, v, iv + 6, m, V)
-    for b in range(3):
-        for c in range(3):
-            B[3 + b, 3 + c] -= 2.0 * cv * V[c, b]
-            B[3 + c, 3 + c] += 2.0 * cv * V[b, b]
+    add_modal_rate(pool, flex + 3 * m, m, v, iv + 6, V, cv, B)
     for k in range(m):
         p = mode_vector(pool, flex + k, m)
         turning = outer(om, p)
         force = plus(outer(om, turning), 1.0, outer(e, p))
         add_column(B, 0, 6 + k, 1.0, turned(A, plus(times(2.0 * cv, turning), cp, force)))
-        _put_inertia_change(pool, P, m, k, V)
-        spin = turned(V, om)
+        straight, mixed = mode_vector(pool, change + k, m), mode_vector(pool, change + 3 * m + k, m)
+        spin = symmetric_times(straight, mixed, om)  # ∂J/∂η_k ω'
         half = plus(spin, 1.0, outer(om, mode_vector(Z, z + 9 * m + k, m)))
-        moment = plus(plus(outer(p, a), 1.0, outer(om, spin)), 1.0, turned(V, e))
+        moment = plus(plus(outer(p, a), 1.0, outer(om, spin)), 1.0,
+                      symmetric_times(straight, mixed, e))  # fmt: skip
         add_column(B, 3, 6 + k, 1.0, plus(times(cv, half), cp, moment))
         add_part(B[6 + k], 3, -cv, spin)
-
-
-@kernel
-def _put_inertia_change(Z, z, m, k, V):
-    """V = 2 tr(Z_k) − Z_k − Z_kᵀ, the change of J per η_k."""
-    trace = 0.0
-    for b in range(3):
-        trace += Z[z + 4 * b * m + k]
-    for b in range(3):
-        for c in range(3):
-            V[b, c] = -Z[z + (3 * b + c) * m + k] - Z[z + (3 * c + b) * m + k]
-        V[b, b] += 2.0 * trace
 
 
 @kernel
@@ -314,29 +286,15 @@ def partial_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> int
     return FINE
 
 
-@kernel
-def _multiply(run, of, at, partial):
-    """Factor.sol = M Trial.res of bodies with constant or partial coupling."""
-    rows, B, place, x = of.rows, run.work.dense.B, run.system.kkt.place, run.work.trial.res
-    for n in range(rows.shape[0]):
-        body = run.system.parts.bodies[rows[n]]
-        o, size = body["iv"], 6 + body["m"]
-        put_undeformed_matrix(run, rows[n], at, 0.0, 0.0, partial)
-        for r in range(size):
-            run.work.factor.sol[place[o + r]] = dot(B[r], 0, x, o, size)
-
-
 @unit
-def constant_mass_product(run: Run, of: Bodies, at: Point) -> int:
-    """Factor.sol = M Trial.res of bodies with constant coupling."""
-    _multiply(run, of, at, 0)
-    return FINE
+def undeformed_mass_product(run: Run, of: Bodies, at: Point) -> int:
+    """Factor.sol = M Trial.res of bodies with constant or partial coupling, which have the same M.
 
-
-@unit
-def partial_mass_product(run: Run, of: Bodies, at: Point) -> int:
-    """Factor.sol = M Trial.res of bodies with partial coupling."""
-    _multiply(run, of, at, 1)
+    They differ in J and c, which `prepare_partial` has changed.
+    """
+    for n in range(of.rows.shape[0]):
+        put_undeformed_matrix(run, of.rows[n], at, 0.0, 0.0, 0)
+        multiply_block(run, of.rows[n])
     return FINE
 
 
@@ -348,7 +306,7 @@ CONSTANT_BODIES = Kind(
         "position": turn_bodies,
         "force": constant_inertia_forces,
         "matrix": constant_matrix,
-        "mass": constant_mass_product,
+        "mass": undeformed_mass_product,
         "energy": flexible_energies,
         "power": damping_power,
     },
@@ -363,7 +321,7 @@ PARTIAL_BODIES = Kind(
         "inertia": prepare_partial,
         "force": partial_inertia_forces,
         "matrix": partial_matrix,
-        "mass": partial_mass_product,
+        "mass": undeformed_mass_product,
         "energy": flexible_energies,
         "power": damping_power,
     },

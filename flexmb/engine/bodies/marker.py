@@ -33,7 +33,6 @@ from flexmb.engine.algebra.vector import (
     outer,
     part,
     plus,
-    put,
     put_column,
     put_part,
     tangent_coefficients,
@@ -154,8 +153,8 @@ def move_rigid(run: Run, markers: Markers, at: Point) -> int:
         mk, mn = table[rows[n]], marker_now[rows[n]]
         b = mk["body"]
         if b < 0:
-            put(mn["vx"], 0, 0.0, 0.0, 0.0)
-            put(mn["om"], 0, 0.0, 0.0, 0.0)
+            put_part(mn["vx"], 0, (0.0, 0.0, 0.0))
+            put_part(mn["om"], 0, (0.0, 0.0, 0.0))
             continue
         A, iv = body_now[b]["A"], bodies[b]["iv"]
         om = part(v, iv + 3)
@@ -223,8 +222,8 @@ def bias_rigid(run: Run, markers: Markers, at: Point) -> int:
     rows, bodies, table = markers.rows, parts.bodies, parts.markers
     for n in range(rows.shape[0]):
         mk, mn = table[rows[n]], now.marker[rows[n]]
-        put(mn["bx"], 0, 0.0, 0.0, 0.0)
-        put(mn["bom"], 0, 0.0, 0.0, 0.0)
+        put_part(mn["bx"], 0, (0.0, 0.0, 0.0))
+        put_part(mn["bom"], 0, (0.0, 0.0, 0.0))
         b = mk["body"]
         if b >= 0:
             om = part(v, bodies[b]["iv"] + 3)

@@ -37,7 +37,6 @@ from flexmb.engine.algebra.vector import (
     put_part,
     rotation_matrix,
     times,
-    transform,
     triple,
     turned,
     turned_back,
@@ -190,25 +189,17 @@ def _multiply_rigid(body, bn, x, o, out, place):
 def rigid_kinetic(parts, now, v, i):
     """½ vᵀ M v of one body without its modes, J: ½ m ṙ² + ṙ·A(ω'×c) + ½ ω'·J ω'."""
     o, bn, mass = parts.bodies[i]["iv"], now.body[i], parts.bodies[i]["mass"]
-    c, J = bn["c"], bn["J"]
-    wx, wy, wz = v[o + 3], v[o + 4], v[o + 5]
-    x = wy * c[2] - wz * c[1]
-    y = wz * c[0] - wx * c[2]
-    z = wx * c[1] - wy * c[0]
-    x, y, z = transform(bn["A"], x, y, z)
-    hx, hy, hz = transform(J, wx, wy, wz)
-    e = 0.5 * mass * (v[o] * v[o] + v[o + 1] * v[o + 1] + v[o + 2] * v[o + 2])
-    e += v[o] * x + v[o + 1] * y + v[o + 2] * z
-    return e + 0.5 * (wx * hx + wy * hy + wz * hz)
+    speed, om = part(v, o), part(v, o + 3)
+    e = inner(speed, plus(turned(bn["A"], outer(om, triple(bn["c"]))), 0.5 * mass, speed))
+    return e + 0.5 * inner(om, turned(bn["J"], om))
 
 
 @kernel
 def body_weight(parts, now, q, i):
     """−g·(m r + A c) of one body, J."""
-    g, o, m = parts.gravity, parts.bodies[i]["iq"], parts.bodies[i]["mass"]
-    c = now.body[i]["c"]
-    x, y, z = transform(now.body[i]["A"], c[0], c[1], c[2])
-    return -g[0] * (m * q[o] + x) - g[1] * (m * q[o + 1] + y) - g[2] * (m * q[o + 2] + z)
+    body, bn = parts.bodies[i], now.body[i]
+    moment = plus(turned(bn["A"], triple(bn["c"])), body["mass"], part(q, body["iq"]))
+    return -inner(triple(parts.gravity), moment)
 
 
 @unit

@@ -13,6 +13,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from flexmb.engine.algebra.forms import (
     add_pair_to_block,
     add_symmetric_and_skew,
@@ -21,6 +23,7 @@ from flexmb.engine.algebra.forms import (
 )
 from flexmb.engine.algebra.vector import (
     add_multiple,
+    add_part,
     axis_vector,
     copy,
     part,
@@ -40,24 +43,21 @@ _NO_TURN = 1e-13
 
 
 @kernel
-def centrifugal_shares(a, b):
-    """½ (ã b̃ + b̃ ã) as xx, yy, zz, xy, yz, zx."""
-    x, y, z = a[0] * b[0], a[1] * b[1], a[2] * b[2]
-    xy, yz, zx = a[0] * b[1] + a[1] * b[0], a[1] * b[2] + a[2] * b[1], a[2] * b[0] + a[0] * b[2]
-    return -y - z, -z - x, -x - y, 0.5 * xy, 0.5 * yz, 0.5 * zx
+def place_of_inertia_change(body):
+    """Place in the pool of ∂J/∂η: xx, yy, zz, xy, yz, zx (6, m); the forms stand behind it."""
+    return body["flex"] + 12 * body["m"] + 3 * body["m"] * body["m"]
 
 
 @kernel
 def _shares_of_forms(a, b):
     """What the symmetric forms of the pool count in ½ Σ_bc (ã b̃ + b̃ ã)_bc M_bc."""
-    f = centrifugal_shares(a, b)
-    return -a[0] * b[0], -a[1] * b[1], -a[2] * b[2], f[3], f[4], f[5]
+    xy, yz, zx = a[0] * b[1] + a[1] * b[0], a[1] * b[2] + a[2] * b[1], a[2] * b[0] + a[0] * b[2]
+    return -a[0] * b[0], -a[1] * b[1], -a[2] * b[2], 0.5 * xy, 0.5 * yz, 0.5 * zx
 
 
 @kernel
 def _place_of_forms(body):
-    """Place in Z of Σ f_s S_s and Σ w_k G_k, what they are multiplied with, the product, and the
-    angular velocity that they belong to; numbers of a form, and of modes with padding."""
+    """Place in Z of what `tables.deformation_room` lists; numbers of a form, modes with padding."""
     size, padded = size_of_form(body["m"])
     return body["z"] + 12 * body["m"], size, padded
 
@@ -89,17 +89,18 @@ def _put_form_product(T, forms, size, padded, m):
     """The product of the two forms of T with coordinates and rates of the modes, behind these."""
     x = forms[2 * size : 2 * size + padded]
     y, out = forms[2 * size + padded :], forms[2 * size + 2 * padded :]
-    zero(out[:m])
+    zero(out[:padded])
     for k in range(m, padded):
         x[k] = y[k] = 0.0
     add_symmetric_and_skew(T, size, padded, x, y, out)
+    add_multiple(1.0, out, padded, out, 0, m)
 
 
 @kernel
 def add_velocity_forces(body, now, q, v, om, pool, out):
     """Modal rows += (Σ B_bc M_bc) η − 2 Σ ω'_k G_k η̇."""
     m, o, eta = body["m"], body["iv"] + 6, body["iq"] + 7
-    at_pool = body["flex"] + 12 * m + 3 * m * m
+    at_pool = place_of_inertia_change(body) + 6 * m
     at_forms, size, padded = _place_of_forms(body)
     forms = now.Z[at_forms:]
     x, y = forms[2 * size :], forms[2 * size + padded :]
@@ -110,7 +111,7 @@ def add_velocity_forces(body, now, q, v, om, pool, out):
             x[k], y[k] = f * q[eta + k], w * v[o + k]
         _put_form_product(pool[at_pool + 2 * axis * size :], forms, size, padded, m)
     else:
-        if not _turns_as_before(forms, 2 * size + 3 * padded, now.iteration[0], om):
+        if not _turns_as_before(forms, 2 * size + 4 * padded, now.iteration[0], om):
             combine_forms(pool, at_pool, size, _shares_of_forms(om, om), times(-2.0, om), forms)
         copy(q[eta : eta + m], x)
         copy(v[o : o + m], y)
@@ -119,14 +120,32 @@ def add_velocity_forces(body, now, q, v, om, pool, out):
 
 
 @kernel
+def add_inertia_rate(body, pool, v, om, out):
+    """Moment rows += J̇ ω' and modal rows −= ½ ω'ᵀ (∂J/∂η) ω', by the six rows of ∂J/∂η."""
+    m, o, x, y, z = body["m"], np.uintp(body["iv"] + 6), 0.0, 0.0, 0.0
+    xx = np.uintp(place_of_inertia_change(body))
+    yy, zz, xy = xx + np.uintp(m), xx + np.uintp(2 * m), xx + np.uintp(3 * m)
+    yz, zx = xx + np.uintp(4 * m), xx + np.uintp(5 * m)
+    for k in range(np.uintp(m)):
+        a = pool[xx + k] * om[0] + pool[xy + k] * om[1] + pool[zx + k] * om[2]
+        b = pool[xy + k] * om[0] + pool[yy + k] * om[1] + pool[yz + k] * om[2]
+        c = pool[zx + k] * om[0] + pool[yz + k] * om[1] + pool[zz + k] * om[2]
+        x += a * v[o + k]
+        y += b * v[o + k]
+        z += c * v[o + k]
+        out[o + k] -= 0.5 * (a * om[0] + b * om[1] + c * om[2])
+    add_part(out, body["iv"] + 3, 1.0, (x, y, z))
+
+
+@kernel
 def add_velocity_block(body, pool, q, v, cv, cp, Z, B):
     """Modal rows: cp Σ B_bc M_bc − 2 cv Σ ω_b G_b, and what M_bc adds in the columns of ω'."""
     m, o, eta = body["m"], body["iv"] + 6, body["iq"] + 7
-    at, om = body["flex"] + 12 * m + 3 * m * m, part(v, body["iv"] + 3)
+    at, om = place_of_inertia_change(body) + 6 * m, part(v, body["iv"] + 3)
     f = _shares_of_forms(om, om)
     at_forms, size, padded = _place_of_forms(body)
     forms = Z[at_forms:]
-    forms[2 * size + 3 * padded] = math.inf  # they become others
+    forms[2 * size + 4 * padded] = math.inf  # they become others
     shares = (cp * f[0], cp * f[1], cp * f[2], cp * f[3], cp * f[4], cp * f[5])
     combine_forms(pool, at, size, shares, times(-2.0 * cv, om), forms)
     add_pair_to_block(forms, size, m, padded, B, 6)

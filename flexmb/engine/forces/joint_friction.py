@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from flexmb.engine.algebra.vector import transform_back
+from flexmb.engine.algebra.vector import turned_back
 from flexmb.engine.forces.friction import (
     BRISTLE,
     FRICTION_FIELDS,
@@ -131,8 +131,8 @@ def _bearing(run, f, w):
     """The forces R₁ and R₂ across the axis (2 each), and T/w, of the wrench w on J."""
     sys = run.system
     R = run.work.now.marker[sys.rows[sys.groups[f["group"]]["row"]]["I"]]["R"]
-    F = transform_back(R, w[6], w[7], w[8])
-    M = transform_back(R, w[9], w[10], w[11])
+    F = turned_back(R, (w[6], w[7], w[8]))
+    M = turned_back(R, (w[9], w[10], w[11]))
     a, b = (f["axis"] + 1) % 3, (f["axis"] + 2) % 3
     x, y, u, v, turn = 0.5 * F[a], 0.5 * F[b], 0.0, 0.0, 0.0
     if f["length"] > 0.0:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from flexmb.engine.algebra.ldl import add_body_block, add_coupling
-from flexmb.engine.algebra.vector import add_skew, clear, cross, transform, zero
+from flexmb.engine.algebra.vector import add_skew, clear, outer, turned, zero
 from flexmb.engine.bodies.wrench import (
     add_moment_arms,
     add_pair,
@@ -118,7 +118,7 @@ def _vector(load, markers, fun):
     f, u = load["fun"], load["factor"]
     x, y, z = u[0] * fun[f[0], 0], u[1] * fun[f[1], 0], u[2] * fun[f[2], 0]
     if load["axes"] >= 0:
-        return transform(markers[load["axes"]]["R"], x, y, z)
+        return turned(markers[load["axes"]]["R"], (x, y, z))
     return x, y, z
 
 
@@ -136,7 +136,7 @@ def _add_vector(load, markers, x, y, z, wi, wj):
         wi[1] -= y
         wi[2] -= z
         hx, hy, hz = separation(markers[load["other"]], markers[load["marker"]])
-        x, y, z = cross(hx, hy, hz, x, y, z)
+        x, y, z = outer((hx, hy, hz), (x, y, z))
     wi[3] -= x
     wi[4] -= y
     wi[5] -= z
@@ -176,7 +176,7 @@ def add_powers(run: Run, loads: Loads, at: Point) -> int:
                 u = mi["vx"]
                 out[LOAD_POWER] -= x * u[0] + y * u[1] + z * u[2]
                 hx, hy, hz = separation(mi, mj)
-                x, y, z = cross(hx, hy, hz, x, y, z)
+                x, y, z = outer((hx, hy, hz), (x, y, z))
             u = mi["om"]
             out[LOAD_POWER] -= x * u[0] + y * u[1] + z * u[2]
     return FINE
@@ -201,7 +201,7 @@ def put_unit_force(run: Run, loads: Loads, at: Point, part: int) -> float:
     f = row["factor"]
     x, y, z = f[0] * (a == 0), f[1] * (a == 1), f[2] * (a == 2)
     if row["axes"] >= 0:
-        x, y, z = transform(markers[row["axes"]]["R"], x, y, z)
+        x, y, z = turned(markers[row["axes"]]["R"], (x, y, z))
     _put_pair(row, markers, x, y, z, run.work.dense.g[1])
     if on == 0:
         pull_back_unit_force(run, row["marker"], 6)

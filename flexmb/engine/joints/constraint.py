@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from flexmb.engine.algebra.ldl import put_jacobian_row
-from flexmb.engine.algebra.vector import clear, cross, put, transform_back, wrapped, zero
+from flexmb.engine.algebra.vector import clear, outer, put_part, times, turned_back, wrapped, zero
 from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_pulled_back
 from flexmb.engine.jit import Integers, Vector, call_stage, kernel, unit
 from flexmb.engine.joints import POINT
@@ -135,8 +135,7 @@ def constraint_jacobian(run: Run) -> int:
 def _put_point_row(now, mk, k, a, sign, jac, at):
     """Gradient of ± x_a of marker k on a rigid place s of a body: ± e_a and ± s × Aᵀ e_a."""
     A, s, jac[at + a] = now.body[mk["body"]]["A"], now.marker[k]["s"], sign
-    x, y, z = cross(s[0], s[1], s[2], A[a, 0], A[a, 1], A[a, 2])
-    put(jac, at + 3, sign * x, sign * y, sign * z)
+    put_part(jac, at + 3, times(sign, outer(s, (A[a, 0], A[a, 1], A[a, 2]))))
 
 
 @unit
@@ -253,8 +252,7 @@ def read_reactions(run: Run, at: Point, out: Vector) -> int:
             of_J = (part < 2) != (groups[k]["reversed"] == 1)
             R = markers[j]["R"] if of_J else markers[i]["R"]
             o = 3 * (part % 2) + (6 if of_J else 0)
-            x, y, z = transform_back(R, w[o], w[o + 1], w[o + 2])
-            put(out, 12 * k + 3 * part, x, y, z)
+            put_part(out, 12 * k + 3 * part, turned_back(R, (w[o], w[o + 1], w[o + 2])))
     return FINE
 
 

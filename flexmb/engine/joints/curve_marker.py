@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.algebra.vector import cross, put, transform, transform_back, zero
+from flexmb.engine.algebra.vector import outer, put_part, turned, turned_back, zero
 from flexmb.engine.bodies.wrench import add_pulled_back
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.joints.constraint import put_group_tangent
@@ -173,14 +173,12 @@ def place_curve_markers(run: Run, of: CurveMarkers, at: Point) -> int:
         cy, py, qy, ry = _coordinate_of_curve(parts.pool, curve, s, 1)
         cz, pz, qz, _ = _coordinate_of_curve(parts.pool, curve, s, 2)
         R = mn["R"]
-        x, y, z = transform(R, cx, cy, cz)
+        x, y, z = turned(R, (cx, cy, cz))
         _move(mk, mn, now, x, y, z)
-        x, y, z = transform(R, px, py, pz)
-        put(cn["J"], 0, x, y, z)
-        x, y, z = transform(R, qx, qy, qz)
-        put(cn["D"], 0, x, y, z)
-        put(cn["J"], 3, 0.0, 0.0, 0.0)
-        put(cn["D"], 3, 0.0, 0.0, 0.0)
+        put_part(cn["J"], 0, turned(R, (px, py, pz)))
+        put_part(cn["D"], 0, turned(R, (qx, qy, qz)))
+        put_part(cn["J"], 3, (0.0, 0.0, 0.0))
+        put_part(cn["D"], 3, (0.0, 0.0, 0.0))
         if curve["turns"] == 1:
             _turn(R, cn, px, py, qx, qy, rx, ry)
     return FINE
@@ -190,13 +188,13 @@ def place_curve_markers(run: Run, of: CurveMarkers, at: Point) -> int:
 def _move(mk, mn, now, x, y, z):
     """Shift a marker by (x, y, z), global; the shift turns with it like an arm."""
     a = mn["x"]
-    put(a, 0, a[0] + x, a[1] + y, a[2] + z)
+    put_part(a, 0, (a[0] + x, a[1] + y, a[2] + z))
     if mk["body"] >= 0:
-        x, y, z = transform_back(now.body[mk["body"]]["A"], x, y, z)
+        x, y, z = turned_back(now.body[mk["body"]]["A"], (x, y, z))
         s, arm = mn["s"], mn["arm"]
-        put(s, 0, s[0] + x, s[1] + y, s[2] + z)
+        put_part(s, 0, (s[0] + x, s[1] + y, s[2] + z))
         if mk["modes"] >= 0:
-            put(arm, 0, arm[0] + x, arm[1] + y, arm[2] + z)
+            put_part(arm, 0, (arm[0] + x, arm[1] + y, arm[2] + z))
 
 
 @kernel
@@ -241,11 +239,11 @@ def add_bias(run: Run, of: CurveMarkers, at: Point) -> int:
         rate = at.v[parts.coordinates[markers[k]["coordinate"]]["iv"]]
         om = mn["om"]
         wx, wy, wz = om[0] - J[3] * rate, om[1] - J[4] * rate, om[2] - J[5] * rate
-        ax, ay, az = cross(wx, wy, wz, J[0], J[1], J[2])
-        bx, by, bz = cross(wx, wy, wz, J[3], J[4], J[5])
+        ax, ay, az = outer((wx, wy, wz), J)
+        bx, by, bz = outer((wx, wy, wz), (J[3], J[4], J[5]))
         b, e = mn["bx"], mn["bom"]
-        put(b, 0, b[0] + 2.0 * rate * ax, b[1] + 2.0 * rate * ay, b[2] + 2.0 * rate * az)
-        put(e, 0, e[0] + rate * bx, e[1] + rate * by, e[2] + rate * bz)
+        put_part(b, 0, (b[0] + 2.0 * rate * ax, b[1] + 2.0 * rate * ay, b[2] + 2.0 * rate * az))
+        put_part(e, 0, (e[0] + rate * bx, e[1] + rate * by, e[2] + rate * bz))
         for a in range(3):
             b[a] += D[a] * rate * rate
             e[a] += D[3 + a] * rate * rate
@@ -314,8 +312,8 @@ def _put_columns(parts, curve, wk, row, cp, k):
     """Pull back what s and a body do to each other: columns to dense.T[side], rows to 2 + side."""
     d, J, o = wk.dense, wk.now.curve_marker[k]["J"], 6 * curve["side"]
     g, w = d.g[0], d.g[1]
-    lx, ly, lz = cross(J[0], J[1], J[2], w[o], w[o + 1], w[o + 2])
-    mx, my, mz = cross(J[3], J[4], J[5], w[o + 3], w[o + 4], w[o + 5])
+    lx, ly, lz = outer(J, (w[o], w[o + 1], w[o + 2]))
+    mx, my, mz = outer((J[3], J[4], J[5]), (w[o + 3], w[o + 4], w[o + 5]))
     for part in range(2):
         for c in range(12):
             g[c] = 0.0

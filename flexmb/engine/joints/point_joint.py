@@ -21,12 +21,11 @@ import numpy as np
 from flexmb.engine.algebra.vector import (
     axis_vector,
     column,
-    cross,
     inner,
     outer,
     put_part,
     times,
-    transform_back,
+    turned_back,
 )
 from flexmb.engine.jit import Integers, kernel, unit
 from flexmb.engine.joints.row import (
@@ -168,8 +167,7 @@ def _add_force(body, A, s, x, y, z, out):
     out[o] += x
     out[o + 1] += y
     out[o + 2] += z
-    x, y, z = transform_back(A, x, y, z)
-    x, y, z = cross(s[0], s[1], s[2], x, y, z)
+    x, y, z = outer(s, turned_back(A, (x, y, z)))
     out[o + 3] += x
     out[o + 4] += y
     out[o + 5] += z
@@ -254,7 +252,7 @@ def _add_arm(run, k, x, y, z):
     if mk["body"] < 0:
         return
     body, s = parts.bodies[mk["body"]], mk["rho"]
-    fx, fy, fz = transform_back(run.work.now.body[mk["body"]]["A"], x, y, z)
+    fx, fy, fz = turned_back(run.work.now.body[mk["body"]]["A"], (x, y, z))
     panel, column, o = kkt.panels[body["panel"]], kkt.column, body["iv"] + 3
     at, nc = panel["at"], panel["nc"]
     d = s[0] * fx + s[1] * fy + s[2] * fz

@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from flexmb.engine.algebra.vector import cross, put, wrapped
+from flexmb.engine.algebra.vector import outer, put_part, wrapped
 from flexmb.engine.jit import Integers, kernel, unit
 from flexmb.engine.joints import DOT2
 from flexmb.engine.joints.row import dot_columns, put_pair
@@ -52,9 +52,8 @@ def _put_gradients(run, term, level, place, u):
     if term["I"] >= 0:
         R = run.work.now.marker[term["I"]]["R"]
         x, y, z = R[0, a], R[1, a], R[2, a]
-        p, q, r = cross(x, y, z, u[0], u[1], u[2])
-        put(g[0], 3, p, q, r)
-    put(g[level], place, x, y, z)
+        put_part(g[0], 3, outer((x, y, z), u))
+    put_part(g[level], place, (x, y, z))
 
 
 @unit
@@ -126,7 +125,7 @@ def turning_of_axes(run: Run, sensors: Sensors, at: Point, t: int) -> float:
     """d·(ω_I × ω_J)."""
     term, markers = sensors.terms[t], run.work.now.marker
     p, q = markers[term["I"]]["om"], markers[term["J"]]["om"]
-    x, y, z = cross(p[0], p[1], p[2], q[0], q[1], q[2])
+    x, y, z = outer(p, q)
     return _component_along(run, term, x, y, z)  # type: ignore[no-any-return]
 
 
@@ -137,13 +136,10 @@ def turning_of_axes_gradient(run: Run, sensors: Sensors, at: Point, t: int) -> f
     mi, a = markers[term["I"]], term["a"]
     R, p, q = mi["R"], mi["om"], markers[term["J"]]["om"]
     dx, dy, dz = R[0, a], R[1, a], R[2, a]
-    x, y, z = cross(q[0], q[1], q[2], dx, dy, dz)
-    put(g[1], 3, x, y, z)
-    x, y, z = cross(dx, dy, dz, p[0], p[1], p[2])
-    put(g[1], 9, x, y, z)
-    x, y, z = cross(p[0], p[1], p[2], q[0], q[1], q[2])
-    x, y, z = cross(dx, dy, dz, x, y, z)
-    put(g[0], 3, x, y, z)
+    put_part(g[1], 3, outer(q, (dx, dy, dz)))
+    put_part(g[1], 9, outer((dx, dy, dz), p))
+    x, y, z = outer(p, q)
+    put_part(g[0], 3, outer((dx, dy, dz), (x, y, z)))
     return 0.0
 
 
@@ -259,12 +255,12 @@ def _gradient(code, number, Ri, Rj, first):
     x = c * Ri[0, j] + d * Ri[0, m]
     y = c * Ri[1, j] + d * Ri[1, m]
     z = c * Ri[2, j] + d * Ri[2, m]
-    px, py, pz = cross(x, y, z, Rj[0, k], Rj[1, k], Rj[2, k])
+    px, py, pz = outer((x, y, z), (Rj[0, k], Rj[1, k], Rj[2, k]))
     volume = Ri[0, i] * px + Ri[1, i] * py + Ri[2, i] * pz
     if number == 1:
-        px, py, pz = cross(Rj[0, k], Rj[1, k], Rj[2, k], Ri[0, i], Ri[1, i], Ri[2, i])
+        px, py, pz = outer((Rj[0, k], Rj[1, k], Rj[2, k]), (Ri[0, i], Ri[1, i], Ri[2, i]))
     elif number == 2:
-        px, py, pz = cross(Ri[0, i], Ri[1, i], Ri[2, i], x, y, z)
+        px, py, pz = outer((Ri[0, i], Ri[1, i], Ri[2, i]), (x, y, z))
     return px / volume, py / volume, pz / volume
 
 
@@ -280,7 +276,7 @@ def put_angles(run: Run, t: int, c: int) -> int:
     term, markers, near = run.system.sensors.terms[t], run.work.now.marker, run.work.feedback.near
     Ri, Rj = markers[term["I"]]["R"], markers[term["J"]]["R"]
     x, y, z = _angles(term["a"], Ri, Rj, near[c], near[c + 1], near[c + 2])
-    put(run.work.feedback.g[_ANGLES], 0, x, y, z)
+    put_part(run.work.feedback.g[_ANGLES], 0, (x, y, z))
     return FINE
 
 

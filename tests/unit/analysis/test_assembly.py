@@ -10,6 +10,7 @@ from generators import cloud, interface
 from linkages import bar, four_bar, four_bar_angles, swept
 
 import flexmb
+from flexmb.analysis.assembly import initial_state
 from flexmb.analysis.assembly.gaps import assembly_notes, joint_gaps, moved_bodies
 from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.assembly.positions import assembly_weights, length_corrector
@@ -295,3 +296,21 @@ def test_drivers_say_where_bodies_begin_without_an_assembly():
     made.add_driver("fold", joint="elbow", angle="2 - t")
     with pytest.warns(match=r"moved: two by 0\.95\d+ m and 171\.9 deg"):
         flexmb.kinematics(made, duration=0.1, outputs=1)
+
+
+@pytest.mark.parametrize("coupling", ["constant", "partial", "full"])
+def test_the_weight_of_a_flexible_body_counts_for_its_inertia_alone(coupling):
+    rng = np.random.default_rng(6)
+    made, part = Model("a part on a hinge"), cloud(rng, 5).flexbody("a", [interface(rng, "pin", 5)])
+    made.add_body("part", part, inertia_coupling=coupling)
+    made.add_joint("hinge", "revolute", between=["ground", "part.pin"], axis="z")
+    system = compile_system(made).system
+    pool, markers = system.parts.pool, system.parts.markers["modes"]
+    weighted = initial_state._weighted(system, np.array([3.0])).parts.pool
+    body = system.parts.bodies[0]
+    stiffness = body["flex"] + 12 * body["m"] + body["m"] ** 2 + np.arange(2 * body["m"] ** 2)
+    shapes = np.arange(markers[markers >= 0].min(), len(pool))
+    same = np.concatenate([stiffness, shapes])
+    inertia = np.setdiff1d(np.arange(body["flex"], shapes[0]), same)
+    np.testing.assert_array_equal(weighted[same], pool[same])
+    np.testing.assert_array_equal(weighted[inertia], 3.0 * pool[inertia])
