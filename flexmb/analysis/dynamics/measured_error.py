@@ -124,7 +124,8 @@ class MeasuredError:
         self._of_unit = _groups((one.unit, one.quantity == FOR_SCALE) for one in every)
         self._of_quantity = at = _groups(one.quantity for one in every)
         self._units = np.array([one.unit for one in every])
-        self._parts = parts or [(*2 * [np.ones(n, dtype=bool)], 0.0)]
+        whole = np.ones(n, dtype=bool)
+        self._parts = parts or [(whole, whole, 0.0)]
         self._rates, self._places = at.get("velocities", _NONE), at.get("positions", _NONE)
         row = {one.name + one.unit: k for k, one in enumerate(every)}
         own = [row.get(every[k].name + every[k].unit.removesuffix("/s"), n) for k in self._rates]
