@@ -9,6 +9,7 @@ import json
 import re
 import textwrap
 from pathlib import Path
+from shlex import quote
 from typing import Annotated
 
 import typer
@@ -70,7 +71,7 @@ def new(
 
     scene = listings.new_scene(name, template)
     screen.line(f"written: {scene}")
-    screen.line(f"run it with: flexmb run {scene}")
+    screen.line(f"run it with: flexmb run {quote(str(scene))}")
 
 
 @command()

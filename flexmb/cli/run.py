@@ -1,11 +1,9 @@
-"""``flexmb run`` and ``flexmb resume``, and the summary of a run: its cost and its accuracy.
-
-`flexmb.results.run_summary` says what its statistics mean.
-"""
+"""``flexmb run``, ``flexmb resume``, and the summary of a run (`flexmb.results.run_summary`)."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from shlex import quote
 from typing import Annotated, Any
 
 import typer
@@ -176,7 +174,7 @@ def _show_run(report: Any) -> None:
         screen.line(sentence)
     if result.status == "stopped":
         if report.resumable:
-            screen.line(f"resume with: flexmb resume {report.output}")
+            screen.line(f"resume with: flexmb resume {quote(str(report.output))}")
         raise typer.Exit(INTERRUPTED)
     if any(not outcome.passed for outcome in report.checks):
         raise typer.Exit(FAILED_CHECK)
@@ -195,7 +193,9 @@ def show_result(result: Any) -> None:
     screen.line(gravity_in_words(result.model.get("gravity"), result.units))
     if result.status == "running":
         screen.line("note: the run is still in progress, or it was killed; its rows are complete")
-        screen.line(f"if it was killed, resume with: flexmb resume {result.path.parent}")
+        screen.line(
+            f"if it was killed, resume with: flexmb resume {quote(str(result.path.parent))}"
+        )
     screen.table(("the run", "", ""), work_rows(statistics, result.units), right=(1,))
     screen.table(("wall time by phase", "s", ""), time_rows(statistics), right=(1,))
     dampings = result.damping.values()

@@ -121,7 +121,8 @@ def test_a_new_scene_is_valid_and_nothing_is_overwritten(tmp_path: Path) -> None
         again = call("new", str(tmp_path / template), "-t", template)
         assert again.exit_code == 2
         assert "never overwritten" in again.stderr
-    assert call("new", str(tmp_path / "x")).exit_code == 0
+    spaced = call("new", str(tmp_path / "x y")).stdout
+    assert f"run it with: flexmb run '{tmp_path / 'x y' / 'scene.toml'}'" in spaced
     wrong = call("new", str(tmp_path / "y"), "-t", "pendulums")
     assert (wrong.exit_code, "nearest: pendulum" in wrong.stderr) == (2, True)
     assert not (tmp_path / "y").exists()
