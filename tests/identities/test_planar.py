@@ -149,6 +149,7 @@ def test_a_weld_has_no_second_branch():
                   orientation={"axis": "z", "angle": "179 deg"})  # fmt: skip
     made.add_joint("weld", "fixed", between=["ground", "a"])
     made.add_sensor("a", "angle", between=["ground", "a"])
+    made.set_assembly()
     found = run(made, duration=0.01, step=0.01, outputs=1)
     assert abs(found["a"][0]) < 1e-9
     made.plane = None
