@@ -13,8 +13,8 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "files": 338,
-    "lines": 90_816,
+    "files": 339,
+    "lines": 90_824,
     "participles": 30,
     "base names of three and more files": 0,
     _ALL: 0,

@@ -16,10 +16,8 @@ from flexmb.analysis.assembly.joined_damping import is_determined
 from flexmb.analysis.dynamics.integration import (
     Integration,
     first_steps,
-    loop_settings,
     static_modes_sentence,
     stiff_force_sentence,
-    time_grid,
 )
 from flexmb.analysis.dynamics.measured_error import VerifiedRun
 from flexmb.analysis.dynamics.passes import (
@@ -35,6 +33,7 @@ from flexmb.analysis.dynamics.passes import (
     stricter_tolerance,
     unstable_step,
 )
+from flexmb.analysis.dynamics.run_settings import loop_settings, time_grid
 from flexmb.analysis.dynamics.validity import ValidityMonitor
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
 from flexmb.analysis.mobility.driver_conflicts import driver_reasons

@@ -29,9 +29,9 @@ from flexmb.analysis.dynamics.compared_quantities import (
     compared,
     round_off,
 )  # fmt: skip
-from flexmb.analysis.dynamics.integration import (
-    _HIGH_ORDER,
-    Integration,
+from flexmb.analysis.dynamics.integration import Integration
+from flexmb.analysis.dynamics.run_settings import (
+    HIGH_ORDER,
     damps_vibrations,
     fine_settings,
     gyration,
@@ -357,7 +357,7 @@ class VerifiedRun:
         integrator, passes, now = self.fine.method, self.passes[0], self.difference
         bristles = remembers_bristles(self.fine.compiled)
         highest = float(integrator.order)
-        implicit = integrator.stages == 0 and integrator.order >= _HIGH_ORDER
+        implicit = integrator.stages == 0 and integrator.order >= HIGH_ORDER
         if implicit and self.fine.compiled.layout.coordinates:
             highest -= _ORDER_LOST[self.is_stiff]
         steps, last = self.scout.state.count[0]["steps"], passes["last_steps"]

@@ -19,14 +19,14 @@ from typing import Any
 
 import numpy as np
 
-from flexmb.analysis.dynamics.integration import (
-    Integration,
+from flexmb.analysis.dynamics.integration import Integration
+from flexmb.analysis.dynamics.measured_error import VerifiedRun
+from flexmb.analysis.dynamics.run_settings import (
     compared_times,
     local_tolerance,
     output_times,
     with_tolerance,
 )
-from flexmb.analysis.dynamics.measured_error import VerifiedRun
 from flexmb.analysis.procedure import PhaseTimer
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled

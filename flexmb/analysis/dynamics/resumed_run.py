@@ -11,8 +11,8 @@ import numpy as np
 
 from flexmb.analysis.assembly.jacobian import constraint_rank
 from flexmb.analysis.assembly.joined_damping import add_damping, choose_static_modes, is_determined
-from flexmb.analysis.dynamics.integration import loop_settings, with_tolerance
 from flexmb.analysis.dynamics.passes import PASSES, PreparedDynamics, prepared_run
+from flexmb.analysis.dynamics.run_settings import loop_settings, with_tolerance
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
 from flexmb.analysis.procedure import PhaseTimer
 from flexmb.engine.compile import Compiled

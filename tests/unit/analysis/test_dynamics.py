@@ -11,7 +11,7 @@ import pytest
 from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.dynamics import integration as module
 from flexmb.analysis.dynamics.dynamics import dynamics
-from flexmb.analysis.dynamics.integration import loop_settings, time_grid
+from flexmb.analysis.dynamics.run_settings import loop_settings, time_grid
 from flexmb.engine import units
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import integrate, make_integrator, prepare_integration, solve_stage

@@ -6,7 +6,8 @@ import numpy as np
 from enginekit import Bench
 
 from flexmb.analysis.assembly.initial_state import assemble
-from flexmb.analysis.dynamics.integration import Integration, loop_settings
+from flexmb.analysis.dynamics.integration import Integration
+from flexmb.analysis.dynamics.run_settings import loop_settings
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import make_integrator
 from flexmb.engine.method import FINE
