@@ -150,6 +150,7 @@ def test_hanging_chain_is_the_discrete_catenary():
         x = x + bar * np.array([np.cos(angles[i]), np.sin(angles[i])])
     del rng
     made.add_joint("last", "revolute", between=[f"b{n - 1}.end", "ground.end"], axis="z")
+    made.set_assembly()  # the bars hang only nearly where they are placed
     with pytest.warns():  # redundant joints, moved bodies
         result = flexmb.statics(made)
     points = np.array(
