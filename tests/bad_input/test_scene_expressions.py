@@ -22,6 +22,8 @@ def test_a_syntax_error_points_at_the_character(tmp_path):
         ("2*sim(t)", 'unknown function "sim"', 3),
         ("2*t +* 3", "syntax error", 6),
         ("speed t", "syntax error", 7),
+        ("2 t", "syntax error: a value or an operator is missing", 3),
+        ("120 rpm*t", "syntax error: a number with a unit stands alone", 5),
         ("t^2", 'powers are written "**", not "^"', 3),
         ("t/0", "division by zero", 3),
         ("t*log(-1)", "the value is nan, no finite number", 3),

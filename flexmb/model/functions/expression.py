@@ -22,6 +22,7 @@ import numpy as np
 from flexmb.errors import Problem, SceneError, nearest
 from flexmb.flexbody.arrays import Array
 from flexmb.model.functions.derivatives import BINARY, CHAIN, Jet, derivative_jumps, evaluate
+from flexmb.units import UNITS
 
 _WINDOW = 60  # characters of a long text shown on either side of the mistake
 MAX_LENGTH = 2000  # characters; beyond it the text is no formula, and Python's parser may give up
@@ -41,7 +42,7 @@ def syntax_tree(text: str) -> ast.expr:
             return ast.parse(body, mode="eval").body
     except SyntaxError as error:
         column = max((error.offset or 1) - 1, 0) + lead
-        raise mistake(text, column, f"syntax error: {_reason(error)}") from None
+        raise mistake(text, column, f"syntax error: {_reason(error, text)}") from None
     except (ValueError, RecursionError, MemoryError):
         raise mistake(text, lead, "no expression that can be read") from None
 
@@ -53,8 +54,10 @@ def unknown_channel(text: str, name: str, names: tuple[str, ...]) -> Problem:
     return mistake(text, column, f'unknown name "{name}"', names, name).problems[0]
 
 
-def _reason(error: SyntaxError) -> str:
+def _reason(error: SyntaxError, text: str) -> str:
     """The parser's word in the terms of a formula."""
+    if any(word in UNITS for word in re.findall(r"\d\s+(?!t\b)([A-Za-z]+)", text)):
+        return "a number with a unit stands alone, so make it a parameter and write its name"
     message = (error.msg or "").removesuffix(" (<unknown>, line 1)")
     if "Perhaps you forgot a comma" in message or message.startswith("invalid decimal literal"):
         return "two values with no operator between them"
