@@ -189,8 +189,13 @@ def test_what_a_contact_remembers():
     assert remembered(bench, 0.1)[o + 2 : o + 5] == pytest.approx(
         R.T @ across @ (R @ before + 0.1 * g), abs=1e-12
     )
-    bench.at(v=-bench.v)  # they approach; in a long step the depth is that of an onset
-    assert remembered(bench, 1e4)[o] == pytest.approx(n @ g)
+    # They approach: the speed at the onset lies between those of both ends, or stays as it was.
+    bench.at(v=-bench.v)
+    speed = n @ g
+    for share, before, wanted in ((0.04, 0.5, 0.98), (0.5, 0.9, 0.98), (0.5, 0.9995, 0.99975)):
+        now.history[o] = before * speed
+        after = remembered(bench, DEPTH / (share * speed))
+        assert after[o] == pytest.approx(wanted * speed, rel=1e-12)
 
 
 def test_the_bristle_of_a_point_follows_its_way():

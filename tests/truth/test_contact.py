@@ -67,6 +67,37 @@ def test_rebound(law, e):
     assert found.mismatch() <= 1e-3 * 0.5 * M * 4.0
 
 
+@pytest.mark.parametrize("method", ["explicit-rk", "radau"])
+def test_a_rebound_has_the_accuracy_of_the_run(method):
+    """Its damping is by the speed at the onset, not by that where a step ended before it.
+
+    Fall, impact and flight by SciPy from event to event; where steps end differs by the height.
+    """
+    e, K, t_end = 0.8, 1e6, 0.18
+    chi = brentq(lambda x: math.log((1 + x) / (1 - x * e)) - x * (1 + e), 1e-3, 0.999 / e)
+    off = []
+    for h in (0.05, 0.0501, 0.0502, 0.0503):
+        v0 = math.sqrt(2 * G * h)
+
+        def impact(_, y, v0=v0):
+            return y[1], G - K * max(y[0], 0.0) ** 1.5 * (1 + chi * y[1] / v0) / M
+
+        def apart(t, y):
+            return y[0] if t > 1e-3 else 1.0
+
+        apart.terminal = True
+        out = solve_ivp(impact, (0, 0.1), (0.0, v0), "DOP853", events=apart, rtol=1e-13, atol=1e-15)
+        left = t_end - v0 / G - out.t[-1]
+        wanted = R - out.y[1, -1] * left - G * left**2 / 2
+        found = run(
+            ball([0, 0, -G], [0, 0, R + h], stiffness=K, exponent=1.5, restitution=e,
+                 damping="exact"),
+            duration=t_end, outputs=10, accuracy=1e-9, method=method, verify=False,
+        )  # fmt: skip
+        off.append(abs(found["place.z"][-1] - wanted))
+    assert max(off) < 1e-9 * 0.05
+
+
 def test_heights_of_a_bouncing_ball():
     """The k-th rebound reaches e^(2k) of the first height.
 
