@@ -196,7 +196,13 @@ class FlexBody:
         return self._part("interface", self.interfaces, name)
 
     def load(self, name: str) -> LoadVector:
-        """The load of that name; a ReductionError lists those there are."""
+        """The load of that name.
+
+        Raises
+        ------
+        ReductionError
+            There is none; lists those there are, nearest first.
+        """
         return self._part("load", self.loads, name)
 
     def _part(self, noun: str, parts: tuple[_Part, ...], name: str) -> _Part:

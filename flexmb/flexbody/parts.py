@@ -187,7 +187,10 @@ class NodeModes:
 class LoadPoint(Interface):
     """The mean of the nodes that one component of a load, of one sign, acts on, weighted by it.
 
-    `wrench` (6,): that component there, a force [N] or a moment [N m], body axes.
+    Parameters
+    ----------
+    wrench : (6,) float
+        That component there: a force [N] or a moment [N m], body axes.
     """
 
     wrench: FloatArray = field(default_factory=lambda: np.zeros(6))

@@ -203,7 +203,12 @@ class Result(StressEnvelopes, MarkerHistory):
         raise ResultFileError.unknown(what, pattern, every)
 
     def select(self, names: Sequence[str]) -> tuple[str, ...]:
-        """Channels that names mean, once each: see `match`; a vector's name means all components.
+        """Channels that names mean, once each.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Channels, wildcards as of `match`, or a vector's name for its three components.
 
         Raises
         ------
