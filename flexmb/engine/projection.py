@@ -279,6 +279,33 @@ def _refine_by_mass(run: Run, at: Point, top: Vector, bottom: Vector, x: Vector,
 
 
 @unit
+def add_stiff_accelerations(run: Run, at: Point, smooth: Vector) -> int:
+    """Add the share of smooth accelerations (nv) that `accelerations` has filtered from v̇.
+
+    With S = M + cp ∂F/∂q and r rounds of refinement v̇ has of each mode 1 − s^(r+1), where s =
+    S⁻¹ cp ∂F/∂q: nothing of stiff ones, whose positions follow their loads. The rest is that of the
+    method's own accelerations, as far as constraints let it move. After `accelerations`.
+    """
+    fac, kkt, tr = run.work.factor, run.system.kkt, run.work.trial
+    place, x, nv = kkt.place, tr.dq, at.vd.shape[0]
+    copy(smooth, x)
+    for _ in range(max(run.method.mass_rounds, int(depends_on_solution(run))) + 1):
+        zero(fac.rhs)
+        for i in range(nv):
+            fac.rhs[place[i]] = tr.res[i] = x[i]
+        multiply(kkt, fac, fac.rhs, fac.tmp)
+        walk(run.stages.mass, run, at)  # sol = M x
+        for i in range(nv):
+            fac.rhs[place[i]] = fac.tmp[place[i]] - fac.sol[place[i]]
+        solve(kkt, fac, fac.rhs)
+        for i in range(nv):
+            x[i] = fac.rhs[place[i]]
+    for i in range(nv):
+        at.vd[i] += x[i]
+    return FINE
+
+
+@unit
 def remove_self_stress(run: Run, at: Point, cp: float) -> int:
     """Take from lam what moves nothing, after `accelerations` with the same cp.
 

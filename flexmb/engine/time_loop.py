@@ -58,7 +58,13 @@ from flexmb.engine.kinematics_point import (
     solve_velocities_accelerations,
 )
 from flexmb.engine.method import FINE, NOT_FINITE, TOO_SMALL, round_off
-from flexmb.engine.projection import POSITIONS, VELOCITIES, accelerations, remove_self_stress
+from flexmb.engine.projection import (
+    POSITIONS,
+    VELOCITIES,
+    accelerations,
+    add_stiff_accelerations,
+    remove_self_stress,
+)
 from flexmb.engine.sensors.sensor import count_turns, read_channels
 from flexmb.engine.state import Run
 
@@ -193,6 +199,7 @@ def _place_output(run):
         tr.t[0] = st.t[0]
         copy(st.q, tr.q)
         copy(st.v, tr.v)
+        copy(st.aa if run.method.collocation > 0 else st.vd, tr.aa)
         copy(st.work_done, tr.work_done)
         copy(st.history, history)
         status = FINE
@@ -221,6 +228,8 @@ def write_output(run: Run) -> int:
     status = accelerations(run, at, _filter(run), project)
     if status != FINE:
         return status
+    if run.settings.follow == 0 and _filter(run) > 0.0:
+        add_stiff_accelerations(run, at, tr.aa)
     remove_self_stress(run, at, _filter(run))
     constraint_stage(run, at)
     count_turns(run, at, tr.angles)

@@ -75,3 +75,50 @@ def test_works_and_energies_balance(refined):
     assert -fine.stored("damper_work")[-1] == pytest.approx(-taken, rel=3e-3)
     assert fine.stored("applied_work")[-1] == pytest.approx(given, rel=3e-3)
     np.testing.assert_allclose(fine.stored("kinetic"), 0.5 * M * v**2, atol=2e-3 * M)
+
+
+def follower_errors(omega, damping, **knobs):
+    """Errors of position, velocity, acceleration of a mass whose stiff spring holds it to sin t.
+
+    1 kg on ω² N/m, pushed by ω² sin t N: the complex response is 1/(1 − 1/ω² + 2 i ζ/ω).
+    """
+    made = Model("follower")
+    response = 1.0 / (1 - 1 / omega**2 + 2j * damping / omega)
+    made.add_body(
+        "b", mass=1, inertia=[1, 1, 1], position=[1 + response.imag, 0, 0],
+        velocity=[response.real, 0, 0],
+    )  # fmt: skip
+    made.add_joint("guide", "prismatic", between=["ground", "b"], axis="x")
+    made.add_force(
+        "spring", "spring-damper", between=["ground", "b"], free_length=1.0,
+        stiffness=omega**2, damping=2 * damping * omega,
+    )  # fmt: skip
+    made.add_force("push", "force", at="b", value=[f"{omega**2}*sin(t)", 0, 0])
+    for kind in ("position", "velocity", "acceleration"):
+        made.add_sensor(kind, kind, of="b")
+    found = run(made, duration=2.0, **knobs)
+    late, wave = found.t > 0.5, response * np.exp(1j * found.t)
+    return [
+        np.abs(found[f"{kind}.x"] - (kind == "position") - (1j**n * wave).imag)[late].max()
+        for n, kind in enumerate(("position", "velocity", "acceleration"))
+    ]
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.02, 0.5])
+@pytest.mark.parametrize(("method", "step"), [("radau", 0.1), ("generalized-alpha", 0.01)])
+def test_accelerations_of_what_follows_a_stiff_spring_are_of_order_2(method, step, damping):
+    """Steps of 100 to 1000 times the vibration: a filter alone would leave nothing of them."""
+    coarse, fine = (
+        follower_errors(1e4, damping, method=method, step=h, outputs=round(2 / h))[2]
+        for h in (step, step / 2)
+    )
+    assert coarse < 2e-3
+    assert coarse / fine > 3.5
+
+
+@pytest.mark.parametrize("omega", [10.0, 30.0, 100.0, 1000.0, 1e5])
+def test_accelerations_under_error_control_and_between_steps(omega):
+    """From stiffness that the steps resolve to such that they do not; rows between the steps."""
+    assert follower_errors(omega, 0.02, method="radau", accuracy=1e-4, outputs=173)[2] < 2e-3
+    fixed = {"method": "generalized-alpha", "step": 0.01, "outputs": 173}
+    assert follower_errors(omega, 0.02, **fixed)[2] < 1e-3

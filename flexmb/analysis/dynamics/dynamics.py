@@ -19,13 +19,14 @@ from flexmb.analysis.dynamics.integration import (
     static_modes_sentence,
     stiff_force_sentence,
 )
-from flexmb.analysis.dynamics.measured_error import VerifiedRun
 from flexmb.analysis.dynamics.passes import (
     PreparedDynamics,
+    damped_vibration,
     is_worse,
     keeps_failing,
     limited_by_stability,
     may_change_method,
+    measure_vibrations,
     missed_accuracy,
     needs_rough_run,
     prepared_run,
@@ -35,6 +36,7 @@ from flexmb.analysis.dynamics.passes import (
 )
 from flexmb.analysis.dynamics.run_settings import loop_settings, time_grid
 from flexmb.analysis.dynamics.validity import ValidityMonitor
+from flexmb.analysis.dynamics.verified_run import VerifiedRun
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
 from flexmb.analysis.mobility.driver_conflicts import driver_reasons
 from flexmb.analysis.monitors import (
@@ -192,6 +194,8 @@ def run_dynamics(prepared: PreparedDynamics, sink: Sink, *, progress: Progress =
             notes.append("steps for more accuracy are worse by round-off; those before are kept")
             again, finished = finished.as_last_pass(), None
         else:
+            if ending.status == "finished":
+                measure_vibrations(prepared)
             tolerance = stricter_tolerance(prepared) if ending.status == "finished" else None
             if tolerance is None:
                 break
@@ -291,7 +295,7 @@ class _Pass:
                 "direction that it can move in, or the pose is singular"
             )
         if ending.status == "finished":
-            notes += missed_accuracy(prepared)
+            notes += [*missed_accuracy(prepared), damped_vibration(prepared)]
             unstable = unstable_step(prepared.run, prepared.method, failed=False)
             notes += [unstable or _unbalanced(prepared)]
         return [note for note in notes if note]

@@ -1,10 +1,5 @@
 """The error of a run, measured by its scout: the same run with longer steps.
 
-The scout selects its steps by error control; the fine run, whose rows are the result, takes
-`refinement` times as many, spread as the scout's were, so that the errors of both differ by a
-factor that is clear beforehand. Both advance chunk by chunk; of the scout nothing is stored but its
-state at the border of a chunk.
-
 Two runs of a method of order p on the same plan of steps, one with r times as many, differ by the
 error of the coarser one less that of the finer one, rᵖ : 1, so that the finer one is off by their
 difference over rᵖ − 1 (Richardson; Hairer, Nørsett & Wanner, Solving Ordinary Differential
@@ -16,33 +11,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.dynamics.compared_quantities import (
-    FOR_SCALE,
-    Part,
-    by_part,
-    compared,
-    round_off,
-)  # fmt: skip
-from flexmb.analysis.dynamics.integration import Integration
-from flexmb.analysis.dynamics.run_settings import (
-    HIGH_ORDER,
-    damps_vibrations,
-    fine_settings,
-    gyration,
-    remembers_bristles,
-    scout_rows,
-    scout_settings,
-)
+from flexmb.analysis.dynamics.compared_quantities import FOR_SCALE, Part, compared  # fmt: skip
 from flexmb.analysis.monitors import SampledHistory
-from flexmb.engine import method
-from flexmb.engine.compile import Compiled
-from flexmb.engine.state import State
 from flexmb.engine.tables import Layout
 from flexmb.flexbody.arrays import Array
 from flexmb.model.model import Model
@@ -62,24 +38,7 @@ _FLOORS = {
     "velocities": f"its mean speed or {_LEAST_SHARE:g} of its largest",
 }
 _OF_POINTS = "the motion of the body's points"
-_SCOUT = "scout_"
-_NO_MOTION = 1e-10  # of the size of the model, or of a radian, within the run
-_SPUN = 0.1  # radians for each of those by which the first speeds turn a body within the run
-# Ratio of errors where vibrations are damped: they move a sensor as the square of their period.
-_DAMPED_RATIO = 2.6
-# Difference of a pass below which that of the next one is compared with it; least share of the
-# order that two passes may show.
-_SAME_MOTION, _MIN_ORDER = 0.05, 0.5
-_MORE_STEPS = 1.1  # of a scout over those of the pass before, from which on their order is told
-# Of radau with states: if stiff, order 3 of a stage is left of 5 (Hairer & Wanner II, §IV.15). With
-# 2, 1.5, 0.75, 0 of 66 runs of states miss the request 0, 1, 1, 1, are told less than a third 0, 1,
-# 3, 3, more than 3 times 5, 2, 4, 0, at cost 1.09, 1, 0.94, 0.93; of 16 with slow states 7 with 2.
-_ORDER_LOST = {True: 2.0, False: 1.5}
-# Ratio of errors of explicit methods by the pass before, over that by the order, which is no surer:
-# of 200 first passes of the judging scenes a tenth had 0.8 times that by the order or less, half
-# 1.2, a tenth 2.7 or more (order 8; 0.9, 1.1 and 2.6 with order 5). Of 184 pairs of passes a
-# twentieth fell by 0.54 times what the order says or less (0.59): only less is an order lost.
-_LUCK = 2.0
+NO_MOTION = 1e-10  # of the size of the model, or of a radian, within the run
 _LEAST_ERROR = 1e-15  # over the peak-to-peak
 _NONE, _REACTIONS = np.zeros(0, np.intp), ("N", "N m")
 _PARTED = 0.1  # difference over the peak-to-peak from which on two runs are different motions
@@ -121,7 +80,7 @@ class MeasuredError:
     ) -> None:  # fmt: skip
         self.compared, self._duration = compared(layout, model), duration
         self._gyration, self._least = gyration or {}, least or {}
-        self._length = self._least.get("m", 0.0) / _NO_MOTION
+        self._length = self._least.get("m", 0.0) / NO_MOTION
         n = len(self.compared)
         every = self.compared
         self._of_unit = _groups((one.unit, one.quantity == FOR_SCALE) for one in every)
@@ -134,6 +93,7 @@ class MeasuredError:
         own = [row.get(every[k].name + every[k].unit.removesuffix("/s"), n) for k in self._rates]
         self._motions = np.array(own, np.intp)  # of velocities; n: nowhere
         self._largest = np.zeros((2, n))  # difference so far; its time
+        self._damped = np.zeros((3, n))  # by vibrations that steps damp; its time; where they begin
         sizes = np.array([len(one.columns) for one in every], np.intp)
         widest, self._starts = sizes.max(initial=0), np.cumsum(sizes) - sizes
         self._range = np.stack([np.full((n, widest), np.inf), np.full((n, widest), -np.inf)])
@@ -161,6 +121,7 @@ class MeasuredError:
             "error_range": self._range, "error_growth": self._growth.table,
             "error_samples": self._samples.table, "error_sampled": self._samples.count,
             "error_before": self._before, "error_round_off": self.round_off,
+            "error_damped": self._damped,
         }  # fmt: skip
 
     def compare(self, before: MeasuredError) -> None:
@@ -180,15 +141,10 @@ class MeasuredError:
             return
         self._results.clear()
         self._scales = np.zeros(0)
-        values, theirs = np.empty((2, n, len(self._in_range)))
         low, high = (bound.reshape(-1) for bound in self._range)
-        for table, (columns, places) in self._columns.items():
-            values[:, places] = getattr(fine, table)[:n, columns]
-            theirs[:, places] = getattr(coarse, table)[:n, columns]
+        values, gaps = self._compare(coarse.part(0, n), fine.part(0, n))
         low[self._in_range] = np.minimum(low[self._in_range], values.min(axis=0))
         high[self._in_range] = np.maximum(high[self._in_range], values.max(axis=0))
-        gaps = np.maximum.reduceat(np.abs(values - theirs), self._starts, axis=1)
-        gaps[np.isnan(gaps)] = np.inf
         so_far = np.maximum.accumulate(np.vstack([self._largest[0], gaps]), axis=0)[1:]
         rises = so_far[-1] > self._largest[0]
         self._largest[1, rises] = fine.t[gaps.argmax(axis=0)][rises]
@@ -196,6 +152,50 @@ class MeasuredError:
         self._growth.add(fine.t[:n], so_far[:, self._places])
         samples = np.hstack([values[:, self._sampled], gaps[:, self._places]])
         self._samples.add(fine.t[:n], samples)
+
+    def _compare(self, coarse: OutputBlock, fine: OutputBlock) -> tuple[Array, Array]:
+        """Values of the fine rows (n, components), and differences (n, k)."""
+        values, theirs = np.empty((2, len(fine.t), len(self._in_range)))
+        for table, (columns, places) in self._columns.items():
+            values[:, places] = getattr(fine, table)[:, columns]
+            theirs[:, places] = getattr(coarse, table)[:, columns]
+        gaps = np.maximum.reduceat(np.abs(values - theirs), self._starts, axis=1)
+        gaps[np.isnan(gaps)] = np.inf
+        return values, gaps
+
+    def reaction_share(self, row: OutputBlock) -> float:
+        """The largest reaction of a row, over the scale of its joint."""
+        zero = replace(row, reactions=np.zeros_like(row.reactions))
+        _, gaps = self._compare(zero, row)
+        spans, of = self._spans(), self._of_quantity.get("reactions", _NONE)
+        moves = of[spans[of] > 0.0]
+        return float((gaps[0, moves] / spans[moves]).max(initial=0.0))
+
+    def add_damped(self, coarse: OutputBlock, fine: OutputBlock, begin: float) -> None:
+        """Take rows of the run, and of one that follows vibrations which begin at a time [s]."""
+        if not len(fine.t):
+            return
+        self._results.clear()
+        _, gaps = self._compare(coarse, fine)
+        self._damped[:] = (
+            gaps.max(axis=0),
+            fine.t[gaps.argmax(axis=0)],
+            np.full(len(gaps[0]), begin),
+        )
+
+    def damped(self) -> tuple[str, float, float]:
+        """The joint whose reactions lack most of vibrations, what they lack over their scale, and
+        when these begin [s]."""
+        spans, of = self._spans(), self._of_quantity.get("reactions", _NONE)
+        moves = of[spans[of] > 0.0]
+        if not len(moves):
+            return "", 0.0, 0.0
+        k = int(moves[(self._damped[0, moves] / spans[moves]).argmax()])
+        return (
+            self.compared[k].name,
+            float(self._damped[0, k] / spans[k]),
+            float(self._damped[2, k]),
+        )
 
     def largest(self, ratio: float, steps: int = 0) -> dict[str, ErrorOf]:
         """The largest error of each quantity; `ratio` is that of the errors of the two runs.
@@ -214,13 +214,16 @@ class MeasuredError:
         walk = np.divide(walk, spans, out=np.zeros(len(spans)), where=spans > 0.0)
         falling = apart / (max(ratio, 1.0 + 1e-9) - 1.0)
         errors = np.where(different, apart, np.minimum(falling + walk, np.maximum(apart, falling)))
+        damped = np.divide(self._damped[0], spans, out=np.zeros(len(spans)), where=spans > 0.0)
+        times = np.where(damped > errors, self._damped[1], self._largest[1])
+        errors = np.maximum(errors, damped)
         for quantity, of in self._of_quantity.items():
             k = int(of[errors[of].argmax()])
             name, (low, high), over = self.compared[k].name, self._range[:, k], ""
             if spans[k] > (1 + 1e-9) * max((high - low).max(), 0.0):
                 flexible = name.removeprefix("bodies.") in self._gyration
                 over = _OF_POINTS if flexible else _FLOORS[quantity]
-            error, time = float(errors[k]), float(self._largest[1, k])
+            error, time = float(errors[k]), float(times[k])
             largest[quantity] = ErrorOf(error, name, time, over, float(walk[k]))
         self._results[key] = largest
         return largest
@@ -315,135 +318,3 @@ def _groups(keys: Iterable[Any]) -> dict[Any, NDArray[np.intp]]:
         key: np.array([k for k, one in enumerate(every) if one == key], np.intp)
         for key in dict.fromkeys(every)
     }
-
-
-class VerifiedRun:
-    """Two runs of one model that advance together.
-
-    Attributes
-    ----------
-    scout, fine : Integration
-        The runs; the fine one follows the plan that the scout writes.
-    error : MeasuredError
-        Their difference so far.
-    recorded, of_scout : (n,) array of bool
-        Which of the times of the fine run are outputs, and at which it is compared with the scout.
-    passes : array
-        Record `PASSES` of the run.
-    is_stiff : bool
-        Whether stability limited the steps of an explicit method.
-    """
-
-    def __init__(
-        self, scout: Integration, fine: Integration, error: MeasuredError, recorded: np.ndarray,
-        of_scout: np.ndarray, passes: np.ndarray, is_stiff: bool,
-    ) -> None:  # fmt: skip
-        self.scout, self.fine, self.error, self.passes = scout, fine, error, passes
-        self.recorded, self.of_scout, self.is_stiff = recorded, of_scout, is_stiff
-
-    @property
-    def difference(self) -> float:
-        """Largest difference of positions, over their peak-to-peak."""
-        largest = self.error.largest(2.0)
-        return largest["positions"].error if "positions" in largest else 0.0
-
-    @property
-    def order(self) -> float:
-        """That of the method, or less, where the difference fell less since the pass before.
-
-        By the steps of both scouts: where these lock to a swing, a stricter tolerance gives hardly
-        more. Not where they were different motions. The bristles of contacts follow with order one.
-        """
-        integrator, passes, now = self.fine.method, self.passes[0], self.difference
-        bristles = remembers_bristles(self.fine.compiled)
-        highest = float(integrator.order)
-        implicit = integrator.stages == 0 and integrator.order >= HIGH_ORDER
-        if implicit and self.fine.compiled.layout.coordinates:
-            highest -= _ORDER_LOST[self.is_stiff]
-        steps, last = self.scout.state.count[0]["steps"], passes["last_steps"]
-        known = 0.0 < passes["last_difference"] < _SAME_MOTION and now > 0.0
-        if not known or steps < _MORE_STEPS * last:
-            return 1 if bristles else highest
-        scatter = _LUCK if integrator.stages else 1.0
-        order = math.log(scatter * passes["last_difference"] / now) / math.log(steps / last)
-        return min(max(order, 1.0 if bristles else _MIN_ORDER * integrator.order), highest)
-
-    @property
-    def ratio(self) -> float:
-        """Error of the scout over that of the fine run, which may add steps where it needs them."""
-        fine, scout = (run.state.count[0]["steps"] for run in (self.fine, self.scout))
-        finer = min(max(fine / max(scout, 1), 1.0), self.fine.settings.refinement)
-        return float(finer**self.order)
-
-    @classmethod
-    def of(
-        cls, compiled: Compiled, model: Model, integrator: method.Method, settings: method.Settings,
-        first: State, times: np.ndarray, recorded: np.ndarray, passes: np.ndarray, is_stiff: bool,
-    ) -> VerifiedRun:  # fmt: skip
-        """A run from a copy of a state, and its scout, at the local tolerance of the settings.
-
-        `recorded` says which of the times (n,) of the run are outputs.
-        """
-        states = [State(*(array.copy() for array in first)) for _ in range(2)]
-        of_scout = scout_rows(len(times))
-        scout = Integration(
-            compiled, integrator, scout_settings(settings, integrator), states[0], times[of_scout]
-        )
-        fine = Integration(
-            compiled, integrator, fine_settings(settings, integrator), states[1], times, scout.plan
-        )
-        length, span = compiled.length, settings.end - settings.start
-        spun = (np.abs(first.v[body.iv + 3 : body.iv + 6]).max() for body in compiled.layout.bodies)
-        turn = max(1.0, _SPUN * span * float(max(spun, default=0.0)))
-        least = {"m": length, "rad": turn, "m/s": length / span, "rad/s": turn / span}
-        at_rest = {unit: _NO_MOTION * size for unit, size in least.items()}
-        parts = by_part(compared(compiled.layout, model), compiled, model)
-        radii = gyration(compiled)
-        error = MeasuredError(compiled.layout, model, at_rest, span, radii, parts)
-        error.round_off[:] = round_off(error.compared, compiled, first.q)
-        return cls(scout, fine, error, recorded, of_scout, passes, is_stiff)
-
-    def advance(self, first: bool = False) -> tuple[int, list[OutputBlock]]:
-        """One chunk of both, or the first row; returns the status, and the rows of the fine run."""
-        scout, fine = self.scout, self.fine
-        status = scout.integrate(0 if first else scout.chunk)
-        coarse = scout.rows.read()
-        rows: list[OutputBlock] = []
-        done = 0
-        end = scout.plan.knots[scout.plan.used[0] - 1]
-        while first or fine.state.t[0] < end:
-            fine_status = fine.integrate(0 if first else fine.chunk)
-            block = fine.rows.read()
-            both = block.rows(self._newest(self.of_scout, block))
-            self.error.add(coarse.part(done, done + len(both.t)), both)
-            done += len(both.t)
-            rows.append(block.rows(self._newest(self.recorded, block)))
-            if first or fine_status != method.FINE:
-                status = max(status, fine_status)
-                break
-        return status, rows
-
-    def _newest(self, which: np.ndarray, block: OutputBlock) -> np.ndarray:
-        """Of rows of the fine run, those of its newest block."""
-        behind = int(self.fine.state.count[0]["outputs"])
-        return which[behind - len(block.t) : behind]
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """All that a resumed run needs in addition to the state of the fine run."""
-        return {
-            **{_SCOUT + name: value for name, value in self.scout.state._asdict().items()},
-            **self.error.arrays(),
-        }
-
-    def errors(self) -> dict[str, ErrorOf]:
-        """The measured error of each quantity.
-
-        Vibrations that the longer steps damp are damped by the shorter ones too, but for a band
-        between, which may be all that a small sensor sees: no balance of energies tells.
-        """
-        damped, ratio = damps_vibrations(self.fine.compiled, self.fine.method), self.ratio
-        if 0.0 < self.passes[0]["last_difference"] < _SAME_MOTION:
-            luck = _LUCK if self.fine.method.stages else 1.0
-            ratio = min(self.error.ratio_before() or ratio, luck * ratio)
-        steps = int(self.fine.state.count[0]["steps"])
-        return self.error.largest(min(ratio, _DAMPED_RATIO) if damped else ratio, steps)

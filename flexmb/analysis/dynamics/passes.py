@@ -19,14 +19,15 @@ from typing import Any
 
 import numpy as np
 
+from flexmb.analysis.dynamics.damped_vibrations import JumpStates, measure_damped_vibrations
 from flexmb.analysis.dynamics.integration import Integration
-from flexmb.analysis.dynamics.measured_error import VerifiedRun
 from flexmb.analysis.dynamics.run_settings import (
     compared_times,
     local_tolerance,
     output_times,
     with_tolerance,
 )
+from flexmb.analysis.dynamics.verified_run import VerifiedRun
 from flexmb.analysis.procedure import PhaseTimer
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
@@ -67,6 +68,8 @@ _FEW, _GROWN = 50, 1e6  # unstable steps; rate times step, above which it is tha
 _MIN_STEPS, _STIFF_SHARE, _UNSTABLE_SHARE = 200, 0.35, 0.01
 # Of the rough run: local error over the motion; motion that counts, over the size of the model.
 _ROUGH, _MIN_MOTION = 1e-3, 1e-3
+
+_MEASURED, _LACKING = 1e-3, 0.05  # of the range of reactions: vibrations to measure, and to note
 
 _DRIFTED = (
     "stabilization makes forces of the drift of joints that are beyond measure: the pose is "
@@ -163,11 +166,14 @@ def prepared_run(
     state.q_first[:] = state.q
     begin = State(*(array.copy() for array in state))
     if spec.verify is not False and settings.step == 0.0:
-        compared = compared_times(spec)
+        compared, jumps = compared_times(spec), None
+        if integrator.stages == 0 and settings.stiff == 1:
+            jumps = JumpStates(compiled, settings)
+            compared = np.union1d(compared, jumps.times[:, 0])
         recorded = np.isin(compared, times)
         verified = VerifiedRun.of(
             compiled, model, integrator, settings, begin, compared, recorded, passes,
-            spec.method == AUTO and name == STIFF_METHOD,
+            spec.method == AUTO and name == STIFF_METHOD, jumps,
         )  # fmt: skip
         run = verified.fine
     else:
@@ -217,6 +223,32 @@ def _set_motion(prepared: PreparedDynamics, like: State, moves: np.ndarray | boo
     for state in (prepared.begin, *(run.state for run in runs)):
         np.maximum(state.motion, like.motion, out=state.motion, where=moves)
         np.maximum(state.speed, like.speed, out=state.speed, where=moves)
+
+
+def measure_vibrations(prepared: PreparedDynamics) -> None:
+    """At the end of a pass let its measured error know of vibrations that its steps damp."""
+    verified = prepared.verified
+    if verified is not None and verified.jumps is not None:
+        worst = verified.errors().get("reactions")
+        least = max(_MEASURED, worst.error if worst else 0.0)
+        measure_damped_vibrations(
+            verified.fine, prepared.settings, prepared.begin, verified.jumps, verified.error, least
+        )
+
+
+def damped_vibration(prepared: PreparedDynamics) -> str:
+    """A sentence on vibrations that the steps damp, where reactions lack much of them, or ""."""
+    if prepared.verified is None:
+        return ""
+    name, share, begin = prepared.verified.error.damped()
+    if share <= _LACKING:
+        return ""
+    return (
+        f"{name} lacks {share:.0%} of the range of its reactions: at t = "
+        f"{prepared.model.units.say(begin, 's', 4)} loads or accelerations jump and excite a "
+        f'vibration that the steps of {prepared.method} damp; method = "{FINE_METHOD}" follows '
+        "it, a smooth change (step5 for step) excites less, damping lets it end"
+    )
 
 
 def stricter_tolerance(prepared: PreparedDynamics) -> float | None:

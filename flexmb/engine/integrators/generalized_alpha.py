@@ -353,7 +353,13 @@ def estimate_error(run: Run, alpha: Alpha, h: float) -> int:
 
 @unit
 def interpolate(run: Run, alpha: Alpha, share: float) -> int:
-    """Positions and velocities at a share of the last accepted step, into the trial state."""
+    """Positions and velocities at a share of the last accepted step, into the trial state.
+
+    `Trial.aa` are the method's own accelerations there.
+    """
+    st, smooth = run.state, run.work.trial.aa
+    for i in range(smooth.shape[0]):
+        smooth[i] = st.vd_before[i] + share * (st.vd[i] - st.vd_before[i])
     return interpolate_step(run, share)  # type: ignore[no-any-return]
 
 

@@ -38,7 +38,13 @@ from flexmb.engine.equations_of_motion import (
     velocity_stage,
     walk,
 )
-from flexmb.engine.integrators.radau_coefficients import STAGES, Radau, radau_coefficients
+from flexmb.engine.integrators.radau_coefficients import (
+    STAGES,
+    Radau,
+    put_stage_weights,
+    radau_coefficients,
+    stage_sum,
+)
 from flexmb.engine.iteration_matrix import (
     REFACTOR_ABOVE,
     factorise_pair,
@@ -282,36 +288,25 @@ def _predict(run, radau, h):
     has_step, before = span[1] > 0.0, st.memory[0]["last_step"]
     for i in range(STAGES):
         x = (st.t[0] + radau.c[i] * h - span[0]) / span[1] if has_step else 0.0
-        for j in range(STAGES):
-            w = 1.0
-            for k in range(STAGES):
-                if k != j:
-                    w *= (x - radau.c[k]) / (radau.c[j] - radau.c[k])
-            col.share[i, j] = w
+        put_stage_weights(radau, x, col.share[i])
     for k in range(st.v.shape[0]):
         for i in range(STAGES):
-            col.next_a[i, k] = _sum(col.share[i], col.a, k) if has_step else st.vd[k]
+            col.next_a[i, k] = stage_sum(col.share[i], col.a, k) if has_step else st.vd[k]
     if run.settings.follow == 1:
         walk(run.stages.static_path, run, run.state_point)
     for k in range(st.v.shape[0]):
         for i in range(STAGES):
-            col.v[i, k] = st.v[k] + h * _sum(radau.A[i], col.next_a, k)
+            col.v[i, k] = st.v[k] + h * stage_sum(radau.A[i], col.next_a, k)
         for i in range(STAGES):
-            col.u[i, k] = h * _sum(radau.A[i], col.v, k)
+            col.u[i, k] = h * stage_sum(radau.A[i], col.v, k)
     for k in range(st.lam.shape[0]):
         for i in range(STAGES):
-            col.next_lam[i, k] = _sum(col.share[i], col.lam, k) if has_step else st.lam[k]
+            col.next_lam[i, k] = stage_sum(col.share[i], col.lam, k) if has_step else st.lam[k]
         rise = (st.lam[k] - st.lam_before[k]) / before if before > 0.0 else 0.0
         for i in range(STAGES):
             col.lam[i, k] = col.next_lam[i, k]
             col.next_lam[i, k] = st.lam[k] + radau.c[i] * h * rise  # what they are near to
     span[1] = 0.0
-
-
-@kernel
-def _sum(weights, rows, k):
-    """Column k of three rows, weighted."""
-    return weights[0] * rows[0, k] + weights[1] * rows[1, k] + weights[2] * rows[2, k]
 
 
 @unit
@@ -321,14 +316,14 @@ def _put_rates(run: Run, radau: Radau, h: float) -> int:
     nv = st.v.shape[0]
     for n in range(STAGES):
         for k in range(nv):
-            col.v[n, k] = _sum(radau.inverse[n], col.u, k) / h
+            col.v[n, k] = stage_sum(radau.inverse[n], col.u, k) / h
         for b in range(bodies.shape[0]):
             o, u, v = bodies[b]["iv"] + 3, col.u[n], col.v[n]
             put_part(v, o, angular_velocity(part(u, o), part(v, o)))
     for n in range(STAGES):
         rate = radau.inverse[n]
         for k in range(nv):
-            col.a[n, k] = (_sum(rate, col.v, k) - (rate[0] + rate[1] + rate[2]) * st.v[k]) / h
+            col.a[n, k] = (stage_sum(rate, col.v, k) - (rate[0] + rate[1] + rate[2]) * st.v[k]) / h
     return method.FINE
 
 
@@ -394,9 +389,8 @@ def _finish(run, radau, h):
     col.age[0] = memory["factor_age"]
     st.count[0]["factorisations"] += 1
     cp = radau.filter * h * h if run.settings.determined == 0 else 0.0
-    status = accelerations(run, run.trial_point, cp, POSITIONS)
-    copy(tr.vd, tr.aa)
-    return status
+    copy(col.a[last], tr.aa)
+    return accelerations(run, run.trial_point, cp, POSITIONS)
 
 
 @kernel
@@ -425,11 +419,14 @@ def _estimate_error(run, radau, h):
 def interpolate(run: Run, radau: Radau, share: float) -> int:
     """Positions, velocities and works at a share of the last accepted step, into the trial state.
 
-    What the stages are off the cubic between the ends tells its error.
+    What the stages are off the cubic tells its error. `Trial.aa` are their accelerations there.
     """
-    st, tr, col = run.state, run.work.trial, run.work.collocation
-    before, works = tr.before, radau.works
+    st, tr, col, works = run.state, run.work.trial, run.work.collocation, radau.works
+    before = tr.before
     zero(tr.bend)
+    put_stage_weights(radau, share, col.share[0])
+    for k in range(tr.aa.shape[0]):
+        tr.aa[k] = stage_sum(col.share[0], col.a, k)
     for i in range(STAGES - 1 if run.settings.follow == 0 else 0):  # modes that follow leave stages
         put_motion(run, radau.c[i], tr.dq, tr.v)
         for k in range(tr.dq.shape[0]):

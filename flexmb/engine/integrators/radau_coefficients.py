@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexmb.engine.jit import Matrix, Vector
+from flexmb.engine.jit import Matrix, Vector, kernel
 
 STAGES = 3
 
@@ -71,3 +71,20 @@ def _bend(A: Matrix) -> Vector:
     off = (c**2 * (1.0 - c) ** 2 / 24.0)[:2]
     own = (A @ c**3 / 6.0 - c**4 / 24.0)[:2]
     return np.linalg.solve([off, off + own], [1.0 / 24.0, 1.0 / 24.0])
+
+
+@kernel
+def put_stage_weights(radau, share, weights):
+    """Weights of the stages in the parabola through them, at a share of their step."""
+    for j in range(STAGES):
+        w = 1.0
+        for k in range(STAGES):
+            if k != j:
+                w *= (share - radau.c[k]) / (radau.c[j] - radau.c[k])
+        weights[j] = w
+
+
+@kernel
+def stage_sum(weights, rows, k):
+    """Column k of three rows, weighted."""
+    return weights[0] * rows[0, k] + weights[1] * rows[1, k] + weights[2] * rows[2, k]

@@ -1,0 +1,175 @@
+"""Vibrations that loads excite and the steps of an implicit method damp, measured where they begin.
+
+Radau's method and generalized-α follow stiff parts of a model without their vibrations. So does the
+comparison run: the difference of the two tells nothing of them. Where a load or the acceleration of
+a driver jumps, a vibration begins about the new equilibrium, with the distance to it for amplitude:
+by as much reactions differ between v̇ of M alone and v̇ of M + b ∂F/∂q, which leaves stiff parts in
+equilibrium. That costs two solutions at each jump, less those just before it. At the jump where it
+is the largest part of a joint's range the run is repeated over a few of its steps, by steps that
+follow the vibration: the difference is measured, damping of the model included.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from flexmb.analysis.dynamics.integration import Integration
+from flexmb.analysis.dynamics.measured_error import MeasuredError
+from flexmb.engine import method
+from flexmb.engine.compile import Compiled
+from flexmb.engine.entries import integration_units
+from flexmb.engine.integrators.radau import radau_5
+from flexmb.engine.state import State
+from flexmb.engine.units import prepare_units
+from flexmb.flexbody.arrays import Array
+from flexmb.results.writer import OutputBlock
+
+_MAX_JUMPS = 64  # times that are looked at, evenly among more
+_AFTER_START = 1e-9  # of a run: when functions have left their value at its start
+_MANY = 10.0  # lengths of a step after a jump, within which it counts: first ones are short
+# Steps of the run over which it is measured, after the first half of one; times of comparison in
+# one step; local tolerance, and steps at most.
+_WINDOW, _TIMES, _FINE, _MAX_STEPS = 3, 16, 1e-8, 2000
+
+
+class JumpStates:
+    """States of a run just before jumps of functions of time, and the steps after them.
+
+    Parameters
+    ----------
+    compiled, settings : Compiled, Settings
+        What is run, and how.
+
+    Attributes
+    ----------
+    times : (n, 2) array
+        Just before and after each jump [s]; the first one is the start.
+    table : (n, 1 + nq + nv) array
+        Largest step after each [s], positions and velocities; NaN: not passed yet.
+    """
+
+    def __init__(self, compiled: Compiled, settings: method.Settings) -> None:
+        layout, events = compiled.layout, compiled.system.time_events
+        inside = (events[:, 0] > settings.start) & (events[:, 1] < settings.end)
+        start = settings.start + np.array([0.0, _AFTER_START * (settings.end - settings.start)])
+        self.times = np.vstack([start, events[inside]])
+        if len(self.times) > _MAX_JUMPS:
+            self.times = self.times[np.linspace(0, len(self.times) - 1, _MAX_JUMPS).astype(int)]
+        self.table = np.full((len(self.times), 1 + layout.nq + layout.nv), np.nan)
+
+    def add_steps(self, knots: Array, refinement: float) -> None:
+        """Take the ends of steps of the comparison run [s], which has fewer by `refinement`."""
+        for k, (before, after) in enumerate(self.times):
+            if knots[0] <= after and before < knots[-1] and np.isnan(self.table[k, 0]):
+                ends = knots[np.searchsorted(knots, before) :] - before
+                steps = np.diff(ends)
+                self.table[k, 0] = steps[ends[:-1] <= _MANY * steps].max() / refinement
+
+    def add_rows(self, rows: OutputBlock) -> None:
+        """Take rows of the run; those at the jumps are of interest."""
+        at = np.searchsorted(rows.t, self.times[:, 0])
+        for k in np.flatnonzero(at < len(rows.t)):
+            if rows.t[at[k]] == self.times[k, 0]:
+                self.table[k, 1:] = np.concatenate([rows.q[at[k]], rows.v[at[k]]])
+
+
+class _Point:
+    """Reactions at single states of a run, with stiff parts filtered by a step or not.
+
+    Parameters
+    ----------
+    run : Integration
+        Whose model, method and settings count.
+    first : State
+        For the memory of contacts and bristles.
+    """
+
+    def __init__(self, run: Integration, first: State) -> None:
+        self._state = State(*(array.copy() for array in first))
+        self._time = np.zeros(1)
+        self._run = Integration(run.compiled, run.method, run.settings, self._state, self._time)
+
+    def row(self, t: float, state: Array, step: float) -> OutputBlock:
+        """The row at positions and velocities (nq + nv,); with step 0 nothing is filtered."""
+        self._state.t[0] = t
+        self._state.q[:], self._state.v[:] = np.split(state, [len(self._state.q)])
+        self._state.memory[0]["last_step"], self._state.count[0]["outputs"] = step, 0
+        self._time[0] = t
+        self._run.integrate(0)
+        return self._run.rows.read()
+
+
+def measure_damped_vibrations(
+    run: Integration, settings: method.Settings, first: State, jumps: JumpStates,
+    error: MeasuredError, least: float,
+) -> None:  # fmt: skip
+    """Let a measured error know what vibrations the steps of a run damp.
+
+    Parameters
+    ----------
+    run : Integration
+        The run, at its end.
+    settings : Settings
+        Its own, were it alone.
+    first : State
+        Where it began.
+    jumps : JumpStates
+        Its states at jumps.
+    error : MeasuredError
+        Its error so far.
+    least : float
+        Share of the range of a reaction from which on a vibration is measured.
+    """
+    passed = np.flatnonzero(np.isfinite(jumps.table).all(axis=1)).tolist()
+    if not passed or settings.follow == 1:
+        return
+    point = _Point(run, first)
+    vibrations = [_first_vibration(point, jumps, k) for k in passed]
+    shares = [error.reaction_share(one) for one in vibrations]
+    worst = int(np.argmax(shares))
+    if shares[worst] > least:
+        coarse, fine = _runs_after_jump(run, settings, first, jumps, passed[worst])
+        if not len(fine.t):  # too fast to be followed
+            fine = vibrations[worst]
+            coarse = replace(fine, reactions=np.zeros_like(fine.reactions))
+        error.add_damped(coarse, fine, float(jumps.times[passed[worst], 0]))
+
+
+def _first_vibration(point: _Point, jumps: JumpStates, k: int) -> OutputBlock:
+    """A row (1, ...) whose reactions are those with which vibrations begin at a jump."""
+    step, state = float(jumps.table[k, 0]), jumps.table[k, 1:]
+    before, after = map(float, jumps.times[k])
+    row = point.row(after, state, 0.0)
+    reactions = row.reactions - point.row(after, state, step).reactions
+    if k > 0:  # less what is off in the state itself
+        reactions += point.row(before, state, step).reactions
+        reactions -= point.row(before, state, 0.0).reactions
+    return replace(row, reactions=reactions)
+
+
+def _runs_after_jump(
+    run: Integration, settings: method.Settings, first: State, jumps: JumpStates, k: int
+) -> tuple[OutputBlock, OutputBlock]:
+    """Rows after a jump by steps as those of the run, and by steps that follow vibrations."""
+    nq, step, begin = len(run.state.q), float(jumps.table[k, 0]), float(jumps.times[k, 0])
+    end = min(begin + _WINDOW * step, jumps.times[k + 1 :, 0].min(initial=settings.end))
+    times = np.linspace(begin, end, _WINDOW * _TIMES + 1)[_TIMES // 2 :]
+    radau = radau_5()
+    prepare_units(integration_units(run.compiled.system, radau))
+    blocks = []
+    tolerance = settings.tolerance
+    for local, integrator in ((tolerance, run.method), (min(tolerance, _FINE), radau)):
+        state = State(*(array.copy() for array in first))
+        state.t[0] = begin
+        state.q[:], state.v[:] = np.split(jumps.table[k, 1:], [nq])
+        state.motion[:], state.speed[:] = run.state.motion, run.state.speed
+        if local == tolerance and k > 0:
+            state.memory[0]["next_step"] = state.memory[0]["last_step"] = step
+        own = settings._replace(tolerance=local, start=begin, end=end)
+        again = Integration(run.compiled, integrator, own, state, times)
+        again.integrate(_MAX_STEPS)
+        blocks.append(again.rows.read())
+    rows = min(len(block.t) for block in blocks)
+    return blocks[0].part(0, rows), blocks[1].part(0, rows)

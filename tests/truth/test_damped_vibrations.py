@@ -1,0 +1,107 @@
+"""Vibrations that jumps excite and implicit methods damp: the run states what its reactions lack.
+
+A mass m stands on a spring on a base M whose driver has an acceleration that jumps to a₀ and falls
+to −a₀ (`step`, a cubic). The mass swings about its new place with the amplitude a₀/ω², and the
+driver's force by m a₀ beside its range of 2 (M + m) a₀ (Biggs, Introduction to Structural Dynamics,
+1964, ch. 2).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from flexiblescenes import four_bar_with_a_beam
+from hard.spin import driven_shaft
+from truthkit import Memory, run
+
+from flexmb.analysis.dynamics.dynamics import prepare_dynamics, run_dynamics
+from flexmb.engine.compile import compile_system
+from flexmb.model import Model
+
+BEGIN, END = 0.2, 0.7
+
+
+def shaken(omega=1e4, ratio=0.0, mass=1.0, size=1.0, away=0.0, profile="step"):
+    """The base moves by `size` from BEGIN to END; m in kg, M = 1 kg."""
+    made = Model("shaken")
+    made.add_marker("ground.at", position=[away, 0, 0])
+    made.add_body("base", mass=1, inertia=[size**2] * 3, position=[away, 0, 0])
+    made.add_body("load", mass=mass, inertia=[size**2] * 3, position=[away + size, 0, 0])
+    made.add_joint("guide", "prismatic", between=["ground.at", "base"], axis="x")
+    made.add_joint("rail", "prismatic", between=["base", "load"], axis="x")
+    made.add_force("spring", "spring-damper", between=["base", "load"], free_length=size,
+                   stiffness=mass * omega**2, damping=2 * ratio * omega * mass)  # fmt: skip
+    made.add_driver("motor", joint="guide",
+                    stroke={"type": profile, "t0": BEGIN, "t1": END, "y1": size})  # fmt: skip
+    made.add_sensor("load", "position", of="load")
+    return made
+
+
+def outcome(made, duration=1.0, outputs=200, **knobs):
+    made.set_dynamics(duration=duration, outputs=outputs, **knobs)
+    return run_dynamics(prepare_dynamics(compile_system(made), made), Memory())
+
+
+@pytest.mark.parametrize("method", ["radau", "generalized-alpha"])
+@pytest.mark.parametrize(
+    "change",
+    [{}, {"away": 1e3}, {"size": 1e-6}, {"size": 1e3}, {"mass": 0.01}, {"omega": 1e5}],
+    ids=lambda change: ", ".join(f"{name} {value:g}" for name, value in change.items()) or "plain",
+)
+def test_what_reactions_lack_of_a_vibration_is_stated(method, change):
+    ended = outcome(shaken(**change), method=method, accuracy=1e-4)
+    mass, told = change.get("mass", 1.0), ended.statistics["measured_error_of_reactions"]
+    assert ended.statistics["steps"] < 100  # none of them follows the vibration
+    assert told == pytest.approx(mass / (2 * (1 + mass)), rel=0.1)
+    if method == "radau" and "omega" not in change:  # else below what steps leave
+        amplitude = 6 / (END - BEGIN) ** 2 / 1e4**2
+        assert ended.statistics["measured_error_of_positions"] == pytest.approx(amplitude, rel=0.2)
+    sentence = [note for note in ended.notes if "lacks" in note]
+    assert bool(sentence) == (told > 0.05)
+    assert all("at t = 0.2 s" in note for note in sentence)
+
+
+@pytest.mark.parametrize("rows", [3, 1000])
+def test_rare_and_many_outputs(rows):
+    ended = outcome(shaken(), outputs=rows, method="radau", accuracy=1e-4)
+    assert ended.statistics["measured_error_of_reactions"] == pytest.approx(0.25, rel=0.1)
+
+
+@pytest.mark.parametrize("method", ["radau", "generalized-alpha"])
+@pytest.mark.parametrize("change", [{"ratio": 0.05}, {"profile": "step5"}, {"omega": 200.0}])
+def test_no_alarm_where_vibrations_end_are_not_excited_or_are_followed(method, change):
+    ended = outcome(shaken(**change), method=method, accuracy=1e-4)
+    assert ended.statistics["measured_error_of_reactions"] < 0.01
+    assert not any("lacks" in note for note in ended.notes)
+
+
+COUPLER = {"duration": 0.4, "outputs": 80}
+
+
+@pytest.fixture(scope="module")
+def followed():
+    """A run by a method that follows all vibrations: its reactions are right to 1e-4."""
+    return run(four_bar_with_a_beam(), accuracy=1e-6, method="explicit-rk", verify=False, **COUPLER)
+
+
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-4])
+def test_a_flexible_coupler_that_a_driver_starts(followed, accuracy):
+    own = run(four_bar_with_a_beam(), accuracy=accuracy, **COUPLER)
+    off = [
+        np.abs(own.reaction(name) - followed.reaction(name)).max()
+        / np.ptp(followed.reaction(name), axis=0).max()
+        for name in ("drivers.motor", "joints.left", "joints.right")
+    ]
+    assert max(off) > 0.1
+    assert max(off) / 1.5 < own.statistics["measured_error_of_reactions"] < 3 * max(off)
+
+
+def test_torque_of_a_shaft_that_a_driver_starts():
+    """Undamped it swings from that of the rigid end to twice the mean of both, and on and on."""
+    knobs = {"method": "radau", "duration": 0.05, "outputs": 500}
+    fine = run(driven_shaft(), accuracy=1e-7, **knobs).reaction("drivers.motor")
+    own = run(driven_shaft(), accuracy=1e-3, **knobs)
+    swing, off = np.ptp(fine), np.abs(own.reaction("drivers.motor") - fine)[250:].max()
+    assert off > 0.4 * swing
+    stated = own.statistics["measured_error_of_reactions"] * np.ptp(own.reaction("drivers.motor"))
+    assert off / 2 < stated < 2 * off
