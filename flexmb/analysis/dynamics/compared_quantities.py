@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,3 +118,12 @@ def round_off(rows: Sequence[Compared], compiled: Compiled, q: Array) -> Array:
             places = one.columns[:1] if one.table == "q" else bodies[on[on >= 0]]
             sizes[k] = max((float(np.linalg.norm(q[iq : iq + 3])) for iq in places), default=0.0)
     return np.asarray(np.finfo(float).eps * np.sqrt(2.0 / 12.0) * sizes)
+
+
+def groups(keys: Iterable[Any]) -> dict[Any, NDArray[np.intp]]:
+    """Places of each key, in the order of their first ones."""
+    every = list(keys)
+    return {
+        key: np.array([k for k, one in enumerate(every) if one == key], np.intp)
+        for key in dict.fromkeys(every)
+    }

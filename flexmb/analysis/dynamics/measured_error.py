@@ -15,20 +15,19 @@ velocities and reactions, each over the peak-to-peak of its sensor, with its nam
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmb.analysis.dynamics.compared_quantities import (
     FOR_SCALE,
     Part,
     by_part,
     compared,
+    groups,
     round_off,
-)  # fmt: skip
+)
 from flexmb.analysis.dynamics.integration import Integration
 from flexmb.analysis.dynamics.run_settings import (
     HIGH_ORDER,
@@ -80,6 +79,7 @@ _ORDER_LOST = {True: 2.0, False: 1.5}
 # 1.2, a tenth 2.7 or more (order 8; 0.9, 1.1 and 2.6 with order 5). Of 184 pairs of passes a
 # twentieth fell by 0.54 times what the order says or less (0.59): only less is an order lost.
 _LUCK = 2.0
+_LIMITED = 0.02  # of all steps, those of a scout at its limit of stability
 _LEAST_ERROR = 1e-15  # over the peak-to-peak
 _NONE, _REACTIONS = np.zeros(0, np.intp), ("N", "N m")
 _PARTED = 0.1  # difference over the peak-to-peak from which on two runs are different motions
@@ -124,8 +124,8 @@ class MeasuredError:
         self._length = self._least.get("m", 0.0) / _NO_MOTION
         n = len(self.compared)
         every = self.compared
-        self._of_unit = _groups((one.unit, one.quantity == FOR_SCALE) for one in every)
-        self._of_quantity = at = _groups(one.quantity for one in every)
+        self._of_unit = groups((one.unit, one.quantity == FOR_SCALE) for one in every)
+        self._of_quantity = at = groups(one.quantity for one in every)
         self._units = np.array([one.unit for one in every])
         whole = np.ones(n, dtype=bool)
         self._parts = parts or [(whole, whole, 0.0)]
@@ -150,7 +150,7 @@ class MeasuredError:
         # positions of the fine run and differences, of this pass and of the one before
         self._samples = SampledHistory(len(self._sampled) + len(self._places))
         self._before = np.full_like(self._samples.table, np.nan)
-        self._results: dict[tuple[float, int], dict[str, ErrorOf]] = {}  # of the rows so far
+        self._results: dict[tuple[float, int, bool], dict[str, ErrorOf]] = {}  # of the rows so far
         self.round_off = np.zeros(n)  # of a step
         self._scales = np.zeros(0)  # `_spans` of the rows so far, if they were asked for
 
@@ -197,13 +197,15 @@ class MeasuredError:
         samples = np.hstack([values[:, self._sampled], gaps[:, self._places]])
         self._samples.add(fine.t[:n], samples)
 
-    def largest(self, ratio: float, steps: int = 0) -> dict[str, ErrorOf]:
+    def largest(self, ratio: float, steps: int = 0, limited: bool = False) -> dict[str, ErrorOf]:
         """The largest error of each quantity; `ratio` is that of the errors of the two runs.
 
         Round-off of the steps is no error that falls with them: it adds up as a walk at random,
-        which is by its standard deviation off.
+        which is by its standard deviation off. A scout that is `limited` by stability rings by what
+        its tolerance allows, in reactions by far more, and these are no other motion; nor is a
+        reaction of the finer run, whose steps are stable, off by more than it has itself.
         """
-        key = ratio, steps
+        key = ratio, steps, limited
         if key in self._results:
             return self._results[key]
         spans, largest = self._spans(), dict[str, ErrorOf]()
@@ -213,7 +215,13 @@ class MeasuredError:
         walk = math.sqrt(steps) * self.round_off
         walk = np.divide(walk, spans, out=np.zeros(len(spans)), where=spans > 0.0)
         falling = apart / (max(ratio, 1.0 + 1e-9) - 1.0)
+        reactions = self._of_quantity.get("reactions", _NONE)
+        if limited and not different[self._places].any():
+            different[reactions] = False
         errors = np.where(different, apart, np.minimum(falling + walk, np.maximum(apart, falling)))
+        if limited:
+            own = self._largest_values()[reactions] / spans[reactions]
+            errors[reactions] = np.minimum(errors[reactions], own)
         for quantity, of in self._of_quantity.items():
             k = int(of[errors[of].argmax()])
             name, (low, high), over = self.compared[k].name, self._range[:, k], ""
@@ -306,15 +314,6 @@ class MeasuredError:
                 if len(pair) == 2:
                     sizes = np.array([1.0, reach * turns])
                     spans[pair] = (spans[pair] * sizes).max() / sizes
-
-
-def _groups(keys: Iterable[Any]) -> dict[Any, NDArray[np.intp]]:
-    """Places of each key, in the order of their first ones."""
-    every = list(keys)
-    return {
-        key: np.array([k for k, one in enumerate(every) if one == key], np.intp)
-        for key in dict.fromkeys(every)
-    }
 
 
 class VerifiedRun:
@@ -446,4 +445,5 @@ class VerifiedRun:
             luck = _LUCK if self.fine.method.stages else 1.0
             ratio = min(self.error.ratio_before() or ratio, luck * ratio)
         steps = int(self.fine.state.count[0]["steps"])
-        return self.error.largest(min(ratio, _DAMPED_RATIO) if damped else ratio, steps)
+        limited = self.scout.state.memory[0]["steps_at_stability_limit"] > _LIMITED * steps
+        return self.error.largest(min(ratio, _DAMPED_RATIO) if damped else ratio, steps, limited)
