@@ -13,8 +13,8 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "files": 341,
-    "lines": 91_200,
+    "files": 342,
+    "lines": 91_310,
     "participles": 30,
     "base names of three and more files": 0,
     _ALL: 0,

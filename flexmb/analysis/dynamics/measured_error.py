@@ -110,7 +110,7 @@ class MeasuredError:
         # positions of the fine run and differences, of this pass and of the one before
         self._samples = SampledHistory(len(self._sampled) + len(self._places))
         self._before = np.full_like(self._samples.table, np.nan)
-        self._results: dict[tuple[float, int], dict[str, ErrorOf]] = {}  # of the rows so far
+        self._results: dict[tuple[float, int, bool], dict[str, ErrorOf]] = {}  # of the rows so far
         self.round_off = np.zeros(n)  # of a step
         self._scales = np.zeros(0)  # `_spans` of the rows so far, if they were asked for
 
@@ -197,13 +197,15 @@ class MeasuredError:
             float(self._damped[2, k]),
         )
 
-    def largest(self, ratio: float, steps: int = 0) -> dict[str, ErrorOf]:
+    def largest(self, ratio: float, steps: int = 0, limited: bool = False) -> dict[str, ErrorOf]:
         """The largest error of each quantity; `ratio` is that of the errors of the two runs.
 
         Round-off of the steps is no error that falls with them: it adds up as a walk at random,
-        which is by its standard deviation off.
+        which is by its standard deviation off. A scout that is `limited` by stability rings by what
+        its tolerance allows, in reactions by far more, and these are no other motion; nor is a
+        reaction of the finer run, whose steps are stable, off by more than it has itself.
         """
-        key = ratio, steps
+        key = ratio, steps, limited
         if key in self._results:
             return self._results[key]
         spans, largest = self._spans(), dict[str, ErrorOf]()
@@ -213,7 +215,13 @@ class MeasuredError:
         walk = math.sqrt(steps) * self.round_off
         walk = np.divide(walk, spans, out=np.zeros(len(spans)), where=spans > 0.0)
         falling = apart / (max(ratio, 1.0 + 1e-9) - 1.0)
+        reactions = self._of_quantity.get("reactions", _NONE)
+        if limited and not different[self._places].any():
+            different[reactions] = False
         errors = np.where(different, apart, np.minimum(falling + walk, np.maximum(apart, falling)))
+        if limited:
+            own = reactions[spans[reactions] > 0.0]
+            errors[own] = np.minimum(errors[own], self._largest_values()[own] / spans[own])
         damped = np.divide(self._damped[0], spans, out=np.zeros(len(spans)), where=spans > 0.0)
         times = np.where(damped > errors, self._damped[1], self._largest[1])
         errors = np.maximum(errors, damped)

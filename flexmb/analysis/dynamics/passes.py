@@ -167,7 +167,7 @@ def prepared_run(
     begin = State(*(array.copy() for array in state))
     if spec.verify is not False and settings.step == 0.0:
         compared, jumps = compared_times(spec), None
-        if integrator.stages == 0 and settings.stiff == 1:
+        if settings.stiff == 1:  # by explicit methods too, which others may follow
             jumps = JumpStates(compiled, settings)
             compared = np.union1d(compared, jumps.times[:, 0])
         recorded = np.isin(compared, times)
@@ -228,7 +228,7 @@ def _set_motion(prepared: PreparedDynamics, like: State, moves: np.ndarray | boo
 def measure_vibrations(prepared: PreparedDynamics) -> None:
     """At the end of a pass let its measured error know of vibrations that its steps damp."""
     verified = prepared.verified
-    if verified is not None and verified.jumps is not None:
+    if verified is not None and verified.jumps is not None and not verified.fine.method.stages:
         worst = verified.errors().get("reactions")
         least = max(_MEASURED, worst.error if worst else 0.0)
         measure_damped_vibrations(

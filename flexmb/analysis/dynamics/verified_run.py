@@ -48,6 +48,7 @@ _ORDER_LOST = {True: 2.0, False: 1.5}
 # 1.2, a tenth 2.7 or more (order 8; 0.9, 1.1 and 2.6 with order 5). Of 184 pairs of passes a
 # twentieth fell by 0.54 times what the order says or less (0.59): only less is an order lost.
 _LUCK = 2.0
+_LIMITED = 0.02  # of all steps, those of a scout at its limit of stability
 
 
 class VerifiedRun:
@@ -66,7 +67,7 @@ class VerifiedRun:
     is_stiff : bool
         Whether stability limited the steps of an explicit method.
     jumps : JumpStates, optional
-        Of the fine run, where its method damps vibrations.
+        Of the fine run, where something is stiff.
     """
 
     def __init__(
@@ -190,4 +191,5 @@ class VerifiedRun:
             luck = _LUCK if self.fine.method.stages else 1.0
             ratio = min(self.error.ratio_before() or ratio, luck * ratio)
         steps = int(self.fine.state.count[0]["steps"])
-        return self.error.largest(min(ratio, _DAMPED_RATIO) if damped else ratio, steps)
+        limited = self.scout.state.memory[0]["steps_at_stability_limit"] > _LIMITED * steps
+        return self.error.largest(min(ratio, _DAMPED_RATIO) if damped else ratio, steps, limited)

@@ -171,7 +171,7 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
             memory["contraction"] = 1.0
             memory["factor_step"] = h
             last = 0.0  # a contraction is measured between corrections by one factor
-        size, moved = _correct(run, b, cv)
+        size, moved = correct(run, b, cv)
         if not math.isfinite(size):
             return NOT_FINITE
         noise = moved <= _NOISE * floor and last > 0.0 and size > REFACTOR_ABOVE * last
@@ -231,7 +231,7 @@ def _predict(alpha, st, tr, h):
 
 
 @kernel
-def _correct(run, b, cv):
+def correct(run, b, cv):
     """Newton correction of the trial state; returns what was still wrong, and the size of δq.
 
     Forces out of balance count by what they would move their own coordinate: with an old factor

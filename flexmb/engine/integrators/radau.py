@@ -38,6 +38,7 @@ from flexmb.engine.equations_of_motion import (
     velocity_stage,
     walk,
 )
+from flexmb.engine.integrators.one_stage import one_stage_step
 from flexmb.engine.integrators.radau_coefficients import (
     STAGES,
     Radau,
@@ -218,18 +219,17 @@ def step(run: Run, radau: Radau, h: float) -> int:
     """One step from the state; see the contract in `engine.method`.
 
     Across a singular pose constraint rows depend on each other at one stage and oppose each other
-    at the next, which no factor for all stages fits: there multipliers of what the other rows
-    answer for stay nearly as they were.
+    at the next, which no factor for all stages fits: there multipliers of what others answer for
+    stay nearly as they were. Where it is a force on modes without mass, one stage is taken.
     """
-    memory = run.state.memory[0]
+    memory, real = run.state.memory[0], run.work.collocation.real
     status = _iterate(run, radau, h)
-    if status == method.NO_CONVERGENCE and has_dependent_rows(
-        run.work.collocation.real, _REDUNDANT
-    ):
+    if status == method.NO_CONVERGENCE and has_dependent_rows(real, _REDUNDANT):
         memory["regularisation"], memory["factor_step"] = _SINGULAR, 0.0
         status = _iterate(run, radau, h)
         memory["regularisation"], memory["factor_step"] = 0.0, 0.0
-    return status
+    failed = status == method.NO_CONVERGENCE and len(run.stages.static.units) > 0
+    return one_stage_step(run, radau, h) if failed else status
 
 
 @kernel
