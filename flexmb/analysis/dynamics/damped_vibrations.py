@@ -74,6 +74,11 @@ class JumpStates:
             if rows.t[at[k]] == self.times[k, 0]:
                 self.table[k, 1:] = np.concatenate([rows.q[at[k]], rows.v[at[k]]])
 
+    def begins_before(self, time: float) -> bool:
+        """Whether a time [s] is that of a jump or within the step after it."""
+        after = time - self.times[:, 0]
+        return bool(np.any((after >= 0.0) & (after <= self.table[:, 0])))
+
 
 class _Point:
     """Reactions at single states of a run, with stiff parts filtered by a step or not.

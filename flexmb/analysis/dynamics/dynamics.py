@@ -30,6 +30,7 @@ from flexmb.analysis.dynamics.passes import (
     missed_accuracy,
     needs_rough_run,
     prepared_run,
+    reason_of_pass,
     rough_run,
     stricter_tolerance,
     unstable_step,
@@ -174,6 +175,7 @@ def run_dynamics(prepared: PreparedDynamics, sink: Sink, *, progress: Progress =
     """
     notes, spec, compiled = list(prepared.notes), prepared.spec, prepared.run.compiled
     finished: PreparedDynamics | None = None  # the run before, if it came to its end
+    reason = ""  # of its second pass
     while True:
         current = _Pass(prepared, sink, progress)
         ending = run_chunks(current, progress)
@@ -199,16 +201,16 @@ def run_dynamics(prepared: PreparedDynamics, sink: Sink, *, progress: Progress =
             tolerance = stricter_tolerance(prepared) if ending.status == "finished" else None
             if tolerance is None:
                 break
+            reason = reason or reason_of_pass(prepared)
             finished, again = prepared, prepared.with_tolerance(tolerance)
         sink.restart()
         prepared = again
     prepared.timer.lap("integrate")
-    notes += current.notes(ending)
+    notes += [*current.notes(ending), *filter(None, [reason])]
     statistics = {"method": prepared.method, **_statistics(prepared.run)}
     statistics |= prepared.timer.seconds
-    reason = reason_of_method(spec, prepared.method, _is_flexible(compiled))
-    if reason:
-        statistics["reason_of_method"] = reason
+    if of_method := reason_of_method(spec, prepared.method, _is_flexible(compiled)):
+        statistics["reason_of_method"] = of_method
     if prepared.verified is not None:
         statistics |= _measured_errors(prepared.verified)
     if prepared.not_unique:

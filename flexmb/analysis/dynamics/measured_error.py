@@ -53,6 +53,7 @@ class ErrorOf:
     time: float  # s, at which it is largest
     over: str = ""  # its scale, if not its peak-to-peak
     round_off: float = 0.0  # what of the error shorter steps do not lessen
+    begin: float = -math.inf  # of the vibration that steps damp, where that is the error [s]
 
 
 class MeasuredError:
@@ -224,6 +225,7 @@ class MeasuredError:
             errors[own] = np.minimum(errors[own], self._largest_values()[own] / spans[own])
         damped = np.divide(self._damped[0], spans, out=np.zeros(len(spans)), where=spans > 0.0)
         times = np.where(damped > errors, self._damped[1], self._largest[1])
+        begin = np.where(damped > errors, self._damped[2], -math.inf)
         errors = np.maximum(errors, damped)
         for quantity, of in self._of_quantity.items():
             k = int(of[errors[of].argmax()])
@@ -232,7 +234,7 @@ class MeasuredError:
                 flexible = name.removeprefix("bodies.") in self._gyration
                 over = _OF_POINTS if flexible else _FLOORS[quantity]
             error, time = float(errors[k]), float(times[k])
-            largest[quantity] = ErrorOf(error, name, time, over, float(walk[k]))
+            largest[quantity] = ErrorOf(error, name, time, over, float(walk[k]), float(begin[k]))
         self._results[key] = largest
         return largest
 

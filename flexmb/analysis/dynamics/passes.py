@@ -251,6 +251,19 @@ def damped_vibration(prepared: PreparedDynamics) -> str:
     )
 
 
+def reason_of_pass(prepared: PreparedDynamics) -> str:
+    """A sentence where a run is repeated for a vibration that its steps damped, or ""."""
+    assert prepared.verified is not None
+    worst = prepared.verified.errors()["positions"]
+    if not worst.begin >= 0.0:
+        return ""
+    return (
+        f"steps follow a vibration, which sensor {worst.name} shows to {worst.error:.2g} of its "
+        f"range: loads or accelerations jump at t = {prepared.model.units.say(worst.begin, 's', 4)}"
+        "; a smooth change (step5 for step) excites less of it, damping lets it end"
+    )
+
+
 def stricter_tolerance(prepared: PreparedDynamics) -> float | None:
     """The local tolerance for the requested accuracy, where the measured error is larger."""
     verified, settings = prepared.verified, prepared.settings
@@ -325,12 +338,18 @@ def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
             f"take fixed steps, or {ask}{other}"
         )
     else:
-        until = unit.say(verified.error.reached_until(accuracy), "s", 4)
-        yield (
-            f"{reached}; the run and its comparison run agree to it until t = {until}: a chaotic "
-            "motion multiplies errors whatever the steps, so that the rest is one motion of many; "
-            "else another method or fixed steps may reach it"
+        until = verified.error.reached_until(accuracy)
+        why = (
+            "a chaotic motion multiplies errors whatever the steps, so that the rest is one motion "
+            "of many; else another method or fixed steps may reach it"
         )
+        if verified.jumps is not None and verified.jumps.begins_before(until):
+            why = (
+                f"steps of {prepared.method} damp a vibration that a jump of loads or "
+                f'accelerations excites there, which method = "{FINE_METHOD}" follows'
+            )
+        at = unit.say(until, "s", 4)
+        yield f"{reached}; the run and its comparison run agree to it until t = {at}: {why}"
 
 
 def may_change_method(prepared: PreparedDynamics) -> bool:
