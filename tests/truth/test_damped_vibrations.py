@@ -12,8 +12,11 @@ import numpy as np
 import pytest
 from flexiblescenes import four_bar_with_a_beam
 from hard.spin import driven_shaft
+from samebytes import assert_same_bytes
 from truthkit import Memory, run
 
+import flexmb
+from flexmb.analysis.dynamics import integration
 from flexmb.analysis.dynamics.dynamics import prepare_dynamics, run_dynamics
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
@@ -144,3 +147,30 @@ def test_a_run_that_is_repeated_for_a_vibration_says_why():
     made.add_sensor("gap", "distance", between=["base", "load"])
     missed = outcome(made, method="generalized-alpha", accuracy=1e-3)
     assert any("damp a vibration that a jump" in note for note in missed.notes)
+
+
+def test_a_resumed_run_states_the_same(tmp_path, monkeypatch):
+    monkeypatch.setattr(integration, "_CHUNK_WORK", 12 * 8)
+    made, knobs = shaken(), {"outputs": 100, "method": "radau", "accuracy": 1e-4}
+
+    def interrupt(phase, share, detail=""):
+        if phase == "integrate" and share > 0.5:
+            raise KeyboardInterrupt
+
+    whole = flexmb.simulate(made, output=tmp_path / "whole", duration=1.0, **knobs)
+    part = flexmb.simulate(
+        made, output=tmp_path / "part", progress=interrupt, duration=1.0, **knobs
+    )
+    again = flexmb.resume(part)
+    assert_same_bytes(again.path, whole.path)
+    for name, value in whole.statistics.items():
+        assert name.startswith("seconds") or again.statistics[name] == value, name
+
+
+def test_a_run_that_goes_on_to_a_jump_measures_it(tmp_path):
+    knobs = {"outputs": 30, "method": "radau", "accuracy": 1e-4}
+    short = flexmb.simulate(shaken(), output=tmp_path / "short", duration=0.15, **knobs)
+    assert short.statistics["measured_error_of_positions"] == 0.0
+    longer = flexmb.resume(short, duration=1.0)
+    told = longer.statistics["measured_error_of_reactions"]
+    assert told == pytest.approx(0.25, rel=0.1)

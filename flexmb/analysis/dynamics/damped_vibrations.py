@@ -26,7 +26,7 @@ from flexmb.engine.units import prepare_units
 from flexmb.flexbody.arrays import Array
 from flexmb.results.writer import OutputBlock
 
-_MAX_JUMPS = 64  # times that are looked at, evenly among more
+_MAX_JUMPS = 16  # times that are looked at, evenly among more
 _AFTER_START = 1e-9  # of a run: when functions have left their value at its start
 _MANY = 10.0  # lengths of a step after a jump, within which it counts: first ones are short
 # Steps of the run over which it is measured, after the first half of one; times of comparison in
@@ -44,40 +44,59 @@ class JumpStates:
 
     Attributes
     ----------
-    times : (n, 2) array
-        Just before and after each jump [s]; the first one is the start.
-    table : (n, 1 + nq + nv) array
-        Largest step after each [s], positions and velocities; NaN: not passed yet.
+    table : (n, 3 + nq + nv) array
+        Times just before and after each jump, largest step after it [s], positions and velocities;
+        NaN: not passed yet, or no jump. The first one is the start. Saved with the run.
     """
 
     def __init__(self, compiled: Compiled, settings: method.Settings) -> None:
-        layout, events = compiled.layout, compiled.system.time_events
-        inside = (events[:, 0] > settings.start) & (events[:, 1] < settings.end)
-        start = settings.start + np.array([0.0, _AFTER_START * (settings.end - settings.start)])
-        self.times = np.vstack([start, events[inside]])
-        if len(self.times) > _MAX_JUMPS:
-            self.times = self.times[np.linspace(0, len(self.times) - 1, _MAX_JUMPS).astype(int)]
-        self.table = np.full((len(self.times), 1 + layout.nq + layout.nv), np.nan)
+        self._layout = compiled.layout
+        self.table = np.full((_MAX_JUMPS, 3 + self._layout.nq + self._layout.nv), np.nan)
+        span = settings.end - settings.start
+        self.table[0, :2] = settings.start, settings.start + _AFTER_START * span
+        self.add_jumps(compiled, settings)
+
+    def add_jumps(self, compiled: Compiled, settings: method.Settings) -> None:
+        """Take jumps until the end that come after those in the table, as far as there is room."""
+        events, free = compiled.system.time_events, np.flatnonzero(np.isnan(self.table[:, 0]))
+        later = events[(events[:, 0] > np.nanmax(self.table[:, 1])) & (events[:, 1] < settings.end)]
+        if len(later) > len(free):
+            later = later[np.linspace(0, len(later) - 1, len(free)).astype(int)]
+        self.table[free[: len(later)], :2] = later
+
+    @property
+    def before(self) -> Array:
+        """Times just before the jumps (n,) [s]."""
+        return np.asarray(self.table[np.isfinite(self.table[:, 0]), 0])
+
+    def state(self, k: int) -> tuple[Array, Array]:
+        """Positions (nq,) and velocities (nv,) at a jump."""
+        return self.table[k, 3 : 3 + self._layout.nq], self.table[k, 3 + self._layout.nq :]
+
+    def passed(self) -> list[int]:
+        """Jumps whose state and step are known."""
+        return [int(k) for k in np.flatnonzero(np.isfinite(self.table).all(axis=1))]
 
     def add_steps(self, knots: Array, refinement: float) -> None:
         """Take the ends of steps of the comparison run [s], which has fewer by `refinement`."""
-        for k, (before, after) in enumerate(self.times):
-            if knots[0] <= after and before < knots[-1] and np.isnan(self.table[k, 0]):
-                ends = knots[np.searchsorted(knots, before) :] - before
+        for row in self.table[np.isfinite(self.table[:, 0]) & np.isnan(self.table[:, 2])]:
+            if knots[0] <= row[1] and row[0] < knots[-1]:
+                ends = knots[np.searchsorted(knots, row[0]) :] - row[0]
                 steps = np.diff(ends)
-                self.table[k, 0] = steps[ends[:-1] <= _MANY * steps].max() / refinement
+                largest = steps[ends[:-1] <= _MANY * steps].max() / refinement
+                self.table[self.table[:, 0] == row[0], 2] = largest
 
     def add_rows(self, rows: OutputBlock) -> None:
         """Take rows of the run; those at the jumps are of interest."""
-        at = np.searchsorted(rows.t, self.times[:, 0])
+        at = np.searchsorted(rows.t, self.before)
         for k in np.flatnonzero(at < len(rows.t)):
-            if rows.t[at[k]] == self.times[k, 0]:
-                self.table[k, 1:] = np.concatenate([rows.q[at[k]], rows.v[at[k]]])
+            if rows.t[at[k]] == self.table[k, 0]:
+                self.table[k, 3:] = np.concatenate([rows.q[at[k]], rows.v[at[k]]])
 
     def begins_before(self, time: float) -> bool:
         """Whether a time [s] is that of a jump or within the step after it."""
-        after = time - self.times[:, 0]
-        return bool(np.any((after >= 0.0) & (after <= self.table[:, 0])))
+        after = time - self.table[:, 0]
+        return bool(np.any((after >= 0.0) & (after <= self.table[:, 2])))
 
 
 class _Point:
@@ -96,10 +115,10 @@ class _Point:
         self._time = np.zeros(1)
         self._run = Integration(run.compiled, run.method, run.settings, self._state, self._time)
 
-    def row(self, t: float, state: Array, step: float) -> OutputBlock:
-        """The row at positions and velocities (nq + nv,); with step 0 nothing is filtered."""
+    def row(self, t: float, state: tuple[Array, Array], step: float) -> OutputBlock:
+        """The row at positions and velocities; with step 0 nothing is filtered."""
         self._state.t[0] = t
-        self._state.q[:], self._state.v[:] = np.split(state, [len(self._state.q)])
+        self._state.q[:], self._state.v[:] = state
         self._state.memory[0]["last_step"], self._state.count[0]["outputs"] = step, 0
         self._time[0] = t
         self._run.integrate(0)
@@ -127,7 +146,7 @@ def measure_damped_vibrations(
     least : float
         Share of the range of a reaction from which on a vibration is measured.
     """
-    passed = np.flatnonzero(np.isfinite(jumps.table).all(axis=1)).tolist()
+    passed = jumps.passed()
     if not passed or settings.follow == 1:
         return
     point = _Point(run, first)
@@ -139,13 +158,12 @@ def measure_damped_vibrations(
         if not len(fine.t):  # too fast to be followed
             fine = vibrations[worst]
             coarse = replace(fine, reactions=np.zeros_like(fine.reactions))
-        error.add_damped(coarse, fine, float(jumps.times[passed[worst], 0]))
+        error.add_damped(coarse, fine, float(jumps.table[passed[worst], 0]))
 
 
 def _first_vibration(point: _Point, jumps: JumpStates, k: int) -> OutputBlock:
     """A row (1, ...) whose reactions are those with which vibrations begin at a jump."""
-    step, state = float(jumps.table[k, 0]), jumps.table[k, 1:]
-    before, after = map(float, jumps.times[k])
+    (before, after, step), state = map(float, jumps.table[k, :3]), jumps.state(k)
     row = point.row(after, state, 0.0)
     reactions = row.reactions - point.row(after, state, step).reactions
     if k > 0:  # less what is off in the state itself
@@ -158,8 +176,8 @@ def _runs_after_jump(
     run: Integration, settings: method.Settings, first: State, jumps: JumpStates, k: int
 ) -> tuple[OutputBlock, OutputBlock]:
     """Rows after a jump by steps as those of the run, and by steps that follow vibrations."""
-    nq, step, begin = len(run.state.q), float(jumps.table[k, 0]), float(jumps.times[k, 0])
-    end = min(begin + _WINDOW * step, jumps.times[k + 1 :, 0].min(initial=settings.end))
+    begin, step = float(jumps.table[k, 0]), float(jumps.table[k, 2])
+    end = min(begin + _WINDOW * step, jumps.before[k + 1 :].min(initial=settings.end))
     times = np.linspace(begin, end, _WINDOW * _TIMES + 1)[_TIMES // 2 :]
     radau = radau_5()
     prepare_units(integration_units(run.compiled.system, radau))
@@ -168,7 +186,7 @@ def _runs_after_jump(
     for local, integrator in ((tolerance, run.method), (min(tolerance, _FINE), radau)):
         state = State(*(array.copy() for array in first))
         state.t[0] = begin
-        state.q[:], state.v[:] = np.split(jumps.table[k, 1:], [nq])
+        state.q[:], state.v[:] = jumps.state(k)
         state.motion[:], state.speed[:] = run.state.motion, run.state.speed
         if local == tolerance and k > 0:
             state.memory[0]["next_step"] = state.memory[0]["last_step"] = step

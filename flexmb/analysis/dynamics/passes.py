@@ -169,7 +169,7 @@ def prepared_run(
         compared, jumps = compared_times(spec), None
         if settings.stiff == 1:  # by explicit methods too, which others may follow
             jumps = JumpStates(compiled, settings)
-            compared = np.union1d(compared, jumps.times[:, 0])
+            compared = np.union1d(compared, jumps.before)
         recorded = np.isin(compared, times)
         verified = VerifiedRun.of(
             compiled, model, integrator, settings, begin, compared, recorded, passes,
@@ -232,7 +232,7 @@ def measure_vibrations(prepared: PreparedDynamics) -> None:
         worst = verified.errors().get("reactions")
         least = max(_MEASURED, worst.error if worst else 0.0)
         measure_damped_vibrations(
-            verified.fine, prepared.settings, prepared.begin, verified.jumps, verified.error, least
+            verified.fine, prepared.settings, prepared.first, verified.jumps, verified.error, least
         )
 
 

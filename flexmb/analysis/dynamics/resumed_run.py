@@ -99,6 +99,8 @@ def _restore(prepared: PreparedDynamics, arrays: dict[str, np.ndarray], result: 
         array[...] = arrays[name]
     for run in (prepared.run, *((prepared.verified.scout,) if prepared.verified else ())):
         run.count_outputs()  # of a longer run they are others, as times of comparison are
+    if prepared.verified is not None and prepared.verified.jumps is not None:
+        prepared.verified.jumps.add_jumps(prepared.run.compiled, prepared.settings)
     if result.status == "finished":
         tolerance, _, number, _, _ = prepared.passes[0]
         prepared.passes[0] = (tolerance, 1, number, 0.0, 0.0)
