@@ -111,7 +111,11 @@ def free_motions(body: FlexBody, interfaces: Sequence[str]) -> FloatArray:
 
 
 def _null_space(rows: FloatArray, size: FloatArray) -> FloatArray:
-    """(n, k) what rows leave free; each row and column is scaled to be of order one."""
+    """(n, k) what rows leave free; each row and column is scaled to be of order one.
+
+    What has no inertia, as points on a line about it, has the scale of what has most.
+    """
+    size = np.where(size > 0.0, size, size.max())
     scaled = rows / size
     largest = np.linalg.norm(scaled, axis=1, keepdims=True)
     return np.asarray(null_space(scaled / np.where(largest > 0.0, largest, 1.0)) / size[:, None])

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from .contacts import CONTACTS
+from .drives import DRIVES
 from .heldout import HELD_OUT
+from .linkages import LINKAGES
 from .machines import MACHINES
+from .mounts import MOUNTS
 from .orbits import ORBITS
 from .oscillators import OSCILLATORS
 from .pendulums import PENDULUMS
@@ -32,6 +35,9 @@ SCENES = {
     **STATES,
     **CONTACTS,
     **HELD_OUT,
+    **DRIVES,
+    **LINKAGES,
+    **MOUNTS,
 }
 
 CYCLES = {
@@ -43,5 +49,6 @@ CYCLES = {
     "gears": 1987.0,
     "driven slider-crank": 314.0,
     "bead on a cycloid": 1269.0,
+    "inverted pendulum": 63.0,
 }
-"""Scenes with a closed form, and how long a thousand of their swings or turns take [s]."""
+"""Scenes, and how long a thousand of their swings, turns or shakes take [s]."""

@@ -1,7 +1,7 @@
 """Scenes that no number of the integrators was chosen by: what accuracy keeps is read off here.
 
 Constants of the step control, its guesses and its verdicts may be measured on the other scenes;
-never on these.
+never on these, nor on those of `drives`, `linkages` and `mounts`.
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from accuracyscenes import AWAY, CYCLES, SCENES, beside_a_large_motion, moved, truth_of
 from accuracyscenes.judging import METHODS, judged, largest_error
+from accuracyscenes.mounts import BLADE, blade, blade_motion
 from flexiblescenes import (
     flexible_crank,
     flexible_pendulum,
@@ -205,6 +206,21 @@ def test_flexible_bodies_reach_the_accuracy_asked_for(name, method, accuracy):
     assert error < 2 * accuracy
     if max(error, told) > 0.2 * accuracy:
         assert 1 / 3 < told / error < 5
+
+
+def test_a_slow_ring_beside_a_fast_wheel_is_as_accurate():
+    """Newton's method leaves no more to each body than its own motion allows."""
+    assert_reached("gimbals", "generalized-alpha", 1e-3, duration=0.3)
+
+
+@pytest.mark.parametrize("method", ["auto", "generalized-alpha"])
+def test_velocities_of_a_body_are_those_of_its_modes_too(method):
+    """A blade whose frame is driven: all that may be wrong is how its points bend."""
+    found = run(blade(), duration=3.0, outputs=OUTPUTS, accuracy=1e-3, method=method)
+    tip = BLADE.interface("tip").Phi_t @ (found.v[:, 6:].T - blade_motion(found.t)[2:])
+    points = np.ptp(found.v[:, 5]) * np.sqrt(np.trace(BLADE.S0) / BLADE.mass)
+    share = found.statistics["measured_error_of_velocities"] * points / np.abs(tip).max()
+    assert 1 / 3 < share < 3
 
 
 def test_bending_beside_a_large_motion_is_as_accurate():

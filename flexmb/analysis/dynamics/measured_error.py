@@ -10,14 +10,18 @@ velocities and reactions, each over the peak-to-peak of its sensor, with its nam
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flexmb.analysis.dynamics.compared_quantities import FOR_SCALE, Part, compared  # fmt: skip
+from flexmb.analysis.dynamics.compared_quantities import (
+    DEFORMATION,
+    FOR_SCALE,
+    Part,
+    compared,
+    groups,
+)
 from flexmb.analysis.monitors import SampledHistory
 from flexmb.engine.tables import Layout
 from flexmb.flexbody.arrays import Array
@@ -72,20 +76,22 @@ class MeasuredError:
         with the motion of its points, which alone are seen.
     parts : list of Part, optional
         Whose reactions count together; by default all do, without forces of inertia.
+    reach : mapping of str to (m,) array, optional
+        What one unit of each modal coordinate of a body moves a point [m].
     """
 
     def __init__(
         self, layout: Layout, model: Model, least: Mapping[str, float] | None = None,
         duration: float = math.inf, gyration: Mapping[str, float] | None = None,
-        parts: Sequence[Part] = (),
+        parts: Sequence[Part] = (), reach: Mapping[str, Array] | None = None,
     ) -> None:  # fmt: skip
-        self.compared, self._duration = compared(layout, model), duration
+        self.compared, self._duration = compared(layout, model, reach), duration
         self._gyration, self._least = gyration or {}, least or {}
         self._length = self._least.get("m", 0.0) / NO_MOTION
         n = len(self.compared)
         every = self.compared
-        self._of_unit = _groups((one.unit, one.quantity == FOR_SCALE) for one in every)
-        self._of_quantity = at = _groups(one.quantity for one in every)
+        self._of_unit = groups((one.unit, one.quantity == FOR_SCALE) for one in every)
+        self._of_quantity = at = groups(one.quantity for one in every)
         self._units = np.array([one.unit for one in every])
         whole = np.ones(n, dtype=bool)
         self._parts = parts or [(whole, whole, 0.0)]
@@ -100,6 +106,8 @@ class MeasuredError:
         self._range = np.stack([np.full((n, widest), np.inf), np.full((n, widest), -np.inf)])
         tables = np.repeat([one.table for one in every], sizes)
         columns = np.array([k for one in every for k in one.columns], np.intp)
+        sized = [one.reach or (1.0,) * len(one.columns) for one in every]
+        self._sizes_of = np.array([size for row in sized for size in row])
         self._columns = {  # in each table, and where they stand in all that is compared
             str(table): (columns[tables == table], np.flatnonzero(tables == table))
             for table in np.unique(tables)
@@ -160,6 +168,7 @@ class MeasuredError:
         for table, (columns, places) in self._columns.items():
             values[:, places] = getattr(fine, table)[:, columns]
             theirs[:, places] = getattr(coarse, table)[:, columns]
+        values, theirs = values * self._sizes_of, theirs * self._sizes_of
         gaps = np.maximum.reduceat(np.abs(values - theirs), self._starts, axis=1)
         gaps[np.isnan(gaps)] = np.inf
         return values, gaps
@@ -231,7 +240,8 @@ class MeasuredError:
             k = int(of[errors[of].argmax()])
             name, (low, high), over = self.compared[k].name, self._range[:, k], ""
             if spans[k] > (1 + 1e-9) * max((high - low).max(), 0.0):
-                flexible = name.removeprefix("bodies.") in self._gyration
+                body = name.removeprefix("bodies.").removesuffix(DEFORMATION)
+                flexible = body in self._gyration
                 over = _OF_POINTS if flexible else _FLOORS[quantity]
             error, time = float(errors[k]), float(times[k])
             largest[quantity] = ErrorOf(error, name, time, over, float(walk[k]), float(begin[k]))
@@ -309,22 +319,14 @@ class MeasuredError:
         return below
 
     def _join_frames(self, spans: Array) -> None:
-        """Let the frame of a flexible body count with the motion of its points."""
+        """Let frame and deformation of a flexible body count with the motion of its points."""
+        places = {one.name + one.unit: k for k, one in enumerate(self.compared)}
         for name, reach in self._gyration.items():
-            places = {one.name + one.unit: k for k, one in enumerate(self.compared)}
             # Euler parameters change by half the angle
             for rate, turns in (("", 2.0), ("/s", 1.0)):
-                words = [f"bodies.{name}{unit}{rate}" for unit in ("m", "rad")]
-                pair = [places[word] for word in words if word in places]
-                if len(pair) == 2:
-                    sizes = np.array([1.0, reach * turns])
-                    spans[pair] = (spans[pair] * sizes).max() / sizes
-
-
-def _groups(keys: Iterable[Any]) -> dict[Any, NDArray[np.intp]]:
-    """Places of each key, in the order of their first ones."""
-    every = list(keys)
-    return {
-        key: np.array([k for k, one in enumerate(every) if one == key], np.intp)
-        for key in dict.fromkeys(every)
-    }
+                sizes = {"m": 1.0, "rad": reach * turns, f"{DEFORMATION}m": 1.0}
+                rows = {f"bodies.{name}{end}{rate}": size for end, size in sizes.items()}
+                own = [places[row] for row in rows if row in places]
+                if own:
+                    size = np.array([size for row, size in rows.items() if row in places])
+                    spans[own] = (spans[own] * size).max() / size

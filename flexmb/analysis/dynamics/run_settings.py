@@ -14,6 +14,7 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.forces.friction import BRISTLE
 from flexmb.engine.state import State
 from flexmb.engine.work import kinds_of
+from flexmb.flexbody.arrays import Array
 from flexmb.model.scenes.dynamics import ACCURACY, DynamicsSpec
 
 _MAX_ITERATIONS = 15
@@ -100,6 +101,16 @@ def gyration(compiled: Compiled) -> dict[str, float]:
         body.name: float(np.sqrt(np.trace(row["S0"]) / row["mass"]))
         for body, row in rows
         if row["m"]
+    }
+
+
+def modal_reach(compiled: Compiled) -> dict[str, Array]:
+    """What one unit of each modal coordinate of a flexible body moves a point at most [m]."""
+    lengths = compiled.system.weights * compiled.length
+    return {
+        body.name: lengths[body.iv + 6 : body.iv + 6 + body.m]
+        for body in compiled.layout.bodies
+        if body.m
     }
 
 

@@ -21,6 +21,7 @@ from flexmb.analysis.dynamics.run_settings import (
     damps_vibrations,
     fine_settings,
     gyration,
+    modal_reach,
     remembers_bristles,
     scout_rows,
     scout_settings,
@@ -136,9 +137,9 @@ class VerifiedRun:
         turn = max(1.0, _SPUN * span * float(max(spun, default=0.0)))
         least = {"m": length, "rad": turn, "m/s": length / span, "rad/s": turn / span}
         at_rest = {unit: NO_MOTION * size for unit, size in least.items()}
-        parts = by_part(compared(compiled.layout, model), compiled, model)
-        radii = gyration(compiled)
-        error = MeasuredError(compiled.layout, model, at_rest, span, radii, parts)
+        radii, modes = gyration(compiled), modal_reach(compiled)
+        parts = by_part(compared(compiled.layout, model, modes), compiled, model)
+        error = MeasuredError(compiled.layout, model, at_rest, span, radii, parts, modes)
         error.round_off[:] = round_off(error.compared, compiled, first.q)
         return cls(scout, fine, error, recorded, of_scout, passes, is_stiff, jumps)
 

@@ -145,13 +145,8 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
         # Newton decides the accelerations: what it leaves is compared with their share of motion.
         tolerance = settings.newton_tolerance * h * h * weighted_size(st.vd, sys.weights)
     else:
-        # A correction δ changes velocities by some δ/h, and their estimated error by δ/(4h).
-        allowed = min(
-            _SHARE * memory["max_displacement"], _SPEED_SHARE * h * memory["max_velocity"]
-        )
-        tolerance = settings.tolerance * allowed
-    floor = last_places(run)
-    enough = max(tolerance, floor)
+        tolerance = settings.tolerance  # of each coordinate over its own motion, as its error is
+    floor, relative = last_places(run), settings.newton_tolerance == 0.0
     if memory["contraction"] > _RENEW_ABOVE and memory["factor_age"] > 0.0:
         memory["factor_age"] = -1.0
     last = 0.0
@@ -171,7 +166,7 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
             memory["contraction"] = 1.0
             memory["factor_step"] = h
             last = 0.0  # a contraction is measured between corrections by one factor
-        size, moved = correct(run, b, cv)
+        size, moved, share = correct(run, b, cv, h)
         if not math.isfinite(size):
             return NOT_FINITE
         noise = moved <= _NOISE * floor and last > 0.0 and size > REFACTOR_ABOVE * last
@@ -179,16 +174,18 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
             memory["contraction"] = memory["contraction"] if memory["contraction"] < 1.0 else 0.0
         elif last > 0.0:
             memory["contraction"] = size / last
-            if size > enough and give_up(memory, size / last):
+            small = size <= floor or (share if relative else size) <= tolerance
+            if not small and give_up(memory, size / last):
                 return NO_CONVERGENCE
         last = size
         theta = min(memory["contraction"], 0.99)
         # What an old factor leaves in a first correction is a bias that adds up over many steps,
         # below the last places of positions too.
-        limit = enough if n > 0 or settings.step == 0.0 else tolerance
-        settled = size <= floor and limit == enough
+        least = floor if n > 0 or settings.step == 0.0 else 0.0
         again = n == 0 and theta > alpha.settling and settings.step == 0.0
-        if noise or settled or (theta / (1.0 - theta) * size <= limit and not again):
+        left = theta / (1.0 - theta)
+        done = left * size <= least or left * (share if relative else size) <= tolerance
+        if noise or size <= least or (done and not again):
             move(sys.parts, st.q, tr.dq, tr.q)  # the last correction too
             _finish(sys.weights, alpha, st, tr)
             if settings.tolerance > 0.0:
@@ -231,8 +228,11 @@ def _predict(alpha, st, tr, h):
 
 
 @kernel
-def correct(run, b, cv):
+def correct(run, b, cv, h):
     """Newton correction of the trial state; returns what was still wrong, and the size of δq.
+
+    The third is what was wrong over what each coordinate may be: as its error, by its own motion
+    and speed. A correction δ changes velocities by some δ/h, and their estimated error by δ/(4h).
 
     Forces out of balance count by what they would move their own coordinate: with an old factor
     they move positions in the next iteration. The multipliers are regularised towards those of the
@@ -241,7 +241,7 @@ def correct(run, b, cv):
     tr, fac, kkt, weights = run.work.trial, run.work.factor, run.system.kkt, run.system.weights
     sol, C, place, eps, diagonal = fac.sol, run.work.con.C, kkt.place, fac.eps, fac.diagonal
     res, lam, dq, v, vd = tr.res, tr.lam, tr.dq, tr.v, tr.vd
-    nv, last = res.shape[0], run.state.lam
+    nv, last, motion, speed = res.shape[0], run.state.lam, run.state.motion, run.state.speed
     for i in range(nv):
         sol[place[i]] = -b * res[i]
     for i in range(C.shape[0]):
@@ -251,7 +251,7 @@ def correct(run, b, cv):
         solve(kkt, fac, sol)
     else:
         _solve_repaired(run)
-    moved, size = 0.0, 0.0
+    moved, size, share = 0.0, 0.0, 0.0
     for i in range(nv):
         k = place[i]
         d = sol[k]
@@ -261,12 +261,16 @@ def correct(run, b, cv):
         s = abs(d) * weights[i]
         if not s <= moved:
             moved = s
-        s = abs(b * res[i]) / diagonal[k] * weights[i]
-        if not s <= size:
-            size = s
+        force = abs(b * res[i]) / diagonal[k] * weights[i]
+        if not force <= size:
+            size = force
+        allowed = min(_SHARE * motion[i], _SPEED_SHARE * h * speed[i])
+        s = max(s, force)
+        if s > share * allowed:
+            share = s / allowed if allowed > 0.0 else math.inf
     for i in range(C.shape[0]):
         lam[i] += sol[place[nv + i]] / b
-    return max(size, moved), moved
+    return max(size, moved), moved, share
 
 
 @kernel

@@ -74,7 +74,7 @@ def _iterate(run, h):
         run.work.factor.symmetric[0] = 0
         st.count[0]["regularised_pivots"] += factorise(run, run.trial_point, h, h * h)
         st.count[0]["factorisations"] += 1
-        size, moved = correct(run, h * h, 1.0 / h)
+        _, moved, _ = correct(run, h * h, 1.0 / h, h)
         if moved <= enough:
             move(run.system.parts, st.q, tr.dq, tr.q)
             return FINE

@@ -8,7 +8,9 @@ import pytest
 from flexmb.analysis import monitors
 from flexmb.analysis.dynamics.compared_quantities import by_part, compared
 from flexmb.analysis.dynamics.measured_error import MeasuredError
+from flexmb.analysis.dynamics.run_settings import modal_reach
 from flexmb.engine.compile import compile_system
+from flexmb.flexbody import FlexBody, Interface
 from flexmb.model import Model
 from flexmb.results.writer import OutputBlock
 
@@ -246,6 +248,26 @@ def test_the_frame_of_a_flexible_body_is_judged_by_the_motion_of_its_points():
     assert told[0].error > 0.1
     assert told[1].error == pytest.approx(1e-6 / (RATIO - 1) / (0.5 * 2.0), rel=1e-3)
     assert "points" in told[1].over
+
+
+def test_velocities_of_modes_count_with_the_motion_of_the_points():
+    """A frame at rest, and a mode that moves a point by 0.1 m for each unit, off by 1e-3."""
+    shape = np.zeros((3, 3, 1, 1))
+    shape[1, 1] = 0.01
+    end = Interface("end", [1, 0, 0], [[0], [0.1], [0]], np.zeros((3, 1)))
+    body = FlexBody("a", 1.0, np.zeros(3), np.diag([1.0, 0.1, 0.1]), np.zeros((3, 1)),
+                    np.zeros((3, 3, 1)), shape, [[4.0]], None, (end,))  # fmt: skip
+    made = Model("one")
+    made.add_body("a", body)
+    compiled = compile_system(made)
+    coarse, fine = Rows(made, T), Rows(made, T)
+    for rows, off in ((coarse, 1e-3), (fine, 0.0)):
+        rows.block.v[:, 6] = np.sin(T) + off * (T == 5.0)
+    error = MeasuredError(fine.layout, made, gyration={"a": 0.5}, reach=modal_reach(compiled))
+    error.add(coarse.block, fine.block)
+    worst = error.largest(RATIO)["velocities"]
+    assert (worst.name, worst.time) == ("bodies.a.deformation", 5.0)
+    assert worst.error == pytest.approx(1e-3 / (RATIO - 1) / np.ptp(np.sin(T)), rel=1e-6)
 
 
 def test_a_reaction_that_is_zero_but_for_errors_does_not_make_two_runs_different_motions():

@@ -12,6 +12,7 @@ from flexmb.errors import ReductionError
 from flexmb.fe import rectangle, reduce
 from flexmb.flexbody import FlexBody, Interface, ModeInfo, NodeModes, Surface, rigid_body
 from flexmb.flexbody.arrays import is_nonzero
+from flexmb.flexbody.natural_modes import natural_modes
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +45,12 @@ def test_built_from_arrays_without_finite_elements():
     np.testing.assert_array_equal(body.D, [[0.0]])
     assert body.characteristic_length == pytest.approx(np.sqrt(12))
     assert body.interface("right").position[0] == 1
+
+
+def test_points_on_a_line_have_natural_modes():
+    """One of the masses held: the other moves by √2 of the coordinate, ω² = 4/2."""
+    modes = natural_modes(two_mass(), ["right"])
+    np.testing.assert_allclose(modes.frequencies, [np.sqrt(2) / (2 * np.pi)])
 
 
 def test_arrays_are_read_only():
