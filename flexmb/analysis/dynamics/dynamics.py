@@ -16,6 +16,7 @@ from flexmb.analysis.assembly.joined_damping import is_determined
 from flexmb.analysis.dynamics.integration import (
     Integration,
     first_steps,
+    slow_impacts,
     static_modes_sentence,
     stiff_force_sentence,
 )
@@ -292,6 +293,7 @@ class _Pass:
             )
         if ending.status == "finished":
             notes += missed_accuracy(prepared)
+            notes += slow_impacts(prepared.run, prepared.model.units)
             unstable = unstable_step(prepared.run, prepared.method, failed=False)
             notes += [unstable or _unbalanced(prepared)]
         return [note for note in notes if note]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
@@ -12,16 +13,21 @@ from flexmb.analysis.procedure import ChunkRows
 from flexmb.engine import entries, method
 from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
+from flexmb.engine.forces.contact import FASTEST, REBOUND
 from flexmb.engine.method import round_off
 from flexmb.engine.state import Plan, State, Work
 from flexmb.engine.units import hand_over
 from flexmb.engine.work import equal_times, new_plan, new_run, new_work, output_run
 from flexmb.errors import FlexmbError
 from flexmb.results.writer import OutputBlock
+from flexmb.units import UnitSystem
 
 # Steps of a chunk times velocity coordinates: about a tenth of a second on a present machine.
 _CHUNK_WORK = 200_000
 _RINGING_STEPS = 4  # from an output on: their differences show what alternates
+# Impacts are slow if the fastest has so many times the least speed; a rebound by this share of the
+# size of the model, or less, does not matter.
+_FASTER, _REBOUND = 10.0, 1e-4
 _MIN_CHUNK = 4  # steps, after which the state is saved
 # Steps between two looks at how long the rest of a run will take, and steps for it that are too
 # many, also times velocity coordinates and stages; fewer where stability limits them, which another
@@ -219,6 +225,29 @@ def stiff_force_sentence(run: Integration) -> str:
         f'stiff for its quasi-static modes; use method = "{entries.STIFF_METHOD}", or deformation '
         '= "dynamic"'
     )
+
+
+def slow_impacts(run: Integration, units: UnitSystem) -> Iterator[str]:
+    """A sentence for each contact whose fastest impacts are about as slow as its least speed.
+
+    Where it rebounds from one below: what comes to rest after faster ones, what is pressed together
+    for long, what drivers move, and what rebounds by next to nothing of the model does not count.
+    Points of one surface have no restitution of their own.
+    """
+    for name, element in run.compiled.elements.items():
+        if element.kind != "contacts" or element.n > 1 or run.settings.determined == 1:
+            continue
+        row = run.compiled.system.kinds["contacts"].rows[element.row]
+        slow, history = float(row["slow"]), run.state.history[row["impacts"] :]
+        fastest = float(history[FASTEST])
+        least = _REBOUND * run.compiled.length
+        if row["damping"] > 0.0 and fastest < _FASTER * slow and history[REBOUND] > least:
+            say = partial(units.say, unit="m/s", digits=2)
+            yield (
+                f"{name}: impacts below its least_speed of {say(slow)} are damped as those of that "
+                f"speed, so that they rebound by more than its restitution; the fastest one has "
+                f"{say(fastest)}: give least_speed = {units.outward(fastest / 100, 'm/s'):.1g}"
+            )
 
 
 def _unsettled(compiled: Compiled, rows: np.ndarray) -> str:
