@@ -15,7 +15,7 @@ from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
 from flexmb.analysis.assembly.joined_damping import is_determined
 from flexmb.analysis.dynamics.integration import (
     Integration,
-    first_steps,
+    StepRows,
     slow_impacts,
     static_modes_sentence,
     stiff_force_sentence,
@@ -237,6 +237,7 @@ class _Pass:
         integrator = prepared.run.method
         may_ring = integrator.keeps_step == 1 and integrator.collocation == 0  # generalized-α, kin
         self._ringing = RingingMonitor(compiled, model, step if may_ring else 0.0)
+        self._steps = StepRows(prepared.run, self._ringing.looks)
         self._validity = ValidityMonitor(compiled, model, prepared.first.q)
         self.growth = GrowthMonitor(compiled, model)
         self._begins = prepared.rows_before == 0
@@ -255,8 +256,11 @@ class _Pass:
         if self._begins:
             status = self._first_row()
         if status == method.FINE:
+            self._steps.begin()
             status, blocks = prepared.advance()
             apart = self._store(blocks)
+            for rows in self._steps.rows():
+                self._ringing.add_apart(rows)
             apart = apart or self._validity.refusal()
             if apart or keeps_failing(prepared.run):
                 return Ending("failed", self._unstable(prepared.run) or apart)
@@ -274,10 +278,6 @@ class _Pass:
     def notes(self, ending: Ending) -> list[str]:
         """What the user should know of the pass."""
         prepared = self._prepared
-        if ending.status == "finished" and self._ringing.looks and not prepared.rows_before:
-            self._ringing.restart()
-            for rows in first_steps(prepared.run, prepared.first):
-                self._ringing.add(rows)
         monitors = (
             self._contact_loss, self._orientations, self._validity, self._turning, self._ringing
         )  # fmt: skip
