@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from flexmb.engine.compile import Compiled
@@ -33,6 +34,7 @@ MAX_TURN_OF_A_STEP = 1.0  # rad
 # largest of all, and force that moves mass by a share of the model's size in a run, below which
 # there is none; steps between rows.
 _RINGS, _LEAST_SHARE, _NO_MOTION, _SAME_STEP = 0.05, 1e-3, 1e-6, 1e-6
+_LASTING, _MAX_FALL, _TINY = 0.08, 3.0, 1e-300  # what is left of it two steps later; to the next
 _MAX_SAMPLES = 256
 # The second half of the run so far is looked at in so many parts. In each of them the largest value
 # grows by this factor at least: powers of time up to the eighth do not.
@@ -140,7 +142,8 @@ class RingingMonitor:
 
     What such a method does not resolve, such as the rate of a stiff damper, it repeats with
     alternating sign (Hairer & Wanner, II, §IV.3): differences over two steps change their sign, and
-    the smaller one of two is four times what alternates.
+    are four times what alternates. So do those about a jump or a blow, but not four in a row. The
+    row before four counts, as far as the falling of the second to the third one tells.
 
     Parameters
     ----------
@@ -165,7 +168,7 @@ class RingingMonitor:
         n = 2 * len(self._names)  # force and moment of each joint
         self._range = np.stack([np.full((n, 3), np.inf), np.full((n, 3), -np.inf)])
         self._largest = np.zeros((2, n))  # what alternates; its time
-        self._rows = np.zeros((0, 1 + 3 * n))  # the last three
+        self._rows = np.zeros((0, 1 + 3 * n))  # the last five
 
     def add(self, rows: OutputBlock) -> None:
         """Take the next rows: what alternates shows where they are a step apart."""
@@ -177,23 +180,31 @@ class RingingMonitor:
         np.minimum(self._range[0], by_joint.min(axis=0), out=self._range[0])
         np.maximum(self._range[1], by_joint.max(axis=0), out=self._range[1])
         table = np.vstack([self._rows, np.column_stack([rows.t, values])])
-        self._rows = table[-3:]
+        self._rows = table[-5:]
         near = np.abs(np.diff(table[:, 0]) / self._step - 1.0) < _SAME_STEP
-        at = np.flatnonzero(near[:-2] & near[1:-1] & near[2:])
+        if len(near) < 5:
+            return
+        at = np.flatnonzero(sliding_window_view(near, 5).all(axis=1))
         if not len(at):
             return
         bend = np.diff(table[:, 1:], 2, axis=0).reshape(len(table) - 2, -1, 3)
-        one, two = bend[at], bend[at + 1]
-        size = np.minimum(np.linalg.norm(one, axis=2), np.linalg.norm(two, axis=2)) / 4.0
-        rings = np.where((one * two).sum(axis=2) < 0.0, size, 0.0)
+        turns = np.einsum("ijk,ijk->ij", bend[1:], bend[:-1]) < 0.0
+        sizes = np.sqrt(np.einsum("ijk,ijk->ij", bend, bend)) / 4.0
+        one, two, three, four = (sizes[at + k] for k in range(4))
+        falls = np.clip(two / np.maximum(three, _TINY), 1.0, _MAX_FALL)
+        size = np.minimum(one, falls * two) * falls
+        lasts = turns[at] & turns[at + 1] & turns[at + 2] & (four > _LASTING * two)
+        rings = np.where(lasts, size, 0.0)
         k = rings.argmax(axis=0)
         most = rings.max(axis=0)
         rises = most > self._largest[0]
-        self._largest[:, rises] = most[rises], table[at[k] + 1, 0][rises]
+        self._largest[:, rises] = most[rises], table[at[k], 0][rises]
 
-    def restart(self) -> None:
-        """The rows to come do not follow those before."""
-        self._rows = self._rows[:0]
+    def add_apart(self, rows: OutputBlock) -> None:
+        """Take rows that follow none, and that none follow."""
+        before, self._rows = self._rows, self._rows[:0]
+        self.add(rows)
+        self._rows = before
 
     def notes(self) -> list[str]:
         """A sentence for the joint whose reactions alternate most, if that is too much."""

@@ -281,6 +281,18 @@ KINETIC_ENERGY, STRAIN_ENERGY, GRAVITY_ENERGY, SPRING_ENERGY, BRISTLE_ENERGY = 0
 DRIVER_POWER, DAMPER_POWER, LOAD_POWER = 0, 1, 2
 
 
+class Alternation(NamedTuple):
+    """Multipliers of the last fixed steps about an output: what of them changes its sign."""
+
+    earlier: Vector  # (nc,) one step before lam_before; none of them: nothing is looked at
+    bend: Vector  # (nc,) second difference at the step before
+    low: Vector  # (nc,) least and greatest value about outputs
+    high: Vector  # (nc,)
+    size: Vector  # (nc,) the largest part that alternates
+    time: Vector  # (nc,) of it, s
+    count: Integers  # (2,) steps of equal size, steps since the last output
+
+
 class Work(NamedTuple):
     """All scratch: of two runs of one System none is shared."""
 
@@ -294,6 +306,7 @@ class Work(NamedTuple):
     trial: Trial
     feedback: FeedbackWork
     events: Events
+    alternation: Alternation
     energies: Vector  # (5,) kinetic, strain, gravity, spring; stored in bristles of friction
     powers: Vector  # (3,) of drivers, dampers, applied forces
     fault: Integers  # (1,) row of the element that gave the last status

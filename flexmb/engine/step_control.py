@@ -125,6 +125,36 @@ def write_plan(settings, plan, st):
         plan.used[0] += 1
 
 
+# Steps about an output whose multipliers are looked at: two second differences.
+_NEAR = 3
+
+
+@kernel
+def watch_alternation(settings, times, st, alternation, h):
+    """After a fixed step: what of the multipliers alternates, if an output is near."""
+    lam, before, earlier, bend = st.lam, st.lam_before, alternation.earlier, alternation.bend
+    if settings.step == 0.0 or earlier.shape[0] == 0:
+        return
+    count, size = alternation.count, alternation.size
+    due = is_output_due(settings, times, st, st.t[0], 0)
+    count[1] = 0 if due else count[1] + 1
+    ahead = is_output_due(settings, times, st, st.t[0] + _NEAR * settings.step, 0)
+    count[0] = count[0] + 1 if h == settings.step and (ahead or count[1] <= _NEAR) else 0
+    if count[0] == 0:
+        return
+    ends = st.t[0] >= settings.end - round_off(settings)  # no more will tell
+    for k in range(lam.shape[0]):
+        now = lam[k] - 2.0 * before[k] + earlier[k]
+        part = 0.0
+        if count[0] >= _NEAR and (ends or now * bend[k] < 0.0):
+            part = 0.25 * (abs(now) if ends else min(abs(now), abs(bend[k])))
+        if part > size[k]:
+            size[k], alternation.time[k] = part, st.t[0]
+        bend[k], earlier[k] = now, before[k]
+        alternation.low[k] = min(alternation.low[k], lam[k])
+        alternation.high[k] = max(alternation.high[k], lam[k])
+
+
 @kernel
 def _planned(settings, plan, t):
     """Time at which a step from t ends by the plan."""

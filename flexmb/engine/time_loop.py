@@ -177,6 +177,7 @@ def advance(run: Run, room: int) -> int:
             run.work.trial.t[0] = step_control.exact_time(settings, run.plan, time_events, st, h)
             accept_step(run, h)
             step_control.record_step(run.method, settings, st, error, h)
+            step_control.watch_alternation(settings, run.times, st, run.work.alternation, h)
             accept_events(run, h)
             return FINE
         if verdict == TOO_SMALL:

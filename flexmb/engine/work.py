@@ -18,6 +18,7 @@ from flexmb.engine.state import (
     CURVE_MARKER_NOW,
     EVENT_FUNCTION,
     MARKER_NOW,
+    Alternation,
     Before,
     Collocation,
     ComplexFactor,
@@ -205,7 +206,8 @@ def new_work(system: System, channels: int = 0, method: Method = _NO_METHOD) -> 
     return Work(
         now, con, dense, row, _new_factor(system), _new_collocation(system, method.collocation),
         _new_partition(system, method.partitions), trial, _new_feedback(system),
-        Events(*(_nan_records(system.events, EVENT_FUNCTION) for _ in range(2))), _nan(5), _nan(3),
+        Events(*(_nan_records(system.events, EVENT_FUNCTION) for _ in range(2))),
+        _new_alternation(system, method), _nan(5), _nan(3),
         np.zeros(1, dtype=np.int64), _scratch_of_kinds(system),
     )  # fmt: skip
 
@@ -214,6 +216,14 @@ def _scratch_of_kinds(system: System) -> dict[str, Any]:
     tables = system.kinds
     own = [kind for kind in kinds_of(system) if kind.scratch is not None]
     return {kind.name: kind.scratch(tables[kind.name]) for kind in own}
+
+
+def _new_alternation(system: System, method: Method) -> Alternation:
+    """Of a method that repeats what it does not resolve: generalized-alpha and its kin."""
+    nc = sizes(system)[2] if method.keeps_step == 1 and method.collocation == 0 else 0
+    bounds = np.full(nc, np.inf), np.full(nc, -np.inf)
+    tables = _nan(nc), _nan(nc), *bounds, np.zeros(nc), np.zeros(nc)
+    return Alternation(*tables, np.zeros(2, dtype=np.int64))
 
 
 def _new_feedback(system: System) -> FeedbackWork:

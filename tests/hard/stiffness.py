@@ -61,6 +61,14 @@ def governor():
     return made
 
 
+def struck_governor():
+    """A force of 200 N that sets in on its sleeve."""
+    made = governor()
+    force = {"type": "step", "t0": 0.49799, "t1": 0.49819, "y0": 0.0, "y1": 200.0}
+    made.add_force("blow", "force", at="sleeve", value=[0, 0, force])
+    return made
+
+
 def off_governor(run):
     """Errors of opening, sleeve and the force in a hinge over their peak-to-peak.
 
@@ -271,6 +279,14 @@ CASES = {
         "The force in a hinge, 12 to 21 % of its range off, is said to alternate.",
         np.inf, governor, lambda run: off_governor(run)[2],
         {"duration": 0.1, "outputs": 50, "accuracy": None, "step": 2e-3},
+        {"generalized-alpha": {}, "hht": {}, "trapezoidal": {}},
+        warns="alternates from step to step",
+    ),
+    "the hinge of the governor after a blow": Hard(
+        "A force sets in two steps of 1 ms before an output, 100 steps after the last one.",
+        "The force in a hinge, 6 to 9 % of its range off there, is said to alternate.",
+        np.inf, struck_governor, lambda run: off_governor(run)[2],
+        {"duration": 0.6, "outputs": 6, "accuracy": None, "step": 1e-3},
         {"generalized-alpha": {}, "hht": {}, "trapezoidal": {}},
         warns="alternates from step to step",
     ),

@@ -48,7 +48,7 @@ def touching(kind, friction, bodies, ground=False):
     overlap(bench, row)
     history = bench.work.now.history
     history[:6] = bench.state.t[0] - 0.1, 3.0, STICKS, 0.2, -0.1, 0.15
-    history[6:] = place_of(bench, row) - [1.2, 0.6, -2.4]
+    history[6:9] = place_of(bench, row) - [1.2, 0.6, -2.4]
     return bench
 
 

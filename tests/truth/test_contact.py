@@ -7,6 +7,7 @@ rigid is off by d/r or less; steps are chosen for 1e-4 of the motion.
 from __future__ import annotations
 
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -65,6 +66,24 @@ def test_rebound(law, e):
     wanted = e if law == "exact" else rebound(law, chi)
     assert found["speed.z"][-1] / 2.0 == pytest.approx(wanted, abs=2e-3)
     assert found.mismatch() <= 1e-3 * 0.5 * M * 4.0
+
+
+@pytest.mark.parametrize(
+    ("gravity", "speed", "least", "is_slow"),
+    [(0.0, 5e-4, {}, True), (0.0, 5e-4, {"least_speed": 5e-6}, False), (0.0, 0.05, {}, False),
+     (G, 0.2, {}, False), (G, 1e-4, {}, False)],
+)  # fmt: skip
+def test_impacts_below_the_least_speed_are_named(gravity, speed, least, is_slow):
+    """Where they rebound by more than asked; not where a ball comes to rest by ever slower ones."""
+    made = ball([0, 0, -gravity], [0, 0, R + speed], [0, 0, -speed], restitution=0.8, **least)
+    with warnings.catch_warnings(record=True) as messages:
+        warnings.simplefilter("always")
+        result = flexmb.simulate(made, duration=2.5, outputs=25)
+    assert [str(one.message)[:47] for one in messages] == is_slow * [
+        "forces.touch: impacts below its least_speed of "
+    ]
+    if not gravity:
+        assert (abs(result["speed.z"][-1] / speed - 0.8) > 0.01) == is_slow
 
 
 @pytest.mark.parametrize(("method", "x"), [("explicit-rk", 0), ("explicit-rk", 1e3), ("radau", 0)])

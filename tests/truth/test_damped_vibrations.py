@@ -61,7 +61,7 @@ def test_what_reactions_lack_of_a_vibration_is_stated(method, change):
         assert ended.statistics["measured_error_of_positions"] == pytest.approx(amplitude, rel=0.2)
     sentence = [note for note in ended.notes if "lacks" in note]
     assert bool(sentence) == (told > 0.05)
-    assert all("at t = 0.2 s" in note for note in sentence)
+    assert all("jump at t = 0.2 s" in note for note in sentence)
 
 
 @pytest.mark.parametrize("rows", [3, 1000])

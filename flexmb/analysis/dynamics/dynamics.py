@@ -15,7 +15,8 @@ from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
 from flexmb.analysis.assembly.joined_damping import is_determined
 from flexmb.analysis.dynamics.integration import (
     Integration,
-    first_steps,
+    StepRows,
+    slow_impacts,
     static_modes_sentence,
     stiff_force_sentence,
 )
@@ -37,7 +38,6 @@ from flexmb.analysis.dynamics.passes import (
 )
 from flexmb.analysis.dynamics.run_settings import loop_settings, time_grid
 from flexmb.analysis.dynamics.validity import ValidityMonitor
-from flexmb.analysis.dynamics.verified_run import VerifiedRun
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
 from flexmb.analysis.mobility.driver_conflicts import driver_reasons
 from flexmb.analysis.monitors import (
@@ -212,7 +212,7 @@ def run_dynamics(prepared: PreparedDynamics, sink: Sink, *, progress: Progress =
     if of_method := reason_of_method(spec, prepared.method, _is_flexible(compiled)):
         statistics["reason_of_method"] = of_method
     if prepared.verified is not None:
-        statistics |= _measured_errors(prepared.verified)
+        statistics |= prepared.verified.statistics()
     if prepared.not_unique:
         statistics[NOT_UNIQUE] = ", ".join(prepared.not_unique)
     return Outcome(ending.status, ending.message, statistics, tuple(notes))
@@ -242,6 +242,7 @@ class _Pass:
         integrator = prepared.run.method
         may_ring = integrator.keeps_step == 1 and integrator.collocation == 0  # generalized-α, kin
         self._ringing = RingingMonitor(compiled, model, step if may_ring else 0.0)
+        self._steps = StepRows(prepared.run, self._ringing.looks)
         self._validity = ValidityMonitor(compiled, model, prepared.first.q)
         self.growth = GrowthMonitor(compiled, model)
         self._begins = prepared.rows_before == 0
@@ -260,8 +261,11 @@ class _Pass:
         if self._begins:
             status = self._first_row()
         if status == method.FINE:
+            self._steps.begin()
             status, blocks = prepared.advance()
             apart = self._store(blocks)
+            for rows in self._steps.rows():
+                self._ringing.add_apart(rows)
             apart = apart or self._validity.refusal()
             if apart or keeps_failing(prepared.run):
                 return Ending("failed", self._unstable(prepared.run) or apart)
@@ -279,10 +283,6 @@ class _Pass:
     def notes(self, ending: Ending) -> list[str]:
         """What the user should know of the pass."""
         prepared = self._prepared
-        if ending.status == "finished" and self._ringing.looks and not prepared.rows_before:
-            self._ringing.restart()
-            for rows in first_steps(prepared.run, prepared.first):
-                self._ringing.add(rows)
         monitors = (
             self._contact_loss, self._orientations, self._validity, self._turning, self._ringing
         )  # fmt: skip
@@ -298,6 +298,7 @@ class _Pass:
             )
         if ending.status == "finished":
             notes += [*missed_accuracy(prepared), damped_vibration(prepared)]
+            notes += slow_impacts(prepared.run, prepared.model.units)
             unstable = unstable_step(prepared.run, prepared.method, failed=False)
             notes += [unstable or _unbalanced(prepared)]
         return [note for note in notes if note]
@@ -394,21 +395,6 @@ def _unbalanced(prepared: PreparedDynamics) -> str:
             "impact; shorten them, or leave out dynamics.step, so that the accuracy is controlled"
         )
     return f"{what}ask for more accuracy; if it stays, a force or an effect makes energy"
-
-
-def _measured_errors(verified: VerifiedRun) -> dict[str, float | int | str]:
-    statistics: dict[str, float | int | str] = {
-        "accuracy_asked": verified.fine.settings.accuracy,
-        "passes": int(verified.passes[0]["count"]),
-        "scout_steps": int(verified.scout.state.count[0]["steps"]),
-    }
-    for quantity, worst in verified.errors().items():
-        if quantity in ("positions", "velocities", "reactions"):
-            statistics[f"measured_error_of_{quantity}"] = worst.error
-            statistics[f"worst_of_{quantity}"] = f"{worst.name} at t = {worst.time:.4g} s"
-            if worst.over:
-                statistics[f"scale_of_{quantity}"] = worst.over
-    return statistics
 
 
 def _statistics(run: Integration) -> dict[str, float | int | str]:

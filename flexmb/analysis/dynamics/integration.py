@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
@@ -12,16 +13,25 @@ from flexmb.analysis.procedure import ChunkRows
 from flexmb.engine import entries, method
 from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
+from flexmb.engine.forces.contact import FASTEST, REBOUND
 from flexmb.engine.method import round_off
 from flexmb.engine.state import Plan, State, Work
 from flexmb.engine.units import hand_over
 from flexmb.engine.work import equal_times, new_plan, new_run, new_work, output_run
 from flexmb.errors import FlexmbError
 from flexmb.results.writer import OutputBlock
+from flexmb.units import UnitSystem
 
 # Steps of a chunk times velocity coordinates: about a tenth of a second on a present machine.
 _CHUNK_WORK = 200_000
-_RINGING_STEPS = 4  # from an output on: their differences show what alternates
+# Rows from an output on whose differences show what alternates there, and steps within which others
+# tell. Multipliers of which that is less over their range are not looked at, nor what is not so
+# many times larger than before; least range, over the largest; steps that are run again for it.
+_ROWS, _NEAR, _SAME_TIME = 6, 4, 1e-6
+_ALTERNATES, _LARGER, _LEAST_SPAN, _REPEATED = 0.02, 1.5, 1e-3, 0.1
+# Impacts are slow if the fastest has so many times the least speed; a rebound by this share of the
+# size of the model, or less, does not matter.
+_FASTER, _REBOUND = 10.0, 1e-4
 _MIN_CHUNK = 4  # steps, after which the state is saved
 # Steps between two looks at how long the rest of a run will take, and steps for it that are too
 # many, also times velocity coordinates and stages; fewer where stability limits them, which another
@@ -142,21 +152,68 @@ class Integration:
             raise FlexmbError(_endless(t, passed / steps, left, limited, static))
 
 
-def first_steps(own: Integration, begin: State) -> Iterator[OutputBlock]:
-    """Rows of the fixed steps about the first output after the start, at each of them.
+class StepRows:
+    """Rows of the fixed steps about those outputs where multipliers alternate, at each of them.
 
-    Steps between outputs are not seen else; where outputs are rare the motion begun is long gone.
+    Steps between outputs are not seen else, and the multipliers of a method are no reactions: the
+    part of a chunk until there is run again. At most a chunk and a tenth of all steps are.
+
+    Parameters
+    ----------
+    own : Integration
+        The run.
+    looks : bool
+        Whether it is looked at.
     """
-    settings = own.settings
-    last = round((settings.end - settings.start) / settings.step)
-    first = round((own.times[1] - settings.start) / settings.step) if len(own.times) > 1 else last
-    steps = np.arange(max(first - 1, 0), min(first + _RINGING_STEPS, last + 1))
-    if first < own.chunk:
-        state = State(*(array.copy() for array in begin))
-        times = settings.start + settings.step * steps
-        run = Integration(own.compiled, own.method, settings, state, times)
-        run.integrate(int(steps[-1]))
-        yield run.rows.read()
+
+    def __init__(self, own: Integration, looks: bool) -> None:
+        settings = own.settings
+        self._own = own
+        self._looks = looks and settings.interval > (1.0 + method.ROUND_OFF) * settings.step
+        self._largest = np.zeros(own.compiled.layout.nc)
+        self._repeated = 0  # steps
+        self._begin = own.state  # a copy, once there is a chunk
+
+    def begin(self) -> None:
+        """Before a chunk."""
+        if self._looks:
+            self._begin = State(*(array.copy() for array in self._own.state))
+
+    def rows(self) -> Iterator[OutputBlock]:
+        """After a chunk: of the multipliers that alternate most, over their range."""
+        own, seen = self._own, self._own.work.alternation
+        while self._looks and own.state.count[0]["steps"]:
+            weights = own.compiled.system.row_weights
+            spans = (seen.high - seen.low) / weights
+            spans = np.maximum(spans, _LEAST_SPAN * spans.max(initial=0.0)) * weights
+            new = (seen.size > _LARGER * self._largest) & (seen.size > _ALTERNATES * spans)
+            if not new.any():
+                break
+            k = int(np.where(new, seen.size / np.where(new, spans, 1.0), 0.0).argmax())
+            near = np.abs(seen.time - seen.time[k]) < _NEAR * own.settings.step
+            self._largest[near] = np.maximum(self._largest, seen.size)[near]
+            outputs = self._outputs_about(float(seen.time[k]))
+            steps = np.arange(outputs[0], outputs[-1] + _ROWS)
+            self._repeated += steps[-1] - round(self._begin.t[0] / own.settings.step)
+            if self._repeated > own.chunk + _REPEATED * own.state.count[0]["steps"]:
+                break
+            times = own.settings.start + own.settings.step * steps
+            state = State(*(array.copy() for array in self._begin))
+            settings = own.settings._replace(end=times[-1])
+            run = Integration(own.compiled, own.method, settings, state, times)
+            run.count_outputs()
+            run.integrate(own.chunk)
+            block = run.rows.read()
+            for at in outputs - outputs[0]:
+                yield block.part(at, at + _ROWS)
+        seen.size[:] = 0.0
+
+    def _outputs_about(self, time: float) -> np.ndarray:
+        """Numbers (n,) of the steps that end at outputs of which a time may tell something."""
+        settings, times = self._own.settings, self._own.times
+        first, last = np.searchsorted(times, time + settings.step * np.array([0.5 - _NEAR, 0.5]))
+        outputs = times[min(first, len(times) - 1) : max(last, first + 1)] - settings.start
+        return np.ceil(outputs / settings.step - _SAME_TIME).astype(int)
 
 
 def _endless(t: float, step: float, left: float, limited: bool, static: str) -> str:
@@ -219,6 +276,29 @@ def stiff_force_sentence(run: Integration) -> str:
         f'stiff for its quasi-static modes; use method = "{entries.STIFF_METHOD}", or deformation '
         '= "dynamic"'
     )
+
+
+def slow_impacts(run: Integration, units: UnitSystem) -> Iterator[str]:
+    """A sentence for each contact whose fastest impacts are about as slow as its least speed.
+
+    Where it rebounds from one below: what comes to rest after faster ones, what is pressed together
+    for long, what drivers move, and what rebounds by next to nothing of the model does not count.
+    Points of one surface have no restitution of their own.
+    """
+    for name, element in run.compiled.elements.items():
+        if element.kind != "contacts" or element.n > 1 or run.settings.determined == 1:
+            continue
+        row = run.compiled.system.kinds["contacts"].rows[element.row]
+        slow, history = float(row["slow"]), run.state.history[row["impacts"] :]
+        fastest = float(history[FASTEST])
+        least = _REBOUND * run.compiled.length
+        if row["damping"] > 0.0 and fastest < _FASTER * slow and history[REBOUND] > least:
+            say = partial(units.say, unit="m/s", digits=2)
+            yield (
+                f"{name}: impacts below its least_speed of {say(slow)} are damped as those of that "
+                f"speed, so that they rebound by more than its restitution; the fastest one has "
+                f"{say(fastest)}: give least_speed = {units.outward(fastest / 100, 'm/s'):.1g}"
+            )
 
 
 def _unsettled(compiled: Compiled, rows: np.ndarray) -> str:

@@ -243,11 +243,10 @@ def damped_vibration(prepared: PreparedDynamics) -> str:
     name, share, begin = prepared.verified.error.damped()
     if share <= _LACKING:
         return ""
+    when, cures = _jump(prepared, begin)
     return (
-        f"{name} lacks {share:.0%} of the range of its reactions: at t = "
-        f"{prepared.model.units.say(begin, 's', 4)} loads or accelerations jump and excite a "
-        f'vibration that the steps of {prepared.method} damp; method = "{FINE_METHOD}" follows '
-        "it, a smooth change (step5 for step) excites less, damping lets it end"
+        f"{name} lacks {share:.0%} of the range of its reactions: {when} excite a vibration that "
+        f'the steps of {prepared.method} damp; method = "{FINE_METHOD}" follows it, {cures}'
     )
 
 
@@ -257,11 +256,21 @@ def reason_of_pass(prepared: PreparedDynamics) -> str:
     worst = prepared.verified.errors()["positions"]
     if not worst.begin >= 0.0:
         return ""
+    when, cures = _jump(prepared, worst.begin)
     return (
         f"steps follow a vibration, which sensor {worst.name} shows to {worst.error:.2g} of its "
-        f"range: loads or accelerations jump at t = {prepared.model.units.say(worst.begin, 's', 4)}"
-        "; a smooth change (step5 for step) excites less of it, damping lets it end"
+        f"range, and which {when} excite; {cures}"
     )
+
+
+def _jump(prepared: PreparedDynamics, begin: float) -> tuple[str, str]:
+    """Words on what excites a vibration that begins at a time [s], and on what excites less."""
+    smooth = "a smooth change (step5 for step) excites less, damping lets it end"
+    if begin > prepared.settings.start:
+        at = prepared.model.units.say(begin, "s", 4)
+        return f"loads or accelerations that jump at t = {at}", smooth
+    smooth += ', start = "quasi-static" begins without what loads that are there at once excite'
+    return "loads or accelerations of the start", smooth
 
 
 def stricter_tolerance(prepared: PreparedDynamics) -> float | None:

@@ -194,3 +194,18 @@ class VerifiedRun:
         steps = int(self.fine.state.count[0]["steps"])
         limited = self.scout.state.memory[0]["steps_at_stability_limit"] > _LIMITED * steps
         return self.error.largest(min(ratio, _DAMPED_RATIO) if damped else ratio, steps, limited)
+
+    def statistics(self) -> dict[str, float | int | str]:
+        """What the summary of a run says of its error."""
+        statistics: dict[str, float | int | str] = {
+            "accuracy_asked": self.fine.settings.accuracy,
+            "passes": int(self.passes[0]["count"]),
+            "scout_steps": int(self.scout.state.count[0]["steps"]),
+        }
+        for quantity, worst in self.errors().items():
+            if quantity in ("positions", "velocities", "reactions"):
+                statistics[f"measured_error_of_{quantity}"] = worst.error
+                statistics[f"worst_of_{quantity}"] = f"{worst.name} at t = {worst.time:.4g} s"
+                if worst.over:
+                    statistics[f"scale_of_{quantity}"] = worst.over
+        return statistics

@@ -85,6 +85,7 @@ CONTACT = np.dtype(
         ("slow", _F),  # m/s
         ("couple", _I),
         *FRICTION_FIELDS,
+        ("impacts", _I),  # where their history stands
     ],
     align=True,
 )
@@ -122,6 +123,10 @@ class Contacts(NamedTuple):
 # Numbers of history of a point: speed of approach; with friction its mode, bristle and place too.
 _HISTORY, _FRICTION_HISTORY = 1, 8
 _MODE_PLACE, _BRISTLE_PLACE, _PLACE = 1, 2, 5  # where they begin
+# Of impacts: speed of the last one (< 0: it lasts; 0: there was none), its beginning and depth; the
+# fastest one so far, and the widest gap after one slower than the least speed.
+IMPACT, ONSET, DEEPEST, FASTEST, REBOUND, _IMPACT_HISTORY = range(6)
+_BRIEF = 10.0  # depths over speed: what lasts longer is pressed together and no impact
 
 
 def lower_contacts(lowering: Lowering, forces: Forces) -> Contacts:
@@ -141,7 +146,8 @@ def _contact_rows(lowering: Lowering, spec: ContactSpec) -> Iterator[tuple[objec
     for point in points:
         I = lowering.markers.add(point)  # noqa: E741
         history = lowering.add_history(_HISTORY if spec.friction is None else _FRICTION_HISTORY)
-        yield I, J, *shape, *law, -1, *friction, history
+        impacts = lowering.add_history(_IMPACT_HISTORY)
+        yield I, J, *shape, *law, -1, *friction, history, impacts
 
 
 @kernel
@@ -266,6 +272,7 @@ def remember(run: Run, contacts: Contacts, at: Point) -> int:
             history[o] = max(rate, c["slow"])
         elif d <= _ONSET_FRACTION * way or (d <= way and abs(rate - before) <= _ALIKE * rate):
             history[o] = max(rate + (before - rate) * d / way, c["slow"])
+        _note_impact(run, c, d, rate, at.t[0])
         if c["model"] != NO_FRICTION:
             mj = now.marker[c["J"]]
             s = turned_back(mj["R"], triple(cn["bristle"]))
@@ -275,6 +282,26 @@ def remember(run: Run, contacts: Contacts, at: Point) -> int:
             put_part(history, o + _BRISTLE_PLACE, s if d > 0.0 else _ZERO)
             put_part(history, o + _PLACE, turned_back(mj["R"], u))
     return FINE
+
+
+@kernel
+def _note_impact(run, c, d, rate, t):
+    """Speeds of impacts, and how far slow ones rebound; c a contact of depth d, t the time."""
+    now, history, o = run.work.now, run.state.history, c["impacts"]
+    impact, before = history[o + IMPACT], now.history[c["history"]]
+    if d > 0.0 and impact >= 0.0:
+        before = before if before > c["slow"] else 0.0
+        speed = max(rate, before, 1e-300) if now.span[0] > 0.0 else math.inf  # it begins deep
+        history[o + IMPACT], history[o + ONSET], history[o + DEEPEST] = -speed, t, 0.0
+        if speed < math.inf:
+            history[o + FASTEST] = max(history[o + FASTEST], speed)
+    elif d <= 0.0 and impact < 0.0:
+        brief = (t - history[o + ONSET]) * -impact <= _BRIEF * history[o + DEEPEST]
+        history[o + IMPACT] = -impact if brief else 0.0
+    if d > 0.0:
+        history[o + DEEPEST] = max(history[o + DEEPEST], d)
+    elif 0.0 < history[o + IMPACT] < c["slow"]:
+        history[o + REBOUND] = max(history[o + REBOUND], -d)
 
 
 @unit

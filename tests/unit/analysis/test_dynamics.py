@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import functools
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import flexmb
 from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.dynamics import integration as module
 from flexmb.analysis.dynamics.dynamics import dynamics
@@ -19,7 +21,7 @@ from flexmb.engine.initial_conditions import VELOCITIES
 from flexmb.engine.method import FINE
 from flexmb.engine.state import State
 from flexmb.engine.work import new_output, new_run, new_work
-from flexmb.model import load_scene
+from flexmb.model import Model, load_scene
 from flexmb.model.scenes.dynamics import DynamicsSpec
 
 SCENE = Path(__file__).parents[3] / "cases" / "rigid_slider_crank" / "scene.toml"
@@ -140,3 +142,25 @@ def test_a_first_state_satisfies_the_constraints(model, compiled):
     solve_stage(compiled.system, first.state, first.work, VELOCITIES)  # keeps how far v was off
     assert first.work.con.drift[0] < 1e-12 * np.abs(first.state.v).max()
     assert np.isfinite(first.state.lam).all()
+
+
+@pytest.mark.parametrize("rows", [400, 8])
+@pytest.mark.parametrize(
+    "load",
+    [{"type": "step", "t0": t, "t1": t + 1e-4, "y0": 0.0, "y1": 100.0} for t in (0.1, 0.0983)]
+    + [f"1000*exp(-((t - {t})/0.0008)**2)" for t in (0.1, 0.0967)],
+)
+def test_a_load_that_jumps_or_strikes_does_not_alternate(rows, load):
+    """At outputs at every step the second differences about it were taken for ringing."""
+    made = Model("three rods", gravity=[0, -9.81, 0])
+    for k, before in enumerate(("ground", "b0.out", "b1.out")):
+        made.add_body(f"b{k}", mass=1, inertia=[0.02] * 3, position=[0.5 * k + 0.25, 0, 0])
+        made.add_marker(f"b{k}.in", position=[-0.25, 0, 0])
+        made.add_marker(f"b{k}.out", position=[0.25, 0, 0])
+        made.add_joint(f"pin{k}", "revolute", between=[before, f"b{k}.in"], axis="z")
+    made.add_force("blow", "force", at="b1", value=[0, load, 0])
+    with warnings.catch_warnings(record=True) as messages:
+        warnings.simplefilter("always")
+        flexmb.simulate(made, duration=0.4, outputs=rows, method="generalized-alpha",
+                        accuracy=None, step=1e-3)  # fmt: skip
+    assert not [str(one.message) for one in messages if "alternates" in str(one.message)]

@@ -78,7 +78,7 @@ def test_evaluation_leaves_the_history_alone():
     )  # fmt: skip
     bench = Bench(model)
     bench.v[:3] = 1.0, 2.0, -3.0
-    bench.work.now.history[:] = bench.state.history[:] = [-0.1, 3.0, 1.0, 1e-3, *[0.0] * 5]
+    bench.work.now.history[:] = bench.state.history[:] = [-0.1, 3.0, 1.0, 1e-3, *[0.0] * 10]
     first = bench.at().residual
     assert np.abs(first).max() > 1.0
     np.testing.assert_array_equal(bench.at().residual, first)
