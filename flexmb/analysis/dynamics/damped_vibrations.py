@@ -29,8 +29,10 @@ from flexmb.results.writer import OutputBlock
 _MAX_JUMPS = 16  # times that are looked at, evenly among more
 _AFTER_START = 1e-9  # of a run: when functions have left their value at its start
 _MANY = 10.0  # lengths of a step after a jump, within which it counts: first ones are short
-# Steps of the run over which it is measured, after the first half of one; times of comparison in
-# one step; local tolerance, and steps at most.
+# Change of a speed over the largest one, from which on the vibration is measured that it excites.
+_KICK = 1e-3
+# Steps of the run over which it is measured, at outputs and after the first half of one; times of
+# comparison in one step; local tolerance, and steps at most.
 _WINDOW, _TIMES, _FINE, _MAX_STEPS = 3, 16, 1e-8, 2000
 
 
@@ -149,27 +151,38 @@ def measure_damped_vibrations(
     passed = jumps.passed()
     if not passed or settings.follow == 1:
         return
-    point = _Point(run, first)
-    vibrations = [_first_vibration(point, jumps, k) for k in passed]
-    shares = [error.reaction_share(one) for one in vibrations]
-    worst = int(np.argmax(shares))
-    if shares[worst] > least:
-        coarse, fine = _runs_after_jump(run, settings, first, jumps, passed[worst])
-        if not len(fine.t):  # too fast to be followed
-            fine = vibrations[worst]
-            coarse = replace(fine, reactions=np.zeros_like(fine.reactions))
-        error.add_damped(coarse, fine, float(jumps.table[passed[worst], 0]))
+    point, weights = _Point(run, first), run.compiled.system.weights
+    shares, kicks, rows = [], [], []
+    for k in passed:
+        row, v = _first_vibration(point, jumps, k)
+        rows.append(row)
+        shares.append(error.reaction_share(row))
+        kicks.append(float((np.abs(row.v[0] - v) * weights / run.state.speed).max()))
+    worst = {int(np.argmax(shares))} if max(shares) > least else set()
+    if max(kicks) > _KICK:
+        worst.add(int(np.argmax(kicks)))
+    for n in sorted(worst):
+        begin, step = jumps.table[passed[n], [0, 2]].tolist()
+        coarse, fine = _runs_after_jump(run, settings, first, jumps, passed[n])
+        error.add_damped(coarse, fine, begin)
+        if not np.any(fine.t > begin + 0.5 * step):  # too fast to be followed until it may end
+            zero = replace(rows[n], reactions=np.zeros_like(rows[n].reactions))
+            error.add_damped(zero, rows[n], begin)
 
 
-def _first_vibration(point: _Point, jumps: JumpStates, k: int) -> OutputBlock:
-    """A row (1, ...) whose reactions are those with which vibrations begin at a jump."""
+def _first_vibration(point: _Point, jumps: JumpStates, k: int) -> tuple[OutputBlock, Array]:
+    """A row (1, ...) whose reactions are those with which vibrations begin at a jump.
+
+    Its velocities are those after the jump; also returns those before it (nv,).
+    """
     (before, after, step), state = map(float, jumps.table[k, :3]), jumps.state(k)
     row = point.row(after, state, 0.0)
-    reactions = row.reactions - point.row(after, state, step).reactions
+    reactions, v = row.reactions - point.row(after, state, step).reactions, row.v[0]
     if k > 0:  # less what is off in the state itself
-        reactions += point.row(before, state, step).reactions
-        reactions -= point.row(before, state, 0.0).reactions
-    return replace(row, reactions=reactions)
+        earlier = point.row(before, state, 0.0)
+        reactions += point.row(before, state, step).reactions - earlier.reactions
+        v = earlier.v[0]
+    return replace(row, reactions=reactions), v
 
 
 def _runs_after_jump(
@@ -178,7 +191,8 @@ def _runs_after_jump(
     """Rows after a jump by steps as those of the run, and by steps that follow vibrations."""
     begin, step = float(jumps.table[k, 0]), float(jumps.table[k, 2])
     end = min(begin + _WINDOW * step, jumps.before[k + 1 :].min(initial=settings.end))
-    times = np.linspace(begin, end, _WINDOW * _TIMES + 1)[_TIMES // 2 :]
+    outputs = run.times[(run.times > begin) & (run.times <= end)]
+    times = np.union1d(outputs, np.linspace(begin, end, _WINDOW * _TIMES + 1)[_TIMES // 2 :])
     radau = radau_5()
     prepare_units(integration_units(run.compiled.system, radau))
     blocks = []

@@ -191,10 +191,10 @@ def run_dynamics(prepared: PreparedDynamics, sink: Sink, *, progress: Progress =
             notes.append(
                 f"steps for more accuracy failed ({ending.message}); those before are kept"
             )
-            again, finished = finished.as_last_pass(), None
+            again, finished, reason = finished.as_last_pass(), None, ""
         elif ending.status == "finished" and finished is not None and is_worse(prepared):
             notes.append("steps for more accuracy are worse by round-off; those before are kept")
-            again, finished = finished.as_last_pass(), None
+            again, finished, reason = finished.as_last_pass(), None, ""
         else:
             if ending.status == "finished":
                 measure_vibrations(prepared)

@@ -187,11 +187,10 @@ class MeasuredError:
             return
         self._results.clear()
         _, gaps = self._compare(coarse, fine)
-        self._damped[:] = (
-            gaps.max(axis=0),
-            fine.t[gaps.argmax(axis=0)],
-            np.full(len(gaps[0]), begin),
-        )
+        largest, times = gaps.max(axis=0), fine.t[gaps.argmax(axis=0)]
+        more = largest > self._damped[0]
+        self._damped[0, more], self._damped[1, more] = largest[more], times[more]
+        self._damped[2, more] = begin
 
     def damped(self) -> tuple[str, float, float]:
         """The joint whose reactions lack most of vibrations, what they lack over their scale, and
