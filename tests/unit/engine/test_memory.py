@@ -137,3 +137,8 @@ def test_radau_is_collocation_at_its_points():
     second = np.outer(radau.back[1] - 1j * radau.back[2], radau.to[1] + 1j * radau.to[2])
     np.testing.assert_allclose(first + second.real, np.eye(3), atol=1e-13)
     np.testing.assert_allclose(radau.gamma * first + (mu * second).real, radau.inverse, atol=1e-12)
+    # the next term of the dense output, of u = t⁴/24 whose cubic is off by t² (1 − t)²/24: from
+    # stages that are exact, and from those that integrate exact velocities t³/6
+    cubic = (c**4 - c**2 * (1 - c) ** 2) / 24
+    for stages in (c**4 / 24, radau.A @ c**3 / 6):
+        assert radau.bend @ (stages - cubic)[:2] == pytest.approx(1 / 24, rel=1e-12)
