@@ -83,6 +83,7 @@ class Neighbours:
     progress: Progress = silent
     notes: list[str] = field(default_factory=list)
     _changes_of: dict[tuple[str, str], Change] = field(default_factory=dict)
+    _rigid: dict[str, tuple[Model, Compiled, Motion, float]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, run: Result, most_rows: int, progress: Progress = silent) -> Neighbours:
@@ -273,13 +274,13 @@ class Neighbours:
         return Effect(MODES, name, False, modes, {"modes": _MORE_MODES * max(spec.mode_count, 4)})
 
     def _deformation(self, effect: Effect) -> Change:
-        """Of a flexible body along the motion of rigid ones, of a rigid body along the run's."""
+        """Of one body along the motion in which it is rigid, and all others as in the run."""
         from flexmb.analysis.dynamics.linear_elasticity import LEAST_SPEED
         from flexmb.analysis.effects.contribution import indicators
         from flexmb.analysis.effects.stored_motion import carry_motion
 
         name, vibration = effect.body, effect.name == VIBRATION
-        start, own, motion, last = self._rigid if effect.on else (*self._dynamic, self.motion, 0.0)
+        start, own, motion, last = self._without(name)
         model = with_words(start, {name: _DYNAMIC})
         bodies, spec = dict(self.bodies), model.bodies[name]
         stiffened = getattr(spec, "geometric_stiffening", None) == "full"
@@ -290,7 +291,8 @@ class Neighbours:
             self._compile(model, bodies),
             bodies[name].centrifugal_stiffness is not None,
         )
-        if not effect.on and (isinstance(spec, MeshBodySpec) or has_data):
+        rigid = self.compiled.flexbodies[name].m == 0
+        if rigid and (isinstance(spec, MeshBodySpec) or has_data):
             carried, _ = carry_motion(motion, own, other, {})
             if indicators(other, carried, bodies[name], name).speed >= LEAST_SPEED:
                 model = with_words(model, {name: _FULL})
@@ -318,23 +320,23 @@ class Neighbours:
             change = change - slow.channels
         return (motion.channels, after), change, other.layout.channels
 
-    @cached_property
-    def _rigid(self) -> tuple[Model, Compiled, Motion, float]:
-        """The scene with rigid bodies, and its motion."""
+    def _without(self, name: str) -> tuple[Model, Compiled, Motion, float]:
+        """The scene with one body rigid, all modes of others with inertia, and its motion."""
         from flexmb.analysis.effects.stored_motion import read_motion
 
-        flexible = [name for name, spec in self.model.bodies.items() if spec.flexible]
-        model = with_words(self.model, dict.fromkeys(flexible, _RIGID))
-        if model.dynamics is not None and self.notes:  # the rows of another run
-            finer = {"outputs": len(self.motion.t) - 1}
-            model.dynamics = model.dynamics.model_copy(update=finer)
-        if all(self.compiled.flexbodies[name].m == 0 for name in flexible):
-            seconds = self.run.seconds.get("integrate", 0.0)
-            return model, self.compiled, self.motion, seconds
-        run = self._run(model, "rigid")
-        motion = read_motion(run).thinned(len(self.motion.t))
-        compiled = self._compile(model, self.bodies)
-        return model, compiled, motion, run.seconds.get("integrate", 0.0)
+        if self.compiled.flexbodies[name].m == 0:
+            return *self._dynamic, self.motion, 0.0
+        if name not in self._rigid:
+            model = with_words(self.model, {name: _RIGID})
+            if model.dynamics is not None and self.notes:  # the rows of another run
+                finer = {"outputs": len(self.motion.t) - 1}
+                model.dynamics = model.dynamics.model_copy(update=finer)
+            run = self._run(model, f"rigid_{name}")
+            motion = read_motion(run).thinned(len(self.motion.t))
+            model = with_words(self._dynamic[0], {name: _RIGID})
+            seconds = run.seconds.get("integrate", 0.0)
+            self._rigid[name] = model, self._compile(model, self.bodies), motion, seconds
+        return self._rigid[name]
 
     @cached_property
     def _own_time(self) -> float:
