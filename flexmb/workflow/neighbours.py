@@ -83,7 +83,7 @@ class Neighbours:
     progress: Progress = silent
     notes: list[str] = field(default_factory=list)
     _changes_of: dict[tuple[str, str], Change] = field(default_factory=dict)
-    _rigid: dict[str, tuple[Model, Compiled, Motion, float]] = field(default_factory=dict)
+    _rigid: dict[str, tuple[Compiled, Motion, float]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, run: Result, most_rows: int, progress: Progress = silent) -> Neighbours:
@@ -201,7 +201,7 @@ class Neighbours:
         if effect.name == MODES:
             name = effect.body
             shapes[name] = _shapes(self.compiled.flexbodies[name], other.flexbodies[name])
-        changes = self._changes(own, other, model, self.motion, shapes, follow=follow)
+        changes = self._changes(own, other, model, self.motion, shapes, follow)
         times = time(other), time(own) if self._static else self._own_time
         return *changes, times[1] / times[0] if effect.on else times[0] / times[1]
 
@@ -274,37 +274,52 @@ class Neighbours:
         return Effect(MODES, name, False, modes, {"modes": _MORE_MODES * max(spec.mode_count, 4)})
 
     def _deformation(self, effect: Effect) -> Change:
-        """Of one body along the motion in which it is rigid, and all others as in the run."""
+        """Of one body along the motion in which it is rigid; of vibrations less what is slow."""
+        from flexmb.engine.bodies.static_modes import static_coordinates
+
+        name = effect.body
+        own, motion, model, bodies, last = self._deformable(effect)
+        other = self._compile(model, bodies)
+        if effect.name == DEFORMATION:
+            mine = self.run.seconds.get("integrate", 0.0)
+            cost = mine / last if mine and last else None
+            return *self._changes(own, other, model, motion, {}), cost
+        histories, change, names, _ = self._change(replace(effect, name=DEFORMATION))
+        slow = self._compile(with_words(model, {name: {"deformation": "quasi-static"}}), bodies)
+        if follow := len(static_coordinates(slow.system, kinetostatic=True)) > 0:
+            slow = other  # nothing vibrates, nor do other bodies on the compliance of this one
+        _, still, _ = self._changes(own, slow, model, motion, {}, follow)
+        return histories, np.where(np.isfinite(change), change - still, change), names, None
+
+    def _deformable(
+        self, effect: Effect
+    ) -> tuple[Compiled, Motion, Model, dict[str, FlexBody], float]:
+        """The scene with a body rigid, and its motion; with it flexible, and its bodies."""
         from flexmb.analysis.dynamics.linear_elasticity import LEAST_SPEED
         from flexmb.analysis.effects.contribution import indicators
         from flexmb.analysis.effects.stored_motion import carry_motion
 
-        name, vibration = effect.body, effect.name == VIBRATION
-        start, own, motion, last = self._without(name)
-        model = with_words(start, {name: _DYNAMIC})
+        name = effect.body
+        own, motion, last = self._without(name)
+        model = with_words(self._dynamic[0], {name: _DYNAMIC})
         bodies, spec = dict(self.bodies), model.bodies[name]
         stiffened = getattr(spec, "geometric_stiffening", None) == "full"
         lacks = bodies[name].m == 0 or (stiffened and bodies[name].centrifugal_stiffness is None)
         if lacks and isinstance(spec, MeshBodySpec):  # as it was rigid, it was reduced without
             bodies[name] = self._reduced(model, effect)
-        other, has_data = (
-            self._compile(model, bodies),
-            bodies[name].centrifugal_stiffness is not None,
-        )
+        has_data = bodies[name].centrifugal_stiffness is not None
         rigid = self.compiled.flexbodies[name].m == 0
         if rigid and (isinstance(spec, MeshBodySpec) or has_data):
+            other = self._compile(model, bodies)
             carried, _ = carry_motion(motion, own, other, {})
             if indicators(other, carried, bodies[name], name).speed >= LEAST_SPEED:
                 model = with_words(model, {name: _FULL})
                 bodies[name] = bodies[name] if has_data else self._reduced(model, effect)
-                other = self._compile(model, bodies)
-        changes = self._changes(own, other, model, motion, {}, vibration)
-        mine = self.run.seconds.get("integrate", 0.0) if not vibration else 0.0
-        return *changes, mine / last if mine and last else None
+        return own, motion, model, bodies, last
 
     def _changes(
         self, own: Compiled, other: Compiled, model: Model, motion: Motion,
-        shapes: Mapping[str, Array], vibration: bool = False, follow: bool = False,
+        shapes: Mapping[str, Array], follow: bool = False,
     ) -> tuple[tuple[Array, Array], Array, tuple[str, ...]]:  # fmt: skip
         from flexmb.analysis.effects.contribution import estimate
 
@@ -313,19 +328,14 @@ class Neighbours:
             own, other, model, motion, shapes, begins_as_placed=begins, quasi_static=follow
         ).channels
         after = motion.channels + np.where(np.isfinite(change), change, 0.0)
-        if vibration:
-            slow = estimate(
-                own, other, model, motion, shapes, begins_as_placed=begins, quasi_static=True
-            )
-            change = change - slow.channels
         return (motion.channels, after), change, other.layout.channels
 
-    def _without(self, name: str) -> tuple[Model, Compiled, Motion, float]:
+    def _without(self, name: str) -> tuple[Compiled, Motion, float]:
         """The scene with one body rigid, all modes of others with inertia, and its motion."""
         from flexmb.analysis.effects.stored_motion import read_motion
 
         if self.compiled.flexbodies[name].m == 0:
-            return *self._dynamic, self.motion, 0.0
+            return self._dynamic[1], self.motion, 0.0
         if name not in self._rigid:
             model = with_words(self.model, {name: _RIGID})
             if model.dynamics is not None and self.notes:  # the rows of another run
@@ -333,9 +343,8 @@ class Neighbours:
                 model.dynamics = model.dynamics.model_copy(update=finer)
             run = self._run(model, f"rigid_{name}")
             motion = read_motion(run).thinned(len(self.motion.t))
-            model = with_words(self._dynamic[0], {name: _RIGID})
-            seconds = run.seconds.get("integrate", 0.0)
-            self._rigid[name] = model, self._compile(model, self.bodies), motion, seconds
+            own = self._compile(with_words(self._dynamic[0], {name: _RIGID}), self.bodies)
+            self._rigid[name] = own, motion, run.seconds.get("integrate", 0.0)
         return self._rigid[name]
 
     @cached_property
@@ -352,14 +361,14 @@ class Neighbours:
 
     def _compile(self, model: Model, bodies: Mapping[str, FlexBody]) -> Compiled:
         """The model with the damping of its modes as they are joined in the first row."""
-        from flexmb.analysis.assembly.joined_damping import add_damping
+        from flexmb.analysis.assembly.joined_damping import add_damping, choose_static_modes
         from flexmb.engine.compile import compile_system
 
         compiled = compile_system(model, bodies)
         q = compiled.initial_q.copy()
         for now, then in zip(compiled.layout.bodies, self.compiled.layout.bodies, strict=True):
             q[now.iq : now.iq + 7] = self.motion.q[0, then.iq : then.iq + 7]
-        return add_damping(compiled, model, q)[0]
+        return choose_static_modes(add_damping(compiled, model, q)[0], q)
 
     def _run(self, model: Model, name: str) -> Result:
         from flexmb.results import Result
