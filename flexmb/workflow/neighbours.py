@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from flexmb.results.writer import OutputBlock
 
 Change: TypeAlias = tuple[tuple[Array, Array], Array, tuple[str, ...], float | None]
-"""Channels without an effect and with it (n, k), its change of them, their names, its cost."""
+"""Channels of the run and its neighbour (n, k), an effect's change of them, names, its cost."""
 
 DEFORMATION, VIBRATION = "deformation", "vibration"
 STATIC = "vibration of quasi-static modes"
@@ -283,7 +283,9 @@ class Neighbours:
         if effect.name == DEFORMATION:
             mine = self.run.seconds.get("integrate", 0.0)
             cost = mine / last if mine and last else None
-            return *self._changes(own, other, model, motion, {}), cost
+            (before, after), change, names = self._changes(own, other, model, motion, {})
+            rigid = motion is self.motion
+            return (before, after) if rigid else (after, before), change, names, cost
         histories, change, names, _ = self._change(replace(effect, name=DEFORMATION))
         slow = self._compile(with_words(model, {name: {"deformation": "quasi-static"}}), bodies)
         if follow := len(static_coordinates(slow.system, kinetostatic=True)) > 0:

@@ -85,15 +85,17 @@ def respond(
     state = (np.zeros(len(coefficients.weights)),) * 2
     if start is not None:
         state = frames.inward(0, start[0]), frames.inward(0, start[1])
-    elastic = _elastic(compiled, frames) if quasi_static else None
     static = static_coordinates(compiled.system)
-    massless = _elastic(compiled, frames, static) if len(static) else None
+    springs = (
+        _elastic(compiled, frames) if quasi_static else None,
+        _elastic(compiled, frames, static) if len(static) else None,
+    )
     parts = np.zeros((3, n, len(coefficients.weights)))
     first, bounded = 0, n
     while first < n - 1 and bounded == n:
         segment = _segment(coefficients, first)
         rows = slice(first, first + len(segment.Z))
-        moved, bounded = _solve(motion.t[rows], coefficients.part(rows), segment, state, elastic, massless)
+        moved, bounded = _solve(motion.t[rows], coefficients.part(rows), segment, state, springs)
         parts[:, rows] = moved
         bounded = n if bounded == len(segment.Z) else first + bounded
         first += len(segment.Z) - 1
@@ -293,16 +295,17 @@ def _elastic(compiled: Compiled, frames: _Frames, places: IntArray | None = None
 
 def _solve(
     t: Array, of: _Coefficients, segment: _Segment, state: tuple[Array, Array],
-    elastic: Array | None, massless: Array | None,
+    springs: tuple[Array | None, Array | None],
 ) -> tuple[Array, int]:  # fmt: skip
     """δq, δv and δv̇ (3, n, nu) from the first two on, and how many rows are bounded.
 
-    With `elastic`, vibrations whose stiffness is mostly that of bodies follow their loads, with
-    `massless` those of modes of this stiffness without inertia.
+    With the first of `springs`, vibrations whose stiffness is mostly that of bodies follow their
+    loads; the second is the stiffness of modes without inertia.
     """
     from scipy.linalg import eigh, expm
 
     M, D, K, Omega, Z, g = of.M, of.D, of.K, of.Omega, segment.Z, segment.g
+    elastic, massless = springs
     n, nu, d = Z.shape
     Zd = _rate(t, Z)
     V1 = Zd + Omega @ Z
