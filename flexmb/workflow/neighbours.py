@@ -44,6 +44,7 @@ _TURN = 0.3  # rad of a body between rows
 _GAP = 0.05  # of velocities against accelerations between rows, relative
 _MORE_MODES = 2  # times as many modes tell what those left out would do
 _RIGID, _DYNAMIC = {"deformation": "rigid"}, {"deformation": "dynamic"}
+_QUASI_STATIC = {"deformation": "quasi-static"}
 _FULL = {"inertia_coupling": "full", "geometric_stiffening": "full"}
 
 
@@ -221,7 +222,7 @@ class Neighbours:
         yield Effect(DEFORMATION, name, True, f"u/L {numbers.deflection:.2g}", _RIGID)
         fast, turning = f"f/f1 {numbers.excitation:.2g}", f"Ω/ω1 {numbers.speed:.2g}"
         if spec.deformation != "quasi-static":
-            yield Effect(VIBRATION, name, True, fast, {"deformation": "quasi-static"})
+            yield Effect(VIBRATION, name, True, fast, _QUASI_STATIC)
             if static := quasi_static(spec, body, self.model):
                 few = f"{len(static)} of {body.m}"
                 yield Effect(STATIC, name, False, few, _DYNAMIC)
@@ -287,8 +288,11 @@ class Neighbours:
             rigid = motion is self.motion
             return (before, after) if rigid else (after, before), change, names, cost
         histories, change, names, _ = self._change(replace(effect, name=DEFORMATION))
-        slow = self._compile(with_words(model, {name: {"deformation": "quasi-static"}}), bodies)
-        if follow := len(static_coordinates(slow.system, kinetostatic=True)) > 0:
+        beside, slow = (
+            self._compile(with_words(one, {name: _QUASI_STATIC}), bodies)
+            for one in (self.model, model)
+        )
+        if follow := len(static_coordinates(beside.system, kinetostatic=True)) > 0:
             slow = other  # nothing vibrates, nor do other bodies on the compliance of this one
         _, still, _ = self._changes(own, slow, model, motion, {}, follow)
         return histories, np.where(np.isfinite(change), change - still, change), names, None
