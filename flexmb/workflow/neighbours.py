@@ -377,10 +377,13 @@ class Neighbours:
         return choose_static_modes(add_damping(compiled, model, q)[0], q)
 
     def _run(self, model: Model, name: str) -> Result:
+        from flexmb.model.scenes.dynamics import ValiditySpec
         from flexmb.results import Result
         from flexmb.workflow.run import run_single
 
-        folder = writable_folder(self.folder / name)
+        folder, model = writable_folder(self.folder / name), copy.copy(model)
+        any_ = dict.fromkeys(ValiditySpec.model_fields, "any")  # it is compared, valid or not
+        model.validity = ValiditySpec.model_validate(any_)
         _copy_bodies(self.run.path.parent, folder)
         report = run_single(model, folder, pictures=False, progress=self.progress)
         return Result(report.result)

@@ -119,6 +119,28 @@ def test_a_body_beside_a_flexible_one_is_judged_along_the_motion_of_that(
     assert one.share == pytest.approx(true, rel=0.1)
 
 
+def test_two_bodies_on_which_nothing_vibrates_are_judged_as_two(tmp_path):
+    """The load would vibrate on either, as soon as one of them has inertia."""
+    words = dict.fromkeys(("mast", "boom"), {"deformation": "quasi-static"})
+    model = with_words(mast_with_a_boom(), words)
+    model.dynamics = model.dynamics.model_copy(update={"start": "quasi-static"})
+    complete = with_words(model, dict.fromkeys(words, {"deformation": "dynamic"}))
+    run = flexmb.simulate(model, output=tmp_path)
+    true = share_between(run, flexmb.simulate(complete), "head")
+    made = flexmb.audit(run)
+    both = sum(find(made, "vibration", body).share for body in words)
+    assert true > 0.1
+    assert 1 / 2 < both / true < 2
+
+
+def test_a_run_of_a_neighbour_may_leave_the_bounds_of_the_scene(tmp_path):
+    """With a rigid mast the boom resonates; the head of the mast, which all is about, rests."""
+    model = mast_with_a_boom()
+    model.set_validity(deflection=0.05)
+    one = find(flexmb.audit(flexmb.simulate(model, output=tmp_path)), "deformation", "mast")
+    assert one.share == pytest.approx(1.0, rel=0.05)
+
+
 @pytest.mark.parametrize("deformation", ["rigid", "quasi-static"])
 def test_a_force_in_resonance_with_a_bar_that_does_not_vibrate(deformation):
     """Its amplitude grows with every cycle, far beyond the static deflection F L³/3EI."""
