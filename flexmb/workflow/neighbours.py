@@ -40,8 +40,7 @@ STATIC = "vibration of quasi-static modes"
 STIFFENING, COUPLING, BOTH = "geometric stiffening", "inertia coupling", "coupling and stiffening"
 MODES, DAMPING, GRAVITY, FRICTION = "further modes", "damping", "gravity", "friction"
 OUT_OF_PLANE = "motion out of the plane"
-_TURN = 0.3  # rad of a body between rows
-_GAP = 0.05  # of velocities against accelerations between rows, relative
+_ROUGH = 0.2  # of velocities against accelerations between rows, relative
 _MORE_MODES = 2  # times as many modes tell what those left out would do
 _RIGID, _DYNAMIC = {"deformation": "rigid"}, {"deformation": "dynamic"}
 _QUASI_STATIC = {"deformation": "quasi-static"}
@@ -405,10 +404,11 @@ class Neighbours:
     def _resolved(self, motion: Motion, most_rows: int) -> Motion:
         """At most so many rows; of another run with more of them where these are too far apart."""
         from flexmb.analysis.effects.stored_motion import read_motion
+        from flexmb.model.excitation import driving_frequencies
 
         thinned, spec = motion.thinned(most_rows), self.model.dynamics
-        gap = thinned.gap(self.compiled)
-        finer = max(np.sqrt(gap / _GAP), thinned.turn(self.compiled) / _TURN)
+        fastest = max((hertz for _, hertz in driving_frequencies(self.model)), default=0.0)
+        finer = thinned.finer(self.compiled, fastest)
         n = min(int(np.ceil((len(thinned.t) - 1) * finer)), most_rows - 1)
         if finer > 1.0 and n > len(motion.t) and spec is not None and "from" not in self._origin:
             model = copy.copy(self.model)
@@ -416,8 +416,10 @@ class Neighbours:
             thinned = read_motion(self._run(model, "rows")).thinned(most_rows)
             rows = f"{len(motion.t)} rows do not resolve the motion: audited with {n + 1}"
             self.notes.append(rows)
-            gap = thinned.gap(self.compiled)
-        if gap > 4.0 * _GAP:
+        if fastest * np.diff(thinned.t).max() > 0.5:
+            loads = f"{self.model.units.say(fastest, 'Hz', 2)} that drive the scene"
+            self.notes.append(f"the {len(thinned.t)} rows do not see the {loads}")
+        if (gap := thinned.gap(self.compiled)) > _ROUGH:
             self.notes.append(
                 f"the {len(thinned.t)} rows resolve the accelerations of the bodies to "
                 f"{100 * gap:.2g} % only: the estimates are rough"

@@ -162,6 +162,25 @@ def test_a_force_in_resonance_with_a_bar_that_does_not_vibrate(deformation):
         assert one.verdict == ("needed" if one.on else "missing")
 
 
+def test_a_load_with_the_period_of_the_rows_is_seen(tmp_path):
+    """It is nought at all of them; a block that moves slowly is resolved by so few."""
+    model = Model("bar and block")
+    model.add_body("bar", deformation="rigid", **beam_fields(0.35))
+    model.add_body("block", mass=1.0, inertia=[0.1] * 3)
+    model.add_joint("clamp", "fixed", between=["ground", "bar.root"])
+    model.add_joint("guide", "prismatic", between=["ground", "block"], axis="x")
+    model.add_driver("motor", joint="guide", stroke="0.3*sin(3*t)")
+    model.add_force("push", "force", at="bar.tip", value=[0, "20*sin(200*pi*t)", 0])
+    model.add_sensor("tip", "position", of="bar.tip")
+    run = flexmb.simulate(model, output=tmp_path, duration=0.5, outputs=50, accuracy=1e-5)
+    one = find(flexmb.audit(run), "deformation")
+    complete = flexmb.simulate(
+        with_words(model, {"bar": {"deformation": "dynamic"}}), duration=0.5, outputs=500,
+        accuracy=1e-5,
+    )  # fmt: skip
+    assert float(one.value.split()[0]) == pytest.approx(np.abs(complete["tip.y"]).max(), rel=0.1)
+
+
 @pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
 def test_estimates_do_not_depend_on_the_size_of_a_machine():
     """A bar that turns under its weight, from its quasi-static shape, which small ones lost."""
