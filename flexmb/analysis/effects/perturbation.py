@@ -236,6 +236,7 @@ class _Segment:
 
     Z: Array
     g: Array
+    free: IntArray  # (d,) the independent coordinates
 
 
 def _segment(of: _Coefficients, first: int) -> _Segment:
@@ -258,9 +259,9 @@ def _segment(of: _Coefficients, first: int) -> _Segment:
             size = float(np.abs(solution[:, :-1]).max(initial=1.0))
             limit = max(_WORSE * size, _WORSE) if k == first else limit
             if size > limit and k - first >= _LEAST_ROWS:
-                return _Segment(Z[: k - first], g[: k - first])
+                return _Segment(Z[: k - first], g[: k - first], free)
             Z[k - first, dependent], g[k - first, dependent] = solution[:, :-1], solution[:, -1]
-    return _Segment(Z, g)
+    return _Segment(Z, g, free)
 
 
 def evaluation_time(compiled: Compiled) -> float:
@@ -348,8 +349,8 @@ def _solve(
             np.einsum("tij,tj->ti", C, z) for C, z in zip((Kt, Dt, Mt), motion, strict=True)
         )
         slow += motion
-    y0 = np.linalg.lstsq(Z[0], state[0] - g[0], rcond=None)[0]
-    yd0 = np.linalg.lstsq(Z[0], state[1] - V1[0] @ y0 - a0[0], rcond=None)[0]
+    y0 = state[0][segment.free]  # stiff modes do not share what closes joints at full size only
+    yd0 = (state[1] - V1[0] @ y0 - a0[0])[segment.free]
     back, on = np.linalg.inv(T), np.flatnonzero(~still)
     u, w = len(on), omega[on]
     x = np.zeros((n, 2 * u))
