@@ -33,17 +33,17 @@ if TYPE_CHECKING:
     from flexmb.results.writer import OutputBlock
 
 Change: TypeAlias = tuple[tuple[Array, Array], Array, tuple[str, ...], float | None]
-"""Channels without an effect and with it (n, k), its change of them, their names, its cost."""
+"""Channels of the run and its neighbour (n, k), an effect's change of them, names, its cost."""
 
 DEFORMATION, VIBRATION = "deformation", "vibration"
 STATIC = "vibration of quasi-static modes"
 STIFFENING, COUPLING, BOTH = "geometric stiffening", "inertia coupling", "coupling and stiffening"
 MODES, DAMPING, GRAVITY, FRICTION = "further modes", "damping", "gravity", "friction"
 OUT_OF_PLANE = "motion out of the plane"
-_TURN = 0.3  # rad of a body between rows
-_GAP = 0.05  # of velocities against accelerations between rows, relative
+_ROUGH = 0.2  # of velocities against accelerations between rows, relative
 _MORE_MODES = 2  # times as many modes tell what those left out would do
 _RIGID, _DYNAMIC = {"deformation": "rigid"}, {"deformation": "dynamic"}
+_QUASI_STATIC = {"deformation": "quasi-static"}
 _FULL = {"inertia_coupling": "full", "geometric_stiffening": "full"}
 
 
@@ -83,6 +83,7 @@ class Neighbours:
     progress: Progress = silent
     notes: list[str] = field(default_factory=list)
     _changes_of: dict[tuple[str, str], Change] = field(default_factory=dict)
+    _rigid: dict[str, tuple[Compiled, Motion, float]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, run: Result, most_rows: int, progress: Progress = silent) -> Neighbours:
@@ -200,7 +201,7 @@ class Neighbours:
         if effect.name == MODES:
             name = effect.body
             shapes[name] = _shapes(self.compiled.flexbodies[name], other.flexbodies[name])
-        changes = self._changes(own, other, model, self.motion, shapes, follow=follow)
+        changes = self._changes(own, other, model, self.motion, shapes, follow)
         times = time(other), time(own) if self._static else self._own_time
         return *changes, times[1] / times[0] if effect.on else times[0] / times[1]
 
@@ -220,7 +221,7 @@ class Neighbours:
         yield Effect(DEFORMATION, name, True, f"u/L {numbers.deflection:.2g}", _RIGID)
         fast, turning = f"f/f1 {numbers.excitation:.2g}", f"Ω/ω1 {numbers.speed:.2g}"
         if spec.deformation != "quasi-static":
-            yield Effect(VIBRATION, name, True, fast, {"deformation": "quasi-static"})
+            yield Effect(VIBRATION, name, True, fast, _QUASI_STATIC)
             if static := quasi_static(spec, body, self.model):
                 few = f"{len(static)} of {body.m}"
                 yield Effect(STATIC, name, False, few, _DYNAMIC)
@@ -273,36 +274,57 @@ class Neighbours:
         return Effect(MODES, name, False, modes, {"modes": _MORE_MODES * max(spec.mode_count, 4)})
 
     def _deformation(self, effect: Effect) -> Change:
-        """Of a flexible body along the motion of rigid ones, of a rigid body along the run's."""
+        """Of one body along the motion in which it is rigid; of vibrations less what is slow."""
+        from flexmb.engine.bodies.static_modes import static_coordinates
+
+        name = effect.body
+        own, motion, model, bodies, last = self._deformable(effect)
+        other = self._compile(model, bodies)
+        if effect.name == DEFORMATION:
+            mine = self.run.seconds.get("integrate", 0.0)
+            cost = mine / last if mine and last else None
+            (before, after), change, names = self._changes(own, other, model, motion, {})
+            rigid = motion is self.motion
+            return (before, after) if rigid else (after, before), change, names, cost
+        histories, change, names, _ = self._change(replace(effect, name=DEFORMATION))
+        beside, slow = (
+            self._compile(with_words(one, {name: _QUASI_STATIC}), bodies)
+            for one in (self.model, model)
+        )
+        if follow := len(static_coordinates(beside.system, kinetostatic=True)) > 0:
+            slow = other  # nothing vibrates, nor do other bodies on the compliance of this one
+        _, still, _ = self._changes(own, slow, model, motion, {}, follow)
+        return histories, np.where(np.isfinite(change), change - still, change), names, None
+
+    def _deformable(
+        self, effect: Effect
+    ) -> tuple[Compiled, Motion, Model, dict[str, FlexBody], float]:
+        """The scene with a body rigid, and its motion; with it flexible, and its bodies."""
         from flexmb.analysis.dynamics.linear_elasticity import LEAST_SPEED
         from flexmb.analysis.effects.contribution import indicators
         from flexmb.analysis.effects.stored_motion import carry_motion
 
-        name, vibration = effect.body, effect.name == VIBRATION
-        start, own, motion, last = self._rigid if effect.on else (*self._dynamic, self.motion, 0.0)
-        model = with_words(start, {name: _DYNAMIC})
+        name = effect.body
+        own, motion, last = self._without(name)
+        model = with_words(self._dynamic[0], {name: _DYNAMIC})
         bodies, spec = dict(self.bodies), model.bodies[name]
         stiffened = getattr(spec, "geometric_stiffening", None) == "full"
         lacks = bodies[name].m == 0 or (stiffened and bodies[name].centrifugal_stiffness is None)
         if lacks and isinstance(spec, MeshBodySpec):  # as it was rigid, it was reduced without
             bodies[name] = self._reduced(model, effect)
-        other, has_data = (
-            self._compile(model, bodies),
-            bodies[name].centrifugal_stiffness is not None,
-        )
-        if not effect.on and (isinstance(spec, MeshBodySpec) or has_data):
+        has_data = bodies[name].centrifugal_stiffness is not None
+        rigid = self.compiled.flexbodies[name].m == 0
+        if rigid and (isinstance(spec, MeshBodySpec) or has_data):
+            other = self._compile(model, bodies)
             carried, _ = carry_motion(motion, own, other, {})
             if indicators(other, carried, bodies[name], name).speed >= LEAST_SPEED:
                 model = with_words(model, {name: _FULL})
                 bodies[name] = bodies[name] if has_data else self._reduced(model, effect)
-                other = self._compile(model, bodies)
-        changes = self._changes(own, other, model, motion, {}, vibration)
-        mine = self.run.seconds.get("integrate", 0.0) if not vibration else 0.0
-        return *changes, mine / last if mine and last else None
+        return own, motion, model, bodies, last
 
     def _changes(
         self, own: Compiled, other: Compiled, model: Model, motion: Motion,
-        shapes: Mapping[str, Array], vibration: bool = False, follow: bool = False,
+        shapes: Mapping[str, Array], follow: bool = False,
     ) -> tuple[tuple[Array, Array], Array, tuple[str, ...]]:  # fmt: skip
         from flexmb.analysis.effects.contribution import estimate
 
@@ -311,30 +333,24 @@ class Neighbours:
             own, other, model, motion, shapes, begins_as_placed=begins, quasi_static=follow
         ).channels
         after = motion.channels + np.where(np.isfinite(change), change, 0.0)
-        if vibration:
-            slow = estimate(
-                own, other, model, motion, shapes, begins_as_placed=begins, quasi_static=True
-            )
-            change = change - slow.channels
         return (motion.channels, after), change, other.layout.channels
 
-    @cached_property
-    def _rigid(self) -> tuple[Model, Compiled, Motion, float]:
-        """The scene with rigid bodies, and its motion."""
+    def _without(self, name: str) -> tuple[Compiled, Motion, float]:
+        """The scene with one body rigid, all modes of others with inertia, and its motion."""
         from flexmb.analysis.effects.stored_motion import read_motion
 
-        flexible = [name for name, spec in self.model.bodies.items() if spec.flexible]
-        model = with_words(self.model, dict.fromkeys(flexible, _RIGID))
-        if model.dynamics is not None and self.notes:  # the rows of another run
-            finer = {"outputs": len(self.motion.t) - 1}
-            model.dynamics = model.dynamics.model_copy(update=finer)
-        if all(self.compiled.flexbodies[name].m == 0 for name in flexible):
-            seconds = self.run.seconds.get("integrate", 0.0)
-            return model, self.compiled, self.motion, seconds
-        run = self._run(model, "rigid")
-        motion = read_motion(run).thinned(len(self.motion.t))
-        compiled = self._compile(model, self.bodies)
-        return model, compiled, motion, run.seconds.get("integrate", 0.0)
+        if self.compiled.flexbodies[name].m == 0:
+            return self._dynamic[1], self.motion, 0.0
+        if name not in self._rigid:
+            model = with_words(self.model, {name: _RIGID})
+            if model.dynamics is not None and self.notes:  # the rows of another run
+                finer = {"outputs": len(self.motion.t) - 1}
+                model.dynamics = model.dynamics.model_copy(update=finer)
+            run = self._run(model, f"rigid_{name}")
+            motion = read_motion(run).thinned(len(self.motion.t))
+            own = self._compile(with_words(self._dynamic[0], {name: _RIGID}), self.bodies)
+            self._rigid[name] = own, motion, run.seconds.get("integrate", 0.0)
+        return self._rigid[name]
 
     @cached_property
     def _own_time(self) -> float:
@@ -350,20 +366,23 @@ class Neighbours:
 
     def _compile(self, model: Model, bodies: Mapping[str, FlexBody]) -> Compiled:
         """The model with the damping of its modes as they are joined in the first row."""
-        from flexmb.analysis.assembly.joined_damping import add_damping
+        from flexmb.analysis.assembly.joined_damping import add_damping, choose_static_modes
         from flexmb.engine.compile import compile_system
 
         compiled = compile_system(model, bodies)
         q = compiled.initial_q.copy()
         for now, then in zip(compiled.layout.bodies, self.compiled.layout.bodies, strict=True):
             q[now.iq : now.iq + 7] = self.motion.q[0, then.iq : then.iq + 7]
-        return add_damping(compiled, model, q)[0]
+        return choose_static_modes(add_damping(compiled, model, q)[0], q)
 
     def _run(self, model: Model, name: str) -> Result:
+        from flexmb.model.scenes.dynamics import ValiditySpec
         from flexmb.results import Result
         from flexmb.workflow.run import run_single
 
-        folder = writable_folder(self.folder / name)
+        folder, model = writable_folder(self.folder / name), copy.copy(model)
+        any_ = dict.fromkeys(ValiditySpec.model_fields, "any")  # it is compared, valid or not
+        model.validity = ValiditySpec.model_validate(any_)
         _copy_bodies(self.run.path.parent, folder)
         report = run_single(model, folder, pictures=False, progress=self.progress)
         return Result(report.result)
@@ -385,10 +404,11 @@ class Neighbours:
     def _resolved(self, motion: Motion, most_rows: int) -> Motion:
         """At most so many rows; of another run with more of them where these are too far apart."""
         from flexmb.analysis.effects.stored_motion import read_motion
+        from flexmb.model.excitation import driving_frequencies
 
         thinned, spec = motion.thinned(most_rows), self.model.dynamics
-        gap = thinned.gap(self.compiled)
-        finer = max(np.sqrt(gap / _GAP), thinned.turn(self.compiled) / _TURN)
+        fastest = max((hertz for _, hertz in driving_frequencies(self.model)), default=0.0)
+        finer = thinned.finer(self.compiled, fastest)
         n = min(int(np.ceil((len(thinned.t) - 1) * finer)), most_rows - 1)
         if finer > 1.0 and n > len(motion.t) and spec is not None and "from" not in self._origin:
             model = copy.copy(self.model)
@@ -396,8 +416,10 @@ class Neighbours:
             thinned = read_motion(self._run(model, "rows")).thinned(most_rows)
             rows = f"{len(motion.t)} rows do not resolve the motion: audited with {n + 1}"
             self.notes.append(rows)
-            gap = thinned.gap(self.compiled)
-        if gap > 4.0 * _GAP:
+        if fastest * np.diff(thinned.t).max() > 0.5:
+            loads = f"{self.model.units.say(fastest, 'Hz', 2)} that drive the scene"
+            self.notes.append(f"the {len(thinned.t)} rows do not see the {loads}")
+        if (gap := thinned.gap(self.compiled)) > _ROUGH:
             self.notes.append(
                 f"the {len(thinned.t)} rows resolve the accelerations of the bodies to "
                 f"{100 * gap:.2g} % only: the estimates are rough"

@@ -77,8 +77,8 @@ def test_a_bar_taken_for_rigid_deforms_as_its_rotation_stiffens_it(tmp_path):
     assert find(flexmb.audit(run), "deformation").shares["tip"] == pytest.approx(true, rel=0.1)
 
 
-def test_a_rigid_body_on_a_flexible_one_is_seen_where_only_that_yields(tmp_path):
-    """The tip of a mast that carries a boom: with both rigid nothing moves there."""
+def mast_with_a_boom():
+    """A load at the end of a boom on a mast; the sensor sits where only the mast yields."""
     model = Model("mast with a boom")
     model.add_body("mast", **beam_fields())
     model.add_body("boom", position=[1.0, 0, 0], **beam_fields())
@@ -89,16 +89,63 @@ def test_a_rigid_body_on_a_flexible_one_is_seen_where_only_that_yields(tmp_path)
     model.add_force("push", "force", at="load", value=[0, "20*sin(20*t)", 0])
     model.add_sensor("head", "position", of="mast.tip")
     model.set_dynamics(duration=0.5, outputs=150, accuracy=1e-5)
-    run = flexmb.simulate(with_words(model, {"boom": {"deformation": "rigid"}}), output=tmp_path)
-    true = share_between(run, flexmb.simulate(model), "head")
-    assert true > 0.05
-    assert find(flexmb.audit(run), "deformation", "boom").share == pytest.approx(true, rel=0.1)
+    return model
 
 
-def test_a_force_in_resonance_with_a_bar_taken_for_rigid():
+@pytest.mark.parametrize(
+    ("word", "other", "effect"),
+    [
+        ("rigid", "dynamic", "deformation"),
+        ("dynamic", "rigid", "deformation"),
+        pytest.param("dynamic", "quasi-static", "vibration", marks=pytest.mark.slow),
+        pytest.param("quasi-static", "dynamic", "vibration", marks=pytest.mark.slow),
+    ],
+)
+def test_a_body_beside_a_flexible_one_is_judged_along_the_motion_of_that(
+    word, other, effect, tmp_path
+):
+    """With both rigid nothing moves at the mast; on massless springs the load vibrates as well."""
+    runs = [
+        flexmb.simulate(
+            with_words(mast_with_a_boom(), {"boom": {"deformation": deformation}}),
+            output=tmp_path / deformation,
+        )
+        for deformation in (word, other)
+    ]
+    true = share_between(*runs, "head")
+    one = find(flexmb.audit(runs[0]), effect, "boom")
+    assert true > (0.05 if effect == "deformation" else 2e-3)
+    assert one.on == (word == "dynamic")
+    assert one.share == pytest.approx(true, rel=0.1)
+
+
+def test_two_bodies_on_which_nothing_vibrates_are_judged_as_two(tmp_path):
+    """The load would vibrate on either, as soon as one of them has inertia."""
+    words = dict.fromkeys(("mast", "boom"), {"deformation": "quasi-static"})
+    model = with_words(mast_with_a_boom(), words)
+    model.dynamics = model.dynamics.model_copy(update={"start": "quasi-static"})
+    complete = with_words(model, dict.fromkeys(words, {"deformation": "dynamic"}))
+    run = flexmb.simulate(model, output=tmp_path)
+    true = share_between(run, flexmb.simulate(complete), "head")
+    made = flexmb.audit(run)
+    both = sum(find(made, "vibration", body).share for body in words)
+    assert true > 0.1
+    assert 1 / 2 < both / true < 2
+
+
+def test_a_run_of_a_neighbour_may_leave_the_bounds_of_the_scene(tmp_path):
+    """With a rigid mast the boom resonates; the head of the mast, which all is about, rests."""
+    model = mast_with_a_boom()
+    model.set_validity(deflection=0.05)
+    one = find(flexmb.audit(flexmb.simulate(model, output=tmp_path)), "deformation", "mast")
+    assert one.share == pytest.approx(1.0, rel=0.05)
+
+
+@pytest.mark.parametrize("deformation", ["rigid", "quasi-static"])
+def test_a_force_in_resonance_with_a_bar_that_does_not_vibrate(deformation):
     """Its amplitude grows with every cycle, far beyond the static deflection F L³/3EI."""
     model = Model("struck bar")
-    model.add_body("bar", **beam_fields())
+    model.add_body("bar", deformation=deformation, **beam_fields())
     model.add_joint("clamp", "fixed", between=["ground", "bar.root"])
     model.add_force(
         "push", "force", at="bar.tip", value=[0, f"sin({2 * np.pi / BEAM_PERIOD}*t)", 0]
@@ -106,11 +153,46 @@ def test_a_force_in_resonance_with_a_bar_taken_for_rigid():
     model.add_sensor("tip", "position", of="bar.tip")
     cycles = 12
     run = flexmb.simulate(model, duration=cycles * BEAM_PERIOD, outputs=480, accuracy=1e-4)
-    one = find(flexmb.audit(run), "deformation")
+    made = flexmb.audit(run)
     static = 1.0 / (3 * STEEL["E"] * 0.01**4 / 12)
     grown = np.pi * cycles * static  # of an oscillator under sin ωt; the other modes: 3 % less
-    assert float(one.value.split()[0]) == pytest.approx(grown, rel=0.1)
-    assert one.verdict == "needed"
+    for effect in ("deformation", "vibration"):
+        one = find(made, effect)
+        assert float(one.value.split()[0]) == pytest.approx(grown, rel=0.1)
+        assert one.verdict == ("needed" if one.on else "missing")
+
+
+def test_a_start_from_a_sagging_bar_does_not_stretch_it(tmp_path):
+    """Its turned axes shorten it to second order, which rang as an axial vibration in the hub."""
+    model = Model("lifted bar", gravity=[0, -9.81, 0])
+    model.add_body("bar", **beam_fields())
+    model.add_joint("hub", "revolute", between=["ground", "bar.root"], axis="z")
+    model.add_driver("motor", joint="hub", angle={"type": "step5", "t1": 0.8, "y1": 0.7})
+    model.add_sensor("load", "reaction", joint="hub")
+    model.set_dynamics(duration=1.0, outputs=300, accuracy=1e-5, start="quasi-static")
+    run = flexmb.simulate(model, output=tmp_path)
+    rigid = flexmb.simulate(with_words(model, {"bar": {"deformation": "rigid"}}))
+    true = share_between(rigid, run, "load")
+    assert find(flexmb.audit(run), "deformation").share == pytest.approx(true, rel=0.1)
+
+
+def test_a_load_with_the_period_of_the_rows_is_seen(tmp_path):
+    """It is nought at all of them; a block that moves slowly is resolved by so few."""
+    model = Model("bar and block")
+    model.add_body("bar", deformation="rigid", **beam_fields(0.35))
+    model.add_body("block", mass=1.0, inertia=[0.1] * 3)
+    model.add_joint("clamp", "fixed", between=["ground", "bar.root"])
+    model.add_joint("guide", "prismatic", between=["ground", "block"], axis="x")
+    model.add_driver("motor", joint="guide", stroke="0.3*sin(3*t)")
+    model.add_force("push", "force", at="bar.tip", value=[0, "20*sin(200*pi*t)", 0])
+    model.add_sensor("tip", "position", of="bar.tip")
+    run = flexmb.simulate(model, output=tmp_path, duration=0.5, outputs=50, accuracy=1e-5)
+    one = find(flexmb.audit(run), "deformation")
+    complete = flexmb.simulate(
+        with_words(model, {"bar": {"deformation": "dynamic"}}), duration=0.5, outputs=500,
+        accuracy=1e-5,
+    )  # fmt: skip
+    assert float(one.value.split()[0]) == pytest.approx(np.abs(complete["tip.y"]).max(), rel=0.1)
 
 
 @pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")

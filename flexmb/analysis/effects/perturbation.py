@@ -30,7 +30,7 @@ from flexmb.engine.iteration_matrix import put_matrix
 from flexmb.engine.units import call, hand_over, prepare_units
 from flexmb.engine.work import new_run, new_state, new_work, units_of
 from flexmb.errors import FlexmbError
-from flexmb.flexbody.arrays import Array
+from flexmb.flexbody.arrays import Array, IntArray
 
 _UNRESOLVED = 1.0  # rad of a vibration between two rows from which on they do not resolve it
 _ROUNDS = 2  # of what such vibrations do slowly
@@ -39,6 +39,7 @@ _TURNING = 2 * np.pi  # of a body over the run: so much makes its coordinates tw
 _WORSE = 30.0  # motion of dependent coordinates per independent one that asks for others
 _LEAST_ROWS = 8  # with one choice of them
 _EVALUATIONS = 50  # of the equations, to time them
+_NO_TIME = 0.01  # of an interval, which modes without inertia take
 _MOST_VIBRATIONS = 80  # the slowest of many; what the rows do not resolve beyond only follows loads
 _SMALL = 1e-5  # of the size of the model: a change of the motion that is linear in all sensors
 _UNBOUNDED = 1e12  # a small motion this many times the model is not followed any further
@@ -84,13 +85,17 @@ def respond(
     state = (np.zeros(len(coefficients.weights)),) * 2
     if start is not None:
         state = frames.inward(0, start[0]), frames.inward(0, start[1])
-    elastic = _elastic(compiled, frames) if quasi_static else None
+    static = static_coordinates(compiled.system)
+    springs = (
+        _elastic(compiled, frames) if quasi_static else None,
+        _elastic(compiled, frames, static) if len(static) else None,
+    )
     parts = np.zeros((3, n, len(coefficients.weights)))
     first, bounded = 0, n
     while first < n - 1 and bounded == n:
         segment = _segment(coefficients, first)
         rows = slice(first, first + len(segment.Z))
-        moved, bounded = _solve(motion.t[rows], coefficients.part(rows), segment, state, elastic)
+        moved, bounded = _solve(motion.t[rows], coefficients.part(rows), segment, state, springs)
         parts[:, rows] = moved
         bounded = n if bounded == len(segment.Z) else first + bounded
         first += len(segment.Z) - 1
@@ -124,8 +129,8 @@ class _Frames:
         from scipy.spatial.transform import Rotation
 
         self.compiled, system = compiled, compiled.system
-        used = np.flatnonzero(system.kkt.column >= 0)  # quasi-static modes have no motion here
-        self.used = np.setdiff1d(used, static_coordinates(compiled.system)).astype(np.int64)
+        still = static_coordinates(system, kinetostatic=True)  # their modes have no motion here
+        self.used = np.setdiff1d(np.flatnonzero(system.kkt.column >= 0), still).astype(np.int64)
         weights = np.where(system.weights > 0.0, system.weights, 1.0)
         self.inverse = 1.0 / weights
         axes = [
@@ -231,6 +236,7 @@ class _Segment:
 
     Z: Array
     g: Array
+    free: IntArray  # (d,) the independent coordinates
 
 
 def _segment(of: _Coefficients, first: int) -> _Segment:
@@ -253,9 +259,9 @@ def _segment(of: _Coefficients, first: int) -> _Segment:
             size = float(np.abs(solution[:, :-1]).max(initial=1.0))
             limit = max(_WORSE * size, _WORSE) if k == first else limit
             if size > limit and k - first >= _LEAST_ROWS:
-                return _Segment(Z[: k - first], g[: k - first])
+                return _Segment(Z[: k - first], g[: k - first], free)
             Z[k - first, dependent], g[k - first, dependent] = solution[:, :-1], solution[:, -1]
-    return _Segment(Z, g)
+    return _Segment(Z, g, free)
 
 
 def evaluation_time(compiled: Compiled) -> float:
@@ -275,28 +281,32 @@ def evaluation_time(compiled: Compiled) -> float:
     return best / _EVALUATIONS
 
 
-def _elastic(compiled: Compiled, frames: _Frames) -> Array:
-    """Stiffness of the modes of all bodies, in weighted coordinates."""
+def _elastic(compiled: Compiled, frames: _Frames, places: IntArray | None = None) -> Array:
+    """Stiffness of the modes of all bodies, or of those at some places, in weighted coordinates."""
     K = np.zeros((compiled.layout.nv,) * 2)
     for body in compiled.layout.bodies:
         own = slice(body.iv + 6, body.iv + 6 + body.m)
         if body.m:
             K[own, own] = compiled.flexbodies[body.name].K
+    if places is not None:
+        K *= np.outer(*2 * [np.isin(np.arange(len(K)), places)])
     S = frames.turning(0)
     return np.asarray(S.T @ K @ S)
 
 
 def _solve(
     t: Array, of: _Coefficients, segment: _Segment, state: tuple[Array, Array],
-    elastic: Array | None,
+    springs: tuple[Array | None, Array | None],
 ) -> tuple[Array, int]:  # fmt: skip
     """δq, δv and δv̇ (3, n, nu) from the first two on, and how many rows are bounded.
 
-    With `elastic`, vibrations whose stiffness is mostly that of bodies follow their loads.
+    With the first of `springs`, vibrations whose stiffness is mostly that of bodies follow their
+    loads; the second is the stiffness of modes without inertia.
     """
     from scipy.linalg import eigh, expm
 
     M, D, K, Omega, Z, g = of.M, of.D, of.K, of.Omega, segment.Z, segment.g
+    elastic, massless = springs
     n, nu, d = Z.shape
     Zd = _rate(t, Z)
     V1 = Zd + Omega @ Z
@@ -311,20 +321,25 @@ def _solve(
     load = -np.einsum("tij,ti->tj", Z, load + np.einsum("tij,tj->ti", K, g))
     # modal coordinates of the mean matrices, rates over their frequencies: entries of like size
     stiffness = 0.5 * (Kr + Kr.transpose(0, 2, 1)).mean(axis=0)
+    mass, interval = 0.5 * (Mr + Mr.transpose(0, 2, 1)).mean(axis=0), np.median(np.diff(t))
+    if massless is not None:
+        strain = np.tensordot(Z, massless @ Z, ((0, 1), (0, 1))) / n
+        mass = mass + (_NO_TIME * interval) ** 2 * strain
     try:
-        squares, T = eigh(stiffness, 0.5 * (Mr + Mr.transpose(0, 2, 1)).mean(axis=0))
+        squares, T = eigh(stiffness, mass)
     except np.linalg.LinAlgError:
         what = "the motions about the computed one have no inertia in the mean: the rows of the run"
         raise FlexmbError(f"{what} are too far apart for them; ask for more outputs") from None
     omega = np.maximum(np.sqrt(np.abs(squares)), 1.0 / (t[-1] - t[0]))
     Mt, Dt, Kt = (T.T @ A @ T for A in (Mr, Dr, Kr))
     # what modes that the rows do not resolve do slowly is taken out of the forces first
-    fast = omega * np.median(np.diff(t)) > _UNRESOLVED
+    fast = omega * interval > _UNRESOLVED
     if elastic is not None:
         strain = np.tensordot(Z, elastic @ Z, ((0, 1), (0, 1))) / n
         fast = np.einsum("ij,ik,kj->j", T, strain, T) > 0.5 * np.abs(squares)
     slowest = np.argsort(np.argsort(omega)) < _MOST_VIBRATIONS
     still = fast & ~(slowest & (elastic is None))
+    still |= (massless is not None) & (omega * interval * _NO_TIME > 0.5)
     rest, slow, inner = load @ T, np.zeros((3, n, d)), np.ix_(range(n), fast, fast)
     for _ in range(_ROUNDS if elastic is None else 1):
         y = np.zeros((n, d))
@@ -334,8 +349,8 @@ def _solve(
             np.einsum("tij,tj->ti", C, z) for C, z in zip((Kt, Dt, Mt), motion, strict=True)
         )
         slow += motion
-    y0 = np.linalg.lstsq(Z[0], state[0] - g[0], rcond=None)[0]
-    yd0 = np.linalg.lstsq(Z[0], state[1] - V1[0] @ y0 - a0[0], rcond=None)[0]
+    y0 = state[0][segment.free]  # stiff modes do not share what closes joints at full size only
+    yd0 = (state[1] - V1[0] @ y0 - a0[0])[segment.free]
     back, on = np.linalg.inv(T), np.flatnonzero(~still)
     u, w = len(on), omega[on]
     x = np.zeros((n, 2 * u))

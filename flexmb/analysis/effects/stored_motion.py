@@ -17,6 +17,10 @@ from flexmb.engine.work import new_state
 from flexmb.flexbody.arrays import Array
 from flexmb.results import Result
 
+_GAP = 0.05  # of velocities against accelerations between rows, relative
+_TURN, _PHASE = 0.3, 0.75  # rad of a body and of a load between rows
+_AT_REST = 1e-9  # of the size of a model over the run: round-off
+
 
 @dataclass(frozen=True, eq=False)
 class Motion:
@@ -47,13 +51,16 @@ class Motion:
         mean = 0.5 * (self.vd[1:, rigid] + self.vd[:-1, rigid]) * weights
         missing = change - mean * np.diff(self.t)[:, None]
         total = float(np.sqrt((change**2).sum()))
-        return float(np.sqrt((missing**2).sum())) / total if total > 0.0 else 0.0
+        rests = total * (self.t[-1] - self.t[0]) < _AT_REST
+        return 0.0 if rests else float(np.sqrt((missing**2).sum())) / total
 
-    def turn(self, compiled: Compiled) -> float:
-        """Largest angle that a body turns from row to row, rad."""
+    def finer(self, compiled: Compiled, fastest: float) -> float:
+        """How many times as many rows resolve it, its turns, and loads of a frequency [Hz]."""
         steps = np.diff(self.t)[:, None]
         turns = (self.v[1:, body.iv + 3 : body.iv + 6] * steps for body in compiled.layout.bodies)
-        return max((float(np.linalg.norm(x, axis=1).max(initial=0.0)) for x in turns), default=0.0)
+        turn = max((float(np.linalg.norm(x, axis=1).max(initial=0.0)) for x in turns), default=0.0)
+        phase = 2.0 * np.pi * fastest * float(steps.max(initial=0.0))
+        return max(float(np.sqrt(self.gap(compiled) / _GAP)), turn / _TURN, phase / _PHASE)
 
     def thinned(self, most: int) -> Motion:
         """At most so many rows of it, at equal numbers of rows."""
