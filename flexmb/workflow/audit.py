@@ -14,7 +14,7 @@ from __future__ import annotations
 import copy
 import json
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -170,22 +170,50 @@ def audit(
     FlexmbError
         The run is not finished, has no sensors, or did not store what is needed.
     """
-    from flexmb.analysis.dynamics.validity import ValidityMonitor
     from flexmb.results import Result
-    from flexmb.results.result_file import store_text
 
     run = result if isinstance(result, Result) else Result(result)
+    made = audit_unless(run, budget, progress, lambda _: False)
+    assert made is not None
+    return made
+
+
+def audit_unless(
+    run: Result, budget: float | None, progress: Progress,
+    is_enough: Callable[[Sequence[EffectOutcome]], bool],
+) -> Audit | None:  # fmt: skip
+    """The audit of a run; None if what is left out of its bodies is enough to know.
+
+    Parameters
+    ----------
+    run : Result
+        The run.
+    budget, progress
+        As for `audit`.
+    is_enough : callable
+        Takes what bodies leave out, which is looked at first.
+    """
+    from flexmb.analysis.dynamics.validity import ValidityMonitor
+    from flexmb.results.result_file import store_text
+
     began = time.perf_counter()
     _check_run(run)
     neighbours = Neighbours.of(run, _MOST_ROWS, progress)
     if budget is None:
         stated = neighbours.model.effects
         budget = BUDGET if stated is None else stated.budget
-    effects = []
     todo = [*neighbours.effects(), *scene_effects(neighbours)]
-    for k, effect in enumerate(todo):
-        progress("audit", k / len(todo), effect.name)
-        effects.append(_outcome(neighbours, effect, budget))
+    order = sorted(range(len(todo)), key=lambda k: todo[k].on or not todo[k].body)
+    first = sum(bool(one.body) and not one.on for one in todo)
+    outcomes: dict[int, EffectOutcome] = {}
+    for n, k in enumerate(order):
+        if n == first and is_enough(tuple(outcomes.values())):
+            return None
+        progress("audit", n / len(todo), todo[k].name)
+        outcomes[k] = _outcome(neighbours, todo[k], budget)
+    if first == len(todo) and is_enough(tuple(outcomes.values())):
+        return None
+    effects = [outcomes[k] for k in range(len(todo))]
     progress("audit", 1.0)
     monitor = ValidityMonitor(neighbours.compiled, neighbours.model, neighbours.motion.q[0])
     monitor.add(neighbours.rows())

@@ -11,8 +11,9 @@ stiffening, full coupling with it: centrifugal softening without stiffening is n
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,7 @@ from flexmb.errors import FlexmbError
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.scenes.effects import with_words
 from flexmb.progress import Progress, silent
-from flexmb.workflow.audit import Audit, audit, percent
+from flexmb.workflow.audit import Audit, EffectOutcome, audit, audit_unless, percent
 from flexmb.workflow.neighbours import (
     BOTH,
     COUPLING,
@@ -138,6 +139,7 @@ def run_with_selected_effects(
     selection = Selection(
         {name: _open_words(spec) for name, spec in model.bodies.items() if spec.flexible}
     )
+    made: Audit | None = None
     first: FlexmbError | None = None  # of runs one after the other that failed
     for number in map(str, range(1, _MOST_RUNS + 1)):
         try:
@@ -153,9 +155,12 @@ def run_with_selected_effects(
         run = Result(report.result)
         if run.status != "finished":
             return report
-        made = audit(run, budget=budget, progress=progress)
-        if not _switch_on(selection, made, number, budget):
+        made = audit_unless(
+            run, budget, progress, partial(_switch_on, selection, number=number, budget=budget)
+        )
+        if made is not None:
             break
+    made = made or audit(run, budget=budget, progress=progress)
     store_text(run.path, TEXT, selection.text())
     picture, history = draw_run(run, progress) if pictures else (None, None)
     steps = selection.steps or [("1", "", "nothing", "all stays within the budget", "", "")]
@@ -190,14 +195,16 @@ def _climb(selection: Selection, number: str, why: str) -> bool:
     return any([selection.switch(k, _WORDS[BOTH], number, why, "", "") for k in constant])
 
 
-def _switch_on(selection: Selection, made: Audit, number: str, budget: float) -> bool:
+def _switch_on(
+    selection: Selection, effects: Sequence[EffectOutcome], number: str, budget: float
+) -> bool:
     """Switch on what would let the sum of what is left out exceed its share of the budget.
 
     The smallest contributions stay out, as long as their sum at every sensor allows it.
     """
     sums: dict[str, float] = {}
     changed = False
-    off = [one for one in made.effects if not one.on and one.share is not None and one.body]
+    off = [one for one in effects if not one.on and one.share is not None and one.body]
     for one in sorted(off, key=lambda one: one.share or 0.0):
         together = {name: sums.get(name, 0.0) + share for name, share in one.shares.items()}
         if max(together.values(), default=0.0) <= _SHARE * budget:

@@ -16,7 +16,7 @@ from samebytes import assert_same_bytes
 from truthkit import Memory, run
 
 import flexmb
-from flexmb.analysis.dynamics import integration
+from flexmb.analysis.dynamics import dynamics, integration
 from flexmb.analysis.dynamics.dynamics import prepare_dynamics, run_dynamics
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
@@ -186,3 +186,12 @@ def test_a_driver_whose_speed_jumps(method):
     assert ended.statistics["steps"] < 100
     assert ended.statistics["measured_error_of_reactions"] > 1e2
     assert any("times the range of its reactions" in note for note in ended.notes)
+
+
+def test_a_user_may_stop_the_measurement(monkeypatch):
+    def interrupt(prepared):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(dynamics, "measure_vibrations", interrupt)
+    ended = outcome(shaken(), method="radau", accuracy=1e-4)
+    assert (ended.status, ended.message) == ("stopped", "stopped by the user at t = 1 s")

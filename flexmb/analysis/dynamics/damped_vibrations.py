@@ -118,7 +118,7 @@ class _Point:
         self._run = Integration(run.compiled, run.method, run.settings, self._state, self._time)
 
     def row(self, t: float, state: tuple[Array, Array], step: float) -> OutputBlock:
-        """The row at positions and velocities; with step 0 nothing is filtered."""
+        """The row at positions and velocities, or none; with step 0 nothing is filtered."""
         self._state.t[0] = t
         self._state.q[:], self._state.v[:] = state
         self._state.memory[0]["last_step"], self._state.count[0]["outputs"] = step, 0
@@ -155,34 +155,37 @@ def measure_damped_vibrations(
     shares, kicks, rows = [], [], []
     for k in passed:
         row, v = _first_vibration(point, jumps, k)
-        rows.append(row)
+        if row is None:
+            continue
+        rows.append((k, row))
         shares.append(error.reaction_share(row))
         kicks.append(float((np.abs(row.v[0] - v) * weights / run.state.speed).max()))
-    worst = {int(np.argmax(shares))} if max(shares) > least else set()
-    if max(kicks) > _KICK:
+    worst = {int(np.argmax(shares))} if max(shares, default=0.0) > least else set()
+    if max(kicks, default=0.0) > _KICK:
         worst.add(int(np.argmax(kicks)))
-    for n in sorted(worst):
-        begin, step = jumps.table[passed[n], [0, 2]].tolist()
-        coarse, fine = _runs_after_jump(run, settings, first, jumps, passed[n])
+    for k, row in (rows[n] for n in sorted(worst)):
+        begin, step = jumps.table[k, [0, 2]].tolist()
+        coarse, fine = _runs_after_jump(run, settings, first, jumps, k)
         error.add_damped(coarse, fine, begin)
         if not np.any(fine.t > begin + 0.5 * step):  # too fast to be followed until it may end
-            zero = replace(rows[n], reactions=np.zeros_like(rows[n].reactions))
-            error.add_damped(zero, rows[n], begin)
+            error.add_damped(replace(row, reactions=np.zeros_like(row.reactions)), row, begin)
 
 
-def _first_vibration(point: _Point, jumps: JumpStates, k: int) -> tuple[OutputBlock, Array]:
+def _first_vibration(point: _Point, jumps: JumpStates, k: int) -> tuple[OutputBlock | None, Array]:
     """A row (1, ...) whose reactions are those with which vibrations begin at a jump.
 
-    Its velocities are those after the jump; also returns those before it (nv,).
+    Its velocities are those after the jump; also returns those before it (nv,). None where a state
+    has no accelerations, as of modes without mass.
     """
     (before, after, step), state = map(float, jumps.table[k, :3]), jumps.state(k)
-    row = point.row(after, state, 0.0)
-    reactions, v = row.reactions - point.row(after, state, step).reactions, row.v[0]
+    rows = [point.row(after, state, 0.0), point.row(after, state, step)]
     if k > 0:  # less what is off in the state itself
-        earlier = point.row(before, state, 0.0)
-        reactions += point.row(before, state, step).reactions - earlier.reactions
-        v = earlier.v[0]
-    return replace(row, reactions=reactions), v
+        rows += [point.row(before, state, 0.0), point.row(before, state, step)]
+    if not all(len(row.t) and np.isfinite(row.reactions).all() for row in rows):
+        return None, state[1]
+    signs = (1.0, -1.0, -1.0, 1.0)
+    parts = [sign * row.reactions for sign, row in zip(signs, rows, strict=False)]
+    return replace(rows[0], reactions=np.sum(parts, axis=0)), rows[-2].v[0]
 
 
 def _runs_after_jump(

@@ -197,7 +197,7 @@ def run_dynamics(prepared: PreparedDynamics, sink: Sink, *, progress: Progress =
             again, finished, reason = finished.as_last_pass(), None, ""
         else:
             if ending.status == "finished":
-                measure_vibrations(prepared)
+                ending = _measured(prepared, ending)
             tolerance = stricter_tolerance(prepared) if ending.status == "finished" else None
             if tolerance is None:
                 break
@@ -216,6 +216,15 @@ def run_dynamics(prepared: PreparedDynamics, sink: Sink, *, progress: Progress =
     if prepared.not_unique:
         statistics[NOT_UNIQUE] = ", ".join(prepared.not_unique)
     return Outcome(ending.status, ending.message, statistics, tuple(notes))
+
+
+def _measured(prepared: PreparedDynamics, ending: Ending) -> Ending:
+    """How a run ended whose vibrations are measured: as it did, unless the user stops that."""
+    try:
+        measure_vibrations(prepared)
+    except KeyboardInterrupt:
+        return Ending("stopped", f"stopped by the user at t = {prepared.run.state.t[0]:.6g} s")
+    return ending
 
 
 def dynamics(

@@ -17,6 +17,7 @@ run) may be missed there.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -358,18 +359,22 @@ def first_discontinuities(ops: Program, end: float, derivatives: int) -> list[Di
     list of Discontinuity
         Where value or derivatives are not finite, where the value jumps, and where the rate does.
     """
-    ops = tuple(ops)
+    return list(_first_discontinuities(tuple(ops), end, derivatives))
+
+
+@lru_cache(maxsize=512)  # a study or an audit asks for those of one scene again and again
+def _first_discontinuities(ops: Program, end: float, derivatives: int) -> tuple[Discontinuity, ...]:
     if end <= 0.0 or not any(_is_unsafe(*op) for op in ops):
-        return []
+        return ()
     places = np.array(derivative_jumps(ops, end)[:_CORNERS])
     sides = np.nextafter(places, -np.inf), places, np.nextafter(places, np.inf)
     times = np.unique(np.concatenate([np.linspace(0.0, end, _INTERVALS + 1), *sides]))
     jets = np.array([evaluate(ops, t) for t in times])
     finite = np.isfinite(jets[:, : derivatives + 1]).all(axis=1)
     if not finite.all():
-        return [_undefined(ops, times, finite, derivatives)]
+        return (_undefined(ops, times, finite, derivatives),)
     jumps = (_first_jump(ops, times, jets, order) for order in (0, 1))
-    return [jump for jump in jumps if jump is not None]
+    return tuple(jump for jump in jumps if jump is not None)
 
 
 def _is_unsafe(op: str, argument: object) -> bool:
