@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from generators import Cloud
 
-from flexmb.flexbody import Interface
+from flexmb.flexbody import FlexBody, Interface
 from flexmb.model import Model
 
 from .oscillators import on_rails
@@ -107,20 +106,24 @@ def mount_truth(t):
 
 
 _X = np.linspace(0.25, 1.0, 4)
+# Four points of 1/4 kg: places, shapes of two modes, their stiffness and damping.
+_MASS, _PLACES = np.full(4, 0.25), np.stack([_X, 0.1 * _X, [0, 0.1, -0.1, 0]], axis=1)
 _SHAPES = np.stack([
     np.stack([0 * _X, _X**2, 0.3 * _X**2], axis=1),
     np.stack([0.1 * _X**3, _X**2 - 1.3 * _X**3, 0.1 * _X**2], axis=1),
 ], axis=2)  # fmt: skip
-_BLADE = Cloud(
-    np.full(4, 0.25), np.stack([_X, 0.1 * _X, [0, 0.1, -0.1, 0]], axis=1), _SHAPES,
-    np.diag([300.0, 2000.0]), np.diag([0.1, 0.1]),
+_STIFF, _DAMP, _REST = np.diag([300.0, 2000.0]), np.diag([0.1, 0.1]), np.zeros((3, 2))
+BLADE = FlexBody(
+    "blade", _MASS.sum(), _MASS @ _PLACES,
+    np.einsum("k,ka,kb->ab", _MASS, _PLACES, _PLACES),
+    np.einsum("k,kbi->bi", _MASS, _SHAPES),
+    np.einsum("k,ka,kbi->abi", _MASS, _PLACES, _SHAPES),
+    np.einsum("k,kai,kbj->abij", _MASS, _SHAPES, _SHAPES),
+    _STIFF, _DAMP, (
+        Interface("root", [0, 0, 0], _REST, _REST),
+        Interface("tip", _PLACES[-1], _SHAPES[-1], _REST),
+    ),
 )  # fmt: skip
-
-
-_REST = np.zeros((3, 2))
-BLADE = _BLADE.flexbody("blade", (
-    Interface("root", [0, 0, 0], _REST, _REST), Interface("tip", _BLADE.s[-1], _BLADE.N[-1], _REST),
-))  # fmt: skip
 
 
 def blade(size=1.0):
@@ -138,7 +141,7 @@ def blade(size=1.0):
 
 def blade_motion(t):
     """η and η' (4, len(t)), each point by itself in axes that turn: Σ m Nᵀ(N η'' + their pull)."""
-    m, s, N = _BLADE.mass, _BLADE.s, _BLADE.N
+    m, s, N = _MASS, _PLACES, _SHAPES
     M = np.einsum("k,kai,kaj->ij", m, N, N)
 
     def slope(t, y):
@@ -148,14 +151,14 @@ def blade_motion(t):
             -2 * spin * u[:, 1] - gain * r[:, 1] - spin**2 * r[:, 0],
             2 * spin * u[:, 0] + gain * r[:, 0] - spin**2 * r[:, 1], 0 * r[:, 0],
         ], axis=1)  # fmt: skip
-        pull = -np.einsum("k,kai,ka->i", m, N, frame) - _BLADE.K @ y[:2] - _BLADE.D @ y[2:]
+        pull = -np.einsum("k,kai,ka->i", m, N, frame) - _STIFF @ y[:2] - _DAMP @ y[2:]
         return [*y[2:], *np.linalg.solve(M, pull)]
 
     return integrated(slope, [0, 0, 0, 0], t)
 
 
 def blade_truth(t):
-    bend = _BLADE.s[-1][:, None] + _BLADE.N[-1] @ blade_motion(t)[:2]
+    bend = _PLACES[-1][:, None] + _SHAPES[-1] @ blade_motion(t)[:2]
     turn = (bend[0] + 1j * bend[1]) * np.exp(1j * (3 * t + 0.5 * (1 - np.cos(6 * t))))
     tip = {"tip.x": turn.real, "tip.y": turn.imag, "tip.z": bend[2]}
     return tip | {f"bend.{axis}": bend[k] for k, axis in enumerate("xyz")}
