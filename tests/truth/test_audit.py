@@ -66,6 +66,7 @@ def test_stiffening_left_out_of_a_spinning_bar(share, tmp_path):
     assert Audit.from_text(run.texts["audit"]).effects[0].effect == "deformation"
 
 
+@pytest.mark.slow
 def test_a_bar_taken_for_rigid_deforms_as_its_rotation_stiffens_it(tmp_path):
     """Beyond its first frequency it would fold without; stiffened it bends less than at rest."""
     model = spinning(2.0)
@@ -119,6 +120,7 @@ def test_a_body_beside_a_flexible_one_is_judged_along_the_motion_of_that(
     assert one.share == pytest.approx(true, rel=0.1)
 
 
+@pytest.mark.slow
 def test_two_bodies_on_which_nothing_vibrates_are_judged_as_two(tmp_path):
     """The load would vibrate on either, as soon as one of them has inertia."""
     words = dict.fromkeys(("mast", "boom"), {"deformation": "quasi-static"})
