@@ -49,6 +49,9 @@ def dimension(kind: str) -> int:
     return DIMENSION.get(kind.rstrip("0123456789").removeprefix("VTK_LAGRANGE_").lower(), -1)
 
 
+_LARGEST = 1e100  # coordinate, whose third power is a number
+
+
 @dataclass(frozen=True, eq=False)
 class Mesh:
     """Points, elements and groups.
@@ -92,6 +95,11 @@ class Mesh:
         if len(bad):
             what = f"node {bad[0]} has a coordinate that is not a number ({len(bad)} such nodes)"
             raise MeshError(f"{self.source}: {what}")
+        largest = float(np.abs(points).max())
+        if largest > _LARGEST:
+            node = int(np.abs(points).max(axis=1).argmax())
+            what = f"node {node} has the coordinate {largest:g}: volumes overflow from"
+            raise MeshError(f"{self.source}: {what} {_LARGEST:g} on")
         for kind, cells in self.blocks.items():
             if cells.size and (cells.min() < 0 or cells.max() >= len(points)):
                 raise MeshError(

@@ -44,6 +44,7 @@ def test_mesh_without_groups_says_so():
     [
         (np.zeros((0, 3)), {}, "no points"),
         ([[0, 0, np.inf]], {}, "node 0 has a coordinate that is not a number"),
+        ([[0, 0, 1], [0, -1e308, 0]], {}, "node 1 has the coordinate 1e.308: volumes overflow"),
         ([[0, 0, 0]], {"line": np.array([[0, 1]])}, "line name nodes that are absent"),
     ],
 )
