@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from accuracyscenes import beside_a_large_motion
 from flexiblescenes import four_bar_with_a_beam
 from hard.spin import driven_shaft
 from samebytes import assert_same_bytes
@@ -64,6 +65,12 @@ def test_what_reactions_lack_of_a_vibration_is_stated(method, change):
     sentence = [note for note in ended.notes if "lacks" in note]
     assert bool(sentence) == (told > 0.05)
     assert all("jump at t = 0.2 s" in note for note in sentence)
+
+
+@pytest.mark.parametrize("method", ["radau", "generalized-alpha"])
+def test_beside_a_flywheel_of_a_kilometre(method):
+    ended = outcome(beside_a_large_motion(shaken()), method=method, accuracy=1e-4)
+    assert ended.statistics["measured_error_of_reactions"] == pytest.approx(0.25, rel=0.1)
 
 
 @pytest.mark.parametrize("rows", [3, 1000])

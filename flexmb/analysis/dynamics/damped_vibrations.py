@@ -82,10 +82,10 @@ class JumpStates:
     def add_steps(self, knots: Array, refinement: float) -> None:
         """Take the ends of steps of the comparison run [s], which has fewer by `refinement`."""
         for row in self.table[np.isfinite(self.table[:, 0]) & np.isnan(self.table[:, 2])]:
-            if knots[0] <= row[1] and row[0] < knots[-1]:
-                ends = knots[np.searchsorted(knots, row[0]) :] - row[0]
+            ends = knots[np.searchsorted(knots, row[0]) :] - row[0]
+            if knots[0] <= row[1] and len(ends) > 1:
                 steps = np.diff(ends)
-                largest = steps[ends[:-1] <= _MANY * steps].max() / refinement
+                largest = steps[ends[:-1] <= _MANY * steps].max(initial=steps[0]) / refinement
                 self.table[self.table[:, 0] == row[0], 2] = largest
 
     def add_rows(self, rows: OutputBlock) -> None:

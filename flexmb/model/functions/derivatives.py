@@ -362,7 +362,7 @@ def first_discontinuities(ops: Program, end: float, derivatives: int) -> list[Di
     return list(_first_discontinuities(tuple(ops), end, derivatives))
 
 
-@lru_cache(maxsize=512)  # a study or an audit asks for those of one scene again and again
+@lru_cache(maxsize=64)  # a study or an audit asks for those of one scene again and again
 def _first_discontinuities(ops: Program, end: float, derivatives: int) -> tuple[Discontinuity, ...]:
     if end <= 0.0 or not any(_is_unsafe(*op) for op in ops):
         return ()
