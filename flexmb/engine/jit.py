@@ -286,21 +286,27 @@ def pack(record: Any, address_of: Callable[[Unit], int]) -> Packed:
     TypeError
         An array of another dtype or number of dimensions than annotated, or not contiguous.
     """
+    return _pack(record, address_of, {})
+
+
+def _pack(record: Any, address_of: Callable[[Unit], int], packed: dict[int, Packed]) -> Packed:
+    """The same; `packed` has the records of tables by `id`, which many stages share."""
     words: list[int] = []
     owned: list[Any] = [record]
-    _add_words(record, words, owned, address_of)
+    _add_words(record, words, owned, address_of, packed)
     memory = np.array(words or [0], np.int64)
     return Packed(memory.ctypes.data, record, (memory, *owned))
 
 
 def _add_words(
-    record: Any, words: list[int], owned: list[Any], address_of: Callable[[Unit], int]
-) -> None:
+    record: Any, words: list[int], owned: list[Any], address_of: Callable[[Unit], int],
+    packed: dict[int, Packed],
+) -> None:  # fmt: skip
     """Append the words of a record, and to `owned` what they point at in addition to its arrays."""
     for name, _, kind, table in layout(type(record))[0]:
         value = getattr(record, name)
         if table:
-            value = _addresses(value, table, owned, address_of)
+            value = _addresses(value, table, owned, address_of, packed)
         if isinstance(kind, Array):
             _check(record, name, value, kind)
             words.append(value.ctypes.data)  # faster than __array_interface__ where it has fields
@@ -310,18 +316,22 @@ def _add_words(
         elif kind is int:
             words.append(int(value))
         else:
-            _add_words(value, words, owned, address_of)
+            _add_words(value, words, owned, address_of, packed)
 
 
 def _addresses(
-    values: Any, table: str, owned: list[Any], address_of: Callable[[Unit], int]
-) -> np.ndarray:
+    values: Any, table: str, owned: list[Any], address_of: Callable[[Unit], int],
+    packed: dict[int, Packed],
+) -> np.ndarray:  # fmt: skip
     if table == "units":
         numbers = [0 if unit is None else address_of(unit) for unit in values]
     else:
-        packed = [pack(record, address_of) for record in values]
-        owned.append(packed)
-        numbers = [one.address for one in packed]
+        numbers = []
+        for record in values:
+            if id(record) not in packed:
+                packed[id(record)] = _pack(record, address_of, packed)
+            owned.append(packed[id(record)])
+            numbers.append(packed[id(record)].address)
     addresses = np.array(numbers, np.int64)
     owned.append(addresses)
     return addresses

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 
-from flexmb.engine.algebra.ldl import multiply, solve, solve_refined
+from flexmb.engine.algebra.ldl import multiply, solve, solve_refined, solve_without_regularisation
 from flexmb.engine.algebra.vector import copy, largest, weighted_size, zero
 from flexmb.engine.bodies.motion import move
 from flexmb.engine.equations_of_motion import (
@@ -36,6 +36,8 @@ _ROUNDS = 3
 _REFINEMENTS = 2
 # Pivot of a row over its regularisation, from which on one refinement leaves round-off.
 _FIRM = 1e7
+# Pivot of a coordinate over its diagonal entry, up to which what round-off takes needs no refinement.
+_OUTGROWN = 1e3
 # Forces that depend on accelerations or reactions: rounds until they settle, relative.
 _LOOP_ROUNDS, _LOOP_CLOSED = 100, 1e-12
 # Quasi-static modes follow the loads up to this weighted change.
@@ -217,6 +219,15 @@ def _is_firm(fac):
     return firm
 
 
+@kernel
+def _keeps_digits(fac):
+    """Whether no pivot has outgrown its diagonal entry, whose digits refinement would bring back."""
+    for k in range(fac.eps.shape[0]):
+        if abs(fac.d[k]) > _OUTGROWN * fac.diagonal[k]:
+            return False
+    return True
+
+
 @unit
 def _solve(run: Run, at: Point, cp: float) -> int:
     """(v̇; λ) from (Q; γ) with the present factor; returns the status of the forces."""
@@ -234,7 +245,12 @@ def _solve(run: Run, at: Point, cp: float) -> int:
     if run.settings.follow == 1:
         for i in range(nv):
             fac.rhs[place[i]] += run.work.trial.mode_force[i]
-    solve_refined(kkt, fac, 1 if _is_firm(fac) else _REFINEMENTS)
+    if not _is_firm(fac):
+        solve_refined(kkt, fac, _REFINEMENTS)
+    elif _keeps_digits(fac):
+        solve_without_regularisation(kkt, fac)
+    else:
+        solve_refined(kkt, fac, 1)
     for i in range(nv):
         vd[i] = fac.sol[place[i]]
     for i in range(lam.shape[0]):

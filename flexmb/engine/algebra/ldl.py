@@ -12,34 +12,21 @@ in its panel, modes before the rigid part; −1 leaves it out (out of the plane 
 
 from __future__ import annotations
 
-import math
-
+from flexmb.engine.algebra.small_panels import (
+    backward_six,
+    backward_small,
+    factor_six,
+    factor_three,
+    factor_two,
+    forward_six,
+    forward_small,
+    guarded,
+)
 from flexmb.engine.algebra.vector import add_multiple, copy, dot, zero
 from flexmb.engine.jit import Matrix, Vector, kernel, unit
 from flexmb.engine.method import FINE
 from flexmb.engine.state import ComplexFactor, Factor, Run
 from flexmb.engine.tables import Kkt
-
-# A pivot this small against its own diagonal entry carries no digits.
-_TINY = 1e-13
-
-
-# What replaces it, against the same entry: the square root of round-off, lost as much by the
-# growth of the factor as by the error of the matrix.
-_SMALL = 1e-8
-
-
-@kernel
-def _guarded(d, a, sign):
-    """Pivot d, or a replacement if it has no digits; and whether it was.
-
-    a is its diagonal entry. The replacement is small, so that refinement takes it back. A pivot of
-    the other sign has its digits and stays: forces and reactions make a body unstable that joints
-    hold, and any other pivot there spoils the convergence of Newton's method.
-    """
-    if abs(d) > _TINY * abs(a) and math.isfinite(abs(d)):
-        return d, 0
-    return 0.0 * a + sign * _SMALL * (abs(a) if abs(a) > 0.0 else 1.0), 1
 
 
 @unit
@@ -59,12 +46,19 @@ def _factor(panels, updates, fac):
     low, up, Wl, Wu, d = fac.low, fac.up, fac.Wl, fac.Wu, fac.d
     symmetric, fixes = fac.symmetric[0] == 1, 0
     for p in range(panels.shape[0]):
-        if symmetric:
-            fixes += _factor_panel(panels[p], low, Wl, d)
-            _update_low(panels[p], updates, low, Wl)
+        panel, nc = panels[p], panels[p]["nc"]
+        if not symmetric:
+            fixes += _factor_panel_pair(panel, low, up, Wl, Wu, d)
+            _update_pair(panel, updates, low, up, Wl, Wu)
+        elif nc == 2:
+            fixes += factor_two(panel, updates, low, Wl, d)
+        elif nc == 3:
+            fixes += factor_three(panel, updates, low, Wl, d)
+        elif nc == 6:
+            fixes += factor_six(panel, updates, low, Wl, d)
         else:
-            fixes += _factor_panel_pair(panels[p], low, up, Wl, Wu, d)
-            _update_pair(panels[p], updates, low, up, Wl, Wu)
+            fixes += _factor_panel(panel, low, Wl, d, nc + panel["nr"])
+            _update_low(panel, updates, low, Wl)
     return fixes
 
 
@@ -80,10 +74,11 @@ def solve_complex(kkt: Kkt, fac: ComplexFactor) -> int:
 
 
 @kernel
-def _factor_panel(panel, L, W, d):
+def _factor_panel(panel, L, W, d, rows):
+    """So many rows of the panel."""
     at, nc, col = panel["at"], panel["nc"], panel["col"]
     fixes = 0
-    for i in range(nc + panel["nr"]):
+    for i in range(rows):
         row = at + i * nc
         w = i * nc
         for j in range(min(i, nc)):
@@ -92,7 +87,7 @@ def _factor_panel(panel, L, W, d):
             L[row + j] = W[w + j] * W[j * nc + j]
         if i < nc:
             s = L[row + i] - dot(W, w, L, row, i)
-            d[col + i], fixed = _guarded(s, L[row + i], panel["sign"])
+            d[col + i], fixed = guarded(s, L[row + i], panel["sign"])
             W[w + i] = 1.0 / d[col + i]
             fixes += fixed
     return fixes
@@ -126,7 +121,7 @@ def _factor_panel_pair(panel, L, U, W, V, d):
             U[row + j] = V[w + j] * W[j * nc + j]
         if i < nc:
             s = L[row + i] - dot(W, w, U, row, i)
-            d[col + i], fixed = _guarded(s, L[row + i], panel["sign"])
+            d[col + i], fixed = guarded(s, L[row + i], panel["sign"])
             W[w + i] = 1.0 / d[col + i]
             fixes += fixed
     return fixes
@@ -165,9 +160,9 @@ def _solve(panels, rows_of, L, U, d, b):
         panel = panels[p]
         at, nc, col, rows, nr = panel["at"], panel["nc"], panel["col"], panel["rows"], panel["nr"]
         if nc <= 3:
-            _forward_small(at, nc, col, rows, nr, rows_of, L, b)
+            forward_small(at, nc, col, rows, nr, rows_of, L, b)
         elif nc == 6:
-            _forward_six(at, col, rows, nr, rows_of, L, b)
+            forward_six(at, col, rows, nr, rows_of, L, b)
         else:
             for i in range(1, nc):
                 b[col + i] -= dot(L, at + i * nc, b, col, i)
@@ -179,9 +174,9 @@ def _solve(panels, rows_of, L, U, d, b):
         panel = panels[n - 1 - q]
         at, nc, col, rows, nr = panel["at"], panel["nc"], panel["col"], panel["rows"], panel["nr"]
         if nc <= 3:
-            _backward_small(at, nc, col, rows, nr, rows_of, U, b)
+            backward_small(at, nc, col, rows, nr, rows_of, U, b)
         elif nc == 6:
-            _backward_six(at, col, rows, nr, rows_of, U, b)
+            backward_six(at, col, rows, nr, rows_of, U, b)
         else:
             _backward(at, nc, col, rows, nr, rows_of, U, b)
 
@@ -193,109 +188,6 @@ def _backward(at, nc, col, rows, nr, rows_of, U, b):
     for j in range(nc - 1):
         i = nc - 1 - j
         add_multiple(-b[col + i], U, at + i * nc, b, col, i)
-
-
-@kernel
-def _forward_small(at, nc, col, rows, nr, rows_of, L, b):
-    """The panel of one to three columns."""
-    x = b[col]
-    if nc == 1:
-        for i in range(nr):
-            b[rows_of[rows + i]] -= L[at + 1 + i] * x
-        return
-    y = b[col + 1] - L[at + nc] * x
-    b[col + 1] = y
-    if nc == 2:
-        for i in range(nr):
-            o = at + 4 + 2 * i
-            b[rows_of[rows + i]] -= L[o] * x + L[o + 1] * y
-        return
-    z = b[col + 2] - L[at + 6] * x - L[at + 7] * y
-    b[col + 2] = z
-    for i in range(nr):
-        o = at + 9 + 3 * i
-        b[rows_of[rows + i]] -= L[o] * x + L[o + 1] * y + L[o + 2] * z
-
-
-@kernel
-def _backward_small(at, nc, col, rows, nr, rows_of, U, b):
-    """The panel of one to three columns."""
-    if nc == 1:
-        s = b[col]
-        for i in range(nr):
-            s -= U[at + 1 + i] * b[rows_of[rows + i]]
-        b[col] = s
-    elif nc == 2:
-        s, t = b[col], b[col + 1]
-        for i in range(nr):
-            x, o = b[rows_of[rows + i]], at + 4 + 2 * i
-            s -= U[o] * x
-            t -= U[o + 1] * x
-        b[col + 1] = t
-        b[col] = s - U[at + 2] * t
-    else:
-        s, t, u = b[col], b[col + 1], b[col + 2]
-        for i in range(nr):
-            x, o = b[rows_of[rows + i]], at + 9 + 3 * i
-            s -= U[o] * x
-            t -= U[o + 1] * x
-            u -= U[o + 2] * x
-        t -= U[at + 7] * u
-        b[col + 2] = u
-        b[col + 1] = t
-        b[col] = s - U[at + 6] * u - U[at + 3] * t
-
-
-@kernel
-def _forward_six(at, col, rows, nr, rows_of, L, b):
-    """The panel of six columns: a rigid body in space."""
-    x, o = b[col], at + 6
-    y = b[col + 1] - L[o] * x
-    o += 6
-    z = b[col + 2] - L[o] * x - L[o + 1] * y
-    o += 6
-    u = b[col + 3] - L[o] * x - L[o + 1] * y - L[o + 2] * z
-    o += 6
-    v = b[col + 4] - L[o] * x - L[o + 1] * y - L[o + 2] * z - L[o + 3] * u
-    o += 6
-    w = b[col + 5] - L[o] * x - L[o + 1] * y - L[o + 2] * z - L[o + 3] * u - L[o + 4] * v
-    b[col + 1], b[col + 2], b[col + 3], b[col + 4], b[col + 5] = y, z, u, v, w
-    for i in range(nr):
-        o += 6
-        s = L[o] * x + L[o + 1] * y + L[o + 2] * z
-        b[rows_of[rows + i]] -= s + L[o + 3] * u + L[o + 4] * v + L[o + 5] * w
-
-
-@kernel
-def _backward_six(at, col, rows, nr, rows_of, U, b):
-    """The panel of six columns: a rigid body in space."""
-    x, y, z, u, v, w = b[col], b[col + 1], b[col + 2], b[col + 3], b[col + 4], b[col + 5]
-    o = at + 36
-    for i in range(nr):
-        s = b[rows_of[rows + i]]
-        x -= U[o] * s
-        y -= U[o + 1] * s
-        z -= U[o + 2] * s
-        u -= U[o + 3] * s
-        v -= U[o + 4] * s
-        w -= U[o + 5] * s
-        o += 6
-    o = at + 30
-    x, y, z, u, v = (
-        x - U[o] * w,
-        y - U[o + 1] * w,
-        z - U[o + 2] * w,
-        u - U[o + 3] * w,
-        v - U[o + 4] * w,
-    )
-    o = at + 24
-    x, y, z, u = x - U[o] * v, y - U[o + 1] * v, z - U[o + 2] * v, u - U[o + 3] * v
-    o = at + 18
-    x, y, z = x - U[o] * u, y - U[o + 1] * u, z - U[o + 2] * u
-    o = at + 12
-    x, y = x - U[o] * z, y - U[o + 1] * z
-    x -= U[at + 6] * y
-    b[col], b[col + 1], b[col + 2], b[col + 3], b[col + 4], b[col + 5] = x, y, z, u, v, w
 
 
 @unit
@@ -339,6 +231,23 @@ def solve_refined(kkt: Kkt, fac: Factor, rounds: int) -> int:
         solve(kkt, fac, tmp)
         for i in range(rhs.shape[0]):
             x[i] += tmp[i]
+    return FINE
+
+
+@unit
+def solve_without_regularisation(kkt: Kkt, fac: Factor) -> int:
+    """fac.sol = S⁻¹ fac.rhs, where round-off needs no refinement.
+
+    The factored matrix is S − ε: S (x − x₀) = −ε x₀ for what it gives.
+    """
+    x, tmp = fac.sol, fac.tmp
+    copy(fac.rhs, x)
+    solve(kkt, fac, x)
+    for i in range(fac.eps.shape[0]):
+        tmp[i] = -fac.eps[i] * x[i]
+    solve(kkt, fac, tmp)
+    for i in range(x.shape[0]):
+        x[i] += tmp[i]
     return FINE
 
 
@@ -390,13 +299,15 @@ def add_coupling(run: Run, a: int, b: int, k: int, swapped: int, B: Matrix) -> i
 
 @kernel
 def put_jacobian_row(link, r, body, kkt, jac, start, diagonal, values):
-    """Place row r of a group, in v order at jac[start:], by its link; returns Σ Cq² / |diag|."""
+    """Place row r of a group, in v order at jac[start:], by its link; returns Σ Cq² / |diag|.
+
+    Where it goes all is zero.
+    """
     at, stride, o, column = link["at"], link["stride"], body["iv"], kkt.column
-    first, s = kkt.panels[body["panel"]]["col"], 0.0
+    first, s, flipped = kkt.panels[body["panel"]]["col"], 0.0, link["flipped"] == 1
     for c in range(6 + body["m"]):
-        pc = column[o + c]
-        if pc >= 0:
-            p = at + pc * stride + r if link["flipped"] == 1 else at + r * stride + pc
-            values[p] = jac[start + c]
-            s += jac[start + c] * jac[start + c] / diagonal[first + pc]
+        pc, x = column[o + c], jac[start + c]
+        if x != 0.0 and pc >= 0:
+            values[at + pc * stride + r if flipped else at + r * stride + pc] = x
+            s += x * x / diagonal[first + pc]
     return s

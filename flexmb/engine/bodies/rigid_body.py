@@ -158,11 +158,42 @@ def put_frame_matrix(run: Run, i: int, at: Point, cv: float, cp: float, m: int) 
 @unit
 def rigid_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> int:
     """Add M + cv ∂F/∂v + cp ∂F/∂q of rigid bodies, F their inertia forces."""
-    rows = of.rows
+    bodies, rows, body_now, factor = (
+        run.system.parts.bodies,
+        of.rows,
+        run.work.now.body,
+        run.work.factor,
+    )
+    panels, low, up = run.system.kkt.panels, factor.low, factor.up
     for n in range(rows.shape[0]):
-        put_frame_matrix(run, rows[n], at, cv, cp, 0)
-        add_body_block(run, rows[n], run.work.dense.B)
+        if cv == 0.0 and cp == 0.0:
+            body = bodies[rows[n]]
+            _add_rigid_mass(body, body_now[rows[n]], panels[body["panel"]]["at"], low, up)
+        else:
+            put_frame_matrix(run, rows[n], at, cv, cp, 0)
+            add_body_block(run, rows[n], run.work.dense.B)
     return FINE
+
+
+@kernel
+def _add_rigid_mass(body, bn, at, low, up):
+    """M of a rigid body in space, whose coordinates are the columns of its panel."""
+    A, J, c, mass = bn["A"], bn["J"], triple(bn["c"]), body["mass"]
+    for r in range(3):
+        turns = at + 18 + 6 * r
+        _add_to_both(low, up, at + 7 * r, mass)
+        x, y, z = outer(c, part(A[r], 0))  # row r of −A c̃
+        _add_to_both(low, up, at + 18 + r, x)
+        _add_to_both(low, up, at + 24 + r, y)
+        _add_to_both(low, up, at + 30 + r, z)
+        for k in range(r + 1):
+            _add_to_both(low, up, turns + 3 + k, J[r, k])
+
+
+@kernel
+def _add_to_both(low, up, o, x):
+    low[o] += x
+    up[o] += x
 
 
 @unit
@@ -266,6 +297,37 @@ def planar_inertia_forces(run: Run, of: PlanarBodies, at: Point) -> int:
     return FINE
 
 
+@unit
+def planar_matrix(run: Run, of: PlanarBodies, at: Point, cv: float, cp: float) -> int:
+    """Add M + cv ∂F/∂v + cp ∂F/∂q in the plane; columns are those along a, b, and the turn."""
+    parts, body_now, factor, rows = run.system.parts, run.work.now.body, run.work.factor, of.rows
+    bodies, g, v, vd, panels = parts.bodies, parts.gravity, at.v, at.vd, run.system.kkt.panels
+    a, b, about, low, up = of.plane[0], of.plane[1], of.about, factor.low, factor.up
+    for n in range(rows.shape[0]):
+        body, bn, k = bodies[rows[n]], body_now[rows[n]], about[n]
+        A, s, iv, o = bn["A"], bn["c"], body["iv"], panels[body["panel"]]["at"]
+        i = k + 1 if k < 2 else 0
+        j = i + 1 if i < 2 else 0
+        w, e, turn = v[iv + 3 + k], vd[iv + 3 + k], bn["J"][k, k]
+        # the force in body axes is (−e s_j − w² s_i, e s_i − w² s_j): its change by e, w, angle
+        fi, fj = -s[j], s[i]
+        low[o + 6] += A[a, i] * fi + A[a, j] * fj
+        low[o + 7] += A[b, i] * fi + A[b, j] * fj
+        fi, fj = fi - 2.0 * cv * w * s[i], fj - 2.0 * cv * w * s[j]
+        if cp != 0.0:
+            fi -= cp * (e * s[i] - w * w * s[j])
+            fj -= cp * (e * s[j] + w * w * s[i])
+            x, y = vd[iv + a] - g[a], vd[iv + b] - g[b]
+            turn -= cp * s[i] * (A[a, i] * x + A[b, i] * y)
+            turn -= cp * s[j] * (A[a, j] * x + A[b, j] * y)
+        up[o + 6] += A[a, i] * fi + A[a, j] * fj
+        up[o + 7] += A[b, i] * fi + A[b, j] * fj
+        _add_to_both(low, up, o, body["mass"])
+        _add_to_both(low, up, o + 4, body["mass"])
+        _add_to_both(low, up, o + 8, turn)
+    return FINE
+
+
 PLANAR_BODIES = Kind(
     "planar_bodies",
     PlanarBodies,
@@ -273,7 +335,7 @@ PLANAR_BODIES = Kind(
         "constants": prepare_rigid,
         "position": turn_bodies,
         "force": planar_inertia_forces,
-        "matrix": rigid_matrix,
+        "matrix": planar_matrix,
         "mass": rigid_mass_product,
         "energy": rigid_energies,
     },

@@ -41,7 +41,7 @@ OWN = {
     "expression sensor": {"sensors.marker_motion", "sensors.sensor.expression",
                           "sensors.sensor.sum_of_terms"},
     "reaction sensor": {"sensors.sensor.wrench"},
-    "planar": {"bodies.rigid_body.planar_inertia_forces"},
+    "planar": {"bodies.rigid_body.planar_inertia_forces", "bodies.rigid_body.planar_matrix"},
     "rigid slider-crank": SLIDER_CRANK,
     "flexible": SLIDER_CRANK | {"bodies.flexible_body"},
     "explicit-rk": {"integrators.explicit_rk"},

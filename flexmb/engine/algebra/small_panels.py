@@ -1,0 +1,293 @@
+"""Panels of few columns without inner loops, which most are: of one to six coordinates or rows.
+
+A loop over two or three numbers costs several times as much as the products in it. Names are those
+of `ldl`: the panel has nc columns from `col` on, its diagonal block and nr rows stand row by row at
+`at`; W keeps the rows before they are divided by the pivots, for the updates.
+"""
+
+from __future__ import annotations
+
+import math
+
+from flexmb.engine.jit import kernel
+
+# A pivot this small against its own diagonal entry carries no digits.
+_TINY = 1e-13
+
+
+# What replaces it, against the same entry: the square root of round-off, lost as much by the
+# growth of the factor as by the error of the matrix.
+_SMALL = 1e-8
+
+
+@kernel
+def guarded(d, a, sign):
+    """Pivot d, or a replacement if it has no digits; and whether it was.
+
+    a is its diagonal entry. The replacement is small, so that refinement takes it back. A pivot of
+    the other sign has its digits and stays: forces and reactions make a body unstable that joints
+    hold, and any other pivot there spoils the convergence of Newton's method.
+    """
+    if abs(d) > _TINY * abs(a) and math.isfinite(abs(d)):
+        return d, 0
+    return 0.0 * a + sign * _SMALL * (abs(a) if abs(a) > 0.0 else 1.0), 1
+
+
+@kernel
+def factor_two(panel, updates, L, W, d):
+    """Factor the panel of two columns and subtract it from later ones; returns pivots replaced."""
+    at, col, sign = panel["at"], panel["col"], panel["sign"]
+    p, fixes = guarded(L[at], L[at], sign)
+    i = 1.0 / p
+    x = L[at + 2]
+    f = x * i
+    q, fixed = guarded(L[at + 3] - x * f, L[at + 3], sign)
+    j = 1.0 / q
+    L[at + 2], d[col], d[col + 1] = f, p, q
+    for o in range(at + 4, at + 4 + 2 * panel["nr"], 2):
+        x = L[o]
+        y = L[o + 1] - x * f
+        W[o - at], W[o - at + 1] = x, y
+        L[o], L[o + 1] = x * i, y * j
+    for u in range(panel["update"], panel["update"] + panel["n_update"]):
+        up = updates[u]
+        ny, low = up["ny"], at + 2 * up["y"]
+        for r in range(up["nx"]):
+            w, to = 2 * (up["x"] + r), up["at"] + r * up["stride"]
+            x, y = W[w], W[w + 1]
+            for c in range(r + 1 if up["diagonal"] == 1 else ny):
+                o = low + 2 * c
+                L[to + c] -= x * L[o] + y * L[o + 1]
+    return fixes + fixed
+
+
+@kernel
+def factor_three(panel, updates, L, W, d):
+    """The same of three columns: a body in a plane."""
+    at, col, sign = panel["at"], panel["col"], panel["sign"]
+    p, fixes = guarded(L[at], L[at], sign)
+    i = 1.0 / p
+    x = L[at + 3]
+    f = x * i
+    q, fixed = guarded(L[at + 4] - x * f, L[at + 4], sign)
+    j, fixes = 1.0 / q, fixes + fixed
+    x = L[at + 6]
+    g = x * i
+    y = L[at + 7] - x * f
+    h = y * j
+    s, fixed = guarded(L[at + 8] - x * g - y * h, L[at + 8], sign)
+    k = 1.0 / s
+    L[at + 3], L[at + 6], L[at + 7] = f, g, h
+    d[col], d[col + 1], d[col + 2] = p, q, s
+    for o in range(at + 9, at + 9 + 3 * panel["nr"], 3):
+        x = L[o]
+        y = L[o + 1] - x * f
+        z = L[o + 2] - x * g - y * h
+        w = o - at
+        W[w], W[w + 1], W[w + 2] = x, y, z
+        L[o], L[o + 1], L[o + 2] = x * i, y * j, z * k
+    for u in range(panel["update"], panel["update"] + panel["n_update"]):
+        up = updates[u]
+        ny, low = up["ny"], at + 3 * up["y"]
+        for r in range(up["nx"]):
+            w, to = 3 * (up["x"] + r), up["at"] + r * up["stride"]
+            x, y, z = W[w], W[w + 1], W[w + 2]
+            for c in range(r + 1 if up["diagonal"] == 1 else ny):
+                o = low + 3 * c
+                L[to + c] -= x * L[o] + y * L[o + 1] + z * L[o + 2]
+    return fixes + fixed
+
+
+@kernel
+def factor_six(panel, updates, L, W, d):
+    """The same of six columns: a body in space."""
+    at, col, sign = panel["at"], panel["col"], panel["sign"]
+    p, fixed = guarded(L[at], L[at], sign)
+    i, d[col] = 1.0 / p, p
+    fixes = fixed
+    x = L[at + 6]
+    f10 = x * i
+    p, fixed = guarded(L[at + 7] - x * f10, L[at + 7], sign)
+    j, d[col + 1] = 1.0 / p, p
+    fixes += fixed
+    L[at + 6] = f10
+    x = L[at + 12]
+    y = L[at + 13] - x * f10
+    f20 = x * i
+    f21 = y * j
+    p, fixed = guarded(L[at + 14] - x * f20 - y * f21, L[at + 14], sign)
+    k, d[col + 2] = 1.0 / p, p
+    fixes += fixed
+    L[at + 12] = f20
+    L[at + 13] = f21
+    x = L[at + 18]
+    y = L[at + 19] - x * f10
+    z = L[at + 20] - x * f20 - y * f21
+    f30 = x * i
+    f31 = y * j
+    f32 = z * k
+    p, fixed = guarded(L[at + 21] - x * f30 - y * f31 - z * f32, L[at + 21], sign)
+    t, d[col + 3] = 1.0 / p, p
+    fixes += fixed
+    L[at + 18] = f30
+    L[at + 19] = f31
+    L[at + 20] = f32
+    x = L[at + 24]
+    y = L[at + 25] - x * f10
+    z = L[at + 26] - x * f20 - y * f21
+    e = L[at + 27] - x * f30 - y * f31 - z * f32
+    f40 = x * i
+    f41 = y * j
+    f42 = z * k
+    f43 = e * t
+    p, fixed = guarded(L[at + 28] - x * f40 - y * f41 - z * f42 - e * f43, L[at + 28], sign)
+    m, d[col + 4] = 1.0 / p, p
+    fixes += fixed
+    L[at + 24] = f40
+    L[at + 25] = f41
+    L[at + 26] = f42
+    L[at + 27] = f43
+    x = L[at + 30]
+    y = L[at + 31] - x * f10
+    z = L[at + 32] - x * f20 - y * f21
+    e = L[at + 33] - x * f30 - y * f31 - z * f32
+    f = L[at + 34] - x * f40 - y * f41 - z * f42 - e * f43
+    f50 = x * i
+    f51 = y * j
+    f52 = z * k
+    f53 = e * t
+    f54 = f * m
+    p, fixed = guarded(
+        L[at + 35] - x * f50 - y * f51 - z * f52 - e * f53 - f * f54, L[at + 35], sign
+    )
+    n, d[col + 5] = 1.0 / p, p
+    fixes += fixed
+    L[at + 30] = f50
+    L[at + 31] = f51
+    L[at + 32] = f52
+    L[at + 33] = f53
+    L[at + 34] = f54
+    for o in range(at + 36, at + 36 + 6 * panel["nr"], 6):
+        w, x = o - at, L[o]
+        y = L[o + 1] - x * f10
+        z = L[o + 2] - x * f20 - y * f21
+        e = L[o + 3] - x * f30 - y * f31 - z * f32
+        f = L[o + 4] - x * f40 - y * f41 - z * f42 - e * f43
+        g = L[o + 5] - x * f50 - y * f51 - z * f52 - e * f53 - f * f54
+        W[w], W[w + 1], W[w + 2], W[w + 3], W[w + 4], W[w + 5] = x, y, z, e, f, g
+        L[o], L[o + 1], L[o + 2] = x * i, y * j, z * k
+        L[o + 3], L[o + 4], L[o + 5] = e * t, f * m, g * n
+    for u in range(panel["update"], panel["update"] + panel["n_update"]):
+        up = updates[u]
+        ny, low = up["ny"], at + 6 * up["y"]
+        for r in range(up["nx"]):
+            w, to = 6 * (up["x"] + r), up["at"] + r * up["stride"]
+            x, y, z, e, f, g = W[w], W[w + 1], W[w + 2], W[w + 3], W[w + 4], W[w + 5]
+            for c in range(r + 1 if up["diagonal"] == 1 else ny):
+                o = low + 6 * c
+                s = x * L[o] + y * L[o + 1] + z * L[o + 2]
+                L[to + c] -= s + e * L[o + 3] + f * L[o + 4] + g * L[o + 5]
+    return fixes
+
+
+@kernel
+def forward_small(at, nc, col, rows, nr, rows_of, L, b):
+    """The panel of one to three columns."""
+    x = b[col]
+    if nc == 1:
+        for i in range(nr):
+            b[rows_of[rows + i]] -= L[at + 1 + i] * x
+        return
+    y = b[col + 1] - L[at + nc] * x
+    b[col + 1] = y
+    if nc == 2:
+        for i in range(nr):
+            o = at + 4 + 2 * i
+            b[rows_of[rows + i]] -= L[o] * x + L[o + 1] * y
+        return
+    z = b[col + 2] - L[at + 6] * x - L[at + 7] * y
+    b[col + 2] = z
+    for i in range(nr):
+        o = at + 9 + 3 * i
+        b[rows_of[rows + i]] -= L[o] * x + L[o + 1] * y + L[o + 2] * z
+
+
+@kernel
+def backward_small(at, nc, col, rows, nr, rows_of, U, b):
+    """The panel of one to three columns."""
+    if nc == 1:
+        s = b[col]
+        for i in range(nr):
+            s -= U[at + 1 + i] * b[rows_of[rows + i]]
+        b[col] = s
+    elif nc == 2:
+        s, t = b[col], b[col + 1]
+        for i in range(nr):
+            x, o = b[rows_of[rows + i]], at + 4 + 2 * i
+            s -= U[o] * x
+            t -= U[o + 1] * x
+        b[col + 1] = t
+        b[col] = s - U[at + 2] * t
+    else:
+        s, t, u = b[col], b[col + 1], b[col + 2]
+        for i in range(nr):
+            x, o = b[rows_of[rows + i]], at + 9 + 3 * i
+            s -= U[o] * x
+            t -= U[o + 1] * x
+            u -= U[o + 2] * x
+        t -= U[at + 7] * u
+        b[col + 2] = u
+        b[col + 1] = t
+        b[col] = s - U[at + 6] * u - U[at + 3] * t
+
+
+@kernel
+def forward_six(at, col, rows, nr, rows_of, L, b):
+    """The panel of six columns: a rigid body in space."""
+    x, o = b[col], at + 6
+    y = b[col + 1] - L[o] * x
+    o += 6
+    z = b[col + 2] - L[o] * x - L[o + 1] * y
+    o += 6
+    u = b[col + 3] - L[o] * x - L[o + 1] * y - L[o + 2] * z
+    o += 6
+    v = b[col + 4] - L[o] * x - L[o + 1] * y - L[o + 2] * z - L[o + 3] * u
+    o += 6
+    w = b[col + 5] - L[o] * x - L[o + 1] * y - L[o + 2] * z - L[o + 3] * u - L[o + 4] * v
+    b[col + 1], b[col + 2], b[col + 3], b[col + 4], b[col + 5] = y, z, u, v, w
+    for i in range(nr):
+        o += 6
+        s = L[o] * x + L[o + 1] * y + L[o + 2] * z
+        b[rows_of[rows + i]] -= s + L[o + 3] * u + L[o + 4] * v + L[o + 5] * w
+
+
+@kernel
+def backward_six(at, col, rows, nr, rows_of, U, b):
+    """The panel of six columns: a rigid body in space."""
+    x, y, z, u, v, w = b[col], b[col + 1], b[col + 2], b[col + 3], b[col + 4], b[col + 5]
+    o = at + 36
+    for i in range(nr):
+        s = b[rows_of[rows + i]]
+        x -= U[o] * s
+        y -= U[o + 1] * s
+        z -= U[o + 2] * s
+        u -= U[o + 3] * s
+        v -= U[o + 4] * s
+        w -= U[o + 5] * s
+        o += 6
+    o = at + 30
+    x, y, z, u, v = (
+        x - U[o] * w,
+        y - U[o + 1] * w,
+        z - U[o + 2] * w,
+        u - U[o + 3] * w,
+        v - U[o + 4] * w,
+    )
+    o = at + 24
+    x, y, z, u = x - U[o] * v, y - U[o + 1] * v, z - U[o + 2] * v, u - U[o + 3] * v
+    o = at + 18
+    x, y, z = x - U[o] * u, y - U[o + 1] * u, z - U[o + 2] * u
+    o = at + 12
+    x, y = x - U[o] * z, y - U[o + 1] * z
+    x -= U[at + 6] * y
+    b[col], b[col + 1], b[col + 2], b[col + 3], b[col + 4], b[col + 5] = x, y, z, u, v, w
