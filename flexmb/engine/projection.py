@@ -36,7 +36,7 @@ _ROUNDS = 3
 _REFINEMENTS = 2
 # Pivot of a row over its regularisation, from which on one refinement leaves round-off.
 _FIRM = 1e7
-# Pivot of a coordinate over its diagonal entry, up to which what round-off takes needs no refinement.
+# Pivot of a coordinate over its diagonal entry, up to which round-off needs no refinement.
 _OUTGROWN = 1e3
 # Forces that depend on accelerations or reactions: rounds until they settle, relative.
 _LOOP_ROUNDS, _LOOP_CLOSED = 100, 1e-12
@@ -221,11 +221,11 @@ def _is_firm(fac):
 
 @kernel
 def _keeps_digits(fac):
-    """Whether no pivot has outgrown its diagonal entry, whose digits refinement would bring back."""
+    """Whether no pivot has outgrown its diagonal entry: refinement would bring its digits back."""
+    keeps = True
     for k in range(fac.eps.shape[0]):
-        if abs(fac.d[k]) > _OUTGROWN * fac.diagonal[k]:
-            return False
-    return True
+        keeps = keeps and abs(fac.d[k]) <= _OUTGROWN * fac.diagonal[k]
+    return keeps
 
 
 @unit

@@ -138,10 +138,11 @@ def test_stress_of_a_spin_stiffens():
 
 @pytest.mark.parametrize("plane", ["xy", "yz", "zx"])
 def test_planar_equations_are_those_of_space(plane):
-    """Inertia and weight of a body with its centre aside, for any motion in the plane."""
+    """Inertia and weight of a body with its centre aside, and their tangents, for any motion."""
     normal = ({"x", "y", "z"} - set(plane)).pop()
     n, across = "xyz".index(normal), ["xyz".index(a) for a in plane]
-    center, gravity, found = np.zeros(3), np.zeros(3), []
+    center, gravity, found, tangents = np.zeros(3), np.zeros(3), [], []
+    own = np.ix_([*across, 3 + n], [*across, 3 + n])
     center[across], gravity[across] = (0.3, -0.2), (2.0, -9.0)
     for word in (plane, None):
         made = Model("body", plane=word, gravity=list(gravity))
@@ -152,7 +153,9 @@ def test_planar_equations_are_those_of_space(plane):
         v[across], v[3 + n] = (0.2, -0.7), 3.0
         vd[across], vd[3 + n] = (1.0, 2.0), -5.0
         found.append(bench.at(q=q, v=v, vd=vd).residual)
+        tangents.append([bench.matrix(cv=cv, cp=cp)[own] for cv, cp in ((0, 0), (0.3, 0.2))])
     np.testing.assert_allclose(*found, atol=1e-13 * np.abs(found[1]).max())
+    np.testing.assert_allclose(*tangents, atol=1e-13 * np.abs(tangents[1]).max())
 
 
 def test_lagrange_equations_in_quasi_velocities(free):

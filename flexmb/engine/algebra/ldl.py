@@ -13,12 +13,12 @@ in its panel, modes before the rigid part; −1 leaves it out (out of the plane 
 from __future__ import annotations
 
 from flexmb.engine.algebra.small_panels import (
-    backward_six,
+    backward_several,
     backward_small,
-    factor_six,
+    factor_several,
     factor_three,
     factor_two,
-    forward_six,
+    forward_several,
     forward_small,
     guarded,
 )
@@ -54,10 +54,10 @@ def _factor(panels, updates, fac):
             fixes += factor_two(panel, updates, low, Wl, d)
         elif nc == 3:
             fixes += factor_three(panel, updates, low, Wl, d)
-        elif nc == 6:
-            fixes += factor_six(panel, updates, low, Wl, d)
+        elif 4 <= nc <= 6:
+            fixes += factor_several(panel, updates, low, Wl, d)
         else:
-            fixes += _factor_panel(panel, low, Wl, d, nc + panel["nr"])
+            fixes += _factor_panel(panel, low, Wl, d)
             _update_low(panel, updates, low, Wl)
     return fixes
 
@@ -74,11 +74,10 @@ def solve_complex(kkt: Kkt, fac: ComplexFactor) -> int:
 
 
 @kernel
-def _factor_panel(panel, L, W, d, rows):
-    """So many rows of the panel."""
+def _factor_panel(panel, L, W, d):
     at, nc, col = panel["at"], panel["nc"], panel["col"]
     fixes = 0
-    for i in range(rows):
+    for i in range(nc + panel["nr"]):
         row = at + i * nc
         w = i * nc
         for j in range(min(i, nc)):
@@ -161,8 +160,8 @@ def _solve(panels, rows_of, L, U, d, b):
         at, nc, col, rows, nr = panel["at"], panel["nc"], panel["col"], panel["rows"], panel["nr"]
         if nc <= 3:
             forward_small(at, nc, col, rows, nr, rows_of, L, b)
-        elif nc == 6:
-            forward_six(at, col, rows, nr, rows_of, L, b)
+        elif nc <= 6:
+            forward_several(at, nc, col, rows, nr, rows_of, L, b)
         else:
             for i in range(1, nc):
                 b[col + i] -= dot(L, at + i * nc, b, col, i)
@@ -175,8 +174,8 @@ def _solve(panels, rows_of, L, U, d, b):
         at, nc, col, rows, nr = panel["at"], panel["nc"], panel["col"], panel["rows"], panel["nr"]
         if nc <= 3:
             backward_small(at, nc, col, rows, nr, rows_of, U, b)
-        elif nc == 6:
-            backward_six(at, col, rows, nr, rows_of, U, b)
+        elif nc <= 6:
+            backward_several(at, nc, col, rows, nr, rows_of, U, b)
         else:
             _backward(at, nc, col, rows, nr, rows_of, U, b)
 

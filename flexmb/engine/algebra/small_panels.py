@@ -1,4 +1,4 @@
-"""Panels of few columns without inner loops, which most are: of one to six coordinates or rows.
+"""Panels of one to six columns without inner loops: of bodies, scalar coordinates and most joints.
 
 A loop over two or three numbers costs several times as much as the products in it. Names are those
 of `ldl`: the panel has nc columns from `col` on, its diagonal block and nr rows stand row by row at
@@ -99,94 +99,96 @@ def factor_three(panel, updates, L, W, d):
 
 
 @kernel
-def factor_six(panel, updates, L, W, d):
-    """The same of six columns: a body in space."""
-    at, col, sign = panel["at"], panel["col"], panel["sign"]
+def factor_several(panel, updates, L, W, d):
+    """The same of four to six columns: a body in space, a joint."""
+    at, nc, col, sign = panel["at"], panel["nc"], panel["col"], panel["sign"]
+    none = 0.0 * L[at]  # of all products with columns that there are not
+    f40 = f41 = f42 = f43 = f50 = f51 = f52 = f53 = f54 = f = g = m = n = none
     p, fixed = guarded(L[at], L[at], sign)
     i, d[col] = 1.0 / p, p
     fixes = fixed
-    x = L[at + 6]
+    o = at + nc
+    x = L[o]
     f10 = x * i
-    p, fixed = guarded(L[at + 7] - x * f10, L[at + 7], sign)
+    p, fixed = guarded(L[o + 1] - x * f10, L[o + 1], sign)
     j, d[col + 1] = 1.0 / p, p
     fixes += fixed
-    L[at + 6] = f10
-    x = L[at + 12]
-    y = L[at + 13] - x * f10
-    f20 = x * i
-    f21 = y * j
-    p, fixed = guarded(L[at + 14] - x * f20 - y * f21, L[at + 14], sign)
+    L[o] = f10
+    o = at + 2 * nc
+    x = L[o]
+    y = L[o + 1] - x * f10
+    f20, f21 = x * i, y * j
+    p, fixed = guarded(L[o + 2] - x * f20 - y * f21, L[o + 2], sign)
     k, d[col + 2] = 1.0 / p, p
     fixes += fixed
-    L[at + 12] = f20
-    L[at + 13] = f21
-    x = L[at + 18]
-    y = L[at + 19] - x * f10
-    z = L[at + 20] - x * f20 - y * f21
-    f30 = x * i
-    f31 = y * j
-    f32 = z * k
-    p, fixed = guarded(L[at + 21] - x * f30 - y * f31 - z * f32, L[at + 21], sign)
+    L[o], L[o + 1] = f20, f21
+    o = at + 3 * nc
+    x = L[o]
+    y = L[o + 1] - x * f10
+    z = L[o + 2] - x * f20 - y * f21
+    f30, f31, f32 = x * i, y * j, z * k
+    p, fixed = guarded(L[o + 3] - x * f30 - y * f31 - z * f32, L[o + 3], sign)
     t, d[col + 3] = 1.0 / p, p
     fixes += fixed
-    L[at + 18] = f30
-    L[at + 19] = f31
-    L[at + 20] = f32
-    x = L[at + 24]
-    y = L[at + 25] - x * f10
-    z = L[at + 26] - x * f20 - y * f21
-    e = L[at + 27] - x * f30 - y * f31 - z * f32
-    f40 = x * i
-    f41 = y * j
-    f42 = z * k
-    f43 = e * t
-    p, fixed = guarded(L[at + 28] - x * f40 - y * f41 - z * f42 - e * f43, L[at + 28], sign)
-    m, d[col + 4] = 1.0 / p, p
-    fixes += fixed
-    L[at + 24] = f40
-    L[at + 25] = f41
-    L[at + 26] = f42
-    L[at + 27] = f43
-    x = L[at + 30]
-    y = L[at + 31] - x * f10
-    z = L[at + 32] - x * f20 - y * f21
-    e = L[at + 33] - x * f30 - y * f31 - z * f32
-    f = L[at + 34] - x * f40 - y * f41 - z * f42 - e * f43
-    f50 = x * i
-    f51 = y * j
-    f52 = z * k
-    f53 = e * t
-    f54 = f * m
-    p, fixed = guarded(
-        L[at + 35] - x * f50 - y * f51 - z * f52 - e * f53 - f * f54, L[at + 35], sign
-    )
-    n, d[col + 5] = 1.0 / p, p
-    fixes += fixed
-    L[at + 30] = f50
-    L[at + 31] = f51
-    L[at + 32] = f52
-    L[at + 33] = f53
-    L[at + 34] = f54
-    for o in range(at + 36, at + 36 + 6 * panel["nr"], 6):
-        w, x = o - at, L[o]
+    L[o], L[o + 1], L[o + 2] = f30, f31, f32
+    if nc > 4:
+        o = at + 4 * nc
+        x = L[o]
+        y = L[o + 1] - x * f10
+        z = L[o + 2] - x * f20 - y * f21
+        e = L[o + 3] - x * f30 - y * f31 - z * f32
+        f40, f41, f42, f43 = x * i, y * j, z * k, e * t
+        p, fixed = guarded(L[o + 4] - x * f40 - y * f41 - z * f42 - e * f43, L[o + 4], sign)
+        m, d[col + 4] = 1.0 / p, p
+        fixes += fixed
+        L[o], L[o + 1], L[o + 2], L[o + 3] = f40, f41, f42, f43
+    if nc > 5:
+        o = at + 5 * nc
+        x = L[o]
         y = L[o + 1] - x * f10
         z = L[o + 2] - x * f20 - y * f21
         e = L[o + 3] - x * f30 - y * f31 - z * f32
         f = L[o + 4] - x * f40 - y * f41 - z * f42 - e * f43
-        g = L[o + 5] - x * f50 - y * f51 - z * f52 - e * f53 - f * f54
-        W[w], W[w + 1], W[w + 2], W[w + 3], W[w + 4], W[w + 5] = x, y, z, e, f, g
-        L[o], L[o + 1], L[o + 2] = x * i, y * j, z * k
-        L[o + 3], L[o + 4], L[o + 5] = e * t, f * m, g * n
+        f50, f51, f52, f53, f54 = x * i, y * j, z * k, e * t, f * m
+        p, fixed = guarded(
+            L[o + 5] - x * f50 - y * f51 - z * f52 - e * f53 - f * f54, L[o + 5], sign
+        )
+        n, d[col + 5] = 1.0 / p, p
+        fixes += fixed
+        L[o], L[o + 1], L[o + 2], L[o + 3], L[o + 4] = f50, f51, f52, f53, f54
+    for r in range(nc, nc + panel["nr"]):
+        w = r * nc
+        o = at + w
+        x = L[o]
+        y = L[o + 1] - x * f10
+        z = L[o + 2] - x * f20 - y * f21
+        e = L[o + 3] - x * f30 - y * f31 - z * f32
+        if nc > 4:
+            f = L[o + 4] - x * f40 - y * f41 - z * f42 - e * f43
+            W[w + 4], L[o + 4] = f, f * m
+        if nc > 5:
+            g = L[o + 5] - x * f50 - y * f51 - z * f52 - e * f53 - f * f54
+            W[w + 5], L[o + 5] = g, g * n
+        W[w], W[w + 1], W[w + 2], W[w + 3] = x, y, z, e
+        L[o], L[o + 1], L[o + 2], L[o + 3] = x * i, y * j, z * k, e * t
     for u in range(panel["update"], panel["update"] + panel["n_update"]):
         up = updates[u]
-        ny, low = up["ny"], at + 6 * up["y"]
+        ny, low = up["ny"], at + nc * up["y"]
         for r in range(up["nx"]):
-            w, to = 6 * (up["x"] + r), up["at"] + r * up["stride"]
-            x, y, z, e, f, g = W[w], W[w + 1], W[w + 2], W[w + 3], W[w + 4], W[w + 5]
+            w, to = nc * (up["x"] + r), up["at"] + r * up["stride"]
+            x, y, z, e = W[w], W[w + 1], W[w + 2], W[w + 3]
+            if nc > 4:
+                f = W[w + 4]
+            if nc > 5:
+                g = W[w + 5]
             for c in range(r + 1 if up["diagonal"] == 1 else ny):
-                o = low + 6 * c
-                s = x * L[o] + y * L[o + 1] + z * L[o + 2]
-                L[to + c] -= s + e * L[o + 3] + f * L[o + 4] + g * L[o + 5]
+                o = low + nc * c
+                s = x * L[o] + y * L[o + 1] + z * L[o + 2] + e * L[o + 3]
+                if nc > 4:
+                    s += f * L[o + 4]
+                if nc > 5:
+                    s += g * L[o + 5]
+                L[to + c] -= s
     return fixes
 
 
@@ -242,52 +244,67 @@ def backward_small(at, nc, col, rows, nr, rows_of, U, b):
 
 
 @kernel
-def forward_six(at, col, rows, nr, rows_of, L, b):
-    """The panel of six columns: a rigid body in space."""
-    x, o = b[col], at + 6
+def forward_several(at, nc, col, rows, nr, rows_of, L, b):
+    """The panel of four to six columns: a body in space, a joint."""
+    x, o = b[col], at + nc
     y = b[col + 1] - L[o] * x
-    o += 6
+    o += nc
     z = b[col + 2] - L[o] * x - L[o + 1] * y
-    o += 6
+    o += nc
     u = b[col + 3] - L[o] * x - L[o + 1] * y - L[o + 2] * z
-    o += 6
-    v = b[col + 4] - L[o] * x - L[o + 1] * y - L[o + 2] * z - L[o + 3] * u
-    o += 6
-    w = b[col + 5] - L[o] * x - L[o + 1] * y - L[o + 2] * z - L[o + 3] * u - L[o + 4] * v
-    b[col + 1], b[col + 2], b[col + 3], b[col + 4], b[col + 5] = y, z, u, v, w
+    b[col + 1], b[col + 2], b[col + 3] = y, z, u
+    v = w = 0.0 * x
+    if nc > 4:
+        o += nc
+        v = b[col + 4] - L[o] * x - L[o + 1] * y - L[o + 2] * z - L[o + 3] * u
+        b[col + 4] = v
+    if nc > 5:
+        o += nc
+        w = b[col + 5] - L[o] * x - L[o + 1] * y - L[o + 2] * z - L[o + 3] * u - L[o + 4] * v
+        b[col + 5] = w
     for i in range(nr):
-        o += 6
-        s = L[o] * x + L[o + 1] * y + L[o + 2] * z
-        b[rows_of[rows + i]] -= s + L[o + 3] * u + L[o + 4] * v + L[o + 5] * w
+        o += nc
+        s = L[o] * x + L[o + 1] * y + L[o + 2] * z + L[o + 3] * u
+        if nc > 4:
+            s += L[o + 4] * v
+        if nc > 5:
+            s += L[o + 5] * w
+        b[rows_of[rows + i]] -= s
 
 
 @kernel
-def backward_six(at, col, rows, nr, rows_of, U, b):
-    """The panel of six columns: a rigid body in space."""
-    x, y, z, u, v, w = b[col], b[col + 1], b[col + 2], b[col + 3], b[col + 4], b[col + 5]
-    o = at + 36
+def backward_several(at, nc, col, rows, nr, rows_of, U, b):
+    """The panel of four to six columns: a body in space, a joint."""
+    x, y, z, u = b[col], b[col + 1], b[col + 2], b[col + 3]
+    v = w = 0.0 * x
+    if nc > 4:
+        v = b[col + 4]
+    if nc > 5:
+        w = b[col + 5]
+    o = at + nc * nc
     for i in range(nr):
         s = b[rows_of[rows + i]]
         x -= U[o] * s
         y -= U[o + 1] * s
         z -= U[o + 2] * s
         u -= U[o + 3] * s
-        v -= U[o + 4] * s
-        w -= U[o + 5] * s
-        o += 6
-    o = at + 30
-    x, y, z, u, v = (
-        x - U[o] * w,
-        y - U[o + 1] * w,
-        z - U[o + 2] * w,
-        u - U[o + 3] * w,
-        v - U[o + 4] * w,
-    )
-    o = at + 24
-    x, y, z, u = x - U[o] * v, y - U[o + 1] * v, z - U[o + 2] * v, u - U[o + 3] * v
-    o = at + 18
+        if nc > 4:
+            v -= U[o + 4] * s
+        if nc > 5:
+            w -= U[o + 5] * s
+        o += nc
+    if nc > 5:
+        o = at + 5 * nc
+        x, y, z = x - U[o] * w, y - U[o + 1] * w, z - U[o + 2] * w
+        u, v = u - U[o + 3] * w, v - U[o + 4] * w
+        b[col + 5] = w
+    if nc > 4:
+        o = at + 4 * nc
+        x, y, z, u = x - U[o] * v, y - U[o + 1] * v, z - U[o + 2] * v, u - U[o + 3] * v
+        b[col + 4] = v
+    o = at + 3 * nc
     x, y, z = x - U[o] * u, y - U[o + 1] * u, z - U[o + 2] * u
-    o = at + 12
+    o = at + 2 * nc
     x, y = x - U[o] * z, y - U[o + 1] * z
-    x -= U[at + 6] * y
-    b[col], b[col + 1], b[col + 2], b[col + 3], b[col + 4], b[col + 5] = x, y, z, u, v, w
+    x -= U[at + nc] * y
+    b[col], b[col + 1], b[col + 2], b[col + 3] = x, y, z, u

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexmb.analysis.effects.contribution import contributions
+from flexmb.analysis.effects.contribution import contributions, first_change
 from flexmb.analysis.effects.perturbation import respond
 from flexmb.analysis.effects.stored_motion import Motion
 from flexmb.engine.compile import compile_system
@@ -49,3 +49,20 @@ def test_a_change_of_velocity_goes_straight_on_whatever_turns_below_it() -> None
     change = np.array([1e-3, 2e-3, -3e-3, 0.0, 0.0, 0.0])
     found = respond(compiled, motion, np.zeros_like(v), (np.zeros(6), change)).dq
     np.testing.assert_allclose(found[:, :3], np.outer(t, change[:3]), atol=1e-7)
+
+
+def test_the_first_change_is_how_far_another_model_begins_from_the_motion() -> None:
+    """In equilibrium a spring is longer by m g / k than where the motion began."""
+    model = Model("scale", gravity=[0.0, -9.81, 0.0])
+    model.add_body("pan", mass=2.0, inertia=[1.0] * 3, position=[0.0, -1.0, 0.0])
+    model.add_joint("guide", "prismatic", between=["ground", "pan"], axis="y")
+    model.add_force(
+        "spring", "spring-damper", between=["ground", "pan"], free_length=1.0, stiffness=200.0
+    )
+    model.set_dynamics(duration=1.0, start="static")
+    none, v = np.zeros((1, 0)), np.zeros((1, 6))
+    q, v[0, 1] = np.array([[0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0]]), 0.5
+    motion = Motion(np.zeros(1), q, v, np.zeros_like(v), none, none)
+    dq, dv = first_change(compile_system(model), model, motion)
+    np.testing.assert_allclose(dq, [0.0, -2.0 * 9.81 / 200.0, 0.0, 0.0, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(dv, [0.0, -0.5, 0.0, 0.0, 0.0, 0.0], atol=1e-9)
