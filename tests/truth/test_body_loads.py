@@ -231,6 +231,18 @@ def test_a_value_may_follow_a_sensor():
     np.testing.assert_allclose(*speeds, atol=1e-3 * np.abs(speeds[0]).max())
 
 
+def test_its_tangent_is_the_slope_of_its_forces():
+    """Each of its forces follows the sensor by its own factor, along its own axis."""
+    model = free(slab(), "drag", value="-3*root.x + 2*root.y")
+    model.add_sensor("root", "velocity", of="slab.root")
+    bench = Bench(model)
+    bench.randomise(3, eta=1e-6)
+    n, v = bench.layout.nv, bench.v.copy()
+    tangent = (bench.matrix(cv=1.0) - bench.matrix())[:n, :n]
+    columns = [slope(lambda s, d=d: bench.at(v=v + s * d).residual) for d in np.eye(n)]
+    np.testing.assert_allclose(tangent.T, columns, atol=1e-8 * np.abs(columns).max())
+
+
 def test_a_linearised_model_takes_it_as_an_input():
     """The static gain w(L) = q L⁴/8 of a clamped beam, and Σ φ² at its frequencies."""
     model = free(beam([0, 0, 1.0]), "line", value=0.0)
