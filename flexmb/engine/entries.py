@@ -65,16 +65,9 @@ def stage_solver(system: System, state: State, work: Work) -> Callable[[int], fl
     return lambda level: float(call(initial_conditions.solve_stage, run, level))
 
 
-def evaluate_rows(system: System, state: State, work: Work) -> None:
-    """Put markers, C and the rows of Cq (Dense.jac) at the positions of a state into its scratch.
-
-    Nothing is compiled for that: units that are missing run as plain Python.
-    """
-    row_evaluator(system, state, work)()
-
-
 def row_evaluator(system: System, state: State, work: Work) -> Callable[[], None]:
-    """`evaluate_rows` for many calls: the tables are handed over once."""
+    """What puts markers, C and the rows of Cq (Dense.jac) at the positions of a state into its
+    scratch. Nothing is compiled for that: units that are missing run as plain Python."""
     run, none = new_run(system, state, work), Stage((), ())
     stages = Stages(*(none for _ in Stages._fields))
     used = {name: getattr(run.stages, name) for name in initial_conditions.ROW_STAGES}

@@ -178,17 +178,14 @@ class LoadFactorMonitor:
         for first in range(0, len(which), size):
             part = slice(first, first + size)
             loads = self._loads(rows, which[part])
+            if any(one[-1] for one in self._bodies):
+                values[part] = self._mechanism.load_factors(loads)[:, numbers]
             for k, (_, body, axis, length, euler, stiffened) in enumerate(self._bodies):
                 if not stiffened:
                     at = parts.markers["body"] == numbers[k]
                     along = loads.forces[:, at] @ (loads.A[:, numbers[k]] @ axis)[..., None]
                     arms = (loads.s[:, at] - body.center) @ axis
                     values[part, k] = -(along[..., 0] * arms).sum(axis=1) / length / euler
-            if any(one[-1] for one in self._bodies):
-                factors = self._mechanism.load_factors(loads)
-                for k, one in enumerate(self._bodies):
-                    if one[-1]:
-                        values[part, k] = factors[:, numbers[k]]
         return values
 
     def _loads(self, rows: OutputBlock, which: IntArray) -> _Loads:
