@@ -381,8 +381,6 @@ class Neighbours:
         folder, model = writable_folder(self.folder / name), copy.copy(model)
         any_ = dict.fromkeys(ValiditySpec.model_fields, "any")  # it is compared, valid or not
         model.validity = ValiditySpec.model_validate(any_)
-        if model.dynamics is not None and model.dynamics.step is None:  # estimates need no more
-            model.dynamics = model.dynamics.model_copy(update={"verify": False})
         _copy_bodies(self.run.path.parent, folder)
         report = run_single(model, folder, pictures=False, progress=self.progress)
         return Result(report.result)

@@ -166,8 +166,9 @@ class _Frames:
             for first in (body.iv, body.iv + 3):
                 both[:, first : first + 3, first : first + 3] = cross
             shift[:, body.iv : body.iv + 3, body.iv : body.iv + 3] = cross
-        pick, factors = np.ix_(range(n), self.used, self.used), self.inverse / self.inverse[:, None]
-        return (both * factors)[pick], (shift * factors)[pick]
+        factors, used = self.inverse / self.inverse[:, None], self.used
+        both, shift = ((W * factors)[:, used][:, :, used] for W in (both, shift))
+        return both, shift
 
     def inward(self, k: int, motion: Array) -> Array:
         """Weighted coordinates in row k of a motion (nv,); columns of S are at right angles."""
@@ -215,7 +216,7 @@ class _Coefficients:
         squares = (self.Cq**2).sum(axis=2)
         least = _NOTHING * squares.max(axis=1, initial=0.0)[:, None]
         along = np.einsum("trj,tj->tr", self.Cq, force)
-        return np.divide(along, squares, out=np.zeros_like(along), where=squares > least)
+        return np.asarray(along / np.where(squares > least, squares, np.inf))
 
 
 _TABLES = ("M", "D", "K", "Cq", "F", "C", "Omega", "rows")
@@ -307,7 +308,7 @@ def _elastic(compiled: Compiled, frames: _Frames, places: IntArray | None = None
             K[own, own] = compiled.flexbodies[body.name].K
     if places is not None:
         K *= np.outer(*2 * [np.isin(np.arange(len(K)), places)])
-    return frames.both_turned(K[None], slice(0, 1))[0]
+    return np.asarray(frames.both_turned(K[None], slice(0, 1))[0])
 
 
 def _solve(
