@@ -28,7 +28,7 @@ from flexmb.engine.method import (
 )
 from flexmb.engine.state import Run, Stage, Stages, State, Work
 from flexmb.engine.tables import System
-from flexmb.engine.units import call, call_ready, hand_over, prepare_units
+from flexmb.engine.units import call, hand_over, prepare_units, ready_caller
 from flexmb.engine.work import new_run, output_run, units_of
 from flexmb.progress import Progress, silent
 
@@ -65,11 +65,9 @@ def stage_solver(system: System, state: State, work: Work) -> Callable[[int], fl
     return lambda level: float(call(initial_conditions.solve_stage, run, level))
 
 
-def evaluate_rows(system: System, state: State, work: Work) -> None:
-    """Put markers, C and the rows of Cq (Dense.jac) at the positions of a state into its scratch.
-
-    Nothing is compiled for that: units that are missing run as plain Python.
-    """
+def row_evaluator(system: System, state: State, work: Work) -> Callable[[], None]:
+    """What puts markers, C and the rows of Cq (Dense.jac) at the positions of a state into its
+    scratch. Nothing is compiled for that: units that are missing run as plain Python."""
     run, none = new_run(system, state, work), Stage((), ())
     stages = Stages(*(none for _ in Stages._fields))
     used = {name: getattr(run.stages, name) for name in initial_conditions.ROW_STAGES}
@@ -78,7 +76,7 @@ def evaluate_rows(system: System, state: State, work: Work) -> None:
         rows=run.rows._replace(curvature=(), tangent=()),
         sensors=run.sensors._replace(channel=(), measure=(), gradient=()),
     )
-    call_ready(initial_conditions.evaluate_rows, run)
+    return ready_caller(initial_conditions.evaluate_rows, run)
 
 
 def prepare_integration(system: System, method: Method, progress: Progress = silent) -> int:

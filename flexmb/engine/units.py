@@ -248,6 +248,21 @@ def call_ready(unit: Unit, *arguments: Any) -> Any:
         return call(unit, *arguments)
 
 
+def ready_caller(unit: Unit, record: Any) -> Callable[[], None]:
+    """`call_ready` on a record for many calls: it is handed over once, if nothing is missing."""
+    handed: list[Packed] = []
+
+    def run() -> None:
+        if not (handed or interpreted()) and load_units(_needed(unit, (record,))):
+            handed.append(hand_over(record))
+        if handed:
+            call(unit, handed[0])
+        else:
+            call_ready(unit, record)
+
+    return run
+
+
 def _is_loaded(unit: Unit, arguments: Iterable[Any]) -> bool:
     """Whether nothing is left to prepare for a call of a unit with records handed over before."""
     handed = not any(isinstance(value, tuple) for value in arguments)

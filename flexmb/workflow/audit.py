@@ -63,7 +63,7 @@ class EffectOutcome:
     ``share`` is its contribution to the worst sensor over the peak-to-peak of that, ``value`` the
     same in the scene's unit of it; None where there is no estimate, and ``why`` says what it needs.
     ``cost`` is the time of one evaluation of the equations with the effect over that without, of
-    deformation the time of the run over that of the rigid one.
+    deformation that of all evaluations of the run over those of the rigid one.
     """
 
     effect: str

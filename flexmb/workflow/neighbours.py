@@ -132,7 +132,7 @@ class Neighbours:
     def estimate(self, effect: Effect) -> tuple[list[Contribution], float | None]:
         """Contributions to the sensors, and the time of the equations with it over that without.
 
-        Of deformation the time is that of the run over that of the rigid one.
+        Of deformation the time is that of all evaluations of the run over those of the rigid one.
 
         Raises
         ------
@@ -223,8 +223,7 @@ class Neighbours:
         if spec.deformation != "quasi-static":
             yield Effect(VIBRATION, name, True, fast, _QUASI_STATIC)
             if static := quasi_static(spec, body, self.model):
-                few = f"{len(static)} of {body.m}"
-                yield Effect(STATIC, name, False, few, _DYNAMIC)
+                yield Effect(STATIC, name, False, f"{len(static)} of {body.m}", _DYNAMIC)
         else:
             yield Effect(VIBRATION, name, False, fast, _DYNAMIC)
         yield from self._couplings(name, spec, body, turning, numbers.speed < LEAST_SPEED)
@@ -281,8 +280,7 @@ class Neighbours:
         own, motion, model, bodies, last = self._deformable(effect)
         other = self._compile(model, bodies)
         if effect.name == DEFORMATION:
-            mine = self.run.seconds.get("integrate", 0.0)
-            cost = mine / last if mine and last else None
+            cost = _evaluations(self.run) * self._own_time / last if last else None
             (before, after), change, names = self._changes(own, other, model, motion, {})
             rigid = motion is self.motion
             return (before, after) if rigid else (after, before), change, names, cost
@@ -313,8 +311,7 @@ class Neighbours:
         if lacks and isinstance(spec, MeshBodySpec):  # as it was rigid, it was reduced without
             bodies[name] = self._reduced(model, effect)
         has_data = bodies[name].centrifugal_stiffness is not None
-        rigid = self.compiled.flexbodies[name].m == 0
-        if rigid and (isinstance(spec, MeshBodySpec) or has_data):
+        if self.compiled.flexbodies[name].m == 0 and (isinstance(spec, MeshBodySpec) or has_data):
             other = self._compile(model, bodies)
             carried, _ = carry_motion(motion, own, other, {})
             if indicators(other, carried, bodies[name], name).speed >= LEAST_SPEED:
@@ -337,6 +334,7 @@ class Neighbours:
 
     def _without(self, name: str) -> tuple[Compiled, Motion, float]:
         """The scene with one body rigid, all modes of others with inertia, and its motion."""
+        from flexmb.analysis.effects.perturbation import evaluation_time
         from flexmb.analysis.effects.stored_motion import read_motion
 
         if self.compiled.flexbodies[name].m == 0:
@@ -349,7 +347,7 @@ class Neighbours:
             run = self._run(model, f"rigid_{name}")
             motion = read_motion(run).thinned(len(self.motion.t))
             own = self._compile(with_words(self._dynamic[0], {name: _RIGID}), self.bodies)
-            self._rigid[name] = own, motion, run.seconds.get("integrate", 0.0)
+            self._rigid[name] = own, motion, _evaluations(run) * evaluation_time(own)
         return self._rigid[name]
 
     @cached_property
@@ -425,6 +423,10 @@ class Neighbours:
                 f"{100 * gap:.2g} % only: the estimates are rough"
             )
         return thinned
+
+
+def _evaluations(run: Result) -> float:
+    return float(run.statistics.get("residual_evaluations", 0.0))
 
 
 def _copy_bodies(source: Path, folder: Path) -> None:

@@ -216,11 +216,14 @@ def test_a_slow_ring_beside_a_fast_wheel_is_as_accurate():
 @pytest.mark.parametrize("method", ["auto", "generalized-alpha"])
 def test_velocities_of_a_body_are_those_of_its_modes_too(method):
     """A blade whose frame is driven: all that may be wrong is how its points bend."""
-    found = run(blade(), duration=3.0, outputs=OUTPUTS, accuracy=1e-3, method=method)
-    tip = BLADE.interface("tip").Phi_t @ (found.v[:, 6:].T - blade_motion(found.t)[2:])
-    points = np.ptp(found.v[:, 5]) * np.sqrt(np.trace(BLADE.S0) / BLADE.mass)
-    share = found.statistics["measured_error_of_velocities"] * points / np.abs(tip).max()
-    assert 1 / 3 < share < 3
+    shares = []  # steps of a blade that rings depend on the last digits, and the share with them
+    for accuracy in (0.7e-3, 1e-3, 1.4e-3):
+        found = run(blade(), duration=3.0, outputs=OUTPUTS, accuracy=accuracy, method=method)
+        tip = BLADE.interface("tip").Phi_t @ (found.v[:, 6:].T - blade_motion(found.t)[2:])
+        points = np.ptp(found.v[:, 5]) * np.sqrt(np.trace(BLADE.S0) / BLADE.mass)
+        error = found.statistics["measured_error_of_velocities"]
+        shares.append(error * points / np.abs(tip).max())
+    assert 1 / 3 < np.prod(shares) ** (1 / 3) < 3
 
 
 def test_bending_beside_a_large_motion_is_as_accurate():

@@ -12,9 +12,11 @@ import pytest
 from femeshes import block, line, solid_box
 from scipy.optimize import brentq
 
+import flexmb
 from flexmb.analysis.dynamics.load_factor import _EULER, LoadFactorMonitor
 from flexmb.fe import Mesh, part, rectangle, reduce
 from flexmb.model import Model
+from flexmb.workflow.neighbours import Neighbours
 from tests.accuracyscenes.judging import judged
 
 HEIGHT = 0.01
@@ -174,3 +176,18 @@ def test_a_load_on_a_tied_face_buckles_the_column_behind_it(load):
     ).load_factors  # fmt: skip
     k = brentq(lambda k: np.cos(k) - k * a * np.sin(k), 0.1, np.pi / 2)
     assert factors[0] == pytest.approx(E * h**4 / 12 * k**2, rel=1e-4)  # strain P/EA: 5e-5
+
+
+def test_the_load_factors_of_many_rows_are_those_of_each(monkeypatch):
+    """A load that grows: row by row its share of Euler's load, whichever rows are asked for."""
+    model = loaded("pinned", 0.0)
+    model.forces.clear()
+    model.add_force("load", "force", at="column.tip", value=["-9*t", 0, 0])
+    run = flexmb.simulate(model, duration=1.0, outputs=20, start="quasi-static")
+    at = Neighbours.of(run, 21)
+    monitor, rows = LoadFactorMonitor(at.compiled, model, at.motion.q[0]), at.rows()
+    values = monitor._values(rows, np.arange(21))[:, 0]
+    np.testing.assert_allclose(values, 9 * at.motion.t / np.pi**2, atol=0.01)
+    monkeypatch.setattr("flexmb.analysis.dynamics.load_factor._MOST_ENTRIES", 400)
+    some = np.array([20, 3, 11])
+    np.testing.assert_allclose(monitor._values(rows, some)[:, 0], values[some], rtol=1e-9)

@@ -7,9 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from femeshes import line
+from flexiblescenes import rod
 from generators import cloud
 from truthkit import momentum, order, run
 
+from flexmb.analysis.assembly.initial_state import assemble
+from flexmb.engine.compile import compile_system
+from flexmb.errors import AssemblyError
 from flexmb.fe import rectangle, reduce
 from flexmb.flexbody import Interface, rigid_body
 from flexmb.model import Model
@@ -224,3 +228,41 @@ def test_free_flexible_body_keeps_its_momentum():
         if errors[0, k] > 1e-11:  # conserved to round-off else
             assert 1.8 < order(steps, errors[:, k]) < 2.3, errors[:, k]
     assert errors[-1].max() < 1e-5, errors[-1]
+
+
+# --- a rotor at the end of a bar that sags ---
+
+
+def first_state_of_a_rotor(axes, height=0.015, speed=1500.0, offset=0.0):
+    """A driven disc of 20 kg on a bearing at the end of a clamped bar, from elastic equilibrium."""
+    made = Model("overhung rotor", gravity=[0, 0, -9.81])
+    made.add_body("bar", rod(height, 1.0))
+    spin = {"angular_velocity": [speed, 0, 0], "axes": axes}
+    made.add_body("disc", mass=20.0, inertia=[0.4, 0.2, 0.2], center=[0, offset, 0],
+                  position=[1, 0, 0], initial={"origin": spin})  # fmt: skip
+    made.add_joint("foot", "fixed", between=["ground", "bar.root"])
+    made.add_joint("bearing", "revolute", between=["bar.tip", "disc"], axis="x")
+    made.add_driver("motor", joint="bearing", angle=f"{speed}*t")
+    compiled = compile_system(made)
+    return compiled, assemble(compiled, made, start="quasi-static").state
+
+
+def test_a_rotor_whose_speed_is_given_in_its_own_axes_sags_with_its_bearing():
+    """By the weight F of the disc and w of the bar: F L3/3EI + w L3/8EI. The bar stands still."""
+    compiled, state = first_state_of_a_rotor("body")
+    disc = compiled.layout.bodies[1]
+    sag = 9.81 * (20.0 / 3 + 7800.0 * 0.015**2 / 8) / (2.1e11 * 0.015**4 / 12)
+    assert state.q[disc.iq + 2] == pytest.approx(-sag, rel=0.01)
+    assert np.abs(state.v[disc.iv : disc.iv + 6] - [0, 0, 0, 1500, 0, 0]).max() < 0.01
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        pytest.param({}, id="it precesses with the bar"),
+        pytest.param({"height": 0.04, "speed": 700.0, "offset": 0.03}, id="it folds the bar"),
+    ],
+)
+def test_a_rotor_whose_speed_does_not_tilt_with_its_bearing_is_named(scene):
+    with pytest.raises(AssemblyError, match=r"no elastic equilibrium.*bodies.disc.*in global axes"):
+        first_state_of_a_rotor("global", **scene)

@@ -148,7 +148,8 @@ def assemble(
     elastic = start == "quasi-static"
     modes = _modal_coordinates(compiled) if elastic else static_coordinates(compiled.system)
     if len(modes) and begin is None:
-        _equilibrate(compiled, modes, _SLOW * period, state, work, close)
+        why = _on_global_spins(model)
+        _equilibrate(compiled, modes, _SLOW * period, state, work, close, why)
     if start == "static" and begin is None:
         _solve_accelerations(stage_solver(system, state, work), state)
         settle(compiled, model, state, spin=spin_of(model))
@@ -206,6 +207,22 @@ def _modal_coordinates(compiled: Compiled) -> IntArray:
     return np.concatenate([np.zeros(0, np.int64), *places])
 
 
+def _on_global_spins(model: Model) -> str:
+    """What to try where an equilibrium is missing and rotors do not tilt with their bearings."""
+    names = [
+        name
+        for name, spec in model.bodies.items()
+        for one in spec.initial_velocities.values()
+        if one.axes == "global" and any(one.angular_velocity or ())
+    ]
+    if not names:
+        return ""
+    return (
+        f"; bodies.{names[0]}: an angular velocity in global axes does not tilt with a bearing "
+        'that sags: leave it to a driver, or give it at a marker with axes = "body"'
+    )
+
+
 def _equilibrate(
     compiled: Compiled,
     rates: IntArray,
@@ -213,6 +230,7 @@ def _equilibrate(
     state: State,
     work: Work,
     close: Callable[[], None],
+    why: str,
 ) -> None:
     """Elastic equilibrium of modes with the accelerations of a motion without vibration.
 
@@ -243,7 +261,10 @@ def _equilibrate(
             shares = np.linalg.lstsq(scaled, weights * step, rcond=_DEPENDENT)[0]
             state.q[modes] -= (motion + fall) @ shares
         before.append((eta, step))
-        close()
+        try:
+            close()
+        except AssemblyError:  # bent so far that its joints stay open, or close the wrong way round
+            break
         if change <= _EQUILIBRIUM:
             return
     what = (
@@ -256,6 +277,7 @@ def _equilibrate(
     raise AssemblyError(
         what
         + 'the body too soft for dynamics.start = "quasi-static"; use "undeformed", or begin slower'
+        + why
     )
 
 

@@ -25,7 +25,7 @@ from threadpoolctl import ThreadpoolController
 
 from flexmb.engine.bodies.motion import move
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import evaluate_rows
+from flexmb.engine.entries import row_evaluator
 from flexmb.engine.joints import ROW_KINDS
 from flexmb.engine.state import Work, rows_between
 from flexmb.engine.units import call_ready
@@ -286,12 +286,13 @@ class ConstraintRows:
         channels = len(compiled.layout.channels)
         self._state = new_state(compiled.system, channels)
         self.work = new_work(compiled.system, channels)
+        self._put_rows = row_evaluator(compiled.system, self._state, self.work)
 
     def evaluate(self, q: Array, t: float = 0.0) -> ConstraintPose:
         """The rows at the positions q (nq,) and the time t [s]."""
         self._state.t[0] = t
         self._state.q[:] = q
-        evaluate_rows(self.compiled.system, self._state, self.work)
+        self._put_rows()
         markers = self.work.now.marker
         return ConstraintPose(
             self.compiled,

@@ -37,7 +37,7 @@ from flexmb.analysis.assembly.jacobian import (
 from flexmb.engine.bodies.flexible_body import put_flags
 from flexmb.engine.bodies.static_modes import free_static_modes, static_bodies, static_coordinates
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import evaluate_rows
+from flexmb.engine.entries import row_evaluator
 from flexmb.engine.state import Work
 from flexmb.engine.tables import BodyColumns, System
 from flexmb.engine.work import new_state, new_work
@@ -151,7 +151,7 @@ class JoinedScene:
         self._compiled, everything = compiled, len(bodies) == len(layout.bodies)
         state, work = new_state(system), new_work(system)
         state.q[:] = q
-        evaluate_rows(system, state, work)
+        row_evaluator(system, state, work)()
         scales = column_scales(compiled)
         places = np.concatenate([_columns(layout.bodies[k]) for k in bodies])
         if everything:
@@ -274,7 +274,7 @@ def choose_static_modes(compiled: Compiled, q: Array) -> Compiled:
         return replace(compiled, system=free_static_modes(compiled.system))
     state, work = new_state(compiled.system), new_work(compiled.system)
     state.q[:] = q
-    evaluate_rows(compiled.system, state, work)
+    row_evaluator(compiled.system, state, work)()
     rows = WeightedJacobian.of(compiled, dense_jacobian(compiled, work))
     ranks = [
         numerical_rank(np.asarray(np.linalg.svd(A, compute_uv=False)), 1.0)

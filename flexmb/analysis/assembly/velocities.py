@@ -11,12 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from flexmb.engine.bodies.marker import MarkerTable
 from flexmb.engine.compile import Compiled, with_markers
-from flexmb.engine.entries import solve_stage, stage_solver
+from flexmb.engine.entries import stage_solver
 from flexmb.engine.initial_conditions import BEGIN, VELOCITIES
 from flexmb.engine.state import State
 from flexmb.engine.tables import MARKER, Pool, System
@@ -81,16 +82,14 @@ class InitialVelocities:
         table[:before], table[before:] = metric.parts.markers, markers.table()
         self._system = self._anchored(with_markers(metric, table, markers.pool.array()))
         self._work = new_work(self._system)
-        self._handed: tuple[State, Callable[[int], float]] | None = None  # the last state
+        self._handed: tuple[State, Callable[[], float], Callable[[], float]] | None = None
 
     def set(self, state: State) -> None:
         """Set v of a state with closed positions."""
-        if self._handed is None or self._handed[0] is not state:
-            self._handed = state, stage_solver(self._system, state, self._work)
-        solve = self._handed[1]
+        project = self._solvers(state)[1]
         if not self._prescribed:
             state.v[:] = 0.0
-            solve(VELOCITIES)
+            project()
             return
         self._measure(state)
         wanted = self._wanted()
@@ -99,7 +98,7 @@ class InitialVelocities:
         for n in range(_MAX_ROUNDS):
             before, missed = state.v.copy(), left
             state.v[:] = self._guess(state, aim)
-            solve(VELOCITIES)
+            project()
             self._measure(state)
             missing = wanted - self._present()
             left = self._size(missing)
@@ -146,8 +145,15 @@ class InitialVelocities:
 
     def _measure(self, state: State) -> None:
         """MarkerTable as they are and move in this state; the state is left as it is."""
-        aside = state._replace(power=state.power.copy(), angles=state.angles.copy())
-        solve_stage(self._system, aside, self._work, BEGIN)
+        self._solvers(state)[2]()
+
+    def _solvers(self, state: State) -> tuple[State, Callable[[], float], Callable[[], float]]:
+        """For a state, which is handed over once: projection of its v, and its markers."""
+        if self._handed is None or self._handed[0] is not state:
+            aside = state._replace(power=state.power.copy(), angles=state.angles.copy())
+            project, begin = (stage_solver(self._system, s, self._work) for s in (state, aside))
+            self._handed = state, partial(project, VELOCITIES), partial(begin, BEGIN)
+        return self._handed
 
     def _wanted(self) -> Array:
         """(n, 2, 3) velocity and angular velocity of each marker as prescribed, global, or NaN."""

@@ -15,14 +15,18 @@ and frequency, f = f₀ √(1 − P/P_cr), Timoshenko, Vibration Problems in Eng
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import block_diag, eigh
 
-from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, ConstraintRows
-from flexmb.analysis.dynamics.linear_elasticity import flexible_columns, in_body_axes, joined_modes
+from flexmb.analysis.assembly.jacobian import (
+    MAX_COORDINATES,
+    ConstraintRows,
+    numerical_rank,
+    one_blas_thread,
+)
+from flexmb.analysis.dynamics.linear_elasticity import flexible_columns, joined_modes
 from flexmb.analysis.monitors import Indicator
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import stage_solver
@@ -30,7 +34,7 @@ from flexmb.engine.initial_conditions import RESIDUAL
 from flexmb.engine.state import State, Work
 from flexmb.engine.work import new_state, new_work
 from flexmb.flexbody import FlexBody
-from flexmb.flexbody.arrays import Array, skew
+from flexmb.flexbody.arrays import Array, IntArray, skew
 from flexmb.flexbody.natural_modes import matrices_at_rest
 from flexmb.model.forces.body_load import BodyLoadSpec
 from flexmb.model.model import Model
@@ -42,6 +46,7 @@ _EULER = 0.1  # load between pins over ω₁² m L: 1/π²
 _SLENDER = 0.05  # second moment of mass across a bar over that along it
 _LOOK = 0.3  # of the level of warning: what the least of all estimates must reach
 _FASTEST = 0.125  # share of a mean that one row may replace
+_MOST_ENTRIES = 2_000_000  # of one matrix of each row, of rows that are looked at together
 _RIGID = 1e-9  # of the highest squared frequency: motions that deform nothing
 
 
@@ -94,6 +99,10 @@ class LoadFactorMonitor:
         state, work = new_state(system), new_work(system)
         return state, work, stage_solver(system, state, work)
 
+    @cached_property
+    def _mechanism(self) -> _Mechanism:
+        return _Mechanism(self._compiled, self._gravity)
+
     def add(self, rows: OutputBlock) -> None:
         """Take the next rows."""
         if not self._bodies:
@@ -108,9 +117,10 @@ class LoadFactorMonitor:
             load = force + body.mass * far
             level = NEAR_BUCKLING if stiffened else LARGEST_AXIAL_LOAD
             worth |= (load > _LOOK * level * euler) | self._loaded[k]
-        none = np.zeros(len(self._bodies))
+        values = np.zeros((len(rows.t), len(self._bodies)))
+        values[worth] = self._values(rows, np.flatnonzero(worth))
         for row in range(len(rows.t)) if worth.any() or self._mean[0].any() else ():
-            self._average(float(rows.t[row]), self._values(rows, row) if worth[row] else none)
+            self._average(float(rows.t[row]), values[row])
 
     def _average(self, t: float, values: Array) -> None:
         """Take values at a moment into the means, which forget as fast as the bodies vibrate."""
@@ -125,7 +135,7 @@ class LoadFactorMonitor:
     def add_last(self, rows: OutputBlock) -> None:
         """Take the row in which a run ends, by itself: there is no time for a mean."""
         if self._bodies:
-            values = self._values(rows, 0)
+            values = self._values(rows, np.zeros(1, np.int64))[0]
             larger = values > self._largest[0]
             self._largest[:, larger] = values[larger], np.full(larger.sum(), rows.t[0])
 
@@ -158,95 +168,151 @@ class LoadFactorMonitor:
             'geometric_stiffening = "full"'
         )
 
-    def _values(self, rows: OutputBlock, row: int) -> Array:
-        """(bodies,) load factors at one row, from the wrenches at all markers."""
-        state, work, solve = self._scratch
-        state.t[0] = rows.t[row]
-        for name in ("q", "v", "vd", "lam"):
-            getattr(state, name)[:] = getattr(rows, name)[row]
-        solve(RESIDUAL)
-        now, table = work.now.marker, self._compiled.system.parts.markers
-        values = np.zeros(len(self._bodies))
-        whole: Array | None = None
-        for k, (columns, body, axis, length, euler, stiffened) in enumerate(self._bodies):
-            if stiffened:
-                if whole is None:
-                    whole = load_factors(self._compiled, state, now, self._gravity)
-                values[k] = whole[self._number(columns.iv)]
-                continue
-            number = self._number(columns.iv)
-            at = np.flatnonzero(table["body"] == number)
-            forces = now["W"][at, :3] @ work.now.body[number]["A"]
-            values[k] = -((forces @ axis) @ ((now["s"][at] - body.center) @ axis)) / length / euler
+    @one_blas_thread()
+    def _values(self, rows: OutputBlock, which: IntArray) -> Array:
+        """(rows, bodies) load factors at some rows, from the wrenches at all markers."""
+        parts = self._compiled.system.parts
+        values = np.zeros((len(which), len(self._bodies)))
+        numbers = [int(np.flatnonzero(parts.bodies["iv"] == one[0].iv)[0]) for one in self._bodies]
+        size = max(1, _MOST_ENTRIES // self._compiled.layout.nv**2)
+        for first in range(0, len(which), size):
+            part = slice(first, first + size)
+            loads = self._loads(rows, which[part])
+            if any(one[-1] for one in self._bodies):
+                values[part] = self._mechanism.load_factors(loads)[:, numbers]
+            for k, (_, body, axis, length, euler, stiffened) in enumerate(self._bodies):
+                if not stiffened:
+                    at = parts.markers["body"] == numbers[k]
+                    along = loads.forces[:, at] @ (loads.A[:, numbers[k]] @ axis)[..., None]
+                    arms = (loads.s[:, at] - body.center) @ axis
+                    values[part, k] = -(along[..., 0] * arms).sum(axis=1) / length / euler
         return values
 
-    def _number(self, iv: int) -> int:
-        """Which body of the engine it is."""
-        return int(np.flatnonzero(self._compiled.system.parts.bodies["iv"] == iv)[0])
+    def _loads(self, rows: OutputBlock, which: IntArray) -> _Loads:
+        """The forces at all markers at some rows."""
+        state, work, solve = self._scratch
+        forces, arms, axes = [], [], []
+        for row in which:
+            state.t[0] = rows.t[row]
+            for name in ("q", "v", "vd", "lam"):
+                getattr(state, name)[:] = getattr(rows, name)[row]
+            solve(RESIDUAL)
+            forces.append(work.now.marker["W"][:, :3].copy())
+            arms.append(work.now.marker["s"].copy())
+            axes.append(work.now.body["A"].copy())
+        q, v, vd = (getattr(rows, name)[which] for name in ("q", "v", "vd"))
+        return _Loads(q, v, vd, *(np.array(one) for one in (forces, arms, axes)))
 
 
-def load_factors(compiled: Compiled, state: object, now: NDArray[np.void], gravity: Array) -> Array:
-    """(bodies,) load factor of the mechanism at one moment, given to the body that buckles.
+@dataclass(frozen=True, eq=False)
+class _Loads:
+    """Moments of a run (n): q, v, vd, forces at the markers (n, markers, 3) in global axes, their
+    arms in body axes, the axes A (n, bodies, 3, 3) of all bodies."""
 
-    Parameters
-    ----------
-    compiled : Compiled
-        What is run.
-    state : State
-        Positions, velocities, accelerations.
-    now : (markers,) MARKER_NOW
-        Wrenches and places of the markers there.
-    gravity : (3,) array
-        Its acceleration.
-    """
-    q, v, vd = state.q, state.v, state.vd  # type: ignore[attr-defined]
-    nv, table = compiled.layout.nv, compiled.system.parts.bodies
-    M, K, Kg = np.eye(nv), np.zeros((nv, nv)), np.zeros((nv, nv))
-    names = {columns.iv: columns.name for columns in compiled.layout.bodies}
-    slices = []
-    for number, entry in enumerate(table):
-        iq, iv, m = int(entry["iq"]), int(entry["iv"]), int(entry["m"])
-        body = compiled.flexbodies.get(names[iv])
-        p = q[iq + 3 : iq + 7]
-        A = in_body_axes(np.tile(p, (3, 1)), np.eye(3))
-        loads = compiled.system.parts.markers["body"] == number
-        if body is None or body.m != m:
-            Mb, Kb = _rigid_mass(entry), np.zeros((6, 6))
-        else:
-            Mb, Kb = matrices_at_rest(body)
-        turn = block_diag(A, np.eye(3 + m))
-        part = slice(iv, iv + 6 + m)
-        M[part, part], K[part, part] = turn @ Mb @ turn.T, Kb
-        a = (vd[iv : iv + 3] - gravity) @ A
-        w = v[iv + 3 : iv + 6]
-        alpha = vd[iv + 3 : iv + 6]
-        if body is not None and body.m == m:  # of mean axes, whatever the body frame is fixed at
-            shift, turn = _mean_motion(body, vd[iv + 6 : iv + 6 + m])
-            a, alpha = a + shift, alpha + turn
-        G = skew(alpha) + np.outer(w, w) - w @ w * np.eye(3)
-        forces = now["W"][loads, :3] @ A
-        Kg[iv + 3 : iv + 6 + m, iv + 3 : iv + 6 + m] = _geometric_stiffness(
-            compiled,
-            entry,
-            body if m else None,
-            np.flatnonzero(loads),
-            forces,
-            now["s"][loads],
-            a,
-            G,
-        )
-        slices.append(part)
-    jacobian = ConstraintRows(compiled).evaluate(q).jacobian
-    N = jacobian.velocities(jacobian.decomposition.free)
-    omega2, X = eigh(N.T @ K @ N, N.T @ M @ N)
-    V = N @ X[:, omega2 > _RIGID * omega2[-1]] / np.sqrt(omega2[omega2 > _RIGID * omega2[-1]])
-    values = np.zeros(len(table))
-    if V.shape[1]:
-        factors, shapes = eigh(-0.5 * V.T @ (Kg + Kg.T) @ V)
-        x = V @ shapes[:, -1]
-        energy = [x[part] @ K[part, part] @ x[part] for part in slices]
-        values[int(np.argmax(energy))] = factors[-1]
-    return values
+    q: Array
+    v: Array
+    vd: Array
+    forces: Array
+    s: Array
+    A: Array
+
+
+class _Mechanism:
+    """Mass and stiffness (nv, nv) of all bodies, velocities in body axes, and their joints."""
+
+    def __init__(self, compiled: Compiled, gravity: Array) -> None:
+        nv, self._compiled, self._gravity = compiled.layout.nv, compiled, gravity
+        self._rows, self._M, self._K = ConstraintRows(compiled), np.eye(nv), np.zeros((nv, nv))
+        self._bodies: list[tuple[np.void, slice, FlexBody | None, Array]] = []
+        names = {columns.iv: columns.name for columns in compiled.layout.bodies}
+        for entry in compiled.system.parts.bodies:
+            iv, m = int(entry["iv"]), int(entry["m"])
+            body, part = compiled.flexbodies.get(names[iv]), slice(iv, iv + 6 + m)
+            mean = np.zeros((6, m))
+            if body is None or not m:
+                body, self._M[part, part] = None, _rigid_mass(entry)
+            else:
+                self._M[part, part], self._K[part, part] = matrices_at_rest(body)
+                mean = np.array([np.concatenate(_mean_motion(body, eta)) for eta in np.eye(m)]).T
+            self._bodies.append((entry, part, body, mean))
+
+    def load_factors(self, loads: _Loads) -> Array:
+        """(n, bodies) load factor of the mechanism at moments, given to the body that buckles."""
+        n, Kg = len(loads.q), self._geometric_stiffness(loads)
+        poses = [self._rows.evaluate(q).jacobian for q in loads.q]
+        _, S, Vt = np.linalg.svd(np.array([pose.A for pose in poses]))
+        ranks = np.array([numerical_rank(one) for one in S])
+        values = np.zeros((n, len(self._bodies)))
+        for rank in np.unique(ranks):
+            rows = np.flatnonzero(ranks == rank)
+            N = np.array([poses[k].velocities(Vt[k, rank:].T) for k in rows])
+            for number, (_, part, _, _) in enumerate(self._bodies):
+                own = slice(part.start, part.start + 3)
+                N[:, own] = loads.A[rows, number].transpose(0, 2, 1) @ N[:, own]
+            omega2, X = _natural_motions(self._K, self._M, N)
+            rigid = (omega2 <= _RIGID * omega2[:, -1:]).sum(axis=1)
+            for count in np.unique(rigid[rigid < omega2.shape[1]]):
+                some = rigid == count
+                V = N[some] @ X[some][:, :, count:] / np.sqrt(omega2[some, None, count:])
+                self._buckle(Kg, V, rows[some], values)
+        return values
+
+    def _buckle(self, Kg: Array, V: Array, rows: IntArray, values: Array) -> None:
+        """Put the load factors at some rows from motions V (rows, nv, k) of unit strain energy."""
+        Vt = V.transpose(0, 2, 1)
+        factors, shapes = np.linalg.eigh(-0.5 * Vt @ (Kg[rows] + Kg[rows].transpose(0, 2, 1)) @ V)
+        x = (V @ shapes[:, :, -1:])[..., 0]
+        parts = [part for _, part, *_ in self._bodies]
+        energy = [((x[:, own] @ self._K[own, own]) * x[:, own]).sum(axis=1) for own in parts]
+        values[rows, np.argmax(energy, axis=0)] = factors[:, -1]
+
+    def _geometric_stiffness(self, loads: _Loads) -> Array:
+        """(n, nv, nv) second variation of the work of all loads, over rotation and eta, body axes.
+
+        Forces at markers, and inertia ρ (a + G s), each along a direction that does not turn.
+        """
+        K = np.zeros((len(loads.q), *self._M.shape))
+        parts, v, vd = self._compiled.system.parts, loads.v, loads.vd
+        for number, (entry, part, body, mean) in enumerate(self._bodies):
+            A, m, iv = loads.A[:, number], int(entry["m"]), part.start
+            eta = vd[:, iv + 6 : iv + 6 + m] @ mean.T  # of mean axes, wherever the frame is
+            a = ((vd[:, None, iv : iv + 3] - self._gravity) @ A)[:, 0] + eta[:, :3]
+            w, alpha = v[:, iv + 3 : iv + 6], vd[:, iv + 3 : iv + 6] + eta[:, 3:]
+            spin = w[:, :, None] * w[:, None]
+            G = skew(alpha) + spin - (w * w).sum(axis=1)[:, None, None] * np.eye(3)
+            markers = np.flatnonzero(parts.markers["body"] == number)
+            forces, Kb = loads.forces[:, markers] @ A, K[:, iv + 3 : part.stop, iv + 3 : part.stop]
+            moments = G @ entry["S0"] + a[:, :, None] * entry["S1"]
+            moments = moments - forces.transpose(0, 2, 1) @ loads.s[:, markers]
+            for k, marker in enumerate(parts.markers[markers]):
+                f = forces[:, k]
+                if m and marker["modes"] >= 0:
+                    Phi = parts.pool[marker["modes"] : marker["modes"] + 3 * m].reshape(3, m)
+                    Kb[:, :3, 3:] -= np.cross(Phi.T, f[:, None]).transpose(0, 2, 1)
+                    if marker["bend"] >= 0:
+                        bend = parts.pool[marker["bend"] : marker["bend"] + 3 * m * m]
+                        Kb[:, 3:, 3:] += np.einsum("nd,idj->nij", f, bend.reshape(m, 3, m))
+            trace = np.trace(moments, axis1=1, axis2=2)[:, None, None]
+            Kb[:, :3, :3] = 0.5 * (moments + moments.transpose(0, 2, 1)) - trace * np.eye(3)
+            if body is not None:
+                carried = np.einsum("nkl,ljc->nkjc", G, body.P)
+                carried += np.einsum("nk,jc->nkjc", a, body.p)
+                for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+                    Kb[:, i, 3:] += carried[:, k, j] - carried[:, j, k]
+                if (centrifugal := body.centrifugal_stiffness) is not None:
+                    G = 0.5 * (G + G.transpose(0, 2, 1))
+                    Kb[:, 3:, 3:] -= np.tensordot(G, centrifugal, 2)
+            Kb[:, 3:, :3] = Kb[:, :3, 3:].transpose(0, 2, 1)
+        return K
+
+
+def _natural_motions(K: Array, M: Array, N: Array) -> tuple[Array, Array]:
+    """Squared frequencies (n, d), ascending, and their motions (n, d, d) of unit mass of N y."""
+    Nt = N.transpose(0, 2, 1)
+    inverse = np.linalg.inv(np.linalg.cholesky(Nt @ M @ N))
+    back = inverse.transpose(0, 2, 1)
+    omega2, Y = np.linalg.eigh(inverse @ (Nt @ K @ N) @ back)
+    return omega2, back @ Y
 
 
 def _mean_motion(body: FlexBody, eta: Array) -> tuple[Array, Array]:
@@ -255,43 +321,6 @@ def _mean_motion(body: FlexBody, eta: Array) -> tuple[Array, Array]:
     moment = np.array([P[1, 2] - P[2, 1], P[2, 0] - P[0, 2], P[0, 1] - P[1, 0]])
     turn = np.linalg.pinv(body.inertia_about_center) @ moment
     return body.p @ eta / body.mass - np.cross(turn, body.center), turn
-
-
-def _geometric_stiffness(
-    compiled: Compiled,
-    entry: np.void,
-    body: FlexBody | None,
-    markers: NDArray[np.int64],
-    forces: Array,
-    arms: Array,
-    a: Array,
-    G: Array,
-) -> Array:
-    """(3 + m, 3 + m) second variation of the work of all loads, over rotation and eta, body axes.
-
-    Forces at markers, and inertia ρ (a + G s), each along a direction that does not turn.
-    """
-    m, pool = int(entry["m"]), compiled.system.parts.pool
-    K = np.zeros((3 + m, 3 + m))
-    moments = G @ entry["S0"] + np.outer(a, entry["S1"])
-    for f, s, k in zip(forces, arms, markers, strict=True):
-        moments = moments - np.outer(f, s)
-        marker = compiled.system.parts.markers[k]
-        if m and marker["modes"] >= 0:
-            Phi = pool[marker["modes"] : marker["modes"] + 3 * m].reshape(3, m)
-            K[:3, 3:] -= np.cross(Phi.T, f).T
-            if marker["bend"] >= 0:
-                bend = pool[marker["bend"] : marker["bend"] + 3 * m * m].reshape(m, 3, m)
-                K[3:, 3:] += np.einsum("d,idj->ij", f, bend)
-    K[:3, :3] = 0.5 * (moments + moments.T) - np.trace(moments) * np.eye(3)
-    if body is not None:
-        carried = np.einsum("kl,ljc->kjc", G, body.P) + np.einsum("k,jc->kjc", a, body.p)
-        for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
-            K[i, 3:] += carried[k, j] - carried[j, k]
-        if body.centrifugal_stiffness is not None:
-            K[3:, 3:] -= np.einsum("ab,abij->ij", 0.5 * (G + G.T), body.centrifugal_stiffness)
-    K[3:, :3] = K[:3, 3:].T
-    return K
 
 
 def _rigid_mass(entry: np.void) -> Array:

@@ -30,7 +30,7 @@ from flexmb.engine.iteration_matrix import put_matrix
 from flexmb.engine.units import call, hand_over, prepare_units
 from flexmb.engine.work import new_run, new_state, new_work, units_of
 from flexmb.errors import FlexmbError
-from flexmb.flexbody.arrays import Array, IntArray
+from flexmb.flexbody.arrays import Array, IntArray, skew
 
 _UNRESOLVED = 1.0  # rad of a vibration between two rows from which on they do not resolve it
 _ROUNDS = 2  # of what such vibrations do slowly
@@ -41,6 +41,7 @@ _LEAST_ROWS = 8  # with one choice of them
 _EVALUATIONS = 50  # of the equations, to time them
 _NO_TIME = 0.01  # of an interval, which modes without inertia take
 _MOST_VIBRATIONS = 80  # the slowest of many; what the rows do not resolve beyond only follows loads
+_NOTHING = 1e-20  # of the largest square of a row of Cq
 _SMALL = 1e-5  # of the size of the model: a change of the motion that is linear in all sensors
 _UNBOUNDED = 1e12  # a small motion this many times the model is not followed any further
 
@@ -79,7 +80,7 @@ def respond(
     quasi_static : bool
         Leave out the inertia of vibrations: deformations follow their loads.
     """
-    n, nv = len(motion.t), compiled.layout.nv
+    n = len(motion.t)
     coefficients = _coefficients(compiled, motion, balance)
     frames = coefficients.frames
     state = (np.zeros(len(coefficients.weights)),) * 2
@@ -100,24 +101,28 @@ def respond(
         bounded = n if bounded == len(segment.Z) else first + bounded
         first += len(segment.Z) - 1
         state = parts[0, first], parts[1, first]
-    change, dq = np.zeros_like(motion.channels), np.zeros((n, nv))
-    equations = equations_of(compiled)
-    now, one = equations.state, coefficients
+    change = np.zeros_like(motion.channels)
+    equations, one = equations_of(compiled), coefficients
+    force = one.F + sum(
+        np.einsum("tij,tj->ti", C, x)
+        for C, x in zip((one.M, one.D, one.K), parts[::-1], strict=True)
+    )
+    multipliers = np.einsum("tr,trc->tc", one.shares(force), one.rows)
+    sizes = np.abs(parts[0]).max(axis=1, initial=0.0)
+    dq, dv, dvd = (frames.outward(part) for part in parts)
+    now = equations.state
     for k in range(bounded):
-        force = one.F[k] + one.M[k] @ parts[2, k] + one.D[k] @ parts[1, k] + one.K[k] @ parts[0, k]
-        multipliers = np.linalg.lstsq(one.Cq[k].T, force, rcond=1e-10)[0] @ one.rows[k]
-        dq[k], dv, dvd = (frames.outward(k, part[k]) for part in parts)
-        size = np.abs(parts[0, k]).max(initial=0.0)
         changes = []
         # joints are closed to first order only: at full size large turns may take away, not add
-        for f in (1.0, min(1.0, _SMALL / size) if size > 0.0 else 1.0):
+        for f in (1.0, min(1.0, _SMALL / sizes[k]) if sizes[k] > 0.0 else 1.0):
             motion.put(k, equations)
             now.q[:] = equations.moved(motion.q[k], f * dq[k])
-            now.v[:] += f * dv
-            now.vd[:] += f * dvd
-            now.lam[:] -= f * multipliers
+            now.v[:] += f * dv[k]
+            now.vd[:] += f * dvd[k]
+            now.lam[:] -= f * multipliers[k]
             changes.append((equations.channels() - motion.channels[k]) / f)
         change[k] = np.where(np.abs(changes[0]) < np.abs(changes[1]), *changes)
+    dq[bounded:] = 0.0
     change[bounded:] = np.inf
     return Response(change, dq, bounded)
 
@@ -140,44 +145,53 @@ class _Frames:
         self._axes = [one.as_matrix() for one in axes]
         self._v = motion.v
 
-    def turning(self, k: int) -> Array:
-        """S (nv, used) of row k: velocity coordinates per weighted coordinate."""
-        S = np.diag(self.inverse)
+    def turned(self, X: Array, rows: slice = slice(None)) -> Array:
+        """X S of matrices (n, i, nv) in velocity coordinates of these rows: (n, i, used)."""
+        X = X.copy()
         for body, A in zip(self.compiled.layout.bodies, self._axes, strict=True):
-            own = slice(body.iv, body.iv + 3)
-            S[own, own] = A[k] @ S[own, own]
-        return np.asarray(S[:, self.used])
+            X[..., body.iv : body.iv + 3] = X[..., body.iv : body.iv + 3] @ A[rows]
+        return np.asarray((X * self.inverse)[..., self.used])
 
-    def spin(self, k: int) -> tuple[Array, Array]:
-        """Ω of δv = δq̇ + Ω δq and Ω of δv̇ = d δv/dt + Ω δv."""
-        nv = self.compiled.layout.nv
-        both, shift = np.zeros((nv, nv)), np.zeros((nv, nv))
+    def both_turned(self, X: Array, rows: slice = slice(None)) -> Array:
+        """Sᵀ X S of matrices (n, nv, nv) of these rows."""
+        half = self.turned(X, rows).transpose(0, 2, 1)
+        return self.turned(half, rows).transpose(0, 2, 1)
+
+    def spin(self) -> tuple[Array, Array]:
+        """Ω of δv = δq̇ + Ω δq and Ω of δv̇ = d δv/dt + Ω δv, (n, used, used)."""
+        n, nv = self._v.shape
+        both, shift = np.zeros((n, nv, nv)), np.zeros((n, nv, nv))
         for body in self.compiled.layout.bodies:
-            x, y, z = self._v[k, body.iv + 3 : body.iv + 6]
-            cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+            cross = skew(self._v[:, body.iv + 3 : body.iv + 6])
             for first in (body.iv, body.iv + 3):
-                both[first : first + 3, first : first + 3] = cross
-            shift[body.iv : body.iv + 3, body.iv : body.iv + 3] = cross
-        both, shift = (W * self.inverse / self.inverse[:, None] for W in (both, shift))
-        pick = np.ix_(self.used, self.used)
-        return both[pick], shift[pick]
+                both[:, first : first + 3, first : first + 3] = cross
+            shift[:, body.iv : body.iv + 3, body.iv : body.iv + 3] = cross
+        factors, used = self.inverse / self.inverse[:, None], self.used
+        both, shift = ((W * factors)[:, used][:, :, used] for W in (both, shift))
+        return both, shift
 
     def inward(self, k: int, motion: Array) -> Array:
-        """Weighted coordinates of a motion (nv,); the columns of S are at right angles."""
-        return np.asarray(self.turning(k).T @ motion / self.inverse[self.used] ** 2)
+        """Weighted coordinates in row k of a motion (nv,); columns of S are at right angles."""
+        turned = self.turned(motion[None, None], slice(k, k + 1))[0, 0]
+        return np.asarray(turned / self.inverse[self.used] ** 2)
 
-    def outward(self, k: int, part: Array) -> Array:
-        """Motion (nv,) of weighted coordinates."""
-        return np.asarray(self.turning(k) @ part)
+    def outward(self, part: Array) -> Array:
+        """Motions (n, nv) of weighted coordinates (n, used) in all rows."""
+        motion = np.zeros((len(part), len(self.inverse)))
+        motion[:, self.used] = part * self.inverse[self.used]
+        for body, A in zip(self.compiled.layout.bodies, self._axes, strict=True):
+            own = slice(body.iv, body.iv + 3)
+            motion[:, own] = np.einsum("tij,tj->ti", A, motion[:, own])
+        return motion
 
 
 @dataclass(frozen=True, eq=False)
 class _Coefficients:
     """M δv̇ + D δv + K δq + Cqᵀ δλ = −F, Cq δq = −C, row by row, in weighted coordinates.
 
-    The rows of Cq are independent: combinations `rows` of those of the model. D contains the
-    turning of the axes in δv̇, Omega is that in δv. The larger `prefer`, the rather a coordinate
-    depends on others.
+    The rows of Cq are independent, and at right angles: combinations `rows` of those of the model.
+    D contains the turning of the axes in δv̇, Omega is that in δv. The larger `prefer`, the rather
+    a coordinate depends on others.
     """
 
     frames: _Frames
@@ -197,30 +211,34 @@ class _Coefficients:
         tables = {name: getattr(self, name)[rows] for name in _TABLES}
         return replace(self, **tables)
 
+    def shares(self, force: Array) -> Array:
+        """λ (n, rank) of Cqᵀ λ next to forces (n, nu)."""
+        squares = (self.Cq**2).sum(axis=2)
+        least = _NOTHING * squares.max(axis=1, initial=0.0)[:, None]
+        along = np.einsum("trj,tj->tr", self.Cq, force)
+        return np.asarray(along / np.where(squares > least, squares, np.inf))
+
 
 _TABLES = ("M", "D", "K", "Cq", "F", "C", "Omega", "rows")
 
 
 def _coefficients(compiled: Compiled, motion: Motion, balance: Array) -> _Coefficients:
     frames, equations, n = _Frames(compiled, motion), equations_of(compiled), len(motion.t)
-    used, scale = frames.used, compiled.system.row_weights
-    nu, nc, rank = len(used), len(scale), 0
-    M, D, K, Omega = (np.zeros((n, nu, nu)) for _ in range(4))
-    F, Cq, C, rows = np.zeros((n, nu)), np.zeros((n, 0, nu)), np.zeros((n, 0)), np.zeros((n, 0, nc))
+    nv, used, scale = compiled.layout.nv, frames.used, compiled.system.row_weights
+    M, D, K = (np.zeros((n, nv, nv)) for _ in range(3))
+    F, Cq, C = np.zeros((n, nv)), np.zeros((n, len(scale), nv)), np.zeros((n, len(scale)))
     for k in range(n):
         motion.put(k, equations)
-        at, S = equations.tangents(), frames.turning(k)
-        Omega[k], shift = frames.spin(k)
-        F[k] = S.T @ (equations.residual() - balance[k])
-        M[k], D[k], K[k] = (S.T @ X @ S for X in (at.M, at.D, at.K))
-        D[k] += M[k] @ shift
-        if nc:
-            U, sizes, _ = np.linalg.svd(scale[:, None] * (at.Cq @ S), full_matrices=False)
-            if k == 0:
-                rank = numerical_rank(sizes)
-                Cq, rows, C = np.zeros((n, rank, nu)), np.zeros((n, rank, nc)), np.zeros((n, rank))
-            rows[k] = U[:, :rank].T * scale
-            Cq[k], C[k] = rows[k] @ at.Cq @ S, rows[k] @ equations.work.con.C
+        M[k], D[k], K[k], Cq[k], _ = equations.tangents()
+        F[k], C[k] = equations.work.trial.res, equations.work.con.C
+    F = frames.turned((F - balance)[:, None])[:, 0]
+    M, D, K = (frames.both_turned(X) for X in (M, D, K))
+    Omega, shift = frames.spin()
+    D += M @ shift
+    U, sizes, _ = np.linalg.svd(scale[:, None] * frames.turned(Cq), full_matrices=False)
+    rank = numerical_rank(sizes[0])
+    rows = U[:, :, :rank].transpose(0, 2, 1) * scale
+    Cq, C = rows @ frames.turned(Cq), np.einsum("trc,tc->tr", rows, C)
     prefer, v = np.ones(compiled.layout.nv), motion.v
     for body in compiled.layout.bodies:
         prefer[body.iv + 6 : body.iv + 6 + body.m] = _MODES_LAST
@@ -290,8 +308,7 @@ def _elastic(compiled: Compiled, frames: _Frames, places: IntArray | None = None
             K[own, own] = compiled.flexbodies[body.name].K
     if places is not None:
         K *= np.outer(*2 * [np.isin(np.arange(len(K)), places)])
-    S = frames.turning(0)
-    return np.asarray(S.T @ K @ S)
+    return np.asarray(frames.both_turned(K[None], slice(0, 1))[0])
 
 
 def _solve(
@@ -373,10 +390,9 @@ def _solve(
             bounded = k + 1
             x[k + 1 :] = 0.0
             break
-    A, inverse = _first_order(Mt, Dt, Kt, w)
-    xd = np.einsum("tij,tj->ti", A, x)
-    xd[:, u:] += np.einsum("tij,tj->ti", inverse, rest) / w
-    slow[:, :, on] += np.array([x[:, :u], x[:, u:] * w, xd[:, u:] * w])
+    y, yd = x[:, :u], x[:, u:] * w
+    rest = rest - np.einsum("tij,tj->ti", Kt, y) - np.einsum("tij,tj->ti", Dt, yd)
+    slow[:, :, on] += np.array([y, yd, np.linalg.solve(Mt, rest[..., None])[..., 0]])
     y, yd, ydd = (z @ T.T for z in slow)
     dq = np.einsum("tij,tj->ti", Z, y) + g
     dv = np.einsum("tij,tj->ti", Z, yd) + np.einsum("tij,tj->ti", V1, y) + a0

@@ -60,6 +60,7 @@ class StateEquations:
         self.work: Work = new_work(compiled.system, len(state.angles))
         self._run = hand_over(new_run(compiled.system, state, self.work))
         self._at = hand_over(self._run.record.state_point)
+        self._parts = hand_over(compiled.system.parts)
         self._channels = np.zeros(len(state.angles))
         self._places = _matrix_places(compiled.system.kkt)
 
@@ -124,7 +125,7 @@ class StateEquations:
     def moved(self, q: Array, d: Array) -> Array:
         """q ∘ exp(d) for a motion d (nv,)."""
         out = q.copy()
-        call(move, self.compiled.system.parts, q, np.ascontiguousarray(d), out)
+        call(move, self._parts, q, np.ascontiguousarray(d), out)
         return out
 
 
