@@ -188,6 +188,17 @@ def scaled_size(x, weights, scale, noise):
 
 
 @kernel
+def size_above(x, weights, scale, times, noise):
+    """Largest part of weighted |x_i| above its noise so many times, over its scale; NaN counts."""
+    size = 0.0
+    for i in range(x.shape[0]):
+        s = (abs(x[i]) * weights[i] - times * noise[i]) / scale[i]
+        if not s <= size:
+            size = s
+    return size
+
+
+@kernel
 def triple(a):
     """The first three numbers of an array."""
     return a[0], a[1], a[2]
