@@ -224,7 +224,8 @@ def set_first_places(compiled: Compiled, state: State) -> None:
     size, away = _extents(compiled, state)
     away = np.maximum(_ROUNDED * size, away)
     turn = np.divide(away, size, out=np.full(len(size), _ROUNDED), where=size > 0.0)
-    places = away / compiled.length
+    places, coordinates = away / compiled.length, system.parts.coordinates
+    places[coordinates["iv"][coordinates["state"] == 1]] = _ROUNDED
     for iv in bodies["iv"]:
         places[iv + 3 : iv + 6] = turn[iv + 3 : iv + 6]
     ends = rows[rows["fun"] >= 0]

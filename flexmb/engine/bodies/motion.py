@@ -121,8 +121,9 @@ def put_last_places(run: Run) -> int:
         for a in range(3):
             places[o + a] = max(places[o + a], far)
     for k in range(coordinates.shape[0]):
-        o = coordinates[k]["iv"]
-        places[o] = max(places[o], LAST_PLACES * abs(st.q[coordinates[k]["iq"]]) * weights[o])
+        o, far = coordinates[k]["iv"], LAST_PLACES * abs(st.q[coordinates[k]["iq"]])
+        state = coordinates[k]["state"] == 1  # its place is an integral that nothing depends on
+        places[o] = first[0, o] if state else max(places[o], far * weights[o])
     return FINE
 
 
