@@ -223,6 +223,7 @@ def set_first_places(compiled: Compiled, state: State) -> None:
     bodies, rows, markers = system.parts.bodies, system.rows, system.parts.markers
     size, away = _extents(compiled, state)
     away = np.maximum(_ROUNDED * size, away)
+    away[away == 0.0] = _ROUNDED * compiled.length  # all at the origin, without a marker elsewhere
     turn = np.divide(away, size, out=np.full(len(size), _ROUNDED), where=size > 0.0)
     places, coordinates = away / compiled.length, system.parts.coordinates
     places[coordinates["iv"][coordinates["state"] == 1]] = _ROUNDED
