@@ -181,10 +181,10 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
         last = size
         theta = min(memory["contraction"], 0.99)
         # What an old factor leaves in a first correction is a bias that adds up over many steps,
-        # below the last places of positions too.
+        # below the last places of positions too; under error control in any.
         again = n == 0 and theta > alpha.settling and settings.step == 0.0
         left = theta / (1.0 - theta)
-        settled = min(1.0, left) * wrong <= 1.0 and n > 0
+        settled = (1.0 if relative else min(1.0, left)) * wrong <= 1.0 and n > 0
         done = left * (share if relative else size) <= tolerance
         if noise or settled or (done and not again):
             move(sys.parts, st.q, tr.dq, tr.q)  # the last correction too
