@@ -98,7 +98,7 @@ INTEGRATOR_MEMORY = np.dtype([
     ("smallest_step", "f8"),  # accepted, s
     ("largest_step", "f8"),
     ("max_displacement", "f8"),  # so far, weighted
-    ("max_velocity", "f8"),
+    ("max_velocity", "f8"),  # of the motion itself, without what counts as rest
     ("angular_velocity", "f8"),  # largest one now, rad/s
     ("error_sum", "f8"),  # of the local errors over the motion
     ("error_ratio", "f8"),  # error of the last step over what is allowed

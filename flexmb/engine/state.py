@@ -71,6 +71,7 @@ class State(NamedTuple):
     power_before: Matrix  # (2, 3) one step earlier, and two; NaN after a start
     angles: Vector  # (channels,) continuous joint angles of the angle sensors, rad
     q_first: Vector  # (nq,) positions at the start, for the motion so far
+    first_places: Matrix  # (2, nv) round-off of corrections at the start; 1: a driver acts there
     motion: Vector  # (nv,) largest motion so far of what each coordinate belongs to, weighted
     speed: Vector  # (nv,) largest speed of it so far, weighted
     memory: array_of(INTEGRATOR_MEMORY)  # (1,)
@@ -258,6 +259,7 @@ class Trial(NamedTuple):
     rate: Vector  # (nq,) sum of slopes
     shares: Vector  # (stages,) weights of the slopes in the dense output
     extended: Integers  # (1,) 1: the stages of the dense output of the last step are there
+    places: Vector  # (nv,) weighted size of a correction that is round-off
     error: Vector  # (2,) estimated local error of positions and velocities over their motion
     jerk: Vector  # (nv,) rate of the algorithmic acceleration, as far as S lets it move
     stack: Matrix  # (depth, 3) of the function evaluator

@@ -329,11 +329,12 @@ def follow_motion(run: Run) -> int:
         motion, speed = max(motion, st.motion[i]), max(speed, st.speed[i])
     memory["max_displacement"] = max(motion, settings.least_motion)
     span = settings.end - settings.start
-    memory["max_velocity"] = max(speed, memory["max_displacement"] / span)
+    speed = max(speed, memory["max_displacement"] / span)
+    memory["max_velocity"] = max(memory["max_velocity"], weighted_size(v, w))
     share = _LEAST_SHARE if run.method.order < _HIGH_ORDER else _NOTHING_SHARE
     for i in range(v.shape[0]):
         st.motion[i] = max(st.motion[i], share * memory["max_displacement"])
-        st.speed[i] = max(st.speed[i], share * memory["max_velocity"], st.motion[i] / span)
+        st.speed[i] = max(st.speed[i], share * speed, st.motion[i] / span)
     return FINE
 
 

@@ -154,8 +154,9 @@ def new_state(system: System, channels: int = 0) -> State:
     memory["symmetric"] = 0.0 if unsymmetric else 1.0
     return State(
         np.zeros(1), q, *(np.zeros(nv) for _ in range(6)), np.zeros(nc), np.zeros(nc),
-        np.zeros(3), np.zeros(3), _nan(2, 3), np.zeros(channels), q.copy(), np.zeros(nv),
-        np.zeros(nv), memory, np.zeros(1, COUNTERS), np.zeros(system.history),
+        np.zeros(3), np.zeros(3), _nan(2, 3), np.zeros(channels), q.copy(),
+        np.zeros((2, nv)), np.zeros(nv), np.zeros(nv), memory,
+        np.zeros(1, COUNTERS), np.zeros(system.history),
     )  # fmt: skip
 
 
@@ -197,7 +198,8 @@ def new_work(system: System, channels: int = 0, method: Method = _NO_METHOD) -> 
         bend=np.zeros(nv), power=_nan(3), work_done=_nan(3), angles=_nan(channels),
         before=Before(_nan(1), _nan(nq), _nan(nv), _nan(3), _nan(3), _nan(history)),
         stages=_nan(stages, nq + nv + 3), work=_nan(3), rate=_nan(nq), shares=_nan(stages),
-        extended=np.zeros(1, dtype=np.int64), error=_nan(2), jerk=_nan(nv), stack=_nan(depth, 3),
+        extended=np.zeros(1, dtype=np.int64), places=_nan(nv),
+        error=_nan(2), jerk=_nan(nv), stack=_nan(depth, 3),
         variables=_nan(max(1, len(system.sensors.channels)), 3),
     )  # fmt: skip
     con = Constraints(_nan(nc), _nan(nc), _nan(1), _nan(nc), _nan(max(1, nfun), 3))

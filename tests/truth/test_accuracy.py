@@ -128,6 +128,33 @@ def test_a_scene_a_kilometre_away_is_as_accurate(name, method):
         assert_reached(name, method, accuracy, moved(SCENES[name].make(1.0)), away=AWAY)
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        "slider-crank",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("driven pendulum", "gimbals", "inverted pendulum", "Stephenson's linkage")
+        ),
+    ],
+)
+def test_generalized_alpha_is_as_accurate_a_kilometre_away(name):
+    """Round-off of the place is none of the forces that act there: about the same steps."""
+    model = moved(SCENES[name].make(1.0))
+    found = assert_reached(name, "generalized-alpha", 1e-4, model, away=AWAY)
+    plain = assert_reached(name, "generalized-alpha", 1e-4)
+    assert found.steps == pytest.approx(plain.steps, rel=0.5)
+
+
+def test_steps_of_a_driven_motion_follow_its_velocity():
+    """What counts as rest near round-off is no velocity: steps are as 1/4 power of the accuracy."""
+    scene = SCENES["driven slider-crank"]
+    knobs = {"duration": scene.duration, "outputs": 20, "method": "radau", "verify": False}
+    coarse, fine = (run(scene.make(1.0), accuracy=asked, **knobs) for asked in (1e-8, 1e-12))
+    ratio = fine.statistics["steps"] / coarse.statistics["steps"]
+    assert ratio == pytest.approx(10.0, rel=0.1)
+
+
 def assert_reached_at(size, name, method):
     """With about the same steps: no length is known beforehand."""
     for accuracy in (1e-4, 1e-6):

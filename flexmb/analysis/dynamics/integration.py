@@ -37,6 +37,8 @@ _MIN_CHUNK = 4  # steps, after which the state is saved
 # many, also times velocity coordinates and stages; fewer where stability limits them, which another
 # method is free of.
 _CHECK_EVERY = 5_000
+# Looks in a row by implicit methods: the front of a relaxation oscillation passes.
+_LOOKS = 8
 _MAX_STEPS, _MAX_STABLE_STEPS = (1e9, 1e11), (1e7, 2e9)
 _MAX_STATIC_STEPS = 1e5  # of an explicit method with quasi-static modes beside dynamic ones
 # Share of steps at the limit of stability that makes a run one that stability limits.
@@ -82,6 +84,7 @@ class Integration:
         )  # fmt: skip
         self._run, self._output_run = hand_over(run), hand_over(output_run(run))
         self._checkpoint: tuple[int, float, float] | None = None  # steps, time, steps at the limit
+        self._endless = 0  # looks in a row at which the rest would take too many steps
 
     def count_outputs(self) -> None:
         """Count the outputs until the time of the state, which may be of a run with other ones."""
@@ -148,7 +151,9 @@ class Integration:
         most, work = _MAX_STABLE_STEPS if limited else _MAX_STEPS
         static = static_modes_sentence(self.compiled, self.method, beside_dynamic=True)
         most = _MAX_STATIC_STEPS if static else most
-        if left > min(most, work / (self.compiled.layout.nv * max(self.method.stages, 1))):
+        endless = left > min(most, work / (self.compiled.layout.nv * max(self.method.stages, 1)))
+        self._endless = self._endless + 1 if endless else 0
+        if endless and (self.method.stages > 0 or self._endless == _LOOKS):
             raise FlexmbError(_endless(t, passed / steps, left, limited, static))
 
 

@@ -25,6 +25,7 @@ from flexmb.analysis.dynamics.run_settings import (
     compared_times,
     local_tolerance,
     output_times,
+    set_first_places,
     with_tolerance,
 )
 from flexmb.analysis.dynamics.verified_run import VerifiedRun
@@ -167,6 +168,7 @@ def prepared_run(
     integrator, times, verified = make_integrator(spec, name), output_times(spec), None
     passes = np.array([(settings.tolerance, 1, tuple(METHODS).index(name), 0.0, 0.0)], PASSES)
     state.q_first[:] = state.q
+    set_first_places(compiled, state)
     begin = State(*(array.copy() for array in state))
     if spec.verify is not False and settings.step == 0.0:
         compared, jumps = compared_times(spec), None

@@ -9,6 +9,7 @@ import numpy as np
 
 from flexmb.analysis.dynamics.compared_quantities import parts_of_model
 from flexmb.engine import method
+from flexmb.engine.bodies.motion import LAST_PLACES
 from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
 from flexmb.engine.forces.friction import BRISTLE
@@ -36,6 +37,7 @@ _AT_REST = 1e-6  # motion over the size of the model
 _SOLVED, _NOISE = 5e-14, 2e-17
 _SHARE_AT_REST = 1e-3  # of what counts for the model, for one of its parts
 _FASTER = 1e3  # speed at rest over its mean in the run: round-off is fast
+_ROUNDED = 2.0  # times that what is as large as the model is rounded
 _STATE = 1e-3  # size of a scalar coordinate, of which nothing is known
 
 
@@ -196,9 +198,47 @@ def set_least_motion(
     that is driven is as large as the radius of gyration of its bodies at least: where they all
     stand at one point the first motion would be resolved down to the round-off of the driver.
     """
-    system = compiled.system
-    bodies, markers, weights = system.parts.bodies, system.parts.markers, system.weights
-    of = parts_of_model(compiled)
+    bodies, weights = compiled.system.parts.bodies, compiled.system.weights
+    size, away = (one * weights for one in _extents(compiled, state))
+    for iv, m in zip(bodies["iv"], bodies["m"], strict=True):
+        size[iv + 3 : iv + 6] = away[iv + 3 : iv + 6] = 1.0
+        for x in (size, away):  # a weighted mode moves points of the body, as its frame does
+            x[iv + 6 : iv + 6 + m] = x[iv]
+    first = len(weights) - len(compiled.system.parts.coordinates)
+    size[first:] = away[first:] = _STATE
+    noise = _SOLVED if integrator.collocation else _NOISE
+    state.motion[:] = np.maximum(
+        _SHARE_AT_REST * settings.least_motion * size, noise / settings.tolerance * away
+    )
+    state.speed[:] = _FASTER / (settings.end - settings.start) * state.motion
+
+
+def set_first_places(compiled: Compiled, state: State) -> None:
+    """Tell a state what of corrections is round-off, by the pose that the run begins with.
+
+    The gap of a joint has the round-off of the places of its markers, and moves whatever shares
+    equations with it, turning it the more the smaller that part of the model is.
+    """
+    system, of = compiled.system, parts_of_model(compiled)
+    bodies, rows, markers = system.parts.bodies, system.rows, system.parts.markers
+    size, away = _extents(compiled, state)
+    away = np.maximum(_ROUNDED * size, away)
+    away[away == 0.0] = _ROUNDED * compiled.length  # all at the origin, without a marker elsewhere
+    turn = np.divide(away, size, out=np.full(len(size), _ROUNDED), where=size > 0.0)
+    places, coordinates = away / compiled.length, system.parts.coordinates
+    places[coordinates["iv"][coordinates["state"] == 1]] = _ROUNDED
+    for iv in bodies["iv"]:
+        places[iv + 3 : iv + 6] = turn[iv + 3 : iv + 6]
+    ends = rows[rows["fun"] >= 0]
+    on = np.concatenate([markers["body"][ends[end]] for end in "IJ"])
+    state.first_places[:] = LAST_PLACES * places, np.isin(of, of[bodies["iv"][on[on >= 0]]])
+
+
+def _extents(compiled: Compiled, state: State) -> tuple[Array, Array]:
+    """How far the part of the model that each coordinate (nv,) is of reaches, and how far from the
+    origin it stands [m]; 0 where there is no body."""
+    system, bodies = compiled.system, compiled.system.parts.bodies
+    markers, of = system.parts.markers, parts_of_model(compiled)
     spread, mass = np.trace(bodies["S0"], axis1=1, axis2=2), bodies["mass"]
     gyration = np.sqrt(np.divide(spread, mass, out=np.zeros(len(mass)), where=mass > 0.0))
     arms, on = np.zeros(len(bodies)), markers["body"] >= 0
@@ -212,19 +252,9 @@ def set_least_motion(
         r, own = state.q[body["iq"] : body["iq"] + 3], of[body["iv"] : body["iv"] + 3]
         low[own], high[own] = np.minimum(low[own], r - arm), np.maximum(high[own], r + arm)
         wide[own] = np.maximum(wide[own], turns * np.isin(own, of[driven])[:, None])
-    size = np.maximum(high - low, wide).max(axis=1)[of] * weights
-    away = np.maximum(abs(low), abs(high)).max(axis=1)[of] * weights
-    for iv, m in zip(bodies["iv"], bodies["m"], strict=True):
-        size[iv + 3 : iv + 6] = away[iv + 3 : iv + 6] = 1.0
-        for x in (size, away):  # a weighted mode moves points of the body, as its frame does
-            x[iv + 6 : iv + 6 + m] = x[iv]
-    first = len(weights) - len(system.parts.coordinates)
-    size[first:] = away[first:] = _STATE
-    noise = _SOLVED if integrator.collocation else _NOISE
-    state.motion[:] = np.maximum(
-        _SHARE_AT_REST * settings.least_motion * size, noise / settings.tolerance * away
-    )
-    state.speed[:] = _FASTER / (settings.end - settings.start) * state.motion
+    low[low > high], high[high < low] = 0.0, 0.0
+    size = np.maximum(high - low, wide).max(axis=1)[of]
+    return size, np.maximum(abs(low), abs(high)).max(axis=1)[of]
 
 
 def scout_settings(settings: method.Settings, integrator: method.Method) -> method.Settings:

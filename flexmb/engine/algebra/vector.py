@@ -177,11 +177,22 @@ def weighted_size(x, weights):
 
 
 @kernel
-def scaled_size(x, weights, scale, noise):
-    """Largest part of weighted |x_i| above the noise, over its scale; NaN counts as largest."""
+def scaled_size(x, weights, scale):
+    """Largest part of weighted |x_i| over its scale; NaN counts as largest."""
     size = 0.0
     for i in range(x.shape[0]):
-        s = (abs(x[i]) * weights[i] - noise) / scale[i]
+        s = abs(x[i]) * weights[i] / scale[i]
+        if not s <= size:
+            size = s
+    return size
+
+
+@kernel
+def size_above(x, weights, scale, times, noise):
+    """Largest part of weighted |x_i| above its noise so many times, over its scale; NaN counts."""
+    size = 0.0
+    for i in range(x.shape[0]):
+        s = (abs(x[i]) * weights[i] - times * noise[i]) / scale[i]
         if not s <= size:
             size = s
     return size

@@ -25,12 +25,8 @@ from flexmb.engine.method import FINE
 from flexmb.engine.state import Run
 from flexmb.engine.tables import Parts
 
-# Corrections of this size relative to the model, or of this many units in the last place of the
-# positions where the model is far from the origin, are round-off.
-_ROUND_OFF = 2e-15
-
-
-_LAST_PLACES = 1e-15
+# Corrections of this size, relative to a position or a driven motion, are round-off.
+LAST_PLACES = 1e-15
 
 
 @unit
@@ -104,19 +100,42 @@ def normalise(bodies, q):
 
 
 @unit
-def last_places(run: Run) -> float:
-    """Weighted size of a correction that positions cannot show, nor what drivers turn or move."""
-    bodies, weights, q = run.system.parts.bodies, run.system.weights, run.state.q
-    rows, size = run.system.rows, _ROUND_OFF
-    for k in range(bodies.shape[0]):
-        i, o = bodies[k]["iq"], bodies[k]["iv"]
-        for a in range(3):
-            size = max(size, _LAST_PLACES * abs(q[i + a]) * weights[o + a])
+def put_last_places(run: Run) -> int:
+    """Put the weighted size of a correction of each coordinate that is round-off in Trial.places.
+
+    By how far it has moved, where its body stands, what it was at the start for the part of the
+    model that it belongs to, and what drivers turn or move there.
+    """
+    st, tr, bodies, rows = run.state, run.work.trial, run.system.parts.bodies, run.system.rows
+    coordinates = run.system.parts.coordinates
+    places, first, weights, driven = tr.places, st.first_places, run.system.weights, 0.0
     for r in range(rows.shape[0]):
         if rows[r]["fun"] >= 0:
-            driven = abs(run.work.con.fun[rows[r]["fun"], 0])
-            size = max(size, _LAST_PLACES * driven * run.system.row_weights[r])
-    return size
+            moved = abs(run.work.con.fun[rows[r]["fun"], 0])
+            driven = max(driven, LAST_PLACES * moved * run.system.row_weights[r])
+    for i in range(places.shape[0]):
+        places[i] = max(first[0, i], driven * first[1, i], LAST_PLACES * st.motion[i])
+    for k in range(bodies.shape[0]):
+        i, o = bodies[k]["iq"], bodies[k]["iv"]
+        far = LAST_PLACES * max(abs(st.q[i]), abs(st.q[i + 1]), abs(st.q[i + 2])) * weights[o]
+        for a in range(3):
+            places[o + a] = max(places[o + a], far)
+    for k in range(coordinates.shape[0]):
+        o, far = coordinates[k]["iv"], LAST_PLACES * abs(st.q[coordinates[k]["iq"]])
+        state = coordinates[k]["state"] == 1  # its place is an integral that nothing depends on
+        places[o] = first[0, o] if state else max(places[o], far * weights[o])
+    return FINE
+
+
+@kernel
+def over_last_places(run, dq):
+    """The largest of dq (nv) over what of its coordinate is round-off; NaN counts as largest."""
+    places, weights, most = run.work.trial.places, run.system.weights, 0.0
+    for i in range(dq.shape[0]):
+        s = abs(dq[i]) * weights[i]
+        if not s <= most * places[i]:
+            most = s / places[i] if places[i] > 0.0 else math.inf
+    return most
 
 
 @kernel

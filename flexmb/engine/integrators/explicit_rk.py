@@ -267,7 +267,7 @@ def _estimate_error(run, errors, h, of_parameters):
                 for i in range(tr.dq.shape[0]):
                     tr.dq[i] = 0.0
                 add_slopes(tr.stages, st.q.shape[0], errors[k], n, tr.dq)
-            part = scaled_size(tr.dq, run.system.weights, scale, 0.0)
+            part = scaled_size(tr.dq, run.system.weights, scale)
             if k == 0:
                 size = h * part
             else:

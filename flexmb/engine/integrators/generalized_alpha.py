@@ -30,7 +30,7 @@ import numpy as np
 
 from flexmb.engine.algebra.ldl import solve, solve_refined
 from flexmb.engine.algebra.vector import copy, weighted_size
-from flexmb.engine.bodies.motion import interpolate_step, last_places, move
+from flexmb.engine.bodies.motion import interpolate_step, move, put_last_places
 from flexmb.engine.equations_of_motion import residual, walk
 from flexmb.engine.iteration_matrix import REFACTOR_ABOVE, factorise, give_up
 from flexmb.engine.jit import kernel, unit
@@ -146,7 +146,8 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
         tolerance = settings.newton_tolerance * h * h * weighted_size(st.vd, sys.weights)
     else:
         tolerance = settings.tolerance  # of each coordinate over its own motion, as its error is
-    floor, relative = last_places(run), settings.newton_tolerance == 0.0
+    relative = settings.newton_tolerance == 0.0
+    put_last_places(run)
     if memory["contraction"] > _RENEW_ABOVE and memory["factor_age"] > 0.0:
         memory["factor_age"] = -1.0
     last = 0.0
@@ -166,26 +167,26 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
             memory["contraction"] = 1.0
             memory["factor_step"] = h
             last = 0.0  # a contraction is measured between corrections by one factor
-        size, moved, share = correct(run, b, cv, h)
+        size, units, share, wrong = correct(run, b, cv, h)
         if not math.isfinite(size):
             return NOT_FINITE
-        noise = moved <= _NOISE * floor and last > 0.0 and size > REFACTOR_ABOVE * last
+        noise = units <= _NOISE and last > 0.0 and size > REFACTOR_ABOVE * last
         if noise:  # it measures nothing here
             memory["contraction"] = memory["contraction"] if memory["contraction"] < 1.0 else 0.0
         elif last > 0.0:
             memory["contraction"] = size / last
-            small = size <= floor or (share if relative else size) <= tolerance
+            small = wrong <= 1.0 or (share if relative else size) <= tolerance
             if not small and give_up(memory, size / last):
                 return NO_CONVERGENCE
         last = size
         theta = min(memory["contraction"], 0.99)
         # What an old factor leaves in a first correction is a bias that adds up over many steps,
-        # below the last places of positions too.
-        least = floor if n > 0 or settings.step == 0.0 else 0.0
+        # below the last places of positions too; under error control in any.
         again = n == 0 and theta > alpha.settling and settings.step == 0.0
         left = theta / (1.0 - theta)
-        done = left * size <= least or left * (share if relative else size) <= tolerance
-        if noise or size <= least or (done and not again):
+        settled = (1.0 if relative else min(1.0, left)) * wrong <= 1.0 and n > 0
+        done = left * (share if relative else size) <= tolerance
+        if noise or settled or (done and not again):
             move(sys.parts, st.q, tr.dq, tr.q)  # the last correction too
             _finish(sys.weights, alpha, st, tr)
             if settings.tolerance > 0.0:
@@ -251,7 +252,7 @@ def correct(run, b, cv, h):
         solve(kkt, fac, sol)
     else:
         _solve_repaired(run)
-    moved, size, share = 0.0, 0.0, 0.0
+    moved, size, share, units, wrong, places = 0.0, 0.0, 0.0, 0.0, 0.0, tr.places
     for i in range(nv):
         k = place[i]
         d = sol[k]
@@ -264,13 +265,17 @@ def correct(run, b, cv, h):
         force = abs(b * res[i]) / diagonal[k] * weights[i]
         if not force <= size:
             size = force
+        if not s <= units * places[i]:
+            units = s / places[i] if places[i] > 0.0 else math.inf
+        if not force <= wrong * places[i]:
+            wrong = force / places[i] if places[i] > 0.0 else math.inf
         allowed = min(_SHARE * motion[i], _SPEED_SHARE * h * speed[i])
-        s = max(s, force)
+        s = max(s - places[i], force)
         if s > share * allowed:
             share = s / allowed if allowed > 0.0 else math.inf
     for i in range(C.shape[0]):
         lam[i] += sol[place[nv + i]] / b
-    return max(size, moved), moved, share
+    return max(size, moved), units, share, max(units, wrong)
 
 
 @kernel

@@ -12,7 +12,7 @@ import math
 from flexmb.engine import method
 from flexmb.engine.algebra.ldl import solve
 from flexmb.engine.algebra.vector import copy, scaled_size, zero
-from flexmb.engine.bodies.motion import last_places, move
+from flexmb.engine.bodies.motion import move, put_last_places
 from flexmb.engine.equations_of_motion import residual, walk
 from flexmb.engine.integrators.generalized_alpha import correct
 from flexmb.engine.integrators.radau_coefficients import STAGES, Radau
@@ -64,7 +64,7 @@ def _iterate(run, h):
         tr.dq[k] = h * tr.v[k]
     copy(st.lam, tr.lam)
     tr.t[0] = st.t[0] + h
-    enough = last_places(run)
+    put_last_places(run)
     for _ in range(run.settings.max_iterations):
         move(run.system.parts, st.q, tr.dq, tr.q)
         st.count[0]["residuals"] += 1
@@ -74,8 +74,8 @@ def _iterate(run, h):
         run.work.factor.symmetric[0] = 0
         st.count[0]["regularised_pivots"] += factorise(run, run.trial_point, h, h * h)
         st.count[0]["factorisations"] += 1
-        _, moved, _ = correct(run, h * h, 1.0 / h, h)
-        if moved <= enough:
+        _, units, _, _ = correct(run, h * h, 1.0 / h, h)
+        if units <= 1.0:
             move(run.system.parts, st.q, tr.dq, tr.q)
             return FINE
     return method.NO_CONVERGENCE
@@ -99,4 +99,4 @@ def _estimate_error(run, h):
         for k in range(nv):
             tr.jerk[k] = fac.sol[kkt.place[k]]
         scale = st.motion if n == 0 else st.speed
-        tr.error[n] = scaled_size(tr.jerk, run.system.weights, scale, 0.0) / share
+        tr.error[n] = scaled_size(tr.jerk, run.system.weights, scale) / share

@@ -21,12 +21,13 @@ from typing import TYPE_CHECKING
 
 from flexmb.engine import method
 from flexmb.engine.algebra import ldl
-from flexmb.engine.algebra.vector import copy, part, put_part, scaled_size, weighted_size, zero
+from flexmb.engine.algebra.vector import copy, part, put_part, size_above, weighted_size, zero
 from flexmb.engine.bodies.motion import (
     angular_velocity,
     interpolate_step,
-    last_places,
     move,
+    over_last_places,
+    put_last_places,
     put_motion,
 )
 from flexmb.engine.equations_of_motion import (
@@ -109,10 +110,11 @@ def _add_matrix(pair, fac, f):
 
 
 @kernel
-def correct_stages(run, radau, h, floor):
-    """Newton correction of all stages, into their motions and multipliers; its two sizes.
+def correct_stages(run, radau, h):
+    """Newton correction of all stages, into their motions and multipliers; its three sizes.
 
-    Over motion and speed counts what is above the floor.
+    Over motion and speed, or weighted, counts what is more than round-off; the second is weighted,
+    the third over what is round-off.
     """
     st, col, kkt, weights = run.state, run.work.collocation, run.system.kkt, run.system.weights
     place, nv = kkt.place, st.v.shape[0]
@@ -146,15 +148,16 @@ def correct_stages(run, radau, h, floor):
         r, y = x[i] / (c * c), z[i] / (m * m)
         for n in range(STAGES):
             col.lam[n, k] += back[0, n] * r + back[1, n] * y.real + back[2, n] * y.imag
-    size, moved = 0.0, 0.0
+    size, moved, places, units = 0.0, 0.0, run.work.trial.places, 0.0
     for i in range(STAGES):
         moved = max(moved, weighted_size(col.change[i], weights))
+        units = max(units, over_last_places(run, col.change[i]))
         if run.settings.step == 0.0:
-            size = max(size, scaled_size(col.change[i], weights, st.motion, floor))
-            size = max(size, scaled_size(col.change[i], weights, st.speed, floor) / h)
+            size = max(size, size_above(col.change[i], weights, st.motion, 1.0, places))
+            size = max(size, size_above(col.change[i], weights, st.speed, 1.0, places) / h)
     if run.settings.step > 0.0:
         size = moved
-    return size, moved
+    return size, moved, units
 
 
 @kernel
@@ -240,7 +243,8 @@ def _iterate(run, radau, h):
     memory["factor_age"], age[0] = age[0], -1.0  # the factors outlast outputs
     if abs(memory["factor_step"] - h) > _SAME_STEP * h or memory["contraction"] > _RENEW_ABOVE:
         memory["factor_age"] = -1.0
-    allowed, floor = _allowed(run, h), last_places(run)
+    allowed = _allowed(run, h)
+    put_last_places(run)
     last, last_moved, least = 0.0, 0.0, 0.0
     for n in range(run.settings.max_iterations):
         _put_rates(run, radau, h)
@@ -251,10 +255,10 @@ def _iterate(run, radau, h):
         if memory["factor_age"] < 0.0:  # at the stage in the middle, the last one evaluated
             factorise_stages(run, radau, h)
             last = 0.0  # a contraction is measured between corrections by one factor
-        size, moved = correct_stages(run, radau, h, floor)
+        size, moved, units = correct_stages(run, radau, h)
         if not math.isfinite(size):
             return method.NOT_FINITE
-        noise = moved <= _NOISE * floor and last > 0.0 and size > REFACTOR_ABOVE * last
+        noise = units <= _NOISE and last > 0.0 and size > REFACTOR_ABOVE * last
         if last > 0.0 and not noise:
             memory["contraction"] = size / last
             # what a correction of fast parts leaves to others may be as large over their motion
@@ -265,7 +269,7 @@ def _iterate(run, radau, h):
         last, last_moved = size, moved
         theta = max(min(memory["contraction"], 0.99), least)
         # what an old factor leaves is a bias, below the last places of positions too
-        settled = moved <= floor and (n > 0 or run.settings.step == 0.0)
+        settled = units <= 1.0 and (n > 0 or run.settings.step == 0.0)
         if noise or settled or theta / (1.0 - theta) * size <= allowed:
             return _finish(run, radau, h)
     return method.NO_CONVERGENCE
@@ -410,9 +414,8 @@ def _estimate_error(run, radau, h):
         tr.dq[k], tr.jerk[k] = motion + c * change, change
     filter_motion(run, tr.dq)
     filter_motion(run, tr.jerk)
-    noise = _UNTOLD * last_places(run)
-    tr.error[0] = scaled_size(tr.dq, run.system.weights, st.motion, 0.0)
-    tr.error[1] = scaled_size(tr.jerk, run.system.weights, st.speed, noise / c)
+    tr.error[0] = size_above(tr.dq, run.system.weights, st.motion, 0.0, tr.places)
+    tr.error[1] = size_above(tr.jerk, run.system.weights, st.speed, _UNTOLD / c, tr.places)
 
 
 @unit
