@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from flexmb.engine import equations_of_motion as stages
-from flexmb.engine.algebra.ldl import solve_refined, solve_without_regularisation
+from flexmb.engine.algebra.ldl import solve_refined
 from flexmb.engine.bodies.motion import move, position_rate
 from flexmb.engine.bodies.wrench import add_pulled_back, marker_jacobian
 from flexmb.engine.compile import compile_system, with_markers
@@ -141,11 +141,7 @@ class Bench:
             call(stages.residual, run, at)
             return call(factorise, run, at, cv, cp)
         if what == SOLVE:
-            kkt, factor = self.sys.kkt, self.work.factor
-            if k is None:
-                call(solve_without_regularisation, kkt, factor)
-            else:
-                call(solve_refined, kkt, factor, k)
+            call(solve_refined, self.sys.kkt, self.work.factor, k)
         elif what == MOVE:
             call(move, parts, self.q, trial.dq, trial.q)
             position_rate(parts, self.q, self.v, out)
@@ -322,10 +318,7 @@ class Bench:
         return self.work.factor.sol[self.sys.kkt.place[: self.layout.nv]]
 
     def solve(self, b, rounds):
-        """Solve with the last factor; b in the order (v, rows).
-
-        Refined so often, or with the regularisation taken back alone (None).
-        """
+        """Solve with the last factor; b in the order (v, rows)."""
         place = self.sys.kkt.place
         self.work.factor.rhs[place] = b
         self.run(SOLVE, k=rounds)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 
-from flexmb.engine.algebra.ldl import multiply, solve, solve_refined, solve_without_regularisation
+from flexmb.engine.algebra.ldl import multiply, solve, solve_refined
 from flexmb.engine.algebra.vector import copy, largest, weighted_size, zero
 from flexmb.engine.bodies.motion import move
 from flexmb.engine.equations_of_motion import (
@@ -36,8 +36,6 @@ _ROUNDS = 3
 _REFINEMENTS = 2
 # Pivot of a row over its regularisation, from which on one refinement leaves round-off.
 _FIRM = 1e7
-# Pivot of a coordinate over its diagonal entry, up to which round-off needs no refinement.
-_OUTGROWN = 1e3
 # Forces that depend on accelerations or reactions: rounds until they settle, relative.
 _LOOP_ROUNDS, _LOOP_CLOSED = 100, 1e-12
 # Quasi-static modes follow the loads up to this weighted change.
@@ -219,15 +217,6 @@ def _is_firm(fac):
     return firm
 
 
-@kernel
-def _keeps_digits(fac):
-    """Whether no pivot has outgrown its diagonal entry: refinement would bring its digits back."""
-    keeps = True
-    for k in range(fac.eps.shape[0]):
-        keeps = keeps and abs(fac.d[k]) <= _OUTGROWN * fac.diagonal[k]
-    return keeps
-
-
 @unit
 def _solve(run: Run, at: Point, cp: float) -> int:
     """(v̇; λ) from (Q; γ) with the present factor; returns the status of the forces."""
@@ -245,12 +234,7 @@ def _solve(run: Run, at: Point, cp: float) -> int:
     if run.settings.follow == 1:
         for i in range(nv):
             fac.rhs[place[i]] += run.work.trial.mode_force[i]
-    if not _is_firm(fac):
-        solve_refined(kkt, fac, _REFINEMENTS)
-    elif _keeps_digits(fac):
-        solve_without_regularisation(kkt, fac)
-    else:
-        solve_refined(kkt, fac, 1)
+    solve_refined(kkt, fac, 1 if _is_firm(fac) else _REFINEMENTS)
     for i in range(nv):
         vd[i] = fac.sol[place[i]]
     for i in range(lam.shape[0]):

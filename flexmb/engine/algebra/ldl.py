@@ -234,23 +234,6 @@ def solve_refined(kkt: Kkt, fac: Factor, rounds: int) -> int:
 
 
 @unit
-def solve_without_regularisation(kkt: Kkt, fac: Factor) -> int:
-    """fac.sol = S⁻¹ fac.rhs, where round-off needs no refinement.
-
-    The factored matrix is S − ε: S (x − x₀) = −ε x₀ for what it gives.
-    """
-    x, tmp = fac.sol, fac.tmp
-    copy(fac.rhs, x)
-    solve(kkt, fac, x)
-    for i in range(fac.eps.shape[0]):
-        tmp[i] = -fac.eps[i] * x[i]
-    solve(kkt, fac, tmp)
-    for i in range(x.shape[0]):
-        x[i] += tmp[i]
-    return FINE
-
-
-@unit
 def add_body_block(run: Run, b: int, B: Matrix) -> int:
     """Add a dense block to the diagonal block of body b."""
     body, kkt, low, up = (

@@ -105,16 +105,16 @@ from flexmb.engine.algebra import ldl
 from flexmb.engine.tables import PANEL, UPDATE, LINK, Kkt
 from flexmb.engine.state import Factor
 from flexmb.engine.units import call
-panels = np.zeros(1, PANEL); panels["nc"] = 4; panels["sign"] = 1.0
-low = np.eye(4).ravel(); low[12] = 0.5
+panels = np.zeros(1, PANEL); panels["nc"] = 7; panels["sign"] = 1.0
+low = np.eye(7).ravel(); low[42] = 0.5
 kkt = Kkt(panels, np.zeros(0, np.int64), np.zeros(0, UPDATE), np.zeros(0, LINK),
-          np.arange(4), np.arange(4))
-z = lambda n=5: np.zeros(n)
-fac = Factor(low, low, low, low, z(), z(), np.ones(5), z(), z(), np.ones(1, np.int64),
+          np.arange(7), np.arange(7))
+z = lambda n=8: np.zeros(n)
+fac = Factor(low, low, low, low, z(), z(), np.ones(8), z(), z(), np.ones(1, np.int64),
              np.zeros(1, np.int64), z(), z(), z())
-b = np.array([1.0, 0.0, 0.0, 0.0, 0.0])
+b = np.eye(8)[0]
 call(ldl.solve, kkt, fac, b)
-print(b[3])
+print(b[6])
 """
     assert float(run_python(code, tmp_path)) == -0.5
     path = tmp_path / "flexmb/engine/algebra/vector.py"

@@ -129,9 +129,9 @@ def at_rest(system: System, state: State, work: Work, level: int) -> float:
 def test_a_chain_takes_operations_in_proportion_to_its_bodies(
     joint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(positions, "stage_solver", lambda *of: lambda level: at_rest(*of, level))
-    for module in (initial_state, velocities):
-        monkeypatch.setattr(module, "solve_stage", at_rest)
+    for module in (positions, velocities):
+        monkeypatch.setattr(module, "stage_solver", lambda *of: lambda level: at_rest(*of, level))
+    monkeypatch.setattr(initial_state, "solve_stage", at_rest)
 
     def make(n: int) -> Model:
         return chain(joint, n)
