@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from flexmb.engine.bodies.motion import LAST_PLACES
 from flexmb.engine.jit import Unit, units_in
 from flexmb.engine.joints import ROW_KINDS
 from flexmb.engine.kinds import KINDS
@@ -155,7 +156,7 @@ def new_state(system: System, channels: int = 0) -> State:
     return State(
         np.zeros(1), q, *(np.zeros(nv) for _ in range(6)), np.zeros(nc), np.zeros(nc),
         np.zeros(3), np.zeros(3), _nan(2, 3), np.zeros(channels), q.copy(),
-        np.zeros((2, nv)), np.zeros(nv), np.zeros(nv), memory,
+        np.tile([[2.0 * LAST_PLACES], [1.0]], nv), np.zeros(nv), np.zeros(nv), memory,
         np.zeros(1, COUNTERS), np.zeros(system.history),
     )  # fmt: skip
 

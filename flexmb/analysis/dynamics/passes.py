@@ -228,6 +228,8 @@ def _set_motion(prepared: PreparedDynamics, like: State, moves: np.ndarray | boo
     for state in (prepared.begin, *(run.state for run in runs)):
         np.maximum(state.motion, like.motion, out=state.motion, where=moves)
         np.maximum(state.speed, like.speed, out=state.speed, where=moves)
+        fastest = state.memory["max_velocity"]
+        np.maximum(fastest, like.memory["max_velocity"], out=fastest)
 
 
 def measure_vibrations(prepared: PreparedDynamics) -> None:
