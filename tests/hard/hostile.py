@@ -285,11 +285,11 @@ def records(rng: Random, folder: Path) -> None:
     elif target.suffix == ".parquet":  # as a killed command leaves it
         import pyarrow.parquet as pq
 
-        rows = pq.read_table(target).to_pylist()
-        rows = mutate_table({"rows": rows}, rng, {"rows": rows}).get("rows")
+        read = {"rows": pq.read_table(target).to_pylist()}
+        rows = mutate_table(read, rng, read).get("rows")
         about = pq.read_schema(target).metadata[b"flexmb"]
-        lines = [json.dumps(row, default=str).encode() for row in rows if isinstance(rows, list)]
-        data = b"\n".join((about, *lines)) if isinstance(rows, list) else b"[" * 99_999
+        each = rows if isinstance(rows, list) else ()
+        data = b"\n".join((about, *(json.dumps(row, default=str).encode() for row in each)))
         if rng.random() < 0.5:
             data = mutate_bytes(data, rng, [data])
         target.unlink()
