@@ -158,13 +158,8 @@ def put_frame_matrix(run: Run, i: int, at: Point, cv: float, cp: float, m: int) 
 @unit
 def rigid_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> int:
     """Add M + cv ∂F/∂v + cp ∂F/∂q of rigid bodies, F their inertia forces."""
-    bodies, rows, body_now, factor = (
-        run.system.parts.bodies,
-        of.rows,
-        run.work.now.body,
-        run.work.factor,
-    )
-    panels, low, up = run.system.kkt.panels, factor.low, factor.up
+    bodies, body_now, rows = run.system.parts.bodies, run.work.now.body, of.rows
+    panels, low, up = run.system.kkt.panels, run.work.factor.low, run.work.factor.up
     for n in range(rows.shape[0]):
         if cv == 0.0 and cp == 0.0:
             body = bodies[rows[n]]
