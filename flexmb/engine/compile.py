@@ -114,6 +114,16 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     )
 
 
+def parts_of_model(compiled: Compiled) -> NDArray[np.intp]:
+    """Number of the part that each velocity coordinate is of, (nv,): parts share no equations."""
+    kkt = compiled.system.kkt
+    part = np.arange(int(kkt.panels["nc"].sum()) + 1)  # the last one: left out
+    for panel in kkt.panels[::-1]:
+        own = slice(panel["col"], panel["col"] + panel["nc"])
+        part[own] = part[kkt.rows[panel["rows"]]] if panel["nr"] else panel["col"]
+    return np.asarray(part[kkt.place[: compiled.layout.nv]])
+
+
 def _flexible_bodies(model: Model, bodies: dict[str, FlexBody]) -> dict[str, FlexBody]:
     """All flexible bodies there are, as a run has them."""
     for name in model.bodies:

@@ -266,3 +266,15 @@ def test_a_rotor_whose_speed_is_given_in_its_own_axes_sags_with_its_bearing():
 def test_a_rotor_whose_speed_does_not_tilt_with_its_bearing_is_named(scene):
     with pytest.raises(AssemblyError, match=r"no elastic equilibrium.*bodies.disc.*in global axes"):
         first_state_of_a_rotor("global", **scene)
+
+
+def test_a_body_that_spins_elsewhere_is_not_named():
+    """A rod that turns far too fast for its stiffness, beside a top that shares nothing with it."""
+    made = Model("rod and top", gravity=[0, -9.81, 0])
+    made.add_body("rod", rod(0.002, 1.0))
+    made.add_body("top", mass=1.0, inertia=[1, 1, 1], position=[5, 0, 0],
+                  angular_velocity=[0, 0, 9])  # fmt: skip
+    made.add_joint("hub", "revolute", between=["ground", "rod.root"], axis="z")
+    made.add_driver("motor", joint="hub", angle="3000*t")
+    with pytest.raises(AssemblyError, match=r"begin slower$"):
+        assemble(compile_system(made), made, start="quasi-static")

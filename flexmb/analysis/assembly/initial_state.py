@@ -29,7 +29,7 @@ from flexmb.analysis.equilibrium import settle, spin_of
 from flexmb.engine import initial_conditions
 from flexmb.engine.algebra.forms import size_of_form
 from flexmb.engine.bodies.static_modes import STATIC_MODES, static_coordinates
-from flexmb.engine.compile import Compiled
+from flexmb.engine.compile import Compiled, parts_of_model
 from flexmb.engine.entries import solve_stage, stage_solver
 from flexmb.engine.forces.force_characteristic import FORCE_CHARACTERISTICS
 from flexmb.engine.forces.spring_damper import COORDINATE_OF, DISTANCE_OF
@@ -148,7 +148,7 @@ def assemble(
     elastic = start == "quasi-static"
     modes = _modal_coordinates(compiled) if elastic else static_coordinates(compiled.system)
     if len(modes) and begin is None:
-        why = _on_global_spins(model)
+        why = _on_global_spins(compiled, model, modes)
         _equilibrate(compiled, modes, _SLOW * period, state, work, close, why)
     if start == "static" and begin is None:
         _solve_accelerations(stage_solver(system, state, work), state)
@@ -207,13 +207,15 @@ def _modal_coordinates(compiled: Compiled) -> IntArray:
     return np.concatenate([np.zeros(0, np.int64), *places])
 
 
-def _on_global_spins(model: Model) -> str:
-    """What to try where an equilibrium is missing and rotors do not tilt with their bearings."""
+def _on_global_spins(compiled: Compiled, model: Model, modes: IntArray) -> str:
+    """What to try where modes find no equilibrium and rotors do not tilt with their bearings."""
+    of = parts_of_model(compiled)
     names = [
-        name
-        for name, spec in model.bodies.items()
-        for one in spec.initial_velocities.values()
+        body.name
+        for body in compiled.layout.bodies
+        for one in model.bodies[body.name].initial_velocities.values()
         if one.axes == "global" and any(one.angular_velocity or ())
+        if np.isin(of[body.iv : body.iv + 6], of[modes]).any()  # joints and forces connect them
     ]
     if not names:
         return ""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.compile import Compiled
+from flexmb.engine.compile import Compiled, parts_of_model
 from flexmb.engine.tables import Layout
 from flexmb.flexbody.arrays import Array
 from flexmb.model.model import Model
@@ -97,16 +97,6 @@ def groups(keys: Iterable[Any]) -> dict[Any, NDArray[np.intp]]:
         key: np.array([k for k, one in enumerate(every) if one == key], np.intp)
         for key in dict.fromkeys(every)
     }
-
-
-def parts_of_model(compiled: Compiled) -> NDArray[np.intp]:
-    """Number of the part that each velocity coordinate is of, (nv,): parts share no equations."""
-    kkt = compiled.system.kkt
-    part = np.arange(int(kkt.panels["nc"].sum()) + 1)  # the last one: left out
-    for panel in kkt.panels[::-1]:
-        own = slice(panel["col"], panel["col"] + panel["nc"])
-        part[own] = part[kkt.rows[panel["rows"]]] if panel["nr"] else panel["col"]
-    return np.asarray(part[kkt.place[: compiled.layout.nv]])
 
 
 def by_part(rows: Sequence[Compared], compiled: Compiled, model: Model) -> list[Part]:

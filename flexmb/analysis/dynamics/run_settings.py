@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmb.analysis.dynamics.compared_quantities import parts_of_model
 from flexmb.engine import method
 from flexmb.engine.bodies.motion import LAST_PLACES
 from flexmb.engine.bodies.static_modes import STATIC_MODES
-from flexmb.engine.compile import Compiled
+from flexmb.engine.compile import Compiled, parts_of_model
 from flexmb.engine.forces.friction import BRISTLE
 from flexmb.engine.state import State
 from flexmb.engine.work import kinds_of
