@@ -150,7 +150,7 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
     put_last_places(run)
     if memory["contraction"] > _RENEW_ABOVE and memory["factor_age"] > 0.0:
         memory["factor_age"] = -1.0
-    last = 0.0
+    earlier, last, slowest = 0.0, 0.0, 0.0
     for n in range(settings.max_iterations):
         move(sys.parts, st.q, tr.dq, tr.q)
         count["residuals"] += 1
@@ -166,27 +166,28 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
             memory["factor_age"] = 0.0
             memory["contraction"] = 1.0
             memory["factor_step"] = h
-            last = 0.0  # a contraction is measured between corrections by one factor
+            last = slowest = 0.0  # a contraction is measured between corrections by one factor
         size, units, share, wrong = correct(run, b, cv, h)
         if not math.isfinite(size):
             return NOT_FINITE
-        noise = units <= _NOISE and last > 0.0 and size > REFACTOR_ABOVE * last
-        if noise:  # it measures nothing here
+        quiet = units <= _NOISE and last > 0.0 and size > REFACTOR_ABOVE * last
+        noise = quiet and size > REFACTOR_ABOVE * earlier > 0.0
+        if quiet:  # it measures nothing here
             memory["contraction"] = memory["contraction"] if memory["contraction"] < 1.0 else 0.0
         elif last > 0.0:
-            memory["contraction"] = size / last
+            slowest = max(slowest, size / last)  # where the next one happens to be small too
+            memory["contraction"] = slowest
             small = wrong <= 1.0 or (share if relative else size) <= tolerance
             if not small and give_up(memory, size / last):
                 return NO_CONVERGENCE
-        last = size
+        earlier, last = last, size
         theta = min(memory["contraction"], 0.99)
         # What an old factor leaves in a first correction is a bias that adds up over many steps,
         # below the last places of positions too; under error control in any.
         again = n == 0 and theta > alpha.settling and settings.step == 0.0
         left = theta / (1.0 - theta)
-        settled = (1.0 if relative else min(1.0, left)) * wrong <= 1.0 and n > 0
         done = left * (share if relative else size) <= tolerance
-        if noise or settled or (done and not again):
+        if noise or (done and not again):
             move(sys.parts, st.q, tr.dq, tr.q)  # the last correction too
             _finish(sys.weights, alpha, st, tr)
             if settings.tolerance > 0.0:
@@ -270,7 +271,7 @@ def correct(run, b, cv, h):
         if not force <= wrong * places[i]:
             wrong = force / places[i] if places[i] > 0.0 else math.inf
         allowed = min(_SHARE * motion[i], _SPEED_SHARE * h * speed[i])
-        s = max(s - places[i], force)
+        s = max(s, force)
         if s > share * allowed:
             share = s / allowed if allowed > 0.0 else math.inf
     for i in range(C.shape[0]):

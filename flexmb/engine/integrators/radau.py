@@ -3,12 +3,8 @@
 The constraints hold at the stages; the velocities of the new point are put on theirs in the metric
 of the mass matrix, which gives order 5 in positions, velocities and multipliers. Unknowns are the
 motions uᵢ of the stages from the start of the step, rotations as rotation vectors: U̇ = A⁻¹ u / h,
-ω = T(u) u̇, v̇ = A⁻¹ (v − v₀) / h. With A⁻¹ = V diag(γ, μ, μ̄) V⁻¹ simplified Newton solves one real
-and one complex system,
-
-    S(c) = [[M + c ∂F/∂v + c² ∂F/∂q, Cqᵀ], [Cq, −ε]],   c = h/γ and c = h/μ.
-
-The error is estimated by an embedded formula of order 3, filtered by S(h/γ)⁻¹ M. Stiff modes are
+ω = T(u) u̇, v̇ = A⁻¹ (v − v₀) / h. Simplified Newton finds them by two systems (`radau_systems`). The
+error is estimated by an embedded formula of order 3, filtered by S(h/γ)⁻¹ M. Stiff modes are
 damped, not resolved. Hairer & Wanner, Solving Ordinary Differential Equations II, 1996, §IV.8; for
 constraints Hairer, Lubich & Roche, The Numerical Solution of Differential-Algebraic Systems by
 Runge–Kutta Methods, 1989, §6.
@@ -20,15 +16,14 @@ import math
 from typing import TYPE_CHECKING
 
 from flexmb.engine import method
-from flexmb.engine.algebra import ldl
 from flexmb.engine.algebra.vector import copy, part, put_part, size_above, weighted_size, zero
 from flexmb.engine.bodies.motion import (
     angular_velocity,
     interpolate_step,
     move,
-    over_last_places,
     put_last_places,
     put_motion,
+    rotation_rate,
 )
 from flexmb.engine.equations_of_motion import (
     feedback_stage,
@@ -47,145 +42,15 @@ from flexmb.engine.integrators.radau_coefficients import (
     radau_coefficients,
     stage_sum,
 )
-from flexmb.engine.iteration_matrix import (
-    REFACTOR_ABOVE,
-    factorise_pair,
-    give_up,
-    has_dependent_rows,
-    keep_diagonal,
-    put_matrix,
-    put_rows,
-)
-from flexmb.engine.jit import Vector, kernel, unit
-from flexmb.engine.method import FINE, Method
+from flexmb.engine.integrators.radau_systems import correct_stages, factorise_stages, filter_motion
+from flexmb.engine.iteration_matrix import REFACTOR_ABOVE, give_up, has_dependent_rows
+from flexmb.engine.jit import kernel, unit
+from flexmb.engine.method import Method
 from flexmb.engine.projection import POSITIONS, accelerations
 from flexmb.engine.state import Run
 
 if TYPE_CHECKING:
     from flexmb.model.scenes.dynamics import DynamicsSpec
-
-_ALMOST_ZERO = 1e-300
-
-
-@unit
-def factorise_stages(run: Run, radau: Radau, h: float) -> int:
-    """Assemble and factor S(h/γ) and S(h/μ) at the stage evaluated last."""
-    fac, col, kkt, at = run.work.factor, run.work.collocation, run.system.kkt, run.trial_point
-    pair, real, memory = col.pair, col.real, run.state.memory[0]
-    n = radau.mu_real**2 + radau.mu_imag**2
-    x, y = radau.mu_real * h / n, -radau.mu_imag * h / n
-    fac.symmetric[0] = int(memory["symmetric"])
-    pair.symmetric[0] = fac.symmetric[0]
-    for i in range(pair.low.shape[0]):
-        pair.low[i] = pair.up[i] = 0.0
-    put_matrix(run, at, _ALMOST_ZERO, 0.0)  # the mass of motion, not that of single solves
-    _add_matrix(pair, fac, -1j)
-    put_matrix(run, at, y, 2.0 * x * y)
-    _add_matrix(pair, fac, 1j)
-    put_matrix(run, at, x, x * x - y * y)
-    _add_matrix(pair, fac, 1.0 + 0j)
-    c = h / radau.gamma
-    put_matrix(run, at, c, c * c)
-    _add_matrix(pair, fac, -1.0 + 0j)
-    keep_diagonal(kkt.panels, fac.low, fac.diagonal)
-    put_rows(run, at, c, c * c)
-    _add_matrix(pair, fac, 1.0 + 0j)  # the rows alone
-    run.state.count[0]["regularised_pivots"] += factorise_pair(run, pair)
-    copy(fac.low, real.low)
-    copy(fac.up, real.up)
-    copy(fac.d, real.d)
-    copy(fac.eps, real.eps)
-    real.symmetric[0] = fac.symmetric[0]
-    run.state.count[0]["factorisations"] += 2
-    memory["factor_age"], memory["contraction"], memory["factor_step"] = 0.0, 1.0, h
-    return FINE
-
-
-@kernel
-def _add_matrix(pair, fac, f):
-    """pair += f times the assembled matrix."""
-    for i in range(pair.low.shape[0]):
-        pair.low[i] += f * fac.low[i]
-        pair.up[i] += f * fac.up[i]
-
-
-@kernel
-def correct_stages(run, radau, h):
-    """Newton correction of all stages, into their motions and multipliers; its three sizes.
-
-    Over motion and speed, or weighted, counts what is more than round-off; the second is weighted,
-    the third over what is round-off.
-    """
-    st, col, kkt, weights = run.state, run.work.collocation, run.system.kkt, run.system.weights
-    place, nv = kkt.place, st.v.shape[0]
-    real, pair, to, back = col.real, col.pair, radau.to, radau.back
-    x, z, eps = real.sol, pair.sol, real.eps
-    c = h / radau.gamma
-    m = h / complex(radau.mu_real, radau.mu_imag)
-    for k in range(nv):
-        r, p, q = _transformed(to, col.res, k)
-        x[place[k]] = -c * c * r
-        z[place[k]] = -m * m * complex(p, q)
-    for k in range(st.lam.shape[0]):
-        # Regularised towards those that the points before share the least among redundant rows;
-        # towards zero each step would yield to its reactions.
-        i = place[nv + k]
-        r, p, q = _transformed(to, col.gap, k)
-        lr, lp, lq = _transformed(to, col.lam, k)
-        nr, np_, nq = _transformed(to, col.next_lam, k)
-        x[i] = eps[i] * c * c * (lr - nr) - r
-        z[i] = eps[i] * m * m * complex(lp - np_, lq - nq) - complex(p, q)
-    ldl.solve(kkt, real, x)
-    ldl.solve_complex(kkt, pair)
-    for k in range(nv):
-        r, y = x[place[k]], z[place[k]]
-        for i in range(STAGES):
-            d = back[0, i] * r + back[1, i] * y.real + back[2, i] * y.imag
-            col.u[i, k] += d
-            col.change[i, k] = d
-    for k in range(st.lam.shape[0]):
-        i = place[nv + k]
-        r, y = x[i] / (c * c), z[i] / (m * m)
-        for n in range(STAGES):
-            col.lam[n, k] += back[0, n] * r + back[1, n] * y.real + back[2, n] * y.imag
-    size, moved, places, units = 0.0, 0.0, run.work.trial.places, 0.0
-    for i in range(STAGES):
-        moved = max(moved, weighted_size(col.change[i], weights))
-        units = max(units, over_last_places(run, col.change[i]))
-        if run.settings.step == 0.0:
-            size = max(size, size_above(col.change[i], weights, st.motion, 1.0, places))
-            size = max(size, size_above(col.change[i], weights, st.speed, 1.0, places) / h)
-    if run.settings.step > 0.0:
-        size = moved
-    return size, moved, units
-
-
-@kernel
-def _transformed(to, rows, k):
-    """Column k of three stages by the eigenvectors: of γ, real and imaginary part of that of μ."""
-    a, b, c = rows[0, k], rows[1, k], rows[2, k]
-    return (
-        to[0, 0] * a + to[0, 1] * b + to[0, 2] * c,
-        to[1, 0] * a + to[1, 1] * b + to[1, 2] * c,
-        to[2, 0] * a + to[2, 1] * b + to[2, 2] * c,
-    )
-
-
-@unit
-def filter_motion(run: Run, x: Vector) -> int:
-    """x becomes S(h/γ)⁻¹ M x."""
-    tr, real, kkt = run.work.trial, run.work.collocation.real, run.system.kkt
-    nv, place = x.shape[0], kkt.place
-    copy(x, tr.res)
-    walk(run.stages.mass, run, run.trial_point)
-    copy(run.work.factor.sol, real.sol)
-    for k in range(run.work.con.C.shape[0]):
-        real.sol[place[nv + k]] = 0.0
-    ldl.solve(kkt, real, real.sol)
-    for k in range(nv):
-        x[k] = real.sol[place[k]]
-    return FINE
-
 
 # Newton's method stops at this share of the error that a step of the local tolerance leaves.
 _SHARE = 0.005
@@ -193,7 +58,8 @@ _SHARE = 0.005
 _RENEW_ABOVE = 0.1
 # Steps that differ by less share a factor.
 _SAME_STEP = 0.1
-# Corrections of positions up to so many times round-off that no longer shrink are noise.
+# Corrections of positions up to so many times round-off that no longer shrink are noise: not if one
+# hardly does, as old factors correct now more, now less, but if it is as large as that two before.
 _NOISE = 50.0
 # Regularisation of constraint rows across a singular pose, and pivots of redundant ones, over the
 # usual.
@@ -245,8 +111,8 @@ def _iterate(run, radau, h):
         memory["factor_age"] = -1.0
     allowed = _allowed(run, h)
     put_last_places(run)
-    last, last_moved, least = 0.0, 0.0, 0.0
-    for n in range(run.settings.max_iterations):
+    earlier, last, last_moved, least, slowest = 0.0, 0.0, 0.0, 0.0, 0.0
+    for _ in range(run.settings.max_iterations):
         _put_rates(run, radau, h)
         for i in (0, 2, 1):
             status = _evaluate_stage(run, radau, h, i)
@@ -254,23 +120,23 @@ def _iterate(run, radau, h):
                 return status
         if memory["factor_age"] < 0.0:  # at the stage in the middle, the last one evaluated
             factorise_stages(run, radau, h)
-            last = 0.0  # a contraction is measured between corrections by one factor
+            last = slowest = 0.0  # a contraction is measured between corrections by one factor
         size, moved, units = correct_stages(run, radau, h)
         if not math.isfinite(size):
             return method.NOT_FINITE
-        noise = units <= _NOISE and last > 0.0 and size > REFACTOR_ABOVE * last
-        if last > 0.0 and not noise:
-            memory["contraction"] = size / last
+        quiet = units <= _NOISE and last > 0.0 and size > REFACTOR_ABOVE * last
+        noise = quiet and size > REFACTOR_ABOVE * earlier > 0.0
+        if last > 0.0 and not quiet:
+            slowest = max(slowest, size / last)  # where the next one happens to be small too
+            memory["contraction"] = slowest
             # what a correction of fast parts leaves to others may be as large over their motion
             if size > allowed and give_up(memory, size / last):
                 least = 0.5
                 if moved > 0.5 * last_moved:
                     return method.NO_CONVERGENCE
-        last, last_moved = size, moved
+        earlier, last, last_moved = last, size, moved
         theta = max(min(memory["contraction"], 0.99), least)
-        # what an old factor leaves is a bias, below the last places of positions too
-        settled = units <= 1.0 and (n > 0 or run.settings.step == 0.0)
-        if noise or settled or theta / (1.0 - theta) * size <= allowed:
+        if noise or theta / (1.0 - theta) * size <= allowed:
             return _finish(run, radau, h)
     return method.NO_CONVERGENCE
 
@@ -303,6 +169,15 @@ def _predict(run, radau, h):
             col.v[i, k] = st.v[k] + h * stage_sum(radau.A[i], col.next_a, k)
         for i in range(STAGES):
             col.u[i, k] = h * stage_sum(radau.A[i], col.v, k)
+    bodies = run.system.parts.bodies
+    for b in range(bodies.shape[0]):
+        o = bodies[b]["iv"] + 3
+        for _ in range(2):  # from angular velocities to rotation vectors
+            for i in range(STAGES):
+                put_part(col.change[i], o, rotation_rate(part(col.u[i], o), part(col.v[i], o)))
+            for i in range(STAGES):
+                for k in range(o, o + 3):
+                    col.u[i, k] = h * stage_sum(radau.A[i], col.change, k)
     for k in range(st.lam.shape[0]):
         for i in range(STAGES):
             col.next_lam[i, k] = stage_sum(col.share[i], col.lam, k) if has_step else st.lam[k]
