@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from flexmb.results import Result
     from flexmb.results.writer import OutputBlock
 
-Change: TypeAlias = tuple[tuple[Array, Array], Array, tuple[str, ...], float | None]
-"""Channels of the run and its neighbour (n, k), an effect's change of them, names, its cost."""
+Change: TypeAlias = tuple[tuple[Array, ...], Array, tuple[str, ...], float | None]
+"""Channels as for `contributions`, an effect's change of them (n, k), names, its cost."""
 
 DEFORMATION, VIBRATION = "deformation", "vibration"
 STATIC = "vibration of quasi-static modes"
@@ -181,7 +181,7 @@ class Neighbours:
 
     def _switch_change(self, effect: Effect) -> Change:
         """Of all but deformation, along the motion of the run; modes without inertia follow it."""
-        from flexmb.analysis.effects.perturbation import evaluation_time as time
+        from flexmb.analysis.effects.contribution import evaluation_time as time
 
         model, own, follow = self.neighbour(effect), self.compiled, False
         if effect.name != STATIC and self._static:
@@ -274,16 +274,15 @@ class Neighbours:
 
     def _deformation(self, effect: Effect) -> Change:
         """Of one body along the motion in which it is rigid; of vibrations less what is slow."""
+        from flexmb.analysis.effects.contribution import smaller_range
         from flexmb.engine.bodies.static_modes import static_coordinates
 
-        name = effect.body
         own, motion, model, bodies, last = self._deformable(effect)
-        other = self._compile(model, bodies)
+        name, other = effect.body, self._compile(model, bodies)
         if effect.name == DEFORMATION:
             cost = _evaluations(self.run) * self._own_time / last if last else None
             (before, after), change, names = self._changes(own, other, model, motion, {})
-            rigid = motion is self.motion
-            return (before, after) if rigid else (after, before), change, names, cost
+            return (self.motion.channels, before, after), change, names, cost
         histories, change, names, _ = self._change(replace(effect, name=DEFORMATION))
         beside, slow = (
             self._compile(with_words(one, {name: _QUASI_STATIC}), bodies)
@@ -291,7 +290,10 @@ class Neighbours:
         )
         if follow := len(static_coordinates(beside.system, kinetostatic=True)) > 0:
             slow = other  # nothing vibrates, nor do other bodies on the compliance of this one
-        _, still, _ = self._changes(own, slow, model, motion, {}, follow)
+        (_, after), still, _ = self._changes(own, slow, model, motion, {}, follow)
+        if motion is not self.motion:  # the body is flexible in both
+            without = after if effect.on else smaller_range(after, histories[0])
+            histories = histories[0], without, histories[2]
         return histories, np.where(np.isfinite(change), change - still, change), names, None
 
     def _deformable(
@@ -322,7 +324,7 @@ class Neighbours:
     def _changes(
         self, own: Compiled, other: Compiled, model: Model, motion: Motion,
         shapes: Mapping[str, Array], follow: bool = False,
-    ) -> tuple[tuple[Array, Array], Array, tuple[str, ...]]:  # fmt: skip
+    ) -> tuple[tuple[Array, ...], Array, tuple[str, ...]]:  # fmt: skip
         from flexmb.analysis.effects.contribution import estimate
 
         begins = "from" not in self._origin
@@ -334,7 +336,7 @@ class Neighbours:
 
     def _without(self, name: str) -> tuple[Compiled, Motion, float]:
         """The scene with one body rigid, all modes of others with inertia, and its motion."""
-        from flexmb.analysis.effects.perturbation import evaluation_time
+        from flexmb.analysis.effects.contribution import evaluation_time
         from flexmb.analysis.effects.stored_motion import read_motion
 
         if self.compiled.flexbodies[name].m == 0:
@@ -352,7 +354,7 @@ class Neighbours:
 
     @cached_property
     def _own_time(self) -> float:
-        from flexmb.analysis.effects.perturbation import evaluation_time
+        from flexmb.analysis.effects.contribution import evaluation_time
 
         return evaluation_time(self.compiled)
 
@@ -379,8 +381,7 @@ class Neighbours:
         from flexmb.workflow.run import run_single
 
         folder, model = writable_folder(self.folder / name), copy.copy(model)
-        any_ = dict.fromkeys(ValiditySpec.model_fields, "any")  # it is compared, valid or not
-        model.validity = ValiditySpec.model_validate(any_)
+        model.set_validity(**dict.fromkeys(ValiditySpec.model_fields, "any"))  # valid or not
         _copy_bodies(self.run.path.parent, folder)
         report = run_single(model, folder, pictures=False, progress=self.progress)
         return Result(report.result)
@@ -389,9 +390,8 @@ class Neighbours:
         """The body of an effect reduced with its words; kept beside the result."""
         from flexmb.workflow.flexible_bodies import flexible_bodies
 
-        own = self.run.path.parent
-        deforms = effect.name in (DEFORMATION, VIBRATION)
-        name = DEFORMATION if deforms else effect.name.replace(" ", "_")
+        own, deforms = self.run.path.parent, effect.name in (DEFORMATION, VIBRATION)
+        name = (DEFORMATION if deforms else effect.name).replace(" ", "_")
         folder = writable_folder(self.folder / name)
         _copy_bodies(own, folder)
         bodies, _, _ = flexible_bodies(model, folder, only=[effect.body], progress=self.progress)

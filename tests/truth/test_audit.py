@@ -15,6 +15,7 @@ from flexmb.model import Model
 from flexmb.model.flexible_body import DeformationSpec
 from flexmb.model.scenes.effects import with_words
 from flexmb.workflow.audit import Audit
+from flexmb.workflow.neighbours import Neighbours
 
 SECTION = {"type": "rectangle", "y": 0.01, "z": 0.01}
 
@@ -76,6 +77,74 @@ def test_a_bar_taken_for_rigid_deforms_as_its_rotation_stiffens_it(tmp_path):
     run = flexmb.simulate(with_words(model, {"bar": {"deformation": "rigid"}}), output=tmp_path)
     true = share_between(run, complete, "tip")
     assert find(flexmb.audit(run), "deformation").shares["tip"] == pytest.approx(true, rel=0.1)
+
+
+def rotor_on_a_mast():
+    """A blade on a driven hub at the top of a mast, in front of it, under its weight and a gust."""
+    model, speed, height = Model("rotor on a mast", gravity=[-9.81, 0, 0]), 1.5, 60.0
+
+    def bar(length, y, z, E, density):
+        mesh = {"type": "beam", "length": length, "divisions": 8}
+        return beam_fields(length, mesh=mesh, material={"E": E, "nu": 0.3, "density": density},
+                           sections={"all": {"type": "rectangle", "y": y, "z": z}},
+                           geometric_stiffening="full")  # fmt: skip
+
+    model.add_body("mast", **bar(height, 2.5, 2.5, 3e10, 2500.0))
+    model.add_body("head", mass=5e4, inertia=[2e5] * 3, position=[height, 0, 0])
+    model.add_marker("head.shaft", position=[0, 0, 4.0])
+    model.add_body("hub", mass=1e4, inertia=[2e4] * 3, position=[height, 0, 4.0],
+                   angular_velocity=[0, 0, speed])  # fmt: skip
+    model.add_marker("hub.seat", position=[1.5, 0, 0])
+    model.add_body("blade", **bar(30.0, 1.2, 0.6, 4e10, 1500.0), position=[height + 1.5, 0, 4.0],
+                   velocity=[0, 1.5 * speed, 0], angular_velocity=[0, 0, speed])  # fmt: skip
+    model.add_joint("foot", "fixed", between=["ground", "mast.root"])
+    model.add_joint("top", "fixed", between=["mast.tip", "head"])
+    model.add_joint("shaft", "revolute", between=["head.shaft", "hub"], axis="z")
+    model.add_joint("root", "fixed", between=["hub.seat", "blade.root"])
+    model.add_driver("motor", joint="shaft", angle=f"{speed}*t")
+    model.add_force("gust", "force", at="blade.tip", value=[0, 0, "3000*(1 - cos(3*t))"])
+    model.add_sensor("top", "position", of="mast.tip")
+    model.add_sensor("bearing", "reaction", joint="shaft")
+    model.set_dynamics(duration=0.6, outputs=120, accuracy=1e-4, start="quasi-static")
+    model.set_validity(truncation="any", load_factor="any", deflection="any")
+    return model
+
+
+@pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
+@pytest.mark.parametrize(
+    ("body", "word", "effect"),
+    [("mast", "rigid", "deformation"), ("blade", "quasi-static", "vibration")],
+)
+def test_stiff_modes_follow_bodies_that_turn_against_one_another(body, word, effect, tmp_path):
+    """They rang with each row by which the blade turns; forces of a vibration were 5 times true."""
+    run = flexmb.simulate(rotor_on_a_mast(), output=tmp_path)
+    other = flexmb.simulate(with_words(rotor_on_a_mast(), {body: {"deformation": word}}))
+    neighbours = Neighbours.of(run, 400)
+    one = next(one for one in neighbours.effects() if (one.name, one.body) == (effect, body))
+    for found in neighbours.estimate(one)[0]:
+        true = min(share_between(*runs, found.sensor) for runs in ((run, other), (other, run)))
+        assert found.share == pytest.approx(true, rel=0.15)
+
+
+def test_a_bar_that_bends_comes_shorter(tmp_path):
+    """Under moments M at both ends by M² L³/24 (E I)², which is of the second order in them."""
+    model, moment, length = Model("bar on a roller"), 30.0, 1.0
+    model.add_body("bar", deformation="rigid", **beam_fields(geometric_stiffening="full"))
+    model.add_body("roller", mass=0.01, inertia=[1e-5] * 3, position=[length, 0, 0])
+    model.add_joint("pin", "revolute", between=["ground", "bar.root"], axis="z")
+    model.add_joint("end", "revolute", between=["bar.tip", "roller"], axis="z")
+    model.add_joint("guide", "prismatic", between=["ground", "roller"], axis="x")
+    for end, sign in (("root", -1), ("tip", 1)):
+        ramp = f"{sign * moment}*step5(t, 0, 0, 2, 1)"
+        model.add_force(end, "torque", at=f"bar.{end}", value=[0, 0, ramp])
+    model.add_sensor("roller", "position", of="roller")
+    model.add_sensor("rate", "velocity", of="roller")
+    run = flexmb.simulate(model, output=tmp_path, duration=2.5, outputs=100, accuracy=1e-5)
+    one = find(flexmb.audit(run), "deformation")
+    shorter = moment**2 * length**3 / (24 * (STEEL["E"] * 0.01**4 / 12) ** 2)
+    assert one.verdict == "missing" and one.shares["rate"] == pytest.approx(1.0, rel=0.05)
+    assert one.sensor == "roller"
+    assert float(one.value.split()[0]) == pytest.approx(shorter, rel=0.05)
 
 
 def mast_with_a_boom():

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.gaps import moved_notes
+from flexmb.analysis.assembly.jacobian import null_space
 from flexmb.analysis.assembly.joined_damping import add_damping, choose_static_modes
 from flexmb.analysis.assembly.positions import (
     Corrector,
@@ -26,6 +27,7 @@ from flexmb.analysis.assembly.positions import (
 )
 from flexmb.analysis.assembly.velocities import InitialVelocities
 from flexmb.analysis.equilibrium import settle, spin_of
+from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.engine import initial_conditions
 from flexmb.engine.algebra.forms import size_of_form
 from flexmb.engine.bodies.static_modes import STATIC_MODES, static_coordinates
@@ -64,6 +66,10 @@ _ACCELERATION_ERRORS = {
         "itself; lower its coefficients, or make its bearing longer"
     ),
 }
+
+
+class _NoEquilibrium(AssemblyError):
+    """Modes find no equilibrium with the first motion."""
 
 
 @dataclass(frozen=True)
@@ -148,8 +154,12 @@ def assemble(
     elastic = start == "quasi-static"
     modes = _modal_coordinates(compiled) if elastic else static_coordinates(compiled.system)
     if len(modes) and begin is None:
-        why = _on_global_spins(compiled, model, modes)
-        _equilibrate(compiled, modes, _SLOW * period, state, work, close, why)
+        try:
+            _equilibrate(compiled, modes, _SLOW * period, state, work, close)
+        except _NoEquilibrium as error:
+            why = _on_global_spins(compiled, model, modes)
+            why += _above_critical_speed(compiled, model, modes, state.v)
+            raise AssemblyError(str(error) + why) from None
     if start == "static" and begin is None:
         _solve_accelerations(stage_solver(system, state, work), state)
         settle(compiled, model, state, spin=spin_of(model))
@@ -225,6 +235,32 @@ def _on_global_spins(compiled: Compiled, model: Model, modes: IntArray) -> str:
     )
 
 
+def _above_critical_speed(compiled: Compiled, model: Model, modes: IntArray, v: Array) -> str:
+    """That a body turns faster than what holds it can vibrate: centrifugal forces outweigh it."""
+    from scipy.linalg import eigvalsh
+
+    of, speeds = parts_of_model(compiled), {}
+    for body in compiled.layout.bodies:
+        if np.isin(of[body.iv : body.iv + 6], of[modes]).any():
+            speeds[body.name] = float(np.linalg.norm(v[body.iv + 3 : body.iv + 6]))
+    name = max(speeds, key=lambda one: speeds[one], default="")
+    equations = StateEquations(compiled, new_state(compiled.system))
+    equations.state.q[:] = compiled.initial_q
+    M, _, K, Cq, _ = equations.tangents()
+    elsewhere = np.eye(len(M))[~np.isin(of, of[modes])]
+    Z = null_space(np.vstack([Cq, elsewhere]))
+    try:
+        squares = eigvalsh(Z.T @ (K + K.T) @ Z, 2.0 * Z.T @ M @ Z)
+    except np.linalg.LinAlgError:
+        return ""
+    squares = squares[squares > _NO_STIFFNESS * squares.max(initial=0.0)]
+    lowest = float(np.sqrt(squares.min(initial=np.inf)))
+    if not name or not lowest < speeds[name] < np.inf:
+        return ""
+    fast, slow = (model.units.say(one, "rad/s", 3) for one in (speeds[name], lowest))
+    return f"; bodies.{name} turns with {fast}, above the lowest natural frequency at rest, {slow}"
+
+
 def _equilibrate(
     compiled: Compiled,
     rates: IntArray,
@@ -232,7 +268,6 @@ def _equilibrate(
     state: State,
     work: Work,
     close: Callable[[], None],
-    why: str,
 ) -> None:
     """Elastic equilibrium of modes with the accelerations of a motion without vibration.
 
@@ -273,13 +308,12 @@ def _equilibrate(
         "the flexible bodies find no elastic equilibrium with the first motion: it is too fast or "
     )
     if len(rates) < len(_modal_coordinates(compiled)):
-        raise AssemblyError(
+        raise _NoEquilibrium(
             what + "the quasi-static modes too soft; make the lowest of them dynamic"
         )
-    raise AssemblyError(
+    raise _NoEquilibrium(
         what
         + 'the body too soft for dynamics.start = "quasi-static"; use "undeformed", or begin slower'
-        + why
     )
 
 

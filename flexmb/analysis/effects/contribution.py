@@ -10,6 +10,7 @@ accelerations change against that.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -20,8 +21,12 @@ from flexmb.analysis.assembly.jacobian import ConstraintRows
 from flexmb.analysis.dynamics.linear_elasticity import joined_modes
 from flexmb.analysis.effects.perturbation import Response, respond
 from flexmb.analysis.effects.stored_motion import Motion, carry_motion
+from flexmb.engine import equations_of_motion as stages
 from flexmb.engine.bodies.flexible_body import modal_reach
 from flexmb.engine.compile import Compiled
+from flexmb.engine.iteration_matrix import put_matrix
+from flexmb.engine.units import call, hand_over, prepare_units
+from flexmb.engine.work import new_run, new_state, new_work, units_of
 from flexmb.errors import FlexmbError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array
@@ -31,6 +36,7 @@ from flexmb.model.sensor import channels_of
 _STANDSTILL = 1e-7  # of the largest motion of the same unit: what changes less is round-off
 _AT_REST = 1e-3  # of its motion with the change: the change moves a sensor, and nothing else
 _SYMMETRIC = 0.2  # of the change by one body, that all together leave
+_EVALUATIONS = 50  # of the equations, to time them
 _UNBOUNDED = 1e3  # a change this many times the motion is no number any more
 
 
@@ -48,8 +54,10 @@ class Contribution:
     at_rest: bool = False
 
 
-def first_change(compiled: Compiled, model: Model, motion: Motion) -> tuple[Array, Array] | None:
-    """Changes (nv,) of the first positions and velocities that another model begins with.
+def first_change(
+    compiled: Compiled, model: Model, motion: Motion
+) -> tuple[Array, Array, Array] | None:
+    """Changes (nv,) of the first positions, velocities and accelerations of another model.
 
     None if it cannot begin there.
     """
@@ -71,11 +79,17 @@ def first_change(compiled: Compiled, model: Model, motion: Motion) -> tuple[Arra
     n = len(compiled.layout.coordinates)
     if n:
         dq[-n:] = state.q[-n:] - motion.q[0, -n:]
-    return dq, dv
+    return dq, dv, state.vd - motion.vd[0]
+
+
+def smaller_range(history: Array, other: Array) -> Array:
+    """Least and largest values (2, k) of each channel in that history where it moves less."""
+    a, b = (np.stack([x.min(axis=0), x.max(axis=0)]) for x in (history, other))
+    return np.where(np.ptp(a, axis=0) < np.ptp(b, axis=0), a, b)
 
 
 def contributions(
-    model: Model, histories: tuple[Array, Array], change: Array, names: tuple[str, ...],
+    model: Model, histories: tuple[Array, ...], change: Array, names: tuple[str, ...],
     together: Array | None = None,
 ) -> list[Contribution]:  # fmt: skip
     """The largest change of each sensor; of what stands still in all histories, none.
@@ -84,8 +98,9 @@ def contributions(
     ----------
     model : Model
         For its sensors and their units.
-    histories : two (n, k) arrays
-        Channels of the run and with the change, for their peak-to-peak.
+    histories : two or three (n, k) arrays
+        Channels of the run, for what is at rest, and with the change; for the peak-to-peak counts
+        the larger one of the last two.
     change : (n, k) array
         What an effect changes of them.
     names : tuple of str
@@ -101,8 +116,8 @@ def contributions(
     for name, spec in owners.items():
         columns = [names.index(channel) for channel in channels_of(name, spec)]
         unit = model.channel_unit(channels_of(name, spec)[0]) or ""
-        rests[name], after = (np.ptp(x[:, columns], axis=0).max(initial=0.0) for x in histories)
-        size = max(rests[name], after)
+        ranges = [np.ptp(x[:, columns], axis=0).max(initial=0.0) for x in histories]
+        rests[name], size = ranges[0], max(ranges[-2:])
         value = np.abs(change[:, columns]).max(initial=0.0)
         if together is not None and np.abs(together[:, columns]).max() < _SYMMETRIC * value:
             value *= rests[name] > _AT_REST * size
@@ -177,3 +192,20 @@ def indicators(compiled: Compiled, motion: Motion, body: FlexBody, name: str) ->
     total = float(np.sqrt((rigid**2).sum()))
     fast = float(np.sqrt((change**2).sum())) / total if total > 0.0 else 0.0
     return Indicators(moved / size if size > 0.0 else 0.0, speed / lowest, fast / lowest)
+
+
+def evaluation_time(compiled: Compiled) -> float:
+    """Seconds that one evaluation of the forces and one of their matrix take."""
+    system, state = compiled.system, new_state(compiled.system, len(compiled.layout.channels))
+    state.q[:] = compiled.initial_q
+    prepare_units([stages.begin_run, stages.residual, put_matrix, *units_of(system)])
+    run = hand_over(new_run(system, state, new_work(system, len(state.angles))))
+    at, best = hand_over(run.record.state_point), np.inf
+    call(stages.begin_run, run, at)
+    for _ in range(5):
+        began = time.thread_time()
+        for _ in range(_EVALUATIONS):
+            call(stages.residual, run, at)
+            call(put_matrix, run, at, 1.0, 1.0)
+        best = min(best, time.thread_time() - began)
+    return best / _EVALUATIONS

@@ -9,39 +9,44 @@ defect F and C, drives the small motions of that model about the computed motion
 (Ω the turning of body axes). With δq = Z y + g, the columns of Z the motions that the rows of Cq
 leave free, this is an ordinary linear equation for y, whose coefficients are averaged over each
 interval and whose solution there is exact (matrix exponential, forces linear in time): modes far
-faster than the rows vibrate and resonate as they would. Source of the idea: defect correction
-(Stetter, Numer. Math. 29 (1978) 425); of the estimate: Padilla & von Flotow, J. Guidance 15 (1992)
-149, who linearise about the motion as well.
+faster than the rows vibrate and resonate as they would. The place that such a mode vibrates about,
+its equilibrium with the loads and the accelerations of the slow ones, moves with the coefficients;
+averages make it jump, and the mode would ring. It is carried over to each next row (adiabatic
+motion). Where these stiff modes begin the first accelerations tell. Positions have the motion that
+closes joints at full size, of the second order, by the least elastic energy.
+
+Source of the idea: defect correction (Stetter, Numer. Math. 29 (1978) 425); of the estimate:
+Padilla & von Flotow, J. Guidance 15 (1992) 149, who linearise about the motion as well.
 """
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import numerical_rank, one_blas_thread
-from flexmb.analysis.effects.stored_motion import Motion, equations_of
-from flexmb.engine import equations_of_motion as stages
+from flexmb.analysis.effects.stored_motion import Frames, Motion, equations_of
+from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.engine.bodies.static_modes import static_coordinates
 from flexmb.engine.compile import Compiled
-from flexmb.engine.iteration_matrix import put_matrix
-from flexmb.engine.units import call, hand_over, prepare_units
-from flexmb.engine.work import new_run, new_state, new_work, units_of
 from flexmb.errors import FlexmbError
-from flexmb.flexbody.arrays import Array, IntArray, skew
+from flexmb.flexbody.arrays import Array, IntArray
 
 _UNRESOLVED = 1.0  # rad of a vibration between two rows from which on they do not resolve it
+_CLOSINGS = 2  # of joints at full size
+_CLOSED = 0.01  # of their gaps may be left
 _ROUNDS = 2  # of what such vibrations do slowly
-_MODES_LAST = 0.02  # preference of modes among dependent coordinates
+_MODES_LAST = 1e-6  # preference of modes among dependent coordinates
 _TURNING = 2 * np.pi  # of a body over the run: so much makes its coordinates twice as dependent
 _WORSE = 30.0  # motion of dependent coordinates per independent one that asks for others
 _LEAST_ROWS = 8  # with one choice of them
-_EVALUATIONS = 50  # of the equations, to time them
 _NO_TIME = 0.01  # of an interval, which modes without inertia take
 _MOST_VIBRATIONS = 80  # the slowest of many; what the rows do not resolve beyond only follows loads
 _NOTHING = 1e-20  # of the largest square of a row of Cq
+_NO_MASS = 1e-12  # of the inertia of all
 _SMALL = 1e-5  # of the size of the model: a change of the motion that is linear in all sensors
 _UNBOUNDED = 1e12  # a small motion this many times the model is not followed any further
 
@@ -61,8 +66,8 @@ class Response:
 
 @one_blas_thread()
 def respond(
-    compiled: Compiled, motion: Motion, balance: Array, start: tuple[Array, Array] | None = None,
-    *, quasi_static: bool = False,
+    compiled: Compiled, motion: Motion, balance: Array,
+    start: tuple[Array, Array, Array] | None = None, *, quasi_static: bool = False,
 ) -> Response:  # fmt: skip
     """Small motions of a model about a motion that is not its own.
 
@@ -75,114 +80,61 @@ def respond(
     balance : (n, nv) array
         What the rows leave out of balance in their own model: the noise of reported accelerations
         and reactions, which is no effect.
-    start : (nv,) and (nv,) arrays, optional
-        First changes of positions and velocities; none by default.
+    start : three (nv,) arrays, optional
+        First changes of positions, velocities and accelerations; none by default.
     quasi_static : bool
         Leave out the inertia of vibrations: deformations follow their loads.
     """
-    n = len(motion.t)
-    coefficients = _coefficients(compiled, motion, balance)
-    frames = coefficients.frames
-    state = (np.zeros(len(coefficients.weights)),) * 2
+    n, one = len(motion.t), _coefficients(compiled, motion, balance)
+    frames = one.frames
+    state: _Begin = *(np.zeros(len(one.weights)),) * 2, None
     if start is not None:
-        state = frames.inward(0, start[0]), frames.inward(0, start[1])
+        dq, dv, dvd = (frames.inward(0, x) for x in start)
+        state = dq, dv, dvd - frames.spin()[1][0] @ dv
     static = static_coordinates(compiled.system)
-    springs = (
-        _elastic(compiled, frames) if quasi_static else None,
-        _elastic(compiled, frames, static) if len(static) else None,
-    )
-    parts = np.zeros((3, n, len(coefficients.weights)))
+    elastic = frames.elastic()
+    springs = elastic, frames.elastic(static) if len(static) else None
+    parts = np.zeros((3, n, len(one.weights)))
     first, bounded = 0, n
     while first < n - 1 and bounded == n:
-        segment = _segment(coefficients, first)
+        segment = _segment(one, first)
         rows = slice(first, first + len(segment.Z))
-        moved, bounded = _solve(motion.t[rows], coefficients.part(rows), segment, state, springs)
-        parts[:, rows] = moved
+        parts[:, rows], bounded = _solve(
+            motion.t[rows], one.part(rows), segment, state, springs, quasi_static
+        )
         bounded = n if bounded == len(segment.Z) else first + bounded
         first += len(segment.Z) - 1
-        state = parts[0, first], parts[1, first]
-    change = np.zeros_like(motion.channels)
-    equations, one = equations_of(compiled), coefficients
-    force = one.F + sum(
-        np.einsum("tij,tj->ti", C, x)
-        for C, x in zip((one.M, one.D, one.K), parts[::-1], strict=True)
-    )
+        state = parts[0, first], parts[1, first], parts[2, first]
+    change, equations = np.zeros_like(motion.channels), equations_of(compiled)
+    force = one.F + sum(map(_times, (one.M, one.D, one.K), parts[::-1]))
     multipliers = np.einsum("tr,trc->tc", one.shares(force), one.rows)
-    sizes = np.abs(parts[0]).max(axis=1, initial=0.0)
-    dq, dv, dvd = (frames.outward(part) for part in parts)
-    now = equations.state
+    closed = _closure(motion, equations, one, parts[0], elastic) if bounded == n else None
+    dq = frames.outward(parts[0])
+    factors = np.ones((1, n))
+    if closed is None:  # large turns may take away from what such joints add: the smaller counts
+        sizes = np.abs(parts[0]).max(axis=1, initial=_SMALL)
+        factors = np.stack([np.ones(n), _SMALL / sizes])
+    else:
+        closed_v = _rate(motion.t, closed) + _times(one.Omega, closed)
+        parts += [closed, closed_v, _rate(motion.t, closed_v)]
+    now, moves = equations.state, [frames.outward(part) for part in parts]
     for k in range(bounded):
         changes = []
-        # joints are closed to first order only: at full size large turns may take away, not add
-        for f in (1.0, min(1.0, _SMALL / sizes[k]) if sizes[k] > 0.0 else 1.0):
+        for f in factors[:, k]:
             motion.put(k, equations)
-            now.q[:] = equations.moved(motion.q[k], f * dq[k])
-            now.v[:] += f * dv[k]
-            now.vd[:] += f * dvd[k]
+            now.q[:] = equations.moved(motion.q[k], f * moves[0][k])
+            now.v[:] += f * moves[1][k]
+            now.vd[:] += f * moves[2][k]
             now.lam[:] -= f * multipliers[k]
             changes.append((equations.channels() - motion.channels[k]) / f)
-        change[k] = np.where(np.abs(changes[0]) < np.abs(changes[1]), *changes)
+        change[k] = np.where(np.abs(changes[0]) < np.abs(changes[-1]), changes[0], changes[-1])
     dq[bounded:] = 0.0
     change[bounded:] = np.inf
     return Response(change, dq, bounded)
 
 
-class _Frames:
-    """Weighted coordinates of small motions: translations and rotations of bodies in their axes."""
-
-    def __init__(self, compiled: Compiled, motion: Motion) -> None:
-        from scipy.spatial.transform import Rotation
-
-        self.compiled, system = compiled, compiled.system
-        still = static_coordinates(system, kinetostatic=True)  # their modes have no motion here
-        self.used = np.setdiff1d(np.flatnonzero(system.kkt.column >= 0), still).astype(np.int64)
-        weights = np.where(system.weights > 0.0, system.weights, 1.0)
-        self.inverse = 1.0 / weights
-        axes = [
-            Rotation.from_quat(np.roll(motion.q[:, body.iq + 3 : body.iq + 7], -1, axis=1))
-            for body in compiled.layout.bodies
-        ]
-        self._axes = [one.as_matrix() for one in axes]
-        self._v = motion.v
-
-    def turned(self, X: Array, rows: slice = slice(None)) -> Array:
-        """X S of matrices (n, i, nv) in velocity coordinates of these rows: (n, i, used)."""
-        X = X.copy()
-        for body, A in zip(self.compiled.layout.bodies, self._axes, strict=True):
-            X[..., body.iv : body.iv + 3] = X[..., body.iv : body.iv + 3] @ A[rows]
-        return np.asarray((X * self.inverse)[..., self.used])
-
-    def both_turned(self, X: Array, rows: slice = slice(None)) -> Array:
-        """Sᵀ X S of matrices (n, nv, nv) of these rows."""
-        half = self.turned(X, rows).transpose(0, 2, 1)
-        return self.turned(half, rows).transpose(0, 2, 1)
-
-    def spin(self) -> tuple[Array, Array]:
-        """Ω of δv = δq̇ + Ω δq and Ω of δv̇ = d δv/dt + Ω δv, (n, used, used)."""
-        n, nv = self._v.shape
-        both, shift = np.zeros((n, nv, nv)), np.zeros((n, nv, nv))
-        for body in self.compiled.layout.bodies:
-            cross = skew(self._v[:, body.iv + 3 : body.iv + 6])
-            for first in (body.iv, body.iv + 3):
-                both[:, first : first + 3, first : first + 3] = cross
-            shift[:, body.iv : body.iv + 3, body.iv : body.iv + 3] = cross
-        factors, used = self.inverse / self.inverse[:, None], self.used
-        both, shift = ((W * factors)[:, used][:, :, used] for W in (both, shift))
-        return both, shift
-
-    def inward(self, k: int, motion: Array) -> Array:
-        """Weighted coordinates in row k of a motion (nv,); columns of S are at right angles."""
-        turned = self.turned(motion[None, None], slice(k, k + 1))[0, 0]
-        return np.asarray(turned / self.inverse[self.used] ** 2)
-
-    def outward(self, part: Array) -> Array:
-        """Motions (n, nv) of weighted coordinates (n, used) in all rows."""
-        motion = np.zeros((len(part), len(self.inverse)))
-        motion[:, self.used] = part * self.inverse[self.used]
-        for body, A in zip(self.compiled.layout.bodies, self._axes, strict=True):
-            own = slice(body.iv, body.iv + 3)
-            motion[:, own] = np.einsum("tij,tj->ti", A, motion[:, own])
-        return motion
+_Begin: TypeAlias = tuple[Array, Array, Array | None]
+"""First changes of q, v and dv/dt in weighted coordinates."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +146,7 @@ class _Coefficients:
     a coordinate depends on others.
     """
 
-    frames: _Frames
+    frames: Frames
     weights: Array
     prefer: Array
     M: Array
@@ -211,6 +163,13 @@ class _Coefficients:
         tables = {name: getattr(self, name)[rows] for name in _TABLES}
         return replace(self, **tables)
 
+    def closure(self, stiffness: Array) -> Array:
+        """Motions (n, nu, rank) that change the rows of Cq by one, of the least M + stiffness."""
+        W = self.M + stiffness
+        W += _NO_MASS * np.trace(W, axis1=1, axis2=2).max() * np.eye(W.shape[1])
+        moved = np.linalg.solve(W, self.Cq.transpose(0, 2, 1))
+        return np.asarray(moved @ np.linalg.inv(self.Cq @ moved))
+
     def shares(self, force: Array) -> Array:
         """λ (n, rank) of Cqᵀ λ next to forces (n, nu)."""
         squares = (self.Cq**2).sum(axis=2)
@@ -223,7 +182,7 @@ _TABLES = ("M", "D", "K", "Cq", "F", "C", "Omega", "rows")
 
 
 def _coefficients(compiled: Compiled, motion: Motion, balance: Array) -> _Coefficients:
-    frames, equations, n = _Frames(compiled, motion), equations_of(compiled), len(motion.t)
+    frames, equations, n = Frames(compiled, motion), equations_of(compiled), len(motion.t)
     nv, used, scale = compiled.layout.nv, frames.used, compiled.system.row_weights
     M, D, K = (np.zeros((n, nv, nv)) for _ in range(3))
     F, Cq, C = np.zeros((n, nv)), np.zeros((n, len(scale), nv)), np.zeros((n, len(scale)))
@@ -282,102 +241,136 @@ def _segment(of: _Coefficients, first: int) -> _Segment:
     return _Segment(Z, g, free)
 
 
-def evaluation_time(compiled: Compiled) -> float:
-    """Seconds that one evaluation of the forces and one of their matrix take."""
-    system, state = compiled.system, new_state(compiled.system, len(compiled.layout.channels))
-    state.q[:] = compiled.initial_q
-    prepare_units([stages.begin_run, stages.residual, put_matrix, *units_of(system)])
-    run = hand_over(new_run(system, state, new_work(system, len(state.angles))))
-    at, best = hand_over(run.record.state_point), np.inf
-    call(stages.begin_run, run, at)
-    for _ in range(5):
-        began = time.thread_time()
-        for _ in range(_EVALUATIONS):
-            call(stages.residual, run, at)
-            call(put_matrix, run, at, 1.0, 1.0)
-        best = min(best, time.thread_time() - began)
-    return best / _EVALUATIONS
+def _closure(
+    motion: Motion, equations: StateEquations, of: _Coefficients, dq: Array, elastic: Array
+) -> Array | None:
+    """What closes joints at full size after motions (n, nu); None if these are too large for it.
+
+    Of bodies that bend it is by how much they come closer, of the second order in the deflection.
+    """
+    closed, gaps = np.zeros_like(dq), np.zeros((_CLOSINGS + 1, len(dq)))
+    closing = of.closure((motion.t[-1] - motion.t[0]) ** 2 * elastic)
+    for gap in gaps:
+        whole = of.frames.outward(dq + closed)
+        for k in range(len(dq)):
+            motion.put(k, equations)
+            equations.state.q[:] = equations.moved(motion.q[k], whole[k])
+            equations.residual()
+            step = closing[k] @ (of.rows[k] @ equations.work.con.C)
+            gap[k] = np.abs(step).max(initial=0.0)
+            closed[k] -= step
+    most = max(_CLOSED * gaps[0].max(initial=0.0), _SMALL**2)
+    return closed if np.all(gaps[-1] <= most) else None
 
 
-def _elastic(compiled: Compiled, frames: _Frames, places: IntArray | None = None) -> Array:
-    """Stiffness of the modes of all bodies, or of those at some places, in weighted coordinates."""
-    K = np.zeros((compiled.layout.nv,) * 2)
-    for body in compiled.layout.bodies:
-        own = slice(body.iv + 6, body.iv + 6 + body.m)
-        if body.m:
-            K[own, own] = compiled.flexbodies[body.name].K
-    if places is not None:
-        K *= np.outer(*2 * [np.isin(np.arange(len(K)), places)])
-    return np.asarray(frames.both_turned(K[None], slice(0, 1))[0])
+class _FreeMotions:
+    """The equations for y of δq = Z y + g: M ÿ + D ẏ + K y = load."""
+
+    def __init__(self, t: Array, of: _Coefficients, Z: Array, g: Array) -> None:
+        self.Z, self.g = Z, g
+        self.Zd = _rate(t, Z)
+        self.V1 = self.Zd + of.Omega @ Z
+        self.V1d = _rate(t, self.V1)
+        self.a0 = _rate(t, g) + _times(of.Omega, g)
+        self.a0d = _rate(t, self.a0)
+        Zt = Z.transpose(0, 2, 1)
+        self.M = Zt @ of.M @ Z
+        self.D = Zt @ (of.M @ (self.Zd + self.V1) + of.D @ Z)
+        self.K = Zt @ (of.M @ self.V1d + of.D @ self.V1 + of.K @ Z)
+        force = of.F + _times(of.M, self.a0d) + _times(of.D, self.a0) + _times(of.K, g)
+        self.load = -_times(Zt, force)
+
+    def mean(self, X: Array) -> Array:
+        """Mean Zᵀ X Z."""
+        return np.asarray(np.tensordot(self.Z, X @ self.Z, ((0, 1), (0, 1))) / len(self.Z))
+
+    def modes(self, least: float, further: Array | None = None) -> tuple[Array, Array]:
+        """Frequencies ω (d,), `least` at least, and shapes (d, d) of the mean matrices.
+
+        `further` (nu, nu) is added to the mass.
+        """
+        from scipy.linalg import eigh
+
+        stiffness, mass = (0.5 * (X + X.transpose(0, 2, 1)).mean(axis=0) for X in (self.K, self.M))
+        try:
+            squares, T = eigh(stiffness, mass if further is None else mass + self.mean(further))
+        except np.linalg.LinAlgError:
+            what = "the motions about the computed one have no inertia in the mean"
+            more = "the rows of the run are too far apart for them; ask for more outputs"
+            raise FlexmbError(f"{what}: {more}") from None
+        return np.maximum(np.sqrt(np.abs(squares)), least), T
+
+    def motion(self, y: Array, yd: Array, ydd: Array) -> Array:
+        """δq, δv and δv̇ (3, n, nu)."""
+        dvd = _times(self.Z, ydd) + _times(self.Zd + self.V1, yd) + _times(self.V1d, y) + self.a0d
+        dv = _times(self.Z, yd) + _times(self.V1, y) + self.a0
+        return np.array([_times(self.Z, y) + self.g, dv, dvd])
 
 
 def _solve(
-    t: Array, of: _Coefficients, segment: _Segment, state: tuple[Array, Array],
-    springs: tuple[Array | None, Array | None],
+    t: Array, of: _Coefficients, segment: _Segment, state: _Begin,
+    springs: tuple[Array, Array | None], follow: bool,
 ) -> tuple[Array, int]:  # fmt: skip
-    """δq, δv and δv̇ (3, n, nu) from the first two on, and how many rows are bounded.
+    """δq, δv and δv̇ (3, n, nu) from the first on, and how many rows are bounded.
 
-    With the first of `springs`, vibrations whose stiffness is mostly that of bodies follow their
-    loads; the second is the stiffness of modes without inertia.
+    `springs` are the stiffness of all modes and that of those without inertia. With `follow`
+    vibrations whose stiffness is mostly that of bodies follow their loads.
     """
-    from scipy.linalg import eigh, expm
+    from scipy.linalg import expm
 
-    M, D, K, Omega, Z, g = of.M, of.D, of.K, of.Omega, segment.Z, segment.g
     elastic, massless = springs
-    n, nu, d = Z.shape
-    Zd = _rate(t, Z)
-    V1 = Zd + Omega @ Z
-    V1d = _rate(t, V1)
-    a0 = _rate(t, g) + np.einsum("tij,tj->ti", Omega, g)
-    a0d = _rate(t, a0)
-    Zt = Z.transpose(0, 2, 1)
-    Mr = Zt @ M @ Z
-    Dr = Zt @ (M @ (Zd + V1) + D @ Z)
-    Kr = Zt @ (M @ V1d + D @ V1 + K @ Z)
-    load = of.F + np.einsum("tij,tj->ti", M, a0d) + np.einsum("tij,tj->ti", D, a0)
-    load = -np.einsum("tij,ti->tj", Z, load + np.einsum("tij,tj->ti", K, g))
-    # modal coordinates of the mean matrices, rates over their frequencies: entries of like size
-    stiffness = 0.5 * (Kr + Kr.transpose(0, 2, 1)).mean(axis=0)
-    mass, interval = 0.5 * (Mr + Mr.transpose(0, 2, 1)).mean(axis=0), np.median(np.diff(t))
-    if massless is not None:
-        strain = np.tensordot(Z, massless @ Z, ((0, 1), (0, 1))) / n
-        mass = mass + (_NO_TIME * interval) ** 2 * strain
-    try:
-        squares, T = eigh(stiffness, mass)
-    except np.linalg.LinAlgError:
-        what = "the motions about the computed one have no inertia in the mean: the rows of the run"
-        raise FlexmbError(f"{what} are too far apart for them; ask for more outputs") from None
-    omega = np.maximum(np.sqrt(np.abs(squares)), 1.0 / (t[-1] - t[0]))
-    Mt, Dt, Kt = (T.T @ A @ T for A in (Mr, Dr, Kr))
-    # what modes that the rows do not resolve do slowly is taken out of the forces first
-    fast = omega * interval > _UNRESOLVED
-    if elastic is not None:
-        strain = np.tensordot(Z, elastic @ Z, ((0, 1), (0, 1))) / n
-        fast = np.einsum("ij,ik,kj->j", T, strain, T) > 0.5 * np.abs(squares)
-    slowest = np.argsort(np.argsort(omega)) < _MOST_VIBRATIONS
-    still = fast & ~(slowest & (elastic is None))
+    n, interval, least = len(t), np.median(np.diff(t)), 1.0 / (t[-1] - t[0])
+    made = _FreeMotions(t, of, segment.Z, segment.g)
+    further = None if massless is None else (_NO_TIME * interval) ** 2 * massless
+    omega, T = made.modes(least, further)
+    # the least energy closes joints that were closed at full size: what is stiff does not share it
+    W = of.M[0] + elastic * (t[-1] - t[0]) ** 2
+    close = np.linalg.solve(made.Z[0].T @ W @ made.Z[0], made.Z[0].T @ W)
+    y0 = close @ (state[0] - made.g[0])
+    yd0 = close @ (state[1] - made.V1[0] @ y0 - made.a0[0])
+    y0, yd0 = np.linalg.solve(T, np.stack([y0, yd0], axis=1)).T
+    if follow:
+        still = np.einsum("ij,ik,kj->j", T, made.mean(elastic), T) > 0.5 * omega**2
+    else:
+        still = omega * interval > _UNRESOLVED
+        still &= np.argsort(np.argsort(omega)) >= _MOST_VIBRATIONS
     still |= (massless is not None) & (omega * interval * _NO_TIME > 0.5)
-    rest, slow, inner = load @ T, np.zeros((3, n, d)), np.ix_(range(n), fast, fast)
-    for _ in range(_ROUNDS if elastic is None else 1):
-        y = np.zeros((n, d))
-        y[:, fast] = np.linalg.solve(Kt[inner], rest[:, fast, None])[..., 0]
+    if still.any():  # they follow the loads and all other motions
+        y0, yd0 = y0[~still], yd0[~still]
+        K, load = T.T @ made.K @ T, made.load @ T
+        others = np.concatenate([K[:, still][:, :, ~still], -load[:, still, None]], axis=2)
+        lead = -np.linalg.solve(K[:, still][:, :, still], others)
+        Z = made.Z @ T
+        g = made.g + _times(Z[:, :, still], lead[:, :, -1])
+        made = _FreeMotions(t, of, Z[:, :, ~still] + Z[:, :, still] @ lead[:, :, :-1], g)
+        omega, T = made.modes(least)
+        y0, yd0 = np.linalg.solve(T, np.stack([y0, yd0], axis=1)).T
+    u, w = len(omega), omega
+    M, D, K = (T.T @ A @ T for A in (made.M, made.D, made.K))
+    # what modes that the rows do not resolve do slowly is taken out of the forces first
+    quick = w * interval > _UNRESOLVED
+    rest, slow, inner = made.load @ T, np.zeros((3, n, u)), np.ix_(np.arange(n), quick, quick)
+    for _ in range(_ROUNDS):
+        y = np.zeros((n, u))
+        y[:, quick] = np.linalg.solve(K[inner], rest[:, quick, None])[..., 0]
         motion = np.array([y, _rate(t, y), _rate(t, y, 2)])
-        rest = rest - sum(
-            np.einsum("tij,tj->ti", C, z) for C, z in zip((Kt, Dt, Mt), motion, strict=True)
-        )
+        rest = rest - sum(map(_times, (K, D, M), motion))
         slow += motion
-    y0 = state[0][segment.free]  # stiff modes do not share what closes joints at full size only
-    yd0 = (state[1] - V1[0] @ y0 - a0[0])[segment.free]
-    back, on = np.linalg.inv(T), np.flatnonzero(~still)
-    u, w = len(on), omega[on]
+    if state[2] is not None:  # where forces hold quick ones at first: places are not known so well
+        y0[quick] = 0.0
+        force = of.F[0] + of.M[0] @ state[2] + of.D[0] @ state[1]
+        force = force + of.K[0] @ (made.Z[0] @ (T @ y0) + made.g[0])
+        side = made.Z[0] @ T[:, quick]
+        y0[quick] = -np.linalg.solve(side.T @ of.K[0] @ side, side.T @ force)
     x = np.zeros((n, 2 * u))
-    x[0] = np.concatenate([(back @ y0)[on], (back @ yd0)[on] / w])
-    x[0] -= np.concatenate([slow[0, 0, on], slow[1, 0, on] / w])
-    pick = np.ix_(np.arange(n), on, on)
-    Mt, Dt, Kt, rest = Mt[pick], Dt[pick], Kt[pick], rest[:, on]
-    M, D, K = (0.5 * (C[1:] + C[:-1]) for C in (Mt, Dt, Kt))  # symmetric: they make no energy
-    A, inverse = _first_order(M, D, K, w)
-    bounded = n
+    x[0] = np.concatenate([y0 - slow[0, 0], (yd0 - slow[1, 0]) / w])
+    Mm, Dm, Km = (0.5 * (C[1:] + C[:-1]) for C in (M, D, K))  # symmetric: they make no energy
+    A, inverse = _first_order(Mm, Dm, Km, w)
+    # averages make what quick ones ring about jump: they are carried over to it
+    rows = _equilibria(M, D, K, rest[:, :, None], w, quick)
+    moved = _equilibria(Mm, Dm, Km, np.stack([rest[:-1], rest[1:]], axis=2), w, quick)
+    leave, arrive = moved[:, :, :-1] - rows[:-1], rows[1:] - np.delete(moved, -2, axis=2)
+    bounded, lead = n, np.append(~np.tile(quick, 2), True)
     for k in range(n - 1):
         h = t[k + 1] - t[k]
         step = np.zeros((2 * u + 2, 2 * u + 2))
@@ -385,20 +378,37 @@ def _solve(
         step[u : 2 * u, 2 * u] = h * (inverse[k] @ rest[k]) / w
         step[u : 2 * u, 2 * u + 1] = h * (inverse[k] @ (rest[k + 1] - rest[k])) / w
         step[2 * u + 1, 2 * u] = 1.0
-        x[k + 1] = (expm(step) @ np.append(x[k], (1.0, 0.0)))[: 2 * u]
-        if not np.abs(T[:, on] @ x[k + 1, :u]).max(initial=0.0) < _UNBOUNDED:
+        now = np.append(x[k], (1.0, 0.0))
+        now[:u][quick] += leave[k] @ now[:-1][lead]
+        now = expm(step) @ now
+        now[:u][quick] += arrive[k] @ now[:-1][lead]
+        x[k + 1] = now[: 2 * u]
+        if not np.abs(T @ x[k + 1, :u]).max(initial=0.0) < _UNBOUNDED:
             bounded = k + 1
             x[k + 1 :] = 0.0
             break
     y, yd = x[:, :u], x[:, u:] * w
-    rest = rest - np.einsum("tij,tj->ti", Kt, y) - np.einsum("tij,tj->ti", Dt, yd)
-    slow[:, :, on] += np.array([y, yd, np.linalg.solve(Mt, rest[..., None])[..., 0]])
-    y, yd, ydd = (z @ T.T for z in slow)
-    dq = np.einsum("tij,tj->ti", Z, y) + g
-    dv = np.einsum("tij,tj->ti", Z, yd) + np.einsum("tij,tj->ti", V1, y) + a0
-    dvd = np.einsum("tij,tj->ti", Z, ydd) + np.einsum("tij,tj->ti", Zd + V1, yd)
-    dvd += np.einsum("tij,tj->ti", V1d, y) + a0d
-    return np.array([dq, dv, dvd]), bounded
+    rest = rest - _times(K, y) - _times(D, yd)
+    slow += np.array([y, yd, np.linalg.solve(M, rest[..., None])[..., 0]])
+    return made.motion(*(z @ T.T for z in slow)), bounded
+
+
+def _times(X: Array, x: Array) -> Array:
+    """X x of all rows."""
+    return np.asarray(np.einsum("tij,tj->ti", X, x))
+
+
+def _equilibria(
+    M: Array, D: Array, K: Array, load: Array, omega: Array, quick: NDArray[np.bool_]
+) -> Array:
+    """Places (n, q, 2 s + r) of quick vibrations, per (y, ẏ/ω) of the s others and r loads.
+
+    Those of equilibrium with the loads and the accelerations of the others: they ring about it.
+    """
+    slow = ~quick
+    both = np.where(quick, K, M)  # of the places of quick ones and the accelerations of the others
+    others = np.concatenate([K[:, :, slow], D[:, :, slow] * omega[slow], -load], axis=2)
+    return np.asarray(-np.linalg.solve(both, others)[:, quick])
 
 
 def _first_order(M: Array, D: Array, K: Array, omega: Array) -> tuple[Array, Array]:

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmb.analysis.linear.state_equations import StateEquations
+from flexmb.engine.bodies.static_modes import static_coordinates
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.engine.work import new_state
-from flexmb.flexbody.arrays import Array
+from flexmb.flexbody.arrays import Array, IntArray, skew
 from flexmb.results import Result
 
 _GAP = 0.05  # of velocities against accelerations between rows, relative
@@ -66,6 +67,75 @@ class Motion:
         """At most so many rows of it, at equal numbers of rows."""
         every = slice(None, None, -(-len(self.t) // most))
         return Motion(*(table[every] for table in vars(self).values()))
+
+
+class Frames:
+    """Weighted coordinates of small motions: translations and rotations of bodies in their axes."""
+
+    def __init__(self, compiled: Compiled, motion: Motion) -> None:
+        from scipy.spatial.transform import Rotation
+
+        self.compiled, system = compiled, compiled.system
+        still = static_coordinates(system, kinetostatic=True)  # their modes have no motion here
+        self.used = np.setdiff1d(np.flatnonzero(system.kkt.column >= 0), still).astype(np.int64)
+        weights = np.where(system.weights > 0.0, system.weights, 1.0)
+        self.inverse = 1.0 / weights
+        axes = [
+            Rotation.from_quat(np.roll(motion.q[:, body.iq + 3 : body.iq + 7], -1, axis=1))
+            for body in compiled.layout.bodies
+        ]
+        self._axes = [one.as_matrix() for one in axes]
+        self._v = motion.v
+
+    def turned(self, X: Array, rows: slice = slice(None)) -> Array:
+        """X S of matrices (n, i, nv) in velocity coordinates of these rows: (n, i, used)."""
+        X = X.copy()
+        for body, A in zip(self.compiled.layout.bodies, self._axes, strict=True):
+            X[..., body.iv : body.iv + 3] = X[..., body.iv : body.iv + 3] @ A[rows]
+        return np.asarray((X * self.inverse)[..., self.used])
+
+    def both_turned(self, X: Array, rows: slice = slice(None)) -> Array:
+        """Sᵀ X S of matrices (n, nv, nv) of these rows."""
+        half = self.turned(X, rows).transpose(0, 2, 1)
+        return self.turned(half, rows).transpose(0, 2, 1)
+
+    def spin(self) -> tuple[Array, Array]:
+        """Ω of δv = δq̇ + Ω δq and Ω of δv̇ = d δv/dt + Ω δv, (n, used, used)."""
+        n, nv = self._v.shape
+        both, shift = np.zeros((n, nv, nv)), np.zeros((n, nv, nv))
+        for body in self.compiled.layout.bodies:
+            cross = skew(self._v[:, body.iv + 3 : body.iv + 6])
+            for first in (body.iv, body.iv + 3):
+                both[:, first : first + 3, first : first + 3] = cross
+            shift[:, body.iv : body.iv + 3, body.iv : body.iv + 3] = cross
+        factors, used = self.inverse / self.inverse[:, None], self.used
+        both, shift = ((W * factors)[:, used][:, :, used] for W in (both, shift))
+        return both, shift
+
+    def inward(self, k: int, motion: Array) -> Array:
+        """Weighted coordinates in row k of a motion (nv,); columns of S are at right angles."""
+        turned = self.turned(motion[None, None], slice(k, k + 1))[0, 0]
+        return np.asarray(turned / self.inverse[self.used] ** 2)
+
+    def elastic(self, places: IntArray | None = None) -> Array:
+        """Stiffness of the modes of all bodies, or of those at some places."""
+        K = np.zeros((self.compiled.layout.nv,) * 2)
+        for body in self.compiled.layout.bodies:
+            own = slice(body.iv + 6, body.iv + 6 + body.m)
+            if body.m:
+                K[own, own] = self.compiled.flexbodies[body.name].K
+        if places is not None:
+            K *= np.outer(*2 * [np.isin(np.arange(len(K)), places)])
+        return np.asarray(self.both_turned(K[None], slice(0, 1))[0])
+
+    def outward(self, part: Array) -> Array:
+        """Motions (n, nv) of weighted coordinates (n, used) in all rows."""
+        motion = np.zeros((len(part), len(self.inverse)))
+        motion[:, self.used] = part * self.inverse[self.used]
+        for body, A in zip(self.compiled.layout.bodies, self._axes, strict=True):
+            own = slice(body.iv, body.iv + 3)
+            motion[:, own] = np.einsum("tij,tj->ti", A, motion[:, own])
+        return motion
 
 
 def out_of_balance(compiled: Compiled, motion: Motion) -> Array:

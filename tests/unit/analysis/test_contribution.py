@@ -47,7 +47,7 @@ def test_a_change_of_velocity_goes_straight_on_whatever_turns_below_it() -> None
     none = np.zeros((len(t), 0))
     motion = Motion(t, q, v, np.zeros_like(v), none, none)
     change = np.array([1e-3, 2e-3, -3e-3, 0.0, 0.0, 0.0])
-    found = respond(compiled, motion, np.zeros_like(v), (np.zeros(6), change)).dq
+    found = respond(compiled, motion, np.zeros_like(v), (np.zeros(6), change, np.zeros(6))).dq
     np.testing.assert_allclose(found[:, :3], np.outer(t, change[:3]), atol=1e-7)
 
 
@@ -62,7 +62,9 @@ def test_the_first_change_is_how_far_another_model_begins_from_the_motion() -> N
     model.set_dynamics(duration=1.0, start="static")
     none, v = np.zeros((1, 0)), np.zeros((1, 6))
     q, v[0, 1] = np.array([[0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0]]), 0.5
-    motion = Motion(np.zeros(1), q, v, np.zeros_like(v), none, none)
-    dq, dv = first_change(compile_system(model), model, motion)
+    vd = np.array([[0.0, -9.81, 0.0, 0.0, 0.0, 0.0]])  # it fell
+    motion = Motion(np.zeros(1), q, v, vd, none, none)
+    dq, dv, dvd = first_change(compile_system(model), model, motion)
     np.testing.assert_allclose(dq, [0.0, -2.0 * 9.81 / 200.0, 0.0, 0.0, 0.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(dv, [0.0, -0.5, 0.0, 0.0, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(dvd, -vd[0], atol=1e-9)
