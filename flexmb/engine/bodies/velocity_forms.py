@@ -127,8 +127,9 @@ def add_velocity_forces(body, now, q, v, om, pool, out):
                 zero(x[m:padded])
                 zero(y[m:padded])
                 add_mixed_forms(pool, at_pool, size, axis, f, w, padded, x, y, forms)
+        of_x, of_y = f[axis], w[axis]
         for k in range(m):
-            x[k], y[k] = f[axis] * x[k], w[axis] * y[k]
+            x[k], y[k] = of_x * x[k], of_y * y[k]
         _put_form_product(pool[at_pool + 2 * axis * size :], forms, size, padded, m)
         add_multiple(1.0, forms, 0, forms, product, 2 * padded)
     add_multiple(1.0, forms, product, out, o, m)
