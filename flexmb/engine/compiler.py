@@ -203,11 +203,21 @@ class KernelType(types.Dispatcher):  # type: ignore[misc]
 register_model(KernelType)(models.OpaqueModel)
 
 
+class _SeparateArrays(numba.core.compiler.Compiler):  # type: ignore[misc]
+    """A compilation of a function whose array arguments do not overlap."""
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.state.flags.noalias = True
+
+
 class _Kernel:
     """A function that Numba compiles into its callers."""
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], separate: bool) -> None:
         options = {**_OPTIONS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+        if separate:
+            options["pipeline_class"] = _SeparateArrays
         self.compiled = numba.njit(**options)(function)
         self.type = KernelType(self.compiled)
 
@@ -217,8 +227,8 @@ def _type_of_kernel(kernel: _Kernel, _: Any) -> KernelType:
     return kernel.type
 
 
-def _mark_kernel(function: Callable[..., Any]) -> Any:
-    return _Kernel(function)
+def _mark_kernel(function: Callable[..., Any], separate: bool = False) -> Any:
+    return _Kernel(function, separate)
 
 
 def _mark_unit(unit: jit.Unit) -> Any:

@@ -117,9 +117,7 @@ def _named(codes: list[CodeType], scope: dict[str, Any]) -> Iterator[Any]:
 _compiler: tuple[Callable[..., Any], Callable[..., Any]] | None = None
 
 
-def compile_with(
-    kernel_mark: Callable[[Callable[..., Any]], Any], unit_mark: Callable[[Unit], Any]
-) -> None:
+def compile_with(kernel_mark: Callable[..., Any], unit_mark: Callable[[Unit], Any]) -> None:
     """Let a compiler mark all kernels and units that are imported from now on."""
     global _compiler  # noqa: PLW0603  one compiler a process
     _compiler = kernel_mark, unit_mark
@@ -128,6 +126,14 @@ def compile_with(
 def kernel(function: Callable[..., Any]) -> Any:
     """Decorator of functions that compiled code calls."""
     return function if _compiler is None else _compiler[0](function)
+
+
+def separate(function: Callable[..., Any]) -> Any:
+    """Decorator of kernels that write no number which they also reach by another argument.
+
+    So loops need not find out first whether their arrays overlap.
+    """
+    return function if _compiler is None else _compiler[0](function, True)
 
 
 def unit(function: Callable[..., Any]) -> Any:

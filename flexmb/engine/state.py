@@ -95,7 +95,7 @@ class Now(NamedTuple):
     body: array_of(BODY_NOW)
     marker: array_of(MARKER_NOW)
     Z: Vector  # of every flexible body 9 m numbers Z_ab, 3 m of M_omega_eta (`deformation_room`)
-    Phi: Matrix  # Phi_t - eta^T K_d: 3 m numbers of every marker, where some of them bend
+    Phi: Matrix  # Phi_t - eta^T K_d, 3 m numbers, and room; of every marker, where some bend
     curve_marker: array_of(CURVE_MARKER_NOW)
     history: Vector  # of the elements, that forces are evaluated with, as State.history
     span: Vector  # (1,) time since then, s

@@ -43,7 +43,7 @@ from flexmb.engine.state import (
     Trial,
     Work,
 )
-from flexmb.engine.tables import Parts, System, deformation_room
+from flexmb.engine.tables import Parts, System, aligned, deformation_room, whole_vectors
 
 _NO_METHOD = Method((), (), (), 2, 3, 0, 0.0, 1, 0, 1.0)
 _NO_FACTOR = Factor(
@@ -163,8 +163,9 @@ def new_state(system: System, channels: int = 0) -> State:
 
 def _bending_shape(parts: Parts) -> tuple[int, int]:
     """Shape of Now.Phi."""
-    bends = bool((parts.markers["bend"] >= 0).any())
-    return (len(parts.markers), 3 * int(parts.bodies["m"].max())) if bends else (0, 0)
+    bends, m = bool((parts.markers["bend"] >= 0).any()), int(parts.bodies["m"].max(initial=0))
+    width = 2 * whole_vectors(3 * m)
+    return (len(parts.markers), width) if bends else (0, 0)
 
 
 def _nan(*shape: int) -> np.ndarray:
@@ -186,8 +187,8 @@ def new_work(system: System, channels: int = 0, method: Method = _NO_METHOD) -> 
     now = Now(
         _nan_records(len(m), BODY_NOW),
         _nan_records(len(system.parts.markers), MARKER_NOW),
-        _nan(int(deformation_room(system.parts.bodies).sum())),
-        _nan(*_bending_shape(system.parts)),
+        aligned(_nan(int(deformation_room(system.parts.bodies).sum()))),
+        aligned(_nan(*_bending_shape(system.parts))),
         _nan_records(len(system.parts.curve_markers), CURVE_MARKER_NOW),
         _nan(history),
         _nan(1),

@@ -11,6 +11,8 @@ import pytest
 from enginekit import Bench, curvature, exponential, rotation, slope
 from generators import Mechanism
 
+from flexmb.engine.tables import bend_of
+
 DIFFERENCES = 1e-9
 SECOND_DIFFERENCES = 3e-8
 LAST_DIGITS = 1e-13
@@ -44,7 +46,7 @@ def placed(bench, q):
             E = rotation(exponential(theta))
             s = mk["rho"] + u + E @ mk["arm"]
             if mk["bend"] >= 0:  # foreshortening: half eta^T K_d eta along d
-                K = parts.pool[mk["bend"] : mk["bend"] + 3 * m * m].reshape(m, 3, m)
+                K = bend_of(mk, m, parts.pool)
                 eta = q[i + 7 : i + 7 + m]
                 s = s - 0.5 * np.einsum("idj,i,j->d", K, eta, eta)
         x.append(q[i : i + 3] + A @ s)

@@ -31,6 +31,7 @@ from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.engine import initial_conditions
 from flexmb.engine.algebra.forms import size_of_form
 from flexmb.engine.bodies.static_modes import STATIC_MODES, static_coordinates
+from flexmb.engine.bodies.velocity_forms import place_of_pairs
 from flexmb.engine.compile import Compiled, parts_of_model
 from flexmb.engine.entries import solve_stage, stage_solver
 from flexmb.engine.forces.force_characteristic import FORCE_CHARACTERISTICS
@@ -387,7 +388,7 @@ def _weighted(system: System, weights: Array) -> System:
         m, at = int(body["m"]), int(body["flex"])
         forms = at + 12 * m + 3 * m * m  # before them stiffness and damping
         pool[at : forms - 2 * m * m] *= weight
-        partial = 6 * m + 9 * size_of_form(m)[0]
+        partial = place_of_pairs(body) - forms + 9 * size_of_form(m)[0]
         pool[forms : forms + (0, partial, 12 * m * m)[int(body["coupling"])]] *= weight
     return system._replace(parts=system.parts._replace(bodies=bodies, pool=pool))
 

@@ -39,7 +39,7 @@ from flexmb.engine.bodies.static_modes import free_static_modes, static_bodies, 
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import row_evaluator
 from flexmb.engine.state import Work
-from flexmb.engine.tables import BodyColumns, System
+from flexmb.engine.tables import BodyColumns, System, aligned
 from flexmb.engine.work import new_state, new_work
 from flexmb.errors import AssemblyError, FlexmbError, Problem, SceneError
 from flexmb.flexbody import FlexBody
@@ -80,7 +80,7 @@ def add_damping(compiled: Compiled, model: Model, q: Array) -> tuple[Compiled, l
     if compiled.is_damped:
         return compiled, []
     parts = compiled.system.parts
-    pool, bodies = parts.pool.copy(), parts.bodies.copy()
+    pool, bodies = aligned(parts.pool), parts.bodies.copy()
     flexbodies = dict(compiled.flexbodies)
     problems: list[Problem] = []
     dampings: list[BodyDamping] = []

@@ -32,6 +32,7 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import stage_solver
 from flexmb.engine.initial_conditions import RESIDUAL
 from flexmb.engine.state import State, Work
+from flexmb.engine.tables import bend_of
 from flexmb.engine.work import new_state, new_work
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, IntArray, skew
@@ -290,8 +291,8 @@ class _Mechanism:
                     Phi = parts.pool[marker["modes"] : marker["modes"] + 3 * m].reshape(3, m)
                     Kb[:, :3, 3:] -= np.cross(Phi.T, f[:, None]).transpose(0, 2, 1)
                     if marker["bend"] >= 0:
-                        bend = parts.pool[marker["bend"] : marker["bend"] + 3 * m * m]
-                        Kb[:, 3:, 3:] += np.einsum("nd,idj->nij", f, bend.reshape(m, 3, m))
+                        bend = bend_of(marker, m, parts.pool)
+                        Kb[:, 3:, 3:] += np.einsum("nd,idj->nij", f, bend)
             trace = np.trace(moments, axis1=1, axis2=2)[:, None, None]
             Kb[:, :3, :3] = 0.5 * (moments + moments.transpose(0, 2, 1)) - trace * np.eye(3)
             if body is not None:

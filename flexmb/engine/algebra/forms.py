@@ -12,7 +12,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexmb.engine.jit import kernel
+from flexmb.engine.algebra.vector import add_multiple
+from flexmb.engine.jit import kernel, separate
+from flexmb.engine.tables import whole_vectors
 
 _ROUND_OFF = 1e-12  # share of a form in a sum, as of the integrals themselves (`put_flags`)
 
@@ -31,37 +33,68 @@ def grouped_rows(forms: ArrayLike) -> NDArray[np.float64]:
 @kernel
 def size_of_form(m):
     """Numbers of a form of m modes, and the modes with those that fill the last group."""
-    padded = (m + 7) // 8 * 8
+    padded = whole_vectors(m)
     return padded * (padded + 8) // 2, padded
 
 
 @kernel
+def _four(T, i, apart=1):
+    """Four numbers of T from i on."""
+    apart = np.uintp(apart)
+    j = i + apart
+    return T[i], T[j], T[j + apart], T[j + apart + apart]
+
+
+@kernel
+def _put_four(T, i, a):
+    one = np.uintp(1)
+    T[i], T[i + one], T[i + one + one], T[i + np.uintp(3)] = a
+
+
+@kernel
+def _plus(a, f, b):
+    """a + f b of four numbers."""
+    return a[0] + f * b[0], a[1] + f * b[1], a[2] + f * b[2], a[3] + f * b[3]
+
+
+@kernel
+def _inner(a, b):
+    """a·b of four numbers."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+
+
+@separate
 def add_symmetric_and_skew(T, size, n, x, y, out):
     """out[:n] + out[n:2n] = S x[:n] + G y[:n], S symmetric, G skew and `size` numbers behind S.
 
     In two parts, as a processor waits for single numbers that were just stored where it reads a
     vector of them.
     """
-    one, two, three, four = np.uintp(1), np.uintp(2), np.uintp(3), np.uintp(4)
-    a, o, size, eight = np.uintp(0), np.uintp(0), np.uintp(size), np.uintp(8)
-    for group in range(np.uintp(n // 4)):
-        start = group // np.uintp(2) * eight
-        length = np.uintp(n) - start
-        b, c, d = a + length, a + two * length, a + three * length
-        p, q, r, s = x[o], x[o + one], x[o + two], x[o + three]
-        t, u, v, w = y[o], y[o + one], y[o + two], y[o + three]
-        first, second, third, fourth = 0.0, 0.0, 0.0, 0.0
+    a, n, size = np.uintp(0), np.uintp(n), np.uintp(size)
+    four, eight = np.uintp(4), np.uintp(8)
+    for o in range(np.uintp(0), n, four):
+        start, p, q, sums = o // eight * eight, _four(x, o), _four(y, o), (0.0, 0.0, 0.0, 0.0)
+        length = n - start
         for i in range(length):
-            e, f, g, h = T[a + i], T[b + i], T[c + i], T[d + i]
-            j, k, m, z = T[size + a + i], T[size + b + i], T[size + c + i], T[size + d + i]
-            first += e * x[start + i] + j * y[start + i]
-            second += f * x[start + i] + k * y[start + i]
-            third += g * x[start + i] + m * y[start + i]
-            fourth += h * x[start + i] + z * y[start + i]
-            out[start + i] += e * p + f * q + g * r + h * s - j * t - k * u - m * v - z * w
-        o += np.uintp(n)
-        out[o], out[o + one], out[o + two], out[o + three] = first, second, third, fourth
-        a, o = d + length, o + four - np.uintp(n)
+            s, g = _four(T, a + i, length), _four(T, a + size + i, length)
+            sums = _plus(_plus(sums, x[start + i], s), y[start + i], g)
+            out[start + i] += _inner(s, p) - _inner(g, q)
+        _put_four(out, n + o, sums)
+        a += four * length
+
+
+@separate
+def subtract_columns(T, at, n, m, x, o, out):
+    """out[:n] −= x[o:o+m] times m columns of n numbers each, one behind the other from T[at] on."""
+    a, o, n, four = np.uintp(at), np.uintp(o), np.uintp(n), np.uintp(4)
+    for _ in range(np.uintp(m) // four):
+        p = _four(x, o)
+        for i in range(n):
+            out[i] -= _inner(_four(T, a + i, n), p)
+        a, o = a + four * n, o + four
+    for _ in range(np.uintp(m) % four):
+        add_multiple(-x[o], T, a, out, 0, n)
+        a, o = a + n, o + np.uintp(1)
 
 
 @kernel
@@ -76,32 +109,50 @@ def add_pair_to_block(T, size, m, padded, B, o):
         row += padded - k // 8 * 8
 
 
-@kernel
+@separate
 def combine_forms(pool, at, size, f, w, out):
     """The grouped rows of Σ f_s S_s and of Σ w_k G_k, one after the other, into out.
 
-    Forms of `size` numbers from `at` on: S_x, G_x, S_y, G_y, S_z, G_z, S_xy, S_yz, S_zx. What
-    counts less than round-off is not read: three of six S where a body hardly leaves a plane.
+    Forms of `size` numbers from `at` on: S_x, G_x, S_y, G_y, S_z, G_z, S_xy, S_yz, S_zx.
     """
-    pair, xy = 2 * size, at + 6 * size
-    k = 0 if abs(f[0]) >= max(abs(f[1]), abs(f[2])) else 1 if abs(f[1]) >= abs(f[2]) else 2
-    i, j = (k + 1) % 3, (k + 2) % 3
-    if max(abs(f[i]), abs(f[j]), abs(f[3 + i])) <= _ROUND_OFF * abs(f[k]):
-        own, after, before = at + k * pair, xy + k * size, xy + j * size
-        _combine_three(pool, own, after, before, (f[k], f[3 + k], f[3 + j]), out, 0, size)
-    else:
-        x, y, z = np.uintp(at), np.uintp(at + pair), np.uintp(at + 2 * pair)
-        xy, yz, zx = np.uintp(xy), np.uintp(xy + size), np.uintp(xy + pair)
-        for n in range(np.uintp(size)):
-            s = f[0] * pool[x + n] + f[1] * pool[y + n] + f[2] * pool[z + n]
-            out[n] = s + f[3] * pool[xy + n] + f[4] * pool[yz + n] + f[5] * pool[zx + n]
-    skew = at + size
-    _combine_three(pool, skew, skew + pair, skew + 2 * pair, w, out, size, size)
+    size = np.uintp(size)
+    x, z, yz = np.uintp(at), np.uintp(at) + np.uintp(4) * size, np.uintp(at) + np.uintp(7) * size
+    y, xy, zx = x + size + size, z + size + size, yz + size
+    for n in range(size):
+        s = f[0] * pool[x + n] + f[1] * pool[y + n] + f[2] * pool[z + n]
+        out[n] = s + f[3] * pool[xy + n] + f[4] * pool[yz + n] + f[5] * pool[zx + n]
+        i = size + n
+        out[i] = w[0] * pool[x + i] + w[1] * pool[y + i] + w[2] * pool[z + i]
 
 
 @kernel
-def _combine_three(pool, a, b, c, f, out, o, n):
-    """out[o:o+n] = n numbers of the pool at each of three places, times f."""
-    a, b, c, o = np.uintp(a), np.uintp(b), np.uintp(c), np.uintp(o)
-    for i in range(np.uintp(n)):
-        out[o + i] = f[0] * pool[a + i] + f[1] * pool[b + i] + f[2] * pool[c + i]
+def leading_form(f):
+    """The axis k whose S_k alone counts beside two mixed forms, up to round-off; −1: more count."""
+    k = 0 if abs(f[0]) >= max(abs(f[1]), abs(f[2])) else 1 if abs(f[1]) >= abs(f[2]) else 2
+    i, j = (k + 1) % 3, (k + 2) % 3
+    return k if max(abs(f[i]), abs(f[j]), abs(f[3 + i])) <= _ROUND_OFF * abs(f[k]) else -1
+
+
+@separate
+def add_mixed_forms(pool, at, size, k, f, w, n, x, y, out):
+    """As `add_symmetric_and_skew`, with all that `combine_forms` adds but S_k and G_k.
+
+    Where S_k leads; nothing is summed up first.
+    """
+    a, n, four, eight = np.uintp(0), np.uintp(n), np.uintp(4), np.uintp(8)
+    i, j = (k + 1) % 3, (k + 2) % 3
+    b, c = np.uintp(at + (6 + k) * size), np.uintp(at + (6 + j) * size)
+    d, e = np.uintp(at + (2 * i + 1) * size), np.uintp(at + (2 * j + 1) * size)
+    none, (t, u, v, z) = (0.0, 0.0, 0.0, 0.0), (f[3 + k], f[3 + j], w[i], w[j])
+    for o in range(np.uintp(0), n, four):
+        start, p, q, sums = o // eight * eight, _four(x, o), _four(y, o), none
+        length = n - start
+        for m in range(length):
+            s = _plus(none, t, _four(pool, b + a + m, length))
+            s = _plus(s, u, _four(pool, c + a + m, length))
+            g = _plus(none, v, _four(pool, d + a + m, length))
+            g = _plus(g, z, _four(pool, e + a + m, length))
+            sums = _plus(_plus(sums, x[start + m], s), y[start + m], g)
+            out[start + m] += _inner(s, p) - _inner(g, q)
+        _put_four(out, n + o, sums)
+        a += four * length

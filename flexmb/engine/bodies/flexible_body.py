@@ -56,6 +56,7 @@ from flexmb.engine.jit import Vector, kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.state import DAMPER_POWER, KINETIC_ENERGY, STRAIN_ENERGY, Point, Run
+from flexmb.engine.tables import whole_vectors
 
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
@@ -390,7 +391,9 @@ def modal_block(body: FlexBody, coupling: str = "full", Mab: Array | None = None
             pairs = [form for pair in zip(across, turning, strict=True) for form in pair]
             P = body.P + body.P.swapaxes(0, 1)
             rows = [*(np.trace(P) - P[[0, 1, 2], [0, 1, 2]]), *-P[[0, 1, 2], [1, 2, 0]]]
-            parts += [np.array(rows), grouped_rows([*pairs, *mixed])]
+            m = body.m
+            gap = np.zeros(whole_vectors(18 * m + 3 * m * m) - 18 * m - 3 * m * m)
+            parts += [np.array(rows), gap, grouped_rows([*pairs, *mixed])]
         else:
             parts += [np.array([M[b, a] for a in range(3) for b in range(3)]), *turning]
     return np.concatenate([np.ascontiguousarray(part).ravel() for part in parts])

@@ -25,9 +25,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.engine.algebra.forms import subtract_columns
 from flexmb.engine.algebra.vector import (
     axis_vector,
     column,
+    copy,
     inner,
     modal_vector,
     outer,
@@ -41,13 +43,14 @@ from flexmb.engine.algebra.vector import (
     turned,
     turned_back,
     turned_by,
+    zero,
 )
 from flexmb.engine.bodies.wrench import pull_back
 from flexmb.engine.jit import Integers, kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.state import Point, Run
-from flexmb.engine.tables import MARKER, Pool
+from flexmb.engine.tables import MARKER, Pool, whole_vectors
 
 if TYPE_CHECKING:
     from flexmb.model.markers import PlacedMarker
@@ -107,22 +110,18 @@ def place_flexible(run: Run, markers: Markers, at: Point) -> int:
 
 @kernel
 def _bend(mk, pool, q, o, m, phi):
-    """Φ_t − ηᵀ K_d of a marker at η = q[o:o+m], into phi (3 m,)."""
-    place = mk["modes"]
-    for i in range(m):
-        x, y, z = modal_vector(pool, mk["bend"] + 3 * m * i, m, q, o)
-        phi[i] = pool[place + i] - x
-        phi[m + i] = pool[place + m + i] - y
-        phi[2 * m + i] = pool[place + 2 * m + i] - z
+    """Φ_t − ηᵀ K_d of a marker at η = q[o:o+m], into phi (3 m,); behind it is room."""
+    copy(pool[mk["modes"] : mk["modes"] + 3 * m], phi)
+    subtract_columns(pool, mk["bend"], whole_vectors(3 * m), m, q, o, phi)
 
 
 @kernel
-def _bending_acceleration(mk, pool, v, o, m):
-    """−η̇ᵀ K_d η̇ of a marker, η̇ = v[o:o+m]."""
-    x = (0.0, 0.0, 0.0)
-    for i in range(m):
-        x = plus(x, -v[o + i], modal_vector(pool, mk["bend"] + 3 * m * i, m, v, o))
-    return x
+def _bending_acceleration(mk, pool, v, o, m, phi):
+    """−η̇ᵀ K_d η̇ of a marker, η̇ = v[o:o+m]; in the room behind phi."""
+    n = whole_vectors(3 * m)
+    zero(phi[n:])
+    subtract_columns(pool, mk["bend"], n, m, v, o, phi[n:])
+    return modal_vector(phi, n, m, v, o)
 
 
 @kernel
@@ -209,7 +208,7 @@ def bias_flexible(run: Run, markers: Markers, at: Point) -> int:
         x = outer(om, plus(outer(om, triple(mn["s"])), 2.0, u))
         x = plus(plus(x, 1.0, outer(e, outer(e, arm))), 1.0, outer(change, arm))
         if mk["bend"] >= 0:
-            x = plus(x, 1.0, _bending_acceleration(mk, parts.pool, v, o, m))
+            x = plus(x, 1.0, _bending_acceleration(mk, parts.pool, v, o, m, phi))
         put_part(mn["bx"], 0, turned(A, x))
         put_part(mn["bom"], 0, turned(A, plus(change, 1.0, outer(om, e))))
     return FINE
@@ -428,7 +427,8 @@ class MarkerTable:
         key = b"bend " + marker.body.encode() + marker.bend.tobytes()
         if key not in self.modes:
             # by mode, direction, mode: what one mode does to all others is contiguous
-            self.modes[key] = self.pool.add(marker.bend.transpose(1, 0, 2))
+            columns = marker.bend.transpose(1, 0, 2).reshape(marker.bend.shape[1], -1)
+            self.modes[key] = self.pool.add(np.pad(columns, ((0, 0), (0, -columns.shape[1] % 8))))
         return self.modes[key]
 
     def table(self) -> NDArray[np.void]:

@@ -16,9 +16,11 @@ import math
 import numpy as np
 
 from flexmb.engine.algebra.forms import (
+    add_mixed_forms,
     add_pair_to_block,
     add_symmetric_and_skew,
     combine_forms,
+    leading_form,
     size_of_form,
 )
 from flexmb.engine.algebra.vector import (
@@ -32,6 +34,7 @@ from flexmb.engine.algebra.vector import (
     zero,
 )
 from flexmb.engine.jit import kernel
+from flexmb.engine.tables import whole_vectors
 
 # Share of the angular velocity that iterations of a step may change without new sums of forms. The
 # prediction of a step is off by some ten errors of a step: what is left is below the step's error,
@@ -44,8 +47,14 @@ _NO_TURN = 1e-13
 
 @kernel
 def place_of_inertia_change(body):
-    """Place in the pool of ∂J/∂η: xx, yy, zz, xy, yz, zx (6, m); the forms stand behind it."""
+    """Place in the pool of ∂J/∂η: xx, yy, zz, xy, yz, zx (6, m)."""
     return body["flex"] + 12 * body["m"] + 3 * body["m"] * body["m"]
+
+
+@kernel
+def place_of_pairs(body):
+    """Place in the pool of the forms behind it."""
+    return body["flex"] + whole_vectors(18 * body["m"] + 3 * body["m"] * body["m"])
 
 
 @kernel
@@ -59,18 +68,14 @@ def _shares_of_forms(a, b):
 def _place_of_forms(body):
     """Place in Z of what `tables.deformation_room` lists; numbers of a form, modes with padding."""
     size, padded = size_of_form(body["m"])
-    return body["z"] + 12 * body["m"], size, padded
+    return body["z"] + whole_vectors(12 * body["m"]), size, padded
 
 
 @kernel
-def _only_axis(om):
-    """The body axis about which the body turns, or −1 where it turns about several."""
+def _has_one_axis(om):
+    """Whether a body turns about one of its axes alone."""
     least = _NO_TURN * max(abs(om[0]), abs(om[1]), abs(om[2]))
-    axis, axes = -1, 0
-    for k in range(3):
-        if abs(om[k]) > least:
-            axis, axes = k, axes + 1
-    return axis if axes == 1 else -1
+    return (abs(om[0]) > least) + (abs(om[1]) > least) + (abs(om[2]) > least) == 1
 
 
 @kernel
@@ -86,37 +91,49 @@ def _turns_as_before(forms, at, iteration, om):
 
 @kernel
 def _put_form_product(T, forms, size, padded, m):
-    """The product of the two forms of T with coordinates and rates of the modes, behind these."""
-    x = forms[2 * size : 2 * size + padded]
-    y, out = forms[2 * size + padded :], forms[2 * size + 2 * padded :]
+    """The product of the two forms of T with coordinates and rates of the modes, in two parts."""
+    x, y, out = forms[2 * size :], forms[2 * size + padded :], forms[2 * size + 2 * padded :]
+    zero(x[m:padded])
+    zero(y[m:padded])
     zero(out[:padded])
-    for k in range(m, padded):
-        x[k] = y[k] = 0.0
     add_symmetric_and_skew(T, size, padded, x, y, out)
-    add_multiple(1.0, out, padded, out, 0, m)
 
 
 @kernel
 def add_velocity_forces(body, now, q, v, om, pool, out):
-    """Modal rows += (Σ B_bc M_bc) η − 2 Σ ω'_k G_k η̇."""
+    """Modal rows += (Σ B_bc M_bc) η − 2 Σ ω'_k G_k η̇.
+
+    Where the body hardly leaves one axis, what the others add is that of a step's first iteration.
+    """
     m, o, eta = body["m"], body["iv"] + 6, body["iq"] + 7
-    at_pool = place_of_inertia_change(body) + 6 * m
+    at_pool = place_of_pairs(body)
     at_forms, size, padded = _place_of_forms(body)
     forms = now.Z[at_forms:]
-    x, y = forms[2 * size :], forms[2 * size + padded :]
-    axis = _only_axis(om)
-    if axis >= 0:
-        f, w = -om[axis] * om[axis], -2.0 * om[axis]
-        for k in range(m):
-            x[k], y[k] = f * q[eta + k], w * v[o + k]
-        _put_form_product(pool[at_pool + 2 * axis * size :], forms, size, padded, m)
-    else:
-        if not _turns_as_before(forms, 2 * size + 4 * padded, now.iteration[0], om):
-            combine_forms(pool, at_pool, size, _shares_of_forms(om, om), times(-2.0, om), forms)
-        copy(q[eta : eta + m], x)
-        copy(v[o : o + m], y)
+    x, y, product = forms[2 * size :], forms[2 * size + padded :], 2 * size + 2 * padded
+    same = _turns_as_before(forms, product + 2 * padded, now.iteration[0], om)
+    first = part(forms, product + 2 * padded)
+    axis = leading_form(_shares_of_forms(first, first))
+    f, w = _shares_of_forms(om, om), times(-2.0, om)
+    copy(q[eta : eta + m], x)
+    copy(v[o : o + m], y)
+    if axis < 0:
+        if not same:
+            combine_forms(pool, at_pool, size, f, w, forms)
         _put_form_product(forms, forms, size, padded, m)
-    add_multiple(1.0, forms, 2 * size + 2 * padded, out, o, m)
+    else:
+        if not same:
+            zero(forms[: 2 * padded])
+            if not _has_one_axis(om):
+                zero(x[m:padded])
+                zero(y[m:padded])
+                add_mixed_forms(pool, at_pool, size, axis, f, w, padded, x, y, forms)
+        of_x, of_y = f[axis], w[axis]
+        for k in range(m):
+            x[k], y[k] = of_x * x[k], of_y * y[k]
+        _put_form_product(pool[at_pool + 2 * axis * size :], forms, size, padded, m)
+        add_multiple(1.0, forms, 0, forms, product, 2 * padded)
+    add_multiple(1.0, forms, product, out, o, m)
+    add_multiple(1.0, forms, product + padded, out, o, m)
 
 
 @kernel
@@ -141,7 +158,7 @@ def add_inertia_rate(body, pool, v, om, out):
 def add_velocity_block(body, pool, q, v, cv, cp, Z, B):
     """Modal rows: cp Σ B_bc M_bc − 2 cv Σ ω_b G_b, and what M_bc adds in the columns of ω'."""
     m, o, eta = body["m"], body["iv"] + 6, body["iq"] + 7
-    at, om = place_of_inertia_change(body) + 6 * m, part(v, body["iv"] + 3)
+    at, om = place_of_pairs(body), part(v, body["iv"] + 3)
     f = _shares_of_forms(om, om)
     at_forms, size, padded = _place_of_forms(body)
     forms = Z[at_forms:]
@@ -156,4 +173,5 @@ def add_velocity_block(body, pool, q, v, cv, cp, Z, B):
         copy(v[o : o + m], forms[2 * size + padded :])
         _put_form_product(forms, forms, size, padded, m)
         for k in range(m):
-            B[6 + k, 3 + d] += 2.0 * cv * forms[2 * size + 2 * padded + k]
+            i = 2 * size + 2 * padded + k
+            B[6 + k, 3 + d] += 2.0 * cv * (forms[i] + forms[i + padded])

@@ -27,7 +27,7 @@ from flexmb.engine.algebra.vector import (
 from flexmb.engine.jit import Matrix, Vector, kernel, unit
 from flexmb.engine.method import FINE
 from flexmb.engine.state import Now, Run
-from flexmb.engine.tables import Parts
+from flexmb.engine.tables import Parts, whole_vectors
 
 
 @unit
@@ -189,7 +189,7 @@ def _add_modal_arm(mk, mn, pool, phi, m, force, moment, B):
     if mk["bend"] >= 0:
         x, y, z = force
         for r in range(m):
-            add_rows(pool, mk["bend"] + 3 * m * r, m, -x, -y, -z, B[6 + r], 6)
+            add_rows(pool, mk["bend"] + whole_vectors(3 * m) * r, m, -x, -y, -z, B[6 + r], 6)
 
 
 @kernel
