@@ -22,7 +22,7 @@ import numpy as np
 
 from flexmb.engine import step_control
 from flexmb.engine.algebra.vector import copy, largest, store, weighted_size
-from flexmb.engine.bodies.motion import move
+from flexmb.engine.bodies.motion import move, turns_over
 from flexmb.engine.equations_of_motion import (
     begin_history,
     begin_run,
@@ -57,7 +57,7 @@ from flexmb.engine.kinematics_point import (
     solve_reactions,
     solve_velocities_accelerations,
 )
-from flexmb.engine.method import FINE, NOT_FINITE, TOO_SMALL, round_off
+from flexmb.engine.method import FINE, NO_CONVERGENCE, NOT_FINITE, TOO_SMALL, round_off
 from flexmb.engine.projection import (
     POSITIONS,
     VELOCITIES,
@@ -170,6 +170,8 @@ def advance(run: Run, room: int) -> int:
         status = call_step(units[0], run, coefficients[0], h)
         if status == FINE:
             status = walk(run.stages.limits, run, run.trial_point)
+        if status == FINE and turns_over(run, h):
+            status = NO_CONVERGENCE
         verdict = step_control.judge_step(run.method, settings, st, error, status, h)
         if verdict == FINE:
             if missed_event(run, h) == 1:

@@ -27,6 +27,8 @@ from flexmb.engine.tables import Parts
 
 # Corrections of this size, relative to a position or a driven motion, are round-off.
 LAST_PLACES = 1e-15
+# Turn of a body in a step that its speed must account for at least half of, rad.
+_LEAP = 1.5
 
 
 @unit
@@ -125,6 +127,25 @@ def put_last_places(run: Run) -> int:
         state = coordinates[k]["state"] == 1  # its place is an integral that nothing depends on
         places[o] = first[0, o] if state else max(places[o], far * weights[o])
     return FINE
+
+
+@kernel
+def turns_over(run, h):
+    """Whether a step has turned a body by more than its speeds at both ends tell.
+
+    Dot products of axes, by which joints hold orientations, vanish for other turns too, and
+    corrections may end at one of them.
+    """
+    st, tr, bodies = run.state, run.work.trial, run.system.parts.bodies
+    for k in range(bodies.shape[0]):
+        i, o = bodies[k]["iq"] + 3, bodies[k]["iv"] + 3
+        same, before, after = 0.0, part(st.v, o), part(tr.v, o)
+        for a in range(4):
+            same += st.q[i + a] * tr.q[i + a]
+        rate = math.sqrt(max(inner(before, before), inner(after, after)))
+        if abs(same) < math.cos(0.5 * max(_LEAP, min(2.0 * rate * h, math.pi))):
+            return True
+    return False
 
 
 @kernel

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from enginekit import exponential, rotation, slope
+from enginekit import exponential, quaternion_product, rotation, slope
 from truthkit import run
 
 from flexmb.engine.algebra.vector import tangent_coefficients
-from flexmb.engine.bodies.motion import angular_velocity, hermite, rotation_rate
+from flexmb.engine.bodies.motion import angular_velocity, hermite, rotation_rate, turns_over
 from flexmb.model import Model
 
 
@@ -76,3 +77,24 @@ def test_a_tumbling_body_keeps_its_angular_momentum_by_rotation_vectors_of_a_ste
     assert poses[-1][0, 0] < 0.9  # it has turned far
     assert errors[0] < 1e-8
     assert math.log2(errors[0] / errors[1]) == pytest.approx(8.0, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("angle", "rate", "leaps"),
+    [(1.4, 0, False), (1.6, 0, True), (2.0, 1.05, False), (2.1, 1.0, True), (3.0, 2.0, False)],
+)
+def test_a_step_that_turns_a_body_by_more_than_its_speeds_tell(angle, rate, leaps):
+    """In one second, about an axis aside: twice the faster of both speeds, or 1.5 radians."""
+    bodies = np.zeros(1, dtype=[("iq", int), ("iv", int)])
+    axis, before = np.array([0.6, 0.0, 0.8]), np.array([9.0, 9, 9, 0.5, -0.5, 0.5, 0.5])
+    after = np.array([9.0, 9, 9, *quaternion_product(before[3:], exponential(angle * axis))])
+    states = [
+        SimpleNamespace(q=q, v=np.array([7.0, 7, 7, *v * axis]))
+        for q, v in ((before, rate), (after, 0.2 * rate))
+    ]
+    run = SimpleNamespace(
+        state=states[0],
+        work=SimpleNamespace(trial=states[1]),
+        system=SimpleNamespace(parts=SimpleNamespace(bodies=bodies)),
+    )
+    assert turns_over(run, 1.0) == leaps
