@@ -278,8 +278,8 @@ class JointContext:
     ) -> int:
         """A curve marker of its own, on the side of the rows; carried by I or J (0, 1)."""
         pool, n = self.markers.pool, len(curve.pieces.coefficients)
-        at = pool.add(curve.pieces.ends)
-        pool.add(curve.pieces.coefficients)
+        pieces = curve.pieces
+        at = pool.add(np.concatenate([pieces.ends.ravel(), pieces.coefficients.ravel()]))
         marker = self.markers.add_unshared(self.frames[carrier])
         shape = at, n, curve.closed, curve.turns
         self.curve_points.points.append(
