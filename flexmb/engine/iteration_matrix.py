@@ -41,6 +41,8 @@ def add_couplings(run, at, cv, cp):
 # Simplified Newton iteration: what its measured contraction asks for.
 REFACTOR_ABOVE = 0.3
 """Contraction by an old factor above which it is renewed within a step."""
+SETTLED_NOISE = 10.0
+"""Size of a last correction, over one that was in the last places, that is noise."""
 # By a new one: above which the unsymmetric matrix is factored instead, and the step given up.
 _UNSYMMETRIC_ABOVE = 0.2
 _GIVE_UP_ABOVE = 0.9

@@ -391,11 +391,15 @@ def test_round_off_of_a_far_place_is_part_of_the_error(method):
     """1 µm about a place 1 km away: no steps lessen what the place leaves, and the run says so."""
     scene = SCENES["swing of 1 µm at 1 m"]
     knobs = {"duration": scene.duration, "outputs": scene.outputs, **METHODS[method]}
-    found = judged(
-        moved(scene.make(1.0)), lambda t: truth_of(scene, t, away=AWAY), accuracy=1e-8, **knobs
-    )
-    assert found.achieved > 1e-7  # an ulp there is a ten-millionth of the swing
-    assert 1 / 3 <= found.share <= 3
+    shares = []
+    for accuracy in (1e-7, 1e-8):  # of a walk at random no single one tells
+        found = judged(
+            moved(scene.make(1.0)), lambda t: truth_of(scene, t, away=AWAY),
+            accuracy=accuracy, **knobs,
+        )  # fmt: skip
+        assert found.achieved > 1e-7  # an ulp there is a ten-millionth of the swing
+        shares.append(found.share)
+    assert 1 / 3 <= np.sqrt(np.prod(shares)) <= 3
     (sentence,) = [note for note in found.notes if "was asked for" in note]
     assert "the floor that round-off leaves" in sentence
 

@@ -32,7 +32,7 @@ from flexmb.engine.algebra.ldl import solve, solve_refined
 from flexmb.engine.algebra.vector import copy, weighted_size
 from flexmb.engine.bodies.motion import interpolate_step, move, put_last_places
 from flexmb.engine.equations_of_motion import residual, walk
-from flexmb.engine.iteration_matrix import REFACTOR_ABOVE, factorise, give_up
+from flexmb.engine.iteration_matrix import REFACTOR_ABOVE, SETTLED_NOISE, factorise, give_up
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.method import FINE, NO_CONVERGENCE, NOT_FINITE, Method
 from flexmb.engine.projection import POSITIONS, VELOCITIES, accelerations, depends_on_solution
@@ -150,7 +150,7 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
     put_last_places(run)
     if memory["contraction"] > _RENEW_ABOVE and memory["factor_age"] > 0.0:
         memory["factor_age"] = -1.0
-    earlier, last, slowest = 0.0, 0.0, 0.0
+    earlier, last, slowest, settled = 0.0, 0.0, 0.0, 0.0
     for n in range(settings.max_iterations):
         move(sys.parts, st.q, tr.dq, tr.q)
         count["residuals"] += 1
@@ -171,15 +171,14 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
         if not math.isfinite(size):
             return NOT_FINITE
         quiet = units <= _NOISE and last > 0.0 and size > REFACTOR_ABOVE * last
-        noise = quiet and size > REFACTOR_ABOVE * earlier > 0.0
+        noise, stuck = quiet and size > REFACTOR_ABOVE * earlier > 0.0, False
         if quiet:  # it measures nothing here
             memory["contraction"] = memory["contraction"] if memory["contraction"] < 1.0 else 0.0
         elif last > 0.0:
             slowest = max(slowest, size / last)  # where the next one happens to be small too
             memory["contraction"] = slowest
             small = wrong <= 1.0 or (share if relative else size) <= tolerance
-            if not small and give_up(memory, size / last):
-                return NO_CONVERGENCE
+            stuck = not small and give_up(memory, size / last)
         earlier, last = last, size
         theta = min(memory["contraction"], 0.99)
         # What an old factor leaves in a first correction is a bias that adds up over many steps,
@@ -187,7 +186,13 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
         again = n == 0 and theta > alpha.settling and settings.step == 0.0
         left = theta / (1.0 - theta)
         done = left * (share if relative else size) <= tolerance
-        if noise or (done and not again):
+        # in last places, where singular poses let noise grow, and no correction is better
+        if n > 0 and (1.0 if relative else min(1.0, left)) * wrong <= 1.0:
+            settled = max(settled, size)
+        stuck = stuck or n == settings.max_iterations - 1
+        if stuck and size > SETTLED_NOISE * settled and not done:
+            return NO_CONVERGENCE
+        if noise or stuck or (done and not again):
             move(sys.parts, st.q, tr.dq, tr.q)  # the last correction too
             _finish(sys.weights, alpha, st, tr)
             if settings.tolerance > 0.0:

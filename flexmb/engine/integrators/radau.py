@@ -43,7 +43,12 @@ from flexmb.engine.integrators.radau_coefficients import (
     stage_sum,
 )
 from flexmb.engine.integrators.radau_systems import correct_stages, factorise_stages, filter_motion
-from flexmb.engine.iteration_matrix import REFACTOR_ABOVE, give_up, has_dependent_rows
+from flexmb.engine.iteration_matrix import (
+    REFACTOR_ABOVE,
+    SETTLED_NOISE,
+    give_up,
+    has_dependent_rows,
+)
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.method import Method
 from flexmb.engine.projection import POSITIONS, accelerations
@@ -111,8 +116,8 @@ def _iterate(run, radau, h):
         memory["factor_age"] = -1.0
     allowed = _allowed(run, h)
     put_last_places(run)
-    earlier, last, last_moved, least, slowest = 0.0, 0.0, 0.0, 0.0, 0.0
-    for _ in range(run.settings.max_iterations):
+    earlier, last, last_moved, least, slowest, settled = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for n in range(run.settings.max_iterations):
         _put_rates(run, radau, h)
         for i in (0, 2, 1):
             status = _evaluate_stage(run, radau, h, i)
@@ -125,19 +130,24 @@ def _iterate(run, radau, h):
         if not math.isfinite(size):
             return method.NOT_FINITE
         quiet = units <= _NOISE and last > 0.0 and size > REFACTOR_ABOVE * last
-        noise = quiet and size > REFACTOR_ABOVE * earlier > 0.0
+        noise, stuck = quiet and size > REFACTOR_ABOVE * earlier > 0.0, False
         if last > 0.0 and not quiet:
             slowest = max(slowest, size / last)  # where the next one happens to be small too
             memory["contraction"] = slowest
             # what a correction of fast parts leaves to others may be as large over their motion
             if size > allowed and give_up(memory, size / last):
                 least = 0.5
-                if moved > 0.5 * last_moved:
-                    return method.NO_CONVERGENCE
+                stuck = moved > 0.5 * last_moved
         earlier, last, last_moved = last, size, moved
         theta = max(min(memory["contraction"], 0.99), least)
-        if noise or theta / (1.0 - theta) * size <= allowed:
+        if n > 0 and units <= 1.0:  # in last places, where singular poses let noise grow
+            settled = max(settled, size)
+        if stuck and size > SETTLED_NOISE * settled:
+            return method.NO_CONVERGENCE
+        if noise or stuck or theta / (1.0 - theta) * size <= allowed:
             return _finish(run, radau, h)
+    if last <= SETTLED_NOISE * settled:
+        return _finish(run, radau, h)
     return method.NO_CONVERGENCE
 
 
