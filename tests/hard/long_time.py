@@ -189,7 +189,7 @@ CASES = {
         1e-9, lambda: SCENES["driven slider-crank"].make(1.0),
         off(SCENES["driven slider-crank"].truth),
         {"duration": 200.0, "outputs": 100, "accuracy": 1e-6},
-        CONTROLLED,
+        CONTROLLED, slow=True, quick=("auto", "explicit-rk"),
     ),
     "a driven slider-crank, 1e4 turns": Hard(
         "The crank is driven for 3142 s.", "The same.",
