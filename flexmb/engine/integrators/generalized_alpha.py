@@ -176,11 +176,11 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
             memory["contraction"] = memory["contraction"] if memory["contraction"] < 1.0 else 0.0
         elif last > 0.0:
             slowest = max(slowest, size / last)  # where the next one happens to be small too
-            memory["contraction"] = slowest
+            memory["contraction"] = slowest if settings.step == 0.0 else size / last
             small = wrong <= 1.0 or (share if relative else size) <= tolerance
             stuck = not small and give_up(memory, size / last)
         earlier, last = last, size
-        theta = min(memory["contraction"], 0.99)
+        theta = min(max(memory["contraction"], slowest), 0.99)
         # What an old factor leaves in a first correction is a bias that adds up over many steps,
         # below the last places of positions too; under error control in any.
         again = n == 0 and theta > alpha.settling and settings.step == 0.0
