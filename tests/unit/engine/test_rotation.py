@@ -98,3 +98,14 @@ def test_a_step_that_turns_a_body_by_more_than_its_speeds_tell(angle, rate, leap
         system=SimpleNamespace(parts=SimpleNamespace(bodies=bodies)),
     )
     assert turns_over(run, 1.0) == leaps
+
+
+def test_a_driver_may_leap_within_a_fixed_step():
+    """Two radians in a ten-millionth of a second, which no step of a hundredth resolves."""
+    made = Model("leap")
+    made.add_body("b", mass=1, inertia=[1, 1, 1], center=[0.3, 0, 0])
+    made.add_joint("j", "revolute", between=["ground", "b"], axis="z")
+    made.add_driver("w", joint="j", angle="2*step(t, 0.505, 0, 0.5050001, 1)")
+    made.add_sensor("a", "angle", joint="j")
+    found = run(made, duration=1.0, outputs=10, step=0.01, method="radau")
+    np.testing.assert_allclose(found["a"], 2.0 * (found.t > 0.505), rtol=0, atol=1e-12)
