@@ -16,7 +16,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -215,7 +215,10 @@ class ChunkRows:
         """The rows of the last chunk."""
         self.unread = False
         n = int(self.output.rows[0])
-        rows = OutputBlock(*(np.array(table[:n]) for table in self.output[:-1]))
+        rows = OutputBlock(
+            *(np.array(table[:n]) for table in self.output[: len(fields(OutputBlock))])
+        )
+        self.balance.widen(self.output.extent)
         if n:
             self.balance.add(rows.energy)
             speed = np.abs(rows.v[:, self._speeds]).max(initial=0.0)
@@ -255,8 +258,12 @@ class EnergyBalance:
         # in a scene at rest nothing but round-off of the stored energy moves
         at_rest = max(_REST_SHARE * float(np.abs(energy).max()), self._round_off)
         self._rest[1:] = np.fmax(self._rest[1:], (off, at_rest))
-        np.fmin(self._least, energy.min(axis=0), out=self._least)
-        np.fmax(self._most, energy.max(axis=0), out=self._most)
+        self.widen(np.array([energy.min(axis=0), energy.max(axis=0)]))
+
+    def widen(self, extent: np.ndarray) -> None:
+        """Take least and greatest energies (2 or more, 7) of steps between rows too; NaN: none."""
+        np.fmin(self._least, extent[0], out=self._least)
+        np.fmax(self._most, extent[1], out=self._most)
 
     @property
     def relative(self) -> float:

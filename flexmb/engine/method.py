@@ -99,11 +99,15 @@ INTEGRATOR_MEMORY = np.dtype([
     ("largest_step", "f8"),
     ("max_displacement", "f8"),  # so far, weighted
     ("max_velocity", "f8"),  # of the motion itself, without what counts as rest
+    ("recent_speed", "f8"),  # its largest one, which fades from step to step
+    ("usual_speed", "f8"),  # that a rough run before this one tells
+    ("travel", "f8"),  # sum of speed and step
     ("angular_velocity", "f8"),  # largest one now, rad/s
     ("error_sum", "f8"),  # of the local errors over the motion
     ("error_ratio", "f8"),  # error of the last step over what is allowed
     ("velocity_error", "f8"),  # of the last step, over h³
     ("steps_at_this_size", "f8"),
+    ("steps_since_output", "f8"),
     ("steps_until_growth", "f8"),  # after a rejection
     ("rejected_step", "f8"),  # the last one, s; 0 behind its end
     ("rejected_ratio", "f8"),  # its error over what is allowed

@@ -394,6 +394,7 @@ class Output(NamedTuple):
     energy: Matrix  # (rows, 7): kinetic, strain, gravity, spring, and three works
     drift: Matrix  # (rows, 2): largest |C|, and |Cq v + C_t| before v was projected
     rows: Integers  # (1,) rows written so far
+    extent: Matrix  # (3, 7) energies at steps between them: least, greatest, last; NaN: none
 
 
 class Plan(NamedTuple):

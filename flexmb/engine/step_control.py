@@ -49,6 +49,10 @@ _CALM, _CALM_GROWTH = 1e-6, 1.2
 _PATIENCE = 4.0
 # Steps after a rejection before the step grows again: until estimates have stopped to ring.
 _REST = 10.0
+# Share of the speed so far that still counts after a step, where only work is integrated.
+_FADE = 0.8
+# Times the longest way, from which a step that went as far is repeated shorter.
+_FURTHER = 2.0
 # What is left of a step of the plan and not worth a step of its own.
 _NEARLY = 0.1
 # Motion of a body counts as this share at least of the largest one, by low order and by all.
@@ -90,7 +94,7 @@ def is_output_due(settings, times, st, t, n):
 
 
 @kernel
-def propose_step(method, settings, plan, time_events, st, times, room):
+def propose_step(method, settings, plan, time_events, st, times, room, weights):
     """The step to try; `room` is how many more of the outputs at `times` there is space for."""
     h = st.memory[0]["next_step"]
     if settings.step > 0.0:
@@ -101,20 +105,37 @@ def propose_step(method, settings, plan, time_events, st, times, room):
     h = min(h, _LONGEST_SHARE * (settings.end - settings.start))
     if st.memory[0]["angular_velocity"] > 0.0:
         h = min(h, settings.turn / st.memory[0]["angular_velocity"])
-    works_alone = method.stages == 0 or settings.follow == 1
-    if settings.determined == 1 and works_alone and st.memory[0]["max_velocity"] > 0.0:
-        # Nothing is integrated but the work of the drivers, from powers of the method's order.
-        h = min(
-            h,
-            (12.0 * settings.accuracy) ** (1.0 / min(method.order, 4))
-            / st.memory[0]["max_velocity"],
-        )
+    most = _longest_way(method, settings)
+    if most > 0.0 and st.memory[0]["recent_speed"] > 0.0:
+        h = min(h, most / max(st.memory[0]["recent_speed"], st.memory[0]["usual_speed"]))
+        change = weighted_size(st.vd, weights)
+        h = min(h, math.sqrt(2.0 * most / change)) if change > 0.0 else h
     left = next_end(time_events, st.t[0], settings.end) - st.t[0]
     if settings.refinement > 0.0:
         return min(h, left, _planned(settings, plan, st.t[0]) - st.t[0])
     if h >= left * (1.0 - 1e-9):
         return left
     return 0.5 * left if h > 0.5 * left else h
+
+
+@kernel
+def _longest_way(method, settings):
+    """How far a step may move the model, weighted, where only works are integrated; 0: any way.
+
+    Powers of the method's order give the work of the drivers.
+    """
+    if settings.determined == 0 or (method.stages > 0 and settings.follow == 0):
+        return 0.0
+    return (12.0 * settings.accuracy) ** (1.0 / min(method.order, 4))
+
+
+@kernel
+def goes_too_far(method, settings, speed, h):
+    """Whether a controlled step went further than works allow, as a driver leaps within it."""
+    most, span = _longest_way(method, settings), settings.end - settings.start
+    if most == 0.0 or settings.refinement > 0.0:
+        return False
+    return h > _KINK_SHARE * span and speed * h > _FURTHER * most
 
 
 @kernel
@@ -330,7 +351,9 @@ def follow_motion(run: Run) -> int:
     memory["max_displacement"] = max(motion, settings.least_motion)
     span = settings.end - settings.start
     speed = max(speed, memory["max_displacement"] / span)
-    memory["max_velocity"] = max(memory["max_velocity"], weighted_size(v, w))
+    now = weighted_size(v, w)
+    memory["max_velocity"] = max(memory["max_velocity"], now)
+    memory["recent_speed"] = max(_FADE * memory["recent_speed"], now)
     share = _LEAST_SHARE if run.method.order < _HIGH_ORDER else _NOTHING_SHARE
     for i in range(v.shape[0]):
         st.motion[i] = max(st.motion[i], share * memory["max_displacement"])

@@ -72,6 +72,9 @@ from flexmb.engine.state import Run
 # has served so many steps.
 _RENEW_AFTER = 5.0
 
+# Energies are looked at after so many steps without an output, and so many more.
+_LOOK_EVERY = 5.0
+
 # Two steps before over this one, for the cubic of the powers.
 _LONG_ENOUGH = 0.3
 
@@ -89,7 +92,8 @@ def accept_step(run: Run, h: float) -> int:
         copy(st.power, before.power)
         copy(st.history, before.history)
     angles = len(run.stages.angles.units) > 0
-    if settings.works == 1 or angles:
+    looks = _looks_at_energies(st.memory[0])
+    if settings.works == 1 or angles or looks:
         pose_stage(run, at)
         velocity_stage(run, at)
     if settings.works == 1:
@@ -105,6 +109,8 @@ def accept_step(run: Run, h: float) -> int:
             st.power_before[1, k] = st.power_before[0, k]
             st.power_before[0, k] = st.power[k]
             st.power[k] = run.work.powers[k]
+    if looks:
+        _widen_extent(run, at)
     remember(run, at, st.history)
     if angles:
         count_turns(run, at, st.angles)
@@ -122,8 +128,28 @@ def accept_step(run: Run, h: float) -> int:
     st.count[0]["steps"] += 1
     if controlled:
         step_control.follow_motion(run)
+        st.memory[0]["travel"] += h * weighted_size(st.v, run.system.weights)
         step_control.write_plan(settings, run.plan, st)
     return FINE
+
+
+@kernel
+def _looks_at_energies(memory):
+    """Whether energies are looked at after this step, as the rows are too rare to tell them."""
+    memory["steps_since_output"] += 1.0
+    return memory["steps_since_output"] % _LOOK_EVERY == 0.0
+
+
+@kernel
+def _widen_extent(run, at):
+    """Let the extent of the energies contain those of the trial state."""
+    extent = run.output.extent
+    now = extent[2]
+    put_energies(run, at, run.state.work_done, now)
+    for k in range(now.shape[0]):
+        low, high = extent[0, k], extent[1, k]
+        extent[0, k] = now[k] if math.isnan(low) else min(low, now[k])
+        extent[1, k] = now[k] if math.isnan(high) else max(high, now[k])
 
 
 @kernel
@@ -165,14 +191,15 @@ def advance(run: Run, room: int) -> int:
             return status
     while True:
         h = step_control.propose_step(
-            run.method, settings, run.plan, time_events, st, run.times, room
+            run.method, settings, run.plan, time_events, st, run.times, room, run.system.weights
         )
         status = call_step(units[0], run, coefficients[0], h)
         if status == FINE:
             status = walk(run.stages.limits, run, run.trial_point)
-        # a driver may leap within a fixed step
-        if status == FINE and settings.step == 0.0 and turns_over(run, h):
-            status = NO_CONVERGENCE
+        if status == FINE and settings.step == 0.0:  # a driver may leap within a fixed step
+            speed = weighted_size(run.work.trial.v, run.system.weights)
+            if turns_over(run, h) or step_control.goes_too_far(run.method, settings, speed, h):
+                status = NO_CONVERGENCE
         verdict = step_control.judge_step(run.method, settings, st, error, status, h)
         if verdict == FINE:
             if missed_event(run, h) == 1:
@@ -241,6 +268,7 @@ def write_output(run: Run) -> int:
     put_energies(run, at, tr.work_done, run.output.energy[run.output.rows[0]])
     copy(st.history, run.work.now.history)
     status = end_row(run, at, tr)
+    st.memory[0]["steps_since_output"] = 0.0
     copy(st.angles, run.work.feedback.near)
     return status
 
@@ -290,6 +318,7 @@ def integrate_steps(run: Run, aside: Run, n_steps: int) -> int:
     """
     settings, st, out = run.settings, run.state, run.output
     out.rows[0] = 0
+    out.extent[:] = math.nan
     done = 0
     status = FINE
     st.memory[0]["factor_age"] = -1.0

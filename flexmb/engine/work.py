@@ -301,7 +301,8 @@ def new_output(system: System, rows: int, channels: int) -> Output:
     nq, nv, nc = sizes(system)
     widths = (nq, nv, nv, nc, 12 * len(system.groups), channels, 7, 2)
     tables = (np.empty((rows, w)) for w in widths)
-    return Output(np.empty(rows), *tables, np.zeros(1, dtype=np.int64))
+    count, extent = np.zeros(1, dtype=np.int64), np.full((3, 7), np.nan)
+    return Output(np.empty(rows), *tables, count, extent)
 
 
 def new_plan(steps: int) -> Plan:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from femeshes import line
 from scipy.integrate import simpson
+from scipy.special import ellipk
 from truthkit import order, run
 
 from flexmb.fe import rectangle, reduce
@@ -179,3 +180,21 @@ def test_works_are_those_of_reported_reactions_and_speeds(accuracy):
         half = len(t) // 2 + 1
         wanted = simpson(rate[:half], x=t[:half])
         assert found[half - 1] - found[0] == pytest.approx(wanted, abs=3e-5 * np.abs(np.ptp(found)))
+
+
+@pytest.mark.parametrize(
+    ("method", "steps"), [("radau", 100), ("generalized-alpha", 100), ("auto", 0)]
+)
+def test_rows_at_the_turns_of_a_swing_are_compared_with_what_moves_between_them(method, steps):
+    """One row a period T = 4 K/ω of a pendulum, at its turn: at rest, at one height.
+
+    What is off was compared with itself: a mismatch of 99.99998 % was told.
+    """
+    made = Model("swing", gravity=[0, -9.81, 0])
+    made.add_body("b", mass=1.0, center=[0.5, 0, 0], inertia=[0.1] * 3)
+    made.add_joint("pin", "revolute", between=["ground", "b"], axis="z")
+    period = 4.0 * ellipk(0.5) / np.sqrt(9.81 * 0.5 / 0.35)
+    knobs = {"step": period / steps} if steps else {}
+    times = [k * period for k in range(6)]
+    result = run(made, duration=5 * period, outputs=times, method=method, **knobs)
+    assert result.statistics["energy_balance_error"] < 2e-5

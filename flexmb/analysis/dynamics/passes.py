@@ -69,6 +69,9 @@ _FEW, _GROWN = 50, 1e6  # unstable steps; rate times step, above which it is tha
 _MIN_STEPS, _STIFF_SHARE, _UNSTABLE_SHARE = 200, 0.35, 0.01
 # Of the rough run: local error over the motion; motion that counts, over the size of the model.
 _ROUGH, _MIN_MOTION = 1e-3, 1e-3
+# Times the mean speed of a driven motion that steps know before it is reached: what moves evenly
+# or by powers of the time; what leaps is known when it does.
+_USUAL = 10.0
 
 _MEASURED, _LACKING = 1e-3, 0.05  # of the range of reactions: vibrations to measure, and to note
 
@@ -224,12 +227,14 @@ def rough_run(prepared: PreparedDynamics, progress: Progress) -> None:
 
 def _set_motion(prepared: PreparedDynamics, like: State, moves: np.ndarray | bool = True) -> None:
     """Motion and speed of coordinates that move are those of another run at least."""
+    memory, done = like.memory, like.t[0] - prepared.settings.start
+    mean = memory["travel"][0] / done if done else 0.0
+    usual = max(memory["usual_speed"][0], min(_USUAL * mean, memory["max_velocity"][0]))
     runs = [prepared.run] if prepared.verified is None else [prepared.run, prepared.verified.scout]
     for state in (prepared.begin, *(run.state for run in runs)):
         np.maximum(state.motion, like.motion, out=state.motion, where=moves)
         np.maximum(state.speed, like.speed, out=state.speed, where=moves)
-        fastest = state.memory["max_velocity"]
-        np.maximum(fastest, like.memory["max_velocity"], out=fastest)
+        state.memory["usual_speed"] = max(state.memory["usual_speed"][0], usual)
 
 
 def measure_vibrations(prepared: PreparedDynamics) -> None:
