@@ -164,7 +164,8 @@ def test_an_angle_that_no_force_can_follow(angle, sentence):
 @pytest.mark.parametrize("angle", ["t**3", "sqrt(1 + t)", "1/(3 - t)", "abs(2 - t)",
                                    "step(t, 0.5, 0, 0.501, 1)", "max(1, 2 + t)",
                                    "abs(sin(1000*t))", "1e8 + abs(t - 1)", "sqrt(1e-6 + (t-1)**2)",
-                                   "1e-6*max(t, 1)"])  # fmt: skip
+                                   "1e-6*max(t, 1)", "0.1*exp(-((t - 0.7123)/1e-3)**2)",
+                                   "0.1*t + 1/(1 + ((t - 0.7123)/1e-4)**2)"])  # fmt: skip
 def test_an_angle_that_is_well(angle):
     assert not problems("xy", {"joint": "shoulder", "angle": angle})
 

@@ -414,17 +414,19 @@ def _first_jump(
     suspects[np.argsort(np.where(corners, 0.0, errors))[::-1][:_SUSPECTS]] = True
     for k in np.flatnonzero((corners | suspects) & (errors > _JUMP * scale)):
         low, high, a, b = times[k], times[k + 1], jets[k], jets[k + 1]
+        largest = scale  # of what is seen: a short pulse may lie between the places at first
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
             if not low < middle < high:
                 break
             jet = np.array(evaluate(ops, middle))
+            largest = np.fmax(largest, np.abs(jet[order]))
             if _misfit(low, a, middle, jet, order) >= _misfit(middle, jet, high, b, order):
                 high, b = middle, jet
             else:
                 low, a = middle, jet
         size = abs(b[order] - a[order])
-        if size > _JUMP * scale and high > _SAME * times[-1]:  # nothing was before the start
+        if size > _JUMP * largest and high > _SAME * times[-1]:  # nothing was before the start
             return Discontinuity(("value", "rate")[order], float(high), float(size))
     return None
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexmb.model.functions.expression import brief_changes
+from flexmb.model.functions.derivatives import first_discontinuities
+from flexmb.model.functions.expression import brief_changes, parse
 from flexmb.model.functions.function import read_function
 
 TABLE = [[0, 0], [1, 1], [2, 2], [3, 0]]  # straight on at 1
@@ -70,3 +71,17 @@ def test_brief_changes_are_seen(given, wanted):
     if wanted:
         low, high = wanted
         assert low < min(times) < sum(wanted) / 2 < max(times) < high
+
+
+@pytest.mark.parametrize("width", np.logspace(-5, 0, 11).tolist())
+@pytest.mark.parametrize(
+    "pulse", ["0.1*exp(-({s})**2)", "tanh({s})", "atan({s})", "0.3*t + 1/(1 + ({s})**2)"]
+)
+def test_short_pulses_do_not_jump(pulse, width):
+    """What is halved meets their slopes, beside which all that was seen before is nothing."""
+    for place in (5.0123, 10 / 3, 9.7):
+        smooth = pulse.format(s=f"(t - {place})/{width!r}")
+        assert not first_discontinuities(parse(smooth).ops, 10.0, 2)
+        broken = f"{smooth} + 1e-3*sign(t - 2.345)"
+        (jump, *_) = first_discontinuities(parse(broken).ops, 10.0, 2)
+        assert (jump.kind, jump.time) == ("value", pytest.approx(2.345))
