@@ -118,6 +118,8 @@ def stop_power(row, s, v):
 
 
 _Z = 2
+# Of a stop: both bounds, the depth at which it is fully damped, and where it would begin to pull.
+_EVENTS = 4
 
 
 # One such force now.
@@ -146,7 +148,7 @@ class ForceCharacteristics(NamedTuple):
     rows: array_of(FORCE_CHARACTERISTIC)
     programs: FunctionTable  # of springs and dampers, their variable in place of time
     stops: Integers  # rows that are stops
-    first_event: int  # place of the first stop among the events, two for each
+    first_event: int  # place of the first stop among the events, `_EVENTS` for each
     scratch: Scratch = None  # of one run
 
 
@@ -186,7 +188,7 @@ def lower_force_characteristics(lowering: Lowering, forces: Forces) -> ForceChar
             table[field][k] = value
     programs, stops = lower(expressions), np.flatnonzero(table["stop"])
     lowering.program_depth = max(lowering.program_depth, programs.depth)
-    return ForceCharacteristics(table, programs, stops, lowering.add_events(2 * len(stops)))
+    return ForceCharacteristics(table, programs, stops, lowering.add_events(_EVENTS * len(stops)))
 
 
 def _stop_row(lowering: Lowering, name: str, spec: Any) -> dict[str, float]:
@@ -316,13 +318,22 @@ def add_powers(run: Run, forces: ForceCharacteristics, at: Point) -> int:
 
 @unit
 def put_events(run: Run, forces: ForceCharacteristics, at: Point) -> int:
-    """Penetration of both bounds of all stops, with its rate."""
+    """Penetration of both bounds of all stops, that over full damping, and force, with rates."""
     stops, out, now = forces.stops, run.work.events.now, forces.scratch.now[0]
     for k in range(stops.shape[0]):
         _put_measure(run, forces, at, stops[k])
-        row, o = forces.rows[stops[k]], forces.first_event + 2 * k
+        row, o = forces.rows[stops[k]], forces.first_event + _EVENTS * k
         out[o]["value"], out[o]["rate"] = now["s"] - row["upper"], now["rate"]
         out[o + 1]["value"], out[o + 1]["rate"] = row["lower"] - now["s"], -now["rate"]
+        p, side = penetration(row, now["s"])
+        speed = side * now["rate"]
+        out[o + 2]["value"], out[o + 2]["rate"] = p - row["depth"], speed
+        force = row["k"] * abs(p) ** row["exponent"]
+        if row["c"] == 0.0:
+            out[o + 2]["value"], force = -1.0, 1.0
+        elif p > 0.0:
+            force += row["c"] * _step(row, p)[0] * speed
+        out[o + 3]["value"], out[o + 3]["rate"] = force, math.nan
     return FINE
 
 
