@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import integrate, solve_stage
 from flexmb.engine.initial_conditions import ACCELERATIONS, BEGIN, VELOCITIES
 from flexmb.engine.work import new_output, new_run, new_work
+from flexmb.results.writer import OutputBlock
 
 _REFERENCES = Path(__file__).parent / "references"
 
@@ -140,7 +141,7 @@ def steps(model, chosen, h, count, every, start=None, **settings):
     out = new_output(made.system, rows, len(made.layout.channels))
     status = integrate(new_run(made.system, state, work, chosen, knobs, output=out), count)
     assert status == method.FINE, status
-    tables = [np.array(table[1 : int(out.rows[0])]) for table in out[:-1]]
+    tables = [np.array(table[1 : int(out.rows[0])]) for table in out[: len(fields(OutputBlock))]]
     return Run(made.layout, *tables, {}), state, work
 
 

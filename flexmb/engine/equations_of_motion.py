@@ -6,6 +6,8 @@ The equations are M v̇ − Q + Cqᵀ λ = 0 and C = 0; `engine.iteration_matrix
 
 from __future__ import annotations
 
+import math
+
 from flexmb.engine.algebra.vector import copy, zero
 from flexmb.engine.jit import call_stage, call_value, kernel, unit
 from flexmb.engine.method import FINE
@@ -147,6 +149,18 @@ def put_energies(run, at, work_done, out):
         out[4 + k] = work_done[k]
     out[3] += total[4]
     out[5] += total[4]
+
+
+@kernel
+def widen_extent(run, at):
+    """Let the extent of the energies contain those of the trial state."""
+    extent = run.output.extent
+    now = extent[2]
+    put_energies(run, at, run.state.work_done, now)
+    for k in range(now.shape[0]):
+        low, high = extent[0, k], extent[1, k]
+        extent[0, k] = now[k] if math.isnan(low) else min(low, now[k])
+        extent[1, k] = now[k] if math.isnan(high) else max(high, now[k])
 
 
 @kernel

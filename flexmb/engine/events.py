@@ -2,13 +2,14 @@
 
 State events: what is watched is told by the kinds (stage `events`): each contact by its depth and
 the rate of this, one with friction by what makes it slide or stick; so is friction in each joint,
-and each bound of a stop by its penetration. What may peak above zero and return within a step shows
-in its values and rates at both ends of the step: by their tangents, and by the cubic through them.
-With error control a step in which one of them crosses zero, and not just at its end, is repeated
-shorter, so that it ends a little before the crossing, and then one of a small length a little
-beyond it (regula falsi; each shorter step is closer, and tries are bounded): no estimate sees what
-a kink in the last stages adds. After it begins one of a small length, as forces may grow fast from
-there.
+and each bound of a stop by its penetration, as are the places at which a function of what moves
+changes its law (corners of a table, equal arguments of max). What may peak above zero and return
+within a step shows in its values and rates at both ends of the step: by their tangents, and by the
+cubic through them. With error control a step in which one of them crosses zero, and not just at its
+end, is repeated shorter, so that it ends a little before the crossing, and then one of a small
+length a little beyond it (regula falsi; each shorter step is closer, and tries are bounded): no
+estimate sees what a kink in the last stages adds. After it begins one of a small length, as forces
+may grow fast from there.
 With fixed steps nothing is shortened. Source: Shampine & Thompson, Event location for ordinary
 differential equations, Comput. Math. Appl. 39 (2000) 43.
 
@@ -51,7 +52,8 @@ _MAX_TRIES = 10
 _MIN_STEP_FRACTION = 1e-7
 # One event in so many steps may shorten steps, so that what flutters about zero, such as friction
 # without load, does not stop the run; after as many steps without, this many may follow each other
-# closely, as stick after slip and slip the other way.
+# closely, as stick after slip and slip the other way. Laws of functions are counted by themselves,
+# so that a controller that switches all the time hides no contact.
 _STEPS_AFTER_EVENT, _CLOSE_EVENTS = 5.0, 3.0
 # First step after an event, over the one before it was shortened: estimates begin again.
 _RESTART_FRACTION = 0.1
@@ -123,14 +125,16 @@ def _peak(events, k, h):
 
 
 @kernel
-def _first_crossing(events, h):
+def _first_crossing(events, h, elements, laws):
     """Share of the step at which the first of all crosses zero; 1: none does.
 
-    With h = 0 only what has crossed in the end counts.
+    With h = 0 only what has crossed in the end counts; of elements, or of laws of functions, only
+    if asked for.
     """
     share = 1.0
     for k in range(events.now.shape[0]):
-        share = min(share, _crossing(events, k), _peak(events, k, h))
+        if laws if events.now[k]["of_law"] == 1.0 else elements:
+            share = min(share, _crossing(events, k), _peak(events, k, h))
     return share
 
 
@@ -142,8 +146,9 @@ def missed_event(run: Run, h: float) -> int:
         return 0
     _stages(run, run.trial_point)
     walk(run.stages.events, run, run.trial_point)
-    share = _first_crossing(events, h)
-    tried = memory["event_trials"] >= _MAX_TRIES or memory["steps_until_event_search"] > 0.0
+    elements = memory["steps_until_event_search"] <= 0.0
+    share = _first_crossing(events, h, elements, memory["steps_until_law_search"] <= 0.0)
+    tried = memory["event_trials"] >= _MAX_TRIES
     longest = max(memory["step_before_event"], h) if memory["event_trials"] > 0.0 else h
     aim = _BEFORE if share * h > 2.0 * (1.0 - _BEFORE) * longest else _OVERSHOOT
     if (1.0 - share) * h <= _NEAR_EVENT * longest or tried:
@@ -160,23 +165,35 @@ def missed_event(run: Run, h: float) -> int:
     return 1
 
 
+@kernel
+def _count_search(memory):
+    """Count a step since the last events; whether those of elements, and of laws, are located."""
+    least = (1.0 - _CLOSE_EVENTS) * _STEPS_AFTER_EVENT
+    memory["steps_until_event_search"] = max(memory["steps_until_event_search"] - 1.0, least)
+    memory["steps_until_law_search"] = max(memory["steps_until_law_search"] - 1.0, least)
+    return memory["steps_until_event_search"] <= 0.0, memory["steps_until_law_search"] <= 0.0
+
+
 @unit
 def accept_events(run: Run, h: float) -> int:
     """After an accepted step: count its events, and begin with a small step after one."""
     settings, memory = run.settings, run.state.memory[0]
     if len(run.stages.events.units) == 0 or settings.step > 0.0:
         return FINE
-    least = (1.0 - _CLOSE_EVENTS) * _STEPS_AFTER_EVENT
-    memory["steps_until_event_search"] = max(memory["steps_until_event_search"] - 1.0, least)
-    if _first_crossing(run.work.events, 0.0) < 1.0:
+    elements, laws = _count_search(memory)
+    events = run.work.events
+    if _first_crossing(events, 0.0, True, True) < 1.0:
         longest = memory["step_before_event"] if memory["event_trials"] > 0.0 else h
         longest = max(
             _RESTART_FRACTION * longest, _MIN_STEP_FRACTION * (settings.end - settings.start)
         )
-        if memory["steps_until_event_search"] <= 0.0:
+        if _first_crossing(events, 0.0, elements, laws) < 1.0:
             run.state.count[0]["events"] += 1
             memory["next_step"] = min(memory["next_step"], longest)
-            memory["steps_until_event_search"] += _STEPS_AFTER_EVENT
+            if _first_crossing(events, 0.0, elements, False) < 1.0:
+                memory["steps_until_event_search"] += _STEPS_AFTER_EVENT
+            else:
+                memory["steps_until_law_search"] += _STEPS_AFTER_EVENT
         memory["event_trials"] = 0.0
     elif memory["event_trials"] > 0.0:  # the event is still to come, or it has gone away
         memory["next_step"] = min(memory["next_step"], h)

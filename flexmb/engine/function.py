@@ -11,15 +11,16 @@ Source: Griewank and Walther, Evaluating Derivatives, 2nd ed. (2008), chapter 13
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from flexmb.engine.jit import Matrix, kernel, unit
+from flexmb.engine.jit import Matrix, array_of, kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
-from flexmb.engine.state import Point, Run
+from flexmb.engine.state import EVENT_FUNCTION, Point, Run
 from flexmb.engine.tables import FunctionTable
 
 if TYPE_CHECKING:
@@ -46,12 +47,19 @@ OPCODES = {
 """Names of the operations (those of ``flexmb.model.functions.expression``) to their codes here."""
 
 
+# Places at which an operation changes its law: zero, equal arguments, both ends, any knot.
+_PLACES = {ABS: 1, SIGN: 1, MIN: 1, MAX: 1, PIECEWISE: 1, **dict.fromkeys(
+    (CUBICSTEP, QUINTICSTEP, HAVERSINESTEP, CYCLOIDALSTEP, MODIFIEDSINESTEP), 2
+)}  # fmt: skip
+# A curve of more corners than this is looked at as one without.
+_MAX_CORNERS = 50
 _CHANNEL = "@"  # before the name of a channel that an operation loads
 
 
 def lower(
-    expressions: Sequence[Expression], variables: Mapping[str, int] | None = None
-) -> FunctionTable:
+    expressions: Sequence[Expression], variables: Mapping[str, int] | None = None,
+    moves: bool = False,
+) -> FunctionTable:  # fmt: skip
     """Table of the programs of all expressions, in their order.
 
     Parameters
@@ -60,12 +68,14 @@ def lower(
         One for each function of the system.
     variables : mapping of str to int, optional
         Number of each channel that they name.
+    moves : bool
+        Whether what stands in place of time depends on the motion.
 
     Returns
     -------
     FunctionTable
         ops (n,) int32, args (n,) float64, start (k + 1,) int32, depth of the stack, data (m,),
-        live (k,) int32.
+        live (k,) int32, switches (n,) int32.
     """
     ops = [_code(op) for expression in expressions for op, _ in expression.ops]
     args, data = _arguments(expressions, variables or {})
@@ -79,7 +89,37 @@ def lower(
         depth,
         data,
         np.array([bool(expression.channels) for expression in expressions], dtype=np.int32),
+        np.array([n for one in expressions for n in _switches(one, moves)], dtype=np.int32),
     )
+
+
+def _has_corners(curve: Any) -> bool:
+    """Whether all knots but the ends are corners; so many that steps meet each of them."""
+    corners, knots = len(curve.jumps()), len(curve.knots)
+    return 0 < corners <= _MAX_CORNERS and corners >= knots - 2
+
+
+def count_switches(expression: Expression, moves: bool = False) -> int:
+    """At how many places a program changes its law with the motion."""
+    return sum(_switches(expression, moves))
+
+
+def _switches(expression: Expression, moves: bool) -> list[int]:
+    """Of every operation at how many places its law changes, if its arguments move."""
+    counts, stack = [], list[bool]()
+    for op, argument in expression.ops:
+        code, places = _code(op), 0
+        if code <= TIME or code == VAR:
+            stack.append(code == VAR or (moves and code == TIME))
+        else:
+            moving = stack.pop()
+            if ADD <= code <= HYPOT:
+                moving |= stack.pop()
+            stack.append(moving)
+            if moving and (code != PIECEWISE or _has_corners(argument)):
+                places = _PLACES.get(code, 0)
+        counts.append(places)
+    return counts
 
 
 def _arguments(
@@ -302,35 +342,87 @@ def run_program(table: FunctionTable, k: int, t: float, variables: Matrix, stack
     begin, end = table.start[k], table.start[k + 1]
     top = -1
     for i in range(begin, end):
-        op = table.ops[i]
-        if op <= TIME:
-            top += 1
-            stack[top, 0] = t if op == TIME else table.args[i]
-            stack[top, 1] = 1.0 if op == TIME else 0.0
-            stack[top, 2] = 0.0
-        elif op == VAR:
-            top += 1
-            x = variables[int(table.args[i])]
-            stack[top, 0], stack[top, 1], stack[top, 2] = x[0], x[1], x[2]
-        elif op == NEG:
-            stack[top, 0], stack[top, 1], stack[top, 2] = (
-                -stack[top, 0],
-                -stack[top, 1],
-                -stack[top, 2],
-            )
-        elif op == POWC:
-            g, g1, g2 = _power(table.args[i], stack[top, 0])
-            _chain(g, g1, g2, stack[top])
-        elif op == PIECEWISE:
-            g, g1, g2 = _piecewise(table.data, int(table.args[i]), stack[top, 0])
-            _chain(g, g1, g2, stack[top])
-        elif op >= _UNARY:
-            g, g1, g2 = _unary(op, stack[top, 0])
-            _chain(g, g1, g2, stack[top])
-        else:
-            top -= 1
-            _binary(op, stack[top], stack[top + 1])
+        top = _operate(table, i, t, variables, stack, top)
     return stack[0, 0]
+
+
+@kernel
+def _operate(table, i, t, variables, stack, top):
+    """Do operation i on the top of the stack; returns the new top."""
+    op = table.ops[i]
+    if op <= TIME:
+        top += 1
+        stack[top, 0] = t if op == TIME else table.args[i]
+        stack[top, 1] = 1.0 if op == TIME else 0.0
+        stack[top, 2] = 0.0
+    elif op == VAR:
+        top += 1
+        x = variables[int(table.args[i])]
+        stack[top, 0], stack[top, 1], stack[top, 2] = x[0], x[1], x[2]
+    elif op == NEG:
+        stack[top, 0], stack[top, 1], stack[top, 2] = (
+            -stack[top, 0],
+            -stack[top, 1],
+            -stack[top, 2],
+        )
+    elif op == POWC:
+        g, g1, g2 = _power(table.args[i], stack[top, 0])
+        _chain(g, g1, g2, stack[top])
+    elif op == PIECEWISE:
+        g, g1, g2 = _piecewise(table.data, int(table.args[i]), stack[top, 0])
+        _chain(g, g1, g2, stack[top])
+    elif op >= _UNARY:
+        g, g1, g2 = _unary(op, stack[top, 0])
+        _chain(g, g1, g2, stack[top])
+    else:
+        top -= 1
+        _binary(op, stack[top], stack[top + 1])
+    return top
+
+
+@unit
+def put_switches(
+    table: FunctionTable, k: int, t: float, variables: Matrix, stack: Matrix,
+    events: array_of(EVENT_FUNCTION), n: int,
+) -> int:  # fmt: skip
+    """How far program k is from where operations change their laws, into events from n on.
+
+    Returns the number behind the last one.
+    """
+    top = -1
+    for i in range(table.start[k], table.start[k + 1]):
+        op, places = table.ops[i], table.switches[i]
+        if places > 0:
+            a = stack[top, 0]
+            if op in (MIN, MAX):
+                a = stack[top - 1, 0] - a
+            elif op == PIECEWISE:
+                a = _from_knot(table.data, int(table.args[i]), a)
+            events[n]["value"] = a
+            if places == 2:
+                events[n + 1]["value"] = a - 1.0
+            for m in range(n, n + places):
+                events[m]["rate"], events[m]["of_law"] = math.nan, 1.0
+            n += places
+        top = _operate(table, i, t, variables, stack, top)
+    return n
+
+
+@kernel
+def _from_knot(data, at, x):
+    """Distance of x from the nearest knot of a piecewise polynomial, its sign that of every second
+    interval."""
+    n, period = int(data[at]), data[at + 2]
+    first = at + 3
+    if period > 0.0:
+        x -= np.floor((x - data[first]) / period) * period
+    row = 0
+    while row < n and data[first + row] <= x:
+        row += 1
+    before = x - data[first + row - 1] if row > 0 else math.inf
+    behind = data[first + row] - x if row < n else math.inf
+    away = min(before, behind)
+    return away if row % 2 == 0 else -away
 
 
 class TimeFunctions(NamedTuple):

@@ -117,6 +117,7 @@ INTEGRATOR_MEMORY = np.dtype([
     ("step_before_event", "f8"),  # before it was shortened to end at one, s
     ("event_trials", "f8"),  # how often it was shortened
     ("steps_until_event_search", "f8"),  # after an event
+    ("steps_until_law_search", "f8"),  # after a change of the law of a function
     ("steps_at_stability_limit", "f8"),  # of an explicit method
     ("stable_step", "f8"),  # that it may take next, s
     ("fastest_rate", "f8"),  # of the motion at the first one, 1/s

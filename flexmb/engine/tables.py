@@ -246,6 +246,7 @@ class FunctionTable(NamedTuple):
     depth: int  # rows of stack that the deepest program needs
     data: Vector  # (m,) piecewise polynomials, one after the other
     live: array_of("i4")  # (k,) 1: it has variables, and is evaluated where they are known
+    switches: array_of("i4")  # (n,) places at which the law of an operation changes with the motion
 
 
 class System(NamedTuple):

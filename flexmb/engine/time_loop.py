@@ -37,6 +37,7 @@ from flexmb.engine.equations_of_motion import (
     remember,
     velocity_stage,
     walk,
+    widen_extent,
 )
 from flexmb.engine.events import accept_events, begin_events, cross_time_event, missed_event
 from flexmb.engine.initial_conditions import correct_positions
@@ -92,7 +93,8 @@ def accept_step(run: Run, h: float) -> int:
         copy(st.power, before.power)
         copy(st.history, before.history)
     angles = len(run.stages.angles.units) > 0
-    looks = _looks_at_energies(st.memory[0])
+    st.memory[0]["steps_since_output"] += 1.0
+    looks = st.memory[0]["steps_since_output"] % _LOOK_EVERY == 0.0
     if settings.works == 1 or angles or looks:
         pose_stage(run, at)
         velocity_stage(run, at)
@@ -110,7 +112,7 @@ def accept_step(run: Run, h: float) -> int:
             st.power_before[0, k] = st.power[k]
             st.power[k] = run.work.powers[k]
     if looks:
-        _widen_extent(run, at)
+        widen_extent(run, at)
     remember(run, at, st.history)
     if angles:
         count_turns(run, at, st.angles)
@@ -131,25 +133,6 @@ def accept_step(run: Run, h: float) -> int:
         st.memory[0]["travel"] += h * weighted_size(st.v, run.system.weights)
         step_control.write_plan(settings, run.plan, st)
     return FINE
-
-
-@kernel
-def _looks_at_energies(memory):
-    """Whether energies are looked at after this step, as the rows are too rare to tell them."""
-    memory["steps_since_output"] += 1.0
-    return memory["steps_since_output"] % _LOOK_EVERY == 0.0
-
-
-@kernel
-def _widen_extent(run, at):
-    """Let the extent of the energies contain those of the trial state."""
-    extent = run.output.extent
-    now = extent[2]
-    put_energies(run, at, run.state.work_done, now)
-    for k in range(now.shape[0]):
-        low, high = extent[0, k], extent[1, k]
-        extent[0, k] = now[k] if math.isnan(low) else min(low, now[k])
-        extent[1, k] = now[k] if math.isnan(high) else max(high, now[k])
 
 
 @kernel

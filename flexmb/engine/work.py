@@ -79,6 +79,8 @@ def stages_of(system: System, scratch: Mapping[str, Any]) -> Stages:
         return Stage(units, tuple(tables[kind.name] for kind in acting))
 
     stages = {name: stage(name) for name in Stages._fields}
+    if system.events == 0:
+        stages["events"] = Stage((), ())
     if any(kind.uses_velocity for kind in kinds):
         stages["force_velocity"] = stages["velocity"]
     return Stages(**stages)

@@ -5,9 +5,7 @@ coordinate. A characteristic resists its growth with R(s, ṡ), see `spring_damp
 g (12) of a measure between markers the wrench pair is −R g, as for a constraint row whose
 multiplier is R.
 
-Stops are bounds of s: at a penetration p > 0 of a bound a stop pushes back with
-max(0, k p^e + c step(p/d) ṗ), step the cubic from 0 to 1 over the depth d (IMPACT and BISTOP of
-MSC Adams); k p^e is stored.
+Stops are bounds of s, see `stop`.
 """
 
 from __future__ import annotations
@@ -31,7 +29,15 @@ from flexmb.engine.forces.spring_damper import (
     spring_energy,
     spring_resistance,
 )
-from flexmb.engine.function import FunctionTable, lower
+from flexmb.engine.forces.stop import (
+    STOP_EVENTS,
+    put_stop_events,
+    stop_energy,
+    stop_parameters,
+    stop_power,
+    stop_resistance,
+)
+from flexmb.engine.function import FunctionTable, lower, put_switches
 from flexmb.engine.jit import Integers, array_of, kernel, unit
 from flexmb.engine.joints.point_joint import (
     distance_gradient,
@@ -46,81 +52,10 @@ from flexmb.engine.state import DAMPER_POWER, LOAD_POWER, SPRING_ENERGY, Point, 
 
 if TYPE_CHECKING:
     from flexmb.engine.lowering import Forces, Lowering
-    from flexmb.model.forces.force_characteristic import AnyStop
     from flexmb.model.functions.expression import Expression
 
 
-def stop_parameters(spec: AnyStop, unit: float) -> dict[str, float]:
-    """Fields of a FORCE_CHARACTERISTIC row; `unit` of s in which the stiffness counts, SI."""
-    lower, upper = spec.bounds
-    return {
-        "stop": 1,
-        "exponent": spec.exponent,
-        "c": spec.damping,
-        "lower": lower,
-        "upper": upper,
-        "depth": math.inf if spec.depth is None else spec.depth,
-        "k": spec.stiffness * unit ** (1.0 - spec.exponent),
-    }
-
-
-@kernel
-def penetration(row, s):
-    """Penetration of a bound, negative clear of both, and the direction: 1 upper, −1 lower."""
-    if s - row["upper"] > row["lower"] - s:
-        return s - row["upper"], 1.0
-    return row["lower"] - s, -1.0
-
-
-@kernel
-def _step(row, p):
-    """Fraction of the damping at penetration p, and its slope."""
-    y = p / row["depth"]
-    if y >= 1.0:
-        return 1.0, 0.0
-    return y * y * (3.0 - 2.0 * y), 6.0 * y * (1.0 - y) / row["depth"]
-
-
-@kernel
-def stop_resistance(row, s, v):
-    """R, ∂R/∂s, ∂R/∂ṡ."""
-    p, side = penetration(row, s)
-    if p <= 0.0:
-        return 0.0, 0.0, 0.0
-    e = row["exponent"]
-    f, k, c = row["k"] * p**e, row["k"] * e * p ** (e - 1.0), 0.0
-    if row["c"] != 0.0:
-        share, slope = _step(row, p)
-        c = row["c"] * share
-        f += c * side * v
-        k += row["c"] * slope * side * v
-        if f <= 0.0:  # it does not pull
-            return 0.0, 0.0, 0.0
-    return side * f, k, c
-
-
-@kernel
-def stop_energy(row, s):
-    """Stored energy, J; zero clear of the stop."""
-    p, _ = penetration(row, s)
-    e = row["exponent"] + 1.0
-    return row["k"] * p**e / e if p > 0.0 else 0.0
-
-
-@kernel
-def stop_power(row, s, v):
-    """Power of the damping on the system, W."""
-    p, side = penetration(row, s)
-    if p <= 0.0 or row["c"] == 0.0:
-        return 0.0
-    f, _, _ = stop_resistance(row, s, v)
-    return -(side * f - row["k"] * p ** row["exponent"]) * side * v
-
-
 _Z = 2
-# Of a stop: both bounds, the depth at which it is fully damped, and where it would begin to pull.
-_EVENTS = 4
-
 
 # One such force now.
 CHARACTERISTIC_NOW = np.dtype(
@@ -148,7 +83,7 @@ class ForceCharacteristics(NamedTuple):
     rows: array_of(FORCE_CHARACTERISTIC)
     programs: FunctionTable  # of springs and dampers, their variable in place of time
     stops: Integers  # rows that are stops
-    first_event: int  # place of the first stop among the events, `_EVENTS` for each
+    first_event: int  # place of the first stop among the events, `STOP_EVENTS` for each, then laws
     scratch: Scratch = None  # of one run
 
 
@@ -186,9 +121,10 @@ def lower_force_characteristics(lowering: Lowering, forces: Forces) -> ForceChar
     for k, row in enumerate(rows):
         for field, value in row.items():
             table[field][k] = value
-    programs, stops = lower(expressions), np.flatnonzero(table["stop"])
+    programs, stops = lower(expressions, moves=True), np.flatnonzero(table["stop"])
     lowering.program_depth = max(lowering.program_depth, programs.depth)
-    return ForceCharacteristics(table, programs, stops, lowering.add_events(_EVENTS * len(stops)))
+    events = lowering.add_events(STOP_EVENTS * len(stops) + int(programs.switches.sum()))
+    return ForceCharacteristics(table, programs, stops, events)
 
 
 def _stop_row(lowering: Lowering, name: str, spec: Any) -> dict[str, float]:
@@ -318,22 +254,21 @@ def add_powers(run: Run, forces: ForceCharacteristics, at: Point) -> int:
 
 @unit
 def put_events(run: Run, forces: ForceCharacteristics, at: Point) -> int:
-    """Penetration of both bounds of all stops, that over full damping, and force, with rates."""
+    """How far stops, springs and dampers are from where their laws change."""
     stops, out, now = forces.stops, run.work.events.now, forces.scratch.now[0]
     for k in range(stops.shape[0]):
         _put_measure(run, forces, at, stops[k])
-        row, o = forces.rows[stops[k]], forces.first_event + _EVENTS * k
-        out[o]["value"], out[o]["rate"] = now["s"] - row["upper"], now["rate"]
-        out[o + 1]["value"], out[o + 1]["rate"] = row["lower"] - now["s"], -now["rate"]
-        p, side = penetration(row, now["s"])
-        speed = side * now["rate"]
-        out[o + 2]["value"], out[o + 2]["rate"] = p - row["depth"], speed
-        force = row["k"] * abs(p) ** row["exponent"]
-        if row["c"] == 0.0:
-            out[o + 2]["value"], force = -1.0, 1.0
-        elif p > 0.0:
-            force += row["c"] * _step(row, p)[0] * speed
-        out[o + 3]["value"], out[o + 3]["rate"] = force, math.nan
+        row, o = forces.rows[stops[k]], forces.first_event + STOP_EVENTS * k
+        put_stop_events(row, now["s"], now["rate"], out, o)
+    rows, programs, stack = forces.rows, forces.programs, run.work.trial.stack
+    n = forces.first_event + STOP_EVENTS * stops.shape[0]
+    for k in range(rows.shape[0] if programs.ops.shape[0] > 0 else 0):
+        row = rows[k]
+        _put_measure(run, forces, at, k)
+        if row["spring"] >= 0:
+            n = put_switches(programs, row["spring"], now["s"] - row["free"], stack, stack, out, n)
+        if row["damper"] >= 0:
+            n = put_switches(programs, row["damper"], now["rate"], stack, stack, out, n)
     return FINE
 
 

@@ -25,7 +25,7 @@ from flexmb.engine.algebra.vector import clear
 from flexmb.engine.bodies import wrench
 from flexmb.engine.bodies.wrench import add_pulled_back
 from flexmb.engine.equations_of_motion import bias_stage, velocity_stage
-from flexmb.engine.function import run_program
+from flexmb.engine.function import count_switches, put_switches, run_program
 from flexmb.engine.jit import Integers, array_of, call_channel, kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
@@ -64,6 +64,7 @@ class Feedback(NamedTuple):
     partials: array_of(PARTIAL)
     tangents: array_of(FEEDBACK_TANGENT)
     implicit: int  # 1: some depend on accelerations or reactions
+    first_event: int  # place of the first of their switches among the events
 
 
 @unit
@@ -84,6 +85,21 @@ def evaluate_functions(run: Run, feedback: Feedback, at: Point) -> int:
         p = programs[k]
         fun[p, 0] = run_program(functions, p, t, x, stack)
         fun[p, 1], fun[p, 2] = stack[0, 1], stack[0, 2]
+    return FINE
+
+
+@unit
+def put_events(run: Run, feedback: Feedback, at: Point) -> int:
+    """How far all programs are from where their laws change, after a velocity stage."""
+    if feedback.implicit == 1:
+        return FINE
+    evaluate_functions(run, feedback, at)
+    trial, n = run.work.trial, feedback.first_event
+    for k in range(feedback.programs.shape[0]):
+        n = put_switches(
+            run.system.functions, feedback.programs[k], at.t[0], trial.variables, trial.stack,
+            run.work.events.now, n,
+        )  # fmt: skip
     return FINE
 
 
@@ -197,7 +213,7 @@ def _add_outer(run, panel, link, f):
 FEEDBACK = Kind(
     "feedback",
     Feedback,
-    {"feedback": evaluate_functions, "matrix": add_tangents},
+    {"feedback": evaluate_functions, "matrix": add_tangents, "events": put_events},
     works=True,
     stiff=True,
 )
@@ -283,6 +299,7 @@ def feedback_tables(
             ):
                 tangents.append((at, *acts, -1, term, side, state, -1))
                 blocks.append((effect.block, block))
+    switches = sum(count_switches(lowering.functions.programs[k]) for k in live)
     used = sorted({numbers[name] for names in live.values() for name in names})
     feedback = Feedback(
         programs=np.array(list(live), np.int64),
@@ -290,6 +307,7 @@ def feedback_tables(
         partials=np.array(partials, PARTIAL),
         tangents=np.array(tangents, FEEDBACK_TANGENT),
         implicit=int(any(_implicit(sensors, c) for c in used)),
+        first_event=lowering.add_events(switches),
     )
     return FeedbackTables(feedback, blocks)
 

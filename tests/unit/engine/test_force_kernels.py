@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from flexmb.engine.compile import compile_system
 from flexmb.engine.forces import relative_motion, spring_damper
-from flexmb.engine.forces.force_characteristic import stop_resistance
+from flexmb.engine.forces.stop import stop_resistance
 from flexmb.engine.function import lower, run_program
 from flexmb.engine.units import call
 from flexmb.model import Model
