@@ -94,9 +94,9 @@ def lower(
 
 
 def _has_corners(curve: Any) -> bool:
-    """Whether all knots but the ends are corners; so many that steps meet each of them."""
+    """Whether all knots but those at the ends are corners, and not too many of them."""
     corners, knots = len(curve.jumps()), len(curve.knots)
-    return 0 < corners <= _MAX_CORNERS and corners >= knots - 2
+    return 0 < corners <= _MAX_CORNERS and corners >= knots - 4  # two at each end
 
 
 def count_switches(expression: Expression, moves: bool = False) -> int:

@@ -14,6 +14,7 @@ from .pendulums import PENDULUMS
 from .scene import AWAY, Scene, beside_a_large_motion, moved, truth_of
 from .spinning import SPINNING
 from .states import STATES
+from .switches import SWITCHES
 
 __all__ = [
     "AWAY",
@@ -38,6 +39,7 @@ SCENES = {
     **DRIVES,
     **LINKAGES,
     **MOUNTS,
+    **SWITCHES,
 }
 
 CYCLES = {

@@ -188,5 +188,5 @@ def test_newton_stops_alike_whatever_the_unit_of_a_stroke():
 @pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
 def test_a_machine_of_a_thousand_kilometres_does_not_come_apart():
     """Joints that drift, as by Baumgarte's method, are judged over the size of the machine."""
-    found, _ = run(swinging_linkage, (1e6, 1.0, 1.0), "baumgarte", accuracy=1e-4)
+    found, _ = run(swinging_linkage, (1e6, 1.0, 1.0), "baumgarte", accuracy=1e-3)
     assert found.status == "finished" and found.drift[:, 0].max() > 1e-3

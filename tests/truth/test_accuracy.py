@@ -63,6 +63,7 @@ def assert_reached(name, method, accuracy, model=None, duration=None, **changes)
 FAST = (
     "pendulum", "double pendulum", "orbit, e = 0.6", "oscillator", "rotor", "gears", "cam",
     "cart-pole", "bead on a cycloid", "free top", "Hooke's joint", "trammel", "Euler's body",
+    "backlash", "servo that saturates", "quadratic drag", "buffer that is damped from a depth on",
 )  # fmt: skip
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from enginekit import stack_for
 
-from flexmb.engine.function import OPCODES, VAR, lower, run_program
+from flexmb.engine.function import OPCODES, VAR, count_switches, lower, put_switches, run_program
+from flexmb.engine.state import EVENT_FUNCTION
 from flexmb.engine.units import call
 from flexmb.model.functions.expression import parse
 from flexmb.model.functions.function import read_function
@@ -124,3 +125,45 @@ def test_no_functions_make_an_empty_table():
     table = lower([])
     assert table.ops.shape == (0,) and table.start.tolist() == [0]
     assert table.ops.dtype == np.int32 and table.args.dtype == np.float64
+
+
+def distances(expression, gap=0.0, t=0.3, moves=False):
+    """From where the laws of a program change, at a value of a channel."""
+    table, n = lower([expression], NUMBERS, moves), count_switches(expression, moves)
+    events = np.zeros(n, EVENT_FUNCTION)
+    jets = np.array([[0.0, 0, 0], [gap, 0, 0]])
+    assert call(put_switches, table, 0, t, jets, stack_for(table), events, 0) == n
+    assert np.isnan(events["rate"]).all() and (events["of_law"] == 1).all()
+    return events["value"]
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("gap**2 + sin(gap)", []),
+        ("abs(t - 0.1)*max(t, 0.2) + step(t, 0, 1, 1, 2)", []),  # known beforehand
+        ("t*abs(gap - 0.1) + sign(2*gap)", [0.3, 0.8]),
+        ("min(gap, 0.7) - max(3*t, gap)", [-0.3, 0.5]),
+        ("step(gap, 0.2, 1, 0.6, 2)", [0.5, -0.5]),
+        ("max(-1, min(1, 5*gap))", [-1.0, -2.0]),  # of the inner one first
+    ],
+)
+def test_where_a_law_changes_with_a_channel(text, wanted):
+    found = distances(parse(text, channels=True), gap=0.4)
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-15)
+
+
+def test_corners_of_a_table_are_crossed_one_by_one():
+    """The sign changes at every corner, and the distance is that of the nearest one."""
+    table = read_function({"type": "table", "points": POINTS}).expression
+    for x, away in ((0.15, 0.05), (0.22, -0.02), (0.65, 0.15), (0.89, 0.01), (1.0, -0.1)):
+        found = distances(table, t=x, moves=True)
+        np.testing.assert_allclose(found, [away], rtol=0, atol=1e-15)
+    assert len(distances(table)) == 0  # over time its corners are known beforehand
+
+
+def test_smooth_and_dense_curves_have_no_corners_to_look_for():
+    x = np.linspace(0, 1, 80)
+    points = np.stack([x, np.sin(9 * x)], axis=1).tolist()
+    for form in ({"type": "spline", "points": POINTS}, {"type": "table", "points": points}):
+        assert count_switches(read_function(form).expression, moves=True) == 0

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from truthkit import Memory
 
 from flexmb.analysis.dynamics.dynamics import dynamics, prepare_dynamics
@@ -46,3 +47,35 @@ def test_steps_end_where_a_stop_begins_and_ends_to_push(force, fields):
         times.append(run.state.t[0])
     for moment in (0.1, 0.1 + np.pi / np.sqrt(K)):
         assert np.abs(np.array(times) - moment).min() < 1e-4
+
+
+def test_steps_end_where_a_stop_is_fully_damped_and_where_it_would_pull():
+    """Both ways through the depth where the damping is full, and the force that falls to zero.
+
+    In contact x" = -k p - c s(p/d) p', by SciPy from change to change.
+    """
+    c, depth = 150.0, 2e-3
+    model = Model("buffer")
+    model.add_body("b", mass=1, inertia=[1, 1, 1], velocity=[1, 0, 0])
+    model.add_joint("rail", "prismatic", between=["ground", "b"], axis="x")
+    model.add_force("buffer", "translational-stop", joint="rail", upper=0.1, stiffness=K,
+                    damping=c, depth=depth)  # fmt: skip
+    model.set_dynamics(duration=0.2, accuracy=1e-4, outputs=10, verify=False)
+    run, times = prepare_dynamics(compile_system(model), model).run, []
+    while not run.finished:
+        assert run.integrate(1) == FINE
+        times.append(run.state.t[0])
+
+    def force(t, y):
+        p, share = y[0] - 0.1, min((y[0] - 0.1) / depth, 1.0)
+        return K * p + c * share**2 * (3 - 2 * share) * y[1]
+
+    def deep(t, y):
+        return y[0] - 0.1 - depth
+
+    pressed = solve_ivp(lambda t, y: [y[1], -force(t, y)], (0.1, 0.15), [0.1, 1.0], rtol=1e-11,
+                        atol=1e-13, events=[deep, force], max_step=1e-4)  # fmt: skip
+    found = [*pressed.t_events[0][:2], pressed.t_events[1][pressed.t_events[1] > 0.1001][0]]
+    assert len(found) == 3
+    for moment in found:
+        assert np.abs(np.array(times) - moment).min() < 2e-5
