@@ -25,7 +25,6 @@ from flexmb.engine.unit_cache import Stored, read_stored
 from flexmb.progress import Progress, silent
 
 _in_python = ContextVar("_in_python", default=False)
-_ENGINE = "flexmb.engine."
 
 
 def interpreted() -> bool:
@@ -170,7 +169,16 @@ def prepare_units(units: Iterable[Unit], progress: Progress = silent) -> int:
         return compiled
 
 
-def _address(unit: Unit) -> int:
+_word_at = ctypes.c_size_t.from_address
+_DATA = object.__basicsize__  # in an array object of NumPy; ctypes.data takes twenty times as long
+_PROBE = np.zeros(1)
+_IS_THERE = _word_at(id(_PROBE) + _DATA).value == _PROBE.ctypes.data
+
+
+def _address(unit: Unit | np.ndarray) -> int:
+    """Address of the machine code of a unit, or of the data of an array."""
+    if isinstance(unit, np.ndarray):
+        return int(_word_at(id(unit) + _DATA).value if _IS_THERE else unit.ctypes.data)
     addresses = _loader().addresses
     if unit.name not in addresses:
         prepare_units([unit])
@@ -282,5 +290,4 @@ def _array_words(array: np.ndarray, hint: Any) -> list[int]:
     if not fits:
         what = f"{array.dtype}{array.shape}, strides {array.strides}"
         raise TypeError(f"the array must be a contiguous {kind}, not {what}")
-    data = array.__array_interface__["data"][0]
-    return [0, 0, array.size, array.itemsize, data, *array.shape, *array.strides]
+    return [0, 0, array.size, array.itemsize, _address(array), *array.shape, *array.strides]
