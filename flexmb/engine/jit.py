@@ -251,10 +251,10 @@ def _kind(hint: Any) -> tuple[Any, str]:
     return None, ""
 
 
-def array_ndim(hint: Any) -> int:
-    """Number of dimensions of an annotation that is an array; 0 for all others."""
+def array_kind(hint: Any) -> Array | None:
+    """What an annotation says of an array; None for all others."""
     kind, table = _kind(hint)
-    return kind.ndim if isinstance(kind, Array) and not table else 0
+    return kind if isinstance(kind, Array) and not table else None
 
 
 def is_record(hint: Any) -> bool:
