@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
 from pathlib import Path
 
@@ -16,6 +17,11 @@ os.environ.setdefault("FLEXMB_CACHE_DIR", str(Path(tempfile.gettempdir()) / "fle
 # other. Before NumPy is loaded.
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
+
+
+# Byte code is kept, whatever the environment says: without it each of the many programs that the
+# tests start compiles the package anew, and each session all tests.
+sys.dont_write_bytecode = False
 
 
 @pytest.fixture(scope="session")

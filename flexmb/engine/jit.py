@@ -251,10 +251,10 @@ def _kind(hint: Any) -> tuple[Any, str]:
     return None, ""
 
 
-def array_ndim(hint: Any) -> int:
-    """Number of dimensions of an annotation that is an array; 0 for all others."""
+def array_kind(hint: Any) -> Array | None:
+    """What an annotation says of an array; None for all others."""
     kind, table = _kind(hint)
-    return kind.ndim if isinstance(kind, Array) and not table else 0
+    return kind if isinstance(kind, Array) and not table else None
 
 
 def is_record(hint: Any) -> bool:
@@ -277,7 +277,7 @@ class Packed:
         self.address, self.record, self.owned = address, record, owned
 
 
-def pack(record: Any, address_of: Callable[[Unit], int]) -> Packed:
+def pack(record: Any, address_of: Callable[[Any], int]) -> Packed:
     """Lay a record out in memory; arrays are not copied.
 
     Parameters
@@ -285,7 +285,7 @@ def pack(record: Any, address_of: Callable[[Unit], int]) -> Packed:
     record : named tuple
         The record.
     address_of : callable
-        Address of the machine code of a unit.
+        Address of the machine code of a unit, or of the data of an array.
 
     Raises
     ------
@@ -295,17 +295,17 @@ def pack(record: Any, address_of: Callable[[Unit], int]) -> Packed:
     return _pack(record, address_of, {})
 
 
-def _pack(record: Any, address_of: Callable[[Unit], int], packed: dict[int, Packed]) -> Packed:
+def _pack(record: Any, address_of: Callable[[Any], int], packed: dict[int, Packed]) -> Packed:
     """The same; `packed` has the records of tables by `id`, which many stages share."""
     words: list[int] = []
     owned: list[Any] = [record]
     _add_words(record, words, owned, address_of, packed)
     memory = np.array(words or [0], np.int64)
-    return Packed(memory.ctypes.data, record, (memory, *owned))
+    return Packed(address_of(memory), record, (memory, *owned))
 
 
 def _add_words(
-    record: Any, words: list[int], owned: list[Any], address_of: Callable[[Unit], int],
+    record: Any, words: list[int], owned: list[Any], address_of: Callable[[Any], int],
     packed: dict[int, Packed],
 ) -> None:  # fmt: skip
     """Append the words of a record, and to `owned` what they point at in addition to its arrays."""
@@ -315,7 +315,7 @@ def _add_words(
             value = _addresses(value, table, owned, address_of, packed)
         if isinstance(kind, Array):
             _check(record, name, value, kind)
-            words.append(value.ctypes.data)  # faster than __array_interface__ where it has fields
+            words.append(address_of(value))
             words += value.shape
         elif kind is float:
             words.append(int(np.float64(value).view(np.int64)))
@@ -326,7 +326,7 @@ def _add_words(
 
 
 def _addresses(
-    values: Any, table: str, owned: list[Any], address_of: Callable[[Unit], int],
+    values: Any, table: str, owned: list[Any], address_of: Callable[[Any], int],
     packed: dict[int, Packed],
 ) -> np.ndarray:  # fmt: skip
     if table == "units":

@@ -20,12 +20,11 @@ from typing import Any, get_type_hints
 import numpy as np
 
 from flexmb.engine.compiler_pool import compile_units
-from flexmb.engine.jit import UNITS, Packed, Unit, array_ndim, pack, reached, units_in
+from flexmb.engine.jit import UNITS, Array, Packed, Unit, array_kind, pack, reached, units_in
 from flexmb.engine.unit_cache import Stored, read_stored
 from flexmb.progress import Progress, silent
 
 _in_python = ContextVar("_in_python", default=False)
-_ENGINE = "flexmb.engine."
 
 
 def interpreted() -> bool:
@@ -73,11 +72,7 @@ class _Loader:
 
 
 _lock = RLock()
-
-
-@functools.cache
-def _loader() -> _Loader:
-    return _Loader()
+_loader = functools.cache(_Loader)
 
 
 def _collect(
@@ -170,7 +165,15 @@ def prepare_units(units: Iterable[Unit], progress: Progress = silent) -> int:
         return compiled
 
 
-def _address(unit: Unit) -> int:
+_word_at = ctypes.c_size_t.from_address
+_DATA = object.__basicsize__  # in an array object of NumPy; ctypes.data takes twenty times as long
+_IS_THERE = _word_at(id(_SOME := np.zeros(1)) + _DATA).value == _SOME.ctypes.data
+
+
+def _address(unit: Unit | np.ndarray) -> int:
+    """Address of the machine code of a unit, or of the data of an array."""
+    if isinstance(unit, np.ndarray):
+        return int(_word_at(id(unit) + _DATA).value if _IS_THERE else unit.ctypes.data)
     addresses = _loader().addresses
     if unit.name not in addresses:
         prepare_units([unit])
@@ -182,18 +185,18 @@ _C_TYPES: dict[Any, Any] = {int: ctypes.c_int64, float: ctypes.c_double}
 
 @functools.cache
 def _parameters(name: str) -> tuple[Any, ...]:
-    """Annotations of the parameters of a unit."""
+    """Annotations of the parameters of a unit, of arrays their kind."""
     hints = get_type_hints(UNITS[name].function, include_extras=True)
-    return tuple(hint for word, hint in hints.items() if word != "return")
+    return tuple(array_kind(hint) or hint for word, hint in hints.items() if word != "return")
 
 
 @functools.cache
 def _c_function(name: str, address: int) -> Any:
     result = _C_TYPES[get_type_hints(UNITS[name].function)["return"]]
     types: list[Any] = []
-    for hint in _parameters(name):
-        words = 5 + 2 * array_ndim(hint) if array_ndim(hint) else 1
-        types += [_C_TYPES[hint]] if hint in _C_TYPES else [ctypes.c_int64] * words
+    for kind in _parameters(name):
+        words = 5 + 2 * kind.ndim if isinstance(kind, Array) else 1
+        types += [_C_TYPES[kind]] if kind in _C_TYPES else [ctypes.c_int64] * words
     return ctypes.CFUNCTYPE(result, *types)(address)
 
 
@@ -215,10 +218,10 @@ def call(unit: Unit, *arguments: Any) -> Any:
     """
     if interpreted():
         return unit.function(*(v.record if isinstance(v, Packed) else v for v in arguments))
-    if not _is_loaded(unit, arguments):
+    if any(isinstance(v, tuple) for v in arguments) or unit.name not in _loader().addresses:
         prepare_units(_needed(unit, arguments))
     owned, words = [], []
-    for value, hint in zip(arguments, _parameters(unit.name), strict=True):
+    for value, kind in zip(arguments, _parameters(unit.name), strict=True):
         if isinstance(value, tuple):
             owned.append(pack(value, _address))
             words.append(owned[-1].address)
@@ -226,7 +229,7 @@ def call(unit: Unit, *arguments: Any) -> Any:
             owned.append(value if value.address else pack(value.record, _address))
             words.append(owned[-1].address)
         else:
-            words += _array_words(value, hint) if array_ndim(hint) else [value]
+            words += _array_words(value, kind) if isinstance(kind, Array) else [value]
     return _c_function(unit.name, _address(unit))(*words)
 
 
@@ -263,24 +266,16 @@ def ready_caller(unit: Unit, record: Any) -> Callable[[], None]:
     return run
 
 
-def _is_loaded(unit: Unit, arguments: Iterable[Any]) -> bool:
-    """Whether nothing is left to prepare for a call of a unit with records handed over before."""
-    handed = not any(isinstance(value, tuple) for value in arguments)
-    return handed and unit.name in _loader().addresses
-
-
 def _needed(unit: Unit, arguments: Iterable[Any]) -> list[Unit]:
     """A unit, and those that stand in the tables of the records that it is handed."""
     records = [value for value in arguments if isinstance(value, tuple)]
     return [unit, *(other for record in records for other in units_in(record))]
 
 
-def _array_words(array: np.ndarray, hint: Any) -> list[int]:
+def _array_words(array: np.ndarray, kind: Array) -> list[int]:
     """An array as compiled code is handed it: owner, parent, sizes, data, shape, strides."""
-    kind = hint.__metadata__[0]
     fits = array.dtype == kind.dtype and array.ndim == kind.ndim and array.flags.c_contiguous
     if not fits:
         what = f"{array.dtype}{array.shape}, strides {array.strides}"
         raise TypeError(f"the array must be a contiguous {kind}, not {what}")
-    data = array.__array_interface__["data"][0]
-    return [0, 0, array.size, array.itemsize, data, *array.shape, *array.strides]
+    return [0, 0, array.size, array.itemsize, _address(array), *array.shape, *array.strides]

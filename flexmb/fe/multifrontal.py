@@ -18,7 +18,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg.blas import dsyrk, dtrsm
+from scipy.linalg.blas import dsyrk, dtrsm, dtrsv
 from scipy.linalg.lapack import dpotrf
 from scipy.sparse import csr_array
 from threadpoolctl import ThreadpoolController
@@ -145,6 +145,22 @@ class _Update(NamedTuple):
     values: FloatArray  # lower triangle of what is added there
 
 
+@contextmanager
+def blas_threads(count: int = 1) -> Iterator[tuple[int, ...]]:
+    """Run with ``count`` threads of BLAS; gives the numbers that were and will be.
+
+    On matrices of a few hundred rows threads of OpenBLAS wait for each other longer than they work
+    (on a busy machine with two cores a solution with twelve right sides took 24 times as long as
+    with one thread), so all of the solver but the elimination of large fronts runs on one.
+    """
+    before = tuple(library.get_num_threads() for library in _blas_libraries())
+    set_threads((count,) * len(before))
+    try:
+        yield before
+    finally:
+        set_threads(before)
+
+
 class Multifrontal:
     """The factor L of P K P^T = L L^T.
 
@@ -207,27 +223,31 @@ class Multifrontal:
         self._below.append(B)
         return _Update(border, C)
 
+    @blas_threads()
     def solve(self, b: FloatArray) -> FloatArray:
         """Solution for ``b`` of shape (n,) or (n, k)."""
-        with blas_threads():
-            return self._solve(b)
-
-    def _solve(self, b: FloatArray) -> FloatArray:
         fronts = self._fronts
         x = b.reshape(len(b), -1)[fronts.order]
         for k, border in enumerate(fronts.borders):
             own = slice(*fronts.first[k : k + 2])
-            x[own] = dtrsm(1.0, self._diagonal[k], x[own].T, side=1, lower=1, trans_a=1).T
+            x[own] = _solve_triangular(self._diagonal[k], x[own], 0)
             if len(border):
                 x[border] -= self._below[k] @ x[own]
         for k in range(len(fronts.borders) - 1, -1, -1):
             own, border = slice(*fronts.first[k : k + 2]), fronts.borders[k]
             if len(border):
                 x[own] -= self._below[k].T @ x[border]
-            x[own] = dtrsm(1.0, self._diagonal[k], x[own].T, side=1, lower=1).T
+            x[own] = _solve_triangular(self._diagonal[k], x[own], 1)
         solution = np.empty_like(x)
         solution[fronts.order] = x
         return solution.reshape(b.shape)
+
+
+def _solve_triangular(L: FloatArray, b: FloatArray, transposed: int) -> FloatArray:
+    """L^-1 b or L^-T b; for one column without the packing of L that `dtrsm` begins with."""
+    if b.shape[1] == 1:
+        return np.asarray(dtrsv(L, b[:, 0], lower=1, trans=transposed))[:, None]
+    return np.asarray(dtrsm(1.0, L, b.T, side=1, lower=1, trans_a=1 - transposed).T)
 
 
 def _rows(
@@ -279,19 +299,3 @@ def set_threads(counts: tuple[int, ...]) -> None:
     """Threads of each library, as :func:`blas_threads` gives them."""
     for library, count in zip(_blas_libraries(), counts, strict=True):
         library.set_num_threads(count)
-
-
-@contextmanager
-def blas_threads(count: int = 1) -> Iterator[tuple[int, ...]]:
-    """Run with ``count`` threads of BLAS; gives the numbers that were and will be.
-
-    On matrices of a few hundred rows threads of OpenBLAS wait for each other longer than they work
-    (on a busy machine with two cores a solution with twelve right sides took 24 times as long as
-    with one thread), so all of the solver but the elimination of large fronts runs on one.
-    """
-    before = tuple(library.get_num_threads() for library in _blas_libraries())
-    set_threads((count,) * len(before))
-    try:
-        yield before
-    finally:
-        set_threads(before)

@@ -393,8 +393,5 @@ _SIGNED_AXES = ("x", "y", "z", "-x", "-y", "-z")
 _AXIS_FORM = {"anyOf": [choice(_SIGNED_AXES), list_form(NUMBER, 3)]}
 Axis = Annotated[
     tuple[float, float, float],
-    Reader(
-        lambda value, info: read_axis(value, context_of(info)),
-        form={"anyOf": [choice(_SIGNED_AXES), list_form(NUMBER, 3)]},
-    ),
+    Reader(lambda value, info: read_axis(value, context_of(info)), form=_AXIS_FORM),
 ]

@@ -9,7 +9,7 @@ from flexmb.model import Model
 
 from .oscillators import on_rails
 from .scene import Scene
-from .textbook import integrated
+from .textbook import found_once, integrated
 
 G = 9.81
 _LIFT, _FAST, _BEGIN = 0.05, 100.0, 0.4
@@ -139,20 +139,23 @@ def blade(size=1.0):
     return model
 
 
+@found_once
 def blade_motion(t):
     """η and η' (4, len(t)), each point by itself in axes that turn: Σ m Nᵀ(N η'' + their pull)."""
     m, s, N = _MASS, _PLACES, _SHAPES
-    M = np.einsum("k,kai,kaj->ij", m, N, N)
+    weighed = (m[:, None, None] * N).reshape(-1, N.shape[2]).T
+    flat = N.reshape(-1, N.shape[2])
+    inverse = np.linalg.inv(weighed @ flat)
 
     def slope(t, y):
         spin, gain = 3 + 3 * np.sin(6 * t), 18 * np.cos(6 * t)
-        r, u = s + N @ y[:2], N @ y[2:]
+        r, u = s + (flat @ y[:2]).reshape(s.shape), (flat @ y[2:]).reshape(s.shape)
         frame = np.stack([
             -2 * spin * u[:, 1] - gain * r[:, 1] - spin**2 * r[:, 0],
             2 * spin * u[:, 0] + gain * r[:, 0] - spin**2 * r[:, 1], 0 * r[:, 0],
         ], axis=1)  # fmt: skip
-        pull = -np.einsum("k,kai,ka->i", m, N, frame) - _STIFF @ y[:2] - _DAMP @ y[2:]
-        return [*y[2:], *np.linalg.solve(M, pull)]
+        pull = -weighed @ frame.ravel() - _STIFF @ y[:2] - _DAMP @ y[2:]
+        return [*y[2:], *inverse @ pull]
 
     return integrated(slope, [0, 0, 0, 0], t)
 

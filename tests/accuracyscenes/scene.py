@@ -9,6 +9,8 @@ import numpy as np
 
 from flexmb.model import Model
 
+from .textbook import found_once
+
 AWAY = (1000.0, -500.0, 800.0)
 """m, where a scene is moved to."""
 
@@ -37,6 +39,9 @@ class Scene:
     sized: bool = True
     stiff: bool = False
     outputs: int = 100
+
+    def __post_init__(self):
+        object.__setattr__(self, "truth", found_once(self.truth))
 
 
 def truth_of(scene, t, size=1.0, away=(0.0, 0.0, 0.0)):

@@ -130,9 +130,10 @@ def test_the_library_never_prints(project: Path) -> None:
     compiler = project / "flexmb" / "engine" / "compiler.py"
     assert compiler.is_file()
     for path in _sources(project, "flexmb"):
-        if path == compiler:
+        text = path.read_text(encoding="utf-8")
+        if path == compiler or "print" not in text:
             continue
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(ast.parse(text)):
             called = node.func if isinstance(node, ast.Call) else None
             printing = isinstance(called, ast.Name) and called.id == "print"
             assert not printing, f"{path.relative_to(project)}:{node.lineno} prints"

@@ -15,6 +15,7 @@ POSIX_CALLS = {
     "signal.alarm", "signal.setitimer", "signal.pause", "time.tzset", "os.rename",
     "signal.SIGKILL", "signal.SIGALRM", "signal.SIGHUP", "signal.SIGUSR1", "signal.SIGSTOP",
 }  # fmt: skip
+LAST_NAMES = {call.rpartition(".")[2] for call in POSIX_CALLS}
 ONE_SYSTEM = {"fcntl", "resource", "pwd", "grp", "termios", "tty", "pty", "msvcrt", "winreg"}
 FORKING = {"multiprocessing.Process", "multiprocessing.Pool"}
 PLACES = ("/tmp", "/dev/", "/proc/", "/var/", "/home/", "C:\\")
@@ -50,16 +51,23 @@ def _fault(node: ast.AST, guarded: bool) -> str:
         module = getattr(node, "module", None)
         names = {module or ""} if module else {alias.name for alias in node.names}
         return f"imports {names & ONE_SYSTEM}" if names & ONE_SYSTEM else ""
-    if isinstance(node, ast.Attribute) and not guarded and ast.unparse(node) in POSIX_CALLS:
-        return ast.unparse(node)
+    if isinstance(node, ast.Attribute) and node.attr in LAST_NAMES and not guarded:
+        return _dotted(node) if _dotted(node) in POSIX_CALLS else ""
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
         named = node.value.startswith(PLACES) and not guarded
         return f"the place {node.value}" if named else ""
     return _call_fault(node) if isinstance(node, ast.Call) else ""
 
 
+def _dotted(node: ast.AST) -> str:
+    """A name as it is written, what stands before its points left out where that is no name."""
+    if isinstance(node, ast.Attribute):
+        return f"{_dotted(node.value)}.{node.attr}"
+    return node.id if isinstance(node, ast.Name) else ""
+
+
 def _call_fault(call: ast.Call) -> str:
-    name = ast.unparse(call.func)
+    name = _dotted(call.func)
     keywords = {keyword.arg for keyword in call.keywords}
     method = name.rpartition(".")[2]
     if name in FORKING or (method == "ProcessPoolExecutor" and "mp_context" not in keywords):

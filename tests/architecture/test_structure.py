@@ -39,9 +39,10 @@ def files_with_all() -> list[str]:
         str(file.relative_to(structure.ROOT))
         for file in structure.files()
         if file.stem != "__init__"
+        and "__all__" in (text := file.read_text(encoding="utf-8"))
         and any(
             isinstance(node, ast.Name) and node.id == "__all__"
-            for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+            for node in ast.walk(ast.parse(text))
         )
     ]
 

@@ -9,9 +9,10 @@ from flexiblescenes import STEEL, rod
 from scipy.integrate import solve_ivp
 
 from flexmb.model import Model
-from tests.accuracyscenes.machines import four_bar, four_bar_truth
+from tests.accuracyscenes import SCENES
+from tests.accuracyscenes.machines import four_bar
 from tests.accuracyscenes.oscillators import linear, on_rails
-from tests.accuracyscenes.textbook import Linkage
+from tests.accuracyscenes.textbook import Linkage, found_once
 from tests.hard.case import Hard, largest
 
 G = 9.81
@@ -69,8 +70,9 @@ def struck_governor():
     return made
 
 
-def off_governor(run):
-    """Errors of opening, sleeve and the force in a hinge over their peak-to-peak.
+@found_once
+def governor_truth(t):
+    """Opening, place of the sleeve and the force in a hinge.
 
     Lagrange in the opening of the arms and the place of the sleeve, with the momentum of the shaft
     kept; the force is Newton's law for an arm.
@@ -91,7 +93,7 @@ def off_governor(run):
         weight = (ARM + BALL) * G * CENTRE * np.sin(a)
         return [da, ds, (swing - weight - pull * by_a) / ACROSS, -G - 2 * pull * by_s / SLIDER]
 
-    y = solve_ivp(slope, (0, run.time[-1]), [np.pi / 6, -np.sqrt(0.75), 0, 0], "Radau", run.time,
+    y = solve_ivp(slope, (0, t[-1]), [np.pi / 6, -np.sqrt(0.75), 0, 0], "Radau", t,
                   rtol=1e-10, atol=1e-12).y  # fmt: skip
     a, s, da, _ = y
     d2a, d2s = np.array([slope(0, row) for row in y.T]).T[2:]
@@ -105,11 +107,17 @@ def off_governor(run):
     m = (ARM + BALL) * CENTRE
     force = np.array([m * out + pull * u[0] / np.hypot(*u), m * round_,
                       m * up + (ARM + BALL) * G + pull * u[1] / np.hypot(*u)])  # fmt: skip
+    return {"open": a, "sleeve": s, "hinge": np.sqrt((force**2).sum(axis=0))}
+
+
+def off_governor(run):
+    """Errors of opening, sleeve and the force in a hinge over their peak-to-peak."""
+    truth = governor_truth(run.time)
+    a, s, force = truth["open"], truth["sleeve"], truth["hinge"]
     found = np.hypot(np.hypot(run["hinge.x"], run["hinge.y"]), run["hinge.z"])
-    truth = np.sqrt((force**2).sum(axis=0))
     turned = np.abs(run["open"] - run["open"][0]) - np.abs(a - a[0])
     return (largest(turned) / np.ptp(a), largest(run["sleeve.z"] - s) / np.ptp(s),
-            largest(found - truth) / np.ptp(truth))  # fmt: skip
+            largest(found - force) / np.ptp(force))  # fmt: skip
 
 
 MIXED = (1e3, 1e10, 1e4, 1e9, 1e5, 1e8, 1e6, 1e7)
@@ -141,7 +149,7 @@ def on_bushings():
 
 
 def off_four_bar(run):
-    truth = four_bar_truth(run.time)
+    truth = SCENES["four-bar"].truth(run.time)
     return max(largest(run[c] - v) / np.ptp(v) for c, v in truth.items() if c in run)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import scipy.signal
 from femeshes import line
 from restscenes import FAR, G, chain, pendulum
 
@@ -48,6 +47,8 @@ def test_responses_of_a_chain_are_modal_sums():
         for channel, factor in (("m3.x", 1.0), ("speed.x", s), ("acceleration.x", s**2)):
             found = made.frequency_response(name, channel, f)
             np.testing.assert_allclose(found, factor * wanted, rtol=1e-8)
+    import scipy.signal  # a second to load
+
     space = made.state_space(["push.x", "piston"], ["m3.x", "acceleration.x"])
     system = scipy.signal.StateSpace(*space[:4])
     for i, force in enumerate(forces.values()):

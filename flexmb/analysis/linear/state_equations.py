@@ -62,6 +62,8 @@ class StateEquations:
         self._at = hand_over(self._run.record.state_point)
         self._parts = hand_over(compiled.system.parts)
         self._channels = np.zeros(len(state.angles))
+        kinds = compiled.system.sensors.channels["what"]
+        self._turns = self._run.record.sensors.turns[kinds] == 1
         self._places = _matrix_places(compiled.system.kkt)
 
     def residual(self) -> Array:
@@ -70,12 +72,10 @@ class StateEquations:
         return np.array(self.work.trial.res)
 
     def _evaluate(self) -> None:
-        system, state, work = self.compiled.system, self.state, self.work
-        turns = self._run.record.sensors.turns[system.sensors.channels["what"]] == 1
-        n = len(state.angles)
+        state, work, n = self.state, self.work, len(self.state.angles)
         angles = state.angles.copy()
         work.feedback.near[:] = 0.0
-        work.feedback.near[:n] = np.where(turns[:n], state.angles, 0.0)
+        work.feedback.near[:n] = np.where(self._turns[:n], state.angles, 0.0)
         work.now.history[:] = state.history
         call(evaluate_equations, self._run, self._channels)
         state.angles[:] = angles

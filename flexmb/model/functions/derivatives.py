@@ -359,21 +359,28 @@ def first_discontinuities(ops: Program, end: float, derivatives: int) -> list[Di
     list of Discontinuity
         Where value or derivatives are not finite, where the value jumps, and where the rate does.
     """
-    return list(_first_discontinuities(tuple(ops), end, derivatives))
+    program = tuple(ops)
+    if end <= 0.0 or not any(_is_unsafe(*op) for op in program):
+        return []
+    times, jets = _samples(program, end)
+    finite = np.all(np.isfinite(jets[:, : derivatives + 1]), axis=1)
+    if not finite.all():
+        return [_undefined(program, times, finite, derivatives)]
+    return list(_jumps(program, end))
 
 
 @lru_cache(maxsize=64)  # a study or an audit asks for those of one scene again and again
-def _first_discontinuities(ops: Program, end: float, derivatives: int) -> tuple[Discontinuity, ...]:
-    if end <= 0.0 or not any(_is_unsafe(*op) for op in ops):
-        return ()
+def _samples(ops: tuple[Any, ...], end: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Times at both sides of corners and at equal distances, and the jets there."""
     places = np.array(derivative_jumps(ops, end)[:_CORNERS])
     sides = np.nextafter(places, -np.inf), places, np.nextafter(places, np.inf)
     times = np.unique(np.concatenate([np.linspace(0.0, end, _INTERVALS + 1), *sides]))
-    jets = np.array([evaluate(ops, t) for t in times])
-    finite = np.isfinite(jets[:, : derivatives + 1]).all(axis=1)
-    if not finite.all():
-        return (_undefined(ops, times, finite, derivatives),)
-    jumps = (_first_jump(ops, times, jets, order) for order in (0, 1))
+    return times, np.array([evaluate(ops, t) for t in times])
+
+
+@lru_cache(maxsize=64)
+def _jumps(ops: tuple[Any, ...], end: float) -> tuple[Discontinuity, ...]:
+    jumps = (_first_jump(ops, *_samples(ops, end), order) for order in (0, 1))
     return tuple(jump for jump in jumps if jump is not None)
 
 
@@ -421,7 +428,12 @@ def _first_jump(
                 break
             jet = np.array(evaluate(ops, middle))
             largest = np.fmax(largest, np.abs(jet[order]))
-            if _misfit(low, a, middle, jet, order) >= _misfit(middle, jet, high, b, order):
+            left = _misfit(low, a, middle, jet, order)
+            right = _misfit(middle, jet, high, b, order)
+            if max(left, right, abs(jet[order + 1]) * np.spacing(high)) < 0.1 * _JUMP * scale:
+                b = a  # smooth
+                break
+            if left >= right:
                 high, b = middle, jet
             else:
                 low, a = middle, jet
@@ -433,5 +445,5 @@ def _first_jump(
 
 def _misfit(low: Any, a: Any, high: Any, b: Any, order: int) -> Any:
     """How far the change over an interval is from the mean slope at its ends."""
-    slopes = np.nan_to_num(a[..., order + 1] + b[..., order + 1], posinf=0.0, neginf=0.0)
+    slopes = np.where(np.isfinite(s := a[..., order + 1] + b[..., order + 1]), s, 0.0)
     return np.abs(b[..., order] - a[..., order] - 0.5 * (high - low) * slopes)

@@ -6,8 +6,8 @@ from math import factorial
 
 import numpy as np
 import pytest
-import vtk
 from femeshes import SOLIDS
+from vtkmodules import vtkCommonDataModel as vtk
 
 from flexmb.fe.elements.element_blocks import FAMILIES
 from flexmb.fe.elements.element_family import extrapolation
