@@ -197,11 +197,12 @@ def test_two_bodies_on_which_nothing_vibrates_are_judged_as_two(tmp_path):
     model.dynamics = model.dynamics.model_copy(update={"start": "quasi-static"})
     complete = with_words(model, dict.fromkeys(words, {"deformation": "dynamic"}))
     run = flexmb.simulate(model, output=tmp_path)
-    true = share_between(run, flexmb.simulate(complete), "head")
+    other = flexmb.simulate(complete)
+    true = min(share_between(*runs, "head") for runs in ((run, other), (other, run)))
     made = flexmb.audit(run)
     both = sum(find(made, "vibration", body).share for body in words)
     assert true > 0.1
-    assert 1 / 2 < both / true < 2
+    assert both == pytest.approx(true, rel=0.1)
 
 
 def test_a_run_of_a_neighbour_may_leave_the_bounds_of_the_scene(tmp_path):
