@@ -44,10 +44,10 @@ def table_on_columns():
     return model
 
 
-def arm_that_turns(**motor):
+def arm_that_turns(side=0.012, **motor):
     """An arm with a tool, whose turning begins at once or not at all."""
     model = Model("arm with a tool")
-    model.add_body("arm", **slender(1.0, 0.012, modes=2))
+    model.add_body("arm", **slender(1.0, side, modes=2))
     load(model, "tool", 0.5, [1.0, 0, 0])
     model.add_joint("hub", "revolute", between=["ground", "arm.root"], axis="z")
     model.add_joint("grip", "fixed", between=["arm.tip", "tool"])
@@ -94,8 +94,8 @@ def closed_loop():
     load(model, "crank", 1.0, [0, 0, 0], 0.1)
     model.add_marker("crank.pin", position=[0, a, 0])
     foot = {"position": [b, a - c, 0]}
-    model.add_body("coupler", **slender(b, 0.006, divisions=10), position=[0, a, 0])
-    model.add_body("rocker", **slender(c, 0.006, divisions=10), orientation=UPRIGHT, **foot)
+    model.add_body("coupler", **slender(b, 0.006, modes=1, divisions=6), position=[0, a, 0])
+    model.add_body("rocker", **slender(c, 0.006, modes=1, divisions=6), orientation=UPRIGHT, **foot)
     model.add_marker("ground.foot", **foot)
     model.add_joint("left", "revolute", between=["ground", "crank"], axis="z")
     model.add_joint("crank_pin", "spherical", between=["crank.pin", "coupler.root"])
@@ -103,7 +103,7 @@ def closed_loop():
     model.add_joint("right", "cylindrical", between=["ground.foot", "rocker.root"], axis="z")
     model.add_force("motor", "torque", at="crank", value=[0, 0, "1.5*(1-exp(-20*t))"])
     model.add_sensor("pin", "reaction", joint="rocker_pin")
-    model.set_dynamics(duration=0.6, outputs=300, accuracy=1e-6, verify=False)
+    model.set_dynamics(duration=0.6, outputs=200, accuracy=1e-6, verify=False)
     return model
 
 
@@ -126,14 +126,49 @@ def ball_on_a_leaf():
     return model
 
 
-def left_out(model, folder, words, effect):
+def two_arms():
+    """An upper and a lower arm, hub and elbow driven, that turn from the start."""
+    model, w, v = Model("two arms"), (3.0, 13.0), 3.0 + 0.7 * 13.0
+    model.add_body("upper", **slender(1.0, 0.03, modes=3), angular_velocity=[0, 0, w[0]])
+    model.add_body("lower", **slender(0.7, 0.02, modes=3), position=[1.0, 0, 0],
+                   velocity=[0, 3.0, 0], angular_velocity=[0, 0, w[1]])  # fmt: skip
+    model.add_body("tool", mass=1.0, inertia=[9e-4] * 3, position=[1.7, 0, 0],
+                   velocity=[0, v, 0], angular_velocity=[0, 0, w[1]])  # fmt: skip
+    model.add_joint("hub", "revolute", between=["ground", "upper.root"], axis="z")
+    model.add_joint("elbow", "revolute", between=["upper.tip", "lower.root"], axis="z")
+    model.add_joint("grip", "fixed", between=["lower.tip", "tool"])
+    model.add_driver("first", joint="hub", angle="3*t")
+    model.add_driver("second", joint="elbow", angle="10*t")
+    model.add_sensor("elbow", "reaction", joint="elbow")
+    model.set_dynamics(duration=0.6, outputs=60, accuracy=1e-4, start="quasi-static", verify=False)
+    model.set_validity(truncation="any", load_factor="any", deflection="any")
+    return model
+
+
+def deformation_of(model, body, folder):
+    """What the deformation of a body that is flexible contributes at each sensor, and the truth."""
+    run = flexmb.simulate(model, output=folder)
+    other = flexmb.simulate(with_words(model, {body: {"deformation": "rigid"}}))
+    neighbours = Neighbours.of(run, 400)
+    effects = neighbours.effects()
+    one = next(one for one in effects if (one.name, one.body) == ("deformation", body))
+    return {
+        found.sensor: (
+            found.share,
+            min(share_between(*runs, found.sensor) for runs in ((run, other), (other, run))),
+        )
+        for found in neighbours.estimate(one)[0]
+    }
+
+
+def left_out(model, folder, words, effect, rows=800):
     """Sum over the bodies of what leaving an effect out changes at each sensor, and the truth."""
     names = [name for name, spec in model.bodies.items() if spec.flexible]
     complete = {"deformation": "dynamic", **FULL}
     full = flexmb.simulate(with_words(model, dict.fromkeys(names, complete)))
     lacking = {**complete, **words}
     run = flexmb.simulate(with_words(model, dict.fromkeys(names, lacking)), output=folder)
-    neighbours, sums = Neighbours.of(run, 800), {}
+    neighbours, sums = Neighbours.of(run, rows), {}
     for one in neighbours.effects():
         if one.name == effect and not one.on:
             for found in neighbours.estimate(one)[0]:
@@ -159,17 +194,18 @@ def test_a_deformation_that_follows_its_loads_jumps_with_them(t0, tmp_path):
 
 def test_a_stiff_arm_rings_when_its_motor_begins_at_once(tmp_path):
     """Its modes are faster than the rows: they begin with the jump of what they follow."""
-    model = arm_that_turns(t0=0.02, t1=0.5)
-    model.dynamics = model.dynamics.model_copy(update={"outputs": 40})
-    complete = {"deformation": "dynamic", **FULL}
-    full = flexmb.simulate(with_words(model, {"arm": complete}))
+    model = arm_that_turns(side=0.03, t0=0.02, t1=0.5)
+    model.add_sensor("grip", "reaction", joint="grip")
+    model.dynamics = model.dynamics.model_copy(update={"outputs": 60})
     words = {"deformation": "rigid", "geometric_stiffening": "none"}
-    run = flexmb.simulate(with_words(model, {"arm": words}), output=tmp_path)
-    neighbours = Neighbours.of(run, 41)
-    one = next(one for one in neighbours.effects() if one.name == "deformation")
-    told = {found.sensor: found.share for found in neighbours.estimate(one)[0]}
-    true = share_between(run, full, "tool")
-    assert told["tool"] == pytest.approx(true, rel=0.3)
+    told, true = left_out(model, tmp_path, words, "deformation", rows=61)["grip"]
+    assert told == pytest.approx(true, rel=0.03)
+
+
+def test_stiff_modes_do_not_ring_as_an_elbow_turns(tmp_path):
+    """They vibrate about places that turn with the lower arm, by 0.1 rad from row to row."""
+    told, true = deformation_of(two_arms(), "upper", tmp_path)["elbow"]
+    assert told == pytest.approx(true, rel=0.05)
 
 
 @pytest.mark.slow
@@ -197,12 +233,11 @@ def test_a_contact_remembers_the_speed_of_its_impact(tmp_path):
     assert true < told < 0.05
 
 
-@pytest.mark.slow
 def test_reactions_of_bodies_that_follow_have_the_inertia_of_their_deformation(tmp_path):
     """They were a fifth of it: 1.9 % of vibration were told for 0.2 %."""
     model = closed_loop()
     told, true = left_out(model, tmp_path, {"deformation": "quasi-static"}, "vibration")["pin"]
-    assert told == pytest.approx(true, rel=0.5)
+    assert 1 / 2 < told / true < 2
 
 
 def test_a_selection_sees_what_two_columns_do_together(tmp_path):
