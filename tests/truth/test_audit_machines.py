@@ -184,7 +184,7 @@ def test_two_columns_hold_one_another_if_one_of_them_is_rigid(tmp_path):
     assert told == pytest.approx(true, rel=0.01)
 
 
-@pytest.mark.parametrize("t0", [0.0, 0.07])
+@pytest.mark.parametrize("t0", [0.0, pytest.param(0.07, marks=pytest.mark.slow)])
 def test_a_deformation_that_follows_its_loads_jumps_with_them(t0, tmp_path):
     """The derivative of the jump was taken for a velocity: 248 % were told for 17 %."""
     model, words = arm_that_turns(t0=t0, t1=0.5), {"deformation": "quasi-static"}
@@ -240,6 +240,7 @@ def test_reactions_of_bodies_that_follow_have_the_inertia_of_their_deformation(t
     assert 1 / 2 < told / true < 2
 
 
+@pytest.mark.slow
 def test_a_selection_sees_what_two_columns_do_together(tmp_path):
     model = table_on_columns()
     model.set_effects(choice="auto", budget=0.01)
