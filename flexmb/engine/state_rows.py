@@ -46,6 +46,16 @@ def write_equilibrium(run: Run) -> int:
 
 
 @unit
+def remember_row(run: Run, is_first: int) -> int:
+    """Let the history of all elements begin at the state that was evaluated last, or reach it."""
+    if is_first:
+        begin_history(run, run.state_point, run.state.history)
+    else:
+        remember(run, run.state_point, run.state.history)
+    return FINE
+
+
+@unit
 def write_reactions(run: Run, metric: Vector, quality: Vector) -> int:
     """Write the state with the multipliers that its motion needs; returns the status.
 

@@ -258,7 +258,7 @@ def _outcome(neighbours: Neighbours, effect: Effect, budget: float) -> EffectOut
         return EffectOutcome(*fixed, None, "", "", None, NEEDED if effect.on else UNKNOWN, why)
     if not changes:
         return EffectOutcome(*fixed, 0.0, "", "", cost, WASTED if effect.on else SMALL)
-    worst = max(changes, key=lambda one: one.share)
+    worst = max(changes, key=lambda one: (not one.by_symmetry, one.share))
     verdict = _verdict(effect.on, worst.share, budget)
     value = neighbours.model.units.say(worst.value, worst.unit, 2) if worst.unit else ""
     shares = {one.sensor: one.share for one in changes}

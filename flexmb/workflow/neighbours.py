@@ -10,18 +10,21 @@ from __future__ import annotations
 import copy
 import shutil
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from flexmb.errors import FlexmbError
 from flexmb.flexbody.arrays import Array
 from flexmb.folders import writable_folder
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.scenes.effects import with_words
 from flexmb.progress import Progress, silent
+from flexmb.workflow.audited_rows import resolved_motion
 
 if TYPE_CHECKING:
     from flexmb.analysis.effects.contribution import Contribution
@@ -40,7 +43,6 @@ STATIC = "vibration of quasi-static modes"
 STIFFENING, COUPLING, BOTH = "geometric stiffening", "inertia coupling", "coupling and stiffening"
 MODES, DAMPING, GRAVITY, FRICTION = "further modes", "damping", "gravity", "friction"
 OUT_OF_PLANE = "motion out of the plane"
-_ROUGH = 0.2  # of velocities against accelerations between rows, relative
 _MORE_MODES = 2  # times as many modes tell what those left out would do
 _RIGID, _DYNAMIC = {"deformation": "rigid"}, {"deformation": "dynamic"}
 _QUASI_STATIC = {"deformation": "quasi-static"}
@@ -82,8 +84,8 @@ class Neighbours:
     folder: Path
     progress: Progress = silent
     notes: list[str] = field(default_factory=list)
-    _changes_of: dict[tuple[str, str], Change] = field(default_factory=dict)
-    _rigid: dict[str, tuple[Compiled, Motion, float]] = field(default_factory=dict)
+    _changes_of: dict[tuple[str, ...], Change] = field(default_factory=dict)
+    _rigid: dict[tuple[str, ...], tuple[Compiled, Motion, float]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, run: Result, most_rows: int, progress: Progress = silent) -> Neighbours:
@@ -104,7 +106,8 @@ class Neighbours:
             whole = file.with_name(file.name.replace(SIMULATED, "."))
             bodies[name] = load(whole) if whole != file and whole.exists() else bodies[name]
         made = cls(run, model, bodies, compiled, read_motion(run), folder, progress)
-        made.motion = made._resolved(made.motion, most_rows)
+        again = None if "from" in made._origin else partial(made._run, name="rows")
+        made.motion, made.notes = resolved_motion(made.motion, compiled, model, most_rows, again)
         return made
 
     def rows(self) -> OutputBlock:
@@ -120,13 +123,13 @@ class Neighbours:
             if spec.flexible:
                 yield from self._of_body(name)
 
-    def neighbour(self, effect: Effect) -> Model:
-        """The scene with an effect switched over."""
-        if effect.body:
-            return with_words(self.model, {effect.body: effect.words})
+    def neighbour(self, *effects: Effect) -> Model:
+        """The scene with an effect switched over, or with one of several bodies."""
+        if effects[0].body:
+            return with_words(self.model, {one.body: one.words for one in effects})
         model = copy.copy(self.model)
         stated = {} if model.effects is None else model.effects.model_dump()
-        model.set_effects(**{**stated, **effect.words})
+        model.set_effects(**{**stated, **effects[0].words})
         return model
 
     def estimate(self, effect: Effect) -> tuple[list[Contribution], float | None]:
@@ -139,15 +142,24 @@ class Neighbours:
         FlexmbError
             The neighbour cannot be made or run.
         """
-        from flexmb.analysis.effects.contribution import contributions
+        from flexmb.analysis.effects.contribution import contributions, shared
 
+        alike = self._alike(effect)
         histories, change, names, cost = self._change(effect)
-        alike = [one for one in self._estimable if (one.name, one.on) == (effect.name, effect.on)]
         made = contributions(self.model, histories, change, names)
+        if len(alike) > 1 and not effect.on and effect.name != MODES:
+            with suppress(FlexmbError):  # without them all there may be no motion
+                return shared(made, [self._alone(one) for one in alike], self._alone(*alike)), cost
         if effect.body and len(alike) > 1 and any(one.at_rest and one.share for one in made):
             together = np.sum([self._change(one)[1] for one in alike], axis=0)  # to first order
             made = contributions(self.model, histories, change, names, together)
         return made, cost
+
+    def _alone(self, *effects: Effect) -> list[Contribution]:
+        """Of one effect, or of some of one kind switched over together."""
+        from flexmb.analysis.effects.contribution import contributions
+
+        return contributions(self.model, *self._change(*effects)[:3])
 
     @cached_property
     def _static(self) -> dict[str, Any]:
@@ -170,40 +182,46 @@ class Neighbours:
     def _estimable(self) -> list[Effect]:
         return [effect for effect in self.effects() if not effect.why]
 
-    def _change(self, effect: Effect) -> Change:
-        key = effect.name, effect.body
+    def _alike(self, effect: Effect) -> list[Effect]:
+        """The effects of this kind that are off, or on, as this one is, in bodies alike."""
+        kind, rigid = (effect.name, effect.on), effect.indicator == "rigid"
+        alike = [one for one in self._estimable if (one.name, one.on) == kind]
+        return [one for one in alike if (one.indicator == "rigid") == rigid]
+
+    def _change(self, *effects: Effect) -> Change:
+        """By one effect, or by some of one kind together."""
+        name = effects[0].name
+        key = (name, *(one.body for one in effects))
         if key not in self._changes_of:
-            deforms = effect.name in (DEFORMATION, VIBRATION)
-            self._changes_of[key] = (
-                self._deformation(effect) if deforms else self._switch_change(effect)
-            )
+            deforms = name in (DEFORMATION, VIBRATION)
+            find = self._deformation if deforms else self._switch_change
+            self._changes_of[key] = find(*effects)
         return self._changes_of[key]
 
-    def _switch_change(self, effect: Effect) -> Change:
+    def _switch_change(self, *effects: Effect) -> Change:
         """Of all but deformation, along the motion of the run; modes without inertia follow it."""
         from flexmb.analysis.effects.contribution import evaluation_time as time
 
-        model, own, follow = self.neighbour(effect), self.compiled, False
-        if effect.name != STATIC and self._static:
+        model, own, follow = self.neighbour(*effects), self.compiled, False
+        name, on = effects[0].name, effects[0].on
+        if name != STATIC and self._static:
             own, follow = self._dynamic[1], "quasi-static" in self._static.values()
             model = with_words(model, dict.fromkeys(self._static, _DYNAMIC))
         bodies, shapes = dict(self.bodies), {}
-        if effect.body and (effect.name == MODES or effect.words.get("geometric_stiffening")):
-            bodies[effect.body] = self._reduced(model, effect)
-        if effect.name == OUT_OF_PLANE:
-            for name, spec in model.bodies.items():
+        for one in effects:
+            if one.body and (name == MODES or one.words.get("geometric_stiffening")):
+                bodies[one.body] = self._reduced(model, one)
+        if name == OUT_OF_PLANE:
+            for body, spec in model.bodies.items():
                 if isinstance(spec, MeshBodySpec):
-                    bodies[name] = self._reduced(model, replace(effect, body=name))
+                    bodies[body] = self._reduced(model, replace(effects[0], body=body))
         other = self._compile(model, bodies)
-        if effect.name == OUT_OF_PLANE:
-            for name, body in own.flexbodies.items():
-                shapes[name] = _shapes(body, other.flexbodies[name])
-        if effect.name == MODES:
-            name = effect.body
-            shapes[name] = _shapes(self.compiled.flexbodies[name], other.flexbodies[name])
+        finer = {OUT_OF_PLANE: own.flexbodies, MODES: [one.body for one in effects]}
+        for body in finer.get(name, ()):
+            shapes[body] = _shapes(own.flexbodies[body], other.flexbodies[body])
         changes = self._changes(own, other, model, self.motion, shapes, follow)
         times = time(other), time(own) if self._static else self._own_time
-        return *changes, times[1] / times[0] if effect.on else times[0] / times[1]
+        return *changes, times[1] / times[0] if on else times[0] / times[1]
 
     def _of_body(self, name: str) -> Iterator[Effect]:
         from flexmb.analysis.dynamics.linear_elasticity import LEAST_SPEED
@@ -272,53 +290,61 @@ class Neighbours:
             return Effect(MODES, name, False, modes, {}, "needs the mesh of the body")
         return Effect(MODES, name, False, modes, {"modes": _MORE_MODES * max(spec.mode_count, 4)})
 
-    def _deformation(self, effect: Effect) -> Change:
-        """Of one body along the motion in which it is rigid; of vibrations less what is slow."""
+    def _deformation(self, *effects: Effect) -> Change:
+        """Of bodies along the motion in which they are rigid; of vibrations less what is slow."""
         from flexmb.analysis.effects.contribution import smaller_range
         from flexmb.engine.bodies.static_modes import static_coordinates
 
-        own, motion, model, bodies, last = self._deformable(effect)
-        name, other = effect.body, self._compile(model, bodies)
-        if effect.name == DEFORMATION:
+        own, motion, model, bodies, last = self._deformable(effects)
+        other = self._compile(model, bodies)
+        if effects[0].name == DEFORMATION:
             cost = _evaluations(self.run) * self._own_time / last if last else None
             (before, after), change, names = self._changes(own, other, model, motion, {})
             return (self.motion.channels, before, after), change, names, cost
-        histories, change, names, _ = self._change(replace(effect, name=DEFORMATION))
+        deformations = (replace(one, name=DEFORMATION) for one in effects)
+        histories, change, names, _ = self._change(*deformations)
+        followed = {one.body: _QUASI_STATIC for one in effects}
         beside, slow = (
-            self._compile(with_words(one, {name: _QUASI_STATIC}), bodies)
-            for one in (self.model, model)
+            self._compile(with_words(one, followed), bodies) for one in (self.model, model)
         )
         if follow := len(static_coordinates(beside.system, kinetostatic=True)) > 0:
             slow = other  # nothing vibrates, nor do other bodies on the compliance of this one
         (_, after), still, _ = self._changes(own, slow, model, motion, {}, follow)
         if motion is not self.motion:  # the body is flexible in both
-            without = after if effect.on else smaller_range(after, histories[0])
+            without = after if effects[0].on else smaller_range(after, histories[0])
             histories = histories[0], without, histories[2]
         return histories, np.where(np.isfinite(change), change - still, change), names, None
 
     def _deformable(
-        self, effect: Effect
+        self, effects: tuple[Effect, ...]
     ) -> tuple[Compiled, Motion, Model, dict[str, FlexBody], float]:
-        """The scene with a body rigid, and its motion; with it flexible, and its bodies."""
+        """The scene with bodies rigid, and its motion; with them flexible, and its bodies."""
         from flexmb.analysis.dynamics.linear_elasticity import LEAST_SPEED
         from flexmb.analysis.effects.contribution import indicators
         from flexmb.analysis.effects.stored_motion import carry_motion
 
-        name = effect.body
-        own, motion, last = self._without(name)
-        model = with_words(self._dynamic[0], {name: _DYNAMIC})
-        bodies, spec = dict(self.bodies), model.bodies[name]
-        stiffened = getattr(spec, "geometric_stiffening", None) == "full"
-        lacks = bodies[name].m == 0 or (stiffened and bodies[name].centrifugal_stiffness is None)
-        if lacks and isinstance(spec, MeshBodySpec):  # as it was rigid, it was reduced without
-            bodies[name] = self._reduced(model, effect)
-        has_data = bodies[name].centrifugal_stiffness is not None
-        if self.compiled.flexbodies[name].m == 0 and (isinstance(spec, MeshBodySpec) or has_data):
-            other = self._compile(model, bodies)
-            carried, _ = carry_motion(motion, own, other, {})
-            if indicators(other, carried, bodies[name], name).speed >= LEAST_SPEED:
-                model = with_words(model, {name: _FULL})
-                bodies[name] = bodies[name] if has_data else self._reduced(model, effect)
+        names = tuple(one.body for one in effects)
+        own, motion, last = self._without(names)
+        model = with_words(self._dynamic[0], dict.fromkeys(names, _DYNAMIC))
+        bodies = dict(self.bodies)
+        for one in effects:
+            name, spec = one.body, model.bodies[one.body]
+            stiffened = getattr(spec, "geometric_stiffening", None) == "full"
+            lacks = bodies[name].m == 0
+            lacks |= stiffened and bodies[name].centrifugal_stiffness is None
+            if lacks and isinstance(spec, MeshBodySpec):  # as it was rigid, reduced without
+                bodies[name] = self._reduced(model, one)
+        for one in effects:
+            name, spec = one.body, model.bodies[one.body]
+            has_data = bodies[name].centrifugal_stiffness is not None
+            if self.compiled.flexbodies[name].m == 0 and (
+                isinstance(spec, MeshBodySpec) or has_data
+            ):
+                other = self._compile(model, bodies)
+                carried, _ = carry_motion(motion, own, other, {})
+                if indicators(other, carried, bodies[name], name).speed >= LEAST_SPEED:
+                    model = with_words(model, {name: _FULL})
+                    bodies[name] = bodies[name] if has_data else self._reduced(model, one)
         return own, motion, model, bodies, last
 
     def _changes(
@@ -334,23 +360,24 @@ class Neighbours:
         after = motion.channels + np.where(np.isfinite(change), change, 0.0)
         return (motion.channels, after), change, other.layout.channels
 
-    def _without(self, name: str) -> tuple[Compiled, Motion, float]:
-        """The scene with one body rigid, all modes of others with inertia, and its motion."""
+    def _without(self, names: tuple[str, ...]) -> tuple[Compiled, Motion, float]:
+        """The scene with bodies rigid, all modes of others with inertia, and its motion."""
         from flexmb.analysis.effects.contribution import evaluation_time
         from flexmb.analysis.effects.stored_motion import read_motion
 
-        if self.compiled.flexbodies[name].m == 0:
+        if all(self.compiled.flexbodies[name].m == 0 for name in names):
             return self._dynamic[1], self.motion, 0.0
-        if name not in self._rigid:
-            model = with_words(self.model, {name: _RIGID})
+        if names not in self._rigid:
+            words = dict.fromkeys(names, _RIGID)
+            model = with_words(self.model, words)
             if model.dynamics is not None and self.notes:  # the rows of another run
                 finer = {"outputs": len(self.motion.t) - 1}
                 model.dynamics = model.dynamics.model_copy(update=finer)
-            run = self._run(model, f"rigid_{name}")
+            run = self._run(model, "_".join(("rigid", *names)))
             motion = read_motion(run).thinned(len(self.motion.t))
-            own = self._compile(with_words(self._dynamic[0], {name: _RIGID}), self.bodies)
-            self._rigid[name] = own, motion, _evaluations(run) * evaluation_time(own)
-        return self._rigid[name]
+            own = self._compile(with_words(self._dynamic[0], words), self.bodies)
+            self._rigid[names] = own, motion, _evaluations(run) * evaluation_time(own)
+        return self._rigid[names]
 
     @cached_property
     def _own_time(self) -> float:
@@ -398,31 +425,6 @@ class Neighbours:
         if deforms:
             _copy_bodies(folder, own)  # for a next run with these effects
         return bodies[effect.body]
-
-    def _resolved(self, motion: Motion, most_rows: int) -> Motion:
-        """At most so many rows; of another run with more of them where these are too far apart."""
-        from flexmb.analysis.effects.stored_motion import read_motion
-        from flexmb.model.excitation import driving_frequencies
-
-        thinned, spec = motion.thinned(most_rows), self.model.dynamics
-        fastest = max((hertz for _, hertz in driving_frequencies(self.model)), default=0.0)
-        finer = thinned.finer(self.compiled, fastest)
-        n = min(int(np.ceil((len(thinned.t) - 1) * finer)), most_rows - 1)
-        if finer > 1.0 and n > len(motion.t) and spec is not None and "from" not in self._origin:
-            model = copy.copy(self.model)
-            model.dynamics = spec.model_copy(update={"outputs": n})
-            thinned = read_motion(self._run(model, "rows")).thinned(most_rows)
-            rows = f"{len(motion.t)} rows do not resolve the motion: audited with {n + 1}"
-            self.notes.append(rows)
-        if fastest * np.diff(thinned.t).max() > 0.5:
-            loads = f"{self.model.units.say(fastest, 'Hz', 2)} that drive the scene"
-            self.notes.append(f"the {len(thinned.t)} rows do not see the {loads}")
-        if (gap := thinned.gap(self.compiled)) > _ROUGH:
-            self.notes.append(
-                f"the {len(thinned.t)} rows resolve the accelerations of the bodies to "
-                f"{100 * gap:.2g} % only: the estimates are rough"
-            )
-        return thinned
 
 
 def _evaluations(run: Result) -> float:

@@ -149,7 +149,7 @@ SWITCHES = {
             lambda t, a, w: (w,), 0.02,
         ),
     ),
-    "buffer that is damped from a depth on": Scene(
+    "damped buffer": Scene(
         _arm(_buffer), 5.0, _truth(_buffer_torque, _buffer_switches, 0.02)
     ),
 }  # fmt: skip

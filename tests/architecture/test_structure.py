@@ -13,8 +13,8 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "files": 345,
-    "lines": 92_760,
+    "files": 348,
+    "lines": 93_080,
     "participles": 30,
     "base names of three and more files": 0,
     _ALL: 0,

@@ -1,7 +1,6 @@
 """One number for the user: the error of position sensors over their peak-to-peak.
 
-Scenes whose motion is known, by every method and accuracy: what was asked for is reached, and what
-is told of the error is near the true one. All of them as slow tests, and by `benchmarks.accuracy`.
+Scenes of known motion, by all methods: what was asked for is reached, what is told near the truth.
 """
 
 from __future__ import annotations
@@ -62,8 +61,8 @@ def assert_reached(name, method, accuracy, model=None, duration=None, **changes)
 
 FAST = (
     "pendulum", "double pendulum", "orbit, e = 0.6", "oscillator", "rotor", "gears", "cam",
-    "cart-pole", "bead on a cycloid", "free top", "Hooke's joint", "trammel", "Euler's body",
-    "backlash", "servo that saturates", "quadratic drag", "buffer that is damped from a depth on",
+    "cart-pole", "bead on a cycloid", "free top", "Hooke's joint", "Euler's body", "quadratic drag",
+    "backlash", "servo that saturates", "damped buffer", "trammel",
 )  # fmt: skip
 
 

@@ -112,10 +112,12 @@ def rotor_on_a_mast():
 
 @pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
 @pytest.mark.parametrize(
-    ("body", "word", "effect"),
-    [("mast", "rigid", "deformation"), ("blade", "quasi-static", "vibration")],
+    ("body", "word", "effect", "within"),
+    [("mast", "rigid", "deformation", 0.02), ("blade", "quasi-static", "vibration", 0.003)],
 )
-def test_stiff_modes_follow_bodies_that_turn_against_one_another(body, word, effect, tmp_path):
+def test_stiff_modes_follow_bodies_that_turn_against_one_another(
+    body, word, effect, within, tmp_path
+):
     """They rang with each row by which the blade turns; forces of a vibration were 5 times true."""
     run = flexmb.simulate(rotor_on_a_mast(), output=tmp_path)
     other = flexmb.simulate(with_words(rotor_on_a_mast(), {body: {"deformation": word}}))
@@ -123,7 +125,7 @@ def test_stiff_modes_follow_bodies_that_turn_against_one_another(body, word, eff
     one = next(one for one in neighbours.effects() if (one.name, one.body) == (effect, body))
     for found in neighbours.estimate(one)[0]:
         true = min(share_between(*runs, found.sensor) for runs in ((run, other), (other, run)))
-        assert found.share == pytest.approx(true, rel=0.15)
+        assert found.share == pytest.approx(true, rel=within)
 
 
 def test_a_bar_that_bends_comes_shorter(tmp_path):
@@ -197,11 +199,12 @@ def test_two_bodies_on_which_nothing_vibrates_are_judged_as_two(tmp_path):
     model.dynamics = model.dynamics.model_copy(update={"start": "quasi-static"})
     complete = with_words(model, dict.fromkeys(words, {"deformation": "dynamic"}))
     run = flexmb.simulate(model, output=tmp_path)
-    true = share_between(run, flexmb.simulate(complete), "head")
+    other = flexmb.simulate(complete)
+    true = min(share_between(*runs, "head") for runs in ((run, other), (other, run)))
     made = flexmb.audit(run)
     both = sum(find(made, "vibration", body).share for body in words)
     assert true > 0.1
-    assert 1 / 2 < both / true < 2
+    assert both == pytest.approx(true, rel=0.1)
 
 
 def test_a_run_of_a_neighbour_may_leave_the_bounds_of_the_scene(tmp_path):

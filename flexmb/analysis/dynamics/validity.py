@@ -19,9 +19,8 @@ So d is what a shock spectrum has, of a step |a|, of a ramp that takes T, 2|a si
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from copy import copy, deepcopy
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,6 +29,7 @@ from scipy.linalg import block_diag
 
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, n_free
 from flexmb.analysis.assembly.joined_damping import JoinedScene
+from flexmb.analysis.dynamics.bent_functions import AT_ONCE, bent_functions
 from flexmb.analysis.dynamics.linear_elasticity import (
     LinearElasticityMonitor,
     loads_without_response,
@@ -43,7 +43,6 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import FINE_METHOD, STIFF_METHOD
 from flexmb.engine.state import State
 from flexmb.errors import AssemblyError
-from flexmb.model.functions.derivatives import Program, derivative_jumps, evaluate
 from flexmb.model.model import Model
 from flexmb.model.scenes.dynamics import ValiditySpec
 from flexmb.results.writer import OutputBlock
@@ -55,8 +54,6 @@ _EQUAL = 0.05  # frequencies of the same vibration differ by less
 _WARNING = 0.04  # of the deformation
 _DAMPING = 0.002  # ratio of vibrations that are left out: in 80 periods a start is forgotten
 _PARTS = 8  # lines for the shape of a function between two of its bends
-_LOOKS, _BEND = 2000, 0.01  # for bends of nested functions: times, and share of the largest rate
-_AT_ONCE = 1e-8  # of a run: what a jump takes
 # Of a change: what rates at both ends may say otherwise of it; and where one may lack its past.
 _SMOOTH, _SMOOTH_AFTER_BEND = 0.3, 0.02
 _NET = 0.5  # share of the range of a function within rows from which on their difference tells it
@@ -265,7 +262,7 @@ class OmittedVibrationMonitor:
         spec = model.dynamics
         self._undeformed = spec is not None and spec.start == "undeformed"
         self._duration = spec.duration if spec is not None else 0.0
-        self._loads = _bent_functions(compiled, self._duration) if len(gone) else []
+        self._loads = bent_functions(compiled, self._duration) if len(gone) else []
         self._influence = np.full((len(self._loads), len(gone)), np.nan)  # of each on the parts
 
     @property
@@ -312,7 +309,7 @@ class OmittedVibrationMonitor:
     def _path(self, last: Array, now: Array) -> Iterator[tuple[float, float, Array, Array]]:
         """Beginning and length [s] of each piece, and the parts at its ends."""
         begin, end = float(last[0, 0]), float(now[0, 0])
-        tiny = _AT_ONCE * self._duration
+        tiny = AT_ONCE * self._duration
         bent, grid, widest = -1, np.zeros(0), 0.0
         for k, (bends, shape, scale) in enumerate(self._loads):
             inside = bends[(bends >= begin) & (bends <= end)]
@@ -354,41 +351,3 @@ class OmittedVibrationMonitor:
                 f"{begin}{self._cure}"
             )
             yield Indicator(self._names[0], "vibrations", share, time, _WARNING, lambda: sentence)
-
-
-def _bent_functions(
-    compiled: Compiled, duration: float
-) -> Sequence[tuple[Array, Callable[[float], float], float]]:
-    """Functions of time with jumps or bends: their times, what loads go with, its largest value.
-
-    The load of a driver goes with its second derivative, else with the value.
-    """
-    driven = set(compiled.system.rows["fun"].tolist())
-    bent = []
-    for k, program in enumerate(compiled.functions):
-        times = [] if program.channels else _bends(tuple(program.ops), duration)
-        if times:
-            order = 2 if k in driven else 0
-            shape = partial(lambda ops, order, t: evaluate(ops, t)[order], program.ops, order)
-            near = (0.0, *(t + s * duration for t in times for s in (-1e-9, 1e-9)), duration)
-            values = [shape(t) for t in near]
-            bent.append((np.array(times), shape, float(np.ptp(values)) or 1.0))
-    return bent
-
-
-def _bends(ops: Program, duration: float) -> list[float]:
-    """Times at which a function of time jumps or bends: those known, and of nested min and max."""
-    times = set(derivative_jumps(ops, duration))
-    if any(op in ("min", "max") for op, _ in ops):
-        grid = np.linspace(0.0, duration, _LOOKS + 1)
-        jets = np.array([evaluate(ops, float(t)) for t in grid])
-        bend = np.diff(jets[:, 1]) - np.diff(grid) * (jets[1:, 2] + jets[:-1, 2]) / 2
-        for k in np.flatnonzero(np.abs(bend) > _BEND * np.abs(jets[:, 1]).max()):
-            a, b = grid[k], grid[k + 1]
-            while b - a > _AT_ONCE * duration:  # to where the rate is another
-                middle = 0.5 * (a + b)
-                rate = evaluate(ops, float(middle))[1]
-                nearer = abs(rate - jets[k, 1]) < abs(rate - jets[k + 1, 1])
-                a, b = (middle, b) if nearer else (a, middle)
-            times.add(0.5 * (a + b))
-    return sorted(times)

@@ -11,8 +11,8 @@ accelerations change against that.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -44,7 +44,8 @@ _UNBOUNDED = 1e3  # a change this many times the motion is no number any more
 class Contribution:
     """The largest change of a sensor: `value` in its SI unit, `share` of its peak-to-peak.
 
-    ``at_rest``: the sensor does not move in the run.
+    ``at_rest``: the sensor does not move in the run. ``by_symmetry``: nor when the effects of this
+    kind of all bodies change together, whatever that of one would do.
     """
 
     sensor: str
@@ -52,6 +53,7 @@ class Contribution:
     value: float
     share: float
     at_rest: bool = False
+    by_symmetry: bool = False
 
 
 def first_change(
@@ -106,10 +108,10 @@ def contributions(
     names : tuple of str
         Of the channels.
     together : (n, k) array, optional
-        The change by the same effect of all bodies: what is at rest and stays there, by symmetry,
-        is not changed by that of one.
+        The change by the same effect of all bodies, which tells what rests by symmetry.
     """
     sizes: dict[str, tuple[str, float, float]] = {}
+    symmetric: set[str] = set()
     rests: dict[str, float] = {}
     largest: dict[str, float] = {}
     owners = {**model.sensors, **model.states, **model.controllers}
@@ -120,7 +122,7 @@ def contributions(
         rests[name], size = ranges[0], max(ranges[-2:])
         value = np.abs(change[:, columns]).max(initial=0.0)
         if together is not None and np.abs(together[:, columns]).max() < _SYMMETRIC * value:
-            value *= rests[name] > _AT_REST * size
+            symmetric.add(name)
         sizes[name] = unit, float(size), float(value)
         largest[unit] = max(largest.get(unit, 0.0), float(size))
     result = []
@@ -128,7 +130,28 @@ def contributions(
         moves = size > _STANDSTILL * largest[unit]
         share = min(value / size, _UNBOUNDED) if moves else 0.0
         at_rest = bool(rests[name] <= _AT_REST * size)
-        result.append(Contribution(name, unit, value if moves else 0.0, share, at_rest))
+        still = at_rest and name in symmetric
+        result.append(Contribution(name, unit, value if moves else 0.0, share, at_rest, still))
+    return result
+
+
+def shared(
+    of_one: Sequence[Contribution], of_each: Sequence[Sequence[Contribution]],
+    together: Sequence[Contribution],
+) -> list[Contribution]:  # fmt: skip
+    """The part of one body in what the same effect of all of them changes.
+
+    Each alone may change next to nothing where others hold it, as of two columns under a table, or
+    what the others undo: what rests in the run and stays there, by symmetry, is not changed.
+    """
+    result = []
+    for k, (own, whole) in enumerate(zip(of_one, together, strict=True)):
+        each = [one[k].share for one in of_each]
+        part = own.share / sum(each) if sum(each) > 0.0 else 1.0 / len(each)
+        undone = _SYMMETRIC * max(one[k].value for one in of_each)
+        still = whole.at_rest and whole.value < undone
+        value, share = (0.0, 0.0) if still else (part * whole.value, part * whole.share)
+        result.append(replace(own, value=value, share=share, by_symmetry=still))
     return result
 
 
@@ -154,6 +177,7 @@ def estimate(
         Leave out the inertia of vibrations.
     """
     carried, balance = carry_motion(motion, own, other, shapes)
+    carried = carried.remembered(other)
     start = first_change(other, model, carried) if begins_as_placed else None
     return respond(other, carried, balance, start, quasi_static=quasi_static)
 

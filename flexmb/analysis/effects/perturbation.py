@@ -28,6 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import numerical_rank, one_blas_thread
+from flexmb.analysis.dynamics.bent_functions import rows_behind_jumps
+from flexmb.analysis.effects.smooth_pieces import SmoothPieces
 from flexmb.analysis.effects.stored_motion import Frames, Motion, equations_of
 from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.engine.bodies.static_modes import static_coordinates
@@ -46,6 +48,7 @@ _LEAST_ROWS = 8  # with one choice of them
 _NO_TIME = 0.01  # of an interval, which modes without inertia take
 _MOST_VIBRATIONS = 80  # the slowest of many; what the rows do not resolve beyond only follows loads
 _NOTHING = 1e-20  # of the largest square of a row of Cq
+_HELD = 1e-8  # of the largest square of rows of Cq, without modes: these hold what turns and moves
 _NO_MASS = 1e-12  # of the inertia of all
 _SMALL = 1e-5  # of the size of the model: a change of the motion that is linear in all sensors
 _UNBOUNDED = 1e12  # a small motion this many times the model is not followed any further
@@ -86,6 +89,7 @@ def respond(
         Leave out the inertia of vibrations: deformations follow their loads.
     """
     n, one = len(motion.t), _coefficients(compiled, motion, balance)
+    pieces = SmoothPieces(motion.t, np.array(rows_behind_jumps(compiled, motion.t), np.int64))
     frames = one.frames
     state: _Begin = *(np.zeros(len(one.weights)),) * 2, None
     if start is not None:
@@ -100,14 +104,15 @@ def respond(
         segment = _segment(one, first)
         rows = slice(first, first + len(segment.Z))
         parts[:, rows], bounded = _solve(
-            motion.t[rows], one.part(rows), segment, state, springs, quasi_static
+            pieces.part(rows), one.part(rows), segment, state, springs, quasi_static
         )
         bounded = n if bounded == len(segment.Z) else first + bounded
         first += len(segment.Z) - 1
         state = parts[0, first], parts[1, first], parts[2, first]
     change, equations = np.zeros_like(motion.channels), equations_of(compiled)
     force = one.F + sum(map(_times, (one.M, one.D, one.K), parts[::-1]))
-    multipliers = np.einsum("tr,trc->tc", one.shares(force), one.rows)
+    follows = (np.diag(elastic) > 0.0) & quasi_static  # their equations have no inertia in the run
+    multipliers = np.einsum("tr,trc->tc", one.shares(force, follows), one.rows)
     closed = _closure(motion, equations, one, parts[0], elastic) if bounded == n else None
     dq = frames.outward(parts[0])
     factors = np.ones((1, n))
@@ -115,8 +120,8 @@ def respond(
         sizes = np.abs(parts[0]).max(axis=1, initial=_SMALL)
         factors = np.stack([np.ones(n), _SMALL / sizes])
     else:
-        closed_v = _rate(motion.t, closed) + _times(one.Omega, closed)
-        parts += [closed, closed_v, _rate(motion.t, closed_v)]
+        closed_v = pieces.rate(closed) + _times(one.Omega, closed)
+        parts += [closed, closed_v, pieces.rate(closed_v)]
     now, moves = equations.state, [frames.outward(part) for part in parts]
     for k in range(bounded):
         changes = []
@@ -170,12 +175,15 @@ class _Coefficients:
         moved = np.linalg.solve(W, self.Cq.transpose(0, 2, 1))
         return np.asarray(moved @ np.linalg.inv(self.Cq @ moved))
 
-    def shares(self, force: Array) -> Array:
-        """λ (n, rank) of Cqᵀ λ next to forces (n, nu)."""
-        squares = (self.Cq**2).sum(axis=2)
-        least = _NOTHING * squares.max(axis=1, initial=0.0)[:, None]
-        along = np.einsum("trj,tj->tr", self.Cq, force)
-        return np.asarray(along / np.where(squares > least, squares, np.inf))
+    def shares(self, force: Array, follows: NDArray[np.bool_]) -> Array:
+        """λ (n, rank) of Cqᵀ λ next to forces (n, nu), but for those on motions that follow."""
+        rows = self.Cq * ~follows
+        squares = rows @ rows.transpose(0, 2, 1)
+        least, most = np.linalg.eigvalsh(squares)[:, [0, -1]].T if rows.size else np.zeros((2, 1))
+        if follows.any() and np.any(least < _HELD * most):  # joints need the compliance
+            return self.shares(force, np.zeros_like(follows))
+        squares += _NOTHING * max(most.max(), 1e-300) * np.eye(rows.shape[1])
+        return np.asarray(np.linalg.solve(squares, rows @ force[:, :, None])[:, :, 0])
 
 
 _TABLES = ("M", "D", "K", "Cq", "F", "C", "Omega", "rows")
@@ -266,13 +274,13 @@ def _closure(
 class _FreeMotions:
     """The equations for y of δq = Z y + g: M ÿ + D ẏ + K y = load."""
 
-    def __init__(self, t: Array, of: _Coefficients, Z: Array, g: Array) -> None:
+    def __init__(self, pieces: SmoothPieces, of: _Coefficients, Z: Array, g: Array) -> None:
         self.Z, self.g = Z, g
-        self.Zd = _rate(t, Z)
+        self.Zd = pieces.rate(Z)
         self.V1 = self.Zd + of.Omega @ Z
-        self.V1d = _rate(t, self.V1)
-        self.a0 = _rate(t, g) + _times(of.Omega, g)
-        self.a0d = _rate(t, self.a0)
+        self.V1d = pieces.rate(self.V1)
+        self.a0 = pieces.rate(g) + _times(of.Omega, g)
+        self.a0d = pieces.rate(self.a0)
         Zt = Z.transpose(0, 2, 1)
         self.M = Zt @ of.M @ Z
         self.D = Zt @ (of.M @ (self.Zd + self.V1) + of.D @ Z)
@@ -308,7 +316,7 @@ class _FreeMotions:
 
 
 def _solve(
-    t: Array, of: _Coefficients, segment: _Segment, state: _Begin,
+    pieces: SmoothPieces, of: _Coefficients, segment: _Segment, state: _Begin,
     springs: tuple[Array, Array | None], follow: bool,
 ) -> tuple[Array, int]:  # fmt: skip
     """δq, δv and δv̇ (3, n, nu) from the first on, and how many rows are bounded.
@@ -319,8 +327,9 @@ def _solve(
     from scipy.linalg import expm
 
     elastic, massless = springs
+    t = pieces.t
     n, interval, least = len(t), np.median(np.diff(t)), 1.0 / (t[-1] - t[0])
-    made = _FreeMotions(t, of, segment.Z, segment.g)
+    made = _FreeMotions(pieces, of, segment.Z, segment.g)
     further = None if massless is None else (_NO_TIME * interval) ** 2 * massless
     omega, T = made.modes(least, further)
     # the least energy closes joints that were closed at full size: what is stiff does not share it
@@ -342,7 +351,7 @@ def _solve(
         lead = -np.linalg.solve(K[:, still][:, :, still], others)
         Z = made.Z @ T
         g = made.g + _times(Z[:, :, still], lead[:, :, -1])
-        made = _FreeMotions(t, of, Z[:, :, ~still] + Z[:, :, still] @ lead[:, :, :-1], g)
+        made = _FreeMotions(pieces, of, Z[:, :, ~still] + Z[:, :, still] @ lead[:, :, :-1], g)
         omega, T = made.modes(least)
         y0, yd0 = np.linalg.solve(T, np.stack([y0, yd0], axis=1)).T
     u, w = len(omega), omega
@@ -353,7 +362,7 @@ def _solve(
     for _ in range(_ROUNDS):
         y = np.zeros((n, u))
         y[:, quick] = np.linalg.solve(K[inner], rest[:, quick, None])[..., 0]
-        motion = np.array([y, _rate(t, y), _rate(t, y, 2)])
+        motion = np.array([y, pieces.rate(y), pieces.rate(y, 2)])
         rest = rest - sum(map(_times, (K, D, M), motion))
         slow += motion
     if state[2] is not None:  # where forces hold quick ones at first: places are not known so well
@@ -366,11 +375,15 @@ def _solve(
     x[0] = np.concatenate([y0 - slow[0, 0], (yd0 - slow[1, 0]) / w])
     Mm, Dm, Km = (0.5 * (C[1:] + C[:-1]) for C in (M, D, K))  # symmetric: they make no energy
     A, inverse = _first_order(Mm, Dm, Km, w)
+    both = ~np.tile(quick, 2)
+    resolved = np.ix_(np.arange(n - 1), both, both)
+    A[resolved] += pieces.series(_first_order(M, D, K, w)[0][:, both][:, :, both])
+    jumps = np.concatenate([pieces.jumps(slow[0], slow[1]), pieces.jumps(slow[1], slow[2]) / w], 1)
     # averages make what quick ones ring about jump: they are carried over to it
     rows = _equilibria(M, D, K, rest[:, :, None], w, quick)
     moved = _equilibria(Mm, Dm, Km, np.stack([rest[:-1], rest[1:]], axis=2), w, quick)
     leave, arrive = moved[:, :, :-1] - rows[:-1], rows[1:] - np.delete(moved, -2, axis=2)
-    bounded, lead = n, np.append(~np.tile(quick, 2), True)
+    bounded, lead = n, np.append(both, True)
     for k in range(n - 1):
         h = t[k + 1] - t[k]
         step = np.zeros((2 * u + 2, 2 * u + 2))
@@ -382,7 +395,7 @@ def _solve(
         now[:u][quick] += leave[k] @ now[:-1][lead]
         now = expm(step) @ now
         now[:u][quick] += arrive[k] @ now[:-1][lead]
-        x[k + 1] = now[: 2 * u]
+        x[k + 1] = now[: 2 * u] - jumps[k + 1]
         if not np.abs(T @ x[k + 1, :u]).max(initial=0.0) < _UNBOUNDED:
             bounded = k + 1
             x[k + 1 :] = 0.0
@@ -420,13 +433,3 @@ def _first_order(M: Array, D: Array, K: Array, omega: Array) -> tuple[Array, Arr
     A[:, d:, :d] = -(inverse @ K) / omega[:, None]
     A[:, d:, d:] = -(inverse @ D) * omega / omega[:, None]
     return A, inverse
-
-
-def _rate(t: Array, values: Array, order: int = 1) -> Array:
-    """Time derivative of rows, by cubic splines."""
-    from scipy.interpolate import CubicSpline
-
-    rates, changing = np.zeros_like(values), (values != values[0]).any(axis=0)
-    if len(t) > 2:
-        rates[:, changing] = CubicSpline(t, values[:, changing])(t, order)
-    return rates

@@ -6,7 +6,7 @@ In: the rows of a run, compiled models. Out: their states, and what they leave o
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,7 +25,11 @@ _AT_REST = 1e-9  # of the size of a model over the run: round-off
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Rows of a run, SI: t (n,), q (n, nq), v, vd (n, nv), lam (n, nc), channels (n, k)."""
+    """Rows of a run, SI: t (n,), q (n, nq), v, vd (n, nv), lam (n, nc), channels (n, k).
+
+    `history` (n, h): what the elements of a model remember of the rows before, as a contact the
+    speed of its impact; None: nothing.
+    """
 
     t: Array
     q: Array
@@ -33,6 +37,7 @@ class Motion:
     vd: Array
     lam: Array
     channels: Array
+    history: Array | None = None
 
     def put(self, k: int, equations: StateEquations) -> None:
         """Make row number k the state of the equations."""
@@ -40,6 +45,8 @@ class Motion:
         state.t[0], state.angles[:] = self.t[k], self.channels[k]
         for name in ("q", "v", "vd", "lam"):
             getattr(state, name)[:] = getattr(self, name)[k]
+        if self.history is not None:
+            state.history[:] = self.history[k]
 
     def gap(self, compiled: Compiled) -> float:
         """How far velocities of bodies depart from the sum of their accelerations, relative (rms).
@@ -66,7 +73,29 @@ class Motion:
     def thinned(self, most: int) -> Motion:
         """At most so many rows of it, at equal numbers of rows."""
         every = slice(None, None, -(-len(self.t) // most))
-        return Motion(*(table[every] for table in vars(self).values()))
+        tables = {name: one[every] for name, one in vars(self).items() if one is not None}
+        return replace(self, **tables)
+
+    def remembered(self, compiled: Compiled) -> Motion:
+        """It with the history of a model's elements along the rows.
+
+        That of the row before, from which bristles stretch; of a contact that is open the speed of
+        approach in the row itself, with which a small motion would close it.
+        """
+        if not compiled.system.history:
+            return self
+        equations, motion = equations_of(compiled), replace(self, history=None)
+        contacts = compiled.system.kinds.get("contacts")
+        speeds = [] if contacts is None else contacts.rows["history"].tolist()
+        rows = np.zeros((len(self.t), compiled.system.history))
+        for k in range(len(rows)):
+            motion.put(k, equations)
+            if k == 0:
+                equations.remember(is_first=True)
+            rows[k] = equations.state.history
+            equations.remember(is_first=False)
+            rows[k, speeds] = equations.state.history[speeds]
+        return replace(self, history=rows)
 
 
 class Frames:
@@ -141,6 +170,7 @@ class Frames:
 def out_of_balance(compiled: Compiled, motion: Motion) -> Array:
     """F (n, nv) that the rows of a run leave in their own model."""
     equations, rows = equations_of(compiled), np.zeros((len(motion.t), compiled.layout.nv))
+    motion = motion.remembered(compiled)
     for k in range(len(rows)):
         motion.put(k, equations)
         rows[k] = equations.residual()

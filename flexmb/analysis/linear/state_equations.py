@@ -21,6 +21,7 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.initial_conditions import evaluate_equations
 from flexmb.engine.iteration_matrix import put_matrix, put_rows
 from flexmb.engine.state import State, Work
+from flexmb.engine.state_rows import remember_row
 from flexmb.engine.tables import Kkt
 from flexmb.engine.units import call, hand_over, prepare_units
 from flexmb.engine.work import new_run, new_work, units_of
@@ -53,7 +54,7 @@ class StateEquations:
     """
 
     def __init__(self, compiled: Compiled, state: State) -> None:
-        units = (evaluate_equations, put_matrix, put_rows, move)
+        units = (evaluate_equations, put_matrix, put_rows, move, remember_row)
         prepare_units([*units, *units_of(compiled.system)])
         compiled = replace(compiled, system=free_static_modes(compiled.system))
         self.compiled, self.state = compiled, state
@@ -70,6 +71,11 @@ class StateEquations:
         """F (nv,) at the state; C is in `work.con.C`."""
         self._evaluate()
         return np.array(self.work.trial.res)
+
+    def remember(self, *, is_first: bool) -> None:
+        """Let the history of all elements begin at the state, or go on to it from the last one."""
+        self._evaluate()
+        call(remember_row, self._run, int(is_first))
 
     def _evaluate(self) -> None:
         state, work, n = self.state, self.work, len(self.state.angles)

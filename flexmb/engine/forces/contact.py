@@ -100,7 +100,8 @@ CONTACT_NOW = np.dtype(
 
 # A step that ends within this fraction of itself after an onset, or at whose ends the speeds differ
 # by as little, gives the speed of the impact: that between them. With the speed before the onset
-# alone an error of d'' times the time until it is left, whatever the accuracy.
+# alone an error of d'' times the time until it is left, whatever the accuracy; so does a step that
+# did not approach when it began.
 _ONSET_FRACTION, _ALIKE = 0.05, 1e-3
 _ZERO = (0.0, 0.0, 0.0)
 
@@ -270,7 +271,9 @@ def remember(run: Run, contacts: Contacts, at: Point) -> int:
         way, before = rate * now.span[0], now.history[o]
         if d <= 0.0:
             history[o] = max(rate, c["slow"])
-        elif d <= _ONSET_FRACTION * way or (d <= way and abs(rate - before) <= _ALIKE * rate):
+        elif d <= _ONSET_FRACTION * way or (
+            d <= way and (abs(rate - before) <= _ALIKE * rate or before <= c["slow"])
+        ):
             history[o] = max(rate + (before - rate) * d / way, c["slow"])
         _note_impact(run, c, d, rate, at.t[0])
         if c["model"] != NO_FRICTION:

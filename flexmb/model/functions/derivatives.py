@@ -271,8 +271,8 @@ def evaluate(ops: Program, t: float, variables: Mapping[str, Jet] | None = None)
 """a + b t, or None for what is not linear in t."""
 
 
-def derivative_jumps(ops: Program, end: float) -> tuple[float, ...]:
-    """Times in (0, end) [s], in order."""
+def derivative_jumps(ops: Program, end: float, *, at_begin: bool = False) -> tuple[float, ...]:
+    """Times in (0, end) [s], or in [0, end), in order."""
     times: set[float] = set()
     stack: list[Line] = []
     for op, argument in ops:
@@ -292,7 +292,7 @@ def derivative_jumps(ops: Program, end: float) -> tuple[float, ...]:
             stack.append((-line[0], -line[1]) if op == "neg" and line is not None else None)
         else:  # what is not known beforehand
             stack.append(None)
-    return tuple(sorted(t for t in times if 0.0 < t < end))
+    return tuple(sorted(t for t in times if 0.0 < t < end or (at_begin and t == 0.0 < end)))
 
 
 def _line(op: str, left: Line, right: Line) -> Line:

@@ -12,8 +12,8 @@ from flexmb.engine.compile import compile_system
 from flexmb.model import Model
 
 
-@pytest.mark.parametrize(("sum_of_all", "share"), [(0.0, 0.0), (0.1, 0.0), (2.0, 1.0)])
-def test_a_sensor_at_rest_counts_what_all_bodies_together_change(sum_of_all, share) -> None:
+@pytest.mark.parametrize(("sum_of_all", "rests"), [(0.0, True), (0.1, True), (2.0, False)])
+def test_a_sensor_rests_by_symmetry_if_all_bodies_together_leave_it(sum_of_all, rests) -> None:
     model = Model("craft")
     model.add_body("bus", mass=1.0, inertia=[1.0] * 3)
     model.add_body("arm", mass=1.0, inertia=[1.0] * 3)
@@ -29,8 +29,8 @@ def test_a_sensor_at_rest_counts_what_all_bodies_together_change(sum_of_all, sha
     bus, arm = contributions(model, histories, change, names, sum_of_all * change)
     alone = contributions(model, histories, change, names)
     assert (bus.at_rest, arm.at_rest) == (True, False)
-    assert alone[0].share == pytest.approx(1.0)
-    assert bus.share == pytest.approx(share)
+    assert alone[0].share == bus.share == pytest.approx(1.0)
+    assert (bus.by_symmetry, arm.by_symmetry, alone[0].by_symmetry) == (rests, False, False)
     assert arm.share == alone[1].share == pytest.approx(0.01 / 1.01)
 
 
