@@ -92,7 +92,7 @@ def put_stop_events(row, s, v, events, o):
     p, side = penetration(row, s)
     events[o]["value"], events[o]["rate"] = s - row["upper"], v
     events[o + 1]["value"], events[o + 1]["rate"] = row["lower"] - s, -v
-    deep, force = -1.0, 1.0
+    deep, force = -math.inf, 1.0
     if row["c"] != 0.0:
         deep, force = p - row["depth"], row["k"] * abs(p) ** row["exponent"]
         if p > 0.0:
