@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import faulthandler
 import functools
+import gc
 import hashlib
 import os
 import subprocess
@@ -53,6 +54,7 @@ def connect(address: str) -> Any:
     """
     from distributed import Client
 
+    client, why = None, ""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # versions are compared below
@@ -60,10 +62,12 @@ def connect(address: str) -> Any:
     except (OSError, TimeoutError, ValueError, TypeError, AssertionError) as error:
         cause = str(error.__cause__ or error).strip().splitlines()
         why = f" ({cause[-1]})" if cause and isinstance(error, ValueError) else ""
+    if client is None:
+        gc.collect()  # what is left of it would close while the next one starts, and wait for ever
         raise FlexmbError(
             f"no Dask scheduler answers at {address} within {REACH:.0f} s{why}: give the address "
             "that it prints when it starts, such as tcp://host:8786"
-        ) from None
+        )
     try:
         compare_versions(client.get_versions())
     except BaseException:

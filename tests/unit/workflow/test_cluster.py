@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
@@ -85,17 +86,30 @@ def test_a_job_that_hangs_is_ended_with_its_worker(cluster: Cluster) -> None:
     assert len(records) == 8
 
 
+def clients() -> set[int]:
+    """Those that there are, by their places in memory."""
+    return {id(one) for one in gc.get_objects() if type(one).__name__ == "Client"}
+
+
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense", "tcp://no-such-host:8786"])
 def test_a_scheduler_that_is_not_there_is_told_soon(
     address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """And nothing of a client is left, which would close while the next one starts: they waited
+    for each other for ever."""
     monkeypatch.setattr(worker_processes, "REACH", 0.5)
     start = time.monotonic()
-    with (
-        pytest.raises(FlexmbError, match=f"no Dask scheduler answers at {address}"),
-        open_cluster(scheduler=address),
-    ):
-        pass
+    before = clients()
+    gc.disable()
+    try:
+        with (
+            pytest.raises(FlexmbError, match=f"no Dask scheduler answers at {address}"),
+            open_cluster(scheduler=address),
+        ):
+            pass
+        assert clients() == before
+    finally:
+        gc.enable()
     assert time.monotonic() - start < 20.0  # of half a second
 
 
