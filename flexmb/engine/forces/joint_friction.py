@@ -291,6 +291,8 @@ def put_events(run: Run, frictions: JointFrictions, at: Point) -> int:
         if f["model"] != BRISTLE:
             slip["value"] = min(f["creep"] - abs(speed), -_EVENT_CLEARANCE * f["creep"])
             slip["rate"] = -change if speed > 0.0 else change
+            if abs(speed) < f["creep"]:  # there its law is smooth
+                slip["rate"] = math.nan
             continue
         evaluate_surface(run, frictions, at, k)
         stretch = surface["position"] - history[f["history"] + _ANCHOR_PLACE]

@@ -87,6 +87,28 @@ def test_friction_is_felt_that_turns_within_a_step(method, model_of_friction):
     assert -run.state.work_done[1] == pytest.approx(way, rel=2e-3)
 
 
+def test_smooth_friction_that_creeps_to_and_fro_asks_for_no_more_steps():
+    """A block that swings more slowly than its friction creeps is nearly damped by μ N/v₀.
+
+    Each turn of its speed was taken for a graze, which no shorter step gets rid of.
+    """
+    steps = []
+    for damping, preload in ((2.0, 0.0), (0.0, 1.0)):
+        model = Model("creep")
+        model.add_body("b", mass=1, inertia=[1, 1, 1], position=[1e-3, 0, 0])
+        model.add_joint("rail", "prismatic", between=["ground", "b"], axis="x")
+        model.add_force("spring", "translational-spring-damper", joint="rail", stiffness=100,
+                        damping=damping)  # fmt: skip
+        if preload:
+            model.add_force("rub", "joint-friction", joint="rail", dynamic=1.0, preload=preload,
+                            model="smooth", creep_speed=0.5)  # fmt: skip
+        model.set_dynamics(duration=5.0, accuracy=1e-4, outputs=10, verify=False)
+        run = prepare_dynamics(compile_system(model), model).run
+        assert run.integrate(10**5) == FINE and run.finished
+        steps.append(int(run.state.count[0]["steps"]))
+    assert steps[1] < 1.5 * steps[0], steps
+
+
 def test_the_peak_of_a_cubic_is_found():
     """s^3 - 1.8 s^2 + 0.81 s - 0.1 is above zero about its peak at 0.3, and below at both ends."""
     ends = [{"value": -0.1, "rate": 0.81}], [{"value": -0.09, "rate": 0.21}]
