@@ -100,13 +100,17 @@ def _peak(events, k, h):
     """Share of the step at which k may peak above zero, below it at both ends; 1: never.
 
     Where the tangents of both ends meet, which a value that rises ever slower does not exceed; or,
-    where it also turns in the step, at the peak of the cubic with these values and rates.
+    where it also turns in the step, at the peak of the cubic with these values and rates. By that
+    also where it falls below zero and returns, as a contact does that opens for a moment.
     """
     a, b = events.before[k]["value"], events.now[k]["value"]
     rise, fall = h * events.before[k]["rate"], h * events.now[k]["rate"]
+    falls = a > 0.0 and b > 0.0
+    if falls:
+        a, b, rise, fall = -a, -b, -rise, -fall
     if math.isnan(rise + fall) or not (a < 0.0 and b < 0.0):
         return 1.0
-    if rise > 0.0 and fall < 0.0:
+    if rise > 0.0 and fall < 0.0 and not falls:
         share = (b - a - fall) / (rise - fall)
         if 0.0 < share < 1.0:
             return share if a + rise * share > 0.0 else 1.0

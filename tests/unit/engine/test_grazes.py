@@ -109,8 +109,33 @@ def test_smooth_friction_that_creeps_to_and_fro_asks_for_no_more_steps():
     assert steps[1] < 1.5 * steps[0], steps
 
 
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-4, 1e-5])
+def test_a_contact_that_opens_for_a_moment_is_felt_anew(accuracy):
+    """A ball of coefficient 0.05 leaves the floor by 6 µm for 4 ms, and falls on it slowly.
+
+    Within one step, pressed at both ends, it kept the damping of the first, a hundred times less.
+    """
+    model = Model("dead ball", gravity=[0, 0, -9.81])
+    model.add_body("ball", mass=1, inertia=[4e-3] * 3, position=[0, 0, 0.5])
+    model.add_force("floor", "contact", between=["ball", "ground"], stiffness=1e6, restitution=0.05,
+                    shapes=[{"type": "sphere", "radius": 0.1}, {"type": "plane"}])  # fmt: skip
+    model.set_dynamics(duration=0.4, accuracy=accuracy, outputs=10, verify=False)
+    run = prepare_dynamics(compile_system(model), model).run
+    assert run.integrate(10**5) == FINE
+    assert run.state.count[0]["events"] == 3
+
+
 def test_the_peak_of_a_cubic_is_found():
     """s^3 - 1.8 s^2 + 0.81 s - 0.1 is above zero about its peak at 0.3, and below at both ends."""
     ends = [{"value": -0.1, "rate": 0.81}], [{"value": -0.09, "rate": 0.21}]
     events = SimpleNamespace(before=ends[0], now=ends[1])
     assert _peak(events, 0, 1.0) == pytest.approx(0.3)
+
+
+def test_the_dip_of_a_cubic_is_found():
+    """The same upside down; tangents alone, which most contacts at rest have, are none."""
+    ends = [{"value": 0.1, "rate": -0.81}], [{"value": 0.09, "rate": -0.21}]
+    events = SimpleNamespace(before=ends[0], now=ends[1])
+    assert _peak(events, 0, 1.0) == pytest.approx(0.3)
+    ends[0][0]["rate"], ends[1][0]["rate"] = -0.25, 0.25  # which meet below zero, the cubic not
+    assert _peak(events, 0, 1.0) == 1.0
