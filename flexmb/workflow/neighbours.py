@@ -373,7 +373,7 @@ class Neighbours:
             if model.dynamics is not None and self.notes:  # the rows of another run
                 finer = {"outputs": len(self.motion.t) - 1}
                 model.dynamics = model.dynamics.model_copy(update=finer)
-            run = self._run(model, "_".join(("rigid", *names)))
+            run = self._run(model, f"rigid_{len(self._rigid)}")  # of names of any length
             motion = read_motion(run).thinned(len(self.motion.t))
             own = self._compile(with_words(self._dynamic[0], words), self.bodies)
             self._rigid[names] = own, motion, _evaluations(run) * evaluation_time(own)

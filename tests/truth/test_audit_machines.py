@@ -250,3 +250,18 @@ def test_a_selection_sees_what_two_columns_do_together(tmp_path):
         share_between(run, flexmb.simulate(with_words(table_on_columns(), names)), "table") < 0.01
     )
     assert find(flexmb.audit(run), "deformation", "left").on
+
+
+def test_bodies_of_long_names_are_audited_together(tmp_path):
+    """The folder of their common run had the names of all of them, too long for a file system."""
+    model = Model("two arms")
+    for k, name in enumerate(("a" * 130, "b" * 130)):
+        place = [0, 0, 0.1 * k]
+        model.add_marker(f"ground.pin{k}", position=place)
+        model.add_body(name, position=place, deformation="quasi-static", **slender(0.3, 0.01, 1))
+        model.add_joint(name, "revolute", between=[f"ground.pin{k}", f"{name}.root"], axis="z")
+        model.add_force(name, "torque", at=f"{name}.root", value=[0, 0, "1e-3*sin(3*t)"])
+        model.add_sensor(f"tip{k}", "position", of=f"{name}.tip")
+    model.set_dynamics(duration=0.2, outputs=20, accuracy=1e-3, start="quasi-static")
+    audit = flexmb.audit(flexmb.simulate(model, output=tmp_path))
+    assert find(audit, "vibration", "a" * 130).share < 0.01
