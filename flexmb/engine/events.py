@@ -55,6 +55,9 @@ _MIN_STEP_FRACTION = 1e-7
 # closely, as stick after slip and slip the other way. Laws of functions are counted by themselves,
 # so that a controller that switches all the time hides no contact.
 _STEPS_AFTER_EVENT, _CLOSE_EVENTS = 5.0, 3.0
+# Where a step moves by this share of the accuracy asked for, over the motion so far, laws of
+# functions may change unseen: what swings to rest crosses zero for ever.
+_HARDLY = 0.1
 # First step after an event, over the one before it was shortened: estimates begin again.
 _RESTART_FRACTION = 0.1
 
@@ -151,7 +154,8 @@ def missed_event(run: Run, h: float) -> int:
     _stages(run, run.trial_point)
     walk(run.stages.events, run, run.trial_point)
     elements = memory["steps_until_event_search"] <= 0.0
-    share = _first_crossing(events, h, elements, memory["steps_until_law_search"] <= 0.0)
+    laws = memory["steps_until_law_search"] <= 0.0 and not _hardly_moves(run, h)
+    share = _first_crossing(events, h, elements, laws)
     tried = memory["event_trials"] >= _MAX_TRIES
     longest = max(memory["step_before_event"], h) if memory["event_trials"] > 0.0 else h
     aim = _BEFORE if share * h > 2.0 * (1.0 - _BEFORE) * longest else _OVERSHOOT
@@ -170,6 +174,17 @@ def missed_event(run: Run, h: float) -> int:
 
 
 @kernel
+def _hardly_moves(run, h):
+    """Whether a step moves nothing by a share of its motion so far that the accuracy asks for."""
+    st, v, weights = run.state, run.work.trial.v, run.system.weights
+    least = _HARDLY * run.settings.accuracy
+    for i in range(v.shape[0]):
+        if weights[i] * h * max(abs(st.v[i]), abs(v[i])) > least * st.motion[i]:
+            return False
+    return True
+
+
+@kernel
 def _count_search(memory):
     """Count a step since the last events; whether those of elements, and of laws, are located."""
     least = (1.0 - _CLOSE_EVENTS) * _STEPS_AFTER_EVENT
@@ -185,7 +200,8 @@ def accept_events(run: Run, h: float) -> int:
     if len(run.stages.events.units) == 0 or settings.step > 0.0:
         return FINE
     elements, laws = _count_search(memory)
-    events = run.work.events
+    events, located = run.work.events, memory["event_trials"] > 0.0
+    laws = laws and (located or not _hardly_moves(run, h))
     if _first_crossing(events, 0.0, True, True) < 1.0:
         longest = memory["step_before_event"] if memory["event_trials"] > 0.0 else h
         longest = max(

@@ -79,3 +79,24 @@ def test_steps_end_where_a_stop_is_fully_damped_and_where_it_would_pull():
     assert len(found) == 3
     for moment in found:
         assert np.abs(np.array(times) - moment).min() < 2e-5
+
+
+@pytest.mark.parametrize("method", ["auto", "radau"])
+def test_a_law_that_changes_at_rest_costs_no_steps(method):
+    """A swing with quadratic drag has died down after 10 of 500 s, and crosses zero on and on.
+
+    Each crossing was located: 4450 steps by `auto`, 6750 by `radau`, for 620 and 350 without drag.
+    """
+    steps = []
+    for law in ({}, {"value": "-0.1*w*abs(w)"}):
+        model = Model("dies down")
+        model.add_body("b", mass=1, inertia=[0.1] * 3, angular_velocity=[0, 0, 1])
+        model.add_joint("pin", "revolute", between=["ground", "b"], axis="z")
+        model.add_sensor("w", "angle", joint="pin", derivative=1)
+        model.add_force("spring", "rotational-spring-damper", joint="pin", stiffness=1.0,
+                        damping=0.2, **law)  # fmt: skip
+        model.set_dynamics(duration=500.0, accuracy=1e-4, outputs=20, method=method, verify=False)
+        run = prepare_dynamics(compile_system(model), model).run
+        assert run.integrate(10**5) == FINE and run.finished
+        steps.append(int(run.state.count[0]["steps"]))
+    assert steps[1] < 3 * steps[0], steps
