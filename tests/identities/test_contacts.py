@@ -10,9 +10,21 @@ import numpy as np
 import pytest
 from enginekit import Bench, slope
 from generators import Mechanism
+from scipy.integrate import quad_vec
+from scipy.spatial.transform import Rotation
 
-from flexmb.engine.forces.contact_pair import BALL, BORE, CYLINDER, PLANE
-from flexmb.engine.forces.friction import BRISTLE, NO_FRICTION, SMOOTH, STICKS
+from flexmb.engine.forces.bristle import FREE, FULL, limit_growth, way_since
+from flexmb.engine.forces.contact_pair import (
+    BALL,
+    BORE,
+    CYLINDER,
+    PLANE,
+    normal_change,
+    normal_force,
+    penetration,
+    relative_velocity,
+)
+from flexmb.engine.forces.friction import BRISTLE, NO_FRICTION, SMOOTH, friction_coefficient
 from flexmb.engine.units import call
 
 DIFFERENCES = 1e-8  # forces have fifth derivatives of some hundred times their size
@@ -23,6 +35,7 @@ FRICTIONS = {
     "none": (NO_FRICTION, 0.0, 0.0),
     "sticks": (BRISTLE, 50.0, 50.0),
     "slides": (BRISTLE, 0.3, 0.2),
+    "follows": (BRISTLE, 0.3, 0.2),
     "smooth": (SMOOTH, 0.3, 0.2),
 }
 DEPTH = 0.3
@@ -47,8 +60,17 @@ def touching(kind, friction, bodies, ground=False):
     row["ri"] = 0.0 if kind == "point" else 0.4
     overlap(bench, row)
     history = bench.work.now.history
-    history[:6] = bench.state.t[0] - 0.1, 3.0, STICKS, 0.2, -0.1, 0.15
-    history[6:9] = place_of(bench, row) - [1.2, 0.6, -2.4]
+    history[0], history[row["history"]] = bench.state.t[0] - 0.1, 20.0
+    before = history[row["bristle"] :]
+    before[:4] = FULL if friction == "follows" else FREE, 0.2, -0.1, 0.15
+    before[4:7] = place_of(bench, row) - [1.2, 0.6, -2.4]
+    normal = rng.standard_normal(3)
+    before[7:10] = normal / np.linalg.norm(normal)
+    turned = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix() @ axes_of(bench, row)
+    before[10:13] = rng.standard_normal(3)  # rate of the normal
+    before[13:15] = 0.2, 1.5  # depth and its rate
+    before[15:24] = turned.T.ravel()  # by columns
+    before[24:27] = rng.standard_normal(3)  # spin
     return bench
 
 
@@ -56,6 +78,12 @@ def place_of(bench, row):
     """Where I is in axes of J."""
     u = bench.marker("x")[row["I"]] - bench.marker("x")[row["J"]]
     return bench.marker("R")[row["J"]].T @ u
+
+
+def axes_of(bench, row):
+    """Axes of I in those of J."""
+    R = bench.marker("R")
+    return R[row["J"]].T @ R[row["I"]]
 
 
 def overlap(bench, row):
@@ -169,7 +197,7 @@ def test_contact_never_pulls():
         bench.v[bench.columns(body)][:3] = -speed * n
         bench.at(v=bench.v)
         along = bench.marker("W")[row["I"]][:3] @ n
-        expected = 40.0 * DEPTH ** EXPONENTS["plane"] * (1 + row["damping"] * speed / 3.0)
+        expected = 40.0 * DEPTH ** EXPONENTS["plane"] * (1 + row["damping"] * speed / 20.0)
         assert along == pytest.approx(max(0.0, expected), rel=1e-9)
 
 
@@ -181,14 +209,22 @@ def test_what_a_contact_remembers():
     now, row = bench.work.now, bench.sys.kinds["contacts"].rows[0]
     i, j = row["I"], row["J"]
     R, x = bench.marker("R")[j], bench.marker("x")
-    n, o = R[:, 2], row["history"]
-    before = now.history[o + 2 : o + 5].copy()
+    n, o, k = R[:, 2], row["history"], row["bristle"]
     arm = x[i] - row["ri"] * n
     rate = [bench.marker("vx")[k] + np.cross(bench.marker("om")[k], arm - x[k]) for k in (i, j)]
-    g, across = rate[0] - rate[1], np.eye(3) - np.outer(n, n)
-    assert remembered(bench, 0.1)[o + 2 : o + 5] == pytest.approx(
-        R.T @ across @ (R @ before + 0.1 * g), abs=1e-12
-    )
+    g = rate[0] - rate[1]
+    # a ball that has turned about one axis, and gone a way, over the plane
+    turn, way, e = np.array([0.3, -0.5, 0.2]), np.array([0.02, 0.05, 0.01]), np.array([0, 0, 1.0])
+    before = now.history[k : k + 27]
+    before[4:7], before[7:10] = place_of(bench, row) - way, e
+    before[10:15] = 0.0, 0.0, 0.0, DEPTH, 0.0
+    before[15:24] = (Rotation.from_rotvec(-turn).as_matrix() @ axes_of(bench, row)).T.ravel()
+    before[24:27] = 10.0 * turn
+    slid = before[1:4] + way - row["ri"] * np.cross(turn, e)
+    after = remembered(bench, 0.1)[k : k + 27]
+    assert after[1:4] == pytest.approx(slid - e * (e @ slid), abs=1e-12)
+    assert after[4:7] == pytest.approx(place_of(bench, row), abs=1e-14)
+    assert after[15:24].reshape(3, 3).T == pytest.approx(axes_of(bench, row), abs=1e-14)
     # They approach: the speed at the onset lies between those of both ends, or stays as it was.
     bench.at(v=-bench.v)
     speed = n @ g
@@ -204,17 +240,87 @@ def test_the_bristle_of_a_point_follows_its_way():
     bench.lam[:] = 0.0
     bench.at()
     now, row = bench.work.now, bench.sys.kinds["contacts"].rows[0]
-    x, R, o = bench.marker("x"), bench.marker("R")[row["J"]], row["history"]
+    x, R, o = bench.marker("x"), bench.marker("R")[row["J"]], row["bristle"]
     u, a = x[row["I"]] - x[row["J"]], R[:, 2]
     out = (u - a * (a @ u)) / np.linalg.norm(u - a * (a @ u))
     place = place_of(bench, row)
-    now.history[o + 5 : o + 8] = place - [0.1, 0.05, -0.2]  # so near that it sticks
-    way = R @ (now.history[o + 2 : o + 5] + place - now.history[o + 5 : o + 8])
+    now.history[o + 4 : o + 7] = place - [0.1, 0.05, -0.2]  # so near that it sticks
+    now.history[o + 7 : o + 10] = -R.T @ out  # it slides along
+    now.history[o + 10 : o + 15] = 0.0, 0.0, 0.0, DEPTH, 0.0
+    way = R @ (now.history[o + 1 : o + 4] + place - now.history[o + 4 : o + 7])
     wanted = R.T @ (way - out * (out @ way))
     for span in (1e-6, 0.1):
         after = remembered(bench, span)
-        assert after[o + 2 : o + 5] == pytest.approx(wanted, abs=1e-12)
-        assert after[o + 5 : o + 8] == pytest.approx(place, abs=1e-14)
+        assert after[o + 1 : o + 4] == pytest.approx(wanted, abs=1e-12)
+        assert after[o + 4 : o + 7] == pytest.approx(place, abs=1e-14)
+
+
+ON_A_BALL = {"bristle": 0, "ri": 0.1, "rj": 0.2, "kind": BALL, "half": 0.0}
+
+
+def sides(t):
+    """Markers of a ball that moves about another, turns and spins."""
+    sides = np.zeros(2, [("x", "f8", 3), ("R", "f8", (3, 3)), ("vx", "f8", 3), ("om", "f8", 3)])
+    a, b, r = [0.3, 2.0, 30.0], [0.2, -1.0, 9.0], [0.3, -0.2, 40.0]  # angles, distance
+    (a, da), (b, db), (r, dr) = ((p + q * t + w * t * t, q + 2 * w * t) for p, q, w in (a, b, r))
+    e = np.array([np.sin(a) * np.cos(b), np.sin(b), np.cos(a) * np.cos(b)])
+    de = da * np.array([e[2], 0, -e[0]])
+    de += db * np.array([-np.sin(a) * np.sin(b), np.cos(b), -np.cos(a) * np.sin(b)])
+    first, turn = Rotation.from_rotvec([5 * t, 0, 0]), 7 * t + 90 * t * t
+    sides["x"][0], sides["vx"][0] = r * e, dr * e + r * de
+    sides["R"][0] = (first * Rotation.from_rotvec([0, 0, turn])).as_matrix()
+    sides["om"][0] = first.apply([5, 0, 7 + 180 * t])
+    sides["R"][1] = np.eye(3)
+    return sides
+
+
+def test_the_way_of_a_ball_is_that_of_its_sliding():
+    """On a ball, to third order in the step: beside the integral of the speed, turned along."""
+    c = ON_A_BALL
+
+    def slides(t, end=None):
+        mi, mj = sides(t)
+        _, n, _ = penetration(c, mi, mj)
+        g, n = np.array(relative_velocity(c, n, mi, mj)), np.array(n)
+        g -= n * (n @ g)
+        return g if end is None else g - (end @ g) / (1 + n @ end) * (n + end)
+
+    def error(h):
+        before, (mi, mj) = np.zeros(27), sides(0.0)
+        d, n, rho = penetration(c, mi, mj)
+        rate = -np.dot(n, relative_velocity(c, n, mi, mj))
+        _, tilt = normal_change(c, n, rho, mi, mj, tuple(mi["vx"]), (0.0, 0.0, 0.0))
+        before[:13] = FREE, 0, 0, 0, *mi["x"], *n, *tilt
+        before[13:] = d, rate, *mi["R"].T.ravel(), *mi["om"]
+        mi, mj = sides(h)
+        d, n, _ = penetration(c, mi, mj)
+        way, end = np.array(way_since(c, before, h, n, d, mi, mj)), np.array(n)
+        wanted = quad_vec(lambda t: slides(t, end), 0.0, h, epsrel=1e-12)[0]
+        return np.abs(way - end * (end @ way) - wanted).max()
+
+    errors = [error(h) for h in (4e-3, 2e-3)]
+    assert errors[0] < 1e-7  # of a way of 3 mm
+    assert errors[0] > 7.0 * errors[1]
+
+
+def test_how_the_limit_of_a_bristle_grows():
+    """Beside differences along a motion, with damping and Stribeck's curve."""
+    c = {**ON_A_BALL, "K": 1e4, "n": 1.5, "damping": 0.8, "slow": 1e-3, "history": 0, "k": 50.0,
+         "static": 0.4, "dynamic": 0.2, "stribeck": 1.0, "viscous": 0.1, "ri": 0.12}  # fmt: skip
+
+    def moving(t):
+        d, n, _ = penetration(c, *sides(t))
+        return d, np.array(n), np.array(relative_velocity(c, n, *sides(t)))
+
+    def limit(t):
+        d, n, g = moving(t)
+        N, _, _ = normal_force(c, [0.3], d, -n @ g)
+        return friction_coefficient(c, np.linalg.norm(g - n * (n @ g)))[0] * N / c["k"]
+
+    d, n, g = moving(0.002)
+    tilt, acceleration = (slope(lambda s, k=k: moving(0.002 + s)[k], 1e-4) for k in (1, 2))
+    found = limit_growth(c, [0.3], n, d, g, tilt, acceleration)
+    assert found == pytest.approx(slope(lambda s: limit(0.002 + s), 1e-4), rel=1e-7)
 
 
 def remembered(bench, span):

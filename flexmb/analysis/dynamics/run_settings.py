@@ -11,7 +11,6 @@ from flexmb.engine import method
 from flexmb.engine.bodies.motion import LAST_PLACES
 from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled, parts_of_model
-from flexmb.engine.forces.friction import BRISTLE
 from flexmb.engine.state import State
 from flexmb.engine.work import kinds_of
 from flexmb.flexbody.arrays import Array
@@ -113,13 +112,6 @@ def modal_reach(compiled: Compiled) -> dict[str, Array]:
         for body in compiled.layout.bodies
         if body.m
     }
-
-
-def remembers_bristles(compiled: Compiled) -> bool:
-    """Whether balls stick by bristles, which each step stretches by its last velocity."""
-    contacts = compiled.system.kinds.get("contacts")
-    rows = None if contacts is None else contacts.rows
-    return rows is not None and bool(np.any((rows["model"] == BRISTLE) & (rows["ri"] > 0.0)))
 
 
 def local_tolerance(spec: DynamicsSpec, integrator: method.Method) -> float:

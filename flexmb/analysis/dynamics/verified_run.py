@@ -22,7 +22,6 @@ from flexmb.analysis.dynamics.run_settings import (
     fine_settings,
     gyration,
     modal_reach,
-    remembers_bristles,
     scout_rows,
     scout_settings,
 )
@@ -90,10 +89,9 @@ class VerifiedRun:
         """That of the method, or less, where the difference fell less since the pass before.
 
         By the steps of both scouts: where these lock to a swing, a stricter tolerance gives hardly
-        more. Not where they were different motions. The bristles of contacts follow with order one.
+        more. Not where they were different motions.
         """
         integrator, passes, now = self.fine.method, self.passes[0], self.difference
-        bristles = remembers_bristles(self.fine.compiled)
         highest = float(integrator.order)
         implicit = integrator.stages == 0 and integrator.order >= HIGH_ORDER
         if implicit and self.fine.compiled.layout.coordinates:
@@ -101,10 +99,10 @@ class VerifiedRun:
         steps, last = self.scout.state.count[0]["steps"], passes["last_steps"]
         known = 0.0 < passes["last_difference"] < _SAME_MOTION and now > 0.0
         if not known or steps < _MORE_STEPS * last:
-            return 1 if bristles else highest
+            return highest
         scatter = _LUCK if integrator.stages else 1.0
         order = math.log(scatter * passes["last_difference"] / now) / math.log(steps / last)
-        return min(max(order, 1.0 if bristles else _MIN_ORDER * integrator.order), highest)
+        return min(max(order, _MIN_ORDER * integrator.order), highest)
 
     @property
     def ratio(self) -> float:

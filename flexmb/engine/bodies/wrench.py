@@ -108,6 +108,24 @@ def marker_jacobian(parts: Parts, now: Now, k: int, Jm: Matrix) -> int:
 
 
 @kernel
+def marker_acceleration(run, at, k, o):
+    """Acceleration (o = 0) or angular acceleration (o = 3) of a marker, global axes."""
+    parts, now, J, vd = run.system.parts, run.work.now, run.work.dense.J[0], at.vd
+    mn, b = now.marker[k], parts.markers[k]["body"]
+    if b < 0:
+        return 0.0, 0.0, 0.0
+    iv, n = parts.bodies[b]["iv"], 6 + parts.bodies[b]["m"]
+    marker_jacobian(parts, now, k, J)
+    bias = mn["bx"] if o == 0 else mn["bom"]
+    x, y, z = bias[0], bias[1], bias[2]
+    for c in range(n):
+        x += J[o, c] * vd[iv + c]
+        y += J[o + 1, c] * vd[iv + c]
+        z += J[o + 2, c] * vd[iv + c]
+    return x, y, z
+
+
+@kernel
 def _modal_column(mk, mn, pool, phi, m, c):
     """Translation Φ_t + (TᵀΦ_r) × ŝ and rotation TᵀΦ_r of a marker per η_c, body axes."""
     at = mk["modes"] + c

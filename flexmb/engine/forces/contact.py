@@ -23,16 +23,29 @@ from flexmb.engine.algebra.vector import (
     column,
     inner,
     outer,
-    part,
     plus,
     put_part,
     times,
     triple,
-    turned,
-    turned_back,
     zero,
 )
-from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_rate_arms, add_rates
+from flexmb.engine.bodies.wrench import (
+    add_moment_arms,
+    add_pair,
+    add_rate_arms,
+    add_rates,
+    marker_acceleration,
+)
+from flexmb.engine.forces.bristle import (
+    BALL_HISTORY,
+    POINT_HISTORY,
+    bristle_before,
+    bristle_change,
+    put_bristle_event,
+    remember_bristle,
+    way_change,
+    way_since,
+)
 from flexmb.engine.forces.contact_pair import (
     normal_change,
     normal_force,
@@ -48,14 +61,9 @@ from flexmb.engine.forces.friction import (
     FRICTION_FIELDS,
     LEAST_EXCESS,
     NO_FRICTION,
-    OPEN,
-    SLIDES,
-    STICKS,
     friction_force,
     friction_force_change,
     friction_parameters,
-    next_mode,
-    tangential_part,
 )
 from flexmb.engine.jit import Matrix, array_of, kernel, unit
 from flexmb.engine.kind import Kind
@@ -69,8 +77,7 @@ if TYPE_CHECKING:
 _I, _F = "i8", "f8"
 # One contact between a round side I (a sphere, or a point of radius 0) and a side J. Depth d > 0:
 # normal force K d^n (1 + c d'/d0'), d0' the speed of approach at the onset, at least `slow`.
-# It remembers d0', and with friction whether it slides, then in axes of J the bristle (3) and where
-# I is (3).
+# It remembers d0', and with friction its bristle.
 CONTACT = np.dtype(
     [
         ("I", _I),
@@ -85,15 +92,17 @@ CONTACT = np.dtype(
         ("slow", _F),  # m/s
         ("couple", _I),
         *FRICTION_FIELDS,
-        ("impacts", _I),  # where their history stands
+        ("bristle", _I),  # where its history stands
+        ("impacts", _I),  # and that of the impacts
     ],
     align=True,
 )
 
 # One contact now, global axes: normal n from J to I, length rho by which it turns (0: with J;
 # negative: in a bore), velocity g of I relative to J where they meet, rate of the depth; only where
-# they touch the normal force N, friction on I, the bristle, its mode and |T| − μ N.
-_NUMBERS, _VECTORS = ("rho", "rate", "N", "mode", "excess"), ("n", "g", "friction", "bristle")
+# they touch the normal force N, friction on I, the bristle s, |T| − μ N, and k |s| − μ N were it
+# free.
+_NUMBERS, _VECTORS = ("rho", "rate", "N", "excess", "room"), ("n", "g", "friction", "bristle")
 CONTACT_NOW = np.dtype(
     [(word, _F) for word in _NUMBERS] + [(word, _F, (3,)) for word in _VECTORS], align=True
 )
@@ -117,13 +126,10 @@ class Contacts(NamedTuple):
     """Contacts of a model."""
 
     rows: array_of(CONTACT)
-    first_event: int  # each has two: its depth, and what makes it slide or stick
+    first_event: int  # each has three: its depth, |T| − μ N, the length of its bristle
     scratch: Scratch = None  # of one run
 
 
-# Numbers of history of a point: speed of approach; with friction its mode, bristle and place too.
-_HISTORY, _FRICTION_HISTORY = 1, 8
-_MODE_PLACE, _BRISTLE_PLACE, _PLACE = 1, 2, 5  # where they begin
 # Of impacts: speed of the last one (< 0: it lasts; 0: there was none), its beginning and depth; the
 # fastest one so far, and the widest gap after one slower than the least speed.
 IMPACT, ONSET, DEEPEST, FASTEST, REBOUND, _IMPACT_HISTORY = range(6)
@@ -137,7 +143,7 @@ def lower_contacts(lowering: Lowering, forces: Forces) -> Contacts:
         first = len(rows)
         rows += _contact_rows(lowering, spec)
         lowering.add_element(name, "contacts", first, len(rows) - first, spec.round_side == 1)
-    return Contacts(np.array(rows, CONTACT), lowering.add_events(2 * len(rows)))
+    return Contacts(np.array(rows, CONTACT), lowering.add_events(3 * len(rows)))
 
 
 def _contact_rows(lowering: Lowering, spec: ContactSpec) -> Iterator[tuple[object, ...]]:
@@ -146,31 +152,11 @@ def _contact_rows(lowering: Lowering, spec: ContactSpec) -> Iterator[tuple[objec
     law, friction = normal_parameters(lowering.model, spec), friction_parameters(spec.friction)
     for point in points:
         I = lowering.markers.add(point)  # noqa: E741
-        history = lowering.add_history(_HISTORY if spec.friction is None else _FRICTION_HISTORY)
+        history, bristle = lowering.add_history(1), -1
+        if spec.friction is not None:
+            bristle = lowering.add_history(BALL_HISTORY if shape[1] > 0.0 else POINT_HISTORY)
         impacts = lowering.add_history(_IMPACT_HISTORY)
-        yield I, J, *shape, *law, -1, *friction, history, impacts
-
-
-@kernel
-def _bristle(c, now, mj):
-    """The bristle of the last accepted step, global axes."""
-    return turned(mj["R"], part(now.history, c["history"] + _BRISTLE_PLACE))
-
-
-@kernel
-def _trial_bristle(c, now, g, mi, mj):
-    """The bristle if it sticks; what of it turns with J; its changes with g and with the way.
-
-    That of the last accepted step, and the way since: of a point exactly, by its places in axes of
-    J; of a ball, which rolls, by its velocity now (backward Euler). It begins free.
-    """
-    if now.history[c["history"] + _MODE_PLACE] == OPEN:
-        return _ZERO, _ZERO, 0.0, 0.0
-    s0 = _bristle(c, now, mj)
-    if c["ri"] > 0.0:
-        return plus(s0, now.span[0], g), s0, now.span[0], 0.0
-    s0 = plus(s0, -1.0, turned(mj["R"], part(now.history, c["history"] + _PLACE)))
-    return plus(s0, 1.0, separation(mi, mj)), s0, 0.0, 1.0
+        yield I, J, *shape, *law, -1, *friction, history, bristle, impacts
 
 
 @unit
@@ -181,16 +167,17 @@ def evaluate_contact(run: Run, contacts: Contacts, k: int) -> float:
     d, n, rho = penetration(c, mi, mj)
     g = relative_velocity(c, n, mi, mj)
     rate = -inner(n, g)
-    out["rho"], out["rate"], out["mode"] = rho, rate, OPEN
+    out["rho"], out["rate"] = rho, rate
     put_part(out["n"], 0, n)
     put_part(out["g"], 0, g)
     if d > 0.0:
         N, _, _ = normal_force(c, now.history, d, rate)
-        f, s, mode, excess = _ZERO, _ZERO, OPEN, 0.0
+        f, s, excess, room = _ZERO, _ZERO, 0.0, 0.0
         if c["model"] != NO_FRICTION:
-            z, _, _, _ = _trial_bristle(c, now, g, mi, mj)
-            f, s, mode, excess = friction_force(c, n, N, g, z)
-        out["N"], out["mode"], out["excess"] = N, mode, excess
+            s0, follows = bristle_before(c, now.history, n, mj)
+            way = way_since(c, now.history, now.span[0], n, d, mi, mj)
+            f, s, excess, room = friction_force(c, n, N, g, s0, way, follows)
+        out["N"], out["excess"], out["room"] = N, excess, room
         put_part(out["friction"], 0, f)
         put_part(out["bristle"], 0, s)
     return d
@@ -276,14 +263,11 @@ def remember(run: Run, contacts: Contacts, at: Point) -> int:
         ):
             history[o] = max(rate + (before - rate) * d / way, c["slow"])
         _note_impact(run, c, d, rate, at.t[0])
-        if c["model"] != NO_FRICTION:
-            mj = now.marker[c["J"]]
-            s = turned_back(mj["R"], triple(cn["bristle"]))
-            u = separation(now.marker[c["I"]], mj)
-            along = -inner(triple(cn["friction"]), triple(cn["g"]))
-            history[o + _MODE_PLACE] = next_mode(history[o + _MODE_PLACE], cn["mode"], along)
-            put_part(history, o + _BRISTLE_PLACE, s if d > 0.0 else _ZERO)
-            put_part(history, o + _PLACE, turned_back(mj["R"], u))
+        if c["model"] == BRISTLE:
+            mi, mj, n, g = now.marker[c["I"]], now.marker[c["J"]], triple(cn["n"]), triple(cn["g"])
+            tilt, a = _rates(run, c, n, cn["rho"], at) if d > 0.0 else (_ZERO, _ZERO)
+            s, room = triple(cn["bristle"]), cn["room"]
+            remember_bristle(c, now.history, n, d, g, s, room, mi, mj, tilt, a, history)
     return FINE
 
 
@@ -307,43 +291,57 @@ def _note_impact(run, c, d, rate, t):
         history[o + REBOUND] = max(history[o + REBOUND], -d)
 
 
+@kernel
+def _rates(run, c, n, rho, at):
+    """Rate of the normal, and of the velocity of I relative to J where they meet."""
+    ai, aj = marker_acceleration(run, at, c["I"], 0), marker_acceleration(run, at, c["J"], 0)
+    turns, of_j = marker_acceleration(run, at, c["I"], 3), marker_acceleration(run, at, c["J"], 3)
+    mi, mj = run.work.now.marker[c["I"]], run.work.now.marker[c["J"]]
+    omi, omj, s = triple(mi["om"]), triple(mj["om"]), times(-c["ri"], n)
+    u, du = separation(mi, mj), plus(triple(mi["vx"]), -1.0, triple(mj["vx"]))
+    _, tilt = normal_change(c, n, rho, mi, mj, du, omj)
+    ds = times(-c["ri"], tilt)
+    a = plus(plus(ai, 1.0, outer(turns, s)), 1.0, outer(omi, ds))
+    a = plus(plus(a, -1.0, aj), -1.0, outer(of_j, plus(u, 1.0, s)))
+    return tilt, plus(a, -1.0, outer(omj, plus(du, 1.0, ds)))
+
+
 @unit
 def put_events(run: Run, contacts: Contacts, at: Point) -> int:
-    """Depth of each contact with its rate, and what makes it slide or stick.
+    """Depth of each contact with its rate; where bristles slip, stick, become full or free.
 
-    That crosses zero from below where it begins to slide, or to stick: |T| − μ N while it sticks,
-    the speed against its bristle while it slides.
+    |T| − μ N crosses zero where it begins to slide, or to stick.
     """
     rows, cn, now, out = contacts.rows, contacts.scratch.now[0], run.work.now, run.work.events.now
     for k in range(rows.shape[0]):
-        c, o, d = rows[k], contacts.first_event + 2 * k, evaluate_contact(run, contacts, k)
-        touch, slip = out[o], out[o + 1]
+        c, o, d = rows[k], contacts.first_event + 3 * k, evaluate_contact(run, contacts, k)
+        touch, slip, length = out[o], out[o + 1], out[o + 2]
         touch["value"], touch["rate"] = d, cn["rate"]
         slip["value"], slip["rate"] = 0.0, math.nan
+        length["value"], length["rate"] = 0.0, math.nan
         if c["model"] == BRISTLE and d > 0.0:
-            mode = now.history[c["history"] + _MODE_PLACE]
-            if mode == SLIDES:
-                s = _bristle(c, now, now.marker[c["J"]])
-                v = tangential_part(triple(cn["n"]), triple(cn["g"]))
-                size = math.sqrt(inner(s, s))
-                slip["value"] = -inner(s, v) / size if size > 0.0 else 0.0
-            elif mode == STICKS:
-                slip["value"] = cn["excess"] - LEAST_EXCESS * cn["N"]
+            n, g, s = triple(cn["n"]), triple(cn["g"]), triple(cn["bristle"])
+            slip["value"] = cn["excess"] - LEAST_EXCESS * cn["N"]
+            tilt, a = _rates(run, c, n, cn["rho"], at)
+            put_bristle_event(c, now.history, n, d, g, s, cn["room"], tilt, a, length)
     return FINE
 
 
 @kernel
-def _force_change(c, now, n, d, g, mi, mj, dd, dn, dg, du, turn):
-    """Change of the force on I."""
+def _force_change(c, now, n, d, g, mi, mj, dd, dn, dg, du, spin, turn):
+    """Change of the force on I; spin and turn are rotations of I and J."""
     rate = -inner(n, g)
     N, stiff, viscous = normal_force(c, now.history, d, rate)
     dN = stiff * dd - viscous * (inner(dn, g) + inner(n, dg))
     df = plus(times(N, dn), dN, n)
     if c["model"] == NO_FRICTION:
         return df
-    z, s0, with_g, with_way = _trial_bristle(c, now, g, mi, mj)
-    dz = plus(plus(outer(turn, s0), with_g, dg), with_way, du)
-    more = friction_force_change(c, n, N, g, z, dn, dN, dg, dz)
+    s0, follows = bristle_before(c, now.history, n, mj)
+    way = way_since(c, now.history, now.span[0], n, d, mi, mj)
+    ds0 = bristle_change(c, now.history, n, mj, dn, turn)
+    h = now.span[0]
+    dway = way_change(c, now.history, h, n, d, mi, mj, dn, dd, du, spin, turn)
+    more = friction_force_change(c, n, N, g, s0, way, follows, dn, dN, dg, ds0, dway)
     return plus(df, 1.0, more)
 
 
@@ -370,13 +368,16 @@ def put_contact_changes(run: Run, contacts: Contacts, k: int, d: float, cp: floa
     lj = plus(u, 1.0, li)
     omi, omj = triple(mi["om"]), triple(mj["om"])
     clear(H, 12, 12)
-    for a in range(3 if cp == 0.0 else 9):  # with g; with u; with a rotation of J
-        dd, dn, dg, du, turn = 0.0, _ZERO, axis(a), axis(a - 3), axis(a - 6)
-        if a >= 3:
+    rolls = c["model"] == BRISTLE and c["ri"] > 0.0
+    # with g; with u; with a rotation of J; of I
+    for a in range(3 if cp == 0.0 else 12 if rolls else 9):
+        dd, dn, dg, du = 0.0, _ZERO, axis(a), axis(a - 3)
+        turn, spin = axis(a - 6), axis(a - 9)
+        if 3 <= a < 9:
             dd, dn = normal_change(c, n, rho, mi, mj, du, turn)
             di = times(-c["ri"], dn)
             dg = plus(outer(omi, di), -1.0, outer(omj, plus(du, 1.0, di)))
-        df = _force_change(c, now, n, d, g, mi, mj, dd, dn, dg, du, turn)
+        df = _force_change(c, now, n, d, g, mi, mj, dd, dn, dg, du, spin, turn)
         if a < 3:
             D[0, a], D[1, a], D[2, a] = df
             continue
@@ -385,7 +386,7 @@ def put_contact_changes(run: Run, contacts: Contacts, k: int, d: float, cp: floa
         tj = times(-1.0, plus(outer(plus(du, 1.0, di), F), 1.0, outer(lj, df)))
         if a < 6:
             _add_column(H, a - 3, -cp, df, ti, tj)
-        _add_column(H, a + 3, cp if a < 6 else -cp, df, ti, tj)
+        _add_column(H, a - 6 if a >= 9 else a + 3, cp if a < 6 else -cp, df, ti, tj)
     return FINE
 
 

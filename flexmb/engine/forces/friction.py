@@ -20,12 +20,12 @@ from flexmb.engine.jit import kernel
 if TYPE_CHECKING:
     from flexmb.model.forces.friction import BaseFriction
 
-# Models of friction, and what its history says: on a line −SLIDES, where the force is positive.
+# Models of friction, and what its history says on a line: −SLIDES, where the force is positive.
 NO_FRICTION, BRISTLE, SMOOTH = 0, 1, 2
-OPEN, STICKS, SLIDES, YIELDS = 0.0, 1.0, 2.0, 3.0
+STICKS, SLIDES, YIELDS = 1.0, 2.0, 3.0
 
 # Of the normal force, by which |T| exceeds μ N where it begins to slide: above round-off of what
-# has just stuck.
+# has just stuck. By as little a bristle that is full may be too short.
 LEAST_EXCESS = 1e-9
 
 _I, _F = "i8", "f8"
@@ -63,10 +63,11 @@ def tangential_part(n, a):
 
 
 @kernel
-def friction_force(f, n, N, g, z):
-    """Force of friction, bristle, whether it sticks or slides, and |T| − μ N.
+def friction_force(f, n, N, g, s0, way, follows):
+    """Force of friction, bristle, |T| − μ N, and k |z| − μ N, z the bristle if it is free.
 
-    f: parameters; n, N: normal and normal force; g: relative velocity; z: bristle if it sticks.
+    f: parameters; n, N: normal and normal force; g: relative velocity; s0: bristle as the step
+    began, way: what the surfaces have slid since; `follows`: it was full then.
     """
     v = tangential_part(n, g)
     speed = math.sqrt(inner(v, v))
@@ -74,15 +75,64 @@ def friction_force(f, n, N, g, z):
     limit = mu * N
     if f["model"] == SMOOTH:
         w = -limit / math.sqrt(speed * speed + f["creep"] * f["creep"])
-        return times(w, v), times(0.0, v), SLIDES, 0.0
-    s = tangential_part(n, z)
+        return times(w, v), times(0.0, v), 0.0, 0.0
+    s0, way = tangential_part(n, s0), tangential_part(n, way)
+    s = plus(s0, 1.0, way)
+    room = f["k"] * math.sqrt(inner(s, s)) - limit
+    if room > (-LEAST_EXCESS * limit if follows else 0.0):
+        e = _full_direction(s0, way, v, limit / f["k"], follows)
+        along, s = inner(e, v), times(limit / f["k"], e)
+        if along > 0.0:
+            return times(-limit / speed, v), s, limit * along / speed, room
     T = plus(times(f["k"], s), f["c"], v)
-    size = math.sqrt(inner(T, T))
-    if size <= limit:
-        return times(-1.0, T), s, STICKS, size - limit
-    stretch = f["k"] * math.sqrt(inner(s, s))
-    s = times(limit / stretch, s) if stretch > limit else s
-    return times(-limit / size, T), s, SLIDES, size - limit
+    pull = math.sqrt(inner(T, T))
+    if pull <= limit:
+        return times(-1.0, T), s, pull - limit, room
+    return times(-limit / pull, T), s, pull - limit, room
+
+
+@kernel
+def _memory(sigma, before, length):
+    """Way x in lengths of a full bristle; weights of its direction before, and of the velocity's.
+
+    The velocity turned evenly: weights of its mean direction, that of the way, and of that now.
+    """
+    x = 2.0 * sigma / (before + length)
+    a = math.exp(-x)
+    b = 2.0 * (1.0 - a * (1.0 + x)) / x
+    return x, a, b, 1.0 - a - b
+
+
+@kernel
+def _follows_velocity(s0, way, v):
+    """Whether a full bristle slides on, and turns with the velocity."""
+    return inner(s0, way) >= 0.0 and inner(way, way) > 0.0 and inner(v, v) > 0.0
+
+
+@kernel
+def _direction(a):
+    """Size and direction."""
+    size = math.sqrt(inner(a, a))
+    return size, times(1.0 / size, a) if size > 0.0 else a
+
+
+@kernel
+def _full_direction(s0, way, v, length, follows):
+    """Direction of a full bristle.
+
+    That turns by the part of the speed across it over its length, so that of the angle ψ to a
+    constant velocity after a way x L tan ψ/2 e^(−x) is left. What becomes full, or is pushed back,
+    is as long in the direction that it has.
+    """
+    before, e0 = _direction(s0)
+    if not follows or not _follows_velocity(s0, way, v):
+        return _direction(plus(s0, 1.0, way))[1]
+    sigma, e1 = _direction(way)
+    _, a, b, c = _memory(sigma, before, length)
+    _, e = _direction(plus(times(b, e1), c, _direction(v)[1]))
+    if before > 0.0:
+        e = plus(times((1.0 - a) * (1.0 + a + (1.0 - a) * inner(e0, e)), e), 2.0 * a, e0)
+    return _direction(e)[1]
 
 
 @kernel
@@ -93,7 +143,38 @@ def _tangential_part_change(n, a, dn, da):
 
 
 @kernel
-def friction_force_change(f, n, N, g, z, dn, dN, dg, dz):
+def _direction_change(a, da):
+    """Size of a, its direction, and the change of that."""
+    size, e = _direction(a)
+    return size, e, times(1.0 / size, plus(da, -inner(e, da), e)) if size > 0.0 else da
+
+
+@kernel
+def _full_direction_change(s0, way, v, length, follows, ds0, dway, dv, dlength):
+    """Direction of a full bristle, and its change."""
+    before, e0, de0 = _direction_change(s0, ds0)
+    if not follows or not _follows_velocity(s0, way, v):
+        _, e, de = _direction_change(plus(s0, 1.0, way), plus(ds0, 1.0, dway))
+        return e, de
+    sigma, e1, de1 = _direction_change(way, dway)
+    _, e2, de2 = _direction_change(v, dv)
+    x, a, b, c = _memory(sigma, before, length)
+    dx = (2.0 * inner(e1, dway) - x * (inner(e0, ds0) + dlength)) / (before + length)
+    da, db = -a * dx, (2.0 * a - b / x) * dx
+    e, de = plus(times(b, e1), c, e2), plus(plus(times(b, de1), c, de2), db, e1)
+    _, e, de = _direction_change(e, plus(de, -da - db, e2))
+    if before > 0.0:
+        near, change = inner(e0, e), inner(e0, de) + inner(de0, e)
+        f = (1.0 - a) * (1.0 + a + (1.0 - a) * near)
+        df = (1.0 - a) ** 2 * change - 2.0 * (a + near * (1.0 - a)) * da
+        de = plus(plus(times(df, e), f, de), 2.0 * a, de0)
+        e, de = plus(times(f, e), 2.0 * a, e0), plus(de, 2.0 * da, e0)
+        _, e, de = _direction_change(e, de)
+    return e, de
+
+
+@kernel
+def friction_force_change(f, n, N, g, s0, way, follows, dn, dN, dg, ds0, dway):
     """Change of the force of friction with changes of what it depends on."""
     v = tangential_part(n, g)
     speed = math.sqrt(inner(v, v))
@@ -105,11 +186,23 @@ def friction_force_change(f, n, N, g, z, dn, dN, dg, dz):
         w = 1.0 / math.sqrt(speed * speed + f["creep"] * f["creep"])
         change = times(-limit * w, dv)
         return plus(change, -dlimit * w + limit * w * w * w * speed * dspeed, v)
-    s, ds = tangential_part(n, z), _tangential_part_change(n, z, dn, dz)
-    T = plus(times(f["k"], s), f["c"], v)
-    dT = plus(times(f["k"], ds), f["c"], dv)
+    ds0, dway = _tangential_part_change(n, s0, dn, ds0), _tangential_part_change(n, way, dn, dway)
+    s0, way = tangential_part(n, s0), tangential_part(n, way)
+    s, ds = plus(s0, 1.0, way), plus(ds0, 1.0, dway)
+    T, dT = v, dv
+    slides, room = False, f["k"] * math.sqrt(inner(s, s)) - limit
+    if room > (-LEAST_EXCESS * limit if follows else 0.0):
+        s, ds = _full_direction_change(
+            s0, way, v, limit / f["k"], follows, ds0, dway, dv, dlimit / f["k"]
+        )
+        slides = inner(s, v) > 0.0
+        s, ds = times(limit, s), plus(times(dlimit, s), limit, ds)
+    else:
+        s, ds = times(f["k"], s), times(f["k"], ds)
+    if not slides:
+        T, dT = plus(s, f["c"], v), plus(ds, f["c"], dv)
     size = math.sqrt(inner(T, T))
-    if size <= limit:
+    if not slides and size <= limit:
         return times(-1.0, dT)
     change = times(-limit / size, dT)
     return plus(change, (limit * inner(T, dT) / (size * size) - dlimit) / size, T)

@@ -9,7 +9,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from flexmb.engine.algebra.vector import clear, wrapped
-from flexmb.engine.bodies.wrench import marker_jacobian
+from flexmb.engine.bodies.wrench import marker_acceleration
 from flexmb.engine.jit import Integers, kernel, unit
 from flexmb.engine.joints import DISTANCE, ROW_KINDS
 from flexmb.engine.joints.row import (
@@ -74,24 +74,6 @@ def coordinate_rate_gradient(run: Run, sensors: Sensors, at: Point, t: int) -> f
         for r in range(12):
             g[0, c] += H[r, c] * u[r]
     return 0.0
-
-
-@kernel
-def marker_acceleration(run, at, k, o):
-    """Acceleration (o = 0) or angular acceleration (o = 3) of a marker, global axes."""
-    parts, now, J, vd = run.system.parts, run.work.now, run.work.dense.J[0], at.vd
-    mn, b = now.marker[k], parts.markers[k]["body"]
-    if b < 0:
-        return 0.0, 0.0, 0.0
-    iv, n = parts.bodies[b]["iv"], 6 + parts.bodies[b]["m"]
-    marker_jacobian(parts, now, k, J)
-    bias = mn["bx"] if o == 0 else mn["bom"]
-    x, y, z = bias[0], bias[1], bias[2]
-    for c in range(n):
-        x += J[o, c] * vd[iv + c]
-        y += J[o + 1, c] * vd[iv + c]
-        z += J[o + 2, c] * vd[iv + c]
-    return x, y, z
 
 
 @unit

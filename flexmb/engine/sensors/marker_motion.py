@@ -20,12 +20,13 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from flexmb.engine.algebra.vector import outer, put_part, wrapped
+from flexmb.engine.bodies.wrench import marker_acceleration
 from flexmb.engine.jit import Integers, kernel, unit
 from flexmb.engine.joints import DOT2
 from flexmb.engine.joints.row import dot_columns, put_pair
 from flexmb.engine.kind import GLOBAL_AXES, ChannelKind, Kind, Measure, SensorKind, Term
 from flexmb.engine.method import FINE
-from flexmb.engine.sensors.joint_coordinate import ROW_MEASURES, marker_acceleration
+from flexmb.engine.sensors.joint_coordinate import ROW_MEASURES
 from flexmb.engine.state import Point, Run
 from flexmb.engine.tables import Sensors
 
