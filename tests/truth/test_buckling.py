@@ -131,16 +131,16 @@ def test_a_strut_of_rigid_bodies_pushes_on_a_column(all_are_told):
     """Their ball joint was no number. The strut, as long as the column, is guided: tan x = 2 x."""
     model = loaded("cantilever", 0.0)
     del model.forces["load"]
-    for name, place in (("cap", 1.0), ("strut", 1.0)):
+    for name, place in (("cap", 1.0), ("strut", 2.0)):
         model.add_body(name, mass=1e-6, inertia=[1e-6] * 3, position=[place, 0, 0])
     model.add_marker("cap.ball", orientation={"axis": [1, 0, 0], "angle": 0.5})  # of its own
-    model.add_marker("strut.top", position=[1.0, 0, 0])
+    model.add_marker("strut.ball", position=[-1.0, 0, 0])
     model.add_marker("ground.guide", position=[2.0, 0, 0])
     model.add_joint("glue", "fixed", between=["column.tip", "cap"])
-    model.add_joint("ball", "spherical", between=["cap.ball", "strut"])
-    model.add_joint("guide", "in-line", between=["ground.guide", "strut.top"], axis="x")
+    model.add_joint("ball", "spherical", between=["cap.ball", "strut.ball"])
+    model.add_joint("guide", "in-line", between=["ground.guide", "strut"], axis="x")
     critical = brentq(lambda x: np.tan(x) - 2 * x, 1.0, 1.5) ** 2
-    model.add_force("load", "force", at="strut.top", value=[-0.5 * critical, 0, 0])
+    model.add_force("load", "force", at="strut", value=[-0.5 * critical, 0, 0])
     assert load_factor(model) == pytest.approx(0.5, rel=0.01)
 
 
