@@ -41,6 +41,8 @@ TEXT = "audit"
 BUDGET = 0.01
 """Largest share of the peak-to-peak of a sensor that left out effects may contribute."""
 _WASTED = 0.1  # of the budget: an effect that contributes less is not worth its time
+_RINGS = 1 / 3  # of the budget: a sensor may ring so much faster than the rows
+_ROUGH = 100.0  # times as much as they see may be true of such a sensor
 _MOST_ROWS = 800  # rows of a run that are looked at
 MISSING, NEEDED, WASTED, SMALL, UNKNOWN = (
     "missing", "needed", "could be off", "may stay off", "not known",
@@ -61,7 +63,8 @@ class EffectOutcome:
     """One effect of one body, or of the scene.
 
     ``share`` is its contribution to the worst sensor over the peak-to-peak of that, ``value`` the
-    same in the scene's unit of it; None where there is no estimate, and ``why`` says what it needs.
+    same in the scene's unit of it; None where there is no estimate, and ``why`` says what it needs:
+    with ``shares`` where these are too rough to be one.
     ``cost`` is the time of one evaluation of the equations with the effect over that without, of
     deformation that of all evaluations of the run over those of the rigid one.
     """
@@ -262,6 +265,13 @@ def _outcome(neighbours: Neighbours, effect: Effect, budget: float) -> EffectOut
     verdict = _verdict(effect.on, worst.share, budget)
     value = neighbours.model.units.say(worst.value, worst.unit, 2) if worst.unit else ""
     shares = {one.sensor: one.share for one in changes}
+    ringing = [one for one in changes if one.unresolved > _RINGS * budget]
+    ringing = [one for one in ringing if _ROUGH * one.share > budget]
+    if verdict in (SMALL, WASTED) and ringing:
+        names = ", ".join(one.sensor for one in ringing)
+        why = f"{names} rings faster than the rows; {percent(worst.share)} as they see it"
+        rough = NEEDED if effect.on else UNKNOWN
+        return EffectOutcome(*fixed, None, "", "", cost, rough, why, shares)
     return EffectOutcome(*fixed, worst.share, value, worst.sensor, cost, verdict, "", shares)
 
 

@@ -17,8 +17,10 @@ if TYPE_CHECKING:
     from flexmb.results import Result
 
 _ROUGH = 0.2  # of velocities against accelerations between rows, relative
-_MORE_ROWS = 4  # times as many where accelerations need them
-_MOST_NUMBERS = 2e6  # of a matrix of the coordinates in all rows: 16 MB
+_RINGS = 0.003  # of what a sensor shows: so much may ring faster than the rows
+_ENOUGH = 1.1  # times as many rows for turns and what rings would be better: these do
+_MORE_ROWS = 4  # times as many where these do not
+_MOST_NUMBERS = 1.2e7  # of a matrix of the coordinates in all rows: 100 MB
 
 
 def resolved_motion(
@@ -33,7 +35,7 @@ def resolved_motion(
         The rows of a run, and its model.
     most_rows : int
         More of them, four times at most, are taken only of another run, of a model that is not too
-        large for it, where so many do not resolve the accelerations.
+        large for it, where so many do not resolve accelerations, turns, and what rings at sensors.
     run : callable, optional
         Runs a model; None: it cannot be run again.
     """
@@ -43,10 +45,11 @@ def resolved_motion(
     rows, thinned, notes = motion, motion.thinned(most_rows), []
     fastest = max((hertz for _, hertz in driving_frequencies(model)), default=0.0)
     for most in _limits(compiled, most_rows):
-        if most > most_rows and thinned.gap(compiled) <= _ROUGH:
-            break
         thinned = rows.thinned(most)
-        finer = thinned.finer(compiled, fastest)
+        better = max(thinned.turns(compiled, fastest), _rings(model, compiled, thinned))
+        if most > most_rows and better <= _ENOUGH and thinned.gap(compiled) <= _ROUGH:
+            break
+        finer = max(thinned.finer(compiled, fastest), better)
         n = min(int(np.ceil((len(thinned.t) - 1) * finer)), most - 1)
         if finer > 1.0 and n > len(rows.t) and model.dynamics is not None and run is not None:
             other = copy.copy(model)
@@ -70,6 +73,14 @@ def resolved_motion(
             f"{100 * gap:.2g} % only: the estimates are rough"
         )
     return thinned, notes
+
+
+def _rings(model: Model, compiled: Compiled, motion: Motion) -> float:
+    """How many times as many rows resolve what rings at the sensors."""
+    from flexmb.analysis.effects.contribution import fast_shares
+
+    rings = fast_shares(model, motion.channels, compiled.layout.channels).values()
+    return float(np.sqrt(max(rings, default=0.0) / _RINGS))
 
 
 def _limits(compiled: Compiled, most_rows: int) -> Iterator[int]:

@@ -14,6 +14,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,6 +45,7 @@ COLUMNS = ("run", "of", "switched to", "because", "contribution", "at")
 _SHARE = 0.5  # of the budget that all left out effects together may take: they are estimates
 _MOST_RUNS = 8
 _FULL = f"full {COUPLING}"
+_FRAMED = {"quasi-static": "dynamic", "partial": "full"}  # in a frame at an interface
 _WORDS: dict[str, dict[str, Any]] = {
     DEFORMATION: {"deformation": "quasi-static"},
     VIBRATION: {"deformation": "dynamic"},
@@ -68,11 +70,15 @@ class Selection:
     ----------
     words : dict of str to dict
         What each flexible body has in the end, of what the scene leaves open.
+    framed : frozenset of str
+        Bodies with their frame at an interface: quasi-static modes keep no momentum in it, and with
+        partial coupling they may diverge.
     steps : list of tuple of str
         Rows under `COLUMNS`.
     """
 
     words: dict[str, dict[str, Any]]
+    framed: frozenset[str] = frozenset()
     steps: list[tuple[str, ...]] = field(default_factory=list)
 
     def text(self) -> str:
@@ -82,6 +88,8 @@ class Selection:
     def switch(self, body: str, words: Mapping[str, Any], *why: str) -> bool:
         """Give a body other words, as far as they are open; whether any of them changed."""
         mine = self.words[body]
+        if body in self.framed:
+            words = {key: _FRAMED.get(word, word) for key, word in words.items()}
         changes = {key: value for key, value in words.items() if mine.get(key, value) != value}
         mine.update(changes)
         if changes:
@@ -136,8 +144,10 @@ def run_with_selected_effects(
     model.validate()
     assert model.effects is not None
     budget = model.effects.budget
+    flexible: dict[str, Any] = {k: spec for k, spec in model.bodies.items() if spec.flexible}
     selection = Selection(
-        {name: _open_words(spec) for name, spec in model.bodies.items() if spec.flexible}
+        {name: _open_words(spec) for name, spec in flexible.items()},
+        frozenset(name for name, spec in flexible.items() if spec.frame_interface is not None),
     )
     made: Audit | None = None
     first: FlexmbError | None = None  # of runs one after the other that failed
@@ -200,14 +210,16 @@ def _switch_on(
 ) -> bool:
     """Switch on what would let the sum of what is left out exceed its share of the budget.
 
-    The smallest contributions stay out, as long as their sum at every sensor allows it.
+    The smallest contributions stay out, as long as their sum at every sensor allows it. What is not
+    known since sensors ring faster than the rows does not.
     """
     sums: dict[str, float] = {}
     changed = False
-    off = [one for one in effects if not one.on and one.share is not None and one.body]
-    for one in sorted(off, key=lambda one: one.share or 0.0):
+    off = [one for one in effects if not one.on and one.shares and one.body]
+    off = [one for one in off if one.share is not None or one.effect != MODES]
+    for one in sorted(off, key=lambda one: inf if one.share is None else one.share):
         together = {name: sums.get(name, 0.0) + share for name, share in one.shares.items()}
-        if max(together.values(), default=0.0) <= _SHARE * budget:
+        if one.share is not None and max(together.values()) <= _SHARE * budget:
             sums |= together
             continue
         words = {"modes": int(one.indicator.split()[0]) * 2} if one.effect == MODES else None

@@ -46,6 +46,7 @@ OUT_OF_PLANE = "motion out of the plane"
 _MORE_MODES = 2  # times as many modes tell what those left out would do
 _RIGID, _DYNAMIC = {"deformation": "rigid"}, {"deformation": "dynamic"}
 _QUASI_STATIC = {"deformation": "quasi-static"}
+_FRAMED = "quasi-static modes keep no momentum in a frame at an interface; take mean axes"
 _FULL = {"inertia_coupling": "full", "geometric_stiffening": "full"}
 
 
@@ -201,6 +202,7 @@ class Neighbours:
     def _switch_change(self, *effects: Effect) -> Change:
         """Of all but deformation, along the motion of the run; modes without inertia follow it."""
         from flexmb.analysis.effects.contribution import evaluation_time as time
+        from flexmb.analysis.effects.stored_motion import shapes_of
 
         model, own, follow = self.neighbour(*effects), self.compiled, False
         name, on = effects[0].name, effects[0].on
@@ -218,7 +220,7 @@ class Neighbours:
         other = self._compile(model, bodies)
         finer = {OUT_OF_PLANE: own.flexbodies, MODES: [one.body for one in effects]}
         for body in finer.get(name, ()):
-            shapes[body] = _shapes(own.flexbodies[body], other.flexbodies[body])
+            shapes[body] = shapes_of(own.flexbodies[body], other.flexbodies[body])
         changes = self._changes(own, other, model, self.motion, shapes, follow)
         times = time(other), time(own) if self._static else self._own_time
         return *changes, times[1] / times[0] if on else times[0] / times[1]
@@ -243,7 +245,8 @@ class Neighbours:
             if static := quasi_static(spec, body, self.model):
                 yield Effect(STATIC, name, False, f"{len(static)} of {body.m}", _DYNAMIC)
         else:
-            yield Effect(VIBRATION, name, False, fast, _DYNAMIC)
+            why = "" if spec.frame_interface is None else _FRAMED
+            yield Effect(VIBRATION, name, False, fast, _DYNAMIC, why)
         yield from self._couplings(name, spec, body, turning, numbers.speed < LEAST_SPEED)
         yield self._modes(name, spec, body)
         number = [one.name for one in self.compiled.layout.bodies].index(name)
@@ -291,10 +294,21 @@ class Neighbours:
         return Effect(MODES, name, False, modes, {"modes": _MORE_MODES * max(spec.mode_count, 4)})
 
     def _deformation(self, *effects: Effect) -> Change:
-        """Of bodies along the motion in which they are rigid; of vibrations less what is slow."""
+        """Of bodies along the motion in which they are rigid; of vibrations less what is slow.
+
+        What is a spring without mass in the run vibrates along the run itself.
+        """
         from flexmb.analysis.effects.contribution import smaller_range
         from flexmb.engine.bodies.static_modes import static_coordinates
 
+        kinetostatic = partial(static_coordinates, kinetostatic=True)
+        mine = [one.body for one in effects]
+        if effects[0].name == VIBRATION and self._static.keys() >= {*mine}:
+            now = self._compile(self.model, self.bodies)
+            if not len(kinetostatic(now.system)):
+                model = with_words(self.model, dict.fromkeys(mine, _DYNAMIC))
+                other = self._compile(model, self.bodies)
+                return *self._changes(now, other, model, self.motion, {}), None
         own, motion, model, bodies, last = self._deformable(effects)
         other = self._compile(model, bodies)
         if effects[0].name == DEFORMATION:
@@ -303,11 +317,9 @@ class Neighbours:
             return (self.motion.channels, before, after), change, names, cost
         deformations = (replace(one, name=DEFORMATION) for one in effects)
         histories, change, names, _ = self._change(*deformations)
-        followed = {one.body: _QUASI_STATIC for one in effects}
-        beside, slow = (
-            self._compile(with_words(one, followed), bodies) for one in (self.model, model)
-        )
-        if follow := len(static_coordinates(beside.system, kinetostatic=True)) > 0:
+        both = (with_words(one, dict.fromkeys(mine, _QUASI_STATIC)) for one in (self.model, model))
+        beside, slow = (self._compile(one, bodies) for one in both)
+        if follow := len(kinetostatic(beside.system)) > 0:
             slow = other  # nothing vibrates, nor do other bodies on the compliance of this one
         (_, after), still, _ = self._changes(own, slow, model, motion, {}, follow)
         if motion is not self.motion:  # the body is flexible in both
@@ -436,15 +448,3 @@ def _copy_bodies(source: Path, folder: Path) -> None:
     for file in source.glob("*.flexbody.h5"):
         if not (folder / file.name).exists():
             shutil.copy2(file, folder)
-
-
-def _shapes(body: FlexBody, finer: FlexBody) -> Array:
-    """(m of the finer, m) modal coordinates of a finer body that each of a body's own are."""
-    if not body.m:
-        return np.zeros((finer.m, 0))
-    fields = [
-        np.vstack([np.vstack([part.Phi_t, part.Phi_r]) for part in one.interfaces]
-                  + ([] if one.nodes is None else [one.nodes.Phi_t.reshape(-1, one.m)]))
-        for one in (finer, body)
-    ]  # fmt: skip
-    return np.asarray(np.linalg.lstsq(fields[0], fields[1], rcond=None)[0])

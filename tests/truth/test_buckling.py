@@ -127,6 +127,23 @@ def test_a_mast_with_a_mass_on_top_is_a_cantilever_under_its_weight(all_are_told
     assert load_factor(model) == pytest.approx(0.5 + own, rel=0.01)
 
 
+def test_a_strut_of_rigid_bodies_pushes_on_a_column(all_are_told):
+    """Their ball joint was no number. The strut, as long as the column, is guided: tan x = 2 x."""
+    model = loaded("cantilever", 0.0)
+    del model.forces["load"]
+    for name, place in (("cap", 1.0), ("strut", 2.0)):
+        model.add_body(name, mass=1e-6, inertia=[1e-6] * 3, position=[place, 0, 0])
+    model.add_marker("cap.ball", orientation={"axis": [1, 0, 0], "angle": 0.5})  # of its own
+    model.add_marker("strut.ball", position=[-1.0, 0, 0])
+    model.add_marker("ground.guide", position=[2.0, 0, 0])
+    model.add_joint("glue", "fixed", between=["column.tip", "cap"])
+    model.add_joint("ball", "spherical", between=["cap.ball", "strut.ball"])
+    model.add_joint("guide", "in-line", between=["ground.guide", "strut"], axis="x")
+    critical = brentq(lambda x: np.tan(x) - 2 * x, 1.0, 1.5) ** 2
+    model.add_force("load", "force", at="strut", value=[-0.5 * critical, 0, 0])
+    assert load_factor(model) == pytest.approx(0.5, rel=0.01)
+
+
 def test_the_estimate_without_stiffening_is_eulers_load() -> None:
     """pi^2 EI/L^2 of pins over w1^2 m L with w1 = pi^2 sqrt(EI/(m L^3)): 1/pi^2."""
     assert _EULER == pytest.approx(1 / np.pi**2, rel=0.02)

@@ -198,11 +198,24 @@ class LoadFactorMonitor:
             for name in ("q", "v", "vd", "lam"):
                 getattr(state, name)[:] = getattr(rows, name)[row]
             solve(RESIDUAL)
-            forces.append(work.now.marker["W"][:, :3].copy())
+            forces.append(self._forces(work, state.lam))
             arms.append(work.now.marker["s"].copy())
             axes.append(work.now.body["A"].copy())
         q, v, vd = (getattr(rows, name)[which] for name in ("q", "v", "vd"))
         return _Loads(q, v, vd, *(np.array(one) for one in (forces, arms, axes)))
+
+    def _forces(self, work: Work, lam: Array) -> Array:
+        """(markers, 3) forces, with those of joints of points, which the engine does not gather."""
+        system = self._compiled.system
+        W = work.now.marker["W"][:, :3].copy()
+        W[system.parts.markers["point"] == 1] = 0.0
+        joints = system.kinds.get("point_joints")
+        for group in () if joints is None else system.groups[joints.groups]:
+            for r in range(group["row"], group["row"] + group["n"]):
+                row = system.rows[r]
+                W[row["I"], row["a"]] += lam[r]
+                W[row["J"], row["a"]] -= lam[r]
+        return np.asarray(W)
 
 
 @dataclass(frozen=True, eq=False)

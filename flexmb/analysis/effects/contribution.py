@@ -37,6 +37,8 @@ _STANDSTILL = 1e-7  # of the largest motion of the same unit: what changes less 
 _AT_REST = 1e-3  # of its motion with the change: the change moves a sensor, and nothing else
 _SYMMETRIC = 0.2  # of the change by one body, that all together leave
 _EVALUATIONS = 50  # of the equations, to time them
+_NOISE = 1e-3  # of the largest motion of the same unit: what rings less is no worse than this
+_CUBIC = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0  # a row less the cubic through four others
 _UNBOUNDED = 1e3  # a change this many times the motion is no number any more
 
 
@@ -45,7 +47,8 @@ class Contribution:
     """The largest change of a sensor: `value` in its SI unit, `share` of its peak-to-peak.
 
     ``at_rest``: the sensor does not move in the run. ``by_symmetry``: nor when the effects of this
-    kind of all bodies change together, whatever that of one would do.
+    kind of all bodies change together, whatever that of one would do. ``unresolved``: share of
+    what it shows that rings faster than the rows, which do not see what the effect does to that.
     """
 
     sensor: str
@@ -54,6 +57,7 @@ class Contribution:
     share: float
     at_rest: bool = False
     by_symmetry: bool = False
+    unresolved: float = 0.0
 
 
 def first_change(
@@ -112,6 +116,7 @@ def contributions(
     """
     sizes: dict[str, tuple[str, float, float]] = {}
     symmetric: set[str] = set()
+    rings = [fast_shares(model, x, names) for x in histories[:-1]]
     rests: dict[str, float] = {}
     largest: dict[str, float] = {}
     owners = {**model.sensors, **model.states, **model.controllers}
@@ -131,8 +136,30 @@ def contributions(
         share = min(value / size, _UNBOUNDED) if moves else 0.0
         at_rest = bool(rests[name] <= _AT_REST * size)
         still = at_rest and name in symmetric
-        result.append(Contribution(name, unit, value if moves else 0.0, share, at_rest, still))
+        changed, rest = value if moves else 0.0, max(one[name] for one in rings)
+        result.append(Contribution(name, unit, changed, share, at_rest, still, rest))
     return result
+
+
+def fast_shares(model: Model, history: Array, names: tuple[str, ...]) -> dict[str, float]:
+    """Share of each sensor's peak-to-peak by which rows depart from their neighbours' cubic (rms).
+
+    Next to nothing of what the rows resolve: 0.01 of a vibration of 0.5 rad from row to row, 0.14
+    of one of 1 rad. Single jumps count little.
+    """
+    from scipy.ndimage import correlate1d
+
+    sizes: dict[str, tuple[str, float, float]] = {}
+    largest: dict[str, float] = {}
+    for name, spec in {**model.sensors, **model.states, **model.controllers}.items():
+        columns = [names.index(channel) for channel in channels_of(name, spec)]
+        unit, x = model.channel_unit(channels_of(name, spec)[0]) or "", history[:, columns]
+        apart = correlate1d(x, _CUBIC, axis=0)[2:-2]
+        rms = float(np.sqrt((apart**2).sum(axis=1).mean())) if len(apart) else 0.0
+        sizes[name] = unit, float(np.ptp(x, axis=0).max(initial=0.0)), rms
+        largest[unit] = max(largest.get(unit, 0.0), sizes[name][1])
+    floors = {name: max(one[1], _NOISE * largest[one[0]]) for name, one in sizes.items()}
+    return {k: one[2] / floors[k] if floors[k] > 0.0 else 0.0 for k, one in sizes.items()}
 
 
 def shared(

@@ -38,6 +38,7 @@ from flexmb.errors import FlexmbError
 from flexmb.flexbody.arrays import Array, IntArray
 
 _UNRESOLVED = 1.0  # rad of a vibration between two rows from which on they do not resolve it
+_ENDS = 5  # rows at the end of splines, where rates of what follows turning bodies are rough
 _CLOSINGS = 2  # of joints at full size
 _CLOSED = 0.01  # of their gaps may be left
 _ROUNDS = 2  # of what such vibrations do slowly
@@ -109,6 +110,8 @@ def respond(
         bounded = n if bounded == len(segment.Z) else first + bounded
         first += len(segment.Z) - 1
         state = parts[0, first], parts[1, first], parts[2, first]
+    if quasi_static and n > _ENDS**2:
+        parts[1:, -_ENDS:] = parts[1:, [-_ENDS - 1]]
     change, equations = np.zeros_like(motion.channels), equations_of(compiled)
     force = one.F + sum(map(_times, (one.M, one.D, one.K), parts[::-1]))
     follows = (np.diag(elastic) > 0.0) & quasi_static  # their equations have no inertia in the run
@@ -272,15 +275,21 @@ def _closure(
 
 
 class _FreeMotions:
-    """The equations for y of δq = Z y + g: M ÿ + D ẏ + K y = load."""
+    """The equations for y of δq = Z y + g: M ÿ + D ẏ + K y = load.
 
-    def __init__(self, pieces: SmoothPieces, of: _Coefficients, Z: Array, g: Array) -> None:
+    With `calm` the second rate of g has no spikes.
+    """
+
+    def __init__(
+        self, pieces: SmoothPieces, of: _Coefficients, Z: Array, g: Array, calm: bool = False
+    ) -> None:
         self.Z, self.g = Z, g
         self.Zd = pieces.rate(Z)
         self.V1 = self.Zd + of.Omega @ Z
         self.V1d = pieces.rate(self.V1)
-        self.a0 = pieces.rate(g) + _times(of.Omega, g)
-        self.a0d = pieces.rate(self.a0)
+        rate, turned = pieces.rate(g), _times(of.Omega, g)
+        self.a0, second = rate + turned, pieces.rate(rate)
+        self.a0d = (pieces.calm_second(g, second) if calm else second) + pieces.rate(turned)
         Zt = Z.transpose(0, 2, 1)
         self.M = Zt @ of.M @ Z
         self.D = Zt @ (of.M @ (self.Zd + self.V1) + of.D @ Z)
@@ -351,7 +360,8 @@ def _solve(
         lead = -np.linalg.solve(K[:, still][:, :, still], others)
         Z = made.Z @ T
         g = made.g + _times(Z[:, :, still], lead[:, :, -1])
-        made = _FreeMotions(pieces, of, Z[:, :, ~still] + Z[:, :, still] @ lead[:, :, :-1], g)
+        Z = Z[:, :, ~still] + Z[:, :, still] @ lead[:, :, :-1]
+        made = _FreeMotions(pieces, of, Z, g, calm=follow)
         omega, T = made.modes(least)
         y0, yd0 = np.linalg.solve(T, np.stack([y0, yd0], axis=1)).T
     u, w = len(omega), omega

@@ -10,6 +10,7 @@ import numpy as np
 
 from flexmb.flexbody.arrays import Array, IntArray
 
+_SPIKE = 5  # rows: one or two beside one another are a spike
 _SLOW = 0.1  # rad of a change of coefficients between two rows, beyond which they are no series
 
 
@@ -40,6 +41,26 @@ class SmoothPieces:
             if len(t) > 1:
                 rates[piece, changing] = CubicSpline(t, rows)(t, order)
         return rates
+
+    def calm_second(self, values: Array, second: Array) -> Array:
+        """Second time derivative of rows without its spikes.
+
+        What follows a load has one where the load bends, as at the points of a table: more there
+        than the median of differences beside it by the largest of these.
+        """
+        from scipy.ndimage import median_filter
+
+        calm = second.copy()
+        for piece in self._pieces():
+            t, x = self.t[piece], values[piece]
+            if len(t) > 2:
+                h = np.diff(t)[:, None]
+                beside = 2.0 * np.diff(np.diff(x, axis=0) / h, axis=0) / (h[1:] + h[:-1])
+                beside = median_filter(beside, (_SPIKE, 1), mode="nearest")
+                beside = np.concatenate([beside[:1], beside, beside[-1:]])
+                spikes = np.abs(second[piece] - beside) > np.abs(beside).max(axis=0)
+                calm[piece][spikes] = beside[spikes]
+        return calm
 
     def jumps(self, values: Array, rates: Array) -> Array:
         """By how much rows jump from one piece to the next, in the rows behind it; else 0."""

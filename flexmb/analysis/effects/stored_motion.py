@@ -15,6 +15,7 @@ from flexmb.engine.bodies.static_modes import static_coordinates
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.engine.work import new_state
+from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, IntArray, skew
 from flexmb.results import Result
 
@@ -64,11 +65,16 @@ class Motion:
 
     def finer(self, compiled: Compiled, fastest: float) -> float:
         """How many times as many rows resolve it, its turns, and loads of a frequency [Hz]."""
+        gap = float(np.sqrt(self.gap(compiled) / _GAP))
+        return max(gap, self.turns(compiled, fastest))
+
+    def turns(self, compiled: Compiled, fastest: float) -> float:
+        """How many times as many rows resolve its turns, and loads of a frequency [Hz]."""
         steps = np.diff(self.t)[:, None]
-        turns = (self.v[1:, body.iv + 3 : body.iv + 6] * steps for body in compiled.layout.bodies)
-        turn = max((float(np.linalg.norm(x, axis=1).max(initial=0.0)) for x in turns), default=0.0)
+        parts = (self.v[1:, body.iv + 3 : body.iv + 6] * steps for body in compiled.layout.bodies)
+        turn = max((float(np.linalg.norm(x, axis=1).max(initial=0.0)) for x in parts), default=0.0)
         phase = 2.0 * np.pi * fastest * float(steps.max(initial=0.0))
-        return max(float(np.sqrt(self.gap(compiled) / _GAP)), turn / _TURN, phase / _PHASE)
+        return max(turn / _TURN, phase / _PHASE)
 
     def thinned(self, most: int) -> Motion:
         """At most so many rows of it, at equal numbers of rows."""
@@ -187,6 +193,18 @@ def read_motion(run: Result) -> Motion:
     rows = slice(None)
     tables = (run.part(name, rows) for name in ("q", "v", "vd", "lam", "sensors"))
     return Motion(run.time * run.units.scale("s"), *tables)
+
+
+def shapes_of(body: FlexBody, finer: FlexBody) -> Array:
+    """(m of the finer, m) modal coordinates of a finer body that each of a body's own are."""
+    if not body.m:
+        return np.zeros((finer.m, 0))
+    fields = [
+        np.vstack([np.vstack([part.Phi_t, part.Phi_r]) for part in one.interfaces]
+                  + ([] if one.nodes is None else [one.nodes.Phi_t.reshape(-1, one.m)]))
+        for one in (finer, body)
+    ]  # fmt: skip
+    return np.asarray(np.linalg.lstsq(fields[0], fields[1], rcond=None)[0])
 
 
 def carry_motion(

@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from flexmb.analysis.effects.contribution import contributions, first_change
+from flexmb.analysis.effects.contribution import (
+    Contribution,
+    contributions,
+    fast_shares,
+    first_change,
+)
 from flexmb.analysis.effects.perturbation import respond
 from flexmb.analysis.effects.stored_motion import Motion
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
+from flexmb.units import unit_system
+from flexmb.workflow.audit import _outcome
+from flexmb.workflow.effect_selection import Selection, _switch_on
+from flexmb.workflow.neighbours import Effect
 
 
 @pytest.mark.parametrize(("sum_of_all", "rests"), [(0.0, True), (0.1, True), (2.0, False)])
@@ -68,3 +79,38 @@ def test_the_first_change_is_how_far_another_model_begins_from_the_motion() -> N
     np.testing.assert_allclose(dq, [0.0, -2.0 * 9.81 / 200.0, 0.0, 0.0, 0.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(dv, [0.0, -0.5, 0.0, 0.0, 0.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(dvd, -vd[0], atol=1e-9)
+
+
+@pytest.mark.parametrize("phase", [0.3, 1.0, 2.5])
+def test_what_rings_faster_than_the_rows_is_what_neighbours_do_not_tell(phase) -> None:
+    model = Model("ball")
+    model.add_body("ball", mass=1.0, inertia=[1.0] * 3)
+    model.add_sensor("ball", "position", of="ball")
+    k = np.arange(4001.0)
+    moves = np.zeros((4001, 3))
+    moves[:, 0] = np.sin(2e-3 * np.pi * k) + 0.01 * np.sin(phase * k)  # slow, and what rings on it
+    cubic = (4.0 * np.cos(phase) - np.cos(2.0 * phase)) / 3.0  # of a vibration, through four rows
+    told = fast_shares(model, moves, ("ball.x", "ball.y", "ball.z"))["ball"]
+    assert told == pytest.approx(0.01 * (1.0 - cubic) / np.sqrt(2.0) / 2.02, rel=0.02)
+
+
+@pytest.mark.parametrize("rings", [0.0, 0.1])
+def test_no_small_number_is_told_where_a_sensor_rings_faster_than_the_rows(rings) -> None:
+    of = SimpleNamespace(
+        estimate=lambda _: ([Contribution("grip", "N", 1.0, 2e-3, unresolved=rings)], None),
+        model=SimpleNamespace(units=unit_system("SI")),
+    )
+    made = _outcome(of, Effect("vibration", "rod", False, ""), 0.01)
+    assert made.share == (None if rings else 2e-3)
+    assert made.verdict == ("not known" if rings else "may stay off")
+    selection = Selection({"rod": {"deformation": "quasi-static"}})
+    assert _switch_on(selection, [made], "1", 0.01) == bool(rings)
+    assert selection.words["rod"]["deformation"] == ("dynamic" if rings else "quasi-static")
+
+
+def test_a_frame_at_an_interface_has_dynamic_modes_and_full_coupling() -> None:
+    """With quasi-static ones momentum was lost to a kick, with partial coupling a rod diverged."""
+    words = {"deformation": "rigid", "inertia_coupling": "constant"}
+    selection = Selection({"rod": words}, frozenset({"rod"}))
+    selection.switch("rod", {"deformation": "quasi-static", "inertia_coupling": "partial"}, "1")
+    assert selection.words["rod"] == {"deformation": "dynamic", "inertia_coupling": "full"}
