@@ -3,9 +3,10 @@
 μ(v) = μ_d + (μ_s − μ_d) exp(−(v/v_s)²) + v_v v, v the speed of sliding (Stribeck;
 Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994) 1083). Bristle: an elastic-plastic
 spring s, an internal variable that the surface carries; with T = k s + c v the force is −T while
-|T| ≤ μ N and −μ N T/|T| beyond (Dupont et al., IEEE Trans. Autom. Control 47 (2002) 787). A
+|T| ≤ μ N and −μ N v/|v| beyond (Dupont et al., IEEE Trans. Autom. Control 47 (2002) 787). A
 bristle that sticks does not creep; one that slides follows up to the length k s = μ N, so that what
-a stick begins with depends on no step.
+a stick begins with depends on no step. That of a contact is full then (`forces.bristle`): it turns
+with the velocity, and what slides on is against that, whatever the lag.
 Smooth: −μ N v/√(v² + v₀²), which creeps at any load.
 """
 
@@ -78,17 +79,15 @@ def friction_force(f, n, N, g, s0, way, follows):
         return times(w, v), times(0.0, v), 0.0, 0.0
     s0, way = tangential_part(n, s0), tangential_part(n, way)
     s = plus(s0, 1.0, way)
-    room = f["k"] * math.sqrt(inner(s, s)) - limit
+    room, along = f["k"] * math.sqrt(inner(s, s)) - limit, 0.0
     if room > (-LEAST_EXCESS * limit if follows else 0.0):
         e = _full_direction(s0, way, v, limit / f["k"], follows)
         along, s = inner(e, v), times(limit / f["k"], e)
-        if along > 0.0:
-            return times(-limit / speed, v), s, limit * along / speed, room
     T = plus(times(f["k"], s), f["c"], v)
-    pull = math.sqrt(inner(T, T))
-    if pull <= limit:
-        return times(-1.0, T), s, pull - limit, room
-    return times(-limit / pull, T), s, pull - limit, room
+    excess = limit * along / speed if along > 0.0 else math.sqrt(inner(T, T)) - limit
+    if excess > 0.0 and speed > 0.0:
+        return times(-limit / speed, v), s, excess, room
+    return times(-1.0, T), s, excess, room
 
 
 @kernel
@@ -189,23 +188,20 @@ def friction_force_change(f, n, N, g, s0, way, follows, dn, dN, dg, ds0, dway):
     ds0, dway = _tangential_part_change(n, s0, dn, ds0), _tangential_part_change(n, way, dn, dway)
     s0, way = tangential_part(n, s0), tangential_part(n, way)
     s, ds = plus(s0, 1.0, way), plus(ds0, 1.0, dway)
-    T, dT = v, dv
-    slides, room = False, f["k"] * math.sqrt(inner(s, s)) - limit
+    along, room = 0.0, f["k"] * math.sqrt(inner(s, s)) - limit
     if room > (-LEAST_EXCESS * limit if follows else 0.0):
         s, ds = _full_direction_change(
             s0, way, v, limit / f["k"], follows, ds0, dway, dv, dlimit / f["k"]
         )
-        slides = inner(s, v) > 0.0
+        along = inner(s, v)
         s, ds = times(limit, s), plus(times(dlimit, s), limit, ds)
     else:
         s, ds = times(f["k"], s), times(f["k"], ds)
-    if not slides:
-        T, dT = plus(s, f["c"], v), plus(ds, f["c"], dv)
-    size = math.sqrt(inner(T, T))
-    if not slides and size <= limit:
+    T, dT = plus(s, f["c"], v), plus(ds, f["c"], dv)
+    if (along <= 0.0 and math.sqrt(inner(T, T)) <= limit) or speed == 0.0:
         return times(-1.0, dT)
-    change = times(-limit / size, dT)
-    return plus(change, (limit * inner(T, dT) / (size * size) - dlimit) / size, T)
+    change = times(-limit / speed, dv)
+    return plus(change, (limit * dspeed / speed - dlimit) / speed, v)
 
 
 @kernel
