@@ -98,44 +98,53 @@ def factorise(run: Run, at: Point, cv: float, cp: float) -> int:
     return factor.replaced[0]
 
 
-# Pivots of rows, over their regularisation, below which joints yield too much to it, and what part
-# of it does instead. Of rows that repeat others the pivots are as small, and follow it.
-_YIELDING, _LESS, _FOLLOWS = 1e3, 1e-3, 2e-3
+# Pivots of rows, over their regularisation, below which joints yield too much to it, what part of
+# it does instead, and how often: a third time would be round-off. Of rows that repeat others the
+# pivots are as small, and follow it.
+_YIELDING, _LESS, _TIMES, _FOLLOWS = 1e3, 1e-3, 2, 1.2e-3
 
 
 @kernel
 def _factor_firmly(kkt, fac):
     """Factor where heavy bodies hang on light ones: what joints move is not the light mass.
 
-    Of a matrix that low0 and up0 hold too. fac.tmp is what it takes from the regularisation.
+    Of a matrix that low0 and up0 hold too. fac.tmp is what part of the regularisation it takes in
+    all, of each row the same: that decides how rows share a load which repeat each other. fac.rhs
+    and fac.sol are pivots before, and what it takes in one round.
     """
-    replaced, eps, d, change, before = ldl.factor(kkt, fac), fac.eps, fac.d, fac.tmp, fac.rhs
-    yielding = False
-    for k in range(eps.shape[0]):
-        change[k] = (1.0 - _LESS) * eps[k]
-        before[k] = abs(d[k])
-        yielding = yielding or before[k] < _YIELDING * eps[k]
-    if not yielding:
-        zero(change)
-        return replaced
-    replaced = _factor_again(kkt, fac, 1.0)
-    for k in range(eps.shape[0]):
-        if eps[k] > 0.0 and abs(d[k]) < _FOLLOWS * before[k]:
-            replaced = _factor_again(kkt, fac, -1.0)
-            zero(change)
-            return replaced
+    replaced, eps, d, before = ldl.factor(kkt, fac), fac.eps, fac.d, fac.rhs
+    zero(fac.tmp)
+    for _ in range(_TIMES):
+        yields, others, follow = False, False, False
+        for k in range(eps.shape[0]):
+            fac.sol[k], before[k] = (1.0 - _LESS) * eps[k], abs(d[k])
+            yields = yields or before[k] < _YIELDING * eps[k]
+        if not yields:
+            break
+        replaced = _factor_again(kkt, fac)
+        for k in range(eps.shape[0]):
+            follows = eps[k] > 0.0 and abs(d[k]) < _FOLLOWS * before[k]
+            follow = follow or follows
+            others = others or (not follows and before[k] < _YIELDING * eps[k] / _LESS)
+        if follow and not others:
+            for k in range(eps.shape[0]):
+                fac.sol[k] *= -1.0
+            replaced = _factor_again(kkt, fac)
+        if follow:
+            break
     return replaced
 
 
 @kernel
-def _factor_again(kkt, fac, sign):
-    """Factor with fac.tmp taken from the regularisation, or given back."""
+def _factor_again(kkt, fac):
+    """Factor with fac.sol taken from the regularisation, which fac.tmp counts."""
     for k in range(fac.eps.shape[0]):
-        fac.eps[k] -= sign * fac.tmp[k]
-    _add_diagonal(kkt.panels, fac.tmp, sign, fac.low0)
+        fac.eps[k] -= fac.sol[k]
+        fac.tmp[k] += fac.sol[k]
+    _add_diagonal(kkt.panels, fac.sol, 1.0, fac.low0)
     copy(fac.low0, fac.low)
     if fac.symmetric[0] == 0:
-        _add_diagonal(kkt.panels, fac.tmp, sign, fac.up0)
+        _add_diagonal(kkt.panels, fac.sol, 1.0, fac.up0)
         copy(fac.up0, fac.up)
     return ldl.factor(kkt, fac)
 
@@ -168,19 +177,21 @@ def factorise_pair(run: Run, pair: ComplexFactor) -> int:
 
 @kernel
 def _is_uneven(run):
-    """Whether some bodies are lighter than others by more than `_UNEVEN`, for this matrix."""
-    bodies, place, diagonal = (
-        run.system.parts.bodies,
-        run.system.kkt.place,
-        run.work.factor.diagonal,
-    )
-    least, most = math.inf, 0.0
-    for b in range(bodies.shape[0]):
-        first = bodies[b]["iv"]
-        for k in place[first : first + 3]:
-            if k < diagonal.shape[0] - 1 and diagonal[k] < math.inf:
-                least, most = min(least, diagonal[k]), max(most, diagonal[k])
-    return most > _UNEVEN * least
+    """Whether joints move one body far more easily than the heaviest one, for this matrix.
+
+    By its mass, or by its inertia about where they hold it.
+    """
+    sys, factor, most = run.system, run.work.factor, 0.0
+    place, weights, diagonal, nv = sys.kkt.place, sys.weights, factor.diagonal, sys.weights.shape[0]
+    for i in range(nv):
+        k = place[i]
+        if k < diagonal.shape[0] - 1 and diagonal[k] < math.inf:
+            most = max(most, diagonal[k] / weights[i] ** 2)
+    least = _REGULARISATION * _UNEVEN / most if most > 0.0 else math.inf
+    for i in range(sys.row_weights.shape[0]):
+        if factor.eps[place[nv + i]] * sys.row_weights[i] ** 2 > least:
+            return True
+    return False
 
 
 @kernel
