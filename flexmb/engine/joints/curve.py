@@ -226,7 +226,7 @@ def _nearest_place(curve: PlacedCurve, point: Array, across: bool) -> float:
         apart = seen @ (seen.T @ (x - point))
         return np.array([apart @ t]), np.array([[1.0 + apart @ bend]])
 
-    return _settled(gap, (curve,), (float(nearest),))[0]
+    return _between_samples(gap, (curve,), (float(nearest),))[0]
 
 
 def _tangent_place(curve: PlacedCurve, point: Array, normal: Array) -> float:
@@ -245,7 +245,7 @@ def _tangent_place(curve: PlacedCurve, point: Array, normal: Array) -> float:
         _, t, bend = curve.bend(places[0])
         return np.array([t @ normal]), np.array([[bend @ normal]])
 
-    return _settled(gap, (curve,), (float(between),))[0]
+    return _between_samples(gap, (curve,), (float(between),))[0]
 
 
 def _nearest_pair(
@@ -268,10 +268,10 @@ def _nearest_pair(
         slopes = [[1.0 + (x - y) @ k, -w @ t], [k @ n, t @ bent]]
         return np.array([(x - y) @ t, t @ n]), np.array(slopes)
 
-    return _settled(gap, (first, second), nearest)
+    return _between_samples(gap, (first, second), nearest)
 
 
-def _settled(
+def _between_samples(
     gap: Callable[[Array], tuple[Array, Array]], curves: tuple[PlacedCurve, ...],
     near: tuple[float, ...],
 ) -> tuple[float, ...]:  # fmt: skip
