@@ -17,6 +17,7 @@ from flexmb.engine.algebra import ldl
 from flexmb.engine.algebra.vector import copy, zero
 from flexmb.engine.equations_of_motion import velocity_stage
 from flexmb.engine.jit import Vector, call_matrix, kernel, unit
+from flexmb.engine.joints import ROW_KINDS
 from flexmb.engine.joints.constraint import constraint_jacobian, put_constraint_matrix
 from flexmb.engine.method import FINE
 from flexmb.engine.state import ComplexFactor, Point, Run
@@ -50,6 +51,7 @@ _REGULARISATION = 1e-9
 _REPEATED = 1e-7
 _INDEPENDENT = 1e6  # pivots of rows over their regularisation
 _UNEVEN = 1e5
+_ANGULAR = tuple(kind.angular for kind in ROW_KINDS)
 
 
 @unit
@@ -94,7 +96,7 @@ def factorise(run: Run, at: Point, cv: float, cp: float) -> int:
     copy(low, low0)
     if factor.symmetric[0] == 0:
         copy(up, up0)
-    factor.replaced[0] = _factor_firmly(kkt, factor) if _is_uneven(run) else ldl.factor(kkt, factor)
+    factor.replaced[0] = _factor_firmly(run)
     return factor.replaced[0]
 
 
@@ -105,22 +107,22 @@ _YIELDING, _LESS, _TIMES, _FOLLOWS = 1e3, 1e-3, 2, 1.2e-3
 
 
 @kernel
-def _factor_firmly(kkt, fac):
+def _factor_firmly(run):
     """Factor where heavy bodies hang on light ones: what joints move is not the light mass.
 
     Of a matrix that low0 and up0 hold too. fac.tmp is what part of the regularisation it takes in
     all, of each row the same: that decides how rows share a load which repeat each other. fac.rhs
     and fac.sol are pivots before, and what it takes in one round.
     """
+    kkt, fac = run.system.kkt, run.work.factor
     replaced, eps, d, before = ldl.factor(kkt, fac), fac.eps, fac.d, fac.rhs
     zero(fac.tmp)
-    for _ in range(_TIMES):
-        yields, others, follow = False, False, False
+    for n in range(_TIMES):
+        if not _yields(eps, d) or (n == 0 and not _is_uneven(run)):
+            break
+        others, follow = False, False
         for k in range(eps.shape[0]):
             fac.sol[k], before[k] = (1.0 - _LESS) * eps[k], abs(d[k])
-            yields = yields or before[k] < _YIELDING * eps[k]
-        if not yields:
-            break
         replaced = _factor_again(kkt, fac)
         for k in range(eps.shape[0]):
             follows = eps[k] > 0.0 and abs(d[k]) < _FOLLOWS * before[k]
@@ -133,6 +135,15 @@ def _factor_firmly(kkt, fac):
         if follow:
             break
     return replaced
+
+
+@kernel
+def _yields(eps, d):
+    """Whether a pivot is small beside its regularisation."""
+    yields = False
+    for k in range(eps.shape[0]):
+        yields = yields or abs(d[k]) < _YIELDING * eps[k]
+    return yields
 
 
 @kernel
@@ -163,10 +174,10 @@ def _add_diagonal(panels, change, f, low):
 def factorise_pair(run: Run, pair: ComplexFactor) -> int:
     """Factor the matrix assembled, and one of complex numbers with the same regularisation."""
     factor, kkt = run.work.factor, run.system.kkt
-    if run.state.memory[0]["regularisation"] == 0.0 and _is_uneven(run):
+    if run.state.memory[0]["regularisation"] == 0.0:
         copy(factor.low, factor.low0)
         copy(factor.up, factor.up0)
-        replaced = _factor_firmly(kkt, factor)
+        replaced = _factor_firmly(run)
         _add_diagonal(kkt.panels, factor.tmp, 1.0, pair.low)
         _add_diagonal(kkt.panels, factor.tmp, 1.0, pair.up)
     else:
@@ -177,21 +188,37 @@ def factorise_pair(run: Run, pair: ComplexFactor) -> int:
 
 @kernel
 def _is_uneven(run):
-    """Whether joints move one body far more easily than the heaviest one, for this matrix.
+    """Whether a joint moves one of its bodies far more easily than the other, or than it could.
 
-    By its mass, or by its inertia about where they hold it.
+    By their masses, or by inertia about where it holds them; so with two that a coupler holds.
     """
-    sys, factor, most = run.system, run.work.factor, 0.0
-    place, weights, diagonal, nv = sys.kkt.place, sys.weights, factor.diagonal, sys.weights.shape[0]
-    for i in range(nv):
-        k = place[i]
-        if k < diagonal.shape[0] - 1 and diagonal[k] < math.inf:
-            most = max(most, diagonal[k] / weights[i] ** 2)
-    least = _REGULARISATION * _UNEVEN / most if most > 0.0 else math.inf
-    for i in range(sys.row_weights.shape[0]):
-        if factor.eps[place[nv + i]] * sys.row_weights[i] ** 2 > least:
+    rows, coupled = run.system.rows, run.system.coupled
+    for k in range(rows.shape[0]):
+        if _yields_beside(run, k, rows[k]):
             return True
+    for i in range(coupled.shape[0]):
+        for j in range(coupled.shape[0]):
+            share = i != j and coupled[i]["coordinate"] == coupled[j]["coordinate"]
+            if share and _yields_beside(run, coupled[i]["row"], rows[coupled[j]["row"]]):
+                return True
     return False
+
+
+@kernel
+def _yields_beside(run, k, other):
+    """Whether the regularisation of row k is large for bodies that a row holds."""
+    sys, heavy, diagonal = run.system, 0.0, run.work.factor.diagonal
+    place, kind = sys.kkt.place, sys.rows[k]["kind"]
+    if _ANGULAR[kind] != _ANGULAR[other["kind"]]:
+        return False
+    for marker in (other["I"], other["J"]):
+        body = sys.parts.markers[marker]["body"]
+        if body >= 0:
+            first = sys.parts.bodies[body]["iv"] + (3 if _ANGULAR[kind] else 0)
+            for i in range(first, first + 3):
+                if heavy < diagonal[place[i]] < math.inf:
+                    heavy = diagonal[place[i]]
+    return run.work.factor.eps[place[sys.weights.shape[0] + k]] * heavy > _REGULARISATION * _UNEVEN
 
 
 @kernel
