@@ -152,6 +152,29 @@ def test_a_light_rotor_between_heavy_ones_gives_no_way():
     np.testing.assert_allclose(found[5::6], 0.25, rtol=1e-8)
 
 
+def test_a_flywheel_far_off_does_not_change_how_rows_near_a_singular_pose_yield():
+    def flat(flywheel):
+        model = Model("parallelogram", plane="xy")
+        tilt = {"axis": "z", "angle": 2e-5}
+        for name, x in (("left", 0.0), ("right", 0.8)):
+            model.add_body(name, mass=1, inertia=[0.1] * 3, position=[x, 0, 0], orientation=tilt)
+            model.add_marker(f"{name}.end", position=[0.3, 0, 0])
+            model.add_marker(f"ground.{name}", position=[x, 0, 0])
+            model.add_joint(name, "revolute", between=[f"ground.{name}", name], axis="z")
+        model.add_body("rod", mass=1, inertia=[0.02] * 3, position=[0.3, 6e-6, 0])
+        model.add_marker("rod.end", position=[0.8, 0, 0])
+        model.add_joint("near", "revolute", between=["left.end", "rod"], axis="z")
+        model.add_joint("far", "revolute", between=["rod.end", "right.end"], axis="z")
+        if flywheel:
+            model.add_body("flywheel", mass=1e4, inertia=[1e9] * 3)
+            model.add_joint("shaft", "revolute", between=["ground", "flywheel"], axis="z")
+        bench = Bench(model)
+        bench.matrix(symmetric=True)
+        return bench.work.factor.eps[bench.sys.kkt.place[bench.layout.nv :]][:8]
+
+    np.testing.assert_array_equal(flat(True), flat(False))
+
+
 def test_pivots_of_the_other_sign_stay():
     """Reactions may make a body unstable that joints hold: the equations are solved as they are."""
     bench = Bench(Mechanism(25, "chain", "rigid", n=2, acting=False).model)
