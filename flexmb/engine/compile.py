@@ -47,7 +47,7 @@ from flexmb.errors import SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
 from flexmb.model.functions.derivatives import derivative_jumps
-from flexmb.model.functions.expression import Expression, brief_changes
+from flexmb.model.functions.expression import Expression, brief_changes, switch_times
 from flexmb.model.model import Model
 from flexmb.model.plane import plane_axes, simulated_body
 from flexmb.model.scenes.dynamics import DynamicsSpec
@@ -287,12 +287,14 @@ def time_event_table(
         return np.zeros((0, 2))
     end = spec.duration
     events: list[float] = []
-    kinds = (derivative_jumps, brief_changes)
+    kinds = (derivative_jumps, brief_changes, switch_times)
     for t in sorted({t for program in programs for kind in kinds for t in kind(program.ops, end)}):
-        if t - (events[-1] if events else 0.0) > _SAME_TIME * end and end - t > _SAME_TIME * end:
+        last = events[-1] if events else 0.0
+        if (t == 0.0 or t - last > _SAME_TIME * end) and end - t > _SAME_TIME * end:
             events.append(t)
     times = np.array(events)
-    return np.column_stack([times * (1.0 - _TIME_ROUND_OFF), times * (1.0 + _TIME_ROUND_OFF)])
+    after = np.where(times == 0.0, _TIME_ROUND_OFF * end, times * (1.0 + _TIME_ROUND_OFF))
+    return np.column_stack([times * (1.0 - _TIME_ROUND_OFF), after])
 
 
 def fingerprint(system: System) -> str:

@@ -251,7 +251,7 @@ def cross_time_event(run: Run, cp: float) -> int:
     """Take a state just before an event to its far side; returns the status.
 
     cp is the factor of the tangent that M is added to, as for reported accelerations. A jump within
-    the tolerance of the next step changes nothing but the time.
+    the tolerance of the next step leaves the memory of steps as it is.
     """
     st, settings, time_events = run.state, run.settings, run.system.time_events
     k = _passed(time_events, st.t[0]) - 1
@@ -260,8 +260,12 @@ def cross_time_event(run: Run, cp: float) -> int:
     st.t[0] = time_events[k, 1]
     status = _accelerate(run, cp)
     allowed = settings.tolerance * st.memory[0]["max_displacement"]
-    if status == FINE and _jump(run.system.weights, st, run.work.trial) > allowed:
-        _restart(run)
+    if status == FINE:
+        if _jump(run.system.weights, st, run.work.trial) > allowed:
+            _take_far_side(run)
+            _forget_steps(st)
+        elif run.method.stages > 0:  # whose first stage it is
+            _take_far_side(run)
     return status
 
 
@@ -292,19 +296,14 @@ def _jump(weights, st, tr):
 
 
 @kernel
-def _restart(run):
-    """The trial state becomes the state; powers again, memory of steps forgotten."""
+def _take_far_side(run):
+    """The trial state becomes the state; powers again."""
     st, tr, total, at = run.state, run.work.trial, run.work.energies, run.state_point
     energies(run, at)
     before = total[0]
     store(tr.v, st.v)
     store(tr.vd, st.vd)
     store(tr.lam, st.lam)
-    copy(st.vd, st.vd_before)
-    copy(st.vd, st.aa)
-    copy(st.lam, st.lam_before)
-    zero(st.jerk)
-    zero(st.jerk_before)
     velocity_stage(run, at)
     rows = run.system.rows
     for k in range(rows.shape[0]):
@@ -318,6 +317,16 @@ def _restart(run):
     copy(run.work.powers, st.power)
     for k in range(3):
         st.power_before[0, k] = st.power_before[1, k] = math.nan
+
+
+@kernel
+def _forget_steps(st):
+    """Nothing is known of the motion beyond an event but its present accelerations."""
+    copy(st.vd, st.vd_before)
+    copy(st.vd, st.aa)
+    copy(st.lam, st.lam_before)
+    zero(st.jerk)
+    zero(st.jerk_before)
     st.memory[0]["steps_at_this_size"] = 0.0
     st.memory[0]["velocity_error"] = 0.0
     st.memory[0]["steps_until_growth"] = 0.0

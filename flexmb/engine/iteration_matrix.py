@@ -17,6 +17,7 @@ from flexmb.engine.algebra import ldl
 from flexmb.engine.algebra.vector import copy, zero
 from flexmb.engine.equations_of_motion import velocity_stage
 from flexmb.engine.jit import Vector, call_matrix, kernel, unit
+from flexmb.engine.joints import ROW_KINDS
 from flexmb.engine.joints.constraint import constraint_jacobian, put_constraint_matrix
 from flexmb.engine.method import FINE
 from flexmb.engine.state import ComplexFactor, Point, Run
@@ -50,6 +51,7 @@ _REGULARISATION = 1e-9
 _REPEATED = 1e-7
 _INDEPENDENT = 1e6  # pivots of rows over their regularisation
 _UNEVEN = 1e5
+_ANGULAR = tuple(kind.angular for kind in ROW_KINDS)
 
 
 @unit
@@ -94,48 +96,66 @@ def factorise(run: Run, at: Point, cv: float, cp: float) -> int:
     copy(low, low0)
     if factor.symmetric[0] == 0:
         copy(up, up0)
-    factor.replaced[0] = _factor_firmly(kkt, factor) if _is_uneven(run) else ldl.factor(kkt, factor)
+    factor.replaced[0] = _factor_firmly(run)
     return factor.replaced[0]
 
 
-# Pivots of rows, over their regularisation, below which joints yield too much to it, and what part
-# of it does instead. Of rows that repeat others the pivots are as small, and follow it.
-_YIELDING, _LESS, _FOLLOWS = 1e3, 1e-3, 2e-3
+# Pivots of rows, over their regularisation, below which joints yield too much to it, what part of
+# it does instead, and how often: a third time would be round-off. Of rows that repeat others the
+# pivots are as small, and follow it.
+_YIELDING, _LESS, _TIMES, _FOLLOWS = 1e3, 1e-3, 2, 1.2e-3
 
 
 @kernel
-def _factor_firmly(kkt, fac):
+def _factor_firmly(run):
     """Factor where heavy bodies hang on light ones: what joints move is not the light mass.
 
-    Of a matrix that low0 and up0 hold too. fac.tmp is what it takes from the regularisation.
+    Of a matrix that low0 and up0 hold too. fac.tmp is what part of the regularisation it takes in
+    all, of each row the same: that decides how rows share a load which repeat each other. fac.rhs
+    and fac.sol are pivots before, and what it takes in one round.
     """
-    replaced, eps, d, change, before = ldl.factor(kkt, fac), fac.eps, fac.d, fac.tmp, fac.rhs
-    yielding = False
-    for k in range(eps.shape[0]):
-        change[k] = (1.0 - _LESS) * eps[k]
-        before[k] = abs(d[k])
-        yielding = yielding or before[k] < _YIELDING * eps[k]
-    if not yielding:
-        zero(change)
-        return replaced
-    replaced = _factor_again(kkt, fac, 1.0)
-    for k in range(eps.shape[0]):
-        if eps[k] > 0.0 and abs(d[k]) < _FOLLOWS * before[k]:
-            replaced = _factor_again(kkt, fac, -1.0)
-            zero(change)
-            return replaced
+    kkt, fac = run.system.kkt, run.work.factor
+    replaced, eps, d, before = ldl.factor(kkt, fac), fac.eps, fac.d, fac.rhs
+    zero(fac.tmp)
+    for n in range(_TIMES):
+        if not _yields(eps, d) or (n == 0 and not _is_uneven(run)):
+            break
+        others, follow = False, False
+        for k in range(eps.shape[0]):
+            fac.sol[k], before[k] = (1.0 - _LESS) * eps[k], abs(d[k])
+        replaced = _factor_again(kkt, fac)
+        for k in range(eps.shape[0]):
+            follows = eps[k] > 0.0 and abs(d[k]) < _FOLLOWS * before[k]
+            follow = follow or follows
+            others = others or (not follows and before[k] < _YIELDING * eps[k] / _LESS)
+        if follow and not others:
+            for k in range(eps.shape[0]):
+                fac.sol[k] *= -1.0
+            replaced = _factor_again(kkt, fac)
+        if follow:
+            break
     return replaced
 
 
 @kernel
-def _factor_again(kkt, fac, sign):
-    """Factor with fac.tmp taken from the regularisation, or given back."""
+def _yields(eps, d):
+    """Whether a pivot is small beside its regularisation."""
+    yields = False
+    for k in range(eps.shape[0]):
+        yields = yields or abs(d[k]) < _YIELDING * eps[k]
+    return yields
+
+
+@kernel
+def _factor_again(kkt, fac):
+    """Factor with fac.sol taken from the regularisation, which fac.tmp counts."""
     for k in range(fac.eps.shape[0]):
-        fac.eps[k] -= sign * fac.tmp[k]
-    _add_diagonal(kkt.panels, fac.tmp, sign, fac.low0)
+        fac.eps[k] -= fac.sol[k]
+        fac.tmp[k] += fac.sol[k]
+    _add_diagonal(kkt.panels, fac.sol, 1.0, fac.low0)
     copy(fac.low0, fac.low)
     if fac.symmetric[0] == 0:
-        _add_diagonal(kkt.panels, fac.tmp, sign, fac.up0)
+        _add_diagonal(kkt.panels, fac.sol, 1.0, fac.up0)
         copy(fac.up0, fac.up)
     return ldl.factor(kkt, fac)
 
@@ -154,10 +174,10 @@ def _add_diagonal(panels, change, f, low):
 def factorise_pair(run: Run, pair: ComplexFactor) -> int:
     """Factor the matrix assembled, and one of complex numbers with the same regularisation."""
     factor, kkt = run.work.factor, run.system.kkt
-    if run.state.memory[0]["regularisation"] == 0.0 and _is_uneven(run):
+    if run.state.memory[0]["regularisation"] == 0.0:
         copy(factor.low, factor.low0)
         copy(factor.up, factor.up0)
-        replaced = _factor_firmly(kkt, factor)
+        replaced = _factor_firmly(run)
         _add_diagonal(kkt.panels, factor.tmp, 1.0, pair.low)
         _add_diagonal(kkt.panels, factor.tmp, 1.0, pair.up)
     else:
@@ -168,19 +188,37 @@ def factorise_pair(run: Run, pair: ComplexFactor) -> int:
 
 @kernel
 def _is_uneven(run):
-    """Whether some bodies are lighter than others by more than `_UNEVEN`, for this matrix."""
-    bodies, place, diagonal = (
-        run.system.parts.bodies,
-        run.system.kkt.place,
-        run.work.factor.diagonal,
-    )
-    least, most = math.inf, 0.0
-    for b in range(bodies.shape[0]):
-        first = bodies[b]["iv"]
-        for k in place[first : first + 3]:
-            if k < diagonal.shape[0] - 1 and diagonal[k] < math.inf:
-                least, most = min(least, diagonal[k]), max(most, diagonal[k])
-    return most > _UNEVEN * least
+    """Whether a joint moves one of its bodies far more easily than the other, or than it could.
+
+    By their masses, or by inertia about where it holds them; so with two that a coupler holds.
+    """
+    rows, coupled = run.system.rows, run.system.coupled
+    for k in range(rows.shape[0]):
+        if _yields_beside(run, k, rows[k]):
+            return True
+    for i in range(coupled.shape[0]):
+        for j in range(coupled.shape[0]):
+            share = i != j and coupled[i]["coordinate"] == coupled[j]["coordinate"]
+            if share and _yields_beside(run, coupled[i]["row"], rows[coupled[j]["row"]]):
+                return True
+    return False
+
+
+@kernel
+def _yields_beside(run, k, other):
+    """Whether the regularisation of row k is large for bodies that a row holds."""
+    sys, heavy, diagonal = run.system, 0.0, run.work.factor.diagonal
+    place, kind = sys.kkt.place, sys.rows[k]["kind"]
+    if _ANGULAR[kind] != _ANGULAR[other["kind"]]:
+        return False
+    for marker in (other["I"], other["J"]):
+        body = sys.parts.markers[marker]["body"]
+        if body >= 0:
+            first = sys.parts.bodies[body]["iv"] + (3 if _ANGULAR[kind] else 0)
+            for i in range(first, first + 3):
+                if heavy < diagonal[place[i]] < math.inf:
+                    heavy = diagonal[place[i]]
+    return run.work.factor.eps[place[sys.weights.shape[0] + k]] * heavy > _REGULARISATION * _UNEVEN
 
 
 @kernel

@@ -35,6 +35,22 @@ def pendulum_truth(t):
     return {"end0.x": np.sin(angle), "end0.y": -np.cos(angle)}
 
 
+def point(size=1.0):
+    """A mass that is nearly a point on an arm, as users write it."""
+    made = Model("point", gravity=[0, -G * size, 0])
+    made.add_body("bob", mass=1, inertia=[1e-9 * size**2] * 3, position=[size, 0, 0])
+    made.add_marker("bob.pin", position=[-size, 0, 0])
+    made.add_joint("pin", "revolute", between=["ground", "bob.pin"], axis="z")
+    made.add_sensor("bob", "position", of="bob")
+    return made
+
+
+def point_truth(t):
+    sn = ellipj(ellipk(0.5) + np.sqrt(G / (1 + 1e-9)) * t, 0.5)[0]
+    angle = 2 * np.arcsin(np.sqrt(0.5) * sn)
+    return {"bob.x": np.sin(angle), "bob.y": -np.cos(angle)}
+
+
 def links_truth(n):
     def truth(t):
         arms = np.tril(np.ones((n, n))) - 0.5 * np.eye(n)
@@ -179,6 +195,7 @@ def cart_truth(t):
 
 PENDULUMS = {
     "pendulum": Scene(lambda s=1.0: links(1, s), 3.0, pendulum_truth),
+    "pendulum of a point": Scene(point, 5.0, point_truth),
     "long pendulum": Scene(lambda s=1.0: links(1, s), 100.0, pendulum_truth),
     "double pendulum": Scene(lambda s=1.0: links(2, s), 2.0, links_truth(2)),
     "triple pendulum": Scene(lambda s=1.0: links(3, s), 1.5, links_truth(3)),

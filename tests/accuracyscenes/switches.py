@@ -1,4 +1,4 @@
-"""Laws that change with the motion: backlash, drag, a servo that saturates, a damped buffer.
+"""Laws that change with motion or time: backlash, drag, saturation, waves, a damped buffer.
 
 An arm turns about a pin. The truth is integrated by SciPy from change to change, which it finds as
 roots, each law smooth on both sides.
@@ -147,6 +147,13 @@ SWITCHES = {
         _truth(
             lambda t, a, w, signs: 0.5 * np.sin(3 * t) - 0.2 * signs[0] * w * w,
             lambda t, a, w: (w,), 0.02,
+        ),
+    ),
+    "rectified wave": Scene(
+        _arm(_actuated("0.6*max(0, sin(4*t)) - 0.2*sign(sin(3.1*t))", damping=0.02)), 8.0,
+        _truth(
+            lambda t, a, w, signs: 0.6 * (signs[0] > 0) * np.sin(4 * t) - 0.2 * signs[1],
+            lambda t, a, w: (np.sin(4 * t), np.sin(3.1 * t)), 0.02,
         ),
     ),
     "damped buffer": Scene(

@@ -62,7 +62,7 @@ def assert_reached(name, method, accuracy, model=None, duration=None, **changes)
 FAST = (
     "pendulum", "double pendulum", "orbit, e = 0.6", "oscillator", "rotor", "gears", "cam",
     "cart-pole", "bead on a cycloid", "free top", "Hooke's joint", "Euler's body", "quadratic drag",
-    "backlash", "servo that saturates", "damped buffer", "trammel",
+    "backlash", "servo that saturates", "damped buffer", "trammel", "pendulum of a point",
 )  # fmt: skip
 
 

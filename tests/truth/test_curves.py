@@ -291,3 +291,34 @@ def test_a_cam_in_any_plane_and_in_space(plane, mirrored):
     # the height of an ellipse over the angle of a tangent
     wanted = np.hypot(0.05 * np.sin(a), 0.03 * np.cos(a))
     np.testing.assert_allclose(found.vector("position") @ turn[:, 1], wanted, rtol=0, atol=CLOSED)
+
+
+@pytest.mark.parametrize(
+    ("kind", "off", "fields"),
+    [
+        ("point-on-curve", 0.0, {}),
+        ("cam-roller", 0.013, {"radius": 0.013}),
+        ("cam-flat", None, {"axis": "y"}),
+        ("cam-cam", 0.013, {"second_curve": "second"}),
+    ],
+)
+def test_what_stands_on_its_curve_is_not_moved(kind, off, fields):
+    """Placed exactly, between the places along the curve that are tried."""
+    place = [-0.01, R, 0] if off is None else [(R + off) * np.cos(0.7), (R + off) * np.sin(0.7), 0]
+    made = Model(kind, plane="xy")
+    made.add_curve("profile", circle=R)
+    made.add_curve("second", circle=0.013)
+    made.add_body("cam", mass=1.0, inertia=[1e-3] * 3)
+    made.add_body("follower", mass=0.5, inertia=[1e-3] * 3, position=place)
+    made.add_joint("contact", kind, between=["cam", "follower"], curve="profile", **fields)
+    q = assemble(compile_system(made), made).state.q
+    np.testing.assert_allclose(q[[0, 1, 7, 8]], [0, 0, *place[:2]], atol=1e-14)
+
+
+def test_steps_do_not_stop_where_pieces_of_a_curve_meet():
+    """An eccentric disk lifts its flat by e sin: at 1e-8 by long steps of order 8."""
+    made = cam("cam-flat", False, axis="y")
+    made.add_sensor("turn", "angle", joint="pivot")
+    found = run(made, duration=2.0, outputs=40, accuracy=1e-8, method="explicit-rk")
+    assert found.statistics["steps"] < 150
+    np.testing.assert_allclose(lift(found), R + E * np.sin(found["turn"]), rtol=0, atol=CLOSED)

@@ -21,6 +21,7 @@ Sources: Haug, Computer Aided Kinematics and Dynamics, 1989, §3.5; Hong & Liu 2
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -43,16 +44,20 @@ from flexmb.model.reading import GROUND
 
 Array = NDArray[np.float64]
 _EXACT = 1e-13  # of the size of the curve: smaller errors than this are round-off
-_MIN_PIECES, _MAX_PIECES = 64, 512
+# Jump of the third derivative between pieces, over the largest: a kink of accelerations, which
+# methods of high order meet with short steps.
+_SMOOTH = 1e-7
+_MIN_PIECES, _MAX_PIECES = 64, 1024
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(7)
 
 
 class Pieces(NamedTuple):
-    """Ends of the pieces along the curve (n + 1,) [m], coefficients (n, 3, 6), error over size."""
+    """Ends of the pieces along the curve (n + 1,) [m], coefficients (n, 3, 6), error, `_jump`."""
 
     ends: Array
     coefficients: Array
-    error: float
+    error: float = 0.0
+    jump: float = 0.0
 
     def at(self, s: Array) -> Array:
         """(n, 3, 3) place, unit tangent and curvature vector at places (n,) within the ends."""
@@ -68,13 +73,18 @@ class Pieces(NamedTuple):
 
 @lru_cache(maxsize=64)  # the same shape has the same pieces in every joint
 def pieces_of(shape: CurveShape) -> Pieces:
-    """As many pieces as it takes for errors of the size of round-off."""
+    """As many pieces as it takes for errors and kinks of the size of round-off."""
     per_break = max(1, -(-_MIN_PIECES // (len(shape.breaks) - 1)))
-    while True:
-        pieces = _divided(shape, per_break)
-        if pieces.error <= _EXACT or 2 * len(pieces.coefficients) > _MAX_PIECES:
-            return pieces
-        per_break *= 2
+    pieces = _divided(shape, per_break)
+    while 2 * len(pieces.coefficients) <= _MAX_PIECES:
+        exact, per_break = pieces.error <= _EXACT, 2 * per_break
+        if exact and pieces.jump <= _SMOOTH:
+            break
+        finer = _divided(shape, per_break)
+        if exact and finer.jump >= pieces.jump:
+            break
+        pieces = finer
+    return pieces
 
 
 def _divided(shape: CurveShape, per_break: int) -> Pieces:
@@ -87,13 +97,23 @@ def _divided(shape: CurveShape, per_break: int) -> Pieces:
     nodes = _over_length(shape.at(u))
     if shape.closed:
         nodes[-1] = nodes[0]
-    pieces = Pieces(ends, _hermite(nodes, lengths), 0.0)
+    pieces = Pieces(ends, _hermite(nodes, lengths))
     middle = 0.5 * (u[:-1] + u[1:])
     places = ends[:-1] + _length(shape, u[:-1], middle)
     exact = shape.at(middle)[:, 0]
     size = float(np.linalg.norm(np.ptp(nodes[:, 0], axis=0)))
     error = float(np.abs(pieces.at(places)[:, 0] - exact).max()) / size
-    return pieces._replace(error=error)
+    return pieces._replace(error=error, jump=_jump(pieces, per_break))
+
+
+def _jump(pieces: Pieces, per_break: int) -> float:
+    """The largest jump of the third derivative within a part of the curve, over the largest one."""
+    c, h = pieces.coefficients, np.diff(pieces.ends)[:, None]
+    begin = 6.0 * c[:, :, 3]
+    end = begin + 24.0 * c[:, :, 4] * h + 60.0 * c[:, :, 5] * h**2
+    within = np.arange(1, len(c)) % per_break != 0
+    jump = np.abs(end[:-1] - begin[1:])[within].max(initial=0.0)
+    return float(jump / max(np.abs(begin).max(), pieces.ends[-1] ** -2.0))  # of a line: round-off
 
 
 def _length(shape: CurveShape, low: Array, high: Array) -> Array:
@@ -137,6 +157,8 @@ def _hermite(nodes: Array, lengths: Array) -> Array:
 
 X, Y, Z = 0, 1, 2
 _SAMPLES = 1440  # places along a curve that are tried
+# Newton's corrections from a sample, or every fourth one, on; how many of them they may lead away.
+_CORRECTIONS, _NEAR, _FLAT = 8, 8.0, 1e-12
 _WARNED_ERROR = 1e-9  # error of the pieces over the size of the curve
 
 
@@ -175,6 +197,11 @@ class PlacedCurve:
         n = np.stack([-t[:, Y], t[:, X], 0.0 * t[:, X]], axis=1)
         return self.x + c[:, 0] @ self.R.T, t @ self.R.T, n @ self.R.T
 
+    def bend(self, s: float) -> tuple[Array, Array, Array]:
+        """Global point, tangent and curvature vector (3,) at a place."""
+        c = self.pieces.at(np.array([s]))[0] @ self.R.T
+        return self.x + c[0], c[1], c[2]
+
 
 def place_curve(model: Model, curve: str, marker: PlacedMarker) -> PlacedCurve:
     """A curve on the marker that carries it, in the initial pose.
@@ -191,11 +218,15 @@ def place_curve(model: Model, curve: str, marker: PlacedMarker) -> PlacedCurve:
 
 def _nearest_place(curve: PlacedCurve, point: Array, across: bool) -> float:
     """Place [m] nearest to a point; `across`: what lies across the curve's plane does not count."""
-    s = curve.samples
-    apart = point - curve.at(s)[0]
-    if across:
-        apart = apart @ curve.R[:, [X, Y]]
-    return float(s[np.argmin(np.linalg.norm(apart, axis=1))])
+    s, seen = curve.samples, curve.R[:, : 2 if across else 3]
+    nearest = s[np.argmin(np.linalg.norm((point - curve.at(s)[0]) @ seen, axis=1))]
+
+    def gap(places: Array) -> tuple[Array, Array]:
+        x, t, bend = curve.bend(places[0])
+        apart = seen @ (seen.T @ (x - point))
+        return np.array([apart @ t]), np.array([[1.0 + apart @ bend]])
+
+    return _between_samples(gap, (curve,), (float(nearest),))[0]
 
 
 def _tangent_place(curve: PlacedCurve, point: Array, normal: Array) -> float:
@@ -203,16 +234,18 @@ def _tangent_place(curve: PlacedCurve, point: Array, normal: Array) -> float:
     s = curve.samples
     x, t, _ = curve.at(s)
     slope, height = t @ normal, np.abs((x - point) @ normal)
-    after = np.roll(slope, -1)
-    turning = slope * after <= 0.0
+    turning = slope * np.roll(slope, -1) <= 0.0
     if not curve.closed:
         turning[-1] = False
     if not turning.any():
         return float(s[np.argmin(np.abs(slope))])
-    k = int(np.argmin(np.where(turning, height, np.inf)))
-    step = curve.length / len(s)
-    share = slope[k] / (slope[k] - after[k]) if slope[k] != after[k] else 0.5
-    return float(s[k] + share * step)
+    between = s[np.argmin(np.where(turning, height, np.inf))] + 0.5 * curve.length / len(s)
+
+    def gap(places: Array) -> tuple[Array, Array]:
+        _, t, bend = curve.bend(places[0])
+        return np.array([t @ normal]), np.array([[bend @ normal]])
+
+    return _between_samples(gap, (curve,), (float(between),))[0]
 
 
 def _nearest_pair(
@@ -225,7 +258,37 @@ def _nearest_pair(
     size = 0.5 * (first.length + second.length)
     apart = np.linalg.norm(x[:, None] - y[None], axis=2) / size
     i, j = np.unravel_index(np.argmin(apart + 0.1 * (t @ n.T) ** 2), apart.shape)
-    return float(s[i]), float(u[j])
+    nearest = float(s[i]), float(u[j])
+    if start is not None:
+        return nearest
+
+    def gap(places: Array) -> tuple[Array, Array]:
+        (x, t, k), (y, w, b) = first.bend(places[0]), second.bend(places[1])
+        n, bent = np.cross(second.R[:, Z], w), np.cross(second.R[:, Z], b)
+        slopes = [[1.0 + (x - y) @ k, -w @ t], [k @ n, t @ bent]]
+        return np.array([(x - y) @ t, t @ n]), np.array(slopes)
+
+    return _between_samples(gap, (first, second), nearest)
+
+
+def _between_samples(
+    gap: Callable[[Array], tuple[Array, Array]], curves: tuple[PlacedCurve, ...],
+    near: tuple[float, ...],
+) -> tuple[float, ...]:  # fmt: skip
+    """Places [m] on curves where gaps, told with their slopes, are closed, between two samples.
+
+    From a sample alone assembly would move bodies that stand well by the bend of the curve to it.
+    """
+    places = np.array(near)
+    for _ in range(_CORRECTIONS):
+        gaps, slopes = gap(places)
+        if abs(np.linalg.det(slopes)) < _FLAT:
+            return near
+        places = places - np.linalg.solve(slopes, gaps)
+    ends, closed = np.array([(curve.length, curve.closed) for curve in curves]).T
+    if not (np.abs(places - near) < _NEAR * ends / _SAMPLES).all():
+        return near
+    return tuple(np.where(closed, places % ends, np.clip(places, 0.0, ends)).tolist())
 
 
 def _inside(curve: PlacedCurve, points: Array) -> NDArray[np.bool_]:

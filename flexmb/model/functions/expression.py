@@ -13,7 +13,7 @@ import ast
 import math
 import re
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +21,7 @@ import numpy as np
 
 from flexmb.errors import Problem, SceneError, nearest
 from flexmb.flexbody.arrays import Array
-from flexmb.model.functions.derivatives import BINARY, CHAIN, Jet, derivative_jumps, evaluate
+from flexmb.model.functions.derivatives import BINARY, CHAIN, UNARY, Jet, derivative_jumps, evaluate
 from flexmb.units import UNITS
 
 _WINDOW = 60  # characters of a long text shown on either side of the mistake
@@ -185,6 +185,59 @@ def brief_changes(ops: Ops, end: float) -> list[float]:
     jumps = np.searchsorted(derivative_jumps(ops, end), beside)  # these are events anyhow
     brief = brief[jumps[:, 0] == jumps[:, 1]]
     return [float(t) for t in np.linspace(brief[:, 0], brief[:, 1], 5).ravel() if 0.0 < t < end]
+
+
+# Where operations change their laws; times, of which more are the motion itself; second differences
+# over the range of what is straight.
+_LAWS: dict[str, tuple[float, ...]] = {
+    **dict.fromkeys(("abs", "sign", "max", "min"), (0.0,)),
+    **dict.fromkeys(("cubicstep", "haversinestep"), (0.0, 1.0)),
+}
+_MOST, _STRAIGHT, _BEGIN = 2000, 1e-12, 1e-12
+
+
+def switch_times(ops: Ops, end: float) -> list[float]:
+    """Times in (0, end) [s] where operations change their laws by arguments that are not linear in
+    time: zeros in ``abs(sin(t))``, equal arguments of max and min, ends of rises, corners; 0 where
+    a sign is that of zero at the begin alone."""
+    stack: list[Ops] = []
+    times: list[float] = []
+    for op, argument in ops:
+        last = stack.pop() if op in BINARY or op in UNARY else ()
+        first = stack.pop() if op in BINARY else ()
+        stack.append((*first, *last, (op, argument)))
+        places = _LAWS.get(op, ())
+        if op in ("max", "min"):
+            last = (*first, *last, ("-", 0.0))
+        elif op == "piecewise" and argument.period == 0.0:
+            places = argument.jumps()
+        if len(places) and not any(channel_of(inner) for inner, _ in last):
+            times += _times_at(last, places, end)
+            if op == "sign" and evaluate(last, 0.0)[0] == 0.0 != evaluate(last, _BEGIN * end)[0]:
+                times.append(0.0)
+    return times if len(times) <= _MOST else []
+
+
+def _times_at(ops: Ops, places: Sequence[float], end: float) -> list[float]:
+    """Times (0, end) [s] at which a program of time that is not linear passes any of the places."""
+    from scipy.optimize import brentq  # takes 0.2 s
+
+    grid = np.linspace(0.0, end, _SAMPLES + 1)
+    with np.errstate(all="ignore"):
+        values = _values(ops, grid)
+        bent = np.abs(np.diff(values, 2)).max() > _STRAIGHT * np.ptp(values)
+    if not (np.isfinite(values).all() and bent):
+        return []
+    times: list[float] = []
+    for place in places:
+        beyond = values > place
+        passed = np.flatnonzero(beyond[1:] != beyond[:-1])
+        for k in passed if len(passed) <= _MOST else ():
+            low, high = grid[k], grid[k + 1]
+            ends = [evaluate(ops, t)[0] - place for t in (low, high)]
+            if ends[0] * ends[1] < 0.0:
+                times.append(brentq(lambda t: evaluate(ops, t)[0] - place, low, high, xtol=1e-300))  # noqa: B023
+    return times
 
 
 def _values(ops: Ops, times: Array) -> Array:

@@ -125,6 +125,56 @@ def test_a_joint_told_twice_shares_its_load_evenly():
         np.testing.assert_allclose(half, 0.5 * total, atol=1e-6 * np.abs(total).max())
 
 
+@pytest.mark.parametrize("inertia", [1e-6, 1e-8, 1e-10])
+@pytest.mark.parametrize("twice", [False, True])
+def test_a_point_on_an_arm_swings_as_a_pendulum(inertia, twice):
+    """A joint turns it 1/inertia times as easily as it moves it, and is as stiff along the arm."""
+    model = Model("point", gravity=[0, -9.81, 0])
+    model.add_body("point", mass=1, inertia=[inertia] * 3, position=[0.6, -0.8, 0])
+    model.add_marker("point.pin", position=[-0.6, 0.8, 0])
+    for name in ("pin", "again")[: 1 + twice]:
+        model.add_joint(name, "revolute", between=["ground", "point.pin"], axis="z")
+    found, _ = Bench(model).accelerations()
+    swing = -9.81 * 0.6 / (1 + inertia)
+    wanted = [-0.8 * -swing, 0.6 * swing, 0, 0, 0, swing]
+    np.testing.assert_allclose(found, wanted, atol=1e-5 if twice else 1e-9)
+
+
+def test_a_light_rotor_between_heavy_ones_gives_no_way():
+    model = Model("rotors")
+    for k, inertia in enumerate((10.0, 1e-8, 10.0)):
+        model.add_body(f"b{k}", mass=1, inertia=[inertia] * 3)
+        model.add_joint(f"j{k}", "revolute", between=["ground", f"b{k}"], axis="z")
+    for k in range(2):
+        model.add_coupler(f"g{k}", "gear", joints=[f"j{k}", f"j{k + 1}"], ratio=1)
+    model.add_force("push", "torque", at="b0", value=[0, 0, 5])
+    found, _ = Bench(model).accelerations()
+    np.testing.assert_allclose(found[5::6], 0.25, rtol=1e-8)
+
+
+def test_a_flywheel_far_off_does_not_change_how_rows_near_a_singular_pose_yield():
+    def flat(flywheel):
+        model = Model("parallelogram", plane="xy")
+        tilt = {"axis": "z", "angle": 2e-5}
+        for name, x in (("left", 0.0), ("right", 0.8)):
+            model.add_body(name, mass=1, inertia=[0.1] * 3, position=[x, 0, 0], orientation=tilt)
+            model.add_marker(f"{name}.end", position=[0.3, 0, 0])
+            model.add_marker(f"ground.{name}", position=[x, 0, 0])
+            model.add_joint(name, "revolute", between=[f"ground.{name}", name], axis="z")
+        model.add_body("rod", mass=1, inertia=[0.02] * 3, position=[0.3, 6e-6, 0])
+        model.add_marker("rod.end", position=[0.8, 0, 0])
+        model.add_joint("near", "revolute", between=["left.end", "rod"], axis="z")
+        model.add_joint("far", "revolute", between=["rod.end", "right.end"], axis="z")
+        if flywheel:
+            model.add_body("flywheel", mass=1e4, inertia=[1e9] * 3)
+            model.add_joint("shaft", "revolute", between=["ground", "flywheel"], axis="z")
+        bench = Bench(model)
+        bench.matrix(symmetric=True)
+        return bench.work.factor.eps[bench.sys.kkt.place[bench.layout.nv :]][:8]
+
+    np.testing.assert_array_equal(flat(True), flat(False))
+
+
 def test_pivots_of_the_other_sign_stay():
     """Reactions may make a body unstable that joints hold: the equations are solved as they are."""
     bench = Bench(Mechanism(25, "chain", "rigid", n=2, acting=False).model)

@@ -183,3 +183,18 @@ def test_the_work_of_a_step_is_that_of_a_polynomial_of_the_power(degree):
     whole = power.integ()
     found = _work(state, 0, power(end), end - now)
     assert found == pytest.approx(whole(end) - whole(now), rel=1e-12)
+
+
+@pytest.mark.parametrize("begin", [0.0, 0.1])
+def test_a_square_wave_leaves_no_error_at_its_jumps(begin):
+    """Its first sign may be that of zero; a short step behind a jump has the force there."""
+    model = Model("box")
+    model.add_body("b", mass=1.0, inertia=[1, 1, 1])
+    turn = (np.pi - begin) / 3
+    near = [f"step(t, {turn + a!r}, 0, {turn + b!r}, 1)" for a, b in ((-2e-5, -1e-5), (1e-6, 2e-6))]
+    force = f"2*cos(t) - sign(sin(3*t + {begin})) + 1e-9*({' + '.join(near)})"
+    model.add_force("push", "force", at="b.origin", value=[force, 0, 0])
+    model.add_sensor("place", "position", of="b.origin")
+    t, x, _ = whole(ready(model, duration=1.9, outputs=10, accuracy=1e-2, method="explicit-rk"))
+    wanted = 2 - 2 * np.cos(t) - t**2 / 2 + np.maximum(t - turn, 0.0) ** 2
+    np.testing.assert_allclose(x, wanted, rtol=0, atol=1e-9)

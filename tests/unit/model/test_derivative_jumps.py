@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flexmb.model.functions.derivatives import first_discontinuities
-from flexmb.model.functions.expression import brief_changes, parse
+from flexmb.model.functions.expression import brief_changes, parse, switch_times
 from flexmb.model.functions.function import read_function
 
 TABLE = [[0, 0], [1, 1], [2, 2], [3, 0]]  # straight on at 1
@@ -47,6 +47,23 @@ def test_there_is_a_jump_at_every_kink_and_none_elsewhere():
         for t in {*jumps, *(p[0] for p in points[1:]), 1.0, 3.3}:
             before, after = (np.array(function.value(t + s)) for s in (-1e-9, 1e-9))
             assert (np.abs(after - before).max() > 1e-3) == (t in jumps)
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted"),
+    [
+        ("2 + 3*sign(sin(2*t))", np.pi / 2 * np.arange(4)),
+        ("max(0.5, cos(t))", [np.pi / 3, 5 * np.pi / 3]),
+        ("step(t**2, 1, 0, 4, 1)", [1, 2]),
+        ("abs(exp(t) - 2) + 7*min(t**2, 9)", [np.log(2), 3]),
+        ("abs(t - 1) + sign(3 - 2*t)", []),  # linear: known already
+        ("max(0, sin(t)**2)", []),  # only touched
+        ("sign(sin(1e4*t))", [0]),  # the motion itself, but where it begins
+        ("abs(log(t - 3))", []),  # not defined everywhere
+    ],
+)
+def test_laws_that_change_with_a_function_of_time_are_found(given, wanted):
+    assert sorted(switch_times(parse(given).ops, 6.0)) == pytest.approx(wanted, rel=1e-15)
 
 
 @pytest.mark.parametrize(
