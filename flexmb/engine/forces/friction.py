@@ -26,7 +26,7 @@ NO_FRICTION, BRISTLE, SMOOTH = 0, 1, 2
 STICKS, SLIDES, YIELDS = 1.0, 2.0, 3.0
 
 # Of the normal force, by which |T| exceeds μ N where it begins to slide: above round-off of what
-# has just stuck. By as little a bristle that is full may be too short.
+# has just stuck, or is pushed back. By as little a bristle that is full may be too short.
 LEAST_EXCESS = 1e-9
 
 _I, _F = "i8", "f8"
@@ -85,7 +85,7 @@ def friction_force(f, n, N, g, s0, way, follows):
         along, s = inner(e, v), times(limit / f["k"], e)
     T = plus(times(f["k"], s), f["c"], v)
     excess = limit * along / speed if along > 0.0 else math.sqrt(inner(T, T)) - limit
-    if excess > 0.0 and speed > 0.0:
+    if excess > LEAST_EXCESS * N and speed > 0.0:
         return times(-limit / speed, v), s, excess, room
     return times(-1.0, T), s, excess, room
 
@@ -198,7 +198,8 @@ def friction_force_change(f, n, N, g, s0, way, follows, dn, dN, dg, ds0, dway):
     else:
         s, ds = times(f["k"], s), times(f["k"], ds)
     T, dT = plus(s, f["c"], v), plus(ds, f["c"], dv)
-    if (along <= 0.0 and math.sqrt(inner(T, T)) <= limit) or speed == 0.0:
+    sticks = math.sqrt(inner(T, T)) - limit <= LEAST_EXCESS * N
+    if (along <= 0.0 and sticks) or speed == 0.0:
         return times(-1.0, dT)
     change = times(-limit / speed, dv)
     return plus(change, (limit * dspeed / speed - dlimit) / speed, v)
