@@ -68,9 +68,9 @@ def touching(kind, friction, bodies, ground=False):
     before[7:10] = normal / np.linalg.norm(normal)
     turned = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix() @ axes_of(bench, row)
     before[10:13] = rng.standard_normal(3)  # rate of the normal
-    before[13:15] = 0.2, 1.5  # depth and its rate
-    before[15:24] = turned.T.ravel()  # by columns
-    before[24:27] = rng.standard_normal(3)  # spin
+    before[13:16] = 0.2, 1.5, 0.7  # depth and its rate, lengths
+    before[16:25] = turned.T.ravel()  # by columns
+    before[25:28] = rng.standard_normal(3)  # spin
     return bench
 
 
@@ -215,16 +215,16 @@ def test_what_a_contact_remembers():
     g = rate[0] - rate[1]
     # a ball that has turned about one axis, and gone a way, over the plane
     turn, way, e = np.array([0.3, -0.5, 0.2]), np.array([0.02, 0.05, 0.01]), np.array([0, 0, 1.0])
-    before = now.history[k : k + 27]
+    before = now.history[k : k + 28]
     before[4:7], before[7:10] = place_of(bench, row) - way, e
     before[10:15] = 0.0, 0.0, 0.0, DEPTH, 0.0
-    before[15:24] = (Rotation.from_rotvec(-turn).as_matrix() @ axes_of(bench, row)).T.ravel()
-    before[24:27] = 10.0 * turn
+    before[16:25] = (Rotation.from_rotvec(-turn).as_matrix() @ axes_of(bench, row)).T.ravel()
+    before[25:28] = 10.0 * turn
     slid = before[1:4] + way - row["ri"] * np.cross(turn, e)
-    after = remembered(bench, 0.1)[k : k + 27]
+    after = remembered(bench, 0.1)[k : k + 28]
     assert after[1:4] == pytest.approx(slid - e * (e @ slid), abs=1e-12)
     assert after[4:7] == pytest.approx(place_of(bench, row), abs=1e-14)
-    assert after[15:24].reshape(3, 3).T == pytest.approx(axes_of(bench, row), abs=1e-14)
+    assert after[16:25].reshape(3, 3).T == pytest.approx(axes_of(bench, row), abs=1e-14)
     # They approach: the speed at the onset lies between those of both ends, or stays as it was.
     bench.at(v=-bench.v)
     speed = n @ g
@@ -286,12 +286,12 @@ def test_the_way_of_a_ball_is_that_of_its_sliding():
         return g if end is None else g - (end @ g) / (1 + n @ end) * (n + end)
 
     def error(h):
-        before, (mi, mj) = np.zeros(27), sides(0.0)
+        before, (mi, mj) = np.zeros(28), sides(0.0)
         d, n, rho = penetration(c, mi, mj)
         rate = -np.dot(n, relative_velocity(c, n, mi, mj))
         _, tilt = normal_change(c, n, rho, mi, mj, tuple(mi["vx"]), (0.0, 0.0, 0.0))
         before[:13] = FREE, 0, 0, 0, *mi["x"], *n, *tilt
-        before[13:] = d, rate, *mi["R"].T.ravel(), *mi["om"]
+        before[13:] = d, rate, 0.0, *mi["R"].T.ravel(), *mi["om"]
         mi, mj = sides(h)
         d, n, _ = penetration(c, mi, mj)
         way, end = np.array(way_since(c, before, h, n, d, mi, mj)), np.array(n)

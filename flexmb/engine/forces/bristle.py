@@ -35,15 +35,31 @@ from flexmb.engine.algebra.vector import (
     turned_back,
 )
 from flexmb.engine.forces.contact_pair import normal_force, separation
-from flexmb.engine.forces.friction import LEAST_EXCESS, friction_coefficient, tangential_part
+from flexmb.engine.forces.friction import (
+    ALIGNED,
+    LEAST_EXCESS,
+    friction_coefficient,
+    tangential_part,
+)
 from flexmb.engine.jit import kernel
 
 # What the history of a bristle says: no contact, free, or as long as its limit.
 OPEN, FREE, FULL = 0.0, 1.0, 2.0
 # It remembers its mode, and in axes of J itself (3), where I is (3), the normal (3) and its rate
-# (3), depth and its rate; of a ball the axes of I (9) and how fast it turns (3) too.
-POINT_HISTORY, BALL_HISTORY = 15, 27
-_MODE, _BRISTLE, _PLACE, _NORMAL, _TILT, _DEPTH, _AXES, _SPIN = 0, 1, 4, 7, 10, 13, 15, 24
+# (3), depth and its rate, lengths that it slid while full; of a ball the axes of I (9) and how fast
+# it turns (3) too.
+POINT_HISTORY, BALL_HISTORY = 16, 28
+_MODE, _BRISTLE, _PLACE, _NORMAL, _TILT, _DEPTH, _TURNS, _AXES, _SPIN = (
+    0,
+    1,
+    4,
+    7,
+    10,
+    13,
+    15,
+    16,
+    25,
+)
 _ZERO = (0.0, 0.0, 0.0)
 
 
@@ -78,14 +94,14 @@ def _normal_before(c, history, mj):
 
 @kernel
 def bristle_before(c, history, n, mj):
-    """The bristle of the last accepted step, and whether it was full.
+    """The bristle of the last accepted step, as it stands on J now, turned with the normal.
 
-    As it stands on J now, turned with the normal.
+    And lengths that it had slid while full; < 0: it was free.
     """
     o = c["bristle"]
     s, n0 = turned(mj["R"], part(history, o + _BRISTLE)), _normal_before(c, history, mj)
     s = plus(s, -inner(n, s) / (1.0 + inner(n0, n)), plus(n0, 1.0, n))
-    return s, history[o + _MODE] == FULL
+    return s, history[o + _TURNS] if history[o + _MODE] == FULL else -1.0
 
 
 @kernel
@@ -218,7 +234,7 @@ def put_bristle_event(c, history, n, d, g, s, room, tilt, acceleration, out):
 
 
 @kernel
-def remember_bristle(c, before, n, d, g, s, room, mi, mj, tilt, acceleration, history):
+def remember_bristle(c, before, n, d, g, s, room, turns, mi, mj, tilt, acceleration, history):
     """Write the history of the bristle s at an accepted state; `before` is that of the step.
 
     One that begins, with no length yet, is full where the surfaces slide faster than it may grow.
@@ -235,6 +251,7 @@ def remember_bristle(c, before, n, d, g, s, room, mi, mj, tilt, acceleration, hi
         ):
             mode = FULL
     history[o + _MODE] = mode
+    history[o + _TURNS] = ALIGNED if begins else turns
     put_part(history, o + _BRISTLE, turned_back(mj["R"], s) if d > 0.0 else _ZERO)
     put_part(history, o + _PLACE, turned_back(mj["R"], separation(mi, mj)))
     put_part(history, o + _NORMAL, turned_back(mj["R"], n))

@@ -101,8 +101,11 @@ CONTACT = np.dtype(
 # One contact now, global axes: normal n from J to I, length rho by which it turns (0: with J;
 # negative: in a bore), velocity g of I relative to J where they meet, rate of the depth; only where
 # they touch the normal force N, friction on I, the bristle s, |T| − μ N, and k |s| − μ N were it
-# free.
-_NUMBERS, _VECTORS = ("rho", "rate", "N", "excess", "room"), ("n", "g", "friction", "bristle")
+# free, and lengths that it slid while full.
+_NUMBERS, _VECTORS = (
+    ("rho", "rate", "N", "excess", "room", "turns"),
+    ("n", "g", "friction", "bristle"),
+)
 CONTACT_NOW = np.dtype(
     [(word, _F) for word in _NUMBERS] + [(word, _F, (3,)) for word in _VECTORS], align=True
 )
@@ -172,12 +175,12 @@ def evaluate_contact(run: Run, contacts: Contacts, k: int) -> float:
     put_part(out["g"], 0, g)
     if d > 0.0:
         N, _, _ = normal_force(c, now.history, d, rate)
-        f, s, excess, room = _ZERO, _ZERO, 0.0, 0.0
+        f, s, excess, room, turns = _ZERO, _ZERO, 0.0, 0.0, -1.0
         if c["model"] != NO_FRICTION:
-            s0, follows = bristle_before(c, now.history, n, mj)
+            s0, turns = bristle_before(c, now.history, n, mj)
             way = way_since(c, now.history, now.span[0], n, d, mi, mj)
-            f, s, excess, room = friction_force(c, n, N, g, s0, way, follows)
-        out["N"], out["excess"], out["room"] = N, excess, room
+            f, s, excess, room, turns = friction_force(c, n, N, g, s0, way, turns)
+        out["N"], out["excess"], out["room"], out["turns"] = N, excess, room, turns
         put_part(out["friction"], 0, f)
         put_part(out["bristle"], 0, s)
     return d
@@ -266,8 +269,8 @@ def remember(run: Run, contacts: Contacts, at: Point) -> int:
         if c["model"] == BRISTLE:
             mi, mj, n, g = now.marker[c["I"]], now.marker[c["J"]], triple(cn["n"]), triple(cn["g"])
             tilt, a = _rates(run, c, n, cn["rho"], at) if d > 0.0 else (_ZERO, _ZERO)
-            s, room = triple(cn["bristle"]), cn["room"]
-            remember_bristle(c, now.history, n, d, g, s, room, mi, mj, tilt, a, history)
+            s, room, turns = triple(cn["bristle"]), cn["room"], cn["turns"]
+            remember_bristle(c, now.history, n, d, g, s, room, turns, mi, mj, tilt, a, history)
     return FINE
 
 
@@ -336,12 +339,12 @@ def _force_change(c, now, n, d, g, mi, mj, dd, dn, dg, du, spin, turn):
     df = plus(times(N, dn), dN, n)
     if c["model"] == NO_FRICTION:
         return df
-    s0, follows = bristle_before(c, now.history, n, mj)
+    s0, turns = bristle_before(c, now.history, n, mj)
     way = way_since(c, now.history, now.span[0], n, d, mi, mj)
     ds0 = bristle_change(c, now.history, n, mj, dn, turn)
     h = now.span[0]
     dway = way_change(c, now.history, h, n, d, mi, mj, dn, dd, du, spin, turn)
-    more = friction_force_change(c, n, N, g, s0, way, follows, dn, dN, dg, ds0, dway)
+    more = friction_force_change(c, n, N, g, s0, way, turns, dn, dN, dg, ds0, dway)
     return plus(df, 1.0, more)
 
 

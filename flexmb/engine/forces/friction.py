@@ -3,10 +3,10 @@
 μ(v) = μ_d + (μ_s − μ_d) exp(−(v/v_s)²) + v_v v, v the speed of sliding (Stribeck;
 Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994) 1083). Bristle: an elastic-plastic
 spring s, an internal variable that the surface carries; with T = k s + c v the force is −T while
-|T| ≤ μ N and −μ N v/|v| beyond (Dupont et al., IEEE Trans. Autom. Control 47 (2002) 787). A
+|T| ≤ μ N and −μ N T/|T| beyond (Dupont et al., IEEE Trans. Autom. Control 47 (2002) 787). A
 bristle that sticks does not creep; one that slides follows up to the length k s = μ N, so that what
 a stick begins with depends on no step. That of a contact is full then (`forces.bristle`): it turns
-with the velocity, and what slides on is against that, whatever the lag.
+with the velocity, and after some lengths friction is against that, whatever the lag.
 Smooth: −μ N v/√(v² + v₀²), which creeps at any load.
 """
 
@@ -64,11 +64,12 @@ def tangential_part(n, a):
 
 
 @kernel
-def friction_force(f, n, N, g, s0, way, follows):
-    """Force of friction, bristle, |T| − μ N, and k |z| − μ N, z the bristle if it is free.
+def friction_force(f, n, N, g, s0, way, turns):
+    """Force of friction, bristle, |T| − μ N, k |z| − μ N, and lengths that it slid while full.
 
     f: parameters; n, N: normal and normal force; g: relative velocity; s0: bristle as the step
-    began, way: what the surfaces have slid since; `follows`: it was full then.
+    began, way: what the surfaces have slid since, z: both; `turns`: lengths as the step began, < 0
+    if it was free.
     """
     v = tangential_part(n, g)
     speed = math.sqrt(inner(v, v))
@@ -76,18 +77,32 @@ def friction_force(f, n, N, g, s0, way, follows):
     limit = mu * N
     if f["model"] == SMOOTH:
         w = -limit / math.sqrt(speed * speed + f["creep"] * f["creep"])
-        return times(w, v), times(0.0, v), 0.0, 0.0
+        return times(w, v), times(0.0, v), 0.0, 0.0, -1.0
     s0, way = tangential_part(n, s0), tangential_part(n, way)
     s = plus(s0, 1.0, way)
     room, along = f["k"] * math.sqrt(inner(s, s)) - limit, 0.0
-    if room > (-LEAST_EXCESS * limit if follows else 0.0):
-        e = _full_direction(s0, way, v, limit / f["k"], follows)
+    if room > (-LEAST_EXCESS * limit if turns >= 0.0 else 0.0):
+        e, turns = _full_direction(s0, way, v, limit / f["k"], turns)
         along, s = inner(e, v), times(limit / f["k"], e)
     T = plus(times(f["k"], s), f["c"], v)
-    excess = limit * along / speed if along > 0.0 else math.sqrt(inner(T, T)) - limit
-    if excess > LEAST_EXCESS * N and speed > 0.0:
-        return times(-limit / speed, v), s, excess, room
-    return times(-1.0, T), s, excess, room
+    size, d = _direction(T)
+    if along > 0.0:
+        share = _aligned(turns) * (1.0 - (1.0 - (along / speed) ** 2) ** 4)
+        _, d = _direction(plus(times(1.0 - share, d), share / speed, v))
+        return times(-limit, d), s, limit * along / speed, room, turns
+    return times(-min(size, limit), d), s, size - limit, room, turns
+
+
+# Lengths of a full bristle after which what slides is rubbed against its velocity alone, unless
+# that is nearly across it: at an angle ψ by 1 − sin⁸ ψ.
+ALIGNED = 4.0
+
+
+@kernel
+def _aligned(turns):
+    """Share of the velocity in the direction of friction, that of the bristle at first."""
+    u = min(max(turns, 0.0) / ALIGNED, 1.0)
+    return u * u * u * (10.0 - u * (15.0 - 6.0 * u))
 
 
 @kernel
@@ -116,22 +131,22 @@ def _direction(a):
 
 
 @kernel
-def _full_direction(s0, way, v, length, follows):
-    """Direction of a full bristle.
+def _full_direction(s0, way, v, length, turns):
+    """Direction of a full bristle, and lengths that it slid while full.
 
     That turns by the part of the speed across it over its length, so that of the angle ψ to a
     constant velocity after a way x L tan ψ/2 e^(−x) is left. What becomes full, or is pushed back,
     is as long in the direction that it has.
     """
     before, e0 = _direction(s0)
-    if not follows or not _follows_velocity(s0, way, v):
-        return _direction(plus(s0, 1.0, way))[1]
+    if turns < 0.0 or not _follows_velocity(s0, way, v):
+        return _direction(plus(s0, 1.0, way))[1], max(turns, 0.0)
     sigma, e1 = _direction(way)
-    _, a, b, c = _memory(sigma, before, length)
+    x, a, b, c = _memory(sigma, before, length)
     _, e = _direction(plus(times(b, e1), c, _direction(v)[1]))
     if before > 0.0:
         e = plus(times((1.0 - a) * (1.0 + a + (1.0 - a) * inner(e0, e)), e), 2.0 * a, e0)
-    return _direction(e)[1]
+    return _direction(e)[1], turns + x
 
 
 @kernel
@@ -149,12 +164,12 @@ def _direction_change(a, da):
 
 
 @kernel
-def _full_direction_change(s0, way, v, length, follows, ds0, dway, dv, dlength):
-    """Direction of a full bristle, and its change."""
+def _full_direction_change(s0, way, v, length, turns, ds0, dway, dv, dlength):
+    """Direction of a full bristle and its change, lengths that it slid and theirs."""
     before, e0, de0 = _direction_change(s0, ds0)
-    if not follows or not _follows_velocity(s0, way, v):
+    if turns < 0.0 or not _follows_velocity(s0, way, v):
         _, e, de = _direction_change(plus(s0, 1.0, way), plus(ds0, 1.0, dway))
-        return e, de
+        return e, de, max(turns, 0.0), 0.0
     sigma, e1, de1 = _direction_change(way, dway)
     _, e2, de2 = _direction_change(v, dv)
     x, a, b, c = _memory(sigma, before, length)
@@ -169,11 +184,11 @@ def _full_direction_change(s0, way, v, length, follows, ds0, dway, dv, dlength):
         de = plus(plus(times(df, e), f, de), 2.0 * a, de0)
         e, de = plus(times(f, e), 2.0 * a, e0), plus(de, 2.0 * da, e0)
         _, e, de = _direction_change(e, de)
-    return e, de
+    return e, de, turns + x, dx
 
 
 @kernel
-def friction_force_change(f, n, N, g, s0, way, follows, dn, dN, dg, ds0, dway):
+def friction_force_change(f, n, N, g, s0, way, turns, dn, dN, dg, ds0, dway):
     """Change of the force of friction with changes of what it depends on."""
     v = tangential_part(n, g)
     speed = math.sqrt(inner(v, v))
@@ -188,21 +203,31 @@ def friction_force_change(f, n, N, g, s0, way, follows, dn, dN, dg, ds0, dway):
     ds0, dway = _tangential_part_change(n, s0, dn, ds0), _tangential_part_change(n, way, dn, dway)
     s0, way = tangential_part(n, s0), tangential_part(n, way)
     s, ds = plus(s0, 1.0, way), plus(ds0, 1.0, dway)
-    along, room = 0.0, f["k"] * math.sqrt(inner(s, s)) - limit
-    if room > (-LEAST_EXCESS * limit if follows else 0.0):
-        s, ds = _full_direction_change(
-            s0, way, v, limit / f["k"], follows, ds0, dway, dv, dlimit / f["k"]
+    cosine, dcosine, dturns, room = 0.0, 0.0, 0.0, f["k"] * math.sqrt(inner(s, s)) - limit
+    if room > (-LEAST_EXCESS * limit if turns >= 0.0 else 0.0):
+        s, ds, turns, dturns = _full_direction_change(
+            s0, way, v, limit / f["k"], turns, ds0, dway, dv, dlimit / f["k"]
         )
-        along = inner(s, v)
+        cosine = inner(s, v) / speed if speed > 0.0 else 0.0
+        dcosine = inner(ds, v) + inner(s, dv) - cosine * dspeed
+        dcosine = dcosine / speed if speed > 0.0 else 0.0
         s, ds = times(limit, s), plus(times(dlimit, s), limit, ds)
     else:
         s, ds = times(f["k"], s), times(f["k"], ds)
-    T, dT = plus(s, f["c"], v), plus(ds, f["c"], dv)
-    sticks = math.sqrt(inner(T, T)) - limit <= LEAST_EXCESS * N
-    if (along <= 0.0 and sticks) or speed == 0.0:
-        return times(-1.0, dT)
-    change = times(-limit / speed, dv)
-    return plus(change, (limit * dspeed / speed - dlimit) / speed, v)
+    size, d, dd = _direction_change(plus(s, f["c"], v), plus(ds, f["c"], dv))
+    if cosine > 0.0:
+        u = min(turns / ALIGNED, 1.0)
+        across = 1.0 - cosine * cosine
+        share = _aligned(turns) * (1.0 - across**4)
+        rise = 30.0 * (u * (1.0 - u)) ** 2 / ALIGNED * dturns
+        dshare = rise * (1.0 - across**4)
+        dshare += 8.0 * _aligned(turns) * cosine * across**3 * dcosine
+        _, e, de = _direction_change(v, dv)
+        dd = plus(plus(times(1.0 - share, dd), share, de), dshare, plus(e, -1.0, d))
+        _, d, dd = _direction_change(plus(times(1.0 - share, d), share, e), dd)
+    elif size <= limit:
+        return times(-1.0, plus(ds, f["c"], dv))
+    return plus(times(-dlimit, d), -limit, dd)
 
 
 @kernel
