@@ -10,6 +10,7 @@ from flexmb.analysis.dynamics.integration import Integration
 from flexmb.analysis.dynamics.run_settings import loop_settings
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import make_integrator
+from flexmb.engine.forces.bristle import FREE
 from flexmb.engine.method import FINE
 from flexmb.engine.state import State
 from flexmb.engine.work import new_state
@@ -78,7 +79,11 @@ def test_evaluation_leaves_the_history_alone():
     )  # fmt: skip
     bench = Bench(model)
     bench.v[:3] = 1.0, 2.0, -3.0
-    bench.work.now.history[:] = bench.state.history[:] = [-0.1, 3.0, 1.0, 1e-3, *[0.0] * 10]
+    history, row = bench.work.now.history, bench.sys.kinds["contacts"].rows[0]
+    history[:] = 0.0
+    history[0], history[row["history"]] = -0.1, 3.0
+    history[row["bristle"] : row["bristle"] + 2] = FREE, 1e-3
+    bench.state.history[:] = history
     first = bench.at().residual
     assert np.abs(first).max() > 1.0
     np.testing.assert_array_equal(bench.at().residual, first)
