@@ -2,13 +2,14 @@
 
 It is stretched by the way that the surfaces slide past each other, up to k |s| = μ N: it is free
 below, and full while it would be longer. A full one follows its limit until that grows faster than
-the surfaces slide; then it is free again.
+the surfaces slide; then it is free again. While they slide on it turns with their velocity, by the
+speed across it over its length.
 
 The way of a step follows from places, so that it has the order of the method. With u' the place of
 I in axes of J, n' the normal, r the radius of a ball I (0: a point) and ω' its angular velocity
 relative to J, the surfaces slide by u̇' − r ω' × n'. Of the rotation since the step began φ' is the
-vector, so that ω' = φ̇' + φ' × φ̇'/2 + ... With ω' and n' at its begin, and both linear in time but
-for what their ends tell, the integral over a step h is
+vector, so that ω' = φ̇' + φ' × φ̇'/2 + ... With ω₀', n₀' and ṅ₀' at its begin the integral over a
+step h is
 
     Δu' + ∫ n' dd − r ((φ' + h ω₀' × φ'/6) × n̄' + (φ' − h ω₀') × (n' − n₀')/6),
 
@@ -49,17 +50,8 @@ OPEN, FREE, FULL = 0.0, 1.0, 2.0
 # (3), depth and its rate, lengths that it slid while full; of a ball the axes of I (9) and how fast
 # it turns (3) too.
 POINT_HISTORY, BALL_HISTORY = 16, 28
-_MODE, _BRISTLE, _PLACE, _NORMAL, _TILT, _DEPTH, _TURNS, _AXES, _SPIN = (
-    0,
-    1,
-    4,
-    7,
-    10,
-    13,
-    15,
-    16,
-    25,
-)
+_MODE, _BRISTLE, _PLACE, _NORMAL, _TILT, _DEPTH, _TURNS = 0, 1, 4, 7, 10, 13, 15
+_AXES, _SPIN = 16, 25
 _ZERO = (0.0, 0.0, 0.0)
 
 
@@ -246,10 +238,8 @@ def remember_bristle(c, before, n, d, g, s, room, turns, mi, mj, tilt, accelerat
         v = tangential_part(n, g)
         along = v if begins else s
         size = math.sqrt(inner(along, along))
-        if size > 0.0 and inner(along, v) / size > limit_growth(
-            c, history, n, d, g, tilt, acceleration
-        ):
-            mode = FULL
+        growth = limit_growth(c, history, n, d, g, tilt, acceleration)
+        mode = FULL if size > 0.0 and inner(along, v) > growth * size else FREE
     history[o + _MODE] = mode
     history[o + _TURNS] = ALIGNED if begins else turns
     put_part(history, o + _BRISTLE, turned_back(mj["R"], s) if d > 0.0 else _ZERO)
