@@ -46,8 +46,8 @@ from flexmb.engine.tables import (
 from flexmb.errors import SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
-from flexmb.model.functions.derivatives import derivative_jumps
-from flexmb.model.functions.expression import Expression, brief_changes, switch_times
+from flexmb.model.functions.discontinuities import brief_changes, derivative_jumps, switch_times
+from flexmb.model.functions.expression import Expression
 from flexmb.model.model import Model
 from flexmb.model.plane import plane_axes, simulated_body
 from flexmb.model.scenes.dynamics import DynamicsSpec

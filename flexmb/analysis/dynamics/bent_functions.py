@@ -10,7 +10,8 @@ import numpy as np
 
 from flexmb.engine.compile import Compiled
 from flexmb.flexbody.arrays import Array
-from flexmb.model.functions.derivatives import Program, derivative_jumps, evaluate
+from flexmb.model.functions.derivatives import Program, evaluate
+from flexmb.model.functions.discontinuities import derivative_jumps
 
 BentFunction: TypeAlias = tuple[Array, Callable[[float], float], float]
 """Times of its jumps and bends, the load that goes with it, the range of that."""

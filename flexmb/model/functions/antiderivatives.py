@@ -17,7 +17,8 @@ import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 
 from flexmb.errors import SceneError
-from flexmb.model.functions.derivatives import BINARY, UNARY, derivative_jumps, evaluate
+from flexmb.model.functions.derivatives import BINARY, UNARY, evaluate
+from flexmb.model.functions.discontinuities import derivative_jumps
 from flexmb.model.functions.expression import Ops, parse
 from flexmb.model.functions.piecewise import Piecewise, shifted
 

@@ -13,15 +13,12 @@ import ast
 import math
 import re
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from flexmb.errors import Problem, SceneError, nearest
-from flexmb.flexbody.arrays import Array
-from flexmb.model.functions.derivatives import BINARY, CHAIN, UNARY, Jet, derivative_jumps, evaluate
+from flexmb.model.functions.derivatives import Jet, evaluate
 from flexmb.units import UNITS
 
 _WINDOW = 60  # characters of a long text shown on either side of the mistake
@@ -142,120 +139,6 @@ class Expression:
     def value(self, t: float, variables: Mapping[str, Jet] | None = None) -> Jet:
         """Value, first and second derivative at time ``t`` [s]; not finite outside its domain."""
         return evaluate(self.ops, t, variables)
-
-
-# With these operations alone a function changes all the time.
-_EVEN = {"const", "t", "neg", "+", "-", "*", "sin", "cos"}
-_ARRAYS: dict[str, Callable[..., Array]] = {
-    **{"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "pow": np.power},
-    **{"min": np.minimum, "max": np.maximum, "atan2": np.arctan2, "hypot": np.hypot},
-    **{"asin": np.arcsin, "acos": np.arccos, "atan": np.arctan, "neg": np.negative},
-    **{"sin": np.sin, "cos": np.cos, "tan": np.tan, "sinh": np.sinh, "cosh": np.cosh},
-    **{"tanh": np.tanh, "exp": np.exp, "log": np.log, "sqrt": np.sqrt, "abs": np.abs},
-    **{name: lambda s: np.clip(s, 0.0, 1.0) for name in CHAIN if name.endswith("step")},
-    "sign": np.sign,
-}
-_SAMPLES = 20_000  # of a run; what lasts for less than two of them may be missed
-_RAPID = 10.0  # times as fast as usual
-_NO_CHANGE = 1e-6  # of all
-_OVER = 0.5  # of what is rapid
-_LOW_POWER = 8  # a polynomial of this degree has no pulses
-_SPAN, _SPANS = 0.2, 100  # share of the run that is not brief; more than so many are the motion
-
-
-def brief_changes(ops: Ops, end: float) -> list[float]:
-    """Times in (0, end) [s] from the beginning to the end of each brief change, such as a pulse
-    ``exp(-((t - 5)/0.01)**2)``, five of each: a step from a state of rest would pass over it."""
-    if {op for op, n in ops if op != "powc" or n not in range(_LOW_POWER + 1)} <= _EVEN:
-        return []
-    times = np.linspace(0.0, end, _SAMPLES + 1)
-    with np.errstate(all="ignore"):
-        values = np.nan_to_num(_values(ops, times), posinf=0.0, neginf=0.0)
-    change = np.abs(np.diff(values))
-    limit = max(_RAPID * float(np.median(change)), _NO_CHANGE * float(np.ptp(values)))
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], change > limit, [False]])))
-    spans = times[edges].reshape(-1, 2)
-    if len(spans) > _SPANS:
-        return []
-    spans = spans[np.diff(spans)[:, 0] < _SPAN * end]
-    around = spans + np.diff(spans) * [-1.0, 1.0]  # where a pulse is over and growth is not
-    after = np.interp(around, times[1:], change, left=0.0, right=0.0)
-    brief = spans[(after < _OVER * limit).all(axis=1)]
-    beside = brief + np.array([-1.0, 1.0]) * times[1]
-    jumps = np.searchsorted(derivative_jumps(ops, end), beside)  # these are events anyhow
-    brief = brief[jumps[:, 0] == jumps[:, 1]]
-    return [float(t) for t in np.linspace(brief[:, 0], brief[:, 1], 5).ravel() if 0.0 < t < end]
-
-
-# Where operations change their laws; times, of which more are the motion itself; second differences
-# over the range of what is straight.
-_LAWS: dict[str, tuple[float, ...]] = {
-    **dict.fromkeys(("abs", "sign", "max", "min"), (0.0,)),
-    **dict.fromkeys(("cubicstep", "haversinestep"), (0.0, 1.0)),
-}
-_MOST, _STRAIGHT, _BEGIN = 2000, 1e-12, 1e-12
-
-
-def switch_times(ops: Ops, end: float) -> list[float]:
-    """Times in (0, end) [s] where operations change their laws by arguments that are not linear in
-    time: zeros in ``abs(sin(t))``, equal arguments of max and min, ends of rises, corners; 0 where
-    a sign is that of zero at the begin alone."""
-    stack: list[Ops] = []
-    times: list[float] = []
-    for op, argument in ops:
-        last = stack.pop() if op in BINARY or op in UNARY else ()
-        first = stack.pop() if op in BINARY else ()
-        stack.append((*first, *last, (op, argument)))
-        places = _LAWS.get(op, ())
-        if op in ("max", "min"):
-            last = (*first, *last, ("-", 0.0))
-        elif op == "piecewise" and argument.period == 0.0:
-            places = argument.jumps()
-        if len(places) and not any(channel_of(inner) for inner, _ in last):
-            times += _times_at(last, places, end)
-            if op == "sign" and evaluate(last, 0.0)[0] == 0.0 != evaluate(last, _BEGIN * end)[0]:
-                times.append(0.0)
-    return times if len(times) <= _MOST else []
-
-
-def _times_at(ops: Ops, places: Sequence[float], end: float) -> list[float]:
-    """Times (0, end) [s] at which a program of time that is not linear passes any of the places."""
-    from scipy.optimize import brentq  # takes 0.2 s
-
-    grid = np.linspace(0.0, end, _SAMPLES + 1)
-    with np.errstate(all="ignore"):
-        values = _values(ops, grid)
-        bent = np.abs(np.diff(values, 2)).max() > _STRAIGHT * np.ptp(values)
-    if not (np.isfinite(values).all() and bent):
-        return []
-    times: list[float] = []
-    for place in places:
-        beyond = values > place
-        passed = np.flatnonzero(beyond[1:] != beyond[:-1])
-        for k in passed if len(passed) <= _MOST else ():
-            low, high = grid[k], grid[k + 1]
-            ends = [evaluate(ops, t)[0] - place for t in (low, high)]
-            if ends[0] * ends[1] < 0.0:
-                times.append(brentq(lambda t: evaluate(ops, t)[0] - place, low, high, xtol=1e-300))  # noqa: B023
-    return times
-
-
-def _values(ops: Ops, times: Array) -> Array:
-    """Values (n,) of a program at times (n,) [s]; channels are 1, and steps straight."""
-    stack: list[Any] = []
-    for op, argument in ops:
-        if op == "t":
-            stack.append(times)
-        elif op == "const" or channel_of(op):
-            stack.append(np.full_like(times, argument if op == "const" else 1.0))
-        elif op in BINARY:
-            right, left = stack.pop(), stack.pop()
-            stack.append(_ARRAYS[op](left, right))
-        elif op == "powc":
-            stack.append(stack.pop() ** argument)
-        else:
-            stack.append((argument.values if op == "piecewise" else _ARRAYS[op])(stack.pop()))
-    return np.asarray(stack[0])
 
 
 def rescaled(ops: Ops, x: float, y: float) -> Ops:

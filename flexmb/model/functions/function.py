@@ -17,7 +17,8 @@ from typing import Annotated, Any, get_args
 from pydantic import SerializationInfo, ValidationInfo
 
 from flexmb.errors import Problem, SceneError
-from flexmb.model.functions.derivatives import Jet, derivative_jumps
+from flexmb.model.functions.derivatives import Jet
+from flexmb.model.functions.discontinuities import derivative_jumps
 from flexmb.model.functions.expression import Expression, parse, rescaled
 from flexmb.model.functions.forms import (
     Constant,

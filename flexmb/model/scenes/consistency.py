@@ -21,7 +21,7 @@ from flexmb.model.control import CHANNEL_SECTIONS, broken_channels, channel_prob
 from flexmb.model.excitation import loads_beside_interfaces
 from flexmb.model.flexible_body import FlexbodySpec, FlexibleBodySpec
 from flexmb.model.forces.body_load import BodyLoadSpec
-from flexmb.model.functions.derivatives import first_discontinuities
+from flexmb.model.functions.discontinuities import first_discontinuities
 from flexmb.model.functions.function import Function
 from flexmb.model.functions.piecewise import Piecewise
 from flexmb.model.joints.coupler import coupler_loop_problems

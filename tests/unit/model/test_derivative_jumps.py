@@ -5,8 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexmb.model.functions.derivatives import first_discontinuities
-from flexmb.model.functions.expression import brief_changes, parse, switch_times
+from flexmb.model.functions.discontinuities import (
+    brief_changes,
+    first_discontinuities,
+    switch_times,
+)
+from flexmb.model.functions.expression import parse
 from flexmb.model.functions.function import read_function
 
 TABLE = [[0, 0], [1, 1], [2, 2], [3, 0]]  # straight on at 1
