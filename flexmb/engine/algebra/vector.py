@@ -156,12 +156,20 @@ def add_rows(pool, at, m, f, g, h, out, o):
 
 
 @kernel
+def larger(a, b):
+    """The larger of two numbers; NaN counts as largest."""
+    return a if a > b or a != a else b
+
+
+@kernel
 def largest(x):
     """Largest |x_i|; NaN counts as largest."""
     s = 0.0
     for i in range(x.shape[0]):
         if not abs(x[i]) <= s:
             s = abs(x[i])
+            if s != s:
+                break
     return s
 
 
@@ -173,6 +181,8 @@ def weighted_size(x, weights):
         s = abs(x[i]) * weights[i]
         if not s <= size:
             size = s
+            if s != s:
+                break
     return size
 
 
@@ -184,6 +194,8 @@ def scaled_size(x, weights, scale):
         s = abs(x[i]) * weights[i] / scale[i]
         if not s <= size:
             size = s
+            if s != s:
+                break
     return size
 
 
@@ -195,6 +207,8 @@ def size_above(x, weights, scale, times, noise):
         s = (abs(x[i]) * weights[i] - times * noise[i]) / scale[i]
         if not s <= size:
             size = s
+            if s != s:
+                break
     return size
 
 

@@ -10,7 +10,7 @@ With A⁻¹ = V diag(γ, μ, μ̄) V⁻¹ simplified Newton solves one real and 
 from __future__ import annotations
 
 from flexmb.engine.algebra import ldl
-from flexmb.engine.algebra.vector import copy, scaled_size, weighted_size
+from flexmb.engine.algebra.vector import copy, larger, scaled_size, weighted_size
 from flexmb.engine.bodies.motion import over_last_places
 from flexmb.engine.equations_of_motion import walk
 from flexmb.engine.integrators.radau_coefficients import STAGES, Radau
@@ -105,11 +105,11 @@ def correct_stages(run, radau, h):
             col.lam[n, k] += back[0, n] * r + back[1, n] * y.real + back[2, n] * y.imag
     size, moved, units = 0.0, 0.0, 0.0
     for i in range(STAGES):
-        moved = max(moved, weighted_size(col.change[i], weights))
+        moved = larger(moved, weighted_size(col.change[i], weights))
         units = max(units, over_last_places(run, col.change[i]))
         if run.settings.step == 0.0:
-            size = max(size, scaled_size(col.change[i], weights, st.motion))
-            size = max(size, scaled_size(col.change[i], weights, st.speed) / h)
+            size = larger(size, scaled_size(col.change[i], weights, st.motion))
+            size = larger(size, scaled_size(col.change[i], weights, st.speed) / h)
     if run.settings.step > 0.0:
         size = moved
     return size, moved, units

@@ -18,7 +18,7 @@ from enginekit import STAGES, Bench, interpreted
 from generators import Mechanism
 
 from flexmb.engine import compiler_pool, function, unit_cache, units
-from flexmb.engine.algebra import ldl
+from flexmb.engine.algebra import ldl, vector
 from flexmb.engine.bodies import motion
 from flexmb.engine.entries import all_units
 from flexmb.engine.jit import UNITS
@@ -101,7 +101,7 @@ def test_an_edited_kernel_is_never_served_from_the_cache(tmp_path, project, cach
     )
     code = """
 import numpy as np
-from flexmb.engine.algebra import ldl
+from flexmb.engine.algebra import ldl, vector
 from flexmb.engine.tables import PANEL, UPDATE, LINK, Kkt
 from flexmb.engine.state import Factor
 from flexmb.engine.units import call
@@ -246,6 +246,19 @@ def test_nan_stays_visible():
     bench.q[0] = np.nan
     bench.run(STAGES)
     assert np.isnan(bench.C).any()
+
+
+def test_nan_counts_as_largest_wherever_it_stands():
+    """Newton's method took stages that are not finite for settled, as later numbers hid them."""
+    one = np.ones(3)
+    for k in range(3):
+        x = np.array([1.0, -4.0, 2.0])
+        x[k] = np.nan
+        sizes = [vector.largest(x), vector.weighted_size(x, one), vector.scaled_size(x, one, one)]
+        sizes.append(vector.size_above(x, one, one, 0.0, one))
+        sizes.append(vector.larger(x[0], vector.larger(x[1], x[2])))
+        assert np.isnan(sizes).all()
+    assert vector.largest(np.array([1.0, -4.0, 2.0])) == vector.larger(4.0, -5.0) == 4.0
 
 
 ALLOCATES = """
