@@ -42,6 +42,7 @@ def problems(plane="xy", *drivers):
         ({"joint": "shoulder", "angle": 1, "stroke": 1}, "", "given angle and stroke"),
         ({"joint": "shoulder", "stroke": 1}, ".stroke", "has no stroke; it has: angle"),
         ({"joint": "shoulder", "x": 1}, ".x", 'a driver of "joint" has no x'),
+        ({"joint": "shoulder", "position": "t"}, ".position", '"joint" has no position'),
         ({"joint": "sholder", "angle": 1}, ".joint", 'unknown joint "sholder"'),
         ({"marker": "b.top", "x": 1}, ".marker", 'body "b" has no marker "top"'),
         ({"marker": "ground", "x": 1}, ".marker", "a marker of ground does not move"),

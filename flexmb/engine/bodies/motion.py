@@ -156,6 +156,8 @@ def over_last_places(run, dq):
         s = abs(dq[i]) * weights[i]
         if not s <= most * places[i]:
             most = s / places[i] if places[i] > 0.0 else math.inf
+            if s != s:
+                return s
     return most
 
 

@@ -124,6 +124,17 @@ class DriverSpec(Component):
     start: _First = None
     start_velocity: _First = None
 
+    @model_validator(mode="before")
+    @classmethod
+    def _only_markers_have_a_position(cls, given: Any) -> Any:
+        """Before what it is written as: a number is no list for a joint either."""
+        if isinstance(given, dict) and "position" in given and "marker" not in given:
+            target = next((name for name in DRIVEN if name in given), None)
+            if target is not None:
+                what = f'a driver of "{target}" has no position'
+                raise fail(Problem("position", what, DRIVEN[target]))
+        return given
+
     @model_validator(mode="after")
     def _one_target(self) -> Self:
         targets = [name for name in DRIVEN if getattr(self, name) is not None]
