@@ -298,13 +298,13 @@ def _note_impact(run, c, d, rate, t):
 def _rates(run, c, n, rho, at):
     """Rate of the normal, and of the velocity of I relative to J where they meet."""
     ai, aj = marker_acceleration(run, at, c["I"], 0), marker_acceleration(run, at, c["J"], 0)
-    turns, of_j = marker_acceleration(run, at, c["I"], 3), marker_acceleration(run, at, c["J"], 3)
+    of_i, of_j = marker_acceleration(run, at, c["I"], 3), marker_acceleration(run, at, c["J"], 3)
     mi, mj = run.work.now.marker[c["I"]], run.work.now.marker[c["J"]]
     omi, omj, s = triple(mi["om"]), triple(mj["om"]), times(-c["ri"], n)
     u, du = separation(mi, mj), plus(triple(mi["vx"]), -1.0, triple(mj["vx"]))
     _, tilt = normal_change(c, n, rho, mi, mj, du, omj)
     ds = times(-c["ri"], tilt)
-    a = plus(plus(ai, 1.0, outer(turns, s)), 1.0, outer(omi, ds))
+    a = plus(plus(ai, 1.0, outer(of_i, s)), 1.0, outer(omi, ds))
     a = plus(plus(a, -1.0, aj), -1.0, outer(of_j, plus(u, 1.0, s)))
     return tilt, plus(a, -1.0, outer(omj, plus(du, 1.0, ds)))
 
