@@ -126,14 +126,14 @@ class DriverSpec(Component):
 
     @model_validator(mode="before")
     @classmethod
-    def _only_markers_have_a_position(cls, given: Any) -> Any:
+    def _only_markers_have_a_position(cls, fields: Any) -> Any:
         """Before what it is written as: a number is no list for a joint either."""
-        if isinstance(given, dict) and "position" in given and "marker" not in given:
-            target = next((name for name in DRIVEN if name in given), None)
+        if isinstance(fields, dict) and "position" in fields and "marker" not in fields:
+            target = next((name for name in DRIVEN if name in fields), None)
             if target is not None:
                 what = f'a driver of "{target}" has no position'
                 raise fail(Problem("position", what, DRIVEN[target]))
-        return given
+        return fields
 
     @model_validator(mode="after")
     def _one_target(self) -> Self:
