@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from flexmb.model import Model
 
@@ -17,8 +18,10 @@ from .scene import Scene
 G = 9.81
 _J, _R, _K, _MU = 0.004, 0.1, 1e6, 0.3
 _BRISTLE, _DAMPING = 1e5, 100.0
-_BACK = 0.8  # coefficient of restitution; its Hunt-Crossley factor by the exact law
-_CHI = 0.3731462033650522
+_BACK = 0.8  # coefficient of restitution
+# Its factor of damping: v dv/dd = -K d^n (1 + chi v/v0)/m leads from v0 to -e v0 over closed depths
+# where the integral of u/(1 + chi u) from -e to 1 is zero (Hunt & Crossley 1975).
+_CHI = brentq(lambda x: x * (1 + _BACK) - np.log((1 + x) / (1 - x * _BACK)), 0.01, 1.2, xtol=1e-15)
 
 
 def ball(size=1.0):
@@ -28,7 +31,8 @@ def ball(size=1.0):
                   velocity=[size, 0, 0])  # fmt: skip
     made.add_force(
         "floor", "contact", between=["ball", "ground"], stiffness=_K / size**0.5, exponent=1.5,
-        restitution=_BACK, shapes=[{"type": "sphere", "radius": _R * size}, {"type": "plane"}],
+        restitution=_BACK, least_speed=1e-3 * size,
+        shapes=[{"type": "sphere", "radius": _R * size}, {"type": "plane"}],
         friction={"dynamic": _MU, "stiffness": _BRISTLE, "damping": _DAMPING},
     )  # fmt: skip
     made.add_sensor("place", "position", of="ball")
@@ -118,7 +122,8 @@ def puck(size=1.0):
         friction={"dynamic": 0.2, "stiffness": _BRISTLE},
     )  # fmt: skip
     made.add_sensor("place", "position", of="puck")
-    made.add_force("springs", "force", at="puck", value=["-4*place.x", f"{-_SIDE}*place.y", "0"])
+    made.add_sensor("way", "position", of="puck", relative_to="ground")
+    made.add_force("springs", "force", at="puck", value=["-4*way.x", f"{-_SIDE}*way.y", "0"])
     return made
 
 
