@@ -255,7 +255,7 @@ def test_the_bristle_of_a_point_follows_its_way():
         assert after[o + 4 : o + 7] == pytest.approx(place, abs=1e-14)
 
 
-ON_A_BALL = {"bristle": 0, "ri": 0.1, "rj": 0.2, "kind": BALL, "half": 0.0}
+ON_A_BALL = {"model": BRISTLE, "bristle": 0, "ri": 0.1, "rj": 0.2, "kind": BALL, "half": 0.0}
 
 
 def sides(t):

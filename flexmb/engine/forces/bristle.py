@@ -38,6 +38,7 @@ from flexmb.engine.algebra.vector import (
 from flexmb.engine.forces.contact_pair import normal_force, separation
 from flexmb.engine.forces.friction import (
     ALIGNED,
+    BRISTLE,
     LEAST_EXCESS,
     friction_coefficient,
     tangential_part,
@@ -57,8 +58,8 @@ _ZERO = (0.0, 0.0, 0.0)
 
 @kernel
 def is_open(c, history):
-    """Whether there was no contact at the last accepted step."""
-    return history[c["bristle"] + _MODE] == OPEN
+    """Whether there was no contact at the last accepted step, or it has no bristle."""
+    return c["model"] != BRISTLE or history[c["bristle"] + _MODE] == OPEN
 
 
 @kernel
@@ -90,6 +91,8 @@ def bristle_before(c, history, n, mj):
 
     And lengths that it had slid while full; < 0: it was free.
     """
+    if is_open(c, history):
+        return _ZERO, -1.0
     o = c["bristle"]
     s, n0 = turned(mj["R"], part(history, o + _BRISTLE)), _normal_before(c, history, mj)
     s = plus(s, -inner(n, s) / (1.0 + inner(n0, n)), plus(n0, 1.0, n))
@@ -99,6 +102,8 @@ def bristle_before(c, history, n, mj):
 @kernel
 def bristle_change(c, history, n, mj, dn, turn):
     """Its change with the normal and a rotation of J."""
+    if is_open(c, history):
+        return _ZERO
     s = turned(mj["R"], part(history, c["bristle"] + _BRISTLE))
     n0 = _normal_before(c, history, mj)
     ds, dn0, both = outer(turn, s), outer(turn, n0), 1.0 + inner(n0, n)

@@ -156,7 +156,7 @@ def _contact_rows(lowering: Lowering, spec: ContactSpec) -> Iterator[tuple[objec
     for point in points:
         I = lowering.markers.add(point)  # noqa: E741
         history, bristle = lowering.add_history(1), -1
-        if spec.friction is not None:
+        if friction[0] == BRISTLE:
             bristle = lowering.add_history(BALL_HISTORY if shape[1] > 0.0 else POINT_HISTORY)
         impacts = lowering.add_history(_IMPACT_HISTORY)
         yield I, J, *shape, *law, -1, *friction, history, bristle, impacts
