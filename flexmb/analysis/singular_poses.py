@@ -54,8 +54,8 @@ def call_kinematics(system: System, state: State, work: Work, path: Path, what: 
     return analyse_kinematics(new_run(system, state, work), path, settings, what)
 
 
-def nearly_redundant(compiled: Compiled, q: Array, q_first: Array) -> str:
-    """The sentence for equations that are nearly redundant at some positions, or "".
+def singular_pose_sentence(compiled: Compiled, q: Array, q_first: Array) -> str:
+    """The sentence for a run that ends at positions where equations are nearly redundant, or "".
 
     Those that are redundant at the first positions as well do not count.
     """
@@ -65,14 +65,18 @@ def nearly_redundant(compiled: Compiled, q: Array, q_first: Array) -> str:
         return ""
     with one_blas_thread():
         rows = ConstraintRows(compiled)
-        share, first = (
-            S / S[0] for S in (rows.evaluate(x).jacobian.decomposition.S for x in (q, q_first))
-        )
+        here, begin = (rows.evaluate(x).jacobian.decomposition for x in (q, q_first))
+    share, first = (rows.S / rows.S[0] for rows in (here, begin))
     n = np.count_nonzero(first > _ROUND_OFF)
     limit = np.maximum(_NEARLY_REDUNDANT, np.minimum(_NEARLY, _FALLEN * first[:n]))
     near = share[:n][share[:n] < limit]
     if not len(near):
         return ""
+    least = here.U[:, n - 1]
+    drivers = _drivers_of(compiled, least)
+    if drivers:
+        cure = "change what is driven so that the pose is not reached, or drive another coordinate"
+        return f"the mechanism reaches {_pose_of_rows(compiled, least, drivers)}: {cure}"
     what = "constraint equations are" if len(near) > 1 else "constraint equation is"
     return (
         f"{len(near)} {what} nearly redundant there (to {near.min():.1g}): either the pose is "
@@ -293,14 +297,9 @@ def _singular_pose(pose: KinematicPose, jacobian: WeightedJacobian, time: float)
     n, U, S = jacobian.A.shape[1], jacobian.decomposition.U, jacobian.decomposition.S
     if n < 2 or len(S) < n or S[n - 1] > _NEARLY * S[n - 2]:
         return ""
-    rows = _main_rows(pose.compiled, U[:, n - 1])
     drivers = _drivers_of(pose.compiled, U[:, n - 1])
-    joints = [name for name in rows if not name.startswith("drivers.")]
-    text = f"at t = {pose.text(time)} the mechanism reaches a singular pose"
-    text += " (a dead point, or the limit of its reach)"
-    text += f" held by {', '.join(joints)}" if joints else ""
-    if drivers:
-        text += f", beyond which {' and '.join(drivers)} cannot lead it"
+    reached = _pose_of_rows(pose.compiled, U[:, n - 1], drivers)
+    text = f"at t = {pose.text(time)} the mechanism reaches {reached}"
     motion = jacobian.velocities(jacobian.decomposition.V[:, n - 1 : n])
     coordinates = _independent(pose.joint_rates(motion))
     if coordinates:
@@ -308,6 +307,14 @@ def _singular_pose(pose: KinematicPose, jacobian: WeightedJacobian, time: float)
         text += f": drive {coordinates[0]}, which moves most there{instead}"
     cure = "change what is driven so that the pose is not reached"
     return f"{text}, or {cure}" if coordinates else f"{text}: {cure}"
+
+
+def _pose_of_rows(compiled: Compiled, vector: Array, drivers: list[str]) -> str:
+    """Words on a singular pose by the rows that hold it, a vector (nc,)."""
+    joints = [name for name in _main_rows(compiled, vector) if not name.startswith("drivers.")]
+    text = "a singular pose (a dead point, or the limit of its reach)"
+    text += f" held by {', '.join(joints)}" if joints else ""
+    return text + (f", beyond which {' and '.join(drivers)} cannot lead it" if drivers else "")
 
 
 def _branch(pose: KinematicPose, time: float) -> str:

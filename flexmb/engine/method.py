@@ -107,6 +107,9 @@ INTEGRATOR_MEMORY = np.dtype([
     ("error_ratio", "f8"),  # error of the last step over what is allowed
     ("velocity_error", "f8"),  # of the last step, over h³
     ("steps_at_this_size", "f8"),
+    ("steps_at_jump", "f8"),  # in a row, whose error is of its size
+    ("recent_time", "f8"),  # until which the last steps have hardly advanced, s
+    ("steps_since", "f8"),  # it
     ("steps_since_output", "f8"),
     ("steps_until_growth", "f8"),  # after a rejection
     ("rejected_step", "f8"),  # the last one, s; 0 behind its end

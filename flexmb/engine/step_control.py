@@ -24,9 +24,11 @@ from flexmb.engine.state import Run
 # A fixed step is halved this often, one under error control may fall to this share of the run.
 _SMALLEST_PART = 1.0 / 1024.0
 _SMALLEST_SHARE = 1e-12
+# So many steps within this share of the run are too many: its end is out of reach.
+_MOST_STEPS, _NO_ADVANCE = 1000.0, 1e-8
 # At a jump of forces the error of any step is of its own size; these shares of the run will do: if
-# the error is what is allowed anywhere, and if it is not.
-_KINK_SHARE, _JUMP_SHARE = 1e-9, 1e-11
+# the error is what is allowed anywhere, and if it is not. More than so many in a row are no jump.
+_KINK_SHARE, _JUMP_SHARE, _MOST_AT_JUMP = 1e-9, 1e-11, 10.0
 # Where forces jump or have a kink the error of a step is this many times what the step before tells
 # (or what is not worth a look), and falls slower than by this share of its order and by this power
 # (where steps from other times are compared: by that of a jump), yet faster than noise. Estimates
@@ -201,6 +203,8 @@ def _planned(settings, plan, t):
 def judge_step(method, settings, st, error, status, h):
     """FINE: accept it; REPEAT it with the step in memory; TOO_SMALL: there is no such step."""
     memory, count = st.memory[0], st.count[0]
+    if memory["steps_since"] > _MOST_STEPS:
+        return TOO_SMALL
     if status != FINE:
         count["failed"] += 1
         memory["next_step"] = 0.5 * h if settings.step > 0.0 else 0.25 * h
@@ -213,9 +217,11 @@ def judge_step(method, settings, st, error, status, h):
             allowed = min(1.0, _AT_KINK * settings.accuracy / most) if most > 0.0 else 1.0
         span = settings.end - settings.start
         if ratio <= allowed or (ratio <= 1.0 and h <= _KINK_SHARE * span):
+            memory["steps_at_jump"] = 0.0
             return FINE
         if ratio < 1e9 and h <= _JUMP_SHARE * span:
-            return FINE
+            memory["steps_at_jump"] += 1.0
+            return FINE if memory["steps_at_jump"] <= _MOST_AT_JUMP else TOO_SMALL
         count["rejected"] += 1
         power = 1 if memory["has_kink"] == 1.0 else method.error_order
         memory["next_step"] = h * max(_LEAST, _SAFETY * (ratio / allowed) ** (-1.0 / power))
@@ -224,10 +230,15 @@ def judge_step(method, settings, st, error, status, h):
     memory["factor_age"] = -1.0
     memory["contraction"] = 1.0
     memory["steps_until_growth"] = _REST if method.keeps_step == 1 else 1.0
-    smallest = _SMALLEST_PART * settings.step
-    if settings.step == 0.0:
-        smallest = _SMALLEST_SHARE * max(settings.end - settings.start, abs(st.t[0]))
-    return TOO_SMALL if memory["next_step"] < smallest else REPEAT
+    return TOO_SMALL if memory["next_step"] < _smallest(settings, st.t[0]) else REPEAT
+
+
+@kernel
+def _smallest(settings, t):
+    """The smallest step that is tried."""
+    if settings.step > 0.0:
+        return _SMALLEST_PART * settings.step
+    return _SMALLEST_SHARE * max(settings.end - settings.start, abs(t))
 
 
 @kernel
@@ -261,7 +272,7 @@ def _ratio(settings, error, patience):
     if settings.step > 0.0:
         return 0.0
     ratio = max(error[0], error[1] / patience) / (settings.tolerance * settings.slack)
-    return ratio if math.isfinite(ratio) else 1e9
+    return ratio if math.isfinite(ratio) and math.isfinite(error[1]) else 1e9
 
 
 @kernel
@@ -301,6 +312,9 @@ def record_step(method, settings, st, error, h):
             memory["next_step"] = settings.step
             count["fixed_steps"] += 1
         return
+    memory["steps_since"] += 1.0
+    if st.t[0] - memory["recent_time"] > _NO_ADVANCE * (settings.end - settings.start):
+        memory["recent_time"], memory["steps_since"] = st.t[0], 0.0
     memory["velocity_error"] = error[1] / h**3
     memory["error_sum"] += error[0]
     ratio = max(_ratio(settings, error, 1.0), 1e-12)
@@ -317,6 +331,7 @@ def record_step(method, settings, st, error, h):
         memory["next_step"] = max(memory["next_step"], h * min(factor, _MOST_KEPT))
     elif factor < _SHRINK:
         memory["next_step"] = h * factor
+    memory["next_step"] = max(memory["next_step"], _smallest(settings, st.t[0]))
 
 
 @unit

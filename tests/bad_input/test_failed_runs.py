@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from linkages import slider_crank
 from typer.testing import CliRunner
 
 import flexmb
@@ -96,6 +97,36 @@ def test_a_mechanism_pulled_beyond_its_reach(tmp_path: Path) -> None:
     stretched = (R + L - x) / 0.5
     assert stretched - 0.02 < run.time[-1] < stretched
     assert run.drift[:, 0].max() < 1e-6
+
+
+@pytest.mark.parametrize("accuracy", [1e-4, 1e-6])
+@pytest.mark.parametrize("method", ["auto", "radau", "explicit-rk"])
+@pytest.mark.parametrize(
+    ("angle", "when"),
+    [
+        ("3*t", lambda turn: turn / 3.0),
+        ("t**2/2", lambda turn: np.sqrt(2.0 * turn)),
+        ("1.2*sin(2*t)", lambda turn: np.arcsin(turn / 1.2) / 2.0),
+    ],
+    ids=["even", "faster and faster", "swing"],
+)
+def test_a_driver_beyond_the_reach_is_named(angle, when, method, accuracy) -> None:
+    """A rod of 0.4 m lets a crank of 0.5 m turn until it stands upright upon the guide.
+
+    Speeds are without bounds there, like (t* - t)^(-1/2). With 1e-6 the steps shrank until the time
+    stood still, 99 999 of them, and were told by their number.
+    """
+    model = slider_crank(0.5, 0.4, crank=0.3)
+    model.add_driver("motor", joint="main", angle=angle)
+    model.add_sensor("slider", "position", of="slider")
+    model.set_dynamics(duration=2, outputs=50, accuracy=accuracy, method=method)
+    with pytest.raises(SolverError) as caught:
+        flexmb.simulate(model)
+    text = str(caught.value)
+    reached = when(np.arcsin(0.4 / 0.5) - 0.3)
+    assert float(text.split()[3]) == pytest.approx(reached, abs=1e-4)
+    assert "the mechanism reaches a singular pose (a dead point, or the limit of its reach)" in text
+    assert "beyond which drivers.motor cannot lead it" in text
 
 
 def test_a_gap_that_no_small_motion_narrows_is_no_assembly() -> None:

@@ -59,7 +59,7 @@ from flexmb.analysis.procedure import (
     open_joint,
     run_chunks,
 )
-from flexmb.analysis.singular_poses import nearly_redundant
+from flexmb.analysis.singular_poses import singular_pose_sentence
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import (
@@ -357,7 +357,7 @@ class _Pass:
             self._validity.diverging(run.state)
             or (static_modes_sentence(run.compiled, run.method) if is_static else "")
             or (stiff_force_sentence(run) if status == method.NO_CONVERGENCE else "")
-            or nearly_redundant(run.compiled, run.state.q, run.state.q_first)
+            or singular_pose_sentence(run.compiled, run.state.q, run.state.q_first)
         )
         return Ending("failed", failure_sentence(
             status, run.compiled, prepared.model, run.work, at, step, cause))  # fmt: skip

@@ -10,7 +10,7 @@ from mechanisms import Sketch, X, Z, crank_slider, four_bar, stewart
 from rings import bennett
 
 import flexmb
-from flexmb.analysis.singular_poses import nearly_redundant
+from flexmb.analysis.singular_poses import singular_pose_sentence
 from flexmb.engine.compile import compile_system
 from flexmb.errors import AssemblyError, FlexmbError
 from flexmb.model import Model
@@ -177,7 +177,7 @@ def test_a_long_chain_of_welds_is_no_misfit():
 def test_equations_that_are_nearly_redundant(tilt, count):
     """What a run that fails says of its last pose: 1 of 3 redundant equations feels a tilt."""
     compiled = compile_system(four_bar(tilt=tilt))
-    sentence = nearly_redundant(compiled, compiled.initial_q, compiled.initial_q)
+    sentence = singular_pose_sentence(compiled, compiled.initial_q, compiled.initial_q)
     assert bool(count) == bool(sentence)
     assert not count or re.match(rf"{count} .* nearly redundant there .* slightly off", sentence)
 
