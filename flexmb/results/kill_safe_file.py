@@ -39,6 +39,8 @@ from flexmb.results.channels import TABLES
 from flexmb.untrusted import begin_writing, end_writing, seal
 
 _PAGE = 1 << 16  # bytes of a page in memory
+# Behind the name of a new file, and of one that takes the place of a file that is being written.
+_PART, _NEXT = ".part", ".next"
 _NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP, errno.EINVAL)  # a network disk
 _SECONDS = 0.05  # for a lock file that its last owner is removing at this moment
 
@@ -117,6 +119,8 @@ class DiskFile(io.RawIOBase):
     new : bool
         Whether a new file is written. It gets its name by `complete`; an older file of this name
         stays until then.
+    claimed : bool
+        Whether this process has the claim to write `path`, so that `take_place_of` will follow.
 
     Raises
     ------
@@ -126,20 +130,24 @@ class DiskFile(io.RawIOBase):
         The file cannot be opened.
     """
 
-    def __init__(self, path: Path, *, new: bool = False) -> None:
+    def __init__(self, path: Path, *, new: bool = False, claimed: bool = False) -> None:
         super().__init__()
-        self._lock = WriteLock(path)
+        self._lock = None if claimed else WriteLock(path)
         self._path = path
-        self._part = path.with_name(path.name + ".part") if new else None
+        self._part = path.with_name(path.name + (_NEXT if claimed else _PART)) if new else None
         try:
             if self._part is not None:
                 self._part.touch()
             self._file = open(self._part or path, "r+b", buffering=0)  # noqa: SIM115
             if new:
                 self._file.truncate(0)
+            if not claimed:
+                path.with_name(path.name + _NEXT).unlink(
+                    missing_ok=True
+                )  # of a run that was killed
             begin_writing(self._part or path)
         except OSError:
-            self._lock.release()
+            self._release()
             raise
         self.failure: OSError | None = None
         self._pages: dict[int, bytearray] = {}  # what the disk did not take, by number of the page
@@ -149,6 +157,14 @@ class DiskFile(io.RawIOBase):
         """Give a new file its name, in place of an older one, or note why not."""
         if self._part is not None:
             self._unless_failed(self._move)
+
+    def take_place_of(self, before: DiskFile) -> None:
+        """Go on in place of another file, which is closed: with its claim, and its name if any."""
+        self._lock, before._lock = before._lock, None
+        has_name = before._part is None
+        before.close()
+        if has_name:
+            self.complete()
 
     def seal(self) -> None:
         """Write the checksum of the whole file into its user block, or note why not."""
@@ -201,16 +217,6 @@ class DiskFile(io.RawIOBase):
         self._unless_failed(lambda: self._file.truncate(length))
         return length
 
-    def reserve(self, size: int) -> None:
-        """Take room for `size` more bytes at the end, or note why not."""
-        end = self._file.seek(0, io.SEEK_END)
-        self._position = end
-        while size > 0 and self.failure is None:
-            size -= self.write(bytes(min(size, _PAGE)))
-        if self.failure is not None:
-            with contextlib.suppress(OSError):
-                self._file.truncate(end)
-
     def close(self) -> None:
         """Close the file on the disk."""
         if not self.closed:
@@ -218,8 +224,12 @@ class DiskFile(io.RawIOBase):
             self._unless_failed(self._file.close)
             if self._part is not None:
                 self._part.unlink(missing_ok=True)
-            self._lock.release()
+            self._release()
         super().close()
+
+    def _release(self) -> None:
+        if self._lock is not None:
+            self._lock.release()
 
     def _end(self) -> int:
         last = max(self._pages, default=-1)

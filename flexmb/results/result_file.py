@@ -1,4 +1,4 @@
-"""The result file in HDF5: creating, reading and extending it.
+"""The result file in HDF5: creating and reading it.
 
 Every dataset has its final shape and its place in the file before the run starts, so that no
 bookkeeping of HDF5 changes during the run: only numbers are written, the row counter last. That
@@ -31,12 +31,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from shutil import copyfileobj
 from typing import Any, Final
 from uuid import uuid4
 
@@ -45,19 +43,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.engine.tables import BodyColumns
-from flexmb.errors import OutputError, ResultFileError
+from flexmb.errors import ResultFileError
 from flexmb.results.channels import TABLES, Columns, StoredColumns, widths
-from flexmb.results.kill_safe_file import (
-    DiskFile,
-    content_digest,
-    no_rows,
-    reading,
-    state_sum,
-    uninterrupted,
-    verify,
-)
+from flexmb.results.kill_safe_file import content_digest, no_rows, reading, state_sum, verify
 from flexmb.units import unit_system
-from flexmb.untrusted import USER_BLOCK, is_sealed, open_hdf5
+from flexmb.untrusted import is_sealed, open_hdf5
 
 STATUS: Final = ("running", "finished", "stopped", "failed")
 _FORMAT, _VERSION = "flexmb-result", 3
@@ -118,11 +108,11 @@ def create_content(
     _write_layout(file.create_group("layout"), columns)
     for name, numbers in stored.items():
         file["layout"].create_dataset(f"kept/{name}", data=numbers)
-    _write_text(file, "scene", json.dumps(scene))
+    put_text(file, "scene", json.dumps(scene))
     for group, content in (("texts", texts), ("flexbodies", flexbodies)):
         file.create_group(group)
         for name, text in content.items():
-            _write_text(file[group], name, text)
+            put_text(file[group], name, text)
     file.create_group("state")
     file.create_dataset("checks", data=np.tile(no_rows(), (2, 1)))
     file.attrs["content"] = content_digest(file)
@@ -133,7 +123,7 @@ def create_state(group: h5py.Group, arrays: Mapping[str, NDArray[Any]]) -> None:
     group.create_dataset("saves", data=np.zeros(2, dtype=np.int64))
     group.create_dataset("rows", data=np.zeros(2, dtype=np.int64))
     group.create_dataset("checks", data=np.zeros(2, dtype=np.int64))
-    _write_text(group, "arrays", arrays_text(arrays))
+    put_text(group, "arrays", arrays_text(arrays))
     for slot in ("0", "1"):
         group.create_dataset(slot, data=state_bytes(arrays))
 
@@ -163,81 +153,20 @@ def report_text(statistics: Mapping[str, float | int | str], message: str) -> np
     return np.bytes_(text)
 
 
-def extend_file(path: Path, duration: float, outputs: int) -> None:
-    """Make room for `outputs` intervals and note the new duration of the run as a whole.
-
-    A copy with more room replaces the file when it is complete.
-
-    Parameters
-    ----------
-    path : Path
-        The result.
-    duration : float
-        In the scene's units.
-    outputs : int
-        Output intervals from the start.
-
-    Raises
-    ------
-    OutputError
-        Another run is writing the file, the disk has no room, or the file cannot be replaced.
-    """
-    with (
-        _successor(path, "extended") as disk,
-        open_hdf5(path, ResultFileError, "a result of flexmb") as old,
-        h5py.File(disk, "w", userblock_size=USER_BLOCK) as new,
-    ):
-        new.attrs.update(old.attrs)
-        rows = int(old["progress"][0])
-        for name in TABLES:
-            _reserve(new, name, (max(outputs + 1, rows), *old[name].shape[1:]))
-            if rows:
-                new[name][:rows] = old[name][:rows]
-        for name in old:
-            if name not in TABLES:
-                old.copy(name, new)
-        new["span"][:] = duration, outputs
-        new.attrs["content"] = content_digest(new)
-
-
-def store_text(path: Path, name: str, text: str) -> None:
-    """Put a further text into a result that no run is writing, in place of one of that name.
-
-    Raises
-    ------
-    OutputError
-        A run is writing the file, or it cannot be written.
-    """
-    open_hdf5(path, ResultFileError, "a result of flexmb").close()
-    with _successor(path, "written") as disk, uninterrupted():
-        with path.open("rb") as old:
-            copyfileobj(old, disk, _COPIED)
-        disk.seek(0)
-        disk.write(bytes(USER_BLOCK))  # no seal until the text is complete
-        with h5py.File(disk, "r+") as file:
-            if name in file["texts"]:
-                del file["texts"][name]
-            _write_text(file["texts"], name, text)
-            file.attrs["content"] = content_digest(file)
-
-
-@contextmanager
-def _successor(path: Path, done: str) -> Iterator[DiskFile]:
-    """A file that takes the place of a result when it is complete: a kill leaves one of the two."""
-    try:
-        disk = DiskFile(path, new=True)
-        try:
-            yield disk
-            disk.complete()
-            disk.seal()
-        finally:
-            disk.close()
-        if disk.failure is not None:
-            raise disk.failure
-    except BlockingIOError as error:
-        raise OutputError(f"{path}: another run is writing it") from error
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be {done} ({error.strerror or error})") from error
+def copy_content(old: h5py.File, new: h5py.File, rows: int) -> None:
+    """Copy a result into a new file, with room for so many rows at least."""
+    new.attrs.update(old.attrs)
+    done = int(old["progress"][0])
+    for name in TABLES:
+        shape = max(rows, done), *old[name].shape[1:]
+        _reserve(new, name, shape)
+        step = max(1, _COPIED // (8 * max(math.prod(shape[1:]), 1)))
+        for start in range(0, done if old[name].size else 0, step):
+            stop = min(start + step, done)
+            new[name][start:stop] = old[name][start:stop]
+    for name in old:
+        if name not in TABLES:
+            old.copy(name, new)
 
 
 def file_format(path: str | Path) -> str | None:
@@ -432,17 +361,17 @@ def _write_layout(group: h5py.Group, columns: Columns) -> None:
         group.create_dataset(key, data=np.array(offsets, dtype=np.int64))
 
 
-def _write_text(group: h5py.Group, name: str, text: str) -> None:
+def put_text(group: h5py.Group, name: str, text: str) -> None:
     group.create_dataset(name, data=text, dtype=h5py.string_dtype())
 
 
 def _reserve(file: h5py.File, name: str, shape: tuple[int, ...]) -> None:
-    """A table of doubles that can grow in time, its space taken now and not filled."""
+    """A table of doubles, its space taken now and not filled."""
     width = max(shape[1], 1) if len(shape) > 1 else 1
     rows = max(1, min(_CHUNK_BYTES // (8 * width), shape[0]))
     properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     properties.set_chunk((rows, width)[: len(shape)])
     properties.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
     properties.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
-    space = h5py.h5s.create_simple(shape, (h5py.h5s.UNLIMITED, width)[: len(shape)])
+    space = h5py.h5s.create_simple(shape, (shape[0], width)[: len(shape)])
     h5py.h5d.create(file.id, name.encode(), h5py.h5t.IEEE_F64LE, space, properties)

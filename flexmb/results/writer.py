@@ -1,19 +1,20 @@
-"""Writing a result file during a run.
+"""Writing a result file during a run, and what is added to one afterwards.
 
 In: the layout of the compiled system, the scene, then blocks of output rows and the integrator's
 state. Out: one HDF5 file as `result_file` describes it, readable at any moment, also after a kill.
 All space is reserved before the run; an older file of the name stays until the new one has rows.
-A block is written, flushed, and only then counted, so that
-the row counter never exceeds the rows; the integrator's state alternates between two slots, of
-which one is always whole. Rows that are not finite are refused; the rows before them are stored.
+A block is written, flushed, and only then counted, so that the row counter never exceeds the rows;
+the integrator's state alternates between two slots, of which one is always whole. Rows that are not
+finite are refused; the rows before them are stored.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
+from shutil import copyfileobj
 from typing import Any, Self
 
 import h5py
@@ -34,6 +35,7 @@ from flexmb.results.channels import (
 from flexmb.results.kill_safe_file import (
     DiskFile,
     add_rows,
+    content_digest,
     no_rows,
     reading,
     state_sum,
@@ -43,16 +45,16 @@ from flexmb.results.kill_safe_file import (
 from flexmb.results.result_file import (
     STATUS,
     arrays_text,
+    copy_content,
     create_content,
     create_state,
+    put_text,
     read_contents,
     read_state,
     report_text,
     state_bytes,
 )
-from flexmb.untrusted import USER_BLOCK
-
-_GROWTH = 2  # room taken for a table that grows, over its size: chunks are whole, indices need some
+from flexmb.untrusted import USER_BLOCK, open_hdf5
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,7 @@ class ResultWriter:
     layout : Layout
         Names and offsets of bodies, rows, channels and energies.
     n_outputs : int
-        Number of rows to reserve. More may be appended, at the cost of growing the file.
+        Number of rows to reserve. More may be appended, at the cost of a copy of the file.
     scene : mapping
         The scene as JSON-able data, as ``Model.to_scene_dict`` gives it.
     flexbodies : mapping of str to str
@@ -300,9 +302,9 @@ class ResultWriter:
                 self._disk.seal()
         self._disk.close()
 
-    def _flush(self) -> None:
+    def _flush(self, failure: OSError | None = None) -> None:
         self._file.flush()
-        failure = self._disk.failure
+        failure = self._disk.failure if failure is None else failure
         if failure is None:
             return
         size = self._file.id.get_filesize() / 1e6
@@ -350,12 +352,23 @@ class ResultWriter:
         self._flush()
 
     def _grow(self, rows: int) -> None:
+        """Go on in a copy with more room: where a file grows in place a kill may damage it."""
         self._capacity = max(rows, 2 * self._capacity)
-        numbers = sum(self._file[name].size for name in TABLES)
-        self._disk.reserve(_GROWTH * 8 * numbers * self._capacity // len(self._file["time"]))
-        self._flush()
-        for name in TABLES:
-            self._file[name].resize(self._capacity, axis=0)
+        try:
+            disk = DiskFile(self.path, new=True, claimed=True)
+        except OSError as error:
+            self._flush(error)
+            raise
+        file = h5py.File(disk, "w", userblock_size=USER_BLOCK)
+        copy_content(self._file, file, self._capacity)
+        file.flush()
+        if disk.failure is not None:
+            file.close()
+            disk.close()
+        self._flush(disk.failure)
+        self._file.close()
+        disk.take_place_of(self._disk)
+        self._file, self._disk = file, disk
         self._flush()
 
 
@@ -368,3 +381,70 @@ def _open_disk(path: Path, *, new: bool = False) -> DiskFile:
     except OSError as error:
         reason = error.strerror or str(error)
         raise OutputError(f"{path}: cannot be written ({reason}); choose another folder") from error
+
+
+def extend_file(path: Path, duration: float, outputs: int) -> None:
+    """Make room for `outputs` intervals and note the new duration of the run as a whole.
+
+    A copy with more room replaces the file when it is complete.
+
+    Parameters
+    ----------
+    path : Path
+        The result.
+    duration, outputs : float, int
+        In the scene's units, and output intervals, both from the start.
+
+    Raises
+    ------
+    OutputError
+        Another run is writing the file, the disk has no room, or the file cannot be replaced.
+    """
+    with (
+        _successor(path, "extended") as disk,
+        open_hdf5(path, ResultFileError, "a result of flexmb") as old,
+        h5py.File(disk, "w", userblock_size=USER_BLOCK) as new,
+    ):
+        copy_content(old, new, outputs + 1)
+        new["span"][:] = duration, outputs
+        new.attrs["content"] = content_digest(new)
+
+
+def store_text(path: Path, name: str, text: str) -> None:
+    """Put a further text into a result that no run is writing, in place of one of that name.
+
+    Raises
+    ------
+    OutputError
+        A run is writing the file, or it cannot be written.
+    """
+    open_hdf5(path, ResultFileError, "a result of flexmb").close()
+    with _successor(path, "written") as disk, uninterrupted():
+        with path.open("rb") as old:
+            copyfileobj(old, disk)
+        disk.seek(0)
+        disk.write(bytes(USER_BLOCK))  # no seal until the text is complete
+        with h5py.File(disk, "r+") as file:
+            if name in file["texts"]:
+                del file["texts"][name]
+            put_text(file["texts"], name, text)
+            file.attrs["content"] = content_digest(file)
+
+
+@contextmanager
+def _successor(path: Path, done: str) -> Iterator[DiskFile]:
+    """A file that takes the place of a result when it is complete: a kill leaves one of the two."""
+    try:
+        disk = DiskFile(path, new=True)
+        try:
+            yield disk
+            disk.complete()
+            disk.seal()
+        finally:
+            disk.close()
+        if disk.failure is not None:
+            raise disk.failure
+    except BlockingIOError as error:
+        raise OutputError(f"{path}: another run is writing it") from error
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be {done} ({error.strerror or error})") from error

@@ -197,7 +197,7 @@ def audit_unless(
         Takes what bodies leave out, which is looked at first.
     """
     from flexmb.analysis.dynamics.validity import ValidityMonitor
-    from flexmb.results.result_file import store_text
+    from flexmb.results.writer import store_text
 
     began = time.perf_counter()
     _check_run(run)

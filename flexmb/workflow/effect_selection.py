@@ -139,7 +139,7 @@ def run_with_selected_effects(
         As `run_single`.
     """
     from flexmb.results import Result
-    from flexmb.results.result_file import store_text
+    from flexmb.results.writer import store_text
 
     model.validate()
     assert model.effects is not None

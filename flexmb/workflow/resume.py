@@ -102,8 +102,7 @@ def resume_run(
     from flexmb.model import Model
     from flexmb.model.scenes.effects import active_model
     from flexmb.results import Result
-    from flexmb.results.result_file import extend_file
-    from flexmb.results.writer import ResultWriter
+    from flexmb.results.writer import ResultWriter, extend_file
 
     run = result if isinstance(result, Result) else Result(result)
     if not as_begun:

@@ -69,6 +69,23 @@ def test_more_rows_than_planned_are_taken(tmp_path: Path) -> None:
     np.testing.assert_array_equal(Result(out.path).v, block(0, 40).v)
 
 
+def test_a_first_block_may_be_larger_than_planned(tmp_path: Path) -> None:
+    """The older file of that name stays until there are rows, and what a kill left is removed."""
+    path, left = tmp_path / "r.h5", tmp_path / "r.h5.next"
+    left.write_bytes(b"of a run that was killed")
+    with writer(path) as out:
+        assert not left.exists()
+        out.append(block(0, 2))
+    with writer(path, n_outputs=1) as out:
+        assert len(Result(path).time) == 2
+        out.append(block(0, 7))
+        assert len(Result(path).time) == 7
+        with pytest.raises(OutputError, match="another run is writing it"):
+            writer(path)
+    assert [one.name for one in tmp_path.iterdir()] == ["r.h5"]
+    writer(path).close()
+
+
 def test_rows_that_are_not_finite_are_refused_and_those_before_kept(tmp_path: Path) -> None:
     rows = block(0, 5)
     rows.vd[3, 8] = np.nan
@@ -139,7 +156,7 @@ from flexmb.errors import OutputError
 if sys.argv[2] == "before":
     resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
 try:
-    out = writer(sys.argv[1], n_outputs=20_000)
+    out = writer(sys.argv[1], n_outputs=70 if sys.argv[2] == "growing" else 20_000)
     for i in range(2000):
         if i == 7:
             resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
@@ -152,7 +169,7 @@ else:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="file-size limits are a POSIX means")
-@pytest.mark.parametrize(("when", "rows"), [("before", None), ("while", 70)])
+@pytest.mark.parametrize(("when", "rows"), [("before", None), ("while", 70), ("growing", 70)])
 def test_a_full_disk_is_one_sentence_and_keeps_the_rows(
     tmp_path: Path, when: str, rows: int | None
 ) -> None:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,8 +16,9 @@ from resultfiles import block, writer
 
 from flexmb import untrusted
 from flexmb.errors import ResultFileError
-from flexmb.results import Result, kill_safe_file
+from flexmb.results import Result, kill_safe_file, result_file
 from flexmb.results.channels import TABLES
+from flexmb.results.kill_safe_file import DiskFile
 
 WRITE = """
 import sys
@@ -73,6 +75,42 @@ def test_readable_after_some_kills(tmp_path: Path) -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL is a POSIX signal")
 def test_readable_after_many_kills(tmp_path: Path) -> None:
     _kill_many(tmp_path, 40)
+
+
+def test_a_kill_while_a_file_grows_costs_no_row(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A kill leaves what the disk has then: the file is looked at before every write.
+
+    A file that grew in place was damaged where its indices of many chunks grew as well.
+    """
+    monkeypatch.setattr(result_file, "_CHUNK_BYTES", 1 << 10)
+    path, moments, now = tmp_path / "r.h5", [], DiskFile._write_all
+
+    def write(*arguments: Any) -> None:
+        if path.exists() and (not moments or moments[-1] != path.read_bytes()):
+            moments.append(path.read_bytes())
+        now(*arguments)
+
+    with writer(path, n_outputs=50) as out:
+        out.save_state({"v": np.zeros(3)})
+        for start in range(0, 400, 50):
+            out.append(block(start, 50))
+        with monkeypatch.context() as patch:
+            patch.setattr(DiskFile, "_write_all", write)
+            for start in (400, 420, 790):
+                out.append(block(start, 790 - start if start == 420 else 20))
+    np.testing.assert_array_equal(Result(path).q, block(0, 810).q)
+    assert len(moments) > 10
+    monkeypatch.setattr(untrusted, "_first_reading", lambda *_: None)  # here, to be fast
+    rows, killed = [], tmp_path / "killed.h5"
+    for moment in moments:
+        killed.write_bytes(moment)
+        result = Result(killed)
+        rows.append(len(result.time))
+        np.testing.assert_array_equal(result.q, block(0, rows[-1]).q)
+    assert rows == sorted(rows)
+    assert {400, 420, 790} <= set(rows)
 
 
 def test_flipped_bits_of_a_killed_run_are_noticed_or_change_nothing(

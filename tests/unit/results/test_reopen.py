@@ -12,10 +12,10 @@ import pytest
 from resultfiles import block, writer
 
 from flexmb.errors import OutputError, ResultFileError
-from flexmb.results import Result, result_file
+from flexmb.results import Result
+from flexmb.results import writer as result_writer
 from flexmb.results.kill_safe_file import uninterrupted
-from flexmb.results.result_file import extend_file, store_text
-from flexmb.results.writer import ResultWriter
+from flexmb.results.writer import ResultWriter, extend_file, store_text
 
 
 def state(i: int) -> dict[str, np.ndarray]:
@@ -100,7 +100,7 @@ def test_a_change_that_breaks_off_leaves_the_file_as_it_was(tmp_path, monkeypatc
     def broken(*_):
         raise OSError("the machine stops here")
 
-    monkeypatch.setattr(result_file, "content_digest", broken)
+    monkeypatch.setattr(result_writer, "content_digest", broken)
     with pytest.raises(OutputError, match="stops here"):
         change(path)
     assert path.read_bytes() == before
