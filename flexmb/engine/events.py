@@ -313,6 +313,7 @@ def _take_far_side(run):
             break
     feedback_stage(run, at)
     reaction_stage(run, at)
+    walk(run.stages.jump, run, at)
     powers(run, at)
     copy(run.work.powers, st.power)
     for k in range(3):

@@ -36,6 +36,7 @@ Stages (`engine.equations_of_motion`): signatures of the units of a `Kind`, with
     power       (run, tables, at)           status; adds to Work.powers
     begin       (run, tables, at)           status; first history
     remember    (run, tables, at)           status; history at an accepted state
+    jump        (run, tables, at)           status; history behind a jump of forces
     events      (run, tables, at)           status; what is watched, into Events.now
     limits      (run, tables, at)           status; whether the state may be taken
     angles      (run, tables, at)           status; carries what counts turns to this position

@@ -353,6 +353,7 @@ class Stages(NamedTuple):
     power: Stage
     begin: Stage
     remember: Stage
+    jump: Stage
     events: Stage
     limits: Stage
     angles: Stage

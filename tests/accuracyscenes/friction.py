@@ -137,6 +137,106 @@ def on_a_belt_to_and_fro_truth(t):
     return on_a_belt_truth(t, lambda t: 0.16 * np.cos(8 * t))
 
 
+LOAD = 20.0  # N, of the guide that is loaded to and fro
+
+
+def _loaded_to_and_fro(bias, damping):
+    """A block of 1 kg on a spring of 400 N/m, thrown by 1 m/s in a guide of which loads change.
+
+    20 sin(9 t) N and `bias` across it, 2 cos(3 t) N the other way: bristles of 4e5 N/m are as long
+    as the load allows, or stick, or are let go as it falls.
+    """
+
+    def make(size):
+        made = Model("guide")
+        made.add_body("block", mass=1, inertia=[0.01] * 3, velocity=[size, 0, 0])
+        made.add_joint("guide", "prismatic", between=["ground", "block"], axis="x")
+        made.add_force("rub", "joint-friction", joint="guide", dynamic=0.3, stiffness=4e5,
+                       damping=damping)  # fmt: skip
+        made.add_marker("ground.wall", position=[-2 * size, 0, 0])
+        made.add_force("spring", "spring-damper", between=["ground.wall", "block"], stiffness=400,
+                       free_length=2 * size)  # fmt: skip
+        across = [0, f"{size * LOAD!r}*sin(9*t) + {size * bias!r}", f"{2 * size!r}*cos(3*t)"]
+        made.add_force("load", "force", at="block", value=across)
+        made.add_sensor("place", "position", of="block")
+        return made
+
+    return Scene(make, 1.0, lambda t: {"place.x": _Guide(bias, damping).places(t)})
+
+
+class _Guide:
+    """The block of `_loaded_to_and_fro` from event to event; y: place, speed and bristle."""
+
+    def __init__(self, bias, damping):
+        self.bias, self.c, self.k = bias, damping, 4e5
+
+    def limit(self, t):
+        """Greatest friction and its rate."""
+        a, b = LOAD * np.sin(9 * t) + self.bias, 2 * np.cos(3 * t)
+        load = np.hypot(a, b)
+        rate = (a * 9 * LOAD * np.cos(9 * t) - b * 6 * np.sin(3 * t)) / load
+        return 0.3 * load, 0.3 * rate
+
+    def longest(self, t, v, side):
+        """k times the length at most: what is let go pulls with the limit."""
+        return self.limit(t)[0] + self.c * max(-side * v, 0.0)
+
+    def pull(self, t, y, side):
+        """Force of the bristle; side: of a full one, 0 of a free one."""
+        if side:
+            return side * self.limit(t)[0]
+        most = self.limit(t)[0]
+        return min(max(self.k * y[2] + self.c * y[1], -most), most)
+
+    def excess(self, t, y, side):
+        """Speed of sliding above that at which a full bristle may grow longer."""
+        growth = self.limit(t)[1]
+        if side * y[1] < 0.0:
+            growth -= self.c * side * (-400 * y[0] - self.pull(t, y, side))
+        return side * y[1] - growth / self.k
+
+    def side(self, y):
+        return np.sign(self.k * y[2] + self.c * y[1]) or np.sign(y[2]) or 1.0
+
+    def places(self, times):
+        y, now, side, out = np.array([0.0, 1.0, 0.0]), 0.0, 0.0, np.zeros(len(times))
+        while now < times[-1]:
+
+            def slope(t, y, side=side):
+                return [y[1], -400 * y[0] - self.pull(t, y, side), y[1]]
+
+            def changes(t, y, side=side):
+                if side:
+                    return self.excess(t, y, side)
+                way = self.side(y)
+                return self.longest(t, y[1], way) + 1e-16 - way * self.k * y[2]
+
+            def turns(t, y, side=side):
+                return y[1] if side else 1.0
+
+            changes.terminal = turns.terminal = True
+            changes.direction = -1
+            part = solve_ivp(slope, (now, times[-1]), y, "DOP853", events=[changes, turns],
+                             dense_output=True, rtol=1e-11, atol=1e-14, max_step=2e-4)  # fmt: skip
+            inside = (times >= now) & (times <= part.t[-1])
+            if inside.any():
+                out[inside] = part.sol(times[inside])[0]
+            now, y = part.t[-1], part.y[:, -1]
+            if part.status == 0:
+                break
+            if side and len(part.t_events[1]):  # just beyond the turn, on which the law depends
+                y[1] = np.copysign(1e-14, -400 * y[0] - self.pull(now, y, side))
+            way = side or self.side(y)
+            if self.excess(now, y, way) > 0.0 and not (side and len(part.t_events[0])):
+                side = way
+                continue
+            if side:
+                y[2] = side * self.longest(now, y[1], side) / self.k
+            side, now = 0.0, now + 1e-11
+            y = y + 1e-11 * np.array(slope(now, y, 0.0))
+        return out
+
+
 FRICTION = {
     "block on bristles": _swings(0.3, 0.3, 0.0),
     "block on damped bristles": _swings(0.3, 0.3, 100.0),
@@ -144,5 +244,8 @@ FRICTION = {
     "block that Stribeck's curve holds": _swings(0.4, 0.3, 100.0),
     "block on points": Scene(on_points, 1.0, on_points_truth),
     "block on a belt": Scene(on_a_belt, 3.0, on_a_belt_truth),
+    "guide loaded to and fro": _loaded_to_and_fro(19.8, 100.0),
+    "guide loaded one way": _loaded_to_and_fro(5.0, 300.0),
+    "guide loaded on undamped bristles": _loaded_to_and_fro(19.8, 0.0),
     "block on a belt to and fro": Scene(on_a_belt_to_and_fro, 2.0, on_a_belt_to_and_fro_truth),
 }

@@ -7,11 +7,15 @@ import pytest
 from enginekit import Bench, slope
 from generators import Mechanism
 
-from flexmb.engine.forces.friction import BRISTLE, SMOOTH, line_friction
+from flexmb.engine.forces.friction import BRISTLE, FREE, FULL, SMOOTH, line_friction
+from flexmb.engine.forces.joint_friction import limit_growth, load_rate
 from flexmb.model.joints.joint import JOINT_TYPES
 
 RUBBING = ("revolute", "prismatic", "cylindrical")
-FRICTIONS = {"sticks": (BRISTLE, 50.0), "slides": (BRISTLE, 0.3), "smooth": (SMOOTH, 0.3)}
+FRICTIONS = {
+    "sticks": (BRISTLE, 50.0), "slides": (BRISTLE, 0.3), "turns back": (BRISTLE, 0.3),
+    "smooth": (SMOOTH, 0.3),
+}  # fmt: skip
 
 
 def rubbing(bodies="mixed", seed=3):
@@ -38,8 +42,10 @@ def bench_of(friction="slides", bodies="mixed"):
         row["dynamic"], row["creep"] = 0.7 * row["static"], 0.5
     n = len(bench.sys.parts.coordinates)
     bench.q[-n:] = rng.standard_normal(n)
-    history = bench.work.now.history
-    history[1::2] = 0.1 * rng.standard_normal(n)
+    places = bench.sys.kinds["joint_frictions"].rows["history"]
+    bench.work.now.history[places] = 0.1 * rng.standard_normal(n)
+    if friction == "turns back":  # a full bristle, whose limit falls faster than it is let go
+        bench.v[-n:] = -0.01 * np.sign(bench.q[-n:])
     return bench
 
 
@@ -157,12 +163,54 @@ def test_smooth_friction_is_that_of_its_law():
     """mu(v) N v/sqrt(v^2 + v_c^2), mu by Stribeck's curve and the viscous part."""
     v, N = -0.7, 20.0
     mu = 0.3 + 0.1 * np.exp(-((v / 0.5) ** 2)) + 0.1 * abs(v)
-    force = line_friction({**LAW, "model": SMOOTH}, N, 0.0, v, 0.0)[0]
+    force = line_friction({**LAW, "model": SMOOTH}, N, 0.0, v, FREE)[0]
     assert force == pytest.approx(mu * N * 0.7 / np.hypot(0.7, 0.2), rel=1e-12)
 
 
-def test_a_bristle_that_slides_stays_stretched_by_the_limit():
-    """Its anchor follows so that k times its stretch is the friction."""
-    force, anchor, *_ = line_friction({**LAW, "model": BRISTLE, "c": 0.0}, 20.0, 0.9, 0.0, 0.1)
-    assert force == pytest.approx(-0.4 * 20)
-    assert 0.9 - anchor == pytest.approx(0.4 * 20 / 100.0)
+@pytest.mark.parametrize("mode", [FREE, FULL])
+@pytest.mark.parametrize("stretch", [0.9, -0.9])
+def test_a_bristle_that_slides_is_as_long_as_its_limit(stretch, mode):
+    """Then k times its length is the friction; what is let go is longer, by its damping."""
+    force, s, *_ = line_friction({**LAW, "model": BRISTLE, "c": 0.0}, 20.0, stretch, 0.0, mode)
+    assert force == pytest.approx(-np.sign(stretch) * 0.4 * 20)
+    assert s == pytest.approx(np.sign(stretch) * 0.4 * 20 / 100.0)
+    law = {**LAW, "model": BRISTLE, "c": 2.0}
+    force, s, *_ = line_friction(law, 20.0, stretch, -0.01 * np.sign(stretch), mode)
+    limit = (0.3 + 0.1 * np.exp(-((0.01 / 0.5) ** 2)) + 0.1 * 0.01) * 20
+    assert force == pytest.approx(-np.sign(stretch) * limit)
+    assert abs(s) == pytest.approx((limit + 2.0 * 0.01) / 100.0)
+
+
+def test_the_rate_of_a_bearing_load():
+    """That of |R1| + |R2| + |T/w|, all parts parabolas in time; at the first steps of lines."""
+    rng = np.random.default_rng(3)
+    coefficients = rng.standard_normal((3, 5))
+
+    def parts(t):
+        return coefficients[0] + t * coefficients[1] + t * t * coefficients[2]
+
+    def load(t):
+        a = parts(t)
+        return np.hypot(*a[:2]) + np.hypot(*a[2:4]) + abs(a[4])
+
+    # anchor, mode, rate, time between both steps, and the parts at both
+    history = np.array([9.9, 0.0, 0.0, 7.0, 0.3, *parts(0.0), *parts(-0.3)])
+    found = load_rate(history, 1, 0.2, parts(0.2))
+    assert found == pytest.approx(slope(lambda s: load(0.2 + s), 1e-4), rel=1e-8)
+    coefficients[2], history[4] = 0.0, 0.0
+    found = load_rate(history, 1, 0.2, parts(0.2))
+    assert found == pytest.approx(slope(lambda s: load(0.2 + s), 1e-4), rel=1e-8)
+    assert load_rate(np.array([9.9, 0.0, 0.0, 7.0, -1.0, *np.zeros(10)]), 1, 0.2, parts(0.2)) == 7.0
+
+
+@pytest.mark.parametrize("v", [0.3, -0.3])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_how_the_limit_of_a_bristle_grows(side, v):
+    """Limits of the law itself, over time: load, speed and what is let go by the damper."""
+    law, N, rate, change = {**LAW, "model": BRISTLE, "c": 2.0}, 20.0, -7.0, 1.3
+
+    def longest(t):
+        return side * line_friction(law, N + t * rate, 9.0 * side, v + t * change, FULL)[1]
+
+    found = limit_growth(law, N, rate, v, change, side)
+    assert found == pytest.approx(slope(longest, 1e-4), rel=1e-7)

@@ -39,14 +39,15 @@ from flexmb.engine.forces.contact_pair import normal_force, separation
 from flexmb.engine.forces.friction import (
     ALIGNED,
     BRISTLE,
+    FREE,
+    FULL,
     LEAST_EXCESS,
+    OPEN,
     friction_coefficient,
     tangential_part,
 )
 from flexmb.engine.jit import kernel
 
-# What the history of a bristle says: no contact, free, or as long as its limit.
-OPEN, FREE, FULL = 0.0, 1.0, 2.0
 # It remembers its mode, and in axes of J itself (3), where I is (3), the normal (3) and its rate
 # (3), depth and its rate, lengths that it slid while full; of a ball the axes of I (9) and how fast
 # it turns (3) too.

@@ -5,8 +5,9 @@ Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994) 1083). Bristl
 spring s, an internal variable that the surface carries; with T = k s + c v the force is −T while
 |T| ≤ μ N and −μ N T/|T| beyond (Dupont et al., IEEE Trans. Autom. Control 47 (2002) 787). A
 bristle that sticks does not creep; one that slides follows up to the length k s = μ N, so that what
-a stick begins with depends on no step. That of a contact is full then (`forces.bristle`): it turns
-with the velocity, and after some lengths friction is against that, whatever the lag.
+a stick begins with depends on no step. It is full then, until the limit grows faster than it slides
+(`forces.bristle`). That of a contact turns with the velocity, and after some lengths friction is
+against that, whatever the lag.
 Smooth: −μ N v/√(v² + v₀²), which creeps at any load.
 """
 
@@ -21,9 +22,10 @@ from flexmb.engine.jit import kernel
 if TYPE_CHECKING:
     from flexmb.model.forces.friction import BaseFriction
 
-# Models of friction, and what its history says on a line: −SLIDES, where the force is positive.
+# Models of friction, and what the history of a bristle says: no contact, free, or as long as its
+# limit.
 NO_FRICTION, BRISTLE, SMOOTH = 0, 1, 2
-STICKS, SLIDES, YIELDS = 1.0, 2.0, 3.0
+OPEN, FREE, FULL = 0.0, 1.0, 2.0
 
 # Of the normal force, by which |T| exceeds μ N where it begins to slide: above round-off of what
 # has just stuck, or is pushed back. By as little a bristle that is full may be too short.
@@ -67,6 +69,8 @@ def tangential_part(n, a):
 def friction_force(f, n, N, g, s0, way, turns):
     """Force of friction, bristle, |T| − μ N, k |z| − μ N, and lengths that it slid while full.
 
+    T of what was free with z, so that it grows steadily where it begins to slide.
+
     f: parameters; n, N: normal and normal force; g: relative velocity; s0: bristle as the step
     began, way: what the surfaces have slid since, z: both; `turns`: lengths as the step began, < 0
     if it was free.
@@ -79,7 +83,8 @@ def friction_force(f, n, N, g, s0, way, turns):
         w = -limit / math.sqrt(speed * speed + f["creep"] * f["creep"])
         return times(w, v), times(0.0, v), 0.0, 0.0, -1.0
     s0, way = tangential_part(n, s0), tangential_part(n, way)
-    s = plus(s0, 1.0, way)
+    s, is_free = plus(s0, 1.0, way), turns < 0.0
+    reach, _ = _direction(plus(times(f["k"], s), f["c"], v))
     room, along = f["k"] * math.sqrt(inner(s, s)) - limit, 0.0
     if room > (-LEAST_EXCESS * limit if turns >= 0.0 else 0.0):
         e, turns = _full_direction(s0, way, v, limit / f["k"], turns)
@@ -89,8 +94,10 @@ def friction_force(f, n, N, g, s0, way, turns):
     if along > 0.0:
         share = _aligned(turns) * (1.0 - (1.0 - (along / speed) ** 2) ** 4)
         _, d = _direction(plus(times(1.0 - share, d), share / speed, v))
-        return times(-limit, d), s, limit * along / speed, room, turns
-    return times(-min(size, limit), d), s, size - limit, room, turns
+        excess = reach - limit if is_free else limit * along / speed
+        return times(-limit, d), s, excess, room, turns
+    excess = reach - limit if is_free else size - limit
+    return times(-min(size, limit), d), s, excess, room, turns
 
 
 # Lengths of a full bristle after which what slides is rubbed against its velocity alone: e⁻⁴, 2 %
@@ -231,34 +238,28 @@ def friction_force_change(f, n, N, g, s0, way, turns, dn, dN, dg, ds0, dway):
 
 
 @kernel
-def next_mode(before, mode, along):
-    """Mode to remember; `before`: of the step before, `along`: speed along the bristle.
+def line_friction(f, N, stretch, v, mode):
+    """The same on a line: force, bristle, |T| − μ N, k |z| − μ N, slopes of −force over z, v and N.
 
-    What slides and turns back sticks; what is pulled against its motion, as its load falls, yields.
-    """
-    if abs(mode) != SLIDES or along > 0.0:
-        return mode
-    return STICKS if abs(before) == SLIDES else YIELDS
-
-
-@kernel
-def line_friction(f, N, x, v, anchor):
-    """The same on a line: force, anchor of the bristle, mode, |T| − μ N, and two slopes.
-
-    x: place, v: speed, anchor: where the bristle is free. Slopes of −force over x and over v.
+    stretch: z, v: speed, mode: what its history says. The normal force of a joint depends on its
+    friction, so that it slides by T alone: a bristle that is let go, as the load falls, is longer
+    by c |v|/k, where T = μ N.
     """
     mu, slope = friction_coefficient(f, abs(v))
-    limit = mu * N
+    limit, way = mu * N, 1.0 if v > 0.0 else -1.0 if v < 0.0 else 0.0
+    rise = slope * N * way
     if f["model"] == SMOOTH:
         w = 1.0 / math.sqrt(v * v + f["creep"] * f["creep"])
-        change = limit * w * (1.0 - v * v * w * w) + slope * N * abs(v) * w
-        return -limit * v * w, x, SLIDES, 0.0, 0.0, change
-    s = x - anchor
-    T = f["k"] * s + f["c"] * v
-    if abs(T) <= limit:
-        return -T, anchor, STICKS, abs(T) - limit, f["k"], f["c"]
-    sign = 1.0 if T > 0.0 else -1.0
-    change = slope * N * sign * (1.0 if v > 0.0 else -1.0 if v < 0.0 else 0.0)
-    longest = limit / f["k"]
-    anchor = x - min(max(s, -longest), longest)
-    return -limit * sign, anchor, sign * SLIDES, abs(T) - limit, 0.0, change
+        change = limit * w * (1.0 - v * v * w * w) + rise * v * w
+        return -limit * v * w, 0.0, 0.0, 0.0, 0.0, change, mu * v * w
+    T = f["k"] * stretch + f["c"] * v
+    side = math.copysign(1.0, T if T != 0.0 else stretch)
+    longest = limit + f["c"] * max(-side * v, 0.0)  # times k: what is let go may be longer
+    room = side * f["k"] * stretch - longest
+    is_full = room > (-LEAST_EXCESS * limit if mode == FULL else 0.0)
+    excess = abs(T) - limit
+    if is_full:
+        return -side * limit, side * longest / f["k"], excess, room, 0.0, side * rise, side * mu
+    if excess > 0.0:
+        return -side * limit, stretch, excess, room, 0.0, side * rise, side * mu
+    return -T, stretch, excess, room, f["k"], f["c"], 0.0

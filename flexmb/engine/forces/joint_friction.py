@@ -6,6 +6,8 @@ R₁,₂ = F/2 ± (M × z)/L, so N = |R₁| + |R₂|; a guide of width w carries
 with |T|/w more; a preload adds to it. N belongs to the multipliers of the iterate; its slope over
 them stands in the unsymmetric iteration matrix, while reported accelerations are iterated for.
 Where friction grows as fast as the forces that cause it, neither settles: the joint locks itself.
+How fast the limit μ N/k of a bristle grows follows from R₁, R₂ and T of the last three steps: by
+the slopes of their parabolas, or of lines behind what bends.
 Source of the bearing's share: Haug, Wu & Yang, Mech. Mach. Theory 21 (1986) 401.
 """
 
@@ -19,13 +21,13 @@ import numpy as np
 from flexmb.engine.algebra.vector import turned_back
 from flexmb.engine.forces.friction import (
     BRISTLE,
+    FREE,
     FRICTION_FIELDS,
+    FULL,
     LEAST_EXCESS,
-    SLIDES,
-    YIELDS,
+    friction_coefficient,
     friction_parameters,
     line_friction,
-    next_mode,
 )
 from flexmb.engine.jit import Matrix, array_of, kernel, unit
 from flexmb.engine.joints.constraint import put_group_wrench
@@ -39,7 +41,7 @@ if TYPE_CHECKING:
 
 _I, _F = "i8", "f8"
 # Friction in a joint, on a scalar coordinate s that follows the joint's; the surface moves by
-# radius times s. It remembers the anchor of the bristle (m), and whether it slides.
+# radius times s. It remembers where its bristle is free (m), and whether it is full.
 JOINT_FRICTION = np.dtype(
     [
         ("group", _I),  # of the joint
@@ -56,15 +58,15 @@ JOINT_FRICTION = np.dtype(
 )
 
 
-# Friction of one joint now, on the surface of its pin or guide: force (N), anchor of the bristle
-# (m), mode (STICKS, SLIDES, −SLIDES), |T| − μ N, slopes of −force over position and speed, position
-# (m).
-_WORDS = ("force", "anchor", "mode", "excess", "stiffness", "damping", "position")
+# Friction of one joint now, on the surface of its pin or guide: force (N), bristle (m), |T| − μ N,
+# k |s| − μ N were it free, slopes of −force over position, speed and bearing load, position (m).
+_WORDS = ("force", "bristle", "excess", "room", "stiffness", "damping", "load", "position")
 SURFACE = np.dtype([(word, _F) for word in _WORDS], align=True)
 
 
 class Scratch(NamedTuple):
     load: Matrix  # (n, 2) bearing load, from the multipliers, and force of friction, N
+    bearing: Matrix  # (n, 5) R₁ and R₂ (2 each) and T/w of it, N
     surface: array_of(SURFACE)  # (1,) the friction that was evaluated last
 
 
@@ -72,11 +74,15 @@ class JointFrictions(NamedTuple):
     """Frictions in joints of a model."""
 
     rows: array_of(JOINT_FRICTION)
-    first_event: int  # each has one: what makes it slide or stick
+    first_event: int  # each has two: what makes it slide or stick, the length of its bristle
     scratch: Scratch = None  # of one run
 
 
-_ANCHOR_PLACE, _MODE_PLACE, _HISTORY = 0, 1, 2  # places of history of one friction, and how many
+# Places of history of one friction: where its bristle is free, whether it is full; rate of the
+# bearing load, time between the last step and the one before (0: unknown; < 0: that is the first),
+# and R₁, R₂ and T/w at both.
+_ANCHOR, _MODE, _RATE, _SPAN, _LAST, _EARLIER, _HISTORY = 0, 1, 2, 3, 4, 9, 14
+_PARTS = 5
 
 
 def lower_joint_frictions(lowering: Lowering, forces: Forces) -> JointFrictions:
@@ -95,7 +101,7 @@ def lower_joint_frictions(lowering: Lowering, forces: Forces) -> JointFrictions:
         )  # fmt: skip
         lowering.reaction_loads.append((group, k))
         lowering.markers.framed.add(groups.in_group(group)[0].I)  # the reaction is read in its axes
-    return JointFrictions(np.array(rows, JOINT_FRICTION), lowering.add_events(len(rows)))
+    return JointFrictions(np.array(rows, JOINT_FRICTION), lowering.add_events(2 * len(rows)))
 
 
 def place_joint_frictions(frictions: JointFrictions, placement: Placement) -> None:
@@ -113,17 +119,17 @@ _EVENT_CLEARANCE = 1e-3
 def evaluate_surface(run: Run, frictions: JointFrictions, at: Point, k: int) -> float:
     """Friction k for place and rate of its coordinate, into `surface` (`line_friction`).
 
-    Returns the stretch of its bristle, m.
+    Returns the bristle, m.
     """
     f, out, history = frictions.rows[k], frictions.scratch.surface[0], run.work.now.history
-    s = run.system.parts.coordinates[f["coordinate"]]
+    s, o = run.system.parts.coordinates[f["coordinate"]], f["history"]
     x, rate = f["radius"] * at.q[s["iq"]], f["radius"] * at.v[s["iv"]]
-    force, anchor, mode, excess, stiffness, damping = line_friction(
-        f, frictions.scratch.load[k, 0], x, rate, history[f["history"] + _ANCHOR_PLACE]
+    force, bristle, excess, room, stiffness, damping, load = line_friction(
+        f, frictions.scratch.load[k, 0], x - history[o + _ANCHOR], rate, history[o + _MODE]
     )
-    out["force"], out["anchor"], out["mode"], out["excess"] = force, anchor, mode, excess
-    out["stiffness"], out["damping"], out["position"] = stiffness, damping, x
-    return x - anchor
+    out["force"], out["bristle"], out["excess"], out["room"] = force, bristle, excess, room
+    out["stiffness"], out["damping"], out["load"], out["position"] = stiffness, damping, load, x
+    return bristle
 
 
 @kernel
@@ -150,7 +156,10 @@ def put_loads(run: Run, frictions: JointFrictions, at: Point) -> float:
     for k in range(rows.shape[0]):
         f = rows[k]
         put_group_wrench(run, f["group"], at.lam)
-        a, b, c, d, turn = _bearing(run, f, w)
+        parts = _bearing(run, f, w)
+        a, b, c, d, turn = parts
+        for i in range(_PARTS):
+            frictions.scratch.bearing[k, i] = parts[i]
         N = math.sqrt(a * a + b * b) + math.sqrt(c * c + d * d) + abs(turn) + f["preload"]
         step = abs(N - load[k, 0])
         if not step <= change:
@@ -195,11 +204,11 @@ def put_couplings(run: Run, frictions: JointFrictions, at: Point, cv: float, cp:
     """−∂(friction on its coordinate)/∂λ of all joint frictions, in the unsymmetric matrix."""
     rows, surface = frictions.rows, frictions.scratch.surface[0]
     for k in range(rows.shape[0]):
-        f, N = rows[k], frictions.scratch.load[k, 0]
+        f = rows[k]
         evaluate_surface(run, frictions, at, k)
-        if abs(surface["mode"]) == SLIDES and N > 0.0:  # then the force is in proportion to N
+        if surface["load"] != 0.0:
             put_group_wrench(run, f["group"], at.lam)
-            _put_coupling(run, f, -f["radius"] * surface["force"] / N)
+            _put_coupling(run, f, f["radius"] * surface["load"])
     return FINE
 
 
@@ -245,8 +254,8 @@ def add_energies(run: Run, frictions: JointFrictions, at: Point) -> int:
     """Energy in the bristles, ½ k s²."""
     rows, out = frictions.rows, run.work.energies
     for k in range(rows.shape[0]):
-        stretch = evaluate_surface(run, frictions, at, k)
-        out[BRISTLE_ENERGY] += 0.5 * rows[k]["k"] * stretch * stretch
+        bristle = evaluate_surface(run, frictions, at, k)
+        out[BRISTLE_ENERGY] += 0.5 * rows[k]["k"] * bristle * bristle
     return FINE
 
 
@@ -257,55 +266,116 @@ def free_bristles(run: Run, frictions: JointFrictions, at: Point) -> int:
     for k in range(rows.shape[0]):
         f = rows[k]
         o = f["history"]
-        history[o + _ANCHOR_PLACE] = f["radius"] * at.q[coordinates[f["coordinate"]]["iq"]]
-        history[o + _MODE_PLACE] = 0.0
+        history[o + _ANCHOR] = f["radius"] * at.q[coordinates[f["coordinate"]]["iq"]]
+        history[o + _MODE], history[o + _SPAN] = FREE, -1.0
     return FINE
+
+
+@kernel
+def load_rate(past, o, span, parts):
+    """Rate of a bearing load of these parts (5,), N/s.
+
+    Its history `past` stands from o on, and is `span` old, s.
+    """
+    before = past[o + _SPAN]
+    if not span > 0.0 or before < 0.0:
+        return past[o + _RATE]
+    rate = 0.0
+    for first in range(0, _PARTS, 2):
+        size, along, rates = 0.0, 0.0, 0.0
+        for i in range(first, min(first + 2, _PARTS)):
+            slope = (parts[i] - past[o + _LAST + i]) / span
+            if before > 0.0:
+                earlier = (past[o + _LAST + i] - past[o + _EARLIER + i]) / before
+                slope += span / (span + before) * (slope - earlier)
+            size += parts[i] * parts[i]
+            along += parts[i] * slope
+            rates += slope * slope
+        rate += along / math.sqrt(size) if size > 0.0 else math.sqrt(rates)
+    return rate
+
+
+@kernel
+def limit_growth(f, N, rate, v, change, side):
+    """The speed at which the limit of a bristle to a side grows, m/s; change: that of v."""
+    mu, slope = friction_coefficient(f, abs(v))
+    more = change if v > 0.0 else -change if v < 0.0 else abs(change)
+    released = f["c"] * max(-side * change, 0.0) if v == 0.0 else (
+        -f["c"] * side * change if side * v < 0.0 else 0.0
+    )  # fmt: skip
+    return (mu * rate + slope * more * N + released) / f["k"]
 
 
 @unit
 def remember(run: Run, frictions: JointFrictions, at: Point) -> int:
     """Write the history of all joint frictions at an accepted state."""
-    rows, surface, history = frictions.rows, frictions.scratch.surface[0], run.state.history
+    rows, surface, history, now = (
+        frictions.rows, frictions.scratch.surface[0], run.state.history, run.work.now
+    )  # fmt: skip
     coordinates = run.system.parts.coordinates
     for k in range(rows.shape[0]):
-        evaluate_surface(run, frictions, at, k)
-        o, mode, iv = rows[k]["history"], surface["mode"], coordinates[rows[k]["coordinate"]]["iv"]
-        history[o + _ANCHOR_PLACE] = surface["anchor"]
-        history[o + _MODE_PLACE] = next_mode(history[o + _MODE_PLACE], mode, mode * at.v[iv])
+        f, N, iv = rows[k], frictions.scratch.load[k, 0], coordinates[rows[k]["coordinate"]]["iv"]
+        s, o, mode = evaluate_surface(run, frictions, at, k), f["history"], FREE
+        parts = frictions.scratch.bearing[k]
+        rate, v = load_rate(now.history, o, now.span[0], parts), f["radius"] * at.v[iv]
+        if f["model"] == BRISTLE and surface["room"] >= 0.0:
+            side = math.copysign(1.0, s)
+            growth = limit_growth(f, N, rate, v, f["radius"] * at.vd[iv], side)
+            mode = FULL if side * v > growth else FREE
+        bends = mode != now.history[o + _MODE] or now.history[o + _SPAN] < 0.0
+        history[o + _ANCHOR], history[o + _MODE] = surface["position"] - s, mode
+        history[o + _SPAN], history[o + _RATE] = 0.0 if bends else now.span[0], rate
+        for i in range(_PARTS):
+            history[o + _EARLIER + i] = now.history[o + _LAST + i]
+            history[o + _LAST + i] = parts[i]
+    return FINE
+
+
+@unit
+def forget_rates(run: Run, frictions: JointFrictions, at: Point) -> int:
+    """Behind a jump of forces nothing is known of the rates of bearing loads."""
+    rows, history = frictions.rows, run.state.history
+    for k in range(rows.shape[0]):
+        o = rows[k]["history"]
+        history[o + _SPAN], history[o + _RATE] = 0.0, 0.0
+        for i in range(_PARTS):
+            history[o + _LAST + i] = frictions.scratch.bearing[k, i]
     return FINE
 
 
 @unit
 def put_events(run: Run, frictions: JointFrictions, at: Point) -> int:
-    """What crosses zero from below where it begins to slide, or to stick, as of contacts.
+    """What crosses zero where it slips or sticks, and where its full bristle becomes free.
 
-    With its rate, but for that of the bearing load. Smooth friction has no such moment; that its
-    speed falls below that of creeping and rises again within a step is watched all the same.
+    With rates, but for those of rates of the bearing load. What slides while its bristle becomes
+    full feels nothing of it. Smooth friction has no
+    such moment; that its speed falls below that of creeping and rises again within a step is
+    watched all the same.
     """
-    rows, surface, history = frictions.rows, frictions.scratch.surface[0], run.work.now.history
+    rows, surface, now = frictions.rows, frictions.scratch.surface[0], run.work.now
     coordinates, out = run.system.parts.coordinates, run.work.events.now
     for k in range(rows.shape[0]):
-        f, slip = rows[k], out[frictions.first_event + k]
+        f, o = rows[k], frictions.first_event + 2 * k
+        slip, length, N = out[o], out[o + 1], frictions.scratch.load[k, 0]
         iv = coordinates[f["coordinate"]]["iv"]
-        speed, change = f["radius"] * at.v[iv], f["radius"] * at.vd[iv]
+        v, change = f["radius"] * at.v[iv], f["radius"] * at.vd[iv]
+        length["value"], length["rate"] = 0.0, math.nan
         if f["model"] != BRISTLE:
-            slip["value"] = min(f["creep"] - abs(speed), -_EVENT_CLEARANCE * f["creep"])
-            slip["rate"] = -change if speed > 0.0 else change
-            if abs(speed) < f["creep"]:  # there its law is smooth
+            slip["value"] = min(f["creep"] - abs(v), -_EVENT_CLEARANCE * f["creep"])
+            slip["rate"] = -change if v > 0.0 else change
+            if abs(v) < f["creep"]:  # there its law is smooth
                 slip["rate"] = math.nan
             continue
-        evaluate_surface(run, frictions, at, k)
-        stretch = surface["position"] - history[f["history"] + _ANCHOR_PLACE]
-        mode = history[f["history"] + _MODE_PLACE]
-        if abs(mode) == SLIDES:
-            sign = math.copysign(1.0, mode)
-            slip["value"], slip["rate"] = -sign * speed, -sign * change
-        elif mode == YIELDS:
+        s, h = evaluate_surface(run, frictions, at, k), f["history"]
+        side = math.copysign(1.0, s if surface["room"] >= 0.0 else -surface["force"])
+        rate = load_rate(now.history, h, now.span[0], frictions.scratch.bearing[k])
+        growth = limit_growth(f, N, rate, v, change, side)
+        if now.history[h + _MODE] == FULL:
             slip["value"], slip["rate"] = 0.0, math.nan
+            length["value"], length["rate"] = growth - side * v, -side * change
         else:
-            sign = 1.0 if f["k"] * stretch + f["c"] * speed > 0.0 else -1.0
-            slip["value"] = surface["excess"] - LEAST_EXCESS * frictions.scratch.load[k, 0]
-            slip["rate"] = sign * (f["k"] * speed + f["c"] * change)
+            slip["value"] = surface["excess"] - LEAST_EXCESS * N
+            slip["rate"] = side * (f["k"] * v + f["c"] * change) - f["k"] * growth
     return FINE
 
 
@@ -321,6 +391,7 @@ JOINT_FRICTIONS = Kind(
         "energy": add_energies,
         "begin": free_bristles,
         "remember": remember,
+        "jump": forget_rates,
         "events": put_events,
     },
     lower=lower_joint_frictions,
@@ -328,6 +399,8 @@ JOINT_FRICTIONS = Kind(
     place=place_joint_frictions,
     unsymmetric=lambda frictions: True,
     scratch=lambda frictions: Scratch(
-        np.full((len(frictions.rows), 2), np.nan), np.zeros(1, SURFACE)
+        np.full((len(frictions.rows), 2), np.nan),
+        np.zeros((len(frictions.rows), _PARTS)),
+        np.zeros(1, SURFACE),
     ),
 )
