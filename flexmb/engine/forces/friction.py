@@ -241,9 +241,9 @@ def friction_force_change(f, n, N, g, s0, way, turns, dn, dN, dg, ds0, dway):
 def line_friction(f, N, stretch, v, mode):
     """The same on a line: force, bristle, |T| − μ N, k |z| − μ N, slopes of −force over z, v and N.
 
-    stretch: z, v: speed, mode: what its history says. The normal force of a joint depends on its
-    friction, so that it slides by T alone: a bristle that is let go, as the load falls, is longer
-    by c |v|/k, where T = μ N.
+    stretch: z, v: speed, mode: what its history says, ±FULL. The normal force of a joint depends on
+    its friction, so that it slides by T alone: a bristle that is let go, as the load falls, is
+    longer by c |v|/k, where T = μ N.
     """
     mu, slope = friction_coefficient(f, abs(v))
     limit, way = mu * N, 1.0 if v > 0.0 else -1.0 if v < 0.0 else 0.0
@@ -256,7 +256,7 @@ def line_friction(f, N, stretch, v, mode):
     side = math.copysign(1.0, T if T != 0.0 else stretch)
     longest = limit + f["c"] * max(-side * v, 0.0)  # times k: what is let go may be longer
     room = side * f["k"] * stretch - longest
-    is_full = room > (-LEAST_EXCESS * limit if mode == FULL else 0.0)
+    is_full = room > (-LEAST_EXCESS * limit if abs(mode) == FULL else 0.0)
     excess = abs(T) - limit
     if is_full:
         return -side * limit, side * longest / f["k"], excess, room, 0.0, side * rise, side * mu

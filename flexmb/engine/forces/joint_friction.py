@@ -78,9 +78,9 @@ class JointFrictions(NamedTuple):
     scratch: Scratch = None  # of one run
 
 
-# Places of history of one friction: where its bristle is free, whether it is full; rate of the
-# bearing load, time between the last step and the one before (0: unknown; < 0: that is the first),
-# and R₁, R₂ and T/w at both.
+# Places of history of one friction: where its bristle is free, whether it is full (±FULL); rate of
+# the bearing load, time between the last step and the one before (0: unknown; < 0: that is the
+# first), and R₁, R₂ and T/w at both.
 _ANCHOR, _MODE, _RATE, _SPAN, _LAST, _EARLIER, _HISTORY = 0, 1, 2, 3, 4, 9, 14
 _PARTS = 5
 
@@ -321,7 +321,7 @@ def remember(run: Run, frictions: JointFrictions, at: Point) -> int:
         if f["model"] == BRISTLE and surface["room"] >= 0.0:
             side = math.copysign(1.0, s)
             growth = limit_growth(f, N, rate, v, f["radius"] * at.vd[iv], side)
-            mode = FULL if side * v > growth else FREE
+            mode = side * FULL if side * v > growth else FREE
         bends = mode != now.history[o + _MODE] or now.history[o + _SPAN] < 0.0
         history[o + _ANCHOR], history[o + _MODE] = surface["position"] - s, mode
         history[o + _SPAN], history[o + _RATE] = 0.0 if bends else now.span[0], rate
@@ -366,11 +366,13 @@ def put_events(run: Run, frictions: JointFrictions, at: Point) -> int:
             if abs(v) < f["creep"]:  # there its law is smooth
                 slip["rate"] = math.nan
             continue
-        s, h = evaluate_surface(run, frictions, at, k), f["history"]
-        side = math.copysign(1.0, s if surface["room"] >= 0.0 else -surface["force"])
+        h = f["history"]
+        evaluate_surface(run, frictions, at, k)
+        mode = now.history[h + _MODE]
         rate = load_rate(now.history, h, now.span[0], frictions.scratch.bearing[k])
+        side = math.copysign(1.0, mode if abs(mode) == FULL else -surface["force"])
         growth = limit_growth(f, N, rate, v, change, side)
-        if now.history[h + _MODE] == FULL:
+        if abs(mode) == FULL:
             slip["value"], slip["rate"] = 0.0, math.nan
             length["value"], length["rate"] = growth - side * v, -side * change
         else:
