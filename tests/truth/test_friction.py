@@ -272,8 +272,8 @@ def test_a_guide_under_changing_load_follows_the_law_of_its_bristle(name, where,
     made = moved(scene.make(size)) if away is AWAY else scene.make(size)
     found = judged(made, lambda t: truth_of(scene, t, size, away), duration=scene.duration,
                    outputs=100, accuracy=1e-7, method=method)  # fmt: skip
-    assert found.is_reached(1e-7)
-    assert found.achieved < max(3 * found.told, 5e-8)
+    assert found.is_reached(1e-7 / 2)
+    assert found.achieved < max(3 * found.told, 2e-8 if away is not AWAY else 1e-7)  # round-off
 
 
 @pytest.mark.parametrize("name", BRISTLES)
