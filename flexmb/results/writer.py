@@ -10,7 +10,7 @@ which one is always whole. Rows that are not finite are refused; the rows before
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -78,6 +78,12 @@ class OutputBlock:
     def part(self, start: int, stop: int) -> OutputBlock:
         """The rows from start to stop."""
         return OutputBlock(*(getattr(self, field.name)[start:stop] for field in fields(self)))
+
+    @classmethod
+    def joined(cls, blocks: Sequence[OutputBlock]) -> OutputBlock:
+        """The rows of all blocks, in order."""
+        parts = ([getattr(one, field.name) for one in blocks] for field in fields(cls))
+        return cls(*map(np.concatenate, parts))
 
     def rows(self, mask: NDArray[np.bool_]) -> OutputBlock:
         """The rows where `mask` (k,) is true."""

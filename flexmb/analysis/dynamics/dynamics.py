@@ -22,12 +22,12 @@ from flexmb.analysis.dynamics.integration import (
 )
 from flexmb.analysis.dynamics.passes import (
     PreparedDynamics,
+    complete_measured_error,
     damped_vibration,
     is_worse,
     keeps_failing,
     limited_by_stability,
     may_change_method,
-    measure_vibrations,
     missed_accuracy,
     needs_rough_run,
     prepared_run,
@@ -197,7 +197,7 @@ def run_dynamics(prepared: PreparedDynamics, sink: Sink, *, progress: Progress =
             again, finished, reason = finished.as_last_pass(), None, ""
         else:
             if ending.status == "finished":
-                ending = _measured(prepared, ending)
+                ending = _measured(prepared, ending, progress)
             tolerance = stricter_tolerance(prepared) if ending.status == "finished" else None
             if tolerance is None:
                 break
@@ -218,10 +218,10 @@ def run_dynamics(prepared: PreparedDynamics, sink: Sink, *, progress: Progress =
     return Outcome(ending.status, ending.message, statistics, tuple(notes))
 
 
-def _measured(prepared: PreparedDynamics, ending: Ending) -> Ending:
-    """How a run ended whose vibrations are measured: as it did, unless the user stops that."""
+def _measured(prepared: PreparedDynamics, ending: Ending, progress: Progress) -> Ending:
+    """How a run ended whose errors are measured: as it did, unless the user stops that."""
     try:
-        measure_vibrations(prepared)
+        complete_measured_error(prepared, progress)
     except KeyboardInterrupt:
         return Ending("stopped", f"stopped by the user at t = {prepared.run.state.t[0]:.6g} s")
     return ending
