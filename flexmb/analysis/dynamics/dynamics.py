@@ -72,6 +72,7 @@ from flexmb.engine.entries import (
 from flexmb.engine.units import prepare_units
 from flexmb.errors import SceneError
 from flexmb.model.forces.friction import BaseFriction
+from flexmb.model.joints.joint import lost_inertias
 from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
 from flexmb.results.result import NOT_UNIQUE
@@ -108,7 +109,7 @@ def prepare_dynamics(
     Raises
     ------
     SceneError
-        The model says nothing about dynamics.
+        The model says nothing about dynamics, or explicit methods cannot do it.
     AssemblyError
         No consistent first state, or drivers that contradict each other or the joints.
     """
@@ -133,6 +134,9 @@ def prepare_dynamics(
     assembled, rank, not_unique, redundancy = first
     compiled = assembled.compiled
     settings = loop_settings(compiled, spec, integrator, is_determined(compiled, rank))
+    explicit = integrator.stages > 0 and settings.determined == 0
+    if explicit and (lost := next(lost_inertias(model), "")):
+        raise SceneError(f'{lost}; or use method = "{STIFF_METHOD}"')
     notes = [*assembled.notes, *_friction_notes(model), *redundancy, *algebraic_loop_notes(model)]
     grid = time_grid(spec)
     if spec.step is not None and grid.step < spec.step * (1.0 - 1e-9):
