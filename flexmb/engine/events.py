@@ -37,7 +37,7 @@ from flexmb.engine.equations_of_motion import (
     walk,
 )
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.method import FINE, round_off
+from flexmb.engine.method import FINE
 from flexmb.engine.projection import VELOCITIES, accelerations
 from flexmb.engine.state import Run
 
@@ -49,10 +49,8 @@ from flexmb.engine.state import Run
 # end, over the way to the crossing.
 _BEFORE, _NEAR_EVENT, _OVERSHOOT = 0.98, 3e-4, 1.01
 _MAX_TRIES = 10
-# Steps are not made shorter for events than this fraction of the one that met them, however long
-# the run is: what a step passes an event by is an error of its square, in each of a thousand.
-_MIN_STEP_FRACTION = 1e-6
-_MIN_STEPS = 10.0  # and no shorter than so many times round-off of the time
+# Steps are not made shorter for events than this fraction of the run.
+_MIN_STEP_FRACTION = 1e-7
 # One event in so many steps may shorten steps, so that what flutters about zero, such as friction
 # without load, does not stop the run; after as many steps without, this many may follow each other
 # closely, as stick after slip and slip the other way. Laws of functions are counted by themselves,
@@ -167,7 +165,7 @@ def missed_event(run: Run, h: float) -> int:
         return 0
     if memory["event_trials"] == 0.0:
         memory["step_before_event"] = h
-    least = max(_MIN_STEP_FRACTION * longest, _MIN_STEPS * round_off(settings))
+    least = _MIN_STEP_FRACTION * (settings.end - settings.start)
     shorter = max(h * max(share * aim, 1e-3), least)
     if shorter >= h:
         return 0
@@ -208,7 +206,9 @@ def accept_events(run: Run, h: float) -> int:
     laws = laws and (located or not _hardly_moves(run, h))
     if _first_crossing(events, 0.0, True, True) < 1.0:
         longest = memory["step_before_event"] if memory["event_trials"] > 0.0 else h
-        longest = max(_RESTART_FRACTION * longest, _MIN_STEPS * round_off(settings))
+        longest = max(
+            _RESTART_FRACTION * longest, _MIN_STEP_FRACTION * (settings.end - settings.start)
+        )
         if _first_crossing(events, 0.0, elements, laws) < 1.0:
             run.state.count[0]["events"] += 1
             memory["next_step"] = min(memory["next_step"], longest)
