@@ -187,10 +187,9 @@ def _slid(
     for slider in sliders:
         k, at, n = (int(slider[word]) for word in ("marker", "at", "n"))
         ends, coordinate = parts.pool[at : at + n + 1], scalars[slider["coordinate"]]
-        pieces = parts.pool[at + n + 1 : at + n + 1 + 18 * n].reshape(n, 3, 6)
         s = q[coordinate["iq"]] % ends[-1] if slider["closed"] else q[coordinate["iq"]]
         inside = min(max(s, 0.0), ends[-1])
-        place, tangent, bend = Pieces(ends, pieces, 0.0).at(np.array([inside]))[0]
+        place, tangent, bend = Pieces.of_pool(parts.pool, at, n).at(np.array([inside]))[0]
         past = s - inside  # beyond the ends of an open curve
         place = place + past * (tangent + 0.5 * past * bend)
         tangent = tangent + past * bend

@@ -165,9 +165,10 @@ def widen_extent(run, at):
 
 @kernel
 def remember(run, at, history):
-    """Write the history of all elements at an accepted state, after its stages."""
+    """Write the history of all elements at an accepted state, after its velocity stage."""
     if history.shape[0] > 0:
         now = run.work.now
+        walk(run.stages.bias, run, at)
         walk(run.stages.remember, run, at)
         history[0] = at.t[0]
         copy(history, now.history)

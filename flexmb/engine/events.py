@@ -27,6 +27,7 @@ import math
 
 from flexmb.engine.algebra.vector import copy, store, zero
 from flexmb.engine.equations_of_motion import (
+    bias_stage,
     energies,
     feedback_stage,
     pose_stage,
@@ -76,6 +77,7 @@ def _stages(run, at):
     """Markers at a state, and the loads that follow from its multipliers."""
     pose_stage(run, at)
     velocity_stage(run, at)
+    bias_stage(run, at)
     reaction_stage(run, at)
 
 

@@ -10,7 +10,7 @@ finite are refused; the rows before them are stored.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -80,6 +80,12 @@ class OutputBlock:
     def part(self, start: int, stop: int) -> OutputBlock:
         """The rows from start to stop."""
         return OutputBlock(*(getattr(self, field.name)[start:stop] for field in fields(self)))
+
+    @classmethod
+    def joined(cls, blocks: Sequence[OutputBlock]) -> OutputBlock:
+        """The rows of all blocks, in order."""
+        parts = ([getattr(one, field.name) for one in blocks] for field in fields(cls))
+        return cls(*map(np.concatenate, parts))
 
     def rows(self, mask: NDArray[np.bool_]) -> OutputBlock:
         """The rows where `mask` (k,) is true."""

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from accuracyscenes.judging import judged
+from scipy.integrate import solve_ivp
 from truthkit import order, run
 
 from flexmb.analysis.assembly.initial_state import assemble
@@ -322,3 +324,27 @@ def test_steps_do_not_stop_where_pieces_of_a_curve_meet():
     found = run(made, duration=2.0, outputs=40, accuracy=1e-8, method="explicit-rk")
     assert found.statistics["steps"] < 150
     np.testing.assert_allclose(lift(found), R + E * np.sin(found["turn"]), rtol=0, atol=CLOSED)
+
+
+@pytest.mark.parametrize("accuracy", [1e-7, 1e-8, 1e-9])
+def test_a_bead_on_a_wire_in_space_is_as_accurate_as_requested(accuracy):
+    """Down six turns of a bent helix: |r'|² u'' = −g z' − r'·r'' u'², beside SciPy."""
+    curve = {"x": "0.5*cos(t)", "y": "0.5*sin(t)", "z": "0.05*cos(2*t) - 0.2*t", "range": [-1, 40]}
+
+    def place(u):
+        return np.array([0.5 * np.cos(u), 0.5 * np.sin(u), 0.05 * np.cos(2 * u) - 0.2 * u])
+
+    def slope(_, y):
+        u, w = y
+        first = np.array([-0.5 * np.sin(u), 0.5 * np.cos(u), -0.1 * np.sin(2 * u) - 0.2])
+        second = np.array([-0.5 * np.cos(u), -0.5 * np.sin(u), -0.2 * np.cos(2 * u)])
+        return [w, -(G * first[2] + first @ second * w * w) / (first @ first)]
+
+    def truth(t):
+        ends = {"t_eval": t, "rtol": 3e-14, "atol": 1e-15}
+        u = solve_ivp(slope, (0.0, t[-1]), [0.5, 0.0], "DOP853", **ends).y[0]
+        return dict(zip(("position.x", "position.y", "position.z"), place(u), strict=True))
+
+    found = judged(bead(place(0.5), curve), truth, duration=2.0, outputs=50, accuracy=accuracy)
+    assert found.achieved < 0.5 * accuracy
+    assert found.told > found.achieved / 3

@@ -205,8 +205,8 @@ def _curve_points(
 ) -> tuple[NDArray[np.float64], float]:
     """Points (n, 3) of a curve where its marker stands now, and the size of the curve [m]."""
     parts, at, n = compiled.system.parts, int(curve["at"]), int(curve["n"])
-    ends = parts.pool[at : at + n + 1]
-    pieces = Pieces(ends, parts.pool[at + n + 1 : at + n + 1 + 18 * n].reshape(n, 3, 6), 0.0)
+    pieces = Pieces.of_pool(parts.pool, at, n)
+    ends = pieces.ends
     s = state.q[parts.coordinates[curve["coordinate"]]["iq"]]
     s = s % ends[-1] if curve["closed"] else s
     here, tangent, _ = pieces.at(np.array([s]))[0]

@@ -22,12 +22,12 @@ from flexmb.analysis.dynamics.integration import (
 )
 from flexmb.analysis.dynamics.passes import (
     PreparedDynamics,
+    complete_measured_error,
     damped_vibration,
     is_worse,
     keeps_failing,
     limited_by_stability,
     may_change_method,
-    measure_vibrations,
     missed_accuracy,
     needs_rough_run,
     prepared_run,
@@ -72,6 +72,7 @@ from flexmb.engine.entries import (
 from flexmb.engine.units import prepare_units
 from flexmb.errors import SceneError
 from flexmb.model.forces.friction import BaseFriction
+from flexmb.model.joints.joint import lost_inertias
 from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
 from flexmb.results.result import NOT_UNIQUE
@@ -108,7 +109,7 @@ def prepare_dynamics(
     Raises
     ------
     SceneError
-        The model says nothing about dynamics.
+        The model says nothing about dynamics, or explicit methods cannot do it.
     AssemblyError
         No consistent first state, or drivers that contradict each other or the joints.
     """
@@ -133,6 +134,9 @@ def prepare_dynamics(
     assembled, rank, not_unique, redundancy = first
     compiled = assembled.compiled
     settings = loop_settings(compiled, spec, integrator, is_determined(compiled, rank))
+    explicit = integrator.stages > 0 and settings.determined == 0
+    if explicit and (lost := next(lost_inertias(model), "")):
+        raise SceneError(f'{lost}; or use method = "{STIFF_METHOD}"')
     notes = [*assembled.notes, *_friction_notes(model), *redundancy, *algebraic_loop_notes(model)]
     grid = time_grid(spec)
     if spec.step is not None and grid.step < spec.step * (1.0 - 1e-9):
@@ -197,7 +201,7 @@ def run_dynamics(prepared: PreparedDynamics, sink: Sink, *, progress: Progress =
             again, finished, reason = finished.as_last_pass(), None, ""
         else:
             if ending.status == "finished":
-                ending = _measured(prepared, ending)
+                ending = _measured(prepared, ending, progress)
             tolerance = stricter_tolerance(prepared) if ending.status == "finished" else None
             if tolerance is None:
                 break
@@ -218,10 +222,10 @@ def run_dynamics(prepared: PreparedDynamics, sink: Sink, *, progress: Progress =
     return Outcome(ending.status, ending.message, statistics, tuple(notes))
 
 
-def _measured(prepared: PreparedDynamics, ending: Ending) -> Ending:
-    """How a run ended whose vibrations are measured: as it did, unless the user stops that."""
+def _measured(prepared: PreparedDynamics, ending: Ending, progress: Progress) -> Ending:
+    """How a run ended whose errors are measured: as it did, unless the user stops that."""
     try:
-        measure_vibrations(prepared)
+        complete_measured_error(prepared, progress)
     except KeyboardInterrupt:
         return Ending("stopped", f"stopped by the user at t = {prepared.run.state.t[0]:.6g} s")
     return ending

@@ -121,6 +121,7 @@ class MeasuredError:
         self._before = np.full_like(self._samples.table, np.nan)
         self._results: dict[tuple[float, int, bool], dict[str, ErrorOf]] = {}  # of the rows so far
         self.round_off = np.zeros(n)  # of a step
+        self._multiplied = np.zeros(n)  # round-off in the end, as measured
         self._scales = np.zeros(0)  # `_spans` of the rows so far, if they were asked for
 
     def arrays(self) -> dict[str, np.ndarray]:
@@ -192,6 +193,54 @@ class MeasuredError:
         self._damped[0, more], self._damped[1, more] = largest[more], times[more]
         self._damped[2, more] = begin
 
+    def add_round_off(self, blocks: Sequence[OutputBlock], share: float) -> None:
+        """Take the same rows of runs that differ by round-off alone; `share` of it is this run's.
+
+        It is the standard deviation of what they show.
+        """
+        n = min(len(block.t) for block in blocks)
+        if n == 0:
+            return
+        self._results.clear()
+        rows, squares, pairs = [block.part(0, n) for block in blocks], np.zeros(()), 0
+        for k, one in enumerate(rows):
+            for other in rows[:k]:
+                squares, pairs = squares + self._compare(one, other)[1] ** 2, pairs + 1
+        deviation = share * np.sqrt(squares.max(axis=0) / (2.0 * pairs))
+        np.maximum(self._multiplied, deviation, out=self._multiplied)
+
+    def round_off_share(self) -> float:
+        """Largest round-off of a step in a position, over its peak-to-peak."""
+        spans, steps = self._spans()[self._places], self.round_off[self._places]
+        moves = spans > 0.0
+        return float((np.finfo(float).eps + steps[moves] / spans[moves]).max(initial=0.0))
+
+    def growth(self) -> float:
+        """Times that the difference of positions grew faster than the square of the time.
+
+        From any moment on at which it was above round-off, until the runs were different motions.
+        """
+        spans, rows = self._spans()[self._places], self._growth.count[1]
+        moves, table = spans > 0.0, self._growth.table[:rows]
+        if rows < 2 or not moves.any():
+            return 1.0
+        apart = (table[:, 1:][:, moves] / spans[moves]).max(axis=1)
+        last = min(int(np.searchsorted(apart, _PARTED)), rows - 1)
+        past = table[:, 0] - table[0, 0]
+        seen = np.flatnonzero(apart[:last] > self.round_off_share())
+        grown = apart[last] / apart[seen] * (past[seen] / past[last]) ** 2
+        return float(grown.max(initial=1.0))
+
+    def multiplication(self, steps: int) -> float:
+        """Times that round-off in the end, as measured, is what steps leave of it in their places.
+
+        Of their number to the power of 1.5, as a walk of speeds leaves it (Brouwer's law).
+        """
+        spans, own = self._spans()[self._places], self._multiplied[self._places]
+        moves = spans > 0.0
+        largest = float((own[moves] / spans[moves]).max(initial=0.0))
+        return float(largest / max(self.round_off_share() * steps**1.5, _LEAST_ERROR))
+
     def damped(self) -> tuple[str, float, float]:
         """The joint whose reactions lack most of vibrations, what they lack over their scale, and
         when these begin [s]."""
@@ -210,9 +259,10 @@ class MeasuredError:
         """The largest error of each quantity; `ratio` is that of the errors of the two runs.
 
         Round-off of the steps is no error that falls with them: it adds up as a walk at random,
-        which is by its standard deviation off. A scout that is `limited` by stability rings by what
-        its tolerance allows, in reactions by far more, and these are no other motion; nor is a
-        reaction of the finer run, whose steps are stable, off by more than it has itself.
+        which is by its standard deviation off, or is as large as `add_round_off` has seen it. A
+        scout that is `limited` by stability rings by what its tolerance allows, in reactions by far
+        more, and these are no other motion; nor is a reaction of the finer run, whose steps are
+        stable, off by more than it has itself.
         """
         key = ratio, steps, limited
         if key in self._results:
@@ -221,7 +271,7 @@ class MeasuredError:
         apart = np.divide(self._largest[0], spans, out=np.zeros(len(spans)), where=spans > 0.0)
         # once the runs have parted, the finer one is no better than the other
         different = self._largest[0] > _PARTED * np.maximum(spans, self._sizes())
-        walk = math.sqrt(steps) * self.round_off
+        walk = np.maximum(math.sqrt(steps) * self.round_off, self._multiplied)
         walk = np.divide(walk, spans, out=np.zeros(len(spans)), where=spans > 0.0)
         falling = apart / (max(ratio, 1.0 + 1e-9) - 1.0)
         reactions = self._of_quantity.get("reactions", _NONE)

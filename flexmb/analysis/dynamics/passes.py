@@ -28,7 +28,7 @@ from flexmb.analysis.dynamics.run_settings import (
     set_first_places,
     with_tolerance,
 )
-from flexmb.analysis.dynamics.verified_run import VerifiedRun
+from flexmb.analysis.dynamics.verified_run import VerifiedRun, measure_round_off_growth
 from flexmb.analysis.procedure import PhaseTimer
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
@@ -59,6 +59,10 @@ _FIRST = "first_"  # before the names of the first state in what is saved
 # enough; from which on a note reports it; what can be asked for, over it (at the floor of round-off
 # two runs of 1 µm about 1 km have errors of 0.26 to 1.8 times each other).
 _ENOUGH, _AIM, _MISSED, _FLOOR = 0.6, 0.15, 1.0, 4.0
+# Times that round-off is larger in the end than any walk, from which on the motion is said to
+# multiply errors; share of an error from which on its cause is named.
+_MULTIPLIES, _MAINLY = 100.0, 0.5
+_LOOSEST = 0.1  # accuracy that a note advises
 # Times as many steps at most from pass to pass; what is left of the difference of the two runs
 # after a pass that was in vain, which after this many means that they part whatever the steps;
 # times as far apart as before, where round-off rules: 2 of 304 runs at 1e-9 to 1e-12, 10 and 13.
@@ -237,15 +241,20 @@ def _set_motion(prepared: PreparedDynamics, like: State, moves: np.ndarray | boo
         state.memory["usual_speed"] = max(state.memory["usual_speed"][0], usual)
 
 
-def measure_vibrations(prepared: PreparedDynamics) -> None:
-    """At the end of a pass let its measured error know of vibrations that its steps damp."""
+def complete_measured_error(prepared: PreparedDynamics, progress: Progress) -> None:
+    """At the end of a pass let its measured error know of vibrations that its steps damp, and at
+    the end of the last one of round-off that the motion multiplies."""
     verified = prepared.verified
-    if verified is not None and verified.jumps is not None and not verified.fine.method.stages:
+    if verified is None:
+        return
+    if verified.jumps is not None and not verified.fine.method.stages:
         worst = verified.errors().get("reactions")
         least = max(_MEASURED, worst.error if worst else 0.0)
         measure_damped_vibrations(
             verified.fine, prepared.settings, prepared.first, verified.jumps, verified.error, least
         )
+    if stricter_tolerance(prepared) is None:
+        measure_round_off_growth(verified, prepared.settings.accuracy, prepared.begin, progress)
 
 
 def damped_vibration(prepared: PreparedDynamics) -> str:
@@ -341,17 +350,28 @@ def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
     other = "" if prepared.method == FINE_METHOD else (
         f', or method = "{FINE_METHOD}", whose floor is lower where the scene is not stiff'
     )  # fmt: skip
-    ask = f"ask for accuracy = {_FLOOR * worst.error:.1g}"
+    least = _FLOOR * worst.error
+    ask = f"ask for accuracy = {least:.1g}" if least < _LOOSEST else "run it for a shorter time"
     apart, last = verified.difference, prepared.passes[0]["last_difference"]
-    events = int(verified.fine.state.count[0]["events"])
-    if _is_in_vain(prepared) and apart < _DIFFERENT_MOTION:
+    count, until = verified.fine.state.count[0], verified.error.reached_until(accuracy)
+    agree = f"{reached}; the run and its comparison run agree to it until "
+    agree += f"t = {unit.say(until, 's', 4)}" if np.isfinite(until) else "the end"
+    multiplies = verified.error.multiplication(int(count["steps"])) > _MULTIPLIES
+    if multiplies and worst.round_off > _MAINLY * worst.error:
+        yield (
+            f"{agree}: shorter steps do not help, as the motion multiplies errors, and this is "
+            f"what it makes of round-off; {ask}{other}"
+        )
+    elif _is_in_vain(prepared) and apart < _DIFFERENT_MOTION:
         why = "shorter steps do not help, so that this is the floor that round-off leaves method "
         why += prepared.method
-        if events:
+        if multiplies:
+            reached, why = agree, "shorter steps hardly help, as the motion multiplies errors"
+        elif count["events"]:
             why, other = (
-                f"shorter steps do not help, as {events} events of contacts, stops or friction "
-                "leave errors that fall slower than the order of the method says, and that may be "
-                "several times as large"
+                f"shorter steps do not help, as {count['events']} events of contacts, stops or "
+                "friction leave errors that fall slower than the order of the method says, and "
+                "that may be several times as large"
             ), ""  # fmt: skip
         yield f"{reached}: {why}; {ask}{other}"
     elif 0.0 < apart < _IN_VAIN * last:
@@ -360,18 +380,18 @@ def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
             f"take fixed steps, or {ask}{other}"
         )
     else:
-        until = verified.error.reached_until(accuracy)
-        why = (
-            "a chaotic motion multiplies errors whatever the steps, so that the rest is one motion "
-            "of many; else another method or fixed steps may reach it"
-        )
+        why = "they part there whatever the steps; another method or fixed steps may reach it"
         if verified.jumps is not None and verified.jumps.begins_before(until):
             why = (
                 f"steps of {prepared.method} damp a vibration that a jump of loads or "
                 f'accelerations excites there, which method = "{FINE_METHOD}" follows'
             )
-        at = unit.say(until, "s", 4)
-        yield f"{reached}; the run and its comparison run agree to it until t = {at}: {why}"
+        elif multiplies:
+            why = (
+                "a chaotic motion multiplies errors whatever the steps, so that the rest is one "
+                "motion of many"
+            )
+        yield f"{agree}: {why}"
 
 
 def may_change_method(prepared: PreparedDynamics) -> bool:

@@ -4,6 +4,13 @@ The scout selects its steps by error control; the fine run, whose rows are the r
 `refinement` times as many, spread as the scout's were, so that the errors of both differ by a
 factor that is clear beforehand. Both advance chunk by chunk; of the scout nothing is stored but its
 state at the border of a chunk.
+
+A chaotic motion multiplies whatever error there is by a factor in each time of its own (Lyapunov's
+exponent; Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I, 1993, §I.16). Errors
+of the method fall with the steps, round-off does not, and the difference of a run and its scout
+tells nothing of it once it is divided by the ratio of their errors. So the scout is run again where
+its differences grew as by such a factor, and followed by runs on its steps, and on the same ones
+moved by a billionth. These have the same errors of the method, but not of round-off.
 """
 
 from __future__ import annotations
@@ -27,8 +34,11 @@ from flexmb.analysis.dynamics.run_settings import (
 )
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.state import State
+from flexmb.engine.state import Plan, State
+from flexmb.engine.work import new_plan
+from flexmb.errors import FlexmbError
 from flexmb.model.model import Model
+from flexmb.progress import Progress
 from flexmb.results.writer import OutputBlock
 
 _SCOUT = "scout_"
@@ -49,6 +59,15 @@ _ORDER_LOST = {True: 2.0, False: 1.5}
 # twentieth fell by 0.54 times what the order says or less (0.59): only less is an order lost.
 _LUCK = 2.0
 _LIMITED = 0.02  # of all steps, those of a scout at its limit of stability
+# Of a step that a knot of the plan is moved; of each follower; ratio of steps that are even.
+_MOVED = 1e-9
+_SHIFTS = (0.0, _MOVED, -_MOVED)
+_EVEN = 2.0
+# Share of the requested accuracy that a bound of multiplied round-off exceeds before it is
+# measured. Times the bound by growth is exceeded: up to 70 by explicit methods, 1000 by radau
+# (chains of pendulums, near the origin and 1 km away).
+_SUSPECTED, _EXCEEDED = 0.1, 1000.0
+_LONGER = 1.1  # steps of the repeated scout over its own, beyond which it is no repetition
 
 
 class VerifiedRun:
@@ -189,9 +208,17 @@ class VerifiedRun:
         if 0.0 < self.passes[0]["last_difference"] < _SAME_MOTION:
             luck = _LUCK if self.fine.method.stages else 1.0
             ratio = min(self.error.ratio_before() or ratio, luck * ratio)
-        steps = int(self.fine.state.count[0]["steps"])
-        limited = self.scout.state.memory[0]["steps_at_stability_limit"] > _LIMITED * steps
-        return self.error.largest(min(ratio, _DAMPED_RATIO) if damped else ratio, steps, limited)
+        steps, ratio = (
+            self.fine.state.count[0]["steps"],
+            min(ratio, _DAMPED_RATIO) if damped else ratio,
+        )
+        return self.error.largest(ratio, int(steps), self.is_limited)
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether stability limits steps of the scout."""
+        steps, memory = self.fine.state.count[0]["steps"], self.scout.state.memory[0]
+        return bool(memory["steps_at_stability_limit"] > _LIMITED * steps)
 
     def statistics(self) -> dict[str, float | int | str]:
         """What the summary of a run says of its error."""
@@ -207,3 +234,85 @@ class VerifiedRun:
                 if worst.over:
                     statistics[f"scale_of_{quantity}"] = worst.over
         return statistics
+
+
+def measure_round_off_growth(
+    verified: VerifiedRun, accuracy: float, begin: State, progress: Progress
+) -> None:
+    """Let the measured error of a run know of round-off that its motion multiplies.
+
+    Parameters
+    ----------
+    verified : VerifiedRun
+        The run and its scout, at their end.
+    accuracy : float
+        The requested one. Where it is not reached, the cause is looked for in any case.
+    begin : State
+        Where it began.
+    progress : Progress
+        Called for every chunk.
+    """
+    error, scout = verified.error, verified.scout
+    steps = int(scout.state.count[0]["steps"])
+    bound = _EXCEEDED * np.sqrt(steps) * error.round_off_share() * error.growth()
+    worst = verified.errors().get("positions")
+    suspected = bound > _SUSPECTED * accuracy and not verified.is_limited
+    if worst is None or not (suspected or worst.error > accuracy):
+        return
+    same = scout.settings._replace(refinement=1.0, slack=verified.fine.settings.slack)
+    own = _again(scout, scout.settings, begin)
+    followers = [_again(scout, same, begin, new_plan(own.chunk)) for _ in _SHIFTS]
+    share = float(np.sqrt(verified.fine.settings.refinement))  # a walk of as many more steps
+    first = True
+    try:
+        while first or not own.finished:
+            status = own.integrate(0 if first else own.chunk)
+            own.rows.clear()
+            blocks = []
+            for run, shift in zip(followers, _SHIFTS, strict=True):
+                _move_plan(own, run.plan, shift)
+                own_status, block = _follow(run, first)
+                status = max(status, own_status)
+                blocks.append(block)
+            error.add_round_off(blocks, share)
+            first = False
+            if status != method.FINE or own.state.count[0]["steps"] > _LONGER * steps:
+                return
+            progress("integrate", 1.0, f"measures round-off, t = {own.state.t[0]:.4g} s")
+    except FlexmbError:  # too many steps: the run itself has told
+        return
+
+
+def _again(
+    scout: Integration, settings: method.Settings, begin: State, plan: Plan | None = None
+) -> Integration:
+    """The scout from its start."""
+    state = State(*(array.copy() for array in begin))
+    return Integration(scout.compiled, scout.method, settings, state, scout.times, plan)
+
+
+def _follow(run: Integration, first: bool) -> tuple[int, OutputBlock]:
+    """Status and rows of a run that follows its plan to the end, or begins."""
+    blocks, end = [], run.plan.knots[run.plan.used[0] - 1]
+    while True:
+        status = run.integrate(0 if first else run.chunk)
+        blocks.append(run.rows.read())
+        if first or status != method.FINE or run.state.t[0] >= end:
+            return status, OutputBlock.joined(blocks)
+
+
+def _move_plan(own: Integration, moved: Plan, shift: float) -> None:
+    """Take the knots of a run's plan, those between even steps moved to and fro by a share of them.
+
+    Not those at which functions change their laws, or about events, where steps begin again.
+    """
+    n, events = int(own.plan.used[0]), own.compiled.system.time_events.ravel()
+    moved.used[0], moved.knots[:n] = n, own.plan.knots[:n]
+    steps, inner = np.diff(own.plan.knots[:n]), own.plan.knots[1 : n - 1]
+    ratios = steps[1:] / steps[:-1]
+    regular = (ratios > 1.0 / _EVEN) & (ratios < _EVEN)
+    edges = np.concatenate([[-np.inf], events, [np.inf]])
+    after = np.searchsorted(edges, inner)
+    regular &= np.minimum(inner - edges[after - 1], edges[after] - inner) > _MOVED * steps[:-1]
+    signs = np.where(np.arange(len(inner)) % 2, shift, -shift)
+    moved.knots[1 : max(n - 1, 1)] += np.where(regular, signs * steps[:-1], 0.0)

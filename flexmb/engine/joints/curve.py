@@ -1,9 +1,9 @@
 """Joints on curves: curves as pieces over their length, where a joint begins on them, its rows.
 
-A curve is pieces of degree five over its own length. Value, unit tangent and curvature agree with
-the curve at both ends of every piece, so the pieces join with continuous curvature, and their error
-shrinks with the sixth power of their length. A curve marker (`curve_marker`) brings one scalar
-coordinate, so a joint has one equation less than rows for each:
+A curve is pieces of degree seven over its own length. Value, unit tangent and curvature agree with
+the curve at both ends of every piece, value and tangent in its middle, so the pieces join with
+continuous curvature, and their error shrinks with the eighth power of their length. A curve marker
+(`curve_marker`) brings one scalar coordinate, so a joint has one equation less than rows for each:
 
     pin-in-slot, cam-knife   t·h = 0, n·h = 0             h from the curve marker to J
     cam-roller               t·h = 0, n·h = ± radius
@@ -48,26 +48,31 @@ _EXACT = 1e-13  # of the size of the curve: smaller errors than this are round-o
 # methods of high order meet with short steps.
 _SMOOTH = 1e-7
 _MIN_PIECES, _MAX_PIECES = 64, 1024
+_TERMS = 8  # of the polynomial of a piece
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(7)
 
 
 class Pieces(NamedTuple):
-    """Ends of the pieces along the curve (n + 1,) [m], coefficients (n, 3, 6), error, `_jump`."""
+    """Ends of the pieces along the curve (n + 1,) [m], coefficients (n, 3, 8), error, `_jump`."""
 
     ends: Array
     coefficients: Array
     error: float = 0.0
     jump: float = 0.0
 
+    @classmethod
+    def of_pool(cls, pool: Array, at: int, n: int) -> Pieces:
+        """Those of a curve with n pieces that begins at a place of the pool of numbers."""
+        first = at + n + 1
+        coefficients = pool[first : first + 3 * _TERMS * n].reshape(n, 3, _TERMS)
+        return cls(pool[at:first], coefficients)
+
     def at(self, s: Array) -> Array:
         """(n, 3, 3) place, unit tangent and curvature vector at places (n,) within the ends."""
         k = np.clip(np.searchsorted(self.ends, s, side="right") - 1, 0, len(self.coefficients) - 1)
-        t = s - self.ends[k]
-        powers = np.zeros((len(t), 3, 6))
-        for n in range(6):
-            powers[:, 0, n] = t**n
-            powers[:, 1, n] = n * t ** max(n - 1, 0)
-            powers[:, 2, n] = n * (n - 1) * t ** max(n - 2, 0)
+        t, n = (s - self.ends[k])[:, None], np.arange(_TERMS)
+        first, second = n * t ** np.maximum(n - 1, 0), n * (n - 1) * t ** np.maximum(n - 2, 0)
+        powers = np.stack([t**n, first, second], axis=1)
         return np.einsum("kdn,kan->kda", powers, self.coefficients[k])
 
 
@@ -89,18 +94,17 @@ def pieces_of(shape: CurveShape) -> Pieces:
 
 def _divided(shape: CurveShape, per_break: int) -> Pieces:
     b = shape.breaks
-    u = np.append(
-        (b[:-1, None] + np.diff(b)[:, None] * np.arange(per_break) / per_break).ravel(), b[-1]
-    )
+    u = np.interp(np.arange(per_break * (len(b) - 1) + 1) / per_break, np.arange(len(b)), b)
     lengths = _length(shape, u[:-1], u[1:])
     ends = np.append(0.0, np.cumsum(lengths))
     nodes = _over_length(shape.at(u))
     if shape.closed:
         nodes[-1] = nodes[0]
-    pieces = Pieces(ends, _hermite(nodes, lengths))
-    middle = 0.5 * (u[:-1] + u[1:])
-    places = ends[:-1] + _length(shape, u[:-1], middle)
-    exact = shape.at(middle)[:, 0]
+    middle, quarter = (share * u[1:] + (1.0 - share) * u[:-1] for share in (0.5, 0.25))
+    half = _length(shape, u[:-1], middle)
+    pieces = Pieces(ends, _hermite(nodes, lengths, _over_length(shape.at(middle))[:, :2], half))
+    places = ends[:-1] + _length(shape, u[:-1], quarter)
+    exact = shape.at(quarter)[:, 0]
     size = float(np.linalg.norm(np.ptp(nodes[:, 0], axis=0)))
     error = float(np.abs(pieces.at(places)[:, 0] - exact).max()) / size
     return pieces._replace(error=error, jump=_jump(pieces, per_break))
@@ -110,7 +114,7 @@ def _jump(pieces: Pieces, per_break: int) -> float:
     """The largest jump of the third derivative within a part of the curve, over the largest one."""
     c, h = pieces.coefficients, np.diff(pieces.ends)[:, None]
     begin = 6.0 * c[:, :, 3]
-    end = begin + 24.0 * c[:, :, 4] * h + 60.0 * c[:, :, 5] * h**2
+    end = sum(n * (n - 1) * (n - 2) * c[:, :, n] * h ** (n - 3) for n in range(3, _TERMS))
     within = np.arange(1, len(c)) % per_break != 0
     jump = np.abs(end[:-1] - begin[1:])[within].max(initial=0.0)
     return float(jump / max(np.abs(begin).max(), pieces.ends[-1] ** -2.0))  # of a line: round-off
@@ -134,25 +138,21 @@ def _over_length(derivatives: Array) -> Array:
     return np.stack([place, tangent, (second - along * tangent) / speed**2], axis=1)
 
 
-def _hermite(nodes: Array, lengths: Array) -> Array:
-    """(n, 3, 6) coefficients of the polynomials of degree five between nodes (n + 1, 3, 3)."""
-    h = lengths[:, None]
+def _hermite(nodes: Array, lengths: Array, middles: Array, half: Array) -> Array:
+    """(n, 3, 8) coefficients of the polynomials of degree seven between nodes (n + 1, 3, 3).
+
+    They also have the value and slope `middles` (n, 2, 3) at places `half` (n,) from the near end.
+    """
+    h, t, n = lengths[:, None], half[:, None], np.arange(3, _TERMS)
     (p, d, a), (q, e, b) = nodes[:-1].swapaxes(0, 1), nodes[1:].swapaxes(0, 1)
-    # what value, slope and curvature at the far end lack of the parabola from the near end
-    x = q - p - h * (d + 0.5 * h * a)
-    y = (e - d - h * a) * h
-    z = (b - a) * h * h
-    return np.stack(
-        [
-            p,
-            d,
-            0.5 * a,
-            (10.0 * x - 4.0 * y + 0.5 * z) / h**3,
-            (-15.0 * x + 7.0 * y - z) / h**4,
-            (6.0 * x - 3.0 * y + 0.5 * z) / h**5,
-        ],
-        axis=2,
-    )
+    # what both lack of the parabola from the near end, over the length of the piece
+    lacks = [q - p - h * (d + 0.5 * h * a), (e - d - h * a) * h, (b - a) * h * h]
+    lacks += [middles[:, 0] - p - t * (d + 0.5 * t * a), (middles[:, 1] - d - t * a) * h]
+    t = t / h
+    rows = [0.0 * t + 1.0, n + 0.0 * t, n * (n - 1) + 0.0 * t, t**n, n * t ** (n - 1)]
+    matrix = np.stack(np.broadcast_arrays(*rows), axis=1)
+    higher = np.linalg.solve(matrix, np.stack(lacks, axis=1)).swapaxes(1, 2) / h[:, None] ** n
+    return np.concatenate([np.stack([p, d, 0.5 * a], axis=2), higher], axis=2)
 
 
 X, Y, Z = 0, 1, 2

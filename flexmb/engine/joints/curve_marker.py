@@ -2,8 +2,8 @@
 
 Its place is the curve's at the scalar coordinate s, x + R c(s) with x, R of the marker that carries
 the curve; on a plane curve its axes turn with the tangent t, the normal n and z of the plane. The
-curve is piecewise quintic with |c'| = 1, so s is the length along it. Beyond the ends of an open
-curve it continues with the curvature of its end, for Newton's method to come back from.
+curve is piecewise of degree seven with |c'| = 1, so s is the length along it. Beyond the ends of an
+open curve it continues with the curvature of its end, for Newton's method to come back from.
 
 With J = (R c', φ' z) the twist per ṡ, φ the angle of the tangent, the marker has J ṡ in addition to
 the motion of the material point under it; s has the equation −W·J = 0, W the wrench on the marker
@@ -137,13 +137,16 @@ def _piece(pool, curve, s):
 
 @kernel
 def _component(pool, o, t):
-    """Value and three derivatives of Σ pool[o + k] t^k, k to 5."""
+    """Value and three derivatives of Σ pool[o + k] t^k, k to 7."""
     a, b, c, d, e, f = pool[o], pool[o + 1], pool[o + 2], pool[o + 3], pool[o + 4], pool[o + 5]
+    g, h = pool[o + 6], pool[o + 7]
     return (
-        a + t * (b + t * (c + t * (d + t * (e + t * f)))),
-        b + t * (2.0 * c + t * (3.0 * d + t * (4.0 * e + t * 5.0 * f))),
-        2.0 * c + t * (6.0 * d + t * (12.0 * e + t * 20.0 * f)),
-        6.0 * d + t * (24.0 * e + t * 60.0 * f),
+        a + t * (b + t * (c + t * (d + t * (e + t * (f + t * (g + t * h)))))),
+        b
+        + t
+        * (2.0 * c + t * (3.0 * d + t * (4.0 * e + t * (5.0 * f + t * (6.0 * g + t * 7.0 * h))))),
+        2.0 * c + t * (6.0 * d + t * (12.0 * e + t * (20.0 * f + t * (30.0 * g + t * 42.0 * h)))),
+        6.0 * d + t * (24.0 * e + t * (60.0 * f + t * (120.0 * g + t * 210.0 * h))),
     )
 
 
@@ -151,7 +154,7 @@ def _component(pool, o, t):
 def _coordinate_of_curve(pool, curve, s, axis):
     """c(s) and three derivatives along one axis of the marker that carries the curve."""
     k, t, width = _piece(pool, curve, s)
-    o = curve["at"] + curve["n"] + 1 + 18 * k + 6 * axis
+    o = curve["at"] + curve["n"] + 1 + 24 * k + 8 * axis
     inside = min(max(t, 0.0), width)
     c, c1, c2, c3 = _component(pool, o, inside)
     d = t - inside

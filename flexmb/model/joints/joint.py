@@ -24,9 +24,10 @@ from pydantic import ValidationInfo, model_validator
 from flexmb.errors import FlexmbError, Problem, SceneError, nearest
 from flexmb.flexbody.planar_body import PLANES
 from flexmb.model import lookup
+from flexmb.model.body import RigidBodySpec
 from flexmb.model.joints.curve import CurveShape, curve_shape
 from flexmb.model.lookup import Bodies, Component, ModelData, Scope
-from flexmb.model.plane import ALIGNED, across, axis_of_joint, keeps_plane
+from flexmb.model.plane import ALIGNED, across, axis_of_joint, keeps_plane, normal_in_body
 from flexmb.model.quantities import Axis, Length, Pair, Size, Text
 from flexmb.model.reading import Reader, fail, fail_if, quote
 
@@ -320,3 +321,40 @@ def count(model: ModelData, flexbodies: Bodies | None = None) -> Counts:
         couplers=len(model.couplers),
         modes=sum(body.m for body in bodies) if len(bodies) == len(flexible) else None,
     )
+
+
+_LOST_INERTIA = (
+    1e-12  # inertia over mass times the square of an arm; joints have 1e-16 of the latter
+)
+_USUAL_INERTIA = 1e-9  # of the same, that a body has which is nearly a point
+
+
+def lost_inertias(model: ModelData) -> Iterator[str]:
+    """Sentences about rigid bodies whose inertia is round-off beside that of their mass on an arm.
+
+    About each principal axis, in a plane about its normal; an arm reaches from it to a joint.
+    """
+    ends: dict[str, list[np.ndarray]] = {}
+    for joint in model.joints.values():
+        for reference in joint.between:
+            body = reference.partition(".")[0]
+            if body in model.bodies and not model.bodies[body].flexible:
+                ends.setdefault(body, []).append(lookup.place_marker(model, reference).rho)
+    for name, places in ends.items():
+        spec, say = model.bodies[name], model.units.say
+        assert isinstance(spec, RigidBodySpec)
+        of = spec.mass_properties
+        axes = np.linalg.eigh(of.inertia)[1]
+        if model.plane is not None:
+            axes = normal_in_body(spec, model.plane)[:, None]
+        inertia = np.einsum("ak,ab,bk->k", axes, of.inertia, axes)
+        away = np.array(places) - of.center
+        squares = ((away**2).sum(axis=1)[:, None] - (away @ axes) ** 2).max(axis=0)
+        k = int(np.argmin(inertia - _LOST_INERTIA * of.mass * squares))
+        if inertia[k] < _LOST_INERTIA * of.mass * squares[k]:
+            yield (
+                f"bodies.{name}.inertia: {say(inertia[k], 'kg m^2', 3)} is round-off beside its "
+                f"mass times the square of its arm of {say(np.sqrt(squares[k]), 'm', 3)} to a "
+                "joint: give it that of its size, at least "
+                f"{say(_USUAL_INERTIA * of.mass * squares[k], 'kg m^2', 1)}"
+            )

@@ -26,6 +26,7 @@ from flexmb.model.functions.function import Function
 from flexmb.model.functions.piecewise import Piecewise
 from flexmb.model.joints.coupler import coupler_loop_problems
 from flexmb.model.joints.driver import DriverSpec
+from flexmb.model.joints.joint import lost_inertias
 from flexmb.model.lookup import Bodies, Broken, ModelData, Scope
 from flexmb.model.markers import MarkerSpec, place
 from flexmb.model.mesh_body import MeshBodySpec
@@ -74,6 +75,7 @@ def model_warnings(model: ModelData, flexbodies: Bodies) -> Iterator[str]:
     yield from impact_warnings(model)
     yield from unlikely_densities(model)
     yield from idle_loads(model)
+    yield from lost_inertias(model)
 
 
 def _section_problems(scope: Scope, section: str) -> Iterator[Problem]:

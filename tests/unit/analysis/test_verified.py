@@ -6,6 +6,8 @@ import re
 
 import numpy as np
 import pytest
+from accuracyscenes import AWAY, moved
+from accuracyscenes.textbook import Linkage
 from truthkit import Memory
 
 from flexmb.analysis.dynamics.dynamics import dynamics
@@ -91,6 +93,32 @@ def test_the_error_of_a_chaotic_motion_is_not_told_smaller_than_it_is(known):
     """In the end both runs are anywhere, so that what they differ by is no multiple of an error."""
     outcome, *_ = simulated(high(), accuracy=1e-6, **LONG)
     assert outcome.statistics["measured_error_of_positions"] > 0.1
+
+
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-4])
+@pytest.mark.parametrize(
+    "knobs",
+    [{"method": "auto"}, pytest.param({"method": "radau"}, marks=pytest.mark.slow)],
+    ids=["auto", "radau"],
+)
+def test_round_off_that_a_chaotic_motion_multiplies_is_told(accuracy, knobs):
+    """A kilometre away, beside Lagrange's equations in absolute angles by SciPy.
+
+    The same motion near the origin is accurate: the method is, and the place is not.
+    """
+    row = Linkage([1, 1], [0.1, 0.1], [[0.5, 0], [1, 0.5]], gravity=-9.81j)
+    t = np.linspace(0.0, 25.0, 201)
+    angles = row.run([np.pi / 2] * 2, [0.0, 1.0], [0, 1], t)
+    end = np.exp(1j * angles).sum(axis=0)
+    truth = np.column_stack([end.real, end.imag, 0.0 * t]) + AWAY
+    outcome, _, sensors, _ = simulated(
+        moved(high()), accuracy=accuracy, duration=25.0, outputs=200, **knobs
+    )
+    error = np.abs(sensors - truth).max() / np.ptp(truth, axis=0).max()
+    assert error > 2 * accuracy
+    assert outcome.statistics["measured_error_of_positions"] > error / 5  # of one walk at random
+    (note,) = [note for note in outcome.notes if "was asked for" in note]
+    assert "multiplies errors" in note
 
 
 def test_a_pass_that_fails_leaves_the_one_before():

@@ -113,3 +113,12 @@ def test_a_scene_gives_its_curves_back(name):
     model.add_body("b", mass=1, inertia=[1, 1, 1])
     again = Model.from_scene_dict(model.to_scene_dict())
     np.testing.assert_array_equal(curve_shape(again, "c").points, curve_shape(model, "c").points)
+
+
+def test_pieces_have_the_curvature_of_a_helix():
+    """r/(r² + c²) anywhere on it, and the tangent is a unit vector: of six turns."""
+    found = pieces_of(shape(x="0.5*cos(t)", y="0.5*sin(t)", z="-0.2*t", range=[0, 40]))
+    _, tangent, bend = found.at(np.linspace(0.0, 0.999 * found.ends[-1], 5000)).swapaxes(0, 1)
+    np.testing.assert_allclose(np.linalg.norm(tangent, axis=1), 1.0, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(bend, axis=1), 0.5 / 0.29, rtol=1e-10)
+    assert len(found.coefficients) <= 256

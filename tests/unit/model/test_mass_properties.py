@@ -6,7 +6,9 @@ import re
 
 import numpy as np
 import pytest
+from truthkit import run
 
+from flexmb.errors import SceneError
 from flexmb.model import Model
 
 SHAPES = [
@@ -85,3 +87,34 @@ def test_densities_of_shapes_that_slipped_are_named(fields, slip):
     model.add_body("b", shape={"type": "box", "size": [1, 1, 1]}, **fields)
     (sentence,) = model.warnings() or ("",)
     assert bool(sentence) == bool(slip) and (not slip or re.search(slip, sentence))
+
+
+def on_an_arm(inertia, plane=None, place=(-1.0, 0.0, 0.0)):
+    """A body of 2 kg with a pin 1 m from its centre."""
+    made = Model("point", plane=plane)
+    made.add_body("bob", mass=2.0, inertia=inertia, position=[1, 0, 0])
+    made.add_marker("bob.pin", position=list(place))
+    made.add_joint("pin", "revolute", between=["ground", "bob.pin"], axis="z")
+    return made
+
+
+def test_an_inertia_that_round_off_loses_is_named_with_its_cure():
+    """Less than 1e-12 m a² about an axis that the arm is not along; in a plane, of its normal."""
+    (sentence,) = on_an_arm([1.0, 1.9e-12, 1.0]).warnings()
+    assert sentence.startswith("bodies.bob.inertia: 1.9e-12 kg m^2 is round-off beside its mass")
+    assert "arm of 1 m to a joint" in sentence and "at least 2e-09 kg m^2" in sentence
+    for quiet in ([1e-20, 1e-11, 1e-11], [1.0, 2.1e-12, 1.0]):
+        assert not on_an_arm(quiet).warnings()
+    assert not on_an_arm([1e-11, 1.9e-12, 1e-11], "xy").warnings()
+    assert on_an_arm([1.0, 1.0, 1e-13], "xy").warnings()
+    assert not on_an_arm([1e-20] * 3, place=(0, 0, 0)).warnings()
+
+
+@pytest.mark.filterwarnings("ignore::flexmb.errors.FlexmbWarning")
+def test_explicit_methods_refuse_it_and_implicit_ones_do_not():
+    """Their steps would shrink by round-off, or errors be five times what was asked for."""
+    made = on_an_arm([1e-13] * 3)
+    knobs = {"duration": 0.1, "outputs": 2, "accuracy": 1e-4}
+    with pytest.raises(SceneError, match='bodies.bob.inertia: 1e-13 .* method = "radau"'):
+        run(made, **knobs)
+    assert run(made, method="radau", **knobs).statistics["steps"] < 50

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from accuracyscenes.bristles import puck
+from accuracyscenes.friction import on_points
 
 import flexmb
 from flexmb.analysis.dynamics import integration as module
@@ -152,3 +155,15 @@ def test_a_finished_run_is_extended_as_accurately(
         assert error < max(3 * said, 2e-7)
         if result is whole or outputs >= 51:  # else also measured between the rows
             assert said < max(5 * error, 2e-7)
+
+
+@pytest.mark.parametrize("make", [on_points, puck], ids=["block", "puck"])
+def test_contacts_with_bristles_resume_to_the_same_bytes(
+    tmp_path: Path, make: Callable[[], flexmb.Model]
+) -> None:
+    """By a method that needs no accelerations of markers: what a bristle remembers has them."""
+    knobs = {"duration": 0.15, "outputs": 30, "step": 5e-4, "method": "generalized-alpha"}
+    whole = flexmb.simulate(make(), output=tmp_path / "whole", **knobs)
+    part = flexmb.simulate(make(), output=tmp_path / "part", progress=Interrupt((1, 1)), **knobs)
+    assert part.status == "stopped"
+    assert_same(flexmb.resume(part), whole)
