@@ -150,7 +150,7 @@ def test_coincidence_alone_couples_no_bodies():
 
 
 def test_a_mesh_that_is_not_reduced_is_refused():
-    """It was simulated as a rigid body of another one's mass, in silence."""
+    """It was simulated as a rigid body of some mass, in silence."""
     model = Model("bar")
     mesh = {"type": "beam", "length": 1.0, "divisions": 4}
     square = {"type": "rectangle", "y": 0.01, "z": 0.01}
