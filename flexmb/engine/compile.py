@@ -43,7 +43,7 @@ from flexmb.engine.tables import (
     Sensors,
     System,
 )
-from flexmb.errors import SceneError
+from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
 from flexmb.model.functions.discontinuities import brief_changes, derivative_jumps, switch_times
@@ -52,6 +52,12 @@ from flexmb.model.model import Model
 from flexmb.model.plane import plane_axes, simulated_body
 from flexmb.model.scenes.dynamics import DynamicsSpec
 from flexmb.model.scenes.effects import active_model
+
+_NOT_REDUCED = (
+    "is flexible, and its reduced body is not there; give it to compile_system by name: "
+    "bodies, _, _ = flexmb.workflow.flexible_bodies.flexible_bodies(model, folder) reduces meshes "
+    "and reads body files. flexmb.simulate(model) and the other analyses do so themselves"
+)
 
 
 @dataclass(frozen=True)
@@ -83,12 +89,13 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     model : Model
         The model; validated here, all problems at once.
     flexbodies : mapping of str to FlexBody, optional
-        The reduced body of every flexible body that is not given in the model itself.
+        The reduced body of every flexible body that is not given in the model itself, as
+        `flexmb.workflow.flexible_bodies.flexible_bodies` makes them.
 
     Raises
     ------
     SceneError
-        Everything that does not fit together.
+        Everything that does not fit together; a body that is not reduced.
     """
     model.validate(flexbodies)
     model = active_model(model)
@@ -125,11 +132,16 @@ def parts_of_model(compiled: Compiled) -> NDArray[np.intp]:
 
 
 def _flexible_bodies(model: Model, bodies: dict[str, FlexBody]) -> dict[str, FlexBody]:
-    """All flexible bodies there are, as a run has them."""
-    for name in model.bodies:
+    """All flexible bodies, as a run has them."""
+    problems: list[Problem] = []
+    for name, spec in model.bodies.items():
         body = lookup.flexbody_of(model, name, bodies)
         if body is not None:
             bodies[name] = simulated_body(model, name, body)
+        elif spec.flexible:
+            problems.append(Problem(f"bodies.{name}", _NOT_REDUCED))
+    if problems:
+        raise SceneError.from_problems(problems)
     return bodies
 
 

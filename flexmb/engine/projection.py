@@ -29,7 +29,7 @@ from flexmb.engine.equations_of_motion import (
 from flexmb.engine.iteration_matrix import factorise, has_dependent_rows, permute
 from flexmb.engine.jit import Vector, call_value, kernel, unit
 from flexmb.engine.joints.constraint import constraint_right_side
-from flexmb.engine.method import FINE, NO_LOOP, SELF_LOCKING
+from flexmb.engine.method import FINE, NO_LOOP, NOT_FINITE, SELF_LOCKING
 from flexmb.engine.state import Point, Run
 
 _ROUNDS = 3
@@ -136,13 +136,15 @@ def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
     if run.settings.follow == 1 and project != NOTHING:
         zero(run.work.trial.mode_force)
     status = _solve_motion(run, at, cp, project)
-    if run.settings.follow == 0 or project == NOTHING:
+    if run.settings.follow == 0 or project == NOTHING or status != FINE:
         return status
     for _ in range(_LOOP_ROUNDS):
         status = max(status, forces(run, at))
         change = follow_loads(run, at)
-        if status != FINE or not math.isfinite(change):
-            return max(status, NO_LOOP)
+        if status == NOT_FINITE or not math.isfinite(change):
+            return NO_LOOP  # it was finite before they followed
+        if status != FINE:
+            return status
         if change <= _STATIC:
             walk(run.stages.static_rates, run, at)
             walk(run.stages.static_force, run, at)

@@ -233,6 +233,27 @@ def call(unit: Unit, *arguments: Any) -> Any:
     return _c_function(unit.name, _address(unit))(*words)
 
 
+def bind(unit: Unit, *first: Any) -> Callable[..., Any]:
+    """A unit with its first arguments for many calls; the others, if any, are numbers.
+
+    Parameters
+    ----------
+    unit : Unit
+        What to run.
+    first : records that were handed over, and arrays
+        Arrays may be changed in place, not replaced.
+    """
+    if interpreted():
+        return functools.partial(call, unit, *first)
+    prepare_units([unit])
+    words: list[Any] = []
+    for value, kind in zip(first, _parameters(unit.name), strict=False):
+        words += [value.address] if isinstance(value, Packed) else _array_words(value, kind)
+    bound = functools.partial(_c_function(unit.name, _address(unit)), *words)
+    bound.owned = first  # type: ignore[attr-defined]
+    return bound
+
+
 def hand_over(record: Any) -> Packed:
     """A record for many calls: laid out in memory once.
 

@@ -28,7 +28,8 @@ from flexmb.model.forces.force_characteristic import AnyStop, JointStopSpec
 from flexmb.model.plane import plane_axes
 from flexmb.model.scenes.effects import EffectsSpec, active_model
 from flexmb.progress import Progress, silent
-from flexmb.workflow.neighbours import FRICTION, GRAVITY, OUT_OF_PLANE, Effect, Neighbours
+from flexmb.workflow.effect import FRICTION, GRAVITY, OUT_OF_PLANE, Effect
+from flexmb.workflow.neighbours import Neighbours
 
 if TYPE_CHECKING:
     from flexmb.analysis.dynamics.validity import ValidityMonitor
@@ -43,6 +44,7 @@ BUDGET = 0.01
 _WASTED = 0.1  # of the budget: an effect that contributes less is not worth its time
 _RINGS = 1 / 3  # of the budget: a sensor may ring so much faster than the rows
 _ROUGH = 100.0  # times as much as they see may be true of such a sensor
+_UNSETTLED = "much, not how much: contacts or stops open and close at other times with it"
 _MOST_ROWS = 800  # rows of a run that are looked at
 MISSING, NEEDED, WASTED, SMALL, UNKNOWN = (
     "missing", "needed", "could be off", "may stay off", "not known",
@@ -64,7 +66,7 @@ class EffectOutcome:
 
     ``share`` is its contribution to the worst sensor over the peak-to-peak of that, ``value`` the
     same in the scene's unit of it; None where there is no estimate, and ``why`` says what it needs:
-    with ``shares`` where these are too rough to be one.
+    with ``shares`` where these are too rough to be one. With a share it says why that is rough.
     ``cost`` is the time of one evaluation of the equations with the effect over that without, of
     deformation that of all evaluations of the run over those of the rigid one.
     """
@@ -272,7 +274,8 @@ def _outcome(neighbours: Neighbours, effect: Effect, budget: float) -> EffectOut
         why = f"{names} rings faster than the rows; {percent(worst.share)} as they see it"
         rough = NEEDED if effect.on else UNKNOWN
         return EffectOutcome(*fixed, None, "", "", cost, rough, why, shares)
-    return EffectOutcome(*fixed, worst.share, value, worst.sensor, cost, verdict, "", shares)
+    why = _UNSETTLED if worst.unsettled and worst.share > budget else ""
+    return EffectOutcome(*fixed, worst.share, value, worst.sensor, cost, verdict, why, shares)
 
 
 def _verdict(on: bool, share: float, budget: float) -> str:

@@ -44,13 +44,17 @@ def resolved_motion(
 
     rows, thinned, notes = motion, motion.thinned(most_rows), []
     fastest = max((hertz for _, hertz in driving_frequencies(model)), default=0.0)
-    for most in _limits(compiled, most_rows):
+    limits = list(_limits(compiled, most_rows))
+    for most in limits:
         thinned = rows.thinned(most)
         better = max(thinned.turns(compiled, fastest), _rings(model, compiled, thinned))
         if most > most_rows and better <= _ENOUGH and thinned.gap(compiled) <= _ROUGH:
             break
         finer = max(thinned.finer(compiled, fastest), better)
-        n = min(int(np.ceil((len(thinned.t) - 1) * finer)), most - 1)
+        wanted = int(np.ceil((len(thinned.t) - 1) * finer))
+        if most < limits[-1] <= wanted and better > _ENOUGH * (most / len(thinned.t)) ** 2:
+            continue  # what rings falls with the fourth power of the rows at best: more are needed
+        n = min(wanted, most - 1)
         if finer > 1.0 and n > len(rows.t) and model.dynamics is not None and run is not None:
             other = copy.copy(model)
             other.dynamics = model.dynamics.model_copy(update={"outputs": n})

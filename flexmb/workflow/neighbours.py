@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -22,9 +22,20 @@ from flexmb.errors import FlexmbError
 from flexmb.flexbody.arrays import Array
 from flexmb.folders import writable_folder
 from flexmb.model.mesh_body import MeshBodySpec
-from flexmb.model.scenes.effects import with_words
+from flexmb.model.scenes.effects import active_model, with_words
 from flexmb.progress import Progress, silent
 from flexmb.workflow.audited_rows import resolved_motion
+from flexmb.workflow.effect import (
+    DAMPING,
+    DEFORMATION,
+    FULL,
+    MODES,
+    OUT_OF_PLANE,
+    STATIC,
+    VIBRATION,
+    Effect,
+    couplings,
+)
 
 if TYPE_CHECKING:
     from flexmb.analysis.effects.contribution import Contribution
@@ -38,33 +49,12 @@ if TYPE_CHECKING:
 Change: TypeAlias = tuple[tuple[Array, ...], Array, tuple[str, ...], float | None]
 """Channels as for `contributions`, an effect's change of them (n, k), names, its cost."""
 
-DEFORMATION, VIBRATION = "deformation", "vibration"
-STATIC = "vibration of quasi-static modes"
-STIFFENING, COUPLING, BOTH = "geometric stiffening", "inertia coupling", "coupling and stiffening"
-MODES, DAMPING, GRAVITY, FRICTION = "further modes", "damping", "gravity", "friction"
-OUT_OF_PLANE = "motion out of the plane"
 _MORE_MODES = 2  # times as many modes tell what those left out would do
+_FEW_ROWS, _FEWER = 800, 8  # of more rows an eighth tells first whether all of them are needed
+_NOTHING = 1e-7  # of a sensor's peak-to-peak; too few rows saw 1/40 of a change
 _RIGID, _DYNAMIC = {"deformation": "rigid"}, {"deformation": "dynamic"}
 _QUASI_STATIC = {"deformation": "quasi-static"}
 _FRAMED = "quasi-static modes keep no momentum in a frame at an interface; take mean axes"
-_FULL = {"inertia_coupling": "full", "geometric_stiffening": "full"}
-
-
-@dataclass(frozen=True)
-class Effect:
-    """An effect of a body, or of the scene, and the words that switch it over.
-
-    `why` says what an estimate would need, where there can be none. `direct` is its share and where
-    that is, where the computed motion says it by itself.
-    """
-
-    name: str
-    body: str
-    on: bool
-    indicator: str
-    words: Mapping[str, Any] = field(default_factory=dict)
-    why: str = ""
-    direct: tuple[float, str] | None = None
 
 
 @dataclass
@@ -85,6 +75,8 @@ class Neighbours:
     folder: Path
     progress: Progress = silent
     notes: list[str] = field(default_factory=list)
+    _unsettled: set[str] = field(default_factory=set)  # sensors, of the effect that was last found
+    _unsettled_of: dict[tuple[str, ...], set[str]] = field(default_factory=dict)
     _changes_of: dict[tuple[str, ...], Change] = field(default_factory=dict)
     _rigid: dict[tuple[str, ...], tuple[Compiled, Motion, float]] = field(default_factory=dict)
 
@@ -143,24 +135,24 @@ class Neighbours:
         FlexmbError
             The neighbour cannot be made or run.
         """
-        from flexmb.analysis.effects.contribution import contributions, shared
+        from flexmb.analysis.effects.contribution import shared
 
-        alike = self._alike(effect)
-        histories, change, names, cost = self._change(effect)
-        made = contributions(self.model, histories, change, names)
+        alike, cost, made = self._alike(effect), self._change(effect)[3], self._alone(effect)
         if len(alike) > 1 and not effect.on and effect.name != MODES:
             with suppress(FlexmbError):  # without them all there may be no motion
                 return shared(made, [self._alone(one) for one in alike], self._alone(*alike)), cost
         if effect.body and len(alike) > 1 and any(one.at_rest and one.share for one in made):
             together = np.sum([self._change(one)[1] for one in alike], axis=0)  # to first order
-            made = contributions(self.model, histories, change, names, together)
+            made = self._alone(effect, together=together)
         return made, cost
 
-    def _alone(self, *effects: Effect) -> list[Contribution]:
+    def _alone(self, *effects: Effect, together: Array | None = None) -> list[Contribution]:
         """Of one effect, or of some of one kind switched over together."""
         from flexmb.analysis.effects.contribution import contributions
 
-        return contributions(self.model, *self._change(*effects)[:3])
+        made = contributions(self.model, *self._change(*effects)[:3], together)
+        rough = self._unsettled_of[effects[0].name, *(one.body for one in effects)]
+        return [replace(one, unsettled=one.sensor in rough) for one in made]
 
     @cached_property
     def _static(self) -> dict[str, Any]:
@@ -196,7 +188,9 @@ class Neighbours:
         if key not in self._changes_of:
             deforms = name in (DEFORMATION, VIBRATION)
             find = self._deformation if deforms else self._switch_change
+            self._unsettled = set()
             self._changes_of[key] = find(*effects)
+            self._unsettled_of[key] = self._unsettled
         return self._changes_of[key]
 
     def _switch_change(self, *effects: Effect) -> Change:
@@ -215,13 +209,15 @@ class Neighbours:
                 bodies[one.body] = self._reduced(model, one)
         if name == OUT_OF_PLANE:
             for body, spec in model.bodies.items():
-                if isinstance(spec, MeshBodySpec):
+                if isinstance(spec, MeshBodySpec):  # in the plane as many modes as the run has
+                    model = with_words(model, {body: {"modes": _MORE_MODES * spec.mode_count}})
                     bodies[body] = self._reduced(model, replace(effects[0], body=body))
         other = self._compile(model, bodies)
         finer = {OUT_OF_PLANE: own.flexbodies, MODES: [one.body for one in effects]}
         for body in finer.get(name, ()):
             shapes[body] = shapes_of(own.flexbodies[body], other.flexbodies[body])
-        changes = self._changes(own, other, model, self.motion, shapes, follow)
+        changes = self._few_changes(own, other, model, shapes, follow)
+        changes = changes or self._changes(own, other, model, self.motion, shapes, follow)
         times = time(other), time(own) if self._static else self._own_time
         return *changes, times[1] / times[0] if on else times[0] / times[1]
 
@@ -247,45 +243,13 @@ class Neighbours:
         else:
             why = "" if spec.frame_interface is None else _FRAMED
             yield Effect(VIBRATION, name, False, fast, _DYNAMIC, why)
-        yield from self._couplings(name, spec, body, turning, numbers.speed < LEAST_SPEED)
+        yield from couplings(
+            name, spec, body, self.bodies[name], turning, numbers.speed < LEAST_SPEED
+        )
         yield self._modes(name, spec, body)
         number = [one.name for one in self.compiled.layout.bodies].index(name)
         if self.compiled.system.parts.bodies["damped"][number]:
             yield Effect(DAMPING, name, True, "", {"damping": 0.0})
-
-    def _couplings(
-        self, name: str, spec: Any, body: FlexBody, turning: str, slow: bool
-    ) -> Iterator[Effect]:
-        """Inertia coupling and geometric stiffening; coupling alone where rotation is too slow for
-        stiffening, and there is no data for that."""
-        stiffened = body.centrifugal_stiffness is not None
-        constant = spec.inertia_coupling == "constant"
-        has_data = self.bodies[name].centrifugal_stiffness is not None
-        why = ""
-        if not stiffened and not has_data and not isinstance(spec, MeshBodySpec):
-            why = "the body file has no data for it: "
-            why += (
-                "flexmb reduce with --geometric-stiffening full"
-                if self.bodies[name].provenance
-                else "give centrifugal_stiffness with its arrays, and the bend of its interfaces"
-            )
-        none = {"inertia_coupling": "constant", "geometric_stiffening": "none"}
-        if constant and not stiffened:
-            if why and slow:
-                yield Effect(COUPLING, name, False, turning, {"inertia_coupling": "full"})
-                yield Effect(STIFFENING, name, False, turning, _FULL, why)
-            else:
-                yield Effect(BOTH, name, False, turning, _FULL, why)
-            return
-        if not stiffened:
-            yield Effect(COUPLING, name, True, turning, {"inertia_coupling": "constant"})
-            yield Effect(STIFFENING, name, False, turning, {"geometric_stiffening": "full"}, why)
-        else:
-            yield Effect(BOTH, name, not constant, turning, _FULL if constant else none)
-        if spec.inertia_coupling == "partial":
-            yield Effect(f"full {COUPLING}", name, False, turning, {"inertia_coupling": "full"})
-        elif not constant:
-            yield Effect(f"full {COUPLING}", name, True, turning, {"inertia_coupling": "partial"})
 
     def _modes(self, name: str, spec: Any, body: FlexBody) -> Effect:
         modes = f"{body.m} modes"
@@ -296,19 +260,22 @@ class Neighbours:
     def _deformation(self, *effects: Effect) -> Change:
         """Of bodies along the motion in which they are rigid; of vibrations less what is slow.
 
-        What is a spring without mass in the run vibrates along the run itself.
+        What is quasi-static in the run vibrates along the run itself as well, driven by what that
+        leaves out of balance at the modes: inertia, and dampers on what follows its loads. It does
+        not see rates that jump with a load, the other way not the dampers: the larger one counts.
         """
         from flexmb.analysis.effects.contribution import smaller_range
         from flexmb.engine.bodies.static_modes import static_coordinates
 
-        kinetostatic = partial(static_coordinates, kinetostatic=True)
-        mine = [one.body for one in effects]
+        mine, along = [one.body for one in effects], None
         if effects[0].name == VIBRATION and self._static.keys() >= {*mine}:
             now = self._compile(self.model, self.bodies)
-            if not len(kinetostatic(now.system)):
-                model = with_words(self.model, dict.fromkeys(mine, _DYNAMIC))
-                other = self._compile(model, self.bodies)
-                return *self._changes(now, other, model, self.motion, {}), None
+            model = with_words(self.model, dict.fromkeys(mine, _DYNAMIC))
+            other = self._compile(model, self.bodies)
+            made = self._changes(now, other, model, self.motion, {}, inertia=mine)
+            if not len(static_coordinates(now.system, kinetostatic=True)):
+                return *made, None
+            along = made[1]
         own, motion, model, bodies, last = self._deformable(effects)
         other = self._compile(model, bodies)
         if effects[0].name == DEFORMATION:
@@ -319,58 +286,73 @@ class Neighbours:
         histories, change, names, _ = self._change(*deformations)
         both = (with_words(one, dict.fromkeys(mine, _QUASI_STATIC)) for one in (self.model, model))
         beside, slow = (self._compile(one, bodies) for one in both)
-        if follow := len(kinetostatic(beside.system)) > 0:
+        if follow := len(static_coordinates(beside.system, kinetostatic=True)) > 0:
             slow = other  # nothing vibrates, nor do other bodies on the compliance of this one
         (_, after), still, _ = self._changes(own, slow, model, motion, {}, follow)
         if motion is not self.motion:  # the body is flexible in both
             without = after if effects[0].on else smaller_range(after, histories[0])
             histories = histories[0], without, histories[2]
-        return histories, np.where(np.isfinite(change), change - still, change), names, None
+        change = np.where(np.isfinite(change), change - still, change)
+        if along is not None:
+            along = along[np.linspace(0, len(along) - 1, len(change)).round().astype(int)]
+            larger = np.abs(along).max(axis=0) > np.abs(change).max(axis=0)
+            change = np.where(larger, along, change)
+        return histories, change, names, None
 
     def _deformable(
         self, effects: tuple[Effect, ...]
     ) -> tuple[Compiled, Motion, Model, dict[str, FlexBody], float]:
         """The scene with bodies rigid, and its motion; with them flexible, and its bodies."""
-        from flexmb.analysis.dynamics.linear_elasticity import LEAST_SPEED
-        from flexmb.analysis.effects.contribution import indicators
-        from flexmb.analysis.effects.stored_motion import carry_motion
-
         names = tuple(one.body for one in effects)
         own, motion, last = self._without(names)
         model = with_words(self._dynamic[0], dict.fromkeys(names, _DYNAMIC))
         bodies = dict(self.bodies)
         for one in effects:
-            name, spec = one.body, model.bodies[one.body]
-            stiffened = getattr(spec, "geometric_stiffening", None) == "full"
-            lacks = bodies[name].m == 0
-            lacks |= stiffened and bodies[name].centrifugal_stiffness is None
-            if lacks and isinstance(spec, MeshBodySpec):  # as it was rigid, reduced without
+            name, body, spec = one.body, bodies[one.body], model.bodies[one.body]
+            has_mesh, has_data = (
+                isinstance(spec, MeshBodySpec),
+                body.centrifugal_stiffness is not None,
+            )
+            if self.compiled.flexbodies[name].m == 0 and (has_mesh or has_data):
+                model = with_words(model, {name: FULL})  # it comes shorter as it bends, if slow too
+            full = getattr(model.bodies[name], "geometric_stiffening", None) == "full"
+            if has_mesh and (body.m == 0 or (full and not has_data)):
                 bodies[name] = self._reduced(model, one)
-        for one in effects:
-            name, spec = one.body, model.bodies[one.body]
-            has_data = bodies[name].centrifugal_stiffness is not None
-            if self.compiled.flexbodies[name].m == 0 and (
-                isinstance(spec, MeshBodySpec) or has_data
-            ):
-                other = self._compile(model, bodies)
-                carried, _ = carry_motion(motion, own, other, {})
-                if indicators(other, carried, bodies[name], name).speed >= LEAST_SPEED:
-                    model = with_words(model, {name: _FULL})
-                    bodies[name] = bodies[name] if has_data else self._reduced(model, one)
         return own, motion, model, bodies, last
 
     def _changes(
         self, own: Compiled, other: Compiled, model: Model, motion: Motion,
-        shapes: Mapping[str, Array], follow: bool = False,
+        shapes: Mapping[str, Array], follow: bool = False, inertia: Sequence[str] = (),
     ) -> tuple[tuple[Array, ...], Array, tuple[str, ...]]:  # fmt: skip
         from flexmb.analysis.effects.contribution import estimate
 
         begins = "from" not in self._origin
-        change = estimate(
-            own, other, model, motion, shapes, begins_as_placed=begins, quasi_static=follow
-        ).channels
+        made, settled = estimate(
+            own, other, model, motion, shapes,
+            begins_as_placed=begins, quasi_static=follow, inertia=inertia,
+        )  # fmt: skip
+        change, channels = made.channels, np.array(other.layout.channels)
+        rough = {str(channel).split(".")[0] for channel in channels[~settled]}
+        self._unsettled = self._unsettled | rough
         after = motion.channels + np.where(np.isfinite(change), change, 0.0)
         return (motion.channels, after), change, other.layout.channels
+
+    def _few_changes(
+        self, own: Compiled, other: Compiled, model: Model, shapes: Mapping[str, Array],
+        follow: bool,
+    ) -> tuple[tuple[Array, ...], Array, tuple[str, ...]] | None:  # fmt: skip
+        """As `_changes`, of a part of many rows, where these change next to nothing; else None."""
+        from flexmb.analysis.effects.contribution import contributions
+
+        n = len(self.motion.t)
+        if n <= _FEW_ROWS:
+            return None
+        few = self.motion.thinned(n // _FEWER)
+        histories, change, names = self._changes(own, other, model, few, shapes, follow)
+        if any(one.share > _NOTHING for one in contributions(model, histories, change, names)):
+            return None
+        every = -(-n // len(few.t))
+        return 2 * (self.motion.channels,), np.repeat(change, every, axis=0)[:n], names
 
     def _without(self, names: tuple[str, ...]) -> tuple[Compiled, Motion, float]:
         """The scene with bodies rigid, all modes of others with inertia, and its motion."""
@@ -433,7 +415,8 @@ class Neighbours:
         name = (DEFORMATION if deforms else effect.name).replace(" ", "_")
         folder = writable_folder(self.folder / name)
         _copy_bodies(own, folder)
-        bodies, _, _ = flexible_bodies(model, folder, only=[effect.body], progress=self.progress)
+        model, only = active_model(model), [effect.body]
+        bodies, _, _ = flexible_bodies(model, folder, only=only, progress=self.progress)
         if deforms:
             _copy_bodies(folder, own)  # for a next run with these effects
         return bodies[effect.body]

@@ -28,8 +28,9 @@ from flexmb.model import Model
 from flexmb.model.scenes.effects import with_words
 from flexmb.model.scenes.study import override
 from flexmb.results import Result
+from flexmb.workflow.effect import MODES, STIFFENING
 from flexmb.workflow.effect_selection import run_with_selected_effects
-from flexmb.workflow.neighbours import MODES, STIFFENING, Neighbours
+from flexmb.workflow.neighbours import Neighbours
 from flexmb.workflow.run import run_single
 
 ROOT = Path(__file__).parents[2]

@@ -9,6 +9,8 @@ from truth.test_audit import beam_fields, find, share_between
 import flexmb
 from flexmb.model import Model
 from flexmb.model.scenes.effects import with_words
+from flexmb.workflow.audit import scene_effects
+from flexmb.workflow.effect import OUT_OF_PLANE
 from flexmb.workflow.neighbours import Neighbours
 
 pytestmark = pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
@@ -287,3 +289,75 @@ def test_bodies_of_long_names_are_audited_together(tmp_path):
     model.set_dynamics(duration=0.2, outputs=20, accuracy=1e-3, start="quasi-static")
     audit = flexmb.audit(flexmb.simulate(model, output=tmp_path))
     assert find(audit, "vibration", "a" * 130).share < 0.01
+
+
+def arm_on_a_servo():
+    """An arm on a turret that turns, held by a spring and a damper at its hub."""
+    model = Model("arm on a servo")
+    model.add_body("arm", **slender(0.4, 0.008))
+    load(model, "tool", 0.4, [0.4, 0, 0])
+    load(model, "turret", 0.05, [0, 0, 0])
+    model.add_joint("base", "revolute", between=["ground", "turret"], axis="z")
+    model.add_joint("hub", "revolute", between=["turret", "arm.root"], axis="z")
+    model.add_joint("grip", "fixed", between=["arm.tip", "tool"])
+    model.add_driver(
+        "motor", joint="base", angle={"type": "step5", "t0": 0.0, "t1": 0.5, "y1": 1.0}
+    )
+    model.add_force("servo", "rotational-spring-damper", joint="hub", stiffness=60.0, damping=0.6)
+    model.add_sensor("hub", "angle", joint="hub")
+    model.set_dynamics(duration=0.8, outputs=200, accuracy=1e-5, verify=False)
+    return model
+
+
+def test_dampers_do_not_act_on_what_follows_its_loads(tmp_path):
+    """Told from two estimates along a rigid motion it was a part: the run itself tells it."""
+    words = {"deformation": "quasi-static"}
+    told, true = left_out(arm_on_a_servo(), tmp_path, words, "vibration")["hub"]
+    assert true > 0.001 and told == pytest.approx(true, rel=0.1)
+
+
+def test_a_hammer_that_a_soft_shaft_leaves_on_its_stop_for_longer(tmp_path):
+    """Contacts close as in the run to first order: four times the change is told, and that."""
+    model = Model("hammer on a stop", gravity=[0, -9.81, 0])
+    model.add_body("shaft", deformation="rigid", **slender(0.4, 0.006))
+    load(model, "head", 0.3, [0.4, 0, 0])
+    model.add_joint("pivot", "revolute", between=["ground", "shaft.root"], axis="z")
+    model.add_joint("grip", "fixed", between=["shaft.tip", "head"])
+    model.add_force("anvil", "rotational-stop", joint="pivot", lower=-1.2, stiffness=800.0,
+                    exponent=1.0, damping=1.0, depth=1e-3)  # fmt: skip
+    model.add_sensor("turn", "angle", joint="pivot")
+    model.add_sensor("head", "position", of="head")
+    run = flexmb.simulate(model, output=tmp_path, duration=0.6, outputs=300, verify=False)
+    one = find(flexmb.audit(run), "deformation", "shaft")
+    assert one.verdict == "missing" and "not how much: contacts or stops" in one.why
+
+
+def lift_in_a_plane():
+    """A beam of solid elements between a lift and a strut."""
+    model = Model("lift in a plane", plane="xy")
+    material = {"E": 2.8e9, "nu": 0.38, "density": 1410.0}
+    mesh = {"type": "box", "size": [0.6, 0.012, 0.03], "divisions": [10, 1, 1]}
+    model.add_body("beam", mesh=mesh, material=material, modes=4,
+                   interfaces={"root": "x0", "tip": "x1"})  # fmt: skip
+    foot = {"position": [0.6, -0.5, 0]}
+    model.add_body("strut", **slender(0.5, 0.006, divisions=6), **foot, orientation=UPRIGHT)
+    model.add_marker("ground.foot", **foot)
+    load(model, "lift", 0.5, [0, 0, 0])
+    model.add_joint("rail", "prismatic", between=["ground", "lift"], axis="y")
+    ends = {"a": "lift beam.root", "b": "beam.tip strut.tip", "c": "ground.foot strut.root"}
+    for name, between in ends.items():
+        model.add_joint(name, "revolute", between=between.split(), axis="z")
+    motion = {"type": "havsin", "t0": 0, "t1": 0.15, "y1": 0.15}
+    model.add_driver("motor", joint="rail", stroke=motion)
+    model.add_sensor("b", "reaction", joint="b")
+    model.set_dynamics(duration=0.2, outputs=200, accuracy=1e-5, verify=False)
+    return model
+
+
+@pytest.mark.slow
+def test_modes_that_a_plane_has_no_room_for_are_no_motion_out_of_it(tmp_path):
+    """As many modes in space have fewer of them in the plane, which nothing leaves."""
+    run = flexmb.simulate(lift_in_a_plane(), output=tmp_path)
+    neighbours = Neighbours.of(run, 200)
+    effect = next(one for one in scene_effects(neighbours) if one.name == OUT_OF_PLANE)
+    assert neighbours.estimate(effect)[0][0].share < 1e-6

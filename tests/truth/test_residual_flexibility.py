@@ -408,3 +408,19 @@ def test_small_steps_do_not_feed_back_what_moved_by_deformation(method):
     exact, _ = channels(arm_with_a_load(), names, **knobs, accuracy=1e-8)
     steps, _ = channels(arm_with_a_load(), names, **knobs, accuracy=None, method=method, step=2e-5)
     np.testing.assert_allclose(steps, exact, atol=1e-6)
+
+
+def test_a_quasi_static_bar_on_a_bushing_that_is_much_stiffer():
+    """A bar on a hinge and a bushing that a torque bends: loads and deformation ran away."""
+    length, side, stiffness, torque = 1.0, 0.01, 1e7, 5.0
+    made = Model("bar on a bushing")
+    made.add_body("bar", rod(side, length, 10, 6), deformation="quasi-static")
+    made.add_marker("ground.far", position=[length, 0, 0])
+    made.add_joint("hub", "revolute", between=["ground", "bar.root"], axis="z")
+    made.add_force("bushing", "bushing", between=["ground.far", "bar.tip"],
+                   stiffness=[0, stiffness, 0])  # fmt: skip
+    made.add_force("motor", "torque", at="bar.root", value=[0, 0, f"{torque}*step5(t, 0, 0, 2, 1)"])
+    made.add_sensor("turn", "angle", joint="hub")
+    run = flexmb.simulate(made, duration=2.5, outputs=50, accuracy=1e-5)
+    bends = length / (3 * STEEL["E"] * side**4 / 12) + 1 / (length**2 * stiffness)
+    assert run["turn"][-1] == pytest.approx(torque * bends, rel=2e-3)

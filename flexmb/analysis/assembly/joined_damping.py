@@ -11,7 +11,9 @@ at rest.
 Bodies are kinetostatic (`engine.bodies.static_modes`) only where the joints do not need their
 compliance: with these modes still, bodies and dynamic modes must be able to do what all coordinates
 can, or drivers would lock the machine, and reactions that only elasticity decides would be
-anyone's. Nor are they beside bodies with other modes: what closes a joint there would strain these.
+anyone's. Nor are they beside bodies with other modes: what closes a joint there would strain these;
+nor where springs or bushings on them are not much softer than they are: loads and deformation would
+follow one another without end.
 """
 
 from __future__ import annotations
@@ -51,6 +53,7 @@ from flexmb.model.model import Model
 from flexmb.results import BodyDamping
 
 _NO_MASS = 1e-11  # of the largest
+_SETTLES = 0.5  # of the last change of deformation, that the loads which follow it may make
 
 
 def damping_words(model: Model, name: str, body: FlexBody) -> DampingOptions | None:
@@ -266,7 +269,7 @@ def is_determined(compiled: Compiled, rank: int | None) -> bool:
 
 @one_blas_thread()
 def choose_static_modes(compiled: Compiled, q: Array) -> Compiled:
-    """The model with kinetostatic bodies only if its joints allow them, at q (nq,)."""
+    """The model with kinetostatic bodies only if joints and forces allow them, at q (nq,)."""
     modes = static_coordinates(compiled.system, kinetostatic=True)
     if not len(modes) or n_free(compiled) > MAX_COORDINATES:
         return compiled
@@ -280,9 +283,35 @@ def choose_static_modes(compiled: Compiled, q: Array) -> Compiled:
         numerical_rank(np.asarray(np.linalg.svd(A, compute_uv=False)), 1.0)
         for A in (rows.A, rows.A[:, ~np.isin(rows.columns, modes)])
     ]
-    if ranks[0] == ranks[1]:
+    if ranks[0] == ranks[1] and _loop_gain(compiled, q, modes) < _SETTLES:
         return compiled
     return replace(compiled, system=free_static_modes(compiled.system))
+
+
+def _loop_gain(compiled: Compiled, q: Array, modes: IntArray) -> float:
+    """How much of a deformation by these modes the loads that follow it add to it.
+
+    It moves what closes joints, by which forces change, and accelerations and reactions by them.
+    """
+    from flexmb.analysis.linear.state_equations import StateEquations  # it needs machine code
+
+    state, nv = new_state(compiled.system, len(compiled.layout.channels)), compiled.layout.nv
+    state.q[:] = q
+    M, _, K, Cq, _ = StateEquations(compiled, state).tangents()
+    own, others = np.zeros((nv, nv)), np.setdiff1d(np.arange(nv), modes)
+    for body in compiled.layout.bodies:
+        at = slice(body.iv + 6, body.iv + 6 + body.m)
+        own[at, at] = compiled.flexbodies[body.name].K if body.m else 0.0
+    moved = np.zeros((nv, len(modes)))
+    moved[modes] = np.eye(len(modes))
+    moved[others] = -np.linalg.pinv(Cq[:, others]) @ Cq[:, modes]
+    force, rows = (K - own) @ moved, Cq[:, others]
+    both = np.block([[M[np.ix_(others, others)], rows.T], [rows, np.zeros((len(Cq),) * 2)]])
+    pushed = np.concatenate([-force[others], np.zeros((len(Cq), len(modes)))])
+    accelerated = np.linalg.lstsq(both, pushed, rcond=None)[0]
+    force = force[modes] + np.hstack([M[np.ix_(modes, others)], Cq[:, modes].T]) @ accelerated
+    follows = np.linalg.solve(own[np.ix_(modes, modes)], force)
+    return float(np.abs(np.linalg.eigvals(follows)).max(initial=0.0))
 
 
 def condensation(M: Array, K: Array) -> tuple[Array, Array, IntArray]:

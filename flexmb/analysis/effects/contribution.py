@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.assembly.jacobian import ConstraintRows
@@ -30,7 +31,10 @@ from flexmb.engine.work import new_run, new_state, new_work, units_of
 from flexmb.errors import FlexmbError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array
+from flexmb.model.forces.contact import ContactSpec
+from flexmb.model.forces.force_characteristic import AnyStop
 from flexmb.model.model import Model
+from flexmb.model.scenes.effects import active_model
 from flexmb.model.sensor import channels_of
 
 _STANDSTILL = 1e-7  # of the largest motion of the same unit: what changes less is round-off
@@ -39,6 +43,8 @@ _SYMMETRIC = 0.2  # of the change by one body, that all together leave
 _EVALUATIONS = 50  # of the equations, to time them
 _NOISE = 1e-3  # of the largest motion of the same unit: what rings less is no worse than this
 _CUBIC = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0  # a row less the cubic through four others
+_LARGE = 1e-2  # of the motion of a channel: a change that may be of second order
+_SETTLED = 0.3  # of a change, by which another estimate along the motion with it may differ
 _UNBOUNDED = 1e3  # a change this many times the motion is no number any more
 
 
@@ -49,6 +55,7 @@ class Contribution:
     ``at_rest``: the sensor does not move in the run. ``by_symmetry``: nor when the effects of this
     kind of all bodies change together, whatever that of one would do. ``unresolved``: share of
     what it shows that rings faster than the rows, which do not see what the effect does to that.
+    ``unsettled``: a second estimate, along the motion with the change, changes that much more.
     """
 
     sensor: str
@@ -58,6 +65,7 @@ class Contribution:
     at_rest: bool = False
     by_symmetry: bool = False
     unresolved: float = 0.0
+    unsettled: bool = False
 
 
 def first_change(
@@ -178,15 +186,18 @@ def shared(
         undone = _SYMMETRIC * max(one[k].value for one in of_each)
         still = whole.at_rest and whole.value < undone
         value, share = (0.0, 0.0) if still else (part * whole.value, part * whole.share)
-        result.append(replace(own, value=value, share=share, by_symmetry=still))
+        rough = own.unsettled or whole.unsettled
+        result.append(replace(own, value=value, share=share, by_symmetry=still, unsettled=rough))
     return result
 
 
 def estimate(
     own: Compiled, other: Compiled, model: Model, motion: Motion, shapes: Mapping[str, Array],
-    *, begins_as_placed: bool = True, quasi_static: bool = False,
-) -> Response:  # fmt: skip
-    """How the sensors of a run change in another model, to first order.
+    *, begins_as_placed: bool = True, quasi_static: bool = False, inertia: Sequence[str] = (),
+) -> tuple[Response, NDArray[np.bool_]]:  # fmt: skip
+    """How the sensors of a run change in another model, to first order, and whether that settles.
+
+    The latter is looked at where there are contacts or stops.
 
     Parameters
     ----------
@@ -202,11 +213,41 @@ def estimate(
         Whether the scene says how the run began, and not another run.
     quasi_static : bool
         Leave out the inertia of vibrations.
+    inertia : sequence of str
+        Bodies whose modes have no inertia in the run: what it leaves out of balance at them is no
+        noise.
     """
     carried, balance = carry_motion(motion, own, other, shapes)
+    for body in other.layout.bodies:
+        if body.name in inertia:
+            balance[:, body.iv + 6 : body.iv + 6 + body.m] = 0.0
     carried = carried.remembered(other)
     start = first_change(other, model, carried) if begins_as_placed else None
-    return respond(other, carried, balance, start, quasi_static=quasi_static)
+    made = respond(other, carried, balance, start, quasi_static=quasi_static)
+    specs = active_model(model).forces.values()
+    if not any(isinstance(spec, (ContactSpec, AnyStop)) for spec in specs):
+        return made, np.ones(made.channels.shape[1], bool)
+    return made, settles(other, carried, balance, made, quasi_static)
+
+
+def settles(
+    other: Compiled, motion: Motion, balance: Array, first: Response, quasi_static: bool
+) -> NDArray[np.bool_]:
+    """Whether each channel's change is nearly that by the equations along the motion with it.
+
+    Newton's method along the motion: where contacts open or close at other times with an effect,
+    or a change is large, the next step is as large.
+    """
+    span = np.maximum(np.ptp(motion.channels, axis=0), 1e-300)
+    large = np.abs(first.channels).max(axis=0, initial=0.0) / span
+    if first.motion is None or np.all(large < _LARGE):
+        return np.ones(len(large), bool)
+    try:
+        second = respond(other, first.motion, balance, quasi_static=quasi_static).channels
+    except (FlexmbError, ValueError):  # no motion near that one satisfies the equations
+        return np.asarray(large < _LARGE)
+    more = np.abs(second).max(axis=0, initial=0.0) / span
+    return np.asarray((large < _LARGE) | (more < _SETTLED * large))
 
 
 @dataclass(frozen=True)

@@ -21,20 +21,26 @@ Padilla & von Flotow, J. Guidance 15 (1992) 149, who linearise about the motion 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flexmb.analysis.assembly.jacobian import numerical_rank, one_blas_thread
+from flexmb.analysis.assembly.jacobian import one_blas_thread
 from flexmb.analysis.dynamics.bent_functions import rows_behind_jumps
+from flexmb.analysis.effects.free_motions import (
+    Coefficients,
+    FreeMotions,
+    equilibria,
+    first_order,
+    small_motions,
+    times,
+)
 from flexmb.analysis.effects.smooth_pieces import SmoothPieces
-from flexmb.analysis.effects.stored_motion import Frames, Motion, equations_of
+from flexmb.analysis.effects.stored_motion import Motion, equations_of
 from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.engine.bodies.static_modes import static_coordinates
 from flexmb.engine.compile import Compiled
-from flexmb.errors import FlexmbError
 from flexmb.flexbody.arrays import Array, IntArray
 
 _UNRESOLVED = 1.0  # rad of a vibration between two rows from which on they do not resolve it
@@ -42,15 +48,10 @@ _ENDS = 5  # rows at the end of splines, where rates of what follows turning bod
 _CLOSINGS = 2  # of joints at full size
 _CLOSED = 0.01  # of their gaps may be left
 _ROUNDS = 2  # of what such vibrations do slowly
-_MODES_LAST = 1e-6  # preference of modes among dependent coordinates
-_TURNING = 2 * np.pi  # of a body over the run: so much makes its coordinates twice as dependent
 _WORSE = 30.0  # motion of dependent coordinates per independent one that asks for others
-_LEAST_ROWS = 8  # with one choice of them
+_LEAST_ROWS, _MOST_ROWS = 8, 64  # with one choice of them; of those that are solved together
 _NO_TIME = 0.01  # of an interval, which modes without inertia take
 _MOST_VIBRATIONS = 80  # the slowest of many; what the rows do not resolve beyond only follows loads
-_NOTHING = 1e-20  # of the largest square of a row of Cq
-_HELD = 1e-8  # of the largest square of rows of Cq, without modes: these hold what turns and moves
-_NO_MASS = 1e-12  # of the inertia of all
 _SMALL = 1e-5  # of the size of the model: a change of the motion that is linear in all sensors
 _UNBOUNDED = 1e12  # a small motion this many times the model is not followed any further
 
@@ -60,12 +61,14 @@ class Response:
     """Change of the channels (n, k) that another model makes, and the motions behind it (n, nv).
 
     From row `bounded` on the small motions are no longer small: the linear equations are unstable
-    there, or the change is as large as the model.
+    there, or the change is as large as the model. `motion` is that of the run with the change, if
+    bounded.
     """
 
     channels: Array
     dq: Array
     bounded: int
+    motion: Motion | None = None
 
 
 @one_blas_thread()
@@ -89,7 +92,7 @@ def respond(
     quasi_static : bool
         Leave out the inertia of vibrations: deformations follow their loads.
     """
-    n, one = len(motion.t), _coefficients(compiled, motion, balance)
+    n, one = len(motion.t), small_motions(compiled, motion, balance)
     pieces = SmoothPieces(motion.t, np.array(rows_behind_jumps(compiled, motion.t), np.int64))
     frames = one.frames
     state: _Begin = *(np.zeros(len(one.weights)),) * 2, None
@@ -113,7 +116,7 @@ def respond(
     if quasi_static and n > _ENDS**2:
         parts[1:, -_ENDS:] = parts[1:, [-_ENDS - 1]]
     change, equations = np.zeros_like(motion.channels), equations_of(compiled)
-    force = one.F + sum(map(_times, (one.M, one.D, one.K), parts[::-1]))
+    force = one.F + sum(map(times, (one.M, one.D, one.K), parts[::-1]))
     follows = (np.diag(elastic) > 0.0) & quasi_static  # their equations have no inertia in the run
     multipliers = np.einsum("tr,trc->tc", one.shares(force, follows), one.rows)
     closed = _closure(motion, equations, one, parts[0], elastic) if bounded == n else None
@@ -123,7 +126,7 @@ def respond(
         sizes = np.abs(parts[0]).max(axis=1, initial=_SMALL)
         factors = np.stack([np.ones(n), _SMALL / sizes])
     else:
-        closed_v = pieces.rate(closed) + _times(one.Omega, closed)
+        closed_v = pieces.rate(closed) + times(one.Omega, closed)
         parts += [closed, closed_v, pieces.rate(closed_v)]
     now, moves = equations.state, [frames.outward(part) for part in parts]
     for k in range(bounded):
@@ -138,84 +141,16 @@ def respond(
         change[k] = np.where(np.abs(changes[0]) < np.abs(changes[-1]), changes[0], changes[-1])
     dq[bounded:] = 0.0
     change[bounded:] = np.inf
-    return Response(change, dq, bounded)
+    if bounded < n:
+        return Response(change, dq, bounded)
+    q = np.array([equations.moved(*pair) for pair in zip(motion.q, moves[0], strict=True)])
+    rates, lam = (motion.v + moves[1], motion.vd + moves[2]), motion.lam - multipliers
+    moved = Motion(motion.t, q, *rates, lam, motion.channels + change, motion.history)
+    return Response(change, dq, bounded, moved)
 
 
 _Begin: TypeAlias = tuple[Array, Array, Array | None]
 """First changes of q, v and dv/dt in weighted coordinates."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Coefficients:
-    """M δv̇ + D δv + K δq + Cqᵀ δλ = −F, Cq δq = −C, row by row, in weighted coordinates.
-
-    The rows of Cq are independent, and at right angles: combinations `rows` of those of the model.
-    D contains the turning of the axes in δv̇, Omega is that in δv. The larger `prefer`, the rather
-    a coordinate depends on others.
-    """
-
-    frames: Frames
-    weights: Array
-    prefer: Array
-    M: Array
-    D: Array
-    K: Array
-    Cq: Array
-    F: Array
-    C: Array
-    Omega: Array
-    rows: Array
-
-    def part(self, rows: slice) -> _Coefficients:
-        """Some of the rows."""
-        tables = {name: getattr(self, name)[rows] for name in _TABLES}
-        return replace(self, **tables)
-
-    def closure(self, stiffness: Array) -> Array:
-        """Motions (n, nu, rank) that change the rows of Cq by one, of the least M + stiffness."""
-        W = self.M + stiffness
-        W += _NO_MASS * np.trace(W, axis1=1, axis2=2).max() * np.eye(W.shape[1])
-        moved = np.linalg.solve(W, self.Cq.transpose(0, 2, 1))
-        return np.asarray(moved @ np.linalg.inv(self.Cq @ moved))
-
-    def shares(self, force: Array, follows: NDArray[np.bool_]) -> Array:
-        """λ (n, rank) of Cqᵀ λ next to forces (n, nu), but for those on motions that follow."""
-        rows = self.Cq * ~follows
-        squares = rows @ rows.transpose(0, 2, 1)
-        least, most = np.linalg.eigvalsh(squares)[:, [0, -1]].T if rows.size else np.zeros((2, 1))
-        if follows.any() and np.any(least < _HELD * most):  # joints need the compliance
-            return self.shares(force, np.zeros_like(follows))
-        squares += _NOTHING * max(most.max(), 1e-300) * np.eye(rows.shape[1])
-        return np.asarray(np.linalg.solve(squares, rows @ force[:, :, None])[:, :, 0])
-
-
-_TABLES = ("M", "D", "K", "Cq", "F", "C", "Omega", "rows")
-
-
-def _coefficients(compiled: Compiled, motion: Motion, balance: Array) -> _Coefficients:
-    frames, equations, n = Frames(compiled, motion), equations_of(compiled), len(motion.t)
-    nv, used, scale = compiled.layout.nv, frames.used, compiled.system.row_weights
-    M, D, K = (np.zeros((n, nv, nv)) for _ in range(3))
-    F, Cq, C = np.zeros((n, nv)), np.zeros((n, len(scale), nv)), np.zeros((n, len(scale)))
-    for k in range(n):
-        motion.put(k, equations)
-        M[k], D[k], K[k], Cq[k], _ = equations.tangents()
-        F[k], C[k] = equations.work.trial.res, equations.work.con.C
-    F = frames.turned((F - balance)[:, None])[:, 0]
-    M, D, K = (frames.both_turned(X) for X in (M, D, K))
-    Omega, shift = frames.spin()
-    D += M @ shift
-    U, sizes, _ = np.linalg.svd(scale[:, None] * frames.turned(Cq), full_matrices=False)
-    rank = numerical_rank(sizes[0])
-    rows = U[:, :, :rank].transpose(0, 2, 1) * scale
-    Cq, C = rows @ frames.turned(Cq), np.einsum("trc,tc->tr", rows, C)
-    prefer, v = np.ones(compiled.layout.nv), motion.v
-    for body in compiled.layout.bodies:
-        prefer[body.iv + 6 : body.iv + 6 + body.m] = _MODES_LAST
-        spin = np.linalg.norm(v[:, body.iv + 3 : body.iv + 6], axis=1).max()
-        prefer[body.iv : body.iv + 6] += spin * (motion.t[-1] - motion.t[0]) / _TURNING
-    weights = 1.0 / frames.inverse[used]
-    return _Coefficients(frames, weights, prefer[used], M, D, K, Cq, F, C, Omega, rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +162,7 @@ class _Segment:
     free: IntArray  # (d,) the independent coordinates
 
 
-def _segment(of: _Coefficients, first: int) -> _Segment:
+def _segment(of: Coefficients, first: int) -> _Segment:
     """Rows from `first` on along which one choice of independent coordinates serves.
 
     Modes and bodies that turn little are independent where they can be: nothing turns with motion.
@@ -239,21 +174,26 @@ def _segment(of: _Coefficients, first: int) -> _Segment:
     dependent, free = order[:rank], np.sort(order[rank:])
     Z, g = np.zeros((n - first, nu, nu - rank)), np.zeros((n - first, nu))
     Z[:, free] = np.eye(nu - rank)
-    limit = np.inf
-    for k in range(first, n):
-        if rank:
-            both = np.column_stack([of.Cq[k][:, free], of.C[k]])
-            solution = -np.linalg.solve(of.Cq[k][:, dependent], both)
-            size = float(np.abs(solution[:, :-1]).max(initial=1.0))
-            limit = max(_WORSE * size, _WORSE) if k == first else limit
-            if size > limit and k - first >= _LEAST_ROWS:
-                return _Segment(Z[: k - first], g[: k - first], free)
-            Z[k - first, dependent], g[k - first, dependent] = solution[:, :-1], solution[:, -1]
+    limit, k, some = np.inf, first, _LEAST_ROWS
+    while rank and k < n:
+        own, some = slice(k, min(k + some, n)), min(2 * some, _MOST_ROWS)
+        both = np.concatenate([of.Cq[own][:, :, free], of.C[own, :, None]], axis=2)
+        solution = -np.linalg.solve(of.Cq[own][:, :, dependent], both)
+        sizes = np.abs(solution[:, :, :-1]).max(axis=(1, 2), initial=1.0)
+        limit = max(_WORSE * sizes[0], _WORSE) if k == first else limit
+        large = np.flatnonzero(sizes > limit)
+        large = large[large >= first + _LEAST_ROWS - k]
+        end = k - first + (large[0] if large.size else len(solution))
+        Z[k - first : end, dependent] = solution[: end - k + first, :, :-1]
+        g[k - first : end, dependent] = solution[: end - k + first, :, -1]
+        if large.size:
+            return _Segment(Z[:end], g[:end], free)
+        k = own.stop
     return _Segment(Z, g, free)
 
 
 def _closure(
-    motion: Motion, equations: StateEquations, of: _Coefficients, dq: Array, elastic: Array
+    motion: Motion, equations: StateEquations, of: Coefficients, dq: Array, elastic: Array
 ) -> Array | None:
     """What closes joints at full size after motions (n, nu); None if these are too large for it.
 
@@ -274,58 +214,8 @@ def _closure(
     return closed if np.all(gaps[-1] <= most) else None
 
 
-class _FreeMotions:
-    """The equations for y of δq = Z y + g: M ÿ + D ẏ + K y = load.
-
-    With `calm` the second rate of g has no spikes.
-    """
-
-    def __init__(
-        self, pieces: SmoothPieces, of: _Coefficients, Z: Array, g: Array, calm: bool = False
-    ) -> None:
-        self.Z, self.g = Z, g
-        self.Zd = pieces.rate(Z)
-        self.V1 = self.Zd + of.Omega @ Z
-        self.V1d = pieces.rate(self.V1)
-        rate, turned = pieces.rate(g), _times(of.Omega, g)
-        self.a0, second = rate + turned, pieces.rate(rate)
-        self.a0d = (pieces.calm_second(g, second) if calm else second) + pieces.rate(turned)
-        Zt = Z.transpose(0, 2, 1)
-        self.M = Zt @ of.M @ Z
-        self.D = Zt @ (of.M @ (self.Zd + self.V1) + of.D @ Z)
-        self.K = Zt @ (of.M @ self.V1d + of.D @ self.V1 + of.K @ Z)
-        force = of.F + _times(of.M, self.a0d) + _times(of.D, self.a0) + _times(of.K, g)
-        self.load = -_times(Zt, force)
-
-    def mean(self, X: Array) -> Array:
-        """Mean Zᵀ X Z."""
-        return np.asarray(np.tensordot(self.Z, X @ self.Z, ((0, 1), (0, 1))) / len(self.Z))
-
-    def modes(self, least: float, further: Array | None = None) -> tuple[Array, Array]:
-        """Frequencies ω (d,), `least` at least, and shapes (d, d) of the mean matrices.
-
-        `further` (nu, nu) is added to the mass.
-        """
-        from scipy.linalg import eigh
-
-        stiffness, mass = (0.5 * (X + X.transpose(0, 2, 1)).mean(axis=0) for X in (self.K, self.M))
-        try:
-            squares, T = eigh(stiffness, mass if further is None else mass + self.mean(further))
-        except np.linalg.LinAlgError:
-            what = "the motions about the computed one have no inertia in the mean"
-            more = "the rows of the run are too far apart for them; ask for more outputs"
-            raise FlexmbError(f"{what}: {more}") from None
-        return np.maximum(np.sqrt(np.abs(squares)), least), T
-
-    def motion(self, y: Array, yd: Array, ydd: Array) -> Array:
-        """δq, δv and δv̇ (3, n, nu)."""
-        dvd = _times(self.Z, ydd) + _times(self.Zd + self.V1, yd) + _times(self.V1d, y) + self.a0d
-        dv = _times(self.Z, yd) + _times(self.V1, y) + self.a0
-        return np.array([_times(self.Z, y) + self.g, dv, dvd])
-
-
 def _solve(
-    pieces: SmoothPieces, of: _Coefficients, segment: _Segment, state: _Begin,
+    pieces: SmoothPieces, of: Coefficients, segment: _Segment, state: _Begin,
     springs: tuple[Array, Array | None], follow: bool,
 ) -> tuple[Array, int]:  # fmt: skip
     """δq, δv and δv̇ (3, n, nu) from the first on, and how many rows are bounded.
@@ -338,7 +228,7 @@ def _solve(
     elastic, massless = springs
     t = pieces.t
     n, interval, least = len(t), np.median(np.diff(t)), 1.0 / (t[-1] - t[0])
-    made = _FreeMotions(pieces, of, segment.Z, segment.g)
+    made = FreeMotions(pieces, of, segment.Z, segment.g)
     further = None if massless is None else (_NO_TIME * interval) ** 2 * massless
     omega, T = made.modes(least, further)
     # the least energy closes joints that were closed at full size: what is stiff does not share it
@@ -359,9 +249,9 @@ def _solve(
         others = np.concatenate([K[:, still][:, :, ~still], -load[:, still, None]], axis=2)
         lead = -np.linalg.solve(K[:, still][:, :, still], others)
         Z = made.Z @ T
-        g = made.g + _times(Z[:, :, still], lead[:, :, -1])
+        g = made.g + times(Z[:, :, still], lead[:, :, -1])
         Z = Z[:, :, ~still] + Z[:, :, still] @ lead[:, :, :-1]
-        made = _FreeMotions(pieces, of, Z, g, calm=follow)
+        made = FreeMotions(pieces, of, Z, g, calm=follow)
         omega, T = made.modes(least)
         y0, yd0 = np.linalg.solve(T, np.stack([y0, yd0], axis=1)).T
     u, w = len(omega), omega
@@ -373,7 +263,7 @@ def _solve(
         y = np.zeros((n, u))
         y[:, quick] = np.linalg.solve(K[inner], rest[:, quick, None])[..., 0]
         motion = np.array([y, pieces.rate(y), pieces.rate(y, 2)])
-        rest = rest - sum(map(_times, (K, D, M), motion))
+        rest = rest - sum(map(times, (K, D, M), motion))
         slow += motion
     if state[2] is not None:  # where forces hold quick ones at first: places are not known so well
         y0[quick] = 0.0
@@ -384,14 +274,15 @@ def _solve(
     x = np.zeros((n, 2 * u))
     x[0] = np.concatenate([y0 - slow[0, 0], (yd0 - slow[1, 0]) / w])
     Mm, Dm, Km = (0.5 * (C[1:] + C[:-1]) for C in (M, D, K))  # symmetric: they make no energy
-    A, inverse = _first_order(Mm, Dm, Km, w)
+    A, inverse = first_order(Mm, Dm, Km, w)
     both = ~np.tile(quick, 2)
-    resolved = np.ix_(np.arange(n - 1), both, both)
-    A[resolved] += pieces.series(_first_order(M, D, K, w)[0][:, both][:, :, both])
+    if both.any():
+        resolved = np.ix_(np.arange(n - 1), both, both)
+        A[resolved] += pieces.series(first_order(M, D, K, w, ~quick)[0])
     jumps = np.concatenate([pieces.jumps(slow[0], slow[1]), pieces.jumps(slow[1], slow[2]) / w], 1)
     # averages make what quick ones ring about jump: they are carried over to it
-    rows = _equilibria(M, D, K, rest[:, :, None], w, quick)
-    moved = _equilibria(Mm, Dm, Km, np.stack([rest[:-1], rest[1:]], axis=2), w, quick)
+    rows = equilibria(M, D, K, rest[:, :, None], w, quick)
+    moved = equilibria(Mm, Dm, Km, np.stack([rest[:-1], rest[1:]], axis=2), w, quick)
     leave, arrive = moved[:, :, :-1] - rows[:-1], rows[1:] - np.delete(moved, -2, axis=2)
     bounded, lead = n, np.append(both, True)
     for k in range(n - 1):
@@ -411,35 +302,6 @@ def _solve(
             x[k + 1 :] = 0.0
             break
     y, yd = x[:, :u], x[:, u:] * w
-    rest = rest - _times(K, y) - _times(D, yd)
+    rest = rest - times(K, y) - times(D, yd)
     slow += np.array([y, yd, np.linalg.solve(M, rest[..., None])[..., 0]])
     return made.motion(*(z @ T.T for z in slow)), bounded
-
-
-def _times(X: Array, x: Array) -> Array:
-    """X x of all rows."""
-    return np.asarray(np.einsum("tij,tj->ti", X, x))
-
-
-def _equilibria(
-    M: Array, D: Array, K: Array, load: Array, omega: Array, quick: NDArray[np.bool_]
-) -> Array:
-    """Places (n, q, 2 s + r) of quick vibrations, per (y, ẏ/ω) of the s others and r loads.
-
-    Those of equilibrium with the loads and the accelerations of the others: they ring about it.
-    """
-    slow = ~quick
-    both = np.where(quick, K, M)  # of the places of quick ones and the accelerations of the others
-    others = np.concatenate([K[:, :, slow], D[:, :, slow] * omega[slow], -load], axis=2)
-    return np.asarray(-np.linalg.solve(both, others)[:, quick])
-
-
-def _first_order(M: Array, D: Array, K: Array, omega: Array) -> tuple[Array, Array]:
-    """A (n, 2 d, 2 d) of x = (y, ẏ/ω), ẋ = A x + (0, M⁻¹ f/ω), and M⁻¹."""
-    n, d, _ = M.shape
-    inverse: Array = np.asarray(np.linalg.inv(M), np.float64)
-    A = np.zeros((n, 2 * d, 2 * d))
-    A[:, :d, d:] = np.diag(omega)
-    A[:, d:, :d] = -(inverse @ K) / omega[:, None]
-    A[:, d:, d:] = -(inverse @ D) * omega / omega[:, None]
-    return A, inverse

@@ -11,6 +11,7 @@ import numpy as np
 from flexmb.flexbody.arrays import Array, IntArray
 
 _SPIKE = 5  # rows: one or two beside one another are a spike
+_COLUMNS = 64  # whose splines fit into the cache of a processor
 _SLOW = 0.1  # rad of a change of coefficients between two rows, beyond which they are no series
 
 
@@ -32,15 +33,19 @@ class SmoothPieces:
         return SmoothPieces(t, begins - first)
 
     def rate(self, values: Array, order: int = 1) -> Array:
-        """Time derivative of rows, by cubic splines."""
+        """First or second time derivative of rows, by cubic splines."""
         from scipy.interpolate import CubicSpline
 
-        rates, changing = np.zeros_like(values), (values != values[0]).any(axis=0)
+        flat = values.reshape(len(values), -1)
+        rates, changing = np.zeros_like(flat), np.flatnonzero((flat != flat[0]).any(axis=0))
         for piece in self._pieces():
-            t, rows = self.t[piece], values[piece][:, changing]
-            if len(t) > 1:
-                rates[piece, changing] = CubicSpline(t, rows)(t, order)
-        return rates
+            t = self.t[piece]
+            for k in range(0, len(changing) if len(t) > 1 else 0, _COLUMNS):
+                columns = changing[k : k + _COLUMNS]
+                spline = CubicSpline(t, flat[piece, columns])
+                rates[piece.start : piece.stop - 1, columns] = order * spline.c[3 - order]
+                rates[piece.stop - 1, columns] = spline(t[-1], order)
+        return rates.reshape(values.shape)
 
     def calm_second(self, values: Array, second: Array) -> Array:
         """Second time derivative of rows without its spikes.

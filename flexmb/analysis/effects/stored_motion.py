@@ -5,7 +5,7 @@ In: the rows of a run, compiled models. Out: their states, and what they leave o
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +22,7 @@ from flexmb.results import Result
 _GAP = 0.05  # of velocities against accelerations between rows, relative
 _TURN, _PHASE = 0.3, 0.75  # rad of a body and of a load between rows
 _AT_REST = 1e-9  # of the size of a model over the run: round-off
+_BLOCK = 64  # rows whose matrices stay in the cache of a processor
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +105,12 @@ class Motion:
         return replace(self, history=rows)
 
 
+def blocks(n: int) -> Iterator[slice]:
+    """The rows of n, in blocks whose matrices are worked on together."""
+    for first in range(0, n, _BLOCK):
+        yield slice(first, min(first + _BLOCK, n))
+
+
 class Frames:
     """Weighted coordinates of small motions: translations and rotations of bodies in their axes."""
 
@@ -124,27 +131,29 @@ class Frames:
 
     def turned(self, X: Array, rows: slice = slice(None)) -> Array:
         """X S of matrices (n, i, nv) in velocity coordinates of these rows: (n, i, used)."""
-        X = X.copy()
+        Y = np.array(X.transpose(0, 2, 1), order="C")
         for body, A in zip(self.compiled.layout.bodies, self._axes, strict=True):
-            X[..., body.iv : body.iv + 3] = X[..., body.iv : body.iv + 3] @ A[rows]
-        return np.asarray((X * self.inverse)[..., self.used])
+            own = slice(body.iv, body.iv + 3)
+            Y[:, own] = A[rows].transpose(0, 2, 1) @ Y[:, own]
+        Y = Y[:, self.used] * self.inverse[self.used, None]
+        return np.asarray(Y.transpose(0, 2, 1))
 
     def both_turned(self, X: Array, rows: slice = slice(None)) -> Array:
         """Sᵀ X S of matrices (n, nv, nv) of these rows."""
         half = self.turned(X, rows).transpose(0, 2, 1)
         return self.turned(half, rows).transpose(0, 2, 1)
 
-    def spin(self) -> tuple[Array, Array]:
-        """Ω of δv = δq̇ + Ω δq and Ω of δv̇ = d δv/dt + Ω δv, (n, used, used)."""
-        n, nv = self._v.shape
-        both, shift = np.zeros((n, nv, nv)), np.zeros((n, nv, nv))
+    def spin(self, rows: slice = slice(None)) -> tuple[Array, Array]:
+        """Ω of δv = δq̇ + Ω δq and Ω of δv̇ = d δv/dt + Ω δv, (n, used, used) of these rows."""
+        v, used = self._v[rows], self.used
+        both = np.zeros((len(v), len(used), len(used)))
+        shift, factors = both.copy(), self.inverse[used] / self.inverse[used, None]
         for body in self.compiled.layout.bodies:
-            cross = skew(self._v[:, body.iv + 3 : body.iv + 6])
-            for first in (body.iv, body.iv + 3):
-                both[:, first : first + 3, first : first + 3] = cross
-            shift[:, body.iv : body.iv + 3, body.iv : body.iv + 3] = cross
-        factors, used = self.inverse / self.inverse[:, None], self.used
-        both, shift = ((W * factors)[:, used][:, :, used] for W in (both, shift))
+            cross = skew(v[:, body.iv + 3 : body.iv + 6])
+            for W, first in ((both, body.iv), (both, body.iv + 3), (shift, body.iv)):
+                at = np.flatnonzero((used >= first) & (used < first + 3))
+                own = used[at] - first
+                W[:, at[:, None], at] = cross[:, own[:, None], own] * factors[at[:, None], at]
         return both, shift
 
     def inward(self, k: int, motion: Array) -> Array:

@@ -23,7 +23,7 @@ from flexmb.engine.iteration_matrix import put_matrix, put_rows
 from flexmb.engine.state import State, Work
 from flexmb.engine.state_rows import remember_row
 from flexmb.engine.tables import Kkt
-from flexmb.engine.units import call, hand_over, prepare_units
+from flexmb.engine.units import bind, call, hand_over, prepare_units
 from flexmb.engine.work import new_run, new_work, units_of
 from flexmb.flexbody.arrays import Array, IntArray
 
@@ -63,6 +63,10 @@ class StateEquations:
         self._at = hand_over(self._run.record.state_point)
         self._parts = hand_over(compiled.system.parts)
         self._channels = np.zeros(len(state.angles))
+        self._put_channels = bind(evaluate_equations, self._run, self._channels)
+        self._put_matrices = [bind(one, self._run, self._at) for one in (put_matrix, put_rows)]
+        self._motion = [np.zeros(n) for n in (len(state.q), compiled.layout.nv, len(state.q))]
+        self._move = bind(move, self._parts, *self._motion)
         kinds = compiled.system.sensors.channels["what"]
         self._turns = self._run.record.sensors.turns[kinds] == 1
         self._places = _matrix_places(compiled.system.kkt)
@@ -83,7 +87,7 @@ class StateEquations:
         work.feedback.near[:] = 0.0
         work.feedback.near[:n] = np.where(self._turns[:n], state.angles, 0.0)
         work.now.history[:] = state.history
-        call(evaluate_equations, self._run, self._channels)
+        self._put_channels()
         state.angles[:] = angles
 
     def tangents(self) -> Tangents:
@@ -99,8 +103,8 @@ class StateEquations:
 
     def _matrix(self, cv: float, cp: float) -> Array:
         """S (nv + nc, nv + nc) of the engine, without its regularisation."""
-        for unit in (put_matrix, put_rows):
-            call(unit, self._run, self._at, cv, cp)
+        for put in self._put_matrices:
+            put(cv, cp)
         factor, n = self.work.factor, len(self.compiled.system.kkt.place)
         S = np.zeros(n * n)
         for values, (sources, targets) in zip((factor.low, factor.up), self._places, strict=True):
@@ -130,9 +134,9 @@ class StateEquations:
 
     def moved(self, q: Array, d: Array) -> Array:
         """q ∘ exp(d) for a motion d (nv,)."""
-        out = q.copy()
-        call(move, self._parts, q, np.ascontiguousarray(d), out)
-        return out
+        self._motion[0][:], self._motion[1][:], self._motion[2][:] = q, d, q
+        self._move()
+        return self._motion[2].copy()
 
 
 def _matrix_places(kkt: Kkt) -> tuple[tuple[IntArray, IntArray], tuple[IntArray, IntArray]]:

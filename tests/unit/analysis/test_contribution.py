@@ -19,8 +19,8 @@ from flexmb.engine.compile import compile_system
 from flexmb.model import Model
 from flexmb.units import unit_system
 from flexmb.workflow.audit import _outcome
+from flexmb.workflow.effect import Effect
 from flexmb.workflow.effect_selection import Selection, _switch_on
-from flexmb.workflow.neighbours import Effect
 
 
 @pytest.mark.parametrize(("sum_of_all", "rests"), [(0.0, True), (0.1, True), (2.0, False)])

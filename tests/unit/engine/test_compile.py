@@ -147,3 +147,16 @@ def test_coincidence_alone_couples_no_bodies():
         two = group["body_I"] >= 0 and group["body_J"] >= 0
         if two and (kinds != POINT).any():
             assert group["couple"] >= 0
+
+
+def test_a_mesh_that_is_not_reduced_is_refused():
+    """It was simulated as a rigid body of some mass, in silence."""
+    model = Model("bar")
+    mesh = {"type": "beam", "length": 1.0, "divisions": 4}
+    square = {"type": "rectangle", "y": 0.01, "z": 0.01}
+    model.add_body("bar", mesh=mesh, material="steel", sections={"all": square},
+                   interfaces={"root": "start", "tip": "end"})  # fmt: skip
+    with pytest.raises(SceneError, match=r"bodies.bar: .*flexible_bodies.*simulate"):
+        compile_system(model)
+    with pytest.raises(SceneError, match=r"bodies.bar: .*reduced body"):
+        compile_system(model, {"another": cloud(np.random.default_rng(0), 3).flexbody("b")})

@@ -1,0 +1,196 @@
+"""Small motions about a motion, and those that joints leave free, δq = Z y + g.
+
+In: a compiled model and the rows of a motion. Out: coefficients of small motions row by row, those
+of the free ones in M ÿ + D ẏ + K y = load, their frequencies, their equations of first order, and
+the places about which they vibrate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.analysis.assembly.jacobian import numerical_rank
+from flexmb.analysis.effects.smooth_pieces import SmoothPieces
+from flexmb.analysis.effects.stored_motion import Frames, Motion, blocks, equations_of
+from flexmb.engine.compile import Compiled
+from flexmb.errors import FlexmbError
+from flexmb.flexbody.arrays import Array
+
+_NOTHING = 1e-20  # of the largest square of a row of Cq
+_HELD = 1e-8  # of the largest square of rows of Cq, without modes: these hold what turns and moves
+_NO_MASS = 1e-12  # of the inertia of all
+_MODES_LAST = 1e-6  # preference of modes among dependent coordinates
+_TURNING = 2 * np.pi  # of a body over the run: so much makes its coordinates twice as dependent
+
+
+@dataclass(frozen=True, eq=False)
+class Coefficients:
+    """M δv̇ + D δv + K δq + Cqᵀ δλ = −F, Cq δq = −C, row by row, in weighted coordinates.
+
+    The rows of Cq are independent: combinations `rows` of those of the model, which are at right
+    angles where the model has too many.
+    D contains the turning of the axes in δv̇, Omega is that in δv. The larger `prefer`, the rather
+    a coordinate depends on others.
+    """
+
+    frames: Frames
+    weights: Array
+    prefer: Array
+    M: Array
+    D: Array
+    K: Array
+    Cq: Array
+    F: Array
+    C: Array
+    Omega: Array
+    rows: Array
+
+    def part(self, rows: slice) -> Coefficients:
+        """Some of the rows."""
+        tables = {name: getattr(self, name)[rows] for name in _TABLES}
+        return replace(self, **tables)
+
+    def closure(self, stiffness: Array) -> Array:
+        """Motions (n, nu, rank) that change the rows of Cq by one, of the least M + stiffness."""
+        W = self.M + stiffness
+        W += _NO_MASS * np.trace(W, axis1=1, axis2=2).max() * np.eye(W.shape[1])
+        moved = np.linalg.solve(W, self.Cq.transpose(0, 2, 1))
+        return np.asarray(moved @ np.linalg.inv(self.Cq @ moved))
+
+    def shares(self, force: Array, follows: NDArray[np.bool_]) -> Array:
+        """λ (n, rank) of Cqᵀ λ next to forces (n, nu), but for those on motions that follow."""
+        rows = self.Cq * ~follows
+        squares = rows @ rows.transpose(0, 2, 1)
+        least, most = np.linalg.eigvalsh(squares)[:, [0, -1]].T if rows.size else np.zeros((2, 1))
+        if follows.any() and np.any(least < _HELD * most):  # joints need the compliance
+            return self.shares(force, np.zeros_like(follows))
+        squares += _NOTHING * max(most.max(), 1e-300) * np.eye(rows.shape[1])
+        return np.asarray(np.linalg.solve(squares, rows @ force[:, :, None])[:, :, 0])
+
+
+_TABLES = ("M", "D", "K", "Cq", "F", "C", "Omega", "rows")
+
+
+def small_motions(compiled: Compiled, motion: Motion, balance: Array) -> Coefficients:
+    """The coefficients of a model about a motion, as for `perturbation.respond`."""
+    frames, equations, n = Frames(compiled, motion), equations_of(compiled), len(motion.t)
+    nv, used, scale = compiled.layout.nv, frames.used, compiled.system.row_weights
+    nu, nc = len(used), len(scale)
+    M, D, K, Omega = (np.zeros((n, nu, nu)) for _ in range(4))
+    F, Cq, C, U = np.zeros((n, nv)), np.zeros((n, nc, nu)), np.zeros((n, nc)), np.eye(nc)[None]
+    for part in blocks(n):
+        own = range(n)[part]
+        tangents = []
+        for k in own:
+            motion.put(k, equations)
+            tangents.append(equations.tangents())
+            F[k], C[k] = equations.work.trial.res, equations.work.con.C
+        mass, *others = (np.stack([x[j] for x in tangents]) for j in range(4))
+        M[part] = frames.both_turned(mass, part)
+        D[part], K[part] = (frames.both_turned(X, part) for X in others[:2])
+        Omega[part], shift = frames.spin(part)
+        D[part] += M[part] @ shift
+        Cq[part] = frames.turned(others[2], part)
+    F = frames.turned((F - balance)[:, None])[:, 0]
+    rank = numerical_rank(np.linalg.svd(scale[:, None] * Cq[0], compute_uv=False))
+    if rank < nc:  # what is right-angled to the others and has no length is left out
+        U = np.linalg.svd(scale[:, None] * Cq, full_matrices=False)[0][:, :, :rank]
+    rows = np.broadcast_to(U.transpose(0, 2, 1) * scale, (n, rank, nc))
+    Cq, C = rows @ Cq, np.einsum("trc,tc->tr", rows, C)
+    prefer, v = np.ones(compiled.layout.nv), motion.v
+    for body in compiled.layout.bodies:
+        prefer[body.iv + 6 : body.iv + 6 + body.m] = _MODES_LAST
+        spin = np.linalg.norm(v[:, body.iv + 3 : body.iv + 6], axis=1).max()
+        prefer[body.iv : body.iv + 6] += spin * (motion.t[-1] - motion.t[0]) / _TURNING
+    weights = 1.0 / frames.inverse[used]
+    return Coefficients(frames, weights, prefer[used], M, D, K, Cq, F, C, Omega, rows)
+
+
+class FreeMotions:
+    """The equations for y of δq = Z y + g: M ÿ + D ẏ + K y = load.
+
+    With `calm` the second rate of g has no spikes.
+    """
+
+    def __init__(
+        self, pieces: SmoothPieces, of: Coefficients, Z: Array, g: Array, calm: bool = False
+    ) -> None:
+        self.Z, self.g = Z, g
+        self.Zd = pieces.rate(Z)
+        self.V1 = self.Zd + of.Omega @ Z
+        self.V1d = pieces.rate(self.V1)
+        rate, turned = pieces.rate(g), times(of.Omega, g)
+        self.a0, second = rate + turned, pieces.rate(rate)
+        self.a0d = (pieces.calm_second(g, second) if calm else second) + pieces.rate(turned)
+        n, _, d = Z.shape
+        self.M, self.D, self.K = (np.zeros((n, d, d)) for _ in range(3))
+        for part in blocks(n):
+            Zt, M, D, V1 = Z[part].transpose(0, 2, 1), of.M[part], of.D[part], self.V1[part]
+            self.M[part] = Zt @ (M @ Z[part])
+            self.D[part] = Zt @ (M @ (self.Zd[part] + V1) + D @ Z[part])
+            self.K[part] = Zt @ (M @ self.V1d[part] + D @ V1 + of.K[part] @ Z[part])
+        force = of.F + times(of.M, self.a0d) + times(of.D, self.a0) + times(of.K, g)
+        self.load = -times(Z.transpose(0, 2, 1), force)
+
+    def mean(self, X: Array) -> Array:
+        """Mean Zᵀ X Z."""
+        return np.asarray(np.tensordot(self.Z, X @ self.Z, ((0, 1), (0, 1))) / len(self.Z))
+
+    def modes(self, least: float, further: Array | None = None) -> tuple[Array, Array]:
+        """Frequencies ω (d,), `least` at least, and shapes (d, d) of the mean matrices.
+
+        `further` (nu, nu) is added to the mass.
+        """
+        from scipy.linalg import eigh
+
+        stiffness, mass = (0.5 * (X + X.transpose(0, 2, 1)).mean(axis=0) for X in (self.K, self.M))
+        try:
+            squares, T = eigh(stiffness, mass if further is None else mass + self.mean(further))
+        except np.linalg.LinAlgError:
+            what = "the motions about the computed one have no inertia in the mean"
+            more = "the rows of the run are too far apart for them; ask for more outputs"
+            raise FlexmbError(f"{what}: {more}") from None
+        return np.maximum(np.sqrt(np.abs(squares)), least), T
+
+    def motion(self, y: Array, yd: Array, ydd: Array) -> Array:
+        """δq, δv and δv̇ (3, n, nu)."""
+        dvd = times(self.Z, ydd) + times(self.Zd + self.V1, yd) + times(self.V1d, y) + self.a0d
+        dv = times(self.Z, yd) + times(self.V1, y) + self.a0
+        return np.array([times(self.Z, y) + self.g, dv, dvd])
+
+
+def times(X: Array, x: Array) -> Array:
+    """X x of all rows."""
+    return np.asarray(np.einsum("tij,tj->ti", X, x))
+
+
+def equilibria(
+    M: Array, D: Array, K: Array, load: Array, omega: Array, quick: NDArray[np.bool_]
+) -> Array:
+    """Places (n, q, 2 s + r) of quick vibrations, per (y, ẏ/ω) of the s others and r loads.
+
+    Those of equilibrium with the loads and the accelerations of the others: they ring about it.
+    """
+    slow = ~quick
+    both = np.where(quick, K, M)  # of the places of quick ones and the accelerations of the others
+    others = np.concatenate([K[:, :, slow], D[:, :, slow] * omega[slow], -load], axis=2)
+    return np.asarray(-np.linalg.solve(both, others)[:, quick])
+
+
+def first_order(
+    M: Array, D: Array, K: Array, omega: Array, of: NDArray[np.bool_] | slice = slice(None)
+) -> tuple[Array, Array]:
+    """A (n, 2 d, 2 d) of x = (y, ẏ/ω), ẋ = A x + (0, M⁻¹ f/ω), and M⁻¹; of some of the y."""
+    n, w = len(M), omega[of]
+    d = len(w)
+    inverse, A = np.zeros_like(M), np.zeros((n, 2 * d, 2 * d))
+    A[:, :d, d:] = np.diag(w)
+    for part in blocks(n):
+        inverse[part] = np.linalg.inv(M[part])
+        own = -inverse[part][:, of] / w[:, None]
+        A[part, d:, :d] = own @ K[part][:, :, of]
+        A[part, d:, d:] = own @ D[part][:, :, of] * w
+    return A, inverse
