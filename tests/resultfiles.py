@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from flexmb.results.writer import OutputBlock, ResultWriter
+from flexmb.results.output_block import OutputBlock
+from flexmb.results.writer import ResultWriter
 
 
 @dataclass(frozen=True)

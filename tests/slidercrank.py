@@ -13,7 +13,8 @@ import numpy as np
 
 from flexmb.flexbody import FlexBody, Interface, ModeInfo, Surface, save
 from flexmb.model import Model
-from flexmb.results.writer import OutputBlock, ResultWriter
+from flexmb.results.output_block import OutputBlock
+from flexmb.results.writer import ResultWriter
 
 R, L, SPEED = 0.15, 0.56, 2 * np.pi * 25  # m, m, rad/s
 _AMPLITUDE = 40e-6  # m, of the half sine

@@ -17,7 +17,7 @@ from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import integrate, solve_stage
 from flexmb.engine.initial_conditions import ACCELERATIONS, BEGIN, VELOCITIES
 from flexmb.engine.work import new_output, new_run, new_work
-from flexmb.results.writer import OutputBlock
+from flexmb.results.output_block import OutputBlock
 
 _REFERENCES = Path(__file__).parent / "references"
 

@@ -49,8 +49,8 @@ from flexmb.engine.work import new_path, new_run, new_state, new_work
 from flexmb.errors import AssemblyError, Problem, SceneError
 from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
+from flexmb.results.output_block import OutputBlock
 from flexmb.results.result import NOT_UNIQUE
-from flexmb.results.writer import OutputBlock
 
 # Points of a chunk times velocity coordinates: a tenth of a second or two.
 _CHUNK_WORK = 200_000

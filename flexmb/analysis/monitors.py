@@ -23,7 +23,7 @@ from flexmb.engine.tables import Layout
 from flexmb.model.control import feedback_functions, resolved
 from flexmb.model.model import Model
 from flexmb.model.sensor import OrientationSensorSpec, ReactionSensorSpec, SensorSpec
-from flexmb.results.writer import OutputBlock
+from flexmb.results.output_block import OutputBlock
 
 Array = NDArray[np.float64]
 

@@ -39,7 +39,7 @@ from flexmb.model.forces.spring_damper import JointSpringSpec, SpringDamperSpec
 from flexmb.model.functions.function import Function
 from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
-from flexmb.results.writer import OutputBlock
+from flexmb.results.output_block import OutputBlock
 
 T = TypeVar("T")
 

@@ -268,16 +268,16 @@ def _makers() -> dict[str, Callable[[DynamicsSpec], Method]]:
     }
 
 
-def method_name(spec: DynamicsSpec, flexible: bool = False) -> str:
-    """The integrator that a run begins with; `flexible` if the model has flexible bodies."""
+def method_name(spec: DynamicsSpec, implicit: str = "") -> str:
+    """The integrator that a run begins with; `implicit`: why explicit ones are none for it."""
     if spec.method != AUTO:
         return spec.method
     if spec.step is not None:
         return "generalized-alpha"
-    return STIFF_METHOD if flexible else FINE_METHOD
+    return STIFF_METHOD if implicit else FINE_METHOD
 
 
-def reason_of_method(spec: DynamicsSpec, name: str, flexible: bool) -> str:
+def reason_of_method(spec: DynamicsSpec, name: str, implicit: str) -> str:
     """Why `method = "auto"` has chosen it; nothing where the scene names its method."""
     if spec.method != AUTO:
         return ""
@@ -285,7 +285,7 @@ def reason_of_method(spec: DynamicsSpec, name: str, flexible: bool) -> str:
         return "fixed steps"
     if name != STIFF_METHOD:
         return "nothing stiff"
-    return "flexible bodies" if flexible else "stability limits the steps of explicit-rk"
+    return implicit or "stability limits the steps of explicit-rk"
 
 
 def make_integrator(spec: DynamicsSpec, name: str | None = None) -> Method:

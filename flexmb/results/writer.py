@@ -10,9 +10,8 @@ finite are refused; the rows before them are stored.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, fields
 from pathlib import Path
 from shutil import copyfileobj
 from typing import Any, Self
@@ -25,7 +24,6 @@ from flexmb.engine.tables import Layout
 from flexmb.errors import OutputError, ResultFileError
 from flexmb.flexbody.arrays import Array
 from flexmb.results.channels import (
-    TABLES,
     Columns,
     count_finite_rows,
     describe_bad_row,
@@ -42,6 +40,7 @@ from flexmb.results.kill_safe_file import (
     sum_rows,
     uninterrupted,
 )
+from flexmb.results.output_block import OutputBlock
 from flexmb.results.result_file import (
     STATUS,
     arrays_text,
@@ -55,43 +54,6 @@ from flexmb.results.result_file import (
     state_bytes,
 )
 from flexmb.untrusted import USER_BLOCK, open_hdf5
-
-
-@dataclass(frozen=True)
-class OutputBlock:
-    """k output rows: times and all quantities at them (SI; columns as the layout says)."""
-
-    t: Array  # (k,)
-    q: Array  # (k, nq)
-    v: Array  # (k, nv)
-    vd: Array  # (k, nv)
-    lam: Array  # (k, nc)
-    reactions: Array  # (k, 12 reactions)
-    sensors: Array  # (k, channels)
-    energy: Array  # (k, energies)
-    drift: Array  # (k, 2)
-
-    def tables(self) -> dict[str, Array]:
-        """The arrays by the name of their dataset."""
-        named = {field.name: getattr(self, field.name) for field in fields(self)}
-        named["time"] = named.pop("t")
-        return {name: np.asarray(named[name], dtype=np.float64) for name in TABLES}
-
-    def part(self, start: int, stop: int) -> OutputBlock:
-        """The rows from start to stop."""
-        return OutputBlock(*(getattr(self, field.name)[start:stop] for field in fields(self)))
-
-    @classmethod
-    def joined(cls, blocks: Sequence[OutputBlock]) -> OutputBlock:
-        """The rows of all blocks, in order."""
-        parts = ([getattr(one, field.name) for one in blocks] for field in fields(cls))
-        return cls(*map(np.concatenate, parts))
-
-    def rows(self, mask: NDArray[np.bool_]) -> OutputBlock:
-        """The rows where `mask` (k,) is true."""
-        if mask.all():
-            return self
-        return OutputBlock(*(getattr(self, field.name)[mask] for field in fields(self)))
 
 
 class ResultWriter:

@@ -216,7 +216,8 @@ def render_mode_shapes(
     """
     from flexmb.flexbody import save
     from flexmb.results import Result
-    from flexmb.results.writer import OutputBlock, ResultWriter
+    from flexmb.results.output_block import OutputBlock
+    from flexmb.results.writer import ResultWriter
     from flexmb.view.picture import render
 
     target, compiled = writable_folder(Path(folder)), made.compiled

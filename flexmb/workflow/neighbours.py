@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
     from flexmb.results import Result
-    from flexmb.results.writer import OutputBlock
+    from flexmb.results.output_block import OutputBlock
 
 Change: TypeAlias = tuple[tuple[Array, ...], Array, tuple[str, ...], float | None]
 """Channels as for `contributions`, an effect's change of them (n, k), names, its cost."""
@@ -105,7 +105,7 @@ class Neighbours:
 
     def rows(self) -> OutputBlock:
         """The rows as a block of outputs."""
-        from flexmb.results.writer import OutputBlock
+        from flexmb.results.output_block import OutputBlock
 
         m, none = self.motion, np.zeros((len(self.motion.t), 0))
         return OutputBlock(m.t, m.q, m.v, m.vd, m.lam, none, m.channels, none, none)

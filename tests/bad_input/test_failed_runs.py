@@ -15,7 +15,7 @@ from flexmb.analysis.procedure import open_joint
 from flexmb.cli import app
 from flexmb.engine.compile import compile_system
 from flexmb.errors import AssemblyError, SolverError
-from flexmb.results.writer import OutputBlock
+from flexmb.results.output_block import OutputBlock
 
 R, L = 0.2, 0.5  # m, crank and rod
 

@@ -9,7 +9,7 @@ from flexmb.analysis.monitors import SingularOrientationMonitor, algebraic_loop_
 from flexmb.engine.tables import Layout
 from flexmb.errors import SceneError
 from flexmb.model import Model
-from flexmb.results.writer import OutputBlock
+from flexmb.results.output_block import OutputBlock
 
 
 def model():

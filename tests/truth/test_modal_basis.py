@@ -20,7 +20,7 @@ from flexmb.fe.sections.section_tables import resolve, sections_from
 from flexmb.flexbody import load
 from flexmb.model import Model
 from flexmb.results import Result
-from flexmb.results.writer import OutputBlock
+from flexmb.results.output_block import OutputBlock
 from flexmb.workflow.run import run_single
 
 E, RHO, H, L = 2.1e11, 7850.0, 0.02, 1.0

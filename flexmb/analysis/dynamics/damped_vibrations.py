@@ -24,7 +24,7 @@ from flexmb.engine.integrators.radau import radau_5
 from flexmb.engine.state import State
 from flexmb.engine.units import prepare_units
 from flexmb.flexbody.arrays import Array
-from flexmb.results.writer import OutputBlock
+from flexmb.results.output_block import OutputBlock
 
 _MAX_JUMPS = 16  # times that are looked at, evenly among more
 _AFTER_START = 1e-9  # of a run: when functions have left their value at its start

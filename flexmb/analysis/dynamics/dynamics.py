@@ -36,7 +36,7 @@ from flexmb.analysis.dynamics.passes import (
     stricter_tolerance,
     unstable_step,
 )
-from flexmb.analysis.dynamics.run_settings import loop_settings, time_grid
+from flexmb.analysis.dynamics.run_settings import loop_settings, time_grid, why_implicit
 from flexmb.analysis.dynamics.validity import ValidityMonitor
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
 from flexmb.analysis.mobility.driver_conflicts import driver_reasons
@@ -75,8 +75,8 @@ from flexmb.model.forces.friction import BaseFriction
 from flexmb.model.joints.joint import lost_inertias
 from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
+from flexmb.results.output_block import OutputBlock
 from flexmb.results.result import NOT_UNIQUE
-from flexmb.results.writer import OutputBlock
 
 _UNBALANCED = 0.05  # of the energy that moved, from which on the user is told
 # Gap of a constraint, in radians or over the size of the model, from which on a mechanism has come
@@ -116,7 +116,7 @@ def prepare_dynamics(
     spec = model.dynamics
     if spec is None:
         raise SceneError("the scene has no [dynamics]: give its duration")
-    name = method_name(spec, _is_flexible(compiled))
+    name = method_name(spec, why_implicit(compiled, model))
     integrator = make_integrator(spec, name)
 
     def first_state() -> tuple[Assembled, int | None, tuple[str, ...], list[str]]:
@@ -134,8 +134,8 @@ def prepare_dynamics(
     assembled, rank, not_unique, redundancy = first
     compiled = assembled.compiled
     settings = loop_settings(compiled, spec, integrator, is_determined(compiled, rank))
-    explicit = integrator.stages > 0 and settings.determined == 0
-    if explicit and (lost := next(lost_inertias(model), "")):
+    lost = next(lost_inertias(model), "") if integrator.stages and not settings.determined else ""
+    if lost:
         raise SceneError(f'{lost}; or use method = "{STIFF_METHOD}"')
     notes = [*assembled.notes, *_friction_notes(model), *redundancy, *algebraic_loop_notes(model)]
     grid = time_grid(spec)
@@ -147,10 +147,6 @@ def prepare_dynamics(
         compiled, model, name, assembled.state, settings, timer=timer, notes=tuple(notes),
         not_unique=not_unique, dampings=tuple(assembled.dampings),
     )  # fmt: skip
-
-
-def _is_flexible(compiled: Compiled) -> bool:
-    return bool(compiled.system.parts.bodies["m"].any())
 
 
 def _friction_notes(model: Model) -> Iterator[str]:
@@ -213,8 +209,8 @@ def run_dynamics(prepared: PreparedDynamics, sink: Sink, *, progress: Progress =
     notes += [*current.notes(ending), *filter(None, [reason])]
     statistics = {"method": prepared.method, **_statistics(prepared.run)}
     statistics |= prepared.timer.seconds
-    if of_method := reason_of_method(spec, prepared.method, _is_flexible(compiled)):
-        statistics["reason_of_method"] = of_method
+    of_method = reason_of_method(spec, prepared.method, why_implicit(compiled, prepared.model))
+    statistics |= {"reason_of_method": of_method} if of_method else {}
     if prepared.verified is not None:
         statistics |= prepared.verified.statistics()
     if prepared.not_unique:

@@ -19,7 +19,7 @@ from flexmb.engine.state import Plan, State, Work
 from flexmb.engine.units import hand_over
 from flexmb.engine.work import equal_times, new_plan, new_run, new_work, output_run
 from flexmb.errors import FlexmbError
-from flexmb.results.writer import OutputBlock
+from flexmb.results.output_block import OutputBlock
 from flexmb.units import UnitSystem
 
 # Steps of a chunk times velocity coordinates: about a tenth of a second on a present machine.

@@ -31,7 +31,7 @@ from flexmb.flexbody.static_response import LARGEST_SHARE
 from flexmb.model.excitation import loads_beside_interfaces, marker_interface
 from flexmb.model.forces.body_load import BodyLoadSpec
 from flexmb.model.model import Model
-from flexmb.results.writer import OutputBlock
+from flexmb.results.output_block import OutputBlock
 
 #: Deflection over the length of a body above which linear elasticity is doubtful.
 LARGEST_DEFLECTION = 0.1

@@ -39,7 +39,7 @@ from flexmb.flexbody.arrays import Array, IntArray, skew
 from flexmb.flexbody.natural_modes import matrices_at_rest
 from flexmb.model.forces.body_load import BodyLoadSpec
 from flexmb.model.model import Model
-from flexmb.results.writer import OutputBlock
+from flexmb.results.output_block import OutputBlock
 
 #: Load factors from which on the user is told, with and without geometric stiffening.
 NEAR_BUCKLING, LARGEST_AXIAL_LOAD = 0.8, 0.1

@@ -26,7 +26,7 @@ from flexmb.analysis.monitors import SampledHistory
 from flexmb.engine.tables import Layout
 from flexmb.flexbody.arrays import Array
 from flexmb.model.model import Model
-from flexmb.results.writer import OutputBlock
+from flexmb.results.output_block import OutputBlock
 
 # What moves by less than this share of the largest motion of its kind is at rest: positions below
 # 5000 times round-off, others below what projections leave of them near singular poses.

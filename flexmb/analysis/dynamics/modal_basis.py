@@ -49,7 +49,7 @@ from flexmb.model.excitation import (
     slowest_oscillation,
 )
 from flexmb.model.model import Model
-from flexmb.results.writer import OutputBlock
+from flexmb.results.output_block import OutputBlock
 
 Indices = NDArray[np.int64]
 

@@ -40,7 +40,7 @@ from flexmb.model.model import Model
 from flexmb.model.scenes.dynamics import METHODS, DynamicsSpec
 from flexmb.progress import Progress
 from flexmb.results import BodyDamping
-from flexmb.results.writer import OutputBlock
+from flexmb.results.output_block import OutputBlock
 
 MAX_PASSES = 4
 """Passes of a run at most, each with a stricter tolerance by the error measured."""

@@ -14,6 +14,8 @@ from flexmb.engine.compile import Compiled, parts_of_model
 from flexmb.engine.state import State
 from flexmb.engine.work import kinds_of
 from flexmb.flexbody.arrays import Array
+from flexmb.model.joints.joint import lost_inertias
+from flexmb.model.model import Model
 from flexmb.model.scenes.dynamics import ACCURACY, DynamicsSpec
 
 _MAX_ITERATIONS = 15
@@ -92,6 +94,13 @@ def scout_rows(n: int) -> np.ndarray:
 def damps_vibrations(compiled: Compiled, integrator: method.Method) -> bool:
     """Whether there are flexible bodies, and a method that damps what it does not resolve."""
     return integrator.stages == 0 and bool(compiled.system.parts.bodies["m"].any())
+
+
+def why_implicit(compiled: Compiled, model: Model) -> str:
+    """Why a run is not begun by an explicit method, or ""."""
+    if compiled.system.parts.bodies["m"].any():
+        return "flexible bodies"
+    return "an inertia that is round-off" if any(lost_inertias(model)) else ""
 
 
 def gyration(compiled: Compiled) -> dict[str, float]:

@@ -45,7 +45,7 @@ from flexmb.engine.state import State
 from flexmb.errors import AssemblyError
 from flexmb.model.model import Model
 from flexmb.model.scenes.dynamics import ValiditySpec
-from flexmb.results.writer import OutputBlock
+from flexmb.results.output_block import OutputBlock
 
 Array = NDArray[np.float64]
 #: Words of the sentence on omitted vibrations.

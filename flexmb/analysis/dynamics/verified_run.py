@@ -39,7 +39,7 @@ from flexmb.engine.work import new_plan
 from flexmb.errors import FlexmbError
 from flexmb.model.model import Model
 from flexmb.progress import Progress
-from flexmb.results.writer import OutputBlock
+from flexmb.results.output_block import OutputBlock
 
 _SCOUT = "scout_"
 _SPUN = 0.1  # radians for each of those by which the first speeds turn a body within the run

@@ -29,7 +29,7 @@ from flexmb.model.joints.curve import CurveShape, curve_shape
 from flexmb.model.lookup import Bodies, Component, ModelData, Scope
 from flexmb.model.plane import ALIGNED, across, axis_of_joint, keeps_plane, normal_in_body
 from flexmb.model.quantities import Axis, Length, Pair, Size, Text
-from flexmb.model.reading import Reader, fail, fail_if, quote
+from flexmb.model.reading import GROUND, Reader, fail, fail_if, quote
 
 COORDINATES = ("angle", "second_angle", "stroke")
 """Joint coordinates: angle [rad] about the axis or the second axis, stroke [m] along the axis."""
@@ -323,24 +323,28 @@ def count(model: ModelData, flexbodies: Bodies | None = None) -> Counts:
     )
 
 
-_LOST_INERTIA = (
-    1e-12  # inertia over mass times the square of an arm; joints have 1e-16 of the latter
-)
-_USUAL_INERTIA = 1e-9  # of the same, that a body has which is nearly a point
+# Inertia over mass times the square of an arm, of which joints have 1e-16; of the same, what a body
+# has that is nearly a point.
+_LOST_INERTIA, _USUAL_INERTIA = 1e-12, 1e-9
+_GUIDES = ("fixed", "prismatic")  # joints that let nothing turn
 
 
 def lost_inertias(model: ModelData) -> Iterator[str]:
     """Sentences about rigid bodies whose inertia is round-off beside that of their mass on an arm.
 
-    About each principal axis, in a plane about its normal; an arm reaches from it to a joint.
+    About each principal axis, in a plane about its normal; an arm reaches from it to a joint. Not
+    of bodies that a joint with ground does not let turn.
     """
     ends: dict[str, list[np.ndarray]] = {}
+    guided = set()
     for joint in model.joints.values():
+        names = {reference.partition(".")[0] for reference in joint.between}
+        guided |= names if GROUND in names and joint.type in _GUIDES else set()
         for reference in joint.between:
             body = reference.partition(".")[0]
             if body in model.bodies and not model.bodies[body].flexible:
                 ends.setdefault(body, []).append(lookup.place_marker(model, reference).rho)
-    for name, places in ends.items():
+    for name, places in ((name, of) for name, of in ends.items() if name not in guided):
         spec, say = model.bodies[name], model.units.say
         assert isinstance(spec, RigidBodySpec)
         of = spec.mass_properties

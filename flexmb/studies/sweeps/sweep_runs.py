@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
     from flexmb.results import Result
-    from flexmb.results.writer import OutputBlock
+    from flexmb.results.output_block import OutputBlock
     from flexmb.units import UnitSystem
 
 

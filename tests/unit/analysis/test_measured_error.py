@@ -12,7 +12,7 @@ from flexmb.analysis.dynamics.run_settings import modal_reach
 from flexmb.engine.compile import compile_system
 from flexmb.flexbody import FlexBody, Interface
 from flexmb.model import Model
-from flexmb.results.writer import OutputBlock
+from flexmb.results.output_block import OutputBlock
 
 RATIO = 33.0  # of the errors of both runs: 1/32 of their difference is left
 

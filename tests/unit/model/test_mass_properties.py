@@ -116,5 +116,14 @@ def test_explicit_methods_refuse_it_and_implicit_ones_do_not():
     made = on_an_arm([1e-13] * 3)
     knobs = {"duration": 0.1, "outputs": 2, "accuracy": 1e-4}
     with pytest.raises(SceneError, match='bodies.bob.inertia: 1e-13 .* method = "radau"'):
-        run(made, **knobs)
-    assert run(made, method="radau", **knobs).statistics["steps"] < 50
+        run(made, method="explicit-rk", **knobs)
+    told = run(made, **knobs).statistics
+    assert told["method"] == "radau" and told["steps"] < 50
+    assert told["reason_of_method"] == "an inertia that is round-off"
+
+
+def test_a_point_that_a_guide_does_not_let_turn_is_no_mistake():
+    """Its inertia has no say."""
+    made = on_an_arm([1e-13] * 3)
+    made.add_joint("guide", "prismatic", between=["ground", "bob"], axis="x")
+    assert not made.warnings()

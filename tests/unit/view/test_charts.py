@@ -11,7 +11,7 @@ from resultfiles import FakeLayout, block, writer
 
 from flexmb.errors import FlexmbError, ResultFileError, ViewError
 from flexmb.results import Result
-from flexmb.results.writer import OutputBlock
+from flexmb.results.output_block import OutputBlock
 from flexmb.view.charts import (
     amplitudes,
     campbell_of_run,

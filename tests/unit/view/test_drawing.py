@@ -19,7 +19,8 @@ from flexmb.model import Model
 from flexmb.model.joints.joint import JOINT_TYPES
 from flexmb.model.surface_mesh import open_edges
 from flexmb.results import Result
-from flexmb.results.writer import OutputBlock, ResultWriter
+from flexmb.results.output_block import OutputBlock
+from flexmb.results.writer import ResultWriter
 from flexmb.view.camera import Camera, visible_shares
 from flexmb.view.content import DAMPER, FRICTION, HOUSING, RUBBER, Content
 from flexmb.view.drawing import Drawing
