@@ -37,7 +37,7 @@ from flexmb.engine.equations_of_motion import (
     walk,
 )
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.method import FINE
+from flexmb.engine.method import FINE, round_off
 from flexmb.engine.projection import VELOCITIES, accelerations
 from flexmb.engine.state import Run
 
@@ -49,8 +49,11 @@ from flexmb.engine.state import Run
 # end, over the way to the crossing.
 _BEFORE, _NEAR_EVENT, _OVERSHOOT = 0.98, 3e-4, 1.01
 _MAX_TRIES = 10
-# Steps are not made shorter for events than this fraction of the run.
-_MIN_STEP_FRACTION = 1e-7
+# Steps are not made shorter for events than this fraction of the run, or that of the step that met
+# them, however long the run is: what a step passes an event by is an error of its square, in each
+# of a thousand.
+_MIN_STEP_FRACTION, _MIN_PART = 1e-7, 1e-6
+_MIN_STEPS = 100.0  # and no shorter than so many times round-off of the time
 # One event in so many steps may shorten steps, so that what flutters about zero, such as friction
 # without load, does not stop the run; after as many steps without, this many may follow each other
 # closely, as stick after slip and slip the other way. Laws of functions are counted by themselves,
@@ -165,7 +168,8 @@ def missed_event(run: Run, h: float) -> int:
         return 0
     if memory["event_trials"] == 0.0:
         memory["step_before_event"] = h
-    least = _MIN_STEP_FRACTION * (settings.end - settings.start)
+    least = min(_MIN_STEP_FRACTION * (settings.end - settings.start), _MIN_PART * longest)
+    least = max(least, _MIN_STEPS * round_off(settings))
     shorter = max(h * max(share * aim, 1e-3), least)
     if shorter >= h:
         return 0

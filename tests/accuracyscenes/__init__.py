@@ -52,5 +52,7 @@ CYCLES = {
     "driven slider-crank": 314.0,
     "bead on a cycloid": 1269.0,
     "inverted pendulum": 63.0,
+    "bouncing ball": 650.0,
+    "mass between stops": 663.0,
 }
 """Scenes, and how long a thousand of their swings, turns or shakes take [s]."""

@@ -70,7 +70,8 @@ def test_the_next_step_follows_from_the_error(ratio):
     """0.9 (tolerance/error)^(1/8) times the last one, five times at most."""
     method = explicit()
     _, state, _ = steps(oscillator(1.0), method, H, 1, 0)
-    settings = type("Settings", (), {"step": 0.0, "tolerance": 1e-3, "slack": 1.0})
+    knobs = {"step": 0.0, "tolerance": 1e-3, "slack": 1.0, "start": 0.0, "end": 1.0}
+    settings = type("Settings", (), knobs)
     state.memory[0]["steps_until_growth"] = 0.0
     record_step(method, settings, state, np.array([ratio * 1e-3, 0.0]), H)
     grown = min(0.9 * ratio ** (-1 / 8), 5.0)
