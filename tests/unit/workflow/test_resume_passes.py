@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from accuracyscenes.bristles import puck
-from accuracyscenes.friction import on_points
+from accuracyscenes.friction import FRICTION, on_points
 
 import flexmb
 from flexmb.analysis.dynamics import integration as module
@@ -157,13 +157,24 @@ def test_a_finished_run_is_extended_as_accurately(
             assert said < max(5 * error, 2e-7)
 
 
-@pytest.mark.parametrize("make", [on_points, puck], ids=["block", "puck"])
-def test_contacts_with_bristles_resume_to_the_same_bytes(
-    tmp_path: Path, make: Callable[[], flexmb.Model]
+GUIDE = FRICTION["guide loaded to and fro"]
+FIXED = {"step": 5e-4, "method": "generalized-alpha"}
+
+
+@pytest.mark.parametrize(
+    ("make", "way"),
+    [
+        (on_points, FIXED), (puck, FIXED), (GUIDE.make, FIXED),
+        (GUIDE.make, {"method": "radau"}), (GUIDE.make, {"method": "explicit-rk"}),
+    ],
+    ids=["block", "puck", "guide", "guide by radau", "guide by explicit-rk"],
+)  # fmt: skip
+def test_bristles_resume_to_the_same_bytes(
+    tmp_path: Path, make: Callable[[float], flexmb.Model], way: dict[str, object]
 ) -> None:
-    """By a method that needs no accelerations of markers: what a bristle remembers has them."""
-    knobs = {"duration": 0.15, "outputs": 30, "step": 5e-4, "method": "generalized-alpha"}
-    whole = flexmb.simulate(make(), output=tmp_path / "whole", **knobs)
-    part = flexmb.simulate(make(), output=tmp_path / "part", progress=Interrupt((1, 1)), **knobs)
+    """By a method that needs no accelerations of markers as well: a bristle remembers them."""
+    knobs = {"duration": 0.15, "outputs": 30, **way}
+    whole = flexmb.simulate(make(1.0), output=tmp_path / "whole", **knobs)
+    part = flexmb.simulate(make(1.0), output=tmp_path / "part", progress=Interrupt((1, 1)), **knobs)
     assert part.status == "stopped"
     assert_same(flexmb.resume(part), whole)
