@@ -108,8 +108,10 @@ INTEGRATOR_MEMORY = np.dtype([
     ("velocity_error", "f8"),  # of the last step, over h³
     ("steps_at_this_size", "f8"),
     ("steps_at_jump", "f8"),  # in a row, whose error is of its size
-    ("recent_time", "f8"),  # until which the last steps have hardly advanced, s
-    ("steps_since", "f8"),  # it
+    ("recent_time", "f8"),  # since which steps have hardly advanced, s
+    ("steps_since", "f8"),
+    ("failing_time", "f8"),  # since which those that fail have, s
+    ("failures_since", "f8"),
     ("steps_since_output", "f8"),
     ("steps_until_growth", "f8"),  # after a rejection
     ("rejected_step", "f8"),  # the last one, s; 0 behind its end

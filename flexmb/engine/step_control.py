@@ -24,8 +24,10 @@ from flexmb.engine.state import Run
 # A fixed step is halved this often, one under error control may fall to this share of the run.
 _SMALLEST_PART = 1.0 / 1024.0
 _SMALLEST_SHARE = 1e-12
-# So many steps within this share of the run are too many: its end is out of reach.
+# So many steps within this share of the run are too many: its end is out of reach. So many steps
+# that fail within that.
 _MOST_STEPS, _NO_ADVANCE = 1000.0, 1e-8
+_MOST_FAILURES, _HARDLY_ADVANCES = 100.0, 1e-6
 # At a jump of forces the error of any step is of its own size; these shares of the run will do: if
 # the error is what is allowed anywhere, and if it is not. More than so many in a row are no jump.
 _KINK_SHARE, _JUMP_SHARE, _MOST_AT_JUMP = 1e-9, 1e-11, 10.0
@@ -207,6 +209,9 @@ def judge_step(method, settings, st, error, status, h):
         return TOO_SMALL
     if status != FINE:
         count["failed"] += 1
+        memory["failures_since"] += 1.0
+        if settings.step == 0.0 and memory["failures_since"] > _MOST_FAILURES:
+            return TOO_SMALL
         memory["next_step"] = 0.5 * h if settings.step > 0.0 else 0.25 * h
     else:
         patience = _PATIENCE if method.keeps_step == 1 else 1.0
@@ -315,6 +320,8 @@ def record_step(method, settings, st, error, h):
     memory["steps_since"] += 1.0
     if st.t[0] - memory["recent_time"] > _NO_ADVANCE * (settings.end - settings.start):
         memory["recent_time"], memory["steps_since"] = st.t[0], 0.0
+    if st.t[0] - memory["failing_time"] > _HARDLY_ADVANCES * (settings.end - settings.start):
+        memory["failing_time"], memory["failures_since"] = st.t[0], 0.0
     memory["velocity_error"] = error[1] / h**3
     memory["error_sum"] += error[0]
     ratio = max(_ratio(settings, error, 1.0), 1e-12)

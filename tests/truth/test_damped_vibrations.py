@@ -196,9 +196,9 @@ def test_a_driver_whose_speed_jumps(method):
 
 
 def test_a_user_may_stop_the_measurement(monkeypatch):
-    def interrupt(prepared):
+    def interrupt(prepared, progress):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(dynamics, "measure_vibrations", interrupt)
+    monkeypatch.setattr(dynamics, "complete_measured_error", interrupt)
     ended = outcome(shaken(), method="radau", accuracy=1e-4)
     assert (ended.status, ended.message) == ("stopped", "stopped by the user at t = 1 s")

@@ -10,6 +10,7 @@ import numpy as np
 
 from flexmb.analysis.dynamics.run_settings import set_least_motion
 from flexmb.analysis.procedure import ChunkRows
+from flexmb.analysis.singular_poses import singular_pose_sentence
 from flexmb.engine import entries, method
 from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
@@ -154,7 +155,8 @@ class Integration:
         endless = left > min(most, work / (self.compiled.layout.nv * max(self.method.stages, 1)))
         self._endless = self._endless + 1 if endless else 0
         if endless and (self.method.stages > 0 or self._endless == _LOOKS):
-            raise FlexmbError(_endless(t, passed / steps, left, limited, static))
+            pose = singular_pose_sentence(self.compiled, self.state.q, self.state.q_first)
+            raise FlexmbError(_endless(t, passed / steps, left, limited, static or pose))
 
 
 class StepRows:
@@ -221,12 +223,12 @@ class StepRows:
         return np.ceil(outputs / settings.step - _SAME_TIME).astype(int)
 
 
-def _endless(t: float, step: float, left: float, limited: bool, static: str) -> str:
+def _endless(t: float, step: float, left: float, limited: bool, cause: str) -> str:
     where = (
         f"at t = {t:.6g} s steps of {step:.2g} s leave {left:.2g} of them for the rest of the run"
     )
-    if static:
-        return f"{where}: {static}"
+    if cause:
+        return f"{where}: {cause}"
     if limited:
         return (
             f"{where}: stability of an explicit method limits them, not accuracy; "

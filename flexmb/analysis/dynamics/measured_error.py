@@ -241,6 +241,13 @@ class MeasuredError:
         largest = float((own[moves] / spans[moves]).max(initial=0.0))
         return float(largest / max(self.round_off_share() * steps**1.5, _LEAST_ERROR))
 
+    def forget_walk(self, steps: int) -> None:
+        """Leave out round-off that is not multiplied: the longer steps of a scout have more of it,
+        and what Newton's method leaves of theirs besides."""
+        if self.multiplication(steps) <= 1.0:
+            self._multiplied[:] = 0.0
+            self._results.clear()
+
     def damped(self) -> tuple[str, float, float]:
         """The joint whose reactions lack most of vibrations, what they lack over their scale, and
         when these begin [s]."""

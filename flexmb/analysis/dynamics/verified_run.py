@@ -281,6 +281,8 @@ def measure_round_off_growth(
             progress("integrate", 1.0, f"measures round-off, t = {own.state.t[0]:.4g} s")
     except FlexmbError:  # too many steps: the run itself has told
         return
+    finally:
+        error.forget_walk(steps)
 
 
 def _again(

@@ -13,7 +13,8 @@ from flexmb.engine.initial_conditions import POSITIONS, RESIDUAL
 from flexmb.engine.integrators.explicit_rk import dormand_prince_8, explicit_method, interpolate
 from flexmb.engine.integrators.explicit_rk import step as explicit_step
 from flexmb.engine.integrators.radau import radau_5
-from flexmb.engine.step_control import record_step
+from flexmb.engine.method import FINE, NO_CONVERGENCE, REPEAT
+from flexmb.engine.step_control import judge_step, record_step
 from flexmb.engine.work import new_state, new_work
 from flexmb.model import Model
 
@@ -76,6 +77,33 @@ def test_the_next_step_follows_from_the_error(ratio):
     record_step(method, settings, state, np.array([ratio * 1e-3, 0.0]), H)
     grown = min(0.9 * ratio ** (-1 / 8), 5.0)
     assert state.memory[0]["next_step"] == pytest.approx(H * grown, rel=1e-12)
+
+
+def test_a_run_whose_steps_hardly_advance_or_fail_on_and_on_ends():
+    """A thousand steps within 1e-8 of it, or a hundred failures within 1e-6."""
+    method, error = explicit(), np.zeros(2)
+    _, state, _ = steps(oscillator(1.0), method, H, 1, 0)
+    knobs = {"step": 0.0, "tolerance": 1e-3, "slack": 1.0, "start": 0.0, "end": 1.0}
+    settings, memory = type("Settings", (), {**knobs, "accuracy": 1e-3}), state.memory[0]
+    for advance, most in ((0.9e-8, 1001), (1.1e-8, 5000)):
+        state.t[0] = memory["recent_time"] = memory["steps_since"] = 0.0
+        accepted = 0
+        while judge_step(method, settings, state, error, FINE, H) == FINE and accepted < 5000:
+            accepted += 1
+            state.t[0] = accepted * advance / 1000
+            record_step(method, settings, state, error, H)
+        assert accepted == most
+    for advance, most in ((0.9e-6, 100), (1.1e-6, 500)):
+        state.t[0] = memory["failing_time"] = memory["failures_since"] = memory["steps_since"] = 0.0
+        failures = 0
+        while judge_step(method, settings, state, error, NO_CONVERGENCE, H) == REPEAT:
+            failures += 1
+            state.t[0] = failures * advance / 100
+            memory["steps_since"] = 0.0
+            record_step(method, settings, state, error, H)
+            if failures == most:
+                break
+        assert failures == most
 
 
 def test_accelerations_and_reactions_after_a_step_fulfil_the_equations():
