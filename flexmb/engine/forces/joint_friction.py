@@ -348,9 +348,8 @@ def put_events(run: Run, frictions: JointFrictions, at: Point) -> int:
     """What crosses zero where it slips or sticks, and where its full bristle becomes free.
 
     With rates, but for those of rates of the bearing load. What slides while its bristle becomes
-    full feels nothing of it. Smooth friction has no
-    such moment; that its speed falls below that of creeping and rises again within a step is
-    watched all the same.
+    full feels nothing of it. Smooth friction has no such moment; that its speed falls below that of
+    creeping and rises again within a step is watched all the same.
     """
     rows, surface, now = frictions.rows, frictions.scratch.surface[0], run.work.now
     coordinates, out = run.system.parts.coordinates, run.work.events.now
@@ -377,7 +376,9 @@ def put_events(run: Run, frictions: JointFrictions, at: Point) -> int:
             length["value"], length["rate"] = growth - side * v, -side * change
         else:
             slip["value"] = surface["excess"] - LEAST_EXCESS * N
-            slip["rate"] = side * (f["k"] * v + f["c"] * change) - f["k"] * growth
+            damped = f["c"] * side * change  # what is let go has it in its growth
+            slip["rate"] = f["k"] * (side * v - growth)
+            slip["rate"] += damped if side * v > 0.0 else max(damped, 0.0) if v == 0.0 else 0.0
     return FINE
 
 
