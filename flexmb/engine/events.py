@@ -49,10 +49,10 @@ from flexmb.engine.state import Run
 # end, over the way to the crossing.
 _BEFORE, _NEAR_EVENT, _OVERSHOOT = 0.98, 3e-4, 1.01
 _MAX_TRIES = 10
-# Steps are not made shorter for events than this fraction of the run, or that of the step that met
-# them, however long the run is: what a step passes an event by is an error of its square, in each
-# of a thousand.
-_MIN_STEP_FRACTION, _MIN_PART = 1e-7, 1e-6
+# Steps are not made shorter for events than this fraction of the run, or that of its longest step,
+# however long the run is: what a step passes an event by is an error of its square, in each of a
+# thousand.
+_MIN_STEP_FRACTION, _MIN_PART = 1e-7, 2e-7
 _MIN_STEPS = 100.0  # and no shorter than so many times round-off of the time
 # One event in so many steps may shorten steps, so that what flutters about zero, such as friction
 # without load, does not stop the run; after as many steps without, this many may follow each other
@@ -168,8 +168,8 @@ def missed_event(run: Run, h: float) -> int:
         return 0
     if memory["event_trials"] == 0.0:
         memory["step_before_event"] = h
-    least = min(_MIN_STEP_FRACTION * (settings.end - settings.start), _MIN_PART * longest)
-    least = max(least, _MIN_STEPS * round_off(settings))
+    least = _MIN_STEP_FRACTION * (settings.end - settings.start)
+    least = min(least, max(_MIN_PART * memory["largest_step"], _MIN_STEPS * round_off(settings)))
     shorter = max(h * max(share * aim, 1e-3), least)
     if shorter >= h:
         return 0
