@@ -54,6 +54,7 @@ _FEW_ROWS, _FEWER = 800, 8  # of more rows an eighth tells first whether all of 
 _NOTHING = 1e-7  # of a sensor's peak-to-peak; too few rows saw 1/40 of a change
 _RIGID, _DYNAMIC = {"deformation": "rigid"}, {"deformation": "dynamic"}
 _QUASI_STATIC = {"deformation": "quasi-static"}
+_SMALL_CHANGE = 0.1  # of the peak-to-peak of a channel
 _FRAMED = "quasi-static modes keep no momentum in a frame at an interface; take mean axes"
 
 
@@ -262,7 +263,8 @@ class Neighbours:
 
         What is quasi-static in the run vibrates along the run itself as well, driven by what that
         leaves out of balance at the modes: inertia, and dampers on what follows its loads. It does
-        not see rates that jump with a load, the other way not the dampers: the larger one counts.
+        not see rates that jump with a load, the other way not the dampers: the larger one counts,
+        unless it is no small change any more, which grows with the time that the phase is off.
         """
         from flexmb.analysis.effects.contribution import smaller_range
         from flexmb.engine.bodies.static_modes import static_coordinates
@@ -295,7 +297,8 @@ class Neighbours:
         change = np.where(np.isfinite(change), change - still, change)
         if along is not None:
             along = along[np.linspace(0, len(along) - 1, len(change)).round().astype(int)]
-            larger = np.abs(along).max(axis=0) > np.abs(change).max(axis=0)
+            size, span = np.abs(along).max(axis=0), np.ptp(self.motion.channels, axis=0)
+            larger = (size > np.abs(change).max(axis=0)) & (size < _SMALL_CHANGE * span)
             change = np.where(larger, along, change)
         return histories, change, names, None
 

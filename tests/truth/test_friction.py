@@ -273,7 +273,7 @@ def test_a_guide_under_changing_load_follows_the_law_of_its_bristle(name, where,
     found = judged(made, lambda t: truth_of(scene, t, size, away), duration=scene.duration,
                    outputs=100, accuracy=1e-7, method=method)  # fmt: skip
     assert found.is_reached(1e-7 / 2)
-    assert found.achieved < max(3 * found.told, 2e-8 if away is not AWAY else 1e-7)  # round-off
+    assert found.achieved < max(5 * found.told, 2e-8 if away is not AWAY else 1e-7)  # round-off
 
 
 @pytest.mark.parametrize("name", BRISTLES)
