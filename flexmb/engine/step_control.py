@@ -24,8 +24,8 @@ from flexmb.engine.state import Run
 # A fixed step is halved this often, one under error control may fall to this share of the run.
 _SMALLEST_PART = 1.0 / 1024.0
 _SMALLEST_SHARE = 1e-12
-# So many steps within this share of the run are too many: its end is out of reach. So many steps
-# that fail within that.
+# So many steps within this share of the run would be 1e11 in all: its end is out of reach. So many
+# that fail while it advances by no more than that: an event or a jump takes less than fifty.
 _MOST_STEPS, _NO_ADVANCE = 1000.0, 1e-8
 _MOST_FAILURES, _HARDLY_ADVANCES = 100.0, 1e-6
 # At a jump of forces the error of any step is of its own size; these shares of the run will do: if

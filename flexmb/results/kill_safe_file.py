@@ -141,10 +141,8 @@ class DiskFile(io.RawIOBase):
             self._file = open(self._part or path, "r+b", buffering=0)  # noqa: SIM115
             if new:
                 self._file.truncate(0)
-            if not claimed:
-                path.with_name(path.name + _NEXT).unlink(
-                    missing_ok=True
-                )  # of a run that was killed
+            if not claimed:  # what a run that was killed left
+                path.with_name(path.name + _NEXT).unlink(missing_ok=True)
             begin_writing(self._part or path)
         except OSError:
             self._release()

@@ -54,7 +54,7 @@ _FEW_ROWS, _FEWER = 800, 8  # of more rows an eighth tells first whether all of 
 _NOTHING = 1e-7  # of a sensor's peak-to-peak; too few rows saw 1/40 of a change
 _RIGID, _DYNAMIC = {"deformation": "rigid"}, {"deformation": "dynamic"}
 _QUASI_STATIC = {"deformation": "quasi-static"}
-_SMALL_CHANGE = 0.1  # of the peak-to-peak of a channel
+_SMALL_CHANGE = 0.1  # of the peak-to-peak of a channel: more is no linear change about the run
 _FRAMED = "quasi-static modes keep no momentum in a frame at an interface; take mean axes"
 
 

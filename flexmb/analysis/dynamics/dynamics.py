@@ -63,6 +63,7 @@ from flexmb.analysis.singular_poses import singular_pose_sentence
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import (
+    AUTO,
     STIFF_METHOD,
     integration_units,
     make_integrator,
@@ -134,9 +135,9 @@ def prepare_dynamics(
     assembled, rank, not_unique, redundancy = first
     compiled = assembled.compiled
     settings = loop_settings(compiled, spec, integrator, is_determined(compiled, rank))
-    lost = next(lost_inertias(model), "") if integrator.stages and not settings.determined else ""
-    if lost:
-        raise SceneError(f'{lost}; or use method = "{STIFF_METHOD}"')
+    if spec.method != AUTO and integrator.stages and not settings.determined:
+        for lost in lost_inertias(model):
+            raise SceneError(f'{lost}; or use method = "{STIFF_METHOD}"')
     notes = [*assembled.notes, *_friction_notes(model), *redundancy, *algebraic_loop_notes(model)]
     grid = time_grid(spec)
     if spec.step is not None and grid.step < spec.step * (1.0 - 1e-9):
@@ -209,7 +210,9 @@ def run_dynamics(prepared: PreparedDynamics, sink: Sink, *, progress: Progress =
     notes += [*current.notes(ending), *filter(None, [reason])]
     statistics = {"method": prepared.method, **_statistics(prepared.run)}
     statistics |= prepared.timer.seconds
-    of_method = reason_of_method(spec, prepared.method, why_implicit(compiled, prepared.model))
+    stiff = prepared.method == STIFF_METHOD
+    implicit = why_implicit(compiled, prepared.model) if stiff else ""
+    of_method = reason_of_method(spec, prepared.method, implicit)
     statistics |= {"reason_of_method": of_method} if of_method else {}
     if prepared.verified is not None:
         statistics |= prepared.verified.statistics()

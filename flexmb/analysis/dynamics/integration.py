@@ -155,8 +155,10 @@ class Integration:
         endless = left > min(most, work / (self.compiled.layout.nv * max(self.method.stages, 1)))
         self._endless = self._endless + 1 if endless else 0
         if endless and (self.method.stages > 0 or self._endless == _LOOKS):
-            pose = singular_pose_sentence(self.compiled, self.state.q, self.state.q_first)
-            raise FlexmbError(_endless(t, passed / steps, left, limited, static or pose))
+            cause = static
+            if not (static or limited):
+                cause = singular_pose_sentence(self.compiled, self.state.q, self.state.q_first)
+            raise FlexmbError(_endless(t, passed / steps, left, limited, cause))
 
 
 class StepRows:

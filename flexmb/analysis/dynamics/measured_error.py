@@ -163,16 +163,24 @@ class MeasuredError:
         samples = np.hstack([values[:, self._sampled], gaps[:, self._places]])
         self._samples.add(fine.t[:n], samples)
 
+    def values(self, rows: OutputBlock) -> Array:
+        """Values (n, components) of all that is compared."""
+        values = np.empty((len(rows.t), len(self._in_range)))
+        for table, (columns, places) in self._columns.items():
+            values[:, places] = getattr(rows, table)[:, columns]
+        values *= self._sizes_of
+        return values
+
     def _compare(self, coarse: OutputBlock, fine: OutputBlock) -> tuple[Array, Array]:
         """Values of the fine rows (n, components), and differences (n, k)."""
-        values, theirs = np.empty((2, len(fine.t), len(self._in_range)))
-        for table, (columns, places) in self._columns.items():
-            values[:, places] = getattr(fine, table)[:, columns]
-            theirs[:, places] = getattr(coarse, table)[:, columns]
-        values, theirs = values * self._sizes_of, theirs * self._sizes_of
+        values = self.values(fine)
+        return values, self._gaps(self.values(coarse), values)
+
+    def _gaps(self, values: Array, theirs: Array) -> Array:
+        """Differences (n, k) of values (n, components)."""
         gaps = np.maximum.reduceat(np.abs(values - theirs), self._starts, axis=1)
         gaps[np.isnan(gaps)] = np.inf
-        return values, gaps
+        return np.asarray(gaps)
 
     def reaction_share(self, row: OutputBlock) -> float:
         """The largest reaction of a row, over the scale of its joint."""
@@ -193,21 +201,23 @@ class MeasuredError:
         self._damped[0, more], self._damped[1, more] = largest[more], times[more]
         self._damped[2, more] = begin
 
-    def add_round_off(self, blocks: Sequence[OutputBlock], share: float) -> None:
-        """Take the same rows of runs that differ by round-off alone; `share` of it is this run's.
+    def set_round_off(self, runs: Sequence[Array], steps: float) -> None:
+        """Take the values (k, components) of runs that differ by round-off alone.
 
-        It is the standard deviation of what they show.
+        It is the standard deviation of what they show; of a walk of `steps` times as many steps.
         """
-        n = min(len(block.t) for block in blocks)
-        if n == 0:
-            return
+        n = min(map(len, runs))
+        squares = [
+            self._gaps(one[:n], other[:n]) ** 2 for k, one in enumerate(runs) for other in runs[:k]
+        ]
         self._results.clear()
-        rows, squares, pairs = [block.part(0, n) for block in blocks], np.zeros(()), 0
-        for k, one in enumerate(rows):
-            for other in rows[:k]:
-                squares, pairs = squares + self._compare(one, other)[1] ** 2, pairs + 1
-        deviation = share * np.sqrt(squares.max(axis=0) / (2.0 * pairs))
-        np.maximum(self._multiplied, deviation, out=self._multiplied)
+        self._multiplied = np.sqrt(0.5 * steps * np.mean(squares, axis=0).max(axis=0))
+
+    def multiplied_share(self) -> float:
+        """Largest round-off in the end of a position, as measured, over its peak-to-peak."""
+        spans, own = self._spans()[self._places], self._multiplied[self._places]
+        moves = spans > 0.0
+        return float((own[moves] / spans[moves]).max(initial=0.0))
 
     def round_off_share(self) -> float:
         """Largest round-off of a step in a position, over its peak-to-peak."""
@@ -236,10 +246,8 @@ class MeasuredError:
 
         Of their number to the power of 1.5, as a walk of speeds leaves it (Brouwer's law).
         """
-        spans, own = self._spans()[self._places], self._multiplied[self._places]
-        moves = spans > 0.0
-        largest = float((own[moves] / spans[moves]).max(initial=0.0))
-        return float(largest / max(self.round_off_share() * steps**1.5, _LEAST_ERROR))
+        walk = max(self.round_off_share() * steps**1.5, _LEAST_ERROR)
+        return self.multiplied_share() / float(walk)
 
     def forget_walk(self, steps: int) -> None:
         """Leave out round-off that is not multiplied: the longer steps of a scout have more of it,

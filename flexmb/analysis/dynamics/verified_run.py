@@ -2,20 +2,21 @@
 
 The scout selects its steps by error control; the fine run, whose rows are the result, takes
 `refinement` times as many, spread as the scout's were, so that the errors of both differ by a
-factor that is clear beforehand. Both advance chunk by chunk; of the scout nothing is stored but its
-state at the border of a chunk.
+factor that is clear beforehand. Both advance chunk by chunk; of the scout nothing is saved but its
+state at the border of a chunk, and kept are its steps and what is compared.
 
 A chaotic motion multiplies whatever error there is by a factor in each time of its own (Lyapunov's
 exponent; Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I, 1993, §I.16). Errors
 of the method fall with the steps, round-off does not, and the difference of a run and its scout
 tells nothing of it once it is divided by the ratio of their errors. So the scout is run again where
-its differences grew as by such a factor, and followed by runs on its steps, and on the same ones
-moved by a billionth. These have the same errors of the method, but not of round-off.
+its differences grew as by such a factor, on its own steps moved by a billionth, to and fro. These
+runs have the same errors of the method, but not of round-off.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -59,15 +60,22 @@ _ORDER_LOST = {True: 2.0, False: 1.5}
 # twentieth fell by 0.54 times what the order says or less (0.59): only less is an order lost.
 _LUCK = 2.0
 _LIMITED = 0.02  # of all steps, those of a scout at its limit of stability
-# Of a step that a knot of the plan is moved; of each follower; ratio of steps that are even.
-_MOVED = 1e-9
-_SHIFTS = (0.0, _MOVED, -_MOVED)
-_EVEN = 2.0
+# Of a step that a knot of the plan is moved; ratio of steps that are even.
+_MOVED, _EVEN = 1e-9, 2.0
+_ANY_ERROR = 1e6  # of its steps over what the scout allows, which has taken them
 # Share of the requested accuracy that a bound of multiplied round-off exceeds before it is
-# measured. Times the bound by growth is exceeded: up to 70 by explicit methods, 1000 by radau
-# (chains of pendulums, near the origin and 1 km away).
-_SUSPECTED, _EXCEEDED = 0.1, 1000.0
+# measured; what one run shows before it is measured by three, of which none had to find its steps.
+# Times the bound by growth is exceeded: up to 70 by explicit methods, 1000 by radau (chains of
+# pendulums, near the origin and 1 km away).
+_SUSPECTED, _SHOWN, _EXCEEDED = 0.1, 0.01, {True: 100.0, False: 1000.0}
 _LONGER = 1.1  # steps of the repeated scout over its own, beyond which it is no repetition
+
+
+class Chunk(NamedTuple):
+    """Times at which the steps of a scout began and ended [s], and values compared in its rows."""
+
+    knots: np.ndarray
+    values: np.ndarray  # (k, components)
 
 
 class VerifiedRun:
@@ -96,6 +104,7 @@ class VerifiedRun:
         self.scout, self.fine, self.error, self.passes = scout, fine, error, passes
         self.recorded, self.of_scout, self.is_stiff = recorded, of_scout, is_stiff
         self.jumps = jumps
+        self.chunks: list[Chunk] = []  # of the scout, of a resumed run from there on
 
     @property
     def difference(self) -> float:
@@ -167,8 +176,9 @@ class VerifiedRun:
         coarse = scout.rows.read()
         rows: list[OutputBlock] = []
         done = 0
-        knots = scout.plan.knots[: scout.plan.used[0]]
+        knots = scout.plan.knots[: scout.plan.used[0]].copy()
         end = knots[-1]
+        self.chunks.append(Chunk(knots, self.error.values(coarse)))
         if self.jumps is not None:
             self.jumps.add_steps(knots, fine.settings.refinement)
         while first or fine.state.t[0] < end:
@@ -254,35 +264,41 @@ def measure_round_off_growth(
     """
     error, scout = verified.error, verified.scout
     steps = int(scout.state.count[0]["steps"])
-    bound = _EXCEEDED * np.sqrt(steps) * error.round_off_share() * error.growth()
+    exceeded = _EXCEEDED[verified.fine.method.stages > 0]
+    bound = exceeded * np.sqrt(steps) * error.round_off_share() * error.growth()
     worst = verified.errors().get("positions")
     suspected = bound > _SUSPECTED * accuracy and not verified.is_limited
     if worst is None or not (suspected or worst.error > accuracy):
         return
-    same = scout.settings._replace(refinement=1.0, slack=verified.fine.settings.slack)
-    own = _again(scout, scout.settings, begin)
-    followers = [_again(scout, same, begin, new_plan(own.chunk)) for _ in _SHIFTS]
-    share = float(np.sqrt(verified.fine.settings.refinement))  # a walk of as many more steps
-    first = True
     try:
-        while first or not own.finished:
-            status = own.integrate(0 if first else own.chunk)
-            own.rows.clear()
-            blocks = []
-            for run, shift in zip(followers, _SHIFTS, strict=True):
-                _move_plan(own, run.plan, shift)
-                own_status, block = _follow(run, first)
-                status = max(status, own_status)
-                blocks.append(block)
-            error.add_round_off(blocks, share)
-            first = False
-            if status != method.FINE or own.state.count[0]["steps"] > _LONGER * steps:
-                return
-            progress("integrate", 1.0, f"measures round-off, t = {own.state.t[0]:.4g} s")
+        chunks = verified.chunks
+        if chunks[0].knots[-1] > scout.settings.start:  # of a resumed run
+            chunks = _repeated_chunks(verified, begin, progress)
+        runs = [_follow(verified, begin, chunks, _MOVED, progress)]
+        more = verified.fine.settings.refinement
+        error.set_round_off([np.vstack([chunk.values for chunk in chunks]), *runs], more)
+        if error.multiplied_share() > _SHOWN * accuracy:
+            runs += [_follow(verified, begin, chunks, shift, progress) for shift in (-_MOVED, 0.0)]
+            error.set_round_off(runs, more)
     except FlexmbError:  # too many steps: the run itself has told
         return
     finally:
         error.forget_walk(steps)
+
+
+def _repeated_chunks(verified: VerifiedRun, begin: State, progress: Progress) -> list[Chunk]:
+    """The chunks of a scout from its start, as far as it can be repeated."""
+    scout, chunks = verified.scout, list[Chunk]()
+    own = _again(scout, scout.settings, begin)
+    most = _LONGER * scout.state.count[0]["steps"]
+    while not chunks or not own.finished:
+        status = own.integrate(own.chunk if chunks else 0)
+        knots, values = own.plan.knots[: own.plan.used[0]], verified.error.values(own.rows.read())
+        chunks.append(Chunk(knots.copy(), values))
+        if status != method.FINE or own.state.count[0]["steps"] > most:
+            break
+        progress("integrate", 1.0, f"measures round-off, t = {own.state.t[0]:.4g} s")
+    return chunks
 
 
 def _again(
@@ -293,28 +309,38 @@ def _again(
     return Integration(scout.compiled, scout.method, settings, state, scout.times, plan)
 
 
-def _follow(run: Integration, first: bool) -> tuple[int, OutputBlock]:
-    """Status and rows of a run that follows its plan to the end, or begins."""
-    blocks, end = [], run.plan.knots[run.plan.used[0] - 1]
-    while True:
-        status = run.integrate(0 if first else run.chunk)
-        blocks.append(run.rows.read())
-        if first or status != method.FINE or run.state.t[0] >= end:
-            return status, OutputBlock.joined(blocks)
+def _follow(
+    verified: VerifiedRun, begin: State, chunks: list[Chunk], shift: float, progress: Progress
+) -> np.ndarray:
+    """Values compared (k, components) in the rows of a run on the scout's steps, moved by a share
+    of them, as far as it comes."""
+    scout, rows = verified.scout, list[np.ndarray]()
+    settings = scout.settings._replace(refinement=1.0, slack=_ANY_ERROR)
+    run = _again(scout, settings, begin, new_plan(scout.chunk))
+    for chunk in chunks:
+        _put_plan(run, chunk.knots, shift)
+        status = method.FINE
+        while not rows or (status == method.FINE and run.state.t[0] < chunk.knots[-1]):
+            status = run.integrate(run.chunk if rows else 0)
+            rows.append(verified.error.values(run.rows.read()))
+        if status != method.FINE:
+            break
+        progress("integrate", 1.0, f"measures round-off, t = {run.state.t[0]:.4g} s")
+    return np.vstack(rows)
 
 
-def _move_plan(own: Integration, moved: Plan, shift: float) -> None:
-    """Take the knots of a run's plan, those between even steps moved to and fro by a share of them.
+def _put_plan(run: Integration, knots: np.ndarray, shift: float) -> None:
+    """Let a run follow knots, those between even steps moved to and fro by a share of them.
 
     Not those at which functions change their laws, or about events, where steps begin again.
     """
-    n, events = int(own.plan.used[0]), own.compiled.system.time_events.ravel()
-    moved.used[0], moved.knots[:n] = n, own.plan.knots[:n]
-    steps, inner = np.diff(own.plan.knots[:n]), own.plan.knots[1 : n - 1]
+    n, events, plan = len(knots), run.compiled.system.time_events.ravel(), run.plan
+    plan.used[0], plan.knots[:n] = n, knots
+    steps, inner = np.diff(knots), knots[1 : n - 1]
     ratios = steps[1:] / steps[:-1]
     regular = (ratios > 1.0 / _EVEN) & (ratios < _EVEN)
     edges = np.concatenate([[-np.inf], events, [np.inf]])
     after = np.searchsorted(edges, inner)
     regular &= np.minimum(inner - edges[after - 1], edges[after] - inner) > _MOVED * steps[:-1]
     signs = np.where(np.arange(len(inner)) % 2, shift, -shift)
-    moved.knots[1 : max(n - 1, 1)] += np.where(regular, signs * steps[:-1], 0.0)
+    plan.knots[1 : max(n - 1, 1)] += np.where(regular, signs * steps[:-1], 0.0)
