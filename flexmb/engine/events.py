@@ -222,7 +222,8 @@ def accept_events(run: Run, h: float) -> int:
                 memory["steps_until_law_search"] += _STEPS_AFTER_EVENT
         memory["event_trials"] = 0.0
     elif memory["event_trials"] > 0.0:  # the event is still to come, or it has gone away
-        memory["next_step"] = min(memory["next_step"], h)
+        if h < memory["earlier_step"]:  # it would be in the next step that is not longer
+            memory["next_step"] = min(memory["next_step"], h)
         memory["event_trials"] += 1.0
         if memory["event_trials"] > 2.0 * _MAX_TRIES:
             memory["event_trials"] = 0.0

@@ -115,11 +115,12 @@ def propose_step(method, settings, plan, time_events, st, times, room, weights):
         change = weighted_size(st.vd, weights)
         h = min(h, math.sqrt(2.0 * most / change)) if change > 0.0 else h
     left = next_end(time_events, st.t[0], settings.end) - st.t[0]
-    if settings.refinement > 0.0:
-        return min(h, left, _planned(settings, plan, st.t[0]) - st.t[0])
+    follows = settings.refinement > 0.0
+    if follows:
+        left = min(left, _planned(settings, plan, st.t[0]) - st.t[0])
     if h >= left * (1.0 - 1e-9):
         return left
-    return 0.5 * left if h > 0.5 * left else h
+    return 0.5 * left if h > 0.5 * left and not follows else h
 
 
 @kernel

@@ -46,6 +46,28 @@ def test_a_stop_is_felt_that_is_touched_for_a_hundredth_of_the_time_between_step
     assert outcome.statistics["steps"] < 1000
 
 
+def swing(gap):
+    """Ten swings of 0.5 m below a stop that is a gap beyond them, by the explicit method."""
+    model = Model("swing")
+    model.add_body("b", mass=1, inertia=[1, 1, 1], velocity=[0.5, 0, 0])
+    model.add_joint("rail", "prismatic", between=["ground", "b"], axis="x")
+    model.add_sensor("x", "position", of="b")
+    model.add_force("spring", "translational-spring-damper", joint="rail", stiffness=1.0)
+    model.add_force("limit", "translational-stop", joint="rail", upper=0.5 + gap, stiffness=1e6)
+    model.set_dynamics(
+        duration=20 * np.pi, accuracy=1e-4, outputs=20, method="explicit-rk", verify=False
+    )
+    outcome = dynamics(compile_system(model), model, Memory())
+    assert outcome.status == "finished" and "events" not in outcome.statistics
+    return outcome.statistics["steps"]
+
+
+@pytest.mark.parametrize("gap", [1e-7, 1e-5, 1e-4])
+def test_what_nearly_touches_a_stop_costs_few_steps_a_time(gap):
+    """An event that was to come and does not leaves no small steps behind."""
+    assert swing(gap) < swing(1.0) + 10 * 8
+
+
 @pytest.mark.parametrize("bound", ["upper", "lower"])
 def test_both_bounds_are_watched(bound):
     """A swing from one bound to the other and back within a step, whichever is touched."""
