@@ -276,6 +276,15 @@ def test_a_guide_under_changing_load_follows_the_law_of_its_bristle(name, where,
     assert found.achieved < max(5 * found.told, 2e-8 if away is not AWAY else 1e-7)  # round-off
 
 
+@pytest.mark.parametrize("name", GUIDES)
+def test_a_guide_a_kilometre_away_takes_no_more_steps(name):
+    """Stiff forces of round-off in places were taken for the limit of stability: up to 60 635."""
+    scene = FRICTION[name]
+    knobs = {"duration": scene.duration, "outputs": 100, "method": "explicit-rk", "verify": False}
+    here, there = (judged(m, **knobs) for m in (scene.make(1.0), moved(scene.make(1.0))))
+    assert there.steps < 1.2 * here.steps
+
+
 @pytest.mark.parametrize("name", BRISTLES)
 def test_bristles_of_contacts_beside_a_large_motion(name):
     scene = BRISTLES[name]

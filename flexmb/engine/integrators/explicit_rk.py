@@ -25,7 +25,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from flexmb.engine.algebra.vector import copy, largest, scaled_size, weighted_size, zero
-from flexmb.engine.bodies.motion import motion_of_rate, normalise, position_rate
+from flexmb.engine.bodies.motion import (
+    motion_of_rate,
+    normalise,
+    over_last_places,
+    position_rate,
+    put_last_places,
+)
 from flexmb.engine.equations_of_motion import constraint_stage, powers, walk
 from flexmb.engine.jit import Matrix, Unit, Vector, kernel, unit
 from flexmb.engine.method import FINE, NO_CONVERGENCE, NOT_FINITE, Method
@@ -44,6 +50,9 @@ _BY_POSITIONS = 0.3
 # After so many steps at the limit of stability none is longer than so many times it, where the
 # method damps: at the edge fast parts ring by what the tolerance allows, reactions by far more.
 _SEVERAL, _NEAR = 10.0, 1.2
+# Where such parts are at rest but for round-off, times as long as the step before: beyond the limit
+# they grow a hundredfold in a step, which is seen before it matters.
+_UNSEEN = 2.0
 # Share of what is allowed from which on an error rules the step: the control aims at 0.9⁸ = 0.43, a
 # tenth leaves 0.83 of that step. How many times it positions may ask for: as the control does.
 _RULES, _MOST_LONGER = 0.1, 5.0
@@ -204,7 +213,8 @@ def _watch_stability(run, tableau, h, of_parameters):
     """Count a step at the limit of stability, or that only errors of velocities keep from it.
 
     The largest rate of the motion is that between the two last stages, which stand at the same
-    time (Hairer & Wanner, Solving Ordinary Differential Equations II, 1996, §IV.2).
+    time (Hairer & Wanner, Solving Ordinary Differential Equations II, 1996, §IV.2). Not where these
+    differ by round-off of their places, as in short steps far from the origin.
     """
     tr, weights, nq, last = run.work.trial, run.system.weights, run.state.q.shape[0], tableau.stages
     change, apart, memory = 0.0, 0.0, run.state.memory[0]
@@ -220,6 +230,11 @@ def _watch_stability(run, tableau, h, of_parameters):
         for k in range(last):
             tr.shares[k] = h * (tableau.A[last, k] - tableau.A[last - 1, k])
         _put_change(run, tr.shares, last, of_parameters)
+        put_last_places(run)
+        if over_last_places(run, tr.dq) <= 1.0:  # of which stiff forces make any rate
+            if memory["steps_at_stability_limit"] > _SEVERAL:
+                memory["stable_step"] = _UNSEEN * h
+            return
         moved = weighted_size(tr.dq, weights)
         if longer > h and moved > 0.0:  # of a vibration, whatever its phase in the two stages
             fastest = max(rate, math.sqrt(change / moved))
