@@ -51,8 +51,9 @@ _BY_POSITIONS = 0.3
 # method damps: at the edge fast parts ring by what the tolerance allows, reactions by far more.
 _SEVERAL, _NEAR = 10.0, 1.2
 # Where such parts are at rest but for round-off, times as long as the step before: beyond the limit
-# they grow a hundredfold in a step, which is seen before it matters.
-_UNSEEN = 2.0
+# they grow a hundredfold in a step, which is seen before it matters. Share of what is allowed below
+# which errors tell that.
+_UNSEEN, _SILENT = 2.0, 1e-3
 # Share of what is allowed from which on an error rules the step: the control aims at 0.9⁸ = 0.43, a
 # tenth leaves 0.83 of that step. How many times it positions may ask for: as the control does.
 _RULES, _MOST_LONGER = 0.1, 5.0
@@ -230,8 +231,7 @@ def _watch_stability(run, tableau, h, of_parameters):
         for k in range(last):
             tr.shares[k] = h * (tableau.A[last, k] - tableau.A[last - 1, k])
         _put_change(run, tr.shares, last, of_parameters)
-        put_last_places(run)
-        if over_last_places(run, tr.dq) <= 1.0:  # of which stiff forces make any rate
+        if _is_round_off(run):
             if memory["steps_at_stability_limit"] > _SEVERAL:
                 memory["stable_step"] = _UNSEEN * h
             return
@@ -248,6 +248,17 @@ def _watch_stability(run, tableau, h, of_parameters):
         if memory["fastest_rate"] == 0.0 and math.isfinite(rate):
             memory["fastest_rate"] = rate  # later ones are those of what has grown
         memory["steps_at_stability_limit"] += 1.0
+
+
+@kernel
+def _is_round_off(run):
+    """Whether positions in Trial.dq differ by round-off, of which stiff forces make any rate, and
+    nothing that matters rings."""
+    tr, allowed = run.work.trial, run.settings.tolerance * run.settings.slack
+    if not max(tr.error[0], tr.error[1]) <= _SILENT * allowed:
+        return False
+    put_last_places(run)
+    return over_last_places(run, tr.dq) <= 1.0
 
 
 @kernel
