@@ -8,6 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from accuracyscenes import AWAY, moved, truth_of
+from accuracyscenes import SCENES as KNOWN
+from accuracyscenes.judging import judged
 from femeshes import line
 from samebytes import assert_same_bytes
 from truthkit import order, run
@@ -260,3 +263,13 @@ def test_every_spectral_radius_is_stable_over_many_steps(scene, radius):
     assert found.drift[:, 0].max() < 1e-8
     moved = np.ptp(found.energy, axis=0).max()
     assert found.mismatch() < 0.02 * moved or scene == "rigid" or radius < 0.9
+
+
+@pytest.mark.parametrize("asked", [1e-6, 1e-8])
+def test_what_is_stiff_is_so_a_kilometre_away(asked):
+    """What rings there by the tolerance moves less than round-off of places."""
+    scene = KNOWN["stiff damper"]
+    found = judged(moved(scene.make(1.0)), lambda t: truth_of(scene, t, 1.0, AWAY),
+                   duration=scene.duration, outputs=scene.outputs, accuracy=asked)  # fmt: skip
+    assert found.is_reached(asked) and found.statistics["method"] == "radau"
+    assert found.steps < 2000  # 1.5 million by the explicit method
