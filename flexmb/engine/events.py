@@ -38,7 +38,7 @@ from flexmb.engine.equations_of_motion import (
 )
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.method import FINE, round_off
-from flexmb.engine.projection import VELOCITIES, accelerations
+from flexmb.engine.projection import VELOCITIES, accelerations, put_noise
 from flexmb.engine.state import Run
 
 # Steps end before a crossing first, at this share of the way by a straight line, and pass it by one
@@ -206,6 +206,7 @@ def accept_events(run: Run, h: float) -> int:
     if len(run.stages.events.units) == 0 or settings.step > 0.0:
         return FINE
     elements, laws = _count_search(memory)
+    counted = run.state.count[0]["events"]
     events, located = run.work.events, memory["event_trials"] > 0.0
     laws = laws and (located or not _hardly_moves(run, h))
     if _first_crossing(events, 0.0, True, True) < 1.0:
@@ -228,6 +229,8 @@ def accept_events(run: Run, h: float) -> int:
         if memory["event_trials"] > 2.0 * _MAX_TRIES:
             memory["event_trials"] = 0.0
     _put_all_events(run, run.state_point, run.work.events.before)
+    if run.state.count[0]["events"] > counted and run.method.stages > 0:
+        put_noise(run, run.trial_point)
     return FINE
 
 

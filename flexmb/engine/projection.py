@@ -14,7 +14,7 @@ import math
 
 from flexmb.engine.algebra.ldl import multiply, solve, solve_refined
 from flexmb.engine.algebra.vector import copy, largest, weighted_size, zero
-from flexmb.engine.bodies.motion import move
+from flexmb.engine.bodies.motion import LAST_PLACES, move, put_round_off
 from flexmb.engine.equations_of_motion import (
     bias_stage,
     constraint_stage,
@@ -47,6 +47,8 @@ _SAME_POSE = 1e-12
 # Loads that follow from reactions, such as friction in joints, agree with them to this share of the
 # largest force: a moment beside forces must not decide by its unit.
 _SETTLED = 1e-10
+# Times last places are changed to tell noise, which grows with them up to this factor, from a jump.
+_LARGER, _UNEVEN = 8.0, 2.5
 # What `accelerations` puts on the constraints first.
 NOTHING, VELOCITIES, POSITIONS = 0, 1, 2
 
@@ -160,6 +162,51 @@ def follow_loads(run, at):
     for k in range(len(units)):
         change = max(change, call_value(units[k], run, tables[k], at))
     return change
+
+
+@unit
+def put_noise(run: Run, at: Point) -> int:
+    """Put the change of accelerations by round-off of places and speeds in Trial.noise.
+
+    As stiff forces make it where all that there is changes by its last places, up and down by
+    turns. A force that jumps there is none of it: that of changes which are `_LARGER` is as large,
+    or there is none of the smaller ones.
+    """
+    tr, weights, noise = run.work.trial, run.system.weights, run.work.trial.noise
+    zero(noise)
+    if _change_last_places(run, at, 0.0) != FINE:
+        return FINE
+    copy(tr.vd, tr.spare)
+    if _change_last_places(run, at, 1.0) != FINE:
+        return FINE
+    for i in range(noise.shape[0]):
+        tr.bend[i] = abs(tr.vd[i] - tr.spare[i])
+    if _change_last_places(run, at, _LARGER) != FINE:
+        return FINE
+    for i in range(noise.shape[0]):
+        before, change = tr.bend[i], abs(tr.vd[i] - tr.spare[i])
+        if before * _LARGER / _UNEVEN <= change <= before * _LARGER * _UNEVEN:
+            noise[i] = weights[i] * change / _LARGER
+    zero(tr.bend)
+    return FINE
+
+
+@kernel
+def _change_last_places(run, at, times):
+    """Accelerations of the state with last places changed so many times; returns the status."""
+    st, tr, sign = run.state, run.work.trial, times
+    put_round_off(run.system.parts, st.q, tr.dq)
+    for i in range(tr.dq.shape[0]):
+        tr.dq[i] *= sign
+        tr.v[i] = (1.0 + sign * LAST_PLACES) * st.v[i]
+        sign = -sign
+    tr.t[0] = st.t[0]
+    st.count[0]["residuals"] += 1
+    st.count[0]["factorisations"] += 1
+    move(run.system.parts, st.q, tr.dq, tr.q)
+    copy(st.vd, tr.vd)
+    copy(st.lam, tr.lam)
+    return accelerations(run, at, 0.0, NOTHING)
 
 
 @unit

@@ -261,6 +261,7 @@ class Trial(NamedTuple):
     shares: Vector  # (stages,) weights of the slopes in the dense output
     extended: Integers  # (1,) 1: the stages of the dense output of the last step are there
     places: Vector  # (nv,) weighted size of a correction that is round-off
+    noise: Vector  # (nv,) weighted change of accelerations by round-off of places and speeds
     error: Vector  # (2,) estimated local error of positions and velocities over their motion
     jerk: Vector  # (nv,) rate of the algorithmic acceleration, as far as S lets it move
     stack: Matrix  # (depth, 3) of the function evaluator

@@ -64,6 +64,7 @@ from flexmb.engine.projection import (
     VELOCITIES,
     accelerations,
     add_stiff_accelerations,
+    put_noise,
     remove_self_stress,
 )
 from flexmb.engine.sensors.sensor import count_turns, read_channels
@@ -314,6 +315,8 @@ def integrate_steps(run: Run, aside: Run, n_steps: int) -> int:
     step_control.begin_steps(run.system, settings, st)
     if settings.step == 0.0:
         step_control.follow_motion(run)
+        if run.method.stages > 0 and n_steps > 0:
+            put_noise(run, run.trial_point)
     begin_events(run)
     if settings.refinement == 0.0:
         run.plan.used[0] = 0

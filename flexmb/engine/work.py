@@ -202,7 +202,7 @@ def new_work(system: System, channels: int = 0, method: Method = _NO_METHOD) -> 
         bend=np.zeros(nv), power=_nan(3), work_done=_nan(3), angles=_nan(channels),
         before=Before(_nan(1), _nan(nq), _nan(nv), _nan(3), _nan(3), _nan(history)),
         stages=_nan(stages, nq + nv + 3), work=_nan(3), rate=_nan(nq), shares=_nan(stages),
-        extended=np.zeros(1, dtype=np.int64), places=_nan(nv),
+        extended=np.zeros(1, dtype=np.int64), places=_nan(nv), noise=np.zeros(nv),
         error=_nan(2), jerk=_nan(nv), stack=_nan(depth, 3),
         variables=_nan(max(1, len(system.sensors.channels)), 3),
     )  # fmt: skip

@@ -19,6 +19,8 @@ from flexmb.engine.algebra.vector import (
     put_part,
     rotation_vector,
     tangent_coefficients,
+    triple,
+    zero,
 )
 from flexmb.engine.jit import Vector, kernel, unit
 from flexmb.engine.method import FINE
@@ -127,6 +129,29 @@ def put_last_places(run: Run) -> int:
         state = coordinates[k]["state"] == 1  # its place is an integral that nothing depends on
         places[o] = first[0, o] if state else max(places[o], far * weights[o])
     return FINE
+
+
+@kernel
+def put_round_off(parts, q, dq):
+    """Last places of each coordinate: rotations move the farthest marker of a body by those of its
+    place, which is as far off."""
+    bodies, markers, coordinates = parts.bodies, parts.markers, parts.coordinates
+    zero(dq)
+    for k in range(markers.shape[0]):
+        if markers[k]["body"] >= 0:
+            o, arm = bodies[markers[k]["body"]]["iv"] + 3, triple(markers[k]["rho"])
+            arm = plus(arm, 1.0, triple(markers[k]["arm"]))
+            dq[o] = max(dq[o], math.sqrt(inner(arm, arm)))
+    for k in range(bodies.shape[0]):
+        i, o = bodies[k]["iq"], bodies[k]["iv"]
+        far = max(abs(q[i]), abs(q[i + 1]), abs(q[i + 2]))
+        turn = max(far / dq[o + 3], 1.0) if dq[o + 3] > 0.0 else 1.0
+        for a in range(3):
+            dq[o + a], dq[o + 3 + a] = LAST_PLACES * far, LAST_PLACES * turn
+        for a in range(bodies[k]["m"]):
+            dq[o + 6 + a] = LAST_PLACES * abs(q[i + 7 + a])
+    for k in range(coordinates.shape[0]):
+        dq[coordinates[k]["iv"]] = LAST_PLACES * abs(q[coordinates[k]["iq"]])
 
 
 @kernel

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from flexmb.engine.algebra.vector import copy, largest, scaled_size, weighted_size, zero
+from flexmb.engine.algebra.vector import copy, largest, size_above, weighted_size, zero
 from flexmb.engine.bodies.motion import (
     motion_of_rate,
     normalise,
@@ -280,20 +280,22 @@ def _step_of_positions(run, h):
 def _estimate_error(run, errors, h, of_parameters):
     """Local errors of positions and velocities over the motion so far, into trial.error.
 
-    With two estimates, of orders 5 and 3, e₅² / √(e₅² + 0.01 e₃²), of the order of the method.
+    With two estimates, of orders 5 and 3, e₅² / √(e₅² + 0.01 e₃²), of the order of the method. What
+    stiff forces make of round-off, as in `projection.put_noise`, is no error of the step.
     """
-    st, tr, n = run.state, run.work.trial, errors.shape[1]
+    st, tr, n, weights = run.state, run.work.trial, errors.shape[1], run.system.weights
     for level in range(2):
         size, low = 0.0, 0.0
         for k in range(errors.shape[0]):
-            scale = st.motion if level == 0 else st.speed
+            times = _sum_of_sizes(errors[k])
             if level == 0:
                 _put_change(run, errors[k], n, of_parameters)
+                part = size_above(tr.dq, weights, st.motion, h * times, tr.noise)
             else:
                 for i in range(tr.dq.shape[0]):
                     tr.dq[i] = 0.0
                 add_slopes(tr.stages, st.q.shape[0], errors[k], n, tr.dq)
-            part = scaled_size(tr.dq, run.system.weights, scale)
+                part = size_above(tr.dq, weights, st.speed, times, tr.noise)
             if k == 0:
                 size = h * part
             else:
@@ -301,6 +303,15 @@ def _estimate_error(run, errors, h, of_parameters):
         if low > 0.0:
             size *= size / math.hypot(size, low)  # squares of 1e-170 would be zero
         tr.error[level] = size
+
+
+@kernel
+def _sum_of_sizes(x):
+    """Σ |x_i|."""
+    total = 0.0
+    for i in range(x.shape[0]):
+        total += abs(x[i])
+    return total
 
 
 @kernel
