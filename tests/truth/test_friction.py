@@ -310,3 +310,12 @@ def test_an_egg_does_not_chatter_between_laws_of_friction():
     found, other = (run(made, method=method, **knobs) for method in ("explicit-rk", "radau"))
     assert found.statistics["events"] < 20 and other.statistics["events"] < 20
     np.testing.assert_allclose(found["place.x"], other["place.x"], atol=1e-6)
+
+
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-7])
+def test_contacts_a_kilometre_away_do_not_resolve_round_off(accuracy):
+    """Steps were as short as the last digit of a place turns the block: up to 2.4 million."""
+    scene = FRICTION["block on points"]
+    found = judged(moved(scene.make(1.0)), lambda t: truth_of(scene, t, 1.0, AWAY),
+                   duration=scene.duration, outputs=100, accuracy=accuracy)  # fmt: skip
+    assert found.is_reached(accuracy) and found.steps < 30_000

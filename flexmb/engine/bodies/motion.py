@@ -147,7 +147,7 @@ def put_round_off(parts, q, dq):
         far = max(abs(q[i]), abs(q[i + 1]), abs(q[i + 2]))
         turn = max(far / dq[o + 3], 1.0) if dq[o + 3] > 0.0 else 1.0
         for a in range(3):
-            dq[o + a], dq[o + 3 + a] = LAST_PLACES * far, LAST_PLACES * turn
+            dq[o + a], dq[o + 3 + a] = LAST_PLACES * abs(q[i + a]), LAST_PLACES * turn
         for a in range(bodies[k]["m"]):
             dq[o + 6 + a] = LAST_PLACES * abs(q[i + 7 + a])
     for k in range(coordinates.shape[0]):

@@ -59,6 +59,31 @@ def test_the_error_of_order_eight_is_that_of_its_authors():
     np.testing.assert_allclose(work.trial.error, wanted, rtol=1e-4)  # less round-off of forces
 
 
+def test_noise_is_what_stiff_forces_make_of_last_places():
+    """At 1 km the last places, 1e-15 of it, change the acceleration by ω² times as much."""
+    made = oscillator(1e4)
+    made.add_marker("ground.away", position=[1000.0, 0, 0])
+    made.forces["spring"] = made.forces["spring"].model_copy(
+        update={"between": ("ground.away", "m")}
+    )
+    made.bodies["m"] = made.bodies["m"].model_copy(update={"position": (1000.0, 0, 0)})
+    _, _, work = steps(made, explicit(), 1e-5, 1, 0, begin, end=10.0, **FREE)
+    noise = work.trial.noise / compile_system(made).system.weights
+    assert noise[0] == pytest.approx(1e8 * 1e-15 * 1000.0, rel=0.3)  # units of the place are 1e-13
+    np.testing.assert_array_less(noise[1:], 1e-7)
+
+
+def test_a_force_that_jumps_makes_no_noise():
+    """A relay at the very angle at which it switches, where last places decide its side."""
+    made = Model("relay", gravity=[0, 0, 0])
+    made.add_body("m", mass=1.0, inertia=[1, 1, 1])
+    made.add_joint("hinge", "revolute", between=["ground", "m"], axis="z")
+    made.add_sensor("angle", "angle", joint="hinge")
+    made.add_force("relay", "rotational-spring-damper", joint="hinge", value="-sign(angle)")
+    _, state, work = steps(made, explicit(), 1e-3, 1, 0, begin, end=10.0, **FREE)
+    assert work.trial.noise.max() < 1e-20
+
+
 def test_a_turn_counts_by_its_angle():
     made = Model("spin", gravity=[0, 0, 0])
     made.add_body("m", mass=1.0, inertia=[1, 1, 1], angular_velocity=[0, 0, 0.5])
