@@ -301,8 +301,8 @@ def time_event_table(
     end = spec.duration
     events: list[float] = []
     kinds, beyond = (derivative_jumps, brief_changes, switch_times), end * (1.0 + 2.0 * _SAME_TIME)
-    found = {t for program in programs for kind in kinds for t in kind(program.ops, beyond)}
-    for t in sorted(end if abs(end - t) <= _SAME_TIME * end else t for t in found):
+    jumps = {t for program in programs for kind in kinds for t in kind(program.ops, beyond)}
+    for t in sorted(end if abs(end - t) <= _SAME_TIME * end else t for t in jumps):
         last = events[-1] if events else 0.0
         if (t == 0.0 or t - last > _SAME_TIME * end) and t <= end:
             events.append(t)
