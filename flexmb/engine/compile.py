@@ -293,16 +293,18 @@ def time_event_table(
 ) -> NDArray[np.float64]:
     """(n, 2) times [s] just before and just after every jump within the run, and in brief changes.
 
-    Empty with fixed steps, which fall where they fall.
+    One at its end too: the run ends just before it. Empty with fixed steps, which fall where they
+    fall.
     """
     if spec is None or spec.step is not None:
         return np.zeros((0, 2))
     end = spec.duration
     events: list[float] = []
-    kinds = (derivative_jumps, brief_changes, switch_times)
-    for t in sorted({t for program in programs for kind in kinds for t in kind(program.ops, end)}):
+    kinds, beyond = (derivative_jumps, brief_changes, switch_times), end * (1.0 + 2.0 * _SAME_TIME)
+    jumps = {t for program in programs for kind in kinds for t in kind(program.ops, beyond)}
+    for t in sorted(end if abs(end - t) <= _SAME_TIME * end else t for t in jumps):
         last = events[-1] if events else 0.0
-        if (t == 0.0 or t - last > _SAME_TIME * end) and end - t > _SAME_TIME * end:
+        if (t == 0.0 or t - last > _SAME_TIME * end) and t <= end:
             events.append(t)
     times = np.array(events)
     after = np.where(times == 0.0, _TIME_ROUND_OFF * end, times * (1.0 + _TIME_ROUND_OFF))

@@ -46,7 +46,8 @@ from flexmb.engine.state import Run
 # met it. Of 240 runs by explicit methods with stops, contacts and sticking friction 23 report less
 # than a third of their error, or exceed twice the accuracy, with steps that end up to 0.02 beyond;
 # 2 to 5 with 0.95 to 0.99 and 3e-5 to 3e-3, in as many steps but for 5 %. What is aimed at in the
-# end, over the way to the crossing.
+# end, over the way to the crossing. Where a law jumps, no stage knows which side it is on: steps
+# come closer, until the one that passes it is a small share of the accuracy.
 _BEFORE, _NEAR_EVENT, _OVERSHOOT = 0.98, 3e-4, 1.01
 _MAX_TRIES = 10
 # Steps are not made shorter for events than this fraction of the run, or that of its longest step,
@@ -59,8 +60,9 @@ _MIN_STEPS = 100.0  # and no shorter than so many times round-off of the time
 # closely, as stick after slip and slip the other way. Laws of functions are counted by themselves,
 # so that a controller that switches all the time hides no contact.
 _STEPS_AFTER_EVENT, _CLOSE_EVENTS = 5.0, 3.0
-# Where a step moves by this share of the accuracy asked for, over the motion so far, laws of
-# functions may change unseen: what swings to rest crosses zero for ever.
+# Where a step moves by this share of the accuracy asked for, over the motion so far, and what it
+# changes of speeds does so within the run, laws of functions may change unseen: what swings to
+# rest crosses zero for ever.
 _HARDLY = 0.1
 # First step after an event, over the one before it was shortened: estimates begin again.
 _RESTART_FRACTION = 0.1
@@ -145,9 +147,18 @@ def _first_crossing(events, h, elements, laws):
     """
     share = 1.0
     for k in range(events.now.shape[0]):
-        if laws if events.now[k]["of_law"] == 1.0 else elements:
+        if laws if events.now[k]["of_law"] > 0.0 else elements:
             share = min(share, _crossing(events, k), _peak(events, k, h))
     return share
+
+
+@kernel
+def _crosses_jump(events, share):
+    """Whether a law that jumps crosses zero first, at a share of the step."""
+    for k in range(events.now.shape[0]):
+        if events.now[k]["of_law"] == 2.0 and _crossing(events, k) <= share < 1.0:
+            return True
+    return False
 
 
 @unit
@@ -159,17 +170,24 @@ def missed_event(run: Run, h: float) -> int:
     _stages(run, run.trial_point)
     walk(run.stages.events, run, run.trial_point)
     elements = memory["steps_until_event_search"] <= 0.0
-    laws = memory["steps_until_law_search"] <= 0.0 and not _hardly_moves(run, h)
+    laws = memory["steps_until_law_search"] <= 0.0 and not _hardly_moves(run, h, 1.0)
     share = _first_crossing(events, h, elements, laws)
     tried = memory["event_trials"] >= _MAX_TRIES
     longest = max(memory["step_before_event"], h) if memory["event_trials"] > 0.0 else h
-    aim = _BEFORE if share * h > 2.0 * (1.0 - _BEFORE) * longest else _OVERSHOOT
-    if (1.0 - share) * h <= _NEAR_EVENT * longest or tried:
-        return 0
-    if memory["event_trials"] == 0.0:
-        memory["step_before_event"] = h
+    near = share * h <= 2.0 * (1.0 - _BEFORE) * longest
+    enough = (1.0 - share) * h <= _NEAR_EVENT * longest
     least = _MIN_STEP_FRACTION * (settings.end - settings.start)
     least = min(least, max(_MIN_PART * memory["largest_step"], _MIN_STEPS * round_off(settings)))
+    if laws and _crosses_jump(events, share):
+        near, enough = near and _hardly_moves(run, h, _OVERSHOOT * share), False
+        if run.method.stages > 0:  # implicit ones divide round-off of positions by their steps
+            least = min(least, _MIN_STEPS * round_off(settings))
+        tried = memory["event_trials"] >= 2.0 * _MAX_TRIES
+    if enough or tried:
+        return 0
+    aim = _OVERSHOOT if near else _BEFORE
+    if memory["event_trials"] == 0.0:
+        memory["step_before_event"] = h
     shorter = max(h * max(share * aim, 1e-3), least)
     if shorter >= h:
         return 0
@@ -180,12 +198,17 @@ def missed_event(run: Run, h: float) -> int:
 
 
 @kernel
-def _hardly_moves(run, h):
-    """Whether a step moves nothing by a share of its motion so far that the accuracy asks for."""
-    st, v, weights = run.state, run.work.trial.v, run.system.weights
-    least = _HARDLY * run.settings.accuracy
+def _hardly_moves(run, h, part):
+    """Whether a part of a step moves nothing by a share of its motion that the accuracy asks for.
+
+    Nor by what it changes of the speeds, within the run: a law of a speed changes where nothing
+    moves.
+    """
+    st, v, weights, settings = run.state, run.work.trial.v, run.system.weights, run.settings
+    least, span = _HARDLY * settings.accuracy, settings.end - settings.start
     for i in range(v.shape[0]):
-        if weights[i] * h * max(abs(st.v[i]), abs(v[i])) > least * st.motion[i]:
+        moved = max(h * abs(st.v[i]), h * abs(v[i]), span * abs(v[i] - st.v[i]))
+        if weights[i] * part * moved > least * st.motion[i]:
             return False
     return True
 
@@ -208,7 +231,7 @@ def accept_events(run: Run, h: float) -> int:
     elements, laws = _count_search(memory)
     counted = run.state.count[0]["events"]
     events, located = run.work.events, memory["event_trials"] > 0.0
-    laws = laws and (located or not _hardly_moves(run, h))
+    laws = laws and (located or not _hardly_moves(run, h, 1.0))
     if _first_crossing(events, 0.0, True, True) < 1.0:
         longest = memory["step_before_event"] if memory["event_trials"] > 0.0 else h
         longest = max(

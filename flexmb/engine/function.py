@@ -402,7 +402,7 @@ def put_switches(
             if places == 2:
                 events[n + 1]["value"] = a - 1.0
             for m in range(n, n + places):
-                events[m]["rate"], events[m]["of_law"] = math.nan, 1.0
+                events[m]["rate"], events[m]["of_law"] = math.nan, 2.0 if op == SIGN else 1.0
             n += places
         top = _operate(table, i, t, variables, stack, top)
     return n

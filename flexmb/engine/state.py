@@ -223,7 +223,8 @@ EVENT_FUNCTION = np.dtype(
     [
         ("value", _F),
         ("rate", _F),  # where it may peak unseen within a step, else NaN
-        ("of_law", _F),  # 1: where an operation of a function changes its law, as often as it likes
+        # 1: where an operation of a function changes its law, as often as it likes; 2: with a jump
+        ("of_law", _F),
     ],
     align=True,
 )

@@ -249,6 +249,8 @@ def write_output(run: Run) -> int:
     constraint_stage(run, at)
     count_turns(run, at, tr.angles)
     write_motion(run, at, tr, run.work.con.drift[0])
+    if run.settings.step == 0.0:  # of a jump the row is of the time just before
+        run.output.t[run.output.rows[0]] = run.times[st.count[0]["outputs"]]
     put_energies(run, at, tr.work_done, run.output.energy[run.output.rows[0]])
     copy(st.history, run.work.now.history)
     status = end_row(run, at, tr)

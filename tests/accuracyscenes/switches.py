@@ -1,4 +1,5 @@
-"""Laws that change with motion or time: backlash, drag, saturation, waves, a damped buffer.
+"""Laws that change with motion or time: backlash, drag, saturation, waves, a damped buffer; torques
+that switch with the sign of a time or of a speed.
 
 An arm turns about a pin. The truth is integrated by SciPy from change to change, which it finds as
 roots, each law smooth on both sides.
@@ -154,6 +155,20 @@ SWITCHES = {
         _truth(
             lambda t, a, w, signs: 0.6 * (signs[0] > 0) * np.sin(4 * t) - 0.2 * signs[1],
             lambda t, a, w: (np.sin(4 * t), np.sin(3.1 * t)), 0.02,
+        ),
+    ),
+    "switched against dry drag": Scene(
+        _arm(_actuated("0.3*sign(sin(4*t + 1)) - 0.05*sign(speed)", damping=0.02)), 5.0,
+        _truth(
+            lambda t, a, w, signs: 0.3 * signs[0] - 0.05 * signs[1],
+            lambda t, a, w: (np.sin(4 * t + 1), w if t > 0 else 1.0), 0.02,
+        ),
+    ),
+    "shaken against dry drag": Scene(
+        _arm(_actuated("0.4*cos(3*t) - angle - 0.1*sign(speed)", damping=0.01)), 5.0,
+        _truth(
+            lambda t, a, w, signs: 0.4 * np.cos(3 * t) - a - 0.1 * signs[0],
+            lambda t, a, w: (w if t > 0 else 1.0,), 0.01,
         ),
     ),
     "damped buffer": Scene(

@@ -202,3 +202,29 @@ def test_a_user_may_stop_the_measurement(monkeypatch):
     monkeypatch.setattr(dynamics, "complete_measured_error", interrupt)
     ended = outcome(shaken(), method="radau", accuracy=1e-4)
     assert (ended.status, ended.message) == ("stopped", "stopped by the user at t = 1 s")
+
+
+def hung(sag, friction=True):
+    """A cart pulled along x; from it hangs a load on a stiff spring, which has its sag or not."""
+    made = Model("hung", gravity=[0, 0, -9.81])
+    made.add_body("cart", mass=1, inertia=[1, 1, 1])
+    made.add_body("load", mass=1, inertia=[1, 1, 1], position=[0, 0, -1])
+    made.add_joint("guide", "prismatic", between=["ground", "cart"], axis="x")
+    made.add_joint("rail", "prismatic", between=["cart", "load"], axis="z")
+    made.add_force("spring", "spring-damper", between=["cart", "load"], stiffness=1e8,
+                   free_length=1 - 9.81e-8 * sag)  # fmt: skip
+    made.add_force("pull", "force", at="cart", value=["30*sin(7*t)", 0, 0])
+    if friction:
+        made.add_force("rub", "joint-friction", joint="guide", static=0.4, dynamic=0.3,
+                       stiffness=1e5, damping=100, stribeck_speed=0.05)  # fmt: skip
+    made.add_sensor("cart", "position", of="cart")
+    return made
+
+
+@pytest.mark.parametrize(("sag", "friction"), [(0, True), (0, False), (1, True)])
+def test_friction_whose_load_lacks_a_vibration_is_named(sag, friction):
+    """Half of the guide's load is let go at once, without its sag: it swings by 9.81 N."""
+    notes = outcome(hung(sag, friction), duration=0.3, method="radau", accuracy=1e-3).notes
+    told = [note for note in notes if "lacks" in note]
+    assert len(told) == (sag == 0)
+    assert ["forces.rub has it in its load" in note for note in told] == [friction] * len(told)

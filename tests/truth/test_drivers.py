@@ -228,3 +228,18 @@ def test_a_velocity_that_jumps_moves_what_hangs_on_it_by_its_impulse(method):
         run = flexmb.simulate(model)
     assert run["turn.z"][:2] == pytest.approx(0.0, abs=1e-9)
     assert abs(run["turn.z"][2]) == pytest.approx(1.5 * speed / length, rel=1e-5)
+
+
+@pytest.mark.parametrize("method", ["explicit-rk", "radau", "generalized-alpha"])
+def test_a_run_resumed_at_a_jump_knows_of_it(method, tmp_path):
+    """A force of 2 N on 1 kg turns round at 1 s, the end of the first run."""
+    made = Model("turned round")
+    made.add_body("m", mass=1, inertia=[1, 1, 1])
+    made.add_force("push", "force", at="m", value=["-2*sign(t - 1)", 0, 0])
+    made.add_sensor("m", "position", of="m")
+    knobs = {"outputs": 10, "method": method, "accuracy": 1e-4}
+    short = flexmb.simulate(made, output=tmp_path / "short", duration=1.0, **knobs)
+    found = flexmb.resume(short, duration=2.0)
+    t = np.linspace(0, 2, 21)
+    np.testing.assert_allclose(found.time, t, atol=1e-15)
+    np.testing.assert_allclose(found["m.x"], t**2 - 2 * np.maximum(t - 1, 0) ** 2, atol=1e-12)

@@ -10,7 +10,7 @@ velocities and reactions, each over the peak-to-peak of its sensor, with its nam
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -256,11 +256,13 @@ class MeasuredError:
             self._multiplied[:] = 0.0
             self._results.clear()
 
-    def damped(self) -> tuple[str, float, float]:
+    def damped(self, joints: Collection[str] | None = None) -> tuple[str, float, float]:
         """The joint whose reactions lack most of vibrations, what they lack over their scale, and
-        when these begin [s]."""
+        when these begin [s]; of all joints, or of those given."""
         spans, of = self._spans(), self._of_quantity.get("reactions", _NONE)
-        moves = of[spans[of] > 0.0]
+        names = (self.compared[k].name for k in of)
+        own = np.array([joints is None or name in joints for name in names], dtype=np.bool_)
+        moves = of[(spans[of] > 0.0) & own]
         if not len(moves):
             return "", 0.0, 0.0
         k = int(moves[(self._damped[0, moves] / spans[moves]).argmax()])

@@ -36,6 +36,7 @@ from flexmb.engine.entries import AUTO, FINE_METHOD, STIFF_METHOD, make_integrat
 from flexmb.engine.method import Settings
 from flexmb.engine.state import State
 from flexmb.errors import FlexmbError
+from flexmb.model.forces.friction import JointFrictionSpec
 from flexmb.model.model import Model
 from flexmb.model.scenes.dynamics import METHODS, DynamicsSpec
 from flexmb.progress import Progress
@@ -266,9 +267,19 @@ def damped_vibration(prepared: PreparedDynamics) -> str:
         return ""
     when, cures = _jump(prepared, begin)
     size = f"{share:.0%} of" if share < 2.0 else f"{share:.2g} times"
+    frictions = {
+        f"joints.{spec.joint}": f"forces.{force}"
+        for force, spec in prepared.model.forces.items()
+        if isinstance(spec, JointFrictionSpec)
+    }
+    joint, part, _ = prepared.verified.error.damped(frictions)
+    friction = ""
+    if part > _LACKING:
+        friction = f"; {frictions[joint]} has it in its load, and what friction makes of it is in "
+        friction += "no stated error"
     return (
-        f"{name} lacks {size} the range of its reactions: {when} excite a vibration that "
-        f'the steps of {prepared.method} damp; method = "{FINE_METHOD}" follows it, {cures}'
+        f"{name} lacks {size} the range of its reactions: {when} excite a vibration that the "
+        f'steps of {prepared.method} damp{friction}; method = "{FINE_METHOD}" follows it, {cures}'
     )
 
 

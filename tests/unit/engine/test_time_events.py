@@ -144,9 +144,31 @@ def test_only_error_control_and_functions_that_jump_have_the_table():
     assert events.shape == (1, 2) and events[0, 0] < 1.0 < events[0, 1]
 
 
-def test_jumps_at_one_time_or_at_the_ends_are_no_events():
+def test_jumps_at_one_time_are_one_event_and_none_at_the_start():
     text = "step(t, 0, 0, 0.7, 1) + step(t, 0.7*(1 + 1e-13), 0, 2, 1)"
-    assert len(pushed(text).system.time_events) == 1
+    events = pushed(text).system.time_events
+    np.testing.assert_allclose(events.mean(axis=1), [0.7, 2.0], rtol=1e-12)
+
+
+@pytest.mark.parametrize("method", ["explicit-rk", "radau", "generalized-alpha"])
+@pytest.mark.parametrize(
+    "value", ["2*sign(t - 1)", "2*sign(sin(pi*(t - 1)))", "step(t, 0, 0, 1, 2) - 2"]
+)
+def test_a_row_at_a_jump_is_of_the_time_before_it_at_the_end_too(value, method):
+    """By t − 1 < 0: F = −2 N, or of the rise that ends at t = 1 its value 0, curvature −12."""
+    rise = value.startswith("step")
+    found = []
+    for duration in (1.0, 1.5):
+        made = cart(stroke=value) if rise else cart(value)
+        run = ready(made, duration=duration, outputs=round(10 * duration), accuracy=1e-3,
+                    method=method)  # fmt: skip
+        rows = []
+        while not run.finished:
+            assert run.integrate(40) == FINE
+            rows.append(run.rows.read())
+        (at,) = [row.part(k, k + 1) for row in rows for k in np.flatnonzero(row.t == 1.0)]
+        found.append(at.vd[0, 0] if rise else at.vd[0, 0] + 40.0 * at.sensors[0, 0])
+    np.testing.assert_allclose(found, -12.0 if rise else -2.0, rtol=1e-6)
 
 
 def test_how_long_a_run_is_does_not_change_the_fingerprint_of_its_tables():
