@@ -305,8 +305,7 @@ def integrate_steps(run: Run, aside: Run, n_steps: int) -> int:
     settings, st, out = run.settings, run.state, run.output
     out.rows[0] = 0
     out.extent[:] = math.nan
-    done = 0
-    status = FINE
+    done, status = 0, FINE
     st.memory[0]["factor_age"] = -1.0
     run.work.collocation.span[1] = 0.0
     run.work.collocation.age[0] = -1.0
