@@ -224,8 +224,8 @@ def estimate(
         if body.name in inertia:
             balance[:, body.iv + 6 : body.iv + 6 + body.m] = 0.0
     jumps, names = None, [body.name for body in own.layout.bodies]
-    if held := [names[k] for k in static_bodies(own.system)[1] if names[k] in inertia]:
-        carried, jumps = follow_places(other, carried, held)
+    if static := [names[k] for k in static_bodies(own.system)[1] if names[k] in inertia]:
+        carried, jumps = follow_places(other, carried, static)
     carried = carried.remembered(other)
     start = first_change(other, model, carried) if begins_as_placed else None
     made = respond(other, carried, balance, start, quasi_static=quasi_static, jumps=jumps)
