@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
 
@@ -54,7 +54,6 @@ _FEW_ROWS, _FEWER = 800, 8  # of more rows an eighth tells first whether all of 
 _NOTHING = 1e-7  # of a sensor's peak-to-peak; too few rows saw 1/40 of a change
 _RIGID, _DYNAMIC = {"deformation": "rigid"}, {"deformation": "dynamic"}
 _QUASI_STATIC = {"deformation": "quasi-static"}
-_SMALL_CHANGE = 0.1  # of the peak-to-peak of a channel: more is no linear change about the run
 _FRAMED = "quasi-static modes keep no momentum in a frame at an interface; take mean axes"
 
 
@@ -79,6 +78,7 @@ class Neighbours:
     _unsettled: set[str] = field(default_factory=set)  # sensors, of the effect that was last found
     _unsettled_of: dict[tuple[str, ...], set[str]] = field(default_factory=dict)
     _changes_of: dict[tuple[str, ...], Change] = field(default_factory=dict)
+    _runs: int = 0  # of other words
     _rigid: dict[tuple[str, ...], tuple[Compiled, Motion, float]] = field(default_factory=dict)
 
     @classmethod
@@ -261,23 +261,17 @@ class Neighbours:
     def _deformation(self, *effects: Effect) -> Change:
         """Of bodies along the motion in which they are rigid; of vibrations less what is slow.
 
-        What is quasi-static in the run vibrates along the run itself as well, driven by what that
-        leaves out of balance at the modes: inertia, and dampers on what follows its loads. It does
-        not see rates that jump with a load, the other way not the dampers: the larger one counts,
-        unless it is no small change any more, which grows with the time that the phase is off.
+        What vibrates in the run, or is quasi-static in it, does so along the motion in which these
+        bodies follow their loads, if there is one.
         """
         from flexmb.analysis.effects.contribution import smaller_range
         from flexmb.engine.bodies.static_modes import static_coordinates
 
-        mine, along = [one.body for one in effects], None
-        if effects[0].name == VIBRATION and self._static.keys() >= {*mine}:
-            now = self._compile(self.model, self.bodies)
-            model = with_words(self.model, dict.fromkeys(mine, _DYNAMIC))
-            other = self._compile(model, self.bodies)
-            made = self._changes(now, other, model, self.motion, {}, inertia=mine)
-            if not len(static_coordinates(now.system, kinetostatic=True)):
-                return *made, None
-            along = made[1]
+        mine = [one.body for one in effects]
+        if effects[0].name == VIBRATION and all(self.compiled.flexbodies[k].m for k in mine):
+            with suppress(FlexmbError):  # of a run of its own
+                if made := self._vibration(effects[0].on, mine):
+                    return made
         own, motion, model, bodies, last = self._deformable(effects)
         other = self._compile(model, bodies)
         if effects[0].name == DEFORMATION:
@@ -295,12 +289,26 @@ class Neighbours:
             without = after if effects[0].on else smaller_range(after, histories[0])
             histories = histories[0], without, histories[2]
         change = np.where(np.isfinite(change), change - still, change)
-        if along is not None:
-            along = along[np.linspace(0, len(along) - 1, len(change)).round().astype(int)]
-            size, span = np.abs(along).max(axis=0), np.ptp(self.motion.channels, axis=0)
-            larger = (size > np.abs(change).max(axis=0)) & (size < _SMALL_CHANGE * span)
-            change = np.where(larger, along, change)
         return histories, change, names, None
+
+    def _vibration(self, on: bool, mine: list[str]) -> Change | None:
+        """Of bodies along the motion in which they are quasi-static.
+
+        What that leaves out of balance at their modes drives it. None where bodies that vibrate
+        have no such motion: in a frame at an interface, or beside dynamic modes on which they ring.
+        """
+        from flexmb.engine.bodies.static_modes import static_bodies
+
+        words, specs = dict.fromkeys(mine, _QUASI_STATIC), cast("Any", self.model.bodies)
+        now = self._compile(with_words(self.model, words), self.bodies)
+        framed = any(specs[name].frame_interface is not None for name in mine)
+        if on and (framed or not static_bodies(now.system)[1]):
+            return None
+        motion = self._motion_with(words)[0] if on else self.motion
+        model = with_words(self.model, dict.fromkeys(mine, _DYNAMIC))
+        other = self._compile(model, self.bodies)
+        histories, change, names = self._changes(now, other, model, motion, {}, inertia=mine)
+        return ((self.motion.channels, *histories) if on else histories), change, names, None
 
     def _deformable(
         self, effects: tuple[Effect, ...]
@@ -360,21 +368,27 @@ class Neighbours:
     def _without(self, names: tuple[str, ...]) -> tuple[Compiled, Motion, float]:
         """The scene with bodies rigid, all modes of others with inertia, and its motion."""
         from flexmb.analysis.effects.contribution import evaluation_time
-        from flexmb.analysis.effects.stored_motion import read_motion
 
         if all(self.compiled.flexbodies[name].m == 0 for name in names):
             return self._dynamic[1], self.motion, 0.0
         if names not in self._rigid:
             words = dict.fromkeys(names, _RIGID)
-            model = with_words(self.model, words)
-            if model.dynamics is not None and self.notes:  # the rows of another run
-                finer = {"outputs": len(self.motion.t) - 1}
-                model.dynamics = model.dynamics.model_copy(update=finer)
-            run = self._run(model, f"rigid_{len(self._rigid)}")  # of names of any length
-            motion = read_motion(run).thinned(len(self.motion.t))
+            motion, evaluations = self._motion_with(words)
             own = self._compile(with_words(self._dynamic[0], words), self.bodies)
-            self._rigid[names] = own, motion, _evaluations(run) * evaluation_time(own)
+            self._rigid[names] = own, motion, evaluations * evaluation_time(own)
         return self._rigid[names]
+
+    def _motion_with(self, words: Mapping[str, Mapping[str, str]]) -> tuple[Motion, float]:
+        """The motion of the scene with other words of bodies, and how many evaluations it takes."""
+        from flexmb.analysis.effects.stored_motion import read_motion
+
+        model = with_words(self.model, words)
+        if model.dynamics is not None and self.notes:  # the rows of another run
+            finer = {"outputs": len(self.motion.t) - 1}
+            model.dynamics = model.dynamics.model_copy(update=finer)
+        self._runs += 1
+        run = self._run(model, f"switched_{self._runs}")  # names of bodies are of any length
+        return read_motion(run).thinned(len(self.motion.t)), _evaluations(run)
 
     @cached_property
     def _own_time(self) -> float:

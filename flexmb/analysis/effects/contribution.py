@@ -21,9 +21,11 @@ from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.assembly.jacobian import ConstraintRows
 from flexmb.analysis.dynamics.linear_elasticity import joined_modes
 from flexmb.analysis.effects.perturbation import Response, respond
+from flexmb.analysis.effects.smooth_pieces import follow_places
 from flexmb.analysis.effects.stored_motion import Motion, carry_motion
 from flexmb.engine import equations_of_motion as stages
 from flexmb.engine.bodies.flexible_body import modal_reach
+from flexmb.engine.bodies.static_modes import static_bodies
 from flexmb.engine.compile import Compiled
 from flexmb.engine.iteration_matrix import put_matrix
 from flexmb.engine.units import call, hand_over, prepare_units
@@ -215,15 +217,18 @@ def estimate(
         Leave out the inertia of vibrations.
     inertia : sequence of str
         Bodies whose modes have no inertia in the run: what it leaves out of balance at them is no
-        noise.
+        noise, and kinetostatic ones have the rates of their places.
     """
     carried, balance = carry_motion(motion, own, other, shapes)
     for body in other.layout.bodies:
         if body.name in inertia:
             balance[:, body.iv + 6 : body.iv + 6 + body.m] = 0.0
+    jumps, names = None, [body.name for body in own.layout.bodies]
+    if static := [names[k] for k in static_bodies(own.system)[1] if names[k] in inertia]:
+        carried, jumps = follow_places(other, carried, static)
     carried = carried.remembered(other)
     start = first_change(other, model, carried) if begins_as_placed else None
-    made = respond(other, carried, balance, start, quasi_static=quasi_static)
+    made = respond(other, carried, balance, start, quasi_static=quasi_static, jumps=jumps)
     specs = active_model(model).forces.values()
     if not any(isinstance(spec, (ContactSpec, AnyStop)) for spec in specs):
         return made, np.ones(made.channels.shape[1], bool)

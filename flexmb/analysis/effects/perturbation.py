@@ -36,7 +36,7 @@ from flexmb.analysis.effects.free_motions import (
     small_motions,
     times,
 )
-from flexmb.analysis.effects.smooth_pieces import SmoothPieces
+from flexmb.analysis.effects.smooth_pieces import Jumps, SmoothPieces
 from flexmb.analysis.effects.stored_motion import Motion, equations_of
 from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.engine.bodies.static_modes import static_coordinates
@@ -75,6 +75,7 @@ class Response:
 def respond(
     compiled: Compiled, motion: Motion, balance: Array,
     start: tuple[Array, Array, Array] | None = None, *, quasi_static: bool = False,
+    jumps: Jumps | None = None,
 ) -> Response:  # fmt: skip
     """Small motions of a model about a motion that is not its own.
 
@@ -91,9 +92,14 @@ def respond(
         First changes of positions, velocities and accelerations; none by default.
     quasi_static : bool
         Leave out the inertia of vibrations: deformations follow their loads.
+    jumps : Jumps, optional
+        Where the computed motion jumps, which the other model does not.
     """
     n, one = len(motion.t), small_motions(compiled, motion, balance)
-    pieces = SmoothPieces(motion.t, np.array(rows_behind_jumps(compiled, motion.t), np.int64))
+    behind = np.array(rows_behind_jumps(compiled, motion.t), np.int64)
+    behind = behind if jumps is None else np.union1d(behind, jumps.rows)
+    pieces = SmoothPieces(motion.t, behind)
+    stays = {} if jumps is None else {int(k): i for i, k in enumerate(jumps.rows)}
     frames = one.frames
     state: _Begin = *(np.zeros(len(one.weights)),) * 2, None
     if start is not None:
@@ -105,7 +111,7 @@ def respond(
     parts = np.zeros((3, n, len(one.weights)))
     first, bounded = 0, n
     while first < n - 1 and bounded == n:
-        segment = _segment(one, first)
+        segment = _segment(one, first, min((k + 1 for k in stays if k > first), default=n))
         rows = slice(first, first + len(segment.Z))
         parts[:, rows], bounded = _solve(
             pieces.part(rows), one.part(rows), segment, state, springs, quasi_static
@@ -113,6 +119,10 @@ def respond(
         bounded = n if bounded == len(segment.Z) else first + bounded
         first += len(segment.Z) - 1
         state = parts[0, first], parts[1, first], parts[2, first]
+        if jumps is not None and first in stays:
+            both = (x[stays[first]] for x in (jumps.places, jumps.velocities))
+            dq, dv = (frames.inward(first, x) for x in both)
+            state = state[0] - dq, state[1] - dv, None
     if quasi_static and n > _ENDS**2:
         parts[1:, -_ENDS:] = parts[1:, [-_ENDS - 1]]
     change, equations = np.zeros_like(motion.channels), equations_of(compiled)
@@ -162,14 +172,14 @@ class _Segment:
     free: IntArray  # (d,) the independent coordinates
 
 
-def _segment(of: Coefficients, first: int) -> _Segment:
-    """Rows from `first` on along which one choice of independent coordinates serves.
+def _segment(of: Coefficients, first: int, n: int) -> _Segment:
+    """Rows from `first` to n along which one choice of independent coordinates serves.
 
     Modes and bodies that turn little are independent where they can be: nothing turns with motion.
     """
     from scipy.linalg import qr
 
-    n, rank, nu = of.Cq.shape
+    _, rank, nu = of.Cq.shape
     order = qr(of.Cq[first] * of.prefer, mode="r", pivoting=True)[1] if rank else np.arange(nu)
     dependent, free = order[:rank], np.sort(order[rank:])
     Z, g = np.zeros((n - first, nu, nu - rank)), np.zeros((n - first, nu))

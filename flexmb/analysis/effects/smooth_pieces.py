@@ -1,18 +1,30 @@
-"""Rates of rows, piece by piece: between the rows behind which what drives a model jumps."""
+"""Rates of rows, piece by piece: between the rows behind which what drives a model jumps.
+
+Of a run with kinetostatic bodies also velocities and accelerations that are the rates of its
+places, and where these jump. The run has no rates of modes that follow their loads where there is
+no past to take them from: in its first row, behind a jump, at steps that are short. Along a motion
+whose velocities are not the rates of its places, what vibrates has no beginning.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
+from flexmb.analysis.dynamics.bent_functions import rows_behind_jumps
+from flexmb.analysis.effects.stored_motion import Motion
+from flexmb.engine.compile import Compiled
 from flexmb.flexbody.arrays import Array, IntArray
 
 _SPIKE = 5  # rows: one or two beside one another are a spike
 _COLUMNS = 64  # whose splines fit into the cache of a processor
 _SLOW = 0.1  # rad of a change of coefficients between two rows, beyond which they are no series
+_JUMP = 5.0  # times the larger change beside it: smooth motion has at most one of them
+_VISIBLE = 1e-3  # of the largest deformation: a jump
+_ROUGH = 0.01  # of the rates of modes (rms), by which those of a run may depart from their places'
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,3 +110,91 @@ class SmoothPieces:
     def _pieces(self) -> Iterator[slice]:
         for first, end in pairwise([0, *self.begins.tolist(), len(self.t)]):
             yield slice(first, end)
+
+
+@dataclass(frozen=True, eq=False)
+class Jumps:
+    """Rows (k,) that are the first behind a jump, and by how much places and velocities (k, nv)
+    jump, in velocity coordinates."""
+
+    rows: IntArray
+    places: Array
+    velocities: Array
+
+
+def follow_places(
+    compiled: Compiled, motion: Motion, bodies: Sequence[str]
+) -> tuple[Motion, Jumps]:
+    """A motion whose velocities are the rates of its places, and where these jump.
+
+    Parameters
+    ----------
+    compiled : Compiled
+        A model with the coordinates of the motion, SI.
+    motion : Motion
+        Rows of a run.
+    bodies : sequence of str
+        Those of which the modes follow their loads in the run.
+    """
+    t, columns = motion.t, [one for one in compiled.layout.bodies if one.name in bodies]
+    scaled, rates = [], []  # a unit of them is the root of twice an energy
+    for body in columns:
+        root = np.sqrt(np.diag(compiled.flexbodies[body.name].K))
+        scaled.append(motion.q[:, body.iq + 7 : body.iq + 7 + body.m] * root)
+        rates.append(motion.v[:, body.iv + 6 : body.iv + 6 + body.m] * root)
+    eta, own = np.concatenate(scaled, axis=1), np.concatenate(rates, axis=1)
+    behind = {*rows_behind_jumps(compiled, t), *_jumps_of(t, eta)}
+    pieces = SmoothPieces(t, np.array(sorted(behind), np.int64))
+    true = pieces.rate(eta)
+    size = float(np.sqrt((true**2).sum(axis=1).mean()))
+    rough = np.linalg.norm(own - true, axis=1) > _ROUGH * size
+    v = np.where(rough[:, None], _rates(compiled, motion.q, pieces), motion.v)
+    moved = replace(motion, v=v, vd=pieces.rate(v))
+    return moved, _measure_jumps(compiled, moved, pieces.begins)
+
+
+def _jumps_of(t: Array, eta: Array) -> list[int]:
+    """Rows behind changes that are far larger than those beside them."""
+    speed = np.linalg.norm(np.diff(eta, axis=0), axis=1) / np.diff(t)
+    beside = np.maximum(np.append(0.0, speed[:-1]), np.append(speed[1:], 0.0))
+    size = np.linalg.norm(eta - eta.mean(axis=0), axis=1).max(initial=0.0)
+    large = (speed > _JUMP * beside) & (speed * np.diff(t) > _VISIBLE * size)
+    large[[0, -1]] = False  # which have changes on one side only
+    return (np.flatnonzero(large) + 1).tolist()
+
+
+def _rates(compiled: Compiled, q: Array, pieces: SmoothPieces) -> Array:
+    """Velocities (n, nv) of places (n, nq)."""
+    qd, v = pieces.rate(q), np.zeros((len(q), compiled.layout.nv))
+    for body in compiled.layout.bodies:
+        a, b, m = body.iq, body.iv, body.m
+        e, ed = q[:, a + 3 : a + 7], qd[:, a + 3 : a + 7]
+        v[:, b : b + 3] = qd[:, a : a + 3]
+        turn = e[:, :1] * ed[:, 1:] - ed[:, :1] * e[:, 1:] - np.cross(e[:, 1:], ed[:, 1:])
+        v[:, b + 3 : b + 6] = 2.0 * turn
+        v[:, b + 6 : b + 6 + m] = qd[:, a + 7 : a + 7 + m]
+    if n := len(compiled.layout.coordinates):
+        v[:, -n:] = qd[:, -n:]
+    return v
+
+
+def _measure_jumps(compiled: Compiled, motion: Motion, rows: IntArray) -> Jumps:
+    """What rates on both sides, and the cubic between them, leave of the change of rows."""
+    from scipy.spatial.transform import Rotation
+
+    before, h = rows - 1, (motion.t[rows] - motion.t[rows - 1])[:, None]
+    q, change = motion.q, np.zeros((len(rows), compiled.layout.nv))
+    for body in compiled.layout.bodies:
+        a, b, m = body.iq, body.iv, body.m
+        change[:, b : b + 3] = q[rows, a : a + 3] - q[before, a : a + 3]
+        if len(rows):
+            e = np.roll(q[:, a + 3 : a + 7], -1, axis=1)
+            turn = Rotation.from_quat(e[before]).inv() * Rotation.from_quat(e[rows])
+            change[:, b + 3 : b + 6] = turn.as_rotvec()
+        change[:, b + 6 : b + 6 + m] = q[rows, a + 7 : a + 7 + m] - q[before, a + 7 : a + 7 + m]
+    if n := len(compiled.layout.coordinates):
+        change[:, -n:] = q[rows, -n:] - q[before, -n:]
+    v, vd = motion.v, motion.vd
+    smooth = 0.5 * h * (v[rows] + v[before]) + h**2 / 12.0 * (vd[before] - vd[rows])
+    faster = v[rows] - v[before] - 0.5 * h * (vd[rows] + vd[before])
+    return Jumps(rows, change - smooth, faster)
