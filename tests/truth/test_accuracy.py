@@ -160,11 +160,11 @@ def test_steps_of_a_driven_motion_follow_its_velocity():
 
 
 def assert_reached_at(size, name, method):
-    """With about the same steps: no length is known beforehand."""
+    """With about the same steps, as events let them: no length is known beforehand."""
     for accuracy in (1e-4, 1e-6):
         found = assert_reached(name, method, accuracy, SCENES[name].make(size), size=size)
         plain = assert_reached(name, method, accuracy)
-        assert found.steps == pytest.approx(plain.steps, rel=0.25)
+        assert found.steps == pytest.approx(plain.steps, rel=0.35)
 
 
 @pytest.mark.parametrize(("name", "method"), changed("1 µm"))
