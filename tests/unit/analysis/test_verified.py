@@ -6,10 +6,11 @@ import re
 
 import numpy as np
 import pytest
-from accuracyscenes import AWAY, moved
+from accuracyscenes import AWAY, SCENES, moved
 from accuracyscenes.textbook import Linkage
 from truthkit import Memory
 
+from flexmb.analysis.dynamics import verified_run
 from flexmb.analysis.dynamics.dynamics import dynamics
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
@@ -119,6 +120,37 @@ def test_round_off_that_a_chaotic_motion_multiplies_is_told(accuracy, knobs):
     assert outcome.statistics["measured_error_of_positions"] > error / 5  # of one walk at random
     (note,) = [note for note in outcome.notes if "was asked for" in note]
     assert "multiplies errors" in note
+
+
+@pytest.mark.parametrize(
+    ("make", "duration", "accuracy", "runs"),
+    [
+        (SCENES["Andrews' mechanism"].make, 0.03, 1e-6, 1),
+        (lambda size: moved(high()), 25.0, 1e-3, 3),
+    ],
+    ids=["Andrews' mechanism", "a pendulum a kilometre away"],
+)
+def test_round_off_is_looked_for_by_one_run_and_measured_by_three(
+    make, duration, accuracy, runs, monkeypatch
+):
+    """All on the steps of the scout, of which none but the run itself has to find its own."""
+    made, calls, follow = [], [], verified_run._follow
+    init = verified_run.Integration.__init__
+
+    def begin(self, *arguments):
+        made.append(self)
+        init(self, *arguments)
+
+    def counted(*arguments):
+        calls.append(arguments)
+        return follow(*arguments)
+
+    monkeypatch.setattr(verified_run.Integration, "__init__", begin)
+    monkeypatch.setattr(verified_run, "_follow", counted)
+    simulated(make(1.0), accuracy=accuracy, duration=duration, outputs=200)
+    assert len(calls) == runs
+    steps = [int(run.state.count[0]["steps"]) for run in made if run.finished]
+    assert set(steps[-runs:]) == {steps[-runs - 2]}  # those of the last scout
 
 
 def test_a_pass_that_fails_leaves_the_one_before():
