@@ -52,7 +52,7 @@ _BEFORE, _NEAR_EVENT, _OVERSHOOT = 0.98, 3e-4, 1.01
 _MAX_TRIES = 10
 # Steps are not made shorter for events than this fraction of the run, or that of its longest step,
 # however long the run is: what a step passes an event by is an error of its square, in each of a
-# thousand. Of the longest step, as a run of five has: steps that events alone make short.
+# thousand. Both are the same in a run of two steps.
 _MIN_STEP_FRACTION, _MIN_PART = 1e-7, 2e-7
 _MIN_STEPS = 100.0  # and no shorter than so many times round-off of the time
 # One event in so many steps may shorten steps, so that what flutters about zero, such as friction

@@ -169,8 +169,8 @@ def put_noise(run: Run, at: Point) -> int:
     """Put the change of accelerations by round-off of places and speeds in Trial.noise.
 
     As stiff forces make it where all that there is changes by its last places, up and down by
-    turns. A force that jumps there is none of it: that of changes which are `_LARGER` is as large,
-    or there is none of the smaller ones.
+    turns. A force that jumps there is no noise: changes that are `_LARGER` times as large make the
+    same of it, or the smaller ones nothing.
     """
     tr, weights, noise = run.work.trial, run.system.weights, run.work.trial.noise
     zero(noise)
