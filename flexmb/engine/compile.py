@@ -300,8 +300,10 @@ def time_event_table(
         return np.zeros((0, 2))
     end = spec.duration
     events: list[float] = []
-    kinds, beyond = (derivative_jumps, brief_changes, switch_times), end * (1.0 + 2.0 * _SAME_TIME)
-    jumps = {t for program in programs for kind in kinds for t in kind(program.ops, beyond)}
+    beyond, jumps = end * (1.0 + 2.0 * _SAME_TIME), set[float]()
+    for program in programs:
+        jumps.update(derivative_jumps(program.ops, beyond), switch_times(program.ops, beyond))
+        jumps.update(brief_changes(program.ops, end))  # by samples of the run
     for t in sorted(end if abs(end - t) <= _SAME_TIME * end else t for t in jumps):
         last = events[-1] if events else 0.0
         if (t == 0.0 or t - last > _SAME_TIME * end) and t <= end:

@@ -336,7 +336,7 @@ def test_a_pulse_on_a_scene_at_rest_is_not_stepped_over():
     ("pulse", "area"),
     [
         ("1000*exp(-((t - 5)/0.002)**2)", 2.0 * np.sqrt(np.pi)),
-        ("500*(step5(t, 5, 0, 5.002, 1) - step5(t, 5.004, 0, 5.006, 1))", 2.0),
+        ("500*(step5(t, 4.9777, 0, 4.9797, 1) - step5(t, 4.9817, 0, 4.9837, 1))", 2.0),
     ],
 )
 def test_a_brief_smooth_pulse_after_rest_is_not_stepped_over(pulse, area, method):

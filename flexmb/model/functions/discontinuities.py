@@ -251,6 +251,7 @@ def brief_changes(ops: Ops, end: float) -> list[float]:
     spans = times[edges].reshape(-1, 2)
     if len(spans) > _SPANS:
         return []
+    spans = _joined(spans, times[1])
     spans = spans[np.diff(spans)[:, 0] < _SPAN * end]
     around = spans + np.diff(spans) * [-1.0, 1.0]  # where a pulse is over and growth is not
     after = np.interp(around, times[1:], change, left=0.0, right=0.0)
@@ -259,6 +260,18 @@ def brief_changes(ops: Ops, end: float) -> list[float]:
     jumps = np.searchsorted(derivative_jumps(ops, end), beside)  # these are events anyhow
     brief = brief[jumps[:, 0] == jumps[:, 1]]
     return [float(t) for t in np.linspace(brief[:, 0], brief[:, 1], 5).ravel() if 0.0 < t < end]
+
+
+def _joined(spans: Array, apart: float) -> Array:
+    """Spans (n, 2), those as one that are closer than the longer of them, such as rise and fall."""
+    joined: list[list[float]] = []
+    for begin, end in spans.tolist():
+        first, last = joined[-1] if joined else (begin, -np.inf)
+        if begin - last <= max(end - begin, last - first) + apart:
+            joined[-1][1] = end
+        else:
+            joined.append([begin, end])
+    return np.array(joined).reshape(-1, 2)
 
 
 # Where operations change their laws; times, of which more are the motion itself; second differences

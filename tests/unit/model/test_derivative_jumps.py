@@ -94,6 +94,21 @@ def test_brief_changes_are_seen(given, wanted):
         assert low < min(times) < sum(wanted) / 2 < max(times) < high
 
 
+@pytest.mark.parametrize("rise", ["step5", "cycloidal"])
+@pytest.mark.parametrize("gap", [0.0, 0.5, 1.0, 1.3])
+def test_rise_and_fall_of_a_pulse_are_seen_wherever_it_is(gap, rise):
+    """However samples of the run fall on its ends, and however long it stays."""
+    draw = np.random.default_rng(5)
+    for _ in range(20):
+        begin, length, end = draw.uniform(1, 5), 10 ** draw.uniform(-2.6, -1), draw.uniform(6, 9)
+        up, down = (
+            f"{rise}(t, {a!r}, 0, {a + length!r}, 1)" for a in (begin, begin + length * (1 + gap))
+        )
+        times = np.array(brief_changes(read_function(f"{up} - {down}").expression.ops, end))
+        assert begin - length < times.min() < begin + length
+        assert begin + length * (1 + gap) < times.max() < begin + length * (3 + gap)
+
+
 @pytest.mark.parametrize("width", np.logspace(-5, 0, 11).tolist())
 @pytest.mark.parametrize(
     "pulse", ["0.1*exp(-({s})**2)", "tanh({s})", "atan({s})", "0.3*t + 1/(1 + ({s})**2)"]
