@@ -272,7 +272,7 @@ def measure_round_off_growth(
         return
     try:
         chunks = verified.chunks
-        if chunks[0].knots[-1] > scout.settings.start:  # of a resumed run
+        if not chunks or chunks[0].knots[-1] > scout.settings.start:  # of a resumed run
             chunks = _repeated_chunks(verified, begin, progress)
         runs = [_follow(verified, begin, chunks, _MOVED, progress)]
         more = verified.fine.settings.refinement
