@@ -97,6 +97,8 @@ def _restore(prepared: PreparedDynamics, arrays: dict[str, np.ndarray], result: 
         raise ResultFileError(f"{result.path}: {what}")
     for name, array in own.items():
         array[...] = arrays[name]
+    for array, at_first in zip(prepared.begin, prepared.first, strict=True):
+        array[...] = at_first
     for run in (prepared.run, *((prepared.verified.scout,) if prepared.verified else ())):
         run.count_outputs()  # of a longer run they are others, as times of comparison are
     if prepared.verified is not None and prepared.verified.jumps is not None:

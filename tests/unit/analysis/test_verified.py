@@ -10,6 +10,7 @@ from accuracyscenes import AWAY, SCENES, moved
 from accuracyscenes.textbook import Linkage
 from truthkit import Memory
 
+import flexmb
 from flexmb.analysis.dynamics import verified_run
 from flexmb.analysis.dynamics.dynamics import dynamics
 from flexmb.engine.compile import compile_system
@@ -151,6 +152,16 @@ def test_round_off_is_looked_for_by_one_run_and_measured_by_three(
     assert len(calls) == runs
     steps = [int(run.state.count[0]["steps"]) for run in made if run.finished]
     assert set(steps[-runs:]) == {steps[-runs - 2]}  # those of the last scout
+
+
+def test_round_off_of_a_run_that_was_extended_is_told(tmp_path):
+    """It is looked for from the first row on, as in a run that was as long from the start."""
+    model = moved(high())
+    model.set_dynamics(duration=25.0, outputs=25, accuracy=1e-3)
+    begun = flexmb.simulate(model, output=tmp_path)
+    with pytest.warns(flexmb.FlexmbWarning, match="multiplies errors"):
+        longer = flexmb.resume(begun, duration=26.0)
+    assert longer.statistics["measured_error_of_positions"] > 2e-3  # 6e-4 by shorter steps alone
 
 
 def test_a_pass_that_fails_leaves_the_one_before():
