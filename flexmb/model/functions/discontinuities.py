@@ -251,11 +251,13 @@ def brief_changes(ops: Ops, end: float) -> list[float]:
     spans = times[edges].reshape(-1, 2)
     if len(spans) > _SPANS:
         return []
-    spans = _joined(spans, times[1])
-    spans = spans[np.diff(spans)[:, 0] < _SPAN * end]
-    around = spans + np.diff(spans) * [-1.0, 1.0]  # where a pulse is over and growth is not
+    groups = _joined(spans, times[1])
+    groups = groups[np.diff(groups)[:, 0] < _SPAN * end]
+    around = groups + np.diff(groups) * [-1.0, 1.0]  # where a pulse is over and growth is not
     after = np.interp(around, times[1:], change, left=0.0, right=0.0)
-    brief = spans[(after < _OVER * limit).all(axis=1)]
+    groups = groups[(after < _OVER * limit).all(axis=1)]
+    begins, ends = groups.T[:, None]
+    brief = spans[((begins <= spans[:, :1]) & (spans[:, 1:] <= ends)).any(axis=1)]
     beside = brief + np.array([-1.0, 1.0]) * times[1]
     jumps = np.searchsorted(derivative_jumps(ops, end), beside)  # these are events anyhow
     brief = brief[jumps[:, 0] == jumps[:, 1]]

@@ -109,6 +109,14 @@ def test_rise_and_fall_of_a_pulse_are_seen_wherever_it_is(gap, rise):
         assert begin + length * (1 + gap) < times.max() < begin + length * (3 + gap)
 
 
+def test_a_short_pulse_close_behind_a_long_one_has_times_of_its_own():
+    long = "cycloidal(t, 2, 0, 2.05, 1) - cycloidal(t, 2.05, 0, 2.1, 1)"
+    short = "cycloidal(t, 2.15, 0, 2.152, 1) - cycloidal(t, 2.152, 0, 2.154, 1)"
+    times = np.array(brief_changes(read_function(f"{long} + {short}").expression.ops, 6.0))
+    assert ((times > 2.149) & (times < 2.155)).sum() == 5
+    assert ((times > 1.99) & (times < 2.11)).sum() == 5
+
+
 @pytest.mark.parametrize("width", np.logspace(-5, 0, 11).tolist())
 @pytest.mark.parametrize(
     "pulse", ["0.1*exp(-({s})**2)", "tanh({s})", "atan({s})", "0.3*t + 1/(1 + ({s})**2)"]
