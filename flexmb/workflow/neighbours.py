@@ -141,11 +141,16 @@ class Neighbours:
         alike, cost, made = self._alike(effect), self._change(effect)[3], self._alone(effect)
         if len(alike) > 1 and not effect.on and effect.name != MODES:
             with suppress(FlexmbError):  # without them all there may be no motion
-                return shared(made, [self._alone(one) for one in alike], self._alone(*alike)), cost
+                return shared(made, self._each(alike), self._alone(*alike)), cost
         if effect.body and len(alike) > 1 and any(one.at_rest and one.share for one in made):
-            together = np.sum([self._change(one)[1] for one in alike], axis=0)  # to first order
-            made = self._alone(effect, together=together)
+            made = self._each(alike)[alike.index(effect)]
         return made, cost
+
+    def _each(self, effects: Sequence[Effect]) -> list[list[Contribution]]:
+        """Of one effect after the other, beside what they change together to first order."""
+        with np.errstate(invalid="ignore"):  # of what is unbounded
+            together = np.sum([self._change(one)[1] for one in effects], axis=0)
+        return [self._alone(one, together=together) for one in effects]
 
     def _alone(self, *effects: Effect, together: Array | None = None) -> list[Contribution]:
         """Of one effect, or of some of one kind switched over together."""
@@ -276,8 +281,8 @@ class Neighbours:
         other = self._compile(model, bodies)
         if effects[0].name == DEFORMATION:
             cost = _evaluations(self.run) * self._own_time / last if last else None
-            (before, after), change, names = self._changes(own, other, model, motion, {})
-            return (self.motion.channels, before, after), change, names, cost
+            histories, change, names = self._changes(own, other, model, motion, {})
+            return (self.motion.channels, *histories), change, names, cost
         deformations = (replace(one, name=DEFORMATION) for one in effects)
         histories, change, names, _ = self._change(*deformations)
         both = (with_words(one, dict.fromkeys(mine, _QUASI_STATIC)) for one in (self.model, model))
@@ -314,16 +319,13 @@ class Neighbours:
         self, effects: tuple[Effect, ...]
     ) -> tuple[Compiled, Motion, Model, dict[str, FlexBody], float]:
         """The scene with bodies rigid, and its motion; with them flexible, and its bodies."""
-        names = tuple(one.body for one in effects)
+        names, bodies = tuple(one.body for one in effects), dict(self.bodies)
         own, motion, last = self._without(names)
         model = with_words(self._dynamic[0], dict.fromkeys(names, _DYNAMIC))
-        bodies = dict(self.bodies)
         for one in effects:
             name, body, spec = one.body, bodies[one.body], model.bodies[one.body]
-            has_mesh, has_data = (
-                isinstance(spec, MeshBodySpec),
-                body.centrifugal_stiffness is not None,
-            )
+            has_mesh = isinstance(spec, MeshBodySpec)
+            has_data = body.centrifugal_stiffness is not None
             if self.compiled.flexbodies[name].m == 0 and (has_mesh or has_data):
                 model = with_words(model, {name: FULL})  # it comes shorter as it bends, if slow too
             full = getattr(model.bodies[name], "geometric_stiffening", None) == "full"
@@ -337,10 +339,9 @@ class Neighbours:
     ) -> tuple[tuple[Array, ...], Array, tuple[str, ...]]:  # fmt: skip
         from flexmb.analysis.effects.contribution import estimate
 
-        begins = "from" not in self._origin
         made, settled = estimate(
             own, other, model, motion, shapes,
-            begins_as_placed=begins, quasi_static=follow, inertia=inertia,
+            begins_as_placed="from" not in self._origin, quasi_static=follow, inertia=inertia,
         )  # fmt: skip
         change, channels = made.channels, np.array(other.layout.channels)
         rough = {str(channel).split(".")[0] for channel in channels[~settled]}
@@ -382,9 +383,8 @@ class Neighbours:
         """The motion of the scene with other words of bodies, and how many evaluations it takes."""
         from flexmb.analysis.effects.stored_motion import read_motion
 
-        model = with_words(self.model, words)
+        model, finer = with_words(self.model, words), {"outputs": len(self.motion.t) - 1}
         if model.dynamics is not None and self.notes:  # the rows of another run
-            finer = {"outputs": len(self.motion.t) - 1}
             model.dynamics = model.dynamics.model_copy(update=finer)
         self._runs += 1
         run = self._run(model, f"switched_{self._runs}")  # names of bodies are of any length

@@ -135,7 +135,7 @@ def contributions(
         unit = model.channel_unit(channels_of(name, spec)[0]) or ""
         ranges = [np.ptp(x[:, columns], axis=0).max(initial=0.0) for x in histories]
         rests[name], size = ranges[0], max(ranges[-2:])
-        value = np.abs(change[:, columns]).max(initial=0.0)
+        value = np.abs(np.nan_to_num(change[:, columns], nan=np.inf)).max(initial=0.0)
         if together is not None and np.abs(together[:, columns]).max() < _SYMMETRIC * value:
             symmetric.add(name)
         sizes[name] = unit, float(size), float(value)
@@ -179,14 +179,15 @@ def shared(
     """The part of one body in what the same effect of all of them changes.
 
     Each alone may change next to nothing where others hold it, as of two columns under a table, or
-    what the others undo: what rests in the run and stays there, by symmetry, is not changed.
+    what the others undo: what rests in the run and stays there, by symmetry, is not changed. So
+    does the sum of what each changes then, and not that of what grows without bounds.
     """
     result = []
     for k, (own, whole) in enumerate(zip(of_one, together, strict=True)):
         each = [one[k].share for one in of_each]
         part = own.share / sum(each) if sum(each) > 0.0 else 1.0 / len(each)
-        undone = _SYMMETRIC * max(one[k].value for one in of_each)
-        still = whole.at_rest and whole.value < undone
+        largest = max((one[k] for one in of_each), key=lambda one: one.value)
+        still = whole.at_rest and whole.value < _SYMMETRIC * largest.value and largest.by_symmetry
         value, share = (0.0, 0.0) if still else (part * whole.value, part * whole.share)
         rough = own.unsettled or whole.unsettled
         result.append(replace(own, value=value, share=share, by_symmetry=still, unsettled=rough))

@@ -12,6 +12,7 @@ from flexmb.analysis.effects.contribution import (
     contributions,
     fast_shares,
     first_change,
+    shared,
 )
 from flexmb.analysis.effects.perturbation import respond
 from flexmb.analysis.effects.stored_motion import Motion
@@ -43,6 +44,36 @@ def test_a_sensor_rests_by_symmetry_if_all_bodies_together_leave_it(sum_of_all, 
     assert alone[0].share == bus.share == pytest.approx(1.0)
     assert (bus.by_symmetry, arm.by_symmetry, alone[0].by_symmetry) == (rests, False, False)
     assert arm.share == alone[1].share == pytest.approx(0.01 / 1.01)
+
+
+@pytest.mark.parametrize(("second", "rests"), [(-1.0, True), (-0.1, False), (1.0, False)])
+def test_what_grows_without_bounds_rests_by_no_symmetry(second, rests) -> None:
+    """Two effects change what hardly moves by far more; together they leave a tenth of it."""
+    model = Model("plate")
+    model.add_body("plate", mass=1.0, inertia=[1.0] * 3)
+    model.add_sensor("plate", "position", of="plate")
+    names, t = ("plate.x", "plate.y", "plate.z"), np.linspace(0.0, 1.0, 9)
+    moves = np.outer(t, [0.1, 0.0, 0.0])
+    changes = [size * np.outer(t, [1e6, 0.0, 0.0]) for size in (1.0, second, 0.1)]
+    histories = [(moves, moves + change) for change in changes]
+    added = changes[0] + changes[1]
+    each = [contributions(model, histories[k], changes[k], names, added) for k in (0, 1)]
+    together = contributions(model, histories[2], changes[2], names)
+    for own in each:
+        (made,) = shared(own, each, together)
+        assert (made.by_symmetry, made.share == 0.0) == (rests, rests)
+    whole = sum(shared(own, each, together)[0].share for own in each)
+    assert whole == pytest.approx(0.0 if rests else 1.0, abs=1e-3)
+
+
+def test_a_change_that_is_no_number_is_unbounded() -> None:
+    model = Model("plate")
+    model.add_body("plate", mass=1.0, inertia=[1.0] * 3)
+    model.add_sensor("plate", "position", of="plate")
+    moves = np.outer(np.linspace(0.0, 1.0, 9), [0.1, 0.0, 0.0])
+    change = np.where(moves > 0.05, np.nan, 0.0)
+    (made,) = contributions(model, (moves, moves), change, ("plate.x", "plate.y", "plate.z"))
+    assert made.share > 10.0
 
 
 def test_a_change_of_velocity_goes_straight_on_whatever_turns_below_it() -> None:
