@@ -53,6 +53,17 @@ class Coefficients:
         tables = {name: getattr(self, name)[rows] for name in _TABLES}
         return replace(self, **tables)
 
+    def between(self, load: Array, begins: bool, ends: bool) -> Coefficients:
+        """With more F (n, nu); D and K of ends at which a bristle changes are those beside them."""
+        if not (load.any() or begins or ends):
+            return self
+        rows = np.arange(len(self.F))
+        if begins and len(rows) > 2:
+            rows[0] = 1
+        if ends:
+            rows[-1] = rows[-2]
+        return replace(self, F=self.F + load[rows], D=self.D[rows], K=self.K[rows])
+
     def closure(self, stiffness: Array) -> Array:
         """Motions (n, nu, rank) that change the rows of Cq by one, of the least M + stiffness."""
         W = self.M + stiffness
@@ -177,7 +188,15 @@ def equilibria(
     slow = ~quick
     both = np.where(quick, K, M)  # of the places of quick ones and the accelerations of the others
     others = np.concatenate([K[:, :, slow], D[:, :, slow] * omega[slow], -load], axis=2)
-    return np.asarray(-np.linalg.solve(both, others)[:, quick])
+    return -least_solution(both, others)[:, quick]
+
+
+def least_solution(A: Array, b: Array) -> Array:
+    """x of A x = b; the least one where A is singular, as of a contact that is open."""
+    try:
+        return np.asarray(np.linalg.solve(A, b))
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.pinv(A) @ b)
 
 
 def first_order(

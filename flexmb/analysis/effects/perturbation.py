@@ -12,8 +12,9 @@ interval and whose solution there is exact (matrix exponential, forces linear in
 faster than the rows vibrate and resonate as they would. The place that such a mode vibrates about,
 its equilibrium with the loads and the accelerations of the slow ones, moves with the coefficients;
 averages make it jump, and the mode would ring. It is carried over to each next row (adiabatic
-motion). Where these stiff modes begin the first accelerations tell. Positions have the motion that
-closes joints at full size, of the second order, by the least elastic energy.
+motion). Where these stiff modes begin the first accelerations tell. Where a bristle begins to stick
+or to slide the equation is solved anew: it sticks where the small motion has slid to. Positions
+have the motion that closes joints at full size, of the second order, by the least elastic energy.
 
 Source of the idea: defect correction (Stetter, Numer. Math. 29 (1978) 425); of the estimate:
 Padilla & von Flotow, J. Guidance 15 (1992) 149, who linearise about the motion as well.
@@ -33,11 +34,12 @@ from flexmb.analysis.effects.free_motions import (
     FreeMotions,
     equilibria,
     first_order,
+    least_solution,
     small_motions,
     times,
 )
 from flexmb.analysis.effects.smooth_pieces import Jumps, SmoothPieces
-from flexmb.analysis.effects.stored_motion import Motion, equations_of
+from flexmb.analysis.effects.stored_motion import Bristles, Motion, equations_of
 from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.engine.bodies.static_modes import static_coordinates
 from flexmb.engine.compile import Compiled
@@ -110,15 +112,22 @@ def respond(
     springs = elastic, frames.elastic(static) if len(static) else None
     parts = np.zeros((3, n, len(one.weights)))
     first, bounded = 0, n
+    bristles, load = Bristles(compiled, motion), np.zeros((n, len(one.weights)))
+    bends = {*bristles.bends.tolist()}
     while first < n - 1 and bounded == n:
-        segment = _segment(one, first, min((k + 1 for k in stays if k > first), default=n))
+        end = min((k + 1 for k in (*stays, *bends) if k > first), default=n)
+        segment = _segment(one, first, end)
         rows = slice(first, first + len(segment.Z))
+        begin = frames.outward(np.stack(state[:2]), slice(first, first + 1))
+        added = bristles.load(range(n)[rows], *begin)
+        load[rows] = frames.turned(added[:, None], rows)[:, 0]
+        of = one.part(rows).between(load[rows], first in bends, rows.stop - 1 in bends)
         parts[:, rows], bounded = _solve(
-            pieces.part(rows), one.part(rows), segment, state, springs, quasi_static
+            pieces.part(rows), of, segment, state, springs, quasi_static
         )
         bounded = n if bounded == len(segment.Z) else first + bounded
         first += len(segment.Z) - 1
-        state = parts[0, first], parts[1, first], parts[2, first]
+        state = parts[0, first], parts[1, first], None if first in bends else parts[2, first]
         if jumps is not None and first in stays:
             both = (x[stays[first]] for x in (jumps.places, jumps.velocities))
             dq, dv = (frames.inward(first, x) for x in both)
@@ -126,7 +135,7 @@ def respond(
     if quasi_static and n > _ENDS**2:
         parts[1:, -_ENDS:] = parts[1:, [-_ENDS - 1]]
     change, equations = np.zeros_like(motion.channels), equations_of(compiled)
-    force = one.F + sum(map(times, (one.M, one.D, one.K), parts[::-1]))
+    force = one.F + load + sum(map(times, (one.M, one.D, one.K), parts[::-1]))
     follows = (np.diag(elastic) > 0.0) & quasi_static  # their equations have no inertia in the run
     multipliers = np.einsum("tr,trc->tc", one.shares(force, follows), one.rows)
     closed = _closure(motion, equations, one, parts[0], elastic) if bounded == n else None
@@ -147,6 +156,7 @@ def respond(
             now.v[:] += f * moves[1][k]
             now.vd[:] += f * moves[2][k]
             now.lam[:] -= f * multipliers[k]
+            now.history[:] += f * bristles.changes[k]
             changes.append((equations.channels() - motion.channels[k]) / f)
         change[k] = np.where(np.abs(changes[0]) < np.abs(changes[-1]), changes[0], changes[-1])
     dq[bounded:] = 0.0
@@ -155,7 +165,8 @@ def respond(
         return Response(change, dq, bounded)
     q = np.array([equations.moved(*pair) for pair in zip(motion.q, moves[0], strict=True)])
     rates, lam = (motion.v + moves[1], motion.vd + moves[2]), motion.lam - multipliers
-    moved = Motion(motion.t, q, *rates, lam, motion.channels + change, motion.history)
+    past = None if motion.history is None else motion.history + bristles.changes
+    moved = Motion(motion.t, q, *rates, lam, motion.channels + change, past)
     return Response(change, dq, bounded, moved)
 
 
@@ -271,7 +282,7 @@ def _solve(
     rest, slow, inner = made.load @ T, np.zeros((3, n, u)), np.ix_(np.arange(n), quick, quick)
     for _ in range(_ROUNDS):
         y = np.zeros((n, u))
-        y[:, quick] = np.linalg.solve(K[inner], rest[:, quick, None])[..., 0]
+        y[:, quick] = least_solution(K[inner], rest[:, quick, None])[..., 0]
         motion = np.array([y, pieces.rate(y), pieces.rate(y, 2)])
         rest = rest - sum(map(times, (K, D, M), motion))
         slow += motion
@@ -280,7 +291,7 @@ def _solve(
         force = of.F[0] + of.M[0] @ state[2] + of.D[0] @ state[1]
         force = force + of.K[0] @ (made.Z[0] @ (T @ y0) + made.g[0])
         side = made.Z[0] @ T[:, quick]
-        y0[quick] = -np.linalg.solve(side.T @ of.K[0] @ side, side.T @ force)
+        y0[quick] = -least_solution(side.T @ of.K[0] @ side, side.T @ force)
     x = np.zeros((n, 2 * u))
     x[0] = np.concatenate([y0 - slow[0, 0], (yd0 - slow[1, 0]) / w])
     Mm, Dm, Km = (0.5 * (C[1:] + C[:-1]) for C in (M, D, K))  # symmetric: they make no energy

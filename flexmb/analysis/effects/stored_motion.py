@@ -13,7 +13,9 @@ import numpy as np
 from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.engine.bodies.static_modes import static_coordinates
 from flexmb.engine.compile import Compiled
-from flexmb.engine.tables import BodyColumns
+from flexmb.engine.forces.bristle import BALL_HISTORY, POINT_HISTORY
+from flexmb.engine.forces.friction import BRISTLE, FREE
+from flexmb.engine.tables import BodyColumns, System
 from flexmb.engine.work import new_state
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, IntArray, skew
@@ -22,6 +24,7 @@ from flexmb.results import Result
 _GAP = 0.05  # of velocities against accelerations between rows, relative
 _TURN, _PHASE = 0.3, 0.75  # rad of a body and of a load between rows
 _AT_REST = 1e-9  # of the size of a model over the run: round-off
+_STEP, _NOTHING = 1e-9, 1e-30  # of finite differences, in sizes of the model
 _BLOCK = 64  # rows whose matrices stay in the cache of a processor
 
 
@@ -105,6 +108,89 @@ class Motion:
         return replace(self, history=rows)
 
 
+class Bristles:
+    """What the bristles of a model remember of small motions about a motion, to first order.
+
+    One that sticks stands where it began to; that place moves with what has slid until then, and
+    leaves a load. `bends` are the rows with which one begins to stick or to slide, `changes` (n, h)
+    those of the history.
+    """
+
+    def __init__(self, compiled: Compiled, motion: Motion) -> None:
+        self.motion, self.equations = motion, equations_of(compiled)
+        self.changes = np.zeros((len(motion.t), compiled.system.history))
+        history = self.changes if motion.history is None else motion.history
+        modes, self._stretched = _bristle_places(compiled.system)
+        sticks = np.append(history[1:], history[-1:], axis=0)[:, modes] == FREE  # as rows leave it
+        self.bends = np.flatnonzero((sticks[1:] != sticks[:-1]).any(axis=1)) + 1
+
+    def load(self, rows: range, dq: Array, dv: Array) -> Array:
+        """Change of F (rows, nv) by what they remember, with dq, dv (nv,) in the first row.
+
+        Rows follow those of the last call.
+        """
+        first, loads = rows[0], np.zeros((len(rows), len(dq)))
+        if not self._stretched:
+            return loads
+        self.changes[first] = self._next(max(first - 1, 0), dq, dv, is_first=first == 0)
+        for i, k in enumerate(rows):
+            loads[i] = self._force(k)
+            if k + 1 < len(self.changes):
+                self.changes[k + 1] = self._next(k, dq, dv)
+            dq, dv = np.zeros_like(dq), np.zeros_like(dv)
+        return loads
+
+    def _next(self, k: int, dq: Array, dv: Array, *, is_first: bool = False) -> Array:
+        """Change of what is remembered behind row k, by that before it and small motions there."""
+        equations, size = self.equations, self._size(self.changes[k], dq, dv)
+        if size < _NOTHING:
+            return np.zeros_like(self.changes[k])
+        both = []
+        for f in (0.0, _STEP / size):
+            self.motion.put(k, equations)
+            equations.state.q[:] = equations.moved(self.motion.q[k], f * dq)
+            equations.state.v[:] += f * dv
+            equations.state.history[:] += f * self.changes[k]
+            equations.remember(is_first=is_first)
+            both.append(equations.state.history.copy())
+        change: Array = np.zeros_like(both[0])
+        before, after = (one[self._stretched] for one in both)
+        change[self._stretched] = (after - before) * (size / _STEP)
+        return change
+
+    def _force(self, k: int) -> Array:
+        """Change of F in row k."""
+        size, both = self._size(self.changes[k]), []
+        if size < _NOTHING:
+            return np.zeros(len(self.motion.v[k]))
+        for f in (0.0, _STEP / size):
+            self.motion.put(k, self.equations)
+            self.equations.state.history[:] += f * self.changes[k]
+            both.append(self.equations.residual())
+        return np.asarray((both[1] - both[0]) * (size / _STEP))
+
+    def _size(self, change: Array, *motions: Array) -> float:
+        """The largest part of a change, in sizes of the model."""
+        weights = self.equations.compiled.system.weights
+        parts = [change * weights[:3].max(initial=0.0), *(motion * weights for motion in motions)]
+        return max(float(np.abs(part).max(initial=0.0)) for part in parts)
+
+
+def _bristle_places(system: System) -> tuple[list[int], list[int]]:
+    """Places in the history that say whether bristles are free, and how they are stretched."""
+    modes: list[int] = []
+    stretched: list[int] = []
+    contacts, joints = (system.kinds.get(name) for name in ("contacts", "joint_frictions"))
+    for row in [] if contacts is None else contacts.rows[contacts.rows["model"] == BRISTLE]:
+        modes.append(int(row["bristle"]))
+        n = BALL_HISTORY if row["ri"] > 0.0 else POINT_HISTORY
+        stretched += range(modes[-1] + 1, modes[-1] + n)
+    for row in [] if joints is None else joints.rows[joints.rows["model"] == BRISTLE]:
+        stretched.append(int(row["history"]))
+        modes.append(stretched[-1] + 1)
+    return modes, stretched
+
+
 def blocks(n: int) -> Iterator[slice]:
     """The rows of n, in blocks whose matrices are worked on together."""
     for first in range(0, n, _BLOCK):
@@ -172,13 +258,13 @@ class Frames:
             K *= np.outer(*2 * [np.isin(np.arange(len(K)), places)])
         return np.asarray(self.both_turned(K[None], slice(0, 1))[0])
 
-    def outward(self, part: Array) -> Array:
-        """Motions (n, nv) of weighted coordinates (n, used) in all rows."""
+    def outward(self, part: Array, rows: slice = slice(None)) -> Array:
+        """Motions (n, nv) of weighted coordinates (n, used) in these rows."""
         motion = np.zeros((len(part), len(self.inverse)))
         motion[:, self.used] = part * self.inverse[self.used]
         for body, A in zip(self.compiled.layout.bodies, self._axes, strict=True):
             own = slice(body.iv, body.iv + 3)
-            motion[:, own] = np.einsum("tij,tj->ti", A, motion[:, own])
+            motion[:, own] = np.einsum("tij,tj->ti", A[rows], motion[:, own])
         return motion
 
 
