@@ -424,3 +424,22 @@ def test_a_quasi_static_bar_on_a_bushing_that_is_much_stiffer():
     run = flexmb.simulate(made, duration=2.5, outputs=50, accuracy=1e-5)
     bends = length / (3 * STEEL["E"] * side**4 / 12) + 1 / (length**2 * stiffness)
     assert run["turn"][-1] == pytest.approx(torque * bends, rel=2e-3)
+
+
+def test_a_mass_on_a_spring_that_is_as_stiff_as_the_quasi_static_bar_below_it():
+    """Loads and deformation ran away: a heavy mass rests while the bar bends, the spring gives."""
+    side, length, mass, force, w = 0.01, 1.0, 200.0, 1.0, 0.9
+    bar = 3 * STEEL["E"] * side**4 / 12 / length**3
+    made = Model("mass on a bar")
+    made.add_body("bar", rod(side, length, 10, 6), deformation="quasi-static")
+    made.add_body("mass", mass=mass, inertia=[1e-6] * 3, position=[length, 0, 0])
+    made.add_joint("clamp", "fixed", between=["ground", "bar.root"])
+    made.add_joint("guide", "prismatic", between=["bar.tip", "mass"], axis="y")
+    made.add_force("spring", "translational-spring-damper", joint="guide", stiffness=0.95 * bar)
+    made.add_force("push", "force", at="mass", value=[0, f"{force}*sin({w}*t)", 0])
+    made.add_sensor("mass", "position", of="mass")
+    run = flexmb.simulate(made, duration=10.0, outputs=100, accuracy=1e-6)
+    own = np.sqrt(bar / (1 + 1 / 0.95) / mass)  # of both springs, one behind the other
+    exact = np.sin(w * run.time) - w / own * np.sin(own * run.time)
+    exact *= force / mass / (own**2 - w**2)
+    np.testing.assert_allclose(run["mass.y"], exact, atol=2e-3 * np.ptp(exact))

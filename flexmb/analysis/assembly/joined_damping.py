@@ -291,7 +291,8 @@ def choose_static_modes(compiled: Compiled, q: Array) -> Compiled:
 def _loop_gain(compiled: Compiled, q: Array, modes: IntArray) -> float:
     """How much of a deformation by these modes the loads that follow it add to it.
 
-    It moves what closes joints, by which forces change, and accelerations and reactions by them.
+    It moves what closes joints, by the least kinetic energy: what has mass stays where it can. By
+    that forces change, and accelerations and reactions by them.
     """
     from flexmb.analysis.linear.state_equations import StateEquations  # it needs machine code
 
@@ -304,9 +305,11 @@ def _loop_gain(compiled: Compiled, q: Array, modes: IntArray) -> float:
         own[at, at] = compiled.flexbodies[body.name].K if body.m else 0.0
     moved = np.zeros((nv, len(modes)))
     moved[modes] = np.eye(len(modes))
-    moved[others] = -np.linalg.pinv(Cq[:, others]) @ Cq[:, modes]
-    force, rows = (K - own) @ moved, Cq[:, others]
+    rows, none = Cq[:, others], np.zeros((len(others), len(modes)))
     both = np.block([[M[np.ix_(others, others)], rows.T], [rows, np.zeros((len(Cq),) * 2)]])
+    closed = np.linalg.lstsq(both, np.concatenate([none, -Cq[:, modes]]), rcond=None)[0]
+    moved[others] = closed[: len(others)]
+    force = (K - own) @ moved
     pushed = np.concatenate([-force[others], np.zeros((len(Cq), len(modes)))])
     accelerated = np.linalg.lstsq(both, pushed, rcond=None)[0]
     force = force[modes] + np.hstack([M[np.ix_(modes, others)], Cq[:, modes].T]) @ accelerated
