@@ -316,6 +316,7 @@ def _unsettled(compiled: Compiled, rows: np.ndarray) -> str:
         return ""
     names = ", bodies.".join(compiled.layout.bodies[row].name for row in rows)
     return (
-        f"bodies.{names}: loads that depend on the deformation, such as a stiff stop's, do "
-        'not settle with quasi-static modes; deformation = "automatic" has them'
+        f"bodies.{names}: loads that depend on the deformation, such as those of a stiff stop, of "
+        "friction, or of rotation near a critical speed, do not settle with quasi-static modes; "
+        'deformation = "automatic" has them'
     )
