@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .contacts import CONTACTS
+from .control import CONTROL
 from .drives import DRIVES
 from .heldout import HELD_OUT
 from .linkages import LINKAGES
@@ -40,6 +41,7 @@ SCENES = {
     **LINKAGES,
     **MOUNTS,
     **SWITCHES,
+    **CONTROL,
 }
 
 CYCLES = {
