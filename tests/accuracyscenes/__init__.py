@@ -16,6 +16,7 @@ from .scene import AWAY, Scene, beside_a_large_motion, moved, truth_of
 from .spinning import SPINNING
 from .states import STATES
 from .switches import SWITCHES
+from .transmissions import TRANSMISSIONS
 
 __all__ = [
     "AWAY",
@@ -42,6 +43,7 @@ SCENES = {
     **MOUNTS,
     **SWITCHES,
     **CONTROL,
+    **TRANSMISSIONS,
 }
 
 CYCLES = {

@@ -62,7 +62,7 @@ FAST = (
     "pendulum", "double pendulum", "orbit, e = 0.6", "oscillator", "rotor", "gears", "cam",
     "cart-pole", "bead on a cycloid", "free top", "Hooke's joint", "Euler's body", "quadratic drag",
     "backlash", "servo that saturates", "damped buffer", "trammel", "pendulum of a point",
-    "limited rate", "dead zone", "delay",
+    "limited rate", "dead zone", "delay", "heart", "roller", "rack", "screw", "windows",
 )  # fmt: skip
 
 
