@@ -246,17 +246,17 @@ class SingularOrientationMonitor:
             if not len(beta):
                 continue
             size = np.sin(beta) if sequence[0] == sequence[2] else np.cos(beta)
-            off = np.degrees(np.arcsin(np.abs(size)))
+            off = np.degrees(np.arcsin(np.maximum(size, 0.0)))  # below zero: it has been passed
             k = int(np.argmin(off))
             nearest = float(off[k]), float(rows.t[k])
             self._nearest[name] = min(nearest, self._nearest.get(name, (np.inf, 0.0)))
 
     def notes(self) -> list[str]:
-        """A note for every sensor that came within a degree."""
+        """A note for every sensor that came within a degree, or past it."""
         return [
             f"sensors.{name}: at t = {time:.6g} s within {off:.2g} deg of the singular pose of "
             f'"{self._columns[name][1]}", where alpha and gamma turn about one axis and only their '
-            "sum or difference is known; another sequence has its singular pose elsewhere"
+            "sum or difference is known, perhaps half a turn off behind it; take another sequence"
             for name, (off, time) in self._nearest.items()
             if off < _NEAR_SINGULAR
         ]

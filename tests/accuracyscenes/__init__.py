@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .contacts import CONTACTS
+from .control import CONTROL
 from .drives import DRIVES
 from .heldout import HELD_OUT
 from .linkages import LINKAGES
@@ -15,6 +16,7 @@ from .scene import AWAY, Scene, beside_a_large_motion, moved, truth_of
 from .spinning import SPINNING
 from .states import STATES
 from .switches import SWITCHES
+from .transmissions import TRANSMISSIONS
 
 __all__ = [
     "AWAY",
@@ -40,6 +42,8 @@ SCENES = {
     **LINKAGES,
     **MOUNTS,
     **SWITCHES,
+    **CONTROL,
+    **TRANSMISSIONS,
 }
 
 CYCLES = {

@@ -44,7 +44,7 @@ def between_switches(rate, switches, first, t):
         signs[[len(times) > 0 for times in piece.t_events]] *= -1.0
 
 
-def _arm(law):
+def arm(law):
     """A scene maker; `law(model, size²)` adds what turns the arm."""
 
     def make(size=1.0):
@@ -136,42 +136,42 @@ def _buffer_switches(t, a, w):
 
 SWITCHES = {
     "backlash": Scene(
-        _arm(_backlash), 5.0,
+        arm(_backlash), 5.0,
         _truth(_backlash_torque, lambda t, a, w: (a - 0.1, a + 0.1), 0.02),
     ),
     "servo that saturates": Scene(
-        _arm(_actuated("max(-0.2, min(0.2, 3*(sin(2*t) - angle) - 0.5*speed))")), 5.0,
+        arm(_actuated("max(-0.2, min(0.2, 3*(sin(2*t) - angle) - 0.5*speed))")), 5.0,
         _truth(_servo_torque, _servo_switches),
     ),
     "quadratic drag": Scene(
-        _arm(_actuated("0.5*sin(3*t) - 0.2*speed*abs(speed)", damping=0.02)), 5.0,
+        arm(_actuated("0.5*sin(3*t) - 0.2*speed*abs(speed)", damping=0.02)), 5.0,
         _truth(
             lambda t, a, w, signs: 0.5 * np.sin(3 * t) - 0.2 * signs[0] * w * w,
             lambda t, a, w: (w,), 0.02,
         ),
     ),
     "rectified wave": Scene(
-        _arm(_actuated("0.6*max(0, sin(4*t)) - 0.2*sign(sin(3.1*t))", damping=0.02)), 8.0,
+        arm(_actuated("0.6*max(0, sin(4*t)) - 0.2*sign(sin(3.1*t))", damping=0.02)), 8.0,
         _truth(
             lambda t, a, w, signs: 0.6 * (signs[0] > 0) * np.sin(4 * t) - 0.2 * signs[1],
             lambda t, a, w: (np.sin(4 * t), np.sin(3.1 * t)), 0.02,
         ),
     ),
     "switched against dry drag": Scene(
-        _arm(_actuated("0.3*sign(sin(4*t + 1)) - 0.05*sign(speed)", damping=0.02)), 5.0,
+        arm(_actuated("0.3*sign(sin(4*t + 1)) - 0.05*sign(speed)", damping=0.02)), 5.0,
         _truth(
             lambda t, a, w, signs: 0.3 * signs[0] - 0.05 * signs[1],
             lambda t, a, w: (np.sin(4 * t + 1), w if t > 0 else 1.0), 0.02,
         ),
     ),
     "shaken against dry drag": Scene(
-        _arm(_actuated("0.4*cos(3*t) - angle - 0.1*sign(speed)", damping=0.01)), 5.0,
+        arm(_actuated("0.4*cos(3*t) - angle - 0.1*sign(speed)", damping=0.01)), 5.0,
         _truth(
             lambda t, a, w, signs: 0.4 * np.cos(3 * t) - a - 0.1 * signs[0],
             lambda t, a, w: (w if t > 0 else 1.0,), 0.01,
         ),
     ),
     "damped buffer": Scene(
-        _arm(_buffer), 5.0, _truth(_buffer_torque, _buffer_switches, 0.02)
+        arm(_buffer), 5.0, _truth(_buffer_torque, _buffer_switches, 0.02)
     ),
 }  # fmt: skip

@@ -195,17 +195,19 @@ def test_a_force_that_follows_accelerations_is_noted():
     assert algebraic_loop_notes(push(model(), "-k*x.x")) == []
 
 
-def test_a_singular_pose_is_noted():
+@pytest.mark.parametrize(("most", "told_off"), [(89.5, 0.5), (101.0, 0)])
+def test_a_singular_pose_is_noted_and_so_is_one_that_was_passed(most, told_off):
+    """Between two rows: beta leaves its range by that pose alone."""
     made = model()
     made.add_sensor("o", "orientation", of="cart")
     channels = made.channels()
     layout = Layout((), (), 0, 0, 0, (), (), channels, (), "")
     beta = np.zeros((3, len(channels)))
-    beta[1, channels.index("o.beta")] = np.radians(89.5)
+    beta[1, channels.index("o.beta")] = np.radians(most)
     rows = OutputBlock(
         np.array([0.0, 0.5, 1.0]), *[np.zeros((3, 0))] * 5, beta, *[np.zeros((3, 0))] * 2
     )
     poses = SingularOrientationMonitor(layout, made)
     poses.add(rows)
     (note,) = poses.notes()
-    assert "sensors.o: at t = 0.5 s within 0.5 deg of the singular pose" in note
+    assert f"sensors.o: at t = 0.5 s within {told_off} deg of the singular pose" in note

@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from flexmb.engine.compile import Compiled, parts_of_model
 from flexmb.engine.tables import Layout
 from flexmb.flexbody.arrays import Array
+from flexmb.model.control import channel_program
 from flexmb.model.model import Model
 from flexmb.model.reading import Spec
-from flexmb.model.sensor import channels_of, unit_of
+from flexmb.model.sensor import ExpressionSensorSpec, channels_of, unit_of
+from flexmb.results.output_block import OutputBlock
 
 Part = tuple[NDArray[np.bool_], NDArray[np.bool_], float]
 
@@ -120,19 +122,44 @@ def by_part(rows: Sequence[Compared], compiled: Compiled, model: Model) -> list[
     ]
 
 
-def round_off(rows: Sequence[Compared], compiled: Compiled, q: Array) -> Array:
-    """Round-off of one step in each (k,), at a pose q: it is not of the motion, but of the place.
+class RoundOff:
+    """Round-off of one step in each of the rows (k,): it is not of the motion, but of the place.
 
-    Lengths have that of the distance of their bodies from the origin, angles that of the Euler
-    parameters. A number is rounded twice, by the step and by its projection, evenly within an ulp.
+    Lengths have that of their bodies' distance from the origin, angles that of Euler parameters,
+    expressions that of what they read: rounded by a step and its projection, evenly within an ulp.
     """
-    parts, terms = compiled.system.parts, compiled.system.sensors.terms
-    sizes, bodies = np.array([1.0 * (one.unit == "rad") for one in rows]), parts.bodies["iq"]
-    for k, one in enumerate(rows):
-        if one.unit == "m" and not one.reach:
-            own = terms[(one.table == "sensors") & np.isin(terms["channel"], one.columns)]
-            ends = np.concatenate([own["I"], own["J"]])
-            on = parts.markers["body"][ends[ends >= 0]]
-            places = one.columns[:1] if one.table == "q" else bodies[on[on >= 0]]
-            sizes[k] = max((float(np.linalg.norm(q[iq : iq + 3])) for iq in places), default=0.0)
-    return np.asarray(np.finfo(float).eps * np.sqrt(2.0 / 12.0) * sizes)
+
+    def __init__(self, rows: Sequence[Compared], compiled: Compiled, model: Model) -> None:
+        parts, terms = compiled.system.parts, compiled.system.sensors.terms
+        self._channels, bodies = compiled.layout.channels, parts.bodies["iq"]
+        self._angles = np.array([1.0 * (one.unit == "rad") for one in rows])
+        self._places, self._computed, self._row_of = [], [], dict[str, int]()
+        for k, one in enumerate(rows):
+            if one.unit not in ("m", "rad") or one.reach:
+                continue
+            if one.table == "sensors":
+                self._row_of |= {self._channels[column]: k for column in one.columns}
+            if isinstance(model.sensors.get(one.name), ExpressionSensorSpec):
+                program = channel_program(model, one.name)
+                self._computed += [(k, program)] if {*program.channels} <= {*self._channels} else []
+            elif one.unit == "m":
+                own = terms[(one.table == "sensors") & np.isin(terms["channel"], one.columns)]
+                ends = np.concatenate([own["I"], own["J"]])
+                on = parts.markers["body"][ends[ends >= 0]]
+                places = one.columns[:1] if one.table == "q" else np.unique(bodies[on[on >= 0]])
+                self._places += [(k, int(iq)) for iq in places]
+
+    def of(self, block: OutputBlock) -> Array:
+        """The largest (k,) in a block of rows; of expressions, by their slopes in its last one."""
+        sizes = self._angles.copy()
+        for k, iq in self._places:
+            sizes[k] = max(sizes[k], np.linalg.norm(block.q[:, iq : iq + 3], axis=1).max())
+        now = zip(self._channels, block.sensors[-1].tolist(), strict=True)
+        even = {name: (value, 0.0, 0.0) for name, value in now}
+        for k, program in self._computed:
+            t, names = float(block.t[-1]), [one for one in program.channels if one in self._row_of]
+            jets = [program.value(t, even | {one: (even[one][0], 1.0, 0.0)}) for one in names]
+            slopes = np.array([jet[1] for jet in jets]) - program.value(t, even)[1]
+            own = sizes[[self._row_of[one] for one in names]]
+            sizes[k] = np.linalg.norm(np.where(np.isfinite(slopes), slopes, 0.0) * own)
+        return np.asarray(np.finfo(float).eps * np.sqrt(2.0 / 12.0) * sizes)

@@ -19,6 +19,7 @@ from flexmb.analysis.dynamics.compared_quantities import (
     DEFORMATION,
     FOR_SCALE,
     Part,
+    RoundOff,
     compared,
     groups,
 )
@@ -88,8 +89,7 @@ class MeasuredError:
         self.compared, self._duration = compared(layout, model, reach), duration
         self._gyration, self._least = gyration or {}, least or {}
         self._length = self._least.get("m", 0.0) / NO_MOTION
-        n = len(self.compared)
-        every = self.compared
+        every, n = self.compared, len(self.compared)
         self._of_unit = groups((one.unit, one.quantity == FOR_SCALE) for one in every)
         self._of_quantity = at = groups(one.quantity for one in every)
         self._units = np.array([one.unit for one in every])
@@ -106,8 +106,8 @@ class MeasuredError:
         self._range = np.stack([np.full((n, widest), np.inf), np.full((n, widest), -np.inf)])
         tables = np.repeat([one.table for one in every], sizes)
         columns = np.array([k for one in every for k in one.columns], np.intp)
-        sized = [one.reach or (1.0,) * len(one.columns) for one in every]
-        self._sizes_of = np.array([size for row in sized for size in row])
+        units = (one.reach or np.ones(len(one.columns)) for one in every)
+        self._sizes_of = np.concatenate([_NONE, *units])
         self._columns = {  # in each table, and where they stand in all that is compared
             str(table): (columns[tables == table], np.flatnonzero(tables == table))
             for table in np.unique(tables)
@@ -120,7 +120,8 @@ class MeasuredError:
         self._samples = SampledHistory(len(self._sampled) + len(self._places))
         self._before = np.full_like(self._samples.table, np.nan)
         self._results: dict[tuple[float, int, bool], dict[str, ErrorOf]] = {}  # of the rows so far
-        self.round_off = np.zeros(n)  # of a step
+        self.round_off = np.zeros(n)  # of a step, by the places so far
+        self.places: RoundOff | None = None
         self._multiplied = np.zeros(n)  # round-off in the end, as measured
         self._scales = np.zeros(0)  # `_spans` of the rows so far, if they were asked for
 
@@ -151,6 +152,8 @@ class MeasuredError:
             return
         self._results.clear()
         self._scales = np.zeros(0)
+        if self.places is not None:
+            np.maximum(self.round_off, self.places.of(fine), out=self.round_off)
         low, high = (bound.reshape(-1) for bound in self._range)
         values, gaps = self._compare(coarse.part(0, n), fine.part(0, n))
         low[self._in_range] = np.minimum(low[self._in_range], values.min(axis=0))
@@ -186,9 +189,8 @@ class MeasuredError:
         """The largest reaction of a row, over the scale of its joint."""
         zero = replace(row, reactions=np.zeros_like(row.reactions))
         _, gaps = self._compare(zero, row)
-        spans, of = self._spans(), self._of_quantity.get("reactions", _NONE)
-        moves = of[spans[of] > 0.0]
-        return float((gaps[0, moves] / spans[moves]).max(initial=0.0))
+        of = self._of_quantity.get("reactions", _NONE)
+        return float(self._shares(gaps[0])[of].max(initial=0.0))
 
     def add_damped(self, coarse: OutputBlock, fine: OutputBlock, begin: float) -> None:
         """Take rows of the run, and of one that follows vibrations which begin at a time [s]."""
@@ -215,15 +217,12 @@ class MeasuredError:
 
     def multiplied_share(self) -> float:
         """Largest round-off in the end of a position, as measured, over its peak-to-peak."""
-        spans, own = self._spans()[self._places], self._multiplied[self._places]
-        moves = spans > 0.0
-        return float((own[moves] / spans[moves]).max(initial=0.0))
+        return float(self._shares(self._multiplied)[self._places].max(initial=0.0))
 
     def round_off_share(self) -> float:
         """Largest round-off of a step in a position, over its peak-to-peak."""
-        spans, steps = self._spans()[self._places], self.round_off[self._places]
-        moves = spans > 0.0
-        return float((np.finfo(float).eps + steps[moves] / spans[moves]).max(initial=0.0))
+        own = self._shares(self.round_off)[self._places]
+        return float(np.finfo(float).eps + own.max(initial=0.0))
 
     def growth(self) -> float:
         """Times that the difference of positions grew faster than the square of the time.
@@ -246,8 +245,8 @@ class MeasuredError:
 
         Of their number to the power of 1.5, as a walk of speeds leaves it (Brouwer's law).
         """
-        walk = max(self.round_off_share() * steps**1.5, _LEAST_ERROR)
-        return self.multiplied_share() / float(walk)
+        walk = self.round_off_share() * steps * math.sqrt(steps)
+        return self.multiplied_share() / max(walk, _LEAST_ERROR)
 
     def forget_walk(self, steps: int) -> None:
         """Leave out round-off that is not multiplied: the longer steps of a scout have more of it,
@@ -259,46 +258,37 @@ class MeasuredError:
     def damped(self, joints: Collection[str] | None = None) -> tuple[str, float, float]:
         """The joint whose reactions lack most of vibrations, what they lack over their scale, and
         when these begin [s]; of all joints, or of those given."""
-        spans, of = self._spans(), self._of_quantity.get("reactions", _NONE)
-        names = (self.compared[k].name for k in of)
-        own = np.array([joints is None or name in joints for name in names], dtype=np.bool_)
-        moves = of[(spans[of] > 0.0) & own]
-        if not len(moves):
+        of, shares = self._of_quantity.get("reactions", _NONE), self._shares(self._damped[0])
+        own = [k for k in of if joints is None or self.compared[k].name in joints]
+        if not own:
             return "", 0.0, 0.0
-        k = int(moves[(self._damped[0, moves] / spans[moves]).argmax()])
-        return (
-            self.compared[k].name,
-            float(self._damped[0, k] / spans[k]),
-            float(self._damped[2, k]),
-        )
+        k = own[int(shares[own].argmax())]
+        return self.compared[k].name, float(shares[k]), float(self._damped[2, k])
 
     def largest(self, ratio: float, steps: int = 0, limited: bool = False) -> dict[str, ErrorOf]:
         """The largest error of each quantity; `ratio` is that of the errors of the two runs.
 
         Round-off of the steps is no error that falls with them: it adds up as a walk at random,
-        which is by its standard deviation off, or is as large as `add_round_off` has seen it. A
-        scout that is `limited` by stability rings by what its tolerance allows, in reactions by far
-        more, and these are no other motion; nor is a reaction of the finer run, whose steps are
-        stable, off by more than it has itself.
+        which is by its standard deviation off, or as large as measured. A scout that is `limited`
+        by stability rings by what its tolerance allows, in reactions by far more, and these are no
+        other motion; nor is a reaction of the finer, stable run off by more than it has itself.
         """
         key = ratio, steps, limited
         if key in self._results:
             return self._results[key]
         spans, largest = self._spans(), dict[str, ErrorOf]()
-        apart = np.divide(self._largest[0], spans, out=np.zeros(len(spans)), where=spans > 0.0)
+        apart, damped = self._shares(self._largest[0]), self._shares(self._damped[0])
         # once the runs have parted, the finer one is no better than the other
         different = self._largest[0] > _PARTED * np.maximum(spans, self._sizes())
-        walk = np.maximum(math.sqrt(steps) * self.round_off, self._multiplied)
-        walk = np.divide(walk, spans, out=np.zeros(len(spans)), where=spans > 0.0)
+        walk = self._shares(np.maximum(math.sqrt(steps) * self.round_off, self._multiplied))
         falling = apart / (max(ratio, 1.0 + 1e-9) - 1.0)
         reactions = self._of_quantity.get("reactions", _NONE)
         if limited and not different[self._places].any():
             different[reactions] = False
         errors = np.where(different, apart, np.minimum(falling + walk, np.maximum(apart, falling)))
         if limited:
-            own = reactions[spans[reactions] > 0.0]
-            errors[own] = np.minimum(errors[own], self._largest_values()[own] / spans[own])
-        damped = np.divide(self._damped[0], spans, out=np.zeros(len(spans)), where=spans > 0.0)
+            own = self._shares(self._largest_values())[reactions]
+            errors[reactions] = np.minimum(errors[reactions], own)
         times = np.where(damped > errors, self._damped[1], self._largest[1])
         begin = np.where(damped > errors, self._damped[2], -math.inf)
         errors = np.maximum(errors, damped)
@@ -340,6 +330,11 @@ class MeasuredError:
             elif self._largest[0, k] > accuracy * spans[k]:
                 until = min(until, float(self._largest[1, k]))
         return until
+
+    def _shares(self, values: Array) -> Array:
+        """Values (k,) over the scale of each; 0 for what is at rest."""
+        spans = self._spans()
+        return np.asarray(np.divide(values, spans, out=np.zeros(len(spans)), where=spans > 0.0))
 
     def _spans(self) -> Array:
         """Scale of each: its peak-to-peak, or more; 0 for what is at rest against others."""

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexmb.analysis.dynamics.compared_quantities import by_part, compared, round_off
+from flexmb.analysis.dynamics.compared_quantities import RoundOff, by_part, compared
 from flexmb.analysis.dynamics.damped_vibrations import JumpStates
 from flexmb.analysis.dynamics.integration import Integration
 from flexmb.analysis.dynamics.measured_error import NO_MOTION, ErrorOf, MeasuredError
@@ -166,7 +166,7 @@ class VerifiedRun:
         radii, modes = gyration(compiled), modal_reach(compiled)
         parts = by_part(compared(compiled.layout, model, modes), compiled, model)
         error = MeasuredError(compiled.layout, model, at_rest, span, radii, parts, modes)
-        error.round_off[:] = round_off(error.compared, compiled, first.q)
+        error.places = RoundOff(error.compared, compiled, model)
         return cls(scout, fine, error, recorded, of_scout, passes, is_stiff, jumps)
 
     def advance(self, first: bool = False) -> tuple[int, list[OutputBlock]]:
@@ -218,11 +218,8 @@ class VerifiedRun:
         if 0.0 < self.passes[0]["last_difference"] < _SAME_MOTION:
             luck = _LUCK if self.fine.method.stages else 1.0
             ratio = min(self.error.ratio_before() or ratio, luck * ratio)
-        steps, ratio = (
-            self.fine.state.count[0]["steps"],
-            min(ratio, _DAMPED_RATIO) if damped else ratio,
-        )
-        return self.error.largest(ratio, int(steps), self.is_limited)
+        ratio = min(ratio, _DAMPED_RATIO) if damped else ratio
+        return self.error.largest(ratio, int(self.fine.state.count[0]["steps"]), self.is_limited)
 
     @property
     def is_limited(self) -> bool:

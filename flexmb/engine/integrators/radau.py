@@ -69,6 +69,8 @@ _NOISE = 50.0
 # Regularisation of constraint rows across a singular pose, and pivots of redundant ones, over the
 # usual.
 _SINGULAR, _REDUNDANT = 1e5, 10.0
+# Times its length that the polynomials of a step are extended: one that ends a jump knows no more.
+_FAR = 20.0
 # Estimates of so many times round-off tell nothing: where stiff parts are at rest.
 _UNTOLD = 50.0
 
@@ -165,7 +167,7 @@ def _allowed(run, h):
 def _predict(run, radau, h):
     """Stages by the accelerations and multipliers of the last step, extrapolated."""
     st, col, span = run.state, run.work.collocation, run.work.collocation.span
-    has_step, before = span[1] > 0.0, st.memory[0]["last_step"]
+    has_step, before = h <= _FAR * span[1], st.memory[0]["last_step"]
     for i in range(STAGES):
         x = (st.t[0] + radau.c[i] * h - span[0]) / span[1] if has_step else 0.0
         put_stage_weights(radau, x, col.share[i])
@@ -191,7 +193,7 @@ def _predict(run, radau, h):
     for k in range(st.lam.shape[0]):
         for i in range(STAGES):
             col.next_lam[i, k] = stage_sum(col.share[i], col.lam, k) if has_step else st.lam[k]
-        rise = (st.lam[k] - st.lam_before[k]) / before if before > 0.0 else 0.0
+        rise = (st.lam[k] - st.lam_before[k]) / before if h <= _FAR * before else 0.0
         for i in range(STAGES):
             col.lam[i, k] = col.next_lam[i, k]
             col.next_lam[i, k] = st.lam[k] + radau.c[i] * h * rise  # what they are near to

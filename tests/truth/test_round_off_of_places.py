@@ -1,0 +1,59 @@
+"""Small motions between bodies that are far away, or come there: round-off is told and named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from accuracyscenes.judging import judged
+
+from flexmb.model import Model
+
+SWING = 1e-6  # m, once a second
+
+
+def swing(made, first, place, speed, **force):
+    """A body on a spring beside a carriage."""
+    made.add_body("load", mass=1, inertia=[1, 1, 1], position=[place + 1 + SWING, 0, 0],
+                  velocity=[speed, 0, 0])  # fmt: skip
+    made.add_joint("slide", "prismatic", between=[first, "load"], axis="x")
+    made.add_force("spring", "translational-spring-damper", joint="slide", free=1.0,
+                   stiffness=(2 * np.pi) ** 2, **force)  # fmt: skip
+
+
+def train():
+    """Both travel 3 km from the origin; the stroke between them is seen."""
+    made = Model("train")
+    made.add_body("carriage", mass=1, inertia=[1, 1, 1])
+    made.add_joint("rail", "prismatic", between=["ground", "carriage"], axis="x")
+    made.add_driver("motor", joint="rail", stroke="300*t")
+    swing(made, "carriage", 0.0, 300.0)
+    made.add_sensor("apart", "stroke", joint="slide")
+    return made
+
+
+def shuttle():
+    """1 km away a carriage goes to and fro; the difference of two positions is seen."""
+    made = Model("shuttle")
+    made.add_marker("ground.there", position=[1000, 0, 0])
+    made.add_body("carriage", mass=1, inertia=[1, 1, 1], position=[1000, 0, 0])
+    made.add_joint("rail", "prismatic", between=["ground.there", "carriage"], axis="x")
+    made.add_driver("motor", joint="rail", stroke="100*sin(0.3*t)")
+    swing(made, "carriage", 1000.0, 30.0, value="-9*sin(0.3*t)")
+    made.add_sensor("load", "position", of="load")
+    made.add_sensor("carriage", "position", of="carriage")
+    made.add_sensor("apart", "expression", value="load.x - carriage.x", unit="m")
+    return made
+
+
+@pytest.mark.parametrize("method", ["auto", "radau"])
+@pytest.mark.parametrize("make", [train, shuttle])
+def test_round_off_between_far_bodies_is_part_of_the_error(make, method):
+    shares = []  # of a walk at random no single one tells
+    for accuracy in (1e-6, 5e-7, 1e-7):
+        knobs = {"duration": 10.0, "outputs": 100, "accuracy": accuracy, "method": method}
+        found = judged(make(), lambda t: {"apart": 1 + SWING * np.cos(2 * np.pi * t)}, **knobs)
+        shares.append(found.share)
+        assert found.steps < 10_000  # up to 39 600 where they fight round-off
+    assert 1 / 3 <= np.prod(shares) ** (1 / 3) <= 3
+    (sentence,) = [note for note in found.notes if "was asked for" in note]
+    assert "the floor that round-off leaves" in sentence
