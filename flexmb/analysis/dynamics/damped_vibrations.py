@@ -34,6 +34,13 @@ _KICK = 1e-3
 # Steps of the run over which it is measured, at outputs and after the first half of one; times of
 # comparison in one step; local tolerance, and steps at most.
 _WINDOW, _TIMES, _FINE, _MAX_STEPS = 3, 16, 1e-8, 2000
+# Local tolerance, also over that of the run, and times of comparison for each output, where a
+# vibration is followed for long; it is if later, longer steps damp so many times more than the
+# first ones. Else from the start over some steps of the run, by these steps at most, as loads that
+# rise smoothly and yet fast excite what no jump tells; not where errors of reactions are as large
+# anyhow.
+_FOLLOWING, _FINER, _BETWEEN, _LATER = 1e-7, 0.1, 4, 2.0
+_FIRST, _FEW_STEPS, _CLEAR = 5, 300, 0.05
 
 
 class JumpStates:
@@ -152,32 +159,48 @@ def measure_damped_vibrations(
     if not passed or settings.follow == 1:
         return
     point, weights = _Point(run, first), run.compiled.system.weights
-    shares, kicks, rows = [], [], []
+    longest = float(run.state.memory[0]["largest_step"])
+    shares, kicks, rows, late = [], [], [], []
     for k in passed:
-        row, v = _first_vibration(point, jumps, k)
+        step = float(jumps.table[k, 2])
+        row, v = _first_vibration(point, jumps, k, step)
         if row is None:
             continue
         rows.append((k, row))
         shares.append(error.reaction_share(row))
         kicks.append(float((np.abs(row.v[0] - v) * weights / run.state.speed).max()))
+        row, _ = _first_vibration(point, jumps, k, max(longest, step))
+        late.append(0.0 if row is None else error.reaction_share(row))
     worst = {int(np.argmax(shares))} if max(shares, default=0.0) > least else set()
     if max(kicks, default=0.0) > _KICK:
         worst.add(int(np.argmax(kicks)))
     for k, row in (rows[n] for n in sorted(worst)):
         begin, step = jumps.table[k, [0, 2]].tolist()
-        coarse, fine = _runs_after_jump(run, settings, first, jumps, k)
+        coarse, fine = _runs_after_jump(run, settings, first, jumps, k, begin + _WINDOW * step)
         error.add_damped(coarse, fine, begin)
         if not np.any(fine.t > begin + 0.5 * step):  # too fast to be followed until it may end
             error.add_damped(replace(row, reactions=np.zeros_like(row.reactions)), row, begin)
+    if not rows:
+        return
+    k, most, end = 0, _FEW_STEPS, float(jumps.table[0, 0] + _FIRST * jumps.table[0, 2])
+    if max(late) > max(least, _LATER * max(shares)):
+        k, end = rows[int(np.argmax(late))][0], settings.end
+        most = min(max(int(run.state.count[0]["steps"]), _FEW_STEPS), _MAX_STEPS)
+    elif max(least, error.damped()[1]) > _CLEAR:
+        return
+    coarse, fine = _runs_after_jump(run, settings, first, jumps, k, end, most)
+    error.add_damped(coarse, fine, float(jumps.table[k, 0]), ("velocities", "reactions"))
 
 
-def _first_vibration(point: _Point, jumps: JumpStates, k: int) -> tuple[OutputBlock | None, Array]:
+def _first_vibration(
+    point: _Point, jumps: JumpStates, k: int, step: float
+) -> tuple[OutputBlock | None, Array]:
     """A row (1, ...) whose reactions are those with which vibrations begin at a jump.
 
     Its velocities are those after the jump; also returns those before it (nv,). None where a state
     has no accelerations, as of modes without mass.
     """
-    (before, after, step), state = map(float, jumps.table[k, :3]), jumps.state(k)
+    (before, after), state = map(float, jumps.table[k, :2]), jumps.state(k)
     rows = [point.row(after, state, 0.0), point.row(after, state, step)]
     if k > 0:  # less what is off in the state itself
         rows += [point.row(before, state, 0.0), point.row(before, state, step)]
@@ -189,18 +212,29 @@ def _first_vibration(point: _Point, jumps: JumpStates, k: int) -> tuple[OutputBl
 
 
 def _runs_after_jump(
-    run: Integration, settings: method.Settings, first: State, jumps: JumpStates, k: int
-) -> tuple[OutputBlock, OutputBlock]:
-    """Rows after a jump by steps as those of the run, and by steps that follow vibrations."""
+    run: Integration, settings: method.Settings, first: State, jumps: JumpStates, k: int,
+    end: float, most: int = 0,
+) -> tuple[OutputBlock, OutputBlock]:  # fmt: skip
+    """Rows after a jump by steps as those of the run, and by steps that follow vibrations.
+
+    Until a time, or the next jump; if that takes more than `most` of these steps, until they are
+    taken, and then at outputs and between them alone.
+    """
     begin, step = float(jumps.table[k, 0]), float(jumps.table[k, 2])
-    end = min(begin + _WINDOW * step, jumps.before[k + 1 :].min(initial=settings.end))
+    end = min(end, jumps.before[k + 1 :].min(initial=settings.end))
     outputs = run.times[(run.times > begin) & (run.times <= end)]
-    times = np.union1d(outputs, np.linspace(begin, end, _WINDOW * _TIMES + 1)[_TIMES // 2 :])
+    if most and not len(outputs):
+        end = float(run.times[run.times > begin][0])
+        outputs = np.array([end])
+    between = np.linspace(begin, end, _WINDOW * _TIMES + 1)[_TIMES // 2 :]
+    if most:
+        between = np.linspace(outputs[0], end, max(_WINDOW * _TIMES, _BETWEEN * len(outputs)))
+    times = np.union1d(outputs, between)
     radau = radau_5()
     prepare_units(integration_units(run.compiled.system, radau))
-    blocks = []
-    tolerance = settings.tolerance
-    for local, integrator in ((tolerance, run.method), (min(tolerance, _FINE), radau)):
+    blocks, tolerance = [], settings.tolerance
+    finer = min(_FINER * tolerance, _FOLLOWING) if most else min(tolerance, _FINE)
+    for local, integrator in ((finer, radau), (tolerance, run.method)):
         state = State(*(array.copy() for array in first))
         state.t[0] = begin
         state.q[:], state.v[:] = jumps.state(k)
@@ -209,7 +243,9 @@ def _runs_after_jump(
             state.memory[0]["next_step"] = state.memory[0]["last_step"] = step
         own = settings._replace(tolerance=local, start=begin, end=end)
         again = Integration(run.compiled, integrator, own, state, times)
-        again.integrate(_MAX_STEPS)
+        again.integrate(most or _MAX_STEPS)
         blocks.append(again.rows.read())
+        if most and len(blocks[0].t):
+            times, end = blocks[0].t, float(blocks[0].t[-1])
     rows = min(len(block.t) for block in blocks)
-    return blocks[0].part(0, rows), blocks[1].part(0, rows)
+    return blocks[1].part(0, rows), blocks[0].part(0, rows)

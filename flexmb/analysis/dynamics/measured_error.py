@@ -192,14 +192,19 @@ class MeasuredError:
         of = self._of_quantity.get("reactions", _NONE)
         return float(self._shares(gaps[0])[of].max(initial=0.0))
 
-    def add_damped(self, coarse: OutputBlock, fine: OutputBlock, begin: float) -> None:
-        """Take rows of the run, and of one that follows vibrations which begin at a time [s]."""
+    def add_damped(
+        self, coarse: OutputBlock, fine: OutputBlock, begin: float,
+        quantities: Collection[str] = (),
+    ) -> None:  # fmt: skip
+        """Take rows of the run, and of one that follows vibrations which begin at a time [s]; of
+        all that is compared, or of these quantities."""
         if not len(fine.t):
             return
         self._results.clear()
         _, gaps = self._compare(coarse, fine)
         largest, times = gaps.max(axis=0), fine.t[gaps.argmax(axis=0)]
-        more = largest > self._damped[0]
+        counts = [not quantities or one.quantity in quantities for one in self.compared]
+        more = (largest > self._damped[0]) & counts
         self._damped[0, more], self._damped[1, more] = largest[more], times[more]
         self._damped[2, more] = begin
 
