@@ -69,9 +69,9 @@ _NOISE = 50.0
 # Regularisation of constraint rows across a singular pose, and pivots of redundant ones, over the
 # usual.
 _SINGULAR, _REDUNDANT = 1e5, 10.0
-# Times its length that the polynomials of a step are extended, as behind one that passes an event:
-# those across a jump of a time are shorter by far, and know no more.
-_FAR = 1e5
+# Times its length that the polynomials of a step are extended: one that ends a jump knows no more.
+# Of a reference that a table holds and changes within 1e-9 to 1e-5 s runs fail with 1e4 and 1e5.
+_FAR = 20.0
 # Estimates of so many times round-off tell nothing: where stiff parts are at rest.
 _UNTOLD = 50.0
 
