@@ -159,18 +159,14 @@ def measure_damped_vibrations(
     if not passed or settings.follow == 1:
         return
     point, weights = _Point(run, first), run.compiled.system.weights
-    longest = float(run.state.memory[0]["largest_step"])
-    shares, kicks, rows, late = [], [], [], []
+    shares, kicks, rows = [], [], []
     for k in passed:
-        step = float(jumps.table[k, 2])
-        row, v = _first_vibration(point, jumps, k, step)
+        row, v = _first_vibration(point, jumps, k, float(jumps.table[k, 2]))
         if row is None:
             continue
         rows.append((k, row))
         shares.append(error.reaction_share(row))
         kicks.append(float((np.abs(row.v[0] - v) * weights / run.state.speed).max()))
-        row, _ = _first_vibration(point, jumps, k, max(longest, step))
-        late.append(0.0 if row is None else error.reaction_share(row))
     worst = {int(np.argmax(shares))} if max(shares, default=0.0) > least else set()
     if max(kicks, default=0.0) > _KICK:
         worst.add(int(np.argmax(kicks)))
@@ -180,11 +176,30 @@ def measure_damped_vibrations(
         error.add_damped(coarse, fine, begin)
         if not np.any(fine.t > begin + 0.5 * step):  # too fast to be followed until it may end
             error.add_damped(replace(row, reactions=np.zeros_like(row.reactions)), row, begin)
-    if not rows:
+
+
+def follow_vibrations(
+    run: Integration, settings: method.Settings, first: State, jumps: JumpStates,
+    error: MeasuredError, least: float,
+) -> None:  # fmt: skip
+    """Let a measured error know what reactions lack where first steps follow a vibration that later
+    ones damp, or, from the start on, a smooth load excites one.
+
+    Parameters as of `measure_damped_vibrations`, behind which it comes.
+    """
+    passed = jumps.passed()
+    if not passed or settings.follow == 1:
         return
+    point, longest = _Point(run, first), float(run.state.memory[0]["largest_step"])
+    shares = np.zeros((2, len(passed)))  # of what first steps damp, and the longest ones
+    for n, k in enumerate(passed):
+        step = float(jumps.table[k, 2])
+        for i, h in enumerate((step, max(step, longest))):
+            row, _ = _first_vibration(point, jumps, k, h)
+            shares[i, n] = error.reaction_share(row) if row is not None else 0.0
     k, most, end = 0, _FEW_STEPS, float(jumps.table[0, 0] + _FIRST * jumps.table[0, 2])
-    if max(late) > max(least, _LATER * max(shares)):
-        k, end = rows[int(np.argmax(late))][0], settings.end
+    if shares[1].max() > max(least, _LATER * shares[0].max()):
+        k, end = passed[int(shares[1].argmax())], settings.end
         most = min(max(int(run.state.count[0]["steps"]), _FEW_STEPS), _MAX_STEPS)
     elif max(least, error.damped()[1]) > _CLEAR:
         return

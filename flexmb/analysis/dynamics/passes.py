@@ -19,7 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from flexmb.analysis.dynamics.damped_vibrations import JumpStates, measure_damped_vibrations
+from flexmb.analysis.dynamics.damped_vibrations import (
+    JumpStates,
+    follow_vibrations,
+    measure_damped_vibrations,
+)
 from flexmb.analysis.dynamics.integration import Integration
 from flexmb.analysis.dynamics.run_settings import (
     compared_times,
@@ -244,16 +248,18 @@ def _set_motion(prepared: PreparedDynamics, like: State, moves: np.ndarray | boo
 
 def complete_measured_error(prepared: PreparedDynamics, progress: Progress) -> None:
     """At the end of a pass let its measured error know of vibrations that its steps damp, and at
-    the end of the last one of round-off that the motion multiplies."""
+    the end of the last one of more of these, and of round-off that the motion multiplies."""
     verified = prepared.verified
     if verified is None:
         return
-    if verified.jumps is not None and not verified.fine.method.stages:
+    jumps = None if verified.fine.method.stages else verified.jumps
+    if jumps is not None:
         worst = verified.errors().get("reactions")
         least = max(_MEASURED, worst.error if worst else 0.0)
-        measure_damped_vibrations(
-            verified.fine, prepared.settings, prepared.first, verified.jumps, verified.error, least
-        )
+        own = verified.fine, prepared.settings, prepared.first, jumps, verified.error, least
+        measure_damped_vibrations(*own)
+        if worst is not None and stricter_tolerance(prepared) is None:
+            follow_vibrations(*own)
     if stricter_tolerance(prepared) is None:
         measure_round_off_growth(verified, prepared.settings.accuracy, prepared.begin, progress)
 
