@@ -197,7 +197,8 @@ def follow_vibrations(
         for i, h in enumerate((step, max(step, longest))):
             row, _ = _first_vibration(point, jumps, k, h)
             shares[i, n] = error.reaction_share(row) if row is not None else 0.0
-    k, most, end = 0, _FEW_STEPS, float(jumps.table[0, 0] + _FIRST * jumps.table[0, 2])
+    k, most = passed[0], _FEW_STEPS
+    end = float(jumps.table[k, 0] + _FIRST * jumps.table[k, 2])
     if shares[1].max() > max(least, _LATER * shares[0].max()):
         k, end = passed[int(shares[1].argmax())], settings.end
         most = min(max(int(run.state.count[0]["steps"]), _FEW_STEPS), _MAX_STEPS)
