@@ -29,19 +29,23 @@ def _drive(value):
     return law
 
 
-def _staircase(model, unit):
-    """A computer holds its reference for 0.1 s and changes it within a nanosecond."""
-    points = [
-        [0.1 * k + later, 3 * unit * float(value)]
-        for k, value in enumerate(_HELD)
-        for later in (1e-9 * (k > 0), 0.1)
-    ]
-    steps = {"type": "table", "points": points, "beyond": "hold"}
-    model.add_force("reference", "torque", at="arm", value=[0, 0, steps])
-    _drive("-3*angle - 0.4*speed")(model, unit)
+def staircase(within=1e-9):
+    """A computer holds its reference for 0.1 s and changes it within some seconds."""
+
+    def law(model, unit):
+        points = [
+            [0.1 * k + later, 3 * unit * float(value)]
+            for k, value in enumerate(_HELD)
+            for later in (within * (k > 0), 0.1)
+        ]
+        steps = {"type": "table", "points": points, "beyond": "hold"}
+        model.add_force("reference", "torque", at="arm", value=[0, 0, steps])
+        _drive("-3*angle - 0.4*speed")(model, unit)
+
+    return arm(law)
 
 
-def _staircase_truth(t):
+def staircase_truth(t):
     """J a'' + 0.4 a' + 3 (a − r) = 0 with r constant: matrix exponentials, one after the other."""
     A = np.array([[0, 1], [-3 / _J, -0.4 / _J]])
     y, found = np.zeros(2), np.zeros(len(t))
@@ -116,7 +120,7 @@ def _delay_truth(t):
 
 
 CONTROL = {
-    "staircase": Scene(arm(_staircase), 5.0, _staircase_truth),
+    "staircase": Scene(staircase(), 5.0, staircase_truth),
     "limited rate": Scene(arm(_rate_limit), 5.0, _rate_limit_truth),
     "dead zone": Scene(arm(_DEAD_ZONE), 5.0, _dead_zone_truth),
     "delay": Scene(arm(_delay), 5.0, _delay_truth),

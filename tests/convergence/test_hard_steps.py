@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from accuracyscenes import AWAY, SCENES, moved, truth_of
+from accuracyscenes.control import staircase, staircase_truth
 from accuracyscenes.judging import judged
 from truthkit import run
 
@@ -114,3 +115,13 @@ def test_stages_are_predicted_as_rotation_vectors():
     with interpretation():
         found = run(scene.make(1.0), **knobs)
     assert found.statistics["residual_evaluations"] <= 3 * 1.5 * found.statistics["steps"]
+
+
+@pytest.mark.parametrize("within", [1e-10, 1e-8, 1e-7, 1e-6])
+@pytest.mark.parametrize("asked", [1e-3, 1e-5, 1e-7])
+def test_a_reference_that_is_held_and_changes_however_fast(within, asked):
+    """Polynomials of the step across the change are not extended over the next ones."""
+    knobs = {"duration": 5.0, "outputs": 50, "accuracy": asked, "method": "radau"}
+    found = judged(staircase(within)(1.0), staircase_truth, **knobs)
+    assert not found.message
+    assert found.achieved < 2 * asked + 5 * within  # each change comes half that time later
