@@ -64,6 +64,8 @@ _STEPS_AFTER_EVENT, _CLOSE_EVENTS = 5.0, 3.0
 # changes of speeds does so within the run, laws of functions may change unseen: what swings to
 # rest crosses zero for ever.
 _HARDLY = 0.1
+# Steps after an event whose last velocities are noted with the state there.
+_STEPS_BEHIND = 8
 # First step after an event, over the one before it was shortened: estimates begin again.
 _RESTART_FRACTION = 0.1
 
@@ -93,7 +95,51 @@ def begin_events(run: Run) -> int:
         _stages(run, run.state_point)
         run.work.now.span[0] = 0.0
         _put_all_events(run, run.state_point, run.work.events.before)
+        taken = run.work.events.taken
+        taken[0], taken[1], taken[2], taken[3] = 0, 0, 1, 0
     return FINE
+
+
+@kernel
+def _note_velocities(run):
+    """Let the last state behind an event know the velocities that follow it."""
+    st, events = run.state, run.work.events
+    if events.taken[1] > 0 and events.taken[3] < _STEPS_BEHIND:
+        events.taken[3] += 1
+        row, nv = events.states[events.taken[1] - 1], st.v.shape[0]
+        begin = 2 + st.q.shape[0] + nv
+        copy(st.v, row[begin : begin + nv])
+
+
+@kernel
+def _take_state(run):
+    """Note the state behind an event, or every third, ninth, ... where there are many."""
+    st, events = run.state, run.work.events
+    states, taken = events.states, events.taken
+    if taken[1] == states.shape[0]:
+        for k in range(states.shape[0] // 3):
+            copy(states[3 * k], states[k])
+        taken[1] //= 3
+        taken[2] *= 3
+    if taken[0] % taken[2] == 0:
+        row, at, nv = states[taken[1]], 1, st.v.shape[0]
+        row[0] = st.t[0]
+        copy(st.q, row[at : at + st.q.shape[0]])
+        at += st.q.shape[0]
+        copy(st.v, row[at : at + nv])
+        at += nv
+        row[at] = st.memory[0]["next_step"]
+        at += 1
+        copy(st.v, row[at : at + nv])
+        at += nv
+        copy(st.vd, row[at : at + nv])
+        at += nv
+        copy(st.lam, row[at : at + st.lam.shape[0]])
+        at += st.lam.shape[0]
+        copy(st.history, row[at : at + st.history.shape[0]])
+        taken[1] += 1
+        taken[3] = 0
+    taken[0] += 1
 
 
 @kernel
@@ -229,6 +275,7 @@ def accept_events(run: Run, h: float) -> int:
     if len(run.stages.events.units) == 0 or settings.step > 0.0:
         return FINE
     elements, laws = _count_search(memory)
+    _note_velocities(run)
     counted = run.state.count[0]["events"]
     events, located = run.work.events, memory["event_trials"] > 0.0
     laws = laws and (located or not _hardly_moves(run, h, 1.0))
@@ -252,8 +299,11 @@ def accept_events(run: Run, h: float) -> int:
         if memory["event_trials"] > 2.0 * _MAX_TRIES:
             memory["event_trials"] = 0.0
     _put_all_events(run, run.state_point, run.work.events.before)
-    if run.state.count[0]["events"] > counted and run.method.stages > 0:
-        put_noise(run, run.trial_point)
+    if run.state.count[0]["events"] > counted:
+        if run.method.stages > 0:
+            put_noise(run, run.trial_point)
+        if run.work.events.states.shape[0] > 0:
+            _take_state(run)
     return FINE
 
 

@@ -235,6 +235,10 @@ class Events(NamedTuple):
 
     before: array_of(EVENT_FUNCTION)  # at the start of the step
     now: array_of(EVENT_FUNCTION)  # at its end
+    # (room, width) states behind events of a chunk, of many one in 3, 9, ...: t, q, v, next step,
+    # v some steps later, vd, lam, history; of implicit methods
+    states: Matrix
+    taken: Integers  # (4,) events, rows, one in how many, steps since the last row
 
 
 class Trial(NamedTuple):

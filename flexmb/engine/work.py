@@ -50,6 +50,7 @@ _NO_FACTOR = Factor(
     *(np.zeros(0) for _ in range(9)), np.ones(1, dtype=np.int64), np.zeros(1, dtype=np.int64),
     *(np.zeros(0) for _ in range(3)),
 )  # fmt: skip
+_EVENT_STATES = 9  # of a chunk; a third of them stays when more come
 _SINGULAR_POSES = 8  # of which time and positions are kept
 _NO_SETTINGS = Settings(0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1, 0, 0, 0, 0)
 
@@ -212,7 +213,7 @@ def new_work(system: System, channels: int = 0, method: Method = _NO_METHOD) -> 
     return Work(
         now, con, dense, row, _new_factor(system), _new_collocation(system, method.collocation),
         _new_partition(system, method.partitions), trial, _new_feedback(system),
-        Events(*(_nan_records(system.events, EVENT_FUNCTION) for _ in range(2))),
+        _new_events(system, method),
         _new_alternation(system, method), _nan(5), _nan(3),
         np.zeros(1, dtype=np.int64), _scratch_of_kinds(system),
     )  # fmt: skip
@@ -222,6 +223,14 @@ def _scratch_of_kinds(system: System) -> dict[str, Any]:
     tables = system.kinds
     own = [kind for kind in kinds_of(system) if kind.scratch is not None]
     return {kind.name: kind.scratch(tables[kind.name]) for kind in own}
+
+
+def _new_events(system: System, method: Method) -> Events:
+    nq, nv, nc = sizes(system)
+    room = _EVENT_STATES if method.stages == 0 and system.events else 0
+    width = 2 + nq + 3 * nv + nc + system.history
+    both = (_nan_records(system.events, EVENT_FUNCTION) for _ in range(2))
+    return Events(*both, _nan(room, width), np.array([0, 0, 1, 0]))
 
 
 def _new_alternation(system: System, method: Method) -> Alternation:

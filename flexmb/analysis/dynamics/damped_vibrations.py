@@ -7,10 +7,14 @@ by as much reactions differ between v̇ of M alone and v̇ of M + b ∂F/∂q, w
 equilibrium. That costs two solutions at each jump, less those just before it. At the jump where it
 is the largest part of a joint's range the run is repeated over a few of its steps, by steps that
 follow the vibration: the difference is measured, damping of the model included.
+
+So do stops, contacts, friction and limits of functions excite vibrations. States behind their
+events are noted on the way, and at the end of the last pass the run is repeated from some of them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,7 +30,7 @@ from flexmb.engine.units import prepare_units
 from flexmb.flexbody.arrays import Array
 from flexmb.results.output_block import OutputBlock
 
-_MAX_JUMPS = 16  # times that are looked at, evenly among more
+_MAX_JUMPS, _MAX_EVENTS = 16, 18  # times that are looked at, among more
 _AFTER_START = 1e-9  # of a run: when functions have left their value at its start
 _MANY = 10.0  # lengths of a step after a jump, within which it counts: first ones are short
 # Change of a speed over the largest one, from which on the vibration is measured that it excites.
@@ -42,10 +46,17 @@ _WINDOW, _TIMES, _FINE, _MAX_STEPS = 3, 16, 1e-8, 2000
 # anyhow.
 _FOLLOWING, _FINER, _BETWEEN, _LATER = 1e-7, 0.1, 4, 2.0
 _FIRST, _FEW_STEPS, _CLEAR = 5, 300, 0.05
+# Behind events: steps for all that are followed, over those of the run; the first part of these,
+# which shows how far the rest will come; rows of the rest. Local tolerances, each if the one before
+# leaves less than a share of the vibration, and does so of more than the one before that.
+_SHARE_OF_STEPS, _SHOWS, _ROWS = 0.2, 3, 64
+_RATES = "velocities", "reactions"
+_TOLERANCES, _SHOWN, _MORE = (1e-7, 1e-9, 1e-11), 0.3, 1.5
 
 
 class JumpStates:
-    """States of a run just before jumps of functions of time, and the steps after them.
+    """States of a run just before jumps of functions of time and behind events of forces, and the
+    steps after them.
 
     Parameters
     ----------
@@ -54,22 +65,28 @@ class JumpStates:
 
     Attributes
     ----------
-    table : (n, 3 + nq + nv) array
+    table : (n, 4 + nq + 3 nv + nc + history) array
         Times just before and after each jump, largest step after it [s], positions and velocities;
-        NaN: not passed yet, or no jump. The first one is the start. Saved with the run.
+        NaN: not passed yet, or no jump. The first one is the start. Behind the jumps are events,
+        which also have the next step [s], velocities some steps later, accelerations, multipliers
+        and what elements remember. Saved with the run.
     """
 
     def __init__(self, compiled: Compiled, settings: method.Settings) -> None:
-        self._layout = compiled.layout
-        self.table = np.full((_MAX_JUMPS, 3 + self._layout.nq + self._layout.nv), np.nan)
+        nq, nv, nc = (getattr(compiled.layout, name) for name in ("nq", "nv", "nc"))
+        sizes = [3, nq, nv, 1, nv, nv, nc, compiled.system.history]
+        self._columns = [slice(b - n, b) for n, b in zip(sizes, np.cumsum(sizes), strict=True)]
+        self._of_jumps = self._columns[2].stop
+        self.table = np.full((_MAX_JUMPS + _MAX_EVENTS, sum(sizes)), np.nan)
         span = settings.end - settings.start
         self.table[0, :2] = settings.start, settings.start + _AFTER_START * span
         self.add_jumps(compiled, settings)
 
     def add_jumps(self, compiled: Compiled, settings: method.Settings) -> None:
         """Take jumps until the end that come after those in the table, as far as there is room."""
-        events, free = compiled.system.time_events, np.flatnonzero(np.isnan(self.table[:, 0]))
-        later = events[(events[:, 0] > np.nanmax(self.table[:, 1])) & (events[:, 1] < settings.end)]
+        events, jumps = compiled.system.time_events, self.table[:_MAX_JUMPS]
+        free = np.flatnonzero(np.isnan(jumps[:, 0]))
+        later = events[(events[:, 0] > np.nanmax(jumps[:, 1])) & (events[:, 1] < settings.end)]
         if len(later) > len(free):
             later = later[np.linspace(0, len(later) - 1, len(free)).astype(int)]
         self.table[free[: len(later)], :2] = later
@@ -77,36 +94,69 @@ class JumpStates:
     @property
     def before(self) -> Array:
         """Times just before the jumps (n,) [s]."""
-        return np.asarray(self.table[np.isfinite(self.table[:, 0]), 0])
+        times = self.table[:_MAX_JUMPS, 0]
+        return np.asarray(times[np.isfinite(times)])
 
-    def state(self, k: int) -> tuple[Array, Array]:
-        """Positions (nq,) and velocities (nv,) at a jump."""
-        return self.table[k, 3 : 3 + self._layout.nq], self.table[k, 3 + self._layout.nq :]
+    def put(self, k: int, state: State) -> None:
+        """Let a state of the run be that just before a jump, or that behind an event."""
+        row, (_, q, v, step, _, vd, lam, history) = self.table[k], self._columns
+        state.t[0], state.q[:], state.v[:] = row[0], row[q], row[v]
+        if k >= _MAX_JUMPS:
+            for array in (state.vd, state.vd_before, state.aa):
+                array[:] = row[vd]
+            state.lam[:] = state.lam_before[:] = row[lam]
+            state.history[:] = row[history]
+            state.memory[0]["next_step"] = state.memory[0]["last_step"] = row[step][0]
 
     def passed(self) -> list[int]:
         """Jumps whose state and step are known."""
-        return [int(k) for k in np.flatnonzero(np.isfinite(self.table).all(axis=1))]
+        jumps = self.table[:_MAX_JUMPS, : self._of_jumps]
+        return [int(k) for k in np.flatnonzero(np.isfinite(jumps).all(axis=1))]
+
+    def events(self) -> tuple[list[int], Array]:
+        """Events, and what changes of velocities behind each of them (n, nv)."""
+        rows = _MAX_JUMPS + np.flatnonzero(np.isfinite(self.table[_MAX_JUMPS:, 0]))
+        _, _, v, _, later, *_ = self._columns
+        return rows.tolist(), np.abs(self.table[rows, later] - self.table[rows, v])
+
+    def next_time(self, k: int) -> float:
+        """Time of the next jump or event that is noted, or infinite [s]."""
+        later = self.table[self.table[:, 0] > self.table[k, 1], 0]
+        return float(later.min(initial=np.inf))
+
+    def add_events(self, states: Array) -> None:
+        """Take states behind events, as the engine notes them; a third of them when more come."""
+        events = self.table[_MAX_JUMPS:]
+        for state in states:
+            free = np.flatnonzero(np.isnan(events[:, 0]))
+            if not len(free):
+                third = events[::3].copy()
+                events[:] = np.nan
+                events[: len(third)], free = third, np.array([len(third)])
+            events[free[0], :2], events[free[0], 3:] = state[0], state[1:]
 
     def add_steps(self, knots: Array, refinement: float) -> None:
         """Take the ends of steps of the comparison run [s], which has fewer by `refinement`."""
-        for row in self.table[np.isfinite(self.table[:, 0]) & np.isnan(self.table[:, 2])]:
+        jumps = self.table[:_MAX_JUMPS]
+        for row in jumps[np.isfinite(jumps[:, 0]) & np.isnan(jumps[:, 2])]:
             ends = knots[np.searchsorted(knots, row[0]) :] - row[0]
             if knots[0] <= row[1] and len(ends) > 1:
                 steps = np.diff(ends)
                 largest = steps[ends[:-1] <= _MANY * steps].max(initial=steps[0]) / refinement
-                self.table[self.table[:, 0] == row[0], 2] = largest
+                jumps[jumps[:, 0] == row[0], 2] = largest
 
     def add_rows(self, rows: OutputBlock) -> None:
         """Take rows of the run; those at the jumps are of interest."""
         at = np.searchsorted(rows.t, self.before)
         for k in np.flatnonzero(at < len(rows.t)):
             if rows.t[at[k]] == self.table[k, 0]:
-                self.table[k, 3:] = np.concatenate([rows.q[at[k]], rows.v[at[k]]])
+                both = np.concatenate([rows.q[at[k]], rows.v[at[k]]])
+                self.table[k, 3 : self._of_jumps] = both
 
     def begins_before(self, time: float) -> bool:
         """Whether a time [s] is that of a jump or within the step after it."""
-        after = time - self.table[:, 0]
-        return bool(np.any((after >= 0.0) & (after <= self.table[:, 2])))
+        after, steps = time - self.table[:_MAX_JUMPS, 0], self.table[:_MAX_JUMPS, 2]
+        return bool(np.any((after >= 0.0) & (after <= steps)))
 
 
 class _Point:
@@ -117,18 +167,20 @@ class _Point:
     run : Integration
         Whose model, method and settings count.
     first : State
-        For the memory of contacts and bristles.
+        For the memory of contacts and bristles at jumps.
+    jumps : JumpStates
+        The states.
     """
 
-    def __init__(self, run: Integration, first: State) -> None:
-        self._state = State(*(array.copy() for array in first))
+    def __init__(self, run: Integration, first: State, jumps: JumpStates) -> None:
+        self._state, self._jumps = State(*(array.copy() for array in first)), jumps
         self._time = np.zeros(1)
         self._run = Integration(run.compiled, run.method, run.settings, self._state, self._time)
 
-    def row(self, t: float, state: tuple[Array, Array], step: float) -> OutputBlock:
-        """The row at positions and velocities, or none; with step 0 nothing is filtered."""
+    def row(self, k: int, t: float, step: float) -> OutputBlock:
+        """The row of a state as if at a time [s], or none; with step 0 nothing is filtered."""
+        self._jumps.put(k, self._state)
         self._state.t[0] = t
-        self._state.q[:], self._state.v[:] = state
         self._state.memory[0]["last_step"], self._state.count[0]["outputs"] = step, 0
         self._time[0] = t
         self._run.integrate(0)
@@ -159,7 +211,7 @@ def measure_damped_vibrations(
     passed = jumps.passed()
     if not passed or settings.follow == 1:
         return
-    point, weights = _Point(run, first), run.compiled.system.weights
+    point, weights = _Point(run, first, jumps), run.compiled.system.weights
     shares, kicks, rows = [], [], []
     for k in passed:
         row, v = _first_vibration(point, jumps, k, float(jumps.table[k, 2]))
@@ -191,7 +243,7 @@ def follow_vibrations(
     passed = jumps.passed()
     if not passed or settings.follow == 1:
         return
-    point, longest = _Point(run, first), float(run.state.memory[0]["largest_step"])
+    point, longest = _Point(run, first, jumps), float(run.state.memory[0]["largest_step"])
     shares = np.zeros((2, len(passed)))  # of what first steps damp, and the longest ones
     for n, k in enumerate(passed):
         step = float(jumps.table[k, 2])
@@ -206,7 +258,13 @@ def follow_vibrations(
     elif max(least, error.damped()[1]) > _CLEAR:
         return
     coarse, fine = _runs_after_jump(run, settings, first, jumps, k, end, most)
-    error.add_damped(coarse, fine, float(jumps.table[k, 0]), ("velocities", "reactions"))
+    error.add_damped(coarse, fine, float(jumps.table[k, 0]), _RATES)
+    k, share = passed[int(shares.max(axis=0).argmax())], float(shares.max())
+    follow = _Follow(run, settings, first, jumps, error)
+    if share <= least:  # of a smooth load at the start
+        follow.add(passed[0], 0.0, _FEW_STEPS // 2, _TOLERANCES[-1:])
+    elif error.damped()[1] < _SHOWN * share:
+        follow.add(k, share, _FEW_STEPS, _TOLERANCES[1:])
 
 
 def _first_vibration(
@@ -217,12 +275,12 @@ def _first_vibration(
     Its velocities are those after the jump; also returns those before it (nv,). None where a state
     has no accelerations, as of modes without mass.
     """
-    (before, after), state = map(float, jumps.table[k, :2]), jumps.state(k)
-    rows = [point.row(after, state, 0.0), point.row(after, state, step)]
-    if k > 0:  # less what is off in the state itself
-        rows += [point.row(before, state, 0.0), point.row(before, state, step)]
+    before, after = map(float, jumps.table[k, :2])
+    rows = [point.row(k, after, 0.0), point.row(k, after, step)]
+    if 0 < k < _MAX_JUMPS:  # less what is off in the state itself
+        rows += [point.row(k, before, 0.0), point.row(k, before, step)]
     if not all(len(row.t) and np.isfinite(row.reactions).all() for row in rows):
-        return None, state[1]
+        return None, np.zeros(0)
     signs = (1.0, -1.0, -1.0, 1.0)
     parts = [sign * row.reactions for sign, row in zip(signs, rows, strict=False)]
     return replace(rows[0], reactions=np.sum(parts, axis=0)), rows[-2].v[0]
@@ -238,7 +296,7 @@ def _runs_after_jump(
     taken, and then at outputs and between them alone.
     """
     begin, step = float(jumps.table[k, 0]), float(jumps.table[k, 2])
-    end = min(end, jumps.before[k + 1 :].min(initial=settings.end))
+    end = min(end, jumps.before[jumps.before > begin].min(initial=settings.end))
     outputs = run.times[(run.times > begin) & (run.times <= end)]
     between = np.linspace(begin, end, _WINDOW * _TIMES + 1)[_TIMES // 2 :]
     if most:
@@ -252,8 +310,7 @@ def _runs_after_jump(
     finer = min(_FINER * tolerance, _FOLLOWING) if most else min(tolerance, _FINE)
     for local, integrator in ((finer, radau), (tolerance, run.method)):
         state = State(*(array.copy() for array in first))
-        state.t[0] = begin
-        state.q[:], state.v[:] = jumps.state(k)
+        jumps.put(k, state)
         state.motion[:], state.speed[:] = run.state.motion, run.state.speed
         if local == tolerance and k > 0:
             state.memory[0]["next_step"] = state.memory[0]["last_step"] = step
@@ -265,3 +322,111 @@ def _runs_after_jump(
             times, end = blocks[0].t, float(blocks[0].t[-1])
     rows = min(len(block.t) for block in blocks)
     return blocks[1].part(0, rows), blocks[0].part(0, rows)
+
+
+def follow_events(
+    run: Integration, settings: method.Settings, first: State, jumps: JumpStates,
+    error: MeasuredError, least: float,
+) -> None:  # fmt: skip
+    """Let a measured error know what reactions lack of vibrations that events of forces excite.
+
+    Parameters as of `measure_damped_vibrations`, behind which it comes.
+    """
+    events, changes = jumps.events()
+    if not events or settings.follow == 1:
+        return
+    point, longest = _Point(run, first, jumps), float(run.state.memory[0]["largest_step"])
+    shares = {}
+    for k in events:
+        row, _ = _first_vibration(point, jumps, k, longest)
+        shares[k] = error.reaction_share(row) if row is not None else 0.0
+    kicks = (changes * run.compiled.system.weights / run.state.speed).max(axis=1, initial=0.0)
+    worst = {events[int(kicks.argmax())], max(shares, key=shares.__getitem__)}
+    steps = int(_SHARE_OF_STEPS * run.state.count[0]["steps"])
+    most = min(max(steps, _FEW_STEPS), _MAX_STEPS) // len(worst)
+    follow = _Follow(run, settings, first, jumps, error)
+    for k in sorted(worst):
+        follow.add(k, shares[k] if shares[k] > least else 0.0, most, _TOLERANCES)
+
+
+class _Follow:
+    """Vibrations that are followed from a jump or an event to the next output.
+
+    Parameters as of `measure_damped_vibrations`.
+    """
+
+    def __init__(
+        self, run: Integration, settings: method.Settings, first: State, jumps: JumpStates,
+        error: MeasuredError,
+    ) -> None:  # fmt: skip
+        self._run, self._settings, self._first = run, settings, first
+        self._jumps, self._error = jumps, error
+
+    def add(self, k: int, share: float, most: int, tolerances: Sequence[float]) -> None:
+        """Let the error know of the vibration that begins at a jump or event.
+
+        Parameters
+        ----------
+        k : int
+            Number of the jump or event.
+        share : float
+            Of the range of a reaction that the vibration has; 0: it is not known.
+        most : int
+            Steps at most.
+        tolerances : sequence of float
+            Local ones, each if the one before shows too little of it.
+        """
+        begin, told = float(self._jumps.table[k, 0]), 0.0
+        for tolerance in tolerances:
+            finer = min(_FINER * self._settings.tolerance, tolerance)
+            coarse, fine, output = self._runs(k, finer, most)
+            share = max(share, self._error.reaction_difference(coarse, fine))
+            at = fine.t >= output
+            if np.any(at):
+                coarse, fine = coarse.rows(at), fine.rows(at)
+            elif self._jumps.next_time(k) < output:
+                break  # what comes there has its own vibration
+            before = told
+            told = self._error.add_damped(coarse, fine, begin, _RATES, output)
+            if told >= _SHOWN * share or 0.0 < told <= _MORE * before:
+                break
+
+    def _runs(
+        self, k: int, tolerance: float, most: int
+    ) -> tuple[OutputBlock, OutputBlock, float]:
+        """Rows by steps as those of the run, and by steps that follow vibrations.
+
+        At outputs and, behind the first steps, evenly between them; and the time of the first
+        output.
+        """
+        run, jumps, radau = self._run, self._jumps, radau_5()
+        begin, step = float(jumps.table[k, 0]), float(jumps.table[k, 2])
+        end = jumps.before[jumps.before > begin].min(initial=self._settings.end)
+        times = run.times[(run.times > begin) & (run.times <= end)]
+        output = float(times.min(initial=end))
+        prepare_units(integration_units(run.compiled.system, radau))
+        fine, coarse = (State(*(array.copy() for array in self._first)) for _ in range(2))
+        for state in (fine, coarse):
+            jumps.put(k, state)
+            state.motion[:], state.speed[:] = run.state.motion, run.state.speed
+        if 0 < k < _MAX_JUMPS:
+            coarse.memory[0]["next_step"] = coarse.memory[0]["last_step"] = step
+        own = self._settings._replace(tolerance=tolerance, start=begin, end=end)
+        again = Integration(run.compiled, radau, own, fine, times)
+        again.integrate(most // _SHOWS)
+        blocks, reach = [again.rows.read()], float(fine.t[0])
+        till = min(begin + (_SHOWS + 1) * (reach - begin), end)
+        between = np.linspace(reach, till, _ROWS + 1)[1:] if till > reach else times[:0]
+        times = np.union1d(times[times > reach], between)
+        if len(times):
+            fine.count["outputs"] = 0
+            again = Integration(run.compiled, radau, own._replace(start=reach), fine, times)
+            again.integrate(most - most // _SHOWS)
+            blocks.append(again.rows.read())
+        block = OutputBlock.joined(blocks)
+        own = self._settings._replace(start=begin, end=float(block.t.max(initial=reach)))
+        again = Integration(run.compiled, run.method, own, coarse, block.t)
+        again.integrate(most)
+        other = again.rows.read()
+        rows = min(len(block.t), len(other.t))
+        return other.part(0, rows), block.part(0, rows), output

@@ -112,6 +112,11 @@ class Integration:
         ends = self.times + self.settings.step * (1.0 + 1e-5)
         return int((np.searchsorted(self.times, ends) - np.arange(len(self.times))).max(initial=0))
 
+    def events(self) -> np.ndarray:
+        """States behind events of the last chunk (n, width), as `engine.state.Events` has them."""
+        events = self.work.events
+        return events.states[: events.taken[1]]
+
     @property
     def share_done(self) -> float:
         """How much of the time span is done."""

@@ -46,6 +46,7 @@ _OF_POINTS = "the motion of the body's points"
 NO_MOTION = 1e-10  # of the size of the model, or of a radian, within the run
 _LEAST_ERROR = 1e-15  # over the peak-to-peak
 _NONE, _REACTIONS = np.zeros(0, np.intp), ("N", "N m")
+_DECAYS, _LEAST_TIME = 0.98, 1e-300  # of an amplitude, from half to half of what is seen; s
 _PARTED = 0.1  # difference over the peak-to-peak from which on two runs are different motions
 
 
@@ -192,21 +193,41 @@ class MeasuredError:
         of = self._of_quantity.get("reactions", _NONE)
         return float(self._shares(gaps[0])[of].max(initial=0.0))
 
+    def reaction_difference(self, coarse: OutputBlock, fine: OutputBlock) -> float:
+        """The largest difference of a reaction in rows, over the scale of its joint."""
+        gaps, of = self._compare(coarse, fine)[1], self._of_quantity.get("reactions", _NONE)
+        return float(self._shares(gaps.max(axis=0, initial=0.0))[of].max(initial=0.0))
+
     def add_damped(
         self, coarse: OutputBlock, fine: OutputBlock, begin: float,
-        quantities: Collection[str] = (),
-    ) -> None:  # fmt: skip
+        quantities: Collection[str] = (), output: float = 0.0,
+    ) -> float:  # fmt: skip
         """Take rows of the run, and of one that follows vibrations which begin at a time [s]; of
-        all that is compared, or of these quantities."""
+        all that is compared, or of these quantities. Returns the largest share of a reaction.
+
+        Where they end before the first output, they go on as they decay in their second half.
+        """
         if not len(fine.t):
-            return
+            return 0.0
         self._results.clear()
         _, gaps = self._compare(coarse, fine)
         largest, times = gaps.max(axis=0), fine.t[gaps.argmax(axis=0)]
+        if fine.t[-1] < output:
+            n = len(fine.t) // 2
+            halves = (output - fine.t[-1]) / max(fine.t[-1] - fine.t[n], _LEAST_TIME)
+            bends = np.abs(np.diff(self.values(fine), 2, axis=0))
+            bends = np.maximum.reduceat(bends, self._starts, axis=1)
+            early, late = (part.max(axis=0, initial=0.0) for part in (bends[:n], bends[n:]))
+            decays = late < _DECAYS * early
+            left = np.divide(late, early, out=np.ones(len(largest)), where=decays)
+            largest = gaps[n:].max(axis=0) * left**halves
+            times = np.full(len(largest), output)
         counts = [not quantities or one.quantity in quantities for one in self.compared]
         more = (largest > self._damped[0]) & counts
         self._damped[0, more], self._damped[1, more] = largest[more], times[more]
         self._damped[2, more] = begin
+        of = self._of_quantity.get("reactions", _NONE)
+        return float(self._shares(largest)[of].max(initial=0.0))
 
     def set_round_off(self, runs: Sequence[Array], steps: float) -> None:
         """Take the values (k, components) of runs that differ by round-off alone.

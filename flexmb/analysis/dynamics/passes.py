@@ -21,6 +21,7 @@ import numpy as np
 
 from flexmb.analysis.dynamics.damped_vibrations import (
     JumpStates,
+    follow_events,
     follow_vibrations,
     measure_damped_vibrations,
 )
@@ -260,6 +261,7 @@ def complete_measured_error(prepared: PreparedDynamics, progress: Progress) -> N
         measure_damped_vibrations(*own)
         if worst is not None and stricter_tolerance(prepared) is None:
             follow_vibrations(*own)
+            follow_events(*own)
     if stricter_tolerance(prepared) is None:
         measure_round_off_growth(verified, prepared.settings.accuracy, prepared.begin, progress)
 
@@ -305,8 +307,10 @@ def reason_of_pass(prepared: PreparedDynamics) -> str:
 def _jump(prepared: PreparedDynamics, begin: float) -> tuple[str, str]:
     """Words on what excites a vibration that begins at a time [s], and on what excites less."""
     smooth = "a smooth change (step5 for step) excites less, damping lets it end"
+    verified, at = prepared.verified, prepared.model.units.say(begin, "s", 4)
+    if verified is not None and verified.jumps is not None and begin not in verified.jumps.before:
+        return f"stops, contacts, friction or limits of functions at t = {at}", "damping lets it end"
     if begin > prepared.settings.start:
-        at = prepared.model.units.say(begin, "s", 4)
         return f"loads or accelerations that jump at t = {at}", smooth
     smooth += ', start = "quasi-static" begins without what loads that are there at once excite'
     return "loads or accelerations of the start", smooth

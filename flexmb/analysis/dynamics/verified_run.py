@@ -186,6 +186,7 @@ class VerifiedRun:
             block = fine.rows.read()
             if self.jumps is not None:
                 self.jumps.add_rows(block)
+                self.jumps.add_events(fine.events())
             both = block.rows(self._newest(self.of_scout, block))
             self.error.add(coarse.part(done, done + len(both.t)), both)
             done += len(both.t)
