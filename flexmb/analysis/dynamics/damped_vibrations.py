@@ -25,7 +25,7 @@ from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import integration_units
 from flexmb.engine.integrators.radau import radau_5
-from flexmb.engine.state import State
+from flexmb.engine.state import Plan, State
 from flexmb.engine.units import prepare_units
 from flexmb.flexbody.arrays import Array
 from flexmb.results.output_block import OutputBlock
@@ -51,6 +51,8 @@ _FIRST, _FEW_STEPS, _CLEAR = 5, 300, 0.05
 # leaves less than a share of the vibration, and does so of more than the one before that.
 _SHARE_OF_STEPS, _SHOWS, _ROWS = 0.2, 3, 64
 _RATES = "velocities", "reactions"
+_ENDS = 64  # of steps that are noted with a jump or event
+_ENOUGH = 4  # outputs, with which nothing between them is compared
 _TOLERANCES, _SHOWN, _MORE = (1e-7, 1e-9, 1e-11), 0.3, 1.5
 
 
@@ -65,16 +67,17 @@ class JumpStates:
 
     Attributes
     ----------
-    table : (n, 4 + nq + 3 nv + nc + history) array
+    table : (n, 4 + nq + 3 nv + nc + history + ends) array
         Times just before and after each jump, largest step after it [s], positions and velocities;
         NaN: not passed yet, or no jump. The first one is the start. Behind the jumps are events,
         which also have the next step [s], velocities some steps later, accelerations, multipliers
-        and what elements remember. Saved with the run.
+        and what elements remember. Then, of both, the ends of some steps of the comparison run [s].
+        Saved with the run.
     """
 
     def __init__(self, compiled: Compiled, settings: method.Settings) -> None:
         nq, nv, nc = (getattr(compiled.layout, name) for name in ("nq", "nv", "nc"))
-        sizes = [3, nq, nv, 1, nv, nv, nc, compiled.system.history]
+        sizes = [3, nq, nv, 1, nv, nv, nc, compiled.system.history, _ENDS]
         self._columns = [slice(b - n, b) for n, b in zip(sizes, np.cumsum(sizes), strict=True)]
         self._of_jumps = self._columns[2].stop
         self.table = np.full((_MAX_JUMPS + _MAX_EVENTS, sum(sizes)), np.nan)
@@ -99,7 +102,7 @@ class JumpStates:
 
     def put(self, k: int, state: State) -> None:
         """Let a state of the run be that just before a jump, or that behind an event."""
-        row, (_, q, v, step, _, vd, lam, history) = self.table[k], self._columns
+        row, (_, q, v, step, _, vd, lam, history, _) = self.table[k], self._columns
         state.t[0], state.q[:], state.v[:] = row[0], row[q], row[v]
         if k >= _MAX_JUMPS:
             for array in (state.vd, state.vd_before, state.aa):
@@ -119,6 +122,12 @@ class JumpStates:
         _, _, v, _, later, *_ = self._columns
         return rows.tolist(), np.abs(self.table[rows, later] - self.table[rows, v])
 
+    def plan(self, k: int) -> Plan | None:
+        """Steps of the comparison run from a jump or event on, as far as they are noted."""
+        ends = self.table[k, self._columns[-1]]
+        ends = ends[np.isfinite(ends)]
+        return Plan(ends, np.array([len(ends)])) if len(ends) > 1 else None
+
     def next_time(self, k: int) -> float:
         """Time of the next jump or event that is noted, or infinite [s]."""
         later = self.table[self.table[:, 0] > self.table[k, 1], 0]
@@ -133,7 +142,7 @@ class JumpStates:
                 third = events[::3].copy()
                 events[:] = np.nan
                 events[: len(third)], free = third, np.array([len(third)])
-            events[free[0], :2], events[free[0], 3:] = state[0], state[1:]
+            events[free[0], :2], events[free[0], 3 : 2 + len(state)] = state[0], state[1:]
 
     def add_steps(self, knots: Array, refinement: float) -> None:
         """Take the ends of steps of the comparison run [s], which has fewer by `refinement`."""
@@ -144,6 +153,11 @@ class JumpStates:
                 steps = np.diff(ends)
                 largest = steps[ends[:-1] <= _MANY * steps].max(initial=steps[0]) / refinement
                 jumps[jumps[:, 0] == row[0], 2] = largest
+        column = self._columns[-1].start
+        for k in np.flatnonzero(np.isnan(self.table[:, column])):
+            if knots[0] <= self.table[k, 1] < knots[-1]:
+                ends = knots[np.searchsorted(knots, self.table[k, 1], side="right") - 1 :][:_ENDS]
+                self.table[k, column : column + len(ends)] = ends
 
     def add_rows(self, rows: OutputBlock) -> None:
         """Take rows of the run; those at the jumps are of interest."""
@@ -381,14 +395,18 @@ class _Follow:
             finer = min(_FINER * self._settings.tolerance, tolerance)
             coarse, fine, output = self._runs(k, finer, most)
             share = max(share, self._error.reaction_difference(coarse, fine))
+            swing = self._error.reaction_swing(fine)
             at = fine.t >= output
+            outputs = at & np.isin(fine.t, self._run.times)
             if np.any(at):
+                at = outputs if outputs.sum() >= _ENOUGH else at
                 coarse, fine = coarse.rows(at), fine.rows(at)
             elif self._jumps.next_time(k) < output:
                 break  # what comes there has its own vibration
             before = told
             told = self._error.add_damped(coarse, fine, begin, _RATES, output)
-            if told >= _SHOWN * share or 0.0 < told <= _MORE * before:
+            shown = max(told, swing) if np.any(at) else told
+            if shown >= _SHOWN * share or 0.0 < told <= _MORE * before:
                 break
 
     def _runs(
@@ -400,9 +418,9 @@ class _Follow:
         output.
         """
         run, jumps, radau = self._run, self._jumps, radau_5()
-        begin, step = float(jumps.table[k, 0]), float(jumps.table[k, 2])
+        begin, after, step = jumps.table[k, :3].tolist()
         end = jumps.before[jumps.before > begin].min(initial=self._settings.end)
-        times = run.times[(run.times > begin) & (run.times <= end)]
+        times = run.times[(run.times > after) & (run.times <= end)]
         output = float(times.min(initial=end))
         prepare_units(integration_units(run.compiled.system, radau))
         fine, coarse = (State(*(array.copy() for array in self._first)) for _ in range(2))
@@ -424,8 +442,9 @@ class _Follow:
             again.integrate(most - most // _SHOWS)
             blocks.append(again.rows.read())
         block = OutputBlock.joined(blocks)
-        own = self._settings._replace(start=begin, end=float(block.t.max(initial=reach)))
-        again = Integration(run.compiled, run.method, own, coarse, block.t)
+        plan, own = jumps.plan(k), self._settings if jumps.plan(k) is None else run.settings
+        own = own._replace(start=begin, end=float(block.t.max(initial=reach)))
+        again = Integration(run.compiled, run.method, own, coarse, block.t, plan)
         again.integrate(most)
         other = again.rows.read()
         rows = min(len(block.t), len(other.t))

@@ -198,6 +198,14 @@ class MeasuredError:
         gaps, of = self._compare(coarse, fine)[1], self._of_quantity.get("reactions", _NONE)
         return float(self._shares(gaps.max(axis=0, initial=0.0))[of].max(initial=0.0))
 
+    def reaction_swing(self, rows: OutputBlock) -> float:
+        """The largest amplitude of a reaction in the second half of rows, over the scale of its
+        joint."""
+        if len(rows.t) < 2:
+            return 0.0
+        of = self._of_quantity.get("reactions", _NONE)
+        return float(self._shares(self._swings(rows, float(rows.t[-1])))[of].max(initial=0.0))
+
     def add_damped(
         self, coarse: OutputBlock, fine: OutputBlock, begin: float,
         quantities: Collection[str] = (), output: float = 0.0,
@@ -205,7 +213,8 @@ class MeasuredError:
         """Take rows of the run, and of one that follows vibrations which begin at a time [s]; of
         all that is compared, or of these quantities. Returns the largest share of a reaction.
 
-        Where they end before the first output, they go on as they decay in their second half.
+        Where they end before the first output, what vibrates goes on as it decays in their second
+        half.
         """
         if not len(fine.t):
             return 0.0
@@ -213,14 +222,7 @@ class MeasuredError:
         _, gaps = self._compare(coarse, fine)
         largest, times = gaps.max(axis=0), fine.t[gaps.argmax(axis=0)]
         if fine.t[-1] < output:
-            n = len(fine.t) // 2
-            halves = (output - fine.t[-1]) / max(fine.t[-1] - fine.t[n], _LEAST_TIME)
-            bends = np.abs(np.diff(self.values(fine), 2, axis=0))
-            bends = np.maximum.reduceat(bends, self._starts, axis=1)
-            early, late = (part.max(axis=0, initial=0.0) for part in (bends[:n], bends[n:]))
-            decays = late < _DECAYS * early
-            left = np.divide(late, early, out=np.ones(len(largest)), where=decays)
-            largest = gaps[n:].max(axis=0) * left**halves
+            largest = np.minimum(gaps[len(gaps) // 2 :].max(axis=0), self._swings(fine, output))
             times = np.full(len(largest), output)
         counts = [not quantities or one.quantity in quantities for one in self.compared]
         more = (largest > self._damped[0]) & counts
@@ -228,6 +230,22 @@ class MeasuredError:
         self._damped[2, more] = begin
         of = self._of_quantity.get("reactions", _NONE)
         return float(self._shares(largest)[of].max(initial=0.0))
+
+    def _swings(self, rows: OutputBlock, output: float) -> Array:
+        """Amplitudes (k,) of vibrations in the second half of even rows, as they decay until a time
+        [s]: by the bends between rows of both halves."""
+        values, n = self.values(rows), len(rows.t) // 2
+        halves = (output - rows.t[n]) / max(rows.t[-1] - rows.t[n], _LEAST_TIME)
+        bends = np.abs(np.diff(values, 2, axis=0))
+        late = values[n:] - values[n]
+        late -= np.linspace(0.0, 1.0, len(late))[:, None] * late[-1]
+        early_bend, late_bend, high, low = (
+            np.maximum.reduceat(part.max(axis=0, initial=0.0), self._starts)
+            for part in (bends[:n], bends[n:], late, -late)
+        )
+        decays = late_bend < _DECAYS * early_bend
+        left = np.divide(late_bend, early_bend, out=np.ones(len(decays)), where=decays)
+        return np.asarray(0.5 * (high + low) * left**halves)
 
     def set_round_off(self, runs: Sequence[Array], steps: float) -> None:
         """Take the values (k, components) of runs that differ by round-off alone.

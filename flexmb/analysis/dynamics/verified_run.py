@@ -179,8 +179,6 @@ class VerifiedRun:
         knots = scout.plan.knots[: scout.plan.used[0]].copy()
         end = knots[-1]
         self.chunks.append(Chunk(knots, self.error.values(coarse)))
-        if self.jumps is not None:
-            self.jumps.add_steps(knots, fine.settings.refinement)
         while first or fine.state.t[0] < end:
             fine_status = fine.integrate(0 if first else fine.chunk)
             block = fine.rows.read()
@@ -194,6 +192,8 @@ class VerifiedRun:
             if first or fine_status != method.FINE:
                 status = max(status, fine_status)
                 break
+        if self.jumps is not None:
+            self.jumps.add_steps(knots, fine.settings.refinement)
         return status, rows
 
     def _newest(self, which: np.ndarray, block: OutputBlock) -> np.ndarray:
