@@ -20,19 +20,16 @@ from dataclasses import replace
 import numpy as np
 
 from flexmb.analysis.dynamics.integration import Integration
+from flexmb.analysis.dynamics.jump_states import MAX_JUMPS, JumpStates
 from flexmb.analysis.dynamics.measured_error import MeasuredError
 from flexmb.engine import method
-from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import integration_units
 from flexmb.engine.integrators.radau import radau_5
-from flexmb.engine.state import Plan, State
+from flexmb.engine.state import State
 from flexmb.engine.units import prepare_units
 from flexmb.flexbody.arrays import Array
 from flexmb.results.output_block import OutputBlock
 
-_MAX_JUMPS, _MAX_EVENTS = 16, 18  # times that are looked at, among more
-_AFTER_START = 1e-9  # of a run: when functions have left their value at its start
-_MANY = 10.0  # lengths of a step after a jump, within which it counts: first ones are short
 # Change of a speed over the largest one, from which on the vibration is measured that it excites.
 _KICK = 1e-3
 # Steps of the run over which it is measured, at outputs and after the first half of one; times of
@@ -51,126 +48,9 @@ _FIRST, _FEW_STEPS, _CLEAR = 5, 300, 0.05
 # leaves less than a share of the vibration, and does so of more than the one before that.
 _SHARE_OF_STEPS, _SHOWS, _ROWS = 0.2, 3, 64
 _RATES = "velocities", "reactions"
-_ENDS = 64  # of steps that are noted with a jump or event
+_LATE, _MANY_ROWS = 0.25, 8  # of the time until the end, in which rows tell what was lost
 _ENOUGH = 4  # outputs, with which nothing between them is compared
 _TOLERANCES, _SHOWN, _MORE = (1e-7, 1e-9, 1e-11), 0.3, 1.5
-
-
-class JumpStates:
-    """States of a run just before jumps of functions of time and behind events of forces, and the
-    steps after them.
-
-    Parameters
-    ----------
-    compiled, settings : Compiled, Settings
-        What is run, and how.
-
-    Attributes
-    ----------
-    table : (n, 4 + nq + 3 nv + nc + history + ends) array
-        Times just before and after each jump, largest step after it [s], positions and velocities;
-        NaN: not passed yet, or no jump. The first one is the start. Behind the jumps are events,
-        which also have the next step [s], velocities some steps later, accelerations, multipliers
-        and what elements remember. Then, of both, the ends of some steps of the comparison run [s].
-        Saved with the run.
-    """
-
-    def __init__(self, compiled: Compiled, settings: method.Settings) -> None:
-        nq, nv, nc = (getattr(compiled.layout, name) for name in ("nq", "nv", "nc"))
-        sizes = [3, nq, nv, 1, nv, nv, nc, compiled.system.history, _ENDS]
-        self._columns = [slice(b - n, b) for n, b in zip(sizes, np.cumsum(sizes), strict=True)]
-        self._of_jumps = self._columns[2].stop
-        self.table = np.full((_MAX_JUMPS + _MAX_EVENTS, sum(sizes)), np.nan)
-        span = settings.end - settings.start
-        self.table[0, :2] = settings.start, settings.start + _AFTER_START * span
-        self.add_jumps(compiled, settings)
-
-    def add_jumps(self, compiled: Compiled, settings: method.Settings) -> None:
-        """Take jumps until the end that come after those in the table, as far as there is room."""
-        events, jumps = compiled.system.time_events, self.table[:_MAX_JUMPS]
-        free = np.flatnonzero(np.isnan(jumps[:, 0]))
-        later = events[(events[:, 0] > np.nanmax(jumps[:, 1])) & (events[:, 1] < settings.end)]
-        if len(later) > len(free):
-            later = later[np.linspace(0, len(later) - 1, len(free)).astype(int)]
-        self.table[free[: len(later)], :2] = later
-
-    @property
-    def before(self) -> Array:
-        """Times just before the jumps (n,) [s]."""
-        times = self.table[:_MAX_JUMPS, 0]
-        return np.asarray(times[np.isfinite(times)])
-
-    def put(self, k: int, state: State) -> None:
-        """Let a state of the run be that just before a jump, or that behind an event."""
-        row, (_, q, v, step, _, vd, lam, history, _) = self.table[k], self._columns
-        state.t[0], state.q[:], state.v[:] = row[0], row[q], row[v]
-        if k >= _MAX_JUMPS:
-            for array in (state.vd, state.vd_before, state.aa):
-                array[:] = row[vd]
-            state.lam[:] = state.lam_before[:] = row[lam]
-            state.history[:] = row[history]
-            state.memory[0]["next_step"] = state.memory[0]["last_step"] = row[step][0]
-
-    def passed(self) -> list[int]:
-        """Jumps whose state and step are known."""
-        jumps = self.table[:_MAX_JUMPS, : self._of_jumps]
-        return [int(k) for k in np.flatnonzero(np.isfinite(jumps).all(axis=1))]
-
-    def events(self) -> tuple[list[int], Array]:
-        """Events, and what changes of velocities behind each of them (n, nv)."""
-        rows = _MAX_JUMPS + np.flatnonzero(np.isfinite(self.table[_MAX_JUMPS:, 0]))
-        _, _, v, _, later, *_ = self._columns
-        return rows.tolist(), np.abs(self.table[rows, later] - self.table[rows, v])
-
-    def plan(self, k: int) -> Plan | None:
-        """Steps of the comparison run from a jump or event on, as far as they are noted."""
-        ends = self.table[k, self._columns[-1]]
-        ends = ends[np.isfinite(ends)]
-        return Plan(ends, np.array([len(ends)])) if len(ends) > 1 else None
-
-    def next_time(self, k: int) -> float:
-        """Time of the next jump or event that is noted, or infinite [s]."""
-        later = self.table[self.table[:, 0] > self.table[k, 1], 0]
-        return float(later.min(initial=np.inf))
-
-    def add_events(self, states: Array) -> None:
-        """Take states behind events, as the engine notes them; a third of them when more come."""
-        events = self.table[_MAX_JUMPS:]
-        for state in states:
-            free = np.flatnonzero(np.isnan(events[:, 0]))
-            if not len(free):
-                third = events[::3].copy()
-                events[:] = np.nan
-                events[: len(third)], free = third, np.array([len(third)])
-            events[free[0], :2], events[free[0], 3 : 2 + len(state)] = state[0], state[1:]
-
-    def add_steps(self, knots: Array, refinement: float) -> None:
-        """Take the ends of steps of the comparison run [s], which has fewer by `refinement`."""
-        jumps = self.table[:_MAX_JUMPS]
-        for row in jumps[np.isfinite(jumps[:, 0]) & np.isnan(jumps[:, 2])]:
-            ends = knots[np.searchsorted(knots, row[0]) :] - row[0]
-            if knots[0] <= row[1] and len(ends) > 1:
-                steps = np.diff(ends)
-                largest = steps[ends[:-1] <= _MANY * steps].max(initial=steps[0]) / refinement
-                jumps[jumps[:, 0] == row[0], 2] = largest
-        column = self._columns[-1].start
-        for k in np.flatnonzero(np.isnan(self.table[:, column])):
-            if knots[0] <= self.table[k, 1] < knots[-1]:
-                ends = knots[np.searchsorted(knots, self.table[k, 1], side="right") - 1 :][:_ENDS]
-                self.table[k, column : column + len(ends)] = ends
-
-    def add_rows(self, rows: OutputBlock) -> None:
-        """Take rows of the run; those at the jumps are of interest."""
-        at = np.searchsorted(rows.t, self.before)
-        for k in np.flatnonzero(at < len(rows.t)):
-            if rows.t[at[k]] == self.table[k, 0]:
-                both = np.concatenate([rows.q[at[k]], rows.v[at[k]]])
-                self.table[k, 3 : self._of_jumps] = both
-
-    def begins_before(self, time: float) -> bool:
-        """Whether a time [s] is that of a jump or within the step after it."""
-        after, steps = time - self.table[:_MAX_JUMPS, 0], self.table[:_MAX_JUMPS, 2]
-        return bool(np.any((after >= 0.0) & (after <= steps)))
 
 
 class _Point:
@@ -291,7 +171,7 @@ def _first_vibration(
     """
     before, after = map(float, jumps.table[k, :2])
     rows = [point.row(k, after, 0.0), point.row(k, after, step)]
-    if 0 < k < _MAX_JUMPS:  # less what is off in the state itself
+    if 0 < k < MAX_JUMPS:  # less what is off in the state itself
         rows += [point.row(k, before, 0.0), point.row(k, before, step)]
     if not all(len(row.t) and np.isfinite(row.reactions).all() for row in rows):
         return None, np.zeros(0)
@@ -355,12 +235,20 @@ def follow_events(
         row, _ = _first_vibration(point, jumps, k, longest)
         shares[k] = error.reaction_share(row) if row is not None else 0.0
     kicks = (changes * run.compiled.system.weights / run.state.speed).max(axis=1, initial=0.0)
+    last = max(events, key=lambda k: float(jumps.table[k, 0]))
     worst = {events[int(kicks.argmax())], max(shares, key=shares.__getitem__)}
+    if shares[last] > least:
+        worst.add(last)
     steps = int(_SHARE_OF_STEPS * run.state.count[0]["steps"])
     most = min(max(steps, _FEW_STEPS), _MAX_STEPS) // len(worst)
     follow = _Follow(run, settings, first, jumps, error)
     for k in sorted(worst):
-        follow.add(k, shares[k] if shares[k] > least else 0.0, most, _TOLERANCES)
+        rows = follow.add(k, shares[k] if shares[k] > least else 0.0, most, _TOLERANCES)
+        late = run.rows.read()
+        begin, end = float(jumps.table[k, 0]), settings.end
+        late = late.rows(late.t > max(rows.t.max(initial=begin), end - _LATE * (end - begin)))
+        if k == last and len(late.t) >= _MANY_ROWS:
+            error.add_lost(late, rows, begin, _RATES)
 
 
 class _Follow:
@@ -376,8 +264,10 @@ class _Follow:
         self._run, self._settings, self._first = run, settings, first
         self._jumps, self._error = jumps, error
 
-    def add(self, k: int, share: float, most: int, tolerances: Sequence[float]) -> None:
+    def add(self, k: int, share: float, most: int, tolerances: Sequence[float]) -> OutputBlock:
         """Let the error know of the vibration that begins at a jump or event.
+
+        Returns even rows of it, by the last tolerance that was tried.
 
         Parameters
         ----------
@@ -394,6 +284,7 @@ class _Follow:
         for tolerance in tolerances:
             finer = min(_FINER * self._settings.tolerance, tolerance)
             coarse, fine, output = self._runs(k, finer, most)
+            rows = fine.rows(~np.isin(fine.t, self._run.times))
             share = max(share, self._error.reaction_difference(coarse, fine))
             swing = self._error.reaction_swing(fine)
             at = fine.t >= output
@@ -408,10 +299,9 @@ class _Follow:
             shown = max(told, swing) if np.any(at) else told
             if shown >= _SHOWN * share or 0.0 < told <= _MORE * before:
                 break
+        return rows
 
-    def _runs(
-        self, k: int, tolerance: float, most: int
-    ) -> tuple[OutputBlock, OutputBlock, float]:
+    def _runs(self, k: int, tolerance: float, most: int) -> tuple[OutputBlock, OutputBlock, float]:
         """Rows by steps as those of the run, and by steps that follow vibrations.
 
         At outputs and, behind the first steps, evenly between them; and the time of the first
@@ -427,7 +317,7 @@ class _Follow:
         for state in (fine, coarse):
             jumps.put(k, state)
             state.motion[:], state.speed[:] = run.state.motion, run.state.speed
-        if 0 < k < _MAX_JUMPS:
+        if 0 < k < MAX_JUMPS:
             coarse.memory[0]["next_step"] = coarse.memory[0]["last_step"] = step
         own = self._settings._replace(tolerance=tolerance, start=begin, end=end)
         again = Integration(run.compiled, radau, own, fine, times)

@@ -23,18 +23,20 @@ from flexmb.analysis.dynamics.integration import (
 from flexmb.analysis.dynamics.passes import (
     PreparedDynamics,
     complete_measured_error,
-    damped_vibration,
     is_worse,
     keeps_failing,
     limited_by_stability,
     may_change_method,
-    missed_accuracy,
     needs_rough_run,
     prepared_run,
-    reason_of_pass,
     rough_run,
     stricter_tolerance,
     unstable_step,
+)
+from flexmb.analysis.dynamics.reached_accuracy import (
+    damped_vibration,
+    missed_accuracy,
+    reason_of_pass,
 )
 from flexmb.analysis.dynamics.run_settings import loop_settings, time_grid, why_implicit
 from flexmb.analysis.dynamics.validity import ValidityMonitor

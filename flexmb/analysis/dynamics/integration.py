@@ -115,7 +115,7 @@ class Integration:
     def events(self) -> np.ndarray:
         """States behind events of the last chunk (n, width), as `engine.state.Events` has them."""
         events = self.work.events
-        return events.states[: events.taken[1]]
+        return np.asarray(events.states[: events.taken[1]])
 
     @property
     def share_done(self) -> float:

@@ -46,6 +46,7 @@ _OF_POINTS = "the motion of the body's points"
 NO_MOTION = 1e-10  # of the size of the model, or of a radian, within the run
 _LEAST_ERROR = 1e-15  # over the peak-to-peak
 _NONE, _REACTIONS = np.zeros(0, np.intp), ("N", "N m")
+_FOLLOWED = 3.0  # times what a run has of a vibration, from which on it has lost it
 _DECAYS, _LEAST_TIME = 0.98, 1e-300  # of an amplitude, from half to half of what is seen; s
 _PARTED = 0.1  # difference over the peak-to-peak from which on two runs are different motions
 
@@ -201,10 +202,8 @@ class MeasuredError:
     def reaction_swing(self, rows: OutputBlock) -> float:
         """The largest amplitude of a reaction in the second half of rows, over the scale of its
         joint."""
-        if len(rows.t) < 2:
-            return 0.0
         of = self._of_quantity.get("reactions", _NONE)
-        return float(self._shares(self._swings(rows, float(rows.t[-1])))[of].max(initial=0.0))
+        return float(self._shares(self._swings(rows))[of].max(initial=0.0))
 
     def add_damped(
         self, coarse: OutputBlock, fine: OutputBlock, begin: float,
@@ -224,16 +223,35 @@ class MeasuredError:
         if fine.t[-1] < output:
             largest = np.minimum(gaps[len(gaps) // 2 :].max(axis=0), self._swings(fine, output))
             times = np.full(len(largest), output)
+        self._widen_damped(largest, times, begin, quantities)
+        of = self._of_quantity.get("reactions", _NONE)
+        return float(self._shares(largest)[of].max(initial=0.0))
+
+    def add_lost(
+        self, rows: OutputBlock, fine: OutputBlock, begin: float, quantities: Collection[str]
+    ) -> None:
+        """Take late rows of the run, and earlier, even ones of a run that follows vibrations: of
+        those that are left by their own damping, and that the run has no more."""
+        self._results.clear()
+        at = float(rows.t[0])
+        left, own = self._swings(fine, at), self._swings(rows)
+        lost = np.where(left > _FOLLOWED * own, left - own, 0.0)
+        self._widen_damped(lost, np.full(len(lost), at), begin, quantities)
+
+    def _widen_damped(
+        self, largest: Array, times: Array, begin: float, quantities: Collection[str]
+    ) -> None:
+        """Take errors (k,) by a vibration, of these quantities or all, where they are larger."""
         counts = [not quantities or one.quantity in quantities for one in self.compared]
         more = (largest > self._damped[0]) & counts
         self._damped[0, more], self._damped[1, more] = largest[more], times[more]
         self._damped[2, more] = begin
-        of = self._of_quantity.get("reactions", _NONE)
-        return float(self._shares(largest)[of].max(initial=0.0))
 
-    def _swings(self, rows: OutputBlock, output: float) -> Array:
-        """Amplitudes (k,) of vibrations in the second half of even rows, as they decay until a time
-        [s]: by the bends between rows of both halves."""
+    def _swings(self, rows: OutputBlock, output: float = -math.inf) -> Array:
+        """Amplitudes (k,) of vibrations in the second half of rows; at an output behind even ones
+        [s], as they decay by the bends between rows of both halves."""
+        if len(rows.t) < 2:
+            return np.zeros(len(self.compared))
         values, n = self.values(rows), len(rows.t) // 2
         halves = (output - rows.t[n]) / max(rows.t[-1] - rows.t[n], _LEAST_TIME)
         bends = np.abs(np.diff(values, 2, axis=0))
@@ -245,7 +263,7 @@ class MeasuredError:
         )
         decays = late_bend < _DECAYS * early_bend
         left = np.divide(late_bend, early_bend, out=np.ones(len(decays)), where=decays)
-        return np.asarray(0.5 * (high + low) * left**halves)
+        return np.asarray(0.5 * (high + low) * left ** max(halves, 0.0))
 
     def set_round_off(self, runs: Sequence[Array], steps: float) -> None:
         """Take the values (k, components) of runs that differ by round-off alone.

@@ -13,19 +13,18 @@ no accuracy.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from flexmb.analysis.dynamics.damped_vibrations import (
-    JumpStates,
     follow_events,
     follow_vibrations,
     measure_damped_vibrations,
 )
 from flexmb.analysis.dynamics.integration import Integration
+from flexmb.analysis.dynamics.jump_states import JumpStates
 from flexmb.analysis.dynamics.run_settings import (
     compared_times,
     local_tolerance,
@@ -37,11 +36,10 @@ from flexmb.analysis.dynamics.verified_run import VerifiedRun, measure_round_off
 from flexmb.analysis.procedure import PhaseTimer
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import AUTO, FINE_METHOD, STIFF_METHOD, make_integrator
+from flexmb.engine.entries import AUTO, STIFF_METHOD, make_integrator
 from flexmb.engine.method import Settings
 from flexmb.engine.state import State
 from flexmb.errors import FlexmbError
-from flexmb.model.forces.friction import JointFrictionSpec
 from flexmb.model.model import Model
 from flexmb.model.scenes.dynamics import METHODS, DynamicsSpec
 from flexmb.progress import Progress
@@ -60,20 +58,19 @@ PASSES = np.dtype([
 """Record of the passes of a run, saved with its state."""
 
 _FIRST = "first_"  # before the names of the first state in what is saved
+IN_VAIN = 0.5
+"""What is left of the difference of the two runs after a pass that was in vain."""
+DIFFERENT_MOTION = 0.01
+"""Difference of two runs that are different motions."""
 # Measured error, accurate to a factor of about three, over the requested one: that is good enough,
 # as three times it are less than twice; that the next pass aims at, three times which are good
-# enough; from which on a note reports it; what can be asked for, over it (at the floor of round-off
-# two runs of 1 µm about 1 km have errors of 0.26 to 1.8 times each other).
-_ENOUGH, _AIM, _MISSED, _FLOOR = 0.6, 0.15, 1.0, 4.0
-# Times that round-off is larger in the end than any walk, from which on the motion is said to
-# multiply errors; share of an error from which on its cause is named.
-_MULTIPLIES, _MAINLY = 100.0, 0.5
-_LOOSEST = 0.1  # accuracy that a note advises
-# Times as many steps at most from pass to pass; what is left of the difference of the two runs
-# after a pass that was in vain, which after this many means that they part whatever the steps;
-# times as far apart as before, where round-off rules: 2 of 304 runs at 1e-9 to 1e-12, 10 and 13.
-_MAX_MORE_STEPS, _IN_VAIN, _MIN_PASSES, _WORSE = 5.0, 0.5, 2, 10.0
-_MIN_TOLERANCE, _DIFFERENT_MOTION = 3e-14, 0.01  # above round-off; difference of two runs
+# enough.
+_ENOUGH, _AIM = 0.6, 0.15
+# Times as many steps at most from pass to pass; passes after which one in vain means that the two
+# runs part whatever the steps; times as far apart as before, where round-off rules: 2 of 304 runs
+# at 1e-9 to 1e-12, 10 and 13.
+_MAX_MORE_STEPS, _MIN_PASSES, _WORSE = 5.0, 2, 10.0
+_MIN_TOLERANCE = 3e-14  # above round-off
 _FEW, _GROWN = 50, 1e6  # unstable steps; rate times step, above which it is that of the growth
 # Steps and share of unstable ones from which on a run is stiff; that share of one that fails.
 _MIN_STEPS, _STIFF_SHARE, _UNSTABLE_SHARE = 200, 0.35, 0.01
@@ -83,7 +80,7 @@ _ROUGH, _MIN_MOTION = 1e-3, 1e-3
 # or by powers of the time; what leaps is known when it does.
 _USUAL = 10.0
 
-_MEASURED, _LACKING = 1e-3, 0.05  # of the range of reactions: vibrations to measure, and to note
+_MEASURED = 1e-3  # of the range of reactions: vibrations to measure
 
 _DRIFTED = (
     "stabilization makes forces of the drift of joints that are beyond measure: the pose is "
@@ -266,63 +263,13 @@ def complete_measured_error(prepared: PreparedDynamics, progress: Progress) -> N
         measure_round_off_growth(verified, prepared.settings.accuracy, prepared.begin, progress)
 
 
-def damped_vibration(prepared: PreparedDynamics) -> str:
-    """A sentence on vibrations that the steps damp, where reactions lack much of them, or ""."""
-    if prepared.verified is None:
-        return ""
-    name, share, begin = prepared.verified.error.damped()
-    if share <= _LACKING:
-        return ""
-    when, cures = _jump(prepared, begin)
-    size = f"{share:.0%} of" if share < 2.0 else f"{share:.2g} times"
-    frictions = {
-        f"joints.{spec.joint}": f"forces.{force}"
-        for force, spec in prepared.model.forces.items()
-        if isinstance(spec, JointFrictionSpec)
-    }
-    joint, part, _ = prepared.verified.error.damped(frictions)
-    friction = ""
-    if part > _LACKING:
-        friction = f"; {frictions[joint]} has it in its load, and what friction makes of it is in "
-        friction += "no stated error"
-    return (
-        f"{name} lacks {size} the range of its reactions: {when} excite a vibration that the "
-        f'steps of {prepared.method} damp{friction}; method = "{FINE_METHOD}" follows it, {cures}'
-    )
-
-
-def reason_of_pass(prepared: PreparedDynamics) -> str:
-    """A sentence where a run is repeated for a vibration that its steps damped, or ""."""
-    assert prepared.verified is not None
-    worst = prepared.verified.errors()["positions"]
-    if not worst.begin >= 0.0:
-        return ""
-    when, cures = _jump(prepared, worst.begin)
-    return (
-        f"steps follow a vibration, which sensor {worst.name} shows to {worst.error:.2g} of its "
-        f"range, and which {when} excite; {cures}"
-    )
-
-
-def _jump(prepared: PreparedDynamics, begin: float) -> tuple[str, str]:
-    """Words on what excites a vibration that begins at a time [s], and on what excites less."""
-    smooth = "a smooth change (step5 for step) excites less, damping lets it end"
-    verified, at = prepared.verified, prepared.model.units.say(begin, "s", 4)
-    if verified is not None and verified.jumps is not None and begin not in verified.jumps.before:
-        return f"stops, contacts, friction or limits of functions at t = {at}", "damping lets it end"
-    if begin > prepared.settings.start:
-        return f"loads or accelerations that jump at t = {at}", smooth
-    smooth += ', start = "quasi-static" begins without what loads that are there at once excite'
-    return "loads or accelerations of the start", smooth
-
-
 def stricter_tolerance(prepared: PreparedDynamics) -> float | None:
     """The local tolerance for the requested accuracy, where the measured error is larger."""
     verified, settings = prepared.verified, prepared.settings
     if verified is None or prepared.passes[0]["count"] >= MAX_PASSES:
         return None
     worst = verified.errors().get("positions")
-    if worst is None or worst.error <= _ENOUGH * settings.accuracy or _is_in_vain(prepared):
+    if worst is None or worst.error <= _ENOUGH * settings.accuracy or is_in_vain(prepared):
         return None
     integrator, share = verified.fine.method, _AIM * settings.accuracy / worst.error
     factor = share ** (integrator.error_order / verified.order)
@@ -337,12 +284,10 @@ def is_worse(prepared: PreparedDynamics) -> bool:
     they differ by less. Not where the one before was another motion.
     """
     verified, last = prepared.verified, float(prepared.passes[0]["last_difference"])
-    return verified is not None and 0.0 < _WORSE * last < min(
-        verified.difference, _DIFFERENT_MOTION
-    )
+    return verified is not None and 0.0 < _WORSE * last < min(verified.difference, DIFFERENT_MOTION)
 
 
-def _is_in_vain(prepared: PreparedDynamics) -> bool:
+def is_in_vain(prepared: PreparedDynamics) -> bool:
     """Whether shorter steps do not help: the finest are taken, only round-off is too large, or the
     last pass brought little."""
     verified = prepared.verified
@@ -351,74 +296,22 @@ def _is_in_vain(prepared: PreparedDynamics) -> bool:
     finest = prepared.settings.tolerance <= 2.0 * _MIN_TOLERANCE
     if finest or worst.error - worst.round_off <= _ENOUGH * prepared.settings.accuracy:
         return True
-    little = verified.difference > _IN_VAIN * passes["last_difference"] > 0.0
+    little = verified.difference > IN_VAIN * passes["last_difference"] > 0.0
     return bool(passes["count"] > _MIN_PASSES and little)
-
-
-def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
-    """A sentence where the requested accuracy was not reached."""
-    verified, accuracy = prepared.verified, prepared.settings.accuracy
-    if verified is None:
-        return
-    worst = verified.errors().get("positions")
-    if worst is None or worst.error <= _MISSED * accuracy:
-        return
-    unit = prepared.model.units
-    reached = (
-        f"accuracy {accuracy:g} was asked for and {worst.error:.2g} reached (sensor {worst.name}, "
-        f"t = {unit.say(worst.time, 's', 4)})"
-    )
-    other = "" if prepared.method == FINE_METHOD else (
-        f', or method = "{FINE_METHOD}", whose floor is lower where the scene is not stiff'
-    )  # fmt: skip
-    least = _FLOOR * worst.error
-    ask = f"ask for accuracy = {least:.1g}" if least < _LOOSEST else "run it for a shorter time"
-    apart, last = verified.difference, prepared.passes[0]["last_difference"]
-    count, until = verified.fine.state.count[0], verified.error.reached_until(accuracy)
-    agree = f"{reached}; the run and its comparison run agree to it until "
-    agree += f"t = {unit.say(until, 's', 4)}" if np.isfinite(until) else "the end"
-    multiplies = verified.error.multiplication(int(count["steps"])) > _MULTIPLIES
-    if multiplies and worst.round_off > _MAINLY * worst.error:
-        yield (
-            f"{agree}: shorter steps do not help, as the motion multiplies errors, and this is "
-            f"what it makes of round-off; {ask}{other}"
-        )
-    elif _is_in_vain(prepared) and apart < _DIFFERENT_MOTION:
-        why = "shorter steps do not help, so that this is the floor that round-off leaves method "
-        why += prepared.method
-        if multiplies:
-            reached, why = agree, "shorter steps hardly help, as the motion multiplies errors"
-        elif count["events"]:
-            why, other = (
-                f"shorter steps do not help, as {count['events']} events of contacts, stops or "
-                "friction leave errors that fall slower than the order of the method says, and "
-                "that may be several times as large"
-            ), ""  # fmt: skip
-        yield f"{reached}: {why}; {ask}{other}"
-    elif 0.0 < apart < _IN_VAIN * last:
-        yield (
-            f"{reached}: shorter steps still help, but these were the last of {MAX_PASSES} passes; "
-            f"take fixed steps, or {ask}{other}"
-        )
-    else:
-        why = "they part there whatever the steps; another method or fixed steps may reach it"
-        if verified.jumps is not None and verified.jumps.begins_before(until):
-            why = (
-                f"steps of {prepared.method} damp a vibration that a jump of loads or "
-                f'accelerations excites there, which method = "{FINE_METHOD}" follows'
-            )
-        elif multiplies:
-            why = (
-                "a chaotic motion multiplies errors whatever the steps, so that the rest is one "
-                "motion of many"
-            )
-        yield f"{agree}: {why}"
 
 
 def may_change_method(prepared: PreparedDynamics) -> bool:
     """Whether the run may go over to the method for stiff motions."""
     automatic = prepared.spec.method == AUTO and prepared.settings.step == 0.0
     return automatic and prepared.method != STIFF_METHOD
+
+
+def limited_by_stability(prepared: PreparedDynamics) -> bool:
+    """Whether stability, not accuracy, limits the steps of an explicit method."""
+    run = prepared.run if prepared.verified is None else prepared.verified.scout
+    count, stiff = run.state.count[0], run.state.memory[0]["steps_at_stability_limit"]
+    tried = count["steps"] + count["rejected"]
+    return may_change_method(prepared) and tried > _MIN_STEPS and bool(stiff > _STIFF_SHARE * tried)
 
 
 def unstable_step(run: Integration, name: str, failed: bool) -> str:
@@ -443,11 +336,3 @@ def keeps_failing(run: Integration) -> bool:
     """Whether fixed steps of an explicit method fail again and again for want of stability."""
     unstable = run.state.memory[0]["steps_at_stability_limit"]
     return bool(run.settings.step > 0.0 and min(run.state.count[0]["failed"], unstable) > _FEW)
-
-
-def limited_by_stability(prepared: PreparedDynamics) -> bool:
-    """Whether stability, not accuracy, limits the steps of an explicit method."""
-    run = prepared.run if prepared.verified is None else prepared.verified.scout
-    count, stiff = run.state.count[0], run.state.memory[0]["steps_at_stability_limit"]
-    tried = count["steps"] + count["rejected"]
-    return may_change_method(prepared) and tried > _MIN_STEPS and bool(stiff > _STIFF_SHARE * tried)

@@ -21,8 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from flexmb.analysis.dynamics.compared_quantities import RoundOff, by_part, compared
-from flexmb.analysis.dynamics.damped_vibrations import JumpStates
 from flexmb.analysis.dynamics.integration import Integration
+from flexmb.analysis.dynamics.jump_states import JumpStates
 from flexmb.analysis.dynamics.measured_error import NO_MOTION, ErrorOf, MeasuredError
 from flexmb.analysis.dynamics.run_settings import (
     HIGH_ORDER,

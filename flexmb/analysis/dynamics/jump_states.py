@@ -1,0 +1,140 @@
+"""States of a run from which vibrations may begin: at jumps of functions of time, behind events.
+
+Where a load or the acceleration of a driver jumps, a state just before is noted; where a contact, a
+stop, friction or a limit of a function changes its law, that behind. From there a run may be
+repeated, on its own steps or on shorter ones, and a resumed run has them too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexmb.engine import method
+from flexmb.engine.compile import Compiled
+from flexmb.engine.state import Plan, State
+from flexmb.flexbody.arrays import Array
+from flexmb.results.output_block import OutputBlock
+
+MAX_JUMPS = 16
+"""Rows of `JumpStates.table` that are of jumps, evenly among more; events come behind."""
+_MAX_EVENTS = 18  # of many each third, ninth and so on
+_AFTER_START = 1e-9  # of a run: when functions have left their value at its start
+_MANY = 10.0  # lengths of a step after a jump, within which it counts: first ones are short
+_ENDS = 64  # of steps that are noted with a jump or event
+
+
+class JumpStates:
+    """States of a run just before jumps of functions of time and behind events of forces, and the
+    steps after them.
+
+    Parameters
+    ----------
+    compiled, settings : Compiled, Settings
+        What is run, and how.
+
+    Attributes
+    ----------
+    table : (n, 4 + nq + 3 nv + nc + history + ends) array
+        Times just before and after each jump, largest step after it [s], positions and velocities;
+        NaN: not passed yet, or no jump. The first one is the start. Behind the jumps are events,
+        which also have the next step [s], velocities some steps later, accelerations, multipliers
+        and what elements remember. Then, of both, the ends of some steps of the comparison run [s].
+        Saved with the run.
+    """
+
+    def __init__(self, compiled: Compiled, settings: method.Settings) -> None:
+        nq, nv, nc = (getattr(compiled.layout, name) for name in ("nq", "nv", "nc"))
+        sizes = [3, nq, nv, 1, nv, nv, nc, compiled.system.history, _ENDS]
+        self._columns = [slice(b - n, b) for n, b in zip(sizes, np.cumsum(sizes), strict=True)]
+        self._of_jumps = self._columns[2].stop
+        self.table = np.full((MAX_JUMPS + _MAX_EVENTS, sum(sizes)), np.nan)
+        span = settings.end - settings.start
+        self.table[0, :2] = settings.start, settings.start + _AFTER_START * span
+        self.add_jumps(compiled, settings)
+
+    def add_jumps(self, compiled: Compiled, settings: method.Settings) -> None:
+        """Take jumps until the end that come after those in the table, as far as there is room."""
+        events, jumps = compiled.system.time_events, self.table[:MAX_JUMPS]
+        free = np.flatnonzero(np.isnan(jumps[:, 0]))
+        later = events[(events[:, 0] > np.nanmax(jumps[:, 1])) & (events[:, 1] < settings.end)]
+        if len(later) > len(free):
+            later = later[np.linspace(0, len(later) - 1, len(free)).astype(int)]
+        self.table[free[: len(later)], :2] = later
+
+    @property
+    def before(self) -> Array:
+        """Times just before the jumps (n,) [s]."""
+        times = self.table[:MAX_JUMPS, 0]
+        return np.asarray(times[np.isfinite(times)])
+
+    def put(self, k: int, state: State) -> None:
+        """Let a state of the run be that just before a jump, or that behind an event."""
+        row, (_, q, v, step, _, vd, lam, history, _) = self.table[k], self._columns
+        state.t[0], state.q[:], state.v[:] = row[0], row[q], row[v]
+        if k >= MAX_JUMPS:
+            for array in (state.vd, state.vd_before, state.aa):
+                array[:] = row[vd]
+            state.lam[:] = state.lam_before[:] = row[lam]
+            state.history[:] = row[history]
+            state.memory[0]["next_step"] = state.memory[0]["last_step"] = row[step][0]
+
+    def passed(self) -> list[int]:
+        """Jumps whose state and step are known."""
+        jumps = self.table[:MAX_JUMPS, : self._of_jumps]
+        return [int(k) for k in np.flatnonzero(np.isfinite(jumps).all(axis=1))]
+
+    def events(self) -> tuple[list[int], Array]:
+        """Events, and what changes of velocities behind each of them (n, nv)."""
+        rows = MAX_JUMPS + np.flatnonzero(np.isfinite(self.table[MAX_JUMPS:, 0]))
+        _, _, v, _, later, *_ = self._columns
+        return rows.tolist(), np.abs(self.table[rows, later] - self.table[rows, v])
+
+    def plan(self, k: int) -> Plan | None:
+        """Steps of the comparison run from a jump or event on, as far as they are noted."""
+        ends = self.table[k, self._columns[-1]]
+        ends = ends[np.isfinite(ends)]
+        return Plan(ends, np.array([len(ends)])) if len(ends) > 1 else None
+
+    def next_time(self, k: int) -> float:
+        """Time of the next jump or event that is noted, or infinite [s]."""
+        later = self.table[self.table[:, 0] > self.table[k, 1], 0]
+        return float(later.min(initial=np.inf))
+
+    def add_events(self, states: Array) -> None:
+        """Take states behind events, as the engine notes them; a third of them when more come."""
+        events = self.table[MAX_JUMPS:]
+        for state in states:
+            free = np.flatnonzero(np.isnan(events[:, 0]))
+            if not len(free):
+                third = events[::3].copy()
+                events[:] = np.nan
+                events[: len(third)], free = third, np.array([len(third)])
+            events[free[0], :2], events[free[0], 3 : 2 + len(state)] = state[0], state[1:]
+
+    def add_steps(self, knots: Array, refinement: float) -> None:
+        """Take the ends of steps of the comparison run [s], which has fewer by `refinement`."""
+        jumps = self.table[:MAX_JUMPS]
+        for row in jumps[np.isfinite(jumps[:, 0]) & np.isnan(jumps[:, 2])]:
+            ends = knots[np.searchsorted(knots, row[0]) :] - row[0]
+            if knots[0] <= row[1] and len(ends) > 1:
+                steps = np.diff(ends)
+                largest = steps[ends[:-1] <= _MANY * steps].max(initial=steps[0]) / refinement
+                jumps[jumps[:, 0] == row[0], 2] = largest
+        column = self._columns[-1].start
+        for k in np.flatnonzero(np.isnan(self.table[:, column])):
+            if knots[0] <= self.table[k, 1] < knots[-1]:
+                ends = knots[np.searchsorted(knots, self.table[k, 1], side="right") - 1 :][:_ENDS]
+                self.table[k, column : column + len(ends)] = ends
+
+    def add_rows(self, rows: OutputBlock) -> None:
+        """Take rows of the run; those at the jumps are of interest."""
+        at = np.searchsorted(rows.t, self.before)
+        for k in np.flatnonzero(at < len(rows.t)):
+            if rows.t[at[k]] == self.table[k, 0]:
+                both = np.concatenate([rows.q[at[k]], rows.v[at[k]]])
+                self.table[k, 3 : self._of_jumps] = both
+
+    def begins_before(self, time: float) -> bool:
+        """Whether a time [s] is that of a jump or within the step after it."""
+        after, steps = time - self.table[:MAX_JUMPS, 0], self.table[:MAX_JUMPS, 2]
+        return bool(np.any((after >= 0.0) & (after <= steps)))
