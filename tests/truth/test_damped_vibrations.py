@@ -111,6 +111,23 @@ def test_of_an_acceleration_that_rises_smoothly(method, rise, change):
     assert any("lacks" in note for note in ended.notes)
 
 
+@pytest.mark.parametrize("method", ["radau", "generalized-alpha"])
+@pytest.mark.parametrize("rise", [1e-6, 1e-4, 5e-3])
+def test_of_a_rise_that_only_far_smaller_steps_show(method, rise):
+    """At 16 kHz it moves the load by 4e-10 of the way; within 80 periods of 1.6 kHz by 1 % of it."""
+    omega = 1e4 if rise == 5e-3 else 1e5
+    told = outcome(shaken(omega=omega, profile=rise), method=method, accuracy=1e-4)
+    lacks = 0.5 / np.hypot(1.0, omega * rise)
+    assert lacks / 2 < told.statistics["measured_error_of_reactions"] < 2 * lacks
+
+
+@pytest.mark.parametrize("method", ["radau", "generalized-alpha"])
+def test_of_a_rise_with_rare_outputs(method):
+    told = outcome(shaken(profile=1e-4), outputs=3, method=method, accuracy=1e-4)
+    share = told.statistics["measured_error_of_reactions"]
+    assert share == pytest.approx(0.5 / np.sqrt(2.0), rel=0.4)
+
+
 COUPLER = {"duration": 0.4, "outputs": 80}
 
 

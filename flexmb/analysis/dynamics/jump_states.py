@@ -120,11 +120,13 @@ class JumpStates:
                 steps = np.diff(ends)
                 largest = steps[ends[:-1] <= _MANY * steps].max(initial=steps[0]) / refinement
                 jumps[jumps[:, 0] == row[0], 2] = largest
-        column = self._columns[-1].start
-        for k in np.flatnonzero(np.isnan(self.table[:, column])):
-            if knots[0] <= self.table[k, 1] < knots[-1]:
-                ends = knots[np.searchsorted(knots, self.table[k, 1], side="right") - 1 :][:_ENDS]
-                self.table[k, column : column + len(ends)] = ends
+        for time, ends in zip(self.table[:, 1], self.table[:, self._columns[-1]], strict=True):
+            n = int(np.isfinite(ends).sum())
+            if n == 0 and knots[0] <= time < knots[-1]:
+                new = knots[np.searchsorted(knots, time, side="right") - 1 :]
+            else:
+                new = knots[1:] if n > 0 and knots[0] == ends[n - 1] else knots[:0]
+            ends[n : n + len(new)] = new[: _ENDS - n]
 
     def add_rows(self, rows: OutputBlock) -> None:
         """Take rows of the run; those at the jumps are of interest."""
