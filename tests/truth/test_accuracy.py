@@ -81,7 +81,7 @@ def test_other_methods_reach_it_too(name, method):
 
 
 # By how a scene stands: what does not keep it yet, missed by more than twice or told wrong by more
-# than three times.
+# than three times. Some do on one processor and not on another, whose last digits differ.
 MISSED = reference("missed_accuracy")
 
 
@@ -89,7 +89,7 @@ def marked(case, how, slow=True):
     """A case as a slow test, and expected to fail if it is known to."""
     marks = [pytest.mark.slow] if slow else []
     if list(case) in MISSED[how]:
-        marks.append(pytest.mark.xfail(strict=True, reason="does not keep it yet"))
+        marks.append(pytest.mark.xfail(strict=False, reason="does not keep it yet"))
     return pytest.param(*case, id=", ".join(f"{part}" for part in (how, *case)), marks=marks)
 
 
