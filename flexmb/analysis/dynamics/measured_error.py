@@ -189,10 +189,7 @@ class MeasuredError:
 
     def reaction_share(self, row: OutputBlock) -> float:
         """The largest reaction of a row, over the scale of its joint."""
-        zero = replace(row, reactions=np.zeros_like(row.reactions))
-        _, gaps = self._compare(zero, row)
-        of = self._of_quantity.get("reactions", _NONE)
-        return float(self._shares(gaps[0])[of].max(initial=0.0))
+        return self.reaction_difference(replace(row, reactions=np.zeros_like(row.reactions)), row)
 
     def reaction_difference(self, coarse: OutputBlock, fine: OutputBlock) -> float:
         """The largest difference of a reaction in rows, over the scale of its joint."""
@@ -200,8 +197,7 @@ class MeasuredError:
         return float(self._shares(gaps.max(axis=0, initial=0.0))[of].max(initial=0.0))
 
     def reaction_swing(self, rows: OutputBlock) -> float:
-        """The largest amplitude of a reaction in the second half of rows, over the scale of its
-        joint."""
+        """The largest amplitude of a reaction in a second half of rows, over its scale."""
         of = self._of_quantity.get("reactions", _NONE)
         return float(self._shares(self._swings(rows))[of].max(initial=0.0))
 
@@ -212,8 +208,7 @@ class MeasuredError:
         """Take rows of the run, and of one that follows vibrations which begin at a time [s]; of
         all that is compared, or of these quantities. Returns the largest share of a reaction.
 
-        Where they end before the first output, what vibrates goes on as it decays in their second
-        half.
+        Where they end before the first output, what vibrates goes on as it decays in them.
         """
         if not len(fine.t):
             return 0.0
