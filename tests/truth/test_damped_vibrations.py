@@ -114,7 +114,7 @@ def test_of_an_acceleration_that_rises_smoothly(method, rise, change):
 @pytest.mark.parametrize("method", ["radau", "generalized-alpha"])
 @pytest.mark.parametrize("rise", [1e-6, 1e-4, 5e-3])
 def test_of_a_rise_that_only_far_smaller_steps_show(method, rise):
-    """At 16 kHz it moves the load by 4e-10 of the way; within 80 periods of 1.6 kHz by 1 % of it."""
+    """At 16 kHz it moves the load by 4e-10 of the way, in 80 periods of 1.6 kHz by 1 % of it."""
     omega = 1e4 if rise == 5e-3 else 1e5
     told = outcome(shaken(omega=omega, profile=rise), method=method, accuracy=1e-4)
     lacks = 0.5 / np.hypot(1.0, omega * rise)

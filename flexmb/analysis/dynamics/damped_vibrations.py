@@ -280,7 +280,7 @@ class _Follow:
         tolerances : sequence of float
             Local ones, each if the one before shows too little of it.
         """
-        begin, found = float(self._jumps.table[k, 0]), 0.0
+        begin, largest = float(self._jumps.table[k, 0]), 0.0
         for tolerance in tolerances:
             finer = min(_FINER * self._settings.tolerance, tolerance)
             coarse, fine, output = self._runs(k, finer, most)
@@ -294,10 +294,10 @@ class _Follow:
                 coarse, fine = coarse.rows(at), fine.rows(at)
             elif self._jumps.next_time(k) < output:
                 break  # what comes there has its own vibration
-            before = found
-            found = self._error.add_damped(coarse, fine, begin, _RATES, output)
-            shown = max(found, swing) if np.any(at) else found
-            if shown >= _SHOWN * share or 0.0 < found <= _MORE * before:
+            before = largest
+            largest = self._error.add_damped(coarse, fine, begin, _RATES, output)
+            shown = max(largest, swing) if np.any(at) else largest
+            if shown >= _SHOWN * share or 0.0 < largest <= _MORE * before:
                 break
         return rows
 
