@@ -44,10 +44,12 @@ class JumpStates:
 
     def __init__(self, compiled: Compiled, settings: method.Settings) -> None:
         nq, nv, nc = (getattr(compiled.layout, name) for name in ("nq", "nv", "nc"))
-        sizes = [3, nq, nv, 1, nv, nv, nc, compiled.system.history, _ENDS]
+        behind = [1, nv, nv, nc, compiled.system.history] if compiled.system.events else [0] * 5
+        sizes = [3, nq, nv, *behind, _ENDS]
         self._columns = [slice(b - n, b) for n, b in zip(sizes, np.cumsum(sizes), strict=True)]
         self._of_jumps = self._columns[2].stop
-        self.table = np.full((MAX_JUMPS + _MAX_EVENTS, sum(sizes)), np.nan)
+        rows = MAX_JUMPS + (_MAX_EVENTS if compiled.system.events else 0)
+        self.table = np.full((rows, sum(sizes)), np.nan)
         span = settings.end - settings.start
         self.table[0, :2] = settings.start, settings.start + _AFTER_START * span
         self.add_jumps(compiled, settings)
@@ -87,7 +89,8 @@ class JumpStates:
         """Events, and what changes of velocities behind each of them (n, nv)."""
         rows = MAX_JUMPS + np.flatnonzero(np.isfinite(self.table[MAX_JUMPS:, 0]))
         _, _, v, _, later, *_ = self._columns
-        return rows.tolist(), np.abs(self.table[rows, later] - self.table[rows, v])
+        changes = np.abs(self.table[rows, later] - self.table[rows, v]) if len(rows) else rows
+        return rows.tolist(), changes
 
     def plan(self, k: int) -> Plan | None:
         """Steps of the comparison run from a jump or event on, as far as they are noted."""
