@@ -89,7 +89,9 @@ class JumpStates:
         """Events, and what changes of velocities behind each of them (n, nv)."""
         rows = MAX_JUMPS + np.flatnonzero(np.isfinite(self.table[MAX_JUMPS:, 0]))
         _, _, v, _, later, *_ = self._columns
-        changes = np.abs(self.table[rows, later] - self.table[rows, v]) if len(rows) else rows
+        changes = np.zeros((len(rows), v.stop - v.start))
+        if len(rows):
+            changes = np.abs(self.table[rows, later] - self.table[rows, v])
         return rows.tolist(), changes
 
     def plan(self, k: int) -> Plan | None:
