@@ -28,7 +28,7 @@ from flexmb.results.output_block import OutputBlock
 Array = NDArray[np.float64]
 
 _TENSION = 1e-6  # of the largest force of the joint so far: smaller pulls are round-off
-_NEAR_SINGULAR = 1.0  # degrees
+_NEAR_SINGULAR = 0.1  # degrees
 MAX_TURN_OF_A_STEP = 1.0  # rad
 # Of reactions that alternate: from which share of their range on that is said; range over the
 # largest of all, and force that moves mass by a share of the model's size in a run, below which
@@ -252,11 +252,11 @@ class SingularOrientationMonitor:
             self._nearest[name] = min(nearest, self._nearest.get(name, (np.inf, 0.0)))
 
     def notes(self) -> list[str]:
-        """A note for every sensor that came within a degree, or past it."""
+        """A note for every sensor that came to it, or went through it."""
         return [
             f"sensors.{name}: at t = {time:.6g} s within {off:.2g} deg of the singular pose of "
             f'"{self._columns[name][1]}", where alpha and gamma turn about one axis and only their '
-            "sum or difference is known, perhaps half a turn off behind it; take another sequence"
+            "sum or difference is known; take another sequence"
             for name, (off, time) in self._nearest.items()
             if off < _NEAR_SINGULAR
         ]

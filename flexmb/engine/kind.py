@@ -40,6 +40,7 @@ Stages (`engine.equations_of_motion`): signatures of the units of a `Kind`, with
     events      (run, tables, at)           status; what is watched, into Events.now
     limits      (run, tables, at)           status; whether the state may be taken
     angles      (run, tables, at)           status; carries what counts turns to this position
+    angle_path  (run, tables, at)           status; carries Trial.angles there, or REPEAT: too far
     wrenches    (run, tables, at, channel)  number; wrench pair of one element, for sensors
     unit_force  (run, tables, at, part)     number; force per unit of a function, for feedback;
                                             part = 6 row + 3 (0: on J, 1: on I) + component

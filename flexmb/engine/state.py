@@ -258,7 +258,7 @@ class Trial(NamedTuple):
     bend: Vector  # (nv,) beside the cubics of the dense output, times s² (1 − s)²
     power: Vector  # (3,)
     work_done: Vector  # (3,) works at an output
-    angles: Vector  # (channels,) joint angles at an output
+    angles: Vector  # (channels,) continuous angles at an output, or on the way
     before: Before  # the state that the last accepted step began with
     stages: Matrix  # (stages, nq + nv + 3) slopes and powers of an explicit method
     work: Vector  # (3,) work_done at its end, of a method with stages
@@ -363,6 +363,7 @@ class Stages(NamedTuple):
     events: Stage
     limits: Stage
     angles: Stage
+    angle_path: Stage
     wrenches: Stage
     unit_force: Stage
 

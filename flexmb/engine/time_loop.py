@@ -67,7 +67,7 @@ from flexmb.engine.projection import (
     put_noise,
     remove_self_stress,
 )
-from flexmb.engine.sensors.sensor import count_turns, read_channels
+from flexmb.engine.sensors.sensor import count_turns, follow_angles, read_channels
 from flexmb.engine.state import Run
 
 # With fixed steps what Newton's method leaves by an old factor is a bias: an output renews one that
@@ -87,13 +87,13 @@ def accept_step(run: Run, h: float) -> int:
     st, tr, settings, at = run.state, run.work.trial, run.settings, run.trial_point
     before, controlled = tr.before, settings.step == 0.0
     before.t[0] = st.t[0]
-    if controlled or _is_output_within(run):
+    angles = len(run.stages.angles.units) > 0
+    if controlled or angles or step_control.is_output_due(settings, run.times, st, tr.t[0], 0):
         copy(st.q, before.q)
         copy(st.v, before.v)
         copy(st.work_done, before.work_done)
         copy(st.power, before.power)
         copy(st.history, before.history)
-    angles = len(run.stages.angles.units) > 0
     st.memory[0]["steps_since_output"] += 1.0
     looks = st.memory[0]["steps_since_output"] % _LOOK_EVERY == 0.0
     if settings.works == 1 or angles or looks:
@@ -116,6 +116,7 @@ def accept_step(run: Run, h: float) -> int:
         widen_extent(run, at)
     remember(run, at, st.history)
     if angles:
+        copy(st.angles, tr.angles)
         count_turns(run, at, st.angles)
     st.t[0] = tr.t[0]
     store(tr.q, st.q)
@@ -134,14 +135,6 @@ def accept_step(run: Run, h: float) -> int:
         st.memory[0]["travel"] += h * weighted_size(st.v, run.system.weights)
         step_control.write_plan(settings, run.plan, st)
     return FINE
-
-
-@kernel
-def _is_output_within(run):
-    """Whether an output is due before the end of the step."""
-    k = run.state.count[0]["outputs"]
-    end = run.work.trial.t[0] - round_off(run.settings)
-    return k < run.times.shape[0] and run.times[k] < end
 
 
 @kernel
@@ -222,6 +215,7 @@ def _place_output(run):
         copy(before.history, history)
         share = (now - before.t[0]) / (st.t[0] - before.t[0])
         status = call_step(run.method.interpolate[0], run, run.method.coefficients[0], share)
+        status = max(status, follow_angles(run, 1.0, share))
         tr.t[0] = now
     copy(st.vd, tr.vd)
     copy(st.lam, tr.lam)
@@ -335,6 +329,9 @@ def integrate_steps(run: Run, aside: Run, n_steps: int) -> int:
         if full and done > 0:
             break
         status = advance(run, room)
+        if status == FINE and len(run.stages.angle_path.units) > 0:
+            status = follow_angles(aside, 0.0, 1.0)
+            copy(run.work.feedback.near, st.angles)
         done += 1
     return status
 
@@ -369,6 +366,9 @@ def reach_output(run: Run, path: Path, settings: KinematicsSettings) -> int:
         status = _solve_point(run, path, settings)
         if status == FINE and not first:
             status = check_branch(run, path, h, 1 if last else 0)
+        if status == FINE and not last:
+            copy(st.angles, tr.angles)
+            status = walk(run.stages.angle_path, run, at)
         if status == FINE:
             if not first:
                 note_singular_pose(run, path)

@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from scipy.special import ellipj, ellipkinc
-from truthkit import extrapolated, order, reference, run
+from truthkit import Memory, extrapolated, order, reference, run
 
+from flexmb.analysis.kinematics import kinematics
+from flexmb.engine.compile import compile_system
 from flexmb.model import Model
 
 
@@ -169,3 +172,96 @@ def test_heavy_top_under_error_control(top, knobs, accuracies):
         said = result.statistics["measured_error_of_positions"]
         assert error < 2 * accuracy, (accuracy, error, said)
         assert 1 / 3 < said / error < 3, (accuracy, error, said)
+
+
+CARDAN = ("xyz", "yzx", "zxy", "xzy", "yxz", "zyx")
+EULER = ("xyx", "xzx", "yxy", "yzy", "zxz", "zyz")
+
+
+def followed_angles(t, pose, sequence):
+    """(3, n) angles at t of the rotations pose(t), by steps that are short beside the distances.
+
+    Axis k of the body never points along axis i of ground exactly, so the middle angle stays in its
+    range; the others are unwrapped.
+    """
+    i, j, k = ("xyz".index(axis) for axis in sequence)
+    m, s = 3 - i - j, 1.0 if (j - i) % 3 == 1 else -1.0
+    fine = np.union1d(t, np.linspace(0.0, t[-1], 4001))
+    for _ in range(25):
+        R = pose(fine).as_matrix()
+        off = np.sqrt(1.0 - np.minimum(R[:, i, k] ** 2, 1.0))
+        long = 10.0 * np.diff(fine) > 0.5 * np.minimum(off[1:], off[:-1]) + 1e-9
+        fine = np.union1d(fine, (fine[1:] + fine[:-1])[long] / 2.0)
+    if i == k:
+        table = np.arctan2(R[:, j, i], -s * R[:, m, i]), np.arctan2(R[:, i, j], s * R[:, i, m])
+        middle = np.arctan2(np.hypot(R[:, i, j], R[:, i, m]), R[:, i, i])
+    else:
+        table = np.arctan2(-s * R[:, j, k], R[:, k, k]), np.arctan2(-s * R[:, i, j], R[:, i, i])
+        middle = np.arctan2(s * R[:, i, k], np.hypot(R[:, j, k], R[:, k, k]))
+    first, third = np.unwrap(table)
+    return np.stack([first, middle, third])[:, np.searchsorted(fine, t)]
+
+
+def leaning_door(lean, driven=False, place=(0.0, 0.0, 0.0)):
+    """A door that turns by 2 rad/s about y but for `lean`: its z goes by x, the pole of xyz."""
+    axis = np.array([np.sin(lean), np.cos(lean), 0.0])
+    made = Model("door")
+    made.add_marker("ground.hinge", position=list(place))
+    made.add_body("door", mass=1.0, inertia=[0.1] * 3, position=list(place),
+                  angular_velocity=[0.0] * 3 if driven else (2.0 * axis).tolist())  # fmt: skip
+    made.add_joint("hinge", "revolute", between=["ground.hinge", "door"], axis=axis.tolist())
+    if driven:
+        made.add_driver("motor", joint="hinge", angle="2*t")
+    made.add_sensor("o", "orientation", of="door", sequence="xyz")
+    return made, lambda t: Rotation.from_rotvec(2.0 * np.outer(t, axis))
+
+
+@pytest.mark.parametrize("lean", [1e-1, 1e-3, 1e-6])
+@pytest.mark.parametrize("method", ["explicit-rk", "radau", "generalized-alpha"])
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (1000.0, -500.0, 800.0)])
+def test_angles_are_followed_past_a_singular_pose(lean, method, place):
+    """By steps and rows that see nothing of how it is passed."""
+    for knobs in ({"accuracy": 1e-3}, {"step": 0.05}):
+        for outputs in (3, 60):
+            made, pose = leaning_door(lean, place=place)
+            found = run(made, duration=6.0, outputs=outputs, method=method, **knobs)
+            truth = followed_angles(found.t, pose, "xyz")
+            np.testing.assert_allclose(found.sensors.T, truth, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("lean", [1e-1, 1e-6])
+@pytest.mark.parametrize("outputs", [3, 60])
+def test_kinematics_follows_them_too(lean, outputs):
+    made, pose = leaning_door(lean, driven=True)
+    made.set_kinematics(duration=6.0, outputs=outputs)
+    memory = Memory()
+    kinematics(compile_system(made), made, memory)
+    t, *_, sensors, _, _ = memory.tables()
+    np.testing.assert_allclose(sensors.T, followed_angles(t, pose, "xyz"), rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("outputs", [4, 100])
+@pytest.mark.parametrize("method", ["explicit-rk", "radau"])
+def test_twelve_sequences_of_angles_of_a_free_top(method, outputs):
+    """Torque-free: it turns about its moment of momentum and about its own axis, both uniformly."""
+    axis, angle, (A, C) = [0.48, 0.6, 0.64], 0.9, (0.2, 0.3)
+    start = Rotation.from_rotvec(angle * np.array(axis))
+    w = np.array([2.5, -1.8, 2.0])
+    about = start.apply(np.array([A, A, C]) * w) / A
+    own = np.array([0.0, 0.0, (1.0 - C / A) * w[2]])
+
+    def pose(t):
+        precession = Rotation.from_rotvec(np.outer(t, about))
+        return precession * start * Rotation.from_rotvec(np.outer(t, own))
+
+    made = Model("top")
+    made.add_body("top", mass=1.0, inertia=[A, A, C], angular_velocity=start.apply(w).tolist(),
+                  orientation={"axis": axis, "angle": angle})  # fmt: skip
+    for sequence in (*CARDAN, *EULER):
+        made.add_sensor(sequence, "orientation", of="top", sequence=sequence)
+    found = run(made, duration=20.0, outputs=outputs, accuracy=1e-4, method=method)
+    for sequence in (*CARDAN, *EULER):
+        truth = followed_angles(found.t, pose, sequence)
+        said = np.stack([found[f"{sequence}.{name}"] for name in ("alpha", "beta", "gamma")])
+        turns = 2.0 * np.pi * np.rint((said - truth)[:, :1] / (2.0 * np.pi))
+        np.testing.assert_allclose(said - turns, truth, rtol=0, atol=0.1, err_msg=sequence)

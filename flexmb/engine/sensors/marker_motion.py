@@ -25,7 +25,7 @@ from flexmb.engine.jit import Integers, kernel, unit
 from flexmb.engine.joints import DOT2
 from flexmb.engine.joints.row import dot_columns, put_pair
 from flexmb.engine.kind import GLOBAL_AXES, ChannelKind, Kind, Measure, SensorKind, Term
-from flexmb.engine.method import FINE
+from flexmb.engine.method import FINE, REPEAT
 from flexmb.engine.sensors.joint_coordinate import ROW_MEASURES
 from flexmb.engine.state import Point, Run
 from flexmb.engine.tables import Sensors
@@ -195,6 +195,8 @@ MARKER_MOTIONS = SensorKind(
 _ANGLES = 3
 # Sine or cosine of β below which the pose counts as singular: α and γ have no digits there.
 _SINGULAR = 1e-8
+# Way of axis k in I over its distances from axis i at both ends: then α changes by 41° at most.
+_NEAR = 0.35
 
 
 @kernel
@@ -317,7 +319,47 @@ def carry_turning_angles(run: Run, of: TurningAngles, at: Point) -> int:
     return FINE
 
 
-TURNING_ANGLES = Kind("turning_angles", TurningAngles, {"angles": carry_turning_angles})
+@kernel
+def _is_near(code, Ri, Rj, first, second):
+    """Whether axis k of J is so near to where α and β say that no singular pose is between."""
+    i, j, k, m, s = _sequence(code)
+    along, across = s * math.sin(second), math.cos(second)
+    y, z = -s * across * math.sin(first), across * math.cos(first)
+    if i == k:
+        along, across = across, s * along
+        y, z = across * math.sin(first), -s * across * math.cos(first)
+    p, q = dot_columns(Ri, i, Rj, k), dot_columns(Ri, j, Rj, k)
+    r = dot_columns(Ri, m, Rj, k)
+    way = math.sqrt((p - along) ** 2 + (q - y) ** 2 + (r - z) ** 2)
+    return not way > max(_NEAR * (abs(across) + math.hypot(q, r)), 4.0 * _SINGULAR)
+
+
+@unit
+def follow_turning_angles(run: Run, of: TurningAngles, at: Point) -> int:
+    """Carry Trial.angles to the present position, unless a singular pose may lie between."""
+    angles, near, listed = run.work.trial.angles, run.work.feedback.near, of.channels
+    sensors, markers, status = run.system.sensors, run.work.now.marker, FINE
+    for n in range(listed.shape[0]):
+        c = listed[n]
+        term = sensors.terms[sensors.channels[c]["first"]]
+        Ri, Rj = markers[term["I"]]["R"], markers[term["J"]]["R"]
+        if not _is_near(term["a"], Ri, Rj, angles[c], angles[c + 1]):
+            status = REPEAT
+        for a in range(3):
+            near[c + a] = angles[c + a]
+    if status == FINE:
+        carry_turning_angles(run, of, at)
+        for n in range(listed.shape[0]):
+            for c in range(listed[n], listed[n] + 3):
+                angles[c] = near[c]
+    return status
+
+
+TURNING_ANGLES = Kind(
+    "turning_angles",
+    TurningAngles,
+    {"angles": carry_turning_angles, "angle_path": follow_turning_angles},
+)
 TURNING_ANGLE = Measure(turning_angle, turning_angle_gradient, 0)
 TURNING_CHANNEL = ChannelKind(turning_channel, "terms", counts_turns=True)
 

@@ -15,9 +15,9 @@ import numpy as np
 
 from flexmb.engine.algebra.vector import copy
 from flexmb.engine.bodies.flexible_body import body_energy
-from flexmb.engine.equations_of_motion import walk
+from flexmb.engine.equations_of_motion import pose_stage, walk
 from flexmb.engine.function import lower, run_program
-from flexmb.engine.jit import Vector, call_channel, kernel, unit
+from flexmb.engine.jit import Vector, call_channel, call_step, kernel, unit
 from flexmb.engine.kind import GLOBAL_AXES, ChannelKind, Measure, SensorKind, Term
 from flexmb.engine.method import FINE
 from flexmb.engine.state import (
@@ -128,6 +128,28 @@ def count_turns(run, at, angles):
     walk(run.stages.angles, run, at)
     for c in range(angles.shape[0]):
         angles[c] = near[c]
+
+
+@unit
+def follow_angles(run: Run, begin: float, end: float) -> int:
+    """Carry Trial.angles through the last step, from a share of it to that of the trial state.
+
+    In parts, by the dense output, where they may turn too far for their ends to tell.
+    """
+    at, stage, passed, share = run.trial_point, run.stages.angle_path, begin, end
+    while len(stage.units) > 0:
+        pose_stage(run, at)
+        if walk(stage, run, at) == FINE:
+            if share == end:
+                break
+            part, passed = 2.0 * (share - passed), share
+            share = passed + part if abs(part) < abs(end - passed) else end
+        else:
+            share = 0.5 * (passed + share)
+        status = call_step(run.method.interpolate[0], run, run.method.coefficients[0], share)
+        if status != FINE:
+            return status  # type: ignore[no-any-return]
+    return FINE
 
 
 @kernel
