@@ -64,7 +64,7 @@ def draw(scene: Path) -> None:
         elif "part" in data:
             drawn = {flexmb.run_part(scene, output=folder).pictures[0]: picture}
         else:  # bodies alone: the modes of the first
-            from flexmb.workflow.flexible_bodies import reduce_scene
+            from flexmb.workflow.reduction import reduce_scene
 
             body = reduce_scene(scene, output=Path(folder)).bodies[0]
             drawn = {flexmb.render_modes(body.path, output=Path(folder) / "modes.png"): picture}

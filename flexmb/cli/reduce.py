@@ -118,7 +118,7 @@ def reduce(
     Example: flexmb reduce meshes/connecting_rod.msh --units mm-t-s --material steel
     --interface big_end=bore_big --interface small_end=bore_small --pictures
     """
-    from flexmb.workflow import flexible_bodies
+    from flexmb.workflow import reduction
 
     options: dict[str, Any] = {
         "units": units,
@@ -135,7 +135,7 @@ def reduce(
     if source.suffix == ".toml":
         refuse_options(of_mesh, "belongs to a mesh file; a scene says it itself, or by --set")
         with screen.Bars() as progress:
-            scene = flexible_bodies.reduce_scene(
+            scene = reduction.reduce_scene(
                 source,
                 overrides=parse_pairs(overrides, "--set"),
                 progress=progress,
@@ -152,7 +152,7 @@ def reduce(
             raise typer.BadParameter("is needed with a mesh file", param_hint="--material")
         sections = parse_pairs(section, "--section").items()
         with screen.Bars() as progress:
-            reduced = flexible_bodies.reduce_mesh(
+            reduced = reduction.reduce_mesh(
                 source,
                 material=parse_table(material, "--material"),
                 interfaces=parse_pairs(interface, "--interface"),

@@ -298,10 +298,17 @@ def aligned(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def bend_of(marker: np.void, m: int, pool: NDArray[np.float64]) -> NDArray[np.float64]:
-    """K (m, 3, m) of a marker: 3 m numbers of each mode, in the pool whole vectors with zeros."""
-    length = whole_vectors(3 * m)
-    columns = pool[marker["bend"] : marker["bend"] + m * length].reshape(m, length)
-    return columns[:, : 3 * m].reshape(m, 3, m)
+    """K (m, 3, m) of a marker, of three symmetric forms in the pool (`forms.grouped_rows`)."""
+    half, at = half_of_forms(m), marker["bend"]
+    rows = np.zeros((3, *half.shape))
+    rows[:, half] = pool[at : at + 3 * half.sum()].reshape(3, -1)
+    return (rows + rows.swapaxes(1, 2))[:, :m, :m].swapaxes(0, 1)
+
+
+def half_of_forms(m: int) -> NDArray[np.bool_]:
+    """What is stored of symmetric forms of m modes, filled up to whole vectors (M, M)."""
+    places = np.arange(whole_vectors(m))
+    return places >= places[:, None] // 8 * 8
 
 
 @kernel

@@ -29,6 +29,7 @@ from flexmb.model.plane import plane_axes
 from flexmb.model.scenes.effects import EffectsSpec, active_model
 from flexmb.progress import Progress, silent
 from flexmb.workflow.effect import FRICTION, GRAVITY, OUT_OF_PLANE, Effect
+from flexmb.workflow.effect_estimates import Estimates
 from flexmb.workflow.neighbours import Neighbours
 
 if TYPE_CHECKING:
@@ -207,6 +208,7 @@ def audit_unless(
     if budget is None:
         stated = neighbours.model.effects
         budget = BUDGET if stated is None else stated.budget
+    estimates = Estimates(neighbours)
     todo = [*neighbours.effects(), *scene_effects(neighbours)]
     order = sorted(range(len(todo)), key=lambda k: todo[k].on or not todo[k].body)
     first = sum(bool(one.body) and not one.on for one in todo)
@@ -215,7 +217,7 @@ def audit_unless(
         if n == first and is_enough(tuple(outcomes.values())):
             return None
         progress("audit", n / len(todo), todo[k].name)
-        outcomes[k] = _outcome(neighbours, todo[k], budget)
+        outcomes[k] = _outcome(estimates, todo[k], budget)
     if first == len(todo) and is_enough(tuple(outcomes.values())):
         return None
     effects = [outcomes[k] for k in range(len(todo))]
@@ -249,7 +251,7 @@ def _check_run(run: Result) -> None:
         )
 
 
-def _outcome(neighbours: Neighbours, effect: Effect, budget: float) -> EffectOutcome:
+def _outcome(estimates: Estimates, effect: Effect, budget: float) -> EffectOutcome:
     fixed = (effect.name, effect.body, effect.on, effect.indicator)
     if effect.why:
         return EffectOutcome(*fixed, None, "", "", None, UNKNOWN, effect.why)
@@ -257,7 +259,7 @@ def _outcome(neighbours: Neighbours, effect: Effect, budget: float) -> EffectOut
         share, place = effect.direct
         return EffectOutcome(*fixed, share, "", place, None, _verdict(effect.on, share, budget))
     try:
-        changes, cost = neighbours.estimate(effect)
+        changes, cost = estimates.estimate(effect)
     except FlexmbError as error:
         why = str(error).splitlines()[0]
         return EffectOutcome(*fixed, None, "", "", None, NEEDED if effect.on else UNKNOWN, why)
@@ -265,7 +267,7 @@ def _outcome(neighbours: Neighbours, effect: Effect, budget: float) -> EffectOut
         return EffectOutcome(*fixed, 0.0, "", "", cost, WASTED if effect.on else SMALL)
     worst = max(changes, key=lambda one: (not one.by_symmetry, one.share))
     verdict = _verdict(effect.on, worst.share, budget)
-    value = neighbours.model.units.say(worst.value, worst.unit, 2) if worst.unit else ""
+    value = estimates.of.model.units.say(worst.value, worst.unit, 2) if worst.unit else ""
     shares = {one.sensor: one.share for one in changes}
     ringing = [one for one in changes if one.unresolved > _RINGS * budget]
     ringing = [one for one in ringing if _ROUGH * one.share > budget]

@@ -104,7 +104,7 @@ def _read_scenes(scenes: list[Path]) -> dict[Path, tuple[str, ...]]:
 def _check(job: tuple[Path, tuple[str, ...], Path]) -> dict[str, Any]:
     """Run a scene by each of its analyses."""
     from flexmb.model import load_scene
-    from flexmb.workflow.flexible_bodies import reduce_scene
+    from flexmb.workflow.reduction import reduce_scene
 
     scene, analyses, output = job
     outcomes: list[CheckOutcome] = []

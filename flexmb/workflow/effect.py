@@ -1,20 +1,35 @@
-"""An effect of a flexible body or of a scene, and the words that switch it."""
+"""Effects of flexible bodies and of a scene, and the words that switch them.
+
+Centrifugal softening is never looked at without geometric stiffening: of the two left out, neither
+is judged alone (Padilla & von Flotow).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from flexmb.flexbody import FlexBody
 from flexmb.model.mesh_body import MeshBodySpec
+
+if TYPE_CHECKING:
+    from flexmb.analysis.effects.stored_motion import Motion
+    from flexmb.engine.compile import Compiled
+    from flexmb.flexbody import FlexBody
+    from flexmb.model import Model
 
 DEFORMATION, VIBRATION = "deformation", "vibration"
 STATIC = "vibration of quasi-static modes"
 STIFFENING, COUPLING, BOTH = "geometric stiffening", "inertia coupling", "coupling and stiffening"
 MODES, DAMPING, GRAVITY, FRICTION = "further modes", "damping", "gravity", "friction"
 OUT_OF_PLANE = "motion out of the plane"
+RIGID, DYNAMIC = {"deformation": "rigid"}, {"deformation": "dynamic"}
+QUASI_STATIC = {"deformation": "quasi-static"}
+MORE_MODES = 2  # times as many modes tell what those left out would do
 FULL = {"inertia_coupling": "full", "geometric_stiffening": "full"}
+
+
+_FRAMED = "quasi-static modes keep no momentum in a frame at an interface; take mean axes"
 
 
 @dataclass(frozen=True)
@@ -34,7 +49,53 @@ class Effect:
     direct: tuple[float, str] | None = None
 
 
-def couplings(
+def body_effects(
+    model: Model, compiled: Compiled, motion: Motion, bodies: Mapping[str, FlexBody]
+) -> Iterator[Effect]:
+    """The effects of the flexible bodies of a run, body by body; `bodies` with all their data."""
+    for name, spec in model.bodies.items():
+        if spec.flexible:
+            yield from _effects_of_body(name, spec, model, compiled, motion, bodies[name])
+
+
+def _effects_of_body(
+    name: str, spec: Any, model: Model, compiled: Compiled, motion: Motion, whole: FlexBody
+) -> Iterator[Effect]:
+    from flexmb.analysis.dynamics.linear_elasticity import LEAST_SPEED
+    from flexmb.analysis.effects.contribution import indicators
+    from flexmb.engine.ordering import quasi_static
+
+    body = compiled.flexbodies[name]
+    if body.m == 0:
+        if whole.m or spec.deformation == "rigid":
+            yield Effect(DEFORMATION, name, False, "rigid", DYNAMIC)
+            yield Effect(VIBRATION, name, False, "rigid", DYNAMIC)
+        return
+    numbers = indicators(compiled, motion, body, name)
+    yield Effect(DEFORMATION, name, True, f"u/L {numbers.deflection:.2g}", RIGID)
+    fast, turning = f"f/f1 {numbers.excitation:.2g}", f"Ω/ω1 {numbers.speed:.2g}"
+    if spec.deformation != "quasi-static":
+        yield Effect(VIBRATION, name, True, fast, QUASI_STATIC)
+        if static := quasi_static(spec, body, model):
+            yield Effect(STATIC, name, False, f"{len(static)} of {body.m}", DYNAMIC)
+    else:
+        why = "" if spec.frame_interface is None else _FRAMED
+        yield Effect(VIBRATION, name, False, fast, DYNAMIC, why)
+    yield from _couplings(name, spec, body, whole, turning, numbers.speed < LEAST_SPEED)
+    yield _modes(name, spec, body)
+    number = [one.name for one in compiled.layout.bodies].index(name)
+    if compiled.system.parts.bodies["damped"][number]:
+        yield Effect(DAMPING, name, True, "", {"damping": 0.0})
+
+
+def _modes(name: str, spec: Any, body: FlexBody) -> Effect:
+    modes = f"{body.m} modes"
+    if not isinstance(spec, MeshBodySpec) or spec.reduction in ("user", "guyan"):
+        return Effect(MODES, name, False, modes, {}, "needs the mesh of the body")
+    return Effect(MODES, name, False, modes, {"modes": MORE_MODES * max(spec.mode_count, 4)})
+
+
+def _couplings(
     name: str, spec: Any, body: FlexBody, whole: FlexBody, turning: str, slow: bool
 ) -> Iterator[Effect]:
     """Inertia coupling and geometric stiffening; coupling alone where rotation is too slow for

@@ -29,6 +29,7 @@ from flexmb.model.scenes.effects import with_words
 from flexmb.model.scenes.study import override
 from flexmb.results import Result
 from flexmb.workflow.effect import MODES, STIFFENING
+from flexmb.workflow.effect_estimates import Estimates
 from flexmb.workflow.effect_selection import run_with_selected_effects
 from flexmb.workflow.neighbours import Neighbours
 from flexmb.workflow.run import run_single
@@ -216,14 +217,14 @@ def largest_change(run: Result, other: Result) -> float:
 def estimate(run: Result) -> float:
     """Sum of the estimated contributions of what a run leaves out, at the worst sensor; NaN where
     the audit has none."""
-    neighbours, sums = Neighbours.of(run, 600), defaultdict(float)
-    for effect in neighbours.effects():
+    estimates, sums = Estimates(Neighbours.of(run, 600)), defaultdict(float)
+    for effect in estimates.of.effects():
         if not effect.on and effect.name not in (MODES, "vibration"):
             if effect.why and effect.name == STIFFENING:  # the complete model has no data for it
                 continue
             if effect.why:  # the audit says: not known
                 return np.nan
-            for one in neighbours.estimate(effect)[0]:
+            for one in estimates.estimate(effect)[0]:
                 sums[one.sensor] += one.share
     return max(sums.values(), default=0.0)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import flexmb
-from flexmb.workflow.flexible_bodies import reduce_scene
+from flexmb.workflow.reduction import reduce_scene
 
 FOLDER = Path(__file__).parents[2] / "cases"
 CASES = sorted(FOLDER.glob("*/*.toml"))

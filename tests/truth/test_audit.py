@@ -15,6 +15,7 @@ from flexmb.model import Model
 from flexmb.model.flexible_body import DeformationSpec
 from flexmb.model.scenes.effects import with_words
 from flexmb.workflow.audit import Audit
+from flexmb.workflow.effect_estimates import Estimates
 from flexmb.workflow.neighbours import Neighbours
 
 SECTION = {"type": "rectangle", "y": 0.01, "z": 0.01}
@@ -123,7 +124,7 @@ def test_stiff_modes_follow_bodies_that_turn_against_one_another(
     other = flexmb.simulate(with_words(rotor_on_a_mast(), {body: {"deformation": word}}))
     neighbours = Neighbours.of(run, 400)
     one = next(one for one in neighbours.effects() if (one.name, one.body) == (effect, body))
-    for found in neighbours.estimate(one)[0]:
+    for found in Estimates(neighbours).estimate(one)[0]:
         true = min(share_between(*runs, found.sensor) for runs in ((run, other), (other, run)))
         assert found.share == pytest.approx(true, rel=within)
 

@@ -11,6 +11,7 @@ from flexmb.model import Model
 from flexmb.model.scenes.effects import with_words
 from flexmb.workflow.audit import scene_effects
 from flexmb.workflow.effect import OUT_OF_PLANE
+from flexmb.workflow.effect_estimates import Estimates
 from flexmb.workflow.neighbours import Neighbours
 
 pytestmark = pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
@@ -159,7 +160,7 @@ def deformation_of(model, body, folder, effect="deformation", word="rigid"):
             found.share,
             min(share_between(*runs, found.sensor) for runs in ((run, other), (other, run))),
         )
-        for found in neighbours.estimate(one)[0]
+        for found in Estimates(neighbours).estimate(one)[0]
     }
 
 
@@ -170,10 +171,10 @@ def left_out(model, folder, words, effect, rows=800):
     full = flexmb.simulate(with_words(model, dict.fromkeys(names, complete)))
     lacking = {**complete, **words}
     run = flexmb.simulate(with_words(model, dict.fromkeys(names, lacking)), output=folder)
-    neighbours, sums = Neighbours.of(run, rows), {}
-    for one in neighbours.effects():
+    estimates, sums = Estimates(Neighbours.of(run, rows)), {}
+    for one in estimates.of.effects():
         if one.name == effect and not one.on:
-            for found in neighbours.estimate(one)[0]:
+            for found in estimates.estimate(one)[0]:
                 sums[found.sensor] = sums.get(found.sensor, 0.0) + found.share
     return {name: (sums[name], share_between(run, full, name)) for name in model.sensors}
 
@@ -417,4 +418,4 @@ def test_modes_that_a_plane_has_no_room_for_are_no_motion_out_of_it(tmp_path):
     run = flexmb.simulate(lift_in_a_plane(), output=tmp_path)
     neighbours = Neighbours.of(run, 200)
     effect = next(one for one in scene_effects(neighbours) if one.name == OUT_OF_PLANE)
-    assert neighbours.estimate(effect)[0][0].share < 1e-6
+    assert Estimates(neighbours).estimate(effect)[0][0].share < 1e-6

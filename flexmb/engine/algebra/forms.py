@@ -12,9 +12,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexmb.engine.algebra.vector import add_multiple
+from flexmb.engine.algebra.vector import add_multiple, copy, zero
 from flexmb.engine.jit import kernel, separate
-from flexmb.engine.tables import whole_vectors
+from flexmb.engine.tables import half_of_forms, whole_vectors
 
 _ROUND_OFF = 1e-12  # share of a form in a sum, as of the integrals themselves (`put_flags`)
 
@@ -25,9 +25,7 @@ def grouped_rows(forms: ArrayLike) -> NDArray[np.float64]:
     diagonal = np.arange(forms.shape[1])
     forms[:, diagonal, diagonal] *= 0.5
     forms = np.pad(forms, ((0, 0), *[(0, -len(diagonal) % 8)] * 2))
-    groups = [forms[:, k : k + 4, k // 8 * 8 :] for k in range(0, forms.shape[1], 4)]
-    rows = [group.reshape(len(forms), -1) for group in groups]
-    return np.concatenate([np.zeros((len(forms), 0)), *rows], axis=1)
+    return forms[:, half_of_forms(len(diagonal))]
 
 
 @kernel
@@ -83,18 +81,54 @@ def add_symmetric_and_skew(T, size, n, x, y, out):
         a += four * length
 
 
+@kernel
+def subtract_products(T, at, m, x, o, out, room):
+    """out[:3m] −= S_d x[o:o+m], d = 0, 1, 2, for three symmetric forms from T[at] on.
+
+    `room`: for three times the modes with those that fill the last group.
+    """
+    size, n = size_of_form(m)
+    y, product = room[:n], room[n : 3 * n]
+    copy(x[o : o + m], y)
+    zero(y[m:])
+    for d in range(3):
+        zero(product[:n])
+        _add_symmetric(T[at + d * size :], n, y, product)
+        add_multiple(-1.0, product, 0, out, d * m, m)
+        add_multiple(-1.0, product, n, out, d * m, m)
+
+
 @separate
-def subtract_columns(T, at, n, m, x, o, out):
-    """out[:n] −= x[o:o+m] times m columns of n numbers each, one behind the other from T[at] on."""
-    a, o, n, four = np.uintp(at), np.uintp(o), np.uintp(n), np.uintp(4)
-    for _ in range(np.uintp(m) // four):
-        p = _four(x, o)
-        for i in range(n):
-            out[i] -= _inner(_four(T, a + i, n), p)
-        a, o = a + four * n, o + four
-    for _ in range(np.uintp(m) % four):
-        add_multiple(-x[o], T, a, out, 0, n)
-        a, o = a + n, o + np.uintp(1)
+def _add_symmetric(T, n, x, out):
+    """out[:n] + out[n:2n] = S x[:n], as `add_symmetric_and_skew`."""
+    a, n, four, eight = np.uintp(0), np.uintp(n), np.uintp(4), np.uintp(8)
+    for o in range(np.uintp(0), n, four):
+        start, p, sums = o // eight * eight, _four(x, o), (0.0, 0.0, 0.0, 0.0)
+        length = n - start
+        for i in range(length):
+            s = _four(T, a + i, length)
+            sums = _plus(sums, x[start + i], s)
+            out[start + i] += _inner(s, p)
+        _put_four(out, n + o, sums)
+        a += four * length
+
+
+@separate
+def add_symmetric_rows(T, at, m, f, B, o, row):
+    """B[o:o+m, o:o+m] += f_d S_d of three symmetric forms from T[at] on; `row`: room for m."""
+    size, padded = size_of_form(m)
+    a, b, n = np.uintp(at), np.uintp(at + size), np.uintp(0)
+    c, o = b + np.uintp(size), np.uintp(o)
+    m, padded, eight = np.uintp(m), np.uintp(padded), np.uintp(8)
+    for k in range(m):
+        start, to = k // eight * eight, B[o + k]
+        for r in range(k, m):
+            i = n + r - start
+            row[r] = f[0] * T[a + i] + f[1] * T[b + i] + f[2] * T[c + i]
+            to[o + r] += row[r]
+        for r in range(k, m):
+            B[o + r, o + k] += row[r]
+        n += padded - start
 
 
 @kernel

@@ -147,15 +147,6 @@ def add_multiple(f, a, i, b, j, n):
 
 
 @kernel
-def add_rows(pool, at, m, f, g, h, out, o):
-    """out[o:o+m] += f, g and h times three rows of the pool."""
-    a, o = np.uintp(at), np.uintp(o)
-    b, c = a + np.uintp(m), a + np.uintp(2 * m)
-    for k in range(np.uintp(m)):
-        out[o + k] += f * pool[a + k] + g * pool[b + k] + h * pool[c + k]
-
-
-@kernel
 def larger(a, b):
     """The larger of two numbers; NaN counts as largest."""
     return a if a > b or a != a else b

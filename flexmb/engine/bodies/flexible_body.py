@@ -62,6 +62,11 @@ if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
 
 
+# Share of the largest angular velocity about a body axis that those about the others may have to be
+# round-off: that of some thousand steps is 1e-16 to 2e-15.
+_NO_TURN = 1e-13
+
+
 @unit
 def add_product(
     pool: Vector, at: int, n: int, m: int, v: Vector, o: int, f: float, out: Vector, oo: int
@@ -155,6 +160,12 @@ def add_modal_product(body, pool, q, v, vd, out):
 
 
 @kernel
+def least_turn(om):
+    """Angular velocity about an axis of the body below which it is round-off, of the largest."""
+    return _NO_TURN * max(abs(om[0]), abs(om[1]), abs(om[2]))
+
+
+@kernel
 def _put_modal_forces(body, bn, parts, Z, q, v, vd, out):
     """Modal rows: inertia, weight, centrifugal, Coriolis, elastic and damping terms.
 
@@ -171,9 +182,9 @@ def _put_modal_forces(body, bn, parts, Z, q, v, vd, out):
         out[o + i] = inner(mode_vector(pool, at + i, m), a) + inner(mode_vector(Z, zw + i, m), e)
     add_modal_product(body, pool, q, v, vd, out)
     at_G = at + 12 * m + 12 * size
-    square = inner(om, om)
+    square, least = inner(om, om), least_turn(om)
     for b in range(3):
-        if v[iv + 3 + b] != 0.0:
+        if abs(v[iv + 3 + b]) > least:
             add_product(pool, at_G + b * size, m, m, v, o, -2.0 * v[iv + 3 + b], out, o)
         for c in range(3):
             f = v[iv + 3 + b] * v[iv + 3 + c] - (square if b == c else 0.0)

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.algebra.forms import subtract_columns
+from flexmb.engine.algebra.forms import grouped_rows, subtract_products
 from flexmb.engine.algebra.vector import (
     axis_vector,
     column,
@@ -112,15 +112,15 @@ def place_flexible(run: Run, markers: Markers, at: Point) -> int:
 def _bend(mk, pool, q, o, m, phi):
     """Φ_t − ηᵀ K_d of a marker at η = q[o:o+m], into phi (3 m,); behind it is room."""
     copy(pool[mk["modes"] : mk["modes"] + 3 * m], phi)
-    subtract_columns(pool, mk["bend"], whole_vectors(3 * m), m, q, o, phi)
+    subtract_products(pool, mk["bend"], m, q, o, phi, phi[2 * whole_vectors(3 * m) :])
 
 
 @kernel
 def _bending_acceleration(mk, pool, v, o, m, phi):
     """−η̇ᵀ K_d η̇ of a marker, η̇ = v[o:o+m]; in the room behind phi."""
     n = whole_vectors(3 * m)
-    zero(phi[n:])
-    subtract_columns(pool, mk["bend"], n, m, v, o, phi[n:])
+    zero(phi[n : 2 * n])
+    subtract_products(pool, mk["bend"], m, v, o, phi[n:], phi[2 * n :])
     return modal_vector(phi, n, m, v, o)
 
 
@@ -426,9 +426,7 @@ class MarkerTable:
             return -1
         key = b"bend " + marker.body.encode() + marker.bend.tobytes()
         if key not in self.modes:
-            # by mode, direction, mode: what one mode does to all others is contiguous
-            columns = marker.bend.transpose(1, 0, 2).reshape(marker.bend.shape[1], -1)
-            self.modes[key] = self.pool.add(np.pad(columns, ((0, 0), (0, -columns.shape[1] % 8))))
+            self.modes[key] = self.pool.add(grouped_rows(marker.bend))
         return self.modes[key]
 
     def table(self) -> NDArray[np.void]:

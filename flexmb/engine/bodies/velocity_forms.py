@@ -33,6 +33,7 @@ from flexmb.engine.algebra.vector import (
     times,
     zero,
 )
+from flexmb.engine.bodies.flexible_body import least_turn
 from flexmb.engine.jit import kernel
 from flexmb.engine.tables import whole_vectors
 
@@ -40,9 +41,6 @@ from flexmb.engine.tables import whole_vectors
 # prediction of a step is off by some ten errors of a step: what is left is below the step's error,
 # and falls with it.
 _AS_BEFORE = 1e-5
-# Share of the largest angular velocity about a body axis that those about the others may have to be
-# round-off: that of some thousand steps is 1e-16 to 2e-15.
-_NO_TURN = 1e-13
 
 
 @kernel
@@ -74,7 +72,7 @@ def _place_of_forms(body):
 @kernel
 def _has_one_axis(om):
     """Whether a body turns about one of its axes alone."""
-    least = _NO_TURN * max(abs(om[0]), abs(om[1]), abs(om[2]))
+    least = least_turn(om)
     return (abs(om[0]) > least) + (abs(om[1]) > least) + (abs(om[2]) > least) == 1
 
 

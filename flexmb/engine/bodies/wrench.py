@@ -7,11 +7,11 @@ constant w: the moment arms turn and deform.
 
 from __future__ import annotations
 
+from flexmb.engine.algebra.forms import add_symmetric_rows
 from flexmb.engine.algebra.ldl import add_body_block, add_coupling
 from flexmb.engine.algebra.vector import (
     add_column,
     add_part,
-    add_rows,
     add_skew,
     clear,
     inner,
@@ -205,9 +205,8 @@ def _add_modal_arm(mk, mn, pool, phi, m, force, moment, B):
         for r in range(m):
             B[6 + r, 6 + c] += pool[o + r] * x + pool[o + m + r] * y + pool[o + 2 * m + r] * z
     if mk["bend"] >= 0:
-        x, y, z = force
-        for r in range(m):
-            add_rows(pool, mk["bend"] + whole_vectors(3 * m) * r, m, -x, -y, -z, B[6 + r], 6)
+        row = phi[whole_vectors(3 * m) :]
+        add_symmetric_rows(pool, mk["bend"], m, times(-1.0, force), B, 6, row)
 
 
 @kernel

@@ -17,7 +17,7 @@ from flexmb.cli import app
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import rigid_body, save
 from flexmb.results import Result
-from flexmb.workflow import check, flexible_bodies, simulate
+from flexmb.workflow import check, reduction, simulate
 
 
 @dataclass
@@ -102,8 +102,8 @@ def workflow(result: Path, monkeypatch: pytest.MonkeyPatch) -> Workflow:
     stand_in = Workflow(result)
     for module, name in (
         (simulate, "run_scene"),
-        (flexible_bodies, "reduce_mesh"),
-        (flexible_bodies, "reduce_scene"),
+        (reduction, "reduce_mesh"),
+        (reduction, "reduce_scene"),
         (check, "check_scene"),
     ):
         monkeypatch.setattr(module, name, getattr(stand_in, name))

@@ -8,7 +8,7 @@ import pytest
 
 from flexmb.errors import SceneError
 from flexmb.flexbody import load
-from flexmb.workflow.flexible_bodies import reduce_scene
+from flexmb.workflow.reduction import reduce_scene
 
 SCENE = """
 title = "two bars"

@@ -1,0 +1,232 @@
+"""What an effect contributes to the sensors of a run, along its motion or that of a neighbour.
+
+The neighbour is linearised about that motion and driven by what the motion leaves out of balance in
+it (`flexmb.analysis.effects`). Deformation is judged from a motion with rigid bodies, vibrations
+from one in which the bodies follow their loads, if there is one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
+
+import numpy as np
+
+from flexmb.errors import FlexmbError
+from flexmb.flexbody.arrays import Array
+from flexmb.model.mesh_body import MeshBodySpec
+from flexmb.model.scenes.effects import with_words
+from flexmb.workflow.effect import (
+    DEFORMATION,
+    DYNAMIC,
+    MODES,
+    MORE_MODES,
+    OUT_OF_PLANE,
+    QUASI_STATIC,
+    STATIC,
+    VIBRATION,
+    Effect,
+)
+from flexmb.workflow.neighbours import Neighbours, evaluations
+
+if TYPE_CHECKING:
+    from flexmb.analysis.effects.contribution import Contribution
+    from flexmb.analysis.effects.stored_motion import Motion
+    from flexmb.engine.compile import Compiled
+    from flexmb.model import Model
+
+Change: TypeAlias = tuple[tuple[Array, ...], Array, tuple[str, ...], float | None]
+"""Channels as for `contributions`, an effect's change of them (n, k), names, its cost."""
+
+_FEW_ROWS, _FEWER = 800, 8  # of more rows an eighth tells first whether all of them are needed
+_NOTHING = 1e-7  # of a sensor's peak-to-peak; too few rows saw 1/40 of a change
+
+
+@dataclass
+class Estimates:
+    """Estimates of the effects of a run; what is computed for one serves others."""
+
+    of: Neighbours
+    _unsettled: set[str] = field(default_factory=set)  # sensors, of the effect that was last found
+    _unsettled_of: dict[tuple[str, ...], set[str]] = field(default_factory=dict)
+    _changes_of: dict[tuple[str, ...], Change] = field(default_factory=dict)
+
+    def estimate(self, effect: Effect) -> tuple[list[Contribution], float | None]:
+        """Contributions to the sensors, and the time of the equations with it over that without.
+
+        Of deformation the time is that of all evaluations of the run over those of the rigid one.
+
+        Raises
+        ------
+        FlexmbError
+            The neighbour cannot be made or run.
+        """
+        from flexmb.analysis.effects.contribution import shared
+
+        alike, cost, made = self._alike(effect), self._change(effect)[3], self._alone(effect)
+        if len(alike) > 1 and not effect.on and effect.name != MODES:
+            with suppress(FlexmbError):  # without them all there may be no motion
+                return shared(made, self._each(alike), self._alone(*alike)), cost
+        if effect.body and len(alike) > 1 and any(one.at_rest and one.share for one in made):
+            made = self._each(alike)[alike.index(effect)]
+        return made, cost
+
+    def _each(self, effects: Sequence[Effect]) -> list[list[Contribution]]:
+        """Of one effect after the other, beside what they change together to first order."""
+        with np.errstate(invalid="ignore"):  # of what is unbounded
+            together = np.sum([self._change(one)[1] for one in effects], axis=0)
+        return [self._alone(one, together=together) for one in effects]
+
+    def _alone(self, *effects: Effect, together: Array | None = None) -> list[Contribution]:
+        """Of one effect, or of some of one kind switched over together."""
+        from flexmb.analysis.effects.contribution import contributions
+
+        made = contributions(self.of.model, *self._change(*effects)[:3], together)
+        rough = self._unsettled_of[effects[0].name, *(one.body for one in effects)]
+        return [replace(one, unsettled=one.sensor in rough) for one in made]
+
+    @cached_property
+    def _estimable(self) -> list[Effect]:
+        return [effect for effect in self.of.effects() if not effect.why]
+
+    def _alike(self, effect: Effect) -> list[Effect]:
+        """The effects of this kind that are off, or on, as this one is, in bodies alike."""
+        kind, rigid = (effect.name, effect.on), effect.indicator == "rigid"
+        alike = [one for one in self._estimable if (one.name, one.on) == kind]
+        return [one for one in alike if (one.indicator == "rigid") == rigid]
+
+    def _change(self, *effects: Effect) -> Change:
+        """By one effect, or by some of one kind together."""
+        name = effects[0].name
+        key = (name, *(one.body for one in effects))
+        if key not in self._changes_of:
+            deforms = name in (DEFORMATION, VIBRATION)
+            find = self._deformation if deforms else self._switch_change
+            self._unsettled = set()
+            self._changes_of[key] = find(*effects)
+            self._unsettled_of[key] = self._unsettled
+        return self._changes_of[key]
+
+    def _switch_change(self, *effects: Effect) -> Change:
+        """Of all but deformation, along the motion of the run; modes without inertia follow it."""
+        from flexmb.analysis.effects.contribution import evaluation_time as time
+        from flexmb.analysis.effects.stored_motion import shapes_of
+
+        model, own, follow = self.of.neighbour(*effects), self.of.compiled, False
+        name, on = effects[0].name, effects[0].on
+        if name != STATIC and self.of.static:
+            own, follow = self.of.dynamic[1], "quasi-static" in self.of.static.values()
+            model = with_words(model, dict.fromkeys(self.of.static, DYNAMIC))
+        bodies, shapes = dict(self.of.bodies), {}
+        for one in effects:
+            if one.body and (name == MODES or one.words.get("geometric_stiffening")):
+                bodies[one.body] = self.of.reduced(model, one)
+        if name == OUT_OF_PLANE:
+            for body, spec in model.bodies.items():
+                if isinstance(spec, MeshBodySpec):  # in the plane as many modes as the run has
+                    model = with_words(model, {body: {"modes": MORE_MODES * spec.mode_count}})
+                    bodies[body] = self.of.reduced(model, replace(effects[0], body=body))
+        other = self.of.compile(model, bodies)
+        finer = {OUT_OF_PLANE: own.flexbodies, MODES: [one.body for one in effects]}
+        for body in finer.get(name, ()):
+            shapes[body] = shapes_of(own.flexbodies[body], other.flexbodies[body])
+        changes = self._few_changes(own, other, model, shapes, follow)
+        changes = changes or self._changes(own, other, model, self.of.motion, shapes, follow)
+        times = time(other), time(own) if self.of.static else self._own_time
+        return *changes, times[1] / times[0] if on else times[0] / times[1]
+
+    def _deformation(self, *effects: Effect) -> Change:
+        """Of bodies along the motion in which they are rigid; of vibrations less what is slow.
+
+        What vibrates in the run, or is quasi-static in it, does so along the motion in which these
+        bodies follow their loads, if there is one.
+        """
+        from flexmb.analysis.effects.contribution import smaller_range
+        from flexmb.engine.bodies.static_modes import static_coordinates
+
+        mine = [one.body for one in effects]
+        if effects[0].name == VIBRATION and all(self.of.compiled.flexbodies[k].m for k in mine):
+            with suppress(FlexmbError):  # of a run of its own
+                if made := self._vibration(effects[0].on, mine):
+                    return made
+        own, motion, model, bodies, last = self.of.deformable(effects)
+        other = self.of.compile(model, bodies)
+        if effects[0].name == DEFORMATION:
+            cost = evaluations(self.of.run) * self._own_time / last if last else None
+            histories, change, names = self._changes(own, other, model, motion, {})
+            return (self.of.motion.channels, *histories), change, names, cost
+        deformations = (replace(one, name=DEFORMATION) for one in effects)
+        histories, change, names, _ = self._change(*deformations)
+        both = (
+            with_words(one, dict.fromkeys(mine, QUASI_STATIC)) for one in (self.of.model, model)
+        )
+        beside, slow = (self.of.compile(one, bodies) for one in both)
+        if follow := len(static_coordinates(beside.system, kinetostatic=True)) > 0:
+            slow = other  # nothing vibrates, nor do other bodies on the compliance of this one
+        (_, after), still, _ = self._changes(own, slow, model, motion, {}, follow)
+        if motion is not self.of.motion:  # the body is flexible in both
+            without = after if effects[0].on else smaller_range(after, histories[0])
+            histories = histories[0], without, histories[2]
+        change = np.where(np.isfinite(change), change - still, change)
+        return histories, change, names, None
+
+    def _vibration(self, on: bool, mine: list[str]) -> Change | None:
+        """Of bodies along the motion in which they are quasi-static.
+
+        What that leaves out of balance at their modes drives it. None where bodies that vibrate
+        have no such motion: in a frame at an interface, or beside dynamic modes on which they ring.
+        """
+        from flexmb.engine.bodies.static_modes import static_bodies
+
+        words, specs = dict.fromkeys(mine, QUASI_STATIC), cast("Any", self.of.model.bodies)
+        now = self.of.compile(with_words(self.of.model, words), self.of.bodies)
+        framed = any(specs[name].frame_interface is not None for name in mine)
+        if on and (framed or not static_bodies(now.system)[1]):
+            return None
+        motion = self.of.motion_with(words)[0] if on else self.of.motion
+        model = with_words(self.of.model, dict.fromkeys(mine, DYNAMIC))
+        other = self.of.compile(model, self.of.bodies)
+        histories, change, names = self._changes(now, other, model, motion, {}, inertia=mine)
+        return ((self.of.motion.channels, *histories) if on else histories), change, names, None
+
+    def _changes(
+        self, own: Compiled, other: Compiled, model: Model, motion: Motion,
+        shapes: Mapping[str, Array], follow: bool = False, inertia: Sequence[str] = (),
+    ) -> tuple[tuple[Array, ...], Array, tuple[str, ...]]:  # fmt: skip
+        from flexmb.analysis.effects.contribution import estimate
+
+        made, settled = estimate(
+            own, other, model, motion, shapes,
+            begins_as_placed=not self.of.has_origin, quasi_static=follow, inertia=inertia,
+        )  # fmt: skip
+        change, channels = made.channels, np.array(other.layout.channels)
+        rough = {str(channel).split(".")[0] for channel in channels[~settled]}
+        self._unsettled = self._unsettled | rough
+        after = motion.channels + np.where(np.isfinite(change), change, 0.0)
+        return (motion.channels, after), change, other.layout.channels
+
+    def _few_changes(
+        self, own: Compiled, other: Compiled, model: Model, shapes: Mapping[str, Array],
+        follow: bool,
+    ) -> tuple[tuple[Array, ...], Array, tuple[str, ...]] | None:  # fmt: skip
+        """As `_changes`, of a part of many rows, where these change next to nothing; else None."""
+        from flexmb.analysis.effects.contribution import contributions
+
+        n = len(self.of.motion.t)
+        if n <= _FEW_ROWS:
+            return None
+        few = self.of.motion.thinned(n // _FEWER)
+        histories, change, names = self._changes(own, other, model, few, shapes, follow)
+        if any(one.share > _NOTHING for one in contributions(model, histories, change, names)):
+            return None
+        every = -(-n // len(few.t))
+        return 2 * (self.of.motion.channels,), np.repeat(change, every, axis=0)[:n], names
+
+    @cached_property
+    def _own_time(self) -> float:
+        from flexmb.analysis.effects.contribution import evaluation_time
+
+        return evaluation_time(self.of.compiled)
