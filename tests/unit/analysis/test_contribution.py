@@ -129,7 +129,7 @@ def test_what_rings_faster_than_the_rows_is_what_neighbours_do_not_tell(phase) -
 def test_no_small_number_is_told_where_a_sensor_rings_faster_than_the_rows(rings) -> None:
     of = SimpleNamespace(
         estimate=lambda _: ([Contribution("grip", "N", 1.0, 2e-3, unresolved=rings)], None),
-        model=SimpleNamespace(units=unit_system("SI")),
+        of=SimpleNamespace(model=SimpleNamespace(units=unit_system("SI"))),
     )
     made = _outcome(of, Effect("vibration", "rod", False, ""), 0.01)
     assert made.share == (None if rings else 2e-3)
