@@ -69,6 +69,9 @@ _NOISE = 50.0
 # Regularisation of constraint rows across a singular pose, and pivots of redundant ones, over the
 # usual.
 _SINGULAR, _REDUNDANT = 1e5, 10.0
+# Gap of a constraint before the last correction of such a step, over what may remain: beyond it a
+# shorter step is tried, so often.
+_OPEN, _TRIES = 10.0, 3.0
 # Times its length that the polynomials of a step are extended: one that ends a jump knows no more.
 # Of a reference that a table holds and changes within 1e-9 to 1e-5 s runs fail with 1e4 and 1e5.
 _FAR = 20.0
@@ -105,8 +108,22 @@ def step(run: Run, radau: Radau, h: float) -> int:
         memory["regularisation"], memory["factor_step"] = _SINGULAR, 0.0
         status = _iterate(run, radau, h)
         memory["regularisation"], memory["factor_step"] = 0.0, 0.0
+        shorter = run.settings.step == 0.0 and memory["failures_since"] < _TRIES
+        if status == method.FINE and shorter and not _closes(run, h):
+            status = method.NO_CONVERGENCE
     failed = status == method.NO_CONVERGENCE and len(run.stages.static.units) > 0
     return one_stage_step(run, radau, h) if failed else status
+
+
+@kernel
+def _closes(run, h):
+    """Whether constraints hold at all stages: corrections end as well where rows give way."""
+    gap, weights, most = run.work.collocation.gap, run.system.row_weights, _OPEN * _allowed(run, h)
+    for i in range(STAGES):
+        for k in range(gap.shape[1]):
+            if not abs(gap[i, k]) * weights[k] <= most:
+                return False
+    return True
 
 
 @kernel
