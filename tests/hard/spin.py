@@ -328,6 +328,8 @@ CASES = {
         "The angle of its driver to 1e-9 rad; reactions of round-off have no error.",
         1e-9, driven_shaft, lambda run: largest(run["turn"] - 100 * run.time**2),
         {"duration": 0.5, "outputs": (0.5,), "start": "quasi-static"},
+        # explicit-rk: 0.003 to 1 of a thousandth of the moment, by luck of its round-off
+        methods=dict.fromkeys(("auto", "generalized-alpha", "radau"), {}),
     ),
     "a rotor at 315 rad/s": Hard(
         "17 turns from one output to the next.",
