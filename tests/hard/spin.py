@@ -14,8 +14,7 @@ from flexmb.fe import rectangle, reduce
 from flexmb.model import Model
 from tests.hard.case import Hard, largest
 
-G = 9.81
-IMPLICIT = {"auto": {}, "generalized-alpha": {}, "radau": {}}  # others follow round-off
+G, IMPLICIT = 9.81, {"auto": {}, "generalized-alpha": {}, "radau": {}}  # else: round-off
 
 
 def ways(step, fixed_alpha=None, textbook=True):
