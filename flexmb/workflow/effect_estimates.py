@@ -50,7 +50,7 @@ class Estimates:
     """Estimates of the effects of a run; what is computed for one serves others."""
 
     of: Neighbours
-    _unsettled: set[str] = field(default_factory=set)  # sensors, of the effect that was last found
+    _unsettled: set[str] = field(default_factory=set)  # sensors, of the effect estimated last
     _unsettled_of: dict[tuple[str, ...], set[str]] = field(default_factory=dict)
     _changes_of: dict[tuple[str, ...], Change] = field(default_factory=dict)
 

@@ -350,6 +350,52 @@ def test_of_a_stop(request, method, accuracy, change):
     assert off / 3 < own.statistics["measured_error_of_reactions"] < 3 * off
 
 
+@pytest.mark.parametrize("method", ["radau", "generalized-alpha"])
+@pytest.mark.parametrize(("beside", "outputs"), [(True, 1000), (False, 40)])
+def test_of_a_stop_beside_a_flywheel_of_a_kilometre_or_with_rare_outputs(method, beside, outputs):
+    made = beside_a_large_motion(thrown()) if beside else thrown()
+    own = run(made, duration=0.2, outputs=outputs, method=method, accuracy=1e-3)
+    truth = force_of_weld(own.t)
+    off = np.abs(-own.reaction("joints.weld")[:, 0] - truth).max() / np.ptp(truth)
+    assert off / 3 < own.statistics["measured_error_of_reactions"] < 3 * off
+
+
+def dropped():
+    """A ball with a load on a spring falls 0.1 m on its contact with the ground, and rebounds."""
+    made = Model("dropped", gravity=[0, 0, -9.81])
+    for name, mass, height in (("ball", 1.0, 0.2), ("plate", 0.5, 0.2), ("load", 1.0, 1.2)):
+        made.add_body(name, mass=mass, inertia=[0.1] * 3, position=[0, 0, height])
+    made.add_joint("weld", "fixed", between=["ball", "plate"])
+    made.add_joint("rail", "prismatic", between=["plate", "load"], axis="z")
+    made.add_force("spring", "spring-damper", between=["plate", "load"], free_length=1,
+                   stiffness=9e8)  # fmt: skip
+    made.add_force("floor", "contact", between=["ball", "ground"], stiffness=1e8, restitution=1.0,
+                   shapes=[{"type": "sphere", "radius": 0.1}, {"type": "plane"}])  # fmt: skip
+    made.add_sensor("ball", "position", of="ball")
+    return made
+
+
+@pytest.mark.parametrize("method", ["radau", "generalized-alpha"])
+def test_of_a_contact(method):
+    """Beside a run by a method that follows all vibrations."""
+    knobs = {"duration": 0.4, "outputs": 400}
+    followed = run(dropped(), accuracy=1e-10, method="explicit-rk", verify=False, **knobs)
+    own = run(dropped(), accuracy=1e-3, method=method, **knobs)
+    force = followed.reaction("joints.weld")
+    off = np.abs(own.reaction("joints.weld") - force).max() / np.ptp(force, axis=0).max()
+    assert off > 2e-3
+    assert off / 3 < own.statistics["measured_error_of_reactions"] < 3 * off
+
+
+@pytest.mark.parametrize("change", [{"profile": "step5"}, {"ratio": 0.05}])
+@pytest.mark.parametrize("more", [{}, {"away": 1e3}, {"size": 1e-6}])
+@pytest.mark.parametrize("method", ["radau", "generalized-alpha"])
+def test_no_alarm_with_rare_outputs(method, more, change):
+    """Next to nothing is excited, or it has ended before an output."""
+    ended = outcome(shaken(**change, **more), outputs=3, method=method, accuracy=1e-4)
+    assert ended.statistics["measured_error_of_reactions"] < 1e-3
+
+
 def test_a_resumed_run_states_the_same_of_a_stop(tmp_path, monkeypatch):
     monkeypatch.setattr(integration, "_CHUNK_WORK", 18 * 8)
     knobs = {"outputs": 100, "method": "radau", "accuracy": 1e-4, "duration": 0.2}

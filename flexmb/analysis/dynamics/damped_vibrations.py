@@ -45,7 +45,9 @@ _FOLLOWING, _FINER, _BETWEEN, _LATER = 1e-7, 0.1, 4, 2.0
 _FIRST, _FEW_STEPS, _CLEAR = 5, 300, 0.05
 # Behind events: steps for all that are followed, over those of the run; the first part of these,
 # which shows how far the rest will come; rows of the rest. Local tolerances, each if the one before
-# leaves less than a share of the vibration, and does so of more than the one before that.
+# leaves less than a share of the vibration, and does so of more than the one before that. Sixteen
+# scenes are told 0.57 to 1.5 times what they lack; half and twice of each of these, or nearly, give
+# 0.57 to 1.9, but for 24 rows, with which one is told 0.19.
 _SHARE_OF_STEPS, _SHOWS, _ROWS = 0.2, 3, 64
 _RATES = "velocities", "reactions"
 _LATE, _MANY_ROWS = 0.25, 8  # of the time until the end, in which rows tell what was lost
@@ -332,7 +334,8 @@ class _Follow:
             again.integrate(most - most // _SHOWS)
             blocks.append(again.rows.read())
         block = OutputBlock.joined(blocks)
-        plan, own = jumps.plan(k), self._settings if jumps.plan(k) is None else run.settings
+        plan = jumps.plan(k)
+        own = self._settings if plan is None else run.settings
         own = own._replace(start=begin, end=float(block.t.max(initial=reach)))
         again = Integration(run.compiled, run.method, own, coarse, block.t, plan)
         again.integrate(most)
