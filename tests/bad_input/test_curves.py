@@ -192,10 +192,9 @@ def turn(model, angle, **dynamics):
 
 @pytest.mark.parametrize(
     ("angle", "control", "end", "time"),
-    [("-20*t", {}, "end", 3 - np.pi / 2),
-     ("-20*t", {"step": None, "accuracy": 1e-2}, "end", 3 - np.pi / 2),
-     ("20*t", {}, "beginning", np.pi / 2)],
-    ids=["end", "controlled", "beginning"],
+    [pytest.param("-20*t", {}, "end", 3 - np.pi / 2, id="end", marks=pytest.mark.slow),
+     pytest.param("-20*t", {"step": None, "accuracy": 1e-2}, "end", 3 - np.pi / 2, id="controlled"),
+     pytest.param("20*t", {}, "beginning", np.pi / 2, id="beginning")],
 )  # fmt: skip
 def test_a_joint_that_leaves_its_curve(angle, control, end, time):
     """The cam is touched at the angle π/2 ± 20 t of its profile, which ends at 0 and 3 rad."""

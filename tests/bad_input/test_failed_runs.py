@@ -158,6 +158,7 @@ def test_rows_of_a_mechanism_that_came_apart_are_left_out() -> None:
     assert "at t = 0.5 s" in text and "joints.bearing: place y is off by 0.02 m or rad" in text
 
 
+@pytest.mark.slow
 def test_a_plate_never_leaps_to_another_root_of_its_joint(tmp_path: Path) -> None:
     """Where quasi-static modes have no equilibrium: dot products of axes vanish a third of a turn
     on too, where a run went on with the plate across, and finished."""

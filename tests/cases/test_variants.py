@@ -46,7 +46,12 @@ def test_the_excavator_with_a_rigid_boom_is_the_one_of_kinematics(tmp_path: Path
 
 
 @pytest.mark.parametrize(
-    ("scene", "missing"), [("slow.toml", False), ("medium.toml", False), ("scene.toml", True)]
+    ("scene", "missing"),
+    [
+        pytest.param("slow.toml", False, marks=pytest.mark.slow),
+        ("medium.toml", False),
+        ("scene.toml", True),
+    ],
 )
 def test_the_audit_says_at_which_speed_a_rigid_rod_is_wrong(scene, missing, tmp_path: Path) -> None:
     """Its estimate against the share by which a rigid rod's middle is off (`exact.py`)."""

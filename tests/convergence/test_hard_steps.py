@@ -26,7 +26,11 @@ def pendulums(inertia):
 
 
 @pytest.mark.parametrize("inertia", [1e-4, 1e-8, 1e-12])
-@pytest.mark.parametrize("knobs", [{"step": 1e-3}, {"accuracy": 1e-4}], ids=["fixed", "controlled"])
+@pytest.mark.parametrize(
+    "knobs",
+    [pytest.param({"step": 1e-3}, id="fixed", marks=pytest.mark.slow),
+     pytest.param({"accuracy": 1e-4}, id="controlled")],
+)  # fmt: skip
 def test_bodies_of_hardly_any_inertia(inertia, knobs):
     """Energy is kept, and the motion is that of point masses."""
     found = run(pendulums(inertia), duration=1.0, outputs=20, **knobs)
@@ -96,7 +100,7 @@ def error_of(name, method, steps, away=AWAY):
 SKEW = ("skew body on a cross", "skew body on a spring")
 
 
-@pytest.mark.parametrize("name", SKEW)
+@pytest.mark.parametrize("name", [pytest.param(SKEW[0], marks=pytest.mark.slow), SKEW[1]])
 def test_what_newton_leaves_in_short_steps_does_not_add_up(name):
     """Below the last places of positions too: that was 2e-5 to 4e-5 here, more with each step."""
     assert error_of(name, "radau", 40_000) < 1e-7

@@ -315,7 +315,7 @@ CASES = {
         1e-2, leaf_guides, off_leaves(), {"duration": 0.1, "outputs": 40, "accuracy": 1e-4},
         {"auto": {}, "generalized-alpha": {"accuracy": None, "step": 2e-4}, "radau": {},
          "fixed radau": {"accuracy": None, "step": 1e-3}},
-        slow=True, quick=("radau",),
+        slow=True,
     ),
     "a rank that changes on the way": Hard(
         "A plate on three cranks in a row: flat, twice a turn, two more equations are redundant.",

@@ -142,6 +142,7 @@ def test_the_bar_turns_and_is_deformed(parts) -> None:
     assert max(deformed) > 0.02 * LENGTH
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:bodies.bar turns with")
 def test_full_coupling_is_exact_and_the_others_are_as_good_as_they_say(parts) -> None:
     """Partial coupling errs by the square of the deformation, constant coupling by the first."""

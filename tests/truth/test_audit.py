@@ -173,7 +173,7 @@ def mast_with_a_boom():
     ("word", "other", "effect"),
     [
         ("rigid", "dynamic", "deformation"),
-        ("dynamic", "rigid", "deformation"),
+        pytest.param("dynamic", "rigid", "deformation", marks=pytest.mark.slow),
         pytest.param("dynamic", "quasi-static", "vibration", marks=pytest.mark.slow),
         pytest.param("quasi-static", "dynamic", "vibration", marks=pytest.mark.slow),
     ],
@@ -212,6 +212,7 @@ def test_two_bodies_on_which_nothing_vibrates_are_judged_as_two(tmp_path):
     assert both == pytest.approx(true, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_run_of_a_neighbour_may_leave_the_bounds_of_the_scene(tmp_path):
     """With a rigid mast the boom resonates; the head of the mast, which all is about, rests."""
     model = mast_with_a_boom()
@@ -220,7 +221,9 @@ def test_a_run_of_a_neighbour_may_leave_the_bounds_of_the_scene(tmp_path):
     assert one.share == pytest.approx(1.0, rel=0.05)
 
 
-@pytest.mark.parametrize("deformation", ["rigid", "quasi-static"])
+@pytest.mark.parametrize(
+    "deformation", ["rigid", pytest.param("quasi-static", marks=pytest.mark.slow)]
+)
 def test_a_force_in_resonance_with_a_bar_that_does_not_vibrate(deformation):
     """Its amplitude grows with every cycle, far beyond the static deflection F L³/3EI."""
     model = Model("struck bar")
@@ -241,6 +244,7 @@ def test_a_force_in_resonance_with_a_bar_that_does_not_vibrate(deformation):
         assert one.verdict == ("needed" if one.on else "missing")
 
 
+@pytest.mark.slow
 def test_a_start_from_a_sagging_bar_does_not_stretch_it(tmp_path):
     """Its turned axes shorten it to second order, which rang as an axial vibration in the hub."""
     model = Model("lifted bar", gravity=[0, -9.81, 0])
@@ -255,6 +259,7 @@ def test_a_start_from_a_sagging_bar_does_not_stretch_it(tmp_path):
     assert find(flexmb.audit(run), "deformation").share == pytest.approx(true, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_load_with_the_period_of_the_rows_is_seen(tmp_path):
     """It is nought at all of them; a block that moves slowly is resolved by so few."""
     model = Model("bar and block")
@@ -274,6 +279,7 @@ def test_a_load_with_the_period_of_the_rows_is_seen(tmp_path):
     assert float(one.value.split()[0]) == pytest.approx(np.abs(complete["tip.y"]).max(), rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
 def test_estimates_do_not_depend_on_the_size_of_a_machine():
     """A bar that turns under its weight, from its quasi-static shape, which small ones lost."""
@@ -421,10 +427,8 @@ def test_coupling_of_a_slow_body_without_data_for_stiffening(tmp_path):
     assert stiffening.verdict == "not known" and "flexmb reduce" in stiffening.why
 
 
-@pytest.mark.parametrize(
-    "deformation",
-    ["quasi-static", pytest.param(DeformationSpec(band=(0.0, 30.0)), marks=pytest.mark.slow)],
-)
+@pytest.mark.parametrize("deformation", ["quasi-static", DeformationSpec(band=(0.0, 30.0))])
+@pytest.mark.slow
 def test_effects_of_bodies_whose_modes_have_no_inertia(deformation, tmp_path):
     """Gravity bends them, and is not taken for nothing because its modes have no motion."""
     runs = {}

@@ -187,7 +187,8 @@ def test_two_columns_hold_one_another_if_one_of_them_is_rigid(tmp_path):
     assert told == pytest.approx(true, rel=0.01)
 
 
-@pytest.mark.parametrize("t0", [0.0, pytest.param(0.07, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("t0", [0.0, 0.07])
+@pytest.mark.slow
 def test_a_deformation_that_follows_its_loads_jumps_with_them(t0, tmp_path):
     """The derivative of the jump was taken for a velocity: 248 % were told for 17 %."""
     model, words = arm_that_turns(t0=t0, t1=0.5), {"deformation": "quasi-static"}
@@ -221,6 +222,7 @@ def test_vibrations_that_the_rows_did_not_resolve_cancel(body, tmp_path):
     assert told == pytest.approx(true, rel=0.5)
 
 
+@pytest.mark.slow
 def test_what_follows_a_table_has_no_spikes_at_its_points(tmp_path):
     """The second rate of the deformation has: 612 % of a reaction were told for 25 %."""
     times = np.linspace(0.0, 0.6, 13)
@@ -355,7 +357,7 @@ def arm_with_a_controller():
     return model
 
 
-@pytest.mark.parametrize("is_on", [False, True])
+@pytest.mark.parametrize("is_on", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_jib_rings_by_as_much_as_its_load_bent_it(is_on, tmp_path):
     """What follows the load jumps with it between two rows: a third was told of 12 %."""
     model = jib_that_loses_its_load()
@@ -374,6 +376,7 @@ def test_vibrations_under_a_controller_that_sees_rates(tmp_path):
         assert told == pytest.approx(true, rel=0.3, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_a_hammer_that_a_soft_shaft_leaves_on_its_stop_for_longer(tmp_path):
     """Contacts close as in the run to first order: four times the change is told, and that."""
     model = Model("hammer on a stop", gravity=[0, -9.81, 0])

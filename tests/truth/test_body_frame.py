@@ -71,7 +71,8 @@ def spun_up(body, **words):
     return np.array([found[f"tip.{axis}"] for axis in "xyz"])
 
 
-@pytest.mark.parametrize("coupling", ["partial", pytest.param("full", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("coupling", ["partial", "full"])
+@pytest.mark.slow
 def test_with_stiffening_both_frames_agree_to_a_higher_order(coupling):
     """Without it they differ with the square of the deflection, which falls with the stiffness."""
     body = rod(0.01, 1.0, 10, 4, geometric_stiffening="full")

@@ -99,7 +99,7 @@ def test_wherever_it_stands_and_of_any_size(variant, all_are_told, monkeypatch):
 
 
 @pytest.mark.parametrize(("share", "what"), [(0.7, ""), (0.85, "note"), (1.1, "refusal")])
-@pytest.mark.parametrize("stiffening", [True, False])
+@pytest.mark.parametrize("stiffening", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_run_warns_before_the_column_buckles_and_stops_where_it_does(share, what, stiffening):
     """Without stiffening it is told from a tenth of the load on."""
     model = loaded("pinned", share * np.pi**2, stiffening=stiffening)
@@ -195,6 +195,7 @@ def test_a_load_on_a_tied_face_buckles_the_column_behind_it(load):
     assert factors[0] == pytest.approx(E * h**4 / 12 * k**2, rel=1e-4)  # strain P/EA: 5e-5
 
 
+@pytest.mark.slow
 def test_the_load_factors_of_many_rows_are_those_of_each(monkeypatch):
     """A load that grows: row by row its share of Euler's load, whichever rows are asked for."""
     model = loaded("pinned", 0.0)

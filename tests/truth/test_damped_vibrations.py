@@ -187,6 +187,7 @@ def test_a_sensor_that_shows_the_vibration_alone_is_right(method, accuracy):
     assert np.abs(found["gap"] - 1.0 - truth).max() < 2 * accuracy * np.ptp(truth)
 
 
+@pytest.mark.slow
 def test_a_run_that_is_repeated_for_a_vibration_says_why():
     made, said = shaken(), "steps follow a vibration, which sensor gap shows"
     made.add_sensor("gap", "distance", between=["base", "load"])
@@ -332,7 +333,7 @@ STIFF_STOP = {"stop": 2e3}, {"omega": 1e5, "stop": 2e3}
 HALF_FOLLOWED = [({"stop": 2e3}, 1e-3), ({"stop": 2e3}, 1e-4), (STIFF_STOP[1], 1e-3)]
 
 
-@pytest.mark.parametrize("accuracy", [1e-3, 1e-4])
+@pytest.mark.parametrize("accuracy", [1e-3, pytest.param(1e-4, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("method", ["radau", "generalized-alpha"])
 @pytest.mark.parametrize(
     "change",

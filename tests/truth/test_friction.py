@@ -100,7 +100,9 @@ def test_smooth_friction_creeps_as_it_says():
     assert any("forces.rub: smooth friction does not stick but creeps" in note for note in notes)
 
 
-@pytest.mark.parametrize("method", ["radau", "generalized-alpha", "explicit-rk"])
+@pytest.mark.parametrize(
+    "method", [pytest.param("radau", marks=pytest.mark.slow), "generalized-alpha", "explicit-rk"]
+)
 @pytest.mark.parametrize("name", FRICTION)
 def test_stick_and_slip_are_as_accurate_as_told(name, method):
     """Beside scipy: what is asked for is reached, and no error near it is told three times less."""
@@ -264,7 +266,7 @@ def test_bristles_of_contacts_do_not_hide_their_error(name, where, method, asked
 GUIDES = tuple(name for name in FRICTION if name.startswith("guide"))
 
 
-@pytest.mark.parametrize("method", ["radau", "explicit-rk"])
+@pytest.mark.parametrize("method", [pytest.param("radau", marks=pytest.mark.slow), "explicit-rk"])
 @pytest.mark.parametrize("where", ELSEWHERE)
 @pytest.mark.parametrize("name", GUIDES)
 def test_a_guide_under_changing_load_follows_the_law_of_its_bristle(name, where, method):

@@ -29,6 +29,7 @@ def sprung(deformation):
     return model
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::flexmb.errors.FlexmbWarning")
 def test_a_weight_on_a_spring_moves_faster_than_the_driver(tmp_path):
     """The band goes by the motion; that of the driver is too narrow, as the audit estimates."""

@@ -46,7 +46,7 @@ def shuttle():
 
 
 @pytest.mark.parametrize("method", ["auto", "radau"])
-@pytest.mark.parametrize("make", [train, shuttle])
+@pytest.mark.parametrize("make", [pytest.param(train, marks=pytest.mark.slow), shuttle])
 def test_round_off_between_far_bodies_is_part_of_the_error(make, method):
     shares = []  # of a walk at random no single one tells
     for accuracy in (1e-6, 5e-7, 1e-7):

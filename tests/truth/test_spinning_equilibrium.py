@@ -70,6 +70,7 @@ def test_a_governor_with_its_pins_beside_the_shaft():
     assert result.statistics["newton_iterations"] < 20
 
 
+@pytest.mark.slow
 def test_hanging_bars_lose_their_stability_at_the_critical_speed():
     sweep = flexmb.sweep_statics(lambda w: governor(w, lean=0.0), "speed", [3.0, 5.0, 7.0])
     lost = [event for event in sweep.events if event.kind == "stability lost"]

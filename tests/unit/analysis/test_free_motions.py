@@ -156,6 +156,7 @@ def test_a_mechanism_locked_by_its_build_stays_where_it_is(tilt):
     assert any("slightly off" in str(one.message) for one in told) == (tilt < 0.1)
 
 
+@pytest.mark.slow
 def test_a_long_chain_of_welds_is_no_misfit():
     """Its least singular value is small as well, but not beside the next."""
     made = Model("chain", gravity=[0, -10, 0])

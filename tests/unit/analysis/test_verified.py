@@ -91,13 +91,14 @@ def test_a_chaotic_motion_is_told_with_a_time_until_which_it_is_accurate(known, 
     assert 0.5 * lost < told < lost + 1.0
 
 
+@pytest.mark.slow
 def test_the_error_of_a_chaotic_motion_is_not_told_smaller_than_it_is(known):
     """In the end both runs are anywhere, so that what they differ by is no multiple of an error."""
     outcome, *_ = simulated(high(), accuracy=1e-6, **LONG)
     assert outcome.statistics["measured_error_of_positions"] > 0.1
 
 
-@pytest.mark.parametrize("accuracy", [1e-3, 1e-4])
+@pytest.mark.parametrize("accuracy", [1e-3, pytest.param(1e-4, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "knobs",
     [{"method": "auto"}, pytest.param({"method": "radau"}, marks=pytest.mark.slow)],
@@ -154,6 +155,7 @@ def test_round_off_is_looked_for_by_one_run_and_measured_by_three(
     assert set(steps[-runs:]) == {steps[-runs - 2]}  # those of the last scout
 
 
+@pytest.mark.slow
 def test_round_off_of_a_run_that_was_extended_is_told(tmp_path):
     """It is looked for from the first row on, as in a run that was as long from the start."""
     model = moved(high())
@@ -164,6 +166,7 @@ def test_round_off_of_a_run_that_was_extended_is_told(tmp_path):
     assert longer.statistics["measured_error_of_positions"] > 2e-3  # 6e-4 by shorter steps alone
 
 
+@pytest.mark.slow
 def test_a_pass_that_fails_leaves_the_one_before():
     """Less accurate than asked for, and told, but a motion from the first row to the last."""
     knobs = {"accuracy": 1e-3, "method": "generalized-alpha"}

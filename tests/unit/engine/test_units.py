@@ -71,6 +71,7 @@ print(json.dumps({u.name: [unit_file(u.name), [p.name for p in sources_of(u.modu
 """
 
 
+@pytest.mark.slow
 def test_an_edit_concerns_only_the_units_that_reach_the_file(tmp_path, project):
     """An edited kernel of one kind leaves all others in the cache; one of vectors does not."""
     shutil.copytree(
@@ -129,6 +130,7 @@ print(b[6])
 # --- processes ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_killed_compilation_leaves_a_usable_cache(cache, project):
     """Killed at several moments; then everything is there, and nothing broken."""
     code = f"""
@@ -157,6 +159,7 @@ def test_what_lies_in_the_present_folder_is_not_compiled(cache, tmp_path, monkey
     assert compiler_pool.compile_units([MOVE]) == 1
 
 
+@pytest.mark.slow
 def test_two_processes_on_a_cold_cache_share_the_work(cache, project):
     code = f"""
 from flexmb.engine.compiler_pool import compile_units
@@ -197,6 +200,7 @@ print(call(run_program, table, int(sys.argv[1]), 1.5, np.zeros((1, 3)), np.zeros
 """
 
 
+@pytest.mark.slow
 def test_checked_kernels_stop_at_an_index_outside_its_array(cache, tmp_path):
     """Below the first and behind the last; inside, they do what they always do."""
 

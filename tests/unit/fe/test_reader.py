@@ -10,8 +10,15 @@ from femeshes import block
 from flexmb.errors import MeshError
 from flexmb.fe import read_mesh
 from flexmb.fe.elements.element_blocks import FAMILIES
+from flexmb.fe.meshes import mesh as mesh_module
 
 BOX = block((2, 1, 1))
+
+
+@pytest.fixture(autouse=True)
+def in_this_process(monkeypatch):
+    """Files are read at once; that they are read in a process of their own is tested elsewhere."""
+    monkeypatch.setattr(mesh_module, "check_reading", lambda *_: None)
 
 
 def written(tmp_path, name="box.msh", file_format="gmsh22", tags=(7, 8, 9), named=True):

@@ -26,6 +26,7 @@ def rod(project):
     return reduce(project / "meshes" / "connecting_rod.msh", **ROD)
 
 
+@pytest.mark.slow
 def test_the_connecting_rod(rod):
     assert rod.name == "connecting_rod"
     assert rod.m == 2 * 6 + 20 - 6

@@ -74,6 +74,7 @@ def test_help_lists_and_shows_pages() -> None:
     assert call("help", "flexible", "bodies").stdout == call("help", "flexible-bodies").stdout
 
 
+@pytest.mark.slow
 def test_words_that_are_no_page_are_searched_for() -> None:
     hits = manual.search(["hertz", "contact"])
     assert hits[0].page == "contact"
@@ -90,6 +91,7 @@ def test_words_that_nothing_holds_are_told_with_the_nearest_names() -> None:
         manual.page("joint")
 
 
+@pytest.mark.slow
 def test_a_site_of_html_pages_needs_no_network(tmp_path: Path) -> None:
     pytest.importorskip("mkdocs", reason='needs pip install ".[manual]"')
     done = call("help", "--html", str(tmp_path / "site"))

@@ -68,7 +68,7 @@ def _kill_many(tmp_path: Path, kills: int) -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL is a POSIX signal")
 def test_readable_after_some_kills(tmp_path: Path) -> None:
-    _kill_many(tmp_path, 5)
+    _kill_many(tmp_path, 2)
 
 
 @pytest.mark.slow
@@ -77,6 +77,7 @@ def test_readable_after_many_kills(tmp_path: Path) -> None:
     _kill_many(tmp_path, 40)
 
 
+@pytest.mark.slow
 def test_a_kill_while_a_file_grows_costs_no_row(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -113,6 +114,7 @@ def test_a_kill_while_a_file_grows_costs_no_row(
     assert {400, 420, 790} <= set(rows)
 
 
+@pytest.mark.slow
 def test_flipped_bits_of_a_killed_run_are_noticed_or_change_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

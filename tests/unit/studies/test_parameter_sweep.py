@@ -154,6 +154,7 @@ def test_which_speed_reaches_how_far(scene: Path) -> None:
     assert "no v from 10 to 30 gives ball.x:final >= 1 km" in never.answer.sentences[0]
 
 
+@pytest.mark.slow
 def test_files_of_a_sweep(scene: Path) -> None:
     made = sweep(scene, {"v": "uniform(18, 22)", "angle": "0.6..0.9"}, samples=16, sensors=[RANGE])
     names = {path.name for path in made.save()}

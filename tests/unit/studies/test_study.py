@@ -125,6 +125,7 @@ def test_a_study_of_another_scene_is_not_mixed_with_it(study: flexmb.Study, fold
         flexmb.study(crank, {"step": [1e-4]}, output=folder, **QUIET)
 
 
+@pytest.mark.slow
 def test_another_mass_or_more_repeats_run_anew(study: flexmb.Study, folder: Path) -> None:
     once = flexmb.study(PENDULUM, {"step": STEPS[:1]}, output=folder, overrides={"m": "3"}, **QUIET)
     assert once.reused == 0
@@ -144,6 +145,7 @@ def test_an_interruption_keeps_what_has_ended(tmp_path: Path) -> None:
     assert flexmb.study(PENDULUM, {"step": STEPS}, output=tmp_path, **QUIET).reused == 1
 
 
+@pytest.mark.slow
 def test_another_machine_has_a_truth_of_its_own(tmp_path: Path) -> None:
     """A pendulum four times as long is twice as slow, and no error of the short one."""
     both = flexmb.study(
@@ -154,6 +156,7 @@ def test_another_machine_has_a_truth_of_its_own(tmp_path: Path) -> None:
     assert one == pytest.approx(other, rel=1e-6)  # the same motion, scaled
 
 
+@pytest.mark.slow
 def test_units_of_the_scene_change_nothing(study: flexmb.Study, tmp_path: Path) -> None:
     """The same pendulum in millimetres and milliseconds, and its steps in these."""
     text = PENDULUM.read_text(encoding="utf-8").partition("[[check]]")[0]

@@ -171,6 +171,7 @@ def joint_model(kind: str, folder: Path) -> Mechanism:
     return still_run(model, folder)
 
 
+@pytest.mark.slow
 def test_every_joint_has_a_glyph_of_its_own(tmp_path: Path) -> None:
     seen: dict[tuple, str] = {}
     for kind, row in JOINT_TYPES.items():

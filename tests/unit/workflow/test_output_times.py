@@ -74,6 +74,7 @@ def test_one_output_has_a_measured_error_and_full_statistics() -> None:
     assert run.statistics[name] == pytest.approx(dense.statistics[name], rel=0.5)
 
 
+@pytest.mark.slow
 def test_many_times_within_one_step(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_CHUNK_WORK", 18 * 20)
     times = np.concatenate([np.linspace(0.01, 0.01001, 300), [0.0301, 0.031]])

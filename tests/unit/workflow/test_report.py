@@ -152,6 +152,7 @@ def moved(data: dict[str, Any], frame: int, factor: float) -> dict[int, list[np.
     return placed
 
 
+@pytest.mark.slow
 def test_the_machine_moves_as_pictures_show_it(folder: Path) -> None:
     """The packed numbers give the points of a drawing, exaggerated as it is, and undeformed."""
     run = Result(folder)

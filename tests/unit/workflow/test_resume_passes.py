@@ -79,7 +79,10 @@ def assert_same(done: Result, whole: Result) -> None:
         assert name.startswith("seconds") or done.statistics[name] == value, name
 
 
-@pytest.mark.parametrize("at", [(1, 1), (1, 4), (2, 1), (2, 5)])
+SLOW = [pytest.param(at, marks=pytest.mark.slow) for at in ((1, 4), (2, 1))]
+
+
+@pytest.mark.parametrize("at", [(1, 1), (2, 5), *SLOW])
 def test_a_stopped_pass_goes_on_to_the_same_bytes(
     tmp_path: Path, whole: Result, at: tuple[int, int]
 ) -> None:
@@ -92,6 +95,7 @@ def test_a_stopped_pass_goes_on_to_the_same_bytes(
     assert_same(flexmb.resume(again), whole)
 
 
+@pytest.mark.slow
 def test_a_run_killed_at_any_moment_goes_on_to_the_same_bytes(
     tmp_path: Path, whole: Result, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -132,7 +136,7 @@ def test_a_run_killed_at_any_moment_goes_on_to_the_same_bytes(
         assert_same(flexmb.resume(folder), whole)
 
 
-@pytest.mark.parametrize("outputs", [30, 60])
+@pytest.mark.parametrize("outputs", [30, pytest.param(60, marks=pytest.mark.slow)])
 def test_a_finished_run_is_extended_as_accurately(
     tmp_path: Path, whole: Result, outputs: int
 ) -> None:

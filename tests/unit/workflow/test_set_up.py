@@ -125,7 +125,7 @@ def at_rest(system: System, state: State, work: Work, level: int) -> float:
     return 0.0
 
 
-@pytest.mark.parametrize("joint", ["spherical", "revolute"])
+@pytest.mark.parametrize("joint", [pytest.param("spherical", marks=pytest.mark.slow), "revolute"])
 def test_a_chain_takes_operations_in_proportion_to_its_bodies(
     joint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -142,7 +142,7 @@ def test_a_chain_takes_operations_in_proportion_to_its_bodies(
     assert max(ratios.values()) < MOST, ratios
 
 
-@pytest.mark.parametrize("make", [star, gear_train])
+@pytest.mark.parametrize("make", [star, pytest.param(gear_train, marks=pytest.mark.slow)])
 def test_so_do_other_models(make: Callable[[int], Model]) -> None:
     def whole(n: int) -> int:
         return operations(lambda: compile_system(make(n)))

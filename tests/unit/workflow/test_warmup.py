@@ -51,6 +51,7 @@ def test_all_units_are_compiled_once_with_progress(few: tuple[Unit, ...]) -> Non
     assert told == []
 
 
+@pytest.mark.slow
 def test_the_command_says_what_it_did(few: tuple[Unit, ...]) -> None:
     first, second = (CliRunner().invoke(app, ["warmup"]) for _ in range(2))
     assert first.exit_code == second.exit_code == 0, first.output
