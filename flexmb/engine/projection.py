@@ -49,6 +49,8 @@ _SAME_POSE = 1e-12
 _SETTLED = 1e-10
 # Times last places are changed to tell noise, which grows with them up to this factor, from a jump.
 _LARGER, _UNEVEN = 8.0, 2.5
+# What is left of h² where the matrix is not definite, how often.
+_SHARE, _SHARES = 0.25, 5
 # What `accelerations` puts on the constraints first.
 NOTHING, VELOCITIES, POSITIONS = 0, 1, 2
 
@@ -219,7 +221,7 @@ def _solve_motion(run: Run, at: Point, cp: float, project: int) -> int:
     feedback_stage(run, at)
     reaction_stage(run, at)
     run.work.factor.symmetric[0] = 1
-    factorise(run, at, 0.0, cp)
+    cp = _factorise_definite(run, at, cp)
     if project == POSITIONS and at.lam.shape[0] > 0:
         moved = project_positions(run, at, _ROUNDS)
         if moved > _SAME_POSE and has_dependent_rows(run.work.factor, 0.0):
@@ -238,6 +240,32 @@ def _solve_motion(run: Run, at: Point, cp: float, project: int) -> int:
     if depends_on_solution(run) and not _solve_loop(run, at, cp):
         return SELF_LOCKING if len(run.stages.reaction.units) > 0 else NO_LOOP
     return FINE
+
+
+@kernel
+def _factorise_definite(run, at, cp):
+    """Factor M + b ∂F/∂q with the largest b up to cp of which twice leaves it definite; returns b.
+
+    Forces in an unstable pose make ∂F/∂q negative: where b makes that as large as a light mass,
+    velocities and reactions would be divided by the difference.
+    """
+    b = cp
+    for n in range(_SHARES):
+        if b == 0.0 or _is_definite(run, at, 2.0 * b):
+            break
+        b = _SHARE * b if n + 1 < _SHARES else cp  # as of one that never is
+    factorise(run, at, 0.0, b)
+    return b
+
+
+@kernel
+def _is_definite(run, at, cp):
+    """Whether M + cp ∂F/∂q is positive in all directions that the constraints leave."""
+    factorise(run, at, 0.0, cp)
+    d, negative = run.work.factor.d, 0
+    for k in range(d.shape[0]):
+        negative += 1 if d[k] < 0.0 else 0
+    return negative <= at.lam.shape[0]
 
 
 @kernel
