@@ -13,7 +13,7 @@ _TURNS = 0.01  # product of two bends that a vibration turns between, over the s
 
 
 def vibration_amplitudes(
-    t: Array, values: Array, starts: Array, at: float = -math.inf, longest: float = math.inf
+    t: Array, values: Array, starts: np.ndarray, at: float = -math.inf, longest: float = math.inf
 ) -> Array:
     """Amplitudes of vibrations in the second half of rows, or as they decay until a later time.
 
