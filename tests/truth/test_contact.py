@@ -327,3 +327,28 @@ def test_a_ball_at_rest_is_no_alarm(recwarn):
     rest = flexmb.simulate(made)
     assert not [warning for warning in recwarn if "energy" in str(warning.message)]
     assert rest.statistics["energy_balance_error"] < 1e-2
+
+
+def pushed_back(t, omega=1000.0):
+    """Place and force of a mass of 1 kg that is thrown by 2 m/s between stops 0.6 m apart."""
+    count, phase = np.divmod(t + 0.15, 0.3 + np.pi / omega)
+    late = np.maximum(omega * (phase - 0.3), 0.0)
+    x = np.where(late > 0.0, 0.3 + 2 / omega * np.sin(late), -0.3 + 2 * phase)
+    return np.where(count % 2 == 0, x, -x), 2 * omega * np.sin(late)
+
+
+@pytest.mark.parametrize("method", ["auto", "radau"])
+def test_pulses_of_stops_between_many_outputs(method):
+    """Of 400 outputs those are compared at which the pulses of 3 ms are highest."""
+    made = Model("stops")
+    made.add_body("m", mass=1, inertia=[1] * 3, velocity=[2, 0, 0])
+    made.add_joint("guide", "prismatic", between=["ground", "m"], axis="x")
+    made.add_force("stops", "translational-stop", joint="guide", lower=-0.3, upper=0.3,
+                   stiffness=1e6)  # fmt: skip
+    made.add_sensor("m", "position", of="m")
+    found = run(made, duration=3.0, outputs=400, accuracy=1e-4, method=method)
+    x, force = pushed_back(found.t)
+    own = np.abs(found.reaction("forces.stops")).max(axis=1)
+    off = np.abs(own - force).max() / np.ptp(own)
+    assert off / 3 < found.statistics["measured_error_of_reactions"] < 3 * off
+    assert np.abs(found["m.x"] - x).max() < 1e-4

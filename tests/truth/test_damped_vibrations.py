@@ -397,6 +397,28 @@ def test_no_alarm_with_rare_outputs(method, more, change):
     assert ended.statistics["measured_error_of_reactions"] < 1e-3
 
 
+@pytest.mark.parametrize("change", [{}, {"away": 1e3}, {"size": 1e-6}])
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-4])
+def test_no_alarm_where_friction_pulses_slowly(accuracy, change):
+    """A block on a spring slips on, and friction rises by Stribeck's law where it is slow."""
+    size, away = change.get("size", 1.0), change.get("away", 0.0)
+    made = Model("dragged", gravity=[0, 0, -9.81 * size])
+    for name, at in (("sled", 0.0), ("block", 1.0)):
+        place = [away + at * size, 0, 0]
+        made.add_marker(f"ground.{name}", position=place)
+        made.add_body(name, mass=1.5, inertia=[0.01 * size**2] * 3, position=place)
+        made.add_joint(name, "prismatic", between=[f"ground.{name}", name], axis="x")
+    made.add_driver("motor", joint="sled", stroke=f"{0.3 * size!r}*t")
+    made.add_force("tie", "spring-damper", between=["sled", "block"], free_length=size,
+                   stiffness=1250, damping=1.4)  # fmt: skip
+    made.add_force("rub", "joint-friction", joint="block", static=0.175, dynamic=0.112,
+                   stribeck_speed=0.05 * size, stiffness=18600, damping=360)  # fmt: skip
+    made.add_sensor("block", "position", of="block")
+    ended = outcome(made, 1.4, 400, method="radau", accuracy=accuracy)
+    assert 1e-6 < ended.statistics["measured_error_of_reactions"] < 2e-3
+    assert not ended.notes
+
+
 def test_a_resumed_run_states_the_same_of_a_stop(tmp_path, monkeypatch):
     monkeypatch.setattr(integration, "_CHUNK_WORK", 18 * 8)
     knobs = {"outputs": 100, "method": "radau", "accuracy": 1e-4, "duration": 0.2}

@@ -51,6 +51,7 @@ _FIRST, _FEW_STEPS, _CLEAR = 5, 300, 0.05
 _SHARE_OF_STEPS, _SHOWS, _ROWS = 0.2, 3, 64
 _RATES = "velocities", "reactions"
 _LATE, _MANY_ROWS = 0.25, 8  # of the time until the end, in which rows tell what was lost
+_RESOLVED = 8.0  # longest steps in the period of a vibration that they damp at most
 _ENOUGH = 4  # outputs, with which nothing between them is compared
 _TOLERANCES, _SHOWN, _MORE = (1e-7, 1e-9, 1e-11), 0.3, 1.5
 
@@ -250,7 +251,8 @@ def follow_events(
         begin, end = float(jumps.table[k, 0]), settings.end
         late = late.rows(late.t > max(rows.t.max(initial=begin), end - _LATE * (end - begin)))
         if k == last and len(late.t) >= _MANY_ROWS:
-            error.add_lost(late, rows, begin, _RATES)
+            seen = float(np.ptp(late.t))
+            error.add_lost(late, rows, begin, _RATES, min(_RESOLVED * longest, 0.25 * seen))
 
 
 class _Follow:

@@ -23,6 +23,7 @@ from flexmb.analysis.dynamics.compared_quantities import (
     compared,
     groups,
 )
+from flexmb.analysis.dynamics.vibration_amplitudes import vibration_amplitudes
 from flexmb.analysis.monitors import SampledHistory
 from flexmb.engine.tables import Layout
 from flexmb.flexbody.arrays import Array
@@ -47,7 +48,6 @@ NO_MOTION = 1e-10  # of the size of the model, or of a radian, within the run
 _LEAST_ERROR = 1e-15  # over the peak-to-peak
 _NONE, _REACTIONS = np.zeros(0, np.intp), ("N", "N m")
 _FOLLOWED = 3.0  # times what a run has of a vibration, from which on it has lost it
-_DECAYS, _LEAST_TIME = 0.98, 1e-300  # of an amplitude, from half to half of what is seen; s
 _PARTED = 0.1  # difference over the peak-to-peak from which on two runs are different motions
 
 
@@ -223,13 +223,14 @@ class MeasuredError:
         return float(self._shares(largest)[of].max(initial=0.0))
 
     def add_lost(
-        self, rows: OutputBlock, fine: OutputBlock, begin: float, quantities: Collection[str]
-    ) -> None:
+        self, rows: OutputBlock, fine: OutputBlock, begin: float, quantities: Collection[str],
+        longest: float,
+    ) -> None:  # fmt: skip
         """Take late rows of the run, and earlier, even ones of a run that follows vibrations: of
-        those that are left by their own damping, and that the run has no more."""
+        those of a period up to `longest` [s] that are left by their own damping, and lost."""
         self._results.clear()
         at = float(rows.t[0])
-        left, own = self._swings(fine, at), self._swings(rows)
+        left, own = self._swings(fine, at, longest), self._swings(rows)
         lost = np.where(left > _FOLLOWED * own, left - own, 0.0)
         self._widen_damped(lost, np.full(len(lost), at), begin, quantities)
 
@@ -242,23 +243,9 @@ class MeasuredError:
         self._damped[0, more], self._damped[1, more] = largest[more], times[more]
         self._damped[2, more] = begin
 
-    def _swings(self, rows: OutputBlock, output: float = -math.inf) -> Array:
-        """Amplitudes (k,) of vibrations in the second half of rows; at an output behind even ones
-        [s], as they decay by the bends between rows of both halves."""
-        if len(rows.t) < 2:
-            return np.zeros(len(self.compared))
-        values, n = self.values(rows), len(rows.t) // 2
-        halves = (output - rows.t[n]) / max(rows.t[-1] - rows.t[n], _LEAST_TIME)
-        bends = np.abs(np.diff(values, 2, axis=0))
-        late = values[n:] - values[n]
-        late -= np.linspace(0.0, 1.0, len(late))[:, None] * late[-1]
-        early_bend, late_bend, high, low = (
-            np.maximum.reduceat(part.max(axis=0, initial=0.0), self._starts)
-            for part in (bends[:n], bends[n:], late, -late)
-        )
-        decays = late_bend < _DECAYS * early_bend
-        left = np.divide(late_bend, early_bend, out=np.ones(len(decays)), where=decays)
-        return np.asarray(0.5 * (high + low) * left ** max(halves, 0.0))
+    def _swings(self, rows: OutputBlock, at: float = -math.inf, longest: float = math.inf) -> Array:
+        """Amplitudes (k,) of vibrations in the second half of rows; see `vibration_amplitudes`."""
+        return vibration_amplitudes(rows.t, self.values(rows), self._starts, at, longest)
 
     def set_round_off(self, runs: Sequence[Array], steps: float) -> None:
         """Take the values (k, components) of runs that differ by round-off alone.

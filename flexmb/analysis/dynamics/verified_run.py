@@ -151,7 +151,7 @@ class VerifiedRun:
         them.
         """
         states = [State(*(array.copy() for array in first)) for _ in range(2)]
-        of_scout = scout_rows(len(times))
+        of_scout = scout_rows(len(times), bool(compiled.system.events))
         scout = Integration(
             compiled, integrator, scout_settings(settings, integrator), states[0], times[of_scout]
         )

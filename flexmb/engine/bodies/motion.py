@@ -159,7 +159,7 @@ def turns_over(run, h):
     """Whether a step has turned a body by more than its speeds at both ends tell.
 
     Dot products of axes, by which joints hold orientations, vanish for other turns too, and
-    corrections may end at one of them.
+    corrections may end at one of them. So does the angle that follows a joint, whole turns away.
     """
     st, tr, bodies = run.state, run.work.trial, run.system.parts.bodies
     for k in range(bodies.shape[0]):
@@ -169,6 +169,12 @@ def turns_over(run, h):
             same += st.q[i + a] * tr.q[i + a]
         rate = math.sqrt(max(inner(before, before), inner(after, after)))
         if abs(same) < math.cos(0.5 * max(_LEAP, min(2.0 * rate * h, math.pi))):
+            return True
+    rows, coupled, coordinates = run.system.rows, run.system.coupled, run.system.parts.coordinates
+    for k in range(coupled.shape[0]):
+        i = coordinates[coupled[k]["coordinate"]]["iq"]
+        periodic = run.rows.period[rows[coupled[k]["row"]]["kind"]] > 0.0
+        if periodic and abs(coupled[k]["factor"] * (tr.q[i] - st.q[i])) > math.pi:
             return True
     return False
 
