@@ -45,7 +45,7 @@ BUDGET = 0.01
 _WASTED = 0.1  # of the budget: an effect that contributes less is not worth its time
 _RINGS = 1 / 3  # of the budget: a sensor may ring so much faster than the rows
 _ROUGH = 100.0  # times as much as they see may be true of such a sensor
-_UNSETTLED = "much, not how much: contacts or stops open and close at other times with it"
+_UNSETTLED = "much, not how much: contacts, stops or friction act at other times with it"
 _MOST_ROWS = 800  # rows of a run that are looked at
 MISSING, NEEDED, WASTED, SMALL, UNKNOWN = (
     "missing", "needed", "could be off", "may stay off", "not known",

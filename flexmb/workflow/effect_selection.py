@@ -82,6 +82,8 @@ class Selection:
         mine = self.words[body]
         if body in self.framed:
             words = {key: _FRAMED.get(word, word) for key, word in words.items()}
+        if mine.get("deformation") == "dynamic":  # what vibrates deforms as well
+            words = {**words, "deformation": "dynamic"}
         changes = {key: value for key, value in words.items() if mine.get(key, value) != value}
         mine.update(changes)
         if changes:

@@ -390,7 +390,7 @@ def test_a_hammer_that_a_soft_shaft_leaves_on_its_stop_for_longer(tmp_path):
     model.add_sensor("head", "position", of="head")
     run = flexmb.simulate(model, output=tmp_path, duration=0.6, outputs=300, verify=False)
     one = find(flexmb.audit(run), "deformation", "shaft")
-    assert one.verdict == "missing" and "not how much: contacts or stops" in one.why
+    assert one.verdict == "missing" and "not how much: contacts, stops" in one.why
 
 
 def lift_in_a_plane():

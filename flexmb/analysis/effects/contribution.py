@@ -35,6 +35,7 @@ from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array
 from flexmb.model.forces.contact import ContactSpec
 from flexmb.model.forces.force_characteristic import AnyStop
+from flexmb.model.forces.friction import JointFrictionSpec
 from flexmb.model.model import Model
 from flexmb.model.scenes.effects import active_model
 from flexmb.model.sensor import channels_of
@@ -200,7 +201,7 @@ def estimate(
 ) -> tuple[Response, NDArray[np.bool_]]:  # fmt: skip
     """How the sensors of a run change in another model, to first order, and whether that settles.
 
-    The latter is looked at where there are contacts or stops.
+    The latter is looked at where there are contacts, stops or friction in joints.
 
     Parameters
     ----------
@@ -231,7 +232,7 @@ def estimate(
     start = first_change(other, model, carried) if begins_as_placed else None
     made = respond(other, carried, balance, start, quasi_static=quasi_static, jumps=jumps)
     specs = active_model(model).forces.values()
-    if not any(isinstance(spec, (ContactSpec, AnyStop)) for spec in specs):
+    if not any(isinstance(spec, (ContactSpec, AnyStop, JointFrictionSpec)) for spec in specs):
         return made, np.ones(made.channels.shape[1], bool)
     return made, settles(other, carried, balance, made, quasi_static)
 
@@ -242,7 +243,7 @@ def settles(
     """Whether each channel's change is nearly that by the equations along the motion with it.
 
     Newton's method along the motion: where contacts open or close at other times with an effect,
-    or a change is large, the next step is as large.
+    what loads friction changes its side, or a change is large, the next step is as large.
     """
     span = np.maximum(np.ptp(motion.channels, axis=0), 1e-300)
     large = np.abs(first.channels).max(axis=0, initial=0.0) / span

@@ -17,18 +17,19 @@ from flexmb.analysis.effects.smooth_pieces import SmoothPieces
 from flexmb.analysis.effects.stored_motion import Frames, Motion, blocks, equations_of
 from flexmb.engine.compile import Compiled
 from flexmb.errors import FlexmbError
-from flexmb.flexbody.arrays import Array
+from flexmb.flexbody.arrays import Array, IntArray
 
 _NOTHING = 1e-20  # of the largest square of a row of Cq
 _HELD = 1e-8  # of the largest square of rows of Cq, without modes: these hold what turns and moves
 _NO_MASS = 1e-12  # of the inertia of all
 _MODES_LAST = 1e-6  # preference of modes among dependent coordinates
+_TABLES = ("M", "D", "K", "Cq", "F", "C", "Omega", "rows")
 _TURNING = 2 * np.pi  # of a body over the run: so much makes its coordinates twice as dependent
 
 
 @dataclass(frozen=True, eq=False)
 class Coefficients:
-    """M δv̇ + D δv + K δq + Cqᵀ δλ = −F, Cq δq = −C, row by row, in weighted coordinates.
+    """M δv̇ + D δv + K δq + (Cqᵀ + friction) δλ = −F, Cq δq = −C, row by row, weighted coordinates.
 
     The rows of Cq are independent: combinations `rows` of those of the model, which are at right
     angles where the model has too many.
@@ -47,14 +48,16 @@ class Coefficients:
     C: Array
     Omega: Array
     rows: Array
+    friction: Array | None = None
 
-    def part(self, rows: slice) -> Coefficients:
-        """Some of the rows."""
-        tables = {name: getattr(self, name)[rows] for name in _TABLES}
-        return replace(self, **tables)
+    def part(self, rows: slice | IntArray, names: tuple[str, ...] = _TABLES) -> Coefficients:
+        """Some of the rows, of all tables or of some."""
+        tables = {name: getattr(self, name)[rows] for name in names}
+        friction = None if self.friction is None else self.friction[rows]
+        return replace(self, friction=friction, **tables)
 
     def between(self, load: Array, begins: bool, ends: bool) -> Coefficients:
-        """With more F (n, nu); D and K of ends at which a bristle changes are those beside them."""
+        """With more F (n, nu); D, K, friction of ends at which a bristle changes: those beside."""
         if not (load.any() or begins or ends):
             return self
         rows = np.arange(len(self.F))
@@ -62,7 +65,15 @@ class Coefficients:
             rows[0] = 1
         if ends:
             rows[-1] = rows[-2]
-        return replace(self, F=self.F + load[rows], D=self.D[rows], K=self.K[rows])
+        return replace(self.part(rows, ("D", "K")), F=self.F + load[rows])
+
+    def projection(self, Z: Array) -> Array:
+        """Zᵀ (n, d, nu) of forces less the friction that the reactions to them make in joints."""
+        Zt = Z.transpose(0, 2, 1)
+        if self.friction is None:
+            return np.asarray(Zt)
+        squares = self.Cq @ (self.Cq.transpose(0, 2, 1) + self.friction)
+        return np.asarray(Zt - Zt @ self.friction @ np.linalg.solve(squares, self.Cq))
 
     def closure(self, stiffness: Array) -> Array:
         """Motions (n, nu, rank) that change the rows of Cq by one, of the least M + stiffness."""
@@ -73,16 +84,15 @@ class Coefficients:
 
     def shares(self, force: Array, follows: NDArray[np.bool_]) -> Array:
         """λ (n, rank) of Cqᵀ λ next to forces (n, nu), but for those on motions that follow."""
+        if self.friction is not None:
+            force = times(self.projection(np.eye(force.shape[1])[None]), force)
         rows = self.Cq * ~follows
         squares = rows @ rows.transpose(0, 2, 1)
         least, most = np.linalg.eigvalsh(squares)[:, [0, -1]].T if rows.size else np.zeros((2, 1))
         if follows.any() and np.any(least < _HELD * most):  # joints need the compliance
-            return self.shares(force, np.zeros_like(follows))
+            return replace(self, friction=None).shares(force, np.zeros_like(follows))
         squares += _NOTHING * max(most.max(), 1e-300) * np.eye(rows.shape[1])
         return np.asarray(np.linalg.solve(squares, rows @ force[:, :, None])[:, :, 0])
-
-
-_TABLES = ("M", "D", "K", "Cq", "F", "C", "Omega", "rows")
 
 
 def small_motions(compiled: Compiled, motion: Motion, balance: Array) -> Coefficients:
@@ -91,7 +101,8 @@ def small_motions(compiled: Compiled, motion: Motion, balance: Array) -> Coeffic
     nv, used, scale = compiled.layout.nv, frames.used, compiled.system.row_weights
     nu, nc = len(used), len(scale)
     M, D, K, Omega = (np.zeros((n, nu, nu)) for _ in range(4))
-    F, Cq, C, U = np.zeros((n, nv)), np.zeros((n, nc, nu)), np.zeros((n, nc)), np.eye(nc)[None]
+    F, C, U = np.zeros((n, nv)), np.zeros((n, nc)), np.eye(nc)[None]
+    Cq, friction = np.zeros((2, n, nc, nu))
     for part in blocks(n):
         own = range(n)[part]
         tangents = []
@@ -99,25 +110,28 @@ def small_motions(compiled: Compiled, motion: Motion, balance: Array) -> Coeffic
             motion.put(k, equations)
             tangents.append(equations.tangents())
             F[k], C[k] = equations.work.trial.res, equations.work.con.C
-        mass, *others = (np.stack([x[j] for x in tangents]) for j in range(4))
+        mass, *others = (np.stack([x[j] for x in tangents]) for j in range(5))
         M[part] = frames.both_turned(mass, part)
         D[part], K[part] = (frames.both_turned(X, part) for X in others[:2])
         Omega[part], shift = frames.spin(part)
         D[part] += M[part] @ shift
         Cq[part] = frames.turned(others[2], part)
+        if np.any(loads := others[3].transpose(0, 2, 1) - others[2]):
+            friction[part] = frames.turned(loads, part)
     F = frames.turned((F - balance)[:, None])[:, 0]
     rank = numerical_rank(np.linalg.svd(scale[:, None] * Cq[0], compute_uv=False))
     if rank < nc:  # what is right-angled to the others and has no length is left out
         U = np.linalg.svd(scale[:, None] * Cq, full_matrices=False)[0][:, :, :rank]
     rows = np.broadcast_to(U.transpose(0, 2, 1) * scale, (n, rank, nc))
     Cq, C = rows @ Cq, np.einsum("trc,tc->tr", rows, C)
+    by_load = (rows @ friction).transpose(0, 2, 1) if friction.any() else None
     prefer, v = np.ones(compiled.layout.nv), motion.v
     for body in compiled.layout.bodies:
         prefer[body.iv + 6 : body.iv + 6 + body.m] = _MODES_LAST
         spin = np.linalg.norm(v[:, body.iv + 3 : body.iv + 6], axis=1).max()
         prefer[body.iv : body.iv + 6] += spin * (motion.t[-1] - motion.t[0]) / _TURNING
     weights = 1.0 / frames.inverse[used]
-    return Coefficients(frames, weights, prefer[used], M, D, K, Cq, F, C, Omega, rows)
+    return Coefficients(frames, weights, prefer[used], M, D, K, Cq, F, C, Omega, rows, by_load)
 
 
 class FreeMotions:
@@ -138,13 +152,19 @@ class FreeMotions:
         self.a0d = (pieces.calm_second(g, second) if calm else second) + pieces.rate(turned)
         n, _, d = Z.shape
         self.M, self.D, self.K = (np.zeros((n, d, d)) for _ in range(3))
+        project, self._mean = of.projection(Z), np.zeros((2, d, d))
         for part in blocks(n):
-            Zt, M, D, V1 = Z[part].transpose(0, 2, 1), of.M[part], of.D[part], self.V1[part]
-            self.M[part] = Zt @ (M @ Z[part])
+            Zt, M, D, V1 = project[part], of.M[part], of.D[part], self.V1[part]
+            inertia, springs = M @ Z[part], M @ self.V1d[part] + D @ V1 + of.K[part] @ Z[part]
+            self.M[part], self.K[part] = Zt @ inertia, Zt @ springs
             self.D[part] = Zt @ (M @ (self.Zd[part] + V1) + D @ Z[part])
-            self.K[part] = Zt @ (M @ self.V1d[part] + D @ V1 + of.K[part] @ Z[part])
+            if of.friction is not None:
+                Zt = Z[part].transpose(0, 2, 1)
+                self._mean += [(Zt @ X).sum(axis=0) / n for X in (springs, inertia)]
+        if of.friction is None:
+            self._mean[:] = self.K.mean(axis=0), self.M.mean(axis=0)
         force = of.F + times(of.M, self.a0d) + times(of.D, self.a0) + times(of.K, g)
-        self.load = -times(Z.transpose(0, 2, 1), force)
+        self.load = -times(project, force)
 
     def mean(self, X: Array) -> Array:
         """Mean Zᵀ X Z."""
@@ -153,11 +173,11 @@ class FreeMotions:
     def modes(self, least: float, further: Array | None = None) -> tuple[Array, Array]:
         """Frequencies ω (d,), `least` at least, and shapes (d, d) of the mean matrices.
 
-        `further` (nu, nu) is added to the mass.
+        Without the friction that reactions make. `further` (nu, nu) is added to the mass.
         """
         from scipy.linalg import eigh
 
-        stiffness, mass = (0.5 * (X + X.transpose(0, 2, 1)).mean(axis=0) for X in (self.K, self.M))
+        stiffness, mass = (0.5 * (X + X.T) for X in self._mean)
         try:
             squares, T = eigh(stiffness, mass if further is None else mass + self.mean(further))
         except np.linalg.LinAlgError:

@@ -139,6 +139,24 @@ def test_no_small_number_is_told_where_a_sensor_rings_faster_than_the_rows(rings
     assert selection.words["rod"]["deformation"] == ("dynamic" if rings else "quasi-static")
 
 
+@pytest.mark.parametrize("vibration", [0.02, 0.2])
+def test_what_vibrates_is_not_made_quasi_static(vibration) -> None:
+    """Of a larger deformation than vibration the next run was quasi-static, and one too many."""
+    of = SimpleNamespace(
+        estimate=lambda one: (
+            [Contribution("grip", "N", 1.0, vibration if one.name == "vibration" else 0.1)], None
+        ),
+        of=SimpleNamespace(model=SimpleNamespace(units=unit_system("SI"))),
+    )  # fmt: skip
+    made = [
+        _outcome(of, Effect(name, "rod", False, "rigid"), 0.01)
+        for name in ("deformation", "vibration")
+    ]
+    selection = Selection({"rod": {"deformation": "rigid"}})
+    assert _switch_on(selection, made, "1", 0.01)
+    assert selection.words["rod"]["deformation"] == "dynamic"
+
+
 def test_a_frame_at_an_interface_has_dynamic_modes_and_full_coupling() -> None:
     """With quasi-static ones momentum was lost to a kick, with partial coupling a rod diverged."""
     words = {"deformation": "rigid", "inertia_coupling": "constant"}
