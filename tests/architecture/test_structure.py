@@ -30,7 +30,7 @@ FIGURES = {
 }
 # The aims are 50 000 lines and 120 files; these are held on the way. 142 run with compiled units
 # at hand, some more where units are compiled.
-FILES_OF_MAIN_JOB = 156
+FILES_OF_MAIN_JOB = 157
 
 
 def files_with_all() -> list[str]:
