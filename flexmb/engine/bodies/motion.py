@@ -174,7 +174,8 @@ def turns_over(run, h):
     for k in range(coupled.shape[0]):
         i = coordinates[coupled[k]["coordinate"]]["iq"]
         periodic = run.rows.period[rows[coupled[k]["row"]]["kind"]] > 0.0
-        if periodic and abs(coupled[k]["factor"] * (tr.q[i] - st.q[i])) > math.pi:
+        most = math.pi + st.memory[0]["angular_velocity"] * h
+        if periodic and abs(coupled[k]["factor"] * (tr.q[i] - st.q[i])) > most:
             return True
     return False
 

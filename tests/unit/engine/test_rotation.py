@@ -92,10 +92,11 @@ def test_a_step_that_turns_a_body_by_more_than_its_speeds_tell(angle, rate, leap
         SimpleNamespace(q=q, v=np.array([7.0, 7, 7, *v * axis]))
         for q, v in ((before, rate), (after, 0.2 * rate))
     ]
+    parts = SimpleNamespace(bodies=bodies, coordinates=np.zeros(0))
     run = SimpleNamespace(
         state=states[0],
         work=SimpleNamespace(trial=states[1]),
-        system=SimpleNamespace(parts=SimpleNamespace(bodies=bodies)),
+        system=SimpleNamespace(parts=parts, rows=np.zeros(0), coupled=np.zeros(0)),
     )
     assert turns_over(run, 1.0) == leaps
 
