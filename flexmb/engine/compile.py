@@ -38,6 +38,7 @@ from flexmb.engine.tables import (
     ENERGIES,
     BodyColumns,
     FunctionTable,
+    Kkt,
     Layout,
     Parts,
     Sensors,
@@ -121,14 +122,13 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     )
 
 
-def parts_of_model(compiled: Compiled) -> NDArray[np.intp]:
+def _parts_of_model(kkt: Kkt, nv: int) -> NDArray[np.int64]:
     """Number of the part that each velocity coordinate is of, (nv,): parts share no equations."""
-    kkt = compiled.system.kkt
     part = np.arange(int(kkt.panels["nc"].sum()) + 1)  # the last one: left out
     for panel in kkt.panels[::-1]:
         own = slice(panel["col"], panel["col"] + panel["nc"])
         part[own] = part[kkt.rows[panel["rows"]]] if panel["nr"] else panel["col"]
-    return np.asarray(part[kkt.place[: compiled.layout.nv]])
+    return np.unique(part[kkt.place[:nv]], return_inverse=True)[1].astype(np.int64)
 
 
 def _flexible_bodies(model: Model, bodies: dict[str, FlexBody]) -> dict[str, FlexBody]:
@@ -161,14 +161,16 @@ def _system(of: ModelTables, order: EquationOrder, length: float) -> System:
     kinds = core | of.kinds
     if of.feedback is not None:
         kinds["feedback"] = of.feedback.feedback
+    weights = np.append(body_weights(model, lowering.flexbodies, length), scalar_weights)
     return System(
         parts=parts,
         rows=rows,
         coupled=order.coupled,
         groups=order.groups,
         kkt=order.kkt,
-        weights=np.append(body_weights(model, lowering.flexbodies, length), scalar_weights),
+        weights=weights,
         row_weights=row_weights(groups, length),
+        part=_parts_of_model(order.kkt, len(weights)),
         functions=functions,
         time_events=time_event_table(programs, model.dynamics),
         sensors=of.sensors,

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 
-from flexmb.engine.algebra.vector import weighted_size
+from flexmb.engine.algebra.vector import weighted_size, zero
 from flexmb.engine.events import next_end
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.method import FINE, REPEAT, ROUND_OFF, TOO_SMALL, round_off
@@ -59,7 +59,8 @@ _FADE = 0.8
 _FURTHER = 2.0
 # What is left of a step of the plan and not worth a step of its own.
 _NEARLY = 0.1
-# Motion of a body counts as this share at least of the largest one, by low order and by all.
+# Motion counts as this share at least of the largest one: by low order of that of the same part
+# of the model, by all of any.
 _LEAST_SHARE, _NOTHING_SHARE = 1e-3, 1e-12
 
 
@@ -377,11 +378,42 @@ def follow_motion(run: Run) -> int:
     now = weighted_size(v, w)
     memory["max_velocity"] = max(memory["max_velocity"], now)
     memory["recent_speed"] = max(_FADE * memory["recent_speed"], now)
-    share = _LEAST_SHARE if run.method.order < _HIGH_ORDER else _NOTHING_SHARE
+    if run.method.order < _HIGH_ORDER:
+        _raise_to_part(run, st.motion)
+        _raise_to_part(run, st.speed)
     for i in range(v.shape[0]):
-        st.motion[i] = max(st.motion[i], share * memory["max_displacement"])
-        st.speed[i] = max(st.speed[i], share * speed, st.motion[i] / span)
+        st.motion[i] = max(st.motion[i], _NOTHING_SHARE * memory["max_displacement"])
+        st.speed[i] = max(st.speed[i], _NOTHING_SHARE * speed, st.motion[i] / span)
     return FINE
+
+
+@kernel
+def _raise_to_part(run, scale):
+    """Let motions or speeds be a share of the largest one of points of their part of the model."""
+    bodies, coordinates = run.system.parts.bodies, run.system.parts.coordinates
+    part, w, trial = run.system.part, run.system.weights, run.work.trial
+    points, turns, reach = trial.spare, trial.dq, trial.res  # by part
+    zero(points)
+    zero(turns)
+    zero(reach)
+    for k in range(bodies.shape[0]):
+        iv = bodies[k]["iv"]
+        p, own = part[iv + 3], _gyration(bodies[k]) * w[iv]
+        points[p] = max(points[p], scale[iv], own * scale[iv + 3])
+        turns[p], reach[p] = max(turns[p], scale[iv + 3]), max(reach[p], own)
+    for k in range(coordinates.shape[0]):
+        iv = coordinates[k]["iv"]
+        points[part[iv]] = max(points[part[iv]], scale[iv])
+    for k in range(bodies.shape[0]):
+        iv, m = bodies[k]["iv"], bodies[k]["m"]
+        p = part[iv + 3]
+        turn = max(turns[p], points[p] / reach[p]) if reach[p] > 0.0 else turns[p]
+        for i in range(iv, iv + 6 + m):
+            least = turn if iv + 3 <= i < iv + 6 else points[p]
+            scale[i] = max(scale[i], _LEAST_SHARE * least)
+    for k in range(coordinates.shape[0]):
+        iv = coordinates[k]["iv"]
+        scale[iv] = max(scale[iv], _LEAST_SHARE * max(points[part[iv]], turns[part[iv]]))
 
 
 @kernel

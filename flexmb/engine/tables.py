@@ -259,6 +259,7 @@ class System(NamedTuple):
     kkt: Kkt
     weights: Vector  # (nv,) size of one unit of each velocity coordinate's increment
     row_weights: Vector  # (nc,) size of one unit of each constraint row
+    part: Integers  # (nv,) part of the model that each velocity coordinate is of
     functions: FunctionTable
     time_events: Matrix  # (n, 2) times just before and after jumps of functions, in order
     sensors: Sensors

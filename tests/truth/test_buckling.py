@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from accuracyscenes import beside_a_large_motion
 from femeshes import block, line, solid_box
+from flexiblescenes import rod
 from scipy.optimize import brentq
 
 import flexmb
@@ -96,6 +98,17 @@ def test_wherever_it_stands_and_of_any_size(variant, all_are_told, monkeypatch):
     size = variant.get("size", 1.0)
     model = loaded("cantilever", 0.5 * EULER["cantilever"] * size**2, **variant)
     assert load_factor(model, 0.02 * size) == pytest.approx(0.5, rel=0.01)
+
+
+def test_a_thin_column_beside_a_flywheel(all_are_told, monkeypatch):
+    """A thin rod on a ball joint turns about itself by nothing, beside the heaviest of bodies."""
+    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t, on:
+                        f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
+    model = loaded("cantilever", 0.5 * EULER["cantilever"])
+    model.add_marker("ground.ball", position=[0, 5, 0])
+    model.add_body("rod", rod(0.002, 0.3), position=[0, 5, 0])
+    model.add_joint("ball", "spherical", between=["ground.ball", "rod.root"])
+    assert load_factor(beside_a_large_motion(model)) == pytest.approx(0.5, rel=0.01)
 
 
 @pytest.mark.parametrize(("share", "what"), [(0.7, ""), (0.85, "note"), (1.1, "refusal")])

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from accuracyscenes import beside_a_large_motion
 from femeshes import line
-from flexiblescenes import rod
+from flexiblescenes import flexible_crank, flexible_pendulum, rod
 from generators import cloud
 from truthkit import momentum, order, run
 
@@ -280,3 +281,19 @@ def test_a_body_that_spins_elsewhere_is_not_named():
     above = f"begin slower; bodies.rod .* at rest, {lowest:.3g} rad/s$"
     with pytest.raises(AssemblyError, match=above):
         assemble(compile_system(made), made, start="quasi-static")
+
+
+@pytest.mark.parametrize("method", ["generalized-alpha", "radau"])
+@pytest.mark.parametrize(("scene", "duration"), [(flexible_crank, 0.02), (flexible_pendulum, 0.3)])
+def test_a_large_motion_beside_changes_no_steps(scene, duration, method):
+    """A flywheel of 1 km that shares nothing with a flexible machine leaves it its accuracy."""
+    knobs = {"duration": duration, "outputs": 20, "method": method, "accuracy": 1e-3,
+             "verify": False}  # fmt: skip
+    models = scene(), beside_a_large_motion(scene())
+    alone, beside = (run(model, **knobs) for model in models)
+    for name in models[0].sensors:
+        own = alone.vector(name)
+        off = np.abs(beside.vector(name) - own).max() / np.ptp(own, axis=0).max()
+        assert off < 2e-3, name
+    steps = [one.statistics["steps"] for one in (alone, beside)]
+    assert steps[1] == pytest.approx(steps[0], rel=0.25)

@@ -32,7 +32,7 @@ from flexmb.engine import initial_conditions
 from flexmb.engine.algebra.forms import size_of_form
 from flexmb.engine.bodies.static_modes import STATIC_MODES, static_coordinates
 from flexmb.engine.bodies.velocity_forms import place_of_pairs
-from flexmb.engine.compile import Compiled, parts_of_model
+from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import solve_stage, stage_solver
 from flexmb.engine.forces.force_characteristic import FORCE_CHARACTERISTICS
 from flexmb.engine.forces.spring_damper import COORDINATE_OF, DISTANCE_OF
@@ -220,7 +220,7 @@ def _modal_coordinates(compiled: Compiled) -> IntArray:
 
 def _on_global_spins(compiled: Compiled, model: Model, modes: IntArray) -> str:
     """What to try where modes find no equilibrium and rotors do not tilt with their bearings."""
-    of = parts_of_model(compiled)
+    of = compiled.system.part
     names = [
         body.name
         for body in compiled.layout.bodies
@@ -240,7 +240,7 @@ def _above_critical_speed(compiled: Compiled, model: Model, modes: IntArray, v: 
     """That a body turns faster than what holds it can vibrate: centrifugal forces outweigh it."""
     from scipy.linalg import eigvalsh
 
-    of, speeds = parts_of_model(compiled), {}
+    of, speeds = compiled.system.part, {}
     for body in compiled.layout.bodies:
         if np.isin(of[body.iv : body.iv + 6], of[modes]).any():
             speeds[body.name] = float(np.linalg.norm(v[body.iv + 3 : body.iv + 6]))

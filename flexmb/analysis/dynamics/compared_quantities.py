@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.compile import Compiled, parts_of_model
+from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import Layout
 from flexmb.flexbody.arrays import Array
 from flexmb.model.control import channel_program
@@ -107,7 +107,7 @@ def by_part(rows: Sequence[Compared], compiled: Compiled, model: Model) -> list[
     What is of none, such as a coupler's reaction, is judged by all.
     """
     bodies, groups = compiled.system.parts.bodies, compiled.system.groups
-    of = np.append(parts_of_model(compiled)[bodies["iv"]], -1)  # the ground is of none
+    of = np.append(compiled.system.part[bodies["iv"]], -1)  # the ground is of none
     names = [*(f"bodies.{one.name}" for one in compiled.layout.bodies), *compiled.layout.reactions]
     ends = np.maximum(groups["body_I"], groups["body_J"])
     numbers = dict(zip(names, np.append(of[:-1], of[ends]).tolist(), strict=True))

@@ -232,11 +232,11 @@ class _Loads:
 
 
 class _Mechanism:
-    """Mass and stiffness (nv, nv) of all bodies, velocities in body axes, and their joints."""
+    """Root of the mass, and stiffness (nv, nv), of all bodies, velocities in body axes; joints."""
 
     def __init__(self, compiled: Compiled, gravity: Array) -> None:
         nv, self._compiled, self._gravity = compiled.layout.nv, compiled, gravity
-        self._rows, self._M, self._K = ConstraintRows(compiled), np.eye(nv), np.zeros((nv, nv))
+        self._rows, self._root, self._K = ConstraintRows(compiled), np.eye(nv), np.zeros((nv, nv))
         self._bodies: list[tuple[np.void, slice, FlexBody | None, Array]] = []
         names = {columns.iv: columns.name for columns in compiled.layout.bodies}
         for entry in compiled.system.parts.bodies:
@@ -244,10 +244,11 @@ class _Mechanism:
             body, part = compiled.flexbodies.get(names[iv]), slice(iv, iv + 6 + m)
             mean = np.zeros((6, m))
             if body is None or not m:
-                body, self._M[part, part] = None, _rigid_mass(entry)
+                body, M = None, _rigid_mass(entry)
             else:
-                self._M[part, part], self._K[part, part] = matrices_at_rest(body)
+                M, self._K[part, part] = matrices_at_rest(body)
                 mean = np.array([np.concatenate(_mean_motion(body, eta)) for eta in np.eye(m)]).T
+            self._root[part, part] = _square_root(M)
             self._bodies.append((entry, part, body, mean))
 
     def load_factors(self, loads: _Loads) -> Array:
@@ -263,7 +264,7 @@ class _Mechanism:
             for number, (_, part, _, _) in enumerate(self._bodies):
                 own = slice(part.start, part.start + 3)
                 N[:, own] = loads.A[rows, number].transpose(0, 2, 1) @ N[:, own]
-            omega2, X = _natural_motions(self._K, self._M, N)
+            omega2, X = _natural_motions(self._K, self._root, N)
             rigid = (omega2 <= _RIGID * omega2[:, -1:]).sum(axis=1)
             for count in np.unique(rigid[rigid < omega2.shape[1]]):
                 some = rigid == count
@@ -285,7 +286,7 @@ class _Mechanism:
 
         Forces at markers, and inertia ρ (a + G s), each along a direction that does not turn.
         """
-        K = np.zeros((len(loads.q), *self._M.shape))
+        K = np.zeros((len(loads.q), *self._K.shape))
         parts, v, vd = self._compiled.system.parts, loads.v, loads.vd
         for number, (entry, part, body, mean) in enumerate(self._bodies):
             A, m, iv = loads.A[:, number], int(entry["m"]), part.start
@@ -320,13 +321,23 @@ class _Mechanism:
         return K
 
 
-def _natural_motions(K: Array, M: Array, N: Array) -> tuple[Array, Array]:
-    """Squared frequencies (n, d), ascending, and their motions (n, d, d) of unit mass of N y."""
-    Nt = N.transpose(0, 2, 1)
-    inverse = np.linalg.inv(np.linalg.cholesky(Nt @ M @ N))
-    back = inverse.transpose(0, 2, 1)
-    omega2, Y = np.linalg.eigh(inverse @ (Nt @ K @ N) @ back)
+def _natural_motions(K: Array, root: Array, N: Array) -> tuple[Array, Array]:
+    """Squared frequencies (n, d), ascending, and their motions (n, d, d) of unit mass of N y.
+
+    By a root of the mass, as the inertia of a thin bar about its axis would be lost in the
+    product beside that of a heavy body.
+    """
+    back = np.linalg.inv(np.linalg.qr(root @ N, mode="r"))
+    inverse = back.transpose(0, 2, 1)
+    omega2, Y = np.linalg.eigh(inverse @ (N.transpose(0, 2, 1) @ K @ N) @ back)
     return omega2, back @ Y
+
+
+def _square_root(M: Array) -> Array:
+    """A matrix R with RᵀR = M, of a mass whose coordinates differ in size."""
+    size = np.sqrt(M.diagonal())
+    values, X = np.linalg.eigh(M / np.outer(size, size))
+    return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * X.T * size)
 
 
 def _mean_motion(body: FlexBody, eta: Array) -> tuple[Array, Array]:

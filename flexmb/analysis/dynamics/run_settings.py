@@ -10,7 +10,7 @@ import numpy as np
 from flexmb.engine import method
 from flexmb.engine.bodies.motion import LAST_PLACES
 from flexmb.engine.bodies.static_modes import STATIC_MODES
-from flexmb.engine.compile import Compiled, parts_of_model
+from flexmb.engine.compile import Compiled
 from flexmb.engine.state import State
 from flexmb.engine.work import kinds_of
 from flexmb.flexbody.arrays import Array
@@ -222,7 +222,7 @@ def set_first_places(compiled: Compiled, state: State) -> None:
     The gap of a joint has the round-off of the places of its markers, and moves whatever shares
     equations with it, turning it the more the smaller that part of the model is.
     """
-    system, of = compiled.system, parts_of_model(compiled)
+    system, of = compiled.system, compiled.system.part
     bodies, rows, markers = system.parts.bodies, system.rows, system.parts.markers
     size, away = _extents(compiled, state)
     away = np.maximum(_ROUNDED * size, away)
@@ -241,7 +241,7 @@ def _extents(compiled: Compiled, state: State) -> tuple[Array, Array]:
     """How far the part of the model that each coordinate (nv,) is of reaches, and how far from the
     origin it stands [m]; 0 where there is no body."""
     system, bodies = compiled.system, compiled.system.parts.bodies
-    markers, of = system.parts.markers, parts_of_model(compiled)
+    markers, of = system.parts.markers, system.part
     spread, mass = np.trace(bodies["S0"], axis1=1, axis2=2), bodies["mass"]
     gyration = np.sqrt(np.divide(spread, mass, out=np.zeros(len(mass)), where=mass > 0.0))
     arms, on = np.zeros(len(bodies)), markers["body"] >= 0
