@@ -1,7 +1,15 @@
-"""What of two runs is compared: sensors by what they measure, bodies, and reactions of joints."""
+"""What of two runs is compared: sensors by what they measure, bodies, and reactions of joints.
+
+`Comparison` takes values out of rows and judges their differences by the scale of each. All are
+judged over their own peak-to-peak, but reactions over no less than a thousandth of the largest of
+their unit, and its square of all inertia forces, moments also of the largest force times the size,
+in their part of the model: below are errors alone. Velocities over no less than a thousandth of
+their own largest, those of bodies also than what moves them within the run as far as they move.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -35,6 +43,19 @@ FOR_SCALE = "motion"
 """Quantity of bodies by which their velocities are judged where positions are sensed."""
 DEFORMATION = ".deformation"
 """End of the name of what the modes of a body move its points."""
+NO_MOTION = 1e-10
+"""Motion of what is at rest, over the size of the model, or a radian, within the run."""
+
+# What moves by less than this share of the largest motion of its kind is at rest: positions below
+# 5000 times round-off, others below what projections leave of them near singular poses.
+_POSITIONS_AT_REST, _AT_REST = 1e-12, 1e-9
+_LEAST_SHARE = 1e-3
+_FLOORS = {
+    "reactions": f"{_LEAST_SHARE:g} of the largest of its unit",
+    "velocities": f"its mean speed or {_LEAST_SHARE:g} of its largest",
+}
+_OF_POINTS = "the motion of the body's points"
+_NONE, _FORCES = np.zeros(0, np.intp), ("N", "N m")
 
 
 @dataclass(frozen=True)
@@ -120,6 +141,166 @@ def by_part(rows: Sequence[Compared], compiled: Compiled, model: Model) -> list[
         (own == k, (own == k) | (k < 0), float(bodies["mass"][(of[:-1] == k) | (k < 0)].sum()))
         for k in dict.fromkeys(own.tolist())
     ]
+
+
+class Comparison:
+    """Values of all that is compared in rows of runs of one model, their differences and scales.
+
+    Parameters
+    ----------
+    layout, model : Layout, Model
+        Channels, and sensors with units. Bodies are compared where nothing senses a motion.
+    least : mapping of str to float, optional
+        Motion by unit below which a sensor counts as at rest.
+    duration : float
+        Of the run [s].
+    gyration : mapping of str to float, optional
+        Radius of gyration of each flexible body about the origin of its frame [m]: the frame counts
+        with the motion of its points, which alone are seen.
+    parts : list of Part, optional
+        Whose reactions count together; by default all do, without forces of inertia.
+    reach : mapping of str to (m,) array, optional
+        What one unit of each modal coordinate of a body moves a point [m].
+
+    Attributes
+    ----------
+    compared : list of Compared
+        The k sensors, bodies and joints.
+    of_quantity : dict of str to (n,) array
+        Which of them are of each quantity; also `positions` and `reactions`.
+    starts : (k,) array
+        Columns of the values at which the components of each begin.
+    range : (2, k, widest) array
+        Lowest and highest values so far.
+    """
+
+    def __init__(
+        self, layout: Layout, model: Model, least: Mapping[str, float] | None = None,
+        duration: float = math.inf, gyration: Mapping[str, float] | None = None,
+        parts: Sequence[Part] = (), reach: Mapping[str, Array] | None = None,
+    ) -> None:  # fmt: skip
+        self.compared, self._duration = compared(layout, model, reach), duration
+        self._gyration, self._least = gyration or {}, least or {}
+        self._length = self._least.get("m", 0.0) / NO_MOTION
+        every, n = self.compared, len(self.compared)
+        self._of_unit = groups((one.unit, one.quantity == FOR_SCALE) for one in every)
+        self.of_quantity = at = groups(one.quantity for one in every)
+        self.positions, self.reactions = (at.get(of, _NONE) for of in ("positions", "reactions"))
+        self._units = np.array([one.unit for one in every])
+        whole = np.ones(n, dtype=bool)
+        self._parts, self._rates = parts or [(whole, whole, 0.0)], at.get("velocities", _NONE)
+        row = {one.name + one.unit: k for k, one in enumerate(every)}
+        own = [row.get(every[k].name + every[k].unit.removesuffix("/s"), n) for k in self._rates]
+        self._motions = np.array(own, np.intp)  # of velocities; n: nowhere
+        sizes = np.array([len(one.columns) for one in every], np.intp)
+        widest, self.starts = sizes.max(initial=0), np.cumsum(sizes) - sizes
+        self.range = np.stack([np.full((n, widest), np.inf), np.full((n, widest), -np.inf)])
+        tables = np.repeat([one.table for one in every], sizes)
+        columns = np.array([k for one in every for k in one.columns], np.intp)
+        units = (one.reach or np.ones(len(one.columns)) for one in every)
+        self._sizes_of = np.concatenate([_NONE, *units])
+        self._columns = {  # in each table, and where they stand in all that is compared
+            str(table): (columns[tables == table], np.flatnonzero(tables == table))
+            for table in np.unique(tables)
+        }
+        self._in_range = np.flatnonzero(np.arange(widest) < sizes[:, None])
+        self._scales = np.zeros(0)  # of the rows so far, if they were asked for
+
+    def columns_of(self, which: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Columns of the values at which the components of some stand."""
+        widths = np.diff(self.starts, append=len(self._in_range))
+        return np.flatnonzero(np.isin(np.repeat(np.arange(len(widths)), widths), which))
+
+    def values(self, rows: OutputBlock) -> Array:
+        """Values (n, components) of all that is compared."""
+        values = np.empty((len(rows.t), len(self._in_range)))
+        for table, (columns, places) in self._columns.items():
+            values[:, places] = getattr(rows, table)[:, columns]
+        values *= self._sizes_of
+        return values
+
+    def differences(self, values: Array, theirs: Array) -> Array:
+        """Differences (n, k) of values (n, components)."""
+        gaps = np.maximum.reduceat(np.abs(values - theirs), self.starts, axis=1)
+        gaps[np.isnan(gaps)] = np.inf
+        return np.asarray(gaps)
+
+    def widen(self, values: Array) -> None:
+        """Let the peak-to-peak of each have these values (n, components) in it."""
+        low, high = (bound.reshape(-1) for bound in self.range)
+        low[self._in_range] = np.minimum(low[self._in_range], values.min(axis=0))
+        high[self._in_range] = np.maximum(high[self._in_range], values.max(axis=0))
+        self._scales = np.zeros(0)
+
+    def shares(self, values: Array) -> Array:
+        """Values (k,) over the scale of each; 0 for what is at rest."""
+        scales = self.scales()
+        return np.asarray(np.divide(values, scales, out=np.zeros(len(scales)), where=scales > 0.0))
+
+    def scale_in_words(self, k: int) -> str:
+        """What the scale of one is, or "" where it is its peak-to-peak."""
+        one, (low, high) = self.compared[k], self.range[:, k]
+        if self.scales()[k] <= (1 + 1e-9) * max((high - low).max(), 0.0):
+            return ""
+        body = one.name.removeprefix("bodies.").removesuffix(DEFORMATION)
+        return _OF_POINTS if body in self._gyration else _FLOORS[one.quantity]
+
+    def scales(self) -> Array:
+        """Scale of each: its peak-to-peak, or more; 0 for what is at rest against others."""
+        if len(self._scales):
+            return self._scales
+        low, high = self.range
+        spans = np.where(np.isfinite(low), high - low, 0.0).max(axis=1, initial=0.0)
+        for (unit, _), same in self._of_unit.items():
+            if unit in _FORCES:
+                continue
+            share = _POSITIONS_AT_REST if unit in ("m", "rad") else _AT_REST
+            least = max(share * spans[same].max(), self._least.get(unit, 0.0))
+            spans[same[spans[same] <= least]] = 0.0
+        size, rates, units = self.largest_values(), self._rates, self._units
+        for own, beside, mass in self._parts:
+            speed, rate = (size[beside & (units == u)].max(initial=0.0) for u in ("m/s", "rad/s"))
+            least = mass * (speed**2 / (self._length or np.inf) + self._length * rate**2)
+            force = max(least, size[beside & (units == "N")].max(initial=0.0))
+            for unit, small in (("N", least), ("N m", force * self._length)):
+                same = units == unit
+                largest = max(size[beside & same].max(initial=0.0), _LEAST_SHARE * small)
+                spans[own & same] = np.maximum(spans[own & same], _LEAST_SHARE * largest)
+        self._join_frames(spans)
+        mean = np.append(spans, 0.0)[self._motions] / self._duration
+        scale = np.maximum(np.maximum(spans[rates], mean), _LEAST_SHARE * size[rates])
+        spans[rates] = np.where(spans[rates] > 0.0, scale, 0.0)
+        self._scales = np.asarray(spans)
+        return self._scales
+
+    def largest_values(self) -> Array:
+        """The largest value of each (k,), whatever its sign."""
+        size = np.abs(np.where(np.isfinite(self.range), self.range, 0.0)).max(axis=0)
+        return np.asarray(size.max(axis=1, initial=0.0))
+
+    def motion_sizes(self) -> Array:
+        """What each may be far below and yet part of the same motion: reactions, the largest of
+        their unit; velocities, their own largest; positions, nothing."""
+        size, below = self.largest_values(), np.zeros(len(self.compared))
+        below[self._rates] = size[self._rates]
+        for own, beside, _ in self._parts:
+            for unit in _FORCES:
+                same = self._units == unit
+                below[own & same] = size[beside & same].max(initial=0.0)
+        return below
+
+    def _join_frames(self, spans: Array) -> None:
+        """Let frame and deformation of a flexible body count with the motion of its points."""
+        places = {one.name + one.unit: k for k, one in enumerate(self.compared)}
+        for name, reach in self._gyration.items():
+            # Euler parameters change by half the angle
+            for rate, turns in (("", 2.0), ("/s", 1.0)):
+                sizes = {"m": 1.0, "rad": reach * turns, f"{DEFORMATION}m": 1.0}
+                rows = {f"bodies.{name}{end}{rate}": size for end, size in sizes.items()}
+                own = [places[row] for row in rows if row in places]
+                if own:
+                    size = np.array([size for row, size in rows.items() if row in places])
+                    spans[own] = (spans[own] * size).max() / size
 
 
 class RoundOff:

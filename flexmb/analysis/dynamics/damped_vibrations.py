@@ -21,7 +21,7 @@ import numpy as np
 
 from flexmb.analysis.dynamics.integration import Integration
 from flexmb.analysis.dynamics.jump_states import MAX_JUMPS, JumpStates
-from flexmb.analysis.dynamics.measured_error import MeasuredError
+from flexmb.analysis.dynamics.vibration_error import VibrationError, without_reactions
 from flexmb.engine import method
 from flexmb.engine.entries import integration_units
 from flexmb.engine.integrators.radau import radau_5
@@ -86,7 +86,7 @@ class _Point:
 
 def measure_damped_vibrations(
     run: Integration, settings: method.Settings, first: State, jumps: JumpStates,
-    error: MeasuredError, least: float,
+    error: VibrationError, least: float,
 ) -> None:  # fmt: skip
     """Let a measured error know what vibrations the steps of a run damp.
 
@@ -100,7 +100,7 @@ def measure_damped_vibrations(
         Where it began.
     jumps : JumpStates
         Its states at jumps.
-    error : MeasuredError
+    error : VibrationError
         Its error so far.
     least : float
         Share of the range of a reaction from which on a vibration is measured.
@@ -123,14 +123,14 @@ def measure_damped_vibrations(
     for k, row in (rows[n] for n in sorted(worst)):
         begin, step = jumps.table[k, [0, 2]].tolist()
         coarse, fine = _runs_after_jump(run, settings, first, jumps, k, begin + _WINDOW * step)
-        error.add_damped(coarse, fine, begin)
+        error.add(coarse, fine, begin)
         if not np.any(fine.t > begin + 0.5 * step):  # too fast to be followed until it may end
-            error.add_damped(replace(row, reactions=np.zeros_like(row.reactions)), row, begin)
+            error.add(without_reactions(row), row, begin)
 
 
 def follow_vibrations(
     run: Integration, settings: method.Settings, first: State, jumps: JumpStates,
-    error: MeasuredError, least: float,
+    error: VibrationError, least: float,
 ) -> None:  # fmt: skip
     """Let a measured error know what reactions lack where first steps follow a vibration that later
     ones damp, or, from the start on, a smooth load excites one.
@@ -152,15 +152,15 @@ def follow_vibrations(
     if shares[1].max() > max(least, _LATER * shares[0].max()):
         k, end = passed[int(shares[1].argmax())], settings.end
         most = min(max(int(run.state.count[0]["steps"]), _FEW_STEPS), _MAX_STEPS)
-    elif max(least, error.damped()[1]) > _CLEAR:
+    elif max(least, error.of_reactions()[1]) > _CLEAR:
         return
     coarse, fine = _runs_after_jump(run, settings, first, jumps, k, end, most)
-    error.add_damped(coarse, fine, float(jumps.table[k, 0]), _RATES)
+    error.add(coarse, fine, float(jumps.table[k, 0]), _RATES)
     k, share = passed[int(shares.max(axis=0).argmax())], float(shares.max())
     follow = _Follow(run, settings, first, jumps, error)
     if share <= least:  # of a smooth load at the start
         follow.add(passed[0], 0.0, _FEW_STEPS // 2, _TOLERANCES[-1:])
-    elif error.damped()[1] < _SHOWN * share:
+    elif error.of_reactions()[1] < _SHOWN * share:
         follow.add(k, share, _FEW_STEPS, _TOLERANCES[1:])
 
 
@@ -223,7 +223,7 @@ def _runs_after_jump(
 
 def follow_events(
     run: Integration, settings: method.Settings, first: State, jumps: JumpStates,
-    error: MeasuredError, least: float,
+    error: VibrationError, least: float,
 ) -> None:  # fmt: skip
     """Let a measured error know what reactions lack of vibrations that events of forces excite.
 
@@ -263,7 +263,7 @@ class _Follow:
 
     def __init__(
         self, run: Integration, settings: method.Settings, first: State, jumps: JumpStates,
-        error: MeasuredError,
+        error: VibrationError,
     ) -> None:  # fmt: skip
         self._run, self._settings, self._first = run, settings, first
         self._jumps, self._error = jumps, error
@@ -299,7 +299,7 @@ class _Follow:
             elif self._jumps.next_time(k) < output:
                 break  # what comes there has its own vibration
             before = largest
-            largest = self._error.add_damped(coarse, fine, begin, _RATES, output)
+            largest = self._error.add(coarse, fine, begin, _RATES, output)
             shown = max(largest, swing) if np.any(at) else largest
             if shown >= _SHOWN * share or 0.0 < largest <= _MORE * before:
                 break

@@ -254,7 +254,8 @@ def complete_measured_error(prepared: PreparedDynamics, progress: Progress) -> N
     if jumps is not None:
         worst = verified.errors().get("reactions")
         least = max(_MEASURED, worst.error if worst else 0.0)
-        own = verified.fine, prepared.settings, prepared.first, jumps, verified.error, least
+        vibrations = verified.error.vibrations
+        own = verified.fine, prepared.settings, prepared.first, jumps, vibrations, least
         measure_damped_vibrations(*own)
         if worst is not None and stricter_tolerance(prepared) is None:
             follow_vibrations(*own)

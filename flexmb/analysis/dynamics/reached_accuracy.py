@@ -31,7 +31,7 @@ def damped_vibration(prepared: PreparedDynamics) -> str:
     """A sentence on vibrations that the steps damp, where reactions lack much of them, or ""."""
     if prepared.verified is None:
         return ""
-    name, share, begin = prepared.verified.error.damped()
+    name, share, begin = prepared.verified.error.vibrations.of_reactions()
     if share <= _LACKING:
         return ""
     when, cures = _jump(prepared, begin)
@@ -41,7 +41,7 @@ def damped_vibration(prepared: PreparedDynamics) -> str:
         for force, spec in prepared.model.forces.items()
         if isinstance(spec, JointFrictionSpec)
     }
-    joint, part, _ = prepared.verified.error.damped(frictions)
+    joint, part, _ = prepared.verified.error.vibrations.of_reactions(frictions)
     friction = ""
     if part > _LACKING:
         friction = f"; {frictions[joint]} has it in its load, and what friction makes of it is in "

@@ -20,10 +20,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexmb.analysis.dynamics.compared_quantities import RoundOff, by_part, compared
+from flexmb.analysis.dynamics.compared_quantities import (
+    NO_MOTION,
+    Comparison,
+    RoundOff,
+    by_part,
+    compared,
+)
 from flexmb.analysis.dynamics.integration import Integration
 from flexmb.analysis.dynamics.jump_states import JumpStates
-from flexmb.analysis.dynamics.measured_error import NO_MOTION, ErrorOf, MeasuredError
+from flexmb.analysis.dynamics.measured_error import ErrorOf, MeasuredError
 from flexmb.analysis.dynamics.run_settings import (
     HIGH_ORDER,
     damps_vibrations,
@@ -165,8 +171,8 @@ class VerifiedRun:
         at_rest = {unit: NO_MOTION * size for unit, size in least.items()}
         radii, modes = gyration(compiled), modal_reach(compiled)
         parts = by_part(compared(compiled.layout, model, modes), compiled, model)
-        error = MeasuredError(compiled.layout, model, at_rest, span, radii, parts, modes)
-        error.places = RoundOff(error.compared, compiled, model)
+        comparison = Comparison(compiled.layout, model, at_rest, span, radii, parts, modes)
+        error = MeasuredError(comparison, RoundOff(comparison.compared, compiled, model))
         return cls(scout, fine, error, recorded, of_scout, passes, is_stiff, jumps)
 
     def advance(self, first: bool = False) -> tuple[int, list[OutputBlock]]:
@@ -178,7 +184,7 @@ class VerifiedRun:
         done = 0
         knots = scout.plan.knots[: scout.plan.used[0]].copy()
         end = knots[-1]
-        self.chunks.append(Chunk(knots, self.error.values(coarse)))
+        self.chunks.append(Chunk(knots, self.error.comparison.values(coarse)))
         while first or fine.state.t[0] < end:
             fine_status = fine.integrate(0 if first else fine.chunk)
             block = fine.rows.read()
@@ -291,7 +297,10 @@ def _repeated_chunks(verified: VerifiedRun, begin: State, progress: Progress) ->
     most = _LONGER * scout.state.count[0]["steps"]
     while not chunks or not own.finished:
         status = own.integrate(own.chunk if chunks else 0)
-        knots, values = own.plan.knots[: own.plan.used[0]], verified.error.values(own.rows.read())
+        knots, values = (
+            own.plan.knots[: own.plan.used[0]],
+            verified.error.comparison.values(own.rows.read()),
+        )
         chunks.append(Chunk(knots.copy(), values))
         if status != method.FINE or own.state.count[0]["steps"] > most:
             break
@@ -320,7 +329,7 @@ def _follow(
         status = method.FINE
         while not rows or (status == method.FINE and run.state.t[0] < chunk.knots[-1]):
             status = run.integrate(run.chunk if rows else 0)
-            rows.append(verified.error.values(run.rows.read()))
+            rows.append(verified.error.comparison.values(run.rows.read()))
         if status != method.FINE:
             break
         progress("integrate", 1.0, f"measures round-off, t = {run.state.t[0]:.4g} s")
