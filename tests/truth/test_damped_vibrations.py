@@ -333,11 +333,21 @@ STIFF_STOP = {"stop": 2e3}, {"omega": 1e5, "stop": 2e3}
 HALF_FOLLOWED = [({"stop": 2e3}, 1e-3), ({"stop": 2e3}, 1e-4), (STIFF_STOP[1], 1e-3)]
 
 
-@pytest.mark.parametrize("accuracy", [1e-3, pytest.param(1e-4, marks=pytest.mark.slow)])
+OF_A_STOP = [{}, {"away": 1e3}, {"size": 1e-6}, {"size": 1e3}, {"mass": 0.05}, *STIFF_STOP]
+
+
 @pytest.mark.parametrize("method", ["radau", "generalized-alpha"])
 @pytest.mark.parametrize(
-    "change",
-    [{}, {"away": 1e3}, {"size": 1e-6}, {"size": 1e3}, {"mass": 0.05}, *STIFF_STOP],
+    ("change", "accuracy"),
+    [
+        *((change, 1e-3) for change in OF_A_STOP),
+        (STIFF_STOP[0], 1e-4),
+        *(
+            pytest.param(change, 1e-4, marks=pytest.mark.slow)
+            for change in OF_A_STOP
+            if change is not STIFF_STOP[0]
+        ),
+    ],
     ids=str,
 )
 def test_of_a_stop(request, method, accuracy, change):
