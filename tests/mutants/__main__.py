@@ -1,7 +1,8 @@
 """Which fast tests notice a wrong sign, factor or axis: ``python -m tests.mutants --help``.
 
-Nothing is compiled: changes of the engine run as plain Python, all others on units that the cache
-holds. One mutant at a time, in a copy of the package; it stops at the first failure.
+Slow tests run where a mutant names them. Nothing is compiled: changes of the engine run as plain
+Python, all others on units that the cache holds. One mutant at a time, in a copy of the package; it
+stops at the first failure.
 """
 
 from __future__ import annotations
@@ -84,7 +85,8 @@ def _run(mutant: Mutant, root: Path, quick: bool) -> tuple[bool, str]:
 def _first_failure(mutant: Mutant, root: Path, tests: Iterable[str]) -> str:
     """The test that failed, or an empty string."""
     output = root / "output.txt"
-    options = ["-q", "-x", "-n", "0", "-m", "not slow", "-p", "no:cacheprovider", "--tb=no"]
+    options = ["-q", "-x", "-n", "0", "-p", "no:cacheprovider", "--tb=no", f"--rootdir={root}"]
+    fast = ["-m", "not slow"]
     child = os.fork()
     if child == 0:
         os.setsid()
@@ -94,7 +96,8 @@ def _first_failure(mutant: Mutant, root: Path, tests: Iterable[str]) -> str:
         _enter(root, mutant.file.startswith("engine/"))
         status = 0
         for path in tests:  # one by one: to collect all of them takes longer than to run the first
-            status = int(pytest.main([*options, f"--rootdir={root}", f"tests/{path}"]))
+            marks = [] if path in mutant.tests and "::" in path else fast
+            status = int(pytest.main([*options, *marks, f"tests/{path}"]))
             if status not in (0, 5):
                 break
         sys.stdout.flush()
