@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.analysis.dynamics.run_settings import extents_of_parts
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import Layout
 from flexmb.flexbody.arrays import Array
@@ -18,7 +19,15 @@ from flexmb.model.reading import Spec
 from flexmb.model.sensor import ExpressionSensorSpec, channels_of, unit_of
 from flexmb.results.output_block import OutputBlock
 
-Part = tuple[NDArray[np.bool_], NDArray[np.bool_], float]
+
+class Part(NamedTuple):
+    """Of a part of a model what (k,) is compared, what that is judged by, its mass and size."""
+
+    own: NDArray[np.bool_]
+    beside: NDArray[np.bool_]
+    mass: float  # kg
+    length: float  # m
+
 
 QUANTITIES = {
     "m": "positions",
@@ -102,7 +111,7 @@ def groups(keys: Iterable[Any]) -> dict[Any, NDArray[np.intp]]:
 
 
 def by_part(rows: Sequence[Compared], compiled: Compiled, model: Model) -> list[Part]:
-    """Of each part of a model what is compared, what that is judged by, and its mass [kg].
+    """The parts of a model, which share no equations.
 
     What is of none, such as a coupler's reaction, is judged by all.
     """
@@ -116,10 +125,16 @@ def by_part(rows: Sequence[Compared], compiled: Compiled, model: Model) -> list[
         numbers[name] = next((numbers[one] for one in at if one in numbers), -1)
     names = [one.name.removesuffix(DEFORMATION) for one in rows]
     own = np.array([numbers.get(name, -1) for name in names], dtype=np.intp)
-    return [
-        (own == k, (own == k) | (k < 0), float(bodies["mass"][(of[:-1] == k) | (k < 0)].sum()))
-        for k in dict.fromkeys(own.tolist())
-    ]
+    mass = np.maximum(bodies["mass"], np.finfo(float).tiny)
+    gyration = np.sqrt(np.trace(bodies["S0"], axis1=1, axis2=2) / mass)
+    sizes = np.maximum(extents_of_parts(compiled, compiled.initial_q)[0][bodies["iv"]], gyration)
+    parts = []
+    for k in dict.fromkeys(own.tolist()):
+        inside = (of[:-1] == k) | (k < 0)
+        length = sizes[inside].max() if k >= 0 else compiled.length
+        sums = float(bodies["mass"][inside].sum()), min(float(length), compiled.length)
+        parts.append(Part(own == k, (own == k) | (k < 0), *sums))
+    return parts
 
 
 class RoundOff:

@@ -90,13 +90,12 @@ class MeasuredError:
     ) -> None:  # fmt: skip
         self.compared, self._duration = compared(layout, model, reach), duration
         self._gyration, self._least = gyration or {}, least or {}
-        self._length = self._least.get("m", 0.0) / NO_MOTION
         every, n = self.compared, len(self.compared)
         self._of_unit = groups((one.unit, one.quantity == FOR_SCALE) for one in every)
         self._of_quantity = at = groups(one.quantity for one in every)
         self._units = np.array([one.unit for one in every])
         whole = np.ones(n, dtype=bool)
-        self._parts = parts or [(whole, whole, 0.0)]
+        self._parts = parts or [Part(whole, whole, 0.0, self._least.get("m", 0.0) / NO_MOTION)]
         self._rates, self._places = at.get("velocities", _NONE), at.get("positions", _NONE)
         row = {one.name + one.unit: k for k, one in enumerate(every)}
         own = [row.get(every[k].name + every[k].unit.removesuffix("/s"), n) for k in self._rates]
@@ -393,11 +392,11 @@ class MeasuredError:
             least = max(share * spans[same].max(), self._least.get(unit, 0.0))
             spans[same[spans[same] <= least]] = 0.0
         size, rates, units = self._largest_values(), self._rates, self._units
-        for own, beside, mass in self._parts:
+        for own, beside, mass, length in self._parts:
             speed, rate = (size[beside & (units == u)].max(initial=0.0) for u in ("m/s", "rad/s"))
-            least = mass * (speed**2 / (self._length or np.inf) + self._length * rate**2)
+            least = mass * (speed**2 / (length or np.inf) + length * rate**2)
             force = max(least, size[beside & (units == "N")].max(initial=0.0))
-            for unit, small in (("N", least), ("N m", force * self._length)):
+            for unit, small in (("N", least), ("N m", force * length)):
                 same = units == unit
                 largest = max(size[beside & same].max(initial=0.0), _LEAST_SHARE * small)
                 spans[own & same] = np.maximum(spans[own & same], _LEAST_SHARE * largest)
@@ -417,7 +416,7 @@ class MeasuredError:
         their unit; velocities, their own largest; positions, nothing."""
         size, below = self._largest_values(), np.zeros(len(self.compared))
         below[self._rates] = size[self._rates]
-        for own, beside, _ in self._parts:
+        for own, beside, *_ in self._parts:
             for unit in _REACTIONS:
                 same = self._units == unit
                 below[own & same] = size[beside & same].max(initial=0.0)
