@@ -333,8 +333,8 @@ def _passed(time_events, t):
 def cross_time_event(run: Run, cp: float) -> int:
     """Take a state just before an event to its far side; returns the status.
 
-    cp is the factor of the tangent that M is added to, as for reported accelerations. A jump within
-    the tolerance of the next step leaves the memory of steps as it is.
+    cp is the factor of the tangent that M is added to, as for reported accelerations, or less where
+    speeds jump. A jump within the tolerance of the next step leaves the memory of steps as it is.
     """
     st, settings, time_events = run.state, run.settings, run.system.time_events
     k = _passed(time_events, st.t[0]) - 1
@@ -342,9 +342,12 @@ def cross_time_event(run: Run, cp: float) -> int:
         return FINE
     st.t[0] = time_events[k, 1]
     status = _accelerate(run, cp)
-    allowed = settings.tolerance * st.memory[0]["max_displacement"]
+    if status == FINE and cp > 0.0:
+        share = _share_of_blow(run)
+        if share < 1.0:
+            status = _accelerate(run, share * cp)
     if status == FINE:
-        if _jump(run.system.weights, st, run.work.trial) > allowed:
+        if _jump(run, st.memory[0]["next_step"], 1.0) > settings.tolerance:
             _take_far_side(run)
             _forget_steps(st)
         elif run.method.stages > 0:  # whose first stage it is
@@ -368,13 +371,30 @@ def _accelerate(run, cp):
 
 
 @kernel
-def _jump(weights, st, tr):
-    """What the jumps of velocities and accelerations do to positions within the next step."""
-    h = st.memory[0]["next_step"]
-    jump = 0.0
+def _share_of_blow(run):
+    """Of b in M + b ∂F/∂q, where speeds jump: what a step has in which they move by the tolerance.
+
+    b of the last step, which may have been long, as at rest, would take from slow motions what a
+    blow gives them. So only what vibrates with less than that for amplitude is left out.
+    """
+    moved = _jump(run, run.state.memory[0]["last_step"], 0.0)
+    return min(1.0, (run.settings.tolerance / moved) ** 2) if moved > 0.0 else 1.0
+
+
+@kernel
+def _jump(run, h, of_accelerations):
+    """What the jumps of velocities, and of accelerations or not, do to positions within a step h,
+    over the largest motion so far of the same part of the model."""
+    st, tr, part, weights = run.state, run.work.trial, run.system.part, run.system.weights
+    motion, jump = tr.dq, 0.0
+    zero(motion)
     for i in range(weights.shape[0]):
-        moved = h * abs(tr.v[i] - st.v[i]) + 0.5 * h * h * abs(tr.vd[i] - st.vd[i])
-        jump = max(jump, weights[i] * moved)
+        motion[part[i]] = max(motion[part[i]], st.motion[i])
+    for i in range(weights.shape[0]):
+        moved = abs(tr.v[i] - st.v[i]) + 0.5 * h * of_accelerations * abs(tr.vd[i] - st.vd[i])
+        moved, most = weights[i] * h * moved, motion[part[i]]
+        if not moved <= jump * most:
+            jump = moved / most if most > 0.0 else math.inf
     return jump
 
 

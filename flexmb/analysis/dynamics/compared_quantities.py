@@ -12,11 +12,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.analysis.dynamics.run_settings import extents_of_parts
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import Layout
 from flexmb.flexbody.arrays import Array
@@ -26,7 +27,15 @@ from flexmb.model.reading import Spec
 from flexmb.model.sensor import ExpressionSensorSpec, channels_of, unit_of
 from flexmb.results.output_block import OutputBlock
 
-Part = tuple[NDArray[np.bool_], NDArray[np.bool_], float]
+
+class Part(NamedTuple):
+    """Of a part of a model what (k,) is compared, what that is judged by, its mass and size."""
+
+    own: NDArray[np.bool_]
+    beside: NDArray[np.bool_]
+    mass: float  # kg
+    length: float  # m
+
 
 QUANTITIES = {
     "m": "positions",
@@ -123,7 +132,7 @@ def groups(keys: Iterable[Any]) -> dict[Any, NDArray[np.intp]]:
 
 
 def by_part(rows: Sequence[Compared], compiled: Compiled, model: Model) -> list[Part]:
-    """Of each part of a model what is compared, what that is judged by, and its mass [kg].
+    """The parts of a model, which share no equations.
 
     What is of none, such as a coupler's reaction, is judged by all.
     """
@@ -137,10 +146,16 @@ def by_part(rows: Sequence[Compared], compiled: Compiled, model: Model) -> list[
         numbers[name] = next((numbers[one] for one in at if one in numbers), -1)
     names = [one.name.removesuffix(DEFORMATION) for one in rows]
     own = np.array([numbers.get(name, -1) for name in names], dtype=np.intp)
-    return [
-        (own == k, (own == k) | (k < 0), float(bodies["mass"][(of[:-1] == k) | (k < 0)].sum()))
-        for k in dict.fromkeys(own.tolist())
-    ]
+    mass = np.maximum(bodies["mass"], np.finfo(float).tiny)
+    gyration = np.sqrt(np.trace(bodies["S0"], axis1=1, axis2=2) / mass)
+    sizes = np.maximum(extents_of_parts(compiled, compiled.initial_q)[0][bodies["iv"]], gyration)
+    parts = []
+    for k in dict.fromkeys(own.tolist()):
+        inside = (of[:-1] == k) | (k < 0)
+        length = sizes[inside].max() if k >= 0 else compiled.length
+        sums = float(bodies["mass"][inside].sum()), min(float(length), compiled.length)
+        parts.append(Part(own == k, (own == k) | (k < 0), *sums))
+    return parts
 
 
 class Comparison:
@@ -181,14 +196,15 @@ class Comparison:
     ) -> None:  # fmt: skip
         self.compared, self._duration = compared(layout, model, reach), duration
         self._gyration, self._least = gyration or {}, least or {}
-        self._length = self._least.get("m", 0.0) / NO_MOTION
         every, n = self.compared, len(self.compared)
         self._of_unit = groups((one.unit, one.quantity == FOR_SCALE) for one in every)
         self.of_quantity = at = groups(one.quantity for one in every)
         self.positions, self.reactions = (at.get(of, _NONE) for of in ("positions", "reactions"))
         self._units = np.array([one.unit for one in every])
         whole = np.ones(n, dtype=bool)
-        self._parts, self._rates = parts or [(whole, whole, 0.0)], at.get("velocities", _NONE)
+        length = self._least.get("m", 0.0) / NO_MOTION
+        self._parts = parts or [Part(whole, whole, 0.0, length)]
+        self._rates = at.get("velocities", _NONE)
         row = {one.name + one.unit: k for k, one in enumerate(every)}
         own = [row.get(every[k].name + every[k].unit.removesuffix("/s"), n) for k in self._rates]
         self._motions = np.array(own, np.intp)  # of velocities; n: nowhere
@@ -258,11 +274,11 @@ class Comparison:
             least = max(share * spans[same].max(), self._least.get(unit, 0.0))
             spans[same[spans[same] <= least]] = 0.0
         size, rates, units = self.largest_values(), self._rates, self._units
-        for own, beside, mass in self._parts:
+        for own, beside, mass, length in self._parts:
             speed, rate = (size[beside & (units == u)].max(initial=0.0) for u in ("m/s", "rad/s"))
-            least = mass * (speed**2 / (self._length or np.inf) + self._length * rate**2)
+            least = mass * (speed**2 / (length or np.inf) + length * rate**2)
             force = max(least, size[beside & (units == "N")].max(initial=0.0))
-            for unit, small in (("N", least), ("N m", force * self._length)):
+            for unit, small in (("N", least), ("N m", force * length)):
                 same = units == unit
                 largest = max(size[beside & same].max(initial=0.0), _LEAST_SHARE * small)
                 spans[own & same] = np.maximum(spans[own & same], _LEAST_SHARE * largest)
@@ -283,7 +299,7 @@ class Comparison:
         their unit; velocities, their own largest; positions, nothing."""
         size, below = self.largest_values(), np.zeros(len(self.compared))
         below[self._rates] = size[self._rates]
-        for own, beside, _ in self._parts:
+        for own, beside, *_ in self._parts:
             for unit in _FORCES:
                 same = self._units == unit
                 below[own & same] = size[beside & same].max(initial=0.0)

@@ -202,7 +202,7 @@ def set_least_motion(
     stand at one point the first motion would be resolved down to the round-off of the driver.
     """
     bodies, weights = compiled.system.parts.bodies, compiled.system.weights
-    size, away = (one * weights for one in _extents(compiled, state))
+    size, away = (one * weights for one in extents_of_parts(compiled, state.q))
     for iv, m in zip(bodies["iv"], bodies["m"], strict=True):
         size[iv + 3 : iv + 6] = away[iv + 3 : iv + 6] = 1.0
         for x in (size, away):  # a weighted mode moves points of the body, as its frame does
@@ -224,7 +224,7 @@ def set_first_places(compiled: Compiled, state: State) -> None:
     """
     system, of = compiled.system, compiled.system.part
     bodies, rows, markers = system.parts.bodies, system.rows, system.parts.markers
-    size, away = _extents(compiled, state)
+    size, away = extents_of_parts(compiled, state.q)
     away = np.maximum(_ROUNDED * size, away)
     away[away == 0.0] = _ROUNDED * compiled.length  # all at the origin, without a marker elsewhere
     turn = np.divide(away, size, out=np.full(len(size), _ROUNDED), where=size > 0.0)
@@ -237,7 +237,7 @@ def set_first_places(compiled: Compiled, state: State) -> None:
     state.first_places[:] = LAST_PLACES * places, np.isin(of, of[bodies["iv"][on[on >= 0]]])
 
 
-def _extents(compiled: Compiled, state: State) -> tuple[Array, Array]:
+def extents_of_parts(compiled: Compiled, q: Array) -> tuple[Array, Array]:
     """How far the part of the model that each coordinate (nv,) is of reaches, and how far from the
     origin it stands [m]; 0 where there is no body."""
     system, bodies = compiled.system, compiled.system.parts.bodies
@@ -252,7 +252,7 @@ def _extents(compiled: Compiled, state: State) -> tuple[Array, Array]:
     n = int(system.kkt.panels["nc"].sum()) + 1
     low, high, wide = np.full((n, 3), np.inf), np.full((n, 3), -np.inf), np.zeros((n, 1))
     for body, arm, turns in zip(bodies, arms, gyration, strict=True):
-        r, own = state.q[body["iq"] : body["iq"] + 3], of[body["iv"] : body["iv"] + 3]
+        r, own = q[body["iq"] : body["iq"] + 3], of[body["iv"] : body["iv"] + 3]
         low[own], high[own] = np.minimum(low[own], r - arm), np.maximum(high[own], r + arm)
         wide[own] = np.maximum(wide[own], turns * np.isin(own, of[driven])[:, None])
     low[low > high], high[high < low] = 0.0, 0.0
