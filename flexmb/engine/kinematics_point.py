@@ -36,7 +36,7 @@ from flexmb.engine.equations_of_motion import (
 )
 from flexmb.engine.iteration_matrix import factorise_metric
 from flexmb.engine.jit import Matrix, Vector, array_of, kernel, unit
-from flexmb.engine.joints.constraint import constraint_right_side
+from flexmb.engine.joints.constraint import REGULARISATION, constraint_right_side
 from flexmb.engine.method import (
     FINE,
     JUMP,
@@ -104,8 +104,6 @@ _REST = 1e-290  # a speed of zero: 1e-13 of it is the least number that has all 
 # Least pivot of a row, over what it is without the rest of the mechanism, against the largest such
 # so far: a singular pose below. (Where rows repeat others their pivots are small anyhow.)
 _SINGULAR = 1e-7
-
-_REGULARISATION = 1e-9
 
 
 @unit
@@ -211,7 +209,7 @@ def _least_pivot(place, nv, d, eps):
     for i in range(nv, place.shape[0]):
         k = place[i]
         if eps[k] > 0.0:
-            least = min(least, abs(d[k]) * _REGULARISATION / eps[k])
+            least = min(least, abs(d[k]) * REGULARISATION / eps[k])
     return least
 
 
