@@ -51,12 +51,9 @@ SETTLED_NOISE = 10.0
 # By a new one: above which the unsymmetric matrix is factored instead, and the step given up.
 _UNSYMMETRIC_ABOVE = 0.2
 _GIVE_UP_ABOVE = 0.9
-# Pivots of constraint rows over what they are without other rows: below it a row repeats others.
-_REPEATED = 1e-7
+_REPEATED = 1e-7  # pivot of a row over that without other rows: below it the row repeats others
 _INDEPENDENT = 1e6  # pivot of an independent row over its regularisation, at least
-# Regularisation of a row times the mass of a body that another row holds, over the usual: the row
-# would yield beside that one.
-_UNEVEN = 1e5
+_UNEVEN = 1e5  # regularisation of a row times a mass that another row holds, over the usual
 _ANGULAR = tuple(kind.angular for kind in ROW_KINDS)
 
 

@@ -44,8 +44,6 @@ _INTERFACE_RADIUS = 0.012  # of its ball over the size of the body
 _PERIOD = 2.0  # seconds of a vibration in a film
 _CELL = (640, 420)  # pixels of a panel where the size is not given
 _SINGLE = (1280, 720)
-
-
 _ORDERS = (1, 2, 3)  # multiples of the speed that are drawn
 _MAX_CURVES = 12  # modes of a Campbell diagram or root locus
 

@@ -24,8 +24,7 @@ from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.state import DRIVER_POWER, Point, Run
 
-REGULARISATION = 1e-9
-"""ε of a constraint row over (Cq diag(S)⁻¹ Cqᵀ)_ii, its pivot without other rows."""
+REGULARISATION = 1e-9  # ε of a row over (Cq diag(S)⁻¹ Cqᵀ)_ii, its pivot without other rows
 
 
 class Joints(NamedTuple):
