@@ -32,17 +32,17 @@ from flexmb.flexbody.arrays import Array, skew
 from flexmb.model.model import Model
 
 _MAX_STEPS = 300
-_LONGEST = 0.3  # of a step, over the model size or in radians
-_CLOSED = 1e-9  # correction over the model size up to which Newton's method goes on
-_ROUND_OFF = 1e-13
-_SHORT = 1e-2  # step below which Newton's method takes over
-_NOISE = 1e-6  # correction below which the work of a step is round-off
+_MAX_STEP = 0.3  # largest component of a step, over the model size or in radians
+_CONVERGED = 1e-9  # correction over the model size from which on Newton's method may stop
+_ROUND_OFF_SIZE = 1e-13  # correction or gap over the model size that is round-off
+_NEWTON_STEP = 1e-2  # step below which Newton's method takes over
+_WORK_ROUND_OFF = 1e-6  # correction below which the work of a step is round-off
 _GROWTH, _CUT = 4.0, 0.1  # of β
 _NEWTON, _LEAST = 1e7, 1e-12  # largest and least β over its first value; neutral motions stay calm
-_MOST = 1e15  # s², β of the slowest motion that is told from none
-_MAX_CLOSINGS = 4
-_REGULAR, _REFINEMENTS = 1e-10, 2
-_FAR = 20.0  # model sizes after which a body that goes on has no equilibrium
+_MAX_BETA = 1e15  # s², β of a motion so slow that it counts as none
+_MAX_CORRECTIONS = 4  # of the joints after a step
+_REGULARISATION, _REFINEMENTS = 1e-10, 2  # of scaled rows; refinements that take it back
+_MAX_TRAVEL = 20.0  # model sizes, after which a body that still moves has no equilibrium
 
 
 def spin_of(model: Model) -> Array:
@@ -90,7 +90,7 @@ class _Descent:
         acceleration = np.abs(state.vd[self.moving] / self.size[self.moving]).max(initial=0.0)
         if self.spin is not None:
             acceleration = max(acceleration, float(self.spin @ self.spin))
-        self.first = _LONGEST / (float(acceleration) or 1.0)
+        self.first = _MAX_STEP / (float(acceleration) or 1.0)
         state.v[self.moving] = 0.0
         state.vd[:] = 0.0
         self._turn()
@@ -110,18 +110,18 @@ class _Descent:
             if not np.isfinite(longest):
                 beta *= _CUT
                 continue
-            share = min(1.0, _LONGEST / longest) if longest > 0.0 else 1.0
+            share = min(1.0, _MAX_STEP / longest) if longest > 0.0 else 1.0
             before = F0 + T.L @ lam
             q, v = self.state.q.copy(), self.state.v.copy()
             self._move(share * step)
             self.state.lam[:] = lam
-            by_newton = longest <= _CLOSED and beta >= _NEWTON * self.first
-            if by_newton and (longest <= _ROUND_OFF or longest > 0.3 * last):
+            by_newton = longest <= _CONVERGED and beta >= _NEWTON * self.first
+            if by_newton and (longest <= _ROUND_OFF_SIZE or longest > 0.3 * last):
                 self._finish()  # as far as numbers go
                 return n + 1
             after = self._close(weights)
             work = 0.5 * share * float((before + after)[self.moving] @ step[self.moving])
-            if descend and work > 0.0 and longest > _NOISE:
+            if descend and work > 0.0 and longest > _WORK_ROUND_OFF:
                 self.state.q[:], self.state.v[:] = q, v
                 newton = False
                 beta = min(_CUT * beta, cautious)
@@ -130,14 +130,14 @@ class _Descent:
                     break
                 continue
             self.travel += share * step
-            newton = newton or longest > _SHORT
+            newton = newton or longest > _NEWTON_STEP
             if share == 1.0:
-                if longest <= _SHORT and (newton or longest <= _NOISE):
+                if longest <= _NEWTON_STEP and (newton or longest <= _WORK_ROUND_OFF):
                     beta = _NEWTON * self.first
                 else:
                     beta = cautious = min(_GROWTH * beta, _NEWTON * self.first)
             last = longest
-            if self._length(self.travel) > _FAR:
+            if self._length(self.travel) > _MAX_TRAVEL:
                 raise AssemblyError(self._what_grows(before))
         raise AssemblyError(self._what_grows(self._equations()[1] + T.L @ self.state.lam))
 
@@ -148,15 +148,15 @@ class _Descent:
     def _close(self, weights: Array) -> Array:
         """Close the joints by the factor of the step; returns F there."""
         force = self.equations.residual()
-        for _ in range(_MAX_CLOSINGS):
+        for _ in range(_MAX_CORRECTIONS):
             gap = weights * self.equations.work.con.C
-            if np.abs(gap).max(initial=0.0) <= _ROUND_OFF:
+            if np.abs(gap).max(initial=0.0) <= _ROUND_OFF_SIZE:
                 break
             right = np.concatenate([np.zeros(len(self.unknown)), -gap])
             x = scipy.linalg.lu_solve(self.factor, right, check_finite=False)
             step = np.zeros(len(self.size))
             step[self.unknown] = self.size[self.unknown] * x[: len(self.unknown)]
-            if not self._length(step) <= _LONGEST:
+            if not self._length(step) <= _MAX_STEP:
                 break
             self._move(step)
             force = self.equations.residual()
@@ -179,7 +179,7 @@ class _Descent:
     def _step(self, T: Tangents, F0: Array, gap: Array, beta: float) -> tuple[Array, Array]:
         """δ (nv,) and the multipliers of one step."""
         at, size, weights = self.unknown, self.size, self.compiled.system.row_weights
-        beta = min(beta, _MOST)
+        beta = min(beta, _MAX_BETA)
         K = T.K[np.ix_(at, at)] + T.M[np.ix_(at, at)] / beta
         rates = self.rates[at]
         if rates.any():  # of a state its rate is the unknown
@@ -192,7 +192,7 @@ class _Descent:
         n, m = len(at), len(A)
         whole = np.zeros((n + m, n + m))
         whole[:n, :n], whole[:n, n:], whole[n:, :n] = K / unit, L, A
-        whole[n:, n:] = -_REGULAR * np.eye(m)
+        whole[n:, n:] = -_REGULARISATION * np.eye(m)
         right = np.concatenate([-size[at] * F0[at] / unit, -weights * gap])
         try:
             self.factor = factor = scipy.linalg.lu_factor(whole, check_finite=False)

@@ -35,10 +35,10 @@ from flexmb.results import Result
 from flexmb.results.result import NOT_UNIQUE
 
 _CHUNK = 200  # rows
-_REMAINDER = 1e-6  # force that drives do not give, over the largest one
-_OPEN = 1e-5  # gap of a joint over the model size that the accuracy of a run does not leave
+_UNBALANCED_FORCE = 1e-6  # force that drives do not give, over the largest one
+_REPORTED_GAP = 1e-5  # of a joint over the model size: the accuracy of a run leaves less
 _SINGULAR = 1e-5  # least pivot of a row over its own compliance
-_NEARLY, _ROWS = 0.02, 8  # least singular value over the next one; in rows of the least pivots
+_NEARLY_SINGULAR, _JUDGED_ROWS = 0.02, 8  # least singular value over the next; poses
 
 
 @dataclass(frozen=True)
@@ -210,12 +210,12 @@ class _Run:
         """What the forces do not say."""
         say, notes = self._prepared.pose.model.units.say, []
         gap, length = float(self.rows.largest_drift[0]), self._prepared.pose.compiled.length
-        if gap > _OPEN * length:
+        if gap > _REPORTED_GAP * length:
             notes.append(
                 "the motion does not meet the joints of the model: they gape by "
                 f"{say(gap, 'm', 3)} (or rad), and the forces are those of the bodies there"
             )
-        if self._worst[0] > _REMAINDER:
+        if self._worst[0] > _UNBALANCED_FORCE:
             notes.append(
                 f"joints and drives cannot give {100 * self._worst[0]:.2g} % of the forces that "
                 f"the motion needs, most at t = {say(self._worst[1], 's')}: a force of the run is "
@@ -233,14 +233,14 @@ class _Run:
     def _singular_pose(self) -> tuple[str, KinematicPose]:
         """Whether the motion passes a singular pose, or comes near one, and the pose."""
         pose, order = self._prepared.pose, np.argsort(self._pivots)
-        ratios = {int(row): 1.0 for row in (*order[:_ROWS], order[-1])}
+        ratios = {int(row): 1.0 for row in (*order[:_JUDGED_ROWS], order[-1])}
         for row in ratios if pose.compiled.layout.nv <= MAX_COORDINATES else ():
             _put_row(pose, self._prepared.motion, row)
             jacobian = pose.jacobian()
             S, n = jacobian.decomposition.S, jacobian.A.shape[1]
             ratios[row] = float(S[n - 1] / S[n - 2]) if n > 1 else 1.0
         worst = min(ratios, key=ratios.__getitem__)
-        near = ratios[worst] < min(_NEARLY, 0.1 * ratios[int(order[-1])])
+        near = ratios[worst] < min(_NEARLY_SINGULAR, 0.1 * ratios[int(order[-1])])
         row = int(self._pivots.argmin())
         passes = self._pivots[row] < _SINGULAR
         _put_row(pose, self._prepared.motion, row if passes else worst)

@@ -53,9 +53,9 @@ from flexmb.results.output_block import OutputBlock
 from flexmb.results.result import NOT_UNIQUE
 
 # Points of a chunk times velocity coordinates: a tenth of a second or two.
-_CHUNK_WORK = 200_000
-_MOST_ROWS = 100  # of a chunk, at which a deflection is looked at
-_CLOSED = 1e-14  # weighted gap of round-off, of a model near the origin
+_CHUNK_WORK = 200_000  # velocities of all rows of a chunk
+_DEFLECTION_ROWS = 100  # of a chunk, at most, at which deflections are judged
+_GAP_TOLERANCE = 1e-14  # weighted gap of round-off, of a model near the origin
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def prepare_kinematics(
         start=0.0,
         interval=spec.duration / spec.outputs,
         outputs=spec.outputs,
-        gap=_CLOSED * max(1.0, float(np.abs(pose.state.q).max()) / compiled.length),
+        gap=_GAP_TOLERANCE * max(1.0, float(np.abs(pose.state.q).max()) / compiled.length),
         redundant=redundant,
     )
     return PreparedKinematics(
@@ -241,7 +241,7 @@ class _StaticDeflection:
         """Take the next rows, at most so many of them."""
         if not self._bodies or not len(rows.t):
             return
-        rows = rows.rows(np.arange(len(rows.t)) % -(-len(rows.t) // _MOST_ROWS) == 0)
+        rows = rows.rows(np.arange(len(rows.t)) % -(-len(rows.t) // _DEFLECTION_ROWS) == 0)
         q = rows.q.copy()
         for k, t in enumerate(rows.t):
             self._state.t[0] = t

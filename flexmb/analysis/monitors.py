@@ -27,18 +27,18 @@ from flexmb.results.output_block import OutputBlock
 
 Array = NDArray[np.float64]
 
-_TENSION = 1e-6  # of the largest force of the joint so far: smaller pulls are round-off
+_PULL_ROUND_OFF = 1e-6  # of the largest force of the joint so far: smaller pulls are round-off
 _NEAR_SINGULAR = 0.1  # degrees
 MAX_TURN_OF_A_STEP = 1.0  # rad
 # Of reactions that alternate: from which share of their range on that is said; range over the
 # largest of all, and force that moves mass by a share of the model's size in a run, below which
 # there is none; steps between rows.
-_RINGS, _LEAST_SHARE, _NO_MOTION, _SAME_STEP = 0.05, 1e-3, 1e-6, 1e-6
-_LASTING, _MAX_FALL, _TINY = 0.08, 3.0, 1e-300  # what is left of it two steps later; to the next
+_RINGING_SHARE, _LEAST_SHARE, _NO_MOTION, _SAME_STEP = 0.05, 1e-3, 1e-6, 1e-6
+_LASTING, _MAX_FALL, _MIN_DIVISOR = 0.08, 3.0, 1e-300  # ringing left after two steps; to the next
 _MAX_SAMPLES = 256
 # The second half of the run so far is looked at in so many parts. In each of them the largest value
 # grows by this factor at least: powers of time up to the eighth do not.
-_PARTS, _FACTOR = 4, 3.0
+_GROWTH_PARTS, _GROWTH_FACTOR = 4, 3.0
 # Bounds beyond which nothing in a scene explains a value: translations over the size of the model,
 # deformations over it, states over their scale, turns of a body within one part, rad.
 _MAX_TRANSLATION, _MAX_DEFORMATION, _MAX_STATE, _MAX_TURN = 100.0, 1.0, 1e6, 1e3
@@ -97,7 +97,7 @@ class ContactLossMonitor:
         for k, contact in enumerate(self._contacts if len(rows.t) else ()):
             push = contact.compressed * rows.lam[:, contact.row]
             self._largest[k] = max(self._largest[k], float(np.abs(push).max()))
-            pulls = push < -_TENSION * self._largest[k]
+            pulls = push < -_PULL_ROUND_OFF * self._largest[k]
             if contact.joint not in self._first and pulls.any():
                 self._first[contact.joint] = float(rows.t[np.argmax(pulls)])
 
@@ -191,7 +191,7 @@ class RingingMonitor:
         turns = np.einsum("ijk,ijk->ij", bend[1:], bend[:-1]) < 0.0
         sizes = np.sqrt(np.einsum("ijk,ijk->ij", bend, bend)) / 4.0
         one, two, three, four = (sizes[at + k] for k in range(4))
-        falls = np.clip(two / np.maximum(three, _TINY), 1.0, _MAX_FALL)
+        falls = np.clip(two / np.maximum(three, _MIN_DIVISOR), 1.0, _MAX_FALL)
         size = np.minimum(one, falls * two) * falls
         lasts = turns[at] & turns[at + 1] & turns[at + 2] & (four > _LASTING * two)
         rings = np.where(lasts, size, 0.0)
@@ -215,7 +215,7 @@ class RingingMonitor:
         span = np.maximum(span, np.maximum(_LEAST_SHARE * size, self._least)).reshape(-1)
         share = self._largest[0] / span
         k = int(share.argmax())
-        if share[k] <= _RINGS:
+        if share[k] <= _RINGING_SHARE:
             return []
         what, at = ("force", "moment")[k % 2], self._units.say(self._largest[1, k], "s", 4)
         return [
@@ -347,19 +347,19 @@ class GrowthMonitor:
     def _check(self) -> None:
         """Compare the largest values at the ends of the parts."""
         samples = self._history.table[: self._history.count[1]]
-        if len(samples) <= _PARTS:
+        if len(samples) <= _GROWTH_PARTS:
             return
         samples = samples[np.isfinite(samples).all(axis=1)]
         if not len(samples):
             return
         begin, now = samples[0, 0], samples[-1, 0]
-        part = (now - begin) / (2 * _PARTS)
-        at = np.searchsorted(samples[:, 0], now - part * np.arange(_PARTS, -1, -1))
+        part = (now - begin) / (2 * _GROWTH_PARTS)
+        at = np.searchsorted(samples[:, 0], now - part * np.arange(_GROWTH_PARTS, -1, -1))
         at = np.minimum(at, len(samples) - 1)
-        if len(set(at.tolist())) <= _PARTS:
+        if len(set(at.tolist())) <= _GROWTH_PARTS:
             return
         values = samples[at, 1:]
-        grows = (values[1:] >= _FACTOR * values[:-1]).all(axis=0) & (values[0] > 0.0)
+        grows = (values[1:] >= _GROWTH_FACTOR * values[:-1]).all(axis=0) & (values[0] > 0.0)
         for k in np.flatnonzero(grows):
             q = self._quantities[k]
             if values[-1, k] * (part if q.is_rate else 1.0) > q.bound:

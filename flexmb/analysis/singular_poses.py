@@ -37,15 +37,15 @@ from flexmb.model.reading import GROUND, split_reference
 
 _OWN_SENTENCE = (method.ZERO_LENGTH, method.CURVE_END, method.NO_LOOP, method.SELF_LOCKING)
 _ROUND_OFF, _NEARLY_REDUNDANT = 1e-13, 1e-3  # singular values over the largest
-_NEARLY = 0.02  # least singular value over the next one: a singular pose is near
-_FALLEN = 0.2  # singular value over that of the first pose
+_NEARLY_SINGULAR = 0.02  # least singular value over the next one: a singular pose is near
+_SINGULAR_DROP = 0.2  # singular value over that of the first pose
 _CONTRADICTED = 1e-6  # share of the prescribed motion that no motion can follow
-_MOVES = 1e-6  # of the largest rate of a joint coordinate in a motion
+_RATE_ROUND_OFF = 1e-6  # of the largest rate of a joint coordinate in a motion
 _MOVING_BODY = 0.1  # of a motion of size one
-_TAKES_PART = 0.2  # of the largest entry of a null vector
-_DRIVES = 0.05  # of the same, for drivers
+_JOINT_SHARE = 0.2  # of the largest entry of a null vector
+_DRIVER_SHARE = 0.05  # of the same, for drivers
 _MAX_SHOWN = 4
-_GROUNDED = 2.0  # preference for coordinates of joints with ground, where actuators sit
+_GROUND_PREFERENCE = 2.0  # for coordinates of joints with ground, where actuators sit
 
 
 def call_kinematics(system: System, state: State, work: Work, path: Path, what: int) -> float:
@@ -68,7 +68,7 @@ def singular_pose_sentence(compiled: Compiled, q: Array, q_first: Array) -> str:
         here, begin = (rows.evaluate(x).jacobian.decomposition for x in (q, q_first))
     share, first = (rows.S / rows.S[0] for rows in (here, begin))
     n = np.count_nonzero(first > _ROUND_OFF)
-    limit = np.maximum(_NEARLY_REDUNDANT, np.minimum(_NEARLY, _FALLEN * first[:n]))
+    limit = np.maximum(_NEARLY_REDUNDANT, np.minimum(_NEARLY_SINGULAR, _SINGULAR_DROP * first[:n]))
     near = share[:n][share[:n] < limit]
     if not len(near):
         return ""
@@ -134,7 +134,7 @@ class KinematicPose:
                 for coordinate in JOINT_TYPES[spec.type].coordinates:
                     if (joint, coordinate) not in driven:
                         rate = self._joint_rate(markers[row["I"]], markers[row["J"]], coordinate)
-                        rate *= _GROUNDED if grounded else 1.0
+                        rate *= _GROUND_PREFERENCE if grounded else 1.0
                         rates.setdefault(f"joints.{joint}.{coordinate}", []).append(rate)
         return {name: np.array(values) for name, values in rates.items()}
 
@@ -153,7 +153,7 @@ class KinematicPose:
 def _main_rows(compiled: Compiled, vector: Array) -> list[str]:
     """Names of the rows that take part most in a vector (nc,), largest first."""
     size = np.abs(vector)
-    order = [k for k in np.argsort(-size) if size[k] > _TAKES_PART * size.max()]
+    order = [k for k in np.argsort(-size) if size[k] > _JOINT_SHARE * size.max()]
     return [compiled.layout.rows[k] for k in order[:_MAX_SHOWN]]
 
 
@@ -165,7 +165,7 @@ def _owners(names: Sequence[str]) -> list[str]:
 def _drivers_of(compiled: Compiled, vector: Array) -> list[str]:
     """Scene paths of the drivers that take part in a vector (nc,)."""
     size, rows = np.abs(vector), compiled.layout.rows
-    which = [k for k in range(len(rows)) if size[k] > _DRIVES * size.max()]
+    which = [k for k in range(len(rows)) if size[k] > _DRIVER_SHARE * size.max()]
     return _owners([rows[k] for k in which if rows[k].startswith("drivers.")])
 
 
@@ -194,7 +194,7 @@ def _independent(rates: dict[str, Array]) -> list[str]:
     most = np.abs(left).max()
     for _ in range(left.shape[1]):
         size = np.linalg.norm(left, axis=1)
-        if not size.max() > _MOVES * most:
+        if not size.max() > _RATE_ROUND_OFF * most:
             break
         k = int(np.argmax(size))
         selected.append(names[k])
@@ -295,7 +295,7 @@ def _contradicting_drivers(
 def _singular_pose(pose: KinematicPose, jacobian: WeightedJacobian, time: float) -> str:
     """The sentence for a pose that is singular or nearly so; empty if it is not."""
     n, U, S = jacobian.A.shape[1], jacobian.decomposition.U, jacobian.decomposition.S
-    if n < 2 or len(S) < n or S[n - 1] > _NEARLY * S[n - 2]:
+    if n < 2 or len(S) < n or S[n - 1] > _NEARLY_SINGULAR * S[n - 2]:
         return ""
     drivers = _drivers_of(pose.compiled, U[:, n - 1])
     reached = _pose_of_rows(pose.compiled, U[:, n - 1], drivers)

@@ -26,11 +26,11 @@ from flexmb.results.export import export_table
 
 Array = np.ndarray
 
-_HALVINGS = 12
-_JUMP = 0.2  # of the way between two values that is left after all halvings
-_FASTER = 2.0  # way per change of the parameter, over that before, from which it may be a jump
-_LONG = 0.01  # first way, over the model size or in radians, from which it may be one
-_SHORT = 1e-6  # way that is none
+_MAX_BISECTIONS = 12
+_JUMP_SHARE = 0.2  # of the way between two values that is left after all bisections
+_WAY_RATIO = 2.0  # way per change of the parameter, over that before, that suggests a jump
+_FIRST_WAY = 0.01  # first way, over the model size or in radians, that suggests a jump
+_NO_WAY = 1e-6  # way over the model size that is round-off
 
 
 class SystemAt(NamedTuple):
@@ -181,8 +181,8 @@ def sweep_equilibria(
             events.append(replace(path.end(before, value, error), place=k))
             break
         far = path.way(before, point)
-        faster = far > _FASTER * way * abs(value - before.value) if k > 1 else far > _LONG
-        jump = path.jump(before, point) if faster and far > _SHORT else None
+        faster = far > _WAY_RATIO * way * abs(value - before.value) if k > 1 else far > _FIRST_WAY
+        jump = path.jump(before, point) if faster and far > _NO_WAY else None
         event = jump
         if jump is None and point.stable != before.stable:
             event = path.stability(before, point)
@@ -228,7 +228,7 @@ class _Path:
     def jump(self, low: SweepPoint, high: SweepPoint) -> SweepEvent | None:
         """The limit point between two values, None where the branch goes on."""
         whole = self.way(low, high)
-        for _ in range(_HALVINGS):
+        for _ in range(_MAX_BISECTIONS):
             try:
                 middle = self.point(0.5 * (low.value + high.value), low)
             except AssemblyError:
@@ -237,7 +237,7 @@ class _Path:
                 low = middle
             else:
                 high = middle
-            if self.way(low, high) < _JUMP * whole:
+            if self.way(low, high) < _JUMP_SHARE * whole:
                 return None
         far, body = separation(low.equilibrium.compiled, low.q, high.q)
         return SweepEvent(
@@ -250,7 +250,7 @@ class _Path:
     def end(self, low: SweepPoint, value: float, error: AssemblyError) -> SweepEvent:
         """The value from which there is no equilibrium."""
         high = value
-        for _ in range(_HALVINGS):
+        for _ in range(_MAX_BISECTIONS):
             middle = 0.5 * (low.value + high)
             try:
                 low = self.point(middle, low)
@@ -265,7 +265,7 @@ class _Path:
     def stability(self, low: SweepPoint, high: SweepPoint) -> SweepEvent:
         """The value at which an equilibrium loses or gains its stability."""
         before, lost = low.stable, low.stable
-        for _ in range(_HALVINGS):
+        for _ in range(_MAX_BISECTIONS):
             middle = self.point(0.5 * (low.value + high.value), low)
             low, high = (middle, high) if middle.stable == before else (low, middle)
         word = "lost" if lost else "gained"

@@ -39,8 +39,8 @@ from flexmb.model.scenes.dynamics import StaticsSpec
 from flexmb.progress import Progress, silent
 from flexmb.results.result import NOT_UNIQUE
 
-_JUMP, _LONG_WAY = 10.0, 0.02  # way over that before; over the model size or in radians
-_MOVES = 0.5  # share of bodies in the kinetic energy of a mode of them
+_WAY_RATIO, _MIN_WAY = 10.0, 0.02  # way over that before; over the model size or in radians
+_BODY_SHARE = 0.5  # share of bodies in the kinetic energy of a mode of them
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ class _Run:
         """Note where the equilibrium leaves the branch that it was on."""
         prepared, say = self._prepared, self._prepared.model.units.say
         way, body = separation(prepared.compiled, self._q, prepared.state.q)
-        if self.done > 1 and way > max(_JUMP * self._way, _LONG_WAY):
+        if self.done > 1 and way > max(_WAY_RATIO * self._way, _MIN_WAY):
             before = prepared.times[self.done - 1]
             self.stability.append(
                 f"between t = {say(before, 's')} and {say(time, 's')} the equilibrium jumps, most "
@@ -200,7 +200,7 @@ class _Run:
                 f"mostly of bodies.{name[0]}; flexmb modes --about static shows the modes"
             )
         else:  # states of controllers have no energy
-            moving = np.sum(list(made.energy_shares.values()), axis=0) > _MOVES
+            moving = np.sum(list(made.energy_shares.values()), axis=0) > _BODY_SHARE
             count = int(np.sum(moving & (values == 0.0)))
             if count:
                 self.stability.append(

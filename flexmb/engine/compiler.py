@@ -234,7 +234,7 @@ def _mark_kernel(function: Callable[..., Any], separate: bool = False) -> Any:
 def _mark_unit(unit: jit.Unit) -> Any:
     """A unit as other units see it: a call of a symbol of another object file."""
     signature = signature_of(unit.function)
-    llvm.add_symbol(unit.symbol, _NOWHERE)  # nothing is run here
+    llvm.add_symbol(unit.symbol, _ANY_ADDRESS)
 
     def generate(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
         kinds = [context.get_value_type(kind) for kind in signature.args]
@@ -251,7 +251,7 @@ def _mark_unit(unit: jit.Unit) -> Any:
     return intrinsic(scope["call"])
 
 
-_NOWHERE = 1
+_ANY_ADDRESS = 1  # of symbols in a module that is translated but not run
 
 
 @cache

@@ -31,7 +31,7 @@ _MAX_UNITS = 60
 # for kernels that the process has translated before; starting a process takes as long as 4500
 # bytes. A further process is started for work that is worth several times that.
 _TRANSLATION = 2 / 3
-_WORTH_A_PROCESS = 16_000
+_MIN_PROCESS_WORK = 16_000
 _MIN_VERSIONS = {"numba": "0.61", "llvmlite": "0.44"}  # as in pyproject.toml
 
 
@@ -132,7 +132,7 @@ class _Pool:
         left = min(
             sum(_cost(name, worker.kernels) for name in self.waiting) for worker in self.workers
         )
-        return len(self.workers) < _cores() and left > _WORTH_A_PROCESS * len(self.workers)
+        return len(self.workers) < _cores() and left > _MIN_PROCESS_WORK * len(self.workers)
 
     def _next(self, worker: _Worker | None) -> str:
         """The unit that costs a worker least compared with the others; then the longest.

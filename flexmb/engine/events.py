@@ -60,12 +60,12 @@ _MIN_STEPS = 100.0  # and no shorter than so many times round-off of the time
 # closely, as stick after slip and slip the other way. Laws of functions are counted by themselves,
 # so that a controller that switches all the time hides no contact.
 _STEPS_AFTER_EVENT, _CLOSE_EVENTS = 5.0, 3.0
-# Where a step moves by this share of the accuracy asked for, over the motion so far, and what it
-# changes of speeds does so within the run, laws of functions may change unseen: what swings to
-# rest crosses zero for ever.
-_HARDLY = 0.1
+# Where a step moves by less than this share of the requested accuracy (over the motion so far), and
+# so does its change of speeds over the run, changes of force laws are not located: a vibration that
+# decays crosses zero without end.
+_NEGLIGIBLE_MOTION = 0.1
 # Steps after an event whose last velocities are noted with the state there.
-_STEPS_BEHIND = 8
+_NOTED_STEPS = 8
 # First step after an event, over the one before it was shortened: estimates begin again.
 _RESTART_FRACTION = 0.1
 
@@ -104,7 +104,7 @@ def begin_events(run: Run) -> int:
 def _note_velocities(run):
     """Let the last state behind an event know the velocities that follow it."""
     st, events = run.state, run.work.events
-    if events.taken[1] > 0 and events.taken[3] < _STEPS_BEHIND:
+    if events.taken[1] > 0 and events.taken[3] < _NOTED_STEPS:
         events.taken[3] += 1
         row, nv = events.states[events.taken[1] - 1], st.v.shape[0]
         begin = 2 + st.q.shape[0] + nv
@@ -251,7 +251,7 @@ def _hardly_moves(run, h, part):
     moves.
     """
     st, v, weights, settings = run.state, run.work.trial.v, run.system.weights, run.settings
-    least, span = _HARDLY * settings.accuracy, settings.end - settings.start
+    least, span = _NEGLIGIBLE_MOTION * settings.accuracy, settings.end - settings.start
     for i in range(v.shape[0]):
         moved = max(h * abs(st.v[i]), h * abs(v[i]), span * abs(v[i] - st.v[i]))
         if weights[i] * part * moved > least * st.motion[i]:

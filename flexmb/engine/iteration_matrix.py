@@ -18,7 +18,11 @@ from flexmb.engine.algebra.vector import copy, zero
 from flexmb.engine.equations_of_motion import velocity_stage
 from flexmb.engine.jit import Vector, call_matrix, kernel, unit
 from flexmb.engine.joints import ROW_KINDS
-from flexmb.engine.joints.constraint import constraint_jacobian, put_constraint_matrix
+from flexmb.engine.joints.constraint import (
+    REGULARISATION,
+    constraint_jacobian,
+    put_constraint_matrix,
+)
 from flexmb.engine.method import FINE
 from flexmb.engine.state import ComplexFactor, Point, Run
 
@@ -47,10 +51,9 @@ SETTLED_NOISE = 10.0
 # By a new one: above which the unsymmetric matrix is factored instead, and the step given up.
 _UNSYMMETRIC_ABOVE = 0.2
 _GIVE_UP_ABOVE = 0.9
-_REGULARISATION = 1e-9
-_REPEATED = 1e-7
-_INDEPENDENT = 1e6  # pivots of rows over their regularisation
-_UNEVEN = 1e5
+_REPEATED = 1e-7  # pivot of a row over that without other rows: below it the row repeats others
+_INDEPENDENT = 1e6  # pivot of an independent row over its regularisation, at least
+_UNEVEN = 1e5  # regularisation of a row times a mass that another row holds, over the usual
 _ANGULAR = tuple(kind.angular for kind in ROW_KINDS)
 
 
@@ -218,7 +221,7 @@ def _yields_beside(run, k, other):
             for i in range(first, first + 3):
                 if heavy < diagonal[place[i]] < math.inf:
                     heavy = diagonal[place[i]]
-    return run.work.factor.eps[place[sys.weights.shape[0] + k]] * heavy > _REGULARISATION * _UNEVEN
+    return run.work.factor.eps[place[sys.weights.shape[0] + k]] * heavy > REGULARISATION * _UNEVEN
 
 
 @kernel
@@ -272,7 +275,7 @@ def least_pivot(run, nv):
     for i in range(nv, place.shape[0]):
         k = place[i]
         if fac.eps[k] > 0.0:
-            pivot = abs(fac.d[k]) * _REGULARISATION / fac.eps[k]
+            pivot = abs(fac.d[k]) * REGULARISATION / fac.eps[k]
             least = min(least, pivot if pivot > _REPEATED else 1.0)
     return least
 

@@ -36,7 +36,7 @@ from flexmb.engine.equations_of_motion import (
 )
 from flexmb.engine.iteration_matrix import factorise_metric
 from flexmb.engine.jit import Matrix, Vector, array_of, kernel, unit
-from flexmb.engine.joints.constraint import constraint_right_side
+from flexmb.engine.joints.constraint import REGULARISATION, constraint_right_side
 from flexmb.engine.method import (
     FINE,
     JUMP,
@@ -94,18 +94,16 @@ _RENEW_AFTER_MOTION = 0.02  # motion after which a factor is renewed before it i
 _RENEW_ABOVE = 0.05  # contraction from which on a new factor costs less than iterations
 _GIVE_UP_ABOVE = 0.9
 _MAX_CORRECTION = 0.5  # a correction of this size does not belong to the prediction
-_LAST_PLACES = 4e-16
+_ROUND_OFF = 4e-16  # of a function of time
 _REDUNDANT_GAP = 1e-10  # rows that repeat others may leave this much
 _MAX_ROUNDS = 6
-_EXACT = 1e-13  # relative, of velocities and accelerations
-_UNLIKE = 1e-7  # relative: rows that repeat others and ask for other velocities
-_REST = 1e-290  # a speed of zero: 1e-13 of it is the least number that has all its digits
+_RATE_TOLERANCE = 1e-13  # relative, of velocities and accelerations
+_CONTRADICTION = 1e-7  # relative: redundant rows that prescribe other velocities than the rest
+_MIN_SPEED = 1e-290  # 1e-13 of it is the smallest normal number
 
 # Least pivot of a row, over what it is without the rest of the mechanism, against the largest such
 # so far: a singular pose below. (Where rows repeat others their pivots are small anyhow.)
 _SINGULAR = 1e-7
-
-_REGULARISATION = 1e-9
 
 
 @unit
@@ -167,7 +165,7 @@ def _noise(rows, row_weights, fun):
     for k in range(rows.shape[0]):
         if rows[k]["fun"] >= 0:
             size = max(size, abs(fun[rows[k]["fun"], 0]) * row_weights[k])
-    return _LAST_PLACES * size
+    return _ROUND_OFF * size
 
 
 @unit
@@ -181,18 +179,18 @@ def solve_velocities_accelerations(run: Run, path: Path, settings: KinematicsSet
         memory["largest_pivot"] = max(memory["largest_pivot"], pivot)
         if pivot < _SINGULAR * memory["largest_pivot"]:
             return SINGULAR
-    scale, off = _REST, math.inf
+    scale, off = _MIN_SPEED, math.inf
     for n in range(_MAX_ROUNDS + 1):
         velocity_stage(run, at)
         rate_stage(run, at)
         off = weighted_size(con.rate, sys.row_weights)
         scale = max(scale, off, weighted_size(v, sys.weights))
-        if off <= _EXACT * scale or n == _MAX_ROUNDS:
+        if off <= _RATE_TOLERANCE * scale or n == _MAX_ROUNDS:
             break
         _solve_rows(sys.kkt, fac, nv, con.rate, -1.0)
         for i in range(nv):
             v[i] += sol[place[i]]
-    if off > _UNLIKE * scale:
+    if off > _CONTRADICTION * scale:
         return UNLIKE_RATES
     bias_stage(run, at)
     constraint_right_side(run)
@@ -211,7 +209,7 @@ def _least_pivot(place, nv, d, eps):
     for i in range(nv, place.shape[0]):
         k = place[i]
         if eps[k] > 0.0:
-            least = min(least, abs(d[k]) * _REGULARISATION / eps[k])
+            least = min(least, abs(d[k]) * REGULARISATION / eps[k])
     return least
 
 
@@ -237,7 +235,7 @@ def correct_accelerations(run: Run, vd: Vector) -> int:
             sol[k] = gamma[i] - tmp[k]
             off = max(off, abs(sol[k]) * row_weights[i])
         scale = max(scale, weighted_size(vd, run.system.weights))
-        if off <= _EXACT * scale:
+        if off <= _RATE_TOLERANCE * scale:
             break
         solve(kkt, fac, sol)
         for i in range(nv):
@@ -302,12 +300,12 @@ def _fix_shapes(bodies, res):
 
 
 _MAX_MOTION = 0.5  # of an increment, of the model size or rad
-_APART = 0.25  # off by this share of the motion: another branch, or too long an increment
+_MAX_DEVIATION = 0.25  # from the prediction, over the motion: another branch, or too long a step
 _SAME_BRANCH = 1e-5  # of the model size: branches this close are one
-_TURNED = 0.55  # a jump of v̇ within the increment leaves 0.5
-_STILL = 1e-12  # motion by which velocities may differ, of the model size
-_STEEPER = 3.0  # a change of this many times what the slopes say is a jump
-_LAST_DIGITS = 1e-9
+_VELOCITY_DEVIATION = 0.55  # a jump of v̇ within the increment leaves 0.5
+_MIN_MOTION = 1e-12  # by a deviation of velocities, over the model size
+_JUMP_RATIO = 3.0  # change of a function over what its slopes predict: more is a jump
+_JUMP_ROUND_OFF = 1e-9  # of the size of a function
 _FLIPPED = -0.5  # cosine
 
 
@@ -379,8 +377,8 @@ def check_branch(run: Run, path: Path, h: float, last: int) -> int:
         mean = 0.5 * h * (vd0[i] + vd[i])
         turned = max(turned, w[i] * abs(v[i] - v0[i] - mean))
         speed = max(speed, w[i] * max(abs(v0[i]), abs(v[i]), abs(mean)))
-    far = off > _APART * motion and off > _SAME_BRANCH
-    other = turned > _TURNED * speed and h * turned > _STILL
+    far = off > _MAX_DEVIATION * motion and off > _SAME_BRANCH
+    other = turned > _VELOCITY_DEVIATION * speed and h * turned > _MIN_MOTION
     if far or (other and not (last == 1 and _jumps(functions, path.functions_before, fun, h, 1))):
         return JUMP
     return FINE
@@ -399,7 +397,7 @@ def _jumps(functions, before, now, h, order):
         change = abs(now[k, order] - before[k, order])
         slope = max(abs(before[k, order + 1]), abs(now[k, order + 1]))
         size = 1.0 + max(abs(before[k, order]), abs(now[k, order]))
-        if change > _STEEPER * h * slope and change > _LAST_DIGITS * size:
+        if change > _JUMP_RATIO * h * slope and change > _JUMP_ROUND_OFF * size:
             return True
     return False
 

@@ -32,25 +32,25 @@ from flexmb.engine.joints.constraint import constraint_right_side
 from flexmb.engine.method import FINE, NO_LOOP, NOT_FINITE, SELF_LOCKING
 from flexmb.engine.state import Point, Run
 
-_ROUNDS = 3
+_MAX_ROUNDS = 3
 _REFINEMENTS = 2
-# Pivot of a row over its regularisation, from which on one refinement leaves round-off.
-_FIRM = 1e7
+# Pivot of a row over its regularisation above which one refinement leaves round-off.
+_FIRM_PIVOT = 1e7
 # Forces that depend on accelerations or reactions: rounds until they settle, relative.
 _LOOP_ROUNDS, _LOOP_CLOSED = 100, 1e-12
-# Quasi-static modes follow the loads up to this weighted change.
-_STATIC = 1e-11
+# Weighted change of quasi-static modes at which they are in equilibrium with the loads.
+_STATIC_TOLERANCE = 1e-11
 # A correction of positions this small, relative to the model, is round-off.
 _ROUND_OFF = 1e-13
-# Rows that repeat others do so in the pose alone: by a factor from farther off they get reactions.
+# Distance from the pose of the factor, over the size: beyond it redundant rows would get reactions.
 _SAME_POSE = 1e-12
 # Loads that follow from reactions, such as friction in joints, agree with them to this share of the
 # largest force: a moment beside forces must not decide by its unit.
 _SETTLED = 1e-10
-# Times last places are changed to tell noise, which grows with them up to this factor, from a jump.
-_LARGER, _UNEVEN = 8.0, 2.5
-# What is left of h² where the matrix is not definite, how often.
-_SHARE, _SHARES = 0.25, 5
+# Noise grows in proportion to changes of last places, within this factor; a jump does not.
+_NOISE_GAIN, _NOISE_SPREAD = 8.0, 2.5
+# Reduction of h² where the matrix is not definite, and how often.
+_REDUCTION, _MAX_REDUCTIONS = 0.25, 5
 # What `accelerations` puts on the constraints first.
 NOTHING, VELOCITIES, POSITIONS = 0, 1, 2
 
@@ -69,7 +69,7 @@ def project_velocity(run: Run, at: Point, cp: float) -> int:
     con.drift[0] = 0.0
     if rate.shape[0] == 0:
         return FINE
-    for n in range(_ROUNDS):
+    for n in range(_MAX_ROUNDS):
         velocity_stage(run, at)
         rate_stage(run, at)
         if n == 0:
@@ -95,7 +95,7 @@ def project_velocity(run: Run, at: Point, cp: float) -> int:
             moved = max(moved, abs(sol[place[i]]) * weights[i])
             speed = max(speed, abs(v[i]) * weights[i])
         # what a solve leaves; implicit methods pass singular positions better with all rounds
-        enough = _ROUND_OFF * (_FIRM if firm else 1.0) * speed
+        enough = _ROUND_OFF * (_FIRM_PIVOT if firm else 1.0) * speed
         if run.method.stages > 0 and moved <= enough:
             break
     return FINE
@@ -149,7 +149,7 @@ def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
             return NO_LOOP  # it was finite before they followed
         if status != FINE:
             return status
-        if change <= _STATIC:
+        if change <= _STATIC_TOLERANCE:
             walk(run.stages.static_rates, run, at)
             walk(run.stages.static_force, run, at)
             return _solve_motion(run, at, cp, VELOCITIES)
@@ -171,8 +171,8 @@ def put_noise(run: Run, at: Point) -> int:
     """Put the change of accelerations by round-off of places and speeds in Trial.noise.
 
     As stiff forces make it where all that there is changes by its last places, up and down by
-    turns. A force that jumps there is no noise: changes that are `_LARGER` times as large make the
-    same of it, or the smaller ones nothing.
+    turns. A force that jumps there is no noise: changes `_NOISE_GAIN` times as large have the same
+    effect on it, or the smaller ones have none.
     """
     tr, weights, noise = run.work.trial, run.system.weights, run.work.trial.noise
     zero(noise)
@@ -183,12 +183,12 @@ def put_noise(run: Run, at: Point) -> int:
         return FINE
     for i in range(noise.shape[0]):
         tr.bend[i] = abs(tr.vd[i] - tr.spare[i])
-    if _change_last_places(run, at, _LARGER) != FINE:
+    if _change_last_places(run, at, _NOISE_GAIN) != FINE:
         return FINE
     for i in range(noise.shape[0]):
         before, change = tr.bend[i], abs(tr.vd[i] - tr.spare[i])
-        if before * _LARGER / _UNEVEN <= change <= before * _LARGER * _UNEVEN:
-            noise[i] = weights[i] * change / _LARGER
+        if before * _NOISE_GAIN / _NOISE_SPREAD <= change <= before * _NOISE_GAIN * _NOISE_SPREAD:
+            noise[i] = weights[i] * change / _NOISE_GAIN
     zero(tr.bend)
     return FINE
 
@@ -223,7 +223,7 @@ def _solve_motion(run: Run, at: Point, cp: float, project: int) -> int:
     run.work.factor.symmetric[0] = 1
     cp = _factorise_definite(run, at, cp)
     if project == POSITIONS and at.lam.shape[0] > 0:
-        moved = project_positions(run, at, _ROUNDS)
+        moved = project_positions(run, at, _MAX_ROUNDS)
         if moved > _SAME_POSE and has_dependent_rows(run.work.factor, 0.0):
             factorise(run, at, 0.0, cp)
     if project != NOTHING:
@@ -250,10 +250,10 @@ def _factorise_definite(run, at, cp):
     velocities and reactions would be divided by the difference.
     """
     b = cp
-    for n in range(_SHARES):
+    for n in range(_MAX_REDUCTIONS):
         if b == 0.0 or _is_definite(run, at, 2.0 * b):
             break
-        b = _SHARE * b if n + 1 < _SHARES else cp  # as of one that never is
+        b = _REDUCTION * b if n + 1 < _MAX_REDUCTIONS else cp  # as of one that never is
     factorise(run, at, 0.0, b)
     return b
 
@@ -290,7 +290,7 @@ def _is_firm(fac):
     """Whether no row yields to its regularisation, so that a refinement leaves its square."""
     firm = fac.replaced[0] == 0
     for k in range(fac.eps.shape[0]):
-        firm = firm and abs(fac.d[k]) >= _FIRM * fac.eps[k]
+        firm = firm and abs(fac.d[k]) >= _FIRM_PIVOT * fac.eps[k]
     return firm
 
 

@@ -74,11 +74,11 @@ from flexmb.engine.state import Run
 # has served so many steps.
 _RENEW_AFTER = 5.0
 
-# Energies are looked at after so many steps without an output, and so many more.
-_LOOK_EVERY = 5.0
+# Energies are evaluated at outputs, and after each so many steps without one.
+_ENERGY_INTERVAL = 5.0
 
-# Two steps before over this one, for the cubic of the powers.
-_LONG_ENOUGH = 0.3
+# Sum of the two steps before over this one, from which on powers are integrated by a cubic.
+_MIN_STEP_RATIO = 0.3
 
 
 @unit
@@ -95,7 +95,7 @@ def accept_step(run: Run, h: float) -> int:
         copy(st.power, before.power)
         copy(st.history, before.history)
     st.memory[0]["steps_since_output"] += 1.0
-    looks = st.memory[0]["steps_since_output"] % _LOOK_EVERY == 0.0
+    looks = st.memory[0]["steps_since_output"] % _ENERGY_INTERVAL == 0.0
     if settings.works == 1 or angles or looks:
         pose_stage(run, at)
         velocity_stage(run, at)
@@ -151,7 +151,7 @@ def _work(st, k, power, h):
     slope = (power - before) / (a + h)
     bend = (slope - rise) / -a
     work = h * now + h * h * (0.5 * rise - bend * h / 6.0)
-    if math.isnan(earlier) or not a + b > _LONG_ENOUGH * h:
+    if math.isnan(earlier) or not a + b > _MIN_STEP_RATIO * h:
         return work
     bend_before = ((before - earlier) / b - slope) / -(a + b + h)
     return work + (bend_before - bend) / (a + b) * h**3 * (h / 12.0 + a / 6.0)

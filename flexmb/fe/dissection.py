@@ -92,10 +92,10 @@ def _steps(neighbours: csr_array, start: int) -> FloatArray:
 
 
 _LEAF = 240  # degrees of freedom of a piece that is not cut further
-_WINDOW = 0.3  # smallest share of a piece that is wanted on either side of a cut
-_LOPSIDED = 10.0  # by which a cut outside this window must be better
-_SLIM = 0.2  # share of the largest extent below which a piece is not cut along an axis
-_DIGITS = 1e-9  # coordinates closer than this share of the extent are one
+_MIN_SHARE = 0.3  # of a piece that is wanted on either side of a cut
+_UNBALANCE_COST = 10.0  # factor on the cost of a cut that leaves less
+_SLIM_EXTENT = 0.2  # share of the largest extent below which a piece is not cut along an axis
+_SAME_PLACE = 1e-9  # coordinates closer than this share of the extent are one
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,8 +166,8 @@ def _axes(places: FloatArray) -> list[FloatArray]:
     axes = []
     for x in (*centred.T, *turned.T):
         extent = np.ptp(x)
-        if extent > _SLIM * np.ptp(places, axis=0).max():
-            axes.append(np.round((x - x.min()) / (extent * _DIGITS)))
+        if extent > _SLIM_EXTENT * np.ptp(places, axis=0).max():
+            axes.append(np.round((x - x.min()) / (extent * _SAME_PLACE)))
     return axes
 
 
@@ -190,7 +190,7 @@ def _position(inner: csr_array, x: FloatArray, weights: FloatArray) -> tuple[flo
         here - _cumulated(above, weights, at), _cumulated(below, weights, at) - here
     )
     cost = (smaller + 1.0) / (share * (1 - share))
-    cost[np.minimum(share, 1 - share) < _WINDOW] *= _LOPSIDED
+    cost[np.minimum(share, 1 - share) < _MIN_SHARE] *= _UNBALANCE_COST
     best = int(cost.argmin())
     return float(cost[best]), float(at[best])
 

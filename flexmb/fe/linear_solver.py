@@ -37,7 +37,7 @@ from flexmb.progress import Progress, silent
 
 SHIFT = 1e-10  # added to the unit diagonal to look for free motions of a matrix that has no factor
 _SINGULAR = 2e-15  # softer than this relative to the diagonal is free
-_MOVES = 1e-4  # share of the largest entry from which an unknown moves
+_MOVING_SHARE = 1e-4  # of the largest entry of a free motion, from which an unknown takes part
 
 
 class SingularMatrix(ReductionError):
@@ -115,7 +115,7 @@ def free_part_error(
         Position of each unknown [m].
     """
     size = np.abs(motion / stiffness_scale(K))
-    dofs = np.flatnonzero(size > _MOVES * size.max())
+    dofs = np.flatnonzero(size > _MOVING_SHARE * size.max())
     if points is None:
         part = f"{len(dofs)} of {len(size)} unknowns move, the first is number {dofs[0]}"
     else:
@@ -232,7 +232,7 @@ class Pardiso:
             raise
 
 
-_SMALL = 5000  # unknowns up to which SuperLU is as fast
+_MAX_SUPERLU = 5000  # unknowns up to which SuperLU is as fast
 
 
 class Factor(Protocol):
@@ -271,7 +271,7 @@ def factor(K: csr_array, points: FloatArray | None = None, progress: Progress = 
     K = _canonical(K)
     scale = stiffness_scale(K)
     compute: Compute
-    if K.shape[0] <= _SMALL:
+    if K.shape[0] <= _MAX_SUPERLU:
         compute = partial(SuperLU, scale=scale)
     elif PARDISO_INSTALLED:
         compute = partial(Pardiso, progress=progress)

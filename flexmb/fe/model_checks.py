@@ -27,8 +27,8 @@ from flexmb.fe.sections.beam_chain import BoundBeam
 from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero
 from flexmb.materials import plausibility
 
-_CURVED = 0.7  # share of normals along x up to the change of axes; walls at 0 or 90 degrees pass
-_DIFFERENCE = 1e-3  # relative; curved elements are measured by another quadrature than their mass
+_CURVED_SHARE = 0.7  # of normals along x up to the change of axes; walls at 0 or 90 degrees pass
+_MASS_TOLERANCE = 1e-3  # relative; curved elements have another quadrature than their mass
 _SIMPSON = ((0.0, 1 / 6), (0.5, 2 / 3), (1.0, 1 / 6))  # exact for an area that varies as a square
 
 
@@ -102,7 +102,7 @@ def mass_sentence(fe: FEMatrices, points: float = 0.0) -> str:
     R = fe.rigid[:, :3]
     masses = np.einsum("ij,ij->j", R, fe.M @ R)
     worst = float(masses[np.argmax(np.abs(masses - expected))])
-    if abs(worst - expected) <= _DIFFERENCE * expected:
+    if abs(worst - expected) <= _MASS_TOLERANCE * expected:
         return ""
     return (
         f"the mass matrix holds {worst:.6g} kg, but volumes times density of the elements and the "
@@ -172,7 +172,7 @@ def _turned_axes(model: MeshModel | FEMatrices) -> Iterator[Finding]:
         if b.family.dimension != 2 or b.section.orientation or not b.section.has_directions:
             continue
         along = np.abs(flatten(model.mesh.points[b.nodes]).axes[:, 0, 2])  # of the normal, along x
-        if ((along > _CURVED) & (along <= STEEP)).any() and (
+        if ((along > _CURVED_SHARE) & (along <= STEEP)).any() and (
             (along > STEEP) & (along < 0.999)
         ).any():
             what = f'section "{b.group}": material axis 1 is that of x, but of y where the normal '

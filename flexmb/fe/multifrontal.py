@@ -137,7 +137,7 @@ def ranges(start: IntArray, count: IntArray) -> IntArray:
     return np.repeat(start - ends + count, count) + np.arange(total)
 
 
-_LARGE = 1e9  # operations of a front from which several threads are worth their waiting
+_PARALLEL_FLOPS = 1e9  # of a front, from which several threads pay for their synchronisation
 
 
 class _Update(NamedTuple):
@@ -191,7 +191,7 @@ class Multifrontal:
         detail = f"{len(place)} unknowns, {self.nnz:.3g} entries"
         with blas_threads() as all_threads:
             for k, parent in enumerate(fronts.parents):
-                set_threads(all_threads if flops[k] > _LARGE else (1,) * len(all_threads))
+                set_threads(all_threads if flops[k] > _PARALLEL_FLOPS else (1,) * len(all_threads))
                 update = self._eliminate(k, _rows(K, fronts, k, place), waiting[k])
                 waiting[k] = []
                 if parent >= 0:

@@ -29,8 +29,8 @@ from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.materials import AnyMaterial
 from flexmb.units import unit_system
 
-_SAME = 1e-9  # relative: entries of matrices, reference coordinates
-_RIGID = 1e-6  # stiffness against rigid motions, relative to its diagonal
+_EQUAL = 1e-9  # relative: entries of matrices, reference coordinates
+_RIGID_STIFFNESS = 1e-6  # stiffness against rigid motions, relative to its diagonal
 _FACETS = {2: "line", 3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"}
 
 
@@ -161,7 +161,7 @@ def _kind(basis: CellBasis) -> tuple[str, IntArray]:
         if not isinstance(family, Solid) or len(family.reference.nodes) != len(places):
             continue
         apart = np.abs(family.reference.nodes[:, None] - places[None]).max(axis=2)
-        if apart.min(axis=1).max() < _SAME:
+        if apart.min(axis=1).max() < _EQUAL:
             return kind, apart.argmin(axis=1)
     return "", np.zeros(0, dtype=np.int64)
 
@@ -190,7 +190,7 @@ def _checked(name: str, matrix: Any, n: int, problems: list[Problem]) -> csr_arr
         problems.append(Problem(name, "must have finite entries, not all zero"))
         return sparse
     gap = float(np.abs((sparse - sparse.T).data).max(initial=0.0)) / size
-    if gap > _SAME:
+    if gap > _EQUAL:
         what = f"must be symmetric, differs from its transpose by {gap:.1e} of its largest entry"
         problems.append(Problem(name, what))
     if name == "mass" and not (sparse.diagonal() > 0).all():
@@ -205,7 +205,7 @@ def _inertia(M: csr_array, table: IntArray, points: FloatArray) -> Inertia:
     size = float(np.abs(scalar.data).max())
     blocks = [M[y][:, y] - scalar, M[z][:, z] - scalar, M[x][:, y], M[y][:, z], M[z][:, x]]
     if max(float(np.abs(part.data).max(initial=0.0)) for part in map(csr_array, blocks)) > (
-        _SAME * size
+        _EQUAL * size
     ):
         what = "must be the same in x, y and z and couple no two of them: int rho u . v dx"
         raise ReductionError.from_problems([Problem("mass", what)])
@@ -224,7 +224,7 @@ def _check_rigid_motion(model: FEMatrices) -> None:
     force = np.abs(model.K @ R).max(axis=0)
     scale = model.K.diagonal().max() * np.abs(R).max(axis=0)
     worst = float((force / scale).max())
-    if worst > _RIGID:
+    if worst > _RIGID_STIFFNESS:
         what = f"resists rigid motion of the body by {worst:.1e} of its largest entry: give that of"
         what += " the free body, without boundary conditions; interfaces say where joints act"
         raise ReductionError.from_problems([Problem("stiffness", what)])

@@ -53,7 +53,7 @@ from flexmb.progress import Progress
 
 _DENSE = 300  # unknowns below which full matrices are faster
 _NO_FORCE = 1e-13  # of the sum of all parts of a force
-_TURNED = 0.1  # of the rotational stiffness of a spring: a factor is 1 where that alone buckles it
+_SPRING_SHARE = 0.1  # of rotational springs in the stiffness at which the lowest factor is one
 _BALANCE = 1e-6  # reactions that miss the loads by more are reported
 _MAX_MODES = 2000  # of a band
 
@@ -128,7 +128,7 @@ class SupportedModel:
             every = fe.expand(supports.G @ z)
             for spring in fe.springs if len(factors) else ():
                 share = turning_share(spring, fe.numbering, fe.mesh.points, every)
-                if share * factors[0] ** 2 > _TURNED:
+                if share * factors[0] ** 2 > _SPRING_SHARE:
                     what = (
                         f'spring "{spring.name}" yields so far at the load factor {factors[0]:.4g} '
                     )

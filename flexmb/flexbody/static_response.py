@@ -25,7 +25,7 @@ LARGEST_SHARE = 0.1
 """Share of a response, by the root of its strain energy, that modes may lack without a word."""
 LEAST_MOTION = 1e-7
 """Displacement over the body's length: what moves less does not matter."""
-_FELT = 1e-3  # share of the energy under the same motion about another axis: less is left out
+_MIN_ENERGY = 1e-3  # share of the energy under the same motion about another axis: less is left out
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ class InertiaResponse:
         shares = {}
         for motion, c in motions.items():
             full, missing = (np.einsum("ti,ij,tj->t", c, A, c) for A in (self.energy, self.missing))
-            for axis in np.flatnonzero(full > _FELT * full.max()):
+            for axis in np.flatnonzero(full > _MIN_ENERGY * full.max()):
                 shares[f"{motion} {'xyz'[axis]}"] = float(max(missing[axis] / full[axis], 0.0))
         return shares
 

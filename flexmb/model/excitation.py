@@ -36,7 +36,7 @@ BAND_FACTOR = 25.0
 frequency, and between pins a bar vibrates at 0.44 of its frequency when free."""
 _SAMPLES = 400
 _ROTATION_SAMPLES = 201  # times at which a driver is looked at
-_MANY_CYCLES = 3.0
+_MIN_CYCLES = 3.0
 
 
 def cutoff_frequency(model: ModelData) -> float:
@@ -59,7 +59,7 @@ def oscillations(model: ModelData) -> Iterator[tuple[str, float]]:
     for _, path, function in _driving_functions(model):
         if function.constant is None:
             hertz = _mean_frequency(function, end)
-            yield path, hertz if hertz * end > _MANY_CYCLES else 0.0
+            yield path, hertz if hertz * end > _MIN_CYCLES else 0.0
 
 
 def driving_frequencies(model: ModelData) -> Iterator[tuple[str, float]]:

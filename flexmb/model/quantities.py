@@ -132,7 +132,7 @@ def _refuse_unknown(text: str, names: ReadContext, time: bool) -> None:
             ) from None
 
 
-_LAST_DIGITS = 4e-16  # what scaling to unit length leaves
+_UNIT_ROUND_OFF = 4e-16  # of a length of one after scaling
 Sign = Literal["any", "positive", "not negative"]
 _SIGN_FORMS: dict[str, Form] = {
     "any": {},
@@ -375,7 +375,7 @@ def unit_vector(values: Iterable[float]) -> tuple[float, ...]:
         All components are zero.
     """
     vector = tuple(values)
-    if abs(math.hypot(*vector) - 1.0) <= _LAST_DIGITS:
+    if abs(math.hypot(*vector) - 1.0) <= _UNIT_ROUND_OFF:
         return vector
     largest = max(abs(c) for c in vector)
     vector = tuple(c / largest for c in vector)

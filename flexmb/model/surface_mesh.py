@@ -24,7 +24,7 @@ from flexmb.errors import SceneError
 from flexmb.flexbody.arrays import Array, IntArray
 
 _MAX_BYTES, _MAX_TRIANGLES = 200e6, 2_000_000
-_SAME = 1e-7  # of its size: points of an STL file closer than this are one
+_SAME_POINT = 1e-7  # of its size: points of an STL file closer than this are one
 _TYPES = {
     "Float32": "f4", "Float64": "f8", "Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2",
     "Int32": "i4", "UInt32": "u4", "Int64": "i8", "UInt64": "u8",
@@ -143,7 +143,7 @@ def _read_stl(data: bytes) -> tuple[Array, IntArray]:
     if len(corners) % 3:
         raise SceneError("a triangle lacks a corner")
     size = float(np.ptp(corners, axis=0).max()) if len(corners) else 0.0
-    grid = np.round(corners / (_SAME * size or 1.0))
+    grid = np.round(corners / (_SAME_POINT * size or 1.0))
     _, first, number = np.unique(grid, axis=0, return_index=True, return_inverse=True)
     return corners[first], number.reshape(-1, 3).astype(np.int64)
 

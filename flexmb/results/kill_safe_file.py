@@ -42,7 +42,7 @@ _PAGE = 1 << 16  # bytes of a page in memory
 # Behind the name of a new file, and of one that takes the place of a file that is being written.
 _PART, _NEXT = ".part", ".next"
 _NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP, errno.EINVAL)  # a network disk
-_SECONDS = 0.05  # for a lock file that its last owner is removing at this moment
+_LOCK_TIMEOUT = 0.05  # s, for a lock file that its last owner is removing at this moment
 
 
 class WriteLock:
@@ -66,7 +66,7 @@ class WriteLock:
         self._file = path.with_name(path.name + ".lock")
         self._lock = FileLock(self._file, thread_local=False)
         try:
-            self._lock.acquire(timeout=_SECONDS, poll_interval=_SECONDS / 5)
+            self._lock.acquire(timeout=_LOCK_TIMEOUT, poll_interval=_LOCK_TIMEOUT / 5)
         except Timeout:
             raise BlockingIOError(errno.EAGAIN, "another run is writing it") from None
         except OSError as error:
@@ -265,7 +265,7 @@ class DiskFile(io.RawIOBase):
 
 
 _CHANGING: Final = (*TABLES, "progress", "report", "checks", "state")
-_PIECE = 1 << 24  # bytes of a table that are read at once
+_BLOCK_BYTES = 1 << 24  # of a table that are read at once
 _ATTEMPTS, _PAUSE = 5, 0.02  # s; a run may count new rows while they are read
 
 
@@ -297,7 +297,7 @@ def sum_rows(
 ) -> NDArray[np.int64]:
     """The sums of the first rows of a file; `sums` are those of some of them."""
     done = no_rows() if sums is None or sums[0] > rows else sums
-    step = max(1, _PIECE // sum(8 * math.prod(file[name].shape[1:]) for name in TABLES))
+    step = max(1, _BLOCK_BYTES // sum(8 * math.prod(file[name].shape[1:]) for name in TABLES))
     for start in range(int(done[0]), rows, step):
         stop = min(rows, start + step)
         done = add_rows(done, {name: file[name][start:stop] for name in TABLES}, stop - start)

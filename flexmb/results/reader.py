@@ -81,9 +81,9 @@ Places = list[int] | NDArray[np.int64] | slice
 _SECONDS = "seconds_"  # statistics of this prefix are wall times by phase
 _ALL = slice(None)
 _MAX_TABLE = 1.28e8  # bytes: of a larger table only what is wanted is read, and none is remembered
-_BLOCK = 1.6e7  # bytes of it that are read at once
-_SMALL = 8_000_000  # numbers of a table that is read at once where a few rows are wanted
-_WORK = "_work"  # energies of this ending were done by something, the others are stored
+_BLOCK_BYTES = 1.6e7  # of a larger table that are read at once
+_READ_AT_ONCE = 8_000_000  # numbers of a table that is read whole where a few rows are wanted
+_WORK_SUFFIX = "_work"  # of energies done by forces; the others are stored
 _ERRORS = {  # statistic -> its name, and what it is relative to
     "measured_error_of_positions": (
         "measured error", " of the peak-to-peak of the worst sensor",
@@ -278,7 +278,7 @@ class ResultReader:
             self.table("energy")  # all of them
             total = np.zeros(len(self.time))
             for name, values in self.energy.items():
-                total += -values if name.endswith(_WORK) else values
+                total += -values if name.endswith(_WORK_SUFFIX) else values
             self._tables["balance"] = total - total[:1]
             self._tables["balance"].flags.writeable = False
         return self._tables["balance"]
@@ -335,7 +335,7 @@ class ResultReader:
         Of a long table only these are read, so that memory stays bounded.
         """
         length = len(self.time)
-        if name in self._tables or length * widths(self.layout)[name] <= _SMALL:
+        if name in self._tables or length * widths(self.layout)[name] <= _READ_AT_ONCE:
             return self.part(name, columns)[[i, min(i + 1, length - 1)]]
         places = self._file_columns(name, columns)
         if self._rows[:2] != (name, i):
@@ -346,7 +346,7 @@ class ResultReader:
 
     def some_rows(self, name: str, rows: slice, columns: slice) -> Array:
         """Rows of these columns (r, k), SI; of a long table only these are read."""
-        if name in self._tables or len(self.time) * widths(self.layout)[name] <= _SMALL:
+        if name in self._tables or len(self.time) * widths(self.layout)[name] <= _READ_AT_ONCE:
             return self.part(name, columns)[rows]
         places = self._file_columns(name, columns)
         stop = min(rows.stop, len(self.time))
@@ -367,7 +367,7 @@ class ResultReader:
         row, rows = 8 * len(contents.stored[name]), contents.rows
         if name in self._tables or row * rows <= _MAX_TABLE:
             return np.asarray(self._stored(name)[:, places])
-        step = int(_BLOCK / row)
+        step = int(_BLOCK_BYTES / row)
         table = np.empty((rows, np.arange(row // 8)[places].size))
         for first in range(0, rows, step):
             last = min(first + step, rows)

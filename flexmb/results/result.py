@@ -34,8 +34,8 @@ from flexmb.results.recovery import StressChannel
 from flexmb.results.stress_envelopes import StressEnvelopes
 from flexmb.units import UnitSystem
 
-_LINES = 3  # of the history that notebooks show
-_LISTED = 12  # names in the table that notebooks show
+_PLOTTED = 3  # of the history that notebooks show
+_PREVIEW_NAMES = 12  # in the table that notebooks show
 
 NOT_UNIQUE = "reactions_not_unique"
 """The statistic that names the joints and drivers whose reactions redundant equations share."""
@@ -378,14 +378,14 @@ class Result(StressEnvelopes, MarkerHistory):
         """What notebooks show: facts of the run, and up to three channels that change."""
         facts, names = list(self._facts()), self.channels()
         if names:
-            rest = len(names) - _LISTED
+            rest = len(names) - _PREVIEW_NAMES
             more = f" and {rest} more" if rest > 0 else ""
-            facts.append(("channels", ", ".join(names[:_LISTED]) + more))
+            facts.append(("channels", ", ".join(names[:_PREVIEW_NAMES]) + more))
         if self.reactions:
-            facts.append(("reactions", ", ".join(self.reactions[:_LISTED])))
+            facts.append(("reactions", ", ".join(self.reactions[:_PREVIEW_NAMES])))
         facts.append(("file", str(self.path)))
         lines = [] if len(self.time) < 2 else self.model.get("view", {}).get("history") or names
-        lines = [name for name in lines if name in self and np.ptp(self[name]) > 0.0][:_LINES]
+        lines = [name for name in lines if name in self and np.ptp(self[name]) > 0.0][:_PLOTTED]
         histories = [(name, self.unit(name), self[name]) for name in lines]
         return notebook_html(self.title or str(self.path), facts, self.time, histories)
 

@@ -46,7 +46,7 @@ _FINENESS = ("divisions", "elements")  # of the table of a mesh
 _WITH_FUNCTIONS = ("drivers", "forces", "sensors", "states", "controllers")
 _NAME = re.compile(r"[A-Za-z_]\w*")
 _MAX_RUNS = 10_000
-_SMALL = 1e-3  # smaller values are written with an exponent
+_DECIMAL = 1e-3  # smaller values are written with an exponent
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class StudySource:
 def value_text(value: Any) -> str:
     """A knob's value; of a path its last part."""
     if isinstance(value, float):
-        if not 0 < abs(value) < _SMALL:
+        if not 0 < abs(value) < _DECIMAL:
             return f"{value:g}"
         mantissa, _, exponent = f"{value:.5e}".partition("e")
         return f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"

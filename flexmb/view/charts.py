@@ -35,14 +35,14 @@ if TYPE_CHECKING:
 
 Times = tuple[float, float] | None
 
-_EVEN = 1e-6  # of an interval: times that are even to round-off
-_LEAST = 16  # outputs that a spectrum needs
+_EVEN_SPACING = 1e-6  # of an interval: round-off of times that are evenly spaced
+_MIN_OUTPUTS = 16  # that a spectrum needs
 _WINDOWS = 24  # of a Campbell diagram, half overlapping
 _ORDERS = (1, 2, 3, 4)
 _DECADES = 4.0  # of amplitude that a Campbell diagram colours
-_FLAT = 0.05  # of the largest extent: from here on a path is shown from a second side
+_PLANAR_EXTENT = 0.05  # of the largest extent: a path out of its plane by more gets a second view
 _PARTICIPATING = 8  # modes
-_SMALL = 1e-4  # of the largest: what is less cannot be seen, and is left out where nothing is named
+_NEGLIGIBLE = 1e-4  # of the largest: smaller channels are left out where none are named
 _RATES = {
     "position": "velocity", "velocity": "acceleration", "angular_velocity": "angular_acceleration",
     "angle": "angle_rate", "second_angle": "second_angle_rate", "stroke": "stroke_rate",
@@ -153,12 +153,12 @@ def even_samples(one: Series, t: Array, x: Array, units: UnitSystem) -> tuple[Ar
     ViewError
         Too few outputs.
     """
-    if len(t) < _LEAST:
-        what = f"a spectrum needs {_LEAST} outputs at least, there are {len(t)}"
+    if len(t) < _MIN_OUTPUTS:
+        what = f"a spectrum needs {_MIN_OUTPUTS} outputs at least, there are {len(t)}"
         raise ViewError(f"{one.result.path}: {what}")
     seconds = t * units.scale("s")
     even = np.linspace(seconds[0], seconds[-1], len(t))
-    if np.abs(even - seconds).max() <= _EVEN * (even[1] - even[0]):
+    if np.abs(even - seconds).max() <= _EVEN_SPACING * (even[1] - even[0]):
         return even, x
     from scipy.interpolate import CubicSpline  # takes 0.2 s
 
@@ -197,7 +197,7 @@ def campbell_of_run(
     one, units = series[0], runs[0].units
     rows = time_span(one, units, times)
     t, x = even_samples(one, one.time(units)[rows], one.values(units)[rows], units)
-    length = max(_LEAST, 2 * len(t) // (_WINDOWS + 1))
+    length = max(_MIN_OUTPUTS, 2 * len(t) // (_WINDOWS + 1))
     starts = range(0, len(t) - length + 1, max(1, length // 2))
     tables = [amplitudes(t[i : i + length], x[i : i + length])[1] for i in starts]
     frequencies = np.fft.rfftfreq(length, t[1] - t[0])
@@ -210,7 +210,7 @@ def campbell_of_run(
         middle = np.interp(middle, seconds, over.values(units)[rows])
         order = np.argsort(middle)
         middle, tables = middle[order], [tables[k] for k in order]
-        if np.ptp(middle) <= _EVEN * np.abs(middle).max(initial=0.0):
+        if np.ptp(middle) <= _EVEN_SPACING * np.abs(middle).max(initial=0.0):
             what = f"stays at {middle[0]:.4g} {units.label(unit)}"
             raise ViewError(f"{against} {what}; a Campbell diagram needs a speed that changes")
     if len(tables) < 3:
@@ -271,7 +271,7 @@ def hodograph_figure(results: Results, channels: Sequence[str], times: Times = N
     extent = np.max([np.ptp(path, axis=1) for path in paths], axis=0)
     a, b = sorted(np.argsort(-extent, kind="stable")[:2])
     (c,) = {0, 1, 2} - {int(a), int(b)}
-    views = [(a, b), (a, c)] if extent[c] > _FLAT * extent.max() else [(a, b)]
+    views = [(a, b), (a, c)] if extent[c] > _PLANAR_EXTENT * extent.max() else [(a, b)]
     factor, unit = prefixed(_largest(paths), _label(series[0].unit, units), units)
     figure = new_figure(WIDTH, 5.4 if len(views) == 1 else 4.6, figure_title(runs))
     grid = figure.subplots(1, len(views), squeeze=False)[0]
@@ -349,7 +349,7 @@ def _is_loaded(run: Result, vector: str) -> bool:
     kind = vector.rpartition(".")[2]
     alike = (n for n in run.channels("reactions") if f".{kind}." in n)
     scale = max((float(np.abs(run[n]).max(initial=0.0)) for n in alike), default=0.0)
-    return max(float(np.abs(run[n]).max(initial=0.0)) for n in names) > _SMALL * scale
+    return max(float(np.abs(run[n]).max(initial=0.0)) for n in names) > _NEGLIGIBLE * scale
 
 
 def participating_modes(results: Sequence[Result], bodies: Sequence[str] = ()) -> tuple[str, ...]:
@@ -370,7 +370,7 @@ def participating_modes(results: Sequence[Result], bodies: Sequence[str] = ()) -
                 name = f"{body}.mode_energy.{mode}"
                 if name in run:
                     names[name] = max(names.get(name, 0.0), float(run[name].max(initial=0.0)))
-    least = _SMALL * max(names.values(), default=0.0)
+    least = _NEGLIGIBLE * max(names.values(), default=0.0)
     seen = (name for name in names if names[name] > least)
     return tuple(sorted(seen, key=lambda name: -names[name])[:_PARTICIPATING])
 

@@ -25,17 +25,17 @@ from flexmb.view.mechanism import MEAN_AXES, Display, Mechanism, applied
 from flexmb.view.plot import BODIES, INK
 from flexmb.view.shapes import arrow, sharp_edges
 
-_VISIBLE = 0.05  # share of its size by which the most deformed body is to be seen deformed
+_SHOWN_DEFORMATION = 0.05  # of its size, by which the most deformed body is drawn, at most
 _ROUND_OFF = 1e-9  # share of its size below which a deformation is rounding, not exaggerated
-_NOTHING = 1e-13  # share of its size below which a displacement is rounding, and not shown
+_NO_MOTION = 1e-13  # share of its size below which a displacement is rounding
 _SEE_THROUGH = 0.55  # opacity of a shape with a joint inside
 _PIN = 0.016  # radius of a pin as a share of the mechanism's size
-_BETWEEN = 0.2  # of the least distance of two joints that a pin's radius may have
+_PIN_CLEARANCE = 0.2  # radius of a pin over the least distance of two joints, at most
 _LONGEST_PIN = 0.12  # half length of a pin, as a share of the mechanism's size
-_SAMPLES = 24  # times of a run that the framing looks at
-_SMALL = 0.75  # share of the whole motion below which a picture frames its moment
+_FRAMING_TIMES = 24  # of a run, to which the view is fitted
+_LOCAL_FRAME = 0.75  # share of the whole motion below which a picture frames its moment
 _COLOR_SAMPLES = 240  # times at which the greatest value of the colours is looked for
-_POINTS = 250  # of a body, by which it is seen what hides what
+_OCCLUSION_POINTS = 250  # of a body, by which a camera judges what hides what
 _TRIAD = ("#c2410c", "#15803d", "#1d4ed8")  # x, y, z
 
 
@@ -60,9 +60,9 @@ def round_exaggeration(ratio: float) -> float:
     >>> round_exaggeration(3e-5)
     1000.0
     """
-    if ratio < _ROUND_OFF or ratio >= _VISIBLE:
+    if ratio < _ROUND_OFF or ratio >= _SHOWN_DEFORMATION:
         return 1.0
-    limit = _VISIBLE / ratio * (1 + 1e-9)
+    limit = _SHOWN_DEFORMATION / ratio * (1 + 1e-9)
     power = 10.0 ** math.floor(math.log10(limit))
     return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= limit)
 
@@ -170,7 +170,7 @@ class Drawing:
         if not isinstance(factor, str):
             return float(factor)
         ratios = [0.0]
-        for time in some_times(self.times, _SAMPLES):
+        for time in some_times(self.times, _FRAMING_TIMES):
             true = Display(self.mechanism.at(time), 1.0, self.view.reference)
             for name in self.mechanism.flexbodies:
                 surface = true.surface(name)
@@ -203,7 +203,7 @@ class Drawing:
         apart = np.linalg.norm(points[:, None] - points, axis=2)
         apart = apart[apart > 0.02 * self.size]
         least = float(apart.min()) if apart.size else np.inf
-        return float(np.clip(_BETWEEN * least, 0.35 * _PIN * self.size, _PIN * self.size))
+        return float(np.clip(_PIN_CLEARANCE * least, 0.35 * _PIN * self.size, _PIN * self.size))
 
     def _body_parts(self) -> Iterator[Part]:
         mechanism, view = self.mechanism, self.view
@@ -293,7 +293,7 @@ class Drawing:
             points, undeformed, displacement = surface
             shades = values.get(name)
             if color == "displacement" and len(mechanism.pose(name).eta):
-                bends = float(displacement.max()) > _NOTHING * size_of(undeformed)
+                bends = float(displacement.max()) > _NO_MOTION * size_of(undeformed)
                 shades = displacement if bends or len(self.times) > 1 else None
             faces, lines = body.surface.faces, body.surface.lines
             drawn = Deformed(
@@ -323,8 +323,8 @@ class Drawing:
         for points, faces in shapes:
             a, b, c = points[faces.T]
             areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-            rows = random.choice(len(faces), _POINTS, p=areas / areas.sum())
-            u, v = random.random((2, _POINTS, 1))
+            rows = random.choice(len(faces), _OCCLUSION_POINTS, p=areas / areas.sum())
+            u, v = random.random((2, _OCCLUSION_POINTS, 1))
             u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
             clouds.append(a[rows] + u * (b - a)[rows] + v * (c - a)[rows])
         return clouds
@@ -354,7 +354,7 @@ class Drawing:
             whole = self.mechanism.result.time.tolist()
             times = whole if self._digits is None else self.times
             self._moments = []
-            for time in some_times(times, _SAMPLES):
+            for time in some_times(times, _FRAMING_TIMES):
                 moment = self.display(time)
                 origin = moment.frame(follow)[:3, 3] if follow else np.zeros(3)
                 self._moments.append((self._corners(moment), origin))
@@ -362,7 +362,7 @@ class Drawing:
         motion = np.vstack([corners - origin + shift for corners, origin in self._moments])
         if view.framing == "auto" and len(self.times) == 1:
             here = self._corners(display)
-            return here if size_of(here) < _SMALL * size_of(motion) else motion
+            return here if size_of(here) < _LOCAL_FRAME * size_of(motion) else motion
         return motion
 
     def _labels(self, display: Display) -> Iterator[Label]:
@@ -386,7 +386,7 @@ class Drawing:
         time = f"{display.time:.6g}" if digits is None else f"{display.time:.{digits}f}"
         parts = [f"t = {time} {units.label('s')}"]
         moved = max((float(body.displacement.max()) for body in deformed), default=0.0)
-        if moved > _NOTHING * self.size or any(body.values is not None for body in deformed):
+        if moved > _NO_MOTION * self.size or any(body.values is not None for body in deformed):
             seen = "to scale" if self.factor == 1.0 else f"exaggerated {self.factor:g} times"
             parts.append(f"deformation {seen}")
             most = max(deformed, key=lambda body: float(body.displacement.max()))

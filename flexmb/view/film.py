@@ -38,11 +38,11 @@ from flexmb.view.picture import check_points, columns_of, trace_points, view_of
 RATE = 25.0  # frames per second
 _MAX_RATE = 240.0
 _MAX_FRAMES = 20_000
-_SHORTEST, _LONGEST = 2.0, 20.0  # seconds of a film in real time, unless a speed is given
-_USUAL = 6.0  # seconds of a film that is slower or faster
+_MIN_SECONDS, _MAX_SECONDS = 2.0, 20.0  # seconds of a film in real time, unless a speed is given
+_DEFAULT_SECONDS = 6.0  # of a film that is slower or faster than real time
 _TURN_SAMPLES = 200  # frames at which rotations are looked at
 _COLOR_SAMPLES = 8  # frames from which a GIF takes its colours
-_FEW = 24  # frames below which a second process would not pay
+_SERIAL_FRAMES = 24  # fewer are drawn sooner by one process
 _TURN = math.radians(120.0)  # between two frames, beyond which it looks like another motion
 
 
@@ -198,7 +198,7 @@ def make_film(
     numbers = list(range(count))
     spread = np.linspace(0, count - 1, _COLOR_SAMPLES).astype(int).tolist()
     samples = spread if path.suffix.lower() == ".gif" else []
-    workers = processes or (1 if count < _FEW else min(os.cpu_count() or 1, count // 12))
+    workers = processes or (1 if count < _SERIAL_FRAMES else min(os.cpu_count() or 1, count // 12))
     started = clock.monotonic()
 
     def reported(frames: Iterator[Any]) -> Iterator[Any]:
@@ -241,7 +241,7 @@ def plan(
         raise ViewError(f"the film would go from {first:g} to {last:g} {unit}: nothing moves")
     span = (last - first) * run.units.scale("s")
     if speed is None:
-        speed = 1.0 if _SHORTEST <= span <= _LONGEST else _round(span / _USUAL)
+        speed = 1.0 if _MIN_SECONDS <= span <= _MAX_SECONDS else _round(span / _DEFAULT_SECONDS)
     if not 0.0 < speed < math.inf:
         raise ViewError(f"a film at the speed {speed:g} does not move on: give a number above 0")
     count = math.floor(span / speed * rate * (1 + 1e-9)) + 1

@@ -61,8 +61,8 @@ from flexmb.view.shapes import (
 _COILS = 7
 _PLANE = 0.5  # edge of a contact plane as a share of the mechanism's size
 _FORCE, _TORQUE = "#b91c1c", "#7c3aed"
-_LONGEST = 0.2  # of an arrow, as a share of the mechanism's size
-_FELT = 1e-3  # of the largest: shorter arrows are left out
+_MAX_ARROW = 0.2  # length of an arrow over the size of the mechanism
+_MIN_ARROW = 1e-3  # of the largest: shorter arrows are left out
 _SAMPLES = 16  # times at which the largest arrow is sought
 
 
@@ -354,9 +354,9 @@ def arrow_scale(mechanism: Mechanism, which: str, size: float) -> ArrowScale:
         for vector in vectors(moment, which):
             k = int(vector.torque)
             largest[k] = max(largest[k], float(np.linalg.norm(vector.value)))
-    if largest[1] < _FELT**2 * size * largest[0]:
+    if largest[1] < _MIN_ARROW**2 * size * largest[0]:
         largest[1] = 0.0  # torques that are rounding
-    units, length = mechanism.result.units, _LONGEST * size
+    units, length = mechanism.result.units, _MAX_ARROW * size
     scales, words = [0.0, 0.0], []
     for k, (noun, unit) in enumerate((("force", "N"), ("torque", "N m"))):
         if largest[k] > 0:
@@ -378,7 +378,7 @@ def arrow_solids(
     for vector in vectors(display.mechanism, which):
         value = float(np.linalg.norm(vector.value))
         length = value * (scale.torque if vector.torque else scale.force)
-        if length < 10 * _FELT * size:
+        if length < 10 * _MIN_ARROW * size:
             continue
         place = transform(axes_along(vector.value), display.point(vector.marker))
         if vector.torque:

@@ -38,16 +38,14 @@ if TYPE_CHECKING:
     from flexmb.analysis.static_sweep import StaticSweep
 
 
-_FIRST = 6  # modes drawn where none are named
+_DEFAULT_MODES = 6  # drawn where none are named
 _AMPLITUDE = 0.10  # of the body's size that a mode moves it at most
-_JOINT = 0.012  # radius of an interface's ball as a share of the body's size
+_INTERFACE_RADIUS = 0.012  # of its ball over the size of the body
 _PERIOD = 2.0  # seconds of a vibration in a film
 _CELL = (640, 420)  # pixels of a panel where the size is not given
 _SINGLE = (1280, 720)
-
-
 _ORDERS = (1, 2, 3)  # multiples of the speed that are drawn
-_SHOWN = 12  # modes
+_MAX_CURVES = 12  # modes of a Campbell diagram or root locus
 
 
 def render_modes(
@@ -214,7 +212,7 @@ def _motions(body: FlexBody, supports: Sequence[str]) -> tuple[Array, Array]:
 
 def _numbers(body: FlexBody, modes: int | Sequence[int] | None, count: int) -> list[int]:
     if modes is None:
-        return list(range(1, min(_FIRST, count) + 1))
+        return list(range(1, min(_DEFAULT_MODES, count) + 1))
     numbers = [modes] if isinstance(modes, int) else list(modes)
     wrong = [k for k in numbers if not 1 <= k <= count]
     if wrong or not numbers:
@@ -225,7 +223,7 @@ def _numbers(body: FlexBody, modes: int | Sequence[int] | None, count: int) -> l
 
 def balls(places: Array, size: float) -> tuple[Solid, ...]:
     """Balls at interfaces or supports (n, 3) of a body of a size."""
-    ball = sphere(_JOINT * size)
+    ball = sphere(_INTERFACE_RADIUS * size)
     return tuple(
         Solid("interface", ball, PIN, matrix=transform(np.eye(3), place), role="joint")
         for place in places
@@ -265,7 +263,7 @@ def mode_panel(
     )
 
 
-def campbell_figure(sweep: ModeSweep, modes: int = _SHOWN) -> Figure:
+def campbell_figure(sweep: ModeSweep, modes: int = _MAX_CURVES) -> Figure:
     """Frequencies over the parameter, with the multiples of the fastest rotation."""
     figure = new_figure(9.6, 6.0, f"frequencies over {sweep.parameter}")
     axes = figure.subplots()
@@ -289,7 +287,7 @@ def campbell_figure(sweep: ModeSweep, modes: int = _SHOWN) -> Figure:
     return figure
 
 
-def root_locus_figure(sweep: ModeSweep, modes: int = _SHOWN) -> Figure:
+def root_locus_figure(sweep: ModeSweep, modes: int = _MAX_CURVES) -> Figure:
     """Eigenvalues in the complex plane: a circle at the first value, a dot at the last."""
     figure = new_figure(9.6, 6.0, f"eigenvalues over {sweep.parameter}")
     axes = figure.subplots()

@@ -21,7 +21,7 @@ _FAILED = "#c0392b"
 _MAX_LINES = 500  # of parallel coordinates
 _MAX_POINTS = 5000  # of a scatter
 _CELLS = 60  # of a response surface, each way
-_MANY = 7  # choices from which ticks are turned
+_MAX_LEVEL_TICKS = 7  # choices of a knob up to which ticks are horizontal
 
 
 class Axis(NamedTuple):
@@ -215,5 +215,5 @@ def _finish(axes: Any, x: str, y: str) -> None:
 def _word_ticks(axis: Any, knob: Axis) -> None:
     if knob.words:
         axis.set_ticks(range(len(knob.words)), knob.words)
-        if len(knob.words) > _MANY:
+        if len(knob.words) > _MAX_LEVEL_TICKS:
             axis.set_tick_params(rotation=90)

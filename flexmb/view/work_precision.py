@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 _COLUMNS = 3
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _SMALLEST = 1e-17  # an error of exactly zero is drawn here, far below round-off
-_SMALL = 0.009  # smaller numbers are written as powers of ten
-_WIDE = 30.0  # last over first time from which powers of ten are marks enough
+_DECIMAL = 0.009  # smaller numbers are written as powers of ten
+_DECADE_TICKS = 30.0  # last over first time from which powers of ten are ticks enough
 _PLACES = (("left", 5, 8), ("right", -5, -8), ("right", -6, 0), ("left", 6, 0), ("right", -5, 8),
            ("left", 5, -8))  # fmt: skip
 _LETTER, _LINE = 0.021, 0.035  # width and height of a word's letters, over those of the axes
@@ -29,7 +29,7 @@ ORDINATES = {"energy": "mismatch / energy moved", "drift": "largest violation [m
 
 Point = tuple[float, float, str, str]  # seconds, error, word, colour
 Marks = Mapping[str, tuple[float, float]]
-_FAINT = 1e-7  # in percent; less is not drawn
+_VISIBLE = 1e-7  # less is not drawn
 
 
 class Curve(NamedTuple):
@@ -189,10 +189,10 @@ def _ticks(axis: Any, limits: tuple[float, float]) -> None:
     """Marks at 1, 2, 5 of each decade, or where that would be many at powers of ten."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    subs = (1.0,) if limits[1] > _WIDE * limits[0] else (1.0, 2.0, 5.0)
+    subs = (1.0,) if limits[1] > _DECADE_TICKS * limits[0] else (1.0, 2.0, 5.0)
     axis.set_major_locator(LogLocator(10.0, subs))
     axis.set_major_formatter(
-        FuncFormatter(lambda x, _: f"{x:g}" if x >= _SMALL else f"{x:.0e}".replace("e-0", "e-"))
+        FuncFormatter(lambda x, _: f"{x:g}" if x >= _DECIMAL else f"{x:.0e}".replace("e-0", "e-"))
     )
     axis.set_minor_formatter(NullFormatter())
 
@@ -242,14 +242,14 @@ def budget_figure(
         raise ViewError("no share of the error is known: there is nothing to draw")
     figure = new_figure(8.6, 1.9 + 0.42 * len(sensors) + 0.1 * len(shares), title)
     axes = figure.subplots()
-    values = [100 * v for s in shares.values() for v in s.values() if 100 * v > _FAINT]
+    values = [100 * v for s in shares.values() for v in s.values() if 100 * v > _VISIBLE]
     left = 0.4 * min([*values, 100 * target])
     for k, sensor in enumerate(sensors):
         total = 100 * sum(s.get(sensor, 0.0) for s in shares.values())
         axes.barh(k, max(total, left) - left, left=left, height=0.62, color=GHOST, alpha=0.22,
                   lw=0, label="sum" if k == 0 else None)  # fmt: skip
     for i, (name, share) in enumerate(shares.items()):
-        places = [k for k, sensor in enumerate(sensors) if 100 * share.get(sensor, 0.0) > _FAINT]
+        places = [k for k, sensor in enumerate(sensors) if 100 * share.get(sensor, 0.0) > _VISIBLE]
         numbers = [100 * share[sensors[k]] for k in places]
         colour = LINES[i % len(LINES)]
         least = name in open_shares

@@ -42,11 +42,11 @@ TEXT = "audit"
 """Name of the text in a result that holds its audit."""
 BUDGET = 0.01
 """Largest share of the peak-to-peak of a sensor that left out effects may contribute."""
-_WASTED = 0.1  # of the budget: an effect that contributes less is not worth its time
-_RINGS = 1 / 3  # of the budget: a sensor may ring so much faster than the rows
-_ROUGH = 100.0  # times as much as they see may be true of such a sensor
+_WASTED_SHARE = 0.1  # of the budget: an effect that contributes less does not pay for its time
+_RINGING_SHARE = 1 / 3  # of the budget: vibration of a sensor that the rows do not resolve
+_RINGING_DOUBT = 100.0  # factor by which the share of such a sensor may be too small
 _UNSETTLED = "much, not how much: contacts, stops or friction act at other times with it"
-_MOST_ROWS = 800  # rows of a run that are looked at
+_MAX_ROWS = 800  # of a run, that are evaluated
 MISSING, NEEDED, WASTED, SMALL, UNKNOWN = (
     "missing", "needed", "could be off", "may stay off", "not known",
 )  # fmt: skip
@@ -204,7 +204,7 @@ def audit_unless(
 
     began = time.perf_counter()
     _check_run(run)
-    neighbours = Neighbours.of(run, _MOST_ROWS, progress)
+    neighbours = Neighbours.of(run, _MAX_ROWS, progress)
     if budget is None:
         stated = neighbours.model.effects
         budget = BUDGET if stated is None else stated.budget
@@ -269,8 +269,8 @@ def _outcome(estimates: Estimates, effect: Effect, budget: float) -> EffectOutco
     verdict = _verdict(effect.on, worst.share, budget)
     value = estimates.of.model.units.say(worst.value, worst.unit, 2) if worst.unit else ""
     shares = {one.sensor: one.share for one in changes}
-    ringing = [one for one in changes if one.unresolved > _RINGS * budget]
-    ringing = [one for one in ringing if _ROUGH * one.share > budget]
+    ringing = [one for one in changes if one.unresolved > _RINGING_SHARE * budget]
+    ringing = [one for one in ringing if _RINGING_DOUBT * one.share > budget]
     if verdict in (SMALL, WASTED) and ringing:
         names = ", ".join(one.sensor for one in ringing)
         why = f"{names} rings faster than the rows; {percent(worst.share)} as they see it"
@@ -282,7 +282,7 @@ def _outcome(estimates: Estimates, effect: Effect, budget: float) -> EffectOutco
 
 def _verdict(on: bool, share: float, budget: float) -> str:
     if on:
-        return NEEDED if share > _WASTED * budget else WASTED
+        return NEEDED if share > _WASTED_SHARE * budget else WASTED
     return MISSING if share > budget else SMALL
 
 

@@ -40,8 +40,8 @@ _MAX_DEATHS = 3
 _BATCH_SECONDS = 0.5  # of runs in a task, as far as their number allows
 _MAX_BATCH = 256
 _MAX_SUSPECTS = 1000
-_PATIENCE = 300.0  # s, that a cluster may be without any worker
-_POLL = 0.25  # s, between looks at the workers
+_WORKER_TIMEOUT = 300.0  # s, that a cluster may be without any worker
+_POLL_INTERVAL = 0.25  # s
 _RESUME = "runs that had ended are stored, and the same command continues"
 
 
@@ -285,10 +285,10 @@ class _Flight:
             self._fill()
             while self.batches or self.suspects:
                 with suppress(queue.Empty):
-                    future = self.answers.get(timeout=_POLL)
+                    future = self.answers.get(timeout=_POLL_INTERVAL)
                     if future in self.batches:
                         yield from self._end(future)
-                if time.perf_counter() - self.looked >= _POLL:
+                if time.perf_counter() - self.looked >= _POLL_INTERVAL:
                     self._look()
                 self._fill()
         finally:
@@ -380,8 +380,8 @@ class _Flight:
         self.looked = now = time.perf_counter()
         if workers:
             self.alive, self.cluster.count = now, len(workers)
-        elif now - self.alive > _PATIENCE:
-            what = f"the cluster has had no worker for {_PATIENCE:.0f} s"
+        elif now - self.alive > _WORKER_TIMEOUT:
+            what = f"the cluster has had no worker for {_WORKER_TIMEOUT:.0f} s"
             raise FlexmbError(f"{what}: start workers; {_RESUME}")
         for future, batch in list(self.batches.items()):
             if batch.worker and batch.worker not in workers and not future.done():

@@ -41,8 +41,8 @@ if TYPE_CHECKING:
 Change: TypeAlias = tuple[tuple[Array, ...], Array, tuple[str, ...], float | None]
 """Channels as for `contributions`, an effect's change of them (n, k), names, its cost."""
 
-_FEW_ROWS, _FEWER = 800, 8  # of more rows an eighth tells first whether all of them are needed
-_NOTHING = 1e-7  # of a sensor's peak-to-peak; too few rows saw 1/40 of a change
+_MIN_ROWS, _THINNING = 800, 8  # of more rows an eighth shows first whether all are needed
+_NO_CHANGE = 1e-7  # of a sensor's peak-to-peak; thinned rows showed as little as 1/40 of a change
 
 
 @dataclass
@@ -216,11 +216,11 @@ class Estimates:
         from flexmb.analysis.effects.contribution import contributions
 
         n = len(self.of.motion.t)
-        if n <= _FEW_ROWS:
+        if n <= _MIN_ROWS:
             return None
-        few = self.of.motion.thinned(n // _FEWER)
+        few = self.of.motion.thinned(n // _THINNING)
         histories, change, names = self._changes(own, other, model, few, shapes, follow)
-        if any(one.share > _NOTHING for one in contributions(model, histories, change, names)):
+        if any(one.share > _NO_CHANGE for one in contributions(model, histories, change, names)):
             return None
         every = -(-n // len(few.t))
         return 2 * (self.of.motion.channels,), np.repeat(change, every, axis=0)[:n], names

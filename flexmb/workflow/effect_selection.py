@@ -34,7 +34,7 @@ TEXT = "effects"
 """Name of the text in a result that says which effects were chosen, and why."""
 COLUMNS = ("run", "of", "switched to", "because", "contribution", "at")
 """Columns of the table of a selection."""
-_SHARE = 0.5  # of the budget that all left out effects together may take: they are estimates
+_OMITTED_SHARE = 0.5  # of the budget for all omitted effects together: they are estimates
 _MOST_RUNS = 8
 _FULL = f"full {COUPLING}"
 _FRAMED = {"quasi-static": "dynamic", "partial": "full"}  # in a frame at an interface
@@ -48,7 +48,7 @@ _WORDS: dict[str, dict[str, Any]] = {
     _FULL: {"inertia_coupling": "full"},
 }
 _R = "rigid"
-_FIRST = {"deformation": "dynamic"}  # of bodies that cannot be rigid, or follow their loads
+_FULL_DEFORMATION = {"deformation": "dynamic"}  # where a body cannot be rigid or quasi-static
 _LOWEST = {
     "deformation": _R, "inertia_coupling": "constant", "geometric_stiffening": "none",
 }  # fmt: skip
@@ -191,7 +191,7 @@ def _open_words(spec: Any) -> dict[str, Any]:
 def _climb(selection: Selection, number: str, why: str) -> bool:
     """Give all bodies the words of the next rung, where a run fails; False at the last one."""
     open_ = [k for k, words in selection.words.items() if words.get("deformation") != "dynamic"]
-    if any([selection.switch(k, _FIRST, number, why, "", "") for k in open_]):
+    if any([selection.switch(k, _FULL_DEFORMATION, number, why, "", "") for k in open_]):
         return True
     constant = [
         k for k, words in selection.words.items() if words.get("inertia_coupling") == "constant"
@@ -213,7 +213,7 @@ def _switch_on(
     off = [one for one in off if one.share is not None or one.effect != MODES]
     for one in sorted(off, key=lambda one: inf if one.share is None else one.share):
         together = {name: sums.get(name, 0.0) + share for name, share in one.shares.items()}
-        if one.share is not None and max(together.values()) <= _SHARE * budget:
+        if one.share is not None and max(together.values()) <= _OMITTED_SHARE * budget:
             sums |= together
             continue
         words = {"modes": int(one.indicator.split()[0]) * 2} if one.effect == MODES else None

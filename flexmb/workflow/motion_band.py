@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     from flexmb.results import Result
 
 
-_ROWS = 2000
-_REST = 1e-3  # of the energy of a motion, which may be faster
-_SMALL = 1e-3  # of the largest acceleration in the scene: smaller ones are not looked at
-_AT_REST = 1e-9  # of the size of the flexible bodies
+_OUTPUTS = 2000  # of the run with rigid bodies
+_ENERGY_ABOVE = 1e-3  # share of the energy of a motion at frequencies above the band
+_MIN_ACCELERATION = 1e-3  # of the largest one in the scene: smaller ones do not count
+_MIN_MOTION = 1e-9  # of the size of the flexible bodies: less is at rest
 
 
 def with_motion_band(model: Model, run: Callable[[Model], Result]) -> tuple[Model, list[str]]:
@@ -46,7 +46,7 @@ def with_motion_band(model: Model, run: Callable[[Model], Result]) -> tuple[Mode
     names = [name for name, spec in flexible.items() if spec.deformation == "automatic"]
     assert model.dynamics is not None
     rigid = with_words(model, dict.fromkeys(flexible, {"deformation": "rigid"}))
-    rows = {"outputs": _ROWS, "verify": False}
+    rows = {"outputs": _OUTPUTS, "verify": False}
     rigid.dynamics = model.dynamics.model_copy(update=rows)
     try:
         gravity = np.array(model.gravity or (0.0, 0.0, 0.0))
@@ -81,7 +81,7 @@ def motion_frequencies(run: Result, names: Collection[str], gravity: Array) -> I
     loads: list[Array] = []  # m/s^2, angular ones by the size
     for body in run.layout.bodies:
         place = q[:, body.iq : body.iq + 7] / np.repeat([size, 1.0], [3, 4])
-        if np.ptp(place, axis=0).max() < _AT_REST:
+        if np.ptp(place, axis=0).max() < _MIN_MOTION:
             continue
         a, spin = vd[:, body.iv : body.iv + 3], v[:, body.iv + 3 : body.iv + 6]
         if body.name in names:
@@ -91,7 +91,7 @@ def motion_frequencies(run: Result, names: Collection[str], gravity: Array) -> I
         loads.append(a)
     changes = [float(np.ptp(one, axis=0).max()) for one in loads]
     for one, change in zip(loads, changes, strict=True):
-        if change > _SMALL * max(changes):
+        if change > _MIN_ACCELERATION * max(changes):
             yield _frequency(t, one)
 
 
@@ -102,4 +102,4 @@ def _frequency(t: Array, c: Array) -> float:
     whole = np.cumsum(energy)
     if not whole[-1] > 0.0:
         return 0.0
-    return float(np.searchsorted(whole, (1.0 - _REST) * whole[-1]) / (t[-1] - t[0]))
+    return float(np.searchsorted(whole, (1.0 - _ENERGY_ABOVE) * whole[-1]) / (t[-1] - t[0]))

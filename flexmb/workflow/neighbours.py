@@ -40,11 +40,11 @@ if TYPE_CHECKING:
     from flexmb.results import Result
     from flexmb.results.output_block import OutputBlock
 
-_ROUGH = 0.2  # of velocities against accelerations between rows, relative
-_RINGS = 0.003  # of what a sensor shows: so much may ring faster than the rows
-_ENOUGH = 1.1  # times as many rows for turns and what rings would be better: these do
-_MORE_ROWS = 4  # times as many where these do not
-_MOST_NUMBERS = 1.2e7  # of a matrix of the coordinates in all rows: 100 MB
+_RATE_GAP = 0.2  # of velocities against accelerations between rows, relative
+_RINGING_SHARE = 0.003  # of what a sensor shows, that may vibrate faster than the rows resolve
+_ENOUGH_ROWS = 1.1  # times as many rows would resolve turns and ringing: these do
+_REFINEMENT = 4  # times as many rows where these do not resolve the motion
+_MAX_ENTRIES = 1.2e7  # of a matrix of the coordinates in all rows: 100 MB
 
 
 @dataclass
@@ -239,11 +239,11 @@ def resolved_motion(
     for most in limits:
         thinned = rows.thinned(most)
         better = max(thinned.turns(compiled, fastest), _rings(model, compiled, thinned))
-        if most > most_rows and better <= _ENOUGH and thinned.gap(compiled) <= _ROUGH:
+        if most > most_rows and better <= _ENOUGH_ROWS and thinned.gap(compiled) <= _RATE_GAP:
             break
         finer = max(thinned.finer(compiled, fastest), better)
         wanted = int(np.ceil((len(thinned.t) - 1) * finer))
-        if most < limits[-1] <= wanted and better > _ENOUGH * (most / len(thinned.t)) ** 2:
+        if most < limits[-1] <= wanted and better > _ENOUGH_ROWS * (most / len(thinned.t)) ** 2:
             continue  # what rings falls with the fourth power of the rows at best: more are needed
         n = min(wanted, most - 1)
         if finer > 1.0 and n > len(rows.t) and model.dynamics is not None and run is not None:
@@ -262,7 +262,7 @@ def resolved_motion(
     if fastest * np.diff(thinned.t).max() > 0.5:
         loads = f"{model.units.say(fastest, 'Hz', 2)} that drive the scene"
         notes.append(f"the {len(thinned.t)} rows do not see the {loads}")
-    if (gap := thinned.gap(compiled)) > _ROUGH:
+    if (gap := thinned.gap(compiled)) > _RATE_GAP:
         notes.append(
             f"the {len(thinned.t)} rows resolve the accelerations of the bodies to "
             f"{100 * gap:.2g} % only: the estimates are rough"
@@ -275,15 +275,15 @@ def _rings(model: Model, compiled: Compiled, motion: Motion) -> float:
     from flexmb.analysis.effects.contribution import fast_shares
 
     rings = fast_shares(model, motion.channels, compiled.layout.channels).values()
-    return float(np.sqrt(max(rings, default=0.0) / _RINGS))
+    return float(np.sqrt(max(rings, default=0.0) / _RINGING_SHARE))
 
 
 def _limits(compiled: Compiled, most_rows: int) -> Iterator[int]:
     """How many rows there may be, at first and then."""
     yield most_rows
-    affordable = int(_MOST_NUMBERS / compiled.layout.nv**2)
+    affordable = int(_MAX_ENTRIES / compiled.layout.nv**2)
     if affordable > most_rows:
-        yield from 2 * [min(affordable, _MORE_ROWS * most_rows)]
+        yield from 2 * [min(affordable, _REFINEMENT * most_rows)]
 
 
 def evaluations(run: Result) -> float:

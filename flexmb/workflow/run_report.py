@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 _SAME_TIME = 1e-9  # of the run
-_DOUBT = 4.0  # times the difference of both polynomials that a value between outputs may be off
+_INTERPOLATION_SAFETY = 4.0  # error between outputs over the difference of both polynomials
 PROVENANCE = "origin"  # name of the text in the result
 
 
@@ -183,7 +183,7 @@ def value_at(time: float, t: Array, x: Array) -> tuple[float, float]:
         values.append(_lagrange(time, t[rows], x[rows]))
     if len(t) <= 4:  # too few to tell
         values[1] = float(np.interp(time, t, x))
-    return values[0], _DOUBT * abs(values[0] - values[1])
+    return values[0], _INTERPOLATION_SAFETY * abs(values[0] - values[1])
 
 
 def _lagrange(time: float, t: Array, x: Array) -> float:

@@ -268,7 +268,7 @@ def test_frames_of_a_long_run_are_read_one_by_one(
     whole = Result(run)
     times = np.linspace(0.0, whole.time[-1], 7)
     poses = [whole.pose("rod", t) for t in times]
-    monkeypatch.setattr(reader, "_SMALL", 0)
+    monkeypatch.setattr(reader, "_READ_AT_ONCE", 0)
     lean = Result(run)
     for t, pose in zip(times, poses, strict=True):
         for own, other in zip(lean.pose("rod", t), pose, strict=True):

@@ -48,13 +48,13 @@ from flexmb.model.forces.force_characteristic import JointStopSpec
 from flexmb.model.model import Model
 from flexmb.results import BodyDamping
 
-_RIGID = 1e8  # how much stiffer than slow inertia the modes are while gaps close
-_SLOW = 1e3  # b of the quasi-static solve over 1/ω² of the softest mode
+_STIFFENING = 1e8  # stiffness of the modes over slow inertia while gaps close
+_SLOWNESS = 1e3  # b of the quasi-static solve over 1/ω² of the softest mode
 _MAX_ROUNDS = 40  # of the quasi-static solve
-_EQUILIBRIUM = 1e-12  # change of the deformation relative to the model size
-_DEPENDENT = 1e-10  # singular values of the rounds before that are round-off
+_DEFORMATION_TOLERANCE = 1e-12  # change of the deformation over the model size
+_RANK_TOLERANCE = 1e-10  # singular values of the rounds before that are round-off
 _NO_STIFFNESS = 1e-12  # a mode softer than this share of the stiffest has no stiffness at all
-_INTERPRETED = 200  # velocities up to which plain Python sets them within half a second
+_MAX_INTERPRETED = 200  # velocities up to which plain Python sets them within half a second
 _PENETRATION = 1e-9  # of a stop, over the model size (or radians), that round-off does not leave
 
 _ACCELERATION_ERRORS = {
@@ -126,7 +126,7 @@ def assemble(
     state.q[:] = compiled.initial_q if begin is None else begin.q
     state.t[0] = 0.0 if begin is None else begin.time
     period = _slowest_period(compiled)
-    stiff = _stiffened(system, _RIGID * period)
+    stiff = _stiffened(system, _STIFFENING * period)
     velocities = InitialVelocities(compiled, model, stiff)
 
     weights = assembly_weights(model)
@@ -135,7 +135,7 @@ def assemble(
     def make(of: Compiled, at: State) -> Corrector:
         if of is compiled and at is state:
             return corrector
-        metric = _weighted(_stiffened(of.system, _RIGID * period), weights)
+        metric = _weighted(_stiffened(of.system, _STIFFENING * period), weights)
         return mass_corrector(metric, at, work if at is state else None)
 
     def close(guess: bool = False) -> None:
@@ -156,7 +156,7 @@ def assemble(
     modes = _modal_coordinates(compiled) if elastic else static_coordinates(compiled.system)
     if len(modes) and begin is None:
         try:
-            _equilibrate(compiled, modes, _SLOW * period, state, work, close)
+            _equilibrate(compiled, modes, _SLOWNESS * period, state, work, close)
         except _NoEquilibrium as error:
             why = _on_global_spins(compiled, model, modes)
             why += _above_critical_speed(compiled, model, modes, state.v)
@@ -188,13 +188,13 @@ def velocity_notes(compiled: Compiled, model: Model, q: Array) -> list[str]:
     specs = model.bodies.values()
     rigid = any(s.flexible and not b.m for s, b in zip(specs, compiled.layout.bodies, strict=True))
     loaded = load_units([initial_conditions.solve_stage, *units_of(compiled.system)])
-    slow = not loaded and compiled.layout.nv > _INTERPRETED
+    slow = not loaded and compiled.layout.nv > _MAX_INTERPRETED
     if rigid or slow or not any(spec.initial_velocities for spec in specs):
         return []
     state = new_state(compiled.system, channels=len(compiled.layout.channels))
     state.q[:] = q
     with nullcontext() if loaded else interpretation():
-        stiff = _stiffened(compiled.system, _RIGID * _slowest_period(compiled))
+        stiff = _stiffened(compiled.system, _STIFFENING * _slowest_period(compiled))
         velocities = InitialVelocities(compiled, model, stiff)
         velocities.set(state)
         return velocities.notes(state)
@@ -296,14 +296,14 @@ def _equilibrate(
             motion = np.stack([eta - one for one, _ in before], axis=1)
             fall = np.stack([step - one for _, one in before], axis=1)
             scaled = weights[:, None] * fall
-            shares = np.linalg.lstsq(scaled, weights * step, rcond=_DEPENDENT)[0]
+            shares = np.linalg.lstsq(scaled, weights * step, rcond=_RANK_TOLERANCE)[0]
             state.q[modes] -= (motion + fall) @ shares
         before.append((eta, step))
         try:
             close()
         except AssemblyError:  # bent so far that its joints stay open, or close the wrong way round
             break
-        if change <= _EQUILIBRIUM:
+        if change <= _DEFORMATION_TOLERANCE:
             return
     what = (
         "the flexible bodies find no elastic equilibrium with the first motion: it is too fast or "

@@ -48,12 +48,12 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _MAX_CORRECTIONS = 60
-_OPEN = 1e-10  # gap relative to the model size, or radians
-_CLOSED = 1e-13  # correction of a position relative to the model size: round-off
-_NEAR = 1e-6  # correction at which the least squares of a guess have converged
-_FAR, _GAPING = 0.01, 1e-3  # of the model size: how far bodies may move, gaps that are no rounding
+_MAX_GAP = 1e-10  # gap of an assembled joint, over the model size or in radians
+_CORRECTION_TOLERANCE = 1e-13  # correction of a position over the model size that is round-off
+_GUESS_TOLERANCE = 1e-6  # correction at which the least squares of a guess have converged
+_MOVED, _OPEN = 0.01, 1e-3  # of the model size: moved bodies, open joints, in messages
 _MAX_SHOWN = 3
-_FIXED = 1e-6  # a fixed body may move by this share of the model size, or this angle
+_FIXED_TOLERANCE = 1e-6  # motion of a fixed body, over the model size or in radians
 
 # Closing in numpy: gaps over the model size, or radians.
 _CLOSED_ROWS = 1e-11
@@ -143,10 +143,10 @@ def close_positions(
     corrector = make(compiled, state)
     corrector.evaluate()
     initial_axes = corrector.work.now.marker["R"].copy()
-    _iterate(corrector, _CLOSED)
+    _iterate(corrector, _CORRECTION_TOLERANCE)
     corrector.evaluate()
     moved = moved_bodies(compiled, start, state.q)
-    if not np.abs(corrector.work.con.C * compiled.system.row_weights).max() <= _OPEN:
+    if not np.abs(corrector.work.con.C * compiled.system.row_weights).max() <= _MAX_GAP:
         raise AssemblyError.from_problems(gap_problems(compiled, model, corrector.work, moved))
     check_branches(compiled, model, state, corrector.work, initial_axes)
     _check_fixed(compiled, model, moved)
@@ -172,17 +172,17 @@ def _check_placement(
     state.q[:] = start
     corrector.evaluate()
     gaps = [gap for gap in joint_gaps(compiled, corrector.work) if gap.name.startswith("joints.")]
-    shift, askew = np.linalg.norm(there - markers["x"], axis=1), any(g.angle > _FAR for g in gaps)
+    shift, askew = np.linalg.norm(there - markers["x"], axis=1), any(g.angle > _MOVED for g in gaps)
     state.q[:] = closed
     corrector.evaluate()
     number = {body.name: k for k, body in enumerate(compiled.layout.bodies)}
     far = [
         body
         for body in moved
-        if max(body.distance, *shift[owner == number[body.name]]) > _FAR * compiled.length
-        or (askew and body.angle > _FAR)
+        if max(body.distance, *shift[owner == number[body.name]]) > _MOVED * compiled.length
+        or (askew and body.angle > _MOVED)
     ]
-    if far and gaps and gaps[0].size(compiled.length) > _GAPING:  # else drivers say where they are
+    if far and gaps and gaps[0].size(compiled.length) > _OPEN:  # else drivers say where they are
         raise AssemblyError.from_problems(
             Problem(
                 f"bodies.{body.name}",
@@ -217,7 +217,7 @@ def _approach_guess(model: Model, compiled: Compiled, state: State, make: MakeCo
         with_guesses = compile_system(extended, compiled.flexbodies)
     near = new_state(with_guesses.system, len(with_guesses.layout.channels))
     near.q[:] = state.q
-    _iterate(make(with_guesses, near), _NEAR)
+    _iterate(make(with_guesses, near), _GUESS_TOLERANCE)
     if np.all(np.isfinite(near.q)):
         state.q[:] = near.q
 
@@ -227,7 +227,7 @@ def _check_fixed(compiled: Compiled, model: Model, moved: tuple[Offset, ...]) ->
     fixed = dict(zip(model.bodies, assembly_weights(model) >= FIXED_WEIGHT, strict=True))
     problems = []
     for body in moved:
-        far = body.distance > _FIXED * compiled.length or body.angle > _FIXED
+        far = body.distance > _FIXED_TOLERANCE * compiled.length or body.angle > _FIXED_TOLERANCE
         if fixed[body.name] and far:
             what = (
                 f"is fixed, but the gaps close only if it moves by {body.text(model.units)}: "

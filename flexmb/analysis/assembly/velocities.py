@@ -28,9 +28,9 @@ from flexmb.model.body import InitialVelocity
 from flexmb.model.markers import rotation_matrix
 from flexmb.model.model import Model
 
-_HEAVY = 1e8
+_PENALTY_MASS = 1e8  # of a marker of prescribed velocity, over the mass of its body
 _MAX_ROUNDS = 5  # each shrinks what is missing by a factor of ten or more where it can be had
-_CHANGED = 1e-6  # share by which prescribed velocities may change without a note
+_REPORTED_CHANGE = 1e-6  # share by which prescribed velocities may change without a note
 _DISTINCT = 1e-9  # of the model size: markers closer than this are one point
 
 
@@ -121,7 +121,7 @@ class InitialVelocities:
                 ("velocity", change[0], 1.0, "m/s"),
                 ("angular_velocity", change[1], self._length, "rad/s"),
             ):
-                if off * reach > _CHANGED * scale:
+                if off * reach > _REPORTED_CHANGE * scale:
                     notes.append(
                         f"{one.where}{word} does not fit the joints, the drivers or other "
                         f"prescribed velocities; changed by up to {self._units.say(off, unit, 3)}"
@@ -135,12 +135,12 @@ class InitialVelocities:
             row, light = bodies[one.body], system.parts.bodies[one.body]
             marker = system.parts.markers[one.marker]
             if one.spec.velocity is not None:
-                mass, s = _HEAVY * light["mass"], marker["rho"] + marker["arm"]
+                mass, s = _PENALTY_MASS * light["mass"], marker["rho"] + marker["arm"]
                 row["mass"] += mass
                 row["S1"] += mass * s
                 row["S0"] += mass * np.outer(s, s)
             if one.spec.angular_velocity is not None:
-                row["S0"] += _HEAVY * np.trace(light["S0"]) * np.eye(3)
+                row["S0"] += _PENALTY_MASS * np.trace(light["S0"]) * np.eye(3)
         return system._replace(parts=system.parts._replace(bodies=bodies))
 
     def _measure(self, state: State) -> None:

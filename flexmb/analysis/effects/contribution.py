@@ -41,14 +41,14 @@ from flexmb.model.scenes.effects import active_model
 from flexmb.model.sensor import channels_of
 
 _STANDSTILL = 1e-7  # of the largest motion of the same unit: what changes less is round-off
-_AT_REST = 1e-3  # of its motion with the change: the change moves a sensor, and nothing else
-_SYMMETRIC = 0.2  # of the change by one body, that all together leave
-_EVALUATIONS = 50  # of the equations, to time them
-_NOISE = 1e-3  # of the largest motion of the same unit: what rings less is no worse than this
+_AT_REST_SHARE = 1e-3  # of its motion with the change: without it the sensor is at rest
+_SYMMETRY = 0.2  # of the change by one body: all bodies together cancel down to it
+_TIMED_EVALUATIONS = 50  # of the equations
+_RINGING_FLOOR = 1e-3  # of the largest motion of the same unit: least scale of ringing
 _CUBIC = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0  # a row less the cubic through four others
-_LARGE = 1e-2  # of the motion of a channel: a change that may be of second order
-_SETTLED = 0.3  # of a change, by which another estimate along the motion with it may differ
-_UNBOUNDED = 1e3  # a change this many times the motion is no number any more
+_SECOND_ORDER = 1e-2  # of the motion of a channel: a change that may be of second order
+_LINEARITY = 0.3  # share by which the estimate along the changed motion may differ
+_MAX_SHARE = 1e3  # change over motion: larger ones are reported as this
 
 
 @dataclass(frozen=True)
@@ -137,15 +137,15 @@ def contributions(
         ranges = [np.ptp(x[:, columns], axis=0).max(initial=0.0) for x in histories]
         rests[name], size = ranges[0], max(ranges[-2:])
         value = np.abs(np.nan_to_num(change[:, columns], nan=np.inf)).max(initial=0.0)
-        if together is not None and np.abs(together[:, columns]).max() < _SYMMETRIC * value:
+        if together is not None and np.abs(together[:, columns]).max() < _SYMMETRY * value:
             symmetric.add(name)
         sizes[name] = unit, float(size), float(value)
         largest[unit] = max(largest.get(unit, 0.0), float(size))
     result = []
     for name, (unit, size, value) in sizes.items():
         moves = size > _STANDSTILL * largest[unit]
-        share = min(value / size, _UNBOUNDED) if moves else 0.0
-        at_rest = bool(rests[name] <= _AT_REST * size)
+        share = min(value / size, _MAX_SHARE) if moves else 0.0
+        at_rest = bool(rests[name] <= _AT_REST_SHARE * size)
         still = at_rest and name in symmetric
         changed, rest = value if moves else 0.0, max(one[name] for one in rings)
         result.append(Contribution(name, unit, changed, share, at_rest, still, rest))
@@ -169,7 +169,7 @@ def fast_shares(model: Model, history: Array, names: tuple[str, ...]) -> dict[st
         rms = float(np.sqrt((apart**2).sum(axis=1).mean())) if len(apart) else 0.0
         sizes[name] = unit, float(np.ptp(x, axis=0).max(initial=0.0)), rms
         largest[unit] = max(largest.get(unit, 0.0), sizes[name][1])
-    floors = {name: max(one[1], _NOISE * largest[one[0]]) for name, one in sizes.items()}
+    floors = {name: max(one[1], _RINGING_FLOOR * largest[one[0]]) for name, one in sizes.items()}
     return {k: one[2] / floors[k] if floors[k] > 0.0 else 0.0 for k, one in sizes.items()}
 
 
@@ -188,7 +188,7 @@ def shared(
         each = [one[k].share for one in of_each]
         part = own.share / sum(each) if sum(each) > 0.0 else 1.0 / len(each)
         largest = max((one[k] for one in of_each), key=lambda one: one.value)
-        still = whole.at_rest and whole.value < _SYMMETRIC * largest.value and largest.by_symmetry
+        still = whole.at_rest and whole.value < _SYMMETRY * largest.value and largest.by_symmetry
         value, share = (0.0, 0.0) if still else (part * whole.value, part * whole.share)
         rough = own.unsettled or whole.unsettled
         result.append(replace(own, value=value, share=share, by_symmetry=still, unsettled=rough))
@@ -247,14 +247,14 @@ def settles(
     """
     span = np.maximum(np.ptp(motion.channels, axis=0), 1e-300)
     large = np.abs(first.channels).max(axis=0, initial=0.0) / span
-    if first.motion is None or np.all(large < _LARGE):
+    if first.motion is None or np.all(large < _SECOND_ORDER):
         return np.ones(len(large), bool)
     try:
         second = respond(other, first.motion, balance, quasi_static=quasi_static).channels
     except (FlexmbError, ValueError):  # no motion near that one satisfies the equations
-        return np.asarray(large < _LARGE)
+        return np.asarray(large < _SECOND_ORDER)
     more = np.abs(second).max(axis=0, initial=0.0) / span
-    return np.asarray((large < _LARGE) | (more < _SETTLED * large))
+    return np.asarray((large < _SECOND_ORDER) | (more < _LINEARITY * large))
 
 
 @dataclass(frozen=True)
@@ -303,8 +303,8 @@ def evaluation_time(compiled: Compiled) -> float:
     call(stages.begin_run, run, at)
     for _ in range(5):
         began = time.thread_time()
-        for _ in range(_EVALUATIONS):
+        for _ in range(_TIMED_EVALUATIONS):
             call(stages.residual, run, at)
             call(put_matrix, run, at, 1.0, 1.0)
         best = min(best, time.thread_time() - began)
-    return best / _EVALUATIONS
+    return best / _TIMED_EVALUATIONS

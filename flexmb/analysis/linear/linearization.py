@@ -36,14 +36,14 @@ from flexmb.errors import Problem, SceneError, nearest
 from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.model.model import Model
 
-_REST = 1e-12  # 1/s, rate of change of a state at rest
-_STEADY = 1e-3  # change of the coefficients per radian up to which a state counts as steady
-_AHEAD = 0.01  # rad of the motion, or of the slowest mode, after which they are compared
+_MIN_RATE = 1e-12  # 1/s, rate of change of a state below which it is at rest
+_STEADY_CHANGE = 1e-3  # of the coefficients per radian, up to which a state counts as steady
+_COMPARED_ANGLE = 0.01  # rad of the motion, or of the slowest mode, between the states compared
 _MAX_OBSERVERS = 8
 
 
-_GROWTH = 1e-6  # Re λ/|λ| that is round-off
-_MATCHED = 40  # modes that are followed
+_GROWTH_ROUND_OFF = 1e-6  # Re λ/|λ|
+_MAX_MATCHED = 40  # modes that are followed over a sweep
 
 
 @dataclass(frozen=True)
@@ -194,7 +194,7 @@ class Linearization:
     @property
     def stable(self) -> bool:
         """Whether no mode grows; rigid motions do not count."""
-        return not np.any(self.eigenvalues.real > _GROWTH * np.abs(self.eigenvalues))
+        return not np.any(self.eigenvalues.real > _GROWTH_ROUND_OFF * np.abs(self.eigenvalues))
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -245,7 +245,7 @@ def linearize_state(
     equations = StateEquations(compiled, state)
     tangents = equations.tangents()
     rate = fastest_rate(compiled, state)
-    rate = rate if rate > _REST else 0.0
+    rate = rate if rate > _MIN_RATE else 0.0
     along = RowsAlongMotion(compiled, state)
     here = [SeenEquations(along, tangents, "ground" if frame == "auto" else frame)]
     if frame == "auto" and here[0].depends_on_observer:
@@ -254,7 +254,7 @@ def linearize_state(
     change, best = 0.0, here[0]
     if rate > 0.0:
         fastest = max(rate, here[0].slowest)
-        dt = _AHEAD / fastest
+        dt = _COMPARED_ANGLE / fastest
         begin = StartValues(
             equations.moved(state.q, dt * state.v + 0.5 * dt * dt * state.vd),
             state.v + dt * state.vd,
@@ -267,10 +267,10 @@ def linearize_state(
             one.difference(
                 SeenEquations(after, then, one.observer.name, one.coordinates.partition), fastest
             )
-            / _AHEAD
+            / _COMPARED_ANGLE
             for one in here
         ]
-        changes = [change if change > _STEADY else 0.0 for change in changes]
+        changes = [change if change > _STEADY_CHANGE else 0.0 for change in changes]
         change, best = min(zip(changes, here, strict=True), key=lambda pair: pair[0])
     notes = tuple(_notes(change, best))
     return Linearization(compiled, model, state, tangents, best, change, notes)
@@ -329,7 +329,7 @@ class ModeSweep:
         cls, parameter: str, values: Sequence[float], made: Sequence[Linearization]
     ) -> ModeSweep:
         """Match the modes from value to value."""
-        k = min(_MATCHED, max(len(one.eigenvalues) for one in made))
+        k = min(_MAX_MATCHED, max(len(one.eigenvalues) for one in made))
         eigenvalues = np.full((len(made), k), complex(np.nan, np.nan))
         order: IntArray = np.arange(min(k, len(made[0].eigenvalues)))
         eigenvalues[0, : len(order)] = made[0].eigenvalues[order]

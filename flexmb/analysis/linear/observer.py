@@ -31,8 +31,9 @@ from flexmb.flexbody.arrays import Array, skew
 
 _MODAL_SCALE = 1e-3  # modes become dependent coordinates only where nothing else can
 _STEP = 0.02  # of the differences along the motion, over its fastest rate
-_FIRST = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0
-_SECOND = np.array([2.0, -27.0, 270.0, -490.0, 270.0, -27.0, 2.0]) / 180.0
+# Central differences of sixth order over seven points (Fornberg, Math. Comp. 51 (1988) 699).
+_FIRST_DERIVATIVE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0
+_SECOND_DERIVATIVE = np.array([2.0, -27.0, 270.0, -490.0, 270.0, -27.0, 2.0]) / 180.0
 
 
 _AXES = ("x", "y", "z")
@@ -195,7 +196,7 @@ class Coordinates:
         self.Gd, self.Gdd = np.zeros_like(self.G), np.zeros_like(self.G)
         if along.h > 0.0 and len(self.partition.dependent):
             for first, second, rows in zip(
-                _FIRST / along.h, _SECOND / along.h**2, weighted, strict=True
+                _FIRST_DERIVATIVE / along.h, _SECOND_DERIVATIVE / along.h**2, weighted, strict=True
             ):
                 N, G = self._motions(rows)
                 self.Nd += first * N

@@ -22,9 +22,9 @@ from flexmb.errors import Problem, SceneError, nearest
 from flexmb.flexbody.arrays import Array
 
 _POSITION_STEP = 1e-3  # of differences, over the model size or in radians
-_FIRST = ((-2.0, 1.0 / 12.0), (-1.0, -2.0 / 3.0), (1.0, 2.0 / 3.0), (2.0, -1.0 / 12.0))
+_FIRST_DERIVATIVE = ((-2.0, 1.0 / 12.0), (-1.0, -2.0 / 3.0), (1.0, 2.0 / 3.0), (2.0, -1.0 / 12.0))
 _AXES = "xyz"
-_UNLOADED = 1e-12
+_ZERO_FORCE = 1e-12  # of a unit input [N or N m] that is none
 
 
 class StateSpace(NamedTuple):
@@ -85,7 +85,7 @@ def actuators(seen: SeenEquations) -> Actuators:
         ):
             h = x[row["J"]] - x[row["I"]]
             J, back = (equations.marker_motion(row[side])[:3] for side in "JI")
-            forces[name] = (J - back).T @ h / max(float(np.linalg.norm(h)), _UNLOADED)
+            forces[name] = (J - back).T @ h / max(float(np.linalg.norm(h)), _ZERO_FORCE)
     first = compiled.layout.nv - len(compiled.layout.coordinates)
     for k, path in enumerate(compiled.layout.coordinates):
         section, _, name = path.partition(".")
@@ -95,7 +95,7 @@ def actuators(seen: SeenEquations) -> Actuators:
     forces = {
         name: np.where(moving, column, 0.0)
         for name, column in forces.items()
-        if np.abs(column[moving]).max(initial=0.0) > _UNLOADED
+        if np.abs(column[moving]).max(initial=0.0) > _ZERO_FORCE
     }
     drivers: dict[str, int] = {}
     for path, group in zip(compiled.layout.reactions, compiled.system.groups, strict=True):
@@ -287,7 +287,7 @@ def _channel_slopes(seen: SeenEquations) -> tuple[Array, Array, Array, Array]:
     for k in np.flatnonzero(scales):
         h = _POSITION_STEP * scales[k]
         unit = np.arange(nv) == k
-        for step, weight in _FIRST:
+        for step, weight in _FIRST_DERIVATIVE:
             state.q[:] = equations.moved(q, step * h * unit)
             slopes[0][:, k] += weight / h * equations.channels()
         state.q[:] = q

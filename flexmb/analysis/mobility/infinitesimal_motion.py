@@ -25,11 +25,11 @@ from flexmb.flexbody.arrays import Array
 
 _MAX_MOTIONS = 100
 _STEP = 1e-4  # of the differences, over the model size
-_CURVED = (
+_SECOND_ORDER = (
     1e-5  # a row that opens less along a motion of size one, over the model size, stays closed
 )
 _DEFINITE = 1e-6  # least eigenvalue of a definite form, over the largest
-_ROUNDS = 1000
+_MAX_ITERATIONS = 1000
 _MAX_NAMES = 6
 _AT_REST = 1e-9  # of the largest acceleration: round-off leaves 1e-15 of it
 
@@ -96,20 +96,20 @@ def infinitesimal_motion(
         return np.asarray(stresses @ (ahead - behind) / (2.0 * _STEP))
 
     any_motion = free @ np.random.default_rng(0).standard_normal(free.shape[1])
-    if np.abs(opening(any_motion) @ any_motion).max() < _CURVED * (any_motion @ any_motion):
+    if np.abs(opening(any_motion) @ any_motion).max() < _SECOND_ORDER * (any_motion @ any_motion):
         return None  # a mechanism, the usual case
     forms = np.stack([opening(u) @ free for u in free.T], axis=1)
     forms = (forms + forms.transpose(0, 2, 1)) / 2.0
     _, size, Vt = np.linalg.svd(forms.reshape(-1, free.shape[1]))
-    curved = Vt[: int(np.sum(size > _CURVED))].T
+    curved = Vt[: int(np.sum(size > _SECOND_ORDER))].T
     stress = _positive_combination(curved.T @ forms @ curved)
     if stress is None:
         return None
     motions = free @ curved
-    moving = np.abs(jacobian.velocities(motions)).max(axis=1) > _CURVED
+    moving = np.abs(jacobian.velocities(motions)).max(axis=1) > _SECOND_ORDER
     layout = constraints.compiled.layout
     bodies = [body.name for body in layout.bodies if np.any(moving[body.iv : body.iv + 6 + body.m])]
-    tense = np.abs(stress @ stresses) > _CURVED * np.abs(stress @ stresses).max()
+    tense = np.abs(stress @ stresses) > _SECOND_ORDER * np.abs(stress @ stresses).max()
     joints = dict.fromkeys(np.array(jacobian.owners, object)[rows][tense])
     return InfinitesimalMotion(motions, tuple(bodies), tuple(plain_name(path) for path in joints))
 
@@ -119,7 +119,7 @@ def _positive_combination(forms: Array) -> Array | None:
     if not forms.shape[1]:
         return None
     factors = np.trace(forms, axis1=1, axis2=2)
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_ITERATIONS):
         values, vectors = np.linalg.eigh(np.tensordot(factors, forms, 1))
         if values[0] > _DEFINITE * abs(values).max():
             return np.asarray(factors)

@@ -36,12 +36,12 @@ from flexmb.model.plane import plane_axes
 from flexmb.model.reading import GROUND
 
 Turns = tuple[int, int]
-_CHANGED = 1e-6  # share of the largest change of a reaction that is round-off
+_REACTION_ROUND_OFF = 1e-6  # of the largest change of a reaction
 _MAX_EXCHANGES = 2  # of any joints
 _MAX_MACHINE_EXCHANGES = 4  # of joints that machines have
 _COMPONENTS = tuple(f"{what} {axis}" for what in ("force", "moment") for axis in "xyz")
-_PART = 1e-9  # of a gradient that may be outside of the rows it is a part of
-_RANK = 1e-6  # of the combinations that exchanges release, which are of size one
+_GRADIENT_TOLERANCE = 1e-9  # of a gradient outside of the span of the rows that contain it
+_RANK_TOLERANCE = 1e-6  # of the combinations that exchanges release, which are of size one
 _MAX_TRIALS = 20_000
 _MAX_CANDIDATES = 300_000  # of one number of exchanges: a tenth of a second
 _REMOVAL_COST = 50  # of a joint: the last resort
@@ -54,7 +54,7 @@ _PREFERRED = (
 )  # fmt: skip
 _X_FIRST = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # columns: the triad's y, z, x
 _Y_FIRST = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])  # columns: the triad's z, x, y
-_TURNS = (np.eye(3), _X_FIRST, _Y_FIRST)  # z of the turned triad: z, x, y
+_TRIADS = (np.eye(3), _X_FIRST, _Y_FIRST)  # z of the turned triad: z, x, y
 
 
 @dataclass(frozen=True)
@@ -277,17 +277,17 @@ def _released_rows(
     if used.all() and len(rows) >= len(g):
         return None
     xi, Ri, xj, Rj = pose.markers_of(joint)
-    A, B = (R @ _TURNS[k] for R, k in zip((Ri, Rj), turns, strict=True))
+    A, B = (R @ _TRIADS[k] for R, k in zip((Ri, Rj), turns, strict=True))
     other = np.array([row_gradient(row[:3], xi, A, xj, B)[used] for row in rows])
     if not other.size or not np.all(np.isfinite(other)):
         return None
-    other, g = other[np.abs(other).max(axis=1) > _PART], g[:, used]
+    other, g = other[np.abs(other).max(axis=1) > _GRADIENT_TOLERANCE], g[:, used]
     if not 0 < len(other) < len(g):
         return None
     T = np.linalg.lstsq(g.T, other.T, rcond=None)[0].T
     left = np.abs(T @ g - other).max()
     _, size, Vt = np.linalg.svd(T)
-    if left > _PART * np.abs(g).max() or size[-1] < _RANK * size[0]:
+    if left > _GRADIENT_TOLERANCE * np.abs(g).max() or size[-1] < _RANK_TOLERANCE * size[0]:
         return None
     return np.asarray(Vt[len(T) :])
 
@@ -361,7 +361,7 @@ def greedy_exchanges(choices: Choices, N: Mapping[str, Array]) -> tuple[Weaker, 
 def _freed_rank(cure: Sequence[Weaker], N: Mapping[str, Array]) -> int:
     """How much of the null space the exchanges free."""
     freed = np.vstack([weaker.released @ N[weaker.joint] for weaker in cure])
-    return int(np.linalg.matrix_rank(freed, tol=_RANK))
+    return int(np.linalg.matrix_rank(freed, tol=_RANK_TOLERANCE))
 
 
 def _count(choices: Choices, n: int) -> int:
@@ -412,8 +412,8 @@ def scene_exchanges(
     for weaker in cure:
         _, Ri, _, Rj = pose.markers_of(weaker.joint)
         i, j = weaker.turns
-        first = _rounded(Ri @ _TURNS[i]) if i or j else None
-        second = _rounded(Rj @ _TURNS[j]) if i != j else None
+        first = _rounded(Ri @ _TRIADS[i]) if i or j else None
+        second = _rounded(Rj @ _TRIADS[j]) if i != j else None
         old = model.joints[plain_name(weaker.joint)].type
         exchanges.append(Exchange(weaker.joint, old, weaker.type, first, second))
     return tuple(exchanges)
@@ -433,6 +433,6 @@ def undetermined_reactions(pose: ConstraintPose) -> tuple[Undetermined, ...]:
         turn = pose.markers_of(name)[3]
         changes = (circuits[:, rows] @ pose.gradients_at_J(name)).reshape(-1, 2, 3) @ turn
         size = np.abs(changes.reshape(-1, 6)).max(axis=0)
-        components = np.array(_COMPONENTS)[size > _CHANGED * size.max()]
+        components = np.array(_COMPONENTS)[size > _REACTION_ROUND_OFF * size.max()]
         reactions.append(Undetermined(name, tuple(components.tolist())))
     return tuple(reactions)

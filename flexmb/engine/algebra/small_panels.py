@@ -12,12 +12,10 @@ import math
 from flexmb.engine.jit import kernel
 
 # A pivot this small against its own diagonal entry carries no digits.
-_TINY = 1e-13
-
-
-# What replaces it, against the same entry: the square root of round-off, lost as much by the
-# growth of the factor as by the error of the matrix.
-_SMALL = 1e-8
+_PIVOT_TOLERANCE = 1e-13
+# Its replacement over the same entry, the square root of round-off: growth of the factor and change
+# of the matrix then cost equally many digits.
+_REPLACED_PIVOT = 1e-8
 
 
 @kernel
@@ -28,9 +26,9 @@ def guarded(d, a, sign):
     the other sign has its digits and stays: forces and reactions make a body unstable that joints
     hold, and any other pivot there spoils the convergence of Newton's method.
     """
-    if abs(d) > _TINY * abs(a) and math.isfinite(abs(d)):
+    if abs(d) > _PIVOT_TOLERANCE * abs(a) and math.isfinite(abs(d)):
         return d, 0
-    return 0.0 * a + sign * _SMALL * (abs(a) if abs(a) > 0.0 else 1.0), 1
+    return 0.0 * a + sign * _REPLACED_PIVOT * (abs(a) if abs(a) > 0.0 else 1.0), 1
 
 
 @kernel

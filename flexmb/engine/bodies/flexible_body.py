@@ -62,9 +62,9 @@ if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
 
 
-# Share of the largest angular velocity about a body axis that those about the others may have to be
-# round-off: that of some thousand steps is 1e-16 to 2e-15.
-_NO_TURN = 1e-13
+# Angular velocity about a body axis over the largest one that is round-off: a thousand steps leave
+# 1e-16 to 2e-15.
+_SPIN_ROUND_OFF = 1e-13
 
 
 @unit
@@ -162,7 +162,7 @@ def add_modal_product(body, pool, q, v, vd, out):
 @kernel
 def least_turn(om):
     """Angular velocity about an axis of the body below which it is round-off, of the largest."""
-    return _NO_TURN * max(abs(om[0]), abs(om[1]), abs(om[2]))
+    return _SPIN_ROUND_OFF * max(abs(om[0]), abs(om[1]), abs(om[2]))
 
 
 @kernel

@@ -29,8 +29,8 @@ from flexmb.engine.tables import Parts
 
 # Corrections of this size, relative to a position or a driven motion, are round-off.
 LAST_PLACES = 1e-15
-# Turn of a body in a step that its speed must account for at least half of, rad.
-_LEAP = 1.5
+# Turn of a body in a step, rad; a larger one must be explained to one half by its angular velocity.
+_MAX_ROTATION = 1.5
 
 
 @unit
@@ -168,7 +168,7 @@ def turns_over(run, h):
         for a in range(4):
             same += st.q[i + a] * tr.q[i + a]
         rate = math.sqrt(max(inner(before, before), inner(after, after)))
-        if abs(same) < math.cos(0.5 * max(_LEAP, min(2.0 * rate * h, math.pi))):
+        if abs(same) < math.cos(0.5 * max(_MAX_ROTATION, min(2.0 * rate * h, math.pi))):
             return True
     rows, coupled, coordinates = run.system.rows, run.system.coupled, run.system.parts.coordinates
     for k in range(coupled.shape[0]):

@@ -37,10 +37,10 @@ from flexmb.engine.bodies.flexible_body import least_turn
 from flexmb.engine.jit import kernel
 from flexmb.engine.tables import whole_vectors
 
-# Share of the angular velocity that iterations of a step may change without new sums of forms. The
-# prediction of a step is off by some ten errors of a step: what is left is below the step's error,
-# and falls with it.
-_AS_BEFORE = 1e-5
+# Change of the angular velocity within the iterations of a step, relative, up to which the sums of
+# forms are reused. The prediction of a step is off by some ten local errors: what this leaves is
+# below the local error, and falls with it.
+_REUSE_TOLERANCE = 1e-5
 
 
 @kernel
@@ -79,7 +79,7 @@ def _has_one_axis(om):
 @kernel
 def _turns_as_before(forms, at, iteration, om):
     """Whether the forms are those of the first iteration of this step, with such a velocity."""
-    allowed, same = _AS_BEFORE * (abs(om[0]) + abs(om[1]) + abs(om[2])), iteration > 0.0
+    allowed, same = _REUSE_TOLERANCE * (abs(om[0]) + abs(om[1]) + abs(om[2])), iteration > 0.0
     for k in range(3):
         same = same and abs(om[k] - forms[at + k]) <= allowed
     if not same:

@@ -56,13 +56,13 @@ from flexmb.engine.state import Point, Run
 if TYPE_CHECKING:
     from flexmb.model.scenes.dynamics import DynamicsSpec
 
-# Pivots of Cq over the first one: below, a row repeats others, but for how machines and scenes are
-# off (`analysis.mobility` refuses more before the run); below, the pose is singular.
+# Pivots of Cq over the first one: below the first limit a row repeats others, up to inaccuracies of
+# scenes (`analysis.mobility` refuses more before the run); below the second the pose is singular.
 _RANK, _SINGULAR = 1e-8, 1e-7
 # Weight of independent coordinates in the metric.
-_HEAVY = 1e10
+_INDEPENDENT_WEIGHT = 1e10
 # The choice is renewed where the least pivot of the rows has fallen to this share.
-_POOR = 0.2
+_POOR_PIVOT = 0.2
 _MAX_ITERATIONS = 12
 # Corrections this small, relative to the model, are round-off; and these, if they do not shrink.
 _ROUND_OFF, _NOISE = 1e-14, 1e-11
@@ -91,7 +91,7 @@ def step(run: Run, tableau: Tableau, h: float) -> int:
         if status != FINE:
             split.age[0] = -1.0
             return status
-    if split.pivot[1] < _POOR * split.pivot[0]:
+    if split.pivot[1] < _POOR_PIVOT * split.pivot[0]:
         split.age[0] = -1.0
         st.count[0]["partitions"] += 1
     return end_step(run, tableau, h, status, False)
@@ -126,7 +126,7 @@ def choose_independent(run: Run, at: Point) -> int:
         return NO_PARTITION
     for i in range(nv):
         if free[i] == 0.0:
-            metric[i] *= _HEAVY
+            metric[i] *= _INDEPENDENT_WEIGHT
     _factorise(run, at, False)
     split.rank[0], split.age[0] = rank, 0.0
     split.pivot[0] = split.pivot[1] = least_pivot(run, nv)

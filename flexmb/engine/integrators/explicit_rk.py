@@ -42,26 +42,26 @@ if TYPE_CHECKING:
     from flexmb.model.scenes.dynamics import DynamicsSpec
 
 
-# Gap of a joint over the size of the model after its corrections: the step is too long for them.
-_OPEN = 1e-9
-# Limit of stability by what positions differ by, over that by velocities: of a damper 0.4, of a
-# vibration 0.6.
-_BY_POSITIONS = 0.3
-# After so many steps at the limit of stability none is longer than so many times it, where the
-# method damps: at the edge fast parts ring by what the tolerance allows, reactions by far more.
-_SEVERAL, _NEAR = 10.0, 1.2
-# Where such parts are at rest but for round-off, times as long as the step before: beyond the limit
-# they grow a hundredfold in a step, which is seen before it matters. Share of what is allowed below
-# which errors tell that.
-_UNSEEN, _SILENT = 2.0, 1e-3
-# Share of what is allowed from which on an error rules the step: the control aims at 0.9⁸ = 0.43, a
-# tenth leaves 0.83 of that step. How many times it positions may ask for: as the control does.
-_RULES, _MOST_LONGER = 0.1, 5.0
+# Gap of a joint after its corrections, over the size of the model: above it a step is too long.
+_MAX_GAP = 1e-9
+# Stability limit estimated from positions over that from velocities: 0.4 for a damper, 0.6 for a
+# vibration.
+_POSITION_LIMIT = 0.3
+# After so many steps at the stability limit no step is longer than so many times the limit, where
+# the method damps: otherwise fast parts ring as much as the tolerance allows, reactions far more.
+_LIMIT_STEPS, _LIMIT_MARGIN = 10.0, 1.2
+# Growth of a step while such parts are at rest but for round-off: beyond the limit they grow a
+# hundredfold in a step, which the error estimate detects in time; error over the allowed one below
+# which they are at rest.
+_REST_GROWTH, _REST_ERROR = 2.0, 1e-3
+# Error over the allowed one above which it limits the step: the control aims at 0.9⁸ = 0.43, and a
+# tenth leaves 0.83 of that step. Largest growth of a step by positions, as in the control.
+_RULING_ERROR, _MOST_LONGER = 0.1, 5.0
 # Loosest tolerances: the ratio of errors of run and scout is more than three times off what the
 # order says in 10 % of 204 passes of the judging scenes at 1e-7, 8 % of 122 at 1e-8 and 1e-9, none
 # of 22 below (order 8); in 9 % of 153 at 1e-6, 6 % of 72 at 1e-7, 1 of 223 below (order 5).
 # Share of the third-order estimate in that of DOP853 (Hairer, Nørsett & Wanner, eq. II.10.17).
-_THIRD = 0.1
+_THIRD_ORDER_SHARE = 0.1
 
 
 class Tableau(NamedTuple):
@@ -183,7 +183,7 @@ def end_step(run, tableau, h, status, of_parameters):
     nq, nv = st.q.shape[0], st.v.shape[0]
     constraint_stage(run, run.trial_point)
     gap = weighted_size(run.work.con.C, run.system.row_weights)
-    if status == FINE and run.method.stabilised == 0 and not gap < _OPEN:
+    if status == FINE and run.method.stabilised == 0 and not gap < _MAX_GAP:
         tr.error[0] = tr.error[1] = 0.0  # nothing is known of them
         _watch_stability(run, tableau, h, of_parameters)
         return NO_CONVERGENCE
@@ -232,18 +232,18 @@ def _watch_stability(run, tableau, h, of_parameters):
             tr.shares[k] = h * (tableau.A[last, k] - tableau.A[last - 1, k])
         _put_change(run, tr.shares, last, of_parameters)
         if _is_round_off(run):
-            if memory["steps_at_stability_limit"] > _SEVERAL:
-                memory["stable_step"] = _UNSEEN * h
+            if memory["steps_at_stability_limit"] > _LIMIT_STEPS:
+                memory["stable_step"] = _REST_GROWTH * h
             return
         moved = weighted_size(tr.dq, weights)
         if longer > h and moved > 0.0:  # of a vibration, whatever its phase in the two stages
             fastest = max(rate, math.sqrt(change / moved))
         # where velocities happen to agree, what positions differ by decides
         slow = 2.0 * change / (apart + math.sqrt(apart * apart + 4.0 * change * moved))
-        if longer * slow < _BY_POSITIONS * tableau.stable:
+        if longer * slow < _POSITION_LIMIT * tableau.stable:
             return
-    if memory["steps_at_stability_limit"] > _SEVERAL and rate > 0.0:
-        memory["stable_step"] = _NEAR * tableau.stable / rate
+    if memory["steps_at_stability_limit"] > _LIMIT_STEPS and rate > 0.0:
+        memory["stable_step"] = _LIMIT_MARGIN * tableau.stable / rate
     if not longer * fastest <= tableau.stable:  # what is not finite was not stable either
         if memory["fastest_rate"] == 0.0 and math.isfinite(rate):
             memory["fastest_rate"] = rate  # later ones are those of what has grown
@@ -255,7 +255,7 @@ def _is_round_off(run):
     """Whether positions in Trial.dq differ by round-off, of which stiff forces make any rate, and
     nothing that matters rings."""
     tr, allowed = run.work.trial, run.settings.tolerance * run.settings.slack
-    if not max(tr.error[0], tr.error[1]) <= _SILENT * allowed:
+    if not max(tr.error[0], tr.error[1]) <= _REST_ERROR * allowed:
         return False
     put_last_places(run)
     return over_last_places(run, tr.dq) <= 1.0
@@ -270,7 +270,7 @@ def _step_of_positions(run, h):
     one unstable, the motion is stiff all the same.
     """
     error, allowed = run.work.trial.error, run.settings.tolerance * run.settings.slack
-    if run.settings.step > 0.0 or not error[1] > max(error[0], _RULES * allowed):
+    if run.settings.step > 0.0 or not error[1] > max(error[0], _RULING_ERROR * allowed):
         return h
     left = max(error[0] / allowed, _MOST_LONGER ** (-run.method.error_order))
     return h * max(left ** (-1.0 / run.method.error_order), 1.0)
@@ -299,7 +299,7 @@ def _estimate_error(run, errors, h, of_parameters):
             if k == 0:
                 size = h * part
             else:
-                low = _THIRD * h * part
+                low = _THIRD_ORDER_SHARE * h * part
         if low > 0.0:
             size *= size / math.hypot(size, low)  # squares of 1e-170 would be zero
         tr.error[level] = size

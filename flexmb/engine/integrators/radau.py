@@ -58,25 +58,26 @@ if TYPE_CHECKING:
     from flexmb.model.scenes.dynamics import DynamicsSpec
 
 # Newton's method stops at this share of the error that a step of the local tolerance leaves.
-_SHARE = 0.005
+_NEWTON_SHARE = 0.005
 # An old factor is renewed before a step that expects a contraction above this.
 _RENEW_ABOVE = 0.1
 # Steps that differ by less share a factor.
 _SAME_STEP = 0.1
-# Corrections of positions up to so many times round-off that no longer shrink are noise: not if one
-# hardly does, as old factors correct now more, now less, but if it is as large as that two before.
+# Corrections of positions below so many times round-off that no longer shrink are noise: compared
+# with the one two before, since the contraction by an old factor varies from one to the next.
 _NOISE = 50.0
 # Regularisation of constraint rows across a singular pose, and pivots of redundant ones, over the
 # usual.
 _SINGULAR, _REDUNDANT = 1e5, 10.0
-# Gap of a constraint before the last correction of such a step, over what may remain: beyond it a
-# shorter step is tried, so often.
-_OPEN, _TRIES = 10.0, 3.0
-# Times its length that the polynomials of a step are extended: one that ends a jump knows no more.
-# Of a reference that a table holds and changes within 1e-9 to 1e-5 s runs fail with 1e4 and 1e5.
-_FAR = 20.0
-# Estimates of so many times round-off tell nothing: where stiff parts are at rest.
-_UNTOLD = 50.0
+# Of such a step: gap of a constraint before the last correction over what may remain, above which a
+# shorter step is tried; number of these trials.
+_GAP_RATIO, _MAX_TRIES = 10.0, 3.0
+# Extrapolation of the polynomials of a step over its length, at most: one that ends a jump says
+# nothing of what follows. With 1e4 and 1e5 runs fail whose reference, a table, changes within 1e-9
+# to 1e-5 s.
+_MAX_EXTRAPOLATION = 20.0
+# Error estimates below so many times round-off are noise: where stiff parts are at rest.
+_ERROR_NOISE = 50.0
 
 
 def make_method(spec: DynamicsSpec) -> Method:
@@ -108,7 +109,7 @@ def step(run: Run, radau: Radau, h: float) -> int:
         memory["regularisation"], memory["factor_step"] = _SINGULAR, 0.0
         status = _iterate(run, radau, h)
         memory["regularisation"], memory["factor_step"] = 0.0, 0.0
-        shorter = run.settings.step == 0.0 and memory["failures_since"] < _TRIES
+        shorter = run.settings.step == 0.0 and memory["failures_since"] < _MAX_TRIES
         if status == method.FINE and shorter and not _closes(run, h):
             status = method.NO_CONVERGENCE
     failed = status == method.NO_CONVERGENCE and len(run.stages.static.units) > 0
@@ -117,8 +118,9 @@ def step(run: Run, radau: Radau, h: float) -> int:
 
 @kernel
 def _closes(run, h):
-    """Whether constraints hold at all stages: corrections end as well where rows give way."""
-    gap, weights, most = run.work.collocation.gap, run.system.row_weights, _OPEN * _allowed(run, h)
+    """Whether constraints hold at all stages: Newton's method may end with open joints."""
+    gap, weights = run.work.collocation.gap, run.system.row_weights
+    most = _GAP_RATIO * _allowed(run, h)
     for i in range(STAGES):
         for k in range(gap.shape[1]):
             if not abs(gap[i, k]) * weights[k] <= most:
@@ -178,14 +180,14 @@ def _allowed(run, h):
     if settings.newton_tolerance > 0.0:
         return settings.newton_tolerance * h * h * weighted_size(run.state.vd, run.system.weights)
     # the estimate is of order h⁴, what the step leaves of order h⁶
-    return _SHARE * settings.tolerance**1.5
+    return _NEWTON_SHARE * settings.tolerance**1.5
 
 
 @kernel
 def _predict(run, radau, h):
     """Stages by the accelerations and multipliers of the last step, extrapolated."""
     st, col, span = run.state, run.work.collocation, run.work.collocation.span
-    has_step, before = h <= _FAR * span[1], st.memory[0]["last_step"]
+    has_step, before = h <= _MAX_EXTRAPOLATION * span[1], st.memory[0]["last_step"]
     for i in range(STAGES):
         x = (st.t[0] + radau.c[i] * h - span[0]) / span[1] if has_step else 0.0
         put_stage_weights(radau, x, col.share[i])
@@ -211,7 +213,7 @@ def _predict(run, radau, h):
     for k in range(st.lam.shape[0]):
         for i in range(STAGES):
             col.next_lam[i, k] = stage_sum(col.share[i], col.lam, k) if has_step else st.lam[k]
-        rise = (st.lam[k] - st.lam_before[k]) / before if h <= _FAR * before else 0.0
+        rise = (st.lam[k] - st.lam_before[k]) / before if h <= _MAX_EXTRAPOLATION * before else 0.0
         for i in range(STAGES):
             col.lam[i, k] = col.next_lam[i, k]
             col.next_lam[i, k] = st.lam[k] + radau.c[i] * h * rise  # what they are near to
@@ -320,7 +322,7 @@ def _estimate_error(run, radau, h):
     filter_motion(run, tr.dq)
     filter_motion(run, tr.jerk)
     tr.error[0] = size_above(tr.dq, run.system.weights, st.motion, 0.0, tr.places)
-    tr.error[1] = size_above(tr.jerk, run.system.weights, st.speed, _UNTOLD / c, tr.places)
+    tr.error[1] = size_above(tr.jerk, run.system.weights, st.speed, _ERROR_NOISE / c, tr.places)
 
 
 @unit

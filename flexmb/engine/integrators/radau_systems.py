@@ -19,7 +19,7 @@ from flexmb.engine.jit import Vector, kernel, unit
 from flexmb.engine.method import FINE
 from flexmb.engine.state import Run
 
-_ALMOST_ZERO = 1e-300
+_TINY_DAMPING = 1e-300  # cv that keeps the mass of motion, and no more
 
 
 @unit
@@ -33,7 +33,7 @@ def factorise_stages(run: Run, radau: Radau, h: float) -> int:
     pair.symmetric[0] = fac.symmetric[0]
     for i in range(pair.low.shape[0]):
         pair.low[i] = pair.up[i] = 0.0
-    put_matrix(run, at, _ALMOST_ZERO, 0.0)  # the mass of motion, not that of single solves
+    put_matrix(run, at, _TINY_DAMPING, 0.0)  # the mass of motion, not that of single solves
     _add_matrix(pair, fac, -1j)
     put_matrix(run, at, y, 2.0 * x * y)
     _add_matrix(pair, fac, 1j)

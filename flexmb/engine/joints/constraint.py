@@ -24,7 +24,7 @@ from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.state import DRIVER_POWER, Point, Run
 
-_REGULARISATION = 1e-9
+REGULARISATION = 1e-9  # ε of a row over (Cq diag(S)⁻¹ Cqᵀ)_ii, its pivot without other rows
 
 
 class Joints(NamedTuple):
@@ -145,7 +145,7 @@ def put_jacobian(run: Run, joints: Joints, at: Point) -> int:
     bodies, kkt, links, groups = sys.parts.bodies, sys.kkt, sys.kkt.links, sys.groups
     low, up, eps, rows = factor.low, factor.up, factor.eps, sys.rows
     symmetric = factor.symmetric[0] == 1
-    regularisation = _REGULARISATION * max(run.state.memory[0]["regularisation"], 1.0)
+    regularisation = REGULARISATION * max(run.state.memory[0]["regularisation"], 1.0)
     for k in range(groups.shape[0]):
         group = groups[k]
         panel = kkt.panels[group["panel"]]

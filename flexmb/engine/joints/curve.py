@@ -46,7 +46,7 @@ Array = NDArray[np.float64]
 _EXACT = 1e-13  # of the size of the curve: smaller errors than this are round-off
 # Jump of the third derivative between pieces, over the largest: a kink of accelerations, which
 # methods of high order meet with short steps.
-_SMOOTH = 1e-7
+_SMOOTH_JUMP = 1e-7
 _MIN_PIECES, _MAX_PIECES = 64, 1024
 _TERMS = 8  # of the polynomial of a piece
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(7)
@@ -83,7 +83,7 @@ def pieces_of(shape: CurveShape) -> Pieces:
     pieces = _divided(shape, per_break)
     while 2 * len(pieces.coefficients) <= _MAX_PIECES:
         exact, per_break = pieces.error <= _EXACT, 2 * per_break
-        if exact and pieces.jump <= _SMOOTH:
+        if exact and pieces.jump <= _SMOOTH_JUMP:
             break
         finer = _divided(shape, per_break)
         if exact and finer.jump >= pieces.jump:
@@ -157,8 +157,8 @@ def _hermite(nodes: Array, lengths: Array, middles: Array, half: Array) -> Array
 
 X, Y, Z = 0, 1, 2
 _SAMPLES = 1440  # places along a curve that are tried
-# Newton's corrections from a sample, or every fourth one, on; how many of them they may lead away.
-_CORRECTIONS, _NEAR, _FLAT = 8, 8.0, 1e-12
+# Newton's corrections from each sample or every fourth; samples between start and solution.
+_CORRECTIONS, _MAX_SHIFT, _FLAT = 8, 8.0, 1e-12
 _WARNED_ERROR = 1e-9  # error of the pieces over the size of the curve
 
 
@@ -286,7 +286,7 @@ def _between_samples(
             return near
         places = places - np.linalg.solve(slopes, gaps)
     ends, closed = np.array([(curve.length, curve.closed) for curve in curves]).T
-    if not (np.abs(places - near) < _NEAR * ends / _SAMPLES).all():
+    if not (np.abs(places - near) < _MAX_SHIFT * ends / _SAMPLES).all():
         return near
     return tuple(np.where(closed, places % ends, np.clip(places, 0.0, ends)).tolist())
 

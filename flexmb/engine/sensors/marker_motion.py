@@ -195,8 +195,8 @@ MARKER_MOTIONS = SensorKind(
 _ANGLES = 3
 # Sine or cosine of β below which the pose counts as singular: α and γ have no digits there.
 _SINGULAR = 1e-8
-# Way of axis k in I over its distances from axis i at both ends: then α changes by 41° at most.
-_NEAR = 0.35
+# Motion of axis k in I over its distances from axis i at both ends: α changes by 41° at most.
+_SWITCH_DISTANCE = 0.35
 
 
 @kernel
@@ -331,7 +331,7 @@ def _is_near(code, Ri, Rj, first, second):
     p, q = dot_columns(Ri, i, Rj, k), dot_columns(Ri, j, Rj, k)
     r = dot_columns(Ri, m, Rj, k)
     way = math.sqrt((p - along) ** 2 + (q - y) ** 2 + (r - z) ** 2)
-    return not way > max(_NEAR * (abs(across) + math.hypot(q, r)), 4.0 * _SINGULAR)
+    return not way > max(_SWITCH_DISTANCE * (abs(across) + math.hypot(q, r)), 4.0 * _SINGULAR)
 
 
 @unit

@@ -249,7 +249,7 @@ def tube(
 
 
 _CORE = 0.55  # radius of the core's corners over that of the disk
-_ROUND = 0.5  # 0: the core is a square, 1: a circle
+_CORE_ROUNDNESS = 0.5  # 0: the core is a square, 1: a circle
 
 
 def disk(
@@ -351,7 +351,7 @@ def _core_points(
     u, v = 2 * u - 1, 2 * v - 1
     flat = np.stack([u, v], axis=1) / math.sqrt(2)
     bent = np.stack([u * np.sqrt(1 - v**2 / 2), v * np.sqrt(1 - u**2 / 2)], axis=1)
-    place = _CORE * radius * ((1 - _ROUND) * flat + _ROUND * bent)
+    place = _CORE * radius * ((1 - _CORE_ROUNDNESS) * flat + _CORE_ROUNDNESS * bent)
     return np.column_stack([place, _height(z, thickness)])
 
 

@@ -66,8 +66,8 @@ from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.mesh_options import ModesOptions
 from flexmb.progress import Progress, silent
 
-_SPARE = 2  # modes beyond those requested, so that no pair of equal frequency is cut
-_OMITTED = 4  # of the modes that are left out, at most, by which a run judges what they would do
+_EXTRA_MODES = 2  # computed beyond those requested, so that no pair of equal frequency is cut
+_MAX_OMITTED = 4  # modes that are left out but stored, from which a run estimates their effect
 
 
 def craig_bampton(
@@ -121,7 +121,7 @@ def craig_bampton(
     )
     if not len(omega2) and fixed.count:
         omega2, inner = lowest(1)  # to judge what they would do
-    left = np.setdiff1d(np.arange(len(omega2)), numbers)[:_OMITTED]
+    left = np.setdiff1d(np.arange(len(omega2)), numbers)[:_MAX_OMITTED]
     omitted = np.zeros((fe.numbering.n, len(left)))
     omitted[fixed.dofs] = inner[:, left]
     omega2, V = omega2[numbers], np.zeros((fe.numbering.n, len(numbers)))
@@ -199,7 +199,7 @@ def distinct_modes(
     if count == 0:
         return np.zeros(0), np.zeros((M.shape[0], 0))
     if mirror is None:
-        omega2, V = lowest(min(count + _SPARE, limit))
+        omega2, V = lowest(min(count + _EXTRA_MODES, limit))
     else:
         S = mirror.S if dofs is None else mirror.on(dofs)
         omega2, V = symmetric_modes(S, M, lowest, count, limit)
@@ -306,7 +306,7 @@ def free_basis(
 
 def omitted_modes_of(V: FloatArray, rows: IntArray) -> FloatArray:
     """(n, o) the lowest of the modes V (n, k) that are not among the rows."""
-    return V[:, np.setdiff1d(np.arange(V.shape[1]), rows)[:_OMITTED]]
+    return V[:, np.setdiff1d(np.arange(V.shape[1]), rows)[:_MAX_OMITTED]]
 
 
 def free_modes_of(

@@ -347,7 +347,7 @@ def _on_lines(
 _SHAPES = {"tetra10": _in_tets, "line": _on_lines}
 
 
-_SPARE = 2  # modes beyond those requested: the last ones may lack partners not yet computed
+_EXTRA_MODES = 2  # computed beyond those requested: the last may lack their partners
 _MAX_ANTISYMMETRIC = 0.5  # share of energy from which on a mode counts as out of the plane
 
 Modes = tuple[FloatArray, FloatArray]
@@ -422,14 +422,14 @@ def symmetric_modes(
     """
     if modes == 0:
         return lowest(0)
-    count = min(int(2.5 * modes) + 2 * _SPARE, limit)
+    count = min(int(2.5 * modes) + 2 * _EXTRA_MODES, limit)
     while True:
         omega2, V = lowest(count)
         share, Q = eigh(*antisymmetric(M, S, V))
         even = Q[:, share < _MAX_ANTISYMMETRIC]
-        if even.shape[1] >= modes + _SPARE or count == limit:
+        if even.shape[1] >= modes + _EXTRA_MODES or count == limit:
             break
-        missing = (modes + _SPARE) / max(even.shape[1], 1)
-        count = min(count + 2 * _SPARE + int(min(1.2 * missing - 1, 1.5) * count), limit)
+        missing = (modes + _EXTRA_MODES) / max(even.shape[1], 1)
+        count = min(count + 2 * _EXTRA_MODES + int(min(1.2 * missing - 1, 1.5) * count), limit)
     symmetric, W = eigh(even.T @ (omega2[:, None] * even), even.T @ even)
     return symmetric, V @ (even @ W)

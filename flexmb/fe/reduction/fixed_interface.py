@@ -301,7 +301,7 @@ class FixedInterfaceModel:
         return modes
 
 
-_FIRST = 20  # modes computed at first where a frequency or a share decides
+_INITIAL_MODES = 20  # computed at first where a frequency or a share decides
 _MAX_MODES = 640  # modes computed at most for a share
 
 ModesLike = int | Mapping[str, Any] | ModesOptions
@@ -356,7 +356,7 @@ def select_modes(
     ReductionError
         More modes than the model has.
     """
-    count = _FIRST if selection.count is None else selection.count
+    count = _INITIAL_MODES if selection.count is None else selection.count
     while True:
         omega2, V = lowest(count)
         complete = len(omega2) < count or count >= limit

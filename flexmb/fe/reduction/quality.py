@@ -28,7 +28,7 @@ from flexmb.fe.reduction.reduced_basis import (
 )
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
-_FIRST = 20  # modes of the full model at first, where a frequency says how many
+_INITIAL_MODES = 20  # of the full model, where a frequency decides their number
 
 Lowest = Callable[[int], tuple[FloatArray, FloatArray]]
 
@@ -140,9 +140,9 @@ def compare_modes(
         Without it half as many modes as the reduced body has, twenty at most.
     """
     count = (
-        min(_FIRST, limit)
+        min(_INITIAL_MODES, limit)
         if up_to is not None
-        else min(_FIRST, (len(elastic.omega2) + 1) // 2, limit)
+        else min(_INITIAL_MODES, (len(elastic.omega2) + 1) // 2, limit)
     )
     while True:
         omega2, V = lowest(count)

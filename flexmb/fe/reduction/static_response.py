@@ -30,7 +30,7 @@ from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.static_response import InertiaResponse, LoadResponse, OmittedModes, load_nodes
 from flexmb.progress import Progress, silent
 
-_NOTHING = 1e-10  # share of the largest energy of a response: less is rounding
+_ENERGY_ROUND_OFF = 1e-10  # share of the largest energy of a response
 _COVERED = 0.01  # share of a mode's strain energy that the basis leaves: it has this mode
 _INSIDE = 1e-8  # share of a mode's strain energy that the basis leaves: less is in it
 
@@ -57,7 +57,7 @@ def omitted_responses(
         return None
     Y = _beside(fe, X, (elastic.omega2, elastic.Phi))
     full, lacks = (np.einsum("nr,nr->r", Z, fe.K @ Z) for Z in (X, Y))
-    counts = lacks > _NOTHING * full.max()
+    counts = lacks > _ENERGY_ROUND_OFF * full.max()
     return np.where(counts, Y, 0.0) if counts.any() else None
 
 

@@ -33,11 +33,11 @@ _JUMPING_RISES = {"cubicstep", "haversinestep"}
 # More than so many times all over again are no events but the motion itself.
 _MAX_REPETITIONS = 100_000
 _INTERVALS = 512
-_SUSPECTS = 12  # intervals that are halved
+_MAX_BISECTED = 12  # intervals that are bisected
 _HALVINGS = 44
-_SAME = 1e-9  # share of the run that is the start
+_AT_START = 1e-9  # share of the run that is the start
 _JUMP = 1e-9  # of the largest value; smaller jumps are round-off
-_CORNERS = 2000  # that are looked at
+_MAX_CORNERS = 2000  # that are examined
 # Operations that are undefined, or jump, somewhere.
 _UNSAFE = {"abs", "acos", "asin", "log", "sign", "sqrt", "tan"}
 _UNSAFE |= {"/", "atan2", "max", "min", "pow", "powc"}
@@ -141,7 +141,7 @@ def first_discontinuities(ops: Program, end: float, derivatives: int) -> list[Di
 @lru_cache(maxsize=64)  # a study or an audit asks for those of one scene again and again
 def _samples(ops: tuple[Any, ...], end: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Times at both sides of corners and at equal distances, and the jets there."""
-    places = np.array(derivative_jumps(ops, end)[:_CORNERS])
+    places = np.array(derivative_jumps(ops, end)[:_MAX_CORNERS])
     sides = np.nextafter(places, -np.inf), places, np.nextafter(places, np.inf)
     times = np.unique(np.concatenate([np.linspace(0.0, end, _INTERVALS + 1), *sides]))
     return times, np.array([evaluate(ops, t) for t in times])
@@ -187,7 +187,7 @@ def _first_jump(
     errors = _misfit(times[:-1], jets[:-1], times[1:], jets[1:], order)
     corners = np.diff(times) <= 2.0 * np.spacing(times[1:])
     suspects = np.zeros(len(errors), bool)
-    suspects[np.argsort(np.where(corners, 0.0, errors))[::-1][:_SUSPECTS]] = True
+    suspects[np.argsort(np.where(corners, 0.0, errors))[::-1][:_MAX_BISECTED]] = True
     for k in np.flatnonzero((corners | suspects) & (errors > _JUMP * scale)):
         low, high, a, b = times[k], times[k + 1], jets[k], jets[k + 1]
         largest = scale  # of what is seen: a short pulse may lie between the places at first
@@ -207,7 +207,7 @@ def _first_jump(
             else:
                 low, a = middle, jet
         size = abs(b[order] - a[order])
-        if size > _JUMP * largest and high > _SAME * times[-1]:  # nothing was before the start
+        if size > _JUMP * largest and high > _AT_START * times[-1]:  # nothing was before the start
             return Discontinuity(("value", "rate")[order], float(high), float(size))
     return None
 
@@ -230,9 +230,9 @@ _ARRAYS: dict[str, Callable[..., Array]] = {
     "sign": np.sign,
 }
 _SAMPLES = 20_000  # of a run; what lasts for less than two of them may be missed
-_RAPID = 10.0  # times as fast as usual
+_RAPID_CHANGE = 10.0  # over the median change between samples
 _NO_CHANGE = 1e-6  # of all
-_OVER = 0.5  # of what is rapid
+_RAPID_END = 0.5  # of that limit: a rapid change has ended below it
 _LOW_POWER = 8  # a polynomial of this degree has no pulses
 _SPAN, _SPANS = 0.2, 100  # share of the run that is not brief; more than so many are the motion
 
@@ -246,7 +246,7 @@ def brief_changes(ops: Ops, end: float) -> list[float]:
     with np.errstate(all="ignore"):
         values = np.nan_to_num(_values(ops, times), posinf=0.0, neginf=0.0)
     change = np.abs(np.diff(values))
-    limit = max(_RAPID * float(np.median(change)), _NO_CHANGE * float(np.ptp(values)))
+    limit = max(_RAPID_CHANGE * float(np.median(change)), _NO_CHANGE * float(np.ptp(values)))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], change > limit, [False]])))
     spans = times[edges].reshape(-1, 2)
     if len(spans) > _SPANS:
@@ -255,7 +255,7 @@ def brief_changes(ops: Ops, end: float) -> list[float]:
     groups = groups[np.diff(groups)[:, 0] < _SPAN * end]
     around = groups + np.diff(groups) * [-1.0, 1.0]  # where a pulse is over and growth is not
     after = np.interp(around, times[1:], change, left=0.0, right=0.0)
-    groups = groups[(after < _OVER * limit).all(axis=1)]
+    groups = groups[(after < _RAPID_END * limit).all(axis=1)]
     begins, ends = groups.T[:, None]
     brief = spans[((begins <= spans[:, :1]) & (spans[:, 1:] <= ends)).any(axis=1)]
     beside = brief + np.array([-1.0, 1.0]) * times[1]
@@ -282,7 +282,7 @@ _LAWS: dict[str, tuple[float, ...]] = {
     **dict.fromkeys(("abs", "sign", "max", "min"), (0.0,)),
     **dict.fromkeys(("cubicstep", "haversinestep"), (0.0, 1.0)),
 }
-_MOST, _STRAIGHT, _BEGIN = 2000, 1e-12, 1e-12
+_MAX_CROSSINGS, _STRAIGHT, _START = 2000, 1e-12, 1e-12
 
 
 def switch_times(ops: Ops, end: float) -> list[float]:
@@ -302,9 +302,9 @@ def switch_times(ops: Ops, end: float) -> list[float]:
             places = argument.jumps()
         if len(places) and not any(channel_of(inner) for inner, _ in last):
             times += _times_at(last, places, end)
-            if op == "sign" and evaluate(last, 0.0)[0] == 0.0 != evaluate(last, _BEGIN * end)[0]:
+            if op == "sign" and evaluate(last, 0.0)[0] == 0.0 != evaluate(last, _START * end)[0]:
                 times.append(0.0)
-    return times if len(times) <= _MOST else []
+    return times if len(times) <= _MAX_CROSSINGS else []
 
 
 def _times_at(ops: Ops, places: Sequence[float], end: float) -> list[float]:
@@ -321,7 +321,7 @@ def _times_at(ops: Ops, places: Sequence[float], end: float) -> list[float]:
     for place in places:
         beyond = values > place
         passed = np.flatnonzero(beyond[1:] != beyond[:-1])
-        for k in passed if len(passed) <= _MOST else ():
+        for k in passed if len(passed) <= _MAX_CROSSINGS else ():
             low, high = grid[k], grid[k + 1]
             ends = [evaluate(ops, t)[0] - place for t in (low, high)]
             if ends[0] * ends[1] < 0.0:

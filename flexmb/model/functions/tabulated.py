@@ -38,7 +38,7 @@ from flexmb.units import UnitSystem, parse_unit
 
 Points = tuple[tuple[float, float], ...]
 _TIMES = ("s", "times")
-_LONGEST = 24  # letters of a cell that a message quotes: a longer one is no number and no name
+_MAX_QUOTED = 24  # letters of a cell in a message: a longer one is no number and no name
 _MAX_BYTES = 2e8  # of a file
 
 
@@ -151,7 +151,7 @@ def _place(path: Path, name: str | int, header: list[str]) -> int:
     if isinstance(name, int):
         return name - 1
     if name not in header:
-        short = len(header) > 1 and all(len(cell) <= _LONGEST for cell in header)
+        short = len(header) > 1 and all(len(cell) <= _MAX_QUOTED for cell in header)
         names = tuple(header) if short else ()  # else it is no table, and nobody's text to show
         what = f'{path.name} has no column "{name}"'
         if not header:
@@ -166,7 +166,7 @@ def _cell(path: Path, line: int, cells: list[str], place: int) -> float:
         raise SceneError(f"{where}: there are {len(cells)} columns, no number {place + 1}")
     value = number_in(cells[place])
     if value is None:
-        shown = f'"{cells[place]}"' if len(cells[place]) <= _LONGEST else "its text"
+        shown = f'"{cells[place]}"' if len(cells[place]) <= _MAX_QUOTED else "its text"
         raise SceneError(f"{where}: {shown} is no finite number")
     return value
 

@@ -150,7 +150,7 @@ def read_curve_file(path: Path, units: UnitSystem) -> Points:
     return tuple(points)
 
 
-_SAME = 1e-9  # of the size of a curve: points closer than this are one
+_SAME_POINT = 1e-9  # of the size of a curve: points closer than this are one
 _SAMPLES = 720
 _CUSP = 1e-4  # of the largest speed of the parameter; rounding leaves 1e-8 where it vanishes
 
@@ -235,11 +235,11 @@ def _through(points: Points, closed: bool) -> CurveShape:
     x = np.zeros((len(points), 3))
     x[:, : sizes.pop()] = points
     size = float(np.linalg.norm(np.ptp(x, axis=0)))
-    if closed and np.linalg.norm(x[-1] - x[0]) <= _SAME * size:
+    if closed and np.linalg.norm(x[-1] - x[0]) <= _SAME_POINT * size:
         raise _fail("points", "the last point repeats the first; a closed curve closes by itself")
     ends = np.vstack([x, x[:1]]) if closed else x
     chords = np.linalg.norm(np.diff(ends, axis=0), axis=1)
-    if np.any(chords <= _SAME * size):
+    if np.any(chords <= _SAME_POINT * size):
         k = int(np.argmin(chords))
         raise _fail("points", f"point {k + 2} repeats point {k + 1}; leave one of them out")
     return _spline(np.append(0.0, np.cumsum(chords)), ends, closed, len(points[0]) == 2)
@@ -272,7 +272,7 @@ def _polar_table(pairs: tuple[tuple[float, float], ...], closed: bool) -> CurveS
         k = int(np.argmax(np.diff(angle) <= 0))
         what = f"angles must increase; that of point {k + 2} does not exceed that of point {k + 1}"
         raise _fail("polar_points", what)
-    if closed and abs(radius[-1] - radius[0]) > _SAME * np.abs(radius).max():
+    if closed and abs(radius[-1] - radius[0]) > _SAME_POINT * np.abs(radius).max():
         what = "of a closed curve the last radius, one turn on, must be the first again"
         raise _fail("polar_points", what)
     radius = np.append(radius[:-1], radius[0]) if closed else radius
@@ -346,7 +346,7 @@ def _slowest(shape: CurveShape, u: Array, speed: Array) -> tuple[float, float]:
 
 def _check_ends(x: Array, size: float, speed: Array) -> None:
     gap = float(np.linalg.norm(x[-1, 0] - x[0, 0]))
-    if gap > _SAME * size:
+    if gap > _SAME_POINT * size:
         what = (
             f"closed, its ends must meet, but lie {gap / size:.3g} of its size apart: let the last "
         )

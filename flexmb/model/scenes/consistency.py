@@ -318,7 +318,7 @@ def _domain(function: Function) -> tuple[float, float]:
     return float(first), float(last)
 
 
-_FAR = 0.5  # of the body's length; a marker further from its nodes is likely a slip of units
+_MAX_DISTANCE = 0.5  # of a marker from its nodes over the body's length: else a slip of units
 
 
 def body_problems(scope: Scope) -> Iterator[Problem]:
@@ -409,7 +409,7 @@ def far_markers(model: ModelData, flexbodies: lookup.Bodies) -> Iterator[str]:
             if marker.position is None:
                 continue
             away = np.linalg.norm(nodes.position - np.array(marker.position), axis=1).min()
-            if away > _FAR * length:
+            if away > _MAX_DISTANCE * length:
                 away, long = (model.units.say(value, "m", 3) for value in (away, length))
                 yield (
                     f"bodies.{body}.markers.{name}: lies {away} from the nearest node of a body "

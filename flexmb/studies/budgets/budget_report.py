@@ -27,15 +27,15 @@ from flexmb.studies.study_settings import label, markdown_table, run_command
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_SMALL = 1e-6  # percent texts below are powers of ten
-_LISTED = 0.01  # of the sum: smaller shares are left out of the line
+_DECIMAL = 1e-6  # percent texts below are powers of ten
+_MIN_LISTED = 0.01  # of the sum: smaller shares are left out of the line
 
 
 def percent(share: float) -> str:
     """A share with two digits, ``0.31 %``."""
     if share >= 0.995:
         return f"{100 * share:.0f} %"
-    return f"{100 * share:.2g} %" if share == 0.0 or share >= _SMALL else f"{100 * share:.0e} %"
+    return f"{100 * share:.2g} %" if share == 0.0 or share >= _DECIMAL else f"{100 * share:.0e} %"
 
 
 @dataclass(frozen=True, repr=False)
@@ -103,7 +103,7 @@ class Budget:
         listed = [
             f"{s.name} {percent(s.values.get(worst, 0.0))}"
             for s in parts
-            if s.values.get(worst, 0.0) >= _LISTED * total
+            if s.values.get(worst, 0.0) >= _MIN_LISTED * total
         ]
         least = "at least " if any(worst in s.rising for s in self.columns) else ""
         text = f"error of {worst}: {least}{percent(total)} = {' + '.join(listed)}"

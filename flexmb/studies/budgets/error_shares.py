@@ -43,7 +43,7 @@ CONVERGED, NOT_CONVERGED, ONE, NOISE, BOTH, UNKNOWN, NONE = (
     "not known", "none left out",
 )  # fmt: skip
 _MIN_RATIO = 1.5  # between the differences of two refinements that count as converging
-_NOISE = 2.0  # times the share of the integration: smaller differences are its own
+_NOISY = 2.0  # smaller differences than so many integration errors are noise
 _ONE_RATIO = 2.0  # taken for a knob that could be refined once only
 _LOOSEST = 0.1  # accuracy
 Shares = dict[str, float]
@@ -291,12 +291,12 @@ def estimate_error(
     steps = [errors.between(one, other) for one, other in itertools.pairwise(chain)]
     last = steps[-1]
     noise = noise or {}
-    quiet = {k for k in last if max(s[k] for s in steps) <= max(_NOISE * noise.get(k, 0.0), _FLOOR)}
+    quiet = {k for k in last if max(s[k] for s in steps) <= max(_NOISY * noise.get(k, 0.0), _FLOOR)}
     ratios = {k: steps[-2][k] / max(last[k], 1e-300) if len(runs) > 1 else _ONE_RATIO for k in last}
     rising = tuple(
         k
         for k, ratio in ratios.items()
-        if ratio < _MIN_RATIO and k not in quiet and last[k] > _NOISE * noise.get(k, 0.0)
+        if ratio < _MIN_RATIO and k not in quiet and last[k] > _NOISY * noise.get(k, 0.0)
     )
     rest = {k: last[k] / (max(ratios[k], _MIN_RATIO) - 1.0) for k in last}
     values = []

@@ -28,8 +28,8 @@ RunSettings = Callable[[list[dict[str, Any]]], Sequence[Row]]
 SCAN = 17
 """Runs of the scan of one knob."""
 
-_NARROW = 1e-9  # of the range: width of a root
-_JUMP = 1e-2  # of what the scan covers: a change over that width that is no root
+_ROOT_TOLERANCE = 1e-9  # width of a root over the range
+_JUMP_SHARE = 1e-2  # of the range of values: a change within that width that is no root
 _MET = (0.0, 1e-6, 1e-4)  # of what the scan covers: misses of a bound, the least that any run has
 _MARGIN = 1e-6  # of what the scan covers: inside a bound, so that what is found meets it
 _RADIUS = (0.1, 1e-4)  # of the unit cube: first and last trust region
@@ -209,14 +209,14 @@ class DesignSearch:
             return seen[share]
 
         try:
-            share = float(brentq(function, *ends, xtol=_NARROW, rtol=1e-12))
+            share = float(brentq(function, *ends, xtol=_ROOT_TOLERANCE, rtol=1e-12))
         except _RunFailed as error:
             return None, f"a root was not narrowed further: the run failed {error}"
         value = self._values(np.array([share]))[knob]
         below = max((s for s in seen if seen[s] * off[0] > 0.0), default=ends[0])
         above = min((s for s in seen if seen[s] * off[1] > 0.0), default=ends[1])
         gap = abs(seen[below] - seen[above]) if below in seen and above in seen else 0.0
-        if abs(seen[share]) > 0.0 and above - below < 1e-4 and gap > _JUMP * covers:
+        if abs(seen[share]) > 0.0 and above - below < 1e-4 and gap > _JUMP_SHARE * covers:
             ends_text = " to ".join(target.say(seen[s] + target.bound) for s in (below, above))
             jump = f"{target.name} jumps there: from {ends_text} at {knob} = {value:.9g}"
             return (None if target.question.relation == "=" else value), jump

@@ -227,7 +227,7 @@ def test_progress_goes_through_ordering_and_factorisation():
 
 
 def test_modes_by_the_solver_of_large_models_are_the_same_to_the_last_bit(monkeypatch):
-    monkeypatch.setattr(linear_solver, "_SMALL", 100)
+    monkeypatch.setattr(linear_solver, "_MAX_SUPERLU", 100)
     fe = assemble(block((4, 2, 2), (2.0, 1.0, 1.0)), resolve("steel"))
     interfaces = make_interfaces(fe, {"left": "x0", "right": "x1"})
     first, second = (craig_bampton(fe, interfaces, 6) for _ in range(2))

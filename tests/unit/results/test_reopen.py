@@ -157,7 +157,7 @@ def test_of_a_large_table_only_what_is_wanted_is_read(tmp_path, monkeypatch) -> 
     whole = Result(out.path)
     expected = {name: whole.part(name, [1, 0]) for name in ("q", "sensors", "energy")}
     monkeypatch.setattr(reader, "_MAX_TABLE", 100)
-    monkeypatch.setattr(reader, "_BLOCK", 500)
+    monkeypatch.setattr(reader, "_BLOCK_BYTES", 500)
     large = Result(out.path)
     for name, values in expected.items():
         np.testing.assert_array_equal(large.part(name, [1, 0]), values)

@@ -99,7 +99,7 @@ def swinging(tmp_path_factory):
 def test_envelopes_and_hot_spots_are_the_extremes_of_the_histories(swinging, monkeypatch):
     whole = swinging.stress("blade")
     mises = swinging.von_mises("blade").values
-    monkeypatch.setattr(reader, "_SMALL", 0)  # as if the run were long
+    monkeypatch.setattr(reader, "_READ_AT_ONCE", 0)  # as if the run were long
     monkeypatch.setattr(recovery, "_BATCH_BYTES", 8 * 6 * len(whole.node) * 7)  # seven rows
     run = flexmb.load_result(swinging.path)
     envelope = run.stress_envelope("blade")
