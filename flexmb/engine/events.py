@@ -342,12 +342,18 @@ def cross_time_event(run: Run, cp: float) -> int:
         return FINE
     st.t[0] = time_events[k, 1]
     status = _accelerate(run, cp)
-    if status == FINE and cp > 0.0:
-        share = _share_of_blow(run)
-        if share < 1.0:
-            status = _accelerate(run, share * cp)
+    if status == FINE and _factor_of_blow(run, st.v, cp) < cp:
+        tr = run.work.trial
+        copy(tr.v, tr.bend)
+        st.t[0] = time_events[k, 0]  # what velocities are off before the event is no jump
+        status = _accelerate(run, cp)
+        cp = _factor_of_blow(run, tr.bend, cp)
+        zero(tr.bend)
+        st.t[0] = time_events[k, 1]
+        if status == FINE:
+            status = _accelerate(run, cp)
     if status == FINE:
-        if _jump(run, st.memory[0]["next_step"], 1.0) > settings.tolerance:
+        if _jump(run, st.v, st.memory[0]["next_step"], 1.0) > settings.tolerance:
             _take_far_side(run)
             _forget_steps(st)
         elif run.method.stages > 0:  # whose first stage it is
@@ -371,28 +377,35 @@ def _accelerate(run, cp):
 
 
 @kernel
-def _share_of_blow(run):
-    """Of b in M + b ∂F/∂q, where speeds jump: what a step has in which they move by the tolerance.
+def _factor_of_blow(run, v, cp):
+    """b in M + b ∂F/∂q where speeds jump from v to those of the trial state, cp at most.
 
-    b of the last step, which may have been long, as at rest, would take from slow motions what a
-    blow gives them. So only what vibrates with less than that for amplitude is left out.
+    It is the square of the time in which they move by the accuracy: only what vibrates with less
+    for amplitude is left out. cp of long steps, as at rest, takes much of a blow from slow motions.
     """
-    moved = _jump(run, run.state.memory[0]["last_step"], 0.0)
-    return min(1.0, (run.settings.tolerance / moved) ** 2) if moved > 0.0 else 1.0
+    moved = _jump(run, v, 1.0, 0.0)
+    return min(cp, (run.settings.accuracy / moved) ** 2) if moved > 0.0 else cp
 
 
 @kernel
-def _jump(run, h, of_accelerations):
-    """What the jumps of velocities, and of accelerations or not, do to positions within a step h,
-    over the largest motion so far of the same part of the model."""
+def _jump(run, v, h, of_accelerations):
+    """What jumps of velocities from v, and of accelerations or not, do to positions in a step h.
+
+    Over the largest motion so far of the same part of the model; of one that has not moved, over
+    what these velocities are to move until the next event.
+    """
     st, tr, part, weights = run.state, run.work.trial, run.system.part, run.system.weights
     motion, jump = tr.dq, 0.0
+    left = next_end(run.system.time_events, st.t[0], run.settings.end) - st.t[0]
     zero(motion)
     for i in range(weights.shape[0]):
         motion[part[i]] = max(motion[part[i]], st.motion[i])
     for i in range(weights.shape[0]):
-        moved = abs(tr.v[i] - st.v[i]) + 0.5 * h * of_accelerations * abs(tr.vd[i] - st.vd[i])
+        speed = abs(tr.v[i] - v[i])
+        moved = speed + 0.5 * h * of_accelerations * abs(tr.vd[i] - st.vd[i])
         moved, most = weights[i] * h * moved, motion[part[i]]
+        if most < run.settings.least_motion:
+            most = max(most, weights[i] * speed * left)
         if not moved <= jump * most:
             jump = moved / most if most > 0.0 else math.inf
     return jump
