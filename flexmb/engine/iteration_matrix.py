@@ -258,7 +258,7 @@ def factorise_metric(run: Run, at: Point, metric: Vector) -> int:
     put_metric(parts, kkt, metric, low)
     keep_diagonal(kkt.panels, low, factor.diagonal)
     constraint_jacobian(run)
-    _fix_shapes(parts, run.system.rows, run.work.dense.jac)
+    _clear_modal_columns(parts, run.system.rows, run.work.dense.jac)
     put_constraint_matrix(run, at)
     copy(low, low0)
     factor.replaced[0] = ldl.factor(kkt, factor)
@@ -309,8 +309,8 @@ def put_metric(parts, kkt, metric, low):
 
 
 @kernel
-def _fix_shapes(parts, rows, jac):
-    """No modal coordinate in the Jacobian rows."""
+def _clear_modal_columns(parts, rows, jac):
+    """Set the columns of modal coordinates in the constraint Jacobian to zero."""
     bodies, markers = parts.bodies, parts.markers
     for k in range(rows.shape[0]):
         for side in range(2):

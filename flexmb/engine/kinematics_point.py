@@ -277,7 +277,7 @@ def solve_reactions(run: Run) -> int:
         status = forces(run, at)
         if status != FINE:
             return status
-        _fix_shapes(run.system.parts.bodies, res)
+        _clear_modal_forces(run.system.parts.bodies, res)
         for i in range(nv):
             fac.rhs[place[i]] = -res[i]
         solve_refined(kkt, fac, 1)  # takes the regularisation, 1e-9, back to round-off
@@ -292,7 +292,7 @@ def solve_reactions(run: Run) -> int:
 
 
 @kernel
-def _fix_shapes(bodies, res):
+def _clear_modal_forces(bodies, res):
     """No forces on modal coordinates: what holds the shapes takes them."""
     for k in range(bodies.shape[0]):
         for j in range(bodies[k]["m"]):

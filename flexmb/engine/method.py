@@ -75,7 +75,7 @@ def round_off(settings):
 
 
 # Status codes of the kernels; `entries` turns them into sentences.
-FINE, NO_CONVERGENCE, ZERO_LENGTH, NOT_FINITE, NO_METHOD, TOO_SMALL, REPEAT = range(7)
+FINE, NO_CONVERGENCE, ZERO_LENGTH, NOT_FINITE, TOO_SMALL, REPEAT = range(6)
 CURVE_END = 7  # a joint leaves its curve at an end
 SELF_LOCKING = 8  # friction in joints and the reactions that cause it do not settle
 NO_PARTITION = 9  # no choice of independent coordinates determines the others

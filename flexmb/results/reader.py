@@ -25,6 +25,7 @@ from flexmb.folders import temporary_folder
 from flexmb.results.channels import Columns, describe_missing, row_bytes, widths
 from flexmb.results.kill_safe_file import reading
 from flexmb.results.result_file import read_contents, read_state, read_table
+from flexmb.results.run_summary import SECONDS
 from flexmb.units import UnitSystem, unit_system
 
 DAMPING = "damping"  # name of the text in a result
@@ -78,7 +79,6 @@ def read_damping_text(text: str) -> tuple[BodyDamping, ...]:
 
 Places = list[int] | NDArray[np.int64] | slice
 
-_SECONDS = "seconds_"  # statistics of this prefix are wall times by phase
 _ALL = slice(None)
 _MAX_TABLE = 1.28e8  # bytes: of a larger table only what is wanted is read, and none is remembered
 _BLOCK_BYTES = 1.6e7  # of a larger table that are read at once
@@ -153,9 +153,9 @@ class ResultReader:
     def seconds(self) -> dict[str, float]:
         """Wall time by phase [s]: compile, assemble, integrate, flexible_bodies."""
         return {
-            name.removeprefix(_SECONDS): float(value)
+            name.removeprefix(SECONDS): float(value)
             for name, value in self.statistics.items()
-            if name.startswith(_SECONDS)
+            if name.startswith(SECONDS)
         }
 
     @property

@@ -15,12 +15,13 @@ NOTES = "notes"
 """The statistic that holds what was told of a run, a line for each."""
 NOT_CONTAINED = "not_contained"
 """The statistic that says what the errors of a run do not contain."""
+SECONDS = "seconds_"
+"""Before the names of statistics that are wall times by phase [s]."""
 _SPLIT = "`flexmb budget SCENE` splits them"
 _MAX_NOTES = 8000  # letters
 Number = float | int | str
 Row = tuple[str, str, str]
 
-_SECONDS = "seconds_"  # statistics of this prefix are wall times by phase
 _ITERATIONS = {
     name: name.replace("_", " ").replace("newton", "Newton")
     for name in ("newton_iterations", "residual_evaluations", "factorisations")
@@ -101,7 +102,7 @@ def work_rows(statistics: Mapping[str, Number], units: UnitSystem = SI) -> list[
     rows += [
         (key.replace("_", " "), _number_text(value), "")
         for key, value in statistics.items()
-        if key not in _WITH_WORDS and not key.startswith(_SECONDS)
+        if key not in _WITH_WORDS and not key.startswith(SECONDS)
     ]
     return rows
 
@@ -149,8 +150,8 @@ def time_rows(statistics: Mapping[str, Number]) -> list[Row]:
     """Rows on wall time: phase, seconds, and the time of a step or point."""
     rows = []
     for key, value in statistics.items():
-        if key.startswith(_SECONDS):
-            phase = key.removeprefix(_SECONDS)
+        if key.startswith(SECONDS):
+            phase = key.removeprefix(SECONDS)
             of = {"integrate": "steps", "kinematics": "points", "statics": "points"}.get(phase, "")
             meaning = ""
             if statistics.get(of) and _RESUMED not in statistics:
@@ -163,12 +164,12 @@ def time_rows(statistics: Mapping[str, Number]) -> list[Row]:
 def summary_sentence(statistics: Mapping[str, Number]) -> str:
     """The run in one line; empty for a run without steps and points."""
     what, phase = ("steps", "integrate") if "steps" in statistics else ("points", "kinematics")
-    phase = "statics" if f"{_SECONDS}statics" in statistics else phase
+    phase = "statics" if f"{SECONDS}statics" in statistics else phase
     if what not in statistics:
         return ""
     text = f"{_number_text(statistics[what])} {what}"
-    if f"{_SECONDS}{phase}" in statistics and _RESUMED not in statistics:
-        text += f" in {float(statistics[f'{_SECONDS}{phase}']):.3g} s"
+    if f"{SECONDS}{phase}" in statistics and _RESUMED not in statistics:
+        text += f" in {float(statistics[f'{SECONDS}{phase}']):.3g} s"
     errors = [
         f"{name} {float(statistics[key]):.1g}"
         for key, name in (

@@ -164,12 +164,9 @@ def kinematics(
         Whatever is wrong, in one message: motions without driver, drivers that contradict each
         other, singular poses.
     """
-    if fields:
-        spec = model.kinematics
-        present = {} if spec is None else spec.model_dump(context=model.context)
-        model = copy.copy(model)
-        model.set_kinematics(**{**present, **fields})
-    return _run_and_open(model, "kinematics", output, None, progress)
+    return _run_and_open(
+        _changed(model, "kinematics", fields), "kinematics", output, None, progress
+    )
 
 
 def statics(
@@ -195,12 +192,18 @@ def statics(
     FlexmbError
         Whatever is wrong, in one message: no equilibrium, and what moves on.
     """
-    if fields:
-        spec = model.statics
-        present = {} if spec is None else spec.model_dump(context=model.context)
-        model = copy.copy(model)
-        model.set_statics(**{**present, **fields})
-    return _run_and_open(model, "statics", output, None, progress)
+    return _run_and_open(_changed(model, "statics", fields), "statics", output, None, progress)
+
+
+def _changed(model: Model, section: str, fields: dict[str, Any]) -> Model:
+    """The model with other fields of the section of an analysis; the model itself without any."""
+    if not fields:
+        return model
+    spec = getattr(model, section)
+    present = {} if spec is None else spec.model_dump(context=model.context)
+    model = copy.copy(model)
+    getattr(model, f"set_{section}")(**{**present, **fields})
+    return model
 
 
 def _run_and_open(

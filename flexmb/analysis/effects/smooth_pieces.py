@@ -19,7 +19,6 @@ from flexmb.analysis.effects.stored_motion import Motion
 from flexmb.engine.compile import Compiled
 from flexmb.flexbody.arrays import Array, IntArray
 
-_SPIKE = 5  # rows: one or two beside one another are a spike
 _COLUMNS = 64  # whose splines fit into the cache of a processor
 _SLOW = 0.1  # rad of a change of coefficients between two rows, beyond which they are no series
 _JUMP = 5.0  # times the larger change beside it: smooth motion has at most one of them
@@ -59,25 +58,25 @@ class SmoothPieces:
                 rates[piece.stop - 1, columns] = spline(t[-1], order)
         return rates.reshape(values.shape)
 
-    def calm_second(self, values: Array, second: Array) -> Array:
-        """Second time derivative of rows without its spikes.
+    def slow_rates(self, values: Array, span: float) -> tuple[Array, Array]:
+        """First and second time derivative of rows (n, d), from differences over a span at least.
 
-        What follows a load has one where the load bends, as at the points of a table: more there
-        than the median of differences beside it by the largest of these.
+        What changes within it, such as bends of loads and noise, counts as if it took as long.
         """
-        from scipy.ndimage import median_filter
-
-        calm = second.copy()
+        first, second = np.zeros((2, *values.shape))
         for piece in self._pieces():
             t, x = self.t[piece], values[piece]
-            if len(t) > 2:
-                h = np.diff(t)[:, None]
-                beside = 2.0 * np.diff(np.diff(x, axis=0) / h, axis=0) / (h[1:] + h[:-1])
-                beside = median_filter(beside, (_SPIKE, 1), mode="nearest")
-                beside = np.concatenate([beside[:1], beside, beside[-1:]])
-                spikes = np.abs(second[piece] - beside) > np.abs(beside).max(axis=0)
-                calm[piece][spikes] = beside[spikes]
-        return calm
+            n = len(t)
+            if n < 3:
+                continue
+            wide = int(np.clip(np.ceil(span * (n - 1) / (t[-1] - t[0])), 1, (n - 1) // 2))
+            k = np.clip(np.arange(n), wide, n - 1 - wide)
+            before, after = (t[k] - t[k - wide])[:, None], (t[k + wide] - t[k])[:, None]
+            slopes = (x[k] - x[k - wide]) / before, (x[k + wide] - x[k]) / after
+            second[piece] = 2.0 * (slopes[1] - slopes[0]) / (before + after)
+            middle = (slopes[0] * after + slopes[1] * before) / (before + after)
+            first[piece] = middle + (t - t[k])[:, None] * second[piece]
+        return first, second
 
     def jumps(self, values: Array, rates: Array) -> Array:
         """By how much rows jump from one piece to the next, in the rows behind it; else 0."""

@@ -88,7 +88,7 @@ def test_a_chaotic_motion_is_told_with_a_time_until_which_it_is_accurate(known, 
     # as far as the truth is known, and not much less
     assert error[t < min(told, until)].max() < 2 * accuracy
     lost = t[np.flatnonzero(error > accuracy)[0]]
-    assert 0.5 * lost < told < lost + 1.0
+    assert 0.5 * lost < told < lost + 2.0  # from 1e-8 to 1e-6 takes as long
 
 
 @pytest.mark.slow
