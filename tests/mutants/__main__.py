@@ -11,6 +11,7 @@ import argparse
 import compileall
 import contextlib
 import importlib
+import importlib.util
 import os
 import re
 import shutil
@@ -72,13 +73,16 @@ def _run(mutant: Mutant, root: Path, quick: bool) -> tuple[bool, str]:
     """Whether a test fails, and which."""
     file = root / "flexmb" / mutant.file
     text, stat = file.read_text(encoding="utf-8"), file.stat()
+    bytecode = Path(importlib.util.cache_from_source(file))  # of the same length and second
     file.write_text(mutant.changed(root), encoding="utf-8")
+    bytecode.unlink(missing_ok=True)
     tests = mutant.tests if quick and mutant.tests else relevant_tests(mutant, quick)
     try:
         answer = _first_failure(mutant, root, tests)
     finally:
         file.write_text(text, encoding="utf-8")
         os.utime(file, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+        bytecode.unlink(missing_ok=True)
     return bool(answer), answer
 
 

@@ -68,6 +68,13 @@ def test_rebound(law, e):
     assert found.mismatch() <= 1e-3 * 0.5 * M * 4.0
 
 
+def test_rebound_by_fixed_steps():
+    """The impact begins within a step: its speed is that of the step before and of this one."""
+    made = ball([0, 0, 0], [0, 0, R + 0.01], [0, 0, -2.0], restitution=0.5, damping="exact")
+    found = run(made, duration=0.02, outputs=10, step=2e-5, method="radau")
+    assert found["speed.z"][-1] / 2.0 == pytest.approx(0.5, abs=1e-4)
+
+
 @pytest.mark.parametrize(
     ("gravity", "speed", "least", "is_slow"),
     [(0.0, 5e-4, {}, True), (0.0, 5e-4, {"least_speed": 5e-6}, False), (0.0, 0.05, {}, False),
