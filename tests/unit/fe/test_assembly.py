@@ -28,6 +28,18 @@ def test_mass_of_a_skewed_box_is_exact():
     np.testing.assert_allclose(inertia.S0, mass * second, **TIGHT)
 
 
+def test_loads_of_an_angular_acceleration():
+    """A force per mass α × s has the moment J α about the origin, and the force m α × c."""
+    fe, alpha = assemble(block((3, 2, 2), distort=0.3, affine=AFFINE), MATTER), np.array([3, -2, 5])
+    turning = np.cross(alpha, np.eye(3)).T
+    load = fe.load_per_mass(np.column_stack([turning, np.zeros(3)]))
+    inertia, c = fe.inertia, fe.center
+    force, moment = np.split(fe.rigid.T @ load, 2)
+    J = np.trace(inertia.S0) * np.eye(3) - inertia.S0
+    np.testing.assert_allclose(force, inertia.mass * np.cross(alpha, c), **TIGHT)
+    np.testing.assert_allclose(moment + np.cross(c, force), J @ alpha, rtol=1e-10)
+
+
 def test_mass_of_a_skew_beam_is_exact():
     """Prism of length L: S0 = m (c c^T + R diag(L^2, y^2, z^2)/12 R^T)."""
     start, end = np.array([0.1, -0.2, 0.3]), np.array([0.7, 0.5, 0.9])
