@@ -57,6 +57,17 @@ def test_a_load_acts_on_modes_as_its_node_moves(frames):
         np.testing.assert_allclose(load.modal, wanted, atol=1e-9 * np.abs(wanted).max())
 
 
+def test_interfaces_are_as_far_apart_in_both_frames():
+    """To second order, Δu = ΔΦ η − ηᵀ Δb η/2: how a frame turns with the modes tells no distance."""
+    body = rod(0.01, 1.0, 10, 4, geometric_stiffening="full")
+    seconds = []
+    for framed in (body, frame_at_interface(body, "root")):
+        root, tip = (framed.interface(name) for name in ("root", "tip"))
+        moved, arm = tip.Phi_t - root.Phi_t, tip.position - root.position
+        seconds.append(moved.T @ moved - np.tensordot(arm, tip.bend - root.bend, 1))
+    np.testing.assert_allclose(*seconds, rtol=0, atol=1e-9 * np.abs(seconds[0]).max())
+
+
 def spun_up(body, **words):
     """Tip of a beam that its hub turns ever faster, smoothly up to 32 rad/s."""
     made = Model("blade")
