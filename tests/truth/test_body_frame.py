@@ -58,7 +58,7 @@ def test_a_load_acts_on_modes_as_its_node_moves(frames):
 
 
 def test_interfaces_are_as_far_apart_in_both_frames():
-    """To second order, Δu = ΔΦ η − ηᵀ Δb η/2: how a frame turns with the modes tells no distance."""
+    """To second order, Δu = ΔΦ η − ηᵀ Δb η/2: a turn of the frame changes no distance."""
     body = rod(0.01, 1.0, 10, 4, geometric_stiffening="full")
     seconds = []
     for framed in (body, frame_at_interface(body, "root")):
