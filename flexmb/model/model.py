@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from types import MappingProxyType
@@ -188,7 +189,8 @@ class Model:
         assert owner is not None
         spec, problems = read_named("markers", name, fields, self.context)
         where = f"{body}.markers.{name}" if body == GROUND else f"bodies.{body}.markers.{name}"
-        problems = [Problem(where, p.what, p.allowed, p.nearest) for p in problems]
+        own = f"markers.{name}"
+        problems = [replace(p, where=where + p.where.removeprefix(own)) for p in problems]
         if lookup.has_marker(self, body, name):
             problems.append(Problem(where, f'the name "{name}" is used twice'))
         _raise(problems)

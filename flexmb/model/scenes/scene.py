@@ -80,6 +80,15 @@ def load_scene(path: str | Path, overrides: Mapping[str, Any] | None = None) -> 
     return model
 
 
+def as_model(source: Model | str | Path) -> Model:
+    """A model as it is, or that of a scene file."""
+    if isinstance(source, str | Path):
+        return load_scene(source)
+    if not isinstance(source, Model):
+        raise SceneError(f"a model or a scene file is expected, given {source!r}")
+    return source
+
+
 def raw_scene(path: str | Path) -> dict[str, Any]:
     """The tables of a scene file as they stand, not checked.
 
@@ -118,6 +127,9 @@ def _not_there(path: Path) -> Problem:
     return Problem(str(path), f"no such file: the folder {path.parent} does not exist")
 
 
+_SECTION = re.compile(r"\s*\[+\s*(?P<name>[^\]]*)")
+
+
 def _listing(folder: Path) -> list[str]:
     try:
         return sorted(entry.name for entry in folder.iterdir())
@@ -138,11 +150,24 @@ def _parse(path: Path, text: str) -> dict[str, Any]:
         else:
             line, column = len(lines), len(lines[-1]) + 1
         shown = lines[min(line, len(lines)) - 1].replace("\t", " ")
+        reason = _twice(reason, shown)
         what = f"not TOML: {reason} at line {line}, column {column}"
         caret = f"\n    {shown}\n    {' ' * (column - 1)}^"
         raise SceneError.from_problems([Problem(str(path), what + caret)]) from None
     except RecursionError:
         raise SceneError(f"{path}: not TOML: nested too deeply") from None
+
+
+def _twice(reason: str, line: str) -> str:
+    """What is twice in a file, by its name; the reason as it is where it is another one."""
+    if not reason.startswith(("Cannot overwrite a value", "Cannot declare")):
+        return reason
+    section = _SECTION.match(line)
+    if section is None:
+        return f'the key "{line.split("=")[0].strip()}" is twice in this section'
+    if " " in section["name"].strip():
+        return "a name with a blank must be in quotation marks"
+    return f"[{section['name']}] is there twice, or a value has its name"
 
 
 _GRAVITY: Form = {
