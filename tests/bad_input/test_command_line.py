@@ -223,3 +223,17 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     import slidercrank
 
     return slidercrank.make(tmp_path_factory.mktemp("run"))
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["run", "a.toml", "--vary", "r=1"], "--vary; it is an option of modes, statics, study"),
+        (["run", "a.toml", "--debug"], "it stands before the command: flexmb --debug ..."),
+        (["run", "a.toml", "--out", "b"], "--out (Possible options: --output)"),
+    ],
+)
+def test_options_of_other_commands_are_told(words: list[str], said: str) -> None:
+    done = call(*words)
+    assert done.exit_code == 2
+    assert said in done.stderr

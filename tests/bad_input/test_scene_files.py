@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import flexmb
-from flexmb.errors import SceneError
+from flexmb.errors import FlexmbWarning, SceneError
 from flexmb.model import Model, load_scene
 
 GOOD = """
@@ -135,3 +135,16 @@ def test_a_marker_that_is_added_says_where_it_is_wrong():
     with pytest.raises(SceneError) as caught:
         model.add_marker("bar.tip", position=[1, 0])
     assert str(caught.value) == "bodies.bar.markers.tip.position[2]: is missing"
+
+
+def test_changes_of_parameters_with_units(scene):
+    scene.write_text(GOOD.replace("speed = 10", 'speed = "300 rpm"'))
+    assert message(scene, {"speed": "3 mm"}).endswith('"300 rpm", and "3 mm" is another quantity')
+    with pytest.warns(FlexmbWarning, match="not in rpm: it is 95.493 rpm; write "):
+        load_scene(scene, {"speed": 10})
+    load_scene(scene, {"speed": "10 rad/s"})
+
+
+def test_a_law_with_if_says_what_there_is(scene):
+    scene.write_text(GOOD + "[sensors]\nlaw = {type = 'expression', value = 'if(t<0.5,0,1)'}")
+    assert 'there is no "if"; step, sign' in message(scene)

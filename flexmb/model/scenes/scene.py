@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import re
 import tomllib
+import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,7 +20,7 @@ from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import core_schema
 
-from flexmb.errors import Problem, SceneError, nearest
+from flexmb.errors import FlexmbWarning, Problem, SceneError, nearest
 from flexmb.flexbody.planar_body import PLANES
 from flexmb.model.body import RigidBodySpec, UnitsName
 from flexmb.model.control import StateSpec
@@ -40,7 +41,7 @@ from flexmb.model.scenes.sections import (
     FORCE_TYPES,
     ViewSpec,
 )
-from flexmb.model.scenes.study import override
+from flexmb.model.scenes.study import override, units_of_changes
 from flexmb.model.sensor import SENSOR_TYPES
 
 _MAX_BYTES = 50_000_000
@@ -72,9 +73,13 @@ def load_scene(path: str | Path, overrides: Mapping[str, Any] | None = None) -> 
     text = _text(path)
     scene = _parse(path, text)
     if overrides:
+        before = scene
         scene, problems = override(scene, overrides)
-        if problems:
-            raise SceneError.from_problems(problems)
+        wrong, notes = units_of_changes(before, scene, overrides)
+        if problems or wrong:
+            raise SceneError.from_problems([*problems, *wrong])
+        for note in notes:
+            warnings.warn(note, FlexmbWarning, stacklevel=2)
     model = build(Model, scene, path.parent)
     model.source = Source(path.resolve(), text, dict(overrides or {}))
     return model
