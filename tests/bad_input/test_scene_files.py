@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import pytest
 
 import flexmb
@@ -140,9 +142,12 @@ def test_a_marker_that_is_added_says_where_it_is_wrong():
 def test_changes_of_parameters_with_units(scene):
     scene.write_text(GOOD.replace("speed = 10", 'speed = "300 rpm"'))
     assert message(scene, {"speed": "3 mm"}).endswith('"300 rpm", and "3 mm" is another quantity')
-    with pytest.warns(FlexmbWarning, match="not in rpm: it is 95.493 rpm; write "):
-        load_scene(scene, {"speed": 10})
-    load_scene(scene, {"speed": "10 rad/s"})
+    with pytest.warns(FlexmbWarning, match="200 has no unit and is 1909.86 rpm in the scene's"):
+        load_scene(scene, {"speed": 200})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for clear in (30, "200 rad/s", "200 rpm", "2*pi"):
+            load_scene(scene, {"speed": clear})
 
 
 def test_a_law_with_if_says_what_there_is(scene):

@@ -110,7 +110,7 @@ def units_of_changes(
     before: Mapping[str, Any], after: Mapping[str, Any], names: Iterable[str]
 ) -> tuple[list[Problem], list[str]]:
     """Parameters of which a scene states the unit and a change another one: problems where it is
-    one of another quantity, sentences where it is left out and the scene's own is another."""
+    one of another quantity, sentences where it is left out though the number seems to have it."""
     problems, notes = [], []
     system = UNIT_SYSTEMS.get(str(before.get("units", "SI")))
     for name in (name.strip().removeprefix("parameters.") for name in names):
@@ -124,14 +124,17 @@ def units_of_changes(
         if other and parse_unit(other).dimension != unit.dimension:
             what = f"the scene has {quote(old)}, and {quote(new)} is another quantity"
             problems.append(Problem(f"override {name}", what))
-        elif not other and new != old and ratio != 1.0:
-            what = f"{new} has no unit, so it counts in the scene's units, not in {stated}"
-            if isinstance(new, int | float):
-                what += (
-                    f': it is {new * ratio:.6g} {stated}; write "{new} {stated}" if that is meant'
-                )
-            notes.append(f"override {name}: {what}")
+        elif isinstance(new, int | float) and _is_meant(new, float(str(old).split()[0]), ratio):
+            what = f"{new} has no unit and is {new * ratio:.6g} {stated} in the scene's units"
+            notes.append(f'override {name}: {what}; {new} {stated} is written "{new} {stated}"')
     return problems, notes
+
+
+def _is_meant(new: float, old: float, ratio: float) -> bool:
+    """Whether a number is nearer to the one before its unit than to what that is in scene units."""
+    if ratio == 1.0 or new == 0.0 or old == 0.0:
+        return False
+    return abs(math.log(abs(new / old))) < abs(math.log(abs(new * ratio / old)))
 
 
 def _unit_text(value: Any) -> str:
