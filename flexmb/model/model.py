@@ -22,6 +22,7 @@ from flexmb.model.control import ControllerSpec, StateSpec
 from flexmb.model.joints.coupler import Coupler, repeated_couplers
 from flexmb.model.joints.curve import CurveSpec
 from flexmb.model.joints.driver import DriverSpec
+from flexmb.model.joints.gear import unequal_teeth
 from flexmb.model.joints.joint import JointSpec
 from flexmb.model.lookup import Component
 from flexmb.model.markers import GroundSpec, MarkerSpec
@@ -411,6 +412,7 @@ class Model:
         return [
             *model_warnings(self, bodies),
             *(repeated_couplers(self, bodies) if self.couplers else ()),
+            *unequal_teeth(self, bodies),
         ]
 
     def to_scene_dict(
