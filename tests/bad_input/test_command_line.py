@@ -237,3 +237,12 @@ def test_options_of_other_commands_are_told(words: list[str], said: str) -> None
     done = call(*words)
     assert done.exit_code == 2
     assert said in done.stderr
+
+
+def test_an_interface_may_be_a_table(tmp_path: Path) -> None:
+    mesh = write_box(tmp_path / "box.msh")
+    words = ["reduce", mesh, "--material", "steel", "--modes", "2", "--output", tmp_path / "box.h5"]
+    ends = "a={center = [0, 0, 0], radius = %s}"
+    assert "hold all its nodes" in refused(*words, "--interface", ends % 9)[0]
+    assert "is no table" in call(*words, "--interface", "a={center = [0").stderr
+    assert refused(*words, "--interface", "a={centre = 3}")[0].startswith("interfaces.a.centre: ")

@@ -149,7 +149,7 @@ class Mesh:
         if name in self.node_sets:
             return
         names = tuple(self.node_sets)
-        has = "" if names else " (it has no groups at all)"
+        has = "" if names else " (it has no groups at all; nodes are named by number or place)"
         what = f'{self.source} has no group "{name}"{has}'
         raise MeshError.from_problems([Problem(where, what, names, nearest(name, names))])
 
