@@ -148,12 +148,14 @@ def nearest(name: str, names: Iterable[str], n: int = 3) -> tuple[str, ...]:
     n : int
         How many to return at most.
     """
-    matcher = difflib.SequenceMatcher()
-    matcher.set_seq2(name.casefold())
+    word = name.casefold()
+    spellings = [word, *([word[:-1] + "ies"] if word.endswith("y") else [])]  # body: bodies
+    matchers = [difflib.SequenceMatcher(b=spelling) for spelling in spellings]
     scored = []
     for candidate in names:
-        matcher.set_seq1(candidate.casefold())
-        scored.append((matcher.ratio(), candidate))
+        for matcher in matchers:
+            matcher.set_seq1(candidate.casefold())
+        scored.append((max(matcher.ratio() for matcher in matchers), candidate))
     scored.sort(key=lambda pair: -pair[0])
     similar = [candidate for score, candidate in scored if score >= _MIN_LIKENESS]
     if not similar and len(name) >= _MIN_BEGINNING:

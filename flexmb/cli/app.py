@@ -20,9 +20,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from flexmb import __version__
-from flexmb.errors import FlexmbError, FlexmbWarning, printable
+from flexmb.errors import FlexmbError, FlexmbWarning, nearest, printable
 from flexmb.progress import Progress
 
 FAULT, MISTAKE, FAILED_CHECK, INTERRUPTED = 1, 2, 3, 130
@@ -63,8 +64,36 @@ flexmb list joints
 Exit codes: 0 done, 1 a fault of flexmb, 2 a mistake in the input, 3 a check failed, 130 Ctrl-C.
 """
 
+
+class _Commands(TyperGroup):
+    """The commands; an option that the command does not have is told of those that have it."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command, as its superclass does."""
+        try:
+            return super().invoke(ctx)
+        except Exception as error:
+            option, of = getattr(error, "option_name", ""), getattr(error, "ctx", None)
+            if isinstance(error, typer.BadParameter) or not option or of is None:
+                raise
+            own = [word for parameter in of.command.params for word in parameter.opts]
+            others = [
+                name
+                for name, command in self.commands.items()
+                if any(option in parameter.opts for parameter in command.params)
+            ]
+            vars(error)["possibilities"] = nearest(option, own)
+            if option == "--debug":
+                vars(error)["message"] += "; it stands before the command: flexmb --debug ..."
+            elif others and option not in own:
+                shown = [*others[:5], *([f"{len(others) - 5} more"] if len(others) > 5 else [])]
+                vars(error)["message"] += f"; it is an option of {', '.join(shown)}"
+            raise
+
+
 app = typer.Typer(
     name="flexmb",
+    cls=_Commands,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,

@@ -42,8 +42,9 @@ def reduce(
         list[str] | None,
         typer.Option(
             metavar="NAME=GROUP",
-            help="A mesh group where joints and loads attach, under the name of its marker; "
-            "may be repeated. Without any, the modes of the free body are taken.",
+            help="A mesh group where joints and loads attach, under the name of its marker, or a "
+            "table as in a scene, lengths in m, such as 'a={center=[0, 0, 0], radius=0.02}'; may "
+            "be repeated. Without any, the modes of the free body are taken.",
         ),
     ] = None,
     modes: Annotated[
@@ -151,11 +152,12 @@ def reduce(
         if material is None:
             raise typer.BadParameter("is needed with a mesh file", param_hint="--material")
         sections = parse_pairs(section, "--section").items()
+        ends = parse_pairs(interface, "--interface").items()
         with screen.Bars() as progress:
             reduced = reduction.reduce_mesh(
                 source,
                 material=parse_table(material, "--material"),
-                interfaces=parse_pairs(interface, "--interface"),
+                interfaces={name: parse_table(text, "--interface") for name, text in ends},
                 sections={group: parse_table(text, "--section") for group, text in sections},
                 output=output,
                 progress=progress,

@@ -4,6 +4,6 @@ No numerics live here: the engine compiles a :class:`Model` together with its fl
 """
 
 from flexmb.model.model import Model
-from flexmb.model.scenes.scene import describe, load_scene, scene_schema
+from flexmb.model.scenes.scene import as_model, describe, load_scene, scene_schema
 
-__all__ = ["Model", "describe", "load_scene", "scene_schema"]
+__all__ = ["Model", "as_model", "describe", "load_scene", "scene_schema"]

@@ -240,9 +240,13 @@ def _values(
 
 
 def _read_angle(value: Any, names: ReadContext) -> float:
-    if isinstance(value, int | float) and abs(value) > _TURN:
-        what = f"an angle [rad] is expected, given {value}, more than a turn"
-        raise SceneError(f'{what}; degrees are written "{value:g} deg"')
+    try:
+        plain = float(value)
+    except (TypeError, ValueError):
+        plain = 0.0  # an expression, or what is no angle
+    if abs(plain) > _TURN and math.isfinite(plain):
+        what = f"an angle [rad] is expected, given {quote(value)}, more than a turn"
+        raise SceneError(f'{what}; degrees are written "{plain:g} deg"')
     return read_number(value, names, "rad")
 
 

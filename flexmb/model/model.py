@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from types import MappingProxyType
@@ -21,6 +22,7 @@ from flexmb.model.control import ControllerSpec, StateSpec
 from flexmb.model.joints.coupler import Coupler, repeated_couplers
 from flexmb.model.joints.curve import CurveSpec
 from flexmb.model.joints.driver import DriverSpec
+from flexmb.model.joints.gear import unequal_teeth
 from flexmb.model.joints.joint import JointSpec
 from flexmb.model.lookup import Component
 from flexmb.model.markers import GroundSpec, MarkerSpec
@@ -188,7 +190,8 @@ class Model:
         assert owner is not None
         spec, problems = read_named("markers", name, fields, self.context)
         where = f"{body}.markers.{name}" if body == GROUND else f"bodies.{body}.markers.{name}"
-        problems = [Problem(where, p.what, p.allowed, p.nearest) for p in problems]
+        own = f"markers.{name}"
+        problems = [replace(p, where=where + p.where.removeprefix(own)) for p in problems]
         if lookup.has_marker(self, body, name):
             problems.append(Problem(where, f'the name "{name}" is used twice'))
         _raise(problems)
@@ -409,6 +412,7 @@ class Model:
         return [
             *model_warnings(self, bodies),
             *(repeated_couplers(self, bodies) if self.couplers else ()),
+            *unequal_teeth(self, bodies),
         ]
 
     def to_scene_dict(

@@ -243,7 +243,7 @@ class Result(StressEnvelopes, MarkerHistory):
 
     def in_units(self, channel: str, units: UnitSystem) -> Array:
         """A channel over time (n,) in another unit system."""
-        unit = self.si_unit(channel) or "1"
+        unit = self.si_unit(channel)
         factor = self.units.scale(unit) / units.scale(unit)
         return self[channel] if factor == 1.0 else factor * self[channel]
 

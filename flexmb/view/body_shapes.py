@@ -272,9 +272,9 @@ def _distinct(points: list[Array], size: float) -> list[Array]:
     return distinct
 
 
-def ground_grid(corners: Array, up: Array, towards: Array) -> Part:
-    """A square grid below points (n, 3), as it is seen from a direction."""
-    across = unit(np.cross(up, towards))
+def ground_grid(corners: Array, up: Array) -> Part:
+    """A square grid below points (n, 3), its lines along the global axes if up is one of them."""
+    across = unit(np.cross(up, np.eye(3)[np.argmin(abs(up))]))
     ahead = np.cross(across, up)
     low, high = (corners @ up).min(), corners @ np.column_stack([across, ahead])
     middle, span = 0.5 * (high.min(axis=0) + high.max(axis=0)), np.ptp(high, axis=0)

@@ -1,9 +1,10 @@
 """From where a mechanism or a body is seen.
 
-A mechanism is seen along its joint axes if they are parallel, slightly from above; up is against
-gravity where there is any, else z, else (for a mechanism seen nearly along z) y. Of the sides that
-remain the one is taken from which the bodies hide each other least, over the whole motion. A body
-alone is seen from aside and above z, or lengthwise above its thinnest extent if slender.
+A mechanism is seen along its joint axes if they are parallel, slightly from above; where they are
+upright only if it is flat. Up is against gravity where there is any, else z, else (for a mechanism
+seen nearly along z) y. Of the sides that remain the one is taken from which the bodies hide each
+other least, over the whole motion. A body alone is seen from aside and above z, or lengthwise above
+its thinnest extent if slender.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from flexmb.view.mechanism import Mechanism
 _ABOVE, _ASIDE = 0.32, 0.22  # slopes by which the eye leaves the joint axis
 _STEEP = 0.8  # cosine to the eye's direction above which an axis is not taken as upright
 _PARALLEL = 0.999  # cosine above which two directions count as one
+_FLAT = 0.4  # of its extent across the joint axes, below which a mechanism is seen from above
 _SLENDER = 2.0  # times its next extent from which a body lies lengthwise
 _SPATIAL = np.array([0.45, 0.42, 0.79])  # aside, above, towards, where no plane is preferred
 _CELLS = 60  # of a coarse picture, along its longer side, that shows what hides what
@@ -85,7 +87,7 @@ def mechanism_camera(
         return _camera(towards, _up(mechanism, towards))
     if name not in CAMERAS:
         raise ViewError.unknown_name("camera", name, CAMERAS)
-    normal = common_axis(mechanism)
+    normal = _normal(mechanism, parts if name == "auto" else ())
     up = _up(mechanism, normal)
     if name != "auto":
         front = _front(up) if normal is None else _facing(normal, up)
@@ -195,6 +197,22 @@ def common_axis(mechanism: Mechanism) -> Array | None:
     if not turning or any(abs(axis @ turning[0]) < _PARALLEL for axis in turning):
         return None
     return turning[0]
+
+
+def _normal(mechanism: Mechanism, parts: Sequence[Sequence[Array]]) -> Array | None:
+    """The common axis, where a mechanism is to be seen along it: not if it is upright and the
+    bodies reach far along it."""
+    normal, gravity = common_axis(mechanism), np.array(mechanism.model.gravity or np.zeros(3))
+    upright = normal is not None and abs(normal @ gravity) > _PARALLEL * np.linalg.norm(gravity)
+    if normal is None or not upright:
+        return normal
+    points = [points for moment in parts for points in moment]
+    if not points:
+        return None
+    everything = np.vstack(points)
+    across = everything - np.outer(everything @ normal, normal)
+    flat = np.ptp(everything @ normal) < _FLAT * np.ptp(across, axis=0).max()
+    return normal if flat else None
 
 
 def _up(mechanism: Mechanism, towards: Array | None) -> Array:

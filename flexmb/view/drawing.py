@@ -417,9 +417,11 @@ class Drawing:
         oblique = 0.2 < abs(up @ towards) < 0.95
         gravity = self.mechanism.model.gravity
         bare = not any(part.role == "surface" for part in self.parts)
-        floor = oblique and bare and np.any(gravity) and common_axis(self.mechanism) is None
+        normal = common_axis(self.mechanism)
+        level = normal is None or abs(up @ normal) > 0.999  # not seen along upright joint axes
+        floor = oblique and bare and np.any(gravity) and level
         if self.view.grid == "on" or (self.view.grid == "auto" and floor):
-            parts.append(ground_grid(self._extent(self.display()), up, towards))
+            parts.append(ground_grid(self._extent(self.display()), up))
         return parts
 
 

@@ -312,9 +312,12 @@ def _reactions(mechanism: Mechanism) -> Iterator[Vector]:
 
 
 def _reaction_axes(mechanism: Mechanism, path: str) -> Array:
-    """The axes (3, 3) of a reaction of a joint, driver or coupler at marker J, in the marker's."""
+    """The axes (3, 3) of a reaction at marker J of a joint, a driver, a coupler or a force on a
+    joint, in the marker's."""
     model, names = mechanism.model, path.split(".")
     joint = names[-1]
+    if names[0] == "forces":  # a spring, stop or friction of a joint
+        joint = str(vars(model.forces[joint])["joint"])
     if names[0] == "drivers":
         driver = model.drivers[joint]
         if driver.joint is None:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from flexmb.errors import Problem, ViewError
+from flexmb.flexbody.arrays import Array
 from flexmb.model.lookup import Scope
 from flexmb.model.scenes.consistency import view_problems
 from flexmb.model.scenes.sections import ViewSpec
@@ -30,6 +31,7 @@ _MIN_PIXELS = 64
 
 _PATH_POINTS = 400
 _FAINT, _CLEAR = 0.07, 0.22  # opacity of the first and of the last pose
+_APART = 2e-3  # of the size of the machine, about a pixel, from which a pose is another one
 _MAX_PANELS, _MAX_GHOSTS = 24, 60
 _CELL = (640, 420)  # pixels of a panel where the size is not given
 
@@ -125,21 +127,34 @@ def trace_points(
 
 
 def add_ghosts(content: Content, drawing: Drawing, times: Sequence[float]) -> Content:
-    """The content with the moving bodies at other times as faint shapes, later ones clearer."""
+    """The content with the moving bodies at other times as faint shapes, later ones clearer.
+
+    A body that stands where it is drawn has no ghost, whose faces would show through its own.
+    """
     ghosts: list[Solid] = []
+    bodies = [solid for solid in content.solids if solid.role == "body"]
+    clouds = [*(one.points for one in bodies), *(one.points for one in content.deformed)]
+    everything = np.vstack([np.zeros((0, 3)), *clouds])
+    least = _APART * float(np.ptp(everything, axis=0).max()) if len(everything) else 0.0
     for k, time in enumerate(times):
         opacity = _FAINT + (_CLEAR - _FAINT) * (k + 1) / len(times)
         other = drawing.content(time)
+        moved = [solid for solid in other.solids if solid.role == "body"]
         ghosts += [
             replace(solid, opacity=opacity * solid.opacity)
-            for solid in other.solids
-            if solid.role == "body"
+            for solid, here in zip(moved, bodies, strict=True)
+            if _is_apart(solid.points, here.points, least)
         ]
         ghosts += [
             Solid(body.name, Triangles(body.points, body.faces), body.color, opacity)
-            for body in other.deformed
+            for body, here in zip(other.deformed, content.deformed, strict=True)
+            if _is_apart(body.points, here.points, least)
         ]
     return replace(content, solids=(*content.solids, *ghosts))
+
+
+def _is_apart(points: Array, others: Array, least: float) -> bool:
+    return points.shape != others.shape or bool(np.abs(points - others).max(initial=0.0) > least)
 
 
 def render(

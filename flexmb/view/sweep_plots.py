@@ -83,6 +83,7 @@ def scatter_figure(
                 axes.legend(fontsize=7, frameon=False)
             last = i == len(scalars) - 1
             _finish(axes, knob.label if last else "", scalar.label if j == 0 else "")
+            axes.locator_params(axis="x", nbins=4)  # long numbers stay apart
             _word_ticks(axes.xaxis, knob)
     return figure
 

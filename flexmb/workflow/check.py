@@ -119,13 +119,15 @@ def check_scene(
     )
 
 
-def mobility(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> Mobility:
+def mobility(
+    model: Model | str | Path, flexbodies: Mapping[str, FlexBody] | None = None
+) -> Mobility:
     """Coordinates, equations, rank, redundant equations with their cures, free motions.
 
     Parameters
     ----------
-    model : Model
-        The model; it is not changed.
+    model : Model or path
+        The model, which is not changed, or a scene file.
     flexbodies : mapping of str to FlexBody, optional
         Reduced bodies of meshes by name; a mesh that is not given counts as a rigid body.
 
@@ -147,7 +149,9 @@ def mobility(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> 
     from flexmb.analysis.assembly.jacobian import MAX_COORDINATES
     from flexmb.analysis.mobility.degrees_of_freedom import mobility_of
     from flexmb.engine.compile import compile_system
+    from flexmb.model import as_model
 
+    model = as_model(model)
     bodies = dict(flexbodies or {})
     missing = [name for name, spec in model.bodies.items() if spec.flexible and name not in bodies]
     if missing:

@@ -93,12 +93,17 @@ def _read_scenes(scenes: list[Path]) -> dict[Path, tuple[str, ...]]:
         try:
             model = load_scene(scene)
         except FlexmbError as error:
-            problems += [replace(p, where=f"{scene}: {p.where}") for p in error.problems]
+            problems += [_in_scene(scene, p) for p in error.problems]
         else:
             analyses[scene] = tuple(a for a in ANALYSES if getattr(model, a) is not None)
     if problems:
         raise SceneError.from_problems(problems)
     return analyses
+
+
+def _in_scene(scene: Path, problem: Problem) -> Problem:
+    where = problem.where
+    return problem if where == str(scene) else replace(problem, where=f"{scene}: {where}")
 
 
 def _check(job: tuple[Path, tuple[str, ...], Path]) -> dict[str, Any]:

@@ -35,6 +35,9 @@ STARTS = ("quasi-static", "undeformed", "static", "initial")
 
 _AMPLITUDE = 0.12  # of the model's size, or rad
 _PHASES = 24  # rows of one vibration
+_GHOSTS = (
+    3  # poses that are seen faintly: of them the opposite one differs from that of the picture
+)
 
 
 def linearize(
@@ -248,5 +251,5 @@ def render_mode_shapes(
             writer.append(rows)
             writer.finish({}, "finished", "")
         picture = target / f"mode_{k}.png"
-        pictures.append(render(Result(path), 0.0, exaggeration=1.0, output=picture))
+        pictures.append(render(Result(path), 0.0, ghosts=_GHOSTS, exaggeration=1.0, output=picture))
     return pictures

@@ -97,7 +97,7 @@ def run_model(
 
 
 def simulate(
-    model: Model,
+    model: Model | str | Path,
     *,
     output: str | Path | None = None,
     start_from: Result | str | Path | None = None,
@@ -108,8 +108,8 @@ def simulate(
 
     Parameters
     ----------
-    model : Model
-        The model.
+    model : Model or path
+        The model, or a scene file.
     output : path, optional
         Folder of the files. By default a temporary one, which is removed with the last `Result` of
         it: `Result.save` copies it.
@@ -125,8 +125,10 @@ def simulate(
     FlexmbError
         Whatever is wrong, in one message.
     """
+    from flexmb.model import as_model
     from flexmb.model.scenes.dynamics import INSTEAD, drop_idle_options
 
+    model = as_model(model)
     if dynamics:
         spec = model.dynamics
         fields = {} if spec is None else spec.model_dump(context=model.context)
@@ -140,7 +142,11 @@ def simulate(
 
 
 def kinematics(
-    model: Model, *, output: str | Path | None = None, progress: Progress = silent, **fields: Any
+    model: Model | str | Path,
+    *,
+    output: str | Path | None = None,
+    progress: Progress = silent,
+    **fields: Any,
 ) -> Result:
     """Find the motion that the joints and drivers of a model fix, and open its result.
 
@@ -149,8 +155,8 @@ def kinematics(
 
     Parameters
     ----------
-    model : Model
-        The model.
+    model : Model or path
+        The model, or a scene file.
     output : path, optional
         Folder of the files; as in :func:`simulate`.
     progress : Progress
@@ -170,7 +176,11 @@ def kinematics(
 
 
 def statics(
-    model: Model, *, output: str | Path | None = None, progress: Progress = silent, **fields: Any
+    model: Model | str | Path,
+    *,
+    output: str | Path | None = None,
+    progress: Progress = silent,
+    **fields: Any,
 ) -> Result:
     """Find the equilibrium of a model at rest, or a series of them, and open its result.
 
@@ -178,8 +188,8 @@ def statics(
 
     Parameters
     ----------
-    model : Model
-        The model.
+    model : Model or path
+        The model, or a scene file.
     output : path, optional
         Folder of the files; as in :func:`simulate`.
     progress : Progress
@@ -195,8 +205,11 @@ def statics(
     return _run_and_open(_changed(model, "statics", fields), "statics", output, None, progress)
 
 
-def _changed(model: Model, section: str, fields: dict[str, Any]) -> Model:
-    """The model with other fields of the section of an analysis; the model itself without any."""
+def _changed(model: Model | str | Path, section: str, fields: dict[str, Any]) -> Model:
+    """A model or scene with other fields of the section of an analysis."""
+    from flexmb.model import as_model
+
+    model = as_model(model)
     if not fields:
         return model
     spec = getattr(model, section)
@@ -236,7 +249,7 @@ def _run_and_open(
         if not c.passed
     ]
     for note in [*report.notes, *failed]:
-        warnings.warn(note, FlexmbWarning, stacklevel=2)
+        warnings.warn(note, FlexmbWarning, stacklevel=3)
     return Result(report.result)
 
 
@@ -251,7 +264,7 @@ class MotionState(NamedTuple):
     lam: Array  # (nc,)
 
 
-def iterate_motion(model: Model, **dynamics: Any) -> Iterator[MotionState]:
+def iterate_motion(model: Model | str | Path, **dynamics: Any) -> Iterator[MotionState]:
     """Integrate a model and give the state at each output as soon as it is reached.
 
     One run without a scout, so its error is estimated, not measured; nothing is stored. A loop may
@@ -259,8 +272,8 @@ def iterate_motion(model: Model, **dynamics: Any) -> Iterator[MotionState]:
 
     Parameters
     ----------
-    model : Model
-        The model.
+    model : Model or path
+        The model, or a scene file.
     **dynamics
         Fields of `[dynamics]`, as of `simulate`.
 
@@ -277,10 +290,12 @@ def iterate_motion(model: Model, **dynamics: Any) -> Iterator[MotionState]:
     from flexmb.analysis.dynamics.dynamics import prepare_dynamics
     from flexmb.analysis.procedure import failure_sentence
     from flexmb.engine.method import FINE
+    from flexmb.model import as_model
     from flexmb.model.scenes.dynamics import INSTEAD, drop_idle_options
     from flexmb.results.channels import Columns, all_channels
     from flexmb.workflow.compiled_model import compile_source
 
+    model = as_model(model)
     spec = model.dynamics
     fields = {} if spec is None else spec.model_dump(context=model.context)
     for new in dynamics:

@@ -223,3 +223,26 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     import slidercrank
 
     return slidercrank.make(tmp_path_factory.mktemp("run"))
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["run", "a.toml", "--vary", "r=1"], "--vary; it is an option of modes, statics, study"),
+        (["run", "a.toml", "--debug"], "it stands before the command: flexmb --debug ..."),
+        (["run", "a.toml", "--out", "b"], "--out (Possible options: --output)"),
+    ],
+)
+def test_options_of_other_commands_are_told(words: list[str], said: str) -> None:
+    done = call(*words)
+    assert done.exit_code == 2
+    assert said in done.stderr
+
+
+def test_an_interface_may_be_a_table(tmp_path: Path) -> None:
+    mesh = write_box(tmp_path / "box.msh")
+    words = ["reduce", mesh, "--material", "steel", "--modes", "2", "--output", tmp_path / "box.h5"]
+    ends = "a={center = [0, 0, 0], radius = %s}"
+    assert "hold all its nodes" in refused(*words, "--interface", ends % 9)[0]
+    assert "is no table" in call(*words, "--interface", "a={center = [0").stderr
+    assert refused(*words, "--interface", "a={centre = 3}")[0].startswith("interfaces.a.centre: ")

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
+
 import pytest
 
-from flexmb.errors import SceneError
-from flexmb.model import load_scene
+import flexmb
+from flexmb.errors import FlexmbWarning, SceneError
+from flexmb.model import Model, load_scene
 
 GOOD = """
 [parameters]
@@ -97,3 +100,56 @@ def test_overrides_of_a_scene_whose_parameters_are_no_table(tmp_path, parameters
 
 def test_all_wrong_overrides_at_once(scene):
     assert len(message(scene, {"sped": "1", "masss": "2"}).splitlines()) == 2
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("[bodies.b]\n", "[bodies.b] is there twice, or a value has its name at line 7"),
+        ("[bodies.b c]\n", "a name with a blank must be in quotation marks at line 7"),
+        ("mass = 2\n", 'the key "mass" is twice in this section at line 7'),
+        ('[bodies.c]\norientation = {axis = "z", angle = "90"}', 'given "90", more than a turn'),
+        ("[body.c]", 'unknown key "body"; nearest: bodies; allowed: '),
+    ],
+)
+def test_what_is_twice_and_names_of_the_plural(scene, more, said):
+    scene.write_text(GOOD + more)
+    assert said in message(scene)
+
+
+def test_gravity_is_a_vector(scene):
+    text = message(scene, {"gravity": 9.81})
+    assert text.startswith(
+        "gravity: is a vector or has a direction, given 9.81; allowed: none, [gx"
+    )
+
+
+def test_analyses_take_scene_files_and_say_what_they_take(scene):
+    assert flexmb.mobility(scene).coordinates == 6
+    assert flexmb.simulate(scene, duration=0.1).time[-1] == pytest.approx(0.1)
+    with pytest.raises(SceneError, match="a model or a scene file is expected, given 3"):
+        flexmb.kinematics(3, duration=1)
+
+
+def test_a_marker_that_is_added_says_where_it_is_wrong():
+    model = Model("bar")
+    model.add_body("bar", mass=1, inertia=[1, 1, 1])
+    with pytest.raises(SceneError) as caught:
+        model.add_marker("bar.tip", position=[1, 0])
+    assert str(caught.value) == "bodies.bar.markers.tip.position[2]: is missing"
+
+
+def test_changes_of_parameters_with_units(scene):
+    scene.write_text(GOOD.replace("speed = 10", 'speed = "300 rpm"'))
+    assert message(scene, {"speed": "3 mm"}).endswith('"300 rpm", and "3 mm" is another quantity')
+    with pytest.warns(FlexmbWarning, match="200 has no unit and is 1909.86 rpm in the scene's"):
+        load_scene(scene, {"speed": 200})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for clear in (30, "200 rad/s", "200 rpm", "2*pi"):
+            load_scene(scene, {"speed": clear})
+
+
+def test_a_law_with_if_says_what_there_is(scene):
+    scene.write_text(GOOD + "[sensors]\nlaw = {type = 'expression', value = 'if(t<0.5,0,1)'}")
+    assert 'there is no "if"; step, sign' in message(scene)

@@ -34,6 +34,7 @@ def test_long_lists_of_names_are_cut():
 def test_nearest_names_ignore_case():
     assert nearest("STEAL", ["steel", "brass"]) == ("steel",)
     assert nearest("qqq", ["steel", "brass"]) == ()
+    assert nearest("body", ["title", "bodies"]) == ("bodies",)
 
 
 def test_unit_factors():

@@ -45,17 +45,22 @@ class Offset:
 
 
 def joint_gaps(compiled: Compiled, work: Work) -> list[Offset]:
-    """The gaps of all joints and drivers at the last evaluated positions, worst first."""
+    """The gaps of all joints and drivers at the last evaluated positions, worst first.
+
+    Equations of the coordinates of forces and sensors hold in any pose: they are no gaps.
+    """
     system, names = compiled.system, compiled.layout.rows
     gaps = []
     for group in system.groups:
+        name = names[int(group["row"])].split(":")[0]
+        if name.startswith(("forces.", "sensors.")):
+            continue
         rows = slice(int(group["row"]), int(group["row"] + group["n"]))
         C = np.where(np.isfinite(work.con.C[rows]), work.con.C[rows], np.inf)
         kinds = system.rows["kind"][rows]
         angular, cosine = np.array([ROW_KINDS[k].angular for k in kinds], bool), kinds == DOT1
         distance, angle = (float(np.linalg.norm(C[w])) for w in (~angular, angular & ~cosine))
         angle += np.arcsin(min(1.0, float(np.linalg.norm(C[cosine]))))  # C: sine of what is open
-        name = names[rows.start].split(":")[0]
         gaps.append(Offset(name, *_without_round_off(compiled, distance, angle)))
     return sorted(gaps, key=lambda gap: -gap.size(compiled.length))
 
@@ -112,6 +117,20 @@ def _without_round_off(compiled: Compiled, far: float, angle: float) -> tuple[fl
     )
 
 
+def open_by(model: Model, gap: Offset) -> str:
+    """The size of a gap; of a joint with its two markers, and with the axis that it lacks."""
+    section, _, name = gap.name.partition(".")
+    text = f"open by {gap.text(model.units)}"
+    if section != "joints":
+        return text
+    joint = model.joints[name]
+    text += f", from {joint.between[0]} to {joint.between[1]}"
+    across = joint.type in ("universal", "perpendicular") and joint.second_axis is None
+    if across and gap.angle > 0.0:
+        text += ": it has no second_axis, that of J across the axis of I"
+    return text
+
+
 def gap_problems(
     compiled: Compiled, model: Model, work: Work, moved: tuple[Offset, ...]
 ) -> list[Problem]:
@@ -123,7 +142,7 @@ def gap_problems(
         "(assembly.guess)",
     )
     worst = [
-        Problem(gap.name, f"stays open by {gap.text(model.units)}")
+        Problem(gap.name, f"stays {open_by(model, gap)}")
         for gap in joint_gaps(compiled, work)[:_MAX_SHOWN]
         if gap.distance > 0.0 or gap.angle > 0.0
     ]

@@ -23,6 +23,7 @@ from flexmb.analysis.assembly.gaps import (
     gap_problems,
     joint_gaps,
     moved_bodies,
+    open_by,
 )
 from flexmb.analysis.assembly.jacobian import (
     ConstraintPose,
@@ -187,8 +188,8 @@ def _check_placement(
             Problem(
                 f"bodies.{body.name}",
                 f"would have to move by {body.text(model.units)} to close the joints: as placed "
-                f"{gaps[0].name} is open by {gaps[0].text(model.units)}; place it where its joints "
-                "close, or accept what they do by an empty section [assembly]",
+                f"{gaps[0].name} is {open_by(model, gaps[0])}; place it where its joints close, or "
+                "accept what they do by an empty section [assembly]",
             )
             for body in far[:_MAX_SHOWN]
         )

@@ -149,7 +149,7 @@ class Mesh:
         if name in self.node_sets:
             return
         names = tuple(self.node_sets)
-        has = "" if names else " (it has no groups at all)"
+        has = "" if names else " (it has no groups at all; nodes are named by number or place)"
         what = f'{self.source} has no group "{name}"{has}'
         raise MeshError.from_problems([Problem(where, what, names, nearest(name, names))])
 
@@ -230,11 +230,14 @@ def _read_quietly(source: Path) -> Any:
         raise
     except (Exception, SystemExit) as error:  # noqa: BLE001  its parsers let through what there is
         reason = "" if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}"
-    has_format = source.suffix.lower() in meshio.extension_to_filetypes
-    what = (
-        "is damaged or not of the format its suffix says" if has_format else "has an unknown suffix"
-    )
-    raise MeshError(f"{source}: the mesh file {what}" + (f" ({reason})" if reason else ""))
+    if source.suffix.lower() not in meshio.extension_to_filetypes:
+        raise MeshError(
+            f'{source}: no mesh format has the suffix "{source.suffix}"; allowed: .msh (Gmsh), '
+            ".inp (Abaqus), .bdf, .nas, .fem (Nastran), .vtu, .vtk, .med, .xdmf and others of "
+            "meshio; a geometry such as .step or .iges is to be meshed at first"
+        )
+    what = "the mesh file is damaged or not of the format its suffix says"
+    raise MeshError(f"{source}: {what}" + (f" ({reason})" if reason else ""))
 
 
 def _merge_blocks(raw: Any) -> tuple[dict[str, IntArray], list[IntArray]]:

@@ -362,7 +362,8 @@ def select_modes(
         complete = len(omega2) < count or count >= limit
         if selection.count is not None:
             if count > len(omega2):
-                what = f"{count} requested, but the model has only {len(omega2)} {noun}"
+                why = "" if limit else ": its interfaces hold all its nodes"
+                what = f"{count} requested, but the model has only {len(omega2)} {noun}{why}"
                 raise ReductionError(f"modes: {what}")
             return omega2, V, np.arange(count)
         if selection.frequency is not None:

@@ -55,6 +55,8 @@ def _reason(error: SyntaxError, text: str) -> str:
     """The parser's word in the terms of a formula."""
     if any(word in UNITS for word in re.findall(r"\d\s+(?!t\b)([A-Za-z]+)", text)):
         return "a number with a unit stands alone, so make it a parameter and write its name"
+    if re.search(r"\bif\b", text, re.IGNORECASE):
+        return 'there is no "if"; step, sign, min, max and points of a table change a law'
     message = (error.msg or "").removesuffix(" (<unknown>, line 1)")
     if "Perhaps you forgot a comma" in message or message.startswith("invalid decimal literal"):
         return "two values with no operator between them"

@@ -32,6 +32,7 @@ _WHEEL_JOINTS = ("revolute", "cylindrical", "screw", "planar", "parallel")
 _RACK_JOINTS = ("prismatic", "cylindrical", "screw")
 _ZERO_DISTANCE = 1e-6  # relative to the distances between the axes
 _RADII_TOLERANCE = 1e-2  # share by which radii may miss the distance between the axes
+_MODULE_TOLERANCE = 0.05  # share by which profile shift may change the module of a wheel
 _Teeth = Annotated[int, Integer(1)]
 
 
@@ -165,6 +166,33 @@ class GearSpec(RollingCoupler):
                 f"{say(needed, 'm')} apart, these are {say(distance, 'm')} apart; correct radii or "
                 'places, or give "ratio"'
             )
+
+
+def unequal_teeth(model: ModelData, flexbodies: Bodies) -> Iterator[str]:
+    """Sentences about wheels that mesh with two others at distances that ask for teeth of two
+    sizes: pitch circles touch where twice the distance is the module times the sum of the teeth."""
+    modules: dict[tuple[str, int], tuple[str, float]] = {}
+    for name, gear in model.couplers.items():
+        if not isinstance(gear, GearSpec) or gear.teeth is None:
+            continue
+        carrier = gear.carriers(model)[0]
+        first, second = (_wheel(model, joint, carrier, flexbodies) for joint in gear.joints)
+        h, (a, b) = second.x - first.x, gear.teeth
+        count = abs(a - b) if gear.internal else a + b
+        distance = float(np.linalg.norm(h - (h @ first.u) * first.u))
+        if count == 0 or np.linalg.norm(np.cross(first.u, second.u)) >= lookup.PARALLEL:
+            continue
+        module = 2.0 * distance / count
+        for joint, teeth in zip(gear.joints, gear.teeth, strict=True):
+            other, size = modules.setdefault((joint, teeth), (name, module))
+            if abs(module - size) > _MODULE_TOLERANCE * max(module, size):
+                say = model.units.say
+                yield (
+                    f"couplers.{name}: by the distances of the axes the {teeth} teeth of {joint} "
+                    f"have the module {say(module, 'm', 4)} here and {say(size, 'm', 4)} in "
+                    f"couplers.{other}: numbers of teeth or places do not fit"
+                )
+                break
 
 
 class RackSpec(RollingCoupler):

@@ -253,8 +253,10 @@ def impact_warnings(model: ModelData) -> Iterator[str]:
             function.expression.ops, model.dynamics.duration, 0
         ):
             if kind == wanted:
+                text = function.expression.text
+                what = "its points" if text.startswith("{") else f'"{text}"'
                 yield (
-                    f'{where}: the velocity of "{function.expression.text}" jumps at '
+                    f"{where}: the velocity of {what} jumps at "
                     f"t = {model.units.say(time, 's')}, an impact, whose impulse reactions do not "
                     "show; use a spline or a step without corners"
                 )

@@ -161,6 +161,9 @@ def read_gravity(
             return (x, y, z), []
         allowed = ("none", "[gx, gy, gz]", "earth -z", "earth -y")
         return None, [Problem("gravity", f'unknown gravity "{value}"', allowed)]
+    if isinstance(value, int | float):
+        what = f"is a vector or has a direction, given {value}"
+        return None, [Problem("gravity", what, ("none", "[gx, gy, gz]", "earth -z", "earth -y"))]
     spec, problems = read_entry(_Gravity, {"gravity": value}, names)
     return (spec.gravity if spec else None), problems
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import re
 import tomllib
+import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,7 +20,7 @@ from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import core_schema
 
-from flexmb.errors import Problem, SceneError, nearest
+from flexmb.errors import FlexmbWarning, Problem, SceneError, nearest
 from flexmb.flexbody.planar_body import PLANES
 from flexmb.model.body import RigidBodySpec, UnitsName
 from flexmb.model.control import StateSpec
@@ -40,7 +41,7 @@ from flexmb.model.scenes.sections import (
     FORCE_TYPES,
     ViewSpec,
 )
-from flexmb.model.scenes.study import override
+from flexmb.model.scenes.study import override, units_of_changes
 from flexmb.model.sensor import SENSOR_TYPES
 
 _MAX_BYTES = 50_000_000
@@ -72,12 +73,25 @@ def load_scene(path: str | Path, overrides: Mapping[str, Any] | None = None) -> 
     text = _text(path)
     scene = _parse(path, text)
     if overrides:
+        before = scene
         scene, problems = override(scene, overrides)
-        if problems:
-            raise SceneError.from_problems(problems)
+        wrong, notes = units_of_changes(before, scene, overrides)
+        if problems or wrong:
+            raise SceneError.from_problems([*problems, *wrong])
+        for note in notes:
+            warnings.warn(note, FlexmbWarning, stacklevel=2)
     model = build(Model, scene, path.parent)
     model.source = Source(path.resolve(), text, dict(overrides or {}))
     return model
+
+
+def as_model(source: Model | str | Path) -> Model:
+    """A model as it is, or that of a scene file."""
+    if isinstance(source, str | Path):
+        return load_scene(source)
+    if not isinstance(source, Model):
+        raise SceneError(f"a model or a scene file is expected, given {source!r}")
+    return source
 
 
 def raw_scene(path: str | Path) -> dict[str, Any]:
@@ -118,6 +132,9 @@ def _not_there(path: Path) -> Problem:
     return Problem(str(path), f"no such file: the folder {path.parent} does not exist")
 
 
+_SECTION = re.compile(r"\s*\[+\s*(?P<name>[^\]]*)")
+
+
 def _listing(folder: Path) -> list[str]:
     try:
         return sorted(entry.name for entry in folder.iterdir())
@@ -138,11 +155,24 @@ def _parse(path: Path, text: str) -> dict[str, Any]:
         else:
             line, column = len(lines), len(lines[-1]) + 1
         shown = lines[min(line, len(lines)) - 1].replace("\t", " ")
+        reason = _twice(reason, shown)
         what = f"not TOML: {reason} at line {line}, column {column}"
         caret = f"\n    {shown}\n    {' ' * (column - 1)}^"
         raise SceneError.from_problems([Problem(str(path), what + caret)]) from None
     except RecursionError:
         raise SceneError(f"{path}: not TOML: nested too deeply") from None
+
+
+def _twice(reason: str, line: str) -> str:
+    """What is twice in a file, by its name; the reason as it is where it is another one."""
+    if not reason.startswith(("Cannot overwrite a value", "Cannot declare")):
+        return reason
+    section = _SECTION.match(line)
+    if section is None:
+        return f'the key "{line.split("=")[0].strip()}" is twice in this section'
+    if " " in section["name"].strip():
+        return "a name with a blank must be in quotation marks"
+    return f"[{section['name']}] is there twice, or a value has its name"
 
 
 _GRAVITY: Form = {

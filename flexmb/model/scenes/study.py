@@ -15,15 +15,18 @@ import copy
 import math
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Annotated, Any
 
 from pydantic import ValidationInfo
 
-from flexmb.errors import Problem, SceneError, nearest
+from flexmb.errors import FlexmbError, Problem, SceneError, nearest
 from flexmb.model.quantities import Integer, Quantity, Text, plain
 from flexmb.model.reading import Reader, Spec, fail, fail_if, quote, under
 from flexmb.model.scenes.dynamics import INSTEAD, DynamicsSpec, drop_idle_options
+from flexmb.units import UNIT_SYSTEMS, parse_unit
+
+_NUMBER_WITH_UNIT = re.compile(r"\s*[-+]?[\d.]+(?:[eE][-+]?\d+)?\s+(?P<unit>\S.*?)\s*$")
 
 _MAKEABLE = (
     "assembly", "dynamics", "effects", "kinematics", "results", "statics", "validity", "view",
@@ -101,6 +104,46 @@ def _set_parameter(scene: dict[str, Any], name: str, value: Any) -> Problem | No
         names = tuple(dict.fromkeys((*parameters, *top)))
         return Problem(where, f'unknown parameter "{name}"', names, nearest(name, names))
     return None
+
+
+def units_of_changes(
+    before: Mapping[str, Any], after: Mapping[str, Any], names: Iterable[str]
+) -> tuple[list[Problem], list[str]]:
+    """Parameters of which a scene states the unit and a change another one: problems where it is
+    one of another quantity, sentences where it is left out though the number seems to have it."""
+    problems, notes = [], []
+    system = UNIT_SYSTEMS.get(str(before.get("units", "SI")))
+    for name in (name.strip().removeprefix("parameters.") for name in names):
+        tables = (before.get("parameters"), after.get("parameters"))
+        old, new = (t.get(name) if isinstance(t, Mapping) else None for t in tables)
+        stated, other = _unit_text(old), _unit_text(new)
+        if system is None or not stated:
+            continue
+        unit = parse_unit(stated)
+        ratio = system.factor(*unit.dimension[:3]) / unit.factor
+        if other and parse_unit(other).dimension != unit.dimension:
+            what = f"the scene has {quote(old)}, and {quote(new)} is another quantity"
+            problems.append(Problem(f"override {name}", what))
+        elif isinstance(new, int | float) and _is_meant(new, float(str(old).split()[0]), ratio):
+            what = f"{new} has no unit and is {new * ratio:.6g} {stated} in the scene's units"
+            notes.append(f'override {name}: {what}; {new} {stated} is written "{new} {stated}"')
+    return problems, notes
+
+
+def _is_meant(new: float, old: float, ratio: float) -> bool:
+    """Whether a number is nearer to the one before its unit than to what that is in scene units."""
+    if ratio == 1.0 or new == 0.0 or old == 0.0:
+        return False
+    return abs(math.log(abs(new / old))) < abs(math.log(abs(new * ratio / old)))
+
+
+def _unit_text(value: Any) -> str:
+    """The unit behind a plain number, in a text; none of anything else."""
+    match = _NUMBER_WITH_UNIT.match(value) if isinstance(value, str) else None
+    try:
+        return match["unit"] if match and parse_unit(match["unit"]) else ""
+    except FlexmbError:
+        return ""  # an expression, or a mistake that the reader of the scene tells
 
 
 _OF_NAMES = ("markers", "interfaces", "sections")  # tables of named things

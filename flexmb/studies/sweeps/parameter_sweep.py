@@ -121,6 +121,8 @@ def sweep(
         answer = runner.sweep()
         columns = columns_of(table.rows(), runner.keys, names, file)
     units = {one.name: source.model.units.label(one.unit) for one in plan.base.scalars}
+    if not (plan.spec.sensors or plan.spec.find):
+        units = _of_motion(units, columns)
     return Sweep(
         source.model.title or source.file, source.file, source.output, plan.design,
         runner.settings, units, columns, plan.spec.quantiles, plan.spec.seed, source.overrides,
@@ -128,6 +130,21 @@ def sweep(
     )  # fmt: skip
 
 
+def _of_motion(units: Mapping[str, str], columns: Mapping[str, NDArray[Any]]) -> dict[str, str]:
+    """The scalars of channels that are more than round-off beside others of their unit in a run."""
+    sizes: dict[str, float] = {}
+    scales: dict[str, float] = {}
+    for name, unit in units.items():
+        values = np.abs(columns[name])
+        size = float(values[np.isfinite(values)].max(initial=0.0))
+        channel = name.partition(":")[0]
+        sizes[channel] = max(sizes.get(channel, 0.0), size)
+        scales[unit] = max(scales.get(unit, 0.0), size)
+    shown = {k: u for k, u in units.items() if sizes[k.partition(":")[0]] > _REST * scales[u]}
+    return shown or dict(units)
+
+
+_REST = 1e-9  # of the largest value of its unit, below which a channel is round-off
 _TEXTS = ("status", "reason", "notes")
 _NUMBERS = ("seconds", "cpu_seconds", "seconds_run")
 

@@ -150,13 +150,17 @@ class Sweep(SweepRows):
             + (f"; {self.reused} were there already" if self.reused else "")
         )
         if self.failures:
-            what = f"{len(self.failures)} of {len(self)} runs failed: all figures are those of the "
-            lines.append(f"{what}others, and differ if runs fail for their values")
+            others = "all figures are those of the others, and differ if runs fail for their values"
+            what = others if len(self.failures) < len(self) else "there are no figures"
+            lines.append(f"{len(self.failures)} of {len(self)} runs failed: {what}")
         lines += self._notes()
         if self.answer is not None:
             settings = enumerate(self.answer.settings, 1)
             return [*lines, *(self.command_of(one, f"answer_{i}") for i, one in settings)]
-        for scalar in self.scalars[:1]:
+        names = varying(self)
+        if not names and len(self) - len(self.failures) > 1:
+            lines.append("no result differs by more than round-off: the knobs have no effect on it")
+        for scalar in names[:1]:
             largest, least = self.extremes(scalar, 1)
             lines += [f"largest {scalar}: {self.command(i)}" for i in largest]
             lines += [f"least {scalar}: {self.command(i)}" for i in least if i not in largest]
@@ -261,17 +265,25 @@ def _knobs(sweep: SweepRows) -> list[Axis]:
 
 def _scalars(sweep: SweepRows, count: int) -> list[Axis]:
     """The first scalars that vary."""
-    axes = []
-    for name, unit in sweep.units.items():
+    return [
+        Axis(f"{name} [{unit}]" if (unit := sweep.units[name]) else name, sweep[name].astype(float))
+        for name in varying(sweep)[:count]
+    ]
+
+
+def varying(sweep: SweepRows) -> list[str]:
+    """The scalars that differ from run to run by more than round-off."""
+    names = []
+    for name in sweep.scalars:
         values = np.asarray(sweep[name], float)
         finite = values[np.isfinite(values)]
         if len(finite) > 1 and np.ptp(finite) > 1e-12 * np.abs(finite).max():
-            axes.append(Axis(f"{name} [{unit}]" if unit else name, values))
-    return axes[:count]
+            names.append(name)
+    return names
 
 
 def _histograms(sweep: SweepRows) -> Figure | None:
-    names = [name for name in sweep.scalars if sweep.statistics(name).deviation > 0.0][:_PANELS]
+    names = varying(sweep)[:_PANELS]
     if sweep.answer is not None or not names or sweep.design.method in ("grid", "derivatives"):
         return None
     axes = [

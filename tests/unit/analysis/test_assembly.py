@@ -172,6 +172,25 @@ def test_the_report_tells_gaps_and_moves_in_the_units_of_the_scene():
     assert len(report(driven(1))) == 0
 
 
+def test_coordinates_of_forces_on_joints_are_no_gaps():
+    made = Model("rail")
+    made.add_body("cart", mass=1, inertia=[1, 1, 1], position=[0.5, 0.1, 0])
+    made.add_joint("rail", "prismatic", between=["ground", "cart"], axis="x")
+    made.add_force("spring", "translational-spring-damper", joint="rail", stiffness=10)
+    with pytest.raises(AssemblyError, match="joints.rail is open by 0.1 m .*, from ground to cart"):
+        assemble(compile_system(made), made)
+    made.set_assembly()
+    assert report(made)[0] == "position error before assembly: joints.rail by 0.1 m and 0 deg"
+
+
+def test_a_cross_without_its_second_axis_is_told():
+    made = Model("shafts")
+    made.add_body("shaft", mass=1, inertia=[1, 1, 1])
+    made.add_joint("cross", "universal", between=["ground", "shaft"], axis="x")
+    with pytest.raises(AssemblyError, match="90 deg, from ground to shaft: it has no second_axis"):
+        assemble(compile_system(made), made)
+
+
 def test_fixed_bodies_that_would_have_to_move_are_named():
     with pytest.raises(AssemblyError) as caught:
         weighed(crank="fixed", rocker="fixed")

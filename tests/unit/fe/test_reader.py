@@ -101,7 +101,7 @@ def test_named_groups_of_second_order_survive_in_gmsh_4(project):
         ("a.msh", b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 1 1 1\n", "damaged"),
         ("a.vtu", b"\x00\x01\x02", "damaged or not of the format"),
         ("a.inp", b"", "damaged|no points"),
-        ("a.step", b"ISO-10303-21;", "unknown suffix"),
+        ("a.step", b"ISO-10303-21;", 'no mesh format has the suffix ".step"; allowed: .msh'),
     ],
 )
 def test_what_cannot_be_read(tmp_path, capfd, name, content, sentence):

@@ -298,3 +298,13 @@ def test_in_a_plane_a_cylindrical_joint_has_one_coordinate():
     model.add_coupler("sum", "linear", terms=terms)
     assert [p.where for p in model.problems()] == ["couplers.sum"] * 2
     assert model.problems()[0].what == 'in the plane xy the joint "a" has no angle'
+
+
+def test_teeth_of_one_wheel_that_need_two_modules_are_told():
+    model = planetary()
+    assert not model.warnings()
+    del model.couplers["ring"]
+    model.add_coupler("ring", "gear", joints=["arm_pin", "pin"], teeth=[60, 10], internal=True)
+    (told,) = model.warnings()
+    assert told.startswith("couplers.ring: by the distances of the axes the 10 teeth of pin have")
+    assert "the module 0.012 m here and 0.02 m in couplers.sun" in told

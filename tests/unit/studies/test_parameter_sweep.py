@@ -154,6 +154,15 @@ def test_which_speed_reaches_how_far(scene: Path) -> None:
     assert "no v from 10 to 30 gives ball.x:final >= 1 km" in never.answer.sentences[0]
 
 
+def test_channels_at_rest_are_left_out_unless_they_are_named(scene: Path) -> None:
+    made = sweep(scene, {"v": [18, 22]})
+    assert "ball.x:max" in made.scalars
+    assert not [name for name in made.scalars if name.startswith(("ball.z", "speed.z"))]
+    idle = sweep(scene, {"v": [18, 22]}, sensors=["ball.z:max"])
+    assert idle.scalars == ("ball.z:max",)
+    assert idle.summary()[-1].startswith("no result differs by more than round-off")
+
+
 @pytest.mark.slow
 def test_files_of_a_sweep(scene: Path) -> None:
     made = sweep(scene, {"v": "uniform(18, 22)", "angle": "0.6..0.9"}, samples=16, sensors=[RANGE])

@@ -262,6 +262,16 @@ def test_the_arrow_of_a_driver_is_its_force_in_global_axes(motion, force, tmp_pa
     np.testing.assert_allclose(next(v.value for v in arrows if not v.torque), force, rtol=1e-5)
 
 
+def test_the_arrow_of_a_force_on_a_joint_is_along_its_axis(tmp_path) -> None:
+    model = Model("pushed", folder=tmp_path)
+    model.add_body("b", mass=2, inertia=[1, 1, 1])
+    model.add_joint("j", "prismatic", between=["ground", "b"], axis=[1, 2, 2])
+    model.add_force("s", "translational-spring-damper", joint="j", value=6)
+    result = simulate(model, duration=1.0, output=tmp_path)
+    arrows = [v for v in vectors(Mechanism(result, 0.5), "reactions") if v.name == "s"]
+    np.testing.assert_allclose(next(v.value for v in arrows if not v.torque), [2, 4, 4])
+
+
 def test_the_teeth_of_two_wheels_do_not_meet(tmp_path: Path) -> None:
     for teeth, internal in (((20, 33), False), ((17, 40), True)):
         model = Model("gears", folder=tmp_path)
@@ -321,6 +331,20 @@ def test_standard_views_are_those_of_a_drawing(crank: Mechanism) -> None:
     np.testing.assert_allclose(compose(crank, camera="top").camera.axes[0], [1, 0, 0], atol=1e-12)
     drawing = Drawing(crank, view_of(crank, {"camera": ["front", "top"]}))
     assert len(drawing.contents()) == 2
+
+
+@pytest.mark.parametrize(("height", "above"), [(1.0, False), (0.05, True)])
+def test_upright_axes_are_looked_along_at_flat_machines_alone(height, above, tmp_path) -> None:
+    model = Model("slewing", folder=tmp_path, gravity=[0, 0, -10])
+    shape = {"type": "box", "size": [1, 0.1, height]}
+    model.add_body("jib", shape=shape, density=1000)
+    model.add_joint("slew", "revolute", between=["ground", "jib"], axis="z")
+    machine = Mechanism(simulate(model, duration=0.1, outputs=2, output=tmp_path), 0.1)
+    camera = compose(machine).camera
+    assert (camera.direction[2] > 0.9) == above
+    assert camera.up == ((0, 1, 0) if above else (0, 0, 1))
+    front = compose(machine, camera="front").camera
+    assert (front.direction, front.up) == ((0, -1, 0), (0, 0, 1))
 
 
 def test_arrows_have_the_scale_of_the_caption(tmp_path: Path) -> None:

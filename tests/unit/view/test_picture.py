@@ -16,7 +16,7 @@ from flexmb.view.content import Content, Scale
 from flexmb.view.drawing import Drawing, round_exaggeration
 from flexmb.view.joint_shapes import slide_range
 from flexmb.view.mechanism import Mechanism
-from flexmb.view.picture import view_of
+from flexmb.view.picture import add_ghosts, view_of
 
 
 @pytest.fixture(scope="module")
@@ -117,3 +117,11 @@ def test_a_result_without_rows_cannot_be_drawn(tmp_path: Path) -> None:
         pass
     with pytest.raises(ViewError, match="no rows"):
         Mechanism(Result(out.path))
+
+
+def test_what_stands_where_it_is_drawn_has_no_ghost(mechanism: Mechanism) -> None:
+    drawing = Drawing(mechanism, view_of(mechanism, {}))
+    content = drawing.content()
+    assert add_ghosts(content, drawing, [mechanism.time]).solids == content.solids
+    names = [solid.name for solid in add_ghosts(content, drawing, [0.02]).solids]
+    assert names[len(content.solids) :] == ["crank", "slider", "rod"]

@@ -44,6 +44,11 @@ def test_a_scene_in_other_units_is_drawn_in_them(result: Result) -> None:
     np.testing.assert_allclose(x, 100 * result["slider.x"])
 
 
+def test_a_channel_without_unit_is_drawn_as_it_is(result: Result) -> None:
+    (axes,) = history_figure(result, ["rod.p.0"]).axes
+    np.testing.assert_array_equal(axes.lines[0].get_ydata(), result["rod.p.0"])
+
+
 def test_the_scene_chooses_else_all_that_moves(result: Result) -> None:
     assert len(history_figure(result).axes) == 3  # what [view] history names
     bare = Result(result.path)
