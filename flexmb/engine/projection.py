@@ -139,6 +139,8 @@ def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
     """
     if run.settings.follow == 1 and project != NOTHING:
         zero(run.work.trial.mode_force)
+        zero(run.work.trial.res)
+        follow_loads(run, at)  # by nothing: their rates are zero
     status = _solve_motion(run, at, cp, project)
     if run.settings.follow == 0 or project == NOTHING or status != FINE:
         return status

@@ -18,6 +18,8 @@ follow one another without end.
 
 from __future__ import annotations
 
+import math
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 
@@ -37,7 +39,12 @@ from flexmb.analysis.assembly.jacobian import (
     one_blas_thread,
 )
 from flexmb.engine.bodies.flexible_body import put_flags
-from flexmb.engine.bodies.static_modes import free_static_modes, static_bodies, static_coordinates
+from flexmb.engine.bodies.static_modes import (
+    free_static_modes,
+    static_bodies,
+    static_coordinates,
+    with_windows,
+)
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import row_evaluator
 from flexmb.engine.state import Work
@@ -271,8 +278,10 @@ def is_determined(compiled: Compiled, rank: int | None) -> bool:
 def choose_static_modes(compiled: Compiled, q: Array) -> Compiled:
     """The model with kinetostatic bodies only if joints and forces allow them, at q (nq,)."""
     modes = static_coordinates(compiled.system, kinetostatic=True)
-    if not len(modes) or n_free(compiled) > MAX_COORDINATES:
+    if not len(modes):
         return compiled
+    if n_free(compiled) > MAX_COORDINATES:
+        return _with_windows(compiled, q)
     if sum(body.m for body in compiled.layout.bodies) > len(modes):
         return replace(compiled, system=free_static_modes(compiled.system))
     state, work = new_state(compiled.system), new_work(compiled.system)
@@ -284,8 +293,22 @@ def choose_static_modes(compiled: Compiled, q: Array) -> Compiled:
         for A in (rows.A, rows.A[:, ~np.isin(rows.columns, modes)])
     ]
     if ranks[0] == ranks[1] and _loop_gain(compiled, q, modes) < _SETTLES:
-        return compiled
+        return _with_windows(compiled, q)
     return replace(compiled, system=free_static_modes(compiled.system))
+
+
+def _with_windows(compiled: Compiled, q: Array) -> Compiled:
+    """The model with rates of kinetostatic bodies over a share of their slowest vibrations."""
+    rows, kinetostatic = static_bodies(compiled.system)
+    everything, one_by_one = range(len(compiled.layout.bodies)), n_free(compiled) > MAX_COORDINATES
+    scene, periods = None, np.zeros(len(rows))
+    for n, k in enumerate(rows):
+        if k in kinetostatic:
+            if scene is None or one_by_one:
+                scene = JoinedScene(compiled, q, [k] if one_by_one else list(everything))
+            with suppress(AssemblyError):  # there is no motion without inertia, and none is slow
+                periods[n] = 1.0 / scene.vibrations(k).omega.min(initial=math.inf)
+    return replace(compiled, system=with_windows(compiled.system, periods))
 
 
 def _loop_gain(compiled: Compiled, q: Array, modes: IntArray) -> float:

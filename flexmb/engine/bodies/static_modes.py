@@ -7,12 +7,16 @@ modes they are a residual flexibility on which the rest moves (MacNeal, Computer
 Kinetostatic bodies, those of deformation "quasi-static", and all by an explicit method have given
 accelerations of η_s within a step, as if its modal mass were τ² K_ss; then η_s follows the loads, λ
 being that of the motion in which η_s stays, and joints are closed with the deformed body: the slow
-solution, without vibrations of what hangs on this compliance. Rates and accelerations for the next
-step are those of the cubic through the last values: with them what is carried outwards slows down
-a turn as it should, and loads do work. The motion and λ are solved for with them; a driver pays
-for d/dt (M η̇_s) too, and energy is balanced but for η̇_sᵀ M η̇_s/2 of what moves with η_s. They
-do not act on η_s itself, or a damper on soft modes, and η_s by its own acceleration, would make
-short steps unstable. Other single solves hold all η_s.
+solution, without vibrations of what hangs on this compliance. Its rates are zero from the first
+iteration on: loads with them are others, and velocities would be put on the constraints of their
+pose, which changed the motion by as much in each step, however short.
+
+Rates and accelerations for the next step are those of the cubic through the last values: with them
+what is carried outwards slows down a turn as it should, and loads do work. Values closer to each
+other than those vibrations last do not count, or second differences would be round-off. The motion
+and λ are solved for with them; a driver pays for d/dt (M η̇_s) too, and energy is balanced but for
+η̇_sᵀ M η̇_s/2 of what moves with η_s. They do not act on η_s itself, or a damper on soft modes, and
+η_s by its own acceleration, would make short steps unstable. Other single solves hold all η_s.
 """
 
 from __future__ import annotations
@@ -47,6 +51,12 @@ _FAR_ENOUGH = 0.3
 # intervals of ratios 0.3 to 3.3, so that these two are compared with those of such a jump. Smooth
 # motion has 0.9 and 0.275 of them at no phase of ω h = 0.2, h the mean interval, at 1.5 % of 0.3.
 _JUMP, _FAST = 0.9, 0.275
+# Intervals of the past after a jump grow by this factor up to the window.
+_GROWTH = 1.5
+# Least interval of the past times ω, of the slowest vibration of what hangs on a body: second
+# differences of the tolerance of the loads are 1e-8 of k times the size of the model at most, and
+# what a cubic leaves of motion at Ω is (Ω/ω)⁴/500 of the forces, less than all vibrations left out.
+_WINDOW = 0.05
 
 
 class StaticModes(NamedTuple):
@@ -59,6 +69,7 @@ class StaticModes(NamedTuple):
     heavy: Vector  # (b,) τ² [s²]
     compliance: Vector  # K_ss⁻¹ of the bodies, row by row
     history: Integers  # (b,) where a body has its past: _POINTS times [s], and η_s at each
+    window: Vector  # (b,) least interval of the points of its past [s]
 
 
 @unit
@@ -96,7 +107,7 @@ def hold(run: Run, of: StaticModes, at: Point) -> int:
 
 @unit
 def follow_loads(run: Run, of: StaticModes, at: Point) -> float:
-    """Move the modes into equilibrium with Trial.res; the largest weighted change."""
+    """Move the modes into equilibrium with Trial.res, without rates; the largest change."""
     bodies, weights, res = run.system.parts.bodies, run.system.weights, run.work.trial.res
     change, place = 0.0, 0
     for n in range(of.rows.shape[0]):
@@ -221,10 +232,19 @@ def forget(run: Run, of: StaticModes, at: Point) -> int:
 
 @unit
 def remember(run: Run, of: StaticModes, at: Point) -> int:
-    """Add the present to the past of all modes."""
+    """Add the present to the past of all modes, if it is far enough from the last point there."""
     past = run.state.history
+    h = at.t[0] - past[0]
     for n in range(of.rows.shape[0]):
         o, m = of.history[n], of.first[n + 1] - of.first[n]
+        if of.window[n] > h and past[o + 1] > -math.inf:
+            iv, rate = run.system.parts.bodies[of.rows[n]]["iv"] + 6, 0.0
+            for k in range(of.first[n], of.first[n + 1]):
+                rate = max(rate, abs(at.v[iv + of.modes[k]]))
+            if rate == 0.0:  # as after a jump: what was before it does not count
+                past[o : o + _POINTS] = -math.inf
+            elif at.t[0] - past[o] < min(of.window[n], _GROWTH * (past[o] - past[o + 1])):
+                continue
         for k in range(_POINTS - 1, 0, -1):
             past[o + k] = past[o + k - 1]
             for i in range(m):
@@ -266,6 +286,7 @@ def static_modes(
         np.array(heavy),
         np.concatenate(compliance),
         np.array([add_history(_POINTS * (1 + len(some))) for some in modes], np.int64),
+        np.zeros(len(rows)),
     )
 
 
@@ -286,6 +307,13 @@ def static_coordinates(system: System, *, kinetostatic: bool = False) -> Integer
     count = np.diff(static.first)
     places = np.asarray(np.repeat(begins[static.rows], count) + static.modes, np.int64)
     return places[np.repeat(static.kinetostatic == 1, count)] if kinetostatic else places
+
+
+def with_windows(system: System, periods: NDArray[np.float64]) -> System:
+    """The system with rates over at least a share of 1/ω [s], (b,) of bodies with such modes."""
+    static: StaticModes = system.kinds[STATIC_MODES.name]
+    static = static._replace(window=_WINDOW * periods)
+    return system._replace(kinds={**system.kinds, STATIC_MODES.name: static})
 
 
 def free_static_modes(system: System) -> System:
