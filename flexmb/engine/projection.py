@@ -38,9 +38,9 @@ _REFINEMENTS = 2
 _FIRM_PIVOT = 1e7
 # Forces that depend on accelerations or reactions: rounds until they settle, relative.
 _LOOP_ROUNDS, _LOOP_CLOSED = 100, 1e-12
-# Weighted change of quasi-static modes at which they are in equilibrium with the loads.
-_STATIC_TOLERANCE = 1e-11
-# A correction of positions this small, relative to the model, is round-off.
+# Weighted change of quasi-static modes in equilibrium, twice in each round behind many; its bound.
+_STATIC_TOLERANCE, _MANY_ROUNDS, _STATIC_NOISE = 1e-11, 20, 1e-8
+# Correction of positions, relative to the model, that is round-off.
 _ROUND_OFF = 1e-13
 # Distance from the pose of the factor, over the size: beyond it redundant rows would get reactions.
 _SAME_POSE = 1e-12
@@ -144,14 +144,14 @@ def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
     status = _solve_motion(run, at, cp, project)
     if run.settings.follow == 0 or project == NOTHING or status != FINE:
         return status
-    for _ in range(_LOOP_ROUNDS):
+    for n in range(_LOOP_ROUNDS):
         status = max(status, forces(run, at))
         change = follow_loads(run, at)
         if status == NOT_FINITE or not math.isfinite(change):
             return NO_LOOP  # it was finite before they followed
         if status != FINE:
             return status
-        if change <= _STATIC_TOLERANCE:
+        if change <= min(_STATIC_TOLERANCE * 2.0 ** max(n - _MANY_ROUNDS, 0), _STATIC_NOISE):
             walk(run.stages.static_rates, run, at)
             walk(run.stages.static_force, run, at)
             return _solve_motion(run, at, cp, VELOCITIES)
@@ -225,8 +225,8 @@ def _solve_motion(run: Run, at: Point, cp: float, project: int) -> int:
     run.work.factor.symmetric[0] = 1
     cp = _factorise_definite(run, at, cp)
     if project == POSITIONS and at.lam.shape[0] > 0:
-        moved = project_positions(run, at, _MAX_ROUNDS)
-        if moved > _SAME_POSE and has_dependent_rows(run.work.factor, 0.0):
+        has_moved = project_positions(run, at, _MAX_ROUNDS) > _SAME_POSE
+        if has_moved and (run.settings.follow == 1 or has_dependent_rows(run.work.factor, 0.0)):
             factorise(run, at, 0.0, cp)
     if project != NOTHING:
         project_velocity(run, at, cp)

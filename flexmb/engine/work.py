@@ -70,8 +70,8 @@ def stages_of(system: System, scratch: Mapping[str, Any]) -> Stages:
     """What each kind of a system does, stage by stage, its tables with its scratch of one run."""
     kinds, called = kinds_of(system), _called_by_number(system)
     tables = dict(system.kinds)
-    for name, own in scratch.items():
-        tables[name] = tables[name]._replace(scratch=own)
+    for name in scratch.keys() & tables.keys():  # of a system with fewer kinds, too
+        tables[name] = tables[name]._replace(scratch=scratch[name])
 
     def stage(name: str) -> Stage:
         acting = [kind for kind in kinds if name in kind.units]

@@ -13,8 +13,8 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "files": 359,
-    "lines": 96_300,
+    "files": 360,
+    "lines": 96_600,
     "participles": 30,
     "base names of three and more files": 0,
     _ALL: 0,

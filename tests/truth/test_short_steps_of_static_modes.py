@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from flexiblescenes import rod
 from truth.test_effects import channels
 
+import flexmb
+from flexmb.errors import SolverError
 from flexmb.model import Model
 
 pytestmark = pytest.mark.filterwarnings("ignore::flexmb.errors.FlexmbWarning")
@@ -100,3 +105,60 @@ def test_accelerations_of_the_deformation_are_no_round_off_in_the_shortest_steps
     np.testing.assert_allclose(size, force[5:], rtol=5e-3)  # what it bends, left out
     smooth = np.polynomial.Polynomial.fit(np.arange(len(size)), size, 6)
     np.testing.assert_allclose(size, smooth(np.arange(len(size))), rtol=2e-5)
+
+
+def fast_crank(deformation, speed=60):
+    """A thin rod moves a slider, at 60 rad/s by up to 0.42 of the load that buckles it."""
+    made, radius, length = Model("fast crank"), 0.04, 0.3
+    made.add_body("crank", mass=1.0, inertia=[0.01] * 3)
+    made.add_marker("crank.pin", position=[radius, 0, 0])
+    made.add_body("rod", rod(0.003, length, 10, 3), position=[radius, 0, 0],
+                  deformation=deformation)  # fmt: skip
+    made.add_body("slider", mass=0.3, inertia=[1e-4] * 3, position=[radius + length, 0, 0])
+    made.add_joint("bearing", "revolute", between=["ground", "crank"], axis="z")
+    made.add_joint("pin", "spherical", between=["crank.pin", "rod.root"])
+    made.add_joint("wrist", "cylindrical", between=["rod.tip", "slider"], axis="z")
+    made.add_joint("guide", "prismatic", between=["ground", "slider"], axis="x")
+    made.add_driver("motor", joint="bearing", angle=f"{speed}*t")
+    made.add_marker("rod.middle", position=[length / 2, 0, 0])
+    made.add_sensor("middle", "position", of="rod.middle")
+    made.add_sensor("slider", "position", of="slider")
+    return made
+
+
+@pytest.mark.parametrize("method", ["radau", "generalized-alpha", "explicit-rk"])
+def test_loads_that_follow_the_modes_by_more_than_these_settle(method):
+    """Tension turns with what it bends: the iteration grew, and runs ended within a millisecond."""
+    names, knobs = ("middle.x", "middle.y", "slider.x"), {"duration": 0.1, "accuracy": 1e-5}
+    true, _ = channels(fast_crank("dynamic"), names, **KNOBS, **knobs, method="radau")
+    found, result = channels(fast_crank("quasi-static"), names, **KNOBS, **knobs, method=method)
+    off = np.abs(found - true).max(axis=1) / np.ptp(true, axis=1)
+    assert np.all(off < [2e-4, 3e-3, 1e-6])
+    assert result.statistics["energy_balance_error"] < 1e-4
+
+
+@pytest.mark.parametrize("method", ["radau", "generalized-alpha", "explicit-rk"])
+def test_a_rod_that_buckles_has_no_equilibrium(method):
+    """It is pulled at first, and pushed from about a quarter of a turn on: no unstable end."""
+    with pytest.raises(SolverError, match=r"do(es)? not (settle|converge)") as failed:
+        flexmb.simulate(
+            fast_crank("quasi-static", 200), duration=0.03, accuracy=1e-5, method=method
+        )
+    assert 1.5 < 200 * float(re.search(r"t = ([\d.]+) s", str(failed.value))[1]) < 2.0
+
+
+@pytest.mark.slow
+def test_a_plate_bends_as_its_damped_vibrations_end():
+    """Across its plane nothing softens it; its joint was closed a third of a turn on, or the run
+    ended, as reactions were those of the pose before."""
+    scene = Path(__file__).parents[2] / "cases" / "rotating_plate" / "scene.toml"
+    runs = []
+    for words in ({"deformation": "quasi-static"}, {"deformation": "dynamic", "damping": "0.7"}):
+        words |= {"inertia_coupling": "constant", "geometric_stiffening": "none", "modes": "4"}
+        changes = {f"bodies.plate.{name}": value for name, value in words.items()}
+        model = flexmb.load_scene(scene, {**changes, "dynamics.outputs": "50"})
+        model.checks = []
+        runs.append(flexmb.simulate(model)["corner.z"])
+    loaded = slice(0, 10)  # until 0.05 s
+    np.testing.assert_allclose(runs[0][loaded], runs[1][loaded], rtol=1e-6)
+    assert np.abs(runs[0][12:]).max() < 1e-9

@@ -322,6 +322,7 @@ def _unsettled(compiled: Compiled, rows: np.ndarray) -> str:
     names = ", bodies.".join(compiled.layout.bodies[row].name for row in rows)
     return (
         f"bodies.{names}: loads that depend on the deformation, such as those of a stiff stop, of "
-        "friction, or of rotation near a critical speed, do not settle with quasi-static modes; "
+        "friction, of compression that buckles, or of rotation near a critical speed, do not "
+        "settle with quasi-static modes; "
         'deformation = "automatic" has them'
     )

@@ -27,7 +27,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from flexmb.engine.jit import Integers, Vector, unit
+from flexmb.engine.algebra.anderson import Iterates, accelerate, new_iterates
+from flexmb.engine.algebra.vector import larger
+from flexmb.engine.jit import Integers, Vector, array_of, kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.state import Point, Run
@@ -57,6 +59,25 @@ _GROWTH = 1.5
 # differences of the tolerance of the loads are 1e-8 of k times the size of the model at most, and
 # what a cubic leaves of motion at Ω is (Ω/ω)⁴/500 of the forces, less than all vibrations left out.
 _WINDOW = 0.05
+# Change of an iteration over the one before, above which it is accelerated.
+_SETTLING = 0.3
+# Stiffness with the loads, negative, over that of the body, from which on it is no round-off.
+_UNSTABLE = 0.05
+
+
+LOOP = np.dtype([
+    ("change", "f8"),  # the last one, weighted
+    ("grows", "i8"),  # 1: it does not settle of itself
+])  # fmt: skip
+
+
+class Scratch(NamedTuple):
+    """Of the iteration in which modes and their loads settle."""
+
+    iterates: Iterates
+    residual: Vector  # of the last iterate, of each mode
+    move: Vector  # from the one before to it
+    loop: array_of(LOOP)  # (1,)
 
 
 class StaticModes(NamedTuple):
@@ -70,6 +91,7 @@ class StaticModes(NamedTuple):
     compliance: Vector  # K_ss⁻¹ of the bodies, row by row
     history: Integers  # (b,) where a body has its past: _POINTS times [s], and η_s at each
     window: Vector  # (b,) least interval of the points of its past [s]
+    scratch: Scratch = None  # of one run
 
 
 @unit
@@ -107,9 +129,15 @@ def hold(run: Run, of: StaticModes, at: Point) -> int:
 
 @unit
 def follow_loads(run: Run, of: StaticModes, at: Point) -> float:
-    """Move the modes into equilibrium with Trial.res, without rates; the largest change."""
+    """Move the modes towards equilibrium with Trial.res, without rates; the largest change.
+
+    Without a residual the iteration begins. Where loads follow the modes by more than these move,
+    as the tension of a rod beyond its buckling load, it grows, and is accelerated. The change is
+    infinite where they push the modes on, as beyond a critical speed: no equilibrium is stable.
+    """
     bodies, weights, res = run.system.parts.bodies, run.system.weights, run.work.trial.res
-    change, place = 0.0, 0
+    iterates, loop = of.scratch.iterates, of.scratch.loop[0]
+    change, stiffness, elastic, place = 0.0, 0.0, 0.0, 0
     for n in range(of.rows.shape[0]):
         body, begin, end = bodies[of.rows[n]], of.first[n], of.first[n + 1]
         if of.kinetostatic[n] == 0 and run.method.stages == 0:
@@ -117,16 +145,47 @@ def follow_loads(run: Run, of: StaticModes, at: Point) -> float:
             continue
         iq, iv = body["iq"] + 7, body["iv"] + 6
         for i in range(begin, end):
-            step = 0.0
+            step, weight = 0.0, weights[iv + of.modes[i]]
             for j in range(begin, end):
                 step -= of.compliance[place] * res[iv + of.modes[j]]
                 place += 1
-            at.q[iq + of.modes[i]] += step
-            at.v[iv + of.modes[i]] = 0.0
-            at.vd[iv + of.modes[i]] = 0.0
-            if not abs(step) * weights[iv + of.modes[i]] <= change:
-                change = abs(step) * weights[iv + of.modes[i]]
+            iterates.now[i], iterates.step[i] = weight * at.q[iq + of.modes[i]], weight * step
+            change = larger(change, abs(iterates.step[i]))
+            move = of.scratch.move
+            move[i] = (iterates.now[i] - iterates.last[i]) / weight
+            stiffness += move[i] * (res[iv + of.modes[i]] - of.scratch.residual[i])
+            of.scratch.residual[i] = res[iv + of.modes[i]]
+        elastic += _elastic(run, of, n)
+    if change == 0.0:
+        iterates.count[0], loop["grows"] = 0, 0
+    elif math.isfinite(change):
+        if iterates.count[0] > 0 and change > _SETTLING * loop["change"]:
+            loop["grows"] = 1
+        if loop["grows"] == 1 and stiffness < -_UNSTABLE * elastic:
+            return math.inf
+        accelerate(iterates, loop["grows"] == 1)
+    loop["change"] = change
+    for n in range(of.rows.shape[0]):
+        iq, iv = bodies[of.rows[n]]["iq"] + 7, bodies[of.rows[n]]["iv"] + 6
+        if of.kinetostatic[n] == 1 or run.method.stages > 0:
+            for i in range(of.first[n], of.first[n + 1]):
+                at.q[iq + of.modes[i]] += iterates.step[i] / weights[iv + of.modes[i]]
+                at.v[iv + of.modes[i]] = 0.0
+                at.vd[iv + of.modes[i]] = 0.0
     return change
+
+
+@kernel
+def _elastic(run, of, n):
+    """Twice the elastic energy of the last moves of the modes of body n."""
+    pool, body, twice = run.system.parts.pool, run.system.parts.bodies[of.rows[n]], 0.0
+    m = body["m"]
+    K = body["flex"] + 12 * m + m * m
+    for i in range(of.first[n], of.first[n + 1]):
+        for j in range(of.first[n], of.first[n + 1]):
+            stiffness = pool[K + of.modes[i] * m + of.modes[j]]
+            twice += of.scratch.move[i] * stiffness * of.scratch.move[j]
+    return twice
 
 
 @unit
@@ -256,11 +315,16 @@ def remember(run: Run, of: StaticModes, at: Point) -> int:
     return FINE
 
 
+def _new_scratch(of: StaticModes) -> Scratch:
+    n = len(of.modes)
+    return Scratch(new_iterates(n), np.zeros(n), np.zeros(n), np.zeros(1, LOOP))
+
+
 STATIC_MODES = Kind("static_modes", StaticModes, {
     "matrix": add_static_mass, "static": follow_loads, "static_hold": hold,
     "static_rates": put_rates, "static_force": put_forces, "static_path": put_path,
     "begin": forget, "remember": remember,
-})  # fmt: skip
+}, scratch=_new_scratch)  # fmt: skip
 
 
 def static_modes(

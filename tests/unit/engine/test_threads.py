@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from flexiblescenes import rod
 from truthkit import Memory
 
 from flexmb.analysis.dynamics.dynamics import dynamics
@@ -15,7 +16,7 @@ from flexmb.model import Model
 
 
 def scene():
-    """Every kind of force that needs scratch: bushing, law, contact and friction in a joint."""
+    """All that needs scratch: bushing, law, contact, friction in a joint, a quasi-static body."""
     made = Model("shared", gravity=[0.3, 0.1, -9.81])
     for k, name in enumerate("abc"):
         made.add_body(
@@ -36,6 +37,9 @@ def scene():
             shapes=[{"type": "plane"}, {"type": "sphere", "radius": 0.1}], restitution=0.4,
             friction={"dynamic": 0.3, "stiffness": 1e4},
         )  # fmt: skip
+    made.add_body("rod", rod(0.01, modes=2), position=[0, 2.0, 0], deformation="quasi-static")
+    made.add_marker("ground.hinge", position=[0, 2.0, 0])
+    made.add_joint("hinge", "revolute", between=["ground.hinge", "rod.root"], axis="y")
     made.set_dynamics(duration=0.2, step=2e-4, outputs=20, method="generalized-alpha")
     return made
 
