@@ -35,9 +35,7 @@ STARTS = ("quasi-static", "undeformed", "static", "initial")
 
 _AMPLITUDE = 0.12  # of the model's size, or rad
 _PHASES = 24  # rows of one vibration
-_GHOSTS = (
-    3  # poses that are seen faintly: of them the opposite one differs from that of the picture
-)
+_GHOSTS = 3  # faint poses at equal times: the middle one is the opposite of that of the picture
 
 
 def linearize(
