@@ -11,6 +11,7 @@ from flexmb.engine import method
 from flexmb.engine.bodies.motion import LAST_PLACES
 from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
+from flexmb.engine.joints import ANGLE
 from flexmb.engine.state import State
 from flexmb.engine.work import kinds_of
 from flexmb.flexbody.arrays import Array
@@ -229,6 +230,10 @@ def set_first_places(compiled: Compiled, state: State) -> None:
     away[away == 0.0] = _ROUNDED * compiled.length  # all at the origin, without a marker elsewhere
     turn = np.divide(away, size, out=np.full(len(size), _ROUNDED), where=size > 0.0)
     places, coordinates = away / compiled.length, system.parts.coordinates
+    for row, k, factor in system.coupled[["row", "coordinate", "factor"]]:
+        iv = coordinates["iv"][k]
+        rounded = turn[iv] if rows["kind"][row] == ANGLE else away[iv]
+        places[iv] = max(places[iv], rounded * system.weights[iv] / abs(factor))
     places[coordinates["iv"][coordinates["state"] == 1]] = _ROUNDED
     for iv in bodies["iv"]:
         places[iv + 3 : iv + 6] = turn[iv + 3 : iv + 6]
