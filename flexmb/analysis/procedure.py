@@ -52,7 +52,7 @@ _REST_SHARE = 1e-6
 # Round-off of energies: share of the weight of all bodies times the size of the model, and without
 # weight of what they have at a speed of this times the size, or the distance from the origin,
 # squared [1/s^2].
-_ROUND_OFF, _NO_SPEED = 1e-12, 1e-9
+_ROUND_OFF, _NO_SPEED = 1e-12, 1e-7
 
 
 class Sink(Protocol):

@@ -37,8 +37,8 @@ _SAME_TIME = 1e-9  # difference of two times that are one but for round-off, ove
 _SCOUT_ROWS = {True: 256, False: 128}
 _AT_REST = 1e-6  # motion over the size of the model
 # What round-off of positions, over their distance from the origin, leaves in estimates: of Radau's
-# method, which solves for the motion of a step, and of others.
-_SOLVED, _NOISE = 5e-14, 2e-17
+# method, of others that solve for the motion of a step, and of explicit ones.
+_COLLOCATED, _SOLVED, _NOISE = 5e-14, 1e-14, 2e-17
 _SHARE_AT_REST = 1e-3  # of what counts for the model, for one of its parts
 _FASTER = 1e3  # speed at rest over its mean in the run: round-off is fast
 _ROUNDED = 2.0  # times that what is as large as the model is rounded
@@ -209,11 +209,11 @@ def set_least_motion(
         for x in (size, away):  # a weighted mode moves points of the body, as its frame does
             x[iv + 6 : iv + 6 + m] = x[iv]
     first = len(weights) - len(compiled.system.parts.coordinates)
-    far = away / weights
+    far, explicit = away / weights, integrator.stages > 0
     size[first:] = away[first:] = _STATE
-    if integrator.stages == 0:  # Newton's method solves for them too
+    if not explicit:  # Newton's method solves for them too
         _put_joint_coordinates(compiled, np.ones(len(far)), far, away)
-    noise = _SOLVED if integrator.collocation else _NOISE
+    noise = _COLLOCATED if integrator.collocation else _NOISE if explicit else _SOLVED
     state.motion[:] = np.maximum(
         _SHARE_AT_REST * settings.least_motion * size, noise / settings.tolerance * away
     )
