@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexmb.errors import FlexmbWarning, Problem, SceneError, SolverError, nearest
+from flexmb.errors import FlexmbWarning, OutputError, Problem, SceneError, SolverError, nearest
 from flexmb.folders import output_folder, writable_folder
 from flexmb.progress import Progress, silent
 from flexmb.workflow.flexible_bodies import flexible_bodies
@@ -61,6 +61,8 @@ def inverse_dynamics(
     ------
     FlexmbError
         Whatever is wrong, in one message: motions that nothing drives, and what to drive.
+    OutputError
+        The folder is that of the motion, or cannot be written.
     """
     from flexmb.analysis.inverse_dynamics import prepare_inverse, run_inverse
     from flexmb.engine.compile import compile_system
@@ -70,6 +72,9 @@ def inverse_dynamics(
 
     run = motion if isinstance(motion, Result) else Result(motion)
     driven = _with_drives(model, drives)
+    if output is not None and (Path(output) / "result.h5").resolve() == run.path.resolve():
+        what = f"{output} is the folder of the run whose motion is taken, which would be lost"
+        raise OutputError(f"{what}: give another one")
     scratch = None if output is not None else TemporaryFolder()
     folder = writable_folder(scratch.path if scratch is not None else Path(output or "."))
     driven.validate()
@@ -112,7 +117,9 @@ def inverse_scene(
         A run with the same bodies, whose motion is taken instead.
     drives : sequence of str
         With `along`: joints that get a driver in addition; see `inverse_dynamics`.
-    output, overrides, pictures, progress
+    output : path, optional
+        Folder of what is written; ``out/<scene>/inverse`` by default, beside the run of the scene.
+    overrides, pictures, progress
         As of `run_scene`.
 
     Raises
@@ -126,7 +133,7 @@ def inverse_scene(
     from flexmb.workflow.simulate import run_model
 
     model = load_scene(Path(path), dict(overrides or {}))
-    folder = output_folder(path) if output is None else Path(output)
+    folder = output_folder(path) / "inverse" if output is None else Path(output)
     if along is None:
         if drives:
             what = "a drive without a function needs a motion: give a run of it (along)"

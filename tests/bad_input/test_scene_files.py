@@ -150,6 +150,13 @@ def test_changes_of_parameters_with_units(scene):
             load_scene(scene, {"speed": clear})
 
 
+def test_changes_of_values_with_units_by_their_paths(scene):
+    scene.write_text(GOOD + "[bodies.weight]\nmass = '500 g'\ninertia = [1, 1, 1]\n")
+    assert message(scene, {"bodies.weight.mass": "3 mm"}).endswith("is another quantity")
+    with pytest.warns(FlexmbWarning, match="mass: 400 has no unit and is 400000 g in the scene's"):
+        load_scene(scene, {"bodies.weight.mass": 400})
+
+
 def test_a_law_with_if_says_what_there_is(scene):
     scene.write_text(GOOD + "[sensors]\nlaw = {type = 'expression', value = 'if(t<0.5,0,1)'}")
     assert 'there is no "if"; step, sign' in message(scene)
