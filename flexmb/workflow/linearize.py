@@ -19,6 +19,7 @@ from flexmb.errors import FlexmbWarning, Problem, SceneError, nearest
 from flexmb.folders import writable_folder
 from flexmb.progress import Progress, silent
 from flexmb.workflow.compiled_model import CompiledModel, compile_source
+from flexmb.workflow.flexible_bodies import REUSED
 from flexmb.workflow.run_report import CheckOutcome
 
 if TYPE_CHECKING:
@@ -80,7 +81,8 @@ def linearize(
     system = compile_source(source, overrides=overrides, progress=progress)
     made = _linearize(system, time, about, frame)
     for note in (*system.notes, *made.notes):
-        warnings.warn(note, FlexmbWarning, stacklevel=2)
+        if REUSED not in note:
+            warnings.warn(note, FlexmbWarning, stacklevel=2)
     return made
 
 

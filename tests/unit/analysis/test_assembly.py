@@ -272,6 +272,19 @@ def test_a_body_far_from_where_its_joints_close_is_refused(units, distance):
         flexmb.simulate(made, duration=0.01, outputs=1)
 
 
+def test_each_body_is_named_with_a_joint_of_its_own():
+    made = Model("arms")
+    for k, name in enumerate(("one", "two")):
+        made.add_body(name, mass=1.0, inertia=[1, 1, 1], position=[0.2 + 0.1 * k, 0, 0])
+        made.add_joint(f"pin_{name}", "revolute", between=["ground", name], axis="z")
+    with pytest.raises(AssemblyError) as caught:
+        flexmb.mobility(made)
+    two, one = str(caught.value).splitlines()
+    assert two.startswith("bodies.two:") and "joints.pin_two is open by 0.3 m" in two
+    assert one.startswith("bodies.one:") and "joints.pin_one is open by 0.2 m" in one
+    assert "(ground alone is the origin; [ground.markers] names other points)" in one
+
+
 def test_a_body_that_would_have_to_turn_far_is_refused():
     """A block whose fixed joint is askew turns about its origin, which does not move; so does a
     bar that is placed at its pin, but not towards the other one."""
