@@ -71,8 +71,9 @@ def _set(scene: dict[str, Any], name: str, value: Any) -> Problem | None:
         problems = [_set(scene, ".".join(("bodies", k, *parts[2:])), value) for k in bodies]
         return next(filter(None, problems), None) if bodies else Problem(where, NO_FLEXIBLE_BODY)
     table: Any = scene
+    is_entry = len(parts) == 2 and isinstance(value, Mapping)
     for depth, part in enumerate(parts[:-1]):
-        if depth == 0 and part in _MAKEABLE:
+        if depth == 0 and (part in _MAKEABLE or (part in _OF_ENTRIES and is_entry)):
             table.setdefault(part, {})
         if depth == 0 and part == "effects" and isinstance(table[part], str):
             table[part] = {"choice": table[part]}
@@ -177,6 +178,7 @@ def _unit_text(value: Any) -> str:
         return ""  # an expression, or a mistake that the reader of the scene tells
 
 
+_OF_ENTRIES = ("curves", "couplers", "drivers", "forces", "joints", "sensors", "states")
 _OF_NAMES = ("markers", "interfaces", "sections")  # tables of named things
 
 
