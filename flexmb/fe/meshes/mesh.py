@@ -197,6 +197,8 @@ def _read(source: Path) -> Mesh:
         blocks, became = _merge_blocks(raw)
         groups = _named_groups(raw, became)
         node_sets = {name: np.asarray(nodes, int) for name, nodes in raw.point_sets.items()}
+    except MeshError as error:
+        raise MeshError(f"{source}: the mesh file is damaged: {error}") from None
     except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
         raise MeshError(f"{source}: {damage(source, error)}") from error
     own = (getattr(raw, "note", ""), getattr(raw, "numbers", None))
@@ -251,7 +253,7 @@ def _merge_blocks(raw: Any) -> tuple[dict[str, IntArray], list[IntArray]]:
         numbers = [k for k, block in enumerate(raw.cells) if block.type == kind]
         cells = np.concatenate([np.asarray(raw.cells[k].data, dtype=int) for k in numbers])
         if cells.shape[1] != num_nodes_per_cell.get(kind, cells.shape[1]):
-            raise ValueError(f"elements of kind {kind} with {cells.shape[1]} nodes")
+            raise MeshError(f"elements of kind {kind} with {cells.shape[1]} nodes")
         blocks[kind], rows = _without_repeats(cells)
         ends = np.cumsum([len(raw.cells[k].data) for k in numbers])
         for number, part in zip(numbers, np.split(rows, ends[:-1]), strict=True):
