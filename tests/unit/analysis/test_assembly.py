@@ -346,3 +346,30 @@ def test_the_weight_of_a_flexible_body_counts_for_its_inertia_alone(coupling):
     inertia = np.setdiff1d(np.arange(body["flex"], shapes[0]), same)
     np.testing.assert_array_equal(weighted[same], pool[same])
     np.testing.assert_array_equal(weighted[inertia], 3.0 * pool[inertia])
+
+
+def test_a_plate_on_redundant_joints_sags_into_its_elastic_equilibrium():
+    """A hatch on two hinges and two cylinders, which hold it by lever arms."""
+    made = Model("hatch", gravity=[0, 0, -9.81])
+    places = {"h1": [0, -1, 0], "h2": [0, 1, 0], "eye1": [1.25, -0.75, 0], "eye2": [1.25, 0.75, 0]}
+    made.add_body(
+        "cover",
+        mesh={"type": "plate", "length": 3.0, "width": 2.0, "divisions": [12, 8]},
+        sections={"all": {"type": "shell", "thickness": 0.012}},
+        material="steel",
+        interfaces={name: {"center": x, "radius": 0.3} for name, x in places.items()},
+        modes=8,
+    )
+    for side in (1, 2):
+        made.add_marker(f"ground.h{side}", position=places[f"h{side}"])
+        made.add_marker(f"ground.f{side}", position=[0.3, places[f"eye{side}"][1], -1.0])
+        rod = {"between": [f"ground.f{side}", f"cover.eye{side}"], "distance": np.hypot(0.95, 1)}
+        made.add_driver(f"ram{side}", **rod)
+    made.add_joint("h1", "revolute", between=["ground.h1", "cover.h1"], axis="y")
+    made.add_joint("h2", "spherical", between=["ground.h2", "cover.h2"])
+    run = flexmb.simulate(made, duration=0.01, outputs=1, start="quasi-static")
+    arm = 1.25 * np.sin(np.arctan2(1.0, 0.95))
+    weight = 3 * 2 * 0.012 * 7850 * 9.81
+    forces = [np.linalg.norm(run.reaction(f"ram{side}").force[0]) for side in (1, 2)]
+    assert sum(forces) == pytest.approx(weight * 1.5 / arm, rel=2e-3)
+    assert run.drift[0].max() < 1e-9
