@@ -126,12 +126,10 @@ def units_of_values(
 ) -> tuple[list[Problem], list[str]]:
     """Values for one of which a scene states the unit: problems where they are of another quantity,
     a sentence where the unit is left out though the numbers seem to have it."""
-    old, system = _value_at(scene, name), UNIT_SYSTEMS.get(str(scene.get("units", "SI")))
-    stated = _unit_text(old)
-    if system is None or not stated:
+    old, (stated, ratio) = _value_at(scene, name), stated_unit(scene, name)
+    if not stated:
         return [], []
     unit = parse_unit(stated)
-    ratio = system.factor(*unit.dimension[:3]) / unit.factor
     problems, bare = [], []
     for new in values:
         other = _unit_text(new)
@@ -147,6 +145,19 @@ def units_of_values(
     cure = f'{first:.6g} {stated} is written "{first:.6g} {stated}"'
     others = f"; the same for {len(bare) - 1} more" if len(bare) > 1 else ""
     return problems, [f"{where}: {what}; {cure}{others}"]
+
+
+def stated_unit(scene: Mapping[str, Any], name: str) -> tuple[str, float]:
+    """The unit that a scene states of a value, and how many of it one of the scene's units is.
+
+    Both are none where it states no unit.
+    """
+    system = UNIT_SYSTEMS.get(str(scene.get("units", "SI")))
+    text = _unit_text(_value_at(scene, name))
+    if system is None or not text:
+        return "", 1.0
+    unit = parse_unit(text)
+    return text, system.factor(*unit.dimension[:3]) / unit.factor
 
 
 def _value_at(scene: Mapping[str, Any], name: str) -> Any:

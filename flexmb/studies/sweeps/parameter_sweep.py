@@ -22,7 +22,7 @@ from flexmb.model import Model
 from flexmb.model.quantities import read_number
 from flexmb.model.reading import under
 from flexmb.model.scenes.effects import active_model
-from flexmb.model.scenes.study import leaves, override
+from flexmb.model.scenes.study import leaves, override, stated_unit
 from flexmb.model.scenes.sweep import (
     Distribution,
     SweepSpec,
@@ -134,7 +134,7 @@ def sweep(
     return Sweep(
         source.model.title or source.file, source.file, source.output, plan.design,
         runner.settings, units, columns, plan.spec.quantiles, plan.spec.seed, source.overrides,
-        answer, runner.reused,
+        answer, runner.reused, {k: stated_unit(source.scene, k) for k in plan.design.knobs},
     )  # fmt: skip
 
 
