@@ -137,6 +137,8 @@ def test_a_marker_that_is_added_says_where_it_is_wrong():
     with pytest.raises(SceneError) as caught:
         model.add_marker("bar.tip", position=[1, 0])
     assert str(caught.value) == "bodies.bar.markers.tip.position[2]: is missing"
+    with pytest.raises(SceneError, match='is used twice; a marker is named as "bar.tip"'):
+        model.add_marker("bar", position=[1, 0, 0])
 
 
 def test_changes_of_parameters_with_units(scene):
