@@ -195,6 +195,17 @@ def _check_placement(
         )
 
 
+def is_misplaced(compiled: Compiled, model: Model) -> bool:
+    """Whether joints are so far open as placed that a run refuses it, whatever deforms."""
+    state = new_state(compiled.system, channels=len(compiled.layout.channels))
+    state.q[:] = compiled.initial_q
+    corrector = length_corrector(compiled, state, assembly_weights(model))
+    corrector.evaluate()
+    gaps = (gap for gap in joint_gaps(compiled, corrector.work) if gap.name.startswith("joints."))
+    worst = max((gap.size(compiled.length) for gap in gaps), default=0.0)
+    return model.assembly is None and worst > _MOVED
+
+
 def _gap_of(model: Model, gaps: list[Offset], body: str) -> Offset:
     """The worst joint of a body, or of all where its own are closed."""
     own = (

@@ -373,3 +373,20 @@ def test_a_plate_on_redundant_joints_sags_into_its_elastic_equilibrium():
     forces = [np.linalg.norm(run.reaction(f"ram{side}").force[0]) for side in (1, 2)]
     assert sum(forces) == pytest.approx(weight * 1.5 / arm, rel=2e-3)
     assert run.drift[0].max() < 1e-9
+
+
+def test_a_mesh_that_is_placed_far_from_its_joints_is_refused_by_the_check(tmp_path):
+    """Before it is reduced: its stand-in is rigid, but no deformation makes good for so much."""
+    text = (
+        "[bodies.bar]\nmesh = { type = 'box', size = [1, 0.1, 0.1] }\nmaterial = 'steel'\n"
+        "interfaces = { a = 'x0', b = 'x1' }\n[ground.markers]\nfar = { position = [%s, 0, 0] }\n"
+        "[joints]\na = { type = 'fixed', between = ['ground', 'bar.a'] }\n"
+        "b = { type = 'fixed', between = ['ground.far', 'bar.b'] }\n[statics]\n"
+    )
+    scene = tmp_path / "scene.toml"
+    scene.write_text(text % 1.05)
+    with pytest.raises(AssemblyError, match=r"joints\.b"):
+        flexmb.check_scene(scene)
+    scene.write_text(text % 1.001)
+    notes = flexmb.check_scene(scene).notes
+    assert any(note.startswith("if the flexible bodies are rigid: joints.") for note in notes)
