@@ -7,6 +7,7 @@ with the same rows, and all reactions.
 from __future__ import annotations
 
 import copy
+import shutil
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -133,7 +134,7 @@ def inverse_scene(
     from flexmb.workflow.simulate import run_model
 
     model = load_scene(Path(path), dict(overrides or {}))
-    folder = output_folder(path) / "inverse" if output is None else Path(output)
+    folder = _folder_beside_run(Path(path)) if output is None else Path(output)
     if along is None:
         if drives:
             what = "a drive without a function needs a motion: give a run of it (along)"
@@ -158,6 +159,16 @@ def inverse_scene(
         folder, run.path, run.flexbodies, *drawn, dict(run.statistics), notes,
         resumable=False, tables=(drive_table(run),),
     )  # fmt: skip
+
+
+def _folder_beside_run(scene: Path) -> Path:
+    """The folder of inverse dynamics in that of a run, with the bodies that were reduced there."""
+    run = output_folder(scene)
+    folder = writable_folder(run / "inverse")
+    for body in run.glob("*.flexbody.h5"):
+        if not (folder / body.name).exists():
+            shutil.copy2(body, folder)
+    return folder
 
 
 def drive_table(run: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:

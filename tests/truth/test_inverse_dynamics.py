@@ -189,6 +189,10 @@ def test_a_run_of_the_scene_stays_beside_its_inverse_dynamics(tmp_path, monkeypa
     assert inverse("arm.toml").exit_code == 0
     assert inverse("arm.toml", "--along", "out/arm").exit_code == 0
     assert (tmp_path / "out/arm/inverse/result.h5").is_file()
+    (tmp_path / "out/arm/bar.flexbody.h5").write_bytes(b"as reduced there")
+    (tmp_path / "out/arm/inverse/result.h5").unlink()
+    assert inverse("arm.toml").exit_code == 0
+    assert (tmp_path / "out/arm/inverse/bar.flexbody.h5").read_bytes() == b"as reduced there"
     done = inverse("arm.toml", "--along", "out/arm", "-o", "out/arm")
     assert done.exit_code == 2
     assert "is the folder of the run whose motion is taken, which would be lost" in done.stderr
