@@ -220,6 +220,7 @@ def render_mode_shapes(
     from flexmb.flexbody import save
     from flexmb.results import Result
     from flexmb.results.output_block import OutputBlock
+    from flexmb.results.run_summary import MODE_SHAPE
     from flexmb.results.writer import ResultWriter
     from flexmb.view.picture import render
 
@@ -249,7 +250,7 @@ def render_mode_shapes(
         path = target / f"mode_{k}.h5"
         with ResultWriter(path, layout, n, scene=scene, flexbodies=files) as writer:
             writer.append(rows)
-            writer.finish({}, "finished", "")
+            writer.finish({MODE_SHAPE: k}, "finished", "")
         picture = target / f"mode_{k}.png"
         pictures.append(render(Result(path), 0.0, ghosts=_GHOSTS, exaggeration=1.0, output=picture))
     return pictures
