@@ -204,10 +204,15 @@ def make_settings(source: StudySource, vary: Mapping[str, tuple[Any, ...]]) -> l
 
 def refused_values(settings: Sequence[Setting]) -> list[Problem]:
     """Values that the model refuses whatever the other knobs have."""
-    good = [item for one in settings if one.model is not None for item in one.values.items()]
+    good = {
+        (knob, repr(value))
+        for one in settings
+        if one.model is not None
+        for knob, value in one.values.items()
+    }
     problems: dict[str, Problem] = {}
     for setting in settings:
-        bad = {knob: value for knob, value in setting.values.items() if (knob, value) not in good}
+        bad = {k: value for k, value in setting.values.items() if (k, repr(value)) not in good}
         if len(bad) == 1 or (bad and not good):  # the reason is not that of another value
             reason = setting.refusal
             where = "" if reason.startswith(f"{next(iter(bad))}:") else f"vary {label(bad)}"

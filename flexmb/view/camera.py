@@ -19,6 +19,7 @@ import numpy as np
 from flexmb.errors import ViewError
 from flexmb.flexbody.arrays import Array
 from flexmb.model.scenes.sections import CAMERAS
+from flexmb.results.run_summary import MODE_SHAPE
 from flexmb.view.mechanism import Mechanism
 
 _ABOVE, _ASIDE = 0.32, 0.22  # slopes by which the eye leaves the joint axis
@@ -26,6 +27,7 @@ _STEEP = 0.8  # cosine to the eye's direction above which an axis is not taken a
 _PARALLEL = 0.999  # cosine above which two directions count as one
 _FLAT = 0.4  # of its extent across the joint axes, below which a mechanism is seen from above
 _THIN = 0.1  # of its width, below which a body is a panel
+_ALONG = 0.7  # cosine between a vibration and the joint axes from which it is not seen along them
 _EDGE_ON = 0.5  # cosine between its normal and the joint axes below which it is seen edge-on
 _SLENDER = 2.0  # times its next extent from which a body lies lengthwise
 _SPATIAL = np.array([0.45, 0.42, 0.79])  # aside, above, towards, where no plane is preferred
@@ -208,7 +210,7 @@ def _normal(mechanism: Mechanism, parts: Sequence[Sequence[Array]]) -> Array | N
     """The common axis, where a mechanism is to be seen along it: not if it is upright and the
     bodies reach far along it."""
     normal, gravity = common_axis(mechanism), np.array(mechanism.model.gravity or np.zeros(3))
-    if normal is None:
+    if normal is None or _vibrates_along(normal, mechanism, parts):
         return None
     points = [points for moment in parts for points in moment]
     if not abs(normal @ gravity) > _PARALLEL * np.linalg.norm(gravity):
@@ -219,6 +221,14 @@ def _normal(mechanism: Mechanism, parts: Sequence[Sequence[Array]]) -> Array | N
     across = everything - np.outer(everything @ normal, normal)
     flat = np.ptp(everything @ normal) < _FLAT * np.ptp(across, axis=0).max()
     return normal if flat else None
+
+
+def _vibrates_along(normal: Array, mechanism: Mechanism, parts: Sequence[Sequence[Array]]) -> bool:
+    """Whether the bodies of a mode shape move along a direction, so that nothing of it is seen."""
+    if len(parts) < 2 or MODE_SHAPE not in mechanism.result.statistics:
+        return False
+    steps = np.stack([b.mean(axis=0) - a.mean(axis=0) for a, b in zip(*parts[:2], strict=True)])
+    return bool(abs(np.linalg.svd(steps)[2][0] @ normal) > _ALONG)
 
 
 def _has_panel_edge_on(normal: Array, bodies: Sequence[Array]) -> bool:

@@ -38,3 +38,20 @@ def test_colours_of_a_mode_are_relative(tmp_path):
     mechanism = Mechanism(flexmb.load_result(tmp_path / "mode_1.h5"))
     scale = Drawing(mechanism, view_of(mechanism, {})).content().scale
     assert (scale.label, scale.top) == ("relative displacement", 1.0)
+
+
+def test_a_vibration_along_the_joint_axes_is_seen_from_aside(tmp_path):
+    model = flexmb.Model("rotor on a spring")
+    model.add_body("mount", shape={"type": "box", "size": [1, 1, 0.2]}, density=1000)
+    model.add_body("rotor", shape={"type": "box", "size": [0.5, 0.1, 0.1]}, density=1000)
+    model.add_joint("guide", "prismatic", between=["ground", "mount"], axis="z")
+    model.add_joint("shaft", "revolute", between=["mount", "rotor"], axis="z")
+    model.add_force("bed", "translational-spring-damper", joint="guide", stiffness=1e5)
+    model.add_force("coupling", "rotational-spring-damper", joint="shaft", stiffness=10.0)
+    made = flexmb.linearize(model)
+    for mode in (1, 2):
+        flexmb.render_mode_shapes(made, tmp_path, [mode])
+        mechanism = Mechanism(flexmb.load_result(tmp_path / f"mode_{mode}.h5"))
+        towards = Drawing(mechanism, view_of(mechanism, {})).content().camera.direction
+        along = np.abs(mechanism.result.q[0, 2] - mechanism.result.q[12, 2]) > 1e-3
+        assert (abs(towards[2]) < 0.7) == along
