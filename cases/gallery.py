@@ -6,7 +6,8 @@
     python cases/gallery.py --draw excavator wheel    these only
 
 Pictures stand beside the scenes: `picture.png` and `history.png` of `scene.toml`, `NAME.png` and
-`NAME.history.png` of `NAME.toml`. The index is `flexmb help cases`.
+`NAME.history.png` of `NAME.toml`; `modes.png` of a scene with bodies alone.
+The index is `flexmb help cases`.
 """
 
 from __future__ import annotations
@@ -67,7 +68,8 @@ def draw(scene: Path) -> None:
             from flexmb.workflow.reduction import reduce_scene
 
             body = reduce_scene(scene, output=Path(folder)).bodies[0]
-            drawn = {flexmb.render_modes(body.path, output=Path(folder) / "modes.png"): picture}
+            modes = flexmb.render_modes(body.path, output=Path(folder) / "modes.png")
+            drawn = {modes: picture.with_name(picture.name.replace("picture", "modes"))}
         for source, target in drawn.items():
             if source is not None:
                 save_small(source, target)

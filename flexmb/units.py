@@ -114,6 +114,9 @@ _WORDS = {
 def _unknown_unit(symbol: str) -> FlexmbError:
     word = symbol.casefold()
     likely = _WORDS.get(word) or _WORDS.get(word.removesuffix("s"))
+    force, newton, other = symbol.partition("N")  # "kNm"
+    if likely is None and f"{force}{newton}" in UNITS and other in UNITS:
+        likely = f"{force}{newton} {other}"
     if likely is None:
         return FlexmbError.unknown_name("unit", symbol, UNITS)
     problem = Problem("", f'unknown unit "{symbol}"', tuple(UNITS), (likely,))

@@ -125,7 +125,8 @@ def inverse(
         ),
     ] = None,
     output: Annotated[
-        Path | None, output_option("Folder for everything that is written; out/<scene> by default.")
+        Path | None,
+        output_option("Folder for everything that is written; out/<scene>/inverse by default."),
     ] = None,
     overrides: Overrides = None,
     no_picture: NoPicture = False,

@@ -28,6 +28,7 @@ from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero
 from flexmb.materials import plausibility
 
 _CURVED_SHARE = 0.7  # of normals along x up to the change of axes; walls at 0 or 90 degrees pass
+_MAX_MASS = 1e7  # kg: a bracket of 90 mm read as metres is heavier
 _MASS_TOLERANCE = 1e-3  # relative; curved elements have another quadrature than their mass
 _SIMPSON = ((0.0, 1 / 6), (0.5, 2 / 3), (1.0, 1 / 6))  # exact for an area that varies as a square
 
@@ -147,6 +148,11 @@ def model_findings(
         f"{w}{text}" for one, w in of.items() if one is not None for text in plausibility(one)
     ]
     sentences.append(size_sentence(model.mesh.points[model.numbering.nodes], unit))
+    if not sentences[-1] and None not in of:
+        mass = nominal_mass(model.blocks, model.mesh.points)
+        extent = float(np.ptp(model.mesh.points[model.numbering.nodes], axis=0).max())
+        what = f"the mesh extends over {extent:.4g} m and has a mass of {mass:.3g} kg"
+        sentences += [f"{what}: is its unit system the right one?"] * (mass > _MAX_MASS)
     return [
         *(Finding("warning", sentence) for sentence in sentences if sentence),
         *mesh_report(model.mesh, model.blocks, linked),

@@ -193,7 +193,8 @@ class Model:
         own = f"markers.{name}"
         problems = [replace(p, where=where + p.where.removeprefix(own)) for p in problems]
         if lookup.has_marker(self, body, name):
-            problems.append(Problem(where, f'the name "{name}" is used twice'))
+            cure = "" if "." in reference else f'; a marker is named as "{body}.tip"'
+            problems.append(Problem(where, f'the name "{name}" is used twice{cure}'))
         _raise(problems)
         assert isinstance(spec, MarkerSpec)
         if isinstance(owner, BodySpec):  # perhaps the body of another model as well

@@ -41,6 +41,8 @@ from flexmb.units import UNITS, parse_unit
 
 _ENDS_A_VALUE = re.compile(r"[\w.)]$")
 _NUMBER_AND_WORD = re.compile(r"\s*[-+]?[\d.]+(?:[eE][-+]?\d+)?\s+(?P<unit>[A-Za-zµ].*)$")
+_NUMBER_AND_REST = re.compile(r"\s*([-+]?(?:\d+[.,]?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s].*?)\s*")
+_POWER = re.compile(r"(?<=[A-Za-zµ])(-?\d)")
 _SYMBOLS = re.compile(r"[A-Za-zµ]+")
 _NOUNS = {
     "": "a plain number",
@@ -117,7 +119,13 @@ def _split(text: str, time: bool) -> tuple[str, str]:
 
 
 def _refuse_unknown(text: str, names: ReadContext, time: bool) -> None:
-    """Say so where a number is followed by a word that is no unit."""
+    """Say so where a number is followed by a word that is no unit, or by one written otherwise."""
+    number = _NUMBER_AND_REST.fullmatch(text)
+    if number is not None and not any(s in names for s in _SYMBOLS.findall(number[2])):
+        rest = _POWER.sub(r"^\1", number[2].replace("°", "deg"))
+        if not (time and "t" in _SYMBOLS.findall(rest)) and _is_unit(rest):
+            decimal = number[1].replace(",", ".")
+            raise SceneError(f'{quote(text)} is written "{decimal} {rest}"')
     match = _NUMBER_AND_WORD.match(text)
     symbols = _SYMBOLS.findall(match["unit"]) if match else []
     if match is None or any(s in names for s in symbols) or (time and "t" in symbols):
@@ -130,6 +138,14 @@ def _refuse_unknown(text: str, names: ReadContext, time: bool) -> None:
             raise SceneError.from_problems(
                 [Problem("", problem.what, tuple(UNITS), problem.nearest)]
             ) from None
+
+
+def _is_unit(text: str) -> bool:
+    try:
+        parse_unit(text)
+    except FlexmbError:
+        return False
+    return True
 
 
 _UNIT_ROUND_OFF = 4e-16  # of a length of one after scaling

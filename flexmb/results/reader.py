@@ -325,7 +325,7 @@ class ResultReader:
         Raises
         ------
         ResultFileError
-            The run did not store all of it.
+            There is no such table, or the run did not store all of it.
         """
         return self._stored(name) if name == "time" else self.part(name)
 
@@ -377,6 +377,8 @@ class ResultReader:
 
     def _file_columns(self, name: str, columns: Places) -> Places:
         """Where the file holds columns of a table."""
+        if name not in self._contents.stored:
+            raise ResultFileError.unknown_name("table", name, ("time", *self._contents.stored))
         stored, width = self._contents.stored[name], widths(self.layout)[name]
         if len(stored) == width:
             return columns

@@ -15,6 +15,8 @@ NOTES = "notes"
 """The statistic that holds what was told of a run, a line for each."""
 NOT_CONTAINED = "not_contained"
 """The statistic that says what the errors of a run do not contain."""
+MODE_SHAPE = "mode_shape"
+"""Statistic of a file that holds a vibration of a linearised machine: its number."""
 SECONDS = "seconds_"
 """Before the names of statistics that are wall times by phase [s]."""
 _SPLIT = "`flexmb budget SCENE` splits them"
@@ -47,7 +49,7 @@ _PIVOTS = "replaced_pivots"
 _WITH_WORDS = {
     *_OF_STEPS, *_OF_POINTS, *_ITERATIONS, *_ERRORS, _PIVOTS, _RESUMED, _TEN_TIMES, _SPEED,
     *(prefix + name for prefix in (_MEASURED, _WORST, _SCALE) for name in _QUANTITIES),
-    "reactions_not_unique", NOTES, NOT_CONTAINED,
+    "reactions_not_unique", NOTES, NOT_CONTAINED, MODE_SHAPE,
 }  # fmt: skip
 
 

@@ -163,7 +163,9 @@ def read_run(model: Model, result_file: Path, names: Sequence[str]) -> Reading:
         sensor = name.removesuffix(_VELOCITY_SUFFIX)
         histories.append(History(_quantity(model, name), sensor, unit, values))
     histories += _reactions(model, result)
-    return Reading(histories, _scales(histories))
+    places = [result.part("q", slice(b.iq, b.iq + 3)) for b in result.layout.bodies]
+    length = float(np.ptp(np.vstack(places), axis=0).max()) if places else 0.0
+    return Reading(histories, _scales(histories, length))
 
 
 def _reactions(model: Model, result: Result) -> list[History]:
@@ -187,17 +189,23 @@ def _reaction_unit(model: Model, owner: str, what: str) -> str:
     return "N" if what.startswith(("place", "offset")) else "N m"
 
 
-def _scales(histories: Sequence[History]) -> list[float]:
+def _scales(histories: Sequence[History], length: float = 0.0) -> list[float]:
+    """The scale of each history; moments that are round-off of forces in a machine of this length
+    [m], and forces that are round-off of moments, stand still."""
     sizes = [float(np.ptp(one.values, axis=0).max(initial=0.0)) for one in histories]
     largest: dict[tuple[str, str], float] = {}
     for one, size in zip(histories, sizes, strict=True):
         kind = one.quantity, one.unit
         largest[kind] = max(largest.get(kind, 0.0), size)
+    forces, moments = (largest.get(("reactions", unit), 0.0) for unit in ("N", "N m"))
+    least_of = {"N m": _STANDSTILL * forces * length}
+    least_of["N"] = _STANDSTILL * moments / length if length > 0.0 else 0.0
     scales = []
     for one, size in zip(histories, sizes, strict=True):
+        rest = least_of.get(one.unit, 0.0) if one.quantity == "reactions" else 0.0
         most = largest[one.quantity, one.unit]
         least = _SMALL_REACTION * most if one.quantity == "reactions" else 0.0
-        scales.append(0.0 if size <= _STANDSTILL * most else max(size, least))
+        scales.append(0.0 if size <= max(_STANDSTILL * most, rest) else max(size, least))
     return scales
 
 

@@ -18,12 +18,13 @@ import itertools
 import math
 import re
 import shlex
+import warnings
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import Any
 
-from flexmb.errors import FlexmbError, Problem, SceneError
+from flexmb.errors import FlexmbError, FlexmbWarning, Problem, SceneError
 from flexmb.folders import output_folder
 from flexmb.model import Model
 from flexmb.model.flexible_body import MEAN_AXIS, FlexbodySpec
@@ -32,7 +33,7 @@ from flexmb.model.reading import under
 from flexmb.model.scenes.dynamics import OPTIONS
 from flexmb.model.scenes.effects import SWITCHES
 from flexmb.model.scenes.scene import load_scene, raw_scene
-from flexmb.model.scenes.study import override, resolve_knob
+from flexmb.model.scenes.study import override, resolve_knob, units_of_values
 from flexmb.studies.channel_errors import add_velocity_sensors
 from flexmb.studies.study_jobs import content_key, texts_of
 
@@ -201,6 +202,24 @@ def make_settings(source: StudySource, vary: Mapping[str, tuple[Any, ...]]) -> l
     return settings
 
 
+def refused_values(settings: Sequence[Setting]) -> list[Problem]:
+    """Values that the model refuses whatever the other knobs have."""
+    good = {
+        (knob, repr(value))
+        for one in settings
+        if one.model is not None
+        for knob, value in one.values.items()
+    }
+    problems: dict[str, Problem] = {}
+    for setting in settings:
+        bad = {k: value for k, value in setting.values.items() if (k, repr(value)) not in good}
+        if len(bad) == 1 or (bad and not good):  # the reason is not that of another value
+            reason = setting.refusal
+            where = "" if reason.startswith(f"{next(iter(bad))}:") else f"vary {label(bad)}"
+            problems.setdefault(f"{where}{reason}", Problem(where, reason))
+    return list(problems.values())
+
+
 def change_model(source: StudySource, changes: Mapping[str, Any]) -> tuple[Model, dict[str, Any]]:
     """The model of the source with some values changed, and its scene.
 
@@ -216,6 +235,20 @@ def change_model(source: StudySource, changes: Mapping[str, Any]) -> tuple[Model
         scene.pop(section, None)
     scene = add_velocity_sensors(scene)
     return Model.from_scene_dict(scene, source.folder), scene
+
+
+def check_units(source: StudySource, vary: Mapping[str, Iterable[Any]]) -> list[Problem]:
+    """Values of another quantity than the scene states of their knob; numbers without its unit,
+    where they seem to have it, are told in a warning."""
+    problems: list[Problem] = []
+    scene = override(source.scene, source.overrides)[0]
+    for text, values in vary.items():
+        name = resolve_knob(scene, text)[0]
+        wrong, notes = units_of_values(scene, f"vary {text}", name, values)
+        problems += wrong
+        for note in notes:
+            warnings.warn(note, FlexmbWarning, stacklevel=4)
+    return problems
 
 
 def resolve_knobs(

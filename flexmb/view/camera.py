@@ -1,7 +1,8 @@
 """From where a mechanism or a body is seen.
 
 A mechanism is seen along its joint axes if they are parallel, slightly from above; where they are
-upright only if it is flat. Up is against gravity where there is any, else z, else (for a mechanism
+upright only if it is flat, and from aside where a panel that is as wide along them would be seen
+edge-on. Up is against gravity where there is any, else z, else (for a mechanism
 seen nearly along z) y. Of the sides that remain the one is taken from which the bodies hide each
 other least, over the whole motion. A body alone is seen from aside and above z, or lengthwise above
 its thinnest extent if slender.
@@ -9,7 +10,7 @@ its thinnest extent if slender.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -18,12 +19,16 @@ import numpy as np
 from flexmb.errors import ViewError
 from flexmb.flexbody.arrays import Array
 from flexmb.model.scenes.sections import CAMERAS
+from flexmb.results.run_summary import MODE_SHAPE
 from flexmb.view.mechanism import Mechanism
 
 _ABOVE, _ASIDE = 0.32, 0.22  # slopes by which the eye leaves the joint axis
 _STEEP = 0.8  # cosine to the eye's direction above which an axis is not taken as upright
 _PARALLEL = 0.999  # cosine above which two directions count as one
 _FLAT = 0.4  # of its extent across the joint axes, below which a mechanism is seen from above
+_THIN = 0.1  # of its width, below which a body is a panel
+_ALONG = 0.7  # cosine between a vibration and the joint axes from which it is not seen along them
+_EDGE_ON = 0.5  # cosine between its normal and the joint axes below which it is seen edge-on
 _SLENDER = 2.0  # times its next extent from which a body lies lengthwise
 _SPATIAL = np.array([0.45, 0.42, 0.79])  # aside, above, towards, where no plane is preferred
 _CELLS = 60  # of a coarse picture, along its longer side, that shows what hides what
@@ -154,11 +159,13 @@ def visible_shares(camera: Camera, parts: Sequence[Array]) -> Array:
 
 
 def _clearest(views: list[Camera], parts: Sequence[Sequence[Array]]) -> Camera:
-    """The view whose worst hidden part is seen best; the first of those that are alike."""
+    """The view whose worst hidden part and worst panel are seen best; the first of like ones."""
     best, score = views[0], -np.inf
+    panels = [normal for moment in parts for _, normal in _panels(moment)]
     for view, gain in zip(views, _GAINS, strict=True):
         shares = [visible_shares(view, moment) for moment in parts if len(moment) > 1]
         worst = float(np.mean([s.min() + s.mean() for s in shares])) if shares else 0.0
+        worst += min((abs(float(normal @ view.direction)) for normal in panels), default=0.0)
         if worst - gain > score:
             best, score = view, worst - gain
     return best
@@ -203,16 +210,43 @@ def _normal(mechanism: Mechanism, parts: Sequence[Sequence[Array]]) -> Array | N
     """The common axis, where a mechanism is to be seen along it: not if it is upright and the
     bodies reach far along it."""
     normal, gravity = common_axis(mechanism), np.array(mechanism.model.gravity or np.zeros(3))
-    upright = normal is not None and abs(normal @ gravity) > _PARALLEL * np.linalg.norm(gravity)
-    if normal is None or not upright:
-        return normal
+    if normal is None or _vibrates_along(normal, mechanism, parts):
+        return None
     points = [points for moment in parts for points in moment]
+    if not abs(normal @ gravity) > _PARALLEL * np.linalg.norm(gravity):
+        return None if points and _has_panel_edge_on(normal, parts[0]) else normal
     if not points:
         return None
     everything = np.vstack(points)
     across = everything - np.outer(everything @ normal, normal)
     flat = np.ptp(everything @ normal) < _FLAT * np.ptp(across, axis=0).max()
     return normal if flat else None
+
+
+def _vibrates_along(normal: Array, mechanism: Mechanism, parts: Sequence[Sequence[Array]]) -> bool:
+    """Whether the bodies of a mode shape move along a direction, so that nothing of it is seen."""
+    if len(parts) < 2 or MODE_SHAPE not in mechanism.result.statistics:
+        return False
+    steps = np.stack([b.mean(axis=0) - a.mean(axis=0) for a, b in zip(*parts[:2], strict=True)])
+    return bool(abs(np.linalg.svd(steps)[2][0] @ normal) > _ALONG)
+
+
+def _has_panel_edge_on(normal: Array, bodies: Sequence[Array]) -> bool:
+    """Whether a thin body, wide along the normal, would be a line if it was seen along it."""
+    size = np.ptp(np.vstack(bodies), axis=0).max()
+    return any(
+        abs(across @ normal) < _EDGE_ON and np.ptp(points @ normal) > _FLAT * size
+        for points, across in _panels(bodies)
+    )
+
+
+def _panels(bodies: Sequence[Array]) -> Iterator[tuple[Array, Array]]:
+    """The thin and wide ones of bodies (n, 3), each with its normal."""
+    for points in bodies:
+        _, extents, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+        is_thin = len(extents) == len(axes.T) and extents[2] < _THIN * extents[1]
+        if is_thin and extents[1] > _THIN * extents[0]:
+            yield points, axes[2]
 
 
 def _up(mechanism: Mechanism, towards: Array | None) -> Array:

@@ -15,6 +15,7 @@ import numpy as np
 from flexmb.flexbody.arrays import Array
 from flexmb.model.reading import GROUND, split_reference
 from flexmb.model.scenes.sections import ViewSpec
+from flexmb.results.run_summary import MODE_SHAPE
 from flexmb.view.body_shapes import body_parts, ground_grid, ground_parts, own_shape, plates_of
 from flexmb.view.camera import Camera, common_axis, mechanism_camera
 from flexmb.view.content import Content, Deformed, Label, Part, Scale, on_marker
@@ -129,10 +130,18 @@ class Drawing:
             view.color,
             mechanism.result.units,
         )
+        if self.scale is not None and self.is_mode_shape and self.scale.largest > 0.0:
+            quantity = "relative displacement"
+            self.scale = Scale(self.scale.largest, 1.0 / self.scale.largest, "", quantity)
         step = min(np.diff(self.times), default=0.0)
         self._digits = max(0, 1 - math.floor(math.log10(step))) if film and step > 0.0 else None
         self._moments: list[tuple[Array, Array]] | None = None
         self.parts += self._behind(self.cameras[0])
+
+    @property
+    def is_mode_shape(self) -> bool:
+        """Whether a vibration of the linearised machine is drawn, whose amplitude is arbitrary."""
+        return MODE_SHAPE in self.mechanism.result.statistics
 
     def display(self, time: float | None = None) -> Display:
         """Where everything is at a time of the run; of the picture by default."""
@@ -381,6 +390,8 @@ class Drawing:
                 yield Label(name, display.point(spec.between[1]), "#9a4a00")
 
     def _caption(self, display: Display, deformed: tuple[Deformed, ...]) -> str:
+        if self.is_mode_shape:
+            return "shape of a vibration, its amplitude is arbitrary"
         units = self.mechanism.result.units
         digits = self._digits
         time = f"{display.time:.6g}" if digits is None else f"{display.time:.{digits}f}"

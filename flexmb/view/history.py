@@ -34,6 +34,8 @@ _OTHER_UNITS = {
 }  # of what sensors do not measure
 _APART = ("energy.balance",)  # far smaller than the others of its unit: on axes of its own
 _POINTS = 4000  # of a line: some two for each pixel of its width; of more the extremes are drawn
+_FLAT = 20.0  # times the largest range of some lines, from which apart they need axes of their own
+_MAX_LEVELS = 3  # of lines of one unit, on axes of their own
 _MAX_LINES = 24  # in one plot
 _LETTERS = 84  # of the legend above a pair of axes, in one line
 _MAX_SHARE = 12  # of the height of a figure: lines of a legend for one pair of axes
@@ -244,10 +246,33 @@ def history_figure(
         )
         for one, rows in zip(series, spans, strict=True)
     ]  # fmt: skip
+    if not channels:
+        lines = separate_levels(lines)
     figure, grid = draw_panels(lines, units, figure_title(runs))
     grid[-1].set_xlabel(f"time [{unit}]", color=INK)
     grid[-1].set_xlim(first / factor, max(last / factor, first / factor + 1e-300))
     return figure
+
+
+def separate_levels(lines: Sequence[Line]) -> list[Line]:
+    """Lines that are flat beside the distance to others of their unit, on axes of their own."""
+    separated: list[Line] = []
+    for key in dict.fromkeys((line.unit, line.panel) for line in lines):
+        alike = [line for line in lines if (line.unit, line.panel) == key]
+        ranges = [float(np.ptp(line.y)) for line in alike]
+        levels = [0.5 * float(line.y.max() + line.y.min()) for line in alike]
+        groups: list[list[int]] = []
+        for k in np.argsort(levels):
+            if groups and levels[k] - levels[groups[-1][0]] < _FLAT * max(ranges):
+                groups[-1].append(int(k))
+            else:
+                groups.append([int(k)])
+        number = {k: i for i, group in enumerate(groups) for k in group}
+        few = len(groups) <= _MAX_LEVELS and max(ranges) > 0.0
+        separated += [
+            line._replace(panel=line.panel + 2 * number[k] * few) for k, line in enumerate(alike)
+        ]
+    return separated
 
 
 def figure_title(runs: Sequence[Result]) -> str:

@@ -206,12 +206,15 @@ def _mobility(
 
     Where only their rigidity prevents assembly, this is a note and no error.
     """
+    from flexmb.analysis.assembly.positions import is_misplaced
+    from flexmb.engine.compile import compile_system
+
     try:
         moves = mobility(model, bodies)
         if moves.lock and model.dynamics is not None:
             raise AssemblyError(moves.lock)
     except AssemblyError as error:
-        if not rigid:
+        if not rigid or is_misplaced(compile_system(model, bodies), model):
             raise
         return None, [f"if the flexible bodies are rigid: {p}" for p in error.problems]
     notes = list(moves.notes)

@@ -7,6 +7,7 @@ with the same rows, and all reactions.
 from __future__ import annotations
 
 import copy
+import shutil
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexmb.errors import FlexmbWarning, Problem, SceneError, SolverError, nearest
+from flexmb.errors import FlexmbWarning, OutputError, Problem, SceneError, SolverError, nearest
 from flexmb.folders import output_folder, writable_folder
 from flexmb.progress import Progress, silent
 from flexmb.workflow.flexible_bodies import flexible_bodies
@@ -61,6 +62,8 @@ def inverse_dynamics(
     ------
     FlexmbError
         Whatever is wrong, in one message: motions that nothing drives, and what to drive.
+    OutputError
+        The folder is that of the motion, or cannot be written.
     """
     from flexmb.analysis.inverse_dynamics import prepare_inverse, run_inverse
     from flexmb.engine.compile import compile_system
@@ -70,6 +73,9 @@ def inverse_dynamics(
 
     run = motion if isinstance(motion, Result) else Result(motion)
     driven = _with_drives(model, drives)
+    if output is not None and (Path(output) / "result.h5").resolve() == run.path.resolve():
+        what = f"{output} is the folder of the run whose motion is taken, which would be lost"
+        raise OutputError(f"{what}: give another one")
     scratch = None if output is not None else TemporaryFolder()
     folder = writable_folder(scratch.path if scratch is not None else Path(output or "."))
     driven.validate()
@@ -112,7 +118,9 @@ def inverse_scene(
         A run with the same bodies, whose motion is taken instead.
     drives : sequence of str
         With `along`: joints that get a driver in addition; see `inverse_dynamics`.
-    output, overrides, pictures, progress
+    output : path, optional
+        Folder of what is written; ``out/<scene>/inverse`` by default, beside the run of the scene.
+    overrides, pictures, progress
         As of `run_scene`.
 
     Raises
@@ -126,7 +134,7 @@ def inverse_scene(
     from flexmb.workflow.simulate import run_model
 
     model = load_scene(Path(path), dict(overrides or {}))
-    folder = output_folder(path) if output is None else Path(output)
+    folder = _folder_beside_run(Path(path)) if output is None else Path(output)
     if along is None:
         if drives:
             what = "a drive without a function needs a motion: give a run of it (along)"
@@ -151,6 +159,16 @@ def inverse_scene(
         folder, run.path, run.flexbodies, *drawn, dict(run.statistics), notes,
         resumable=False, tables=(drive_table(run),),
     )  # fmt: skip
+
+
+def _folder_beside_run(scene: Path) -> Path:
+    """The folder of inverse dynamics in that of a run, with the bodies that were reduced there."""
+    run = output_folder(scene)
+    folder = writable_folder(run / "inverse")
+    for body in run.glob("*.flexbody.h5"):
+        if not (folder / body.name).exists():
+            shutil.copy2(body, folder)
+    return folder
 
 
 def drive_table(run: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:

@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 
 _PORTS = (f"{port}{number}" for port in ("com", "lpt") for number in range(10))
 _DEVICES = ("con", "prn", "aux", "nul", *_PORTS)  # no file names on Windows
+REUSED = "reduction reused from"
+"""In the note of a run that says nothing of its motion."""
 SIMULATED = ".simulated."
 """In the name of a file: the body as a run has it, and not as it was reduced."""
 _MISTAKES = (MeshError, MaterialError, ReductionError, BodyFileError)
@@ -254,7 +256,7 @@ def _stored_body(model: Model, name: str, file: Path, notes: list[str]) -> FlexB
     nodes = () if body.load_response is None else body.load_response.nodes
     if not np.isin(load_nodes(body.nodes, options.get("load_points", ())), nodes).all():
         return None
-    notes.append(f"{name}: reduction reused from {file} (--fresh reduces it again)")
+    notes.append(f"{name}: {REUSED} {file} (--fresh reduces it again)")
     notes += [f"{name}: {warning}" for warning in body.provenance["warnings"].splitlines()]
     return body
 

@@ -19,6 +19,7 @@ from flexmb.errors import FlexmbWarning, Problem, SceneError, nearest
 from flexmb.folders import writable_folder
 from flexmb.progress import Progress, silent
 from flexmb.workflow.compiled_model import CompiledModel, compile_source
+from flexmb.workflow.flexible_bodies import REUSED
 from flexmb.workflow.run_report import CheckOutcome
 
 if TYPE_CHECKING:
@@ -80,7 +81,8 @@ def linearize(
     system = compile_source(source, overrides=overrides, progress=progress)
     made = _linearize(system, time, about, frame)
     for note in (*system.notes, *made.notes):
-        warnings.warn(note, FlexmbWarning, stacklevel=2)
+        if REUSED not in note:
+            warnings.warn(note, FlexmbWarning, stacklevel=2)
     return made
 
 
@@ -218,6 +220,7 @@ def render_mode_shapes(
     from flexmb.flexbody import save
     from flexmb.results import Result
     from flexmb.results.output_block import OutputBlock
+    from flexmb.results.run_summary import MODE_SHAPE
     from flexmb.results.writer import ResultWriter
     from flexmb.view.picture import render
 
@@ -247,7 +250,7 @@ def render_mode_shapes(
         path = target / f"mode_{k}.h5"
         with ResultWriter(path, layout, n, scene=scene, flexbodies=files) as writer:
             writer.append(rows)
-            writer.finish({}, "finished", "")
+            writer.finish({MODE_SHAPE: k}, "finished", "")
         picture = target / f"mode_{k}.png"
         pictures.append(render(Result(path), 0.0, ghosts=_GHOSTS, exaggeration=1.0, output=picture))
     return pictures

@@ -23,6 +23,7 @@ from flexmb.folders import relative_path
 from flexmb.model.flexible_body import FlexibleBodySpec
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.progress import Progress
+from flexmb.workflow.flexible_bodies import REUSED
 
 if TYPE_CHECKING:
     from flexmb.analysis.procedure import Outcome
@@ -103,13 +104,16 @@ def report_run(
     """
     from flexmb.flexbody import load
 
-    notes = [*notes, *outcome.notes, *([outcome.message] if outcome.message else [])]
+    remarks = [*notes, *outcome.notes]
+    notes = [*remarks, *([outcome.message] if outcome.message else [])]
     picture, history = draw_run(run, progress) if pictures else (None, None)
     if pictures and len(run.time) and not run.has_columns("q"):
         notes.append('no picture: not all poses were kept (keep = ["poses"] in [results])')
     if outcome.status == "failed":
         rows = f"{run.path} keeps the {len(run.time)} outputs until then"
-        raise SolverError(f"{outcome.message}; {rows}")
+        causes = [f"note: {one}" for one in remarks if REUSED not in one]
+        sentences = [f"{outcome.message}; {rows}", *causes]
+        raise SolverError("\n".join(sentences))
     bodies = {check.body: load(run.flexbodies[check.body]) for check in model.frequency_checks}
     checks = [*check_sensors(model, run), *check_frequencies(model, bodies)]
     return RunReport(

@@ -13,8 +13,8 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "files": 360,
-    "lines": 96_600,
+    "files": 361,
+    "lines": 96_900,
     "participles": 30,
     "base names of three and more files": 0,
     _ALL: 0,

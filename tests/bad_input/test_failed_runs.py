@@ -66,6 +66,18 @@ def test_a_function_that_leaves_its_domain_is_named(tmp_path: Path) -> None:
     np.testing.assert_allclose(run["tip.x"], R * np.cos(2 * run.time), atol=1e-9)
 
 
+def test_a_failed_run_says_how_it_was_assembled(tmp_path: Path) -> None:
+    """A driver that begins elsewhere moves bodies: that may be why the run fails."""
+    model = arm("0.5 + 2*t")
+    model.add_sensor("turn", "angle", joint="bearing")
+    model.add_force("brake", "torque", at="arm", value=[0, 0, "log(0.799 - turn)"])
+    with pytest.raises(SolverError) as caught:
+        flexmb.simulate(model, output=tmp_path)
+    first, *others = str(caught.value).splitlines()
+    assert first.startswith("at t = 0.1495 s forces.brake.value"), first
+    assert any(one.startswith("note: assembled with least change; moved: arm") for one in others)
+
+
 def test_the_command_ends_in_2_and_says_what_is_kept(tmp_path: Path) -> None:
     scene = tmp_path / "scene.toml"
     scene.write_text(

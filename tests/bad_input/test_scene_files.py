@@ -137,6 +137,8 @@ def test_a_marker_that_is_added_says_where_it_is_wrong():
     with pytest.raises(SceneError) as caught:
         model.add_marker("bar.tip", position=[1, 0])
     assert str(caught.value) == "bodies.bar.markers.tip.position[2]: is missing"
+    with pytest.raises(SceneError, match='is used twice; a marker is named as "bar.tip"'):
+        model.add_marker("bar", position=[1, 0, 0])
 
 
 def test_changes_of_parameters_with_units(scene):
@@ -148,6 +150,37 @@ def test_changes_of_parameters_with_units(scene):
         warnings.simplefilter("error")
         for clear in (30, "200 rad/s", "200 rpm", "2*pi"):
             load_scene(scene, {"speed": clear})
+
+
+def test_changes_of_values_with_units_by_their_paths(scene):
+    scene.write_text(GOOD + "[bodies.weight]\nmass = '500 g'\ninertia = [1, 1, 1]\n")
+    assert message(scene, {"bodies.weight.mass": "3 mm"}).endswith("is another quantity")
+    with pytest.warns(FlexmbWarning, match="mass: 400 has no unit and is 400000 g in the scene's"):
+        load_scene(scene, {"bodies.weight.mass": 400})
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        ("30°", '"30°" is written "30 deg"'),
+        ("30deg", '"30deg" is written "30 deg"'),
+        ("3mm", '"3mm" is written "3 mm"'),
+        ("5 m/s2", '"5 m/s2" is written "5 m/s^2"'),
+        ("6 N/mm2", '"6 N/mm2" is written "6 N/mm^2"'),
+        ("30 Nm", 'unknown unit "Nm"; nearest: N m;'),
+        ("4 kNmm", 'unknown unit "kNmm"; nearest: kN mm;'),
+        ("3,5 m", "a comma separates values, decimals are written with a point"),
+    ],
+)
+def test_units_as_they_are_often_written(scene, value, told):
+    assert told in message(scene, {"speed": value})
+
+
+def test_an_entry_of_a_section_that_the_scene_does_not_have(scene):
+    assert "[forces" not in GOOD
+    wind = '{ type = "force", at = "b", value = ["3 N", 0, 0] }'
+    assert load_scene(scene, {"forces.wind": wind}).forces["wind"].at == "b"
+    assert "forces.wind.type: is missing" in message(scene, {"forces.wind": "{typ = 3}"})
 
 
 def test_a_law_with_if_says_what_there_is(scene):

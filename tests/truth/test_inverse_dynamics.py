@@ -181,6 +181,24 @@ def test_the_command_gives_the_forces_of_drivers(tmp_path, monkeypatch):
     np.testing.assert_allclose(second, torque_of_motor, rtol=1e-12)
 
 
+def test_a_run_of_the_scene_stays_beside_its_inverse_dynamics(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arm.toml").write_text(ARM, encoding="utf-8")
+    flexmb.run_scene("arm.toml", pictures=False)
+    before = (tmp_path / "out/arm/result.h5").read_bytes()
+    assert inverse("arm.toml").exit_code == 0
+    assert inverse("arm.toml", "--along", "out/arm").exit_code == 0
+    assert (tmp_path / "out/arm/inverse/result.h5").is_file()
+    (tmp_path / "out/arm/bar.flexbody.h5").write_bytes(b"as reduced there")
+    (tmp_path / "out/arm/inverse/result.h5").unlink()
+    assert inverse("arm.toml").exit_code == 0
+    assert (tmp_path / "out/arm/inverse/bar.flexbody.h5").read_bytes() == b"as reduced there"
+    done = inverse("arm.toml", "--along", "out/arm", "-o", "out/arm")
+    assert done.exit_code == 2
+    assert "is the folder of the run whose motion is taken, which would be lost" in done.stderr
+    assert (tmp_path / "out/arm/result.h5").read_bytes() == before
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

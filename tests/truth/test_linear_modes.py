@@ -281,3 +281,14 @@ def test_a_sweep_has_the_damping_of_its_modes():
                                            for c in (0.5, 2.0)])  # fmt: skip
     wanted = np.array([[0.5], [2.0]]) / np.sqrt(2 * 300.0 * 2.0)  # two springs, two dampers
     np.testing.assert_allclose(sweep.damping_ratios, wanted, rtol=1e-9)
+
+
+def test_a_state_at_rest_that_is_no_equilibrium_says_how_to_take_one():
+    made = Model("hook", plane="xy", gravity=[0, -G, 0])
+    made.add_body("bar", mass=1.0, inertia=[1, 1, 1], center=[1.0, 0, 0])
+    made.add_joint("pin", "revolute", between=["ground", "bar"], axis="z")
+    made.add_force("stay", "rotational-spring-damper", joint="pin", stiffness=5.0)
+    with pytest.warns(
+        match='not steady.*nothing moves yet: about = "static" takes the equilibrium'
+    ):
+        flexmb.linearize(made)

@@ -125,6 +125,8 @@ def open_by(model: Model, gap: Offset) -> str:
         return text
     joint = model.joints[name]
     text += f", from {joint.between[0]} to {joint.between[1]}"
+    if "ground" in joint.between and gap.distance > 0.0:
+        text += " (ground alone is the origin; [ground.markers] names other points)"
     across = joint.type in ("universal", "perpendicular") and joint.second_axis is None
     if across and gap.angle > 0.0:
         text += ": it has no second_axis, that of J across the axis of I"

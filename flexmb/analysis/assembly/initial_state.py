@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -49,6 +50,7 @@ from flexmb.model.model import Model
 from flexmb.results import BodyDamping
 
 _STIFFENING = 1e8  # stiffness of the modes over slow inertia while gaps close
+_SOFT_STIFFENING = 1e5  # the same where they do not close so
 _SLOWNESS = 1e3  # b of the quasi-static solve over 1/ω² of the softest mode
 _MAX_ROUNDS = 40  # of the quasi-static solve
 _DEFORMATION_TOLERANCE = 1e-12  # change of the deformation over the model size
@@ -132,14 +134,22 @@ def assemble(
     weights = assembly_weights(model)
     corrector = mass_corrector(_weighted(stiff, weights), state, work)
 
-    def make(of: Compiled, at: State) -> Corrector:
-        if of is compiled and at is state:
+    def make(of: Compiled, at: State, stiffening: float = _STIFFENING) -> Corrector:
+        if of is compiled and at is state and stiffening == _STIFFENING:
             return corrector
-        metric = _weighted(_stiffened(of.system, _STIFFENING * period), weights)
+        metric = _weighted(_stiffened(of.system, stiffening * period), weights)
         return mass_corrector(metric, at, work if at is state else None)
 
     def close(guess: bool = False) -> None:
-        moved = close_positions(compiled, model, state, make, guess)
+        before = state.q.copy()
+        try:
+            moved = close_positions(compiled, model, state, make, guess)
+        except AssemblyError:  # so stiff, deformed bodies close redundant joints too slowly
+            if not len(_modal_coordinates(compiled)):
+                raise
+            state.q[:] = before
+            soft = partial(make, stiffening=_SOFT_STIFFENING)
+            moved = close_positions(compiled, model, state, soft, guess)
         if guess:
             placement.extend(moved_notes(moved, model.units))
         velocities.set(state)

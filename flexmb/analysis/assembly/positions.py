@@ -188,11 +188,36 @@ def _check_placement(
             Problem(
                 f"bodies.{body.name}",
                 f"would have to move by {body.text(model.units)} to close the joints: as placed "
-                f"{gaps[0].name} is {open_by(model, gaps[0])}; place it where its joints close, or "
+                f"{gap.name} is {open_by(model, gap)}; place it where its joints close, or "
                 "accept what they do by an empty section [assembly]",
             )
-            for body in far[:_MAX_SHOWN]
+            for body, gap in ((one, _gap_of(model, gaps, one.name)) for one in far[:_MAX_SHOWN])
         )
+
+
+def is_misplaced(compiled: Compiled, model: Model) -> bool:
+    """Whether joints are so far open as placed that a run refuses it, whatever deforms."""
+    state = new_state(compiled.system, channels=len(compiled.layout.channels))
+    state.q[:] = compiled.initial_q
+    corrector = length_corrector(compiled, state, assembly_weights(model))
+    corrector.evaluate()
+    gaps = (gap for gap in joint_gaps(compiled, corrector.work) if gap.name.startswith("joints."))
+    worst = max((gap.size(compiled.length) for gap in gaps), default=0.0)
+    return model.assembly is None and worst > _MOVED
+
+
+def _gap_of(model: Model, gaps: list[Offset], body: str) -> Offset:
+    """The worst joint of a body, or of all where its own are closed."""
+    own = (
+        gap
+        for gap in gaps
+        if gap.size(1.0) > 0.0
+        and any(
+            marker.partition(".")[0] == body
+            for marker in model.joints[gap.name.partition(".")[2]].between
+        )
+    )
+    return next(own, gaps[0])
 
 
 def _iterate(corrector: Corrector, tolerance: float) -> None:

@@ -305,7 +305,7 @@ class _Pass:
         if self.growth.sentence and self.growth.sentence != ending.message:
             notes.append(self.growth.sentence)
         pivots = int(prepared.run.state.count[0]["regularised_pivots"])
-        if pivots:
+        if pivots and "not finite" not in ending.message:
             notes.append(
                 f"{pivots} ill-conditioned pivots were regularised: a body has no inertia in some "
                 "direction that it can move in, or the pose is singular"

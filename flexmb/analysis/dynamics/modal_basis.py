@@ -56,6 +56,7 @@ Indices = NDArray[np.int64]
 _WINDOW = 3  # rows in each of which as much must be missing: no jolt, no vibration
 _SETTLED = 0.1  # share of a run before which little can be said of the whole of it
 _RESOLVED = 1.0  # rad of a mode between two rows up to which they tell how it is driven
+_AT_REST = 1e-3  # rad/s below which a body is not said to turn
 _ROUND_OFF = 2e-14  # of a place: motion that is none
 _BLOCK = 50.0  # decades of e within one sum
 _POWER = {"position": 0, "distance": 0, "velocity": 1, "acceleration": 2, "reaction": 2}  # of ω
@@ -281,10 +282,11 @@ class ModalBasisMonitor:
         cure = 'reduce it with residual = "inertia"'
         if one.body.provenance.get("reduction") == "user":
             cure = "add the static responses to it to your modes, or take another reduction"
+        turns = f", where it turns with {self._units.say(speed, 'rad/s', 3)}"
         return (
             f"bodies.{one.name}: its modes lack {100 * min(share, 1.0):.3g} % of the response to "
-            f"its own inertia at t = {self._units.say(t, 's', 4)}, where it turns with "
-            f"{self._units.say(speed, 'rad/s', 3)}: stress and growth are too small; {cure}"
+            f"its own weight and inertia at t = {self._units.say(t, 's', 4)}"
+            f"{turns if speed > _AT_REST else ''}: stress and growth are too small; {cure}"
         )
 
     def _load(self, one: _Watched, share: float, t: float, _: float) -> str:

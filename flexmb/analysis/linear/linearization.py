@@ -272,7 +272,7 @@ def linearize_state(
         ]
         changes = [change if change > _STEADY_CHANGE else 0.0 for change in changes]
         change, best = min(zip(changes, here, strict=True), key=lambda pair: pair[0])
-    notes = tuple(_notes(change, best))
+    notes = tuple(_notes(change, best, bool(np.abs(state.v).max(initial=0.0) > 0.0)))
     return Linearization(compiled, model, state, tangents, best, change, notes)
 
 
@@ -291,12 +291,13 @@ def _observers(compiled: Compiled, state: State, rate: float) -> list[str]:
     return names[:_MAX_OBSERVERS]
 
 
-def _notes(change: float, seen: SeenEquations) -> Iterator[str]:
+def _notes(change: float, seen: SeenEquations, is_moving: bool) -> Iterator[str]:
     if change > 0.0:
         much = f"by {100 * change:.2g} %" if change < 1.0 else "altogether"
         yield (
             f"the state is not steady: seen from {seen.observer.name} its coefficients change "
             f"{much} per radian; the modes are those of this instant"
+            + ("" if is_moving else '; nothing moves yet: about = "static" takes the equilibrium')
         )
 
 

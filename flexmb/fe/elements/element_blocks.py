@@ -333,8 +333,16 @@ def elements_without_section(mesh: Mesh, blocks: Sequence[Block]) -> Iterator[st
 
 
 def thick_shells(mesh: Mesh, blocks: Sequence[Block]) -> Iterator[str]:
-    """Sentences about shells that are thicker than the extent of their nodes."""
+    """Sentences about shells and beams that are thicker than the extent of their nodes."""
     for block in blocks:
+        if block.family.dimension == 1 and isinstance(getattr(block.section, "A", None), float):
+            extent = float(np.ptp(mesh.points[block.nodes].reshape(-1, 3), axis=0).max())
+            height = np.sqrt(12.0 * max(block.section.Iy, block.section.Iz) / block.section.A)
+            if height > extent:
+                what = (
+                    f'the section "{block.group}" is as a bar {height:.4g} m high, and its beams '
+                )
+                yield f"{what}extend over {extent:g} m: are its sizes in their unit?"
         if block.family.dimension == 2:
             extent = float(np.ptp(mesh.points[block.nodes].reshape(-1, 3), axis=0).max())
             if block.section.thickness > extent:

@@ -139,7 +139,10 @@ def read_deck(source: Path) -> Any:
     abaqus = source.suffix.lower() in ABAQUS
     text = _text(source, _INCLUDES[0 if abaqus else 1])
     deck = _Deck(source)
-    others = Counter(_read_abaqus(deck, text) if abaqus else _read_nastran(deck, text))
+    try:
+        others = Counter(_read_abaqus(deck, text) if abaqus else _read_nastran(deck, text))
+    except (ValueError, IndexError) as error:
+        raise deck.error(_wrong_number(text, str(error))) from error
     counts = {home: [f"{others[w]} {w}" for w in words if others[w]]
               for home, words in _PARTS.items()}  # fmt: skip
     entries = [entry for names in counts.values() for entry in names]
@@ -163,6 +166,17 @@ def _text(source: Path, include: re.Pattern[str], inside: tuple[Path, ...] = ())
         return _text(inside[0].parent / name, include, inside)
 
     return include.sub(included, text)
+
+
+def _wrong_number(text: str, words: str) -> str:
+    """What a deck has where a number is expected, and the first line that has it."""
+    match = re.search(r"'([^'\n]+)'", words)
+    if match is None:
+        return "the deck is damaged or truncated: a line has too few fields; export it again"
+    word = match[1].strip()
+    lines = [k for k, line in enumerate(text.splitlines(), 1) if word.upper() in line.upper()]
+    where = f"line {lines[0]}" if lines else "a line"
+    return f'{where} has "{word}" for a number: the deck is damaged or truncated'
 
 
 def _real(text: str) -> float:

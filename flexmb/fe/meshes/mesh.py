@@ -35,6 +35,7 @@ from skfem.element import Element
 from skfem.quadrature import get_quadrature
 
 from flexmb.errors import MeshError, Problem, nearest
+from flexmb.fe.meshes.damaged_file import damage
 from flexmb.fe.meshes.decks import ABAQUS, NASTRAN, read_deck
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.untrusted import check_reading, hdf5_beside, serve_reading
@@ -179,6 +180,8 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     source = Path(path)
     if not source.is_file():
         raise MeshError(f"{source}: there is no such mesh file")
+    if not source.stat().st_size:
+        raise MeshError(f"{source}: the mesh file is empty; export it again")
     problem = check_reading(source, "flexmb.fe.meshes.mesh")
     if problem is not None:
         raise MeshError(f"{source}: the mesh file {problem}")
@@ -194,8 +197,10 @@ def _read(source: Path) -> Mesh:
         blocks, became = _merge_blocks(raw)
         groups = _named_groups(raw, became)
         node_sets = {name: np.asarray(nodes, int) for name, nodes in raw.point_sets.items()}
+    except MeshError as error:
+        raise MeshError(f"{source}: the mesh file is damaged: {error}") from None
     except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
-        raise MeshError(f"{source}: the mesh file is damaged ({error})") from error
+        raise MeshError(f"{source}: {damage(source, error)}") from error
     own = (getattr(raw, "note", ""), getattr(raw, "numbers", None))
     return Mesh(points, blocks, node_sets, groups, source.name, *own)
 
@@ -224,20 +229,17 @@ def _read_quietly(source: Path) -> Any:
             return _read_raw(source)
     except MeshError:
         raise
-    except meshio.ReadError as error:
-        reason = str(error)
     except MemoryError:
         raise
     except (Exception, SystemExit) as error:  # noqa: BLE001  its parsers let through what there is
-        reason = "" if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}"
+        reason = error
     if source.suffix.lower() not in meshio.extension_to_filetypes:
         raise MeshError(
             f'{source}: no mesh format has the suffix "{source.suffix}"; allowed: .msh (Gmsh), '
             ".inp (Abaqus), .bdf, .nas, .fem (Nastran), .vtu, .vtk, .med, .xdmf and others of "
             "meshio; a geometry such as .step or .iges is to be meshed at first"
         )
-    what = "the mesh file is damaged or not of the format its suffix says"
-    raise MeshError(f"{source}: {what}" + (f" ({reason})" if reason else ""))
+    raise MeshError(f"{source}: {damage(source, reason)}") from reason
 
 
 def _merge_blocks(raw: Any) -> tuple[dict[str, IntArray], list[IntArray]]:
@@ -251,7 +253,7 @@ def _merge_blocks(raw: Any) -> tuple[dict[str, IntArray], list[IntArray]]:
         numbers = [k for k, block in enumerate(raw.cells) if block.type == kind]
         cells = np.concatenate([np.asarray(raw.cells[k].data, dtype=int) for k in numbers])
         if cells.shape[1] != num_nodes_per_cell.get(kind, cells.shape[1]):
-            raise ValueError(f"elements of kind {kind} with {cells.shape[1]} nodes")
+            raise MeshError(f"elements of kind {kind} with {cells.shape[1]} nodes")
         blocks[kind], rows = _without_repeats(cells)
         ends = np.cumsum([len(raw.cells[k].data) for k in numbers])
         for number, part in zip(numbers, np.split(rows, ends[:-1]), strict=True):

@@ -357,14 +357,14 @@ def select_modes(
         More modes than the model has.
     """
     count = _INITIAL_MODES if selection.count is None else selection.count
+    if selection.count is not None and count > limit:
+        raise _too_many(count, limit, noun)
     while True:
         omega2, V = lowest(count)
         complete = len(omega2) < count or count >= limit
         if selection.count is not None:
             if count > len(omega2):
-                why = "" if limit else ": its interfaces hold all its nodes"
-                what = f"{count} requested, but the model has only {len(omega2)} {noun}{why}"
-                raise ReductionError(f"modes: {what}")
+                raise _too_many(count, len(omega2), noun)
             return omega2, V, np.arange(count)
         if selection.frequency is not None:
             rows = np.flatnonzero(omega2 < (2 * np.pi * selection.frequency) ** 2)
@@ -378,6 +378,11 @@ def select_modes(
                 what = f"the lowest {len(omega2)} fixed-interface modes hold {part.sum():.4f}"
                 raise ReductionError(f"modes.effective_mass: {what}; ask for less, or for a count")
         count *= 2
+
+
+def _too_many(count: int, present: int, noun: str) -> ReductionError:
+    why = "" if present else ": its interfaces hold all its nodes"
+    return ReductionError(f"modes: {count} requested, but the model has only {present} {noun}{why}")
 
 
 def interface_shares(fixed: FixedInterfaceModel, V: FloatArray) -> FloatArray:

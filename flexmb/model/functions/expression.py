@@ -246,6 +246,8 @@ class _Lowering:
                 return self.fold(node, (*self.lower(operand), ("neg", 0.0)))
             case ast.BinOp(op=operator) if type(operator) in _OPERATORS:
                 return self.binary(node, _OPERATORS[type(operator)])
+            case ast.Tuple():
+                raise self.fail(node, "a comma separates values, decimals are written with a point")
             case ast.BinOp(op=ast.BitXor()):
                 raise self.fail(node.right, 'powers are written "**", not "^"')
             case ast.Call(func=ast.Name(id=name)):

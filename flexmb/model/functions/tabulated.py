@@ -38,6 +38,7 @@ from flexmb.units import UnitSystem, parse_unit
 
 Points = tuple[tuple[float, float], ...]
 _TIMES = ("s", "times")
+_DECIMALS = "; decimals are written with a point, columns apart by commas, semicolons or tabs"
 _MAX_QUOTED = 24  # letters of a cell in a message: a longer one is no number and no name
 _MAX_BYTES = 2e8  # of a file
 
@@ -104,6 +105,7 @@ def read_columns(
     if not lines:
         raise SceneError(f"{path.name} holds no numbers")
     has_header = not any(number_in(cell) is not None for cell in lines[0][1])
+    _check_widths(path, lines)
     header = lines.pop(0)[1] if has_header else []
     places = [_place(path, name, header) for name in columns.names]
     scales = _scales(columns.units, units, (first[0], unit))
@@ -138,6 +140,20 @@ def read_lines(path: Path) -> Iterator[tuple[int, list[str]]]:
             yield number, [cell.strip().strip('"') for cell in cells]
 
 
+def _check_widths(path: Path, lines: Sequence[tuple[int, list[str]]]) -> None:
+    """Refuse lines with more or fewer cells than the first, as decimal commas make of numbers."""
+    first, *widths = ((number, _width(cells)) for number, cells in lines)
+    for number, width in widths:
+        if width != first[1]:
+            what = f"there are {width} columns, line {first[0]} has {first[1]}"
+            raise SceneError(f"{path.name}, line {number}: {what}{_DECIMALS}")
+
+
+def _width(cells: Sequence[str]) -> int:
+    """Number of cells without empty ones at the end."""
+    return max((k for k, cell in enumerate(cells, 1) if cell), default=0)
+
+
 def number_in(cell: str) -> float | None:
     try:
         value = float(cell)
@@ -167,7 +183,8 @@ def _cell(path: Path, line: int, cells: list[str], place: int) -> float:
     value = number_in(cells[place])
     if value is None:
         shown = f'"{cells[place]}"' if len(cells[place]) <= _MAX_QUOTED else "its text"
-        raise SceneError(f"{where}: {shown} is no finite number")
+        decimals = _DECIMALS if number_in(cells[place].replace(",", ".", 1)) is not None else ""
+        raise SceneError(f"{where}: {shown} is no finite number{decimals}")
     return value
 
 

@@ -71,8 +71,9 @@ def _set(scene: dict[str, Any], name: str, value: Any) -> Problem | None:
         problems = [_set(scene, ".".join(("bodies", k, *parts[2:])), value) for k in bodies]
         return next(filter(None, problems), None) if bodies else Problem(where, NO_FLEXIBLE_BODY)
     table: Any = scene
+    is_entry = len(parts) == 2 and isinstance(value, Mapping)
     for depth, part in enumerate(parts[:-1]):
-        if depth == 0 and part in _MAKEABLE:
+        if depth == 0 and (part in _MAKEABLE or (part in _OF_ENTRIES and is_entry)):
             table.setdefault(part, {})
         if depth == 0 and part == "effects" and isinstance(table[part], str):
             table[part] = {"choice": table[part]}
@@ -109,25 +110,67 @@ def _set_parameter(scene: dict[str, Any], name: str, value: Any) -> Problem | No
 def units_of_changes(
     before: Mapping[str, Any], after: Mapping[str, Any], names: Iterable[str]
 ) -> tuple[list[Problem], list[str]]:
-    """Parameters of which a scene states the unit and a change another one: problems where it is
-    one of another quantity, sentences where it is left out though the number seems to have it."""
+    """Values of which a scene states the unit and a change another one; see `units_of_values`."""
     problems, notes = [], []
-    system = UNIT_SYSTEMS.get(str(before.get("units", "SI")))
-    for name in (name.strip().removeprefix("parameters.") for name in names):
-        tables = (before.get("parameters"), after.get("parameters"))
-        old, new = (t.get(name) if isinstance(t, Mapping) else None for t in tables)
-        stated, other = _unit_text(old), _unit_text(new)
-        if system is None or not stated:
-            continue
-        unit = parse_unit(stated)
-        ratio = system.factor(*unit.dimension[:3]) / unit.factor
+    for name in map(str.strip, names):
+        wrong, sentences = units_of_values(
+            before, f"override {name}", name, [_value_at(after, name)]
+        )
+        problems += wrong
+        notes += sentences
+    return problems, notes
+
+
+def units_of_values(
+    scene: Mapping[str, Any], where: str, name: str, values: Iterable[Any]
+) -> tuple[list[Problem], list[str]]:
+    """Values for one of which a scene states the unit: problems where they are of another quantity,
+    a sentence where the unit is left out though the numbers seem to have it."""
+    old, (stated, ratio) = _value_at(scene, name), stated_unit(scene, name)
+    if not stated:
+        return [], []
+    unit = parse_unit(stated)
+    problems, bare = [], []
+    for new in values:
+        other = _unit_text(new)
         if other and parse_unit(other).dimension != unit.dimension:
             what = f"the scene has {quote(old)}, and {quote(new)} is another quantity"
-            problems.append(Problem(f"override {name}", what))
+            problems.append(Problem(where, what))
         elif isinstance(new, int | float) and _is_meant(new, float(str(old).split()[0]), ratio):
-            what = f"{new} has no unit and is {new * ratio:.6g} {stated} in the scene's units"
-            notes.append(f'override {name}: {what}; {new} {stated} is written "{new} {stated}"')
-    return problems, notes
+            bare.append(new)
+    if not bare:
+        return problems, []
+    first = bare[0]
+    what = f"{first:.6g} has no unit and is {first * ratio:.6g} {stated} in the scene's units"
+    cure = f'{first:.6g} {stated} is written "{first:.6g} {stated}"'
+    others = f"; the same for {len(bare) - 1} more" if len(bare) > 1 else ""
+    return problems, [f"{where}: {what}; {cure}{others}"]
+
+
+def stated_unit(scene: Mapping[str, Any], name: str) -> tuple[str, float]:
+    """The unit that a scene states of a value, and how many of it one of the scene's units is.
+
+    Both are none where it states no unit.
+    """
+    system = UNIT_SYSTEMS.get(str(scene.get("units", "SI")))
+    text = _unit_text(_value_at(scene, name))
+    if system is None or not text:
+        return "", 1.0
+    unit = parse_unit(text)
+    return text, system.factor(*unit.dimension[:3]) / unit.factor
+
+
+def _value_at(scene: Mapping[str, Any], name: str) -> Any:
+    """A parameter, or the value at a path."""
+    parameters = scene.get("parameters")
+    if isinstance(parameters, Mapping) and name in parameters:
+        return parameters[name]
+    if name in DynamicsSpec.model_fields:
+        name = f"dynamics.{name}"
+    table: Any = scene
+    for part in name.split("."):
+        table = table.get(part) if isinstance(table, Mapping) else None
+    return table
 
 
 def _is_meant(new: float, old: float, ratio: float) -> bool:
@@ -146,6 +189,7 @@ def _unit_text(value: Any) -> str:
         return ""  # an expression, or a mistake that the reader of the scene tells
 
 
+_OF_ENTRIES = ("curves", "couplers", "drivers", "forces", "joints", "sensors", "states")
 _OF_NAMES = ("markers", "interfaces", "sections")  # tables of named things
 
 

@@ -126,6 +126,19 @@ def read_distribution(source: Any, names: ReadContext) -> Distribution:
     return Distribution(kind, numbers, levels=0 if levels is None else _levels(levels, source))
 
 
+def numbers_written(source: Any) -> list[Any]:
+    """The values in what a distribution is read from, as they are written: numbers, or texts."""
+    if not isinstance(source, str):
+        values = plain(source)
+        return values if isinstance(values, list) else [values]
+    call, ends = _CALL.match(source), _RANGE.match(source)
+    if call is not None and call[1] in DISTRIBUTIONS:
+        source = call[2]
+    elif ends is not None:
+        source = f"{ends[1]}, {ends[2]}"
+    return [read_value(piece.strip()) for piece in split_values(source)]
+
+
 def _choice(values: list[Any]) -> Distribution:
     if not values or any(isinstance(value, str) and not value.strip() for value in values):
         raise SceneError("no values are given" if not values else "a value is empty")

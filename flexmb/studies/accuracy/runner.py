@@ -18,6 +18,7 @@ from flexmb.folders import writable_folder
 from flexmb.model import Model
 from flexmb.model.flexible_body import FlexibleBodySpec
 from flexmb.model.mesh_body import MeshBodySpec
+from flexmb.model.scenes.effects import active_model
 from flexmb.model.scenes.study import StudySpec, sweep_values
 from flexmb.progress import Progress, silent
 from flexmb.studies.accuracy.reference import Reference, ReferenceRun, ReferenceSearch
@@ -25,16 +26,19 @@ from flexmb.studies.accuracy.report import Study
 from flexmb.studies.accuracy.rows import Error, Row
 from flexmb.studies.channel_errors import Reading, check_sensors, difference, own_errors, read_run
 from flexmb.studies.record_table import RecordTable
-from flexmb.studies.study_jobs import Job, StudyQueue, result_file, run_key
+from flexmb.studies.study_jobs import Job, StudyQueue, content_key, result_file, run_key
 from flexmb.studies.study_settings import (
     Setting,
     StudySource,
     change_model,
+    check_units,
     is_numerical,
     label,
     make_settings,
+    refused_values,
 )
 from flexmb.workflow.cluster import open_cluster
+from flexmb.workflow.flexible_bodies import survey_bodies
 from flexmb.workflow.worker_processes import Record
 
 REDUCTION_FIELDS = tuple(
@@ -105,9 +109,12 @@ def study(
     """
     source = StudySource.of(scene, overrides, output, "study")
     spec = _spec(source.model, vary, criteria)
-    settings = make_settings(source, spec.vary)
+    problems = check_units(source, spec.vary)
+    settings = _surveyed(source, make_settings(source, spec.vary))
+    if problems := [*problems, *refused_values(settings)]:
+        raise SceneError.from_problems(problems)
     good = [setting for setting in settings if setting.model is not None]
-    assert good[0].model is not None  # `make_settings` refuses a study without any
+    assert good[0].model is not None  # a study without any is refused
     check_sensors(good[0].model, spec.sensors)
     writable_folder(source.output)
     about = {"scene": f"{source.model.title} ({Path(source.file).name})"}
@@ -117,6 +124,23 @@ def study(
         StudyQueue(cluster, table, progress) as queue,
     ):
         return StudyRunner(source, spec, queue, limit).run(settings)
+
+
+def _surveyed(source: StudySource, settings: Sequence[Setting]) -> list[Setting]:
+    """The settings; refused are those whose meshes or files of bodies have mistakes."""
+    reasons: dict[str, str] = {}
+    surveyed = []
+    for setting in settings:
+        reason = ""
+        if setting.model is not None:
+            model = active_model(setting.model)
+            key = content_key([model.to_scene_dict(source.folder)["bodies"]])
+            if key not in reasons:
+                problems = survey_bodies(model)[1]
+                reasons[key] = "\n".join(map(str, problems))
+            reason = reasons[key]
+        surveyed.append(Setting(setting.values, refusal=reason) if reason else setting)
+    return surveyed
 
 
 def _spec(model: Model, vary: Mapping[str, Any] | None, criteria: Mapping[str, Any]) -> StudySpec:

@@ -21,12 +21,19 @@ from flexmb.folders import writable_folder
 from flexmb.model import Model
 from flexmb.model.quantities import read_number
 from flexmb.model.reading import under
-from flexmb.model.scenes.study import override
-from flexmb.model.scenes.sweep import Distribution, SweepSpec, read_knobs, read_question
+from flexmb.model.scenes.effects import active_model
+from flexmb.model.scenes.study import leaves, override, stated_unit
+from flexmb.model.scenes.sweep import (
+    Distribution,
+    SweepSpec,
+    numbers_written,
+    read_knobs,
+    read_question,
+)
 from flexmb.progress import Progress, silent
 from flexmb.studies.record_table import KEY, RecordTable
 from flexmb.studies.study_jobs import content_key, run_key
-from flexmb.studies.study_settings import StudySource, resolve_knobs, value_text
+from flexmb.studies.study_settings import StudySource, check_units, resolve_knobs, value_text
 from flexmb.studies.sweeps.design_search import Answer, DesignSearch, Target
 from flexmb.studies.sweeps.sampling import Design, make_design, values_at
 from flexmb.studies.sweeps.sweep_report import RUNS, Sweep
@@ -41,6 +48,7 @@ from flexmb.studies.sweeps.sweep_runs import (
     run_setting,
 )
 from flexmb.workflow.cluster import Cluster, open_cluster
+from flexmb.workflow.flexible_bodies import bodies_of_surveys, survey_bodies
 from flexmb.workflow.worker_processes import TOO_LONG
 
 _MAX_REFUSALS = 5
@@ -126,7 +134,7 @@ def sweep(
     return Sweep(
         source.model.title or source.file, source.file, source.output, plan.design,
         runner.settings, units, columns, plan.spec.quantiles, plan.spec.seed, source.overrides,
-        answer, runner.reused,
+        answer, runner.reused, {k: stated_unit(source.scene, k) for k in plan.design.knobs},
     )  # fmt: skip
 
 
@@ -196,6 +204,8 @@ def _plan(
     try:
         resolved = resolve_knobs(source, {knob: (one,) for knob, one in spec.vary.items()})
         knobs = {name: one for name, (one,) in resolved.items()}
+        written = vary or leaves("", source.scene.get("sweep", {}).get("vary", {}))
+        problems += check_units(source, {k: numbers_written(v) for k, v in dict(written).items()})
     except SceneError as error:
         problems += error.problems
     changed, wrong = override(source.scene, source.overrides)
@@ -273,9 +283,7 @@ def _spec(
 def _scalars(base: SweepScene, names: Sequence[str]) -> tuple[list[Scalar], list[Problem]]:
     """The scalars of these names, by the columns of the scene with bodies not reduced yet."""
     from flexmb.engine.compile import compile_system
-    from flexmb.model.scenes.effects import active_model
     from flexmb.results.channels import Columns
-    from flexmb.workflow.flexible_bodies import bodies_of_surveys, survey_bodies
 
     model = active_model(base.model({}))
     surveys, problems = survey_bodies(model)
@@ -291,10 +299,8 @@ def _refusals(base: SweepScene, knobs: Mapping[str, Distribution]) -> list[Probl
     problems: list[Problem] = []
     for knob, one in knobs.items():
         for value in one.choices or values_at(one, np.array([0.5])):
-            try:
-                base.model({knob: value})
-            except SceneError as error:
-                first = error.problems[0]
+            if mistakes := _mistakes(base, knob, value):
+                first = mistakes[0]
                 where = f"vary {knob} = {value_text(value)}"
                 what = (
                     first.what
@@ -303,6 +309,15 @@ def _refusals(base: SweepScene, knobs: Mapping[str, Distribution]) -> list[Probl
                 )
                 problems.append(Problem(where, what, first.allowed, first.nearest))
     return problems[:_MAX_REFUSALS]
+
+
+def _mistakes(base: SweepScene, knob: str, value: Any) -> Sequence[Problem]:
+    """What is wrong with a value of a knob, in the meshes of bodies too."""
+    try:
+        model = active_model(base.model({knob: value}))
+    except SceneError as error:
+        return error.problems
+    return survey_bodies(model)[1] if knob.startswith("bodies.") else ()
 
 
 class _Runner:

@@ -20,7 +20,7 @@ from flexmb.flexbody.arrays import Array
 from flexmb.folders import write_text_file
 from flexmb.studies.study_settings import headings, markdown_table
 from flexmb.studies.sweeps.design_search import setting_text
-from flexmb.studies.sweeps.sweep_statistics import SweepRows
+from flexmb.studies.sweeps.sweep_statistics import ResponseSurface, SweepRows
 from flexmb.view.sweep_plots import (
     Axis,
     Bar,
@@ -255,12 +255,22 @@ def _knobs(sweep: SweepRows) -> list[Axis]:
     for knob, label in headings(tuple(sweep.design.knobs)).items():
         values = sweep[knob]
         if np.issubdtype(values.dtype, np.number):
-            axes.append(Axis(label, values.astype(float)))
+            axes.append(_number_axis(sweep, knob, label))
             continue
         words = tuple(map(str, sweep.design.knobs[knob].choices))
         places = np.array([float(words.index(str(value))) for value in values])
         axes.append(Axis(label, places, words))
     return axes
+
+
+def _number_axis(sweep: SweepRows, knob: str, label: str) -> Axis:
+    """A knob whose values are numbers, in the unit that the scene states of it."""
+    unit, factor = _stated_unit(sweep, knob)
+    return Axis(f"{label} [{unit}]" if unit else label, sweep[knob].astype(float) * factor)
+
+
+def _stated_unit(sweep: SweepRows, knob: str) -> tuple[str, float]:
+    return sweep.knob_units.get(knob, ("", 1.0))
 
 
 def _scalars(sweep: SweepRows, count: int) -> list[Axis]:
@@ -302,6 +312,16 @@ def _scatter(sweep: SweepRows) -> Figure | None:
     return scatter_figure(knobs, scalars, f"{sweep.title}: runs", joined)
 
 
+def _fit_of_two(
+    u: Array, v: Array, *, surface: ResponseSurface, at: tuple[int, int],
+    by: tuple[float, ...], base: Array,
+) -> Array:  # fmt: skip
+    """A response surface over two knobs in their stated units, the others at `base`."""
+    points = np.tile(base, (len(u), 1))
+    points[:, at[0]], points[:, at[1]] = u / by[0], v / by[1]
+    return np.asarray(surface(points))
+
+
 def _surfaces(sweep: SweepRows) -> Figure | None:
     pictures = []
     for axis in _scalars(sweep, _SURFACES):
@@ -312,17 +332,14 @@ def _surfaces(sweep: SweepRows) -> Figure | None:
         influence = sweep.correlations(scalar)
         i, j = sorted(range(len(names)), key=lambda k: -abs(influence[names[k]]))[:2]
         labels = headings(tuple(sweep.design.knobs))
-        x, y = (Axis(labels[names[k]], sweep[names[k]].astype(float)) for k in (i, j))
+        x, y = (_number_axis(sweep, names[k], labels[names[k]]) for k in (i, j))
+        factors = tuple(_stated_unit(sweep, names[k])[1] for k in (i, j))
         fixed = np.array([np.median(sweep[name].astype(float)) for name in names])
-
-        def fit(u: Array, v: Array, at: tuple[int, int], base: Array, surface=surface) -> Array:  # type: ignore[no-untyped-def]
-            points = np.tile(base, (len(u), 1))
-            points[:, at[0]], points[:, at[1]] = u, v
-            return np.asarray(surface(points))
 
         others = ", others at their medians" if len(names) > 2 else ""
         note = f"fit of degree 2 explains {100 * surface.explained:.3g} % of the variance{others}"
-        pictures.append(SurfacePicture(x, y, axis, partial(fit, at=(i, j), base=fixed), note))
+        fit = partial(_fit_of_two, surface=surface, at=(i, j), by=factors, base=fixed)
+        pictures.append(SurfacePicture(x, y, axis, fit, note))
     return surface_figure(pictures, f"{sweep.title}: response surfaces") if pictures else None
 
 

@@ -28,6 +28,7 @@ from flexmb.progress import Progress, silent
 from flexmb.results.channels import Channel, Columns, all_channels
 from flexmb.studies.accuracy.runner import REDUCTION_FIELDS
 from flexmb.studies.study_jobs import content_key
+from flexmb.workflow.flexible_bodies import REUSED
 
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
 Row = dict[str, Any]
 
 
-_REUSED = "reduction reused from"  # in the note of a run that says nothing of it
 SECTIONS = ("check", "results", "view", "study", "sweep")
 _EXTREMES = ("min", "max")  # of channels for which no scalar is named
 _RECOVERED = {  # channels that only a result file can give, and their units in SI
@@ -179,7 +179,7 @@ def _run_with_file(scene: SweepScene, model: Model, name: str) -> Row:
         if result.status == "stopped":
             raise KeyboardInterrupt
         row = {
-            "notes": "\n".join(note for note in report.notes if _REUSED not in note),
+            "notes": "\n".join(note for note in report.notes if REUSED not in note),
             "folder": str(own_folder or ""),
         }
         return row | read_result(scene.scalars, result)

@@ -265,6 +265,8 @@ class SweepRows:
         To its questions.
     reused : int
         Runs that were there already.
+    knob_units : dict of str to (str, float)
+        Unit that the scene states of a knob, and its factor from the scene's units; for pictures.
     """
 
     title: str
@@ -279,6 +281,7 @@ class SweepRows:
     overrides: dict[str, Any] = field(default_factory=dict)
     answer: Answer | None = None
     reused: int = 0
+    knob_units: dict[str, tuple[str, float]] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.settings)

@@ -272,6 +272,19 @@ def test_a_body_far_from_where_its_joints_close_is_refused(units, distance):
         flexmb.simulate(made, duration=0.01, outputs=1)
 
 
+def test_each_body_is_named_with_a_joint_of_its_own():
+    made = Model("arms")
+    for k, name in enumerate(("one", "two")):
+        made.add_body(name, mass=1.0, inertia=[1, 1, 1], position=[0.2 + 0.1 * k, 0, 0])
+        made.add_joint(f"pin_{name}", "revolute", between=["ground", name], axis="z")
+    with pytest.raises(AssemblyError) as caught:
+        flexmb.mobility(made)
+    two, one = str(caught.value).splitlines()
+    assert two.startswith("bodies.two:") and "joints.pin_two is open by 0.3 m" in two
+    assert one.startswith("bodies.one:") and "joints.pin_one is open by 0.2 m" in one
+    assert "(ground alone is the origin; [ground.markers] names other points)" in one
+
+
 def test_a_body_that_would_have_to_turn_far_is_refused():
     """A block whose fixed joint is askew turns about its origin, which does not move; so does a
     bar that is placed at its pin, but not towards the other one."""
@@ -333,3 +346,47 @@ def test_the_weight_of_a_flexible_body_counts_for_its_inertia_alone(coupling):
     inertia = np.setdiff1d(np.arange(body["flex"], shapes[0]), same)
     np.testing.assert_array_equal(weighted[same], pool[same])
     np.testing.assert_array_equal(weighted[inertia], 3.0 * pool[inertia])
+
+
+def test_a_plate_on_redundant_joints_sags_into_its_elastic_equilibrium():
+    """A hatch on two hinges and two cylinders, which hold it by lever arms."""
+    made = Model("hatch", gravity=[0, 0, -9.81])
+    places = {"h1": [0, -1, 0], "h2": [0, 1, 0], "eye1": [1.25, -0.75, 0], "eye2": [1.25, 0.75, 0]}
+    made.add_body(
+        "cover",
+        mesh={"type": "plate", "length": 3.0, "width": 2.0, "divisions": [12, 8]},
+        sections={"all": {"type": "shell", "thickness": 0.012}},
+        material="steel",
+        interfaces={name: {"center": x, "radius": 0.3} for name, x in places.items()},
+        modes=8,
+    )
+    for side in (1, 2):
+        made.add_marker(f"ground.h{side}", position=places[f"h{side}"])
+        made.add_marker(f"ground.f{side}", position=[0.3, places[f"eye{side}"][1], -1.0])
+        rod = {"between": [f"ground.f{side}", f"cover.eye{side}"], "distance": np.hypot(0.95, 1)}
+        made.add_driver(f"ram{side}", **rod)
+    made.add_joint("h1", "revolute", between=["ground.h1", "cover.h1"], axis="y")
+    made.add_joint("h2", "spherical", between=["ground.h2", "cover.h2"])
+    run = flexmb.simulate(made, duration=0.01, outputs=1, start="quasi-static")
+    arm = 1.25 * np.sin(np.arctan2(1.0, 0.95))
+    weight = 3 * 2 * 0.012 * 7850 * 9.81
+    forces = [np.linalg.norm(run.reaction(f"ram{side}").force[0]) for side in (1, 2)]
+    assert sum(forces) == pytest.approx(weight * 1.5 / arm, rel=2e-3)
+    assert run.drift[0].max() < 1e-9
+
+
+def test_a_mesh_that_is_placed_far_from_its_joints_is_refused_by_the_check(tmp_path):
+    """Before it is reduced: its stand-in is rigid, but no deformation makes good for so much."""
+    text = (
+        "[bodies.bar]\nmesh = { type = 'box', size = [1, 0.1, 0.1] }\nmaterial = 'steel'\n"
+        "interfaces = { a = 'x0', b = 'x1' }\n[ground.markers]\nfar = { position = [%s, 0, 0] }\n"
+        "[joints]\na = { type = 'fixed', between = ['ground', 'bar.a'] }\n"
+        "b = { type = 'fixed', between = ['ground.far', 'bar.b'] }\n[statics]\n"
+    )
+    scene = tmp_path / "scene.toml"
+    scene.write_text(text % 1.05)
+    with pytest.raises(AssemblyError, match=r"joints\.b"):
+        flexmb.check_scene(scene)
+    scene.write_text(text % 1.001)
+    notes = flexmb.check_scene(scene).notes
+    assert any(note.startswith("if the flexible bodies are rigid: joints.") for note in notes)

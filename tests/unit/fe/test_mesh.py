@@ -59,5 +59,5 @@ def test_elements_with_too_few_nodes_are_a_damaged_file(tmp_path, monkeypatch):
         points=np.zeros((5, 3)), cells=[SimpleNamespace(type="tetra10", data=np.arange(5)[None])]
     )
     monkeypatch.setattr(mesh_module, "_read_quietly", lambda _: raw)
-    with pytest.raises(MeshError, match="is damaged .elements of kind tetra10 with 5 nodes"):
+    with pytest.raises(MeshError, match="is damaged: elements of kind tetra10 with 5 nodes"):
         mesh_module._read(tmp_path / "a.bdf")

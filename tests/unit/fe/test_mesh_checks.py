@@ -228,6 +228,24 @@ def test_default_axes_that_jump_on_a_curved_shell_are_named(material, orientatio
     assert sum("material axis 1" in finding.sentence for finding in findings) == count
 
 
+def test_a_slip_of_units_shows_in_the_mass():
+    box = {"type": "box", "size": [90.0, 80.0, 70.0], "divisions": [2, 2, 2]}
+    (told,) = [one.sentence for one in survey(box, material="steel").findings]
+    assert told.startswith("the mesh extends over 90 m and has a mass of 3.96e+09 kg: is its unit")
+    box["size"] = [9.0, 8.0, 7.0]
+    assert survey(box, material="steel").findings == []
+
+
+def test_a_beam_whose_section_is_larger_than_its_length_is_named():
+    beam = {"type": "beam", "length": 80.0}
+    section = {"all": {"type": "circle", "radius": 2000.0}}
+    told = [one.sentence for one in survey(beam, material="steel", sections=section).findings]
+    assert any("extend over 80 m: are its sizes in their unit?" in one for one in told)
+    section["all"]["radius"] = 2.0
+    told = [one.sentence for one in survey(beam, material="steel", sections=section).findings]
+    assert not any("in their unit" in one for one in told)
+
+
 def test_shells_thicker_than_long_and_collapsed_elements_are_named():
     plate = mesh_from({"type": "plate", "length": 1.0, "width": 0.5, "divisions": [2, 1]})
     for thickness, count in ((1.2, 1), (0.9, 0)):

@@ -13,6 +13,7 @@ from flexmb.fe.elements.element_blocks import FAMILIES
 from flexmb.fe.meshes import mesh as mesh_module
 
 BOX = block((2, 1, 1))
+GMSH = "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n"
 
 
 @pytest.fixture(autouse=True)
@@ -97,10 +98,17 @@ def test_named_groups_of_second_order_survive_in_gmsh_4(project):
     ("name", "content", "sentence"),
     [
         ("a.msh", None, "there is no such mesh file"),
-        ("a.msh", b"hello", "damaged or not of the format"),
-        ("a.msh", b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 1 1 1\n", "damaged"),
-        ("a.vtu", b"\x00\x01\x02", "damaged or not of the format"),
-        ("a.inp", b"", "damaged|no points"),
+        ("a.msh", b"hello", r"no Gmsh file: it does not begin with \$MeshFormat; export it again"),
+        ("a.msh", f"{GMSH}$Nodes\n1 1 1 1\n".encode(), r"\$Nodes \(line 4\) has no end; .*5 lines"),
+        ("a.msh", f"{GMSH}$Nodes\n1 1\n0 x\n$EndNodes".encode(), 'line 6 has "0 x" for numbers'),
+        ("a.msh", f"{GMSH}$Nodes\n1 1 1 1\n$EndNodes".encode(), r"no section \$Elements"),
+        ("a.vtu", b"\x00\x01\x02", "damaged, truncated, or not the .vtu format"),
+        ("a.xdmf", b"<Xdmf>\n<Domain", "its XML breaks off or is wrong at line 2"),
+        ("a.xdmf", b"Xdmf", "it is no XML file"),
+        ("a.med", b"no HDF5", "is no HDF5 file, which .med files are"),
+        ("a.inp", b"", "the mesh file is empty; export it again"),
+        ("a.inp", b"*NODE\n1, 0, 0, 0\n2, 1.3E", 'line 3 has "1.3E" for a number'),
+        ("a.bdf", b"GRID,1,,0.,zero,0.", 'line 1 has "ZERO" for a number'),
         ("a.step", b"ISO-10303-21;", 'no mesh format has the suffix ".step"; allowed: .msh'),
     ],
 )
@@ -108,9 +116,19 @@ def test_what_cannot_be_read(tmp_path, capfd, name, content, sentence):
     path = tmp_path / name
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(MeshError, match=sentence):
+    with pytest.raises(MeshError, match=sentence) as caught:
         read_mesh(path)
+    assert "Error" not in str(caught.value) and "array" not in str(caught.value)
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_truncated_hdf5_file_says_how_much_of_it_is_there(tmp_path):
+    meshio.Mesh(BOX.points, [("tetra10", BOX.blocks["tetra10"])]).write(tmp_path / "box.med")
+    whole = (tmp_path / "box.med").read_bytes()
+    path = tmp_path / "part.med"
+    path.write_bytes(whole[:9000])
+    with pytest.raises(MeshError, match=f"truncated: it has 9000 of {len(whole)} bytes"):
+        read_mesh(path)
 
 
 def test_coordinates_that_are_not_numbers(tmp_path):

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from resultfiles import block, writer
 
+import flexmb
 from flexmb.errors import OutputError, ResultFileError
 from flexmb.results import Result
 from flexmb.results import writer as result_writer
@@ -163,3 +164,11 @@ def test_of_a_large_table_only_what_is_wanted_is_read(tmp_path, monkeypatch) -> 
         np.testing.assert_array_equal(large.part(name, [1, 0]), values)
         np.testing.assert_array_equal(large.part(name), whole.part(name))
     assert not {"q", "sensors", "energy"} & {*large._tables}
+
+
+def test_a_table_that_results_do_not_have_is_named(tmp_path):
+    made = flexmb.Model("stone")
+    made.add_body("stone", mass=1, inertia=[1, 1, 1])
+    run = flexmb.simulate(made, duration=0.1, outputs=1, output=tmp_path)
+    with pytest.raises(ResultFileError, match='unknown table "enrgy"; nearest: energy'):
+        run.table("enrgy")

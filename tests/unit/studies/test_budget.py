@@ -238,3 +238,13 @@ def test_a_small_reaction_is_judged_by_a_hundredth_of_the_largest() -> None:
         for quantity, many in sizes.items() for k, size in enumerate(many)
     ]  # fmt: skip
     assert _scales(histories) == pytest.approx([100.0, 5.0, 1.0, 3.0, 1e-3, 0.0])
+
+
+def test_moments_that_are_round_off_of_forces_stand_still() -> None:
+    """As of planar mechanisms in space, whose joints bear forces alone."""
+    wave = np.sin(np.linspace(0.0, 6.0, 50))[:, None]
+    force = History("reactions", "pin", "N", 1e4 * wave)
+    moment = History("reactions", "pin", "N m", 1e-8 * wave)
+    assert _scales([force, moment], 2.0)[1] == 0.0
+    assert _scales([force, History("reactions", "pin", "N m", 1.0 * wave)], 2.0)[1] > 1.0
+    assert _scales([History("reactions", "pin", "N", 1e-9 * wave), moment], 2.0)[1] > 0.0

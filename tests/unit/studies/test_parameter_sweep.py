@@ -15,6 +15,7 @@ import flexmb
 from flexmb.cli import app
 from flexmb.errors import SceneError
 from flexmb.studies.record_table import read_rows
+from flexmb.studies.sweeps import sweep_report
 
 PROJECTILE = """
 title = "Projectile"
@@ -212,3 +213,18 @@ def test_all_mistakes_at_once_and_nothing_run(scene: Path) -> None:
     ):
         assert what in text
     assert not (scene.parent / "sweep").exists()
+
+
+def test_pictures_show_knobs_in_the_unit_that_the_scene_states(scene: Path) -> None:
+    text = PROJECTILE.replace("angle = 0.7", "angle = '40 deg'")
+    assert text != PROJECTILE
+    scene.write_text(text, encoding="utf-8")
+    vary = {"angle": "30 deg..60 deg", "v": "10..20"}
+    made = sweep(scene, vary, samples=16, sensors=["ball.x:final"])
+    figure = sweep_report.PICTURES["scatter"](made)
+    labels = [axes.get_xlabel() for axes in figure.axes]
+    assert "angle [deg]" in labels and "v" in labels
+    shown = figure.axes[labels.index("angle [deg]")].lines[0].get_xdata()
+    np.testing.assert_allclose(np.sort(shown), np.sort(np.degrees(made["angle"])))
+    surface = sweep_report.PICTURES["surfaces"](made).axes[0]
+    assert "angle [deg]" in (surface.get_xlabel(), surface.get_ylabel())

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.special import ellipj, ellipk
 
 import flexmb
-from flexmb.errors import FlexmbError, SceneError
+from flexmb.errors import FlexmbError, FlexmbWarning, SceneError
 from flexmb.progress import silent
 from flexmb.results import Result
 from flexmb.studies import study_jobs
@@ -182,19 +184,22 @@ def test_error_control_keeps_what_is_asked(tmp_path: Path) -> None:
 
 
 def test_failed_and_refused_settings_are_rows_with_their_reason(tmp_path: Path) -> None:
-    """A torque that is not finite from an angle on, with every step; and a step below zero."""
+    """A torque that is not finite from an angle on; and a step below zero for one machine."""
     text = PENDULUM.read_text(encoding="utf-8").partition("[[check]]")[0]
-    text = text.replace("period/4000", "period/400") + (
+    text = text.replace("period/4000", "period/400*(1 - 2e6*cut*late)") + (
         '[forces.pull]\ntype = "torque"\nat = "bar"\n'
         'value = [0, 0, "1e-9*log(swing + 0.5 + cut)"]\n'
-        "[study]\nvary = { cut = [0, 1e-6], step = [1e-2, -1] }\nrepeats = 1\n"
+        "[study]\nvary = { cut = [0, 1e-6], late = [0, 1] }\nrepeats = 1\n"
     )
     scene = tmp_path / "scene.toml"
-    scene.write_text(text.replace("[parameters]", "[parameters]\ncut = 0"), encoding="utf-8")
+    scene.write_text(
+        text.replace("[parameters]", "[parameters]\ncut = 0\nlate = 0"), encoding="utf-8"
+    )
     found = flexmb.study(scene, output=tmp_path / "out", workers=1)
-    status = {(row.values["cut"], row.values["dynamics.step"]): row for row in found.rows}
-    assert [row.status for row in status.values()] == ["failed", "refused"] * 2
-    assert "forces.pull.value[2]" in status[1e-6, 1e-2].reason
+    status = {(row.values["cut"], row.values["late"]): row for row in found.rows}
+    assert [row.status for row in status.values()] == ["failed"] * 3 + ["refused"]
+    assert "forces.pull.value[2]" in status[1e-6, 0].reason
+    assert "dynamics.step: must be positive" in status[1e-6, 1].reason
     assert all("no two tight runs ended well" in told for told in found.references.values())
     assert "no run ended" in found.summary()[-1]
 
@@ -258,3 +263,49 @@ def test_tight_runs_that_the_model_refuses_are_no_reference(
     assert "no errors are shown" in sentence
     assert "below round-off" in sentence
     assert found.markdown()
+
+
+def test_mistakes_in_meshes_are_told_before_anything_runs(tmp_path: Path) -> None:
+    """Each value of a knob that the model refuses whatever the others are."""
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        "[bodies.beam]\nmesh = { type = 'box', size = [1, 0.1, 0.1] }\nmaterial = 'steel'\n"
+        "interfaces = { a = 'x0' }\n[joints]\n"
+        "w = { type = 'fixed', between = ['ground', 'beam.a'] }\n"
+        "[sensors.tip]\ntype = 'position'\nof = 'beam'\n[dynamics]\nduration = 1e-3\n"
+    )
+    with pytest.raises(SceneError) as caught:
+        flexmb.study(scene, {"modes": [2, 90_000], "step": [1e-4, -1]}, output=tmp_path / "out")
+    told = str(caught.value)
+    assert "vary modes=90000: bodies.beam.modes: 90000 requested, but the model has only" in told
+    assert "dynamics.step: must be positive, is -1 s" in told
+    assert not list(tmp_path.rglob("*.flexbody.h5"))
+    with pytest.raises(SceneError, match="modes: 90000 requested"):
+        flexmb.sweep(scene, {"modes": [2, 90_000]}, output=tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("call", "values"),
+    [
+        (flexmb.study, "300,400,300 rpm"),
+        (flexmb.sweep, "300,400,300 rpm"),
+        (flexmb.sweep, "normal(300, 20 rpm)"),
+        (flexmb.sweep, "300..400:2"),
+    ],
+)
+def test_numbers_without_the_unit_of_their_knob_are_told(
+    tmp_path: Path, call: Any, values: str
+) -> None:
+    (tmp_path / "scene.toml").write_text(
+        "[parameters]\nspeed = '250 rpm'\n[bodies.disk]\nmass = 1\ninertia = [1, 1, 1]\n"
+        "angular_velocity = [0, 0, 'speed']\n"
+        "velocity = [1, 0, 0]\n[sensors.disk]\ntype = 'position'\nof = 'disk'\n"
+        "[dynamics]\nduration = 1e-2\noutputs = 4\n"
+    )
+    more = {"repeats": 1} if call is flexmb.study else {"samples": 2}
+    with pytest.warns(FlexmbWarning, match="vary speed: 300 has no unit and is 2864.79 rpm"):
+        call(tmp_path / "scene.toml", {"speed": values}, output=tmp_path / "a", workers=1, **more)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        clear = "300 rpm, 26.2"
+        call(tmp_path / "scene.toml", {"speed": clear}, output=tmp_path / "b", workers=1, **more)

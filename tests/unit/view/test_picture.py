@@ -9,6 +9,7 @@ import pytest
 import slidercrank
 from resultfiles import writer
 
+from flexmb import Model, kinematics
 from flexmb.errors import BodyFileError, ResultFileError, ViewError
 from flexmb.flexbody import rigid_body, save
 from flexmb.results import Result
@@ -125,3 +126,18 @@ def test_what_stands_where_it_is_drawn_has_no_ghost(mechanism: Mechanism) -> Non
     assert add_ghosts(content, drawing, [mechanism.time]).solids == content.solids
     names = [solid.name for solid in add_ghosts(content, drawing, [0.02]).solids]
     assert names[len(content.solids) :] == ["crank", "slider", "rod"]
+
+
+@pytest.mark.parametrize("size", [[3, 2, 0.01], [3, 0.2, 0.2]])
+def test_a_hatch_is_not_seen_edge_on(size, tmp_path) -> None:
+    """It turns about an axis in its plane by 80 degrees; a bar is seen along the axis."""
+    model = Model("hatch", folder=tmp_path, gravity=[0, 0, -10])
+    model.add_body("cover", shape={"type": "box", "size": size}, density=1000, center=[1.5, 0, 0])
+    model.add_joint("hinge", "revolute", between=["ground", "cover"], axis="-y")
+    model.add_driver("hinge", joint="hinge", angle="80*deg*t")
+    machine = Mechanism(kinematics(model, duration=1.0, outputs=20, output=tmp_path), 0.5)
+    towards = np.array(compose(machine).camera.direction)
+    angles = np.radians(80) * np.linspace(0, 1, 21)
+    seen = np.abs(np.stack([-np.sin(angles), 0 * angles, np.cos(angles)], axis=1) @ towards)
+    assert (seen.min() > 0.4) == (size[1] > 1)
+    assert (abs(towards[1]) > 0.9) == (size[1] < 1)

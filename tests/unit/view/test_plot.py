@@ -9,6 +9,7 @@ import pytest
 import slidercrank
 from resultfiles import writer
 
+from flexmb import Model, kinematics
 from flexmb.errors import ResultFileError, ViewError
 from flexmb.results import Result
 from flexmb.view.history import history_figure, plot_history
@@ -85,3 +86,18 @@ def test_a_result_without_rows_is_refused(tmp_path: Path) -> None:
         pass
     with pytest.raises(ViewError, match="no rows"):
         history_figure(Result(out.path), ["slider.x"])
+
+
+def test_a_line_far_from_the_others_has_axes_of_its_own(tmp_path: Path) -> None:
+    """The top of a mast sways by millimetres, metres above the ground."""
+    model = Model("mast", folder=tmp_path)
+    model.add_body("mast", mass=1, inertia=[1, 1, 1])
+    model.add_joint("sway", "prismatic", between=["ground", "mast"], axis="x")
+    model.add_driver("sway", joint="sway", stroke="0.01*sin(t)")
+    model.add_sensor("top", "position", of="mast")
+    model.add_sensor("bend", "expression", value="0.5*top.x + 8", unit="m")
+    run = kinematics(model, duration=3.0, outputs=20, output=tmp_path)
+    low, high = history_figure(run).axes
+    assert [line.get_label() for line in (*low.lines, *high.lines)] == ["top.x", "bend"]
+    (together,) = history_figure(run, ["top.x", "bend"]).axes
+    assert len(together.lines) == 2
