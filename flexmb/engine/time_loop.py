@@ -41,7 +41,7 @@ from flexmb.engine.equations_of_motion import (
 )
 from flexmb.engine.events import accept_events, begin_events, cross_time_event, missed_event
 from flexmb.engine.initial_conditions import correct_positions
-from flexmb.engine.iteration_matrix import factorise_metric
+from flexmb.engine.iteration_matrix import factorise_metric, remove_self_stress
 from flexmb.engine.jit import call_step, kernel, unit
 from flexmb.engine.joints.constraint import read_reactions
 from flexmb.engine.kinematics_point import (
@@ -65,7 +65,6 @@ from flexmb.engine.projection import (
     accelerations,
     add_stiff_accelerations,
     put_noise,
-    remove_self_stress,
 )
 from flexmb.engine.sensors.sensor import count_turns, follow_angles, read_channels
 from flexmb.engine.state import Run

@@ -11,6 +11,7 @@ from flexmb.engine import method
 from flexmb.engine.bodies.motion import LAST_PLACES
 from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
+from flexmb.engine.geometry import extents_of_parts
 from flexmb.engine.state import State
 from flexmb.engine.work import kinds_of
 from flexmb.flexbody.arrays import Array
@@ -202,7 +203,7 @@ def set_least_motion(
     stand at one point the first motion would be resolved down to the round-off of the driver.
     """
     bodies, weights = compiled.system.parts.bodies, compiled.system.weights
-    size, away = (one * weights for one in extents_of_parts(compiled, state.q))
+    size, away = (one * weights for one in extents_of_parts(compiled.system, state.q))
     for iv, m in zip(bodies["iv"], bodies["m"], strict=True):
         size[iv + 3 : iv + 6] = away[iv + 3 : iv + 6] = 1.0
         for x in (size, away):  # a weighted mode moves points of the body, as its frame does
@@ -224,7 +225,7 @@ def set_first_places(compiled: Compiled, state: State) -> None:
     """
     system, of = compiled.system, compiled.system.part
     bodies, rows, markers = system.parts.bodies, system.rows, system.parts.markers
-    size, away = extents_of_parts(compiled, state.q)
+    size, away = extents_of_parts(compiled.system, state.q)
     away = np.maximum(_ROUNDED * size, away)
     away[away == 0.0] = _ROUNDED * compiled.length  # all at the origin, without a marker elsewhere
     turn = np.divide(away, size, out=np.full(len(size), _ROUNDED), where=size > 0.0)
@@ -235,29 +236,6 @@ def set_first_places(compiled: Compiled, state: State) -> None:
     ends = rows[rows["fun"] >= 0]
     on = np.concatenate([markers["body"][ends[end]] for end in "IJ"])
     state.first_places[:] = LAST_PLACES * places, np.isin(of, of[bodies["iv"][on[on >= 0]]])
-
-
-def extents_of_parts(compiled: Compiled, q: Array) -> tuple[Array, Array]:
-    """How far the part of the model that each coordinate (nv,) is of reaches, and how far from the
-    origin it stands [m]; 0 where there is no body."""
-    system, bodies = compiled.system, compiled.system.parts.bodies
-    markers, of = system.parts.markers, system.part
-    spread, mass = np.trace(bodies["S0"], axis1=1, axis2=2), bodies["mass"]
-    gyration = np.sqrt(np.divide(spread, mass, out=np.zeros(len(mass)), where=mass > 0.0))
-    arms, on = np.zeros(len(bodies)), markers["body"] >= 0
-    reach = np.linalg.norm(markers["rho"] + markers["arm"], axis=1)
-    np.maximum.at(arms, markers["body"][on], reach[on])
-    ends = system.rows[system.rows["fun"] >= 0]
-    driven = bodies["iv"][[b for end in "IJ" for b in markers["body"][ends[end]] if b >= 0]]
-    n = int(system.kkt.panels["nc"].sum()) + 1
-    low, high, wide = np.full((n, 3), np.inf), np.full((n, 3), -np.inf), np.zeros((n, 1))
-    for body, arm, turns in zip(bodies, arms, gyration, strict=True):
-        r, own = q[body["iq"] : body["iq"] + 3], of[body["iv"] : body["iv"] + 3]
-        low[own], high[own] = np.minimum(low[own], r - arm), np.maximum(high[own], r + arm)
-        wide[own] = np.maximum(wide[own], turns * np.isin(own, of[driven])[:, None])
-    low[low > high], high[high < low] = 0.0, 0.0
-    size = np.maximum(high - low, wide).max(axis=1)[of]
-    return size, np.maximum(abs(low), abs(high)).max(axis=1)[of]
 
 
 def scout_settings(settings: method.Settings, integrator: method.Method) -> method.Settings:

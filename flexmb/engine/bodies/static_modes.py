@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     from flexmb.flexbody import FlexBody
 
-_SLOW = 1e8  # τ² K_ss over the inertia of the model in the softest of them
+_SLOW = 1e8  # τ² K_ss over the inertia of its part of the model in the softest of them
 # Points of the past: stored, the last of which may be the present; for the slope.
 _POINTS, _CUBIC = 4, 3
 # A point counts if it is this part of the last interval before the next one; the last ones, if the
@@ -91,6 +91,7 @@ class StaticModes(NamedTuple):
     compliance: Vector  # K_ss⁻¹ of the bodies, row by row
     history: Integers  # (b,) where a body has its past: _POINTS times [s], and η_s at each
     window: Vector  # (b,) least interval of the points of its past [s]
+    reach: Vector  # most that one unit of each mode moves, over the size of its part of the model
     scratch: Scratch = None  # of one run
 
 
@@ -135,7 +136,7 @@ def follow_loads(run: Run, of: StaticModes, at: Point) -> float:
     as the tension of a rod beyond its buckling load, it grows, and is accelerated. The change is
     infinite where they push the modes on, as beyond a critical speed: no equilibrium is stable.
     """
-    bodies, weights, res = run.system.parts.bodies, run.system.weights, run.work.trial.res
+    bodies, weights, res = run.system.parts.bodies, of.reach, run.work.trial.res
     iterates, loop = of.scratch.iterates, of.scratch.loop[0]
     change, stiffness, elastic, place = 0.0, 0.0, 0.0, 0
     for n in range(of.rows.shape[0]):
@@ -145,7 +146,7 @@ def follow_loads(run: Run, of: StaticModes, at: Point) -> float:
             continue
         iq, iv = body["iq"] + 7, body["iv"] + 6
         for i in range(begin, end):
-            step, weight = 0.0, weights[iv + of.modes[i]]
+            step, weight = 0.0, weights[i]
             for j in range(begin, end):
                 step -= of.compliance[place] * res[iv + of.modes[j]]
                 place += 1
@@ -169,7 +170,7 @@ def follow_loads(run: Run, of: StaticModes, at: Point) -> float:
         iq, iv = bodies[of.rows[n]]["iq"] + 7, bodies[of.rows[n]]["iv"] + 6
         if of.kinetostatic[n] == 1 or run.method.stages > 0:
             for i in range(of.first[n], of.first[n + 1]):
-                at.q[iq + of.modes[i]] += iterates.step[i] / weights[iv + of.modes[i]]
+                at.q[iq + of.modes[i]] += iterates.step[i] / weights[i]
                 at.v[iv + of.modes[i]] = 0.0
                 at.vd[iv + of.modes[i]] = 0.0
     return change
@@ -329,17 +330,13 @@ STATIC_MODES = Kind("static_modes", StaticModes, {
 
 def static_modes(
     bodies: Sequence[tuple[int, FlexBody, NDArray[np.int64], bool]],
-    mass: float,
     add_history: Callable[[int], int],
 ) -> StaticModes:
-    """Tables of the quasi-static modes of bodies by row, kinetostatic or not.
-
-    `mass` is that of the model, which may hang on any of them.
-    """
+    """Tables of the quasi-static modes of bodies by row, kinetostatic or not, each by itself."""
     heavy, compliance = [], []
     for _, body, modes, _ in bodies:
         square = np.diag(body.K)[modes] / np.diag(body.M_eta)[modes]
-        heavy.append(_SLOW / square.min() * max(mass / body.mass, 1.0))
+        heavy.append(_SLOW / square.min())
         compliance.append(np.linalg.inv(body.K[np.ix_(modes, modes)]).ravel())
     rows, _, modes, kinetostatic = zip(*bodies, strict=True)
     return StaticModes(
@@ -351,7 +348,29 @@ def static_modes(
         np.concatenate(compliance),
         np.array([add_history(_POINTS * (1 + len(some))) for some in modes], np.int64),
         np.zeros(len(rows)),
+        np.zeros(sum(map(len, modes))),
     )
+
+
+def of_their_parts(system: System, length: float, size: NDArray[np.float64]) -> System:
+    """The system whose quasi-static modes know the part of the model that hangs on them.
+
+    `length` is the size of the model, `size` (nv,) that of the part of each coordinate [m].
+    """
+    static: StaticModes | None = system.kinds.get(STATIC_MODES.name)
+    if static is None:
+        return system
+    bodies, places = system.parts.bodies, static_coordinates(system)
+    part, own = system.part[bodies["iv"]], np.maximum(bodies["mass"], np.finfo(float).tiny)
+    gyration, size = np.sqrt(np.trace(bodies["S0"], axis1=1, axis2=2) / own), size.copy()
+    for k, iv in enumerate(bodies["iv"]):  # where markers are few
+        size[system.part == system.part[iv]] = np.maximum(size[iv], gyration[k])
+    mass = np.bincount(part, bodies["mass"])[part]
+    static = static._replace(
+        heavy=static.heavy * (mass / own)[static.rows],
+        reach=system.weights[places] * length / size[places],
+    )
+    return system._replace(kinds={**system.kinds, STATIC_MODES.name: static})
 
 
 def static_bodies(system: System) -> tuple[list[int], list[int]]:
