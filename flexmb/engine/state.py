@@ -349,6 +349,7 @@ class Stages(NamedTuple):
     static_rates: Stage
     static_force: Stage
     static_path: Stage
+    static_lag: Stage
     wrench: Stage
     force: Stage
     matrix: Stage

@@ -282,6 +282,27 @@ def put_path(run: Run, of: StaticModes, at: Point) -> int:
 
 
 @unit
+def lag(run: Run, of: StaticModes, at: Point) -> float:
+    """How far the modes are from where a step took them, over their motion; its largest value.
+
+    It took them by the mean of Trial.dq, by rates and accelerations of the points before. In a step
+    as long as an interval H of these that is of order h⁴; what rates were off by is H³ h in shorter
+    ones, so that it counts as h⁴ too.
+    """
+    st, tr, largest = run.state, run.work.trial, 0.0
+    h = at.t[0] - st.t[0]
+    for n in range(of.rows.shape[0]):
+        body, past = run.system.parts.bodies[of.rows[n]], of.history[n]
+        interval = st.history[past] - st.history[past + 1]
+        share = min(1.0, h / interval) if math.isfinite(interval) and interval > 0.0 else 1.0
+        for k in range(of.first[n], of.first[n + 1]):
+            q, v = body["iq"] + 7 + of.modes[k], body["iv"] + 6 + of.modes[k]
+            left = abs(at.q[q] - st.q[q] - h * tr.dq[v]) * run.system.weights[v]
+            largest = larger(largest, share**3 * left / st.motion[v])
+    return largest
+
+
+@unit
 def forget(run: Run, of: StaticModes, at: Point) -> int:
     """Begin without a past."""
     for n in range(of.rows.shape[0]):
@@ -324,7 +345,7 @@ def _new_scratch(of: StaticModes) -> Scratch:
 STATIC_MODES = Kind("static_modes", StaticModes, {
     "matrix": add_static_mass, "static": follow_loads, "static_hold": hold,
     "static_rates": put_rates, "static_force": put_forces, "static_path": put_path,
-    "begin": forget, "remember": remember,
+    "static_lag": lag, "begin": forget, "remember": remember,
 }, scratch=_new_scratch)  # fmt: skip
 
 
