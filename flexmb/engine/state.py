@@ -350,6 +350,8 @@ class Stages(NamedTuple):
     static_force: Stage
     static_path: Stage
     static_lag: Stage
+    static_ahead: Stage
+    static_begin: Stage
     wrench: Stage
     force: Stage
     matrix: Stage
