@@ -50,7 +50,8 @@ _MAX_MODES_SQUARED = 6000  # summed over the bodies
 # Share of the stored energy below which an exchange of energy is that of a scene at rest.
 _REST_SHARE = 1e-6
 # Round-off of energies: share of the weight of all bodies times the size of the model, and without
-# weight of what they have at a speed of this times that size squared [1/s^2].
+# weight of what they have at a speed of this times the size, or the distance from the origin,
+# squared [1/s^2].
 _ROUND_OFF, _NO_SPEED = 1e-12, 1e-9
 
 
@@ -201,8 +202,10 @@ class ChunkRows:
         self.output: Output = new_output(compiled.system, n, len(compiled.layout.channels))
         self.unread = False
         parts, length = compiled.system.parts, compiled.length
-        speed = max(float(np.linalg.norm(parts.gravity)) * length, _NO_SPEED * length**2)
-        self.balance = EnergyBalance(_ROUND_OFF * float(parts.bodies["mass"].sum()) * speed)
+        places = parts.bodies["iq"][:, None] + np.arange(3)
+        away = max(length, np.abs(compiled.initial_q[places]).max(initial=0.0))
+        square = max(float(np.linalg.norm(parts.gravity)) * length, _NO_SPEED * float(away) ** 2)
+        self.balance = EnergyBalance(_ROUND_OFF * float(parts.bodies["mass"].sum()) * square)
         self.largest_drift = np.zeros(3)  # of positions and velocities, and the largest speed
         self._speeds = (parts.bodies["iv"][:, None] + np.arange(6)).ravel()
 

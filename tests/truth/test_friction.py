@@ -132,6 +132,46 @@ def test_oscillator_with_friction():
     assert np.ptp(x[found.t > 0.8]) < 1e-5
 
 
+RUBBED = {"prismatic": {"length": 0.4}, "revolute": {"radius": 0.03, "length": 0.1}}
+
+
+def without_load(kind, push=0.0):
+    """A body whose joint bears nothing until a step of the force across the guide or axle."""
+    made = Model("unloaded", gravity=[0, 0, 0])
+    place = [0.7, 0.5, -1.1]
+    made.add_marker("ground.there", position=place)
+    made.add_body("block", mass=1, center=[0.1, 0.2, -0.3], inertia=[0.1, 0.2, 0.3], position=place)
+    made.add_joint("joint", kind, between=["ground.there", "block"], axis=[1, 1, 1])
+    made.add_force("rub", "joint-friction", joint="joint", dynamic=0.2, static=0.3,
+                   stiffness=1e4, damping=80, **RUBBED[kind])  # fmt: skip
+    made.add_force("push", "force", at="block", value=[f"{push}*step(t, 1, 0, 1.1, 1)", 0, 0])
+    made.add_sensor("place", "position", of="block")
+    return made
+
+
+@pytest.mark.parametrize("method", ["radau", "generalized-alpha", "explicit-rk"])
+@pytest.mark.parametrize("kind", RUBBED)
+@pytest.mark.parametrize("beside", [False, True])
+def test_a_joint_without_load_has_no_friction(kind, method, beside):
+    """Its bearing load is round-off, and bristles of that length would slip and stick for ever."""
+    made = without_load(kind)
+    made = beside_a_large_motion(made) if beside else made
+    found = judged(made, duration=2.0, outputs=20, accuracy=1e-5, method=method)
+    assert not found.message
+    assert found.steps < 100
+
+
+@pytest.mark.parametrize("method", ["radau", "generalized-alpha"])
+def test_friction_begins_with_the_load(method):
+    """At rest until a force sets in, then as the explicit method says, by other equations."""
+    found = run(without_load("prismatic", push=30.0), duration=2.0, outputs=20, accuracy=1e-4,
+                method=method)  # fmt: skip
+    free = run(without_load("prismatic", push=30.0), duration=2.0, outputs=20, accuracy=1e-6,
+               method="explicit-rk")  # fmt: skip
+    assert np.ptp(found["place.x"][found.t < 1.0]) < 1e-12
+    assert found["place.x"] == pytest.approx(free["place.x"], abs=1e-3)
+
+
 def test_rotor_that_runs_down():
     """Torque μ r W in the pin: it stops after J ω/(μ r W) and J ω²/(2 μ r W)."""
     weight, J, spin, mu, r = 2 * G, 0.05, 10.0, 0.2, 0.02

@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from accuracyscenes.judging import judged
+from accuracyscenes.scene import beside_a_large_motion
+from scipy.spatial.transform import Rotation
 
 from flexmb.model import Model
 
 SWING = 1e-6  # m, once a second
+TILT = Rotation.from_rotvec([1.0, -0.3, 0.4])
 
 
 def swing(made, first, place, speed, **force):
@@ -58,3 +61,30 @@ def test_round_off_between_far_bodies_is_part_of_the_error(make, method):
     assert 1 / 3 <= np.prod(shares) ** (1 / 3) <= 3
     (sentence,) = [note for note in found.notes if "was asked for" in note]
     assert "the floor that round-off leaves" in sentence
+
+
+def wheel_on_a_spring(center):
+    """A wheel on a skew axis, 1.4 m from the origin, and a spring that turns it to and fro."""
+    made = Model("wheel on a spring", gravity=[0, 0, 0])
+    made.add_marker("ground.bearing", position=[0.7, 0.5, -1.1])
+    made.add_body("wheel", mass=1, inertia=[0.4] * 3, center=center, position=[0.7, 0.5, -1.1],
+                  orientation=TILT.as_matrix().tolist())  # fmt: skip
+    made.add_joint("pin", "revolute", between=["ground.bearing", "wheel"], axis=[1, 1, 1])
+    made.add_force("spring", "rotational-spring-damper", joint="pin", stiffness=40, free=0.2)
+    made.add_sensor("turn", "angle", joint="pin")
+    return made
+
+
+@pytest.mark.parametrize("accuracy", [1e-4, 1e-5])
+def test_round_off_of_the_angle_in_a_joint_is_that_of_its_bodies_beside_a_large_model(accuracy):
+    center = TILT.inv().apply([0.1, 0.2, -0.3])  # across the axis
+    frequency = np.sqrt(40 / (0.4 + center @ center))
+    knobs = {"duration": 2.0, "outputs": 20, "method": "generalized-alpha"}
+    found = judged(
+        beside_a_large_motion(wheel_on_a_spring(center)),
+        lambda t: {"turn": 0.2 * (1 - np.cos(frequency * t))},
+        accuracy=accuracy, **knobs,
+    )  # fmt: skip
+    assert not found.message
+    assert found.is_reached(accuracy)
+    assert 1 / 3 <= found.share <= 3

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from accuracyscenes.judging import judged
 from femeshes import line
 from scipy.integrate import simpson
 from scipy.special import ellipk
@@ -198,3 +199,20 @@ def test_rows_at_the_turns_of_a_swing_are_compared_with_what_moves_between_them(
     times = [k * period for k in range(6)]
     result = run(made, duration=5 * period, outputs=times, method=method, **knobs)
     assert result.statistics["energy_balance_error"] < 2e-5
+
+
+def test_what_rests_a_kilometre_away_has_no_energy_to_lose():
+    """Round-off of places moves a bob on a stiff bushing, by 1e-21 J: no share of that is said."""
+    place = [1000.0, -300.0, 500.0]
+    made = Model("rest", gravity=[0, 0, 0])
+    made.add_marker("ground.bearing", position=place)
+    made.add_body("wheel", mass=1, inertia=[0.4] * 3, center=[0.1, 0.2, -0.3], position=place,
+                  orientation={"axis": [1, 2, 3], "angle": 0.7})  # fmt: skip
+    made.add_joint("pin", "revolute", between=["ground.bearing", "wheel"], axis=[1, 1, 1])
+    made.add_marker("wheel.rim", position=[0.3, 0.1, 0.2])
+    made.add_body("bob", mass=1, inertia=[0.1] * 3, position=[1001.0, *place[1:]])
+    made.add_force("bushing", "bushing", between=["wheel.rim", "bob"], stiffness=1e4, damping=10,
+                   rotational_stiffness=100)  # fmt: skip
+    found = judged(made, duration=1.0, outputs=50, accuracy=1e-3)
+    assert found.statistics["energy_balance_error"] < 0.05
+    assert not any("energy" in note for note in found.notes)

@@ -3,7 +3,8 @@
 `Comparison` takes values out of rows and judges their differences by the scale of each. All are
 judged over their own peak-to-peak, but reactions over no less than a thousandth of the largest of
 their unit, and its square of all inertia forces, moments also of the largest force times the size,
-in their part of the model: below are errors alone. Velocities over no less than a thousandth of
+in their part of the model: below are errors alone. Where all of a part are too small to move it,
+there are none. Velocities over no less than a thousandth of
 their own largest, those of bodies also than what moves them within the run as far as they move.
 """
 
@@ -279,9 +280,14 @@ class Comparison:
             speed, rate = (size[beside & (units == u)].max(initial=0.0) for u in ("m/s", "rad/s"))
             least = mass * (speed**2 / (length or np.inf) + length * rate**2)
             force = max(least, size[beside & (units == "N")].max(initial=0.0))
-            for unit, small in (("N", least), ("N m", force * length)):
+            still = NO_MOTION * mass * length / self._duration**2  # moves a part by no more
+            for unit, small, arm in (("N", least, 1.0), ("N m", force * length, length)):
                 same = units == unit
-                largest = max(size[beside & same].max(initial=0.0), _LEAST_SHARE * small)
+                largest = size[beside & same].max(initial=0.0)
+                if largest <= still * arm:
+                    spans[own & same] = 0.0
+                    continue
+                largest = max(largest, _LEAST_SHARE * small)
                 spans[own & same] = np.maximum(spans[own & same], _LEAST_SHARE * largest)
         self._join_frames(spans)
         mean = np.append(spans, 0.0)[self._motions] / self._duration

@@ -12,6 +12,7 @@ from flexmb.engine.bodies.motion import LAST_PLACES
 from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
 from flexmb.engine.geometry import extents_of_parts
+from flexmb.engine.joints import ANGLE
 from flexmb.engine.state import State
 from flexmb.engine.work import kinds_of
 from flexmb.flexbody.arrays import Array
@@ -209,7 +210,10 @@ def set_least_motion(
         for x in (size, away):  # a weighted mode moves points of the body, as its frame does
             x[iv + 6 : iv + 6 + m] = x[iv]
     first = len(weights) - len(compiled.system.parts.coordinates)
+    far = away / weights
     size[first:] = away[first:] = _STATE
+    if integrator.stages == 0:  # Newton's method solves for them too
+        _put_joint_coordinates(compiled, np.ones(len(far)), far, away)
     noise = _SOLVED if integrator.collocation else _NOISE
     state.motion[:] = np.maximum(
         _SHARE_AT_REST * settings.least_motion * size, noise / settings.tolerance * away
@@ -230,12 +234,22 @@ def set_first_places(compiled: Compiled, state: State) -> None:
     away[away == 0.0] = _ROUNDED * compiled.length  # all at the origin, without a marker elsewhere
     turn = np.divide(away, size, out=np.full(len(size), _ROUNDED), where=size > 0.0)
     places, coordinates = away / compiled.length, system.parts.coordinates
+    _put_joint_coordinates(compiled, turn, away, places)
     places[coordinates["iv"][coordinates["state"] == 1]] = _ROUNDED
     for iv in bodies["iv"]:
         places[iv + 3 : iv + 6] = turn[iv + 3 : iv + 6]
     ends = rows[rows["fun"] >= 0]
     on = np.concatenate([markers["body"][ends[end]] for end in "IJ"])
     state.first_places[:] = LAST_PLACES * places, np.isin(of, of[bodies["iv"][on[on >= 0]]])
+
+
+def _put_joint_coordinates(compiled: Compiled, turn: Array, way: Array, out: Array) -> None:
+    """Let coordinates that follow joints have at least a turn [rad] or a way [m], all (nv,)."""
+    system, of = compiled.system, compiled.system.parts.coordinates["iv"]
+    for row, k, factor in system.coupled[["row", "coordinate", "factor"]]:
+        is_angle, iv = system.rows["kind"][row] == ANGLE, of[k]
+        own = turn[iv] if is_angle else way[iv] * system.weights[iv]
+        out[iv] = max(out[iv], own / abs(factor))
 
 
 def scout_settings(settings: method.Settings, integrator: method.Method) -> method.Settings:

@@ -3,11 +3,12 @@
 The normal force N comes from the joint's reaction on J in the axes of I. A bearing of length L
 carries the lateral force F and the bending moment M as two forces at its ends,
 R₁,₂ = F/2 ± (M × z)/L, so N = |R₁| + |R₂|; a guide of width w carries a torque T about its axis
-with |T|/w more; a preload adds to it. N belongs to the multipliers of the iterate; its slope over
-them stands in the unsymmetric iteration matrix, while reported accelerations are iterated for.
-Where friction grows as fast as the forces that cause it, neither settles: the joint locks itself.
-How fast the limit μ N/k of a bristle grows follows from R₁, R₂ and T of the last three steps: by
-the slopes of their parabolas, or of lines behind what bends.
+with |T|/w more; a preload adds to it. Of the reaction counts what stretches a bristle by more than
+the round-off of its place: joints without load have no friction. N belongs to the multipliers of
+the iterate; its slope over them stands in the unsymmetric iteration matrix, while reported
+accelerations are iterated for. Where friction grows as fast as the forces that cause it, neither
+settles: the joint locks itself. How fast the limit μ N/k of a bristle grows follows from R₁, R₂ and
+T of the last three steps: by the slopes of their parabolas, or of lines behind what bends.
 Source of the bearing's share: Haug, Wu & Yang, Mech. Mach. Theory 21 (1986) 401.
 """
 
@@ -148,6 +149,14 @@ def _bearing(run, f, w):
     return x + u, y + v, x - u, y - v, turn
 
 
+@kernel
+def _round_off_of_load(run, f):
+    """The bearing load whose friction stretches the bristle by the round-off of its place, N."""
+    iv = run.system.parts.coordinates[f["coordinate"]]["iv"]
+    place = f["radius"] * run.state.first_places[0, iv] / run.system.weights[iv]
+    return f["k"] * place / f["static"] if f["static"] > 0.0 else 0.0
+
+
 @unit
 def put_loads(run: Run, frictions: JointFrictions, at: Point) -> float:
     """Bearing loads of all joint frictions for these multipliers; returns the largest change."""
@@ -160,7 +169,9 @@ def put_loads(run: Run, frictions: JointFrictions, at: Point) -> float:
         a, b, c, d, turn = parts
         for i in range(_PARTS):
             frictions.scratch.bearing[k, i] = parts[i]
-        N = math.sqrt(a * a + b * b) + math.sqrt(c * c + d * d) + abs(turn) + f["preload"]
+        N = math.sqrt(a * a + b * b) + math.sqrt(c * c + d * d) + abs(turn)
+        least = _round_off_of_load(run, f)
+        N = (N - least * least / N if N > least else 0.0) + f["preload"]
         step = abs(N - load[k, 0])
         if not step <= change:
             change = step
@@ -364,6 +375,9 @@ def put_events(run: Run, frictions: JointFrictions, at: Point) -> int:
             slip["rate"] = -change if v > 0.0 else change
             if abs(v) < f["creep"]:  # there its law is smooth
                 slip["rate"] = math.nan
+            continue
+        if N == 0.0:
+            slip["value"], slip["rate"] = 0.0, math.nan
             continue
         h = f["history"]
         evaluate_surface(run, frictions, at, k)

@@ -330,3 +330,21 @@ def test_moments_of_a_small_part_do_not_know_how_large_the_model_is():
     worst = error.largest(RATIO)["reactions"]
     assert "hinge_b" in worst.name
     assert worst.error == pytest.approx(0.5, rel=1e-2)
+
+
+@pytest.mark.parametrize(("newton", "told"), [(1e-14, 0.0), (1e-9, 0.5)])
+def test_reactions_that_would_not_move_their_part_are_none(newton, told):
+    """Half wrong, and beside a part that is loaded: what nothing loads has only round-off."""
+    made = model(("speed", "velocity", "a"))
+    made.add_sensor("pin", "reaction", joint="hinge_b")
+    coarse, fine = Rows(made, T), Rows(made, T)
+    for rows, off in ((coarse, 0.5), (fine, 0.0)):
+        rows.block.reactions[:, 0] = np.sin(T) ** 2
+        pin = newton * (np.sin(T) ** 2 + off * (T == 5.0))
+        rows.block.reactions[:, 12] = pin
+        rows.set("pin.x", pin)
+    compiled = compile_system(made)
+    parts = by_part(compared(compiled.layout, made), compiled, made)
+    error = MeasuredError(Comparison(fine.layout, made, {"m": 1e-10}, duration=10.0, parts=parts))
+    error.add(coarse.block, fine.block)
+    assert error.largest(RATIO)["reactions"].error == pytest.approx(told, rel=1e-2)
