@@ -12,8 +12,9 @@ from flexiblescenes import rod
 from truth.test_effects import channels
 
 import flexmb
-from flexmb.errors import SolverError
+from flexmb.errors import FlexmbError, SolverError
 from flexmb.model import Model
+from tests.benchmarks.audit_honesty import random_model
 
 pytestmark = pytest.mark.filterwarnings("ignore::flexmb.errors.FlexmbWarning")
 
@@ -200,6 +201,17 @@ def test_a_rod_that_buckles_has_no_equilibrium(method):
             fast_crank("quasi-static", 200), duration=0.03, accuracy=1e-5, method=method
         )
     assert 1.5 < 200 * float(re.search(r"t = ([\d.]+) s", str(failed.value))[1]) < 2.0
+
+
+def test_fixed_explicit_steps_tell_that_an_arm_bends_too_far():
+    """They told their limit of stability, which the change of what follows its loads is not."""
+    model = random_model(1)
+    model.bodies["arm"] = model.bodies["arm"].model_copy(update={"deformation": "quasi-static"})
+    duration = model.dynamics.duration
+    with pytest.raises(FlexmbError, match=r"bodies.arm is deflected by 0\.\d+ of its length"):
+        flexmb.simulate(
+            model, method="explicit-rk", accuracy=None, step=duration / 300, outputs=300
+        )
 
 
 @pytest.mark.slow

@@ -225,11 +225,14 @@ def _watch_stability(run, tableau, h, of_parameters):
     tr, weights, nq, last = run.work.trial, run.system.weights, run.state.q.shape[0], tableau.stages
     change, apart, memory = 0.0, 0.0, run.state.memory[0]
     memory["stable_step"] = math.inf
+    v, vd = tr.v, tr.stages[last, nq:]
+    if run.settings.follow == 1 and of_parameters:
+        v, vd = tr.places, tr.jerk
     for i in range(tr.v.shape[0]):
-        difference = abs(tr.stages[last, nq + i] - tr.stages[last - 1, nq + i]) * weights[i]
+        difference = abs(vd[i] - tr.stages[last - 1, nq + i]) * weights[i]
         if not difference <= change:
             change = difference
-        apart = max(apart, abs(tr.v[i] - tr.aa_start[i]) * weights[i])
+        apart = max(apart, abs(v[i] - tr.aa_start[i]) * weights[i])
     rate, longer = change / apart if apart > 0.0 else 0.0, _step_of_positions(run, h)
     fastest = rate
     if (h * rate > tableau.stable or longer > h) and math.isfinite(rate):
@@ -380,6 +383,12 @@ def step(run: Run, tableau: Tableau, h: float) -> int:
         if status != FINE:
             return status
     copy(tr.v, tr.aa_start)
+    if run.settings.follow == 1:  # what following changes is not the rate of the motion
+        status = _evaluate_stage(run, tableau, st.q, st.v, st.t[0], stages, h, NOTHING)
+        copy(tr.vd, tr.jerk)
+        copy(tr.v, tr.places)
+        if status != FINE:
+            return status
     status = _evaluate_stage(run, tableau, st.q, st.v, st.t[0], stages, h, POSITIONS)
     return end_step(run, tableau, h, status, True)
 
