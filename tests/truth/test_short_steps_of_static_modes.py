@@ -203,6 +203,18 @@ def test_a_rod_that_buckles_has_no_equilibrium(method):
     assert 1.5 < 200 * float(re.search(r"t = ([\d.]+) s", str(failed.value))[1]) < 2.0
 
 
+def test_what_reactions_lack_at_first_is_no_instability():
+    """They are solved for by a matrix with those of before: what that changes was taken for a
+    deformation that loads push on, and an arm that is driven ended at 0.0842 s."""
+    model = random_model(41)
+    model.bodies["arm"] = model.bodies["arm"].model_copy(update={"deformation": "quasi-static"})
+    model.set_validity(deflection="any", rotation="any", inertia_loads="any", truncation="any",
+                       load_factor="any", speed="any")  # fmt: skip
+    runs = [flexmb.simulate(model, method=method, accuracy=1e-3, outputs=300)["load.y"]
+            for method in ("generalized-alpha", "radau")]  # fmt: skip
+    np.testing.assert_allclose(*runs, atol=1e-6 * np.ptp(runs[1]))
+
+
 def test_fixed_explicit_steps_tell_that_an_arm_bends_too_far():
     """They told their limit of stability, which the change of what follows its loads is not."""
     model = random_model(1)

@@ -162,7 +162,8 @@ def follow_loads(run: Run, of: StaticModes, at: Point) -> float:
     elif math.isfinite(change):
         if iterates.count[0] > 0 and change > _SETTLING * loop["change"]:
             loop["grows"] = 1
-        if loop["grows"] == 1 and stiffness < -_UNSTABLE * elastic:
+        later = iterates.count[0] > 1  # the first reactions were those by the matrix of before
+        if loop["grows"] == 1 and later and stiffness < -_UNSTABLE * elastic:
             return math.inf
         accelerate(iterates, loop["grows"] == 1)
     loop["change"] = change
@@ -414,9 +415,8 @@ def of_their_parts(system: System, length: float, size: NDArray[np.float64]) -> 
     gyration, size = np.sqrt(np.trace(bodies["S0"], axis1=1, axis2=2) / own), size.copy()
     for k, iv in enumerate(bodies["iv"]):  # where markers are few
         size[system.part == system.part[iv]] = np.maximum(size[iv], gyration[k])
-    mass = np.bincount(part, bodies["mass"])[part]
     static = static._replace(
-        heavy=static.heavy * (mass / own)[static.rows],
+        heavy=static.heavy * (np.bincount(part, bodies["mass"])[part] / own)[static.rows],
         reach=system.weights[places] * length / size[places],
     )
     return system._replace(kinds={**system.kinds, STATIC_MODES.name: static})
