@@ -14,8 +14,9 @@ from flexmb.engine.bodies.flexible_body import FLEXIBLE_BODIES
 from flexmb.engine.bodies.inertia_coupling import CONSTANT_BODIES, PARTIAL_BODIES
 from flexmb.engine.bodies.marker import Markers
 from flexmb.engine.bodies.rigid_body import Bodies, PlanarBodies
+from flexmb.engine.bodies.static_modes import of_their_parts
 from flexmb.engine.function import PIECEWISE, TimeFunctions, lower
-from flexmb.engine.geometry import body_weights, initial_positions, model_length
+from flexmb.engine.geometry import body_weights, extents_of_parts, initial_positions, model_length
 from flexmb.engine.joints import POINT
 from flexmb.engine.joints.constraint import ConstraintRows, Joints
 from flexmb.engine.joints.constraint_groups import row_table, row_weights
@@ -108,10 +109,12 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     system = _system(tables, order_equations(tables), length)
     curve_points = tables.lowering.groups.curve_points
     places = np.append(np.zeros(tables.before), [point.start for point in curve_points.points])
+    initial_q = np.append(initial_positions(model, tables.bodies), places)
+    system = of_their_parts(system, length, extents_of_parts(system, initial_q)[0])
     return Compiled(
         system,
         _layout(tables, system),
-        np.append(initial_positions(model, tables.bodies), places),
+        initial_q,
         length,
         bodies,
         functions=tuple(tables.lowering.functions.programs),

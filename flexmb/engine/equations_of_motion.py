@@ -118,6 +118,30 @@ def residual(run: Run, at: Point) -> int:
     return status
 
 
+# Sum of the two steps before over this one, from which on powers are integrated by a cubic.
+_MIN_STEP_RATIO = 0.3
+
+
+@kernel
+def work_of_step(st, k, power, h):
+    """Work of the step by the cubic of the power over this step and two before, of order 4.
+
+    By the parabola over one, or the straight line, where those before are too short or unknown.
+    """
+    now, before, earlier = st.power[k], st.power_before[0, k], st.power_before[1, k]
+    a, b = st.memory[0]["last_step"], st.memory[0]["earlier_step"]
+    rise = (power - now) / h
+    if math.isnan(before) or not a > 0.0:
+        return 0.5 * h * (now + power)
+    slope = (power - before) / (a + h)
+    bend = (slope - rise) / -a
+    work = h * now + h * h * (0.5 * rise - bend * h / 6.0)
+    if math.isnan(earlier) or not a + b > _MIN_STEP_RATIO * h:
+        return work
+    bend_before = ((before - earlier) / b - slope) / -(a + b + h)
+    return work + (bend_before - bend) / (a + b) * h**3 * (h / 12.0 + a / 6.0)
+
+
 @unit
 def powers(run: Run, at: Point) -> int:
     """Work.powers of drivers, dampers and applied forces [W]; after all stages but forces."""

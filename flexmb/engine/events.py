@@ -281,9 +281,8 @@ def accept_events(run: Run, h: float) -> int:
     laws = laws and (located or not _hardly_moves(run, h, 1.0))
     if _first_crossing(events, 0.0, True, True) < 1.0:
         longest = memory["step_before_event"] if memory["event_trials"] > 0.0 else h
-        longest = max(
-            _RESTART_FRACTION * longest, _MIN_STEP_FRACTION * (settings.end - settings.start)
-        )
+        least = _MIN_STEP_FRACTION * (settings.end - settings.start)
+        longest = max(_RESTART_FRACTION * longest, least)
         if _first_crossing(events, 0.0, elements, laws) < 1.0:
             run.state.count[0]["events"] += 1
             memory["next_step"] = min(memory["next_step"], longest)

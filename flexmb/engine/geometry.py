@@ -1,4 +1,4 @@
-"""The model in its initial pose: its markers and their frames, its size."""
+"""The model in its initial pose: its markers and their frames, its size and that of its parts."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from flexmb.engine.bodies.flexible_body import modal_reach
 from flexmb.engine.bodies.rigid_body import mass_properties
+from flexmb.engine.tables import System
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
 from flexmb.model.body import RigidBodySpec
@@ -141,3 +142,25 @@ def initial_positions(model: Model, bodies: NDArray[np.void]) -> Array:
     pose = [(*spec.position, *spec.orientation) for spec in model.bodies.values()]
     q[bodies["iq"][:, None] + np.arange(7)] = pose
     return q
+
+
+def extents_of_parts(system: System, q: Array) -> tuple[Array, Array]:
+    """How far the part of the model that each coordinate (nv,) is of reaches, and how far from the
+    origin it stands [m]; 0 where there is no body."""
+    bodies, markers, of = system.parts.bodies, system.parts.markers, system.part
+    spread, mass = np.trace(bodies["S0"], axis1=1, axis2=2), bodies["mass"]
+    gyration = np.sqrt(np.divide(spread, mass, out=np.zeros(len(mass)), where=mass > 0.0))
+    arms, on = np.zeros(len(bodies)), markers["body"] >= 0
+    reach = np.linalg.norm(markers["rho"] + markers["arm"], axis=1)
+    np.maximum.at(arms, markers["body"][on], reach[on])
+    ends = system.rows[system.rows["fun"] >= 0]
+    driven = bodies["iv"][[b for end in "IJ" for b in markers["body"][ends[end]] if b >= 0]]
+    n = int(system.kkt.panels["nc"].sum()) + 1
+    low, high, wide = np.full((n, 3), np.inf), np.full((n, 3), -np.inf), np.zeros((n, 1))
+    for body, arm, turns in zip(bodies, arms, gyration, strict=True):
+        r, own = q[body["iq"] : body["iq"] + 3], of[body["iv"] : body["iv"] + 3]
+        low[own], high[own] = np.minimum(low[own], r - arm), np.maximum(high[own], r + arm)
+        wide[own] = np.maximum(wide[own], turns * np.isin(own, of[driven])[:, None])
+    low[low > high], high[high < low] = 0.0, 0.0
+    size = np.maximum(high - low, wide).max(axis=1)[of]
+    return size, np.maximum(abs(low), abs(high)).max(axis=1)[of]

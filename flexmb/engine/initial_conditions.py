@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.algebra.ldl import solve_refined
-from flexmb.engine.algebra.vector import copy, weighted_size
+from flexmb.engine.algebra.vector import copy, store, weighted_size
 from flexmb.engine.bodies.motion import move
 from flexmb.engine.equations_of_motion import (
     begin_history,
@@ -25,9 +25,11 @@ from flexmb.engine.equations_of_motion import (
     walk,
 )
 from flexmb.engine.iteration_matrix import factorise
-from flexmb.engine.jit import Vector, kernel, unit
+from flexmb.engine.jit import Vector, call_step, call_value, kernel, unit
 from flexmb.engine.joints.constraint import constraint_jacobian
+from flexmb.engine.method import FINE
 from flexmb.engine.projection import NOTHING, accelerations, project_velocity
+from flexmb.engine.projection import POSITIONS as ON_CONSTRAINTS
 from flexmb.engine.sensors.sensor import count_turns, read_channels
 from flexmb.engine.state import Run
 
@@ -98,6 +100,65 @@ def correct_positions(run: Run) -> float:
             dq[i] *= _MAX_CORRECTION / size
     move(run.system.parts, q, dq, q)
     return size  # type: ignore[no-any-return]
+
+
+# Points ahead of the state; rounds, as loads depend on the rates that follow from these.
+_AHEAD, _ROUNDS = 3, 2
+
+
+@unit
+def begin_deformation(run: Run, h: float, longest: float, cp: float) -> int:
+    """Take the state to where modes follow their loads, with rates as of a motion without a jump.
+
+    Nothing is known of these at a start, or behind a jump. They are those of the cubic through the
+    state and the ends of three steps from it, the last one of h; but that they are no closer than
+    round-off allows, nor longer than `longest`. cp is that of `accelerations`.
+    """
+    st, tr, at, limits = run.state, run.work.trial, run.trial_point, run.state.memory[0]
+    slow, rate = limits["steps_at_stability_limit"], limits["fastest_rate"]
+    walk(run.stages.static_begin, run, at)
+    for n in range(_ROUNDS + 1):
+        copy(st.history, run.work.now.history)
+        tr.t[0] = st.t[0]
+        copy(st.q, tr.q)
+        copy(st.v, tr.v)
+        copy(st.vd, tr.vd)
+        copy(st.lam, tr.lam)
+        status = accelerations(run, at, cp, ON_CONSTRAINTS)
+        if n == _ROUNDS or status != FINE:
+            break
+        h = min(max(h, _AHEAD * _look_ahead(run)), longest)
+        for k in range(_AHEAD):
+            ahead = h * (k + 1.0) / _AHEAD
+            if status == FINE:
+                status = call_step(run.method.step[0], run, run.method.coefficients[0], ahead)
+            if status == FINE:
+                _look_ahead(run)
+        if status != FINE:
+            walk(run.stages.static_begin, run, at)
+    limits["steps_at_stability_limit"], limits["fastest_rate"] = slow, rate
+    copy(st.history, run.work.now.history)
+    limits["factor_age"] = run.work.collocation.age[0] = run.work.partition.age[0] = -1.0
+    run.work.collocation.span[1] = 0.0
+    if status != FINE:
+        return status
+    store(tr.q, st.q)
+    for now, after in ((st.v, tr.v), (st.vd, tr.vd), (st.vd_before, tr.vd), (st.aa, tr.vd)):
+        store(after, now)
+    store(tr.lam, st.lam)
+    store(tr.lam, st.lam_before)
+    powers(run, run.state_point)
+    copy(run.work.powers, st.power)
+    return FINE
+
+
+@kernel
+def _look_ahead(run):
+    """Note the trial state as a point; the least interval of them [s]."""
+    units, tables, least = run.stages.static_ahead.units, run.stages.static_ahead.tables, 0.0
+    for k in range(len(units)):
+        least = max(least, call_value(units[k], run, tables[k], run.trial_point))
+    return least
 
 
 @unit

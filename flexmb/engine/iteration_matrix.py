@@ -53,6 +53,8 @@ _UNSYMMETRIC_ABOVE = 0.2
 _GIVE_UP_ABOVE = 0.9
 _REPEATED = 1e-7  # pivot of a row over that without other rows: below it the row repeats others
 _INDEPENDENT = 1e6  # pivot of an independent row over its regularisation, at least
+# What reactions that move nothing may move, over what their forces would; refinements of them.
+_OPEN, _ROUNDS = 1e-10, 2
 _UNEVEN = 1e5  # regularisation of a row times a mass that another row holds, over the usual
 _ANGULAR = tuple(kind.angular for kind in ROW_KINDS)
 
@@ -291,6 +293,39 @@ def has_dependent_rows(fac, redundant):
         if redundant * fac.eps[k] < pivot < _INDEPENDENT * fac.eps[k]:
             return True
     return False
+
+
+@unit
+def remove_self_stress(run: Run, at: Point, cp: float) -> int:
+    """Take from lam what moves nothing, after `accelerations` with the same cp.
+
+    Rows that depend on each other leave a part s with Cqᵀ s = 0 open. The solution that has least
+    norm by M + cp ∂F/∂q changes with the step and with the pose: by M, (M, Cqᵀ; Cq, 0) (x; λ) =
+    (Cqᵀ λ₀; 0), it is the same in all, and only what is wrong with x says that rows were
+    independent after all.
+    """
+    fac, kkt, lam, weights = run.work.factor, run.system.kkt, at.lam, run.system.weights
+    place, nv = kkt.place, at.vd.shape[0]
+    if fac.replaced[0] != 0 or not has_dependent_rows(fac, 0.0):
+        return FINE
+    if cp != 0.0 and factorise(run, at, 0.0, 0.0) != 0:
+        return FINE
+    zero(fac.sol)
+    for i in range(lam.shape[0]):
+        fac.sol[place[nv + i]] = lam[i]
+    ldl.multiply(kkt, fac, fac.sol, fac.rhs)
+    for i in range(lam.shape[0]):
+        fac.rhs[place[nv + i]] = 0.0
+    ldl.solve_refined(kkt, fac, _ROUNDS)
+    moved, most = 0.0, 0.0
+    for i in range(nv):
+        k = place[i]
+        moved = max(moved, abs(fac.sol[k]) * weights[i])
+        most = max(most, abs(fac.rhs[k]) / fac.diagonal[k] * weights[i])
+    if moved <= _OPEN * most:
+        for i in range(lam.shape[0]):
+            lam[i] = fac.sol[place[nv + i]]
+    return FINE
 
 
 @kernel

@@ -26,6 +26,9 @@ Stages (`engine.equations_of_motion`): signatures of the units of a `Kind`, with
     static_rates (run, tables, at)          status; rates of the deformation by loads, twice
     static_force (run, tables, at)          status; Trial.mode_force, by which they have those
     static_path (run, tables, at)           status; the same at the stages of a collocation
+    static_lag  (run, tables, at)           number; how far it is from where a step took it
+    static_ahead (run, tables, at)          number; its past, from the state and three points ahead
+    static_begin (run, tables, at)          status; no past
     wrench      (run, tables, at)           status; forces, into the wrenches of markers
     force       (run, tables, at)           status; forces, into the residual
     matrix      (run, tables, at, cv, cp)   status; tangents, into the iteration matrix

@@ -89,7 +89,7 @@ def build_tables(model: Model, flexbodies: Mapping[str, FlexBody]) -> ModelTable
     table = coordinate_table(scalars, nq, nv)
     lowering = Lowering(Geometry(model, flexbodies), markers, functions, groups, scalars)
     kinds = {kind.name: lowering.lower(kind) for kind in KINDS if kind.lower is not None}
-    kinds["static_modes"] = _static_modes(model, flexbodies, bodies["mass"].sum(), lowering)
+    kinds["static_modes"] = _static_modes(model, flexbodies, lowering)
     kinds = {name: tables for name, tables in kinds.items() if tables is not None}
     ground = markers.on_ground()
     ivs = {s.name: nv + before - len(states) + k for k, s in enumerate(states)}
@@ -145,7 +145,7 @@ def quasi_static(spec: BodySpec, body: FlexBody, model: Model) -> tuple[int, ...
 
 
 def _static_modes(
-    model: Model, flexbodies: Mapping[str, FlexBody], mass: float, lowering: Lowering
+    model: Model, flexbodies: Mapping[str, FlexBody], lowering: Lowering
 ) -> StaticModes | None:
     """Tables of the quasi-static modes of all bodies."""
     rows = [
@@ -154,7 +154,7 @@ def _static_modes(
         if isinstance(spec, FlexibleBodySpec) and name in flexbodies
         if (modes := quasi_static(spec, flexbodies[name], model))
     ]
-    return static_modes(rows, mass, lowering.add_history) if rows else None
+    return static_modes(rows, lowering.add_history) if rows else None
 
 
 def _frame_reactions(

@@ -288,6 +288,16 @@ def depends_on_solution(run):
 
 
 @kernel
+def _mass_rounds(run):
+    """Refinements by M: where forces or a deformation follow the solution, one at least.
+
+    Else these follow what b ∂F/∂q, with its accelerations and reactions of before, makes of it.
+    """
+    follows = depends_on_solution(run) or run.settings.follow == 1
+    return max(run.method.mass_rounds, int(follows))
+
+
+@kernel
 def _is_firm(fac):
     """Whether no row yields to its regularisation, so that a refinement leaves its square."""
     firm = fac.replaced[0] == 0
@@ -334,7 +344,7 @@ def _refine_by_mass(run: Run, at: Point, top: Vector, bottom: Vector, x: Vector,
     place, sol, both, own = kkt.place, fac.sol, fac.tmp, fac.rhs
     nv = x.shape[0]
     copy(top, tr.spare)
-    for _ in range(max(run.method.mass_rounds, int(depends_on_solution(run)))):
+    for _ in range(_mass_rounds(run)):
         permute(kkt, x, y, sol)
         multiply(kkt, fac, sol, both)  # (S x + Cqᵀ y; Cq x)
         for i in range(y.shape[0]):
@@ -368,7 +378,7 @@ def add_stiff_accelerations(run: Run, at: Point, smooth: Vector) -> int:
     fac, kkt, tr = run.work.factor, run.system.kkt, run.work.trial
     place, x, nv = kkt.place, tr.dq, at.vd.shape[0]
     copy(smooth, x)
-    for _ in range(max(run.method.mass_rounds, int(depends_on_solution(run))) + 1):
+    for _ in range(_mass_rounds(run) + 1):
         zero(fac.rhs)
         for i in range(nv):
             fac.rhs[place[i]] = tr.res[i] = x[i]
@@ -381,39 +391,6 @@ def add_stiff_accelerations(run: Run, at: Point, smooth: Vector) -> int:
             x[i] = fac.rhs[place[i]]
     for i in range(nv):
         at.vd[i] += x[i]
-    return FINE
-
-
-@unit
-def remove_self_stress(run: Run, at: Point, cp: float) -> int:
-    """Take from lam what moves nothing, after `accelerations` with the same cp.
-
-    Rows that depend on each other leave a part s with Cqᵀ s = 0 open. The solution that has least
-    norm by M + cp ∂F/∂q changes with the step and with the pose: by M, (M, Cqᵀ; Cq, 0) (x; λ) =
-    (Cqᵀ λ₀; 0), it is the same in all, and only what is wrong with x says that rows were
-    independent after all.
-    """
-    fac, kkt, lam, weights = run.work.factor, run.system.kkt, at.lam, run.system.weights
-    place, nv = kkt.place, at.vd.shape[0]
-    if fac.replaced[0] != 0 or not has_dependent_rows(fac, 0.0):
-        return FINE
-    if cp != 0.0 and factorise(run, at, 0.0, 0.0) != 0:
-        return FINE
-    zero(fac.sol)
-    for i in range(lam.shape[0]):
-        fac.sol[place[nv + i]] = lam[i]
-    multiply(kkt, fac, fac.sol, fac.rhs)
-    for i in range(lam.shape[0]):
-        fac.rhs[place[nv + i]] = 0.0
-    solve_refined(kkt, fac, _REFINEMENTS)
-    moved, most = 0.0, 0.0
-    for i in range(nv):
-        k = place[i]
-        moved = max(moved, abs(fac.sol[k]) * weights[i])
-        most = max(most, abs(fac.rhs[k]) / fac.diagonal[k] * weights[i])
-    if moved <= _SETTLED * most:
-        for i in range(lam.shape[0]):
-            lam[i] = fac.sol[place[nv + i]]
     return FINE
 
 

@@ -349,6 +349,9 @@ class Stages(NamedTuple):
     static_rates: Stage
     static_force: Stage
     static_path: Stage
+    static_lag: Stage
+    static_ahead: Stage
+    static_begin: Stage
     wrench: Stage
     force: Stage
     matrix: Stage

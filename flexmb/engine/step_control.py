@@ -43,7 +43,8 @@ _SHORTER = 1.5  # times, at least, for errors to be compared
 # at rest is seen.
 _LONGEST_SHARE = 0.1
 _SAFETY = 0.9
-_LEAST, _MOST = 0.2, 5.0
+# The last one where rates of a deformation follow from the last points.
+_LEAST, _MOST, _MOST_FOLLOWED = 0.2, 5.0, 3.0
 # Where a change of the step is dear: most that it grows, and what is not worth a change.
 _MOST_KEPT, _KEEP, _SHRINK = 2.0, 1.25, 0.8
 # Share of what is allowed below which an error is noise, and growth that is safe then.
@@ -73,9 +74,7 @@ def begin_steps(sys, settings, st):
     speed, least = weighted_size(st.v, sys.weights), settings.least_motion
     if settings.step == 0.0:
         change = weighted_size(st.vd, sys.weights)
-        h = 0.1 * settings.interval
-        if speed > 0.0:
-            h = min(h, 0.01 / speed)
+        h = min(0.1 * settings.interval, 0.01 / speed if speed > 0.0 else math.inf)
         if change > 0.0:
             h = min(h, math.sqrt(2.0 * math.sqrt(settings.tolerance * least) / change))
         st.memory[0]["next_step"] = max(h, _SMALLEST_SHARE * (settings.end - settings.start))
@@ -332,7 +331,8 @@ def record_step(method, settings, st, error, h):
     calm = memory["steps_until_growth"] == 0.0
     memory["steps_until_growth"] = max(memory["steps_until_growth"] - 1.0, 0.0)
     if method.keeps_step == 0:
-        longer = h * (min(factor, _MOST) if calm else min(factor, 1.0))
+        most = _MOST if settings.follow == 0 else _MOST_FOLLOWED
+        longer = h * (min(factor, most) if calm else min(factor, 1.0))
         # what is at rest but for round-off has no rate to tell
         least = _CALM_GROWTH * h if ratio < _CALM else 0.0
         memory["next_step"] = min(longer, max(memory["stable_step"], least))

@@ -38,10 +38,11 @@ from flexmb.engine.equations_of_motion import (
     velocity_stage,
     walk,
     widen_extent,
+    work_of_step,
 )
 from flexmb.engine.events import accept_events, begin_events, cross_time_event, missed_event
-from flexmb.engine.initial_conditions import correct_positions
-from flexmb.engine.iteration_matrix import factorise_metric
+from flexmb.engine.initial_conditions import begin_deformation, correct_positions
+from flexmb.engine.iteration_matrix import factorise_metric, remove_self_stress
 from flexmb.engine.jit import call_step, kernel, unit
 from flexmb.engine.joints.constraint import read_reactions
 from flexmb.engine.kinematics_point import (
@@ -65,7 +66,6 @@ from flexmb.engine.projection import (
     accelerations,
     add_stiff_accelerations,
     put_noise,
-    remove_self_stress,
 )
 from flexmb.engine.sensors.sensor import count_turns, follow_angles, read_channels
 from flexmb.engine.state import Run
@@ -76,9 +76,6 @@ _RENEW_AFTER = 5.0
 
 # Energies are evaluated at outputs, and after each so many steps without one.
 _ENERGY_INTERVAL = 5.0
-
-# Sum of the two steps before over this one, from which on powers are integrated by a cubic.
-_MIN_STEP_RATIO = 0.3
 
 
 @unit
@@ -108,7 +105,7 @@ def accept_step(run: Run, h: float) -> int:
             if run.method.stages > 0 or run.method.collocation > 0 and settings.follow == 0:
                 st.work_done[k] = tr.work[k] + h * run.method.last_weight * run.work.powers[k]
             else:
-                st.work_done[k] += _work(st, k, run.work.powers[k], h)
+                st.work_done[k] += work_of_step(st, k, run.work.powers[k], h)
             st.power_before[1, k] = st.power_before[0, k]
             st.power_before[0, k] = st.power[k]
             st.power[k] = run.work.powers[k]
@@ -137,35 +134,18 @@ def accept_step(run: Run, h: float) -> int:
     return FINE
 
 
-@kernel
-def _work(st, k, power, h):
-    """Work of the step by the cubic of the power over this step and two before, of order 4.
-
-    By the parabola over one, or the straight line, where those before are too short or unknown.
-    """
-    now, before, earlier = st.power[k], st.power_before[0, k], st.power_before[1, k]
-    a, b = st.memory[0]["last_step"], st.memory[0]["earlier_step"]
-    rise = (power - now) / h
-    if math.isnan(before) or not a > 0.0:
-        return 0.5 * h * (now + power)
-    slope = (power - before) / (a + h)
-    bend = (slope - rise) / -a
-    work = h * now + h * h * (0.5 * rise - bend * h / 6.0)
-    if math.isnan(earlier) or not a + b > _MIN_STEP_RATIO * h:
-        return work
-    bend_before = ((before - earlier) / b - slope) / -(a + b + h)
-    return work + (bend_before - bend) / (a + b) * h**3 * (h / 12.0 + a / 6.0)
-
-
 @unit
 def advance(run: Run, room: int) -> int:
     """One accepted step of the size that works; or the status of the last one tried."""
     st, settings, time_events = run.state, run.settings, run.system.time_events
     error, units, coefficients = run.work.trial.error, run.method.step, run.method.coefficients
     if settings.step == 0.0 and time_events.shape[0] > 0:
+        before = st.t[0]
         status = cross_time_event(run, _filter(run))
         if status != FINE:
             return status
+        if settings.follow == 1 and st.t[0] > before:
+            _begin_deformation(run)
     while True:
         h = step_control.propose_step(
             run.method, settings, run.plan, time_events, st, run.times, room, run.system.weights
@@ -189,6 +169,16 @@ def advance(run: Run, room: int) -> int:
             return FINE
         if verdict == TOO_SMALL:
             return status if status != FINE else TOO_SMALL
+
+
+@kernel
+def _begin_deformation(run):
+    """Rates of modes that follow their loads where nothing is known of them, by the next step."""
+    st, settings = run.state, run.settings
+    h = step_control.propose_step(
+        run.method, settings, run.plan, run.system.time_events, st, run.times, 1, run.system.weights
+    )
+    begin_deformation(run, h, 0.1 * (settings.end - st.t[0]), _filter(run))
 
 
 @kernel
@@ -312,6 +302,8 @@ def integrate_steps(run: Run, aside: Run, n_steps: int) -> int:
         step_control.follow_motion(run)
         if run.method.stages > 0 and n_steps > 0:
             put_noise(run, run.trial_point)
+    if settings.follow == 1 and st.count[0]["steps"] + st.count[0]["outputs"] == 0:
+        _begin_deformation(run)
     begin_events(run)
     if settings.refinement == 0.0:
         run.plan.used[0] = 0

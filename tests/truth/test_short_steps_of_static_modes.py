@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from accuracyscenes import beside_a_large_motion
 from flexiblescenes import rod
 from truth.test_effects import channels
 
 import flexmb
-from flexmb.errors import SolverError
+from flexmb.errors import FlexmbError, SolverError
 from flexmb.model import Model
+from tests.benchmarks.audit_honesty import random_model
 
 pytestmark = pytest.mark.filterwarnings("ignore::flexmb.errors.FlexmbWarning")
 
@@ -68,6 +70,38 @@ def test_errors_do_not_grow_as_steps_get_shorter(method, place):
     assert np.abs(short - long)[:2, 5:].max() < 2e-3 * np.abs(long[:2]).max()
     balances = [one.statistics["energy_balance_error"] for one in (before, after)]
     assert balances[1] < 1.1 * balances[0] + 1e-6
+
+
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-5])
+def test_an_explicit_method_sees_how_far_the_deformation_is_from_its_stages(accuracy):
+    """It took 26 steps at any accuracy, and told 2 % of the error of reactions."""
+    knobs, made = KNOBS | {"duration": 1.0}, pendulum_on_a_rod("quasi-static")
+    true, _ = channels(made, NAMES, **knobs, accuracy=None, step=2.5e-4, method="radau")
+    found, result = channels(
+        made, NAMES, **knobs | {"verify": True}, accuracy=accuracy, method="explicit-rk"
+    )
+    off = np.abs(found - true)
+    place = off[2].max() / np.ptp(true[2])
+    reaction = off[:2, 8:].max() / np.ptp(true[:2], axis=1).max()
+    assert place < accuracy
+    told = result.statistics
+    assert place / 3 < told["measured_error_of_positions"]
+    assert reaction / 3 < told["measured_error_of_reactions"]
+
+
+@pytest.mark.parametrize("method", ["radau", "generalized-alpha", "explicit-rk"])
+def test_first_rows_have_the_rates_of_a_smooth_start(method):
+    """The deformation had none until four steps were there, of which none is far longer than the
+    one before: reactions of the first rows were off by 11 %."""
+    made = pendulum_on_a_rod("quasi-static", 0.0)
+    made.drivers.clear()
+    made.add_driver("motor", joint="hub", angle="1.2*sin(2*t)")
+    knobs, names = KNOBS | {"duration": 0.1}, ("R.x", "R.y")
+    true, _ = channels(made, names, **knobs, accuracy=None, step=1e-5, method="radau")
+    found, result = channels(made, names, **knobs | {"verify": True}, accuracy=1e-4, method=method)
+    off = np.abs(found - true) / np.ptp(true, axis=1).max()
+    assert off[:, :8].max() < 1.5e-3
+    assert result.statistics["measured_error_of_reactions"] < 3 * off.max()
 
 
 @pytest.mark.parametrize(
@@ -144,6 +178,21 @@ def test_loads_that_follow_the_modes_by_more_than_these_settle(method, place, st
     assert result.statistics["energy_balance_error"] < 1e-4
 
 
+@pytest.mark.parametrize("step", [None, 1e-4])
+@pytest.mark.parametrize("method", ["generalized-alpha", "explicit-rk"])
+def test_they_settle_beside_a_large_motion(method, step):
+    """The size of the model is not that of the crank. Beside what moves freely accelerations were
+    those of a step, with reactions of the pose before in its matrix: runs ended."""
+    names, knobs = ("middle.x", "middle.y", "slider.x"), {"duration": 0.1, "verify": False}
+    true, _ = channels(fast_crank("dynamic"), names, **knobs, outputs=300, start="quasi-static",
+                       accuracy=1e-5, method="radau")  # fmt: skip
+    made = beside_a_large_motion(fast_crank("quasi-static"))
+    steps = {"accuracy": None if step else 1e-5, "step": step, "method": method}
+    found, _ = channels(made, names, **knobs, outputs=300, start="quasi-static", **steps)
+    off = np.abs(found - true).max(axis=1) / np.ptp(true, axis=1)
+    assert np.all(off < [2e-4, 2e-3, 1e-6])
+
+
 @pytest.mark.parametrize("method", ["radau", "generalized-alpha", "explicit-rk"])
 def test_a_rod_that_buckles_has_no_equilibrium(method):
     """It is pulled at first, and pushed from about a quarter of a turn on: no unstable end."""
@@ -152,6 +201,29 @@ def test_a_rod_that_buckles_has_no_equilibrium(method):
             fast_crank("quasi-static", 200), duration=0.03, accuracy=1e-5, method=method
         )
     assert 1.5 < 200 * float(re.search(r"t = ([\d.]+) s", str(failed.value))[1]) < 2.0
+
+
+def test_what_reactions_lack_at_first_is_no_instability():
+    """They are solved for by a matrix with those of before: what that changes was taken for a
+    deformation that loads push on, and an arm that is driven ended at 0.0842 s."""
+    model = random_model(41)
+    model.bodies["arm"] = model.bodies["arm"].model_copy(update={"deformation": "quasi-static"})
+    model.set_validity(deflection="any", rotation="any", inertia_loads="any", truncation="any",
+                       load_factor="any", speed="any")  # fmt: skip
+    runs = [flexmb.simulate(model, method=method, accuracy=1e-3, outputs=300)["load.y"]
+            for method in ("generalized-alpha", "radau")]  # fmt: skip
+    np.testing.assert_allclose(*runs, atol=1e-6 * np.ptp(runs[1]))
+
+
+def test_fixed_explicit_steps_tell_that_an_arm_bends_too_far():
+    """They told their limit of stability, which the change of what follows its loads is not."""
+    model = random_model(1)
+    model.bodies["arm"] = model.bodies["arm"].model_copy(update={"deformation": "quasi-static"})
+    duration = model.dynamics.duration
+    with pytest.raises(FlexmbError, match=r"bodies.arm is deflected by 0\.\d+ of its length"):
+        flexmb.simulate(
+            model, method="explicit-rk", accuracy=None, step=duration / 300, outputs=300
+        )
 
 
 @pytest.mark.slow

@@ -40,10 +40,10 @@ from flexmb.analysis.assembly.jacobian import (
 )
 from flexmb.engine.bodies.flexible_body import put_flags
 from flexmb.engine.bodies.static_modes import (
+    STATIC_MODES,
     free_static_modes,
     static_bodies,
     static_coordinates,
-    with_windows,
 )
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import row_evaluator
@@ -297,6 +297,12 @@ def choose_static_modes(compiled: Compiled, q: Array) -> Compiled:
     return replace(compiled, system=free_static_modes(compiled.system))
 
 
+# Least interval of the past of such modes times ω, of the slowest vibration of what hangs on them:
+# second differences of the tolerance of the loads are 1e-8 of k times the size of the part at most,
+# and what a cubic leaves of motion at Ω is (Ω/ω)⁴/500 of the forces, less than vibrations left out.
+_WINDOW = 0.05
+
+
 def _with_windows(compiled: Compiled, q: Array) -> Compiled:
     """The model with rates of kinetostatic bodies over a share of their slowest vibrations."""
     rows, kinetostatic = static_bodies(compiled.system)
@@ -308,7 +314,11 @@ def _with_windows(compiled: Compiled, q: Array) -> Compiled:
                 scene = JoinedScene(compiled, q, [k] if one_by_one else list(everything))
             with suppress(AssemblyError):  # there is no motion without inertia, and none is slow
                 periods[n] = 1.0 / scene.vibrations(k).omega.min(initial=math.inf)
-    return replace(compiled, system=with_windows(compiled.system, periods))
+    kinds = compiled.system.kinds
+    static = kinds[STATIC_MODES.name]._replace(window=_WINDOW * periods)
+    return replace(
+        compiled, system=compiled.system._replace(kinds={**kinds, STATIC_MODES.name: static})
+    )
 
 
 def _loop_gain(compiled: Compiled, q: Array, modes: IntArray) -> float:

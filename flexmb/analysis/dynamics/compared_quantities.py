@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.dynamics.run_settings import extents_of_parts
 from flexmb.engine.compile import Compiled
+from flexmb.engine.geometry import extents_of_parts
 from flexmb.engine.tables import Layout
 from flexmb.flexbody.arrays import Array
 from flexmb.model.control import channel_program
@@ -149,7 +149,8 @@ def by_part(rows: Sequence[Compared], compiled: Compiled, model: Model) -> list[
     own = np.array([numbers.get(name, -1) for name in names], dtype=np.intp)
     mass = np.maximum(bodies["mass"], np.finfo(float).tiny)
     gyration = np.sqrt(np.trace(bodies["S0"], axis1=1, axis2=2) / mass)
-    sizes = np.maximum(extents_of_parts(compiled, compiled.initial_q)[0][bodies["iv"]], gyration)
+    size, _ = extents_of_parts(compiled.system, compiled.initial_q)
+    sizes = np.maximum(size[bodies["iv"]], gyration)
     parts = []
     for k in dict.fromkeys(own.tolist()):
         inside = (of[:-1] == k) | (k < 0)

@@ -11,6 +11,7 @@ from flexmb.engine import method
 from flexmb.engine.bodies.motion import LAST_PLACES
 from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
+from flexmb.engine.geometry import extents_of_parts
 from flexmb.engine.joints import ANGLE
 from flexmb.engine.state import State
 from flexmb.engine.work import kinds_of
@@ -203,7 +204,7 @@ def set_least_motion(
     stand at one point the first motion would be resolved down to the round-off of the driver.
     """
     bodies, weights = compiled.system.parts.bodies, compiled.system.weights
-    size, away = (one * weights for one in extents_of_parts(compiled, state.q))
+    size, away = (one * weights for one in extents_of_parts(compiled.system, state.q))
     for iv, m in zip(bodies["iv"], bodies["m"], strict=True):
         size[iv + 3 : iv + 6] = away[iv + 3 : iv + 6] = 1.0
         for x in (size, away):  # a weighted mode moves points of the body, as its frame does
@@ -228,7 +229,7 @@ def set_first_places(compiled: Compiled, state: State) -> None:
     """
     system, of = compiled.system, compiled.system.part
     bodies, rows, markers = system.parts.bodies, system.rows, system.parts.markers
-    size, away = extents_of_parts(compiled, state.q)
+    size, away = extents_of_parts(compiled.system, state.q)
     away = np.maximum(_ROUNDED * size, away)
     away[away == 0.0] = _ROUNDED * compiled.length  # all at the origin, without a marker elsewhere
     turn = np.divide(away, size, out=np.full(len(size), _ROUNDED), where=size > 0.0)
@@ -249,29 +250,6 @@ def _put_joint_coordinates(compiled: Compiled, turn: Array, way: Array, out: Arr
         is_angle, iv = system.rows["kind"][row] == ANGLE, of[k]
         own = turn[iv] if is_angle else way[iv] * system.weights[iv]
         out[iv] = max(out[iv], own / abs(factor))
-
-
-def extents_of_parts(compiled: Compiled, q: Array) -> tuple[Array, Array]:
-    """How far the part of the model that each coordinate (nv,) is of reaches, and how far from the
-    origin it stands [m]; 0 where there is no body."""
-    system, bodies = compiled.system, compiled.system.parts.bodies
-    markers, of = system.parts.markers, system.part
-    spread, mass = np.trace(bodies["S0"], axis1=1, axis2=2), bodies["mass"]
-    gyration = np.sqrt(np.divide(spread, mass, out=np.zeros(len(mass)), where=mass > 0.0))
-    arms, on = np.zeros(len(bodies)), markers["body"] >= 0
-    reach = np.linalg.norm(markers["rho"] + markers["arm"], axis=1)
-    np.maximum.at(arms, markers["body"][on], reach[on])
-    ends = system.rows[system.rows["fun"] >= 0]
-    driven = bodies["iv"][[b for end in "IJ" for b in markers["body"][ends[end]] if b >= 0]]
-    n = int(system.kkt.panels["nc"].sum()) + 1
-    low, high, wide = np.full((n, 3), np.inf), np.full((n, 3), -np.inf), np.zeros((n, 1))
-    for body, arm, turns in zip(bodies, arms, gyration, strict=True):
-        r, own = q[body["iq"] : body["iq"] + 3], of[body["iv"] : body["iv"] + 3]
-        low[own], high[own] = np.minimum(low[own], r - arm), np.maximum(high[own], r + arm)
-        wide[own] = np.maximum(wide[own], turns * np.isin(own, of[driven])[:, None])
-    low[low > high], high[high < low] = 0.0, 0.0
-    size = np.maximum(high - low, wide).max(axis=1)[of]
-    return size, np.maximum(abs(low), abs(high)).max(axis=1)[of]
 
 
 def scout_settings(settings: method.Settings, integrator: method.Method) -> method.Settings:

@@ -65,6 +65,7 @@ _ORDER_LOST = {True: 2.0, False: 1.5}
 # 1.2, a tenth 2.7 or more (order 8; 0.9, 1.1 and 2.6 with order 5). Of 184 pairs of passes a
 # twentieth fell by 0.54 times what the order says or less (0.59): only less is an order lost.
 _LUCK = 2.0
+_FOLLOWING = 3.0  # order of positions where modes follow their loads, by cubics through their past
 _LIMITED = 0.02  # of all steps, those of a scout at its limit of stability
 # Of a step that a knot of the plan is moved; ratio of steps that are even.
 _MOVED, _EVEN = 1e-9, 2.0
@@ -130,13 +131,15 @@ class VerifiedRun:
         implicit = integrator.stages == 0 and integrator.order >= HIGH_ORDER
         if implicit and self.fine.compiled.layout.coordinates:
             highest -= _ORDER_LOST[self.is_stiff]
+        if self.fine.settings.follow == 1:
+            highest = min(highest, _FOLLOWING)
         steps, last = self.scout.state.count[0]["steps"], passes["last_steps"]
         known = 0.0 < passes["last_difference"] < _SAME_MOTION and now > 0.0
         if not known or steps < _MORE_STEPS * last:
             return highest
         scatter = _LUCK if integrator.stages else 1.0
         order = math.log(scatter * passes["last_difference"] / now) / math.log(steps / last)
-        return min(max(order, _MIN_ORDER * integrator.order), highest)
+        return min(max(order, min(_MIN_ORDER * integrator.order, highest)), highest)
 
     @property
     def ratio(self) -> float:
@@ -222,6 +225,7 @@ class VerifiedRun:
         between, which may be all that a small sensor sees: no balance of energies tells.
         """
         damped, ratio = damps_vibrations(self.fine.compiled, self.fine.method), self.ratio
+        damped |= self.fine.settings.follow == 1
         if 0.0 < self.passes[0]["last_difference"] < _SAME_MOTION:
             luck = _LUCK if self.fine.method.stages else 1.0
             ratio = min(self.error.ratio_before() or ratio, luck * ratio)

@@ -64,21 +64,22 @@ def choose_coordinates(of: VariationalEquations, first: int, n: int) -> Independ
 class IndependentMotions:
     """The equations for y of δq = Z y + g: M ÿ + D ẏ + K y = load.
 
-    Rates of g are taken over a `span` of time [s], if one is given.
+    `rates` are the first and second ones of Z, and of g, where splines would not do.
     """
 
     def __init__(
-        self, pieces: SmoothPieces, of: VariationalEquations, Z: Array, g: Array, span: float = 0.0
-    ) -> None:
+        self, pieces: SmoothPieces, of: VariationalEquations, Z: Array, g: Array,
+        rates: tuple[tuple[Array, Array], tuple[Array, Array]] | None = None,
+    ) -> None:  # fmt: skip
         self._pieces, self._of, self.Z, self.g = pieces, of, Z, g
-        self.Zd = pieces.rate(Z)
-        self.V1 = self.Zd + of.Omega @ Z
-        self.V1d = pieces.rate(self.V1)
-        if span > 0.0:
-            rate, second = pieces.slow_rates(g, span)
+        if rates is None:
+            self.Zd, rate = pieces.rate(Z), pieces.rate(g)
+            self.V1 = self.Zd + of.Omega @ Z
+            self.V1d, second = pieces.rate(self.V1), pieces.rate(rate)
         else:
-            rate = pieces.rate(g)
-            second = pieces.rate(rate)
+            (self.Zd, Zdd), (rate, second) = rates
+            self.V1 = self.Zd + of.Omega @ Z
+            self.V1d = Zdd + pieces.rate(of.Omega) @ Z + of.Omega @ self.Zd
         turned = times(of.Omega, g)
         self.a0, self.a0d = rate + turned, second + pieces.rate(turned)
         n, _, d = Z.shape
@@ -131,15 +132,27 @@ class IndependentMotions:
         """Those of the other modes: modes with shapes T (d, d) that `follow` have no inertia.
 
         They are in equilibrium with the loads and the motions of the others (static condensation),
-        whose rates count over a span of time [s].
+        whose rates count over a span of time [s], if one is given: those of the shapes, which turn
+        with the bodies, are no slower.
         """
         K, load = T.T @ self.K @ T, self.load @ T
         others = np.concatenate([K[:, follow][:, :, ~follow], -load[:, follow, None]], axis=2)
         lead = -np.linalg.solve(K[:, follow][:, :, follow], others)
-        Z = self.Z @ T
-        g = self.g + times(Z[:, :, follow], lead[:, :, -1])
-        Z = Z[:, :, ~follow] + Z[:, :, follow] @ lead[:, :, :-1]
-        return IndependentMotions(self._pieces, self._of, Z, g, span)
+        X = self.Z @ T
+        g = self.g + times(X[:, :, follow], lead[:, :, -1])
+        lead = lead[:, :, :-1]
+        Z = X[:, :, ~follow] + X[:, :, follow] @ lead
+        if span == 0.0:
+            return IndependentMotions(self._pieces, self._of, Z, g)
+        Xd = self._pieces.rate(X)
+        Xdd = self._pieces.rate(Xd)
+        flat = self._pieces.slow_rates(lead.reshape(len(lead), -1), span)
+        once, twice = (rate.reshape(lead.shape) for rate in flat)
+        first = Xd[:, :, ~follow] + Xd[:, :, follow] @ lead + X[:, :, follow] @ once
+        second = Xdd[:, :, ~follow] + Xdd[:, :, follow] @ lead + X[:, :, follow] @ twice
+        second += 2.0 * Xd[:, :, follow] @ once
+        rates = (first, second), self._pieces.slow_rates(g, span)
+        return IndependentMotions(self._pieces, self._of, Z, g, rates)
 
     def motion(self, y: Array, yd: Array, ydd: Array) -> Array:
         """δq, δv and δv̇ (3, n, nu)."""

@@ -28,8 +28,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from flexmb.engine.algebra.anderson import Iterates, accelerate, new_iterates
-from flexmb.engine.algebra.vector import larger
-from flexmb.engine.jit import Integers, Vector, array_of, kernel, unit
+from flexmb.engine.algebra.vector import larger, largest
+from flexmb.engine.jit import Integers, Matrix, Vector, array_of, kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import FINE
 from flexmb.engine.state import Point, Run
@@ -40,12 +40,12 @@ if TYPE_CHECKING:
 
     from flexmb.flexbody import FlexBody
 
-_SLOW = 1e8  # τ² K_ss over the inertia of the model in the softest of them
+_SLOW = 1e8  # τ² K_ss over the inertia of its part of the model in the softest of them
 # Points of the past: stored, the last of which may be the present; for the slope.
 _POINTS, _CUBIC = 4, 3
 # A point counts if it is this part of the last interval before the next one; the last ones, if the
 # present is this part of the interval before them away: a jump at an event is one of long steps.
-_FAR_ENOUGH = 0.3
+_FAR_ENOUGH, _NEAR = 0.3, 0.08
 # Values that jump, as at impacts, have no acceleration. Where η_s jumps between equal steps h, the
 # cubic and the parabola through it give η̈_s h² of 2 and 1, −3 and −1, 1 and 0 jumps in the next
 # three points, and rates h of 1.8, 1.2, 0.3: the share of the cubic's by which they differ and the
@@ -53,12 +53,10 @@ _FAR_ENOUGH = 0.3
 # intervals of ratios 0.3 to 3.3, so that these two are compared with those of such a jump. Smooth
 # motion has 0.9 and 0.275 of them at no phase of ω h = 0.2, h the mean interval, at 1.5 % of 0.3.
 _JUMP, _FAST = 0.9, 0.275
+# Square of third differences over that of first ones from which on points ahead are not smooth.
+_SMOOTH = 0.1
 # Intervals of the past after a jump grow by this factor up to the window.
 _GROWTH = 1.5
-# Least interval of the past times ω, of the slowest vibration of what hangs on a body: second
-# differences of the tolerance of the loads are 1e-8 of k times the size of the model at most, and
-# what a cubic leaves of motion at Ω is (Ω/ω)⁴/500 of the forces, less than all vibrations left out.
-_WINDOW = 0.05
 # Change of an iteration over the one before, above which it is accelerated.
 _SETTLING = 0.3
 # Stiffness with the loads, negative, over that of the body, from which on it is no round-off.
@@ -68,6 +66,7 @@ _UNSTABLE = 0.05
 LOOP = np.dtype([
     ("change", "f8"),  # the last one, weighted
     ("grows", "i8"),  # 1: it does not settle of itself
+    ("noted", "i8"),  # points ahead of the state
 ])  # fmt: skip
 
 
@@ -77,6 +76,7 @@ class Scratch(NamedTuple):
     iterates: Iterates
     residual: Vector  # of the last iterate, of each mode
     move: Vector  # from the one before to it
+    ahead: Matrix  # (_POINTS, modes) at the state and ahead of it
     loop: array_of(LOOP)  # (1,)
 
 
@@ -91,6 +91,7 @@ class StaticModes(NamedTuple):
     compliance: Vector  # K_ss⁻¹ of the bodies, row by row
     history: Integers  # (b,) where a body has its past: _POINTS times [s], and η_s at each
     window: Vector  # (b,) least interval of the points of its past [s]
+    reach: Vector  # most that one unit of each mode moves, over the size of its part of the model
     scratch: Scratch = None  # of one run
 
 
@@ -135,7 +136,7 @@ def follow_loads(run: Run, of: StaticModes, at: Point) -> float:
     as the tension of a rod beyond its buckling load, it grows, and is accelerated. The change is
     infinite where they push the modes on, as beyond a critical speed: no equilibrium is stable.
     """
-    bodies, weights, res = run.system.parts.bodies, run.system.weights, run.work.trial.res
+    bodies, weights, res = run.system.parts.bodies, of.reach, run.work.trial.res
     iterates, loop = of.scratch.iterates, of.scratch.loop[0]
     change, stiffness, elastic, place = 0.0, 0.0, 0.0, 0
     for n in range(of.rows.shape[0]):
@@ -145,7 +146,7 @@ def follow_loads(run: Run, of: StaticModes, at: Point) -> float:
             continue
         iq, iv = body["iq"] + 7, body["iv"] + 6
         for i in range(begin, end):
-            step, weight = 0.0, weights[iv + of.modes[i]]
+            step, weight = 0.0, weights[i]
             for j in range(begin, end):
                 step -= of.compliance[place] * res[iv + of.modes[j]]
                 place += 1
@@ -161,7 +162,8 @@ def follow_loads(run: Run, of: StaticModes, at: Point) -> float:
     elif math.isfinite(change):
         if iterates.count[0] > 0 and change > _SETTLING * loop["change"]:
             loop["grows"] = 1
-        if loop["grows"] == 1 and stiffness < -_UNSTABLE * elastic:
+        later = iterates.count[0] > 1  # the first reactions were those by the matrix of before
+        if loop["grows"] == 1 and later and stiffness < -_UNSTABLE * elastic:
             return math.inf
         accelerate(iterates, loop["grows"] == 1)
     loop["change"] = change
@@ -169,7 +171,7 @@ def follow_loads(run: Run, of: StaticModes, at: Point) -> float:
         iq, iv = bodies[of.rows[n]]["iq"] + 7, bodies[of.rows[n]]["iv"] + 6
         if of.kinetostatic[n] == 1 or run.method.stages > 0:
             for i in range(of.first[n], of.first[n + 1]):
-                at.q[iq + of.modes[i]] += iterates.step[i] / weights[iv + of.modes[i]]
+                at.q[iq + of.modes[i]] += iterates.step[i] / weights[i]
                 at.v[iv + of.modes[i]] = 0.0
                 at.vd[iv + of.modes[i]] = 0.0
     return change
@@ -190,30 +192,23 @@ def _elastic(run, of, n):
 
 @unit
 def put_rates(run: Run, of: StaticModes, at: Point) -> int:
-    """Rates and accelerations of the modes that follow the loads, of the cubics through their past.
-
-    What was before the last jump of a function of time does not count.
-    """
-    jumps, past = run.system.time_events, run.work.now.history
-    begin = -math.inf
-    for k in range(jumps.shape[0]):
-        if jumps[k, 1] <= at.t[0]:
-            begin = jumps[k, 1]
+    """Rates and accelerations of the modes that follow loads, of the cubics through their past."""
+    past, none = run.work.now.history, -math.inf
     for n in range(of.rows.shape[0]):
         body, m = run.system.parts.bodies[of.rows[n]], of.first[n + 1] - of.first[n]
         iq, iv, times = body["iq"] + 7, body["iv"] + 6, of.history[n]
         first, count = 0, 0
         while first < _POINTS and past[times + first] >= at.t[0]:
             first += 1
-        while first + 1 < _POINTS and past[times + first + 1] > begin:
+        while first + 1 < _POINTS and past[times + first + 1] > none:
             gap = past[times + first] - past[times + first + 1]
             if at.t[0] - past[times + first] >= _FAR_ENOUGH * gap:
                 break
             first += 1
-        while count < _CUBIC and first + count < _POINTS and past[times + first + count] > begin:
+        while count < _CUBIC and first + count < _POINTS and past[times + first + count] > none:
             if count > 0:
                 gap = past[times + first + count - 1] - past[times + first + count]
-                if gap < _FAR_ENOUGH * (at.t[0] - past[times + first]):
+                if gap < _NEAR * (at.t[0] - past[times + first]):
                     break
             count += 1
         is_cubic = count == _CUBIC
@@ -281,6 +276,60 @@ def put_path(run: Run, of: StaticModes, at: Point) -> int:
 
 
 @unit
+def lag(run: Run, of: StaticModes, at: Point) -> float:
+    """How far the modes are from where a step took them, over their motion; its largest value.
+
+    It took them by the mean of Trial.dq, by rates and accelerations of the points before. In a step
+    as long as an interval H of these that is of order h⁴; what rates were off by is H³ h in shorter
+    ones, so that it counts as h⁴ too.
+    """
+    st, tr, most = run.state, run.work.trial, 0.0
+    h = at.t[0] - st.t[0]
+    for n in range(of.rows.shape[0]):
+        body, past = run.system.parts.bodies[of.rows[n]], of.history[n]
+        interval = st.history[past] - st.history[past + 1]
+        share = min(1.0, h / interval) if math.isfinite(interval) and interval > 0.0 else 1.0
+        for k in range(of.first[n], of.first[n + 1]):
+            q, v = body["iq"] + 7 + of.modes[k], body["iv"] + 6 + of.modes[k]
+            left = abs(at.q[q] - st.q[q] - h * tr.dq[v]) * run.system.weights[v]
+            most = larger(most, share**3 * left / st.motion[v])
+    return most
+
+
+@unit
+def look_ahead(run: Run, of: StaticModes, at: Point) -> float:
+    """Note a point; four, at equal intervals from the state on, give the modes the past of a cubic.
+
+    What jumps between them has none. Returns the least interval [s].
+    """
+    ahead, loop, past = of.scratch.ahead, of.scratch.loop[0], run.state.history
+    row = 0 if at.t[0] == run.state.t[0] else loop["noted"]
+    loop["noted"] = row + 1
+    for n in range(of.rows.shape[0]):
+        body = run.system.parts.bodies[of.rows[n]]
+        for k in range(of.first[n], of.first[n + 1]):
+            ahead[row, k] = at.q[body["iq"] + 7 + of.modes[k]]
+    if row + 1 < _POINTS:
+        return largest(of.window)  # type: ignore[no-any-return]
+    h = (at.t[0] - run.state.t[0]) / row
+    for n in range(of.rows.shape[0]):
+        o, m, first = of.history[n], of.first[n + 1] - of.first[n], of.first[n]
+        moves, bends = 0.0, 0.0
+        for k in range(first, first + m):
+            a, b, c, d = ahead[0, k], ahead[1, k], ahead[2, k], ahead[3, k]
+            moves += (of.reach[k] * (b - a)) ** 2
+            bends += (of.reach[k] * (d - a - 3.0 * (c - b))) ** 2
+            for i in range(_POINTS):
+                j = float(i)  # steps before the state
+                x = a + j * (a - b) + 0.5 * j * (j + 1.0) * (a - 2.0 * b + c)
+                x += j * (j + 1.0) * (j + 2.0) / 6.0 * (a - 3.0 * b + 3.0 * c - d)
+                past[o + _POINTS + i * m + k - first] = x
+        for i in range(_POINTS):
+            past[o + i] = run.state.t[0] - i * h if bends < _SMOOTH * moves else -math.inf
+    return 0.0
+
+
+@unit
 def forget(run: Run, of: StaticModes, at: Point) -> int:
     """Begin without a past."""
     for n in range(of.rows.shape[0]):
@@ -317,29 +366,27 @@ def remember(run: Run, of: StaticModes, at: Point) -> int:
 
 def _new_scratch(of: StaticModes) -> Scratch:
     n = len(of.modes)
-    return Scratch(new_iterates(n), np.zeros(n), np.zeros(n), np.zeros(1, LOOP))
+    ahead = np.zeros((_POINTS, n))
+    return Scratch(new_iterates(n), np.zeros(n), np.zeros(n), ahead, np.zeros(1, LOOP))
 
 
 STATIC_MODES = Kind("static_modes", StaticModes, {
     "matrix": add_static_mass, "static": follow_loads, "static_hold": hold,
     "static_rates": put_rates, "static_force": put_forces, "static_path": put_path,
-    "begin": forget, "remember": remember,
+    "static_lag": lag, "static_ahead": look_ahead, "static_begin": forget, "begin": forget,
+    "remember": remember,
 }, scratch=_new_scratch)  # fmt: skip
 
 
 def static_modes(
     bodies: Sequence[tuple[int, FlexBody, NDArray[np.int64], bool]],
-    mass: float,
     add_history: Callable[[int], int],
 ) -> StaticModes:
-    """Tables of the quasi-static modes of bodies by row, kinetostatic or not.
-
-    `mass` is that of the model, which may hang on any of them.
-    """
+    """Tables of the quasi-static modes of bodies by row, kinetostatic or not, each by itself."""
     heavy, compliance = [], []
     for _, body, modes, _ in bodies:
         square = np.diag(body.K)[modes] / np.diag(body.M_eta)[modes]
-        heavy.append(_SLOW / square.min() * max(mass / body.mass, 1.0))
+        heavy.append(_SLOW / square.min())
         compliance.append(np.linalg.inv(body.K[np.ix_(modes, modes)]).ravel())
     rows, _, modes, kinetostatic = zip(*bodies, strict=True)
     return StaticModes(
@@ -351,7 +398,28 @@ def static_modes(
         np.concatenate(compliance),
         np.array([add_history(_POINTS * (1 + len(some))) for some in modes], np.int64),
         np.zeros(len(rows)),
+        np.zeros(sum(map(len, modes))),
     )
+
+
+def of_their_parts(system: System, length: float, size: NDArray[np.float64]) -> System:
+    """The system whose quasi-static modes know the part of the model that hangs on them.
+
+    `length` is the size of the model, `size` (nv,) that of the part of each coordinate [m].
+    """
+    static: StaticModes | None = system.kinds.get(STATIC_MODES.name)
+    if static is None:
+        return system
+    bodies, places = system.parts.bodies, static_coordinates(system)
+    part, own = system.part[bodies["iv"]], np.maximum(bodies["mass"], np.finfo(float).tiny)
+    gyration, size = np.sqrt(np.trace(bodies["S0"], axis1=1, axis2=2) / own), size.copy()
+    for k, iv in enumerate(bodies["iv"]):  # where markers are few
+        size[system.part == system.part[iv]] = np.maximum(size[iv], gyration[k])
+    static = static._replace(
+        heavy=static.heavy * (np.bincount(part, bodies["mass"])[part] / own)[static.rows],
+        reach=system.weights[places] * length / size[places],
+    )
+    return system._replace(kinds={**system.kinds, STATIC_MODES.name: static})
 
 
 def static_bodies(system: System) -> tuple[list[int], list[int]]:
@@ -371,13 +439,6 @@ def static_coordinates(system: System, *, kinetostatic: bool = False) -> Integer
     count = np.diff(static.first)
     places = np.asarray(np.repeat(begins[static.rows], count) + static.modes, np.int64)
     return places[np.repeat(static.kinetostatic == 1, count)] if kinetostatic else places
-
-
-def with_windows(system: System, periods: NDArray[np.float64]) -> System:
-    """The system with rates over at least a share of 1/ω [s], (b,) of bodies with such modes."""
-    static: StaticModes = system.kinds[STATIC_MODES.name]
-    static = static._replace(window=_WINDOW * periods)
-    return system._replace(kinds={**system.kinds, STATIC_MODES.name: static})
 
 
 def free_static_modes(system: System) -> System:

@@ -33,7 +33,7 @@ from flexmb.engine.bodies.motion import (
     put_last_places,
 )
 from flexmb.engine.equations_of_motion import constraint_stage, powers, walk
-from flexmb.engine.jit import Matrix, Unit, Vector, kernel, unit
+from flexmb.engine.jit import Matrix, Unit, Vector, call_value, kernel, unit
 from flexmb.engine.method import FINE, NO_CONVERGENCE, NOT_FINITE, Method
 from flexmb.engine.projection import NOTHING, POSITIONS, accelerations
 from flexmb.engine.state import Run
@@ -62,6 +62,9 @@ _RULING_ERROR, _MOST_LONGER = 0.1, 5.0
 # of 22 below (order 8); in 9 % of 153 at 1e-6, 6 % of 72 at 1e-7, 1 of 223 below (order 5).
 # Share of the third-order estimate in that of DOP853 (Hairer, Nørsett & Wanner, eq. II.10.17).
 _THIRD_ORDER_SHARE = 0.1
+# Share of the accuracy that modes which follow their loads may be off in a step, and its order. In
+# less than the last share of the run what is off is a jump, and the same in any step.
+_LAG, _LAG_ORDER, _SUDDEN = 0.3, 4.0, 1e-6
 
 
 class Tableau(NamedTuple):
@@ -194,6 +197,8 @@ def end_step(run, tableau, h, status, of_parameters):
     size = largest(tr.q) + largest(tr.vd)
     if run.settings.step == 0.0:
         _estimate_error(run, tableau.errors, h, of_parameters)
+        if run.settings.follow == 1:
+            _add_lag(run, tableau, h, of_parameters)
         size += tr.error[0] + tr.error[1]
     _watch_stability(run, tableau, h, of_parameters)
     return NOT_FINITE if status == FINE and not math.isfinite(size) else status
@@ -220,11 +225,14 @@ def _watch_stability(run, tableau, h, of_parameters):
     tr, weights, nq, last = run.work.trial, run.system.weights, run.state.q.shape[0], tableau.stages
     change, apart, memory = 0.0, 0.0, run.state.memory[0]
     memory["stable_step"] = math.inf
+    v, vd = tr.v, tr.stages[last, nq:]
+    if run.settings.follow == 1 and of_parameters:
+        v, vd = tr.places, tr.jerk
     for i in range(tr.v.shape[0]):
-        difference = abs(tr.stages[last, nq + i] - tr.stages[last - 1, nq + i]) * weights[i]
+        difference = abs(vd[i] - tr.stages[last - 1, nq + i]) * weights[i]
         if not difference <= change:
             change = difference
-        apart = max(apart, abs(tr.v[i] - tr.aa_start[i]) * weights[i])
+        apart = max(apart, abs(v[i] - tr.aa_start[i]) * weights[i])
     rate, longer = change / apart if apart > 0.0 else 0.0, _step_of_positions(run, h)
     fastest = rate
     if (h * rate > tableau.stable or longer > h) and math.isfinite(rate):
@@ -306,6 +314,26 @@ def _estimate_error(run, errors, h, of_parameters):
 
 
 @kernel
+def _add_lag(run, tableau, h, of_parameters):
+    """Let the error of positions know how far modes that follow their loads are from the stages.
+
+    They have a tolerance of their own; the power of it falls as the error of the method does.
+    """
+    settings = run.settings
+    if h <= _SUDDEN * (settings.end - settings.start):
+        return
+    _put_change(run, tableau.A[tableau.stages], tableau.stages, of_parameters)
+    units, tables, lag = run.stages.static_lag.units, run.stages.static_lag.tables, 0.0
+    for k in range(len(units)):
+        lag = max(lag, call_value(units[k], run, tables[k], run.trial_point))
+    part = lag / (_LAG * settings.accuracy * settings.turn**_LAG_ORDER)
+    allowed = settings.tolerance * settings.slack
+    run.work.trial.error[0] = max(
+        run.work.trial.error[0], allowed * part ** (tableau.order / _LAG_ORDER)
+    )
+
+
+@kernel
 def _sum_of_sizes(x):
     """Σ |x_i|."""
     total = 0.0
@@ -355,6 +383,12 @@ def step(run: Run, tableau: Tableau, h: float) -> int:
         if status != FINE:
             return status
     copy(tr.v, tr.aa_start)
+    if run.settings.follow == 1:  # what following changes is not the rate of the motion
+        status = _evaluate_stage(run, tableau, st.q, st.v, st.t[0], stages, h, NOTHING)
+        copy(tr.vd, tr.jerk)
+        copy(tr.v, tr.places)
+        if status != FINE:
+            return status
     status = _evaluate_stage(run, tableau, st.q, st.v, st.t[0], stages, h, POSITIONS)
     return end_step(run, tableau, h, status, True)
 

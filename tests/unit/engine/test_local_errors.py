@@ -96,7 +96,7 @@ def test_the_next_step_follows_from_the_error(ratio):
     """0.9 (tolerance/error)^(1/8) times the last one, five times at most."""
     method = explicit()
     _, state, _ = steps(oscillator(1.0), method, H, 1, 0)
-    knobs = {"step": 0.0, "tolerance": 1e-3, "slack": 1.0, "start": 0.0, "end": 1.0}
+    knobs = {"step": 0.0, "follow": 0, "tolerance": 1e-3, "slack": 1.0, "start": 0.0, "end": 1.0}
     settings = type("Settings", (), knobs)
     state.memory[0]["steps_until_growth"] = 0.0
     record_step(method, settings, state, np.array([ratio * 1e-3, 0.0]), H)
@@ -108,7 +108,7 @@ def test_a_run_whose_steps_hardly_advance_or_fail_on_and_on_ends():
     """A thousand steps within 1e-8 of it, or a hundred failures within 1e-6."""
     method, error = explicit(), np.zeros(2)
     _, state, _ = steps(oscillator(1.0), method, H, 1, 0)
-    knobs = {"step": 0.0, "tolerance": 1e-3, "slack": 1.0, "start": 0.0, "end": 1.0}
+    knobs = {"step": 0.0, "follow": 0, "tolerance": 1e-3, "slack": 1.0, "start": 0.0, "end": 1.0}
     settings, memory = type("Settings", (), {**knobs, "accuracy": 1e-3}), state.memory[0]
     for advance, most in ((0.9e-8, 1001), (1.1e-8, 5000)):
         state.t[0] = memory["recent_time"] = memory["steps_since"] = 0.0

@@ -12,8 +12,8 @@ from numpy.lib.recfunctions import structured_to_unstructured
 from flexmb.analysis.dynamics.dynamics import prepare_dynamics
 from flexmb.analysis.dynamics.integration import Integration
 from flexmb.engine.compile import compile_system
+from flexmb.engine.equations_of_motion import work_of_step
 from flexmb.engine.method import FINE
-from flexmb.engine.time_loop import _work
 from flexmb.engine.work import new_state
 from flexmb.model import Model
 
@@ -203,7 +203,7 @@ def test_the_work_of_a_step_is_that_of_a_polynomial_of_the_power(degree):
         memory=[{"last_step": now - before, "earlier_step": before - earlier}],
     )  # fmt: skip
     whole = power.integ()
-    found = _work(state, 0, power(end), end - now)
+    found = work_of_step(state, 0, power(end), end - now)
     assert found == pytest.approx(whole(end) - whole(now), rel=1e-12)
 
 
