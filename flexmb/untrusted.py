@@ -255,7 +255,7 @@ def serve_reading(read: Callable[[Path], object]) -> NoReturn:
     import psutil
 
     path = Path(sys.argv[1])
-    others = Neighbours(path)
+    others = SiblingFiles(path)
     sys.addaudithook(others.check_open)
     if hasattr(psutil, "RLIMIT_AS"):  # Linux
         process = psutil.Process()
@@ -272,7 +272,7 @@ def serve_reading(read: Callable[[Path], object]) -> NoReturn:
     sys.exit(_REFUSED if problem else 0)
 
 
-class Neighbours:
+class SiblingFiles:
     """The files that a file names, which parsers open: in its folder or below, and nowhere else."""
 
     def __init__(self, path: Path) -> None:

@@ -15,13 +15,13 @@ import numpy as np
 from flexmb.engine import equations_of_motion as stages
 from flexmb.engine.algebra.ldl import solve_refined
 from flexmb.engine.bodies.motion import move, position_rate
-from flexmb.engine.bodies.wrench import add_pulled_back, marker_jacobian
+from flexmb.engine.bodies.wrench import add_generalized_force, marker_jacobian
 from flexmb.engine.compile import compile_system, with_markers
 from flexmb.engine.iteration_matrix import factorise
 from flexmb.engine.joints import constraint
 from flexmb.engine.joints.constraint import read_reactions
 from flexmb.engine.sensors.sensor import read_channels
-from flexmb.engine.units import call, hand_over
+from flexmb.engine.units import call, packed_record
 from flexmb.engine.work import new_run, new_state, new_work
 
 STAGES, FACTOR, SOLVE, MOVE, MARKER, REACTIONS = range(6)
@@ -121,7 +121,7 @@ class Bench:
         key = self.sys, self.state, self.work
         if self._key is None or any(a is not b for a, b in zip(key, self._key, strict=True)):
             run = new_run(*key)
-            self._key, self._packed = key, (hand_over(run), hand_over(run.state_point))
+            self._key, self._packed = key, (packed_record(run), packed_record(run.state_point))
         return self._packed
 
     def use_rows(self):
@@ -147,7 +147,7 @@ class Bench:
             position_rate(parts, self.q, self.v, out)
         elif what == MARKER:
             call(marker_jacobian, parts, self.work.now, k, self.work.dense.J[0])
-            add_pulled_back(parts, self.work.now, k, out, 0, 1.0, out, 6)
+            add_generalized_force(parts, self.work.now, k, out, 0, 1.0, out, 6)
         elif what == REACTIONS:
             reactions = np.full(12 * len(self.sys.groups), np.nan)
             call(read_reactions, run, at, reactions)

@@ -130,17 +130,18 @@ def steps(model, chosen, h, count, every, start=None, **settings):
     knobs = method.Settings(
         **{
             "start": 0.0, "end": count * h, "interval": (every or count) * h, "step": h,
-            "tolerance": 0.0, "accuracy": 0.0, "slack": 1.0, "turn": 1.0, "refinement": 0.0,
-            "least_motion": 1e-6, "newton_tolerance": 1e-10, "max_iterations": 15,
-            "works": 1, "stiff": 1, "follow": 0,
-            "determined": 0,
+            "tolerance": 0.0, "accuracy": 0.0, "rejection_factor": 1.0, "max_rotation": 1.0,
+            "refinement": 0.0, "least_motion": 1e-6, "newton_tolerance": 1e-10,
+            "max_iterations": 15,
+            "does_work": 1, "stiff": 1, "static_after_step": 0,
+            "determinate": 0,
             **settings,
         }
     )  # fmt: skip
     rows = count // (every or count) + 4
     out = new_output(made.system, rows, len(made.layout.channels))
     status = integrate(new_run(made.system, state, work, chosen, knobs, output=out), count)
-    assert status == method.FINE, status
+    assert status == method.SUCCESS, status
     tables = [np.array(table[1 : int(out.rows[0])]) for table in out[: len(fields(OutputBlock))]]
     return Run(made.layout, *tables, {}), state, work
 

@@ -18,9 +18,9 @@ from flexmb.analysis.assembly.jacobian import (
     one_blas_thread,
 )
 from flexmb.analysis.assembly.positions import close_rows
-from flexmb.analysis.equilibrium import settle, spin_of
+from flexmb.analysis.equilibrium import solve_equilibrium, spin_of
 from flexmb.analysis.linear.linearization import Linearization, linearize_state
-from flexmb.analysis.linear.observer import RowsAlongMotion, SeenEquations
+from flexmb.analysis.linear.observer import MinimalEquations, RowsAlongMotion
 from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.analysis.linear.state_space import actuators
 from flexmb.analysis.procedure import ChunkRows
@@ -124,7 +124,7 @@ def find_equilibrium(
         first = assemble(compiled, model)
     else:
         first = assemble(compiled, model, begin=begin)
-    steps = settle(first.compiled, model, first.state, spin=spin_of(model))
+    steps = solve_equilibrium(first.compiled, model, first.state, spin=spin_of(model))
     return Equilibrium(first.compiled, model, first.state, steps)
 
 
@@ -162,7 +162,9 @@ def find_equilibria(
             begin = StartValues(q, np.zeros(compiled.layout.nv), time)
             try:
                 state = assemble(compiled, model, begin=begin).state
-                steps = settle(compiled, model, state, descend=descend, spin=spin_of(model))
+                steps = solve_equilibrium(
+                    compiled, model, state, descend=descend, spin=spin_of(model)
+                )
             except AssemblyError:
                 continue
             apart = (separation(compiled, state.q, one.state.q)[0] for one in equilibria)
@@ -240,7 +242,7 @@ def preloads(compiled: Compiled, model: Model, springs: Sequence[str]) -> dict[s
     state.lam[:] = 0.0
     equations = StateEquations(compiled, state)
     force = equations.residual()
-    seen = SeenEquations(RowsAlongMotion(compiled, state), equations.tangents(), "ground")
+    seen = MinimalEquations(RowsAlongMotion(compiled, state), equations.tangents(), "ground")
     of = actuators(seen)
     unknown = [name for name in springs if name not in of.forces]
     if unknown:

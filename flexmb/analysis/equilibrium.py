@@ -51,7 +51,7 @@ def spin_of(model: Model) -> Array:
 
 
 @one_blas_thread()
-def settle(
+def solve_equilibrium(
     compiled: Compiled,
     model: Model,
     state: State,

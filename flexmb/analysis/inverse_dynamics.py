@@ -26,7 +26,7 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import kinematics_units, sentence
 from flexmb.engine.state_rows import write_reactions
 from flexmb.engine.time_loop import EVALUATE
-from flexmb.engine.units import call, hand_over, prepare_units
+from flexmb.engine.units import call, packed_record, prepare_units
 from flexmb.engine.work import new_path, new_run, new_state, new_work
 from flexmb.errors import AssemblyError, ResultFileError
 from flexmb.model.model import Model
@@ -168,7 +168,7 @@ class _Run:
         self.done = 0
         self._n = len(prepared.motion[0])
         self.rows = ChunkRows(pose.compiled, min(_CHUNK, self._n))
-        self._run = hand_over(
+        self._run = packed_record(
             new_run(pose.compiled.system, pose.state, pose.work, output=self.rows.output)
         )
         self._quality, self._joints = np.zeros(3), joint_rows(pose.compiled)
@@ -188,7 +188,7 @@ class _Run:
         for _ in range(min(len(self.rows.output.t), self._n - self.done)):
             _put_row(pose, prepared.motion, self.done)
             status = call(write_reactions, self._run, pose.path.metric, self._quality)
-            if status != method.FINE:
+            if status != method.SUCCESS:
                 self.store_unread()
                 return Ending("failed", sentence(status, pose.compiled, pose.work, self.time))
             # what drivers prescribe is not used

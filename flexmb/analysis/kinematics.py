@@ -294,7 +294,7 @@ class _Run:
         path, settings = prepared.pose.path, prepared.settings
         status = analyse_kinematics(self._run, path, settings, POINTS, n)
         self.store_unread()
-        if status == method.FINE:
+        if status == method.SUCCESS:
             return None
         return Ending("failed", failure_sentence(int(status), prepared.pose, settings))
 

@@ -26,7 +26,7 @@ from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import sentence, solve_stage
 from flexmb.engine.initial_conditions import RESIDUAL
-from flexmb.engine.jit import Unit
+from flexmb.engine.jit import CompiledUnit
 from flexmb.engine.state import Output, Work
 from flexmb.engine.tables import ENERGIES
 from flexmb.engine.units import interpretation, load_units, prepare_units
@@ -117,7 +117,7 @@ class ChunkedRun(Protocol):
 
 def assemble_first_state(
     compiled: Compiled,
-    units: Iterable[Unit],
+    units: Iterable[CompiledUnit],
     first_state: Callable[[], T],
     progress: Progress = silent,
 ) -> tuple[T, PhaseTimer]:
@@ -151,7 +151,7 @@ def assemble_first_state(
 
 def precheck(
     compiled: Compiled,
-    units: Iterable[Unit],
+    units: Iterable[CompiledUnit],
     first_state: Callable[[], object],
     progress: Progress = silent,
 ) -> None:
@@ -221,7 +221,7 @@ class ChunkRows:
         rows = OutputBlock(
             *(np.array(table[:n]) for table in self.output[: len(fields(OutputBlock))])
         )
-        self.balance.widen(self.output.extent)
+        self.balance.update_range(self.output.extent)
         if n:
             self.balance.add(rows.energy)
             speed = np.abs(rows.v[:, self._speeds]).max(initial=0.0)
@@ -261,9 +261,9 @@ class EnergyBalance:
         # in a scene at rest nothing but round-off of the stored energy moves
         at_rest = max(_REST_SHARE * float(np.abs(energy).max()), self._round_off)
         self._rest[1:] = np.fmax(self._rest[1:], (off, at_rest))
-        self.widen(np.array([energy.min(axis=0), energy.max(axis=0)]))
+        self.update_range(np.array([energy.min(axis=0), energy.max(axis=0)]))
 
-    def widen(self, extent: np.ndarray) -> None:
+    def update_range(self, extent: np.ndarray) -> None:
         """Take least and greatest energies (2 or more, 7) of steps between rows too; NaN: none."""
         np.fmin(self._least, extent[0], out=self._least)
         np.fmax(self._most, extent[1], out=self._most)
@@ -290,7 +290,7 @@ def failure_sentence(
     Parameters
     ----------
     status : int
-        Code of the kernel, not `FINE`.
+        Code of the kernel, not `SUCCESS`.
     compiled, model, work : Compiled, Model, Work
         What was run, and its scratch as the failed step left it.
     time, step : float

@@ -35,7 +35,12 @@ from flexmb.model.joints.joint import JOINT_TYPES
 from flexmb.model.model import Model
 from flexmb.model.reading import GROUND, split_reference
 
-_OWN_SENTENCE = (method.ZERO_LENGTH, method.CURVE_END, method.NO_LOOP, method.SELF_LOCKING)
+_OWN_SENTENCE = (
+    method.ZERO_LENGTH,
+    method.CURVE_END,
+    method.NO_LOOP_CONVERGENCE,
+    method.SELF_LOCKING,
+)
 _ROUND_OFF, _NEARLY_REDUNDANT = 1e-13, 1e-3  # singular values over the largest
 _NEARLY_SINGULAR = 0.02  # least singular value over the next one: a singular pose is near
 _SINGULAR_DROP = 0.2  # singular value over that of the first pose
@@ -224,7 +229,7 @@ def failure_sentence(status: int, pose: KinematicPose, settings: KinematicsSetti
         return cause
     if status in _OWN_SENTENCE:
         return sentence(status, pose.compiled, pose.work, time)
-    if status == method.LEAP:
+    if status == method.FUNCTION_JUMP:
         return _jump(pose, time, float(pose.work.trial.t[0]))
     place = worst_place(pose.compiled, pose.work)
     if pose.compiled.layout.nv <= MAX_COORDINATES:
@@ -233,7 +238,7 @@ def failure_sentence(status: int, pose: KinematicPose, settings: KinematicsSetti
         cause = cause or _singular_pose(pose, jacobian, time)
         if cause:
             return cause
-    if status == method.JUMP:
+    if status == method.BRANCH_CHANGE:
         return _branch(pose, time)
     return (
         f"at t = {pose.text(time)} the positions cannot be followed any further; most at {place}: "

@@ -28,9 +28,9 @@ Array = np.ndarray
 
 _MAX_BISECTIONS = 12
 _JUMP_SHARE = 0.2  # of the way between two values that is left after all bisections
-_WAY_RATIO = 2.0  # way per change of the parameter, over that before, that suggests a jump
-_FIRST_WAY = 0.01  # first way, over the model size or in radians, that suggests a jump
-_NO_WAY = 1e-6  # way over the model size that is round-off
+_DISTANCE_RATIO = 2.0  # way per change of the parameter, over that before, that suggests a jump
+_FIRST_DISTANCE = 0.01  # first way, over the model size or in radians, that suggests a jump
+_ZERO_DISTANCE = 1e-6  # way over the model size that is round-off
 
 
 class SystemAt(NamedTuple):
@@ -181,8 +181,12 @@ def sweep_equilibria(
             events.append(replace(path.end(before, value, error), place=k))
             break
         far = path.way(before, point)
-        faster = far > _WAY_RATIO * way * abs(value - before.value) if k > 1 else far > _FIRST_WAY
-        jump = path.jump(before, point) if faster and far > _NO_WAY else None
+        faster = (
+            far > _DISTANCE_RATIO * way * abs(value - before.value)
+            if k > 1
+            else far > _FIRST_DISTANCE
+        )
+        jump = path.jump(before, point) if faster and far > _ZERO_DISTANCE else None
         event = jump
         if jump is None and point.stable != before.stable:
             event = path.stability(before, point)

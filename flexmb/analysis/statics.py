@@ -13,7 +13,7 @@ from flexmb.analysis.assembly.initial_state import StartValues, assemble
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, constraint_rank, one_blas_thread
 from flexmb.analysis.dynamics.validity import ValidityMonitor
 from flexmb.analysis.equilibria import Equilibrium, separation
-from flexmb.analysis.equilibrium import settle, spin_of
+from flexmb.analysis.equilibrium import solve_equilibrium, spin_of
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
 from flexmb.analysis.mobility.driver_conflicts import driver_reasons
 from flexmb.analysis.monitors import ContactLossMonitor, algebraic_loop_notes
@@ -39,7 +39,7 @@ from flexmb.model.scenes.dynamics import StaticsSpec
 from flexmb.progress import Progress, silent
 from flexmb.results.result import NOT_UNIQUE
 
-_WAY_RATIO, _MIN_WAY = 10.0, 0.02  # way over that before; over the model size or in radians
+_DISTANCE_RATIO, _MIN_WAY = 10.0, 0.02  # way over that before; over the model size or in radians
 _BODY_SHARE = 0.5  # share of bodies in the kinetic energy of a mode of them
 
 
@@ -148,10 +148,10 @@ class _Run:
         state.t[0] = time = prepared.times[self.done]
         self.rows.clear()
         try:
-            self.steps += settle(compiled, model, state, spin=spin_of(model))
+            self.steps += solve_equilibrium(compiled, model, state, spin=spin_of(model))
         except AssemblyError as error:
             return Ending("failed", f"at t = {model.units.say(time, 's')} {error}")
-        if call(write_equilibrium, self._writer) != method.FINE:
+        if call(write_equilibrium, self._writer) != method.SUCCESS:
             return Ending("failed", f"at t = {model.units.say(time, 's')} reactions are not finite")
         self.store_unread()
         self._note_jump(time)
@@ -171,7 +171,7 @@ class _Run:
         """Note where the equilibrium leaves the branch that it was on."""
         prepared, say = self._prepared, self._prepared.model.units.say
         way, body = separation(prepared.compiled, self._q, prepared.state.q)
-        if self.done > 1 and way > max(_WAY_RATIO * self._way, _MIN_WAY):
+        if self.done > 1 and way > max(_DISTANCE_RATIO * self._way, _MIN_WAY):
             before = prepared.times[self.done - 1]
             self.stability.append(
                 f"between t = {say(before, 's')} and {say(time, 's')} the equilibrium jumps, most "

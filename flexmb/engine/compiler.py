@@ -231,7 +231,7 @@ def _mark_kernel(function: Callable[..., Any], separate: bool = False) -> Any:
     return _Kernel(function, separate)
 
 
-def _mark_unit(unit: jit.Unit) -> Any:
+def _mark_unit(unit: jit.CompiledUnit) -> Any:
     """A unit as other units see it: a call of a symbol of another object file."""
     signature = signature_of(unit.function)
     llvm.add_symbol(unit.symbol, _ANY_ADDRESS)
@@ -284,7 +284,7 @@ def _without_errors(code: str) -> str:
     return entrance.sub(r"define internal \1 @numba_gil_ensure(\2) {\n  unreachable\n}", code)
 
 
-def compile_unit(unit: jit.Unit) -> tuple[bytes, tuple[str, ...]]:
+def compile_unit(unit: jit.CompiledUnit) -> tuple[bytes, tuple[str, ...]]:
     """Object file of a unit, and the names of the units that it calls."""
     made = numba.cfunc(signature_of(unit.function), nopython=True, **_OPTIONS)(unit.function)
     module = llvm.parse_assembly(_without_errors(made.inspect_llvm()))

@@ -13,22 +13,22 @@ import numpy as np
 from flexmb.engine import initial_conditions, integrators, state_rows, time_loop
 from flexmb.engine.compile import Compiled
 from flexmb.engine.function import run_program
-from flexmb.engine.jit import UNITS, Packed, Unit, units_in
+from flexmb.engine.jit import UNITS, CompiledUnit, Packed, units_in
 from flexmb.engine.kinematics_point import KinematicsSettings, Path
 from flexmb.engine.method import (
     CURVE_END,
     NO_CONVERGENCE,
-    NO_LOOP,
+    NO_LOOP_CONVERGENCE,
     NO_PARTITION,
     NOT_FINITE,
     SELF_LOCKING,
-    TOO_SMALL,
+    STEP_TOO_SMALL,
     ZERO_LENGTH,
     Method,
 )
 from flexmb.engine.state import Run, Stage, Stages, State, Work
 from flexmb.engine.tables import System
-from flexmb.engine.units import call, hand_over, prepare_units, ready_caller
+from flexmb.engine.units import call, caller_without_compiling, packed_record, prepare_units
 from flexmb.engine.work import new_run, output_run, units_of
 from flexmb.progress import Progress, silent
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from flexmb.model.scenes.dynamics import DynamicsSpec
 
 
-def all_units() -> tuple[Unit, ...]:
+def all_units() -> tuple[CompiledUnit, ...]:
     """All units there are, of all kinds and methods."""
     _makers()  # imports the methods
     return tuple(UNITS[name] for name in sorted(UNITS))
@@ -61,7 +61,7 @@ def solve_stage(system: System, state: State, work: Work, level: int) -> float:
 
 def stage_solver(system: System, state: State, work: Work) -> Callable[[int], float]:
     """`solve_stage` for many calls: the tables are handed over once."""
-    run = hand_over(new_run(system, state, work))
+    run = packed_record(new_run(system, state, work))
     return lambda level: float(call(initial_conditions.solve_stage, run, level))
 
 
@@ -76,7 +76,7 @@ def row_evaluator(system: System, state: State, work: Work) -> Callable[[], None
         rows=run.rows._replace(curvature=(), tangent=()),
         sensors=run.sensors._replace(channel=(), measure=(), gradient=()),
     )
-    return ready_caller(initial_conditions.evaluate_rows, run)
+    return caller_without_compiling(initial_conditions.evaluate_rows, run)
 
 
 def prepare_integration(system: System, method: Method, progress: Progress = silent) -> int:
@@ -99,7 +99,7 @@ def prepare_integration(system: System, method: Method, progress: Progress = sil
     return prepare_units(integration_units(system, method), progress)
 
 
-def integration_units(system: System, method: Method) -> list[Unit]:
+def integration_units(system: System, method: Method) -> list[CompiledUnit]:
     """The units that a run calls, and those that stand in its tables."""
     units = [
         time_loop.integrate_steps,
@@ -127,13 +127,13 @@ def integrate(run: Run | Packed, n_steps: int, aside: Run | Packed | None = None
     return int(call(time_loop.integrate_steps, run, aside, n_steps))
 
 
-def statics_units(system: System) -> list[Unit]:
+def statics_units(system: System) -> list[CompiledUnit]:
     """The units that equilibria call, and those that stand in its tables."""
     units = [initial_conditions.solve_stage, initial_conditions.evaluate_equations]
     return [*units, state_rows.write_equilibrium, *units_of(system)]
 
 
-def kinematics_units(system: System) -> list[Unit]:
+def kinematics_units(system: System) -> list[CompiledUnit]:
     """The units that a kinematic analysis calls, and those that stand in its tables."""
     units = [time_loop.kinematics_loop, initial_conditions.evaluate_rows]
     return [*units, *units_of(system)]
@@ -161,10 +161,12 @@ def analyse_kinematics(
 _WHAT = {
     NO_CONVERGENCE: "Newton's method does not converge",
     NOT_FINITE: "the solution is no longer finite",
-    TOO_SMALL: "the step size fell below its minimum: the requested accuracy cannot be reached",
+    STEP_TOO_SMALL: "the step size fell below its minimum: the requested accuracy cannot be "
+    "reached",
     ZERO_LENGTH: "a spring-damper (or a stop on a distance) has no length, so its direction is "
     "undefined",
-    NO_LOOP: "the algebraic loop between forces and accelerations or reactions does not converge",
+    NO_LOOP_CONVERGENCE: "the algebraic loop between forces and accelerations or reactions does "
+    "not converge",
     SELF_LOCKING: "the iteration between joint friction and joint reactions does not converge",
     NO_PARTITION: "no choice of independent coordinates determines the dependent ones",
 }
@@ -176,15 +178,16 @@ _CURE = {
     NO_CONVERGENCE: "smaller steps were tried; check the named place for a locked or singular pose",
     NOT_FINITE: "smaller steps were tried; check functions of time, and force characteristics, at "
     "this moment",
-    TOO_SMALL: "ask for less accuracy",
+    STEP_TOO_SMALL: "ask for less accuracy",
     ZERO_LENGTH: "keep its two markers apart, or use a joint",
-    NO_LOOP: "the loop amplifies; lower its gain, or let a state or a filter stand between",
+    NO_LOOP_CONVERGENCE: "the loop amplifies; lower its gain, or let a state or a filter stand "
+    "between",
     SELF_LOCKING: _LOCKS,
     NO_PARTITION: 'the pose is singular; method = "explicit-rk" or "radau" may pass it',
 }
 _JUMP = {
     NO_CONVERGENCE: ", or a jump in a force or driver",
-    TOO_SMALL: ", or smooth a jump in a force or driver at this time",
+    STEP_TOO_SMALL: ", or smooth a jump in a force or driver at this time",
 }
 _NAMELESS = (ZERO_LENGTH, SELF_LOCKING, NO_PARTITION)
 
@@ -195,7 +198,7 @@ def sentence(status: int, compiled: Compiled, work: Work, time: float, cause: st
     Parameters
     ----------
     status : int
-        Code of the kernel, not `FINE`.
+        Code of the kernel, not `SUCCESS`.
     compiled, work : Compiled, Work
         The system and its scratch as the failed step left it.
     time : float
@@ -252,7 +255,7 @@ def worst_place(compiled: Compiled, work: Work) -> str:
 AUTO = "auto"
 STIFF_METHOD = "radau"
 """What a run by "auto" goes over to where stiffness limits the steps."""
-FINE_METHOD = "explicit-rk"
+NONSTIFF_METHOD = "explicit-rk"
 """What reaches the smallest errors where nothing is stiff."""
 
 
@@ -274,7 +277,7 @@ def method_name(spec: DynamicsSpec, implicit: str = "") -> str:
         return spec.method
     if spec.step is not None:
         return "generalized-alpha"
-    return STIFF_METHOD if implicit else FINE_METHOD
+    return STIFF_METHOD if implicit else NONSTIFF_METHOD
 
 
 def reason_of_method(spec: DynamicsSpec, name: str, implicit: str) -> str:

@@ -10,15 +10,15 @@ import math
 
 from flexmb.engine.algebra.vector import copy, zero
 from flexmb.engine.jit import call_stage, call_value, kernel, unit
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import Point, Run
 
 
 @kernel
-def walk(stage, run, at):
-    """Run a stage of all kinds; returns the first status that is not FINE, of all the largest."""
+def run_stage(stage, run, at):
+    """Run a stage of all kinds; returns SUCCESS or the largest status."""
     units, tables = stage.units, stage.tables
-    worst = FINE
+    worst = SUCCESS
     for k in range(len(units)):
         status = call_stage(units[k], run, tables[k], at)
         worst = max(worst, status)
@@ -28,61 +28,61 @@ def walk(stage, run, at):
 @unit
 def begin_run(run: Run, at: Point) -> int:
     """What never changes in a run; before any other stage."""
-    return walk(run.stages.constants, run, at)
+    return run_stage(run.stages.constants, run, at)
 
 
 @unit
 def position_stage(run: Run, at: Point) -> int:
     """Functions of time, poses of bodies and markers, integrals of the deformation at (t, q)."""
     stages, now = run.stages, run.work.now
-    walk(stages.functions, run, at)
-    walk(stages.position, run, at)
-    walk(stages.inertia, run, at)
+    run_stage(stages.functions, run, at)
+    run_stage(stages.position, run, at)
+    run_stage(stages.inertia, run, at)
     if now.history.shape[0] > 0:
         now.span[0] = at.t[0] - now.history[0]
-    return FINE
+    return SUCCESS
 
 
 @unit
 def pose_stage(run: Run, at: Point) -> int:
     """The part of the position stage that moves markers: q alone."""
-    return walk(run.stages.position, run, at)
+    return run_stage(run.stages.position, run, at)
 
 
 @unit
 def velocity_stage(run: Run, at: Point) -> int:
     """Velocities of the markers and of the scalar coordinates, after a position stage."""
-    return walk(run.stages.velocity, run, at)
+    return run_stage(run.stages.velocity, run, at)
 
 
 @unit
 def bias_stage(run: Run, at: Point) -> int:
     """Accelerations of the markers at zero v̇, after a velocity stage."""
-    return walk(run.stages.bias, run, at)
+    return run_stage(run.stages.bias, run, at)
 
 
 @unit
 def constraint_stage(run: Run, at: Point) -> int:
     """C of all rows, after a position stage."""
-    return walk(run.stages.constraint, run, at)
+    return run_stage(run.stages.constraint, run, at)
 
 
 @unit
 def rate_stage(run: Run, at: Point) -> int:
     """Cq v + C_t of all rows, after a velocity stage."""
-    return walk(run.stages.rate, run, at)
+    return run_stage(run.stages.rate, run, at)
 
 
 @unit
 def complete_poses(run: Run, at: Point) -> int:
     """Poses and velocities that only outputs need, after a velocity stage."""
-    return walk(run.stages.axes, run, at)
+    return run_stage(run.stages.axes, run, at)
 
 
 @kernel
 def feedback_stage(run, at):
     """Forces and rates of states that follow from what is measured, after a position stage."""
-    walk(run.stages.feedback, run, at)
+    run_stage(run.stages.feedback, run, at)
 
 
 @kernel
@@ -100,21 +100,21 @@ def reaction_stage(run, at):
 @unit
 def forces(run: Run, at: Point) -> int:
     """Trial.res = M v̇ − Q + Cqᵀ λ, after the stages of position, velocity, feedback, reaction."""
-    status = walk(run.stages.wrench, run, at)
-    return max(status, walk(run.stages.force, run, at))
+    status = run_stage(run.stages.wrench, run, at)
+    return max(status, run_stage(run.stages.force, run, at))
 
 
 @unit
 def residual(run: Run, at: Point) -> int:
     """Trial.res and C at a point; returns the status. Kinetostatic modes need no balance here."""
     position_stage(run, at)
-    walk(run.stages.force_velocity, run, at)
+    run_stage(run.stages.force_velocity, run, at)
     feedback_stage(run, at)
-    walk(run.stages.constraint, run, at)
+    run_stage(run.stages.constraint, run, at)
     reaction_stage(run, at)
     status = forces(run, at)
-    if run.settings.follow == 1:
-        walk(run.stages.static_hold, run, at)
+    if run.settings.static_after_step == 1:
+        run_stage(run.stages.static_hold, run, at)
     return status
 
 
@@ -148,7 +148,7 @@ def powers(run: Run, at: Point) -> int:
     total = run.work.powers
     for k in range(3):
         total[k] = 0.0
-    return walk(run.stages.power, run, at)
+    return run_stage(run.stages.power, run, at)
 
 
 @unit
@@ -156,7 +156,7 @@ def energies(run: Run, at: Point) -> int:
     """Work.energies: kinetic, strain, gravity, spring, bristles [J]; after a velocity stage."""
     total = run.work.energies
     zero(total)
-    return walk(run.stages.energy, run, at)
+    return run_stage(run.stages.energy, run, at)
 
 
 @kernel
@@ -176,7 +176,7 @@ def put_energies(run, at, work_done, out):
 
 
 @kernel
-def widen_extent(run, at):
+def update_energy_range(run, at):
     """Let the extent of the energies contain those of the trial state."""
     extent = run.output.extent
     now = extent[2]
@@ -188,12 +188,12 @@ def widen_extent(run, at):
 
 
 @kernel
-def remember(run, at, history):
+def update_history(run, at, history):
     """Write the history of all elements at an accepted state, after its velocity stage."""
     if history.shape[0] > 0:
         now = run.work.now
-        walk(run.stages.bias, run, at)
-        walk(run.stages.remember, run, at)
+        run_stage(run.stages.bias, run, at)
+        run_stage(run.stages.update_history, run, at)
         history[0] = at.t[0]
         copy(history, now.history)
         now.span[0] = 0.0
@@ -208,5 +208,5 @@ def begin_history(run, at, history):
         history[0] = at.t[0]
         copy(history, now.history)
         now.span[0] = 0.0
-        walk(run.stages.begin, run, at)
+        run_stage(run.stages.begin, run, at)
         copy(history, now.history)

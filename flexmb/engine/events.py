@@ -33,12 +33,12 @@ from flexmb.engine.equations_of_motion import (
     pose_stage,
     powers,
     reaction_stage,
+    run_stage,
     velocity_stage,
-    walk,
 )
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.method import FINE, round_off
-from flexmb.engine.projection import VELOCITIES, accelerations, put_noise
+from flexmb.engine.method import SUCCESS, time_round_off
+from flexmb.engine.projection import VELOCITIES, accelerations, put_vd_round_off
 from flexmb.engine.state import Run
 
 # Steps end before a crossing first, at this share of the way by a straight line, and pass it by one
@@ -74,7 +74,7 @@ _RESTART_FRACTION = 0.1
 def _put_all_events(run, at, out):
     """What is watched, after position and velocity stages and those of reactions."""
     now = run.work.events.now
-    walk(run.stages.events, run, at)
+    run_stage(run.stages.events, run, at)
     for k in range(now.shape[0]):
         out[k]["value"], out[k]["rate"] = now[k]["value"], now[k]["rate"]
 
@@ -97,7 +97,7 @@ def begin_events(run: Run) -> int:
         _put_all_events(run, run.state_point, run.work.events.before)
         taken = run.work.events.taken
         taken[0], taken[1], taken[2], taken[3] = 0, 0, 1, 0
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -208,13 +208,13 @@ def _crosses_jump(events, share):
 
 
 @unit
-def missed_event(run: Run, h: float) -> int:
+def has_inner_event(run: Run, h: float) -> int:
     """1 if the step that is proposed has an event well inside; then a shorter one is due."""
     settings, memory, events = run.settings, run.state.memory[0], run.work.events
     if len(run.stages.events.units) == 0 or settings.step > 0.0:
         return 0
     _stages(run, run.trial_point)
-    walk(run.stages.events, run, run.trial_point)
+    run_stage(run.stages.events, run, run.trial_point)
     elements = memory["steps_until_event_search"] <= 0.0
     laws = memory["steps_until_law_search"] <= 0.0 and not _hardly_moves(run, h, 1.0)
     share = _first_crossing(events, h, elements, laws)
@@ -223,11 +223,12 @@ def missed_event(run: Run, h: float) -> int:
     near = share * h <= 2.0 * (1.0 - _BEFORE) * longest
     enough = (1.0 - share) * h <= _NEAR_EVENT * longest
     least = _MIN_STEP_FRACTION * (settings.end - settings.start)
-    least = min(least, max(_MIN_PART * memory["largest_step"], _MIN_STEPS * round_off(settings)))
+    shortest = max(_MIN_PART * memory["largest_step"], _MIN_STEPS * time_round_off(settings))
+    least = min(least, shortest)
     if laws and _crosses_jump(events, share):
         near, enough = near and _hardly_moves(run, h, _OVERSHOOT * share), False
         if run.method.stages > 0:  # implicit ones divide round-off of positions by their steps
-            least = min(least, _MIN_STEPS * round_off(settings))
+            least = min(least, _MIN_STEPS * time_round_off(settings))
         tried = memory["event_trials"] >= 2.0 * _MAX_TRIES
     if enough or tried:
         return 0
@@ -273,7 +274,7 @@ def accept_events(run: Run, h: float) -> int:
     """After an accepted step: count its events, and begin with a small step after one."""
     settings, memory = run.settings, run.state.memory[0]
     if len(run.stages.events.units) == 0 or settings.step > 0.0:
-        return FINE
+        return SUCCESS
     elements, laws = _count_search(memory)
     _note_velocities(run)
     counted = run.state.count[0]["events"]
@@ -300,10 +301,10 @@ def accept_events(run: Run, h: float) -> int:
     _put_all_events(run, run.state_point, run.work.events.before)
     if run.state.count[0]["events"] > counted:
         if run.method.stages > 0:
-            put_noise(run, run.trial_point)
+            put_vd_round_off(run, run.trial_point)
         if run.work.events.states.shape[0] > 0:
             _take_state(run)
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -338,30 +339,30 @@ def cross_time_event(run: Run, cp: float) -> int:
     st, settings, time_events = run.state, run.settings, run.system.time_events
     k = _passed(time_events, st.t[0]) - 1
     if k < 0 or time_events[k, 0] != st.t[0]:
-        return FINE
+        return SUCCESS
     st.t[0] = time_events[k, 1]
-    status = _accelerate(run, cp)
-    if status == FINE and _factor_of_blow(run, st.v, cp) < cp:
+    status = _solve_right_limit(run, cp)
+    if status == SUCCESS and _impulse_tangent_factor(run, st.v, cp) < cp:
         tr = run.work.trial
-        copy(tr.v, tr.bend)
+        copy(tr.v, tr.dense_correction)
         st.t[0] = time_events[k, 0]  # what velocities are off before the event is no jump
-        status = _accelerate(run, cp)
-        cp = _factor_of_blow(run, tr.bend, cp)
-        zero(tr.bend)
+        status = _solve_right_limit(run, cp)
+        cp = _impulse_tangent_factor(run, tr.dense_correction, cp)
+        zero(tr.dense_correction)
         st.t[0] = time_events[k, 1]
-        if status == FINE:
-            status = _accelerate(run, cp)
-    if status == FINE:
+        if status == SUCCESS:
+            status = _solve_right_limit(run, cp)
+    if status == SUCCESS:
         if _jump(run, st.v, st.memory[0]["next_step"], 1.0) > settings.tolerance:
-            _take_far_side(run)
+            _accept_right_limit(run)
             _forget_steps(st)
         elif run.method.stages > 0:  # whose first stage it is
-            _take_far_side(run)
+            _accept_right_limit(run)
     return status
 
 
 @kernel
-def _accelerate(run, cp):
+def _solve_right_limit(run, cp):
     """Velocities, accelerations and multipliers of the far side in the trial state."""
     st, tr = run.state, run.work.trial
     st.count[0]["factorisations"] += 1
@@ -376,11 +377,11 @@ def _accelerate(run, cp):
 
 
 @kernel
-def _factor_of_blow(run, v, cp):
-    """b in M + b ∂F/∂q where speeds jump from v to those of the trial state, cp at most.
+def _impulse_tangent_factor(run, v, cp):
+    """Factor b of M + b ∂F/∂q for an impulse that changes velocities from v to the trial ones.
 
-    It is the square of the time in which they move by the accuracy: only what vibrates with less
-    for amplitude is left out. cp of long steps, as at rest, takes much of a blow from slow motions.
+    √b is the time in which this change moves the model by the requested accuracy: vibrations of
+    smaller amplitude are filtered. At most cp, which after a long step would filter slow motions.
     """
     moved = _jump(run, v, 1.0, 0.0)
     return min(cp, (run.settings.accuracy / moved) ** 2) if moved > 0.0 else cp
@@ -411,7 +412,7 @@ def _jump(run, v, h, of_accelerations):
 
 
 @kernel
-def _take_far_side(run):
+def _accept_right_limit(run):
     """The trial state becomes the state; powers again."""
     st, tr, total, at = run.state, run.work.trial, run.work.energies, run.state_point
     energies(run, at)
@@ -428,7 +429,7 @@ def _take_far_side(run):
             break
     feedback_stage(run, at)
     reaction_stage(run, at)
-    walk(run.stages.jump, run, at)
+    run_stage(run.stages.jump, run, at)
     powers(run, at)
     copy(run.work.powers, st.power)
     for k in range(3):

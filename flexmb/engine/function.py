@@ -19,7 +19,7 @@ import numpy as np
 
 from flexmb.engine.jit import Matrix, array_of, kernel, unit
 from flexmb.engine.kind import Kind
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import EVENT_FUNCTION, Point, Run
 from flexmb.engine.tables import FunctionTable
 
@@ -442,7 +442,7 @@ def evaluate_functions(run: Run, of: TimeFunctions, at: Point) -> int:
             else:
                 out[k, 0] = run_program(table, k, at.t[0], variables, stack)
                 out[k, 1], out[k, 2] = stack[0, 1], stack[0, 2]
-    return FINE
+    return SUCCESS
 
 
 TIME_FUNCTIONS = Kind("time_functions", TimeFunctions, {"functions": evaluate_functions})

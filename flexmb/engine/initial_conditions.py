@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.algebra.ldl import solve_refined
-from flexmb.engine.algebra.vector import copy, store, weighted_size
+from flexmb.engine.algebra.vector import copy, store, weighted_max
 from flexmb.engine.bodies.motion import move
 from flexmb.engine.equations_of_motion import (
     begin_history,
@@ -21,13 +21,13 @@ from flexmb.engine.equations_of_motion import (
     powers,
     reaction_stage,
     residual,
+    run_stage,
     velocity_stage,
-    walk,
 )
 from flexmb.engine.iteration_matrix import factorise
 from flexmb.engine.jit import Vector, call_step, call_value, kernel, unit
 from flexmb.engine.joints.constraint import constraint_jacobian
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.projection import NOTHING, accelerations, project_velocity
 from flexmb.engine.projection import POSITIONS as ON_CONSTRAINTS
 from flexmb.engine.sensors.sensor import count_turns, read_channels
@@ -94,7 +94,7 @@ def correct_positions(run: Run) -> float:
     solve_refined(kkt, fac, 2)
     for i in range(nv):
         dq[i] = fac.sol[place[i]]
-    size = weighted_size(dq, weights)
+    size = weighted_max(dq, weights)
     if size > _MAX_CORRECTION:
         for i in range(nv):
             dq[i] *= _MAX_CORRECTION / size
@@ -116,7 +116,7 @@ def begin_deformation(run: Run, h: float, longest: float, cp: float) -> int:
     """
     st, tr, at, limits = run.state, run.work.trial, run.trial_point, run.state.memory[0]
     slow, rate = limits["steps_at_stability_limit"], limits["fastest_rate"]
-    walk(run.stages.static_begin, run, at)
+    run_stage(run.stages.static_begin, run, at)
     for n in range(_ROUNDS + 1):
         copy(st.history, run.work.now.history)
         tr.t[0] = st.t[0]
@@ -125,22 +125,22 @@ def begin_deformation(run: Run, h: float, longest: float, cp: float) -> int:
         copy(st.vd, tr.vd)
         copy(st.lam, tr.lam)
         status = accelerations(run, at, cp, ON_CONSTRAINTS)
-        if n == _ROUNDS or status != FINE:
+        if n == _ROUNDS or status != SUCCESS:
             break
         h = min(max(h, _AHEAD * _look_ahead(run)), longest)
         for k in range(_AHEAD):
             ahead = h * (k + 1.0) / _AHEAD
-            if status == FINE:
+            if status == SUCCESS:
                 status = call_step(run.method.step[0], run, run.method.coefficients[0], ahead)
-            if status == FINE:
+            if status == SUCCESS:
                 _look_ahead(run)
-        if status != FINE:
-            walk(run.stages.static_begin, run, at)
+        if status != SUCCESS:
+            run_stage(run.stages.static_begin, run, at)
     limits["steps_at_stability_limit"], limits["fastest_rate"] = slow, rate
     copy(st.history, run.work.now.history)
     limits["factor_age"] = run.work.collocation.age[0] = run.work.partition.age[0] = -1.0
     run.work.collocation.span[1] = 0.0
-    if status != FINE:
+    if status != SUCCESS:
         return status
     store(tr.q, st.q)
     for now, after in ((st.v, tr.v), (st.vd, tr.vd), (st.vd_before, tr.vd), (st.aa, tr.vd)):
@@ -149,7 +149,7 @@ def begin_deformation(run: Run, h: float, longest: float, cp: float) -> int:
     store(tr.lam, st.lam_before)
     powers(run, run.state_point)
     copy(run.work.powers, st.power)
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -185,7 +185,7 @@ def evaluate_rows(run: Run) -> int:
     """All markers, C, and the rows of Cq on bodies (Dense.jac) at the time and positions given."""
     at = run.state_point
     begin_run(run, at)
-    walk(run.stages.functions, run, at)
+    run_stage(run.stages.functions, run, at)
     pose_stage(run, at)
     complete_poses(run, at)
     constraint_stage(run, at)

@@ -23,7 +23,7 @@ from flexmb.engine.joints.constraint import (
     constraint_jacobian,
     put_constraint_matrix,
 )
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import ComplexFactor, Point, Run
 
 
@@ -75,7 +75,7 @@ def put_matrix(run: Run, at: Point, cv: float, cp: float) -> int:
     if factor.symmetric[0] == 1 and not is_mass:
         for i in range(low.shape[0]):
             low[i] = 0.5 * (low[i] + up[i])
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -84,7 +84,7 @@ def put_rows(run: Run, at: Point, cv: float, cp: float) -> int:
     put_constraint_matrix(run, at)
     if run.work.factor.symmetric[0] == 0 and (cp != 0.0 or cv != 0.0):
         add_couplings(run, at, cv, cp)
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -101,29 +101,31 @@ def factorise(run: Run, at: Point, cv: float, cp: float) -> int:
     copy(low, low0)
     if factor.symmetric[0] == 0:
         copy(up, up0)
-    factor.replaced[0] = _factor_firmly(run)
+    factor.replaced[0] = _factor_less_regularised(run)
     return factor.replaced[0]
 
 
-# Pivots of rows, over their regularisation, below which joints yield too much to it, what part of
-# it does instead, and how often: a third time would be round-off. Of rows that repeat others the
-# pivots are as small, and follow it.
-_YIELDING, _LESS, _TIMES, _FOLLOWS = 1e3, 1e-3, 2, 1.2e-3
+# A row pivot below _SMALL_PIVOT_RATIO times its regularisation makes a joint too soft: all but the
+# share _LESS of the regularisation is removed, up to _TIMES times (a third time would be
+# round-off). Pivots of redundant rows are as small, but fall with it, below _FOLLOWS of before: for
+# them it is put back.
+_SMALL_PIVOT_RATIO, _LESS, _TIMES, _FOLLOWS = 1e3, 1e-3, 2, 1.2e-3
 
 
 @kernel
-def _factor_firmly(run):
-    """Factor where heavy bodies hang on light ones: what joints move is not the light mass.
+def _factor_less_regularised(run):
+    """Factor S, with less regularisation where it would soften a joint of light and
+    heavy bodies.
 
-    Of a matrix that low0 and up0 hold too. fac.tmp is what part of the regularisation it takes in
-    all, of each row the same: that decides how rows share a load which repeat each other. fac.rhs
-    and fac.sol are pivots before, and what it takes in one round.
+    low0 and up0 hold the matrix too. fac.tmp: regularisation removed in all, the same share of each
+    row, since it decides how redundant rows share a load. fac.rhs, fac.sol: pivots before, and what
+    is removed in one round.
     """
     kkt, fac = run.system.kkt, run.work.factor
     replaced, eps, d, before = ldl.factor(kkt, fac), fac.eps, fac.d, fac.rhs
     zero(fac.tmp)
     for n in range(_TIMES):
-        if not _yields(eps, d) or (n == 0 and not _is_uneven(run)):
+        if not _has_small_pivot(eps, d) or (n == 0 and not _is_uneven(run)):
             break
         others, follow = False, False
         for k in range(eps.shape[0]):
@@ -132,7 +134,7 @@ def _factor_firmly(run):
         for k in range(eps.shape[0]):
             follows = eps[k] > 0.0 and abs(d[k]) < _FOLLOWS * before[k]
             follow = follow or follows
-            others = others or (not follows and before[k] < _YIELDING * eps[k] / _LESS)
+            others = others or (not follows and before[k] < _SMALL_PIVOT_RATIO * eps[k] / _LESS)
         if follow and not others:
             for k in range(eps.shape[0]):
                 fac.sol[k] *= -1.0
@@ -143,11 +145,11 @@ def _factor_firmly(run):
 
 
 @kernel
-def _yields(eps, d):
+def _has_small_pivot(eps, d):
     """Whether a pivot is small beside its regularisation."""
     yields = False
     for k in range(eps.shape[0]):
-        yields = yields or abs(d[k]) < _YIELDING * eps[k]
+        yields = yields or abs(d[k]) < _SMALL_PIVOT_RATIO * eps[k]
     return yields
 
 
@@ -182,7 +184,7 @@ def factorise_pair(run: Run, pair: ComplexFactor) -> int:
     if run.state.memory[0]["regularisation"] == 0.0:
         copy(factor.low, factor.low0)
         copy(factor.up, factor.up0)
-        replaced = _factor_firmly(run)
+        replaced = _factor_less_regularised(run)
         _add_diagonal(kkt.panels, factor.tmp, 1.0, pair.low)
         _add_diagonal(kkt.panels, factor.tmp, 1.0, pair.up)
     else:
@@ -199,18 +201,18 @@ def _is_uneven(run):
     """
     rows, coupled = run.system.rows, run.system.coupled
     for k in range(rows.shape[0]):
-        if _yields_beside(run, k, rows[k]):
+        if _is_regularisation_large(run, k, rows[k]):
             return True
     for i in range(coupled.shape[0]):
         for j in range(coupled.shape[0]):
             share = i != j and coupled[i]["coordinate"] == coupled[j]["coordinate"]
-            if share and _yields_beside(run, coupled[i]["row"], rows[coupled[j]["row"]]):
+            if share and _is_regularisation_large(run, coupled[i]["row"], rows[coupled[j]["row"]]):
                 return True
     return False
 
 
 @kernel
-def _yields_beside(run, k, other):
+def _is_regularisation_large(run, k, other):
     """Whether the regularisation of row k is large for bodies that a row holds."""
     sys, heavy, diagonal = run.system, 0.0, run.work.factor.diagonal
     place, kind = sys.kkt.place, sys.rows[k]["kind"]
@@ -297,19 +299,18 @@ def has_dependent_rows(fac, redundant):
 
 @unit
 def remove_self_stress(run: Run, at: Point, cp: float) -> int:
-    """Take from lam what moves nothing, after `accelerations` with the same cp.
+    """Remove the self-stress of redundant constraints from λ, after `accelerations` with this cp.
 
-    Rows that depend on each other leave a part s with Cqᵀ s = 0 open. The solution that has least
-    norm by M + cp ∂F/∂q changes with the step and with the pose: by M, (M, Cqᵀ; Cq, 0) (x; λ) =
-    (Cqᵀ λ₀; 0), it is the same in all, and only what is wrong with x says that rows were
-    independent after all.
+    Self-stress is s with Cqᵀ s = 0. Of all solutions `accelerations` gives that of least norm in
+    M + cp ∂F/∂q, which changes with step and pose. With M alone, [[M, Cqᵀ], [Cq, 0]] (x; λ) =
+    (Cqᵀ λ₀; 0) gives the same λ in all. If x is not zero, the rows are independent: λ₀ is kept.
     """
     fac, kkt, lam, weights = run.work.factor, run.system.kkt, at.lam, run.system.weights
     place, nv = kkt.place, at.vd.shape[0]
     if fac.replaced[0] != 0 or not has_dependent_rows(fac, 0.0):
-        return FINE
+        return SUCCESS
     if cp != 0.0 and factorise(run, at, 0.0, 0.0) != 0:
-        return FINE
+        return SUCCESS
     zero(fac.sol)
     for i in range(lam.shape[0]):
         fac.sol[place[nv + i]] = lam[i]
@@ -325,7 +326,7 @@ def remove_self_stress(run: Run, at: Point, cp: float) -> int:
     if moved <= _OPEN * most:
         for i in range(lam.shape[0]):
             lam[i] = fac.sol[place[nv + i]]
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -358,7 +359,7 @@ def _clear_modal_columns(parts, rows, jac):
 
 
 @kernel
-def give_up(memory, contraction):
+def check_contraction(memory, contraction):
     """Let the factor be renewed, or be that of the unsymmetric matrix; true: give the step up."""
     fresh = memory["factor_age"] == 0.0
     if contraction > _UNSYMMETRIC_ABOVE and memory["symmetric"] == 1.0 and fresh:

@@ -24,7 +24,7 @@ from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hi
 import numpy as np
 
 
-class Unit:
+class CompiledUnit:
     """A function that is compiled alone; called from Python it runs without compilation.
 
     Attributes
@@ -56,7 +56,7 @@ class Unit:
         return str(self.function.__module__)
 
 
-UNITS: dict[str, Unit] = {}
+UNITS: dict[str, CompiledUnit] = {}
 """All units that were imported, by name."""
 
 
@@ -76,7 +76,7 @@ class Reached(NamedTuple):
 
 
 @cache
-def reached(unit: Unit) -> Reached:
+def reached(unit: CompiledUnit) -> Reached:
     """Units and kernels that a unit calls, its own function among the kernels."""
     units: set[str] = set()
     kernels: dict[FunctionType, int] = {}
@@ -88,7 +88,7 @@ def reached(unit: Unit) -> Reached:
         codes = list(_codes(function.__code__))
         kernels[function] = sum(len(code.co_code) for code in codes)
         for value in _named(codes, function.__globals__):
-            if isinstance(value, Unit):
+            if isinstance(value, CompiledUnit):
                 units.add(value.name)
             elif isinstance(value, FunctionType) and value.__module__.startswith(_PACKAGE):
                 waiting.append(value)
@@ -117,7 +117,7 @@ def _named(codes: list[CodeType], scope: dict[str, Any]) -> Iterator[Any]:
 _compiler: tuple[Callable[..., Any], Callable[..., Any]] | None = None
 
 
-def compile_with(kernel_mark: Callable[..., Any], unit_mark: Callable[[Unit], Any]) -> None:
+def compile_with(kernel_mark: Callable[..., Any], unit_mark: Callable[[CompiledUnit], Any]) -> None:
     """Let a compiler mark all kernels and units that are imported from now on."""
     global _compiler  # noqa: PLW0603  one compiler a process
     _compiler = kernel_mark, unit_mark
@@ -138,7 +138,7 @@ def separate(function: Callable[..., Any]) -> Any:
 
 def unit(function: Callable[..., Any]) -> Any:
     """Decorator of functions that are compiled and cached alone; annotations give the types."""
-    made = Unit(function)
+    made = CompiledUnit(function)
     UNITS[made.name] = made
     return made if _compiler is None else _compiler[1](made)
 
@@ -350,7 +350,7 @@ def _check(record: Any, name: str, value: Any, kind: Array) -> None:
         raise TypeError(f"{type(record).__name__}.{name} must be a contiguous {kind}, not {what}")
 
 
-def units_in(record: Any) -> Iterator[Unit]:
+def units_in(record: Any) -> Iterator[CompiledUnit]:
     """All units that stand in the tables of a record."""
     for name, table in _holders(type(record)):
         value = getattr(record, name)

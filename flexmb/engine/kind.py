@@ -22,10 +22,10 @@ Stages (`engine.equations_of_motion`): signatures of the units of a `Kind`, with
     feedback    (run, tables, at)           status; forces by what is measured
     reaction    (run, tables, at)           number; loads by multipliers, their largest change
     static      (run, tables, at)           number; deformation by loads, its largest change
-    static_hold (run, tables, at)           status; no residual of what keeps its rate in a step
-    static_rates (run, tables, at)          status; rates of the deformation by loads, twice
-    static_force (run, tables, at)          status; Trial.mode_force, by which they have those
-    static_path (run, tables, at)           status; the same at the stages of a collocation
+    static_hold (run, tables, at)           status; zero residual of modes with prescribed rates
+    static_rates (run, tables, at)          status; η̇_s and η̈_s by interpolation of the past
+    static_force (run, tables, at)          status; Trial.mode_force that prescribes η̈_s
+    static_path (run, tables, at)           status; the prescribed η̈_s at all collocation stages
     static_lag  (run, tables, at)           number; how far it is from where a step took it
     static_ahead (run, tables, at)          number; its past, from the state and three points ahead
     static_begin (run, tables, at)          status; no past
@@ -75,7 +75,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from flexmb.engine.jit import Unit
+from flexmb.engine.jit import CompiledUnit
 
 Couple = tuple[str, str, str]
 """Field of a row with the LINK of two bodies, and the fields of the two markers that it couples."""
@@ -118,13 +118,13 @@ class Kind:
 
     name: str
     tables: type
-    units: Mapping[str, Unit] = field(default_factory=dict)
+    units: Mapping[str, CompiledUnit] = field(default_factory=dict)
     lower: Callable[..., Any] | None = None
     types: tuple[str, ...] = ()
     place: Callable[..., None] | None = None
     couples: tuple[Couple, ...] = ()
     uses_velocity: bool = False
-    works: bool = False
+    does_work: bool = False
     stiff: bool | Callable[[Any], bool] = False
     unsymmetric: Callable[[Any], bool] | None = None
     scratch: Callable[[Any], Any] | None = None
@@ -164,10 +164,10 @@ class RowKind:
     """
 
     word: str
-    value: Unit
-    gradient: Unit
-    curvature: Unit
-    tangent: Unit | None = None
+    value: CompiledUnit
+    gradient: CompiledUnit
+    curvature: CompiledUnit
+    tangent: CompiledUnit | None = None
     angular: bool = False
     is_distance: bool = False
     period: float = 0.0
@@ -189,8 +189,8 @@ class Measure:
         And those that its gradient calls.
     """
 
-    value: Unit
-    gradient: Unit
+    value: CompiledUnit
+    gradient: CompiledUnit
     level: int
     of_row: tuple[str, ...] = ()
     gradient_of_row: tuple[str, ...] = ()
@@ -210,7 +210,7 @@ class ChannelKind:
         Whether it is an angle that counts full turns.
     """
 
-    value: Unit
+    value: CompiledUnit
     reads: str
     counts_turns: bool = False
 

@@ -1,4 +1,4 @@
-"""The registry of what stages walk over, in their order: all kinds that a model may hold."""
+"""The registry of what stages run through, in their order: all kinds that a model may hold."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flexmb.engine.algebra.ldl import multiply, solve, solve_refined
-from flexmb.engine.algebra.vector import copy, weighted_size
+from flexmb.engine.algebra.vector import copy, weighted_max
 from flexmb.engine.bodies.motion import move
 from flexmb.engine.equations_of_motion import (
     bias_stage,
@@ -31,22 +31,22 @@ from flexmb.engine.equations_of_motion import (
     pose_stage,
     rate_stage,
     reaction_stage,
+    run_stage,
     velocity_stage,
-    walk,
 )
 from flexmb.engine.iteration_matrix import factorise_metric
 from flexmb.engine.jit import Matrix, Vector, array_of, kernel, unit
 from flexmb.engine.joints.constraint import REGULARISATION, constraint_right_side
 from flexmb.engine.method import (
-    FINE,
-    JUMP,
-    LEAP,
+    BRANCH_CHANGE,
+    FUNCTION_JUMP,
+    INCONSISTENT_VELOCITIES,
     NO_CONVERGENCE,
-    NO_LOOP,
+    NO_LOOP_CONVERGENCE,
     NOT_FINITE,
     SELF_LOCKING,
-    SINGULAR,
-    UNLIKE_RATES,
+    SINGULAR_POSE,
+    SUCCESS,
 )
 from flexmb.engine.projection import depends_on_solution
 from flexmb.engine.state import Run
@@ -128,7 +128,7 @@ def solve_positions(run: Run, path: Path, settings: KinematicsSettings) -> int:
     for _ in range(_MAX_ITERATIONS):
         pose_stage(run, at)
         constraint_stage(run, at)
-        gap = weighted_size(C, sys.row_weights)
+        gap = weighted_max(C, sys.row_weights)
         closed = gap <= enough or (size <= enough and gap <= _REDUNDANT_GAP)
         if not gap < math.inf:
             return NOT_FINITE
@@ -137,7 +137,7 @@ def solve_positions(run: Run, path: Path, settings: KinematicsSettings) -> int:
             memory["motion_since_factor"] = 0.0
             path.count[0]["factorisations"] += 1
             if closed:
-                return FINE
+                return SUCCESS
             fresh, last = True, 0.0
         _solve_rows(sys.kkt, fac, nv, C, -1.0)
         size = 0.0
@@ -178,20 +178,20 @@ def solve_velocities_accelerations(run: Run, path: Path, settings: KinematicsSet
         pivot = _least_pivot(place, nv, fac.d, fac.eps)
         memory["largest_pivot"] = max(memory["largest_pivot"], pivot)
         if pivot < _SINGULAR * memory["largest_pivot"]:
-            return SINGULAR
+            return SINGULAR_POSE
     scale, off = _MIN_SPEED, math.inf
     for n in range(_MAX_ROUNDS + 1):
         velocity_stage(run, at)
         rate_stage(run, at)
-        off = weighted_size(con.rate, sys.row_weights)
-        scale = max(scale, off, weighted_size(v, sys.weights))
+        off = weighted_max(con.rate, sys.row_weights)
+        scale = max(scale, off, weighted_max(v, sys.weights))
         if off <= _RATE_TOLERANCE * scale or n == _MAX_ROUNDS:
             break
         _solve_rows(sys.kkt, fac, nv, con.rate, -1.0)
         for i in range(nv):
             v[i] += sol[place[i]]
     if off > _CONTRADICTION * scale:
-        return UNLIKE_RATES
+        return INCONSISTENT_VELOCITIES
     bias_stage(run, at)
     constraint_right_side(run)
     correct_accelerations(run, at.vd)
@@ -199,7 +199,7 @@ def solve_velocities_accelerations(run: Run, path: Path, settings: KinematicsSet
     _solve_rows(sys.kkt, fac, nv, path.probe, 1.0)
     for i in range(nv):
         path.direction[i] = sol[place[i]]
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -220,7 +220,7 @@ def correct_accelerations(run: Run, vd: Vector) -> int:
         run.system.kkt, run.work.factor, run.work.con.gamma, run.system.row_weights
     )  # fmt: skip
     place, rhs, tmp, sol, nv = kkt.place, fac.rhs, fac.tmp, fac.sol, vd.shape[0]
-    scale = weighted_size(gamma, row_weights)
+    scale = weighted_max(gamma, row_weights)
     for _ in range(_MAX_ROUNDS):
         for i in range(nv):
             rhs[place[i]] = vd[i]
@@ -234,13 +234,13 @@ def correct_accelerations(run: Run, vd: Vector) -> int:
             k = place[nv + i]
             sol[k] = gamma[i] - tmp[k]
             off = max(off, abs(sol[k]) * row_weights[i])
-        scale = max(scale, weighted_size(vd, run.system.weights))
+        scale = max(scale, weighted_max(vd, run.system.weights))
         if off <= _RATE_TOLERANCE * scale:
             break
         solve(kkt, fac, sol)
         for i in range(nv):
             vd[i] += sol[place[i]]
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -264,7 +264,7 @@ def solve_reactions(run: Run) -> int:
     at, fac, kkt, now = run.state_point, run.work.factor, run.system.kkt, run.work.now
     place, lam, before, res = kkt.place, at.lam, run.work.con.gamma, run.work.trial.res
     nv, nc, weights = res.shape[0], lam.shape[0], run.system.row_weights
-    walk(run.stages.inertia, run, at)
+    run_stage(run.stages.inertia, run, at)
     if now.history.shape[0] > 0:
         now.span[0] = at.t[0] - now.history[0]
     for n in range(_MAX_FORCE_ROUNDS):
@@ -275,7 +275,7 @@ def solve_reactions(run: Run) -> int:
             lam[i] = 0.0
             fac.rhs[place[nv + i]] = 0.0
         status = forces(run, at)
-        if status != FINE:
+        if status != SUCCESS:
             return status
         _clear_modal_forces(run.system.parts.bodies, res)
         for i in range(nv):
@@ -287,8 +287,8 @@ def solve_reactions(run: Run) -> int:
             change = max(change, abs(lam[i] - before[i]) / weights[i])
             size = max(size, abs(lam[i]) / weights[i])
         if not depends_on_solution(run) or (n > 0 and change <= _SETTLED * size):
-            return FINE
-    return SELF_LOCKING if len(run.stages.reaction.units) > 0 else NO_LOOP
+            return SUCCESS
+    return SELF_LOCKING if len(run.stages.reaction.units) > 0 else NO_LOOP_CONVERGENCE
 
 
 @kernel
@@ -340,7 +340,7 @@ def predict(run: Run, path: Path, h: float) -> int:
         v[i] = v0[i] + h * (vd0[i] + 0.5 * h * j)
         vd[i] = vd0[i] + h * j
         correction[i] = 0.0
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -354,7 +354,7 @@ def remember_point(run: Run, path: Path, h: float) -> int:
     for k in range(before.shape[0]):
         for c in range(3):
             before[k, c] = fun[k, c]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -367,7 +367,7 @@ def check_branch(run: Run, path: Path, h: float, last: int) -> int:
     v0, vd0, v, vd = run.state.v, run.state.vd, run.work.trial.v, run.work.trial.vd
     jerk, correction = path.jerk, path.correction
     if last == 1 and _jumps(functions, path.functions_before, fun, h, 0):
-        return LEAP
+        return FUNCTION_JUMP
     off, motion, turned, speed = 0.0, 0.0, 0.0, 0.0
     for i in range(w.shape[0]):
         c = correction[i]
@@ -380,8 +380,8 @@ def check_branch(run: Run, path: Path, h: float, last: int) -> int:
     far = off > _MAX_DEVIATION * motion and off > _SAME_BRANCH
     other = turned > _VELOCITY_DEVIATION * speed and h * turned > _MIN_MOTION
     if far or (other and not (last == 1 and _jumps(functions, path.functions_before, fun, h, 1))):
-        return JUMP
-    return FINE
+        return BRANCH_CHANGE
+    return SUCCESS
 
 
 @kernel
@@ -419,7 +419,7 @@ def note_singular_pose(run: Run, path: Path) -> int:
             times[k, 0], times[k, 1] = run.state.t[0], run.work.trial.t[0]
             copy(run.work.trial.q, path.singular_positions[k])
         count["singular_poses"] += 1
-    return FINE
+    return SUCCESS
 
 
 @kernel

@@ -30,15 +30,17 @@ class Method(NamedTuple):
     order: int  # of the error in the end
     error_order: int  # power of the step that its estimate of the local error is of
     stages: int  # rows of slopes that it needs memory for
-    filter: float  # over h²: factor of the tangent beside M in reported accelerations
-    keeps_step: int  # 1: a change of the step is dear, or its estimate rings after one
+    filter: float  # over h²: b of M + b ∂F/∂q, by which reported accelerations are solved for
+    prefers_constant_step: int  # 1: a change of the step is dear, or its estimate rings after one
     collocation: int  # implicit stages that it needs memory for
-    loosest: float  # local tolerance from which on errors fall with the steps as the order says
+    max_tolerance: (
+        float  # local tolerance from which on errors fall with the steps as the order says
+    )
     stabilised: int = 0  # 1: C̈ + 2α Ċ + β² C = 0 in place of projection onto the constraints
     alpha: float = 0.0  # 1/s
     beta: float = 0.0  # 1/s
-    mass_rounds: int = 0  # refinements of projected rates and accelerations by M alone
-    last_weight: float = 0.0  # of the power at the end in the works of a step
+    mass_refinements: int = 0  # refinements of projected rates and accelerations by M alone
+    end_power_weight: float = 0.0  # of the power at the end in the works of a step
     partitions: int = 0  # 1: it needs memory for independent and dependent coordinates
 
 
@@ -51,38 +53,39 @@ class Settings(NamedTuple):
     step: float  # s, a whole share of the run; 0: steps by error control
     tolerance: float  # local error of a step over motion and speed so far, with error control
     accuracy: float  # error over motion in the end, with error control
-    slack: float  # times `tolerance`: from which on a step is repeated shorter
-    turn: float  # largest angle that a body turns in a step, rad
+    rejection_factor: float  # times `tolerance`: from which on a step is repeated shorter
+    max_rotation: float  # largest angle that a body turns in a step, rad
     refinement: float  # steps for each step of the plan; 0: the plan is not followed but written
     least_motion: float  # motion over the size of the model below which it counts as at rest
     newton_tolerance: float  # remaining Newton correction over h² v̇; 0: a share of `tolerance`
     max_iterations: int
-    works: int  # 1: something does work (drivers, dampers, applied forces)
+    does_work: int  # 1: something does work (drivers, dampers, applied forces)
     stiff: int  # 1: springs, flexible bodies or other stiffness
-    determined: int  # 1: the constraints alone fix the motion (no free coordinate)
-    follow: int  # 1: quasi-static modes follow the loads after a step, 0: within it
+    determinate: int  # 1: the constraints alone fix the motion (no free coordinate)
+    static_after_step: int  # 1: quasi-static modes follow the loads after a step, 0: within it
 
 
-ROUND_OFF = 1e-6  # parts of a fixed step are powers of a half, so this is far below them
+HIGH_ORDER = 5  # from which on methods have most to lose where forces jump, and errors are small
+STEP_ROUND_OFF = 1e-6  # parts of a fixed step are powers of a half, so this is far below them
 
 
 @kernel
-def round_off(settings):
+def time_round_off(settings):
     """Times that differ by less are the same [s]."""
     if settings.step > 0.0:
-        return ROUND_OFF * settings.step
+        return STEP_ROUND_OFF * settings.step
     return 1e-12 * (settings.end - settings.start)
 
 
 # Status codes of the kernels; `entries` turns them into sentences.
-FINE, NO_CONVERGENCE, ZERO_LENGTH, NOT_FINITE, TOO_SMALL, REPEAT = range(6)
+SUCCESS, NO_CONVERGENCE, ZERO_LENGTH, NOT_FINITE, STEP_TOO_SMALL, REPEAT = range(6)
 CURVE_END = 7  # a joint leaves its curve at an end
 SELF_LOCKING = 8  # friction in joints and the reactions that cause it do not settle
 NO_PARTITION = 9  # no choice of independent coordinates determines the others
-NO_LOOP = 20  # forces that depend on accelerations or reactions do not settle
+NO_LOOP_CONVERGENCE = 20  # forces that depend on accelerations or reactions do not settle
 # Of a kinematic analysis: a singular pose, a point that does not continue the motion, a function
 # that jumps, rows that repeat others and ask for other velocities.
-SINGULAR, JUMP, LEAP, UNLIKE_RATES = range(30, 34)
+SINGULAR_POSE, BRANCH_CHANGE, FUNCTION_JUMP, INCONSISTENT_VELOCITIES = range(30, 34)
 
 #: Memory of the time loop and of Newton's method, from step to step.
 INTEGRATOR_MEMORY = np.dtype([

@@ -1,11 +1,11 @@
-"""Back to the constraints: velocities, accelerations and multipliers as they are reported.
+"""Projection onto the constraints; accelerations and multipliers as they are reported.
 
-Generalized-α holds its own velocities and multipliers at second order only if they are left alone
-from step to step (projected with the factor of an earlier pose they lose an order), so those that
-are reported are computed aside, with a factor of the moment: v from (0; −(Cq v + C_t)), (v̇; λ) from
-(Q; γ), refined. The mass matrix is M + b ∂F/∂q: with M a stiff mode at a joint spoils λ, which b K,
-of order h², prevents; gyroscopic and damping terms, of order h, stay out. Where the constraints
-alone fix the motion, it is M.
+Generalized-α is of order 2 only if its own velocities and multipliers stay as they are from step to
+step (projection with the factor of an earlier pose costs an order). Reported ones are therefore
+computed apart, with a factor of the present pose: v from (0; −(Cq v + C_t)), (v̇; λ) from (Q; γ),
+with refinement. The mass matrix is M + b ∂F/∂q. With M alone a stiff mode at a joint spoils λ,
+which b K, of order h², prevents; gyroscopic and damping terms, of order h, are left out. Where the
+constraints alone fix the motion, b = 0.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.algebra.ldl import multiply, solve, solve_refined
-from flexmb.engine.algebra.vector import copy, largest, weighted_size, zero
-from flexmb.engine.bodies.motion import LAST_PLACES, move, put_round_off
+from flexmb.engine.algebra.vector import copy, largest, weighted_max, zero
+from flexmb.engine.bodies.motion import RELATIVE_ROUND_OFF, move, put_q_round_off
 from flexmb.engine.equations_of_motion import (
     bias_stage,
     constraint_stage,
@@ -23,19 +23,19 @@ from flexmb.engine.equations_of_motion import (
     position_stage,
     rate_stage,
     reaction_stage,
+    run_stage,
     velocity_stage,
-    walk,
 )
 from flexmb.engine.iteration_matrix import factorise, has_dependent_rows, permute
 from flexmb.engine.jit import Vector, call_value, kernel, unit
 from flexmb.engine.joints.constraint import constraint_right_side
-from flexmb.engine.method import FINE, NO_LOOP, NOT_FINITE, SELF_LOCKING
+from flexmb.engine.method import NO_LOOP_CONVERGENCE, NOT_FINITE, SELF_LOCKING, SUCCESS
 from flexmb.engine.state import Point, Run
 
 _MAX_ROUNDS = 3
 _REFINEMENTS = 2
 # Pivot of a row over its regularisation above which one refinement leaves round-off.
-_FIRM_PIVOT = 1e7
+_WELL_CONDITIONED_PIVOT = 1e7
 # Forces that depend on accelerations or reactions: rounds until they settle, relative.
 _LOOP_ROUNDS, _LOOP_CLOSED = 100, 1e-12
 # Weighted change of quasi-static modes in equilibrium, twice in each round behind many; its bound.
@@ -65,10 +65,10 @@ def project_velocity(run: Run, at: Point, cp: float) -> int:
     """
     con, sol, kkt = run.work.con, run.work.factor.sol, run.system.kkt
     rate, place, v, weights = con.rate, kkt.place, at.v, run.system.weights
-    nv, firm = v.shape[0], _is_firm(run.work.factor)
+    nv, firm = v.shape[0], _is_well_conditioned(run.work.factor)
     con.drift[0] = 0.0
     if rate.shape[0] == 0:
-        return FINE
+        return SUCCESS
     for n in range(_MAX_ROUNDS):
         velocity_stage(run, at)
         rate_stage(run, at)
@@ -95,10 +95,10 @@ def project_velocity(run: Run, at: Point, cp: float) -> int:
             moved = max(moved, abs(sol[place[i]]) * weights[i])
             speed = max(speed, abs(v[i]) * weights[i])
         # what a solve leaves; implicit methods pass singular positions better with all rounds
-        enough = _ROUND_OFF * (_FIRM_PIVOT if firm else 1.0) * speed
+        enough = _ROUND_OFF * (_WELL_CONDITIONED_PIVOT if firm else 1.0) * speed
         if run.method.stages > 0 and moved <= enough:
             break
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -120,7 +120,7 @@ def project_positions(run: Run, at: Point, rounds: int) -> float:
         for i in range(nv):
             dq[i] = sol[place[i]]
         move(parts, at.q, dq, at.q)
-        moved = weighted_size(dq, weights)
+        moved = weighted_max(dq, weights)
         first = moved if n == 0 else first
         if moved <= _ROUND_OFF:
             break
@@ -134,29 +134,29 @@ def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
 
     The mass matrix is M + cp ∂F/∂q. With `project` = VELOCITIES, v is put on its constraints first,
     with POSITIONS q and v are; a stabilised method leaves both and adds its terms to γ. Returns the
-    status; NO_LOOP where forces that depend on accelerations or reactions do not settle,
-    SELF_LOCKING where friction does not.
+    status; NO_LOOP_CONVERGENCE where forces that depend on accelerations or reactions do not
+    settle, SELF_LOCKING where friction does not.
     """
-    if run.settings.follow == 1 and project != NOTHING:
+    if run.settings.static_after_step == 1 and project != NOTHING:
         zero(run.work.trial.mode_force)
         zero(run.work.trial.res)
         follow_loads(run, at)  # by nothing: their rates are zero
     status = _solve_motion(run, at, cp, project)
-    if run.settings.follow == 0 or project == NOTHING or status != FINE:
+    if run.settings.static_after_step == 0 or project == NOTHING or status != SUCCESS:
         return status
     for n in range(_LOOP_ROUNDS):
         status = max(status, forces(run, at))
         change = follow_loads(run, at)
         if status == NOT_FINITE or not math.isfinite(change):
-            return NO_LOOP  # it was finite before they followed
-        if status != FINE:
+            return NO_LOOP_CONVERGENCE  # it was finite before they followed
+        if status != SUCCESS:
             return status
         if change <= min(_STATIC_TOLERANCE * 2.0 ** max(n - _MANY_ROUNDS, 0), _STATIC_NOISE):
-            walk(run.stages.static_rates, run, at)
-            walk(run.stages.static_force, run, at)
+            run_stage(run.stages.static_rates, run, at)
+            run_stage(run.stages.static_force, run, at)
             return _solve_motion(run, at, cp, VELOCITIES)
         status = _solve_motion(run, at, cp, project)
-    return NO_LOOP
+    return NO_LOOP_CONVERGENCE
 
 
 @kernel
@@ -169,40 +169,40 @@ def follow_loads(run, at):
 
 
 @unit
-def put_noise(run: Run, at: Point) -> int:
-    """Put the change of accelerations by round-off of places and speeds in Trial.noise.
+def put_vd_round_off(run: Run, at: Point) -> int:
+    """Estimate the round-off of accelerations, weighted, into Trial.vd_round_off.
 
-    As stiff forces make it where all that there is changes by its last places, up and down by
-    turns. A force that jumps there is no noise: changes `_NOISE_GAIN` times as large have the same
-    effect on it, or the smaller ones have none.
+    All positions and velocities are perturbed by their round-off, with alternating signs, once and
+    `_NOISE_GAIN` times; stiff forces amplify this. A difference counts if it grows in proportion to
+    the perturbation: where a force jumps it does not.
     """
-    tr, weights, noise = run.work.trial, run.system.weights, run.work.trial.noise
+    tr, weights, noise = run.work.trial, run.system.weights, run.work.trial.vd_round_off
     zero(noise)
-    if _change_last_places(run, at, 0.0) != FINE:
-        return FINE
+    if _perturbed_accelerations(run, at, 0.0) != SUCCESS:
+        return SUCCESS
     copy(tr.vd, tr.spare)
-    if _change_last_places(run, at, 1.0) != FINE:
-        return FINE
+    if _perturbed_accelerations(run, at, 1.0) != SUCCESS:
+        return SUCCESS
     for i in range(noise.shape[0]):
-        tr.bend[i] = abs(tr.vd[i] - tr.spare[i])
-    if _change_last_places(run, at, _NOISE_GAIN) != FINE:
-        return FINE
+        tr.dense_correction[i] = abs(tr.vd[i] - tr.spare[i])
+    if _perturbed_accelerations(run, at, _NOISE_GAIN) != SUCCESS:
+        return SUCCESS
     for i in range(noise.shape[0]):
-        before, change = tr.bend[i], abs(tr.vd[i] - tr.spare[i])
+        before, change = tr.dense_correction[i], abs(tr.vd[i] - tr.spare[i])
         if before * _NOISE_GAIN / _NOISE_SPREAD <= change <= before * _NOISE_GAIN * _NOISE_SPREAD:
             noise[i] = weights[i] * change / _NOISE_GAIN
-    zero(tr.bend)
-    return FINE
+    zero(tr.dense_correction)
+    return SUCCESS
 
 
 @kernel
-def _change_last_places(run, at, times):
+def _perturbed_accelerations(run, at, times):
     """Accelerations of the state with last places changed so many times; returns the status."""
     st, tr, sign = run.state, run.work.trial, times
-    put_round_off(run.system.parts, st.q, tr.dq)
+    put_q_round_off(run.system.parts, st.q, tr.dq)
     for i in range(tr.dq.shape[0]):
         tr.dq[i] *= sign
-        tr.v[i] = (1.0 + sign * LAST_PLACES) * st.v[i]
+        tr.v[i] = (1.0 + sign * RELATIVE_ROUND_OFF) * st.v[i]
         sign = -sign
     tr.t[0] = st.t[0]
     st.count[0]["residuals"] += 1
@@ -226,7 +226,9 @@ def _solve_motion(run: Run, at: Point, cp: float, project: int) -> int:
     cp = _factorise_definite(run, at, cp)
     if project == POSITIONS and at.lam.shape[0] > 0:
         has_moved = project_positions(run, at, _MAX_ROUNDS) > _SAME_POSE
-        if has_moved and (run.settings.follow == 1 or has_dependent_rows(run.work.factor, 0.0)):
+        if has_moved and (
+            run.settings.static_after_step == 1 or has_dependent_rows(run.work.factor, 0.0)
+        ):
             factorise(run, at, 0.0, cp)
     if project != NOTHING:
         project_velocity(run, at, cp)
@@ -237,11 +239,11 @@ def _solve_motion(run: Run, at: Point, cp: float, project: int) -> int:
     if run.method.stabilised == 1:
         _stabilise(run, at)
     status = _solve(run, at, cp)
-    if status != FINE:
+    if status != SUCCESS:
         return status
     if depends_on_solution(run) and not _solve_loop(run, at, cp):
-        return SELF_LOCKING if len(run.stages.reaction.units) > 0 else NO_LOOP
-    return FINE
+        return SELF_LOCKING if len(run.stages.reaction.units) > 0 else NO_LOOP_CONVERGENCE
+    return SUCCESS
 
 
 @kernel
@@ -293,16 +295,16 @@ def _mass_rounds(run):
 
     Else these follow what b ∂F/∂q, with its accelerations and reactions of before, makes of it.
     """
-    follows = depends_on_solution(run) or run.settings.follow == 1
-    return max(run.method.mass_rounds, int(follows))
+    follows = depends_on_solution(run) or run.settings.static_after_step == 1
+    return max(run.method.mass_refinements, int(follows))
 
 
 @kernel
-def _is_firm(fac):
+def _is_well_conditioned(fac):
     """Whether no row yields to its regularisation, so that a refinement leaves its square."""
     firm = fac.replaced[0] == 0
     for k in range(fac.eps.shape[0]):
-        firm = firm and abs(fac.d[k]) >= _FIRM_PIVOT * fac.eps[k]
+        firm = firm and abs(fac.d[k]) >= _WELL_CONDITIONED_PIVOT * fac.eps[k]
     return firm
 
 
@@ -320,10 +322,10 @@ def _solve(run: Run, at: Point, cp: float) -> int:
     for i in range(nv):
         res[i] = -res[i]
     permute(kkt, res, run.work.con.gamma, fac.rhs)
-    if run.settings.follow == 1:
+    if run.settings.static_after_step == 1:
         for i in range(nv):
             fac.rhs[place[i]] += run.work.trial.mode_force[i]
-    solve_refined(kkt, fac, 1 if _is_firm(fac) else _REFINEMENTS)
+    solve_refined(kkt, fac, 1 if _is_well_conditioned(fac) else _REFINEMENTS)
     for i in range(nv):
         vd[i] = fac.sol[place[i]]
     for i in range(lam.shape[0]):
@@ -351,7 +353,7 @@ def _refine_by_mass(run: Run, at: Point, top: Vector, bottom: Vector, x: Vector,
             sol[place[nv + i]] = 0.0
         multiply(kkt, fac, sol, own)  # (S x; Cq x)
         copy(x, tr.res)
-        walk(run.stages.mass, run, at)  # sol = M x
+        run_stage(run.stages.mass, run, at)  # sol = M x
         for i in range(nv):
             k = place[i]
             own[k] = tr.spare[i] - sol[k] - (both[k] - own[k])
@@ -364,7 +366,7 @@ def _refine_by_mass(run: Run, at: Point, top: Vector, bottom: Vector, x: Vector,
         for i in range(y.shape[0]):
             y[i] += own[place[nv + i]]
     copy(tr.spare, tr.res)
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -383,7 +385,7 @@ def add_stiff_accelerations(run: Run, at: Point, smooth: Vector) -> int:
         for i in range(nv):
             fac.rhs[place[i]] = tr.res[i] = x[i]
         multiply(kkt, fac, fac.rhs, fac.tmp)
-        walk(run.stages.mass, run, at)  # sol = M x
+        run_stage(run.stages.mass, run, at)  # sol = M x
         for i in range(nv):
             fac.rhs[place[i]] = fac.tmp[place[i]] - fac.sol[place[i]]
         solve(kkt, fac, fac.rhs)
@@ -391,7 +393,7 @@ def add_stiff_accelerations(run: Run, at: Point, smooth: Vector) -> int:
             x[i] = fac.rhs[place[i]]
     for i in range(nv):
         at.vd[i] += x[i]
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -416,10 +418,10 @@ def _solve_loop(run, at, cp):
         feedback_stage(run, at)
         at_rest = change <= _SETTLED * _largest_force(run.system, run.work.trial.res, at.lam)
         _solve(run, at, cp)
-        size = weighted_size(vd, weights)
+        size = weighted_max(vd, weights)
         for i in range(vd.shape[0]):
             before[i] -= vd[i]
-        change = weighted_size(before, weights)
+        change = weighted_max(before, weights)
         if not math.isfinite(change):
             return False
         if at_rest and change <= _LOOP_CLOSED * size:

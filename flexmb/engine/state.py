@@ -255,7 +255,7 @@ class Trial(NamedTuple):
     res: Vector  # (nv,) M vd - Q + Cq^T lam
     spare: Vector  # (nv,)
     mode_force: Vector  # (nv,) forces by which modes that are held keep the acceleration given
-    bend: Vector  # (nv,) beside the cubics of the dense output, times s² (1 − s)²
+    dense_correction: Vector  # (nv,) beside the cubics of the dense output, times s² (1 − s)²
     power: Vector  # (3,)
     work_done: Vector  # (3,) works at an output
     angles: Vector  # (channels,) continuous angles at an output, or on the way
@@ -264,9 +264,9 @@ class Trial(NamedTuple):
     work: Vector  # (3,) work_done at its end, of a method with stages
     rate: Vector  # (nq,) sum of slopes
     shares: Vector  # (stages,) weights of the slopes in the dense output
-    extended: Integers  # (1,) 1: the stages of the dense output of the last step are there
-    places: Vector  # (nv,) weighted size of a correction that is round-off
-    noise: Vector  # (nv,) weighted change of accelerations by round-off of places and speeds
+    dense_ready: Integers  # (1,) 1: the stages of the dense output of the last step are there
+    dq_round_off: Vector  # (nv,) weighted size of a correction that is round-off
+    vd_round_off: Vector  # (nv,) weighted change of accelerations by round-off of places and speeds
     error: Vector  # (2,) estimated local error of positions and velocities over their motion
     jerk: Vector  # (nv,) rate of the algorithmic acceleration, as far as S lets it move
     stack: Matrix  # (depth, 3) of the function evaluator
@@ -318,7 +318,7 @@ class Work(NamedTuple):
     alternation: Alternation
     energies: Vector  # (5,) kinetic, strain, gravity, spring; stored in bristles of friction
     powers: Vector  # (3,) of drivers, dampers, applied forces
-    fault: Integers  # (1,) row of the element that gave the last status
+    failed_element: Integers  # (1,) row of the element that gave the last status
     kinds: Mapping[str, Any]  # scratch of the kinds that have some, by name (`engine.kind`)
 
 
@@ -361,7 +361,7 @@ class Stages(NamedTuple):
     energy: Stage
     power: Stage
     begin: Stage
-    remember: Stage
+    update_history: Stage
     jump: Stage
     events: Stage
     limits: Stage

@@ -12,14 +12,14 @@ from flexmb.engine.equations_of_motion import (
     position_stage,
     powers,
     put_energies,
-    remember,
     residual,
+    update_history,
     velocity_stage,
 )
 from flexmb.engine.iteration_matrix import factorise_metric, least_pivot
 from flexmb.engine.jit import Vector, unit
 from flexmb.engine.kinematics_point import solve_reactions
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.sensors.sensor import count_turns
 from flexmb.engine.state import Run
 from flexmb.engine.time_loop import end_row, write_motion
@@ -32,7 +32,7 @@ def write_equilibrium(run: Run) -> int:
     copy(st.history, run.work.now.history)
     begin_run(run, at)
     status = residual(run, at)
-    if status != FINE:
+    if status != SUCCESS:
         return status
     velocity_stage(run, at)
     bias_stage(run, at)
@@ -51,8 +51,8 @@ def remember_row(run: Run, is_first: int) -> int:
     if is_first:
         begin_history(run, run.state_point, run.state.history)
     else:
-        remember(run, run.state_point, run.state.history)
-    return FINE
+        update_history(run, run.state_point, run.state.history)
+    return SUCCESS
 
 
 @unit
@@ -71,7 +71,7 @@ def write_reactions(run: Run, metric: Vector, quality: Vector) -> int:
         begin_history(run, at, st.history)
     factorise_metric(run, at, metric)
     status = solve_reactions(run)
-    if status != FINE:
+    if status != SUCCESS:
         return status
     quality[0], quality[1], quality[2] = 0.0, 0.0, least_pivot(run, nv)
     for i in range(nv):
@@ -85,5 +85,5 @@ def write_reactions(run: Run, metric: Vector, quality: Vector) -> int:
     write_motion(run, at, st, 0.0)
     powers(run, at)
     put_energies(run, at, st.work_done, run.output.energy[run.output.rows[0]])
-    remember(run, at, st.history)
+    update_history(run, at, st.history)
     return end_row(run, at, st)

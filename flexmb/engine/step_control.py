@@ -15,11 +15,17 @@ from __future__ import annotations
 
 import math
 
-from flexmb.engine.algebra.vector import weighted_size, zero
+from flexmb.engine.algebra.vector import weighted_max
 from flexmb.engine.events import next_end
-from flexmb.engine.jit import kernel, unit
-from flexmb.engine.method import FINE, REPEAT, ROUND_OFF, TOO_SMALL, round_off
-from flexmb.engine.state import Run
+from flexmb.engine.jit import kernel
+from flexmb.engine.method import (
+    HIGH_ORDER,
+    REPEAT,
+    STEP_ROUND_OFF,
+    STEP_TOO_SMALL,
+    SUCCESS,
+    time_round_off,
+)
 
 # A fixed step is halved this often, one under error control may fall to this share of the run.
 _SMALLEST_PART = 1.0 / 1024.0
@@ -28,52 +34,46 @@ _SMALLEST_SHARE = 1e-12
 # that fail while it advances by no more than that: an event or a jump takes less than fifty.
 _MOST_STEPS, _NO_ADVANCE = 1000.0, 1e-8
 _MOST_FAILURES, _HARDLY_ADVANCES = 100.0, 1e-6
-# At a jump of forces the error of any step is of its own size; these shares of the run will do: if
-# the error is what is allowed anywhere, and if it is not. More than so many in a row are no jump.
+# Short steps at a jump of a force (shares of the run): below _KINK_SHARE the usual tolerance holds;
+# below _JUMP_SHARE any error is accepted, in at most _MOST_AT_JUMP steps in a row.
 _KINK_SHARE, _JUMP_SHARE, _MOST_AT_JUMP = 1e-9, 1e-11, 10.0
-# Where forces jump or have a kink the error of a step is this many times what the step before tells
-# (or what is not worth a look), and falls slower than by this share of its order and by this power
-# (where steps from other times are compared: by that of a jump), yet faster than noise. Estimates
-# miss it, so that it must be this share of the accuracy asked for.
+# A kink or jump within a step is suspected if its error is _SURPRISE times the predicted one (at
+# least _SMALL), or if after a rejection it falls with a power of the step above _NOISE and below
+# _ORDER_LOST times the order and _KINKED (_JUMPED if the rejected step began at another time).
+# Estimates miss a kink: then they must be below _AT_KINK × accuracy.
 _SURPRISE, _SMALL, _ORDER_LOST, _KINKED, _JUMPED, _NOISE = 30.0, 1e-3, 0.5, 2.6, 1.4, 0.3
 _AT_KINK = 0.004
-_HIGH_ORDER = 5  # of a method that has more to lose at a kink than its order
 _SHORTER = 1.5  # times, at least, for errors to be compared
 # One under error control is at most this share of the run, so that what begins to happen to a scene
 # at rest is seen.
 _LONGEST_SHARE = 0.1
 _SAFETY = 0.9
 # The last one where rates of a deformation follow from the last points.
-_LEAST, _MOST, _MOST_FOLLOWED = 0.2, 5.0, 3.0
+_MIN_FACTOR, _MAX_FACTOR, _MOST_FOLLOWED = 0.2, 5.0, 3.0
 # Where a change of the step is dear: most that it grows, and what is not worth a change.
-_MOST_KEPT, _KEEP, _SHRINK = 2.0, 1.25, 0.8
+_MAX_FACTOR_KEPT, _GROW_ABOVE, _SHRINK_BELOW = 2.0, 1.25, 0.8
 # Share of what is allowed below which an error is noise, and growth that is safe then.
-_CALM, _CALM_GROWTH = 1e-6, 1.2
+_NOISE_RATIO, _NOISE_GROWTH = 1e-6, 1.2
 # Velocities, whose estimate rings after a change of the step, may be off by this many times more
 # before a step is rejected; the next one is shorter anyhow.
-_PATIENCE = 4.0
+_VELOCITY_ERROR_FACTOR = 4.0
 # Steps after a rejection before the step grows again: until estimates have stopped to ring.
-_REST = 10.0
-# Share of the speed so far that still counts after a step, where only work is integrated.
-_FADE = 0.8
+_STEPS_WITHOUT_GROWTH = 10.0
 # Times the longest way, from which a step that went as far is repeated shorter.
-_FURTHER = 2.0
+_DISPLACEMENT_FACTOR = 2.0
 # What is left of a step of the plan and not worth a step of its own.
 _NEARLY = 0.1
-# Motion counts as this share at least of the largest one: by low order of that of the same part
-# of the model, by all of any.
-_LEAST_SHARE, _NOTHING_SHARE = 1e-3, 1e-12
 
 
 @kernel
-def begin_steps(sys, settings, st):
+def select_initial_step(sys, settings, st):
     """Before the first step: the step to try, and motion so far at least that of nothing."""
     if st.memory[0]["next_step"] > 0.0:
         return
     st.memory[0]["next_step"] = settings.step
-    speed, least = weighted_size(st.v, sys.weights), settings.least_motion
+    speed, least = weighted_max(st.v, sys.weights), settings.least_motion
     if settings.step == 0.0:
-        change = weighted_size(st.vd, sys.weights)
+        change = weighted_max(st.vd, sys.weights)
         h = min(0.1 * settings.interval, 0.01 / speed if speed > 0.0 else math.inf)
         if change > 0.0:
             h = min(h, math.sqrt(2.0 * math.sqrt(settings.tolerance * least) / change))
@@ -87,14 +87,14 @@ def is_at_end(settings, plan, st):
     """Whether the run has reached its end, or that of the plan that it follows."""
     if settings.refinement > 0.0:
         return plan.used[0] == 0 or st.t[0] >= plan.knots[plan.used[0] - 1]
-    return st.t[0] >= settings.end - round_off(settings)
+    return st.t[0] >= settings.end - time_round_off(settings)
 
 
 @kernel
 def is_output_due(settings, times, st, t, n):
     """Whether the next output but n is due at time t."""
     k = st.count[0]["outputs"] + n
-    return k < times.shape[0] and times[k] <= t + round_off(settings)
+    return k < times.shape[0] and times[k] <= t + time_round_off(settings)
 
 
 @kernel
@@ -108,11 +108,11 @@ def propose_step(method, settings, plan, time_events, st, times, room, weights):
         h = min(h, times[first] - st.t[0])
     h = min(h, _LONGEST_SHARE * (settings.end - settings.start))
     if st.memory[0]["angular_velocity"] > 0.0:
-        h = min(h, settings.turn / st.memory[0]["angular_velocity"])
-    most = _longest_way(method, settings)
+        h = min(h, settings.max_rotation / st.memory[0]["angular_velocity"])
+    most = _max_displacement(method, settings)
     if most > 0.0 and st.memory[0]["recent_speed"] > 0.0:
         h = min(h, most / max(st.memory[0]["recent_speed"], st.memory[0]["usual_speed"]))
-        change = weighted_size(st.vd, weights)
+        change = weighted_max(st.vd, weights)
         h = min(h, math.sqrt(2.0 * most / change)) if change > 0.0 else h
     left = next_end(time_events, st.t[0], settings.end) - st.t[0]
     follows = settings.refinement > 0.0
@@ -124,23 +124,23 @@ def propose_step(method, settings, plan, time_events, st, times, room, weights):
 
 
 @kernel
-def _longest_way(method, settings):
+def _max_displacement(method, settings):
     """How far a step may move the model, weighted, where only works are integrated; 0: any way.
 
     Powers of the method's order give the work of the drivers.
     """
-    if settings.determined == 0 or (method.stages > 0 and settings.follow == 0):
+    if settings.determinate == 0 or (method.stages > 0 and settings.static_after_step == 0):
         return 0.0
     return (12.0 * settings.accuracy) ** (1.0 / min(method.order, 4))
 
 
 @kernel
-def goes_too_far(method, settings, speed, h):
+def exceeds_max_displacement(method, settings, speed, h):
     """Whether a controlled step went further than works allow, as a driver leaps within it."""
-    most, span = _longest_way(method, settings), settings.end - settings.start
+    most, span = _max_displacement(method, settings), settings.end - settings.start
     if most == 0.0 or settings.refinement > 0.0:
         return False
-    return h > _KINK_SHARE * span and speed * h > _FURTHER * most
+    return h > _KINK_SHARE * span and speed * h > _DISPLACEMENT_FACTOR * most
 
 
 @kernel
@@ -168,7 +168,7 @@ def watch_alternation(settings, times, st, alternation, h):
     count[0] = count[0] + 1 if h == settings.step and (ahead or count[1] <= _NEAR) else 0
     if count[0] == 0:
         return
-    ends = st.t[0] >= settings.end - round_off(settings)  # no more will tell
+    ends = st.t[0] >= settings.end - time_round_off(settings)  # no more will tell
     for k in range(lam.shape[0]):
         now = lam[k] - 2.0 * before[k] + earlier[k]
         part = 0.0
@@ -204,39 +204,41 @@ def _planned(settings, plan, t):
 
 @kernel
 def judge_step(method, settings, st, error, status, h):
-    """FINE: accept it; REPEAT it with the step in memory; TOO_SMALL: there is no such step."""
+    """SUCCESS: accept it; REPEAT it with the step in memory; STEP_TOO_SMALL: there is none."""
     memory, count = st.memory[0], st.count[0]
     if memory["steps_since"] > _MOST_STEPS:
-        return TOO_SMALL
-    if status != FINE:
+        return STEP_TOO_SMALL
+    if status != SUCCESS:
         count["failed"] += 1
         memory["failures_since"] += 1.0
         if settings.step == 0.0 and memory["failures_since"] > _MOST_FAILURES:
-            return TOO_SMALL
+            return STEP_TOO_SMALL
         memory["next_step"] = 0.5 * h if settings.step > 0.0 else 0.25 * h
     else:
-        patience = _PATIENCE if method.keeps_step == 1 else 1.0
+        patience = _VELOCITY_ERROR_FACTOR if method.prefers_constant_step == 1 else 1.0
         ratio = _ratio(settings, error, patience)
         allowed = 1.0
         if _may_be_kink(method, memory, ratio, st.t[0], h):
-            most = settings.tolerance * settings.slack
+            most = settings.tolerance * settings.rejection_factor
             allowed = min(1.0, _AT_KINK * settings.accuracy / most) if most > 0.0 else 1.0
         span = settings.end - settings.start
         if ratio <= allowed or (ratio <= 1.0 and h <= _KINK_SHARE * span):
             memory["steps_at_jump"] = 0.0
-            return FINE
+            return SUCCESS
         if ratio < 1e9 and h <= _JUMP_SHARE * span:
             memory["steps_at_jump"] += 1.0
-            return FINE if memory["steps_at_jump"] <= _MOST_AT_JUMP else TOO_SMALL
+            return SUCCESS if memory["steps_at_jump"] <= _MOST_AT_JUMP else STEP_TOO_SMALL
         count["rejected"] += 1
         power = 1 if memory["has_kink"] == 1.0 else method.error_order
-        memory["next_step"] = h * max(_LEAST, _SAFETY * (ratio / allowed) ** (-1.0 / power))
+        memory["next_step"] = h * max(_MIN_FACTOR, _SAFETY * (ratio / allowed) ** (-1.0 / power))
         memory["rejected_step"], memory["rejected_ratio"] = h, ratio
         memory["rejected_start"], memory["rejected_end"] = st.t[0], st.t[0] + h
     memory["factor_age"] = -1.0
     memory["contraction"] = 1.0
-    memory["steps_until_growth"] = _REST if method.keeps_step == 1 else 1.0
-    return TOO_SMALL if memory["next_step"] < _smallest(settings, st.t[0]) else REPEAT
+    memory["steps_until_growth"] = (
+        _STEPS_WITHOUT_GROWTH if method.prefers_constant_step == 1 else 1.0
+    )
+    return STEP_TOO_SMALL if memory["next_step"] < _smallest(settings, st.t[0]) else REPEAT
 
 
 @kernel
@@ -255,11 +257,11 @@ def _may_be_kink(method, memory, ratio, t, h):
     rejected falls slower than the method's order says; what does not fall at all is noise.
     """
     before = memory["rejected_step"]
-    if method.order < _HIGH_ORDER:
+    if method.order < HIGH_ORDER:
         return False
     if before == 0.0:
         last = memory["last_step"]
-        if method.keeps_step == 1 or not last > 0.0:
+        if method.prefers_constant_step == 1 or not last > 0.0:
             return False
         expected = memory["error_ratio"] * (h / last) ** method.error_order
         return ratio > _SURPRISE * max(expected, _SMALL)
@@ -277,14 +279,17 @@ def _ratio(settings, error, patience):
     """Error over what is allowed; that of velocities over `patience` times as much."""
     if settings.step > 0.0:
         return 0.0
-    ratio = max(error[0], error[1] / patience) / (settings.tolerance * settings.slack)
+    ratio = max(error[0], error[1] / patience) / (settings.tolerance * settings.rejection_factor)
     return ratio if math.isfinite(ratio) and math.isfinite(error[1]) else 1e9
 
 
 @kernel
 def exact_time(settings, plan, time_events, st, h):
     """Time after the step: grid points, kinks and the end without the round-off of a sum."""
-    if settings.step > 0.0 and st.memory[0]["step_fraction"] + h / settings.step >= 1.0 - ROUND_OFF:
+    if (
+        settings.step > 0.0
+        and st.memory[0]["step_fraction"] + h / settings.step >= 1.0 - STEP_ROUND_OFF
+    ):
         return settings.start + (st.count[0]["fixed_steps"] + 1) * settings.step
     if settings.step == 0.0:
         end = next_end(time_events, st.t[0], settings.end)
@@ -313,7 +318,7 @@ def record_step(method, settings, st, error, h):
         memory["rejected_step"], memory["has_kink"] = 0.0, 0.0
     if settings.step > 0.0:
         memory["step_fraction"] += h / settings.step
-        if memory["step_fraction"] >= 1.0 - ROUND_OFF:
+        if memory["step_fraction"] >= 1.0 - STEP_ROUND_OFF:
             memory["step_fraction"] = 0.0
             memory["next_step"] = settings.step
             count["fixed_steps"] += 1
@@ -330,121 +335,14 @@ def record_step(method, settings, st, error, h):
     factor = _SAFETY * ratio ** (-1.0 / method.error_order)
     calm = memory["steps_until_growth"] == 0.0
     memory["steps_until_growth"] = max(memory["steps_until_growth"] - 1.0, 0.0)
-    if method.keeps_step == 0:
-        most = _MOST if settings.follow == 0 else _MOST_FOLLOWED
+    if method.prefers_constant_step == 0:
+        most = _MAX_FACTOR if settings.static_after_step == 0 else _MOST_FOLLOWED
         longer = h * (min(factor, most) if calm else min(factor, 1.0))
         # what is at rest but for round-off has no rate to tell
-        least = _CALM_GROWTH * h if ratio < _CALM else 0.0
+        least = _NOISE_GROWTH * h if ratio < _NOISE_RATIO else 0.0
         memory["next_step"] = min(longer, max(memory["stable_step"], least))
-    elif factor > _KEEP and memory["steps_until_growth"] == 0.0:
-        memory["next_step"] = max(memory["next_step"], h * min(factor, _MOST_KEPT))
-    elif factor < _SHRINK:
+    elif factor > _GROW_ABOVE and memory["steps_until_growth"] == 0.0:
+        memory["next_step"] = max(memory["next_step"], h * min(factor, _MAX_FACTOR_KEPT))
+    elif factor < _SHRINK_BELOW:
         memory["next_step"] = h * factor
     memory["next_step"] = max(memory["next_step"], _smallest(settings, st.t[0]))
-
-
-@unit
-def follow_motion(run: Run) -> int:
-    """The largest motion from the first position and the largest speed of every coordinate so far.
-
-    The coordinates of a translation and of a rotation count together. Of a flexible body nobody
-    sees frame and modes, but its points, which are as far off as they are together: all of them
-    count with the motion of the points.
-    """
-    st, settings, w = run.state, run.settings, run.system.weights
-    bodies, coordinates = run.system.parts.bodies, run.system.parts.coordinates
-    q, q_first, v, memory = st.q, st.q_first, st.v, st.memory[0]
-    memory["angular_velocity"] = 0.0
-    for k in range(bodies.shape[0]):
-        iq, iv, m = bodies[k]["iq"], bodies[k]["iv"], bodies[k]["m"]
-        _follow(st, w, iq, iv, 3)
-        turn = 0.0
-        for i in range(3, 7):  # Euler parameters change by half the angle
-            turn = max(turn, 2.0 * abs(q[iq + i] - q_first[iq + i]))
-        rate = max(abs(v[iv + 3]), abs(v[iv + 4]), abs(v[iv + 5]))
-        _raise(st, iv + 3, 3, turn, rate)
-        memory["angular_velocity"] = max(memory["angular_velocity"], rate)
-        _follow(st, w, iq + 7, iv + 6, m)
-        if m > 0:
-            _join(st, iv, m, _gyration(bodies[k]) * w[iv])
-    for k in range(coordinates.shape[0]):
-        _follow(st, w, coordinates[k]["iq"], coordinates[k]["iv"], 1)
-    motion, speed = 0.0, 0.0
-    for i in range(v.shape[0]):
-        motion, speed = max(motion, st.motion[i]), max(speed, st.speed[i])
-    memory["max_displacement"] = max(motion, settings.least_motion)
-    span = settings.end - settings.start
-    speed = max(speed, memory["max_displacement"] / span)
-    now = weighted_size(v, w)
-    memory["max_velocity"] = max(memory["max_velocity"], now)
-    memory["recent_speed"] = max(_FADE * memory["recent_speed"], now)
-    if run.method.order < _HIGH_ORDER:
-        _raise_to_part(run, st.motion)
-        _raise_to_part(run, st.speed)
-    for i in range(v.shape[0]):
-        st.motion[i] = max(st.motion[i], _NOTHING_SHARE * memory["max_displacement"])
-        st.speed[i] = max(st.speed[i], _NOTHING_SHARE * speed, st.motion[i] / span)
-    return FINE
-
-
-@kernel
-def _raise_to_part(run, scale):
-    """Let motions or speeds be a share of the largest one of points of their part of the model."""
-    bodies, coordinates = run.system.parts.bodies, run.system.parts.coordinates
-    part, w, trial = run.system.part, run.system.weights, run.work.trial
-    points, turns, reach = trial.spare, trial.dq, trial.res  # by part
-    zero(points)
-    zero(turns)
-    zero(reach)
-    for k in range(bodies.shape[0]):
-        iv = bodies[k]["iv"]
-        p, own = part[iv + 3], _gyration(bodies[k]) * w[iv]
-        points[p] = max(points[p], scale[iv], own * scale[iv + 3])
-        turns[p], reach[p] = max(turns[p], scale[iv + 3]), max(reach[p], own)
-    for k in range(coordinates.shape[0]):
-        iv = coordinates[k]["iv"]
-        points[part[iv]] = max(points[part[iv]], scale[iv])
-    for k in range(bodies.shape[0]):
-        iv, m = bodies[k]["iv"], bodies[k]["m"]
-        p = part[iv + 3]
-        turn = max(turns[p], points[p] / reach[p]) if reach[p] > 0.0 else turns[p]
-        for i in range(iv, iv + 6 + m):
-            least = turn if iv + 3 <= i < iv + 6 else points[p]
-            scale[i] = max(scale[i], _LEAST_SHARE * least)
-    for k in range(coordinates.shape[0]):
-        iv = coordinates[k]["iv"]
-        scale[iv] = max(scale[iv], _LEAST_SHARE * max(points[part[iv]], turns[part[iv]]))
-
-
-@kernel
-def _follow(st, weights, iq, iv, n):
-    """Motion and speed of n coordinates that count together."""
-    motion, speed = 0.0, 0.0
-    for i in range(n):
-        motion = max(motion, weights[iv + i] * abs(st.q[iq + i] - st.q_first[iq + i]))
-        speed = max(speed, weights[iv + i] * abs(st.v[iv + i]))
-    _raise(st, iv, n, motion, speed)
-
-
-@kernel
-def _gyration(body):
-    """Radius of gyration about the origin of the frame [m]."""
-    S0 = body["S0"]
-    return math.sqrt((S0[0, 0] + S0[1, 1] + S0[2, 2]) / body["mass"])
-
-
-@kernel
-def _join(st, iv, m, reach):
-    """Let all coordinates of a flexible body count with the motion of its points, `reach` away."""
-    motion = max(st.motion[iv], reach * st.motion[iv + 3], st.motion[iv + 6])
-    speed = max(st.speed[iv], reach * st.speed[iv + 3], st.speed[iv + 6])
-    _raise(st, iv, 3, motion, speed)
-    _raise(st, iv + 3, 3, motion / reach, speed / reach)
-    _raise(st, iv + 6, m, motion, speed)
-
-
-@kernel
-def _raise(st, iv, n, motion, speed):
-    """Let the scales of n coordinates be these at least."""
-    for i in range(iv, iv + n):
-        st.motion[i], st.speed[i] = max(st.motion[i], motion), max(st.speed[i], speed)

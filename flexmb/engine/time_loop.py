@@ -21,8 +21,8 @@ import math
 import numpy as np
 
 from flexmb.engine import step_control
-from flexmb.engine.algebra.vector import copy, largest, store, weighted_size
-from flexmb.engine.bodies.motion import move, turns_over
+from flexmb.engine.algebra.vector import copy, largest, store, weighted_max
+from flexmb.engine.bodies.motion import move, rotates_too_far
 from flexmb.engine.equations_of_motion import (
     begin_history,
     begin_run,
@@ -34,13 +34,14 @@ from flexmb.engine.equations_of_motion import (
     put_energies,
     rate_stage,
     reaction_stage,
-    remember,
+    run_stage,
+    update_energy_range,
+    update_history,
     velocity_stage,
-    walk,
-    widen_extent,
     work_of_step,
 )
-from flexmb.engine.events import accept_events, begin_events, cross_time_event, missed_event
+from flexmb.engine.error_scales import update_error_scales
+from flexmb.engine.events import accept_events, begin_events, cross_time_event, has_inner_event
 from flexmb.engine.initial_conditions import begin_deformation, correct_positions
 from flexmb.engine.iteration_matrix import factorise_metric, remove_self_stress
 from flexmb.engine.jit import call_step, kernel, unit
@@ -59,13 +60,13 @@ from flexmb.engine.kinematics_point import (
     solve_reactions,
     solve_velocities_accelerations,
 )
-from flexmb.engine.method import FINE, NO_CONVERGENCE, NOT_FINITE, TOO_SMALL, round_off
+from flexmb.engine.method import NO_CONVERGENCE, NOT_FINITE, STEP_TOO_SMALL, SUCCESS, time_round_off
 from flexmb.engine.projection import (
     POSITIONS,
     VELOCITIES,
     accelerations,
     add_stiff_accelerations,
-    put_noise,
+    put_vd_round_off,
 )
 from flexmb.engine.sensors.sensor import count_turns, follow_angles, read_channels
 from flexmb.engine.state import Run
@@ -93,25 +94,29 @@ def accept_step(run: Run, h: float) -> int:
         copy(st.history, before.history)
     st.memory[0]["steps_since_output"] += 1.0
     looks = st.memory[0]["steps_since_output"] % _ENERGY_INTERVAL == 0.0
-    if settings.works == 1 or angles or looks:
+    if settings.does_work == 1 or angles or looks:
         pose_stage(run, at)
         velocity_stage(run, at)
-    if settings.works == 1:
+    if settings.does_work == 1:
         feedback_stage(run, at)
         reaction_stage(run, at)
         powers(run, at)
         for k in range(3):
             # modes that follow the loads leave the stages of a collocation, at the end of a step
-            if run.method.stages > 0 or run.method.collocation > 0 and settings.follow == 0:
-                st.work_done[k] = tr.work[k] + h * run.method.last_weight * run.work.powers[k]
+            if (
+                run.method.stages > 0
+                or run.method.collocation > 0
+                and settings.static_after_step == 0
+            ):
+                st.work_done[k] = tr.work[k] + h * run.method.end_power_weight * run.work.powers[k]
             else:
                 st.work_done[k] += work_of_step(st, k, run.work.powers[k], h)
             st.power_before[1, k] = st.power_before[0, k]
             st.power_before[0, k] = st.power[k]
             st.power[k] = run.work.powers[k]
     if looks:
-        widen_extent(run, at)
-    remember(run, at, st.history)
+        update_energy_range(run, at)
+    update_history(run, at, st.history)
     if angles:
         copy(st.angles, tr.angles)
         count_turns(run, at, st.angles)
@@ -128,10 +133,10 @@ def accept_step(run: Run, h: float) -> int:
     store(tr.lam, st.lam)
     st.count[0]["steps"] += 1
     if controlled:
-        step_control.follow_motion(run)
-        st.memory[0]["travel"] += h * weighted_size(st.v, run.system.weights)
+        update_error_scales(run)
+        st.memory[0]["travel"] += h * weighted_max(st.v, run.system.weights)
         step_control.write_plan(settings, run.plan, st)
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -142,42 +147,46 @@ def advance(run: Run, room: int) -> int:
     if settings.step == 0.0 and time_events.shape[0] > 0:
         before = st.t[0]
         status = cross_time_event(run, _filter(run))
-        if status != FINE:
+        if status != SUCCESS:
             return status
-        if settings.follow == 1 and st.t[0] > before:
+        if settings.static_after_step == 1 and st.t[0] > before:
             _begin_deformation(run)
     while True:
         h = step_control.propose_step(
             run.method, settings, run.plan, time_events, st, run.times, room, run.system.weights
         )
         status = call_step(units[0], run, coefficients[0], h)
-        if status == FINE:
-            status = walk(run.stages.limits, run, run.trial_point)
-        if status == FINE and settings.step == 0.0:  # a driver may leap within a fixed step
-            speed = weighted_size(run.work.trial.v, run.system.weights)
-            if turns_over(run, h) or step_control.goes_too_far(run.method, settings, speed, h):
+        if status == SUCCESS:
+            status = run_stage(run.stages.limits, run, run.trial_point)
+        if status == SUCCESS and settings.step == 0.0:  # a driver may leap within a fixed step
+            speed = weighted_max(run.work.trial.v, run.system.weights)
+            if rotates_too_far(run, h) or step_control.exceeds_max_displacement(
+                run.method, settings, speed, h
+            ):
                 status = NO_CONVERGENCE
         verdict = step_control.judge_step(run.method, settings, st, error, status, h)
-        if verdict == FINE:
-            if missed_event(run, h) == 1:
+        if verdict == SUCCESS:
+            if has_inner_event(run, h) == 1:
                 continue
             run.work.trial.t[0] = step_control.exact_time(settings, run.plan, time_events, st, h)
             accept_step(run, h)
             step_control.record_step(run.method, settings, st, error, h)
             step_control.watch_alternation(settings, run.times, st, run.work.alternation, h)
             accept_events(run, h)
-            return FINE
-        if verdict == TOO_SMALL:
-            return status if status != FINE else TOO_SMALL
+            return SUCCESS
+        if verdict == STEP_TOO_SMALL:
+            return status if status != SUCCESS else STEP_TOO_SMALL
 
 
 @kernel
 def _begin_deformation(run):
     """Rates of modes that follow their loads where nothing is known of them, by the next step."""
-    st, settings = run.state, run.settings
-    h = step_control.propose_step(
-        run.method, settings, run.plan, run.system.time_events, st, run.times, 1, run.system.weights
-    )
+    st, settings, sys, plan = run.state, run.settings, run.system, run.plan
+    h = st.memory[0]["next_step"]
+    if settings.refinement == 0.0 or plan.used[0] > 1:  # else the plan is still empty
+        h = step_control.propose_step(
+            run.method, settings, plan, sys.time_events, st, run.times, 1, sys.weights
+        )
     begin_deformation(run, h, 0.1 * (settings.end - st.t[0]), _filter(run))
 
 
@@ -193,14 +202,14 @@ def _place_output(run):
     st, tr, settings, history = run.state, run.work.trial, run.settings, run.work.now.history
     before, now = tr.before, run.times[st.count[0]["outputs"]]
     copy(st.angles, tr.angles)
-    if now >= st.t[0] - round_off(settings):
+    if now >= st.t[0] - time_round_off(settings):
         tr.t[0] = st.t[0]
         copy(st.q, tr.q)
         copy(st.v, tr.v)
         copy(st.aa if run.method.collocation > 0 else st.vd, tr.aa)
         copy(st.work_done, tr.work_done)
         copy(st.history, history)
-        status = FINE
+        status = SUCCESS
     else:
         copy(before.history, history)
         share = (now - before.t[0]) / (st.t[0] - before.t[0])
@@ -217,7 +226,7 @@ def write_output(run: Run) -> int:
     """Write the next output row, with projected accelerations and multipliers."""
     st, tr, at = run.state, run.work.trial, run.trial_point
     status = _place_output(run)
-    if status != FINE:
+    if status != SUCCESS:
         return status
     on_step = run.settings.step > 0.0 and tr.t[0] == st.t[0]
     project = VELOCITIES if on_step else POSITIONS
@@ -225,9 +234,9 @@ def write_output(run: Run) -> int:
     if run.settings.step > 0.0 and st.memory[0]["factor_age"] >= _RENEW_AFTER:
         st.memory[0]["factor_age"] = -1.0
     status = accelerations(run, at, _filter(run), project)
-    if status != FINE:
+    if status != SUCCESS:
         return status
-    if run.settings.follow == 0 and _filter(run) > 0.0:
+    if run.settings.static_after_step == 0 and _filter(run) > 0.0:
         add_stiff_accelerations(run, at, tr.aa)
     remove_self_stress(run, at, _filter(run))
     constraint_stage(run, at)
@@ -268,13 +277,13 @@ def end_row(run, at, state):
         return NOT_FINITE
     out.rows[0] += 1
     run.state.count[0]["outputs"] += 1
-    return FINE
+    return SUCCESS
 
 
 @kernel
 def _filter(run):
     """Factor cp, of order h², of the matrix for reported accelerations; 0 in the first row."""
-    if run.settings.determined == 0:
+    if run.settings.determinate == 0:
         return run.method.filter * run.state.memory[0]["last_step"] ** 2
     return 0.0
 
@@ -289,26 +298,25 @@ def integrate_steps(run: Run, aside: Run, n_steps: int) -> int:
     settings, st, out = run.settings, run.state, run.output
     out.rows[0] = 0
     out.extent[:] = math.nan
-    done, status = 0, FINE
-    st.memory[0]["factor_age"] = -1.0
+    done, status, st.memory[0]["factor_age"] = 0, SUCCESS, -1.0
     run.work.collocation.span[1] = 0.0
     run.work.collocation.age[0] = -1.0
     run.work.partition.age[0] = -1.0
     copy(st.angles, run.work.feedback.near)
     copy(st.history, run.work.now.history)
     begin_run(run, run.state_point)
-    step_control.begin_steps(run.system, settings, st)
+    step_control.select_initial_step(run.system, settings, st)
     if settings.step == 0.0:
-        step_control.follow_motion(run)
+        update_error_scales(run)
         if run.method.stages > 0 and n_steps > 0:
-            put_noise(run, run.trial_point)
-    if settings.follow == 1 and st.count[0]["steps"] + st.count[0]["outputs"] == 0:
+            put_vd_round_off(run, run.trial_point)
+    if settings.static_after_step == 1 and st.count[0]["steps"] + st.count[0]["outputs"] == 0:
         _begin_deformation(run)
     begin_events(run)
     if settings.refinement == 0.0:
         run.plan.used[0] = 0
         step_control.write_plan(settings, run.plan, st)
-    while status == FINE:
+    while status == SUCCESS:
         if _due(run):
             status = write_output(aside)
             continue
@@ -321,7 +329,7 @@ def integrate_steps(run: Run, aside: Run, n_steps: int) -> int:
         if full and done > 0:
             break
         status = advance(run, room)
-        if status == FINE and len(run.stages.angle_path.units) > 0:
+        if status == SUCCESS and len(run.stages.angle_path.units) > 0:
             status = follow_angles(aside, 0.0, 1.0)
             copy(run.work.feedback.near, st.angles)
         done += 1
@@ -345,23 +353,23 @@ def reach_output(run: Run, path: Path, settings: KinematicsSettings) -> int:
         left = target - st.t[0]
         h = left
         if not first:
-            speed = weighted_size(st.v, w)
+            speed = weighted_max(st.v, w)
             most = min(memory["next_increment"], settings.interval)
             h = next_increment(left, most, speed)
         last = h <= _LEAST_INCREMENT * settings.interval
         tr.t[0] = st.t[0] + h
-        walk(run.stages.functions, run, at)
+        run_stage(run.stages.functions, run, at)
         predict(run, path, h)
         if memory["motion_since_factor"] >= 0.0:
-            memory["motion_since_factor"] += weighted_size(tr.dq, w)
+            memory["motion_since_factor"] += weighted_max(tr.dq, w)
         move(run.system.parts, st.q, tr.dq, tr.q)
         status = _solve_point(run, path, settings)
-        if status == FINE and not first:
+        if status == SUCCESS and not first:
             status = check_branch(run, path, h, 1 if last else 0)
-        if status == FINE and not last:
+        if status == SUCCESS and not last:
             copy(st.angles, tr.angles)
-            status = walk(run.stages.angle_path, run, at)
-        if status == FINE:
+            status = run_stage(run.stages.angle_path, run, at)
+        if status == SUCCESS:
             if not first:
                 note_singular_pose(run, path)
             remember_point(run, path, h)
@@ -379,7 +387,7 @@ def reach_output(run: Run, path: Path, settings: KinematicsSettings) -> int:
         memory["motion_since_factor"] = -1.0
         memory["next_increment"] = 0.5 * h
         count["failed"] += 1
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -388,9 +396,9 @@ def _solve_point(run, path, settings):
     if not are_finite(run.system.functions, run.work.con.fun):
         return NOT_FINITE
     status = solve_positions(run, path, settings)
-    if status == FINE:
+    if status == SUCCESS:
         status = solve_velocities_accelerations(run, path, settings)
-    return walk(run.stages.limits, run, run.trial_point) if status == FINE else status
+    return run_stage(run.stages.limits, run, run.trial_point) if status == SUCCESS else status
 
 
 @unit
@@ -400,14 +408,14 @@ def write_point(run: Run, path: Path, settings: KinematicsSettings) -> int:
     if st.count[0]["outputs"] == 0:
         begin_history(run, at, st.history)
     status = solve_reactions(run)
-    if status != FINE:
+    if status != SUCCESS:
         return status
     write_motion(run, at, st, largest(run.work.con.rate))
     powers(run, at)
     copy(run.work.powers, st.power)
     add_works(settings.interval, st.count[0]["outputs"], st.power, path.powers, st.work_done)
     put_energies(run, at, st.work_done, run.output.energy[run.output.rows[0]])
-    remember(run, at, st.history)
+    update_history(run, at, st.history)
     return end_row(run, at, st)
 
 
@@ -415,7 +423,7 @@ def write_point(run: Run, path: Path, settings: KinematicsSettings) -> int:
 def evaluate_state(run: Run, path: Path) -> int:
     """C, Cq, markers and rates at the state, and the factor of its pose."""
     at = run.state_point
-    walk(run.stages.functions, run, at)
+    run_stage(run.stages.functions, run, at)
     pose_stage(run, at)
     constraint_stage(run, at)
     factorise_metric(run, at, path.metric)
@@ -432,10 +440,10 @@ def kinematics_loop(run: Run, path: Path, settings: KinematicsSettings, what: in
     if what == POINTS:
         st, out = run.state, run.output
         out.rows[0] = 0
-        status = FINE
-        while status == FINE and out.rows[0] < n and st.count[0]["outputs"] <= settings.outputs:
+        status = SUCCESS
+        while status == SUCCESS and out.rows[0] < n and st.count[0]["outputs"] <= settings.outputs:
             status = reach_output(run, path, settings)
-            if status == FINE:
+            if status == SUCCESS:
                 status = write_point(run, path, settings)
         return float(status)
     evaluate_state(run, path)

@@ -2,8 +2,8 @@
 
 Machine code is loaded by LLVM alone, so a run whose units are in the cache (`engine.unit_cache`)
 never imports Numba; what is missing is compiled first (`engine.compiler_pool`). Where nothing may
-be compiled (`call_ready`, `interpretation`), and with NUMBA_DISABLE_JIT=1, units run as plain
-Python.
+be compiled (`call_without_compiling`, `interpretation`), and with NUMBA_DISABLE_JIT=1, units run
+as plain Python.
 """
 
 from __future__ import annotations
@@ -20,7 +20,16 @@ from typing import Any, get_type_hints
 import numpy as np
 
 from flexmb.engine.compiler_pool import compile_units
-from flexmb.engine.jit import UNITS, Array, Packed, Unit, array_kind, pack, reached, units_in
+from flexmb.engine.jit import (
+    UNITS,
+    Array,
+    CompiledUnit,
+    Packed,
+    array_kind,
+    pack,
+    reached,
+    units_in,
+)
 from flexmb.engine.unit_cache import Stored, read_stored
 from flexmb.progress import Progress, silent
 
@@ -96,12 +105,12 @@ def _collect(
     return missing
 
 
-def missing_units(units: Iterable[Unit]) -> list[str]:
+def missing_units(units: Iterable[CompiledUnit]) -> list[str]:
     """Names of the units that would have to be compiled."""
     return _collect([unit.name for unit in units], {}, lambda name: False)
 
 
-def load_units(units: Iterable[Unit], progress: Progress = silent) -> bool:
+def load_units(units: Iterable[CompiledUnit], progress: Progress = silent) -> bool:
     """Load units and all they call, unless some would have to be compiled; whether none would.
 
     Parameters
@@ -132,7 +141,7 @@ _incomplete: set[frozenset[str]] = set()
 """Units of which some were missing when they were asked for; emptied when units are compiled."""
 
 
-def prepare_units(units: Iterable[Unit], progress: Progress = silent) -> int:
+def prepare_units(units: Iterable[CompiledUnit], progress: Progress = silent) -> int:
     """Load units and all they call; compile what is missing. Returns how many were compiled.
 
     Parameters
@@ -170,7 +179,7 @@ _DATA = object.__basicsize__  # in an array object of NumPy; ctypes.data takes t
 _IS_THERE = _word_at(id(_SOME := np.zeros(1)) + _DATA).value == _SOME.ctypes.data
 
 
-def _address(unit: Unit | np.ndarray) -> int:
+def _address(unit: CompiledUnit | np.ndarray) -> int:
     """Address of the machine code of a unit, or of the data of an array."""
     if isinstance(unit, np.ndarray):
         return int(_word_at(id(unit) + _DATA).value if _IS_THERE else unit.ctypes.data)
@@ -200,7 +209,7 @@ def _c_function(name: str, address: int) -> Any:
     return ctypes.CFUNCTYPE(result, *types)(address)
 
 
-def call(unit: Unit, *arguments: Any) -> Any:
+def call(unit: CompiledUnit, *arguments: Any) -> Any:
     """Run a unit on records, arrays and numbers, as machine code unless `interpreted`.
 
     Parameters
@@ -208,7 +217,7 @@ def call(unit: Unit, *arguments: Any) -> Any:
     unit : Unit
         What to run; it is compiled if need be.
     arguments : records, arrays and numbers
-        As its annotations say, records also as `hand_over` gives them; arrays and the arrays of
+        As its annotations say, records also as `packed_record` gives them; arrays and the arrays of
         records are changed in place.
 
     Raises
@@ -233,7 +242,7 @@ def call(unit: Unit, *arguments: Any) -> Any:
     return _c_function(unit.name, _address(unit))(*words)
 
 
-def bind(unit: Unit, *first: Any) -> Callable[..., Any]:
+def bind(unit: CompiledUnit, *first: Any) -> Callable[..., Any]:
     """A unit with its first arguments for many calls; the others, if any, are numbers.
 
     Parameters
@@ -254,7 +263,7 @@ def bind(unit: Unit, *first: Any) -> Callable[..., Any]:
     return bound
 
 
-def hand_over(record: Any) -> Packed:
+def packed_record(record: Any) -> Packed:
     """A record for many calls: laid out in memory once.
 
     Its arrays may be changed in place, not replaced. Units that stand in it are compiled if need
@@ -266,28 +275,28 @@ def hand_over(record: Any) -> Packed:
     return pack(record, _address)
 
 
-def call_ready(unit: Unit, *arguments: Any) -> Any:
+def call_without_compiling(unit: CompiledUnit, *arguments: Any) -> Any:
     """As `call`, but nothing is compiled: if a unit is missing, all of them run as plain Python."""
     with nullcontext() if load_units(_needed(unit, arguments)) else interpretation():
         return call(unit, *arguments)
 
 
-def ready_caller(unit: Unit, record: Any) -> Callable[[], None]:
-    """`call_ready` on a record for many calls: it is handed over once, if nothing is missing."""
+def caller_without_compiling(unit: CompiledUnit, record: Any) -> Callable[[], None]:
+    """`call_without_compiling` on a record for many calls: packed once, if nothing is missing."""
     handed: list[Packed] = []
 
     def run() -> None:
         if not (handed or interpreted()) and load_units(_needed(unit, (record,))):
-            handed.append(hand_over(record))
+            handed.append(packed_record(record))
         if handed:
             call(unit, handed[0])
         else:
-            call_ready(unit, record)
+            call_without_compiling(unit, record)
 
     return run
 
 
-def _needed(unit: Unit, arguments: Iterable[Any]) -> list[Unit]:
+def _needed(unit: CompiledUnit, arguments: Iterable[Any]) -> list[CompiledUnit]:
     """A unit, and those that stand in the tables of the records that it is handed."""
     records = [value for value in arguments if isinstance(value, tuple)]
     return [unit, *(other for record in records for other in units_in(record))]

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from flexmb.engine.bodies.motion import LAST_PLACES
-from flexmb.engine.jit import Unit, units_in
+from flexmb.engine.bodies.motion import RELATIVE_ROUND_OFF
+from flexmb.engine.jit import CompiledUnit, units_in
 from flexmb.engine.joints import ROW_KINDS
 from flexmb.engine.kinds import KINDS
 from flexmb.engine.kinematics_point import PATH_COUNTERS, PATH_MEMORY, Path
@@ -141,7 +141,7 @@ def _terms(system: System) -> tuple[set[tuple[int, int]], set[tuple[int, int]]]:
     return set(every), {every[t] for t in acting}
 
 
-def units_of(system: System) -> list[Unit]:
+def units_of(system: System) -> list[CompiledUnit]:
     """All units of what a system holds."""
     tables = stages_of(system, {}), row_units(system), sensor_units(system)
     return [unit for table in tables for unit in units_in(table)]
@@ -159,7 +159,7 @@ def new_state(system: System, channels: int = 0) -> State:
     return State(
         np.zeros(1), q, *(np.zeros(nv) for _ in range(6)), np.zeros(nc), np.zeros(nc),
         np.zeros(3), np.zeros(3), _nan(2, 3), np.zeros(channels), q.copy(),
-        np.tile([[2.0 * LAST_PLACES], [1.0]], nv), np.zeros(nv), np.zeros(nv), memory,
+        np.tile([[2.0 * RELATIVE_ROUND_OFF], [1.0]], nv), np.zeros(nv), np.zeros(nv), memory,
         np.zeros(1, COUNTERS), np.zeros(system.history),
     )  # fmt: skip
 
@@ -200,10 +200,10 @@ def new_work(system: System, channels: int = 0, method: Method = _NO_METHOD) -> 
     trial = Trial(
         t=_nan(1), q=_nan(nq), v=_nan(nv), vd=_nan(nv), aa=_nan(nv), aa_start=_nan(nv),
         lam=_nan(nc), dq=_nan(nv), res=_nan(nv), spare=_nan(nv), mode_force=np.zeros(nv),
-        bend=np.zeros(nv), power=_nan(3), work_done=_nan(3), angles=_nan(channels),
+        dense_correction=np.zeros(nv), power=_nan(3), work_done=_nan(3), angles=_nan(channels),
         before=Before(_nan(1), _nan(nq), _nan(nv), _nan(3), _nan(3), _nan(history)),
         stages=_nan(stages, nq + nv + 3), work=_nan(3), rate=_nan(nq), shares=_nan(stages),
-        extended=np.zeros(1, dtype=np.int64), places=_nan(nv), noise=np.zeros(nv),
+        dense_ready=np.zeros(1, dtype=np.int64), dq_round_off=_nan(nv), vd_round_off=np.zeros(nv),
         error=_nan(2), jerk=_nan(nv), stack=_nan(depth, 3),
         variables=_nan(max(1, len(system.sensors.channels)), 3),
     )  # fmt: skip
@@ -235,7 +235,7 @@ def _new_events(system: System, method: Method) -> Events:
 
 def _new_alternation(system: System, method: Method) -> Alternation:
     """Of a method that repeats what it does not resolve: generalized-alpha and its kin."""
-    nc = sizes(system)[2] if method.keeps_step == 1 and method.collocation == 0 else 0
+    nc = sizes(system)[2] if method.prefers_constant_step == 1 and method.collocation == 0 else 0
     bounds = np.full(nc, np.inf), np.full(nc, -np.inf)
     tables = _nan(nc), _nan(nc), *bounds, np.zeros(nc), np.zeros(nc)
     return Alternation(*tables, np.zeros(2, dtype=np.int64))

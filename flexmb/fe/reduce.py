@@ -19,7 +19,13 @@ from skfem import CellBasis
 from skfem import Mesh as SkfemMesh
 
 from flexmb.errors import FlexmbWarning, MaterialError, MeshError, Problem
-from flexmb.fe.assembly.assemble import Attempts, FEMatrices, MeshModel, assemble_model, make_model
+from flexmb.fe.assembly.assemble import (
+    FEMatrices,
+    MeshModel,
+    ProblemCollector,
+    assemble_model,
+    make_model,
+)
 from flexmb.fe.assembly.interfaces import (
     InterfaceLike,
     ModelInterface,
@@ -189,14 +195,14 @@ def reduce(
     connections = {"ties": ties, "masses": masses, "springs": springs}
     tables = {"sections": sections, "interfaces": interfaces, "loads": loads}
     require_tables(MeshError, tables | connections)
-    attempts = Attempts()
+    collector = ProblemCollector()
     progress("read", 0.0)
     if isinstance(mesh, CellBasis):
         refuse_mesh_options(units=units, sections=sections, **connections)
         resolved = None if material is None else resolve(material)
         fe = model_from_basis(mesh, stiffness, mass, resolved)
-        ends = attempts(make_interfaces, fe, interfaces or {}) or ()
-        attempts.raise_errors()
+        ends = collector(make_interfaces, fe, interfaces or {}) or ()
+        collector.raise_errors()
         findings = model_findings(fe, ends, scale)
         where = where if has_stress(fe) else "none"
     else:
@@ -205,10 +211,10 @@ def reduce(
         if material is None:
             raise MaterialError.from_problems([Problem("material", "is missing")])
         model, ends, findings = prepare_model(
-            attempts, mesh, scale, material, sections, interfaces or {}, loads or {}, refine,
+            collector, mesh, scale, material, sections, interfaces or {}, loads or {}, refine,
             **connections,
         )  # fmt: skip
-        attempts.raise_errors()
+        collector.raise_errors()
         assert model is not None
         fe = assemble_model(model, mass_matrix, progress)
         check_releases(fe, [part.nodes for part in ends])
@@ -256,7 +262,7 @@ def reduce(
 
 
 def prepare_model(
-    attempts: Attempts,
+    collector: ProblemCollector,
     mesh: MeshLike | SkfemMesh,
     scale: float,
     material: MaterialLike | None,
@@ -269,31 +275,31 @@ def prepare_model(
     """The model before any assembly, its interfaces, what is suspicious; problems in attempts."""
     if mesh is None:
         raise MeshError.from_problems([Problem("mesh", "is missing")])
-    plain = attempts(mesh_from_skfem, mesh) if isinstance(mesh, SkfemMesh) else mesh
-    read = None if plain is None else attempts(mesh_from, plain, "mesh", refine)
-    made = attempts(sections_from, sections)
-    resolved = None if material is None else attempts(resolve, material)
+    plain = collector(mesh_from_skfem, mesh) if isinstance(mesh, SkfemMesh) else mesh
+    read = None if plain is None else collector(mesh_from, plain, "mesh", refine)
+    made = collector(sections_from, sections)
+    resolved = None if material is None else collector(resolve, material)
     if read is None:
         return None, (), []
     read = read.scaled(scale)
-    model = make_model(read, resolved, made, attempts, **connections)
+    model = make_model(read, resolved, made, collector, **connections)
     if model is None:
         for name, words in interfaces.items():
             group = words if isinstance(words, str) else words.get("group")
             if group is not None:
-                attempts(read.group_nodes, group, f"interfaces.{name}")
-    ends = () if model is None else attempts(make_interfaces, model, interfaces) or ()
+                collector(read.group_nodes, group, f"interfaces.{name}")
+    ends = () if model is None else collector(make_interfaces, model, interfaces) or ()
     for name, words in loads.items():
-        options = attempts(load_options, name, words)
+        options = collector(load_options, name, words)
         if isinstance(options, PointLoad):
             if model is not None:
-                attempts(select_interface, model, f"loads.{name}", options)
+                collector(select_interface, model, f"loads.{name}", options)
         elif hasattr(options, "group"):
-            attempts(read.group_nodes, options.group, f"loads.{name}.group")
+            collector(read.group_nodes, options.group, f"loads.{name}.group")
     findings = [] if model is None else model_findings(model, ends, scale)
     errors = [Problem(read.source, f.sentence) for f in findings if f.level == "error"]
     if errors:
-        attempts.errors.append(MeshError.from_problems(errors))
+        collector.errors.append(MeshError.from_problems(errors))
     return model, ends, findings
 
 
@@ -329,16 +335,16 @@ def survey(
 
     The parameters are those of :func:`reduce`.
     """
-    attempts, scale = Attempts(), unit_system(units).factor(L=1)
+    collector, scale = ProblemCollector(), unit_system(units).factor(L=1)
     connections = {"ties": ties, "masses": masses, "springs": springs}
     model, ends, findings = prepare_model(
-        attempts, mesh, scale, material, sections, interfaces or {}, loads or {}, refine,
+        collector, mesh, scale, material, sections, interfaces or {}, loads or {}, refine,
         **connections,
     )  # fmt: skip
     if model is not None and not rigid:
-        attempts(check_mode_count, model, ends, modes, reduction)
-    if model is None or attempts.errors:
-        return Survey(attempts.problems)
+        collector(check_mode_count, model, ends, modes, reduction)
+    if model is None or collector.errors:
+        return Survey(collector.problems)
     counts: dict[str, int] = {}
     for block in model.blocks:
         counts[block.kind] = counts.get(block.kind, 0) + len(block.nodes)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from flexmb.errors import FlexmbWarning, MaterialError, MeshError, Problem, ReductionError, nearest
-from flexmb.fe.assembly.assemble import Attempts, FEMatrices, MeshModel, assemble_model
+from flexmb.fe.assembly.assemble import FEMatrices, MeshModel, ProblemCollector, assemble_model
 from flexmb.fe.assembly.interfaces import InterfaceLike, ModelInterface
 from flexmb.fe.assembly.loads import condensed_load, load_vector
 from flexmb.fe.assembly.supports import Supports, make_supports
@@ -100,19 +100,19 @@ def part(
     tables = {"sections": sections, "interfaces": interfaces, "ties": ties, "masses": masses}
     tables |= {"springs": springs, "supports": supports, "loads": loads}
     require_tables(MeshError, tables)
-    attempts = Attempts()
+    collector = ProblemCollector()
     words = (supports or {}, loads or {}, frequencies, buckling, preload)
-    options = _read_part(attempts, *words)
+    options = _read_part(collector, *words)
     scale = unit_system(units).factor(L=1)
     if material is None:
-        attempts.errors.append(MaterialError.from_problems([Problem("material", "is missing")]))
+        collector.errors.append(MaterialError.from_problems([Problem("material", "is missing")]))
     progress("read", 0.0)
     model, ends, findings = prepare_model(
-        attempts, mesh, scale, material, sections, interfaces or {}, _mesh_loads(loads or {}),
+        collector, mesh, scale, material, sections, interfaces or {}, _mesh_loads(loads or {}),
         ties=ties, masses=masses, springs=springs,
     )  # fmt: skip
-    _check_names(attempts, model, supports or {}, loads or {}, tuple(interfaces or {}))
-    attempts.raise_errors()
+    _check_names(collector, model, supports or {}, loads or {}, tuple(interfaces or {}))
+    collector.raise_errors()
     assert options is not None and model is not None
     fe = assemble_model(model, mass_matrix, progress)
     if sentence := mass_sentence(fe, point_mass(masses)):
@@ -120,17 +120,17 @@ def part(
     for finding in findings:
         if finding.level == "warning":
             warnings.warn(finding.sentence, FlexmbWarning, stacklevel=2)
-    constraints = attempts(make_supports, fe, ends, options.supports)
-    parts = {k: attempts(part_load, fe, ends, k, load) for k, load in options.loads.items()}
-    attempts.raise_errors()
+    constraints = collector(make_supports, fe, ends, options.supports)
+    parts = {k: collector(part_load, fe, ends, k, load) for k, load in options.loads.items()}
+    collector.raise_errors()
     assert constraints is not None
     free = np.setdiff1d(np.arange(constraints.G.shape[1]), constraints.fixed)
     check_releases(fe, [end.nodes for end in ends], constraints.G[:, free])
     vectors = {k: f for k, f in parts.items() if f is not None}
-    attempts(_check_loads, fe, constraints, vectors)
+    collector(_check_loads, fe, constraints, vectors)
     notes = [finding.sentence for finding in findings if finding.level == "note"]
-    notes += attempts(_check_motions, fe, constraints, options) or []
-    attempts.raise_errors()
+    notes += collector(_check_motions, fe, constraints, options) or []
+    collector.raise_errors()
     progress("read", 1.0)
     solved = SupportedModel(fe, ends, constraints, options, progress)
     return solved.result(
@@ -149,31 +149,31 @@ def part(
 
 
 def _read_part(
-    attempts: Attempts,
+    collector: ProblemCollector,
     supports: Words,
     loads: Words,
     frequencies: Any,
     buckling: int,
     preload: bool,
 ) -> PartAnalysisOptions | None:
-    """The options of a part; what is wrong with them in ``attempts``."""
-    errors = len(attempts.errors)
+    """The options of a part; what is wrong with them in ``collector``."""
+    errors = len(collector.errors)
     supported = {
-        name: attempts(read_options, SupportOptions, words, f"supports.{name}", ReductionError)
+        name: collector(read_options, SupportOptions, words, f"supports.{name}", ReductionError)
         for name, words in supports.items()
     }
-    acting = {name: attempts(_load_options, name, words) for name, words in loads.items()}
+    acting = {name: collector(_load_options, name, words) for name, words in loads.items()}
     if isinstance(frequencies, int) and not isinstance(frequencies, bool):
         frequencies = {"count": frequencies}
     wanted = None
     if frequencies is not None:
         table = (FrequenciesOptions, frequencies, "frequencies", ReductionError)
-        wanted = attempts(read_options, *table)
-    if len(attempts.errors) > errors:
+        wanted = collector(read_options, *table)
+    if len(collector.errors) > errors:
         return None
     every = {"supports": supported, "loads": acting, "frequencies": wanted}
     every |= {"buckling": buckling, "preload": preload}
-    return attempts(read_options, PartAnalysisOptions, every, "part", ReductionError)
+    return collector(read_options, PartAnalysisOptions, every, "part", ReductionError)
 
 
 def _load_options(name: str, words: Mapping[str, Any]) -> Any:
@@ -190,7 +190,7 @@ def _mesh_loads(loads: Words) -> dict[str, Any]:
 
 
 def _check_names(
-    attempts: Attempts,
+    collector: ProblemCollector,
     model: MeshModel | None,
     supports: Words,
     loads: Words,
@@ -201,7 +201,7 @@ def _check_names(
     acting = {f"loads.{k}": w for k, w in loads.items() if isinstance(w, Mapping)}
     for where, words in tables.items():
         if model is not None and isinstance(words.get("group"), str):
-            attempts(model.mesh.group_nodes, words["group"], f"{where}.group")
+            collector(model.mesh.group_nodes, words["group"], f"{where}.group")
     problems = [
         Problem(f"{where}.interface", f'there is no interface "{name}"', interfaces, near)
         for where, words in {**tables, **acting}.items()
@@ -209,7 +209,7 @@ def _check_names(
         for near in [nearest(name, interfaces)]
     ]
     if problems:
-        attempts.errors.append(MeshError.from_problems(problems))
+        collector.errors.append(MeshError.from_problems(problems))
 
 
 def part_load(

@@ -25,7 +25,7 @@ import numpy as np
 
 from flexmb.errors import BodyFileError, OutputError, ReductionError
 from flexmb.flexbody.body import FlexBody
-from flexmb.flexbody.damping import damping_words, read_damping
+from flexmb.flexbody.damping import plain_options, read_damping
 from flexmb.flexbody.parts import Interface, LoadPoint, LoadVector, ModeInfo, NodeModes, Surface
 from flexmb.flexbody.static_response import InertiaResponse, LoadResponse, OmittedModes
 from flexmb.flexbody.stress_modes import (
@@ -164,7 +164,7 @@ def to_datasets(body: FlexBody) -> dict[str, Any]:
     datasets |= {f"inertia/{name}": getattr(body, name) for name in ("S1", "S0", "p", "P", "Mab")}
     datasets |= {"stiffness/K": body.K, "stiffness/D": body.D}
     if body.damping is not None:
-        datasets["damping/ratios"] = [json.dumps(damping_words(body.damping))]
+        datasets["damping/ratios"] = [json.dumps(plain_options(body.damping))]
     if body.centrifugal_stiffness is not None:
         datasets["stiffness/centrifugal_stiffness"] = body.centrifugal_stiffness
     if body.interfaces and all(part.bend is not None for part in body.interfaces):

@@ -228,13 +228,13 @@ def read_damping(words: Any, where: str = "damping") -> DampingOptions | None:
     return damping
 
 
-def damping_words(value: Any) -> Any:
+def plain_options(value: Any) -> Any:
     """Damping as plain data, without what is not there."""
     if isinstance(value, DampingOptions):
         value = asdict(value)
     if isinstance(value, Mapping):
-        return {k: damping_words(item) for k, item in value.items() if item is not None}
-    return [damping_words(item) for item in value] if isinstance(value, list | tuple) else value
+        return {k: plain_options(item) for k, item in value.items() if item is not None}
+    return [plain_options(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def rayleigh_coefficients(part: Any) -> tuple[float, float]:

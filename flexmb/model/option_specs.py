@@ -35,7 +35,7 @@ from flexmb.flexbody.damping import (
     RatioTable,
     Rayleigh,
     damping_table,
-    damping_words,
+    plain_options,
     read_damping,
 )
 from flexmb.flexbody.mesh_options import MATERIALS, MaterialOptions, OrthotropicOptions
@@ -248,7 +248,7 @@ def _read_damping(value: Any, info: ValidationInfo) -> DampingOptions | None:
 def _write_damping(value: DampingOptions | None, info: SerializationInfo) -> Any:
     if value is None or value == DampingOptions(ratio=value.ratio):
         return None if value is None else value.ratio
-    spec, _ = read_entry(DAMPING_KINDS["damping"], damping_words(value), ReadContext())
+    spec, _ = read_entry(DAMPING_KINDS["damping"], plain_options(value), ReadContext())
     assert spec is not None  # it has been read
     return spec.model_dump(mode="json", exclude_none=True, context=info.context)
 

@@ -54,7 +54,7 @@ class Difference(NamedTuple):
     where: str
 
 
-class Reading(NamedTuple):
+class RunHistories(NamedTuple):
     """The histories of a run that are compared, and their scales."""
 
     histories: list[History]
@@ -145,7 +145,7 @@ def _velocity_channels(
     return {}
 
 
-def read_run(model: Model, result_file: Path, names: Sequence[str]) -> Reading:
+def read_run(model: Model, result_file: Path, names: Sequence[str]) -> RunHistories:
     """The histories of a run: sensors of these names (all if there are none), and reactions.
 
     Raises
@@ -165,7 +165,7 @@ def read_run(model: Model, result_file: Path, names: Sequence[str]) -> Reading:
     histories += _reactions(model, result)
     places = [result.part("q", slice(b.iq, b.iq + 3)) for b in result.layout.bodies]
     length = float(np.ptp(np.vstack(places), axis=0).max()) if places else 0.0
-    return Reading(histories, _scales(histories, length))
+    return RunHistories(histories, _scales(histories, length))
 
 
 def _reactions(model: Model, result: Result) -> list[History]:
@@ -209,7 +209,7 @@ def _scales(histories: Sequence[History], length: float = 0.0) -> list[float]:
     return scales
 
 
-def difference(run: Reading, reference: Reading) -> dict[str, Difference]:
+def difference(run: RunHistories, reference: RunHistories) -> dict[str, Difference]:
     """Distance of a run from another one by quantity."""
     worst: dict[str, Difference] = {}
     pairs = zip(run.histories, reference.histories, reference.scales, strict=True)

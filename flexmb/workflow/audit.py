@@ -30,7 +30,7 @@ from flexmb.model.scenes.effects import EffectsSpec, active_model
 from flexmb.progress import Progress, silent
 from flexmb.workflow.effect import FRICTION, GRAVITY, OUT_OF_PLANE, Effect
 from flexmb.workflow.effect_estimates import Estimates
-from flexmb.workflow.neighbours import Neighbours
+from flexmb.workflow.neighbours import ModelVariants
 
 if TYPE_CHECKING:
     from flexmb.analysis.dynamics.validity import ValidityMonitor
@@ -179,12 +179,12 @@ def audit(
     from flexmb.results import Result
 
     run = result if isinstance(result, Result) else Result(result)
-    made = audit_unless(run, budget, progress, lambda _: False)
+    made = audit_until(run, budget, progress, lambda _: False)
     assert made is not None
     return made
 
 
-def audit_unless(
+def audit_until(
     run: Result, budget: float | None, progress: Progress,
     is_enough: Callable[[Sequence[EffectOutcome]], bool],
 ) -> Audit | None:  # fmt: skip
@@ -204,7 +204,7 @@ def audit_unless(
 
     began = time.perf_counter()
     _check_run(run)
-    neighbours = Neighbours.of(run, _MAX_ROWS, progress)
+    neighbours = ModelVariants.of(run, _MAX_ROWS, progress)
     if budget is None:
         stated = neighbours.model.effects
         budget = BUDGET if stated is None else stated.budget
@@ -286,7 +286,7 @@ def _verdict(on: bool, share: float, budget: float) -> str:
     return MISSING if share > budget else SMALL
 
 
-def _basis(neighbours: Neighbours, monitor: ValidityMonitor) -> Iterator[EffectOutcome]:
+def _basis(neighbours: ModelVariants, monitor: ValidityMonitor) -> Iterator[EffectOutcome]:
     """What the modes of each body lack of the full model, or that this is not known."""
     lacks = {(one.body, one.quantity): one for one in monitor.indicators()}
     for name, body in neighbours.compiled.flexbodies.items():
@@ -311,7 +311,7 @@ def _basis(neighbours: Neighbours, monitor: ValidityMonitor) -> Iterator[EffectO
                 yield EffectOutcome(effect, name, False, text, None, "", "", None, verdict, why)
 
 
-def scene_effects(of: Neighbours) -> Iterator[Effect]:
+def scene_effects(of: ModelVariants) -> Iterator[Effect]:
     """The effects of the scene, on or left out."""
     model, stated = of.model, of.model.effects or EffectsSpec()
     if any(model.gravity or ()):
@@ -335,7 +335,7 @@ def scene_effects(of: Neighbours) -> Iterator[Effect]:
         yield Effect(OUT_OF_PLANE, "", True, f"plane {model.plane}", direct=_off_plane(of))
 
 
-def _off_plane(of: Neighbours) -> tuple[float, str]:
+def _off_plane(of: ModelVariants) -> tuple[float, str]:
     """How far bodies of a run in space leave the plane over the largest travel, or tilt [rad]."""
     from scipy.spatial.transform import Rotation  # takes 0.2 s
 
@@ -352,7 +352,7 @@ def _off_plane(of: Neighbours) -> tuple[float, str]:
     return worst
 
 
-def _largest(of: Neighbours, specs: Mapping[str, Any]) -> tuple[str, float, str]:
+def _largest(of: ModelVariants, specs: Mapping[str, Any]) -> tuple[str, float, str]:
     """The contact or stop that is met most: in words, its share of the motion, its name.
 
     That is how far a coordinate travels beyond its stop, or bodies overlap, over the largest
@@ -382,7 +382,7 @@ def _largest(of: Neighbours, specs: Mapping[str, Any]) -> tuple[str, float, str]
     return text, largest, worst
 
 
-def _measured(of: Neighbours, specs: Mapping[str, Any]) -> dict[str, Array]:
+def _measured(of: ModelVariants, specs: Mapping[str, Any]) -> dict[str, Array]:
     """(t, k) by name the coordinate of a stop, or the force of a contact, along the motion."""
     from flexmb.analysis.effects.stored_motion import carry_motion, equations_of
     from flexmb.engine.compile import compile_system

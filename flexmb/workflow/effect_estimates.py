@@ -30,7 +30,7 @@ from flexmb.workflow.effect import (
     VIBRATION,
     Effect,
 )
-from flexmb.workflow.neighbours import Neighbours, evaluations
+from flexmb.workflow.neighbours import ModelVariants, evaluations
 
 if TYPE_CHECKING:
     from flexmb.analysis.effects.contribution import Contribution
@@ -49,7 +49,7 @@ _NO_CHANGE = 1e-7  # of a sensor's peak-to-peak; thinned rows showed as little a
 class Estimates:
     """Estimates of the effects of a run; what is computed for one serves others."""
 
-    of: Neighbours
+    of: ModelVariants
     _unsettled: set[str] = field(default_factory=set)  # sensors, of the effect estimated last
     _unsettled_of: dict[tuple[str, ...], set[str]] = field(default_factory=dict)
     _changes_of: dict[tuple[str, ...], Change] = field(default_factory=dict)

@@ -22,7 +22,7 @@ from flexmb.errors import FlexmbError
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.scenes.effects import with_words
 from flexmb.progress import Progress, silent
-from flexmb.workflow.audit import Audit, EffectOutcome, audit, audit_unless, percent
+from flexmb.workflow.audit import Audit, EffectOutcome, audit, audit_until, percent
 from flexmb.workflow.effect import BOTH, COUPLING, DEFORMATION, MODES, STATIC, STIFFENING, VIBRATION
 from flexmb.workflow.run import run_single
 from flexmb.workflow.run_report import RunReport, draw_run
@@ -159,7 +159,7 @@ def run_with_selected_effects(
         run = Result(report.result)
         if run.status != "finished":
             return report
-        made = audit_unless(
+        made = audit_until(
             run, budget, progress, partial(_switch_on, selection, number=number, budget=budget)
         )
         if made is not None:

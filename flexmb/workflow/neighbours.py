@@ -48,7 +48,7 @@ _MAX_ENTRIES = 1.2e7  # of a matrix of the coordinates in all rows: 100 MB
 
 
 @dataclass
-class Neighbours:
+class ModelVariants:
     """A run with its model, and the models next to it.
 
     Attributes
@@ -69,7 +69,7 @@ class Neighbours:
     _rigid: dict[tuple[str, ...], tuple[Compiled, Motion, float]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, run: Result, most_rows: int, progress: Progress = silent) -> Neighbours:
+    def of(cls, run: Result, most_rows: int, progress: Progress = silent) -> ModelVariants:
         """The model of a run, and at most so many of its rows."""
         from flexmb.analysis.effects.stored_motion import read_motion
         from flexmb.engine.compile import compile_system

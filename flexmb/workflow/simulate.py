@@ -289,7 +289,7 @@ def iterate_motion(model: Model | str | Path, **dynamics: Any) -> Iterator[Motio
     """
     from flexmb.analysis.dynamics.dynamics import prepare_dynamics
     from flexmb.analysis.procedure import failure_sentence
-    from flexmb.engine.method import FINE
+    from flexmb.engine.method import SUCCESS
     from flexmb.model import as_model
     from flexmb.model.scenes.dynamics import INSTEAD, drop_idle_options
     from flexmb.results.channels import Columns, all_channels
@@ -321,7 +321,7 @@ def iterate_motion(model: Model | str | Path, **dynamics: Any) -> Iterator[Motio
             time = float(model.units.outward(rows.t[k], "s"))
             sensors = dict(zip(names, values, strict=True))
             yield MotionState(time, sensors, rows.q[k], rows.v[k], rows.vd[k], rows.lam[k])
-        if status != FINE:
+        if status != SUCCESS:
             at, step = float(run.state.t[0]), float(run.state.memory[0]["next_step"])
             raise SolverError(
                 failure_sentence(status, run.compiled, prepared.model, run.work, at, step)

@@ -13,8 +13,8 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "files": 361,
-    "lines": 97_200,
+    "files": 362,
+    "lines": 97_300,
     "participles": 30,
     "base names of three and more files": 0,
     _ALL: 0,

@@ -10,7 +10,7 @@ from flexmb.analysis.dynamics.dynamics import dynamics, prepare_dynamics
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import sentence
 from flexmb.engine.integrators.coordinate_partitioning import choose_independent
-from flexmb.engine.method import FINE, NO_PARTITION
+from flexmb.engine.method import NO_PARTITION, SUCCESS
 from flexmb.engine.units import call
 from flexmb.errors import SceneError
 from flexmb.model import Model
@@ -66,7 +66,7 @@ def test_a_choice_of_coordinates_that_does_not_exist():
     compiled = compile_system(model)
     run = prepare_dynamics(compiled, model).run
     packed, split = run._run, run.work.partition
-    assert run.integrate(1) == FINE
+    assert run.integrate(1) == SUCCESS
     assert split.free.sum() == split.rank[0] == 10  # of 12 coordinates
     split.rank[0] += 1
     assert call(choose_independent, packed, packed.record.state_point) == NO_PARTITION

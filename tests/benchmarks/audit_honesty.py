@@ -31,7 +31,7 @@ from flexmb.results import Result
 from flexmb.workflow.effect import MODES, STIFFENING
 from flexmb.workflow.effect_estimates import Estimates
 from flexmb.workflow.effect_selection import run_with_selected_effects
-from flexmb.workflow.neighbours import Neighbours
+from flexmb.workflow.neighbours import ModelVariants
 from flexmb.workflow.run import run_single
 
 ROOT = Path(__file__).parents[2]
@@ -217,7 +217,7 @@ def largest_change(run: Result, other: Result) -> float:
 def estimate(run: Result) -> float:
     """Sum of the estimated contributions of what a run leaves out, at the worst sensor; NaN where
     the audit has none."""
-    estimates, sums = Estimates(Neighbours.of(run, 600)), defaultdict(float)
+    estimates, sums = Estimates(ModelVariants.of(run, 600)), defaultdict(float)
     for effect in estimates.of.effects():
         if not effect.on and effect.name not in (MODES, "vibration"):
             if effect.why and effect.name == STIFFENING:  # the complete model has no data for it

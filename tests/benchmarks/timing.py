@@ -18,7 +18,7 @@ from flexmb.engine import method
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import integrate, prepare_integration
 from flexmb.engine.integrators.generalized_alpha import generalized_alpha
-from flexmb.engine.units import hand_over
+from flexmb.engine.units import packed_record
 from flexmb.engine.work import new_output, new_run, new_work, output_run
 from flexmb.results.writer import ResultWriter
 from tests.benchmarks.models import chain_model
@@ -57,12 +57,12 @@ def per_step(model, compiled, h, count):
         work = new_work(compiled.system, channels, chosen)
         out = new_output(compiled.system, 4, channels)
         run = new_run(compiled.system, state, work, chosen, settings, output=out)
-        run, aside = hand_over(run), hand_over(output_run(run))
+        run, aside = packed_record(run), packed_record(output_run(run))
         begin = time.thread_time()  # without threads of BLAS, which wait for work in a loop
         status = integrate(run, 1 if k == 0 else count, aside)
         if k:  # the first loads or compiles the loop
             seconds.append((time.thread_time() - begin) / count)
-        assert status == method.FINE, (model, status, state.t)
+        assert status == method.SUCCESS, (model, status, state.t)
     done = state.count[0]
     return median(seconds), done["residuals"] / count, done["factorisations"] / count
 
@@ -139,7 +139,7 @@ def _integrate(compiled, chosen, settings, first):
     run = new_run(compiled.system, state, work, chosen, settings, output=out)
     begin = time.process_time()
     status = integrate(run, 10**9)
-    assert status == method.FINE, (status, state.t)
+    assert status == method.SUCCESS, (status, state.t)
     return time.process_time() - begin, state
 
 

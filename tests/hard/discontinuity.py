@@ -14,7 +14,7 @@ from tests.accuracyscenes.friction import FRICTION
 from tests.hard.case import METHODS, Hard, largest
 
 G = 9.81
-FINE = {
+SUCCESS = {
     "auto": {}, "generalized-alpha": {"accuracy": None, "step": 1e-4}, "explicit-rk": {},
     "radau": {},
 }  # fmt: skip
@@ -154,13 +154,20 @@ def off_leaf(run):
     return largest(run["way"] - leaf_by_order_8()) / 0.1
 
 
-ALL = FINE | {f"fixed {method}": FINE["generalized-alpha"] for method in ("explicit-rk", "radau")}
+ALL = SUCCESS | {
+    f"fixed {method}": SUCCESS["generalized-alpha"] for method in ("explicit-rk", "radau")
+}
 
 
 def rubs(name, hard, **fields):
     """A case of stick and slip, beside scipy from event to event."""
     scene = FRICTION[name]
-    fields = {"make": lambda: scene.make(1.0), "judge": off_truth(name), "methods": FINE, **fields}
+    fields = {
+        "make": lambda: scene.make(1.0),
+        "judge": off_truth(name),
+        "methods": SUCCESS,
+        **fields,
+    }
     return Hard(
         hard, "scipy's motion of its law, from event to event: 1e-3, ten times the accuracy.", 1e-3,
         run={"duration": scene.duration, "outputs": 200, "accuracy": 1e-4}, **fields,
@@ -209,7 +216,7 @@ CASES = {
         "Impacts of 10 ms between flights of 0.6 s.",
         "Five bounces follow the closed form to 1e-3 of the height: ten times the accuracy.",
         1e-3, lambda: SCENES["bouncing ball"].make(1.0), off_truth("bouncing ball"),
-        {"duration": 3.0, "outputs": 300, "accuracy": 1e-4}, FINE,
+        {"duration": 3.0, "outputs": 300, "accuracy": 1e-4}, SUCCESS,
     ),
     "steps too long for an impact": Hard(
         "A step of 10 ms crosses the depth of an impact of 1 ms.",
@@ -221,18 +228,18 @@ CASES = {
         "Stops of 1e4 N/m, met again and again.",
         "The closed form to 1e-3 of the way.",
         1e-3, lambda: SCENES["mass between stops"].make(1.0), off_truth("mass between stops"),
-        {"duration": 2.0, "outputs": 300, "accuracy": 1e-4}, FINE,
+        {"duration": 2.0, "outputs": 300, "accuracy": 1e-4}, SUCCESS,
     ),
     "a block that friction holds on a slope": Hard(
         "Its weight along the slope is two thirds of what friction can hold.",
         "Once the bristles bear it, it creeps by less than 1e-9 m in nine seconds.",
         1e-9, lambda: on_a_slope(np.arctan(0.2)),
         lambda run: np.ptp(run["way"][run.time >= 1.0]),
-        {"duration": 10.0, "outputs": 100, "accuracy": 1e-4}, FINE,
+        {"duration": 10.0, "outputs": 100, "accuracy": 1e-4}, SUCCESS,
     ),
     "a force that changes its sign": Hard(
         "The force jumps from 3 N to -3 N at t = 0.1 s.",
         "The parabolas to 1e-6 m in controlled steps, to the order in fixed ones.",
-        1e-6, pushed, off_push, {"duration": 0.4, "outputs": 80, "accuracy": 1e-6}, FINE,
+        1e-6, pushed, off_push, {"duration": 0.4, "outputs": 80, "accuracy": 1e-6}, SUCCESS,
     ),
 }  # fmt: skip

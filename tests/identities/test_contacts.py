@@ -13,7 +13,7 @@ from generators import Mechanism
 from scipy.integrate import quad_vec
 from scipy.spatial.transform import Rotation
 
-from flexmb.engine.forces.bristle import FREE, FULL, limit_growth, way_since
+from flexmb.engine.forces.bristle import FREE, FULL, limit_growth, slip_since
 from flexmb.engine.forces.contact_pair import (
     BALL,
     BORE,
@@ -294,7 +294,7 @@ def test_the_way_of_a_ball_is_that_of_its_sliding():
         before[13:] = d, rate, 0.0, *mi["R"].T.ravel(), *mi["om"]
         mi, mj = sides(h)
         d, n, _ = penetration(c, mi, mj)
-        way, end = np.array(way_since(c, before, h, n, d, mi, mj)), np.array(n)
+        way, end = np.array(slip_since(c, before, h, n, d, mi, mj)), np.array(n)
         wanted = quad_vec(lambda t: slides(t, end), 0.0, h, epsrel=1e-12)[0]
         return np.abs(way - end * (end @ way) - wanted).max()
 
@@ -327,7 +327,7 @@ def remembered(bench, span):
     """The history after a step of this length."""
     bench.work.now.span[0] = span
     run, at = bench._handed()
-    stage = run.record.stages.remember
+    stage = run.record.stages.update_history
     for unit, table in zip(stage.units, stage.tables, strict=True):
         call(unit, run, table, at)
     return bench.state.history.copy()

@@ -8,7 +8,7 @@ from enginekit import Bench, slope
 
 from flexmb.engine.entries import solve_stage
 from flexmb.engine.initial_conditions import RESIDUAL
-from flexmb.engine.method import FINE, ZERO_LENGTH
+from flexmb.engine.method import SUCCESS, ZERO_LENGTH
 from flexmb.model import Model
 
 TURN = {"axis": [1, 2, 3], "angle": 0.7}
@@ -106,9 +106,9 @@ def test_what_is_stored_is_what_forces_take(name):
 def test_a_law_of_no_length_is_told():
     """The status, and the row."""
     bench, _ = bench_of("law")
-    assert solve_stage(bench.sys, bench.state, bench.work, RESIDUAL) == FINE
+    assert solve_stage(bench.sys, bench.state, bench.work, RESIDUAL) == SUCCESS
     rows = bench.sys.kinds["force_characteristics"].rows
     rows["J"] = rows["I"]
-    bench.work.fault[0] = -1
+    bench.work.failed_element[0] = -1
     assert solve_stage(bench.sys, bench.state, bench.work, RESIDUAL) == ZERO_LENGTH
-    assert bench.work.fault[0] == 0
+    assert bench.work.failed_element[0] == 0

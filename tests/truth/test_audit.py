@@ -16,7 +16,7 @@ from flexmb.model.flexible_body import DeformationSpec
 from flexmb.model.scenes.effects import with_words
 from flexmb.workflow.audit import Audit
 from flexmb.workflow.effect_estimates import Estimates
-from flexmb.workflow.neighbours import Neighbours
+from flexmb.workflow.neighbours import ModelVariants
 
 SECTION = {"type": "rectangle", "y": 0.01, "z": 0.01}
 
@@ -122,7 +122,7 @@ def test_stiff_modes_follow_bodies_that_turn_against_one_another(
     """They rang with each row by which the blade turns; forces of a vibration were 5 times true."""
     run = flexmb.simulate(rotor_on_a_mast(), output=tmp_path)
     other = flexmb.simulate(with_words(rotor_on_a_mast(), {body: {"deformation": word}}))
-    neighbours = Neighbours.of(run, 400)
+    neighbours = ModelVariants.of(run, 400)
     one = next(one for one in neighbours.effects() if (one.name, one.body) == (effect, body))
     for found in Estimates(neighbours).estimate(one)[0]:
         true = min(share_between(*runs, found.sensor) for runs in ((run, other), (other, run)))

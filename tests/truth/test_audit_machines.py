@@ -12,7 +12,7 @@ from flexmb.model.scenes.effects import with_words
 from flexmb.workflow.audit import scene_effects
 from flexmb.workflow.effect import OUT_OF_PLANE
 from flexmb.workflow.effect_estimates import Estimates
-from flexmb.workflow.neighbours import Neighbours
+from flexmb.workflow.neighbours import ModelVariants
 from tests.benchmarks.audit_honesty import random_model
 
 pytestmark = pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
@@ -153,7 +153,7 @@ def deformation_of(model, body, folder, effect="deformation", word="rigid"):
     """What an effect that a flexible body has contributes at each sensor, and the truth."""
     run = flexmb.simulate(model, output=folder)
     other = flexmb.simulate(with_words(model, {body: {"deformation": word}}))
-    neighbours = Neighbours.of(run, 400)
+    neighbours = ModelVariants.of(run, 400)
     effects = neighbours.effects()
     one = next(one for one in effects if (one.name, one.body) == (effect, body))
     return {
@@ -172,7 +172,7 @@ def left_out(model, folder, words, effect, rows=800, deformation="dynamic"):
     full = flexmb.simulate(with_words(model, dict.fromkeys(names, complete)))
     lacking = {**complete, **words}
     run = flexmb.simulate(with_words(model, dict.fromkeys(names, lacking)), output=folder)
-    estimates, sums = Estimates(Neighbours.of(run, rows)), {}
+    estimates, sums = Estimates(ModelVariants.of(run, rows)), {}
     for one in estimates.of.effects():
         if one.name == effect and not one.on:
             for found in estimates.estimate(one)[0]:
@@ -442,6 +442,6 @@ def lift_in_a_plane():
 def test_modes_that_a_plane_has_no_room_for_are_no_motion_out_of_it(tmp_path):
     """As many modes in space have fewer of them in the plane, which nothing leaves."""
     run = flexmb.simulate(lift_in_a_plane(), output=tmp_path)
-    neighbours = Neighbours.of(run, 200)
+    neighbours = ModelVariants.of(run, 200)
     effect = next(one for one in scene_effects(neighbours) if one.name == OUT_OF_PLANE)
     assert Estimates(neighbours).estimate(effect)[0][0].share < 1e-6

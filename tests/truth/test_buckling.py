@@ -18,7 +18,7 @@ import flexmb
 from flexmb.analysis.dynamics.load_factor import _EULER, LoadFactorMonitor
 from flexmb.fe import Mesh, part, rectangle, reduce
 from flexmb.model import Model
-from flexmb.workflow.neighbours import Neighbours
+from flexmb.workflow.neighbours import ModelVariants
 from tests.accuracyscenes.judging import judged
 
 HEIGHT = 0.01
@@ -215,7 +215,7 @@ def test_the_load_factors_of_many_rows_are_those_of_each(monkeypatch):
     model.forces.clear()
     model.add_force("load", "force", at="column.tip", value=["-9*t", 0, 0])
     run = flexmb.simulate(model, duration=1.0, outputs=20, start="quasi-static")
-    at = Neighbours.of(run, 21)
+    at = ModelVariants.of(run, 21)
     monitor, rows = LoadFactorMonitor(at.compiled, model, at.motion.q[0]), at.rows()
     values = monitor._values(rows, np.arange(len(at.motion.t)))[:, 0]
     np.testing.assert_allclose(values, 9 * at.motion.t / np.pi**2, atol=0.01)

@@ -27,7 +27,7 @@ from flexmb.analysis.assembly.positions import (
     mass_corrector,
 )
 from flexmb.analysis.assembly.velocities import InitialVelocities
-from flexmb.analysis.equilibrium import settle, spin_of
+from flexmb.analysis.equilibrium import solve_equilibrium, spin_of
 from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.engine import initial_conditions
 from flexmb.engine.algebra.forms import size_of_form
@@ -38,7 +38,7 @@ from flexmb.engine.entries import solve_stage, stage_solver
 from flexmb.engine.forces.force_characteristic import FORCE_CHARACTERISTICS
 from flexmb.engine.forces.spring_damper import COORDINATE_OF, DISTANCE_OF
 from flexmb.engine.initial_conditions import ACCELERATIONS, BEGIN, REMEMBER, RESIDUAL, VELOCITIES
-from flexmb.engine.method import FINE, NO_LOOP, SELF_LOCKING
+from flexmb.engine.method import NO_LOOP_CONVERGENCE, SELF_LOCKING, SUCCESS
 from flexmb.engine.state import State, Work
 from flexmb.engine.tables import System
 from flexmb.engine.units import interpretation, load_units
@@ -60,7 +60,7 @@ _MAX_INTERPRETED = 200  # velocities up to which plain Python sets them within h
 _PENETRATION = 1e-9  # of a stop, over the model size (or radians), that round-off does not leave
 
 _ACCELERATION_ERRORS = {
-    NO_LOOP: (
+    NO_LOOP_CONVERGENCE: (
         "the algebraic loop between forces and accelerations does not converge: the loop "
         "amplifies; lower its gain, or let a state or a filter stand between"
     ),
@@ -173,7 +173,7 @@ def assemble(
             raise AssemblyError(str(error) + why) from None
     if start == "static" and begin is None:
         _solve_accelerations(stage_solver(system, state, work), state)
-        settle(compiled, model, state, spin=spin_of(model))
+        solve_equilibrium(compiled, model, state, spin=spin_of(model))
         settled, states = state.v.copy(), [one.iv for one in compiled.starts]
         velocities.set(state)
         if spin_of(model).any():
@@ -330,7 +330,7 @@ def _equilibrate(
 
 def _solve_accelerations(solve: Callable[[int], float], state: State) -> None:
     code = solve(ACCELERATIONS)
-    if code != FINE:
+    if code != SUCCESS:
         no_length = "a spring-damper has no length in the first pose; move its markers apart"
         raise AssemblyError(_ACCELERATION_ERRORS.get(int(code), no_length))
     if not (np.all(np.isfinite(state.vd)) and np.all(np.isfinite(state.lam))):

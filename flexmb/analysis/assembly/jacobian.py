@@ -28,7 +28,7 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.entries import row_evaluator
 from flexmb.engine.joints import ROW_KINDS
 from flexmb.engine.state import Work, rows_between
-from flexmb.engine.units import call_ready
+from flexmb.engine.units import call_without_compiling
 from flexmb.engine.work import new_state, new_work
 from flexmb.flexbody.arrays import Array
 
@@ -95,9 +95,9 @@ class Decomposition:
         return float(self.S[self.rank - 1] / self.S[0]) if self.rank else 1.0
 
     @cached_property
-    def circuits(self) -> Array:
+    def row_dependencies(self) -> Array:
         """(n, rows) sets of dependent rows."""
-        return circuits(self.U[:, self.rank :].T)
+        return row_dependencies(self.U[:, self.rank :].T)
 
     def unreachable(self, values: Array) -> Array:
         """The part of row values (rows,) that no motion can take away."""
@@ -114,7 +114,7 @@ def null_space(A: Array, largest: float | None = None) -> Array:
     return np.asarray(Vt[numerical_rank(values, largest) :].T)
 
 
-def circuits(N: Array) -> Array:
+def row_dependencies(N: Array) -> Array:
     """A basis of the rows of N (k, n) with as many zeros as can be had, largest entry one."""
     if not N.size:
         return N
@@ -193,9 +193,9 @@ class WeightedJacobian:
     @cached_property
     def joint_circuits(self) -> Array:
         """(n, nc) circuits of the joints' rows, zero at the drivers'."""
-        circuits = self.joint_decomposition.circuits
-        padded = np.zeros((len(circuits), len(self.A)))
-        padded[:, ~self.driven] = circuits
+        row_dependencies = self.joint_decomposition.row_dependencies
+        padded = np.zeros((len(row_dependencies), len(self.A)))
+        padded[:, ~self.driven] = row_dependencies
         return padded
 
     def without_modes(self) -> WeightedJacobian:
@@ -306,7 +306,7 @@ class ConstraintRows:
     def move(self, q: Array, d: Array) -> Array:
         """q ∘ exp(d) for a change d (nv,) of the velocity coordinates."""
         out = q.copy()
-        call_ready(move, self.compiled.system.parts, q, d, out)
+        call_without_compiling(move, self.compiled.system.parts, q, d, out)
         return out
 
 

@@ -8,12 +8,11 @@ kinetostatic bodies no vibrations. A bar that is driven at its hub is clamped th
 hub vibrates against its mass. In scenes of more than `MAX_COORDINATES` coordinates the others are
 at rest.
 
-Bodies are kinetostatic (`engine.bodies.static_modes`) only where the joints do not need their
-compliance: with these modes still, bodies and dynamic modes must be able to do what all coordinates
-can, or drivers would lock the machine, and reactions that only elasticity decides would be
-anyone's. Nor are they beside bodies with other modes: what closes a joint there would strain these;
-nor where springs or bushings on them are not much softer than they are: loads and deformation would
-follow one another without end.
+Bodies stay kinetostatic (`engine.bodies.static_modes`) only if the joints do not need their
+compliance: with their modes fixed, the Jacobian must have the same rank. Else drivers could lock
+the mechanism, and reactions that elasticity decides would be arbitrary. They do not if other modes
+exist as well, which closing a joint would strain, nor if attached springs or bushings are not much
+softer than they are: loads and deformation would not converge.
 """
 
 from __future__ import annotations
@@ -63,7 +62,7 @@ _NO_MASS = 1e-11  # of the largest
 _SETTLES = 0.5  # of the last change of deformation, that the loads which follow it may make
 
 
-def damping_words(model: Model, name: str, body: FlexBody) -> DampingOptions | None:
+def selected_damping(model: Model, name: str, body: FlexBody) -> DampingOptions | None:
     """The damping of a flexible body: that of the scene, or else of the body itself."""
     words = read_damping(getattr(model.bodies[name], "damping", None))
     return body.damping if words is None else words
@@ -105,13 +104,13 @@ def add_damping(compiled: Compiled, model: Model, q: Array) -> tuple[Compiled, l
             dampings.append(BodyDamping(name, "none: all modes are quasi-static"))
             continue
         D = np.asarray(body.D)
-        words = damping_words(model, name, body)
+        words = selected_damping(model, name, body)
         if words is None and not np.any(D):
             dampings.append(BodyDamping(name, "none"))
             continue
         if compiled.layout.nv > MAX_COORDINATES:
-            scene, others = JoinedScene(compiled, q, [k]), ", all other bodies at rest"
-        joined = (scene := scene or JoinedScene(compiled, q, every)).vibrations(k)
+            scene, others = MechanismModes(compiled, q, [k]), ", all other bodies at rest"
+        joined = (scene := scene or MechanismModes(compiled, q, every)).vibrations(k)
         text = "by the matrix of the body"
         if words is not None:
             text = words.sentence()
@@ -145,7 +144,7 @@ def _ratios(body: str, words: str, D: Array, joined: Vibrations) -> BodyDamping:
     return BodyDamping(body, words, tuple(frequencies.tolist()), tuple(ratios.tolist()))
 
 
-class JoinedScene:
+class MechanismModes:
     """The motions that joints and drivers leave to bodies as rigid ones, all others at rest.
 
     Parameters
@@ -269,7 +268,7 @@ def _mass(system: System, k: int, body: FlexBody | None) -> Array:
     return mass_at_rest(row["mass"], row["S1"], row["S0"], no((3, 0)), no((3, 3, 0)), no((0, 0)))
 
 
-def is_determined(compiled: Compiled, rank: int | None) -> bool:
+def is_determinate(compiled: Compiled, rank: int | None) -> bool:
     """Whether constraints of this rank fix the motion, but for modes that follow the loads."""
     return rank == n_free(compiled) - len(static_coordinates(compiled.system, kinetostatic=True))
 
@@ -311,7 +310,7 @@ def _with_windows(compiled: Compiled, q: Array) -> Compiled:
     for n, k in enumerate(rows):
         if k in kinetostatic:
             if scene is None or one_by_one:
-                scene = JoinedScene(compiled, q, [k] if one_by_one else list(everything))
+                scene = MechanismModes(compiled, q, [k] if one_by_one else list(everything))
             with suppress(AssemblyError):  # there is no motion without inertia, and none is slow
                 periods[n] = 1.0 / scene.vibrations(k).omega.min(initial=math.inf)
     kinds = compiled.system.kinds

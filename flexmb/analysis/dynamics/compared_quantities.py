@@ -1,11 +1,10 @@
-"""What of two runs is compared: sensors by what they measure, bodies, and reactions of joints.
+"""Quantities by which two runs are compared: sensors, bodies without sensors, joint reactions.
 
-`Comparison` takes values out of rows and judges their differences by the scale of each. All are
-judged over their own peak-to-peak, but reactions over no less than a thousandth of the largest of
-their unit, and its square of all inertia forces, moments also of the largest force times the size,
-in their part of the model: below are errors alone. Where all of a part are too small to move it,
-there are none. Velocities over no less than a thousandth of
-their own largest, those of bodies also than what moves them within the run as far as they move.
+`RowComparison` reads their values from rows and scales the differences. The scale is the range,
+peak to peak, with lower bounds. Reactions: 1e-3 of the largest of their unit in the same part of a
+model, and 1e-6 of its inertia forces, for moments also of the largest force times the size; below
+are errors alone. Reactions of a part that are all too small to move it are zero. Velocities: 1e-3
+of their largest value, those of bodies also the mean speed of their displacement over the run.
 """
 
 from __future__ import annotations
@@ -49,7 +48,7 @@ QUANTITIES = {
     "N m": "reactions",
 }
 """Quantity to which the channels of each unit belong."""
-FOR_SCALE = "motion"
+SCALE_ONLY = "motion"
 """Quantity of bodies by which their velocities are judged where positions are sensed."""
 DEFORMATION = ".deformation"
 """End of the name of what the modes of a body move its points."""
@@ -69,7 +68,7 @@ _NONE, _FORCES = np.zeros(0, np.intp), ("N", "N m")
 
 
 @dataclass(frozen=True)
-class Compared:
+class ComparedQuantity:
     """One sensor, body or joint: where its components stand in a table of the rows.
 
     `reach` is what one unit of each modal coordinate moves a point [m]; of all others it is empty.
@@ -85,7 +84,7 @@ class Compared:
 
 def compared(
     layout: Layout, model: Model, reach: Mapping[str, Array] | None = None
-) -> list[Compared]:
+) -> list[ComparedQuantity]:
     """Sensors by what they measure, bodies where nothing is sensed, and joints.
 
     With the `reach` of their modes, flexible bodies count by their deformation too.
@@ -97,7 +96,9 @@ def compared(
         unit = unit_of(vars(spec)) or ""
         columns = tuple(column[c] for c in channels_of(name, spec) if c in column)
         if columns:
-            rows.append(Compared(name, QUANTITIES.get(unit, unit), unit, "sensors", columns))
+            rows.append(
+                ComparedQuantity(name, QUANTITIES.get(unit, unit), unit, "sensors", columns)
+            )
     sensed = {one.quantity for one in rows}
     for body in layout.bodies:
         own, bend = f"bodies.{body.name}", tuple(map(float, (reach or {}).get(body.name, ())))
@@ -110,16 +111,16 @@ def compared(
             (own + DEFORMATION, "positions", "m", "q", body.iq + 7, m),
             (own + DEFORMATION, "velocities", "m/s", "v", body.iv + 6, m),
         ):  # fmt: skip
-            what = FOR_SCALE if quantity in sensed else quantity
+            what = SCALE_ONLY if quantity in sensed else quantity
             if quantity == "positions" and {"positions", "velocities"} <= sensed:
                 continue
             columns, sizes = tuple(range(first, first + n)), bend if name != own else ()
             if columns:
-                rows.append(Compared(name, what, unit, table, columns, sizes))
+                rows.append(ComparedQuantity(name, what, unit, table, columns, sizes))
     for k, name in enumerate(layout.reactions):
         for unit, first in (("N", 12 * k), ("N m", 12 * k + 3)):
             columns = (first, first + 1, first + 2)
-            rows.append(Compared(name, "reactions", unit, "reactions", columns))
+            rows.append(ComparedQuantity(name, "reactions", unit, "reactions", columns))
     return rows
 
 
@@ -132,7 +133,7 @@ def groups(keys: Iterable[Any]) -> dict[Any, NDArray[np.intp]]:
     }
 
 
-def by_part(rows: Sequence[Compared], compiled: Compiled, model: Model) -> list[Part]:
+def by_part(rows: Sequence[ComparedQuantity], compiled: Compiled, model: Model) -> list[Part]:
     """The parts of a model, which share no equations.
 
     What is of none, such as a coupler's reaction, is judged by all.
@@ -160,7 +161,7 @@ def by_part(rows: Sequence[Compared], compiled: Compiled, model: Model) -> list[
     return parts
 
 
-class Comparison:
+class RowComparison:
     """Values of all that is compared in rows of runs of one model, their differences and scales.
 
     Parameters
@@ -199,7 +200,7 @@ class Comparison:
         self.compared, self._duration = compared(layout, model, reach), duration
         self._gyration, self._least = gyration or {}, least or {}
         every, n = self.compared, len(self.compared)
-        self._of_unit = groups((one.unit, one.quantity == FOR_SCALE) for one in every)
+        self._of_unit = groups((one.unit, one.quantity == SCALE_ONLY) for one in every)
         self.of_quantity = at = groups(one.quantity for one in every)
         self.positions, self.reactions = (at.get(of, _NONE) for of in ("positions", "reactions"))
         self._units = np.array([one.unit for one in every])
@@ -243,7 +244,7 @@ class Comparison:
         gaps[np.isnan(gaps)] = np.inf
         return np.asarray(gaps)
 
-    def widen(self, values: Array) -> None:
+    def update_range(self, values: Array) -> None:
         """Let the peak-to-peak of each have these values (n, components) in it."""
         low, high = (bound.reshape(-1) for bound in self.range)
         low[self._in_range] = np.minimum(low[self._in_range], values.min(axis=0))
@@ -333,7 +334,7 @@ class RoundOff:
     expressions that of what they read: rounded by a step and its projection, evenly within an ulp.
     """
 
-    def __init__(self, rows: Sequence[Compared], compiled: Compiled, model: Model) -> None:
+    def __init__(self, rows: Sequence[ComparedQuantity], compiled: Compiled, model: Model) -> None:
         parts, terms = compiled.system.parts, compiled.system.sensors.terms
         self._channels, bodies = compiled.layout.channels, parts.bodies["iq"]
         self._angles = np.array([1.0 * (one.unit == "rad") for one in rows])

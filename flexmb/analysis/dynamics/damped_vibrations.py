@@ -35,12 +35,11 @@ _KICK = 1e-3
 # Steps of the run over which it is measured, at outputs and after the first half of one; times of
 # comparison in one step; local tolerance, and steps at most.
 _WINDOW, _TIMES, _FINE, _MAX_STEPS = 3, 16, 1e-8, 2000
-# Local tolerance, also over that of the run, and times of comparison for each output, where a
-# vibration is followed for long: with 1e-8 as many steps reach a third as far, with 1e-6 those of
-# a linkage with a servo damp it. It is if later, longer steps damp so many times more than the
-# first ones. Else from the start over some steps of the run, by these steps at most, as loads that
-# rise smoothly and yet fast excite what no jump tells; not where errors of reactions are as large
-# anyhow.
+# Following a vibration for long: local tolerance (1e-8 reaches a third as far in as many steps,
+# 1e-6 damps a servo linkage), the same over that of the run, comparison times per output. Done if
+# the longest steps of the run damp _LATER times more than those after the jump. Otherwise from the
+# start over _FIRST steps of the run, with at most _FEW_STEPS, since smooth but fast loads excite
+# vibrations without a jump; not if errors of reactions exceed _CLEAR anyhow.
 _FOLLOWING, _FINER, _BETWEEN, _LATER = 1e-7, 0.1, 4, 2.0
 _FIRST, _FEW_STEPS, _CLEAR = 5, 300, 0.05
 # Behind events: steps for all that are followed, over those of the run; the first part of these,
@@ -56,7 +55,7 @@ _ENOUGH = 4  # outputs, with which nothing between them is compared
 _TOLERANCES, _SHOWN, _MORE = (1e-7, 1e-9, 1e-11), 0.3, 1.5
 
 
-class _Point:
+class _StateEvaluator:
     """Reactions at single states of a run, with stiff parts filtered by a step or not.
 
     Parameters
@@ -106,9 +105,9 @@ def measure_damped_vibrations(
         Share of the range of a reaction from which on a vibration is measured.
     """
     passed = jumps.passed()
-    if not passed or settings.follow == 1:
+    if not passed or settings.static_after_step == 1:
         return
-    point, weights = _Point(run, first, jumps), run.compiled.system.weights
+    point, weights = _StateEvaluator(run, first, jumps), run.compiled.system.weights
     shares, kicks, rows = [], [], []
     for k in passed:
         row, v = _first_vibration(point, jumps, k, float(jumps.table[k, 2]))
@@ -138,9 +137,9 @@ def follow_vibrations(
     Parameters as of `measure_damped_vibrations`, behind which it comes.
     """
     passed = jumps.passed()
-    if not passed or settings.follow == 1:
+    if not passed or settings.static_after_step == 1:
         return
-    point, longest = _Point(run, first, jumps), float(run.state.memory[0]["largest_step"])
+    point, longest = _StateEvaluator(run, first, jumps), float(run.state.memory[0]["largest_step"])
     shares = np.zeros((2, len(passed)))  # of what first steps damp, and the longest ones
     for n, k in enumerate(passed):
         step = float(jumps.table[k, 2])
@@ -157,7 +156,7 @@ def follow_vibrations(
     coarse, fine = _runs_after_jump(run, settings, first, jumps, k, end, most)
     error.add(coarse, fine, float(jumps.table[k, 0]), _RATES)
     k, share = passed[int(shares.max(axis=0).argmax())], float(shares.max())
-    follow = _Follow(run, settings, first, jumps, error)
+    follow = _VibrationRuns(run, settings, first, jumps, error)
     if share <= least:  # of a smooth load at the start
         follow.add(passed[0], 0.0, _FEW_STEPS // 2, _TOLERANCES[-1:])
     elif error.of_reactions()[1] < _SHOWN * share:
@@ -165,7 +164,7 @@ def follow_vibrations(
 
 
 def _first_vibration(
-    point: _Point, jumps: JumpStates, k: int, step: float
+    point: _StateEvaluator, jumps: JumpStates, k: int, step: float
 ) -> tuple[OutputBlock | None, Array]:
     """A row (1, ...) whose reactions are those with which vibrations begin at a jump.
 
@@ -230,9 +229,9 @@ def follow_events(
     Parameters as of `measure_damped_vibrations`, behind which it comes.
     """
     events, changes = jumps.events()
-    if not events or settings.follow == 1:
+    if not events or settings.static_after_step == 1:
         return
-    point, longest = _Point(run, first, jumps), float(run.state.memory[0]["largest_step"])
+    point, longest = _StateEvaluator(run, first, jumps), float(run.state.memory[0]["largest_step"])
     shares = {}
     for k in events:
         row, _ = _first_vibration(point, jumps, k, longest)
@@ -244,7 +243,7 @@ def follow_events(
         worst.add(last)
     steps = int(_SHARE_OF_STEPS * run.state.count[0]["steps"])
     most = min(max(steps, _FEW_STEPS), _MAX_STEPS) // len(worst)
-    follow = _Follow(run, settings, first, jumps, error)
+    follow = _VibrationRuns(run, settings, first, jumps, error)
     for k in sorted(worst):
         rows = follow.add(k, shares[k] if shares[k] > least else 0.0, most, _TOLERANCES)
         late = run.rows.read()
@@ -255,7 +254,7 @@ def follow_events(
             error.add_lost(late, rows, begin, _RATES, min(_RESOLVED * longest, 0.25 * seen))
 
 
-class _Follow:
+class _VibrationRuns:
     """Vibrations that are followed from a jump or an event to the next output.
 
     Parameters as of `measure_damped_vibrations`.

@@ -12,7 +12,7 @@ import numpy as np
 
 from flexmb.analysis.assembly.initial_state import Assembled, StartValues, assemble
 from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
-from flexmb.analysis.assembly.joined_damping import is_determined
+from flexmb.analysis.assembly.joined_damping import is_determinate
 from flexmb.analysis.dynamics.integration import (
     Integration,
     StepRows,
@@ -86,7 +86,7 @@ _UNBALANCED = 0.05  # of the energy that moved, from which on the user is told
 # apart.
 _OPEN = 1e-3
 _STIFF = "stiff"  # how a run ends that another method starts again
-_UNABLE = (method.NO_CONVERGENCE, method.NOT_FINITE, method.TOO_SMALL)
+_UNABLE = (method.NO_CONVERGENCE, method.NOT_FINITE, method.STEP_TOO_SMALL)
 
 
 def prepare_dynamics(
@@ -136,8 +136,8 @@ def prepare_dynamics(
     first, timer = assemble_first_state(compiled, units, first_state, progress)
     assembled, rank, not_unique, redundancy = first
     compiled = assembled.compiled
-    settings = loop_settings(compiled, spec, integrator, is_determined(compiled, rank))
-    if spec.method != AUTO and integrator.stages and not settings.determined:
+    settings = loop_settings(compiled, spec, integrator, is_determinate(compiled, rank))
+    if spec.method != AUTO and integrator.stages and not settings.determinate:
         for lost in lost_inertias(model):
             raise SceneError(f'{lost}; or use method = "{STIFF_METHOD}"')
     notes = [*assembled.notes, *_friction_notes(model), *redundancy, *algebraic_loop_notes(model)]
@@ -251,10 +251,10 @@ class _Pass:
         self._contact_loss = ContactLossMonitor(compiled)
         self._orientations = SingularOrientationMonitor(compiled.layout, model)
         settings = prepared.run.settings
-        step = settings.step if settings.determined == 0 else 0.0
+        step = settings.step if settings.determinate == 0 else 0.0
         self._turning = TurningMonitor(compiled, model, step)
         integrator = prepared.run.method
-        may_ring = integrator.keeps_step == 1 and integrator.collocation == 0  # generalized-α, kin
+        may_ring = integrator.prefers_constant_step == 1 and not integrator.collocation
         self._ringing = RingingMonitor(compiled, model, step if may_ring else 0.0)
         self._steps = StepRows(prepared.run, self._ringing.looks)
         self._validity = ValidityMonitor(compiled, model, prepared.first.q)
@@ -271,10 +271,10 @@ class _Pass:
 
     def next_chunk(self) -> Ending | None:
         prepared = self._prepared
-        status = method.FINE
+        status = method.SUCCESS
         if self._begins:
             status = self._first_row()
-        if status == method.FINE:
+        if status == method.SUCCESS:
             self._steps.begin()
             status, blocks = prepared.advance()
             apart = self._store(blocks)
@@ -285,7 +285,7 @@ class _Pass:
                 return Ending("failed", self._unstable(prepared.run) or apart)
             if self.growth.ends_run and self.growth.sentence:
                 return Ending("failed", "")
-        if status != method.FINE:
+        if status != method.SUCCESS:
             return self._failure(status)
         stiff = not prepared.run.finished and limited_by_stability(prepared)
         return Ending(_STIFF) if stiff else None
@@ -357,7 +357,7 @@ class _Pass:
         unstable = self._unstable(run)
         if unstable:
             return Ending("failed", unstable)
-        is_static = status == method.NO_LOOP or run.method.stages > 0
+        is_static = status == method.NO_LOOP_CONVERGENCE or run.method.stages > 0
         cause = (
             self._validity.diverging(run.state)
             or (static_modes_sentence(run.compiled, run.method) if is_static else "")
@@ -397,11 +397,11 @@ def _unbalanced(prepared: PreparedDynamics) -> str:
     step = settings.step
     if (
         share <= max(_UNBALANCED, 10.0 * settings.accuracy)
-        or (settings.determined == 1 and not prepared.model.drivers)  # nothing moves
+        or (settings.determinate == 1 and not prepared.model.drivers)  # nothing moves
     ):
         return ""
     what = f"the energy balance is off by {100 * share:.3g} % of the energy that moved: "
-    if settings.follow == 1:
+    if settings.static_after_step == 1:
         return f'{what}quasi-static modes leave out vibrations; deformation = "automatic" has them'
     if step > 0.0:
         return (

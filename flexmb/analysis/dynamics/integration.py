@@ -15,9 +15,9 @@ from flexmb.engine import entries, method
 from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
 from flexmb.engine.forces.contact import FASTEST, REBOUND
-from flexmb.engine.method import round_off
+from flexmb.engine.method import time_round_off
 from flexmb.engine.state import Plan, State, Work
-from flexmb.engine.units import hand_over
+from flexmb.engine.units import packed_record
 from flexmb.engine.work import equal_times, new_plan, new_run, new_work, output_run
 from flexmb.errors import FlexmbError
 from flexmb.results.output_block import OutputBlock
@@ -25,9 +25,10 @@ from flexmb.units import UnitSystem
 
 # Steps of a chunk times velocity coordinates: about a tenth of a second on a present machine.
 _CHUNK_WORK = 200_000
-# Rows from an output on whose differences show what alternates there, and steps within which others
-# tell. Multipliers of which that is less over their range are not looked at, nor what is not so
-# many times larger than before; least range, over the largest; steps that are run again for it.
+# Rows reported from such an output on; steps around it in which alternation counts. An alternation
+# is reported if its amplitude is this share of the multiplier's range (at least _LEAST_SPAN of the
+# largest one) and so many times the amplitude reported before; share of all steps that may be
+# repeated.
 _ROWS, _NEAR, _SAME_TIME = 6, 4, 1e-6
 _ALTERNATES, _LARGER, _LEAST_SPAN, _REPEATED = 0.02, 1.5, 1e-3, 0.1
 # Impacts are slow if the fastest has so many times the least speed; a rebound by this share of the
@@ -83,7 +84,7 @@ class Integration:
             compiled.system, state, self.work, integrator, settings, self.plan, self.rows.output,
             self.times,
         )  # fmt: skip
-        self._run, self._output_run = hand_over(run), hand_over(output_run(run))
+        self._run, self._output_run = packed_record(run), packed_record(output_run(run))
         self._checkpoint: tuple[int, float, float] | None = None  # steps, time, steps at the limit
         self._endless = 0  # looks in a row at which the rest would take too many steps
 
@@ -91,7 +92,7 @@ class Integration:
         """Count the outputs until the time of the state, which may be of a run with other ones."""
         if not self.state.count[0]["outputs"]:
             return  # it has not begun
-        until = self.state.t[0] + method.round_off(self.settings)
+        until = self.state.t[0] + method.time_round_off(self.settings)
         self.state.count["outputs"] = np.searchsorted(self.times, until, side="right")
 
     def tallies(self) -> dict[str, np.ndarray]:
@@ -127,7 +128,7 @@ class Integration:
     def finished(self) -> bool:
         """Whether the run has reached its end."""
         settings = self.settings
-        return bool(self.state.t[0] >= settings.end - round_off(settings))
+        return bool(self.state.t[0] >= settings.end - time_round_off(settings))
 
     def integrate(self, steps: int) -> int:
         """Run some steps, or with 0 report the present state; returns the status.
@@ -167,10 +168,11 @@ class Integration:
 
 
 class StepRows:
-    """Rows of the fixed steps about those outputs where multipliers alternate, at each of them.
+    """Rows of consecutive fixed steps at outputs near which multipliers alternate step by step.
 
-    Steps between outputs are not seen else, and the multipliers of a method are no reactions: the
-    part of a chunk until there is run again. At most a chunk and a tenth of all steps are.
+    Outputs alone do not show it, and multipliers of the method are not the reported reactions. So
+    the chunk up to these outputs is integrated again and each step reported; at most one chunk and
+    a tenth of all steps are repeated.
 
     Parameters
     ----------
@@ -183,7 +185,7 @@ class StepRows:
     def __init__(self, own: Integration, looks: bool) -> None:
         settings = own.settings
         self._own = own
-        self._looks = looks and settings.interval > (1.0 + method.ROUND_OFF) * settings.step
+        self._looks = looks and settings.interval > (1.0 + method.STEP_ROUND_OFF) * settings.step
         self._largest = np.zeros(own.compiled.layout.nc)
         self._repeated = 0  # steps
         self._begin = own.state  # a copy, once there is a chunk
@@ -300,7 +302,7 @@ def slow_impacts(run: Integration, units: UnitSystem) -> Iterator[str]:
     Points of one surface have no restitution of their own.
     """
     for name, element in run.compiled.elements.items():
-        if element.kind != "contacts" or element.n > 1 or run.settings.determined == 1:
+        if element.kind != "contacts" or element.n > 1 or run.settings.determinate == 1:
             continue
         row = run.compiled.system.kinds["contacts"].rows[element.row]
         slow, history = float(row["slow"]), run.state.history[row["impacts"] :]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmb.analysis.dynamics.compared_quantities import Comparison, RoundOff
+from flexmb.analysis.dynamics.compared_quantities import RoundOff, RowComparison
 from flexmb.analysis.dynamics.vibration_error import VibrationError
 from flexmb.analysis.monitors import SampledHistory
 from flexmb.flexbody.arrays import Array
@@ -26,7 +26,7 @@ _PARTED = 0.1  # difference over the peak-to-peak from which on two runs are dif
 
 
 @dataclass(frozen=True)
-class ErrorOf:
+class QuantityError:
     """The largest error of one quantity."""
 
     error: float  # over its scale
@@ -42,7 +42,7 @@ class MeasuredError:
 
     Parameters
     ----------
-    comparison : Comparison
+    comparison : RowComparison
         What is compared.
     places : RoundOff, optional
         Round-off of a step in it.
@@ -55,7 +55,7 @@ class MeasuredError:
         Of a step in all that is compared, by the places so far.
     """
 
-    def __init__(self, comparison: Comparison, places: RoundOff | None = None) -> None:
+    def __init__(self, comparison: RowComparison, places: RoundOff | None = None) -> None:
         self.comparison, self._round_off_of = comparison, places
         self.vibrations = VibrationError(comparison)
         n, positions = len(comparison.compared), comparison.positions
@@ -68,7 +68,7 @@ class MeasuredError:
         self._samples = SampledHistory(len(self._sampled) + len(positions))
         self._before = np.full_like(self._samples.table, np.nan)
         self.round_off = np.zeros(n)
-        self._multiplied = np.zeros(n)  # round-off in the end, as measured
+        self._amplified = np.zeros(n)  # round-off in the end, as measured
         self._falling: dict[tuple[float, int, bool], tuple[Array, Array]] = {}
 
     def arrays(self) -> dict[str, np.ndarray]:
@@ -102,7 +102,7 @@ class MeasuredError:
         comparison, positions = self.comparison, self.comparison.positions
         values = comparison.values(fine.part(0, n))
         gaps = comparison.differences(comparison.values(coarse.part(0, n)), values)
-        comparison.widen(values)
+        comparison.update_range(values)
         so_far = np.maximum.accumulate(np.vstack([self._largest[0], gaps]), axis=0)[1:]
         rises = so_far[-1] > self._largest[0]
         self._largest[1, rises] = fine.t[gaps.argmax(axis=0)][rises]
@@ -122,11 +122,11 @@ class MeasuredError:
             for other in runs[:k]
         ]
         self._falling.clear()
-        self._multiplied = np.sqrt(0.5 * steps * np.mean(squares, axis=0).max(axis=0))
+        self._amplified = np.sqrt(0.5 * steps * np.mean(squares, axis=0).max(axis=0))
 
-    def multiplied_share(self) -> float:
+    def amplified_round_off(self) -> float:
         """Largest round-off in the end of a position, as measured, over its peak-to-peak."""
-        own = self.comparison.shares(self._multiplied)[self.comparison.positions]
+        own = self.comparison.shares(self._amplified)[self.comparison.positions]
         return float(own.max(initial=0.0))
 
     def round_off_share(self) -> float:
@@ -150,31 +150,35 @@ class MeasuredError:
         grown = apart[last] / apart[seen] * (past[seen] / past[last]) ** 2
         return float(grown.max(initial=1.0))
 
-    def multiplication(self, steps: int) -> float:
-        """Times that round-off in the end, as measured, is what steps leave of it in their places.
+    def round_off_amplification(self, steps: int) -> float:
+        """Amplification of round-off by the motion: measured at the end, over that of a random
+        walk.
 
-        Of their number to the power of 1.5, as a walk of speeds leaves it (Brouwer's law).
+        After n steps a walk of the velocities leaves n^1.5 times the round-off of one step in
+        positions (Brouwer's law).
         """
         walk = self.round_off_share() * steps * math.sqrt(steps)
-        return self.multiplied_share() / max(walk, _LEAST_ERROR)
+        return self.amplified_round_off() / max(walk, _LEAST_ERROR)
 
-    def forget_walk(self, steps: int) -> None:
+    def drop_unamplified_round_off(self, steps: int) -> None:
         """Leave out round-off that is not multiplied: the longer steps of a scout have more of it,
         and what Newton's method leaves of theirs besides."""
-        if self.multiplication(steps) <= 1.0:
-            self._multiplied[:] = 0.0
+        if self.round_off_amplification(steps) <= 1.0:
+            self._amplified[:] = 0.0
             self._falling.clear()
 
-    def largest(self, ratio: float, steps: int = 0, limited: bool = False) -> dict[str, ErrorOf]:
+    def largest(
+        self, ratio: float, steps: int = 0, limited: bool = False
+    ) -> dict[str, QuantityError]:
         """The largest error of each quantity; `ratio` is that of the errors of the two runs.
 
-        Round-off of the steps is no error that falls with them: it adds up as a walk at random,
-        which is by its standard deviation off, or as large as measured. A scout that is `limited`
-        by stability rings by what its tolerance allows, in reactions by far more, and these are no
-        other motion; nor is a reaction of the finer, stable run off by more than it has itself.
+        Round-off does not fall with the step. It adds up as a random walk, whose standard deviation
+        is added, or as much as perturbed runs have shown. If stability limits the coarse run
+        (`limited`), its reactions oscillate within its tolerance and beyond: that is no other
+        motion, and the error of a reaction of the fine run is at most its own largest value.
         """
         errors, walk, comparison = *self._errors(ratio, steps, limited), self.comparison
-        table, largest = self.vibrations.table, dict[str, ErrorOf]()
+        table, largest = self.vibrations.table, dict[str, QuantityError]()
         damped = comparison.shares(table[0])
         times = np.where(damped > errors, table[1], self._largest[1])
         begin = np.where(damped > errors, table[2], -math.inf)
@@ -183,7 +187,9 @@ class MeasuredError:
             k = int(of[errors[of].argmax()])
             over, name = comparison.scale_in_words(k), comparison.compared[k].name
             error, time = float(errors[k]), float(times[k])
-            largest[quantity] = ErrorOf(error, name, time, over, float(walk[k]), float(begin[k]))
+            largest[quantity] = QuantityError(
+                error, name, time, over, float(walk[k]), float(begin[k])
+            )
         return largest
 
     def _errors(self, ratio: float, steps: int, limited: bool) -> tuple[Array, Array]:
@@ -194,7 +200,7 @@ class MeasuredError:
         scales, apart = comparison.scales(), comparison.shares(self._largest[0])
         # once the runs have parted, the finer one is no better than the other
         different = self._largest[0] > _PARTED * np.maximum(scales, comparison.motion_sizes())
-        walk = comparison.shares(np.maximum(math.sqrt(steps) * self.round_off, self._multiplied))
+        walk = comparison.shares(np.maximum(math.sqrt(steps) * self.round_off, self._amplified))
         falling = apart / (max(ratio, 1.0 + 1e-9) - 1.0)
         if limited and not different[comparison.positions].any():
             different[comparison.reactions] = False

@@ -37,7 +37,7 @@ from flexmb.analysis.monitors import Indicator
 from flexmb.engine import initial_conditions
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
-from flexmb.engine.units import call, hand_over, prepare_units
+from flexmb.engine.units import call, packed_record, prepare_units
 from flexmb.engine.work import new_run, new_state, new_work, units_of
 from flexmb.flexbody import FlexBody, InertiaResponse, LoadResponse
 from flexmb.flexbody.arrays import Array
@@ -140,7 +140,7 @@ class ModalBasisMonitor:
         if any(len(one.markers) for one in self._bodies):
             state, work = new_state(compiled.system), new_work(compiled.system)
             prepare_units([initial_conditions.solve_stage, *units_of(compiled.system)])
-            self._work = hand_over(new_run(compiled.system, state, work)), state, work
+            self._work = packed_record(new_run(compiled.system, state, work)), state, work
 
     def add(self, rows: OutputBlock) -> None:
         """Take the next rows."""

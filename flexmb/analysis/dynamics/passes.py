@@ -58,7 +58,7 @@ PASSES = np.dtype([
 """Record of the passes of a run, saved with its state."""
 
 _FIRST = "first_"  # before the names of the first state in what is saved
-IN_VAIN = 0.5
+STAGNATION_RATIO = 0.5
 """What is left of the difference of the two runs after a pass that was in vain."""
 DIFFERENT_MOTION = 0.01
 """Difference of two runs that are different motions."""
@@ -66,9 +66,9 @@ DIFFERENT_MOTION = 0.01
 # as three times it are less than twice; that the next pass aims at, three times which are good
 # enough.
 _ENOUGH, _AIM = 0.6, 0.15
-# Times as many steps at most from pass to pass; passes after which one in vain means that the two
-# runs part whatever the steps; times as far apart as before, where round-off rules: 2 of 304 runs
-# at 1e-9 to 1e-12, 10 and 13.
+# Largest growth of the number of steps from pass to pass; passes after which one without progress
+# means that shorter steps do not help; growth of the difference from which on round-off dominates
+# (of 304 runs at 1e-9 to 1e-12, two reached 10 and 13).
 _MAX_MORE_STEPS, _MIN_PASSES, _WORSE = 5.0, 2, 10.0
 _MIN_TOLERANCE = 3e-14  # above round-off
 _FEW, _GROWN = 50, 1e6  # unstable steps; rate times step, above which it is that of the growth
@@ -137,7 +137,7 @@ class PreparedDynamics:
     def with_tolerance(self, tolerance: float) -> PreparedDynamics:
         """The same run from its start with another local tolerance."""
         assert self.verified is not None
-        settings = self.settings._replace(turn=1.0)
+        settings = self.settings._replace(max_rotation=1.0)
         settings = with_tolerance(settings, self.spec, self.run.method, tolerance)
         again, before = self._restarted(self.method, settings), self.passes[0]
         last = float(self.verified.scout.state.count[0]["steps"]), self.verified.difference
@@ -160,7 +160,7 @@ class PreparedDynamics:
     def by_method(self, name: str) -> PreparedDynamics:
         """The same run from its start by another integrator."""
         tolerance = local_tolerance(self.spec, make_integrator(self.spec, name))
-        return self._restarted(name, self.settings._replace(tolerance=tolerance, turn=1.0))
+        return self._restarted(name, self.settings._replace(tolerance=tolerance, max_rotation=1.0))
 
     def _restarted(self, name: str, settings: Settings) -> PreparedDynamics:
         return prepared_run(
@@ -220,15 +220,15 @@ def rough_run(prepared: PreparedDynamics, progress: Progress) -> None:
     )  # fmt: skip
     state = State(*(array.copy() for array in prepared.first))
     state.q_first[:] = state.q
-    run, status = Integration(own.compiled, own.method, rough, state), method.FINE
+    run, status = Integration(own.compiled, own.method, rough, state), method.SUCCESS
     least = state.motion.copy()  # that it tells nothing below of
     try:
-        while status == method.FINE and not run.finished:
+        while status == method.SUCCESS and not run.finished:
             status = run.integrate(run.chunk)
             progress("integrate", 0.0, f"looks ahead, t = {state.t[0]:.4g} s")
     except FlexmbError:  # too many steps: the run itself says so, if it does as well
         return
-    if status == method.FINE:
+    if status == method.SUCCESS:
         _set_motion(prepared, state, state.motion > least)
 
 
@@ -270,7 +270,7 @@ def stricter_tolerance(prepared: PreparedDynamics) -> float | None:
     if verified is None or prepared.passes[0]["count"] >= MAX_PASSES:
         return None
     worst = verified.errors().get("positions")
-    if worst is None or worst.error <= _ENOUGH * settings.accuracy or is_in_vain(prepared):
+    if worst is None or worst.error <= _ENOUGH * settings.accuracy or is_stagnant(prepared):
         return None
     integrator, share = verified.fine.method, _AIM * settings.accuracy / worst.error
     factor = share ** (integrator.error_order / verified.order)
@@ -288,7 +288,7 @@ def is_worse(prepared: PreparedDynamics) -> bool:
     return verified is not None and 0.0 < _WORSE * last < min(verified.difference, DIFFERENT_MOTION)
 
 
-def is_in_vain(prepared: PreparedDynamics) -> bool:
+def is_stagnant(prepared: PreparedDynamics) -> bool:
     """Whether shorter steps do not help: the finest are taken, only round-off is too large, or the
     last pass brought little."""
     verified = prepared.verified
@@ -297,7 +297,7 @@ def is_in_vain(prepared: PreparedDynamics) -> bool:
     finest = prepared.settings.tolerance <= 2.0 * _MIN_TOLERANCE
     if finest or worst.error - worst.round_off <= _ENOUGH * prepared.settings.accuracy:
         return True
-    little = verified.difference > IN_VAIN * passes["last_difference"] > 0.0
+    little = verified.difference > STAGNATION_RATIO * passes["last_difference"] > 0.0
     return bool(passes["count"] > _MIN_PASSES and little)
 
 

@@ -8,12 +8,12 @@ import numpy as np
 
 from flexmb.analysis.dynamics.passes import (
     DIFFERENT_MOTION,
-    IN_VAIN,
     MAX_PASSES,
+    STAGNATION_RATIO,
     PreparedDynamics,
-    is_in_vain,
+    is_stagnant,
 )
-from flexmb.engine.entries import FINE_METHOD
+from flexmb.engine.entries import NONSTIFF_METHOD
 from flexmb.model.forces.friction import JointFrictionSpec
 
 # Measured error over the requested one from which on a note reports it; what can be asked for, over
@@ -48,7 +48,8 @@ def damped_vibration(prepared: PreparedDynamics) -> str:
         friction += "no stated error"
     return (
         f"{name} lacks {size} the range of its reactions: {when} excite a vibration that the "
-        f'steps of {prepared.method} damp{friction}; method = "{FINE_METHOD}" follows it, {cures}'
+        f"steps of {prepared.method} damp{friction}; "
+        f'method = "{NONSTIFF_METHOD}" follows it, {cures}'
     )
 
 
@@ -92,8 +93,8 @@ def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
         f"accuracy {accuracy:g} was asked for and {worst.error:.2g} reached (sensor {worst.name}, "
         f"t = {unit.say(worst.time, 's', 4)})"
     )
-    other = "" if prepared.method == FINE_METHOD else (
-        f', or method = "{FINE_METHOD}", whose floor is lower where the scene is not stiff'
+    other = "" if prepared.method == NONSTIFF_METHOD else (
+        f', or method = "{NONSTIFF_METHOD}", whose floor is lower where the scene is not stiff'
     )  # fmt: skip
     least = _FLOOR * worst.error
     ask = f"ask for accuracy = {least:.1g}" if least < _LOOSEST else "run it for a shorter time"
@@ -102,13 +103,15 @@ def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
     agree = f"{reached}; the run and its comparison run agree to it until "
     agree += f"t = {unit.say(until, 's', 4)}" if np.isfinite(until) else "the end"
     kinks = count["events"] > 0 and verified.error.growth() < _MULTIPLIES  # moved steps pass others
-    multiplies = not kinks and verified.error.multiplication(int(count["steps"])) > _MULTIPLIES
+    multiplies = (
+        not kinks and verified.error.round_off_amplification(int(count["steps"])) > _MULTIPLIES
+    )
     if multiplies and worst.round_off > _MAINLY * worst.error:
         yield (
             f"{agree}: shorter steps do not help, as the motion multiplies errors, and this is "
             f"what it makes of round-off; {ask}{other}"
         )
-    elif is_in_vain(prepared) and apart < DIFFERENT_MOTION:
+    elif is_stagnant(prepared) and apart < DIFFERENT_MOTION:
         why = "shorter steps do not help, so that this is the floor that round-off leaves method "
         why += prepared.method
         if multiplies:
@@ -120,7 +123,7 @@ def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
                 "that may be several times as large"
             ), ""  # fmt: skip
         yield f"{reached}: {why}; {ask}{other}"
-    elif 0.0 < apart < IN_VAIN * last:
+    elif 0.0 < apart < STAGNATION_RATIO * last:
         yield (
             f"{reached}: shorter steps still help, but these were the last of {MAX_PASSES} passes; "
             f"take fixed steps, or {ask}{other}"
@@ -130,7 +133,7 @@ def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
         if verified.jumps is not None and verified.jumps.begins_before(until):
             why = (
                 f"steps of {prepared.method} damp a vibration that a jump of loads or "
-                f'accelerations excites there, which method = "{FINE_METHOD}" follows'
+                f'accelerations excites there, which method = "{NONSTIFF_METHOD}" follows'
             )
         elif multiplies:
             why = (

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from flexmb.analysis.assembly.jacobian import constraint_rank
-from flexmb.analysis.assembly.joined_damping import add_damping, choose_static_modes, is_determined
+from flexmb.analysis.assembly.joined_damping import add_damping, choose_static_modes, is_determinate
 from flexmb.analysis.dynamics.passes import PASSES, PreparedDynamics, prepared_run
 from flexmb.analysis.dynamics.run_settings import loop_settings, with_tolerance
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
@@ -62,7 +62,7 @@ def prepare_resumed(
     first, rank = _first_pose(compiled, arrays, result, rows)
     if "first_q" in arrays:
         compiled, _ = add_damping(choose_static_modes(compiled, first), model, first)
-    settings = loop_settings(compiled, spec, integrator, is_determined(compiled, rank))
+    settings = loop_settings(compiled, spec, integrator, is_determinate(compiled, rank))
     if settings.step == 0.0 and passes is not None and passes.dtype == PASSES:
         tolerance = float(passes[0]["tolerance"])
         settings = with_tolerance(settings, spec, integrator, tolerance)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmb.engine import method
-from flexmb.engine.bodies.motion import LAST_PLACES
+from flexmb.engine.bodies.motion import RELATIVE_ROUND_OFF
 from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
 from flexmb.engine.geometry import extents_of_parts
@@ -25,7 +25,6 @@ _NEWTON, _NEWTON_OF_HIGH_ORDER = 1e-8, 1e-10  # relative, with fixed steps
 # Local error over the requested one, of high order or not: with 0.1 half of 171 first passes of the
 # judging scenes are below 0.1 times it and a fifth are repeated (order 8; 0.6 and a half, order 5).
 _LOCAL = {True: 0.1, False: 0.2}
-HIGH_ORDER = 5
 # Local error of a run over that of its shorter steps, where one lies across two of its scout
 # (explicit or not). By order 8, 4, 2, 1, 0.7 exceed twice the request in 1, 0, 0, 0 of 450 runs and
 # misjudge 6, 6, 6, 11, at 1, 1.02, 1.08, 1.16 times the cost; 4 or 2 misjudge 5 of 498 of radau.
@@ -137,8 +136,8 @@ def local_tolerance(spec: DynamicsSpec, integrator: method.Method) -> float:
     """
     accuracy = ACCURACY if spec.accuracy is None else spec.accuracy
     power = max(integrator.error_order / integrator.order, 1.0)
-    local = _LOCAL[integrator.order >= HIGH_ORDER]
-    return float(min(local * accuracy**power, integrator.loosest))
+    local = _LOCAL[integrator.order >= method.HIGH_ORDER]
+    return float(min(local * accuracy**power, integrator.max_tolerance))
 
 
 def with_tolerance(
@@ -146,7 +145,7 @@ def with_tolerance(
 ) -> method.Settings:
     """The settings with another local tolerance; steps that are not ruled by it shrink as well."""
     finer = (tolerance / local_tolerance(spec, integrator)) ** (1.0 / integrator.error_order)
-    return settings._replace(tolerance=tolerance, turn=settings.turn * finer)
+    return settings._replace(tolerance=tolerance, max_rotation=settings.max_rotation * finer)
 
 
 def refinement(integrator: method.Method) -> float:
@@ -155,22 +154,22 @@ def refinement(integrator: method.Method) -> float:
     The error told over the true one of the judging scenes, a tenth of them below and a tenth above:
     0.8 to 2.7 with 1.6 and order 8, 0.5 to 2.7 with 2; 0.9 to 2.6 and 0.8 to 4 with order 5.
     """
-    return 2.0 if integrator.order < HIGH_ORDER else 1.6
+    return 2.0 if integrator.order < method.HIGH_ORDER else 1.6
 
 
 def loop_settings(
-    compiled: Compiled, spec: DynamicsSpec, integrator: method.Method, determined: bool
+    compiled: Compiled, spec: DynamicsSpec, integrator: method.Method, determinate: bool
 ) -> method.Settings:
-    """Of a run without scout; `determined` if the constraints alone fix the motion."""
+    """Of a run without scout; `determinate` if the constraints alone fix the motion."""
     system, kinds, grid = compiled.system, kinds_of(compiled.system), time_grid(spec)
     works = bool(
-        any(kind.works for kind in kinds)
+        any(kind.does_work for kind in kinds)
         or np.any(system.rows["fun"] >= 0)
         or np.any(system.parts.bodies["damped"])
     )
     stiff = any(kind.is_stiff(system.kinds[kind.name]) for kind in kinds)
     static = system.kinds.get(STATIC_MODES.name)
-    newton = _NEWTON if integrator.order < HIGH_ORDER else _NEWTON_OF_HIGH_ORDER
+    newton = _NEWTON if integrator.order < method.HIGH_ORDER else _NEWTON_OF_HIGH_ORDER
     return method.Settings(
         start=0.0,
         end=spec.duration,
@@ -178,16 +177,16 @@ def loop_settings(
         step=grid.step,
         tolerance=0.0 if grid.step else local_tolerance(spec, integrator),
         accuracy=ACCURACY if spec.accuracy is None else spec.accuracy,
-        slack=1.0,
-        turn=1.0,
+        rejection_factor=1.0,
+        max_rotation=1.0,
         refinement=0.0,
         least_motion=_AT_REST,
         newton_tolerance=spec.newton_tolerance or (newton if grid.step else 0.0),
         max_iterations=_MAX_ITERATIONS,
-        works=int(works),
+        does_work=int(works),
         stiff=int(stiff),
-        determined=int(determined),
-        follow=int(
+        determinate=int(determinate),
+        static_after_step=int(
             static is not None and (integrator.stages > 0 or bool(static.kinetostatic.any()))
         ),
     )
@@ -222,10 +221,10 @@ def set_least_motion(
 
 
 def set_first_places(compiled: Compiled, state: State) -> None:
-    """Tell a state what of corrections is round-off, by the pose that the run begins with.
+    """Set the round-off of corrections at the first pose (State.first_places).
 
-    The gap of a joint has the round-off of the places of its markers, and moves whatever shares
-    equations with it, turning it the more the smaller that part of the model is.
+    Round-off of marker positions appears as the gap of a joint. Closing it moves all bodies of the
+    same part of the model, and rotates them more, the smaller the part is.
     """
     system, of = compiled.system, compiled.system.part
     bodies, rows, markers = system.parts.bodies, system.rows, system.parts.markers
@@ -240,7 +239,7 @@ def set_first_places(compiled: Compiled, state: State) -> None:
         places[iv + 3 : iv + 6] = turn[iv + 3 : iv + 6]
     ends = rows[rows["fun"] >= 0]
     on = np.concatenate([markers["body"][ends[end]] for end in "IJ"])
-    state.first_places[:] = LAST_PLACES * places, np.isin(of, of[bodies["iv"][on[on >= 0]]])
+    state.first_places[:] = RELATIVE_ROUND_OFF * places, np.isin(of, of[bodies["iv"][on[on >= 0]]])
 
 
 def _put_joint_coordinates(compiled: Compiled, turn: Array, way: Array, out: Array) -> None:
@@ -261,5 +260,7 @@ def scout_settings(settings: method.Settings, integrator: method.Method) -> meth
 def fine_settings(settings: method.Settings, integrator: method.Method) -> method.Settings:
     """Of a run that follows the steps of its scout; its own estimate is a safeguard only."""
     finer = refinement(integrator)
-    rings = finer**integrator.error_order if integrator.order < HIGH_ORDER else 1.0
-    return settings._replace(refinement=finer, slack=_SLACK[integrator.stages > 0] * rings)
+    rings = finer**integrator.error_order if integrator.order < method.HIGH_ORDER else 1.0
+    return settings._replace(
+        refinement=finer, rejection_factor=_SLACK[integrator.stages > 0] * rings
+    )

@@ -5,15 +5,15 @@ with the moment at which it was largest. Above its warning level an indicator is
 above the bound of `[validity]` the run is refused, at the moment when that is certain. The audit of
 effects reads the same indicators.
 
-Of vibrations that are left out because quasi-static modes stay as they are within a step: those of
-all flexible bodies in their first pose with these modes as springs without mass (static
-condensation), beside those with these modes still; what is only among the former is left out, such
-as a heavy body on the compliance of a beam. Springs, gravity and other forces are not counted.
-What such a vibration ω would do beyond following, d, is integrated along the run: d̈ + 2ζω ḋ + ω² d
-= −ä, a its part of the computed deformation, a cubic by values and rates at two rows. Where a load
-or an acceleration of a driver has a jump or a bend between them, a follows that function of time.
-So d is what a shock spectrum has, of a step |a|, of a ramp that takes T, 2|a sin(ωT/2)|/(ωT), and
-|a|/(ωT) while it rises (Biggs, Introduction to Structural Dynamics, 1964, ch. 2).
+Omitted vibrations are those that kinetostatic modes exclude: the vibrations of all flexible bodies
+in the first pose with these modes as massless springs (static condensation), less those that remain
+with these modes fixed; such as a heavy body on the compliance of a beam. Springs, gravity and other
+forces are not counted. The response d of each, beyond the static one, is integrated along the run:
+d̈ + 2ζω ḋ + ω² d = −ä, a its part of the computed deformation, a cubic by values and rates at two
+rows. Where a load or an acceleration of a driver has a jump or a bend between them, a follows that
+function of time. So d is what a shock spectrum has: of a step |a|; of a ramp that takes T,
+2|a sin(ωT/2)|/(ωT), and |a|/(ωT) while it rises (Biggs, Introduction to Structural Dynamics, 1964,
+ch. 2).
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, n_free
-from flexmb.analysis.assembly.joined_damping import JoinedScene
-from flexmb.analysis.dynamics.bent_functions import AT_ONCE, bent_functions
+from flexmb.analysis.assembly.joined_damping import MechanismModes
+from flexmb.analysis.dynamics.kinked_functions import AT_ONCE, kinked_functions
 from flexmb.analysis.dynamics.linear_elasticity import (
     LinearElasticityMonitor,
     loads_without_response,
@@ -40,7 +40,7 @@ from flexmb.analysis.dynamics.modal_basis import ModalBasisMonitor
 from flexmb.analysis.monitors import Indicator, Monitor
 from flexmb.engine.bodies.static_modes import static_bodies, static_coordinates
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import FINE_METHOD, STIFF_METHOD
+from flexmb.engine.entries import NONSTIFF_METHOD, STIFF_METHOD
 from flexmb.engine.state import State
 from flexmb.errors import AssemblyError
 from flexmb.model.model import Model
@@ -229,7 +229,7 @@ class OmittedVibrationMonitor:
     """
 
     def __init__(self, compiled: Compiled, model: Model, q: Array) -> None:
-        explicit = model.dynamics is not None and model.dynamics.method == FINE_METHOD
+        explicit = model.dynamics is not None and model.dynamics.method == NONSTIFF_METHOD
         still = static_coordinates(compiled.system, kinetostatic=not explicit)
         self._cure = 'deformation = "automatic" has them'
         if explicit:
@@ -243,7 +243,7 @@ class OmittedVibrationMonitor:
         every, kinetostatic = static_bodies(compiled.system)
         rows = every if explicit else kinetostatic
         self._names = [compiled.layout.bodies[k].name for k in rows]
-        scene = JoinedScene(compiled, q, list(range(len(compiled.layout.bodies))))
+        scene = MechanismModes(compiled, q, list(range(len(compiled.layout.bodies))))
         flexible = [k for k, body in enumerate(compiled.layout.bodies) if body.m]
         try:
             free = scene.vibrations(*flexible)
@@ -262,7 +262,7 @@ class OmittedVibrationMonitor:
         spec = model.dynamics
         self._undeformed = spec is not None and spec.start == "undeformed"
         self._duration = spec.duration if spec is not None else 0.0
-        self._loads = bent_functions(compiled, self._duration) if len(gone) else []
+        self._loads = kinked_functions(compiled, self._duration) if len(gone) else []
         self._influence = np.full((len(self._loads), len(gone)), np.nan)  # of each on the parts
 
     @property

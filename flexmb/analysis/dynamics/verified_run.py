@@ -22,16 +22,15 @@ import numpy as np
 
 from flexmb.analysis.dynamics.compared_quantities import (
     NO_MOTION,
-    Comparison,
     RoundOff,
+    RowComparison,
     by_part,
     compared,
 )
 from flexmb.analysis.dynamics.integration import Integration
 from flexmb.analysis.dynamics.jump_states import JumpStates
-from flexmb.analysis.dynamics.measured_error import ErrorOf, MeasuredError
+from flexmb.analysis.dynamics.measured_error import MeasuredError, QuantityError
 from flexmb.analysis.dynamics.run_settings import (
-    HIGH_ORDER,
     damps_vibrations,
     fine_settings,
     gyration,
@@ -60,10 +59,11 @@ _MORE_STEPS = 1.1  # of a scout over those of the pass before, from which on the
 # 2, 1.5, 0.75, 0 of 66 runs of states miss the request 0, 1, 1, 1, are told less than a third 0, 1,
 # 3, 3, more than 3 times 5, 2, 4, 0, at cost 1.09, 1, 0.94, 0.93; of 16 with slow states 7 with 2.
 _ORDER_LOST = {True: 2.0, False: 1.5}
-# Ratio of errors of explicit methods by the pass before, over that by the order, which is no surer:
-# of 200 first passes of the judging scenes a tenth had 0.8 times that by the order or less, half
-# 1.2, a tenth 2.7 or more (order 8; 0.9, 1.1 and 2.6 with order 5). Of 184 pairs of passes a
-# twentieth fell by 0.54 times what the order says or less (0.59): only less is an order lost.
+# The ratio of errors of an explicit method may be this many times larger or smaller by the pass
+# before than by its order. Measured over the expected one: of 200 first passes a tenth had 0.8 or
+# less, half 1.2, a tenth 2.7 or more (order 8; 0.9, 1.1, 2.6 with order 5). From pass to pass
+# errors fell by 0.54 of the expected factor or less in a twentieth of 184 pairs (0.59): only below
+# is order lost.
 _LUCK = 2.0
 _FOLLOWING = 3.0  # order of positions where modes follow their loads, by cubics through their past
 _LIMITED = 0.02  # of all steps, those of a scout at its limit of stability
@@ -128,10 +128,10 @@ class VerifiedRun:
         """
         integrator, passes, now = self.fine.method, self.passes[0], self.difference
         highest = float(integrator.order)
-        implicit = integrator.stages == 0 and integrator.order >= HIGH_ORDER
+        implicit = integrator.stages == 0 and integrator.order >= method.HIGH_ORDER
         if implicit and self.fine.compiled.layout.coordinates:
             highest -= _ORDER_LOST[self.is_stiff]
-        if self.fine.settings.follow == 1:
+        if self.fine.settings.static_after_step == 1:
             highest = min(highest, _FOLLOWING)
         steps, last = self.scout.state.count[0]["steps"], passes["last_steps"]
         known = 0.0 < passes["last_difference"] < _SAME_MOTION and now > 0.0
@@ -174,7 +174,7 @@ class VerifiedRun:
         at_rest = {unit: NO_MOTION * size for unit, size in least.items()}
         radii, modes = gyration(compiled), modal_reach(compiled)
         parts = by_part(compared(compiled.layout, model, modes), compiled, model)
-        comparison = Comparison(compiled.layout, model, at_rest, span, radii, parts, modes)
+        comparison = RowComparison(compiled.layout, model, at_rest, span, radii, parts, modes)
         error = MeasuredError(comparison, RoundOff(comparison.compared, compiled, model))
         return cls(scout, fine, error, recorded, of_scout, passes, is_stiff, jumps)
 
@@ -198,7 +198,7 @@ class VerifiedRun:
             self.error.add(coarse.part(done, done + len(both.t)), both)
             done += len(both.t)
             rows.append(block.rows(self._newest(self.recorded, block)))
-            if first or fine_status != method.FINE:
+            if first or fine_status != method.SUCCESS:
                 status = max(status, fine_status)
                 break
         if self.jumps is not None:
@@ -218,14 +218,14 @@ class VerifiedRun:
             **({} if self.jumps is None else {"jumps": self.jumps.table}),
         }
 
-    def errors(self) -> dict[str, ErrorOf]:
+    def errors(self) -> dict[str, QuantityError]:
         """The measured error of each quantity.
 
         Vibrations that the longer steps damp are damped by the shorter ones too, but for a band
         between, which may be all that a small sensor sees: no balance of energies tells.
         """
         damped, ratio = damps_vibrations(self.fine.compiled, self.fine.method), self.ratio
-        damped |= self.fine.settings.follow == 1
+        damped |= self.fine.settings.static_after_step == 1
         if 0.0 < self.passes[0]["last_difference"] < _SAME_MOTION:
             luck = _LUCK if self.fine.method.stages else 1.0
             ratio = min(self.error.ratio_before() or ratio, luck * ratio)
@@ -285,13 +285,13 @@ def measure_round_off_growth(
         runs = [_follow(verified, begin, chunks, _MOVED, progress)]
         more = verified.fine.settings.refinement
         error.set_round_off([np.vstack([chunk.values for chunk in chunks]), *runs], more)
-        if error.multiplied_share() > _SHOWN * accuracy:
+        if error.amplified_round_off() > _SHOWN * accuracy:
             runs += [_follow(verified, begin, chunks, shift, progress) for shift in (-_MOVED, 0.0)]
             error.set_round_off(runs, more)
     except FlexmbError:  # too many steps: the run itself has told
         return
     finally:
-        error.forget_walk(steps)
+        error.drop_unamplified_round_off(steps)
 
 
 def _repeated_chunks(verified: VerifiedRun, begin: State, progress: Progress) -> list[Chunk]:
@@ -306,7 +306,7 @@ def _repeated_chunks(verified: VerifiedRun, begin: State, progress: Progress) ->
             verified.error.comparison.values(own.rows.read()),
         )
         chunks.append(Chunk(knots.copy(), values))
-        if status != method.FINE or own.state.count[0]["steps"] > most:
+        if status != method.SUCCESS or own.state.count[0]["steps"] > most:
             break
         progress("integrate", 1.0, f"measures round-off, t = {own.state.t[0]:.4g} s")
     return chunks
@@ -326,15 +326,15 @@ def _follow(
     """Values compared (k, components) in the rows of a run on the scout's steps, moved by a share
     of them, as far as it comes."""
     scout, rows = verified.scout, list[np.ndarray]()
-    settings = scout.settings._replace(refinement=1.0, slack=_ANY_ERROR)
+    settings = scout.settings._replace(refinement=1.0, rejection_factor=_ANY_ERROR)
     run = _again(scout, settings, begin, new_plan(scout.chunk))
     for chunk in chunks:
         _put_plan(run, chunk.knots, shift)
-        status = method.FINE
-        while not rows or (status == method.FINE and run.state.t[0] < chunk.knots[-1]):
+        status = method.SUCCESS
+        while not rows or (status == method.SUCCESS and run.state.t[0] < chunk.knots[-1]):
             status = run.integrate(run.chunk if rows else 0)
             rows.append(verified.error.comparison.values(run.rows.read()))
-        if status != method.FINE:
+        if status != method.SUCCESS:
             break
         progress("integrate", 1.0, f"measures round-off, t = {run.state.t[0]:.4g} s")
     return np.vstack(rows)

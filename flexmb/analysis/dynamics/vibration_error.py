@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from flexmb.analysis.dynamics.compared_quantities import Comparison
+from flexmb.analysis.dynamics.compared_quantities import RowComparison
 from flexmb.flexbody.arrays import Array
 from flexmb.results.output_block import OutputBlock
 
@@ -26,7 +26,7 @@ class VibrationError:
 
     Parameters
     ----------
-    comparison : Comparison
+    comparison : RowComparison
         What is compared.
 
     Attributes
@@ -35,7 +35,7 @@ class VibrationError:
         The errors, their times, and when the vibrations begin [s].
     """
 
-    def __init__(self, comparison: Comparison) -> None:
+    def __init__(self, comparison: RowComparison) -> None:
         self._comparison = comparison
         self.table = np.zeros((3, len(comparison.compared)))
 

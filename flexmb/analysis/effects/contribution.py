@@ -28,7 +28,7 @@ from flexmb.engine.bodies.flexible_body import modal_reach
 from flexmb.engine.bodies.static_modes import static_bodies
 from flexmb.engine.compile import Compiled
 from flexmb.engine.iteration_matrix import put_matrix
-from flexmb.engine.units import call, hand_over, prepare_units
+from flexmb.engine.units import call, packed_record, prepare_units
 from flexmb.engine.work import new_run, new_state, new_work, units_of
 from flexmb.errors import FlexmbError
 from flexmb.flexbody import FlexBody
@@ -228,7 +228,7 @@ def estimate(
     jumps, names = None, [body.name for body in own.layout.bodies]
     if static := [names[k] for k in static_bodies(own.system)[1] if names[k] in inertia]:
         carried, jumps = follow_places(other, carried, static)
-    carried = carried.remembered(other)
+    carried = carried.with_history(other)
     start = first_change(other, model, carried) if begins_as_placed else None
     made = respond(other, carried, balance, start, quasi_static=quasi_static, jumps=jumps)
     specs = active_model(model).forces.values()
@@ -298,8 +298,8 @@ def evaluation_time(compiled: Compiled) -> float:
     system, state = compiled.system, new_state(compiled.system, len(compiled.layout.channels))
     state.q[:] = compiled.initial_q
     prepare_units([stages.begin_run, stages.residual, put_matrix, *units_of(system)])
-    run = hand_over(new_run(system, state, new_work(system, len(state.angles))))
-    at, best = hand_over(run.record.state_point), np.inf
+    run = packed_record(new_run(system, state, new_work(system, len(state.angles))))
+    at, best = packed_record(run.record.state_point), np.inf
     call(stages.begin_run, run, at)
     for _ in range(5):
         began = time.thread_time()

@@ -77,7 +77,7 @@ class ModalEquations:
         inner = np.ix_(np.arange(n), quick, quick)
         for _ in range(_ROUNDS):
             y = np.zeros((n, u))
-            y[:, quick] = least_solution(self.K[inner], load[:, quick, None])[..., 0]
+            y[:, quick] = least_squares_solution(self.K[inner], load[:, quick, None])[..., 0]
             motion = np.array([y, self._pieces.rate(y), self._pieces.rate(y, 2)])
             load = load - sum(map(times, (self.K, self.D, self.M), motion))
             slow += motion
@@ -120,10 +120,10 @@ def _equilibria(
     slow = ~quick
     both = np.where(quick, K, M)  # of the places of quick ones and the accelerations of the others
     others = np.concatenate([K[:, :, slow], D[:, :, slow] * omega[slow], -load], axis=2)
-    return -least_solution(both, others)[:, quick]
+    return -least_squares_solution(both, others)[:, quick]
 
 
-def least_solution(A: Array, b: Array) -> Array:
+def least_squares_solution(A: Array, b: Array) -> Array:
     """x of A x = b; the least one where A is singular, as of a contact that is open."""
     try:
         return np.asarray(np.linalg.solve(A, b))

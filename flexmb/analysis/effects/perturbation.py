@@ -25,13 +25,17 @@ from typing import NamedTuple
 import numpy as np
 
 from flexmb.analysis.assembly.jacobian import one_blas_thread
-from flexmb.analysis.dynamics.bent_functions import rows_behind_jumps
+from flexmb.analysis.dynamics.kinked_functions import rows_behind_jumps
 from flexmb.analysis.effects.independent_coordinates import (
     IndependentCoordinates,
     IndependentMotions,
     choose_coordinates,
 )
-from flexmb.analysis.effects.modal_equations import UNRESOLVED, ModalEquations, least_solution
+from flexmb.analysis.effects.modal_equations import (
+    UNRESOLVED,
+    ModalEquations,
+    least_squares_solution,
+)
 from flexmb.analysis.effects.smooth_pieces import Jumps, SmoothPieces
 from flexmb.analysis.effects.stored_motion import Bristles, Motion, equations_of
 from flexmb.analysis.effects.variational_equations import VariationalEquations, linearise, times
@@ -99,14 +103,14 @@ def respond(
     n, closed, factors = len(motion.t), None, np.ones((1, len(motion.t)))
     if bounded == n:
         closed = _closure(motion, state, equations, parts[0], elastic)
-    dq = equations.frames.outward(parts[0])
+    dq = equations.frames.to_motions(parts[0])
     if closed is None:  # large turns may take away from what such joints add: the smaller counts
         sizes = np.abs(parts[0]).max(axis=1, initial=_SMALL)
         factors = np.stack([np.ones(n), _SMALL / sizes])
     else:
         closed_v = pieces.rate(closed) + times(equations.Omega, closed)
         parts = parts + [closed, closed_v, pieces.rate(closed_v)]
-    q, v, vd = (equations.frames.outward(part) for part in parts)
+    q, v, vd = (equations.frames.to_motions(part) for part in parts)
     moved = _Moves(q, v, vd, -multipliers, small.history)
     change = np.full_like(motion.channels, np.inf)
     for k in range(bounded):
@@ -158,7 +162,7 @@ def _closure(
     closed, gaps = np.zeros_like(dq), np.zeros((_CLOSINGS + 1, len(dq)))
     closing = of.closure((motion.t[-1] - motion.t[0]) ** 2 * elastic)
     for gap in gaps:
-        whole = of.frames.outward(dq + closed)
+        whole = of.frames.to_motions(dq + closed)
         for k in range(len(dq)):
             motion.put(k, equations)
             equations.state.q[:] = equations.moved(motion.q[k], whole[k])
@@ -206,7 +210,7 @@ def _solve(
     stays = {} if jumps is None else {int(k): i for i, k in enumerate(jumps.rows)}
     begin = _Begin(np.zeros(nu), np.zeros(nu), None)
     if start is not None:
-        dq, dv, dvd = (frames.inward(0, x) for x in start)
+        dq, dv, dvd = (frames.to_coordinates(0, x) for x in start)
         begin = _Begin(dq, dv, dvd - frames.spin()[1][0] @ dv)
     static = static_coordinates(compiled.system)
     springs = frames.elastic(), frames.elastic(static) if len(static) else None
@@ -217,7 +221,7 @@ def _solve(
         end = min((k + 1 for k in (*stays, *bends) if k > first), default=n)
         coordinates = choose_coordinates(of, first, end)
         rows = slice(first, first + len(coordinates.Z))
-        places = frames.outward(np.stack(begin[:2]), slice(first, first + 1))
+        places = frames.to_motions(np.stack(begin[:2]), slice(first, first + 1))
         added = bristles.load(range(n)[rows], *places)
         load[rows] = frames.turned(added[:, None], rows)[:, 0]
         own = of.part(rows).between(load[rows], first in bends, rows.stop - 1 in bends)
@@ -230,7 +234,7 @@ def _solve(
         begin = _Begin(parts[0, first], parts[1, first], accelerations)
         if jumps is not None and first in stays:
             both = (x[stays[first]] for x in (jumps.places, jumps.velocities))
-            dq, dv = (frames.inward(first, x) for x in both)
+            dq, dv = (frames.to_coordinates(first, x) for x in both)
             begin = _Begin(begin.q - dq, begin.v - dv, None)
     if quasi_static and n > _ENDS**2:
         parts[1:, -_ENDS:] = parts[1:, [-_ENDS - 1]]
@@ -271,6 +275,6 @@ def _solve_piece(
         force = of.F[0] + of.M[0] @ vd + of.D[0] @ v
         force = force + of.K[0] @ (made.Z[0] @ (T @ y) + made.g[0])
         side = made.Z[0] @ T[:, modal.quick]
-        y[modal.quick] = -least_solution(side.T @ of.K[0] @ side, side.T @ force)
+        y[modal.quick] = -least_squares_solution(side.T @ of.K[0] @ side, side.T @ force)
     moved, bounded = modal.integrate(y, yd)
     return made.motion(*(eta @ T.T for eta in moved)), bounded

@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from flexmb.analysis.dynamics.bent_functions import rows_behind_jumps
+from flexmb.analysis.dynamics.kinked_functions import rows_behind_jumps
 from flexmb.analysis.effects.stored_motion import Motion
 from flexmb.engine.compile import Compiled
 from flexmb.flexbody.arrays import Array, IntArray

@@ -86,7 +86,7 @@ class Motion:
         tables = {name: one[every] for name, one in vars(self).items() if one is not None}
         return replace(self, **tables)
 
-    def remembered(self, compiled: Compiled) -> Motion:
+    def with_history(self, compiled: Compiled) -> Motion:
         """It with the history of a model's elements along the rows.
 
         That of the row before, from which bristles stretch; of a contact that is open the speed of
@@ -101,9 +101,9 @@ class Motion:
         for k in range(len(rows)):
             motion.put(k, equations)
             if k == 0:
-                equations.remember(is_first=True)
+                equations.update_history(is_first=True)
             rows[k] = equations.state.history
-            equations.remember(is_first=False)
+            equations.update_history(is_first=False)
             rows[k, speeds] = equations.state.history[speeds]
         return replace(self, history=rows)
 
@@ -151,7 +151,7 @@ class Bristles:
             equations.state.q[:] = equations.moved(self.motion.q[k], f * dq)
             equations.state.v[:] += f * dv
             equations.state.history[:] += f * self.changes[k]
-            equations.remember(is_first=is_first)
+            equations.update_history(is_first=is_first)
             both.append(equations.state.history.copy())
         change: Array = np.zeros_like(both[0])
         before, after = (one[self._stretched] for one in both)
@@ -197,7 +197,7 @@ def blocks(n: int) -> Iterator[slice]:
         yield slice(first, min(first + _BLOCK, n))
 
 
-class Frames:
+class WeightedCoordinates:
     """Weighted coordinates of small motions: translations and rotations of bodies in their axes."""
 
     def __init__(self, compiled: Compiled, motion: Motion) -> None:
@@ -224,7 +224,7 @@ class Frames:
         Y = Y[:, self.used] * self.inverse[self.used, None]
         return np.asarray(Y.transpose(0, 2, 1))
 
-    def both_turned(self, X: Array, rows: slice = slice(None)) -> Array:
+    def congruence(self, X: Array, rows: slice = slice(None)) -> Array:
         """Sᵀ X S of matrices (n, nv, nv) of these rows."""
         half = self.turned(X, rows).transpose(0, 2, 1)
         return self.turned(half, rows).transpose(0, 2, 1)
@@ -242,7 +242,7 @@ class Frames:
                 W[:, at[:, None], at] = cross[:, own[:, None], own] * factors[at[:, None], at]
         return both, shift
 
-    def inward(self, k: int, motion: Array) -> Array:
+    def to_coordinates(self, k: int, motion: Array) -> Array:
         """Weighted coordinates in row k of a motion (nv,); columns of S are at right angles."""
         turned = self.turned(motion[None, None], slice(k, k + 1))[0, 0]
         return np.asarray(turned / self.inverse[self.used] ** 2)
@@ -256,9 +256,9 @@ class Frames:
                 K[own, own] = self.compiled.flexbodies[body.name].K
         if places is not None:
             K *= np.outer(*2 * [np.isin(np.arange(len(K)), places)])
-        return np.asarray(self.both_turned(K[None], slice(0, 1))[0])
+        return np.asarray(self.congruence(K[None], slice(0, 1))[0])
 
-    def outward(self, part: Array, rows: slice = slice(None)) -> Array:
+    def to_motions(self, part: Array, rows: slice = slice(None)) -> Array:
         """Motions (n, nv) of weighted coordinates (n, used) in these rows."""
         motion = np.zeros((len(part), len(self.inverse)))
         motion[:, self.used] = part * self.inverse[self.used]
@@ -271,7 +271,7 @@ class Frames:
 def out_of_balance(compiled: Compiled, motion: Motion) -> Array:
     """F (n, nv) that the rows of a run leave in their own model."""
     equations, rows = equations_of(compiled), np.zeros((len(motion.t), compiled.layout.nv))
-    motion = motion.remembered(compiled)
+    motion = motion.with_history(compiled)
     for k in range(len(rows)):
         motion.put(k, equations)
         rows[k] = equations.residual()

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import numerical_rank
-from flexmb.analysis.effects.stored_motion import Frames, Motion, blocks, equations_of
+from flexmb.analysis.effects.stored_motion import Motion, WeightedCoordinates, blocks, equations_of
 from flexmb.engine.compile import Compiled
 from flexmb.flexbody.arrays import Array, IntArray
 
@@ -34,7 +34,7 @@ class VariationalEquations:
     a coordinate depends on others.
     """
 
-    frames: Frames
+    frames: WeightedCoordinates
     weights: Array
     prefer: Array
     M: Array
@@ -94,7 +94,11 @@ class VariationalEquations:
 
 def linearise(compiled: Compiled, motion: Motion, balance: Array) -> VariationalEquations:
     """The equations of a model about a motion; arguments as of `perturbation.respond`."""
-    frames, equations, n = Frames(compiled, motion), equations_of(compiled), len(motion.t)
+    frames, equations, n = (
+        WeightedCoordinates(compiled, motion),
+        equations_of(compiled),
+        len(motion.t),
+    )
     nv, used, scale = compiled.layout.nv, frames.used, compiled.system.row_weights
     nu, nc = len(used), len(scale)
     M, D, K, Omega = (np.zeros((n, nu, nu)) for _ in range(4))
@@ -108,8 +112,8 @@ def linearise(compiled: Compiled, motion: Motion, balance: Array) -> Variational
             tangents.append(equations.tangents())
             F[k], C[k] = equations.work.trial.res, equations.work.con.C
         mass, *others = (np.stack([x[j] for x in tangents]) for j in range(5))
-        M[part] = frames.both_turned(mass, part)
-        D[part], K[part] = (frames.both_turned(X, part) for X in others[:2])
+        M[part] = frames.congruence(mass, part)
+        D[part], K[part] = (frames.congruence(X, part) for X in others[:2])
         Omega[part], shift = frames.spin(part)
         D[part] += M[part] @ shift
         Cq[part] = frames.turned(others[2], part)

@@ -21,7 +21,12 @@ from flexmb.analysis.assembly.initial_state import StartValues, assemble
 from flexmb.analysis.assembly.jacobian import ConstraintRows, column_scales, one_blas_thread
 from flexmb.analysis.assembly.joined_damping import condensation
 from flexmb.analysis.linear.eigenmodes import Complex, Eigenmodes, eigenmodes
-from flexmb.analysis.linear.observer import RowsAlongMotion, SeenEquations, body_axes, fastest_rate
+from flexmb.analysis.linear.observer import (
+    MinimalEquations,
+    RowsAlongMotion,
+    body_axes,
+    fastest_rate,
+)
 from flexmb.analysis.linear.state_equations import StateEquations, Tangents
 from flexmb.analysis.linear.state_space import (
     StateSpace,
@@ -78,7 +83,7 @@ class Linearization:
     model: Model
     state: State
     tangents: Tangents
-    seen: SeenEquations
+    seen: MinimalEquations
     unsteadiness: float
     notes: tuple[str, ...]
 
@@ -247,10 +252,10 @@ def linearize_state(
     rate = fastest_rate(compiled, state)
     rate = rate if rate > _MIN_RATE else 0.0
     along = RowsAlongMotion(compiled, state)
-    here = [SeenEquations(along, tangents, "ground" if frame == "auto" else frame)]
+    here = [MinimalEquations(along, tangents, "ground" if frame == "auto" else frame)]
     if frame == "auto" and here[0].depends_on_observer:
         others = _observers(compiled, state, rate)[1:]
-        here += [SeenEquations(along, tangents, name) for name in others]
+        here += [MinimalEquations(along, tangents, name) for name in others]
     change, best = 0.0, here[0]
     if rate > 0.0:
         fastest = max(rate, here[0].slowest)
@@ -265,7 +270,7 @@ def linearize_state(
         after = RowsAlongMotion(compiled, later)
         changes = [
             one.difference(
-                SeenEquations(after, then, one.observer.name, one.coordinates.partition), fastest
+                MinimalEquations(after, then, one.observer.name, one.coordinates.partition), fastest
             )
             / _COMPARED_ANGLE
             for one in here
@@ -291,7 +296,7 @@ def _observers(compiled: Compiled, state: State, rate: float) -> list[str]:
     return names[:_MAX_OBSERVERS]
 
 
-def _notes(change: float, seen: SeenEquations, is_moving: bool) -> Iterator[str]:
+def _notes(change: float, seen: MinimalEquations, is_moving: bool) -> Iterator[str]:
     if change > 0.0:
         much = f"by {100 * change:.2g} %" if change < 1.0 else "altogether"
         yield (

@@ -244,7 +244,7 @@ def _partition(compiled: Compiled, A: Array, starts: NDArray[np.int64]) -> Parti
     return Partition(order[:rank], np.sort(order[rank:]))
 
 
-class SeenEquations:
+class MinimalEquations:
     """The equations of a state as an observer sees them: M ÿ + D ẏ + K y = 0 for y.
 
     `at` are the matrices for x (`observer`), `left` (nv, n) what no multiplier loads.
@@ -287,7 +287,7 @@ class SeenEquations:
             return 0.0
         return float(1.0 / np.sqrt(abs(squared))) if np.isfinite(squared) and squared else 0.0
 
-    def difference(self, later: SeenEquations, rate: float) -> float:
+    def difference(self, later: MinimalEquations, rate: float) -> float:
         """Largest change of a coefficient, over what compares with it at a rate, 1/s."""
         mass, stiffness = (np.sqrt(np.abs(np.diag(M))) for M in (self.mass, self.stiffness))
         rates = np.maximum(stiffness, rate * mass)  # of each coordinate by itself, times its mass

@@ -23,7 +23,7 @@ from flexmb.engine.iteration_matrix import put_matrix, put_rows
 from flexmb.engine.state import State, Work
 from flexmb.engine.state_rows import remember_row
 from flexmb.engine.tables import Kkt
-from flexmb.engine.units import bind, call, hand_over, prepare_units
+from flexmb.engine.units import bind, call, packed_record, prepare_units
 from flexmb.engine.work import new_run, new_work, units_of
 from flexmb.flexbody.arrays import Array, IntArray
 
@@ -59,9 +59,9 @@ class StateEquations:
         compiled = replace(compiled, system=free_static_modes(compiled.system))
         self.compiled, self.state = compiled, state
         self.work: Work = new_work(compiled.system, len(state.angles))
-        self._run = hand_over(new_run(compiled.system, state, self.work))
-        self._at = hand_over(self._run.record.state_point)
-        self._parts = hand_over(compiled.system.parts)
+        self._run = packed_record(new_run(compiled.system, state, self.work))
+        self._at = packed_record(self._run.record.state_point)
+        self._parts = packed_record(compiled.system.parts)
         self._channels = np.zeros(len(state.angles))
         self._put_channels = bind(evaluate_equations, self._run, self._channels)
         self._put_matrices = [bind(one, self._run, self._at) for one in (put_matrix, put_rows)]
@@ -76,7 +76,7 @@ class StateEquations:
         self._evaluate()
         return np.array(self.work.trial.res)
 
-    def remember(self, *, is_first: bool) -> None:
+    def update_history(self, *, is_first: bool) -> None:
         """Let the history of all elements begin at the state, or go on to it from the last one."""
         self._evaluate()
         call(remember_row, self._run, int(is_first))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import column_scales, one_blas_thread
-from flexmb.analysis.linear.observer import SeenEquations
+from flexmb.analysis.linear.observer import MinimalEquations
 from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.engine.forces.spring_damper import DISTANCE_OF
 from flexmb.errors import Problem, SceneError, nearest
@@ -55,10 +55,10 @@ class Actuators(NamedTuple):
         return (*self.forces, *self.drivers)
 
 
-def actuators(seen: SeenEquations) -> Actuators:
+def actuators(minimal: MinimalEquations) -> Actuators:
     """Forces, torques, line forces and springs of a model, and its drivers."""
-    compiled, forces = seen.compiled, {}
-    equations = StateEquations(compiled, seen.state)
+    compiled, forces = minimal.compiled, {}
+    equations = StateEquations(compiled, minimal.state)
     equations.residual()
     x, R = equations.markers["x"], equations.markers["R"]
     for path, element in compiled.elements.items():
@@ -120,17 +120,17 @@ class _Rates(NamedTuple):
 
 
 @one_blas_thread()
-def _motion(seen: SeenEquations, forces: Array, rows: Sequence[int]) -> _Rates:
+def _motion(minimal: MinimalEquations, forces: Array, rows: Sequence[int]) -> _Rates:
     """All of the motion over the columns (y, ẏ, u, u̇ | f, ü)."""
-    c = seen.coordinates
-    at, left, n, d, k = seen.at, seen.left, c.n, len(rows), forces.shape[1]
+    c = minimal.coordinates
+    at, left, n, d, k = minimal.at, minimal.left, c.n, len(rows), forces.shape[1]
     G, Gd, Gdd = c.G[:, rows], c.Gd[:, rows], c.Gdd[:, rows]
-    f = seen.change.S.T @ forces
+    f = minimal.change.S.T @ forces
     b2 = left.T @ at.M @ G
     b1 = left.T @ (2.0 * at.M @ Gd + at.D @ G)
     b0 = left.T @ (at.M @ Gdd + at.D @ Gd + at.K @ G)
-    right = np.hstack([-seen.stiffness, -seen.damping, -b0, -b1, left.T @ f, -b2])
-    Y = np.asarray(np.linalg.solve(seen.mass, right)) if n else right
+    right = np.hstack([-minimal.stiffness, -minimal.damping, -b0, -b1, left.T @ f, -b2])
+    Y = np.asarray(np.linalg.solve(minimal.mass, right)) if n else right
     nv = len(c.N)
     none, no_f = np.zeros((nv, n)), np.zeros((nv, k))
     no_d = np.zeros((nv, d))
@@ -145,13 +145,15 @@ def _motion(seen: SeenEquations, forces: Array, rows: Sequence[int]) -> _Rates:
 
 
 def state_space(
-    seen: SeenEquations, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None
+    minimal: MinimalEquations,
+    inputs: Sequence[str] | None = None,
+    outputs: Sequence[str] | None = None,
 ) -> StateSpace:
     """State space of a linearised model.
 
     Parameters
     ----------
-    seen : SeenEquations
+    seen : MinimalEquations
         The linearised model.
     inputs : sequence of str, optional
         Forces (``"push.x"``), line forces and springs (``"cylinder"``: pushes its markers apart),
@@ -164,20 +166,20 @@ def state_space(
     SceneError
         No such actuator or channel.
     """
-    forces, rows, names = _select(actuators(seen), inputs)
-    rates = _motion(seen, forces, rows)
-    n, d, k = seen.coordinates.n, len(rows), forces.shape[1]
+    forces, rows, names = _select(actuators(minimal), inputs)
+    rates = _motion(minimal, forces, rows)
+    n, d, k = minimal.coordinates.n, len(rows), forces.shape[1]
     width = 2 * n + 2 * d
     A = np.zeros((width, rates.Y.shape[1]))
     A[:n, n : 2 * n] = np.eye(n)
     A[n : 2 * n] = rates.Y
     A[2 * n : 2 * n + d, 2 * n + d : width] = np.eye(d)
     A[2 * n + d : width, width + k :] = np.eye(d)
-    C, channels = _outputs(seen, rates, outputs)
-    has_value = np.concatenate([~seen.coordinates.states, np.ones(width - n, bool)])
+    C, channels = _outputs(minimal, rates, outputs)
+    has_value = np.concatenate([~minimal.coordinates.states, np.ones(width - n, bool)])
     drivers = names[k:]
     states = (
-        *seen.names, *(f"{name}'" for name in seen.names),
+        *minimal.names, *(f"{name}'" for name in minimal.names),
         *drivers, *(f"{name}'" for name in drivers),
     )  # fmt: skip
     columns = np.concatenate([has_value, np.ones(k + d, bool)])
@@ -191,13 +193,13 @@ def state_space(
 
 
 def frequency_response(
-    seen: SeenEquations, input: str, output: str, frequencies: Array
+    minimal: MinimalEquations, input: str, output: str, frequencies: Array
 ) -> NDArray[np.complex128]:
     """Steady response of a channel to a unit of an actuator, at each frequency.
 
     Parameters
     ----------
-    seen : SeenEquations
+    seen : MinimalEquations
         The linearised model.
     input, output : str
         An actuator (N, N m; of a driver m or rad) and a channel, as of `state_space`.
@@ -209,10 +211,10 @@ def frequency_response(
     (k,) complex array
         Amplitude and phase; not finite at an undamped frequency itself.
     """
-    forces, rows, _ = _select(actuators(seen), [input])
-    rates = _motion(seen, forces, rows)
-    n, d = seen.coordinates.n, len(rows)
-    C, _ = _outputs(seen, rates, [output])
+    forces, rows, _ = _select(actuators(minimal), [input])
+    rates = _motion(minimal, forces, rows)
+    n, d = minimal.coordinates.n, len(rows)
+    C, _ = _outputs(minimal, rates, [output])
     response = np.zeros(len(frequencies), complex)
     for i, frequency in enumerate(frequencies):
         s = 2j * np.pi * float(frequency)
@@ -248,10 +250,10 @@ def _select(of: Actuators, names: Sequence[str] | None) -> tuple[Array, list[int
 
 
 def _outputs(
-    seen: SeenEquations, rates: _Rates, outputs: Sequence[str] | None
+    minimal: MinimalEquations, rates: _Rates, outputs: Sequence[str] | None
 ) -> tuple[Array, tuple[str, ...]]:
     """(channels, columns) of the sensors, and their names."""
-    channels = seen.compiled.layout.channels
+    channels = minimal.compiled.layout.channels
     names = channels if outputs is None else tuple(outputs)
     unknown = [name for name in names if name not in channels]
     if unknown:
@@ -268,7 +270,7 @@ def _outputs(
         )
     if not names:
         return np.zeros((0, rates.X0.shape[1])), ()
-    change, (of_q, of_v, of_vd, of_lam) = seen.change, _channel_slopes(seen)
+    change, (of_q, of_v, of_vd, of_lam) = minimal.change, _channel_slopes(minimal)
     turned = rates.X1 + change.W @ rates.X0
     motion = change.S @ (rates.X2 + change.W @ rates.X1 + change.Wd @ rates.X0) + change.P @ turned
     whole = of_q @ change.S @ rates.X0 + of_v @ change.S @ turned + of_vd @ motion
@@ -276,10 +278,10 @@ def _outputs(
     return whole[[channels.index(name) for name in names]], names
 
 
-def _channel_slopes(seen: SeenEquations) -> tuple[Array, Array, Array, Array]:
+def _channel_slopes(minimal: MinimalEquations) -> tuple[Array, Array, Array, Array]:
     """Derivatives of all channels with q (k, nv), v, v̇, and λ (k, nc)."""
-    compiled, equations = seen.compiled, StateEquations(seen.compiled, seen.state)
-    state, nv = seen.state, compiled.layout.nv
+    compiled, equations = minimal.compiled, StateEquations(minimal.compiled, minimal.state)
+    state, nv = minimal.state, compiled.layout.nv
     scales = column_scales(compiled)
     scales[[start.iv for start in compiled.starts]] = 1.0
     q, base = state.q.copy(), equations.channels()

@@ -18,11 +18,11 @@ from flexmb.analysis.assembly.jacobian import (
     ConstraintPose,
     ConstraintRows,
     Decomposition,
-    circuits,
     joint_rows,
     null_space,
     one_blas_thread,
     plain_name,
+    row_dependencies,
 )
 from flexmb.analysis.assembly.positions import close_rows, nearby_poses
 from flexmb.analysis.mobility.redundancy import (
@@ -78,7 +78,7 @@ def _null_circuits(A: Array) -> Array:
     if not A.shape[1]:
         return np.eye(len(A))
     U, size, _ = np.linalg.svd(A)
-    return circuits(U[:, int(np.sum(size > _ZERO_TOLERANCE)) :].T)
+    return row_dependencies(U[:, int(np.sum(size > _ZERO_TOLERANCE)) :].T)
 
 
 def _basic_solution(A: Array, b: Array) -> Array:

@@ -132,17 +132,19 @@ def redundancies(
     others : sequence of ConstraintPose
         Other poses, in which a cure must cure as well.
     """
-    jacobian, circuits = pose.jacobian, pose.jacobian.joint_circuits
-    if not len(circuits):
+    jacobian, row_dependencies = pose.jacobian, pose.jacobian.joint_circuits
+    if not len(row_dependencies):
         return ()
     from scipy.sparse.csgraph import connected_components  # takes time, and is seldom needed
 
     names = tuple(dict.fromkeys(jacobian.owners))
-    shares = np.array([np.any(circuits[:, jacobian.rows_of(name)], axis=1) for name in names])
+    shares = np.array(
+        [np.any(row_dependencies[:, jacobian.rows_of(name)], axis=1) for name in names]
+    )
     groups = []
     n, label = connected_components(shares.T @ shares)  # of circuits that share a joint
     for k in range(n):
-        mine = circuits[label == k]
+        mine = row_dependencies[label == k]
         joints = tuple(np.array(names)[shares[:, label == k].any(axis=1)].tolist())
         cures = _cures(model, pose, joints, mine, others) or _without_couplers(model, pose, mine)
         owners = tuple(dict.fromkeys(element(joint) for joint in joints))
@@ -154,14 +156,14 @@ def _cures(
     model: Model,
     pose: ConstraintPose,
     names: tuple[str, ...],
-    circuits: Array,
+    row_dependencies: Array,
     others: Sequence[ConstraintPose],
 ) -> tuple[tuple[Exchange, ...], ...]:
     """The fewest exchanges of any joints, and the fewest of those that machines have."""
     choices = weaker_choices(model, pose, names)
     if not choices:
         return ()
-    N = {name: circuits[:, pose.jacobian.rows_of(name)].T for name in choices}
+    N = {name: row_dependencies[:, pose.jacobian.rows_of(name)].T for name in choices}
     usual = {
         name: [weaker for weaker in options if weaker.type in MACHINE_JOINTS]
         for name, options in choices.items()
@@ -169,9 +171,9 @@ def _cures(
     typed = {name: [weaker for weaker in some if weaker.type] for name, some in choices.items()}
 
     def fits(cure: tuple[Weaker, ...]) -> bool:
-        return all(_cured(model, other, names, cure, len(circuits)) for other in others)
+        return all(_cured(model, other, names, cure, len(row_dependencies)) for other in others)
 
-    drops = len(circuits)
+    drops = len(row_dependencies)
     few = fewest_exchanges(typed, N, drops, _MAX_EXCHANGES, fits)
     common = fewest_exchanges(usual, N, drops, _MAX_MACHINE_EXCHANGES, fits)
     cures = [cure for cure in (few, common) if cure is not None]
@@ -182,7 +184,7 @@ def _cures(
 
 
 def _without_couplers(
-    model: Model, pose: ConstraintPose, circuits: Array
+    model: Model, pose: ConstraintPose, row_dependencies: Array
 ) -> tuple[tuple[Exchange, ...], ...]:
     """Couplers, the last ones first, that can be left out, one for each redundant equation."""
     whole = [element(owner) for owner in pose.jacobian.owners]
@@ -190,12 +192,12 @@ def _without_couplers(
     for name, spec in reversed(model.couplers.items()):
         path = f"couplers.{name}"
         rows = [k for k, owner in enumerate(whole) if owner == path]
-        rank = Decomposition.of(circuits).rank
-        if len(removed) < rank and np.any(circuits[:, rows]):
+        rank = Decomposition.of(row_dependencies).rank
+        if len(removed) < rank and np.any(row_dependencies[:, rows]):
             # of the combinations of circuits those that do without the coupler
-            circuits = null_space(circuits[:, rows].T).T @ circuits
+            row_dependencies = null_space(row_dependencies[:, rows].T).T @ row_dependencies
             removed.append(Exchange(path, spec.type, ""))
-        if not circuits.size:
+        if not row_dependencies.size:
             return (tuple(removed),)
     return ()
 
@@ -206,7 +208,7 @@ def _cured(
     """Whether exchanges free all redundant equations of the joints in another pose as well."""
     jacobian = pose.jacobian
     rows = np.isin(jacobian.owners, names)
-    N = Decomposition.of(jacobian.A[rows]).circuits
+    N = Decomposition.of(jacobian.A[rows]).row_dependencies
     freed = []
     for weaker in cure:
         released = _released_rows(model, pose, weaker.joint, weaker.type, weaker.turns)
@@ -425,13 +427,13 @@ def _rounded(R: Array) -> tuple[float, ...]:
 
 def undetermined_reactions(pose: ConstraintPose) -> tuple[Undetermined, ...]:
     """The reactions, drivers' too, that the null vectors of the transposed Jacobian change."""
-    reactions, circuits = [], pose.jacobian.decomposition.circuits
+    reactions, row_dependencies = [], pose.jacobian.decomposition.row_dependencies
     for name in dict.fromkeys(pose.jacobian.owners):
         rows = pose.jacobian.rows_of(name)
-        if not len(circuits) or not np.any(circuits[:, rows]):
+        if not len(row_dependencies) or not np.any(row_dependencies[:, rows]):
             continue
         turn = pose.markers_of(name)[3]
-        changes = (circuits[:, rows] @ pose.gradients_at_J(name)).reshape(-1, 2, 3) @ turn
+        changes = (row_dependencies[:, rows] @ pose.gradients_at_J(name)).reshape(-1, 2, 3) @ turn
         size = np.abs(changes.reshape(-1, 6)).max(axis=0)
         components = np.array(_COMPONENTS)[size > _REACTION_ROUND_OFF * size.max()]
         reactions.append(Undetermined(name, tuple(components.tolist())))

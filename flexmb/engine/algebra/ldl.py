@@ -24,7 +24,7 @@ from flexmb.engine.algebra.small_panels import (
 )
 from flexmb.engine.algebra.vector import add_multiple, copy, dot, zero
 from flexmb.engine.jit import Matrix, Vector, kernel, unit
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import ComplexFactor, Factor, Run
 from flexmb.engine.tables import Kkt
 
@@ -70,7 +70,7 @@ def solve_complex(kkt: Kkt, fac: ComplexFactor) -> int:
         _solve(kkt.panels, kkt.rows, fac.low, fac.low, fac.d, fac.sol)
     else:
         _solve(kkt.panels, kkt.rows, fac.low, fac.up, fac.d, fac.sol)
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -148,7 +148,7 @@ def solve(kkt: Kkt, fac: Factor, b: Vector) -> int:
         _solve(kkt.panels, kkt.rows, fac.low, fac.low, fac.d, b)
     else:
         _solve(kkt.panels, kkt.rows, fac.low, fac.up, fac.d, b)
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -196,7 +196,7 @@ def multiply(kkt: Kkt, fac: Factor, x: Vector, y: Vector) -> int:
         _multiply(kkt.panels, kkt.rows, fac.low0, fac.low0, fac.eps, x, y)
     else:
         _multiply(kkt.panels, kkt.rows, fac.low0, fac.up0, fac.eps, x, y)
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -230,7 +230,7 @@ def solve_refined(kkt: Kkt, fac: Factor, rounds: int) -> int:
         solve(kkt, fac, tmp)
         for i in range(rhs.shape[0]):
             x[i] += tmp[i]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -254,7 +254,7 @@ def add_body_block(run: Run, b: int, B: Matrix) -> int:
                 low[at + pr * nc + pc] += B[r, c]
             if pr <= pc:
                 up[at + pc * nc + pr] += B[r, c]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -276,7 +276,7 @@ def add_coupling(run: Run, a: int, b: int, k: int, swapped: int, B: Matrix) -> i
                 up[at + pc * stride + pr] += B[r, c]
             else:
                 low[at + pr * stride + pc] += B[r, c]
-    return FINE
+    return SUCCESS
 
 
 @kernel

@@ -165,7 +165,7 @@ def largest(x):
 
 
 @kernel
-def weighted_size(x, weights):
+def weighted_max(x, weights):
     """Largest |x_i| weight_i; NaN counts as largest."""
     size = 0.0
     for i in range(x.shape[0]):
@@ -178,7 +178,7 @@ def weighted_size(x, weights):
 
 
 @kernel
-def scaled_size(x, weights, scale):
+def scaled_max(x, weights, scale):
     """Largest part of weighted |x_i| over its scale; NaN counts as largest."""
     size = 0.0
     for i in range(x.shape[0]):
@@ -191,7 +191,7 @@ def scaled_size(x, weights, scale):
 
 
 @kernel
-def size_above(x, weights, scale, times, noise):
+def scaled_max_above(x, weights, scale, times, noise):
     """Largest part of weighted |x_i| above its noise so many times, over its scale; NaN counts."""
     size = 0.0
     for i in range(x.shape[0]):
@@ -266,7 +266,7 @@ def inner(a, b):
 
 
 @kernel
-def outer(a, b):
+def cross(a, b):
     """a × b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
@@ -303,8 +303,8 @@ def turned_back(R, a):
 @kernel
 def turned_by(th, f, g, a):
     """(I + f θ̃ + g θ̃²) a."""
-    x = outer(th, a)
-    return plus(plus(a, f, x), g, outer(th, x))
+    x = cross(th, a)
+    return plus(plus(a, f, x), g, cross(th, x))
 
 
 @kernel

@@ -28,11 +28,11 @@ from flexmb.engine.algebra.ldl import add_body_block
 from flexmb.engine.algebra.vector import (
     add_column,
     add_part,
+    cross,
     dot,
     inner,
     modal_vector,
     mode_vector,
-    outer,
     part,
     plus,
     put_part,
@@ -54,7 +54,7 @@ from flexmb.engine.bodies.rigid_body import (
 )
 from flexmb.engine.jit import Vector, kernel, unit
 from flexmb.engine.kind import Kind
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import DAMPER_POWER, KINETIC_ENERGY, STRAIN_ENERGY, Point, Run
 from flexmb.engine.tables import whole_vectors
 
@@ -74,7 +74,7 @@ def add_product(
     """out[oo:oo+n] += f × (n × m block of the pool at `at`) v[o:o+m]."""
     for i in range(n):
         out[oo + i] += f * dot(pool, at + i * m, v, o, m)
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -103,7 +103,7 @@ def prepare_flexible(run: Run, of: Bodies, at: Point) -> int:
             zj, zk, zw = z + (3 * j + k) * m, z + (3 * k + j) * m, z + (9 + a) * m
             for i in range(m):
                 Z[zw + i] = Z[zj + i] - Z[zk + i]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -114,7 +114,7 @@ def flexible_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
         put_frame_forces(run, rows[n], at, parts.bodies[rows[n]]["m"])
         body, bn = parts.bodies[rows[n]], now.body[rows[n]]
         _put_modal_forces(body, bn, parts, now.Z, at.q, at.v, at.vd, out)
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -215,7 +215,7 @@ def put_modal_matrix(run: Run, i: int, at: Point, cv: float, cp: float) -> int:
         a = plus(part(at.vd, body["iv"]), -1.0, triple(parts.gravity))
         _add_mode_columns(body, bn, turned_back(bn["A"], a), pool, Z, at.v, at.vd, cv, cp, B)
         _add_modal_block(body, pool, at.v, at.vd, cv, cp, B)
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -226,7 +226,7 @@ def flexible_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> in
         put_frame_matrix(run, rows[n], at, cv, cp, run.system.parts.bodies[rows[n]]["m"])
         put_modal_matrix(run, rows[n], at, cv, cp)
         add_body_block(run, rows[n], run.work.dense.B)
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -245,7 +245,7 @@ def flexible_mass_product(run: Run, of: Bodies, at: Point) -> int:
         put_frame_matrix(run, of.rows[n], at, 0.0, 0.0, run.system.parts.bodies[of.rows[n]]["m"])
         put_modal_matrix(run, of.rows[n], at, 0.0, 0.0)
         multiply_block(run, of.rows[n])
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -264,8 +264,8 @@ def _add_mode_columns(body, bn, a, pool, Z, v, vd, cv, cp, B):
     add_modal_rate(Z, z, m, v, o, V, cv, B)
     for k in range(m):
         p = mode_vector(pool, at + k, m)
-        turning, pulled = outer(om, p), outer(p, a)
-        force = plus(outer(om, turning), 1.0, outer(e, p))
+        turning, pulled = cross(om, p), cross(p, a)
+        force = plus(cross(om, turning), 1.0, cross(e, p))
         add_column(B, 0, 6 + k, 1.0, turned(A, plus(times(2.0 * cv, turning), cp, force)))
         put_modal_rate(pool, at_M + k * m, size, 3 * size, v, o, m, V)
         moment = plus(pulled, 2.0, less_trace(V, om))
@@ -277,8 +277,8 @@ def _add_mode_columns(body, bn, a, pool, Z, v, vd, cv, cp, B):
                 V[b, c] = -Z[z + (3 * b + c) * m + k] - Z[z + (3 * c + b) * m + k]
             V[b, b] += 2.0 * trace
         spin = turned(V, om)  # δJ ω
-        half = plus(spin, 1.0, outer(om, mode_vector(Z, z + 9 * m + k, m)))
-        moment = plus(plus(moment, 1.0, outer(om, spin)), 1.0, turned(V, e))
+        half = plus(spin, 1.0, cross(om, mode_vector(Z, z + 9 * m + k, m)))
+        moment = plus(plus(moment, 1.0, cross(om, spin)), 1.0, turned(V, e))
         add_column(B, 3, 6 + k, 1.0, plus(times(cv, half), cp, moment))
         add_part(B[6 + k], 3, 1.0, plus(times(-cv, spin), cp, pulled))
         for b in range(3):
@@ -355,7 +355,7 @@ def flexible_energies(run: Run, of: Bodies, at: Point) -> int:
     for n in range(rows.shape[0]):
         out[KINETIC_ENERGY] += _modal_kinetic(parts, run.work.now, at.v, rows[n])
         out[STRAIN_ENERGY] += _strain(parts, at.q, rows[n])
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -367,7 +367,7 @@ def damping_power(run: Run, of: Bodies, at: Point) -> int:
             out[DAMPER_POWER] -= _modal_form(
                 parts, rows[n], 2, at.v, parts.bodies[rows[n]]["iv"] + 6
             )
-    return FINE
+    return SUCCESS
 
 
 FLEXIBLE_BODIES = Kind(

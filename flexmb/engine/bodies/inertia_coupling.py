@@ -31,10 +31,10 @@ from flexmb.engine.algebra.ldl import add_body_block
 from flexmb.engine.algebra.vector import (
     add_column,
     add_part,
+    cross,
     inner,
     modal_vector,
     mode_vector,
-    outer,
     part,
     plus,
     put_part,
@@ -67,7 +67,7 @@ from flexmb.engine.bodies.velocity_forms import (
 )
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.kind import Kind
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import Point, Run
 
 # Velocity terms of partial coupling enter the iteration matrix where they change it by more than
@@ -89,7 +89,7 @@ def prepare_constant(run: Run, of: Bodies, at: Point) -> int:
             j, k = (a + 1) % 3, (a + 2) % 3
             for i in range(m):
                 Z[z + (9 + a) * m + i] = Z[z + (3 * j + k) * m + i] - Z[z + (3 * k + j) * m + i]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -112,7 +112,7 @@ def prepare_partial(run: Run, of: Bodies, at: Point) -> int:
             J[a, a] += straight[a]
             J[a, b] += mixed[a]
             J[b, a] += mixed[a]
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -145,7 +145,7 @@ def constant_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
     """Trial.res = M v̇ + velocity terms of the rigid body + gravity, elasticity and damping."""
     for n in range(of.rows.shape[0]):
         _put_undeformed_forces(run, of.rows[n], at, 0)
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -161,10 +161,10 @@ def partial_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
             continue
         if body["attached"] == 1:  # 2 (tr(V) − Vᵀ) ω' = J̇ ω' + ω' × W η̇
             turning = modal_vector(now.Z, body["z"] + 9 * m, m, v, iv + 6)
-            add_part(out, iv + 3, 1.0, outer(om, turning))
+            add_part(out, iv + 3, 1.0, cross(om, turning))
         add_inertia_rate(body, parts.pool, v, om, out)
         add_velocity_forces(body, now, q, v, om, parts.pool, out)
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -186,14 +186,14 @@ def put_undeformed_matrix(run: Run, i: int, at: Point, cv: float, cp: float, par
         for k in range(m):
             p, w = mode_vector(pool, flex + k, m), mode_vector(Z, z + 9 * m + k, m)
             put_part(B[6 + k], 0, turned(A, p))
-            put_part(B[6 + k], 3, plus(w, cp, outer(p, a)))
+            put_part(B[6 + k], 3, plus(w, cp, cross(p, a)))
             add_column(B, 0, 6 + k, 1.0, turned(A, p))
             add_column(B, 3, 6 + k, 1.0, w)
         if cp != 0.0 and partial == 0:
             x = modal_vector(pool, flex, m, vd, o)
             for r in range(3):
-                add_part(B[r], 3, -cp, outer(part(A[r], 0), x))
-    return FINE
+                add_part(B[r], 3, -cp, cross(part(A[r], 0), x))
+    return SUCCESS
 
 
 @kernel
@@ -210,13 +210,13 @@ def _add_partial_columns(run, i, at, cv, cp, B):
     add_modal_rate(pool, flex + 3 * m, m, v, iv + 6, V, cv, B)
     for k in range(m):
         p = mode_vector(pool, flex + k, m)
-        turning = outer(om, p)
-        force = plus(outer(om, turning), 1.0, outer(e, p))
+        turning = cross(om, p)
+        force = plus(cross(om, turning), 1.0, cross(e, p))
         add_column(B, 0, 6 + k, 1.0, turned(A, plus(times(2.0 * cv, turning), cp, force)))
         straight, mixed = mode_vector(pool, change + k, m), mode_vector(pool, change + 3 * m + k, m)
         spin = symmetric_times(straight, mixed, om)  # ∂J/∂η_k ω'
-        half = plus(spin, 1.0, outer(om, mode_vector(Z, z + 9 * m + k, m)))
-        moment = plus(plus(outer(p, a), 1.0, outer(om, spin)), 1.0,
+        half = plus(spin, 1.0, cross(om, mode_vector(Z, z + 9 * m + k, m)))
+        moment = plus(plus(cross(p, a), 1.0, cross(om, spin)), 1.0,
                       symmetric_times(straight, mixed, e))  # fmt: skip
         add_column(B, 3, 6 + k, 1.0, plus(times(cv, half), cp, moment))
         add_part(B[6 + k], 3, -cv, spin)
@@ -261,7 +261,7 @@ def constant_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> in
         else:
             put_undeformed_matrix(run, of.rows[n], at, cv, cp, 0)
             add_body_block(run, of.rows[n], run.work.dense.B)
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -283,7 +283,7 @@ def partial_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> int
         if fast:
             add_velocity_block(body, parts.pool, at.q, at.v, cv, cp, run.work.now.Z, B)
         add_body_block(run, i, B)
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -295,7 +295,7 @@ def undeformed_mass_product(run: Run, of: Bodies, at: Point) -> int:
     for n in range(of.rows.shape[0]):
         put_undeformed_matrix(run, of.rows[n], at, 0.0, 0.0, 0)
         multiply_block(run, of.rows[n])
-    return FINE
+    return SUCCESS
 
 
 CONSTANT_BODIES = Kind(

@@ -30,9 +30,9 @@ from flexmb.engine.algebra.vector import (
     axis_vector,
     column,
     copy,
+    cross,
     inner,
     modal_vector,
-    outer,
     part,
     plus,
     put_column,
@@ -45,10 +45,10 @@ from flexmb.engine.algebra.vector import (
     turned_by,
     zero,
 )
-from flexmb.engine.bodies.wrench import pull_back
+from flexmb.engine.bodies.wrench import apply_wrench
 from flexmb.engine.jit import Integers, kernel, unit
 from flexmb.engine.kind import Kind
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import Point, Run
 from flexmb.engine.tables import MARKER, Pool, whole_vectors
 
@@ -75,7 +75,7 @@ def place_rigid(run: Run, markers: Markers, at: Point) -> int:
             _ground_position(mk, mn)
         else:
             _rigid_position(mk, mn, body_now[b]["A"], q, bodies[b]["iq"])
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -105,7 +105,7 @@ def place_flexible(run: Run, markers: Markers, at: Point) -> int:
         for k in range(3):
             put_column(mn["T"], k, turned_by(th, -c[0], c[1], axis_vector(k)))
             put_column(mn["R"], k, turned(A, turned_by(th, sine, c[0], column(mk["R"], k))))
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -157,10 +157,10 @@ def move_rigid(run: Run, markers: Markers, at: Point) -> int:
             continue
         A, iv = body_now[b]["A"], bodies[b]["iv"]
         om = part(v, iv + 3)
-        moved = turned(A, outer(om, triple(mn["s"])))
+        moved = turned(A, cross(om, triple(mn["s"])))
         put_part(mn["vx"], 0, plus(part(v, iv), 1.0, moved))
         put_part(mn["om"], 0, turned(A, om))
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -174,10 +174,10 @@ def move_flexible(run: Run, markers: Markers, at: Point) -> int:
         iv, om = body["iv"], part(v, body["iv"] + 3)
         phi = now.Phi[rows[n]] if mk["bend"] >= 0 else parts.pool
         u, e = _relative_velocity(mk, mn, body, parts.pool, phi, v)
-        x = plus(outer(om, triple(mn["s"])), 1.0, u)
+        x = plus(cross(om, triple(mn["s"])), 1.0, u)
         put_part(mn["vx"], 0, plus(part(v, iv), 1.0, turned(A, x)))
         put_part(mn["om"], 0, turned(A, plus(om, 1.0, e)))
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -186,7 +186,7 @@ def _relative_velocity(mk, mn, body, pool, phi, v):
     m, o, place = body["m"], body["iv"] + 6, mk["modes"]
     e = turned_back(mn["T"], modal_vector(pool, place + 3 * m, m, v, o))
     moved = modal_vector(phi, 0 if mk["bend"] >= 0 else place, m, v, o)
-    return plus(moved, 1.0, outer(e, triple(mn["arm"]))), e
+    return plus(moved, 1.0, cross(e, triple(mn["arm"]))), e
 
 
 @unit
@@ -201,17 +201,17 @@ def bias_flexible(run: Run, markers: Markers, at: Point) -> int:
         om, rate = part(v, o - 3), modal_vector(parts.pool, mk["modes"] + 3 * m, m, v, o)
         phi = now.Phi[rows[n]] if mk["bend"] >= 0 else parts.pool
         u, e = _relative_velocity(mk, mn, body, parts.pool, phi, v)
-        y, slope = outer(th, rate), 2.0 * inner(th, rate)
-        change = plus(times(slope * c[2], y), c[1], outer(rate, y))
-        change = plus(change, slope * c[3], outer(th, y))  # Ṫᵀ θ̇
+        y, slope = cross(th, rate), 2.0 * inner(th, rate)
+        change = plus(times(slope * c[2], y), c[1], cross(rate, y))
+        change = plus(change, slope * c[3], cross(th, y))  # Ṫᵀ θ̇
         # ω×(ω×s + 2u) + e×(e×arm) + Ṫᵀθ̇×arm
-        x = outer(om, plus(outer(om, triple(mn["s"])), 2.0, u))
-        x = plus(plus(x, 1.0, outer(e, outer(e, arm))), 1.0, outer(change, arm))
+        x = cross(om, plus(cross(om, triple(mn["s"])), 2.0, u))
+        x = plus(plus(x, 1.0, cross(e, cross(e, arm))), 1.0, cross(change, arm))
         if mk["bend"] >= 0:
             x = plus(x, 1.0, _bending_acceleration(mk, parts.pool, v, o, m, phi))
         put_part(mn["bx"], 0, turned(A, x))
-        put_part(mn["bom"], 0, turned(A, plus(change, 1.0, outer(om, e))))
-    return FINE
+        put_part(mn["bom"], 0, turned(A, plus(change, 1.0, cross(om, e))))
+    return SUCCESS
 
 
 @unit
@@ -226,9 +226,9 @@ def bias_rigid(run: Run, markers: Markers, at: Point) -> int:
         b = mk["body"]
         if b >= 0:
             om = part(v, bodies[b]["iv"] + 3)
-            x = outer(om, outer(om, triple(mn["s"])))
+            x = cross(om, cross(om, triple(mn["s"])))
             put_part(mn["bx"], 0, turned(now.body[b]["A"], x))
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -239,7 +239,7 @@ def clear_wrenches(run: Run, markers: Markers, at: Point) -> int:
         W = marker_now[rows[n]]["W"]
         for c in range(6):
             W[c] = 0.0
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -251,8 +251,8 @@ def subtract_wrenches(run: Run, markers: Markers, at: Point) -> int:
         b = table[rows[n]]["body"]
         if b >= 0:
             o = bodies[b]["iv"]
-            pull_back(parts, now, rows[n], marker_now[rows[n]]["W"], 0, -1.0, out, o)
-    return FINE
+            apply_wrench(parts, now, rows[n], marker_now[rows[n]]["W"], 0, -1.0, out, o)
+    return SUCCESS
 
 
 RIGID_MARKERS = Kind(
@@ -295,7 +295,7 @@ def _prepare(table, marker_now, rows):
 def prepare_points(run: Run, markers: Markers, at: Point) -> int:
     """What never changes in a run."""
     _prepare(run.system.parts.markers, run.work.now.marker, markers.rows)
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -311,7 +311,7 @@ def place_points(run: Run, markers: Markers, at: Point) -> int:
             A, s, x, iq = body_now[b]["A"], mk["rho"], marker_now[rows[n]]["x"], bodies[b]["iq"]
             for a in range(3):
                 x[a] = q[iq + a] + A[a, 0] * s[0] + A[a, 1] * s[1] + A[a, 2] * s[2]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -325,9 +325,9 @@ def move_points(run: Run, markers: Markers, at: Point) -> int:
         b = mk["body"]
         if b >= 0:
             iv = bodies[b]["iv"]
-            moved = turned(body_now[b]["A"], outer(part(v, iv + 3), triple(mk["rho"])))
+            moved = turned(body_now[b]["A"], cross(part(v, iv + 3), triple(mk["rho"])))
             put_part(marker_now[rows[n]]["vx"], 0, plus(part(v, iv), 1.0, moved))
-    return FINE
+    return SUCCESS
 
 
 @unit

@@ -3,7 +3,7 @@
 The only place that knows the orientation part. Dense output is a cubic Hermite interpolation of the
 motion from the start of the step, from values and rates at both ends; of orientations that is the
 rotation vector ψ(s), with ψ̇ = T(ψ)⁻¹ ω' at the ends. Its error is of order h⁴; of a method that
-knows the next term, `Trial.bend` times s² (1 − s)², of order h⁵.
+knows the next term, `Trial.dense_correction` times s² (1 − s)², of order h⁵.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ import math
 
 from flexmb.engine.algebra.vector import (
     compose,
+    cross,
     inner,
-    outer,
     part,
     plus,
     put_part,
@@ -23,12 +23,12 @@ from flexmb.engine.algebra.vector import (
     zero,
 )
 from flexmb.engine.jit import Vector, kernel, unit
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import Run
 from flexmb.engine.tables import Parts
 
 # Corrections of this size, relative to a position or a driven motion, are round-off.
-LAST_PLACES = 1e-15
+RELATIVE_ROUND_OFF = 1e-15
 # Turn of a body in a step, rad; a larger one must be explained to one half by its angular velocity.
 _MAX_ROTATION = 1.5
 
@@ -104,37 +104,39 @@ def normalise(bodies, q):
 
 
 @unit
-def put_last_places(run: Run) -> int:
-    """Put the weighted size of a correction of each coordinate that is round-off in Trial.places.
+def put_dq_round_off(run: Run) -> int:
+    """Put the weighted round-off of a correction of each coordinate in Trial.dq_round_off.
 
-    By how far it has moved, where its body stands, what it was at the start for the part of the
-    model that it belongs to, and what drivers turn or move there.
+    The largest of four: its value at the first pose (State.first_places); relative round-off of the
+    driver functions, where a driver acts; of the displacement so far; of the present position.
     """
     st, tr, bodies, rows = run.state, run.work.trial, run.system.parts.bodies, run.system.rows
     coordinates = run.system.parts.coordinates
-    places, first, weights, driven = tr.places, st.first_places, run.system.weights, 0.0
+    places, first, weights, driven = tr.dq_round_off, st.first_places, run.system.weights, 0.0
     for r in range(rows.shape[0]):
         if rows[r]["fun"] >= 0:
             moved = abs(run.work.con.fun[rows[r]["fun"], 0])
-            driven = max(driven, LAST_PLACES * moved * run.system.row_weights[r])
+            driven = max(driven, RELATIVE_ROUND_OFF * moved * run.system.row_weights[r])
     for i in range(places.shape[0]):
-        places[i] = max(first[0, i], driven * first[1, i], LAST_PLACES * st.motion[i])
+        places[i] = max(first[0, i], driven * first[1, i], RELATIVE_ROUND_OFF * st.motion[i])
     for k in range(bodies.shape[0]):
         i, o = bodies[k]["iq"], bodies[k]["iv"]
-        far = LAST_PLACES * max(abs(st.q[i]), abs(st.q[i + 1]), abs(st.q[i + 2])) * weights[o]
+        far = (
+            RELATIVE_ROUND_OFF * max(abs(st.q[i]), abs(st.q[i + 1]), abs(st.q[i + 2])) * weights[o]
+        )
         for a in range(3):
             places[o + a] = max(places[o + a], far)
     for k in range(coordinates.shape[0]):
-        o, far = coordinates[k]["iv"], LAST_PLACES * abs(st.q[coordinates[k]["iq"]])
+        o, far = coordinates[k]["iv"], RELATIVE_ROUND_OFF * abs(st.q[coordinates[k]["iq"]])
         state = coordinates[k]["state"] == 1  # its place is an integral that nothing depends on
         places[o] = first[0, o] if state else max(places[o], far * weights[o])
-    return FINE
+    return SUCCESS
 
 
 @kernel
-def put_round_off(parts, q, dq):
-    """Last places of each coordinate: rotations move the farthest marker of a body by those of its
-    place, which is as far off."""
+def put_q_round_off(parts, q, dq):
+    """Round-off of each coordinate at a pose q, into dq (nv). A rotation has that of the position
+    of its body over the distance of the farthest marker, at least the relative round-off."""
     bodies, markers, coordinates = parts.bodies, parts.markers, parts.coordinates
     zero(dq)
     for k in range(markers.shape[0]):
@@ -147,15 +149,15 @@ def put_round_off(parts, q, dq):
         far = max(abs(q[i]), abs(q[i + 1]), abs(q[i + 2]))
         turn = max(far / dq[o + 3], 1.0) if dq[o + 3] > 0.0 else 1.0
         for a in range(3):
-            dq[o + a], dq[o + 3 + a] = LAST_PLACES * abs(q[i + a]), LAST_PLACES * turn
+            dq[o + a], dq[o + 3 + a] = RELATIVE_ROUND_OFF * abs(q[i + a]), RELATIVE_ROUND_OFF * turn
         for a in range(bodies[k]["m"]):
-            dq[o + 6 + a] = LAST_PLACES * abs(q[i + 7 + a])
+            dq[o + 6 + a] = RELATIVE_ROUND_OFF * abs(q[i + 7 + a])
     for k in range(coordinates.shape[0]):
-        dq[coordinates[k]["iv"]] = LAST_PLACES * abs(q[coordinates[k]["iq"]])
+        dq[coordinates[k]["iv"]] = RELATIVE_ROUND_OFF * abs(q[coordinates[k]["iq"]])
 
 
 @kernel
-def turns_over(run, h):
+def rotates_too_far(run, h):
     """Whether a step has turned a body by more than its speeds at both ends tell.
 
     Dot products of axes, by which joints hold orientations, vanish for other turns too, and
@@ -181,9 +183,9 @@ def turns_over(run, h):
 
 
 @kernel
-def over_last_places(run, dq):
+def max_over_round_off(run, dq):
     """The largest of dq (nv) over what of its coordinate is round-off; NaN counts as largest."""
-    places, weights, most = run.work.trial.places, run.system.weights, 0.0
+    places, weights, most = run.work.trial.dq_round_off, run.system.weights, 0.0
     for i in range(dq.shape[0]):
         s = abs(dq[i]) * weights[i]
         if not s <= most * places[i]:
@@ -209,8 +211,8 @@ def interpolate_step(run, share):
     h, both = st.t[0] - before.t[0], share * (1.0 - share)
     put_motion(run, share, tr.dq, tr.v)
     for k in range(tr.dq.shape[0]):
-        tr.dq[k] += tr.bend[k] * both * both
-        tr.v[k] += tr.bend[k] * 2.0 * both * (1.0 - 2.0 * share) / h
+        tr.dq[k] += tr.dense_correction[k] * both * both
+        tr.v[k] += tr.dense_correction[k] * 2.0 * both * (1.0 - 2.0 * share) / h
     for b in range(parts.bodies.shape[0]):
         o = parts.bodies[b]["iv"] + 3
         put_part(tr.v, o, angular_velocity(part(tr.dq, o), part(tr.v, o)))
@@ -219,7 +221,7 @@ def interpolate_step(run, share):
         tr.work_done[k], _ = hermite(
             share, h, before.work_done[k], st.work_done[k], before.power[k], st.power[k]
         )
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -254,8 +256,8 @@ def _put_hermite(st, before, h, share, iq, iv, u, rate):
 def angular_velocity(theta, rate):
     """T(θ) θ̇ in body axes, of the orientation exp(θ̃)."""
     c1, c2, _, _ = tangent_coefficients(inner(theta, theta))
-    once = outer(theta, rate)
-    return plus(plus(rate, -c1, once), c2, outer(theta, once))
+    once = cross(theta, rate)
+    return plus(plus(rate, -c1, once), c2, cross(theta, once))
 
 
 @kernel
@@ -267,5 +269,5 @@ def rotation_rate(theta, omega):
     else:
         c1, c2, _, _ = tangent_coefficients(x)
         c = (1.0 - 0.5 * (1.0 - x * c2) / c1) / x
-    once = outer(theta, omega)
-    return plus(plus(omega, 0.5, once), c, outer(theta, once))
+    once = cross(theta, omega)
+    return plus(plus(omega, 0.5, once), c, cross(theta, once))

@@ -29,9 +29,9 @@ from flexmb.engine.algebra.vector import (
     add_part,
     add_skew,
     column,
+    cross,
     inner,
     modal_vector,
-    outer,
     part,
     plus,
     put_part,
@@ -43,7 +43,7 @@ from flexmb.engine.algebra.vector import (
 )
 from flexmb.engine.jit import Integers, kernel, unit
 from flexmb.engine.kind import Kind
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import GRAVITY_ENERGY, KINETIC_ENERGY, Point, Run
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def turn_bodies(run: Run, of: Bodies, at: Point) -> int:
     bodies, body_now, rows, q = run.system.parts.bodies, run.work.now.body, of.rows, at.q
     for n in range(rows.shape[0]):
         rotation_matrix(q, bodies[rows[n]]["iq"] + 3, body_now[rows[n]]["A"])
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -76,7 +76,7 @@ def prepare_rigid(run: Run, of: Bodies, at: Point) -> int:
             c[a] = bodies[rows[n]]["S1"][a]
             for b in range(3):
                 J[a, b] = (trace if a == b else 0.0) - S[a, b]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -91,13 +91,13 @@ def put_frame_forces(run: Run, i: int, at: Point, m: int) -> int:
     c, om, e = triple(bn["c"]), part(v, iv + 3), part(vd, iv + 3)
     a = plus(part(vd, iv), -1.0, triple(parts.gravity))
     # ω̇×c + ω×(ω×c + 2 p η̇) + p η̈
-    x = plus(outer(om, c), 2.0, modal_vector(parts.pool, flex, m, v, iv + 6))
-    x = plus(outer(om, x), 1.0, outer(e, c))
+    x = plus(cross(om, c), 2.0, modal_vector(parts.pool, flex, m, v, iv + 6))
+    x = plus(cross(om, x), 1.0, cross(e, c))
     x = turned(A, plus(x, 1.0, modal_vector(parts.pool, flex, m, vd, iv + 6)))
     put_part(out, iv, plus(x, body["mass"], a))
-    moment = plus(turned(J, e), 1.0, outer(om, turned(J, om)))
-    put_part(out, iv + 3, plus(moment, 1.0, outer(c, turned_back(A, a))))
-    return FINE
+    moment = plus(turned(J, e), 1.0, cross(om, turned(J, om)))
+    put_part(out, iv + 3, plus(moment, 1.0, cross(c, turned_back(A, a))))
+    return SUCCESS
 
 
 @unit
@@ -105,14 +105,14 @@ def rigid_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
     """Trial.res = M v̇ + velocity terms + gravity of rigid bodies."""
     for n in range(of.rows.shape[0]):
         put_frame_forces(run, of.rows[n], at, 0)
-    return FINE
+    return SUCCESS
 
 
 @kernel
 def _add_rotated_skew(B, f, A, a):
     """Add f A ã to the 3 × 3 block of B at (0, 3): the rows are those of A times a~."""
     for k in range(3):
-        add_part(B[k], 3, f, outer(part(A[k], 0), a))
+        add_part(B[k], 3, f, cross(part(A[k], 0), a))
 
 
 @unit
@@ -134,7 +134,7 @@ def put_frame_matrix(run: Run, i: int, at: Point, cv: float, cp: float, m: int) 
         for k in range(3):
             B[3 + r, k] = B[k, 3 + r]
     om, e = part(v, iv + 3), part(vd, iv + 3)
-    turning = plus(outer(om, c), 2.0, modal_vector(pool, body["flex"], m, v, iv + 6))
+    turning = plus(cross(om, c), 2.0, modal_vector(pool, body["flex"], m, v, iv + 6))
     if cv != 0.0:
         # ∂ A(ω×(ω×c) + 2ω×(p η̇))/∂ω = −A (ω×c + 2 p η̇)~ − A ω̃ c̃,  ω̃ c̃ = c ωᵀ − (ω·c) I
         _add_rotated_skew(B, -cv, A, turning)
@@ -142,9 +142,9 @@ def put_frame_matrix(run: Run, i: int, at: Point, cv: float, cp: float, m: int) 
         for k in range(3):
             x = plus(times(inner(om, c), column(A, k)), -v[iv + 3 + k], turned(A, c))
             add_column(B, 0, 3 + k, cv, x)
-            add_column(B, 3, 3 + k, cv, outer(om, column(J, k)))
+            add_column(B, 3, 3 + k, cv, cross(om, column(J, k)))
     if cp != 0.0:
-        x = plus(plus(outer(om, turning), 1.0, outer(e, c)), 1.0,
+        x = plus(plus(cross(om, turning), 1.0, cross(e, c)), 1.0,
                  modal_vector(pool, body["flex"], m, vd, iv + 6))  # fmt: skip
         _add_rotated_skew(B, -cp, A, x)
         # δ(c × a') = c̃ ã' δθ' = (a' cᵀ − (a'·c) I) δθ', a' = Aᵀ(r̈ − g)
@@ -152,7 +152,7 @@ def put_frame_matrix(run: Run, i: int, at: Point, cv: float, cp: float, m: int) 
         for k in range(3):
             B[3 + k, 3 + k] -= cp * inner(a, c)
             add_column(B, 3, 3 + k, cp * bn["c"][k], a)
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -167,7 +167,7 @@ def rigid_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> int:
         else:
             put_frame_matrix(run, rows[n], at, cv, cp, 0)
             add_body_block(run, rows[n], run.work.dense.B)
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -177,7 +177,7 @@ def _add_rigid_mass(body, bn, at, low, up):
     for r in range(3):
         turns = at + 18 + 6 * r
         _add_to_both(low, up, at + 7 * r, mass)
-        x, y, z = outer(c, part(A[r], 0))  # row r of −A c̃
+        x, y, z = cross(c, part(A[r], 0))  # row r of −A c̃
         _add_to_both(low, up, at + 18 + r, x)
         _add_to_both(low, up, at + 24 + r, y)
         _add_to_both(low, up, at + 30 + r, z)
@@ -198,15 +198,15 @@ def rigid_mass_product(run: Run, of: Bodies, at: Point) -> int:
     x, out, place = run.work.trial.res, run.work.factor.sol, run.system.kkt.place
     for n in range(rows.shape[0]):
         _multiply_rigid(bodies[rows[n]], body_now[rows[n]], x, bodies[rows[n]]["iv"], out, place)
-    return FINE
+    return SUCCESS
 
 
 @kernel
 def _multiply_rigid(body, bn, x, o, out, place):
     """m a + A(α × c) and c × Aᵀa + J α of a rigid body with x = (a, α)."""
     A, c, a, alpha = bn["A"], triple(bn["c"]), part(x, o), part(x, o + 3)
-    force = plus(turned(A, outer(alpha, c)), body["mass"], a)
-    moment = plus(turned(bn["J"], alpha), 1.0, outer(c, turned_back(A, a)))
+    force = plus(turned(A, cross(alpha, c)), body["mass"], a)
+    moment = plus(turned(bn["J"], alpha), 1.0, cross(c, turned_back(A, a)))
     out[place[o]], out[place[o + 1]], out[place[o + 2]] = force
     out[place[o + 3]], out[place[o + 4]], out[place[o + 5]] = moment
 
@@ -216,7 +216,7 @@ def rigid_kinetic(parts, now, v, i):
     """½ vᵀ M v of one body without its modes, J: ½ m ṙ² + ṙ·A(ω'×c) + ½ ω'·J ω'."""
     o, bn, mass = parts.bodies[i]["iv"], now.body[i], parts.bodies[i]["mass"]
     speed, om = part(v, o), part(v, o + 3)
-    e = inner(speed, plus(turned(bn["A"], outer(om, triple(bn["c"]))), 0.5 * mass, speed))
+    e = inner(speed, plus(turned(bn["A"], cross(om, triple(bn["c"]))), 0.5 * mass, speed))
     return e + 0.5 * inner(om, turned(bn["J"], om))
 
 
@@ -243,7 +243,7 @@ def rigid_energies(run: Run, of: Bodies, at: Point) -> int:
     for n in range(rows.shape[0]):
         out[KINETIC_ENERGY] += frame_energy(run, rows[n], 0, at)
         out[GRAVITY_ENERGY] += frame_energy(run, rows[n], 2, at)
-    return FINE
+    return SUCCESS
 
 
 RIGID_BODIES = Kind(
@@ -289,7 +289,7 @@ def planar_inertia_forces(run: Run, of: PlanarBodies, at: Point) -> int:
         out[iv + 3 + i] = 0.0
         out[iv + 3 + j] = 0.0
         out[iv + 3 + k] = bn["J"][k, k] * e + s[i] * pj - s[j] * pi
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -320,7 +320,7 @@ def planar_matrix(run: Run, of: PlanarBodies, at: Point, cv: float, cp: float) -
         _add_to_both(low, up, o, body["mass"])
         _add_to_both(low, up, o + 4, body["mass"])
         _add_to_both(low, up, o + 8, turn)
-    return FINE
+    return SUCCESS
 
 
 PLANAR_BODIES = Kind(

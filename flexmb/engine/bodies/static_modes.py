@@ -1,22 +1,22 @@
-"""Quasi-static modes: they follow the present loads, K_ss η_s = Q_s − Cq_sᵀ λ, without inertia.
+"""Quasi-static modes: modal coordinates η_s in static equilibrium, K_ss η_s = Q_s − Cq_sᵀ λ.
 
-Their bodies have no modal mass of them (`flexbody.effects.without_modal_inertia`): beside dynamic
-modes they are a residual flexibility on which the rest moves (MacNeal, Computers & Structures 1,
-1971, 581). Implicit methods solve for η_s with all else, by a matrix with b K_ss there.
+Their bodies have no modal mass of them (`flexbody.effects.without_modal_inertia`): next to dynamic
+modes they act as a residual flexibility (MacNeal, Computers & Structures 1, 1971, 581). Implicit
+methods solve for η_s together with all other unknowns; the iteration matrix then holds b K_ss.
 
-Kinetostatic bodies, those of deformation "quasi-static", and all by an explicit method have given
-accelerations of η_s within a step, as if its modal mass were τ² K_ss; then η_s follows the loads, λ
-being that of the motion in which η_s stays, and joints are closed with the deformed body: the slow
-solution, without vibrations of what hangs on this compliance. Its rates are zero from the first
-iteration on: loads with them are others, and velocities would be put on the constraints of their
-pose, which changed the motion by as much in each step, however short.
+Kinetostatic bodies (deformation "quasi-static"; all such bodies in explicit methods) have
+prescribed accelerations of η_s within a step, by a large artificial mass τ² K_ss. After the step
+η_s is moved to equilibrium with the loads, with the λ of a motion at constant η_s, and positions
+are projected with the deformed body: the slow solution, without vibrations on this compliance. In
+this iteration η̇_s = 0 from the start: with other rates the loads change, and projecting velocities
+at another pose would change the motion by the same amount in each step, however short.
 
-Rates and accelerations for the next step are those of the cubic through the last values: with them
-what is carried outwards slows down a turn as it should, and loads do work. Values closer to each
-other than those vibrations last do not count, or second differences would be round-off. The motion
-and λ are solved for with them; a driver pays for d/dt (M η̇_s) too, and energy is balanced but for
-η̇_sᵀ M η̇_s/2 of what moves with η_s. They do not act on η_s itself, or a damper on soft modes, and
-η_s by its own acceleration, would make short steps unstable. Other single solves hold all η_s.
+Rates and accelerations for the next step are those of the cubic through the last values, so that a
+mass carried outwards slows a rotation and loads do work. Points closer than a share of the
+vibration period are left out, since second differences would be round-off. Motion and λ are then
+solved with these rates; a driver also supplies d/dt (M η̇_s), and the energy balance lacks only
+η̇_sᵀ M η̇_s/2. The rates do not act on η_s itself: with a damper on soft modes, or η_s driven by
+its own acceleration, short steps would be unstable. Other single solves keep all η_s constant.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from flexmb.engine.algebra.anderson import Iterates, accelerate, new_iterates
 from flexmb.engine.algebra.vector import larger, largest
 from flexmb.engine.jit import Integers, Matrix, Vector, array_of, kernel, unit
 from flexmb.engine.kind import Kind
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import Point, Run
 from flexmb.engine.tables import System
 
@@ -46,12 +46,11 @@ _POINTS, _CUBIC = 4, 3
 # A point counts if it is this part of the last interval before the next one; the last ones, if the
 # present is this part of the interval before them away: a jump at an event is one of long steps.
 _FAR_ENOUGH, _NEAR = 0.3, 0.08
-# Values that jump, as at impacts, have no acceleration. Where η_s jumps between equal steps h, the
-# cubic and the parabola through it give η̈_s h² of 2 and 1, −3 and −1, 1 and 0 jumps in the next
-# three points, and rates h of 1.8, 1.2, 0.3: the share of the cubic's by which they differ and the
-# ratio of acceleration and rate are least for a jump in the last interval, which holds for all
-# intervals of ratios 0.3 to 3.3, so that these two are compared with those of such a jump. Smooth
-# motion has 0.9 and 0.275 of them at no phase of ω h = 0.2, h the mean interval, at 1.5 % of 0.3.
+# Detection of a jump of η_s, as at an impact: its rate and acceleration are then set to zero. Two
+# ratios are compared with those of a jump in the last interval: the difference between the second
+# derivatives of cubic and parabola over that of the cubic, and second over first derivative of the
+# cubic: both are least when it lies there, for ratios of intervals of 0.3 to 3.3. Smooth motion
+# never reaches 0.9 and 0.275 of them together at ω h = 0.2, and at 1.5 % of the phases at 0.3.
 _JUMP, _FAST = 0.9, 0.275
 # Square of third differences over that of first ones from which on points ahead are not smooth.
 _SMOOTH = 0.1
@@ -87,7 +86,7 @@ class StaticModes(NamedTuple):
     first: Integers  # (b + 1,) where those of a body begin
     modes: Integers  # numbers of the modes in their bodies
     kinetostatic: Integers  # (b,) 1: held by implicit methods too
-    heavy: Vector  # (b,) τ² [s²]
+    mass_factor: Vector  # (b,) τ² [s²]
     compliance: Vector  # K_ss⁻¹ of the bodies, row by row
     history: Integers  # (b,) where a body has its past: _POINTS times [s], and η_s at each
     window: Vector  # (b,) least interval of the points of its past [s]
@@ -109,12 +108,12 @@ def add_static_mass(run: Run, of: StaticModes, at: Point, cv: float, cp: float) 
             r = kkt.column[o + of.modes[i]]
             for j in range(of.first[n], of.first[n + 1]):
                 c = kkt.column[o + of.modes[j]]
-                x = of.heavy[n] * parts.pool[K + of.modes[i] * m + of.modes[j]]
+                x = of.mass_factor[n] * parts.pool[K + of.modes[i] * m + of.modes[j]]
                 if r >= c:
                     fac.low[panel["at"] + r * panel["nc"] + c] += x
                 if r <= c:
                     fac.up[panel["at"] + c * panel["nc"] + r] += x
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -125,7 +124,7 @@ def hold(run: Run, of: StaticModes, at: Point) -> int:
             iv = run.system.parts.bodies[of.rows[n]]["iv"] + 6
             for k in range(of.first[n], of.first[n + 1]):
                 run.work.trial.res[iv + of.modes[k]] = 0.0
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -243,7 +242,7 @@ def put_rates(run: Run, of: StaticModes, at: Point) -> int:
             for i in range(m):
                 at.v[iv + of.modes[of.first[n] + i]] = 0.0
                 at.vd[iv + of.modes[of.first[n] + i]] = 0.0
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -258,8 +257,8 @@ def put_forces(run: Run, of: StaticModes, at: Point) -> int:
             force = 0.0
             for j in range(of.first[n], of.first[n + 1]):
                 force += pool[K + of.modes[i] * m + of.modes[j]] * at.vd[iv + of.modes[j]]
-            run.work.trial.mode_force[iv + of.modes[i]] = of.heavy[n] * force
-    return FINE
+            run.work.trial.mode_force[iv + of.modes[i]] = of.mass_factor[n] * force
+    return SUCCESS
 
 
 @unit
@@ -272,7 +271,7 @@ def put_path(run: Run, of: StaticModes, at: Point) -> int:
             for k in range(of.first[n], of.first[n + 1]):
                 for i in range(stages.shape[0]):
                     stages[i, iv + of.modes[k]] = at.vd[iv + of.modes[k]]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -335,11 +334,11 @@ def forget(run: Run, of: StaticModes, at: Point) -> int:
     for n in range(of.rows.shape[0]):
         for k in range(_POINTS):
             run.state.history[of.history[n] + k] = -math.inf
-    return FINE
+    return SUCCESS
 
 
 @unit
-def remember(run: Run, of: StaticModes, at: Point) -> int:
+def update_history(run: Run, of: StaticModes, at: Point) -> int:
     """Add the present to the past of all modes, if it is far enough from the last point there."""
     past = run.state.history
     h = at.t[0] - past[0]
@@ -361,7 +360,7 @@ def remember(run: Run, of: StaticModes, at: Point) -> int:
         for i in range(m):
             place = run.system.parts.bodies[of.rows[n]]["iq"] + 7 + of.modes[of.first[n] + i]
             past[o + _POINTS + i] = at.q[place]
-    return FINE
+    return SUCCESS
 
 
 def _new_scratch(of: StaticModes) -> Scratch:
@@ -374,7 +373,7 @@ STATIC_MODES = Kind("static_modes", StaticModes, {
     "matrix": add_static_mass, "static": follow_loads, "static_hold": hold,
     "static_rates": put_rates, "static_force": put_forces, "static_path": put_path,
     "static_lag": lag, "static_ahead": look_ahead, "static_begin": forget, "begin": forget,
-    "remember": remember,
+    "update_history": update_history,
 }, scratch=_new_scratch)  # fmt: skip
 
 
@@ -383,10 +382,10 @@ def static_modes(
     add_history: Callable[[int], int],
 ) -> StaticModes:
     """Tables of the quasi-static modes of bodies by row, kinetostatic or not, each by itself."""
-    heavy, compliance = [], []
+    mass_factor, compliance = [], []
     for _, body, modes, _ in bodies:
         square = np.diag(body.K)[modes] / np.diag(body.M_eta)[modes]
-        heavy.append(_SLOW / square.min())
+        mass_factor.append(_SLOW / square.min())
         compliance.append(np.linalg.inv(body.K[np.ix_(modes, modes)]).ravel())
     rows, _, modes, kinetostatic = zip(*bodies, strict=True)
     return StaticModes(
@@ -394,7 +393,7 @@ def static_modes(
         np.cumsum([0, *map(len, modes)]),
         np.concatenate(modes),
         np.array(kinetostatic, np.int64),
-        np.array(heavy),
+        np.array(mass_factor),
         np.concatenate(compliance),
         np.array([add_history(_POINTS * (1 + len(some))) for some in modes], np.int64),
         np.zeros(len(rows)),
@@ -415,8 +414,9 @@ def of_their_parts(system: System, length: float, size: NDArray[np.float64]) -> 
     gyration, size = np.sqrt(np.trace(bodies["S0"], axis1=1, axis2=2) / own), size.copy()
     for k, iv in enumerate(bodies["iv"]):  # where markers are few
         size[system.part == system.part[iv]] = np.maximum(size[iv], gyration[k])
+    mass = np.bincount(part, bodies["mass"])[part]
     static = static._replace(
-        heavy=static.heavy * (np.bincount(part, bodies["mass"])[part] / own)[static.rows],
+        mass_factor=static.mass_factor * (mass / own)[static.rows],
         reach=system.weights[places] * length / size[places],
     )
     return system._replace(kinds={**system.kinds, STATIC_MODES.name: static})

@@ -14,9 +14,9 @@ from flexmb.engine.algebra.vector import (
     add_part,
     add_skew,
     clear,
+    cross,
     inner,
     mode_vector,
-    outer,
     part,
     plus,
     times,
@@ -25,28 +25,28 @@ from flexmb.engine.algebra.vector import (
     turned_back,
 )
 from flexmb.engine.jit import Matrix, Vector, kernel, unit
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import Now, Run
 from flexmb.engine.tables import Parts, whole_vectors
 
 
 @unit
-def add_pulled_back(
+def add_generalized_force(
     parts: Parts, now: Now, k: int, w: Vector, i: int, f: float, out: Vector, o: int
 ) -> int:
     """out[o:o+6+m] += f Jᵀ w[i:i+6] for marker k; w = (force, moment) in global axes."""
-    pull_back(parts, now, k, w, i, f, out, o)
-    return FINE
+    apply_wrench(parts, now, k, w, i, f, out, o)
+    return SUCCESS
 
 
 @kernel
-def pull_back(parts, now, k, w, i, f, out, o):
+def apply_wrench(parts, now, k, w, i, f, out, o):
     mk, mn = parts.markers[k], now.marker[k]
     A, s = now.body[mk["body"]]["A"], mn["s"]
     force = times(f, part(w, i))
     add_part(out, o, 1.0, force)
     force, moment = turned_back(A, force), turned_back(A, times(f, part(w, i + 3)))
-    add_part(out, o + 3, 1.0, plus(moment, 1.0, outer(triple(s), force)))
+    add_part(out, o + 3, 1.0, plus(moment, 1.0, cross(triple(s), force)))
     if mk["modes"] >= 0:
         fx, fy, fz = force
         tx, ty, tz = moment
@@ -71,7 +71,7 @@ def add_modal_forces(
     mk, mn = parts.markers[k], now.marker[k]
     m = parts.bodies[mk["body"]]["m"]
     at, pool = mk["modes"], parts.pool
-    turn = turned(mn["T"], plus((tx, ty, tz), 1.0, outer(triple(mn["arm"]), (fx, fy, fz))))
+    turn = turned(mn["T"], plus((tx, ty, tz), 1.0, cross(triple(mn["arm"]), (fx, fy, fz))))
     for j in range(m):
         s = pool[at + 3 * m + j] * turn[0] + pool[at + 4 * m + j] * turn[1]
         out[o + j] += s + pool[at + 5 * m + j] * turn[2]
@@ -79,7 +79,7 @@ def add_modal_forces(
         at, pool = 0, now.Phi[k]
     for j in range(m):
         out[o + j] += pool[at + j] * fx + pool[at + m + j] * fy + pool[at + 2 * m + j] * fz
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -104,7 +104,7 @@ def marker_jacobian(parts: Parts, now: Now, k: int, Jm: Matrix) -> int:
             point, turning = _modal_column(mk, mn, parts.pool, phi, m, c)
             add_column(Jm, 0, 6 + c, 1.0, turned(A, point))
             add_column(Jm, 3, 6 + c, 1.0, turned(A, turning))
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -132,7 +132,7 @@ def _modal_column(mk, mn, pool, phi, m, c):
     turning = turned_back(mn["T"], mode_vector(pool, at + 3 * m, m))
     if mk["bend"] >= 0:
         at, pool = c, phi
-    return plus(mode_vector(pool, at, m), 1.0, outer(turning, triple(mn["arm"]))), turning
+    return plus(mode_vector(pool, at, m), 1.0, cross(turning, triple(mn["arm"]))), turning
 
 
 @unit
@@ -163,7 +163,7 @@ def put_product_block(
             if x != 0.0:
                 for c in range(nj):
                     B[r, c] += x * T[k, c]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -181,7 +181,7 @@ def add_moment_arm(parts: Parts, now: Now, k: int, w: Vector, i: int, f: float, 
         m = parts.bodies[mk["body"]]["m"]
         phi = now.Phi[k] if mk["bend"] >= 0 else parts.pool
         _add_modal_arm(mk, mn, parts.pool, phi, m, force, moment, B)
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -191,15 +191,15 @@ def _add_modal_arm(mk, mn, pool, phi, m, force, moment, B):
     Where the marker bends, its Φ_t falls by ηᵀ K_d: a force stiffens the modes by Σ f'_d K_d.
     """
     o, arm = mk["modes"] + 3 * m, triple(mn["arm"])
-    whole = plus(moment, 1.0, outer(arm, force))
+    whole = plus(moment, 1.0, cross(arm, force))
     for c in range(m):
         point, turning = _modal_column(mk, mn, pool, phi, m, c)
         # moment row: δs × f'; modal rows, δθ': f' and τ' turn with the body
-        change = outer(point, force)
+        change = cross(point, force)
         add_column(B, 3, 6 + c, 1.0, change)
-        add_part(B[6 + c], 3, 1.0, plus(change, 1.0, outer(turning, moment)))
+        add_part(B[6 + c], 3, 1.0, plus(change, 1.0, cross(turning, moment)))
         # modal rows, δη: the arm turns, and T(θ) changes
-        change = turned(mn["T"], outer(outer(turning, arm), force))
+        change = turned(mn["T"], cross(cross(turning, arm), force))
         slope = _tangent_slope(mn, mode_vector(pool, o + c, m), whole)
         x, y, z = plus(change, 1.0, slope)
         for r in range(m):
@@ -213,14 +213,14 @@ def _add_modal_arm(mk, mn, pool, phi, m, force, moment, B):
 def _tangent_slope(mn, r, m):
     """Derivative of T(θ) m along δθ = r."""
     th, c = triple(mn["th"]), mn["c"]
-    s, u, w = 2.0 * inner(th, r), outer(th, m), outer(r, m)
+    s, u, w = 2.0 * inner(th, r), cross(th, m), cross(r, m)
     x = plus(times(-c[0], w), -s * c[2], u)
-    x = plus(x, c[1], plus(outer(r, u), 1.0, outer(th, w)))
-    return plus(x, s * c[3], outer(th, u))
+    x = plus(x, c[1], plus(cross(r, u), 1.0, cross(th, w)))
+    return plus(x, s * c[3], cross(th, u))
 
 
 @unit
-def add_own(run: Run, k: int, side: int, f: float) -> int:
+def add_marker_tangent(run: Run, k: int, side: int, f: float) -> int:
     """Add f Jᵀ H J of marker k, one end of a pair, to its body; returns 6 + m.
 
     H (12, 12) is in dense.H, J is left in dense.J[side].
@@ -238,18 +238,18 @@ def add_own(run: Run, k: int, side: int, f: float) -> int:
 
 
 @unit
-def add_pair(run: Run, i: int, j: int, link: int, f: float) -> int:
+def add_pair_tangent(run: Run, i: int, j: int, link: int, f: float) -> int:
     """Add f Jᵀ H J for the bodies of markers i and j, H (12, 12) in dense.H."""
     parts, d = run.system.parts, run.work.dense
-    n0, n1 = add_own(run, i, 0, f), add_own(run, j, 1, f)
+    n0, n1 = add_marker_tangent(run, i, 0, f), add_marker_tangent(run, j, 1, f)
     if link < 0:
-        return FINE
+        return SUCCESS
     a, b = parts.markers[i]["body"], parts.markers[j]["body"]
     put_product_block(d.H, 0, 1, d.J[0], n0, d.J[1], n1, f, d.T, d.B)
     add_coupling(run, a, b, link, 0, d.B)
     put_product_block(d.H, 1, 0, d.J[1], n1, d.J[0], n0, f, d.T, d.B)
     add_coupling(run, b, a, link, 1, d.B)
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -264,11 +264,11 @@ def add_moment_arms(run: Run, i: int, j: int, f: float) -> int:
             clear(d.B, n, n)
             add_moment_arm(parts, run.work.now, k, d.g[1], 6 * side, f, d.B)
             add_body_block(run, b, d.B)
-    return FINE
+    return SUCCESS
 
 
 @unit
-def add_rates(run: Run, n: int, f: float) -> int:
+def add_rate_tangent(run: Run, n: int, f: float) -> int:
     """Add f Σ X_r U_rᵀ, r < n, to dense.H (12, 12).
 
     Of wrench pairs Σ X_r (U_r·V) that follow rates: V (12) holds the velocities of both markers,
@@ -281,7 +281,7 @@ def add_rates(run: Run, n: int, f: float) -> int:
             if x != 0.0:
                 for c in range(12):
                     H[r, c] += x * U[k, c]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -324,4 +324,4 @@ def add_rate_arms(run: Run, v: Vector, i: int, j: int, link: int, n: int, f: flo
             add_body_block(run, a, B)
         else:
             add_coupling(run, a, b, link, here, B)
-    return FINE
+    return SUCCESS

@@ -24,8 +24,8 @@ import math
 
 from flexmb.engine.algebra.vector import (
     column,
+    cross,
     inner,
-    outer,
     part,
     plus,
     put_part,
@@ -75,7 +75,7 @@ def _rotation(c, history, mi, mj):
     axis, trace = _ZERO, 0.0
     for k in range(3):
         before, now = _axes_before(c, history, mj, k), column(mi["R"], k)
-        axis, trace = plus(axis, 0.5, outer(before, now)), trace + inner(before, now)
+        axis, trace = plus(axis, 0.5, cross(before, now)), trace + inner(before, now)
     sine = math.sqrt(inner(axis, axis))  # of its angle, the axis is as long
     return times(math.atan2(sine, 0.5 * (trace - 1.0)) / sine, axis) if sine > 0.0 else axis
 
@@ -107,7 +107,7 @@ def bristle_change(c, history, n, mj, dn, turn):
         return _ZERO
     s = turned(mj["R"], part(history, c["bristle"] + _BRISTLE))
     n0 = _normal_before(c, history, mj)
-    ds, dn0, both = outer(turn, s), outer(turn, n0), 1.0 + inner(n0, n)
+    ds, dn0, both = cross(turn, s), cross(turn, n0), 1.0 + inner(n0, n)
     share = inner(n, s) / both
     change = (inner(dn, s) + inner(n, ds) - share * (inner(dn0, n) + inner(n0, dn))) / both
     ds = plus(ds, -change, plus(n0, 1.0, n))
@@ -135,7 +135,7 @@ def _spin_before(c, history, h, mj):
 
 
 @kernel
-def way_since(c, history, h, n, d, mi, mj):
+def slip_since(c, history, h, n, d, mi, mj):
     """What the surfaces have slid since the last accepted step; nothing if they did not touch."""
     if is_open(c, history):
         return _ZERO
@@ -148,37 +148,37 @@ def way_since(c, history, h, n, d, mi, mj):
     if c["ri"] > 0.0:
         phi, theta = _rotation(c, history, mi, mj), _spin_before(c, history, h, mj)
         mean = plus(plus(n0, 1.0 / 2.0, tilt), 1.0 / 3.0, bend)
-        way = plus(way, -c["ri"], outer(plus(phi, 1.0 / 6.0, outer(theta, phi)), mean))
-        way = plus(way, -c["ri"] / 6.0, outer(plus(phi, -1.0, theta), plus(tilt, 1.0, bend)))
+        way = plus(way, -c["ri"], cross(plus(phi, 1.0 / 6.0, cross(theta, phi)), mean))
+        way = plus(way, -c["ri"] / 6.0, cross(plus(phi, -1.0, theta), plus(tilt, 1.0, bend)))
     return way
 
 
 @kernel
-def way_change(c, history, h, n, d, mi, mj, dn, dd, du, spin, turn):
+def slip_change(c, history, h, n, d, mi, mj, dn, dd, du, spin, turn):
     """Its change with normal, depth and separation, and rotations of I and of J."""
     if is_open(c, history):
         return _ZERO
     o, (n0, tilt, bend) = c["bristle"], _parabola(c, history, h, mj, n)
-    dn0, dtilt = outer(turn, n0), outer(turn, tilt)
+    dn0, dtilt = cross(turn, n0), cross(turn, tilt)
     dbend = plus(plus(dn, -1.0, dn0), -1.0, dtilt)
     rise = h * history[o + _DEPTH + 1]
     rest = d - history[o + _DEPTH] - rise
-    change = plus(du, -1.0, outer(turn, _place_before(c, history, mj)))
+    change = plus(du, -1.0, cross(turn, _place_before(c, history, mj)))
     change = plus(plus(change, rise + rest, dn0), dd, n0)
     change = plus(plus(change, rise / 2.0 + rest / 1.5, dtilt), dd / 1.5, tilt)
     change = plus(plus(change, rise / 3.0 + rest / 2.0, dbend), dd / 2.0, bend)
     if c["ri"] > 0.0:
         phi, theta = _rotation(c, history, mi, mj), _spin_before(c, history, h, mj)
-        dphi = plus(outer(turn, phi), 1.0, _vector_change(phi, plus(spin, -1.0, turn)))
-        dtheta = outer(turn, theta)
+        dphi = plus(cross(turn, phi), 1.0, _vector_change(phi, plus(spin, -1.0, turn)))
+        dtheta = cross(turn, theta)
         mean = plus(plus(n0, 1.0 / 2.0, tilt), 1.0 / 3.0, bend)
         dmean = plus(plus(dn0, 1.0 / 2.0, dtilt), 1.0 / 3.0, dbend)
-        x = plus(phi, 1.0 / 6.0, outer(theta, phi))
-        dx = plus(dphi, 1.0 / 6.0, plus(outer(dtheta, phi), 1.0, outer(theta, dphi)))
-        change = plus(change, -c["ri"], plus(outer(dx, mean), 1.0, outer(x, dmean)))
+        x = plus(phi, 1.0 / 6.0, cross(theta, phi))
+        dx = plus(dphi, 1.0 / 6.0, plus(cross(dtheta, phi), 1.0, cross(theta, dphi)))
+        change = plus(change, -c["ri"], plus(cross(dx, mean), 1.0, cross(x, dmean)))
         y, dy = plus(phi, -1.0, theta), plus(dphi, -1.0, dtheta)
         step, dstep = plus(tilt, 1.0, bend), plus(dtilt, 1.0, dbend)
-        change = plus(change, -c["ri"] / 6.0, plus(outer(dy, step), 1.0, outer(y, dstep)))
+        change = plus(change, -c["ri"] / 6.0, plus(cross(dy, step), 1.0, cross(y, dstep)))
     return change
 
 
@@ -190,12 +190,12 @@ def _vector_change(phi, spin):
     """
     square = inner(phi, phi)
     c1, c2, _, _ = tangent_coefficients(square)
-    y = outer(phi, spin)
+    y = cross(phi, spin)
     # 1 − s/(2 c1) with s = sin θ/θ = 1 − c2 θ², c1 = (1 − cos θ)/θ²; below 0.1 rad by its series
     kappa = 1.0 / 12.0 + square / 720.0 if square < 1e-4 else (
         (1.0 - 0.5 * (1.0 - c2 * square) / c1) / square
     )  # fmt: skip
-    return plus(plus(spin, -0.5, y), kappa, outer(phi, y))
+    return plus(plus(spin, -0.5, y), kappa, cross(phi, y))
 
 
 @kernel
@@ -252,7 +252,7 @@ def remember_bristle(c, before, n, d, g, s, room, turns, mi, mj, tilt, accelerat
     put_part(history, o + _PLACE, turned_back(mj["R"], separation(mi, mj)))
     put_part(history, o + _NORMAL, turned_back(mj["R"], n))
     om = triple(mj["om"])
-    put_part(history, o + _TILT, turned_back(mj["R"], plus(tilt, -1.0, outer(om, n))))
+    put_part(history, o + _TILT, turned_back(mj["R"], plus(tilt, -1.0, cross(om, n))))
     history[o + _DEPTH], history[o + _DEPTH + 1] = d, -inner(n, g)
     if c["ri"] > 0.0:
         for k in range(3):

@@ -14,7 +14,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from flexmb.engine.algebra.vector import clear, copy, inner, part
-from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_rate_arms, add_rates
+from flexmb.engine.bodies.wrench import (
+    add_moment_arms,
+    add_pair_tangent,
+    add_rate_arms,
+    add_rate_tangent,
+)
 from flexmb.engine.forces import relative_motion
 from flexmb.engine.forces.relative_motion import (
     RelativeMotion,
@@ -28,7 +33,7 @@ from flexmb.engine.forces.relative_motion import (
 )
 from flexmb.engine.jit import array_of, kernel, unit
 from flexmb.engine.kind import Kind
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import DAMPER_POWER, SPRING_ENERGY, Point, Run
 
 if TYPE_CHECKING:
@@ -166,7 +171,7 @@ def _put_forces(run: Run, forces: SixComponentForces, k: int) -> int:
         elastic = row["p0"][r] + _product(row["K"], r, s.x)
         viscous = _product(row["C"], r, s.rate) if row["damped"] == 1 else 0.0
         s.elastic[r], s.viscous[r], s.p[r] = elastic, viscous, elastic + viscous
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -177,7 +182,7 @@ def add_wrenches(run: Run, forces: SixComponentForces, at: Point) -> int:
         mi, mj = markers[rows[k]["I"]], markers[rows[k]["J"]]
         _put_forces(run, forces, k)
         relative_motion.add_wrenches(mi, mj, s, mi["W"], mj["W"])
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -188,7 +193,7 @@ def add_energies(run: Run, forces: SixComponentForces, at: Point) -> int:
         _put_forces(run, forces, k)
         for r in range(6):
             out[SPRING_ENERGY] += 0.5 * s.x[r] * (rows[k]["p0"][r] + s.elastic[r])
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -200,7 +205,7 @@ def add_powers(run: Run, forces: SixComponentForces, at: Point) -> int:
             _put_forces(run, forces, k)
             for r in range(6):
                 out[DAMPER_POWER] -= s.rate[r] * s.viscous[r]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -228,7 +233,7 @@ def _add_product(A, f, E, U):
 def add_tangents(run: Run, forces: SixComponentForces, at: Point, cv: float, cp: float) -> int:
     """−(cv ∂Q/∂v + cp ∂Q/∂q) of all bushings and beams."""
     if cv == 0.0 and cp == 0.0:
-        return FINE
+        return SUCCESS
     rows, s, U = forces.rows, forces.scratch, run.work.dense.U
     for k in range(rows.shape[0]):
         row = rows[k]
@@ -244,14 +249,14 @@ def add_tangents(run: Run, forces: SixComponentForces, at: Point, cv: float, cp:
             _add_product(row["C"], cp, s.D, U)
         for r in range(6):
             copy(s.E[r], run.work.dense.X[r])
-        add_rates(run, 6, 1.0)
-        add_pair(run, i, j, link, 1.0)
+        add_rate_tangent(run, 6, 1.0)
+        add_pair_tangent(run, i, j, link, 1.0)
         add_moment_arms(run, i, j, cp)
         if damped and cp != 0.0:
             clear(U, 6, 12)
             _add_product(row["C"], cp, s.E, U)
             add_rate_arms(run, at.v, i, j, link, 6, 1.0)
-    return FINE
+    return SUCCESS
 
 
 SIX_COMPONENT_FORCES = Kind(
@@ -268,7 +273,7 @@ SIX_COMPONENT_FORCES = Kind(
     types=("bushing", "beam"),
     couples=(("couple", "I", "J"),),
     uses_velocity=True,
-    works=True,
+    does_work=True,
     stiff=True,
     scratch=lambda forces: new_relative_motion(),
 )

@@ -21,8 +21,8 @@ from flexmb.engine.algebra.vector import axis_vector as axis
 from flexmb.engine.algebra.vector import (
     clear,
     column,
+    cross,
     inner,
-    outer,
     plus,
     put_part,
     times,
@@ -31,9 +31,9 @@ from flexmb.engine.algebra.vector import (
 )
 from flexmb.engine.bodies.wrench import (
     add_moment_arms,
-    add_pair,
+    add_pair_tangent,
     add_rate_arms,
-    add_rates,
+    add_rate_tangent,
     marker_acceleration,
 )
 from flexmb.engine.forces.bristle import (
@@ -43,8 +43,8 @@ from flexmb.engine.forces.bristle import (
     bristle_change,
     put_bristle_event,
     remember_bristle,
-    way_change,
-    way_since,
+    slip_change,
+    slip_since,
 )
 from flexmb.engine.forces.contact_pair import (
     normal_change,
@@ -67,7 +67,7 @@ from flexmb.engine.forces.friction import (
 )
 from flexmb.engine.jit import Matrix, array_of, kernel, unit
 from flexmb.engine.kind import Kind
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import BRISTLE_ENERGY, DAMPER_POWER, SPRING_ENERGY, Point, Run
 
 if TYPE_CHECKING:
@@ -178,7 +178,7 @@ def evaluate_contact(run: Run, contacts: Contacts, k: int) -> float:
         f, s, excess, room, turns = _ZERO, _ZERO, 0.0, 0.0, -1.0
         if c["model"] != NO_FRICTION:
             s0, turns = bristle_before(c, now.history, n, mj)
-            way = way_since(c, now.history, now.span[0], n, d, mi, mj)
+            way = slip_since(c, now.history, now.span[0], n, d, mi, mj)
             f, s, excess, room, turns = friction_force(c, n, N, g, s0, way, turns)
         out["N"], out["excess"], out["room"], out["turns"] = N, excess, room, turns
         put_part(out["friction"], 0, f)
@@ -205,7 +205,7 @@ def add_wrenches(run: Run, contacts: Contacts, at: Point) -> int:
             for r in range(6):
                 mi["W"][r] += w[r]
                 mj["W"][r] += w[6 + r]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -236,7 +236,7 @@ def add_energies(run: Run, contacts: Contacts, at: Point) -> int:
             out[SPRING_ENERGY] += c["K"] * d ** (c["n"] + 1.0) / (c["n"] + 1.0)
             s = triple(cn["bristle"])
             out[BRISTLE_ENERGY] += 0.5 * c["k"] * inner(s, s)
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -248,11 +248,11 @@ def add_powers(run: Run, contacts: Contacts, at: Point) -> int:
         if d > 0.0:
             out[DAMPER_POWER] += inner(triple(cn["friction"]), triple(cn["g"]))
             out[DAMPER_POWER] -= (cn["N"] - c["K"] * d ** c["n"]) * cn["rate"]
-    return FINE
+    return SUCCESS
 
 
 @unit
-def remember(run: Run, contacts: Contacts, at: Point) -> int:
+def update_history(run: Run, contacts: Contacts, at: Point) -> int:
     """Write the history of all contacts at an accepted state; `now` has that of the step."""
     rows, cn, now, history = contacts.rows, contacts.scratch.now[0], run.work.now, run.state.history
     for k in range(rows.shape[0]):
@@ -271,7 +271,7 @@ def remember(run: Run, contacts: Contacts, at: Point) -> int:
             tilt, a = _rates(run, c, n, cn["rho"], at) if d > 0.0 else (_ZERO, _ZERO)
             s, room, turns = triple(cn["bristle"]), cn["room"], cn["turns"]
             remember_bristle(c, now.history, n, d, g, s, room, turns, mi, mj, tilt, a, history)
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -304,9 +304,9 @@ def _rates(run, c, n, rho, at):
     u, du = separation(mi, mj), plus(triple(mi["vx"]), -1.0, triple(mj["vx"]))
     _, tilt = normal_change(c, n, rho, mi, mj, du, omj)
     ds = times(-c["ri"], tilt)
-    a = plus(plus(ai, 1.0, outer(of_i, s)), 1.0, outer(omi, ds))
-    a = plus(plus(a, -1.0, aj), -1.0, outer(of_j, plus(u, 1.0, s)))
-    return tilt, plus(a, -1.0, outer(omj, plus(du, 1.0, ds)))
+    a = plus(plus(ai, 1.0, cross(of_i, s)), 1.0, cross(omi, ds))
+    a = plus(plus(a, -1.0, aj), -1.0, cross(of_j, plus(u, 1.0, s)))
+    return tilt, plus(a, -1.0, cross(omj, plus(du, 1.0, ds)))
 
 
 @unit
@@ -327,7 +327,7 @@ def put_events(run: Run, contacts: Contacts, at: Point) -> int:
             slip["value"] = cn["excess"] - LEAST_EXCESS * cn["N"]
             tilt, a = _rates(run, c, n, cn["rho"], at)
             put_bristle_event(c, now.history, n, d, g, s, cn["room"], tilt, a, length)
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -340,10 +340,10 @@ def _force_change(c, now, n, d, g, mi, mj, dd, dn, dg, du, spin, turn):
     if c["model"] == NO_FRICTION:
         return df
     s0, turns = bristle_before(c, now.history, n, mj)
-    way = way_since(c, now.history, now.span[0], n, d, mi, mj)
+    way = slip_since(c, now.history, now.span[0], n, d, mi, mj)
     ds0 = bristle_change(c, now.history, n, mj, dn, turn)
     h = now.span[0]
-    dway = way_change(c, now.history, h, n, d, mi, mj, dn, dd, du, spin, turn)
+    dway = slip_change(c, now.history, h, n, d, mi, mj, dn, dd, du, spin, turn)
     more = friction_force_change(c, n, N, g, s0, way, turns, dn, dN, dg, ds0, dway)
     return plus(df, 1.0, more)
 
@@ -379,18 +379,18 @@ def put_contact_changes(run: Run, contacts: Contacts, k: int, d: float, cp: floa
         if 3 <= a < 9:
             dd, dn = normal_change(c, n, rho, mi, mj, du, turn)
             di = times(-c["ri"], dn)
-            dg = plus(outer(omi, di), -1.0, outer(omj, plus(du, 1.0, di)))
+            dg = plus(cross(omi, di), -1.0, cross(omj, plus(du, 1.0, di)))
         df = _force_change(c, now, n, d, g, mi, mj, dd, dn, dg, du, spin, turn)
         if a < 3:
             D[0, a], D[1, a], D[2, a] = df
             continue
         di = times(-c["ri"], dn)
-        ti = plus(outer(di, F), 1.0, outer(li, df))
-        tj = times(-1.0, plus(outer(plus(du, 1.0, di), F), 1.0, outer(lj, df)))
+        ti = plus(cross(di, F), 1.0, cross(li, df))
+        tj = times(-1.0, plus(cross(plus(du, 1.0, di), F), 1.0, cross(lj, df)))
         if a < 6:
             _add_column(H, a - 3, -cp, df, ti, tj)
         _add_column(H, a - 6 if a >= 9 else a + 3, cp if a < 6 else -cp, df, ti, tj)
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -401,7 +401,7 @@ def add_tangents(run: Run, contacts: Contacts, at: Point, cv: float, cp: float) 
             d = evaluate_contact(run, contacts, k)
             if d > 0.0:
                 _add_contact(run, contacts, k, at.v, cv, cp, d)
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -417,8 +417,8 @@ def _add_contact(run, contacts, k, v, cv, cp, d):
         dfdg = times(D[0, 0] + D[1, 1] + D[2, 2], n) if smooth else column(D, a)
         put_wrench(c, n, mi, mj, dfdg, dense.X[a])
         put_wrench(c, n, mi, mj, n if smooth else axis(a), dense.U[a])
-    add_rates(run, rates, -cv)
-    add_pair(run, i, j, couple, 1.0)
+    add_rate_tangent(run, rates, -cv)
+    add_pair_tangent(run, i, j, couple, 1.0)
     if cp != 0.0:
         add_rate_arms(run, v, i, j, couple, rates, -cp)
         put_wrench(c, n, mi, mj, times(-1.0, force(cn)), dense.g[1])
@@ -433,8 +433,8 @@ CONTACTS = Kind(
         "matrix": add_tangents,
         "energy": add_energies,
         "power": add_powers,
-        "begin": remember,
-        "remember": remember,
+        "begin": update_history,
+        "update_history": update_history,
         "events": put_events,
         "wrenches": read_wrench,
     },
@@ -442,7 +442,7 @@ CONTACTS = Kind(
     types=("contact",),
     couples=(("couple", "I", "J"),),
     uses_velocity=True,
-    works=True,
+    does_work=True,
     stiff=True,
     unsymmetric=lambda contacts: bool((contacts.rows["model"] != NO_FRICTION).any()),
     scratch=lambda contacts: Scratch(np.zeros(1, CONTACT_NOW), np.zeros((3, 3))),

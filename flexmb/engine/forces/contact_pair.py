@@ -25,7 +25,7 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from flexmb.engine.algebra.vector import column, inner, outer, plus, put_part, times, triple
+from flexmb.engine.algebra.vector import column, cross, inner, plus, put_part, times, triple
 from flexmb.engine.jit import kernel
 
 if TYPE_CHECKING:
@@ -73,8 +73,8 @@ def relative_velocity(c, n, mi, mj):
     """Velocity of I relative to J where they meet."""
     s = times(-c["ri"], n)
     g = plus(triple(mi["vx"]), -1.0, triple(mj["vx"]))
-    g = plus(g, 1.0, outer(triple(mi["om"]), s))
-    return plus(g, -1.0, outer(triple(mj["om"]), plus(separation(mi, mj), 1.0, s)))
+    g = plus(g, 1.0, cross(triple(mi["om"]), s))
+    return plus(g, -1.0, cross(triple(mj["om"]), plus(separation(mi, mj), 1.0, s)))
 
 
 @kernel
@@ -82,11 +82,11 @@ def normal_change(c, n, rho, mi, mj, du, turn):
     """Changes of d and n with u by du and a rotation of J."""
     u = separation(mi, mj)
     if c["kind"] == PLANE:
-        dn = outer(turn, n)
+        dn = cross(turn, n)
         return -inner(dn, u) - inner(n, du), dn
     if c["kind"] != BALL:  # p of u and the turning axis
         a = column(mj["R"], 2)
-        da, s = outer(turn, a), inner(a, u)
+        da, s = cross(turn, a), inner(a, u)
         du = plus(du, -s, da)
         du = plus(du, -inner(da, u) - inner(a, du), a)
     across = -inner(n, du)
@@ -98,9 +98,9 @@ def put_wrench(c, n, mi, mj, f, w):
     """w (12) = the wrench pair of the force f on I, the opposite on J, where they meet."""
     s = times(-c["ri"], n)
     put_part(w, 0, f)
-    put_part(w, 3, outer(s, f))
+    put_part(w, 3, cross(s, f))
     put_part(w, 6, times(-1.0, f))
-    put_part(w, 9, outer(f, plus(separation(mi, mj), 1.0, s)))
+    put_part(w, 9, cross(f, plus(separation(mi, mj), 1.0, s)))
 
 
 def place_sides(

@@ -16,7 +16,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from flexmb.engine.algebra.vector import clear, copy, zero
-from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_rate_arms, add_rates
+from flexmb.engine.bodies.wrench import (
+    add_moment_arms,
+    add_pair_tangent,
+    add_rate_arms,
+    add_rate_tangent,
+)
 from flexmb.engine.forces.load import pull_back_unit_force
 from flexmb.engine.forces.spring_damper import (
     COMPONENT_OF,
@@ -47,7 +52,7 @@ from flexmb.engine.joints.point_joint import (
 )
 from flexmb.engine.joints.row import rate, separation
 from flexmb.engine.kind import Kind
-from flexmb.engine.method import FINE, ZERO_LENGTH
+from flexmb.engine.method import SUCCESS, ZERO_LENGTH
 from flexmb.engine.state import DAMPER_POWER, LOAD_POWER, SPRING_ENERGY, Point, Run
 
 if TYPE_CHECKING:
@@ -162,7 +167,7 @@ def _put_measure(run: Run, forces: ForceCharacteristics, at: Point, k: int) -> i
     if not _between_markers(row):
         coordinate = run.system.parts.coordinates[row["coordinate"]]
         now["s"], now["rate"] = at.q[coordinate["iq"]], at.v[coordinate["iv"]]
-        return FINE
+        return SUCCESS
     mi, mj = run.work.now.marker[row["I"]], run.work.now.marker[row["J"]]
     hx, hy, hz = separation(mi, mj)
     if row["measure"] == DISTANCE_OF and not hx * hx + hy * hy + hz * hz > 0.0:
@@ -176,7 +181,7 @@ def _put_measure(run: Run, forces: ForceCharacteristics, at: Point, k: int) -> i
     copy(run.work.row.g, g)
     now["s"] = g[6] * hx + g[7] * hy + g[8] * hz  # along n or z_I
     now["rate"] = rate(g, mi, mj)
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -200,14 +205,14 @@ def add_wrenches(run: Run, forces: ForceCharacteristics, at: Point) -> int:
     for k in range(rows.shape[0]):
         if _between_markers(rows[k]):
             status = _put_resistance(run, forces, at, k)
-            if status != FINE:
-                run.work.fault[0] = k
+            if status != SUCCESS:
+                run.work.failed_element[0] = k
                 return status
             wi, wj = markers[rows[k]["I"]]["W"], markers[rows[k]["J"]]["W"]
             for c in range(6):
                 wi[c] -= now["R"] * now["g"][c]
                 wj[c] -= now["R"] * now["g"][6 + c]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -218,7 +223,7 @@ def add_coordinate_forces(run: Run, forces: ForceCharacteristics, at: Point) -> 
         if not _between_markers(rows[k]):
             _put_resistance(run, forces, at, k)
             res[coordinates[rows[k]["coordinate"]]["iv"]] += forces.scratch.now[0]["R"]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -233,7 +238,7 @@ def add_energies(run: Run, forces: ForceCharacteristics, at: Point) -> int:
             out[SPRING_ENERGY] += spring_energy(
                 rows[k], forces.programs, run.work.trial.stack, now["s"]
             )
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -249,7 +254,7 @@ def add_powers(run: Run, forces: ForceCharacteristics, at: Point) -> int:
                 rows[k], forces.programs, run.work.trial.stack, now["rate"]
             )
         out[LOAD_POWER] += _function_value(rows[k], fun) * now["rate"]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -269,7 +274,7 @@ def put_events(run: Run, forces: ForceCharacteristics, at: Point) -> int:
             n = put_switches(programs, row["spring"], now["s"] - row["free"], stack, stack, out, n)
         if row["damper"] >= 0:
             n = put_switches(programs, row["damper"], now["rate"], stack, stack, out, n)
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -307,7 +312,7 @@ def add_tangents(run: Run, forces: ForceCharacteristics, at: Point, cv: float, c
     At the acceleration level, cv = 0, nothing on coordinates: such a one has no mass.
     """
     if cv == 0.0 and cp == 0.0:
-        return FINE
+        return SUCCESS
     rows, now = forces.rows, forces.scratch.now[0]
     for k in range(rows.shape[0]):
         _put_resistance(run, forces, at, k)
@@ -317,12 +322,12 @@ def add_tangents(run: Run, forces: ForceCharacteristics, at: Point, cv: float, c
             continue
         i, j, link = rows[k]["I"], rows[k]["J"], rows[k]["couple"]
         _put_tangent(run, rows[k], now, cv, cp)
-        add_pair(run, i, j, link, 1.0)
+        add_pair_tangent(run, i, j, link, 1.0)
         add_moment_arms(run, i, j, cp)
         if now["damping"] != 0.0 and cp != 0.0:
             copy(now["g"], run.work.dense.U[0])
             add_rate_arms(run, at.v, i, j, link, 1, cp * now["damping"])
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -360,7 +365,7 @@ def _put_tangent(run, row, now, cv, cp):
             H[a, b] *= cp * now["R"]
         w[b] = now["R"] * g[b]
     copy(g, d.X[0])
-    add_rates(run, 1, 1.0)
+    add_rate_tangent(run, 1, 1.0)
 
 
 FORCE_CHARACTERISTICS = Kind(
@@ -380,7 +385,7 @@ FORCE_CHARACTERISTICS = Kind(
     types=_TYPES,
     couples=(("couple", "I", "J"),),
     uses_velocity=True,
-    works=True,
+    does_work=True,
     stiff=True,
     scratch=lambda forces: Scratch(np.zeros(1, CHARACTERISTIC_NOW)),
 )

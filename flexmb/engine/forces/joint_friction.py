@@ -34,7 +34,7 @@ from flexmb.engine.jit import Matrix, array_of, kernel, unit
 from flexmb.engine.joints.constraint import put_group_wrench
 from flexmb.engine.joints.row import put_row_gradient
 from flexmb.engine.kind import Kind
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import BRISTLE_ENERGY, DAMPER_POWER, Point, Run
 
 if TYPE_CHECKING:
@@ -188,7 +188,7 @@ def put_forces(run: Run, frictions: JointFrictions, at: Point) -> int:
         force = frictions.scratch.surface[0]["force"]
         frictions.scratch.load[k, 1] = force
         res[coordinates[rows[k]["coordinate"]]["iv"]] -= rows[k]["radius"] * force
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -207,7 +207,7 @@ def add_tangents(run: Run, frictions: JointFrictions, at: Point, cv: float, cp: 
             diagonal = f["radius"] ** 2 * (cp * surface["stiffness"] + cv * surface["damping"])
             low[place] += diagonal
             up[place] += diagonal
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -220,7 +220,7 @@ def put_couplings(run: Run, frictions: JointFrictions, at: Point, cv: float, cp:
         if surface["load"] != 0.0:
             put_group_wrench(run, f["group"], at.lam)
             _put_coupling(run, f, f["radius"] * surface["load"])
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -257,7 +257,7 @@ def add_powers(run: Run, frictions: JointFrictions, at: Point) -> int:
         evaluate_surface(run, frictions, at, k)
         rate = f["radius"] * at.v[coordinates[f["coordinate"]]["iv"]]
         out[DAMPER_POWER] += frictions.scratch.surface[0]["force"] * rate
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -267,7 +267,7 @@ def add_energies(run: Run, frictions: JointFrictions, at: Point) -> int:
     for k in range(rows.shape[0]):
         bristle = evaluate_surface(run, frictions, at, k)
         out[BRISTLE_ENERGY] += 0.5 * rows[k]["k"] * bristle * bristle
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -279,7 +279,7 @@ def free_bristles(run: Run, frictions: JointFrictions, at: Point) -> int:
         o = f["history"]
         history[o + _ANCHOR] = f["radius"] * at.q[coordinates[f["coordinate"]]["iq"]]
         history[o + _MODE], history[o + _SPAN] = FREE, -1.0
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -318,7 +318,7 @@ def limit_growth(f, N, rate, v, change, side):
 
 
 @unit
-def remember(run: Run, frictions: JointFrictions, at: Point) -> int:
+def update_history(run: Run, frictions: JointFrictions, at: Point) -> int:
     """Write the history of all joint frictions at an accepted state."""
     rows, surface, history, now = (
         frictions.rows, frictions.scratch.surface[0], run.state.history, run.work.now
@@ -339,7 +339,7 @@ def remember(run: Run, frictions: JointFrictions, at: Point) -> int:
         for i in range(_PARTS):
             history[o + _EARLIER + i] = now.history[o + _LAST + i]
             history[o + _LAST + i] = parts[i]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -351,7 +351,7 @@ def forget_rates(run: Run, frictions: JointFrictions, at: Point) -> int:
         history[o + _SPAN], history[o + _RATE] = 0.0, 0.0
         for i in range(_PARTS):
             history[o + _LAST + i] = frictions.scratch.bearing[k, i]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -393,7 +393,7 @@ def put_events(run: Run, frictions: JointFrictions, at: Point) -> int:
             damped = f["c"] * side * change  # what is let go has it in its growth
             slip["rate"] = f["k"] * (side * v - growth)
             slip["rate"] += damped if side * v > 0.0 else max(damped, 0.0) if v == 0.0 else 0.0
-    return FINE
+    return SUCCESS
 
 
 JOINT_FRICTIONS = Kind(
@@ -407,7 +407,7 @@ JOINT_FRICTIONS = Kind(
         "power": add_powers,
         "energy": add_energies,
         "begin": free_bristles,
-        "remember": remember,
+        "update_history": update_history,
         "jump": forget_rates,
         "events": put_events,
     },

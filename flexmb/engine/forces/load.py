@@ -16,18 +16,18 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from flexmb.engine.algebra.ldl import add_body_block, add_coupling
-from flexmb.engine.algebra.vector import add_skew, clear, outer, turned, zero
+from flexmb.engine.algebra.vector import add_skew, clear, cross, turned, zero
 from flexmb.engine.bodies.wrench import (
+    add_generalized_force,
     add_moment_arms,
-    add_pair,
-    add_pulled_back,
+    add_pair_tangent,
     marker_jacobian,
     put_product_block,
 )
 from flexmb.engine.jit import array_of, kernel, unit
 from flexmb.engine.joints.row import separation
 from flexmb.engine.kind import Kind
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import LOAD_POWER, Point, Run
 
 if TYPE_CHECKING:
@@ -107,9 +107,9 @@ def pull_back_unit_force(run: Run, k: int, first: int) -> int:
     n = 6 + body["m"]
     for c in range(n):
         left[c] = 0.0
-    add_pulled_back(parts, work.now, k, work.dense.g[1], first, 1.0, left, 0)
+    add_generalized_force(parts, work.now, k, work.dense.g[1], first, 1.0, left, 0)
     block[0], block[1] = body["iv"], n
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -136,7 +136,7 @@ def _add_vector(load, markers, x, y, z, wi, wj):
         wi[1] -= y
         wi[2] -= z
         hx, hy, hz = separation(markers[load["other"]], markers[load["marker"]])
-        x, y, z = outer((hx, hy, hz), (x, y, z))
+        x, y, z = cross((hx, hy, hz), (x, y, z))
     wi[3] -= x
     wi[4] -= y
     wi[5] -= z
@@ -158,7 +158,7 @@ def add_wrenches(run: Run, loads: Loads, at: Point) -> int:
         wi = markers[rows[k]["other"]]["W"] if rows[k]["other"] >= 0 else wj
         x, y, z = _vector(rows[k], markers, fun)
         _add_vector(rows[k], markers, x, y, z, wi, wj)
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -176,10 +176,10 @@ def add_powers(run: Run, loads: Loads, at: Point) -> int:
                 u = mi["vx"]
                 out[LOAD_POWER] -= x * u[0] + y * u[1] + z * u[2]
                 hx, hy, hz = separation(mi, mj)
-                x, y, z = outer((hx, hy, hz), (x, y, z))
+                x, y, z = cross((hx, hy, hz), (x, y, z))
             u = mi["om"]
             out[LOAD_POWER] -= x * u[0] + y * u[1] + z * u[2]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -214,7 +214,7 @@ def put_unit_force(run: Run, loads: Loads, at: Point, part: int) -> float:
 def add_tangents(run: Run, loads: Loads, at: Point, cv: float, cp: float) -> int:
     """−cp ∂Q/∂q of all loads: arms between the markers, moment arms, and turning axes."""
     if cv == 0.0 and cp == 0.0:
-        return FINE
+        return SUCCESS
     rows, markers, fun, d = loads.rows, run.work.now.marker, run.work.con.fun, run.work.dense
     H, w = d.H, d.g[1]
     for k in range(rows.shape[0]):
@@ -227,7 +227,7 @@ def add_tangents(run: Run, loads: Loads, at: Point, cv: float, cp: float) -> int
             if load["torque"] == 0:  # the wrench on I changes with h
                 add_skew(H, 3, 6, -1.0, (x, y, z))
                 add_skew(H, 3, 0, 1.0, (x, y, z))
-            add_pair(run, i, j, load["couple"], cp)
+            add_pair_tangent(run, i, j, load["couple"], cp)
             add_moment_arms(run, i, j, cp)
         else:
             for c in range(6):
@@ -241,7 +241,7 @@ def add_tangents(run: Run, loads: Loads, at: Point, cv: float, cp: float) -> int
             clear(H, 12, 12)
             _add_turn_of_other(load, markers, x, y, z, H)
             _add_block(run, i, axes, load["couple_other"], cp)
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -266,7 +266,7 @@ def _add_block(run: Run, i: int, j: int, link: int, f: float) -> int:
     parts, now, d = run.system.parts, run.work.now, run.work.dense
     a, b = parts.markers[i]["body"], parts.markers[j]["body"]
     if a < 0 or b < 0:
-        return FINE
+        return SUCCESS
     B, J, n, m = d.B, d.J, 6 + parts.bodies[a]["m"], 6 + parts.bodies[b]["m"]
     marker_jacobian(parts, now, i, J[0])
     marker_jacobian(parts, now, j, J[1])
@@ -275,7 +275,7 @@ def _add_block(run: Run, i: int, j: int, link: int, f: float) -> int:
         add_body_block(run, a, B)
     else:
         add_coupling(run, a, b, link, 0, B)
-    return FINE
+    return SUCCESS
 
 
 def _is_stiff(loads: Loads) -> bool:
@@ -302,6 +302,6 @@ LOADS = Kind(
         ("couple_marker", "marker", "axes"),
         ("couple_other", "other", "axes"),
     ),
-    works=True,
+    does_work=True,
     stiff=_is_stiff,
 )

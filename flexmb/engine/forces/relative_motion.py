@@ -22,8 +22,8 @@ from flexmb.engine.algebra.vector import (
     add_part,
     add_skew,
     column,
+    cross,
     inner,
-    outer,
     part,
     plus,
     put_part,
@@ -36,7 +36,7 @@ from flexmb.engine.algebra.vector import axis_vector as axis
 from flexmb.engine.jit import Matrix, Vector, kernel, unit
 from flexmb.engine.joints.point_joint import dot2_gradient, dot2_tangent
 from flexmb.engine.joints.row import dot_columns, separation
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import Run
 
 # Below this φ² the series of e, in φ², has a remainder below round-off; above, the closed form of
@@ -77,7 +77,7 @@ def put_relative_motion(run: Run, i: int, j: int, s: RelativeMotion) -> int:
     phi = rotation_vector(s.Q)
     put_part(s.x, 3, phi)
     s.e[0], s.e[1] = inverse_coefficient(inner(phi, phi))
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -85,19 +85,19 @@ def put_rates(run: Run, i: int, j: int, s: RelativeMotion) -> int:
     """Rate of x, after a velocity stage and `put_relative_motion`."""
     mi, mj = run.work.now.marker[i], run.work.now.marker[j]
     R, h, om = mi["R"], separation(mi, mj), triple(mi["om"])
-    u = plus(plus(triple(mj["vx"]), -1.0, triple(mi["vx"])), -1.0, outer(om, h))
+    u = plus(plus(triple(mj["vx"]), -1.0, triple(mi["vx"])), -1.0, cross(om, h))
     spin = plus(triple(mj["om"]), -1.0, om)
     put_part(s.rate, 0, turned_back(R, u))
     put_part(s.rate, 3, _rotation_rate(s, 1.0, turned_back(R, spin)))
-    return FINE
+    return SUCCESS
 
 
 @kernel
 def _rotation_rate(s, sign, a):
     """G(φ) a, with sign −1 Gᵀ a."""
     phi = part(s.x, 3)
-    u = outer(phi, a)
-    return plus(plus(a, -0.5 * sign, u), s.e[0], outer(phi, u))
+    u = cross(phi, a)
+    return plus(plus(a, -0.5 * sign, u), s.e[0], cross(phi, u))
 
 
 @kernel
@@ -106,7 +106,7 @@ def add_wrenches(mi, mj, s, wi, wj):
     R = mi["R"]
     force, moment = turned(R, part(s.p, 0)), turned(R, _rotation_rate(s, -1.0, part(s.p, 3)))
     add_part(wi, 0, 1.0, force)
-    add_part(wi, 3, 1.0, plus(moment, 1.0, outer(separation(mi, mj), force)))
+    add_part(wi, 3, 1.0, plus(moment, 1.0, cross(separation(mi, mj), force)))
     add_part(wj, 0, -1.0, force)
     add_part(wj, 3, -1.0, moment)
 
@@ -117,7 +117,7 @@ def put_wrench_pair(run: Run, i: int, j: int, s: RelativeMotion) -> int:
     w, markers = run.work.dense.g[1], run.work.now.marker
     zero(w)
     add_wrenches(markers[i], markers[j], s, w[0:6], w[6:12])
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -182,7 +182,7 @@ def put_gradient_of(run: Run, i: int, j: int, s: RelativeMotion) -> int:
         x = _rotation_rate(s, 1.0, part(R[c], 0))
         add_column(E, 3, 3 + c, -1.0, x)
         add_column(E, 3, 9 + c, 1.0, x)
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -191,7 +191,7 @@ def put_rate_change(run: Run, i: int, j: int, s: RelativeMotion) -> int:
     mi, mj, E, D, S = run.work.now.marker[i], run.work.now.marker[j], s.E, s.D, s.S
     Ri, om = mi["R"], triple(mi["om"])
     spin = plus(triple(mj["om"]), -1.0, om)
-    u = plus(plus(triple(mj["vx"]), -1.0, triple(mi["vx"])), -1.0, outer(om, separation(mi, mj)))
+    u = plus(plus(triple(mj["vx"]), -1.0, triple(mi["vx"])), -1.0, cross(om, separation(mi, mj)))
     _put_slope(
         s, 1.0, (inner(column(Ri, 0), spin), inner(column(Ri, 1), spin), inner(column(Ri, 2), spin))
     )
@@ -200,15 +200,15 @@ def put_rate_change(run: Run, i: int, j: int, s: RelativeMotion) -> int:
             D[r, c] = 0.0
     for k in range(3):
         a = column(Ri, k)
-        turn, arm = outer(om, a), outer(a, u)
+        turn, arm = cross(om, a), cross(a, u)
         add_part(D[k], 0, -1.0, turn)
         add_part(D[k], 3, 1.0, arm)
         add_part(D[k], 6, 1.0, turn)
         x = turned(S, (E[3, 9 + k], E[4, 9 + k], E[5, 9 + k]))
-        turn = _rotation_rate(s, 1.0, turned_back(Ri, outer(spin, axis(k))))
+        turn = _rotation_rate(s, 1.0, turned_back(Ri, cross(spin, axis(k))))
         add_column(D, 3, 3 + k, 1.0, plus(turn, -1.0, x))
         add_column(D, 3, 9 + k, 1.0, x)
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -238,4 +238,4 @@ def put_pull_tangent(run: Run, i: int, j: int, s: RelativeMotion, cp: float) -> 
             H[3 + a, 9 + b] -= x
             H[9 + a, 3 + b] -= x
             H[9 + a, 9 + b] += x
-    return FINE
+    return SUCCESS

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from flexmb.engine.algebra.vector import clear, zero
-from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_rate_arms
+from flexmb.engine.bodies.wrench import add_moment_arms, add_pair_tangent, add_rate_arms
 from flexmb.engine.function import FunctionTable, evaluate, run_program
 from flexmb.engine.jit import Matrix, array_of, kernel, unit
 from flexmb.engine.joints.row import separation
 from flexmb.engine.kind import Kind
-from flexmb.engine.method import FINE, ZERO_LENGTH
+from flexmb.engine.method import SUCCESS, ZERO_LENGTH
 from flexmb.engine.state import DAMPER_POWER, SPRING_ENERGY, Point, Run
 
 if TYPE_CHECKING:
@@ -111,11 +111,11 @@ def add_wrenches(run: Run, springs: Springs, at: Point) -> int:
         mi, mj = markers[rows[k]["I"]], markers[rows[k]["J"]]
         d, nx, ny, nz = _direction(mi, mj)
         if not d > 0.0:
-            run.work.fault[0] = k
+            run.work.failed_element[0] = k
             return ZERO_LENGTH
         f = _attraction(rows[k], mi, mj, d, nx, ny, nz)
         _add_forces(mi["W"], mj["W"], f * nx, f * ny, f * nz)
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -125,7 +125,7 @@ def add_energies(run: Run, springs: Springs, at: Point) -> int:
     for k in range(rows.shape[0]):
         d, _, _, _ = _direction(markers[rows[k]["I"]], markers[rows[k]["J"]])
         out[SPRING_ENERGY] += 0.5 * rows[k]["k"] * (d - rows[k]["d0"]) ** 2
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -136,7 +136,7 @@ def add_powers(run: Run, springs: Springs, at: Point) -> int:
         mi, mj = markers[rows[k]["I"]], markers[rows[k]["J"]]
         _, nx, ny, nz = _direction(mi, mj)
         out[DAMPER_POWER] -= rows[k]["c"] * _rate(mi, mj, nx, ny, nz) ** 2
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -157,7 +157,7 @@ def put_wrench(run: Run, springs: Springs, at: Point, c: int) -> float:
 def add_tangents(run: Run, springs: Springs, at: Point, cv: float, cp: float) -> int:
     """−(cv ∂Q/∂v + cp ∂Q/∂q) of all spring-dampers."""
     if cv == 0.0 and cp == 0.0:
-        return FINE
+        return SUCCESS
     rows, markers, H, w = springs.rows, run.work.now.marker, run.work.dense.H, run.work.dense.g[1]
     for k in range(rows.shape[0]):
         row = rows[k]
@@ -167,7 +167,7 @@ def add_tangents(run: Run, springs: Springs, at: Point, cv: float, cp: float) ->
         f = _attraction(row, mi, mj, d, nx, ny, nz)
         clear(H, 12, 12)
         _add_tangent(row, mi, mj, d, (nx, ny, nz), f, cv, cp, H)
-        add_pair(run, i, j, row["couple"], 1.0)
+        add_pair_tangent(run, i, j, row["couple"], 1.0)
         if row["c"] != 0.0:
             X, U = run.work.dense.X[0], run.work.dense.U[0]
             for c in range(12):
@@ -179,7 +179,7 @@ def add_tangents(run: Run, springs: Springs, at: Point, cv: float, cp: float) ->
             w[c] = 0.0
         _add_forces(w[0:6], w[6:12], -f * nx, -f * ny, -f * nz)
         add_moment_arms(run, i, j, cp)
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -213,7 +213,7 @@ SPRINGS = Kind(
     types=("spring-damper",),
     couples=(("couple", "I", "J"),),
     uses_velocity=True,
-    works=True,
+    does_work=True,
     stiff=True,
 )
 

@@ -19,13 +19,13 @@ from typing import TYPE_CHECKING
 from flexmb.engine.algebra import ldl
 from flexmb.engine.algebra.vector import (
     copy,
+    cross,
     inner,
-    outer,
     part,
     plus,
     put_part,
     tangent_coefficients,
-    weighted_size,
+    weighted_max,
     zero,
 )
 from flexmb.engine.bodies.motion import move, rotation_rate
@@ -42,14 +42,14 @@ from flexmb.engine.integrators.explicit_rk import (
     combine,
     end_step,
     explicit_method,
-    put_shares,
+    put_dense_weights,
     put_slopes,
     tableau_of,
 )
 from flexmb.engine.iteration_matrix import keep_diagonal, least_pivot, put_metric
 from flexmb.engine.jit import Vector, kernel, unit
 from flexmb.engine.joints.constraint import constraint_jacobian, put_constraint_matrix
-from flexmb.engine.method import FINE, NO_CONVERGENCE, NO_PARTITION, NOT_FINITE, Method
+from flexmb.engine.method import NO_CONVERGENCE, NO_PARTITION, NOT_FINITE, SUCCESS, Method
 from flexmb.engine.projection import NOTHING, accelerations
 from flexmb.engine.state import Point, Run
 
@@ -80,15 +80,15 @@ def step(run: Run, tableau: Tableau, h: float) -> int:
     st, tr, split, stages = run.state, run.work.trial, run.work.partition, tableau.stages
     if split.age[0] < 0.0:
         status = choose_independent(run, run.state_point)
-        if status != FINE:
+        if status != SUCCESS:
             return status
     copy(st.v, tr.stages[0])
     begin_step(run)
-    status = FINE
+    status = SUCCESS
     for s in range(1, stages + 1):
         copy(tr.v, tr.aa_start)
         status = _evaluate_stage(run, tableau, st.q, st.v, st.t[0], s, h)
-        if status != FINE:
+        if status != SUCCESS:
             split.age[0] = -1.0
             return status
     if split.pivot[1] < _POOR_PIVOT * split.pivot[0]:
@@ -130,7 +130,7 @@ def choose_independent(run: Run, at: Point) -> int:
     _factorise(run, at, False)
     split.rank[0], split.age[0] = rank, 0.0
     split.pivot[0] = split.pivot[1] = least_pivot(run, nv)
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -203,8 +203,8 @@ def _turn_rows(parts, rows, jac, motion):
                 theta = part(motion, bodies[markers[marker]["body"]]["iv"] + 3)
                 c1, c2, _, _ = tangent_coefficients(inner(theta, theta))
                 row = part(jac, at + 3)
-                once = outer(theta, row)
-                put_part(jac, at + 3, plus(plus(row, c1, once), c2, outer(theta, once)))
+                once = cross(theta, row)
+                put_part(jac, at + 3, plus(plus(row, c1, once), c2, cross(theta, once)))
 
 
 @kernel
@@ -220,7 +220,7 @@ def _evaluate_stage(run, tableau, q, v, t, s, h):
     tr.t[0] = t + tableau.c[s] * h
     if run.work.con.C.shape[0] > 0:
         status = _solve_positions(run, q)
-        if status != FINE:
+        if status != SUCCESS:
             return status
         _solve_velocities(run)
     status = accelerations(run, run.trial_point, 0.0, NOTHING)
@@ -250,7 +250,7 @@ def _solve_positions(run: Run, q: Vector) -> int:
             return NOT_FINITE
         move(run.system.parts, q, x, at.q)
         if size <= _ROUND_OFF or (size <= _NOISE and size > _STAGNANT * last):
-            return FINE
+            return SUCCESS
         last = size
     return NO_CONVERGENCE
 
@@ -272,9 +272,9 @@ def _solve_velocities(run: Run) -> int:
             d = free[i] * sol[place[i]]
             v[i] += d
             size = max(size, abs(d) * weights[i])
-        if size <= _ROUND_OFF * weighted_size(v, weights):
+        if size <= _ROUND_OFF * weighted_max(v, weights):
             break
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -303,13 +303,13 @@ def interpolate(run: Run, tableau: Tableau, share: float) -> int:
     tr, before, x = run.work.trial, run.work.trial.before, run.work.partition.motion
     h = run.state.t[0] - before.t[0]
     count, weights, nq = tableau.c.shape[0], tr.shares, before.q.shape[0]
-    if tr.extended[0] == 0:
+    if tr.dense_ready[0] == 0:
         for s in range(tableau.stages + 1, count):
             status = _evaluate_stage(run, tableau, before.q, before.v, before.t[0], s, h)
-            if status != FINE:
+            if status != SUCCESS:
                 return status
-        tr.extended[0] = 1
-    put_shares(tableau, share, weights)
+        tr.dense_ready[0] = 1
+    put_dense_weights(tableau, share, weights)
     zero(x)
     add_slopes(tr.stages, 0, weights, count, x)
     for i in range(x.shape[0]):
@@ -317,9 +317,9 @@ def interpolate(run: Run, tableau: Tableau, share: float) -> int:
     move(run.system.parts, before.q, x, tr.q)
     combine(before.v, tr.stages, nq, weights, count, h, tr.v)
     copy(before.work_done, tr.work_done)
-    if run.settings.works == 1:
+    if run.settings.does_work == 1:
         combine(before.work_done, tr.stages, nq + tr.v.shape[0], weights, count, h, tr.work_done)
-    return FINE
+    return SUCCESS
 
 
 METHODS = {"coordinate-partitioning": make_method}

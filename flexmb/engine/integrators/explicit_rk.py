@@ -24,17 +24,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from flexmb.engine.algebra.vector import copy, largest, size_above, weighted_size, zero
+from flexmb.engine.algebra.vector import copy, largest, scaled_max_above, weighted_max, zero
 from flexmb.engine.bodies.motion import (
+    max_over_round_off,
     motion_of_rate,
     normalise,
-    over_last_places,
     position_rate,
-    put_last_places,
+    put_dq_round_off,
 )
-from flexmb.engine.equations_of_motion import constraint_stage, powers, walk
-from flexmb.engine.jit import Matrix, Unit, Vector, call_value, kernel, unit
-from flexmb.engine.method import FINE, NO_CONVERGENCE, NOT_FINITE, Method
+from flexmb.engine.equations_of_motion import constraint_stage, powers, run_stage
+from flexmb.engine.jit import CompiledUnit, Matrix, Vector, call_value, kernel, unit
+from flexmb.engine.method import NO_CONVERGENCE, NOT_FINITE, SUCCESS, Method
 from flexmb.engine.projection import NOTHING, POSITIONS, accelerations
 from flexmb.engine.state import Run
 
@@ -75,7 +75,7 @@ class Tableau(NamedTuple):
     stages: int  # of a step
     order: int
     stable: float  # step times rate from which on it is near its limit of stability
-    loosest: float  # as that of `Method`
+    max_tolerance: float  # as that of `Method`
     errors: Matrix  # (1 or 2, stages + 1): error estimate; beside that of order 5 one of order 3
     dense: Matrix  # (all, degree): weight of each stage at the share θ, times θ, θ², ...
 
@@ -126,12 +126,14 @@ def _dense_weights(method: type) -> np.ndarray:
     return weights
 
 
-def explicit_method(tableau: Tableau, step: Unit, interpolate: Unit, **more: Any) -> Method:
+def explicit_method(
+    tableau: Tableau, step: CompiledUnit, interpolate: CompiledUnit, **more: Any
+) -> Method:
     """A method that steps by a tableau."""
     return Method(
         (step,), (interpolate,), (tableau,), order=tableau.order, error_order=tableau.order,
-        stages=len(tableau.c), filter=0.0, keeps_step=0, collocation=0, loosest=tableau.loosest,
-        **more,
+        stages=len(tableau.c), filter=0.0, prefers_constant_step=0, collocation=0,
+        max_tolerance=tableau.max_tolerance, **more,
     )  # fmt: skip
 
 
@@ -170,7 +172,7 @@ def put_slopes(run, s):
     count["residuals"] += 1
     count["factorisations"] += 1
     copy(tr.vd, tr.stages[s, nq:])
-    if run.settings.works == 1:
+    if run.settings.does_work == 1:
         powers(run, run.trial_point)
         copy(run.work.powers, tr.stages[s, nq + tr.vd.shape[0] :])
 
@@ -185,27 +187,27 @@ def end_step(run, tableau, h, status, of_parameters):
     st, tr, stages = run.state, run.work.trial, tableau.stages
     nq, nv = st.q.shape[0], st.v.shape[0]
     constraint_stage(run, run.trial_point)
-    gap = weighted_size(run.work.con.C, run.system.row_weights)
-    if status == FINE and run.method.stabilised == 0 and not gap < _MAX_GAP:
+    gap = weighted_max(run.work.con.C, run.system.row_weights)
+    if status == SUCCESS and run.method.stabilised == 0 and not gap < _MAX_GAP:
         tr.error[0] = tr.error[1] = 0.0  # nothing is known of them
         _watch_stability(run, tableau, h, of_parameters)
         return NO_CONVERGENCE
     copy(tr.vd, tr.aa)
-    tr.extended[0] = 0
-    if run.settings.works == 1:
+    tr.dense_ready[0] = 0
+    if run.settings.does_work == 1:
         combine(st.work_done, tr.stages, nq + nv, tableau.A[stages], stages, h, tr.work)
     size = largest(tr.q) + largest(tr.vd)
     if run.settings.step == 0.0:
         _estimate_error(run, tableau.errors, h, of_parameters)
-        if run.settings.follow == 1:
+        if run.settings.static_after_step == 1:
             _add_lag(run, tableau, h, of_parameters)
         size += tr.error[0] + tr.error[1]
     _watch_stability(run, tableau, h, of_parameters)
-    return NOT_FINITE if status == FINE and not math.isfinite(size) else status
+    return NOT_FINITE if status == SUCCESS and not math.isfinite(size) else status
 
 
 @kernel
-def put_shares(tableau, share, weights):
+def put_dense_weights(tableau, share, weights):
     """Weights of the slopes in the dense output at a share of the step."""
     dense = tableau.dense
     for s in range(tableau.c.shape[0]):
@@ -226,8 +228,8 @@ def _watch_stability(run, tableau, h, of_parameters):
     change, apart, memory = 0.0, 0.0, run.state.memory[0]
     memory["stable_step"] = math.inf
     v, vd = tr.v, tr.stages[last, nq:]
-    if run.settings.follow == 1 and of_parameters:
-        v, vd = tr.places, tr.jerk
+    if run.settings.static_after_step == 1 and of_parameters:
+        v, vd = tr.dq_round_off, tr.jerk
     for i in range(tr.v.shape[0]):
         difference = abs(vd[i] - tr.stages[last - 1, nq + i]) * weights[i]
         if not difference <= change:
@@ -243,7 +245,7 @@ def _watch_stability(run, tableau, h, of_parameters):
             if memory["steps_at_stability_limit"] > _LIMIT_STEPS:
                 memory["stable_step"] = _REST_GROWTH * h
             return
-        moved = weighted_size(tr.dq, weights)
+        moved = weighted_max(tr.dq, weights)
         if longer > h and moved > 0.0:  # of a vibration, whatever its phase in the two stages
             fastest = max(rate, math.sqrt(change / moved))
         # where velocities happen to agree, what positions differ by decides
@@ -262,11 +264,11 @@ def _watch_stability(run, tableau, h, of_parameters):
 def _is_round_off(run):
     """Whether positions in Trial.dq differ by round-off, of which stiff forces make any rate, and
     nothing that matters rings."""
-    tr, allowed = run.work.trial, run.settings.tolerance * run.settings.slack
+    tr, allowed = run.work.trial, run.settings.tolerance * run.settings.rejection_factor
     if not max(tr.error[0], tr.error[1]) <= _REST_ERROR * allowed:
         return False
-    put_last_places(run)
-    return over_last_places(run, tr.dq) <= 1.0
+    put_dq_round_off(run)
+    return max_over_round_off(run, tr.dq) <= 1.0
 
 
 @kernel
@@ -277,7 +279,7 @@ def _step_of_positions(run, h):
     that a step that follows it for its velocity alone is far below what positions need. Were that
     one unstable, the motion is stiff all the same.
     """
-    error, allowed = run.work.trial.error, run.settings.tolerance * run.settings.slack
+    error, allowed = run.work.trial.error, run.settings.tolerance * run.settings.rejection_factor
     if run.settings.step > 0.0 or not error[1] > max(error[0], _RULING_ERROR * allowed):
         return h
     left = max(error[0] / allowed, _MOST_LONGER ** (-run.method.error_order))
@@ -289,7 +291,7 @@ def _estimate_error(run, errors, h, of_parameters):
     """Local errors of positions and velocities over the motion so far, into trial.error.
 
     With two estimates, of orders 5 and 3, e₅² / √(e₅² + 0.01 e₃²), of the order of the method. What
-    stiff forces make of round-off, as in `projection.put_noise`, is no error of the step.
+    stiff forces make of round-off, as in `projection.put_vd_round_off`, is no error of the step.
     """
     st, tr, n, weights = run.state, run.work.trial, errors.shape[1], run.system.weights
     for level in range(2):
@@ -298,12 +300,12 @@ def _estimate_error(run, errors, h, of_parameters):
             times = _sum_of_sizes(errors[k])
             if level == 0:
                 _put_change(run, errors[k], n, of_parameters)
-                part = size_above(tr.dq, weights, st.motion, h * times, tr.noise)
+                part = scaled_max_above(tr.dq, weights, st.motion, h * times, tr.vd_round_off)
             else:
                 for i in range(tr.dq.shape[0]):
                     tr.dq[i] = 0.0
                 add_slopes(tr.stages, st.q.shape[0], errors[k], n, tr.dq)
-                part = size_above(tr.dq, weights, st.speed, times, tr.noise)
+                part = scaled_max_above(tr.dq, weights, st.speed, times, tr.vd_round_off)
             if k == 0:
                 size = h * part
             else:
@@ -326,8 +328,8 @@ def _add_lag(run, tableau, h, of_parameters):
     units, tables, lag = run.stages.static_lag.units, run.stages.static_lag.tables, 0.0
     for k in range(len(units)):
         lag = max(lag, call_value(units[k], run, tables[k], run.trial_point))
-    part = lag / (_LAG * settings.accuracy * settings.turn**_LAG_ORDER)
-    allowed = settings.tolerance * settings.slack
+    part = lag / (_LAG * settings.accuracy * settings.max_rotation**_LAG_ORDER)
+    allowed = settings.tolerance * settings.rejection_factor
     run.work.trial.error[0] = max(
         run.work.trial.error[0], allowed * part ** (tableau.order / _LAG_ORDER)
     )
@@ -380,14 +382,14 @@ def step(run: Run, tableau: Tableau, h: float) -> int:
     begin_step(run)
     for s in range(1, stages):
         status = _evaluate_stage(run, tableau, st.q, st.v, st.t[0], s, h, NOTHING)
-        if status != FINE:
+        if status != SUCCESS:
             return status
     copy(tr.v, tr.aa_start)
-    if run.settings.follow == 1:  # what following changes is not the rate of the motion
+    if run.settings.static_after_step == 1:  # what following changes is not the rate of the motion
         status = _evaluate_stage(run, tableau, st.q, st.v, st.t[0], stages, h, NOTHING)
         copy(tr.vd, tr.jerk)
-        copy(tr.v, tr.places)
-        if status != FINE:
+        copy(tr.v, tr.dq_round_off)
+        if status != SUCCESS:
             return status
     status = _evaluate_stage(run, tableau, st.q, st.v, st.t[0], stages, h, POSITIONS)
     return end_step(run, tableau, h, status, True)
@@ -401,7 +403,7 @@ def _evaluate_stage(run, tableau, q, v, t, s, h, project):
     combine(v, tr.stages, nq, tableau.A[s], s, h, tr.v)
     normalise(parts.bodies, tr.q)
     tr.t[0] = t + tableau.c[s] * h
-    if run.settings.follow == 1:
+    if run.settings.static_after_step == 1:
         _extrapolate(run)
     status = accelerations(run, run.trial_point, 0.0, project)
     position_rate(parts, tr.q, tr.v, tr.stages[s])
@@ -416,7 +418,7 @@ def _extrapolate(run):
     share = (tr.t[0] - st.t[0]) / last if last > 0.0 else 0.0
     for i in range(tr.vd.shape[0]):
         tr.vd[i] = st.vd[i] + share * (st.vd[i] - st.vd_before[i])
-    walk(run.stages.static_force, run, run.trial_point)
+    run_stage(run.stages.static_force, run, run.trial_point)
 
 
 @unit
@@ -425,20 +427,20 @@ def interpolate(run: Run, tableau: Tableau, share: float) -> int:
     tr, before = run.work.trial, run.work.trial.before
     h = run.state.t[0] - before.t[0]
     count, weights, nq = tableau.c.shape[0], tr.shares, before.q.shape[0]
-    if tr.extended[0] == 0:
+    if tr.dense_ready[0] == 0:
         for s in range(tableau.stages + 1, count):
             status = _evaluate_stage(run, tableau, before.q, before.v, before.t[0], s, h, NOTHING)
-            if status != FINE:
+            if status != SUCCESS:
                 return status
-        tr.extended[0] = 1
-    put_shares(tableau, share, weights)
+        tr.dense_ready[0] = 1
+    put_dense_weights(tableau, share, weights)
     combine(before.q, tr.stages, 0, weights, count, h, tr.q)
     combine(before.v, tr.stages, nq, weights, count, h, tr.v)
     copy(before.work_done, tr.work_done)
-    if run.settings.works == 1:
+    if run.settings.does_work == 1:
         combine(before.work_done, tr.stages, nq + tr.v.shape[0], weights, count, h, tr.work_done)
     normalise(run.system.parts.bodies, tr.q)
-    return FINE
+    return SUCCESS
 
 
 METHODS = {"explicit-rk": make_method, "baumgarte": stabilised_method}

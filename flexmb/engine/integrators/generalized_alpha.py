@@ -29,12 +29,17 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from flexmb.engine.algebra.ldl import solve, solve_refined
-from flexmb.engine.algebra.vector import copy, weighted_size
-from flexmb.engine.bodies.motion import interpolate_step, move, put_last_places
-from flexmb.engine.equations_of_motion import residual, walk
-from flexmb.engine.iteration_matrix import REFACTOR_ABOVE, SETTLED_NOISE, factorise, give_up
+from flexmb.engine.algebra.vector import copy, weighted_max
+from flexmb.engine.bodies.motion import interpolate_step, move, put_dq_round_off
+from flexmb.engine.equations_of_motion import residual, run_stage
+from flexmb.engine.iteration_matrix import (
+    REFACTOR_ABOVE,
+    SETTLED_NOISE,
+    check_contraction,
+    factorise,
+)
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.method import FINE, NO_CONVERGENCE, NOT_FINITE, Method
+from flexmb.engine.method import NO_CONVERGENCE, NOT_FINITE, SUCCESS, Method
 from flexmb.engine.projection import POSITIONS, VELOCITIES, accelerations, depends_on_solution
 from flexmb.engine.state import Run
 
@@ -125,8 +130,9 @@ def _method(alpha_m: float, alpha_f: float, beta: float, gamma: float, radius: f
     return Method(
         step=(step,), interpolate=(interpolate,), coefficients=(alpha,), order=order,
         error_order=order + 1, stages=0, filter=beta * (1.0 - alpha_f) / (1.0 - alpha_m),
-        keeps_step=1, collocation=0, loosest=1e-4,
-        mass_rounds=project,  # these accelerations go on, and those by M + b K change the frequency
+        prefers_constant_step=1, collocation=0, max_tolerance=1e-4,
+        # these accelerations are used in the next step; those by M + b K change the frequency
+        mass_refinements=project,
     )  # fmt: skip
 
 
@@ -143,11 +149,11 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
         memory["factor_age"] = -1.0  # without stiffness the matrix hardly knows the step
     if settings.newton_tolerance > 0.0:
         # Newton decides the accelerations: what it leaves is compared with their share of motion.
-        tolerance = settings.newton_tolerance * h * h * weighted_size(st.vd, sys.weights)
+        tolerance = settings.newton_tolerance * h * h * weighted_max(st.vd, sys.weights)
     else:
         tolerance = settings.tolerance  # of each coordinate over its own motion, as its error is
     relative = settings.newton_tolerance == 0.0
-    put_last_places(run)
+    put_dq_round_off(run)
     if memory["contraction"] > _RENEW_ABOVE and memory["factor_age"] > 0.0:
         memory["factor_age"] = -1.0
     earlier, last, slowest, settled = 0.0, 0.0, 0.0, 0.0
@@ -157,7 +163,7 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
         iteration[0] = n
         status = residual(run, run.trial_point)
         iteration[0] = 0.0
-        if status != FINE:
+        if status != SUCCESS:
             return status
         if memory["factor_age"] < 0.0:
             factor.symmetric[0] = int(memory["symmetric"])
@@ -178,7 +184,7 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
             slowest = max(slowest, size / last)  # where the next one happens to be small too
             memory["contraction"] = slowest if settings.step == 0.0 else size / last
             small = wrong <= 1.0 or (share if relative else size) <= tolerance
-            stuck = not small and give_up(memory, size / last)
+            stuck = not small and check_contraction(memory, size / last)
         earlier, last = last, size
         theta = min(max(memory["contraction"], slowest), 0.99)
         # What an old factor leaves in a first correction is a bias that adds up over many steps,
@@ -197,12 +203,12 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
             _finish(sys.weights, alpha, st, tr)
             if settings.tolerance > 0.0:
                 estimate_error(run, alpha, h)
-            if settings.follow == 1:
+            if settings.static_after_step == 1:
                 return _project(run, alpha, b, POSITIONS)
             # what loads friction in joints must not come from how far it moved positions
             if (alpha.project == 1 or depends_on_solution(run)) and st.lam.shape[0] > 0:
                 return _project(run, alpha, b, VELOCITIES)
-            return FINE
+            return SUCCESS
     return NO_CONVERGENCE
 
 
@@ -236,14 +242,14 @@ def _predict(alpha, st, tr, h):
 
 @kernel
 def correct(run, b, cv, h):
-    """Newton correction of the trial state; returns what was still wrong, and the size of δq.
+    """One Newton correction of the trial state; returns four sizes of it, all maximum norms.
 
-    The third is what was wrong over what each coordinate may be: as its error, by its own motion
-    and speed. A correction δ changes velocities by some δ/h, and their estimated error by δ/(4h).
+    1: of δq or of the force residual as a displacement b r / diag(S), weighted. 2: of δq over the
+    round-off of its coordinate. 3: of 1 over what may remain, shares of the scales of position and
+    of h × velocity. 4: of 1 over round-off. (δ changes the estimated velocity error by δ/(4 h).)
 
-    Forces out of balance count by what they would move their own coordinate: with an old factor
-    they move positions in the next iteration. The multipliers are regularised towards those of the
-    last step: towards zero each step would yield to its reactions.
+    The residual counts since an old factor turns it into motion in the next iteration. Multipliers
+    are regularised towards those of the last step: towards zero, each step would yield to them.
     """
     tr, fac, kkt, weights = run.work.trial, run.work.factor, run.system.kkt, run.system.weights
     sol, C, place, eps, diagonal = fac.sol, run.work.con.C, kkt.place, fac.eps, fac.diagonal
@@ -258,7 +264,7 @@ def correct(run, b, cv, h):
         solve(kkt, fac, sol)
     else:
         _solve_repaired(run)
-    moved, size, share, units, wrong, places = 0.0, 0.0, 0.0, 0.0, 0.0, tr.places
+    moved, size, share, units, wrong, places = 0.0, 0.0, 0.0, 0.0, 0.0, tr.dq_round_off
     for i in range(nv):
         k = place[i]
         d = sol[k]
@@ -306,7 +312,7 @@ def _finish(weights, alpha, st, tr):
     if st.memory[0]["factor_age"] >= 0.0:  # else a renewal is due
         st.memory[0]["factor_age"] += 1.0
     measured = st.memory[0]["contraction"] if st.memory[0]["contraction"] < 1.0 else 0.0
-    st.memory[0]["contraction"] = min(0.99, measured + weighted_size(tr.dq, weights))
+    st.memory[0]["contraction"] = min(0.99, measured + weighted_max(tr.dq, weights))
 
 
 @kernel
@@ -320,7 +326,7 @@ def _put_algorithmic(alpha, st, tr):
 @unit
 def _project(run: Run, alpha: Alpha, b: float, project: int) -> int:
     """Velocities, accelerations and multipliers of the trial state as the constraints want them."""
-    cp = b if run.settings.determined == 0 else 0.0
+    cp = b if run.settings.determinate == 0 else 0.0
     run.state.count[0]["factorisations"] += 1
     run.state.memory[0]["factor_age"] = -1.0
     status = accelerations(run, run.trial_point, cp, project)
@@ -343,7 +349,7 @@ def estimate_error(run: Run, alpha: Alpha, h: float) -> int:
     kkt, nv = sys.kkt, tr.aa.shape[0]
     for i in range(nv):
         tr.res[i] = (tr.aa[i] - tr.aa_start[i]) / h
-    walk(run.stages.mass, run, run.trial_point)
+    run_stage(run.stages.mass, run, run.trial_point)
     for i in range(run.work.con.C.shape[0]):
         sol[kkt.place[nv + i]] = 0.0
     solve(kkt, run.work.factor, sol)
@@ -363,7 +369,7 @@ def estimate_error(run: Run, alpha: Alpha, h: float) -> int:
     tr.error[1] = abs(0.5 * c * c - 1.0 / 12.0) * h**2 * velocities
     if st.memory[0]["steps_at_this_size"] < _SETTLED or h != st.memory[0]["last_step"]:
         tr.error[1] = min(tr.error[1], _FORGETTING * st.memory[0]["velocity_error"] * h**3)
-    return FINE
+    return SUCCESS
 
 
 @unit

@@ -11,14 +11,14 @@ import math
 
 from flexmb.engine import method
 from flexmb.engine.algebra.ldl import solve
-from flexmb.engine.algebra.vector import copy, scaled_size, zero
-from flexmb.engine.bodies.motion import move, put_last_places
-from flexmb.engine.equations_of_motion import residual, walk
+from flexmb.engine.algebra.vector import copy, scaled_max, zero
+from flexmb.engine.bodies.motion import move, put_dq_round_off
+from flexmb.engine.equations_of_motion import residual, run_stage
 from flexmb.engine.integrators.generalized_alpha import correct
 from flexmb.engine.integrators.radau_coefficients import STAGES, Radau
 from flexmb.engine.iteration_matrix import factorise
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.projection import POSITIONS, accelerations
 from flexmb.engine.state import Run
 
@@ -33,7 +33,7 @@ def one_stage_step(run: Run, radau: Radau, h: float) -> int:
     if h > _SHORT_STEP * settings.step > 0.0:
         return method.NO_CONVERGENCE
     status = _iterate(run, h)
-    if status != FINE:
+    if status != SUCCESS:
         return status
     if settings.step == 0.0:
         _estimate_error(run, h)
@@ -45,7 +45,7 @@ def one_stage_step(run: Run, radau: Radau, h: float) -> int:
     for k in range(3):  # the rest is the share of the end
         tr.work[k] = st.work_done[k] + h * (1.0 - radau.A[STAGES - 1, STAGES - 1]) * st.power[k]
     st.count[0]["factorisations"] += 1
-    cp = radau.filter * h * h if settings.determined == 0 else 0.0
+    cp = radau.filter * h * h if settings.determinate == 0 else 0.0
     copy(tr.vd, tr.aa)
     return accelerations(run, run.trial_point, cp, POSITIONS)
 
@@ -56,20 +56,20 @@ def _iterate(run, h):
     st, tr, path = run.state, run.work.trial, run.work.collocation.next_a
     for i in range(STAGES):
         zero(path[i])
-    if run.settings.follow == 1:
-        walk(run.stages.static_path, run, run.state_point)
+    if run.settings.static_after_step == 1:
+        run_stage(run.stages.static_path, run, run.state_point)
     for k in range(st.v.shape[0]):
         tr.vd[k] = path[0, k]
         tr.v[k] = st.v[k] + h * tr.vd[k]
         tr.dq[k] = h * tr.v[k]
     copy(st.lam, tr.lam)
     tr.t[0] = st.t[0] + h
-    put_last_places(run)
+    put_dq_round_off(run)
     for _ in range(run.settings.max_iterations):
         move(run.system.parts, st.q, tr.dq, tr.q)
         st.count[0]["residuals"] += 1
         status = residual(run, run.trial_point)
-        if status != FINE:
+        if status != SUCCESS:
             return status
         run.work.factor.symmetric[0] = 0
         st.count[0]["regularised_pivots"] += factorise(run, run.trial_point, h, h * h)
@@ -77,7 +77,7 @@ def _iterate(run, h):
         _, units, _, _ = correct(run, h * h, 1.0 / h, h)
         if units <= 1.0:
             move(run.system.parts, st.q, tr.dq, tr.q)
-            return FINE
+            return SUCCESS
     return method.NO_CONVERGENCE
 
 
@@ -92,11 +92,11 @@ def _estimate_error(run, h):
     for n in range(2):
         for k in range(nv):
             tr.res[k] = 0.5 * h * (h * tr.vd[k] if n == 0 else tr.vd[k] - st.vd[k])
-        walk(run.stages.mass, run, run.trial_point)
+        run_stage(run.stages.mass, run, run.trial_point)
         for k in range(st.lam.shape[0]):
             fac.sol[kkt.place[nv + k]] = 0.0
         solve(kkt, fac, fac.sol)
         for k in range(nv):
             tr.jerk[k] = fac.sol[kkt.place[k]]
         scale = st.motion if n == 0 else st.speed
-        tr.error[n] = scaled_size(tr.jerk, run.system.weights, scale) / share
+        tr.error[n] = scaled_max(tr.jerk, run.system.weights, scale) / share

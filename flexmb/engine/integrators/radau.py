@@ -16,12 +16,12 @@ import math
 from typing import TYPE_CHECKING
 
 from flexmb.engine import method
-from flexmb.engine.algebra.vector import copy, part, put_part, size_above, weighted_size, zero
+from flexmb.engine.algebra.vector import copy, part, put_part, scaled_max_above, weighted_max, zero
 from flexmb.engine.bodies.motion import (
     angular_velocity,
     interpolate_step,
     move,
-    put_last_places,
+    put_dq_round_off,
     put_motion,
     rotation_rate,
 )
@@ -31,8 +31,8 @@ from flexmb.engine.equations_of_motion import (
     powers,
     reaction_stage,
     residual,
+    run_stage,
     velocity_stage,
-    walk,
 )
 from flexmb.engine.integrators.one_stage import one_stage_step
 from flexmb.engine.integrators.radau_coefficients import (
@@ -46,7 +46,7 @@ from flexmb.engine.integrators.radau_systems import correct_stages, factorise_st
 from flexmb.engine.iteration_matrix import (
     REFACTOR_ABOVE,
     SETTLED_NOISE,
-    give_up,
+    check_contraction,
     has_dependent_rows,
 )
 from flexmb.engine.jit import kernel, unit
@@ -90,8 +90,9 @@ def radau_5() -> Method:
     coefficients = radau_coefficients()
     return Method(
         (step,), (interpolate,), (coefficients,), order=5, error_order=4, stages=0,
-        filter=coefficients.filter, keeps_step=1, loosest=3e-4, collocation=STAGES, mass_rounds=2,
-        last_weight=float(coefficients.A[-1, -1]),
+        filter=coefficients.filter, prefers_constant_step=1, max_tolerance=3e-4,
+        collocation=STAGES, mass_refinements=2,
+        end_power_weight=float(coefficients.A[-1, -1]),
     )  # fmt: skip
 
 
@@ -99,9 +100,10 @@ def radau_5() -> Method:
 def step(run: Run, radau: Radau, h: float) -> int:
     """One step from the state; see the contract in `engine.method`.
 
-    Across a singular pose constraint rows depend on each other at one stage and oppose each other
-    at the next, which no factor for all stages fits: there multipliers of what others answer for
-    stay nearly as they were. Where it is a force on modes without mass, one stage is taken.
+    Near a singular pose the constraint rows may be dependent at one stage and conflicting at the
+    next, so that one factor does not fit all stages. Then Newton's method is repeated with stronger
+    regularisation, which keeps the multipliers of dependent rows near their prediction. If it fails
+    with quasi-static modes, a step of one stage is tried.
     """
     memory, real = run.state.memory[0], run.work.collocation.real
     status = _iterate(run, radau, h)
@@ -110,7 +112,7 @@ def step(run: Run, radau: Radau, h: float) -> int:
         status = _iterate(run, radau, h)
         memory["regularisation"], memory["factor_step"] = 0.0, 0.0
         shorter = run.settings.step == 0.0 and memory["failures_since"] < _MAX_TRIES
-        if status == method.FINE and shorter and not _closes(run, h):
+        if status == method.SUCCESS and shorter and not _closes(run, h):
             status = method.NO_CONVERGENCE
     failed = status == method.NO_CONVERGENCE and len(run.stages.static.units) > 0
     return one_stage_step(run, radau, h) if failed else status
@@ -137,13 +139,13 @@ def _iterate(run, radau, h):
     if abs(memory["factor_step"] - h) > _SAME_STEP * h or memory["contraction"] > _RENEW_ABOVE:
         memory["factor_age"] = -1.0
     allowed = _allowed(run, h)
-    put_last_places(run)
+    put_dq_round_off(run)
     earlier, last, last_moved, least, slowest, settled = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(run.settings.max_iterations):
         _put_rates(run, radau, h)
         for i in (0, 2, 1):
             status = _evaluate_stage(run, radau, h, i)
-            if status != method.FINE:
+            if status != method.SUCCESS:
                 return status
         if memory["factor_age"] < 0.0:  # at the stage in the middle, the last one evaluated
             factorise_stages(run, radau, h)
@@ -157,7 +159,7 @@ def _iterate(run, radau, h):
             slowest = max(slowest, size / last)  # where the next one happens to be small too
             memory["contraction"] = slowest
             # what a correction of fast parts leaves to others may be as large over their motion
-            if size > allowed and give_up(memory, size / last):
+            if size > allowed and check_contraction(memory, size / last):
                 least = 0.5
                 stuck = moved > 0.5 * last_moved
         earlier, last, last_moved = last, size, moved
@@ -178,7 +180,7 @@ def _allowed(run, h):
     """Size of a correction that may remain."""
     settings = run.settings
     if settings.newton_tolerance > 0.0:
-        return settings.newton_tolerance * h * h * weighted_size(run.state.vd, run.system.weights)
+        return settings.newton_tolerance * h * h * weighted_max(run.state.vd, run.system.weights)
     # the estimate is of order h⁴, what the step leaves of order h⁶
     return _NEWTON_SHARE * settings.tolerance**1.5
 
@@ -194,8 +196,8 @@ def _predict(run, radau, h):
     for k in range(st.v.shape[0]):
         for i in range(STAGES):
             col.next_a[i, k] = stage_sum(col.share[i], col.a, k) if has_step else st.vd[k]
-    if run.settings.follow == 1:
-        walk(run.stages.static_path, run, run.state_point)
+    if run.settings.static_after_step == 1:
+        run_stage(run.stages.static_path, run, run.state_point)
     for k in range(st.v.shape[0]):
         for i in range(STAGES):
             col.v[i, k] = st.v[k] + h * stage_sum(radau.A[i], col.next_a, k)
@@ -235,7 +237,7 @@ def _put_rates(run: Run, radau: Radau, h: float) -> int:
         rate = radau.inverse[n]
         for k in range(nv):
             col.a[n, k] = (stage_sum(rate, col.v, k) - (rate[0] + rate[1] + rate[2]) * st.v[k]) / h
-    return method.FINE
+    return method.SUCCESS
 
 
 @unit
@@ -268,7 +270,7 @@ def _add_works(run, radau, h):
     copy(st.work_done, tr.work)
     for i in range(STAGES - 1):
         _place_stage(run, radau, h, i)
-        walk(run.stages.functions, run, at)
+        run_stage(run.stages.functions, run, at)
         pose_stage(run, at)
         velocity_stage(run, at)
         feedback_stage(run, at)
@@ -291,15 +293,15 @@ def _finish(run, radau, h):
         memory["factor_age"] += 1.0
     measured = memory["contraction"] if memory["contraction"] < 1.0 else 0.0
     # the matrix changes by about as much as the model moves relative to its size, or turns
-    memory["contraction"] = min(0.99, measured + weighted_size(col.u[last], run.system.weights))
+    memory["contraction"] = min(0.99, measured + weighted_max(col.u[last], run.system.weights))
     _put_rates(run, radau, h)  # with the last correction
-    if run.settings.works == 1 and run.settings.follow == 0:
+    if run.settings.does_work == 1 and run.settings.static_after_step == 0:
         _add_works(run, radau, h)
     _place_stage(run, radau, h, last)
     col.span[0], col.span[1] = st.t[0], h
     col.age[0] = memory["factor_age"]
     st.count[0]["factorisations"] += 1
-    cp = radau.filter * h * h if run.settings.determined == 0 else 0.0
+    cp = radau.filter * h * h if run.settings.determinate == 0 else 0.0
     copy(col.a[last], tr.aa)
     return accelerations(run, run.trial_point, cp, POSITIONS)
 
@@ -321,8 +323,10 @@ def _estimate_error(run, radau, h):
         tr.dq[k], tr.jerk[k] = motion + c * change, change
     filter_motion(run, tr.dq)
     filter_motion(run, tr.jerk)
-    tr.error[0] = size_above(tr.dq, run.system.weights, st.motion, 0.0, tr.places)
-    tr.error[1] = size_above(tr.jerk, run.system.weights, st.speed, _ERROR_NOISE / c, tr.places)
+    tr.error[0] = scaled_max_above(tr.dq, run.system.weights, st.motion, 0.0, tr.dq_round_off)
+    tr.error[1] = scaled_max_above(
+        tr.jerk, run.system.weights, st.speed, _ERROR_NOISE / c, tr.dq_round_off
+    )
 
 
 @unit
@@ -333,17 +337,19 @@ def interpolate(run: Run, radau: Radau, share: float) -> int:
     """
     st, tr, col, works = run.state, run.work.trial, run.work.collocation, radau.works
     before = tr.before
-    zero(tr.bend)
+    zero(tr.dense_correction)
     put_stage_weights(radau, share, col.share[0])
     for k in range(tr.aa.shape[0]):
         tr.aa[k] = stage_sum(col.share[0], col.a, k)
-    for i in range(STAGES - 1 if run.settings.follow == 0 else 0):  # modes that follow leave stages
+    for i in range(
+        STAGES - 1 if run.settings.static_after_step == 0 else 0
+    ):  # modes that follow leave stages
         put_motion(run, radau.c[i], tr.dq, tr.v)
         for k in range(tr.dq.shape[0]):
-            tr.bend[k] += radau.bend[i] * (col.u[i, k] - tr.dq[k])
+            tr.dense_correction[k] += radau.bend[i] * (col.u[i, k] - tr.dq[k])
     status = interpolate_step(run, share)
     h = st.t[0] - before.t[0]
-    for k in range(3 * run.settings.works if run.settings.follow == 0 else 0):
+    for k in range(3 * run.settings.does_work if run.settings.static_after_step == 0 else 0):
         work = 0.0
         for n in range(STAGES, -1, -1):
             rate = works[n, 0] * before.power[k] + works[n, STAGES] * st.power[k]

@@ -10,13 +10,13 @@ With A⁻¹ = V diag(γ, μ, μ̄) V⁻¹ simplified Newton solves one real and 
 from __future__ import annotations
 
 from flexmb.engine.algebra import ldl
-from flexmb.engine.algebra.vector import copy, larger, scaled_size, weighted_size
-from flexmb.engine.bodies.motion import over_last_places
-from flexmb.engine.equations_of_motion import walk
+from flexmb.engine.algebra.vector import copy, larger, scaled_max, weighted_max
+from flexmb.engine.bodies.motion import max_over_round_off
+from flexmb.engine.equations_of_motion import run_stage
 from flexmb.engine.integrators.radau_coefficients import STAGES, Radau
 from flexmb.engine.iteration_matrix import factorise_pair, keep_diagonal, put_matrix, put_rows
 from flexmb.engine.jit import Vector, kernel, unit
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import Run
 
 _TINY_DAMPING = 1e-300  # cv that keeps the mass of motion, and no more
@@ -53,7 +53,7 @@ def factorise_stages(run: Run, radau: Radau, h: float) -> int:
     real.symmetric[0] = fac.symmetric[0]
     run.state.count[0]["factorisations"] += 2
     memory["factor_age"], memory["contraction"], memory["factor_step"] = 0.0, 1.0, h
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -105,11 +105,11 @@ def correct_stages(run, radau, h):
             col.lam[n, k] += back[0, n] * r + back[1, n] * y.real + back[2, n] * y.imag
     size, moved, units = 0.0, 0.0, 0.0
     for i in range(STAGES):
-        moved = larger(moved, weighted_size(col.change[i], weights))
-        units = max(units, over_last_places(run, col.change[i]))
+        moved = larger(moved, weighted_max(col.change[i], weights))
+        units = max(units, max_over_round_off(run, col.change[i]))
         if run.settings.step == 0.0:
-            size = larger(size, scaled_size(col.change[i], weights, st.motion))
-            size = larger(size, scaled_size(col.change[i], weights, st.speed) / h)
+            size = larger(size, scaled_max(col.change[i], weights, st.motion))
+            size = larger(size, scaled_max(col.change[i], weights, st.speed) / h)
     if run.settings.step > 0.0:
         size = moved
     return size, moved, units
@@ -132,11 +132,11 @@ def filter_motion(run: Run, x: Vector) -> int:
     tr, real, kkt = run.work.trial, run.work.collocation.real, run.system.kkt
     nv, place = x.shape[0], kkt.place
     copy(x, tr.res)
-    walk(run.stages.mass, run, run.trial_point)
+    run_stage(run.stages.mass, run, run.trial_point)
     copy(run.work.factor.sol, real.sol)
     for k in range(run.work.con.C.shape[0]):
         real.sol[place[nv + k]] = 0.0
     ldl.solve(kkt, real, real.sol)
     for k in range(nv):
         x[k] = real.sol[place[k]]
-    return FINE
+    return SUCCESS

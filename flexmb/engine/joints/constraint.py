@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from flexmb.engine.algebra.ldl import put_jacobian_row
-from flexmb.engine.algebra.vector import clear, outer, put_part, times, turned_back, wrapped, zero
-from flexmb.engine.bodies.wrench import add_moment_arms, add_pair, add_pulled_back
+from flexmb.engine.algebra.vector import clear, cross, put_part, times, turned_back, wrapped, zero
+from flexmb.engine.bodies.wrench import add_generalized_force, add_moment_arms, add_pair_tangent
 from flexmb.engine.jit import Integers, Vector, call_stage, kernel, unit
 from flexmb.engine.joints import POINT
 from flexmb.engine.joints.row import (
@@ -21,7 +21,7 @@ from flexmb.engine.joints.row import (
     row_value,
 )
 from flexmb.engine.kind import Kind
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import DRIVER_POWER, Point, Run
 
 REGULARISATION = 1e-9  # ε of a row over (Cq diag(S)⁻¹ Cqᵀ)_ii, its pivot without other rows
@@ -52,7 +52,7 @@ def put_values(run: Run, of: ConstraintRows, at: Point) -> int:
             f += fun[row["fun"], 0]
         value = row_value(run, row) - f
         C[listed[n]] = value if period[row["kind"]] == 0.0 else wrapped(value)
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -68,7 +68,7 @@ def subtract_reactions(run: Run, of: ConstraintRows, at: Point) -> int:
         for c in range(6):
             mi[c] -= lam[k] * g[c]
             mj[c] -= lam[k] * g[6 + c]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -83,7 +83,7 @@ def put_rates(run: Run, of: ConstraintRows, at: Point) -> int:
         out[k] = rate(g, markers[row["I"]], markers[row["J"]])
         if row["fun"] >= 0:
             out[k] -= fun[row["fun"], 1]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -104,7 +104,7 @@ def constraint_right_side(run: Run) -> int:
         if row["fun"] >= 0:
             s -= con.fun[row["fun"], 2]
         con.gamma[k] = -s
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -127,15 +127,15 @@ def constraint_jacobian(run: Run) -> int:
                 if plain:
                     _put_point_row(now, table[marker], marker, row["a"], 2.0 * side - 1.0, jac, at)
                 else:
-                    add_pulled_back(parts, now, marker, g, 6 * side, 1.0, jac, at)
-    return FINE
+                    add_generalized_force(parts, now, marker, g, 6 * side, 1.0, jac, at)
+    return SUCCESS
 
 
 @kernel
 def _put_point_row(now, mk, k, a, sign, jac, at):
     """Gradient of ± x_a of marker k on a rigid place s of a body: ± e_a and ± s × Aᵀ e_a."""
     A, s, jac[at + a] = now.body[mk["body"]]["A"], now.marker[k]["s"], sign
-    put_part(jac, at + 3, times(sign, outer(s, (A[a, 0], A[a, 1], A[a, 2]))))
+    put_part(jac, at + 3, times(sign, cross(s, (A[a, 0], A[a, 1], A[a, 2]))))
 
 
 @unit
@@ -166,7 +166,7 @@ def put_jacobian(run: Run, joints: Joints, at: Point) -> int:
             low[diagonal] = -regularisation * s
             if not symmetric:
                 up[diagonal] = low[diagonal]
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -187,7 +187,7 @@ def group_tangents(run, listed, lam, cp):
         curved = put_group_tangent(run, lam, listed[n])
         add_moment_arms(run, i, j, cp)
         if curved == 1:
-            add_pair(run, i, j, group["couple"], cp)
+            add_pair_tangent(run, i, j, group["couple"], cp)
 
 
 @unit
@@ -211,7 +211,7 @@ def joint_matrix(run: Run, joints: Joints, at: Point, cv: float, cp: float) -> i
     """cp ∂(Cqᵀ λ)/∂q of all constraint groups."""
     if cv != 0.0 or cp != 0.0:
         group_tangents(run, joints.groups, at.lam, cp)
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -221,7 +221,7 @@ def driver_power(run: Run, joints: Joints, at: Point) -> int:
     for n in range(driven.shape[0]):
         k = driven[n]
         run.work.powers[DRIVER_POWER] -= at.lam[k] * fun[rows[k]["fun"], 1]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -235,7 +235,7 @@ def put_group_wrench(run: Run, k: int, lam: Vector) -> int:
         put_row_gradient(run, sys.rows[r])
         for c in range(12):
             w[c] -= lam[r] * g[c]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -253,7 +253,7 @@ def read_reactions(run: Run, at: Point, out: Vector) -> int:
             R = markers[j]["R"] if of_J else markers[i]["R"]
             o = 3 * (part % 2) + (6 if of_J else 0)
             put_part(out, 12 * k + 3 * part, turned_back(R, (w[o], w[o + 1], w[o + 2])))
-    return FINE
+    return SUCCESS
 
 
 @unit

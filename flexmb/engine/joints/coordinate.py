@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from flexmb.engine.jit import unit
 from flexmb.engine.kind import Kind
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import DAMPER_POWER, KINETIC_ENERGY, LOAD_POWER, SPRING_ENERGY, Point, Run
 from flexmb.engine.tables import COORDINATE
 
@@ -80,7 +80,7 @@ def put_values(run: Run, of: Coordinates, at: Point) -> int:
             fun[slot, 0] = 0.0
             fun[slot, 2] = 0.0  # s̈ is an unknown
         fun[slot, 0] += entry["factor"] * q[coordinates[entry["coordinate"]]["iq"]]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -94,7 +94,7 @@ def put_rates(run: Run, of: Coordinates, at: Point) -> int:
         if entry["first"] == 1:
             fun[slot, 1] = 0.0
         fun[slot, 1] += entry["factor"] * v[coordinates[entry["coordinate"]]["iv"]]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -112,7 +112,7 @@ def put_forces(run: Run, of: Coordinates, at: Point) -> int:
         entry = coupled[k]
         i = coordinates[entry["coordinate"]]["iv"]
         res[i] -= entry["factor"] * at.lam[entry["row"]]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -132,7 +132,7 @@ def add_tangents(run: Run, of: Coordinates, at: Point, cv: float, cp: float) -> 
             diagonal += cp * s["k"]
         low[place] += diagonal
         up[place] += diagonal
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -147,7 +147,7 @@ def put_rows(run: Run, of: Coordinates, at: Point) -> int:
         factor.low[place] = -entry["factor"]
         if factor.symmetric[0] == 0:
             factor.up[place] = -entry["factor"]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -160,7 +160,7 @@ def add_energies(run: Run, of: Coordinates, at: Point) -> int:
             out[KINETIC_ENERGY] += 0.5 * s["m"] * at.v[s["iv"]] ** 2
         stretch = at.q[s["iq"]] - s["s0"]
         out[SPRING_ENERGY] += 0.5 * s["k"] * stretch * stretch
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -173,7 +173,7 @@ def add_powers(run: Run, of: Coordinates, at: Point) -> int:
         out[DAMPER_POWER] -= s["c"] * rate * rate
         if s["fun"] >= 0 and s["state"] == 0:
             out[LOAD_POWER] += fun[s["fun"], 0] * rate
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -183,7 +183,7 @@ def multiply_mass(run: Run, of: Coordinates, at: Point) -> int:
     for k in range(coordinates.shape[0]):
         i = coordinates[k]["iv"]
         run.work.factor.sol[place[i]] = coordinates[k]["m"] * run.work.trial.res[i]
-    return FINE
+    return SUCCESS
 
 
 COORDINATES = Kind(
@@ -199,7 +199,7 @@ COORDINATES = Kind(
         "energy": add_energies,
         "power": add_powers,
     },
-    works=True,
+    does_work=True,
     stiff=True,
 )
 

@@ -24,14 +24,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.algebra.vector import outer, put_part, turned, turned_back, zero
-from flexmb.engine.bodies.wrench import add_pulled_back
+from flexmb.engine.algebra.vector import cross, put_part, turned, turned_back, zero
+from flexmb.engine.bodies.wrench import add_generalized_force
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.joints.constraint import put_group_tangent
 from flexmb.engine.joints.coordinate import Scalar
 from flexmb.engine.joints.row import put_row_gradient
 from flexmb.engine.kind import Kind
-from flexmb.engine.method import CURVE_END, FINE
+from flexmb.engine.method import CURVE_END, SUCCESS
 from flexmb.engine.state import Point, Run
 from flexmb.engine.tables import CURVE_MARKER
 
@@ -184,7 +184,7 @@ def place_curve_markers(run: Run, of: CurveMarkers, at: Point) -> int:
         put_part(cn["D"], 3, (0.0, 0.0, 0.0))
         if curve["turns"] == 1:
             _turn(R, cn, px, py, qx, qy, rx, ry)
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -226,7 +226,7 @@ def add_velocities(run: Run, of: CurveMarkers, at: Point) -> int:
         for a in range(3):
             mn["vx"][a] += J[a] * rate
             mn["om"][a] += J[3 + a] * rate
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -242,15 +242,15 @@ def add_bias(run: Run, of: CurveMarkers, at: Point) -> int:
         rate = at.v[parts.coordinates[markers[k]["coordinate"]]["iv"]]
         om = mn["om"]
         wx, wy, wz = om[0] - J[3] * rate, om[1] - J[4] * rate, om[2] - J[5] * rate
-        ax, ay, az = outer((wx, wy, wz), J)
-        bx, by, bz = outer((wx, wy, wz), (J[3], J[4], J[5]))
+        ax, ay, az = cross((wx, wy, wz), J)
+        bx, by, bz = cross((wx, wy, wz), (J[3], J[4], J[5]))
         b, e = mn["bx"], mn["bom"]
         put_part(b, 0, (b[0] + 2.0 * rate * ax, b[1] + 2.0 * rate * ay, b[2] + 2.0 * rate * az))
         put_part(e, 0, (e[0] + rate * bx, e[1] + rate * by, e[2] + rate * bz))
         for a in range(3):
             b[a] += D[a] * rate * rate
             e[a] += D[3 + a] * rate * rate
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -262,7 +262,7 @@ def subtract_forces(run: Run, of: CurveMarkers, at: Point) -> int:
         i = parts.coordinates[markers[k]["coordinate"]]["iv"]
         for c in range(6):
             run.work.trial.res[i] -= W[c] * J[c]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -284,7 +284,7 @@ def put_rows(run: Run, of: CurveMarkers, at: Point) -> int:
             factor.low[place_curve_markers] = s
             if factor.symmetric[0] == 0:
                 factor.up[place_curve_markers] = s
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -293,7 +293,7 @@ def add_tangents(run: Run, of: CurveMarkers, at: Point, cv: float, cp: float) ->
     sys, wk = run.system, run.work
     curves = sys.parts.curve_markers
     if cv == 0.0 and cp == 0.0:
-        return FINE
+        return SUCCESS
     for k in range(curves.shape[0]):
         curve = curves[k]
         put_group_tangent(run, at.lam, curve["group"])
@@ -307,7 +307,7 @@ def add_tangents(run: Run, of: CurveMarkers, at: Point, cv: float, cp: float) ->
         _add_own(sys, curve, wk, cp, k)
         if curve["link_other"] >= 0:
             _add_other(sys, curve, wk, cp, k)
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -315,8 +315,8 @@ def _put_columns(parts, curve, wk, row, cp, k):
     """Pull back what s and a body do to each other: columns to dense.T[side], rows to 2 + side."""
     d, J, o = wk.dense, wk.now.curve_marker[k]["J"], 6 * curve["side"]
     g, w = d.g[0], d.g[1]
-    lx, ly, lz = outer(J, (w[o], w[o + 1], w[o + 2]))
-    mx, my, mz = outer((J[3], J[4], J[5]), (w[o + 3], w[o + 4], w[o + 5]))
+    lx, ly, lz = cross(J, (w[o], w[o + 1], w[o + 2]))
+    mx, my, mz = cross((J[3], J[4], J[5]), (w[o + 3], w[o + 4], w[o + 5]))
     for part in range(2):
         for c in range(12):
             g[c] = 0.0
@@ -330,7 +330,7 @@ def _put_columns(parts, curve, wk, row, cp, k):
             if parts.markers[marker]["body"] >= 0:
                 out = d.T[2 * part + side]
                 zero(out)
-                add_pulled_back(parts, wk.now, marker, g, 6 * side, cp, out, 0)
+                add_generalized_force(parts, wk.now, marker, g, 6 * side, cp, out, 0)
 
 
 @kernel
@@ -393,7 +393,7 @@ def check_ends(run: Run, of: CurveMarkers, at: Point) -> int:
         beyond = s < -_ROUND_OFF * length or s > (1.0 + _ROUND_OFF) * length
         if markers[k]["closed"] == 0 and beyond:
             return CURVE_END
-    return FINE
+    return SUCCESS
 
 
 CURVE_MARKERS = Kind(

@@ -21,8 +21,8 @@ import numpy as np
 from flexmb.engine.algebra.vector import (
     axis_vector,
     column,
+    cross,
     inner,
-    outer,
     put_part,
     times,
     turned_back,
@@ -38,7 +38,7 @@ from flexmb.engine.joints.row import (
     vector_rates,
 )
 from flexmb.engine.kind import Kind, RowKind
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import Point, RowWork, Run
 
 
@@ -52,7 +52,7 @@ def point_value(at: RowWork, a: int, b: int, i: int, j: int) -> float:
 def point_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
     """Gradient of h·e_a."""
     put_pair(at.g, 0, axis_vector(a))
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -75,8 +75,8 @@ def dot2_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
     """Gradient of a·h."""
     axis = column(at.marker[i]["R"], a)
     put_pair(at.g, 0, axis)
-    put_part(at.g, 3, outer(axis, separation(at.marker[i], at.marker[j])))
-    return FINE
+    put_part(at.g, 3, cross(axis, separation(at.marker[i], at.marker[j])))
+    return SUCCESS
 
 
 @unit
@@ -92,7 +92,7 @@ def dot2_tangent(at: RowWork, a: int, b: int, i: int, j: int, f: float) -> int:
     """f times the tangent of a·h."""
     mi = at.marker[i]
     add_dot2(column(mi["R"], a), separation(mi, at.marker[j]), f, at.H)
-    return FINE
+    return SUCCESS
 
 
 DOT2 = RowKind("offset {a}", dot2_value, dot2_gradient, dot2_curvature, dot2_tangent)
@@ -110,7 +110,7 @@ def distance_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
     """Gradient of |h|; not finite where it is zero."""
     h = separation(at.marker[i], at.marker[j])
     put_pair(at.g, 0, times(1.0 / np.sqrt(inner(h, h)), h))
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -130,7 +130,7 @@ def distance_tangent(at: RowWork, a: int, b: int, i: int, j: int, f: float) -> i
     put_pair(at.g, 0, times(1.0 / d, h))
     subtract_square(at.g, f / d, at.H)
     add_distance(f / d, at.H)
-    return FINE
+    return SUCCESS
 
 
 DISTANCE = RowKind(
@@ -167,7 +167,7 @@ def _add_force(body, A, s, x, y, z, out):
     out[o] += x
     out[o + 1] += y
     out[o + 2] += z
-    x, y, z = outer(s, turned_back(A, (x, y, z)))
+    x, y, z = cross(s, turned_back(A, (x, y, z)))
     out[o + 3] += x
     out[o + 4] += y
     out[o + 5] += z
@@ -181,7 +181,7 @@ def put_values(run: Run, joints: PointJoints, at: Point) -> int:
         row = rows[listed[n]]
         a = row["a"]
         C[listed[n]] = markers[row["J"]]["x"][a] - markers[row["I"]]["x"][a]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -197,7 +197,7 @@ def put_rates(run: Run, joints: PointJoints, at: Point) -> int:
         row = rows[listed[n]]
         a = row["a"]
         out[listed[n]] = markers[row["J"]]["vx"][a] - markers[row["I"]]["vx"][a]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -208,7 +208,7 @@ def subtract_reactions(run: Run, joints: PointJoints, at: Point) -> int:
         row = rows[listed[n]]
         markers[row["I"]]["W"][row["a"]] += lam[listed[n]]
         markers[row["J"]]["W"][row["a"]] -= lam[listed[n]]
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -226,14 +226,14 @@ def add_reactions(run: Run, joints: PointJoints, at: Point) -> int:
             _add_force(bodies[i], body_now[i]["A"], mi["rho"], -x, -y, -z, out)
         if j >= 0:
             _add_force(bodies[j], body_now[j]["A"], mj["rho"], x, y, z, out)
-    return FINE
+    return SUCCESS
 
 
 @unit
 def add_tangents(run: Run, joints: PointJoints, at: Point, cv: float, cp: float) -> int:
     """cp ∂(Cqᵀ λ)/∂q of the joints: the arms of their forces turn."""
     if cp == 0.0:
-        return FINE
+        return SUCCESS
     rows, groups, listed = run.system.rows, run.system.groups, joints.groups
     for n in range(listed.shape[0]):
         group = groups[listed[n]]
@@ -241,7 +241,7 @@ def add_tangents(run: Run, joints: PointJoints, at: Point, cv: float, cp: float)
         row = rows[group["row"]]
         _add_arm(run, row["I"], -cp * x, -cp * y, -cp * z)
         _add_arm(run, row["J"], cp * x, cp * y, cp * z)
-    return FINE
+    return SUCCESS
 
 
 @kernel

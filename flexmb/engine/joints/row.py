@@ -26,8 +26,8 @@ from flexmb.engine.algebra.vector import (
     add_skew_product,
     axis_vector,
     column,
+    cross,
     inner,
-    outer,
     plus,
     put_part,
     times,
@@ -36,7 +36,7 @@ from flexmb.engine.algebra.vector import (
 )
 from flexmb.engine.jit import Matrix, call_row, call_row_tangent, call_row_value, kernel, unit
 from flexmb.engine.kind import RowKind
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import RowWork
 
 # `row` below is a row of constraints, or a term of a sensor that measures as one does.
@@ -115,8 +115,8 @@ def put_pair(g, o, a):
 @kernel
 def vector_rates(a, om):
     """First derivative of a vector fixed to a marker, and second at zero angular acceleration."""
-    first = outer(triple(om), a)
-    return first, outer(triple(om), first)
+    first = cross(triple(om), a)
+    return first, cross(triple(om), first)
 
 
 @kernel
@@ -137,7 +137,7 @@ def add_dot(
     add_skew_product(H, 3, 9, -f, a, b)
     add_skew_product(H, 9, 9, f, a, b)
     add_skew_product(H, 9, 3, -f, b, a)
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -180,8 +180,8 @@ def dot1_value(at: RowWork, a: int, b: int, i: int, j: int) -> float:
 @unit
 def dot1_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
     """Gradient of a·b."""
-    put_pair(at.g, 3, outer(column(at.marker[j]["R"], b), column(at.marker[i]["R"], a)))
-    return FINE
+    put_pair(at.g, 3, cross(column(at.marker[j]["R"], b), column(at.marker[i]["R"], a)))
+    return SUCCESS
 
 
 @unit
@@ -197,7 +197,7 @@ def dot1_tangent(at: RowWork, a: int, b: int, i: int, j: int, f: float) -> int:
     """f times the tangent of a·b."""
     Ri, Rj = at.marker[i]["R"], at.marker[j]["R"]
     add_dot(Ri[0, a], Ri[1, a], Ri[2, a], Rj[0, b], Rj[1, b], Rj[2, b], f, at.H)
-    return FINE
+    return SUCCESS
 
 
 DOT1 = RowKind(
@@ -230,8 +230,8 @@ def angle_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
     """Gradient of θ, b × u."""
     Rj = at.marker[j]["R"]
     u, _ = _across_and_along(at.marker[i]["R"], Rj, b)
-    put_pair(at.g, 3, outer(column(Rj, b), u))
-    return FINE
+    put_pair(at.g, 3, cross(column(Rj, b), u))
+    return SUCCESS
 
 
 @unit
@@ -241,7 +241,7 @@ def angle_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
     axis, p, q = column(mj["R"], b), triple(mi["om"]), triple(mj["om"])
     u, v = _across_and_along(mi["R"], mj["R"], b)
     first, second = dot_rates(u, p, axis, q)
-    growth = inner(plus(q, -1.0, p), outer(axis, v))
+    growth = inner(plus(q, -1.0, p), cross(axis, v))
     return second - 2.0 * first * growth  # type: ignore[no-any-return]
 
 
@@ -252,8 +252,8 @@ def angle_tangent(at: RowWork, a: int, b: int, i: int, j: int, f: float) -> int:
     axis = column(Rj, b)
     u, v = _across_and_along(at.marker[i]["R"], Rj, b)
     add_dot(u[0], u[1], u[2], axis[0], axis[1], axis[2], f, H)
-    put_part(g, 0, outer(axis, u))
-    put_part(g, 3, outer(axis, v))
+    put_part(g, 0, cross(axis, u))
+    put_part(g, 3, cross(axis, v))
     for k in range(3):
         for m in range(3):
             e = f * (g[k] * g[3 + m] + g[3 + k] * g[m])
@@ -261,7 +261,7 @@ def angle_tangent(at: RowWork, a: int, b: int, i: int, j: int, f: float) -> int:
             H[3 + k, 9 + m] += e
             H[9 + k, 3 + m] += e
             H[9 + k, 9 + m] -= e
-    return FINE
+    return SUCCESS
 
 
 ANGLE = RowKind(
@@ -281,9 +281,9 @@ def twist_value(at: RowWork, a: int, b: int, i: int, j: int) -> float:
 def twist_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
     """Gradient of x_I·y_J − y_I·x_J."""
     Ri, Rj = at.marker[i]["R"], at.marker[j]["R"]
-    first = outer(column(Ri, _Y), column(Rj, _X))
-    put_pair(at.g, 3, plus(first, -1.0, outer(column(Ri, _X), column(Rj, _Y))))
-    return FINE
+    first = cross(column(Ri, _Y), column(Rj, _X))
+    put_pair(at.g, 3, plus(first, -1.0, cross(column(Ri, _X), column(Rj, _Y))))
+    return SUCCESS
 
 
 @unit
@@ -303,7 +303,7 @@ def twist_tangent(at: RowWork, a: int, b: int, i: int, j: int, f: float) -> int:
     for k in range(2):
         m, sign = 1 - k, 1.0 - 2.0 * k
         add_dot(Ri[0, k], Ri[1, k], Ri[2, k], Rj[0, m], Rj[1, m], Rj[2, m], sign * f, at.H)
-    return FINE
+    return SUCCESS
 
 
 TWIST = RowKind("twist", twist_value, twist_gradient, twist_curvature, twist_tangent, angular=True)
@@ -333,14 +333,14 @@ def _put_radial_gradient(mi, mj, g):
     _, p, s = _across(mi, mj)
     n = times(1.0 / np.sqrt(inner(p, p)), p)
     put_pair(g, 0, n)
-    put_part(g, 3, times(-s, outer(column(mi["R"], _Z), n)))
+    put_part(g, 3, times(-s, cross(column(mi["R"], _Z), n)))
 
 
 @unit
 def radial_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
     """Gradient of the distance; not finite where it is zero."""
     _put_radial_gradient(at.marker[i], at.marker[j], at.g)
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -365,13 +365,13 @@ def radial_tangent(at: RowWork, a: int, b: int, i: int, j: int, f: float) -> int
     h, p, s = _across(mi, mj)
     f /= math.sqrt(inner(p, p))
     put_pair(g, 0, axis)
-    put_part(g, 3, outer(axis, h))
+    put_part(g, 3, cross(axis, h))
     subtract_square(g, f, H)
     add_dot2(axis, h, -f * s, H)
     add_distance(f, H)
     _put_radial_gradient(mi, mj, g)
     subtract_square(g, f, H)
-    return FINE
+    return SUCCESS
 
 
 RADIAL = RowKind(
@@ -384,7 +384,7 @@ RADIAL = RowKind(
 def moment_value(at: RowWork, a: int, b: int, i: int, j: int) -> float:
     """h·(a × b)."""
     mi, mj = at.marker[i], at.marker[j]
-    return inner(separation(mi, mj), outer(column(mi["R"], _Z), column(mj["R"], _Z)))  # type: ignore[no-any-return]
+    return inner(separation(mi, mj), cross(column(mi["R"], _Z), column(mj["R"], _Z)))  # type: ignore[no-any-return]
 
 
 @unit
@@ -392,10 +392,10 @@ def moment_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
     """Gradient of h·(a × b)."""
     g, mi, mj = at.g, at.marker[i], at.marker[j]
     u, v, h = column(mi["R"], _Z), column(mj["R"], _Z), separation(mi, mj)
-    put_pair(g, 0, outer(u, v))
-    put_part(g, 3, outer(u, outer(v, h)))
-    put_part(g, 9, outer(v, outer(h, u)))
-    return FINE
+    put_pair(g, 0, cross(u, v))
+    put_part(g, 3, cross(u, cross(v, h)))
+    put_part(g, 9, cross(v, cross(h, u)))
+    return SUCCESS
 
 
 @unit
@@ -405,8 +405,8 @@ def moment_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
     u, v = column(mi["R"], _Z), column(mj["R"], _Z)
     u1, u2 = vector_rates(u, mi["om"])
     v1, v2 = vector_rates(v, mj["om"])
-    first = plus(outer(u1, v), 1.0, outer(u, v1))
-    second = plus(plus(outer(u2, v), 2.0, outer(u1, v1)), 1.0, outer(u, v2))
+    first = plus(cross(u1, v), 1.0, cross(u, v1))
+    second = plus(plus(cross(u2, v), 2.0, cross(u1, v1)), 1.0, cross(u, v2))
     return 2.0 * inner(relative_velocity(mi, mj), first) + inner(separation(mi, mj), second)  # type: ignore[no-any-return]
 
 
@@ -415,22 +415,22 @@ def moment_tangent(at: RowWork, a: int, b: int, i: int, j: int, f: float) -> int
     """f times the tangent of h·(a × b), column by column."""
     mi, mj, H = at.marker[i], at.marker[j], at.H
     u, v, h = column(mi["R"], _Z), column(mj["R"], _Z), separation(mi, mj)
-    vh, hu = outer(v, h), outer(h, u)
+    vh, hu = cross(v, h), cross(h, u)
     for k in range(3):
         e = axis_vector(k)
-        ue, ve = outer(u, e), outer(v, e)
-        vue, uve = outer(v, ue), outer(u, ve)
+        ue, ve = cross(u, e), cross(v, e)
+        vue, uve = cross(v, ue), cross(u, ve)
         for side in range(2):  # columns of x_I, then of x_J
             sign = f * (2.0 * side - 1.0)
             add_column(H, 3, 6 * side + k, sign, uve)
             add_column(H, 9, 6 * side + k, -sign, vue)
             add_column(H, 6 * side, 3 + k, sign, vue)
             add_column(H, 6 * side, 9 + k, -sign, uve)
-        add_column(H, 3, 3 + k, f, outer(vh, ue))
-        add_column(H, 3, 9 + k, f, outer(u, outer(h, ve)))
-        add_column(H, 9, 3 + k, -f, outer(v, outer(h, ue)))
-        add_column(H, 9, 9 + k, f, outer(hu, ve))
-    return FINE
+        add_column(H, 3, 3 + k, f, cross(vh, ue))
+        add_column(H, 3, 9 + k, f, cross(u, cross(h, ve)))
+        add_column(H, 9, 3 + k, -f, cross(v, cross(h, ue)))
+        add_column(H, 9, 9 + k, f, cross(hu, ve))
+    return SUCCESS
 
 
 MOMENT = RowKind(

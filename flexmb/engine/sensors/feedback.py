@@ -23,12 +23,12 @@ import numpy as np
 
 from flexmb.engine.algebra.vector import clear
 from flexmb.engine.bodies import wrench
-from flexmb.engine.bodies.wrench import add_pulled_back
+from flexmb.engine.bodies.wrench import add_generalized_force
 from flexmb.engine.equations_of_motion import bias_stage, velocity_stage
 from flexmb.engine.function import count_switches, put_switches, run_program
 from flexmb.engine.jit import Integers, array_of, call_channel, kernel, unit
 from flexmb.engine.kind import Kind
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.sensors import CHANNEL_KINDS, MEASURES
 from flexmb.engine.sensors.sensor import channel_value
 from flexmb.engine.state import Point, Run
@@ -85,14 +85,14 @@ def evaluate_functions(run: Run, feedback: Feedback, at: Point) -> int:
         p = programs[k]
         fun[p, 0] = run_program(functions, p, t, x, stack)
         fun[p, 1], fun[p, 2] = stack[0, 1], stack[0, 2]
-    return FINE
+    return SUCCESS
 
 
 @unit
 def put_events(run: Run, feedback: Feedback, at: Point) -> int:
     """How far all programs are from where their laws change, after a velocity stage."""
     if feedback.implicit == 1:
-        return FINE
+        return SUCCESS
     evaluate_functions(run, feedback, at)
     trial, n = run.work.trial, feedback.first_event
     for k in range(feedback.programs.shape[0]):
@@ -100,14 +100,14 @@ def put_events(run: Run, feedback: Feedback, at: Point) -> int:
             run.system.functions, feedback.programs[k], at.t[0], trial.variables, trial.stack,
             run.work.events.now, n,
         )  # fmt: skip
-    return FINE
+    return SUCCESS
 
 
 @unit
 def add_tangents(run: Run, feedback: Feedback, at: Point, cv: float, cp: float) -> int:
     """Add the tangents of all functions over channels to the matrix of a step."""
     if cv == 0.0:
-        return FINE
+        return SUCCESS
     _put_slopes(run, feedback)
     tangents, work = feedback.tangents, run.work.feedback
     slopes, right, block = work.slopes, work.right, work.block
@@ -123,7 +123,7 @@ def add_tangents(run: Run, feedback: Feedback, at: Point, cv: float, cp: float) 
         else:
             _put_right(run, at, row["term"], row["side"], cv, cp)
         _add_outer(run, row["panel"], row["link"], -slope)
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -173,17 +173,17 @@ def _put_right(run: Run, at: Point, t: int, side: int, cv: float, cp: float) -> 
     for c in range(n):
         right[c] = 0.0
     if level == _ACCELERATION:
-        add_pulled_back(parts, now, k, velocity, o, f, right, 0)
-        return FINE
-    add_pulled_back(parts, now, k, position, o, cp * f, right, 0)
+        add_generalized_force(parts, now, k, velocity, o, f, right, 0)
+        return SUCCESS
+    add_generalized_force(parts, now, k, position, o, cp * f, right, 0)
     if level == _VELOCITY:
-        add_pulled_back(parts, now, k, velocity, o, cv * f, right, 0)
+        add_generalized_force(parts, now, k, velocity, o, cv * f, right, 0)
         clear(B, n, n)
         wrench.add_moment_arm(parts, now, k, velocity, o, cp * f, B)
         for r in range(n):
             for c in range(n):
                 right[c] += v[iv + r] * B[r, c]
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -214,7 +214,7 @@ FEEDBACK = Kind(
     "feedback",
     Feedback,
     {"feedback": evaluate_functions, "matrix": add_tangents, "events": put_events},
-    works=True,
+    does_work=True,
     stiff=True,
 )
 

@@ -20,7 +20,7 @@ from flexmb.engine.joints.row import (
     row_value,
 )
 from flexmb.engine.kind import ChannelKind, Kind, Measure, SensorKind, Term
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import Point, Run
 from flexmb.engine.tables import Sensors
 
@@ -146,7 +146,7 @@ def carry_joint_angles(run: Run, of: JointAngles, at: Point) -> int:
         if abs(ahead) > _QUARTER_TURN:  # false for NaN
             near[c] += ahead
         near[c] = joint_angle(run, sensors, at, c)
-    return FINE
+    return SUCCESS
 
 
 JOINT_ANGLES = Kind("joint_angles", JointAngles, {"angles": carry_joint_angles})

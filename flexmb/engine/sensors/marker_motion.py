@@ -19,13 +19,13 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from flexmb.engine.algebra.vector import outer, put_part, wrapped
+from flexmb.engine.algebra.vector import cross, put_part, wrapped
 from flexmb.engine.bodies.wrench import marker_acceleration
 from flexmb.engine.jit import Integers, kernel, unit
 from flexmb.engine.joints import DOT2
 from flexmb.engine.joints.row import dot_columns, put_pair
 from flexmb.engine.kind import GLOBAL_AXES, ChannelKind, Kind, Measure, SensorKind, Term
-from flexmb.engine.method import FINE, REPEAT
+from flexmb.engine.method import REPEAT, SUCCESS
 from flexmb.engine.sensors.joint_coordinate import ROW_MEASURES
 from flexmb.engine.state import Point, Run
 from flexmb.engine.tables import Sensors
@@ -53,7 +53,7 @@ def _put_gradients(run, term, level, place, u):
     if term["I"] >= 0:
         R = run.work.now.marker[term["I"]]["R"]
         x, y, z = R[0, a], R[1, a], R[2, a]
-        put_part(g[0], 3, outer((x, y, z), u))
+        put_part(g[0], 3, cross((x, y, z), u))
     put_part(g[level], place, (x, y, z))
 
 
@@ -126,7 +126,7 @@ def turning_of_axes(run: Run, sensors: Sensors, at: Point, t: int) -> float:
     """d·(ω_I × ω_J)."""
     term, markers = sensors.terms[t], run.work.now.marker
     p, q = markers[term["I"]]["om"], markers[term["J"]]["om"]
-    x, y, z = outer(p, q)
+    x, y, z = cross(p, q)
     return _component_along(run, term, x, y, z)  # type: ignore[no-any-return]
 
 
@@ -137,10 +137,10 @@ def turning_of_axes_gradient(run: Run, sensors: Sensors, at: Point, t: int) -> f
     mi, a = markers[term["I"]], term["a"]
     R, p, q = mi["R"], mi["om"], markers[term["J"]]["om"]
     dx, dy, dz = R[0, a], R[1, a], R[2, a]
-    put_part(g[1], 3, outer(q, (dx, dy, dz)))
-    put_part(g[1], 9, outer((dx, dy, dz), p))
-    x, y, z = outer(p, q)
-    put_part(g[0], 3, outer((dx, dy, dz), (x, y, z)))
+    put_part(g[1], 3, cross(q, (dx, dy, dz)))
+    put_part(g[1], 9, cross((dx, dy, dz), p))
+    x, y, z = cross(p, q)
+    put_part(g[0], 3, cross((dx, dy, dz), (x, y, z)))
     return 0.0
 
 
@@ -258,12 +258,12 @@ def _gradient(code, number, Ri, Rj, first):
     x = c * Ri[0, j] + d * Ri[0, m]
     y = c * Ri[1, j] + d * Ri[1, m]
     z = c * Ri[2, j] + d * Ri[2, m]
-    px, py, pz = outer((x, y, z), (Rj[0, k], Rj[1, k], Rj[2, k]))
+    px, py, pz = cross((x, y, z), (Rj[0, k], Rj[1, k], Rj[2, k]))
     volume = Ri[0, i] * px + Ri[1, i] * py + Ri[2, i] * pz
     if number == 1:
-        px, py, pz = outer((Rj[0, k], Rj[1, k], Rj[2, k]), (Ri[0, i], Ri[1, i], Ri[2, i]))
+        px, py, pz = cross((Rj[0, k], Rj[1, k], Rj[2, k]), (Ri[0, i], Ri[1, i], Ri[2, i]))
     elif number == 2:
-        px, py, pz = outer((Ri[0, i], Ri[1, i], Ri[2, i]), (x, y, z))
+        px, py, pz = cross((Ri[0, i], Ri[1, i], Ri[2, i]), (x, y, z))
     return px / volume, py / volume, pz / volume
 
 
@@ -280,7 +280,7 @@ def put_angles(run: Run, t: int, c: int) -> int:
     Ri, Rj = markers[term["I"]]["R"], markers[term["J"]]["R"]
     x, y, z = _angles(term["a"], Ri, Rj, near[c], near[c + 1], near[c + 2])
     put_part(run.work.feedback.g[_ANGLES], 0, (x, y, z))
-    return FINE
+    return SUCCESS
 
 
 @unit
@@ -316,7 +316,7 @@ def carry_turning_angles(run: Run, of: TurningAngles, at: Point) -> int:
         c = listed[n]
         put_angles(run, run.system.sensors.channels[c]["first"], c)
         near[c], near[c + 1], near[c + 2] = g[_ANGLES, 0], g[_ANGLES, 1], g[_ANGLES, 2]
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -338,7 +338,7 @@ def _is_near(code, Ri, Rj, first, second):
 def follow_turning_angles(run: Run, of: TurningAngles, at: Point) -> int:
     """Carry Trial.angles to the present position, unless a singular pose may lie between."""
     angles, near, listed = run.work.trial.angles, run.work.feedback.near, of.channels
-    sensors, markers, status = run.system.sensors, run.work.now.marker, FINE
+    sensors, markers, status = run.system.sensors, run.work.now.marker, SUCCESS
     for n in range(listed.shape[0]):
         c = listed[n]
         term = sensors.terms[sensors.channels[c]["first"]]
@@ -347,7 +347,7 @@ def follow_turning_angles(run: Run, of: TurningAngles, at: Point) -> int:
             status = REPEAT
         for a in range(3):
             near[c + a] = angles[c + a]
-    if status == FINE:
+    if status == SUCCESS:
         carry_turning_angles(run, of, at)
         for n in range(listed.shape[0]):
             for c in range(listed[n], listed[n] + 3):

@@ -15,11 +15,11 @@ import numpy as np
 
 from flexmb.engine.algebra.vector import copy
 from flexmb.engine.bodies.flexible_body import body_energy
-from flexmb.engine.equations_of_motion import pose_stage, walk
+from flexmb.engine.equations_of_motion import pose_stage, run_stage
 from flexmb.engine.function import lower, run_program
 from flexmb.engine.jit import Vector, call_channel, call_step, kernel, unit
 from flexmb.engine.kind import GLOBAL_AXES, ChannelKind, Measure, SensorKind, Term
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import (
     BRISTLE_ENERGY,
     GRAVITY_ENERGY,
@@ -125,7 +125,7 @@ def count_turns(run, at, angles):
     """Carry what counts turns to the present position: in `angles`, and for feedback."""
     near = run.work.feedback.near
     copy(angles, near)
-    walk(run.stages.angles, run, at)
+    run_stage(run.stages.angles, run, at)
     for c in range(angles.shape[0]):
         angles[c] = near[c]
 
@@ -139,7 +139,7 @@ def follow_angles(run: Run, begin: float, end: float) -> int:
     at, stage, passed, share = run.trial_point, run.stages.angle_path, begin, end
     while len(stage.units) > 0:
         pose_stage(run, at)
-        if walk(stage, run, at) == FINE:
+        if run_stage(stage, run, at) == SUCCESS:
             if share == end:
                 break
             part, passed = 2.0 * (share - passed), share
@@ -147,9 +147,9 @@ def follow_angles(run: Run, begin: float, end: float) -> int:
         else:
             share = 0.5 * (passed + share)
         status = call_step(run.method.interpolate[0], run, run.method.coefficients[0], share)
-        if status != FINE:
+        if status != SUCCESS:
             return status  # type: ignore[no-any-return]
-    return FINE
+    return SUCCESS
 
 
 @kernel
@@ -181,7 +181,7 @@ def read_channels(run: Run, at: Point, angles: Vector, out: Vector) -> int:
         for c in range(out.shape[0]):
             if computed[channels[c]["what"]] == 1:
                 out[c] = channel_value(run, at, c)
-    return FINE
+    return SUCCESS
 
 
 def measures_of(kinds: Sequence[SensorKind]) -> tuple[Measure, ...]:

@@ -49,7 +49,7 @@ T = TypeVar("T")
 _BYTES = 18.0  # of memory for each entry of the element matrices, as measured, mass included
 
 
-class Attempts:
+class ProblemCollector:
     """Runs steps one by one and notes what they refuse, so that all problems are raised at once."""
 
     def __init__(self) -> None:
@@ -219,11 +219,11 @@ def assemble(
     ReductionError
         An unknown mass matrix.
     """
-    attempts = Attempts()
+    collector = ProblemCollector()
     model = make_model(
-        mesh, material, sections or {}, attempts, ties=ties, masses=masses, springs=springs
+        mesh, material, sections or {}, collector, ties=ties, masses=masses, springs=springs
     )
-    attempts.raise_errors()
+    collector.raise_errors()
     assert model is not None
     return assemble_model(model, mass_matrix, progress)
 
@@ -232,7 +232,7 @@ def make_model(
     mesh: Mesh,
     material: AnyMaterial | None,
     sections: Mapping[str, Any] | None,
-    attempts: Attempts,
+    collector: ProblemCollector,
     *,
     ties: Mapping[str, Mapping[str, Any]] | None = None,
     masses: Mapping[str, Mapping[str, Any]] | None = None,
@@ -240,20 +240,20 @@ def make_model(
 ) -> MeshModel | None:
     """The elements, degrees of freedom, point masses, springs and ties of a model.
 
-    ``attempts`` notes the problems; the other parameters are those of :func:`assemble`. None where
+    ``collector`` notes the problems; the other parameters are those of :func:`assemble`. None where
     the elements of the body are not known.
     """
-    tied = attempts(make_ties, mesh, ties or {}) or ()
-    joined = attempts(make_springs, mesh, springs or {}) or ()
+    tied = collector(make_ties, mesh, ties or {}) or ()
+    joined = collector(make_springs, mesh, springs or {}) or ()
     blocks = None
     if sections is not None:
-        blocks = attempts(select_elements, mesh, sections, material)
+        blocks = collector(select_elements, mesh, sections, material)
     if blocks is None:
         return None
     numbering = _number_model(mesh, blocks, tied)
-    nodal = attempts(nodal_masses, mesh, numbering, masses or {})
+    nodal = collector(nodal_masses, mesh, numbering, masses or {})
     for spring in joined:
-        attempts(spring_stiffness, spring, numbering, mesh.points)
+        collector(spring_stiffness, spring, numbering, mesh.points)
     return MeshModel(mesh, material, blocks, numbering, nodal, joined, tied)
 
 

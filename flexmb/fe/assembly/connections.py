@@ -161,7 +161,7 @@ class Tie:
     group: str
 
 
-def make_ties(mesh: Mesh, words_by_name: Mapping[str, Mapping[str, Any]]) -> tuple[Tie, ...]:
+def make_ties(mesh: Mesh, options_by_name: Mapping[str, Mapping[str, Any]]) -> tuple[Tie, ...]:
     """Find the nodes of ties ``{name: {type, reference, nodes}}``.
 
     ``reference`` is a node number or a group of one node, ``nodes`` a group.
@@ -174,7 +174,7 @@ def make_ties(mesh: Mesh, words_by_name: Mapping[str, Mapping[str, Any]]) -> tup
     """
     ties: list[Tie] = []
     problems: list[Problem] = []
-    for name, words in words_by_name.items():
+    for name, words in options_by_name.items():
         try:
             ties.append(_make_tie(mesh, name, words))
         except MeshError as error:

@@ -247,7 +247,7 @@ ModelInterface = RigidInterface | WeightedInterface
 
 
 def make_interfaces(
-    fe: FEMatrices, words_by_name: Mapping[str, InterfaceLike]
+    fe: FEMatrices, options_by_name: Mapping[str, InterfaceLike]
 ) -> tuple[ModelInterface, ...]:
     """Tie nodes to reference points.
 
@@ -255,7 +255,7 @@ def make_interfaces(
     ----------
     fe : FEMatrices
         The model.
-    words_by_name : mapping of str to str or mapping
+    options_by_name : mapping of str to str or mapping
         By name a mesh group, or a table: one of ``group``, ``node``, ``nodes`` or ``center`` [m]
         with ``radius`` [m]; ``type`` ``"rbe2"`` (default) or ``"rbe3"``; for the latter
         ``weights`` ``"area"`` (default where the nodes are those of faces), ``"uniform"`` or one
@@ -270,7 +270,7 @@ def make_interfaces(
     """
     interfaces: list[ModelInterface] = []
     problems: list[Problem] = []
-    for name, words in words_by_name.items():
+    for name, words in options_by_name.items():
         try:
             interfaces.append(make_interface(fe, name, words))
         except MeshError as error:

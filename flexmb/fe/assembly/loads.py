@@ -186,7 +186,7 @@ class LoadPattern:
 
 
 def make_loads(
-    fe: FEMatrices, words_by_name: Mapping[str, Mapping[str, Any]]
+    fe: FEMatrices, options_by_name: Mapping[str, Mapping[str, Any]]
 ) -> tuple[LoadPattern, ...]:
     """Nodal loads from what is said of each.
 
@@ -194,7 +194,7 @@ def make_loads(
     ----------
     fe : FEMatrices
         The model.
-    words_by_name : mapping of str to mapping
+    options_by_name : mapping of str to mapping
         By name, in SI and body axes: ``{type = "pressure", group, pressure}`` [Pa], pushing on
         solids and along the normal of shells; ``{type = "traction", group, traction}`` [Pa] (3,);
         ``{type = "line", group, force}`` [N/m] (3,); ``{type = "force", force, moment}`` [N, N m]
@@ -208,7 +208,7 @@ def make_loads(
         All unknown words and types, missing values, groups without facets.
     """
     patterns, problems = [], []
-    for name, words in words_by_name.items():
+    for name, words in options_by_name.items():
         try:
             patterns.append(_make_load(fe, name, words))
         except (MeshError, ReductionError) as error:

@@ -222,7 +222,7 @@ class NodalInertia:
 
 
 def nodal_masses(
-    mesh: Mesh, numbering: Numbering, words_by_name: Mapping[str, Mapping[str, Any]]
+    mesh: Mesh, numbering: Numbering, options_by_name: Mapping[str, Mapping[str, Any]]
 ) -> NodalInertia:
     """Point masses and masses spread over groups.
 
@@ -232,7 +232,7 @@ def nodal_masses(
         In metres.
     numbering : Numbering
         Degrees of freedom of the body.
-    words_by_name : mapping of str to mapping
+    options_by_name : mapping of str to mapping
         ``{name: {at: group or node, mass: kg, inertia: [Jxx, Jyy, Jzz] or 3 x 3 about its own
         centre [kg m^2], offset: [x, y, z] from the node to that centre [m]}}``. The mass of a
         group of several nodes is spread over them: in proportion to the area (length) of the
@@ -246,7 +246,7 @@ def nodal_masses(
     """
     masses: list[NodalInertia] = []
     problems: list[Problem] = []
-    for name, words in words_by_name.items():
+    for name, words in options_by_name.items():
         try:
             masses.append(_make_point_mass(mesh, numbering, f"masses.{name}", words))
         except MeshError as error:

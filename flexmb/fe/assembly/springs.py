@@ -49,14 +49,16 @@ class Spring:
     axes: FloatArray
 
 
-def make_springs(mesh: Mesh, words_by_name: Mapping[str, Mapping[str, Any]]) -> tuple[Spring, ...]:
+def make_springs(
+    mesh: Mesh, options_by_name: Mapping[str, Mapping[str, Any]]
+) -> tuple[Spring, ...]:
     """Find the nodes of springs ``{name: {between, stiffness, axes}}``.
 
     Parameters
     ----------
     mesh : Mesh
         In metres.
-    words_by_name : mapping of str to mapping
+    options_by_name : mapping of str to mapping
         ``between`` two node numbers or groups of one node; ``stiffness`` one number [N/m] or six
         [N/m, N m/rad]; ``axes`` the directions of the first and second axis, the body's by
         default.
@@ -68,7 +70,7 @@ def make_springs(mesh: Mesh, words_by_name: Mapping[str, Mapping[str, Any]]) -> 
     """
     springs: list[Spring] = []
     problems: list[Problem] = []
-    for name, words in words_by_name.items():
+    for name, words in options_by_name.items():
         try:
             springs.append(_make_spring(mesh, name, words))
         except MeshError as error:

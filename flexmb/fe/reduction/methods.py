@@ -33,7 +33,7 @@ from flexmb.fe.reduction.user_modes import read_user_modes, user_modes
 from flexmb.fe.sections.section_tables import MaterialLike, resolve, sections_from
 from flexmb.fe.stress import stress_option
 from flexmb.flexbody.body_file import VERSION
-from flexmb.flexbody.damping import DampingOptions, damping_words, read_damping
+from flexmb.flexbody.damping import DampingOptions, plain_options, read_damping
 from flexmb.flexbody.mesh_options import RESIDUALS, STIFFENINGS, ModesOptions
 from flexmb.materials import AnyMaterial
 from flexmb.progress import Progress, silent
@@ -228,7 +228,7 @@ def reduction_key(
         "material": _plain(resolve(material)),
         "interfaces": list(_plain(interfaces or {}).items()),
         "modes": _modes(options.get("reduction", "craig-bampton"), modes),
-        "damping": damping_words(read_damping(damping)),
+        "damping": plain_options(read_damping(damping)),
         "name": name or (mesh.get("type") if isinstance(mesh, Mapping) else Path(mesh).stem),
         "sections": _plain(sections_from(sections)),
         "method": _METHOD,

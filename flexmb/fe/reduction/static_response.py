@@ -42,9 +42,9 @@ def inertia_response(
     X = basis.inertia
     if X is None:
         return None
-    forms = lacking_forms(fe, X, (elastic.omega2, elastic.Phi))
+    forms = missing_energy_forms(fe, X, (elastic.omega2, elastic.Phi))
     if basis.without is not None:
-        forms += lacking_forms(fe, X, basis.without)[1:]
+        forms += missing_energy_forms(fe, X, basis.without)[1:]
     return InertiaResponse(*forms)
 
 
@@ -61,7 +61,7 @@ def omitted_responses(
     return np.where(counts, Y, 0.0) if counts.any() else None
 
 
-def lacking_forms(fe: FEMatrices, X: FloatArray, modes: Modes) -> tuple[FloatArray, ...]:
+def missing_energy_forms(fe: FEMatrices, X: FloatArray, modes: Modes) -> tuple[FloatArray, ...]:
     """Forms (r, r) over responses X (n, r): strain energy, what modes lack of it, its motion.
 
     The modes are orthogonal to each other in K, of unit modal mass.
@@ -126,11 +126,13 @@ def with_load_responses(
         solve = relieved_inverse(fe, relief, progress)
         if basis.inertia is None:
             X = solve(inertia_loads(fe, mirror, rigid=False))
-            body = replace(body, inertia_response=InertiaResponse(*lacking_forms(fe, X, modes)))
+            body = replace(
+                body, inertia_response=InertiaResponse(*missing_energy_forms(fe, X, modes))
+            )
     elif loads:
         solve = FixedInterfaceModel(fe, ends, basis.directions, progress).solve
     if loads:
-        forms = lacking_forms(fe, solve(F), modes)
+        forms = missing_energy_forms(fe, solve(F), modes)
         if nodes:
             response = LoadResponse(np.array(nodes), *(form[at_nodes, at_nodes] for form in forms))
         body = _with_missing_shares(body, [load.name for load in rest], forms, at_nodes.stop)

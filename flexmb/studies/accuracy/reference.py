@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from flexmb.model.scenes.dynamics import ACCURACY, OPTIONS
-from flexmb.studies.channel_errors import Difference, Reading, difference, error_text
+from flexmb.studies.channel_errors import Difference, RunHistories, difference, error_text
 from flexmb.studies.study_settings import Setting
 
 _AUTO = "auto"
@@ -46,7 +46,7 @@ class Candidate(NamedTuple):
     """A tight run that has ended well."""
 
     run: ReferenceRun
-    reading: Reading
+    reading: RunHistories
     seconds: float  # of the processor
     wall: float
 
@@ -55,7 +55,7 @@ class Candidate(NamedTuple):
 class Reference:
     """The run that errors are measured against; `reading` is None where there is none."""
 
-    reading: Reading | None
+    reading: RunHistories | None
     floors: dict[str, float] = field(default_factory=dict)  # smallest error to show, by quantity
     sentence: str = ""  # which run it is and what confirms it, or why there is none
     physics: str = ""  # key of its model
@@ -87,7 +87,7 @@ class ReferenceSearch:
         self.candidates: list[Candidate] = []
         self.failures: list[str] = []
 
-    def next_runs(self, readings: Sequence[Reading], seconds: float) -> list[ReferenceRun]:
+    def next_runs(self, readings: Sequence[RunHistories], seconds: float) -> list[ReferenceRun]:
         """The tight runs of the next stage; none once the reference is good enough.
 
         Parameters
@@ -112,7 +112,9 @@ class ReferenceSearch:
                 runs.append(self._new_run(other, self.stage - 1, limit))
         return runs
 
-    def add(self, run: ReferenceRun, reading: Reading | None, record: Mapping[str, Any]) -> None:
+    def add(
+        self, run: ReferenceRun, reading: RunHistories | None, record: Mapping[str, Any]
+    ) -> None:
         """Add a tight run that has ended, well or not."""
         if reading is None:
             self.failures.append(f"{run.label}: {record['reason']}")
@@ -121,7 +123,7 @@ class ReferenceSearch:
                 Candidate(run, reading, min(record["cpu_seconds"]), min(record["seconds"]))
             )
 
-    def reference(self, readings: Sequence[Reading]) -> Reference:
+    def reference(self, readings: Sequence[RunHistories]) -> Reference:
         """The reference that is best confirmed."""
         if len(self.candidates) < 2:
             why = f" ({self.failures[0]})" if self.failures else ""
@@ -151,7 +153,7 @@ class ReferenceSearch:
         )
 
     def _best(
-        self, readings: Sequence[Reading]
+        self, readings: Sequence[RunHistories]
     ) -> tuple[float, dict[str, Difference], Candidate, Candidate]:
         """Disagreement over what is allowed, by quantity, and the two runs, tighter one last."""
         pairs = []

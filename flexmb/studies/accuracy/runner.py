@@ -24,7 +24,13 @@ from flexmb.progress import Progress, silent
 from flexmb.studies.accuracy.reference import Reference, ReferenceRun, ReferenceSearch
 from flexmb.studies.accuracy.report import Study
 from flexmb.studies.accuracy.rows import Error, Row
-from flexmb.studies.channel_errors import Reading, check_sensors, difference, own_errors, read_run
+from flexmb.studies.channel_errors import (
+    RunHistories,
+    check_sensors,
+    difference,
+    own_errors,
+    read_run,
+)
 from flexmb.studies.record_table import RecordTable
 from flexmb.studies.study_jobs import Job, StudyQueue, content_key, result_file, run_key
 from flexmb.studies.study_settings import (
@@ -179,7 +185,7 @@ class _Group:
     members: list[Setting]
     search: ReferenceSearch
     settings_left: int
-    tight_left: int = 0
+    reference_runs_left: int = 0
     complete: bool = False
 
 
@@ -192,7 +198,7 @@ class StudyRunner:
         self.source, self.spec, self.queue, self.limit = source, spec, queue, limit
         self.reductions: dict[str, Record] = {}  # by folder
         self.records: dict[Setting, Record] = {}
-        self.readings: dict[Setting, Reading] = {}
+        self.readings: dict[Setting, RunHistories] = {}
 
     def run(self, settings: Sequence[Setting]) -> Study:
         """Run everything that the settings need."""
@@ -264,14 +270,14 @@ class StudyRunner:
 
     def _search_on(self, group: _Group) -> None:
         """Do the next tight runs; from the third stage on they depend on all settings."""
-        while not group.complete and not group.tight_left:
+        while not group.complete and not group.reference_runs_left:
             if group.search.stage > 1 and group.settings_left:
                 return
             records = (self.records.get(one, {}) for one in group.members)
             seconds = sum(sum(record.get("cpu_seconds", ())) for record in records)
             runs = group.search.next_runs(self._readings(group), seconds)
             group.complete = not runs
-            group.tight_left = len(runs)
+            group.reference_runs_left = len(runs)
             for run in runs:
                 self._add_tight(group, run)
 
@@ -282,19 +288,19 @@ class StudyRunner:
             model, scene = change_model(self.source, values)
         except SceneError as error:  # its values are refused, such as below round-off
             group.search.add(run, None, {"reason": str(error)})
-            group.tight_left -= 1
+            group.reference_runs_left -= 1
             return
         limit = min(filter(None, (run.limit, self.limit)), default=0.0)
         job = self._new_job(model, scene, run.label, 1, limit)
 
         def store(record: Record) -> None:
             group.search.add(run, *self._reading(model, job, record))
-            group.tight_left -= 1
+            group.reference_runs_left -= 1
             self._search_on(group)
 
         self.queue.add(job, values, store, first=True)
 
-    def _readings(self, group: _Group) -> list[Reading]:
+    def _readings(self, group: _Group) -> list[RunHistories]:
         return [self.readings[one] for one in group.members if one in self.readings]
 
     def _new_job(
@@ -313,7 +319,7 @@ class StudyRunner:
 
     def _reading(
         self, model: Model | None, job: Job, record: Record
-    ) -> tuple[Reading | None, Record]:
+    ) -> tuple[RunHistories | None, Record]:
         assert model is not None
         if record["status"] != "finished":
             return None, dict(record)

@@ -44,7 +44,7 @@ from flexmb.studies.budgets.error_shares import (
     estimate_error,
     refinement_knobs,
 )  # fmt: skip
-from flexmb.studies.channel_errors import Reading, check_sensors
+from flexmb.studies.channel_errors import RunHistories, check_sensors
 from flexmb.studies.record_table import lock_runs
 from flexmb.studies.study_jobs import content_key
 from flexmb.studies.study_settings import StudySource, change_model, label
@@ -165,7 +165,7 @@ class _Split:
         self.kinds = kinds
         self.effects = complete_effects(model) if not kinds or EFFECTS in kinds else {}
         self.notes: list[str] = []
-        self.finest: list[Reading] = []  # of knobs whose refinement ended
+        self.finest: list[RunHistories] = []  # of knobs whose refinement ended
         self.estimates: dict[str, Estimate] = {}
 
     def _fit(self, knob: Knob) -> Knob:

@@ -29,7 +29,7 @@ from flexmb.model.reading import Spec
 from flexmb.model.scenes.dynamics import ACCURACY, ROUND_OFF
 from flexmb.model.scenes.effects import SWITCHES
 from flexmb.progress import Progress
-from flexmb.studies.channel_errors import Reading, read_run, read_statistics
+from flexmb.studies.channel_errors import RunHistories, read_run, read_statistics
 from flexmb.studies.study_jobs import content_key, result_file, run_key
 from flexmb.studies.study_settings import StudySource, change_model
 from flexmb.workflow.cluster import Cluster
@@ -225,7 +225,7 @@ def complete_effects(model: Model) -> dict[str, Any]:
 class SensorErrors:
     """Differences of runs over the peak-to-peak of a base run, by sensor; reactions together."""
 
-    def __init__(self, base: Reading) -> None:
+    def __init__(self, base: RunHistories) -> None:
         self.base = base
         positions = {one.name for one in base.histories if one.quantity == "positions"}
         self.names = [
@@ -235,7 +235,7 @@ class SensorErrors:
             for one in base.histories
         ]  # fmt: skip
 
-    def between(self, run: Reading, other: Reading) -> Shares:
+    def between(self, run: RunHistories, other: RunHistories) -> Shares:
         """The largest difference of two runs over the outputs."""
         shares: Shares = {}
         rows = zip(self.names, run.histories, other.histories, self.base.scales, strict=True)
@@ -254,13 +254,13 @@ class SensorErrors:
             if one.quantity == "positions" and scale > 0.0 and one.unit in ("m", "rad")
         }
 
-    def combined(self, runs: Sequence[Reading]) -> Reading:
+    def combined(self, runs: Sequence[RunHistories]) -> RunHistories:
         """The base with the changes of several runs added: what all of them together make."""
         histories = []
         for k, one in enumerate(self.base.histories):
             change = sum(np.asarray(run.histories[k].values - one.values) for run in runs)
             histories.append(one._replace(values=one.values + change))
-        return Reading(histories, self.base.scales)
+        return RunHistories(histories, self.base.scales)
 
 
 @dataclass(frozen=True)
@@ -274,7 +274,7 @@ class Estimate:
 
 
 def estimate_error(
-    errors: SensorErrors, runs: Sequence[Reading], noise: Shares | None = None
+    errors: SensorErrors, runs: Sequence[RunHistories], noise: Shares | None = None
 ) -> Estimate:
     """The error that a knob leaves, from its refinements.
 
@@ -314,7 +314,7 @@ def estimate_error(
 class Run(NamedTuple):
     """A run that has ended: its histories, or why there are none."""
 
-    reading: Reading | None
+    reading: RunHistories | None
     reason: str = ""
     cpu: float = 0.0
     statistics: Mapping[str, Any] = {}

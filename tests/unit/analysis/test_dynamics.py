@@ -18,7 +18,7 @@ from flexmb.engine import units
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import integrate, make_integrator, prepare_integration, solve_stage
 from flexmb.engine.initial_conditions import VELOCITIES
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import State
 from flexmb.engine.work import new_output, new_run, new_work
 from flexmb.model import Model, load_scene
@@ -107,10 +107,10 @@ def test_a_state_is_complete(model, compiled, monkeypatch):
     work = new_work(compiled.system, len(compiled.layout.channels), method)
     output = new_output(compiled.system, 4, len(compiled.layout.channels))
     every = round(grid.interval / grid.step)
-    settings = loop_settings(compiled, model.dynamics, method, determined=True)
+    settings = loop_settings(compiled, model.dynamics, method, determinate=True)
     run = new_run(compiled.system, state, work, method, settings, output=output)
     for chunk in range(20, 40):
-        assert integrate(run, every) == FINE
+        assert integrate(run, every) == SUCCESS
         block = sink.blocks[chunk + 1]
         for name in ("t", "q", "v", "vd", "lam", "sensors", "energy"):
             assert getattr(output, name)[:1].tobytes() == getattr(block, name).tobytes(), name

@@ -7,7 +7,7 @@ import pytest
 from accuracyscenes import beside_a_large_motion
 
 from flexmb.analysis import monitors
-from flexmb.analysis.dynamics.compared_quantities import Comparison, by_part, compared
+from flexmb.analysis.dynamics.compared_quantities import RowComparison, by_part, compared
 from flexmb.analysis.dynamics.measured_error import MeasuredError
 from flexmb.analysis.dynamics.run_settings import modal_reach
 from flexmb.engine.compile import compile_system
@@ -49,7 +49,7 @@ class Rows:
 
 def fed(made, coarse, fine, chunks=1):
     """The measured error of two runs, in so many chunks."""
-    error = MeasuredError(Comparison(fine.layout, made))
+    error = MeasuredError(RowComparison(fine.layout, made))
     n = len(fine.block.t)
     ends = np.linspace(0, n, chunks + 1).astype(int)
     for start, end in zip(ends[:-1], ends[1:], strict=True):
@@ -180,7 +180,7 @@ def test_it_goes_on_from_its_arrays(n):
     coarse, fine = runs(made, t, right_x=1e-6 * np.exp(t), left_x=1e-5 * np.sin(t))
     whole, half = fed(made, coarse, fine), n // 2 + 3
     first = fed(made, *(Cut(one, 0, half) for one in (coarse, fine)))
-    again = MeasuredError(Comparison(fine.layout, made))
+    again = MeasuredError(RowComparison(fine.layout, made))
     for name, array in again.arrays().items():
         array[...] = first.arrays()[name].copy()
     again.add(coarse.block.part(half, n), fine.block.part(half, n))
@@ -225,7 +225,7 @@ def test_the_speed_of_a_rotor_is_judged_by_the_speed_and_not_by_its_round_off():
         rows.block.v[:, spun.iv + 5] = 400.0 + 1e-7 * np.cos(T) + off * np.sin(T)
         rows.block.q[:, still.iq] = 1e-6 * (T > 0)
         rows.block.v[:, still.iv] = 1e-14 * (T == T[1]) + 1e-9 * off * np.cos(T)
-    error = MeasuredError(Comparison(fine.layout, made, duration=10.0))
+    error = MeasuredError(RowComparison(fine.layout, made, duration=10.0))
     error.add(coarse.block, fine.block)
     worst = error.largest(RATIO)["velocities"]
     assert worst.name == "bodies.a" and "0.001 of its largest" in worst.over
@@ -243,7 +243,7 @@ def test_the_frame_of_a_flexible_body_is_judged_by_the_motion_of_its_points():
         rows.block.q[:, body.iq + 3] = 0.1 * T  # Euler parameter: half the angle
     told = {}
     for reach in ({}, {"a": 0.5}):
-        error = MeasuredError(Comparison(fine.layout, made, gyration=reach))
+        error = MeasuredError(RowComparison(fine.layout, made, gyration=reach))
         error.add(coarse.block, fine.block)
         told[len(reach)] = error.largest(RATIO)["positions"]
     assert told[0].error > 0.1
@@ -265,7 +265,7 @@ def test_velocities_of_modes_count_with_the_motion_of_the_points():
     for rows, off in ((coarse, 1e-3), (fine, 0.0)):
         rows.block.v[:, 6] = np.sin(T) + off * (T == 5.0)
     error = MeasuredError(
-        Comparison(fine.layout, made, gyration={"a": 0.5}, reach=modal_reach(compiled))
+        RowComparison(fine.layout, made, gyration={"a": 0.5}, reach=modal_reach(compiled))
     )
     error.add(coarse.block, fine.block)
     worst = error.largest(RATIO)["velocities"]
@@ -306,7 +306,7 @@ def test_reactions_of_a_small_part_are_judged_by_that_part(joined):
         rows.set("pin.x", pin)
     compiled = compile_system(made)
     parts = by_part(compared(compiled.layout, made), compiled, made)
-    error = MeasuredError(Comparison(fine.layout, made, {"m": 1e-10}, parts=parts))
+    error = MeasuredError(RowComparison(fine.layout, made, {"m": 1e-10}, parts=parts))
     error.add(coarse.block, fine.block)
     worst = error.largest(RATIO)["reactions"]
     assert worst.error < 1e-8 if joined else worst.error == pytest.approx(0.5, rel=1e-2)
@@ -324,7 +324,7 @@ def test_moments_of_a_small_part_do_not_know_how_large_the_model_is():
     compiled = compile_system(made)
     parts = by_part(compared(compiled.layout, made), compiled, made)
     error = MeasuredError(
-        Comparison(fine.layout, made, {"m": 1e-10 * compiled.length}, parts=parts)
+        RowComparison(fine.layout, made, {"m": 1e-10 * compiled.length}, parts=parts)
     )
     error.add(coarse.block, fine.block)
     worst = error.largest(RATIO)["reactions"]
@@ -345,6 +345,8 @@ def test_reactions_that_would_not_move_their_part_are_none(newton, told):
         rows.set("pin.x", pin)
     compiled = compile_system(made)
     parts = by_part(compared(compiled.layout, made), compiled, made)
-    error = MeasuredError(Comparison(fine.layout, made, {"m": 1e-10}, duration=10.0, parts=parts))
+    error = MeasuredError(
+        RowComparison(fine.layout, made, {"m": 1e-10}, duration=10.0, parts=parts)
+    )
     error.add(coarse.block, fine.block)
     assert error.largest(RATIO)["reactions"].error == pytest.approx(told, rel=1e-2)

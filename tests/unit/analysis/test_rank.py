@@ -127,7 +127,7 @@ def test_an_empty_matrix_has_no_rank(shape):
     decomposition = Decomposition.of(np.zeros(shape))
     assert (decomposition.rank, decomposition.condition) == (0, 1.0)
     assert decomposition.free.shape == (shape[1], shape[1]) == null_space(np.zeros(shape)).shape
-    assert decomposition.circuits.shape == (shape[0], shape[0])
+    assert decomposition.row_dependencies.shape == (shape[0], shape[0])
 
 
 def test_velocities_of_free_motions_leave_all_rows_at_rest():

@@ -15,7 +15,7 @@ from flexmb.engine.integrators.generalized_alpha import (
     step,
 )
 from flexmb.engine.method import Settings
-from flexmb.engine.units import call, hand_over
+from flexmb.engine.units import call, packed_record
 from flexmb.engine.work import new_run, new_work
 from flexmb.model import Model
 from tests.hard.stiffness import governor
@@ -77,7 +77,7 @@ def test_algorithmic_accelerations_move_with_the_step(ratio):
     system = compile_system(oscillator()).system
     h, t = ratio * H, float(state.t[0])
     work = new_work(system, 0, chosen)
-    call(step, hand_over(new_run(system, state, work, chosen, SETTINGS)), alpha, h)
+    call(step, packed_record(new_run(system, state, work, chosen, SETTINGS)), alpha, h)
     shift = alpha.alpha_m - alpha.alpha_f
     wanted = derivative(2, t + shift * h)
     left = abs(derivative(2, t + shift * H) - wanted)

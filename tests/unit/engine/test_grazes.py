@@ -11,7 +11,7 @@ from truthkit import Memory
 from flexmb.analysis.dynamics.dynamics import dynamics, prepare_dynamics
 from flexmb.engine.compile import compile_system
 from flexmb.engine.events import _peak
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.model import Model
 
 METHODS = ("explicit-rk", "radau", "generalized-alpha")
@@ -79,7 +79,7 @@ def test_both_bounds_are_watched(bound):
     model.add_force("limit", "translational-stop", joint="rail", stiffness=1e4, **bounds)
     model.set_dynamics(duration=2.0, accuracy=1e-4, outputs=20, verify=False)
     run = prepare_dynamics(compile_system(model), model).run
-    assert run.integrate(10**6) == FINE
+    assert run.integrate(10**6) == SUCCESS
     assert run.state.count[0]["events"] == 2
 
 
@@ -102,7 +102,7 @@ def test_friction_is_felt_that_turns_within_a_step(method, model_of_friction):
     run = prepare_dynamics(compile_system(model), model).run
     times = []
     while not run.finished:
-        assert run.integrate(1) == FINE
+        assert run.integrate(1) == SUCCESS
         times.append(run.state.t[0])
     assert np.abs(np.array(times) - 1.0).min() < 0.02
     way = 2 / 3 - 2e-4 + 4 * (4 / 3 * 1e-6)
@@ -126,7 +126,7 @@ def test_smooth_friction_that_creeps_to_and_fro_asks_for_no_more_steps():
                             model="smooth", creep_speed=0.5)  # fmt: skip
         model.set_dynamics(duration=5.0, accuracy=1e-4, outputs=10, verify=False)
         run = prepare_dynamics(compile_system(model), model).run
-        assert run.integrate(10**5) == FINE and run.finished
+        assert run.integrate(10**5) == SUCCESS and run.finished
         steps.append(int(run.state.count[0]["steps"]))
     assert steps[1] < 1.5 * steps[0], steps
 
@@ -143,7 +143,7 @@ def test_a_contact_that_opens_for_a_moment_is_felt_anew(accuracy):
                     shapes=[{"type": "sphere", "radius": 0.1}, {"type": "plane"}])  # fmt: skip
     model.set_dynamics(duration=0.4, accuracy=accuracy, outputs=10, verify=False)
     run = prepare_dynamics(compile_system(model), model).run
-    assert run.integrate(10**5) == FINE
+    assert run.integrate(10**5) == SUCCESS
     assert run.state.count[0]["events"] == 3
 
 

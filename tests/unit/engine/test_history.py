@@ -11,7 +11,7 @@ from flexmb.analysis.dynamics.run_settings import loop_settings
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import make_integrator
 from flexmb.engine.forces.bristle import FREE
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import State
 from flexmb.engine.work import new_state
 from flexmb.model import Model
@@ -50,8 +50,8 @@ def test_a_resumed_run_goes_on_to_the_bit():
     whole, part = fresh(first), fresh(first)
     history = []
     while not whole.finished:
-        assert whole.integrate(25) == FINE
-        assert part.integrate(25) == FINE
+        assert whole.integrate(25) == SUCCESS
+        assert part.integrate(25) == SUCCESS
         part = fresh(part.state)
         history.append(np.array(whole.state.history))
     for name, value in whole.state._asdict().items():

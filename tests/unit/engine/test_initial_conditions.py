@@ -9,7 +9,7 @@ from generators import Mechanism
 
 from flexmb.engine.entries import solve_stage
 from flexmb.engine.initial_conditions import ACCELERATIONS, BEGIN, POSITIONS, RESIDUAL, VELOCITIES
-from flexmb.engine.method import FINE, ZERO_LENGTH
+from flexmb.engine.method import SUCCESS, ZERO_LENGTH
 
 SOLVED = 1e-8
 
@@ -26,9 +26,9 @@ def found():
         bench.randomise(32)
         solve(bench, VELOCITIES)
         found[f"v {topology}"] = bench.v.copy()
-        assert solve(bench, ACCELERATIONS) == FINE
+        assert solve(bench, ACCELERATIONS) == SUCCESS
         found[f"vd {topology}"], found[f"lam {topology}"] = bench.vd.copy(), bench.lam.copy()
-        assert solve(bench, RESIDUAL) == FINE
+        assert solve(bench, RESIDUAL) == SUCCESS
         found[f"residual {topology}"] = bench.residual
         solve(bench, BEGIN)
         found[f"power {topology}"] = bench.state.power.copy()
@@ -48,8 +48,8 @@ def found():
     springs["J"][1] = springs["I"][1]
     found["no length"] = []
     for level in (ACCELERATIONS, RESIDUAL):
-        bench.work.fault[0] = -1
-        found["no length"].append((solve(bench, level), bench.work.fault[0]))
+        bench.work.failed_element[0] = -1
+        found["no length"].append((solve(bench, level), bench.work.failed_element[0]))
     return found
 
 

@@ -11,7 +11,7 @@ from enginekit import exponential, quaternion_product, rotation, slope
 from truthkit import run
 
 from flexmb.engine.algebra.vector import tangent_coefficients
-from flexmb.engine.bodies.motion import angular_velocity, hermite, rotation_rate, turns_over
+from flexmb.engine.bodies.motion import angular_velocity, hermite, rotates_too_far, rotation_rate
 from flexmb.model import Model
 
 
@@ -98,7 +98,7 @@ def test_a_step_that_turns_a_body_by_more_than_its_speeds_tell(angle, rate, leap
         work=SimpleNamespace(trial=states[1]),
         system=SimpleNamespace(parts=parts, rows=np.zeros(0), coupled=np.zeros(0)),
     )
-    assert turns_over(run, 1.0) == leaps
+    assert rotates_too_far(run, 1.0) == leaps
 
 
 def leaping(width):

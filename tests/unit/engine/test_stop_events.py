@@ -13,7 +13,7 @@ from truthkit import Memory
 
 from flexmb.analysis.dynamics.dynamics import dynamics, prepare_dynamics
 from flexmb.engine.compile import compile_system
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.model import Model
 
 K = 4e4
@@ -43,7 +43,7 @@ def test_steps_end_where_a_stop_begins_and_ends_to_push(force, fields):
     model.set_dynamics(duration=0.2, accuracy=1e-4, outputs=10, verify=False)
     run, times = prepare_dynamics(made, model).run, []
     while not run.finished:
-        assert run.integrate(1) == FINE
+        assert run.integrate(1) == SUCCESS
         times.append(run.state.t[0])
     for moment in (0.1, 0.1 + np.pi / np.sqrt(K)):
         assert np.abs(np.array(times) - moment).min() < 1e-4
@@ -63,7 +63,7 @@ def test_steps_end_where_a_stop_is_fully_damped_and_where_it_would_pull():
     model.set_dynamics(duration=0.2, accuracy=1e-4, outputs=10, verify=False)
     run, times = prepare_dynamics(compile_system(model), model).run, []
     while not run.finished:
-        assert run.integrate(1) == FINE
+        assert run.integrate(1) == SUCCESS
         times.append(run.state.t[0])
 
     def force(t, y):
@@ -97,6 +97,6 @@ def test_a_law_that_changes_at_rest_costs_no_steps(method):
                         damping=0.2, **law)  # fmt: skip
         model.set_dynamics(duration=500.0, accuracy=1e-4, outputs=20, method=method, verify=False)
         run = prepare_dynamics(compile_system(model), model).run
-        assert run.integrate(10**5) == FINE and run.finished
+        assert run.integrate(10**5) == SUCCESS and run.finished
         steps.append(int(run.state.count[0]["steps"]))
     assert steps[1] < 3 * steps[0], steps

@@ -13,7 +13,7 @@ from flexmb.analysis.dynamics.dynamics import prepare_dynamics
 from flexmb.analysis.dynamics.integration import Integration
 from flexmb.engine.compile import compile_system
 from flexmb.engine.equations_of_motion import work_of_step
-from flexmb.engine.method import FINE
+from flexmb.engine.method import SUCCESS
 from flexmb.engine.work import new_state
 from flexmb.model import Model
 
@@ -54,7 +54,7 @@ def whole(run):
     """All times and places of the cart of a run, and the balance of its energy."""
     rows = []
     while not run.finished:
-        assert run.integrate(40) == FINE
+        assert run.integrate(40) == SUCCESS
         rows.append(run.rows.read())
     t, x = (np.concatenate([getattr(b, name) for b in rows]) for name in ("t", "sensors"))
     return t, x[:, 0], run.rows.balance.relative
@@ -68,7 +68,7 @@ def stepped(n):
         run = Integration(run.compiled, run.method, run.settings, new_state(run.compiled.system, 3))
         for part, value in zip(run.state, before, strict=True):
             part[:] = value
-        assert run.integrate(n) == FINE
+        assert run.integrate(n) == SUCCESS
         times.append(run.state.t[0])
     return times, flat(run.state)
 
@@ -164,7 +164,7 @@ def test_a_row_at_a_jump_is_of_the_time_before_it_at_the_end_too(value, method):
                     method=method)  # fmt: skip
         rows = []
         while not run.finished:
-            assert run.integrate(40) == FINE
+            assert run.integrate(40) == SUCCESS
             rows.append(run.rows.read())
         (at,) = [row.part(k, k + 1) for row in rows for k in np.flatnonzero(row.t == 1.0)]
         found.append(at.vd[0, 0] if rise else at.vd[0, 0] + 40.0 * at.sensors[0, 0])

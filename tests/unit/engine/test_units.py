@@ -258,8 +258,8 @@ def test_nan_counts_as_largest_wherever_it_stands():
     for k in range(3):
         x = np.array([1.0, -4.0, 2.0])
         x[k] = np.nan
-        sizes = [vector.largest(x), vector.weighted_size(x, one), vector.scaled_size(x, one, one)]
-        sizes.append(vector.size_above(x, one, one, 0.0, one))
+        sizes = [vector.largest(x), vector.weighted_max(x, one), vector.scaled_max(x, one, one)]
+        sizes.append(vector.scaled_max_above(x, one, one, 0.0, one))
         sizes.append(vector.larger(x[0], vector.larger(x[1], x[2])))
         assert np.isnan(sizes).all()
     assert vector.largest(np.array([1.0, -4.0, 2.0])) == vector.larger(4.0, -5.0) == 4.0

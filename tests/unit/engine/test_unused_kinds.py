@@ -8,7 +8,7 @@ from benchmarks.units import KINDS
 from flexmb.engine import units
 from flexmb.engine.entries import integration_units, make_integrator, prepare_integration
 
-RATES = {"bodies.wrench.add_rate_arms", "bodies.wrench.add_rates"}
+RATES = {"bodies.wrench.add_rate_arms", "bodies.wrench.add_rate_tangent"}
 FORCES_OF_TIME = {"forces.load", "function.evaluate_functions"}
 
 

@@ -32,7 +32,7 @@ from flexmb.studies.budgets.error_shares import (
     estimate_error,
     refinement_knobs,
 )
-from flexmb.studies.channel_errors import History, Reading, _scales
+from flexmb.studies.channel_errors import History, RunHistories, _scales
 
 SCENE = """
 title = "Bar"
@@ -72,11 +72,11 @@ duration = 1
 """
 
 
-def reading(error: float, other: float = 0.0) -> Reading:
+def reading(error: float, other: float = 0.0) -> RunHistories:
     t = np.linspace(0.0, 1.0, 11)[:, None]
     histories = [History("positions", "tip", "m", t + error * t),
                  History("positions", "root", "m", 2 * t + other * t)]  # fmt: skip
-    return Reading(histories, [1.0, 2.0])
+    return RunHistories(histories, [1.0, 2.0])
 
 
 def estimate(*errors: float, noise: float = 0.0):

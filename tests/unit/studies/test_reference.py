@@ -7,7 +7,7 @@ import pytest
 
 from flexmb.model import Model
 from flexmb.studies.accuracy.reference import ReferenceSearch
-from flexmb.studies.channel_errors import History, Reading, difference
+from flexmb.studies.channel_errors import History, RunHistories, difference
 from flexmb.studies.study_settings import Setting
 
 SCENE = {
@@ -17,9 +17,9 @@ SCENE = {
 T = np.linspace(0.0, 1.0, 11)
 
 
-def reading(error: float) -> Reading:
+def reading(error: float) -> RunHistories:
     """A ramp from 0 to 1, wrong by `error` at its end."""
-    return Reading([History("positions", "s", "position", (T * (1 + error))[:, None])], [1.0])
+    return RunHistories([History("positions", "s", "position", (T * (1 + error))[:, None])], [1.0])
 
 
 def search(steps: tuple[float, ...] = (0.1, 0.02)) -> ReferenceSearch:
@@ -32,7 +32,7 @@ def search(steps: tuple[float, ...] = (0.1, 0.02)) -> ReferenceSearch:
 
 
 def play(
-    found: ReferenceSearch, errors: dict[str, float | None], readings: list[Reading]
+    found: ReferenceSearch, errors: dict[str, float | None], readings: list[RunHistories]
 ) -> list[str]:
     """Let tight runs of each method have an error times step squared; the labels of all runs."""
     made = []

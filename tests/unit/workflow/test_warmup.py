@@ -12,7 +12,7 @@ from flexmb.engine import entries, unit_cache
 from flexmb.engine.bodies import motion, wrench
 from flexmb.engine.compile import compile_system
 from flexmb.engine.entries import all_units, integration_units, make_integrator
-from flexmb.engine.jit import Unit
+from flexmb.engine.jit import CompiledUnit
 from flexmb.engine.units import missing_units
 from flexmb.model import load_scene
 from flexmb.model.scenes.dynamics import METHODS, DynamicsSpec
@@ -22,7 +22,7 @@ FEW = (motion.move, wrench.add_moment_arm, wrench.marker_jacobian)
 
 
 @pytest.fixture
-def few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Unit, ...]:
+def few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[CompiledUnit, ...]:
     """An empty cache, and an engine of three units."""
     monkeypatch.setenv("FLEXMB_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr(unit_cache, "_full", [])
@@ -32,7 +32,7 @@ def few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Unit, ...]:
     unit_cache._shared_folders.cache_clear()
 
 
-def test_all_units_are_compiled_once_with_progress(few: tuple[Unit, ...]) -> None:
+def test_all_units_are_compiled_once_with_progress(few: tuple[CompiledUnit, ...]) -> None:
     told: list[tuple[str, float, str]] = []
     done = installation.warmup(
         progress=lambda phase, share, text="": told.append((phase, share, text))
@@ -52,7 +52,7 @@ def test_all_units_are_compiled_once_with_progress(few: tuple[Unit, ...]) -> Non
 
 
 @pytest.mark.slow
-def test_the_command_says_what_it_did(few: tuple[Unit, ...]) -> None:
+def test_the_command_says_what_it_did(few: tuple[CompiledUnit, ...]) -> None:
     first, second = (CliRunner().invoke(app, ["warmup"]) for _ in range(2))
     assert first.exit_code == second.exit_code == 0, first.output
     assert "3 units, 3 of them compiled in " in first.stdout

@@ -13,7 +13,7 @@ from flexmb.flexbody.arrays import Array
 from flexmb.model.functions.derivatives import Program, evaluate
 from flexmb.model.functions.discontinuities import derivative_jumps
 
-BentFunction: TypeAlias = tuple[Array, Callable[[float], float], float]
+KinkedFunction: TypeAlias = tuple[Array, Callable[[float], float], float]
 """Times of its jumps and bends, the load that goes with it, the range of that."""
 AT_ONCE = 1e-8  # of a run: what a jump takes
 _BESIDE = 1e-9  # of a run: beside a jump
@@ -21,7 +21,7 @@ _JUMP = 1e-3  # of the range of a load: its jumps are larger
 _LOOKS, _BEND = 2000, 0.01  # for bends of nested functions: times, and share of the largest rate
 
 
-def bent_functions(compiled: Compiled, duration: float) -> Sequence[BentFunction]:
+def kinked_functions(compiled: Compiled, duration: float) -> Sequence[KinkedFunction]:
     """Functions of time with jumps or bends, at the beginning too.
 
     The load of a driver goes with its second derivative, else with the value.
@@ -29,7 +29,7 @@ def bent_functions(compiled: Compiled, duration: float) -> Sequence[BentFunction
     driven = set(compiled.system.rows["fun"].tolist())
     bent = []
     for k, program in enumerate(compiled.functions):
-        times = [] if program.channels else _bends(tuple(program.ops), duration)
+        times = [] if program.channels else _kinks(tuple(program.ops), duration)
         if times:
             order = 2 if k in driven else 0
             shape = partial(lambda ops, order, t: evaluate(ops, t)[order], program.ops, order)
@@ -39,7 +39,7 @@ def bent_functions(compiled: Compiled, duration: float) -> Sequence[BentFunction
     return bent
 
 
-def _bends(ops: Program, duration: float) -> list[float]:
+def _kinks(ops: Program, duration: float) -> list[float]:
     """Times at which a function of time jumps or bends: those known, and of nested min and max."""
     times = set(derivative_jumps(ops, duration, at_begin=True))
     if any(op in ("min", "max") for op, _ in ops):
@@ -61,7 +61,7 @@ def rows_behind_jumps(compiled: Compiled, t: Array) -> list[int]:
     """Rows (of times t) that are the first behind a jump of what drives a model."""
     duration = float(t[-1] - t[0])
     rows = set()
-    for times, load, size in bent_functions(compiled, float(t[-1])):
+    for times, load, size in kinked_functions(compiled, float(t[-1])):
         for time in times:
             sides = [load(time + s * _BESIDE * duration) for s in (-1.0, 1.0)]
             if abs(sides[1] - sides[0]) <= _JUMP * size:
