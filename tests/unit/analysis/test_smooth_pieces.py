@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flexmb.analysis.dynamics.kinked_functions import rows_behind_jumps
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
+from flexmb.analysis.dynamics.kinked_functions import rows_behind_jumps
 from flexmb.analysis.effects.smooth_pieces import SmoothPieces
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
