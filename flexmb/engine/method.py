@@ -33,9 +33,7 @@ class Method(NamedTuple):
     filter: float  # over h²: b of M + b ∂F/∂q, by which reported accelerations are solved for
     prefers_constant_step: int  # 1: a change of the step is dear, or its estimate rings after one
     collocation: int  # implicit stages that it needs memory for
-    max_tolerance: (
-        float  # local tolerance from which on errors fall with the steps as the order says
-    )
+    max_tolerance: float  # largest local one with which errors fall as the order says
     stabilised: int = 0  # 1: C̈ + 2α Ċ + β² C = 0 in place of projection onto the constraints
     alpha: float = 0.0  # 1/s
     beta: float = 0.0  # 1/s

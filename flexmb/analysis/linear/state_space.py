@@ -153,7 +153,7 @@ def state_space(
 
     Parameters
     ----------
-    seen : MinimalEquations
+    minimal : MinimalEquations
         The linearised model.
     inputs : sequence of str, optional
         Forces (``"push.x"``), line forces and springs (``"cylinder"``: pushes its markers apart),
@@ -199,7 +199,7 @@ def frequency_response(
 
     Parameters
     ----------
-    seen : MinimalEquations
+    minimal : MinimalEquations
         The linearised model.
     input, output : str
         An actuator (N, N m; of a driver m or rad) and a channel, as of `state_space`.
