@@ -15,6 +15,7 @@ import math
 from flexmb.engine.algebra.ldl import multiply, solve, solve_refined
 from flexmb.engine.algebra.vector import copy, largest, weighted_max, zero
 from flexmb.engine.bodies.motion import RELATIVE_ROUND_OFF, move, put_q_round_off
+from flexmb.engine.bodies.static_modes import SETTLED
 from flexmb.engine.equations_of_motion import (
     bias_stage,
     constraint_stage,
@@ -38,8 +39,8 @@ _REFINEMENTS = 2
 _WELL_CONDITIONED_PIVOT = 1e7
 # Forces that depend on accelerations or reactions: rounds until they settle, relative.
 _LOOP_ROUNDS, _LOOP_CLOSED = 100, 1e-12
-# Weighted change of quasi-static modes in equilibrium, twice in each round behind many; its bound.
-_STATIC_TOLERANCE, _MANY_ROUNDS, _STATIC_NOISE = 1e-11, 20, 1e-8
+# Rounds behind which quasi-static modes may change by twice as much in each; and their bound.
+_MANY_ROUNDS, _STATIC_NOISE = 20, 1e-8
 # Correction of positions, relative to the model, that is round-off.
 _ROUND_OFF = 1e-13
 # Distance from the pose of the factor, over the size: beyond it redundant rows would get reactions.
@@ -151,7 +152,7 @@ def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
             return NO_LOOP_CONVERGENCE  # it was finite before they followed
         if status != SUCCESS:
             return status
-        if change <= min(_STATIC_TOLERANCE * 2.0 ** max(n - _MANY_ROUNDS, 0), _STATIC_NOISE):
+        if change <= min(SETTLED * 2.0 ** max(n - _MANY_ROUNDS, 0), _STATIC_NOISE):
             run_stage(run.stages.static_rates, run, at)
             run_stage(run.stages.static_force, run, at)
             return _solve_motion(run, at, cp, VELOCITIES)

@@ -306,12 +306,12 @@ def integrate_steps(run: Run, aside: Run, n_steps: int) -> int:
     copy(st.history, run.work.now.history)
     begin_run(run, run.state_point)
     step_control.select_initial_step(run.system, settings, st)
+    if settings.static_after_step == 1 and st.count[0]["steps"] + st.count[0]["outputs"] == 0:
+        _begin_deformation(run)
     if settings.step == 0.0:
         update_error_scales(run)
         if run.method.stages > 0 and n_steps > 0:
             put_vd_round_off(run, run.trial_point)
-    if settings.static_after_step == 1 and st.count[0]["steps"] + st.count[0]["outputs"] == 0:
-        _begin_deformation(run)
     begin_events(run)
     if settings.refinement == 0.0:
         run.plan.used[0] = 0

@@ -62,7 +62,7 @@ def test_the_ladder_of_couplings_on_a_slider_crank(speed, of_constant):
     assert error["partial"] < 0.1 * error["constant"]
     without_axial, few = bending(speed, deformation={"quasi_static": [2, 3]})
     assert np.abs(without_axial - full).max() < 0.0043 * size
-    assert steps > 8 * few
+    assert steps > 5 * few  # by as few as hold that accuracy of the deformation
 
 
 def pendulum(body, **words):

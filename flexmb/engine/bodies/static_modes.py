@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
     from flexmb.flexbody import FlexBody
 
+# Change of modes in equilibrium, over the size of their part of the model; what of them is no lag.
+SETTLED, _UNSEEN = 1e-11, 1e-10
 _SLOW = 1e8  # τ² K_ss over the inertia of its part of the model in the softest of them
 # Points of the past: stored, the last of which may be the present; for the slope.
 _POINTS, _CUBIC = 4, 3
@@ -278,9 +280,8 @@ def put_path(run: Run, of: StaticModes, at: Point) -> int:
 def lag(run: Run, of: StaticModes, at: Point) -> float:
     """How far the modes are from where a step took them, over their motion; its largest value.
 
-    It took them by the mean of Trial.dq, by rates and accelerations of the points before. In a step
-    as long as an interval H of these that is of order h⁴; what rates were off by is H³ h in shorter
-    ones, so that it counts as h⁴ too.
+    It took them by the mean of Trial.dq, of order h⁴ in a step as long as the interval H of their
+    past. In shorter ones it is H³ h, and counts as h⁴; what the equilibrium leaves does not count.
     """
     st, tr, most = run.state, run.work.trial, 0.0
     h = at.t[0] - st.t[0]
@@ -290,8 +291,9 @@ def lag(run: Run, of: StaticModes, at: Point) -> float:
         share = min(1.0, h / interval) if math.isfinite(interval) and interval > 0.0 else 1.0
         for k in range(of.first[n], of.first[n + 1]):
             q, v = body["iq"] + 7 + of.modes[k], body["iv"] + 6 + of.modes[k]
-            left = abs(at.q[q] - st.q[q] - h * tr.dq[v]) * run.system.weights[v]
-            most = larger(most, share**3 * left / st.motion[v])
+            left = abs(at.q[q] - st.q[q] - h * tr.dq[v])
+            if left * of.reach[k] > _UNSEEN:
+                most = larger(most, share**3 * left * run.system.weights[v] / st.motion[v])
     return most
 
 
@@ -402,10 +404,8 @@ def static_modes(
 
 
 def of_their_parts(system: System, length: float, size: NDArray[np.float64]) -> System:
-    """The system whose quasi-static modes know the part of the model that hangs on them.
-
-    `length` is the size of the model, `size` (nv,) that of the part of each coordinate [m].
-    """
+    """The system whose quasi-static modes know the part of the model that hangs on them; of size
+    `length`, and `size` (nv,) is that of the part of each coordinate [m]."""
     static: StaticModes | None = system.kinds.get(STATIC_MODES.name)
     if static is None:
         return system
