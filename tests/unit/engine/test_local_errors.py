@@ -91,20 +91,18 @@ def test_a_turn_counts_by_its_angle():
     np.testing.assert_allclose(state.motion[3:6], 2 * np.sin(0.5 * 0.5 * 4 * H), rtol=1e-6)
 
 
+CONTROLLED = {
+    "step": 0.0, "static_after_step": 0, "tolerance": 1e-3, "rejection_factor": 1.0, "start": 0.0,
+    "end": 1.0,
+}  # fmt: skip
+
+
 @pytest.mark.parametrize("ratio", [0.3, 0.05, 1e-9])
 def test_the_next_step_follows_from_the_error(ratio):
     """0.9 (tolerance/error)^(1/8) times the last one, five times at most."""
     method = explicit()
     _, state, _ = steps(oscillator(1.0), method, H, 1, 0)
-    knobs = {
-        "step": 0.0,
-        "static_after_step": 0,
-        "tolerance": 1e-3,
-        "rejection_factor": 1.0,
-        "start": 0.0,
-        "end": 1.0,
-    }
-    settings = type("Settings", (), knobs)
+    settings = type("Settings", (), CONTROLLED)
     state.memory[0]["steps_until_growth"] = 0.0
     record_step(method, settings, state, np.array([ratio * 1e-3, 0.0]), H)
     grown = min(0.9 * ratio ** (-1 / 8), 5.0)
@@ -115,15 +113,7 @@ def test_a_run_whose_steps_hardly_advance_or_fail_on_and_on_ends():
     """A thousand steps within 1e-8 of it, or a hundred failures within 1e-6."""
     method, error = explicit(), np.zeros(2)
     _, state, _ = steps(oscillator(1.0), method, H, 1, 0)
-    knobs = {
-        "step": 0.0,
-        "static_after_step": 0,
-        "tolerance": 1e-3,
-        "rejection_factor": 1.0,
-        "start": 0.0,
-        "end": 1.0,
-    }
-    settings, memory = type("Settings", (), {**knobs, "accuracy": 1e-3}), state.memory[0]
+    settings, memory = type("Settings", (), {**CONTROLLED, "accuracy": 1e-3}), state.memory[0]
     for advance, most in ((0.9e-8, 1001), (1.1e-8, 5000)):
         state.t[0] = memory["recent_time"] = memory["steps_since"] = 0.0
         accepted = 0
