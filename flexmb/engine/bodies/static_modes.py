@@ -194,19 +194,19 @@ def _elastic(run, of, n):
 @unit
 def put_rates(run: Run, of: StaticModes, at: Point) -> int:
     """Rates and accelerations of the modes that follow loads, of the cubics through their past."""
-    past, none = run.work.now.history, -math.inf
+    past = run.work.now.history
     for n in range(of.rows.shape[0]):
         body, m = run.system.parts.bodies[of.rows[n]], of.first[n + 1] - of.first[n]
-        iq, iv, times = body["iq"] + 7, body["iv"] + 6, of.history[n]
-        first, count = 0, 0
+        iq, iv, times, first, count = body["iq"] + 7, body["iv"] + 6, of.history[n], 0, 0
         while first < _POINTS and past[times + first] >= at.t[0]:
             first += 1
-        while first + 1 < _POINTS and past[times + first + 1] > none:
+        while first + 1 < _POINTS and past[times + first + 1] > -math.inf:
             gap = past[times + first] - past[times + first + 1]
             if at.t[0] - past[times + first] >= _FAR_ENOUGH * gap:
                 break
             first += 1
-        while count < _CUBIC and first + count < _POINTS and past[times + first + count] > none:
+        most = min(_CUBIC, _POINTS - first)
+        while count < most and past[times + first + count] > -math.inf:
             if count > 0:
                 gap = past[times + first + count - 1] - past[times + first + count]
                 if gap < _NEAR * (at.t[0] - past[times + first]):
