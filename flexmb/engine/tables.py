@@ -61,7 +61,7 @@ FLEX_LAYOUT = (
 
 # One marker. body = -1: fixed in the global frame. `modes` < 0: rigid; else the pool offset of
 # Phi_t (3, m) followed by Phi_r (3, m). `arm` turns with the node. Where the translation of the
-# carrier is of second order in eta, `bend` is the pool offset of K, three forms (`bend_of`).
+# carrier is of second order in eta, `bend` is the pool offset of K (`rows_of_bend`).
 MARKER = np.dtype(
     [
         ("body", _I),
@@ -298,12 +298,20 @@ def aligned(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return room[first : first + values.size].reshape(values.shape)
 
 
+def rows_of_bend(forms: ArrayLike) -> NDArray[np.float64]:
+    """The pool's rows (m, 3 m and more) of three symmetric forms K (3, m, m) of a marker.
+
+    Row j is K[:, j], filled up to whole vectors: a product with the modes reads the rows one after
+    the other, all three at once.
+    """
+    rows = np.swapaxes(forms, 0, 1).reshape(np.shape(forms)[1], -1)
+    return np.pad(rows, ((0, 0), (0, whole_vectors(rows.shape[1]) - rows.shape[1])))
+
+
 def bend_of(marker: np.void, m: int, pool: NDArray[np.float64]) -> NDArray[np.float64]:
-    """K (m, 3, m) of a marker, of three symmetric forms in the pool (`forms.grouped_rows`)."""
-    half, at = half_of_forms(m), marker["bend"]
-    rows = np.zeros((3, *half.shape))
-    rows[:, half] = pool[at : at + 3 * half.sum()].reshape(3, -1)
-    return (rows + rows.swapaxes(1, 2))[:, :m, :m].swapaxes(0, 1)
+    """K (m, 3, m) of a marker, from its rows in the pool (`rows_of_bend`)."""
+    n, at = whole_vectors(3 * m), marker["bend"]
+    return pool[at : at + m * n].reshape(m, n)[:, : 3 * m].reshape(m, 3, m)
 
 
 def half_of_forms(m: int) -> NDArray[np.bool_]:

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.algebra.forms import grouped_rows, subtract_products
+from flexmb.engine.algebra.forms import subtract_products
 from flexmb.engine.algebra.vector import (
     axis_vector,
     column,
@@ -50,7 +50,7 @@ from flexmb.engine.jit import Integers, kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import Point, Run
-from flexmb.engine.tables import MARKER, Pool, whole_vectors
+from flexmb.engine.tables import MARKER, Pool, rows_of_bend, whole_vectors
 
 if TYPE_CHECKING:
     from flexmb.model.markers import PlacedMarker
@@ -112,7 +112,7 @@ def place_flexible(run: Run, markers: Markers, at: Point) -> int:
 def _bend(mk, pool, q, o, m, phi):
     """Φ_t − ηᵀ K_d of a marker at η = q[o:o+m], into phi (3 m,); behind it is room."""
     copy(pool[mk["modes"] : mk["modes"] + 3 * m], phi)
-    subtract_products(pool, mk["bend"], m, q, o, phi, phi[2 * whole_vectors(3 * m) :])
+    subtract_products(pool, mk["bend"], whole_vectors(3 * m), m, q, o, phi)
 
 
 @kernel
@@ -120,7 +120,7 @@ def _bending_acceleration(mk, pool, v, o, m, phi):
     """−η̇ᵀ K_d η̇ of a marker, η̇ = v[o:o+m]; in the room behind phi."""
     n = whole_vectors(3 * m)
     zero(phi[n : 2 * n])
-    subtract_products(pool, mk["bend"], m, v, o, phi[n:], phi[2 * n :])
+    subtract_products(pool, mk["bend"], n, m, v, o, phi[n:])
     return modal_vector(phi, n, m, v, o)
 
 
@@ -426,7 +426,7 @@ class MarkerTable:
             return -1
         key = b"bend " + marker.body.encode() + marker.bend.tobytes()
         if key not in self.modes:
-            self.modes[key] = self.pool.add(grouped_rows(marker.bend))
+            self.modes[key] = self.pool.add(rows_of_bend(marker.bend))
         return self.modes[key]
 
     def table(self) -> NDArray[np.void]:

@@ -205,8 +205,7 @@ def _add_modal_arm(mk, mn, pool, phi, m, force, moment, B):
         for r in range(m):
             B[6 + r, 6 + c] += pool[o + r] * x + pool[o + m + r] * y + pool[o + 2 * m + r] * z
     if mk["bend"] >= 0:
-        row = phi[whole_vectors(3 * m) :]
-        add_symmetric_rows(pool, mk["bend"], m, times(-1.0, force), B, 6, row)
+        add_symmetric_rows(pool, mk["bend"], whole_vectors(3 * m), m, times(-1.0, force), B, 6)
 
 
 @kernel
