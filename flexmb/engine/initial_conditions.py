@@ -41,7 +41,7 @@ _MAX_CORRECTION = 0.3
 
 @unit
 def solve_stage(run: Run, level: int) -> float:
-    """Solve one level of the state in place with M as the metric; see `entries.solve_stage`."""
+    """Solve one level of the state in place, metric M; see `compiled_calls.solve_stage`."""
     near, channels = run.work.feedback.near, run.system.sensors.channels
     for c in range(near.shape[0]):
         near[c] = math.nan if run.sensors.turns[channels[c]["what"]] == 1 else 0.0

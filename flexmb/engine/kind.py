@@ -1,6 +1,6 @@
 """Kinds: what a model may hold, and which units each kind brings.
 
-Three modules list them: `engine.kinds` what takes part in the stages of the equations,
+Three modules list them: `engine.kind_registry` what takes part in the stages of the equations,
 `engine.joints` the constraint rows of joints and drivers, `engine.sensors` the sensors. A kind is
 declared once, in the file of its kernels; what walks over rows, terms or channels calls its units
 through a table, by its number there, and names none of them. A scene loads and compiles only the

@@ -75,7 +75,7 @@ def time_round_off(settings):
     return 1e-12 * (settings.end - settings.start)
 
 
-# Status codes of the kernels; `entries` turns them into sentences.
+# Status codes of the kernels; `status_messages` turns them into sentences.
 SUCCESS, NO_CONVERGENCE, ZERO_LENGTH, NOT_FINITE, STEP_TOO_SMALL, REPEAT = range(6)
 CURVE_END = 7  # a joint leaves its curve at an end
 SELF_LOCKING = 8  # friction in joints and the reactions that cause it do not settle

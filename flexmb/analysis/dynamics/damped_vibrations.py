@@ -23,10 +23,10 @@ from flexmb.analysis.dynamics.integration import Integration
 from flexmb.analysis.dynamics.jump_states import MAX_JUMPS, JumpStates
 from flexmb.analysis.dynamics.vibration_error import VibrationError, without_reactions
 from flexmb.engine import method
-from flexmb.engine.entries import integration_units
+from flexmb.engine.compiled_calls import integration_units
+from flexmb.engine.compiled_units import prepare_units
 from flexmb.engine.integrators.radau import radau_5
 from flexmb.engine.state import State
-from flexmb.engine.units import prepare_units
 from flexmb.flexbody.arrays import Array
 from flexmb.results.output_block import OutputBlock
 

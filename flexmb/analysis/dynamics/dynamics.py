@@ -12,7 +12,8 @@ import numpy as np
 
 from flexmb.analysis.assembly.initial_state import Assembled, StartValues, assemble
 from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
-from flexmb.analysis.assembly.joined_damping import is_determinate
+from flexmb.analysis.assembly.static_mode_selection import is_determinate
+from flexmb.analysis.chunked_run import Ending, Outcome, Sink, assemble_first_state, run_chunks
 from flexmb.analysis.dynamics.integration import (
     Integration,
     StepRows,
@@ -40,6 +41,7 @@ from flexmb.analysis.dynamics.reached_accuracy import (
 )
 from flexmb.analysis.dynamics.run_settings import loop_settings, time_grid, why_implicit
 from flexmb.analysis.dynamics.validity import ValidityMonitor
+from flexmb.analysis.failure_messages import failure_sentence, gaps_at, open_joint
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
 from flexmb.analysis.mobility.driver_conflicts import driver_reasons
 from flexmb.analysis.monitors import (
@@ -51,28 +53,18 @@ from flexmb.analysis.monitors import (
     TurningMonitor,
     algebraic_loop_notes,
 )
-from flexmb.analysis.procedure import (
-    Ending,
-    Outcome,
-    Sink,
-    assemble_first_state,
-    failure_sentence,
-    gaps_at,
-    open_joint,
-    run_chunks,
-)
 from flexmb.analysis.singular_poses import singular_pose_sentence
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import (
+from flexmb.engine.compiled_calls import integration_units
+from flexmb.engine.compiled_units import prepare_units
+from flexmb.engine.method_selection import (
     AUTO,
     STIFF_METHOD,
-    integration_units,
     make_integrator,
     method_name,
     reason_of_method,
 )
-from flexmb.engine.units import prepare_units
 from flexmb.errors import SceneError
 from flexmb.model.forces.friction import BaseFriction
 from flexmb.model.joints.joint import lost_inertias

@@ -8,17 +8,20 @@ from functools import partial
 
 import numpy as np
 
+from flexmb.analysis.chunked_run import ChunkRows
 from flexmb.analysis.dynamics.run_settings import set_least_motion
-from flexmb.analysis.procedure import ChunkRows
 from flexmb.analysis.singular_poses import singular_pose_sentence
-from flexmb.engine import entries, method
+from flexmb.engine import method
+from flexmb.engine.allocation import equal_times, new_plan, new_run, new_work, output_run
 from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
+from flexmb.engine.compiled_calls import integrate
+from flexmb.engine.compiled_units import packed_record
 from flexmb.engine.forces.contact import FASTEST, REBOUND
 from flexmb.engine.method import time_round_off
+from flexmb.engine.method_selection import STIFF_METHOD
 from flexmb.engine.state import Plan, State, Work
-from flexmb.engine.units import packed_record
-from flexmb.engine.work import equal_times, new_plan, new_run, new_work, output_run
+from flexmb.engine.status_messages import worst_place
 from flexmb.errors import FlexmbError
 from flexmb.results.output_block import OutputBlock
 from flexmb.units import UnitSystem
@@ -141,7 +144,7 @@ class Integration:
         if self.settings.step == 0.0:
             self._refuse_endless()
         self.rows.clear()
-        return entries.integrate(self._run, steps, self._output_run)
+        return integrate(self._run, steps, self._output_run)
 
     def _refuse_endless(self) -> None:
         """Stop a run whose rest would take far too many steps."""
@@ -273,7 +276,7 @@ def static_modes_sentence(
     names = ", bodies.".join(compiled.layout.bodies[row].name for row in rows)
     return (
         f"modes of bodies.{names} are quasi-static, which explicit methods cannot do where joints "
-        f'need their compliance: use method = "{entries.STIFF_METHOD}"'
+        f'need their compliance: use method = "{STIFF_METHOD}"'
     )
 
 
@@ -284,12 +287,12 @@ def stiff_force_sentence(run: Integration) -> str:
     """
     static = run.compiled.system.kinds.get(STATIC_MODES.name)
     names = [run.compiled.layout.bodies[row].name for row in static.rows] if static else []
-    body = entries.worst_place(run.compiled, run.work).removeprefix("body ")
+    body = worst_place(run.compiled, run.work).removeprefix("body ")
     if run.method.collocation > 0 or body not in names:
         return ""
     return (
         f"bodies.{body}: a force that sets in with the deformation, such as a stiff stop's, is too "
-        f'stiff for its quasi-static modes; use method = "{entries.STIFF_METHOD}", or deformation '
+        f'stiff for its quasi-static modes; use method = "{STIFF_METHOD}", or deformation '
         '= "dynamic"'
     )
 

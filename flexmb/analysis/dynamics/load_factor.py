@@ -28,12 +28,12 @@ from flexmb.analysis.assembly.jacobian import (
 )
 from flexmb.analysis.dynamics.linear_elasticity import flexible_columns, joined_modes
 from flexmb.analysis.monitors import Indicator
+from flexmb.engine.allocation import new_state, new_work
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import stage_solver
+from flexmb.engine.compiled_calls import stage_solver
 from flexmb.engine.initial_conditions import RESIDUAL
 from flexmb.engine.state import State, Work
 from flexmb.engine.tables import bend_of
-from flexmb.engine.work import new_state, new_work
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, IntArray, skew
 from flexmb.flexbody.natural_modes import matrices_at_rest

@@ -35,10 +35,11 @@ from flexmb.analysis.dynamics.linear_elasticity import (
 )
 from flexmb.analysis.monitors import Indicator
 from flexmb.engine import initial_conditions
+from flexmb.engine.allocation import new_run, new_state, new_work
 from flexmb.engine.compile import Compiled
+from flexmb.engine.compiled_units import call, packed_record, prepare_units
+from flexmb.engine.stage_tables import units_of
 from flexmb.engine.tables import BodyColumns
-from flexmb.engine.units import call, packed_record, prepare_units
-from flexmb.engine.work import new_run, new_state, new_work, units_of
 from flexmb.flexbody import FlexBody, InertiaResponse, LoadResponse
 from flexmb.flexbody.arrays import Array
 from flexmb.flexbody.static_response import LARGEST_SHARE, LEAST_MOTION

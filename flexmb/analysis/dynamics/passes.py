@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from flexmb.analysis.chunked_run import PhaseTimer
 from flexmb.analysis.dynamics.damped_vibrations import (
     follow_events,
     follow_vibrations,
@@ -33,11 +34,10 @@ from flexmb.analysis.dynamics.run_settings import (
     with_tolerance,
 )
 from flexmb.analysis.dynamics.verified_run import VerifiedRun, measure_round_off_growth
-from flexmb.analysis.procedure import PhaseTimer
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import AUTO, STIFF_METHOD, make_integrator
 from flexmb.engine.method import Settings
+from flexmb.engine.method_selection import AUTO, STIFF_METHOD, make_integrator
 from flexmb.engine.state import State
 from flexmb.errors import FlexmbError
 from flexmb.model.model import Model

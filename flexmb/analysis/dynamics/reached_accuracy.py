@@ -13,7 +13,7 @@ from flexmb.analysis.dynamics.passes import (
     PreparedDynamics,
     is_stagnant,
 )
-from flexmb.engine.entries import NONSTIFF_METHOD
+from flexmb.engine.method_selection import NONSTIFF_METHOD
 from flexmb.model.forces.friction import JointFrictionSpec
 
 # Measured error over the requested one from which on a note reports it; what can be asked for, over

@@ -9,16 +9,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from flexmb.analysis.assembly.body_damping import add_damping
 from flexmb.analysis.assembly.jacobian import constraint_rank
-from flexmb.analysis.assembly.joined_damping import add_damping, choose_static_modes, is_determinate
+from flexmb.analysis.assembly.static_mode_selection import choose_static_modes, is_determinate
+from flexmb.analysis.chunked_run import PhaseTimer
 from flexmb.analysis.dynamics.passes import PASSES, PreparedDynamics, prepared_run
 from flexmb.analysis.dynamics.run_settings import loop_settings, with_tolerance
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
-from flexmb.analysis.procedure import PhaseTimer
+from flexmb.engine.allocation import new_state, new_work
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import make_integrator, method_name, prepare_integration, solve_stage
+from flexmb.engine.compiled_calls import prepare_integration, solve_stage
 from flexmb.engine.initial_conditions import ACCELERATIONS
-from flexmb.engine.work import new_state, new_work
+from flexmb.engine.method_selection import make_integrator, method_name
 from flexmb.errors import ResultFileError
 from flexmb.model.model import Model
 from flexmb.model.scenes.dynamics import METHODS

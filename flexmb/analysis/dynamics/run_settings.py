@@ -13,8 +13,8 @@ from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
 from flexmb.engine.geometry import extents_of_parts
 from flexmb.engine.joints import ANGLE
+from flexmb.engine.stage_tables import kinds_of
 from flexmb.engine.state import State
-from flexmb.engine.work import kinds_of
 from flexmb.flexbody.arrays import Array
 from flexmb.model.joints.joint import lost_inertias
 from flexmb.model.model import Model

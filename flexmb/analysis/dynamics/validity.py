@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, n_free
-from flexmb.analysis.assembly.joined_damping import MechanismModes
+from flexmb.analysis.assembly.mechanism_modes import MechanismModes
 from flexmb.analysis.dynamics.kinked_functions import AT_ONCE, kinked_functions
 from flexmb.analysis.dynamics.linear_elasticity import (
     LinearElasticityMonitor,
@@ -40,7 +40,7 @@ from flexmb.analysis.dynamics.modal_basis import ModalBasisMonitor
 from flexmb.analysis.monitors import Indicator, Monitor
 from flexmb.engine.bodies.static_modes import static_bodies, static_coordinates
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import NONSTIFF_METHOD, STIFF_METHOD
+from flexmb.engine.method_selection import NONSTIFF_METHOD, STIFF_METHOD
 from flexmb.engine.state import State
 from flexmb.errors import AssemblyError
 from flexmb.model.model import Model

@@ -39,9 +39,9 @@ from flexmb.analysis.dynamics.run_settings import (
     scout_settings,
 )
 from flexmb.engine import method
+from flexmb.engine.allocation import new_plan
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import Plan, State
-from flexmb.engine.work import new_plan
 from flexmb.errors import FlexmbError
 from flexmb.model.model import Model
 from flexmb.progress import Progress
