@@ -44,17 +44,17 @@ from flexmb.engine.sensors.sensor import count_turns, follow_angles
 from flexmb.engine.state import Run
 from flexmb.engine.state_rows import end_row, write_motion
 
-# With fixed steps what Newton's method leaves by an old factor is a bias: an output renews one that
-# has served so many steps.
-_RENEW_AFTER = 5.0
+# With fixed steps, the error that Newton's method leaves with an old factor is systematic. So an
+# output renews a factor that has served this many steps.
+_MAX_FACTOR_AGE = 5.0
 
-# Energies are evaluated at outputs, and after each so many steps without one.
+# Energies are evaluated at outputs, and in between after every this many steps.
 _ENERGY_INTERVAL = 5.0
 
 
 @unit
 def accept_step(run: Run, h: float) -> int:
-    """Add up the works of the step and make the trial state the state."""
+    """Add the works of the step and make the trial state the state."""
     st, tr, settings, at = run.state, run.work.trial, run.settings, run.trial_point
     before, controlled = tr.before, settings.step == 0.0
     before.t[0] = st.t[0]
@@ -75,7 +75,7 @@ def accept_step(run: Run, h: float) -> int:
         reaction_stage(run, at)
         powers(run, at)
         for k in range(3):
-            # modes that follow the loads leave the stages of a collocation, at the end of a step
+            # kinetostatic modes change after the step, so that works of collocation stages are off
             if (
                 run.method.stages > 0
                 or run.method.collocation > 0
@@ -114,12 +114,12 @@ def accept_step(run: Run, h: float) -> int:
 
 @unit
 def advance(run: Run, room: int) -> int:
-    """One accepted step of the size that works; or the status of the last one tried."""
+    """Try steps until one is accepted; returns SUCCESS, or the status of the last one tried."""
     st, settings, time_events = run.state, run.settings, run.system.time_events
     error, units, coefficients = run.work.trial.error, run.method.step, run.method.coefficients
     if settings.step == 0.0 and time_events.shape[0] > 0:
         before = st.t[0]
-        status = cross_time_event(run, _filter(run))
+        status = cross_time_event(run, _tangent_factor(run))
         if status != SUCCESS:
             return status
         if settings.static_after_step == 1 and st.t[0] > before:
@@ -131,7 +131,7 @@ def advance(run: Run, room: int) -> int:
         status = call_step(units[0], run, coefficients[0], h)
         if status == SUCCESS:
             status = run_stage(run.stages.limits, run, run.trial_point)
-        if status == SUCCESS and settings.step == 0.0:  # a driver may leap within a fixed step
+        if status == SUCCESS and settings.step == 0.0:  # a fixed step may contain a driver jump
             speed = weighted_max(run.work.trial.v, run.system.weights)
             if rotates_too_far(run, h) or step_control.exceeds_max_displacement(
                 run.method, settings, speed, h
@@ -153,19 +153,19 @@ def advance(run: Run, room: int) -> int:
 
 @kernel
 def _begin_deformation(run):
-    """Rates of modes that follow their loads where nothing is known of them, by the next step."""
+    """Start kinetostatic modes without a past, with points ahead within the next step."""
     st, settings, sys, plan = run.state, run.settings, run.system, run.plan
     h = st.memory[0]["next_step"]
-    if settings.refinement == 0.0 or plan.used[0] > 1:  # else the plan is still empty
+    if settings.refinement == 0.0 or plan.used[0] > 1:  # otherwise the plan is still empty
         h = step_control.propose_step(
             run.method, settings, plan, sys.time_events, st, run.times, 1, sys.weights
         )
-    begin_deformation(run, h, 0.1 * (settings.end - st.t[0]), _filter(run))
+    begin_deformation(run, h, 0.1 * (settings.end - st.t[0]), _tangent_factor(run))
 
 
 @kernel
-def _due(run):
-    """Whether an output is due at or before the present time."""
+def _is_output_due(run):
+    """Whether an output is due at the present time or before."""
     return step_control.is_output_due(run.settings, run.times, run.state, run.state.t[0], 0)
 
 
@@ -204,18 +204,18 @@ def write_output(run: Run) -> int:
     on_step = run.settings.step > 0.0 and tr.t[0] == st.t[0]
     project = VELOCITIES if on_step else POSITIONS
     st.count[0]["factorisations"] += 1
-    if run.settings.step > 0.0 and st.memory[0]["factor_age"] >= _RENEW_AFTER:
+    if run.settings.step > 0.0 and st.memory[0]["factor_age"] >= _MAX_FACTOR_AGE:
         st.memory[0]["factor_age"] = -1.0
-    status = accelerations(run, at, _filter(run), project)
+    status = accelerations(run, at, _tangent_factor(run), project)
     if status != SUCCESS:
         return status
-    if run.settings.static_after_step == 0 and _filter(run) > 0.0:
+    if run.settings.static_after_step == 0 and _tangent_factor(run) > 0.0:
         add_stiff_accelerations(run, at, tr.aa)
-    remove_self_stress(run, at, _filter(run))
+    remove_self_stress(run, at, _tangent_factor(run))
     constraint_stage(run, at)
     count_turns(run, at, tr.angles)
     write_motion(run, at, tr, run.work.con.drift[0])
-    if run.settings.step == 0.0:  # of a jump the row is of the time just before
+    if run.settings.step == 0.0:  # at a jump the row shows the state just before it
         run.output.t[run.output.rows[0]] = run.times[st.count[0]["outputs"]]
     put_energies(run, at, tr.work_done, run.output.energy[run.output.rows[0]])
     copy(st.history, run.work.now.history)
@@ -226,8 +226,8 @@ def write_output(run: Run) -> int:
 
 
 @kernel
-def _filter(run):
-    """Factor cp, of order h², of the matrix for reported accelerations; 0 in the first row."""
+def _tangent_factor(run):
+    """Factor cp = filter × h² of ∂F/∂q in the matrix for reported accelerations; 0 in row one."""
     if run.settings.determinate == 0:
         return run.method.filter * run.state.memory[0]["last_step"] ** 2
     return 0.0
@@ -235,10 +235,10 @@ def _filter(run):
 
 @unit
 def integrate_steps(run: Run, aside: Run, n_steps: int) -> int:
-    """Run n_steps, or until the end or until `out` is full; returns the status.
+    """Run n_steps, or until the end of the run, or until `out` is full; returns the status.
 
-    Outputs that are due are written, also before the first step, by `aside`: the same run with
-    another factor.
+    Outputs that are due are written, also before the first step. They use `aside`, the same run
+    with a factor of its own.
     """
     settings, st, out = run.settings, run.state, run.output
     out.rows[0] = 0
@@ -262,7 +262,7 @@ def integrate_steps(run: Run, aside: Run, n_steps: int) -> int:
         run.plan.used[0] = 0
         step_control.write_plan(settings, run.plan, st)
     while status == SUCCESS:
-        if _due(run):
+        if _is_output_due(run):
             status = write_output(aside)
             continue
         room = out.t.shape[0] - out.rows[0]

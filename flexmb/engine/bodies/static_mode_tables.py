@@ -17,37 +17,38 @@ if TYPE_CHECKING:
 
 # Points of the past that are stored; the last of them may be the present.
 PAST_POINTS = 4
-_SLOW = 1e8  # τ² K_ss over the inertia of its part of the model in the softest of them
+# Artificial mass τ² K_ss of the softest mode over the inertia of its part of the model.
+_MASS_RATIO = 1e8
 
 LOOP = np.dtype([
-    ("change", "f8"),  # the last one, weighted
-    ("grows", "i8"),  # 1: it does not settle of itself
-    ("noted", "i8"),  # points ahead of the state
+    ("change", "f8"),  # last change of the modes, weighted
+    ("grows", "i8"),  # 1: the plain iteration does not converge
+    ("noted", "i8"),  # points recorded ahead of the state
 ])  # fmt: skip
 
 
 class Scratch(NamedTuple):
-    """Of the iteration in which modes and their loads settle."""
+    """Scratch of the iteration of the modes with their loads."""
 
     iterates: Iterates
     residual: Vector  # of the last iterate, of each mode
-    move: Vector  # from the one before to it
-    ahead: Matrix  # (PAST_POINTS, modes) at the state and ahead of it
+    move: Vector  # change of each mode to the last iterate
+    ahead: Matrix  # (PAST_POINTS, modes) values at the state and at points ahead of it
     loop: array_of(LOOP)  # (1,)
 
 
 class StaticModes(NamedTuple):
     """Quasi-static modes, body after body."""
 
-    rows: Integers  # (b,) bodies that have some
-    first: Integers  # (b + 1,) where those of a body begin
+    rows: Integers  # (b,) rows of the bodies that have some
+    first: Integers  # (b + 1,) number of the first mode of each body
     modes: Integers  # numbers of the modes in their bodies
-    kinetostatic: Integers  # (b,) 1: held by implicit methods too
+    kinetostatic: Integers  # (b,) 1: prescribed within a step by implicit methods as well
     mass_factor: Vector  # (b,) τ² [s²]
     compliance: Vector  # K_ss⁻¹ of the bodies, row by row
-    history: Integers  # (b,) where a body has its past: PAST_POINTS times [s], and η_s at each
+    history: Integers  # (b,) place of its past in State.history: PAST_POINTS times [s], η_s at each
     window: Vector  # (b,) least interval of the points of its past [s]
-    reach: Vector  # most that one unit of each mode moves, over the size of its part of the model
+    reach: Vector  # largest displacement per unit of each mode, over the size of its model part
     scratch: Scratch = None  # of one run
 
 
@@ -61,11 +62,14 @@ def tabulate_static_modes(
     bodies: Sequence[tuple[int, FlexBody, NDArray[np.int64], bool]],
     add_history: Callable[[int], int],
 ) -> StaticModes:
-    """Tables of the quasi-static modes of bodies by row, kinetostatic or not, each by itself."""
+    """Tables of the quasi-static modes of bodies: (row, body, modes, whether kinetostatic) each.
+
+    `add_history` reserves numbers in the history of a run and returns the place of the first one.
+    """
     mass_factor, compliance = [], []
     for _, body, modes, _ in bodies:
         square = np.diag(body.K)[modes] / np.diag(body.M_eta)[modes]
-        mass_factor.append(_SLOW / square.min())
+        mass_factor.append(_MASS_RATIO / square.min())
         compliance.append(np.linalg.inv(body.K[np.ix_(modes, modes)]).ravel())
     rows, _, modes, kinetostatic = zip(*bodies, strict=True)
     return StaticModes(

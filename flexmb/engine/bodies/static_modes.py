@@ -24,12 +24,12 @@ import numpy as np
 from flexmb.engine.algebra.anderson import accelerate
 from flexmb.engine.algebra.vector import larger
 from flexmb.engine.bodies.static_mode_rates import (
-    forget,
-    lag,
-    look_ahead,
-    put_forces,
-    put_path,
+    clear_history,
+    extrapolation_error,
+    put_mode_forces,
     put_rates,
+    put_stage_accelerations,
+    record_point_ahead,
     update_history,
 )
 from flexmb.engine.bodies.static_mode_tables import StaticModes, new_scratch
@@ -43,17 +43,18 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-# Change of modes in equilibrium, over the size of their part of the model; what of them is no lag.
-SETTLED = 1e-11
-# Change of an iteration over the one before, above which it is accelerated.
-_SETTLING = 0.3
-# Stiffness with the loads, negative, over that of the body, from which on it is no round-off.
-_UNSTABLE = 0.05
+# The modes are in equilibrium with their loads if they change by less than this, as a displacement
+# over the size of their part of the model.
+STATIC_TOLERANCE = 1e-11
+# Ratio of successive changes above which the iteration is accelerated (Anderson).
+_MAX_CONTRACTION = 0.3
+# Negative stiffness of modes with their loads, over the elastic one, that means instability.
+_UNSTABLE_SHARE = 0.05
 
 
 @unit
 def add_static_mass(run: Run, of: StaticModes, at: Point, cv: float, cp: float) -> int:
-    """Add τ² K_ss to the matrix of bodies that hold η_s, and of single solves."""
+    """Add τ² K_ss to the matrix: of kinetostatic bodies, and of all bodies in single solves."""
     parts, kkt, fac = run.system.parts, run.system.kkt, run.work.factor
     for n in range(of.rows.shape[0]):
         if of.kinetostatic[n] == 0 and (cv != 0.0 or cp != 0.0):
@@ -74,8 +75,8 @@ def add_static_mass(run: Run, of: StaticModes, at: Point, cv: float, cp: float) 
 
 
 @unit
-def hold(run: Run, of: StaticModes, at: Point) -> int:
-    """No residual of the modes of kinetostatic bodies, so that Newton's method leaves them."""
+def zero_residual(run: Run, of: StaticModes, at: Point) -> int:
+    """Set the residual of the modes of kinetostatic bodies to zero: Newton's method keeps them."""
     for n in range(of.rows.shape[0]):
         if of.kinetostatic[n] == 1:
             iv = run.system.parts.bodies[of.rows[n]]["iv"] + 6
@@ -86,11 +87,12 @@ def hold(run: Run, of: StaticModes, at: Point) -> int:
 
 @unit
 def follow_loads(run: Run, of: StaticModes, at: Point) -> float:
-    """Move the modes towards equilibrium with Trial.res, without rates; the largest change.
+    """Move the modes towards equilibrium with Trial.res, with zero rates; the largest change.
 
-    Without a residual the iteration begins. Where loads follow the modes by more than these move,
-    as the tension of a rod beyond its buckling load, it grows, and is accelerated. The change is
-    infinite where they push the modes on, as beyond a critical speed: no equilibrium is stable.
+    A zero residual starts a new iteration. If loads change more than the modes do, as the force in
+    a rod beyond its buckling load, the iteration diverges; it is then accelerated (`anderson`). The
+    change is infinite if the stiffness with the loads is negative, as beyond a critical speed: no
+    equilibrium is stable.
     """
     bodies, weights, res = run.system.parts.bodies, of.reach, run.work.trial.res
     iterates, loop = of.scratch.iterates, of.scratch.loop[0]
@@ -116,10 +118,10 @@ def follow_loads(run: Run, of: StaticModes, at: Point) -> float:
     if change == 0.0:
         iterates.count[0], loop["grows"] = 0, 0
     elif math.isfinite(change):
-        if iterates.count[0] > 0 and change > _SETTLING * loop["change"]:
+        if iterates.count[0] > 0 and change > _MAX_CONTRACTION * loop["change"]:
             loop["grows"] = 1
-        later = iterates.count[0] > 1  # the first reactions were those by the matrix of before
-        if loop["grows"] == 1 and later and stiffness < -_UNSTABLE * elastic:
+        later = iterates.count[0] > 1  # the first reactions are of the previous factor
+        if loop["grows"] == 1 and later and stiffness < -_UNSTABLE_SHARE * elastic:
             return math.inf
         accelerate(iterates, loop["grows"] == 1)
     loop["change"] = change
@@ -135,7 +137,7 @@ def follow_loads(run: Run, of: StaticModes, at: Point) -> float:
 
 @kernel
 def _elastic(run, of, n):
-    """Twice the elastic energy of the last moves of the modes of body n."""
+    """Twice the elastic energy of the last change of the modes of body n [J]."""
     pool, body, twice = run.system.parts.pool, run.system.parts.bodies[of.rows[n]], 0.0
     m = body["m"]
     K = body["flex"] + 12 * m + m * m
@@ -147,23 +149,26 @@ def _elastic(run, of, n):
 
 
 STATIC_MODES = Kind("static_modes", StaticModes, {
-    "matrix": add_static_mass, "static": follow_loads, "static_hold": hold,
-    "static_rates": put_rates, "static_force": put_forces, "static_path": put_path,
-    "static_lag": lag, "static_ahead": look_ahead, "static_begin": forget, "begin": forget,
+    "matrix": add_static_mass, "static": follow_loads, "static_hold": zero_residual,
+    "static_rates": put_rates, "static_force": put_mode_forces,
+    "static_path": put_stage_accelerations, "static_lag": extrapolation_error,
+    "static_ahead": record_point_ahead, "static_begin": clear_history, "begin": clear_history,
     "update_history": update_history,
 }, scratch=new_scratch)  # fmt: skip
 
 
 def of_their_parts(system: System, length: float, size: NDArray[np.float64]) -> System:
-    """The system whose quasi-static modes know the part of the model that hangs on them; of size
-    `length`, and `size` (nv,) is that of the part of each coordinate [m]."""
+    """The system with artificial mass and reach of quasi-static modes scaled to their part.
+
+    `length` is the size of the model, `size` (nv,) that of the part of each coordinate [m].
+    """
     static: StaticModes | None = system.kinds.get(STATIC_MODES.name)
     if static is None:
         return system
     bodies, places = system.parts.bodies, static_coordinates(system)
     part, own = system.part[bodies["iv"]], np.maximum(bodies["mass"], np.finfo(float).tiny)
     gyration, size = np.sqrt(np.trace(bodies["S0"], axis1=1, axis2=2) / own), size.copy()
-    for k, iv in enumerate(bodies["iv"]):  # where markers are few
+    for k, iv in enumerate(bodies["iv"]):  # a part with few markers is larger than they show
         size[system.part == system.part[iv]] = np.maximum(size[iv], gyration[k])
     mass = np.bincount(part, bodies["mass"])[part]
     static = static._replace(
@@ -174,7 +179,7 @@ def of_their_parts(system: System, length: float, size: NDArray[np.float64]) -> 
 
 
 def static_bodies(system: System) -> tuple[list[int], list[int]]:
-    """Numbers of the bodies with quasi-static modes, and of the kinetostatic ones."""
+    """Numbers of all bodies with quasi-static modes, and of those that are kinetostatic."""
     static = system.kinds.get(STATIC_MODES.name)
     if static is None:
         return [], []
@@ -182,7 +187,7 @@ def static_bodies(system: System) -> tuple[list[int], list[int]]:
 
 
 def static_coordinates(system: System, *, kinetostatic: bool = False) -> Integers:
-    """(k,) places in v of the quasi-static modes: of all, or of kinetostatic bodies."""
+    """(k,) indices in v of the quasi-static modes: of all bodies, or of kinetostatic ones."""
     static = system.kinds.get(STATIC_MODES.name)
     if static is None:
         return np.zeros(0, np.int64)
@@ -193,7 +198,7 @@ def static_coordinates(system: System, *, kinetostatic: bool = False) -> Integer
 
 
 def free_static_modes(system: System) -> System:
-    """The system with all quasi-static modes moving without mass."""
+    """The system with no kinetostatic body: quasi-static modes are solved for within the step."""
     static: StaticModes | None = system.kinds.get(STATIC_MODES.name)
     if static is None or not static.kinetostatic.any():
         return system

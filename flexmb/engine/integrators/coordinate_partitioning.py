@@ -46,7 +46,7 @@ from flexmb.engine.integrators.explicit_rk import (
     put_slopes,
     tableau_of,
 )
-from flexmb.engine.iteration_matrix import keep_diagonal, least_pivot, put_metric
+from flexmb.engine.iteration_matrix import least_pivot, put_metric, store_diagonal
 from flexmb.engine.jit import Vector, kernel, unit
 from flexmb.engine.joints.constraint import constraint_jacobian, put_constraint_matrix
 from flexmb.engine.method import NO_CONVERGENCE, NO_PARTITION, NOT_FINITE, SUCCESS, Method
@@ -181,7 +181,7 @@ def _factorise(run: Run, at: Point, turned: bool) -> int:
     zero(low)
     fac.symmetric[0] = 1
     put_metric(parts, kkt, split.metric, low)
-    keep_diagonal(kkt.panels, low, fac.diagonal)
+    store_diagonal(kkt.panels, low, fac.diagonal)
     constraint_jacobian(run)
     if turned:
         _turn_rows(parts, run.system.rows, run.work.dense.jac, split.motion)

@@ -14,7 +14,7 @@ from flexmb.engine.algebra.vector import copy, larger, scaled_max, weighted_max
 from flexmb.engine.bodies.motion import max_over_round_off
 from flexmb.engine.equations_of_motion import run_stage
 from flexmb.engine.integrators.radau_coefficients import STAGES, Radau
-from flexmb.engine.iteration_matrix import factorise_pair, keep_diagonal, put_matrix, put_rows
+from flexmb.engine.iteration_matrix import factorise_pair, put_matrix, put_rows, store_diagonal
 from flexmb.engine.jit import Vector, kernel, unit
 from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import Run
@@ -42,7 +42,7 @@ def factorise_stages(run: Run, radau: Radau, h: float) -> int:
     c = h / radau.gamma
     put_matrix(run, at, c, c * c)
     _add_matrix(pair, fac, -1.0 + 0j)
-    keep_diagonal(kkt.panels, fac.low, fac.diagonal)
+    store_diagonal(kkt.panels, fac.low, fac.diagonal)
     put_rows(run, at, c, c * c)
     _add_matrix(pair, fac, 1.0 + 0j)  # the rows alone
     run.state.count[0]["regularised_pivots"] += factorise_pair(run, pair)
