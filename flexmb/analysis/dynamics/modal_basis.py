@@ -55,8 +55,7 @@ from flexmb.results.output_block import OutputBlock
 
 Indices = NDArray[np.int64]
 
-# Number of successive rows in which the missing response must be as large, so that shocks and
-# vibrations do not count.
+# Successive rows in which the missing response must be as large: not a shock or vibration.
 _ROWS_IN_SUCCESSION = 3
 _MIN_SHARE_OF_RUN = 0.1  # share of a run after which the first indicators are given
 _MAX_PHASE_STEP = 1.0  # phase of a mode between two rows [rad] up to which rows show its excitation
