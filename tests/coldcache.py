@@ -6,10 +6,10 @@ import functools
 
 import pytest
 
-from flexmb.engine import unit_cache, units
+from flexmb.engine import compiled_units, unit_cache
 from flexmb.engine.algebra import ldl
 from flexmb.engine.bodies import motion
-from flexmb.engine.units import prepare_units
+from flexmb.engine.compiled_units import prepare_units
 
 SOLVE, MOVE = ldl.solve.name, motion.move.name
 
@@ -30,9 +30,9 @@ def cold_cache(monkeypatch, tmp_path):
     monkeypatch.delenv("NUMBA_DISABLE_JIT", raising=False)
     monkeypatch.setattr(unit_cache, "_shared_folders", lambda: (folder,))
     monkeypatch.setattr(unit_cache, "_full", [])
-    monkeypatch.setattr(units, "_loader", functools.cache(units._Loader))
-    monkeypatch.setattr(units, "_incomplete", set())
-    monkeypatch.setattr(units, "compile_units", refuse)
+    monkeypatch.setattr(compiled_units, "_loader", functools.cache(compiled_units._Loader))
+    monkeypatch.setattr(compiled_units, "_incomplete", set())
+    monkeypatch.setattr(compiled_units, "compile_units", refuse)
 
 
 @pytest.fixture(scope="session", name="solve_file")

@@ -14,15 +14,15 @@ import numpy as np
 
 from flexmb.engine import equations_of_motion as stages
 from flexmb.engine.algebra.ldl import solve_refined
+from flexmb.engine.allocation import new_run, new_state, new_work
 from flexmb.engine.bodies.motion import move, position_rate
 from flexmb.engine.bodies.wrench import add_generalized_force, marker_jacobian
 from flexmb.engine.compile import compile_system, with_markers
+from flexmb.engine.compiled_units import call, packed_record
 from flexmb.engine.iteration_matrix import factorise
 from flexmb.engine.joints import constraint
 from flexmb.engine.joints.constraint import read_reactions
 from flexmb.engine.sensors.sensor import read_channels
-from flexmb.engine.units import call, packed_record
-from flexmb.engine.work import new_run, new_state, new_work
 
 STAGES, FACTOR, SOLVE, MOVE, MARKER, REACTIONS = range(6)
 

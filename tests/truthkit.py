@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.dynamics.dynamics import dynamics
 from flexmb.engine import method
+from flexmb.engine.allocation import new_output, new_run, new_work
 from flexmb.engine.compile import compile_system
-from flexmb.engine.entries import integrate, solve_stage
+from flexmb.engine.compiled_calls import integrate, solve_stage
 from flexmb.engine.initial_conditions import ACCELERATIONS, BEGIN, VELOCITIES
-from flexmb.engine.work import new_output, new_run, new_work
 from flexmb.results.output_block import OutputBlock
 
 _REFERENCES = Path(__file__).parent / "references"

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, joint_rows
+from flexmb.analysis.chunked_run import ChunkRows, Ending, Outcome, PhaseTimer, Sink, run_chunks
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
-from flexmb.analysis.procedure import ChunkRows, Ending, Outcome, PhaseTimer, Sink, run_chunks
 from flexmb.analysis.singular_poses import (
     KinematicPose,
     call_kinematics,
@@ -22,12 +22,13 @@ from flexmb.analysis.singular_poses import (
     holders,
 )
 from flexmb.engine import method
+from flexmb.engine.allocation import new_path, new_run, new_state, new_work
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import kinematics_units, sentence
+from flexmb.engine.compiled_calls import kinematics_units
+from flexmb.engine.compiled_units import call, packed_record, prepare_units
+from flexmb.engine.kinematics_loop import EVALUATE
 from flexmb.engine.state_rows import write_reactions
-from flexmb.engine.time_loop import EVALUATE
-from flexmb.engine.units import call, packed_record, prepare_units
-from flexmb.engine.work import new_path, new_run, new_state, new_work
+from flexmb.engine.status_messages import status_message
 from flexmb.errors import AssemblyError, ResultFileError
 from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
@@ -190,7 +191,7 @@ class _Run:
             status = call(write_reactions, self._run, pose.path.metric, self._quality)
             if status != method.SUCCESS:
                 self.store_unread()
-                return Ending("failed", sentence(status, pose.compiled, pose.work, self.time))
+                return Ending("failed", status_message(status, pose.compiled, pose.work, self.time))
             # what drivers prescribe is not used
             gaps = pose.work.con.C[self._joints]
             self.rows.output.drift[self.rows.output.rows[0] - 1, 0] = np.abs(gaps).max(initial=0.0)

@@ -14,15 +14,7 @@ import numpy as np
 from flexmb.analysis.assembly.gaps import moved_notes
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES
 from flexmb.analysis.assembly.positions import Corrector, assembly_weights, close_positions
-from flexmb.analysis.dynamics.linear_elasticity import LinearElasticityMonitor, flexible_columns
-from flexmb.analysis.mobility.degrees_of_freedom import redundancy_note, redundant_reactions
-from flexmb.analysis.mobility.driver_conflicts import driver_reasons
-from flexmb.analysis.monitors import (
-    ContactLossMonitor,
-    SingularOrientationMonitor,
-    algebraic_loop_notes,
-)
-from flexmb.analysis.procedure import (
+from flexmb.analysis.chunked_run import (
     ChunkRows,
     Ending,
     Outcome,
@@ -31,21 +23,29 @@ from flexmb.analysis.procedure import (
     assemble_first_state,
     run_chunks,
 )
+from flexmb.analysis.dynamics.linear_elasticity import LinearElasticityMonitor, flexible_columns
+from flexmb.analysis.mobility.degrees_of_freedom import redundancy_note, redundant_reactions
+from flexmb.analysis.mobility.driver_conflicts import driver_reasons
+from flexmb.analysis.monitors import (
+    ContactLossMonitor,
+    SingularOrientationMonitor,
+    algebraic_loop_notes,
+)
 from flexmb.analysis.singular_poses import (
     KinematicPose,
     call_kinematics,
-    failure_sentence,
     free_motion_sentence,
+    kinematics_failure_sentence,
     singular_pose_notes,
 )
 from flexmb.engine import method
+from flexmb.engine.allocation import new_path, new_run, new_state, new_work
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import analyse_kinematics, kinematics_units, stage_solver
+from flexmb.engine.compiled_calls import analyse_kinematics, kinematics_units, stage_solver
 from flexmb.engine.initial_conditions import RESIDUAL
+from flexmb.engine.kinematics_loop import CORRECT, EVALUATE, POINTS
 from flexmb.engine.kinematics_point import KinematicsSettings
 from flexmb.engine.state import State
-from flexmb.engine.time_loop import CORRECT, EVALUATE, POINTS
-from flexmb.engine.work import new_path, new_run, new_state, new_work
 from flexmb.errors import AssemblyError, Problem, SceneError
 from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
@@ -296,7 +296,7 @@ class _Run:
         self.store_unread()
         if status == method.SUCCESS:
             return None
-        return Ending("failed", failure_sentence(int(status), prepared.pose, settings))
+        return Ending("failed", kinematics_failure_sentence(int(status), prepared.pose, settings))
 
     def store_unread(self) -> None:
         if self._rows.unread:

@@ -21,15 +21,16 @@ from flexmb.analysis.assembly.jacobian import (
     dense_jacobian,
     one_blas_thread,
 )
-from flexmb.analysis.procedure import not_finite_function
+from flexmb.analysis.failure_messages import not_finite_function
 from flexmb.engine import method
+from flexmb.engine.allocation import new_run
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import analyse_kinematics, sentence, worst_place
+from flexmb.engine.compiled_calls import analyse_kinematics
+from flexmb.engine.kinematics_loop import EVALUATE
 from flexmb.engine.kinematics_point import KinematicsSettings, Path
 from flexmb.engine.state import State, Work
+from flexmb.engine.status_messages import status_message, worst_place
 from flexmb.engine.tables import System
-from flexmb.engine.time_loop import EVALUATE
-from flexmb.engine.work import new_run
 from flexmb.flexbody.arrays import Array
 from flexmb.model.joints.joint import JOINT_TYPES
 from flexmb.model.model import Model
@@ -54,7 +55,7 @@ _GROUND_PREFERENCE = 2.0  # for coordinates of joints with ground, where actuato
 
 
 def call_kinematics(system: System, state: State, work: Work, path: Path, what: int) -> float:
-    """A call of the compiled analysis that writes no rows; see `entries.analyse_kinematics`."""
+    """Call the compiled analysis without rows of output (`compiled_calls.analyse_kinematics`)."""
     settings = KinematicsSettings(0.0, 1.0, 0, 0.0, 0)
     return analyse_kinematics(new_run(system, state, work), path, settings, what)
 
@@ -219,7 +220,9 @@ def _moving_bodies(pose: KinematicPose, free: Array) -> list[str]:
     return sorted(moving, key=lambda name: -sizes[name])
 
 
-def failure_sentence(status: int, pose: KinematicPose, settings: KinematicsSettings) -> str:
+def kinematics_failure_sentence(
+    status: int, pose: KinematicPose, settings: KinematicsSettings
+) -> str:
     """The sentence for an analysis that ended early with this status."""
     time, interval = pose.time, settings.interval
     later = min(time + interval, interval * settings.outputs)
@@ -228,7 +231,7 @@ def failure_sentence(status: int, pose: KinematicPose, settings: KinematicsSetti
     if cause:
         return cause
     if status in _OWN_SENTENCE:
-        return sentence(status, pose.compiled, pose.work, time)
+        return status_message(status, pose.compiled, pose.work, time)
     if status == method.FUNCTION_JUMP:
         return _jump(pose, time, float(pose.work.trial.t[0]))
     place = worst_place(pose.compiled, pose.work)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexmb.analysis.equilibria import Equilibrium, find_equilibrium, separation
+from flexmb.analysis.equilibrium_search import Equilibrium, find_equilibrium, separation
 from flexmb.engine.compile import Compiled
 from flexmb.errors import AssemblyError, SceneError
 from flexmb.model.model import Model

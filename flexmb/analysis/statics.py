@@ -11,13 +11,7 @@ import numpy as np
 
 from flexmb.analysis.assembly.initial_state import StartValues, assemble
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, constraint_rank, one_blas_thread
-from flexmb.analysis.dynamics.validity import ValidityMonitor
-from flexmb.analysis.equilibria import Equilibrium, separation
-from flexmb.analysis.equilibrium import solve_equilibrium, spin_of
-from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
-from flexmb.analysis.mobility.driver_conflicts import driver_reasons
-from flexmb.analysis.monitors import ContactLossMonitor, algebraic_loop_notes
-from flexmb.analysis.procedure import (
+from flexmb.analysis.chunked_run import (
     ChunkRows,
     Ending,
     Outcome,
@@ -26,13 +20,19 @@ from flexmb.analysis.procedure import (
     assemble_first_state,
     run_chunks,
 )
+from flexmb.analysis.dynamics.validity import ValidityMonitor
+from flexmb.analysis.equilibrium_search import Equilibrium, separation
+from flexmb.analysis.equilibrium_solver import solve_equilibrium, spin_of
+from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
+from flexmb.analysis.mobility.driver_conflicts import driver_reasons
+from flexmb.analysis.monitors import ContactLossMonitor, algebraic_loop_notes
 from flexmb.engine import method
+from flexmb.engine.allocation import new_run, new_work
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import statics_units
+from flexmb.engine.compiled_calls import statics_units
+from flexmb.engine.compiled_units import call
 from flexmb.engine.state import State
 from flexmb.engine.state_rows import write_equilibrium
-from flexmb.engine.units import call
-from flexmb.engine.work import new_run, new_work
 from flexmb.errors import AssemblyError, FlexmbError
 from flexmb.model.model import Model
 from flexmb.model.scenes.dynamics import StaticsSpec

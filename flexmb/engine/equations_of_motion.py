@@ -1,6 +1,6 @@
-"""The equations of motion: their stages in order, and the energy account.
+"""The equations of motion: their stages in order, and the energy balance.
 
-Each stage walks over the kinds that the scene holds (`engine.kind`) and knows none of them by name.
+Each stage loops over the kinds that the model has (`engine.kind`) and names none of them.
 The equations are M v̇ − Q + Cqᵀ λ = 0 and C = 0; `engine.iteration_matrix` has their matrix.
 """
 
@@ -27,7 +27,7 @@ def run_stage(stage, run, at):
 
 @unit
 def begin_run(run: Run, at: Point) -> int:
-    """What never changes in a run; before any other stage."""
+    """Evaluate the constants of a run; before any other stage."""
     return run_stage(run.stages.constants, run, at)
 
 
@@ -45,7 +45,7 @@ def position_stage(run: Run, at: Point) -> int:
 
 @unit
 def pose_stage(run: Run, at: Point) -> int:
-    """The part of the position stage that moves markers: q alone."""
+    """The part of the position stage that depends on q alone: poses of bodies and markers."""
     return run_stage(run.stages.position, run, at)
 
 
@@ -75,19 +75,19 @@ def rate_stage(run: Run, at: Point) -> int:
 
 @unit
 def complete_poses(run: Run, at: Point) -> int:
-    """Poses and velocities that only outputs need, after a velocity stage."""
+    """Poses and velocities that only outputs and sensors need, after a velocity stage."""
     return run_stage(run.stages.axes, run, at)
 
 
 @kernel
 def feedback_stage(run, at):
-    """Forces and rates of states that follow from what is measured, after a position stage."""
+    """Forces and controller states that depend on sensor channels, after a position stage."""
     run_stage(run.stages.feedback, run, at)
 
 
 @kernel
 def reaction_stage(run, at):
-    """Loads that follow from the multipliers; returns the largest change of any, N."""
+    """Loads that depend on the multipliers; returns their largest change [N]."""
     units, tables = run.stages.reaction.units, run.stages.reaction.tables
     change = 0.0
     for k in range(len(units)):
@@ -106,7 +106,7 @@ def forces(run: Run, at: Point) -> int:
 
 @unit
 def residual(run: Run, at: Point) -> int:
-    """Trial.res and C at a point; returns the status. Kinetostatic modes need no balance here."""
+    """Trial.res and C at a point; the status. The residual of kinetostatic modes is set to zero."""
     position_stage(run, at)
     run_stage(run.stages.force_velocity, run, at)
     feedback_stage(run, at)
@@ -118,15 +118,17 @@ def residual(run: Run, at: Point) -> int:
     return status
 
 
-# Sum of the two steps before over this one, from which on powers are integrated by a cubic.
+# Least ratio of the sum of the two steps before to this one for integration by the cubic: with
+# shorter steps before, the cubic would be extrapolated too far.
 _MIN_STEP_RATIO = 0.3
 
 
 @kernel
 def work_of_step(st, k, power, h):
-    """Work of the step by the cubic of the power over this step and two before, of order 4.
+    """Work of a step [J]: integral of the cubic through the power at its ends and two steps before.
 
-    By the parabola over one, or the straight line, where those before are too short or unknown.
+    The cubic gives order 4. If steps before are too short or unknown, the parabola through one
+    point before is used, or the straight line.
     """
     now, before, earlier = st.power[k], st.power_before[0, k], st.power_before[1, k]
     a, b = st.memory[0]["last_step"], st.memory[0]["earlier_step"]
@@ -161,9 +163,10 @@ def energies(run: Run, at: Point) -> int:
 
 @kernel
 def put_energies(run, at, work_done, out):
-    """One row (7) of the energy account: kinetic, strain, gravity, spring, and three works.
+    """One row (7) of the energy balance: kinetic, strain, gravity, spring, and three works [J].
 
-    The power of friction counts what goes into its bristles too; that is not lost yet.
+    The power of friction includes the energy that its bristles store. That is not dissipated: it is
+    added to the spring energy and to the work of dampers.
     """
     energies(run, at)
     total = run.work.energies
@@ -177,7 +180,7 @@ def put_energies(run, at, work_done, out):
 
 @kernel
 def update_energy_range(run, at):
-    """Let the extent of the energies contain those of the trial state."""
+    """Extend the range of energies (Output.extent) to those of the trial state."""
     extent = run.output.extent
     now = extent[2]
     put_energies(run, at, run.state.work_done, now)
@@ -201,7 +204,7 @@ def update_history(run, at, history):
 
 @kernel
 def begin_history(run, at, history):
-    """History at the first state, after its position and velocity stages: bristles free."""
+    """First history, after position and velocity stages of the first state: bristles unloaded."""
     if history.shape[0] > 0:
         now = run.work.now
         zero(history)

@@ -1,7 +1,7 @@
-"""Error scales: what the error of each coordinate is compared with, its motion and speed so far.
+"""Error scales: largest displacement and velocity of each coordinate so far.
 
-`State.motion` and `State.speed` hold them, in weighted size; see `analysis.dynamics.run_settings`
-for their first values.
+Local errors are divided by them. They are `State.motion` and `State.speed`, weighted, i.e. over the
+size of the model; `analysis.dynamics.run_settings` has their first values.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from flexmb.engine.jit import kernel, unit
 from flexmb.engine.method import HIGH_ORDER, SUCCESS
 from flexmb.engine.state import Run
 
-# Motion counts as this share at least of the largest one: by low order of that of the same part
-# of the model, by all of any.
-_LEAST_SHARE, _NOTHING_SHARE = 1e-3, 1e-12
-# Share of the speed so far that still counts after a step, where only work is integrated.
+# Lower bounds of a scale: this share of the largest one of the same part of the model (methods of
+# low order), and this share of the largest one of the model (all methods).
+_MIN_PART_SHARE, _MIN_MODEL_SHARE = 1e-3, 1e-12
+# Factor per step by which the recent speed decays; it limits steps that integrate only works.
 _SPEED_DECAY = 0.8
 
 
@@ -33,18 +33,18 @@ def update_error_scales(run: Run) -> int:
     memory["angular_velocity"] = 0.0
     for k in range(bodies.shape[0]):
         iq, iv, m = bodies[k]["iq"], bodies[k]["iv"], bodies[k]["m"]
-        _follow(st, w, iq, iv, 3)
+        _update_scales(st, w, iq, iv, 3)
         turn = 0.0
         for i in range(3, 7):  # Euler parameters change by half the angle
             turn = max(turn, 2.0 * abs(q[iq + i] - q_first[iq + i]))
         rate = max(abs(v[iv + 3]), abs(v[iv + 4]), abs(v[iv + 5]))
-        _raise(st, iv + 3, 3, turn, rate)
+        _raise_scales(st, iv + 3, 3, turn, rate)
         memory["angular_velocity"] = max(memory["angular_velocity"], rate)
-        _follow(st, w, iq + 7, iv + 6, m)
+        _update_scales(st, w, iq + 7, iv + 6, m)
         if m > 0:
-            _join(st, iv, m, _gyration(bodies[k]) * w[iv])
+            _unify_flexible_body(st, iv, m, _gyration(bodies[k]) * w[iv])
     for k in range(coordinates.shape[0]):
-        _follow(st, w, coordinates[k]["iq"], coordinates[k]["iv"], 1)
+        _update_scales(st, w, coordinates[k]["iq"], coordinates[k]["iv"], 1)
     motion, speed = 0.0, 0.0
     for i in range(v.shape[0]):
         motion, speed = max(motion, st.motion[i]), max(speed, st.speed[i])
@@ -55,17 +55,17 @@ def update_error_scales(run: Run) -> int:
     memory["max_velocity"] = max(memory["max_velocity"], now)
     memory["recent_speed"] = max(_SPEED_DECAY * memory["recent_speed"], now)
     if run.method.order < HIGH_ORDER:
-        _raise_to_part(run, st.motion)
-        _raise_to_part(run, st.speed)
+        _raise_to_part_share(run, st.motion)
+        _raise_to_part_share(run, st.speed)
     for i in range(v.shape[0]):
-        st.motion[i] = max(st.motion[i], _NOTHING_SHARE * memory["max_displacement"])
-        st.speed[i] = max(st.speed[i], _NOTHING_SHARE * speed, st.motion[i] / span)
+        st.motion[i] = max(st.motion[i], _MIN_MODEL_SHARE * memory["max_displacement"])
+        st.speed[i] = max(st.speed[i], _MIN_MODEL_SHARE * speed, st.motion[i] / span)
     return SUCCESS
 
 
 @kernel
-def _raise_to_part(run, scale):
-    """Let motions or speeds be a share of the largest one of points of their part of the model."""
+def _raise_to_part_share(run, scale):
+    """Raise displacements or velocities to a share of the largest of points of their part."""
     bodies, coordinates = run.system.parts.bodies, run.system.parts.coordinates
     part, w, trial = run.system.part, run.system.weights, run.work.trial
     points, turns, reach = trial.spare, trial.dq, trial.res  # by part
@@ -86,41 +86,41 @@ def _raise_to_part(run, scale):
         turn = max(turns[p], points[p] / reach[p]) if reach[p] > 0.0 else turns[p]
         for i in range(iv, iv + 6 + m):
             least = turn if iv + 3 <= i < iv + 6 else points[p]
-            scale[i] = max(scale[i], _LEAST_SHARE * least)
+            scale[i] = max(scale[i], _MIN_PART_SHARE * least)
     for k in range(coordinates.shape[0]):
         iv = coordinates[k]["iv"]
-        scale[iv] = max(scale[iv], _LEAST_SHARE * max(points[part[iv]], turns[part[iv]]))
+        scale[iv] = max(scale[iv], _MIN_PART_SHARE * max(points[part[iv]], turns[part[iv]]))
 
 
 @kernel
-def _follow(st, weights, iq, iv, n):
-    """Motion and speed of n coordinates that count together."""
+def _update_scales(st, weights, iq, iv, n):
+    """Update the scales of n coordinates that share one, by their displacement and velocity."""
     motion, speed = 0.0, 0.0
     for i in range(n):
         motion = max(motion, weights[iv + i] * abs(st.q[iq + i] - st.q_first[iq + i]))
         speed = max(speed, weights[iv + i] * abs(st.v[iv + i]))
-    _raise(st, iv, n, motion, speed)
+    _raise_scales(st, iv, n, motion, speed)
 
 
 @kernel
 def _gyration(body):
-    """Radius of gyration about the origin of the frame [m]."""
+    """Radius of gyration about the origin of the body frame [m]."""
     S0 = body["S0"]
     return math.sqrt((S0[0, 0] + S0[1, 1] + S0[2, 2]) / body["mass"])
 
 
 @kernel
-def _join(st, iv, m, reach):
-    """Let all coordinates of a flexible body count with the motion of its points, `reach` away."""
+def _unify_flexible_body(st, iv, m, reach):
+    """Give all coordinates of a flexible body one scale, that of points `reach` from its frame."""
     motion = max(st.motion[iv], reach * st.motion[iv + 3], st.motion[iv + 6])
     speed = max(st.speed[iv], reach * st.speed[iv + 3], st.speed[iv + 6])
-    _raise(st, iv, 3, motion, speed)
-    _raise(st, iv + 3, 3, motion / reach, speed / reach)
-    _raise(st, iv + 6, m, motion, speed)
+    _raise_scales(st, iv, 3, motion, speed)
+    _raise_scales(st, iv + 3, 3, motion / reach, speed / reach)
+    _raise_scales(st, iv + 6, m, motion, speed)
 
 
 @kernel
-def _raise(st, iv, n, motion, speed):
-    """Let the scales of n coordinates be these at least."""
+def _raise_scales(st, iv, n, motion, speed):
+    """Raise the scales of n coordinates to at least these values."""
     for i in range(iv, iv + n):
         st.motion[i], st.speed[i] = max(st.motion[i], motion), max(st.speed[i], speed)

@@ -1,24 +1,23 @@
-"""Events: moments at which a force changes its law or a function of time jumps; steps end there.
+"""Events: times at which a force law changes or a function of time jumps; steps end there.
 
-State events: what is watched is told by the kinds (stage `events`): each contact by its depth and
-the rate of this, one with friction by what makes it slide or stick; so is friction in each joint,
-and each bound of a stop by its penetration, as are the places at which a function of what moves
-changes its law (corners of a table, equal arguments of max). What may peak above zero and return
-within a step shows in its values and rates at both ends of the step: by their tangents, and by the
-cubic through them. With error control a step in which one of them crosses zero, and not just at its
-end, is repeated shorter, so that it ends a little before the crossing, and then one of a small
-length a little beyond it (regula falsi; each shorter step is closer, and tries are bounded): no
-estimate sees what a kink in the last stages adds. After it begins one of a small length, as forces
-may grow fast from there.
-With fixed steps nothing is shortened. Source: Shampine & Thompson, Event location for ordinary
-differential equations, Comput. Math. Appl. 39 (2000) 43.
+State events are zeros of event functions, which the kinds evaluate (stage `events`): the depth of a
+contact or stop and its rate; what makes friction in contacts and joints slide or stick; the
+arguments at which a function of the motion is not smooth (corners of a table, equal arguments of
+max). One that may exceed zero and return within a step is detected from its values and rates at
+both ends of the step, by the tangents and by the cubic through them. Under error control, a step
+with a zero well inside is repeated shorter, to end a little before the zero; then a small step ends
+a little beyond it (regula falsi, with a bounded number of tries). No step then has a kink in its
+stages, to which the error estimate is blind. The step after an event is short as well, since forces
+may grow fast from there. Fixed steps are not shortened.
+Source: Shampine & Thompson, Event location for ordinary differential equations, Comput. Math. Appl.
+39 (2000) 43.
 
-Time events: the formulas of the methods take forces and motions for smooth within a step. Where a
-function of time or its derivative jumps (the end of a step function, a corner of a table) a step
-ends just before, and the state is computed again on the far side, as at the start of a run:
-velocities back on their constraints (where the speed of a driver jumps, by the impulse of the
-joints), accelerations and multipliers from the equations of motion, a short step. All of it follows
-from `State` alone, so that a resumed run repeats it.
+Time events: integration formulas assume that forces and motions are smooth within a step. If a
+function of time or its derivative jumps (the end of a step function, a corner of a table), a step
+ends just before, and the state just after it is computed as at the start of a run: velocities are
+projected onto their constraints (if the velocity of a driver jumps, by an impulse of the joints),
+accelerations and multipliers follow from the equations of motion, and the next step is short. All
+of it follows from `State` alone, so a resumed run repeats it.
 """
 
 from __future__ import annotations
@@ -41,38 +40,38 @@ from flexmb.engine.method import SUCCESS, time_round_off
 from flexmb.engine.projection import VELOCITIES, accelerations, put_vd_round_off
 from flexmb.engine.state import Run
 
-# Steps end before a crossing first, at this share of the way by a straight line, and pass it by one
-# so short that what changes within it is none of their stages' business: a share of the step that
-# met it. Of 240 runs by explicit methods with stops, contacts and sticking friction 23 report less
-# than a third of their error, or exceed twice the accuracy, with steps that end up to 0.02 beyond;
-# 2 to 5 with 0.95 to 0.99 and 3e-5 to 3e-3, in as many steps but for 5 %. What is aimed at in the
-# end, over the way to the crossing. Where a law jumps, no stage knows which side it is on: steps
-# come closer, until the one that passes it is a small share of the accuracy.
-_BEFORE, _NEAR_EVENT, _OVERSHOOT = 0.98, 3e-4, 1.01
+# A repeated step first aims at _AIM_BEFORE, then, when the zero is close, at _AIM_BEYOND times the
+# linearly interpolated time to the zero. A step may end beyond the zero by _MAX_OVERRUN times the
+# step that met it first: too little for its stages to notice. Of 240 explicit runs with stops,
+# contacts and sticking friction, 23 report less than a third of their error or exceed twice the
+# accuracy if steps end up to 0.02 beyond; 2 to 5 do with 0.95 to 0.99 and 3e-5 to 3e-3, in as many
+# steps within 5 %. If a law jumps, no stage knows its side: there steps are shortened until the one
+# that crosses moves the model by a small share of the accuracy.
+_AIM_BEFORE, _MAX_OVERRUN, _AIM_BEYOND = 0.98, 3e-4, 1.01
 _MAX_TRIES = 10
-# Steps are not made shorter for events than this fraction of the run, or that of its longest step,
-# however long the run is: what a step passes an event by is an error of its square, in each of a
-# thousand. Both are the same in a run of two steps.
+# Events shorten steps to no less than the smaller of these shares: of the duration of the run, and
+# of its longest step so far. A step that ends beyond an event by d has an error of d², small even
+# after a thousand events. The two are equal in a run of two steps.
 _MIN_STEP_FRACTION, _MIN_PART = 1e-7, 2e-7
-_MIN_STEPS = 100.0  # and no shorter than so many times round-off of the time
-# One event in so many steps may shorten steps, so that what flutters about zero, such as friction
-# without load, does not stop the run; after as many steps without, this many may follow each other
-# closely, as stick after slip and slip the other way. Laws of functions are counted by themselves,
-# so that a controller that switches all the time hides no contact.
+_MIN_STEPS = 100.0  # and no less than this many times the round-off of time
+# One event in _STEPS_AFTER_EVENT steps is located, so that a function that chatters about zero,
+# such as friction without load, does not stall the run. After a while without events _CLOSE_EVENTS
+# may follow each other, as sticking after sliding and sliding back. Those of functions (`of_law`)
+# are counted separately, so that a controller that switches all the time hides no contact.
 _STEPS_AFTER_EVENT, _CLOSE_EVENTS = 5.0, 3.0
-# Where a step moves by less than this share of the requested accuracy (over the motion so far), and
-# so does its change of speeds over the run, changes of force laws are not located: a vibration that
-# decays crosses zero without end.
+# Events of functions are not located in a step that moves the model by less than this share of the
+# requested accuracy, relative to the motion so far, and whose change of velocity would not over the
+# run either: a decaying vibration crosses zero without end.
 _NEGLIGIBLE_MOTION = 0.1
-# Steps after an event whose last velocities are noted with the state there.
+# Steps after an event until which the velocities stored with its state are updated.
 _NOTED_STEPS = 8
-# First step after an event, over the one before it was shortened: estimates begin again.
+# First step after an event over the step before it: the error estimate knows nothing of the motion.
 _RESTART_FRACTION = 0.1
 
 
 @kernel
-def _put_all_events(run, at, out):
-    """What is watched, after position and velocity stages and those of reactions."""
+def _evaluate_events(run, at, out):
+    """Evaluate all event functions into `out`, after the stages of `_evaluate_stages`."""
     now = run.work.events.now
     run_stage(run.stages.events, run, at)
     for k in range(now.shape[0]):
@@ -80,8 +79,8 @@ def _put_all_events(run, at, out):
 
 
 @kernel
-def _stages(run, at):
-    """Markers at a state, and the loads that follow from its multipliers."""
+def _evaluate_stages(run, at):
+    """Positions, velocities and bias accelerations of markers at a state, and joint reactions."""
     pose_stage(run, at)
     velocity_stage(run, at)
     bias_stage(run, at)
@@ -90,19 +89,19 @@ def _stages(run, at):
 
 @unit
 def begin_events(run: Run) -> int:
-    """Before the first step: what is watched at the state."""
+    """Before the first step: evaluate the event functions at the state."""
     if len(run.stages.events.units) > 0:
-        _stages(run, run.state_point)
+        _evaluate_stages(run, run.state_point)
         run.work.now.span[0] = 0.0
-        _put_all_events(run, run.state_point, run.work.events.before)
+        _evaluate_events(run, run.state_point, run.work.events.before)
         taken = run.work.events.taken
         taken[0], taken[1], taken[2], taken[3] = 0, 0, 1, 0
     return SUCCESS
 
 
 @kernel
-def _note_velocities(run):
-    """Let the last state behind an event know the velocities that follow it."""
+def _record_velocities(run):
+    """Update the velocities stored with the state after the last event, for a few steps."""
     st, events = run.state, run.work.events
     if events.taken[1] > 0 and events.taken[3] < _NOTED_STEPS:
         events.taken[3] += 1
@@ -112,8 +111,8 @@ def _note_velocities(run):
 
 
 @kernel
-def _take_state(run):
-    """Note the state behind an event, or every third, ninth, ... where there are many."""
+def _record_state(run):
+    """Store the state after an event; of many events every third one, then every ninth, ..."""
     st, events = run.state, run.work.events
     states, taken = events.states, events.taken
     if taken[1] == states.shape[0]:
@@ -143,8 +142,8 @@ def _take_state(run):
 
 
 @kernel
-def _crossing(events, k):
-    """Share of the step at which number k crosses zero; 1: it does not."""
+def _crossing_share(events, k):
+    """Share of the step at which event function k crosses zero, by a straight line; 1: never."""
     a, b = events.before[k]["value"], events.now[k]["value"]
     if (a < 0.0 and b > 0.0) or (a > 0.0 and b < 0.0):
         return a / (a - b)
@@ -152,12 +151,12 @@ def _crossing(events, k):
 
 
 @kernel
-def _peak(events, k, h):
-    """Share of the step at which k may peak above zero, below it at both ends; 1: never.
+def _peak_share(events, k, h):
+    """Share of the step at which function k may exceed zero, being negative at both ends; 1: never.
 
-    Where the tangents of both ends meet, which a value that rises ever slower does not exceed; or,
-    where it also turns in the step, at the peak of the cubic with these values and rates. By that
-    also where it falls below zero and returns, as a contact does that opens for a moment.
+    It is where the tangents at both ends meet, an upper bound of a concave function; if they do not
+    meet within the step, the maximum of the cubic with these values and rates. The cubic also shows
+    a function that falls below zero and returns, as of a contact that opens for a moment.
     """
     a, b = events.before[k]["value"], events.now[k]["value"]
     rise, fall = h * events.before[k]["rate"], h * events.now[k]["rate"]
@@ -170,7 +169,7 @@ def _peak(events, k, h):
         share = (b - a - fall) / (rise - fall)
         if 0.0 < share < 1.0:
             return share if a + rise * share > 0.0 else 1.0
-    # a + s (rise + s (c2 + s c3)), whose slope falls through zero at its peak
+    # a + s (rise + s (c2 + s c3)) with the share s; at its maximum the derivative is zero and falls
     c2 = 3.0 * (b - a) - 2.0 * rise - fall
     c3 = rise + fall - 2.0 * (b - a)
     root = c2 * c2 - 3.0 * c3 * rise
@@ -186,53 +185,53 @@ def _peak(events, k, h):
 
 @kernel
 def _first_crossing(events, h, elements, laws):
-    """Share of the step at which the first of all crosses zero; 1: none does.
+    """Share of the step at the first zero of all event functions; 1: there is none.
 
-    With h = 0 only what has crossed in the end counts; of elements, or of laws of functions, only
-    if asked for.
+    With h = 0 zeros between equal signs at both ends do not count. Those of elements and those of
+    functions (`of_law`) count if the flag is true.
     """
     share = 1.0
     for k in range(events.now.shape[0]):
         if laws if events.now[k]["of_law"] > 0.0 else elements:
-            share = min(share, _crossing(events, k), _peak(events, k, h))
+            share = min(share, _crossing_share(events, k), _peak_share(events, k, h))
     return share
 
 
 @kernel
 def _crosses_jump(events, share):
-    """Whether a law that jumps crosses zero first, at a share of the step."""
+    """Whether a law that jumps, not only its slope, has a zero up to this share of the step."""
     for k in range(events.now.shape[0]):
-        if events.now[k]["of_law"] == 2.0 and _crossing(events, k) <= share < 1.0:
+        if events.now[k]["of_law"] == 2.0 and _crossing_share(events, k) <= share < 1.0:
             return True
     return False
 
 
 @unit
 def has_inner_event(run: Run, h: float) -> int:
-    """1 if the step that is proposed has an event well inside; then a shorter one is due."""
+    """1 if the proposed step of size h has an event well inside, so that it is repeated shorter."""
     settings, memory, events = run.settings, run.state.memory[0], run.work.events
     if len(run.stages.events.units) == 0 or settings.step > 0.0:
         return 0
-    _stages(run, run.trial_point)
+    _evaluate_stages(run, run.trial_point)
     run_stage(run.stages.events, run, run.trial_point)
     elements = memory["steps_until_event_search"] <= 0.0
     laws = memory["steps_until_law_search"] <= 0.0 and not _hardly_moves(run, h, 1.0)
     share = _first_crossing(events, h, elements, laws)
     tried = memory["event_trials"] >= _MAX_TRIES
     longest = max(memory["step_before_event"], h) if memory["event_trials"] > 0.0 else h
-    near = share * h <= 2.0 * (1.0 - _BEFORE) * longest
-    enough = (1.0 - share) * h <= _NEAR_EVENT * longest
+    near = share * h <= 2.0 * (1.0 - _AIM_BEFORE) * longest
+    enough = (1.0 - share) * h <= _MAX_OVERRUN * longest
     least = _MIN_STEP_FRACTION * (settings.end - settings.start)
     shortest = max(_MIN_PART * memory["largest_step"], _MIN_STEPS * time_round_off(settings))
     least = min(least, shortest)
     if laws and _crosses_jump(events, share):
-        near, enough = near and _hardly_moves(run, h, _OVERSHOOT * share), False
-        if run.method.stages > 0:  # implicit ones divide round-off of positions by their steps
+        near, enough = near and _hardly_moves(run, h, _AIM_BEYOND * share), False
+        if run.method.stages > 0:  # implicit methods divide round-off of positions by the step
             least = min(least, _MIN_STEPS * time_round_off(settings))
         tried = memory["event_trials"] >= 2.0 * _MAX_TRIES
     if enough or tried:
         return 0
-    aim = _OVERSHOOT if near else _BEFORE
+    aim = _AIM_BEYOND if near else _AIM_BEFORE
     if memory["event_trials"] == 0.0:
         memory["step_before_event"] = h
     shorter = max(h * max(share * aim, 1e-3), least)
@@ -246,10 +245,10 @@ def has_inner_event(run: Run, h: float) -> int:
 
 @kernel
 def _hardly_moves(run, h, part):
-    """Whether a part of a step moves nothing by a share of its motion that the accuracy asks for.
+    """Whether this part of a step moves no coordinate by more than a share of the accuracy.
 
-    Nor by what it changes of the speeds, within the run: a law of a speed changes where nothing
-    moves.
+    The change of velocity counts as well, by its displacement over the whole run: a function of a
+    velocity may have a zero where nothing moves.
     """
     st, v, weights, settings = run.state, run.work.trial.v, run.system.weights, run.settings
     least, span = _NEGLIGIBLE_MOTION * settings.accuracy, settings.end - settings.start
@@ -262,7 +261,7 @@ def _hardly_moves(run, h, part):
 
 @kernel
 def _count_search(memory):
-    """Count a step since the last events; whether those of elements, and of laws, are located."""
+    """Count a step since the last events; whether those of elements, of functions are located."""
     least = (1.0 - _CLOSE_EVENTS) * _STEPS_AFTER_EVENT
     memory["steps_until_event_search"] = max(memory["steps_until_event_search"] - 1.0, least)
     memory["steps_until_law_search"] = max(memory["steps_until_law_search"] - 1.0, least)
@@ -271,12 +270,12 @@ def _count_search(memory):
 
 @unit
 def accept_events(run: Run, h: float) -> int:
-    """After an accepted step: count its events, and begin with a small step after one."""
+    """After an accepted step of size h: count its events; after one, make the next step short."""
     settings, memory = run.settings, run.state.memory[0]
     if len(run.stages.events.units) == 0 or settings.step > 0.0:
         return SUCCESS
     elements, laws = _count_search(memory)
-    _note_velocities(run)
+    _record_velocities(run)
     counted = run.state.count[0]["events"]
     events, located = run.work.events, memory["event_trials"] > 0.0
     laws = laws and (located or not _hardly_moves(run, h, 1.0))
@@ -292,33 +291,33 @@ def accept_events(run: Run, h: float) -> int:
             else:
                 memory["steps_until_law_search"] += _STEPS_AFTER_EVENT
         memory["event_trials"] = 0.0
-    elif memory["event_trials"] > 0.0:  # the event is still to come, or it has gone away
-        if h < memory["earlier_step"]:  # it would be in the next step that is not longer
+    elif memory["event_trials"] > 0.0:  # the event is still ahead, or does not occur any more
+        if h < memory["earlier_step"]:  # a step no longer than this one reaches it
             memory["next_step"] = min(memory["next_step"], h)
         memory["event_trials"] += 1.0
         if memory["event_trials"] > 2.0 * _MAX_TRIES:
             memory["event_trials"] = 0.0
-    _put_all_events(run, run.state_point, run.work.events.before)
+    _evaluate_events(run, run.state_point, run.work.events.before)
     if run.state.count[0]["events"] > counted:
         if run.method.stages > 0:
             put_vd_round_off(run, run.trial_point)
         if run.work.events.states.shape[0] > 0:
-            _take_state(run)
+            _record_state(run)
     return SUCCESS
 
 
 @kernel
 def next_end(time_events, t, end):
-    """Where a step that begins at t must end at the latest [s]."""
-    k = _passed(time_events, t)
+    """Latest end of a step that begins at t [s]: the next time event, or the end of the run."""
+    k = _count_passed(time_events, t)
     if k < time_events.shape[0]:
         return min(time_events[k, 0], end)
     return end
 
 
 @kernel
-def _passed(time_events, t):
-    """How many events have their near side at t or before."""
+def _count_passed(time_events, t):
+    """Number of time events whose time just before is t or earlier."""
     low, high = 0, time_events.shape[0]
     while low < high:
         middle = (low + high) // 2
@@ -331,13 +330,13 @@ def _passed(time_events, t):
 
 @unit
 def cross_time_event(run: Run, cp: float) -> int:
-    """Take a state just before an event to its far side; returns the status.
+    """Take a state just before a time event to just after it; returns the status.
 
-    cp is the factor of the tangent that M is added to, as for reported accelerations, or less where
-    speeds jump. A jump within the tolerance of the next step leaves the memory of steps as it is.
+    cp is b of M + b ∂F/∂q, as for reported accelerations; it is reduced where velocities jump. A
+    jump within the tolerance of the next step does not reset the memory of the step control.
     """
     st, settings, time_events = run.state, run.settings, run.system.time_events
-    k = _passed(time_events, st.t[0]) - 1
+    k = _count_passed(time_events, st.t[0]) - 1
     if k < 0 or time_events[k, 0] != st.t[0]:
         return SUCCESS
     st.t[0] = time_events[k, 1]
@@ -345,7 +344,7 @@ def cross_time_event(run: Run, cp: float) -> int:
     if status == SUCCESS and _impulse_tangent_factor(run, st.v, cp) < cp:
         tr = run.work.trial
         copy(tr.v, tr.dense_correction)
-        st.t[0] = time_events[k, 0]  # what velocities are off before the event is no jump
+        st.t[0] = time_events[k, 0]  # constraint drift before the event is no part of the jump
         status = _solve_right_limit(run, cp)
         cp = _impulse_tangent_factor(run, tr.dense_correction, cp)
         zero(tr.dense_correction)
@@ -353,17 +352,17 @@ def cross_time_event(run: Run, cp: float) -> int:
         if status == SUCCESS:
             status = _solve_right_limit(run, cp)
     if status == SUCCESS:
-        if _jump(run, st.v, st.memory[0]["next_step"], 1.0) > settings.tolerance:
+        if _relative_jump(run, st.v, st.memory[0]["next_step"], 1.0) > settings.tolerance:
             _accept_right_limit(run)
             _forget_steps(st)
-        elif run.method.stages > 0:  # whose first stage it is
+        elif run.method.stages > 0:  # it is the first stage of the next step
             _accept_right_limit(run)
     return status
 
 
 @kernel
 def _solve_right_limit(run, cp):
-    """Velocities, accelerations and multipliers of the far side in the trial state."""
+    """Velocities, accelerations and multipliers just after the event, into the trial state."""
     st, tr = run.state, run.work.trial
     st.count[0]["factorisations"] += 1
     st.memory[0]["factor_age"] = -1.0
@@ -383,16 +382,17 @@ def _impulse_tangent_factor(run, v, cp):
     √b is the time in which this change moves the model by the requested accuracy: vibrations of
     smaller amplitude are filtered. At most cp, which after a long step would filter slow motions.
     """
-    moved = _jump(run, v, 1.0, 0.0)
+    moved = _relative_jump(run, v, 1.0, 0.0)
     return min(cp, (run.settings.accuracy / moved) ** 2) if moved > 0.0 else cp
 
 
 @kernel
-def _jump(run, v, h, of_accelerations):
-    """What jumps of velocities from v, and of accelerations or not, do to positions in a step h.
+def _relative_jump(run, v, h, of_accelerations):
+    """Change of position in a step h by the jump of velocities, from v to those of the trial state.
 
-    Over the largest motion so far of the same part of the model; of one that has not moved, over
-    what these velocities are to move until the next event.
+    The factor of_accelerations (1 or 0) adds the jump of accelerations. Relative to the largest
+    motion so far of the same part of the model, or, of a part at rest, to its motion by this jump
+    until the next time event; the maximum over all coordinates.
     """
     st, tr, part, weights = run.state, run.work.trial, run.system.part, run.system.weights
     motion, jump = tr.dq, 0.0
@@ -413,7 +413,7 @@ def _jump(run, v, h, of_accelerations):
 
 @kernel
 def _accept_right_limit(run):
-    """The trial state becomes the state; powers again."""
+    """Make the trial state the state; add the work of the impulse and evaluate powers again."""
     st, tr, total, at = run.state, run.work.trial, run.work.energies, run.state_point
     energies(run, at)
     before = total[0]
@@ -423,7 +423,7 @@ def _accept_right_limit(run):
     velocity_stage(run, at)
     rows = run.system.rows
     for k in range(rows.shape[0]):
-        if rows[k]["fun"] >= 0:  # only drivers do work by impulses
+        if rows[k]["fun"] >= 0:  # only impulses of drivers do work
             energies(run, at)
             st.work_done[0] += total[0] - before
             break
@@ -438,7 +438,7 @@ def _accept_right_limit(run):
 
 @kernel
 def _forget_steps(st):
-    """Nothing is known of the motion beyond an event but its present accelerations."""
+    """Reset the memory of the motion before the event; only the accelerations after it remain."""
     copy(st.vd, st.vd_before)
     copy(st.vd, st.aa)
     copy(st.lam, st.lam_before)

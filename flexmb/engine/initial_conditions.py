@@ -1,5 +1,8 @@
-"""Single solves at one state, for the analyses that prepare a run: positions, velocities,
-accelerations with multipliers, residual; constraint rows in one pose."""
+"""Single solves at one state, for analyses that prepare a run.
+
+Consistent positions, velocities, accelerations with multipliers; residual; constraint rows in one
+pose; start of the deformation of kinetostatic bodies.
+"""
 
 from __future__ import annotations
 
@@ -35,13 +38,14 @@ from flexmb.engine.state import Run
 
 POSITIONS, VELOCITIES, ACCELERATIONS, RESIDUAL, BEGIN, REMEMBER = 0, 1, 2, 3, 4, 5
 
-# A correction of positions is cut to this share of the model size (or radians) per round.
+# Largest correction of positions in one round, over the size of the model or in radians; a larger
+# one is scaled down, since the linearisation does not hold for it.
 _MAX_CORRECTION = 0.3
 
 
 @unit
 def solve_stage(run: Run, level: int) -> float:
-    """Solve one level of the state in place with M as the metric; see `entries.solve_stage`."""
+    """Solve one level of the state in place, metric M; see `compiled_calls.solve_stage`."""
     near, channels = run.work.feedback.near, run.system.sensors.channels
     for c in range(near.shape[0]):
         near[c] = math.nan if run.sensors.turns[channels[c]["what"]] == 1 else 0.0
@@ -84,7 +88,7 @@ def _solve(run, at, level):
 
 @unit
 def correct_positions(run: Run) -> float:
-    """One Gauss–Newton correction of q towards C = 0 by the present factor; its weighted size."""
+    """One Gauss–Newton correction of q towards C = 0 with the present factor; its weighted size."""
     dq, fac, kkt, weights = run.work.trial.dq, run.work.factor, run.system.kkt, run.system.weights
     C, place, q, nv = run.work.con.C, kkt.place, run.state.q, run.work.trial.dq.shape[0]
     for i in range(nv):
@@ -102,17 +106,19 @@ def correct_positions(run: Run) -> float:
     return size  # type: ignore[no-any-return]
 
 
-# Points ahead of the state; rounds, as loads depend on the rates that follow from these.
+# Points ahead of the state that define a cubic with it; rounds, since loads depend on the rates
+# that follow from these points.
 _AHEAD, _ROUNDS = 3, 2
 
 
 @unit
 def begin_deformation(run: Run, h: float, longest: float, cp: float) -> int:
-    """Take the state to where modes follow their loads, with rates as of a motion without a jump.
+    """Put kinetostatic modes into equilibrium with their loads, with smooth rates.
 
-    Nothing is known of these at a start, or behind a jump. They are those of the cubic through the
-    state and the ends of three steps from it, the last one of h; but that they are no closer than
-    round-off allows, nor longer than `longest`. cp is that of `accelerations`.
+    At the start of a run and after a jump there is no past from which rates follow. So they are
+    those of the cubic through the state and the ends of three trial steps from it, of h/3, 2h/3 and
+    h. h is increased so that the points are no closer than round-off allows, and is at most
+    `longest` [s]. cp is that of `accelerations`.
     """
     st, tr, at, limits = run.state, run.work.trial, run.trial_point, run.state.memory[0]
     slow, rate = limits["steps_at_stability_limit"], limits["fastest_rate"]
@@ -154,7 +160,7 @@ def begin_deformation(run: Run, h: float, longest: float, cp: float) -> int:
 
 @kernel
 def _look_ahead(run):
-    """Note the trial state as a point; the least interval of them [s]."""
+    """Record the trial state as a point ahead; returns the least interval of such points [s]."""
     units, tables, least = run.stages.static_ahead.units, run.stages.static_ahead.tables, 0.0
     for k in range(len(units)):
         least = max(least, call_value(units[k], run, tables[k], run.trial_point))
@@ -163,7 +169,7 @@ def _look_ahead(run):
 
 @unit
 def evaluate_equations(run: Run, channels: Vector) -> int:
-    """Trial.res, Constraints.C and all channels at the state, v̇ and λ as they are; the status."""
+    """Evaluate Trial.res, Constraints.C and all channels at the state with its v̇, λ; the status."""
     at, st = run.state_point, run.state
     begin_run(run, at)
     status = residual(run, at)

@@ -1,12 +1,13 @@
-"""The iteration matrix of the equations of motion: assembled, factored, its pivots judged.
+"""The iteration matrix of the equations of motion: assembly, factorisation, check of its pivots.
 
-It stands in the panels of the factor,
+It is stored in the panels of the factor,
 
     S = [[M + cv ∂F/∂v + cp ∂F/∂q, Cqᵀ], [Cq, −ε]],
 
-F the inertia, applied and constraint forces on the left side, M v̇ + … + Cqᵀ λ − Q. With cv = cp = 0
-it is the matrix of the acceleration level. ε_i is 1e-9 of (Cq diag(S)⁻¹ Cqᵀ)_ii: relative, so that
-no unit or step size can turn it into noise, and taken back by refinement.
+with F the inertia, applied and constraint forces on the left side, M v̇ + … + Cqᵀ λ − Q. With
+cv = cp = 0 it is the matrix for accelerations and multipliers. The regularisation ε_i is 1e-9 times
+(Cq diag(S)⁻¹ Cqᵀ)_ii: being relative, it does not depend on units or on the step size. Iterative
+refinement removes its effect.
 """
 
 from __future__ import annotations
@@ -37,25 +38,27 @@ def add_matrix(run, at, cv, cp):
 
 @kernel
 def add_couplings(run, at, cv, cp):
-    """Unsymmetric terms beside the constraint rows."""
+    """Unsymmetric terms in the columns of the multipliers."""
     units, tables = run.stages.coupling.units, run.stages.coupling.tables
     for k in range(len(units)):
         call_matrix(units[k], run, tables[k], at, cv, cp)
 
 
-# Simplified Newton iteration: what its measured contraction asks for.
+# Simplified Newton iteration: limits of the contraction (ratio of successive corrections).
 REFACTOR_ABOVE = 0.3
-"""Contraction by an old factor above which it is renewed within a step."""
+"""Contraction with an old factor above which it is renewed within a step."""
 SETTLED_NOISE = 10.0
-"""Size of a last correction, over one that was in the last places, that is noise."""
-# By a new one: above which the unsymmetric matrix is factored instead, and the step given up.
+"""A last correction is noise up to this many times one that was within round-off."""
+# With a new factor: above the first the unsymmetric matrix is used, above the second a step fails.
 _UNSYMMETRIC_ABOVE = 0.2
-_GIVE_UP_ABOVE = 0.9
-_REPEATED = 1e-7  # pivot of a row over that without other rows: below it the row repeats others
-_INDEPENDENT = 1e6  # pivot of an independent row over its regularisation, at least
-# What reactions that move nothing may move, over what their forces would; refinements of them.
-_OPEN, _ROUNDS = 1e-10, 2
-_UNEVEN = 1e5  # regularisation of a row times a mass that another row holds, over the usual
+_FAIL_ABOVE = 0.9
+_REDUNDANT_PIVOT = 1e-7  # pivot of a redundant row over that without other rows, at most
+_INDEPENDENT_PIVOT_RATIO = 1e6  # pivot of an independent row over its regularisation, at least
+# Self-stress: the acceleration that it may cause, over that of its largest force; refinements.
+_SELF_STRESS_TOLERANCE, _REFINEMENTS = 1e-10, 2
+# Regularisation of a row times the largest mass that the row constrains, over `REGULARISATION`:
+# above, the joint would yield to the load of that mass.
+_UNEVEN_FACTOR = 1e5
 _ANGULAR = tuple(kind.angular for kind in ROW_KINDS)
 
 
@@ -64,7 +67,7 @@ def put_matrix(run: Run, at: Point, cv: float, cp: float) -> int:
     """M + cv ∂F/∂v + cp ∂F/∂q at the point of the last position stage into the panels."""
     factor = run.work.factor
     low, up = factor.low, factor.up
-    is_mass = cp == 0.0 and cv == 0.0 and factor.symmetric[0] == 1  # symmetric as it is
+    is_mass = cp == 0.0 and cv == 0.0 and factor.symmetric[0] == 1  # it is symmetric itself
     zero(low)
     if not is_mass:
         zero(up)
@@ -80,7 +83,7 @@ def put_matrix(run: Run, at: Point, cv: float, cp: float) -> int:
 
 @unit
 def put_rows(run: Run, at: Point, cv: float, cp: float) -> int:
-    """The constraint rows beside the matrix, with what is unsymmetric there."""
+    """Add the constraint rows to the matrix, and unsymmetric terms in their columns."""
     put_constraint_matrix(run, at)
     if run.work.factor.symmetric[0] == 0 and (cp != 0.0 or cv != 0.0):
         add_couplings(run, at, cv, cp)
@@ -89,14 +92,15 @@ def put_rows(run: Run, at: Point, cv: float, cp: float) -> int:
 
 @unit
 def factorise(run: Run, at: Point, cv: float, cp: float) -> int:
-    """Assemble S at the point of the last position stage and factor it; returns pivots replaced.
+    """Assemble S at the point of the last position stage and factor it.
 
-    `factor.symmetric` says which way. The matrix itself stays in low0 and up0, for refinement.
+    Returns the number of pivots that were replaced. `factor.symmetric` selects LDLᵀ or LDU. The
+    matrix itself is stored in low0 and up0, for refinement.
     """
     factor, kkt = run.work.factor, run.system.kkt
     low, up, low0, up0 = factor.low, factor.up, factor.low0, factor.up0
     put_matrix(run, at, cv, cp)
-    keep_diagonal(kkt.panels, low, factor.diagonal)
+    store_diagonal(kkt.panels, low, factor.diagonal)
     put_rows(run, at, cv, cp)
     copy(low, low0)
     if factor.symmetric[0] == 0:
@@ -106,35 +110,36 @@ def factorise(run: Run, at: Point, cv: float, cp: float) -> int:
 
 
 # A row pivot below _SMALL_PIVOT_RATIO times its regularisation makes a joint too soft: all but the
-# share _LESS of the regularisation is removed, up to _TIMES times (a third time would be
-# round-off). Pivots of redundant rows are as small, but fall with it, below _FOLLOWS of before: for
-# them it is put back.
-_SMALL_PIVOT_RATIO, _LESS, _TIMES, _FOLLOWS = 1e3, 1e-3, 2, 1.2e-3
+# share _KEPT_REGULARISATION of the regularisation is removed, up to _MAX_REDUCTIONS times (after a
+# third time it would be round-off). Pivots of redundant rows are as small, but fall with it, below
+# _PIVOT_REDUCTION times their value before: then it is restored.
+_SMALL_PIVOT_RATIO, _KEPT_REGULARISATION, _MAX_REDUCTIONS, _PIVOT_REDUCTION = 1e3, 1e-3, 2, 1.2e-3
 
 
 @kernel
 def _factor_less_regularised(run):
-    """Factor S, with less regularisation where it would soften a joint of light and
-    heavy bodies.
+    """Factor S, with less regularisation if it would soften a joint of light and heavy bodies.
 
-    low0 and up0 hold the matrix too. fac.tmp: regularisation removed in all, the same share of each
-    row, since it decides how redundant rows share a load. fac.rhs, fac.sol: pivots before, and what
-    is removed in one round.
+    low0 and up0 hold the matrix as well. The same share is removed from all rows, since the
+    regularisation decides how redundant rows share a load. fac.tmp: regularisation removed in all;
+    fac.rhs: pivots of the round before; fac.sol: regularisation removed in one round.
     """
     kkt, fac = run.system.kkt, run.work.factor
     replaced, eps, d, before = ldl.factor(kkt, fac), fac.eps, fac.d, fac.rhs
     zero(fac.tmp)
-    for n in range(_TIMES):
+    for n in range(_MAX_REDUCTIONS):
         if not _has_small_pivot(eps, d) or (n == 0 and not _is_uneven(run)):
             break
         others, follow = False, False
         for k in range(eps.shape[0]):
-            fac.sol[k], before[k] = (1.0 - _LESS) * eps[k], abs(d[k])
+            fac.sol[k], before[k] = (1.0 - _KEPT_REGULARISATION) * eps[k], abs(d[k])
         replaced = _factor_again(kkt, fac)
         for k in range(eps.shape[0]):
-            follows = eps[k] > 0.0 and abs(d[k]) < _FOLLOWS * before[k]
+            follows = eps[k] > 0.0 and abs(d[k]) < _PIVOT_REDUCTION * before[k]
             follow = follow or follows
-            others = others or (not follows and before[k] < _SMALL_PIVOT_RATIO * eps[k] / _LESS)
+            others = others or (
+                not follows and before[k] < _SMALL_PIVOT_RATIO * eps[k] / _KEPT_REGULARISATION
+            )
         if follow and not others:
             for k in range(eps.shape[0]):
                 fac.sol[k] *= -1.0
@@ -146,7 +151,7 @@ def _factor_less_regularised(run):
 
 @kernel
 def _has_small_pivot(eps, d):
-    """Whether a pivot is small beside its regularisation."""
+    """Whether a pivot is small relative to its regularisation."""
     yields = False
     for k in range(eps.shape[0]):
         yields = yields or abs(d[k]) < _SMALL_PIVOT_RATIO * eps[k]
@@ -155,7 +160,7 @@ def _has_small_pivot(eps, d):
 
 @kernel
 def _factor_again(kkt, fac):
-    """Factor with fac.sol taken from the regularisation, which fac.tmp counts."""
+    """Factor with the regularisation reduced by fac.sol; fac.tmp adds up the reductions."""
     for k in range(fac.eps.shape[0]):
         fac.eps[k] -= fac.sol[k]
         fac.tmp[k] += fac.sol[k]
@@ -179,7 +184,7 @@ def _add_diagonal(panels, change, f, low):
 
 @unit
 def factorise_pair(run: Run, pair: ComplexFactor) -> int:
-    """Factor the matrix assembled, and one of complex numbers with the same regularisation."""
+    """Factor the assembled matrix, and a complex one with the same regularisation."""
     factor, kkt = run.work.factor, run.system.kkt
     if run.state.memory[0]["regularisation"] == 0.0:
         copy(factor.low, factor.low0)
@@ -195,9 +200,9 @@ def factorise_pair(run: Run, pair: ComplexFactor) -> int:
 
 @kernel
 def _is_uneven(run):
-    """Whether a joint moves one of its bodies far more easily than the other, or than it could.
+    """Whether a joint or coupler has rows whose regularisation is large for one of its bodies.
 
-    By their masses, or by inertia about where it holds them; so with two that a coupler holds.
+    That is so if the masses of the bodies, or their inertias about the joint, differ very much.
     """
     rows, coupled = run.system.rows, run.system.coupled
     for k in range(rows.shape[0]):
@@ -213,7 +218,7 @@ def _is_uneven(run):
 
 @kernel
 def _is_regularisation_large(run, k, other):
-    """Whether the regularisation of row k is large for bodies that a row holds."""
+    """Whether the regularisation of row k is large relative to the bodies of the row `other`."""
     sys, heavy, diagonal = run.system, 0.0, run.work.factor.diagonal
     place, kind = sys.kkt.place, sys.rows[k]["kind"]
     if _ANGULAR[kind] != _ANGULAR[other["kind"]]:
@@ -225,12 +230,15 @@ def _is_regularisation_large(run, k, other):
             for i in range(first, first + 3):
                 if heavy < diagonal[place[i]] < math.inf:
                     heavy = diagonal[place[i]]
-    return run.work.factor.eps[place[sys.weights.shape[0] + k]] * heavy > REGULARISATION * _UNEVEN
+    return (
+        run.work.factor.eps[place[sys.weights.shape[0] + k]] * heavy
+        > REGULARISATION * _UNEVEN_FACTOR
+    )
 
 
 @kernel
-def keep_diagonal(panels, low, out):
-    """|diagonal| of the coordinates; infinite where there is none, so that nothing counts there."""
+def store_diagonal(panels, low, out):
+    """Store |diagonal| of the coordinates; infinite if it is zero, so that 1/diagonal is zero."""
     for i in range(panels.shape[0]):
         panel = panels[i]
         at, nc, col = panel["at"], panel["nc"], panel["col"]
@@ -251,16 +259,17 @@ def permute(kkt, top, bottom, out):
 
 @unit
 def factorise_metric(run: Run, at: Point, metric: Vector) -> int:
-    """Assemble and factor [[W, Cqᵀ], [Cq, −ε]], W a diagonal metric (nv), for kinematics.
+    """Assemble and factor [[W, Cqᵀ], [Cq, −ε]] with a diagonal metric W (nv), for kinematics.
 
-    Modal coordinates stay out of Cq: flexible bodies keep their shape. Returns pivots replaced.
+    The columns of modal coordinates in Cq are zero: flexible bodies keep their shape. Returns the
+    number of pivots that were replaced.
     """
     factor, kkt, parts = run.work.factor, run.system.kkt, run.system.parts
     low, low0 = factor.low, factor.low0
     zero(low)
     factor.symmetric[0] = 1
     put_metric(parts, kkt, metric, low)
-    keep_diagonal(kkt.panels, low, factor.diagonal)
+    store_diagonal(kkt.panels, low, factor.diagonal)
     constraint_jacobian(run)
     _clear_modal_columns(parts, run.system.rows, run.work.dense.jac)
     put_constraint_matrix(run, at)
@@ -271,28 +280,28 @@ def factorise_metric(run: Run, at: Point, metric: Vector) -> int:
 
 @kernel
 def least_pivot(run, nv):
-    """The smallest pivot of a row over its own compliance: small where others decide the row.
+    """The smallest pivot of a row over that without other rows: small near a singular pose.
 
-    Rows that repeat others, with hardly a pivot, do not count.
+    Redundant rows, whose pivot is round-off, are left out.
     """
     fac, place, least = run.work.factor, run.system.kkt.place, 1.0
     for i in range(nv, place.shape[0]):
         k = place[i]
         if fac.eps[k] > 0.0:
             pivot = abs(fac.d[k]) * REGULARISATION / fac.eps[k]
-            least = min(least, pivot if pivot > _REPEATED else 1.0)
+            least = min(least, pivot if pivot > _REDUNDANT_PIVOT else 1.0)
     return least
 
 
 @kernel
 def has_dependent_rows(fac, redundant):
-    """Whether constraint rows nearly depend on each other, by pivots over their regularisation.
+    """Whether constraint rows are nearly dependent, by their pivots over the regularisation.
 
-    Above `redundant` of them: below are those that repeat others in whatever pose.
+    Rows with a ratio below `redundant` are left out: they are redundant in any pose.
     """
     for k in range(fac.eps.shape[0]):
         pivot = abs(fac.d[k])
-        if redundant * fac.eps[k] < pivot < _INDEPENDENT * fac.eps[k]:
+        if redundant * fac.eps[k] < pivot < _INDEPENDENT_PIVOT_RATIO * fac.eps[k]:
             return True
     return False
 
@@ -317,13 +326,13 @@ def remove_self_stress(run: Run, at: Point, cp: float) -> int:
     ldl.multiply(kkt, fac, fac.sol, fac.rhs)
     for i in range(lam.shape[0]):
         fac.rhs[place[nv + i]] = 0.0
-    ldl.solve_refined(kkt, fac, _ROUNDS)
+    ldl.solve_refined(kkt, fac, _REFINEMENTS)
     moved, most = 0.0, 0.0
     for i in range(nv):
         k = place[i]
         moved = max(moved, abs(fac.sol[k]) * weights[i])
         most = max(most, abs(fac.rhs[k]) / fac.diagonal[k] * weights[i])
-    if moved <= _OPEN * most:
+    if moved <= _SELF_STRESS_TOLERANCE * most:
         for i in range(lam.shape[0]):
             lam[i] = fac.sol[place[nv + i]]
     return SUCCESS
@@ -331,7 +340,7 @@ def remove_self_stress(run: Run, at: Point, cp: float) -> int:
 
 @kernel
 def put_metric(parts, kkt, metric, low):
-    """The metric of bodies and scalar coordinates on the diagonal."""
+    """Put the metric (nv) of bodies and scalar coordinates on the diagonal."""
     bodies, coordinates, panels, column = parts.bodies, parts.coordinates, kkt.panels, kkt.column
     for i in range(bodies.shape[0]):
         body = bodies[i]
@@ -360,11 +369,14 @@ def _clear_modal_columns(parts, rows, jac):
 
 @kernel
 def check_contraction(memory, contraction):
-    """Let the factor be renewed, or be that of the unsymmetric matrix; true: give the step up."""
+    """Decide by the contraction whether to renew the factor, or use the unsymmetric matrix.
+
+    Returns whether the step fails.
+    """
     fresh = memory["factor_age"] == 0.0
     if contraction > _UNSYMMETRIC_ABOVE and memory["symmetric"] == 1.0 and fresh:
         memory["symmetric"] = 0.0
         memory["factor_age"] = -1.0
     elif contraction > REFACTOR_ABOVE and not fresh:
         memory["factor_age"] = -1.0
-    return contraction > _GIVE_UP_ABOVE and fresh and memory["factor_age"] == 0.0
+    return contraction > _FAIL_ABOVE and fresh and memory["factor_age"] == 0.0

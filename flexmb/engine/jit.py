@@ -2,9 +2,10 @@
 
 A *kernel* is a function that only compiled code calls; it takes arrays, records of them by their
 address, and numbers. A *unit* is a kernel with a fixed signature, given by its annotations, that is
-compiled and cached alone (`engine.compiler`, `engine.units`); other units call it by its name, or
-through a table of addresses. Here both are plain Python functions, so all of the engine also runs
-without compilation, from the same source; Numba is imported only where units are compiled.
+compiled and cached alone (`engine.compiler`, `engine.compiled_units`); other units call it by its
+name, or through a table of addresses. Here both are plain Python functions, so all of the engine
+also runs without compilation, from the same source; Numba is imported only where units are
+compiled.
 
 A record class annotates every field that compiled code reads: an array (`array_of`), a number (int,
 float), another record, a table of units (`Units`) or of records (`Records`). In memory it is a row

@@ -1,34 +1,34 @@
-"""Kinds: what a model may hold, and which units each kind brings.
+"""Kinds of elements of a model, and the compiled units of each kind.
 
-Three modules list them: `engine.kinds` what takes part in the stages of the equations,
-`engine.joints` the constraint rows of joints and drivers, `engine.sensors` the sensors. A kind is
-declared once, in the file of its kernels; what walks over rows, terms or channels calls its units
-through a table, by its number there, and names none of them. A scene loads and compiles only the
-units of what it holds.
+Three modules list them: `engine.kind_registry` the kinds that take part in the stages of the
+equations, `engine.joints` the constraint rows of joints and drivers, `engine.sensors` the sensors.
+A kind is declared once, in the file of its kernels. Loops over rows, terms or channels call its
+units through a table, by its number there, and name none of them. A scene loads and compiles only
+the units of the kinds that it has.
 
 Stages (`engine.equations_of_motion`): signatures of the units of a `Kind`, with `run` the Run,
 `tables` the kind's own record, `at` the Point where the stage is evaluated:
 
     stage                     returns
-    constants   (run, tables, at)           status; what never changes in a run
+    constants   (run, tables, at)           status; constants of a run
     functions   (run, tables, at)           status; functions of time, into Constraints.fun
     position    (run, tables, at)           status; poses from t and q
-    inertia     (run, tables, at)           status; what depends on positions alone
+    inertia     (run, tables, at)           status; inertia of deformed bodies, after position
     velocity    (run, tables, at)           status; after position
     bias        (run, tables, at)           status; accelerations at zero v̇, after velocity
     constraint  (run, tables, at)           status; C of its rows, after position
     rate        (run, tables, at)           status; Cq v + C_t of its rows, after velocity
     axes        (run, tables, at)           status; poses that only outputs need
-    feedback    (run, tables, at)           status; forces by what is measured
+    feedback    (run, tables, at)           status; forces that depend on sensor channels
     reaction    (run, tables, at)           number; loads by multipliers, their largest change
-    static      (run, tables, at)           number; deformation by loads, its largest change
+    static      (run, tables, at)           number; equilibrium of η_s with loads, largest change
     static_hold (run, tables, at)           status; zero residual of modes with prescribed rates
     static_rates (run, tables, at)          status; η̇_s and η̈_s by interpolation of the past
     static_force (run, tables, at)          status; Trial.mode_force that prescribes η̈_s
     static_path (run, tables, at)           status; the prescribed η̈_s at all collocation stages
-    static_lag  (run, tables, at)           number; how far it is from where a step took it
-    static_ahead (run, tables, at)          number; its past, from the state and three points ahead
-    static_begin (run, tables, at)          status; no past
+    static_lag  (run, tables, at)           number; difference of η_s from its extrapolated value
+    static_ahead (run, tables, at)          number; past of η_s, by the state and three points ahead
+    static_begin (run, tables, at)          status; delete the past of η_s
     wrench      (run, tables, at)           status; forces, into the wrenches of markers
     force       (run, tables, at)           status; forces, into the residual
     matrix      (run, tables, at, cv, cp)   status; tangents, into the iteration matrix
@@ -38,12 +38,12 @@ Stages (`engine.equations_of_motion`): signatures of the units of a `Kind`, with
     energy      (run, tables, at)           status; adds to Work.energies
     power       (run, tables, at)           status; adds to Work.powers
     begin       (run, tables, at)           status; first history
-    remember    (run, tables, at)           status; history at an accepted state
-    jump        (run, tables, at)           status; history behind a jump of forces
-    events      (run, tables, at)           status; what is watched, into Events.now
-    limits      (run, tables, at)           status; whether the state may be taken
-    angles      (run, tables, at)           status; carries what counts turns to this position
-    angle_path  (run, tables, at)           status; carries Trial.angles there, or REPEAT: too far
+    update_history (run, tables, at)        status; history at an accepted state
+    jump        (run, tables, at)           status; history just after a jump of forces
+    events      (run, tables, at)           status; event functions, into Events.now
+    limits      (run, tables, at)           status; whether the state is admissible
+    angles      (run, tables, at)           status; continues angles that count turns to here
+    angle_path  (run, tables, at)           status; continues Trial.angles, or REPEAT: too far
     wrenches    (run, tables, at, channel)  number; wrench pair of one element, for sensors
     unit_force  (run, tables, at, part)     number; force per unit of a function, for feedback;
                                             part = 6 row + 3 (0: on J, 1: on I) + component
@@ -64,8 +64,9 @@ tangent may use at.g as scratch.
 Sensors: units of a `Measure` (a term of a sum) and of a `ChannelKind`, with `sensors` the Sensors:
 
     value       (run, sensors, at, t)       number; term t; after position, velocity, bias stages
-    gradient    (run, sensors, at, t)       number, of no meaning; into FeedbackWork.g: with poses
-                                            g[0], with velocities or accelerations g[1], zero before
+    gradient    (run, sensors, at, t)       number without meaning; adds the derivative to
+                                            FeedbackWork.g: by poses g[0], by velocities or
+                                            accelerations g[1]
     value       (run, sensors, at, c)       number; channel c
 """
 
@@ -83,37 +84,37 @@ Couple = tuple[str, str, str]
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of what a model may hold.
+    """One kind of elements of a model.
 
     Attributes
     ----------
     name : str
         Its name in `System.kinds`.
     tables : type
-        Class of the record of its tables; rows of what joins markers are its field `rows`.
+        Class of the record of its tables; its field `rows` has the elements that join markers.
     units : mapping of str to Unit
         Its units by stage.
     lower : callable, optional
         Makes its tables from the model (`engine.lowering`), those of a force from the forces of its
-        types too; None if the model has none. Those of the kinds that every model has are made
-        elsewhere (`engine.compile`).
+        `types`; returns None if the model has no such element. Tables of the kinds that every model
+        has are made by `engine.compile`.
     types : tuple of str
         Of a force: its types in a scene.
     place : callable, optional
-        Tells its tables where they stand in the iteration matrix (`engine.lowering`).
+        Sets the places of its blocks in the iteration matrix in its tables (`engine.lowering`).
     couples : tuple of Couple
         Pairs of markers whose bodies each row couples in the iteration matrix.
     uses_velocity : bool
         Whether its wrenches need the velocities of markers.
-    works : bool
-        Whether it does work, or may.
+    does_work : bool
+        Whether it may do work.
     stiff : bool or callable
-        Whether it may be stiff, or what tells that of its tables.
+        Whether it may be stiff, or a function of its tables that returns it.
     unsymmetric : callable, optional
-        Tells of its tables whether its tangent is far from symmetric.
+        Function of its tables: whether its tangent is far from symmetric.
     scratch : callable, optional
-        Makes from its tables what its units write into (`Work.kinds`); these find it in the field
-        `scratch` of the tables that they are handed.
+        Makes the scratch memory of its units from its tables (`Work.kinds`). Units find it in the
+        field `scratch` of their tables.
     """
 
     name: str
@@ -150,17 +151,17 @@ class RowKind:
     Attributes
     ----------
     word : str
-        What a row is, for names of rows; `{a}` and `{b}` are its axes.
+        Text for names of rows, in which `{a}` and `{b}` are its axes.
     value, gradient, curvature : Unit
-        What it measures.
+        Its measure, and the derivatives of it.
     tangent : Unit, optional
         None if the gradient never changes.
     angular : bool
-        Whether it measures an angle or a cosine, no length.
+        Whether it measures an angle or a cosine, not a length.
     is_distance : bool
-        Whether it measures a distance, which has no gradient where it is zero.
+        Whether it measures a distance, which has no gradient at zero.
     period : float
-        Of an angle, 0 of all others: C is then the one nearest to zero.
+        Period of an angle: C is reduced by multiples of it to the value nearest to zero. 0: none.
     """
 
     word: str
@@ -175,18 +176,18 @@ class RowKind:
 
 @dataclass(frozen=True)
 class Measure:
-    """One kind of terms that channels are sums of.
+    """One kind of terms, of which channels are sums.
 
     Attributes
     ----------
     value, gradient : Unit
-        Its value, and for functions that act what it changes with.
+        Its value, and its gradient, which functions of channels that act on the model need.
     level : int
-        Derivative in time that it is of: 0 of positions, 1 of velocities too, 2 of accelerations.
+        Highest time derivative that it depends on: 0 positions, 1 velocities, 2 accelerations.
     of_row : tuple of str
         Units of a kind of row (`RowKind`) that its value calls, if it measures as a row does.
     gradient_of_row : tuple of str
-        And those that its gradient calls.
+        Units of a kind of row that its gradient calls.
     """
 
     value: CompiledUnit
@@ -203,9 +204,9 @@ class ChannelKind:
     Attributes
     ----------
     value : Unit
-        Its value now, of an angle that counts turns the one nearest to the last accepted state.
+        Its present value; of an angle that counts turns, the one nearest to the last accepted one.
     reads : str
-        What it is read from: "terms", "state", "coordinate", "forces", or other "channels".
+        What it is computed from: "terms", "state", "coordinate", "forces", or other "channels".
     counts_turns : bool
         Whether it is an angle that counts full turns.
     """
@@ -216,11 +217,11 @@ class ChannelKind:
 
 
 GLOBAL_AXES = -1
-"""In place of the marker whose axes a term or a channel has."""
+"""Stands for a marker in terms and channels whose components are along global axes."""
 
 
 class Term(NamedTuple):
-    """A term of a channel as `tables.TERM` says, but for its channel."""
+    """A term of a channel: the fields of `tables.TERM` without the channel."""
 
     measure: Measure
     kind: int  # of a row, -1
@@ -242,7 +243,7 @@ class SensorKind:
     add : callable
         Adds the channels of one sensor (`engine.sensors.sensor.Channels`, its specification).
     measures, channels : tuple
-        The measures and kinds of channels that it brings.
+        The measures and kinds of channels that it defines.
     """
 
     types: tuple[str, ...]

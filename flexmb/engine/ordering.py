@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from flexmb.engine.bodies.flexible_body import modal_block, put_flags
 from flexmb.engine.bodies.marker import MarkerTable
 from flexmb.engine.bodies.rigid_body import second_moments
-from flexmb.engine.bodies.static_modes import StaticModes, static_modes
+from flexmb.engine.bodies.static_mode_tables import StaticModes, tabulate_static_modes
 from flexmb.engine.geometry import Geometry
 from flexmb.engine.joints.constraint_groups import (
     Groups,
@@ -25,7 +25,7 @@ from flexmb.engine.joints.constraint_groups import (
 )
 from flexmb.engine.joints.coordinate import coordinate_table
 from flexmb.engine.joints.joint import measured_coordinate
-from flexmb.engine.kinds import KINDS
+from flexmb.engine.kind_registry import KINDS
 from flexmb.engine.lowering import Lowering, Placement
 from flexmb.engine.sensors import CHANNEL_KINDS, SENSOR_KINDS, feedback
 from flexmb.engine.sensors.sensor import WRENCH, Channels, sensor_tables
@@ -154,7 +154,7 @@ def _static_modes(
         if isinstance(spec, FlexibleBodySpec) and name in flexbodies
         if (modes := quasi_static(spec, flexbodies[name], model))
     ]
-    return static_modes(rows, lowering.add_history) if rows else None
+    return tabulate_static_modes(rows, lowering.add_history) if rows else None
 
 
 def _frame_reactions(

@@ -15,7 +15,7 @@ import math
 from flexmb.engine.algebra.ldl import multiply, solve, solve_refined
 from flexmb.engine.algebra.vector import copy, largest, weighted_max, zero
 from flexmb.engine.bodies.motion import RELATIVE_ROUND_OFF, move, put_q_round_off
-from flexmb.engine.bodies.static_modes import SETTLED
+from flexmb.engine.bodies.static_modes import STATIC_TOLERANCE
 from flexmb.engine.equations_of_motion import (
     bias_stage,
     constraint_stage,
@@ -33,36 +33,39 @@ from flexmb.engine.joints.constraint import constraint_right_side
 from flexmb.engine.method import NO_LOOP_CONVERGENCE, NOT_FINITE, SELF_LOCKING, SUCCESS
 from flexmb.engine.state import Point, Run
 
-_MAX_ROUNDS = 3
-_REFINEMENTS = 2
-# Pivot of a row over its regularisation above which one refinement leaves round-off.
+_MAX_ROUNDS = 3  # Newton corrections of a projection
+_REFINEMENTS = 2  # iterative refinements of a solve with ill-conditioned rows
+# Pivot of a row over its regularisation, above which one refinement leaves only round-off.
 _WELL_CONDITIONED_PIVOT = 1e7
-# Forces that depend on accelerations or reactions: rounds until they settle, relative.
-_LOOP_ROUNDS, _LOOP_CLOSED = 100, 1e-12
-# Rounds behind which quasi-static modes may change by twice as much in each; and their bound.
-_MANY_ROUNDS, _STATIC_NOISE = 20, 1e-8
-# Correction of positions, relative to the model, that is round-off.
-_ROUND_OFF = 1e-13
-# Distance from the pose of the factor, over the size: beyond it redundant rows would get reactions.
-_SAME_POSE = 1e-12
-# Loads that follow from reactions, such as friction in joints, agree with them to this share of the
-# largest force: a moment beside forces must not decide by its unit.
-_SETTLED = 1e-10
-# Noise grows in proportion to changes of last places, within this factor; a jump does not.
-_NOISE_GAIN, _NOISE_SPREAD = 8.0, 2.5
-# Reduction of h² where the matrix is not definite, and how often.
-_REDUCTION, _MAX_REDUCTIONS = 0.25, 5
-# What `accelerations` puts on the constraints first.
+# Forces that depend on accelerations or reactions (an algebraic loop): most iterations, and the
+# change of the accelerations, over their largest value, at which the iteration has converged.
+_MAX_LOOP_ROUNDS, _LOOP_TOLERANCE = 100, 1e-12
+# Iteration of quasi-static modes: after this many rounds the tolerance doubles with each round (a
+# slowly converging iteration reaches its round-off); largest tolerance.
+_STRICT_ROUNDS, _MAX_STATIC_TOLERANCE = 20, 1e-8
+# Correction of positions over the size of the model that is round-off.
+_POSITION_ROUND_OFF = 1e-13
+# Correction of positions, over the size of the model, from which on the factor of the old pose is
+# not used: with it redundant rows would get reactions.
+_SAME_POSE_DISTANCE = 1e-12
+# Loads that depend on reactions, such as joint friction, have converged if they change by less than
+# this share of the largest force (moments are divided by a length, so that units do not matter).
+_REACTION_TOLERANCE = 1e-10
+# Second perturbation over the first, and the factor within which the change of accelerations must
+# be proportional to it to count as round-off; that of a force that jumps is not.
+_PERTURBATION, _SPREAD = 8.0, 2.5
+# Factor by which b is reduced if the matrix is not positive definite, and most reductions.
+_TANGENT_REDUCTION, _MAX_REDUCTIONS = 0.25, 5
+# What `accelerations` projects onto the constraints first; POSITIONS: velocities as well.
 NOTHING, VELOCITIES, POSITIONS = 0, 1, 2
 
 
 @unit
 def project_velocity(run: Run, at: Point, cp: float) -> int:
-    """Put v on Cq v + C_t = 0 after a position stage, with a factor of this position.
+    """Project v onto Cq v + C_t = 0 after a position stage, with a factor of this position.
 
-    cp is that of the factor: v moves by least M, not by least M + cp ∂F/∂q.
-
-    Constraints.drift keeps how far v was off.
+    cp is that of the factor. The correction is the least one in the metric M, not M + cp ∂F/∂q.
+    The drift before the projection, max |Cq v + C_t|, is stored in Constraints.drift.
     """
     con, sol, kkt = run.work.con, run.work.factor.sol, run.system.kkt
     rate, place, v, weights = con.rate, kkt.place, at.v, run.system.weights
@@ -95,8 +98,9 @@ def project_velocity(run: Run, at: Point, cp: float) -> int:
             v[i] += sol[place[i]]
             moved = max(moved, abs(sol[place[i]]) * weights[i])
             speed = max(speed, abs(v[i]) * weights[i])
-        # what a solve leaves; implicit methods pass singular positions better with all rounds
-        enough = _ROUND_OFF * (_WELL_CONDITIONED_PIVOT if firm else 1.0) * speed
+        # explicit methods stop at the error of a solve; implicit ones take all rounds, since with
+        # them they pass singular positions better
+        enough = _POSITION_ROUND_OFF * (_WELL_CONDITIONED_PIVOT if firm else 1.0) * speed
         if run.method.stages > 0 and moved <= enough:
             break
     return SUCCESS
@@ -104,9 +108,10 @@ def project_velocity(run: Run, at: Point, cp: float) -> int:
 
 @unit
 def project_positions(run: Run, at: Point, rounds: int) -> float:
-    """Put q on C = 0 by Newton corrections with the present factor, after a position stage at q.
+    """Project q onto C = 0 by Newton corrections with the present factor.
 
-    Returns the first correction, weighted; leaves a position stage at q, or that near.
+    To be called after a position stage at q. Returns the first correction, weighted. The position
+    stage is then that of the new q, or of one that differs by round-off.
     """
     kkt, parts, weights = run.system.kkt, run.system.parts, run.system.weights
     C, sol, place, dq = run.work.con.C, run.work.factor.sol, kkt.place, run.work.trial.dq
@@ -123,7 +128,7 @@ def project_positions(run: Run, at: Point, rounds: int) -> float:
         move(parts, at.q, dq, at.q)
         moved = weighted_max(dq, weights)
         first = moved if n == 0 else first
-        if moved <= _ROUND_OFF:
+        if moved <= _POSITION_ROUND_OFF:
             break
         position_stage(run, at)
     return first
@@ -131,28 +136,31 @@ def project_positions(run: Run, at: Point, rounds: int) -> float:
 
 @unit
 def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
-    """Solve for (v̇; λ) at (t, q, v) into vd and lam (in: estimates for the tangents).
+    """Solve for (v̇; λ) at (t, q, v) into vd and lam, which hold estimates before (for tangents).
 
-    The mass matrix is M + cp ∂F/∂q. With `project` = VELOCITIES, v is put on its constraints first,
-    with POSITIONS q and v are; a stabilised method leaves both and adds its terms to γ. Returns the
-    status; NO_LOOP_CONVERGENCE where forces that depend on accelerations or reactions do not
-    settle, SELF_LOCKING where friction does not.
+    The mass matrix is M + cp ∂F/∂q. With `project` = VELOCITIES, v is projected onto its
+    constraints first, with POSITIONS q and v are; a method with Baumgarte stabilisation projects
+    neither and adds its terms to γ. Kinetostatic modes are iterated with their loads. Returns the
+    status: NO_LOOP_CONVERGENCE if the iteration with forces that depend on accelerations or
+    reactions, or with such modes, does not converge; SELF_LOCKING if that with friction does not.
     """
     if run.settings.static_after_step == 1 and project != NOTHING:
         zero(run.work.trial.mode_force)
         zero(run.work.trial.res)
-        follow_loads(run, at)  # by nothing: their rates are zero
+        follow_loads(run, at)  # without loads: sets only the rates to zero
     status = _solve_motion(run, at, cp, project)
     if run.settings.static_after_step == 0 or project == NOTHING or status != SUCCESS:
         return status
-    for n in range(_LOOP_ROUNDS):
+    for n in range(_MAX_LOOP_ROUNDS):
         status = max(status, forces(run, at))
         change = follow_loads(run, at)
         if status == NOT_FINITE or not math.isfinite(change):
-            return NO_LOOP_CONVERGENCE  # it was finite before they followed
+            return NO_LOOP_CONVERGENCE  # the forces were finite before the modes changed
         if status != SUCCESS:
             return status
-        if change <= min(SETTLED * 2.0 ** max(n - _MANY_ROUNDS, 0), _STATIC_NOISE):
+        if change <= min(
+            STATIC_TOLERANCE * 2.0 ** max(n - _STRICT_ROUNDS, 0), _MAX_STATIC_TOLERANCE
+        ):
             run_stage(run.stages.static_rates, run, at)
             run_stage(run.stages.static_force, run, at)
             return _solve_motion(run, at, cp, VELOCITIES)
@@ -162,7 +170,7 @@ def accelerations(run: Run, at: Point, cp: float, project: int) -> int:
 
 @kernel
 def follow_loads(run, at):
-    """Let quasi-static modes follow Trial.res; their largest weighted change."""
+    """Move kinetostatic modes to equilibrium with Trial.res; returns their largest change."""
     units, tables, change = run.stages.static.units, run.stages.static.tables, 0.0
     for k in range(len(units)):
         change = max(change, call_value(units[k], run, tables[k], at))
@@ -174,8 +182,8 @@ def put_vd_round_off(run: Run, at: Point) -> int:
     """Estimate the round-off of accelerations, weighted, into Trial.vd_round_off.
 
     All positions and velocities are perturbed by their round-off, with alternating signs, once and
-    `_NOISE_GAIN` times; stiff forces amplify this. A difference counts if it grows in proportion to
-    the perturbation: where a force jumps it does not.
+    `_PERTURBATION` times; stiff forces amplify this. A difference counts if it grows in proportion
+    to the perturbation: where a force jumps it does not.
     """
     tr, weights, noise = run.work.trial, run.system.weights, run.work.trial.vd_round_off
     zero(noise)
@@ -186,19 +194,19 @@ def put_vd_round_off(run: Run, at: Point) -> int:
         return SUCCESS
     for i in range(noise.shape[0]):
         tr.dense_correction[i] = abs(tr.vd[i] - tr.spare[i])
-    if _perturbed_accelerations(run, at, _NOISE_GAIN) != SUCCESS:
+    if _perturbed_accelerations(run, at, _PERTURBATION) != SUCCESS:
         return SUCCESS
     for i in range(noise.shape[0]):
         before, change = tr.dense_correction[i], abs(tr.vd[i] - tr.spare[i])
-        if before * _NOISE_GAIN / _NOISE_SPREAD <= change <= before * _NOISE_GAIN * _NOISE_SPREAD:
-            noise[i] = weights[i] * change / _NOISE_GAIN
+        if before * _PERTURBATION / _SPREAD <= change <= before * _PERTURBATION * _SPREAD:
+            noise[i] = weights[i] * change / _PERTURBATION
     zero(tr.dense_correction)
     return SUCCESS
 
 
 @kernel
 def _perturbed_accelerations(run, at, times):
-    """Accelerations of the state with last places changed so many times; returns the status."""
+    """Accelerations of the state perturbed by `times` the round-off of q and v; the status."""
     st, tr, sign = run.state, run.work.trial, times
     put_q_round_off(run.system.parts, st.q, tr.dq)
     for i in range(tr.dq.shape[0]):
@@ -216,7 +224,7 @@ def _perturbed_accelerations(run, at, times):
 
 @unit
 def _solve_motion(run: Run, at: Point, cp: float, project: int) -> int:
-    """The same with quasi-static modes as they are."""
+    """`accelerations` at constant quasi-static modes."""
     if run.method.stabilised == 1:
         project = NOTHING
     position_stage(run, at)
@@ -226,7 +234,7 @@ def _solve_motion(run: Run, at: Point, cp: float, project: int) -> int:
     run.work.factor.symmetric[0] = 1
     cp = _factorise_definite(run, at, cp)
     if project == POSITIONS and at.lam.shape[0] > 0:
-        has_moved = project_positions(run, at, _MAX_ROUNDS) > _SAME_POSE
+        has_moved = project_positions(run, at, _MAX_ROUNDS) > _SAME_POSE_DISTANCE
         if has_moved and (
             run.settings.static_after_step == 1 or has_dependent_rows(run.work.factor, 0.0)
         ):
@@ -249,23 +257,27 @@ def _solve_motion(run: Run, at: Point, cp: float, project: int) -> int:
 
 @kernel
 def _factorise_definite(run, at, cp):
-    """Factor M + b ∂F/∂q with the largest b up to cp of which twice leaves it definite; returns b.
+    """Factor M + b ∂F/∂q with the largest b ≤ cp tried for which M + 2b ∂F/∂q is definite.
 
-    Forces in an unstable pose make ∂F/∂q negative: where b makes that as large as a light mass,
-    velocities and reactions would be divided by the difference.
+    Returns b. In an unstable pose ∂F/∂q is negative. If b ∂F/∂q is then as large as a light mass,
+    M + b ∂F/∂q is nearly singular, and velocities and reactions would be arbitrary. If no b tried
+    is small enough, b = cp.
     """
     b = cp
     for n in range(_MAX_REDUCTIONS):
         if b == 0.0 or _is_definite(run, at, 2.0 * b):
             break
-        b = _REDUCTION * b if n + 1 < _MAX_REDUCTIONS else cp  # as of one that never is
+        b = _TANGENT_REDUCTION * b if n + 1 < _MAX_REDUCTIONS else cp
     factorise(run, at, 0.0, b)
     return b
 
 
 @kernel
 def _is_definite(run, at, cp):
-    """Whether M + cp ∂F/∂q is positive in all directions that the constraints leave."""
+    """Whether M + cp ∂F/∂q is positive definite on the null space of Cq.
+
+    By Sylvester's law of inertia: then [[S, Cqᵀ], [Cq, −ε]] has one negative pivot per row of Cq.
+    """
     factorise(run, at, 0.0, cp)
     d, negative = run.work.factor.d, 0
     for k in range(d.shape[0]):
@@ -275,7 +287,7 @@ def _is_definite(run, at, cp):
 
 @kernel
 def _stabilise(run, at):
-    """γ −= 2α (Cq v + C_t) + β² C; Constraints.drift keeps how far v is off."""
+    """Baumgarte: γ −= 2α (Cq v + C_t) + β² C; stores max |Cq v + C_t| in Constraints.drift."""
     con, rate_gain, gain = run.work.con, 2.0 * run.method.alpha, run.method.beta**2
     constraint_stage(run, at)
     rate_stage(run, at)
@@ -292,9 +304,10 @@ def depends_on_solution(run):
 
 @kernel
 def _mass_rounds(run):
-    """Refinements by M: where forces or a deformation follow the solution, one at least.
+    """Number of refinements with M; at least one if forces or deformations depend on (v̇; λ).
 
-    Else these follow what b ∂F/∂q, with its accelerations and reactions of before, makes of it.
+    Otherwise these would depend on the term b ∂F/∂q, which uses accelerations and reactions of the
+    previous iteration.
     """
     follows = depends_on_solution(run) or run.settings.static_after_step == 1
     return max(run.method.mass_refinements, int(follows))
@@ -302,7 +315,7 @@ def _mass_rounds(run):
 
 @kernel
 def _is_well_conditioned(fac):
-    """Whether no row yields to its regularisation, so that a refinement leaves its square."""
+    """Whether all row pivots are far above their regularisation: one refinement is enough."""
     firm = fac.replaced[0] == 0
     for k in range(fac.eps.shape[0]):
         firm = firm and abs(fac.d[k]) >= _WELL_CONDITIONED_PIVOT * fac.eps[k]
@@ -340,8 +353,8 @@ def _solve(run: Run, at: Point, cp: float) -> int:
 def _refine_by_mass(run: Run, at: Point, top: Vector, bottom: Vector, x: Vector, y: Vector) -> int:
     """Refine (x; y) of [[M, Cqᵀ], [Cq, 0]] (x; y) = (top; bottom) by a factor with M + b ∂F/∂q.
 
-    Each round takes two orders of the step more away from what b, of order h², does to slow
-    motions; stiff modes stay filtered.
+    b, of order h², changes the acceleration of slow motions by a relative error of that order. Each
+    round reduces the error by two more orders of h; stiff modes stay filtered.
     """
     fac, kkt, tr = run.work.factor, run.system.kkt, run.work.trial
     place, sol, both, own = kkt.place, fac.sol, fac.tmp, fac.rhs
@@ -372,11 +385,12 @@ def _refine_by_mass(run: Run, at: Point, top: Vector, bottom: Vector, x: Vector,
 
 @unit
 def add_stiff_accelerations(run: Run, at: Point, smooth: Vector) -> int:
-    """Add the share of smooth accelerations (nv) that `accelerations` has filtered from v̇.
+    """Add to v̇ the part of `smooth` (nv) that `accelerations` has filtered out.
 
-    With S = M + cp ∂F/∂q and r rounds of refinement v̇ has of each mode 1 − s^(r+1), where s =
-    S⁻¹ cp ∂F/∂q: nothing of stiff ones, whose positions follow their loads. The rest is that of the
-    method's own accelerations, as far as constraints let it move. After `accelerations`.
+    With S = M + cp ∂F/∂q and r rounds of refinement, v̇ holds the share 1 − s^(r+1) of each mode,
+    where s = S⁻¹ cp ∂F/∂q: almost nothing of stiff modes. The missing share s^(r+1) is taken from
+    the accelerations of the method itself (`smooth`), on the null space of the constraints. To be
+    called after `accelerations`, with its factor.
     """
     fac, kkt, tr = run.work.factor, run.system.kkt, run.work.trial
     place, x, nv = kkt.place, tr.dq, at.vd.shape[0]
@@ -399,7 +413,7 @@ def add_stiff_accelerations(run: Run, at: Point, smooth: Vector) -> int:
 
 @kernel
 def _largest_force(sys, res, lam):
-    """The largest force (N) in the equations of motion; a moment counts over the model size."""
+    """The largest force in the equations of motion [N]; moments over the size of the model."""
     size, bodies, weights = 0.0, sys.parts.bodies, sys.weights
     for i in range(res.shape[0]):
         if abs(res[i]) > size * weights[i]:
@@ -411,13 +425,15 @@ def _largest_force(sys, res, lam):
 
 @kernel
 def _solve_loop(run, at, cp):
-    """Solve again while forces depend on what was solved for; whether that came to an end."""
+    """Fixed-point iteration of forces that depend on v̇ and λ; returns whether it converged."""
     before, vd, weights = run.work.trial.jerk, at.vd, run.system.weights
-    for _ in range(_LOOP_ROUNDS):
+    for _ in range(_MAX_LOOP_ROUNDS):
         copy(vd, before)
         change = reaction_stage(run, at)
         feedback_stage(run, at)
-        at_rest = change <= _SETTLED * _largest_force(run.system, run.work.trial.res, at.lam)
+        at_rest = change <= _REACTION_TOLERANCE * _largest_force(
+            run.system, run.work.trial.res, at.lam
+        )
         _solve(run, at, cp)
         size = weighted_max(vd, weights)
         for i in range(vd.shape[0]):
@@ -425,6 +441,6 @@ def _solve_loop(run, at, cp):
         change = weighted_max(before, weights)
         if not math.isfinite(change):
             return False
-        if at_rest and change <= _LOOP_CLOSED * size:
+        if at_rest and change <= _LOOP_TOLERANCE * size:
             return True
     return False

@@ -1,8 +1,8 @@
-"""State and scratch memory of a run: what there is of it, stage by stage.
+"""Records of a run: its state and its scratch memory, grouped by stage.
 
-`State` is all that a run hands from one chunk to the next, integrator memory included. `Work` is
-scratch, grouped by what writes it and filled with NaN, so that reading a stage that was not
-evaluated shows at once. `Run` holds all that compiled code is handed, by its address.
+`State` is all that a run passes from one chunk to the next, including the memory of the integrator.
+`Work` is scratch, grouped by the stage that writes it and filled with NaN at first, so that reading
+a stage that was not evaluated shows at once. `Run` is the argument of compiled code.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ BODY_NOW = np.dtype(
         ("A", _F, (3, 3)),  # body axes to global
         ("J", _F, (3, 3)),  # inertia about the body origin, body axes, deformed
         ("c", _F, (3,)),  # first moment of mass, body axes, deformed
-        ("V", _F, (3, 3)),  # scratch: a rate of Z, and the like
+        ("V", _F, (3, 3)),  # scratch, such as a time derivative of Z
     ],
     align=True,
 )
-# A marker now. Position stage: x, R, s, and where modes move it th, c, T, arm; velocity stage:
-# vx, om; bias stage, where modes move it the velocity stage: bx, bom; force stage: W.
+# A marker now. Position stage: x, R, s, and if modes move it th, c, T, arm; velocity stage: vx, om;
+# bias stage (velocity stage if modes move it): bx, bom; force stage: W.
 MARKER_NOW = np.dtype(
     [
         ("x", _F, (3,)),  # position, global
         ("R", _F, (3, 3)),  # marker axes to global
-        ("s", _F, (3,)),  # from the body origin, body axes
+        ("s", _F, (3,)),  # position relative to the body origin, body axes
         ("th", _F, (3,)),  # rotation vector θ of the deformation
-        ("c", _F, (4,)),  # coefficients of T(θ) and their slopes
-        ("T", _F, (3, 3)),  # T(θ)
-        ("arm", _F, (3,)),  # turned arm, body axes
+        ("c", _F, (4,)),  # coefficients of T(θ) and their derivatives
+        ("T", _F, (3, 3)),  # T(θ), tangent of the exponential map
+        ("arm", _F, (3,)),  # rotated arm, body axes
         ("vx", _F, (3,)),  # velocity, global
         ("om", _F, (3,)),  # angular velocity, global
         ("bx", _F, (3,)),  # acceleration at zero vd, global
@@ -49,7 +49,7 @@ MARKER_NOW = np.dtype(
 )
 
 
-# A curve marker now: its twist per ds and the change of that per ds, global.
+# A curve marker now: its twist per arc length s, and the derivative of that by s, global.
 CURVE_MARKER_NOW = np.dtype([("J", _F, (6,)), ("D", _F, (6,))], align=True)
 
 
@@ -62,25 +62,25 @@ class State(NamedTuple):
     vd: Vector  # (nv,) accelerations
     vd_before: Vector  # (nv,) accelerations one step earlier, for the predictor
     aa: Vector  # (nv,) algorithmic accelerations of generalized-alpha
-    jerk: Vector  # (nv,) its rate over the last step
-    jerk_before: Vector  # (nv,) and over the one before
+    jerk: Vector  # (nv,) rate of aa over the last step
+    jerk_before: Vector  # (nv,) rate of aa over the step before
     lam: Vector  # (nc,) the integrator's own multipliers
     lam_before: Vector  # (nc,) multipliers one step earlier, for the predictor
     work_done: Vector  # (3,) work of drivers, dampers and applied forces so far, J
     power: Vector  # (3,) their power at t, W
-    power_before: Matrix  # (2, 3) one step earlier, and two; NaN after a start
+    power_before: Matrix  # (2, 3) power one and two steps earlier; NaN after a start
     angles: Vector  # (channels,) continuous joint angles of the angle sensors, rad
-    q_first: Vector  # (nq,) positions at the start, for the motion so far
+    q_first: Vector  # (nq,) positions at the start, for displacements
     first_places: Matrix  # (2, nv) round-off of corrections at the start; 1: a driver acts there
-    motion: Vector  # (nv,) largest motion so far of what each coordinate belongs to, weighted
-    speed: Vector  # (nv,) largest speed of it so far, weighted
+    motion: Vector  # (nv,) error scale of positions: largest displacement so far, weighted
+    speed: Vector  # (nv,) error scale of velocities: largest velocity so far, weighted
     memory: array_of(INTEGRATOR_MEMORY)  # (1,)
     count: array_of(COUNTERS)  # (1,)
-    history: Vector  # of the elements: time of the last accepted step, then their own
+    history: Vector  # of the elements: time of the last accepted step, then numbers of each
 
 
 class Point(NamedTuple):
-    """Where the equations are evaluated."""
+    """Time, positions, ... at which the equations are evaluated."""
 
     t: Vector  # (1,) time, s
     q: Vector  # (nq,)
@@ -95,39 +95,39 @@ class Now(NamedTuple):
     body: array_of(BODY_NOW)
     marker: array_of(MARKER_NOW)
     Z: Vector  # of every flexible body 9 m numbers Z_ab, 3 m of M_omega_eta (`deformation_room`)
-    Phi: Matrix  # Phi_t - eta^T K_d, 3 m numbers, and room; of every marker, where some bend
+    Phi: Matrix  # (markers, ...) Phi_t - eta^T K_d, 3 m numbers, and padding; if some need K_d
     curve_marker: array_of(CURVE_MARKER_NOW)
-    history: Vector  # of the elements, that forces are evaluated with, as State.history
-    span: Vector  # (1,) time since then, s
-    iteration: Vector  # (1,) of Newton's method within a step, from 0
+    history: Vector  # history of the elements with which forces are evaluated, as State.history
+    span: Vector  # (1,) time since that history, s
+    iteration: Vector  # (1,) number of the Newton iteration within a step, from 0
 
 
 class Constraints(NamedTuple):
-    """Values of all rows."""
+    """Values of all constraint rows."""
 
     C: Vector  # (nc,) constraint values
     rate: Vector  # (nc,) Cq v + C_t
-    drift: Vector  # (1,) its largest entry before the last projection
-    gamma: Vector  # (nc,) acceleration right side
+    drift: Vector  # (1,) max |Cq v + C_t| before the last projection
+    gamma: Vector  # (nc,) right side of Cq v̇ = γ
     fun: Matrix  # (functions, 3) value, first and second derivative at t
 
 
 class Dense(NamedTuple):
-    """Small dense blocks on the way into the KKT matrix."""
+    """Small dense blocks, from which the iteration matrix is assembled."""
 
     B: Matrix  # (6 + m, 6 + m) of one body or a pair
     J: array_of("f8", 3)  # (2, 6, 6 + m) Jacobians of two markers
-    T: Matrix  # (24, 6 + m) one product, or wrenches and rates of damping pulled back
+    T: Matrix  # (24, 6 + m) one product, or wrenches and rates of damping in body coordinates
     H: Matrix  # (12, 12) tangent at two markers
     g: Matrix  # (2, 12) RowWork.g, wrench pair of one group
-    X: Matrix  # (6, 12) wrench pairs that follow rates
-    U: Matrix  # (6, 12) these rates per velocities of two markers
-    jac: Vector  # Jacobian rows, flat
+    X: Matrix  # (6, 12) wrench pairs per unit of each rate
+    U: Matrix  # (6, 12) these rates per unit velocity of two markers
+    jac: Vector  # Jacobian rows of all bodies, one after the other
     pair: Integers  # (2,) markers I and J of a wrench pair
 
 
 class RowWork(NamedTuple):
-    """What units of constraint rows read and write (`engine.kind`)."""
+    """Argument of the units of constraint rows (`engine.kind`)."""
 
     marker: array_of(MARKER_NOW)  # Now.marker
     g: Vector  # (12,) gradient of one row
@@ -135,23 +135,23 @@ class RowWork(NamedTuple):
 
 
 def rows_between(xi: np.ndarray, Ri: np.ndarray, xj: np.ndarray, Rj: np.ndarray) -> RowWork:
-    """Two markers at rest, 0 and 1, for units of rows: positions (3,), axes (3, 3) to global."""
+    """Two markers at rest, 0 and 1, for units of rows: positions (3,), marker axes to global."""
     markers = np.zeros(2, MARKER_NOW)
     markers["x"], markers["R"] = (xi, xj), (Ri, Rj)
     return RowWork(markers, np.zeros(12), np.zeros((12, 12)))
 
 
 class Factor(NamedTuple):
-    """The KKT matrix, its factor, and vectors in elimination order.
+    """The iteration matrix, its factor, and vectors in elimination order.
 
-    The vectors end with one place more, for all coordinates that are left out.
+    The vectors have one more entry at the end, for all coordinates that are not in the matrix.
     """
 
     low: Vector  # panels: rows of the lower triangle
     up: Vector  # panels: columns of the upper triangle
     low0: Vector  # the matrix itself, for refinement
     up0: Vector
-    Wl: Vector  # one panel, times its pivots
+    Wl: Vector  # scratch: one panel times its pivots
     Wu: Vector
     d: Vector  # (n,) pivots
     eps: Vector  # (n,) regularisation
@@ -186,29 +186,29 @@ class Collocation(NamedTuple):
     next_lam: Matrix  # (stages, nc)
     res: Matrix  # (stages, nv) forces out of balance
     gap: Matrix  # (stages, nc) constraint values
-    change: Matrix  # (stages, nv) last correction
+    change: Matrix  # (stages, nv) last Newton correction
     power: Matrix  # (stages, 3) of drivers, dampers and applied forces, W
-    share: Matrix  # (stages, stages) of the stages of the last step in the predicted ones
-    age: Vector  # (1,) steps made by the present factors; below 0: there are none
-    span: Vector  # (2,) start and length of the step that the stages are of, s; 0: of none
-    real: Factor  # of the real eigenvalue
-    pair: ComplexFactor  # of the pair of complex ones
+    share: Matrix  # (stages, stages) weights of the stages of the last step in predicted ones
+    age: Vector  # (1,) steps that the present factors have served; below 0: there are none
+    span: Vector  # (2,) start and length of the step of these stages, s; length 0: none
+    real: Factor  # of the real eigenvalue of the Runge–Kutta matrix
+    pair: ComplexFactor  # of its pair of complex eigenvalues
 
 
 class Partition(NamedTuple):
     """Independent and dependent coordinates."""
 
-    metric: Vector  # (nv,) weights of least change: heavy for independent coordinates
-    free: Vector  # (nv,) 1: dependent, 0: independent or left out of the system
-    motion: Vector  # (nv,) of the present stage from the start of the step
-    jacobian: Matrix  # (nc, nv) Cq without units, for the choice
-    age: Vector  # (1,) steps since the choice; below 0: it is due
-    pivot: Vector  # (2,) least pivot of the rows at the choice, and now
+    metric: Vector  # (nv,) weights of a correction: very large for independent coordinates
+    free: Vector  # (nv,) 1: dependent, 0: independent or not in the system
+    motion: Vector  # (nv,) displacement of the present stage from the start of the step
+    jacobian: Matrix  # (nc, nv) dimensionless Cq, for the selection
+    age: Vector  # (1,) steps since the selection; below 0: a selection is due
+    pivot: Vector  # (2,) least pivot of the rows at the selection, and now
     rank: Integers  # (1,) number of dependent coordinates; 0: not known
 
 
 class Before(NamedTuple):
-    """What the dense output needs of the start of the last accepted step."""
+    """The start of the last accepted step, for the dense output."""
 
     t: Vector
     q: Vector
@@ -218,12 +218,13 @@ class Before(NamedTuple):
     history: Vector
 
 
-# What the step control watches: it crosses zero where a force changes its formula.
+# An event function: zero where a force or a function changes its law (`engine.events`).
 EVENT_FUNCTION = np.dtype(
     [
         ("value", _F),
-        ("rate", _F),  # where it may peak unseen within a step, else NaN
-        # 1: where an operation of a function changes its law, as often as it likes; 2: with a jump
+        ("rate", _F),  # time derivative, if it may exceed zero within a step and return; else NaN
+        # 0: of an element. 1: of an operation of a function, which may switch any number of times;
+        # 2: the same, where the value of the function jumps
         ("of_law", _F),
     ],
     align=True,
@@ -235,10 +236,10 @@ class Events(NamedTuple):
 
     before: array_of(EVENT_FUNCTION)  # at the start of the step
     now: array_of(EVENT_FUNCTION)  # at its end
-    # (room, width) states behind events of a chunk, of many one in 3, 9, ...: t, q, v, next step,
-    # v some steps later, vd, lam, history; of implicit methods
+    # (room, width) states after events of a chunk (implicit methods); of many events every third,
+    # ninth, ...: t, q, v, next step, v some steps later, vd, lam, history
     states: Matrix
-    taken: Integers  # (4,) events, rows, one in how many, steps since the last row
+    taken: Integers  # (4,) events, rows, events per row, steps since the last row
 
 
 class Trial(NamedTuple):
@@ -251,59 +252,59 @@ class Trial(NamedTuple):
     aa: Vector
     aa_start: Vector  # (nv,) algorithmic acceleration at the start, for this step size
     lam: Vector
-    dq: Vector  # (nv,) motion of the step
+    dq: Vector  # (nv,) displacement of the step
     res: Vector  # (nv,) M vd - Q + Cq^T lam
-    spare: Vector  # (nv,)
-    mode_force: Vector  # (nv,) forces by which modes that are held keep the acceleration given
-    dense_correction: Vector  # (nv,) beside the cubics of the dense output, times s² (1 − s)²
+    spare: Vector  # (nv,) scratch
+    mode_force: Vector  # (nv,) τ² K_ss η̈_s: forces with which kinetostatic modes get a given η̈_s
+    dense_correction: Vector  # (nv,) factor of s² (1 − s)² in the dense output, added to the cubic
     power: Vector  # (3,)
     work_done: Vector  # (3,) works at an output
-    angles: Vector  # (channels,) continuous angles at an output, or on the way
-    before: Before  # the state that the last accepted step began with
-    stages: Matrix  # (stages, nq + nv + 3) slopes and powers of an explicit method
-    work: Vector  # (3,) work_done at its end, of a method with stages
-    rate: Vector  # (nq,) sum of slopes
-    shares: Vector  # (stages,) weights of the slopes in the dense output
-    dense_ready: Integers  # (1,) 1: the stages of the dense output of the last step are there
-    dq_round_off: Vector  # (nv,) weighted size of a correction that is round-off
-    vd_round_off: Vector  # (nv,) weighted change of accelerations by round-off of places and speeds
-    error: Vector  # (2,) estimated local error of positions and velocities over their motion
-    jerk: Vector  # (nv,) rate of the algorithmic acceleration, as far as S lets it move
+    angles: Vector  # (channels,) continuous angles at an output, or within a step
+    before: Before  # the start of the last accepted step
+    stages: Matrix  # (stages, nq + nv + 3) q̇, v̇ and powers of the stages of an explicit method
+    work: Vector  # (3,) work_done at the end of the step, of a method with stages
+    rate: Vector  # (nq,) weighted sum of q̇ of the stages
+    shares: Vector  # (stages,) weights of the stages in the dense output
+    dense_ready: Integers  # (1,) 1: the dense output of the last step is evaluated
+    dq_round_off: Vector  # (nv,) size of a correction that is round-off, weighted
+    vd_round_off: Vector  # (nv,) round-off of accelerations by that of q and v, weighted
+    error: Vector  # (2,) estimated local error of positions and of velocities, over their scales
+    jerk: Vector  # (nv,) rate of the algorithmic acceleration, on the null space of the constraints
     stack: Matrix  # (depth, 3) of the function evaluator
-    variables: Matrix  # (channels, 3) jets of the channels, for functions that name them
+    variables: Matrix  # (channels, 3) values and time derivatives of channels, for functions
 
 
 class FeedbackWork(NamedTuple):
     """Scratch of functions over channels."""
 
-    t: Vector  # (1,) the time at which they were evaluated last
+    t: Vector  # (1,) time of their last evaluation, s
     near: Vector  # (channels,) the continuous angles at the last accepted state
-    slopes: Vector  # (partials,) partial derivatives
-    g: Matrix  # (4, 12) gradients of one term: position, velocity; two of scratch
-    left: Vector  # (6 + m,) what acts
-    right: Vector  # (6 + m,) what it depends on
-    block: Integers  # (4,) first coordinate of left and right, and how many each has
+    slopes: Vector  # (partials,) partial derivatives of functions by channels
+    g: Matrix  # (4, 12) gradient of one term by positions, by velocities; two rows of scratch
+    left: Vector  # (6 + m,) generalised force of a unit value of the function
+    right: Vector  # (6 + m,) cp ∂m/∂q + cv ∂m/∂v of one term m, by the coordinates of a body
+    block: Integers  # (4,) first coordinate of left and right, and the number of each
 
 
-# Places in Work.energies and in Work.powers.
+# Indices in Work.energies and in Work.powers.
 KINETIC_ENERGY, STRAIN_ENERGY, GRAVITY_ENERGY, SPRING_ENERGY, BRISTLE_ENERGY = 0, 1, 2, 3, 4
 DRIVER_POWER, DAMPER_POWER, LOAD_POWER = 0, 1, 2
 
 
 class Alternation(NamedTuple):
-    """Multipliers of the last fixed steps about an output: what of them changes its sign."""
+    """Alternation of multipliers from step to step near outputs, with fixed steps."""
 
-    earlier: Vector  # (nc,) one step before lam_before; none of them: nothing is looked at
+    earlier: Vector  # (nc,) multipliers one step before lam_before; of length 0: not examined
     bend: Vector  # (nc,) second difference at the step before
-    low: Vector  # (nc,) least and greatest value about outputs
+    low: Vector  # (nc,) least and greatest value near outputs
     high: Vector  # (nc,)
-    size: Vector  # (nc,) the largest part that alternates
-    time: Vector  # (nc,) of it, s
+    size: Vector  # (nc,) largest amplitude of alternation
+    time: Vector  # (nc,) its time, s
     count: Integers  # (2,) steps of equal size, steps since the last output
 
 
 class Work(NamedTuple):
-    """All scratch: of two runs of one System none is shared."""
+    """All scratch memory of a run; two runs of one System share none."""
 
     now: Now
     con: Constraints
@@ -319,18 +320,18 @@ class Work(NamedTuple):
     energies: Vector  # (5,) kinetic, strain, gravity, spring; stored in bristles of friction
     powers: Vector  # (3,) of drivers, dampers, applied forces
     failed_element: Integers  # (1,) row of the element that gave the last status
-    kinds: Mapping[str, Any]  # scratch of the kinds that have some, by name (`engine.kind`)
+    kinds: Mapping[str, Any]  # scratch of kinds that have some, by name (`engine.kind`)
 
 
 class Stage(NamedTuple):
-    """The units of one stage, one for each kind that the scene holds, with its tables."""
+    """The units of one stage, one for each kind of the model that takes part, with its tables."""
 
     units: Units
     tables: Records
 
 
 class Stages(NamedTuple):
-    """What each kind of the scene does, stage by stage (`engine.kind`)."""
+    """All stages; `engine.kind` says what each does."""
 
     constants: Stage
     functions: Stage
@@ -372,29 +373,29 @@ class Stages(NamedTuple):
 
 
 class RowUnits(NamedTuple):
-    """Units of constraint rows by their kind (`engine.joints`), those that the scene holds."""
+    """Units of constraint rows by number of their kind (`engine.joints`); None: not used."""
 
     value: Units
     gradient: Units
     curvature: Units
     tangent: Units
     curved: Integers  # (kinds,) 1: it has a tangent
-    period: Vector  # (kinds,) of what it measures; 0: none
+    period: Vector  # (kinds,) period of its measure; 0: none
 
 
 class SensorUnits(NamedTuple):
-    """Units of sensors by kind (`engine.sensors`), those that the scene holds."""
+    """Units of sensors by number of their kind (`engine.sensors`); None: not used."""
 
     channel: Units  # values of channels
-    turns: Integers  # (kinds of channels,) 1: it counts turns
-    computed: Integers  # (kinds of channels,) 1: of other channels
+    turns: Integers  # (kinds of channels,) 1: an angle that counts turns
+    computed: Integers  # (kinds of channels,) 1: computed from other channels
     measure: Units  # values of terms
-    gradient: Units  # gradients of terms, for functions that act
-    level: Integers  # (measures,) derivative in time
+    gradient: Units  # gradients of terms, for functions of channels that act on the model
+    level: Integers  # (measures,) highest time derivative that it depends on
 
 
 class Output(NamedTuple):
-    """Rows of one chunk, allocated once."""
+    """Output rows of one chunk, allocated once."""
 
     t: Vector  # (rows,)
     q: Matrix  # (rows, nq)
@@ -406,18 +407,18 @@ class Output(NamedTuple):
     energy: Matrix  # (rows, 7): kinetic, strain, gravity, spring, and three works
     drift: Matrix  # (rows, 2): largest |C|, and |Cq v + C_t| before v was projected
     rows: Integers  # (1,) rows written so far
-    extent: Matrix  # (3, 7) energies at steps between them: least, greatest, last; NaN: none
+    extent: Matrix  # (3, 7) energies at steps between rows: least, greatest, last; NaN: none
 
 
 class Plan(NamedTuple):
-    """Steps of one run, for another one to follow with shorter ones."""
+    """Times of the steps of one run, which another run follows with shorter steps."""
 
     knots: Vector  # (n,) times of the accepted steps, s
-    used: Integers  # (1,) how many of them there are
+    used: Integers  # (1,) number of times stored
 
 
 class Run(NamedTuple):
-    """All that compiled code is handed."""
+    """The argument of compiled code: all records of a run."""
 
     system: System
     state: State

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from flexmb.engine.algebra.vector import copy
+import numpy as np
+
+from flexmb.engine.algebra.vector import copy, largest
 from flexmb.engine.equations_of_motion import (
     begin_history,
     begin_run,
@@ -17,12 +19,40 @@ from flexmb.engine.equations_of_motion import (
     velocity_stage,
 )
 from flexmb.engine.iteration_matrix import factorise_metric, least_pivot
-from flexmb.engine.jit import Vector, unit
+from flexmb.engine.jit import Vector, kernel, unit
+from flexmb.engine.joints.constraint import read_reactions
 from flexmb.engine.kinematics_point import solve_reactions
-from flexmb.engine.method import SUCCESS
-from flexmb.engine.sensors.sensor import count_turns
+from flexmb.engine.method import NOT_FINITE, SUCCESS
+from flexmb.engine.sensors.sensor import count_turns, read_channels
 from flexmb.engine.state import Run
-from flexmb.engine.time_loop import end_row, write_motion
+
+
+@kernel
+def write_motion(run, at, state, velocity_drift):
+    """Write time, coordinates, multipliers, reactions and drift of a state into the next row."""
+    out = run.output
+    row = out.rows[0]
+    read_reactions(run, at, out.reactions[row])
+    out.t[row] = state.t[0]
+    copy(state.q, out.q[row])
+    copy(state.v, out.v[row])
+    copy(state.vd, out.vd[row])
+    copy(state.lam, out.lam[row])
+    out.drift[row, 0] = largest(run.work.con.C)
+    out.drift[row, 1] = velocity_drift
+
+
+@kernel
+def end_row(run, at, state):
+    """Write the channels of a state and count the row, if it is finite; returns the status."""
+    out = run.output
+    row = out.rows[0]
+    read_channels(run, at, state.angles, out.sensors[row])
+    if not (np.isfinite(out.energy[row, 0]) and np.isfinite(largest(state.lam))):
+        return NOT_FINITE
+    out.rows[0] += 1
+    run.state.count[0]["outputs"] += 1
+    return SUCCESS
 
 
 @unit

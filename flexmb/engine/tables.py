@@ -267,7 +267,7 @@ class System(NamedTuple):
     history: int  # numbers that the elements remember from step to step, time first; 0: none
     events: int  # values that the step control watches
     program_depth: int  # rows of stack that programs of the kinds need
-    kinds: Mapping[str, Any]  # tables of the kinds that the model holds, by name (`engine.kinds`)
+    kinds: Mapping[str, Any]  # tables of the kinds that the model has, by name of the kind
 
 
 @dataclass

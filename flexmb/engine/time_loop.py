@@ -1,38 +1,25 @@
-"""The loops over time, inside compiled code: the steps of a dynamic run, the points of kinematics.
+"""The loop over the steps of a dynamic run, inside compiled code.
 
 A chunk starts by forgetting the factor and ends with the complete state in `State`, so that a run
 resumed at a chunk's border repeats the uninterrupted one bit for bit. Between chunks Python shows
 progress, writes to the file and honours an interruption. Outputs inside an accepted step are
 interpolated and put back on the constraints, with a factor of their own (`work.output_run`).
-
-Kinematics: the motion that joints and drivers fix. At every time q from C(q, t) = 0 by Newton's
-method, then v and v̇ from Cq v = −C_t and Cq v̇ = γ, all with one factor of [[W, Cqᵀ], [Cq, 0]], W a
-diagonal metric: masses play no part, and rows that repeat others do no harm. The factor of one
-point begins the next; reactions follow from Cqᵀ λ = Q − M v̇. Prediction: q ∘ exp(h v + h²/2 v̇ +
-h³/6 j), j the last difference of v̇. An increment is halved where Newton's method fails or the new
-point does not continue the motion (`engine.kinematics_point`); Haug, Computer Aided Kinematics and
-Dynamics, 1989, ch. 4.
 """
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from flexmb.engine import step_control
-from flexmb.engine.algebra.vector import copy, largest, store, weighted_max
-from flexmb.engine.bodies.motion import move, rotates_too_far
+from flexmb.engine.algebra.vector import copy, store, weighted_max
+from flexmb.engine.bodies.motion import rotates_too_far
 from flexmb.engine.equations_of_motion import (
-    begin_history,
     begin_run,
-    complete_poses,
     constraint_stage,
     feedback_stage,
     pose_stage,
     powers,
     put_energies,
-    rate_stage,
     reaction_stage,
     run_stage,
     update_energy_range,
@@ -42,25 +29,10 @@ from flexmb.engine.equations_of_motion import (
 )
 from flexmb.engine.error_scales import update_error_scales
 from flexmb.engine.events import accept_events, begin_events, cross_time_event, has_inner_event
-from flexmb.engine.initial_conditions import begin_deformation, correct_positions
-from flexmb.engine.iteration_matrix import factorise_metric, remove_self_stress
+from flexmb.engine.initial_conditions import begin_deformation
+from flexmb.engine.iteration_matrix import remove_self_stress
 from flexmb.engine.jit import call_step, kernel, unit
-from flexmb.engine.joints.constraint import read_reactions
-from flexmb.engine.kinematics_point import (
-    KinematicsSettings,
-    Path,
-    add_works,
-    are_finite,
-    check_branch,
-    next_increment,
-    note_singular_pose,
-    predict,
-    remember_point,
-    solve_positions,
-    solve_reactions,
-    solve_velocities_accelerations,
-)
-from flexmb.engine.method import NO_CONVERGENCE, NOT_FINITE, STEP_TOO_SMALL, SUCCESS, time_round_off
+from flexmb.engine.method import NO_CONVERGENCE, STEP_TOO_SMALL, SUCCESS, time_round_off
 from flexmb.engine.projection import (
     POSITIONS,
     VELOCITIES,
@@ -68,20 +40,21 @@ from flexmb.engine.projection import (
     add_stiff_accelerations,
     put_vd_round_off,
 )
-from flexmb.engine.sensors.sensor import count_turns, follow_angles, read_channels
+from flexmb.engine.sensors.sensor import count_turns, follow_angles
 from flexmb.engine.state import Run
+from flexmb.engine.state_rows import end_row, write_motion
 
-# With fixed steps what Newton's method leaves by an old factor is a bias: an output renews one that
-# has served so many steps.
-_RENEW_AFTER = 5.0
+# With fixed steps, the error that Newton's method leaves with an old factor is systematic. So an
+# output renews a factor that has served this many steps.
+_MAX_FACTOR_AGE = 5.0
 
-# Energies are evaluated at outputs, and after each so many steps without one.
+# Energies are evaluated at outputs, and in between after every this many steps.
 _ENERGY_INTERVAL = 5.0
 
 
 @unit
 def accept_step(run: Run, h: float) -> int:
-    """Add up the works of the step and make the trial state the state."""
+    """Add the works of the step and make the trial state the state."""
     st, tr, settings, at = run.state, run.work.trial, run.settings, run.trial_point
     before, controlled = tr.before, settings.step == 0.0
     before.t[0] = st.t[0]
@@ -102,7 +75,7 @@ def accept_step(run: Run, h: float) -> int:
         reaction_stage(run, at)
         powers(run, at)
         for k in range(3):
-            # modes that follow the loads leave the stages of a collocation, at the end of a step
+            # kinetostatic modes change after the step, so that works of collocation stages are off
             if (
                 run.method.stages > 0
                 or run.method.collocation > 0
@@ -141,12 +114,12 @@ def accept_step(run: Run, h: float) -> int:
 
 @unit
 def advance(run: Run, room: int) -> int:
-    """One accepted step of the size that works; or the status of the last one tried."""
+    """Try steps until one is accepted; returns SUCCESS, or the status of the last one tried."""
     st, settings, time_events = run.state, run.settings, run.system.time_events
     error, units, coefficients = run.work.trial.error, run.method.step, run.method.coefficients
     if settings.step == 0.0 and time_events.shape[0] > 0:
         before = st.t[0]
-        status = cross_time_event(run, _filter(run))
+        status = cross_time_event(run, _tangent_factor(run))
         if status != SUCCESS:
             return status
         if settings.static_after_step == 1 and st.t[0] > before:
@@ -158,7 +131,7 @@ def advance(run: Run, room: int) -> int:
         status = call_step(units[0], run, coefficients[0], h)
         if status == SUCCESS:
             status = run_stage(run.stages.limits, run, run.trial_point)
-        if status == SUCCESS and settings.step == 0.0:  # a driver may leap within a fixed step
+        if status == SUCCESS and settings.step == 0.0:  # a fixed step may contain a driver jump
             speed = weighted_max(run.work.trial.v, run.system.weights)
             if rotates_too_far(run, h) or step_control.exceeds_max_displacement(
                 run.method, settings, speed, h
@@ -180,19 +153,19 @@ def advance(run: Run, room: int) -> int:
 
 @kernel
 def _begin_deformation(run):
-    """Rates of modes that follow their loads where nothing is known of them, by the next step."""
+    """Start kinetostatic modes without a past, with points ahead within the next step."""
     st, settings, sys, plan = run.state, run.settings, run.system, run.plan
     h = st.memory[0]["next_step"]
-    if settings.refinement == 0.0 or plan.used[0] > 1:  # else the plan is still empty
+    if settings.refinement == 0.0 or plan.used[0] > 1:  # otherwise the plan is still empty
         h = step_control.propose_step(
             run.method, settings, plan, sys.time_events, st, run.times, 1, sys.weights
         )
-    begin_deformation(run, h, 0.1 * (settings.end - st.t[0]), _filter(run))
+    begin_deformation(run, h, 0.1 * (settings.end - st.t[0]), _tangent_factor(run))
 
 
 @kernel
-def _due(run):
-    """Whether an output is due at or before the present time."""
+def _is_output_due(run):
+    """Whether an output is due at the present time or before."""
     return step_control.is_output_due(run.settings, run.times, run.state, run.state.t[0], 0)
 
 
@@ -231,18 +204,18 @@ def write_output(run: Run) -> int:
     on_step = run.settings.step > 0.0 and tr.t[0] == st.t[0]
     project = VELOCITIES if on_step else POSITIONS
     st.count[0]["factorisations"] += 1
-    if run.settings.step > 0.0 and st.memory[0]["factor_age"] >= _RENEW_AFTER:
+    if run.settings.step > 0.0 and st.memory[0]["factor_age"] >= _MAX_FACTOR_AGE:
         st.memory[0]["factor_age"] = -1.0
-    status = accelerations(run, at, _filter(run), project)
+    status = accelerations(run, at, _tangent_factor(run), project)
     if status != SUCCESS:
         return status
-    if run.settings.static_after_step == 0 and _filter(run) > 0.0:
+    if run.settings.static_after_step == 0 and _tangent_factor(run) > 0.0:
         add_stiff_accelerations(run, at, tr.aa)
-    remove_self_stress(run, at, _filter(run))
+    remove_self_stress(run, at, _tangent_factor(run))
     constraint_stage(run, at)
     count_turns(run, at, tr.angles)
     write_motion(run, at, tr, run.work.con.drift[0])
-    if run.settings.step == 0.0:  # of a jump the row is of the time just before
+    if run.settings.step == 0.0:  # at a jump the row shows the state just before it
         run.output.t[run.output.rows[0]] = run.times[st.count[0]["outputs"]]
     put_energies(run, at, tr.work_done, run.output.energy[run.output.rows[0]])
     copy(st.history, run.work.now.history)
@@ -253,36 +226,8 @@ def write_output(run: Run) -> int:
 
 
 @kernel
-def write_motion(run, at, state, velocity_drift):
-    """Write time, coordinates, multipliers, reactions and drift of a state into the next row."""
-    out = run.output
-    row = out.rows[0]
-    read_reactions(run, at, out.reactions[row])
-    out.t[row] = state.t[0]
-    copy(state.q, out.q[row])
-    copy(state.v, out.v[row])
-    copy(state.vd, out.vd[row])
-    copy(state.lam, out.lam[row])
-    out.drift[row, 0] = largest(run.work.con.C)
-    out.drift[row, 1] = velocity_drift
-
-
-@kernel
-def end_row(run, at, state):
-    """Write the channels of a state and count the row, if it is finite; returns the status."""
-    out = run.output
-    row = out.rows[0]
-    read_channels(run, at, state.angles, out.sensors[row])
-    if not (np.isfinite(out.energy[row, 0]) and np.isfinite(largest(state.lam))):
-        return NOT_FINITE
-    out.rows[0] += 1
-    run.state.count[0]["outputs"] += 1
-    return SUCCESS
-
-
-@kernel
-def _filter(run):
-    """Factor cp, of order h², of the matrix for reported accelerations; 0 in the first row."""
+def _tangent_factor(run):
+    """Factor cp = filter × h² of ∂F/∂q in the matrix for reported accelerations; 0 in row one."""
     if run.settings.determinate == 0:
         return run.method.filter * run.state.memory[0]["last_step"] ** 2
     return 0.0
@@ -290,10 +235,10 @@ def _filter(run):
 
 @unit
 def integrate_steps(run: Run, aside: Run, n_steps: int) -> int:
-    """Run n_steps, or until the end or until `out` is full; returns the status.
+    """Run n_steps, or until the end of the run, or until `out` is full; returns the status.
 
-    Outputs that are due are written, also before the first step, by `aside`: the same run with
-    another factor.
+    Outputs that are due are written, also before the first step. They use `aside`, the same run
+    with a factor of its own.
     """
     settings, st, out = run.settings, run.state, run.output
     out.rows[0] = 0
@@ -317,7 +262,7 @@ def integrate_steps(run: Run, aside: Run, n_steps: int) -> int:
         run.plan.used[0] = 0
         step_control.write_plan(settings, run.plan, st)
     while status == SUCCESS:
-        if _due(run):
+        if _is_output_due(run):
             status = write_output(aside)
             continue
         room = out.t.shape[0] - out.rows[0]
@@ -334,117 +279,3 @@ def integrate_steps(run: Run, aside: Run, n_steps: int) -> int:
             copy(run.work.feedback.near, st.angles)
         done += 1
     return status
-
-
-# What the loop is asked for.
-POINTS, CORRECT, EVALUATE = 0, 1, 2
-# An increment is at least this share of the interval between outputs.
-_LEAST_INCREMENT = 2.0**-22
-
-
-@unit
-def reach_output(run: Run, path: Path, settings: KinematicsSettings) -> int:
-    """Go to the next output time in one increment, or in several; returns the status."""
-    st, tr, at, w = run.state, run.work.trial, run.trial_point, run.system.weights
-    memory, count = path.memory[0], st.count[0]
-    target = settings.start + count["outputs"] * settings.interval
-    first = count["outputs"] == 0
-    while first or st.t[0] < target:
-        left = target - st.t[0]
-        h = left
-        if not first:
-            speed = weighted_max(st.v, w)
-            most = min(memory["next_increment"], settings.interval)
-            h = next_increment(left, most, speed)
-        last = h <= _LEAST_INCREMENT * settings.interval
-        tr.t[0] = st.t[0] + h
-        run_stage(run.stages.functions, run, at)
-        predict(run, path, h)
-        if memory["motion_since_factor"] >= 0.0:
-            memory["motion_since_factor"] += weighted_max(tr.dq, w)
-        move(run.system.parts, st.q, tr.dq, tr.q)
-        status = _solve_point(run, path, settings)
-        if status == SUCCESS and not first:
-            status = check_branch(run, path, h, 1 if last else 0)
-        if status == SUCCESS and not last:
-            copy(st.angles, tr.angles)
-            status = run_stage(run.stages.angle_path, run, at)
-        if status == SUCCESS:
-            if not first:
-                note_singular_pose(run, path)
-            remember_point(run, path, h)
-            st.t[0] = target if h == left else tr.t[0]
-            copy(tr.q, st.q)
-            copy(tr.v, st.v)
-            copy(tr.vd, st.vd)
-            count_turns(run, run.state_point, st.angles)
-            count["steps"] += 1
-            memory["next_increment"] = max(2.0 * h, memory["next_increment"])
-            first = False
-            continue
-        if last:
-            return status
-        memory["motion_since_factor"] = -1.0
-        memory["next_increment"] = 0.5 * h
-        count["failed"] += 1
-    return SUCCESS
-
-
-@kernel
-def _solve_point(run, path, settings):
-    """Trial positions, velocities and accelerations from their predictions; returns the status."""
-    if not are_finite(run.system.functions, run.work.con.fun):
-        return NOT_FINITE
-    status = solve_positions(run, path, settings)
-    if status == SUCCESS:
-        status = solve_velocities_accelerations(run, path, settings)
-    return run_stage(run.stages.limits, run, run.trial_point) if status == SUCCESS else status
-
-
-@unit
-def write_point(run: Run, path: Path, settings: KinematicsSettings) -> int:
-    """Write the present point, with reactions and energies; returns the status."""
-    st, at = run.state, run.state_point
-    if st.count[0]["outputs"] == 0:
-        begin_history(run, at, st.history)
-    status = solve_reactions(run)
-    if status != SUCCESS:
-        return status
-    write_motion(run, at, st, largest(run.work.con.rate))
-    powers(run, at)
-    copy(run.work.powers, st.power)
-    add_works(settings.interval, st.count[0]["outputs"], st.power, path.powers, st.work_done)
-    put_energies(run, at, st.work_done, run.output.energy[run.output.rows[0]])
-    update_history(run, at, st.history)
-    return end_row(run, at, st)
-
-
-@unit
-def evaluate_state(run: Run, path: Path) -> int:
-    """C, Cq, markers and rates at the state, and the factor of its pose."""
-    at = run.state_point
-    run_stage(run.stages.functions, run, at)
-    pose_stage(run, at)
-    constraint_stage(run, at)
-    factorise_metric(run, at, path.metric)
-    velocity_stage(run, at)
-    rate_stage(run, at)
-    count_turns(run, at, run.state.angles)
-    return complete_poses(run, at)
-
-
-@unit
-def kinematics_loop(run: Run, path: Path, settings: KinematicsSettings, what: int, n: int) -> float:
-    """See `entries.analyse_kinematics`."""
-    begin_run(run, run.state_point)
-    if what == POINTS:
-        st, out = run.state, run.output
-        out.rows[0] = 0
-        status = SUCCESS
-        while status == SUCCESS and out.rows[0] < n and st.count[0]["outputs"] <= settings.outputs:
-            status = reach_output(run, path, settings)
-            if status == SUCCESS:
-                status = write_point(run, path, settings)
-        return float(status)
-    evaluate_state(run, path)
-    return correct_positions(run) if what == CORRECT else 0.0

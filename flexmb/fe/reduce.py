@@ -56,6 +56,11 @@ from flexmb.fe.reduction.methods import (
     model_provenance,
     reduce_model,
 )
+from flexmb.fe.reduction.missing_response import (
+    inertia_response,
+    omitted_responses,
+    with_load_responses,
+)
 from flexmb.fe.reduction.reduced_basis import (
     ReducedBasis,
     ReducedModes,
@@ -63,11 +68,6 @@ from flexmb.fe.reduction.reduced_basis import (
     mode_infos,
     orthonormalise,
     rigid_basis,
-)
-from flexmb.fe.reduction.static_response import (
-    inertia_response,
-    omitted_responses,
-    with_load_responses,
 )
 from flexmb.fe.reduction.user_modes import read_user_modes
 from flexmb.fe.scikit_fem import (

@@ -27,7 +27,7 @@ from flexmb.flexbody import PartResult, principal_stresses, von_mises
 from flexmb.flexbody.arrays import Array
 from flexmb.folders import whole_file
 from flexmb.results.channels import HistoryTable
-from flexmb.results.kill_safe_file import WriteLock
+from flexmb.results.crash_safe_file import WriteLock
 
 _WIDTH, _HEIGHT = 520, 120  # of the history in notebooks, pixels
 _POINTS = 400  # per line

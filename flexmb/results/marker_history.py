@@ -25,7 +25,7 @@ from flexmb.model.lookup import joint_frames, marker_names, place_marker
 from flexmb.model.markers import PlacedMarker, rotation_matrices
 from flexmb.model.reading import GROUND
 from flexmb.model.sensor import CHANNEL_UNITS
-from flexmb.results.kill_safe_file import reading
+from flexmb.results.crash_safe_file import reading
 from flexmb.results.reader import ResultReader
 
 if TYPE_CHECKING:

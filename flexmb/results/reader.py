@@ -23,7 +23,7 @@ from flexmb.flexbody import FlexBody, load
 from flexmb.flexbody.arrays import Array
 from flexmb.folders import temporary_folder
 from flexmb.results.channels import Columns, describe_missing, row_bytes, widths
-from flexmb.results.kill_safe_file import reading
+from flexmb.results.crash_safe_file import reading
 from flexmb.results.result_file import read_contents, read_state, read_table
 from flexmb.results.run_summary import SECONDS
 from flexmb.units import UnitSystem, unit_system

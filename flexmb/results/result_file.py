@@ -20,7 +20,7 @@ dataset        shape               meaning
 /state/0, 1    (bytes,)            two slots of the integrator's complete state
 /state/arrays  text                its arrays, JSON: names, types, shapes
 /state/saves   (2,)                number of the save in each slot, 0: none; /state/rows: rows then
-/checks, /state/checks             sums of rows and states; see `kill_safe_file`
+/checks, /state/checks             sums of rows and states; see `crash_safe_file`
 =============  ==================  ==========================================================
 
 A reader opens the file for each reading and closes it again: a run may write it at the same time,
@@ -45,7 +45,7 @@ from numpy.typing import NDArray
 from flexmb.engine.tables import BodyColumns
 from flexmb.errors import ResultFileError
 from flexmb.results.channels import TABLES, Columns, StoredColumns, widths
-from flexmb.results.kill_safe_file import content_digest, no_rows, reading, state_sum, verify
+from flexmb.results.crash_safe_file import content_digest, no_rows, reading, state_sum, verify
 from flexmb.units import unit_system
 from flexmb.untrusted import is_sealed, open_hdf5
 

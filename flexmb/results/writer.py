@@ -30,7 +30,7 @@ from flexmb.results.channels import (
     stored_columns,
     widths,
 )
-from flexmb.results.kill_safe_file import (
+from flexmb.results.crash_safe_file import (
     DiskFile,
     add_rows,
     content_digest,

@@ -21,7 +21,7 @@ import numpy as np
 
 from flexmb.errors import FlexmbError
 from flexmb.folders import output_errors, read_json, read_regular, whole_file, writable_folder
-from flexmb.results.kill_safe_file import WriteLock
+from flexmb.results.crash_safe_file import WriteLock
 from flexmb.untrusted import check_reading, column_kind, note_reading
 
 KEY = "key"

@@ -114,7 +114,7 @@ def compile_source(
 
 def damped_as_run(compiled: Compiled, model: Model, run: Result) -> Compiled:
     """The compiled model of a run with the damping that its flexible bodies had."""
-    from flexmb.analysis.assembly.joined_damping import add_damping
+    from flexmb.analysis.assembly.body_damping import add_damping
 
     newest = run.last_state()
     first = None if newest is None else newest[1].get("first_q")

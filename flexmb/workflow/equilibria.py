@@ -15,7 +15,7 @@ from flexmb.progress import Progress, silent
 from flexmb.workflow.compiled_model import compile_source
 
 if TYPE_CHECKING:
-    from flexmb.analysis.equilibria import Equilibrium
+    from flexmb.analysis.equilibrium_search import Equilibrium
     from flexmb.analysis.static_sweep import StaticSweep
     from flexmb.model import Model
 
@@ -114,7 +114,7 @@ def equilibria(
     FlexmbError
         Whatever is wrong; no equilibrium is reached from the placed pose.
     """
-    from flexmb.analysis.equilibria import find_equilibria
+    from flexmb.analysis.equilibrium_search import find_equilibria
 
     system = compile_source(source, overrides=overrides, progress=progress)
     scaled = time * system.model.units.scale("s")
@@ -152,7 +152,7 @@ def free_lengths(
     AssemblyError
         They cannot bring the pose into balance.
     """
-    from flexmb.analysis.equilibria import preloads
+    from flexmb.analysis.equilibrium_search import preloads
 
     system = compile_source(source, overrides=overrides, progress=progress)
     tables = system.compiled.system.kinds.get("springs")

@@ -122,10 +122,10 @@ def warmup(progress: Progress = silent) -> Warmup:
     CompilationError
         A unit does not compile on this machine.
     """
+    from flexmb.engine.compiled_calls import all_units
+    from flexmb.engine.compiled_units import missing_units
     from flexmb.engine.compiler_pool import compile_units
-    from flexmb.engine.entries import all_units
     from flexmb.engine.unit_cache import cache_folders, unit_file
-    from flexmb.engine.units import missing_units
 
     started = time.perf_counter()
     names = [unit.name for unit in all_units()]
@@ -174,10 +174,10 @@ def _cache() -> tuple[str, str]:
 
 
 def _compiler() -> tuple[str, str]:
+    from flexmb.engine.compiled_calls import all_units
+    from flexmb.engine.compiled_units import interpreted, missing_units
     from flexmb.engine.compiler_pool import compile_units
-    from flexmb.engine.entries import all_units
     from flexmb.engine.unit_cache import cache_folders
-    from flexmb.engine.units import interpreted, missing_units
 
     if interpreted():
         return "off", "NUMBA_DISABLE_JIT is set: runs are about a hundred times slower"

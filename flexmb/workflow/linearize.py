@@ -24,7 +24,7 @@ from flexmb.workflow.run_report import CheckOutcome
 
 if TYPE_CHECKING:
     from flexmb.analysis.assembly.initial_state import Assembled
-    from flexmb.analysis.equilibria import Equilibrium
+    from flexmb.analysis.equilibrium_search import Equilibrium
     from flexmb.analysis.linear.linearization import Linearization, ModeSweep
     from flexmb.model import Model
     from flexmb.results import Result
@@ -110,7 +110,7 @@ def state_of(system: CompiledModel, time: float | None, about: str) -> Assembled
     if about == "initial":
         about = "undeformed" if model.dynamics is None else model.dynamics.start
     if about == "static":
-        from flexmb.analysis.equilibria import find_equilibrium
+        from flexmb.analysis.equilibrium_search import find_equilibrium
 
         return find_equilibrium(compiled, model)
     return assemble(compiled, model, start=about)

@@ -179,7 +179,8 @@ class ModelVariants:
 
     def compile(self, model: Model, bodies: Mapping[str, FlexBody]) -> Compiled:
         """The model with the damping of its modes as they are joined in the first row."""
-        from flexmb.analysis.assembly.joined_damping import add_damping, choose_static_modes
+        from flexmb.analysis.assembly.body_damping import add_damping
+        from flexmb.analysis.assembly.static_mode_selection import choose_static_modes
         from flexmb.engine.compile import compile_system
 
         compiled = compile_system(model, bodies)

@@ -26,7 +26,7 @@ from flexmb.workflow.run_report import (
 )
 
 if TYPE_CHECKING:
-    from flexmb.analysis.procedure import Outcome, Sink
+    from flexmb.analysis.chunked_run import Outcome, Sink
     from flexmb.engine.compile import Compiled
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model

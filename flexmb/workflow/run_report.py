@@ -26,7 +26,7 @@ from flexmb.progress import Progress
 from flexmb.workflow.flexible_bodies import REUSED
 
 if TYPE_CHECKING:
-    from flexmb.analysis.procedure import Outcome
+    from flexmb.analysis.chunked_run import Outcome
     from flexmb.flexbody import FlexBody
     from flexmb.model import Model
     from flexmb.results import Result
@@ -245,7 +245,7 @@ def provenance_text(
 
 def provenance(result: Result) -> dict[str, Any]:
     """The provenance in a result; empty if there is none."""
-    from flexmb.results.kill_safe_file import reading
+    from flexmb.results.crash_safe_file import reading
 
     with reading(result.path):
         data: dict[str, Any] = json.loads(result.texts.get(PROVENANCE, "{}"))

@@ -288,7 +288,7 @@ def iterate_motion(model: Model | str | Path, **dynamics: Any) -> Iterator[Motio
         Whatever is wrong, in one message; SolverError where the run fails.
     """
     from flexmb.analysis.dynamics.dynamics import prepare_dynamics
-    from flexmb.analysis.procedure import failure_sentence
+    from flexmb.analysis.failure_messages import failure_sentence
     from flexmb.engine.method import SUCCESS
     from flexmb.model import as_model
     from flexmb.model.scenes.dynamics import INSTEAD, drop_idle_options

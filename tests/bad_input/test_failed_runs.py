@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import flexmb
 from flexmb.analysis.dynamics.dynamics import n_closed
-from flexmb.analysis.procedure import open_joint
+from flexmb.analysis.failure_messages import open_joint
 from flexmb.cli import app
 from flexmb.engine.compile import compile_system
 from flexmb.errors import AssemblyError, SolverError

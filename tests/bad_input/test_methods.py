@@ -8,10 +8,10 @@ from truthkit import Memory
 from flexmb.analysis.dynamics import integration as run_module
 from flexmb.analysis.dynamics.dynamics import dynamics, prepare_dynamics
 from flexmb.engine.compile import compile_system
-from flexmb.engine.entries import sentence
+from flexmb.engine.compiled_units import call
 from flexmb.engine.integrators.coordinate_partitioning import choose_independent
 from flexmb.engine.method import NO_PARTITION, SUCCESS
-from flexmb.engine.units import call
+from flexmb.engine.status_messages import status_message
 from flexmb.errors import SceneError
 from flexmb.model import Model
 
@@ -70,7 +70,7 @@ def test_a_choice_of_coordinates_that_does_not_exist():
     assert split.free.sum() == split.rank[0] == 10  # of 12 coordinates
     split.rank[0] += 1
     assert call(choose_independent, packed, packed.record.state_point) == NO_PARTITION
-    text = sentence(NO_PARTITION, compiled, run.work, 0.5)
+    text = status_message(NO_PARTITION, compiled, run.work, 0.5)
     assert text.startswith("at t = 0.5 s no choice of independent coordinates")
     assert "explicit-rk" in text
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from flexmb.analysis.kinematics import prepare_kinematics
 from flexmb.engine import method
+from flexmb.engine.allocation import new_output, new_run
 from flexmb.engine.compile import compile_system
-from flexmb.engine.entries import analyse_kinematics
-from flexmb.engine.time_loop import POINTS
-from flexmb.engine.work import new_output, new_run
+from flexmb.engine.compiled_calls import analyse_kinematics
+from flexmb.engine.kinematics_loop import POINTS
 from tests.quickreturn import quick_return
 
 _REPEATS = 5

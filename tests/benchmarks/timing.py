@@ -15,11 +15,11 @@ import numpy as np
 from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.dynamics.dynamics import prepare_dynamics
 from flexmb.engine import method
+from flexmb.engine.allocation import new_output, new_run, new_work, output_run
 from flexmb.engine.compile import compile_system
-from flexmb.engine.entries import integrate, prepare_integration
+from flexmb.engine.compiled_calls import integrate, prepare_integration
+from flexmb.engine.compiled_units import packed_record
 from flexmb.engine.integrators.generalized_alpha import generalized_alpha
-from flexmb.engine.units import packed_record
-from flexmb.engine.work import new_output, new_run, new_work, output_run
 from flexmb.results.writer import ResultWriter
 from tests.benchmarks.models import chain_model
 

@@ -88,7 +88,8 @@ def _add_body(made, kind):
 
 def prepared(kind):
     """Make a run of one of them ready here; prints how many units were compiled, and how long."""
-    from flexmb.engine.entries import make_integrator, prepare_integration
+    from flexmb.engine.compiled_calls import prepare_integration
+    from flexmb.engine.method_selection import make_integrator
 
     model, compiled = with_one(kind)
     begin = time.perf_counter()

@@ -9,7 +9,7 @@ from accuracyscenes.control import staircase, staircase_truth
 from accuracyscenes.judging import judged
 from truthkit import run
 
-from flexmb.engine.units import interpretation
+from flexmb.engine.compiled_units import interpretation
 from flexmb.model import Model
 
 

@@ -17,7 +17,7 @@ from truthkit import order, run
 
 import flexmb
 from flexmb.analysis.dynamics import integration as module
-from flexmb.engine.units import interpretation
+from flexmb.engine.compiled_units import interpretation
 from flexmb.fe import rectangle, reduce
 from flexmb.model import Model
 from flexmb.model.scenes.dynamics import METHODS

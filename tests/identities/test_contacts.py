@@ -13,6 +13,7 @@ from generators import Mechanism
 from scipy.integrate import quad_vec
 from scipy.spatial.transform import Rotation
 
+from flexmb.engine.compiled_units import call
 from flexmb.engine.forces.bristle import FREE, FULL, limit_growth, slip_since
 from flexmb.engine.forces.contact_pair import (
     BALL,
@@ -25,7 +26,6 @@ from flexmb.engine.forces.contact_pair import (
     relative_velocity,
 )
 from flexmb.engine.forces.friction import BRISTLE, NO_FRICTION, SMOOTH, friction_coefficient
-from flexmb.engine.units import call
 
 DIFFERENCES = 1e-8  # forces have fifth derivatives of some hundred times their size
 KINDS = {"ball": BALL, "plane": PLANE, "cylinder": CYLINDER, "bore": BORE, "point": BORE}

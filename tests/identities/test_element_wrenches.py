@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from enginekit import Bench, slope
 
-from flexmb.engine.entries import solve_stage
+from flexmb.engine.compiled_calls import solve_stage
 from flexmb.engine.initial_conditions import RESIDUAL
 from flexmb.engine.method import SUCCESS, ZERO_LENGTH
 from flexmb.model import Model

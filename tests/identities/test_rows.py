@@ -11,10 +11,10 @@ from mechanisms import excavator, quick_return
 from rowmeasures import MEASURES, moved, rows_at
 
 from flexmb.analysis.assembly.jacobian import ConstraintRows, dense_jacobian, row_gradient
+from flexmb.engine.compiled_units import interpretation, interpreted, prepare_units
 from flexmb.engine.initial_conditions import evaluate_rows
 from flexmb.engine.joints import DISTANCE, RADIAL, ROW_KINDS
 from flexmb.engine.joints.joint import DRIVER_ROWS, JOINT_ROWS
-from flexmb.engine.units import interpretation, interpreted, prepare_units
 from flexmb.model import Model
 from flexmb.model.joints.joint import JOINT_TYPES
 

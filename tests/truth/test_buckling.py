@@ -219,6 +219,6 @@ def test_the_load_factors_of_many_rows_are_those_of_each(monkeypatch):
     monitor, rows = LoadFactorMonitor(at.compiled, model, at.motion.q[0]), at.rows()
     values = monitor._values(rows, np.arange(len(at.motion.t)))[:, 0]
     np.testing.assert_allclose(values, 9 * at.motion.t / np.pi**2, atol=0.01)
-    monkeypatch.setattr("flexmb.analysis.dynamics.load_factor._MOST_ENTRIES", 400)
+    monkeypatch.setattr("flexmb.analysis.dynamics.load_factor._MAX_ENTRIES", 400)
     some = np.array([20, 3, 11])
     np.testing.assert_allclose(monitor._values(rows, some)[:, 0], values[some], rtol=1e-9)

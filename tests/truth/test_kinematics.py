@@ -167,9 +167,9 @@ def test_nortons_four_bar(planar, word):
 SPATIAL = """
 import numpy as np
 from flexmb.engine.compile import compile_system
-from flexmb.engine.entries import solve_stage
+from flexmb.engine.compiled_calls import solve_stage
 from flexmb.engine.initial_conditions import ACCELERATIONS
-from flexmb.engine.work import new_state, new_work
+from flexmb.engine.allocation import new_state, new_work
 from flexmb.model import Model
 from linkages import swept
 

@@ -11,7 +11,7 @@ from flexiblescenes import BEAM_PERIOD, STEEL, rod
 from truth.test_effects import channels, pendulum
 
 import flexmb
-from flexmb.analysis.assembly.joined_damping import condensation
+from flexmb.analysis.assembly.mechanism_modes import condensation
 from flexmb.errors import ReductionError, SolverError
 from flexmb.fe import rectangle, reduce
 from flexmb.model import Model

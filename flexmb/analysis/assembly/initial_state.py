@@ -17,32 +17,34 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.analysis.assembly.body_damping import add_damping
 from flexmb.analysis.assembly.gaps import moved_notes
 from flexmb.analysis.assembly.jacobian import null_space
-from flexmb.analysis.assembly.joined_damping import add_damping, choose_static_modes
 from flexmb.analysis.assembly.positions import (
     Corrector,
     assembly_weights,
     close_positions,
     mass_corrector,
 )
+from flexmb.analysis.assembly.static_mode_selection import choose_static_modes
 from flexmb.analysis.assembly.velocities import InitialVelocities
-from flexmb.analysis.equilibrium import solve_equilibrium, spin_of
+from flexmb.analysis.equilibrium_solver import solve_equilibrium, spin_of
 from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.engine import initial_conditions
 from flexmb.engine.algebra.forms import size_of_form
+from flexmb.engine.allocation import new_state, new_work
 from flexmb.engine.bodies.static_modes import STATIC_MODES, static_coordinates
 from flexmb.engine.bodies.velocity_forms import place_of_pairs
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import solve_stage, stage_solver
+from flexmb.engine.compiled_calls import solve_stage, stage_solver
+from flexmb.engine.compiled_units import interpretation, load_units
 from flexmb.engine.forces.force_characteristic import FORCE_CHARACTERISTICS
 from flexmb.engine.forces.spring_damper import COORDINATE_OF, DISTANCE_OF
 from flexmb.engine.initial_conditions import ACCELERATIONS, BEGIN, REMEMBER, RESIDUAL, VELOCITIES
 from flexmb.engine.method import NO_LOOP_CONVERGENCE, SELF_LOCKING, SUCCESS
+from flexmb.engine.stage_tables import units_of
 from flexmb.engine.state import State, Work
 from flexmb.engine.tables import System
-from flexmb.engine.units import interpretation, load_units
-from flexmb.engine.work import new_state, new_work, units_of
 from flexmb.errors import AssemblyError
 from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.model.forces.force_characteristic import JointStopSpec

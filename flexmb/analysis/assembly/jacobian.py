@@ -23,13 +23,13 @@ import scipy.linalg  # its threads are limited with those of NumPy
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
+from flexmb.engine.allocation import new_state, new_work
 from flexmb.engine.bodies.motion import move
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import row_evaluator
+from flexmb.engine.compiled_calls import row_evaluator
+from flexmb.engine.compiled_units import call_without_compiling
 from flexmb.engine.joints import ROW_KINDS
 from flexmb.engine.state import Work, rows_between
-from flexmb.engine.units import call_without_compiling
-from flexmb.engine.work import new_state, new_work
 from flexmb.flexbody.arrays import Array
 
 MAX_COORDINATES = 600

@@ -31,12 +31,12 @@ from flexmb.analysis.assembly.jacobian import (
     column_scales,
     null_space,
 )
+from flexmb.engine.allocation import new_state, new_work
 from flexmb.engine.compile import Compiled, compile_system
-from flexmb.engine.entries import stage_solver
+from flexmb.engine.compiled_calls import stage_solver
 from flexmb.engine.initial_conditions import POSITIONS, RESIDUAL
 from flexmb.engine.state import State, Work
 from flexmb.engine.tables import System
-from flexmb.engine.work import new_state, new_work
 from flexmb.errors import AssemblyError, FlexmbWarning, Problem
 from flexmb.model.model import Model
 from flexmb.model.reading import ReadContext

@@ -15,13 +15,13 @@ from functools import partial
 
 import numpy as np
 
+from flexmb.engine.allocation import new_work
 from flexmb.engine.bodies.marker import MarkerTable
 from flexmb.engine.compile import Compiled, with_markers
-from flexmb.engine.entries import stage_solver
+from flexmb.engine.compiled_calls import stage_solver
 from flexmb.engine.initial_conditions import BEGIN, VELOCITIES
 from flexmb.engine.state import State
 from flexmb.engine.tables import MARKER, Pool, System
-from flexmb.engine.work import new_work
 from flexmb.flexbody.arrays import Array
 from flexmb.model import lookup
 from flexmb.model.body import InitialVelocity

@@ -29,12 +29,12 @@ from flexmb.results.output_block import OutputBlock
 
 
 class Part(NamedTuple):
-    """Of a part of a model what (k,) is compared, what that is judged by, its mass and size."""
+    """A part of a model whose bodies share equations."""
 
-    own: NDArray[np.bool_]
-    beside: NDArray[np.bool_]
+    own: NDArray[np.bool_]  # (k,) quantities of this part
+    beside: NDArray[np.bool_]  # (k,) quantities whose largest value gives their scale
     mass: float  # kg
-    length: float  # m
+    length: float  # size, m
 
 
 QUANTITIES = {
@@ -49,14 +49,14 @@ QUANTITIES = {
 }
 """Quantity to which the channels of each unit belong."""
 SCALE_ONLY = "motion"
-"""Quantity of bodies by which their velocities are judged where positions are sensed."""
+"""Quantity of bodies that only scales their velocities, if sensors measure positions."""
 DEFORMATION = ".deformation"
-"""End of the name of what the modes of a body move its points."""
+"""End of the name of the displacements of a body by its modes."""
 NO_MOTION = 1e-10
-"""Motion of what is at rest, over the size of the model, or a radian, within the run."""
+"""Displacement at rest within a run, over the size of the model or in radians."""
 
-# What moves by less than this share of the largest motion of its kind is at rest: positions below
-# 5000 times round-off, others below what projections leave of them near singular poses.
+# A quantity is at rest if its range is below this share of the largest one of its kind: positions
+# (5000 times round-off), others (errors of projections near singular poses).
 _POSITIONS_AT_REST, _AT_REST = 1e-12, 1e-9
 _LEAST_SHARE = 1e-3
 _FLOORS = {
@@ -69,9 +69,9 @@ _NONE, _FORCES = np.zeros(0, np.intp), ("N", "N m")
 
 @dataclass(frozen=True)
 class ComparedQuantity:
-    """One sensor, body or joint: where its components stand in a table of the rows.
+    """One sensor, body or joint, with the columns of its components in a table of the rows.
 
-    `reach` is what one unit of each modal coordinate moves a point [m]; of all others it is empty.
+    For modal coordinates `reach` is the displacement of a point per unit of each [m]; else empty.
     """
 
     name: str
@@ -85,9 +85,9 @@ class ComparedQuantity:
 def compared(
     layout: Layout, model: Model, reach: Mapping[str, Array] | None = None
 ) -> list[ComparedQuantity]:
-    """Sensors by what they measure, bodies where nothing is sensed, and joints.
+    """The compared quantities: sensors, bodies if no sensor measures motion, and joints.
 
-    With the `reach` of their modes, flexible bodies count by their deformation too.
+    With the `reach` of its modes, the deformation of a flexible body is compared too.
     """
     column = {channel: k for k, channel in enumerate(layout.channels)}
     owners: dict[str, Spec] = {**model.sensors, **model.states, **model.controllers}
@@ -125,7 +125,7 @@ def compared(
 
 
 def groups(keys: Iterable[Any]) -> dict[Any, NDArray[np.intp]]:
-    """Places of each key, in the order of their first ones."""
+    """Indices of each key, in the order of their first occurrence."""
     every = list(keys)
     return {
         key: np.array([k for k, one in enumerate(every) if one == key], np.intp)
@@ -134,12 +134,12 @@ def groups(keys: Iterable[Any]) -> dict[Any, NDArray[np.intp]]:
 
 
 def by_part(rows: Sequence[ComparedQuantity], compiled: Compiled, model: Model) -> list[Part]:
-    """The parts of a model, which share no equations.
+    """The parts of a model, which have no equations in common.
 
-    What is of none, such as a coupler's reaction, is judged by all.
+    A quantity of no part, such as the reaction of a coupler, is scaled by all parts.
     """
     bodies, groups = compiled.system.parts.bodies, compiled.system.groups
-    of = np.append(compiled.system.part[bodies["iv"]], -1)  # the ground is of none
+    of = np.append(compiled.system.part[bodies["iv"]], -1)  # the ground belongs to no part
     names = [*(f"bodies.{one.name}" for one in compiled.layout.bodies), *compiled.layout.reactions]
     ends = np.maximum(groups["body_I"], groups["body_J"])
     numbers = dict(zip(names, np.append(of[:-1], of[ends]).tolist(), strict=True))
@@ -162,32 +162,33 @@ def by_part(rows: Sequence[ComparedQuantity], compiled: Compiled, model: Model) 
 
 
 class RowComparison:
-    """Values of all that is compared in rows of runs of one model, their differences and scales.
+    """Values of the compared quantities in rows of two runs of one model; differences and scales.
 
     Parameters
     ----------
     layout, model : Layout, Model
-        Channels, and sensors with units. Bodies are compared where nothing senses a motion.
+        Channels, and sensors with units. Bodies are compared if no sensor measures a motion.
     least : mapping of str to float, optional
-        Motion by unit below which a sensor counts as at rest.
+        Range by unit below which a sensor counts as at rest.
     duration : float
-        Of the run [s].
+        Duration of the run [s].
     gyration : mapping of str to float, optional
-        Radius of gyration of each flexible body about the origin of its frame [m]: the frame counts
-        with the motion of its points, which alone are seen.
+        Radius of gyration of each flexible body about the origin of its frame [m]. Frame and
+        deformation are scaled by the motion of points, since only points are observed.
     parts : list of Part, optional
-        Whose reactions count together; by default all do, without forces of inertia.
+        Parts of the model, whose reactions have a common scale; by default one part, without
+        inertia forces.
     reach : mapping of str to (m,) array, optional
-        What one unit of each modal coordinate of a body moves a point [m].
+        Displacement of a point per unit of each modal coordinate of a body [m].
 
     Attributes
     ----------
-    compared : list of Compared
+    compared : list of ComparedQuantity
         The k sensors, bodies and joints.
     of_quantity : dict of str to (n,) array
-        Which of them are of each quantity; also `positions` and `reactions`.
+        Their indices by quantity; those of `positions` and `reactions` are attributes too.
     starts : (k,) array
-        Columns of the values at which the components of each begin.
+        First column of the components of each in the values.
     range : (2, k, widest) array
         Lowest and highest values so far.
     """
@@ -210,7 +211,7 @@ class RowComparison:
         self._rates = at.get("velocities", _NONE)
         row = {one.name + one.unit: k for k, one in enumerate(every)}
         own = [row.get(every[k].name + every[k].unit.removesuffix("/s"), n) for k in self._rates]
-        self._motions = np.array(own, np.intp)  # of velocities; n: nowhere
+        self._motions = np.array(own, np.intp)  # positions of each velocity; n: not compared
         sizes = np.array([len(one.columns) for one in every], np.intp)
         widest, self.starts = sizes.max(initial=0), np.cumsum(sizes) - sizes
         self.range = np.stack([np.full((n, widest), np.inf), np.full((n, widest), -np.inf)])
@@ -218,20 +219,20 @@ class RowComparison:
         columns = np.array([k for one in every for k in one.columns], np.intp)
         units = (one.reach or np.ones(len(one.columns)) for one in every)
         self._sizes_of = np.concatenate([_NONE, *units])
-        self._columns = {  # in each table, and where they stand in all that is compared
+        self._columns = {  # columns in each table of the rows, and in the values
             str(table): (columns[tables == table], np.flatnonzero(tables == table))
             for table in np.unique(tables)
         }
         self._in_range = np.flatnonzero(np.arange(widest) < sizes[:, None])
-        self._scales = np.zeros(0)  # of the rows so far, if they were asked for
+        self._scales = np.zeros(0)  # scales by the rows so far, if already computed
 
     def columns_of(self, which: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Columns of the values at which the components of some stand."""
+        """Columns of the components of these quantities in the values."""
         widths = np.diff(self.starts, append=len(self._in_range))
         return np.flatnonzero(np.isin(np.repeat(np.arange(len(widths)), widths), which))
 
     def values(self, rows: OutputBlock) -> Array:
-        """Values (n, components) of all that is compared."""
+        """Values (n, components) of all compared quantities."""
         values = np.empty((len(rows.t), len(self._in_range)))
         for table, (columns, places) in self._columns.items():
             values[:, places] = getattr(rows, table)[:, columns]
@@ -239,25 +240,25 @@ class RowComparison:
         return values
 
     def differences(self, values: Array, theirs: Array) -> Array:
-        """Differences (n, k) of values (n, components)."""
+        """Largest differences (n, k) of the components of values (n, components)."""
         gaps = np.maximum.reduceat(np.abs(values - theirs), self.starts, axis=1)
         gaps[np.isnan(gaps)] = np.inf
         return np.asarray(gaps)
 
     def update_range(self, values: Array) -> None:
-        """Let the peak-to-peak of each have these values (n, components) in it."""
+        """Extend the peak-to-peak range of each component by values (n, components)."""
         low, high = (bound.reshape(-1) for bound in self.range)
         low[self._in_range] = np.minimum(low[self._in_range], values.min(axis=0))
         high[self._in_range] = np.maximum(high[self._in_range], values.max(axis=0))
         self._scales = np.zeros(0)
 
     def shares(self, values: Array) -> Array:
-        """Values (k,) over the scale of each; 0 for what is at rest."""
+        """Values (k,) over the scale of each quantity; 0 if it is at rest."""
         scales = self.scales()
         return np.asarray(np.divide(values, scales, out=np.zeros(len(scales)), where=scales > 0.0))
 
     def scale_in_words(self, k: int) -> str:
-        """What the scale of one is, or "" where it is its peak-to-peak."""
+        """A text on the scale of a quantity, or "" if it is its peak-to-peak."""
         one, (low, high) = self.compared[k], self.range[:, k]
         if self.scales()[k] <= (1 + 1e-9) * max((high - low).max(), 0.0):
             return ""
@@ -265,7 +266,7 @@ class RowComparison:
         return _OF_POINTS if body in self._gyration else _FLOORS[one.quantity]
 
     def scales(self) -> Array:
-        """Scale of each: its peak-to-peak, or more; 0 for what is at rest against others."""
+        """Scale (k,) of each quantity: at least its peak-to-peak; 0 if it is at rest."""
         if len(self._scales):
             return self._scales
         low, high = self.range
@@ -281,7 +282,7 @@ class RowComparison:
             speed, rate = (size[beside & (units == u)].max(initial=0.0) for u in ("m/s", "rad/s"))
             least = mass * (speed**2 / (length or np.inf) + length * rate**2)
             force = max(least, size[beside & (units == "N")].max(initial=0.0))
-            still = NO_MOTION * mass * length / self._duration**2  # moves a part by no more
+            still = NO_MOTION * mass * length / self._duration**2  # force that moves no part
             for unit, small, arm in (("N", least, 1.0), ("N m", force * length, length)):
                 same = units == unit
                 largest = size[beside & same].max(initial=0.0)
@@ -298,13 +299,16 @@ class RowComparison:
         return self._scales
 
     def largest_values(self) -> Array:
-        """The largest value of each (k,), whatever its sign."""
+        """The largest absolute value of each quantity (k,)."""
         size = np.abs(np.where(np.isfinite(self.range), self.range, 0.0)).max(axis=0)
         return np.asarray(size.max(axis=1, initial=0.0))
 
     def motion_sizes(self) -> Array:
-        """What each may be far below and yet part of the same motion: reactions, the largest of
-        their unit; velocities, their own largest; positions, nothing."""
+        """Size (k,) of the motion that each quantity belongs to, to judge whether runs differ.
+
+        Reactions: the largest one of their unit in their part. Velocities: their own largest value.
+        Positions: 0.
+        """
         size, below = self.largest_values(), np.zeros(len(self.compared))
         below[self._rates] = size[self._rates]
         for own, beside, *_ in self._parts:
@@ -314,10 +318,10 @@ class RowComparison:
         return below
 
     def _join_frames(self, spans: Array) -> None:
-        """Let frame and deformation of a flexible body count with the motion of its points."""
+        """Scale frame and deformation of flexible bodies by the motion of their points."""
         places = {one.name + one.unit: k for k, one in enumerate(self.compared)}
         for name, reach in self._gyration.items():
-            # Euler parameters change by half the angle
+            # the change of Euler parameters is half the angle
             for rate, turns in (("", 2.0), ("/s", 1.0)):
                 sizes = {"m": 1.0, "rad": reach * turns, f"{DEFORMATION}m": 1.0}
                 rows = {f"bodies.{name}{end}{rate}": size for end, size in sizes.items()}
@@ -328,10 +332,11 @@ class RowComparison:
 
 
 class RoundOff:
-    """Round-off of one step in each of the rows (k,): it is not of the motion, but of the place.
+    """Round-off of one step in each compared quantity (k,); it depends on positions, not motion.
 
-    Lengths have that of their bodies' distance from the origin, angles that of Euler parameters,
-    expressions that of what they read: rounded by a step and its projection, evenly within an ulp.
+    Lengths have the round-off of the distance of their bodies from the origin, angles that of Euler
+    parameters, expressions that of the channels that they depend on. It is the standard deviation
+    of two roundings, by the step and its projection, uniform within a unit in the last place.
     """
 
     def __init__(self, rows: Sequence[ComparedQuantity], compiled: Compiled, model: Model) -> None:
@@ -355,7 +360,7 @@ class RoundOff:
                 self._places += [(k, int(iq)) for iq in places]
 
     def of(self, block: OutputBlock) -> Array:
-        """The largest (k,) in a block of rows; of expressions, by their slopes in its last one."""
+        """The largest round-off (k,) in a block; of expressions by their slopes in its last row."""
         sizes = self._angles.copy()
         for k, iq in self._places:
             sizes[k] = max(sizes[k], np.linalg.norm(block.q[:, iq : iq + 3], axis=1).max())

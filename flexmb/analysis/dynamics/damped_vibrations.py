@@ -1,15 +1,16 @@
-"""Vibrations that loads excite and the steps of an implicit method damp, measured where they begin.
+"""Vibrations that loads excite and that the steps of an implicit method damp: their measurement.
 
-Radau's method and generalized-α follow stiff parts of a model without their vibrations. So does the
-comparison run: the difference of the two tells nothing of them. Where a load or the acceleration of
-a driver jumps, a vibration begins about the new equilibrium, with the distance to it for amplitude:
-by as much reactions differ between v̇ of M alone and v̇ of M + b ∂F/∂q, which leaves stiff parts in
-equilibrium. That costs two solutions at each jump, less those just before it. At the jump where it
-is the largest part of a joint's range the run is repeated over a few of its steps, by steps that
-follow the vibration: the difference is measured, damping of the model included.
+Radau's method and generalized-α integrate stiff components without their vibrations. So does the
+scout, and the difference of the two runs does not show them. If a load or the acceleration of a
+driver jumps, a vibration begins about the new equilibrium; its amplitude is the distance to it. The
+reactions of this vibration are the difference between those with v̇ by M alone and with v̇ by
+M + b ∂F/∂q, in which stiff components are in equilibrium; less the same difference just before the
+jump. At the jump where it is largest over the range of a joint's reaction, a few steps of the run
+are repeated with steps that resolve the vibration: the measured difference includes the damping of
+the model.
 
-So do stops, contacts, friction and limits of functions excite vibrations. States behind their
-events are noted on the way, and at the end of the last pass the run is repeated from some of them.
+Stops, contacts, friction and limits of functions excite vibrations too. States after their events
+are stored during the run. At the end of the last pass the run is repeated from some of them.
 """
 
 from __future__ import annotations
@@ -23,47 +24,50 @@ from flexmb.analysis.dynamics.integration import Integration
 from flexmb.analysis.dynamics.jump_states import MAX_JUMPS, JumpStates
 from flexmb.analysis.dynamics.vibration_error import VibrationError, without_reactions
 from flexmb.engine import method
-from flexmb.engine.entries import integration_units
+from flexmb.engine.compiled_calls import integration_units
+from flexmb.engine.compiled_units import prepare_units
 from flexmb.engine.integrators.radau import radau_5
 from flexmb.engine.state import State
-from flexmb.engine.units import prepare_units
 from flexmb.flexbody.arrays import Array
 from flexmb.results.output_block import OutputBlock
 
-# Change of a speed over the largest one, from which on the vibration is measured that it excites.
-_KICK = 1e-3
-# Steps of the run over which it is measured, at outputs and after the first half of one; times of
-# comparison in one step; local tolerance, and steps at most.
-_WINDOW, _TIMES, _FINE, _MAX_STEPS = 3, 16, 1e-8, 2000
-# Following a vibration for long: local tolerance (1e-8 reaches a third as far in as many steps,
-# 1e-6 damps a servo linkage), the same over that of the run, comparison times per output. Done if
-# the longest steps of the run damp _LATER times more than those after the jump. Otherwise from the
-# start over _FIRST steps of the run, with at most _FEW_STEPS, since smooth but fast loads excite
-# vibrations without a jump; not if errors of reactions exceed _CLEAR anyhow.
-_FOLLOWING, _FINER, _BETWEEN, _LATER = 1e-7, 0.1, 4, 2.0
-_FIRST, _FEW_STEPS, _CLEAR = 5, 300, 0.05
-# Behind events: steps for all that are followed, over those of the run; the first part of these,
-# which shows how far the rest will come; rows of the rest. Local tolerances, each if the one before
-# leaves less than a share of the vibration, and does so of more than the one before that. Sixteen
-# scenes are told 0.57 to 1.5 times what they lack; half and twice of each of these, or nearly, give
-# 0.57 to 1.9, but for 24 rows, with which one is told 0.19.
-_SHARE_OF_STEPS, _SHOWS, _ROWS = 0.2, 3, 64
+# Least jump of a velocity, over the largest velocity so far, for which its vibration is measured.
+_MIN_VELOCITY_JUMP = 1e-3
+# Number of steps of the run over which it is measured, from the half of the first one on; times of
+# comparison per step; local tolerance; largest number of steps.
+_STEPS_MEASURED, _TIMES_PER_STEP, _FINE_TOLERANCE, _MAX_STEPS = 3, 16, 1e-8, 2000
+# Resolving a vibration for long: local tolerance (with 1e-8 the same number of steps reaches a
+# third as far, with 1e-6 a servo linkage is damped), its ratio to that of the run, comparison times
+# per output. It is done if the longest steps of the run damp _LATE_DAMPING times more than those
+# after the jump. Otherwise the run is repeated from its start over _STEPS_FROM_START of its steps,
+# with at most _FEW_STEPS, since smooth but fast loads excite vibrations without a jump; not if
+# errors of reactions exceed _CLEAR_ERROR anyway.
+_LONG_TOLERANCE, _TOLERANCE_RATIO, _TIMES_PER_OUTPUT, _LATE_DAMPING = 1e-7, 0.1, 4, 2.0
+_STEPS_FROM_START, _FEW_STEPS, _CLEAR_ERROR = 5, 300, 0.05
+# After events: total number of steps for all that are resolved, over those of the run; the first
+# part of them (1/_FIRST_PART) shows how far the others will reach; rows of the others.
+_SHARE_OF_STEPS, _FIRST_PART, _ROWS_AFTER = 0.2, 3, 64
 _RATES = "velocities", "reactions"
-_LATE, _MANY_ROWS = 0.25, 8  # of the time until the end, in which rows tell what was lost
-_RESOLVED = 8.0  # longest steps in the period of a vibration that they damp at most
-_ENOUGH = 4  # outputs, with which nothing between them is compared
-_TOLERANCES, _SHOWN, _MORE = (1e-7, 1e-9, 1e-11), 0.3, 1.5
+# Lost vibrations are looked for in the last part of the time after an event, with enough rows.
+_LATE_SHARE, _MIN_LATE_ROWS = 0.25, 8
+_STEPS_PER_PERIOD = 8.0  # longest period that steps damp, over the longest step
+_MIN_OUTPUTS = 4  # number of outputs from which on only outputs are compared
+# Local tolerances, tried in turn: the next one if the last shows less than _SHOWN_SHARE of the
+# vibration, and more than _MIN_INCREASE times the one before. With these numbers sixteen scenes
+# have reported errors of 0.57 to 1.5 times the true ones; with half and twice of each 0.57 to 1.9,
+# except for 24 rows, with which one has 0.19.
+_TOLERANCES, _SHOWN_SHARE, _MIN_INCREASE = (1e-7, 1e-9, 1e-11), 0.3, 1.5
 
 
 class _StateEvaluator:
-    """Reactions at single states of a run, with stiff parts filtered by a step or not.
+    """Reactions at single states of a run, with or without filtering of stiff components.
 
     Parameters
     ----------
     run : Integration
-        Whose model, method and settings count.
+        The run, with its model, method and settings.
     first : State
-        For the memory of contacts and bristles at jumps.
+        First state, of which the memory of contacts and bristles is used at jumps.
     jumps : JumpStates
         The states.
     """
@@ -74,7 +78,7 @@ class _StateEvaluator:
         self._run = Integration(run.compiled, run.method, run.settings, self._state, self._time)
 
     def row(self, k: int, t: float, step: float) -> OutputBlock:
-        """The row of a state as if at a time [s], or none; with step 0 nothing is filtered."""
+        """The row of state k at time t [s], or no row; `step` filters, 0: without filtering."""
         self._jumps.put(k, self._state)
         self._state.t[0] = t
         self._state.memory[0]["last_step"], self._state.count[0]["outputs"] = step, 0
@@ -87,22 +91,22 @@ def measure_damped_vibrations(
     run: Integration, settings: method.Settings, first: State, jumps: JumpStates,
     error: VibrationError, least: float,
 ) -> None:  # fmt: skip
-    """Let a measured error know what vibrations the steps of a run damp.
+    """Add the vibrations that the steps of a run damp to its measured error.
 
     Parameters
     ----------
     run : Integration
         The run, at its end.
     settings : Settings
-        Its own, were it alone.
+        Its settings without a scout.
     first : State
-        Where it began.
+        Its first state.
     jumps : JumpStates
         Its states at jumps.
     error : VibrationError
         Its error so far.
     least : float
-        Share of the range of a reaction from which on a vibration is measured.
+        Least vibration of a reaction that is measured, over the range of the reaction.
     """
     passed = jumps.passed()
     if not passed or settings.static_after_step == 1:
@@ -117,13 +121,15 @@ def measure_damped_vibrations(
         shares.append(error.reaction_share(row))
         kicks.append(float((np.abs(row.v[0] - v) * weights / run.state.speed).max()))
     worst = {int(np.argmax(shares))} if max(shares, default=0.0) > least else set()
-    if max(kicks, default=0.0) > _KICK:
+    if max(kicks, default=0.0) > _MIN_VELOCITY_JUMP:
         worst.add(int(np.argmax(kicks)))
     for k, row in (rows[n] for n in sorted(worst)):
         begin, step = jumps.table[k, [0, 2]].tolist()
-        coarse, fine = _runs_after_jump(run, settings, first, jumps, k, begin + _WINDOW * step)
+        coarse, fine = _runs_after_jump(
+            run, settings, first, jumps, k, begin + _STEPS_MEASURED * step
+        )
         error.add(coarse, fine, begin)
-        if not np.any(fine.t > begin + 0.5 * step):  # too fast to be followed until it may end
+        if not np.any(fine.t > begin + 0.5 * step):  # too fast to be resolved for half a step
             error.add(without_reactions(row), row, begin)
 
 
@@ -131,49 +137,49 @@ def follow_vibrations(
     run: Integration, settings: method.Settings, first: State, jumps: JumpStates,
     error: VibrationError, least: float,
 ) -> None:  # fmt: skip
-    """Let a measured error know what reactions lack where first steps follow a vibration that later
-    ones damp, or, from the start on, a smooth load excites one.
+    """Add vibrations to the measured error that short first steps resolve and later steps damp.
 
-    Parameters as of `measure_damped_vibrations`, behind which it comes.
+    Also those that a smooth load excites from the start. Parameters as of
+    `measure_damped_vibrations`, after which it is called.
     """
     passed = jumps.passed()
     if not passed or settings.static_after_step == 1:
         return
     point, longest = _StateEvaluator(run, first, jumps), float(run.state.memory[0]["largest_step"])
-    shares = np.zeros((2, len(passed)))  # of what first steps damp, and the longest ones
+    shares = np.zeros((2, len(passed)))  # vibrations that the first and the longest steps damp
     for n, k in enumerate(passed):
         step = float(jumps.table[k, 2])
         for i, h in enumerate((step, max(step, longest))):
             row, _ = _first_vibration(point, jumps, k, h)
             shares[i, n] = error.reaction_share(row) if row is not None else 0.0
     k, most = passed[0], _FEW_STEPS
-    end = float(jumps.table[k, 0] + _FIRST * jumps.table[k, 2])
-    if shares[1].max() > max(least, _LATER * shares[0].max()):
+    end = float(jumps.table[k, 0] + _STEPS_FROM_START * jumps.table[k, 2])
+    if shares[1].max() > max(least, _LATE_DAMPING * shares[0].max()):
         k, end = passed[int(shares[1].argmax())], settings.end
         most = min(max(int(run.state.count[0]["steps"]), _FEW_STEPS), _MAX_STEPS)
-    elif max(least, error.of_reactions()[1]) > _CLEAR:
+    elif max(least, error.of_reactions()[1]) > _CLEAR_ERROR:
         return
     coarse, fine = _runs_after_jump(run, settings, first, jumps, k, end, most)
     error.add(coarse, fine, float(jumps.table[k, 0]), _RATES)
     k, share = passed[int(shares.max(axis=0).argmax())], float(shares.max())
     follow = _VibrationRuns(run, settings, first, jumps, error)
-    if share <= least:  # of a smooth load at the start
+    if share <= least:  # a smooth load at the start
         follow.add(passed[0], 0.0, _FEW_STEPS // 2, _TOLERANCES[-1:])
-    elif error.of_reactions()[1] < _SHOWN * share:
+    elif error.of_reactions()[1] < _SHOWN_SHARE * share:
         follow.add(k, share, _FEW_STEPS, _TOLERANCES[1:])
 
 
 def _first_vibration(
     point: _StateEvaluator, jumps: JumpStates, k: int, step: float
 ) -> tuple[OutputBlock | None, Array]:
-    """A row (1, ...) whose reactions are those with which vibrations begin at a jump.
+    """A row (1, ...) with the reactions of the vibrations that begin at a jump.
 
-    Its velocities are those after the jump; also returns those before it (nv,). None where a state
-    has no accelerations, as of modes without mass.
+    Its velocities are those after the jump; also returns those before it (nv,). The row is None if
+    the accelerations are not defined, as of modes without mass.
     """
     before, after = map(float, jumps.table[k, :2])
     rows = [point.row(k, after, 0.0), point.row(k, after, step)]
-    if 0 < k < MAX_JUMPS:  # less what is off in the state itself
+    if 0 < k < MAX_JUMPS:  # subtract the difference just before the jump
         rows += [point.row(k, before, 0.0), point.row(k, before, step)]
     if not all(len(row.t) and np.isfinite(row.reactions).all() for row in rows):
         return None, np.zeros(0)
@@ -186,24 +192,30 @@ def _runs_after_jump(
     run: Integration, settings: method.Settings, first: State, jumps: JumpStates, k: int,
     end: float, most: int = 0,
 ) -> tuple[OutputBlock, OutputBlock]:  # fmt: skip
-    """Rows after a jump by steps as those of the run, and by steps that follow vibrations.
+    """Rows after jump k with steps as those of the run, and with steps that resolve vibrations.
 
-    Until a time, or the next jump; if that takes more than `most` of these steps, until they are
-    taken, and then at outputs and between them alone.
+    They end at `end` [s] or at the next jump. With `most`, they end after so many resolving steps,
+    and begin at the first output.
     """
     begin, step = float(jumps.table[k, 0]), float(jumps.table[k, 2])
     end = min(end, jumps.before[jumps.before > begin].min(initial=settings.end))
     outputs = run.times[(run.times > begin) & (run.times <= end)]
-    between = np.linspace(begin, end, _WINDOW * _TIMES + 1)[_TIMES // 2 :]
+    between = np.linspace(begin, end, _STEPS_MEASURED * _TIMES_PER_STEP + 1)[_TIMES_PER_STEP // 2 :]
     if most:
         seen = float(run.times[run.times > begin].min(initial=settings.end))  # the next output
         end = max(end, seen)
-        between = np.linspace(seen, end, max(_WINDOW * _TIMES, _BETWEEN * len(outputs)))
+        between = np.linspace(
+            seen, end, max(_STEPS_MEASURED * _TIMES_PER_STEP, _TIMES_PER_OUTPUT * len(outputs))
+        )
     times = np.union1d(outputs, between)
     radau = radau_5()
     prepare_units(integration_units(run.compiled.system, radau))
     blocks, tolerance = [], settings.tolerance
-    finer = min(_FINER * tolerance, _FOLLOWING) if most else min(tolerance, _FINE)
+    finer = (
+        min(_TOLERANCE_RATIO * tolerance, _LONG_TOLERANCE)
+        if most
+        else min(tolerance, _FINE_TOLERANCE)
+    )
     for local, integrator in ((finer, radau), (tolerance, run.method)):
         state = State(*(array.copy() for array in first))
         jumps.put(k, state)
@@ -224,9 +236,9 @@ def follow_events(
     run: Integration, settings: method.Settings, first: State, jumps: JumpStates,
     error: VibrationError, least: float,
 ) -> None:  # fmt: skip
-    """Let a measured error know what reactions lack of vibrations that events of forces excite.
+    """Add vibrations that events of forces excite to the measured error.
 
-    Parameters as of `measure_damped_vibrations`, behind which it comes.
+    Parameters as of `measure_damped_vibrations`, after which it is called.
     """
     events, changes = jumps.events()
     if not events or settings.static_after_step == 1:
@@ -248,14 +260,14 @@ def follow_events(
         rows = follow.add(k, shares[k] if shares[k] > least else 0.0, most, _TOLERANCES)
         late = run.rows.read()
         begin, end = float(jumps.table[k, 0]), settings.end
-        late = late.rows(late.t > max(rows.t.max(initial=begin), end - _LATE * (end - begin)))
-        if k == last and len(late.t) >= _MANY_ROWS:
+        late = late.rows(late.t > max(rows.t.max(initial=begin), end - _LATE_SHARE * (end - begin)))
+        if k == last and len(late.t) >= _MIN_LATE_ROWS:
             seen = float(np.ptp(late.t))
-            error.add_lost(late, rows, begin, _RATES, min(_RESOLVED * longest, 0.25 * seen))
+            error.add_lost(late, rows, begin, _RATES, min(_STEPS_PER_PERIOD * longest, 0.25 * seen))
 
 
 class _VibrationRuns:
-    """Vibrations that are followed from a jump or an event to the next output.
+    """Runs that resolve vibrations from a jump or an event to the next output.
 
     Parameters as of `measure_damped_vibrations`.
     """
@@ -268,24 +280,24 @@ class _VibrationRuns:
         self._jumps, self._error = jumps, error
 
     def add(self, k: int, share: float, most: int, tolerances: Sequence[float]) -> OutputBlock:
-        """Let the error know of the vibration that begins at a jump or event.
+        """Add the vibration that begins at a jump or event to the error.
 
-        Returns even rows of it, by the last tolerance that was tried.
+        Returns rows of it at equal intervals, with the last tolerance tried.
 
         Parameters
         ----------
         k : int
             Number of the jump or event.
         share : float
-            Of the range of a reaction that the vibration has; 0: it is not known.
+            Expected vibration of a reaction over its range; 0: not known.
         most : int
-            Steps at most.
+            Largest number of steps.
         tolerances : sequence of float
-            Local ones, each if the one before shows too little of it.
+            Local tolerances, tried in turn until the vibration is resolved.
         """
         begin, largest = float(self._jumps.table[k, 0]), 0.0
         for tolerance in tolerances:
-            finer = min(_FINER * self._settings.tolerance, tolerance)
+            finer = min(_TOLERANCE_RATIO * self._settings.tolerance, tolerance)
             coarse, fine, output = self._runs(k, finer, most)
             rows = fine.rows(~np.isin(fine.t, self._run.times))
             share = max(share, self._error.reaction_difference(coarse, fine))
@@ -293,22 +305,22 @@ class _VibrationRuns:
             at = fine.t >= output
             outputs = at & np.isin(fine.t, self._run.times)
             if np.any(at):
-                at = outputs if outputs.sum() >= _ENOUGH else at
+                at = outputs if outputs.sum() >= _MIN_OUTPUTS else at
                 coarse, fine = coarse.rows(at), fine.rows(at)
             elif self._jumps.next_time(k) < output:
-                break  # what comes there has its own vibration
+                break  # the next jump or event begins a vibration of its own
             before = largest
             largest = self._error.add(coarse, fine, begin, _RATES, output)
             shown = max(largest, swing) if np.any(at) else largest
-            if shown >= _SHOWN * share or 0.0 < largest <= _MORE * before:
+            if shown >= _SHOWN_SHARE * share or 0.0 < largest <= _MIN_INCREASE * before:
                 break
         return rows
 
     def _runs(self, k: int, tolerance: float, most: int) -> tuple[OutputBlock, OutputBlock, float]:
-        """Rows by steps as those of the run, and by steps that follow vibrations.
+        """Rows with steps as those of the run, and with steps that resolve vibrations.
 
-        At outputs and, behind the first steps, evenly between them; and the time of the first
-        output.
+        Rows are at outputs and, after the first steps, at equal intervals. Also returns the time of
+        the first output [s].
         """
         run, jumps, radau = self._run, self._jumps, radau_5()
         begin, after, step = jumps.table[k, :3].tolist()
@@ -324,15 +336,15 @@ class _VibrationRuns:
             coarse.memory[0]["next_step"] = coarse.memory[0]["last_step"] = step
         own = self._settings._replace(tolerance=tolerance, start=begin, end=end)
         again = Integration(run.compiled, radau, own, fine, times)
-        again.integrate(most // _SHOWS)
+        again.integrate(most // _FIRST_PART)
         blocks, reach = [again.rows.read()], float(fine.t[0])
-        till = min(begin + (_SHOWS + 1) * (reach - begin), end)
-        between = np.linspace(reach, till, _ROWS + 1)[1:] if till > reach else times[:0]
+        till = min(begin + (_FIRST_PART + 1) * (reach - begin), end)
+        between = np.linspace(reach, till, _ROWS_AFTER + 1)[1:] if till > reach else times[:0]
         times = np.union1d(times[times > reach], between)
         if len(times):
             fine.count["outputs"] = 0
             again = Integration(run.compiled, radau, own._replace(start=reach), fine, times)
-            again.integrate(most - most // _SHOWS)
+            again.integrate(most - most // _FIRST_PART)
             blocks.append(again.rows.read())
         block = OutputBlock.joined(blocks)
         plan = jumps.plan(k)

@@ -1,7 +1,7 @@
-"""Motion in time: the first state, the integration chunk by chunk, and its passes.
+"""Dynamic analysis: the first state, the integration chunk by chunk, and its passes.
 
-Chunks are counted in steps, never in seconds, so a run repeats itself to the last bit. The step is
-shortened so that outputs at equal intervals fall on steps.
+Chunks are counted in steps, never in seconds, so that a run is reproducible to the last bit. A
+fixed step is shortened so that outputs at equal intervals are at ends of steps.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ import numpy as np
 
 from flexmb.analysis.assembly.initial_state import Assembled, StartValues, assemble
 from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
-from flexmb.analysis.assembly.joined_damping import is_determinate
+from flexmb.analysis.assembly.static_mode_selection import is_determinate
+from flexmb.analysis.chunked_run import Ending, Outcome, Sink, assemble_first_state, run_chunks
 from flexmb.analysis.dynamics.integration import (
     Integration,
     StepRows,
@@ -40,6 +41,7 @@ from flexmb.analysis.dynamics.reached_accuracy import (
 )
 from flexmb.analysis.dynamics.run_settings import loop_settings, time_grid, why_implicit
 from flexmb.analysis.dynamics.validity import ValidityMonitor
+from flexmb.analysis.failure_messages import failure_sentence, gaps_at, open_joint
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
 from flexmb.analysis.mobility.driver_conflicts import driver_reasons
 from flexmb.analysis.monitors import (
@@ -51,28 +53,18 @@ from flexmb.analysis.monitors import (
     TurningMonitor,
     algebraic_loop_notes,
 )
-from flexmb.analysis.procedure import (
-    Ending,
-    Outcome,
-    Sink,
-    assemble_first_state,
-    failure_sentence,
-    gaps_at,
-    open_joint,
-    run_chunks,
-)
 from flexmb.analysis.singular_poses import singular_pose_sentence
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import (
+from flexmb.engine.compiled_calls import integration_units
+from flexmb.engine.compiled_units import prepare_units
+from flexmb.engine.method_selection import (
     AUTO,
     STIFF_METHOD,
-    integration_units,
     make_integrator,
     method_name,
     reason_of_method,
 )
-from flexmb.engine.units import prepare_units
 from flexmb.errors import SceneError
 from flexmb.model.forces.friction import BaseFriction
 from flexmb.model.joints.joint import lost_inertias
@@ -81,11 +73,11 @@ from flexmb.progress import Progress, silent
 from flexmb.results.output_block import OutputBlock
 from flexmb.results.result import NOT_UNIQUE
 
-_UNBALANCED = 0.05  # of the energy that moved, from which on the user is told
-# Gap of a constraint, in radians or over the size of the model, from which on a mechanism has come
-# apart.
-_OPEN = 1e-3
-_STIFF = "stiff"  # how a run ends that another method starts again
+_MAX_ENERGY_ERROR = 0.05  # energy error over the energy exchanged, above which a note says so
+# Largest constraint violation, in radians or over the size of the model; with a larger one the
+# mechanism has come apart.
+_MAX_GAP = 1e-3
+_STIFF = "stiff"  # ending of a run that starts again with the method for stiff motions
 _UNABLE = (method.NO_CONVERGENCE, method.NOT_FINITE, method.STEP_TOO_SMALL)
 
 
@@ -105,14 +97,14 @@ def prepare_dynamics(
     model : Model
         The model; `model.dynamics` must be there.
     begin : StartValues, optional
-        Where to begin instead of the placed pose.
+        Start in place of the pose of the scene.
     progress : Progress
         Receives the phases `load` or `compile`, and `assemble`.
 
     Raises
     ------
     SceneError
-        The model says nothing about dynamics, or explicit methods cannot do it.
+        The model has no section `dynamics`, or its explicit method cannot integrate it.
     AssemblyError
         No consistent first state, or drivers that contradict each other or the joints.
     """
@@ -177,15 +169,15 @@ def run_dynamics(prepared: PreparedDynamics, sink: Sink, *, progress: Progress =
         Receives the phase `integrate`.
     """
     notes, spec, compiled = list(prepared.notes), prepared.spec, prepared.run.compiled
-    finished: PreparedDynamics | None = None  # the run before, if it came to its end
-    reason = ""  # of its second pass
+    finished: PreparedDynamics | None = None  # the pass before, if it reached the end
+    reason = ""  # why there was a second pass
     while True:
         current = _Pass(prepared, sink, progress)
         ending = run_chunks(current, progress)
         if ending.status == "failed" and current.growth.sentence:
             ending = Ending("failed", current.growth.sentence)
         if ending.status == _STIFF:
-            # what the explicit method cannot do is reported by the other one
+            # whatever the explicit method failed at, the other method reports it
             prepare_units(
                 integration_units(compiled.system, make_integrator(spec, STIFF_METHOD)), progress
             )
@@ -200,7 +192,7 @@ def run_dynamics(prepared: PreparedDynamics, sink: Sink, *, progress: Progress =
             again, finished, reason = finished.as_last_pass(), None, ""
         else:
             if ending.status == "finished":
-                ending = _measured(prepared, ending, progress)
+                ending = _complete_measurement(prepared, ending, progress)
             tolerance = stricter_tolerance(prepared) if ending.status == "finished" else None
             if tolerance is None:
                 break
@@ -223,8 +215,8 @@ def run_dynamics(prepared: PreparedDynamics, sink: Sink, *, progress: Progress =
     return Outcome(ending.status, ending.message, statistics, tuple(notes))
 
 
-def _measured(prepared: PreparedDynamics, ending: Ending, progress: Progress) -> Ending:
-    """How a run ended whose errors are measured: as it did, unless the user stops that."""
+def _complete_measurement(prepared: PreparedDynamics, ending: Ending, progress: Progress) -> Ending:
+    """Complete the measured error; returns the ending, or "stopped" if the user interrupts."""
     try:
         complete_measured_error(prepared, progress)
     except KeyboardInterrupt:
@@ -241,7 +233,7 @@ def dynamics(
 
 
 class _Pass:
-    """One pass of a run under way."""
+    """One pass of a run, with its monitors, while it is integrated."""
 
     phase = "integrate"
 
@@ -295,7 +287,7 @@ class _Pass:
             self._store([self._prepared.run.rows.read()])
 
     def notes(self, ending: Ending) -> list[str]:
-        """What the user should know of the pass."""
+        """Notes for the user on this pass."""
         prepared = self._prepared
         monitors = (
             self._contact_loss, self._orientations, self._validity, self._turning, self._ringing
@@ -314,13 +306,13 @@ class _Pass:
             notes += [*missed_accuracy(prepared), damped_vibration(prepared)]
             notes += slow_impacts(prepared.run, prepared.model.units)
             unstable = unstable_step(prepared.run, prepared.method, failed=False)
-            notes += [unstable or _unbalanced(prepared)]
+            notes += [unstable or _energy_error_sentence(prepared)]
         return [note for note in notes if note]
 
     def _first_row(self) -> int:
         prepared, self._begins = self._prepared, False
         if needs_rough_run(prepared):
-            self._sink.save_state(prepared.arrays())  # so that a kill meanwhile loses nothing
+            self._sink.save_state(prepared.arrays())  # a kill during the rough run loses nothing
             rough_run(prepared, self._progress)
         self._sink.save_state(prepared.arrays())
         status, blocks = prepared.advance(first=True)
@@ -337,7 +329,7 @@ class _Pass:
         self._sink.append(rows)
 
     def _store(self, blocks: Sequence[OutputBlock]) -> str:
-        """Store rows and state; returns the sentence of a mechanism that has come apart, or ""."""
+        """Store rows and state; returns a sentence if the mechanism has come apart, or ""."""
         compiled = self._prepared.run.compiled
         for rows in blocks:
             n = n_closed(compiled, rows)
@@ -375,7 +367,7 @@ class _Pass:
         return f"at t = {float(run.state.t[0]):.6g} s {static or sentence + self._first_turn()}"
 
     def _first_turn(self) -> str:
-        """Words on a body that its first acceleration turns too far in a fixed step, or ""."""
+        """Text on a body that the first acceleration rotates too far in a fixed step, or ""."""
         first, h = self._prepared.first, self._prepared.settings.step
         turns = {
             body.name: float(np.linalg.norm(first.v[at] + 0.5 * h * first.vd[at])) * h
@@ -391,12 +383,12 @@ class _Pass:
         )
 
 
-def _unbalanced(prepared: PreparedDynamics) -> str:
-    """The sentence for energy that appears or is lost in the steps, or ""."""
+def _energy_error_sentence(prepared: PreparedDynamics) -> str:
+    """The sentence on an error of the energy balance, or ""."""
     share, settings = prepared.run.rows.balance.relative, prepared.run.settings
     step = settings.step
     if (
-        share <= max(_UNBALANCED, 10.0 * settings.accuracy)
+        share <= max(_MAX_ENERGY_ERROR, 10.0 * settings.accuracy)
         or (settings.determinate == 1 and not prepared.model.drivers)  # nothing moves
     ):
         return ""
@@ -443,8 +435,8 @@ def _statistics(run: Integration) -> dict[str, float | int | str]:
 
 
 def n_closed(compiled: Compiled, rows: OutputBlock) -> int:
-    """How many of the first rows satisfy the constraints."""
-    for row in map(int, np.flatnonzero(rows.drift[:, 0] > _OPEN * min(compiled.length, 1.0))):
-        if not np.abs(gaps_at(compiled, rows, row) * compiled.system.row_weights).max() <= _OPEN:
+    """Number of rows before the first one that violates the constraints."""
+    for row in map(int, np.flatnonzero(rows.drift[:, 0] > _MAX_GAP * min(compiled.length, 1.0))):
+        if not np.abs(gaps_at(compiled, rows, row) * compiled.system.row_weights).max() <= _MAX_GAP:
             return row
     return len(rows.t)

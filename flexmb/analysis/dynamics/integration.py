@@ -1,4 +1,4 @@
-"""One integration: its tables, state and rows, and why it cannot go on."""
+"""One integration of a model: its tables, state and rows; sentences on why it cannot continue."""
 
 from __future__ import annotations
 
@@ -8,42 +8,48 @@ from functools import partial
 
 import numpy as np
 
+from flexmb.analysis.chunked_run import ChunkRows
 from flexmb.analysis.dynamics.run_settings import set_least_motion
-from flexmb.analysis.procedure import ChunkRows
 from flexmb.analysis.singular_poses import singular_pose_sentence
-from flexmb.engine import entries, method
+from flexmb.engine import method
+from flexmb.engine.allocation import equal_times, new_plan, new_run, new_work, output_run
 from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
+from flexmb.engine.compiled_calls import integrate
+from flexmb.engine.compiled_units import packed_record
 from flexmb.engine.forces.contact import FASTEST, REBOUND
 from flexmb.engine.method import time_round_off
+from flexmb.engine.method_selection import STIFF_METHOD
 from flexmb.engine.state import Plan, State, Work
-from flexmb.engine.units import packed_record
-from flexmb.engine.work import equal_times, new_plan, new_run, new_work, output_run
+from flexmb.engine.status_messages import worst_place
 from flexmb.errors import FlexmbError
 from flexmb.results.output_block import OutputBlock
 from flexmb.units import UnitSystem
 
-# Steps of a chunk times velocity coordinates: about a tenth of a second on a present machine.
+# Steps of a chunk times velocity coordinates: about 0.1 s of computing time.
 _CHUNK_WORK = 200_000
-# Rows reported from such an output on; steps around it in which alternation counts. An alternation
-# is reported if its amplitude is this share of the multiplier's range (at least _LEAST_SPAN of the
-# largest one) and so many times the amplitude reported before; share of all steps that may be
-# repeated.
-_ROWS, _NEAR, _SAME_TIME = 6, 4, 1e-6
-_ALTERNATES, _LARGER, _LEAST_SPAN, _REPEATED = 0.02, 1.5, 1e-3, 0.1
-# Impacts are slow if the fastest has so many times the least speed; a rebound by this share of the
-# size of the model, or less, does not matter.
-_FASTER, _REBOUND = 10.0, 1e-4
-_MIN_CHUNK = 4  # steps, after which the state is saved
-# Steps between two looks at how long the rest of a run will take, and steps for it that are too
-# many, also times velocity coordinates and stages; fewer where stability limits them, which another
-# method is free of.
+# Alternation of multipliers: number of rows that are reported from an output on; an alternation
+# belongs to an output if it is within this many steps of it; steps within this share of a step are
+# the same. It is reported if its amplitude is at least _MIN_ALTERNATION of the range of the
+# multiplier (or of _LEAST_SPAN times the largest range) and _GROWTH_TO_REPORT times the amplitude
+# reported before. At most _MAX_REPEATED_SHARE of all steps, and a chunk, are repeated for it.
+_ROWS_REPORTED, _STEPS_NEAR_OUTPUT, _SAME_TIME = 6, 4, 1e-6
+_MIN_ALTERNATION, _GROWTH_TO_REPORT, _LEAST_SPAN, _MAX_REPEATED_SHARE = 0.02, 1.5, 1e-3, 0.1
+# Impacts of a contact are slow if the fastest one has less than this many times its least_speed; a
+# rebound by less than this share of the size of the model is not reported.
+_SPEED_RATIO, _MIN_REBOUND = 10.0, 1e-4
+_MIN_CHUNK = 4  # steps
+# A run is refused if the rest of it would take too many steps at the present rate: more than the
+# first number, or than the second over velocity coordinates times stages. _MAX_STABLE_STEPS holds
+# if the stability of an explicit method limits the steps, since another method has no such limit.
+# The check is made every _CHECK_EVERY steps.
 _CHECK_EVERY = 5_000
-# Looks in a row by implicit methods: the front of a relaxation oscillation passes.
-_LOOKS = 8
+# Checks in a row after which runs of implicit methods are refused: short steps at the front of a
+# relaxation oscillation pass.
+_MAX_ENDLESS_CHECKS = 8
 _MAX_STEPS, _MAX_STABLE_STEPS = (1e9, 1e11), (1e7, 2e9)
-_MAX_STATIC_STEPS = 1e5  # of an explicit method with quasi-static modes beside dynamic ones
-# Share of steps at the limit of stability that makes a run one that stability limits.
+_MAX_STATIC_STEPS = 1e5  # of explicit methods, for bodies with quasi-static and dynamic modes
+# Share of steps at the stability limit above which stability limits the steps of a run.
 _STIFF_SHARE = 0.35
 
 
@@ -53,11 +59,11 @@ class Integration:
     Parameters
     ----------
     compiled, integrator, settings, state : Compiled, Method, Settings, State
-        What is integrated, how, and where it begins.
+        The model, the method with its settings, and the first state, which is advanced in place.
     times : (n,) array, optional
-        Times of all outputs [s]; `settings.interval` apart by default.
+        Times of all outputs [s]; by default at intervals of `settings.interval`.
     plan : Plan, optional
-        Of the run to be followed; else this one writes its own.
+        Steps of another run to follow; by default this run writes a plan of its own.
     """
 
     def __init__(
@@ -86,21 +92,24 @@ class Integration:
         )  # fmt: skip
         self._run, self._output_run = packed_record(run), packed_record(output_run(run))
         self._checkpoint: tuple[int, float, float] | None = None  # steps, time, steps at the limit
-        self._endless = 0  # looks in a row at which the rest would take too many steps
+        self._endless = 0  # checks in a row at which the rest would take too many steps
 
     def count_outputs(self) -> None:
-        """Count the outputs until the time of the state, which may be of a run with other ones."""
+        """Set the number of outputs written to those up to the time of the state.
+
+        The state may come from a run with other output times.
+        """
         if not self.state.count[0]["outputs"]:
-            return  # it has not begun
+            return  # the run has not begun
         until = self.state.t[0] + method.time_round_off(self.settings)
         self.state.count["outputs"] = np.searchsorted(self.times, until, side="right")
 
     def tallies(self) -> dict[str, np.ndarray]:
-        """What all rows so far tell, to be saved and filled in again."""
+        """Arrays with maxima and energy balance of all rows so far, saved for a resumed run."""
         return {"largest_drift": self.rows.largest_drift, "balance": self.rows.balance.tally}
 
     def _max_rows(self) -> int:
-        """Outputs of one chunk at most; room for a few of them at least."""
+        """Number of output rows for which a chunk has room."""
         settings, most = self.settings, max(8, _CHUNK_WORK * 10 // self.compiled.layout.nq)
         every = settings.interval / settings.step if settings.step else 1.0
         rows = min(math.ceil(self.chunk / every) + 1, len(self.times), most)
@@ -114,13 +123,13 @@ class Integration:
         return int((np.searchsorted(self.times, ends) - np.arange(len(self.times))).max(initial=0))
 
     def events(self) -> np.ndarray:
-        """States behind events of the last chunk (n, width), as `engine.state.Events` has them."""
+        """States after events of the last chunk (n, width); columns as in `engine.state.Events`."""
         events = self.work.events
         return np.asarray(events.states[: events.taken[1]])
 
     @property
     def share_done(self) -> float:
-        """How much of the time span is done."""
+        """Share of the time span that is integrated; 1 at the end."""
         start, end = self.settings.start, self.settings.end
         return 1.0 if self.finished else float((self.state.t[0] - start) / (end - start))
 
@@ -131,7 +140,7 @@ class Integration:
         return bool(self.state.t[0] >= settings.end - time_round_off(settings))
 
     def integrate(self, steps: int) -> int:
-        """Run some steps, or with 0 report the present state; returns the status.
+        """Integrate a number of steps, or with 0 write the present output; returns the status.
 
         Raises
         ------
@@ -141,10 +150,10 @@ class Integration:
         if self.settings.step == 0.0:
             self._refuse_endless()
         self.rows.clear()
-        return entries.integrate(self._run, steps, self._output_run)
+        return integrate(self._run, steps, self._output_run)
 
     def _refuse_endless(self) -> None:
-        """Stop a run whose rest would take far too many steps."""
+        """Raise an error if the rest of the run would take far too many steps."""
         done, t = int(self.state.count[0]["steps"]), float(self.state.t[0])
         stiff = float(self.state.memory[0]["steps_at_stability_limit"])
         if self._checkpoint is None:
@@ -160,7 +169,7 @@ class Integration:
         most = _MAX_STATIC_STEPS if static else most
         endless = left > min(most, work / (self.compiled.layout.nv * max(self.method.stages, 1)))
         self._endless = self._endless + 1 if endless else 0
-        if endless and (self.method.stages > 0 or self._endless == _LOOKS):
+        if endless and (self.method.stages > 0 or self._endless == _MAX_ENDLESS_CHECKS):
             cause = static
             if not (static or limited):
                 cause = singular_pose_sentence(self.compiled, self.state.q, self.state.q_first)
@@ -170,16 +179,16 @@ class Integration:
 class StepRows:
     """Rows of consecutive fixed steps at outputs near which multipliers alternate step by step.
 
-    Outputs alone do not show it, and multipliers of the method are not the reported reactions. So
-    the chunk up to these outputs is integrated again and each step reported; at most one chunk and
-    a tenth of all steps are repeated.
+    Outputs alone do not show an alternation, and the multipliers of the method are not the reported
+    reactions. So the chunk up to these outputs is integrated again and each step is reported; at
+    most one chunk and a tenth of all steps are repeated.
 
     Parameters
     ----------
     own : Integration
         The run.
     looks : bool
-        Whether it is looked at.
+        Whether alternation is to be examined.
     """
 
     def __init__(self, own: Integration, looks: bool) -> None:
@@ -187,31 +196,33 @@ class StepRows:
         self._own = own
         self._looks = looks and settings.interval > (1.0 + method.STEP_ROUND_OFF) * settings.step
         self._largest = np.zeros(own.compiled.layout.nc)
-        self._repeated = 0  # steps
-        self._begin = own.state  # a copy, once there is a chunk
+        self._repeated = 0  # number of steps integrated again
+        self._begin = own.state  # copy of the state before the chunk, once there is one
 
     def begin(self) -> None:
-        """Before a chunk."""
+        """Store the state before a chunk."""
         if self._looks:
             self._begin = State(*(array.copy() for array in self._own.state))
 
     def rows(self) -> Iterator[OutputBlock]:
-        """After a chunk: of the multipliers that alternate most, over their range."""
+        """After a chunk: rows of single steps where multipliers alternate most over their range."""
         own, seen = self._own, self._own.work.alternation
         while self._looks and own.state.count[0]["steps"]:
             weights = own.compiled.system.row_weights
             spans = (seen.high - seen.low) / weights
             spans = np.maximum(spans, _LEAST_SPAN * spans.max(initial=0.0)) * weights
-            new = (seen.size > _LARGER * self._largest) & (seen.size > _ALTERNATES * spans)
+            new = (seen.size > _GROWTH_TO_REPORT * self._largest) & (
+                seen.size > _MIN_ALTERNATION * spans
+            )
             if not new.any():
                 break
             k = int(np.where(new, seen.size / np.where(new, spans, 1.0), 0.0).argmax())
-            near = np.abs(seen.time - seen.time[k]) < _NEAR * own.settings.step
+            near = np.abs(seen.time - seen.time[k]) < _STEPS_NEAR_OUTPUT * own.settings.step
             self._largest[near] = np.maximum(self._largest, seen.size)[near]
             outputs = self._outputs_about(float(seen.time[k]))
-            steps = np.arange(outputs[0], outputs[-1] + _ROWS)
+            steps = np.arange(outputs[0], outputs[-1] + _ROWS_REPORTED)
             self._repeated += steps[-1] - round(self._begin.t[0] / own.settings.step)
-            if self._repeated > own.chunk + _REPEATED * own.state.count[0]["steps"]:
+            if self._repeated > own.chunk + _MAX_REPEATED_SHARE * own.state.count[0]["steps"]:
                 break
             times = own.settings.start + own.settings.step * steps
             state = State(*(array.copy() for array in self._begin))
@@ -221,13 +232,15 @@ class StepRows:
             run.integrate(own.chunk)
             block = run.rows.read()
             for at in outputs - outputs[0]:
-                yield block.part(at, at + _ROWS)
+                yield block.part(at, at + _ROWS_REPORTED)
         seen.size[:] = 0.0
 
     def _outputs_about(self, time: float) -> np.ndarray:
-        """Numbers (n,) of the steps that end at outputs of which a time may tell something."""
+        """Numbers (n,) of the steps that end at outputs near a time of alternation."""
         settings, times = self._own.settings, self._own.times
-        first, last = np.searchsorted(times, time + settings.step * np.array([0.5 - _NEAR, 0.5]))
+        first, last = np.searchsorted(
+            times, time + settings.step * np.array([0.5 - _STEPS_NEAR_OUTPUT, 0.5])
+        )
         outputs = times[min(first, len(times) - 1) : max(last, first + 1)] - settings.start
         return np.ceil(outputs / settings.step - _SAME_TIME).astype(int)
 
@@ -252,10 +265,10 @@ def _endless(t: float, step: float, left: float, limited: bool, cause: str) -> s
 def static_modes_sentence(
     compiled: Compiled, integrator: method.Method, beside_dynamic: bool = False
 ) -> str:
-    """The sentence for bodies with quasi-static modes that a method cannot solve for, or "".
+    """The sentence on bodies whose quasi-static modes a method cannot solve for, or "".
 
-    Of an explicit method, with `beside_dynamic` for those alone that have dynamic modes too, and
-    are joined.
+    For explicit methods, `beside_dynamic` restricts it to joined bodies that also have dynamic
+    modes.
     """
     static = compiled.system.kinds.get(STATIC_MODES.name)
     if static is None:
@@ -273,33 +286,34 @@ def static_modes_sentence(
     names = ", bodies.".join(compiled.layout.bodies[row].name for row in rows)
     return (
         f"modes of bodies.{names} are quasi-static, which explicit methods cannot do where joints "
-        f'need their compliance: use method = "{entries.STIFF_METHOD}"'
+        f'need their compliance: use method = "{STIFF_METHOD}"'
     )
 
 
 def stiff_force_sentence(run: Integration) -> str:
-    """The sentence for a body whose quasi-static modes Newton's method leaves behind, or "".
+    """The sentence on a body with quasi-static modes if Newton's method fails there, or "".
 
-    They have no inertia, so that no step is small against a force that sets in with them.
+    Such modes have no inertia, so a shorter step does not make a stiff force that begins to act on
+    them smoother.
     """
     static = run.compiled.system.kinds.get(STATIC_MODES.name)
     names = [run.compiled.layout.bodies[row].name for row in static.rows] if static else []
-    body = entries.worst_place(run.compiled, run.work).removeprefix("body ")
+    body = worst_place(run.compiled, run.work).removeprefix("body ")
     if run.method.collocation > 0 or body not in names:
         return ""
     return (
         f"bodies.{body}: a force that sets in with the deformation, such as a stiff stop's, is too "
-        f'stiff for its quasi-static modes; use method = "{entries.STIFF_METHOD}", or deformation '
+        f'stiff for its quasi-static modes; use method = "{STIFF_METHOD}", or deformation '
         '= "dynamic"'
     )
 
 
 def slow_impacts(run: Integration, units: UnitSystem) -> Iterator[str]:
-    """A sentence for each contact whose fastest impacts are about as slow as its least speed.
+    """A sentence on each contact whose fastest impacts are about as slow as its least_speed.
 
-    Where it rebounds from one below: what comes to rest after faster ones, what is pressed together
-    for long, what drivers move, and what rebounds by next to nothing of the model does not count.
-    Points of one surface have no restitution of their own.
+    It applies if the contact rebounds after an impact below least_speed. Not reported are contacts
+    that had faster impacts, that rebound by a negligible distance, or whose motion drivers fix; nor
+    contacts of several points, which have no restitution of their own.
     """
     for name, element in run.compiled.elements.items():
         if element.kind != "contacts" or element.n > 1 or run.settings.determinate == 1:
@@ -307,8 +321,8 @@ def slow_impacts(run: Integration, units: UnitSystem) -> Iterator[str]:
         row = run.compiled.system.kinds["contacts"].rows[element.row]
         slow, history = float(row["slow"]), run.state.history[row["impacts"] :]
         fastest = float(history[FASTEST])
-        least = _REBOUND * run.compiled.length
-        if row["damping"] > 0.0 and fastest < _FASTER * slow and history[REBOUND] > least:
+        least = _MIN_REBOUND * run.compiled.length
+        if row["damping"] > 0.0 and fastest < _SPEED_RATIO * slow and history[REBOUND] > least:
             say = partial(units.say, unit="m/s", digits=2)
             yield (
                 f"{name}: impacts below its least_speed of {say(slow)} are damped as those of that "
@@ -318,7 +332,7 @@ def slow_impacts(run: Integration, units: UnitSystem) -> Iterator[str]:
 
 
 def _unsettled(compiled: Compiled, rows: np.ndarray) -> str:
-    """The sentence for kinetostatic bodies whose loads follow their deformation too stiffly."""
+    """The sentence on kinetostatic bodies: the iteration of their loads does not converge."""
     if not len(rows):
         return ""
     names = ", bodies.".join(compiled.layout.bodies[row].name for row in rows)

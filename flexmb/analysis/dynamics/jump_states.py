@@ -1,8 +1,8 @@
-"""States of a run from which vibrations may begin: at jumps of functions of time, behind events.
+"""States of a run from which vibrations may begin: at jumps of functions of time, after events.
 
-Where a load or the acceleration of a driver jumps, a state just before is noted; where a contact, a
-stop, friction or a limit of a function changes its law, that behind. From there a run may be
-repeated, on its own steps or on shorter ones, and a resumed run has them too.
+The state just before a jump of a load or of the acceleration of a driver is stored, and the state
+after an event of a contact, a stop, friction or a limit of a function. From there the run may be
+repeated, with its own steps or with shorter ones. A resumed run has these states too.
 """
 
 from __future__ import annotations
@@ -16,36 +16,37 @@ from flexmb.flexbody.arrays import Array
 from flexmb.results.output_block import OutputBlock
 
 MAX_JUMPS = 16
-"""Rows of `JumpStates.table` that are of jumps, evenly among more; events come behind."""
-_MAX_EVENTS = 18  # of many each third, ninth and so on
-_AFTER_START = 1e-9  # of a run: when functions have left their value at its start
-_MANY = 10.0  # lengths of a step after a jump, within which it counts: first ones are short
-_ENDS = 64  # of steps that are noted with a jump or event
+"""Rows of `JumpStates.table` for jumps, a uniform selection if there are more; then events."""
+_MAX_EVENTS = 18  # rows for events; of more events every third one, then every ninth, ...
+_AFTER_START = 1e-9  # time just after the start, over the duration of the run
+# A step counts as one after a jump if it begins within this many of its own lengths from the jump:
+# the first steps are very short.
+_MAX_STEPS_AFTER = 10.0
+_STORED_STEPS = 64  # number of step ends stored with a jump or event
 
 
 class JumpStates:
-    """States of a run just before jumps of functions of time and behind events of forces, and the
-    steps after them.
+    """States of a run just before jumps of functions of time and after events, and the steps there.
 
     Parameters
     ----------
     compiled, settings : Compiled, Settings
-        What is run, and how.
+        The model and the settings of the run.
 
     Attributes
     ----------
     table : (n, 4 + nq + 3 nv + nc + history + ends) array
         Times just before and after each jump, largest step after it [s], positions and velocities;
-        NaN: not passed yet, or no jump. The first one is the start. Behind the jumps are events,
-        which also have the next step [s], velocities some steps later, accelerations, multipliers
-        and what elements remember. Then, of both, the ends of some steps of the comparison run [s].
-        Saved with the run.
+        NaN: not reached yet, or no jump. The first row is the start. Rows of events follow those of
+        jumps; they also have the next step [s], velocities some steps later, accelerations,
+        multipliers and the history of elements. At the end of all rows are the ends of some steps
+        of the scout [s]. Saved with the run.
     """
 
     def __init__(self, compiled: Compiled, settings: method.Settings) -> None:
         nq, nv, nc = (getattr(compiled.layout, name) for name in ("nq", "nv", "nc"))
         behind = [1, nv, nv, nc, compiled.system.history] if compiled.system.events else [0] * 5
-        sizes = [3, nq, nv, *behind, _ENDS]
+        sizes = [3, nq, nv, *behind, _STORED_STEPS]
         self._columns = [slice(b - n, b) for n, b in zip(sizes, np.cumsum(sizes), strict=True)]
         self._of_jumps = self._columns[2].stop
         rows = MAX_JUMPS + (_MAX_EVENTS if compiled.system.events else 0)
@@ -55,7 +56,7 @@ class JumpStates:
         self.add_jumps(compiled, settings)
 
     def add_jumps(self, compiled: Compiled, settings: method.Settings) -> None:
-        """Take jumps until the end that come after those in the table, as far as there is room."""
+        """Add the jumps that follow those in the table, up to the end of the run or of the room."""
         events, jumps = compiled.system.time_events, self.table[:MAX_JUMPS]
         free = np.flatnonzero(np.isnan(jumps[:, 0]))
         later = events[(events[:, 0] > np.nanmax(jumps[:, 1])) & (events[:, 1] < settings.end)]
@@ -70,7 +71,7 @@ class JumpStates:
         return np.asarray(times[np.isfinite(times)])
 
     def put(self, k: int, state: State) -> None:
-        """Let a state of the run be that just before a jump, or that behind an event."""
+        """Set a state to the one just before jump k, or to the one after event k."""
         row, (_, q, v, step, _, vd, lam, history, _) = self.table[k], self._columns
         state.t[0], state.q[:], state.v[:] = row[0], row[q], row[v]
         if k >= MAX_JUMPS:
@@ -81,12 +82,12 @@ class JumpStates:
             state.memory[0]["next_step"] = state.memory[0]["last_step"] = row[step][0]
 
     def passed(self) -> list[int]:
-        """Jumps whose state and step are known."""
+        """Numbers of the jumps whose state and step are known."""
         jumps = self.table[:MAX_JUMPS, : self._of_jumps]
         return [int(k) for k in np.flatnonzero(np.isfinite(jumps).all(axis=1))]
 
     def events(self) -> tuple[list[int], Array]:
-        """Events, and what changes of velocities behind each of them (n, nv)."""
+        """Numbers of the events, and the change of velocities in the steps after them (n, nv)."""
         rows = MAX_JUMPS + np.flatnonzero(np.isfinite(self.table[MAX_JUMPS:, 0]))
         _, _, v, _, later, *_ = self._columns
         changes = np.zeros((len(rows), v.stop - v.start))
@@ -95,18 +96,18 @@ class JumpStates:
         return rows.tolist(), changes
 
     def plan(self, k: int) -> Plan | None:
-        """Steps of the comparison run from a jump or event on, as far as they are noted."""
+        """Steps of the scout from jump or event k on, as far as they are stored; or None."""
         ends = self.table[k, self._columns[-1]]
         ends = ends[np.isfinite(ends)]
         return Plan(ends, np.array([len(ends)])) if len(ends) > 1 else None
 
     def next_time(self, k: int) -> float:
-        """Time of the next jump or event that is noted, or infinite [s]."""
+        """Time of the next stored jump or event after k [s], or infinite."""
         later = self.table[self.table[:, 0] > self.table[k, 1], 0]
         return float(later.min(initial=np.inf))
 
     def add_events(self, states: Array) -> None:
-        """Take states behind events, as the engine notes them; a third of them when more come."""
+        """Add states after events (rows of `Events.states`); if the table is full, keep a third."""
         events = self.table[MAX_JUMPS:]
         for state in states:
             free = np.flatnonzero(np.isnan(events[:, 0]))
@@ -117,13 +118,15 @@ class JumpStates:
             events[free[0], :2], events[free[0], 3 : 2 + len(state)] = state[0], state[1:]
 
     def add_steps(self, knots: Array, refinement: float) -> None:
-        """Take the ends of steps of the comparison run [s], which has fewer by `refinement`."""
+        """Add the times between steps of the scout [s]; the run has `refinement` times as many."""
         jumps = self.table[:MAX_JUMPS]
         for row in jumps[np.isfinite(jumps[:, 0]) & np.isnan(jumps[:, 2])]:
             ends = knots[np.searchsorted(knots, row[0]) :] - row[0]
             if knots[0] <= row[1] and len(ends) > 1:
                 steps = np.diff(ends)
-                largest = steps[ends[:-1] <= _MANY * steps].max(initial=steps[0]) / refinement
+                largest = (
+                    steps[ends[:-1] <= _MAX_STEPS_AFTER * steps].max(initial=steps[0]) / refinement
+                )
                 jumps[jumps[:, 0] == row[0], 2] = largest
         for time, ends in zip(self.table[:, 1], self.table[:, self._columns[-1]], strict=True):
             n = int(np.isfinite(ends).sum())
@@ -131,10 +134,10 @@ class JumpStates:
                 new = knots[np.searchsorted(knots, time, side="right") - 1 :]
             else:
                 new = knots[1:] if n > 0 and knots[0] == ends[n - 1] else knots[:0]
-            ends[n : n + len(new)] = new[: _ENDS - n]
+            ends[n : n + len(new)] = new[: _STORED_STEPS - n]
 
     def add_rows(self, rows: OutputBlock) -> None:
-        """Take rows of the run; those at the jumps are of interest."""
+        """Store positions and velocities of the rows at jumps."""
         at = np.searchsorted(rows.t, self.before)
         for k in np.flatnonzero(at < len(rows.t)):
             if rows.t[at[k]] == self.table[k, 0]:
@@ -142,6 +145,6 @@ class JumpStates:
                 self.table[k, 3 : self._of_jumps] = both
 
     def begins_before(self, time: float) -> bool:
-        """Whether a time [s] is that of a jump or within the step after it."""
+        """Whether a time [s] is at a jump or within the largest step after it."""
         after, steps = time - self.table[:MAX_JUMPS, 0], self.table[:MAX_JUMPS, 2]
         return bool(np.any((after >= 0.0) & (after <= steps)))

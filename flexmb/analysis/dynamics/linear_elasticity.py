@@ -1,13 +1,13 @@
-"""Where a run leaves what linear elasticity about a rigid motion can answer.
+"""Limits of linear elasticity about a rigid motion: deflection, rotation and speed.
 
 In: rows of a run, in order. Out: indicators of flexible bodies that bend or twist too far for small
-deformations, and of those that turn so fast that centrifugal stiffening, if it is left out, would
-change their frequencies. A deflection is that relative to where the body is joined, the
-speed that of the joint; it is compared with the lowest natural frequency of the body as it is
-joined, of those modes that the motion contains. Source of the
-bounds: Adams/Flex limits linear bodies to a tenth of their length; Kane, Ryan & Banerjee, Dynamics
-of a cantilever beam attached to a moving base, J. Guidance 10 (1987) 139, for the loss of stiffness
-of linear equations: the first frequency of a cantilever is too low by the share 0.6 (Ω/ω₁)².
+deformations, and of those that rotate so fast that omitted centrifugal stiffening would change
+their frequencies. The deflection is relative to the joints of the body. The speed is that of the
+joints, over the lowest natural frequency of the body as it is joined, of those modes that the
+motion contains. Sources of the bounds: Adams/Flex limits linear bodies to a tenth of their length;
+Kane, Ryan & Banerjee, Dynamics of a cantilever beam attached to a moving base, J. Guidance 10
+(1987) 139, for the loss of stiffness of linear equations: the first frequency of a cantilever is
+too low by the share 0.6 (Ω/ω₁)².
 """
 
 from __future__ import annotations
@@ -35,44 +35,44 @@ from flexmb.results.output_block import OutputBlock
 
 #: Deflection over the length of a body above which linear elasticity is doubtful.
 LARGEST_DEFLECTION = 0.1
-#: Share by which a frequency may be too low for want of centrifugal stiffening.
+#: Largest relative error of a frequency by omitted centrifugal stiffening.
 LARGEST_SOFTENING = 0.01
 #: Rotation of points [rad] above which displacements off their axis are wrong by 5 %.
 LARGEST_ROTATION = 0.3
-#: What a body without stiffening is that turns faster than it vibrates.
+#: Text on a body without stiffening that rotates faster than it vibrates.
 INCONSISTENT = "an inconsistent set of equations, centrifugal softening without stiffening"
-_LARGEST_LOSS = 0.5**0.5  # speed over frequency at which rotation takes half of the stiffness
+_MAX_SPEED_RATIO = 0.5**0.5  # Ω/ω at which rotation halves the stiffness
 _SOFTENING = 0.6  # share of the first frequency of a cantilever that is lost, over (Ω/ω₁)²
 #: Speed over the lowest frequency below which centrifugal stiffening may be left out.
 LEAST_SPEED = (LARGEST_SOFTENING / _SOFTENING) ** 0.5
-_POINTS = 64  # points of a body that are watched, at most
-_PRESENT = 0.05  # share of the largest amplitude from which on the motion contains a mode
-_ZERO_FREQUENCY = 1e-5  # over the highest: that of a motion that the joints leave free
-_CLAMPS = ("fixed", "prismatic")  # joints that hold all rotations
+_MAX_POINTS = 64  # largest number of points of a body that are monitored
+_MIN_AMPLITUDE = 0.05  # amplitude of a mode over the largest one, if the motion contains it
+_ZERO_FREQUENCY = 1e-5  # frequency over the highest one below which a motion is free
+_CLAMPS = ("fixed", "prismatic")  # joints that constrain all rotations
 
 
 @dataclass(frozen=True, eq=False)
-class _Watched:
-    """A flexible body: how its points move relative to its joints, and its modes as joined."""
+class _MonitoredBody:
+    """A flexible body: displacements of points relative to its joints; its modes as joined."""
 
     columns: BodyColumns
-    deflection: Array  # (3 k, m) of its points per unit eta, over its length
-    rotation: Array  # (3 k, m) rad
-    turn: Array  # (3, m) rotation of the frame of its joints per unit eta
-    inertia: Array  # (3, 3) about the centre of mass, over the largest
-    frequencies: Array  # (j,) as it is joined, ascending, rad/s
-    amplitudes: Array  # (j, m) deflection in each of these modes, over the length, per unit eta
-    is_stiffened: bool  # by centrifugal loads and the forces of joints
-    softens: bool  # by its rotation, as its inertia coupling says
+    deflection: Array  # (3 k, m) displacements of points per unit eta, over its length
+    rotation: Array  # (3 k, m) rotations of points per unit eta, rad
+    turn: Array  # (3, m) rotation of the frame of its joints per unit eta, rad
+    inertia: Array  # (3, 3) about the centre of mass, over the largest principal one
+    frequencies: Array  # (j,) of the body as joined, ascending, rad/s
+    amplitudes: Array  # (j, m) largest deflection over the length of each mode, per unit eta
+    is_stiffened: bool  # whether geometric stiffening is included
+    softens: bool  # whether the equations contain centrifugal softening
 
 
 class LinearElasticityMonitor:
-    """Watches deflections, rotations and speeds of all flexible bodies.
+    """Monitors deflections, rotations and speeds of all flexible bodies.
 
     Parameters
     ----------
     compiled, model : Compiled, Model
-        What is run.
+        The model.
     q : (nq,) array
         First positions.
     """
@@ -95,7 +95,7 @@ class LinearElasticityMonitor:
             amplitudes = sizes.max(axis=0, initial=0.0)[:, None] * amounts
             stiffened, spec = body.centrifugal_stiffness is not None, model.bodies[columns.name]
             self._bodies.append(
-                _Watched(
+                _MonitoredBody(
                     columns,
                     deflection,
                     rotation,
@@ -114,7 +114,7 @@ class LinearElasticityMonitor:
         self._amplitudes = np.zeros(ends[-1])
 
     def add(self, rows: OutputBlock) -> None:
-        """Take in further rows."""
+        """Add the next rows."""
         for k, one in enumerate(self._bodies):
             iq, iv, m = one.columns.iq + 7, one.columns.iv + 3, one.columns.m
             eta = rows.q[:, iq : iq + m]
@@ -135,7 +135,7 @@ class LinearElasticityMonitor:
             name = one.columns.name
             (deflection, at), (rotation, turned), (speed, spun) = self._largest[:, :, k]
             amplitudes = self._amplitudes[self._parts[k]]
-            present = amplitudes > _PRESENT * amplitudes.max(initial=0.0)
+            present = amplitudes > _MIN_AMPLITUDE * amplitudes.max(initial=0.0)
             ratio = 0.0
             if not one.is_stiffened:
                 ratio = speed / one.frequencies[present].min(initial=np.inf)
@@ -148,13 +148,13 @@ class LinearElasticityMonitor:
             yield Indicator(name, "rotation", rotation, turned, LARGEST_ROTATION, text)
 
     def diverging(self) -> str:
-        """Names a body whose equations lose most of their stiffness as it turns; "" if none."""
+        """The sentence on a body whose equations lose most stiffness by its rotation, or ""."""
         speeds = (one for one in self.indicators() if one.quantity == "speed")
-        return next((one.text() for one in speeds if one.value > _LARGEST_LOSS), "")
+        return next((one.text() for one in speeds if one.value > _MAX_SPEED_RATIO), "")
 
     def _deflected(self, name: str, deflection: float, t: float, ratio: float) -> str:
         what = f"bodies.{name} is deflected by {deflection:.2g} of its length at"
-        if ratio > _LARGEST_LOSS:
+        if ratio > _MAX_SPEED_RATIO:
             cure = f'{INCONSISTENT}, and diverges; reduce it with geometric_stiffening = "full"'
             return f"{what} t = {self._units.say(t, 's', 4)}: {cure}"
         return (
@@ -183,7 +183,7 @@ class LinearElasticityMonitor:
             error += INCONSISTENT
         else:
             error = f"that frequency is too low by about {100 * _SOFTENING * ratio**2:.2g} %"
-            error += f": {INCONSISTENT}" if ratio > _LARGEST_LOSS else ""
+            error += f": {INCONSISTENT}" if ratio > _MAX_SPEED_RATIO else ""
         return (
             f"{where}, {share} (t = {self._units.say(t, 's', 4)}): {why}, so that {error}; reduce "
             'the body with geometric_stiffening = "full"'
@@ -191,13 +191,13 @@ class LinearElasticityMonitor:
 
 
 def _lengths(eta: Array, rows: Array) -> Array:
-    """(t,) the largest of the vectors that eta (t, m) makes by rows (3 k, m)."""
+    """(t,) largest length of the k vectors rows (3 k, m) · eta (t, m)."""
     moved = (eta @ rows.T).reshape(len(eta), len(rows) // 3, 3)
     return np.asarray(np.sqrt(np.einsum("tki,tki->tk", moved, moved).max(axis=1, initial=0.0)))
 
 
 def flexible_columns(compiled: Compiled) -> Iterator[tuple[BodyColumns, FlexBody]]:
-    """The bodies with modes, and where they stand in q and v."""
+    """The bodies with modes, with their columns in q and v."""
     for columns in compiled.layout.bodies:
         body = compiled.flexbodies.get(columns.name)
         if columns.m and body is not None and body.m == columns.m:
@@ -210,7 +210,7 @@ def joined_modes(body: FlexBody, columns: BodyColumns, q: Array, Cq: Array) -> t
     Parameters
     ----------
     body, columns : FlexBody, BodyColumns
-        The body, and where it stands in q and v.
+        The body, and its columns in q and v.
     q : (nq,) array
         Positions.
     Cq : (nc, nv) array
@@ -219,7 +219,7 @@ def joined_modes(body: FlexBody, columns: BodyColumns, q: Array, Cq: Array) -> t
     Returns
     -------
     frequencies : (j,) array
-        Ascending [rad/s]; motions that the joints leave free are no vibrations.
+        Ascending [rad/s]; without free motions.
     shapes : (m, j) array
         Modal coordinates of the body in each, of unit modal mass.
     """
@@ -236,14 +236,14 @@ def joined_modes(body: FlexBody, columns: BodyColumns, q: Array, Cq: Array) -> t
 
 
 def constraint_jacobian(compiled: Compiled, q: Array) -> Array:
-    """Cq (nc, nv) at the positions q; of models that are too large for it no row."""
+    """Cq (nc, nv) at the positions q; without rows if the model is too large."""
     if compiled.layout.nv > MAX_COORDINATES:
         return np.zeros((0, compiled.layout.nv))
     return ConstraintRows(compiled).evaluate(q).Cq
 
 
 def loads_without_response(compiled: Compiled, model: Model) -> Iterator[str]:
-    """A sentence for each load of a body that its modes do not answer."""
+    """A sentence on each load of a body to which its modes have no response."""
     for name, spec in model.forces.items():
         if isinstance(spec, BodyLoadSpec) and compiled.flexbodies[spec.body].m:
             share = compiled.flexbodies[spec.body].load(spec.load).missing_share
@@ -256,7 +256,7 @@ def loads_without_response(compiled: Compiled, model: Model) -> Iterator[str]:
 
 
 def loads_without_stiffening(compiled: Compiled, model: Model) -> Iterator[str]:
-    """A sentence for each joint and force that acts beside the interfaces of a stiffened body."""
+    """A sentence on each joint and force that acts outside the interfaces of a stiffened body."""
     stiffened = [
         name for name, body in compiled.flexbodies.items()
         if body.m and body.centrifugal_stiffness is not None
@@ -270,7 +270,7 @@ def loads_without_stiffening(compiled: Compiled, model: Model) -> Iterator[str]:
 
 
 def _joined_interfaces(body: FlexBody, name: str, model: Model) -> dict[str, bool]:
-    """Interfaces of a body with joints, in their order, and whether these hold all rotations."""
+    """Interfaces of a body with joints, in order; whether a joint constrains all rotations."""
     driven = {spec.joint for spec in model.drivers.values()}
     places: dict[str, bool] = {}
     for joint, spec in model.joints.items():
@@ -284,21 +284,21 @@ def _joined_interfaces(body: FlexBody, name: str, model: Model) -> dict[str, boo
 
 
 class JoinedFrame(NamedTuple):
-    """The frame of a body's joints, which moves against its mean axes as it deforms."""
+    """The frame of a body's joints, which moves relative to its mean axes with the deformation."""
 
     origin: Array  # (3,) m
     shift: Array  # (3, m) displacement of the origin per unit eta
     turn: Array  # (3, m) rotation per unit eta
 
     def at(self, positions: Array) -> Array:
-        """(k, 3, m) its displacement at positions (k, 3)."""
+        """(k, 3, m) displacement of the frame at positions (k, 3), per unit eta."""
         arms = (positions - self.origin)[:, None]
         return self.shift + np.cross(self.turn.T[None], arms).transpose(0, 2, 1)
 
 
 def joined_frame(body: FlexBody, name: str, model: Model) -> JoinedFrame:
-    """The frame of the first interface that is clamped; else of the straight line between the two
-    with joints that are farthest apart; else the mean axes."""
+    """The frame of the first clamped interface; otherwise that of the straight line between the two
+    joined interfaces that are farthest apart; otherwise the mean axes."""
     places = _joined_interfaces(body, name, model)
     points = [body.interface(place) for place in places]
     clamped = [body.interface(place) for place, holds in places.items() if holds]
@@ -316,14 +316,14 @@ def joined_frame(body: FlexBody, name: str, model: Model) -> JoinedFrame:
 
 
 def _relative_motion(body: FlexBody, frame: JoinedFrame) -> tuple[Array, Array]:
-    """Displacements of points of a body relative to its joints, over its length, and their
-    rotations (3 k, m)."""
+    """Displacements of points of a body relative to its joints, over its length, and rotations of
+    these points, both (3 k, m) per unit eta."""
     nodes = body.nodes
     positions = np.array([one.position for one in body.interfaces]).reshape(-1, 3)
     modes = np.array([one.Phi_t for one in body.interfaces]).reshape(-1, 3, body.m)
     turns = np.array([one.Phi_r for one in body.interfaces]).reshape(-1, 3, body.m)
     if nodes is not None:
-        every = max(1, len(nodes.ids) // _POINTS)
+        every = max(1, len(nodes.ids) // _MAX_POINTS)
         positions = np.vstack([positions, nodes.position[::every]])
         modes = np.concatenate([modes, nodes.Phi_t[::every]])
         if nodes.Phi_r is not None:

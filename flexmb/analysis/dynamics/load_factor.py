@@ -1,12 +1,12 @@
-"""How near the loads of a run bring a flexible body to buckling.
+"""Load factor of flexible bodies in a run: their loads over those that buckle them.
 
-Where geometric stiffening is on, the load factor μ is the largest of the numbers with which K + K_g
-/ μ has a motion without stiffness: K_g is the geometric stiffness of the forces at the markers and
-of the inertia loads, at one moment of the run, in those motions of the whole mechanism that deform
-it, in the mean over a period: waves along a bar do not buckle it. Above one linear theory has no
-meaning. Where it is off, slender bodies are judged by the axial force beside Euler's load of a bar
-between pins with their lowest frequency, 0.1 ω₁² m L, which is right within a factor of two for
-other ends.
+With geometric stiffening, the load factor μ is the largest number for which K + K_g/μ is singular.
+K_g is the geometric stiffness of the forces at markers and of the inertia loads at one time of the
+run, for those motions of the whole mechanism that deform it. The mean over a vibration period
+counts, since waves along a bar do not buckle it. Above μ = 1 linear theory is not valid. Without
+geometric stiffening, slender bodies are judged by their axial force over the Euler load of a pinned
+bar with their lowest frequency, 0.1 ω₁² m L, which is correct within a factor of two for other
+supports.
 
 Sources: Euler's columns, Timoshenko & Gere, Theory of Elastic Stability, §2.2; the relation of load
 and frequency, f = f₀ √(1 − P/P_cr), Timoshenko, Vibration Problems in Engineering, §5.11.
@@ -28,12 +28,12 @@ from flexmb.analysis.assembly.jacobian import (
 )
 from flexmb.analysis.dynamics.linear_elasticity import flexible_columns, joined_modes
 from flexmb.analysis.monitors import Indicator
+from flexmb.engine.allocation import new_state, new_work
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import stage_solver
+from flexmb.engine.compiled_calls import stage_solver
 from flexmb.engine.initial_conditions import RESIDUAL
 from flexmb.engine.state import State, Work
 from flexmb.engine.tables import bend_of
-from flexmb.engine.work import new_state, new_work
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, IntArray, skew
 from flexmb.flexbody.natural_modes import matrices_at_rest
@@ -41,23 +41,24 @@ from flexmb.model.forces.body_load import BodyLoadSpec
 from flexmb.model.model import Model
 from flexmb.results.output_block import OutputBlock
 
-#: Load factors from which on the user is told, with and without geometric stiffening.
+#: Load factors above which a run has a note, with and without geometric stiffening.
 NEAR_BUCKLING, LARGEST_AXIAL_LOAD = 0.8, 0.1
-_EULER = 0.1  # load between pins over ω₁² m L: 1/π²
-_SLENDER = 0.05  # second moment of mass across a bar over that along it
-_LOOK = 0.3  # of the level of warning: what the least of all estimates must reach
-_FASTEST = 0.125  # share of a mean that one row may replace
-_MOST_ENTRIES = 2_000_000  # of one matrix of each row, of rows that are looked at together
-_RIGID = 1e-9  # of the highest squared frequency: motions that deform nothing
+_EULER = 0.1  # Euler load of a pinned bar over ω₁² m L: 1/π²
+_SLENDER = 0.05  # largest ratio of the second moments of mass across and along a slender bar
+# Rows are examined if a simple upper bound of the load exceeds this share of the warning level.
+_MIN_ESTIMATE = 0.3
+_MAX_ROW_WEIGHT = 0.125  # largest weight of one row in the mean over a period
+_MAX_ENTRIES = 2_000_000  # matrix entries of all rows that are examined together
+_RIGID_SHARE = 1e-9  # ω² over the largest one, below which a motion deforms nothing
 
 
 class LoadFactorMonitor:
-    """The load factor of each flexible body that forces act on.
+    """Computes the load factor of each slender flexible body along a run.
 
     Parameters
     ----------
     compiled, model : Compiled, Model
-        What is run.
+        The model.
     q : (nq,) array
         First positions.
     """
@@ -92,7 +93,7 @@ class LoadFactorMonitor:
             for columns, *_ in self._bodies
         ]
         self._largest = np.zeros((2, len(self._bodies)))
-        self._mean = np.full((2, len(self._bodies)), np.nan)  # over a period, and its last moment
+        self._mean = np.full((2, len(self._bodies)), np.nan)  # mean over a period, time of last row
 
     @cached_property
     def _scratch(self) -> tuple[State, Work, Callable[[int], float]]:
@@ -105,43 +106,45 @@ class LoadFactorMonitor:
         return _Mechanism(self._compiled, self._gravity)
 
     def add(self, rows: OutputBlock) -> None:
-        """Take the next rows."""
+        """Add the next rows."""
         if not self._bodies:
             return
         worth = np.zeros(len(rows.t), bool)
         for k, (columns, body, _, _, euler, stiffened) in enumerate(self._bodies):
-            force = np.abs(rows.lam).sum(axis=1)  # where reactions are not stored
+            force = np.abs(rows.lam).sum(axis=1)  # used if reactions are not stored
             if rows.reactions.size:
                 parts = rows.reactions.reshape(len(rows.t), -1, 12)[:, self._reactions[k], :3]
                 force = np.linalg.norm(parts, axis=2).sum(axis=1)
             far = np.linalg.norm(rows.vd[:, columns.iv : columns.iv + 3] - self._gravity, axis=1)
             load = force + body.mass * far
             level = NEAR_BUCKLING if stiffened else LARGEST_AXIAL_LOAD
-            worth |= (load > _LOOK * level * euler) | self._loaded[k]
+            worth |= (load > _MIN_ESTIMATE * level * euler) | self._loaded[k]
         values = np.zeros((len(rows.t), len(self._bodies)))
         values[worth] = self._values(rows, np.flatnonzero(worth))
         for row in range(len(rows.t)) if worth.any() or self._mean[0].any() else ():
             self._average(float(rows.t[row]), values[row])
 
     def _average(self, t: float, values: Array) -> None:
-        """Take values at a moment into the means, which forget as fast as the bodies vibrate."""
+        """Update the exponential means over a vibration period by the values at time t."""
         mean, last = self._mean
         mean[:] = np.where(np.isnan(mean), values, mean)
-        forgotten = np.minimum((t - np.where(np.isnan(last), t, last)) / self._periods, _FASTEST)
+        forgotten = np.minimum(
+            (t - np.where(np.isnan(last), t, last)) / self._periods, _MAX_ROW_WEIGHT
+        )
         mean += forgotten * (values - mean)
         last[:] = t
         larger = mean > self._largest[0]
         self._largest[:, larger] = mean[larger], np.full(larger.sum(), t)
 
     def add_last(self, rows: OutputBlock) -> None:
-        """Take the row in which a run ends, by itself: there is no time for a mean."""
+        """Add the last row of a run that failed, without averaging."""
         if self._bodies:
             values = self._values(rows, np.zeros(1, np.int64))[0]
             larger = values > self._largest[0]
             self._largest[:, larger] = values[larger], np.full(larger.sum(), rows.t[0])
 
     def diverging(self) -> str:
-        """The sentence for the first body that its loads have buckled, or ""."""
+        """The sentence on the first body that its loads have buckled, or ""."""
         for one in self.indicators():
             if one.warning == NEAR_BUCKLING and one.value > 1.0:
                 return one.text()
@@ -171,11 +174,11 @@ class LoadFactorMonitor:
 
     @one_blas_thread()
     def _values(self, rows: OutputBlock, which: IntArray) -> Array:
-        """(rows, bodies) load factors at some rows, from the wrenches at all markers."""
+        """(rows, bodies) load factors at the rows `which`, from the wrenches at all markers."""
         parts = self._compiled.system.parts
         values = np.zeros((len(which), len(self._bodies)))
         numbers = [int(np.flatnonzero(parts.bodies["iv"] == one[0].iv)[0]) for one in self._bodies]
-        size = max(1, _MOST_ENTRIES // self._compiled.layout.nv**2)
+        size = max(1, _MAX_ENTRIES // self._compiled.layout.nv**2)
         for first in range(0, len(which), size):
             part = slice(first, first + size)
             loads = self._loads(rows, which[part])
@@ -190,7 +193,7 @@ class LoadFactorMonitor:
         return values
 
     def _loads(self, rows: OutputBlock, which: IntArray) -> _Loads:
-        """The forces at all markers at some rows."""
+        """The forces at all markers at the rows `which`."""
         state, work, solve = self._scratch
         forces, arms, axes = [], [], []
         for row in which:
@@ -205,7 +208,7 @@ class LoadFactorMonitor:
         return _Loads(q, v, vd, *(np.array(one) for one in (forces, arms, axes)))
 
     def _forces(self, work: Work, lam: Array) -> Array:
-        """(markers, 3) forces, with those of joints of points, which the engine does not gather."""
+        """(markers, 3) forces, including those of point joints, which the engine does not store."""
         system = self._compiled.system
         W = work.now.marker["W"][:, :3].copy()
         W[system.parts.markers["point"] == 1] = 0.0
@@ -220,8 +223,8 @@ class LoadFactorMonitor:
 
 @dataclass(frozen=True, eq=False)
 class _Loads:
-    """Moments of a run (n): q, v, vd, forces at the markers (n, markers, 3) in global axes, their
-    arms in body axes, the axes A (n, bodies, 3, 3) of all bodies."""
+    """Loads at n times of a run: q, v, vd; forces at markers (n, markers, 3) in global axes, their
+    arms in body axes; the axes A (n, bodies, 3, 3) of all bodies."""
 
     q: Array
     v: Array
@@ -232,7 +235,7 @@ class _Loads:
 
 
 class _Mechanism:
-    """Root of the mass, and stiffness (nv, nv), of all bodies, velocities in body axes; joints."""
+    """Square root of the mass and stiffness (nv, nv) of all bodies, in body axes; constraints."""
 
     def __init__(self, compiled: Compiled, gravity: Array) -> None:
         nv, self._compiled, self._gravity = compiled.layout.nv, compiled, gravity
@@ -252,7 +255,7 @@ class _Mechanism:
             self._bodies.append((entry, part, body, mean))
 
     def load_factors(self, loads: _Loads) -> Array:
-        """(n, bodies) load factor of the mechanism at moments, given to the body that buckles."""
+        """(n, bodies) load factors of the mechanism, each assigned to the body that buckles."""
         n, Kg = len(loads.q), self._geometric_stiffness(loads)
         poses = [self._rows.evaluate(q).jacobian for q in loads.q]
         _, S, Vt = np.linalg.svd(np.array([pose.A for pose in poses]))
@@ -265,7 +268,7 @@ class _Mechanism:
                 own = slice(part.start, part.start + 3)
                 N[:, own] = loads.A[rows, number].transpose(0, 2, 1) @ N[:, own]
             omega2, X = _natural_motions(self._K, self._root, N)
-            rigid = (omega2 <= _RIGID * omega2[:, -1:]).sum(axis=1)
+            rigid = (omega2 <= _RIGID_SHARE * omega2[:, -1:]).sum(axis=1)
             for count in np.unique(rigid[rigid < omega2.shape[1]]):
                 some = rigid == count
                 V = N[some] @ X[some][:, :, count:] / np.sqrt(omega2[some, None, count:])
@@ -273,7 +276,7 @@ class _Mechanism:
         return values
 
     def _buckle(self, Kg: Array, V: Array, rows: IntArray, values: Array) -> None:
-        """Put the load factors at some rows from motions V (rows, nv, k) of unit strain energy."""
+        """Set the load factors of `rows` by motions V (rows, nv, k) of unit strain energy."""
         Vt = V.transpose(0, 2, 1)
         factors, shapes = np.linalg.eigh(-0.5 * Vt @ (Kg[rows] + Kg[rows].transpose(0, 2, 1)) @ V)
         x = (V @ shapes[:, :, -1:])[..., 0]
@@ -282,15 +285,15 @@ class _Mechanism:
         values[rows, np.argmax(energy, axis=0)] = factors[:, -1]
 
     def _geometric_stiffness(self, loads: _Loads) -> Array:
-        """(n, nv, nv) second variation of the work of all loads, over rotation and eta, body axes.
+        """(n, nv, nv) second variation of the work of all loads by rotations and eta, body axes.
 
-        Forces at markers, and inertia ρ (a + G s), each along a direction that does not turn.
+        The loads are forces at markers and inertia forces ρ (a + G s), all of constant direction.
         """
         K = np.zeros((len(loads.q), *self._K.shape))
         parts, v, vd = self._compiled.system.parts, loads.v, loads.vd
         for number, (entry, part, body, mean) in enumerate(self._bodies):
             A, m, iv = loads.A[:, number], int(entry["m"]), part.start
-            eta = vd[:, iv + 6 : iv + 6 + m] @ mean.T  # of mean axes, wherever the frame is
+            eta = vd[:, iv + 6 : iv + 6 + m] @ mean.T  # acceleration of the mean axes
             a = ((vd[:, None, iv : iv + 3] - self._gravity) @ A)[:, 0] + eta[:, :3]
             w, alpha = v[:, iv + 3 : iv + 6], vd[:, iv + 3 : iv + 6] + eta[:, 3:]
             spin = w[:, :, None] * w[:, None]
@@ -322,10 +325,10 @@ class _Mechanism:
 
 
 def _natural_motions(K: Array, root: Array, N: Array) -> tuple[Array, Array]:
-    """Squared frequencies (n, d), ascending, and their motions (n, d, d) of unit mass of N y.
+    """Squared frequencies (n, d), ascending, and their motions y (n, d, d) with N y of unit mass.
 
-    By a root of the mass, as the inertia of a thin bar about its axis would be lost in the
-    product beside that of a heavy body.
+    The square root of the mass is used, since in the mass itself the inertia of a thin bar about
+    its axis would be lost by round-off next to that of a heavy body.
     """
     back = np.linalg.inv(np.linalg.qr(root @ N, mode="r"))
     inverse = back.transpose(0, 2, 1)
@@ -334,14 +337,14 @@ def _natural_motions(K: Array, root: Array, N: Array) -> tuple[Array, Array]:
 
 
 def _square_root(M: Array) -> Array:
-    """A matrix R with RᵀR = M, of a mass whose coordinates differ in size."""
+    """A matrix R with RᵀR = M, for a mass matrix with entries of very different sizes."""
     size = np.sqrt(M.diagonal())
     values, X = np.linalg.eigh(M / np.outer(size, size))
     return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * X.T * size)
 
 
 def _mean_motion(body: FlexBody, eta: Array) -> tuple[Array, Array]:
-    """Translation at the origin and rotation (3,) that modal coordinates (m,) have in the mean."""
+    """Mean translation at the origin and mean rotation (3,) of modal coordinates eta (m,)."""
     P = body.P @ eta - np.outer(body.center, body.p @ eta)
     moment = np.array([P[1, 2] - P[2, 1], P[2, 0] - P[0, 2], P[0, 1] - P[1, 0]])
     turn = np.linalg.pinv(body.inertia_about_center) @ moment
@@ -356,7 +359,7 @@ def _rigid_mass(entry: np.void) -> Array:
 
 
 def _bar(body: FlexBody) -> tuple[Array, float]:
-    """Axis and length of a slender body; length 0 where it is none."""
+    """Axis and length of a slender body; length 0 if it is not slender."""
     S = body.S0 - np.outer(body.S1, body.S1) / body.mass
     values, axes = np.linalg.eigh(S)
     slender = values[1] < _SLENDER * values[2]

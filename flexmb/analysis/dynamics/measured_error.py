@@ -1,10 +1,10 @@
 """The error of a run, measured by its scout: the same run with longer steps.
 
-Two runs of a method of order p on the same plan of steps, one with r times as many, differ by the
-error of the coarser one less that of the finer one, rᵖ : 1, so that the finer one is off by their
-difference over rᵖ − 1 (Richardson; Hairer, Nørsett & Wanner, Solving Ordinary Differential
-Equations I, 1993, §II.4). In: rows of both runs, in order. Out: the largest error of positions,
-velocities and reactions, each over the peak-to-peak of its sensor, with its name.
+Two runs with a method of order p use the same plan of steps, one with r times as many. Their errors
+have the ratio rᵖ : 1, so the error of the finer one is their difference over rᵖ − 1 (Richardson;
+Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I, 1993, §II.4). In: rows of both
+runs, in order. Out: the largest error of positions, velocities and reactions, each over the
+peak-to-peak range of its sensor, with its name.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from flexmb.flexbody.arrays import Array
 from flexmb.results.output_block import OutputBlock
 
 _LEAST_ERROR = 1e-15  # over the peak-to-peak
-_PARTED = 0.1  # difference over the peak-to-peak from which on two runs are different motions
+# Difference over the peak-to-peak from which on two runs are different motions.
+_DIFFERENT_MOTION = 0.1
 
 
 @dataclass(frozen=True)
@@ -31,48 +32,48 @@ class QuantityError:
 
     error: float  # over its scale
     name: str  # of the sensor, body or joint
-    time: float  # s, at which it is largest
-    over: str = ""  # its scale, if not its peak-to-peak
-    round_off: float = 0.0  # what of the error shorter steps do not lessen
-    begin: float = -math.inf  # of the vibration that steps damp, where that is the error [s]
+    time: float  # time of the largest error, s
+    over: str = ""  # its scale in words, if not its peak-to-peak
+    round_off: float = 0.0  # part of the error that shorter steps do not reduce
+    begin: float = -math.inf  # start of the vibration that steps damp, if that is the error [s]
 
 
 class MeasuredError:
-    """Differences of two runs of one model at the same outputs, whose rows it takes in order.
+    """Differences of two runs of one model at the same outputs; rows are added in order.
 
     Parameters
     ----------
     comparison : RowComparison
-        What is compared.
+        The quantities that are compared.
     places : RoundOff, optional
-        Round-off of a step in it.
+        Round-off of a step in these quantities.
 
     Attributes
     ----------
     vibrations : VibrationError
-        Of those that steps damp, which the runs do not differ by.
+        Errors by vibrations that the steps of both runs damp, so that they do not differ.
     round_off : (k,) array
-        Of a step in all that is compared, by the places so far.
+        Round-off of a step in each quantity, the largest so far.
     """
 
     def __init__(self, comparison: RowComparison, places: RoundOff | None = None) -> None:
         self.comparison, self._round_off_of = comparison, places
         self.vibrations = VibrationError(comparison)
         n, positions = len(comparison.compared), comparison.positions
-        self._largest = np.zeros((2, n))  # difference so far; its time
+        self._largest = np.zeros((2, n))  # largest difference so far, and its time
         self._sampled = comparison.columns_of(positions)
         widths = [len(comparison.compared[k].columns) for k in positions]
         self._sampled_starts = np.cumsum(widths, dtype=np.intp) - widths
-        self._growth = SampledHistory(len(positions))  # of the differences of positions
-        # positions of the fine run and differences, of this pass and of the one before
+        self._growth = SampledHistory(len(positions))  # differences of positions over time
+        # positions of the fine run and differences, of this pass and of the pass before
         self._samples = SampledHistory(len(self._sampled) + len(positions))
         self._before = np.full_like(self._samples.table, np.nan)
         self.round_off = np.zeros(n)
-        self._amplified = np.zeros(n)  # round-off in the end, as measured
+        self._amplified = np.zeros(n)  # measured round-off at the end
         self._falling: dict[tuple[float, int, bool], tuple[Array, Array]] = {}
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """All that there is so far, to be saved and filled in again."""
+        """All arrays, which are saved and restored with the state of the run."""
         return {
             "error_count": self._growth.count, "error_largest": self._largest,
             "error_range": self.comparison.range, "error_growth": self._growth.table,
@@ -82,11 +83,11 @@ class MeasuredError:
         }  # fmt: skip
 
     def compare(self, before: MeasuredError) -> None:
-        """Take the pass before for comparison."""
+        """Store the samples of the pass before, for `ratio_before`."""
         self._before[:] = before._samples.table
 
     def add(self, coarse: OutputBlock, fine: OutputBlock) -> None:
-        """Take the same rows of both runs, as far as both have them (SI).
+        """Add the same rows of both runs, as far as both have them (SI).
 
         Parameters
         ----------
@@ -111,9 +112,10 @@ class MeasuredError:
         self._samples.add(fine.t[:n], np.hstack([values[:, self._sampled], gaps[:, positions]]))
 
     def set_round_off(self, runs: Sequence[Array], steps: float) -> None:
-        """Take the values (k, components) of runs that differ by round-off alone.
+        """Set the amplified round-off from values (k, components) of runs that differ only by it.
 
-        It is the standard deviation of what they show; of a walk of `steps` times as many steps.
+        It is their standard deviation, times √`steps` for a random walk of `steps` times as many
+        steps.
         """
         n = min(map(len, runs))
         squares = [
@@ -125,7 +127,7 @@ class MeasuredError:
         self._amplified = np.sqrt(0.5 * steps * np.mean(squares, axis=0).max(axis=0))
 
     def amplified_round_off(self) -> float:
-        """Largest round-off in the end of a position, as measured, over its peak-to-peak."""
+        """Largest measured round-off of a position at the end, over its peak-to-peak."""
         own = self.comparison.shares(self._amplified)[self.comparison.positions]
         return float(own.max(initial=0.0))
 
@@ -135,16 +137,16 @@ class MeasuredError:
         return float(np.finfo(float).eps + own.max(initial=0.0))
 
     def growth(self) -> float:
-        """Times that the difference of positions grew faster than the square of the time.
+        """Largest ratio of the growth of the position difference to that of the square of time.
 
-        From any moment on at which it was above round-off, until the runs were different motions.
+        From any time at which it was above round-off until the runs were different motions.
         """
         spans, rows = self.comparison.scales()[self.comparison.positions], self._growth.count[1]
         moves, table = spans > 0.0, self._growth.table[:rows]
         if rows < 2 or not moves.any():
             return 1.0
         apart = (table[:, 1:][:, moves] / spans[moves]).max(axis=1)
-        last = min(int(np.searchsorted(apart, _PARTED)), rows - 1)
+        last = min(int(np.searchsorted(apart, _DIFFERENT_MOTION)), rows - 1)
         past = table[:, 0] - table[0, 0]
         seen = np.flatnonzero(apart[:last] > self.round_off_share())
         grown = apart[last] / apart[seen] * (past[seen] / past[last]) ** 2
@@ -161,8 +163,10 @@ class MeasuredError:
         return self.amplified_round_off() / max(walk, _LEAST_ERROR)
 
     def drop_unamplified_round_off(self, steps: int) -> None:
-        """Leave out round-off that is not multiplied: the longer steps of a scout have more of it,
-        and what Newton's method leaves of theirs besides."""
+        """Ignore the measured round-off if the motion does not amplify it.
+
+        The longer steps of a scout have more of it, and errors of Newton's method as well.
+        """
         if self.round_off_amplification(steps) <= 1.0:
             self._amplified[:] = 0.0
             self._falling.clear()
@@ -193,13 +197,15 @@ class MeasuredError:
         return largest
 
     def _errors(self, ratio: float, steps: int, limited: bool) -> tuple[Array, Array]:
-        """Errors (k,) by the difference of the two runs, and what of them is round-off."""
+        """Errors (k,) by the difference of the two runs, and their part by round-off (k,)."""
         key, comparison = (ratio, steps, limited), self.comparison
         if key in self._falling:
             return self._falling[key]
         scales, apart = comparison.scales(), comparison.shares(self._largest[0])
-        # once the runs have parted, the finer one is no better than the other
-        different = self._largest[0] > _PARTED * np.maximum(scales, comparison.motion_sizes())
+        # if the runs are different motions, the finer one is no better than the other
+        different = self._largest[0] > _DIFFERENT_MOTION * np.maximum(
+            scales, comparison.motion_sizes()
+        )
         walk = comparison.shares(np.maximum(math.sqrt(steps) * self.round_off, self._amplified))
         falling = apart / (max(ratio, 1.0 + 1e-9) - 1.0)
         if limited and not different[comparison.positions].any():
@@ -212,7 +218,7 @@ class MeasuredError:
         return errors, walk
 
     def ratio_before(self) -> float:
-        """Ratio of the errors of the two runs of the pass before, whose truth is this one; or 0."""
+        """Ratio of the errors of the two runs of the pass before, by this pass; 0: not known."""
         spans = self.comparison.scales()[self.comparison.positions]
         n = len(spans)
         if np.isnan(self._before[0, 0]) or not spans.any():
@@ -227,7 +233,7 @@ class MeasuredError:
         return float(1.0 + (apart[moves] / spans[moves]).max() / max(worst, _LEAST_ERROR))
 
     def reached_until(self, accuracy: float) -> float:
-        """Last time before the runs' positions are apart by more; infinite: they never are [s]."""
+        """Last time before positions of the runs differ by more than this [s]; infinite: never."""
         spans, until = self.comparison.scales(), np.inf
         for column, k in enumerate(self.comparison.positions, start=1):
             if spans[k] == 0.0:

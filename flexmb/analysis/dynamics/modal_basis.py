@@ -1,19 +1,20 @@
-"""What the modes of a body cannot answer along a run: its own inertia, loads at nodes, vibrations.
+"""Missing response of the modes of a body: to its inertia, to loads at nodes, of omitted modes.
 
-In: rows of a run, in order. Out: indicators. A body that turns and accelerates loads itself; forces
-beside its interfaces load it at mesh nodes. The share of its static response that its modes lack is
-the strain energy of that share over all of it (:mod:`flexmb.flexbody.static_response`), its root,
-since stress and displacement go with it. What moves less than a tenth of a millionth of the body's
-length is not worth a word. The motion is that of the frame of the body's joints: vibrations move
-the mean axes too, but load a body otherwise. Compared are the largest values of the run so far.
+In: rows of a run, in order. Out: indicators. Rotation and acceleration load a body by its inertia;
+forces outside its interfaces load it at mesh nodes. The missing share of the static response is the
+square root of the ratio of strain energies, missing to whole
+(:mod:`flexmb.flexbody.static_response`): stress and displacement are proportional to it.
+Displacements below 1e-7 of the length of the body are ignored. The motion is that of the frame of
+the body's joints, since vibrations move the mean axes as well but load the body in another way. The
+largest values of the run so far are compared.
 
-The lowest modes that were left out are integrated beside the run, as oscillators that its
-accelerations and its loads drive, exactly for forces that are linear between rows (Biggs,
-Introduction to Structural Dynamics, 1964, ch. 2). What they do beyond following these forces is
-what truncation leaves out: near their frequency, it resonates. Some part of the body moves by
-2/√m of it (a free end of a beam, m its mass): by so much, and ω or ω² times that, positions,
-velocities and accelerations may be off, and by m ω²/2 times that forces of joints. A run is refused
-by that share of the range of its sensors; without such sensors by the share of the deformation.
+The lowest omitted modes are integrated together with the run, as oscillators that its accelerations
+and loads drive; exactly for forces that are linear between rows (Biggs, Introduction to Structural
+Dynamics, 1964, ch. 2). Their response beyond the static one is the truncation error, which
+resonates near their frequencies. A modal coordinate y moves some point of the body by 2 y/√m (the
+free end of a beam of mass m). Positions may be wrong by that, velocities and accelerations by ω and
+ω² times that, joint forces by m ω²/2 times that. A run is refused by this error over the range of
+its sensors, or, without such sensors, by the share of the deformation.
 """
 
 from __future__ import annotations
@@ -35,10 +36,11 @@ from flexmb.analysis.dynamics.linear_elasticity import (
 )
 from flexmb.analysis.monitors import Indicator
 from flexmb.engine import initial_conditions
+from flexmb.engine.allocation import new_run, new_state, new_work
 from flexmb.engine.compile import Compiled
+from flexmb.engine.compiled_units import call, packed_record, prepare_units
+from flexmb.engine.stage_tables import units_of
 from flexmb.engine.tables import BodyColumns
-from flexmb.engine.units import call, packed_record, prepare_units
-from flexmb.engine.work import new_run, new_state, new_work, units_of
 from flexmb.flexbody import FlexBody, InertiaResponse, LoadResponse
 from flexmb.flexbody.arrays import Array
 from flexmb.flexbody.static_response import LARGEST_SHARE, LEAST_MOTION
@@ -53,27 +55,29 @@ from flexmb.results.output_block import OutputBlock
 
 Indices = NDArray[np.int64]
 
-_WINDOW = 3  # rows in each of which as much must be missing: no jolt, no vibration
-_SETTLED = 0.1  # share of a run before which little can be said of the whole of it
-_RESOLVED = 1.0  # rad of a mode between two rows up to which they tell how it is driven
-_AT_REST = 1e-3  # rad/s below which a body is not said to turn
-_ROUND_OFF = 2e-14  # of a place: motion that is none
-_BLOCK = 50.0  # decades of e within one sum
-_POWER = {"position": 0, "distance": 0, "velocity": 1, "acceleration": 2, "reaction": 2}  # of ω
-_DAMPING = 0.01  # ratio of the modes that are left out: they forget how a run began
+# Successive rows in which the missing response must be as large: not a shock or vibration.
+_ROWS_IN_SUCCESSION = 3
+_MIN_SHARE_OF_RUN = 0.1  # share of a run after which the first indicators are given
+_MAX_PHASE_STEP = 1.0  # phase of a mode between two rows [rad] up to which rows show its excitation
+_AT_REST = 1e-3  # rad/s below which a message does not mention the rotation of a body
+_ROUND_OFF = 2e-14  # displacement over the distance from the origin that is round-off
+_MAX_EXPONENT = 50.0  # largest exponent of e within one sum
+# Power of ω in the error of a sensor.
+_POWER_OF_OMEGA = {"position": 0, "distance": 0, "velocity": 1, "acceleration": 2, "reaction": 2}
+_DAMPING = 0.01  # damping ratio of omitted modes, so that the start of a run is forgotten
 
 
 @dataclass(frozen=True, eq=False)
-class _Watched:
-    """A body, the frame of its joints, and what it knows of the answers that it lacks."""
+class _MonitoredBody:
+    """A body with the frame of its joints and the data of its missing responses."""
 
     columns: BodyColumns
     body: FlexBody
     frame: JoinedFrame
-    markers: Indices  # of the engine, where loads act at nodes
-    places: Indices  # first of six columns of each in the loads that the body knows; -1: not known
-    least: float  # kg m^2 of displacement that matters
-    coupling: Array  # (o, m) force on omitted modes by accelerations of eta, beside the frame
+    markers: Indices  # markers of the engine at which loads act on nodes
+    places: Indices  # first of six columns of each in `load_response`; -1: the node is not in it
+    least: float  # mass × square of the least displacement that counts, kg m^2
+    coupling: Array  # (o, m) force on omitted modes per acceleration of eta relative to the frame
 
     @property
     def name(self) -> str:
@@ -85,14 +89,14 @@ INERTIA, LOADS, TRUNCATION = range(3)
 
 
 class ModalBasisMonitor:
-    """What the modes of each body lack: of the response to inertia, to loads, and modes.
+    """Missing response of the modes of each body: to inertia, to loads at nodes, of omitted modes.
 
     Parameters
     ----------
     compiled, model : Compiled, Model
-        What is run.
+        The model.
     is_motion : bool
-        Whether the rows are a motion, and not equilibria of their own.
+        Whether the rows are a motion, not separate equilibria.
 
     Attributes
     ----------
@@ -101,49 +105,51 @@ class ModalBasisMonitor:
     """
 
     def __init__(self, compiled: Compiled, model: Model, is_motion: bool = True) -> None:
-        self._units, self._window = model.units, _WINDOW if is_motion else 1
+        self._units, self._window = model.units, _ROWS_IN_SUCCESSION if is_motion else 1
         self._gravity = np.array(model.gravity or (0.0, 0.0, 0.0))
         self._paths: dict[str, str] = {}
         for path, owner, _ in loads_beside_interfaces(model):
             paths = self._paths.get(owner, "").split(", ")
             self._paths[owner] = ", ".join(dict.fromkeys(filter(None, (*paths, path))))
         self._bodies = [
-            _watched(compiled, columns, body, model, columns.name in self._paths)
+            _monitored_body(compiled, columns, body, model, columns.name in self._paths)
             for columns, body in flexible_columns(compiled)
         ]
         self.beyond = _beyond_omitted_modes(model, self._bodies) if is_motion else {}
         n = len(self._bodies)
-        self._strain = np.zeros(n)  # largest strain energy so far, or what modes lack of it, twice
-        self._whole = np.zeros(n)  # the same, or all of the responses
-        self._last = np.zeros((2, self._window - 1, n))  # what was missing in the last rows
-        self._largest = np.zeros((3, 3, n))  # what was missing most, its time, a number beside it
+        # twice the largest strain energy so far, of modes or of missing responses; of modes or
+        # whole responses
+        self._strain = np.zeros(n)
+        self._whole = np.zeros(n)
+        self._last = np.zeros((2, self._window - 1, n))  # missing energies in the last rows
+        self._largest = np.zeros((3, 3, n))  # largest missing energy, its time, a number for texts
         self._now, self._begin = np.zeros(1), np.full(1, np.nan)
         whole = model.dynamics.duration if model.dynamics and is_motion else 0.0
-        self._settled = _SETTLED * whole
+        self._settled = _MIN_SHARE_OF_RUN * whole
         drive = slowest_oscillation(model) if self._bodies else 0.0
         self._oscillators = [_Oscillators(one.body, drive) for one in self._bodies]
         most = max((len(one.omega) for one in self._oscillators), default=0)
-        self._vibration = np.full((n, most, 5), np.nan)  # of omitted modes
+        self._vibration = np.full((n, most, 5), np.nan)  # state of the omitted modes
         self._sensors = [
             (
                 [k for k, one in enumerate(compiled.layout.channels) if one.split(".")[0] == name],
-                _POWER[spec.type],
+                _POWER_OF_OMEGA[spec.type],
                 spec.type == "reaction",
             )
             for name, spec in (model.sensors if self._bodies else {}).items()
-            if spec.type in _POWER and getattr(spec, "quantity", "force") == "force"
+            if spec.type in _POWER_OF_OMEGA and getattr(spec, "quantity", "force") == "force"
         ]
-        self._least, self._most = np.array(np.inf), np.array(-np.inf)  # of all channels
-        self._unknown = np.zeros(n)  # largest force at a node without answers
+        self._least, self._most = np.array(np.inf), np.array(-np.inf)  # range of all channels
+        self._unknown = np.zeros(n)  # largest force at a node that is not in `load_response`
         self._work: tuple[Any, Any, Any] | None = None
-        self._loads: tuple[Array, list[Array]] = np.zeros(0), []  # of the last rows
+        self._loads: tuple[Array, list[Array]] = np.zeros(0), []  # loads at nodes in the last rows
         if any(len(one.markers) for one in self._bodies):
             state, work = new_state(compiled.system), new_work(compiled.system)
             prepare_units([initial_conditions.solve_stage, *units_of(compiled.system)])
             self._work = packed_record(new_run(compiled.system, state, work)), state, work
 
     def add(self, rows: OutputBlock) -> None:
-        """Take the next rows."""
+        """Add the next rows."""
         self._begin[:] = np.where(np.isnan(self._begin), rows.t[0], self._begin)
         self._now[:] = rows.t[-1]
         if rows.sensors.shape[1]:
@@ -163,13 +169,13 @@ class ModalBasisMonitor:
                 size = np.abs(loads[k]).max(axis=1, initial=0.0)
                 self._compare(LOADS, k, rows.t, one.body.load_response, loads[k], size)
             if one.body.omitted_modes is not None:
-                self._vibrate(k, rows, c, loads[k])
+                self._integrate_omitted_modes(k, rows, c, loads[k])
 
     def _compare(
         self, what: int, k: int, t: Array, response: InertiaResponse | LoadResponse, c: Array,
         beside: Array,
     ) -> None:  # fmt: skip
-        """Take what is missing of a response to loads c (t, columns)."""
+        """Update the missing energy of a response to loads c (t, columns)."""
         full, missing, motion = (
             np.einsum("ti,ij,tj->t", c, form, c).clip(0.0)
             for form in (response.energy, response.missing, response.motion)
@@ -185,8 +191,8 @@ class ModalBasisMonitor:
         if missing[row] > self._largest[what, 0, k]:
             self._largest[what, :, k] = missing[row], t[row], beside[row]
 
-    def _vibrate(self, k: int, rows: OutputBlock, c: Array, loads: Array) -> None:
-        """Integrate the omitted modes of a body, and take what they do beyond following loads."""
+    def _integrate_omitted_modes(self, k: int, rows: OutputBlock, c: Array, loads: Array) -> None:
+        """Integrate the omitted modes of a body, and update their largest energy."""
         one, omitted = self._bodies[k], self._bodies[k].body.omitted_modes
         assert omitted is not None
         first = one.columns.iv + 6
@@ -205,7 +211,7 @@ class ModalBasisMonitor:
             self._largest[TRUNCATION, :, k] = energy[row, mode], rows.t[row], frequency
 
     def _node_loads(self, rows: OutputBlock) -> list[Array]:
-        """By body the forces and moments (t, 6 r) at its nodes, in its axes."""
+        """For each body the forces and moments (t, 6 r) at its nodes, in body axes."""
         loads = []
         for one in self._bodies:
             response = one.body.load_response
@@ -240,7 +246,7 @@ class ModalBasisMonitor:
         return loads
 
     def indicators(self) -> Iterator[Indicator]:
-        """The shares of each body."""
+        """The missing shares of each body."""
         early = self._now[0] - self._begin[0] < self._settled
         words = ("inertia_loads", "node_loads", "truncation")
         for k, one in enumerate(self._bodies):
@@ -249,11 +255,11 @@ class ModalBasisMonitor:
                 whole = self._strain[k] if what == TRUNCATION else self._whole[k]
                 share = 0.0 if early or not missing else float(np.sqrt(missing / whole))
                 text = partial(texts, one, share, t, beside)
-                by_sensors = self._change(one, share, beside) if what == TRUNCATION else None
+                by_sensors = self._sensor_change(one, share, beside) if what == TRUNCATION else None
                 yield Indicator(one.name, words[what], share, t, LARGEST_SHARE, text, by_sensors)
 
-    def _change(self, one: _Watched, share: float, hertz: float) -> float | None:
-        """How much an omitted mode may change the sensors, over the range of each; None: none."""
+    def _sensor_change(self, one: _MonitoredBody, share: float, hertz: float) -> float | None:
+        """Largest error of sensors by an omitted mode, over their range; None: no such sensor."""
         k = self._bodies.index(one)
         if not share or not self._sensors or not self._most.ndim:
             return None
@@ -267,7 +273,7 @@ class ModalBasisMonitor:
         return max(changes)
 
     def notes(self) -> Iterator[str]:
-        """Bodies of which it is not known what they lack under the loads of the run."""
+        """Sentences on bodies whose missing response to the loads of the run is not known."""
         for k, one in enumerate(self._bodies):
             if self._unknown[k] > 0.0:
                 what = self._paths.get(one.name, "a load")
@@ -278,7 +284,7 @@ class ModalBasisMonitor:
                 )
         yield from self.beyond.values()
 
-    def _inertia(self, one: _Watched, share: float, t: float, speed: float) -> str:
+    def _inertia(self, one: _MonitoredBody, share: float, t: float, speed: float) -> str:
         cure = 'reduce it with residual = "inertia"'
         if one.body.provenance.get("reduction") == "user":
             cure = "add the static responses to it to your modes, or take another reduction"
@@ -289,7 +295,7 @@ class ModalBasisMonitor:
             f"{turns if speed > _AT_REST else ''}: stress and growth are too small; {cure}"
         )
 
-    def _load(self, one: _Watched, share: float, t: float, _: float) -> str:
+    def _load(self, one: _MonitoredBody, share: float, t: float, _: float) -> str:
         what = self._paths.get(one.name)
         place = f"of {what}, which acts beside its interfaces"
         cure = "name the point as an interface, or give the body a force there among its loads"
@@ -302,8 +308,8 @@ class ModalBasisMonitor:
             f"small by about {100 * min(share, 1.0) ** 2:.3g} %, stress by more; {cure}"
         )
 
-    def _truncation(self, one: _Watched, share: float, t: float, hertz: float) -> str:
-        change = self._change(one, share, hertz)
+    def _truncation(self, one: _MonitoredBody, share: float, t: float, hertz: float) -> str:
+        change = self._sensor_change(one, share, hertz)
         sensors = "" if change is None else f", and change sensors by up to {_percent(change)}"
         return (
             f"bodies.{one.name}: a mode of {self._units.say(hertz, 'Hz', 3)} that it does not have "
@@ -313,9 +319,9 @@ class ModalBasisMonitor:
         )
 
 
-def _watched(
+def _monitored_body(
     compiled: Compiled, columns: BodyColumns, body: FlexBody, model: Model, loaded: bool
-) -> _Watched:
+) -> _MonitoredBody:
     frame = joined_frame(body, columns.name, model)
     response, omitted, m = body.load_response, body.omitted_modes, columns.m
     markers, places = [], []
@@ -335,14 +341,14 @@ def _watched(
         coupling = omitted.modes - omitted.inertia[:, :6] @ rigid
     away = float(np.abs(compiled.initial_q[columns.iq : columns.iq + 3]).max())
     least = max(LEAST_MOTION * body.characteristic_length, _ROUND_OFF * away)
-    return _Watched(
+    return _MonitoredBody(
         columns, body, frame, np.array(markers, np.int64), np.array(places, np.int64),
         least**2 * body.mass, coupling,
     )  # fmt: skip
 
 
-def _beyond_omitted_modes(model: Model, bodies: Iterable[_Watched]) -> dict[str, str]:
-    """By name a sentence on bodies that are driven faster than their omitted modes are known."""
+def _beyond_omitted_modes(model: Model, bodies: Iterable[_MonitoredBody]) -> dict[str, str]:
+    """A sentence on each body, by name, that is driven faster than its omitted modes are known."""
     places = {(path, owner) for path, owner, _ in loads_on_bodies(model)}
     for name, driver in model.drivers.items():
         on = (owner for path, owner in places if path == f"joints.{driver.joint}")
@@ -372,8 +378,8 @@ def _carrier(body: FlexBody, rho: Array, Phi_t: Array) -> int:
     return int(body.nodes.ids[((body.nodes.position - rho) ** 2).sum(axis=1).argmin()])
 
 
-def _accelerations(rows: OutputBlock, one: _Watched, gravity: Array) -> tuple[Array, Array]:
-    """The twelve numbers (t, 12) of the frame of a body's joints, and its angular velocity."""
+def _accelerations(rows: OutputBlock, one: _MonitoredBody, gravity: Array) -> tuple[Array, Array]:
+    """Inertia load factors (t, 12) of the frame of a body's joints; its angular velocity (t, 3)."""
     iq, iv, m, frame = one.columns.iq, one.columns.iv, one.columns.m, one.frame
     center = one.body.center
     rate, further = rows.v[:, iv + 6 : iv + 6 + m], rows.vd[:, iv + 6 : iv + 6 + m]
@@ -387,7 +393,7 @@ def _accelerations(rows: OutputBlock, one: _Watched, gravity: Array) -> tuple[Ar
 
 
 class _Oscillators:
-    """ÿ + 2ζω ẏ + ω² y = force of the modes that a body does not have."""
+    """The omitted modes of a body as oscillators, ÿ + 2ζω ẏ + ω² y = force."""
 
     def __init__(self, body: FlexBody, drive: float) -> None:
         omitted = body.omitted_modes
@@ -396,20 +402,21 @@ class _Oscillators:
         self._gain = ratio**2 / np.hypot(1.0 - ratio**2, 2.0 * _DAMPING * ratio)
 
     def integrate(self, t: Array, force: Array, state: Array) -> Array:
-        """(t, o) motion beyond force/ω², exactly for forces linear between rows.
+        """(t, o) response beyond force/ω², exact for forces that are linear between rows.
 
-        With x that motion, z = ẋ + ζωx + iω_d x turns and decays, and each bend of the force kicks
-        it. Where rows are too far apart to tell how a mode is driven, the force oscillates with the
-        frequency of the drivers and loads of the scene.
+        With x that response, z = ẋ + ζωx + iω_d x decays exponentially, and each kink of the force
+        is an impulse on it. If rows are too far apart to show the excitation of a mode, the force
+        is taken as an oscillation with the frequency of the drivers and loads of the scene.
 
         Parameters
         ----------
         t : (t,) array
-            Times.
+            Times [s].
         force : (t, o) array
-            There.
+            Modal forces at these times.
         state : (o, 5) array
-            z, the slope of force/ω², force and time of the row before; moved on. NaN: none yet.
+            z (two numbers), the slope of force/ω², force/ω² and the time of the row before;
+            updated. NaN: no row yet.
         """
         beyond = np.zeros((len(t), len(self.omega)))
         for k, w in enumerate(self.omega):
@@ -423,7 +430,7 @@ class _Oscillators:
             kicks = np.where(h > 0.0, -np.diff(slopes), 0.0)
             z = np.empty(len(time), complex)
             z[0] = 0.0 if begins else complex(*state[k, :2])
-            block = max(1, int(_BLOCK / max(_DAMPING * w * h.max(initial=0.0), 1e-300)))
+            block = max(1, int(_MAX_EXPONENT / max(_DAMPING * w * h.max(initial=0.0), 1e-300)))
             for first in range(0, len(h), block):
                 part = slice(first, first + block)
                 since = time[first + 1 : first + 1 + block] - time[first]
@@ -431,7 +438,7 @@ class _Oscillators:
                 z[first + 1 : first + 1 + block] = np.exp(decay * since) * (
                     z[first] + np.cumsum(kicks[part] * back)
                 )
-            resolved = np.append(begins, w * h < _RESOLVED)[-len(t) :]
+            resolved = np.append(begins, w * h < _MAX_PHASE_STEP)[-len(t) :]
             swing = np.abs(follow - follow.mean())[-len(t) :] * self._gain[k]
             beyond[:, k] = np.where(resolved, z.imag[-len(t) :] / decay.imag, swing)
             slope = slopes[-1] if len(slopes) else np.nan

@@ -1,14 +1,14 @@
 """A run and its passes: the same run again, more accurately or by another method.
 
-A run that controls its error is integrated from its start again with a stricter local tolerance
-until the error measured with its scout is small enough, and by the method for stiff motions where
-stability limits the steps of an explicit one.
+A run under error control is integrated again from its start with a stricter local tolerance until
+the error measured with its scout is small enough; and by the method for stiff motions if stability
+limits the steps of an explicit one.
 
-A rough run before the first pass shows how far and how fast each part of the model will move. The
-error of a step is judged by motion and speed of each coordinate so far: a machine that starts from
-rest has not moved yet, and its stiff parts would be resolved as if their first tremor were all that
-ever happens. Nothing else is taken from the rough run: a wrong scale costs steps or another pass,
-no accuracy.
+A rough run before the first pass gives the error scales: how far and how fast each part of the
+model will move. Local errors are relative to displacement and velocity so far. A machine that
+starts from rest has not moved yet, so its stiff components would be resolved as if their first
+small vibration were the whole motion. Nothing else is taken from the rough run: wrong scales cost
+steps or another pass, but no accuracy.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from flexmb.analysis.chunked_run import PhaseTimer
 from flexmb.analysis.dynamics.damped_vibrations import (
     follow_events,
     follow_vibrations,
@@ -33,11 +34,10 @@ from flexmb.analysis.dynamics.run_settings import (
     with_tolerance,
 )
 from flexmb.analysis.dynamics.verified_run import VerifiedRun, measure_round_off_growth
-from flexmb.analysis.procedure import PhaseTimer
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import AUTO, STIFF_METHOD, make_integrator
 from flexmb.engine.method import Settings
+from flexmb.engine.method_selection import AUTO, STIFF_METHOD, make_integrator
 from flexmb.engine.state import State
 from flexmb.errors import FlexmbError
 from flexmb.model.model import Model
@@ -47,42 +47,46 @@ from flexmb.results import BodyDamping
 from flexmb.results.output_block import OutputBlock
 
 MAX_PASSES = 4
-"""Passes of a run at most, each with a stricter tolerance by the error measured."""
+"""Largest number of passes of a run."""
 PASSES = np.dtype([
-    ("tolerance", "f8"),  # local one
+    ("tolerance", "f8"),  # local tolerance
     ("count", "i8"),  # passes so far
-    ("method", "i8"),  # its place in METHODS
-    ("last_steps", "f8"),  # of the scout of the pass before; 0: there was none
-    ("last_difference", "f8"),  # of the two runs of the pass before
+    ("method", "i8"),  # index of the method in METHODS
+    ("last_steps", "f8"),  # steps of the scout of the pass before; 0: there was none
+    ("last_difference", "f8"),  # difference of the two runs of the pass before
 ])  # fmt: skip
 """Record of the passes of a run, saved with its state."""
 
-_FIRST = "first_"  # before the names of the first state in what is saved
+_FIRST = "first_"  # prefix of the arrays of the first state in a saved state
 STAGNATION_RATIO = 0.5
-"""What is left of the difference of the two runs after a pass that was in vain."""
+"""Ratio of the difference of the two runs to that of the pass before, above which shorter steps do
+not help."""
 DIFFERENT_MOTION = 0.01
-"""Difference of two runs that are different motions."""
-# Measured error, accurate to a factor of about three, over the requested one: that is good enough,
-# as three times it are less than twice; that the next pass aims at, three times which are good
-# enough.
-_ENOUGH, _AIM = 0.6, 0.15
+"""Difference of two runs from which on they are different motions, over the peak-to-peak."""
+# Measured over requested error, the first being accurate within a factor of about three: the
+# largest one without another pass (times three less than twice the request), and the one that the
+# next pass aims at (times three good enough).
+_GOOD_ENOUGH, _AIMED_ERROR = 0.6, 0.15
 # Largest growth of the number of steps from pass to pass; passes after which one without progress
 # means that shorter steps do not help; growth of the difference from which on round-off dominates
 # (of 304 runs at 1e-9 to 1e-12, two reached 10 and 13).
-_MAX_MORE_STEPS, _MIN_PASSES, _WORSE = 5.0, 2, 10.0
-_MIN_TOLERANCE = 3e-14  # above round-off
-_FEW, _GROWN = 50, 1e6  # unstable steps; rate times step, above which it is that of the growth
-# Steps and share of unstable ones from which on a run is stiff; that share of one that fails.
+_MAX_MORE_STEPS, _MIN_PASSES, _WORSE_FACTOR = 5.0, 2, 10.0
+_MIN_TOLERANCE = 3e-14  # just above round-off
+# Unstable fixed steps from which on a failure is due to instability; rate times step, above which
+# the rate is one of growing errors, not of the motion.
+_MAX_UNSTABLE_STEPS, _MAX_RATE = 50, 1e6
+# A run is stiff if more than _STIFF_SHARE of at least _MIN_STEPS steps are unstable; a run that
+# fails is unstable if more than _UNSTABLE_SHARE are.
 _MIN_STEPS, _STIFF_SHARE, _UNSTABLE_SHARE = 200, 0.35, 0.01
-# Of the rough run: local error over the motion; motion that counts, over the size of the model.
+# Rough run: local tolerance; least displacement, over the size of the model.
 _ROUGH, _MIN_MOTION = 1e-3, 1e-3
-# Times the mean speed of a driven motion that steps know before it is reached: what moves evenly
-# or by powers of the time; what leaps is known when it does.
-_USUAL = 10.0
+# The typical velocity of a driven motion, which limits steps before it is reached, is at most this
+# many times the mean one: for a uniform motion or a power of time. Jumps are known when they occur.
+_SPEED_FACTOR = 10.0
 
-_MEASURED = 1e-3  # of the range of reactions: vibrations to measure
+_MIN_VIBRATION = 1e-3  # least vibration of a reaction that is measured, over its range
 
-_DRIFTED = (
+_DRIFT_SENTENCE = (
     "stabilization makes forces of the drift of joints that are beyond measure: the pose is "
     "singular, or the gains are large for the steps; method = "
     '"explicit-rk" has neither drift nor gains'
@@ -91,19 +95,19 @@ _DRIFTED = (
 
 @dataclass(frozen=True)
 class PreparedDynamics:
-    """A run that is ready: nothing can fail any more but the motion itself."""
+    """A run that is ready: only its integration can still fail."""
 
     run: Integration
     model: Model
     timer: PhaseTimer
     notes: tuple[str, ...]
-    settings: Settings  # of the run, were it alone
-    first: State  # where it begins
-    begin: State  # a copy, with the motion that was known beforehand
-    passes: np.ndarray  # record `PASSES`, (1,)
+    settings: Settings  # settings without a scout
+    first: State  # first state
+    begin: State  # copy of it, with the error scales of a rough run
+    passes: np.ndarray  # (1,) record `PASSES`
     rows_before: int = 0  # rows that are in the file already
     not_unique: tuple[str, ...] = ()  # joints and drivers whose reactions are not unique
-    verified: VerifiedRun | None = None  # with the scout of `run`
+    verified: VerifiedRun | None = None  # `run` together with its scout
     dampings: tuple[BodyDamping, ...] = ()
 
     @property
@@ -118,7 +122,7 @@ class PreparedDynamics:
         return self.model.dynamics
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """All that a resumed run needs."""
+        """All arrays that a resumed run needs."""
         return {
             **self.run.state._asdict(),
             **{_FIRST + name: value for name, value in self.first._asdict().items()},
@@ -128,7 +132,7 @@ class PreparedDynamics:
         }
 
     def advance(self, first: bool = False) -> tuple[int, list[OutputBlock]]:
-        """One chunk, or the first row; returns the status, and its rows."""
+        """Integrate one chunk, or write the first row; returns the status and the rows."""
         if self.verified is not None:
             return self.verified.advance(first)
         status = self.run.integrate(0 if first else self.run.chunk)
@@ -142,7 +146,7 @@ class PreparedDynamics:
         again, before = self._restarted(self.method, settings), self.passes[0]
         last = float(self.verified.scout.state.count[0]["steps"]), self.verified.difference
         if self.verified.errors()["positions"].begin >= 0.0:
-            last = 0.0, 0.0  # both runs damped what the next ones follow
+            last = 0.0, 0.0  # both runs damped a vibration that the next ones may resolve
         again.passes[0] = (tolerance, before["count"] + 1, before["method"], *last)
         assert again.verified is not None
         if last[0]:
@@ -151,7 +155,7 @@ class PreparedDynamics:
         return again
 
     def as_last_pass(self) -> PreparedDynamics:
-        """The same run from its start, the last one."""
+        """The same run from its start as the last pass."""
         again = self._restarted(self.method, self.settings)
         again.passes["count"] = MAX_PASSES
         _set_motion(again, self.begin)
@@ -172,7 +176,7 @@ class PreparedDynamics:
 def prepared_run(
     compiled: Compiled, model: Model, name: str, state: State, settings: Settings, **fields: Any
 ) -> PreparedDynamics:
-    """A run from a state by an integrator, with a scout where it controls its error."""
+    """A run from a state with a method; with a scout if its error is controlled."""
     spec = model.dynamics
     assert spec is not None
     integrator, times, verified = make_integrator(spec, name), output_times(spec), None
@@ -182,7 +186,7 @@ def prepared_run(
     begin = State(*(array.copy() for array in state))
     if spec.verify is not False and settings.step == 0.0:
         compared, jumps = compared_times(spec), None
-        if settings.stiff == 1:  # by explicit methods too, which others may follow
+        if settings.stiff == 1:  # for explicit methods too: an implicit one may replace them
             jumps = JumpStates(compiled, settings)
             compared = np.union1d(compared, jumps.before)
         recorded = np.isin(compared, times)
@@ -201,9 +205,10 @@ def prepared_run(
 
 
 def needs_rough_run(prepared: PreparedDynamics) -> bool:
-    """Whether a run is to know in advance what it will move: by an implicit method.
+    """Whether a rough run is made first: for implicit methods under error control.
 
-    The method of order 2 cannot tell how fast states change before they do.
+    Not for methods of order 2 if the model has scalar states: the rough run does not show in
+    advance how fast these change.
     """
     controlled, first = prepared.settings.step == 0.0, prepared.passes[0]["count"] == 1
     mechanical = not prepared.run.compiled.layout.coordinates
@@ -212,7 +217,7 @@ def needs_rough_run(prepared: PreparedDynamics) -> bool:
 
 
 def rough_run(prepared: PreparedDynamics, progress: Progress) -> None:
-    """Set motion and speed of all coordinates of a run from a rough run."""
+    """Set the error scales of a run from a rough run."""
     own, settings = prepared.run, prepared.settings
     rough = settings._replace(
         interval=settings.end - settings.start, tolerance=_ROUGH, accuracy=_ROUGH,
@@ -221,22 +226,22 @@ def rough_run(prepared: PreparedDynamics, progress: Progress) -> None:
     state = State(*(array.copy() for array in prepared.first))
     state.q_first[:] = state.q
     run, status = Integration(own.compiled, own.method, rough, state), method.SUCCESS
-    least = state.motion.copy()  # that it tells nothing below of
+    least = state.motion.copy()  # scales at rest: below, the rough run shows nothing
     try:
         while status == method.SUCCESS and not run.finished:
             status = run.integrate(run.chunk)
             progress("integrate", 0.0, f"looks ahead, t = {state.t[0]:.4g} s")
-    except FlexmbError:  # too many steps: the run itself says so, if it does as well
+    except FlexmbError:  # too many steps: the run itself reports that, if it occurs there too
         return
     if status == method.SUCCESS:
         _set_motion(prepared, state, state.motion > least)
 
 
 def _set_motion(prepared: PreparedDynamics, like: State, moves: np.ndarray | bool = True) -> None:
-    """Motion and speed of coordinates that move are those of another run at least."""
+    """Raise the error scales of coordinates that move to those of another run."""
     memory, done = like.memory, like.t[0] - prepared.settings.start
     mean = memory["travel"][0] / done if done else 0.0
-    usual = max(memory["usual_speed"][0], min(_USUAL * mean, memory["max_velocity"][0]))
+    usual = max(memory["usual_speed"][0], min(_SPEED_FACTOR * mean, memory["max_velocity"][0]))
     runs = [prepared.run] if prepared.verified is None else [prepared.run, prepared.verified.scout]
     for state in (prepared.begin, *(run.state for run in runs)):
         np.maximum(state.motion, like.motion, out=state.motion, where=moves)
@@ -245,15 +250,18 @@ def _set_motion(prepared: PreparedDynamics, like: State, moves: np.ndarray | boo
 
 
 def complete_measured_error(prepared: PreparedDynamics, progress: Progress) -> None:
-    """At the end of a pass let its measured error know of vibrations that its steps damp, and at
-    the end of the last one of more of these, and of round-off that the motion multiplies."""
+    """Complete the measured error at the end of a pass.
+
+    Vibrations that the steps damp are added; after the last pass more of them, and round-off that
+    the motion amplifies.
+    """
     verified = prepared.verified
     if verified is None:
         return
     jumps = None if verified.fine.method.stages else verified.jumps
     if jumps is not None:
         worst = verified.errors().get("reactions")
-        least = max(_MEASURED, worst.error if worst else 0.0)
+        least = max(_MIN_VIBRATION, worst.error if worst else 0.0)
         vibrations = verified.error.vibrations
         own = verified.fine, prepared.settings, prepared.first, jumps, vibrations, least
         measure_damped_vibrations(*own)
@@ -265,44 +273,49 @@ def complete_measured_error(prepared: PreparedDynamics, progress: Progress) -> N
 
 
 def stricter_tolerance(prepared: PreparedDynamics) -> float | None:
-    """The local tolerance for the requested accuracy, where the measured error is larger."""
+    """The local tolerance of the next pass, or None if the measured error is small enough."""
     verified, settings = prepared.verified, prepared.settings
     if verified is None or prepared.passes[0]["count"] >= MAX_PASSES:
         return None
     worst = verified.errors().get("positions")
-    if worst is None or worst.error <= _ENOUGH * settings.accuracy or is_stagnant(prepared):
+    if worst is None or worst.error <= _GOOD_ENOUGH * settings.accuracy or is_stagnant(prepared):
         return None
-    integrator, share = verified.fine.method, _AIM * settings.accuracy / worst.error
+    integrator, share = verified.fine.method, _AIMED_ERROR * settings.accuracy / worst.error
     factor = share ** (integrator.error_order / verified.order)
     stricter = settings.tolerance * max(factor, _MAX_MORE_STEPS**-integrator.error_order)
     return max(float(stricter), _MIN_TOLERANCE)
 
 
 def is_worse(prepared: PreparedDynamics) -> bool:
-    """Whether a pass is ten times as far from its scout as the pass before was.
+    """Whether the two runs of a pass differ ten times as much as those of the pass before.
 
-    Round-off then rules its shorter steps, and not yet those before; where both are at the floor,
-    they differ by less. Not where the one before was another motion.
+    Then round-off dominates the shorter steps but did not dominate the longer ones; if it dominates
+    both, the differences are closer. Not if the runs of the pass before were different motions.
     """
     verified, last = prepared.verified, float(prepared.passes[0]["last_difference"])
-    return verified is not None and 0.0 < _WORSE * last < min(verified.difference, DIFFERENT_MOTION)
+    return verified is not None and 0.0 < _WORSE_FACTOR * last < min(
+        verified.difference, DIFFERENT_MOTION
+    )
 
 
 def is_stagnant(prepared: PreparedDynamics) -> bool:
-    """Whether shorter steps do not help: the finest are taken, only round-off is too large, or the
-    last pass brought little."""
+    """Whether shorter steps do not help.
+
+    The tolerance is the smallest one, only round-off is too large, or the last pass improved
+    little.
+    """
     verified = prepared.verified
     assert verified is not None
     passes, worst = prepared.passes[0], verified.errors()["positions"]
     finest = prepared.settings.tolerance <= 2.0 * _MIN_TOLERANCE
-    if finest or worst.error - worst.round_off <= _ENOUGH * prepared.settings.accuracy:
+    if finest or worst.error - worst.round_off <= _GOOD_ENOUGH * prepared.settings.accuracy:
         return True
     little = verified.difference > STAGNATION_RATIO * passes["last_difference"] > 0.0
     return bool(passes["count"] > _MIN_PASSES and little)
 
 
 def may_change_method(prepared: PreparedDynamics) -> bool:
-    """Whether the run may go over to the method for stiff motions."""
+    """Whether the run may change to the method for stiff motions."""
     automatic = prepared.spec.method == AUTO and prepared.settings.step == 0.0
     return automatic and prepared.method != STIFF_METHOD
 
@@ -316,14 +329,14 @@ def limited_by_stability(prepared: PreparedDynamics) -> bool:
 
 
 def unstable_step(run: Integration, name: str, failed: bool) -> str:
-    """The sentence for steps that an explicit method is not stable with, or nothing."""
+    """The sentence on fixed steps with which an explicit method is unstable, or ""."""
     memory, steps, h = run.state.memory[0], run.state.count[0]["steps"], run.settings.step
-    few = min(_UNSTABLE_SHARE * steps, _FEW) if failed else _STIFF_SHARE * steps
+    few = min(_UNSTABLE_SHARE * steps, _MAX_UNSTABLE_STEPS) if failed else _STIFF_SHARE * steps
     if h == 0.0 or memory["steps_at_stability_limit"] <= few:
-        return _DRIFTED if failed and run.method.stabilised else ""
+        return _DRIFT_SENTENCE if failed and run.method.stabilised else ""
     where = "beyond" if failed else "at"
     limit = f"the limit of stability of {name}"
-    if 0.0 < h * memory["fastest_rate"] < _GROWN:
+    if 0.0 < h * memory["fastest_rate"] < _MAX_RATE:
         longest = run.method.coefficients[0].stable / float(memory["fastest_rate"])
         limit += f", about {longest:.1g} s at the fastest rate of this motion"
     rest = "" if failed else ", and the fastest vibrations may be wrong"
@@ -334,6 +347,9 @@ def unstable_step(run: Integration, name: str, failed: bool) -> str:
 
 
 def keeps_failing(run: Integration) -> bool:
-    """Whether fixed steps of an explicit method fail again and again for want of stability."""
+    """Whether fixed steps of an explicit method fail again and again by instability."""
     unstable = run.state.memory[0]["steps_at_stability_limit"]
-    return bool(run.settings.step > 0.0 and min(run.state.count[0]["failed"], unstable) > _FEW)
+    return bool(
+        run.settings.step > 0.0
+        and min(run.state.count[0]["failed"], unstable) > _MAX_UNSTABLE_STEPS
+    )

@@ -1,4 +1,4 @@
-"""What a run says of the accuracy that it reached: vibrations that it lacks, causes of a miss."""
+"""Notes of a run on its accuracy: vibrations that it lacks; why it missed the requested one."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from flexmb.analysis.dynamics.passes import (
     PreparedDynamics,
     is_stagnant,
 )
-from flexmb.engine.entries import NONSTIFF_METHOD
+from flexmb.engine.method_selection import NONSTIFF_METHOD
 from flexmb.model.forces.friction import JointFrictionSpec
 
-# Measured error over the requested one from which on a note reports it; what can be asked for, over
-# it (at the floor of round-off two runs of 1 µm about 1 km have errors of 0.26 to 1.8 times each
-# other).
-_MISSED, _FLOOR = 1.0, 4.0
-# Times that round-off is larger in the end than any walk, from which on the motion is said to
-# multiply errors; share of an error from which on its cause is named.
-_MULTIPLIES, _MAINLY = 100.0, 0.5
-_LOOSEST = 0.1  # accuracy that a note advises
-_LACKING = 0.05  # of the range of reactions: vibrations to note
+# Measured over requested error above which a note reports it; accuracy that a note advises, over
+# the measured error (at the level of round-off two runs of 1 µm at a distance of 1 km have errors
+# of 0.26 to 1.8 times each other).
+_MIN_MISS, _REACHABLE_FACTOR = 1.0, 4.0
+# Ratio of the round-off at the end to that of a random walk above which the motion is said to
+# amplify errors; share of an error above which its cause is named.
+_MIN_AMPLIFICATION, _MAIN_SHARE = 100.0, 0.5
+_MAX_ADVISED = 0.1  # largest accuracy that a note advises
+_MIN_MISSING_VIBRATION = 0.05  # least missing vibration of a reaction in a note, over its range
 
 
 def damped_vibration(prepared: PreparedDynamics) -> str:
-    """A sentence on vibrations that the steps damp, where reactions lack much of them, or ""."""
+    """A sentence on vibrations that the steps damp and reactions lack, or ""."""
     if prepared.verified is None:
         return ""
     name, share, begin = prepared.verified.error.vibrations.of_reactions()
-    if share <= _LACKING:
+    if share <= _MIN_MISSING_VIBRATION:
         return ""
     when, cures = _jump(prepared, begin)
     size = f"{share:.0%} of" if share < 2.0 else f"{share:.2g} times"
@@ -43,7 +43,7 @@ def damped_vibration(prepared: PreparedDynamics) -> str:
     }
     joint, part, _ = prepared.verified.error.vibrations.of_reactions(frictions)
     friction = ""
-    if part > _LACKING:
+    if part > _MIN_MISSING_VIBRATION:
         friction = f"; {frictions[joint]} has it in its load, and what friction makes of it is in "
         friction += "no stated error"
     return (
@@ -54,7 +54,7 @@ def damped_vibration(prepared: PreparedDynamics) -> str:
 
 
 def reason_of_pass(prepared: PreparedDynamics) -> str:
-    """A sentence where a run is repeated for a vibration that its steps damped, or ""."""
+    """A sentence if a run is repeated because its steps damped a vibration, or ""."""
     assert prepared.verified is not None
     worst = prepared.verified.errors()["positions"]
     if not worst.begin >= 0.0:
@@ -67,7 +67,7 @@ def reason_of_pass(prepared: PreparedDynamics) -> str:
 
 
 def _jump(prepared: PreparedDynamics, begin: float) -> tuple[str, str]:
-    """Words on what excites a vibration that begins at a time [s], and on what excites less."""
+    """Texts: what excites a vibration that begins at a time [s]; how to excite less of it."""
     smooth = "a smooth change (step5 for step) excites less, damping lets it end"
     at = prepared.model.units.say(begin, "s", 4)
     assert prepared.verified is not None and prepared.verified.jumps is not None
@@ -81,12 +81,12 @@ def _jump(prepared: PreparedDynamics, begin: float) -> tuple[str, str]:
 
 
 def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
-    """A sentence where the requested accuracy was not reached."""
+    """A sentence if the requested accuracy was not reached."""
     verified, accuracy = prepared.verified, prepared.settings.accuracy
     if verified is None:
         return
     worst = verified.errors().get("positions")
-    if worst is None or worst.error <= _MISSED * accuracy:
+    if worst is None or worst.error <= _MIN_MISS * accuracy:
         return
     unit = prepared.model.units
     reached = (
@@ -96,17 +96,20 @@ def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
     other = "" if prepared.method == NONSTIFF_METHOD else (
         f', or method = "{NONSTIFF_METHOD}", whose floor is lower where the scene is not stiff'
     )  # fmt: skip
-    least = _FLOOR * worst.error
-    ask = f"ask for accuracy = {least:.1g}" if least < _LOOSEST else "run it for a shorter time"
+    least = _REACHABLE_FACTOR * worst.error
+    ask = f"ask for accuracy = {least:.1g}" if least < _MAX_ADVISED else "run it for a shorter time"
     apart, last = verified.difference, prepared.passes[0]["last_difference"]
     count, until = verified.fine.state.count[0], verified.error.reached_until(accuracy)
     agree = f"{reached}; the run and its comparison run agree to it until "
     agree += f"t = {unit.say(until, 's', 4)}" if np.isfinite(until) else "the end"
-    kinks = count["events"] > 0 and verified.error.growth() < _MULTIPLIES  # moved steps pass others
+    kinks = (
+        count["events"] > 0 and verified.error.growth() < _MIN_AMPLIFICATION
+    )  # shifted steps meet other events
     multiplies = (
-        not kinks and verified.error.round_off_amplification(int(count["steps"])) > _MULTIPLIES
+        not kinks
+        and verified.error.round_off_amplification(int(count["steps"])) > _MIN_AMPLIFICATION
     )
-    if multiplies and worst.round_off > _MAINLY * worst.error:
+    if multiplies and worst.round_off > _MAIN_SHARE * worst.error:
         yield (
             f"{agree}: shorter steps do not help, as the motion multiplies errors, and this is "
             f"what it makes of round-off; {ask}{other}"

@@ -1,24 +1,26 @@
-"""The rest of a run that was stopped or killed, or is to last longer.
+"""Continuation of a run that was stopped or killed, or is to be extended.
 
-It begins from the state at the end of a chunk, as the file of the result holds it. A chunk begins
-by forgetting the factor and the state is complete, so the rest is that of an uninterrupted run to
-the last bit.
+It starts from the state at the end of a chunk, which the result file contains. Each chunk begins
+with a new factor, and the state is complete, so the continued run is identical to an uninterrupted
+one to the last bit.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from flexmb.analysis.assembly.body_damping import add_damping
 from flexmb.analysis.assembly.jacobian import constraint_rank
-from flexmb.analysis.assembly.joined_damping import add_damping, choose_static_modes, is_determinate
+from flexmb.analysis.assembly.static_mode_selection import choose_static_modes, is_determinate
+from flexmb.analysis.chunked_run import PhaseTimer
 from flexmb.analysis.dynamics.passes import PASSES, PreparedDynamics, prepared_run
 from flexmb.analysis.dynamics.run_settings import loop_settings, with_tolerance
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
-from flexmb.analysis.procedure import PhaseTimer
+from flexmb.engine.allocation import new_state, new_work
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import make_integrator, method_name, prepare_integration, solve_stage
+from flexmb.engine.compiled_calls import prepare_integration, solve_stage
 from flexmb.engine.initial_conditions import ACCELERATIONS
-from flexmb.engine.work import new_state, new_work
+from flexmb.engine.method_selection import make_integrator, method_name
 from flexmb.errors import ResultFileError
 from flexmb.model.model import Model
 from flexmb.model.scenes.dynamics import METHODS
@@ -29,7 +31,7 @@ from flexmb.results import Result
 def prepare_resumed(
     compiled: Compiled, model: Model, result: Result, *, progress: Progress = silent
 ) -> PreparedDynamics:
-    """Make the rest of a run ready.
+    """Prepare the continuation of a run.
 
     Parameters
     ----------
@@ -38,14 +40,14 @@ def prepare_resumed(
     model : Model
         The model; `model.dynamics.duration` may be longer than it was.
     result : Result
-        What there is of the run.
+        The result of the run so far.
     progress : Progress
-        Told the phase `compile`.
+        Receives the phase `compile`.
 
     Raises
     ------
     ResultFileError
-        No whole state, or one that is not of this system.
+        No complete state, or the state of another system.
     """
     spec = model.dynamics
     newest = result.last_state()
@@ -80,12 +82,12 @@ def prepare_resumed(
 
 
 def _restore(prepared: PreparedDynamics, arrays: dict[str, np.ndarray], result: Result) -> None:
-    """Fill in the saved arrays.
+    """Restore the saved arrays.
 
     Raises
     ------
     ResultFileError
-        They are not those of this run.
+        They are arrays of another run.
     """
     own = prepared.arrays()
     fits = arrays.keys() == own.keys() and all(
@@ -100,7 +102,7 @@ def _restore(prepared: PreparedDynamics, arrays: dict[str, np.ndarray], result: 
     for array, at_first in zip(prepared.begin, prepared.first, strict=True):
         array[...] = at_first
     for run in (prepared.run, *((prepared.verified.scout,) if prepared.verified else ())):
-        run.count_outputs()  # of a longer run they are others, as times of comparison are
+        run.count_outputs()  # an extended run has other outputs and comparison times
     if prepared.verified is not None and prepared.verified.jumps is not None:
         prepared.verified.jumps.add_jumps(prepared.run.compiled, prepared.settings)
     if result.status == "finished":
@@ -111,12 +113,12 @@ def _restore(prepared: PreparedDynamics, arrays: dict[str, np.ndarray], result: 
 def _first_pose(
     compiled: Compiled, arrays: dict[str, np.ndarray], result: Result, rows: int
 ) -> tuple[np.ndarray, int | None]:
-    """Positions (nq,) of the first row, and the rank of the constraints there as at the start."""
+    """Positions (nq,) of the first row, and the rank of the constraints there."""
     first = new_state(compiled.system, len(compiled.layout.channels))
     try:
         first.q[:], first.v[:] = arrays["first_q"], arrays["first_v"]
     except (KeyError, ValueError):
-        return first.q, None  # of another version, which `_restore` reports
+        return first.q, None  # a file of another version, which `_restore` reports
     work = new_work(compiled.system)
     solve_stage(compiled.system, first, work, ACCELERATIONS)
     return first.q, constraint_rank(compiled, work)

@@ -1,4 +1,8 @@
-"""Settings of a run: times of outputs, steps, tolerances, and what counts as rest."""
+"""Settings of a run: output times, steps, tolerances, first error scales.
+
+A run under error control is integrated twice: first as a coarse run (its *scout*), whose steps the
+fine run follows with more and shorter ones (`verified_run`).
+"""
 
 from __future__ import annotations
 
@@ -13,40 +17,45 @@ from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
 from flexmb.engine.geometry import extents_of_parts
 from flexmb.engine.joints import ANGLE
+from flexmb.engine.stage_tables import kinds_of
 from flexmb.engine.state import State
-from flexmb.engine.work import kinds_of
 from flexmb.flexbody.arrays import Array
 from flexmb.model.joints.joint import lost_inertias
 from flexmb.model.model import Model
 from flexmb.model.scenes.dynamics import ACCURACY, DynamicsSpec
 
 _MAX_ITERATIONS = 15
-_NEWTON, _NEWTON_OF_HIGH_ORDER = 1e-8, 1e-10  # relative, with fixed steps
-# Local error over the requested one, of high order or not: with 0.1 half of 171 first passes of the
-# judging scenes are below 0.1 times it and a fifth are repeated (order 8; 0.6 and a half, order 5).
-_LOCAL = {True: 0.1, False: 0.2}
-# The same of runs of high order without comparison run, where it exceeds their largest tolerance:
-# of 276 runs at 1e-2 to 1e-4 12 exceed twice the request (3 with the largest one, at 1.35 times
-# the cost), and half are below 0.01 times it.
-_UNVERIFIED = 0.01
-# Local error of a run over that of its shorter steps, where one lies across two of its scout
-# (explicit or not). By order 8, 4, 2, 1, 0.7 exceed twice the request in 1, 0, 0, 0 of 450 runs and
-# misjudge 6, 6, 6, 11, at 1, 1.02, 1.08, 1.16 times the cost; 4 or 2 misjudge 5 of 498 of radau.
-_SLACK = {True: 2.0, False: 4.0}
-_COMPARED = 51  # times in addition to outputs that are fewer or listed
-_SAME_TIME = 1e-9  # difference of two times that are one but for round-off, over the duration
-# Outputs from which on a scout has fewer than the run (where contacts, stops or limits of functions
-# are watched or not): with 128 of 400 a seventh of 107 reactions is told as less than a third, as
-# pulses lie between; with all 3 of 105, at 1.04 times the cost.
+# Newton tolerance with fixed steps, over h² v̇: of methods of order 2, and of high order.
+_NEWTON, _NEWTON_OF_HIGH_ORDER = 1e-8, 1e-10
+# Local tolerance over the requested accuracy; True: high order. With 0.1, half of 171 first passes
+# of the test scenes have an error below 0.1 times the request and a fifth are repeated (order 8;
+# for order 5 it is 0.6 times and a half).
+_LOCAL_SHARE = {True: 0.1, False: 0.2}
+# The same of high order without a comparison run, where it exceeds `Method.max_tolerance`. Of 276
+# runs at 1e-2 to 1e-4, 12 exceed twice the request (3 with that tolerance, at 1.35 times the cost);
+# half of them have an error below 0.01 times the request.
+_UNVERIFIED_SHARE = 0.01
+# A step of the fine run is rejected if its error exceeds this many times the tolerance (True:
+# explicit methods). It follows the steps of the scout, and one of its steps may lie across two of
+# them. With order 8 and factors 4, 2, 1, 0.7 errors exceed twice the request in 1, 0, 0, 0 of 450
+# runs and are misjudged in 6, 6, 6, 11, at costs of 1, 1.02, 1.08, 1.16; with radau 4 or 2 misjudge
+# 5 of 498.
+_REJECTION_FACTOR = {True: 2.0, False: 4.0}
+# Least number of times at which both runs are compared; added if outputs are fewer or listed.
+_MIN_COMPARED_TIMES = 51
+_SAME_TIME = 1e-9  # difference of two times that are equal within round-off, over the duration
+# Largest number of outputs of a scout (True: with state events). With 128 of 400 outputs a seventh
+# of 107 reaction errors is reported as less than a third, since pulses lie between outputs; with
+# all outputs 3 of 105, at 1.04 times the cost.
 _SCOUT_ROWS = {True: 256, False: 128}
-_AT_REST = 1e-6  # motion over the size of the model
-# What round-off of positions, over their distance from the origin, leaves in estimates: of Radau's
-# method, of others that solve for the motion of a step, and of explicit ones.
-_COLLOCATED, _SOLVED, _NOISE = 5e-14, 1e-14, 2e-17
-_SHARE_AT_REST = 1e-3  # of what counts for the model, for one of its parts
-_FASTER = 1e3  # speed at rest over its mean in the run: round-off is fast
-_ROUNDED = 2.0  # times that what is as large as the model is rounded
-_STATE = 1e-3  # size of a scalar coordinate, of which nothing is known
+_LEAST_MOTION = 1e-6  # displacement over the size of the model below which it is at rest
+# Round-off in error estimates, over the distance of positions from the origin: of Radau's method,
+# of other implicit methods, and of explicit ones.
+_NOISE_OF_COLLOCATION, _NOISE_OF_SOLVES, _NOISE_OF_EXPLICIT = 5e-14, 1e-14, 2e-17
+_SHARE_AT_REST = 1e-3  # displacement of a part at rest over that of the model at rest
+_SPEED_AT_REST = 1e3  # velocity at rest over its mean by that displacement: round-off is fast
+_ROUND_OFF_FACTOR = 2.0  # roundings of a position as large as the model
+_COORDINATE_SIZE = 1e-3  # assumed size of a scalar coordinate
 
 
 @dataclass(frozen=True)
@@ -79,12 +88,15 @@ def output_times(spec: DynamicsSpec) -> np.ndarray:
 
 
 def compared_times(spec: DynamicsSpec) -> np.ndarray:
-    """Times at which a run and its scout are compared: of outputs, and where these are few or
-    listed of so many others that the peak-to-peak is known."""
+    """Times at which a run and its scout are compared [s].
+
+    These are the outputs. If they are few or listed, further times are added, so that the
+    peak-to-peak range is known.
+    """
     times = output_times(spec)
-    if isinstance(spec.outputs, int) and len(times) >= _COMPARED:
+    if isinstance(spec.outputs, int) and len(times) >= _MIN_COMPARED_TIMES:
         return times
-    others = np.linspace(0.0, spec.duration, _COMPARED)
+    others = np.linspace(0.0, spec.duration, _MIN_COMPARED_TIMES)
     edges = np.concatenate([[-np.inf], times, [np.inf]])
     after = np.searchsorted(edges, others)
     apart = np.minimum(others - edges[after - 1], edges[after] - others)
@@ -92,7 +104,7 @@ def compared_times(spec: DynamicsSpec) -> np.ndarray:
 
 
 def scout_rows(n: int, events: bool = False) -> np.ndarray:
-    """Which of n compared times a scout has rows at: of many every second, third, ...; (n,)."""
+    """(n,) flags of the compared times at which the scout has rows: of many every second, ..."""
     rows = np.zeros(n, dtype=bool)
     rows[:: max(1, n // _SCOUT_ROWS[events])] = True
     rows[-1:] = True
@@ -100,12 +112,12 @@ def scout_rows(n: int, events: bool = False) -> np.ndarray:
 
 
 def damps_vibrations(compiled: Compiled, integrator: method.Method) -> bool:
-    """Whether there are flexible bodies, and a method that damps what it does not resolve."""
+    """Whether the model has flexible bodies and the method damps unresolved vibrations."""
     return integrator.stages == 0 and bool(compiled.system.parts.bodies["m"].any())
 
 
 def why_implicit(compiled: Compiled, model: Model) -> str:
-    """Why a run is not begun by an explicit method, or ""."""
+    """Why a run does not begin with an explicit method, or ""."""
     if compiled.system.parts.bodies["m"].any():
         return "flexible bodies"
     return "an inertia that is round-off" if any(lost_inertias(model)) else ""
@@ -122,7 +134,7 @@ def gyration(compiled: Compiled) -> dict[str, float]:
 
 
 def modal_reach(compiled: Compiled) -> dict[str, Array]:
-    """What one unit of each modal coordinate of a flexible body moves a point at most [m]."""
+    """Largest displacement of a point per unit of each modal coordinate, by body [m]."""
     lengths = compiled.system.weights * compiled.length
     return {
         body.name: lengths[body.iv + 6 : body.iv + 6 + body.m]
@@ -132,34 +144,35 @@ def modal_reach(compiled: Compiled) -> dict[str, Array]:
 
 
 def local_tolerance(spec: DynamicsSpec, integrator: method.Method) -> float:
-    """First guess of the local error of a step, over the motion, for the requested accuracy.
+    """First local tolerance, over the error scales, for the requested accuracy.
 
-    n steps leave n local errors of order hᵖ⁺¹, so that the error in the end is of order hᵖ; the
-    estimate of the method is of order hᵉ, and so are outputs inside a step where e < p. Where two
-    runs are compared it is never so large that errors do not fall with the steps as the order says.
+    A run of n steps adds up n local errors of order hᵖ⁺¹ to an error of order hᵖ. The error
+    estimate is of order hᵉ, and so are outputs inside a step if e < p. The tolerance is at most
+    `Method.max_tolerance`, so that errors decrease with the steps by the order: only then does the
+    difference of two runs tell the error. Without a comparison run it may be larger.
     """
     accuracy = ACCURACY if spec.accuracy is None else spec.accuracy
     power = max(integrator.error_order / integrator.order, 1.0)
-    high = integrator.order >= method.HIGH_ORDER
+    high_order = integrator.order >= method.HIGH_ORDER
     wanted, largest = accuracy**power, integrator.max_tolerance
-    if high and spec.verify is False:
-        largest = max(largest, _UNVERIFIED * wanted)
-    return float(min(_LOCAL[high] * wanted, largest))
+    if high_order and spec.verify is False:
+        largest = max(largest, _UNVERIFIED_SHARE * wanted)
+    return float(min(_LOCAL_SHARE[high_order] * wanted, largest))
 
 
 def with_tolerance(
     settings: method.Settings, spec: DynamicsSpec, integrator: method.Method, tolerance: float
 ) -> method.Settings:
-    """The settings with another local tolerance; steps that are not ruled by it shrink as well."""
+    """The settings with another local tolerance; the largest rotation per step changes with it."""
     finer = (tolerance / local_tolerance(spec, integrator)) ** (1.0 / integrator.error_order)
     return settings._replace(tolerance=tolerance, max_rotation=settings.max_rotation * finer)
 
 
 def refinement(integrator: method.Method) -> float:
-    """Steps of a run for each one of its scout: twice, or fewer where errors fall fast.
+    """Steps of the fine run per step of its scout: 2, or 1.6 with high order.
 
-    The error told over the true one of the judging scenes, a tenth of them below and a tenth above:
-    0.8 to 2.7 with 1.6 and order 8, 0.5 to 2.7 with 2; 0.9 to 2.6 and 0.8 to 4 with order 5.
+    The reported over the true error of the test scenes, from the 10 % to the 90 % quantile: with
+    order 8 0.8 to 2.7 with 1.6, 0.5 to 2.7 with 2; with order 5 0.9 to 2.6, and 0.8 to 4.
     """
     return 2.0 if integrator.order < method.HIGH_ORDER else 1.6
 
@@ -167,7 +180,7 @@ def refinement(integrator: method.Method) -> float:
 def loop_settings(
     compiled: Compiled, spec: DynamicsSpec, integrator: method.Method, determinate: bool
 ) -> method.Settings:
-    """Of a run without scout; `determinate` if the constraints alone fix the motion."""
+    """Settings of a run without scout; `determinate`: the constraints alone fix the motion."""
     system, kinds, grid = compiled.system, kinds_of(compiled.system), time_grid(spec)
     works = bool(
         any(kind.does_work for kind in kinds)
@@ -187,7 +200,7 @@ def loop_settings(
         rejection_factor=1.0,
         max_rotation=1.0,
         refinement=0.0,
-        least_motion=_AT_REST,
+        least_motion=_LEAST_MOTION,
         newton_tolerance=spec.newton_tolerance or (newton if grid.step else 0.0),
         max_iterations=_MAX_ITERATIONS,
         does_work=int(works),
@@ -202,29 +215,36 @@ def loop_settings(
 def set_least_motion(
     compiled: Compiled, integrator: method.Method, settings: method.Settings, state: State
 ) -> None:
-    """Set motion and speed of all coordinates to what is rest or round-off.
+    """Set the first error scales: displacements and velocities that are rest or round-off.
 
-    Round-off grows with the distance from the origin; a share of the size of the part of the
-    model that shares equations, so that what else moves, and where it stands, has no say. A part
-    that is driven is as large as the radius of gyration of its bodies at least: where they all
-    stand at one point the first motion would be resolved down to the round-off of the driver.
+    They are a share of the size of the part of the model to which a coordinate is connected, and at
+    least the round-off of its distance from the origin. So other parts, and where they are, have no
+    influence. A driven part has at least the size of the radius of gyration of its bodies: if all
+    of them were at one point, the first motion would be resolved down to the round-off of the
+    driver.
     """
     bodies, weights = compiled.system.parts.bodies, compiled.system.weights
     size, away = (one * weights for one in extents_of_parts(compiled.system, state.q))
     for iv, m in zip(bodies["iv"], bodies["m"], strict=True):
         size[iv + 3 : iv + 6] = away[iv + 3 : iv + 6] = 1.0
-        for x in (size, away):  # a weighted mode moves points of the body, as its frame does
+        for x in (size, away):  # weighted modes are displacements of points, as those of the frame
             x[iv + 6 : iv + 6 + m] = x[iv]
     first = len(weights) - len(compiled.system.parts.coordinates)
     far, explicit = away / weights, integrator.stages > 0
-    size[first:] = away[first:] = _STATE
-    if not explicit:  # Newton's method solves for them too
+    size[first:] = away[first:] = _COORDINATE_SIZE
+    if not explicit:  # Newton's method solves for these coordinates too
         _put_joint_coordinates(compiled, np.ones(len(far)), far, away)
-    noise = _COLLOCATED if integrator.collocation else _NOISE if explicit else _SOLVED
+    noise = (
+        _NOISE_OF_COLLOCATION
+        if integrator.collocation
+        else _NOISE_OF_EXPLICIT
+        if explicit
+        else _NOISE_OF_SOLVES
+    )
     state.motion[:] = np.maximum(
         _SHARE_AT_REST * settings.least_motion * size, noise / settings.tolerance * away
     )
-    state.speed[:] = _FASTER / (settings.end - settings.start) * state.motion
+    state.speed[:] = _SPEED_AT_REST / (settings.end - settings.start) * state.motion
 
 
 def set_first_places(compiled: Compiled, state: State) -> None:
@@ -236,12 +256,12 @@ def set_first_places(compiled: Compiled, state: State) -> None:
     system, of = compiled.system, compiled.system.part
     bodies, rows, markers = system.parts.bodies, system.rows, system.parts.markers
     size, away = extents_of_parts(compiled.system, state.q)
-    away = np.maximum(_ROUNDED * size, away)
-    away[away == 0.0] = _ROUNDED * compiled.length  # all at the origin, without a marker elsewhere
-    turn = np.divide(away, size, out=np.full(len(size), _ROUNDED), where=size > 0.0)
+    away = np.maximum(_ROUND_OFF_FACTOR * size, away)
+    away[away == 0.0] = _ROUND_OFF_FACTOR * compiled.length  # all markers are at the origin
+    turn = np.divide(away, size, out=np.full(len(size), _ROUND_OFF_FACTOR), where=size > 0.0)
     places, coordinates = away / compiled.length, system.parts.coordinates
     _put_joint_coordinates(compiled, turn, away, places)
-    places[coordinates["iv"][coordinates["state"] == 1]] = _ROUNDED
+    places[coordinates["iv"][coordinates["state"] == 1]] = _ROUND_OFF_FACTOR
     for iv in bodies["iv"]:
         places[iv + 3 : iv + 6] = turn[iv + 3 : iv + 6]
     ends = rows[rows["fun"] >= 0]
@@ -250,7 +270,7 @@ def set_first_places(compiled: Compiled, state: State) -> None:
 
 
 def _put_joint_coordinates(compiled: Compiled, turn: Array, way: Array, out: Array) -> None:
-    """Let coordinates that follow joints have at least a turn [rad] or a way [m], all (nv,)."""
+    """Raise entries of `out` for joint coordinates to those of a rotation [rad] or a way [m]."""
     system, of = compiled.system, compiled.system.parts.coordinates["iv"]
     for row, k, factor in system.coupled[["row", "coordinate", "factor"]]:
         is_angle, iv = system.rows["kind"][row] == ANGLE, of[k]
@@ -259,15 +279,18 @@ def _put_joint_coordinates(compiled: Compiled, turn: Array, way: Array, out: Arr
 
 
 def scout_settings(settings: method.Settings, integrator: method.Method) -> method.Settings:
-    """Of the scout of a run: the tolerance that its longer steps leave."""
+    """Settings of the scout of a run: the tolerance that corresponds to its longer steps."""
     looser = refinement(integrator) ** integrator.error_order * settings.tolerance
     return settings._replace(tolerance=looser)
 
 
 def fine_settings(settings: method.Settings, integrator: method.Method) -> method.Settings:
-    """Of a run that follows the steps of its scout; its own estimate is a safeguard only."""
+    """Settings of the fine run, which follows the steps of its scout.
+
+    Its own error estimate rejects a step only if it is far above the tolerance.
+    """
     finer = refinement(integrator)
     rings = finer**integrator.error_order if integrator.order < method.HIGH_ORDER else 1.0
     return settings._replace(
-        refinement=finer, rejection_factor=_SLACK[integrator.stages > 0] * rings
+        refinement=finer, rejection_factor=_REJECTION_FACTOR[integrator.stages > 0] * rings
     )

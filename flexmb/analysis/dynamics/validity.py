@@ -1,19 +1,19 @@
-"""What a run cannot vouch for, of flexible bodies: warnings, and bounds beyond which it stops.
+"""Limits of the theory of flexible bodies in a run: warnings, and bounds at which the run stops.
 
-Monitors take the rows of a run in order and give indicators: one number for each body and limit,
-with the moment at which it was largest. Above its warning level an indicator is a note of the run,
-above the bound of `[validity]` the run is refused, at the moment when that is certain. The audit of
-effects reads the same indicators.
+Monitors receive the rows of a run in order and give indicators: one number for each body and limit,
+with the time of its largest value. Above its warning level an indicator becomes a note of the run;
+above the bound of `[validity]` the run is refused at that time. The audit of effects uses the same
+indicators.
 
 Omitted vibrations are those that kinetostatic modes exclude: the vibrations of all flexible bodies
 in the first pose with these modes as massless springs (static condensation), less those that remain
 with these modes fixed; such as a heavy body on the compliance of a beam. Springs, gravity and other
 forces are not counted. The response d of each, beyond the static one, is integrated along the run:
-d̈ + 2ζω ḋ + ω² d = −ä, a its part of the computed deformation, a cubic by values and rates at two
-rows. Where a load or an acceleration of a driver has a jump or a bend between them, a follows that
-function of time. So d is what a shock spectrum has: of a step |a|; of a ramp that takes T,
-2|a sin(ωT/2)|/(ωT), and |a|/(ωT) while it rises (Biggs, Introduction to Structural Dynamics, 1964,
-ch. 2).
+d̈ + 2ζω ḋ + ω² d = −ä, with a its modal part of the computed deformation, a cubic by values and
+rates of two rows. If a load or an acceleration of a driver jumps or has a kink between them, a has
+the shape of that function of time. So d is that of a shock spectrum: |a| for a step;
+2|a sin(ωT/2)|/(ωT) after a ramp of duration T, and |a|/(ωT) during it (Biggs, Introduction to
+Structural Dynamics, 1964, ch. 2).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, n_free
-from flexmb.analysis.assembly.joined_damping import MechanismModes
+from flexmb.analysis.assembly.mechanism_modes import MechanismModes
 from flexmb.analysis.dynamics.kinked_functions import AT_ONCE, kinked_functions
 from flexmb.analysis.dynamics.linear_elasticity import (
     LinearElasticityMonitor,
@@ -40,7 +40,7 @@ from flexmb.analysis.dynamics.modal_basis import ModalBasisMonitor
 from flexmb.analysis.monitors import Indicator, Monitor
 from flexmb.engine.bodies.static_modes import static_bodies, static_coordinates
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import NONSTIFF_METHOD, STIFF_METHOD
+from flexmb.engine.method_selection import NONSTIFF_METHOD, STIFF_METHOD
 from flexmb.engine.state import State
 from flexmb.errors import AssemblyError
 from flexmb.model.model import Model
@@ -50,27 +50,31 @@ from flexmb.results.output_block import OutputBlock
 Array = NDArray[np.float64]
 #: Words of the sentence on omitted vibrations.
 LEFT_OUT = "quasi-static modes leave out vibrations"
-_EQUAL = 0.05  # frequencies of the same vibration differ by less
-_WARNING = 0.04  # of the deformation
-_DAMPING = 0.002  # ratio of vibrations that are left out: in 80 periods a start is forgotten
-_PARTS = 8  # lines for the shape of a function between two of its bends
-# Of a change: what rates at both ends may say otherwise of it; and where one may lack its past.
-_SMOOTH, _SMOOTH_AFTER_BEND = 0.3, 0.02
-_NET = 0.5  # share of the range of a function within rows from which on their difference tells it
-_SERIES = 1e-2  # of a turn: below, integrals are by their series
+_SAME_FREQUENCY = 0.05  # largest relative difference of frequencies of the same vibration
+_WARNING_LEVEL = 0.04  # missing over whole deformation
+_DAMPING = 0.002  # damping ratio of omitted vibrations: they decay to 1/e in 80 periods
+_PARTS = 8  # straight lines for the shape of a function between two of its kinks
+# Largest difference of the slope between two rows from the mean of both rates, over the larger,
+# with which a cubic by these rates is used; the same after a kink, where a rate may be that before
+# it.
+_MAX_RATE_ERROR, _MAX_RATE_ERROR_AFTER_BEND = 0.3, 0.02
+# Net change of a function between two rows, over its range there, from which on the change of the
+# deformation between them shows its influence.
+_MIN_NET_CHANGE = 0.5
+_SERIES_LIMIT = 1e-2  # |λ h| below which integrals are computed by series
 
 
 class ValidityMonitor:
-    """The warnings of a run, and the sentence with which it is refused.
+    """All monitors of a run: its warnings, and the sentence with which it is refused.
 
     Parameters
     ----------
     compiled, model : Compiled, Model
-        What is run.
+        The model.
     q : (nq,) array
         First positions.
     is_motion : bool
-        Whether the rows are a motion, and not equilibria of their own.
+        Whether the rows are a motion, not separate equilibria.
     """
 
     def __init__(
@@ -80,7 +84,7 @@ class ValidityMonitor:
         self._elasticity = LinearElasticityMonitor(compiled, model, q)
         self._basis = ModalBasisMonitor(compiled, model, is_motion)
         self._load_factor = LoadFactorMonitor(compiled, model, q)
-        self._monitors: tuple[Monitor, ...] = ()  # all are of flexible bodies
+        self._monitors: tuple[Monitor, ...] = ()  # all of them are of flexible bodies
         if compiled.system.parts.bodies["m"].any():
             self._monitors = (
                 self._elasticity,
@@ -94,7 +98,7 @@ class ValidityMonitor:
         )
 
     def add(self, rows: OutputBlock) -> int:
-        """Take the next rows; returns how many, up to that with which the run is refused."""
+        """Add the next rows; returns their number, up to the row at which the run is refused."""
         n, before = len(rows.t), [_arrays(monitor) for monitor in self._monitors]
 
         def refused(k: int) -> bool:
@@ -110,7 +114,7 @@ class ValidityMonitor:
         return last
 
     def indicators(self) -> Iterator[Indicator]:
-        """Those of all bodies, below their warning level too."""
+        """Indicators of all bodies, including those below their warning level."""
         for monitor in self._monitors:
             yield from monitor.indicators()
 
@@ -120,7 +124,7 @@ class ValidityMonitor:
         return self._basis.beyond
 
     def notes(self) -> Iterator[str]:
-        """A sentence for each body and limit that was left."""
+        """A sentence on each body and limit that is exceeded."""
         yield from self._notes
         yield from self._basis.notes()
         for one in self.indicators():
@@ -128,10 +132,9 @@ class ValidityMonitor:
                 yield one.text()
 
     def diverging(self, state: State) -> str:
-        """The sentence for a body whose equations lose all stiffness, or "".
+        """The sentence on a body whose equations have lost all stiffness, or "".
 
-        By its rotation without stiffening or by loads that buckle it, up to the state in which a
-        run ends.
+        By rotation without stiffening, or by loads that buckle it, up to the last state of the run.
         """
         none = np.zeros((1, 0))
         motion = (state.q, state.v, state.vd, state.lam)
@@ -142,7 +145,7 @@ class ValidityMonitor:
         return self._elasticity.diverging() or self._load_factor.diverging()
 
     def refusal(self) -> str:
-        """The sentence for the first bound that was passed, or ""."""
+        """The sentence on the first bound that is exceeded, or ""."""
         for one in self.indicators():
             bound = getattr(self._spec, one.quantity, "any")
             value = one.value if one.against_bound is None else one.against_bound
@@ -157,13 +160,13 @@ class ValidityMonitor:
 
 
 def _arrays(monitor: Monitor) -> dict[str, Any]:
-    """What a monitor has gathered, in things that it replaces."""
+    """The state of a monitor: its arrays, which it replaces when it changes them."""
     kinds = (np.ndarray, VibrationResponse)
     return {name: value for name, value in vars(monitor).items() if isinstance(value, kinds)}
 
 
 class VibrationResponse:
-    """What vibrations would do beyond following their static response, step by step.
+    """Response of vibrations beyond their static response, integrated step by step.
 
     Parameters
     ----------
@@ -173,28 +176,32 @@ class VibrationResponse:
     Attributes
     ----------
     turning : (k,) complex array
-        ḋ − λ̄ d, with d what they do beyond and λ = −ζω + iω√(1−ζ²): it turns and decays.
+        ḋ − λ̄ d, with d that response and λ = −ζω + iω√(1−ζ²). Without load it is multiplied by
+        exp(λ h) in a time h.
     """
 
     def __init__(self, omega: Array) -> None:
         self._decay = omega * complex(-_DAMPING, np.sqrt(1.0 - _DAMPING**2))
         self.turning = np.zeros(len(omega), complex)
-        self._rate = np.zeros(len(omega))  # of the static response, at the end of the last piece
+        self._rate = np.zeros(
+            len(omega)
+        )  # rate of the static response at the end of the last piece
 
     @property
     def amplitude(self) -> Array:
-        """(k,) amplitude of d that the loads of the moment leave."""
+        """(k,) amplitude of d if the loads stay as they are."""
         return np.asarray(np.abs(self.turning / self._decay))
 
     def jump(self, change: Array) -> None:
-        """Let the static response jump."""
+        """Change of the static response (k,) at once."""
         self.turning = self.turning + np.conj(self._decay) * change
 
     def follow(self, h: float, before: Array, after: Array, rates: tuple[Array, Array]) -> Array:
-        """Let the static response go from `before` to `after` [k] in h seconds as a cubic.
+        """Integrate over h seconds, with the static response a cubic from `before` to `after` (k,).
 
-        Its rates at the ends may be those of the line between. Where the piece begins, a bend kicks
-        the vibrations. Returns the largest |d| (k,), the amplitude where d passes it.
+        `rates` (k,) are those at both ends. A difference of the first one from the last rate, a
+        kink, is an impulse on the vibrations. Returns the largest |d| (k,) in this time: the
+        amplitude, if d passes it.
         """
         begin, end = rates
         self.turning = self.turning - (begin - self._rate)
@@ -205,7 +212,7 @@ class VibrationResponse:
         last = (2.0 * begin + 4.0 * end - 6.0 * change) / h
         x = self._decay * h
         turn = np.exp(x)
-        small = np.abs(x) < _SERIES
+        small = np.abs(x) < _SERIES_LIMIT
         x = np.where(small, 1.0, x)
         once = np.where(small, h * (1 + self._decay * h / 2), h * (turn - 1) / x)
         twice = np.where(
@@ -218,14 +225,14 @@ class VibrationResponse:
 
 
 class OmittedVibrationMonitor:
-    """How much of the deformation the vibrations that are left out would change.
+    """Response of omitted vibrations, over the deformation.
 
     Parameters
     ----------
     compiled, model : Compiled, Model
-        What is run.
+        The model.
     q : (nq,) array
-        First positions, closed.
+        First positions, which satisfy the constraints.
     """
 
     def __init__(self, compiled: Compiled, model: Model, q: Array) -> None:
@@ -236,8 +243,8 @@ class OmittedVibrationMonitor:
             self._cure = f'method = "{STIFF_METHOD}" has those of bodies not "quasi-static"'
         self._bodies = [body for body in compiled.layout.bodies if body.m]
         self._omega, self._parts = np.zeros(0), np.zeros((0, 0))
-        self._largest = np.zeros(3)  # of what is missing, with its time, and of the deformation
-        self._last = np.zeros((0, 0))  # (3, k) time, parts, their rates in the last row
+        self._largest = np.zeros(3)  # largest response, its time, and largest deformation
+        self._last = np.zeros((0, 0))  # (3, k) time, modal parts, their rates in the last row
         if not len(still) or n_free(compiled) > MAX_COORDINATES:
             return
         every, kinetostatic = static_bodies(compiled.system)
@@ -251,26 +258,28 @@ class OmittedVibrationMonitor:
         except AssemblyError:  # motions without inertia
             return
         gone = [
-            k for k, w in enumerate(free.omega) if not np.any(np.abs(remaining - w) < _EQUAL * w)
+            k
+            for k, w in enumerate(free.omega)
+            if not np.any(np.abs(remaining - w) < _SAME_FREQUENCY * w)
         ]
         self._omega = free.omega[gone]
         self._K = block_diag(*(compiled.flexbodies[body.name].K for body in self._bodies))
-        self._parts = free.eta[:, gone].T @ self._K / self._omega[:, None]  # a ω, of strain energy
+        self._parts = free.eta[:, gone].T @ self._K / self._omega[:, None]  # a ω per unit of eta
         self._last = np.full((3, len(gone)), np.nan)
         self._response = VibrationResponse(self._omega)
-        self._bent = np.array([False])  # whether there was a bend before the last row
+        self._bent = np.array([False])  # whether there was a kink before the last row
         spec = model.dynamics
         self._undeformed = spec is not None and spec.start == "undeformed"
         self._duration = spec.duration if spec is not None else 0.0
         self._loads = kinked_functions(compiled, self._duration) if len(gone) else []
-        self._influence = np.full((len(self._loads), len(gone)), np.nan)  # of each on the parts
+        self._influence = np.full((len(self._loads), len(gone)), np.nan)  # of loads on the parts
 
     @property
     def _frequency(self) -> float:
         return float(self._omega[0]) / (2.0 * np.pi)
 
     def add(self, rows: OutputBlock) -> None:
-        """Take the next rows."""
+        """Add the next rows."""
         if len(self._omega):
             self._response = copy(self._response)
         for t, q, v in zip(rows.t, rows.q, rows.v, strict=True) if len(self._omega) else ():
@@ -282,32 +291,32 @@ class OmittedVibrationMonitor:
             if np.isnan(last[0, 0]):
                 if t == 0.0 and self._undeformed:
                     self._response.jump(now[1])
-                    self._take(self._response.amplitude, 0.0)
+                    self._update_largest(self._response.amplitude, 0.0)
             elif t > last[0, 0]:
-                self._pass(last, now)
+                self._advance(last, now)
 
-    def _take(self, missing: Array, time: float) -> None:
+    def _update_largest(self, missing: Array, time: float) -> None:
         size = float(np.linalg.norm(missing))
         if size > self._largest[0]:
             self._largest[:2] = size, time
 
-    def _pass(self, last: Array, now: Array) -> None:
-        """From row to row."""
+    def _advance(self, last: Array, now: Array) -> None:
+        """Integrate from one row to the next."""
         t, end = float(last[0, 0]), float(now[0, 0])
         for time, h, before, after in self._path(last, now):
             line = (after - before) / h
             rates = (line, line)
-            if h == end - t:  # without bends
+            if h == end - t:  # without kinks
                 mean = 0.5 * (last[2] + now[2])
                 size = max(np.linalg.norm(one) for one in (line, last[2], now[2]))
-                limit = _SMOOTH_AFTER_BEND if self._bent[0] else _SMOOTH
+                limit = _MAX_RATE_ERROR_AFTER_BEND if self._bent[0] else _MAX_RATE_ERROR
                 if np.linalg.norm(line - mean) <= limit * size:
                     rates = last[2], now[2]
-            self._take(self._response.follow(h, before, after, rates), time)
+            self._update_largest(self._response.follow(h, before, after, rates), time)
         self._bent = np.array([h < end - t])
 
     def _path(self, last: Array, now: Array) -> Iterator[tuple[float, float, Array, Array]]:
-        """Beginning and length [s] of each piece, and the parts at its ends."""
+        """Start and length [s] of each piece between two rows, and the modal parts at its ends."""
         begin, end = float(last[0, 0]), float(now[0, 0])
         tiny = AT_ONCE * self._duration
         bent, grid, widest = -1, np.zeros(0), 0.0
@@ -327,7 +336,7 @@ class OmittedVibrationMonitor:
             yield begin, end - begin, last[1], now[1]
             return
         net = load[-1] - load[0]
-        if abs(net) > _NET * np.ptp(load):
+        if abs(net) > _MIN_NET_CHANGE * np.ptp(load):
             self._influence = self._influence.copy()
             self._influence[bent] = (now[1] - last[1]) / net
         share = (grid - begin) / (end - begin)
@@ -338,7 +347,7 @@ class OmittedVibrationMonitor:
             yield float(grid[k]), float(grid[k + 1] - grid[k]), path[k], path[k + 1]
 
     def indicators(self) -> Iterator[Indicator]:
-        """One of all bodies together."""
+        """One indicator of all bodies together."""
         missing, time, deformation = self._largest
         if missing > 0.0:
             share = missing / deformation
@@ -350,4 +359,6 @@ class OmittedVibrationMonitor:
                 f"{min(share, 1.0):.0%} of its largest value, most at t = {time:.4g} s; "
                 f"{begin}{self._cure}"
             )
-            yield Indicator(self._names[0], "vibrations", share, time, _WARNING, lambda: sentence)
+            yield Indicator(
+                self._names[0], "vibrations", share, time, _WARNING_LEVEL, lambda: sentence
+            )

@@ -1,16 +1,16 @@
 """A run and its scout, the same run with longer steps, which advance together.
 
-The scout selects its steps by error control; the fine run, whose rows are the result, takes
-`refinement` times as many, spread as the scout's were, so that the errors of both differ by a
-factor that is clear beforehand. Both advance chunk by chunk; of the scout nothing is saved but its
-state at the border of a chunk, and kept are its steps and what is compared.
+The scout is the coarse run: it selects its steps by error control. The fine run, whose rows are the
+result, takes `refinement` times as many steps, distributed as those of the scout. So the ratio of
+their errors is known in advance. Both advance chunk by chunk. Of the scout only the state between
+chunks is saved; its steps and the compared values stay in memory.
 
-A chaotic motion multiplies whatever error there is by a factor in each time of its own (Lyapunov's
-exponent; Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I, 1993, §I.16). Errors
-of the method fall with the steps, round-off does not, and the difference of a run and its scout
-tells nothing of it once it is divided by the ratio of their errors. So the scout is run again where
-its differences grew as by such a factor, on its own steps moved by a billionth, to and fro. These
-runs have the same errors of the method, but not of round-off.
+A chaotic motion amplifies any error exponentially in time (Lyapunov exponent; Hairer, Nørsett &
+Wanner, Solving Ordinary Differential Equations I, 1993, §I.16). Errors of the method decrease with
+the steps, round-off does not; the difference of the two runs, divided by the ratio of their errors,
+does not show it. So if the differences have grown exponentially, the scout is run again on its own
+steps, with their ends shifted alternately by 1e-9 of a step. These runs have the same errors of the
+method, but different round-off.
 """
 
 from __future__ import annotations
@@ -39,47 +39,55 @@ from flexmb.analysis.dynamics.run_settings import (
     scout_settings,
 )
 from flexmb.engine import method
+from flexmb.engine.allocation import new_plan
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import Plan, State
-from flexmb.engine.work import new_plan
 from flexmb.errors import FlexmbError
 from flexmb.model.model import Model
 from flexmb.progress import Progress
 from flexmb.results.output_block import OutputBlock
 
 _SCOUT = "scout_"
-_SPUN = 0.1  # radians for each of those by which the first speeds turn a body within the run
-# Ratio of errors where vibrations are damped: they move a sensor as the square of their period.
+# Rotation that counts as rest is relative to 1 rad, or to this share of the rotation of a body at
+# its first angular velocity over the run.
+_SPIN_SHARE = 0.1
+# Ratio of errors if vibrations are damped: the displacement of a sensor by a vibration of a given
+# load is proportional to the square of its period.
 _DAMPED_RATIO = 2.6
-# Difference of a pass below which that of the next one is compared with it; least share of the
-# order that two passes may show.
+# Two passes show the order of the method if the difference of the first is below _SAME_MOTION; the
+# order is taken as at least _MIN_ORDER times that of the method.
 _SAME_MOTION, _MIN_ORDER = 0.05, 0.5
-_MORE_STEPS = 1.1  # of a scout over those of the pass before, from which on their order is told
-# Of radau with states: if stiff, order 3 of a stage is left of 5 (Hairer & Wanner II, §IV.15). With
-# 2, 1.5, 0.75, 0 of 66 runs of states miss the request 0, 1, 1, 1, are told less than a third 0, 1,
-# 3, 3, more than 3 times 5, 2, 4, 0, at cost 1.09, 1, 0.94, 0.93; of 16 with slow states 7 with 2.
+# Least ratio of the scout's steps to those of the pass before from which the order is computed.
+_MIN_STEP_GROWTH = 1.1
+# Loss of order of radau with controller states (True: stiff). If stiff, the stage order 3 of 5 is
+# left (Hairer & Wanner II, §IV.15). With a loss of 2, 1.5, 0.75, 0, of 66 runs with states 0, 1, 1,
+# 1 miss the request, the reported error is less than a third in 0, 1, 3, 3 and more than three
+# times the true one in 5, 2, 4, 0, at costs of 1.09, 1, 0.94, 0.93; with slow states 7 of 16 with
+# 2.
 _ORDER_LOST = {True: 2.0, False: 1.5}
-# The ratio of errors of an explicit method may be this many times larger or smaller by the pass
-# before than by its order. Measured over the expected one: of 200 first passes a tenth had 0.8 or
-# less, half 1.2, a tenth 2.7 or more (order 8; 0.9, 1.1, 2.6 with order 5). From pass to pass
-# errors fell by 0.54 of the expected factor or less in a twentieth of 184 pairs (0.59): only below
-# is order lost.
-_LUCK = 2.0
-_FOLLOWING = 3.0  # order of positions where modes follow their loads, by cubics through their past
-_LIMITED = 0.02  # of all steps, those of a scout at its limit of stability
-# Of a step that a knot of the plan is moved; ratio of steps that are even.
-_MOVED, _EVEN = 1e-9, 2.0
-_ANY_ERROR = 1e6  # of its steps over what the scout allows, which has taken them
-# Share of the requested accuracy that a bound of multiplied round-off exceeds before it is
-# measured; what one run shows before it is measured by three, of which none had to find its steps.
-# Times the bound by growth is exceeded: up to 70 by explicit methods, 1000 by radau (chains of
-# pendulums, near the origin and 1 km away).
-_SUSPECTED, _SHOWN, _EXCEEDED = 0.1, 0.01, {True: 100.0, False: 1000.0}
-_LONGER = 1.1  # steps of the repeated scout over its own, beyond which it is no repetition
+# Scatter of the measured ratio of errors of an explicit method about that by its order. Of 200
+# first passes a tenth had 0.8 or less times the expected ratio, half 1.2, a tenth 2.7 or more
+# (order 8; 0.9, 1.1, 2.6 with order 5). From pass to pass errors fell by 0.54 of the expected
+# factor or less in a twentieth of 184 pairs (0.59 with order 5): only below that is order lost.
+_SCATTER = 2.0
+_STATIC_ORDER = 3.0  # order of positions with kinetostatic modes, whose rates are those of cubics
+# Stability limits a scout if more than this share of all steps are at its stability limit.
+_LIMITED_SHARE = 0.02
+# Shift of the end of a step over its size; largest ratio of neighbouring steps whose end is
+# shifted.
+_KNOT_SHIFT, _EVEN_RATIO = 1e-9, 2.0
+_ANY_ERROR = 1e6  # rejection factor of repeated runs: the scout has accepted these steps
+# Amplified round-off is measured if a bound of it exceeds _MIN_BOUND times the requested accuracy:
+# by one repeated run, and by three on given steps if that one shows more than _MIN_AMPLIFIED times
+# the accuracy. The bound is _BOUND_FACTOR (True: explicit) times that by the growth of differences,
+# which was exceeded by up to 70 (explicit) and 1000 (radau; chains of pendulums, near the origin
+# and 1 km away).
+_MIN_BOUND, _MIN_AMPLIFIED, _BOUND_FACTOR = 0.1, 0.01, {True: 100.0, False: 1000.0}
+_MAX_REPEATED_STEPS = 1.1  # steps of a repeated scout over those of the scout, at most
 
 
 class Chunk(NamedTuple):
-    """Times at which the steps of a scout began and ended [s], and values compared in its rows."""
+    """Times between the steps of a chunk of a scout [s], and the compared values in its rows."""
 
     knots: np.ndarray
     values: np.ndarray  # (k, components)
@@ -95,13 +103,13 @@ class VerifiedRun:
     error : MeasuredError
         Their difference so far.
     recorded, of_scout : (n,) array of bool
-        Which of the times of the fine run are outputs, and at which it is compared with the scout.
+        Which of the times of the fine run are outputs, and at which times the scout has rows.
     passes : array
         Record `PASSES` of the run.
     is_stiff : bool
-        Whether stability limited the steps of an explicit method.
+        Whether an explicit method was replaced because stability limited its steps.
     jumps : JumpStates, optional
-        Of the fine run, where something is stiff.
+        States of the fine run at jumps and events, if the model is stiff.
     """
 
     def __init__(
@@ -111,7 +119,7 @@ class VerifiedRun:
         self.scout, self.fine, self.error, self.passes = scout, fine, error, passes
         self.recorded, self.of_scout, self.is_stiff = recorded, of_scout, is_stiff
         self.jumps = jumps
-        self.chunks: list[Chunk] = []  # of the scout, of a resumed run from there on
+        self.chunks: list[Chunk] = []  # of the scout; of a resumed run those after it was resumed
 
     @property
     def difference(self) -> float:
@@ -121,10 +129,10 @@ class VerifiedRun:
 
     @property
     def order(self) -> float:
-        """That of the method, or less, where the difference fell less since the pass before.
+        """The order of the method, or a lower one that the pass before shows.
 
-        By the steps of both scouts: where these lock to a swing, a stricter tolerance gives hardly
-        more. Not where they were different motions.
+        It is computed from the differences of both passes and the numbers of steps of their scouts,
+        unless the runs of the pass before were different motions or the numbers hardly differ.
         """
         integrator, passes, now = self.fine.method, self.passes[0], self.difference
         highest = float(integrator.order)
@@ -132,18 +140,18 @@ class VerifiedRun:
         if implicit and self.fine.compiled.layout.coordinates:
             highest -= _ORDER_LOST[self.is_stiff]
         if self.fine.settings.static_after_step == 1:
-            highest = min(highest, _FOLLOWING)
+            highest = min(highest, _STATIC_ORDER)
         steps, last = self.scout.state.count[0]["steps"], passes["last_steps"]
         known = 0.0 < passes["last_difference"] < _SAME_MOTION and now > 0.0
-        if not known or steps < _MORE_STEPS * last:
+        if not known or steps < _MIN_STEP_GROWTH * last:
             return highest
-        scatter = _LUCK if integrator.stages else 1.0
+        scatter = _SCATTER if integrator.stages else 1.0
         order = math.log(scatter * passes["last_difference"] / now) / math.log(steps / last)
         return min(max(order, min(_MIN_ORDER * integrator.order, highest)), highest)
 
     @property
     def ratio(self) -> float:
-        """Error of the scout over that of the fine run, which may add steps where it needs them."""
+        """Error of the scout over that of the fine run, by the order and the numbers of steps."""
         fine, scout = (run.state.count[0]["steps"] for run in (self.fine, self.scout))
         finer = min(max(fine / max(scout, 1), 1.0), self.fine.settings.refinement)
         return float(finer**self.order)
@@ -154,10 +162,10 @@ class VerifiedRun:
         first: State, times: np.ndarray, recorded: np.ndarray, passes: np.ndarray, is_stiff: bool,
         jumps: JumpStates | None,
     ) -> VerifiedRun:  # fmt: skip
-        """A run from a copy of a state, and its scout, at the local tolerance of the settings.
+        """A run and its scout, each from a copy of a state, at the local tolerance of `settings`.
 
-        `recorded` says which of the times (n,) of the run are outputs; those of `jumps` are among
-        them.
+        `recorded` flags the `times` (n,) of the run that are outputs. The times of `jumps` are
+        among `times`.
         """
         states = [State(*(array.copy() for array in first)) for _ in range(2)]
         of_scout = scout_rows(len(times), bool(compiled.system.events))
@@ -169,7 +177,7 @@ class VerifiedRun:
         )
         length, span = compiled.length, settings.end - settings.start
         spun = (np.abs(first.v[body.iv + 3 : body.iv + 6]).max() for body in compiled.layout.bodies)
-        turn = max(1.0, _SPUN * span * float(max(spun, default=0.0)))
+        turn = max(1.0, _SPIN_SHARE * span * float(max(spun, default=0.0)))
         least = {"m": length, "rad": turn, "m/s": length / span, "rad/s": turn / span}
         at_rest = {unit: NO_MOTION * size for unit, size in least.items()}
         radii, modes = gyration(compiled), modal_reach(compiled)
@@ -179,7 +187,7 @@ class VerifiedRun:
         return cls(scout, fine, error, recorded, of_scout, passes, is_stiff, jumps)
 
     def advance(self, first: bool = False) -> tuple[int, list[OutputBlock]]:
-        """One chunk of both, or the first row; returns the status, and the rows of the fine run."""
+        """Integrate one chunk of both, or write the first row; the status, rows of the fine run."""
         scout, fine = self.scout, self.fine
         status = scout.integrate(0 if first else scout.chunk)
         coarse = scout.rows.read()
@@ -206,12 +214,12 @@ class VerifiedRun:
         return status, rows
 
     def _newest(self, which: np.ndarray, block: OutputBlock) -> np.ndarray:
-        """Of rows of the fine run, those of its newest block."""
+        """The entries of `which` for the rows of the last block of the fine run."""
         behind = int(self.fine.state.count[0]["outputs"])
         return which[behind - len(block.t) : behind]
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """All that a resumed run needs in addition to the state of the fine run."""
+        """Arrays that a resumed run needs in addition to the state of the fine run."""
         return {
             **{_SCOUT + name: value for name, value in self.scout.state._asdict().items()},
             **self.error.arrays(),
@@ -221,25 +229,26 @@ class VerifiedRun:
     def errors(self) -> dict[str, QuantityError]:
         """The measured error of each quantity.
 
-        Vibrations that the longer steps damp are damped by the shorter ones too, but for a band
-        between, which may be all that a small sensor sees: no balance of energies tells.
+        With a method that damps unresolved vibrations, only those in a band of frequencies differ
+        between the two runs. They may be the whole motion of a sensor, and no energy balance shows
+        it; so the ratio of errors is limited then.
         """
         damped, ratio = damps_vibrations(self.fine.compiled, self.fine.method), self.ratio
         damped |= self.fine.settings.static_after_step == 1
         if 0.0 < self.passes[0]["last_difference"] < _SAME_MOTION:
-            luck = _LUCK if self.fine.method.stages else 1.0
+            luck = _SCATTER if self.fine.method.stages else 1.0
             ratio = min(self.error.ratio_before() or ratio, luck * ratio)
         ratio = min(ratio, _DAMPED_RATIO) if damped else ratio
         return self.error.largest(ratio, int(self.fine.state.count[0]["steps"]), self.is_limited)
 
     @property
     def is_limited(self) -> bool:
-        """Whether stability limits steps of the scout."""
+        """Whether stability limits the steps of the scout."""
         steps, memory = self.fine.state.count[0]["steps"], self.scout.state.memory[0]
-        return bool(memory["steps_at_stability_limit"] > _LIMITED * steps)
+        return bool(memory["steps_at_stability_limit"] > _LIMITED_SHARE * steps)
 
     def statistics(self) -> dict[str, float | int | str]:
-        """What the summary of a run says of its error."""
+        """Entries of the summary of a run on its error."""
         statistics: dict[str, float | int | str] = {
             "accuracy_asked": self.fine.settings.accuracy,
             "passes": int(self.passes[0]["count"]),
@@ -257,48 +266,51 @@ class VerifiedRun:
 def measure_round_off_growth(
     verified: VerifiedRun, accuracy: float, begin: State, progress: Progress
 ) -> None:
-    """Let the measured error of a run know of round-off that its motion multiplies.
+    """Add round-off that the motion amplifies to the measured error of a run.
 
     Parameters
     ----------
     verified : VerifiedRun
         The run and its scout, at their end.
     accuracy : float
-        The requested one. Where it is not reached, the cause is looked for in any case.
+        Requested accuracy. If it is not reached, round-off is measured in any case.
     begin : State
-        Where it began.
+        First state.
     progress : Progress
         Called for every chunk.
     """
     error, scout = verified.error, verified.scout
     steps = int(scout.state.count[0]["steps"])
-    exceeded = _EXCEEDED[verified.fine.method.stages > 0]
+    exceeded = _BOUND_FACTOR[verified.fine.method.stages > 0]
     bound = exceeded * np.sqrt(steps) * error.round_off_share() * error.growth()
     worst = verified.errors().get("positions")
-    suspected = bound > _SUSPECTED * accuracy and not verified.is_limited
+    suspected = bound > _MIN_BOUND * accuracy and not verified.is_limited
     if worst is None or not (suspected or worst.error > accuracy):
         return
     try:
         chunks = verified.chunks
-        if not chunks or chunks[0].knots[-1] > scout.settings.start:  # of a resumed run
+        if not chunks or chunks[0].knots[-1] > scout.settings.start:  # the run was resumed
             chunks = _repeated_chunks(verified, begin, progress)
-        runs = [_follow(verified, begin, chunks, _MOVED, progress)]
+        runs = [_rows_on_moved_steps(verified, begin, chunks, _KNOT_SHIFT, progress)]
         more = verified.fine.settings.refinement
         error.set_round_off([np.vstack([chunk.values for chunk in chunks]), *runs], more)
-        if error.amplified_round_off() > _SHOWN * accuracy:
-            runs += [_follow(verified, begin, chunks, shift, progress) for shift in (-_MOVED, 0.0)]
+        if error.amplified_round_off() > _MIN_AMPLIFIED * accuracy:
+            runs += [
+                _rows_on_moved_steps(verified, begin, chunks, shift, progress)
+                for shift in (-_KNOT_SHIFT, 0.0)
+            ]
             error.set_round_off(runs, more)
-    except FlexmbError:  # too many steps: the run itself has told
+    except FlexmbError:  # too many steps: the run itself has reported that
         return
     finally:
         error.drop_unamplified_round_off(steps)
 
 
 def _repeated_chunks(verified: VerifiedRun, begin: State, progress: Progress) -> list[Chunk]:
-    """The chunks of a scout from its start, as far as it can be repeated."""
+    """The chunks of a scout repeated from its start, as far as it takes about as many steps."""
     scout, chunks = verified.scout, list[Chunk]()
-    own = _again(scout, scout.settings, begin)
-    most = _LONGER * scout.state.count[0]["steps"]
+    own = _restarted_scout(scout, scout.settings, begin)
+    most = _MAX_REPEATED_STEPS * scout.state.count[0]["steps"]
     while not chunks or not own.finished:
         status = own.integrate(own.chunk if chunks else 0)
         knots, values = (
@@ -312,24 +324,26 @@ def _repeated_chunks(verified: VerifiedRun, begin: State, progress: Progress) ->
     return chunks
 
 
-def _again(
+def _restarted_scout(
     scout: Integration, settings: method.Settings, begin: State, plan: Plan | None = None
 ) -> Integration:
-    """The scout from its start."""
+    """The scout of a run at its start, with a copy of the state."""
     state = State(*(array.copy() for array in begin))
     return Integration(scout.compiled, scout.method, settings, state, scout.times, plan)
 
 
-def _follow(
+def _rows_on_moved_steps(
     verified: VerifiedRun, begin: State, chunks: list[Chunk], shift: float, progress: Progress
 ) -> np.ndarray:
-    """Values compared (k, components) in the rows of a run on the scout's steps, moved by a share
-    of them, as far as it comes."""
+    """Compared values (k, components) in the rows of a run on the shifted steps of the scout.
+
+    `shift` is relative to a step. Rows end where a step fails.
+    """
     scout, rows = verified.scout, list[np.ndarray]()
     settings = scout.settings._replace(refinement=1.0, rejection_factor=_ANY_ERROR)
-    run = _again(scout, settings, begin, new_plan(scout.chunk))
+    run = _restarted_scout(scout, settings, begin, new_plan(scout.chunk))
     for chunk in chunks:
-        _put_plan(run, chunk.knots, shift)
+        _set_moved_plan(run, chunk.knots, shift)
         status = method.SUCCESS
         while not rows or (status == method.SUCCESS and run.state.t[0] < chunk.knots[-1]):
             status = run.integrate(run.chunk if rows else 0)
@@ -340,18 +354,19 @@ def _follow(
     return np.vstack(rows)
 
 
-def _put_plan(run: Integration, knots: np.ndarray, shift: float) -> None:
-    """Let a run follow knots, those between even steps moved to and fro by a share of them.
+def _set_moved_plan(run: Integration, knots: np.ndarray, shift: float) -> None:
+    """Set the plan of a run to `knots` (times between steps), alternately shifted by ± a share.
 
-    Not those at which functions change their laws, or about events, where steps begin again.
+    Times of discontinuities are not shifted, nor those between steps of very different sizes, as
+    near events.
     """
     n, events, plan = len(knots), run.compiled.system.time_events.ravel(), run.plan
     plan.used[0], plan.knots[:n] = n, knots
     steps, inner = np.diff(knots), knots[1 : n - 1]
     ratios = steps[1:] / steps[:-1]
-    regular = (ratios > 1.0 / _EVEN) & (ratios < _EVEN)
+    regular = (ratios > 1.0 / _EVEN_RATIO) & (ratios < _EVEN_RATIO)
     edges = np.concatenate([[-np.inf], events, [np.inf]])
     after = np.searchsorted(edges, inner)
-    regular &= np.minimum(inner - edges[after - 1], edges[after] - inner) > _MOVED * steps[:-1]
+    regular &= np.minimum(inner - edges[after - 1], edges[after] - inner) > _KNOT_SHIFT * steps[:-1]
     signs = np.where(np.arange(len(inner)) % 2, shift, -shift)
     plan.knots[1 : max(n - 1, 1)] += np.where(regular, signs * steps[:-1], 0.0)

@@ -1,7 +1,7 @@
-"""Errors of vibrations that the steps of an implicit method damp, by runs that follow them.
+"""Errors by vibrations that the steps of an implicit method damp, from runs that resolve them.
 
-What two runs differ by tells nothing of these: both damp them. Here they are taken where they are
-measured (`damped_vibrations`), beside that difference.
+The difference of a run and its scout does not show these errors, since both damp the vibrations.
+They are measured by `damped_vibrations` and stored here, in addition to that difference.
 """
 
 from __future__ import annotations
@@ -16,23 +16,27 @@ from flexmb.analysis.dynamics.compared_quantities import RowComparison
 from flexmb.flexbody.arrays import Array
 from flexmb.results.output_block import OutputBlock
 
-_FOLLOWED = 3.0  # times what a run has of a vibration, from which on it has lost it
-_DECAYS, _LEAST_TIME = 0.98, 1e-300  # of an amplitude, from half to half of what is seen; s
-_TURNS = 0.01  # product of two bends that a vibration turns between, over the square of the largest
+# A run has lost a vibration if its amplitude should be more than this many times that of the run.
+_LOST_RATIO = 3.0
+# Ratio of second differences of two halves of rows below which a vibration decays; least time [s].
+_MAX_DECAY_RATIO, _LEAST_TIME = 0.98, 1e-300
+# Product of successive second differences, over the square of the largest one, below minus which
+# the vibration turns between them.
+_MIN_TURN = 0.01
 
 
 class VibrationError:
-    """The largest error of all that is compared by a vibration that steps damp.
+    """The largest error of each compared quantity by a vibration that steps damp.
 
     Parameters
     ----------
     comparison : RowComparison
-        What is compared.
+        The compared quantities.
 
     Attributes
     ----------
     table : (3, k) array
-        The errors, their times, and when the vibrations begin [s].
+        The errors, their times, and the start times of the vibrations [s].
     """
 
     def __init__(self, comparison: RowComparison) -> None:
@@ -43,10 +47,11 @@ class VibrationError:
         self, coarse: OutputBlock, fine: OutputBlock, begin: float,
         quantities: Collection[str] = (), output: float = 0.0,
     ) -> float:  # fmt: skip
-        """Take rows of the run, and of one that follows vibrations which begin at a time [s]; of
-        all that is compared, or of these quantities. Returns the largest share of a reaction.
+        """Add the differences of rows of the run and of one that resolves a vibration.
 
-        Where they end before the first output, what vibrates goes on as it decays in them.
+        The vibration begins at `begin` [s]. `quantities` restricts them; by default all count. If
+        the rows end before the first output (`output` [s]), the vibration is extrapolated to it
+        with its decay. Returns the largest difference of a reaction, over its scale.
         """
         if not len(fine.t):
             return 0.0
@@ -55,23 +60,27 @@ class VibrationError:
         if fine.t[-1] < output:
             largest = np.minimum(gaps[len(gaps) // 2 :].max(axis=0), self._swings(fine, output))
             times = np.full(len(largest), output)
-        self._widen(largest, times, begin, quantities)
+        self._raise_errors(largest, times, begin, quantities)
         return self._reaction_share(largest)
 
     def add_lost(
         self, rows: OutputBlock, fine: OutputBlock, begin: float, quantities: Collection[str],
         longest: float,
     ) -> None:  # fmt: skip
-        """Take late rows of the run, and earlier, even ones of a run that follows vibrations: of
-        those of a period up to `longest` [s] that are left by their own damping, and lost."""
+        """Add vibrations that the run has lost by the time of its last rows.
+
+        `rows` are late rows of the run, `fine` earlier rows, at equal intervals, of a run that
+        resolves the vibration. Its amplitude there is extrapolated to the late rows with its decay.
+        Only vibrations with periods up to `longest` [s] count.
+        """
         at = float(rows.t[0])
         left, own = self._swings(fine, at, longest), self._swings(rows)
-        lost = np.where(left > _FOLLOWED * own, left - own, 0.0)
-        self._widen(lost, np.full(len(lost), at), begin, quantities)
+        lost = np.where(left > _LOST_RATIO * own, left - own, 0.0)
+        self._raise_errors(lost, np.full(len(lost), at), begin, quantities)
 
     def of_reactions(self, joints: Collection[str] | None = None) -> tuple[str, float, float]:
-        """The joint whose reactions lack most, what they lack over their scale, and when the
-        vibration begins [s]; of all joints, or of those given."""
+        """The joint with the largest error of reactions, that error over its scale, and the start
+        of the vibration [s]; of all joints, or of the given ones."""
         shares = self._comparison.shares(self.table[0])
         names = [one.name for one in self._comparison.compared]
         own = [k for k in self._comparison.reactions if joints is None or names[k] in joints]
@@ -81,15 +90,15 @@ class VibrationError:
         return names[k], float(shares[k]), float(self.table[2, k])
 
     def reaction_share(self, row: OutputBlock) -> float:
-        """The largest reaction of a row, over the scale of its joint."""
+        """Largest reaction in a row, over the scale of its joint."""
         return self.reaction_difference(without_reactions(row), row)
 
     def reaction_difference(self, coarse: OutputBlock, fine: OutputBlock) -> float:
-        """The largest difference of a reaction in rows, over the scale of its joint."""
+        """Largest difference of a reaction in two blocks of rows, over the scale of its joint."""
         return self._reaction_share(self._differences(coarse, fine).max(axis=0, initial=0.0))
 
     def reaction_swing(self, rows: OutputBlock) -> float:
-        """The largest amplitude of a reaction in a second half of rows, over its scale."""
+        """Largest amplitude of a reaction in the second half of rows, over its scale."""
         return self._reaction_share(self._swings(rows))
 
     def _reaction_share(self, values: Array) -> float:
@@ -100,10 +109,10 @@ class VibrationError:
         values = (self._comparison.values(rows) for rows in (coarse, fine))
         return self._comparison.differences(*values)
 
-    def _widen(
+    def _raise_errors(
         self, largest: Array, times: Array, begin: float, quantities: Collection[str]
     ) -> None:
-        """Take errors (k,) by a vibration, of these quantities or all, where they are larger."""
+        """Raise the errors (k,) to those by a vibration, of these quantities or of all."""
         counts = [not quantities or one.quantity in quantities for one in self._comparison.compared]
         more = (largest > self.table[0]) & counts
         self.table[0, more], self.table[1, more] = largest[more], times[more]
@@ -116,34 +125,35 @@ class VibrationError:
 
 
 def without_reactions(rows: OutputBlock) -> OutputBlock:
-    """The same rows with no reactions."""
+    """The same rows with zero reactions."""
     return replace(rows, reactions=np.zeros_like(rows.reactions))
 
 
 def vibration_amplitudes(
     t: Array, values: Array, starts: np.ndarray, at: float = -math.inf, longest: float = math.inf
 ) -> Array:
-    """Amplitudes of vibrations in the second half of rows, or as they decay until a later time.
+    """Amplitudes of vibrations in the second half of rows, or extrapolated to a later time.
 
-    What changes beside a straight line counts; it decays by the bends between rows of both halves.
+    The amplitude is half the range of the deviation from a straight line. The decay is the ratio of
+    the largest second differences of rows in both halves.
 
     Parameters
     ----------
     t : (n,) array
-        Times of the rows, even ones if they are to decay [s].
+        Times of the rows [s], at equal intervals if they are extrapolated.
     values : (n, components) array
         Values.
     starts : (k,) array
         Columns at which the components of each of k vectors begin.
     at : float
-        Until when they decay [s].
+        Time to which they are extrapolated [s].
     longest : float
-        Longest period that counts [s]: bends of slower ones, or of single pulses, turn less often.
+        Longest period that counts [s], by the number of sign changes of second differences.
 
     Returns
     -------
     (k,) array
-        Of the component that moves most.
+        Amplitude of the component of each vector with the largest one.
     """
     if len(t) < 2:
         return np.zeros(len(starts))
@@ -157,9 +167,9 @@ def vibration_amplitudes(
         for part in (np.abs(bends[:n]), np.abs(bends[n:]), late, -late)
     )
     amplitudes, widths = 0.5 * (high + low), np.diff(starts, append=values.shape[1])
-    turns = bends[n + 1 :] * bends[n:-1] < -_TURNS * np.repeat(late_bend, widths) ** 2
+    turns = bends[n + 1 :] * bends[n:-1] < -_MIN_TURN * np.repeat(late_bend, widths) ** 2
     periods = 2.0 * (t[-1] - t[n]) / np.maximum(turns.sum(axis=0), 1)
     amplitudes[np.minimum.reduceat(periods, starts) > longest] = 0.0
-    decays = late_bend < _DECAYS * early_bend
+    decays = late_bend < _MAX_DECAY_RATIO * early_bend
     left = np.divide(late_bend, early_bend, out=np.ones(len(starts)), where=decays)
     return np.asarray(amplitudes * left ** max(halves, 0.0))

@@ -24,12 +24,13 @@ from flexmb.analysis.effects.perturbation import Response, respond
 from flexmb.analysis.effects.smooth_pieces import follow_places
 from flexmb.analysis.effects.stored_motion import Motion, carry_motion
 from flexmb.engine import equations_of_motion as stages
+from flexmb.engine.allocation import new_run, new_state, new_work
 from flexmb.engine.bodies.flexible_body import modal_reach
 from flexmb.engine.bodies.static_modes import static_bodies
 from flexmb.engine.compile import Compiled
+from flexmb.engine.compiled_units import call, packed_record, prepare_units
 from flexmb.engine.iteration_matrix import put_matrix
-from flexmb.engine.units import call, packed_record, prepare_units
-from flexmb.engine.work import new_run, new_state, new_work, units_of
+from flexmb.engine.stage_tables import units_of
 from flexmb.errors import FlexmbError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array

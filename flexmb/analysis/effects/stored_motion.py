@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flexmb.analysis.linear.state_equations import StateEquations
+from flexmb.engine.allocation import new_state
 from flexmb.engine.bodies.static_modes import static_coordinates
 from flexmb.engine.compile import Compiled
 from flexmb.engine.forces.bristle import BALL_HISTORY, POINT_HISTORY
 from flexmb.engine.forces.friction import BRISTLE, FREE
 from flexmb.engine.tables import BodyColumns, System
-from flexmb.engine.work import new_state
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, IntArray, skew
 from flexmb.results import Result

@@ -19,14 +19,14 @@ from numpy.typing import ArrayLike
 
 from flexmb.analysis.assembly.initial_state import StartValues, assemble
 from flexmb.analysis.assembly.jacobian import ConstraintRows, column_scales, one_blas_thread
-from flexmb.analysis.assembly.joined_damping import condensation
-from flexmb.analysis.linear.eigenmodes import Complex, Eigenmodes, eigenmodes
+from flexmb.analysis.assembly.mechanism_modes import condensation
 from flexmb.analysis.linear.observer import (
     MinimalEquations,
     RowsAlongMotion,
     body_axes,
     fastest_rate,
 )
+from flexmb.analysis.linear.state_eigenmodes import Complex, Eigenmodes, eigenmodes
 from flexmb.analysis.linear.state_equations import StateEquations, Tangents
 from flexmb.analysis.linear.state_space import (
     StateSpace,

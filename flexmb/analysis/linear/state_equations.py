@@ -14,17 +14,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.engine.allocation import new_run, new_work
 from flexmb.engine.bodies.motion import move
 from flexmb.engine.bodies.static_modes import free_static_modes
 from flexmb.engine.bodies.wrench import marker_jacobian
 from flexmb.engine.compile import Compiled
+from flexmb.engine.compiled_units import bind, call, packed_record, prepare_units
 from flexmb.engine.initial_conditions import evaluate_equations
 from flexmb.engine.iteration_matrix import put_matrix, put_rows
+from flexmb.engine.stage_tables import units_of
 from flexmb.engine.state import State, Work
 from flexmb.engine.state_rows import remember_row
 from flexmb.engine.tables import Kkt
-from flexmb.engine.units import bind, call, packed_record, prepare_units
-from flexmb.engine.work import new_run, new_work, units_of
 from flexmb.flexbody.arrays import Array, IntArray
 
 # Factors that let one term of S = M + cv D + cp K stand alone: powers of two, so that nothing is

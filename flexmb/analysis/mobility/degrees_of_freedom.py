@@ -42,9 +42,9 @@ from flexmb.analysis.mobility.redundancy import (
     redundancies,
     undetermined_reactions,
 )
+from flexmb.engine.allocation import new_state
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import State
-from flexmb.engine.work import new_state
 from flexmb.errors import AssemblyError
 from flexmb.flexbody.arrays import Array
 from flexmb.model.model import Model

@@ -1,7 +1,8 @@
-"""Anderson's acceleration of a fixed-point iteration x ← x + f(x).
+"""Anderson acceleration of a fixed-point iteration x ← x + f(x).
 
-From the last iterates the combination is taken whose step f is least, as if f were linear. So it
-converges where the plain iteration grows, as fast as the generalised minimal residual method.
+The next iterate is x + f − Σ γ_j (Δx_j + Δf_j), with γ minimising |f − Σ γ_j Δf_j| over differences
+of the last iterates. For a linear f it is equivalent to the generalised minimal residual method, so
+it converges where the plain iteration diverges.
 
 Source: Walker & Ni, SIAM J. Numer. Anal. 49 (2011) 1715.
 """
@@ -17,22 +18,24 @@ from flexmb.engine.algebra.vector import copy
 from flexmb.engine.jit import Integers, Matrix, Vector, kernel
 
 DEPTH = 8
-"""Earlier iterates that count."""
-_DEPENDENT = 1e-12  # of a difference that is of unit length: what later ones leave of it
+"""Largest number of differences of iterates."""
+# A difference Δf of unit length depends on the later ones if what is left of it after
+# orthogonalisation is shorter than this; it is then not used.
+_DEPENDENT = 1e-12
 
 
 class Iterates(NamedTuple):
-    """Scaled iterates of n unknowns."""
+    """Scaled iterates of n unknowns, and the QR decomposition of their differences."""
 
-    now: Vector  # (n,) the present one, which `accelerate` uses up
-    step: Vector  # (n,) f of it, which `accelerate` replaces
-    last: Vector  # (n,) the one before
-    last_step: Vector  # (n,)
-    moves: Matrix  # (DEPTH, n) differences of x + f, over the lengths of those of f
-    changes: Matrix  # (DEPTH, n) differences of f, of unit length
-    base: Matrix  # (DEPTH, n) right-angled to each other, of the changes from the last on
-    shares: Matrix  # (DEPTH, DEPTH) of these in the changes
-    least: Vector  # (DEPTH,) changes of which the step is the sum
+    now: Vector  # (n,) present iterate x; `accelerate` overwrites it
+    step: Vector  # (n,) f(x); `accelerate` replaces it by the accelerated step
+    last: Vector  # (n,) previous iterate
+    last_step: Vector  # (n,) f of it
+    moves: Matrix  # (DEPTH, n) differences Δx + Δf, over |Δf|
+    changes: Matrix  # (DEPTH, n) differences Δf, over |Δf|
+    base: Matrix  # (DEPTH, n) Q: orthonormal basis of the changes, the last one first
+    shares: Matrix  # (DEPTH, DEPTH) R of changes = Q R
+    least: Vector  # (DEPTH,) coefficients γ of least squares
     count: Integers  # (1,) iterates so far
 
 
@@ -46,7 +49,7 @@ def new_iterates(n: int) -> Iterates:
 
 @kernel
 def accelerate(of, grows):
-    """Keep the present iterate; if the iteration grows, step to where no step would be left."""
+    """Store the present iterate; if the plain iteration diverges (`grows`), accelerate its step."""
     n, k, m = of.now.shape[0], of.count[0], min(of.count[0], of.moves.shape[0])
     if k > 0:
         slot, square = (k - 1) % of.moves.shape[0], 0.0
@@ -62,15 +65,15 @@ def accelerate(of, grows):
     of.count[0] = k + 1
     if not grows:
         return
-    _put_least(of, m)
+    _solve_least_squares(of, m)
     for j in range(m):
         for i in range(n):
             of.step[i] -= of.least[j] * of.moves[j, i]
 
 
 @kernel
-def _put_least(of, m):
-    """Least squares of the step by m changes, the last ones first: Gram and Schmidt, twice."""
+def _solve_least_squares(of, m):
+    """Least-squares coefficients of f by m changes: Gram–Schmidt, twice for accuracy."""
     depth, last = of.moves.shape[0], of.count[0] - 2
     base, shares, left = of.base, of.shares, of.now
     copy(of.last_step, left)
@@ -106,6 +109,6 @@ def _dot(a, b):
 
 @kernel
 def _subtract(f, a, b):
-    """b − f a into b."""
+    """b −= f a."""
     for i in range(a.shape[0]):
         b[i] -= f * a[i]

@@ -1,14 +1,14 @@
-"""Symmetric and skew forms of many modes: half of each is kept, and read once a product.
+"""Symmetric and skew matrices (forms) of many modes: a half is stored, and read once a product.
 
-`grouped_rows` are the upper triangle with half of its diagonal, rows in groups of four, from the
-multiple of eight up to their first diagonal to the next multiple of eight after the last, filled
-with zeros: M (M + 8) / 2 numbers of a form of m modes, M the next multiple of eight. So loops over
-rows end with a whole vector of the processor. Short rows one by one would cost twice as much: each
-loop over them as much as ten numbers.
+`grouped_rows` is the upper triangle with half of its diagonal. Its rows are grouped by four. A
+group begins at the multiple of eight at or below its first diagonal element and ends at M, the next
+multiple of eight after the number of modes m, filled with zeros: M (M + 8) / 2 numbers in all. So
+loops along rows have whole processor vectors. Short single rows would cost twice as much, since the
+start of each loop costs as much as ten numbers.
 
-The three forms of a marker are kept whole (`tables.rows_of_bend`): row j holds the rows j of all
-three, so that a product adds multiples of long rows and sums nothing along them. Up to 40 modes
-that takes half of the time, with 50 as much or a fifth more: their rows leave the first cache.
+The three forms of a marker are stored whole (`tables.rows_of_bend`). Row j holds the rows j of all
+three, so a product adds multiples of long rows and needs no sum along a row. With 20 modes this
+takes half of the time; with 50 modes as much or a fifth more, since the rows leave the first cache.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmb.engine.jit import kernel, separate
 from flexmb.engine.tables import half_of_forms, whole_vectors
 
-_ROUND_OFF = 1e-12  # share of a form in a sum, as of the integrals themselves (`put_flags`)
+_ROUND_OFF = 1e-12  # weight of a form in a sum that is round-off, as of the integrals (`put_flags`)
 
 
 def grouped_rows(forms: ArrayLike) -> NDArray[np.float64]:
@@ -33,14 +33,14 @@ def grouped_rows(forms: ArrayLike) -> NDArray[np.float64]:
 
 @kernel
 def size_of_form(m):
-    """Numbers of a form of m modes, and the modes with those that fill the last group."""
+    """Number of elements stored of a form of m modes, and m rounded up to a multiple of eight."""
     padded = whole_vectors(m)
     return padded * (padded + 8) // 2, padded
 
 
 @kernel
 def _four(T, i, apart=1):
-    """Four numbers of T from i on."""
+    """Four numbers of T from index i on, `apart` from each other."""
     apart = np.uintp(apart)
     j = i + apart
     return T[i], T[j], T[j + apart], T[j + apart + apart]
@@ -66,10 +66,10 @@ def _inner(a, b):
 
 @separate
 def add_symmetric_and_skew(T, size, n, x, y, out):
-    """out[:n] + out[n:2n] = S x[:n] + G y[:n], S symmetric, G skew and `size` numbers behind S.
+    """out[:n] + out[n:2n] = S x[:n] + G y[:n], S symmetric, G skew and `size` numbers after S.
 
-    In two parts, as a processor waits for single numbers that were just stored where it reads a
-    vector of them.
+    The result has two parts because a processor stalls when it reads a vector whose elements were
+    just stored one by one.
     """
     a, n, size = np.uintp(0), np.uintp(n), np.uintp(size)
     four, eight = np.uintp(4), np.uintp(8)
@@ -113,7 +113,7 @@ def add_symmetric_rows(T, at, n, m, f, B, o):
 
 @kernel
 def add_pair_to_block(T, size, m, padded, B, o):
-    """B[o:o+m, o:o+m] += S + G, a symmetric form and a skew one behind it."""
+    """B[o:o+m, o:o+m] += S + G, a symmetric form and the skew one after it."""
     row = 0
     for k in range(m):
         for r in range(k, m):
@@ -125,9 +125,10 @@ def add_pair_to_block(T, size, m, padded, B, o):
 
 @separate
 def combine_forms(pool, at, size, f, w, out):
-    """The grouped rows of Σ f_s S_s and of Σ w_k G_k, one after the other, into out.
+    """out = grouped rows of Σ f_s S_s, then those of Σ w_k G_k.
 
-    Forms of `size` numbers from `at` on: S_x, G_x, S_y, G_y, S_z, G_z, S_xy, S_yz, S_zx.
+    The forms, of `size` numbers each, begin at pool[at]: S_x, G_x, S_y, G_y, S_z, G_z, S_xy, S_yz,
+    S_zx.
     """
     size = np.uintp(size)
     x, z, yz = np.uintp(at), np.uintp(at) + np.uintp(4) * size, np.uintp(at) + np.uintp(7) * size
@@ -141,7 +142,7 @@ def combine_forms(pool, at, size, f, w, out):
 
 @kernel
 def leading_form(f):
-    """The axis k whose S_k alone counts beside two mixed forms, up to round-off; −1: more count."""
+    """The axis k if only S_k and the two mixed forms of k have weights above round-off; else −1."""
     k = 0 if abs(f[0]) >= max(abs(f[1]), abs(f[2])) else 1 if abs(f[1]) >= abs(f[2]) else 2
     i, j = (k + 1) % 3, (k + 2) % 3
     return k if max(abs(f[i]), abs(f[j]), abs(f[3 + i])) <= _ROUND_OFF * abs(f[k]) else -1
@@ -149,9 +150,9 @@ def leading_form(f):
 
 @separate
 def add_mixed_forms(pool, at, size, k, f, w, n, x, y, out):
-    """As `add_symmetric_and_skew`, with all that `combine_forms` adds but S_k and G_k.
+    """`add_symmetric_and_skew` for the sums of `combine_forms` without S_k and G_k.
 
-    Where S_k leads; nothing is summed up first.
+    For a leading axis k (`leading_form`), where few forms have a weight: no sum is stored.
     """
     a, n, four, eight = np.uintp(0), np.uintp(n), np.uintp(4), np.uintp(8)
     i, j = (k + 1) % 3, (k + 2) % 3

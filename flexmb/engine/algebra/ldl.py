@@ -3,11 +3,13 @@
 The symbolic part (`engine.symbolic`) gives panels of columns in elimination order; each holds its
 diagonal block and the dense rows below, row by row, so every inner loop is a dot product over
 neighbouring numbers. Symmetric: A = L D Lᵀ on `low`. Unsymmetric with the same pattern:
-A = L D U, where `up` holds U by columns in the same places. No pivoting: a pivot without digits is
-replaced by a small one of the usual sign (+ coordinate, − constraint row), and counted.
+A = L D U, where `up` holds U by columns in the same places. There is no pivoting. A pivot that is
+round-off is replaced by a small one of the expected sign (+ coordinate, − constraint row) and
+counted.
 
-Dense blocks in v order go into the panels by `column` (nv,), the column of each velocity coordinate
-in its panel, modes before the rigid part; −1 leaves it out (out of the plane of a planar model).
+Dense blocks in the order of v are added to the panels by `column` (nv,): the column of each
+velocity coordinate in its panel, modes before the rigid part; −1 leaves it out (out of the plane of
+a planar model).
 """
 
 from __future__ import annotations
@@ -143,7 +145,7 @@ def _update_pair(panel, updates, L, U, W, V):
 @unit
 def solve(kkt: Kkt, fac: Factor, b: Vector) -> int:
     """Solve in place with the factor; b is in elimination order."""
-    b[b.shape[0] - 1] = 0.0  # the place of all coordinates that are left out
+    b[b.shape[0] - 1] = 0.0  # the entry of all coordinates that are not in the matrix
     if fac.symmetric[0] == 1:
         _solve(kkt.panels, kkt.rows, fac.low, fac.low, fac.d, b)
     else:
@@ -153,7 +155,7 @@ def solve(kkt: Kkt, fac: Factor, b: Vector) -> int:
 
 @kernel
 def _solve(panels, rows_of, L, U, d, b):
-    """b = U⁻¹ D⁻¹ L⁻¹ b; panels of few columns, which most are, without inner loops."""
+    """b = U⁻¹ D⁻¹ L⁻¹ b; without inner loops for panels of few columns, as most are."""
     n = panels.shape[0]
     for p in range(n):
         panel = panels[p]
@@ -219,7 +221,7 @@ def _multiply(panels, rows_of, L, U, eps, x, y):
 
 @unit
 def solve_refined(kkt: Kkt, fac: Factor, rounds: int) -> int:
-    """fac.sol = S⁻¹ fac.rhs, refined against the matrix without regularisation."""
+    """fac.sol = S⁻¹ fac.rhs, with iterative refinement by the matrix without regularisation."""
     rhs, x, tmp = fac.rhs, fac.sol, fac.tmp
     copy(rhs, x)
     solve(kkt, fac, x)
@@ -281,9 +283,9 @@ def add_coupling(run: Run, a: int, b: int, k: int, swapped: int, B: Matrix) -> i
 
 @kernel
 def put_jacobian_row(link, r, body, kkt, jac, start, diagonal, values):
-    """Place row r of a group, in v order at jac[start:], by its link; returns Σ Cq² / |diag|.
+    """Put row r of a group, jac[start:] in the order of v, to its link; returns Σ Cq² / |diag|.
 
-    Where it goes all is zero.
+    The entries of the matrix must be zero before.
     """
     at, stride, o, column = link["at"], link["stride"], body["iv"], kkt.column
     first, s, flipped = kkt.panels[body["panel"]]["col"], 0.0, link["flipped"] == 1

@@ -1,8 +1,8 @@
 """Panels of one to six columns without inner loops: of bodies, scalar coordinates and most joints.
 
 A loop over two or three numbers costs several times as much as the products in it. Names are those
-of `ldl`: the panel has nc columns from `col` on, its diagonal block and nr rows stand row by row at
-`at`; W keeps the rows before they are divided by the pivots, for the updates.
+of `ldl`: the panel has nc columns from `col` on; its diagonal block and nr rows are stored row by
+row from index `at` on; W holds the rows before the division by the pivots, for the updates.
 """
 
 from __future__ import annotations
@@ -11,20 +11,21 @@ import math
 
 from flexmb.engine.jit import kernel
 
-# A pivot this small against its own diagonal entry carries no digits.
+# A pivot below this share of its own diagonal entry is round-off.
 _PIVOT_TOLERANCE = 1e-13
-# Its replacement over the same entry, the square root of round-off: growth of the factor and change
-# of the matrix then cost equally many digits.
+# Its replacement over the same entry: the square root of round-off, so that growth of the factor
+# and change of the matrix cost the same number of digits.
 _REPLACED_PIVOT = 1e-8
 
 
 @kernel
 def guarded(d, a, sign):
-    """Pivot d, or a replacement if it has no digits; and whether it was.
+    """Pivot d, or its replacement if it is round-off; and whether it was replaced.
 
-    a is its diagonal entry. The replacement is small, so that refinement takes it back. A pivot of
-    the other sign has its digits and stays: forces and reactions make a body unstable that joints
-    hold, and any other pivot there spoils the convergence of Newton's method.
+    a is its diagonal entry before elimination. The replacement is small, so that iterative
+    refinement removes its effect. A pivot of the wrong sign that is not round-off is kept: forces
+    and reactions may make a body unstable that joints constrain, and any other pivot would spoil
+    the convergence of Newton's method.
     """
     if abs(d) > _PIVOT_TOLERANCE * abs(a) and math.isfinite(abs(d)):
         return d, 0
@@ -61,7 +62,7 @@ def factor_two(panel, updates, L, W, d):
 
 @kernel
 def factor_three(panel, updates, L, W, d):
-    """The same of three columns: a body in a plane."""
+    """`factor_two` for three columns: a body in a plane."""
     at, col, sign = panel["at"], panel["col"], panel["sign"]
     p, fixes = guarded(L[at], L[at], sign)
     i = 1.0 / p
@@ -98,9 +99,9 @@ def factor_three(panel, updates, L, W, d):
 
 @kernel
 def factor_several(panel, updates, L, W, d):
-    """The same of four to six columns: a body in space, a joint."""
+    """`factor_two` for four to six columns: a body in space, a joint."""
     at, nc, col, sign = panel["at"], panel["nc"], panel["col"], panel["sign"]
-    none = 0.0 * L[at]  # of all products with columns that there are not
+    none = 0.0 * L[at]  # for products with columns that do not exist
     f40 = f41 = f42 = f43 = f50 = f51 = f52 = f53 = f54 = f = g = m = n = none
     p, fixed = guarded(L[at], L[at], sign)
     i, d[col] = 1.0 / p, p

@@ -15,10 +15,10 @@ import numpy as np
 
 from flexmb.engine.jit import kernel
 
-# Below this angle² the closed forms lose digits to cancellation; the series used instead have a
-# remainder of x⁴/10⁶, below round-off there.
+# Below this angle² the closed forms lose digits by cancellation; the series that replace them have
+# a remainder of x⁴/10⁶, which is below round-off there.
 _SERIES = 1e-3
-# Squares of lengths this near to one need no square root.
+# If a squared length differs from one by less than this, no square root is needed to normalise.
 _NEAR_ONE = 1e-8
 _TURN = 2.0 * math.pi
 
@@ -56,7 +56,7 @@ def compose(p, o, x, y, z, out, oo):
     d = e0 * f2 - e1 * f3 + e2 * c + e3 * f1
     g = e0 * f3 + e1 * f2 - e2 * f1 + e3 * c
     n2 = a * a + b * b + d * d + g * g
-    # near one a step of Newton's method, exact to the square of the distance
+    # near one: a step of Newton's method, whose error is the square of the difference
     n = 1.5 - 0.5 * n2 if abs(n2 - 1.0) < _NEAR_ONE else 1.0 / math.sqrt(n2)
     out[oo] = a * n
     out[oo + 1] = b * n
@@ -118,9 +118,10 @@ def copy(a, b):
 
 @kernel
 def store(a, b):
-    """b = a, with numbers too small to matter set to zero.
+    """b = a, with numbers below `_SMALLEST` set to zero.
 
-    Motions that die out would end as denormal numbers, which cost a hundred times as much.
+    A decaying motion would end in denormal numbers, with which operations take a hundred times as
+    long.
     """
     for i in range(a.shape[0]):
         b[i] = 0.0 if abs(a[i]) < _SMALLEST else a[i]
@@ -130,7 +131,7 @@ def store(a, b):
 def dot(a, i, b, j, n):
     """a[i:i+n]·b[j:j+n].
 
-    Indices without sign cannot count from the end, so that the loop becomes one over vectors.
+    Unsigned indices cannot count from the end, so that the compiler vectorises the loop.
     """
     s, i, j = 0.0, np.uintp(i), np.uintp(j)
     for k in range(np.uintp(n)):
@@ -179,7 +180,7 @@ def weighted_max(x, weights):
 
 @kernel
 def scaled_max(x, weights, scale):
-    """Largest part of weighted |x_i| over its scale; NaN counts as largest."""
+    """Largest ratio of weighted |x_i| to its scale; NaN counts as largest."""
     size = 0.0
     for i in range(x.shape[0]):
         s = abs(x[i]) * weights[i] / scale[i]
@@ -192,7 +193,7 @@ def scaled_max(x, weights, scale):
 
 @kernel
 def scaled_max_above(x, weights, scale, times, noise):
-    """Largest part of weighted |x_i| above its noise so many times, over its scale; NaN counts."""
+    """Largest weighted |x_i| beyond `times` its noise, over its scale; NaN counts as largest."""
     size = 0.0
     for i in range(x.shape[0]):
         s = (abs(x[i]) * weights[i] - times * noise[i]) / scale[i]
@@ -243,7 +244,7 @@ def put_column(R, k, a):
 
 @kernel
 def axis_vector(k):
-    """The axis k."""
+    """Unit vector of axis k."""
     return 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0
 
 
@@ -315,7 +316,7 @@ def modal_vector(pool, at, m, v, o):
 
 @kernel
 def rows_times(a, at, apart, m, v, o):
-    """m numbers of three rows of a, the first at `at`, their starts apart, times v[o:o+m]."""
+    """Three rows of m numbers of a, the first at `at`, `apart` from each other, times v[o:o+m]."""
     x, y, z = 0.0, 0.0, 0.0
     i, o = np.uintp(at), np.uintp(o)
     j, k = i + np.uintp(apart), i + np.uintp(2 * apart)
@@ -329,7 +330,7 @@ def rows_times(a, at, apart, m, v, o):
 
 @kernel
 def mode_vector(pool, at, m):
-    """One column of three rows of the pool: that of a mode, which starts at `at`."""
+    """One column, of a mode, of three rows of m numbers of the pool; it begins at `at`."""
     return pool[at], pool[at + m], pool[at + 2 * m]
 
 

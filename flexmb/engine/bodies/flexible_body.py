@@ -8,13 +8,13 @@ frame of `rigid_body`, the modes add
 
 M_ωη has the row x: Z_yz − Z_zy and cyclic; G_x = M_yz − M_zy and cyclic. Exact for solids, beams
 and shells (Shabana, Dynamics of Multibody Systems, 4th ed., §5.4, written with second moments).
-With geometric stiffening M_ab is less the geometric stiffness K_ab of the centrifugal loads, but in
-M_ηη: what stiffens the body changes its inertia as much, so that no energy is made.
+With geometric stiffening, M_ab is reduced by the geometric stiffness K_ab of the centrifugal loads
+(not in M_ηη). The same numbers stiffen the body and change its inertia: energy is conserved.
 
-The mass block of the tangents is M; the velocity tangent the derivative of the inertia forces with
-v (gyroscopic and damping terms); the position tangent that with the configuration at constant v and
-v̇: elastic and centrifugal stiffness, the turning of inertia forces and weight with the body, and
-the change of the integrals with the deformation. All exact.
+The tangents are exact. The mass tangent is M. The velocity tangent is the derivative of the inertia
+forces by v: gyroscopic and damping terms. The position tangent is their derivative by the
+configuration at constant v and v̇: elastic and centrifugal stiffness, the rotation of inertia forces
+and weight with the body, and the change of the integrals with the deformation.
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
 
 
-# Angular velocity about a body axis over the largest one that is round-off: a thousand steps leave
-# 1e-16 to 2e-15.
+# Angular velocity about a body axis, over the largest component, that is round-off: after a
+# thousand steps of a planar motion it is 1e-16 to 2e-15.
 _SPIN_ROUND_OFF = 1e-13
 
 
@@ -126,7 +126,7 @@ def put_modal_rate(a, at, i, j, v, o, m, V):
 
 @kernel
 def add_modal_rate(a, at, m, v, o, V, cv, B):
-    """V_ab = a_ab v[o:o+m], nine rows of a, and what 2 (tr(V) − Vᵀ) ω' adds to ∂F/∂v of a frame."""
+    """V_ab = a_ab v[o:o+m], nine rows of a; add cv ∂(2 (tr(V) − Vᵀ) ω')/∂ω' to B of the frame."""
     put_modal_rate(a, at, 3 * m, m, v, o, m, V)
     for b in range(3):
         for c in range(3):
@@ -161,7 +161,7 @@ def add_modal_product(body, pool, q, v, vd, out):
 
 @kernel
 def least_turn(om):
-    """Angular velocity about an axis of the body below which it is round-off, of the largest."""
+    """Angular velocity about a body axis below which it is round-off of the largest component."""
     return _SPIN_ROUND_OFF * max(abs(om[0]), abs(om[1]), abs(om[2]))
 
 
@@ -169,7 +169,7 @@ def least_turn(om):
 def _put_modal_forces(body, bn, parts, Z, q, v, vd, out):
     """Modal rows: inertia, weight, centrifugal, Coriolis, elastic and damping terms.
 
-    And moment row += M_ωη η̈ + 2 (tr(V) − Vᵀ) ω' with V_ab = Z_ab·η̇.
+    Adds M_ωη η̈ + 2 (tr(V) − Vᵀ) ω' to the moment rows, with V_ab = Z_ab·η̇.
     """
     m, iv, at, z, V = body["m"], body["iv"], body["flex"], body["z"], bn["V"]
     pool, o, zw, size = parts.pool, iv + 6, z + 9 * m, m * m
@@ -195,9 +195,10 @@ def _put_modal_forces(body, bn, parts, Z, q, v, vd, out):
 
 @unit
 def put_modal_matrix(run: Run, i: int, at: Point, cv: float, cp: float) -> int:
-    """The same in rows and columns of the modes of body i; after its inertia stage and its frame.
+    """dense.B = M + cv ∂F/∂v + cp ∂F/∂q of body i: rows and columns of the modes.
 
-    The rate of the integrals also enters the frame's own block of ∂F/∂v.
+    To be called after its inertia stage and after the block of its frame (`put_frame_matrix`), to
+    which the rates of the integrals add terms of ∂F/∂v.
     """
     parts, now, B = run.system.parts, run.work.now, run.work.dense.B
     body, bn, pool, Z = parts.bodies[i], now.body[i], parts.pool, now.Z
@@ -250,7 +251,7 @@ def flexible_mass_product(run: Run, of: Bodies, at: Point) -> int:
 
 @kernel
 def _add_mode_columns(body, bn, a, pool, Z, v, vd, cv, cp, B):
-    """What the modes change in the force and moment, and the frame in the modal forces.
+    """Blocks of B that couple frame and modes: derivatives of force, moment and modal forces.
 
     a = a'. δc = p_k; δJ = 2 tr(Z_k) − Z_k − Z_kᵀ, Z_k the 3 × 3 matrix of mode k, and with it
     2 (tr(Z_k) − Z_kᵀ) ω = δJ ω + ω × M_ωη,k; δV_ab = (M_ab η̇)_k, with M_ab at block 3 b + a of the
@@ -326,7 +327,7 @@ def _strain(parts, q, i):
 
 @kernel
 def _modal_kinetic(parts, now, v, i):
-    """What the modes add to the kinetic energy: ṙ·A p η̇ + ω'·M_ωη η̇ + ½ η̇ᵀ M_ηη η̇."""
+    """Kinetic energy of the modes: ṙ·A p η̇ + ω'·M_ωη η̇ + ½ η̇ᵀ M_ηη η̇ [J]."""
     body = parts.bodies[i]
     m, o = body["m"], body["iv"]
     x = turned(now.body[i]["A"], modal_vector(parts.pool, body["flex"], m, v, o + 6))
@@ -387,7 +388,7 @@ FLEXIBLE_BODIES = Kind(
 
 
 def modal_block(body: FlexBody, coupling: str = "full", Mab: Array | None = None) -> Array:
-    """The numbers of `tables.FLEX_LAYOUT` in one row, by the Mab of the body or others."""
+    """The numbers of `tables.FLEX_LAYOUT` in one row, with the Mab of the body or other ones."""
     Mab = body.Mab if Mab is None else Mab
     damping = np.zeros_like(body.K) if body.D is None else body.D
     parts = [body.p, body.P, np.einsum("bbij->ij", Mab), body.K, damping]
@@ -414,7 +415,7 @@ _ROUND_OFF = 1e-12  # of integrals, relative to their Cauchy-Schwarz bounds
 
 
 def put_flags(row: Any, body: FlexBody, static: bool) -> None:
-    """What the loops of a body may leave out, into its row of the table: see `tables.BODY`.
+    """Set the flags of a body in its row of the table: terms that are zero (see `tables.BODY`).
 
     `static`: some of its modes have no inertia.
     """

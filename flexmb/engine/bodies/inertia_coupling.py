@@ -9,8 +9,8 @@ undeformed body, and of velocity terms those of the rigid body alone,
     moment   S1×a' + J0 ω̇ + ω×J0 ω + W η̈
     modes    pᵀa' + Wᵀω̇ + M_ηη η̈ + Kη + Dη̇
 
-In mean axes p = W = 0: rigid body and modes meet in joints and forces alone; energy ½ vᵀM v + V and
-the angular momentum of the undeformed body are conserved.
+In mean axes p = W = 0: the rigid body and its modes are coupled only by joints and forces; energy
+½ vᵀM v + V and the angular momentum of the undeformed body are conserved.
 
 Partial coupling adds c = S1 + p η, J = J0 + tr(S) I − S with S_ab = (P_ab + P_ba) η, and all
 velocity terms that are linear in the deformation:
@@ -18,9 +18,9 @@ velocity terms that are linear in the deformation:
     moment   2 (tr(V) − Vᵀ) ω' = J̇ ω' + ω' × W η̇,   V_ab = P_ab·η̇
     modes    Σ B_bc (P_cb + M_bc η) − 2 Σ ω'_k G_k η̇,   Σ B_bc P_cb = −½ ω'ᵀ (∂J/∂η) ω'
 
-Left out is what is of second order in the inertia of the whole body: M_bc in J, M_ωη and V. Energy
-and angular momentum hold but for terms of that order. In mean axes the velocity terms go into the
-iteration matrix only where the body turns by a few degrees in a step.
+Terms of second order of the deformation in the inertia are left out: M_bc in J, M_ωη and V. Energy
+and angular momentum are conserved except for terms of that order. In mean axes the velocity terms
+enter the iteration matrix only if the body rotates by more than a few degrees in a step.
 Source: Shabana, Dynamics of Multibody Systems, 4th ed., §5.4; for the orders Padilla & von Flotow,
 J. Guidance 15 (1992) 131.
 """
@@ -70,14 +70,14 @@ from flexmb.engine.kind import Kind
 from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import Point, Run
 
-# Velocity terms of partial coupling enter the iteration matrix where they change it by more than
-# this share of the mass.
+# Velocity terms of partial coupling enter the iteration matrix if they change it by more than this
+# share of the mass matrix.
 _NEGLIGIBLE = 0.05
 
 
 @unit
 def prepare_constant(run: Run, of: Bodies, at: Point) -> int:
-    """J0 and S1, and P and W in the place of the integrals that move with the deformation."""
+    """Set J0 and S1, and P and W in place of the integrals that depend on the deformation."""
     parts, Z, rows = run.system.parts, run.work.now.Z, of.rows
     prepare_rigid(run, of, at)
     for n in range(rows.shape[0]):
@@ -150,7 +150,7 @@ def constant_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
 
 @unit
 def partial_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
-    """Trial.res = the same with all velocity terms that are linear in the deformation."""
+    """Trial.res with all velocity terms that are linear in the deformation."""
     parts, now, out, q, v = run.system.parts, run.work.now, run.work.trial.res, at.q, at.v
     for n in range(of.rows.shape[0]):
         body = parts.bodies[of.rows[n]]
@@ -169,7 +169,7 @@ def partial_inertia_forces(run: Run, of: Bodies, at: Point) -> int:
 
 @unit
 def put_undeformed_matrix(run: Run, i: int, at: Point, cv: float, cp: float, partial: int) -> int:
-    """dense.B = M + cv ∂F/∂v + cp ∂F/∂q of body i, but for the modal rows' velocity terms."""
+    """dense.B = M + cv ∂F/∂v + cp ∂F/∂q of body i, without velocity terms of the modal rows."""
     parts, now, B, vd = run.system.parts, run.work.now, run.work.dense.B, at.vd
     body, bn, pool, Z = parts.bodies[i], now.body[i], parts.pool, now.Z
     m, iv, flex, z, A = body["m"], body["iv"], body["flex"], body["z"], bn["A"]
@@ -198,7 +198,7 @@ def put_undeformed_matrix(run: Run, i: int, at: Point, cv: float, cp: float, par
 
 @kernel
 def _add_partial_columns(run, i, at, cv, cp, B):
-    """What the modes change in the force and moment, and the spin in the modal forces.
+    """Derivatives of force and moment by the modes, and of modal forces by ω'.
 
     As in `flexible_body`, with Z = P.
     """
@@ -288,9 +288,9 @@ def partial_matrix(run: Run, of: Bodies, at: Point, cv: float, cp: float) -> int
 
 @unit
 def undeformed_mass_product(run: Run, of: Bodies, at: Point) -> int:
-    """Factor.sol = M Trial.res of bodies with constant or partial coupling, which have the same M.
+    """Factor.sol = M Trial.res of bodies with constant or partial coupling.
 
-    They differ in J and c, which `prepare_partial` has changed.
+    M has the same form for both; J and c of partial coupling are those of `prepare_partial`.
     """
     for n in range(of.rows.shape[0]):
         put_undeformed_matrix(run, of.rows[n], at, 0.0, 0.0, 0)

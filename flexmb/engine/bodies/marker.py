@@ -5,14 +5,14 @@ arm ŝ that turns with its node; orientation A E R. With T = T(θ) the angular v
 is ω' + Tᵀ Φ_r η̇ and a wrench (f, τ) acts on (r, orientation, η) as
 (f, s × f' + τ', Φ_tᵀ f' + Φ_rᵀ T (τ' + E ŝ × f')), primes in body axes.
 
-Where the geometric stiffness of the body is known, s falls by ½ ηᵀ K_d η along the axis d, and Φ_t
-by ηᵀ K_d, K_d that of a unit force there: the same numbers are foreshortening and stiffening, so
-that no energy is made (Wallrapp & Schwertassek, IJNME 32 (1991) 1833).
+If the geometric stiffness of the body is known, s is reduced by ½ ηᵀ K_d η along the axis d, and
+Φ_t by ηᵀ K_d, with K_d that of a unit force at the marker. The same numbers give foreshortening and
+stiffening, so that energy is conserved (Wallrapp & Schwertassek, IJNME 32 (1991) 1833).
 
-Point markers are those whose place alone matters: their rows hold points together and nothing else.
-Such rows carry no moment and need no axes, so the position stage leaves out the turning of axes and
-the velocity stage the angular velocity; `axes` completes them where they are read, at outputs and
-for Python. The forces on them are those of `joints.point_joint`.
+Point markers are those of which only the position is needed: all their rows are point constraints.
+Such rows have no moment and need no axes. So the position stage does not compute axes, nor the
+velocity stage angular velocities; the stage `axes` adds them for outputs and for Python. The forces
+on point markers are those of `joints.point_joint`.
 Names: mk, mn one row of the marker tables (constant, now); body, bn likewise of a body.
 """
 
@@ -57,14 +57,14 @@ if TYPE_CHECKING:
 
 
 class Markers(NamedTuple):
-    """Markers of one sort."""
+    """Markers of one kind."""
 
     rows: Integers  # their rows in the table of markers
 
 
 @unit
 def place_rigid(run: Run, markers: Markers, at: Point) -> int:
-    """Position and orientation of the markers on rigid places and on ground."""
+    """Position and orientation of the markers on rigid bodies and on ground."""
     parts, now, q = run.system.parts, run.work.now, at.q
     rows, bodies, table = markers.rows, parts.bodies, parts.markers
     body_now, marker_now = now.body, now.marker
@@ -110,14 +110,14 @@ def place_flexible(run: Run, markers: Markers, at: Point) -> int:
 
 @kernel
 def _bend(mk, pool, q, o, m, phi):
-    """Φ_t − ηᵀ K_d of a marker at η = q[o:o+m], into phi (3 m,); behind it is room."""
+    """phi[:3m] = Φ_t − ηᵀ K_d of a marker at η = q[o:o+m]; the rest of phi is scratch."""
     copy(pool[mk["modes"] : mk["modes"] + 3 * m], phi)
     subtract_products(pool, mk["bend"], whole_vectors(3 * m), m, q, o, phi)
 
 
 @kernel
 def _bending_acceleration(mk, pool, v, o, m, phi):
-    """−η̇ᵀ K_d η̇ of a marker, η̇ = v[o:o+m]; in the room behind phi."""
+    """−η̇ᵀ K_d η̇ of a marker, η̇ = v[o:o+m]; uses the scratch behind phi."""
     n = whole_vectors(3 * m)
     zero(phi[n : 2 * n])
     subtract_products(pool, mk["bend"], n, m, v, o, phi[n:])
@@ -144,7 +144,7 @@ def _rigid_position(mk, mn, A, q, iq):
 
 @unit
 def move_rigid(run: Run, markers: Markers, at: Point) -> int:
-    """Velocity and angular velocity of the markers on rigid places, global axes."""
+    """Velocity and angular velocity of the markers on rigid bodies, global axes."""
     parts, now, v = run.system.parts, run.work.now, at.v
     rows, bodies, table = markers.rows, parts.bodies, parts.markers
     body_now, marker_now = now.body, now.marker
@@ -216,7 +216,7 @@ def bias_flexible(run: Run, markers: Markers, at: Point) -> int:
 
 @unit
 def bias_rigid(run: Run, markers: Markers, at: Point) -> int:
-    """Acceleration of the markers on rigid places at zero v̇, global axes: point, angular."""
+    """Acceleration of the markers on rigid bodies at zero v̇, global axes: point, angular."""
     parts, now, v = run.system.parts, run.work.now, at.v
     rows, bodies, table = markers.rows, parts.bodies, parts.markers
     for n in range(rows.shape[0]):
@@ -233,7 +233,7 @@ def bias_rigid(run: Run, markers: Markers, at: Point) -> int:
 
 @unit
 def clear_wrenches(run: Run, markers: Markers, at: Point) -> int:
-    """No wrench on any marker."""
+    """Set the wrenches of all markers to zero."""
     rows, marker_now = markers.rows, run.work.now.marker
     for n in range(rows.shape[0]):
         W = marker_now[rows[n]]["W"]
@@ -281,7 +281,7 @@ FLEXIBLE_MARKERS = Kind(
 
 @kernel
 def _prepare(table, marker_now, rows):
-    """What never changes: places of markers in their bodies, of those on ground at all."""
+    """Constants of a run: arms of markers in their bodies; positions of markers on ground."""
     for n in range(rows.shape[0]):
         mk, mn = table[rows[n]], marker_now[rows[n]]
         for a in range(3):
@@ -293,7 +293,7 @@ def _prepare(table, marker_now, rows):
 
 @unit
 def prepare_points(run: Run, markers: Markers, at: Point) -> int:
-    """What never changes in a run."""
+    """Set the constants of a run."""
     _prepare(run.system.parts.markers, run.work.now.marker, markers.rows)
     return SUCCESS
 
@@ -332,7 +332,7 @@ def move_points(run: Run, markers: Markers, at: Point) -> int:
 
 @unit
 def complete_points(run: Run, markers: Markers, at: Point) -> int:
-    """Axes and angular velocities of the markers too, as those of rigid markers."""
+    """Add axes and angular velocities of the markers, as those of rigid markers."""
     place_rigid(run, markers, at)
     return move_rigid(run, markers, at)
 
@@ -352,21 +352,21 @@ POINT_MARKERS = Kind(
 
 @dataclass
 class MarkerTable:
-    """Markers by index; equal ones share a row and the pool's numbers."""
+    """Table of markers under construction; equal markers share a row and its part of the pool."""
 
     bodies: list[str]
     pool: Pool
     rows: list[tuple[Any, ...]] = field(default_factory=list)
     numbers_of: dict[tuple[Any, ...], int] = field(default_factory=dict)
     modes: dict[bytes, int] = field(default_factory=dict)
-    framed: set[int] = field(default_factory=set)  # markers whose axes matter
+    framed: set[int] = field(default_factory=set)  # markers of which axes are needed
     numbers: dict[str, int] = field(init=False)  # of the bodies by name
 
     def __post_init__(self) -> None:
         self.numbers = {name: k for k, name in enumerate(self.bodies)}
 
     def add(self, marker: PlacedMarker, point: bool = False) -> int:
-        """Index of the marker; `point` if only its place matters to who asks."""
+        """Index of the marker; `point`: the caller needs only its position."""
         row = self._row(marker)
         body, modes, bend, rho, arm, R = row
         key = body, modes, bend, rho.tobytes(), arm.tobytes(), R.tobytes()
@@ -378,7 +378,7 @@ class MarkerTable:
         return self.numbers_of[key]
 
     def frame_together(self, pairs: Sequence[tuple[int, int]]) -> None:
-        """Let the axes of both markers of a pair matter where those of one do."""
+        """If the axes of one marker of a pair are needed, mark those of the other as well."""
         partners: dict[int, set[int]] = {}
         for i, j in pairs:
             partners.setdefault(i, set()).add(j)
@@ -391,7 +391,7 @@ class MarkerTable:
             waiting.extend(new)
 
     def add_unshared(self, marker: PlacedMarker) -> int:
-        """Index of a row for this marker that no other shares: one that slides along a curve."""
+        """Index of a new row for this marker alone, as for one that slides along a curve."""
         self.rows.append(self._row(marker))
         self.framed.add(len(self.rows) - 1)
         return len(self.rows) - 1
@@ -400,7 +400,7 @@ class MarkerTable:
         body = self.numbers.get(marker.body, -1)
         modes = self._modes(marker)
         rho, arm = marker.rho, marker.arm
-        if modes < 0:  # what no mode moves is one rigid place
+        if modes < 0:  # no mode moves it
             rho, arm = marker.position, np.zeros(3)
         return body, modes, self._bend(marker) if modes >= 0 else -1, rho, arm, marker.R
 
@@ -409,7 +409,7 @@ class MarkerTable:
         return self.rows[marker][0]
 
     def on_ground(self) -> NDArray[np.float64]:
-        """Positions (n, 3) of those on the ground so far."""
+        """Positions (n, 3) of the markers on ground so far."""
         return np.array([row[3] for row in self.rows if row[0] < 0]).reshape(-1, 3)
 
     def _modes(self, marker: PlacedMarker) -> int:

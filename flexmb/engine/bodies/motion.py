@@ -1,9 +1,10 @@
-"""How positions move: q ∘ exp(δ), q̇ = N(q) v, and the state within an accepted step.
+"""Kinematics of the coordinates: q ∘ exp(δ), q̇ = N(q) v, and dense output of a step.
 
-The only place that knows the orientation part. Dense output is a cubic Hermite interpolation of the
-motion from the start of the step, from values and rates at both ends; of orientations that is the
-rotation vector ψ(s), with ψ̇ = T(ψ)⁻¹ ω' at the ends. Its error is of order h⁴; of a method that
-knows the next term, `Trial.dense_correction` times s² (1 − s)², of order h⁵.
+This is the only module that depends on the representation of orientations. Dense output is a cubic
+Hermite interpolation of the displacement from the start of the step, with values and rates at both
+ends; for orientations it is the rotation vector ψ(s), with ψ̇ = T(ψ)⁻¹ ω' at the ends. Its error is
+of order h⁴. A method that provides the next term, `Trial.dense_correction` times s² (1 − s)², has
+order h⁵.
 """
 
 from __future__ import annotations
@@ -27,15 +28,16 @@ from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import Run
 from flexmb.engine.tables import Parts
 
-# Corrections of this size, relative to a position or a driven motion, are round-off.
+# Corrections of this size, relative to a position or to the value of a driver, are round-off.
 RELATIVE_ROUND_OFF = 1e-15
-# Turn of a body in a step, rad; a larger one must be explained to one half by its angular velocity.
+# Rotation of a body in a step that is always accepted, rad. A larger one must not exceed twice the
+# rotation that the angular velocities at both ends give.
 _MAX_ROTATION = 1.5
 
 
 @unit
 def move(parts: Parts, q: Vector, dq: Vector, out: Vector) -> int:
-    """out = q ∘ exp(dq): translations and modes add, rotation vectors act on the right."""
+    """out = q ∘ exp(dq): translations and modes are added, rotations multiplied from the right."""
     bodies, coordinates = parts.bodies, parts.coordinates
     for k in range(coordinates.shape[0]):
         out[coordinates[k]["iq"]] = q[coordinates[k]["iq"]] + dq[coordinates[k]["iv"]]
@@ -74,7 +76,7 @@ def position_rate(parts, q, v, out):
 
 @kernel
 def motion_of_rate(parts, q, rate, out):
-    """out (nv): the velocities whose N(q) v is nearest to rate (nq)."""
+    """out (nv): the velocities v for which N(q) v is nearest to rate (nq)."""
     coordinates = parts.coordinates
     for k in range(coordinates.shape[0]):
         out[coordinates[k]["iv"]] = rate[coordinates[k]["iq"]]
@@ -105,10 +107,11 @@ def normalise(bodies, q):
 
 @unit
 def put_dq_round_off(run: Run) -> int:
-    """Put the weighted round-off of a correction of each coordinate in Trial.dq_round_off.
+    """Set Trial.dq_round_off: size of a correction of each coordinate that is round-off, weighted.
 
-    The largest of four: its value at the first pose (State.first_places); relative round-off of the
-    driver functions, where a driver acts; of the displacement so far; of the present position.
+    It is the largest of four: its value at the first pose (State.first_places); the round-off of
+    the driver functions, where a driver acts; that of the displacement so far; and that of the
+    present position.
     """
     st, tr, bodies, rows = run.state, run.work.trial, run.system.parts.bodies, run.system.rows
     coordinates = run.system.parts.coordinates
@@ -128,15 +131,18 @@ def put_dq_round_off(run: Run) -> int:
             places[o + a] = max(places[o + a], far)
     for k in range(coordinates.shape[0]):
         o, far = coordinates[k]["iv"], RELATIVE_ROUND_OFF * abs(st.q[coordinates[k]["iq"]])
-        state = coordinates[k]["state"] == 1  # its place is an integral that nothing depends on
+        state = coordinates[k]["state"] == 1  # its position is an integral that no force needs
         places[o] = first[0, o] if state else max(places[o], far * weights[o])
     return SUCCESS
 
 
 @kernel
 def put_q_round_off(parts, q, dq):
-    """Round-off of each coordinate at a pose q, into dq (nv). A rotation has that of the position
-    of its body over the distance of the farthest marker, at least the relative round-off."""
+    """Set dq (nv) to the round-off of each coordinate at a pose q.
+
+    That of a rotation is the round-off of the position of the body over the distance of its
+    farthest marker, and at least `RELATIVE_ROUND_OFF`.
+    """
     bodies, markers, coordinates = parts.bodies, parts.markers, parts.coordinates
     zero(dq)
     for k in range(markers.shape[0]):
@@ -158,10 +164,11 @@ def put_q_round_off(parts, q, dq):
 
 @kernel
 def rotates_too_far(run, h):
-    """Whether a step has turned a body by more than its speeds at both ends tell.
+    """Whether a step has rotated a body by far more than its velocities at both ends give.
 
-    Dot products of axes, by which joints hold orientations, vanish for other turns too, and
-    corrections may end at one of them. So does the angle that follows a joint, whole turns away.
+    Joints constrain orientations by dot products of axes, which vanish for several orientations:
+    Newton's method may converge to a wrong one. An angle coordinate that follows a joint may be
+    wrong by full turns.
     """
     st, tr, bodies = run.state, run.work.trial, run.system.parts.bodies
     for k in range(bodies.shape[0]):
@@ -184,7 +191,7 @@ def rotates_too_far(run, h):
 
 @kernel
 def max_over_round_off(run, dq):
-    """The largest of dq (nv) over what of its coordinate is round-off; NaN counts as largest."""
+    """The largest ratio of dq (nv) to the round-off of its coordinate; NaN counts as largest."""
     places, weights, most = run.work.trial.dq_round_off, run.system.weights, 0.0
     for i in range(dq.shape[0]):
         s = abs(dq[i]) * weights[i]
@@ -206,7 +213,7 @@ def hermite(s, h, y0, y1, d0, d1):
 
 @kernel
 def interpolate_step(run, share):
-    """Put q, v and works at a share of the last accepted step into the trial state."""
+    """Put q, v and works at a fraction of the last accepted step into the trial state."""
     st, tr, before, parts = run.state, run.work.trial, run.work.trial.before, run.system.parts
     h, both = st.t[0] - before.t[0], share * (1.0 - share)
     put_motion(run, share, tr.dq, tr.v)
@@ -226,28 +233,28 @@ def interpolate_step(run, share):
 
 @kernel
 def put_motion(run, share, u, rate):
-    """Motion (nv,) from the start of the last accepted step, and its rate, by the cubics."""
+    """Displacement u (nv) from the start of the last accepted step, and its rate, by cubics."""
     st, before, parts = run.state, run.work.trial.before, run.system.parts
     h = st.t[0] - before.t[0]
     for k in range(parts.bodies.shape[0]):
         iq, iv = parts.bodies[k]["iq"], parts.bodies[k]["iv"]
         for i in range(3):
-            _put_hermite(st, before, h, share, iq + i, iv + i, u, rate)
+            _interpolate_coordinate(st, before, h, share, iq + i, iv + i, u, rate)
         turn = rotation_vector(before.q, iq + 3, st.q, iq + 3)
         first, last = part(before.v, iv + 3), rotation_rate(turn, part(st.v, iv + 3))
         for i in range(3):
             o = iv + 3 + i
             u[o], rate[o] = hermite(share, h, 0.0, turn[i], first[i], last[i])
         for i in range(parts.bodies[k]["m"]):
-            _put_hermite(st, before, h, share, iq + 7 + i, iv + 6 + i, u, rate)
+            _interpolate_coordinate(st, before, h, share, iq + 7 + i, iv + 6 + i, u, rate)
     for k in range(parts.coordinates.shape[0]):
         own = parts.coordinates[k]
-        _put_hermite(st, before, h, share, own["iq"], own["iv"], u, rate)
+        _interpolate_coordinate(st, before, h, share, own["iq"], own["iv"], u, rate)
 
 
 @kernel
-def _put_hermite(st, before, h, share, iq, iv, u, rate):
-    """Of one coordinate that adds."""
+def _interpolate_coordinate(st, before, h, share, iq, iv, u, rate):
+    """Displacement and rate of one coordinate that is no rotation."""
     moved = st.q[iq] - before.q[iq]
     u[iv], rate[iv] = hermite(share, h, 0.0, moved, before.v[iv], st.v[iv])
 

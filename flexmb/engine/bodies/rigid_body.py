@@ -5,14 +5,14 @@ With c = ∫ρ x, J = tr(S) I − S, S_ab = ∫ρ x_a x_b and a' = Aᵀ(r̈ − 
     force    m (r̈ − g) + A (ω̇'×c + ω'×(ω'×c) + 2 ω'×(p η̇) + p η̈)
     moment   c × a' + J ω̇' + ω'×J ω'
 
-The terms of p are those of flexible bodies (`flexible_body`), whose modal rows stand there. Gravity
-enters as an acceleration of the frame, so it needs no force of its own. Columns and rows of the
-tangents follow v of the body, (r, ω', η).
+The terms with p are those of flexible bodies (`flexible_body` has their modal rows). Gravity is an
+acceleration of the frame, so it is no separate force. Rows and columns of the tangents are in the
+order of v of the body, (r, ω', η).
 
-In a planar model a rigid body has three coordinates: it moves along two global axes a, b and turns
-about the normal, which is ± its own axis k; i, j are its other axes, (i, j, k) cyclic. With
-w = ω'_k and e = ω̇'_k its inertia force is the one above with all other components zero.
-Coordinates out of the plane stay as they are, and their residual is zero.
+In a planar model a rigid body has three coordinates: displacements along two global axes a, b and
+the rotation about the normal, which is ± its own axis k; i, j are its other axes, (i, j, k) cyclic.
+With w = ω'_k and e = ω̇'_k its inertia force is the one above with all other components zero.
+Coordinates out of the plane are constant, and their residual is zero.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 
 class Bodies(NamedTuple):
-    """Bodies of one sort; other records of bodies begin with the same field."""
+    """Bodies of one kind; other records of bodies begin with the same field."""
 
     rows: Integers  # their rows in the table of bodies
 
@@ -230,7 +230,7 @@ def body_weight(parts, now, q, i):
 
 @unit
 def frame_energy(run: Run, i: int, what: int, at: Point) -> float:
-    """Kinetic energy (0), without what modes add, or gravity energy (2) of one body, J."""
+    """Kinetic energy (0) without that of modes, or gravity energy (2) of one body [J]."""
     if what == 0:
         return rigid_kinetic(run.system.parts, run.work.now, at.v, i)
     return body_weight(run.system.parts, run.work.now, at.q, i)
@@ -294,7 +294,7 @@ def planar_inertia_forces(run: Run, of: PlanarBodies, at: Point) -> int:
 
 @unit
 def planar_matrix(run: Run, of: PlanarBodies, at: Point, cv: float, cp: float) -> int:
-    """Add M + cv ∂F/∂v + cp ∂F/∂q in the plane; columns are those along a, b, and the turn."""
+    """Add M + cv ∂F/∂v + cp ∂F/∂q in the plane; columns: along a, along b, rotation."""
     parts, body_now, factor, rows = run.system.parts, run.work.now.body, run.work.factor, of.rows
     bodies, g, v, vd, panels = parts.bodies, parts.gravity, at.v, at.vd, run.system.kkt.panels
     a, b, about, low, up = of.plane[0], of.plane[1], of.about, factor.low, factor.up

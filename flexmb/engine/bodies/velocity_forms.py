@@ -1,12 +1,13 @@
-"""Coriolis and centrifugal forces on the modes where they are linear in the deformation.
+"""Coriolis and centrifugal forces on the modes: their part that is linear in the deformation.
 
-With B = ω̃ω̃ and the integrals of `flexible_body`
+With B = ω̃ω̃ and the mass integrals M_bc of `flexible_body` the generalised forces are
 
-    forces   Σ B_bc M_bc η − 2 Σ ω'_k G_k η̇
+    Σ B_bc M_bc η − 2 Σ ω'_k G_k η̇
 
-Kept are `forms`: S_x = M_yy + M_zz and G_x = M_yz − M_zy, the like about y and z, M_xy + M_yx and
-cyclic. What turns about one axis of the body, as in planar motion, needs one pair of these; else
-their sums are made once and read by the iterations of a step.
+The pool stores them as `forms`: symmetric ones S_x = M_yy + M_zz and M_xy + M_yx, skew ones G_x =
+M_yz − M_zy, and the same by cyclic permutation. A rotation about one axis of the body, as in planar
+motion, needs one pair (S, G). Otherwise the weighted sums of the forms are computed once in a step
+and used in all its iterations.
 """
 
 from __future__ import annotations
@@ -37,48 +38,51 @@ from flexmb.engine.bodies.flexible_body import least_turn
 from flexmb.engine.jit import kernel
 from flexmb.engine.tables import whole_vectors
 
-# Change of the angular velocity within the iterations of a step, relative, up to which the sums of
-# forms are reused. The prediction of a step is off by some ten local errors: what this leaves is
-# below the local error, and falls with it.
+# Relative change of the angular velocity between the iterations of a step up to which the sums of
+# forms are reused. The predicted velocity is wrong by about ten local errors; so the error of an
+# old sum is below the local error and decreases with it.
 _REUSE_TOLERANCE = 1e-5
 
 
 @kernel
 def place_of_inertia_change(body):
-    """Place in the pool of ∂J/∂η: xx, yy, zz, xy, yz, zx (6, m)."""
+    """Index in the pool of ∂J/∂η: xx, yy, zz, xy, yz, zx (6, m)."""
     return body["flex"] + 12 * body["m"] + 3 * body["m"] * body["m"]
 
 
 @kernel
 def place_of_pairs(body):
-    """Place in the pool of the forms behind it."""
+    """Index in the pool of the forms, which follow ∂J/∂η."""
     return body["flex"] + whole_vectors(18 * body["m"] + 3 * body["m"] * body["m"])
 
 
 @kernel
-def _shares_of_forms(a, b):
-    """What the symmetric forms of the pool count in ½ Σ_bc (ã b̃ + b̃ ã)_bc M_bc."""
+def _form_weights(a, b):
+    """Weights (6) of the symmetric forms of the pool in ½ Σ_bc (ã b̃ + b̃ ã)_bc M_bc."""
     xy, yz, zx = a[0] * b[1] + a[1] * b[0], a[1] * b[2] + a[2] * b[1], a[2] * b[0] + a[0] * b[2]
     return -a[0] * b[0], -a[1] * b[1], -a[2] * b[2], 0.5 * xy, 0.5 * yz, 0.5 * zx
 
 
 @kernel
 def _place_of_forms(body):
-    """Place in Z of what `tables.deformation_room` lists; numbers of a form, modes with padding."""
+    """Index in Z of the sums of forms (`tables.deformation_room`); size of a form, padded modes."""
     size, padded = size_of_form(body["m"])
     return body["z"] + whole_vectors(12 * body["m"]), size, padded
 
 
 @kernel
 def _has_one_axis(om):
-    """Whether a body turns about one of its axes alone."""
+    """Whether a body rotates about only one of its axes."""
     least = least_turn(om)
     return (abs(om[0]) > least) + (abs(om[1]) > least) + (abs(om[2]) > least) == 1
 
 
 @kernel
-def _turns_as_before(forms, at, iteration, om):
-    """Whether the forms are those of the first iteration of this step, with such a velocity."""
+def _can_reuse_forms(forms, at, iteration, om):
+    """Whether the sums of this step's first iteration hold for the angular velocity `om` too.
+
+    If not, `om` is stored as the one that the new sums are for.
+    """
     allowed, same = _REUSE_TOLERANCE * (abs(om[0]) + abs(om[1]) + abs(om[2])), iteration > 0.0
     for k in range(3):
         same = same and abs(om[k] - forms[at + k]) <= allowed
@@ -89,7 +93,7 @@ def _turns_as_before(forms, at, iteration, om):
 
 @kernel
 def _put_form_product(T, forms, size, padded, m):
-    """The product of the two forms of T with coordinates and rates of the modes, in two parts."""
+    """Product of the two forms of T with η and η̇, which are in `forms`; two parts to be added."""
     x, y, out = forms[2 * size :], forms[2 * size + padded :], forms[2 * size + 2 * padded :]
     zero(x[m:padded])
     zero(y[m:padded])
@@ -101,17 +105,19 @@ def _put_form_product(T, forms, size, padded, m):
 def add_velocity_forces(body, now, q, v, om, pool, out):
     """Modal rows += (Σ B_bc M_bc) η − 2 Σ ω'_k G_k η̇.
 
-    Where the body hardly leaves one axis, what the others add is that of a step's first iteration.
+    If a body rotates almost only about one of its axes, the forms of that axis are multiplied in
+    each iteration. The small contribution of the other forms is computed in the first iteration of
+    a step only, and is used in the others without change.
     """
     m, o, eta = body["m"], body["iv"] + 6, body["iq"] + 7
     at_pool = place_of_pairs(body)
     at_forms, size, padded = _place_of_forms(body)
     forms = now.Z[at_forms:]
     x, y, product = forms[2 * size :], forms[2 * size + padded :], 2 * size + 2 * padded
-    same = _turns_as_before(forms, product + 2 * padded, now.iteration[0], om)
+    same = _can_reuse_forms(forms, product + 2 * padded, now.iteration[0], om)
     first = part(forms, product + 2 * padded)
-    axis = leading_form(_shares_of_forms(first, first))
-    f, w = _shares_of_forms(om, om), times(-2.0, om)
+    axis = leading_form(_form_weights(first, first))
+    f, w = _form_weights(om, om), times(-2.0, om)
     copy(q[eta : eta + m], x)
     copy(v[o : o + m], y)
     if axis < 0:
@@ -136,7 +142,7 @@ def add_velocity_forces(body, now, q, v, om, pool, out):
 
 @kernel
 def add_inertia_rate(body, pool, v, om, out):
-    """Moment rows += J̇ ω' and modal rows −= ½ ω'ᵀ (∂J/∂η) ω', by the six rows of ∂J/∂η."""
+    """Moment rows += J̇ ω' and modal rows −= ½ ω'ᵀ (∂J/∂η) ω', from the six rows of ∂J/∂η."""
     m, o, x, y, z = body["m"], np.uintp(body["iv"] + 6), 0.0, 0.0, 0.0
     xx = np.uintp(place_of_inertia_change(body))
     yy, zz, xy = xx + np.uintp(m), xx + np.uintp(2 * m), xx + np.uintp(3 * m)
@@ -154,19 +160,19 @@ def add_inertia_rate(body, pool, v, om, out):
 
 @kernel
 def add_velocity_block(body, pool, q, v, cv, cp, Z, B):
-    """Modal rows: cp Σ B_bc M_bc − 2 cv Σ ω_b G_b, and what M_bc adds in the columns of ω'."""
+    """Modal rows of B += cp Σ B_bc M_bc − 2 cv Σ ω_b G_b, and cv times the derivative by ω'."""
     m, o, eta = body["m"], body["iv"] + 6, body["iq"] + 7
     at, om = place_of_pairs(body), part(v, body["iv"] + 3)
-    f = _shares_of_forms(om, om)
+    f = _form_weights(om, om)
     at_forms, size, padded = _place_of_forms(body)
     forms = Z[at_forms:]
-    forms[2 * size + 4 * padded] = math.inf  # they become others
+    forms[2 * size + 4 * padded] = math.inf  # the stored sums are overwritten: no reuse
     shares = (cp * f[0], cp * f[1], cp * f[2], cp * f[3], cp * f[4], cp * f[5])
     combine_forms(pool, at, size, shares, times(-2.0 * cv, om), forms)
     add_pair_to_block(forms, size, m, padded, B, 6)
     for d in range(3):
         axis = axis_vector(d)
-        combine_forms(pool, at, size, _shares_of_forms(om, axis), times(-1.0, axis), forms)
+        combine_forms(pool, at, size, _form_weights(om, axis), times(-1.0, axis), forms)
         copy(q[eta : eta + m], forms[2 * size :])
         copy(v[o : o + m], forms[2 * size + padded :])
         _put_form_product(forms, forms, size, padded, m)

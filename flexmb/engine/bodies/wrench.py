@@ -1,8 +1,8 @@
-"""Wrenches at markers: how they act on the coordinates of a body, and the tangents of that.
+"""Wrenches at markers: their generalised forces on bodies, and the tangents of these.
 
-A wrench w of (force, moment) in global axes acts as Jᵀ w. The derivative of Jᵀ w has two parts:
-Jᵀ H J, H the change of the wrenches with the motion of the markers, and the change of J at
-constant w: the moment arms turn and deform.
+A wrench w = (force, moment) in global axes has the generalised force Jᵀ w. Its derivative has two
+parts: Jᵀ H J, with H the derivative of the wrench by the motion of the markers; and the derivative
+of J at constant w, since the moment arms rotate and deform.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def add_modal_forces(
     out: Vector,
     o: int,
 ) -> int:
-    """out[o:o+m] += what a force and a moment in body axes on marker k do to the modes."""
+    """out[o:o+m] += modal forces of a force and a moment on marker k, in body axes."""
     mk, mn = parts.markers[k], now.marker[k]
     m = parts.bodies[mk["body"]]["m"]
     at, pool = mk["modes"], parts.pool
@@ -186,19 +186,19 @@ def add_moment_arm(parts: Parts, now: Now, k: int, w: Vector, i: int, f: float, 
 
 @kernel
 def _add_modal_arm(mk, mn, pool, phi, m, force, moment, B):
-    """Rows and columns of the modes: Φ_t, the tangent T(θ) and the arm all move with η.
+    """Rows and columns of the modes: Φ_t, the tangent T(θ) and the arm depend on η.
 
-    Where the marker bends, its Φ_t falls by ηᵀ K_d: a force stiffens the modes by Σ f'_d K_d.
+    With geometric stiffness, Φ_t is reduced by ηᵀ K_d: a force stiffens the modes by Σ f'_d K_d.
     """
     o, arm = mk["modes"] + 3 * m, triple(mn["arm"])
     whole = plus(moment, 1.0, cross(arm, force))
     for c in range(m):
         point, turning = _modal_column(mk, mn, pool, phi, m, c)
-        # moment row: δs × f'; modal rows, δθ': f' and τ' turn with the body
+        # moment row: δs × f'; modal rows, δθ': f' and τ' rotate relative to the body
         change = cross(point, force)
         add_column(B, 3, 6 + c, 1.0, change)
         add_part(B[6 + c], 3, 1.0, plus(change, 1.0, cross(turning, moment)))
-        # modal rows, δη: the arm turns, and T(θ) changes
+        # modal rows, δη: the arm rotates, and T(θ) changes
         change = turned(mn["T"], cross(cross(turning, arm), force))
         slope = _tangent_slope(mn, mode_vector(pool, o + c, m), whole)
         x, y, z = plus(change, 1.0, slope)
@@ -222,7 +222,7 @@ def _tangent_slope(mn, r, m):
 def add_marker_tangent(run: Run, k: int, side: int, f: float) -> int:
     """Add f Jᵀ H J of marker k, one end of a pair, to its body; returns 6 + m.
 
-    H (12, 12) is in dense.H, J is left in dense.J[side].
+    H (12, 12) is in dense.H; J is stored in dense.J[side].
     """
     parts, d = run.system.parts, run.work.dense
     b = parts.markers[k]["body"]
@@ -270,8 +270,8 @@ def add_moment_arms(run: Run, i: int, j: int, f: float) -> int:
 def add_rate_tangent(run: Run, n: int, f: float) -> int:
     """Add f Σ X_r U_rᵀ, r < n, to dense.H (12, 12).
 
-    Of wrench pairs Σ X_r (U_r·V) that follow rates: V (12) holds the velocities of both markers,
-    X_r and U_r are rows of dense.X and dense.U.
+    It is the tangent of wrench pairs Σ X_r (U_r·V) that depend on rates U_r·V. V (12) are the
+    velocities of both markers; X_r and U_r are rows of dense.X and dense.U.
     """
     X, U, H = run.work.dense.X, run.work.dense.U, run.work.dense.H
     for r in range(12):
@@ -287,9 +287,9 @@ def add_rate_tangent(run: Run, n: int, f: float) -> int:
 def add_rate_arms(run: Run, v: Vector, i: int, j: int, link: int, n: int, f: float) -> int:
     """Add f Jᵀ Σ X_r ∂(U_r·V)/∂q, r < n; J of markers i and j is in dense.J.
 
-    At constant velocities v of the bodies V changes, while the moment arms do. Rows of dense.T:
-    Jᵀ X_r of the two bodies, from 12 on ∂(U_r·V)/∂q, which is vᵀ times the tangent of the moment
-    arms of U_r.
+    At constant velocities v of the bodies, V changes with the moment arms. Rows of dense.T: Jᵀ X_r
+    of the two bodies; from row 12 on ∂(U_r·V)/∂q, which is vᵀ times the tangent of the moment arms
+    of U_r.
     """
     parts, d = run.system.parts, run.work.dense
     T, B, X = d.T, d.B, d.X

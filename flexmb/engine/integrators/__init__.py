@@ -1,5 +1,5 @@
-"""The methods that a scene can name, one in a file.
+"""The integration methods that a scene can name, one in a file.
 
-A method is a file here with a table `METHODS`, and a line of words in `model.scenes.dynamics`; the
-contract is in `engine.method`; `engine.entries` finds them.
+A method is a file here with a table `METHODS`, and an entry in `model.scenes.dynamics` with its
+options. `engine.method` has the contract; `engine.method_selection` finds the files.
 """

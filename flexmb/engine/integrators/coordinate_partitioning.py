@@ -1,14 +1,15 @@
 """Generalised coordinate partitioning, by explicit Runge–Kutta on the independent coordinates.
 
-The coordinates of a step are the motions x from its start, rotations as rotation vectors. Complete
-pivoting of Cq splits them: columns of pivots are dependent coordinates u, the rest are independent
-ones w (Wehage & Haug, J. Mech. Des. 104 (1982) 247). Only w and its velocities are integrated; at
-every stage Newton's method finds u from C = 0 with w fixed, Cq v + C_t = 0 gives the dependent
-velocities, and the augmented equations the accelerations. Rows that repeat others have no pivot and
-no coordinate of their own. The choice is renewed where the equations for u become ill-conditioned:
-at a stretched or flat pose other coordinates must lead.
+The coordinates of a step are the displacements x from its start, rotations as rotation vectors.
+Complete pivoting of Cq splits them: the columns of the pivots are the dependent coordinates u, the
+others the independent ones w (Wehage & Haug, J. Mech. Des. 104 (1982) 247). Only w and its
+velocities are integrated. At every stage Newton's method solves C = 0 for u at fixed w;
+Cq v + C_t = 0 gives the dependent velocities, and the augmented equations the accelerations.
+Redundant rows have no pivot and determine no coordinate. The partition is renewed when the
+equations for u become ill-conditioned, as near a stretched or flat pose.
 
-Changes of u alone come from the matrix [[W, Cqᵀ], [Cq, −ε]] with a metric W that is heavy for w.
+Corrections of u alone are solved for with [[W, Cqᵀ], [Cq, −ε]], where the metric W is very large
+for w.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ from flexmb.engine.integrators.explicit_rk import (
     put_slopes,
     tableau_of,
 )
-from flexmb.engine.iteration_matrix import keep_diagonal, least_pivot, put_metric
+from flexmb.engine.iteration_matrix import least_pivot, put_metric, store_diagonal
 from flexmb.engine.jit import Vector, kernel, unit
 from flexmb.engine.joints.constraint import constraint_jacobian, put_constraint_matrix
 from flexmb.engine.method import NO_CONVERGENCE, NO_PARTITION, NOT_FINITE, SUCCESS, Method
@@ -56,15 +57,18 @@ from flexmb.engine.state import Point, Run
 if TYPE_CHECKING:
     from flexmb.model.scenes.dynamics import DynamicsSpec
 
-# Pivots of Cq over the first one: below the first limit a row repeats others, up to inaccuracies of
-# scenes (`analysis.mobility` refuses more before the run); below the second the pose is singular.
-_RANK, _SINGULAR = 1e-8, 1e-7
+# Pivots of Cq over the largest one: below the first limit a row is redundant, up to inaccuracies of
+# scenes (`analysis.mobility` refuses larger ones before a run); below the second the pose is
+# singular.
+_RANK_PIVOT, _SINGULAR_PIVOT = 1e-8, 1e-7
 # Weight of independent coordinates in the metric.
 _INDEPENDENT_WEIGHT = 1e10
-# The choice is renewed where the least pivot of the rows has fallen to this share.
+# The partition is renewed when the least pivot of the rows has fallen to this share of its value at
+# the selection.
 _POOR_PIVOT = 0.2
 _MAX_ITERATIONS = 12
-# Corrections this small, relative to the model, are round-off; and these, if they do not shrink.
+# Corrections over the size of the model that are round-off; and those that are, if they no longer
+# decrease.
 _ROUND_OFF, _NOISE = 1e-14, 1e-11
 _STAGNANT = 0.3
 
@@ -99,7 +103,7 @@ def step(run: Run, tableau: Tableau, h: float) -> int:
 
 @unit
 def choose_independent(run: Run, at: Point) -> int:
-    """Split the coordinates at a point; returns NO_PARTITION where that is ambiguous."""
+    """Select the independent coordinates at a point; returns NO_PARTITION at a singular pose."""
     split, con, weights = run.work.partition, run.work.con, run.system.weights
     free, metric, J, done = split.free, split.metric, split.jacobian, con.rate
     nc, nv = J.shape[0], J.shape[1]
@@ -116,13 +120,13 @@ def choose_independent(run: Run, at: Point) -> int:
     for _ in range(min(nc, nv)):
         row, column, size = _largest(J, done, free)
         first = max(first, size)
-        if not size > _RANK * first:
+        if not size > _RANK_PIVOT * first:
             break
         least = size / first
         rank += 1
         free[column], done[row] = 1.0, 1.0
         _eliminate(J, done, row, column)
-    if least < _SINGULAR or rank < split.rank[0]:
+    if least < _SINGULAR_PIVOT or rank < split.rank[0]:
         return NO_PARTITION
     for i in range(nv):
         if free[i] == 0.0:
@@ -135,7 +139,7 @@ def choose_independent(run: Run, at: Point) -> int:
 
 @kernel
 def _put_jacobian(run):
-    """Cq of the present matrix, each row and column without unit."""
+    """Store the present Cq with dimensionless rows and columns."""
     kkt, fac, sys = run.system.kkt, run.work.factor, run.system
     J, place, x, y = run.work.partition.jacobian, kkt.place, fac.rhs, fac.tmp
     nc, nv = J.shape[0], J.shape[1]
@@ -152,7 +156,7 @@ def _put_jacobian(run):
 
 @kernel
 def _largest(J, done, free):
-    """Row, column and size of the largest entry where there was no pivot yet."""
+    """Row, column and absolute value of the largest entry in rows and columns without a pivot."""
     row, column, size = 0, 0, 0.0
     for r in range(J.shape[0]):
         if done[r] == 0.0:
@@ -164,7 +168,7 @@ def _largest(J, done, free):
 
 @kernel
 def _eliminate(J, done, row, column):
-    """Take the pivot row from all rows that are left."""
+    """Eliminate the pivot column from all rows without a pivot."""
     for r in range(J.shape[0]):
         if done[r] == 0.0:
             f = J[r, column] / J[row, column]
@@ -181,10 +185,10 @@ def _factorise(run: Run, at: Point, turned: bool) -> int:
     zero(low)
     fac.symmetric[0] = 1
     put_metric(parts, kkt, split.metric, low)
-    keep_diagonal(kkt.panels, low, fac.diagonal)
+    store_diagonal(kkt.panels, low, fac.diagonal)
     constraint_jacobian(run)
     if turned:
-        _turn_rows(parts, run.system.rows, run.work.dense.jac, split.motion)
+        _transform_rotations(parts, run.system.rows, run.work.dense.jac, split.motion)
     put_constraint_matrix(run, at)
     copy(low, low0)
     fac.replaced[0] = ldl.factor(kkt, fac)
@@ -192,8 +196,8 @@ def _factorise(run: Run, at: Point, turned: bool) -> int:
 
 
 @kernel
-def _turn_rows(parts, rows, jac, motion):
-    """Rows for changes of rotation vectors, by T(θ)."""
+def _transform_rotations(parts, rows, jac, motion):
+    """Multiply the rotation columns of the rows by T(θ): for changes of rotation vectors."""
     bodies, markers = parts.bodies, parts.markers
     for k in range(rows.shape[0]):
         for side in range(2):
@@ -209,7 +213,7 @@ def _turn_rows(parts, rows, jac, motion):
 
 @kernel
 def _evaluate_stage(run, tableau, q, v, t, s, h):
-    """Slopes of stage s of a step h from (t, q, v); leaves its state in the trial state."""
+    """Rates of stage s of a step h from (t, q, v); the stage becomes the trial state."""
     tr, parts, x = run.work.trial, run.system.parts, run.work.partition.motion
     zero(x)
     add_slopes(tr.stages, 0, tableau.A[s], s, x)
@@ -231,7 +235,7 @@ def _evaluate_stage(run, tableau, q, v, t, s, h):
 
 @unit
 def _solve_positions(run: Run, q: Vector) -> int:
-    """Dependent coordinates of the trial state from C = 0, q that of the start of the step."""
+    """Dependent coordinates of the trial state from C = 0; q is that of the start of the step."""
     split, fac, kkt, at = run.work.partition, run.work.factor, run.system.kkt, run.trial_point
     C, x, free, sol, place = run.work.con.C, split.motion, split.free, fac.sol, kkt.place
     last = math.inf
@@ -279,7 +283,7 @@ def _solve_velocities(run: Run) -> int:
 
 @kernel
 def _solve_rows(kkt, fac, gaps, nv):
-    """fac.sol: the least change that closes the gaps of the rows."""
+    """fac.sol: the correction of least norm that removes the violations of the rows."""
     sol, place = fac.sol, kkt.place
     for i in range(nv):
         sol[place[i]] = 0.0
@@ -299,7 +303,7 @@ def _put_rates(bodies, x, v, out):
 
 @unit
 def interpolate(run: Run, tableau: Tableau, share: float) -> int:
-    """Positions and velocities at a share of the last accepted step, into the trial state."""
+    """Positions and velocities at a fraction of the last accepted step, into the trial state."""
     tr, before, x = run.work.trial, run.work.trial.before, run.work.partition.motion
     h = run.state.t[0] - before.t[0]
     count, weights, nq = tableau.c.shape[0], tr.shares, before.q.shape[0]

@@ -1,19 +1,18 @@
 """Explicit Runge–Kutta of high order on the index-1 form, one step, or Baumgarte's method.
 
 Every stage solves [[M, Cqᵀ], [Cq, −ε]] (v̇; λ) = (Q; γ) and integrates q̇ = N(q) v, v̇ as one vector
-(q, v); the Euler parameters of a stage are normalised before it is evaluated. A stage leaves the
-rates of positions, velocities and works in a row of `Trial.stages`. After the step positions and
-velocities are put on the constraints, and the accelerations there are the first stage of the next
-step. For scenes without stiff forces. Tableaux, error estimates and dense output are those of
-SciPy's `DOP853` and `RK45`: Dormand & Prince 8(5,3) and 5(4) (Hairer, Nørsett & Wanner, Solving
+(q, v); the Euler parameters of a stage are normalised before it is evaluated. A stage stores the
+rates of positions, velocities and works in a row of `Trial.stages`. After the step, positions and
+velocities are projected onto the constraints, and the accelerations there are the first stage of
+the next step. For models without stiff forces. Tableaux, error estimates and dense output are those
+of SciPy's `DOP853` and `RK45`: Dormand & Prince 8(5,3) and 5(4) (Hairer, Nørsett & Wanner, Solving
 Ordinary Differential Equations I, 1993, §II.5, II.6, II.10).
 
-Baumgarte's method has γ − 2α (Cq v + C_t) − β² C for γ, so that violations of the constraints obey
-C̈ + 2α Ċ + β² C = 0 and die out with critical damping for α = β (Baumgarte, Comput. Methods Appl.
-Mech. Eng. 1 (1972) 1). Nothing is projected, neither after a step nor for the outputs: joints drift
-by what steps and gains leave. With α = β = 0 it is the plain augmented method, whose drift grows
-with t². Gains are rates of the motion like any other: a step must be short against 1/α, and the
-order of the method holds for steps that are.
+Baumgarte's method replaces γ by γ − 2α (Cq v + C_t) − β² C. Then constraint violations obey
+C̈ + 2α Ċ + β² C = 0 and decay, with critical damping for α = β (Baumgarte, Comput. Methods Appl.
+Mech. Eng. 1 (1972) 1). Nothing is projected, neither after a step nor for outputs: the constraint
+drift depends on the step size and the gains. With α = β = 0 it is the plain augmented method, whose
+drift grows with t². A step must be short compared to 1/α and 1/β; only then it has its order.
 """
 
 from __future__ import annotations
@@ -42,42 +41,41 @@ if TYPE_CHECKING:
     from flexmb.model.scenes.dynamics import DynamicsSpec
 
 
-# Gap of a joint after its corrections, over the size of the model: above it a step is too long.
+# Constraint violation after the projection, over the model size, above which a step is too long.
 _MAX_GAP = 1e-9
-# Stability limit estimated from positions over that from velocities: 0.4 for a damper, 0.6 for a
-# vibration.
+# Least ratio of stability limits by positions and by velocities: a damper has 0.4, a vibration 0.6.
 _POSITION_LIMIT = 0.3
-# After so many steps at the stability limit no step is longer than so many times the limit, where
-# the method damps: otherwise fast parts ring as much as the tolerance allows, reactions far more.
+# After _LIMIT_STEPS steps at the stability limit no step exceeds _LIMIT_MARGIN times it, where the
+# method damps. Otherwise fast components oscillate by the tolerance, and reactions by much more.
 _LIMIT_STEPS, _LIMIT_MARGIN = 10.0, 1.2
-# Growth of a step while such parts are at rest but for round-off: beyond the limit they grow a
-# hundredfold in a step, which the error estimate detects in time; error over the allowed one below
-# which they are at rest.
+# Largest ratio of steps while fast components are at rest but for round-off: beyond the limit they
+# grow a hundredfold in a step, which the error estimate detects in time. They are at rest if the
+# error is below this share of the allowed one.
 _REST_GROWTH, _REST_ERROR = 2.0, 1e-3
-# Error over the allowed one above which it limits the step: the control aims at 0.9⁸ = 0.43, and a
-# tenth leaves 0.83 of that step. Largest growth of a step by positions, as in the control.
-_RULING_ERROR, _MOST_LONGER = 0.1, 5.0
-# Loosest tolerances: the ratio of errors of run and scout is more than three times off what the
-# order says in 10 % of 204 passes of the judging scenes at 1e-7, 8 % of 122 at 1e-8 and 1e-9, none
-# of 22 below (order 8); in 9 % of 153 at 1e-6, 6 % of 72 at 1e-7, 1 of 223 below (order 5).
-# Share of the third-order estimate in that of DOP853 (Hairer, Nørsett & Wanner, eq. II.10.17).
+# Velocity error over the allowed one that limits the step: the control aims at 0.9⁸ = 0.43, and
+# 0.83 of that step has a tenth. Largest ratio of the step that position errors allow to h.
+_LIMITING_ERROR, _MAX_STEP_RATIO = 0.1, 5.0
+# Largest tolerances (`max_tolerance`): the error ratio of fine and coarse runs is more than three
+# times off the order in 10 % of 204 passes of test scenes at 1e-7, 8 % of 122 at 1e-8 and 1e-9, no
+# one of 22 below (order 8); 9 % of 153 at 1e-6, 6 % of 72 at 1e-7, 1 of 223 below (order 5).
+# Weight of the third-order estimate in that of DOP853 (Hairer, Nørsett & Wanner, eq. II.10.17).
 _THIRD_ORDER_SHARE = 0.1
-# Share of the accuracy that modes which follow their loads may be off in a step, and its order. In
-# less than the last share of the run what is off is a jump, and the same in any step.
-_LAG, _LAG_ORDER, _SUDDEN = 0.3, 4.0, 1e-6
+# Allowed extrapolation error of kinetostatic modes in a step over the accuracy, and its order. In
+# steps shorter than the last share of the run it is a jump that no step size reduces: not counted.
+_STATIC_ERROR_SHARE, _STATIC_ERROR_ORDER, _JUMP_STEP_SHARE = 0.3, 4.0, 1e-6
 
 
 class Tableau(NamedTuple):
-    """An explicit method: stages, the end of the step as one more, stages of the dense output."""
+    """An explicit method: its stages, the end of the step, and stages of the dense output (all)."""
 
     A: Matrix  # (all, all) coefficients; row `stages` gives the end of the step
     c: Vector  # (all,)
     stages: int  # of a step
     order: int
-    stable: float  # step times rate from which on it is near its limit of stability
-    max_tolerance: float  # as that of `Method`
-    errors: Matrix  # (1 or 2, stages + 1): error estimate; beside that of order 5 one of order 3
-    dense: Matrix  # (all, degree): weight of each stage at the share θ, times θ, θ², ...
+    stable: float  # step size times rate of the motion at the limit of stability
+    max_tolerance: float  # see `Method`
+    errors: Matrix  # (1 or 2, stages + 1): error estimates, the second of order 3
+    dense: Matrix  # (all, degree): coefficients of θ, θ², ... in the weight of each stage
 
 
 def tableau_of(spec: DynamicsSpec) -> Tableau:
@@ -111,7 +109,7 @@ def dormand_prince_8() -> Tableau:
 
 @cache
 def _dense_weights(method: type) -> np.ndarray:
-    """Weights (16, 7) of the stages in the dense output of DOP853, as powers of the share θ.
+    """Weights (16, 7) of the stages in the dense output of DOP853, as powers of the fraction θ.
 
     It is nested, θ (F₀ + (1 − θ) (F₁ + θ (F₂ + ...))), with F linear in the stages.
     """
@@ -129,7 +127,7 @@ def _dense_weights(method: type) -> np.ndarray:
 def explicit_method(
     tableau: Tableau, step: CompiledUnit, interpolate: CompiledUnit, **more: Any
 ) -> Method:
-    """A method that steps by a tableau."""
+    """The record of a method that uses a tableau."""
     return Method(
         (step,), (interpolate,), (tableau,), order=tableau.order, error_order=tableau.order,
         stages=len(tableau.c), filter=0.0, prefers_constant_step=0, collocation=0,
@@ -158,7 +156,7 @@ def add_slopes(slopes, at, weights, n, out):
 
 @kernel
 def begin_step(run):
-    """Slopes of the first stage, those of the state, but for the rates of positions."""
+    """Accelerations and powers of the state as those of the first stage."""
     st, tr, nq = run.state, run.work.trial, run.state.q.shape[0]
     copy(st.vd, tr.stages[0, nq:])
     copy(st.power, tr.stages[0, nq + st.vd.shape[0] :])
@@ -167,7 +165,7 @@ def begin_step(run):
 
 @kernel
 def put_slopes(run, s):
-    """Accelerations and powers of the trial state as slopes of stage s."""
+    """Store accelerations and powers of the trial state as those of stage s."""
     tr, count, nq = run.work.trial, run.state.count[0], run.state.q.shape[0]
     count["residuals"] += 1
     count["factorisations"] += 1
@@ -179,17 +177,17 @@ def put_slopes(run, s):
 
 @kernel
 def end_step(run, tableau, h, status, of_parameters):
-    """Errors and works of a step whose end is the trial state; its status, given that of the end.
+    """Error estimate and works of a step whose end is the trial state; returns its status.
 
-    `of_parameters`: rates of positions in the stages are those of Euler parameters, else of motions
-    from the start of the step. Velocities of the last but one stage are in `Trial.aa_start`.
+    `status` is that of the end. `of_parameters`: position rates of the stages are q̇, else rates of
+    the displacement. Velocities of the last but one stage are in `Trial.aa_start`.
     """
     st, tr, stages = run.state, run.work.trial, tableau.stages
     nq, nv = st.q.shape[0], st.v.shape[0]
     constraint_stage(run, run.trial_point)
     gap = weighted_max(run.work.con.C, run.system.row_weights)
     if status == SUCCESS and run.method.stabilised == 0 and not gap < _MAX_GAP:
-        tr.error[0] = tr.error[1] = 0.0  # nothing is known of them
+        tr.error[0] = tr.error[1] = 0.0  # there is no estimate
         _watch_stability(run, tableau, h, of_parameters)
         return NO_CONVERGENCE
     copy(tr.vd, tr.aa)
@@ -200,7 +198,7 @@ def end_step(run, tableau, h, status, of_parameters):
     if run.settings.step == 0.0:
         _estimate_error(run, tableau.errors, h, of_parameters)
         if run.settings.static_after_step == 1:
-            _add_lag(run, tableau, h, of_parameters)
+            _add_static_error(run, tableau, h, of_parameters)
         size += tr.error[0] + tr.error[1]
     _watch_stability(run, tableau, h, of_parameters)
     return NOT_FINITE if status == SUCCESS and not math.isfinite(size) else status
@@ -208,7 +206,7 @@ def end_step(run, tableau, h, status, of_parameters):
 
 @kernel
 def put_dense_weights(tableau, share, weights):
-    """Weights of the slopes in the dense output at a share of the step."""
+    """Weights of the stages in the dense output at a fraction of the step."""
     dense = tableau.dense
     for s in range(tableau.c.shape[0]):
         weights[s] = 0.0
@@ -218,11 +216,12 @@ def put_dense_weights(tableau, share, weights):
 
 @kernel
 def _watch_stability(run, tableau, h, of_parameters):
-    """Count a step at the limit of stability, or that only errors of velocities keep from it.
+    """Count steps at the stability limit; also those that only velocity errors keep below it.
 
-    The largest rate of the motion is that between the two last stages, which stand at the same
-    time (Hairer & Wanner, Solving Ordinary Differential Equations II, 1996, §IV.2). Not where these
-    differ by round-off of their places, as in short steps far from the origin.
+    The largest rate of the motion is estimated by the difference of accelerations over that of
+    velocities between the last two stages, which have the same time (Hairer & Wanner, Solving
+    Ordinary Differential Equations II, 1996, §IV.2). Differences that are round-off of positions do
+    not count, as in short steps far from the origin.
     """
     tr, weights, nq, last = run.work.trial, run.system.weights, run.state.q.shape[0], tableau.stages
     change, apart, memory = 0.0, 0.0, run.state.memory[0]
@@ -240,30 +239,30 @@ def _watch_stability(run, tableau, h, of_parameters):
     if (h * rate > tableau.stable or longer > h) and math.isfinite(rate):
         for k in range(last):
             tr.shares[k] = h * (tableau.A[last, k] - tableau.A[last - 1, k])
-        _put_change(run, tr.shares, last, of_parameters)
+        _weighted_motion(run, tr.shares, last, of_parameters)
         if _is_round_off(run):
             if memory["steps_at_stability_limit"] > _LIMIT_STEPS:
                 memory["stable_step"] = _REST_GROWTH * h
             return
         moved = weighted_max(tr.dq, weights)
-        if longer > h and moved > 0.0:  # of a vibration, whatever its phase in the two stages
+        if longer > h and moved > 0.0:  # rate of a vibration, independent of its phase
             fastest = max(rate, math.sqrt(change / moved))
-        # where velocities happen to agree, what positions differ by decides
+        # positive root of moved r² + apart r = change: valid also if velocities happen to agree
         slow = 2.0 * change / (apart + math.sqrt(apart * apart + 4.0 * change * moved))
         if longer * slow < _POSITION_LIMIT * tableau.stable:
             return
     if memory["steps_at_stability_limit"] > _LIMIT_STEPS and rate > 0.0:
         memory["stable_step"] = _LIMIT_MARGIN * tableau.stable / rate
-    if not longer * fastest <= tableau.stable:  # what is not finite was not stable either
+    if not longer * fastest <= tableau.stable:  # not finite: unstable as well
         if memory["fastest_rate"] == 0.0 and math.isfinite(rate):
-            memory["fastest_rate"] = rate  # later ones are those of what has grown
+            memory["fastest_rate"] = rate  # later rates are of components that have grown
         memory["steps_at_stability_limit"] += 1.0
 
 
 @kernel
 def _is_round_off(run):
-    """Whether positions in Trial.dq differ by round-off, of which stiff forces make any rate, and
-    nothing that matters rings."""
+    """Whether position differences in Trial.dq, from which stiff forces give any rate, are
+    round-off and the error is negligible."""
     tr, allowed = run.work.trial, run.settings.tolerance * run.settings.rejection_factor
     if not max(tr.error[0], tr.error[1]) <= _REST_ERROR * allowed:
         return False
@@ -273,33 +272,33 @@ def _is_round_off(run):
 
 @kernel
 def _step_of_positions(run, h):
-    """The step that errors of positions alone would ask for, where those of velocities rule h.
+    """The step size that position errors alone allow, if velocity errors limit h; otherwise h [s].
 
-    A vibration of rate w that moves little has 1/w of its velocity's error in its positions, so
-    that a step that follows it for its velocity alone is far below what positions need. Were that
-    one unstable, the motion is stiff all the same.
+    A vibration of rate ω has a position error of 1/ω times its velocity error. So a small vibration
+    that is resolved only for its velocity has steps far shorter than positions need. If the longer
+    step would be unstable, the motion is stiff nevertheless.
     """
     error, allowed = run.work.trial.error, run.settings.tolerance * run.settings.rejection_factor
-    if run.settings.step > 0.0 or not error[1] > max(error[0], _RULING_ERROR * allowed):
+    if run.settings.step > 0.0 or not error[1] > max(error[0], _LIMITING_ERROR * allowed):
         return h
-    left = max(error[0] / allowed, _MOST_LONGER ** (-run.method.error_order))
+    left = max(error[0] / allowed, _MAX_STEP_RATIO ** (-run.method.error_order))
     return h * max(left ** (-1.0 / run.method.error_order), 1.0)
 
 
 @kernel
 def _estimate_error(run, errors, h, of_parameters):
-    """Local errors of positions and velocities over the motion so far, into trial.error.
+    """Local errors of positions and velocities over their error scales, into trial.error.
 
-    With two estimates, of orders 5 and 3, e₅² / √(e₅² + 0.01 e₃²), of the order of the method. What
-    stiff forces make of round-off, as in `projection.put_vd_round_off`, is no error of the step.
+    With two estimates, of orders 5 and 3, the error is e₅² / √(e₅² + 0.01 e₃²), which has the order
+    of the method. The round-off of accelerations (`projection.put_vd_round_off`) is subtracted.
     """
     st, tr, n, weights = run.state, run.work.trial, errors.shape[1], run.system.weights
     for level in range(2):
         size, low = 0.0, 0.0
         for k in range(errors.shape[0]):
-            times = _sum_of_sizes(errors[k])
+            times = _sum_of_absolutes(errors[k])
             if level == 0:
-                _put_change(run, errors[k], n, of_parameters)
+                _weighted_motion(run, errors[k], n, of_parameters)
                 part = scaled_max_above(tr.dq, weights, st.motion, h * times, tr.vd_round_off)
             else:
                 for i in range(tr.dq.shape[0]):
@@ -316,27 +315,29 @@ def _estimate_error(run, errors, h, of_parameters):
 
 
 @kernel
-def _add_lag(run, tableau, h, of_parameters):
-    """Let the error of positions know how far modes that follow their loads are from the stages.
+def _add_static_error(run, tableau, h, of_parameters):
+    """Raise the position error to that of the extrapolated kinetostatic modes.
 
-    They have a tolerance of their own; the power of it falls as the error of the method does.
+    Its ratio to its own tolerance is raised to a power, so that it has the order of the method.
     """
     settings = run.settings
-    if h <= _SUDDEN * (settings.end - settings.start):
+    if h <= _JUMP_STEP_SHARE * (settings.end - settings.start):
         return
-    _put_change(run, tableau.A[tableau.stages], tableau.stages, of_parameters)
+    _weighted_motion(run, tableau.A[tableau.stages], tableau.stages, of_parameters)
     units, tables, lag = run.stages.static_lag.units, run.stages.static_lag.tables, 0.0
     for k in range(len(units)):
         lag = max(lag, call_value(units[k], run, tables[k], run.trial_point))
-    part = lag / (_LAG * settings.accuracy * settings.max_rotation**_LAG_ORDER)
+    part = lag / (
+        _STATIC_ERROR_SHARE * settings.accuracy * settings.max_rotation**_STATIC_ERROR_ORDER
+    )
     allowed = settings.tolerance * settings.rejection_factor
     run.work.trial.error[0] = max(
-        run.work.trial.error[0], allowed * part ** (tableau.order / _LAG_ORDER)
+        run.work.trial.error[0], allowed * part ** (tableau.order / _STATIC_ERROR_ORDER)
     )
 
 
 @kernel
-def _sum_of_sizes(x):
+def _sum_of_absolutes(x):
     """Σ |x_i|."""
     total = 0.0
     for i in range(x.shape[0]):
@@ -345,8 +346,8 @@ def _sum_of_sizes(x):
 
 
 @kernel
-def _put_change(run, weights, n, of_parameters):
-    """dq (nv) = Σ weights_s of the position rates, as motion: rotations as rotation vectors."""
+def _weighted_motion(run, weights, n, of_parameters):
+    """Trial.dq (nv) = Σ weights_s × position rates, with rotations as rotation vectors."""
     tr = run.work.trial
     out = tr.rate if of_parameters else tr.dq
     zero(out)
@@ -355,8 +356,8 @@ def _put_change(run, weights, n, of_parameters):
         motion_of_rate(run.system.parts, run.state.q, out, tr.dq)
 
 
-# Violations fall to 1/e within this share of the run by default, and within a fixed step at least.
-_SHARE = 0.05
+# Default gains: violations decay to 1/e in this share of the run, or in a (longer) fixed step.
+_DECAY_TIME_SHARE = 0.05
 
 
 def make_method(spec: DynamicsSpec) -> Method:
@@ -366,7 +367,7 @@ def make_method(spec: DynamicsSpec) -> Method:
 
 def stabilised_method(spec: DynamicsSpec) -> Method:
     """Baumgarte's method for a scene, by its `order`, `baumgarte_alpha` and `baumgarte_beta`."""
-    usual = 1.0 / max(_SHARE * spec.duration, spec.step or 0.0)
+    usual = 1.0 / max(_DECAY_TIME_SHARE * spec.duration, spec.step or 0.0)
     alpha = usual if spec.baumgarte_alpha is None else spec.baumgarte_alpha
     beta = usual if spec.baumgarte_beta is None else spec.baumgarte_beta
     return explicit_method(
@@ -385,7 +386,7 @@ def step(run: Run, tableau: Tableau, h: float) -> int:
         if status != SUCCESS:
             return status
     copy(tr.v, tr.aa_start)
-    if run.settings.static_after_step == 1:  # what following changes is not the rate of the motion
+    if run.settings.static_after_step == 1:  # the end once more, before kinetostatic modes change
         status = _evaluate_stage(run, tableau, st.q, st.v, st.t[0], stages, h, NOTHING)
         copy(tr.vd, tr.jerk)
         copy(tr.v, tr.dq_round_off)
@@ -397,7 +398,7 @@ def step(run: Run, tableau: Tableau, h: float) -> int:
 
 @kernel
 def _evaluate_stage(run, tableau, q, v, t, s, h, project):
-    """Slopes of stage s of a step h from (t, q, v); leaves its state in the trial state."""
+    """Rates of stage s of a step h from (t, q, v); the stage becomes the trial state."""
     tr, parts, nq = run.work.trial, run.system.parts, q.shape[0]
     combine(q, tr.stages, 0, tableau.A[s], s, h, tr.q)
     combine(v, tr.stages, nq, tableau.A[s], s, h, tr.v)
@@ -413,7 +414,7 @@ def _evaluate_stage(run, tableau, q, v, t, s, h, project):
 
 @kernel
 def _extrapolate(run):
-    """Accelerations of modes that follow the loads, by those at the last two points."""
+    """Prescribe accelerations of kinetostatic modes, extrapolated from the last two points."""
     st, tr, last = run.state, run.work.trial, run.state.memory[0]["last_step"]
     share = (tr.t[0] - st.t[0]) / last if last > 0.0 else 0.0
     for i in range(tr.vd.shape[0]):
@@ -423,7 +424,7 @@ def _extrapolate(run):
 
 @unit
 def interpolate(run: Run, tableau: Tableau, share: float) -> int:
-    """Positions and velocities at a share of the last accepted step, into the trial state."""
+    """Positions and velocities at a fraction of the last accepted step, into the trial state."""
     tr, before = run.work.trial, run.work.trial.before
     h = run.state.t[0] - before.t[0]
     count, weights, nq = tableau.c.shape[0], tr.shares, before.q.shape[0]

@@ -1,24 +1,26 @@
 """Generalized-α on the Lie group for index-3 equations of motion, one step.
 
 Arnold & Brüls, Multibody Syst. Dyn. 18 (2007) 185; Brüls, Cardona & Arnold, Mech. Mach. Theory 48
-(2012) 121. Unknown of Newton's method: the increment δq of the step's motion, with
-δv = γ/(βh) δq, δv̇ = δq/b, b = β'h² = βh²(1−α_f)/(1−α_m); multipliers scaled by b. One factor of
-S = M + (γb/(βh)) ∂F/∂v + b ∂F/∂q bordered by Cq serves as long as its measured contraction is good:
-symmetric LDLᵀ below 0.2, then the unsymmetric twin; renewed before a step that expects more than
-0.1 and within one that measures more than 0.3; given up above 0.9.
+(2012) 121. The unknown of Newton's method is the correction δq of the displacement of the step,
+with δv = γ/(βh) δq, δv̇ = δq/b, b = β'h² = βh²(1−α_f)/(1−α_m); multipliers are scaled by b. One
+factor of S = M + (γb/(βh)) ∂F/∂v + b ∂F/∂q, bordered by Cq, is used as long as Newton's method
+contracts well with it: the symmetric LDLᵀ, or the unsymmetric LDU if that contracts by more than
+0.2 when it is new. It is renewed before a step if the expected contraction exceeds 0.1, and within
+a step if the measured one exceeds 0.3; above 0.9 the step fails.
 
-Under error control one correction may do for a step. What it leaves is carried on: along stiff
-dampers it alternates and grows if the contraction exceeds (1 − ρ)/(8 + 3.4 ρ), up to the tolerance
-of Newton's method, which is much for reactions. (The recursion of m v̇ + c v = 0 for all c h/m:
-0.126, 0.053, 0.0188, 0.0045 at ρ = 0, 0.5, 0.8, 0.95.) Half of it, as directions differ.
+Under error control one correction may be enough for a step. The error that it leaves is carried to
+the next step: along stiff dampers it alternates and grows if the contraction exceeds
+(1 − ρ)/(8 + 3.4 ρ), up to the tolerance of Newton's method, which is a large error of reactions.
+(From the recursion for m v̇ + c v = 0, the limit for all c h/m is 0.126, 0.053, 0.0188, 0.0045 at
+ρ = 0, 0.5, 0.8, 0.95.) Half of this limit is used, since contractions differ with direction.
 
-Methods of Hilber, Hughes & Taylor and of Newmark are cases of it (Géradin & Rixen, Mechanical
-Vibrations, 2015, §7.3). In directions that joints hold, all of them repeat the recursion of an
-oscillator of infinite frequency: errors of velocities and accelerations there shrink by the
-spectral radius ρ at infinity, after they have grown by about 1/(1 − ρ)². Above 0.95 they grow
-faster than the motion forgets them (measured: at 0.98 a chain of three bodies fails), and with 1
-for ever (Cardona & Géradin, Computers & Structures 33 (1989) 801). There velocities, accelerations
-and multipliers are put on the constraints after each step, at the price of a second factor.
+The methods of Hilber, Hughes & Taylor and of Newmark are special cases (Géradin & Rixen, Mechanical
+Vibrations, 2015, §7.3). In constrained directions all of them have the recursion of an oscillator
+of infinite frequency: errors of velocities and accelerations decay by the spectral radius ρ at
+infinity, after growing by about 1/(1 − ρ)². Above ρ = 0.95 they grow faster than they decay
+(measured: at 0.98 a chain of three bodies fails), and with ρ = 1 they never decay (Cardona &
+Géradin, Computers & Structures 33 (1989) 801). For such ρ, velocities, accelerations and
+multipliers are projected onto the constraints after each step, which costs a second factor.
 """
 
 from __future__ import annotations
@@ -46,22 +48,22 @@ from flexmb.engine.state import Run
 if TYPE_CHECKING:
     from flexmb.model.scenes.dynamics import DynamicsSpec
 
-# Before a step, an expected contraction above this costs more iterations than a new factor
+# If the contraction expected for a step exceeds this, iterations cost more than a new factor
 # (flexible slider-crank: 27 µs per step at 0.03, 30 at 0.1, 35 at 0.3; a single rigid body pays
 # for factors, not for iterations).
 _RENEW_ABOVE = 0.1
-# Corrections of positions up to so many times round-off that no longer shrink are noise.
-_NOISE = 50.0
-# With error control Newton's method stops at these shares of the local tolerance of positions and
-# of velocities.
-_SHARE, _SPEED_SHARE = 0.05, 0.3
-# Steps of one size after which differences of accelerations are smooth; growth of their bound from
-# step to step till then.
-_SETTLED, _FORGETTING = 3, 1.5
-# Spectral radius up to which what joints hold needs no projection.
-_FREE_RADIUS = 0.95
+# Corrections of positions up to this many times round-off that no longer decrease are noise.
+_NOISE_FACTOR = 50.0
+# Under error control Newton's method stops when the error that remains is below these shares of the
+# local tolerance of positions and of velocities.
+_POSITION_SHARE, _VELOCITY_SHARE = 0.05, 0.3
+# Number of equal steps after which differences of accelerations are smooth. Until then the velocity
+# error is at most the last one, scaled by h³, times _BOUND_GROWTH.
+_SMOOTH_STEPS, _BOUND_GROWTH = 3, 1.5
+# Largest spectral radius at infinity without projection after each step.
+_MAX_UNPROJECTED_RADIUS = 0.95
 _ROUND_OFF = 1e-12
-# Refinements of a solve by a factor with replaced pivots.
+# Iterative refinements of a solve with a factor whose pivots were replaced.
 _REFINEMENTS = 3
 
 
@@ -72,8 +74,8 @@ class Alpha(NamedTuple):
     alpha_f: float
     beta: float
     gamma: float
-    project: int  # 1: velocities and accelerations are put on the constraints after each step
-    settling: float  # contraction up to which one correction may do for a step
+    project: int  # 1: velocities and accelerations are projected after each step
+    settling: float  # largest contraction with which one correction may be enough for a step
 
 
 def make_method(spec: DynamicsSpec) -> Method:
@@ -93,7 +95,7 @@ def make_newmark(spec: DynamicsSpec) -> Method:
 
 
 def make_trapezoidal(spec: DynamicsSpec) -> Method:
-    """The trapezoidal rule; nothing is to choose."""
+    """The trapezoidal rule, without options."""
     return newmark(0.25, 0.5)
 
 
@@ -107,7 +109,7 @@ def generalized_alpha(spectral_radius: float) -> Method:
 
 
 def hilber_hughes_taylor(alpha: float) -> Method:
-    """Their coefficients for α in [−1/3, 0]."""
+    """Coefficients of Hilber, Hughes & Taylor for α in [−1/3, 0]."""
     return _method(
         0.0, -alpha, 0.25 * (1.0 - alpha) ** 2, 0.5 - alpha, (1.0 + alpha) / (1.0 - alpha)
     )
@@ -115,7 +117,7 @@ def hilber_hughes_taylor(alpha: float) -> Method:
 
 def newmark(beta: float, gamma: float) -> Method:
     """Newmark's method, stable for 2 β ≥ γ ≥ 1/2; of order 2 with γ = 1/2."""
-    # velocity and acceleration where nothing moves, from step to step
+    # recursion of velocity and acceleration in constrained directions, from step to step
     amplification = np.array(
         [[1.0 - gamma / beta, 1.0 - 0.5 * gamma / beta], [-1.0 / beta, 1.0 - 0.5 / beta]]
     )
@@ -123,7 +125,7 @@ def newmark(beta: float, gamma: float) -> Method:
 
 
 def _method(alpha_m: float, alpha_f: float, beta: float, gamma: float, radius: float) -> Method:
-    project = int(radius > _FREE_RADIUS)
+    project = int(radius > _MAX_UNPROJECTED_RADIUS)
     settling = max(1.0 - radius, 0.0) / (16.0 + 6.8 * radius)
     alpha = Alpha(alpha_m, alpha_f, beta, gamma, project, settling)
     order = 2 if abs(gamma - 0.5 - alpha_f + alpha_m) < _ROUND_OFF else 1
@@ -131,7 +133,7 @@ def _method(alpha_m: float, alpha_f: float, beta: float, gamma: float, radius: f
         step=(step,), interpolate=(interpolate,), coefficients=(alpha,), order=order,
         error_order=order + 1, stages=0, filter=beta * (1.0 - alpha_f) / (1.0 - alpha_m),
         prefers_constant_step=1, collocation=0, max_tolerance=1e-4,
-        # these accelerations are used in the next step; those by M + b K change the frequency
+        # projected accelerations enter the next step; those by M + b K would change frequencies
         mass_refinements=project,
     )  # fmt: skip
 
@@ -146,12 +148,12 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
     iteration = run.work.now.iteration
     _predict(alpha, st, tr, h)
     if memory["factor_step"] != h and settings.stiff == 1:
-        memory["factor_age"] = -1.0  # without stiffness the matrix hardly knows the step
+        memory["factor_age"] = -1.0  # without stiffness the matrix hardly depends on h
     if settings.newton_tolerance > 0.0:
-        # Newton decides the accelerations: what it leaves is compared with their share of motion.
+        # the error of Newton's method is one of accelerations: relative to their displacement
         tolerance = settings.newton_tolerance * h * h * weighted_max(st.vd, sys.weights)
     else:
-        tolerance = settings.tolerance  # of each coordinate over its own motion, as its error is
+        tolerance = settings.tolerance  # over the error scale of each coordinate
     relative = settings.newton_tolerance == 0.0
     put_dq_round_off(run)
     if memory["contraction"] > _RENEW_ABOVE and memory["factor_age"] > 0.0:
@@ -172,40 +174,40 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
             memory["factor_age"] = 0.0
             memory["contraction"] = 1.0
             memory["factor_step"] = h
-            last = slowest = 0.0  # a contraction is measured between corrections by one factor
+            last = slowest = 0.0  # a contraction is a ratio of corrections with one factor
         size, units, share, wrong = correct(run, b, cv, h)
         if not math.isfinite(size):
             return NOT_FINITE
-        quiet = units <= _NOISE and last > 0.0 and size > REFACTOR_ABOVE * last
+        quiet = units <= _NOISE_FACTOR and last > 0.0 and size > REFACTOR_ABOVE * last
         noise, stuck = quiet and size > REFACTOR_ABOVE * earlier > 0.0, False
-        if quiet:  # it measures nothing here
+        if quiet:  # corrections are noise: the contraction cannot be measured
             memory["contraction"] = memory["contraction"] if memory["contraction"] < 1.0 else 0.0
         elif last > 0.0:
-            slowest = max(slowest, size / last)  # where the next one happens to be small too
+            slowest = max(slowest, size / last)  # the next one may be small by chance
             memory["contraction"] = slowest if settings.step == 0.0 else size / last
             small = wrong <= 1.0 or (share if relative else size) <= tolerance
             stuck = not small and check_contraction(memory, size / last)
         earlier, last = last, size
         theta = min(max(memory["contraction"], slowest), 0.99)
-        # What an old factor leaves in a first correction is a bias that adds up over many steps,
-        # below the last places of positions too; under error control in any.
+        # Under error control the error that a first correction leaves is propagated to the next
+        # step, and grows above this contraction: correct again.
         again = n == 0 and theta > alpha.settling and settings.step == 0.0
         left = theta / (1.0 - theta)
         done = left * (share if relative else size) <= tolerance
-        # in last places, where singular poses let noise grow, and no correction is better
+        # within round-off, which singular poses amplify: further corrections do not help
         if n > 0 and (1.0 if relative else min(1.0, left)) * wrong <= 1.0:
             settled = max(settled, size)
         stuck = stuck or n == settings.max_iterations - 1
         if stuck and size > SETTLED_NOISE * settled and not done:
             return NO_CONVERGENCE
         if noise or stuck or (done and not again):
-            move(sys.parts, st.q, tr.dq, tr.q)  # the last correction too
+            move(sys.parts, st.q, tr.dq, tr.q)  # including the last correction
             _finish(sys.weights, alpha, st, tr)
             if settings.tolerance > 0.0:
                 estimate_error(run, alpha, h)
             if settings.static_after_step == 1:
                 return _project(run, alpha, b, POSITIONS)
-            # what loads friction in joints must not come from how far it moved positions
+            # reactions that cause joint friction must not contain errors of position corrections
             if (alpha.project == 1 or depends_on_solution(run)) and st.lam.shape[0] > 0:
                 return _project(run, alpha, b, VELOCITIES)
             return SUCCESS
@@ -216,8 +218,8 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
 def _predict(alpha, st, tr, h):
     """Trial state with acceleration and multipliers extrapolated over the last step.
 
-    The algorithmic acceleration belongs to the time (α_m − α_f) h after the state's, so it moves
-    with the step size.
+    The algorithmic acceleration is that of the time (α_m − α_f) h after the state, so it is shifted
+    when the step size changes.
     """
     last = st.memory[0]["last_step"]
     ratio = h / last if last > 0.0 else 1.0
@@ -281,7 +283,7 @@ def correct(run, b, cv, h):
             units = s / places[i] if places[i] > 0.0 else math.inf
         if not force <= wrong * places[i]:
             wrong = force / places[i] if places[i] > 0.0 else math.inf
-        allowed = min(_SHARE * motion[i], _SPEED_SHARE * h * speed[i])
+        allowed = min(_POSITION_SHARE * motion[i], _VELOCITY_SHARE * h * speed[i])
         s = max(s, force)
         if s > share * allowed:
             share = s / allowed if allowed > 0.0 else math.inf
@@ -292,7 +294,7 @@ def correct(run, b, cv, h):
 
 @kernel
 def _solve_repaired(run):
-    """The same solve where pivots had to be replaced: refined against the matrix itself."""
+    """Solve with a factor whose pivots were replaced: iterative refinement by the matrix itself."""
     fac, place, C = run.work.factor, run.system.kkt.place, run.work.con.C
     nv = run.work.trial.res.shape[0]
     copy(fac.sol, fac.rhs)
@@ -303,13 +305,14 @@ def _solve_repaired(run):
 
 @kernel
 def _finish(weights, alpha, st, tr):
-    """Algorithmic acceleration of the new state; the factor ages by the motion of the step.
+    """Set the algorithmic acceleration of the new state, and the expected contraction.
 
-    The matrix changes by about as much as the model moves relative to its size (or turns), so the
-    contraction of an old factor is the last one measured plus the motion since.
+    The matrix changes by about as much as the model moves relative to its size, or rotates [rad].
+    So the expected contraction of an old factor is the last measured one plus the displacement
+    since.
     """
     _put_algorithmic(alpha, st, tr)
-    if st.memory[0]["factor_age"] >= 0.0:  # else a renewal is due
+    if st.memory[0]["factor_age"] >= 0.0:  # otherwise the factor is to be renewed
         st.memory[0]["factor_age"] += 1.0
     measured = st.memory[0]["contraction"] if st.memory[0]["contraction"] < 1.0 else 0.0
     st.memory[0]["contraction"] = min(0.99, measured + weighted_max(tr.dq, weights))
@@ -325,7 +328,7 @@ def _put_algorithmic(alpha, st, tr):
 
 @unit
 def _project(run: Run, alpha: Alpha, b: float, project: int) -> int:
-    """Velocities, accelerations and multipliers of the trial state as the constraints want them."""
+    """Project velocities, accelerations and multipliers of the trial state onto the constraints."""
     cp = b if run.settings.determinate == 0 else 0.0
     run.state.count[0]["factorisations"] += 1
     run.state.memory[0]["factor_age"] = -1.0
@@ -338,12 +341,12 @@ def _project(run: Run, alpha: Alpha, b: float, project: int) -> int:
 def estimate_error(run: Run, alpha: Alpha, h: float) -> int:
     """Local error of the step in trial.error: |κ_q| h³ q⃛ of positions, |κ_v| h³ q⁗ of velocities.
 
-    κ_q = β + c/2 − 1/6 and κ_v = c²/2 − 1/12, c = α_m − α_f; the Taylor series of the formulas with
-    a(t) = v̇(t + c h). The factor S of the step takes out what stiff modes and constraints do not
-    let move: S⁻¹ M (a₁ − a₀) = h q⃛. Accelerations ring with alternating sign after a change of the
-    step; means and differences over two steps hardly see it, and right after the change the q⁗ of
-    before is a bound, which loosens: taken from tiny steps it is noise, and steps that follow a
-    plan may never be equal for long.
+    κ_q = β + c/2 − 1/6 and κ_v = c²/2 − 1/12 with c = α_m − α_f follow from the Taylor series of
+    the formulas with a(t) = v̇(t + c h). With the factor S of the step, S⁻¹ M (a₁ − a₀) = h q⃛ has
+    no components of stiff modes and in constrained directions. After a change of the step size
+    accelerations oscillate with alternating sign. Means and differences over two steps hardly
+    contain that. Until steps are equal, the q⁗ of the step before is an upper bound, which grows
+    from step to step: from very short steps it is noise, and steps of a plan may never be equal.
     """
     sys, st, tr, sol = run.system, run.state, run.work.trial, run.work.factor.sol
     kkt, nv = sys.kkt, tr.aa.shape[0]
@@ -367,16 +370,16 @@ def estimate_error(run: Run, alpha: Alpha, h: float) -> int:
     c = alpha.alpha_m - alpha.alpha_f
     tr.error[0] = abs(alpha.beta + 0.5 * c - 1.0 / 6.0) * h**3 * positions
     tr.error[1] = abs(0.5 * c * c - 1.0 / 12.0) * h**2 * velocities
-    if st.memory[0]["steps_at_this_size"] < _SETTLED or h != st.memory[0]["last_step"]:
-        tr.error[1] = min(tr.error[1], _FORGETTING * st.memory[0]["velocity_error"] * h**3)
+    if st.memory[0]["steps_at_this_size"] < _SMOOTH_STEPS or h != st.memory[0]["last_step"]:
+        tr.error[1] = min(tr.error[1], _BOUND_GROWTH * st.memory[0]["velocity_error"] * h**3)
     return SUCCESS
 
 
 @unit
 def interpolate(run: Run, alpha: Alpha, share: float) -> int:
-    """Positions and velocities at a share of the last accepted step, into the trial state.
+    """Positions and velocities at a fraction of the last accepted step, into the trial state.
 
-    `Trial.aa` are the method's own accelerations there.
+    `Trial.aa` becomes the interpolated acceleration of the method itself.
     """
     st, smooth = run.state, run.work.trial.aa
     for i in range(smooth.shape[0]):

@@ -1,8 +1,9 @@
-"""Radau IIA with one stage (backward Euler), where Newton's method for three of them fails.
+"""Radau IIA with one stage (backward Euler), used if Newton's method for three stages fails.
 
-Modes without mass follow the forces at once, however short the step. Where one stage bears on a
-stop and its damper, and the next one does not, no matrix is near those of both; with one stage it
-is the matrix of each iteration. Steps of order 1 are as short as their estimate asks for.
+Modes without mass respond to forces at once, however short the step. If a stop with a damper acts
+at one stage and not at the next, no single matrix is close to those of both stages. With one stage
+the matrix is renewed in each iteration. Under error control, steps of order 1 are as short as their
+error estimate requires.
 """
 
 from __future__ import annotations
@@ -22,13 +23,13 @@ from flexmb.engine.method import SUCCESS
 from flexmb.engine.projection import POSITIONS, accelerations
 from flexmb.engine.state import Run
 
-# Fixed steps are halved to this share first, so that order 1 costs no accuracy.
+# Fixed steps are first halved to this share, so that order 1 does not reduce the accuracy.
 _SHORT_STEP = 1.0 / 32.0
 
 
 @unit
 def one_stage_step(run: Run, radau: Radau, h: float) -> int:
-    """One step of one stage, its motion at the places of three; returns the status."""
+    """One step with one stage, stored as a linear motion at the three stages; the status."""
     st, tr, settings, col = run.state, run.work.trial, run.settings, run.work.collocation
     if h > _SHORT_STEP * settings.step > 0.0:
         return method.NO_CONVERGENCE
@@ -42,7 +43,7 @@ def one_stage_step(run: Run, radau: Radau, h: float) -> int:
             col.u[i, k] = radau.c[i] * tr.dq[k]
         copy(st.power, col.power[i])
         copy(tr.vd, col.a[i])
-    for k in range(3):  # the rest is the share of the end
+    for k in range(3):  # the time loop adds the power at the end with its weight
         tr.work[k] = st.work_done[k] + h * (1.0 - radau.A[STAGES - 1, STAGES - 1]) * st.power[k]
     st.count[0]["factorisations"] += 1
     cp = radau.filter * h * h if settings.determinate == 0 else 0.0
@@ -52,7 +53,7 @@ def one_stage_step(run: Run, radau: Radau, h: float) -> int:
 
 @kernel
 def _iterate(run, h):
-    """Newton's method for v = v₀ + h v̇, u = h v at the end, with the matrix of each iteration."""
+    """Newton's method for v = v₀ + h v̇, u = h v at the end; a new matrix in each iteration."""
     st, tr, path = run.state, run.work.trial, run.work.collocation.next_a
     for i in range(STAGES):
         zero(path[i])
@@ -85,7 +86,8 @@ def _iterate(run, h):
 def _estimate_error(run, h):
     """Local error into trial.error: h² v̇/2 of positions, h (v̇ − v̇₀)/2 of velocities, filtered.
 
-    Over what three stages leave where their estimate, of lower order, is the tolerance.
+    Relative to the error that a step of three stages has if its estimate, which is of lower order,
+    equals the tolerance.
     """
     st, tr, fac, kkt = run.state, run.work.trial, run.work.factor, run.system.kkt
     nv, share = tr.dq.shape[0], math.sqrt(run.settings.tolerance)

@@ -1,13 +1,13 @@
 """Radau IIA with three stages on the index-3 equations of motion, one step.
 
-The constraints hold at the stages; the velocities of the new point are put on theirs in the metric
-of the mass matrix, which gives order 5 in positions, velocities and multipliers. Unknowns are the
-motions uᵢ of the stages from the start of the step, rotations as rotation vectors: U̇ = A⁻¹ u / h,
-ω = T(u) u̇, v̇ = A⁻¹ (v − v₀) / h. Simplified Newton finds them by two systems (`radau_systems`). The
-error is estimated by an embedded formula of order 3, filtered by S(h/γ)⁻¹ M. Stiff modes are
-damped, not resolved. Hairer & Wanner, Solving Ordinary Differential Equations II, 1996, §IV.8; for
-constraints Hairer, Lubich & Roche, The Numerical Solution of Differential-Algebraic Systems by
-Runge–Kutta Methods, 1989, §6.
+The constraints hold at the stages. The velocities of the new point are projected onto theirs in the
+metric of the mass matrix, which gives order 5 in positions, velocities and multipliers. Unknowns
+are the displacements uᵢ of the stages from the start of the step, rotations as rotation vectors:
+u̇ = A⁻¹ u / h, ω = T(u) u̇, v̇ = A⁻¹ (v − v₀) / h. Simplified Newton iteration solves two linear
+systems (`radau_systems`). The error is estimated by an embedded formula of order 3, filtered by
+S(h/γ)⁻¹ M. Stiff modes are damped, not resolved. Source: Hairer & Wanner, Solving Ordinary
+Differential Equations II, 1996, §IV.8; for constraints Hairer, Lubich & Roche, The Numerical
+Solution of Differential-Algebraic Systems by Runge–Kutta Methods, 1989, §6.
 """
 
 from __future__ import annotations
@@ -57,31 +57,31 @@ from flexmb.engine.state import Run
 if TYPE_CHECKING:
     from flexmb.model.scenes.dynamics import DynamicsSpec
 
-# Newton's method stops at this share of the error that a step of the local tolerance leaves.
+# Newton's method stops at this share of the error of a step whose estimate equals the tolerance.
 _NEWTON_SHARE = 0.005
-# An old factor is renewed before a step that expects a contraction above this.
+# An old factor is renewed before a step if the expected contraction exceeds this.
 _RENEW_ABOVE = 0.1
-# Steps that differ by less share a factor.
-_SAME_STEP = 0.1
-# Corrections of positions below so many times round-off that no longer shrink are noise: compared
-# with the one two before, since the contraction by an old factor varies from one to the next.
-_NOISE = 50.0
-# Regularisation of constraint rows across a singular pose, and pivots of redundant ones, over the
-# usual.
-_SINGULAR, _REDUNDANT = 1e5, 10.0
-# Of such a step: gap of a constraint before the last correction over what may remain, above which a
-# shorter step is tried; number of these trials.
+# Largest relative change of the step size with which an old factor is used.
+_STEP_CHANGE = 0.1
+# Corrections of positions up to this many times round-off that no longer decrease are noise. They
+# are compared with the last two, since contractions with an old factor vary.
+_NOISE_FACTOR = 50.0
+# Across a singular pose: regularisation of constraint rows over the standard one; and the largest
+# pivot of a redundant row over its regularisation.
+_SINGULAR_REGULARISATION, _REDUNDANT_PIVOT = 1e5, 10.0
+# After such a step: if a constraint violation before the last correction exceeds this many times
+# the allowed correction, a shorter step is tried; most of these trials.
 _GAP_RATIO, _MAX_TRIES = 10.0, 3.0
-# Extrapolation of the polynomials of a step over its length, at most: one that ends a jump says
-# nothing of what follows. With 1e4 and 1e5 runs fail whose reference, a table, changes within 1e-9
-# to 1e-5 s.
+# Longest step over the last one for which its stages are extrapolated; a short step at the end of a
+# jump does not predict what follows. With 1e4 and 1e5 runs fail in which the table of a reference
+# value changes within 1e-9 to 1e-5 s.
 _MAX_EXTRAPOLATION = 20.0
-# Error estimates below so many times round-off are noise: where stiff parts are at rest.
+# Error estimates below this many times round-off are noise, as of stiff components at rest.
 _ERROR_NOISE = 50.0
 
 
 def make_method(spec: DynamicsSpec) -> Method:
-    """The method for a scene; nothing is to choose."""
+    """The method for a scene; it has no options."""
     return radau_5()
 
 
@@ -107,22 +107,22 @@ def step(run: Run, radau: Radau, h: float) -> int:
     """
     memory, real = run.state.memory[0], run.work.collocation.real
     status = _iterate(run, radau, h)
-    if status == method.NO_CONVERGENCE and has_dependent_rows(real, _REDUNDANT):
-        memory["regularisation"], memory["factor_step"] = _SINGULAR, 0.0
+    if status == method.NO_CONVERGENCE and has_dependent_rows(real, _REDUNDANT_PIVOT):
+        memory["regularisation"], memory["factor_step"] = _SINGULAR_REGULARISATION, 0.0
         status = _iterate(run, radau, h)
         memory["regularisation"], memory["factor_step"] = 0.0, 0.0
         shorter = run.settings.step == 0.0 and memory["failures_since"] < _MAX_TRIES
-        if status == method.SUCCESS and shorter and not _closes(run, h):
+        if status == method.SUCCESS and shorter and not _constraints_hold(run, h):
             status = method.NO_CONVERGENCE
     failed = status == method.NO_CONVERGENCE and len(run.stages.static.units) > 0
     return one_stage_step(run, radau, h) if failed else status
 
 
 @kernel
-def _closes(run, h):
-    """Whether constraints hold at all stages: Newton's method may end with open joints."""
+def _constraints_hold(run, h):
+    """Whether the constraints hold at all stages, which a small correction does not guarantee."""
     gap, weights = run.work.collocation.gap, run.system.row_weights
-    most = _GAP_RATIO * _allowed(run, h)
+    most = _GAP_RATIO * _allowed_correction(run, h)
     for i in range(STAGES):
         for k in range(gap.shape[1]):
             if not abs(gap[i, k]) * weights[k] <= most:
@@ -135,10 +135,10 @@ def _iterate(run, radau, h):
     """Newton's method for the stages of a step."""
     memory, age = run.state.memory[0], run.work.collocation.age
     _predict(run, radau, h)
-    memory["factor_age"], age[0] = age[0], -1.0  # the factors outlast outputs
-    if abs(memory["factor_step"] - h) > _SAME_STEP * h or memory["contraction"] > _RENEW_ABOVE:
+    memory["factor_age"], age[0] = age[0], -1.0  # outputs do not change the factors
+    if abs(memory["factor_step"] - h) > _STEP_CHANGE * h or memory["contraction"] > _RENEW_ABOVE:
         memory["factor_age"] = -1.0
-    allowed = _allowed(run, h)
+    allowed = _allowed_correction(run, h)
     put_dq_round_off(run)
     earlier, last, last_moved, least, slowest, settled = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(run.settings.max_iterations):
@@ -147,24 +147,24 @@ def _iterate(run, radau, h):
             status = _evaluate_stage(run, radau, h, i)
             if status != method.SUCCESS:
                 return status
-        if memory["factor_age"] < 0.0:  # at the stage in the middle, the last one evaluated
+        if memory["factor_age"] < 0.0:  # at the middle stage, which was evaluated last
             factorise_stages(run, radau, h)
-            last = slowest = 0.0  # a contraction is measured between corrections by one factor
+            last = slowest = 0.0  # a contraction is a ratio of corrections with one factor
         size, moved, units = correct_stages(run, radau, h)
         if not math.isfinite(size):
             return method.NOT_FINITE
-        quiet = units <= _NOISE and last > 0.0 and size > REFACTOR_ABOVE * last
+        quiet = units <= _NOISE_FACTOR and last > 0.0 and size > REFACTOR_ABOVE * last
         noise, stuck = quiet and size > REFACTOR_ABOVE * earlier > 0.0, False
         if last > 0.0 and not quiet:
-            slowest = max(slowest, size / last)  # where the next one happens to be small too
+            slowest = max(slowest, size / last)  # the next one may be small by chance
             memory["contraction"] = slowest
-            # what a correction of fast parts leaves to others may be as large over their motion
+            # corrections of fast components may change slow ones as much, over their small scales
             if size > allowed and check_contraction(memory, size / last):
                 least = 0.5
                 stuck = moved > 0.5 * last_moved
         earlier, last, last_moved = last, size, moved
         theta = max(min(memory["contraction"], 0.99), least)
-        if n > 0 and units <= 1.0:  # in last places, where singular poses let noise grow
+        if n > 0 and units <= 1.0:  # within round-off, which singular poses amplify
             settled = max(settled, size)
         if stuck and size > SETTLED_NOISE * settled:
             return method.NO_CONVERGENCE
@@ -176,18 +176,18 @@ def _iterate(run, radau, h):
 
 
 @kernel
-def _allowed(run, h):
-    """Size of a correction that may remain."""
+def _allowed_correction(run, h):
+    """Allowed size of the error that Newton's method leaves, over the error scales."""
     settings = run.settings
     if settings.newton_tolerance > 0.0:
         return settings.newton_tolerance * h * h * weighted_max(run.state.vd, run.system.weights)
-    # the estimate is of order h⁴, what the step leaves of order h⁶
+    # the error estimate is of order h⁴, the error of the step of order h⁶
     return _NEWTON_SHARE * settings.tolerance**1.5
 
 
 @kernel
 def _predict(run, radau, h):
-    """Stages by the accelerations and multipliers of the last step, extrapolated."""
+    """Predict the stages by extrapolating accelerations and multipliers of the last step."""
     st, col, span = run.state, run.work.collocation, run.work.collocation.span
     has_step, before = h <= _MAX_EXTRAPOLATION * span[1], st.memory[0]["last_step"]
     for i in range(STAGES):
@@ -218,13 +218,13 @@ def _predict(run, radau, h):
         rise = (st.lam[k] - st.lam_before[k]) / before if h <= _MAX_EXTRAPOLATION * before else 0.0
         for i in range(STAGES):
             col.lam[i, k] = col.next_lam[i, k]
-            col.next_lam[i, k] = st.lam[k] + radau.c[i] * h * rise  # what they are near to
+            col.next_lam[i, k] = st.lam[k] + radau.c[i] * h * rise  # for the regularisation
     span[1] = 0.0
 
 
 @unit
 def _put_rates(run: Run, radau: Radau, h: float) -> int:
-    """Velocities and accelerations of all stages from their motions."""
+    """Velocities and accelerations of all stages from their displacements."""
     st, col, bodies = run.state, run.work.collocation, run.system.parts.bodies
     nv = st.v.shape[0]
     for n in range(STAGES):
@@ -242,7 +242,7 @@ def _put_rates(run: Run, radau: Radau, h: float) -> int:
 
 @unit
 def _evaluate_stage(run: Run, radau: Radau, h: float, i: int) -> int:
-    """What is out of balance at stage i, into its rows of the collocation; returns the status."""
+    """Residual and constraint values of stage i, into its rows of the collocation; the status."""
     tr, col = run.work.trial, run.work.collocation
     _place_stage(run, radau, h, i)
     run.state.count[0]["residuals"] += 1
@@ -254,7 +254,7 @@ def _evaluate_stage(run: Run, radau: Radau, h: float, i: int) -> int:
 
 @kernel
 def _place_stage(run, radau, h, i):
-    """Stage i into the trial state."""
+    """Make stage i the trial state."""
     st, tr, col = run.state, run.work.trial, run.work.collocation
     move(run.system.parts, st.q, col.u[i], tr.q)
     copy(col.v[i], tr.v)
@@ -265,7 +265,7 @@ def _place_stage(run, radau, h, i):
 
 @kernel
 def _add_works(run, radau, h):
-    """Works of the step but for the share of its end, by the quadrature of the method."""
+    """Works of the step by the quadrature of the method, without the power at its end."""
     st, tr, col, at = run.state, run.work.trial, run.work.collocation, run.trial_point
     copy(st.work_done, tr.work)
     for i in range(STAGES - 1):
@@ -283,18 +283,18 @@ def _add_works(run, radau, h):
 
 @kernel
 def _finish(run, radau, h):
-    """The end of the step: its last stage, velocities on the constraints; returns the status."""
+    """End of the step: its last stage with projected velocities; works; returns the status."""
     st, tr, col, memory, last = (
         run.state, run.work.trial, run.work.collocation, run.state.memory[0], STAGES - 1
     )  # fmt: skip
     if run.settings.step == 0.0:
         _estimate_error(run, radau, h)
-    if memory["factor_age"] >= 0.0:  # else a renewal is due
+    if memory["factor_age"] >= 0.0:  # otherwise the factor is to be renewed
         memory["factor_age"] += 1.0
     measured = memory["contraction"] if memory["contraction"] < 1.0 else 0.0
-    # the matrix changes by about as much as the model moves relative to its size, or turns
+    # the matrix changes by about the displacement over the model size, or the rotation
     memory["contraction"] = min(0.99, measured + weighted_max(col.u[last], run.system.weights))
-    _put_rates(run, radau, h)  # with the last correction
+    _put_rates(run, radau, h)  # including the last correction
     if run.settings.does_work == 1 and run.settings.static_after_step == 0:
         _add_works(run, radau, h)
     _place_stage(run, radau, h, last)
@@ -310,8 +310,8 @@ def _finish(run, radau, h):
 def _estimate_error(run, radau, h):
     """Local error of the embedded formula of order 3, filtered by S(h/γ)⁻¹ M, into trial.error.
 
-    Of velocities f and, by (I − h/γ ∂f/∂y)⁻¹, of positions e + h/γ f: each as far as the
-    constraints let it be.
+    The velocity error is f and, by (I − h/γ ∂f/∂y)⁻¹, the position error e + h/γ f, both in the
+    directions that the constraints allow.
     """
     st, tr, col = run.state, run.work.trial, run.work.collocation
     e, c = radau.error, h / radau.gamma
@@ -331,9 +331,10 @@ def _estimate_error(run, radau, h):
 
 @unit
 def interpolate(run: Run, radau: Radau, share: float) -> int:
-    """Positions, velocities and works at a share of the last accepted step, into the trial state.
+    """Positions, velocities and works at a fraction of the last accepted step, as trial state.
 
-    What the stages are off the cubic tells its error. `Trial.aa` are their accelerations there.
+    The differences of the stages from the cubic give its next term. `Trial.aa` becomes the
+    interpolated acceleration of the stages.
     """
     st, tr, col, works = run.state, run.work.trial, run.work.collocation, radau.works
     before = tr.before
@@ -343,7 +344,7 @@ def interpolate(run: Run, radau: Radau, share: float) -> int:
         tr.aa[k] = stage_sum(col.share[0], col.a, k)
     for i in range(
         STAGES - 1 if run.settings.static_after_step == 0 else 0
-    ):  # modes that follow leave stages
+    ):  # kinetostatic modes differ from the stages
         put_motion(run, radau.c[i], tr.dq, tr.v)
         for k in range(tr.dq.shape[0]):
             tr.dense_correction[k] += radau.bend[i] * (col.u[i, k] - tr.dq[k])

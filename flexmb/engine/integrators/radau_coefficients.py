@@ -15,7 +15,7 @@ STAGES = 3
 
 
 class Radau(NamedTuple):
-    """Coefficients: A, A⁻¹ = V diag(γ, μ, μ̄) V⁻¹, and those of the error estimate."""
+    """Coefficients: A, A⁻¹ = V diag(γ, μ, μ̄) V⁻¹, error estimate, dense output."""
 
     A: Matrix  # (3, 3)
     inverse: Matrix  # (3, 3)
@@ -25,14 +25,14 @@ class Radau(NamedTuple):
     mu_real: float
     mu_imag: float
     to: Matrix  # (3, 3) rows of V⁻¹: of γ; real and imaginary part of that of μ
-    back: Matrix  # (3, 3) columns of V: of γ; of μ twice the real, less twice the imaginary part
+    back: Matrix  # (3, 3) columns of V: of γ; twice the real, minus twice the imaginary part of μ
     error: Vector  # (3,) weights of the increments of the stages
-    bend: Vector  # (2,) of what the inner stages are off the cubic of the dense output
-    works: Matrix  # (4, 4) of s, s², s³, s⁴ in the work: of the powers at 0, c₁, c₂, 1
+    bend: Vector  # (2,) weights of the differences of inner stages from the cubic (dense output)
+    works: Matrix  # (4, 4) coefficients of s ... s⁴ in the work, of the powers at 0, c₁, c₂, 1
 
 
 def radau_coefficients() -> Radau:
-    """Those of order 5."""
+    """Coefficients of the method of order 5."""
     s = 6.0**0.5
     A = np.array(
         [
@@ -46,7 +46,7 @@ def radau_coefficients() -> Radau:
     order = [int(np.argmin(abs(values.imag))), int(np.argmax(values.imag))]
     rows = np.linalg.inv(vectors)
     gamma, mu = float(values[order[0]].real), complex(values[order[1]])
-    # V is known but for a factor of each column, a complex one for γ too
+    # eigenvectors are defined up to a factor, which is complex for γ as well
     factor = 1.0 / rows[order[0], np.argmax(abs(rows[order[0]]))]
     first, of_first = (rows[order[0]] * factor).real, (vectors[:, order[0]] / factor).real
     second, of_second = rows[order[1]], vectors[:, order[1]]
@@ -61,11 +61,11 @@ def radau_coefficients() -> Radau:
 
 
 def _bend(A: Matrix) -> Vector:
-    """Weights of what both inner stages are off the cubic of the dense output.
+    """Weights of the differences of both inner stages from the cubic of the dense output.
 
-    The motion leaves the cubic by c² (1 − c)²/24 h⁴ u⁗. At the stages of smooth parts h⁴ u⁗ is seen
-    less by their own error, Σ aᵢⱼ cⱼ³/6 − cᵢ⁴/24; stages that constraints determine have none. The
-    weights tell it from both.
+    The motion differs from the cubic by c² (1 − c)²/24 h⁴ u⁗. The stages of smooth components also
+    have an error of their own, (Σ aᵢⱼ cⱼ³/6 − cᵢ⁴/24) h⁴ u⁗; stages that constraints determine have
+    none. With these weights the estimate of h⁴ u⁗ is right in both cases.
     """
     c = A.sum(axis=1)
     off = (c**2 * (1.0 - c) ** 2 / 24.0)[:2]
@@ -75,7 +75,7 @@ def _bend(A: Matrix) -> Vector:
 
 @kernel
 def put_stage_weights(radau, share, weights):
-    """Weights of the stages in the parabola through them, at a share of their step."""
+    """Weights of the stages in the parabola through them, at a fraction of their step."""
     for j in range(STAGES):
         w = 1.0
         for k in range(STAGES):
@@ -86,5 +86,5 @@ def put_stage_weights(radau, share, weights):
 
 @kernel
 def stage_sum(weights, rows, k):
-    """Column k of three rows, weighted."""
+    """Weighted sum of three rows, column k."""
     return weights[0] * rows[0, k] + weights[1] * rows[1, k] + weights[2] * rows[2, k]

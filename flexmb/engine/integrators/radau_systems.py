@@ -14,17 +14,18 @@ from flexmb.engine.algebra.vector import copy, larger, scaled_max, weighted_max
 from flexmb.engine.bodies.motion import max_over_round_off
 from flexmb.engine.equations_of_motion import run_stage
 from flexmb.engine.integrators.radau_coefficients import STAGES, Radau
-from flexmb.engine.iteration_matrix import factorise_pair, keep_diagonal, put_matrix, put_rows
+from flexmb.engine.iteration_matrix import factorise_pair, put_matrix, put_rows, store_diagonal
 from flexmb.engine.jit import Vector, kernel, unit
 from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import Run
 
-_TINY_DAMPING = 1e-300  # cv that keeps the mass of motion, and no more
+# cv that selects the mass matrix of steps, not that of single solves, and is zero otherwise.
+_TINY_DAMPING = 1e-300
 
 
 @unit
 def factorise_stages(run: Run, radau: Radau, h: float) -> int:
-    """Assemble and factor S(h/γ) and S(h/μ) at the stage evaluated last."""
+    """Assemble and factor S(h/γ) and S(h/μ) at the stage that was evaluated last."""
     fac, col, kkt, at = run.work.factor, run.work.collocation, run.system.kkt, run.trial_point
     pair, real, memory = col.pair, col.real, run.state.memory[0]
     n = radau.mu_real**2 + radau.mu_imag**2
@@ -33,7 +34,7 @@ def factorise_stages(run: Run, radau: Radau, h: float) -> int:
     pair.symmetric[0] = fac.symmetric[0]
     for i in range(pair.low.shape[0]):
         pair.low[i] = pair.up[i] = 0.0
-    put_matrix(run, at, _TINY_DAMPING, 0.0)  # the mass of motion, not that of single solves
+    put_matrix(run, at, _TINY_DAMPING, 0.0)  # without the artificial mass of single solves
     _add_matrix(pair, fac, -1j)
     put_matrix(run, at, y, 2.0 * x * y)
     _add_matrix(pair, fac, 1j)
@@ -42,9 +43,9 @@ def factorise_stages(run: Run, radau: Radau, h: float) -> int:
     c = h / radau.gamma
     put_matrix(run, at, c, c * c)
     _add_matrix(pair, fac, -1.0 + 0j)
-    keep_diagonal(kkt.panels, fac.low, fac.diagonal)
+    store_diagonal(kkt.panels, fac.low, fac.diagonal)
     put_rows(run, at, c, c * c)
-    _add_matrix(pair, fac, 1.0 + 0j)  # the rows alone
+    _add_matrix(pair, fac, 1.0 + 0j)  # constraint rows
     run.state.count[0]["regularised_pivots"] += factorise_pair(run, pair)
     copy(fac.low, real.low)
     copy(fac.up, real.up)
@@ -66,10 +67,10 @@ def _add_matrix(pair, fac, f):
 
 @kernel
 def correct_stages(run, radau, h):
-    """Newton correction of all stages, into their motions and multipliers; its three sizes.
+    """Newton correction of displacements and multipliers of all stages; returns three sizes of it.
 
-    Over motion and speed, or weighted with fixed steps; weighted; over what of positions is
-    round-off.
+    1: over the error scales (with fixed steps weighted). 2: weighted. 3: over the round-off of
+    positions.
     """
     st, col, kkt, weights = run.state, run.work.collocation, run.system.kkt, run.system.weights
     place, nv = kkt.place, st.v.shape[0]
@@ -82,8 +83,8 @@ def correct_stages(run, radau, h):
         x[place[k]] = -c * c * r
         z[place[k]] = -m * m * complex(p, q)
     for k in range(st.lam.shape[0]):
-        # Regularised towards those that the points before share the least among redundant rows;
-        # towards zero each step would yield to its reactions.
+        # Multipliers are regularised towards those extrapolated from the ends of the last steps,
+        # which distribute loads over redundant rows; towards zero, each step would yield to them.
         i = place[nv + k]
         r, p, q = _transformed(to, col.gap, k)
         lr, lp, lq = _transformed(to, col.lam, k)
@@ -117,7 +118,7 @@ def correct_stages(run, radau, h):
 
 @kernel
 def _transformed(to, rows, k):
-    """Column k of three stages by the eigenvectors: of γ, real and imaginary part of that of μ."""
+    """Column k of three stages in the basis of V: of γ; real and imaginary part of that of μ."""
     a, b, c = rows[0, k], rows[1, k], rows[2, k]
     return (
         to[0, 0] * a + to[0, 1] * b + to[0, 2] * c,
@@ -128,7 +129,7 @@ def _transformed(to, rows, k):
 
 @unit
 def filter_motion(run: Run, x: Vector) -> int:
-    """x becomes S(h/γ)⁻¹ M x."""
+    """x ← S(h/γ)⁻¹ M x."""
     tr, real, kkt = run.work.trial, run.work.collocation.real, run.system.kkt
     nv, place = x.shape[0], kkt.place
     copy(x, tr.res)

@@ -19,6 +19,7 @@ from flexmb.fe.reduction.eigenmodes import SymmetryPlane
 from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
 from flexmb.fe.reduction.free_body import lowest_free, relieved_inverse
 from flexmb.fe.reduction.inertia_relief import InertiaRelief
+from flexmb.fe.reduction.missing_response import inertia_response
 from flexmb.fe.reduction.quality import (
     EffectiveMass,
     EnergyShares,
@@ -32,7 +33,6 @@ from flexmb.fe.reduction.quality import (
     unit_loads,
 )
 from flexmb.fe.reduction.reduced_basis import DIRECTIONS, ReducedBasis, ReducedModes
-from flexmb.fe.reduction.static_response import inertia_response
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.flexbody.body import FlexBody
 from flexmb.progress import Phase, Progress, Stopwatch, silent

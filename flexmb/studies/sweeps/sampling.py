@@ -18,7 +18,7 @@ import numpy as np
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody.arrays import Array
 from flexmb.model.scenes.sweep import Distribution
-from flexmb.results.kill_safe_file import uninterrupted
+from flexmb.results.crash_safe_file import uninterrupted
 
 MAX_RUNS = 1_000_000
 DIFFERENCES = (-2.0, -1.0, 1.0, 2.0)

@@ -14,10 +14,10 @@ from flexmb.analysis.assembly import initial_state
 from flexmb.analysis.assembly.gaps import assembly_notes, joint_gaps, moved_bodies
 from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.assembly.positions import assembly_weights, length_corrector
+from flexmb.engine.allocation import new_state, new_work
 from flexmb.engine.compile import compile_system
-from flexmb.engine.entries import solve_stage
+from flexmb.engine.compiled_calls import solve_stage
 from flexmb.engine.initial_conditions import RESIDUAL
-from flexmb.engine.work import new_state, new_work
 from flexmb.errors import AssemblyError, SceneError
 from flexmb.model import Model
 

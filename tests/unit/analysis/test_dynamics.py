@@ -14,13 +14,14 @@ from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.dynamics import integration as module
 from flexmb.analysis.dynamics.dynamics import dynamics
 from flexmb.analysis.dynamics.run_settings import loop_settings, time_grid
-from flexmb.engine import units
+from flexmb.engine import compiled_units
+from flexmb.engine.allocation import new_output, new_run, new_work
 from flexmb.engine.compile import compile_system
-from flexmb.engine.entries import integrate, make_integrator, prepare_integration, solve_stage
+from flexmb.engine.compiled_calls import integrate, prepare_integration, solve_stage
 from flexmb.engine.initial_conditions import VELOCITIES
 from flexmb.engine.method import SUCCESS
+from flexmb.engine.method_selection import make_integrator
 from flexmb.engine.state import State
-from flexmb.engine.work import new_output, new_run, new_work
 from flexmb.model import Model, load_scene
 from flexmb.model.scenes.dynamics import DynamicsSpec
 
@@ -80,7 +81,8 @@ def test_a_step_that_fits_is_kept():
 def test_a_run_reports_all_outputs_and_a_state_per_chunk(model, compiled, monkeypatch):
     monkeypatch.setattr(module, "_CHUNK_WORK", one_output(model, compiled))
     prepare_integration(compiled.system, make_integrator(model.dynamics))
-    monkeypatch.setattr(units, "_loader", functools.cache(units._Loader))  # nothing is loaded
+    loader = functools.cache(compiled_units._Loader)
+    monkeypatch.setattr(compiled_units, "_loader", loader)  # nothing is loaded
     sink = Kept()
     phases = []
     outcome = dynamics(compiled, model, sink, progress=lambda *told: phases.append(told))

@@ -7,7 +7,7 @@ from coldcache import WouldCompile, cold_cache  # noqa: F401  a fixture
 from mechanisms import crank_slider, four_bar, quick_return
 
 import flexmb
-from flexmb.analysis import procedure
+from flexmb.analysis import chunked_run
 from flexmb.analysis.dynamics.dynamics import prepare_dynamics
 from flexmb.analysis.kinematics import prepare_kinematics
 from flexmb.engine.compile import compile_system
@@ -61,7 +61,7 @@ def test_a_good_model_is_compiled():
 
 @pytest.mark.parametrize("limit", ["_MAX_COORDINATES", "_MAX_MODES_SQUARED"])
 def test_a_large_model_is_compiled_at_once(monkeypatch, limit):
-    monkeypatch.setattr(procedure, limit, -1)
+    monkeypatch.setattr(chunked_run, limit, -1)
     model = out_of_reach()
     model.set_dynamics(duration=1.0)
     with pytest.raises(WouldCompile):
@@ -75,12 +75,12 @@ def test_what_fails_in_python_only_is_left_to_compiled_code():
         return 1.0 / 0.0
 
     model = crank_slider("RSUT")
-    procedure.precheck(compile_system(model), UNITS.values(), fails)
+    chunked_run.precheck(compile_system(model), UNITS.values(), fails)
 
 
 def test_nothing_is_tried_where_all_units_are_there():
     model = crank_slider("RSUT")
-    procedure.precheck(compile_system(model), [], pytest.fail)
+    chunked_run.precheck(compile_system(model), [], pytest.fail)
 
 
 def test_mobility_needs_nothing_compiled():

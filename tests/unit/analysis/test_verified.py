@@ -136,7 +136,7 @@ def test_round_off_is_looked_for_by_one_run_and_measured_by_three(
     make, duration, accuracy, runs, monkeypatch
 ):
     """All on the steps of the scout, of which none but the run itself has to find its own."""
-    made, calls, follow = [], [], verified_run._follow
+    made, calls, follow = [], [], verified_run._rows_on_moved_steps
     init = verified_run.Integration.__init__
 
     def begin(self, *arguments):
@@ -148,7 +148,7 @@ def test_round_off_is_looked_for_by_one_run_and_measured_by_three(
         return follow(*arguments)
 
     monkeypatch.setattr(verified_run.Integration, "__init__", begin)
-    monkeypatch.setattr(verified_run, "_follow", counted)
+    monkeypatch.setattr(verified_run, "_rows_on_moved_steps", counted)
     simulated(make(1.0), accuracy=accuracy, duration=duration, outputs=200)
     assert len(calls) == runs
     steps = [int(run.state.count[0]["steps"]) for run in made if run.finished]

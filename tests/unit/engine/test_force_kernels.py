@@ -12,10 +12,10 @@ from scipy.interpolate import Akima1DInterpolator, CubicSpline, PchipInterpolato
 from scipy.spatial.transform import Rotation
 
 from flexmb.engine.compile import compile_system
+from flexmb.engine.compiled_units import call
 from flexmb.engine.forces import relative_motion, spring_damper
 from flexmb.engine.forces.stop import stop_resistance
 from flexmb.engine.function import lower, run_program
-from flexmb.engine.units import call
 from flexmb.model import Model
 from flexmb.model.forces.force_characteristic import CharacteristicOf
 from flexmb.model.functions.expression import parse

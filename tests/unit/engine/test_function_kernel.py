@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from enginekit import stack_for
 
+from flexmb.engine.compiled_units import call
 from flexmb.engine.function import OPCODES, VAR, count_switches, lower, put_switches, run_program
 from flexmb.engine.state import EVENT_FUNCTION
-from flexmb.engine.units import call
 from flexmb.model.functions.expression import parse
 from flexmb.model.functions.function import read_function
 

@@ -7,7 +7,9 @@ import pytest
 from truthkit import steps
 
 import flexmb
+from flexmb.engine.allocation import new_run, new_work
 from flexmb.engine.compile import compile_system
+from flexmb.engine.compiled_units import call, packed_record
 from flexmb.engine.integrators.generalized_alpha import (
     generalized_alpha,
     hilber_hughes_taylor,
@@ -15,8 +17,6 @@ from flexmb.engine.integrators.generalized_alpha import (
     step,
 )
 from flexmb.engine.method import Settings
-from flexmb.engine.units import call, packed_record
-from flexmb.engine.work import new_run, new_work
 from flexmb.model import Model
 from tests.hard.stiffness import governor
 

@@ -10,7 +10,7 @@ from truthkit import Memory
 
 from flexmb.analysis.dynamics.dynamics import dynamics, prepare_dynamics
 from flexmb.engine.compile import compile_system
-from flexmb.engine.events import _peak
+from flexmb.engine.events import _peak_share
 from flexmb.engine.method import SUCCESS
 from flexmb.model import Model
 
@@ -151,13 +151,13 @@ def test_the_peak_of_a_cubic_is_found():
     """s^3 - 1.8 s^2 + 0.81 s - 0.1 is above zero about its peak at 0.3, and below at both ends."""
     ends = [{"value": -0.1, "rate": 0.81}], [{"value": -0.09, "rate": 0.21}]
     events = SimpleNamespace(before=ends[0], now=ends[1])
-    assert _peak(events, 0, 1.0) == pytest.approx(0.3)
+    assert _peak_share(events, 0, 1.0) == pytest.approx(0.3)
 
 
 def test_the_dip_of_a_cubic_is_found():
     """The same upside down; tangents alone, which most contacts at rest have, are none."""
     ends = [{"value": 0.1, "rate": -0.81}], [{"value": 0.09, "rate": -0.21}]
     events = SimpleNamespace(before=ends[0], now=ends[1])
-    assert _peak(events, 0, 1.0) == pytest.approx(0.3)
+    assert _peak_share(events, 0, 1.0) == pytest.approx(0.3)
     ends[0][0]["rate"], ends[1][0]["rate"] = -0.25, 0.25  # which meet below zero, the cubic not
-    assert _peak(events, 0, 1.0) == 1.0
+    assert _peak_share(events, 0, 1.0) == 1.0

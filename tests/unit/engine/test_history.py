@@ -8,12 +8,12 @@ from enginekit import Bench
 from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.dynamics.integration import Integration
 from flexmb.analysis.dynamics.run_settings import loop_settings
+from flexmb.engine.allocation import new_state
 from flexmb.engine.compile import compile_system
-from flexmb.engine.entries import make_integrator
 from flexmb.engine.forces.bristle import FREE
 from flexmb.engine.method import SUCCESS
+from flexmb.engine.method_selection import make_integrator
 from flexmb.engine.state import State
-from flexmb.engine.work import new_state
 from flexmb.model import Model
 
 

@@ -7,7 +7,7 @@ import pytest
 from enginekit import Bench
 from generators import Mechanism
 
-from flexmb.engine.entries import solve_stage
+from flexmb.engine.compiled_calls import solve_stage
 from flexmb.engine.initial_conditions import ACCELERATIONS, BEGIN, POSITIONS, RESIDUAL, VELOCITIES
 from flexmb.engine.method import SUCCESS, ZERO_LENGTH
 

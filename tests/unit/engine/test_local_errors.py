@@ -7,15 +7,15 @@ import pytest
 from scipy.integrate import DOP853
 from truthkit import steps
 
+from flexmb.engine.allocation import new_state, new_work
 from flexmb.engine.compile import compile_system
-from flexmb.engine.entries import solve_stage
+from flexmb.engine.compiled_calls import solve_stage
 from flexmb.engine.initial_conditions import POSITIONS, RESIDUAL
 from flexmb.engine.integrators.explicit_rk import dormand_prince_8, explicit_method, interpolate
 from flexmb.engine.integrators.explicit_rk import step as explicit_step
 from flexmb.engine.integrators.radau import radau_5
 from flexmb.engine.method import NO_CONVERGENCE, REPEAT, SUCCESS
 from flexmb.engine.step_control import judge_step, record_step
-from flexmb.engine.work import new_state, new_work
 from flexmb.model import Model
 
 H = 0.1

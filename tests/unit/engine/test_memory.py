@@ -9,6 +9,7 @@ import pytest
 from enginekit import MOVE, Bench, slope
 from generators import Mechanism
 
+from flexmb.engine.allocation import new_state, new_work, sizes
 from flexmb.engine.integrators.explicit_rk import (
     dormand_prince_5,
     dormand_prince_8,
@@ -18,7 +19,6 @@ from flexmb.engine.integrators.explicit_rk import (
 )
 from flexmb.engine.integrators.generalized_alpha import generalized_alpha
 from flexmb.engine.integrators.radau import radau_5
-from flexmb.engine.work import new_state, new_work, sizes
 
 
 @pytest.fixture(scope="module")

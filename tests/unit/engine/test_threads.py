@@ -11,7 +11,7 @@ from truthkit import Memory
 
 from flexmb.analysis.dynamics.dynamics import dynamics
 from flexmb.engine.compile import compile_system, fingerprint
-from flexmb.engine.kinds import KINDS
+from flexmb.engine.kind_registry import KINDS
 from flexmb.model import Model
 
 

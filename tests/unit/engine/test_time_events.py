@@ -11,10 +11,10 @@ from numpy.lib.recfunctions import structured_to_unstructured
 
 from flexmb.analysis.dynamics.dynamics import prepare_dynamics
 from flexmb.analysis.dynamics.integration import Integration
+from flexmb.engine.allocation import new_state
 from flexmb.engine.compile import compile_system
 from flexmb.engine.equations_of_motion import work_of_step
 from flexmb.engine.method import SUCCESS
-from flexmb.engine.work import new_state
 from flexmb.model import Model
 
 PULSE = {

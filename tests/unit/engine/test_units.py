@@ -17,13 +17,14 @@ from coldcache import MOVE, SOLVE, empty_cache  # noqa: F401  a fixture
 from enginekit import STAGES, Bench, interpreted
 from generators import Mechanism
 
-from flexmb.engine import compiler_pool, function, unit_cache, units
+from flexmb.engine import compiled_units, compiler_pool, function, unit_cache
 from flexmb.engine.algebra import ldl, vector
+from flexmb.engine.allocation import new_run, new_state, new_work
 from flexmb.engine.bodies import motion
-from flexmb.engine.entries import all_units
+from flexmb.engine.compiled_calls import all_units
+from flexmb.engine.compiled_units import call, missing_units, prepare_units
 from flexmb.engine.jit import UNITS
-from flexmb.engine.units import call, missing_units, prepare_units
-from flexmb.engine.work import new_run, new_state, new_work, units_of
+from flexmb.engine.stage_tables import units_of
 
 SMALL = (SOLVE, MOVE, ldl.multiply.name)
 
@@ -57,14 +58,14 @@ def test_a_new_combination_of_known_kinds_compiles_nothing(topology):
         system = Bench(Mechanism(5, topology, bodies).model).sys
         run = new_run(system, new_state(system), new_work(system))
         assert prepare_units(units_of(system)) == 0
-        assert not missing_units(units.units_in(run))
+        assert not missing_units(compiled_units.units_in(run))
 
 
 # --- keys ---------------------------------------------------------------------------------------
 
 NAMES = """
 import json
-from flexmb.engine.entries import all_units
+from flexmb.engine.compiled_calls import all_units
 from flexmb.engine.unit_cache import sources_of, unit_file
 print(json.dumps({u.name: [unit_file(u.name), [p.name for p in sources_of(u.module)]]
                   for u in all_units()}))
@@ -105,7 +106,7 @@ import numpy as np
 from flexmb.engine.algebra import ldl, vector
 from flexmb.engine.tables import PANEL, UPDATE, LINK, Kkt
 from flexmb.engine.state import Factor
-from flexmb.engine.units import call
+from flexmb.engine.compiled_units import call
 panels = np.zeros(1, PANEL); panels["nc"] = 7; panels["sign"] = 1.0
 low = np.eye(7).ravel(); low[42] = 0.5
 kkt = Kkt(panels, np.zeros(0, np.int64), np.zeros(0, UPDATE), np.zeros(0, LINK),
@@ -135,7 +136,7 @@ def test_a_killed_compilation_leaves_a_usable_cache(cache, project):
     """Killed at several moments; then everything is there, and nothing broken."""
     code = f"""
 from flexmb.engine.compiler_pool import compile_units
-from flexmb.engine.entries import all_units
+from flexmb.engine.compiled_calls import all_units
 compile_units({list(SMALL)!r})
 """
     env = {**os.environ, "PYTHONPATH": str(project)}
@@ -163,7 +164,7 @@ def test_what_lies_in_the_present_folder_is_not_compiled(cache, tmp_path, monkey
 def test_two_processes_on_a_cold_cache_share_the_work(cache, project):
     code = f"""
 from flexmb.engine.compiler_pool import compile_units
-import flexmb.engine.entries
+import flexmb.engine.compiled_calls
 print(compile_units({list(SMALL)!r}))
 """
     env = {**os.environ, "PYTHONPATH": str(project)}
@@ -179,7 +180,7 @@ print(compile_units({list(SMALL)!r}))
 def test_an_import_leaves_numba_alone(project):
     """Neither the modules of Numba nor its settings, such as the user's own cache, are touched."""
     code = """
-import sys, flexmb, flexmb.engine.entries, flexmb.analysis.dynamics.dynamics
+import sys, flexmb, flexmb.engine.compiled_calls, flexmb.analysis.dynamics.dynamics
 assert not any(name.split(".")[0] == "numba" for name in sys.modules)
 import numba
 print(numba.config.CACHE_DIR)
@@ -193,7 +194,7 @@ ONE_FUNCTION = """
 import sys
 import numpy as np
 from flexmb.engine.function import lower, run_program
-from flexmb.engine.units import call
+from flexmb.engine.compiled_units import call
 from flexmb.model.functions.expression import parse
 table = lower([parse("2*t")])
 print(call(run_program, table, int(sys.argv[1]), 1.5, np.zeros((1, 3)), np.zeros((table.depth, 3))))
@@ -300,7 +301,7 @@ def test_code_that_allocates_does_not_compile(project):
 WITHOUT = """
 from enginekit import STAGES, Bench
 from generators import Mechanism
-from flexmb.engine.units import interpreted
+from flexmb.engine.compiled_units import interpreted
 
 assert interpreted()
 for acting in (True, False):

@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 from benchmarks.units import KINDS
 
-from flexmb.engine import units
-from flexmb.engine.entries import integration_units, make_integrator, prepare_integration
+from flexmb.engine import compiled_units
+from flexmb.engine.compiled_calls import integration_units, prepare_integration
+from flexmb.engine.method_selection import make_integrator
 
 RATES = {"bodies.wrench.add_rate_arms", "bodies.wrench.add_rate_tangent"}
 FORCES_OF_TIME = {"forces.load", "function.evaluate_functions"}
@@ -63,10 +64,10 @@ def called(project, monkeypatch):
         prepare_integration(compiled.system, method)
         entered, stored = integration_units(compiled.system, method), {}
         names = [unit.name for unit in entered]
-        assert units._collect(names, stored, lambda name: False) == []
+        assert compiled_units._collect(names, stored, lambda name: False) == []
         with monkeypatch.context() as empty:
-            empty.setattr(units, "read_stored", lambda name: None)
-            return set(stored), set(units.missing_units(entered))
+            empty.setattr(compiled_units, "read_stored", lambda name: None)
+            return set(stored), set(compiled_units.missing_units(entered))
 
     return sets
 

@@ -9,7 +9,7 @@ import pytest
 from goodscene import GOOD, message
 
 from flexmb.engine.compile import compile_system
-from flexmb.engine.kinds import KINDS
+from flexmb.engine.kind_registry import KINDS
 from flexmb.model import Model, load_scene
 from flexmb.model.scenes.scene import scene_schema
 from flexmb.model.scenes.sections import FORCE_TYPES

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import flexmb
-from flexmb.engine.entries import make_integrator
+from flexmb.engine.method_selection import make_integrator
 from flexmb.errors import SceneError
 from flexmb.model import Model
 from flexmb.model.scenes.dynamics import METHODS, OPTIONS

@@ -16,9 +16,9 @@ from resultfiles import block, writer
 
 from flexmb import untrusted
 from flexmb.errors import ResultFileError
-from flexmb.results import Result, kill_safe_file, result_file
+from flexmb.results import Result, crash_safe_file, result_file
 from flexmb.results.channels import TABLES
-from flexmb.results.kill_safe_file import DiskFile
+from flexmb.results.crash_safe_file import DiskFile
 
 WRITE = """
 import sys
@@ -118,7 +118,7 @@ def test_a_kill_while_a_file_grows_costs_no_row(
 def test_flipped_bits_of_a_killed_run_are_noticed_or_change_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(kill_safe_file, "_PAUSE", 0.0)
+    monkeypatch.setattr(crash_safe_file, "_PAUSE", 0.0)
     monkeypatch.setattr(untrusted, "_first_reading", lambda *_: None)  # here, to be fast
     with writer(tmp_path / "run.h5", texts={"scene": "a" * 500}) as out:
         out.save_state({"v": np.zeros(500)})

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from flexmb.results.kill_safe_file import WriteLock
+from flexmb.results.crash_safe_file import WriteLock
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="Windows locks by other means")
 
 HOLD = """
 import sys
 from pathlib import Path
-from flexmb.results.kill_safe_file import WriteLock
+from flexmb.results.crash_safe_file import WriteLock
 lock = WriteLock(Path(sys.argv[1]))
 sys.stdout.write("locked\\n")
 sys.stdout.flush()

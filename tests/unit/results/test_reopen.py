@@ -15,7 +15,7 @@ import flexmb
 from flexmb.errors import OutputError, ResultFileError
 from flexmb.results import Result
 from flexmb.results import writer as result_writer
-from flexmb.results.kill_safe_file import uninterrupted
+from flexmb.results.crash_safe_file import uninterrupted
 from flexmb.results.writer import ResultWriter, extend_file, store_text
 
 

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 import flexmb
 from flexmb.cli import app
 from flexmb.errors import FlexmbError, OutputError
-from flexmb.results import export_stress, kill_safe_file, reader, recovery
+from flexmb.results import crash_safe_file, export_stress, reader, recovery
 
 SHELL = {"surface": {"type": "shell", "thickness": 0.01}}
 BAR = {"all": {"type": "rectangle", "y": 0.02, "z": 0.03}}
@@ -147,7 +147,7 @@ def test_a_full_disk_ends_no_process_and_leaves_nothing(swinging, tmp_path, monk
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(kill_safe_file.DiskFile, "_write_all", full)
+    monkeypatch.setattr(crash_safe_file.DiskFile, "_write_all", full)
     with pytest.raises(OutputError, match="No space left"):
         export_stress(swinging, tmp_path / "a.h5", "blade", nodes=[4], layer="top")
     assert not list(tmp_path.iterdir())

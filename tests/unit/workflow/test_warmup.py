@@ -8,12 +8,13 @@ import pytest
 from typer.testing import CliRunner
 
 from flexmb.cli import app
-from flexmb.engine import entries, unit_cache
+from flexmb.engine import compiled_calls, unit_cache
 from flexmb.engine.bodies import motion, wrench
 from flexmb.engine.compile import compile_system
-from flexmb.engine.entries import all_units, integration_units, make_integrator
+from flexmb.engine.compiled_calls import all_units, integration_units
+from flexmb.engine.compiled_units import missing_units
 from flexmb.engine.jit import CompiledUnit
-from flexmb.engine.units import missing_units
+from flexmb.engine.method_selection import make_integrator
 from flexmb.model import load_scene
 from flexmb.model.scenes.dynamics import METHODS, DynamicsSpec
 from flexmb.workflow import flexible_bodies, installation, listings
@@ -26,7 +27,7 @@ def few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[CompiledUnit, 
     """An empty cache, and an engine of three units."""
     monkeypatch.setenv("FLEXMB_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr(unit_cache, "_full", [])
-    monkeypatch.setattr(entries, "all_units", lambda: FEW)
+    monkeypatch.setattr(compiled_calls, "all_units", lambda: FEW)
     unit_cache._shared_folders.cache_clear()
     yield FEW
     unit_cache._shared_folders.cache_clear()

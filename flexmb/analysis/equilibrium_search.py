@@ -18,18 +18,18 @@ from flexmb.analysis.assembly.jacobian import (
     one_blas_thread,
 )
 from flexmb.analysis.assembly.positions import close_rows
-from flexmb.analysis.equilibrium import solve_equilibrium, spin_of
+from flexmb.analysis.chunked_run import ChunkRows
+from flexmb.analysis.equilibrium_solver import solve_equilibrium, spin_of
 from flexmb.analysis.linear.linearization import Linearization, linearize_state
 from flexmb.analysis.linear.observer import MinimalEquations, RowsAlongMotion
 from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.analysis.linear.state_space import actuators
-from flexmb.analysis.procedure import ChunkRows
+from flexmb.engine.allocation import new_run, new_work
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import statics_units
+from flexmb.engine.compiled_calls import statics_units
+from flexmb.engine.compiled_units import call, prepare_units
 from flexmb.engine.state import State
 from flexmb.engine.state_rows import write_equilibrium
-from flexmb.engine.units import call, prepare_units
-from flexmb.engine.work import new_run, new_work
 from flexmb.errors import AssemblyError, FlexmbError, Problem, SceneError, nearest
 from flexmb.flexbody.arrays import Array
 from flexmb.model.model import Model

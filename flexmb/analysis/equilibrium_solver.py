@@ -22,11 +22,11 @@ import scipy.linalg
 from flexmb.analysis.assembly.jacobian import column_scales, one_blas_thread
 from flexmb.analysis.linear.observer import body_axes
 from flexmb.analysis.linear.state_equations import StateEquations, Tangents
+from flexmb.engine.allocation import new_work
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import solve_stage
+from flexmb.engine.compiled_calls import solve_stage
 from flexmb.engine.initial_conditions import BEGIN, REMEMBER
 from flexmb.engine.state import State
-from flexmb.engine.work import new_work
 from flexmb.errors import AssemblyError
 from flexmb.flexbody.arrays import Array, skew
 from flexmb.model.model import Model

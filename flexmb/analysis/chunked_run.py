@@ -5,39 +5,25 @@ rows are stored after each chunk; a failure or an interruption keeps everything 
 wrong with a small model is reported before anything is compiled for it: the first state is sought
 in plain Python, in a second and not after a minute of compiling, and thrown away, so that what a
 run computes never depends on what is in the cache.
-
-Why a run ended early is one sentence: what happened, when, where, and what to do. A function of
-time that is not finite is named before anything it has spoilt.
 """
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from typing import Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flexmb.engine import method
+from flexmb.engine.allocation import new_output
 from flexmb.engine.compile import Compiled
-from flexmb.engine.entries import sentence, solve_stage
-from flexmb.engine.initial_conditions import RESIDUAL
+from flexmb.engine.compiled_units import interpretation, load_units, prepare_units
 from flexmb.engine.jit import CompiledUnit
-from flexmb.engine.state import Output, Work
+from flexmb.engine.state import Output
 from flexmb.engine.tables import ENERGIES
-from flexmb.engine.units import interpretation, load_units, prepare_units
-from flexmb.engine.work import new_output, new_state, new_work
 from flexmb.errors import FlexmbError
-from flexmb.model.control import feedback_functions, resolved
-from flexmb.model.forces.body_load import BodyLoadSpec
-from flexmb.model.forces.load import LineForceSpec, LoadSpec
-from flexmb.model.forces.spring_damper import JointSpringSpec, SpringDamperSpec
-from flexmb.model.functions.function import Function
-from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
 from flexmb.results.output_block import OutputBlock
 
@@ -276,100 +262,3 @@ class EnergyBalance:
         moved = max(float((self._most - self._least).max()), float(self._most[0]))
         scale = max(moved, float(self._rest[2]))
         return float(self._rest[1]) / scale if scale > 0.0 else 0.0
-
-
-_WORDS = ("value", "first derivative", "second derivative")
-
-
-def failure_sentence(
-    status: int, compiled: Compiled, model: Model, work: Work, time: float, step: float,
-    likely: str = "",
-) -> str:  # fmt: skip
-    """The sentence for a step that failed.
-
-    Parameters
-    ----------
-    status : int
-        Code of the kernel, not `SUCCESS`.
-    compiled, model, work : Compiled, Model, Work
-        What was run, and its scratch as the failed step left it.
-    time, step : float
-        When the step began, and its length [s].
-    likely : str
-        Its cause, unless a function is not finite.
-    """
-    cause = ""
-    if status in (method.NOT_FINITE, method.NO_CONVERGENCE):
-        cause = _not_finite(compiled, model, work, time)
-        cause = cause or not_finite_function(model, (time, time + 0.5 * step, time + step))
-    return cause or sentence(status, compiled, work, time, likely)
-
-
-def not_finite_function(model: Model, times: Iterable[float]) -> str:
-    """The sentence for the first function of time that is not finite at one of these times."""
-    for where, function, derivatives in _functions(model):
-        for moment in times:
-            jet = tuple(function.value(moment))[: derivatives + 1]
-            for word, number in zip(_WORDS, jet, strict=False):
-                if not math.isfinite(number):
-                    what = f'the {word} of "{function.expression.text}" is {number:g}'
-                    return f"at t = {moment:.6g} s {where}: {what}, not finite"
-    return ""
-
-
-def _not_finite(compiled: Compiled, model: Model, work: Work, time: float) -> str:
-    """The sentence of an expression over channels without finite value where the step failed."""
-    if "feedback" not in compiled.system.kinds:
-        return ""
-    names = dict(zip(compiled.numbers, work.trial.variables[:, 0], strict=True))
-    for where, function in feedback_functions(model):
-        program = resolved(model, function.expression)
-        used = {name: float(names[name]) for name in program.channels}
-        if where.startswith("sensors.") or not all(map(math.isfinite, used.values())):
-            continue
-        value = program.value(time, {name: (x, 0.0, 0.0) for name, x in used.items()})[0]
-        if not math.isfinite(value):
-            at = ", ".join(
-                f"{name} = {model.units.say(x, model.channel_unit(name) or '')}"
-                for name, x in used.items()
-            )
-            text = function.expression.text
-            return f'at t = {time:.6g} s {where}: "{text}" is {value:g} with {at}, not finite'
-    return ""
-
-
-def gaps_at(compiled: Compiled, rows: OutputBlock, row: int) -> NDArray[np.float64]:
-    """C (nc,) at one output row."""
-    state = new_state(compiled.system, len(compiled.layout.channels))
-    work = new_work(compiled.system)
-    state.t[0], state.q[:], state.v[:] = rows.t[row], rows.q[row], rows.v[row]
-    solve_stage(compiled.system, state, work, RESIDUAL)
-    gaps: NDArray[np.float64] = work.con.C
-    return gaps
-
-
-def open_joint(compiled: Compiled, C: NDArray[np.float64], time: float) -> str:
-    """The sentence for open constraints; `C` (nc,) are their gaps at that time."""
-    worst = int(np.argmax(np.abs(C)))
-    where, gap = compiled.layout.rows[worst], abs(C[worst])
-    return (
-        f"at t = {time:.6g} s the mechanism has come apart: {where} is off by {gap:.3g} m or rad. "
-        "A driver asks for more than the links can reach, or the pose is singular: check drivers "
-        "and lengths, or try a smaller dynamics.step"
-    )
-
-
-def _functions(model: Model) -> Iterator[tuple[str, Function, int]]:
-    """All functions of time with their place and how many derivatives the run needs."""
-    for name, driver in model.drivers.items():
-        for coordinate, function in driver.motions(model.plane):
-            yield f"drivers.{name}.{coordinate}", function, max(0, 2 - driver.order)
-    for name, force in model.forces.items():
-        if isinstance(force, LoadSpec):
-            for k, function in enumerate(force.value):
-                if not function.expression.channels:
-                    yield f"forces.{name}.value[{k}]", function, 0
-        elif isinstance(force, BodyLoadSpec | SpringDamperSpec | LineForceSpec | JointSpringSpec):
-            actuator = force.value
-            if actuator is not None and not actuator.expression.channels:
-                yield f"forces.{name}.value", actuator, 0

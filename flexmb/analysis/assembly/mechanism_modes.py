@@ -1,0 +1,182 @@
+"""Vibration modes of flexible bodies as part of the mechanism, in its first pose.
+
+In: a compiled model and its first pose. Out: natural frequencies and modal coordinates of one
+flexible body, or of all together, with all other bodies rigid. Joints, couplers and drivers
+constrain them; the other bodies move with their mass; springs and other forces are left out. A bar
+that is driven at its hub is clamped there; one on a free hub vibrates against the hub's mass. In
+models with more than `MAX_COORDINATES` coordinates the other bodies are at rest.
+
+Quasi-static modes have no mass: they are eliminated by static condensation.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag, qr
+
+from flexmb.analysis.assembly.jacobian import (
+    Decomposition,
+    column_scales,
+    dense_jacobian,
+    null_space,
+)
+from flexmb.engine.allocation import new_state, new_work
+from flexmb.engine.bodies.static_modes import static_bodies
+from flexmb.engine.compile import Compiled
+from flexmb.engine.compiled_calls import row_evaluator
+from flexmb.engine.state import Work
+from flexmb.engine.tables import BodyColumns, System
+from flexmb.errors import AssemblyError, Problem
+from flexmb.flexbody import FlexBody
+from flexmb.flexbody.arrays import Array, IntArray
+from flexmb.flexbody.natural_modes import Vibrations, mass_at_rest
+from flexmb.model.markers import rotation_matrix
+
+_NO_MASS = 1e-11  # of the largest
+
+
+class MechanismModes:
+    """The motions that joints and drivers leave to bodies as rigid ones, all others at rest.
+
+    Parameters
+    ----------
+    compiled, q : Compiled, (nq,) array
+        The model and its pose.
+    bodies : list of int
+        Which bodies may move; with all of them the scalar coordinates do as well.
+    """
+
+    def __init__(self, compiled: Compiled, q: Array, bodies: list[int]) -> None:
+        layout, system = compiled.layout, compiled.system
+        self._compiled, everything = compiled, len(bodies) == len(layout.bodies)
+        state, work = new_state(system), new_work(system)
+        state.q[:] = q
+        row_evaluator(system, state, work)()
+        scales = column_scales(compiled)
+        places = np.concatenate([_columns(layout.bodies[k]) for k in bodies])
+        if everything:
+            places = np.arange(layout.nv)
+            A = dense_jacobian(compiled, work)
+        else:
+            A = _rows_of_body(compiled, work, *bodies)
+        order = np.full(layout.nv, -1)
+        order[places] = np.arange(len(places))
+        mass, self._scales, self._order = np.zeros((len(places),) * 2), scales[places], order
+        modal = np.zeros(len(places), bool)
+        for k in bodies:
+            columns = layout.bodies[k]
+            at = order[_columns(columns)]
+            block = _mass(system, k, compiled.flexbodies.get(columns.name))
+            turn = rotation_matrix(q[columns.iq + 3 : columns.iq + 7])
+            block[:3] = turn @ block[:3]
+            block[:, :3] = block[:, :3] @ turn.T
+            mass[np.ix_(at, at)], modal[at[6:]] = block, True
+        for row in system.parts.coordinates if everything else ():
+            mass[row["iv"], row["iv"]] = row["m"]
+        self._mass = mass * np.outer(self._scales, self._scales)
+        self._A = system.row_weights[:, None] * A * self._scales if everything else A * self._scales
+        self._rigid = np.flatnonzero((self._scales > 0.0) & ~modal)
+        self._rows = Decomposition.of(self._A[:, self._rigid])
+
+    @cached_property
+    def flexible(self) -> list[int]:
+        """Numbers of the flexible bodies, that are not kinetostatic."""
+        _, kinetostatic = static_bodies(self._compiled.system)
+        bodies = enumerate(self._compiled.layout.bodies)
+        return [k for k, one in bodies if one.m and k not in kinetostatic]
+
+    @cached_property
+    def together(self) -> Vibrations:
+        """Vibrations of all flexible bodies."""
+        return self.vibrations(*self.flexible)
+
+    def part_of_modes(self, k: int) -> tuple[Array, Array] | None:
+        """Frequencies of all flexible bodies together [rad/s], and body k in their modes."""
+        if len(self.flexible) < 2:
+            return None
+        sizes = [self._compiled.layout.bodies[one].m for one in self.flexible]
+        n = self.flexible.index(k)
+        at = sum(sizes[:n])
+        return self.together.omega, self.together.eta[at : at + sizes[n]]
+
+    def vibrations(self, *bodies: int, still: IntArray | None = None) -> Vibrations:
+        """Vibrations of a body, or of several together, as joined, all others rigid.
+
+        `still` (k,) are places in v of modes that do not move.
+        """
+        several = [self._compiled.layout.bodies[k] for k in bodies]
+        places = np.concatenate([_columns(one)[6:] for one in several])
+        moving = ~np.isin(places, [] if still is None else still)
+        modal = self._order[places[moving]]
+        rows, A = self._rows, self._A[:, modal]
+        # motions (x, y) with A_r x + A y = 0: y that redundant rows allow, and the x that follows
+        r = rows.rank
+        y = null_space(rows.U[:, r:].T @ A, rows.S.max(initial=1.0))
+        x = -(rows.V[:, :r] / rows.S[:r]) @ (rows.U[:, :r].T @ A @ y)
+        n, free = len(self._rigid), rows.free
+        motions = np.block([[free, x], [np.zeros((len(modal), free.shape[1])), y]])
+        both = np.append(self._rigid, modal)
+        mass = motions.T @ self._mass[np.ix_(both, both)] @ motions
+        try:
+            K = block_diag(*(self._compiled.flexbodies[one.name].K for one in several))
+            K = K[np.ix_(moving, moving)]
+            eta = self._scales[modal, None] * motions[n:]
+            if any(k in static_bodies(self._compiled.system)[0] for k in bodies):
+                T = condensation(mass, eta.T @ K @ eta)[0]
+                eta, mass = eta @ T, T.T @ mass @ T
+            return Vibrations.of(K, eta, mass)
+        except np.linalg.LinAlgError:
+            what = "has no meaning: a motion of the scene that joints leave free has no inertia"
+            problem = Problem(f"bodies.{several[0].name}.damping", what)
+            raise AssemblyError.from_problems([problem]) from None
+
+
+def _columns(columns: BodyColumns) -> NDArray[np.int64]:
+    """(6 + m,) velocity coordinates of a body."""
+    return columns.iv + np.arange(6 + columns.m)
+
+
+def _rows_of_body(compiled: Compiled, work: Work, k: int) -> Array:
+    """(n, 6 + m) weighted rows of the joints of body k for its own motion."""
+    system = compiled.system
+    owner, rows, size = system.parts.markers["body"], system.rows, 6 + compiled.layout.bodies[k].m
+    A = np.zeros((len(rows), size))
+    for side in "IJ":
+        on = np.flatnonzero((rows[f"jac_{side}"] >= 0) & (owner[rows[side]] == k))
+        A[on] += work.dense.jac[rows[f"jac_{side}"][on, None] + np.arange(size)]
+    touched = A.any(axis=1)
+    return np.asarray(system.row_weights[touched, None] * A[touched])
+
+
+def _mass(system: System, k: int, body: FlexBody | None) -> Array:
+    """(6 + m, 6 + m) of a body at rest, in body axes; quasi-static modes have none."""
+    row = system.parts.bodies[k]
+    if body is not None and row["m"] > 0:
+        at, m = int(row["flex"]) + 12 * body.m, body.m
+        M_eta = system.parts.pool[at : at + m * m].reshape(m, m)
+        return mass_at_rest(body.mass, body.S1, body.S0, body.p, body.P, M_eta)
+    no = np.zeros
+    return mass_at_rest(row["mass"], row["S1"], row["S0"], no((3, 0)), no((3, 3, 0)), no((0, 0)))
+
+
+def condensation(M: Array, K: Array) -> tuple[Array, Array, IntArray]:
+    """Static equilibrium of motions without mass (Guyan).
+
+    M (n, n) is symmetric, K (n, n) need not be. Returns T and L (n, k) with the condensed matrices
+    Lᵀ M T and Lᵀ K T, and the places (k,) of the coordinates that remain.
+    """
+    n = len(M)
+    values, vectors = np.linalg.eigh(0.5 * (M + M.T))
+    free = vectors[:, values <= _NO_MASS * values.max(initial=0.0)]
+    if not free.size:
+        return np.eye(n), np.eye(n), np.arange(n)
+    _, _, order = qr(free.T, pivoting=True, mode="economic")
+    remaining = np.sort(order[free.shape[1] :])
+    keep = np.eye(n)[:, remaining]
+    stiffness = free.T @ K @ free
+    T = keep - free @ np.linalg.solve(stiffness, free.T @ K @ keep)
+    L = keep - free @ np.linalg.solve(stiffness.T, free.T @ K.T @ keep)
+    return T, L, remaining
