@@ -141,6 +141,32 @@ def test_heights_of_a_bouncing_ball():
     assert found.statistics["events"] >= 6
 
 
+@pytest.mark.parametrize(
+    "settings",
+    [{}, {"method": "radau"}, {"method": "generalized-alpha"}, {"step": 1e-5}, {"x": 1e3}],
+)
+def test_what_is_pressed_from_rest_sinks_in_as_at_the_least_speed(settings):
+    """A ball that just touches is pressed at once: m z'' = K d^n (1 + chi d'/v) - P, v = 1 mm/s."""
+    settings = dict(settings)
+    x, press = settings.pop("x", 0.0), 400.0
+    model = ball([0, 0, -G], [x, 0, R])
+    model.add_force("press", "force", at="ball", value=[0, 0, -press])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FlexmbWarning)
+        result = flexmb.simulate(model, duration=0.05, outputs=50, **settings)
+    chi = damping_factor(0.5, "exact")
+    assert rebound("exact", chi) == pytest.approx(0.5)
+
+    def sinks(t, y):
+        force = 1e8 * max(y[0], 0.0) ** 1.5 * (1 + chi * y[1] / 1e-3)
+        return [y[1], (press + M * G - max(force, 0.0)) / M]
+
+    exact = solve_ivp(
+        sinks, (0, 0.05), [0, 0], "Radau", t_eval=result.time, rtol=1e-10, atol=1e-14
+    ).y[0]
+    np.testing.assert_allclose(R - result["place.z"], exact, atol=1e-4 * np.ptp(exact))
+
+
 def test_impact_of_two_spheres():
     """Duration 2.94 (15/16 m/(E* √R*))^(2/5) v^(−1/5), depth (15/16 m v²/(E* √R*))^(2/5).
 

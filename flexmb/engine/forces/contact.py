@@ -112,8 +112,8 @@ CONTACT_NOW = np.dtype(
 
 # A step that ends within this fraction of itself after an onset, or at whose ends the speeds differ
 # by as little, gives the speed of the impact: that between them. With the speed before the onset
-# alone an error of d'' times the time until it is left, whatever the accuracy; so does a step that
-# did not approach when it began.
+# alone an error of d'' times the time until it is left, whatever the accuracy. A step that did not
+# approach when it began has sped up evenly since: from v at its end by d''/h over the depth d.
 _ONSET_FRACTION, _ALIKE = 0.05, 1e-3
 _ZERO = (0.0, 0.0, 0.0)
 
@@ -261,9 +261,9 @@ def update_history(run: Run, contacts: Contacts, at: Point) -> int:
         way, before = rate * now.span[0], now.history[o]
         if d <= 0.0:
             history[o] = max(rate, c["slow"])
-        elif d <= _ONSET_FRACTION * way or (
-            d <= way and (abs(rate - before) <= _ALIKE * rate or before <= c["slow"])
-        ):
+        elif before <= c["slow"] and d <= way:
+            history[o] = max(rate * math.sqrt(max(1.0 - 2.0 * d / way, 0.0)), c["slow"])
+        elif d <= _ONSET_FRACTION * way or (d <= way and abs(rate - before) <= _ALIKE * rate):
             history[o] = max(rate + (before - rate) * d / way, c["slow"])
         _note_impact(run, c, d, rate, at.t[0])
         if c["model"] == BRISTLE:
