@@ -62,6 +62,7 @@ from flexmb.view.shapes import (
 )
 
 _COILS = 7
+_NO_FACES = np.zeros((0, 3), dtype=np.int64)
 _POINT, _MOST_POINTS = 0.006, 100  # radius of a contact point over the size; more are not drawn
 _PLANE = 0.5  # edge of a contact plane as a share of the mechanism's size
 _FORCE, _TORQUE = "#b91c1c", "#7c3aed"
@@ -221,6 +222,8 @@ def _contact(mechanism: Mechanism, name: str, spec: Any, size: float) -> Iterato
         place, body = on_marker(reference, axes), split_reference(reference)[0]
         if isinstance(side, PlaneSide):
             thick = 0.01 * size
+            if _shows(mechanism, body, Triangles(np.zeros((1, 3)), _NO_FACES), place, size):
+                continue
             other = next(one for one in spec.between if one != reference)
             low, high = _way(mechanism, reference, axes, other, 0.5 * _PLANE * size)
             shape = box((*(high - low), thick)).moved((*(0.5 * (low + high)), -0.5 * thick))

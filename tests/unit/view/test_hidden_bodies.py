@@ -78,3 +78,17 @@ def test_contact_surfaces_that_a_body_does_not_show_are_drawn() -> None:
     assert [solid.name for solid in drawn] == ["mesh", "mesh", "other"]
     np.testing.assert_allclose(centers[1], [-0.25, 1, 0], atol=1e-9)  # the nose
     assert np.linalg.norm(drawn[0].points, axis=1).max() > 0.5  # the teeth
+
+
+@pytest.mark.parametrize("shaped", [True, False])
+def test_a_contact_plane_on_a_body_with_a_shape_is_that_shape(shaped: bool) -> None:
+    """A plate of the size of the way beside it hid the tappet that carries it."""
+    model = Model("table")
+    shape = {"shape": {"type": "box", "size": [1, 1, 0.1]}} if shaped else {"inertia": [1, 1, 1]}
+    model.add_body("table", mass=1, **shape)
+    model.add_marker("table.top", position=[0, 0, 0.05])
+    model.add_body("ball", shape={"type": "sphere", "radius": 0.1}, mass=1, position=[0, 0, 1])
+    sides = [{"type": "sphere", "radius": 0.1}, {"type": "plane"}]
+    model.add_force("c", "contact", between=["ball", "table.top"], shapes=sides, stiffness=1e6)
+    solids = compose(Mechanism(simulate(model, duration=0.01, outputs=2))).solids
+    assert any(solid.role == "surface" for solid in solids) is not shaped
