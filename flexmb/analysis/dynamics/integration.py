@@ -14,7 +14,15 @@ from flexmb.analysis.singular_poses import singular_pose_sentence
 from flexmb.engine import entries, method
 from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
-from flexmb.engine.forces.contact import FASTEST, REBOUND
+from flexmb.engine.forces.contact_pair import (
+    BLOW_SPEED,
+    BLOW_WORK,
+    FASTEST,
+    HARDEST_SPEED,
+    HARDEST_WORK,
+    REBOUND,
+    takes_a_blow,
+)
 from flexmb.engine.method import time_round_off
 from flexmb.engine.state import Plan, State, Work
 from flexmb.engine.units import packed_record
@@ -34,6 +42,7 @@ _ALTERNATES, _LARGER, _LEAST_SPAN, _REPEATED = 0.02, 1.5, 1e-3, 0.1
 # Impacts are slow if the fastest has so many times the least speed; a rebound by this share of the
 # size of the model, or less, does not matter.
 _FASTER, _REBOUND = 10.0, 1e-4
+_BLOW = 0.01  # of the energy that moved, above which what a blow loses in a contact matters
 _MIN_CHUNK = 4  # steps, after which the state is saved
 # Steps between two looks at how long the rest of a run will take, and steps for it that are too
 # many, also times velocity coordinates and stages; fewer where stability limits them, which another
@@ -295,21 +304,34 @@ def stiff_force_sentence(run: Integration) -> str:
 
 
 def slow_impacts(run: Integration, units: UnitSystem) -> Iterator[str]:
-    """A sentence for each contact whose fastest impacts are about as slow as its least speed.
+    """A sentence for each contact that is damped for speeds which its impacts do not have.
 
-    Where it rebounds from one below: what comes to rest after faster ones, what is pressed together
-    for long, what drivers move, and what rebounds by next to nothing of the model does not count.
-    Points of one surface have no restitution of their own.
+    Where its fastest impacts are about as slow as its least speed and it rebounds from one below:
+    what comes to rest after faster ones, what is pressed together for long, what drivers move, and
+    what rebounds by next to nothing of the model does not count. Where sides that lie against each
+    other, damped as at the least speed, take a blow. Points of one surface have no restitution of
+    their own.
     """
     for name, element in run.compiled.elements.items():
         if element.kind != "contacts" or element.n > 1 or run.settings.determinate == 1:
             continue
-        row = run.compiled.system.kinds["contacts"].rows[element.row]
-        slow, history = float(row["slow"]), run.state.history[row["impacts"] :]
+        row, state = run.compiled.system.kinds["contacts"].rows[element.row], run.state.history
+        slow, history = float(row["slow"]), state[row["impacts"] :]
         fastest = float(history[FASTEST])
         least = _REBOUND * run.compiled.length
-        if row["damping"] > 0.0 and fastest < _FASTER * slow and history[REBOUND] > least:
-            say = partial(units.say, unit="m/s", digits=2)
+        say = partial(units.say, unit="m/s", digits=2)
+        blow = (
+            (BLOW_WORK, BLOW_SPEED) if takes_a_blow(row, state) else (HARDEST_WORK, HARDEST_SPEED)
+        )
+        if history[blow[0]] > _BLOW * run.rows.balance.moved:
+            hit = float(history[blow[1]])
+            yield (
+                f"{name}: its sides lay against each other when a blow drove them together with "
+                f"{say(hit)}; it is damped as an impact of {say(slow)}, its least_speed, and "
+                "rebounds by far less than its restitution: a small gap gives the blow its own "
+                f"speed, or give least_speed = {units.outward(hit, 'm/s'):.1g}"
+            )
+        elif row["damping"] > 0.0 and fastest < _FASTER * slow and history[REBOUND] > least:
             yield (
                 f"{name}: impacts below its least_speed of {say(slow)} are damped as those of that "
                 f"speed, so that they rebound by more than its restitution; the fastest one has "
