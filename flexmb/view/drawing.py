@@ -138,7 +138,8 @@ class Drawing:
         step = min(np.diff(self.times), default=0.0)
         self._digits = max(0, 1 - math.floor(math.log10(step))) if film and step > 0.0 else None
         self._moments: list[tuple[Array, Array]] | None = None
-        self.parts += self._behind(self.cameras[0])
+        self.parts += ground_parts(mechanism, self.size, self.pin, self.cameras[0])
+        self.parts += self._grid(self.cameras[0])  # around all, brackets of ground too
         moments = [self._surfaces(self.display(time)) for time in some_times(self.times, 3)]
         self._hiding = {camera: hiding_bodies(camera, moments) for camera in self.cameras}
 
@@ -427,9 +428,8 @@ class Drawing:
             parts.append(self._arrows.caption)
         return ", ".join(parts)
 
-    def _behind(self, camera: Camera) -> list[Part]:
-        """Ground and its grid, as they are seen by a camera."""
-        parts = list(ground_parts(self.mechanism, self.size, self.pin, camera))
+    def _grid(self, camera: Camera) -> list[Part]:
+        """The grid on the ground where a camera sees it well."""
         up, towards = np.array(camera.up), np.array(camera.direction)
         oblique = 0.2 < abs(up @ towards) < 0.95
         gravity = self.mechanism.model.gravity
@@ -437,9 +437,8 @@ class Drawing:
         normal = common_axis(self.mechanism)
         level = normal is None or abs(up @ normal) > 0.999  # not seen along upright joint axes
         floor = oblique and bare and np.any(gravity) and level
-        if self.view.grid == "on" or (self.view.grid == "auto" and floor):
-            parts.append(ground_grid(self._extent(self.display()), up))
-        return parts
+        shown = self.view.grid == "on" or (self.view.grid == "auto" and floor)
+        return [ground_grid(self._extent(self.display()), up)] if shown else []
 
 
 def _box_corners(points: Array) -> Array:

@@ -196,8 +196,11 @@ def _brake(
     """Friction in a joint: a disc with its caliper about a pin, two shoes on what slides."""
     first, second = (on_marker(*pair) for pair in joint_sides(mechanism, spec.joint))
     if friction_coordinate(mechanism.model, spec) == "angle":
-        z = 1.3 * lift.get(spec.joint, 2.4 * r)
-        yield Part(name, ring(3.0 * r, 1.0 * r, 0.3 * r).moved((0, 0, z)), DAMPER, second, "force")
+        z = lift.get(spec.joint, 2.4 * r)
+        z += 0.8 * r * np.sign(z)  # farther out than a spring about the joint, on a hub of its own
+        disc = ring(3.0 * r, 0.9 * r, 0.3 * r).moved((0, 0, z))
+        hub = tube((0, 0, z), (0, 0, z - 1.5 * r * np.sign(z)), 0.9 * r)
+        yield Part(name, joined([disc, hub]), DAMPER, second, "force")
         caliper = box((1.5 * r, 2.4 * r, 1.1 * r)).moved((2.7 * r, 0, z))
         yield Part(name, caliper, FRICTION, first, "force")
         return

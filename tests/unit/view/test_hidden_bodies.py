@@ -92,3 +92,38 @@ def test_a_contact_plane_on_a_body_with_a_shape_is_that_shape(shaped: bool) -> N
     model.add_force("c", "contact", between=["ball", "table.top"], shapes=sides, stiffness=1e6)
     solids = compose(Mechanism(simulate(model, duration=0.01, outputs=2))).solids
     assert any(solid.role == "surface" for solid in solids) is not shaped
+
+
+def test_the_view_is_fitted_to_brackets_of_ground_beside_a_grid() -> None:
+    """With a grid it was fitted before they were there: they were cut off below."""
+    model = Model("leg", gravity=[0, 0, -9.81])
+    model.add_body(
+        "leg", shape={"type": "box", "size": [0.1, 0.1, 1]}, mass=1, position=[0, 0, 0.5]
+    )
+    model.add_marker("leg.foot", position=[0, 0, -0.5])
+    model.add_joint("foot", "universal", between=["ground", "leg.foot"], axis="x", second_axis="y")
+    model.add_driver("turn", joint="foot", angle="0.1*t")
+    mechanism = Mechanism(simulate(model, duration=0.1, outputs=2))
+    for grid in ("off", "on"):
+        content = compose(mechanism, grid=grid)
+        bracket = np.vstack([one.points for one in content.solids if one.role == "ground"])
+        assert content.extent is not None
+        assert content.extent.min(axis=0)[2] <= bracket.min(axis=0)[2]
+
+
+def test_the_brake_of_a_joint_stands_on_its_pin() -> None:
+    """Its disc hung in the air beyond a long pin."""
+    model = Model("clutch")
+    model.add_body("disc", shape={"type": "cylinder", "radius": 0.2, "length": 0.06}, mass=1)
+    model.add_joint("pin", "revolute", between=["ground", "disc"], axis="z")
+    lining = {"dynamic": 0.3, "radius": 0.1, "preload": 10, "stiffness": 1e4}
+    model.add_force("lining", "joint-friction", joint="pin", **lining)
+    solids = compose(Mechanism(simulate(model, duration=0.01, outputs=2))).solids
+    ends = [
+        (solid.points.min(axis=0)[2], solid.points.max(axis=0)[2])
+        for name in ("pin", "lining")
+        for solid in solids
+        if solid.name == name
+    ]
+    pin, brake = max(end[1] for end in ends[:2]), ends[2]
+    assert brake[0] < pin < brake[1]
