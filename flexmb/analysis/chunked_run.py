@@ -255,10 +255,14 @@ class EnergyBalance:
         np.fmax(self._most, extent[1], out=self._most)
 
     @property
+    def moved(self) -> float:
+        """The largest energy that moved [J]."""
+        return max(float((self._most - self._least).max()), float(self._most[0]))
+
+    @property
     def relative(self) -> float:
         """Mismatch over the largest energy that moved."""
         if np.isnan(self._rest[0]):
             return 0.0
-        moved = max(float((self._most - self._least).max()), float(self._most[0]))
-        scale = max(moved, float(self._rest[2]))
+        scale = max(self.moved, float(self._rest[2]))
         return float(self._rest[1]) / scale if scale > 0.0 else 0.0

@@ -104,8 +104,9 @@ class ContactLossMonitor:
     def notes(self) -> list[str]:
         """A sentence for each."""
         return [
-            f"joints.{joint} pulls its follower towards the cam, first at t = {time:.6g} s: there "
-            "contact is kept by force; use an impact force in its place, or a stronger spring"
+            f"joints.{joint} pulls its follower towards the cam, first at t = {time:.6g} s, where "
+            "the joint holds it; use a stronger spring, or a contact with a tappet that its lift "
+            "drives"
             for joint, time in self._first.items()
         ]
 

@@ -27,12 +27,17 @@ def list_topic(
     topic: Annotated[
         str | None, typer.Argument(help="joints, forces, drivers, functions, ...")
     ] = None,
+    entry: Annotated[
+        str | None, typer.Argument(help="One of them: contact, spring, steel, ...")
+    ] = None,
 ) -> None:
     """List what scenes may contain: joints, forces, materials, ...
 
     Without a topic: lists the topics.
 
     Example: flexmb list joints
+
+    Example: flexmb list forces contact
     """
     from flexmb.workflow import listings
 
@@ -40,7 +45,7 @@ def list_topic(
         rows = [(name, topic.words) for name, topic in listings.TOPICS.items()]
         screen.table(("flexmb list", "what"), rows)
         return
-    listing = listings.listing(topic)
+    listing = listings.listing(topic, entry)
     screen.heading(listing.title)
     for about, table in listing.tables:
         screen.line("")

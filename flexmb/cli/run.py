@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from shlex import quote
 from typing import Annotated, Any
@@ -59,7 +60,7 @@ def run(
 
     Example: flexmb run cases/slider_crank/scene.toml --set r=0.12
     """
-    from flexmb.workflow import simulate
+    from flexmb.workflow import flexible_bodies, simulate
 
     with screen.Bars() as progress:
         report = simulate.run_scene(
@@ -72,17 +73,19 @@ def run(
             pictures=not no_picture,
             progress=progress,
         )
-    _show_run(report)
+    hint = " (--fresh reduces it again)"
+    notes = [note + hint if flexible_bodies.REUSED in note else note for note in report.notes]
+    _show_run(replace(report, notes=notes))
 
 
 @command()
 def resume(
     result: RunFile,
     duration: Annotated[
-        float | None,
+        str | None,
         typer.Option(
-            help="A new duration of the run as a whole, in the scene's units, a whole number of "
-            "its output intervals; a finished run is extended."
+            help="A new duration of the run as a whole, in the scene's units or as '6 s', a whole "
+            "number of its output intervals; a finished run is extended."
         ),
     ] = None,
     as_begun: Annotated[

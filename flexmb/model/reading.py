@@ -120,10 +120,20 @@ def context_of(info: ValidationInfo | SerializationInfo) -> ReadContext:
 
 def quote(value: Any) -> str:
     """A value as a message shows it: like TOML, and short."""
+    text = _toml(value)
+    if isinstance(value, bool):
+        return text
+    return text if len(text) <= _MAX_LENGTH else text[: _MAX_LENGTH - 3] + "..."
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{key} = {_toml(one)}' for key, one in value.items())} }}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
     if isinstance(value, bool):
         return str(value).lower()
-    text = f'"{value}"' if isinstance(value, str) else str(value)
-    return text if len(text) <= _MAX_LENGTH else text[: _MAX_LENGTH - 3] + "..."
+    return f'"{value}"' if isinstance(value, str) else str(value)
 
 
 def under(where: str, problems: Iterable[Problem]) -> list[Problem]:

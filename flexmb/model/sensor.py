@@ -106,7 +106,7 @@ class JointSensorSpec(SensorSpec):
 
 
 class AngleSensorSpec(JointSensorSpec):
-    """Angle of a joint, or from marker I to J about ``axis`` (as for joints).
+    """Angle of a joint, or from marker I to J about ``axis``, from the placed pose on.
 
     Within +-pi at the start and continuous from there on; with ``derivative`` its rate. A universal
     joint has a ``"second_angle"`` too.

@@ -170,10 +170,12 @@ class Result(StressEnvelopes, MarkerHistory):
 
     def __contains__(self, channel: object) -> bool:
         """Whether there is a channel of that name."""
+        if not isinstance(channel, str):
+            return False
         if channel in self._by_name:
-            stored = self._by_name[str(channel)]
+            stored = self._by_name[channel]
             return self.has_columns(stored.table, [stored.column])
-        name = str(channel)
+        name = channel
         return self._stress_channel(name) is not None or self._motion_channel(name) is not None
 
     def match(self, pattern: str) -> tuple[str, ...]:
@@ -409,6 +411,11 @@ class Result(StressEnvelopes, MarkerHistory):
         return all_channels(self.layout, self.model)
 
     def _channel(self, name: str) -> Channel | StressChannel | MotionChannel:
+        if not isinstance(name, str):
+            raise ResultFileError(
+                f'a channel is asked for by its name, such as result["tip.x"], given {name!r}; '
+                "result.time has the times of the rows, result.channels() all names"
+            )
         channel = (
             self._by_name.get(name) or self._stress_channel(name) or self._motion_channel(name)
         )

@@ -17,10 +17,11 @@ from typing import Final
 import numpy as np
 
 from flexmb.errors import ViewError
-from flexmb.flexbody.arrays import Array
+from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.model.scenes.sections import CAMERAS
 from flexmb.results.run_summary import MODE_SHAPE
 from flexmb.view.mechanism import Mechanism
+from flexmb.view.shapes import spread_points, triangle_areas
 
 _ABOVE, _ASIDE = 0.32, 0.22  # slopes by which the eye leaves the joint axis
 _STEEP = 0.8  # cosine to the eye's direction above which an axis is not taken as upright
@@ -32,6 +33,9 @@ _EDGE_ON = 0.5  # cosine between its normal and the joint axes below which it is
 _SLENDER = 2.0  # times its next extent from which a body lies lengthwise
 _SPATIAL = np.array([0.45, 0.42, 0.79])  # aside, above, towards, where no plane is preferred
 _CELLS = 60  # of a coarse picture, along its longer side, that shows what hides what
+_HIDDEN = 0.1  # share of its points below which a body cannot be seen
+_FILL = 6.0  # points of a surface for each cell of that picture, so that it has no gaps
+_CLOUD = (250, 40_000)  # points of a part, at least and at most
 _GAINS = (0.0, 0.06, 0.8, 0.86)  # what each side must show more than the first: back is last
 
 # aside, above and towards the eye, where up is above and the front towards
@@ -138,6 +142,40 @@ def body_camera(points: Array, direction: tuple[float, float, float] | None) -> 
 
 def visible_shares(camera: Camera, parts: Sequence[Array]) -> Array:
     """Share of each part's points (n, 3) in front of which no other part lies."""
+    return np.array([1.0 - covers.any(axis=0).mean() for covers in _covers(camera, parts)])
+
+
+def hiding_bodies(
+    camera: Camera, moments: Sequence[Sequence[tuple[str, Array, IntArray]]]
+) -> frozenset[str]:
+    """The bodies behind which another one cannot be seen, on average over some moments.
+
+    Parameters
+    ----------
+    moments : sequence of sequence of (str, (n, 3) float, (t, 3) int)
+        Of each body its name, points and triangles, in several parts or in one.
+    """
+    random, names = np.random.default_rng(7), sorted({name for name, _, _ in moments[0]})
+    if len(names) < 2:
+        return frozenset()
+    visible, covered = np.zeros(len(names)), np.zeros((len(names), len(names)))
+    for parts in moments:
+        size = np.ptp(np.vstack([points for _, points, _ in parts]) @ camera.axes[:2].T, axis=0)
+        density = _FILL * (_CELLS / max(float(size.max()), 1e-300)) ** 2
+        clouds: dict[str, list[Array]] = {name: [] for name in names}
+        for name, points, faces in parts:
+            count = int(np.clip(density * triangle_areas(points, faces).sum(), *_CLOUD))
+            clouds[name].append(spread_points(points, faces, count, random))
+        for k, covers in enumerate(_covers(camera, [np.vstack(clouds[name]) for name in names])):
+            visible[k] += 1.0 - covers.any(axis=0).mean()
+            covered[k] += covers.mean(axis=1)
+    least = _HIDDEN * len(moments)
+    hides = np.any(covered[visible < least] > least, axis=0)
+    return frozenset(names[k] for k in np.flatnonzero(hides))
+
+
+def _covers(camera: Camera, parts: Sequence[Array]) -> Iterator[Array]:
+    """For each part (n, 3), which parts lie in front of its points: (parts, n)."""
     flat = [np.asarray(points) @ camera.axes.T for points in parts]
     everything = np.vstack(flat)
     low, size = everything.min(axis=0), np.ptp(everything, axis=0)
@@ -151,11 +189,10 @@ def visible_shares(camera: Camera, parts: Sequence[Array]) -> Array:
     front = np.full((len(parts), columns * (int(size[1] / cell) + 1)), -np.inf)
     for k, (points, where) in enumerate(zip(flat, cells, strict=True)):
         np.maximum.at(front[k], where, points[:, 2])
-    shares = np.empty(len(parts))
     for k, (points, where) in enumerate(zip(flat, cells, strict=True)):
-        others = np.delete(front, k, axis=0).max(axis=0, initial=-np.inf)
-        shares[k] = np.mean(points[:, 2] >= others[where] - cell)
-    return shares
+        covers = front[:, where] > points[:, 2] + cell
+        covers[k] = False
+        yield covers
 
 
 def _clearest(views: list[Camera], parts: Sequence[Sequence[Array]]) -> Camera:

@@ -9,27 +9,28 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
-from flexmb.flexbody.arrays import Array
+from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.model.reading import GROUND, split_reference
 from flexmb.model.scenes.sections import ViewSpec
 from flexmb.results.run_summary import MODE_SHAPE
 from flexmb.view.body_shapes import body_parts, ground_grid, ground_parts, own_shape, plates_of
-from flexmb.view.camera import Camera, common_axis, mechanism_camera
-from flexmb.view.content import Content, Deformed, Label, Part, Scale, on_marker
+from flexmb.view.camera import Camera, common_axis, hiding_bodies, mechanism_camera
+from flexmb.view.content import Content, Deformed, Label, Part, Scale, Solid, on_marker
 from flexmb.view.fields import FIELDS, fitting_scale, stress_values
 from flexmb.view.force_shapes import arrow_scale, arrow_solids, force_parts
 from flexmb.view.joint_shapes import driver_parts, gear_parts, joint_parts
 from flexmb.view.mechanism import MEAN_AXES, Display, Mechanism, applied
 from flexmb.view.plot import BODIES, INK
-from flexmb.view.shapes import arrow, sharp_edges
+from flexmb.view.shapes import arrow, sharp_edges, spread_points
 
 _SHOWN_DEFORMATION = 0.05  # of its size, by which the most deformed body is drawn, at most
 _ROUND_OFF = 1e-9  # share of its size below which a deformation is rounding, not exaggerated
 _NO_MOTION = 1e-13  # share of its size below which a displacement is rounding
-_SEE_THROUGH = 0.55  # opacity of a shape with a joint inside
+_SEE_THROUGH = 0.55  # opacity of a shape with a joint inside, or that hides a body
 _PIN = 0.016  # radius of a pin as a share of the mechanism's size
 _PIN_CLEARANCE = 0.2  # radius of a pin over the least distance of two joints, at most
 _LONGEST_PIN = 0.12  # half length of a pin, as a share of the mechanism's size
@@ -37,6 +38,7 @@ _FRAMING_TIMES = 24  # of a run, to which the view is fitted
 _LOCAL_FRAME = 0.75  # share of the whole motion below which a picture frames its moment
 _COLOR_SAMPLES = 240  # times at which the greatest value of the colours is looked for
 _OCCLUSION_POINTS = 250  # of a body, by which a camera judges what hides what
+_Shown = TypeVar("_Shown", Solid, Deformed)
 _TRIAD = ("#c2410c", "#15803d", "#1d4ed8")  # x, y, z
 
 
@@ -136,11 +138,14 @@ class Drawing:
         step = min(np.diff(self.times), default=0.0)
         self._digits = max(0, 1 - math.floor(math.log10(step))) if film and step > 0.0 else None
         self._moments: list[tuple[Array, Array]] | None = None
-        self.parts += self._behind(self.cameras[0])
+        self.parts += ground_parts(mechanism, self.size, self.pin, self.cameras[0])
+        self.parts += self._grid(self.cameras[0])  # around all, brackets of ground too
+        moments = [self._surfaces(self.display(time)) for time in some_times(self.times, 3)]
+        self._hiding = {camera: hiding_bodies(camera, moments) for camera in self.cameras}
 
     @property
     def is_mode_shape(self) -> bool:
-        """Whether a vibration of the linearised machine is drawn, whose amplitude is arbitrary."""
+        """Whether a vibration of the linearised machine, of any amplitude, is drawn."""
         return MODE_SHAPE in self.mechanism.result.statistics
 
     def display(self, time: float | None = None) -> Display:
@@ -151,8 +156,8 @@ class Drawing:
     def content(self, time: float | None = None, camera: Camera | None = None) -> Content:
         """What is seen at a time, by default that of the picture, from its first camera."""
         display, view, camera = self.display(time), self.view, camera or self.cameras[0]
-        deformed = self._deformed(display)
-        solids = [part.solid(display) for part in self.parts]
+        deformed = tuple(self._cleared(body, camera) for body in self._deformed(display))
+        solids = [self._cleared(part.solid(display), camera) for part in self.parts]
         if self._arrows is not None:
             solids += arrow_solids(display, view.forces, self._arrows, self.size, self.pin)
         return Content(
@@ -171,8 +176,7 @@ class Drawing:
 
     def contents(self, time: float | None = None) -> list[Content]:
         """What is seen at a time from each camera."""
-        first = self.content(time)
-        return [replace(first, camera=camera) for camera in self.cameras]
+        return [self.content(time, camera) for camera in self.cameras]
 
     def _factor(self) -> float:
         factor = self.view.exaggeration
@@ -288,6 +292,12 @@ class Drawing:
         inside = ((local > low + 0.5 * self.pin) & (local < high - 0.5 * self.pin)).all(axis=1)
         return _SEE_THROUGH if inside.any() else 1.0
 
+    def _cleared(self, body: _Shown, camera: Camera) -> _Shown:
+        """A body half transparent if it hides another one from a camera."""
+        if body.name not in self._hiding.get(camera, ()) or getattr(body, "role", "body") != "body":
+            return body
+        return replace(body, opacity=min(body.opacity, _SEE_THROUGH * self.view.opacity))
+
     def _deformed(self, display: Display) -> tuple[Deformed, ...]:
         color, mechanism = self.view.color, display.mechanism
         by_stress = color in FIELDS and FIELDS[color].of_stress is not None
@@ -323,20 +333,17 @@ class Drawing:
         names = view.camera if view.direction is None else ("auto",)
         return [mechanism_camera(self.mechanism, name, view.direction, samples) for name in names]
 
+    def _surfaces(self, display: Display) -> list[tuple[str, Array, IntArray]]:
+        """Of each body its name, points (n, 3) and triangles (t, 3)."""
+        solids = [part.solid(display) for part in self.parts if part.role == "body"]
+        shapes = [(solid.name, solid.points, solid.triangles.faces) for solid in solids]
+        bodies = [body for body in self._deformed(display) if len(body.faces)]
+        return shapes + [(body.name, body.points, body.faces) for body in bodies]
+
     def _clouds(self, display: Display) -> list[Array]:
         """Points spread over each body."""
-        random, clouds = np.random.default_rng(7), []
-        shapes = [(part.solid(display).points, part.shape.faces)
-                  for part in self.parts if part.role == "body"]  # fmt: skip
-        shapes += [(body.points, body.faces) for body in self._deformed(display) if len(body.faces)]
-        for points, faces in shapes:
-            a, b, c = points[faces.T]
-            areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-            rows = random.choice(len(faces), _OCCLUSION_POINTS, p=areas / areas.sum())
-            u, v = random.random((2, _OCCLUSION_POINTS, 1))
-            u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
-            clouds.append(a[rows] + u * (b - a)[rows] + v * (c - a)[rows])
-        return clouds
+        random, count = np.random.default_rng(7), _OCCLUSION_POINTS
+        return [spread_points(p, faces, count, random) for _, p, faces in self._surfaces(display)]
 
     def _corners(self, display: Display) -> Array:
         """Corners of boxes around all that is drawn (n, 3)."""
@@ -421,9 +428,8 @@ class Drawing:
             parts.append(self._arrows.caption)
         return ", ".join(parts)
 
-    def _behind(self, camera: Camera) -> list[Part]:
-        """Ground and its grid, as they are seen by a camera."""
-        parts = list(ground_parts(self.mechanism, self.size, self.pin, camera))
+    def _grid(self, camera: Camera) -> list[Part]:
+        """The grid on the ground where a camera sees it well."""
         up, towards = np.array(camera.up), np.array(camera.direction)
         oblique = 0.2 < abs(up @ towards) < 0.95
         gravity = self.mechanism.model.gravity
@@ -431,9 +437,8 @@ class Drawing:
         normal = common_axis(self.mechanism)
         level = normal is None or abs(up @ normal) > 0.999  # not seen along upright joint axes
         floor = oblique and bare and np.any(gravity) and level
-        if self.view.grid == "on" or (self.view.grid == "auto" and floor):
-            parts.append(ground_grid(self._extent(self.display()), up))
-        return parts
+        shown = self.view.grid == "on" or (self.view.grid == "auto" and floor)
+        return [ground_grid(self._extent(self.display()), up)] if shown else []
 
 
 def _box_corners(points: Array) -> Array:

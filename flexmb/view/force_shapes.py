@@ -25,6 +25,7 @@ from flexmb.model.forces.load import LoadSpec
 from flexmb.model.plane import in_plane_triad
 from flexmb.model.reading import GROUND, split_reference
 from flexmb.results.channels import marker_pairs
+from flexmb.view.body_shapes import own_shape
 from flexmb.view.content import (
     DAMPER,
     DRIVE,
@@ -34,14 +35,16 @@ from flexmb.view.content import (
     SPRING,
     SURFACE,
     Part,
+    Place,
     Scale,
     Solid,
     between,
+    on_body,
     on_marker,
     toward,
 )
 from flexmb.view.joint_shapes import joint_sides
-from flexmb.view.mechanism import Display, Mechanism, transform
+from flexmb.view.mechanism import Display, Mechanism, applied, transform
 from flexmb.view.shapes import (
     Triangles,
     arrow,
@@ -59,6 +62,8 @@ from flexmb.view.shapes import (
 )
 
 _COILS = 7
+_NO_FACES = np.zeros((0, 3), dtype=np.int64)
+_POINT, _MOST_POINTS = 0.006, 100  # radius of a contact point over the size; more are not drawn
 _PLANE = 0.5  # edge of a contact plane as a share of the mechanism's size
 _FORCE, _TORQUE = "#b91c1c", "#7c3aed"
 _MAX_ARROW = 0.2  # length of an arrow over the size of the mechanism
@@ -191,8 +196,11 @@ def _brake(
     """Friction in a joint: a disc with its caliper about a pin, two shoes on what slides."""
     first, second = (on_marker(*pair) for pair in joint_sides(mechanism, spec.joint))
     if friction_coordinate(mechanism.model, spec) == "angle":
-        z = 1.3 * lift.get(spec.joint, 2.4 * r)
-        yield Part(name, ring(3.0 * r, 1.0 * r, 0.3 * r).moved((0, 0, z)), DAMPER, second, "force")
+        z = lift.get(spec.joint, 2.4 * r)
+        z += 0.8 * r * np.sign(z)  # farther out than a spring about the joint, on a hub of its own
+        disc = ring(3.0 * r, 0.9 * r, 0.3 * r).moved((0, 0, z))
+        hub = tube((0, 0, z), (0, 0, z - 1.5 * r * np.sign(z)), 0.9 * r)
+        yield Part(name, joined([disc, hub]), DAMPER, second, "force")
         caliper = box((1.5 * r, 2.4 * r, 1.1 * r)).moved((2.7 * r, 0, z))
         yield Part(name, caliper, FRICTION, first, "force")
         return
@@ -215,24 +223,48 @@ def _contact(mechanism: Mechanism, name: str, spec: Any, size: float) -> Iterato
             )[0]
             axes = mechanism.marker(reference).R.T @ marker.R
         place, body = on_marker(reference, axes), split_reference(reference)[0]
-        bare = body == GROUND or getattr(mechanism.model.bodies[body], "shape", None) is None
         if isinstance(side, PlaneSide):
             thick = 0.01 * size
+            if _shows(mechanism, body, Triangles(np.zeros((1, 3)), _NO_FACES), place, size):
+                continue
             other = next(one for one in spec.between if one != reference)
             low, high = _way(mechanism, reference, axes, other, 0.5 * _PLANE * size)
             shape = box((*(high - low), thick)).moved((*(0.5 * (low + high)), -0.5 * thick))
             yield Part(name, shape, SURFACE, place, "surface", 0.85)
-        elif isinstance(side, SphereSide) and bare and body not in mechanism.flexbodies:
-            yield Part(name, sphere(side.radius), SURFACE, place, "force", 0.7)
-        elif isinstance(side, CylinderSide) and bare:
+            continue
+        opacity = 0.7
+        if isinstance(side, SphereSide):
+            shape = sphere(side.radius)
+        elif isinstance(side, CylinderSide):
             length = side.length or 4 * side.radius
-            inner = side.side == "inside"
-            shape = (
-                ring(1.08 * side.radius, side.radius, length)
-                if inner
-                else cylinder(side.radius, length)
-            )
-            yield Part(name, shape, SURFACE, place, "force", 0.5 if inner else 0.7)
+            shape = cylinder(side.radius, length)
+            if side.side == "inside":
+                shape, opacity = ring(1.08 * side.radius, side.radius, length), 0.5
+        elif side.points is not None and len(side.points) <= _MOST_POINTS:
+            shape = joined([sphere(_POINT * size, point) for point in side.points])
+            place = on_body(body)
+        else:
+            continue
+        if not _shows(mechanism, body, shape, place, size):
+            yield Part(name, shape, SURFACE, place, "force", opacity)
+
+
+def _shows(mechanism: Mechanism, body: str, surface: Triangles, place: Place, size: float) -> bool:
+    """Whether a body's own shape reaches as far as one of its contact surfaces."""
+    if body == GROUND:
+        return False
+    flexible = mechanism.flexbodies.get(body)
+    own = own_shape(mechanism, body) if flexible is None else flexible.surface
+    if own is None or not len(own.points):
+        return False
+    display = Display(mechanism, 1.0)
+    to_body = np.linalg.inv(display.frame(body)) @ place(display)
+    points, room = applied(to_body, surface.points), 1.5 * _POINT * size
+    low, high = own.points.min(axis=0) - room, own.points.max(axis=0) + room
+    spec = getattr(mechanism.model.bodies[body], "shape", None)
+    if spec is not None and spec.type == "cylinder":  # a wheel rolls as a ball of its radius
+        low["xyz".index(spec.axis)], high["xyz".index(spec.axis)] = -np.inf, np.inf
+    return bool(((points > low) & (points < high)).all())
 
 
 def _way(

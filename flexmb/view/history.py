@@ -390,7 +390,7 @@ def _draw_panel(
         )  # fmt: skip
     axes.set_ylabel(what + label, color=INK)
     style_axes(axes)
-    axes.yaxis.get_offset_text().set(ha="right", color=INK)  # beside the legend, not in it
+    axes.yaxis.get_offset_text().set(ha="right", x=-0.025, color=INK)  # clear of the legend
     names = [line.series.label for line in lines]
     axes.legend(
         loc="lower left", bbox_to_anchor=(-0.01, 1.0), frameon=False, labelcolor=INK,

@@ -77,6 +77,8 @@ def joint_parts(mechanism: Mechanism, r: float, half: dict[str, float]) -> Itera
             yield Part(name, sleeve, PIN, J, "joint")
         else:
             first, second = _pair(spec.type, r, h)
+            if spec.type in ("planar", "in-plane"):
+                first = _plate(mechanism, name, spec, r)
             if first is not None:
                 yield Part(name, first, HOUSING, I, "joint")
             if second is not None:
@@ -90,8 +92,6 @@ def joint_sides(mechanism: Mechanism, name: str) -> Iterator[tuple[str, Array]]:
 
 def slide_range(mechanism: Mechanism, name: str, spec: JointSpec) -> tuple[float, float]:
     """Least and greatest place of marker J along the axis of I over the run, and its stops [m]."""
-    times = mechanism.result.time
-    axis = mechanism.joint_axes[name][0][:, 2]
     strokes = [
         bound
         for stop in mechanism.model.forces.values()
@@ -99,13 +99,26 @@ def slide_range(mechanism: Mechanism, name: str, spec: JointSpec) -> tuple[float
         for bound in stop.bounds
         if np.isfinite(bound)
     ]
+    strokes += _places(mechanism, name, spec)[:, 2].tolist()
+    return min(strokes), max(strokes)
+
+
+def _places(mechanism: Mechanism, name: str, spec: JointSpec) -> Array:
+    """Places (n, 3) of marker J in the axes of I at some times of the run [m]."""
+    times, axes, places = mechanism.result.time, mechanism.joint_axes[name][0], []
     for t in times[np.unique(np.linspace(0, len(times) - 1, _SAMPLES).astype(int))]:
         moment = mechanism.at(float(t))
-        offset = inverse(moment.marker_frame(spec.between[0])) @ moment.marker_frame(
-            spec.between[1]
-        )
-        strokes.append(float(offset[:3, 3] @ axis))
-    return min(strokes), max(strokes)
+        I, J = (moment.marker_frame(reference) for reference in spec.between)  # noqa: E741
+        places.append((inverse(I) @ J)[:3, 3] @ axes)
+    return np.array(places)
+
+
+def _plate(mechanism: Mechanism, name: str, spec: JointSpec, r: float) -> Triangles:
+    """The plane of I, where marker J is during the run."""
+    places = _places(mechanism, name, spec)[:, :2]
+    low, high = places.min(axis=0) - 4.5 * r, places.max(axis=0) + 4.5 * r
+    below = -0.4 * r if spec.type == "planar" else 0.0
+    return box((*(high - low), 0.25 * r)).moved((*(0.5 * (low + high)), below))
 
 
 def _slide(
@@ -151,9 +164,9 @@ def _pair(kind: str, r: float, h: float) -> tuple[Triangles | None, Triangles | 
         bell = revolved([[0, -1.6 * r], [1.5 * r, -1.6 * r], [1.5 * r, 0.3 * r], [0, 0.3 * r]])
         return bell, joined([sphere(1.1 * r), cylinder(0.6 * r, 2.4 * r).moved((0, 0, 1.2 * r))])
     if kind == "planar":
-        return box((9 * r, 9 * r, 0.25 * r)).moved((0, 0, -0.4 * r)), cylinder(1.4 * r, 0.7 * r)
+        return None, cylinder(1.4 * r, 0.7 * r)
     if kind == "in-plane":
-        return box((9 * r, 9 * r, 0.25 * r)), sphere(1.1 * r)
+        return None, sphere(1.1 * r)
     if kind == "parallel":  # two rods, the second a pair: the sign of a drawing
         pair = [cylinder(0.3 * r, 5 * r).moved((x * r, 0, 0)) for x in (-0.8, 0.8)]
         return cylinder(0.5 * r, 5 * r), joined(pair)

@@ -5,10 +5,10 @@ flexible-body files say how the modes move their markers and surfaces.
 
 :class:`Display` is what is drawn: deformations times a factor. The deformation of a body is
 relative to a marker of it, by default the first by which joints hold it, counted from ground on:
-there it is zero. Where joints hold the body at more points, as a connecting rod, the reference
-turns with the line through them. A body that hangs on an exaggerated one is carried along, a body
-in a loop is moved to where its joints fit best: all stay on their joints. With the factor 1 nothing
-is moved at all.
+there it is zero. Where joints hold the body at more points, as a connecting rod or a beam on a pin
+and a roller, the reference turns with the line through them. A body that hangs on an exaggerated
+one is carried along, a body in a loop is moved to where its joints fit best: all stay on their
+joints. With the factor 1 nothing is moved at all.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ _HOLDING = (
     "fixed", "revolute", "spherical", "universal", "constant-velocity", "cylindrical", "screw",
     "prismatic", "planar", "in-line",
 )  # fmt: skip
+_GUIDING = ("in-plane", "pin-in-slot", "point-on-curve")  # a point of a body that others hold
 _ROUND_OFF = 1e-6  # of the distance of two markers: what leaves their line as it was
 
 
@@ -177,12 +178,13 @@ class Mechanism:
             for spec in self.model.joints.values()
             if spec.type in _HOLDING
         ]
+        guided = [(s.between, s.type) for s in self.model.joints.values() if s.type in _GUIDING]
         forces: Iterable[Any] = self.model.forces.values()
         loose = [(spec.between, spec.type) for spec in forces if spec.type in ("bushing", "beam")]
         links, done = [], {GROUND}
         left = list(self.model.bodies)
         while left:
-            level = [link for name in left if (link := _link(name, pairs, done)).holds]
+            level = [link for name in left if (link := _link(name, pairs, done, guided)).holds]
             if not level:
                 level = [link for name in left if (link := _link(name, loose, done)).holds][:1]
             if not level:  # bodies that nothing holds: the first is where it is
@@ -220,14 +222,20 @@ class Link:
         return self.holds[0][0] if self.holds else self.free_reference
 
 
-def _link(name: str, pairs: list[Any], done: set[str]) -> Link:
-    holds = []
-    for between, kind in pairs:
-        for own, other in (between, between[::-1]):
-            if _body(own) == name and _body(other) in done:
-                holds.append((own, other, kind))
+def _link(name: str, pairs: list[Any], done: set[str], guided: Sequence[Any] = ()) -> Link:
+    """What holds a body, a clamp first, and what guides a point of it besides, as a roller."""
+    holds = _holds(name, pairs, done)
     holds.sort(key=lambda hold: hold[2] != "fixed")
-    return Link(name, tuple(holds))
+    return Link(name, (*holds, *(_holds(name, guided, done) if holds else ())))
+
+
+def _holds(name: str, pairs: Sequence[Any], done: set[str]) -> list[tuple[str, str, str]]:
+    return [
+        (own, other, kind)
+        for between, kind in pairs
+        for own, other in (between, between[::-1])
+        if _body(own) == name and _body(other) in done
+    ]
 
 
 class Display:

@@ -258,6 +258,22 @@ def face_normals(points: Array, faces: IntArray) -> Array:
     return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300))
 
 
+def spread_points(points: Array, faces: IntArray, count: int, random: np.random.Generator) -> Array:
+    """So many points (count, 3) at random on a surface, as many on equal areas."""
+    a, b, c = points[faces.T]
+    areas = triangle_areas(points, faces)
+    rows = random.choice(len(faces), count, p=areas / areas.sum())
+    u, v = random.random((2, count, 1))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    return np.asarray(a[rows] + u * (b - a)[rows] + v * (c - a)[rows])
+
+
+def triangle_areas(points: Array, faces: IntArray) -> Array:
+    """Areas (t,) of triangles."""
+    a, b, c = points[faces.T]
+    return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
+
+
 def _area(points: Array) -> float:
     after = np.roll(points, -1, axis=0)
     return 0.5 * float(np.sum(points[:, 0] * after[:, 1] - points[:, 1] * after[:, 0]))

@@ -256,7 +256,7 @@ def _stored_body(model: Model, name: str, file: Path, notes: list[str]) -> FlexB
     nodes = () if body.load_response is None else body.load_response.nodes
     if not np.isin(load_nodes(body.nodes, options.get("load_points", ())), nodes).all():
         return None
-    notes.append(f"{name}: {REUSED} {file} (--fresh reduces it again)")
+    notes.append(f"{name}: {REUSED} {file}")
     notes += [f"{name}: {warning}" for warning in body.provenance["warnings"].splitlines()]
     return body
 

@@ -81,13 +81,29 @@ class Topic(NamedTuple):
     table: Callable[[], Table] = lambda: Table((), [])
 
 
-def listing(topic: str) -> Listing:
+def _of_entry(entry: str, about: str, table: Table) -> tuple[str, Table]:
+    """A table whose heading has a word, or its rows whose name has it."""
+    if entry.lower() in about.partition(":")[0].lower():
+        return about, table
+    return about, Table(
+        table.columns, [row for row in table.rows if entry.lower() in row[0].lower()]
+    )
+
+
+def listing(topic: str, entry: str | None = None) -> Listing:
     """All entries of a topic of ``TOPICS``: its own table, a table of fields of each kind.
+
+    Parameters
+    ----------
+    topic : str
+        One of ``TOPICS``.
+    entry : str, optional
+        A word of the names of those entries that are wanted.
 
     Raises
     ------
     FlexmbError
-        No such topic; lists those there are, nearest first.
+        No such topic or entry; lists those there are, nearest first.
     """
     if topic not in TOPICS:
         raise FlexmbError.unknown_name("topic of a list", topic, TOPICS)
@@ -104,6 +120,12 @@ def listing(topic: str) -> Listing:
             if f.name != "type" or f.form.get("enum", [None])[0] not in kinds
         ]
         tables.append((f"{', '.join(names)}: {text}", Table(("field", "holds", "default"), rows)))
+    if entry is not None:
+        parts = [_of_entry(entry, *part) for part in tables]
+        tables = [part for part in parts if part[1].rows]
+        if not tables:
+            names = [*kinds, *(row[0] for row in own.rows if row[0])]
+            raise FlexmbError.unknown_name(f"entry of {topic}", entry, names)
     return Listing(title, tuple(tables))
 
 

@@ -12,7 +12,6 @@ run's end is reported afterwards.
 from __future__ import annotations
 
 import json
-import math
 import os
 import warnings
 from collections.abc import Iterator, Mapping
@@ -31,6 +30,8 @@ from flexmb.errors import (
     ResultFileError,
     SceneError,
 )
+from flexmb.model.quantities import read_number
+from flexmb.model.reading import under
 from flexmb.progress import Progress, silent
 from flexmb.results.run_summary import NOT_CONTAINED, notes_statistic
 from flexmb.workflow.run_report import RunReport, body_hash, code_version, provenance, report_run
@@ -54,7 +55,7 @@ _WHOLE_TOLERANCE = 1e-9  # of the number of output intervals in a duration
 def resume(
     result: Result | str | Path,
     *,
-    duration: float | None = None,
+    duration: float | str | None = None,
     as_begun: bool = False,
     progress: Progress = silent,
 ) -> Result:
@@ -64,9 +65,9 @@ def resume(
     ----------
     result : Result or path
         The result, its file or the folder it is in.
-    duration : float, optional
-        A new duration of the run as a whole in the scene's units, a whole number of its output
-        intervals; a finished run is extended.
+    duration : float or str, optional
+        A new duration of the run as a whole in the scene's units or with its own, as ``"6 s"``, a
+        whole number of its output intervals; a finished run is extended.
     as_begun : bool
         Resume even if the scene file has changed since; the change has no effect.
     progress : Progress
@@ -90,7 +91,7 @@ def resume(
 def resume_run(
     result: Result | str | Path,
     *,
-    duration: float | None = None,
+    duration: float | str | None = None,
     as_begun: bool = False,
     pictures: bool = True,
     progress: Progress = silent,
@@ -195,7 +196,7 @@ def _short(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def _set_duration(model: Model, run: Result, duration: float | None) -> None:
+def _set_duration(model: Model, run: Result, duration: float | str | None) -> None:
     """Give the model the new duration, with as many outputs as keep their interval."""
     spec = model.dynamics
     if spec is None:
@@ -217,8 +218,12 @@ def _set_duration(model: Model, run: Result, duration: float | None) -> None:
             "nothing more; begin another one where it ended (--from)"
         )
         raise SceneError.from_problems([Problem("duration", what)])
-    interval, new = spec.duration / spec.outputs, duration * units.scale("s")
-    outputs = round(new / interval) if math.isfinite(new) else 0
+    try:
+        new = read_number(duration, model.context, "s") * units.scale("s")
+    except SceneError as error:
+        raise SceneError.from_problems(under("duration", error.problems)) from None
+    interval = spec.duration / spec.outputs
+    outputs = round(new / interval)
     what = ""
     if outputs < 1 or abs(new / interval - outputs) > _WHOLE_TOLERANCE * outputs:
         step = units.say(interval, "s", 9)

@@ -149,3 +149,14 @@ def test_a_group_that_the_mesh_does_not_have():
     ) as error:
         model.validate()
     assert '"tip"' in str(error.value) or "tip" in error.value.problems[0].nearest
+
+
+def test_a_contact_of_a_body_with_itself_is_one_mistake(tmp_path):
+    """That its shapes overlap, and the cure to place it apart from itself, was told as well."""
+    text = told(tmp_path, CONTACT, ('"ground"]', '"rod"]'))
+    assert 'both markers are on "rod"' in text and "overlap" not in text
+
+
+def test_values_in_messages_are_written_as_in_a_scene(tmp_path):
+    change = (SPHERE, '{ type = "sphere", radius = { a = [1, true], b = "x" } }')
+    assert 'given { a = [1, true], b = "x" }' in told(tmp_path, CONTACT, change)

@@ -217,6 +217,7 @@ def test_a_cam_that_loses_contact_is_noted():
     outcome, _ = turn(turning(DISK, "cam-flat", 0.05, axis="y"), "10*t")
     note = " ".join(outcome.notes)
     assert "joints.contact pulls its follower towards the cam, first at t = 0.02 s" in note
+    assert "a contact with a tappet that its lift drives" in note
     assert "impact force" in note
 
 

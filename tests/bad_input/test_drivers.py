@@ -162,6 +162,14 @@ def test_an_angle_that_no_force_can_follow(angle, sentence):
     assert problem.where == "drivers.d0.angle" and sentence in problem.what
 
 
+def test_a_cam_table_that_is_not_closed_is_told_how():
+    """It was to "rise by a step with a beginning and an end", and was shown as a Python dict."""
+    points = {"type": "spline", "points": [[0, 0], [0.5, 8], [1, 0.5]], "beyond": "repeat"}
+    (problem,) = problems("xy", {"joint": "shoulder", "angle": points})
+    assert problem.what.startswith("the function jumps at t = 1 s: no force moves a body at once")
+    assert problem.what.endswith("it repeats, so that its last value must be its first one")
+
+
 @pytest.mark.parametrize("angle", ["t**3", "sqrt(1 + t)", "1/(3 - t)", "abs(2 - t)",
                                    "step(t, 0.5, 0, 0.501, 1)", "max(1, 2 + t)",
                                    "abs(sin(1000*t))", "1e8 + abs(t - 1)", "sqrt(1e-6 + (t-1)**2)",

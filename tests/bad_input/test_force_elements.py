@@ -101,7 +101,7 @@ MISTAKES = {
     ),
     "time in a law": (
         LINE + 'spring_force = "3*t"',
-        "forces.f.spring_force: the time t cannot be used here",
+        "forces.f.spring_force: a constant is expected, not the time t",
     ),
     "wrong variable": (
         LINE + 'damper_force = "3*x"',

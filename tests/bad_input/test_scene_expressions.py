@@ -62,4 +62,4 @@ def test_a_parameter_may_not_hide_a_constant(tmp_path):
 
 def test_time_in_a_constant(tmp_path):
     text = message(tmp_path, ("duration = 1", 'duration = "2*t"'))
-    assert "dynamics.duration: the time t cannot be used here" in text
+    assert "dynamics.duration: a constant is expected, not the time t" in text

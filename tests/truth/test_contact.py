@@ -93,6 +93,28 @@ def test_impacts_below_the_least_speed_are_named(gravity, speed, least, is_slow)
         assert (abs(result["speed.z"][-1] / speed - 0.8) > 0.01) == is_slow
 
 
+@pytest.mark.parametrize(("gap", "lies"), [(0.0, True), (1e-5, False)])
+def test_a_blow_on_what_lies_against_it_is_named(gap, lies):
+    """Three equal balls in a row: the last one leaves with ((1 + e)/2)^2 of the speed of the first.
+
+    Without a gap the two that touch are damped as at the least speed, and leave together.
+    """
+    model, e = Model("row"), 0.9
+    for k, x in enumerate((-0.3, 2 * R - gap, 4 * R)):
+        model.add_body(f"b{k}", **BALL, position=[x, 0, 0], velocity=[0 if k else 1.0, 0, 0])
+        model.add_sensor(f"v{k}", "velocity", of=f"b{k}")
+    for k in range(2):
+        model.add_force(
+            f"c{k}", "contact", between=[f"b{k}", f"b{k + 1}"],
+            shapes=[{"type": "sphere", "radius": R}] * 2, stiffness=1e9, restitution=e,
+        )  # fmt: skip
+    with warnings.catch_warnings(record=True) as messages:
+        warnings.simplefilter("always")
+        result = flexmb.simulate(model, duration=1.0, outputs=50)
+    assert [str(one.message)[:31] for one in messages] == lies * ["forces.c1: its sides lay agains"]
+    assert (abs(result["v2.x"][-1] - ((1 + e) / 2) ** 2) < 2e-3) is not lies
+
+
 @pytest.mark.parametrize(("method", "x"), [("explicit-rk", 0), ("explicit-rk", 1e3), ("radau", 0)])
 def test_a_rebound_has_the_accuracy_of_the_run(method, x):
     """Its damping is by the speed at the onset, not by that where a step ended before it.
@@ -139,6 +161,32 @@ def test_heights_of_a_bouncing_ball():
     peaks = [z[k] for k in range(1, len(z) - 1) if z[k - 1] < z[k] >= z[k + 1] and z[k] > 0.02]
     np.testing.assert_allclose(peaks[:3], [h * e ** (2 * k) for k in (1, 2, 3)], rtol=5e-3)
     assert found.statistics["events"] >= 6
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{}, {"method": "radau"}, {"method": "generalized-alpha"}, {"step": 1e-5}, {"x": 1e3}],
+)
+def test_what_is_pressed_from_rest_sinks_in_as_at_the_least_speed(settings):
+    """A ball that just touches is pressed at once: m z'' = K d^n (1 + chi d'/v) - P, v = 1 mm/s."""
+    settings = dict(settings)
+    x, press = settings.pop("x", 0.0), 400.0
+    model = ball([0, 0, -G], [x, 0, R])
+    model.add_force("press", "force", at="ball", value=[0, 0, -press])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FlexmbWarning)
+        result = flexmb.simulate(model, duration=0.05, outputs=50, **settings)
+    chi = damping_factor(0.5, "exact")
+    assert rebound("exact", chi) == pytest.approx(0.5)
+
+    def sinks(t, y):
+        force = 1e8 * max(y[0], 0.0) ** 1.5 * (1 + chi * y[1] / 1e-3)
+        return [y[1], (press + M * G - max(force, 0.0)) / M]
+
+    exact = solve_ivp(
+        sinks, (0, 0.05), [0, 0], "Radau", t_eval=result.time, rtol=1e-10, atol=1e-14
+    ).y[0]
+    np.testing.assert_allclose(R - result["place.z"], exact, atol=1e-4 * np.ptp(exact))
 
 
 def test_impact_of_two_spheres():

@@ -17,7 +17,15 @@ from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
 from flexmb.engine.compiled_calls import integrate
 from flexmb.engine.compiled_units import packed_record
-from flexmb.engine.forces.contact import FASTEST, REBOUND
+from flexmb.engine.forces.contact_pair import (
+    BLOW_SPEED,
+    BLOW_WORK,
+    FASTEST,
+    HARDEST_SPEED,
+    HARDEST_WORK,
+    REBOUND,
+    takes_a_blow,
+)
 from flexmb.engine.method import time_round_off
 from flexmb.engine.method_selection import STIFF_METHOD
 from flexmb.engine.state import Plan, State, Work
@@ -38,6 +46,7 @@ _MIN_ALTERNATION, _GROWTH_TO_REPORT, _LEAST_SPAN, _MAX_REPEATED_SHARE = 0.02, 1.
 # Impacts of a contact are slow if the fastest one has less than this many times its least_speed; a
 # rebound by less than this share of the size of the model is not reported.
 _SPEED_RATIO, _MIN_REBOUND = 10.0, 1e-4
+_BLOW = 0.01  # work of a blow in a contact over the energy that moved, above which it is reported
 _MIN_CHUNK = 4  # steps
 # A run is refused if the rest of it would take too many steps at the present rate: more than the
 # first number, or than the second over velocity coordinates times stages. _MAX_STABLE_STEPS holds
@@ -309,21 +318,34 @@ def stiff_force_sentence(run: Integration) -> str:
 
 
 def slow_impacts(run: Integration, units: UnitSystem) -> Iterator[str]:
-    """A sentence on each contact whose fastest impacts are about as slow as its least_speed.
+    """A sentence for each contact that is damped for speeds which its impacts do not have.
 
-    It applies if the contact rebounds after an impact below least_speed. Not reported are contacts
-    that had faster impacts, that rebound by a negligible distance, or whose motion drivers fix; nor
-    contacts of several points, which have no restitution of their own.
+    It applies if the fastest impacts are about as slow as least_speed and the contact rebounds
+    after one below it. Not reported are contacts that had faster impacts, that rebound by a
+    negligible distance, or whose motion drivers fix; nor contacts of several points, which have no
+    restitution of their own. It also applies if sides that lie against each other, damped as at
+    least_speed, take a blow.
     """
     for name, element in run.compiled.elements.items():
         if element.kind != "contacts" or element.n > 1 or run.settings.determinate == 1:
             continue
-        row = run.compiled.system.kinds["contacts"].rows[element.row]
-        slow, history = float(row["slow"]), run.state.history[row["impacts"] :]
+        row, state = run.compiled.system.kinds["contacts"].rows[element.row], run.state.history
+        slow, history = float(row["slow"]), state[row["impacts"] :]
         fastest = float(history[FASTEST])
         least = _MIN_REBOUND * run.compiled.length
-        if row["damping"] > 0.0 and fastest < _SPEED_RATIO * slow and history[REBOUND] > least:
-            say = partial(units.say, unit="m/s", digits=2)
+        say = partial(units.say, unit="m/s", digits=2)
+        blow = (
+            (BLOW_WORK, BLOW_SPEED) if takes_a_blow(row, state) else (HARDEST_WORK, HARDEST_SPEED)
+        )
+        if history[blow[0]] > _BLOW * run.rows.balance.moved:
+            hit = float(history[blow[1]])
+            yield (
+                f"{name}: its sides lay against each other when a blow drove them together with "
+                f"{say(hit)}; it is damped as an impact of {say(slow)}, its least_speed, and "
+                "rebounds by far less than its restitution: a small gap gives the blow its own "
+                f"speed, or give least_speed = {units.outward(hit, 'm/s'):.1g}"
+            )
+        elif row["damping"] > 0.0 and fastest < _SPEED_RATIO * slow and history[REBOUND] > least:
             yield (
                 f"{name}: impacts below its least_speed of {say(slow)} are damped as those of that "
                 f"speed, so that they rebound by more than its restitution; the fastest one has "

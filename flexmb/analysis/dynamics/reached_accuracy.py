@@ -133,7 +133,8 @@ def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
         )
     else:
         why = "they part there whatever the steps; another method or fixed steps may reach it"
-        if verified.jumps is not None and verified.jumps.begins_before(until):
+        damps = prepared.method != NONSTIFF_METHOD and verified.jumps is not None
+        if damps and verified.jumps.begins_before(until):  # type: ignore[union-attr]
             why = (
                 f"steps of {prepared.method} damp a vibration that a jump of loads or "
                 f'accelerations excites there, which method = "{NONSTIFF_METHOD}" follows'

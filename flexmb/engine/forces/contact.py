@@ -47,9 +47,11 @@ from flexmb.engine.forces.bristle import (
     slip_since,
 )
 from flexmb.engine.forces.contact_pair import (
+    IMPACT_HISTORY,
     normal_change,
     normal_force,
     normal_parameters,
+    note_impact,
     penetration,
     place_sides,
     put_wrench,
@@ -112,8 +114,8 @@ CONTACT_NOW = np.dtype(
 
 # A step that ends within this fraction of itself after an onset, or at whose ends the speeds differ
 # by as little, gives the speed of the impact: that between them. With the speed before the onset
-# alone an error of d'' times the time until it is left, whatever the accuracy; so does a step that
-# did not approach when it began.
+# alone an error of d'' times the time until it is left, whatever the accuracy. A step that did not
+# approach when it began has sped up evenly since: from v at its end by d''/h over the depth d.
 _ONSET_FRACTION, _ALIKE = 0.05, 1e-3
 _ZERO = (0.0, 0.0, 0.0)
 
@@ -131,12 +133,6 @@ class Contacts(NamedTuple):
     rows: array_of(CONTACT)
     first_event: int  # each has three: its depth, |T| − μ N, the length of its bristle
     scratch: Scratch = None  # of one run
-
-
-# Of impacts: speed of the last one (< 0: it lasts; 0: there was none), its beginning and depth; the
-# fastest one so far, and the widest gap after one slower than the least speed.
-IMPACT, ONSET, DEEPEST, FASTEST, REBOUND, _IMPACT_HISTORY = range(6)
-_BRIEF = 10.0  # depths over speed: what lasts longer is pressed together and no impact
 
 
 def lower_contacts(lowering: Lowering, forces: Forces) -> Contacts:
@@ -158,7 +154,7 @@ def _contact_rows(lowering: Lowering, spec: ContactSpec) -> Iterator[tuple[objec
         history, bristle = lowering.add_history(1), -1
         if friction[0] == BRISTLE:
             bristle = lowering.add_history(BALL_HISTORY if shape[1] > 0.0 else POINT_HISTORY)
-        impacts = lowering.add_history(_IMPACT_HISTORY)
+        impacts = lowering.add_history(IMPACT_HISTORY)
         yield I, J, *shape, *law, -1, *friction, history, bristle, impacts
 
 
@@ -261,37 +257,18 @@ def update_history(run: Run, contacts: Contacts, at: Point) -> int:
         way, before = rate * now.span[0], now.history[o]
         if d <= 0.0:
             history[o] = max(rate, c["slow"])
-        elif d <= _ONSET_FRACTION * way or (
-            d <= way and (abs(rate - before) <= _ALIKE * rate or before <= c["slow"])
-        ):
+        elif before <= c["slow"] and d <= way:
+            history[o] = max(rate * math.sqrt(max(1.0 - 2.0 * d / way, 0.0)), c["slow"])
+        elif d <= _ONSET_FRACTION * way or (d <= way and abs(rate - before) <= _ALIKE * rate):
             history[o] = max(rate + (before - rate) * d / way, c["slow"])
-        _note_impact(run, c, d, rate, at.t[0])
+        damping = cn["N"] - c["K"] * max(d, 0.0) ** c["n"]
+        note_impact(c, d, rate, damping, now.span[0], at.t[0], now.history, history)
         if c["model"] == BRISTLE:
             mi, mj, n, g = now.marker[c["I"]], now.marker[c["J"]], triple(cn["n"]), triple(cn["g"])
             tilt, a = _rates(run, c, n, cn["rho"], at) if d > 0.0 else (_ZERO, _ZERO)
             s, room, turns = triple(cn["bristle"]), cn["room"], cn["turns"]
             remember_bristle(c, now.history, n, d, g, s, room, turns, mi, mj, tilt, a, history)
     return SUCCESS
-
-
-@kernel
-def _note_impact(run, c, d, rate, t):
-    """Speeds of impacts, and how far slow ones rebound; c a contact of depth d, t the time."""
-    now, history, o = run.work.now, run.state.history, c["impacts"]
-    impact, before = history[o + IMPACT], now.history[c["history"]]
-    if d > 0.0 and impact >= 0.0:
-        before = before if before > c["slow"] else 0.0
-        speed = max(rate, before, 1e-300) if now.span[0] > 0.0 else math.inf  # it begins deep
-        history[o + IMPACT], history[o + ONSET], history[o + DEEPEST] = -speed, t, 0.0
-        if speed < math.inf:
-            history[o + FASTEST] = max(history[o + FASTEST], speed)
-    elif d <= 0.0 and impact < 0.0:
-        brief = (t - history[o + ONSET]) * -impact <= _BRIEF * history[o + DEEPEST]
-        history[o + IMPACT] = -impact if brief else 0.0
-    if d > 0.0:
-        history[o + DEEPEST] = max(history[o + DEEPEST], d)
-    elif 0.0 < history[o + IMPACT] < c["slow"]:
-        history[o + REBOUND] = max(history[o + REBOUND], -d)
 
 
 @kernel

@@ -37,6 +37,14 @@ if TYPE_CHECKING:
 # Sides J of contacts.
 BALL, PLANE, CYLINDER, BORE = 0, 1, 2, 3
 
+# Of impacts: speed of the last one (< 0: it lasts; 0: there was none), its beginning and depth; the
+# fastest one so far, and the widest gap after one slower than the least speed. Of what approaches
+# so many times faster than it is damped for: work of the damping, and the largest speed, in the
+# last contact, and in the one that took the hardest blow (`takes_a_blow`).
+IMPACT, ONSET, DEEPEST, FASTEST, REBOUND, BLOW_WORK, BLOW_SPEED = range(7)
+HARDEST_WORK, HARDEST_SPEED, IMPACT_HISTORY = range(7, 10)
+_BRIEF = 10.0  # depths over speed: what lasts longer is pressed together and no impact
+_FASTER, _MOST = 10.0, 2.0  # times the speed; times the elastic energy
 _ZERO = (0.0, 0.0, 0.0)
 
 
@@ -133,6 +141,46 @@ def normal_force(c, history, d, rate):
     if factor <= 0.0:
         return 0.0, 0.0, 0.0
     return elastic * factor, c["n"] * elastic / d * factor, elastic * c["damping"] / speed
+
+
+@kernel
+def note_impact(c, d, rate, damping, span, t, before, history):
+    """Speeds of impacts, how far slow ones rebound, and blows on sides that lie against each other.
+
+    c is a contact of depth d, damping its damping force, `before` its history before the step of
+    length `span` that ends at t.
+    """
+    o, speed = c["impacts"], before[c["history"]]
+    impact = history[o + IMPACT]
+    if d > 0.0 and impact >= 0.0:
+        speed = max(rate, speed if speed > c["slow"] else 0.0, 1e-300)
+        speed = speed if span > 0.0 else math.inf  # it begins deep
+        history[o + IMPACT], history[o + ONSET], history[o + DEEPEST] = -speed, t, 0.0
+        history[o + BLOW_WORK], history[o + BLOW_SPEED] = 0.0, 0.0
+        if speed < math.inf:
+            history[o + FASTEST] = max(history[o + FASTEST], speed)
+    elif d <= 0.0 and impact < 0.0:
+        brief = (t - history[o + ONSET]) * -impact <= _BRIEF * history[o + DEEPEST]
+        history[o + IMPACT] = -impact if brief else 0.0
+        if takes_a_blow(c, history):
+            history[o + HARDEST_WORK] = history[o + BLOW_WORK]
+            history[o + HARDEST_SPEED] = history[o + BLOW_SPEED]
+    if d > 0.0:
+        history[o + DEEPEST] = max(history[o + DEEPEST], d)
+        if rate > _FASTER * max(history[c["history"]], c["slow"]):
+            history[o + BLOW_WORK] += damping * rate * span
+            history[o + BLOW_SPEED] = max(history[o + BLOW_SPEED], rate)
+    elif 0.0 < history[o + IMPACT] < c["slow"]:
+        history[o + REBOUND] = max(history[o + REBOUND], -d)
+
+
+@kernel
+def takes_a_blow(c, history):
+    """Whether a contact mainly damps what is far faster than it is damped for, as sides that lie
+    against each other do, by more than any before."""
+    o = c["impacts"]
+    elastic = c["K"] * history[o + DEEPEST] ** (c["n"] + 1.0) / (c["n"] + 1.0)
+    return history[o + BLOW_WORK] > max(_MOST * elastic, history[o + HARDEST_WORK])
 
 
 def normal_parameters(model: Model, spec: ContactSpec) -> tuple[float, float, float, float]:

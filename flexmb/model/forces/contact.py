@@ -168,6 +168,7 @@ class ContactSpec(Component):
         if first == second:
             what = f'a contact is between two bodies, both markers are on "{first}"'
             yield Problem(f"{where}.between", what)
+            return
         for k, (reference, side) in enumerate(zip(self.between, self.shapes, strict=True)):
             if isinstance(side, PointsSide):
                 yield from _node_problems(scope, f"{where}.shapes[{k}]", reference, side)

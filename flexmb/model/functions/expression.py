@@ -270,7 +270,7 @@ class _Lowering:
         if value is not None:
             return (("const", float(value)),)
         if name == "t":
-            raise self.fail(node, "the time t cannot be used here, only in functions of time")
+            raise self.fail(node, "a constant is expected, not the time t")
         if name in FUNCTIONS:
             raise self.fail(node, f'"{name}" is a function, written {FUNCTIONS[name][1]}')
         if self.channels:

@@ -33,6 +33,7 @@ from flexmb.model.functions.forms import (
     Step5,
     Trapezoidal,
 )
+from flexmb.model.functions.piecewise import Piecewise
 from flexmb.model.functions.tabulated import AkimaSpline, CubicSpline, Table
 from flexmb.model.quantities import expression_and_factor, plain, read_number
 from flexmb.model.reading import (
@@ -71,6 +72,13 @@ class Function:
     def constant(self) -> float | None:
         """The value if it does not depend on time, else None."""
         return self.expression.constant
+
+    @property
+    def curve(self) -> Piecewise | None:
+        """The curve through points that it is; None of anything else."""
+        ops = self.expression.ops
+        curve = ops[-1][1] if ops and ops[0][0] == "t" and len(ops) == 2 else None
+        return curve if isinstance(curve, Piecewise) else None
 
     def value(self, t: float) -> Jet:
         """Value, first and second derivative at time ``t`` [s]; not finite outside its domain."""

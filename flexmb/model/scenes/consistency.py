@@ -23,7 +23,6 @@ from flexmb.model.flexible_body import FlexbodySpec, FlexibleBodySpec
 from flexmb.model.forces.body_load import BodyLoadSpec
 from flexmb.model.functions.discontinuities import first_discontinuities
 from flexmb.model.functions.function import Function
-from flexmb.model.functions.piecewise import Piecewise
 from flexmb.model.joints.coupler import coupler_loop_problems
 from flexmb.model.joints.driver import DriverSpec
 from flexmb.model.joints.joint import lost_inertias
@@ -229,7 +228,8 @@ def _discontinuity_problems(model: ModelData, duration: float) -> Iterator[Probl
     say = model.units.say
     for where, function, spec in _time_functions(model):
         order = spec.order if isinstance(spec, DriverSpec) else 2
-        text = f'"{function.expression.text}"'
+        text = function.expression.text
+        text = "the function" if text.startswith("{") else f'"{text}"'
         for kind, time, _ in first_discontinuities(function.expression.ops, duration, 2 - order):
             if kind == "undefined" and time > 0.0:
                 first, last = _domain(function)
@@ -238,7 +238,10 @@ def _discontinuity_problems(model: ModelData, duration: float) -> Iterator[Probl
                     yield Problem(where, f"{what} t = {say(time, 's')}")
             elif kind == "value" and order == 0:
                 what = f"{text} jumps at t = {say(time, 's')}: no force moves a body at once"
-                yield Problem(where, f"{what}; let it rise by a step with a beginning and an end")
+                curve, cure = function.curve, "let it rise by a step with a beginning and an end"
+                if curve is not None and curve.period > 0.0:
+                    cure = "it repeats, so that its last value must be its first one"
+                yield Problem(where, f"{what}; {cure}")
 
 
 def impact_warnings(model: ModelData) -> Iterator[str]:
@@ -311,9 +314,7 @@ def _functions(where: str, value: Any) -> Iterator[tuple[str, Function]]:
 
 def _domain(function: Function) -> tuple[float, float]:
     """From when to when a function through points has values [s]; infinite for all others."""
-    ops = function.expression.ops
-    curve = ops[-1][1] if ops and ops[0][0] == "t" and len(ops) == 2 else None
-    if not isinstance(curve, Piecewise):
+    if (curve := function.curve) is None:
         return -np.inf, np.inf
     first = curve.knots[0] if np.isnan(curve.coefficients[0]).any() else -np.inf
     last = curve.knots[-1] if np.isnan(curve.coefficients[-1]).any() else np.inf

@@ -13,6 +13,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -91,6 +92,8 @@ class DesignSearch:
         The scene as it stands.
     samples, seed : int
         Of the Sobol samples.
+    stated : dict of str to (str, float)
+        Units in which the scene states knobs; see `in_stated_units`.
     """
 
     knobs: dict[str, Distribution]
@@ -99,6 +102,7 @@ class DesignSearch:
     present: dict[str, float]
     samples: int = 64
     seed: int = 0
+    stated: Mapping[str, tuple[str, float]] = field(default_factory=dict)
     failures: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -123,7 +127,7 @@ class DesignSearch:
         if bad:
             what = f"{len(bad)} of {len(rows)} runs of the scan failed, first at "
             first = bad[0]
-            self.failures.append(f"{what}{setting_text(settings[first])}: {rows[first]['reason']}")
+            self.failures.append(f"{what}{self._text(settings[first])}: {rows[first]['reason']}")
         if len(bad) == len(rows):
             raise SceneError(self.failures[-1])
         return settings, rows
@@ -136,7 +140,15 @@ class DesignSearch:
             logarithmic = one.kind == "log-uniform"
             value = low * (high / low) ** share if logarithmic else low + (high - low) * share
             values[name] = float(f"{value:.{_DIGITS}g}")
-        return values
+        return rounded_as_stated(values, self.stated)
+
+    def _text(self, setting: Mapping[str, Any]) -> str:
+        return setting_text(setting, self.stated)
+
+    def _number(self, knob: str, value: float, digits: int = 6) -> str:
+        """A value of a knob in the unit that the scene states of it."""
+        text = in_stated_units({knob: value}, self.stated, digits)[knob]
+        return text if isinstance(text, str) else f"{value:.{digits}g}"
 
     def _share(self, name: str, value: float) -> float:
         """Where a value is in the range of its knob, from 0 to 1."""
@@ -151,6 +163,7 @@ class DesignSearch:
     def _scan_and_narrow(self) -> Answer:
         """One knob, one bound: all roots that the scan brackets."""
         [target], [(knob, one)] = self.targets, self.knobs.items()
+        say = partial(self._number, knob)
         shares = np.linspace(0.0, 1.0, max(SCAN, one.levels))
         settings, rows = self._run_all(shares[:, None])
         at = [settings[i][knob] for i in range(len(shares))]
@@ -164,7 +177,7 @@ class DesignSearch:
             if off[i] * off[j] > 0.0 or (off[j] == 0.0 and j < finite[-1]):
                 continue  # a root at the end of an interval belongs to the next one
             if j > i + 1:
-                between = f"between {knob} = {at[i]:g} and {at[j]:g}, where runs fail"
+                between = f"between {knob} = {say(at[i])} and {say(at[j])}, where runs fail"
                 sentences.append(f"{target.name} crosses {target.say(target.bound)} {between}")
                 continue
             root, sentence = self._narrow(target, knob, shares[[i, j]], off[[i, j]], covers)
@@ -173,19 +186,20 @@ class DesignSearch:
         low, high = at[0], at[-1]
         least, most = int(np.nanargmin(values)), int(np.nanargmax(values))
         within = (
-            f"{target.name} is {target.say(values[least])} at {knob} = {at[least]:.6g} and "
-            f"{target.say(values[most])} at {knob} = {at[most]:.6g}, the least and the largest of "
+            f"{target.name} is {target.say(values[least])} at {knob} = {say(at[least])} and "
+            f"{target.say(values[most])} at {knob} = {say(at[most])}, the least and the largest of "
             f"{len(at)} runs"
         )
         if not edges and not sentences:
             met = target.violation(values) <= 0.0
+            whole = f"from {say(low)} to {say(high)}"
             if target.question.relation != "=" and met[np.isfinite(values)].all():
-                always = f"{target.question.text} holds for every {knob} from {low:g} to {high:g}: "
+                always = f"{target.question.text} holds for every {knob} {whole}: "
                 return Answer((always + within,), tuple(settings[:1] + settings[-1:]))
-            never = f"no {knob} from {low:g} to {high:g} gives {target.question.text}: {within}; "
+            never = f"no {knob} {whole} gives {target.question.text}: {within}; "
             return Answer((f"{never}no two of them bracket it, so widen the range",))
         if target.question.relation == "=":
-            sentences[:0] = [f"{target.question.text} at {knob} = {edge:.9g}" for edge in edges]
+            sentences[:0] = [f"{target.question.text} at {knob} = {say(edge, 9)}" for edge in edges]
         else:
             sentences.insert(0, self._parts(target, knob, edges, at, values))
         sentences.append(f"between: {within}")
@@ -204,7 +218,7 @@ class DesignSearch:
                 setting = self._values(np.array([share]))
                 [row] = self.run([setting])
                 if row["status"] != "finished":
-                    raise _RunFailed(f"at {setting_text(setting)}: {row['reason']}")
+                    raise _RunFailed(f"at {self._text(setting)}: {row['reason']}")
                 seen[share] = float(row[target.name]) - target.bound
             return seen[share]
 
@@ -218,7 +232,8 @@ class DesignSearch:
         gap = abs(seen[below] - seen[above]) if below in seen and above in seen else 0.0
         if abs(seen[share]) > 0.0 and above - below < 1e-4 and gap > _JUMP_SHARE * covers:
             ends_text = " to ".join(target.say(seen[s] + target.bound) for s in (below, above))
-            jump = f"{target.name} jumps there: from {ends_text} at {knob} = {value:.9g}"
+            place = self._number(knob, value, 9)
+            jump = f"{target.name} jumps there: from {ends_text} at {knob} = {place}"
             return (None if target.question.relation == "=" else value), jump
         return value, ""
 
@@ -233,7 +248,7 @@ class DesignSearch:
             inside = inside or [v for x, v in zip(at, values, strict=True) if low <= x <= high]
             finite = np.array([v for v in inside if np.isfinite(v)])
             if len(finite) and (target.violation(finite) <= 0.0).all():
-                parts.append(f"{low:.9g} to {high:.9g}")
+                parts.append(" to ".join(self._number(knob, one, 9) for one in (low, high)))
         return f"{target.question.text} for {knob} from {', and from '.join(parts)}"
 
     def _minimise(self) -> Answer:
@@ -310,7 +325,7 @@ class DesignSearch:
         names = list(self.knobs)
         edge = [names[i] for i in np.flatnonzero((best <= 0.0) | (best >= 1.0))]
         limit = f"; {', '.join(edge)} at the end of the range" if edge else ""
-        what = f"{setting_text(setting)}: {values} ({runs} runs)"
+        what = f"{self._text(setting)}: {values} ({runs} runs)"
         if miss > _MET[-1]:
             return Answer((f"nothing was found that meets {questions}; nearest is {what}{limit}",))
         sentences = [f"{questions}: {what}{limit}"]
@@ -323,12 +338,60 @@ class _RunFailed(Exception):
     """A run within the search for a root."""
 
 
-def setting_text(setting: Mapping[str, Any]) -> str:
-    """Values of knobs in short."""
+def rounded_as_stated(
+    setting: Mapping[str, Any], stated: Mapping[str, tuple[str, float]]
+) -> dict[str, Any]:
+    """Values of knobs that few digits give in the unit that the scene states of them."""
+    rounded = dict(setting)
+    for name, value in setting.items():
+        unit, ratio = stated.get(name, ("", 1.0))
+        if unit and isinstance(value, int | float):
+            rounded[name] = float(f"{value * ratio:.{_DIGITS}g}") * _back(ratio)
+    return rounded
+
+
+def _back(ratio: float) -> float:
+    """One of a unit in the scene's own, as a scene reads it."""
+    return float(f"{1 / ratio:.15g}")
+
+
+def in_stated_units(
+    setting: Mapping[str, Any], stated: Mapping[str, tuple[str, float]], digits: int = 0
+) -> dict[str, Any]:
+    """Values of knobs, numbers as texts with the unit that the scene states of them.
+
+    Parameters
+    ----------
+    setting : dict
+        Values in the scene's units.
+    stated : dict of str to (str, float)
+        The unit of a knob, and how many of it one of the scene's units is.
+    digits : int
+        Of these texts; 0: as many as give the value to the last bit, a number where none do.
+    """
+    texts = dict(setting)
+    for name, value in setting.items():
+        unit, ratio = stated.get(name, ("", 1.0))
+        if unit and isinstance(value, int | float):
+            for length in (digits,) if digits else range(1, 18):
+                text = f"{value * ratio:.{length}g}"
+                if digits or float(text) * _back(ratio) == value:
+                    texts[name] = f"{text} {unit}"
+                    break
+    return texts
+
+
+def setting_text(
+    setting: Mapping[str, Any], stated: Mapping[str, tuple[str, float]] | None = None,
+    digits: int = 9,
+) -> str:  # fmt: skip
+    """Values of knobs in short, in the units that the scene states of them."""
     from flexmb.studies.study_settings import headings
 
     short = headings(tuple(setting))
     return ", ".join(
-        f"{short[name]} = {value:.9g}" if isinstance(value, float) else f"{short[name]} = {value}"
-        for name, value in setting.items()
+        f"{short[name]} = {value:.{digits}g}"
+        if isinstance(value, float)
+        else f"{short[name]} = {value}"
+        for name, value in in_stated_units(setting, stated or {}, digits).items()
     )

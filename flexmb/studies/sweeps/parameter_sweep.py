@@ -34,7 +34,7 @@ from flexmb.progress import Progress, silent
 from flexmb.studies.record_table import KEY, RecordTable
 from flexmb.studies.study_jobs import content_key, run_key
 from flexmb.studies.study_settings import StudySource, check_units, resolve_knobs, value_text
-from flexmb.studies.sweeps.design_search import Answer, DesignSearch, Target
+from flexmb.studies.sweeps.design_search import Answer, DesignSearch, Target, rounded_as_stated
 from flexmb.studies.sweeps.sampling import Design, make_design, values_at
 from flexmb.studies.sweeps.sweep_report import RUNS, Sweep
 from flexmb.studies.sweeps.sweep_runs import (
@@ -134,8 +134,12 @@ def sweep(
     return Sweep(
         source.model.title or source.file, source.file, source.output, plan.design,
         runner.settings, units, columns, plan.spec.quantiles, plan.spec.seed, source.overrides,
-        answer, runner.reused, {k: stated_unit(source.scene, k) for k in plan.design.knobs},
+        answer, runner.reused, _stated_units(source, plan),
     )  # fmt: skip
+
+
+def _stated_units(source: StudySource, plan: _Plan) -> dict[str, tuple[str, float]]:
+    return {knob: stated_unit(source.scene, knob) for knob in plan.design.knobs}
 
 
 def _of_motion(units: Mapping[str, str], columns: Mapping[str, NDArray[Any]]) -> dict[str, str]:
@@ -337,12 +341,13 @@ class _Runner:
         plan = self.plan
         flexible_bodies_of(plan.base, plan.base.model({}), self.progress)
         if not plan.targets:
-            self.run_all(plan.design.values())
+            stated = _stated_units(self.source, plan)
+            self.run_all([rounded_as_stated(one, stated) for one in plan.design.values()])
             return None
         present = {knob: self._present(knob, one) for knob, one in plan.design.knobs.items()}
         return DesignSearch(
             dict(plan.design.knobs), plan.targets, self.run, present, plan.spec.samples,
-            plan.spec.seed,
+            plan.spec.seed, _stated_units(self.source, plan),
         ).answer()  # fmt: skip
 
     def _present(self, knob: str, one: Distribution) -> float:

@@ -87,9 +87,10 @@ class Sweep(SweepRows):
             yield Table(title, columns, rows, (2, 3))
         if self.design.method == "derivatives":
             rows = [
-                (name, short[d.knob], _cell(d.value, 6), _cell(d.error, 2), _cell(d.deviation),
-                 f"{100 * d.share:.3g} %")
+                (name, label, _cell(d.value / factor, 6), _cell(d.error / factor, 2),
+                 _cell(d.deviation * factor), f"{100 * d.share:.3g} %")
                 for name in self.scalars for d in self.derivatives(name)
+                for label, factor in [_stated_label(self, d.knob, short[d.knob])]
             ]  # fmt: skip
             columns = ("of", "by", "derivative", "error", "deviation", "share of variance")
             yield Table("Derivatives at the medians", columns, rows, (2, 3, 4, 5))
@@ -103,7 +104,11 @@ class Sweep(SweepRows):
         yield self._extremes_table(short)
         if self.failures:
             rows = [
-                (f"run {i}", setting_text(self.settings[i]), reason.partition("\n")[0])
+                (
+                    f"run {i}",
+                    setting_text(self.settings[i], self.knob_units),
+                    reason.partition("\n")[0],
+                )
                 for i, reason in self.failures[:_LISTED]
             ]
             more = len(self.failures) - _LISTED
@@ -133,7 +138,7 @@ class Sweep(SweepRows):
             for word, runs in zip(("largest", "least"), self.extremes(scalar, 1), strict=True):
                 rows += [
                     (scalar, word, _cell(self[scalar][i], 6), f"run {i}",
-                     setting_text(self.settings[i]))
+                     setting_text(self.settings[i], self.knob_units))
                     for i in runs
                 ]  # fmt: skip
         return Table("Extremes", ("of", "", "value", "run", "values"), rows, (2,))
@@ -265,8 +270,14 @@ def _knobs(sweep: SweepRows) -> list[Axis]:
 
 def _number_axis(sweep: SweepRows, knob: str, label: str) -> Axis:
     """A knob whose values are numbers, in the unit that the scene states of it."""
+    label, factor = _stated_label(sweep, knob, label)
+    return Axis(label, sweep[knob].astype(float) * factor)
+
+
+def _stated_label(sweep: SweepRows, knob: str, label: str) -> tuple[str, float]:
+    """A knob with the unit that the scene states of it, and its factor from the scene's units."""
     unit, factor = _stated_unit(sweep, knob)
-    return Axis(f"{label} [{unit}]" if unit else label, sweep[knob].astype(float) * factor)
+    return f"{label} [{unit}]" if unit else label, factor
 
 
 def _stated_unit(sweep: SweepRows, knob: str) -> tuple[str, float]:

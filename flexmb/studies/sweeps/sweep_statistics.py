@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from flexmb.errors import FlexmbError
 from flexmb.flexbody.arrays import Array
 from flexmb.studies.study_settings import run_command
-from flexmb.studies.sweeps.design_search import Answer, setting_text
+from flexmb.studies.sweeps.design_search import Answer, in_stated_units, setting_text
 from flexmb.studies.sweeps.sampling import Design, deviation_of
 
 Interval = tuple[float, float]
@@ -266,7 +266,7 @@ class SweepRows:
     reused : int
         Runs that were there already.
     knob_units : dict of str to (str, float)
-        Unit that the scene states of a knob, and its factor from the scene's units; for pictures.
+        Unit that the scene states of a knob, and its factor from the scene's units.
     """
 
     title: str
@@ -380,6 +380,7 @@ class SweepRows:
     def command_of(self, setting: Mapping[str, Any], name: str) -> str:
         """The command that runs a setting, into a folder of this name in that of the sweep."""
         if not self.source:
-            return setting_text(setting)
-        command = run_command(self.source, {**self.overrides, **setting})
+            return setting_text(setting, self.knob_units)
+        values = in_stated_units(setting, self.knob_units)
+        command = run_command(self.source, {**self.overrides, **values})
         return f"{command} --output {shlex.quote(str(self.folder / name))}"

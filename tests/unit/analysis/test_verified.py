@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from truthkit import Memory
 import flexmb
 from flexmb.analysis.dynamics import verified_run
 from flexmb.analysis.dynamics.dynamics import dynamics
+from flexmb.analysis.dynamics.reached_accuracy import missed_accuracy
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
 
@@ -246,3 +248,25 @@ def test_the_error_that_it_tells_is_the_error(knobs, near):
     error = np.abs(sensors[:, 0] - np.cos(2 * np.pi * t)).max() / 2
     told = outcome.statistics["measured_error_of_positions"]
     assert told == pytest.approx(error, rel=near)
+
+
+@pytest.mark.parametrize(("method", "damps"), [("radau", True), ("explicit-rk", False)])
+def test_only_implicit_steps_are_said_to_damp_vibrations(method, damps):
+    """Explicit ones follow them: no cure is the method that runs already."""
+    row = SimpleNamespace(error=0.2, name="gap", time=0.1, round_off=0.0)
+    verified = SimpleNamespace(
+        errors=lambda: {"positions": row}, difference=0.1,
+        fine=SimpleNamespace(state=SimpleNamespace(count=[{"events": 0, "steps": 10}])),
+        error=SimpleNamespace(
+            reached_until=lambda accuracy: 0.0, growth=lambda: 1.0,
+            round_off_amplification=lambda steps: 1.0,
+        ),
+        jumps=SimpleNamespace(begins_before=lambda until: True),
+    )  # fmt: skip
+    prepared = SimpleNamespace(
+        verified=verified, method=method, settings=SimpleNamespace(accuracy=1e-4, tolerance=1e-3),
+        model=Model("gap"), passes=[{"last_difference": 0.01, "count": 1}],
+    )  # fmt: skip
+    (sentence,) = missed_accuracy(prepared)
+    assert ("damp a vibration" in sentence) is damps
+    assert ('method = "explicit-rk"' in sentence) is damps

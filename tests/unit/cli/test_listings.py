@@ -70,6 +70,19 @@ def test_a_list_holds_everything_there_is(topic: str) -> None:
     assert missing == []
 
 
+def test_a_list_of_one_entry() -> None:
+    """By a word of the names of entries, else of their fields or rows."""
+    headings = [about.partition(":")[0] for about, _ in listings.listing("forces", "Stop").tables]
+    assert headings == ["stop", "rotational-stop", "translational-stop"]
+    (contact,) = (t for _, t in listings.listing("forces", "restitution").tables)
+    assert [row[0] for row in contact.rows] == ["restitution"]
+    (steels,) = (table for _, table in listings.listing("materials", "steel").tables)
+    assert [row[0] for row in steels.rows] == ["steel", "stainless steel"]
+    wrong = call("list", "forces", "contakt")
+    assert wrong.exit_code == 2
+    assert 'unknown entry of forces "contakt"; nearest: contact;' in wrong.stderr
+
+
 def test_without_a_topic_it_says_what_can_be_listed() -> None:
     done = call("list")
     assert done.exit_code == 0

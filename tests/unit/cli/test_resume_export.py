@@ -106,7 +106,7 @@ def test_ctrl_c_says_how_to_go_on_and_resume_does(
     assert "finished, 201 rows" in done.stdout and "resumed at" in done.stdout
     assert "is finished at t = 0.04 s" in refused("resume", out)
     assert "whole number of output intervals" in refused("resume", out, "--duration", "0.0401")
-    done = call("resume", out, "--duration", "0.05", "--no-picture")
+    done = call("resume", out, "--duration", "50 ms", "--no-picture")
     assert "251 rows" in done.stdout
     done = call("run", scene, "-o", tmp_path / "next", "--from", out, "--no-picture")
     assert done.exit_code == 0, done.output

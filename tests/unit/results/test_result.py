@@ -62,6 +62,15 @@ def test_unknown_names_list_those_there_are(path: Path) -> None:
         result.pose("rodd", 0.0)
 
 
+@pytest.mark.parametrize("key", [0, slice(0, 3), ["slider.x"], None, 2.5])
+def test_what_is_no_name_is_no_channel(path: Path, key: object) -> None:
+    """An index of a list, such as `result[0]`, ended as an AttributeError of a str."""
+    result = load_result(path)
+    with pytest.raises(ResultFileError, match="a channel is asked for by its name, such as"):
+        result[key]
+    assert key not in result
+
+
 def test_channels_know_their_units(path: Path) -> None:
     result = Result(path)
     assert result.unit("slider.x") == "m"

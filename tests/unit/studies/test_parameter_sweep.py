@@ -228,3 +228,29 @@ def test_pictures_show_knobs_in_the_unit_that_the_scene_states(scene: Path) -> N
     np.testing.assert_allclose(np.sort(shown), np.sort(np.degrees(made["angle"])))
     surface = sweep_report.PICTURES["surfaces"](made).axes[0]
     assert "angle [deg]" in (surface.get_xlabel(), surface.get_ylabel())
+
+
+def test_a_knob_stands_in_the_unit_that_the_scene_states_of_it(scene: Path) -> None:
+    """In tables, answers and commands, as in pictures: angles of degrees were told in radians."""
+    scene.write_text(PROJECTILE.replace("angle = 0.7", 'angle = "40 deg"'), encoding="utf-8")
+    made = sweep(scene, {"angle": "30 deg..40 deg:3"}, sensors=[RANGE])
+    (extremes,) = (table for table in made.tables() if table.title == "Extremes")
+    assert [row[-1] for row in extremes.rows] == ["angle = 40 deg", "angle = 30 deg"]
+    for run in range(3):
+        change = shlex.split(made.command(run))[4]
+        again = flexmb.simulate(flexmb.load_scene(scene, dict([change.split("=")])))
+        assert change.endswith(" deg")
+        assert again["ball.x"][-1] == made[RANGE][run]  # to the last bit
+    assert reach(20, np.radians(35)) == pytest.approx(made[RANGE][1], rel=1e-6)
+    slopes = sweep(scene, {"angle": "30 deg..40 deg"}, sensors=[RANGE], method="derivatives",
+                   output=scene.parent / "slopes")  # fmt: skip
+    (table,) = (one for one in slopes.tables() if one.title.startswith("Derivatives"))
+    per_degree = 2 * 20**2 * np.cos(2 * np.radians(35)) / 9.80665 * np.pi / 180
+    assert table.rows[0][1] == "angle [deg]"
+    assert float(table.rows[0][2]) == pytest.approx(per_degree, rel=1e-4)
+    assert float(table.rows[0][4]) == pytest.approx(10 / 12**0.5, rel=1e-3)
+    ask = {"find": [f"{RANGE} = {reach(20, np.radians(35)):.6f}"], "output": scene.parent / "ask"}
+    found = sweep(scene, {"angle": "30 deg..40 deg"}, **ask).summary()
+    assert found[0].endswith(" deg")
+    assert float(found[0].split()[-2]) == pytest.approx(35, abs=1e-4)
+    assert "at angle = 30 deg and" in found[1]

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from flexmb import Model, simulate
 from flexmb.view import fields
+from flexmb.view.joint_shapes import joint_parts
 from flexmb.view.mechanism import Display, Mechanism, inverse, rotation, transform
 
 RNG = np.random.default_rng(2)
@@ -55,3 +57,37 @@ def test_strain_energy_of_single_stresses(monkeypatch):
     found = fields._strain_energy(body, 5e6 * np.eye(6), slice(None))
     assert found[:3] == pytest.approx([5e6**2 / (2 * 200e9)] * 3)
     assert found[3:] == pytest.approx([5e6**2 / (2 * 200e9 / 2.6)] * 3)
+
+
+@pytest.fixture(scope="module")
+def supported():
+    """A beam on a pin and a roller, bent by its weight alone: 5 q L⁴/(384 E I) in its middle."""
+    model = Model("beam", gravity=[0, -9.81, 0])
+    model.add_body(
+        "beam", mesh={"type": "beam", "length": 2.0, "divisions": 8}, material="steel", modes=4,
+        sections={"all": {"type": "rectangle", "y": 0.02, "z": 0.02, "orientation": "y"}},
+        interfaces={"left": "start", "right": "end"},
+    )  # fmt: skip
+    model.add_joint("pin", "revolute", between=["ground", "beam.left"], axis="z")
+    model.add_joint("roller", "in-plane", between=["ground", "beam.right"], axis="y")
+    model.add_joint("side", "in-plane", between=["ground", "beam.right"], axis="z")
+    return Mechanism(simulate(model, duration=0.01, outputs=2, start="quasi-static"))
+
+
+def test_a_beam_on_a_pin_and_a_roller_is_drawn_on_both(supported):
+    """Its end was drawn off the roller by twice the sag times the factor."""
+    display = Display(supported, 50.0)
+    for end, x in (("left", 0.0), ("right", 2.0)):
+        np.testing.assert_allclose(display.point(f"beam.{end}"), [x, 0, 0], atol=1e-6)
+    drawn, undeformed, sizes = display.surface("beam")
+    sag = 5 * 7850 * 9.81 * 0.02**2 * 2.0**4 / (384 * 210e9 * 0.02**4 / 12)
+    assert sizes.max() == pytest.approx(sag, rel=0.01)
+    assert (undeformed - drawn)[:, 1].max() == pytest.approx(50 * sag, rel=0.01)
+
+
+def test_the_plate_of_a_roller_lies_below_it(supported):
+    """It was drawn about the marker on ground, at the other end of the beam."""
+    (plate, ball) = (part.solid(Display(supported)) for part in joint_parts(supported, 0.01, {})
+                     if part.name == "roller")  # fmt: skip
+    np.testing.assert_allclose(plate.points.mean(axis=0), [2, 0, 0], atol=1e-3)
+    np.testing.assert_allclose(ball.points.mean(axis=0), [2, 0, 0], atol=1e-3)

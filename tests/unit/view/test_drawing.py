@@ -21,14 +21,12 @@ from flexmb.model.surface_mesh import open_edges
 from flexmb.results import Result
 from flexmb.results.output_block import OutputBlock
 from flexmb.results.writer import ResultWriter
-from flexmb.view.camera import Camera, visible_shares
 from flexmb.view.content import DAMPER, FRICTION, HOUSING, RUBBER, Content
 from flexmb.view.drawing import Drawing
 from flexmb.view.force_shapes import vectors
 from flexmb.view.joint_shapes import _LINKS as LINKS
 from flexmb.view.mechanism import Display, Mechanism, applied
 from flexmb.view.picture import view_of
-from flexmb.view.shapes import box
 
 
 @pytest.fixture(scope="module")
@@ -308,18 +306,6 @@ def test_the_teeth_of_two_wheels_do_not_meet(tmp_path: Path) -> None:
             else 0.0
         )
         assert touch + other <= 0.011
-
-
-def test_hidden_parts_count_as_hidden() -> None:
-    camera = Camera((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
-    grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 60)] * 2), axis=-1).reshape(-1, 2)
-    plate = np.column_stack([grid, np.zeros(len(grid))])
-    behind = box((0.3, 0.3, 0.3)).points + [0, 0, -1]
-    beside = box((0.3, 0.3, 0.3)).points + [3, 0, -1]
-    assert list(visible_shares(camera, [plate, behind])) == [1.0, 0.0]
-    assert list(visible_shares(camera, [plate, beside])) == [1.0, 1.0]
-    other = Camera((0.0, 0.0, -1.0), (0.0, 1.0, 0.0))
-    assert visible_shares(other, [plate, behind])[1] == 1.0
 
 
 def test_standard_views_are_those_of_a_drawing(crank: Mechanism) -> None:

@@ -101,3 +101,17 @@ def test_a_line_far_from_the_others_has_axes_of_its_own(tmp_path: Path) -> None:
     assert [line.get_label() for line in (*low.lines, *high.lines)] == ["top.x", "bend"]
     (together,) = history_figure(run, ["top.x", "bend"]).axes
     assert len(together.lines) == 2
+
+
+def test_the_power_of_ten_of_an_axis_stands_clear_of_the_legend(tmp_path: Path) -> None:
+    model = Model("press", folder=tmp_path)
+    model.add_body("ram", mass=1, inertia=[1, 1, 1])
+    model.add_joint("guide", "prismatic", between=["ground", "ram"], axis="x")
+    model.add_driver("stroke", joint="guide", stroke="sin(t)")
+    model.add_sensor("power", "expression", value="3e7*sin(t)", unit="W")
+    figure = history_figure(kinematics(model, duration=3.0, output=tmp_path), ["power"])
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    power, name = axes.yaxis.get_offset_text(), axes.get_legend()
+    assert power.get_text()
+    assert power.get_window_extent().x1 < name.get_window_extent().x0 - 5

@@ -98,7 +98,7 @@ def test_a_finished_run_is_extended(scene: Path, tmp_path: Path) -> None:
     result = flexmb.simulate(flexmb.load_scene(scene), output=tmp_path / "short")
     with pytest.raises(ResultFileError, match="is finished at t = 0.04 s.*--duration"):
         flexmb.resume(result)
-    done = flexmb.resume(result, duration=0.05)
+    done = flexmb.resume(result, duration="50 ms")
     assert (done.status, len(done.time)) == ("finished", 251)
     np.testing.assert_allclose(done.time, long.time, rtol=1e-12)
     np.testing.assert_allclose(done.q, long.q, atol=1e-9)
@@ -108,7 +108,9 @@ def test_a_finished_run_is_extended(scene: Path, tmp_path: Path) -> None:
         (0.0501, "whole number of output intervals of 0.0002 s, is 0.0501 s"),
         (0.03, "must not be shorter than it was, 0.05 s"),
         (0.05, "is 0.05 s already, and the run is finished"),
-        (float("nan"), "whole number of output intervals"),
+        (float("nan"), "duration: .*finite"),
+        ("60 mm", "duration: a time .s. is expected, given .60 mm"),
+        ("6 sek", 'duration: .*"sek"'),
     ):
         with pytest.raises(SceneError, match=words):
             flexmb.resume(done, duration=wrong)
