@@ -157,6 +157,20 @@ def test_what_does_not_fit_the_mesh_is_told_before_any_reduction(tmp_path, chang
     assert shown in done.stderr
 
 
+def test_a_small_body_far_from_its_joints_is_told_before_any_reduction(tmp_path):
+    """4 cm off on a strip of 40 cm: what a run refuses, check refuses, of any size of the mesh."""
+    path = write(tmp_path, ("[bodies.rod]", "[bodies.rod]\nposition = [0.04, 0, 0]"))
+    path.write_text(path.read_text() + "[dynamics]\nduration = 0.1\n")
+    done = CliRunner().invoke(app, ["check", str(path)])
+    assert done.exit_code == 2, done.output
+    assert "bodies.rod: would have to move by 0.04 m" in done.stderr
+    scaled = [("mesh.length", "0.004"), ("mesh.width", "0.001"), ("position", "[4e-4,0,0]")]
+    sets = [word for key, value in scaled for word in ("--set", f"bodies.rod.{key}={value}")]
+    thin = [*sets, "--set", "bodies.rod.sections.all.thickness=1e-4"]
+    done = CliRunner().invoke(app, ["check", str(path), *thin])
+    assert "bodies.rod: would have to move by 0.0004 m" in done.stderr
+
+
 def test_mistakes_of_all_kinds_come_at_once(tmp_path):
     path = write(
         tmp_path,
