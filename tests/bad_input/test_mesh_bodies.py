@@ -171,6 +171,20 @@ def test_a_small_body_far_from_its_joints_is_told_before_any_reduction(tmp_path)
     assert "bodies.rod: would have to move by 0.0004 m" in done.stderr
 
 
+def test_more_modes_than_can_be_computed_are_refused_before_they_are(tmp_path, monkeypatch):
+    """Nearly all modes of a large model come from full matrices; half of them need memory."""
+    path = write(tmp_path)
+    fine = ["--set", "bodies.rod.mesh.divisions=[60, 20]"]  # 7686 degrees of freedom
+    done = CliRunner().invoke(app, ["check", str(path), *fine, "--set", "bodies.rod.modes=7000"])
+    assert done.exit_code == 2, done.output
+    assert "bodies.rod.modes: 7000 of 7554 requested: so many are computed from" in done.stderr
+    assert "ask for fewer than 3777" in done.stderr
+    monkeypatch.setenv("FLEXMB_MEMORY", "300 MB")
+    done = CliRunner().invoke(app, ["check", str(path), *fine, "--set", "bodies.rod.modes=3000"])
+    assert "memory: the computation of 3000 modes needs about" in done.stderr
+    assert "ask for fewer modes" in done.stderr
+
+
 def test_mistakes_of_all_kinds_come_at_once(tmp_path):
     path = write(
         tmp_path,
