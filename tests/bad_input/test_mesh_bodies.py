@@ -171,6 +171,18 @@ def test_a_small_body_far_from_its_joints_is_told_before_any_reduction(tmp_path)
     assert "bodies.rod: would have to move by 0.0004 m" in done.stderr
 
 
+def test_a_mistake_in_a_part_asks_for_no_interfaces(tmp_path):
+    path = write(
+        tmp_path, ('interfaces = { root = "x0", tip = { group = "x1", type = "rbe3" } }', "")
+    )
+    scene = path.read_text().partition("[joints.hold]")[0]
+    path.write_text(scene + '[part.supports]\nroot = { group = "x0", typ = "clamped" }\n')
+    done = CliRunner().invoke(app, ["part", str(path)])
+    assert done.exit_code == 2, done.output
+    assert "part.supports.root.typ: unknown key" in done.stderr
+    assert "interfaces" not in done.stderr
+
+
 def test_more_modes_than_can_be_computed_are_refused_before_they_are(tmp_path, monkeypatch):
     """Nearly all modes of a large model come from full matrices; half of them need memory."""
     path = write(tmp_path)
