@@ -56,6 +56,9 @@ class Equilibrium:
     state: State
     steps: int
 
+    def __repr__(self) -> str:
+        return f'<Equilibrium of "{self.model.title}", reached in {self.steps} steps>'
+
     @property
     def energy(self) -> float:
         """Strain, gravity and spring energy [J]."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cmath import phase
-from math import degrees, isnan
+from math import degrees, isnan, pi
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -48,7 +48,8 @@ def modes(
     frame: Annotated[
         str,
         typer.Option(
-            help="Whose axes the motion is written in: ground, a body that turns, or auto."
+            help="Whose axes the motion is written in: a body that turns, or auto: where it is "
+            "steady. ground: the same as the ground sees it, with forward and backward whirl."
         ),
     ] = "auto",
     count: Annotated[int, typer.Option(help="How many modes are shown.", min=1)] = 12,
@@ -135,6 +136,11 @@ def _show_modes(made: Any, count: int) -> None:
         f"{len(made.coordinates)} independent of {unit.nv} coordinates, at t = {made.time:g} s, "
         f"seen from {made.frame}"
     )
+    if made.turn and made.whirl is None:
+        screen.line(
+            f"{made.frame} turns {made.turn / (2 * pi):.6g} times a second; --frame ground shows "
+            "frequencies as its bearings see them"
+        )
     shares = made.energy_shares
     rows = []
     for k in range(min(count, len(made.eigenvalues))):
@@ -149,9 +155,18 @@ def _show_modes(made: Any, count: int) -> None:
         ratio = f"{made.damping_ratios[k]:.4g}" if size else "rigid"
         rows.append(
             (str(k + 1), f"{made.frequencies[k]:.6g}", f"{value.imag:.6g}", f"{value.real:.4g}",
-             ratio, moving)
+             ratio, *(() if made.whirl is None else (made.whirl.senses[k],)), moving)
         )  # fmt: skip
-    columns = ("mode", "Hz", "Im λ [rad/s]", "Re λ [1/s]", "damping ratio", "kinetic energy")
+    sense = () if made.whirl is None else ("whirl",)
+    columns = (
+        "mode",
+        "Hz",
+        "Im λ [rad/s]",
+        "Re λ [1/s]",
+        "damping ratio",
+        *sense,
+        "kinetic energy",
+    )
     screen.table(columns, rows, right=(0, 1, 2, 3, 4))
     left = len(made.eigenvalues) - count
     if left > 0:
@@ -168,7 +183,8 @@ def _show_sweep(sweep: Any, count: int, output: Path | None, root_locus: Path | 
     from flexmb.view.plot import save_figure
 
     n = min(count, sweep.eigenvalues.shape[1])
-    screen.heading(f"frequencies [Hz] over {sweep.parameter}")
+    frames = " and ".join(sweep.frames)
+    screen.heading(f"frequencies [Hz] over {sweep.parameter}, seen from {frames}")
     columns = (sweep.parameter, *(f"mode {k + 1}" for k in range(n)))
     rows = [
         (f"{value:g}", *(f"{frequency:.5g}" for frequency in line[:n]))

@@ -334,7 +334,13 @@ _VARIABLE = "FLEXMB_MEMORY"
 _UNITS = {"": 1.0, "KB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12}
 
 
-def require_memory(needed: float, what: str) -> None:
+_COARSER = (
+    "take a coarser mesh (half the nodes of a solid need about 40 % of it), shells or beams where "
+    "the body is thin, or a machine with more memory"
+)
+
+
+def require_memory(needed: float, what: str, cure: str = _COARSER) -> None:
     """Refuse work that takes more memory than there is.
 
     Parameters
@@ -343,6 +349,8 @@ def require_memory(needed: float, what: str) -> None:
         Bytes.
     what : str
         Name of the work, as subject of the sentence.
+    cure : str
+        What to do, end of the sentence.
 
     Raises
     ------
@@ -355,9 +363,7 @@ def require_memory(needed: float, what: str) -> None:
         return
     source = f"{_VARIABLE} allows" if least == limit else "this machine has free"
     raise ReductionError(
-        f"memory: {what} needs about {_text(needed)}, {source} {_text(least)}; take a coarser mesh "
-        "(half the nodes of a solid need about 40 % of it), shells or beams where the body is "
-        "thin, or a machine with more memory"
+        f"memory: {what} needs about {_text(needed)}, {source} {_text(least)}; {cure}"
     )
 
 

@@ -20,6 +20,7 @@ from flexmb.fe.assembly.assemble import FEMatrices, MeshModel
 from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface
 from flexmb.fe.elements.element_blocks import Block, elements_without_section, thick_shells
 from flexmb.fe.elements.shell_fields import STEEP, flatten, opposed_edges
+from flexmb.fe.linear_solver import require_memory
 from flexmb.fe.mesh_checks import Finding, mesh_report, size_sentence
 from flexmb.fe.reduction.fixed_interface import read_modes
 from flexmb.fe.reduction.user_modes import read_user_modes
@@ -28,6 +29,8 @@ from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero
 from flexmb.materials import plausibility
 
 _CURVED_SHARE = 0.7  # of normals along x up to the change of axes; walls at 0 or 90 degrees pass
+_MAX_FULL = 3000  # degrees of freedom whose modes from full matrices take minutes
+_VECTORS_PER_MODE = 4  # Lanczos vectors and their copies
 _MAX_MASS = 1e7  # kg: a bracket of 90 mm read as metres is heavier
 _MASS_TOLERANCE = 1e-3  # relative; curved elements have another quadrature than their mass
 _SIMPSON = ((0.0, 1 / 6), (0.5, 2 / 3), (1.0, 1 / 6))  # exact for an area that varies as a square
@@ -222,3 +225,11 @@ def check_mode_count(
     if count is not None and count > free:
         what = f"{count} requested, but the model has only {free}"
         raise ReductionError.from_problems([Problem("modes", what)])
+    if count is None or free <= _MAX_FULL:
+        return
+    if 2 * count >= free:
+        what = f"{count} of {free} requested: so many are computed from full matrices, and of "
+        what += f"more than {_MAX_FULL} degrees of freedom that takes too long; ask for fewer than "
+        raise ReductionError.from_problems([Problem("modes", f"{what}{free // 2}")])
+    needed = 8.0 * _VECTORS_PER_MODE * count * free
+    require_memory(needed, f"the computation of {count} modes", "ask for fewer modes")

@@ -207,8 +207,9 @@ class SupportedModel:
     def _reactions(self, z: FloatArray, f: FloatArray) -> tuple[Resultant, ...]:
         """Reactions of the supports on the part."""
         supports, rest = self.supports, self.K @ z - self.supports.G.T @ f
-        noise = _NO_FORCE * (abs(self.K) @ np.abs(z))[supports.fixed]
-        if not self._total(f).any() and (np.abs(rest[supports.fixed]) <= noise).all():
+        noise = _NO_FORCE * (abs(self.K) @ np.abs(z))
+        is_small = np.abs(rest[supports.fixed]) <= noise[supports.fixed]
+        if not self._total(f).any() and is_small.all():
             rest[supports.fixed] = 0.0  # carried along, or under loads in balance: round-off alone
         reactions = np.zeros((len(supports.names), len(z)))
         reactions[:, supports.fixed] = supports.shares * rest[supports.fixed]
@@ -216,8 +217,12 @@ class SupportedModel:
             dense = self.W.toarray()
             forces = np.linalg.lstsq(dense.T, rest[self.free], rcond=None)[0]
             reactions += supports.mean_shares @ (forces[:, None] * supports.W.toarray())
-        places = zip(supports.names, supports.positions, reactions, strict=True)
-        return tuple(self._pull(name, x, supports.rigid.T @ row) for name, x, row in places)
+        totals = reactions @ supports.rigid  # (supports, 6); of what is in balance round-off alone
+        least = ((reactions != 0.0) * noise) @ np.abs(supports.rigid)
+        least = np.repeat(least.reshape(-1, 2, 3).max(axis=2), 3, axis=1)
+        totals[np.abs(totals) <= least] = 0.0
+        places = zip(supports.names, supports.positions, totals, strict=True)
+        return tuple(self._pull(name, x, total) for name, x, total in places)
 
     def _pull(self, name: str, at: FloatArray, total: FloatArray) -> Resultant:
         """A resultant (6,) about the centre of mass as one about a point."""

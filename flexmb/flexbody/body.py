@@ -179,6 +179,10 @@ class FlexBody:
         values = np.linalg.eigvalsh(np.linalg.solve(L, half.T))
         return np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)
 
+    def __repr__(self) -> str:
+        ends = ", ".join(one.name for one in self.interfaces) or "no interface"
+        return f'<FlexBody "{self.name}": {self.mass:.4g} kg, {self.m} modes, {ends}>'
+
     @property
     def characteristic_length(self) -> float:
         """Length of the uniform bar with the body's largest radius of gyration [m]."""

@@ -250,7 +250,8 @@ class BeamMesh:
 
 @dataclass(frozen=True, kw_only=True)
 class PlateMesh:
-    """Surfaces in the xy plane, x from 0, centred in y; groups surface, x0, x1, y0, y1, corners."""
+    """Surfaces in the xy plane, x from 0, centred in y; groups surface, x0, x1, y0, y1, corners.
+    Divisions along x, y."""
 
     type: Literal["plate"]
     length: Size
@@ -262,7 +263,8 @@ class PlateMesh:
 
 @dataclass(frozen=True, kw_only=True)
 class BoxMesh:
-    """A box of solids, x from 0, centred in y and z; groups x0, x1, y0, y1, z0, z1."""
+    """A box of solids, x from 0, centred in y and z; groups x0, x1, y0, y1, z0, z1. Divisions along
+    x, y, z."""
 
     type: Literal["box"]
     size: tuple[Size, Size, Size]
@@ -272,7 +274,8 @@ class BoxMesh:
 
 @dataclass(frozen=True, kw_only=True)
 class TubeMesh:
-    """A hollow cylinder along x, of solids if it has `inner`; groups start, end, inner, outer."""
+    """A hollow cylinder along x, of solids if it has `inner`; groups start, end, inner, outer.
+    Divisions through the wall (of solids), around, along."""
 
     type: Literal["tube"]
     length: Size
@@ -285,7 +288,7 @@ class TubeMesh:
 @dataclass(frozen=True, kw_only=True)
 class DiskMesh:
     """A disk around the origin, normal z, of solids if it has `thickness`; groups inner, outer,
-    bottom, top."""
+    bottom, top. Divisions along the radius, around, through the thickness (of solids)."""
 
     type: Literal["disk"]
     radius: Size

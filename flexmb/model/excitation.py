@@ -217,7 +217,8 @@ def _axes(
 def _rotations(model: ModelData, name: str) -> Iterator[tuple[DriverSpec | None, Array, Array]]:
     """The driver, or None, with angular acceleration and velocity over the run.
 
-    Of a driver about its axis (t,), of an initial one as a vector (t, 3), global.
+    Of a driver about its axis (t,), as seen from what it turns the body against; of an initial one
+    as a vector (t, 3), global.
     """
     run = model.dynamics or model.kinematics
     if run is None:
@@ -237,7 +238,7 @@ def _rotations(model: ModelData, name: str) -> Iterator[tuple[DriverSpec | None,
     for driver in model.drivers.values():
         ends = model.joints[driver.joint].between if driver.joint in model.joints else driver.ends
         of = {end.partition(".")[0] for end in ends}
-        if "ground" not in of or not of & bodies:
+        if not of & bodies or of <= bodies:
             continue
         for coordinate, function in driver.motions(model.plane):
             if "angle" in coordinate and not function.expression.channels:

@@ -265,7 +265,8 @@ def mode_panel(
 
 def campbell_figure(sweep: ModeSweep, modes: int = _MAX_CURVES) -> Figure:
     """Frequencies over the parameter, with the multiples of the fastest rotation."""
-    figure = new_figure(9.6, 6.0, f"frequencies over {sweep.parameter}")
+    title = f"frequencies over {sweep.parameter}, seen from {' and '.join(sweep.frames)}"
+    figure = new_figure(9.6, 6.0, title)
     axes = figure.subplots()
     frequencies = sweep.frequencies[:, :modes]
     for k in range(frequencies.shape[1]):

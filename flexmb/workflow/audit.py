@@ -68,6 +68,7 @@ class EffectOutcome:
     ``share`` is its contribution to the worst sensor over the peak-to-peak of that, ``value`` the
     same in the scene's unit of it; None where there is no estimate, and ``why`` says what it needs:
     with ``shares`` where these are too rough to be one. With a share it says why that is rough.
+    ``is_failure`` is an estimate that was tried and came to no end.
     ``cost`` is the time of one evaluation of the equations with the effect over that without, of
     deformation that of all evaluations of the run over those of the rigid one.
     """
@@ -83,6 +84,7 @@ class EffectOutcome:
     verdict: str
     why: str = ""
     shares: dict[str, float] = field(default_factory=dict)  # of all sensors
+    is_failure: bool = False
 
 
 @dataclass(frozen=True)
@@ -261,8 +263,8 @@ def _outcome(estimates: Estimates, effect: Effect, budget: float) -> EffectOutco
     try:
         changes, cost = estimates.estimate(effect)
     except FlexmbError as error:
-        why = str(error).splitlines()[0]
-        return EffectOutcome(*fixed, None, "", "", None, NEEDED if effect.on else UNKNOWN, why)
+        why, verdict = str(error).splitlines()[0], NEEDED if effect.on else UNKNOWN
+        return EffectOutcome(*fixed, None, "", "", None, verdict, why, is_failure=True)
     if not changes:
         return EffectOutcome(*fixed, 0.0, "", "", cost, WASTED if effect.on else SMALL)
     worst = max(changes, key=lambda one: (not one.by_symmetry, one.share))

@@ -25,7 +25,7 @@ MODES, DAMPING, GRAVITY, FRICTION = "further modes", "damping", "gravity", "fric
 OUT_OF_PLANE = "motion out of the plane"
 RIGID, DYNAMIC = {"deformation": "rigid"}, {"deformation": "dynamic"}
 QUASI_STATIC = {"deformation": "quasi-static"}
-MORE_MODES = 2  # times as many modes tell what those left out would do
+_MORE_MODES = 2  # times as many modes tell what those left out would do
 FULL = {"inertia_coupling": "full", "geometric_stiffening": "full"}
 
 
@@ -82,17 +82,26 @@ def _effects_of_body(
         why = "" if spec.frame_interface is None else _FRAMED
         yield Effect(VIBRATION, name, False, fast, DYNAMIC, why)
     yield from _couplings(name, spec, body, whole, turning, numbers.speed < LEAST_SPEED)
-    yield _modes(name, spec, body)
+    yield _modes(name, spec, body, whole)
     number = [one.name for one in compiled.layout.bodies].index(name)
     if compiled.system.parts.bodies["damped"][number]:
         yield Effect(DAMPING, name, True, "", {"damping": 0.0})
 
 
-def _modes(name: str, spec: Any, body: FlexBody) -> Effect:
+def _modes(name: str, spec: Any, body: FlexBody, whole: FlexBody) -> Effect:
     modes = f"{body.m} modes"
     if not isinstance(spec, MeshBodySpec) or spec.reduction in ("user", "guyan"):
         return Effect(MODES, name, False, modes, {}, "needs the mesh of the body")
-    return Effect(MODES, name, False, modes, {"modes": MORE_MODES * max(spec.mode_count, 4)})
+    return Effect(MODES, name, False, modes, more_modes(whole, max(spec.mode_count, 4)))
+
+
+def more_modes(body: FlexBody, count: int) -> dict[str, Any]:
+    """Words that give a body more modes beside the static responses to inertia loads that it has.
+
+    With enough modes "auto" takes no such responses, and what the body has is not among its shapes.
+    """
+    residual = body.provenance.get("residual", "none")
+    return {"modes": _MORE_MODES * count, **({} if residual == "none" else {"residual": residual})}
 
 
 def _couplings(

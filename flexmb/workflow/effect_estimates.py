@@ -23,12 +23,12 @@ from flexmb.workflow.effect import (
     DEFORMATION,
     DYNAMIC,
     MODES,
-    MORE_MODES,
     OUT_OF_PLANE,
     QUASI_STATIC,
     STATIC,
     VIBRATION,
     Effect,
+    more_modes,
 )
 from flexmb.workflow.neighbours import ModelVariants, evaluations
 
@@ -127,7 +127,8 @@ class Estimates:
         if name == OUT_OF_PLANE:
             for body, spec in model.bodies.items():
                 if isinstance(spec, MeshBodySpec):  # in the plane as many modes as the run has
-                    model = with_words(model, {body: {"modes": MORE_MODES * spec.mode_count}})
+                    words = more_modes(self.of.bodies[body], spec.mode_count)
+                    model = with_words(model, {body: words})
                     bodies[body] = self.of.reduced(model, replace(effects[0], body=body))
         other = self.of.compile(model, bodies)
         finer = {OUT_OF_PLANE: own.flexbodies, MODES: [one.body for one in effects]}

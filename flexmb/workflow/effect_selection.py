@@ -205,11 +205,11 @@ def _switch_on(
     """Switch on what would let the sum of what is left out exceed its share of the budget.
 
     The smallest contributions stay out, as long as their sum at every sensor allows it. What is not
-    known since sensors ring faster than the rows does not.
+    known since sensors ring faster than the rows, or since its estimate failed, does not.
     """
     sums: dict[str, float] = {}
     changed = False
-    off = [one for one in effects if not one.on and one.shares and one.body]
+    off = [one for one in effects if not one.on and (one.shares or one.is_failure) and one.body]
     off = [one for one in off if one.share is not None or one.effect != MODES]
     for one in sorted(off, key=lambda one: inf if one.share is None else one.share):
         together = {name: sums.get(name, 0.0) + share for name, share in one.shares.items()}
@@ -217,6 +217,7 @@ def _switch_on(
             sums |= together
             continue
         words = {"modes": int(one.indicator.split()[0]) * 2} if one.effect == MODES else None
-        why = (number, one.effect, percent(one.share), one.sensor)
+        share = "not known" if one.is_failure else percent(one.share)
+        why = (number, one.effect, share, one.sensor)
         changed |= selection.switch(one.body, words or _WORDS[one.effect], *why)
     return changed

@@ -41,6 +41,7 @@ REUSED = "reduction reused from"
 """In the note of a run that says nothing of its motion."""
 SIMULATED = ".simulated."
 """In the name of a file: the body as a run has it, and not as it was reduced."""
+_THICKNESS = 1e-3  # least spread of a body across a line or plane of nodes, of its whole spread
 _MISTAKES = (MeshError, MaterialError, ReductionError, BodyFileError)
 
 
@@ -157,9 +158,9 @@ def bodies_of_surveys(
     """The flexible bodies as far as they are there without a reduction, and names of the others.
 
     A body in `folder` is taken if it was made from the same input. In place of another mesh stands
-    a rigid body with its interfaces and nodes: it defines where joints are, not its inertia.
+    a rigid body with its interfaces and nodes, its mass spread evenly over the nodes.
     """
-    from flexmb.flexbody import Interface, rigid_body
+    from flexmb.flexbody import Interface
     from flexmb.flexbody.parts import NodeModes
 
     bodies: dict[str, FlexBody] = {}
@@ -181,9 +182,20 @@ def bodies_of_surveys(
             )
             modes = np.zeros((n, 3, 0))
             nodes = NodeModes(np.arange(n), survey.points, modes, modes, survey.groups)
-            body = rigid_body(survey.mass or 1.0, inertia=survey.mass or 1.0, name=name)
+            body = _stand_in(survey, name)
             bodies[name] = replace(body, interfaces=interfaces, nodes=nodes)
     return bodies, rigid
+
+
+def _stand_in(survey: Survey, name: str) -> FlexBody:
+    """A rigid body of the size of a mesh; thin ones are given some thickness."""
+    from flexmb.flexbody import rigid_body
+
+    mass, center = survey.mass or 1.0, survey.points.mean(axis=0)
+    spread = np.cov(survey.points.T, bias=True)
+    spread += _THICKNESS * np.trace(spread) * np.eye(3)
+    inertia = mass * (np.trace(spread) * np.eye(3) - spread)
+    return rigid_body(mass, center, inertia, name)
 
 
 def _loaded_body(model: Model, name: str) -> FlexBody:

@@ -157,6 +157,46 @@ def test_what_does_not_fit_the_mesh_is_told_before_any_reduction(tmp_path, chang
     assert shown in done.stderr
 
 
+def test_a_small_body_far_from_its_joints_is_told_before_any_reduction(tmp_path):
+    """4 cm off on a strip of 40 cm: what a run refuses, check refuses, of any size of the mesh."""
+    path = write(tmp_path, ("[bodies.rod]", "[bodies.rod]\nposition = [0.04, 0, 0]"))
+    path.write_text(path.read_text() + "[dynamics]\nduration = 0.1\n")
+    done = CliRunner().invoke(app, ["check", str(path)])
+    assert done.exit_code == 2, done.output
+    assert "bodies.rod: would have to move by 0.04 m" in done.stderr
+    scaled = [("mesh.length", "0.004"), ("mesh.width", "0.001"), ("position", "[4e-4,0,0]")]
+    sets = [word for key, value in scaled for word in ("--set", f"bodies.rod.{key}={value}")]
+    thin = [*sets, "--set", "bodies.rod.sections.all.thickness=1e-4"]
+    done = CliRunner().invoke(app, ["check", str(path), *thin])
+    assert "bodies.rod: would have to move by 0.0004 m" in done.stderr
+
+
+def test_a_mistake_in_a_part_asks_for_no_interfaces(tmp_path):
+    path = write(
+        tmp_path, ('interfaces = { root = "x0", tip = { group = "x1", type = "rbe3" } }', "")
+    )
+    scene = path.read_text().partition("[joints.hold]")[0]
+    path.write_text(scene + '[part.supports]\nroot = { group = "x0", typ = "clamped" }\n')
+    done = CliRunner().invoke(app, ["part", str(path)])
+    assert done.exit_code == 2, done.output
+    assert "part.supports.root.typ: unknown key" in done.stderr
+    assert "interfaces" not in done.stderr
+
+
+def test_more_modes_than_can_be_computed_are_refused_before_they_are(tmp_path, monkeypatch):
+    """Nearly all modes of a large model come from full matrices; half of them need memory."""
+    path = write(tmp_path)
+    fine = ["--set", "bodies.rod.mesh.divisions=[60, 20]"]  # 7686 degrees of freedom
+    done = CliRunner().invoke(app, ["check", str(path), *fine, "--set", "bodies.rod.modes=7000"])
+    assert done.exit_code == 2, done.output
+    assert "bodies.rod.modes: 7000 of 7554 requested: so many are computed from" in done.stderr
+    assert "ask for fewer than 3777" in done.stderr
+    monkeypatch.setenv("FLEXMB_MEMORY", "300 MB")
+    done = CliRunner().invoke(app, ["check", str(path), *fine, "--set", "bodies.rod.modes=3000"])
+    assert "memory: the computation of 3000 modes needs about" in done.stderr
+    assert "ask for fewer modes" in done.stderr
+
+
 def test_mistakes_of_all_kinds_come_at_once(tmp_path):
     path = write(
         tmp_path,

@@ -11,6 +11,7 @@ import pytest
 from femeshes import line, solid_box
 from truthkit import run
 
+import flexmb
 from flexmb.errors import ReductionError
 from flexmb.fe import assemble, rectangle, reduce, resolve
 from flexmb.fe.reduction.inertia_relief import inertia_loads
@@ -72,6 +73,26 @@ def bar(residual="inertia", modes=2, size=1.0, elements=10, reduction="craig-bam
         interfaces={"root": "root"}, sections={"all": rectangle(0.02 * size, 0.02 * size)},
         reduction=reduction, **options,
     )  # fmt: skip
+
+
+def test_a_disc_that_a_driver_turns_on_a_carriage_grows():
+    """ρ Ω² b ((1 − ν) b² + (3 + ν) a²)/4E at the rim: the driver stands between two bodies."""
+    speed, a, b = 300.0, 0.1, 0.4
+    model = Model("disc on a carriage")
+    model.add_body("carriage", mass=5.0, inertia=[1, 1, 1])
+    mesh = {"type": "disk", "radius": b, "inner": a, "thickness": 0.01, "divisions": [6, 32, 1]}
+    model.add_body("disc", mesh=mesh, material=STEEL, modes=4, stress="none",
+                   interfaces={"hub": {"group": "inner", "type": "rbe3"}},
+                   markers={"rim": {"position": [b, 0, 0]}, "other": {"position": [-b, 0, 0]}},
+                   )  # fmt: skip
+    model.add_joint("rail", "prismatic", between=["ground", "carriage"], axis="x")
+    model.add_joint("spindle", "revolute", between=["carriage", "disc.hub"], axis="z")
+    model.add_driver("motor", joint="spindle", angle=f"{speed}*t")
+    model.add_sensor("wide", "distance", between=["disc.rim", "disc.other"])
+    model.set_dynamics(duration=1e-3, outputs=5, accuracy=1e-4, start="quasi-static", verify=False)
+    wide = flexmb.simulate(model)["wide"]
+    growth = RHO * speed**2 * b * ((1 - NU) * b * b + (3 + NU) * a * a) / (4 * E)
+    assert wide[-1] / 2 - b == pytest.approx(growth, rel=0.01)
 
 
 @pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (1000.0, -300.0, 500.0)])

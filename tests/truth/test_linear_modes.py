@@ -127,6 +127,67 @@ def test_rotor_on_soft_bearings_whirls():
             assert np.abs(rates(made) / one - 1).min() < 1e-6, (n, one)
 
 
+def flexible_rotor(turn, place=0.3, section=None):
+    """A massless shaft of 0.6 m on two bearings with a disc, which turns."""
+    length, made = 0.6, Model("rotor on a flexible shaft")
+    spin = {"angular_velocity": [turn, 0, 0]}
+    x = place * length
+    made.add_body(
+        "shaft", mesh={"type": "beam", "points": [[0, 0, 0], [x, 0, 0], [length, 0, 0]],
+                       "divisions": [4, 4]},
+        material={"E": 2.1e11, "nu": 0.3, "density": 1e-3}, stress="none", modes=2, **spin,
+        sections={"all": section or {"type": "circle", "radius": 0.006, "shear": False}},
+        interfaces={"a": "start", "disc": "corner1", "b": "end"},
+    )  # fmt: skip
+    made.add_body("disc", mass=2.0, inertia=[8e-3, 4.2e-3, 4.2e-3], position=[x, 0, 0], **spin)
+    made.add_marker("ground.b", position=[length, 0, 0])
+    made.add_joint("a", "spherical", between=["ground", "shaft.a"])
+    made.add_joint("b", "in-line", between=["ground.b", "shaft.b"], axis="x")
+    made.add_joint("seat", "fixed", between=["shaft.disc", "disc"])
+    return made
+
+
+@pytest.mark.filterwarnings("ignore:shaft. density")
+def test_flexible_rotor_whirls():
+    """m z̈ + k11 z + k12 θ = 0, J θ̈ − i Jp n θ̇ + k12 z + k22 θ = 0 from the ground, as from its
+    bearings; seen from the shaft each is off by the turn."""
+    length, EI, m, Jp, J, place = 0.6, 2.1e11 * np.pi * 0.006**4 / 4, 2.0, 8e-3, 4.2e-3, 0.3
+    a, b = place * length, (1 - place) * length
+    flexibility = [[a * a * b * b, a * b * (b - a)], [a * b * (b - a), a * a - a * b + b * b]]
+    K = np.linalg.inv(np.array(flexibility) / (3 * EI * length))
+    Mi, zero, one = np.diag([1 / m, 1 / J]), np.zeros((2, 2)), np.eye(2)
+    for turn in (100.0, 600.0):
+        G = np.diag([0, -1j * Jp * turn])
+        whirls = np.linalg.eigvals(np.block([[zero, one], [-Mi @ K, -Mi @ G]])).imag
+        made = flexmb.linearize(flexible_rotor(turn), frame="ground")
+        assert (made.frame, made.whirl.mixed) == ("ground", [])
+        for whirl in whirls:
+            sense = "forward" if whirl > 0 else "backward"
+            k = np.abs(rates(made) / abs(whirl) - 1).argmin()
+            assert abs(rates(made)[k] / abs(whirl) - 1) < 1e-5
+            assert made.whirl.senses[k] == sense
+        seen = flexmb.linearize(flexible_rotor(turn))
+        assert seen.frame == "shaft"
+        assert all(np.abs(rates(seen) / abs(w - turn) - 1).min() < 1e-5 for w in whirls)
+
+
+@pytest.mark.filterwarnings("ignore:shaft. density")
+def test_a_campbell_diagram_follows_whirl():
+    sweep = flexmb.sweep_modes(flexible_rotor, "turn", [0, 150, 300, 450], frame="ground")
+    assert sweep.frames == ("ground",)
+    lowest = sweep.frequencies[:, 1:5]
+    assert (np.abs(np.diff(lowest, axis=0)) < 0.15 * lowest[:-1]).all()
+    assert (np.diff(lowest[:, lowest[-1] > lowest[0]], axis=0) > 0).all()
+    assert (lowest[-1] > lowest[0]).sum() == 2  # forward; the others are backward
+
+
+@pytest.mark.filterwarnings("ignore:shaft. density")
+def test_a_flat_shaft_has_two_frequencies_from_the_ground():
+    flat = {"type": "rectangle", "y": 0.012, "z": 0.006, "shear": False}
+    with pytest.warns(match="have more than one frequency each"):
+        flexmb.linearize(flexible_rotor(100.0, section=flat), frame="ground")
+
+
 @pytest.mark.parametrize("place", [(0, 0, 0), FAR])
 @pytest.mark.parametrize("speed", [2.0, 5.0, 12.0])
 def test_blade_on_a_hub_that_turns(speed, place):

@@ -6,6 +6,8 @@ manual OS-V 0410 to 0435, Abaqus Benchmarks R0016), Navier and Mindlin as given 
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -60,3 +62,21 @@ def test_a_thin_rhombic_plate_converges_to_fv15():
     coarse, fine = (plate(0.05, CLAMPED, 4, n=n, skew=np.pi / 4) for n in (16, 32))
     limit = fine + (fine - coarse) / 3
     np.testing.assert_allclose(limit, [7.938, 12.835, 17.941, 19.133], rtol=1.5e-2)
+
+
+def test_a_cup_that_spins_is_in_balance():
+    """Its rim is pulled outwards all around: loads and reactions have no resultants but round-off,
+    which is none of the rounding that a very slender part has."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        cup = flexmb.part(
+            {"type": "tube", "length": 0.15, "radius": 0.1, "elements": "quad",
+             "divisions": [32, 10]},
+            material="steel", sections={"all": {"type": "shell", "thickness": 0.0012}},
+            supports={"base": {"group": "start", "type": "clamped"}},
+            loads={"turn": {"type": "spin", "angular_velocity": [500, 0, 0]}},
+        )  # fmt: skip
+    assert cup.imbalance == 0.0
+    np.testing.assert_array_equal(cup.reactions["base"].force, 0.0)
+    hoop = 7850.0 * (500.0 * 0.1) ** 2  # away from the base
+    assert cup.von_mises().max() == pytest.approx(hoop, rel=0.15)

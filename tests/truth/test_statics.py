@@ -40,6 +40,12 @@ def test_pendulum_hangs_from_any_angle(place, plane):
         assert np.linalg.norm(force) == pytest.approx(2.0 * G, rel=1e-10)
 
 
+def test_an_equilibrium_is_shown_in_a_line():
+    [found, *_] = flexmb.equilibria(pendulum(0.0))
+    assert len(repr(found)) < 100
+    assert "steps" in repr(found)
+
+
 def test_upright_pendulum_is_unstable_and_said_so():
     made = Model("upright", gravity=[0, -G, 0])
     made.add_body("bar", mass=2.0, center=[0, 0.5, 0], inertia=[0.2, 0.2, 0.3])

@@ -188,8 +188,9 @@ def _check_placement(
             Problem(
                 f"bodies.{body.name}",
                 f"would have to move by {body.text(model.units)} to close the joints: as placed "
-                f"{gap.name} is {open_by(model, gap)}; place it where its joints close, or "
-                "accept what they do by an empty section [assembly]",
+                f"{gap.name} is {open_by(model, gap)}; place it where its joints close, "
+                + "turn a marker of the joint by its orientation, " * (gap.angle > _MOVED)
+                + "or accept what they do by an empty section [assembly]",
             )
             for body, gap in ((one, _gap_of(model, gaps, one.name)) for one in far[:_MAX_SHOWN])
         )

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -26,7 +26,7 @@ from flexmb.analysis.linear.observer import (
     body_axes,
     fastest_rate,
 )
-from flexmb.analysis.linear.state_eigenmodes import Complex, Eigenmodes, eigenmodes
+from flexmb.analysis.linear.state_eigenmodes import Complex, Eigenmodes, Whirl, eigenmodes, whirl
 from flexmb.analysis.linear.state_equations import StateEquations, Tangents
 from flexmb.analysis.linear.state_space import (
     StateSpace,
@@ -45,7 +45,7 @@ _MIN_RATE = 1e-12  # 1/s, rate of change of a state below which it is at rest
 _STEADY_CHANGE = 1e-3  # of the coefficients per radian, up to which a state counts as steady
 _COMPARED_ANGLE = 0.01  # rad of the motion, or of the slowest mode, between the states compared
 _MAX_OBSERVERS = 8
-
+_ALIKE = 1e-9  # of the fastest rate, up to which two bodies turn alike
 
 _GROWTH_ROUND_OFF = 1e-6  # Re λ/|λ|
 _MAX_MATCHED = 40  # modes that are followed over a sweep
@@ -71,7 +71,10 @@ class Linearization:
     time : float
         Time of the state [s].
     frame : str
-        Whose axes the motion is written in: "ground" or a body that turns.
+        Who sees the modes: "ground", or a body that turns in whose axes the motion is written.
+    whirl : Whirl or None
+        Which modes go round with the turn and which against it, where the ground sees modes of a
+        motion that is written in turning axes.
     unsteadiness : float
         Relative change of the coefficients per radian of the motion or of the slowest mode; 0:
         steady.
@@ -86,6 +89,7 @@ class Linearization:
     seen: MinimalEquations
     unsteadiness: float
     notes: tuple[str, ...]
+    from_ground: bool = False
 
     @property
     def M(self) -> Array:
@@ -109,7 +113,7 @@ class Linearization:
 
     @property
     def frame(self) -> str:
-        return self.seen.observer.name
+        return "ground" if self.from_ground else self.seen.observer.name
 
     @property
     def basis(self) -> Array:
@@ -131,8 +135,23 @@ class Linearization:
     def stiffness(self) -> Array:
         return self.seen.stiffness
 
+    @property
+    def turn(self) -> float:
+        """Angular velocity of the axes in which the motion is written [rad/s]."""
+        return float(np.linalg.norm(self.seen.observer.w))
+
     @cached_property
+    def whirl(self) -> Whirl | None:
+        is_turned = self.from_ground and self.turn > 0.0
+        return whirl(self.seen, self._own_modes) if is_turned else None
+
+    @property
     def _modes(self) -> Eigenmodes:
+        return self._own_modes if self.whirl is None else self.whirl.modes
+
+    @cached_property
+    def _own_modes(self) -> Eigenmodes:
+        """Those of the matrices."""
         M, D, K, coordinates = self.mass, self.damping, self.stiffness, self.seen.coordinates
         rate, states = fastest_rate(self.compiled, self.state), coordinates.states
         if not static_bodies(self.compiled.system)[0]:
@@ -234,7 +253,8 @@ def linearize_state(
         With accelerations and multipliers.
     frame : str
         Whose axes the motion is written in: "ground", a body, or "auto": those in which the
-        coefficients change least.
+        coefficients change least. Modes of bodies that turn are coordinates in axes that turn:
+        with "ground" the modes of such a motion are as the ground sees them.
 
     Raises
     ------
@@ -252,10 +272,14 @@ def linearize_state(
     rate = fastest_rate(compiled, state)
     rate = rate if rate > _MIN_RATE else 0.0
     along = RowsAlongMotion(compiled, state)
-    here = [MinimalEquations(along, tangents, "ground" if frame == "auto" else frame)]
-    if frame == "auto" and here[0].depends_on_observer:
+    is_open = frame in ("auto", "ground")
+    here = [MinimalEquations(along, tangents, "ground" if is_open else frame)]
+    carrier = _carrier(here[0], rate) if is_open else ""
+    if (carrier or frame == "auto") and here[0].depends_on_observer:
         others = _observers(compiled, state, rate)[1:]
-        here += [MinimalEquations(along, tangents, name) for name in others]
+        here += [MinimalEquations(along, tangents, name) for name in others if name != carrier]
+    if carrier:  # before others that are as steady
+        here.insert(0, MinimalEquations(along, tangents, carrier))
     change, best = 0.0, here[0]
     if rate > 0.0:
         fastest = max(rate, here[0].slowest)
@@ -278,7 +302,26 @@ def linearize_state(
         changes = [change if change > _STEADY_CHANGE else 0.0 for change in changes]
         change, best = min(zip(changes, here, strict=True), key=lambda pair: pair[0])
     notes = tuple(_notes(change, best, bool(np.abs(state.v).max(initial=0.0) > 0.0)))
-    return Linearization(compiled, model, state, tangents, best, change, notes)
+    made = Linearization(
+        compiled, model, state, tangents, best, change, notes, frame == "ground" and carrier != ""
+    )
+    if made.whirl is not None and made.whirl.mixed:
+        several = ", ".join(map(str, made.whirl.mixed[:_MAX_MATCHED]))
+        note = f"seen from ground modes {several} have more than one frequency each, the one of "
+        note += "the largest motion is shown: what turns is not of revolution about its axis"
+        made = replace(made, notes=(*notes, note))
+    return made
+
+
+def _carrier(seen: MinimalEquations, rate: float) -> str:
+    """A body that turns, as all those do whose modes are independent coordinates; else nothing."""
+    compiled, v = seen.compiled, seen.state.v
+    names = {name.partition(".eta.")[0] for name in seen.names if ".eta." in name}
+    bodies = zip(compiled.layout.bodies, body_axes(compiled, seen.state.q), strict=True)
+    turns = {b.name: A @ v[b.iv + 3 : b.iv + 6] for b, A in bodies if b.name in names}
+    first = next(iter(turns.values()), np.zeros(3))
+    is_alike = all(np.linalg.norm(w - first) <= _ALIKE * rate for w in turns.values())
+    return next(iter(turns)) if is_alike and np.linalg.norm(first) > _ALIKE * rate else ""
 
 
 def _observers(compiled: Compiled, state: State, rate: float) -> list[str]:
@@ -290,7 +333,7 @@ def _observers(compiled: Compiled, state: State, rate: float) -> list[str]:
     bodies = list(zip(compiled.layout.bodies, A, strict=True))
     turning = [(own @ state.v[b.iv + 3 : b.iv + 6], b.name) for b, own in bodies]
     for w, name in sorted(turning, key=lambda pair: -float(np.linalg.norm(pair[0]))):
-        if all(np.linalg.norm(w - other) > 1e-9 * rate for other in seen):
+        if all(np.linalg.norm(w - other) > _ALIKE * rate for other in seen):
             names.append(name)
             seen.append(w)
     return names[:_MAX_OBSERVERS]
@@ -346,6 +389,12 @@ class ModeSweep:
             order, columns = match, columns[: len(match)]
         speeds = np.array([_fastest_turn(one) for one in made])
         return cls(parameter, np.array(values, float), eigenvalues, speeds, tuple(made))
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Who sees the modes: where nothing turns the ground does as well as any body."""
+        turned = dict.fromkeys(one.frame for one in self.linearizations if one.turn)
+        return tuple(turned) or ("ground",)
 
     @property
     def frequencies(self) -> Array:

@@ -5,6 +5,14 @@ motions beside stiff modes keep their digits: coordinates in order of stiffness,
 factor of M does not carry stiffness into soft ones; low frequencies from the inverse problem; then
 Newton corrections of each λ with the matrices themselves. What is below the round-off of K is zero:
 a rigid motion.
+
+Whirl: modes of a motion written in axes that turn, as the ground sees them.
+
+In axes that turn with n about z a point moves by x + iy = p e^{iωt} + b* e^{−iωt}, with p = (φx +
+iφy)/2 and b = (φx − iφy)/2 of its complex φ. From the ground it is turned on by e^{int}: p goes
+round with ω + n, b with n − ω; what moves along z keeps ω. Each mode of a rotor of revolution has
+one of the three; of any other, the larger one counts. A rotor bends in a circle with the turn
+(forward whirl) or against it (backward).
 """
 
 from __future__ import annotations
@@ -15,7 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import one_blas_thread
+from flexmb.analysis.linear.observer import MinimalEquations, body_axes
 from flexmb.errors import FlexmbError
+from flexmb.flexbody.arrays import skew
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -25,6 +35,8 @@ _WIDE = 1e6  # ratio of ω² from which the low half comes from the inverse prob
 _ROUND_OFF = 1e-13  # of a Rayleigh quotient, over the sum of its terms
 _SINGULAR = 1e-14
 _SAME_SHAPE = 1e-3
+_MAX_NODES = 200  # of a body whose motion is looked at
+_SINGLE = 0.9  # of the motion of a mode, from which it has one frequency
 
 
 @dataclass(frozen=True)
@@ -147,3 +159,85 @@ def _distinct(values: Complex, shapes: Complex, order: NDArray[np.int64]) -> NDA
             basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
         selection.append(int(k))
     return np.array(selection, np.int64)
+
+
+@dataclass(frozen=True)
+class Whirl:
+    """Modes as the ground sees them.
+
+    Attributes
+    ----------
+    modes : Eigenmodes
+        λ by the larger part of their motion, in order of size; shapes in the turning axes.
+    senses : tuple of str
+        "forward", "backward", or "" along the axis.
+    shares : (k,) array
+        Of that part in the motion of the mode.
+    """
+
+    modes: Eigenmodes
+    senses: tuple[str, ...]
+    shares: Array
+
+    @property
+    def mixed(self) -> list[int]:
+        """Numbers from 1 of the modes that have more than one frequency."""
+        return [k + 1 for k, share in enumerate(self.shares) if share < _SINGLE]
+
+
+def whirl(seen: MinimalEquations, modes: Eigenmodes) -> Whirl:
+    """The modes of turning axes, from the ground."""
+    turn = seen.observer.w
+    n = float(np.linalg.norm(turn))
+    z = turn / n
+    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
+    x /= np.linalg.norm(x)
+    along = np.stack([x, np.cross(z, x), z]) @ _motions(seen, modes)  # (points, 3, k)
+    parts = np.stack([along[:, 0] + 1j * along[:, 1], along[:, 0] - 1j * along[:, 1]])
+    sizes = np.array([*0.5 * (np.abs(parts) ** 2).sum(axis=1), (np.abs(along[:, 2]) ** 2).sum(0)])
+    largest, whole = sizes.argmax(axis=0), sizes.sum(axis=0)
+    shares = sizes.max(axis=0, initial=0.0) / np.where(whole > 0.0, whole, 1.0)
+    values, still = modes.values, whole == 0.0  # of a state of a controller
+    round_ = np.where(largest == 0, values, values.conj()) + 1j * n
+    is_axial = (largest == len(parts)) | still
+    values = np.where(is_axial, values, round_)
+    is_backward = values.imag < 0.0
+    senses = np.where(is_axial, "", np.where(is_backward, "backward", "forward"))
+    # Of a pair the one with Im λ > 0: shapes of p belong to λ, those of b to its conjugate.
+    is_other = is_backward ^ ((largest == 1) & ~is_axial)
+    shapes = np.where(is_other, modes.shapes.conj(), modes.shapes)
+    values = np.where(is_backward, values.conj(), values)
+    order = np.argsort(np.abs(values), kind="stable")
+    shares = np.where(still, 1.0, shares)[order]
+    turned = Eigenmodes(values[order], shapes[:, order])
+    return Whirl(turned, tuple(map(str, senses[order])), shares)
+
+
+def _motions(seen: MinimalEquations, modes: Eigenmodes) -> Complex:
+    """(points, 3, k) motion of points of all bodies in the axes of the observer, by √mass."""
+    compiled, R = seen.compiled, seen.observer.R
+    motion = seen.coordinates.N @ modes.shapes
+    parts: list[Complex] = []
+    for body, A in zip(compiled.layout.bodies, body_axes(compiled, seen.state.q), strict=True):
+        own, k = R.T @ A, body.iv
+        record = compiled.system.parts.bodies[len(parts)]
+        mass, spread = float(record["mass"]), np.asarray(record["S0"])
+        flexible = compiled.flexbodies.get(body.name)
+        if flexible is None or not flexible.m:
+            center = np.asarray(record["S1"]) / mass if mass else np.zeros(3)
+            arms = np.array([center])
+            bent = np.zeros((1, 3, motion.shape[1]), complex)
+        else:
+            nodes = flexible.nodes
+            if nodes is None:
+                arms = np.array([one.position for one in flexible.interfaces])
+                shapes = np.array([one.Phi_t for one in flexible.interfaces])
+            else:
+                some = np.linspace(0, len(nodes.ids) - 1, min(_MAX_NODES, len(nodes.ids)))
+                arms, shapes = (part[some.astype(int)] for part in (nodes.position, nodes.Phi_t))
+            bent = own @ (shapes @ motion[k + 6 : k + 6 + body.m])
+        turns = np.stack([skew(own @ arm) for arm in arms]) @ motion[k + 3 : k + 6]
+        moves = np.sqrt(mass / len(arms)) * (motion[k : k + 3] + bent - turns)
+        gyration = np.sqrt(np.trace(spread)) * motion[k + 3 : k + 6]
+        parts.append(np.concatenate([moves, gyration[None]]))
+    return np.concatenate(parts)

@@ -259,11 +259,12 @@ def check_shape(options: type, **values: Any) -> list[Problem]:
 Facets = tuple[str, IntArray]
 
 
-def few_around(divisions: Any, direction: int) -> list[Problem]:
-    """The problem of less than three elements around a circle."""
-    if divisions is None or division_counts(divisions, (0,) * 3)[direction] >= 3:
+def few_around(divisions: Any, words: Sequence[str]) -> list[Problem]:
+    """The problem of less than three elements around a circle, one of the directions ``words``."""
+    if divisions is None or division_counts(divisions, (0,) * 3)[words.index("around")] >= 3:
         return []
-    return [Problem("mesh.divisions", f"must be three or more around, given {divisions!r}")]
+    what = f"must be three or more around, given {divisions!r}; they are {', '.join(words)}"
+    return [Problem("mesh.divisions", what)]
 
 
 def from_lattice(

@@ -225,7 +225,7 @@ def tube(
     words = ("through the wall", "around", "along")[0 if solid else 1 :]
     problems = check_shape(TubeMesh, length=length, radius=radius, inner=inner, elements=elements)
     problems += _kind_problems(elements, 3 if solid else 2)
-    problems += division_problems(divisions, words) or few_around(divisions, int(solid))
+    problems += division_problems(divisions, words) or few_around(divisions, words)
     if not problems and inner is not None and inner >= radius:
         what = f"must be less than the outer radius {radius:g} m, given {inner:g}"
         problems.append(Problem("mesh.inner", what))
@@ -290,7 +290,7 @@ def disk(
         DiskMesh, radius=radius, inner=inner, thickness=thickness, elements=elements
     )
     problems += _kind_problems(elements, 3 if solid else 2)
-    problems += division_problems(divisions, words) or few_around(divisions, 1)
+    problems += division_problems(divisions, words) or few_around(divisions, words)
     full = inner == 0
     if not problems and inner >= radius:
         what = f"must be less than the radius {radius:g} m, given {inner:g}"

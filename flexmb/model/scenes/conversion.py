@@ -281,6 +281,8 @@ class _Builder:
         for key, kind in SINGLE_TABLES.items():
             if key in self.scene or (key == "effects" and "budget" in self.scene):
                 setattr(self.model, key, self.single(key, kind))
+                if getattr(self.model, key) is None:
+                    self.broken[key] = {key: self.scene.get(key)}
         for section in ("study", "sweep"):
             for name in getattr(getattr(self.model, section), "vary", ()):
                 problem = resolve_knob(self.scene, name)[1]

@@ -82,8 +82,10 @@ def part_problems(scope: Scope) -> Iterator[Problem]:
             word = check.part.partition(".")[0]
             what = f'unknown quantity of a part "{check.part}"'
             yield Problem(f"check[{i}].part", what, tuple(QUANTITIES), nearest(word, QUANTITIES))
-        if model.part is None:
+        if model.part is None and not scope.broken.get("part"):
             yield Problem(f"check[{i}].part", "the scene has no [part]")
+    if model.part is None and scope.broken.get("part"):
+        return
     if model.part is None:
         for name, spec in model.bodies.items():
             if isinstance(spec, MeshBodySpec) and not spec.interfaces:

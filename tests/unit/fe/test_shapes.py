@@ -203,7 +203,7 @@ def test_divisions_that_are_not_given_follow_the_rule():
         ),
         (
             {"type": "tube", "length": 1, "radius": 1, "divisions": [2, 2]},
-            "mesh.divisions: must be three or more around",
+            "must be three or more around, given [2, 2]; they are around, along",
         ),
         (
             {"type": "disk", "radius": 1, "divisions": [2, 10]},

@@ -37,6 +37,11 @@ def two_mass():
     return FlexBody("pair", 2.0, np.zeros(3), S0, np.zeros((3, 1)), P, Mab, [[4.0]], None, (end,))
 
 
+def test_a_body_is_shown_in_a_line(beam):
+    """In a notebook and by print; all its arrays are no answer."""
+    assert repr(beam) == '<FlexBody "mesh": 2.58 kg, 9 modes, root, tip>'
+
+
 def test_built_from_arrays_without_finite_elements():
     body = two_mass()
     assert body.m == 1
