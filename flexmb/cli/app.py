@@ -65,6 +65,18 @@ Exit codes: 0 done, 1 a fault of flexmb, 2 a mistake in the input, 3 a check fai
 """
 
 
+def _other_way(word: str, options: list[str]) -> str:
+    """How a command takes a word of ``[view]`` or ``[dynamics]`` that is no option of it; or ""."""
+    from flexmb.model.scenes.dynamics import DynamicsSpec
+    from flexmb.model.scenes.sections import ViewSpec
+
+    if "--view" in options and word in ViewSpec.model_fields:
+        return f"--view {word}=VALUE"
+    if "--set" in options and word in DynamicsSpec.model_fields:
+        return f"--set dynamics.{word}=VALUE"
+    return ""
+
+
 class _Commands(TyperGroup):
     """The commands; an option that the command does not have is told of those that have it."""
 
@@ -85,6 +97,9 @@ class _Commands(TyperGroup):
             vars(error)["possibilities"] = nearest(option, own)
             if option == "--debug":
                 vars(error)["message"] += "; it stands before the command: flexmb --debug ..."
+            elif option not in own and (way := _other_way(option.lstrip("-"), own)):
+                vars(error).update(possibilities=[])
+                vars(error)["message"] += f"; it is given as {way}"
             elif others and option not in own:
                 shown = [*others[:5], *([f"{len(others) - 5} more"] if len(others) > 5 else [])]
                 vars(error)["message"] += f"; it is an option of {', '.join(shown)}"

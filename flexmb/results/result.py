@@ -32,7 +32,7 @@ from flexmb.results.export import copy_result, export_table, notebook_html
 from flexmb.results.marker_history import MarkerHistory, MotionChannel
 from flexmb.results.recovery import StressChannel
 from flexmb.results.stress_envelopes import StressEnvelopes
-from flexmb.units import UnitSystem
+from flexmb.units import UnitSystem, unit_system
 
 _PLOTTED = 3  # of the history that notebooks show
 _PREVIEW_NAMES = 12  # in the table that notebooks show
@@ -243,10 +243,10 @@ class Result(StressEnvelopes, MarkerHistory):
         """The unit of a channel in SI; empty for none. Errors as of `unit`."""
         return self._channel(channel).unit
 
-    def in_units(self, channel: str, units: UnitSystem) -> Array:
-        """A channel over time (n,) in another unit system."""
+    def in_units(self, channel: str, units: UnitSystem | str) -> Array:
+        """A channel over time (n,) in another unit system, such as ``"mm-t-s"``."""
         unit = self.si_unit(channel)
-        factor = self.units.scale(unit) / units.scale(unit)
+        factor = self.units.scale(unit) / unit_system(units).scale(unit)
         return self[channel] if factor == 1.0 else factor * self[channel]
 
     def pose(self, body: str, time: float) -> Pose:
@@ -440,7 +440,7 @@ def _find_side(pairs: tuple[MarkerPair, ...], name: str, on: str) -> tuple[int, 
     """Number of a joint or driver, side ``"I"`` or ``"J"``, and its markers; see `reaction`."""
     number = next((i for i, pair in enumerate(pairs) if name in (pair.name, pair.path)), None)
     if number is None:
-        what = f'the result has no reaction of "{name}"'
+        what = f'the result has no reaction of "{name}" (a sensor records that of a force)'
         raise ResultFileError.unknown(what, name, [pair.name for pair in pairs])
     pair = pairs[number]
     for side, marker, body in (("J", pair.J, pair.body_J), ("I", pair.I, pair.body_I)):

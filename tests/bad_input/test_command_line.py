@@ -231,6 +231,11 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (["run", "a.toml", "--vary", "r=1"], "--vary; it is an option of modes, statics, study"),
         (["run", "a.toml", "--debug"], "it stands before the command: flexmb --debug ..."),
         (["run", "a.toml", "--out", "b"], "--out (Possible options: --output)"),
+        (
+            ["run", "a.toml", "--method", "radau"],
+            "--method; it is given as --set dynamics.method=VALUE",
+        ),
+        (["render", "a.h5", "--labels", "all"], "--labels; it is given as --view labels=VALUE"),
     ],
 )
 def test_options_of_other_commands_are_told(words: list[str], said: str) -> None:

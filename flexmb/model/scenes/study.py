@@ -103,7 +103,10 @@ def _set_parameter(scene: dict[str, Any], name: str, value: Any) -> Problem | No
         scene[name] = value
     else:
         names = tuple(dict.fromkeys((*parameters, *top)))
-        return Problem(where, f'unknown parameter "{name}"', names, nearest(name, names))
+        near = nearest(name, names)
+        if name in DynamicsSpec.model_fields:
+            near = (f"dynamics.{name}", *near)
+        return Problem(where, f'unknown parameter "{name}"', names, near)
     return None
 
 

@@ -103,3 +103,9 @@ def test_cases_of_generalized_alpha():
     damped = make_integrator(set_dynamics(method="newmark", step=1e-3, gamma=0.7))
     assert damped.order == 1 and damped.coefficients[0].beta == pytest.approx(0.36)
     assert damped.coefficients[0].project == 0
+
+
+def test_a_field_of_dynamics_without_its_table_is_told_with_it():
+    _, (problem,) = override({"dynamics": {"duration": 1.0}}, {"duration": 2.0})
+    assert problem.what == 'unknown parameter "duration"'
+    assert problem.nearest == ("dynamics.duration",)

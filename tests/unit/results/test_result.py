@@ -11,7 +11,7 @@ import pytest
 from hdf5edit import edit_hdf5
 from resultfiles import block, writer
 
-from flexmb.errors import ResultFileError
+from flexmb.errors import FlexmbError, ResultFileError
 from flexmb.results import Result, load_result
 
 
@@ -75,6 +75,18 @@ def test_channels_know_their_units(path: Path) -> None:
     result = Result(path)
     assert result.unit("slider.x") == "m"
     assert result.unit("turn") == "rad"
+
+
+def test_a_channel_in_other_units_by_their_name(path: Path) -> None:
+    result = Result(path)
+    np.testing.assert_allclose(result.in_units("slider.x", "mm-t-s"), 1e3 * result["slider.x"])
+    with pytest.raises(FlexmbError, match='"mm"; allowed: SI, mm-t-s'):
+        result.in_units("slider.x", "mm")
+
+
+def test_who_asks_for_the_reaction_of_a_force_is_told_of_its_sensor(path: Path) -> None:
+    with pytest.raises(ResultFileError, match="a sensor records that of a force"):
+        Result(path).reaction("spring")
 
 
 def test_arrays_of_a_result_cannot_be_changed_by_accident(path: Path) -> None:
