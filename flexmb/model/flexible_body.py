@@ -199,8 +199,11 @@ class FlexibleBodySpec(BodySpec):
         parts += [] if self.frame == MEAN_AXIS else [f"frame at {self.frame}"]
         if self.frame != MEAN_AXIS and self.deformation == "quasi-static":
             parts[-1] += " (where loads jump or bend momentum is lost in it; mean axes keep it)"
-        elif self.frame != MEAN_AXIS and self.inertia_coupling == "partial":
-            parts[-1] += " (with partial coupling it may diverge; mean axes do not)"
+        elif self.frame != MEAN_AXIS and self.inertia_coupling != "full":
+            word = self.inertia_coupling
+            parts[-1] += (
+                f" (with {word} coupling it may diverge; full coupling and mean axes do not)"
+            )
         named = {"inertia_coupling", "geometric_stiffening"} & self.model_fields_set
         if named and not stiffened and self.inertia_coupling != "constant":
             parts[-1] += " (the inconsistent set: rotation softens, but does not stiffen)"

@@ -101,3 +101,14 @@ def test_with_stiffening_both_frames_agree_to_a_higher_order(coupling):
     assert errors["none"][0] / errors["none"][1] == pytest.approx(4.0, rel=0.1)
     assert errors["full"][0] / errors["full"][1] == pytest.approx(8.0, rel=0.2)
     assert errors["full"][0] < 0.03 * errors["none"][0]
+
+
+@pytest.mark.parametrize("coupling", ["constant", "partial", "full"])
+def test_a_frame_that_needs_full_coupling_says_so(frames, coupling):
+    """A driven bar with its frame at the free end: constant coupling diverges there."""
+    model = Model("bar")
+    model.add_body("bar", frames[0], frame="interface tip", inertia_coupling=coupling)
+    words = model.bodies["bar"].effects_in_words()
+    assert ("may diverge" in words) == (coupling != "full")
+    model.add_body("other", frames[0], inertia_coupling=coupling)
+    assert "may diverge" not in model.bodies["other"].effects_in_words()

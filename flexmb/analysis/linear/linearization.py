@@ -48,6 +48,7 @@ _MAX_OBSERVERS = 8
 _ALIKE = 1e-9  # of the fastest rate, up to which two bodies turn alike
 
 _GROWTH_ROUND_OFF = 1e-6  # Re λ/|λ|
+_MAX_NAMED = 6  # modes in a sentence
 _MAX_MATCHED = 40  # modes that are followed over a sweep
 
 
@@ -306,7 +307,9 @@ def linearize_state(
         compiled, model, state, tangents, best, change, notes, frame == "ground" and carrier != ""
     )
     if made.whirl is not None and made.whirl.mixed:
-        several = ", ".join(map(str, made.whirl.mixed[:_MAX_MATCHED]))
+        several = ", ".join(map(str, made.whirl.mixed[:_MAX_NAMED]))
+        left = len(made.whirl.mixed) - _MAX_NAMED
+        several += f" and {left} more" if left > 0 else ""
         note = f"seen from ground modes {several} have more than one frequency each, the one of "
         note += "the largest motion is shown: what turns is not of revolution about its axis"
         made = replace(made, notes=(*notes, note))
