@@ -1,10 +1,10 @@
-"""One procedure for every analysis: load units, assemble, run in chunks with progress, finish.
+"""The procedure of every analysis: load units, assemble, run in chunks with progress, finish.
 
-A chunk is a fixed amount of work, never of time, so that a run repeats itself to the last bit. Its
-rows are stored after each chunk; a failure or an interruption keeps everything until then. What is
-wrong with a small model is reported before anything is compiled for it: the first state is sought
-in plain Python, in a second and not after a minute of compiling, and thrown away, so that what a
-run computes never depends on what is in the cache.
+A chunk is a fixed amount of work, never of time, so that a run is reproducible to the last bit.
+Rows are stored after each chunk, so a failure or an interruption loses at most one chunk. Errors of
+a small model are reported before anything is compiled for it: the first state is computed in plain
+Python, in a second instead of a minute of compiling. It is then discarded, so that results never
+depend on the content of the cache.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ T = TypeVar("T")
 # bodies 0.5 to 1.4 s, a body of 86 modes with a quasi-static start 2.1 s.
 _MAX_COORDINATES = 600
 _MAX_MODES_SQUARED = 6000  # summed over the bodies
-# Share of the stored energy below which an exchange of energy is that of a scene at rest.
+# Exchange of energy over the stored energy, below which a model is at rest.
 _REST_SHARE = 1e-6
-# Round-off of energies: share of the weight of all bodies times the size of the model, and without
-# weight of what they have at a speed of this times the size, or the distance from the origin,
-# squared [1/s^2].
+# Round-off of energies: this share of the larger one of two energies of all bodies: weight times
+# the size of the model; mass times _NO_SPEED [1/s²] times the square of the larger one of that size
+# and the distance from the origin.
 _ROUND_OFF, _NO_SPEED = 1e-12, 1e-7
 
 
 class Sink(Protocol):
-    """What takes the rows, such as `flexmb.results.writer.ResultWriter`."""
+    """A receiver of rows, such as `flexmb.results.writer.ResultWriter`."""
 
     def append(self, block: OutputBlock) -> None: ...
     def save_state(self, state: dict[str, np.ndarray]) -> None: ...
@@ -67,7 +67,7 @@ class PhaseTimer:
         self.seconds: dict[str, float] = {}
 
     def lap(self, phase: str) -> None:
-        """Count the time since the last lap for a phase."""
+        """Assign the time since the last call to a phase."""
         now = time.perf_counter()
         self.seconds[f"seconds_{phase}"] = now - self._last
         self._last = now
@@ -82,7 +82,7 @@ class Ending:
 
 
 class ChunkedRun(Protocol):
-    """What an analysis does between two calls of the progress."""
+    """An analysis that computes one chunk between two calls of the progress."""
 
     phase: str
 
@@ -92,10 +92,10 @@ class ChunkedRun(Protocol):
 
     @property
     def share_done(self) -> float:
-        """How much of the run is done; 1 at its end."""
+        """Completed share of the run; 1 at its end."""
 
     def next_chunk(self) -> Ending | None:
-        """Compute and store one chunk; an ending if it is the last one."""
+        """Compute and store one chunk; returns an ending if the run ends early."""
 
     def store_unread(self) -> None:
         """Store rows of a chunk that was interrupted."""
@@ -107,16 +107,16 @@ def assemble_first_state(
     first_state: Callable[[], T],
     progress: Progress = silent,
 ) -> tuple[T, PhaseTimer]:
-    """Load or compile units and find the first state; returns it, and the time both took.
+    """Load or compile units and compute the first state; returns it and the time of both.
 
     Parameters
     ----------
     compiled : Compiled
         The compiled model.
     units : iterable of Unit
-        What its analysis calls.
+        The units that the analysis calls.
     first_state : callable
-        Finds the first state.
+        Computes the first state.
     progress : Progress
         Receives the phases `load` or `compile`, and `assemble`.
 
@@ -141,7 +141,7 @@ def precheck(
     first_state: Callable[[], object],
     progress: Progress = silent,
 ) -> None:
-    """Find the first state in plain Python, if units are missing and the model is small.
+    """Compute the first state in plain Python, if units are missing and the model is small.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def precheck(
     small = compiled.layout.nv <= _MAX_COORDINATES and modes <= _MAX_MODES_SQUARED
     if load_units(units, progress) or not small:
         return
-    # A number out of a function's domain, with which machine code continues, may raise in Python.
+    # an argument outside a function's domain raises in Python, but not in machine code
     with interpretation(), suppress(ArithmeticError, ValueError):
         first_state()
 
@@ -174,7 +174,7 @@ def run_chunks(run: ChunkedRun, progress: Progress) -> Ending:
 
 
 class ChunkRows:
-    """Room for the rows of a chunk, and what all rows so far say of their quality.
+    """Memory for the rows of a chunk; energy balance and drift of all rows so far.
 
     Parameters
     ----------
@@ -192,11 +192,11 @@ class ChunkRows:
         away = max(length, np.abs(compiled.initial_q[places]).max(initial=0.0))
         square = max(float(np.linalg.norm(parts.gravity)) * length, _NO_SPEED * float(away) ** 2)
         self.balance = EnergyBalance(_ROUND_OFF * float(parts.bodies["mass"].sum()) * square)
-        self.largest_drift = np.zeros(3)  # of positions and velocities, and the largest speed
+        self.largest_drift = np.zeros(3)  # constraint drift of q and of v; largest velocity
         self._speeds = (parts.bodies["iv"][:, None] + np.arange(6)).ravel()
 
     def clear(self) -> None:
-        """Before a chunk: an interruption before its first row leaves no old rows behind."""
+        """Delete the rows before a chunk, so that an interruption never stores old ones again."""
         self.output.rows[0] = 0
         self.unread = True
 
@@ -217,18 +217,18 @@ class ChunkRows:
 
 
 class EnergyBalance:
-    """Largest mismatch of energy and work, and what to compare it with.
+    """Largest error of the energy balance, and the energy that it is compared with.
 
     Parameters
     ----------
     round_off : float
-        Energy that is none [J].
+        Energy that is round-off [J].
 
     Attributes
     ----------
     tally : (17,) array
-        Least and greatest of every energy so far (7, 7), and behind them the first mismatch, the
-        largest departure from it, and what an exchange at rest may be; NaN: no row yet.
+        Least and greatest value of every energy so far (7, 7); then the first difference of energy
+        and work, the largest change of it, and the exchange of a model at rest. NaN: no row yet.
     """
 
     def __init__(self, round_off: float = 0.0) -> None:
@@ -239,18 +239,18 @@ class EnergyBalance:
         self._rest = self.tally[2 * n :]
 
     def add(self, energy: np.ndarray) -> None:
-        """Take energies (n, 7) of the next rows."""
+        """Add energies (n, 7) of the next rows."""
         stored = energy[:, :4].sum(axis=1) - energy[:, 4:].sum(axis=1)
         if np.isnan(self._rest[0]):
             self._rest[0] = stored[0]
         off = float(np.abs(stored - self._rest[0]).max())
-        # in a scene at rest nothing but round-off of the stored energy moves
+        # in a model at rest only round-off of the stored energy changes
         at_rest = max(_REST_SHARE * float(np.abs(energy).max()), self._round_off)
         self._rest[1:] = np.fmax(self._rest[1:], (off, at_rest))
         self.update_range(np.array([energy.min(axis=0), energy.max(axis=0)]))
 
     def update_range(self, extent: np.ndarray) -> None:
-        """Take least and greatest energies (2 or more, 7) of steps between rows too; NaN: none."""
+        """Include least and greatest energies (2 or more, 7) of steps between rows; NaN: none."""
         np.fmin(self._least, extent[0], out=self._least)
         np.fmax(self._most, extent[1], out=self._most)
 
@@ -261,7 +261,7 @@ class EnergyBalance:
 
     @property
     def relative(self) -> float:
-        """Mismatch over the largest energy that moved."""
+        """Error of the energy balance over the largest exchange of energy."""
         if np.isnan(self._rest[0]):
             return 0.0
         scale = max(self.moved, float(self._rest[2]))

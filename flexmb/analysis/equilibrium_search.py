@@ -1,4 +1,4 @@
-"""Equilibria of a model: the one that it settles in, all that can be reached, preloads of springs.
+"""Equilibria of a model: the nearest stable one, all that are found, preloads of springs.
 
 In: a compiled model. Out: equilibria with their channels, energies and small vibrations.
 """
@@ -34,9 +34,11 @@ from flexmb.errors import AssemblyError, FlexmbError, Problem, SceneError, neare
 from flexmb.flexbody.arrays import Array
 from flexmb.model.model import Model
 
-_MAX_HOPS, _HOP = 8, 0.6  # of a random way, over the model size or in radians
-_SAME_PLACE = 1e-5
-_UNBALANCED = 1e-8  # of the load of the pose
+# Random poses: largest number of displacements, and their largest size, over the size of the model
+# or in radians.
+_MAX_HOPS, _HOP = 8, 0.6
+_SAME_PLACE = 1e-5  # distance of two equilibria that are the same, as above
+_UNBALANCED = 1e-8  # largest residual force with preloads, over that without
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ class Equilibrium:
     state : State
         Positions q and multipliers λ; v and v̇ are zero, or those of a steady rotation. SI.
     steps : int
-        How many it took.
+        Number of steps of the solver.
     """
 
     compiled: Compiled
@@ -90,9 +92,9 @@ class Equilibrium:
         )
 
     def growth(self) -> tuple[float, bool]:
-        """Largest Re λ [1/s] of its modes, and whether none of them grows.
+        """Largest Re λ [1/s] of its modes, and whether it is stable.
 
-        NaN where motions without inertia leave it open.
+        NaN if motions without inertia do not allow to determine it.
         """
         try:
             made = self.linearize()
@@ -105,21 +107,21 @@ class Equilibrium:
 def find_equilibrium(
     compiled: Compiled, model: Model, *, time: float = 0.0, start: Array | None = None
 ) -> Equilibrium:
-    """The equilibrium that a model settles in from a pose.
+    """The equilibrium to which a model descends from a pose.
 
     Parameters
     ----------
     compiled, model : Compiled, Model
         The model.
     time : float
-        At which functions and drivers are taken [s].
+        Time at which functions and drivers are evaluated [s].
     start : (nq,) array, optional
-        Where to begin; by default where the scene places the bodies.
+        First positions; by default those of the scene.
 
     Raises
     ------
     AssemblyError
-        Positions that cannot be closed; no equilibrium, with what moves on and under which force.
+        Joints that cannot be closed; no equilibrium, with the body that keeps moving and its force.
     """
     q = compiled.initial_q if start is None else start
     begin = StartValues(q, np.zeros(compiled.layout.nv), time)
@@ -134,24 +136,24 @@ def find_equilibrium(
 def find_equilibria(
     compiled: Compiled, model: Model, *, time: float = 0.0, starts: int = 30, seed: int = 0
 ) -> list[Equilibrium]:
-    """Equilibria reached from many poses of the same assembly, of least energy first.
+    """Equilibria found from many poses of the same assembly, in order of increasing energy.
 
     Parameters
     ----------
     compiled, model : Compiled, Model
         The model.
     time : float
-        At which functions and drivers are taken [s].
+        Time at which functions and drivers are evaluated [s].
     starts : int
-        From how many poses: the placed one, and others at random along the free motions.
+        Number of first poses: that of the scene, and random ones along the free motions.
     seed : int
-        Of the random numbers.
+        Seed of the random numbers.
 
     Returns
     -------
     list of Equilibrium
-        Stable ones, which descents lead to, and unstable ones, which Newton's method alone finds on
-        the way; all different.
+        Different equilibria: stable ones, found by descent, and unstable ones, found by Newton's
+        method.
     """
     first = find_equilibrium(compiled, model, time=time)
     equilibria = [first]
@@ -179,7 +181,7 @@ def find_equilibria(
 def _random_pose(
     rows: ConstraintRows, q: Array, scales: Array, rng: np.random.Generator, time: float
 ) -> Array | None:
-    """Another pose of the assembly, by a random way along its free motions."""
+    """Another pose of the assembly, by random displacements along its free motions."""
     pose = close_rows(rows, q, None, time)
     for _ in range(int(rng.integers(1, _MAX_HOPS))):
         if pose is None:
@@ -200,13 +202,13 @@ def _random_pose(
 
 
 def separation(compiled: Compiled, a: Array, b: Array) -> tuple[float, str]:
-    """How far two positions (nq,) are apart, over the model size or in radians; which body most."""
+    """Distance of two positions (nq,), over the size of the model or in radians; its body."""
     scales, apart = column_scales(compiled), []
     for body in compiled.layout.bodies:
         size = scales[body.iv] if scales[body.iv] > 0.0 else compiled.length
         far = float(np.abs(a[body.iq : body.iq + 3] - b[body.iq : body.iq + 3]).max()) / size
         p, r = a[body.iq + 3 : body.iq + 7], b[body.iq + 3 : body.iq + 7]
-        turn = 2.0 * float(np.linalg.norm(p - r if p @ r > 0.0 else p + r))  # of a small angle
+        turn = 2.0 * float(np.linalg.norm(p - r if p @ r > 0.0 else p + r))  # for a small angle
         modes = slice(body.iq + 7, body.iq + 7 + body.m)
         bent = np.abs(a[modes] - b[modes])
         sizes = scales[body.iv + 6 : body.iv + 6 + body.m]
@@ -216,9 +218,9 @@ def separation(compiled: Compiled, a: Array, b: Array) -> tuple[float, str]:
 
 
 def preloads(compiled: Compiled, model: Model, springs: Sequence[str]) -> dict[str, float]:
-    """Forces [N or N m] that springs need in addition for the placed pose to be an equilibrium.
+    """Additional forces [N or N m] of springs with which the pose of the scene is an equilibrium.
 
-    Least ones, in the sense of least squares, where there are many.
+    If there are many solutions, the least-squares one of least norm.
 
     Parameters
     ----------
@@ -237,7 +239,7 @@ def preloads(compiled: Compiled, model: Model, springs: Sequence[str]) -> dict[s
     SceneError
         No such force.
     AssemblyError
-        No such forces bring the pose into balance, with the body that stays unbalanced.
+        No such forces balance the pose; names the body that is not balanced.
     """
     state = assemble(compiled, model).state
     state.v[:] = 0.0

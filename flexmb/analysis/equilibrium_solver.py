@@ -1,17 +1,17 @@
-"""Equilibrium at rest: positions and reactions in which all forces are in balance.
+"""Static equilibrium: positions and reactions at which all forces are in balance.
 
-Solved for are q and λ of F(q, λ) = 0 and C(q, t) = 0, v = v̇ = 0, by Newton's method with
+The equations F(q, λ) = 0 and C(q, t) = 0 with v = v̇ = 0 are solved by Newton's method with
 pseudo-transient continuation (Kelley & Keyes, SIAM J. Numer. Anal. 35 (1998) 508): each step solves
 
     [[K + M/β, Cqᵀ], [Cq, −ε]] (δ; λ) = (−F₀; −C),
 
-a step β of a motion in which velocity, not acceleration, is in proportion to force. Such a motion
-goes downhill, to an equilibrium that is stable. β begins with a step of a third of the model's
-size, grows while forces do work on the way, ½(F + F')·δ ≤ 0, and shrinks where they resist; at the
-end the step is Newton's. States of controllers are at rest too: ż = 0 decides them.
+a time step β of a motion in which velocity, not acceleration, is proportional to force. Such a
+motion descends to a stable equilibrium. The first β gives a step of a third of the size of the
+model. β increases while forces do work along the step, ½(F + F')·δ ≤ 0, and decreases if not; the
+last steps are those of Newton's method. States of controllers are constant: they follow from ż = 0.
 
-A machine that turns steadily is in equilibrium in the axes that turn with it: v and v̇ are those of
-a rotation ω about a fixed axis, v = ω × r, v̇ = ω × v, and K gets D ∂v/∂q + M ∂v̇/∂q.
+A machine in steady rotation is in equilibrium in rotating axes: v and v̇ are those of a rotation ω
+about a fixed axis, v = ω × r, v̇ = ω × v, and D ∂v/∂q + M ∂v̇/∂q is added to K.
 """
 
 from __future__ import annotations
@@ -32,17 +32,19 @@ from flexmb.flexbody.arrays import Array, skew
 from flexmb.model.model import Model
 
 _MAX_STEPS = 300
-_MAX_STEP = 0.3  # largest component of a step, over the model size or in radians
-_CONVERGED = 1e-9  # correction over the model size from which on Newton's method may stop
-_ROUND_OFF_SIZE = 1e-13  # correction or gap over the model size that is round-off
-_NEWTON_STEP = 1e-2  # step below which Newton's method takes over
-_WORK_ROUND_OFF = 1e-6  # correction below which the work of a step is round-off
-_GROWTH, _CUT = 4.0, 0.1  # of β
-_NEWTON, _LEAST = 1e7, 1e-12  # largest and least β over its first value; neutral motions stay calm
-_MAX_BETA = 1e15  # s², β of a motion so slow that it counts as none
-_MAX_CORRECTIONS = 4  # of the joints after a step
-_REGULARISATION, _REFINEMENTS = 1e-10, 2  # of scaled rows; refinements that take it back
-_MAX_TRAVEL = 20.0  # model sizes, after which a body that still moves has no equilibrium
+_MAX_STEP = 0.3  # largest component of a step, over the size of the model or in radians
+_CONVERGED = 1e-9  # correction over the size of the model below which Newton's method may stop
+_ROUND_OFF_SIZE = 1e-13  # correction or gap over the size of the model that is round-off
+_NEWTON_STEP = 1e-2  # size of a step below which the next ones are those of Newton's method
+_WORK_ROUND_OFF = 1e-6  # size of a step below which its work is round-off
+_GROWTH, _CUT = 4.0, 0.1  # factors of β after a good and after a rejected step
+# Largest β over its first value (Newton's method; finite, so that free motions stay bounded);
+# least.
+_NEWTON, _LEAST = 1e7, 1e-12
+_MAX_BETA = 1e15  # largest β [s²]: a slower motion counts as rest
+_MAX_CORRECTIONS = 4  # corrections of joint gaps after a step
+_REGULARISATION, _REFINEMENTS = 1e-10, 2  # of scaled rows; refinements that remove its effect
+_MAX_TRAVEL = 20.0  # displacement over the size of the model at which there is no equilibrium
 
 
 def spin_of(model: Model) -> Array:
@@ -61,8 +63,8 @@ def solve_equilibrium(
 ) -> int:
     """Bring an assembled state into equilibrium, in place; returns the number of steps.
 
-    Without `descend` by Newton's method alone, which leads to unstable ones too. With `spin` (3,)
-    [rad/s] the machine turns about an axis through the ground's origin.
+    Without `descend` only Newton's method is used, which finds unstable equilibria as well. With
+    `spin` (3,) [rad/s] the machine rotates about an axis through the origin of the ground.
 
     Raises
     ------
@@ -73,7 +75,7 @@ def solve_equilibrium(
 
 
 class _Descent:
-    """The way of one state to its equilibrium."""
+    """The iteration of one state to its equilibrium."""
 
     def __init__(
         self, compiled: Compiled, model: Model, state: State, spin: Array | None = None
@@ -117,7 +119,7 @@ class _Descent:
             self.state.lam[:] = lam
             by_newton = longest <= _CONVERGED and beta >= _NEWTON * self.first
             if by_newton and (longest <= _ROUND_OFF_SIZE or longest > 0.3 * last):
-                self._finish()  # as far as numbers go
+                self._finish()  # within round-off
                 return n + 1
             after = self._close(weights)
             work = 0.5 * share * float((before + after)[self.moving] @ step[self.moving])
@@ -142,11 +144,11 @@ class _Descent:
         raise AssemblyError(self._what_grows(self._equations()[1] + T.L @ self.state.lam))
 
     def _length(self, step: Array) -> float:
-        """Largest component of a motion (nv,), over the model size or in radians."""
+        """Largest component of a displacement (nv,), over the size of the model or in radians."""
         return float(np.abs(step[self.moving] / self.size[self.moving]).max(initial=0.0))
 
     def _close(self, weights: Array) -> Array:
-        """Close the joints by the factor of the step; returns F there."""
+        """Close the joints with the factor of the step; returns F at the new positions."""
         force = self.equations.residual()
         for _ in range(_MAX_CORRECTIONS):
             gap = weights * self.equations.work.con.C
@@ -163,7 +165,7 @@ class _Descent:
         return force
 
     def _forget(self) -> None:
-        """Let bristles of friction be free where the state is now."""
+        """Unload friction bristles at the present positions."""
         if self.compiled.system.history:
             work = new_work(self.compiled.system)
             solve_stage(self.compiled.system, self.state, work, REMEMBER)
@@ -182,7 +184,7 @@ class _Descent:
         beta = min(beta, _MAX_BETA)
         K = T.K[np.ix_(at, at)] + T.M[np.ix_(at, at)] / beta
         rates = self.rates[at]
-        if rates.any():  # of a state its rate is the unknown
+        if rates.any():  # for a scalar state the unknown is its rate
             K[:, rates] = T.D[np.ix_(at, at[rates])] + T.M[np.ix_(at, at[rates])] / beta
         K = size[at, None] * K * size[at]
         A = weights[:, None] * T.Cq[:, at] * size[at]
@@ -212,7 +214,7 @@ class _Descent:
         self._turn()
 
     def _turn(self) -> None:
-        """Velocities and accelerations of the steady rotation."""
+        """Set velocities and accelerations to those of the steady rotation."""
         if self.spin is None:
             return
         for body, A in zip(
@@ -234,7 +236,7 @@ class _Descent:
         return K
 
     def _finish(self) -> None:
-        """Integrator memory and joint angles of a state at rest."""
+        """Set the history, joint angles and powers of a state at rest."""
         state, work = self.state, new_work(self.compiled.system)
         lam = state.lam.copy()
         solve_stage(self.compiled.system, state, work, REMEMBER)
@@ -245,7 +247,7 @@ class _Descent:
         state.aa[:] = state.vd_before[:] = state.vd
 
     def _what_grows(self, force: Array) -> str:
-        """The sentence on the body that moves on."""
+        """The sentence on the body that keeps moving."""
         say, layout = self.model.units.say, self.compiled.layout
         far = np.abs(self.travel / self.size) * self.moving
         body = max(layout.bodies, key=lambda b: far[b.iv : b.iv + 6 + b.m].max())

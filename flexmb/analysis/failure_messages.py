@@ -33,18 +33,18 @@ def failure_sentence(
     status: int, compiled: Compiled, model: Model, work: Work, time: float, step: float,
     likely: str = "",
 ) -> str:  # fmt: skip
-    """The sentence for a step that failed.
+    """The sentence on a step that failed.
 
     Parameters
     ----------
     status : int
-        Code of the kernel, not `SUCCESS`.
+        Status code, not `SUCCESS`.
     compiled, model, work : Compiled, Model, Work
-        What was run, and its scratch as the failed step left it.
+        The model, and the scratch after the failed step.
     time, step : float
-        When the step began, and its length [s].
+        Start and length of the step [s].
     likely : str
-        Its cause, unless a function is not finite.
+        The cause, unless a function is not finite.
     """
     cause = ""
     if status in (method.NOT_FINITE, method.NO_CONVERGENCE):
@@ -54,7 +54,7 @@ def failure_sentence(
 
 
 def not_finite_function(model: Model, times: Iterable[float]) -> str:
-    """The sentence for the first function of time that is not finite at one of these times."""
+    """The sentence on the first function of time that is not finite at one of these times."""
     for where, function, derivatives in _functions(model):
         for moment in times:
             jet = tuple(function.value(moment))[: derivatives + 1]
@@ -66,7 +66,7 @@ def not_finite_function(model: Model, times: Iterable[float]) -> str:
 
 
 def _not_finite(compiled: Compiled, model: Model, work: Work, time: float) -> str:
-    """The sentence of an expression over channels without finite value where the step failed."""
+    """The sentence on an expression over channels that is not finite where the step failed."""
     if "feedback" not in compiled.system.kinds:
         return ""
     names = dict(zip(compiled.numbers, work.trial.variables[:, 0], strict=True))
@@ -97,7 +97,7 @@ def gaps_at(compiled: Compiled, rows: OutputBlock, row: int) -> NDArray[np.float
 
 
 def open_joint(compiled: Compiled, C: NDArray[np.float64], time: float) -> str:
-    """The sentence for open constraints; `C` (nc,) are their gaps at that time."""
+    """The sentence on violated constraints; `C` (nc,) are their values at that time."""
     worst = int(np.argmax(np.abs(C)))
     where, gap = compiled.layout.rows[worst], abs(C[worst])
     return (
@@ -108,7 +108,7 @@ def open_joint(compiled: Compiled, C: NDArray[np.float64], time: float) -> str:
 
 
 def _functions(model: Model) -> Iterator[tuple[str, Function, int]]:
-    """All functions of time with their place and how many derivatives the run needs."""
+    """All functions of time with their scene path and the number of derivatives that are used."""
     for name, driver in model.drivers.items():
         for coordinate, function in driver.motions(model.plane):
             yield f"drivers.{name}.{coordinate}", function, max(0, 2 - driver.order)

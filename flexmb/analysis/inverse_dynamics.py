@@ -1,9 +1,9 @@
 """Inverse dynamics along a motion: forces of drives and all reactions, without integration.
 
 In: positions, velocities and accelerations of all bodies over time, from any run, and a model with
-a driver on every joint coordinate that is to be moved. Out: λ of Cqᵀ λ = Q − M v̇, row by row. What
-the functions of the drivers say is not used: the motion is the one given. The forces are those that
-joints and drives can give; a remainder says that the motion needs others.
+a driver on every joint coordinate that is to be moved. Out: λ of Cqᵀ λ = Q − M v̇, row by row. The
+functions of the drivers are not used; the motion is that of the run. The forces are those of joints
+and drives; a residual shows that the motion needs other forces.
 """
 
 from __future__ import annotations
@@ -36,10 +36,13 @@ from flexmb.results import Result
 from flexmb.results.result import NOT_UNIQUE
 
 _CHUNK = 200  # rows
-_UNBALANCED_FORCE = 1e-6  # force that drives do not give, over the largest one
-_REPORTED_GAP = 1e-5  # of a joint over the model size: the accuracy of a run leaves less
-_SINGULAR = 1e-5  # least pivot of a row over its own compliance
-_NEARLY_SINGULAR, _JUDGED_ROWS = 0.02, 8  # least singular value over the next; poses
+_UNBALANCED_FORCE = 1e-6  # residual force over the largest force above which there is a note
+_REPORTED_GAP = (
+    1e-5  # gap of a joint over the size of the model that is larger than errors of a run
+)
+_SINGULAR = 1e-5  # least pivot of a row over that without other rows at a singular pose
+# Least singular value over the next one near a singular pose; number of poses examined.
+_NEARLY_SINGULAR, _JUDGED_ROWS = 0.02, 8
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ class PreparedInverse:
 def prepare_inverse(
     compiled: Compiled, model: Model, motion: Result, *, progress: Progress = silent
 ) -> PreparedInverse:
-    """Match a motion with a model and make sure that its drivers can give it.
+    """Match a motion with a model and check that its drivers can produce it.
 
     Parameters
     ----------
@@ -127,7 +130,7 @@ def match_motion(compiled: Compiled, motion: Result) -> tuple[np.ndarray, ...]:
 
 
 def _put_row(pose: KinematicPose, rows: tuple[np.ndarray, ...], k: int) -> None:
-    """Make row k of a motion the state."""
+    """Set the state to row k of a motion."""
     state = pose.state
     for values, table in zip((state.t, state.q, state.v, state.vd), rows, strict=True):
         values[:] = table[k]
@@ -159,7 +162,7 @@ def run_inverse(prepared: PreparedInverse, sink: Sink, *, progress: Progress = s
 
 
 class _Run:
-    """Inverse dynamics under way."""
+    """Inverse dynamics while it runs."""
 
     phase = "inverse dynamics"
 
@@ -208,7 +211,7 @@ class _Run:
             self._sink.append(self.rows.read())
 
     def notes(self) -> list[str]:
-        """What the forces do not say."""
+        """Notes on the limits of the computed forces."""
         say, notes = self._prepared.pose.model.units.say, []
         gap, length = float(self.rows.largest_drift[0]), self._prepared.pose.compiled.length
         if gap > _REPORTED_GAP * length:
@@ -232,7 +235,7 @@ class _Run:
         return notes
 
     def _singular_pose(self) -> tuple[str, KinematicPose]:
-        """Whether the motion passes a singular pose, or comes near one, and the pose."""
+        """Whether the motion passes or nearly passes a singular pose, and that pose."""
         pose, order = self._prepared.pose, np.argsort(self._pivots)
         ratios = {int(row): 1.0 for row in (*order[:_JUDGED_ROWS], order[-1])}
         for row in ratios if pose.compiled.layout.nv <= MAX_COORDINATES else ():

@@ -1,8 +1,9 @@
 """Kinematic analysis: the motion that joints and drivers fix, at every output time.
 
-Nothing is integrated, so nothing drifts and every point is exact to round-off; reactions and
+Nothing is integrated, so there is no drift and every point is exact within round-off. Reactions and
 driving forces follow from the equations of motion (inverse dynamics). Flexible bodies keep their
-undeformed shape. A motion that is not fixed, or no longer, is refused in one sentence.
+undeformed shape. If joints and drivers do not, or no longer, fix the motion, the analysis is
+refused with one sentence.
 """
 
 from __future__ import annotations
@@ -52,10 +53,9 @@ from flexmb.progress import Progress, silent
 from flexmb.results.output_block import OutputBlock
 from flexmb.results.result import NOT_UNIQUE
 
-# Points of a chunk times velocity coordinates: a tenth of a second or two.
-_CHUNK_WORK = 200_000  # velocities of all rows of a chunk
-_DEFLECTION_ROWS = 100  # of a chunk, at most, at which deflections are judged
-_GAP_TOLERANCE = 1e-14  # weighted gap of round-off, of a model near the origin
+_CHUNK_WORK = 200_000  # points of a chunk times velocity coordinates: 0.1 to 0.2 s
+_DEFLECTION_ROWS = 100  # largest number of rows of a chunk at which deflections are estimated
+_GAP_TOLERANCE = 1e-14  # weighted gap that is round-off, for a model near the origin
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class PreparedKinematics:
 def prepare_kinematics(
     compiled: Compiled, model: Model, *, progress: Progress = silent
 ) -> PreparedKinematics:
-    """Load the compiled units, close the first pose and make sure that the motion is fixed.
+    """Load the compiled units, close the first pose and check that the motion is fixed.
 
     Parameters
     ----------
@@ -91,10 +91,10 @@ def prepare_kinematics(
     Raises
     ------
     SceneError
-        The model says nothing about kinematics.
+        The model has no section `kinematics`.
     AssemblyError
-        Positions that cannot be closed, motions that no driver fixes, or drivers that contradict
-        each other or the joints.
+        Joints that cannot be closed, motions that no driver fixes, or drivers that contradict each
+        other or the joints.
     """
     spec = model.kinematics
     if spec is None:
@@ -160,7 +160,7 @@ def kinematics(
 
 
 def _refuse_states(model: Model) -> None:
-    """States follow from what was before, and a kinematic analysis has no before."""
+    """Refuse scalar states: they depend on the past, which a kinematic analysis does not have."""
     what = (
         "is integrated, which a kinematic analysis does not do; leave it out, or run the scene "
         "with [dynamics]"
@@ -172,9 +172,9 @@ def _refuse_states(model: Model) -> None:
 
 
 def _first_pose(compiled: Compiled, model: Model) -> tuple[KinematicPose, list[str]]:
-    """The first positions, closed with least change in lengths and angles times body weights.
+    """The closed first positions, with the least change in lengths and angles times body weights.
 
-    With a note on which bodies had to move for it.
+    Also returns notes on the bodies that had to move.
     """
     weights, channels = assembly_weights(model), len(compiled.layout.channels)
     state, work = new_state(compiled.system, channels), new_work(compiled.system, channels)
@@ -218,15 +218,15 @@ def _check_motion(pose: KinematicPose) -> tuple[int, tuple[str, ...], list[str]]
     if not count:
         return 0, (), []
     not_unique, more = redundant_reactions(compiled, pose.model, state.q)
-    if not not_unique:  # rows of which deformation would decide
+    if not not_unique:  # redundant rows whose reactions depend on deformation
         more.append(redundancy_note(count, nc))
     return count, not_unique, more
 
 
 class _StaticDeflection:
-    """How far the forces that hold flexible bodies undeformed would bend them, statically.
+    """Static deflection of flexible bodies by the forces that keep them undeformed.
 
-    They are the residual r of the modal rows, with inertia, loads and reactions: η = −K⁻¹ r.
+    The forces are the residual r of the modal rows, with inertia, loads and reactions: η = −K⁻¹ r.
     """
 
     def __init__(self, pose: KinematicPose) -> None:
@@ -238,7 +238,7 @@ class _StaticDeflection:
         self._solve = stage_solver(compiled.system, self._state, self._work)
 
     def add(self, rows: OutputBlock) -> None:
-        """Take the next rows, at most so many of them."""
+        """Add the next rows, or a uniform selection of at most `_DEFLECTION_ROWS`."""
         if not self._bodies or not len(rows.t):
             return
         rows = rows.rows(np.arange(len(rows.t)) % -(-len(rows.t) // _DEFLECTION_ROWS) == 0)
@@ -254,7 +254,7 @@ class _StaticDeflection:
         self._monitor.add(replace(rows, q=q))
 
     def notes(self) -> list[str]:
-        """A sentence for each body."""
+        """A sentence on each body with a large deflection."""
         return [
             f"kinematics keeps bodies.{one.body} undeformed: its loads and its inertia would bend "
             f"it by {one.value:.2g} of its length (statically, t = "
@@ -266,7 +266,7 @@ class _StaticDeflection:
 
 
 class _Run:
-    """A kinematic analysis under way."""
+    """A kinematic analysis while it runs."""
 
     phase = "kinematics"
 
@@ -307,7 +307,7 @@ class _Run:
             self._sink.append(rows)
 
     def statistics(self) -> dict[str, float | int | str]:
-        """Numbers of the summary."""
+        """Numbers for the summary."""
         count, path = self._state.count[0], self._prepared.pose.path.count[0]
         return {
             "points": int(count["outputs"]),

@@ -1,10 +1,10 @@
-"""What the rows of a run tell the user: lost contact, singular orientations, unbounded growth.
+"""Monitors of the rows of a run: lost contact, singular orientations, unbounded growth.
 
-A monitor takes the rows in order, and reports sentences or indicators of how near a limit is. A
-motion counts as growing without bound if it is larger than anything in the scene explains, and has
-become so by the same large factor again and again: no power of time does that (a fall, a rocket, a
-rotor that spins up), no planned motion that ends, and no pendulum that leaves its upper rest, which
-stops growing at the energy it has.
+A monitor receives the rows in order and returns sentences, or indicators of how close a limit is. A
+motion grows without bound if it is larger than anything in the scene explains, and has grown by the
+same large factor several times in succession. No power of time does that (a fall, a rocket, a rotor
+that spins up), nor a planned motion that ends, nor a pendulum that leaves its upper equilibrium,
+whose energy limits it.
 """
 
 from __future__ import annotations
@@ -27,42 +27,43 @@ from flexmb.results.output_block import OutputBlock
 
 Array = NDArray[np.float64]
 
-_PULL_ROUND_OFF = 1e-6  # of the largest force of the joint so far: smaller pulls are round-off
-_NEAR_SINGULAR = 0.1  # degrees
-MAX_TURN_OF_A_STEP = 1.0  # rad
-# Of reactions that alternate: from which share of their range on that is said; range over the
-# largest of all, and force that moves mass by a share of the model's size in a run, below which
-# there is none; steps between rows.
+_PULL_ROUND_OFF = 1e-6  # tensile force over the largest force of a joint that is round-off
+_NEAR_SINGULAR = 0.1  # angle from a singular orientation that is reported [deg]
+MAX_TURN_OF_A_STEP = 1.0  # largest rotation of a body in a fixed step without a note [rad]
+# Alternating reactions: least amplitude over their range that is reported; least range over the
+# largest one; least force, as the displacement of all mass in the run over the size of the model;
+# relative difference of equal steps.
 _RINGING_SHARE, _LEAST_SHARE, _NO_MOTION, _SAME_STEP = 0.05, 1e-3, 1e-6, 1e-6
 _LASTING, _MAX_FALL, _MIN_DIVISOR = 0.08, 3.0, 1e-300  # ringing left after two steps; to the next
 _MAX_SAMPLES = 256
-# The second half of the run so far is looked at in so many parts. In each of them the largest value
-# grows by this factor at least: powers of time up to the eighth do not.
+# The second half of the run so far is divided into _GROWTH_PARTS parts. A motion grows without
+# bound if its largest value increases by _GROWTH_FACTOR in each: powers of time up to the eighth do
+# not.
 _GROWTH_PARTS, _GROWTH_FACTOR = 4, 3.0
-# Bounds beyond which nothing in a scene explains a value: translations over the size of the model,
-# deformations over it, states over their scale, turns of a body within one part, rad.
+# Values that nothing in a scene explains are larger than these: translations and deformations over
+# the size of the model, states over their scale, rotation of a body within one part [rad].
 _MAX_TRANSLATION, _MAX_DEFORMATION, _MAX_STATE, _MAX_TURN = 100.0, 1.0, 1e6, 1e3
 _TENFOLD = math.log(10.0)
 
 
 @dataclass(frozen=True)
 class Indicator:
-    """How far a body is from a limit of its equations.
+    """A number that shows how close a body is to a limit of its equations.
 
     Parameters
     ----------
     body : str
-        Its name.
+        Name of the body.
     quantity : str
-        What it is: a field of `[validity]`, or another word where no bound is set.
+        A field of `[validity]`, or another word if there is no bound.
     value, time : float
-        The largest value so far, and its moment [s].
+        The largest value so far, and its time [s].
     warning : float
-        Value from which on the user is told.
+        Value above which a run has a note.
     text : callable
-        The sentence.
+        Returns the sentence.
     against_bound : float, optional
-        What is compared with the bound of `[validity]`, if not the value.
+        Number that is compared with the bound of `[validity]`, if not the value.
     """
 
     body: str

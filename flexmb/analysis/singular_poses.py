@@ -1,9 +1,9 @@
-"""Motions that joints and drivers do not fix, or fix twice, in sentences that name a cure.
+"""Motions that joints and drivers leave free or over-constrain: sentences that name a cure.
 
 In: a pose of a kinematic analysis. Out: which coordinates are free, which drivers contradict each
-other or a locked mechanism, which rows hold a singular pose and what to drive there instead. They
-follow from the singular values of the weighted Jacobian: a left null vector is a set of rows of
-which each is a combination of the others, a right one is a motion that no row hinders.
+other or a locked mechanism, which rows cause a singular pose and which coordinate to drive there
+instead. They follow from the singular value decomposition of the weighted Jacobian: a left null
+vector is a set of dependent rows, a right null vector a free motion.
 """
 
 from __future__ import annotations
@@ -43,15 +43,15 @@ _OWN_SENTENCE = (
     method.SELF_LOCKING,
 )
 _ROUND_OFF, _NEARLY_REDUNDANT = 1e-13, 1e-3  # singular values over the largest
-_NEARLY_SINGULAR = 0.02  # least singular value over the next one: a singular pose is near
-_SINGULAR_DROP = 0.2  # singular value over that of the first pose
-_CONTRADICTED = 1e-6  # share of the prescribed motion that no motion can follow
-_RATE_ROUND_OFF = 1e-6  # of the largest rate of a joint coordinate in a motion
-_MOVING_BODY = 0.1  # of a motion of size one
-_JOINT_SHARE = 0.2  # of the largest entry of a null vector
-_DRIVER_SHARE = 0.05  # of the same, for drivers
+_NEARLY_SINGULAR = 0.02  # least singular value over the next one near a singular pose
+_SINGULAR_DROP = 0.2  # singular value over that of the first pose near a singular pose
+_CONTRADICTED = 1e-6  # share of the prescribed motion that contradicts other rows
+_RATE_ROUND_OFF = 1e-6  # rate of a joint coordinate over the largest one that is round-off
+_MOVING_BODY = 0.1  # least motion of a body that is named, for a motion of size one
+_JOINT_SHARE = 0.2  # least entry of a joint that is named, over the largest of a null vector
+_DRIVER_SHARE = 0.05  # the same for drivers
 _MAX_SHOWN = 4
-_GROUND_PREFERENCE = 2.0  # for coordinates of joints with ground, where actuators sit
+_GROUND_PREFERENCE = 2.0  # weight of coordinates of joints with ground, where actuators usually are
 
 
 def call_kinematics(system: System, state: State, work: Work, path: Path, what: int) -> float:
@@ -61,11 +61,11 @@ def call_kinematics(system: System, state: State, work: Work, path: Path, what: 
 
 
 def singular_pose_sentence(compiled: Compiled, q: Array, q_first: Array) -> str:
-    """The sentence for a run that ends at positions where equations are nearly redundant, or "".
+    """The sentence on a run that ends at positions where equations are nearly redundant, or "".
 
-    Those that are redundant at the first positions as well do not count.
+    Equations that are redundant at the first positions as well are ignored.
     """
-    if not np.isfinite(q).all():  # a motion that has diverged
+    if not np.isfinite(q).all():  # the motion has diverged
         return ""
     if compiled.layout.nv > MAX_COORDINATES or not compiled.layout.nc:
         return ""
@@ -106,7 +106,7 @@ class KinematicPose:
         return float(self.state.t[0])
 
     def evaluate(self, time: float, q: Array, v: Array) -> Work:
-        """Everything evaluated at another time, position and velocity; the state stays."""
+        """Evaluate the model at another time, position and velocity; the state does not change."""
         other = self.state._replace(
             t=np.array([time]), q=q.copy(), v=v.copy(), angles=self.state.angles.copy()
         )
@@ -157,7 +157,7 @@ class KinematicPose:
 
 
 def _main_rows(compiled: Compiled, vector: Array) -> list[str]:
-    """Names of the rows that take part most in a vector (nc,), largest first."""
+    """Names of the rows with the largest entries of a vector (nc,), largest first."""
     size = np.abs(vector)
     order = [k for k in np.argsort(-size) if size[k] > _JOINT_SHARE * size.max()]
     return [compiled.layout.rows[k] for k in order[:_MAX_SHOWN]]
@@ -169,14 +169,14 @@ def _owners(names: Sequence[str]) -> list[str]:
 
 
 def _drivers_of(compiled: Compiled, vector: Array) -> list[str]:
-    """Scene paths of the drivers that take part in a vector (nc,)."""
+    """Scene paths of the drivers with significant entries of a vector (nc,)."""
     size, rows = np.abs(vector), compiled.layout.rows
     which = [k for k in range(len(rows)) if size[k] > _DRIVER_SHARE * size.max()]
     return _owners([rows[k] for k in which if rows[k].startswith("drivers.")])
 
 
 def free_motion_sentence(pose: KinematicPose, analysis: str = "a kinematic analysis") -> str:
-    """The sentence for a pose whose rows leave motions free, which an analysis needs driven."""
+    """The sentence on a pose with free motions, which an analysis needs to be driven."""
     jacobian = pose.jacobian()
     free = jacobian.velocities(jacobian.decomposition.free)
     count, n = free.shape[1], jacobian.A.shape[1]
@@ -193,7 +193,7 @@ def free_motion_sentence(pose: KinematicPose, analysis: str = "a kinematic analy
 
 
 def _independent(rates: dict[str, Array]) -> list[str]:
-    """Coordinates that fix as many motions together as they can, those that move most first."""
+    """Coordinates that together fix the largest number of motions, those that move most first."""
     if not rates:
         return []
     names, left, selected = list(rates), np.array(list(rates.values())), list[str]()
@@ -210,7 +210,7 @@ def _independent(rates: dict[str, Array]) -> list[str]:
 
 
 def _moving_bodies(pose: KinematicPose, free: Array) -> list[str]:
-    """Bodies that take part in free motions (nv, k), most first."""
+    """Bodies that move in free motions (nv, k), largest motion first."""
     motions = free * pose.compiled.system.weights[:, None]
     sizes = {
         f"bodies.{body.name}": float(np.linalg.norm(motions[body.iv : body.iv + 6]))
@@ -223,7 +223,7 @@ def _moving_bodies(pose: KinematicPose, free: Array) -> list[str]:
 def kinematics_failure_sentence(
     status: int, pose: KinematicPose, settings: KinematicsSettings
 ) -> str:
-    """The sentence for an analysis that ended early with this status."""
+    """The sentence on an analysis that ended early with this status."""
     time, interval = pose.time, settings.interval
     later = min(time + interval, interval * settings.outputs)
     times = (time, float(pose.work.trial.t[0]), later)
@@ -250,7 +250,7 @@ def kinematics_failure_sentence(
 
 
 def _jump(pose: KinematicPose, before: float, after: float) -> str:
-    """The sentence for a driver whose function jumps."""
+    """The sentence on a driver whose function jumps."""
     jumps = {
         f"drivers.{name}.{motion.coordinate}": abs(
             motion.function.value(after)[0] - motion.function.value(before)[0]
@@ -267,7 +267,7 @@ def _jump(pose: KinematicPose, before: float, after: float) -> str:
 
 
 def _contradiction(pose: KinematicPose, rows: Decomposition, time: float, later: float) -> str:
-    """The sentence for drivers of motions that rows prevent; empty if it is not that."""
+    """The sentence on drivers of motions that other rows prevent, or ""."""
     weights, at_rest = pose.compiled.system.row_weights, np.zeros_like(pose.state.v)
     rates = pose.evaluate(time, pose.state.q, at_rest).con.rate * weights
     gaps = pose.evaluate(later, pose.state.q, at_rest).con.C * weights
@@ -301,7 +301,7 @@ def _contradicting_drivers(
 
 
 def _singular_pose(pose: KinematicPose, jacobian: WeightedJacobian, time: float) -> str:
-    """The sentence for a pose that is singular or nearly so; empty if it is not."""
+    """The sentence on a singular or nearly singular pose, or ""."""
     n, U, S = jacobian.A.shape[1], jacobian.decomposition.U, jacobian.decomposition.S
     if n < 2 or len(S) < n or S[n - 1] > _NEARLY_SINGULAR * S[n - 2]:
         return ""
@@ -318,7 +318,7 @@ def _singular_pose(pose: KinematicPose, jacobian: WeightedJacobian, time: float)
 
 
 def _pose_of_rows(compiled: Compiled, vector: Array, drivers: list[str]) -> str:
-    """Words on a singular pose by the rows that hold it, a vector (nc,)."""
+    """Text on a singular pose by its dependent rows, a vector (nc,)."""
     joints = [name for name in _main_rows(compiled, vector) if not name.startswith("drivers.")]
     text = "a singular pose (a dead point, or the limit of its reach)"
     text += f" held by {', '.join(joints)}" if joints else ""
@@ -326,7 +326,7 @@ def _pose_of_rows(compiled: Compiled, vector: Array, drivers: list[str]) -> str:
 
 
 def _branch(pose: KinematicPose, time: float) -> str:
-    """The sentence for a point that does not continue the motion."""
+    """The sentence on a point that is on another branch of the motion."""
     after = float(pose.work.trial.t[0])
     jump = np.abs(pose.work.trial.v - pose.state.v) * pose.compiled.system.weights
     bodies = pose.compiled.layout.bodies
@@ -348,7 +348,7 @@ def holders(pose: KinematicPose, q: Array | None = None) -> str:
 
 
 def singular_pose_notes(pose: KinematicPose) -> list[str]:
-    """A note for each singular pose that the motion passed through smoothly."""
+    """A note on each singular pose that the motion passed smoothly."""
     path, notes = pose.path, []
     count = int(path.count[0]["singular_poses"])
     for k in range(min(count, len(path.singular_times))):

@@ -38,12 +38,12 @@ from flexmb.engine.kinematics_point import (
     are_finite,
     check_branch,
     next_increment,
-    note_singular_pose,
     predict,
-    remember_point,
+    record_singular_pose,
     solve_positions,
     solve_reactions,
     solve_velocities_accelerations,
+    store_point,
 )
 from flexmb.engine.method import NOT_FINITE, SUCCESS
 from flexmb.engine.sensors.sensor import count_turns
@@ -86,8 +86,8 @@ def reach_output(run: Run, path: Path, settings: KinematicsSettings) -> int:
             status = run_stage(run.stages.angle_path, run, at)
         if status == SUCCESS:
             if not first:
-                note_singular_pose(run, path)
-            remember_point(run, path, h)
+                record_singular_pose(run, path)
+            store_point(run, path, h)
             st.t[0] = target if h == left else tr.t[0]
             copy(tr.q, st.q)
             copy(tr.v, st.v)

@@ -1,16 +1,16 @@
 """One point of a kinematic analysis: positions, velocities, accelerations and reactions.
 
-The factor is that of [[W, Cqᵀ], [Cq, −ε]], W a diagonal metric. Newton's method for the positions
-begins with the factor of the point before, and renews it where its contraction is poor; the factor
-of the solution then serves velocities, accelerations and reactions. Inverse dynamics:
-Cqᵀ λ = Q − M v̇ is solved for λ; where rows repeat others, the least λ. What holds the shapes of
-flexible bodies takes the modal forces.
+All solves use a factor of [[W, Cqᵀ], [Cq, −ε]] with a diagonal metric W. Newton's method for the
+positions begins with the factor of the point before, and renews it if it contracts too slowly. The
+factor at the solution is then used for velocities, accelerations and reactions. Inverse dynamics
+solves Cqᵀ λ = Q − M v̇; with redundant rows, for the λ of least norm. Modal forces are left out:
+they are taken by what keeps flexible bodies undeformed.
 
-Whether a point continues the motion: with the prediction h v + h²/2 v̇ and a motion without jumps,
-the solution is off by h²/6 (v̇₁ − v̇₀) to the next order; on another branch of the mechanism it is
-off by the distance of the branches, however small h is. Velocities are compared likewise, by the
-trapezoidal rule. A pose where Cq is singular lies between two points if the solution of
-Cq x = probe has changed its direction.
+Test that a point continues the motion: for a smooth motion, the solution differs from the
+prediction h v + h²/2 v̇ by h²/6 (v̇₁ − v̇₀) in the next order. On another branch of the mechanism
+it differs by the distance of the branches, however small h is. Velocities are compared in the same
+way, by the trapezoidal rule. There is a singular pose between two points if the solution of Cq x =
+probe reverses its direction.
 """
 
 from __future__ import annotations
@@ -53,23 +53,23 @@ from flexmb.engine.state import Run
 
 #: Memory of a kinematic analysis, from point to point.
 PATH_MEMORY = np.dtype([
-    ("next_increment", "f8"),  # to try next, s
-    ("motion_since_factor", "f8"),  # < 0: the factor is of no use
-    ("largest_pivot", "f8"),  # of the least ones so far
+    ("next_increment", "f8"),  # increment to try next, s
+    ("motion_since_factor", "f8"),  # weighted displacement since the factor; < 0: there is none
+    ("largest_pivot", "f8"),  # largest of the least row pivots of all points so far
 ])  # fmt: skip
 
-#: What it has done so far.
+#: Counters of a kinematic analysis.
 PATH_COUNTERS = np.dtype([("iterations", "i8"), ("factorisations", "i8"), ("singular_poses", "i8")])
 
 
 class KinematicsSettings(NamedTuple):
-    """What a kinematic analysis is asked for."""
+    """Settings of a kinematic analysis."""
 
     start: float  # s
-    interval: float  # between points, s
-    outputs: int  # intervals
-    gap: float  # gap of the constraints that is round-off, weighted
-    redundant: int  # rows that repeat others
+    interval: float  # interval of outputs, s
+    outputs: int  # number of intervals
+    gap: float  # constraint violation that is round-off, weighted
+    redundant: int  # number of redundant rows
 
 
 class Path(NamedTuple):
@@ -78,9 +78,9 @@ class Path(NamedTuple):
     metric: Vector  # (nv,) W
     probe: Vector  # (nc,) right side whose solution shows singular poses
     direction_before: Vector  # (nv,) that solution at the last point
-    direction: Vector  # (nv,) and at the trial point
-    jerk: Vector  # (nv,) last difference of v̇
-    correction: Vector  # (nv,) of the prediction
+    direction: Vector  # (nv,) that solution at the trial point
+    jerk: Vector  # (nv,) last difference of v̇ over its increment
+    correction: Vector  # (nv,) sum of Newton corrections to the prediction
     functions_before: Matrix  # (functions, 3) functions at the last point
     powers: Matrix  # (4, 3) powers at the last outputs, newest first
     memory: array_of(PATH_MEMORY)  # (1,)
@@ -90,25 +90,25 @@ class Path(NamedTuple):
 
 
 _MAX_ITERATIONS = 15
-_RENEW_AFTER_MOTION = 0.02  # motion after which a factor is renewed before it is used
-_RENEW_ABOVE = 0.05  # contraction from which on a new factor costs less than iterations
-_GIVE_UP_ABOVE = 0.9
-_MAX_CORRECTION = 0.5  # a correction of this size does not belong to the prediction
-_ROUND_OFF = 4e-16  # of a function of time
-_REDUNDANT_GAP = 1e-10  # rows that repeat others may leave this much
-_MAX_ROUNDS = 6
-_RATE_TOLERANCE = 1e-13  # relative, of velocities and accelerations
-_CONTRADICTION = 1e-7  # relative: redundant rows that prescribe other velocities than the rest
-_MIN_SPEED = 1e-290  # 1e-13 of it is the smallest normal number
+_RENEW_AFTER_MOTION = 0.02  # weighted displacement after which a factor is renewed before use
+_RENEW_ABOVE = 0.05  # contraction above which a new factor costs less than iterations
+_FAIL_ABOVE = 0.9  # contraction with a new factor above which Newton's method fails
+_MAX_CORRECTION = 0.5  # largest weighted correction of a prediction
+_ROUND_OFF = 4e-16  # relative round-off of a function of time
+_REDUNDANT_GAP = 1e-10  # weighted violation that redundant rows may have
+_MAX_ROUNDS = 6  # refinements of velocities and accelerations
+_RATE_TOLERANCE = 1e-13  # relative error of velocities and accelerations
+_CONTRADICTION = 1e-7  # relative velocity error above which redundant rows contradict the others
+_MIN_SPEED = 1e-290  # least scale of velocities; 1e-13 of it is hardly a normal number
 
-# Least pivot of a row, over what it is without the rest of the mechanism, against the largest such
-# so far: a singular pose below. (Where rows repeat others their pivots are small anyhow.)
-_SINGULAR = 1e-7
+# Singular pose: least row pivot, over that without other rows, below this share of the largest such
+# value of all points so far. Not tested with redundant rows, whose pivots are always small.
+_SINGULAR_PIVOT_RATIO = 1e-7
 
 
 @unit
 def solve_positions(run: Run, path: Path, settings: KinematicsSettings) -> int:
-    """Put the trial positions on C = 0; leaves the factor of the pose. Returns the status."""
+    """Solve C = 0 for the trial positions; then factor at the solution. Returns the status."""
     sys, at, con, fac = run.system, run.trial_point, run.work.con, run.work.factor
     q, dq, C, sol, place, memory = (
         at.q,
@@ -123,7 +123,7 @@ def solve_positions(run: Run, path: Path, settings: KinematicsSettings) -> int:
     renew = (
         memory["motion_since_factor"] < 0.0 or memory["motion_since_factor"] > _RENEW_AFTER_MOTION
     )
-    enough = settings.gap + _noise(sys.rows, sys.row_weights, con.fun)
+    enough = settings.gap + _function_round_off(sys.rows, sys.row_weights, con.fun)
     size, last, fresh = math.inf, 0.0, False
     for _ in range(_MAX_ITERATIONS):
         pose_stage(run, at)
@@ -150,7 +150,7 @@ def solve_positions(run: Run, path: Path, settings: KinematicsSettings) -> int:
         if not size <= _MAX_CORRECTION:
             return NO_CONVERGENCE
         renew = last > 0.0 and size > _RENEW_ABOVE * last and size > enough
-        if fresh and last > 0.0 and size > _GIVE_UP_ABOVE * last and gap > _REDUNDANT_GAP:
+        if fresh and last > 0.0 and size > _FAIL_ABOVE * last and gap > _REDUNDANT_GAP:
             return NO_CONVERGENCE
         last = size
         move(sys.parts, q, dq, q)
@@ -159,8 +159,8 @@ def solve_positions(run: Run, path: Path, settings: KinematicsSettings) -> int:
 
 
 @kernel
-def _noise(rows, row_weights, fun):
-    """Round-off of what the rows compare with functions of time, weighted."""
+def _function_round_off(rows, row_weights, fun):
+    """Round-off of the functions of time in the rows, weighted."""
     size = 0.0
     for k in range(rows.shape[0]):
         if rows[k]["fun"] >= 0:
@@ -170,14 +170,14 @@ def _noise(rows, row_weights, fun):
 
 @unit
 def solve_velocities_accelerations(run: Run, path: Path, settings: KinematicsSettings) -> int:
-    """Trial velocities and accelerations from the constraints, from guesses; returns the status."""
+    """Trial velocities and accelerations from the constraints, by refining predicted ones."""
     sys, at, con, fac = run.system, run.trial_point, run.work.con, run.work.factor
     sol, place, v, memory = fac.sol, sys.kkt.place, at.v, path.memory[0]
     nv = v.shape[0]
     if settings.redundant == 0:
         pivot = _least_pivot(place, nv, fac.d, fac.eps)
         memory["largest_pivot"] = max(memory["largest_pivot"], pivot)
-        if pivot < _SINGULAR * memory["largest_pivot"]:
+        if pivot < _SINGULAR_PIVOT_RATIO * memory["largest_pivot"]:
             return SINGULAR_POSE
     scale, off = _MIN_SPEED, math.inf
     for n in range(_MAX_ROUNDS + 1):
@@ -195,7 +195,7 @@ def solve_velocities_accelerations(run: Run, path: Path, settings: KinematicsSet
     bias_stage(run, at)
     constraint_right_side(run)
     correct_accelerations(run, at.vd)
-    # The solution of Cq x = probe: its direction flips where det Cq passes zero.
+    # the solution of Cq x = probe reverses its direction where det Cq changes sign
     _solve_rows(sys.kkt, fac, nv, path.probe, 1.0)
     for i in range(nv):
         path.direction[i] = sol[place[i]]
@@ -204,7 +204,7 @@ def solve_velocities_accelerations(run: Run, path: Path, settings: KinematicsSet
 
 @kernel
 def _least_pivot(place, nv, d, eps):
-    """The smallest pivot of a row over its own compliance: small where others decide the row."""
+    """The smallest pivot of a row over that without other rows: small near a singular pose."""
     least = 1.0
     for i in range(nv, place.shape[0]):
         k = place[i]
@@ -215,7 +215,7 @@ def _least_pivot(place, nv, d, eps):
 
 @unit
 def correct_accelerations(run: Run, vd: Vector) -> int:
-    """Correct vd to Cq v̇ = γ."""
+    """Refine vd until Cq v̇ = γ."""
     kkt, fac, gamma, row_weights = (
         run.system.kkt, run.work.factor, run.work.con.gamma, run.system.row_weights
     )  # fmt: skip
@@ -245,7 +245,7 @@ def correct_accelerations(run: Run, vd: Vector) -> int:
 
 @kernel
 def _solve_rows(kkt, fac, nv, values, sign):
-    """fac.sol from no forces on the coordinates and these values of the rows, times a sign."""
+    """fac.sol for the right side (0; sign × values)."""
     place, sol = kkt.place, fac.sol
     for i in range(nv):
         sol[place[i]] = 0.0
@@ -254,8 +254,8 @@ def _solve_rows(kkt, fac, nv, values, sign):
     solve(kkt, fac, sol)
 
 
-# Forces that depend on reactions: rounds until these settle, relative.
-_MAX_FORCE_ROUNDS, _SETTLED = 100, 1e-12
+# Forces that depend on reactions: largest number of iterations; relative change at convergence.
+_MAX_FORCE_ROUNDS, _FORCE_TOLERANCE = 100, 1e-12
 
 
 @unit
@@ -280,33 +280,35 @@ def solve_reactions(run: Run) -> int:
         _clear_modal_forces(run.system.parts.bodies, res)
         for i in range(nv):
             fac.rhs[place[i]] = -res[i]
-        solve_refined(kkt, fac, 1)  # takes the regularisation, 1e-9, back to round-off
+        solve_refined(kkt, fac, 1)  # removes the effect of the regularisation, 1e-9
         change, size = 0.0, 0.0
         for i in range(nc):
             lam[i] = fac.sol[place[nv + i]]
             change = max(change, abs(lam[i] - before[i]) / weights[i])
             size = max(size, abs(lam[i]) / weights[i])
-        if not depends_on_solution(run) or (n > 0 and change <= _SETTLED * size):
+        if not depends_on_solution(run) or (n > 0 and change <= _FORCE_TOLERANCE * size):
             return SUCCESS
     return SELF_LOCKING if len(run.stages.reaction.units) > 0 else NO_LOOP_CONVERGENCE
 
 
 @kernel
 def _clear_modal_forces(bodies, res):
-    """No forces on modal coordinates: what holds the shapes takes them."""
+    """Set the residual of modal coordinates to zero: bodies are kept undeformed."""
     for k in range(bodies.shape[0]):
         for j in range(bodies[k]["m"]):
             res[bodies[k]["iv"] + 6 + j] = 0.0
 
 
-_MAX_MOTION = 0.5  # of an increment, of the model size or rad
-_MAX_DEVIATION = 0.25  # from the prediction, over the motion: another branch, or too long a step
-_SAME_BRANCH = 1e-5  # of the model size: branches this close are one
-_VELOCITY_DEVIATION = 0.55  # a jump of v̇ within the increment leaves 0.5
-_MIN_MOTION = 1e-12  # by a deviation of velocities, over the model size
-_JUMP_RATIO = 3.0  # change of a function over what its slopes predict: more is a jump
-_JUMP_ROUND_OFF = 1e-9  # of the size of a function
-_FLIPPED = -0.5  # cosine
+_MAX_MOTION = 0.5  # largest displacement of an increment, over the size of the model or in radians
+# Largest deviation from the prediction over the displacement of an increment; beyond, the point is
+# on another branch or the increment is too long.
+_MAX_DEVIATION = 0.25
+_SAME_BRANCH = 1e-5  # deviation over the size of the model within which branches are the same
+_VELOCITY_DEVIATION = 0.55  # the same for velocities, where a jump of v̇ in the increment gives 0.5
+_MIN_MOTION = 1e-12  # displacement by a velocity deviation, over the size, that is round-off
+_JUMP_RATIO = 3.0  # change of a function over that by its slopes, above which it jumps
+_JUMP_ROUND_OFF = 1e-9  # change of a function over its size that is round-off
+_REVERSED_COSINE = -0.5  # cosine between two directions below which they are reversed
 
 
 @kernel
@@ -321,7 +323,7 @@ def are_finite(functions, fun):
 
 @kernel
 def next_increment(left, h, speed):
-    """The increment to try: h or less, in parts of the time `left` that are about equal."""
+    """The increment to try [s]: h or less, such that the time `left` has similar increments."""
     if h * speed > _MAX_MOTION:
         h = _MAX_MOTION / speed
     if h > left * (1.0 - 1e-9):
@@ -331,7 +333,7 @@ def next_increment(left, h, speed):
 
 @unit
 def predict(run: Run, path: Path, h: float) -> int:
-    """Trial motion and rates at h by Taylor's series; no corrections yet."""
+    """Predict the displacement, v and v̇ over h by Taylor's series; set corrections to zero."""
     st, dq, at = run.state, run.work.trial.dq, run.trial_point
     v0, vd0, jerk, v, vd, correction = st.v, st.vd, path.jerk, at.v, at.vd, path.correction
     for i in range(v0.shape[0]):
@@ -344,8 +346,8 @@ def predict(run: Run, path: Path, h: float) -> int:
 
 
 @unit
-def remember_point(run: Run, path: Path, h: float) -> int:
-    """What the next point needs of the trial point, which is accepted."""
+def store_point(run: Run, path: Path, h: float) -> int:
+    """Store of the accepted trial point what the next point needs."""
     fun, before = run.work.con.fun, path.functions_before
     vd0, vd, jerk = run.state.vd, run.work.trial.vd, path.jerk
     for i in range(vd.shape[0]):
@@ -359,9 +361,9 @@ def remember_point(run: Run, path: Path, h: float) -> int:
 
 @unit
 def check_branch(run: Run, path: Path, h: float, last: int) -> int:
-    """Compare the trial point with the state before it (0); returns the status.
+    """Test that the trial point continues the motion of the state; returns the status.
 
-    `last` = 1: there is no smaller increment, so a jump in the slope of a function is accepted.
+    `last` = 1: there is no smaller increment, so a jump of the rate of a function is accepted.
     """
     functions, fun, w = run.system.functions, run.work.con.fun, run.system.weights
     v0, vd0, v, vd = run.state.v, run.state.vd, run.work.trial.v, run.work.trial.vd
@@ -388,7 +390,7 @@ def check_branch(run: Run, path: Path, h: float, last: int) -> int:
 def _jumps(functions, before, now, h, order):
     """Whether a function (order 0) or its rate (order 1) jumps between two times.
 
-    Otherwise it changes by no more than the larger of its slopes says.
+    It jumps if it changes by more than `_JUMP_RATIO` times the change by the larger slope.
     """
     live = functions.live
     for k in range(live.shape[0]):
@@ -403,8 +405,8 @@ def _jumps(functions, before, now, h, order):
 
 
 @unit
-def note_singular_pose(run: Run, path: Path) -> int:
-    """Count a singular pose between the state and the trial point, and note when and where."""
+def record_singular_pose(run: Run, path: Path) -> int:
+    """Count a singular pose between the state and the trial point, and store times and q."""
     weights, before, here = run.system.weights, path.direction_before, path.direction
     times, count = path.singular_times, path.count[0]
     both, first, second = 0.0, 0.0, 0.0
@@ -413,7 +415,7 @@ def note_singular_pose(run: Run, path: Path) -> int:
         both += w * before[i] * here[i]
         first += w * before[i] * before[i]
         second += w * here[i] * here[i]
-    if both < _FLIPPED * math.sqrt(first * second):
+    if both < _REVERSED_COSINE * math.sqrt(first * second):
         k = count["singular_poses"]
         if k < times.shape[0]:
             times[k, 0], times[k, 1] = run.state.t[0], run.work.trial.t[0]
@@ -426,7 +428,7 @@ def note_singular_pose(run: Run, path: Path) -> int:
 def add_works(h, k, power, powers, work):
     """Works (3) up to output k at interval h, by formulas of order four (Adams–Moulton, Simpson).
 
-    `powers` (4, 3) keeps those of the last outputs, newest first.
+    `powers` (4, 3) has those of the last outputs, newest first; it is updated.
     """
     for c in range(3):
         for n in range(3):

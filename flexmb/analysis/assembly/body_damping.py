@@ -29,23 +29,24 @@ from flexmb.results import BodyDamping
 
 
 def selected_damping(model: Model, name: str, body: FlexBody) -> DampingOptions | None:
-    """The damping of a flexible body: that of the scene, or else of the body itself."""
+    """The damping of a flexible body: that of the scene, otherwise that of the body itself."""
     words = read_damping(getattr(model.bodies[name], "damping", None))
     return body.damping if words is None else words
 
 
 @one_blas_thread()
 def add_damping(compiled: Compiled, model: Model, q: Array) -> tuple[Compiled, list[BodyDamping]]:
-    """The model with the damping of its flexible bodies, and the ratios of their modes.
+    """The model with the damping of its flexible bodies, and the damping ratios of their modes.
 
-    Of several flexible bodies also those of the modes that all have together, under no name.
+    If there are several flexible bodies, the last entry, without a name, has the ratios of the
+    modes of all of them together.
 
     Parameters
     ----------
     compiled, model : Compiled, Model
-        The model, which is returned as it is if it has its damping already.
+        The model, which is returned unchanged if it is damped already.
     q : (nq,) array
-        First positions, closed.
+        First positions, which satisfy the constraints.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What does not close: the worst joints with their gaps, joints and cams on the wrong branch."""
+"""Assembly errors: the joints with the largest gaps, joints and cams on the wrong branch."""
 
 from __future__ import annotations
 
@@ -18,15 +18,16 @@ from flexmb.model.model import Model
 from flexmb.units import UnitSystem
 
 _MAX_SHOWN = 3
-_SAME_DIRECTION = 0.5  # cosine between axes that belong together; rows leave only 1, or 0 and below
-_ROUND_OFF = 1e-6  # relative to the model size, or radians: what the digits of a mesh file leave
-_COORDINATE_ROUND_OFF = 0.1 * _ROUND_OFF  # of each coordinate: seven together make less than that
-_PENETRATION = 1e-6  # of the size of a curve that a follower may be inside of it
+# Least cosine between two axes of the same direction; closed rows allow only 1, or 0 and below.
+_SAME_DIRECTION = 0.5
+_ROUND_OFF = 1e-6  # over the size of the model, or in radians: rounding of numbers in a mesh file
+_COORDINATE_ROUND_OFF = 0.1 * _ROUND_OFF  # of one of the seven coordinates of a body
+_PENETRATION = 1e-6  # of a follower into its curve, over the size of the curve
 
 
 @dataclass(frozen=True)
 class Offset:
-    """How far a joint or driver is open, or a body was moved and turned: metres and radians.
+    """The gap of a joint or driver, or the displacement of a body: in metres and radians.
 
     `name` is a scene path, or the name of the body.
     """
@@ -36,18 +37,19 @@ class Offset:
     angle: float
 
     def text(self, units: UnitSystem) -> str:
-        """In the scene's unit of length and in degrees."""
+        """Text, in the scene's unit of length and in degrees."""
         return f"{units.say(self.distance, 'm', 4)} and {np.degrees(self.angle):.4g} deg"
 
     def size(self, length: float) -> float:
-        """One number to sort by, with distances over a length."""
+        """One number for sorting: distances over a length, angles in radians."""
         return self.distance / length + self.angle
 
 
 def joint_gaps(compiled: Compiled, work: Work) -> list[Offset]:
-    """The gaps of all joints and drivers at the last evaluated positions, worst first.
+    """The gaps of all joints and drivers at the last evaluated positions, largest first.
 
-    Equations of the coordinates of forces and sensors hold in any pose: they are no gaps.
+    Equations for the coordinates of forces and sensors can be satisfied in any pose: they have no
+    gaps.
     """
     system, names = compiled.system, compiled.layout.rows
     gaps = []
@@ -60,7 +62,7 @@ def joint_gaps(compiled: Compiled, work: Work) -> list[Offset]:
         kinds = system.rows["kind"][rows]
         angular, cosine = np.array([ROW_KINDS[k].angular for k in kinds], bool), kinds == DOT1
         distance, angle = (float(np.linalg.norm(C[w])) for w in (~angular, angular & ~cosine))
-        angle += np.arcsin(min(1.0, float(np.linalg.norm(C[cosine]))))  # C: sine of what is open
+        angle += np.arcsin(min(1.0, float(np.linalg.norm(C[cosine]))))  # C: sine of the gap
         gaps.append(Offset(name, *_without_round_off(compiled, distance, angle)))
     return sorted(gaps, key=lambda gap: -gap.size(compiled.length))
 
@@ -70,7 +72,7 @@ def moved_bodies(
 ) -> tuple[Offset, ...]:
     """The bodies that differ between two positions (nq), farthest first."""
     moved = []
-    for body in _changed(compiled, before, after):
+    for body in _changed_bodies(compiled, before, after):
         q, p = before[body.iq : body.iq + 7], after[body.iq : body.iq + 7]
         sine = np.linalg.norm(np.outer(q[3:], p[3:]) - np.outer(p[3:], q[3:])) / np.sqrt(2.0)
         angle = 2.0 * float(np.arctan2(sine, abs(q[3:] @ p[3:])))
@@ -80,10 +82,10 @@ def moved_bodies(
     return tuple(sorted(moved, key=lambda body: -body.size(compiled.length)))
 
 
-def _changed(
+def _changed_bodies(
     compiled: Compiled, before: NDArray[np.float64], after: NDArray[np.float64]
 ) -> Iterator[BodyColumns]:
-    """The bodies that may have moved: a coordinate of theirs differs by more than a little."""
+    """The bodies with a coordinate that differs by more than round-off."""
     least = _COORDINATE_ROUND_OFF * np.repeat([compiled.length, 1.0], [3, 4])
     columns = compiled.system.parts.bodies["iq"][:, None] + np.arange(7)
     little = (np.abs(after[columns] - before[columns]) <= least).all(axis=1)
@@ -91,9 +93,9 @@ def _changed(
 
 
 def assembly_notes(gaps: Sequence[Offset], moved: Sequence[Offset], units: UnitSystem) -> list[str]:
-    """What was open as placed, worst first, and which bodies moved for it, in the scene's units.
+    """Notes on gaps in the pose of the scene, largest first, and on the bodies that were moved.
 
-    Nothing if no body had to move.
+    No notes if no body had to move.
     """
     if not moved:
         return []
@@ -101,7 +103,7 @@ def assembly_notes(gaps: Sequence[Offset], moved: Sequence[Offset], units: UnitS
 
 
 def moved_notes(moved: Sequence[Offset], units: UnitSystem) -> list[str]:
-    """Which bodies had to move from where the scene places them, farthest first."""
+    """Notes on the bodies that were moved from their pose in the scene, farthest first."""
     return [f"assembled with least change; moved: {_listing(moved, units)}"] if moved else []
 
 
@@ -118,7 +120,7 @@ def _without_round_off(compiled: Compiled, far: float, angle: float) -> tuple[fl
 
 
 def open_by(model: Model, gap: Offset) -> str:
-    """The size of a gap; of a joint with its two markers, and with the axis that it lacks."""
+    """Text on a gap; of a joint with its two markers, and with its axis if the scene gives none."""
     section, _, name = gap.name.partition(".")
     text = f"open by {gap.text(model.units)}"
     if section != "joints":
@@ -136,7 +138,7 @@ def open_by(model: Model, gap: Offset) -> str:
 def gap_problems(
     compiled: Compiled, model: Model, work: Work, moved: tuple[Offset, ...]
 ) -> list[Problem]:
-    """The worst joints and drivers with their gaps, and the bodies that were moved most."""
+    """The joints and drivers with the largest gaps, and the bodies that were moved farthest."""
     head = Problem(
         "assembly",
         "the initial positions cannot be assembled; the worst joints follow. "
@@ -156,7 +158,7 @@ def gap_problems(
 def check_branches(
     compiled: Compiled, model: Model, state: State, work: Work, initial_axes: NDArray[np.float64]
 ) -> None:
-    """Refuse joints whose axes differ, by 120 or 180 deg, though all their rows vanish.
+    """Refuse joints whose axes differ by 120 or 180 deg although all their rows are zero.
 
     ``initial_axes`` (markers, 3, 3) are the axes of the markers before the joints closed.
 
@@ -180,8 +182,8 @@ def check_branches(
 def _turned_joints(
     compiled: Compiled, model: Model, work: Work, initial_axes: NDArray[np.float64]
 ) -> Iterator[tuple[str, float]]:
-    """Scene paths of the joints whose two sides are turned against each other, and the largest
-    angle [deg] between their axes as placed."""
+    """Scene paths of joints whose two triads differ in orientation, and the largest angle [deg]
+    between their axes in the pose of the scene."""
     system = compiled.system
     first = system.rows[system.groups["row"]]
     cosines, before = (  # (groups, 3) between equal axes
@@ -196,7 +198,7 @@ def _turned_joints(
 
 
 def _cam_problems(compiled: Compiled, model: Model, state: State, work: Work) -> Iterator[Problem]:
-    """Followers that their cam passes through in the assembled pose: on a wrong branch."""
+    """Followers that penetrate their cam in the assembled pose: they are on a wrong branch."""
     system = compiled.system
     for curve in system.parts.curve_markers:
         name = compiled.layout.coordinates[curve["coordinate"]].split(".")[1]
@@ -224,7 +226,7 @@ def _cam_problems(compiled: Compiled, model: Model, state: State, work: Work) ->
 def _curve_points(
     compiled: Compiled, curve: np.void, state: State, work: Work
 ) -> tuple[NDArray[np.float64], float]:
-    """Points (n, 3) of a curve where its marker stands now, and the size of the curve [m]."""
+    """Points (n, 3) of a curve at the present pose of its marker, and the size of the curve [m]."""
     parts, at, n = compiled.system.parts, int(curve["at"]), int(curve["n"])
     pieces = Pieces.of_pool(parts.pool, at, n)
     ends = pieces.ends
@@ -241,7 +243,7 @@ def _curve_points(
 
 
 def signs_of_axes(kind: str) -> tuple[int, ...]:
-    """Axes of the two triads that must point the same way, not opposite, in a joint of a type."""
+    """Axes of the two triads that must have the same, not the opposite direction, by joint type."""
     if kind in ("fixed", "prismatic", "orientation"):
         return (0, 1, 2)
     return (2,) if kind in ("revolute", "cylindrical", "screw", "planar", "parallel") else ()

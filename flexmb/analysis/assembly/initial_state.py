@@ -1,9 +1,9 @@
 """Consistent first state: positions, velocities, accelerations and multipliers.
 
-Positions by Gauss–Newton with least change of the placed pose, velocities by projection of those
-the scene prescribes, then, for a quasi-static start, elastic equilibrium with the rigid
-accelerations, at last v̇ and λ from [[M, Cqᵀ], [Cq, 0]] (v̇; λ) = (Q; γ). Changes are least in the
-mass matrix, where modal masses are M + b K: bodies are moved and hardly strained.
+Positions follow by Gauss–Newton with the least change of the pose of the scene, velocities by
+projection of the prescribed ones; then, for a quasi-static start, elastic equilibrium with the
+rigid accelerations; at last v̇ and λ from [[M, Cqᵀ], [Cq, 0]] (v̇; λ) = (Q; γ). Changes are least
+in the metric of the mass matrix, with modal masses M + b K: bodies are moved and hardly strained.
 """
 
 from __future__ import annotations
@@ -51,15 +51,15 @@ from flexmb.model.forces.force_characteristic import JointStopSpec
 from flexmb.model.model import Model
 from flexmb.results import BodyDamping
 
-_STIFFENING = 1e8  # stiffness of the modes over slow inertia while gaps close
-_SOFT_STIFFENING = 1e5  # the same where they do not close so
-_SLOWNESS = 1e3  # b of the quasi-static solve over 1/ω² of the softest mode
+_STIFFENING = 1e8  # b K over M of the softest mode while gaps are closed
+_SOFT_STIFFENING = 1e5  # the same if they do not close with the first
+_MASS_FACTOR = 1e3  # b of the quasi-static solve over 1/ω² of the softest mode
 _MAX_ROUNDS = 40  # of the quasi-static solve
-_DEFORMATION_TOLERANCE = 1e-12  # change of the deformation over the model size
-_RANK_TOLERANCE = 1e-10  # singular values of the rounds before that are round-off
-_NO_STIFFNESS = 1e-12  # a mode softer than this share of the stiffest has no stiffness at all
-_MAX_INTERPRETED = 200  # velocities up to which plain Python sets them within half a second
-_PENETRATION = 1e-9  # of a stop, over the model size (or radians), that round-off does not leave
+_DEFORMATION_TOLERANCE = 1e-12  # change of the deformation over the size of the model
+_RANK_TOLERANCE = 1e-10  # relative singular values of previous steps that are round-off
+_NO_STIFFNESS = 1e-12  # stiffness of a mode over the largest one that is none
+_MAX_INTERPRETED = 200  # velocity coordinates up to which plain Python takes half a second
+_PENETRATION = 1e-9  # least penetration of a stop that is no round-off, over the size or in radians
 
 _ACCELERATION_ERRORS = {
     NO_LOOP_CONVERGENCE: (
@@ -74,13 +74,13 @@ _ACCELERATION_ERRORS = {
 
 
 class _NoEquilibrium(AssemblyError):
-    """Modes find no equilibrium with the first motion."""
+    """There is no elastic equilibrium of the modes with the first motion."""
 
 
 @dataclass(frozen=True)
 class Assembled:
-    """The first state, the scratch it was computed with, what the user should know, the model with
-    the damping that its flexible bodies have there, and the ratios of their modes."""
+    """The first state with its scratch; notes for the user; the model with the damping of its
+    flexible bodies in this pose, and the damping ratios of their modes."""
 
     state: State
     work: Work
@@ -90,10 +90,10 @@ class Assembled:
 
 
 class StartValues(NamedTuple):
-    """Where to begin instead of the placed pose."""
+    """A start in place of the pose of the scene."""
 
     q: Array  # (nq,)
-    v: Array  # (nv,), NaN where the scene's own velocities hold
+    v: Array  # (nv,); NaN: the velocities of the scene are used
     time: float = 0.0  # s
 
 
@@ -109,18 +109,18 @@ def assemble(
     model : Model
         The model, for its initial velocities.
     start : {"undeformed", "quasi-static", "static"}
-        Whether flexible bodies start without deformation as far as the joints allow, or in elastic
-        equilibrium with weight, loads and the inertia forces of the first motion; or the whole
-        machine in equilibrium at rest, before it gets its velocities.
+        Flexible bodies start undeformed, as far as the joints allow; or in elastic equilibrium with
+        weight, loads and the inertia forces of the first motion; or the whole machine starts from
+        its equilibrium at rest, with the initial velocities added.
     begin : StartValues, optional
-        Positions and velocities to begin from, changed no more than joints and drivers need; then
-        `start` is ignored.
+        Positions and velocities to begin from, changed as little as joints and drivers require;
+        `start` is then ignored.
 
     Raises
     ------
     AssemblyError
-        Positions that cannot be closed (worst joints and gaps), a joint on its wrong branch, no
-        elastic equilibrium, or accelerations that are not finite.
+        Joints that cannot be closed (the largest gaps), a joint on its wrong branch, no elastic
+        equilibrium, or accelerations that are not finite.
     SceneError
         Damping of modes that do not exist.
     """
@@ -146,7 +146,7 @@ def assemble(
         before = state.q.copy()
         try:
             moved = close_positions(compiled, model, state, make, guess)
-        except AssemblyError:  # so stiff, deformed bodies close redundant joints too slowly
+        except AssemblyError:  # with stiff modes, redundant joints may close too slowly
             if not len(_modal_coordinates(compiled)):
                 raise
             state.q[:] = before
@@ -168,7 +168,7 @@ def assemble(
     modes = _modal_coordinates(compiled) if elastic else static_coordinates(compiled.system)
     if len(modes) and begin is None:
         try:
-            _equilibrate(compiled, modes, _SLOWNESS * period, state, work, close)
+            _equilibrate(compiled, modes, _MASS_FACTOR * period, state, work, close)
         except _NoEquilibrium as error:
             why = _on_global_spins(compiled, model, modes)
             why += _above_critical_speed(compiled, model, modes, state.v)
@@ -192,10 +192,10 @@ def assemble(
 
 
 def velocity_notes(compiled: Compiled, model: Model, q: Array) -> list[str]:
-    """What a run from the closed positions q (nq,) would change of the velocities of a scene.
+    """Notes on initial velocities that a run from the closed positions q (nq,) would change.
 
-    Nothing is compiled: missing units run as plain Python, where that is quick. Nothing is said
-    where a flexible body is not reduced yet: its modes may adapt.
+    Nothing is compiled: missing units run as plain Python, if that is fast enough. There are no
+    notes if a flexible body is not reduced yet, since its modes may satisfy the velocities.
     """
     specs = model.bodies.values()
     rigid = any(s.flexible and not b.m for s, b in zip(specs, compiled.layout.bodies, strict=True))
@@ -213,7 +213,7 @@ def velocity_notes(compiled: Compiled, model: Model, q: Array) -> list[str]:
 
 
 def _set_states(compiled: Compiled, state: State, work: Work, begin: StartValues | None) -> None:
-    """Set the states: values, then what starts as a function has then, which may need others."""
+    """Set scalar states: first values, then those that start as functions, which may use others."""
     free = [s for s in compiled.starts if begin is None or np.isnan(begin.v[s.iv])]
     for start in free:
         state.v[start.iv] = start.value
@@ -225,13 +225,13 @@ def _set_states(compiled: Compiled, state: State, work: Work, begin: StartValues
 
 
 def _modal_coordinates(compiled: Compiled) -> IntArray:
-    """(k,) places in v of all modes."""
+    """(k,) indices in v of all modes."""
     places = [body.iv + 6 + np.arange(body.m) for body in compiled.layout.bodies]
     return np.concatenate([np.zeros(0, np.int64), *places])
 
 
 def _on_global_spins(compiled: Compiled, model: Model, modes: IntArray) -> str:
-    """What to try where modes find no equilibrium and rotors do not tilt with their bearings."""
+    """Text on a cure if there is no equilibrium and rotors do not tilt with their bearings."""
     of = compiled.system.part
     names = [
         body.name
@@ -249,7 +249,7 @@ def _on_global_spins(compiled: Compiled, model: Model, modes: IntArray) -> str:
 
 
 def _above_critical_speed(compiled: Compiled, model: Model, modes: IntArray, v: Array) -> str:
-    """That a body turns faster than what holds it can vibrate: centrifugal forces outweigh it."""
+    """Text if a body rotates above the critical speed of its supports, or ""."""
     from scipy.linalg import eigvalsh
 
     of, speeds = compiled.system.part, {}
@@ -284,11 +284,11 @@ def _equilibrate(
 ) -> None:
     """Elastic equilibrium of modes with the accelerations of a motion without vibration.
 
-    `rates` (k,) are the places of the modes in v. With the modal mass M + b K the accelerations η̈
-    give the way f = b η̈ to equilibrium, and reactions that rigid bodies would leave open are shared
-    by stiffness; b is long against all periods, so that at the end η̈ = 0. Loads that change with
-    the deformation, such as those of a fast rotation, may outweigh K: the rounds are combined by
-    Anderson's method (1965), J. ACM 12, 547, which solves linear equations in as many rounds as
+    `rates` (k,) are the indices of the modes in v. With the modal mass M + b K, the accelerations
+    η̈ give the step f = b η̈ to equilibrium, and reactions that rigid bodies do not determine are
+    distributed by stiffness. √b is much longer than all periods, so that finally η̈ = 0. Loads that
+    depend on the deformation, as in a fast rotation, may exceed K η. So the steps are combined by
+    Anderson acceleration (J. ACM 12 (1965) 547), which solves linear equations in as many rounds as
     there are modes.
     """
     solve = stage_solver(_stiffened(compiled.system, b, rates), state, work)
@@ -296,7 +296,7 @@ def _equilibrate(
     begins = np.array([body.iv for body in bodies])
     modes = rates + np.searchsorted(begins, rates, side="right")  # a pose has one more than v
     weights = compiled.system.weights[rates]
-    before: list[tuple[Array, Array]] = []  # deformations and their steps
+    before: list[tuple[Array, Array]] = []  # previous deformations and their steps
     for _ in range(_MAX_ROUNDS):
         _solve_accelerations(solve, state)
         eta, step = state.q[modes], b * state.vd[rates]
@@ -313,7 +313,7 @@ def _equilibrate(
         before.append((eta, step))
         try:
             close()
-        except AssemblyError:  # bent so far that its joints stay open, or close the wrong way round
+        except AssemblyError:  # deformed so far that joints stay open or close on a wrong branch
             break
         if change <= _DEFORMATION_TOLERANCE:
             return
@@ -345,7 +345,7 @@ def _solve_accelerations(solve: Callable[[int], float], state: State) -> None:
 
 
 def _stop_notes(compiled: Compiled, model: Model, state: State, work: Work) -> list[str]:
-    """A sentence for every stop that pushes from the start."""
+    """A sentence on each stop that is in contact at the start."""
     notes = []
     for name, element in compiled.elements.items():
         if element.kind != FORCE_CHARACTERISTICS.name:
@@ -375,7 +375,7 @@ def _stop_measure(compiled: Compiled, row: np.void, state: State, work: Work) ->
 
 
 def _stiffened(system: System, b: float, modes: IntArray | None = None) -> System:
-    """The same system with modal masses M + b K, b in s², of all modes or some by place in v."""
+    """The system with modal masses M + b K, b in s², of all modes or of those with indices in v."""
     pool, added = system.parts.pool.copy(), np.ones(len(system.weights))
     if modes is not None:
         added[:] = 0.0
@@ -389,7 +389,7 @@ def _stiffened(system: System, b: float, modes: IntArray | None = None) -> Syste
 
 
 def _weighted(system: System, weights: Array) -> System:
-    """The same system with the inertia of each body times its weight; (bodies,) weights."""
+    """The system with the inertia of each body multiplied by its weight; (bodies,) weights."""
     if np.all(weights == 1.0):
         return system
     bodies, pool = system.parts.bodies.copy(), system.parts.pool.copy()
@@ -398,7 +398,7 @@ def _weighted(system: System, weights: Array) -> System:
     bodies["S0"] *= weights[:, None, None]
     for body, weight in zip(_flexible(system), weights[bodies["m"] > 0], strict=True):
         m, at = int(body["m"]), int(body["flex"])
-        forms = at + 12 * m + 3 * m * m  # before them stiffness and damping
+        forms = at + 12 * m + 3 * m * m  # after mass, stiffness and damping
         pool[at : forms - 2 * m * m] *= weight
         partial = place_of_pairs(body) - forms + 9 * size_of_form(m)[0]
         pool[forms : forms + (0, partial, 12 * m * m)[int(body["coupling"])]] *= weight

@@ -1,14 +1,14 @@
 """Constraint rows at any positions: values, gradients, markers, and the Jacobian with its rank.
 
 The rows are those of the engine's units (`engine.initial_conditions`). Nothing is compiled for
-them: where units are missing in the cache they run as plain Python, from the same source. Ranks are
-those of the weighted Jacobian: rows in radians and in metres over the model size, columns likewise,
-so that numbers compare. Scalar coordinates of couplers and curves are unknowns in addition to those
-of the bodies; each takes one equation for itself.
+them: units that are not in the cache run as plain Python, from the same source. Ranks are those of
+the weighted Jacobian, with rows and columns in radians and in metres over the size of the model, so
+that entries are comparable. Scalar coordinates of couplers and curves are unknowns in addition to
+those of the bodies; each is determined by one equation of its own.
 
-Dependent rows are reported as circuits, left null vectors on as few rows as can be: the reduced row
-echelon form of a null space, whose pivots are selected by size, has one fundamental circuit in
-every row (Strang, Linear Algebra and Its Applications, ch. 2).
+Dependent rows are reported as circuits: left null vectors with as few non-zero entries as possible.
+The reduced row echelon form of a null space, with pivots selected by size, has one fundamental
+circuit in every row (Strang, Linear Algebra and Its Applications, ch. 2).
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from flexmb.engine.state import Work, rows_between
 from flexmb.flexbody.arrays import Array
 
 MAX_COORDINATES = 600
-"""Coordinates up to which a dense decomposition is affordable; larger models are taken as free,
-which only costs digits of the reported reactions."""
+"""Coordinates up to which dense decompositions are made; larger models are treated as having
+degrees of freedom, which only reduces the accuracy of reported reactions."""
 RANK_TOLERANCE = 1e-8
 """Singular values below this share of the largest one are zero; round-off leaves 1e-13."""
 _ZERO_COEFFICIENT = 1e-7  # share of the largest coefficient of a circuit that is round-off
@@ -44,8 +44,8 @@ _ZERO_COEFFICIENT = 1e-7  # share of the largest coefficient of a circuit that i
 def one_blas_thread() -> Iterator[None]:
     """Limit dense linear algebra to one thread; also a decorator.
 
-    With up to `MAX_COORDINATES` two threads take no less time, and where other processes run they
-    wait for each other: a chain of 100 bars takes 0.4 s with one thread, 1 to 4 s with two.
+    Up to `MAX_COORDINATES` two threads are no faster, and if other processes run they wait for each
+    other: a chain of 100 bars takes 0.4 s with one thread, 1 to 4 s with two.
     """
     with _pools().limit(limits=1, user_api="blas"):
         yield
@@ -53,12 +53,12 @@ def one_blas_thread() -> Iterator[None]:
 
 @cache
 def _pools() -> ThreadpoolController:
-    # NumPy and SciPy have loaded theirs; a search for them takes longer than a small decomposition
+    # NumPy and SciPy have loaded theirs; cached, as a search takes longer than a decomposition
     return ThreadpoolController()
 
 
 def numerical_rank(singular_values: Array, largest: float | None = None) -> int:
-    """How many singular values, largest first, are not zero against the largest one."""
+    """Number of singular values, largest first, that are not round-off of the largest one."""
     if not singular_values.size:
         return 0
     scale = singular_values[0] if largest is None else largest
@@ -75,7 +75,7 @@ class Decomposition:
 
     @classmethod
     def of(cls, A: Array) -> Decomposition:
-        """Of a matrix A (rows, columns)."""
+        """Decomposition of a matrix A (rows, columns)."""
         U, S, Vt = np.linalg.svd(A)
         return cls(U, S, Vt.T)
 
@@ -86,36 +86,36 @@ class Decomposition:
 
     @property
     def free(self) -> Array:
-        """(columns, k) orthonormal motions that no row hinders."""
+        """(columns, k) orthonormal basis of the null space: free motions."""
         return self.V[:, self.rank :]
 
     @property
     def condition(self) -> float:
-        """Least singular value that is not zero, over the largest."""
+        """Smallest non-zero singular value over the largest."""
         return float(self.S[self.rank - 1] / self.S[0]) if self.rank else 1.0
 
     @cached_property
     def row_dependencies(self) -> Array:
-        """(n, rows) sets of dependent rows."""
+        """(n, rows) coefficients of sets of dependent rows."""
         return row_dependencies(self.U[:, self.rank :].T)
 
     def unreachable(self, values: Array) -> Array:
-        """The part of row values (rows,) that no motion can take away."""
+        """The part of row values (rows,) that no motion can change."""
         null = self.U[:, self.rank :]
         return np.asarray(null @ (null.T @ values))
 
 
 def null_space(A: Array, largest: float | None = None) -> Array:
-    """(columns, k) orthonormal motions that no row of A (rows, columns) hinders.
+    """(columns, k) orthonormal basis of the null space of A (rows, columns).
 
-    Zero is what is small against `largest`, by default the largest singular value of A.
+    Singular values are zero relative to `largest`, by default the largest one of A.
     """
     _, values, Vt = np.linalg.svd(A, full_matrices=len(A) < A.shape[1])
     return np.asarray(Vt[numerical_rank(values, largest) :].T)
 
 
 def row_dependencies(N: Array) -> Array:
-    """A basis of the rows of N (k, n) with as many zeros as can be had, largest entry one."""
+    """A basis of the rows of N (k, n) with as many zeros as possible and largest entries one."""
     if not N.size:
         return N
     _, _, order = scipy.linalg.qr(N, mode="economic", pivoting=True)
@@ -134,7 +134,7 @@ JointMarkers = tuple[Array, Array, Array, Array]
 class WeightedJacobian:
     """The Jacobian of all rows of a system at one pose, weighted.
 
-    A (nc, columns); `columns` their indices in the system, those that may move, states excepted.
+    A (nc, columns); `columns` are their indices in v: coordinates that can move, without states.
     """
 
     compiled: Compiled
@@ -143,7 +143,7 @@ class WeightedJacobian:
 
     @classmethod
     def of(cls, compiled: Compiled, Cq: Array) -> WeightedJacobian:
-        """From the Jacobian Cq (nc, nv)."""
+        """Weighted Jacobian of Cq (nc, nv)."""
         scales = column_scales(compiled)
         columns = np.flatnonzero(scales > 0)
         A = compiled.system.row_weights[:, None] * Cq[:, columns] * scales[columns]
@@ -157,12 +157,12 @@ class WeightedJacobian:
 
     @cached_property
     def driven(self) -> Mask:
-        """Which rows are drivers'."""
+        """Flags of the rows of drivers."""
         return ~joint_rows(self.compiled)
 
     @cached_property
     def modal(self) -> Mask:
-        """Which columns are modal coordinates."""
+        """Flags of the columns of modal coordinates."""
         modal = np.zeros(self.compiled.layout.nv, bool)
         for body in self.compiled.layout.bodies:
             modal[body.iv + 6 : body.iv + 6 + body.m] = True
@@ -170,7 +170,7 @@ class WeightedJacobian:
 
     @cached_property
     def scalar(self) -> Mask:
-        """Which columns are scalar coordinates in addition to the bodies."""
+        """Flags of the columns of scalar coordinates, which belong to no body."""
         layout = self.compiled.layout
         scalar: Mask = self.columns >= layout.nv - len(layout.coordinates)
         return scalar
@@ -187,12 +187,12 @@ class WeightedJacobian:
 
     @cached_property
     def joint_decomposition(self) -> Decomposition:
-        """That of all rows but the drivers'."""
+        """Decomposition of all rows except those of drivers."""
         return Decomposition.of(self.A[~self.driven]) if any(self.driven) else self.decomposition
 
     @cached_property
     def joint_circuits(self) -> Array:
-        """(n, nc) circuits of the joints' rows, zero at the drivers'."""
+        """(n, nc) circuits of the rows of joints, zero for those of drivers."""
         row_dependencies = self.joint_decomposition.row_dependencies
         padded = np.zeros((len(row_dependencies), len(self.A)))
         padded[:, ~self.driven] = row_dependencies
@@ -212,7 +212,7 @@ class WeightedJacobian:
         return v
 
     def rows_of(self, owner: str) -> Mask:
-        """Which rows belong to a scene path."""
+        """Flags of the rows that belong to a scene path."""
         return self._rows_by_owner[owner]
 
     @cached_property

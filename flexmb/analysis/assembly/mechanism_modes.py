@@ -35,18 +35,18 @@ from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.flexbody.natural_modes import Vibrations, mass_at_rest
 from flexmb.model.markers import rotation_matrix
 
-_NO_MASS = 1e-11  # of the largest
+_NO_MASS = 1e-11  # eigenvalue of the mass matrix over the largest one that counts as zero
 
 
 class MechanismModes:
-    """The motions that joints and drivers leave to bodies as rigid ones, all others at rest.
+    """Motions of bodies that joints and drivers allow, and vibrations of flexible ones.
 
     Parameters
     ----------
     compiled, q : Compiled, (nq,) array
         The model and its pose.
     bodies : list of int
-        Which bodies may move; with all of them the scalar coordinates do as well.
+        Numbers of the bodies that may move; if these are all, scalar coordinates move as well.
     """
 
     def __init__(self, compiled: Compiled, q: Array, bodies: list[int]) -> None:
@@ -83,18 +83,21 @@ class MechanismModes:
 
     @cached_property
     def flexible(self) -> list[int]:
-        """Numbers of the flexible bodies, that are not kinetostatic."""
+        """Numbers of the flexible bodies that are not kinetostatic."""
         _, kinetostatic = static_bodies(self._compiled.system)
         bodies = enumerate(self._compiled.layout.bodies)
         return [k for k, one in bodies if one.m and k not in kinetostatic]
 
     @cached_property
     def together(self) -> Vibrations:
-        """Vibrations of all flexible bodies."""
+        """Vibrations of all flexible bodies together."""
         return self.vibrations(*self.flexible)
 
     def part_of_modes(self, k: int) -> tuple[Array, Array] | None:
-        """Frequencies of all flexible bodies together [rad/s], and body k in their modes."""
+        """Frequencies of all flexible bodies together [rad/s], and the part of body k in the modes.
+
+        None if there is only one flexible body.
+        """
         if len(self.flexible) < 2:
             return None
         sizes = [self._compiled.layout.bodies[one].m for one in self.flexible]
@@ -103,16 +106,17 @@ class MechanismModes:
         return self.together.omega, self.together.eta[at : at + sizes[n]]
 
     def vibrations(self, *bodies: int, still: IntArray | None = None) -> Vibrations:
-        """Vibrations of a body, or of several together, as joined, all others rigid.
+        """Vibrations of one or several bodies in the mechanism, with all other bodies rigid.
 
-        `still` (k,) are places in v of modes that do not move.
+        `still` (k,) are indices in v of modes that are fixed.
         """
         several = [self._compiled.layout.bodies[k] for k in bodies]
         places = np.concatenate([_columns(one)[6:] for one in several])
         moving = ~np.isin(places, [] if still is None else still)
         modal = self._order[places[moving]]
         rows, A = self._rows, self._A[:, modal]
-        # motions (x, y) with A_r x + A y = 0: y that redundant rows allow, and the x that follows
+        # motions (x, y) with A_r x + A y = 0: y in the null space of redundant rows, x by the
+        # others
         r = rows.rank
         y = null_space(rows.U[:, r:].T @ A, rows.S.max(initial=1.0))
         x = -(rows.V[:, :r] / rows.S[:r]) @ (rows.U[:, :r].T @ A @ y)
@@ -135,12 +139,12 @@ class MechanismModes:
 
 
 def _columns(columns: BodyColumns) -> NDArray[np.int64]:
-    """(6 + m,) velocity coordinates of a body."""
+    """(6 + m,) indices of the velocity coordinates of a body."""
     return columns.iv + np.arange(6 + columns.m)
 
 
 def _rows_of_body(compiled: Compiled, work: Work, k: int) -> Array:
-    """(n, 6 + m) weighted rows of the joints of body k for its own motion."""
+    """(n, 6 + m) weighted constraint rows of body k, in its own velocity coordinates."""
     system = compiled.system
     owner, rows, size = system.parts.markers["body"], system.rows, 6 + compiled.layout.bodies[k].m
     A = np.zeros((len(rows), size))
@@ -152,7 +156,7 @@ def _rows_of_body(compiled: Compiled, work: Work, k: int) -> Array:
 
 
 def _mass(system: System, k: int, body: FlexBody | None) -> Array:
-    """(6 + m, 6 + m) of a body at rest, in body axes; quasi-static modes have none."""
+    """(6 + m, 6 + m) mass matrix of a body at rest, in body axes; zero for quasi-static modes."""
     row = system.parts.bodies[k]
     if body is not None and row["m"] > 0:
         at, m = int(row["flex"]) + 12 * body.m, body.m
@@ -163,10 +167,10 @@ def _mass(system: System, k: int, body: FlexBody | None) -> Array:
 
 
 def condensation(M: Array, K: Array) -> tuple[Array, Array, IntArray]:
-    """Static equilibrium of motions without mass (Guyan).
+    """Static condensation of motions without mass (Guyan).
 
-    M (n, n) is symmetric, K (n, n) need not be. Returns T and L (n, k) with the condensed matrices
-    Lᵀ M T and Lᵀ K T, and the places (k,) of the coordinates that remain.
+    M (n, n) is symmetric, K (n, n) need not be. Returns T and L (n, k), with which the condensed
+    matrices are Lᵀ M T and Lᵀ K T, and the indices (k,) of the coordinates that remain.
     """
     n = len(M)
     values, vectors = np.linalg.eigh(0.5 * (M + M.T))

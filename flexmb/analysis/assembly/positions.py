@@ -49,10 +49,12 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _MAX_CORRECTIONS = 60
-_MAX_GAP = 1e-10  # gap of an assembled joint, over the model size or in radians
-_CORRECTION_TOLERANCE = 1e-13  # correction of a position over the model size that is round-off
-_GUESS_TOLERANCE = 1e-6  # correction at which the least squares of a guess have converged
-_MOVED, _OPEN = 0.01, 1e-3  # of the model size: moved bodies, open joints, in messages
+_MAX_GAP = 1e-10  # largest gap of an assembled joint, over the size of the model or in radians
+_CORRECTION_TOLERANCE = 1e-13  # correction over the size of the model that is round-off
+_GUESS_TOLERANCE = 1e-6  # correction at which the least squares for a guess have converged
+# A pose is refused if bodies were moved by more than this and joints had gaps of more than this,
+# over the size of the model.
+_MAX_DISPLACEMENT, _MIN_REPORTED_GAP = 0.01, 1e-3
 _MAX_SHOWN = 3
 _FIXED_TOLERANCE = 1e-6  # motion of a fixed body, over the model size or in radians
 
@@ -60,9 +62,9 @@ _FIXED_TOLERANCE = 1e-6  # motion of a fixed body, over the model size or in rad
 _CLOSED_ROWS = 1e-11
 _ROUND_OFF = 1e-14
 _MAX_CORRECTION = 0.3  # in one round, over the model size or in radians
-_MODAL_SCALE = 1e-3  # how little modes move while bodies can
-_SINGULAR = 1e-9  # singular values below this share of the largest are taken for zero
-_NEARBY = 0.05  # how far another pose is, over the model size or in radians
+_MODAL_SCALE = 1e-3  # scale of modes over that of bodies: modes move only if bodies cannot
+_ZERO_SINGULAR_VALUE = 1e-9  # singular value over the largest one that counts as zero
+_NEARBY = 0.05  # distance of a nearby pose, over the size of the model or in radians
 _MAX_TRIALS = 4
 
 
@@ -76,18 +78,18 @@ class Corrector:
 
 
 MakeCorrector = Callable[[Compiled, State], Corrector]
-"""What makes a corrector for a compiled system and a state."""
+"""Function that makes a corrector for a compiled system and a state."""
 
 
 def mass_corrector(system: System, state: State, work: Work | None = None) -> Corrector:
-    """Corrections that are least in the mass matrix of a system."""
+    """Corrector with least changes in the metric of the mass matrix."""
     scratch = work if work is not None else new_work(system)
     solve = stage_solver(system, state, scratch)
     return Corrector(scratch, lambda: solve(POSITIONS), lambda: solve(RESIDUAL))
 
 
 def length_corrector(compiled: Compiled, state: State, weights: Array) -> Corrector:
-    """Corrections that are least over the model size, in radians, times body weights."""
+    """Corrector with least changes over the size of the model or in radians, times body weights."""
     constraints, scales = ConstraintRows(compiled), _closing_scales(compiled, weights)
     all_rows = np.ones(compiled.layout.nc, bool)
 
@@ -108,7 +110,7 @@ def length_corrector(compiled: Compiled, state: State, weights: Array) -> Correc
 
 
 def assembly_weights(model: Model) -> Array:
-    """(bodies,) factors of `[assembly] weights`, `FIXED_WEIGHT` for fixed bodies."""
+    """(bodies,) weights of `[assembly] weights`, `FIXED_WEIGHT` for fixed bodies."""
     weights = {} if model.assembly is None else model.assembly.weights
     values = (weights.get(name, 1.0) for name in model.bodies)
     return np.array([FIXED_WEIGHT if w == "fixed" else float(w) for w in values])
@@ -117,23 +119,23 @@ def assembly_weights(model: Model) -> Array:
 def close_positions(
     compiled: Compiled, model: Model, state: State, make: MakeCorrector, guess: bool = True
 ) -> tuple[Offset, ...]:
-    """Close the positions of a state; returns how far the bodies were moved.
+    """Bring the positions of a state onto the constraints; returns how far bodies were moved.
 
     Parameters
     ----------
     compiled, model : Compiled, Model
         The compiled model, and the model for its guesses and fixed bodies.
     state : State
-        The pose to begin from; its q becomes the closed one.
+        The pose to begin from; its q is replaced by the closed one.
     make : callable
-        Makes the corrector, whose metric says what little change is.
+        Makes the corrector; its metric defines the least change.
     guess : bool
-        Whether to begin near the coordinates that the scene guesses.
+        Whether to begin near the joint coordinates that the scene guesses.
 
     Raises
     ------
     AssemblyError
-        Gaps that stay open (the worst joints), a joint on its wrong branch, or a fixed body that
+        Gaps that stay open (the largest ones), a joint on its wrong branch, or a fixed body that
         had to move.
     """
     start = state.q.copy()
@@ -164,8 +166,11 @@ def _check_placement(
     corrector: Corrector,
     moved: tuple[Offset, ...],
 ) -> None:
-    """Refuse a pose whose joints close only far from where the scene places the bodies: points of
-    them that move by 1 % of the model, or joints between axes that are placed askew."""
+    """Refuse a pose that is far from the one of the scene.
+
+    Points of joints were moved by 1 % of the size of the model, or axes of joints are not parallel
+    in the scene.
+    """
     if not moved:
         return
     owner, markers = compiled.system.parts.markers["body"], corrector.work.now.marker
@@ -173,17 +178,23 @@ def _check_placement(
     state.q[:] = start
     corrector.evaluate()
     gaps = [gap for gap in joint_gaps(compiled, corrector.work) if gap.name.startswith("joints.")]
-    shift, askew = np.linalg.norm(there - markers["x"], axis=1), any(g.angle > _MOVED for g in gaps)
+    shift, askew = (
+        np.linalg.norm(there - markers["x"], axis=1),
+        any(g.angle > _MAX_DISPLACEMENT for g in gaps),
+    )
     state.q[:] = closed
     corrector.evaluate()
     number = {body.name: k for k, body in enumerate(compiled.layout.bodies)}
     far = [
         body
         for body in moved
-        if max(body.distance, *shift[owner == number[body.name]]) > _MOVED * compiled.length
-        or (askew and body.angle > _MOVED)
+        if max(body.distance, *shift[owner == number[body.name]])
+        > _MAX_DISPLACEMENT * compiled.length
+        or (askew and body.angle > _MAX_DISPLACEMENT)
     ]
-    if far and gaps and gaps[0].size(compiled.length) > _OPEN:  # else drivers say where they are
+    if (
+        far and gaps and gaps[0].size(compiled.length) > _MIN_REPORTED_GAP
+    ):  # otherwise drivers move them
         raise AssemblyError.from_problems(
             Problem(
                 f"bodies.{body.name}",
@@ -197,18 +208,18 @@ def _check_placement(
 
 
 def is_misplaced(compiled: Compiled, model: Model) -> bool:
-    """Whether joints are so far open as placed that a run refuses it, whatever deforms."""
+    """Whether gaps in the pose of the scene are so large that a run refuses it."""
     state = new_state(compiled.system, channels=len(compiled.layout.channels))
     state.q[:] = compiled.initial_q
     corrector = length_corrector(compiled, state, assembly_weights(model))
     corrector.evaluate()
     gaps = (gap for gap in joint_gaps(compiled, corrector.work) if gap.name.startswith("joints."))
     worst = max((gap.size(compiled.length) for gap in gaps), default=0.0)
-    return model.assembly is None and worst > _MOVED
+    return model.assembly is None and worst > _MAX_DISPLACEMENT
 
 
 def _gap_of(model: Model, gaps: list[Offset], body: str) -> Offset:
-    """The worst joint of a body, or of all where its own are closed."""
+    """The largest gap of the joints of a body, or of all joints if its own are closed."""
     own = (
         gap
         for gap in gaps
@@ -225,11 +236,11 @@ def _iterate(corrector: Corrector, tolerance: float) -> None:
     for _ in range(_MAX_CORRECTIONS):
         size = corrector.correct()
         if not np.isfinite(size) or size <= tolerance:
-            return  # closed, or at a pose from which no small motion narrows the gaps
+            return  # closed, or at a minimum of the gaps
 
 
 def _approach_guess(model: Model, compiled: Compiled, state: State, make: MakeCorrector) -> None:
-    """Bring the state near the guesses, as near as joints and drivers allow."""
+    """Bring the state as near to the guessed coordinates as joints and drivers allow."""
     assert model.assembly is not None
     extended = copy.copy(model)
     extended.assembly, extended.drivers = None, dict(model.drivers)
@@ -268,9 +279,9 @@ def _check_fixed(compiled: Compiled, model: Model, moved: tuple[Offset, ...]) ->
 def close_rows(
     constraints: ConstraintRows, q: Array, rows: Mask | None = None, t: float = 0.0
 ) -> ConstraintPose | None:
-    """The pose near q (nq,) where `rows` (nc,), all by default, vanish at time t [s]; None: none.
+    """The pose near q (nq,) where `rows` (nc,), all by default, are zero at time t [s], or None.
 
-    Bodies are moved with least change over the model size and in radians; modes hardly.
+    The change of bodies is least over the size of the model and in radians; modes hardly move.
     """
     compiled = constraints.compiled
     which = np.ones(compiled.layout.nc, bool) if rows is None else rows
@@ -296,7 +307,7 @@ def close_rows(
 
 
 def _closing_scales(compiled: Compiled, weights: Array) -> Array:
-    """(nv,) as `column_scales`, for bodies of different weights; modes hardly move."""
+    """(nv,) scales as of `column_scales`, with weights of bodies; small for modes."""
     scales = column_scales(compiled)
     for body, weight in zip(compiled.layout.bodies, weights, strict=True):
         scales[body.iv : body.iv + 6 + body.m] /= np.sqrt(weight)
@@ -305,15 +316,15 @@ def _closing_scales(compiled: Compiled, weights: Array) -> Array:
 
 
 def _correction(pose: ConstraintPose, which: Mask, scales: Array) -> Array | None:
-    """(nv,) Gauss–Newton correction over the scales, cut where it is long.
+    """(nv,) Gauss–Newton correction over the scales, of limited length.
 
-    None where a row has no gradient, such as a distance of zero.
+    None if a row has no gradient, such as a distance of zero.
     """
     weights = pose.compiled.system.row_weights
     A = (weights[:, None] * pose.Cq * scales)[which]
     if not np.all(np.isfinite(A)):
         return None
-    step: Array = np.linalg.lstsq(A, -(pose.C * weights)[which], rcond=_SINGULAR)[0]
+    step: Array = np.linalg.lstsq(A, -(pose.C * weights)[which], rcond=_ZERO_SINGULAR_VALUE)[0]
     longest = float(np.abs(step).max(initial=0.0))
     return step * min(1.0, _MAX_CORRECTION / longest) if longest > 0 else step
 
@@ -321,9 +332,9 @@ def _correction(pose: ConstraintPose, which: Mask, scales: Array) -> Array | Non
 def nearby_poses(
     constraints: ConstraintRows, start: ConstraintPose, rows: Mask, seed: int = 0
 ) -> list[ConstraintPose]:
-    """Up to two poses of the same assembly, a short way along its free motions.
+    """Up to two poses of the same assembly, a small distance along its free motions.
 
-    Only `rows` vanish there, such as those of the joints. None where the free motions do not lead
+    Only `rows`, such as those of the joints, are zero there. Empty if the free motions do not lead
     to closed poses.
     """
     rng, compiled = np.random.default_rng(seed), constraints.compiled

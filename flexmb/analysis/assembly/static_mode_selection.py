@@ -36,17 +36,19 @@ from flexmb.engine.compiled_calls import row_evaluator
 from flexmb.errors import AssemblyError
 from flexmb.flexbody.arrays import Array, IntArray
 
-_SETTLES = 0.5  # of the last change of deformation, that the loads which follow it may make
+# Largest loop gain of deformations and the loads that depend on them, with which the iteration of
+# both converges well.
+_MAX_LOOP_GAIN = 0.5
 
 
 def is_determinate(compiled: Compiled, rank: int | None) -> bool:
-    """Whether constraints of this rank fix the motion, but for modes that follow the loads."""
+    """Whether constraints of this rank fix the motion, apart from kinetostatic modes."""
     return rank == n_free(compiled) - len(static_coordinates(compiled.system, kinetostatic=True))
 
 
 @one_blas_thread()
 def choose_static_modes(compiled: Compiled, q: Array) -> Compiled:
-    """The model with kinetostatic bodies only if joints and forces allow them, at q (nq,)."""
+    """The model without kinetostatic bodies if joints or forces at the pose q (nq,) forbid them."""
     modes = static_coordinates(compiled.system, kinetostatic=True)
     if not len(modes):
         return compiled
@@ -62,19 +64,20 @@ def choose_static_modes(compiled: Compiled, q: Array) -> Compiled:
         numerical_rank(np.asarray(np.linalg.svd(A, compute_uv=False)), 1.0)
         for A in (rows.A, rows.A[:, ~np.isin(rows.columns, modes)])
     ]
-    if ranks[0] == ranks[1] and _loop_gain(compiled, q, modes) < _SETTLES:
+    if ranks[0] == ranks[1] and _loop_gain(compiled, q, modes) < _MAX_LOOP_GAIN:
         return _with_windows(compiled, q)
     return replace(compiled, system=free_static_modes(compiled.system))
 
 
-# Least interval of the past of such modes times ω, of the slowest vibration of what hangs on them:
-# second differences of the tolerance of the loads are 1e-8 of k times the size of the part at most,
-# and what a cubic leaves of motion at Ω is (Ω/ω)⁴/500 of the forces, less than vibrations left out.
-_WINDOW = 0.05
+# Least interval h of the past of kinetostatic modes, as ω h with the slowest vibration ω of the
+# masses on them. Then errors of second differences by the tolerance of the equilibrium are at most
+# 1e-8 of k times the size of the part. The error of the cubic for a motion of frequency Ω is
+# (Ω/ω)⁴/500 of the forces, less than the omitted vibrations.
+_MIN_INTERVAL = 0.05
 
 
 def _with_windows(compiled: Compiled, q: Array) -> Compiled:
-    """The model with rates of kinetostatic bodies over a share of their slowest vibrations."""
+    """The model with `window` of kinetostatic bodies set by the periods of their slowest modes."""
     rows, kinetostatic = static_bodies(compiled.system)
     everything, one_by_one = range(len(compiled.layout.bodies)), n_free(compiled) > MAX_COORDINATES
     scene, periods = None, np.zeros(len(rows))
@@ -82,20 +85,21 @@ def _with_windows(compiled: Compiled, q: Array) -> Compiled:
         if k in kinetostatic:
             if scene is None or one_by_one:
                 scene = MechanismModes(compiled, q, [k] if one_by_one else list(everything))
-            with suppress(AssemblyError):  # there is no motion without inertia, and none is slow
+            with suppress(AssemblyError):  # without inertia there is no slow vibration
                 periods[n] = 1.0 / scene.vibrations(k).omega.min(initial=math.inf)
     kinds = compiled.system.kinds
-    static = kinds[STATIC_MODES.name]._replace(window=_WINDOW * periods)
+    static = kinds[STATIC_MODES.name]._replace(window=_MIN_INTERVAL * periods)
     return replace(
         compiled, system=compiled.system._replace(kinds={**kinds, STATIC_MODES.name: static})
     )
 
 
 def _loop_gain(compiled: Compiled, q: Array, modes: IntArray) -> float:
-    """How much of a deformation by these modes the loads that follow it add to it.
+    """Loop gain: deformation by the loads that a unit deformation of these modes causes.
 
-    It moves what closes joints, by the least kinetic energy: what has mass stays where it can. By
-    that forces change, and accelerations and reactions by them.
+    The deformation moves bodies so that joints stay closed, with the least kinetic energy. This
+    changes forces, and thereby accelerations and reactions, which load the modes. Returns the
+    largest absolute eigenvalue of the resulting deformation.
     """
     from flexmb.analysis.linear.state_equations import StateEquations  # it needs machine code
 

@@ -1,10 +1,10 @@
 """Initial velocities: as prescribed at markers, and consistent with joints and drivers.
 
-Per body the rigid motion that fits its prescribed velocities best is the first guess, flexible
-bodies without rates of deformation. It is then put on the constraints with least change δᵀ M δ,
-where a marker of prescribed velocity carries a point mass, and a body of prescribed angular
-velocity an inertia, 1e8 times that of the body: others adapt to it. What rates of deformation add
-at a marker is corrected in rounds.
+The first guess for each body is the rigid motion that fits its prescribed velocities best, without
+rates of deformation. It is projected onto the constraints with the least change δᵀ M δ. For this, a
+marker with a prescribed velocity has an additional point mass, and a body with a prescribed angular
+velocity an additional inertia, 1e8 times that of the body, so that other velocities are changed.
+The contribution of rates of deformation at markers is corrected iteratively.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ from flexmb.model.body import InitialVelocity
 from flexmb.model.markers import rotation_matrix
 from flexmb.model.model import Model
 
-_PENALTY_MASS = 1e8  # of a marker of prescribed velocity, over the mass of its body
-_MAX_ROUNDS = 5  # each shrinks what is missing by a factor of ten or more where it can be had
-_REPORTED_CHANGE = 1e-6  # share by which prescribed velocities may change without a note
-_DISTINCT = 1e-9  # of the model size: markers closer than this are one point
+_PENALTY_MASS = 1e8  # mass at a marker with prescribed velocity over that of its body
+_MAX_ROUNDS = 5  # each reduces the difference by a factor of ten or more, if it can be reduced
+_REPORTED_CHANGE = 1e-6  # relative change of prescribed velocities above which there is a note
+_DISTINCT = 1e-9  # distance over the size of the model below which markers are one point
 
 
 @dataclass(frozen=True)
 class _Prescribed:
-    """Velocities at one marker: their place in the scene, rows in the tables."""
+    """Prescribed velocities at one marker: their scene path, rows in the tables."""
 
     where: str  # scene path before the word
     body: int
@@ -44,7 +44,7 @@ class _Prescribed:
     spec: InitialVelocity
 
     def turned(self, values: Iterable[float], R: Array) -> Array:
-        """Components in global axes; R (3, 3) the marker's axes now."""
+        """Global components; R (3, 3) are the present axes of the marker."""
         components = np.array(tuple(values))
         return R @ components if self.spec.axes == "body" else components
 
@@ -85,7 +85,7 @@ class InitialVelocities:
         self._handed: tuple[State, Callable[[], float], Callable[[], float]] | None = None
 
     def set(self, state: State) -> None:
-        """Set v of a state with closed positions."""
+        """Set the velocities of a state with closed positions."""
         project = self._solvers(state)[1]
         if not self._prescribed:
             state.v[:] = 0.0
@@ -109,7 +109,7 @@ class InitialVelocities:
         self._measure(state)
 
     def notes(self, state: State) -> list[str]:
-        """Prescribed velocities that had to change."""
+        """Notes on prescribed velocities that had to change."""
         if not self._prescribed:
             return []
         self._measure(state)
@@ -129,7 +129,7 @@ class InitialVelocities:
         return notes
 
     def _anchored(self, system: System) -> System:
-        """The system with heavy bodies where a velocity is prescribed."""
+        """The system with penalty masses where velocities are prescribed."""
         bodies = system.parts.bodies.copy()
         for one in self._prescribed:
             row, light = bodies[one.body], system.parts.bodies[one.body]
@@ -156,7 +156,7 @@ class InitialVelocities:
         return self._handed
 
     def _wanted(self) -> Array:
-        """(n, 2, 3) velocity and angular velocity of each marker as prescribed, global, or NaN."""
+        """(n, 2, 3) prescribed velocity and angular velocity of each marker, global; NaN: none."""
         wanted = np.full((len(self._prescribed), 2, 3), np.nan)
         for one, row in zip(self._prescribed, wanted, strict=True):
             R = self._work.now.marker[one.marker]["R"]
@@ -166,13 +166,13 @@ class InitialVelocities:
         return wanted
 
     def _present(self) -> Array:
-        """(n, 2, 3) velocity and angular velocity of each marker now."""
+        """(n, 2, 3) present velocity and angular velocity of each marker, global."""
         which = np.array([one.marker for one in self._prescribed], dtype=np.int64)
         rows = self._work.now.marker[which]
         return np.stack([rows["vx"], rows["om"]], axis=1)
 
     def _size(self, velocities: Array) -> float:
-        """Largest of (n, 2, 3) velocities [m/s], angular ones at the model's size."""
+        """Largest of (n, 2, 3) velocities [m/s], angular ones times the size of the model."""
         sizes = np.abs(velocities) * np.array([1.0, self._length])[:, None]
         return float(np.nanmax(sizes, initial=0.0))
 
@@ -194,17 +194,17 @@ class InitialVelocities:
 
 
 def rigid_motion(s: Array, velocities: Array, spins: Array, length: float) -> tuple[Array, Array]:
-    """The rigid motion that fits velocities of points best, turning no more than needed.
+    """The rigid motion that fits velocities of points best, with the least angular velocity.
 
     Parameters
     ----------
     s : (k, 3) float
-        The points, from the origin of the body [m].
+        The points, relative to the origin of the body [m].
     velocities, spins : (k, 3) float
-        Velocity [m/s] and angular velocity [rad/s] of each, one set of axes for all; NaN where
-        none is prescribed. If no velocity is prescribed, the points are wanted at rest.
+        Velocity [m/s] and angular velocity [rad/s] of each, in the same axes; NaN: not prescribed.
+        If no velocity is prescribed, the points shall be at rest.
     length : float
-        What an angular velocity is multiplied by to compare it with a velocity [m].
+        Factor of angular velocities in the comparison with velocities [m].
 
     Returns
     -------

@@ -1,1 +1,1 @@
-"""Effects of flexible bodies that a run has or leaves out: what each contributes to its sensors."""
+"""Contribution of effects of flexible bodies, included or omitted in a run, to its sensors."""

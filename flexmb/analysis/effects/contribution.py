@@ -1,11 +1,11 @@
-"""What an effect contributes to the sensors of a run: another model along the same motion.
+"""Contribution of an effect to the sensors of a run: another model along the same motion.
 
-In: a run, its compiled model, and that of the same scene with one effect more or less. Out: per
-sensor the largest change, in its SI unit and over its largest peak-to-peak.
+In: a run, its compiled model, and that of the same scene with one effect more or less. Out: for
+each sensor the largest change, in its SI unit and over its largest peak-to-peak range.
 
-Indicators are plain numbers of a motion that say which effects of a flexible body may matter:
-deflection over the length, the speed of rotation over the lowest frequency, and how fast the
-accelerations change against that.
+Indicators are numbers of a motion that show which effects of a flexible body may be significant:
+deflection over length, angular velocity over the lowest frequency, and the frequency of the
+accelerations over that one.
 """
 
 from __future__ import annotations
@@ -41,25 +41,25 @@ from flexmb.model.model import Model
 from flexmb.model.scenes.effects import active_model
 from flexmb.model.sensor import channels_of
 
-_STANDSTILL = 1e-7  # of the largest motion of the same unit: what changes less is round-off
-_AT_REST_SHARE = 1e-3  # of its motion with the change: without it the sensor is at rest
-_SYMMETRY = 0.2  # of the change by one body: all bodies together cancel down to it
-_TIMED_EVALUATIONS = 50  # of the equations
-_RINGING_FLOOR = 1e-3  # of the largest motion of the same unit: least scale of ringing
-_CUBIC = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0  # a row less the cubic through four others
-_SECOND_ORDER = 1e-2  # of the motion of a channel: a change that may be of second order
-_LINEARITY = 0.3  # share by which the estimate along the changed motion may differ
-_MAX_SHARE = 1e3  # change over motion: larger ones are reported as this
+_STANDSTILL = 1e-7  # range of a sensor over the largest of its unit that is round-off
+_AT_REST_SHARE = 1e-3  # range in the run over that with the change of a sensor at rest
+_SYMMETRY = 0.2  # change by all bodies over that by one, below which the changes cancel
+_TIMED_EVALUATIONS = 50  # evaluations of the equations to measure their time
+_RINGING_FLOOR = 1e-3  # least scale of fast vibrations, over the largest range of the unit
+_CUBIC = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0  # a row minus the cubic through its neighbours
+_SECOND_ORDER = 1e-2  # change over the range of a channel above which it may be of second order
+_LINEARITY = 0.3  # largest relative difference of the estimate along the changed motion
+_MAX_SHARE = 1e3  # largest reported change over range
 
 
 @dataclass(frozen=True)
 class Contribution:
     """The largest change of a sensor: `value` in its SI unit, `share` of its peak-to-peak.
 
-    ``at_rest``: the sensor does not move in the run. ``by_symmetry``: nor when the effects of this
-    kind of all bodies change together, whatever that of one would do. ``unresolved``: share of
-    what it shows that rings faster than the rows, which do not see what the effect does to that.
-    ``unsettled``: a second estimate, along the motion with the change, changes that much more.
+    ``at_rest``: the sensor does not move in the run. ``by_symmetry``: it does not move either if
+    the effects of this kind of all bodies change together, although that of one body would move it.
+    ``unresolved``: share of vibrations in it that rows do not resolve, so that the change of these
+    is not known. ``unsettled``: a second estimate, along the changed motion, differs much.
     """
 
     sensor: str
@@ -77,7 +77,7 @@ def first_change(
 ) -> tuple[Array, Array, Array] | None:
     """Changes (nv,) of the first positions, velocities and accelerations of another model.
 
-    None if it cannot begin there.
+    None if the other model has no consistent first state there.
     """
     from scipy.spatial.transform import Rotation
 
@@ -101,7 +101,7 @@ def first_change(
 
 
 def smaller_range(history: Array, other: Array) -> Array:
-    """Least and largest values (2, k) of each channel in that history where it moves less."""
+    """Least and largest values (2, k) of each channel, in the history where its range is less."""
     a, b = (np.stack([x.min(axis=0), x.max(axis=0)]) for x in (history, other))
     return np.where(np.ptp(a, axis=0) < np.ptp(b, axis=0), a, b)
 
@@ -110,21 +110,21 @@ def contributions(
     model: Model, histories: tuple[Array, ...], change: Array, names: tuple[str, ...],
     together: Array | None = None,
 ) -> list[Contribution]:  # fmt: skip
-    """The largest change of each sensor; of what stands still in all histories, none.
+    """The largest change of each sensor; zero for a sensor at rest in all histories.
 
     Parameters
     ----------
     model : Model
-        For its sensors and their units.
+        The model with its sensors and their units.
     histories : two or three (n, k) arrays
-        Channels of the run, for what is at rest, and with the change; for the peak-to-peak counts
-        the larger one of the last two.
+        Channels of the run (the first one shows which are at rest), and with the change; the larger
+        peak-to-peak range of the last two is used.
     change : (n, k) array
-        What an effect changes of them.
+        Change of the channels by the effect.
     names : tuple of str
-        Of the channels.
+        Names of the channels.
     together : (n, k) array, optional
-        The change by the same effect of all bodies, which tells what rests by symmetry.
+        Change by the same effect of all bodies, which shows what is at rest by symmetry.
     """
     sizes: dict[str, tuple[str, float, float]] = {}
     symmetric: set[str] = set()
@@ -154,10 +154,10 @@ def contributions(
 
 
 def fast_shares(model: Model, history: Array, names: tuple[str, ...]) -> dict[str, float]:
-    """Share of each sensor's peak-to-peak by which rows depart from their neighbours' cubic (rms).
+    """Difference of rows from the cubic through their neighbours (rms), over each sensor's range.
 
-    Next to nothing of what the rows resolve: 0.01 of a vibration of 0.5 rad from row to row, 0.14
-    of one of 1 rad. Single jumps count little.
+    It is small for motions that the rows resolve: 0.01 of a vibration with 0.5 rad from row to row,
+    0.14 of one with 1 rad. Single jumps contribute little.
     """
     from scipy.ndimage import correlate1d
 
@@ -178,11 +178,12 @@ def shared(
     of_one: Sequence[Contribution], of_each: Sequence[Sequence[Contribution]],
     together: Sequence[Contribution],
 ) -> list[Contribution]:  # fmt: skip
-    """The part of one body in what the same effect of all of them changes.
+    """The share of one body in the change by the same effect of all bodies.
 
-    Each alone may change next to nothing where others hold it, as of two columns under a table, or
-    what the others undo: what rests in the run and stays there, by symmetry, is not changed. So
-    does the sum of what each changes then, and not that of what grows without bounds.
+    The change by all bodies is divided in proportion to the changes by each alone. One body alone
+    may change almost nothing if others support it, as one of two columns under a table, or a change
+    that the others cancel. A sensor that is at rest in the run and stays so by symmetry has no
+    change.
     """
     result = []
     for k, (own, whole) in enumerate(zip(of_one, together, strict=True)):
@@ -200,27 +201,27 @@ def estimate(
     own: Compiled, other: Compiled, model: Model, motion: Motion, shapes: Mapping[str, Array],
     *, begins_as_placed: bool = True, quasi_static: bool = False, inertia: Sequence[str] = (),
 ) -> tuple[Response, NDArray[np.bool_]]:  # fmt: skip
-    """How the sensors of a run change in another model, to first order, and whether that settles.
+    """First-order change of the sensors of a run in another model, and whether it is reliable.
 
-    The latter is looked at where there are contacts, stops or friction in joints.
+    Reliability is examined if there are contacts, stops or joint friction.
 
     Parameters
     ----------
     own, other : Compiled
         The model of the run, and the other one.
     model : Model
-        The other one's scene.
+        The scene of the other model.
     motion : Motion
         The run.
     shapes : mapping of str to array
         As for `carry_motion`.
     begins_as_placed : bool
-        Whether the scene says how the run began, and not another run.
+        Whether the run began as the scene says, not from another run.
     quasi_static : bool
         Leave out the inertia of vibrations.
     inertia : sequence of str
-        Bodies whose modes have no inertia in the run: what it leaves out of balance at them is no
-        noise, and kinetostatic ones have the rates of their places.
+        Bodies whose modes have no inertia in the run: their residual is no noise, and kinetostatic
+        ones get the time derivatives of their positions as velocities.
     """
     carried, balance = carry_motion(motion, own, other, shapes)
     for body in other.layout.bodies:
@@ -241,10 +242,11 @@ def estimate(
 def settles(
     other: Compiled, motion: Motion, balance: Array, first: Response, quasi_static: bool
 ) -> NDArray[np.bool_]:
-    """Whether each channel's change is nearly that by the equations along the motion with it.
+    """Whether each channel's change is nearly confirmed by the equations along the changed motion.
 
-    Newton's method along the motion: where contacts open or close at other times with an effect,
-    what loads friction changes its side, or a change is large, the next step is as large.
+    This is a second step of Newton's method for the motion. It is as large as the first if contacts
+    open or close at other times with the effect, if friction forces change sign, or if the change
+    is large.
     """
     span = np.maximum(np.ptp(motion.channels, axis=0), 1e-300)
     large = np.abs(first.channels).max(axis=0, initial=0.0) / span
@@ -252,7 +254,7 @@ def settles(
         return np.ones(len(large), bool)
     try:
         second = respond(other, first.motion, balance, quasi_static=quasi_static).channels
-    except (FlexmbError, ValueError):  # no motion near that one satisfies the equations
+    except (FlexmbError, ValueError):  # no motion close to the changed one satisfies the equations
         return np.asarray(large < _SECOND_ORDER)
     more = np.abs(second).max(axis=0, initial=0.0) / span
     return np.asarray((large < _SECOND_ORDER) | (more < _LINEARITY * large))
@@ -260,7 +262,7 @@ def settles(
 
 @dataclass(frozen=True)
 class Indicators:
-    """Of one body along a motion.
+    """Indicators of one body along a motion.
 
     Attributes
     ----------
@@ -295,7 +297,7 @@ def indicators(compiled: Compiled, motion: Motion, body: FlexBody, name: str) ->
 
 
 def evaluation_time(compiled: Compiled) -> float:
-    """Seconds that one evaluation of the forces and one of their matrix take."""
+    """Time of one evaluation of the forces and one of their matrix [s]."""
     system, state = compiled.system, new_state(compiled.system, len(compiled.layout.channels))
     state.q[:] = compiled.initial_q
     prepare_units([stages.begin_run, stages.residual, put_matrix, *units_of(system)])

@@ -1,7 +1,7 @@
 """Independent coordinates y of small motions δq = Z y + g that joints leave free.
 
-In: variational equations. Out: the coordinates, chosen so that one choice serves many rows, their
-equations M ÿ + D ẏ + K y = load, and the frequencies and shapes of these.
+In: variational equations. Out: the coordinates, selected so that one selection is valid for many
+rows; their equations M ÿ + D ẏ + K y = load, with frequencies and mode shapes.
 
 Source: coordinate partitioning, Wehage & Haug, J. Mech. Design 104 (1982) 247; static condensation,
 Guyan, AIAA J. 3 (1965) 380.
@@ -20,21 +20,22 @@ from flexmb.analysis.effects.variational_equations import VariationalEquations, 
 from flexmb.errors import FlexmbError
 from flexmb.flexbody.arrays import Array
 
-_WORSE = 30.0  # motion of dependent coordinates per independent one that asks for others
-_LEAST_ROWS, _MOST_ROWS = 8, 64  # with one choice of them; of those that are solved together
+_WORSE = 30.0  # largest motion of a dependent coordinate per unit of an independent one
+_LEAST_ROWS, _MOST_ROWS = 8, 64  # least rows with one selection; most rows solved together
 
 
 class IndependentCoordinates(NamedTuple):
-    """Motions Z (n, nu, d) per unit of them, and g (n, nu) that closes the rows of Cq."""
+    """Motions Z (n, nu, d) per unit of y, and g (n, nu), which satisfies the constraints."""
 
     Z: Array
     g: Array
 
 
 def choose_coordinates(of: VariationalEquations, first: int, n: int) -> IndependentCoordinates:
-    """Those that serve from row `first` on, n at most, for as many rows as they do.
+    """Select coordinates at row `first`, for as many of the next n rows as they are suitable.
 
-    Modes and bodies that turn little are independent where they can be: nothing turns with motion.
+    Modes, and bodies that rotate little, are independent if possible, so that Z changes little with
+    the motion.
     """
     from scipy.linalg import qr
 
@@ -64,7 +65,7 @@ def choose_coordinates(of: VariationalEquations, first: int, n: int) -> Independ
 class IndependentMotions:
     """The equations for y of δq = Z y + g: M ÿ + D ẏ + K y = load.
 
-    `rates` are the first and second ones of Z, and of g, where splines would not do.
+    `rates` are first and second derivatives of Z, and of g, if splines are not accurate enough.
     """
 
     def __init__(
@@ -103,9 +104,9 @@ class IndependentMotions:
         return np.asarray(np.tensordot(self.Z, X @ self.Z, ((0, 1), (0, 1))) / len(self.Z))
 
     def modes(self, least: float, further: Array | None = None) -> tuple[Array, Array]:
-        """Frequencies ω (d,), `least` at least, and shapes (d, d) of the mean matrices.
+        """Frequencies ω (d,), raised to `least`, and mode shapes (d, d) of the mean matrices.
 
-        Without the friction that reactions make. `further` (nu, nu) is added to the mass.
+        Friction by reactions is left out. `further` (nu, nu) is added to the mass.
         """
         from scipy.linalg import eigh
 
@@ -119,9 +120,9 @@ class IndependentMotions:
         return np.maximum(np.sqrt(np.abs(squares)), least), T
 
     def coordinates(self, q: Array, v: Array, stiffness: Array) -> tuple[Array, Array]:
-        """y and ẏ (d,) of the first row, of motions and velocities (nu,).
+        """y and ẏ (d,) in the first row for displacements q and velocities v (nu,).
 
-        Where these do not fit the joints, of the least M + stiffness (nu, nu).
+        If these violate the constraints, the difference is least in the metric M + stiffness.
         """
         W = self._of.M[0] + stiffness
         close = np.linalg.solve(self.Z[0].T @ W @ self.Z[0], self.Z[0].T @ W)
@@ -129,11 +130,11 @@ class IndependentMotions:
         return y, close @ (v - self.V1[0] @ y - self.a0[0])
 
     def condensed(self, T: Array, follow: NDArray[np.bool_], span: float) -> IndependentMotions:
-        """Those of the other modes: modes with shapes T (d, d) that `follow` have no inertia.
+        """Equations after static condensation of the modes, with shapes T (d, d), that `follow`.
 
-        They are in equilibrium with the loads and the motions of the others (static condensation),
-        whose rates count over a span of time [s], if one is given: those of the shapes, which turn
-        with the bodies, are no slower.
+        These modes have no inertia: they are in equilibrium with the loads and the motions of the
+        others. The rates of that equilibrium are differences over a time `span` [s], if it is
+        given, since the shapes rotate with the bodies.
         """
         K, load = T.T @ self.K @ T, self.load @ T
         others = np.concatenate([K[:, follow][:, :, ~follow], -load[:, follow, None]], axis=2)

@@ -1,11 +1,11 @@
 """Equations of small motions in modal coordinates, integrated from row to row.
 
-M ÿ + D ẏ + K y = load, whose coefficients change along a motion. They are averaged over each
-interval, and the solution there is exact (exponential integrator, loads linear in time): modes far
-faster than the rows vibrate and resonate as they would. The place that such a mode vibrates about,
-its equilibrium with the loads and the accelerations of the slow ones, moves with the coefficients;
-averages make it jump, and the mode would ring. It is carried over to each next row (adiabatic
-motion).
+The coefficients of M ÿ + D ẏ + K y = load change along a motion. They are averaged over each
+interval between rows, and the solution there is exact (exponential integrator, loads linear in
+time), so that modes much faster than the rows vibrate and resonate correctly. Such a mode vibrates
+about its equilibrium with the loads and the accelerations of slow modes. This equilibrium moves
+with the coefficients; averaged ones would make it jump and excite the mode. So the deviation from
+it is carried over from row to row (adiabatic motion).
 
 Source: Hochbruck & Ostermann, Acta Numerica 19 (2010) 209, on exponential integrators.
 """
@@ -22,22 +22,22 @@ from flexmb.analysis.effects.variational_equations import times
 from flexmb.flexbody.arrays import Array
 
 UNRESOLVED = 1.0
-"""Angle [rad] of a vibration between two rows from which on they do not resolve it."""
-_ROUNDS = 2  # of what such vibrations do slowly
-_UNBOUNDED = 1e12  # a small motion this many times the model is not followed any further
+"""Phase of a vibration between two rows above which they do not resolve it [rad]."""
+_ROUNDS = 2  # iterations for the slow motion of unresolved vibrations
+_UNBOUNDED = 1e12  # small motion over the size of the model at which the integration ends
 
 
 class ModalEquations:
-    """Those of independent coordinates T η, of frequencies ω; `quick` ones the rows do not resolve.
+    """Equations of y = T η with modal frequencies ω; rows do not resolve the `quick` modes.
 
     Parameters
     ----------
     pieces : SmoothPieces
-        The rows.
+        Times of the rows, and jumps between them.
     made : IndependentMotions
-        Equations of d independent coordinates.
+        Equations of d independent coordinates y.
     omega, T : (d,) and (d, d) arrays
-        Frequencies [rad/s] and shapes of modes of these.
+        Frequencies [rad/s] and mode shapes of these.
     """
 
     def __init__(
@@ -49,13 +49,13 @@ class ModalEquations:
         self.quick = omega * np.median(np.diff(pieces.t)) > UNRESOLVED
 
     def integrate(self, y: Array, yd: Array) -> tuple[Array, int]:
-        """η, η̇ and η̈ (3, n, d) from the first ones on, and how many rows are bounded."""
+        """η, η̇ and η̈ (3, n, d) with given first values; number of bounded rows."""
         M, D, K, w, quick, pieces = self.M, self.D, self.K, self.omega, self.quick, self._pieces
         slow, load = self._slow_motion()
         n, u = load.shape
         x = np.zeros((n, 2 * u))
         x[0] = np.concatenate([y - slow[0, 0], (yd - slow[1, 0]) / w])
-        Mm, Dm, Km = (0.5 * (C[1:] + C[:-1]) for C in (M, D, K))  # symmetric: they make no energy
+        Mm, Dm, Km = (0.5 * (C[1:] + C[:-1]) for C in (M, D, K))  # symmetric means create no energy
         A, inverse = _first_order(Mm, Dm, Km, w)
         is_slow = ~np.tile(quick, 2)
         if is_slow.any():
@@ -71,7 +71,7 @@ class ModalEquations:
         return slow + [y, yd, np.linalg.solve(M, load[..., None])[..., 0]], bounded
 
     def _slow_motion(self) -> tuple[Array, Array]:
-        """What quick modes do slowly (3, n, d), and the loads that are left without it (n, d)."""
+        """Slow motion of the quick modes (3, n, d), and the loads without those of it (n, d)."""
         n, u = self.load.shape
         load, slow, quick = self.load, np.zeros((3, n, u)), self.quick
         inner = np.ix_(np.arange(n), quick, quick)
@@ -87,7 +87,7 @@ class ModalEquations:
         self, x: Array, load: Array, A: Array, inverse: Array, carried: tuple[Array, Array],
         jumps: Array,
     ) -> int:  # fmt: skip
-        """Fill in the rows of x = (η, η̇/ω) from the first one on; how many are bounded."""
+        """Integrate x = (η, η̇/ω) from its first row on, in place; number of bounded rows."""
         from scipy.linalg import expm
 
         (n, u), t, (leave, arrive), quick = load.shape, self._pieces.t, carried, self.quick
@@ -113,18 +113,18 @@ class ModalEquations:
 def _equilibria(
     M: Array, D: Array, K: Array, load: Array, omega: Array, quick: NDArray[np.bool_]
 ) -> Array:
-    """Places (n, q, 2 s + r) of quick vibrations, per (y, ẏ/ω) of the s others and r loads.
+    """Equilibria (n, q, 2 s + r) of q quick modes, per (y, ẏ/ω) of the s others and r loads.
 
-    Those of equilibrium with the loads and the accelerations of the others: they ring about it.
+    They are in equilibrium with the loads and the accelerations of the other modes.
     """
     slow = ~quick
-    both = np.where(quick, K, M)  # of the places of quick ones and the accelerations of the others
+    both = np.where(quick, K, M)  # for positions of quick modes, accelerations of the others
     others = np.concatenate([K[:, :, slow], D[:, :, slow] * omega[slow], -load], axis=2)
     return -least_squares_solution(both, others)[:, quick]
 
 
 def least_squares_solution(A: Array, b: Array) -> Array:
-    """x of A x = b; the least one where A is singular, as of a contact that is open."""
+    """x of A x = b; of least norm if A is singular, as with an open contact."""
     try:
         return np.asarray(np.linalg.solve(A, b))
     except np.linalg.LinAlgError:
@@ -134,7 +134,7 @@ def least_squares_solution(A: Array, b: Array) -> Array:
 def _first_order(
     M: Array, D: Array, K: Array, omega: Array, of: NDArray[np.bool_] | slice = slice(None)
 ) -> tuple[Array, Array]:
-    """A (n, 2 d, 2 d) of x = (y, ẏ/ω), ẋ = A x + (0, M⁻¹ f/ω), and M⁻¹; of some of the y."""
+    """A (n, 2 d, 2 d) of ẋ = A x + (0, M⁻¹ f/ω), x = (y, ẏ/ω), and M⁻¹, for some of the y."""
     n, w = len(M), omega[of]
     d = len(w)
     inverse, A = np.zeros_like(M), np.zeros((n, 2 * d, 2 * d))

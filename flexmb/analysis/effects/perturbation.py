@@ -1,17 +1,17 @@
-"""How the motion of one model differs from that of a neighbouring one: a first-order perturbation.
+"""Difference between the motions of two similar models: a first-order perturbation.
 
 In: the rows of a run, and the compiled model of the same scene with one effect more or less. Out:
-the change of every sensor, row by row. What the run leaves out of balance in the other model, its
-defect F and C, drives the small motions of that model about the computed motion,
+the change of every sensor, row by row. The defect of the run in the other model, i.e. the residuals
+F and C of its equations, excites small motions of that model about the computed motion,
 
     M δv̇ + D δv + K δq + Cqᵀ δλ = −F,   Cq δq = −C,   δv = δq̇ + Ω δq
 
-(Ω the turning of body axes). With δq = Z y + g, the columns of Z the motions that the rows of Cq
-leave free, this is an ordinary linear equation for y, which `modal_equations` integrates. Where
-modes begin that are far faster than the rows, the first accelerations tell. Where a bristle begins
-to stick or to slide the equation is solved anew: it sticks where the small motion has slid to.
-Positions have the motion that closes joints at full size, of the second order, by the least elastic
-energy.
+with Ω the rotation of body axes. With δq = Z y + g, where the columns of Z are a basis of the null
+space of Cq, this is an ordinary linear differential equation for y, which `modal_equations`
+integrates. The first values of modes much faster than the rows follow from the first accelerations.
+When a bristle of friction begins to stick or to slide, the solution starts again: the bristle
+sticks at the position to which the small motion has slid. Positions also include the second-order
+motion that closes joints for the full displacements, with the least elastic energy.
 
 Source of the idea: defect correction (Stetter, Numer. Math. 29 (1978) 425); of the estimate:
 Padilla & von Flotow, J. Guidance 15 (1992) 149, who linearise about the motion as well.
@@ -44,22 +44,21 @@ from flexmb.engine.bodies.static_modes import static_coordinates
 from flexmb.engine.compile import Compiled
 from flexmb.flexbody.arrays import Array
 
-_ENDS = 5  # rows at the end of splines, where rates of what follows turning bodies are rough
-_CLOSINGS = 2  # of joints at full size
-_CLOSED = 0.01  # of their gaps may be left
-_NO_TIME = 0.01  # of an interval, which modes without inertia take
-_MOST_VIBRATIONS = 80  # the slowest of many; what the rows do not resolve beyond only follows loads
-_SPAN = 0.5  # rad of the slowest vibration that is left out, over which rates of what follows count
-_SMALL = 1e-5  # of the size of the model: a change of the motion that is linear in all sensors
+_ENDS = 5  # rows at the ends of splines, where rates on rotating bodies are inaccurate
+_CLOSINGS = 2  # Newton steps to close joints for the full displacements
+_CLOSED = 0.01  # gap that may remain over the gap before
+_NO_TIME = 0.01  # response time of modes without inertia over the interval of rows
+_MOST_VIBRATIONS = 80  # largest number of vibrations; faster unresolved ones only follow loads
+_SPAN = 0.5  # phase of the slowest omitted vibration over which rates of condensed modes are taken
+_SMALL = 1e-5  # displacement over the size of the model in which all sensors are linear
 
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """Change of the channels (n, k) that another model makes, and the motions behind it (n, nv).
+    """Change of the channels (n, k) by another model, and of the motion (n, nv).
 
-    From row `bounded` on the small motions are no longer small: the linear equations are unstable
-    there, or the change is as large as the model. `motion` is that of the run with the change, if
-    bounded.
+    From row `bounded` on the changes are not small: the linear equations are unstable there, or the
+    change is as large as the model. `motion` is the motion of the run plus the change, if bounded.
     """
 
     channels: Array
@@ -74,23 +73,23 @@ def respond(
     start: tuple[Array, Array, Array] | None = None, *, quasi_static: bool = False,
     jumps: Jumps | None = None,
 ) -> Response:  # fmt: skip
-    """Small motions of a model about a motion that is not its own.
+    """Small motions of a model about the motion of another model.
 
     Parameters
     ----------
     compiled : Compiled
         The other model.
     motion : Motion
-        A computed motion in its coordinates; channels are those of the run itself.
+        A computed motion in the coordinates of the other model; channels are those of the run.
     balance : (n, nv) array
-        What the rows leave out of balance in their own model: the noise of reported accelerations
-        and reactions, which is no effect.
+        Residual of the rows in their own model: noise of the reported accelerations and reactions,
+        which is subtracted.
     start : three (nv,) arrays, optional
-        First changes of positions, velocities and accelerations; none by default.
+        First changes of positions, velocities and accelerations; zero by default.
     quasi_static : bool
-        Leave out the inertia of vibrations: deformations follow their loads.
+        Leave out the inertia of vibrations: deformations are in equilibrium with their loads.
     jumps : Jumps, optional
-        Where the computed motion jumps, which the other model does not.
+        Jumps of the computed motion that the other model does not have.
     """
     equations, state = linearise(compiled, motion, balance), equations_of(compiled)
     small = _solve(compiled, motion, equations, start, quasi_static, jumps)
@@ -98,7 +97,7 @@ def respond(
     load = equations.F + small.load
     load = load + sum(map(times, (equations.M, equations.D, equations.K), parts[::-1]))
     elastic = equations.frames.elastic()
-    follows = (np.diag(elastic) > 0.0) & quasi_static  # their equations have no inertia in the run
+    follows = (np.diag(elastic) > 0.0) & quasi_static  # without inertia
     multipliers = np.einsum("tr,trc->tc", equations.shares(load, follows), equations.rows)
     n, closed, factors = len(motion.t), None, np.ones((1, len(motion.t)))
     if bounded == n:
@@ -126,7 +125,7 @@ def respond(
 
 
 class _Moves(NamedTuple):
-    """Changes (n, ...) of a motion, of positions in velocity coordinates."""
+    """Changes (n, ...) of a motion; those of positions in velocity coordinates."""
 
     q: Array
     v: Array
@@ -138,7 +137,7 @@ class _Moves(NamedTuple):
 def _change_of_channels(
     motion: Motion, k: int, state: StateEquations, moved: _Moves, factors: Array
 ) -> Array:
-    """Change (channels,) of row k, the smaller one of those with the moves times some factors."""
+    """Change (channels,) of row k, the smallest of those with the moves times some factors."""
     changes, now = [], state.state
     for f in factors:
         motion.put(k, state)
@@ -155,9 +154,9 @@ def _change_of_channels(
 def _closure(
     motion: Motion, equations: StateEquations, of: VariationalEquations, dq: Array, elastic: Array
 ) -> Array | None:
-    """What closes joints at full size after motions (n, nu); None if these are too large for it.
+    """Motion that closes joints after displacements (n, nu); None if these are too large.
 
-    Of bodies that bend it is by how much they come closer, of the second order in the deflection.
+    For bodies in bending it is their shortening, of second order in the deflection.
     """
     closed, gaps = np.zeros_like(dq), np.zeros((_CLOSINGS + 1, len(dq)))
     closing = of.closure((motion.t[-1] - motion.t[0]) ** 2 * elastic)
@@ -175,7 +174,7 @@ def _closure(
 
 
 class _Begin(NamedTuple):
-    """First changes of q, v and, if they are known, dv/dt (nu,) in weighted coordinates."""
+    """First changes of q, v and, if known, dv/dt (nu,) in weighted coordinates."""
 
     q: Array
     v: Array
@@ -184,8 +183,8 @@ class _Begin(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _SmallMotions:
-    """δq, δv, δv̇ (3, n, nu), loads (n, nu) and changes of history (n, h) of bristles, and how many
-    rows are bounded."""
+    """δq, δv, δv̇ (3, n, nu); loads (n, nu) and changes of history (n, h) of bristles; number of
+    bounded rows."""
 
     pieces: SmoothPieces
     motions: Array
@@ -200,8 +199,8 @@ def _solve(
 ) -> _SmallMotions:  # fmt: skip
     """Solve the variational equations; arguments as of `respond`.
 
-    Piece by piece: from jump to jump, from bend to bend of a bristle, and as far as one choice of
-    independent coordinates serves.
+    Piece by piece: between jumps, between rows at which a bristle begins to stick or slide, and as
+    long as one selection of independent coordinates is suitable.
     """
     n, frames, nu = len(motion.t), of.frames, len(of.weights)
     behind = np.array(rows_behind_jumps(compiled, motion.t), np.int64)
@@ -245,10 +244,10 @@ def _solve_piece(
     pieces: SmoothPieces, of: VariationalEquations, coordinates: IndependentCoordinates,
     begin: _Begin, springs: tuple[Array, Array | None], quasi_static: bool,
 ) -> tuple[Array, int]:  # fmt: skip
-    """δq, δv and δv̇ (3, n, nu) from the first on, and how many rows are bounded.
+    """δq, δv and δv̇ (3, n, nu) from given first values; number of bounded rows.
 
-    `springs` are the stiffness of all modes and that of those without inertia. With `quasi_static`
-    vibrations whose stiffness is mostly that of bodies follow their loads.
+    `springs` are the stiffness of all modes, and of those without inertia. With `quasi_static`,
+    vibrations whose stiffness is mostly that of bodies are in equilibrium with their loads.
     """
     (elastic, massless), (q, v, vd) = springs, begin
     span, interval = pieces.t[-1] - pieces.t[0], np.median(np.diff(pieces.t))
@@ -256,7 +255,7 @@ def _solve_piece(
     if massless is not None:
         further = (_NO_TIME * interval) ** 2 * massless
     omega, T = made.modes(1.0 / span, further)
-    # the least energy closes joints that were closed at full size: what is stiff does not share it
+    # joints are closed with the least elastic energy, so that stiff modes do not contribute
     first = np.linalg.solve(T, np.stack(made.coordinates(q, v, elastic * span**2), axis=1))
     if quasi_static:
         follow = np.einsum("ij,ik,kj->j", T, made.mean(elastic), T) > 0.5 * omega**2

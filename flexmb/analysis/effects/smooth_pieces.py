@@ -1,9 +1,9 @@
-"""Rates of rows, piece by piece: between the rows behind which what drives a model jumps.
+"""Time derivatives of rows, piece by piece between the rows after which a load or driver jumps.
 
-Of a run with kinetostatic bodies also velocities and accelerations that are the rates of its
-places, and where these jump. The run has no rates of modes that follow their loads where there is
-no past to take them from: in its first row, behind a jump, at steps that are short. Along a motion
-whose velocities are not the rates of its places, what vibrates has no beginning.
+For a run with kinetostatic bodies also velocities and accelerations that are the derivatives of its
+positions, and their jumps. Such a run has no rates of kinetostatic modes without a past: in its
+first row, after a jump, with short steps. If velocities of a motion are not the derivatives of its
+positions, the first values of vibrations are not defined.
 """
 
 from __future__ import annotations
@@ -19,25 +19,27 @@ from flexmb.analysis.effects.stored_motion import Motion
 from flexmb.engine.compile import Compiled
 from flexmb.flexbody.arrays import Array, IntArray
 
-_COLUMNS = 64  # whose splines fit into the cache of a processor
-_SLOW = 0.1  # rad of a change of coefficients between two rows, beyond which they are no series
-_JUMP = 5.0  # times the larger change beside it: smooth motion has at most one of them
-_VISIBLE = 1e-3  # of the largest deformation: a jump
-_ROUGH = 0.01  # of the rates of modes (rms), by which those of a run may depart from their places'
+_COLUMNS = 64  # number of columns whose splines fit into the cache of a processor
+_SLOW = 0.1  # largest change of coefficients between two rows for which the series is used [rad]
+# A change is a jump if it is this many times the larger one of the changes before and after it; a
+# smooth motion has at most one such change.
+_JUMP = 5.0
+_VISIBLE = 1e-3  # least jump over the largest deformation
+_ROUGH = 0.01  # largest difference (rms) of modal rates of a run from derivatives of positions
 
 
 @dataclass(frozen=True, eq=False)
 class SmoothPieces:
-    """Times (n,) of rows, and those of them with which a piece begins, but for the first one.
+    """Times (n,) of rows, and the rows at which a piece begins, except the first.
 
-    What follows the loads jumps with them. It has the rates of either side.
+    Quantities in equilibrium with the loads jump with them; derivatives are those of either side.
     """
 
     t: Array
     begins: IntArray
 
     def part(self, rows: slice) -> SmoothPieces:
-        """Some of the rows, one after the other."""
+        """The pieces of some successive rows."""
         t = self.t[rows]
         first = rows.start or 0
         begins = self.begins[(self.begins > first) & (self.begins < first + len(t))]
@@ -59,9 +61,9 @@ class SmoothPieces:
         return rates.reshape(values.shape)
 
     def slow_rates(self, values: Array, span: float) -> tuple[Array, Array]:
-        """First and second time derivative of rows (n, d), from differences over a span at least.
+        """First and second time derivative of rows (n, d), by differences over at least `span` [s].
 
-        What changes within it, such as bends of loads and noise, counts as if it took as long.
+        Faster changes, such as kinks of loads and noise, are smoothed over that time.
         """
         first, second = np.zeros((2, *values.shape))
         for piece in self._pieces():
@@ -79,18 +81,17 @@ class SmoothPieces:
         return first, second
 
     def jumps(self, values: Array, rates: Array) -> Array:
-        """By how much rows jump from one piece to the next, in the rows behind it; else 0."""
+        """Jump from one piece to the next, in the first row of the next; 0 in all other rows."""
         jumps, k = np.zeros_like(values), self.begins
         h = (self.t[k] - self.t[k - 1])[:, None]
         jumps[k] = values[k] - values[k - 1] - 0.5 * h * (rates[k] + rates[k - 1])
         return jumps
 
     def series(self, A: Array) -> Array:
-        """What Magnus' series has of ẋ = A x beyond the mean of both ends of an interval.
+        """Fourth-order term of Magnus' series for ẋ = A x, in addition to the mean of both ends.
 
-        Of fourth order, (n - 1, d, d): without it a motion that swings on for long, whose
-        disturbance grows with time, would have another period than its disturbance. Nothing where
-        A changes at once.
+        (n - 1, d, d). Without it a long oscillation, whose disturbance grows with time, would have
+        another period than its disturbance. Zero in intervals in which A jumps.
 
         Source: Blanes, Casas, Oteo & Ros, Phys. Reports 470 (2009) 151, section 5.
         """
@@ -113,8 +114,8 @@ class SmoothPieces:
 
 @dataclass(frozen=True, eq=False)
 class Jumps:
-    """Rows (k,) that are the first behind a jump, and by how much places and velocities (k, nv)
-    jump, in velocity coordinates."""
+    """Rows (k,) that are the first after a jump; the jumps of positions and velocities (k, nv), in
+    velocity coordinates."""
 
     rows: IntArray
     places: Array
@@ -124,7 +125,7 @@ class Jumps:
 def follow_places(
     compiled: Compiled, motion: Motion, bodies: Sequence[str]
 ) -> tuple[Motion, Jumps]:
-    """A motion whose velocities are the rates of its places, and where these jump.
+    """The motion with velocities that are the derivatives of its positions, and its jumps.
 
     Parameters
     ----------
@@ -133,7 +134,7 @@ def follow_places(
     motion : Motion
         Rows of a run.
     bodies : sequence of str
-        Those of which the modes follow their loads in the run.
+        Bodies that are kinetostatic in the run.
     """
     t, columns = motion.t, [one for one in compiled.layout.bodies if one.name in bodies]
     scaled, rates = [], []  # a unit of them is the root of twice an energy
@@ -153,7 +154,7 @@ def follow_places(
 
 
 def _jumps_of(t: Array, eta: Array) -> list[int]:
-    """Rows behind changes that are far larger than those beside them."""
+    """Rows after changes that are far larger than the changes before and after them."""
     speed = np.linalg.norm(np.diff(eta, axis=0), axis=1) / np.diff(t)
     beside = np.maximum(np.append(0.0, speed[:-1]), np.append(speed[1:], 0.0))
     size = np.linalg.norm(eta - eta.mean(axis=0), axis=1).max(initial=0.0)
@@ -163,7 +164,7 @@ def _jumps_of(t: Array, eta: Array) -> list[int]:
 
 
 def _rates(compiled: Compiled, q: Array, pieces: SmoothPieces) -> Array:
-    """Velocities (n, nv) of places (n, nq)."""
+    """Velocities (n, nv) as derivatives of positions (n, nq)."""
     qd, v = pieces.rate(q), np.zeros((len(q), compiled.layout.nv))
     for body in compiled.layout.bodies:
         a, b, m = body.iq, body.iv, body.m
@@ -178,7 +179,7 @@ def _rates(compiled: Compiled, q: Array, pieces: SmoothPieces) -> Array:
 
 
 def _measure_jumps(compiled: Compiled, motion: Motion, rows: IntArray) -> Jumps:
-    """What rates on both sides, and the cubic between them, leave of the change of rows."""
+    """Jumps: change between rows minus that of the cubic by the rates on both sides."""
     from scipy.spatial.transform import Rotation
 
     before, h = rows - 1, (motion.t[rows] - motion.t[rows - 1])[:, None]

@@ -1,6 +1,6 @@
 """The stored motion of a run, in the coordinates of its own model and of a neighbouring one.
 
-In: the rows of a run, compiled models. Out: their states, and what they leave out of balance.
+In: the rows of a run, compiled models. Out: their states, and the residuals of their equations.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, IntArray, skew
 from flexmb.results import Result
 
-_GAP = 0.05  # of velocities against accelerations between rows, relative
-_TURN, _PHASE = 0.3, 0.75  # rad of a body and of a load between rows
-_AT_REST = 1e-9  # of the size of a model over the run: round-off
-_STEP, _NOTHING = 1e-9, 1e-30  # of finite differences, in sizes of the model
-_BLOCK = 64  # rows whose matrices stay in the cache of a processor
+_GAP = 0.05  # relative difference of velocities and integrated accelerations that rows should keep
+_TURN, _PHASE = 0.3, 0.75  # largest rotation of a body and phase of a load between rows [rad]
+_AT_REST = 1e-9  # velocity that is round-off, over the size of the model per duration
+_STEP, _NOTHING = 1e-9, 1e-30  # step of finite differences, zero, over the size of the model
+_BLOCK = 64  # number of rows whose matrices fit into the cache of a processor
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
     """Rows of a run, SI: t (n,), q (n, nq), v, vd (n, nv), lam (n, nc), channels (n, k).
 
-    `history` (n, h): what the elements of a model remember of the rows before, as a contact the
-    speed of its impact; None: nothing.
+    `history` (n, h): history of the elements of a model, such as the impact velocity of a contact;
+    None: no history.
     """
 
     t: Array
@@ -45,7 +45,7 @@ class Motion:
     history: Array | None = None
 
     def put(self, k: int, equations: StateEquations) -> None:
-        """Make row number k the state of the equations."""
+        """Set the state of the equations to row k."""
         state = equations.state
         state.t[0], state.angles[:] = self.t[k], self.channels[k]
         for name in ("q", "v", "vd", "lam"):
@@ -54,9 +54,9 @@ class Motion:
             state.history[:] = self.history[k]
 
     def gap(self, compiled: Compiled) -> float:
-        """How far velocities of bodies depart from the sum of their accelerations, relative (rms).
+        """Relative difference (rms) of velocities of bodies from their integrated accelerations.
 
-        Large where rows are too far apart to tell what happens between them.
+        It is large if rows are too far apart to resolve the motion.
         """
         rigid = [body.iv + k for body in compiled.layout.bodies for k in range(6)]
         weights = compiled.system.weights[rigid]
@@ -68,12 +68,12 @@ class Motion:
         return 0.0 if rests else float(np.sqrt((missing**2).sum())) / total
 
     def finer(self, compiled: Compiled, fastest: float) -> float:
-        """How many times as many rows resolve it, its turns, and loads of a frequency [Hz]."""
+        """Factor of the number of rows that resolves it and loads of a frequency `fastest` [Hz]."""
         gap = float(np.sqrt(self.gap(compiled) / _GAP))
         return max(gap, self.turns(compiled, fastest))
 
     def turns(self, compiled: Compiled, fastest: float) -> float:
-        """How many times as many rows resolve its turns, and loads of a frequency [Hz]."""
+        """Factor of the number of rows that resolves rotations and loads of a frequency [Hz]."""
         steps = np.diff(self.t)[:, None]
         parts = (self.v[1:, body.iv + 3 : body.iv + 6] * steps for body in compiled.layout.bodies)
         turn = max((float(np.linalg.norm(x, axis=1).max(initial=0.0)) for x in parts), default=0.0)
@@ -81,16 +81,16 @@ class Motion:
         return max(turn / _TURN, phase / _PHASE)
 
     def thinned(self, most: int) -> Motion:
-        """At most so many rows of it, at equal numbers of rows."""
+        """The motion with at most so many rows, every second, third, ... of its own."""
         every = slice(None, None, -(-len(self.t) // most))
         tables = {name: one[every] for name, one in vars(self).items() if one is not None}
         return replace(self, **tables)
 
     def with_history(self, compiled: Compiled) -> Motion:
-        """It with the history of a model's elements along the rows.
+        """The motion with the history of a model's elements along the rows.
 
-        That of the row before, from which bristles stretch; of a contact that is open the speed of
-        approach in the row itself, with which a small motion would close it.
+        It is that of the row before, from which bristles deform; for an open contact it is the
+        approach velocity in the row itself, with which a small motion would close it.
         """
         if not compiled.system.history:
             return self
@@ -109,11 +109,11 @@ class Motion:
 
 
 class Bristles:
-    """What the bristles of a model remember of small motions about a motion, to first order.
+    """Change of the history of friction bristles by small motions, to first order.
 
-    One that sticks stands where it began to; that place moves with what has slid until then, and
-    leaves a load. `bends` are the rows with which one begins to stick or to slide, `changes` (n, h)
-    those of the history.
+    A bristle that sticks is attached where it began to stick. A small motion that has slid until
+    then moves this position, which causes a load. `bends` are the rows at which one begins to stick
+    or to slide, `changes` (n, h) are changes of the history.
     """
 
     def __init__(self, compiled: Compiled, motion: Motion) -> None:
@@ -121,13 +121,15 @@ class Bristles:
         self.changes = np.zeros((len(motion.t), compiled.system.history))
         history = self.changes if motion.history is None else motion.history
         modes, self._stretched = _bristle_places(compiled.system)
-        sticks = np.append(history[1:], history[-1:], axis=0)[:, modes] == FREE  # as rows leave it
+        sticks = (
+            np.append(history[1:], history[-1:], axis=0)[:, modes] == FREE
+        )  # at the end of each row
         self.bends = np.flatnonzero((sticks[1:] != sticks[:-1]).any(axis=1)) + 1
 
     def load(self, rows: range, dq: Array, dv: Array) -> Array:
-        """Change of F (rows, nv) by what they remember, with dq, dv (nv,) in the first row.
+        """Change of F (rows, nv) by the history, with small motions dq, dv (nv,) in the first row.
 
-        Rows follow those of the last call.
+        The rows must follow those of the last call.
         """
         first, loads = rows[0], np.zeros((len(rows), len(dq)))
         if not self._stretched:
@@ -141,7 +143,7 @@ class Bristles:
         return loads
 
     def _next(self, k: int, dq: Array, dv: Array, *, is_first: bool = False) -> Array:
-        """Change of what is remembered behind row k, by that before it and small motions there."""
+        """Change of the history after row k, by that before it and the small motions there."""
         equations, size = self.equations, self._size(self.changes[k], dq, dv)
         if size < _NOTHING:
             return np.zeros_like(self.changes[k])
@@ -170,14 +172,14 @@ class Bristles:
         return np.asarray((both[1] - both[0]) * (size / _STEP))
 
     def _size(self, change: Array, *motions: Array) -> float:
-        """The largest part of a change, in sizes of the model."""
+        """The largest component of a change, over the size of the model."""
         weights = self.equations.compiled.system.weights
         parts = [change * weights[:3].max(initial=0.0), *(motion * weights for motion in motions)]
         return max(float(np.abs(part).max(initial=0.0)) for part in parts)
 
 
 def _bristle_places(system: System) -> tuple[list[int], list[int]]:
-    """Places in the history that say whether bristles are free, and how they are stretched."""
+    """Indices in the history: of the states of bristles (free or not), and of their deflections."""
     modes: list[int] = []
     stretched: list[int] = []
     contacts, joints = (system.kinds.get(name) for name in ("contacts", "joint_frictions"))
@@ -192,19 +194,19 @@ def _bristle_places(system: System) -> tuple[list[int], list[int]]:
 
 
 def blocks(n: int) -> Iterator[slice]:
-    """The rows of n, in blocks whose matrices are worked on together."""
+    """Slices of n rows, in blocks whose matrices are processed together."""
     for first in range(0, n, _BLOCK):
         yield slice(first, min(first + _BLOCK, n))
 
 
 class WeightedCoordinates:
-    """Weighted coordinates of small motions: translations and rotations of bodies in their axes."""
+    """Weighted coordinates of small motions, with translations and rotations in body axes."""
 
     def __init__(self, compiled: Compiled, motion: Motion) -> None:
         from scipy.spatial.transform import Rotation
 
         self.compiled, system = compiled, compiled.system
-        still = static_coordinates(system, kinetostatic=True)  # their modes have no motion here
+        still = static_coordinates(system, kinetostatic=True)  # they have no coordinates here
         self.used = np.setdiff1d(np.flatnonzero(system.kkt.column >= 0), still).astype(np.int64)
         weights = np.where(system.weights > 0.0, system.weights, 1.0)
         self.inverse = 1.0 / weights
@@ -243,12 +245,12 @@ class WeightedCoordinates:
         return both, shift
 
     def to_coordinates(self, k: int, motion: Array) -> Array:
-        """Weighted coordinates in row k of a motion (nv,); columns of S are at right angles."""
+        """Weighted coordinates in row k of a motion (nv,); the columns of S are orthogonal."""
         turned = self.turned(motion[None, None], slice(k, k + 1))[0, 0]
         return np.asarray(turned / self.inverse[self.used] ** 2)
 
     def elastic(self, places: IntArray | None = None) -> Array:
-        """Stiffness of the modes of all bodies, or of those at some places."""
+        """Stiffness of the modes of all bodies, or of those with some indices."""
         K = np.zeros((self.compiled.layout.nv,) * 2)
         for body in self.compiled.layout.bodies:
             own = slice(body.iv + 6, body.iv + 6 + body.m)
@@ -269,7 +271,7 @@ class WeightedCoordinates:
 
 
 def out_of_balance(compiled: Compiled, motion: Motion) -> Array:
-    """F (n, nv) that the rows of a run leave in their own model."""
+    """Residual F (n, nv) of the rows of a run in their own model."""
     equations, rows = equations_of(compiled), np.zeros((len(motion.t), compiled.layout.nv))
     motion = motion.with_history(compiled)
     for k in range(len(rows)):
@@ -279,7 +281,7 @@ def out_of_balance(compiled: Compiled, motion: Motion) -> Array:
 
 
 def equations_of(compiled: Compiled) -> StateEquations:
-    """The equations of a model, at no state yet."""
+    """The equations of a model, without a state."""
     return StateEquations(compiled, new_state(compiled.system, len(compiled.layout.channels)))
 
 
@@ -291,7 +293,7 @@ def read_motion(run: Result) -> Motion:
 
 
 def shapes_of(body: FlexBody, finer: FlexBody) -> Array:
-    """(m of the finer, m) modal coordinates of a finer body that each of a body's own are."""
+    """(m of the finer, m) modal coordinates of a finer body per unit of each of a body's own."""
     if not body.m:
         return np.zeros((finer.m, 0))
     fields = [
@@ -305,11 +307,11 @@ def shapes_of(body: FlexBody, finer: FlexBody) -> Array:
 def carry_motion(
     motion: Motion, own: Compiled, other: Compiled, shapes: Mapping[str, Array]
 ) -> tuple[Motion, Array]:
-    """A motion in the coordinates of another model, and what its rows leave out of balance there.
+    """A motion in the coordinates of another model, and its residual in its own model there.
 
-    Bodies, rows and scalar coordinates are matched by name. `shapes` are by body the modal
-    coordinates (m of the other, m) of each of its own; none: those of the same number, else a body
-    is undeformed.
+    Bodies, rows and scalar coordinates are matched by name. `shapes` are, by body, the modal
+    coordinates (m of the other, m) per unit of each of its own. Without shapes, modes are matched
+    if their numbers agree; otherwise the body is undeformed.
     """
     n, layout = len(motion.t), other.layout
     q = np.tile(other.initial_q, (n, 1))
@@ -347,7 +349,7 @@ def _carry_body(
     if shape is None and new.m == old.m:
         shape = np.eye(new.m)
     if shape is not None:
-        back = np.linalg.pinv(shape)  # a force on the coordinates that the own ones are part of
+        back = np.linalg.pinv(shape)  # forces on the larger set of coordinates
         q[:, new.iq + 7 : new.iq + 7 + new.m] = (
             motion.q[:, old.iq + 7 : old.iq + 7 + old.m] @ shape.T
         )

@@ -16,10 +16,12 @@ from flexmb.analysis.effects.stored_motion import Motion, WeightedCoordinates, b
 from flexmb.engine.compile import Compiled
 from flexmb.flexbody.arrays import Array, IntArray
 
-_NOTHING = 1e-20  # of the largest square of a row of Cq
-_HELD = 1e-8  # of the largest square of rows of Cq, without modes: these hold what turns and moves
-_NO_MASS = 1e-12  # of the inertia of all
-_MODES_LAST = 1e-6  # preference of modes among dependent coordinates
+_NOTHING = 1e-20  # regularisation of Cq Cqᵀ over its largest eigenvalue
+# Least over largest eigenvalue of Cq Cqᵀ without the modes that follow loads, below which joints
+# need their compliance.
+_HELD = 1e-8
+_NO_MASS = 1e-12  # inertia added to each coordinate, over the trace of the metric
+_MODES_LAST = 1e-6  # weight of modes in the selection of dependent coordinates
 _TABLES = ("M", "D", "K", "Cq", "F", "C", "Omega", "rows")
 _TURNING = 2 * np.pi  # of a body over the run: so much makes its coordinates twice as dependent
 
@@ -93,7 +95,7 @@ class VariationalEquations:
 
 
 def linearise(compiled: Compiled, motion: Motion, balance: Array) -> VariationalEquations:
-    """The equations of a model about a motion; arguments as of `perturbation.respond`."""
+    """Linearise a model about a motion; arguments as of `perturbation.respond`."""
     frames, equations, n = (
         WeightedCoordinates(compiled, motion),
         equations_of(compiled),
@@ -121,7 +123,7 @@ def linearise(compiled: Compiled, motion: Motion, balance: Array) -> Variational
             friction[part] = frames.turned(loads, part)
     F = frames.turned((F - balance)[:, None])[:, 0]
     rank = numerical_rank(np.linalg.svd(scale[:, None] * Cq[0], compute_uv=False))
-    if rank < nc:  # what is right-angled to the others and has no length is left out
+    if rank < nc:  # redundant rows: take independent combinations
         U = np.linalg.svd(scale[:, None] * Cq, full_matrices=False)[0][:, :, :rank]
     rows = np.broadcast_to(U.transpose(0, 2, 1) * scale, (n, rank, nc))
     Cq, C = rows @ Cq, np.einsum("trc,tc->tr", rows, C)
@@ -138,5 +140,5 @@ def linearise(compiled: Compiled, motion: Motion, balance: Array) -> Variational
 
 
 def times(X: Array, x: Array) -> Array:
-    """X x of all rows."""
+    """Product X x in each row."""
     return np.asarray(np.einsum("tij,tj->ti", X, x))
