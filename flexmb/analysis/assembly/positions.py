@@ -200,11 +200,16 @@ def _check_placement(
                 f"bodies.{body.name}",
                 f"would have to move by {body.text(model.units)} to close the joints: as placed "
                 f"{gap.name} is {open_by(model, gap)}; place it where its joints close, "
-                + "turn a marker of the joint by its orientation, " * (gap.angle > _MAX_DISPLACEMENT)
-                + "or accept what they do by an empty section [assembly]",
+                f"{_turn(gap)}or accept what they do by an empty section [assembly]",
             )
             for body, gap in ((one, _gap_of(model, gaps, one.name)) for one in far[:_MAX_SHOWN])
         )
+
+
+def _turn(gap: Offset) -> str:
+    """The cure for axes that are askew, or ""."""
+    askew = gap.angle > _MAX_DISPLACEMENT
+    return "turn a marker of the joint by its orientation, " if askew else ""
 
 
 def is_misplaced(compiled: Compiled, model: Model) -> bool:
