@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from flexmb.analysis.effects.contribution import Contribution
     from flexmb.analysis.effects.stored_motion import Motion
     from flexmb.engine.compile import Compiled
+    from flexmb.flexbody import FlexBody
     from flexmb.model import Model
 
 Change: TypeAlias = tuple[tuple[Array, ...], Array, tuple[str, ...], float | None]
@@ -116,7 +117,7 @@ class Estimates:
         from flexmb.analysis.effects.stored_motion import shapes_of
 
         model, own, follow = self.of.neighbour(*effects), self.of.compiled, False
-        name, on = effects[0].name, effects[0].on
+        name, on, motion = effects[0].name, effects[0].on, self.of.motion
         if name != STATIC and self.of.static:
             own, follow = self.of.dynamic[1], "quasi-static" in self.of.static.values()
             model = with_words(model, dict.fromkeys(self.of.static, DYNAMIC))
@@ -130,14 +131,29 @@ class Estimates:
                     words = more_modes(self.of.bodies[body], spec.mode_count)
                     model = with_words(model, {body: words})
                     bodies[body] = self.of.reduced(model, replace(effects[0], body=body))
+            own, motion = self._in_plane(own, bodies)
         other = self.of.compile(model, bodies)
         finer = {OUT_OF_PLANE: own.flexbodies, MODES: [one.body for one in effects]}
         for body in finer.get(name, ()):
             shapes[body] = shapes_of(own.flexbodies[body], other.flexbodies[body])
-        changes = self._few_changes(own, other, model, shapes, follow)
-        changes = changes or self._changes(own, other, model, self.of.motion, shapes, follow)
+        changes = self._few_changes(own, other, model, motion, shapes, follow)
+        changes = changes or self._changes(own, other, model, motion, shapes, follow)
         times = time(other), time(own) if self.of.static else self._own_time
         return *changes, times[1] / times[0] if on else times[0] / times[1]
+
+    def _in_plane(self, own: Compiled, spatial: Mapping[str, FlexBody]) -> tuple[Compiled, Motion]:
+        """The planar model with those modes of spatial bodies that stay in the plane, and the
+        motion of the run by these.
+
+        The modes of the run differ a little from these. That is no motion out of the plane.
+        """
+        from flexmb.analysis.effects.stored_motion import carry_motion, shapes_of
+
+        model = self.of.dynamic[0] if self.of.static else self.of.model
+        flat = self.of.compile(model, spatial)
+        shapes = {k: shapes_of(body, flat.flexbodies[k]) for k, body in own.flexbodies.items()}
+        motion, _ = carry_motion(self.of.motion, own, flat, shapes)
+        return flat, motion.with_channels(flat)
 
     def _deformation(self, *effects: Effect) -> Change:
         """Of bodies along the motion in which they are rigid; of vibrations less what is slow.
@@ -210,21 +226,21 @@ class Estimates:
         return (motion.channels, after), change, other.layout.channels
 
     def _few_changes(
-        self, own: Compiled, other: Compiled, model: Model, shapes: Mapping[str, Array],
-        follow: bool,
+        self, own: Compiled, other: Compiled, model: Model, motion: Motion,
+        shapes: Mapping[str, Array], follow: bool,
     ) -> tuple[tuple[Array, ...], Array, tuple[str, ...]] | None:  # fmt: skip
         """As `_changes`, of a part of many rows, where these change next to nothing; else None."""
         from flexmb.analysis.effects.contribution import contributions
 
-        n = len(self.of.motion.t)
+        n = len(motion.t)
         if n <= _MIN_ROWS:
             return None
-        few = self.of.motion.thinned(n // _THINNING)
+        few = motion.thinned(n // _THINNING)
         histories, change, names = self._changes(own, other, model, few, shapes, follow)
         if any(one.share > _NO_CHANGE for one in contributions(model, histories, change, names)):
             return None
         every = -(-n // len(few.t))
-        return 2 * (self.of.motion.channels,), np.repeat(change, every, axis=0)[:n], names
+        return 2 * (motion.channels,), np.repeat(change, every, axis=0)[:n], names
 
     @cached_property
     def _own_time(self) -> float:

@@ -21,10 +21,10 @@ CONSTANT = {"inertia_coupling": "constant", "geometric_stiffening": "none"}
 FULL = {"inertia_coupling": "full", "geometric_stiffening": "full"}
 
 
-def slender(length, side, modes=4, divisions=8):
+def slender(length, side, modes=4, divisions=8, **options):
     mesh = {"type": "beam", "length": length, "divisions": divisions}
     section = {"type": "rectangle", "y": side, "z": side}
-    return beam_fields(length, modes, mesh=mesh, sections={"all": section})
+    return beam_fields(length, modes, mesh=mesh, sections={"all": section}, **options)
 
 
 def load(model, name, mass, position, size=0.03):
@@ -133,8 +133,10 @@ def ball_on_a_leaf():
 def two_arms():
     """An upper and a lower arm, hub and elbow driven, that turn from the start."""
     model, w, v = Model("two arms"), (3.0, 13.0), 3.0 + 0.7 * 13.0
-    model.add_body("upper", **slender(1.0, 0.03, modes=3), angular_velocity=[0, 0, w[0]])
-    model.add_body("lower", **slender(0.7, 0.02, modes=3), position=[1.0, 0, 0],
+    model.add_body(
+        "upper", **slender(1.0, 0.03, modes=3, residual="none"), angular_velocity=[0, 0, w[0]]
+    )
+    model.add_body("lower", **slender(0.7, 0.02, modes=3, residual="none"), position=[1.0, 0, 0],
                    velocity=[0, 3.0, 0], angular_velocity=[0, 0, w[1]])  # fmt: skip
     model.add_body("tool", mass=1.0, inertia=[9e-4] * 3, position=[1.7, 0, 0],
                    velocity=[0, v, 0], angular_velocity=[0, 0, w[1]])  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from truth.test_audit import beam_fields
 
 import flexmb
 from flexmb.model import Model
@@ -113,3 +114,59 @@ def test_what_a_run_in_space_shows_of_its_plane(joint, verdict, tmp_path):
     run, _, one = audited(tilted(joint, planar=False), "motion out of the plane", tmp_path)
     assert one.on and one.verdict == verdict
     assert one.share == pytest.approx(2.0 * np.abs(run["end.z"]).max(), rel=0.1, abs=1e-9)
+
+
+def hammer():
+    """A ball that falls onto the middle of a beam on two supports, symmetric about its plane."""
+    model = Model("hammer", gravity=[0, -9.81, 0], plane="xy")
+    model.add_body("beam", deformation="dynamic", **beam_fields(modes=12))
+    model.add_marker("beam.middle", node=10)
+    model.add_body("ball", shape={"type": "sphere", "radius": 0.05}, mass=5.0,
+                   position=[0.5, 0.11, 0])  # fmt: skip
+    model.add_joint("pin", "revolute", between=["ground", "beam.root"], axis="z")
+    model.add_joint("roller", "in-plane", between=["ground", "beam.tip"], axis="y")
+    model.add_force(
+        "blow", "contact", between=["ball", "beam"], stiffness=3e9, restitution=0.6,
+        shapes=[{"type": "sphere", "radius": 0.05}, {"type": "points", "nodes": [10]}],
+    )  # fmt: skip
+    model.add_sensor("middle", "position", of="beam.middle")
+    model.add_sensor("force", "reaction", force="blow", on="I", axes="global")
+    model.set_dynamics(duration=0.13, outputs=300, accuracy=1e-3)
+    return model
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
+def test_other_modes_in_the_plane_are_no_motion_out_of_it(tmp_path):
+    """Modes in space are others than those in the plane, by which blows come at other times."""
+    _, _, one = audited(hammer(), "motion out of the plane", tmp_path)
+    assert not one.on and one.verdict == "may stay off"
+    assert one.share < 1e-4
+
+
+def swung(planar=True):
+    """A beam that is swung, with a load whose axes of inertia are tilted on its end."""
+    model = Model("swung", plane="xy")
+    model.add_body("beam", **beam_fields(modes=6, deformation="dynamic"))
+    model.add_body("load", mass=0.5, position=[1, 0, 0],
+                   inertia=[[0.02, 0, 0.012], [0, 0.03, 0], [0.012, 0, 0.03]])  # fmt: skip
+    model.add_joint("hub", "revolute", between=["ground", "beam.root"], axis="z")
+    model.add_joint("grip", "fixed", between=["beam.tip", "load"])
+    model.add_driver("motor", joint="hub", angle={"type": "step", "y1": 1.5, "t1": 0.3})
+    model.add_sensor("end", "position", of="load", relative_to="beam.root", axes="beam.root")
+    model.set_effects(planar=planar)
+    model.set_dynamics(duration=0.4, outputs=200, accuracy=1e-5)
+    return model
+
+
+@pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
+def test_what_a_plane_leaves_out_of_bending(tmp_path):
+    """Against the same beam in space."""
+    _, _, one = audited(swung(), "motion out of the plane", tmp_path / "plane")
+    plane, space = (
+        flexmb.simulate(swung(planar=on), output=tmp_path / f"{on}") for on in (True, False)
+    )
+    size = max(np.ptp(space[f"end.{axis}"]) for axis in "xyz")
+    true = max(np.abs(space[f"end.{axis}"] - plane[f"end.{axis}"]).max() for axis in "xyz") / size
+    assert true > 0.01
+    assert one.share == pytest.approx(true, rel=0.1)

@@ -25,6 +25,7 @@ _GAP = 0.05  # relative difference of velocities and integrated accelerations th
 _TURN, _PHASE = 0.3, 0.75  # largest rotation of a body and phase of a load between rows [rad]
 _AT_REST = 1e-9  # velocity that is round-off, over the size of the model per duration
 _STEP, _NOTHING = 1e-9, 1e-30  # step of finite differences, zero, over the size of the model
+_INTERFACE_WEIGHT = 1e4  # weight of the motion of interfaces over that of nodes
 _BLOCK = 64  # number of rows whose matrices fit into the cache of a processor
 
 
@@ -106,6 +107,15 @@ class Motion:
             equations.update_history(is_first=False)
             rows[k, speeds] = equations.state.history[speeds]
         return replace(self, history=rows)
+
+    def with_channels(self, compiled: Compiled) -> Motion:
+        """The motion with the channels that a model has along it."""
+        motion, equations = self.with_history(compiled), equations_of(compiled)
+        channels = np.empty((len(self.t), len(compiled.layout.channels)))
+        for k in range(len(channels)):
+            motion.put(k, equations)
+            channels[k] = equations.channels()
+        return replace(self, channels=channels)
 
 
 class Bristles:
@@ -293,14 +303,18 @@ def read_motion(run: Result) -> Motion:
 
 
 def shapes_of(body: FlexBody, finer: FlexBody) -> Array:
-    """(m of the finer, m) modal coordinates of a finer body per unit of each of a body's own."""
+    """(m of the finer, m) modal coordinates of a finer body per unit of each of a body's own.
+
+    By least squares of the motion of all nodes, with that of the interfaces met first: a gap of a
+    joint would be an effect.
+    """
     if not body.m:
         return np.zeros((finer.m, 0))
-    fields = [
-        np.vstack([np.vstack([part.Phi_t, part.Phi_r]) for part in one.interfaces]
-                  + ([] if one.nodes is None else [one.nodes.Phi_t.reshape(-1, one.m)]))
-        for one in (finer, body)
-    ]  # fmt: skip
+    fields = []
+    for one in (finer, body):
+        ends = (_INTERFACE_WEIGHT * np.vstack([part.Phi_t, part.Phi_r]) for part in one.interfaces)
+        nodes = [] if one.nodes is None else [one.nodes.Phi_t.reshape(-1, one.m)]
+        fields.append(np.vstack([*ends, *nodes]))
     return np.asarray(np.linalg.lstsq(fields[0], fields[1], rcond=None)[0])
 
 
