@@ -1,21 +1,23 @@
-"""The bristle of a contact with friction: an elastic spring s that the surface J carries.
+"""The bristle of a contact with friction: an elastic spring with deflection s, moving with body J.
 
-It is stretched by the way that the surfaces slide past each other, up to k |s| = μ N: it is free
-below, and full while it would be longer. A full one follows its limit until that grows faster than
-the surfaces slide; then it is free again. While they slide on it turns with their velocity, by the
-speed across it over its length.
+Sliding stretches the bristle until k |s| = μ N. Below this limit the bristle is free. At the limit
+it is full: sliding does not stretch it further, and its length stays μ N/k. It becomes free again
+when the limit grows faster than the surfaces slide. A full bristle turns towards the sliding
+velocity, at the rate (component of the velocity normal to the bristle)/(length of the bristle).
 
-The way of a step follows from places, so that it has the order of the method. With u' the place of
-I in axes of J, n' the normal, r the radius of a ball I (0: a point) and ω' its angular velocity
-relative to J, the surfaces slide by u̇' − r ω' × n'. Of the rotation since the step began φ' is the
-vector, so that ω' = φ̇' + φ' × φ̇'/2 + ... With ω₀', n₀' and ṅ₀' at its begin the integral over a
-step h is
+The slip of a step, the tangential displacement of I relative to J at the contact, is computed from
+positions, so that it has the order of the integration method. A prime denotes components in the
+axes of J. With u' the position of I relative to J, n' the normal, r the radius of a ball I (0: a
+point) and ω' the angular velocity of I relative to J, the sliding velocity is the tangential part
+of u̇' − r ω' × n'. With φ' the rotation vector since the step began, ω' = φ̇' + φ' × φ̇'/2 + ...
+With ω₀', n₀' and ṅ₀' at the begin of the step, its integral over a step h is
 
     Δu' + ∫ n' dd − r ((φ' + h ω₀' × φ'/6) × n̄' + (φ' − h ω₀') × (n' − n₀')/6),
 
-n̄' = n₀' + (n' − n₀')/3 + h ṅ₀'/6, where the depth d, whose part of u' goes along the normal, and n'
-are parabolas in time: exact for points, and for a ball that turns about one axis on a plane; else
-wrong by h⁴. In the plane of n it is wrong by h³ where that turns.
+n̄' = n₀' + (n' − n₀')/3 + h ṅ₀'/6. The integral over the depth d removes the normal part of Δu';
+d and n' are parabolas in time. The result is exact for points, and for a ball that turns about one
+axis on a plane; otherwise its error is O(h⁴). Its projection on the tangent plane at the end of the
+step has an error O(h³) if the normal turns.
 """
 
 from __future__ import annotations
@@ -48,24 +50,25 @@ from flexmb.engine.forces.friction import (
 )
 from flexmb.engine.jit import kernel
 
-# It remembers its mode, and in axes of J itself (3), where I is (3), the normal (3) and its rate
-# (3), depth and its rate, lengths that it slid while full; of a ball the axes of I (9) and how fast
-# it turns (3) too.
+# Number of internal variables of a bristle, at the last accepted step: mode (OPEN, FREE or FULL);
+# in axes of J the bristle s (3), u (3), the normal (3) and its rate relative to J (3); depth and
+# its rate; sliding distance since it became full, over its length. For a ball also the axes of I
+# (9) and its angular velocity relative to J (3), in axes of J. Below: the index of each.
 POINT_HISTORY, BALL_HISTORY = 16, 28
-_MODE, _BRISTLE, _PLACE, _NORMAL, _TILT, _DEPTH, _TURNS = 0, 1, 4, 7, 10, 13, 15
+_MODE, _BRISTLE, _PLACE, _NORMAL, _TILT, _DEPTH, _SLID = 0, 1, 4, 7, 10, 13, 15
 _AXES, _SPIN = 16, 25
 _ZERO = (0.0, 0.0, 0.0)
 
 
 @kernel
 def is_open(c, history):
-    """Whether there was no contact at the last accepted step, or it has no bristle."""
+    """Whether the contact was open at the last accepted step, or has no bristle."""
     return c["model"] != BRISTLE or history[c["bristle"] + _MODE] == OPEN
 
 
 @kernel
 def _axes_before(c, history, mj, k):
-    """Column k of the axes of I at the last accepted step, as they stand on J now."""
+    """Column k of the axes of I at the last accepted step, turned with J since then."""
     return turned(mj["R"], part(history, c["bristle"] + _AXES + 3 * k))
 
 
@@ -76,33 +79,33 @@ def _rotation(c, history, mi, mj):
     for k in range(3):
         before, now = _axes_before(c, history, mj, k), column(mi["R"], k)
         axis, trace = plus(axis, 0.5, cross(before, now)), trace + inner(before, now)
-    sine = math.sqrt(inner(axis, axis))  # of its angle, the axis is as long
+    sine = math.sqrt(inner(axis, axis))  # of the angle of rotation: the length of `axis`
     return times(math.atan2(sine, 0.5 * (trace - 1.0)) / sine, axis) if sine > 0.0 else axis
 
 
 @kernel
 def _normal_before(c, history, mj):
-    """n of the last accepted step as it stands on J now."""
+    """Normal n of the last accepted step, turned with J since then."""
     return turned(mj["R"], part(history, c["bristle"] + _NORMAL))
 
 
 @kernel
 def bristle_before(c, history, n, mj):
-    """The bristle of the last accepted step, as it stands on J now, turned with the normal.
+    """Bristle of the last accepted step, turned with J and then into the present tangent plane.
 
-    And lengths that it had slid while full; < 0: it was free.
+    And its sliding distance since it became full, over its length; −1 if it was free.
     """
     if is_open(c, history):
         return _ZERO, -1.0
     o = c["bristle"]
     s, n0 = turned(mj["R"], part(history, o + _BRISTLE)), _normal_before(c, history, mj)
     s = plus(s, -inner(n, s) / (1.0 + inner(n0, n)), plus(n0, 1.0, n))
-    return s, history[o + _TURNS] if history[o + _MODE] == FULL else -1.0
+    return s, history[o + _SLID] if history[o + _MODE] == FULL else -1.0
 
 
 @kernel
 def bristle_change(c, history, n, mj, dn, turn):
-    """Its change with the normal and a rotation of J."""
+    """Change of `bristle_before` with the normal by dn and a rotation `turn` of J."""
     if is_open(c, history):
         return _ZERO
     s = turned(mj["R"], part(history, c["bristle"] + _BRISTLE))
@@ -116,13 +119,16 @@ def bristle_change(c, history, n, mj, dn, turn):
 
 @kernel
 def _place_before(c, history, mj):
-    """u of the last accepted step as it stands on J now."""
+    """u = x_I − x_J of the last accepted step, turned with J since then."""
     return turned(mj["R"], part(history, c["bristle"] + _PLACE))
 
 
 @kernel
-def _parabola(c, history, h, mj, n):
-    """n₀, h ṅ₀ and n − n₀ − h ṅ₀, of the last accepted step as they stand on J now."""
+def _normal_parabola(c, history, h, mj, n):
+    """Coefficients n₀, h ṅ₀ and n − n₀ − h ṅ₀ of the normal over the step, a parabola in time.
+
+    n₀ and ṅ₀ (relative to J) are those of the last accepted step, turned with J since then.
+    """
     n0 = _normal_before(c, history, mj)
     tilt = times(h, turned(mj["R"], part(history, c["bristle"] + _TILT)))
     return n0, tilt, plus(plus(n, -1.0, n0), -1.0, tilt)
@@ -130,16 +136,16 @@ def _parabola(c, history, h, mj, n):
 
 @kernel
 def _spin_before(c, history, h, mj):
-    """h ω₀ of the last accepted step as it stands on J now."""
+    """h ω₀, ω₀ relative to J at the last accepted step, turned with J since then."""
     return times(h, turned(mj["R"], part(history, c["bristle"] + _SPIN)))
 
 
 @kernel
 def slip_since(c, history, h, n, d, mi, mj):
-    """What the surfaces have slid since the last accepted step; nothing if they did not touch."""
+    """Slip since the last accepted step, m, global axes; zero if the contact was open then."""
     if is_open(c, history):
         return _ZERO
-    o, (n0, tilt, bend) = c["bristle"], _parabola(c, history, h, mj, n)
+    o, (n0, tilt, bend) = c["bristle"], _normal_parabola(c, history, h, mj, n)
     rise = h * history[o + _DEPTH + 1]
     rest = d - history[o + _DEPTH] - rise
     way = plus(separation(mi, mj), -1.0, _place_before(c, history, mj))
@@ -155,10 +161,10 @@ def slip_since(c, history, h, n, d, mi, mj):
 
 @kernel
 def slip_change(c, history, h, n, d, mi, mj, dn, dd, du, spin, turn):
-    """Its change with normal, depth and separation, and rotations of I and of J."""
+    """Change of `slip_since` with changes dn, dd, du, and rotations of I (spin) and J (turn)."""
     if is_open(c, history):
         return _ZERO
-    o, (n0, tilt, bend) = c["bristle"], _parabola(c, history, h, mj, n)
+    o, (n0, tilt, bend) = c["bristle"], _normal_parabola(c, history, h, mj, n)
     dn0, dtilt = cross(turn, n0), cross(turn, tilt)
     dbend = plus(plus(dn, -1.0, dn0), -1.0, dtilt)
     rise = h * history[o + _DEPTH + 1]
@@ -184,9 +190,9 @@ def slip_change(c, history, h, n, d, mi, mj, dn, dd, du, spin, turn):
 
 @kernel
 def _vector_change(phi, spin):
-    """Change of a rotation vector φ with a rotation that follows: T(φ)⁻¹ of it.
+    """Change of a rotation vector φ when a small rotation x (`spin`) follows it: T(φ)⁻¹ x.
 
-    x − φ × x/2 + κ φ × (φ × x), κ = (1 − (sin θ/θ) / (2 (1 − cos θ)/θ²))/θ².
+    T(φ)⁻¹ x = x − φ × x/2 + κ φ × (φ × x), κ = (1 − (sin θ/θ) / (2 (1 − cos θ)/θ²))/θ², θ = |φ|.
     """
     square = inner(phi, phi)
     c1, c2, _, _ = tangent_coefficients(square)
@@ -200,9 +206,9 @@ def _vector_change(phi, spin):
 
 @kernel
 def limit_growth(c, history, n, d, g, tilt, acceleration):
-    """The speed at which the limit μ N/k of its length grows, m/s.
+    """Rate at which the limit μ N/k of the bristle's length grows, m/s.
 
-    `tilt`: rate of the normal; `acceleration`: that of g.
+    `g`: relative velocity; `tilt`: rate of the normal; `acceleration`: rate of g.
     """
     N, stiff, viscous = normal_force(c, history, d, -inner(n, g))
     v, change = tangential_part(n, g), plus(acceleration, -inner(n, g), tilt)
@@ -215,10 +221,11 @@ def limit_growth(c, history, n, d, g, tilt, acceleration):
 
 
 @kernel
-def put_bristle_event(c, history, n, d, g, s, room, tilt, acceleration, out):
-    """What crosses zero where the bristle becomes full or free; `room`: k |s| − μ N if it is free.
+def put_bristle_event(c, history, n, d, g, s, overload, tilt, acceleration, out):
+    """Event function that crosses zero where a free bristle becomes full, or a full one free.
 
-    s: the bristle; `tilt`: rate of the normal; `acceleration`: that of g.
+    s: bristle; `overload`: k |s| − μ N for s without its limit, N; `tilt`: rate of the
+    normal; `acceleration`: rate of g.
     """
     out["value"], out["rate"] = 0.0, math.nan
     if history[c["bristle"] + _MODE] == FULL:
@@ -228,26 +235,27 @@ def put_bristle_event(c, history, n, d, g, s, room, tilt, acceleration, out):
         out["value"] = limit_growth(c, history, n, d, g, tilt, acceleration) - slides
     elif not is_open(c, history):
         N, _, _ = normal_force(c, history, d, -inner(n, g))
-        out["value"] = room - LEAST_EXCESS * N
+        out["value"] = overload - LEAST_EXCESS * N
 
 
 @kernel
-def remember_bristle(c, before, n, d, g, s, room, turns, mi, mj, tilt, acceleration, history):
-    """Write the history of the bristle s at an accepted state; `before` is that of the step.
+def store_bristle(c, before, n, d, g, s, overload, slid, mi, mj, tilt, acceleration, history):
+    """Write the internal variables at an accepted state; `before` holds those of the step's begin.
 
-    One that begins, with no length yet, is full where the surfaces slide faster than it may grow.
+    A bristle that begins has no length yet. It is full if the surfaces slide faster than its limit
+    grows.
     """
     o = c["bristle"]
     mode = OPEN if d <= 0.0 else FREE
     begins = is_open(c, before)
-    if d > 0.0 and (room >= 0.0 or begins):
+    if d > 0.0 and (overload >= 0.0 or begins):
         v = tangential_part(n, g)
         along = v if begins else s
         size = math.sqrt(inner(along, along))
         growth = limit_growth(c, history, n, d, g, tilt, acceleration)
         mode = FULL if size > 0.0 and inner(along, v) > growth * size else FREE
     history[o + _MODE] = mode
-    history[o + _TURNS] = ALIGNED if begins else turns
+    history[o + _SLID] = ALIGNED if begins else slid
     put_part(history, o + _BRISTLE, turned_back(mj["R"], s) if d > 0.0 else _ZERO)
     put_part(history, o + _PLACE, turned_back(mj["R"], separation(mi, mj)))
     put_part(history, o + _NORMAL, turned_back(mj["R"], n))

@@ -1,10 +1,11 @@
 """Bushings and beams: six forces and moments between two markers, linear in their relative motion.
 
-With the deflection x = (u − u0, φ) of `relative_motion` the potential is V = p0·x + ½ xᵀ K x, the
-dissipation ẋᵀ C ẋ. The wrench pair on the markers is −Eᵀ p with p = p0 + K x + C ẋ and the gradient
-E of x, so that its power is exactly −dV/dt − ẋᵀ C ẋ, also at large angles (below half a turn). At
-small angles it is the bushing and the beam of MSC Adams (BUSHING, BEAM), K of the latter that of
-Timoshenko's cantilever (Przemieniecki, Theory of Matrix Structural Analysis, 1968, sec. 5.6).
+With the deflection x = (u − u0, φ) of `relative_motion` the potential is V = p0·x + ½ xᵀ K x, and
+the dissipated power is ẋᵀ C ẋ. The wrench pair on the markers is −Eᵀ p, with p = p0 + K x + C ẋ and
+E the gradient of x. So its power is exactly −dV/dt − ẋᵀ C ẋ, also at large angles (less than half a
+turn). At small angles these are the bushing and the beam of MSC Adams (BUSHING, BEAM); K of the
+beam is that of Timoshenko's cantilever (Przemieniecki, Theory of Matrix Structural Analysis, 1968,
+sec. 5.6).
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from flexmb.engine.forces import relative_motion
 from flexmb.engine.forces.relative_motion import (
     RelativeMotion,
     new_relative_motion,
-    put_gradient_of,
-    put_pull_tangent,
+    put_geometric_tangent,
+    put_gradient,
     put_rate_change,
     put_rates,
     put_relative_motion,
@@ -51,9 +52,9 @@ SIX_COMPONENT_FORCE = np.dtype(
         ("I", "i8"),
         ("J", "i8"),
         ("couple", "i8"),
-        ("damped", "i8"),
-        ("u0", "f8", (3,)),  # free separation, m
-        ("p0", "f8", (6,)),  # force and moment at x = 0
+        ("damped", "i8"),  # 1: C is not zero
+        ("u0", "f8", (3,)),  # separation at x = 0, axes of I, m
+        ("p0", "f8", (6,)),  # force and moment p at x = 0, N and N m
         ("K", "f8", (6, 6)),
         ("C", "f8", (6, 6)),
     ],
@@ -65,11 +66,11 @@ class SixComponentForces(NamedTuple):
     """Bushings and beams."""
 
     rows: array_of(SIX_COMPONENT_FORCE)
-    scratch: RelativeMotion = None  # of one run
+    scratch: RelativeMotion = None  # of one run; set when its arrays are allocated
 
 
 def lower_six_component_forces(lowering: Lowering, forces: Forces) -> SixComponentForces:
-    """SIX_COMPONENT_FORCE rows. Links are filled in later."""
+    """SIX_COMPONENT_FORCE rows of all bushings and beams; their links are filled in later."""
     rows: list[tuple[object, ...]] = []
     for name, spec in forces:
         parameters = _bushing if spec.type == "bushing" else _beam
@@ -95,7 +96,7 @@ def _bushing(lowering: Lowering, spec: BushingSpec) -> Parameters:
 
 
 def _beam(lowering: Lowering, spec: BeamForceSpec) -> Parameters:
-    """Markers with their axes along the section's, u0, p0, K and C of a beam."""
+    """Markers turned to the axes of the cross-section, u0, p0, K and C of a beam."""
     I, J = (lowering.geometry.marker(reference) for reference in spec.between)  # noqa: E741
     line = lowering.geometry.position(J) - lowering.geometry.position(I)
     distance = float(np.linalg.norm(line))
@@ -111,14 +112,14 @@ def _beam(lowering: Lowering, spec: BeamForceSpec) -> Parameters:
 
 
 def beam_matrix(spec: BeamForceSpec, length: float) -> Array:
-    """K (6, 6) of the end J of a beam clamped at I, x along its axis.
+    """Stiffness matrix K (6, 6) of the end J of a beam clamped at I, x along its axis.
 
     Parameters
     ----------
     spec : BeamForceSpec
         Moduli and section.
     length : float
-        Its length [m].
+        Length of the beam [m].
 
     Returns
     -------
@@ -140,7 +141,7 @@ def beam_matrix(spec: BeamForceSpec, length: float) -> Array:
 
 
 def _six(whole: ArrayLike | None, forces: ArrayLike | None, moments: ArrayLike | None) -> Array:
-    """6 x 6 from a whole matrix, or from its two diagonal blocks (three numbers or 3 x 3)."""
+    """6 x 6 matrix, given whole or as two diagonal blocks (three diagonal numbers or 3 x 3)."""
     if whole is not None:
         return np.array(whole, dtype=float)
     matrix = np.zeros((6, 6))
@@ -160,7 +161,7 @@ def _product(A, r, x):
 
 @unit
 def _put_forces(run: Run, forces: SixComponentForces, k: int) -> int:
-    """Deflection of force k, its rate if damped, and forces conjugate to it."""
+    """Deflection x of force k, its rate if damped, and p = p0 + K x + C ẋ, into the scratch."""
     row, s = forces.rows[k], forces.scratch
     put_relative_motion(run, row["I"], row["J"], s)
     if row["damped"] == 1:
@@ -187,7 +188,7 @@ def add_wrenches(run: Run, forces: SixComponentForces, at: Point) -> int:
 
 @unit
 def add_energies(run: Run, forces: SixComponentForces, at: Point) -> int:
-    """Σ p0·x + ½ xᵀ K x."""
+    """Elastic energy Σ p0·x + ½ xᵀ K x."""
     rows, s, out = forces.rows, forces.scratch, run.work.energies
     for k in range(rows.shape[0]):
         _put_forces(run, forces, k)
@@ -198,7 +199,7 @@ def add_energies(run: Run, forces: SixComponentForces, at: Point) -> int:
 
 @unit
 def add_powers(run: Run, forces: SixComponentForces, at: Point) -> int:
-    """−Σ ẋᵀ C ẋ."""
+    """Power of damping −Σ ẋᵀ C ẋ."""
     rows, s, out = forces.rows, forces.scratch, run.work.powers
     for k in range(rows.shape[0]):
         if rows[k]["damped"] == 1:
@@ -239,8 +240,8 @@ def add_tangents(run: Run, forces: SixComponentForces, at: Point, cv: float, cp:
         row = rows[k]
         i, j, link, damped = row["I"], row["J"], row["couple"], row["damped"] == 1
         _put_forces(run, forces, k)
-        put_gradient_of(run, i, j, s)
-        put_pull_tangent(run, i, j, s, cp)
+        put_gradient(run, i, j, s)
+        put_geometric_tangent(run, i, j, s, cp)
         clear(U, 6, 12)
         _add_product(row["K"], cp, s.E, U)
         if damped:

@@ -1,12 +1,13 @@
 """Contact of a sphere (or a point, of radius 0) with a ball, a plane, a cylinder or a bore.
 
-Both bodies meet at one point (`contact_pair`), where the force on I is f = N n and friction,
-and its opposite acts on J; N as in `contact_pair`, ḋ₀ the speed of approach at the end of the step
-that ends just at the onset, or of the last one before, an internal variable.
+The force on I at the contact point (`contact_pair`) is f = N n + friction; the opposite force acts
+on J. The normal force N depends on the speed of approach ḋ₀ at the onset of the contact, an
+internal variable that `update_history` finds.
 
-Tangents: the wrench pair is W = B f, the velocity where they meet g = Bᵀ V, V the velocities of
-both markers. With D = ∂f/∂g: ∂W/∂V = B D Bᵀ, and with position W changes by B (∂f at constant V) +
-∂B f. What the moment arms of the markers do to V at constant v adds B D ∂g.
+Tangents: the wrench pair is W = B f, and the relative velocity at the contact point is g = Bᵀ V,
+V the velocities of both markers. With D = ∂f/∂g, ∂W/∂V = B D Bᵀ. With the positions of the markers
+W changes by B (∂f at constant V) + ∂B f. V itself changes with the generalised coordinates at
+constant v, through the moment arms of the markers; this adds B D ∂g.
 """
 
 from __future__ import annotations
@@ -42,19 +43,19 @@ from flexmb.engine.forces.bristle import (
     bristle_before,
     bristle_change,
     put_bristle_event,
-    remember_bristle,
     slip_change,
     slip_since,
+    store_bristle,
 )
 from flexmb.engine.forces.contact_pair import (
     IMPACT_HISTORY,
     normal_change,
     normal_force,
     normal_parameters,
-    note_impact,
     penetration,
     place_sides,
     put_wrench,
+    record_impact,
     relative_velocity,
     separation,
 )
@@ -77,9 +78,9 @@ if TYPE_CHECKING:
     from flexmb.model.forces.contact import ContactSpec
 
 _I, _F = "i8", "f8"
-# One contact between a round side I (a sphere, or a point of radius 0) and a side J. Depth d > 0:
-# normal force K d^n (1 + c d'/d0'), d0' the speed of approach at the onset, at least `slow`.
-# It remembers d0', and with friction its bristle.
+# One contact between a round side I (a sphere, or a point of radius 0) and a side J. At a depth
+# d > 0 the normal force is K d^n (1 + damping d'/d0'), d0' the speed of approach at the onset, at
+# least `slow`. Internal variables: d0', the bristle of friction, and records of impacts.
 CONTACT = np.dtype(
     [
         ("I", _I),
@@ -94,29 +95,30 @@ CONTACT = np.dtype(
         ("slow", _F),  # m/s
         ("couple", _I),
         *FRICTION_FIELDS,
-        ("bristle", _I),  # where its history stands
-        ("impacts", _I),  # and that of the impacts
+        ("bristle", _I),  # index of the first internal variable of the bristle; -1: no bristle
+        ("impacts", _I),  # index of the first number of the records of impacts
     ],
     align=True,
 )
 
-# One contact now, global axes: normal n from J to I, length rho by which it turns (0: with J;
-# negative: in a bore), velocity g of I relative to J where they meet, rate of the depth; only where
-# they touch the normal force N, friction on I, the bristle s, |T| − μ N, and k |s| − μ N were it
-# free, and lengths that it slid while full.
+# State of one contact, global axes: normal n from J to I; rho, the signed length with which n turns
+# (`penetration`); velocity g of I relative to J at the contact point; rate of the depth. Only while
+# the sides touch: normal force N, friction on I, bristle s, excess |T| − μ N, overload k |s| − μ N
+# for s without its limit, and slid, the sliding distance of a full bristle over its length.
 _NUMBERS, _VECTORS = (
-    ("rho", "rate", "N", "excess", "room", "turns"),
+    ("rho", "rate", "N", "excess", "overload", "slid"),
     ("n", "g", "friction", "bristle"),
 )
 CONTACT_NOW = np.dtype(
     [(word, _F) for word in _NUMBERS] + [(word, _F, (3,)) for word in _VECTORS], align=True
 )
 
-# A step that ends within this fraction of itself after an onset, or at whose ends the speeds differ
-# by as little, gives the speed of the impact: that between them. With the speed before the onset
-# alone an error of d'' times the time until it is left, whatever the accuracy. A step that did not
-# approach when it began has sped up evenly since: from v at its end by d''/h over the depth d.
-_ONSET_FRACTION, _ALIKE = 0.05, 1e-3
+# The speed of approach ḋ₀ at the onset is interpolated linearly between the ends of a step that
+# ends within the first number, a fraction of the step, after the onset, or whose speeds at both
+# ends differ by less than the second number, relatively. The speed before the onset alone would
+# have an error of d̈ times the time until the onset, whatever the accuracy. If the sides did not
+# approach when the step h began, a constant acceleration v/h is assumed: ḋ₀² = v² − 2 d v/h.
+_ONSET_FRACTION, _EQUAL_SPEEDS = 0.05, 1e-3
 _ZERO = (0.0, 0.0, 0.0)
 
 
@@ -124,19 +126,19 @@ class Scratch(NamedTuple):
     """Scratch of one contact."""
 
     now: array_of(CONTACT_NOW)  # (1,) the contact that was evaluated last
-    D: Matrix  # (3, 3) its force per relative velocity
+    D: Matrix  # (3, 3) ∂f/∂g of it, N s/m
 
 
 class Contacts(NamedTuple):
     """Contacts of a model."""
 
     rows: array_of(CONTACT)
-    first_event: int  # each has three: its depth, |T| − μ N, the length of its bristle
+    first_event: int  # three event functions each: depth, |T| − μ N, bristle becomes full or free
     scratch: Scratch = None  # of one run
 
 
 def lower_contacts(lowering: Lowering, forces: Forces) -> Contacts:
-    """CONTACT rows of all contacts, one for each point; links are filled in later."""
+    """CONTACT rows of all contacts, one for each point of I; links are filled in later."""
     rows: list[tuple[object, ...]] = []
     for name, spec in forces:
         first = len(rows)
@@ -160,7 +162,7 @@ def _contact_rows(lowering: Lowering, spec: ContactSpec) -> Iterator[tuple[objec
 
 @unit
 def evaluate_contact(run: Run, contacts: Contacts, k: int) -> float:
-    """Depth of contact k, and all else of it into `contacts.scratch.now`."""
+    """Return the depth of contact k, m; put the other quantities into `contacts.scratch.now`."""
     c, now, out = contacts.rows[k], run.work.now, contacts.scratch.now[0]
     mi, mj = now.marker[c["I"]], now.marker[c["J"]]
     d, n, rho = penetration(c, mi, mj)
@@ -171,12 +173,12 @@ def evaluate_contact(run: Run, contacts: Contacts, k: int) -> float:
     put_part(out["g"], 0, g)
     if d > 0.0:
         N, _, _ = normal_force(c, now.history, d, rate)
-        f, s, excess, room, turns = _ZERO, _ZERO, 0.0, 0.0, -1.0
+        f, s, excess, overload, slid = _ZERO, _ZERO, 0.0, 0.0, -1.0
         if c["model"] != NO_FRICTION:
-            s0, turns = bristle_before(c, now.history, n, mj)
+            s0, slid = bristle_before(c, now.history, n, mj)
             way = slip_since(c, now.history, now.span[0], n, d, mi, mj)
-            f, s, excess, room, turns = friction_force(c, n, N, g, s0, way, turns)
-        out["N"], out["excess"], out["room"], out["turns"] = N, excess, room, turns
+            f, s, excess, overload, slid = friction_force(c, n, N, g, s0, way, slid)
+        out["N"], out["excess"], out["overload"], out["slid"] = N, excess, overload, slid
         put_part(out["friction"], 0, f)
         put_part(out["bristle"], 0, s)
     return d
@@ -206,7 +208,11 @@ def add_wrenches(run: Run, contacts: Contacts, at: Point) -> int:
 
 @unit
 def read_wrench(run: Run, contacts: Contacts, at: Point, channel: int) -> float:
-    """Wrench pair of all points of the contact that a channel reads, on J; of I their force."""
+    """Sum of the wrench pairs of all points of the contact that a channel reads.
+
+    The moment on J is about its marker. The moments on I, each about the marker of one point, have
+    no common reference point: of their sum only the force is meaningful.
+    """
     rows, cn = contacts.rows, contacts.scratch.now[0]
     markers, dense = run.work.now.marker, run.work.dense
     row = run.system.sensors.channels[channel]
@@ -237,7 +243,7 @@ def add_energies(run: Run, contacts: Contacts, at: Point) -> int:
 
 @unit
 def add_powers(run: Run, contacts: Contacts, at: Point) -> int:
-    """Power of damping and friction, that into bristles included."""
+    """Power of damping and friction, including the power that bristles store."""
     rows, cn, out = contacts.rows, contacts.scratch.now[0], run.work.powers
     for k in range(rows.shape[0]):
         c, d = rows[k], evaluate_contact(run, contacts, k)
@@ -249,7 +255,10 @@ def add_powers(run: Run, contacts: Contacts, at: Point) -> int:
 
 @unit
 def update_history(run: Run, contacts: Contacts, at: Point) -> int:
-    """Write the history of all contacts at an accepted state; `now` has that of the step."""
+    """Write the internal variables of all contacts at an accepted state.
+
+    `run.work.now.history` holds those with which the step was made.
+    """
     rows, cn, now, history = contacts.rows, contacts.scratch.now[0], run.work.now, run.state.history
     for k in range(rows.shape[0]):
         c, d = rows[k], evaluate_contact(run, contacts, k)
@@ -259,21 +268,27 @@ def update_history(run: Run, contacts: Contacts, at: Point) -> int:
             history[o] = max(rate, c["slow"])
         elif before <= c["slow"] and d <= way:
             history[o] = max(rate * math.sqrt(max(1.0 - 2.0 * d / way, 0.0)), c["slow"])
-        elif d <= _ONSET_FRACTION * way or (d <= way and abs(rate - before) <= _ALIKE * rate):
+        elif d <= _ONSET_FRACTION * way or (
+            d <= way and abs(rate - before) <= _EQUAL_SPEEDS * rate
+        ):
             history[o] = max(rate + (before - rate) * d / way, c["slow"])
         damping = cn["N"] - c["K"] * max(d, 0.0) ** c["n"]
-        note_impact(c, d, rate, damping, now.span[0], at.t[0], now.history, history)
+        record_impact(c, d, rate, damping, now.span[0], at.t[0], now.history, history)
         if c["model"] == BRISTLE:
             mi, mj, n, g = now.marker[c["I"]], now.marker[c["J"]], triple(cn["n"]), triple(cn["g"])
-            tilt, a = _rates(run, c, n, cn["rho"], at) if d > 0.0 else (_ZERO, _ZERO)
-            s, room, turns = triple(cn["bristle"]), cn["room"], cn["turns"]
-            remember_bristle(c, now.history, n, d, g, s, room, turns, mi, mj, tilt, a, history)
+            tilt, a = (
+                _normal_rate_and_acceleration(run, c, n, cn["rho"], at)
+                if d > 0.0
+                else (_ZERO, _ZERO)
+            )
+            s, overload, slid = triple(cn["bristle"]), cn["overload"], cn["slid"]
+            store_bristle(c, now.history, n, d, g, s, overload, slid, mi, mj, tilt, a, history)
     return SUCCESS
 
 
 @kernel
-def _rates(run, c, n, rho, at):
-    """Rate of the normal, and of the velocity of I relative to J where they meet."""
+def _normal_rate_and_acceleration(run, c, n, rho, at):
+    """Rates of the normal n and of the relative velocity g at the contact point."""
     ai, aj = marker_acceleration(run, at, c["I"], 0), marker_acceleration(run, at, c["J"], 0)
     of_i, of_j = marker_acceleration(run, at, c["I"], 3), marker_acceleration(run, at, c["J"], 3)
     mi, mj = run.work.now.marker[c["I"]], run.work.now.marker[c["J"]]
@@ -288,9 +303,9 @@ def _rates(run, c, n, rho, at):
 
 @unit
 def put_events(run: Run, contacts: Contacts, at: Point) -> int:
-    """Depth of each contact with its rate; where bristles slip, stick, become full or free.
+    """Event functions of each contact: its depth, |T| − μ N, and that of `put_bristle_event`.
 
-    |T| − μ N crosses zero where it begins to slide, or to stick.
+    |T| − μ N crosses zero where sliding begins or ends.
     """
     rows, cn, now, out = contacts.rows, contacts.scratch.now[0], run.work.now, run.work.events.now
     for k in range(rows.shape[0]):
@@ -302,26 +317,26 @@ def put_events(run: Run, contacts: Contacts, at: Point) -> int:
         if c["model"] == BRISTLE and d > 0.0:
             n, g, s = triple(cn["n"]), triple(cn["g"]), triple(cn["bristle"])
             slip["value"] = cn["excess"] - LEAST_EXCESS * cn["N"]
-            tilt, a = _rates(run, c, n, cn["rho"], at)
-            put_bristle_event(c, now.history, n, d, g, s, cn["room"], tilt, a, length)
+            tilt, a = _normal_rate_and_acceleration(run, c, n, cn["rho"], at)
+            put_bristle_event(c, now.history, n, d, g, s, cn["overload"], tilt, a, length)
     return SUCCESS
 
 
 @kernel
 def _force_change(c, now, n, d, g, mi, mj, dd, dn, dg, du, spin, turn):
-    """Change of the force on I; spin and turn are rotations of I and J."""
+    """Change of the force on I with d, n, g and u, and rotations of I (spin) and J (turn)."""
     rate = -inner(n, g)
     N, stiff, viscous = normal_force(c, now.history, d, rate)
     dN = stiff * dd - viscous * (inner(dn, g) + inner(n, dg))
     df = plus(times(N, dn), dN, n)
     if c["model"] == NO_FRICTION:
         return df
-    s0, turns = bristle_before(c, now.history, n, mj)
+    s0, slid = bristle_before(c, now.history, n, mj)
     way = slip_since(c, now.history, now.span[0], n, d, mi, mj)
     ds0 = bristle_change(c, now.history, n, mj, dn, turn)
     h = now.span[0]
     dway = slip_change(c, now.history, h, n, d, mi, mj, dn, dd, du, spin, turn)
-    more = friction_force_change(c, n, N, g, s0, way, turns, dn, dN, dg, ds0, dway)
+    more = friction_force_change(c, n, N, g, s0, way, slid, dn, dN, dg, ds0, dway)
     return plus(df, 1.0, more)
 
 
@@ -339,7 +354,7 @@ def _add_column(H, k, f, df, mi, mj):
 def put_contact_changes(run: Run, contacts: Contacts, k: int, d: float, cp: float) -> int:
     """D = ∂f/∂g of contact k, and dense.H = −cp ∂W/∂position at constant velocities of its markers.
 
-    It is the contact that was evaluated last, of depth d > 0.
+    Contact k must be the one that was evaluated last; its depth is d > 0.
     """
     c, s, now, H = contacts.rows[k], contacts.scratch, run.work.now, run.work.dense.H
     cn, D = s.now[0], s.D
@@ -349,7 +364,7 @@ def put_contact_changes(run: Run, contacts: Contacts, k: int, d: float, cp: floa
     omi, omj = triple(mi["om"]), triple(mj["om"])
     clear(H, 12, 12)
     rolls = c["model"] == BRISTLE and c["ri"] > 0.0
-    # with g; with u; with a rotation of J; of I
+    # a = 0..2: change of g; 3..5: of u; 6..8: rotation of J; 9..11: rotation of I
     for a in range(3 if cp == 0.0 else 12 if rolls else 9):
         dd, dn, dg, du = 0.0, _ZERO, axis(a), axis(a - 3)
         turn, spin = axis(a - 6), axis(a - 9)

@@ -1,18 +1,18 @@
-"""Two surfaces in contact: depth, normal and common point, how they change, and the normal force.
+"""Two surfaces in contact: depth, normal and contact point, their derivatives, the normal force.
 
-With u = x_I − x_J, a = z_J, p = u − (a·u) a, ρ the distance, n the normal that leads from J to I:
+With u = x_I − x_J, a = z_J, p = u − (a·u) a, ρ the distance of centres, n the normal from J to I:
 
     BALL       n = u/ρ,  d = r_I + r_J − ρ,   ρ = |u|
     PLANE      n = a,    d = r_I − n·u
     CYLINDER   n = p/ρ,  d = r_I + r_J − ρ,   ρ = |p|
     BORE       n = −p/ρ, d = r_I − r_J + ρ
 
-Both bodies meet at one point c = x_I − r_I n. A cylinder touches over its length only, its ends do
-not. The normal force over the depth d and its rate is N = K dⁿ (1 + χ ḋ/ḋ₀), which never pulls.
-χ follows from the coefficient of restitution, ḋ₀ is the speed of approach at the onset (Hunt &
-Crossley, J. Appl. Mech. 42 (1975) 440). The stiffness of Hertz' contact of two elastic bodies,
-n = 3/2, follows from their curvatures: with A ≤ B half the principal curvatures of the gap, e the
-eccentricity of the ellipse of contact and K(e), E(e) the complete elliptic integrals,
+The contact point of both bodies is c = x_I − r_I n. A cylinder touches with its lateral surface
+only, not with its ends. The normal force is N = K dⁿ (1 + χ ḋ/ḋ₀), or zero where this is negative.
+χ follows from the coefficient of restitution; ḋ₀ is the speed of approach at the onset (Hunt &
+Crossley, J. Appl. Mech. 42 (1975) 440). The stiffness of the Hertzian contact of two elastic
+bodies, n = 3/2, follows from their curvatures: with A ≤ B half the principal curvatures of the gap,
+e the eccentricity of the contact ellipse and K(e), E(e) the complete elliptic integrals,
 
     K = (2π E*/3) K(e)^(−3/2) ((K(e) − E(e))/(e² A))^(1/2),   B/A = (E/(1 − e²) − K)/(K − E),
 
@@ -34,17 +34,25 @@ if TYPE_CHECKING:
     from flexmb.model.markers import PlacedMarker
     from flexmb.model.model import Model
 
-# Sides J of contacts.
+# Shapes of the side J.
 BALL, PLANE, CYLINDER, BORE = 0, 1, 2, 3
 
-# Of impacts: speed of the last one (< 0: it lasts; 0: there was none), its beginning and depth; the
-# fastest one so far, and the widest gap after one slower than the least speed. Of what approaches
-# so many times faster than it is damped for: work of the damping, and the largest speed, in the
-# last contact, and in the one that took the hardest blow (`takes_a_blow`).
+# Records of impacts of one contact, as indices from its `impacts` on.
+# IMPACT: speed of the last impact, m/s (negative while it lasts; 0: there was none); ONSET,
+# DEEPEST: its begin, s, and largest depth, m; FASTEST: largest speed of an impact so far, m/s;
+# REBOUND: widest gap after an impact slower than the least speed, m.
+# A blow is an approach much faster than ḋ₀, for which the damping is set, within a contact that
+# lasts. BLOW_WORK, BLOW_SPEED: work of the damping force in blows, J, and largest speed of
+# approach, m/s, during the last contact; HARDEST_WORK, HARDEST_SPEED: the same of the contact with
+# the largest such work so far (`takes_a_blow`).
 IMPACT, ONSET, DEEPEST, FASTEST, REBOUND, BLOW_WORK, BLOW_SPEED = range(7)
 HARDEST_WORK, HARDEST_SPEED, IMPACT_HISTORY = range(7, 10)
-_BRIEF = 10.0  # depths over speed: what lasts longer is pressed together and no impact
-_FASTER, _MOST = 10.0, 2.0  # times the speed; times the elastic energy
+# Longest duration of an impact, over (largest depth)/(impact speed). If a contact lasts longer, the
+# sides are pressed together, and it is no impact.
+_MAX_IMPACT_DURATION = 10.0
+# Smallest speed of approach of a blow, over ḋ₀; and the smallest work of damping in blows that
+# counts, over the elastic energy at the largest depth.
+_BLOW_SPEED_RATIO, _BLOW_WORK_RATIO = 10.0, 2.0
 _ZERO = (0.0, 0.0, 0.0)
 
 
@@ -56,7 +64,10 @@ def separation(mi, mj):
 
 @kernel
 def penetration(c, mi, mj):
-    """Depth d, normal n, and the length ρ by which n turns (0: with J; negative: in a bore)."""
+    """Depth d, normal n, and the length ρ with δn = (tangential part of δu)/ρ.
+
+    ρ is 0 for a plane, whose normal turns with J, and negative in a bore.
+    """
     u = separation(mi, mj)
     if c["kind"] == PLANE:
         n = column(mj["R"], 2)
@@ -78,7 +89,7 @@ def penetration(c, mi, mj):
 
 @kernel
 def relative_velocity(c, n, mi, mj):
-    """Velocity of I relative to J where they meet."""
+    """Velocity g of I relative to J at the contact point."""
     s = times(-c["ri"], n)
     g = plus(triple(mi["vx"]), -1.0, triple(mj["vx"]))
     g = plus(g, 1.0, cross(triple(mi["om"]), s))
@@ -87,12 +98,12 @@ def relative_velocity(c, n, mi, mj):
 
 @kernel
 def normal_change(c, n, rho, mi, mj, du, turn):
-    """Changes of d and n with u by du and a rotation of J."""
+    """Changes of d and n with a change du of u and a rotation `turn` of J."""
     u = separation(mi, mj)
     if c["kind"] == PLANE:
         dn = cross(turn, n)
         return -inner(dn, u) - inner(n, du), dn
-    if c["kind"] != BALL:  # p of u and the turning axis
+    if c["kind"] != BALL:  # change of p, with u and the axis a
         a = column(mj["R"], 2)
         da, s = cross(turn, a), inner(a, u)
         du = plus(du, -s, da)
@@ -103,7 +114,7 @@ def normal_change(c, n, rho, mi, mj, du, turn):
 
 @kernel
 def put_wrench(c, n, mi, mj, f, w):
-    """w (12) = the wrench pair of the force f on I, the opposite on J, where they meet."""
+    """w (12) = the wrench pair of the force f on I and −f on J at the contact point."""
     s = times(-c["ri"], n)
     put_part(w, 0, f)
     put_part(w, 3, cross(s, f))
@@ -116,7 +127,8 @@ def place_sides(
 ) -> tuple[PlacedMarker, Iterator[PlacedMarker], tuple[int, float, float, float]]:
     """Marker of the side J, markers of the side I; kind, both radii, half length of a cylinder.
 
-    z of J is its normal or axis; the side I is the centre of a sphere, or points.
+    z of the marker J is the normal of a plane or the axis of a cylinder. The markers of the side I
+    are the centre of a sphere, or points.
     """
     k = spec.round_side
     side, surface, reference = spec.shapes[k], spec.shapes[1 - k], spec.between[1 - k]
@@ -135,7 +147,7 @@ def place_sides(
 
 @kernel
 def normal_force(c, history, d, rate):
-    """N and its slopes over d and ḋ; d > 0."""
+    """N, ∂N/∂d and ∂N/∂ḋ at a depth d > 0."""
     speed = max(history[c["history"]], c["slow"])
     elastic, factor = c["K"] * d ** c["n"], 1.0 + c["damping"] * rate / speed
     if factor <= 0.0:
@@ -144,30 +156,30 @@ def normal_force(c, history, d, rate):
 
 
 @kernel
-def note_impact(c, d, rate, damping, span, t, before, history):
-    """Speeds of impacts, how far slow ones rebound, and blows on sides that lie against each other.
+def record_impact(c, d, rate, damping, span, t, before, history):
+    """Record speeds of impacts, rebounds after slow ones, and blows on sides in lasting contact.
 
-    c is a contact of depth d, damping its damping force, `before` its history before the step of
-    length `span` that ends at t.
+    c is a contact with depth d, `rate` its ḋ and `damping` its damping force; `before` is the
+    history before the step of length `span` that ends at t.
     """
     o, speed = c["impacts"], before[c["history"]]
     impact = history[o + IMPACT]
     if d > 0.0 and impact >= 0.0:
         speed = max(rate, speed if speed > c["slow"] else 0.0, 1e-300)
-        speed = speed if span > 0.0 else math.inf  # it begins deep
+        speed = speed if span > 0.0 else math.inf  # the run begins with the sides in contact
         history[o + IMPACT], history[o + ONSET], history[o + DEEPEST] = -speed, t, 0.0
         history[o + BLOW_WORK], history[o + BLOW_SPEED] = 0.0, 0.0
         if speed < math.inf:
             history[o + FASTEST] = max(history[o + FASTEST], speed)
     elif d <= 0.0 and impact < 0.0:
-        brief = (t - history[o + ONSET]) * -impact <= _BRIEF * history[o + DEEPEST]
+        brief = (t - history[o + ONSET]) * -impact <= _MAX_IMPACT_DURATION * history[o + DEEPEST]
         history[o + IMPACT] = -impact if brief else 0.0
         if takes_a_blow(c, history):
             history[o + HARDEST_WORK] = history[o + BLOW_WORK]
             history[o + HARDEST_SPEED] = history[o + BLOW_SPEED]
     if d > 0.0:
         history[o + DEEPEST] = max(history[o + DEEPEST], d)
-        if rate > _FASTER * max(history[c["history"]], c["slow"]):
+        if rate > _BLOW_SPEED_RATIO * max(history[c["history"]], c["slow"]):
             history[o + BLOW_WORK] += damping * rate * span
             history[o + BLOW_SPEED] = max(history[o + BLOW_SPEED], rate)
     elif 0.0 < history[o + IMPACT] < c["slow"]:
@@ -176,17 +188,20 @@ def note_impact(c, d, rate, damping, span, t, before, history):
 
 @kernel
 def takes_a_blow(c, history):
-    """Whether a contact mainly damps what is far faster than it is damped for, as sides that lie
-    against each other do, by more than any before."""
+    """Whether the damping work in blows of this contact is the largest so far and dominates.
+
+    It dominates if it exceeds the elastic energy at the largest depth `_BLOW_WORK_RATIO` times: the
+    damping force, set for the slow onset, then stops the approach.
+    """
     o = c["impacts"]
     elastic = c["K"] * history[o + DEEPEST] ** (c["n"] + 1.0) / (c["n"] + 1.0)
-    return history[o + BLOW_WORK] > max(_MOST * elastic, history[o + HARDEST_WORK])
+    return history[o + BLOW_WORK] > max(_BLOW_WORK_RATIO * elastic, history[o + HARDEST_WORK])
 
 
 def normal_parameters(model: Model, spec: ContactSpec) -> tuple[float, float, float, float]:
-    """K in SI, exponent, damping, least speed."""
+    """K [N/m^n], exponent n, damping factor χ, and the least speed for ḋ₀ [m/s]."""
     damping = damping_factor(spec.restitution, spec.damping)
-    if spec.stiffness is not None:  # the number counts depths in units of length of the scene
+    if spec.stiffness is not None:  # the stiffness is for depths in the scene's unit of length
         K = spec.stiffness * model.units.length ** (1.0 - spec.exponent)
         return K, spec.exponent, damping, spec.least_speed
     assert spec.materials is not None  # one of the two is given
@@ -208,7 +223,7 @@ def _curvatures(spec: ContactSpec) -> tuple[float, float]:
 
 
 def damping_factor(restitution: float, law: str) -> float:
-    """chi of a coefficient of restitution in [0, 1].
+    """Damping factor χ for a coefficient of restitution in [0, 1].
 
     >>> damping_factor(1.0, "exact")
     0.0
@@ -221,7 +236,9 @@ def damping_factor(restitution: float, law: str) -> float:
     if law == "lankarani-nikravesh":
         return 0.75 * (1.0 - e * e)
     low, high = 0.0, 1.0 / e
-    for _ in range(200):  # bisection: beyond its root the left side grows slower than the right one
+    # bisection for the root of χ (1 + e) = ln((1 + χ)/(1 − χ e)), whose right side is the larger
+    # one beyond the root
+    for _ in range(200):
         chi = 0.5 * (low + high)
         more = math.log1p(chi) - math.log1p(-chi * e) if chi * e < 1.0 else math.inf
         low, high = (chi, high) if chi * (1.0 + e) > more else (low, chi)
@@ -232,12 +249,12 @@ _CIRCLE_TOLERANCE = 1e-6  # relative difference of curvatures below which the el
 
 
 def plane_modulus(first: tuple[float, float], second: tuple[float, float]) -> float:
-    """E* [Pa] of two materials (E [Pa], nu): 1/E* = (1 − ν₁²)/E₁ + (1 − ν₂²)/E₂."""
+    """Contact modulus E* [Pa] of two materials (E [Pa], ν): 1/E* = (1 − ν₁²)/E₁ + (1 − ν₂²)/E₂."""
     return 1.0 / sum((1.0 - nu * nu) / E for E, nu in (first, second))
 
 
 def hertz_stiffness(modulus: float, curvatures: tuple[float, float]) -> float:
-    """K [N/m^1.5] of E* and the two principal relative curvatures [1/m], both positive.
+    """K [N/m^1.5] from E* [Pa] and the two principal relative curvatures [1/m], both positive.
 
     >>> round(hertz_stiffness(3.0, (1.0, 1.0)), 9)
     4.0
@@ -245,7 +262,7 @@ def hertz_stiffness(modulus: float, curvatures: tuple[float, float]) -> float:
     A, B = sorted(0.5 * c for c in curvatures)
     if B - A <= _CIRCLE_TOLERANCE * B:
         return 4.0 / 3.0 * modulus / math.sqrt(A + B)
-    low, high = 0.0, 1.0  # of e², by bisection: B/A grows with it from 1 without bound
+    low, high = 0.0, 1.0  # bisection for e²: B/A grows with e² from 1 to infinity
     for _ in range(100):
         m = 0.5 * (low + high)
         K, E = _elliptic(m)
@@ -255,7 +272,7 @@ def hertz_stiffness(modulus: float, curvatures: tuple[float, float]) -> float:
 
 
 def _elliptic(m: float) -> tuple[float, float]:
-    """Complete elliptic integrals K, E of the parameter m = e², by the arithmetic mean."""
+    """Complete elliptic integrals K, E of m = e², by the arithmetic-geometric mean."""
     a, b, total, power = 1.0, math.sqrt(1.0 - m), 0.5 * m, 0.5
     while abs(a - b) > 1e-15 * a:
         c = 0.5 * (a - b)

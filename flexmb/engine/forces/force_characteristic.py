@@ -1,9 +1,9 @@
-"""Nonlinear spring-dampers, actuators and stops: forces by a characteristic of one measure.
+"""Nonlinear spring-dampers, actuators and stops: force characteristics of one measure s.
 
 The measure s is the distance of two markers, a component of their separation, or a scalar
-coordinate. A characteristic resists its growth with R(s, ṡ), see `spring_damper`. With the gradient
-g (12) of a measure between markers the wrench pair is −R g, as for a constraint row whose
-multiplier is R.
+coordinate. The force resists the growth of s with R(s, ṡ), see `spring_damper`. With the gradient
+g (12) of a measure between markers the wrench pair is −R g, as for a constraint row with the
+multiplier R.
 
 Stops are bounds of s, see `stop`.
 """
@@ -62,14 +62,14 @@ if TYPE_CHECKING:
 
 _Z = 2
 
-# One such force now.
+# State of one such force.
 CHARACTERISTIC_NOW = np.dtype(
     [
-        ("s", "f8"),  # its measure, and the rate of that
-        ("rate", "f8"),
-        ("R", "f8"),  # resistance, ∂R/∂s, ∂R/∂ṡ
-        ("stiffness", "f8"),
-        ("damping", "f8"),
+        ("s", "f8"),  # measure, m or rad
+        ("rate", "f8"),  # ṡ
+        ("R", "f8"),  # resistance, N or N m
+        ("stiffness", "f8"),  # ∂R/∂s
+        ("damping", "f8"),  # ∂R/∂ṡ
         ("g", "f8", (12,)),  # gradient of a measure between markers
     ],
     align=True,
@@ -86,9 +86,10 @@ class ForceCharacteristics(NamedTuple):
     """Nonlinear spring-dampers, actuators and stops."""
 
     rows: array_of(FORCE_CHARACTERISTIC)
-    programs: FunctionTable  # of springs and dampers, their variable in place of time
+    programs: FunctionTable  # characteristics of springs and dampers; their variable is x or ṡ
     stops: Integers  # rows that are stops
-    first_event: int  # place of the first stop among the events, `STOP_EVENTS` for each, then laws
+    # index of the first event function: `STOP_EVENTS` of each stop, then those of the programs
+    first_event: int
     scratch: Scratch = None  # of one run
 
 
@@ -109,7 +110,8 @@ def lower_force_characteristics(lowering: Lowering, forces: Forces) -> ForceChar
         elif spec.type == "spring-damper" and not spec.linear:
             row = line_row(lowering, spec) | program_numbers(spec, expressions)
         elif spec.type != "spring-damper" and (spec.spring_force or spec.damper_force):
-            k = lowering.coordinate(f"forces.{name}")  # which has its stiffness, damping and value
+            # the coordinate itself has the linear stiffness, the damping and the actuator's force
+            k = lowering.coordinate(f"forces.{name}")
             row = {"measure": COORDINATE_OF, "coordinate": k, "free": spec.free}
             row |= program_numbers(spec, expressions)
         else:
@@ -146,7 +148,7 @@ def _stop_row(lowering: Lowering, name: str, spec: Any) -> dict[str, float]:
 
 @kernel
 def _function_value(row, fun):
-    """Present value of its function of time."""
+    """Present value u(t) of the force's function of time; 0 if it has none."""
     return fun[row["fun"], 0] if row["fun"] >= 0 else 0.0
 
 
@@ -158,9 +160,9 @@ def _between_markers(row):
 
 @unit
 def _put_measure(run: Run, forces: ForceCharacteristics, at: Point, k: int) -> int:
-    """s and ṡ of force k, and between markers the gradient, after a velocity stage.
+    """s and ṡ of force k, and for a measure between markers g; after a velocity stage.
 
-    ZERO_LENGTH at the distance of one point, which has no direction.
+    Returns ZERO_LENGTH if s is the distance of two markers at the same place: it has no gradient.
     """
     row, now = forces.rows[k], forces.scratch.now[0]
     g = now["g"]
@@ -186,7 +188,7 @@ def _put_measure(run: Run, forces: ForceCharacteristics, at: Point, k: int) -> i
 
 @unit
 def _put_resistance(run: Run, forces: ForceCharacteristics, at: Point, k: int) -> int:
-    """R of force k and its slopes, with its measure; the status of that."""
+    """s, ṡ, R, ∂R/∂s and ∂R/∂ṡ of force k; returns the status of `_put_measure`."""
     row, now, stack = forces.rows[k], forces.scratch.now[0], run.work.trial.stack
     status = _put_measure(run, forces, at, k)
     s, v, u = now["s"], now["rate"], _function_value(row, run.work.con.fun)
@@ -200,7 +202,7 @@ def _put_resistance(run: Run, forces: ForceCharacteristics, at: Point, k: int) -
 
 @unit
 def add_wrenches(run: Run, forces: ForceCharacteristics, at: Point) -> int:
-    """Wrenches on the markers; ZERO_LENGTH at the first force without a direction."""
+    """Add wrenches to the markers; return ZERO_LENGTH at the first force without a direction."""
     rows, markers, now = forces.rows, run.work.now.marker, forces.scratch.now[0]
     for k in range(rows.shape[0]):
         if _between_markers(rows[k]):
@@ -217,7 +219,7 @@ def add_wrenches(run: Run, forces: ForceCharacteristics, at: Point) -> int:
 
 @unit
 def add_coordinate_forces(run: Run, forces: ForceCharacteristics, at: Point) -> int:
-    """Resistance on scalar coordinates, into the residual."""
+    """Add the resistance on scalar coordinates to the residual."""
     rows, coordinates, res = forces.rows, run.system.parts.coordinates, run.work.trial.res
     for k in range(rows.shape[0]):
         if not _between_markers(rows[k]):
@@ -228,7 +230,7 @@ def add_coordinate_forces(run: Run, forces: ForceCharacteristics, at: Point) -> 
 
 @unit
 def add_energies(run: Run, forces: ForceCharacteristics, at: Point) -> int:
-    """Energy that the elastic parts store."""
+    """Elastic energy of springs and stops."""
     rows, now, out = forces.rows, forces.scratch.now[0], run.work.energies
     for k in range(rows.shape[0]):
         _put_measure(run, forces, at, k)
@@ -243,7 +245,7 @@ def add_energies(run: Run, forces: ForceCharacteristics, at: Point) -> int:
 
 @unit
 def add_powers(run: Run, forces: ForceCharacteristics, at: Point) -> int:
-    """Power of dissipation, and of functions of time."""
+    """Power of dampers and stops, and that of actuators, whose forces are functions of time."""
     rows, now, fun, out = forces.rows, forces.scratch.now[0], run.work.con.fun, run.work.powers
     for k in range(rows.shape[0]):
         _put_measure(run, forces, at, k)
@@ -259,7 +261,7 @@ def add_powers(run: Run, forces: ForceCharacteristics, at: Point) -> int:
 
 @unit
 def put_events(run: Run, forces: ForceCharacteristics, at: Point) -> int:
-    """How far stops, springs and dampers are from where their laws change."""
+    """Event functions of stops, springs and dampers: zero where their characteristics change."""
     stops, out, now = forces.stops, run.work.events.now, forces.scratch.now[0]
     for k in range(stops.shape[0]):
         _put_measure(run, forces, at, stops[k])
@@ -281,7 +283,8 @@ def put_events(run: Run, forces: ForceCharacteristics, at: Point) -> int:
 def put_wrench(run: Run, forces: ForceCharacteristics, at: Point, c: int) -> float:
     """Wrench pair of the force between markers that channel c reads.
 
-    On a coordinate it acts through the constraint rows that follow this.
+    A force on a coordinate has no wrench pair of its own: it acts through the constraint rows that
+    couple the coordinate.
     """
     k, now = run.system.sensors.channels[c]["first"], forces.scratch.now[0]
     w, pair = run.work.dense.g[1], run.work.dense.pair
@@ -294,7 +297,10 @@ def put_wrench(run: Run, forces: ForceCharacteristics, at: Point, c: int) -> flo
 
 @unit
 def put_unit_force(run: Run, forces: ForceCharacteristics, at: Point, part: int) -> float:
-    """Generalised force of a unit push apart on one marker, for feedback (`engine.kind`)."""
+    """Generalised force on the body of one marker per unit of u(t), for feedback (`engine.kind`).
+
+    A positive u drives s up, so for a distance it pushes the markers apart.
+    """
     k, on, w = part // 6, part // 3 % 2, run.work.dense.g[1]
     _put_measure(run, forces, at, k)
     copy(forces.scratch.now[0]["g"], w)
@@ -309,7 +315,7 @@ def put_unit_force(run: Run, forces: ForceCharacteristics, at: Point, part: int)
 def add_tangents(run: Run, forces: ForceCharacteristics, at: Point, cv: float, cp: float) -> int:
     """−(cv ∂Q/∂v + cp ∂Q/∂q) of all forces.
 
-    At the acceleration level, cv = 0, nothing on coordinates: such a one has no mass.
+    At the acceleration level, cv = 0, forces on coordinates add nothing, as these have no mass.
     """
     if cv == 0.0 and cp == 0.0:
         return SUCCESS
@@ -344,7 +350,7 @@ def _put_tangent(run, row, now, cv, cp):
     """Put −(cp ∂w/∂position + cv ∂w/∂velocity) of a force between markers into dense.H (12, 12).
 
     With G = ∂g/∂position it is cp R G + g ∂R, where ∂ṡ/∂position = Gᵀ V at constant velocities V of
-    the markers. g stays in dense.X[0], R g in dense.g[1].
+    the markers. On return dense.X[0] is g, and dense.g[1] is R g.
     """
     mi, mj, d = run.work.now.marker[row["I"]], run.work.now.marker[row["J"]], run.work.dense
     H, g, slope, w = d.H, now["g"], d.U[0], d.g[1]

@@ -1,15 +1,20 @@
-"""Friction in joints, on a scalar coordinate without mass that follows the joint's.
+"""Friction in joints, acting on a massless scalar coordinate that equals the joint's displacement.
 
-The normal force N comes from the joint's reaction on J in the axes of I. A bearing of length L
-carries the lateral force F and the bending moment M as two forces at its ends,
-R₁,₂ = F/2 ± (M × z)/L, so N = |R₁| + |R₂|; a guide of width w carries a torque T about its axis
-with |T|/w more; a preload adds to it. Of the reaction counts what stretches a bristle by more than
-the round-off of its place: joints without load have no friction. N belongs to the multipliers of
-the iterate; its slope over them stands in the unsymmetric iteration matrix, while reported
-accelerations are iterated for. Where friction grows as fast as the forces that cause it, neither
-settles: the joint locks itself. How fast the limit μ N/k of a bristle grows follows from R₁, R₂ and
-T of the last three steps: by the slopes of their parabolas, or of lines behind what bends.
-Source of the bearing's share: Haug, Wu & Yang, Mech. Mach. Theory 21 (1986) 401.
+The normal force N (bearing load) follows from the joint's reaction on J in the axes of I. A bearing
+of length L carries the lateral force F and the bending moment M by two forces at its ends,
+R₁,₂ = F/2 ± (M × z)/L, so N = |R₁| + |R₂|. In a guide of width w a torque T about its axis adds
+|T|/w. A preload is added. A reaction at round-off does not count: it is the one whose friction
+would stretch the bristle by the round-off of its position, so that unloaded joints have no
+friction.
+
+N is evaluated with the multipliers of the present iterate. Its derivatives with respect to them are
+in the unsymmetric iteration matrix; at the acceleration level a fixed-point iteration is used
+instead. If friction grows as fast as the forces that cause it, neither converges: the joint is
+self-locking. The growth of the limit μ N/k of a bristle follows from R₁, R₂ and T/w of the last
+three accepted states, by the end slopes of the parabolas through them, or of straight lines after a
+discontinuity of slope.
+
+Source of the bearing's forces: Haug, Wu & Yang, Mech. Mach. Theory 21 (1986) 401.
 """
 
 from __future__ import annotations
@@ -41,17 +46,17 @@ if TYPE_CHECKING:
     from flexmb.engine.lowering import Forces, Lowering, Placement
 
 _I, _F = "i8", "f8"
-# Friction in a joint, on a scalar coordinate s that follows the joint's; the surface moves by
-# radius times s. It remembers where its bristle is free (m), and whether it is full.
+# Friction in a joint, on a scalar coordinate s equal to the joint's displacement (m or rad). The
+# surface moves by radius times s. Internal variables: see `_ANCHOR` and the following indices.
 JOINT_FRICTION = np.dtype(
     [
         ("group", _I),  # of the joint
         ("coordinate", _I),
         ("link", _I),  # LINK of the joint's rows with the coordinate
-        ("axis", _I),  # of marker I, along which or about which it moves
-        ("radius", _F),  # m, or 1 of a stroke
-        ("length", _F),  # of the bearing, m; 0: it bears no moment
-        ("width", _F),  # of the guide, m; 0: it bears no torque about its axis
+        ("axis", _I),  # axis of marker I along which the joint slides or about which it turns
+        ("radius", _F),  # of the pin, m; 1 for a translation
+        ("length", _F),  # of the bearing, m; 0: bending moments cause no bearing load
+        ("width", _F),  # of the guide, m; 0: a torque about the axis causes no bearing load
         ("preload", _F),  # N
         *FRICTION_FIELDS,
     ],
@@ -59,15 +64,18 @@ JOINT_FRICTION = np.dtype(
 )
 
 
-# Friction of one joint now, on the surface of its pin or guide: force (N), bristle (m), |T| − μ N,
-# k |s| − μ N were it free, slopes of −force over position, speed and bearing load, position (m).
-_WORDS = ("force", "bristle", "excess", "room", "stiffness", "damping", "load", "position")
+# State of the friction of one joint, on the surface of its pin or guide: force (N), bristle s (m),
+# excess |T| − μ N, overload k |s| − μ N for s without its limit, derivatives of −force with
+# respect to position (stiffness), velocity (damping) and bearing load (load), position (m).
+_WORDS = ("force", "bristle", "excess", "overload", "stiffness", "damping", "load", "position")
 SURFACE = np.dtype([(word, _F) for word in _WORDS], align=True)
 
 
 class Scratch(NamedTuple):
-    load: Matrix  # (n, 2) bearing load, from the multipliers, and force of friction, N
-    bearing: Matrix  # (n, 5) R₁ and R₂ (2 each) and T/w of it, N
+    """Scratch of all joint frictions."""
+
+    load: Matrix  # (n, 2) bearing load from the multipliers, and force of friction, N
+    bearing: Matrix  # (n, 5) the components of this load: R₁ and R₂ (2 each) and T/w, N
     surface: array_of(SURFACE)  # (1,) the friction that was evaluated last
 
 
@@ -75,15 +83,16 @@ class JointFrictions(NamedTuple):
     """Frictions in joints of a model."""
 
     rows: array_of(JOINT_FRICTION)
-    first_event: int  # each has two: what makes it slide or stick, the length of its bristle
+    first_event: int  # two event functions each: sliding or sticking, bristle becomes free
     scratch: Scratch = None  # of one run
 
 
-# Places of history of one friction: where its bristle is free, whether it is full (±FULL); rate of
-# the bearing load, time between the last step and the one before (0: unknown; < 0: that is the
-# first), and R₁, R₂ and T/w at both.
+# Indices of the internal variables of one friction. _ANCHOR: position at which its bristle has zero
+# length, m; _MODE: FREE or ±FULL with the sign of the bristle; _RATE: rate of the bearing load,
+# N/s; _SPAN: time between the last accepted state and the one before, s (0: the one before is not
+# used; < 0: the last state is the first of the run); _LAST, _EARLIER: R₁, R₂ and T/w at these two.
 _ANCHOR, _MODE, _RATE, _SPAN, _LAST, _EARLIER, _HISTORY = 0, 1, 2, 3, 4, 9, 14
-_PARTS = 5
+_N_COMPONENTS = 5
 
 
 def lower_joint_frictions(lowering: Lowering, forces: Forces) -> JointFrictions:
@@ -106,36 +115,38 @@ def lower_joint_frictions(lowering: Lowering, forces: Forces) -> JointFrictions:
 
 
 def place_joint_frictions(frictions: JointFrictions, placement: Placement) -> None:
-    """Where the coordinate of each friction stands in the matrix with the rows of its joint."""
+    """Fill in `link`: the block of the matrix for each coordinate and the rows of its joint."""
     links, first = placement.symbolic.coordinate_links, placement.n_bodies
     for row in frictions.rows:
         row["link"] = links[int(row["group"]), first + int(row["coordinate"])]
 
 
-# Speed over that of creeping by which smooth friction stays clear of its event.
+# The event function of smooth friction stays below zero by this fraction of its creep speed.
 _EVENT_CLEARANCE = 1e-3
 
 
 @unit
 def evaluate_surface(run: Run, frictions: JointFrictions, at: Point, k: int) -> float:
-    """Friction k for place and rate of its coordinate, into `surface` (`line_friction`).
+    """Evaluate friction k at position and velocity of its coordinate, into `scratch.surface`.
 
     Returns the bristle, m.
     """
     f, out, history = frictions.rows[k], frictions.scratch.surface[0], run.work.now.history
     s, o = run.system.parts.coordinates[f["coordinate"]], f["history"]
     x, rate = f["radius"] * at.q[s["iq"]], f["radius"] * at.v[s["iv"]]
-    force, bristle, excess, room, stiffness, damping, load = line_friction(
+    force, bristle, excess, overload, stiffness, damping, load = line_friction(
         f, frictions.scratch.load[k, 0], x - history[o + _ANCHOR], rate, history[o + _MODE]
     )
-    out["force"], out["bristle"], out["excess"], out["room"] = force, bristle, excess, room
+    out["force"], out["bristle"], out["excess"], out["overload"] = (
+        force, bristle, excess, overload
+    )  # fmt: skip
     out["stiffness"], out["damping"], out["load"], out["position"] = stiffness, damping, load, x
     return bristle
 
 
 @kernel
 def _bearing(run, f, w):
-    """The forces R₁ and R₂ across the axis (2 each), and T/w, of the wrench w on J."""
+    """Forces R₁ and R₂ normal to the axis (2 each), and T/w, from the wrench pair w (12)."""
     sys = run.system
     R = run.work.now.marker[sys.rows[sys.groups[f["group"]]["row"]]["I"]]["R"]
     F = turned_back(R, (w[6], w[7], w[8]))
@@ -151,7 +162,7 @@ def _bearing(run, f, w):
 
 @kernel
 def _round_off_of_load(run, f):
-    """The bearing load whose friction stretches the bristle by the round-off of its place, N."""
+    """Bearing load, N, whose friction stretches the bristle by the round-off of its position."""
     iv = run.system.parts.coordinates[f["coordinate"]]["iv"]
     place = f["radius"] * run.state.first_places[0, iv] / run.system.weights[iv]
     return f["k"] * place / f["static"] if f["static"] > 0.0 else 0.0
@@ -159,7 +170,7 @@ def _round_off_of_load(run, f):
 
 @unit
 def put_loads(run: Run, frictions: JointFrictions, at: Point) -> float:
-    """Bearing loads of all joint frictions for these multipliers; returns the largest change."""
+    """Put the bearing loads of all joint frictions for `at.lam`; return the largest change, N."""
     rows, load, w = frictions.rows, frictions.scratch.load, run.work.dense.g[1]
     change = 0.0
     for k in range(rows.shape[0]):
@@ -167,7 +178,7 @@ def put_loads(run: Run, frictions: JointFrictions, at: Point) -> float:
         put_group_wrench(run, f["group"], at.lam)
         parts = _bearing(run, f, w)
         a, b, c, d, turn = parts
-        for i in range(_PARTS):
+        for i in range(_N_COMPONENTS):
             frictions.scratch.bearing[k, i] = parts[i]
         N = math.sqrt(a * a + b * b) + math.sqrt(c * c + d * d) + abs(turn)
         least = _round_off_of_load(run, f)
@@ -193,9 +204,9 @@ def put_forces(run: Run, frictions: JointFrictions, at: Point) -> int:
 
 @unit
 def add_tangents(run: Run, frictions: JointFrictions, at: Point, cv: float, cp: float) -> int:
-    """cv ∂F/∂v + cp ∂F/∂q on the diagonal of each coordinate.
+    """Add cv ∂F/∂v + cp ∂F/∂q, F the resistance of friction, to the diagonal of each coordinate.
 
-    As all that acts on coordinates without mass, not at the acceleration level.
+    At the acceleration level, cv = 0, nothing is added, as these coordinates have no mass.
     """
     rows, coordinates, panels = frictions.rows, run.system.parts.coordinates, run.system.kkt.panels
     low, up, surface = run.work.factor.low, run.work.factor.up, frictions.scratch.surface[0]
@@ -212,7 +223,7 @@ def add_tangents(run: Run, frictions: JointFrictions, at: Point, cv: float, cp: 
 
 @unit
 def put_couplings(run: Run, frictions: JointFrictions, at: Point, cv: float, cp: float) -> int:
-    """−∂(friction on its coordinate)/∂λ of all joint frictions, in the unsymmetric matrix."""
+    """Put −∂(friction on its coordinate)/∂λ of all joint frictions into the unsymmetric matrix."""
     rows, surface = frictions.rows, frictions.scratch.surface[0]
     for k in range(rows.shape[0]):
         f = rows[k]
@@ -225,9 +236,9 @@ def put_couplings(run: Run, frictions: JointFrictions, at: Point, cv: float, cp:
 
 @kernel
 def _put_coupling(run, f, factor):
-    """factor ∂N/∂λ in the row of the coordinate, at the columns of the joint's rows.
+    """Put factor ∂N/∂λ into the row of the coordinate, at the columns of the joint's rows.
 
-    The wrench of the joint is in dense.g[1].
+    dense.g[1] holds the wrench pair of the joint.
     """
     sys, g = run.system, run.work.row.g
     low, up = run.work.factor.low, run.work.factor.up
@@ -236,7 +247,7 @@ def _put_coupling(run, f, factor):
     first, second = math.sqrt(a * a + b * b), math.sqrt(c * c + d * d)
     for r in range(group["n"]):
         put_row_gradient(run, sys.rows[group["row"] + r])
-        p, q, s, t, change = _bearing(run, f, g)  # of λ = −1
+        p, q, s, t, change = _bearing(run, f, g)  # for a multiplier λ = −1 of row r
         slope = -change if turn > 0.0 else change if turn < 0.0 else 0.0
         if first > 0.0:
             slope -= (a * p + b * q) / first
@@ -250,7 +261,7 @@ def _put_coupling(run, f, factor):
 
 @unit
 def add_powers(run: Run, frictions: JointFrictions, at: Point) -> int:
-    """Power of all joint frictions, that into bristles included."""
+    """Power of all joint frictions, including the power that bristles store."""
     rows, coordinates, out = frictions.rows, run.system.parts.coordinates, run.work.powers
     for k in range(rows.shape[0]):
         f = rows[k]
@@ -262,7 +273,7 @@ def add_powers(run: Run, frictions: JointFrictions, at: Point) -> int:
 
 @unit
 def add_energies(run: Run, frictions: JointFrictions, at: Point) -> int:
-    """Energy in the bristles, ½ k s²."""
+    """Elastic energy of the bristles, Σ ½ k s²."""
     rows, out = frictions.rows, run.work.energies
     for k in range(rows.shape[0]):
         bristle = evaluate_surface(run, frictions, at, k)
@@ -272,7 +283,7 @@ def add_energies(run: Run, frictions: JointFrictions, at: Point) -> int:
 
 @unit
 def free_bristles(run: Run, frictions: JointFrictions, at: Point) -> int:
-    """Free all bristles at the first position."""
+    """Begin a run: all bristles are free and have zero length at the initial position."""
     rows, coordinates, history = frictions.rows, run.system.parts.coordinates, run.state.history
     for k in range(rows.shape[0]):
         f = rows[k]
@@ -284,17 +295,17 @@ def free_bristles(run: Run, frictions: JointFrictions, at: Point) -> int:
 
 @kernel
 def load_rate(past, o, span, parts):
-    """Rate of a bearing load of these parts (5,), N/s.
+    """Rate of the bearing load with the components `parts` (5,), N/s.
 
-    Its history `past` stands from o on, and is `span` old, s.
+    past[o:] are its internal variables at the last accepted state, `span` seconds ago.
     """
     before = past[o + _SPAN]
     if not span > 0.0 or before < 0.0:
         return past[o + _RATE]
     rate = 0.0
-    for first in range(0, _PARTS, 2):
+    for first in range(0, _N_COMPONENTS, 2):
         size, along, rates = 0.0, 0.0, 0.0
-        for i in range(first, min(first + 2, _PARTS)):
+        for i in range(first, min(first + 2, _N_COMPONENTS)):
             slope = (parts[i] - past[o + _LAST + i]) / span
             if before > 0.0:
                 earlier = (past[o + _LAST + i] - past[o + _EARLIER + i]) / before
@@ -308,7 +319,7 @@ def load_rate(past, o, span, parts):
 
 @kernel
 def limit_growth(f, N, rate, v, change, side):
-    """The speed at which the limit of a bristle to a side grows, m/s; change: that of v."""
+    """Growth rate of the limit of a bristle of sign `side`, m/s; rate: of N; change: of v."""
     mu, slope = friction_coefficient(f, abs(v))
     more = change if v > 0.0 else -change if v < 0.0 else abs(change)
     released = f["c"] * max(-side * change, 0.0) if v == 0.0 else (
@@ -319,7 +330,7 @@ def limit_growth(f, N, rate, v, change, side):
 
 @unit
 def update_history(run: Run, frictions: JointFrictions, at: Point) -> int:
-    """Write the history of all joint frictions at an accepted state."""
+    """Write the internal variables of all joint frictions at an accepted state."""
     rows, surface, history, now = (
         frictions.rows, frictions.scratch.surface[0], run.state.history, run.work.now
     )  # fmt: skip
@@ -329,14 +340,14 @@ def update_history(run: Run, frictions: JointFrictions, at: Point) -> int:
         s, o, mode = evaluate_surface(run, frictions, at, k), f["history"], FREE
         parts = frictions.scratch.bearing[k]
         rate, v = load_rate(now.history, o, now.span[0], parts), f["radius"] * at.v[iv]
-        if f["model"] == BRISTLE and surface["room"] >= 0.0:
+        if f["model"] == BRISTLE and surface["overload"] >= 0.0:
             side = math.copysign(1.0, s)
             growth = limit_growth(f, N, rate, v, f["radius"] * at.vd[iv], side)
             mode = side * FULL if side * v > growth else FREE
         bends = mode != now.history[o + _MODE] or now.history[o + _SPAN] < 0.0
         history[o + _ANCHOR], history[o + _MODE] = surface["position"] - s, mode
         history[o + _SPAN], history[o + _RATE] = 0.0 if bends else now.span[0], rate
-        for i in range(_PARTS):
+        for i in range(_N_COMPONENTS):
             history[o + _EARLIER + i] = now.history[o + _LAST + i]
             history[o + _LAST + i] = parts[i]
     return SUCCESS
@@ -344,23 +355,24 @@ def update_history(run: Run, frictions: JointFrictions, at: Point) -> int:
 
 @unit
 def forget_rates(run: Run, frictions: JointFrictions, at: Point) -> int:
-    """Behind a jump of forces nothing is known of the rates of bearing loads."""
+    """After a jump of the forces restart the rates of bearing loads from the present ones."""
     rows, history = frictions.rows, run.state.history
     for k in range(rows.shape[0]):
         o = rows[k]["history"]
         history[o + _SPAN], history[o + _RATE] = 0.0, 0.0
-        for i in range(_PARTS):
+        for i in range(_N_COMPONENTS):
             history[o + _LAST + i] = frictions.scratch.bearing[k, i]
     return SUCCESS
 
 
 @unit
 def put_events(run: Run, frictions: JointFrictions, at: Point) -> int:
-    """What crosses zero where it slips or sticks, and where its full bristle becomes free.
+    """Event functions: zero where sliding begins or ends, and where a full bristle becomes free.
 
-    With rates, but for those of rates of the bearing load. What slides while its bristle becomes
-    full feels nothing of it. Smooth friction has no such moment; that its speed falls below that of
-    creeping and rises again within a step is watched all the same.
+    Their rates neglect the second time derivative of the bearing load. A bristle that becomes full
+    while it slides causes no event, since its force does not change there. Smooth friction has no
+    event; its function is there so that a step sees the speed fall below the creep speed and rise
+    again.
     """
     rows, surface, now = frictions.rows, frictions.scratch.surface[0], run.work.now
     coordinates, out = run.system.parts.coordinates, run.work.events.now
@@ -373,7 +385,7 @@ def put_events(run: Run, frictions: JointFrictions, at: Point) -> int:
         if f["model"] != BRISTLE:
             slip["value"] = min(f["creep"] - abs(v), -_EVENT_CLEARANCE * f["creep"])
             slip["rate"] = -change if v > 0.0 else change
-            if abs(v) < f["creep"]:  # there its law is smooth
+            if abs(v) < f["creep"]:  # the force is a smooth function of v there
                 slip["rate"] = math.nan
             continue
         if N == 0.0:
@@ -390,7 +402,7 @@ def put_events(run: Run, frictions: JointFrictions, at: Point) -> int:
             length["value"], length["rate"] = growth - side * v, -side * change
         else:
             slip["value"] = surface["excess"] - LEAST_EXCESS * N
-            damped = f["c"] * side * change  # what is let go has it in its growth
+            damped = f["c"] * side * change  # while v releases the bristle, growth contains it
             slip["rate"] = f["k"] * (side * v - growth)
             slip["rate"] += damped if side * v > 0.0 else max(damped, 0.0) if v == 0.0 else 0.0
     return SUCCESS
@@ -417,7 +429,7 @@ JOINT_FRICTIONS = Kind(
     unsymmetric=lambda frictions: True,
     scratch=lambda frictions: Scratch(
         np.full((len(frictions.rows), 2), np.nan),
-        np.zeros((len(frictions.rows), _PARTS)),
+        np.zeros((len(frictions.rows), _N_COMPONENTS)),
         np.zeros(1, SURFACE),
     ),
 )

@@ -1,11 +1,12 @@
-"""Loads: forces and torques on markers, their components functions of time or of channels.
+"""Loads: forces and torques on markers, with components that are functions of time or channels.
 
-A load of a flexible body is some of them: forces at the means of the nodes that it acts on, which
-follow the deformation as these do (`flexbody.parts.LoadPoint`), in the axes of the body frame.
+A load case of a flexible body becomes several loads, in the axes of the body frame: forces and
+torques at points that move like the mean of the loaded nodes (`flexbody.parts.LoadPoint`).
 
-A load has global axes or those of any marker. Its opposite may act on another body: a force F at
-marker J acts on the body of marker I at the same point with the wrench (−F, −h × F), h = x_J − x_I,
-so that the two have no moment; a torque likewise.
+The components are in global axes or those of any marker. The opposite load may act on another body:
+the reaction to a force F at marker J acts on the body of marker I at the same point, with the
+wrench (−F, −h × F) about I, h = x_J − x_I, so that force and reaction have no resultant moment. The
+reaction to a torque is the opposite torque.
 """
 
 from __future__ import annotations
@@ -43,10 +44,10 @@ LOAD = np.dtype(
         ("axes", "i8"),
         ("torque", "i8"),
         ("fun", "i8", (3,)),
-        ("factor", "f8", (3,)),  # of the functions
-        ("couple", "i8"),  # LINK between the bodies of other and marker
-        ("couple_marker", "i8"),  # between those of marker and axes
-        ("couple_other", "i8"),  # between those of other and axes
+        ("factor", "f8", (3,)),  # component = factor · value of the function
+        ("couple", "i8"),  # LINK (block of the matrix) between the bodies of other and marker
+        ("couple_marker", "i8"),  # LINK between the bodies of marker and axes
+        ("couple_other", "i8"),  # LINK between the bodies of other and axes
     ],
     align=True,
 )
@@ -59,7 +60,7 @@ class Loads(NamedTuple):
 
 
 def lower_loads(lowering: Lowering, forces: Forces) -> Loads:
-    """LOAD rows. Links are filled in later."""
+    """LOAD rows of all loads; their links are filled in later."""
     rows: list[tuple[object, ...]] = []
     for name, spec in forces:
         if spec.type == "body-load":
@@ -83,7 +84,7 @@ def lower_loads(lowering: Lowering, forces: Forces) -> Loads:
 def _body_load_rows(
     lowering: Lowering, name: str, spec: BodyLoadSpec, first: int
 ) -> Iterator[tuple[object, ...]]:
-    """LOAD rows of a load of a body: one for each of its points."""
+    """LOAD rows of a load case of a flexible body: one for each of its points."""
     frame, points = lowering.geometry.load_points(spec)
     axes, program = lowering.markers.add(frame), lowering.functions.add(spec.value.expression)
     lowering.add_element(name, "loads", first, len(points))
@@ -97,9 +98,9 @@ def _body_load_rows(
 
 @unit
 def pull_back_unit_force(run: Run, k: int, first: int) -> int:
-    """feedback.left = Jᵀ w of marker k, w the six numbers of dense.g[1] from `first` on.
+    """feedback.left = Jᵀ w for marker k and the wrench w, dense.g[1, first : first + 6].
 
-    The first velocity coordinate of its body and how many it has go into feedback.block.
+    feedback.block gets the index of the first velocity coordinate of its body and their number.
     """
     parts, work = run.system.parts, run.work
     left, block = work.feedback.left, work.feedback.block
@@ -151,7 +152,7 @@ def _put_pair(load, markers, x, y, z, w):
 
 @unit
 def add_wrenches(run: Run, loads: Loads, at: Point) -> int:
-    """Forces and torques on their markers, the opposite on the others."""
+    """Add forces and torques to the wrenches of their markers, and reactions to the others."""
     rows, markers, fun = loads.rows, run.work.now.marker, run.work.con.fun
     for k in range(rows.shape[0]):
         wj = markers[rows[k]["marker"]]["W"]
@@ -163,7 +164,7 @@ def add_wrenches(run: Run, loads: Loads, at: Point) -> int:
 
 @unit
 def add_powers(run: Run, loads: Loads, at: Point) -> int:
-    """Power of all forces and torques with their opposites."""
+    """Power of all forces, torques and their reactions."""
     rows, markers, fun, out = loads.rows, run.work.now.marker, run.work.con.fun, run.work.powers
     for k in range(rows.shape[0]):
         load, mj = rows[k], markers[rows[k]["marker"]]
@@ -184,7 +185,7 @@ def add_powers(run: Run, loads: Loads, at: Point) -> int:
 
 @unit
 def put_wrench(run: Run, loads: Loads, at: Point, c: int) -> float:
-    """Wrench pair of the load that channel c reads; without another marker on its own alone."""
+    """Wrench pair of the load that channel c reads; without a reaction both markers are its own."""
     row, d = loads.rows[run.system.sensors.channels[c]["first"]], run.work.dense
     x, y, z = _vector(row, run.work.now.marker, run.work.con.fun)
     _put_pair(row, run.work.now.marker, x, y, z, d.g[1])
@@ -195,7 +196,10 @@ def put_wrench(run: Run, loads: Loads, at: Point, c: int) -> float:
 
 @unit
 def put_unit_force(run: Run, loads: Loads, at: Point, part: int) -> float:
-    """Generalised force per unit of one component on one marker, for feedback (`engine.kind`)."""
+    """Generalised force on the body of one marker per unit of one function, for feedback.
+
+    part = 6 row + 3 on + a: component a of a load, on its marker (on = 0) or the other (on = 1).
+    """
     row, on, a = loads.rows[part // 6], part // 3 % 2, part % 3
     markers = run.work.now.marker
     f = row["factor"]
@@ -212,7 +216,11 @@ def put_unit_force(run: Run, loads: Loads, at: Point, part: int) -> float:
 
 @unit
 def add_tangents(run: Run, loads: Loads, at: Point, cv: float, cp: float) -> int:
-    """−cp ∂Q/∂q of all loads: arms between the markers, moment arms, and turning axes."""
+    """−cp ∂Q/∂q of all loads, Q their generalised forces.
+
+    Q changes with h (the moment of a reaction), with the moment arms of the markers in their
+    bodies, and with the rotation of the axes of the components.
+    """
     if cv == 0.0 and cp == 0.0:
         return SUCCESS
     rows, markers, fun, d = loads.rows, run.work.now.marker, run.work.con.fun, run.work.dense
@@ -239,14 +247,14 @@ def add_tangents(run: Run, loads: Loads, at: Point, cv: float, cp: float) -> int
             _add_block(run, j, axes, load["couple_marker"], cp)
         if axes >= 0 and i >= 0:
             clear(H, 12, 12)
-            _add_turn_of_other(load, markers, x, y, z, H)
+            _add_axes_tangent_of_other(load, markers, x, y, z, H)
             _add_block(run, i, axes, load["couple_other"], cp)
     return SUCCESS
 
 
 @kernel
-def _add_turn_of_other(load, markers, x, y, z, H):
-    """Add minus the change of the wrench on I, rows 0 to 6, with the turn of `axes`, at 9."""
+def _add_axes_tangent_of_other(load, markers, x, y, z, H):
+    """Add −∂(wrench on I)/∂(rotation of `axes`) to rows 0 to 5 and columns 9 to 11 of H."""
     add_skew(H, 3 * load["torque"], 9, -1.0, (x, y, z))
     if load["torque"] == 0:
         hx, hy, hz = separation(markers[load["other"]], markers[load["marker"]])
@@ -262,7 +270,7 @@ def _add_turn_of_other(load, markers, x, y, z, H):
 
 @unit
 def _add_block(run: Run, i: int, j: int, link: int, f: float) -> int:
-    """Add f J_iᵀ H[:6, 6:] J_j alone, for two markers that may be on one body."""
+    """Add the block f J_iᵀ H[:6, 6:] J_j to the matrix; both markers may be on one body."""
     parts, now, d = run.system.parts, run.work.now, run.work.dense
     a, b = parts.markers[i]["body"], parts.markers[j]["body"]
     if a < 0 or b < 0:
@@ -279,7 +287,7 @@ def _add_block(run: Run, i: int, j: int, link: int, f: float) -> int:
 
 
 def _is_stiff(loads: Loads) -> bool:
-    """Whether some have the axes of another marker or their opposite on another body."""
+    """Whether any load has the axes of another marker or a reaction on another body."""
     rows = loads.rows
     foreign = (rows["axes"] >= 0) & (rows["axes"] != rows["marker"])
     return bool((foreign | (rows["other"] >= 0)).any())

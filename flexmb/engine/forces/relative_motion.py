@@ -1,13 +1,14 @@
-"""Relative motion of two markers in the axes of marker I: six measures, their rates and slopes.
+"""Relative motion of two markers in the axes of marker I: six measures, rates and derivatives.
 
-With h = x_J − x_I: separation u = R_Iᵀ h and rotation vector φ of R_Iᵀ R_J = exp(φ̃), |φ| < π. A
-rigid motion of both markers changes neither, so forces made from them are objective. φ̇ = G(φ) ω
-with ω = R_Iᵀ (ω_J − ω_I) and G = I − ½ φ̃ + e φ̃², e = (1 − (φ/2) cot(φ/2))/φ² (the inverse of the
-tangent of the exponential map; Géradin & Cardona, Flexible Multibody Dynamics, 2001, ch. 4).
+With h = x_J − x_I, the measures are the separation u = R_Iᵀ h and the rotation vector φ of
+R_Iᵀ R_J = exp(φ̃), |φ| < π. A common rigid motion of both markers does not change them, so forces
+that depend on them are objective. φ̇ = G(φ) ω with ω = R_Iᵀ (ω_J − ω_I) and G = I − ½ φ̃ + e φ̃²,
+e = (1 − (φ/2) cot(φ/2))/φ² (the inverse of the tangent operator of the exponential map; Géradin &
+Cardona, Flexible Multibody Dynamics, 2001, ch. 4).
 
-The gradient E (6, 12) of x = (u, φ) holds the rates per (v_I, ω_I, v_J, ω_J) in global axes:
-a_r·(v_J − v_I − ω_I × h), a_r the axes of I, and G R_Iᵀ (ω_J − ω_I). Forces p conjugate to x are
-the wrench pair −Eᵀ p on the two markers, as for constraint rows with multipliers p.
+The gradient E (6, 12) of x = (u, φ) gives ẋ = E (v_I, ω_I, v_J, ω_J), velocities in global axes:
+u̇_r = a_r·(v_J − v_I − ω_I × h), a_r the axes of I, and φ̇ = G R_Iᵀ (ω_J − ω_I). Forces p conjugate
+to x are the wrench pair −Eᵀ p on the two markers, as for constraint rows with multipliers p.
 """
 
 from __future__ import annotations
@@ -39,35 +40,35 @@ from flexmb.engine.joints.row import dot_columns, separation
 from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import Run
 
-# Below this φ² the series of e, in φ², has a remainder below round-off; above, the closed form of
-# its slope keeps all but three digits.
+# Below this φ² the series of e in φ² has a remainder below round-off; above it the closed form of
+# de/d(φ²) loses no more than three digits by cancellation.
 _SERIES = 0.5
 
 
 class RelativeMotion(NamedTuple):
-    """Scratch of one pair of markers: relative motion, and what forces and tangents are made of."""
+    """Scratch of one pair of markers: relative motion, forces and derivatives."""
 
-    x: Vector  # (6,) separation and rotation vector of J from I, axes of I
-    rate: Vector  # (6,) their rates, where there is damping
-    elastic: Vector  # (6,) force conjugate to x, from x
-    viscous: Vector  # (6,) and from its rate
-    p: Vector  # (6,) both together
+    x: Vector  # (6,) separation and rotation vector of J relative to I, axes of I
+    rate: Vector  # (6,) ẋ, if there is damping
+    elastic: Vector  # (6,) part of p that depends on x
+    viscous: Vector  # (6,) part of p that depends on ẋ
+    p: Vector  # (6,) force conjugate to x: elastic + viscous
     e: Vector  # (2,) e and de/d(φ²)
-    Q: Matrix  # (3, 3) axes of J in those of I
-    S: Matrix  # (3, 3) a slope of G
+    Q: Matrix  # (3, 3) R_Iᵀ R_J, the axes of J in those of I
+    S: Matrix  # (3, 3) ∂(G v)/∂φ or ∂(Gᵀ v)/∂φ
     E: Matrix  # (6, 12) gradient of x
-    D: Matrix  # (6, 12) change of the rates with the position of the markers
+    D: Matrix  # (6, 12) ∂ẋ/∂(position of the markers)
 
 
 def new_relative_motion() -> RelativeMotion:
-    """Scratch that holds nothing yet."""
+    """Scratch filled with NaN."""
     shapes = *((6,) for _ in range(5)), (2,), (3, 3), (3, 3), (6, 12), (6, 12)
     return RelativeMotion(*(np.full(shape, np.nan) for shape in shapes))
 
 
 @unit
 def put_relative_motion(run: Run, i: int, j: int, s: RelativeMotion) -> int:
-    """x and e of markers i and j."""
+    """Put Q, x and e of markers i and j into s."""
     mi, mj = run.work.now.marker[i], run.work.now.marker[j]
     R = mi["R"]
     for r in range(3):
@@ -82,7 +83,7 @@ def put_relative_motion(run: Run, i: int, j: int, s: RelativeMotion) -> int:
 
 @unit
 def put_rates(run: Run, i: int, j: int, s: RelativeMotion) -> int:
-    """Rate of x, after a velocity stage and `put_relative_motion`."""
+    """Put ẋ into s, after a velocity stage and `put_relative_motion`."""
     mi, mj = run.work.now.marker[i], run.work.now.marker[j]
     R, h, om = mi["R"], separation(mi, mj), triple(mi["om"])
     u = plus(plus(triple(mj["vx"]), -1.0, triple(mi["vx"])), -1.0, cross(om, h))
@@ -94,7 +95,7 @@ def put_rates(run: Run, i: int, j: int, s: RelativeMotion) -> int:
 
 @kernel
 def _rotation_rate(s, sign, a):
-    """G(φ) a, with sign −1 Gᵀ a."""
+    """G(φ) a, or for sign −1 Gᵀ a."""
     phi = part(s.x, 3)
     u = cross(phi, a)
     return plus(plus(a, -0.5 * sign, u), s.e[0], cross(phi, u))
@@ -102,7 +103,7 @@ def _rotation_rate(s, sign, a):
 
 @kernel
 def add_wrenches(mi, mj, s, wi, wj):
-    """Add the wrench pair −Eᵀ p to wi and wj (6 each), both forces at the place of marker J."""
+    """Add the wrench pair −Eᵀ p to wi and wj (6 each); both forces act at the place of marker J."""
     R = mi["R"]
     force, moment = turned(R, part(s.p, 0)), turned(R, _rotation_rate(s, -1.0, part(s.p, 3)))
     add_part(wi, 0, 1.0, force)
@@ -144,7 +145,7 @@ def rotation_vector(Q):
 
 @kernel
 def inverse_coefficient(x):
-    """e and de/dx of G, x = φ²; coefficients of the series are |B_2n| / (2n)!."""
+    """e and de/dx for x = φ². Coefficients of the series: |B_2n|/(2n)!, B the Bernoulli numbers."""
     if x < _SERIES:
         e = x * (1.0 / 74724249600.0 + x * 3617.0 / 10670622842880000.0)
         e = x * (1.0 / 1209600.0 + x * (1.0 / 47900160.0 + x * 691.0 / 1307674368000.0 + x * e))
@@ -160,7 +161,7 @@ def inverse_coefficient(x):
 
 @kernel
 def _put_slope(s, sign, v):
-    """S = ∂(G v)/∂φ at constant v, of Gᵀ v with sign −1."""
+    """S = ∂(G v)/∂φ at constant v, or for sign −1 ∂(Gᵀ v)/∂φ."""
     phi, S = part(s.x, 3), s.S
     along, square = inner(phi, v), inner(phi, phi)
     for r in range(3):
@@ -171,8 +172,8 @@ def _put_slope(s, sign, v):
 
 
 @unit
-def put_gradient_of(run: Run, i: int, j: int, s: RelativeMotion) -> int:
-    """E, after `put_relative_motion`."""
+def put_gradient(run: Run, i: int, j: int, s: RelativeMotion) -> int:
+    """Put the gradient E into s, after `put_relative_motion`."""
     R, g, E = run.work.now.marker[i]["R"], run.work.row.g, s.E
     for r in range(3):
         dot2_gradient(run.work.row, r, 0, i, j)
@@ -187,7 +188,7 @@ def put_gradient_of(run: Run, i: int, j: int, s: RelativeMotion) -> int:
 
 @unit
 def put_rate_change(run: Run, i: int, j: int, s: RelativeMotion) -> int:
-    """D: change of the rates with the position of the markers at constant velocities of these."""
+    """Put D into s: ∂ẋ/∂(position of the markers) at constant velocities of the markers."""
     mi, mj, E, D, S = run.work.now.marker[i], run.work.now.marker[j], s.E, s.D, s.S
     Ri, om = mi["R"], triple(mi["om"])
     spin = plus(triple(mj["om"]), -1.0, om)
@@ -212,8 +213,8 @@ def put_rate_change(run: Run, i: int, j: int, s: RelativeMotion) -> int:
 
 
 @unit
-def put_pull_tangent(run: Run, i: int, j: int, s: RelativeMotion, cp: float) -> int:
-    """dense.H = cp times the change of Eᵀ p with E at constant p, and dense.g[1] = Eᵀ p."""
+def put_geometric_tangent(run: Run, i: int, j: int, s: RelativeMotion, cp: float) -> int:
+    """Geometric tangent: dense.H = cp ∂(Eᵀ p)/∂position at constant p, and dense.g[1] = Eᵀ p."""
     R, E, p, S, H = run.work.now.marker[i]["R"], s.E, s.p, s.S, run.work.dense.H
     w = run.work.dense.g[1]
     put_wrench_pair(run, i, j, s)
@@ -223,7 +224,7 @@ def put_pull_tangent(run: Run, i: int, j: int, s: RelativeMotion, cp: float) -> 
             H[r, c] = 0.0
     for r in range(3):
         dot2_tangent(run.work.row, r, 0, i, j, cp * p[r])
-    # the moment R_I Gᵀ p turns with I and changes with φ
+    # the moment R_I Gᵀ p[3:] turns with I and changes with φ
     _put_slope(s, -1.0, (p[3], p[4], p[5]))
     moment = part(w, 9)
     add_skew(H, 3, 3, cp, moment)

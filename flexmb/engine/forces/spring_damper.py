@@ -1,8 +1,9 @@
-"""Spring-dampers: linear ones along lines, and the characteristic of nonlinear ones.
+"""Spring-dampers: linear ones along lines, and the characteristics of all others.
 
-A linear one along the line between two markers attracts them with f = k (d − d0) + c ḋ. One that is
-nonlinear, acts on a joint or has an actuator is a row of `force_characteristic`: with x = s − free
-it resists with R = k x + c ṡ + S(x) + D(ṡ) − u(t), S and D as programs.
+A linear spring-damper along the line between two markers attracts them with f = k (d − d0) + c ḋ,
+d the distance. One that is nonlinear, acts on a joint or has an actuator is a row of
+`force_characteristic`: with x = s − free it resists with R = k x + c ṡ + S(x) + D(ṡ) − u(t). The
+functions S and D are programs (`engine.function`), u is the actuator's force.
 """
 
 from __future__ import annotations
@@ -32,8 +33,8 @@ SPRING = np.dtype(
         ("J", "i8"),
         ("k", "f8"),  # N/m
         ("c", "f8"),  # N s/m
-        ("d0", "f8"),  # m
-        ("couple", "i8"),
+        ("d0", "f8"),  # free length, m
+        ("couple", "i8"),  # LINK (block of the matrix) between the bodies of I and J
     ],
     align=True,
 )
@@ -78,14 +79,14 @@ def _direction(mi, mj):
 
 @kernel
 def _rate(mi, mj, nx, ny, nz):
-    """ḋ of one spring."""
+    """ḋ of one spring, m/s; (nx, ny, nz): unit vector from I to J."""
     u, v = mi["vx"], mj["vx"]
     return nx * (v[0] - u[0]) + ny * (v[1] - u[1]) + nz * (v[2] - u[2])
 
 
 @kernel
 def _attraction(spring, mi, mj, d, nx, ny, nz):
-    """Attraction of one spring-damper, N."""
+    """Force with which one spring-damper attracts its markers, N."""
     f = spring["k"] * (d - spring["d0"])
     if spring["c"] != 0.0:
         f += spring["c"] * _rate(mi, mj, nx, ny, nz)
@@ -105,7 +106,7 @@ def _add_forces(wi, wj, x, y, z):
 
 @unit
 def add_wrenches(run: Run, springs: Springs, at: Point) -> int:
-    """Wrenches on the markers of all spring-dampers; ZERO_LENGTH at one that has no length."""
+    """Add the wrenches of all spring-dampers; return ZERO_LENGTH at the first without a length."""
     rows, markers = springs.rows, run.work.now.marker
     for k in range(rows.shape[0]):
         mi, mj = markers[rows[k]["I"]], markers[rows[k]["J"]]
@@ -120,7 +121,7 @@ def add_wrenches(run: Run, springs: Springs, at: Point) -> int:
 
 @unit
 def add_energies(run: Run, springs: Springs, at: Point) -> int:
-    """Σ ½ k (d − d0)²."""
+    """Elastic energy Σ ½ k (d − d0)²."""
     rows, markers, out = springs.rows, run.work.now.marker, run.work.energies
     for k in range(rows.shape[0]):
         d, _, _, _ = _direction(markers[rows[k]["I"]], markers[rows[k]["J"]])
@@ -130,7 +131,7 @@ def add_energies(run: Run, springs: Springs, at: Point) -> int:
 
 @unit
 def add_powers(run: Run, springs: Springs, at: Point) -> int:
-    """−Σ c ḋ² of dampers."""
+    """Power of damping −Σ c ḋ²."""
     rows, markers, out = springs.rows, run.work.now.marker, run.work.powers
     for k in range(rows.shape[0]):
         mi, mj = markers[rows[k]["I"]], markers[rows[k]["J"]]
@@ -190,7 +191,7 @@ def _add_tangent(spring, mi, mj, d, n, f, cv, cp, H):
     for a in range(3):
         for b in range(3):
             across = (1.0 if a == b else 0.0) - n[a] * n[b]
-            # ∂ḋ/∂h = (u − ḋ n)/d
+            # ∂ḋ/∂h = (u − ḋ n)/d, u = v_J − v_I
             slope = (mj["vx"][b] - mi["vx"][b] - r * n[b]) / d
             e = along * n[a] * n[b] + cp * (f * across / d + spring["c"] * n[a] * slope)
             H[a, b] += e
@@ -218,23 +219,25 @@ SPRINGS = Kind(
 )
 
 
-# A force by a characteristic of one measure s and its rate (`force_characteristic`): the distance
-# of two markers, the component of their separation along z of I, or a scalar coordinate.
+# A force that is a function of one measure s and its rate (`force_characteristic`). The measure is
+# the distance of two markers, the component of their separation along z of I, or a scalar
+# coordinate.
 FORCE_CHARACTERISTIC = np.dtype(
     [
         ("measure", "i8"),  # DISTANCE_OF, COMPONENT_OF, COORDINATE_OF
         ("I", "i8"),
         ("J", "i8"),
         ("coordinate", "i8"),  # the scalar coordinate, or -1
-        ("couple", "i8"),
-        ("stop", "i8"),  # 1: a stop; then k, c are at full depth, free is not used
-        ("k", "f8"),
-        ("c", "f8"),
-        ("free", "f8"),
-        ("fun", "i8"),  # u(t), or -1
-        ("spring", "i8"),  # program, or -1
-        ("stored", "i8"),  # program of the integral of the spring, or -1: by Gauss's rule
-        ("damper", "i8"),  # program, or -1
+        ("couple", "i8"),  # LINK between the bodies of I and J, or -1
+        ("stop", "i8"),  # 1: a stop
+        ("k", "f8"),  # stiffness, N/m or N m/rad; of a stop N/m^exponent
+        ("c", "f8"),  # damping, N s/m or N m s/rad; of a stop at its full depth and beyond
+        ("free", "f8"),  # s at which the spring is free; not used by stops
+        ("fun", "i8"),  # function of time u(t) of the actuator, or -1
+        ("spring", "i8"),  # program of S(x), or -1
+        ("stored", "i8"),  # program of ∫ S dx, or -1: by Gauss quadrature
+        ("damper", "i8"),  # program of D(ṡ), or -1
+        # of stops only: exponent of the penetration, depth of full damping, bounds of s
         ("exponent", "f8"),
         ("depth", "f8"),
         ("lower", "f8"),
@@ -242,12 +245,12 @@ FORCE_CHARACTERISTIC = np.dtype(
     ],
     align=True,
 )
-# Measures; the first two are those of rows of joints.
+# Kinds of measures; the first two are also those of constraint rows of joints.
 DISTANCE_OF, COMPONENT_OF, COORDINATE_OF = 0, 1, 2
 
 
 def line_row(lowering: Lowering, spec: SpringDamperSpec) -> dict[str, float]:
-    """Row of a nonlinear spring-damper, or of one with an actuator, along a line."""
+    """Fields of a spring-damper along a line that is nonlinear or has an actuator."""
     i, j, length = line_ends(lowering, spec)
     row: dict[str, float] = {"measure": DISTANCE_OF, "I": i, "J": j, "free": length}
     if spec.value is not None:
@@ -256,7 +259,7 @@ def line_row(lowering: Lowering, spec: SpringDamperSpec) -> dict[str, float]:
 
 
 def program_numbers(spec: Any, expressions: list[Expression]) -> dict[str, float]:
-    """Numbers of the programs of a force, which are appended to the expressions."""
+    """Append the expressions of a force's programs to `expressions`; return their indices there."""
     spring, damper = spec.spring_force, spec.damper_force
     programs = {
         "spring": spring and spring.expression,
@@ -271,8 +274,9 @@ def program_numbers(spec: Any, expressions: list[Expression]) -> dict[str, float
     return numbers
 
 
-_PANELS = 16
-# Points and half weights of Gauss–Legendre's rule of eight points on (0, 1), the lower four.
+_PANELS = 16  # equal parts of an interval of integration, each with eight Gauss points
+# Gauss–Legendre rule of eight points on (0, 1): the lower four points with their weights. The
+# others lie symmetrically.
 _GAUSS = (
     (0.019855071751231884, 0.05061426814518813),
     (0.10166676129318664, 0.11119051722668724),
@@ -283,7 +287,7 @@ _GAUSS = (
 
 @kernel
 def spring_resistance(row, programs, stack, s, v, u):
-    """R, ∂R/∂s, ∂R/∂ṡ of a FORCE_CHARACTERISTIC row; u its actuator's present value."""
+    """R, ∂R/∂s, ∂R/∂ṡ of a FORCE_CHARACTERISTIC row; u: present force of its actuator."""
     x = s - row["free"]
     f, k, c = row["k"] * x - u, row["k"], 0.0
     if row["spring"] >= 0:
@@ -299,7 +303,7 @@ def spring_resistance(row, programs, stack, s, v, u):
 
 @kernel
 def spring_energy(row, programs, stack, s):
-    """Stored energy, J; zero at x = 0."""
+    """Elastic energy of the spring, J; zero at x = 0."""
     x = s - row["free"]
     stored = 0.5 * row["k"] * x * x
     if row["stored"] >= 0:
@@ -311,7 +315,7 @@ def spring_energy(row, programs, stack, s):
 
 @unit
 def integral(programs: FunctionTable, k: int, stack: Matrix, x: float) -> float:
-    """Integral of program k from 0 to x by Gauss's rule, exact to the 15th power of x."""
+    """Integral of program k from 0 to x by Gauss quadrature; exact for polynomials of degree 15."""
     total = 0.0
     h = x / _PANELS
     for n in range(_PANELS):

@@ -1,8 +1,8 @@
-"""The law of a stop: bounds of one measure s, that push back.
+"""Force of a stop, which bounds one measure s from below, above or both.
 
-At a penetration p > 0 of a bound a stop pushes back with max(0, k p^e + c step(p/d) ṗ), step the
-cubic from 0 to 1 over the depth d (IMPACT and BISTOP of MSC Adams); k p^e is stored. A row is one
-of `FORCE_CHARACTERISTIC`.
+At a penetration p > 0 of a bound a stop pushes back with max(0, k p^e + c step(p/d) ṗ). step is the
+cubic that rises from 0 to 1 over the depth d, so that damping sets in smoothly (IMPACT and BISTOP
+of MSC Adams). The part k p^e is elastic. Its row is a `FORCE_CHARACTERISTIC`.
 """
 
 from __future__ import annotations
@@ -15,12 +15,13 @@ from flexmb.engine.jit import kernel
 if TYPE_CHECKING:
     from flexmb.model.forces.force_characteristic import AnyStop
 
-#: Of a stop: both bounds, the depth at which it is fully damped, and where it would begin to pull.
+#: Event functions of a stop: one for each bound, one for the depth of full damping, and one for the
+#: force, which would be negative beyond its zero.
 STOP_EVENTS = 4
 
 
 def stop_parameters(spec: AnyStop, unit: float) -> dict[str, float]:
-    """Fields of a FORCE_CHARACTERISTIC row; `unit` of s in which the stiffness counts, SI."""
+    """Fields of a FORCE_CHARACTERISTIC row; `unit`: SI value of the unit of s in the stiffness."""
     lower, upper = spec.bounds
     return {
         "stop": 1,
@@ -35,7 +36,7 @@ def stop_parameters(spec: AnyStop, unit: float) -> dict[str, float]:
 
 @kernel
 def penetration(row, s):
-    """Penetration of a bound, negative clear of both, and the direction: 1 upper, −1 lower."""
+    """Penetration of the nearer bound, negative if clear of it; and 1 (upper) or −1 (lower)."""
     if s - row["upper"] > row["lower"] - s:
         return s - row["upper"], 1.0
     return row["lower"] - s, -1.0
@@ -43,7 +44,7 @@ def penetration(row, s):
 
 @kernel
 def _step(row, p):
-    """Fraction of the damping at penetration p, and its slope."""
+    """Fraction of the damping at penetration p > 0, and its derivative with respect to p."""
     y = p / row["depth"]
     if y >= 1.0:
         return 1.0, 0.0
@@ -52,7 +53,7 @@ def _step(row, p):
 
 @kernel
 def stop_resistance(row, s, v):
-    """R, ∂R/∂s, ∂R/∂ṡ."""
+    """R, ∂R/∂s and ∂R/∂ṡ of a stop at s and v = ṡ."""
     p, side = penetration(row, s)
     if p <= 0.0:
         return 0.0, 0.0, 0.0
@@ -63,14 +64,14 @@ def stop_resistance(row, s, v):
         c = row["c"] * share
         f += c * side * v
         k += row["c"] * slope * side * v
-        if f <= 0.0:  # it does not pull
+        if f <= 0.0:  # a stop does not pull
             return 0.0, 0.0, 0.0
     return side * f, k, c
 
 
 @kernel
 def stop_energy(row, s):
-    """Stored energy, J; zero clear of the stop."""
+    """Elastic energy, J; zero clear of the stop."""
     p, _ = penetration(row, s)
     e = row["exponent"] + 1.0
     return row["k"] * p**e / e if p > 0.0 else 0.0
@@ -78,7 +79,7 @@ def stop_energy(row, s):
 
 @kernel
 def stop_power(row, s, v):
-    """Power of the damping on the system, W."""
+    """Power that the damping force does on the system, W; not positive."""
     p, side = penetration(row, s)
     if p <= 0.0 or row["c"] == 0.0:
         return 0.0
@@ -88,7 +89,7 @@ def stop_power(row, s, v):
 
 @kernel
 def put_stop_events(row, s, v, events, o):
-    """How far a stop is from where its law changes, with rates, into events from o on."""
+    """Put the `STOP_EVENTS` event functions of a stop, with their rates, into events from o on."""
     p, side = penetration(row, s)
     events[o]["value"], events[o]["rate"] = s - row["upper"], v
     events[o + 1]["value"], events[o + 1]["rate"] = row["lower"] - s, -v

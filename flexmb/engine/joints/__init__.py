@@ -1,4 +1,4 @@
-"""The registry of constraint rows: their kinds, and the number of each in `tables.ROW`."""
+"""The registry of constraint rows: all kinds, and the number of each in `tables.ROW`."""
 
 from __future__ import annotations
 

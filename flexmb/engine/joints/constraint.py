@@ -1,7 +1,8 @@
-"""Constraint rows of the whole system: all that is evaluated of them, group by group.
+"""Evaluation of all constraint rows of a system, group by group.
 
-A group is the rows of one joint or driver, between two markers. Units give values, rates, right
-sides, Jacobian rows, wrenches on the markers and their tangents, and the reactions of joints.
+A group holds the rows of one joint or driver, which act between two markers. The functions here
+evaluate the values C, rates and right sides γ of the rows, the Jacobian Cq, wrenches on the markers
+and their derivatives, and the reactions of joints.
 """
 
 from __future__ import annotations
@@ -24,25 +25,27 @@ from flexmb.engine.kind import Kind
 from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import DRIVER_POWER, Point, Run
 
-REGULARISATION = 1e-9  # ε of a row over (Cq diag(S)⁻¹ Cqᵀ)_ii, its pivot without other rows
+# Regularisation ε of a row over (Cq diag(S)⁻¹ Cqᵀ)_ii, the pivot that it would have without other
+# rows, S being the matrix of the coordinates. It gives redundant rows a pivot other than zero.
+REGULARISATION = 1e-9
 
 
 class Joints(NamedTuple):
     """Joints and drivers: groups of constraint rows (`System.rows`, `System.groups`)."""
 
-    groups: Integers  # all but joints of points (`point_joint`)
-    driven: Integers  # rows with a function of time
+    groups: Integers  # all groups but those of `PointJoints`
+    driven: Integers  # rows with a prescribed function of time
 
 
 class ConstraintRows(NamedTuple):
-    """Rows of all kinds but coincidence, which stands apart (`point_joint`)."""
+    """Rows of all kinds but POINT, which `point_joint` evaluates."""
 
     rows: Integers
 
 
 @unit
 def put_values(run: Run, of: ConstraintRows, at: Point) -> int:
-    """C of all rows but those of coincidence."""
+    """Put C of all rows but those of kind POINT."""
     rows, con, period, listed = run.system.rows, run.work.con, run.rows.period, of.rows
     C, fun = con.C, con.fun
     for n in range(listed.shape[0]):
@@ -57,7 +60,7 @@ def put_values(run: Run, of: ConstraintRows, at: Point) -> int:
 
 @unit
 def subtract_reactions(run: Run, of: ConstraintRows, at: Point) -> int:
-    """Wrenches of the markers −= λ g of all rows but those of coincidence."""
+    """Subtract λ g from the wrenches of the markers, for all rows but those of kind POINT."""
     rows, markers, g, lam = run.system.rows, run.work.now.marker, run.work.row.g, at.lam
     listed = of.rows
     for n in range(listed.shape[0]):
@@ -73,7 +76,7 @@ def subtract_reactions(run: Run, of: ConstraintRows, at: Point) -> int:
 
 @unit
 def put_rates(run: Run, of: ConstraintRows, at: Point) -> int:
-    """Cq v + C_t of all rows but those of coincidence."""
+    """Put Cq v + C_t of all rows but those of kind POINT."""
     rows, markers, con, g = run.system.rows, run.work.now.marker, run.work.con, run.work.row.g
     out, fun, listed = con.rate, con.fun, of.rows
     for n in range(listed.shape[0]):
@@ -88,7 +91,7 @@ def put_rates(run: Run, of: ConstraintRows, at: Point) -> int:
 
 @unit
 def constraint_right_side(run: Run) -> int:
-    """γ of Cq v̇ = γ, after a bias stage."""
+    """Put γ of Cq v̇ = γ for all rows, after a bias stage."""
     rows, markers, con, g = run.system.rows, run.work.now.marker, run.work.con, run.work.row.g
     for k in range(rows.shape[0]):
         row = rows[k]
@@ -109,7 +112,7 @@ def constraint_right_side(run: Run) -> int:
 
 @unit
 def constraint_jacobian(run: Run) -> int:
-    """Rows of Cq on the bodies of their two markers, into dense.jac; after a position stage."""
+    """Put the blocks of Cq, one for each body of a row, into dense.jac; after a position stage."""
     parts, now, rows, dense = run.system.parts, run.work.now, run.system.rows, run.work.dense
     bodies, table, jac, g = parts.bodies, parts.markers, dense.jac, run.work.row.g
     for k in range(rows.shape[0]):
@@ -133,14 +136,14 @@ def constraint_jacobian(run: Run) -> int:
 
 @kernel
 def _put_point_row(now, mk, k, a, sign, jac, at):
-    """Gradient of ± x_a of marker k on a rigid place s of a body: ± e_a and ± s × Aᵀ e_a."""
+    """Gradient of ± x_a of a marker k that is fixed at s in its body: ± e_a and ± s × Aᵀ e_a."""
     A, s, jac[at + a] = now.body[mk["body"]]["A"], now.marker[k]["s"], sign
     put_part(jac, at + 3, times(sign, cross(s, (A[a, 0], A[a, 1], A[a, 2]))))
 
 
 @unit
 def put_jacobian(run: Run, joints: Joints, at: Point) -> int:
-    """Rows of Cq from dense.jac, and their regularisation, into the iteration matrix."""
+    """Copy Cq from dense.jac into the iteration matrix, with the regularisation of the rows."""
     sys, jac, factor = run.system, run.work.dense.jac, run.work.factor
     bodies, kkt, links, groups = sys.parts.bodies, sys.kkt, sys.kkt.links, sys.groups
     low, up, eps, rows = factor.low, factor.up, factor.eps, sys.rows
@@ -171,7 +174,7 @@ def put_jacobian(run: Run, joints: Joints, at: Point) -> int:
 
 @kernel
 def put_constraint_matrix(run, at):
-    """Constraint rows of all kinds, into the iteration matrix; after `constraint_jacobian`."""
+    """Put all constraint rows into the iteration matrix; after `constraint_jacobian`."""
     units, tables = run.stages.jacobian.units, run.stages.jacobian.tables
     for k in range(len(units)):
         call_stage(units[k], run, tables[k], at)
@@ -179,7 +182,7 @@ def put_constraint_matrix(run, at):
 
 @kernel
 def group_tangents(run, listed, lam, cp):
-    """cp ∂(Cqᵀ λ)/∂q of some constraint groups."""
+    """Add cp ∂(Cqᵀ λ)/∂q of the listed constraint groups to the iteration matrix."""
     groups, rows = run.system.groups, run.system.rows
     for n in range(listed.shape[0]):
         group = groups[listed[n]]
@@ -192,7 +195,10 @@ def group_tangents(run, listed, lam, cp):
 
 @unit
 def put_group_tangent(run: Run, lam: Vector, k: int) -> int:
-    """Wrench pair of group k to dense.g[1], its tangent to dense.H; returns whether it has any."""
+    """Put Σ λ g of group k into dense.g[1], and its tangent into dense.H.
+
+    Returns 1 if the gradient of any of its rows depends on the positions of the markers, else 0.
+    """
     rows, group, work = run.system.rows, run.system.groups[k], run.work
     g, w, H = work.row.g, work.dense.g[1], work.row.H
     curved = 0
@@ -208,7 +214,7 @@ def put_group_tangent(run: Run, lam: Vector, k: int) -> int:
 
 @unit
 def joint_matrix(run: Run, joints: Joints, at: Point, cv: float, cp: float) -> int:
-    """cp ∂(Cqᵀ λ)/∂q of all constraint groups."""
+    """Add cp ∂(Cqᵀ λ)/∂q of all groups but those of `PointJoints`."""
     if cv != 0.0 or cp != 0.0:
         group_tangents(run, joints.groups, at.lam, cp)
     return SUCCESS
@@ -216,7 +222,7 @@ def joint_matrix(run: Run, joints: Joints, at: Point, cv: float, cp: float) -> i
 
 @unit
 def driver_power(run: Run, joints: Joints, at: Point) -> int:
-    """Σ −λ ḟ over the rows with a function of time."""
+    """Power of drivers: Σ −λ ḟ over the rows with a function of time f."""
     rows, fun, driven = run.system.rows, run.work.con.fun, joints.driven
     for n in range(driven.shape[0]):
         k = driven[n]
@@ -226,7 +232,7 @@ def driver_power(run: Run, joints: Joints, at: Point) -> int:
 
 @unit
 def put_group_wrench(run: Run, k: int, lam: Vector) -> int:
-    """dense.g[1] = wrench pair of group k for these multipliers; its markers into dense.pair."""
+    """dense.g[1] = wrench pair −Σ λ g of group k; dense.pair = its markers I and J."""
     sys, d = run.system, run.work.dense
     group, g, w = sys.groups[k], run.work.row.g, d.g[1]
     d.pair[0], d.pair[1] = sys.rows[group["row"]]["I"], sys.rows[group["row"]]["J"]
@@ -240,7 +246,11 @@ def put_group_wrench(run: Run, k: int, lam: Vector) -> int:
 
 @unit
 def read_reactions(run: Run, at: Point, out: Vector) -> int:
-    """out (12 groups): force and moment on marker J of the joint in its axes, then on marker I."""
+    """Put the reactions of all groups into out, twelve numbers each.
+
+    They are the force and moment on marker J of the joint, in the axes of J, then those on I, in
+    the axes of I.
+    """
     groups, markers, d = run.system.groups, run.work.now.marker, run.work.dense
     w, stage = d.g[1], run.stages.axes
     for k in range(len(stage.units)):
@@ -258,7 +268,7 @@ def read_reactions(run: Run, at: Point, out: Vector) -> int:
 
 @unit
 def joint_wrench(run: Run, joints: Joints, at: Point, c: int) -> float:
-    """Reaction of the joint or driver that channel c reads, as a wrench pair."""
+    """Put the wrench pair of the joint or driver that channel c reads."""
     put_group_wrench(run, run.system.sensors.channels[c]["first"], at.lam)
     return 0.0
 

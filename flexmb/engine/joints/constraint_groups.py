@@ -1,11 +1,13 @@
 """The groups of constraint rows of a model: joints, drivers, couplers, forces on joints.
 
-Each joint type is a list of primitives between its two triads (`joints.joint`); a driver is more
-rows, on the same triads or on markers of its own; what follows a joint coordinate measures it.
-A joint spring has a scalar coordinate, without mass, that follows the angle or stroke of its joint:
-so its angle counts turns, and its damper and spring are linear in it. A force along a line has one
-that follows the distance. Couplers have those by which their joints move together. Each state has
-one with mass one, whose velocity is the state.
+A joint is a list of elementary rows between its two triads (`joints.joint`). A driver adds rows on
+the same triads, or on markers of its own.
+
+Some elements have scalar coordinates (`joints.coordinate`), which a row keeps equal to a measured
+quantity. A force on a joint has a massless coordinate equal to the angle or stroke of the joint: so
+the angle counts turns, and spring and damper are linear in the coordinate. A force along a line has
+one equal to the distance. Couplers have those that make their joints move together. Each state has
+one of mass one, whose velocity is the state.
 """
 
 from __future__ import annotations
@@ -65,8 +67,8 @@ class Entry(NamedTuple):
     J: int = -1
 
 
-def _row_word(row: Entry) -> str:
-    """What a row is."""
+def _row_label(row: Entry) -> str:
+    """What a row constrains, in words."""
     if row.fun >= 0:
         return "driven"
     if row.coupled:
@@ -76,10 +78,11 @@ def _row_word(row: Entry) -> str:
 
 @dataclass
 class Groups:
-    """Constraint rows, group by group."""
+    """The constraint rows of a model, group by group."""
 
     rows: list[Entry] = field(default_factory=list)
-    groups: list[tuple[int, int, int, int]] = field(default_factory=list)  # row, n, body I, J
+    # first row, number of rows, bodies of I and J (-1: ground)
+    groups: list[tuple[int, int, int, int]] = field(default_factory=list)
     names: list[str] = field(default_factory=list)  # of the rows
     owners: list[str] = field(default_factory=list)  # scene path of each group
     numbers: dict[str, int] = field(default_factory=dict)  # first group of a scene path
@@ -95,12 +98,12 @@ class Groups:
         rows: list[Entry],
         words: Sequence[str] = (),
     ) -> None:
-        """Append a group of rows between I and J; `words` say what they are where it is known."""
+        """Append a group of rows between I and J; `words` label them, else `_row_label` does."""
         self.numbers.setdefault(name, len(self.groups))
         self.groups.append((len(self.rows), len(rows), markers.body(I), markers.body(J)))
         self.owners.append(name)
         self.rows += [row._replace(I=I, J=J) for row in rows]
-        self.names += [f"{name}: {what}" for what in words or map(_row_word, rows)]
+        self.names += [f"{name}: {what}" for what in words or map(_row_label, rows)]
 
     def in_group(self, k: int) -> list[Entry]:
         """The rows of a group."""
@@ -124,15 +127,16 @@ def groups_within_bodies(groups: Groups) -> list[str]:
 
 
 def row_weights(groups: Groups, length: float) -> np.ndarray:
-    """(nc,) size of one unit of every row: metres over the model size, radians."""
+    """(nc,) weights that make the rows dimensionless: 1 per radian, 1/`length` per metre."""
     angular = [ROW_KINDS[row.kind].angular for row in groups.rows]
     return np.where(np.array(angular, bool), 1.0, 1.0 / length)
 
 
 def row_table(groups: Groups, sizes: np.ndarray, n_functions: int) -> np.ndarray:
-    """ROW rows with the places of their Jacobian rows; `sizes` is 6 + m of each body.
+    """ROW rows with the places of their Jacobian rows; `sizes`: 6 + m of each body.
 
-    What a row follows stands behind the functions of time, a slot for each such row.
+    A row that follows scalar coordinates has a slot for their sum, after those of the functions of
+    time.
     """
     entries = []
     size = sizes.tolist()
@@ -160,18 +164,18 @@ def coupled_coordinate_table(groups: Groups) -> np.ndarray:
     return np.array(entries, COUPLED_COORDINATE)
 
 
-OnJoint = JointSpringSpec | JointStopSpec | JointFrictionSpec
+ForceOnJoint = JointSpringSpec | JointStopSpec | JointFrictionSpec
 """Forces on a coordinate of a joint."""
 
 
-def followers(model: Model) -> dict[str, OnJoint]:
-    """Forces on joint coordinates by name, in the order of the scalars that follow these."""
+def forces_on_joints(model: Model) -> dict[str, ForceOnJoint]:
+    """Forces on joint coordinates by name, in the order of their scalar coordinates."""
     kinds = (JointSpringSpec, JointStopSpec, JointFrictionSpec)
     forces = model.forces.items()
     return {name: spec for kind in kinds for name, spec in forces if isinstance(spec, kind)}
 
 
-def joint_coordinate(model: Model, spec: OnJoint) -> str:
+def joint_coordinate(model: Model, spec: ForceOnJoint) -> str:
     """The coordinate of its joint that a force acts on."""
     if isinstance(spec, JointFrictionSpec):
         return friction_coordinate(model, spec)
@@ -186,11 +190,15 @@ def line_forces(model: Model) -> dict[str, LineForceSpec]:
 def scalar_coordinates(
     model: Model, functions: Functions, states: tuple[State, ...]
 ) -> list[Scalar]:
-    """The scalar coordinates of a model: of joint forces, lines of forces, couplers, states.
+    """The scalar coordinates of a model: of forces on joints, line forces, couplers, states.
 
-    Laws and stops on joints are elements of their own.
+    They carry linear springs, dampers and actuators. Nonlinear characteristics, stops and friction
+    on joints are elements of their own, which act on these coordinates.
     """
-    joints = [_follower(model, name, spec, functions) for name, spec in followers(model).items()]
+    joints = [
+        _scalar_of_force(model, name, spec, functions)
+        for name, spec in forces_on_joints(model).items()
+    ]
     lines = [
         Scalar(f"forces.{name}", function=functions.add(spec.value.expression), angular=False)
         for name, spec in line_forces(model).items()
@@ -203,7 +211,7 @@ def scalar_coordinates(
     return [*joints, *lines, *coupled, *own]
 
 
-def _follower(model: Model, name: str, spec: OnJoint, functions: Functions) -> Scalar:
+def _scalar_of_force(model: Model, name: str, spec: ForceOnJoint, functions: Functions) -> Scalar:
     angular = joint_coordinate(model, spec) != "stroke"
     if isinstance(spec, JointFrictionSpec | JointStopSpec):
         return Scalar(f"forces.{name}", angular=angular)
@@ -218,7 +226,7 @@ def _follower(model: Model, name: str, spec: OnJoint, functions: Functions) -> S
 
 
 _ENTRIES = {row: Entry(*row[:3]) for rows in JOINT_ROWS.values() for row in rows if not row[3]}
-"""Rows without a constant, which joints share."""
+"""Entries of rows without a measured constant, which joints share."""
 
 
 def joint_groups(
@@ -228,21 +236,21 @@ def joint_groups(
     functions: Functions,
     scalars: list[Scalar],
 ) -> Groups:
-    """All joints, all drivers, then what follows joints with coordinates of its own."""
+    """Groups of all joints, all drivers, then of elements with scalar coordinates of their own."""
     place = {scalar.name: k for k, scalar in enumerate(scalars)}
     rows = _GroupBuilder(model, flexbodies, markers, place)
     for name in model.joints:
         rows.add_joint(name)
     for name in model.drivers:
         rows.add_driver(name, functions)
-    for name, force in followers(model).items():
+    for name, force in forces_on_joints(model).items():
         coordinate = joint_coordinate(model, force)
-        rows.add_follower(f"forces.{name}", force.joint, coordinate)
+        rows.add_force_on_joint(f"forces.{name}", force.joint, coordinate)
     for name, line in line_forces(model).items():
-        rows.add_line(f"forces.{name}", line.between)
+        rows.add_line_force(f"forces.{name}", line.between)
     for coupled in coupled_rows(model, flexbodies):
         entry, between = rows.coupled_entry(coupled)
-        rows.note_side(coupled.coordinate)
+        rows.mark_side(coupled.coordinate)
         rows.add(coupled.owner, between, [entry])
     return rows.groups
 
@@ -263,8 +271,8 @@ class _GroupBuilder:
         I, J = (self.markers.add(marker, points) for marker in between)  # noqa: E741
         self.groups.add(owner, self.markers, I, J, rows, words)
 
-    def note_side(self, coordinate: str) -> None:
-        """The next group acts on this coordinate; on a second angle from marker J of the joint."""
+    def mark_side(self, coordinate: str) -> None:
+        """Mark the next group as reversed if it acts on a second angle, which is seen from J."""
         if coordinate == "second_angle":
             self.groups.reversed.add(len(self.groups.groups))
 
@@ -296,9 +304,9 @@ class _GroupBuilder:
     def add_driver(self, name: str, functions: Functions) -> None:
         driver = self.model.drivers[name]
         if driver.joint is not None:
-            row, (I, J) = self._measured(driver.joint, driver.coordinate)  # noqa: E741
+            row, (I, J) = self._measuring_row(driver.joint, driver.coordinate)  # noqa: E741
             kinds, words = [row], ["driven"]
-            self.note_side(driver.coordinate)
+            self.mark_side(driver.coordinate)
         else:
             I, J, kinds = marker_rows(self.model, driver, self.flexbodies)  # noqa: E741
             words = [f"driven {motion.coordinate}" for motion in driver.motions(self.model.plane)]
@@ -307,28 +315,28 @@ class _GroupBuilder:
         rows = [Entry(*kind, fun=functions.add(program)) for kind, program in pairs]
         self.add(f"drivers.{name}", (I, J), rows, words)
 
-    def add_follower(self, owner: str, joint: str, coordinate: str) -> None:
-        """A row by which the scalar coordinate of that name follows a joint coordinate."""
-        row, between = self._measured(joint, coordinate)
-        self.note_side(coordinate)
+    def add_force_on_joint(self, owner: str, joint: str, coordinate: str) -> None:
+        """Add a row that keeps the scalar coordinate of this name equal to a joint coordinate."""
+        row, between = self._measuring_row(joint, coordinate)
+        self.mark_side(coordinate)
         self.add(owner, between, [Entry(*row, coupled=((self.place[owner], 1.0),))])
 
-    def add_line(self, owner: str, between: tuple[str, str]) -> None:
-        """A row by which the scalar coordinate of that name follows a distance."""
+    def add_line_force(self, owner: str, between: tuple[str, str]) -> None:
+        """Add a row that keeps the scalar coordinate of this name equal to a distance."""
         I, J = (lookup.place_marker(self.model, end, self.flexbodies) for end in between)  # noqa: E741
         self.add(owner, (I, J), [Entry(DISTANCE, 0, 0, coupled=((self.place[owner], 1.0),))])
 
     def coupled_entry(self, coupled: CoupledRow) -> tuple[Entry, Ends]:
-        """A row that follows scalar coordinates, and its markers."""
-        row, between = self._measured(coupled.joint, coupled.coordinate)
+        """The row: joint coordinate = offset + Σ factor · scalar coordinate; and its markers."""
+        row, between = self._measuring_row(coupled.joint, coupled.coordinate)
         offset = coupled.offset
         if coupled.relative:
             offset += row_constant(self.model, (*row, True), *between)
         factors = tuple((self.place[name], factor) for name, factor in coupled.factors)
         return Entry(*row, offset, coupled=factors), between
 
-    def _measured(self, joint: str, coordinate: str) -> tuple[tuple[int, int, int], Ends]:
-        """Kind and axes of the row that measures a coordinate of a joint, and its markers."""
+    def _measuring_row(self, joint: str, coordinate: str) -> tuple[tuple[int, int, int], Ends]:
+        """Kind and axes of the row that measures a joint coordinate, and its markers."""
         I, J = self.ends[joint]  # noqa: E741
         if self.model.plane is not None and coordinate == "stroke":
             return STROKE, (I, J)
@@ -339,12 +347,12 @@ class _GroupBuilder:
 
 
 def _entry(model: Model, name: str, row: Row, between: Ends) -> Entry:
-    """A row of a joint with its constant.
+    """A row of a joint with its constant from the initial pose.
 
     Raises
     ------
     SceneError
-        A link without length.
+        The row is a link of zero length.
     """
     length = model.joints[name].length
     if row[0] == DISTANCE and length is not None:

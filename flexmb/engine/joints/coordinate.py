@@ -1,16 +1,16 @@
 """Scalar coordinates in addition to the bodies: m s̈ + c ṡ + k (s − s0) = u(t) + reactions.
 
-A row can follow coordinates in place of a function of time, C = (measure) − Σ f s: its reaction
-then acts on each s, f times. Two rows that follow one coordinate are coupled, as gears are. Without
-mass s is a parameter that rows decide; with mass and damping only, ṡ is a first-order state. States
-have mass one and no row, ṡ is the state and u its rate; they have no energy.
-Values and rates of the sums stand with those of the functions in Constraints.fun.
+A row can follow scalar coordinates in place of a function of time: C = (measure) − Σ f s, with
+factors f. Its multiplier then acts on each s with the factor f. Two rows that follow the same
+coordinate are coupled, as those of gears are. A coordinate without mass is an auxiliary variable
+that its rows determine. A state has mass one and no row: ṡ is the state and u its rate of change;
+it has no energy. Values and rates of the sums Σ f s are stored with those of the functions of time,
+in Constraints.fun.
 
-Couplers: an equation Σ a x = c between n joint coordinates x is n rows and n − 1 coordinates s
-without mass: x_i = s_i for all but the last, x_n = (c − Σ a_i s_i)/a_n. So it takes one freedom
-away, the angles in it count turns, and the multiplier of each row is what the coupler does to that
-joint: the torques (forces) on all its joints are in proportion to a. A screw couples its own angle
-and stroke.
+Couplers: an equation Σ a x = c between n joint coordinates x becomes n rows with n − 1 massless
+coordinates s: x_i = s_i for all but the last, x_n = (c − Σ a_i s_i)/a_n. So it removes one degree
+of freedom, its angles count turns, and the multiplier of each row is the torque (force) of the
+coupler on that joint; these are in proportion to a. A screw couples its own angle and stroke.
 """
 
 from __future__ import annotations
@@ -44,19 +44,22 @@ class Scalar:
     stiffness: float = 0.0
     free: float = 0.0
     function: int = -1
-    angular: bool = True  # counted in radians, else in metres
-    size: float = 0.0  # of a state: from where on it is large; 0: a motion
+    angular: bool = True  # in radians, else in metres
+    size: float = 0.0  # magnitude of a state, for error scales; 0: s is a motion, no state
 
 
 def unit_weight(scalar: Scalar, length: float) -> float:
-    """What one unit of a scalar coordinate counts for: radians, metres over the model size."""
+    """Weight that makes a scalar coordinate dimensionless in error norms.
+
+    1 per radian, 1/`length` (the size of the model) per metre, 1/size for a state.
+    """
     if scalar.size > 0.0:
         return 1.0 / scalar.size
     return 1.0 if scalar.angular else 1.0 / length
 
 
 def coordinate_table(scalars: list[Scalar], nq: int, nv: int) -> NDArray[np.void]:
-    """COORDINATE rows behind the nq, nv coordinates of the bodies; panels are filled in later."""
+    """COORDINATE rows, after the nq, nv coordinates of the bodies; panels are filled in later."""
     rows = [
         (nq + k, nv + k, s.mass, s.damping, s.stiffness, s.free, s.function, -1, s.size > 0.0)
         for k, s in enumerate(scalars)
@@ -70,7 +73,7 @@ class Coordinates(NamedTuple):
 
 @unit
 def put_values(run: Run, of: Coordinates, at: Point) -> int:
-    """Σ f s of all rows that follow coordinates, as the value of their slots."""
+    """Put Σ f s of all rows that follow coordinates into the values of their slots."""
     sys, q, fun = run.system, at.q, run.work.con.fun
     coupled, coordinates = sys.coupled, sys.parts.coordinates
     for k in range(coupled.shape[0]):
@@ -78,14 +81,14 @@ def put_values(run: Run, of: Coordinates, at: Point) -> int:
         slot = sys.rows[entry["row"]]["fun"]
         if entry["first"] == 1:
             fun[slot, 0] = 0.0
-            fun[slot, 2] = 0.0  # s̈ is an unknown
+            fun[slot, 2] = 0.0  # s̈ is an unknown of the equations, not part of γ
         fun[slot, 0] += entry["factor"] * q[coordinates[entry["coordinate"]]["iq"]]
     return SUCCESS
 
 
 @unit
 def put_rates(run: Run, of: Coordinates, at: Point) -> int:
-    """Σ f ṡ of all rows that follow coordinates, as the rate of their slots."""
+    """Put Σ f ṡ of all rows that follow coordinates into the rates of their slots."""
     sys, v, fun = run.system, at.v, run.work.con.fun
     coupled, coordinates = sys.coupled, sys.parts.coordinates
     for k in range(coupled.shape[0]):
@@ -117,10 +120,10 @@ def put_forces(run: Run, of: Coordinates, at: Point) -> int:
 
 @unit
 def add_tangents(run: Run, of: Coordinates, at: Point, cv: float, cp: float) -> int:
-    """m + cv c + cp k on the diagonal.
+    """Add m + cv c + cp k to the diagonal of the iteration matrix.
 
     At the acceleration level, cv = 0, stiffness is added to the mass so that stiff modes do not
-    spoil reactions; a coordinate without mass has no such mode.
+    spoil reactions; for a massless coordinate it is left out, as it has no such mode.
     """
     panels, low, up = run.system.kkt.panels, run.work.factor.low, run.work.factor.up
     coordinates = run.system.parts.coordinates
@@ -136,8 +139,8 @@ def add_tangents(run: Run, of: Coordinates, at: Point, cv: float, cp: float) -> 
 
 
 @unit
-def put_rows(run: Run, of: Coordinates, at: Point) -> int:
-    """−f of the rows that follow coordinates in the Jacobian."""
+def put_jacobian_entries(run: Run, of: Coordinates, at: Point) -> int:
+    """Put −f of the rows that follow coordinates into the Jacobian part of the matrix."""
     sys, factor = run.system, run.work.factor
     coupled = sys.coupled
     for k in range(coupled.shape[0]):
@@ -152,7 +155,7 @@ def put_rows(run: Run, of: Coordinates, at: Point) -> int:
 
 @unit
 def add_energies(run: Run, of: Coordinates, at: Point) -> int:
-    """Σ ½ m ṡ² of what moves, Σ ½ k (s − s0)²."""
+    """Σ ½ m ṡ² of coordinates that are no states, and Σ ½ k (s − s0)²."""
     coordinates, out = run.system.parts.coordinates, run.work.energies
     for k in range(coordinates.shape[0]):
         s = coordinates[k]
@@ -178,7 +181,7 @@ def add_powers(run: Run, of: Coordinates, at: Point) -> int:
 
 @unit
 def multiply_mass(run: Run, of: Coordinates, at: Point) -> int:
-    """Factor.sol = m Trial.res."""
+    """Factor.sol = m Trial.res, for the coordinates."""
     coordinates, place = run.system.parts.coordinates, run.system.kkt.place
     for k in range(coordinates.shape[0]):
         i = coordinates[k]["iv"]
@@ -194,7 +197,7 @@ COORDINATES = Kind(
         "velocity": put_rates,
         "force": put_forces,
         "matrix": add_tangents,
-        "jacobian": put_rows,
+        "jacobian": put_jacobian_entries,
         "mass": multiply_mass,
         "energy": add_energies,
         "power": add_powers,
@@ -208,14 +211,14 @@ Factors = tuple[tuple[str, float], ...]
 
 
 class CoupledRow(NamedTuple):
-    """One joint coordinate that follows scalar coordinates, these by name."""
+    """One joint coordinate equal to offset + Σ factor · scalar coordinate."""
 
     owner: str  # name of its reaction
     joint: str
     coordinate: str
     factors: Factors
     offset: float
-    relative: bool  # counted from the initial pose
+    relative: bool  # the joint coordinate is counted from the initial pose
 
 
 def coupled_scalars(model: Model) -> Iterator[tuple[str, bool]]:
@@ -248,7 +251,7 @@ def coupled_rows(model: Model, flexbodies: Mapping[str, FlexBody]) -> Iterator[C
 
 
 def screw_rows(model: Model, name: str) -> tuple[CoupledRow, ...]:
-    """Angle and stroke of a screw, which move together; none for other joints."""
+    """Rows that couple angle and stroke of a screw by its pitch; none for other joints."""
     pitch = model.joints[name].pitch
     if pitch is None:
         return ()

@@ -1,20 +1,20 @@
-"""Joints on curves: curves as pieces over their length, where a joint begins on them, its rows.
+"""Joints on curves: piecewise polynomial curves, initial contact points, and constraint rows.
 
-A curve is pieces of degree seven over its own length. Value, unit tangent and curvature agree with
-the curve at both ends of every piece, value and tangent in its middle, so the pieces join with
-continuous curvature, and their error shrinks with the eighth power of their length. A curve marker
-(`curve_marker`) brings one scalar coordinate, so a joint has one equation less than rows for each:
+A curve is approximated by polynomials of degree seven over its arc length. They match position,
+unit tangent and curvature at both ends of every piece, position and tangent near its middle. So
+curvature is continuous, and the error falls with the eighth power of the length of a piece. A curve
+marker (`curve_marker`) adds one scalar coordinate, so a joint removes one freedom less than rows:
 
     pin-in-slot, cam-knife   t·h = 0, n·h = 0             h from the curve marker to J
     cam-roller               t·h = 0, n·h = ± radius
-    cam-flat                 m·h = 0, m·t = 0             m across the flat, h from J to the curve
+    cam-flat                 m·h = 0, m·t = 0             m normal to flat, h from J to the curve
     cam-cam                  t·h = 0, n·h = 0, t·n₂ = 0   h from the first curve to the second
     point-on-curve           h = 0                        in space, or in the plane of the model
 
-Where along its curves a joint begins in the initial pose is searched among samples; assembly closes
-the rest. It acts on the outer side of a closed curve, on that of the roller where there is one,
-else on that of the follower's centre of mass. The force across the curve is the multiplier of one
-row; `Contact` has its sign in contact.
+The initial position along a curve is searched among samples; assembly closes the remaining gap.
+The follower is on the side of its roller if it has one, else on the outside of a closed curve, or
+on the side of the follower's centre of mass. The normal force is the multiplier of one row;
+`Contact` has its sign while the parts press against each other.
 Sources: Haug, Computer Aided Kinematics and Dynamics, 1989, §3.5; Hong & Liu 2011, §1.3.
 """
 
@@ -43,17 +43,17 @@ from flexmb.model.plane import plane_axes
 from flexmb.model.reading import GROUND
 
 Array = NDArray[np.float64]
-_EXACT = 1e-13  # of the size of the curve: smaller errors than this are round-off
-# Jump of the third derivative between pieces, over the largest: a kink of accelerations, which
-# methods of high order meet with short steps.
+_ROUND_OFF = 1e-13  # error of the pieces over the size of the curve that is round-off
+# Largest allowed jump of the third derivative between pieces, over its largest value. At a jump the
+# acceleration has a kink, where methods of high order need short steps.
 _SMOOTH_JUMP = 1e-7
 _MIN_PIECES, _MAX_PIECES = 64, 1024
-_TERMS = 8  # of the polynomial of a piece
+_COEFFICIENTS = 8  # of the polynomial of a piece, degree seven
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(7)
 
 
 class Pieces(NamedTuple):
-    """Ends of the pieces along the curve (n + 1,) [m], coefficients (n, 3, 8), error, `_jump`."""
+    """Ends of pieces along the curve (n + 1,) [m], coefficients (n, 3, 8), relative error, jump."""
 
     ends: Array
     coefficients: Array
@@ -62,15 +62,15 @@ class Pieces(NamedTuple):
 
     @classmethod
     def of_pool(cls, pool: Array, at: int, n: int) -> Pieces:
-        """Those of a curve with n pieces that begins at a place of the pool of numbers."""
+        """The pieces of a curve from the pool of numbers, n pieces from index `at` on."""
         first = at + n + 1
-        coefficients = pool[first : first + 3 * _TERMS * n].reshape(n, 3, _TERMS)
+        coefficients = pool[first : first + 3 * _COEFFICIENTS * n].reshape(n, 3, _COEFFICIENTS)
         return cls(pool[at:first], coefficients)
 
     def at(self, s: Array) -> Array:
-        """(n, 3, 3) place, unit tangent and curvature vector at places (n,) within the ends."""
+        """(n, 3, 3) position, unit tangent and curvature vector at arc lengths s (n,)."""
         k = np.clip(np.searchsorted(self.ends, s, side="right") - 1, 0, len(self.coefficients) - 1)
-        t, n = (s - self.ends[k])[:, None], np.arange(_TERMS)
+        t, n = (s - self.ends[k])[:, None], np.arange(_COEFFICIENTS)
         first, second = n * t ** np.maximum(n - 1, 0), n * (n - 1) * t ** np.maximum(n - 2, 0)
         powers = np.stack([t**n, first, second], axis=1)
         return np.einsum("kdn,kan->kda", powers, self.coefficients[k])
@@ -78,50 +78,50 @@ class Pieces(NamedTuple):
 
 @lru_cache(maxsize=64)  # the same shape has the same pieces in every joint
 def pieces_of(shape: CurveShape) -> Pieces:
-    """As many pieces as it takes for errors and kinks of the size of round-off."""
+    """Pieces of a curve, halved until their error is round-off and the third derivative smooth."""
     per_break = max(1, -(-_MIN_PIECES // (len(shape.breaks) - 1)))
-    pieces = _divided(shape, per_break)
+    pieces = _divide_curve(shape, per_break)
     while 2 * len(pieces.coefficients) <= _MAX_PIECES:
-        exact, per_break = pieces.error <= _EXACT, 2 * per_break
+        exact, per_break = pieces.error <= _ROUND_OFF, 2 * per_break
         if exact and pieces.jump <= _SMOOTH_JUMP:
             break
-        finer = _divided(shape, per_break)
+        finer = _divide_curve(shape, per_break)
         if exact and finer.jump >= pieces.jump:
             break
         pieces = finer
     return pieces
 
 
-def _divided(shape: CurveShape, per_break: int) -> Pieces:
+def _divide_curve(shape: CurveShape, per_break: int) -> Pieces:
     b = shape.breaks
     u = np.interp(np.arange(per_break * (len(b) - 1) + 1) / per_break, np.arange(len(b)), b)
-    lengths = _length(shape, u[:-1], u[1:])
+    lengths = _arc_lengths(shape, u[:-1], u[1:])
     ends = np.append(0.0, np.cumsum(lengths))
-    nodes = _over_length(shape.at(u))
+    nodes = _by_length(shape.at(u))
     if shape.closed:
         nodes[-1] = nodes[0]
     middle, quarter = (share * u[1:] + (1.0 - share) * u[:-1] for share in (0.5, 0.25))
-    half = _length(shape, u[:-1], middle)
-    pieces = Pieces(ends, _hermite(nodes, lengths, _over_length(shape.at(middle))[:, :2], half))
-    places = ends[:-1] + _length(shape, u[:-1], quarter)
+    half = _arc_lengths(shape, u[:-1], middle)
+    pieces = Pieces(ends, _hermite(nodes, lengths, _by_length(shape.at(middle))[:, :2], half))
+    places = ends[:-1] + _arc_lengths(shape, u[:-1], quarter)
     exact = shape.at(quarter)[:, 0]
     size = float(np.linalg.norm(np.ptp(nodes[:, 0], axis=0)))
     error = float(np.abs(pieces.at(places)[:, 0] - exact).max()) / size
-    return pieces._replace(error=error, jump=_jump(pieces, per_break))
+    return pieces._replace(error=error, jump=_third_derivative_jump(pieces, per_break))
 
 
-def _jump(pieces: Pieces, per_break: int) -> float:
-    """The largest jump of the third derivative within a part of the curve, over the largest one."""
+def _third_derivative_jump(pieces: Pieces, per_break: int) -> float:
+    """Largest jump of the third derivative between breaks of the curve, over its largest value."""
     c, h = pieces.coefficients, np.diff(pieces.ends)[:, None]
     begin = 6.0 * c[:, :, 3]
-    end = sum(n * (n - 1) * (n - 2) * c[:, :, n] * h ** (n - 3) for n in range(3, _TERMS))
+    end = sum(n * (n - 1) * (n - 2) * c[:, :, n] * h ** (n - 3) for n in range(3, _COEFFICIENTS))
     within = np.arange(1, len(c)) % per_break != 0
     jump = np.abs(end[:-1] - begin[1:])[within].max(initial=0.0)
-    return float(jump / max(np.abs(begin).max(), pieces.ends[-1] ** -2.0))  # of a line: round-off
+    return float(jump / max(np.abs(begin).max(), pieces.ends[-1] ** -2.0))  # for straight lines
 
 
-def _length(shape: CurveShape, low: Array, high: Array) -> Array:
-    """(n,) length between parameters, by seven points of Gauss."""
+def _arc_lengths(shape: CurveShape, low: Array, high: Array) -> Array:
+    """(n,) arc length between parameters, by Gauss quadrature of seven points."""
     half = 0.5 * (high - low)
     u = 0.5 * (high + low)[:, None] + half[:, None] * _GAUSS
     speed = np.linalg.norm(shape.at(u.ravel())[:, 1], axis=1).reshape(u.shape)
@@ -129,8 +129,8 @@ def _length(shape: CurveShape, low: Array, high: Array) -> Array:
     return lengths
 
 
-def _over_length(derivatives: Array) -> Array:
-    """(n, 3, 3) value, tangent and curvature vector from derivatives over any parameter."""
+def _by_length(derivatives: Array) -> Array:
+    """(n, 3, 3) position, unit tangent, curvature vector from derivatives over any parameter."""
     place, first, second = derivatives.swapaxes(0, 1)
     speed = np.linalg.norm(first, axis=1)[:, None]
     tangent = first / speed
@@ -141,25 +141,25 @@ def _over_length(derivatives: Array) -> Array:
 def _hermite(nodes: Array, lengths: Array, middles: Array, half: Array) -> Array:
     """(n, 3, 8) coefficients of the polynomials of degree seven between nodes (n + 1, 3, 3).
 
-    They also have the value and slope `middles` (n, 2, 3) at places `half` (n,) from the near end.
+    They also have value and slope `middles` (n, 2, 3) at arc lengths `half` (n,) from their begin.
     """
-    h, t, n = lengths[:, None], half[:, None], np.arange(3, _TERMS)
+    h, t, n = lengths[:, None], half[:, None], np.arange(3, _COEFFICIENTS)
     (p, d, a), (q, e, b) = nodes[:-1].swapaxes(0, 1), nodes[1:].swapaxes(0, 1)
-    # what both lack of the parabola from the near end, over the length of the piece
-    lacks = [q - p - h * (d + 0.5 * h * a), (e - d - h * a) * h, (b - a) * h * h]
-    lacks += [middles[:, 0] - p - t * (d + 0.5 * t * a), (middles[:, 1] - d - t * a) * h]
+    # conditions at the far end and the middle, less the parabola from the near end
+    remainders = [q - p - h * (d + 0.5 * h * a), (e - d - h * a) * h, (b - a) * h * h]
+    remainders += [middles[:, 0] - p - t * (d + 0.5 * t * a), (middles[:, 1] - d - t * a) * h]
     t = t / h
     rows = [0.0 * t + 1.0, n + 0.0 * t, n * (n - 1) + 0.0 * t, t**n, n * t ** (n - 1)]
     matrix = np.stack(np.broadcast_arrays(*rows), axis=1)
-    higher = np.linalg.solve(matrix, np.stack(lacks, axis=1)).swapaxes(1, 2) / h[:, None] ** n
+    higher = np.linalg.solve(matrix, np.stack(remainders, axis=1)).swapaxes(1, 2) / h[:, None] ** n
     return np.concatenate([np.stack([p, d, 0.5 * a], axis=2), higher], axis=2)
 
 
 X, Y, Z = 0, 1, 2
-_SAMPLES = 1440  # places along a curve that are tried
-# Newton's corrections from each sample or every fourth; samples between start and solution.
-_CORRECTIONS, _MAX_SHIFT, _FLAT = 8, 8.0, 1e-12
-_WARNED_ERROR = 1e-9  # error of the pieces over the size of the curve
+_SAMPLES = 1440  # samples along a curve in the search for an initial position
+# Newton's method from a sample: most corrections, most samples to the solution, least determinant.
+_MAX_CORRECTIONS, _MAX_SHIFT, _SINGULAR = 8, 8.0, 1e-12
+_WARNED_ERROR = 1e-9  # a larger error of the pieces, over the size of the curve, is reported
 
 
 @dataclass(frozen=True)
@@ -180,25 +180,25 @@ class PlacedCurve:
 
     @property
     def samples(self) -> Array:
-        """Places (n,) along the curve, the end of a closed one left out."""
+        """Arc lengths (n,) of the samples; without the end of a closed curve."""
         return np.linspace(0.0, self.length, _SAMPLES, endpoint=not self.closed)
 
     @property
     def outward(self) -> float:
-        """1 if the normal, left of the tangent, leads out of a closed curve, −1 if into it."""
+        """1 if the normal, left of the tangent, points out of a closed curve, −1 if into it."""
         c = self.pieces.at(self.samples)
         area = np.sum(c[:, 0, X] * c[:, 1, Y] - c[:, 0, Y] * c[:, 1, X])
         return -1.0 if area > 0.0 else 1.0
 
     def at(self, s: Array) -> tuple[Array, Array, Array]:
-        """Global points, tangents and normals (n, 3) at places (n,)."""
+        """Global points, tangents and normals (n, 3) at arc lengths s (n,)."""
         c = self.pieces.at(s)
         t = c[:, 1]
         n = np.stack([-t[:, Y], t[:, X], 0.0 * t[:, X]], axis=1)
         return self.x + c[:, 0] @ self.R.T, t @ self.R.T, n @ self.R.T
 
     def bend(self, s: float) -> tuple[Array, Array, Array]:
-        """Global point, tangent and curvature vector (3,) at a place."""
+        """Global point, tangent and curvature vector (3,) at arc length s."""
         c = self.pieces.at(np.array([s]))[0] @ self.R.T
         return self.x + c[0], c[1], c[2]
 
@@ -206,7 +206,7 @@ class PlacedCurve:
 def place_curve(model: Model, curve: str, marker: PlacedMarker) -> PlacedCurve:
     """A curve on the marker that carries it, in the initial pose.
 
-    Warns of one that the pieces follow badly, such as an expression with a corner.
+    Warns if the pieces approximate it badly, as an expression with a corner.
     """
     shape = curve_shape(model, curve)
     pieces = pieces_of(shape)
@@ -217,7 +217,7 @@ def place_curve(model: Model, curve: str, marker: PlacedMarker) -> PlacedCurve:
 
 
 def _nearest_place(curve: PlacedCurve, point: Array, across: bool) -> float:
-    """Place [m] nearest to a point; `across`: what lies across the curve's plane does not count."""
+    """Arc length [m] nearest to a point; `across`: its height over the curve's plane is ignored."""
     s, seen = curve.samples, curve.R[:, : 2 if across else 3]
     nearest = s[np.argmin(np.linalg.norm((point - curve.at(s)[0]) @ seen, axis=1))]
 
@@ -226,11 +226,11 @@ def _nearest_place(curve: PlacedCurve, point: Array, across: bool) -> float:
         apart = seen @ (seen.T @ (x - point))
         return np.array([apart @ t]), np.array([[1.0 + apart @ bend]])
 
-    return _between_samples(gap, (curve,), (float(nearest),))[0]
+    return _refine_places(gap, (curve,), (float(nearest),))[0]
 
 
 def _tangent_place(curve: PlacedCurve, point: Array, normal: Array) -> float:
-    """Place [m] where the curve runs along a flat through a point, nearest to the flat."""
+    """Arc length [m] where the curve is parallel to a flat through a point, nearest to the flat."""
     s = curve.samples
     x, t, _ = curve.at(s)
     slope, height = t @ normal, np.abs((x - point) @ normal)
@@ -245,13 +245,13 @@ def _tangent_place(curve: PlacedCurve, point: Array, normal: Array) -> float:
         _, t, bend = curve.bend(places[0])
         return np.array([t @ normal]), np.array([[bend @ normal]])
 
-    return _between_samples(gap, (curve,), (float(between),))[0]
+    return _refine_places(gap, (curve,), (float(between),))[0]
 
 
 def _nearest_pair(
     first: PlacedCurve, second: PlacedCurve, start: float | None
 ) -> tuple[float, float]:
-    """Places [m] on two curves where they are nearest to touching; `start` fixes the first."""
+    """Arc lengths [m] on two curves where they are nearest to touching; `start` is the first."""
     s = first.samples[::4] if start is None else np.array([start])
     u = second.samples[::4]
     (x, t, _), (y, _, n) = first.at(s), second.at(u)
@@ -268,21 +268,21 @@ def _nearest_pair(
         slopes = [[1.0 + (x - y) @ k, -w @ t], [k @ n, t @ bent]]
         return np.array([(x - y) @ t, t @ n]), np.array(slopes)
 
-    return _between_samples(gap, (first, second), nearest)
+    return _refine_places(gap, (first, second), nearest)
 
 
-def _between_samples(
+def _refine_places(
     gap: Callable[[Array], tuple[Array, Array]], curves: tuple[PlacedCurve, ...],
     near: tuple[float, ...],
 ) -> tuple[float, ...]:  # fmt: skip
-    """Places [m] on curves where gaps, told with their slopes, are closed, between two samples.
+    """Arc lengths [m] near samples at which gaps are zero, by Newton's method with their slopes.
 
-    From a sample alone assembly would move bodies that stand well by the bend of the curve to it.
+    From a sample itself assembly would move well-placed bodies by its distance from the solution.
     """
     places = np.array(near)
-    for _ in range(_CORRECTIONS):
+    for _ in range(_MAX_CORRECTIONS):
         gaps, slopes = gap(places)
-        if abs(np.linalg.det(slopes)) < _FLAT:
+        if abs(np.linalg.det(slopes)) < _SINGULAR:
             return near
         places = places - np.linalg.solve(slopes, gaps)
     ends, closed = np.array([(curve.length, curve.closed) for curve in curves]).T
@@ -292,7 +292,7 @@ def _between_samples(
 
 
 def _inside(curve: PlacedCurve, points: Array) -> NDArray[np.bool_]:
-    """Which of the points (n, 3) lie within a closed curve, by the crossings of a ray."""
+    """Which of the points (n, 3) lie inside a closed curve, by the crossings of a ray."""
     ring = curve.pieces.at(curve.samples)[:, 0]
     local = (points - curve.x) @ curve.R
     a, b = ring, np.roll(ring, -1, axis=0)
@@ -305,13 +305,13 @@ def _inside(curve: PlacedCurve, points: Array) -> NDArray[np.bool_]:
 
 
 def _side_of_follower(curve: PlacedCurve, s: float, center: Array) -> float:
-    """1 if a point lies on the side of the normal at s, −1 on the other."""
+    """1 if a point lies on the side to which the normal at s points, −1 on the other."""
     x, _, n = curve.at(np.array([s]))
     return 1.0 if n[0] @ (center - x[0]) >= 0.0 else -1.0
 
 
 class CurveJoint(NamedTuple):
-    """Rows (kind, a, b, offset) between markers I and J; whether J of the joint is their I."""
+    """Rows (kind, a, b, offset) between markers I and J; `reversed`: their I is the joint's J."""
 
     I: int  # noqa: E741
     J: int
@@ -321,7 +321,7 @@ class CurveJoint(NamedTuple):
 
 @dataclass(frozen=True)
 class JointContext:
-    """Where a joint on curves is made: its markers I and J, and its group and first row."""
+    """Context in which a joint on curves is made: its frames I and J, its group and first row."""
 
     model: Model
     name: str
@@ -333,13 +333,13 @@ class JointContext:
 
     @property
     def joint(self) -> JointSpec:
-        """What the scene says of it."""
+        """Specification of the joint in the scene."""
         return self.model.joints[self.name]
 
     def add_curve_marker(
         self, curve: PlacedCurve, carrier: int, side: int, start: float, other: int = -1
     ) -> int:
-        """A curve marker of its own, on the side of the rows; carried by I or J (0, 1)."""
+        """Add a curve marker carried by frame I or J (0, 1); its rows see it as I or J (`side`)."""
         pool, n = self.markers.pool, len(curve.pieces.coefficients)
         pieces = curve.pieces
         at = pool.add(np.concatenate([pieces.ends.ravel(), pieces.coefficients.ravel()]))
@@ -351,7 +351,7 @@ class JointContext:
         return marker
 
     def add_contact(self, row: int, compressed: float) -> None:
-        """It can only push, with this sign of the multiplier of one of its rows."""
+        """Mark the joint as one that can only push: with this sign of the multiplier of a row."""
         self.curve_points.contacts.append(Contact(self.name, self.row + row, compressed))
 
 
@@ -377,21 +377,21 @@ def curve_joint(context: JointContext) -> CurveJoint:
     if not across:
         axes = (X, Y, Z) if model.plane is None else plane_axes(model.plane)[:2]
         return CurveJoint(S, J, tuple((POINT, axis, axis, 0.0) for axis in axes))
-    side, radius = _side(context, curve, s, x), joint.radius or 0.0
+    side, radius = _contact_side(context, curve, s, x), joint.radius or 0.0
     if joint.type != "pin-in-slot":
         context.add_contact(1, -side)
     if radius > 0.0:
-        _refuse_hollow(model, context.name, curve, side, radius)
+        _check_roller(model, context.name, curve, side, radius)
     return CurveJoint(S, J, ((DOT2, X, X, 0.0), (DOT2, Y, Y, side * radius)))
 
 
 def _flat(context: JointContext, curve: PlacedCurve, x: Array, normal: Array) -> CurveJoint:
-    """A flat through x: the curve's point in it, the curve along it."""
+    """A flat follower through x: the curve's point lies in the flat, its tangent along it."""
     s = context.joint.start
     s = _tangent_place(curve, x, normal) if s is None else s
     S, J = context.add_curve_marker(curve, 0, 1, s), context.markers.add(context.frames[1])
     _, _, n = curve.at(np.array([s]))
-    context.add_contact(0, _side(context, curve, s, x) * float(np.sign(n[0] @ normal)))
+    context.add_contact(0, _contact_side(context, curve, s, x) * float(np.sign(n[0] @ normal)))
     return CurveJoint(J, S, ((DOT2, Z, Z, 0.0), (DOT1, Z, X, 0.0)), True)
 
 
@@ -411,8 +411,8 @@ def _cams(context: JointContext, curves: tuple[PlacedCurve, PlacedCurve]) -> Cur
     return CurveJoint(S, T, ((DOT2, X, X, 0.0), (DOT2, Y, Y, 0.0), (DOT1, X, Y, 0.0)))
 
 
-def _side(context: JointContext, curve: PlacedCurve, s: float, x: Array) -> float:
-    """Side of the curve that a follower acts on: 1 that of the normal."""
+def _contact_side(context: JointContext, curve: PlacedCurve, s: float, x: Array) -> float:
+    """Side of the curve on which a follower is: 1 that to which the normal points, −1 the other."""
     joint = context.joint
     if joint.radius is not None:
         p, _, n = curve.at(np.array([s]))
@@ -425,7 +425,7 @@ def _side(context: JointContext, curve: PlacedCurve, s: float, x: Array) -> floa
 
 
 def _center(model: Model, joint: JointSpec, marker: Array) -> Array:
-    """Centre of mass of the follower; the mirror image of the cam's if the follower is ground."""
+    """Centre of mass of the follower; if it is ground, the cam's mirrored at the marker."""
     I, J = (reference.partition(".")[0] for reference in joint.between)  # noqa: E741
     body = model.bodies[I if J == GROUND else J]
     if body.flexible:
@@ -436,7 +436,7 @@ def _center(model: Model, joint: JointSpec, marker: Array) -> Array:
     return 2.0 * marker - center if J == GROUND else center
 
 
-def _refuse_hollow(model: Model, name: str, curve: PlacedCurve, side: float, radius: float) -> None:
+def _check_roller(model: Model, name: str, curve: PlacedCurve, side: float, radius: float) -> None:
     s = curve.samples
     c = curve.pieces.at(s)
     hollow = side * (c[:, 1, X] * c[:, 2, Y] - c[:, 1, Y] * c[:, 2, X])

@@ -1,18 +1,21 @@
-"""Curve markers: a marker that slides along a curve which is fixed to a body.
+"""Curve markers: markers that slide along a curve which is fixed to a body.
 
-Its place is the curve's at the scalar coordinate s, x + R c(s) with x, R of the marker that carries
-the curve; on a plane curve its axes turn with the tangent t, the normal n and z of the plane. The
-curve is piecewise of degree seven with |c'| = 1, so s is the length along it. Beyond the ends of an
-open curve it continues with the curvature of its end, for Newton's method to come back from.
+The position of a curve marker is x + R c(s), with x and R of the marker that carries the curve and
+the scalar coordinate s. On a plane curve its axes are the tangent t, the normal n and z of the
+plane. The curve consists of polynomials of degree seven with |c'| = 1, so s is the arc length.
+Beyond the ends of an open curve it is continued with the curvature of its end, so that iterates of
+Newton's method can return from there.
 
-With J = (R c', φ' z) the twist per ṡ, φ the angle of the tangent, the marker has J ṡ in addition to
-the motion of the material point under it; s has the equation −W·J = 0, W the wrench on the marker
-(Haug, Computer Aided Kinematics and Dynamics, 1989, §3.5; Hong & Liu 2011, §1.3).
+J = (R c', φ' z) is the twist of the marker per ṡ, φ the angle of the tangent. The velocity of the
+marker is J ṡ in addition to that of the material point at its place. The equation of s is
+−W·J = 0, W the wrench on the marker (Haug, Computer Aided Kinematics and Dynamics, 1989, §3.5;
+Hong & Liu 2011, §1.3).
 
-Tangents: with w the wrench Cqᵀλ on the curve marker, D = ∂J/∂s and H the change of the wrench pair
-with the motion of the markers, bodies × s gets the pull-back of H J and of the moment c' × f (the
-moment arm grows along the curve), s × bodies that of Hᵀ J and of (c' × f, φ' z × m) (the curve
-turns with its body), s × s gets Jᵀ H J + w·D.
+Tangents: w = (f, m) is the wrench Cqᵀλ on the curve marker, D = ∂J/∂s, and H the derivative of the
+wrench pair with respect to the positions of the markers. The blocks of the matrix are:
+bodies × s: H J and the moment c' × f, since the moment arm changes along the curve;
+s × bodies: Hᵀ J and (c' × f, φ' z × m), since the curve turns with its body;
+s × s: Jᵀ H J + w·D. The first two are pulled back from the markers to the bodies.
 """
 
 from __future__ import annotations
@@ -40,7 +43,7 @@ if TYPE_CHECKING:
 
 
 class Contact(NamedTuple):
-    """A joint that can only push: its row across the curve, and the sign of λ when it does."""
+    """A joint that can only push: its row normal to the curve, and the sign of λ in pushing."""
 
     joint: str
     row: int
@@ -48,7 +51,7 @@ class Contact(NamedTuple):
 
 
 class CurvePoint(NamedTuple):
-    """One curve marker on the way into its table."""
+    """One curve marker before its table is made; fields as in `tables.CURVE_MARKER`."""
 
     joint: str
     marker: int
@@ -70,7 +73,7 @@ class CurvePoints:
     contacts: list[Contact] = field(default_factory=list)
 
     def scalars(self) -> list[Scalar]:
-        """Their places along the curves."""
+        """The scalar coordinates s of the curve markers."""
         words = ("position", "second_position")
         return [
             Scalar(f"joints.{s.joint}.{words[s.other >= 0 and s.other < k]}", angular=False)
@@ -78,7 +81,7 @@ class CurvePoints:
         ]
 
     def number(self, joint: str, on: str) -> int:
-        """Number of the curve marker of a joint on the curve of its marker I or J."""
+        """Number of the curve marker of a joint whose curve is on the joint's marker I or J."""
         mine = [k for k, s in enumerate(self.points) if s.joint == joint]
         return mine[1 if on == "J" else 0]
 
@@ -93,7 +96,7 @@ class CurvePoints:
 
     def table(self, groups: list[tuple[int, int, int, int]], blocks: int, symbolic: Symbolic,
               scalars: int) -> NDArray[np.void]:  # fmt: skip
-        """CURVE_MARKER rows; `blocks` bodies and `scalars` coordinates stand before their own."""
+        """CURVE_MARKER rows; `blocks` bodies and `scalars` other coordinates come before theirs."""
         rows = []
         for k, s in enumerate(self.points):
             mine = blocks + scalars + k
@@ -114,13 +117,16 @@ class CurveMarkers(NamedTuple):
     """Markers that slide along curves (`Parts.curve_markers`)."""
 
 
-# An open curve may be overrun by round-off, this share of its length.
+# A curve marker may be beyond the end of an open curve by this fraction of the length: round-off.
 _ROUND_OFF = 1e-9
 
 
 @kernel
 def _piece(pool, curve, s):
-    """Number of the piece that holds s, and s from its beginning; s runs on past open ends."""
+    """Number of the piece that contains s, s from its begin, and its length.
+
+    s is taken modulo the length of a closed curve; it may be beyond the ends of an open one.
+    """
     at, n = curve["at"], curve["n"]
     length = pool[at + n]
     if curve["closed"] == 1:
@@ -137,7 +143,7 @@ def _piece(pool, curve, s):
 
 @kernel
 def _component(pool, o, t):
-    """Value and three derivatives of Σ pool[o + k] t^k, k to 7."""
+    """Value and three derivatives at t of the polynomial Σ pool[o + k] t^k, k = 0..7."""
     a, b, c, d, e, f = pool[o], pool[o + 1], pool[o + 2], pool[o + 3], pool[o + 4], pool[o + 5]
     g, h = pool[o + 6], pool[o + 7]
     return (
@@ -165,7 +171,7 @@ def _coordinate_of_curve(pool, curve, s, axis):
 
 @unit
 def place_curve_markers(run: Run, of: CurveMarkers, at: Point) -> int:
-    """Position and axes of all curve markers, from those of the markers that carry the curves."""
+    """Put position and axes of all curve markers, which are those of their carriers before."""
     parts, now = run.system.parts, run.work.now
     markers = parts.curve_markers
     for k in range(markers.shape[0]):
@@ -177,19 +183,19 @@ def place_curve_markers(run: Run, of: CurveMarkers, at: Point) -> int:
         cz, pz, qz, _ = _coordinate_of_curve(parts.pool, curve, s, 2)
         R = mn["R"]
         x, y, z = turned(R, (cx, cy, cz))
-        _move(mk, mn, now, x, y, z)
+        _shift_marker(mk, mn, now, x, y, z)
         put_part(cn["J"], 0, turned(R, (px, py, pz)))
         put_part(cn["D"], 0, turned(R, (qx, qy, qz)))
         put_part(cn["J"], 3, (0.0, 0.0, 0.0))
         put_part(cn["D"], 3, (0.0, 0.0, 0.0))
         if curve["turns"] == 1:
-            _turn(R, cn, px, py, qx, qy, rx, ry)
+            _turn_to_tangent(R, cn, px, py, qx, qy, rx, ry)
     return SUCCESS
 
 
 @kernel
-def _move(mk, mn, now, x, y, z):
-    """Shift a marker by (x, y, z), global; the shift turns with it like an arm."""
+def _shift_marker(mk, mn, now, x, y, z):
+    """Shift a marker by (x, y, z), global, so that the shift is part of its moment arm."""
     a = mn["x"]
     put_part(a, 0, (a[0] + x, a[1] + y, a[2] + z))
     if mk["body"] >= 0:
@@ -201,8 +207,11 @@ def _move(mk, mn, now, x, y, z):
 
 
 @kernel
-def _turn(R, cn, px, py, qx, qy, rx, ry):
-    """Turn a marker about its z to the tangent (px, py); φ' and φ'' from two more derivatives."""
+def _turn_to_tangent(R, cn, px, py, qx, qy, rx, ry):
+    """Turn a marker about its z to the tangent (px, py), and put φ' z and φ'' z into J and D.
+
+    (qx, qy) and (rx, ry): derivatives of the tangent with respect to s.
+    """
     p2 = px * px + py * py
     first = (px * qy - py * qx) / p2
     second = (px * ry - py * rx) / p2 - 2.0 * first * (px * qx + py * qy) / p2
@@ -218,7 +227,7 @@ def _turn(R, cn, px, py, qx, qy, rx, ry):
 
 @unit
 def add_velocities(run: Run, of: CurveMarkers, at: Point) -> int:
-    """The share of ṡ in the velocities of all curve markers."""
+    """Add J ṡ to the velocities of all curve markers."""
     parts, now, markers = run.system.parts, run.work.now, run.system.parts.curve_markers
     for k in range(markers.shape[0]):
         mn, J = now.marker[markers[k]["marker"]], now.curve_marker[k]["J"]
@@ -231,7 +240,7 @@ def add_velocities(run: Run, of: CurveMarkers, at: Point) -> int:
 
 @unit
 def add_bias(run: Run, of: CurveMarkers, at: Point) -> int:
-    """The share of ṡ in the accelerations of all curve markers at zero v̇ and s̈."""
+    """Add the terms with ṡ to the accelerations of all curve markers at zero v̇ and s̈."""
     parts, now, markers = run.system.parts, run.work.now, run.system.parts.curve_markers
     for k in range(markers.shape[0]):
         mn, J, D = (
@@ -266,8 +275,12 @@ def subtract_forces(run: Run, of: CurveMarkers, at: Point) -> int:
 
 
 @unit
-def put_rows(run: Run, of: CurveMarkers, at: Point) -> int:
-    """∂C/∂s of the rows on curve markers; forces out of balance on s move nothing by themselves."""
+def put_jacobian_entries(run: Run, of: CurveMarkers, at: Point) -> int:
+    """Put ∂C/∂s of the rows on curve markers into the Jacobian part of the matrix.
+
+    The stored diagonal of s is set to infinity, so that a residual force on s does not count as a
+    displacement (`iteration_matrix`).
+    """
     sys, work, markers = run.system, run.work, run.system.parts.curve_markers
     g, factor = work.row.g, work.factor
     for k in range(markers.shape[0]):
@@ -280,16 +293,16 @@ def put_rows(run: Run, of: CurveMarkers, at: Point) -> int:
             s = 0.0
             for c in range(6):
                 s += g[6 * curve["side"] + c] * J[c]
-            place_curve_markers = link["at"] + r * (1 if link["flipped"] == 1 else link["stride"])
-            factor.low[place_curve_markers] = s
+            place = link["at"] + r * (1 if link["flipped"] == 1 else link["stride"])
+            factor.low[place] = s
             if factor.symmetric[0] == 0:
-                factor.up[place_curve_markers] = s
+                factor.up[place] = s
     return SUCCESS
 
 
 @unit
 def add_tangents(run: Run, of: CurveMarkers, at: Point, cv: float, cp: float) -> int:
-    """cp ∂(Cqᵀ λ)/∂q of all rows on curve markers, where s has a part in it."""
+    """Add the part of cp ∂(Cqᵀ λ)/∂q that involves s, for all rows on curve markers."""
     sys, wk = run.system, run.work
     curves = sys.parts.curve_markers
     if cv == 0.0 and cp == 0.0:
@@ -298,21 +311,21 @@ def add_tangents(run: Run, of: CurveMarkers, at: Point, cv: float, cp: float) ->
         curve = curves[k]
         put_group_tangent(run, at.lam, curve["group"])
         row = sys.rows[sys.groups[curve["group"]]["row"]]
-        _put_columns(sys.parts, curve, wk, row, cp, k)
+        _put_coupling_vectors(sys.parts, curve, wk, row, cp, k)
         for side in range(2):
             link = curve["link_I"] if side == 0 else curve["link_J"]
             if link >= 0:
                 b = sys.parts.markers[row["I"] if side == 0 else row["J"]]["body"]
-                _add_border(sys.parts.bodies[b], sys.kkt, link, side, wk)
-        _add_own(sys, curve, wk, cp, k)
+                _add_body_coupling(sys.parts.bodies[b], sys.kkt, link, side, wk)
+        _add_diagonal_entry(sys, curve, wk, cp, k)
         if curve["link_other"] >= 0:
-            _add_other(sys, curve, wk, cp, k)
+            _add_pair_entries(sys, curve, wk, cp, k)
     return SUCCESS
 
 
 @kernel
-def _put_columns(parts, curve, wk, row, cp, k):
-    """Pull back what s and a body do to each other: columns to dense.T[side], rows to 2 + side."""
+def _put_coupling_vectors(parts, curve, wk, row, cp, k):
+    """Blocks between s and the body on each side: column in dense.T[side], row in T[2 + side]."""
     d, J, o = wk.dense, wk.now.curve_marker[k]["J"], 6 * curve["side"]
     g, w = d.g[0], d.g[1]
     lx, ly, lz = cross(J, (w[o], w[o + 1], w[o + 2]))
@@ -334,13 +347,13 @@ def _put_columns(parts, curve, wk, row, cp, k):
 
 
 @kernel
-def _add_border(body, kkt, k, side, wk):
+def _add_body_coupling(body, kkt, k, side, wk):
     """Add the column and the row of s on one body; link k is that of (body, s)."""
     link, column, low, up = kkt.links[k], kkt.column, wk.factor.low, wk.factor.up
     for c in range(6 + body["m"]):
         p = column[body["iv"] + c]
         if p >= 0:
-            if link["flipped"] == 1:  # the body is eliminated first
+            if link["flipped"] == 1:  # the body is eliminated before s
                 low[link["at"] + p] += wk.dense.T[2 + side, c]
                 up[link["at"] + p] += wk.dense.T[side, c]
             else:
@@ -359,7 +372,8 @@ def _product(H, i, first, j, second):
 
 
 @kernel
-def _add_own(sys, curve, wk, cp, k):
+def _add_diagonal_entry(sys, curve, wk, cp, k):
+    """Add cp (Jᵀ H J + w·D) to the diagonal of s."""
     d, sn, o = wk.dense, wk.now.curve_marker[k], 6 * curve["side"]
     s = _product(d.H, o, sn["J"], o, sn["J"])
     for c in range(6):
@@ -370,8 +384,8 @@ def _add_own(sys, curve, wk, cp, k):
 
 
 @kernel
-def _add_other(sys, curve, wk, cp, k):
-    """Add the pair of entries of two curve markers of one joint; the link is that of (k, other)."""
+def _add_pair_entries(sys, curve, wk, cp, k):
+    """Add both entries between the coordinates s of two curve markers of one joint."""
     H, link, o = wk.dense.H, sys.kkt.links[curve["link_other"]], 6 * curve["side"]
     J, K = wk.now.curve_marker[k]["J"], wk.now.curve_marker[curve["other"]]["J"]
     mine, theirs = cp * _product(H, o, J, 6 - o, K), cp * _product(H, 6 - o, K, o, J)
@@ -385,7 +399,7 @@ def _add_other(sys, curve, wk, cp, k):
 
 @unit
 def check_ends(run: Run, of: CurveMarkers, at: Point) -> int:
-    """CURVE_END if a curve marker is beyond an end of its curve."""
+    """Return CURVE_END if a curve marker is beyond an end of its curve."""
     parts, markers = run.system.parts, run.system.parts.curve_markers
     for k in range(markers.shape[0]):
         length = parts.pool[markers[k]["at"] + markers[k]["n"]]
@@ -405,7 +419,7 @@ CURVE_MARKERS = Kind(
         "bias": add_bias,
         "force": subtract_forces,
         "matrix": add_tangents,
-        "jacobian": put_rows,
+        "jacobian": put_jacobian_entries,
         "limits": check_ends,
     },
 )

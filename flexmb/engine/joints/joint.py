@@ -1,16 +1,18 @@
 """The rows of every joint type between its two triads, in space and in a plane, and of drivers.
 
-Axes x, y, z are 0, 1, 2; z_I is the joint's axis, z_J its second axis where it has two. A row is
-(kind, axis of I, axis of J, measured): a measured one has the value of the initial pose, all
-others are zero. Composite joints (a link without mass, a joint at each end) are the invariants of
-the link: 6 less the freedoms of its two joints. Triads in a plane have the normal for z and, if the
-joint slides, its axis for x; the orientation is then one angle row, which has no second branch at
-180°, and sliding leaves one offset row. Sources: Hong & Liu 2011, sections 1.3, 2.3; Haug, Computer
-Aided Kinematics and Dynamics, 1989, ch. 3, 9.
+Axes x, y, z are 0, 1, 2. z_I is the axis of the joint, z_J its second axis if it has two. A row is
+(kind, axis of I, axis of J, measured): a measured row keeps the value of the initial pose, all
+others are zero. A composite joint (a massless link with a joint at each end) keeps the quantities
+that the link leaves constant: their number is 6 less the freedoms of its two joints.
 
-Drivers: coordinates of a marker are offsets along the axes of the marker that they are relative to
-(of ground: the global ones) and an angle about its z axis, or the normal in a plane. A velocity or
-acceleration is integrated here, so that every row is holonomic.
+In a plane model the triads have the normal of the plane as z and, if the joint slides, the
+direction of sliding as x. Their orientation is then one ANGLE row, which has no second solution at
+180°, and a sliding joint has one offset row. Sources: Hong & Liu 2011, sections 1.3, 2.3; Haug,
+Computer Aided Kinematics and Dynamics, 1989, ch. 3, 9.
+
+Drivers: the coordinates of a marker are its offsets along the axes of the marker to which they are
+relative (global axes for ground), and an angle about z of that marker or, in a plane, the normal. A
+prescribed velocity or acceleration is integrated here, so that every row is holonomic.
 """
 
 from __future__ import annotations
@@ -52,42 +54,45 @@ Row = tuple[int, int, int, bool]
 Array = NDArray[np.float64]
 X, Y, Z = 0, 1, 2
 _ROUND_OFF = 1e-12
-_TOGETHER = ((POINT, X, X, False), (POINT, Y, Y, False), (POINT, Z, Z, False))
-_SAME_AXIS = ((DOT1, X, Z, False), (DOT1, Y, Z, False))
-_SAME_AXES = ((DOT1, X, Y, False), (DOT1, Y, Z, False), (DOT1, Z, X, False))
+_COINCIDENT = ((POINT, X, X, False), (POINT, Y, Y, False), (POINT, Z, Z, False))
+_PARALLEL_AXES = ((DOT1, X, Z, False), (DOT1, Y, Z, False))
+_EQUAL_AXES = ((DOT1, X, Y, False), (DOT1, Y, Z, False), (DOT1, Z, X, False))
 _ON_AXIS = ((DOT2, X, X, False), (DOT2, Y, Y, False))
-_ACROSS = ((DOT1, Z, Z, False),)
+_PERPENDICULAR_AXES = ((DOT1, Z, Z, False),)
 _IN_PLANE = ((DOT2, Z, Z, False),)
 _LINK = ((DISTANCE, X, X, True),)
-_AT_HEIGHT = ((DOT2, Z, Z, True),)
+_CONSTANT_HEIGHT = ((DOT2, Z, Z, True),)
 JOINT_ROWS: dict[str, tuple[Row, ...]] = {
-    "fixed": _TOGETHER + _SAME_AXES,
-    "revolute": _TOGETHER + _SAME_AXIS,
-    "prismatic": _SAME_AXES + _ON_AXIS,
-    "screw": _SAME_AXIS + _ON_AXIS,  # and its thread: `coordinate.screw_rows`
-    "cylindrical": _SAME_AXIS + _ON_AXIS,
-    "spherical": _TOGETHER,
-    "universal": _TOGETHER + _ACROSS,
-    "constant-velocity": (*_TOGETHER, (TWIST, X, Y, False)),
-    "planar": _SAME_AXIS + _IN_PLANE,
+    "fixed": _COINCIDENT + _EQUAL_AXES,
+    "revolute": _COINCIDENT + _PARALLEL_AXES,
+    "prismatic": _EQUAL_AXES + _ON_AXIS,
+    "screw": _PARALLEL_AXES + _ON_AXIS,  # and the rows of its thread: `coordinate.screw_rows`
+    "cylindrical": _PARALLEL_AXES + _ON_AXIS,
+    "spherical": _COINCIDENT,
+    "universal": _COINCIDENT + _PERPENDICULAR_AXES,
+    "constant-velocity": (*_COINCIDENT, (TWIST, X, Y, False)),
+    "planar": _PARALLEL_AXES + _IN_PLANE,
     "in-line": _ON_AXIS,
     "in-plane": _IN_PLANE,
-    "parallel": _SAME_AXIS,
-    "perpendicular": _ACROSS,
-    "orientation": _SAME_AXES,
+    "parallel": _PARALLEL_AXES,
+    "perpendicular": _PERPENDICULAR_AXES,
+    "orientation": _EQUAL_AXES,
     "distance": _LINK,
-    "revolute-spherical": _AT_HEIGHT + _LINK,
+    "revolute-spherical": _CONSTANT_HEIGHT + _LINK,
     "prismatic-spherical": ((DOT2, X, X, True), (DOT2, Y, Y, True)),
     "cylindrical-spherical": ((RADIAL, Z, Z, True),),
-    "revolute-universal": _ACROSS + _AT_HEIGHT + _LINK,
+    "revolute-universal": _PERPENDICULAR_AXES + _CONSTANT_HEIGHT + _LINK,
     "spherical-universal": _LINK,
 }
-"""Rows of the joint types whose rows do not depend on the pose."""
+"""Rows by joint type, for types whose rows do not depend on the initial pose."""
 DRIVER_ROWS = {"angle": (ANGLE, X, X), "stroke": (DOT2, Z, Z)}
-_CROSS_ANGLE = (ANGLE, X, Z)  # of the second axis of a universal joint about the first
+_CROSS_ANGLE = (ANGLE, X, Z)  # angle of a universal joint: of z_J, its second axis, about z_I
 SECOND_TURN = np.diag([-1.0, 1.0, -1.0])
-"""Turns the triad of marker J so that, seen from it, the first axis of a universal joint stands at
-the second angle: of J about its own axis against the cross, 0 where the first angle is 0 too."""
+"""Rotation of the triad of marker J for the second angle of a universal joint.
+
+Seen from the turned triad, the first axis of the joint is at the second angle: that of J about its
+own axis relative to the cross. It is 0 where the first angle is 0.
+"""
 
 
 def driver_row(joint: str, coordinate: str) -> tuple[int, int, int]:
@@ -115,12 +120,12 @@ def composite_rows(
     I: PlacedMarker,  # noqa: E741
     J: PlacedMarker,
 ) -> tuple[Row, ...]:
-    """Rows of a link between two axes, which depend on how these lie to each other.
+    """Rows of a link between two axes; they depend on the relative position of the axes.
 
     Raises
     ------
     SceneError
-        Axes that are neither parallel nor as the link needs them.
+        The relative position of the axes is not possible for this joint type.
     """
     (xi, Ri), (xj, Rj) = (marker_frame(model, marker) for marker in (I, J))
     a, b, h = Ri[:, Z], Rj[:, Z], xj - xi
@@ -128,15 +133,15 @@ def composite_rows(
     parallel = np.linalg.norm(np.cross(a, b)) < lookup.PARALLEL
     if kind == "revolute-revolute":
         if parallel:
-            return _SAME_AXIS + _AT_HEIGHT + _LINK
+            return _PARALLEL_AXES + _CONSTANT_HEIGHT + _LINK
         if np.linalg.norm(h) <= _round_off(xi, xj):
-            return (*_TOGETHER, (DOT1, Z, Z, True))
+            return (*_COINCIDENT, (DOT1, Z, Z, True))
         needed = "be parallel, or the markers lie where they meet"
     else:
         if parallel:
-            return (*_SAME_AXIS, (RADIAL, Z, Z, True))
+            return (*_PARALLEL_AXES, (RADIAL, Z, Z, True))
         if abs(a @ b) < lookup.PARALLEL:
-            return _ACROSS + ((MOMENT, Z, Z, True),) + _AT_HEIGHT
+            return _PERPENDICULAR_AXES + ((MOMENT, Z, Z, True),) + _CONSTANT_HEIGHT
         needed = "be parallel or at right angles"
     apart = np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), abs(a @ b)))
     what = f"the axes of a {kind} joint must {needed}; they are {apart:.4g} deg apart"
@@ -149,12 +154,12 @@ def row_constant(
     I: PlacedMarker,  # noqa: E741
     J: PlacedMarker,
 ) -> float:
-    """The constant of a row: what it measures in the initial pose, or zero.
+    """The constant of a row: its value in the initial pose if it is a measured one, else zero.
 
     Raises
     ------
     ZeroDivisionError
-        A measured length is zero: its direction is undefined.
+        A measured length is zero, so that its direction is undefined.
     """
     number, a, b, is_measured = row
     if not is_measured:
@@ -168,22 +173,22 @@ def row_constant(
 
 
 def _round_off(*points: Array) -> float:
-    """A length that round-off of these points may leave [m]."""
+    """Round-off of a distance between points of these magnitudes [m]."""
     return _ROUND_OFF * max(float(np.linalg.norm(point)) for point in points)
 
 
 _PLANE_ANGLE = (ANGLE, X, X, False)
 _PLANE_OFFSET = (DOT2, Y, Y, False)
-_SLIDING = {  # with their axis in the plane, which becomes x
+_PLANAR_SLIDING_ROWS = {  # the axis of the joint lies in the plane and becomes x
     "prismatic": (_PLANE_ANGLE, _PLANE_OFFSET),
     "cylindrical": (_PLANE_ANGLE, _PLANE_OFFSET),
     "in-line": (_PLANE_OFFSET,),
     "prismatic-spherical": ((DOT2, Y, Y, True),),
     "in-plane": ((DOT2, X, X, False),),
 }
-_LINKED = {"distance": _LINK, "revolute-revolute": _LINK}
+_PLANAR_LINK_ROWS = {"distance": _LINK, "revolute-revolute": _LINK}
 STROKE = (DOT2, X, X)
-"""The stroke of a joint on its planar triads."""
+"""Row that measures the stroke of a joint with planar triads."""
 
 
 def planar_joint(
@@ -201,20 +206,20 @@ def planar_joint(
     triad = A @ I.R
     if joint.type in ("fixed", "orientation"):
         lies = [k for k in range(3) if not across(triad[:, k], plane)]
-        turn = _turn(triad, triad[:, lies[0]], plane)
+        turn = _turn_into_plane(triad, triad[:, lies[0]], plane)
         rows = (*together, _PLANE_ANGLE) if joint.type == "fixed" else (_PLANE_ANGLE,)
-        return _turned(I, turn), _turned(J, turn), rows
-    slides = _SLIDING.get(joint.type)
+        return _turn_marker(I, turn), _turn_marker(J, turn), rows
+    slides = _PLANAR_SLIDING_ROWS.get(joint.type)
     if joint.type == "cylindrical" and across(triad[:, 2], plane):
         slides = None
     if slides is not None:
-        turn = _turn(triad, triad[:, 2], plane)
-        return _turned(I, turn), _turned(J, turn), slides
-    return I, J, _LINKED.get(joint.type, together)
+        turn = _turn_into_plane(triad, triad[:, 2], plane)
+        return _turn_marker(I, turn), _turn_marker(J, turn), slides
+    return I, J, _PLANAR_LINK_ROWS.get(joint.type, together)
 
 
-def _turn(triad: np.ndarray, axis: np.ndarray, plane: str) -> np.ndarray:
-    """Turn (3, 3) of a triad in its own axes that leads z to the normal and x along the axis."""
+def _turn_into_plane(triad: np.ndarray, axis: np.ndarray, plane: str) -> np.ndarray:
+    """Rotation (3, 3) of a triad, in its own axes, to z normal to the plane and x along `axis`."""
     z = np.array(PLANES[plane])
     x = axis - (axis @ z) * z
     x /= np.linalg.norm(x)
@@ -222,7 +227,7 @@ def _turn(triad: np.ndarray, axis: np.ndarray, plane: str) -> np.ndarray:
     return turn
 
 
-def _turned(marker: PlacedMarker, turn: np.ndarray) -> PlacedMarker:
+def _turn_marker(marker: PlacedMarker, turn: np.ndarray) -> PlacedMarker:
     return replace(marker, R=marker.R @ turn)
 
 
@@ -232,7 +237,7 @@ Kind = tuple[int, int, int]
 def marker_rows(
     model: Model, driver: DriverSpec, flexbodies: Mapping[str, FlexBody]
 ) -> tuple[PlacedMarker, PlacedMarker, list[Kind]]:
-    """Both markers of a driver that is not of a joint, and the row of each of its motions."""
+    """Both markers of a driver between markers, and the row of each of its motions."""
     I, J = lookup.frames(model, driver.ends, driver.axis, flexbodies)  # noqa: E741
     turn = np.eye(3)
     if model.plane is not None and driver.axis is None:
@@ -251,12 +256,12 @@ def marker_rows(
 
 
 def driver_functions(model: Model, name: str, ends: Ends, rows: Sequence[Kind]) -> list[Expression]:
-    """What each row follows over time.
+    """The displacement over time that each row follows.
 
     Raises
     ------
     SceneError
-        A function that cannot be integrated, or a distance that comes to zero.
+        A function cannot be integrated, or a distance becomes zero.
     """
     driver = model.drivers[name]
     expressions = []
@@ -264,12 +269,12 @@ def driver_functions(model: Model, name: str, ends: Ends, rows: Sequence[Kind]) 
         expression = motion.function.expression
         if driver.order > 0:
             where = f"drivers.{name}.{motion.coordinate}"
-            first = _first(driver.start, k)
+            first = _initial_value(driver.start, k)
             try:
                 if first is None:
                     first = row_constant(model, (*rows[k], True), *ends)
-                line = (first, _first(driver.start_velocity, k) or 0.0)
-                expression = _integrated(model, driver.order, expression, line)
+                line = (first, _initial_value(driver.start_velocity, k) or 0.0)
+                expression = _integrate_rate(model, driver.order, expression, line)
             except ZeroDivisionError:
                 what = "the distance begins with zero: its direction is not known"
                 raise SceneError.from_problems([Problem(where, what)]) from None
@@ -283,10 +288,13 @@ def driver_functions(model: Model, name: str, ends: Ends, rows: Sequence[Kind]) 
     return expressions
 
 
-def _integrated(
+def _integrate_rate(
     model: Model, order: int, rate: Expression, line: tuple[float, float]
 ) -> Expression:
-    """The displacement of a rate; `line` holds its first value and velocity."""
+    """Displacement from a velocity (`order` 1) or acceleration (2).
+
+    `line`: initial value and initial velocity.
+    """
     spans = [spec.duration for spec in (model.dynamics, model.kinematics) if spec is not None]
     end = max(spans, default=None)
     first, speed = line
@@ -294,5 +302,5 @@ def _integrated(
     return Expression(rate.text, (*antiderivative(rate.ops, order, end), *start, ("+", 0.0)))
 
 
-def _first(start: Start | None, k: int) -> float | None:
+def _initial_value(start: Start | None, k: int) -> float | None:
     return None if start is None else start.values[k]

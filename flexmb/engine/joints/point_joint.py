@@ -1,14 +1,14 @@
-"""Rows about the separation of two markers, h = x_J − x_I, and joints of coincidence alone.
+"""Rows that measure the separation of two markers, h = x_J − x_I, and joints of POINT rows alone.
 
-    POINT     h·e_a      coincidence along a global axis
+    POINT     h·e_a      coincidence of two points along a global axis
     DOT2      a·h        no motion along a = column a of R_I; a stroke if its function varies
     DISTANCE  |h|        the multiplier is the force in the massless link
 
-Rows of coincidence are linear in the places of their markers, whatever the joint. A joint of
-nothing else (spherical, revolute in a plane) holds two points of rigid places together: its
-reaction is a force (Σ λ e) without a moment, so it goes straight to the coordinates of the bodies.
-What a row is, and the meaning of its units: `engine.kind.RowKind`. Source: Haug, Computer Aided
-Kinematics and Dynamics, 1989, ch. 9; Hong & Liu 2011, §2.3.
+POINT rows are linear in the positions of their markers. A joint that has no other rows (spherical,
+revolute in a plane) between markers that are fixed to the rigid part of their bodies is evaluated
+here as a whole: its reaction is a force (Σ λ e) without a moment, which is added directly to the
+equations of the bodies. What a row is, and what its functions do: `engine.kind.RowKind`. Source:
+Haug, Computer Aided Kinematics and Dynamics, 1989, ch. 9; Hong & Liu 2011, §2.3.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def point_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
 
 @unit
 def point_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
-    """None: h·e_a is linear."""
+    """Zero, as h·e_a is linear in the positions."""
     return 0.0
 
 
@@ -81,7 +81,7 @@ def dot2_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
 
 @unit
 def dot2_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
-    """Second derivative of a·h."""
+    """Second time derivative of a·h at zero accelerations."""
     mi, mj = at.marker[i], at.marker[j]
     first, second = vector_rates(column(mi["R"], a), mi["om"])
     return inner(second, separation(mi, mj)) + 2.0 * inner(first, relative_velocity(mi, mj))  # type: ignore[no-any-return]
@@ -89,7 +89,7 @@ def dot2_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
 
 @unit
 def dot2_tangent(at: RowWork, a: int, b: int, i: int, j: int, f: float) -> int:
-    """f times the tangent of a·h."""
+    """Add f times the tangent of a·h to H."""
     mi = at.marker[i]
     add_dot2(column(mi["R"], a), separation(mi, at.marker[j]), f, at.H)
     return SUCCESS
@@ -115,7 +115,7 @@ def distance_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
 
 @unit
 def distance_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
-    """Second derivative of |h|."""
+    """Second time derivative of |h| at zero accelerations."""
     h, u = separation(at.marker[i], at.marker[j]), relative_velocity(at.marker[i], at.marker[j])
     d = math.sqrt(inner(h, h))
     rate = inner(h, u) / d
@@ -124,7 +124,7 @@ def distance_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
 
 @unit
 def distance_tangent(at: RowWork, a: int, b: int, i: int, j: int, f: float) -> int:
-    """f times the tangent of |h|: f (I − n nᵀ)/|h| of the relative motion, n = h/|h|."""
+    """Add f times the tangent of |h| to H: f (I − n nᵀ)/|h| for the relative motion, n = h/|h|."""
     h = separation(at.marker[i], at.marker[j])
     d = math.sqrt(inner(h, h))
     put_pair(at.g, 0, times(1.0 / d, h))
@@ -140,16 +140,16 @@ DISTANCE = RowKind(
 
 
 class PointJoints(NamedTuple):
-    """Rows of coincidence, and joints of points."""
+    """POINT rows, and the joints that have no other rows."""
 
-    rows: Integers  # all of these rows
-    others: Integers  # those of other joints
-    groups: Integers  # joints of points
+    rows: Integers  # all POINT rows
+    others: Integers  # POINT rows of joints with other rows too
+    groups: Integers  # joints of POINT rows alone
 
 
 @kernel
 def _reaction(rows, group, lam):
-    """Σ λ e of a group: minus the force on J."""
+    """Σ λ e of a group; the force on J is minus this."""
     x, y, z = 0.0, 0.0, 0.0
     first = group["row"]
     for r in range(first, first + group["n"]):
@@ -162,7 +162,7 @@ def _reaction(rows, group, lam):
 
 @kernel
 def _add_force(body, A, s, x, y, z, out):
-    """out += generalised forces of (x, y, z) at the place s of a body."""
+    """out += generalised forces of the force (x, y, z) at the position s in a body."""
     o = body["iv"]
     out[o] += x
     out[o + 1] += y
@@ -175,7 +175,7 @@ def _add_force(body, A, s, x, y, z, out):
 
 @unit
 def put_values(run: Run, joints: PointJoints, at: Point) -> int:
-    """C of all rows of coincidence: along global axes."""
+    """Put C of all POINT rows."""
     rows, markers, C, listed = run.system.rows, run.work.now.marker, run.work.con.C, joints.rows
     for n in range(listed.shape[0]):
         row = rows[listed[n]]
@@ -186,7 +186,7 @@ def put_values(run: Run, joints: PointJoints, at: Point) -> int:
 
 @unit
 def put_rates(run: Run, joints: PointJoints, at: Point) -> int:
-    """Cq v of all rows of coincidence."""
+    """Put Cq v of all POINT rows."""
     rows, markers, out, listed = (
         run.system.rows,
         run.work.now.marker,
@@ -202,7 +202,7 @@ def put_rates(run: Run, joints: PointJoints, at: Point) -> int:
 
 @unit
 def subtract_reactions(run: Run, joints: PointJoints, at: Point) -> int:
-    """Wrenches of the markers −= λ g of the rows of other joints."""
+    """Subtract λ g of the POINT rows of other joints from the wrenches of the markers."""
     rows, markers, lam, listed = run.system.rows, run.work.now.marker, at.lam, joints.others
     for n in range(listed.shape[0]):
         row = rows[listed[n]]
@@ -213,7 +213,7 @@ def subtract_reactions(run: Run, joints: PointJoints, at: Point) -> int:
 
 @unit
 def add_reactions(run: Run, joints: PointJoints, at: Point) -> int:
-    """Trial.res += Cqᵀ λ of the joints."""
+    """Trial.res += Cqᵀ λ of the joints of POINT rows alone."""
     parts, body_now, out, lam = run.system.parts, run.work.now.body, run.work.trial.res, at.lam
     rows, groups, markers, bodies = run.system.rows, run.system.groups, parts.markers, parts.bodies
     listed = joints.groups
@@ -231,7 +231,7 @@ def add_reactions(run: Run, joints: PointJoints, at: Point) -> int:
 
 @unit
 def add_tangents(run: Run, joints: PointJoints, at: Point, cv: float, cp: float) -> int:
-    """cp ∂(Cqᵀ λ)/∂q of the joints: the arms of their forces turn."""
+    """Add cp ∂(Cqᵀ λ)/∂q of these joints: the moment arms of their forces turn with the bodies."""
     if cp == 0.0:
         return SUCCESS
     rows, groups, listed = run.system.rows, run.system.groups, joints.groups
@@ -246,7 +246,7 @@ def add_tangents(run: Run, joints: PointJoints, at: Point, cv: float, cp: float)
 
 @kernel
 def _add_arm(run, k, x, y, z):
-    """What the turning arm of a force at a rigid place adds: s̃ f̃' = f' sᵀ − (s·f') I."""
+    """Add s̃ f̃' = f' sᵀ − (s·f') I, of the turning arm s of the force f' = Aᵀ f, to the matrix."""
     parts, kkt, low, up = run.system.parts, run.system.kkt, run.work.factor.low, run.work.factor.up
     mk = parts.markers[k]
     if mk["body"] < 0:

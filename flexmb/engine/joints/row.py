@@ -1,15 +1,15 @@
-"""Constraint rows: calls of their units, and the rows about axes and lines of two markers.
+"""Constraint rows: calls of their functions, and the rows that measure axes and lines.
 
-With h = x_J − x_I, a = column a of R_I and b = column b of R_J, in the last two a = z_I, b = z_J:
+With h = x_J − x_I, a = column a of R_I and b = column b of R_J; in the last two a = z_I, b = z_J:
 
-    DOT1      a·b                 two axes keep their angle, 90 deg for 0
+    DOT1      a·b                 cosine of the angle of two axes: they stay perpendicular for 0
     ANGLE     atan2(y_I·b, x_I·b) angle of b about z_I from x_I, within ±π
-    TWIST     x_I·y_J − y_I·x_J   no twist about the bisector of z_I and z_J: zero for shafts that
-                                  turn with equal speed at any angle
-    RADIAL    |h − (a·h) a|       distance of the point J from the line a through I
-    MOMENT    h·(a × b)           mutual moment: distance of the lines by the sine of their angle
+    TWIST     x_I·y_J − y_I·x_J   twist about the bisector of z_I and z_J: zero for two shafts that
+                                  turn with equal speed whatever their angle
+    RADIAL    |h − (a·h) a|       distance of the point J from the line along a through I
+    MOMENT    h·(a × b)           mutual moment: distance of the lines times the sine of their angle
 
-What a row is, H (12, 12), and the meaning of the units: `engine.kind.RowKind`. Sources: Haug,
+What a row is, H (12, 12), and what its functions do: `engine.kind.RowKind`. Sources: Haug,
 Computer Aided Kinematics and Dynamics, 1989, ch. 9; of the homokinetic condition Shabana, Dynamics
 of Multibody Systems, ch. 3; of the mutual moment Selig, Geometric Fundamentals of Robotics, ch. 6.
 """
@@ -39,33 +39,33 @@ from flexmb.engine.kind import RowKind
 from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import RowWork
 
-# `row` below is a row of constraints, or a term of a sensor that measures as one does.
+# `row` below is a constraint row, or a term of a sensor that measures the same quantity.
 
 
 @kernel
 def row_value(run, row):
-    """What a row measures."""
+    """Value of the quantity that a row measures."""
     unit = run.rows.value[row["kind"]]
     return call_row_value(unit, run.work.row, row["a"], row["b"], row["I"], row["J"])
 
 
 @kernel
 def put_row_gradient(run, row):
-    """Gradient of a row to RowWork.g."""
+    """Put the gradient of a row (12) into RowWork.g."""
     unit = run.rows.gradient[row["kind"]]
     call_row(unit, run.work.row, row["a"], row["b"], row["I"], row["J"])
 
 
 @kernel
 def row_curvature(run, row):
-    """Second time derivative of what a row measures at zero accelerations of both markers."""
+    """Second time derivative of the measured quantity at zero accelerations of both markers."""
     unit = run.rows.curvature[row["kind"]]
     return call_row_value(unit, run.work.row, row["a"], row["b"], row["I"], row["J"])
 
 
 @kernel
 def add_row_tangent(run, row, f):
-    """Add f times the tangent of a row to RowWork.H; returns whether it has one."""
+    """Add f times the tangent of a row to RowWork.H; return 1, or 0 if its gradient is constant."""
     kind = row["kind"]
     if run.rows.curved[kind] == 0:
         return 0
@@ -76,7 +76,7 @@ def add_row_tangent(run, row, f):
 
 @kernel
 def rate(g, mi, mj):
-    """g times the velocities of the two markers."""
+    """Rate g·(v_I, ω_I, v_J, ω_J) from the gradient g (12)."""
     r = 0.0
     for k in range(3):
         r += g[k] * mi["vx"][k] + g[3 + k] * mi["om"][k]
@@ -106,7 +106,7 @@ def relative_velocity(mi, mj):
 
 @kernel
 def put_pair(g, o, a):
-    """g (12) = 0 but for a, of marker J at o + 6, and the opposite, of marker I at o."""
+    """g (12) = 0 except g[o + 6 :] = a for marker J and g[o :] = −a for I, three numbers each."""
     zero(g)
     put_part(g, o, times(-1.0, a))
     put_part(g, o + 6, a)
@@ -131,7 +131,7 @@ def dot_rates(a, omi, b, omj):
 def add_dot(
     ax: float, ay: float, az: float, bx: float, by: float, bz: float, f: float, H: Matrix
 ) -> int:
-    """f times the tangent of a·b."""
+    """Add f times the tangent of a·b to H, for axes a of marker I and b of marker J."""
     a, b = (ax, ay, az), (bx, by, bz)
     add_skew_product(H, 3, 3, f, b, a)
     add_skew_product(H, 3, 9, -f, a, b)
@@ -142,7 +142,7 @@ def add_dot(
 
 @kernel
 def add_dot2(a, h, f, H):
-    """f times the tangent of a·h."""
+    """Add f times the tangent of a·h to H, for an axis a of marker I."""
     add_skew(H, 0, 3, f, a)
     add_skew(H, 6, 3, -f, a)
     add_skew_product(H, 3, 3, f, h, a)
@@ -160,7 +160,7 @@ def subtract_square(g, f, H):
 
 @kernel
 def add_distance(f, H):
-    """Add f (I, −I; −I, I) to the blocks of the two places."""
+    """Add f (I, −I; −I, I) to the blocks of H for the positions of both markers."""
     for k in range(3):
         H[k, k] += f
         H[6 + k, 6 + k] += f
@@ -186,7 +186,7 @@ def dot1_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
 
 @unit
 def dot1_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
-    """Second derivative of a·b."""
+    """Second time derivative of a·b."""
     mi, mj = at.marker[i], at.marker[j]
     _, second = dot_rates(column(mi["R"], a), mi["om"], column(mj["R"], b), mj["om"])
     return second  # type: ignore[no-any-return]
@@ -214,10 +214,10 @@ def angle_value(at: RowWork, a: int, b: int, i: int, j: int) -> float:
 
 @kernel
 def _across_and_along(Ri, Rj, b):
-    """u and v, axes of I across and along b in its plane x, y, over the length of b there.
+    """Vectors u and v normal and parallel to the projection of b on the plane x, y of I.
 
-    With both fixed to I, θ̇ is the rate of u·b, and that of the length over the length is that of
-    v·b.
+    Their lengths are 1/(length of the projection). With u and v fixed to I, θ̇ is the rate of u·b,
+    and the rate of v·b is the relative rate of the length of the projection.
     """
     s, c = dot_columns(Ri, _Y, Rj, b), dot_columns(Ri, _X, Rj, b)
     n = 1.0 / (s * s + c * c)
@@ -236,7 +236,7 @@ def angle_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
 
 @unit
 def angle_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
-    """Second derivative of θ: (u·b)¨ − 2 (u·b)˙ (v·b)˙, with u and v fixed to I."""
+    """Second time derivative of θ: (u·b)¨ − 2 (u·b)˙ (v·b)˙, with u and v fixed to I."""
     mi, mj = at.marker[i], at.marker[j]
     axis, p, q = column(mj["R"], b), triple(mi["om"]), triple(mj["om"])
     u, v = _across_and_along(mi["R"], mj["R"], b)
@@ -247,7 +247,7 @@ def angle_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
 
 @unit
 def angle_tangent(at: RowWork, a: int, b: int, i: int, j: int, f: float) -> int:
-    """f times the tangent of θ: that of u·b with u fixed to I, less that of its length and turn."""
+    """Add f times the tangent of θ: that of u·b with u fixed to I, less that of changes of u."""
     g, H, Rj = at.g, at.H, at.marker[j]["R"]
     axis = column(Rj, b)
     u, v = _across_and_along(at.marker[i]["R"], Rj, b)
@@ -288,7 +288,7 @@ def twist_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
 
 @unit
 def twist_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
-    """Second derivative of x_I·y_J − y_I·x_J."""
+    """Second time derivative of x_I·y_J − y_I·x_J."""
     mi, mj = at.marker[i], at.marker[j]
     R, S = mi["R"], mj["R"]
     _, first = dot_rates(column(R, _X), mi["om"], column(S, _Y), mj["om"])
@@ -314,7 +314,7 @@ _Z = 2
 
 @kernel
 def _across(mi, mj):
-    """h, its part normal to a, and the length of the part along a."""
+    """h, its component vector normal to a = z_I, and its component along a."""
     a, h = column(mi["R"], _Z), separation(mi, mj)
     s = inner(a, h)
     return h, plus(h, -s, a), s
@@ -345,7 +345,7 @@ def radial_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
 
 @unit
 def radial_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
-    """Second derivative of the distance."""
+    """Second time derivative of the distance."""
     mi, mj = at.marker[i], at.marker[j]
     axis, u = column(mi["R"], _Z), relative_velocity(mi, mj)
     first, second = vector_rates(axis, mi["om"])
@@ -400,7 +400,7 @@ def moment_gradient(at: RowWork, a: int, b: int, i: int, j: int) -> int:
 
 @unit
 def moment_curvature(at: RowWork, a: int, b: int, i: int, j: int) -> float:
-    """Second derivative of h·(a × b)."""
+    """Second time derivative of h·(a × b)."""
     mi, mj = at.marker[i], at.marker[j]
     u, v = column(mi["R"], _Z), column(mj["R"], _Z)
     u1, u2 = vector_rates(u, mi["om"])

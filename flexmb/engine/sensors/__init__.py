@@ -1,4 +1,4 @@
-"""The registry of sensors, with the numbers of their measures and kinds of channels."""
+"""The registry of sensors; the place of a measure or a kind of channel is its number in tables."""
 
 from __future__ import annotations
 

@@ -1,15 +1,18 @@
-"""Feedback: functions over measured channels that act as forces, or as rates of states.
+"""Feedback: functions of measured channels that act as forces, or as rates of states.
 
-The stage evaluates the channels that they name at the present state, accelerations and multipliers
-included, then the functions, into the rows of Constraints.fun that loads and scalar coordinates
-read. Continuous angles are those nearest to the last accepted state.
+The stage evaluates the channels that these functions use at the present state, including
+accelerations and multipliers, and then the functions. Their values go to the rows of
+Constraints.fun that loads and scalar coordinates read. Angles that count turns are those nearest to
+the last accepted state.
 
-Tangents are rank-one blocks −(what acts) (∂f/∂m) (∂m/∂q, ∂m/∂v)ᵀ, one for each pair of what acts (a
-component of a load, the force on a scalar coordinate, the rate of a state) and what it depends on.
-∂f/∂m of a channel m is the first derivative of the program with the rate of that channel alone set
-to one. ∂m/∂q has two parts: the gradient with the motions of the markers, and, for velocities, what
-their moment arms do at constant v. Exact for positions, velocities and states; of accelerations the
-part with v̇ is kept, what the pose does to them and to reactions is left to Newton's iteration.
+Tangents are rank-one blocks −u (∂f/∂m) (∂m/∂q, ∂m/∂v)ᵀ of the iteration matrix. u is the
+generalised force per unit of f: of a component of a load, of the force on a scalar coordinate, or
+of the rate of a state. There is one block for each u and each body or state on which the channel m
+depends. ∂f/∂m is the first derivative of the program with the rate of the channel m set to one.
+∂m/∂q has two parts: the gradient with respect to the motion of the markers and, for velocities, the
+change of their moment arms at constant v. The tangents are exact for positions, velocities and
+states. Of accelerations only the dependence on v̇ is included; Newton's method converges without
+their dependence on positions, and without that of reactions.
 """
 
 from __future__ import annotations
@@ -43,15 +46,16 @@ if TYPE_CHECKING:
     from flexmb.model.control import State
 
 _I = "i8"
-_VELOCITY, _ACCELERATION = 1, 2  # levels of measures
+_VELOCITY, _ACCELERATION = 1, 2  # levels of measures: order of the time derivative they contain
 
-# One partial derivative that forces need: of the program of a signal with respect to a channel.
+# One partial derivative ∂f/∂m that the tangents need: of a program with respect to a channel.
 PARTIAL = np.dtype([("program", _I), ("channel", _I)], align=True)
-# Where a partial derivative enters the iteration matrix. What acts: component `a` of row `row` on
-# its marker J or I (`on` 0, 1), of the kind `kind` among those with a unit force; or the scalar
-# coordinate with velocity `iv` if kind = -1. What it depends on: `term` at its marker I or J
-# (`side` 0, 1), or the state with velocity `state`. `panel`: of what acts; `link`: LINK of the two
-# blocks, -1: the same.
+# One rank-one block of the iteration matrix. The function acts on component `a` of row `row` at its
+# marker J or I (`on` 0, 1), of the element kind `kind` among those with a unit force; or, for
+# kind = -1, on the scalar coordinate with velocity `iv`. The channel depends on `term` at its
+# marker I or J (`side` 0, 1), or on the state with velocity `state`. `panel`: that of the
+# coordinates on which the function acts; `link`: LINK of the two sets of coordinates, -1 if they
+# are the same.
 _WORDS = "partial kind row on a iv panel term side state link"
 FEEDBACK_TANGENT = np.dtype([(word, _I) for word in _WORDS.split()], align=True)
 
@@ -59,17 +63,17 @@ FEEDBACK_TANGENT = np.dtype([(word, _I) for word in _WORDS.split()], align=True)
 class Feedback(NamedTuple):
     """Functions of measured channels that act as forces or drive states."""
 
-    programs: Integers  # (k,) programs of `System.functions`
+    programs: Integers  # (k,) their programs in `System.functions`
     channels: Integers  # (n,) channels that they read
     partials: array_of(PARTIAL)
     tangents: array_of(FEEDBACK_TANGENT)
-    implicit: int  # 1: some depend on accelerations or reactions
-    first_event: int  # place of the first of their switches among the events
+    implicit: int  # 1: some of them depend on accelerations or reactions
+    first_event: int  # index of the event function of their first switch
 
 
 @unit
 def evaluate_functions(run: Run, feedback: Feedback, at: Point) -> int:
-    """Values of all functions over channels, after a position stage."""
+    """Evaluate all functions of channels, after a position stage."""
     velocity_stage(run, at)
     if feedback.implicit == 1:
         bias_stage(run, at)
@@ -90,7 +94,10 @@ def evaluate_functions(run: Run, feedback: Feedback, at: Point) -> int:
 
 @unit
 def put_events(run: Run, feedback: Feedback, at: Point) -> int:
-    """How far all programs are from where their laws change, after a velocity stage."""
+    """Event functions of the switches in all programs, after a velocity stage.
+
+    There are none if a function depends on accelerations or reactions.
+    """
     if feedback.implicit == 1:
         return SUCCESS
     evaluate_functions(run, feedback, at)
@@ -105,10 +112,10 @@ def put_events(run: Run, feedback: Feedback, at: Point) -> int:
 
 @unit
 def add_tangents(run: Run, feedback: Feedback, at: Point, cv: float, cp: float) -> int:
-    """Add the tangents of all functions over channels to the matrix of a step."""
+    """Add the tangents of all functions of channels to the iteration matrix of a step."""
     if cv == 0.0:
         return SUCCESS
-    _put_slopes(run, feedback)
+    _put_partial_derivatives(run, feedback)
     tangents, work = feedback.tangents, run.work.feedback
     slopes, right, block = work.slopes, work.right, work.block
     for k in range(tangents.shape[0]):
@@ -116,19 +123,19 @@ def add_tangents(run: Run, feedback: Feedback, at: Point, cv: float, cp: float) 
         slope = slopes[row["partial"]]
         if slope == 0.0:
             continue
-        _put_left(run, row, at)
+        _put_unit_force(run, row, at)
         if row["state"] >= 0:
             right[0] = cv
             block[2], block[3] = row["state"], 1
         else:
-            _put_right(run, at, row["term"], row["side"], cv, cp)
-        _add_outer(run, row["panel"], row["link"], -slope)
+            _put_channel_gradient(run, at, row["term"], row["side"], cv, cp)
+        _add_outer_product(run, row["panel"], row["link"], -slope)
     return SUCCESS
 
 
 @kernel
-def _put_slopes(run, feedback):
-    """Slopes of the programs with each of their channels; none where there is no finite one."""
+def _put_partial_derivatives(run, feedback):
+    """Partial derivatives ∂f/∂m of the programs; 0 where the derivative is not finite."""
     x, stack, functions = run.work.trial.variables, run.work.trial.stack, run.system.functions
     partials, slopes, t = feedback.partials, run.work.feedback.slopes, run.work.feedback.t[0]
     for k in range(partials.shape[0]):
@@ -143,8 +150,8 @@ def _put_slopes(run, feedback):
 
 
 @kernel
-def _put_left(run, row, at):
-    """Generalised force per unit of what acts, into feedback.left, and its place into block."""
+def _put_unit_force(run, row, at):
+    """Put the generalised force per unit of f into feedback.left, and its place into block."""
     kind, work, stage = row["kind"], run.work.feedback, run.stages.unit_force
     if kind < 0:
         left, block = work.left, work.block
@@ -156,8 +163,8 @@ def _put_left(run, row, at):
 
 
 @unit
-def _put_right(run: Run, at: Point, t: int, side: int, cv: float, cp: float) -> int:
-    """cp ∂m/∂q + cv ∂m/∂v (+ ∂m/∂v̇) of term t on one side, into feedback.right and block."""
+def _put_channel_gradient(run: Run, at: Point, t: int, side: int, cv: float, cp: float) -> int:
+    """Put cp ∂m/∂q + cv ∂m/∂v (+ ∂m/∂v̇) of term t on one side into feedback.right, with block."""
     parts, now, work, B = run.system.parts, run.work.now, run.work.feedback, run.work.dense.B
     sensors, right, block, position, velocity = (
         run.system.sensors, work.right, work.block, work.g[0], work.g[1]
@@ -187,8 +194,8 @@ def _put_right(run: Run, at: Point, t: int, side: int, cv: float, cp: float) -> 
 
 
 @kernel
-def _add_outer(run, panel, link, f):
-    """Add f left rightᵀ as the block of two sets of coordinates, or on the diagonal of one."""
+def _add_outer_product(run, panel, link, f):
+    """Add f left rightᵀ to the block of two sets of coordinates, or the diagonal block of one."""
     kkt, work, low, up = run.system.kkt, run.work.feedback, run.work.factor.low, run.work.factor.up
     column, left, right, block = kkt.column, work.left, work.right, work.block
     diagonal, early = link < 0, False
@@ -220,15 +227,15 @@ FEEDBACK = Kind(
 
 
 class Start(NamedTuple):
-    """Where a state starts: a value, or that of a function at the first moment."""
+    """Initial value of a state: a number, or the value of a function at the begin of the run."""
 
-    iv: int
+    iv: int  # velocity coordinate of the state
     value: float
-    program: int  # -1: the value
+    program: int  # -1: `value` is used
 
 
 class _Effect(NamedTuple):
-    """What a function acts on: a component of a row of a kind, or a scalar coordinate."""
+    """What a function acts on, as in FEEDBACK_TANGENT; `block`: its set of coordinates."""
 
     program: int
     kind: int
@@ -241,7 +248,7 @@ class _Effect(NamedTuple):
 
 @dataclass
 class FeedbackTables:
-    """The tables, and the blocks that each of their tangents couples."""
+    """The tables, and the pair of coordinate sets (blocks) that each of their tangents couples."""
 
     feedback: Feedback
     blocks: list[tuple[int, int]]
@@ -252,14 +259,14 @@ class FeedbackTables:
         return [pair for pair in dict.fromkeys(self.blocks) if pair[0] != pair[1]]
 
     def place(self, symbolic: Symbolic) -> None:
-        """Tell every tangent where its block is."""
+        """Fill in `panel` and `link` of every tangent."""
         for row, pair in zip(self.feedback.tangents, self.blocks, strict=True):
             row["panel"] = symbolic.panel_of[pair[0]]
             row["link"] = symbolic.couple_links.get(pair, -1)
 
 
 def starts(states: tuple[State, ...], ivs: Mapping[str, int], functions: Functions) -> list[Start]:
-    """The start of every state."""
+    """The initial value of every state."""
     return [
         Start(ivs[state.name], state.start, -1)
         if isinstance(state.start, float)
@@ -275,20 +282,20 @@ def feedback_tables(
     sensors: Sensors,
     scalars: NDArray[np.void],
 ) -> FeedbackTables | None:
-    """Tables of all functions that name channels; None if there are none.
+    """Tables of all functions of channels; None if there are none.
 
-    `kinds` are those that functions act through, in their order; `numbers` are those of the
+    `kinds`: element kinds through which functions act, in their order; `numbers`: numbers of the
     channels by name. Blocks are numbered as in `symbolic.Blocks`: bodies, then scalar coordinates.
     """
-    live = {k: f.channels for k, f in enumerate(lowering.functions.programs) if f.channels}
-    if not live:
+    channels_read = {k: f.channels for k, f in enumerate(lowering.functions.programs) if f.channels}
+    if not channels_read:
         return None
     markers = lowering.markers
     partials: list[tuple[int, int]] = []
     tangents: list[tuple[int, ...]] = []
     blocks: list[tuple[int, int]] = []
-    for effect in _effects(live, lowering, kinds, scalars):
-        for name in live[effect.program]:
+    for effect in _effects(channels_read, lowering, kinds, scalars):
+        for name in channels_read[effect.program]:
             pair = effect.program, numbers[name]
             if pair not in partials:
                 partials.append(pair)
@@ -299,39 +306,39 @@ def feedback_tables(
             ):
                 tangents.append((at, *acts, -1, term, side, state, -1))
                 blocks.append((effect.block, block))
-    switches = sum(count_switches(lowering.functions.programs[k]) for k in live)
-    used = sorted({numbers[name] for names in live.values() for name in names})
+    switches = sum(count_switches(lowering.functions.programs[k]) for k in channels_read)
+    used = sorted({numbers[name] for names in channels_read.values() for name in names})
     feedback = Feedback(
-        programs=np.array(list(live), np.int64),
+        programs=np.array(list(channels_read), np.int64),
         channels=np.array(used, np.int64),
         partials=np.array(partials, PARTIAL),
         tangents=np.array(tangents, FEEDBACK_TANGENT),
-        implicit=int(any(_implicit(sensors, c) for c in used)),
+        implicit=int(any(_is_implicit(sensors, c) for c in used)),
         first_event=lowering.add_events(switches),
     )
     return FeedbackTables(feedback, blocks)
 
 
 def _effects(
-    live: Mapping[int, tuple[str, ...]],
+    channels_read: Mapping[int, tuple[str, ...]],
     lowering: Lowering,
     kinds: Sequence[str],
     scalars: NDArray[np.void],
 ) -> Iterator[_Effect]:
-    """Everything that a function over channels acts on."""
+    """Everything that functions of channels act on."""
     for action in lowering.actions:
         body = lowering.markers.body(action.marker)
-        if action.program in live and body >= 0:
+        if action.program in channels_read and body >= 0:
             kind = kinds.index(action.kind)
             yield _Effect(action.program, kind, action.row, action.on, action.a, -1, body)
     for k, scalar in enumerate(scalars):
-        if int(scalar["fun"]) in live:
+        if int(scalar["fun"]) in channels_read:
             block = len(lowering.markers.bodies) + k
             yield _Effect(int(scalar["fun"]), -1, -1, 0, 0, int(scalar["iv"]), block)
 
 
 def _sources(sensors: Sensors, number: int, scalars, markers: MarkerTable, n_bodies: int):
-    """(term, side, state, block) of everything that a channel depends on."""
+    """(term, side, state, block) of every body and state that a channel depends on."""
     channel = sensors.channels[number]
     reads = CHANNEL_KINDS[channel["what"]].reads
     if reads == "state":
@@ -346,7 +353,7 @@ def _sources(sensors: Sensors, number: int, scalars, markers: MarkerTable, n_bod
                     yield k, side, -1, body
 
 
-def _implicit(sensors: Sensors, number: int) -> bool:
+def _is_implicit(sensors: Sensors, number: int) -> bool:
     """Whether a channel depends on accelerations, or on reactions and other forces."""
     channel = sensors.channels[number]
     reads = CHANNEL_KINDS[channel["what"]].reads

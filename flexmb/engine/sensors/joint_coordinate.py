@@ -1,6 +1,7 @@
-"""Coordinates of joints and distances of markers: what constraint rows measure, and derivatives.
+"""Joint coordinates and distances: quantities that constraint rows measure, and their derivatives.
 
-Angles count turns: each is the one nearest to that of the last accepted state.
+Angles count turns: of all values that differ by full turns, an angle has the one nearest to that of
+the last accepted state.
 """
 
 from __future__ import annotations
@@ -31,20 +32,20 @@ if TYPE_CHECKING:
 
 @unit
 def coordinate(run: Run, sensors: Sensors, at: Point, t: int) -> float:
-    """What a row measures."""
+    """Value of the quantity that the row of term t measures."""
     return row_value(run, sensors.terms[t])  # type: ignore[no-any-return]
 
 
 @unit
 def coordinate_gradient(run: Run, sensors: Sensors, at: Point, t: int) -> float:
-    """Its gradient."""
+    """Gradient of this quantity with respect to the motion of the markers."""
     _copy_gradient(run, sensors.terms[t], 0)
     return 0.0
 
 
 @kernel
 def _copy_gradient(run, term, level):
-    """Gradient of a row into FeedbackWork.g."""
+    """Copy the gradient of a row to FeedbackWork.g[level]."""
     put_row_gradient(run, term)
     g, out = run.work.row.g, run.work.feedback.g[level]
     for c in range(12):
@@ -53,7 +54,7 @@ def _copy_gradient(run, term, level):
 
 @unit
 def coordinate_rate(run: Run, sensors: Sensors, at: Point, t: int) -> float:
-    """Rate of what a row measures, g·u."""
+    """Rate g·u of the measured quantity, u the velocities of both markers."""
     term, markers = sensors.terms[t], run.work.now.marker
     put_row_gradient(run, term)
     return rate(run.work.row.g, markers[term["I"]], markers[term["J"]])  # type: ignore[no-any-return]
@@ -61,7 +62,7 @@ def coordinate_rate(run: Run, sensors: Sensors, at: Point, t: int) -> float:
 
 @unit
 def coordinate_rate_gradient(run: Run, sensors: Sensors, at: Point, t: int) -> float:
-    """Gradients of g·u: with velocities g, with poses Hᵀ u."""
+    """Gradients of g·u: g with respect to velocities, Hᵀ u with respect to positions."""
     term, g, H = sensors.terms[t], run.work.feedback.g, run.work.row.H
     _copy_gradient(run, term, 1)
     clear(H, 12, 12)
@@ -78,7 +79,7 @@ def coordinate_rate_gradient(run: Run, sensors: Sensors, at: Point, t: int) -> f
 
 @unit
 def coordinate_acceleration(run: Run, sensors: Sensors, at: Point, t: int) -> float:
-    """Second derivative of what a row measures."""
+    """Second time derivative of the measured quantity."""
     term, g = sensors.terms[t], run.work.row.g
     put_row_gradient(run, term)
     s = row_curvature(run, term)
@@ -93,14 +94,14 @@ def coordinate_acceleration(run: Run, sensors: Sensors, at: Point, t: int) -> fl
 
 @unit
 def coordinate_acceleration_gradient(run: Run, sensors: Sensors, at: Point, t: int) -> float:
-    """Gradient of it with the accelerations of the markers."""
+    """Its gradient with respect to the accelerations of the markers."""
     _copy_gradient(run, sensors.terms[t], 1)
     return 0.0
 
 
 COORDINATE = Measure(
     coordinate, coordinate_gradient, 0, ("value", "gradient"), ("gradient",)
-)  # turns that are counted go by the rate
+)  # angles that count turns need the gradient for their rate too
 COORDINATE_RATE = Measure(
     coordinate_rate, coordinate_rate_gradient, 1, ("gradient",), ("gradient", "tangent")
 )
@@ -112,9 +113,10 @@ COORDINATE_ACCELERATION = Measure(
     ("gradient",),
 )
 ROW_MEASURES = (COORDINATE, COORDINATE_RATE, COORDINATE_ACCELERATION)
-"""What a row measures, by the derivative in time."""
+"""Measures of a row: its value, first and second time derivative."""
 
 
+# If an angle is expected to change by more than this in one step, its rate predicts the new value.
 _QUARTER_TURN = 0.5 * math.pi
 
 
@@ -126,17 +128,18 @@ class JointAngles(NamedTuple):
 
 @unit
 def joint_angle(run: Run, sensors: Sensors, at: Point, c: int) -> float:
-    """The angle that the one term of channel c measures, nearest to FeedbackWork.near."""
+    """Angle that the only term of channel c measures; the value nearest to FeedbackWork.near."""
     angle = row_value(run, sensors.terms[sensors.channels[c]["first"]])
     before = run.work.feedback.near[c]
     return angle if math.isnan(before) else before + wrapped(angle - before)  # type: ignore[no-any-return]
 
 
 @unit
-def carry_joint_angles(run: Run, of: JointAngles, at: Point) -> int:
-    """Carry joint angles to the present position; a NaN before gives those next to zero.
+def continue_joint_angles(run: Run, of: JointAngles, at: Point) -> int:
+    """Update FeedbackWork.near of joint angles to the present position.
 
-    In a long step a body may turn more than half a turn: then its speed tells how many.
+    From NaN, at the begin, they get the values nearest to zero. In a long step a body may turn by
+    more than half a turn; then the rate of the angle decides on the number of turns.
     """
     near, listed, sensors = run.work.feedback.near, of.channels, run.system.sensors
     passed = at.t[0] - run.state.t[0]
@@ -149,7 +152,7 @@ def carry_joint_angles(run: Run, of: JointAngles, at: Point) -> int:
     return SUCCESS
 
 
-JOINT_ANGLES = Kind("joint_angles", JointAngles, {"angles": carry_joint_angles})
+JOINT_ANGLES = Kind("joint_angles", JointAngles, {"angles": continue_joint_angles})
 JOINT_ANGLE = ChannelKind(joint_angle, "terms", counts_turns=True)
 
 

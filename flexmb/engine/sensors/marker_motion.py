@@ -1,17 +1,18 @@
 """Motion of markers: components of positions, velocities and accelerations, and orientation angles.
 
-A measure is d·u, d axis a of a marker I or a global one, u the position, the velocity or
-acceleration, the angular velocity or acceleration of J, or what the turning axes of I take from the
-latter for an observer on I, ω_I × ω_J.
+A measure is d·u. d is axis a of a marker I or a global axis. u is the position, velocity,
+acceleration, angular velocity or angular acceleration of J, or ω_I × ω_J. An observer who turns
+with I subtracts this last term from the difference of the angular accelerations.
 
-Orientation is three angles, in any sequence, from the axes of one marker to those of another:
-R = R_Iᵀ R_J = R_i(α) R_j(β) R_k(γ), each turn about the axes that the turns before have left. With
-s = ±1 for the parity of (i, j, third axis): three different axes (Cardan, Bryan) have
-sin β = s R_ik, singular at ±90°; two (Euler, k = i) have cos β = R_ii, singular at 0 and 180°. Of
-the two triples of angles, (α, β, γ) and (α + π, π − β or −β, γ + π), the one nearer to the angles
-before is taken, so that they continue without a jump, through a singular pose too if the motion
-leads through it; at it γ stays and α takes the whole turn (Shuster, A Survey of Attitude
-Representations, J. Astronaut. Sci. 41 (1993) 439, sec. 6).
+Orientation is given by three angles, in any sequence, from the axes of one marker to those of
+another: R = R_Iᵀ R_J = R_i(α) R_j(β) R_k(γ), each rotation about an axis of the frame that the
+previous ones have turned. With s = ±1 for the parity of (i, j, third axis): sequences of three
+different axes (Cardan, Bryan) have sin β = s R_ik and are singular at ±90°; those of two axes
+(Euler, k = i) have cos β = R_ii and are singular at 0 and 180°. Of the two solutions (α, β, γ) and
+(α + π, π − β or −β, γ + π), the one nearer to the previous angles is taken, so that they are
+continuous, also if the motion leads through a singular orientation. There γ is kept, and α is the
+rest of the rotation (Shuster, A Survey of Attitude Representations, J. Astronaut. Sci. 41 (1993)
+439, sec. 6).
 """
 
 from __future__ import annotations
@@ -47,7 +48,10 @@ def _component_along(run, term, x, y, z):
 
 @kernel
 def _put_gradients(run, term, level, place, u):
-    """Gradients of d·u: with the pose of I if d turns with it, with the motion `place` of J."""
+    """Gradients of d·u: with the rotation of I if d is an axis of I; with the motion of J.
+
+    The latter is g[level, place : place + 3]: 6 for translation, 9 for rotation of J.
+    """
     g, a = run.work.feedback.g, term["a"]
     x, y, z = 1.0 * (a == 0), 1.0 * (a == 1), 1.0 * (a == 2)
     if term["I"] >= 0:
@@ -83,7 +87,7 @@ def velocity(run: Run, sensors: Sensors, at: Point, t: int) -> float:
 
 @unit
 def velocity_gradient(run: Run, sensors: Sensors, at: Point, t: int) -> float:
-    """Gradients of d·v; with accelerations that of d·v̇."""
+    """Gradients of d·v; that with respect to velocities is also that of d·v̇ to accelerations."""
     term = sensors.terms[t]
     _put_gradients(run, term, 1, 6, run.work.now.marker[term["J"]]["vx"])
     return 0.0
@@ -99,7 +103,7 @@ def angular_velocity(run: Run, sensors: Sensors, at: Point, t: int) -> float:
 
 @unit
 def angular_velocity_gradient(run: Run, sensors: Sensors, at: Point, t: int) -> float:
-    """Gradients of d·ω; with accelerations that of d·ω̇."""
+    """Gradients of d·ω; that with respect to velocities is also that of d·ω̇ to accelerations."""
     term = sensors.terms[t]
     _put_gradients(run, term, 1, 9, run.work.now.marker[term["J"]]["om"])
     return 0.0
@@ -161,7 +165,7 @@ _POINT_MOTIONS = (POSITION, VELOCITY, ACCELERATION)
 
 
 def add_marker_motion(channels: Channels, spec: MarkerSensorSpec) -> None:
-    """Three channels of the motion of a marker, absolute, relative, or as an observer sees it."""
+    """Add three channels of a marker's motion: absolute, relative, or seen by a moving observer."""
     lowering, motion = channels.lowering, _MOTIONS[spec.type]
     j = lowering.marker(spec.of)
     for a in range(3):
@@ -177,7 +181,7 @@ def add_marker_motion(channels: Channels, spec: MarkerSensorSpec) -> None:
 
 
 def _observed(motion: Measure, observer: int, j: int, a: int) -> list[Term]:
-    """Component a of a motion of j in the axes of a marker that the observer moves with."""
+    """Terms of component a of a motion of j as seen by an observer who moves with a marker."""
     if motion in _POINT_MOTIONS:
         return [Term(ROW_MEASURES[_POINT_MOTIONS.index(motion)], DOT2, observer, j, a, a)]
     terms = [Term(motion, -1, observer, j, a), Term(motion, -1, observer, observer, a, factor=-1.0)]
@@ -191,24 +195,26 @@ MARKER_MOTIONS = SensorKind(
 )
 
 
-# Row of FeedbackWork.g with the three angles.
+# Row of FeedbackWork.g that holds the three angles.
 _ANGLES = 3
-# Sine or cosine of β below which the pose counts as singular: α and γ have no digits there.
+# |sin β| (Euler) or |cos β| (Cardan) below which the orientation counts as singular: α and γ would
+# be round-off there.
 _SINGULAR = 1e-8
-# Motion of axis k in I over its distances from axis i at both ends: α changes by 41° at most.
-_SWITCH_DISTANCE = 0.35
+# Largest displacement of the tip of axis k, seen from I, over the sum of its distances from axis i
+# before and after. α then changes by at most 2 arcsin 0.35 = 41°, so its branch is certain.
+_MAX_RELATIVE_MOTION = 0.35
 
 
 @kernel
 def _sequence(code):
-    """Axes i, j, k of a sequence 9 i + 3 j + k, the third axis beside i and j, and the parity."""
+    """Axes i, j, k of the sequence 9 i + 3 j + k, the axis other than i and j, and the parity s."""
     i, j, k = code // 9, (code // 3) % 3, code % 3
     return i, j, k, 3 - i - j, 1.0 if (j - i) % 3 == 1 else -1.0
 
 
 @kernel
-def _angles(code, Ri, Rj, before, b1, b2):
-    """α, β, γ nearest to those before, NaN for none: then β within 0..180° or ±90°."""
+def _orientation_angles(code, Ri, Rj, before, b1, b2):
+    """α, β, γ nearest to the previous ones; if these are NaN, with β within 0..180° or ±90°."""
     i, j, k, m, s = _sequence(code)
     y = dot_columns(Ri, i, Rj, j)
     if i == k:
@@ -225,7 +231,7 @@ def _angles(code, Ri, Rj, before, b1, b2):
         third = math.atan2(-s * y, x)
     if across < _SINGULAR:
         third = 0.0 if math.isnan(b2) else b2
-        first = _whole_turn(i, j, k, m, s, third, Ri, Rj)
+        first = _first_angle_if_singular(i, j, k, m, s, third, Ri, Rj)
     if math.isnan(before):
         return first, second, third
     other = -second if i == k else math.pi - second
@@ -238,8 +244,8 @@ def _angles(code, Ri, Rj, before, b1, b2):
 
 
 @kernel
-def _whole_turn(i, j, k, m, s, third, Ri, Rj):
-    """α with γ given: column j of R R_k(−γ) is that of R_i(α)."""
+def _first_angle_if_singular(i, j, k, m, s, third, Ri, Rj):
+    """α at a singular orientation for a given γ: column j of R R_k(−γ) is that of R_i(α)."""
     c, d = math.cos(third), s * math.sin(third)
     p, f = (m, -d) if i == k else (i, d)
     up = c * dot_columns(Ri, m, Rj, j) + f * dot_columns(Ri, m, Rj, p)
@@ -248,10 +254,10 @@ def _whole_turn(i, j, k, m, s, third, Ri, Rj):
 
 
 @kernel
-def _gradient(code, number, Ri, Rj, first):
-    """d with (rate of angle `number`) = d·(ω_J − ω_I), global axes; α is `first`.
+def _angle_gradient(code, number, Ri, Rj, first):
+    """d with (rate of angle `number`) = d·(ω_J − ω_I), global axes; `first` is α.
 
-    ω = α̇ n₁ + β̇ n₂ + γ̇ n₃ with the three axes as they are; d is the dual of its axis.
+    ω = α̇ n₁ + β̇ n₂ + γ̇ n₃ with the present axes of rotation n; d is the dual vector of its axis.
     """
     i, j, k, m, s = _sequence(code)
     c, d = math.cos(first), s * math.sin(first)
@@ -268,24 +274,24 @@ def _gradient(code, number, Ri, Rj, first):
 
 
 class TurningAngles(NamedTuple):
-    """Channels of the first of three turning angles; the other two follow it."""
+    """Channels of orientation angles: the first of each three; the other two follow it."""
 
     channels: Integers
 
 
 @unit
 def put_angles(run: Run, t: int, c: int) -> int:
-    """The three angles of term t to FeedbackWork.g, nearest to those of the channels from c on."""
+    """Put the three angles of term t, nearest to channels c to c + 2, into FeedbackWork.g."""
     term, markers, near = run.system.sensors.terms[t], run.work.now.marker, run.work.feedback.near
     Ri, Rj = markers[term["I"]]["R"], markers[term["J"]]["R"]
-    x, y, z = _angles(term["a"], Ri, Rj, near[c], near[c + 1], near[c + 2])
+    x, y, z = _orientation_angles(term["a"], Ri, Rj, near[c], near[c + 1], near[c + 2])
     put_part(run.work.feedback.g[_ANGLES], 0, (x, y, z))
     return SUCCESS
 
 
 @unit
 def turning_angle(run: Run, sensors: Sensors, at: Point, t: int) -> float:
-    """Term t, one of the three angles, on the branch of its last value."""
+    """Value of term t, one of three orientation angles, nearest to its previous value."""
     term = sensors.terms[t]
     put_angles(run, t, term["channel"] - term["b"])
     return run.work.feedback.g[_ANGLES, term["b"]]  # type: ignore[no-any-return]
@@ -293,24 +299,24 @@ def turning_angle(run: Run, sensors: Sensors, at: Point, t: int) -> float:
 
 @unit
 def turning_angle_gradient(run: Run, sensors: Sensors, at: Point, t: int) -> float:
-    """Its gradient."""
+    """Gradient of one orientation angle with respect to the rotations of both markers."""
     term, markers, g = sensors.terms[t], run.work.now.marker, run.work.feedback.g
     put_angles(run, t, term["channel"] - term["b"])
     Ri, Rj = markers[term["I"]]["R"], markers[term["J"]]["R"]
-    x, y, z = _gradient(term["a"], term["b"], Ri, Rj, g[_ANGLES, 0])
+    x, y, z = _angle_gradient(term["a"], term["b"], Ri, Rj, g[_ANGLES, 0])
     put_pair(g[0], 3, (x, y, z))
     return 0.0
 
 
 @unit
 def turning_channel(run: Run, sensors: Sensors, at: Point, c: int) -> float:
-    """Channel c, the one term that it has."""
+    """Value of channel c, which has one term: an orientation angle."""
     return turning_angle(run, sensors, at, sensors.channels[c]["first"])
 
 
 @unit
-def carry_turning_angles(run: Run, of: TurningAngles, at: Point) -> int:
-    """Carry turning angles to the present position; a NaN before gives those next to zero."""
+def continue_turning_angles(run: Run, of: TurningAngles, at: Point) -> int:
+    """Update FeedbackWork.near of orientation angles to the present position."""
     near, g, listed = run.work.feedback.near, run.work.feedback.g, of.channels
     for n in range(listed.shape[0]):
         c = listed[n]
@@ -320,8 +326,11 @@ def carry_turning_angles(run: Run, of: TurningAngles, at: Point) -> int:
 
 
 @kernel
-def _is_near(code, Ri, Rj, first, second):
-    """Whether axis k of J is so near to where α and β say that no singular pose is between."""
+def _excludes_singularity(code, Ri, Rj, first, second):
+    """Whether no singular orientation can lie between angles α, β and the present orientation.
+
+    The tip of axis k of J must be near to where it is at α and β (`_MAX_RELATIVE_MOTION`).
+    """
     i, j, k, m, s = _sequence(code)
     along, across = s * math.sin(second), math.cos(second)
     y, z = -s * across * math.sin(first), across * math.cos(first)
@@ -331,24 +340,24 @@ def _is_near(code, Ri, Rj, first, second):
     p, q = dot_columns(Ri, i, Rj, k), dot_columns(Ri, j, Rj, k)
     r = dot_columns(Ri, m, Rj, k)
     way = math.sqrt((p - along) ** 2 + (q - y) ** 2 + (r - z) ** 2)
-    return not way > max(_SWITCH_DISTANCE * (abs(across) + math.hypot(q, r)), 4.0 * _SINGULAR)
+    return not way > max(_MAX_RELATIVE_MOTION * (abs(across) + math.hypot(q, r)), 4.0 * _SINGULAR)
 
 
 @unit
 def follow_turning_angles(run: Run, of: TurningAngles, at: Point) -> int:
-    """Carry Trial.angles to the present position, unless a singular pose may lie between."""
+    """Update Trial.angles to the present position; REPEAT if a singular one may lie between."""
     angles, near, listed = run.work.trial.angles, run.work.feedback.near, of.channels
     sensors, markers, status = run.system.sensors, run.work.now.marker, SUCCESS
     for n in range(listed.shape[0]):
         c = listed[n]
         term = sensors.terms[sensors.channels[c]["first"]]
         Ri, Rj = markers[term["I"]]["R"], markers[term["J"]]["R"]
-        if not _is_near(term["a"], Ri, Rj, angles[c], angles[c + 1]):
+        if not _excludes_singularity(term["a"], Ri, Rj, angles[c], angles[c + 1]):
             status = REPEAT
         for a in range(3):
             near[c + a] = angles[c + a]
     if status == SUCCESS:
-        carry_turning_angles(run, of, at)
+        continue_turning_angles(run, of, at)
         for n in range(listed.shape[0]):
             for c in range(listed[n], listed[n] + 3):
                 angles[c] = near[c]
@@ -358,14 +367,14 @@ def follow_turning_angles(run: Run, of: TurningAngles, at: Point) -> int:
 TURNING_ANGLES = Kind(
     "turning_angles",
     TurningAngles,
-    {"angles": carry_turning_angles, "angle_path": follow_turning_angles},
+    {"angles": continue_turning_angles, "angle_path": follow_turning_angles},
 )
 TURNING_ANGLE = Measure(turning_angle, turning_angle_gradient, 0)
 TURNING_CHANNEL = ChannelKind(turning_channel, "terms", counts_turns=True)
 
 
 def add_orientation(channels: Channels, spec: OrientationSensorSpec) -> None:
-    """Three channels of the angles that turn the axes of one marker into those of another."""
+    """Add three channels: the angles that turn the axes of one marker into those of another."""
     lowering = channels.lowering
     i, j = lowering.marker(spec.relative_to or "ground"), lowering.marker(spec.of)
     first, second, third = ("xyz".index(axis) for axis in spec.sequence)

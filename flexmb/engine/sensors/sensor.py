@@ -1,8 +1,8 @@
 """Sensors: their channels, what each channel reads, and how all are read at a state.
 
-A channel is a sum of terms, a state, a place on a curve, an energy, a component of the wrench of an
-element, or an expression of other channels. Numbers of measures and of kinds of channels are those
-of `engine.sensors`.
+A channel is a sum of terms (measured quantities), a state, a position along a curve, an energy, a
+component of the force or moment of an element, or an expression of other channels. Measures and
+kinds of channels are numbered in `engine.sensors`.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     )
 
 _ENERGIES = ("kinetic", "strain", "gravity", "spring", "total")
-_TOTAL = 4
-_AXES_OF_SIDE = -2
+_TOTAL = 4  # index of "total" in _ENERGIES
+_AXES_OF_SIDE = -2  # for CHANNEL.axes: axes of the marker on which the wrench acts
 
 
 @unit
@@ -61,19 +61,19 @@ def sum_of_terms(run: Run, sensors: Sensors, at: Point, c: int) -> float:
 
 @unit
 def velocity_coordinate(run: Run, sensors: Sensors, at: Point, c: int) -> float:
-    """A velocity coordinate: a state, or the rate of a place."""
+    """A velocity coordinate: a state, or the rate of a position along a curve."""
     return at.v[sensors.channels[c]["first"]]  # type: ignore[no-any-return]
 
 
 @unit
 def place(run: Run, sensors: Sensors, at: Point, c: int) -> float:
-    """Place of a curve marker along its curve."""
+    """Position (arc length) of a curve marker along its curve."""
     return at.q[sensors.channels[c]["first"]]  # type: ignore[no-any-return]
 
 
 @unit
 def energy(run: Run, sensors: Sensors, at: Point, c: int) -> float:
-    """An energy of the model, as evaluated last; that of springs with that of bristles."""
+    """An energy of the model, as evaluated last; that of springs includes that of bristles."""
     e, number = run.work.energies, sensors.channels[c]["first"]
     spring = e[SPRING_ENERGY] + e[BRISTLE_ENERGY]
     if number == _TOTAL:
@@ -90,7 +90,7 @@ def energy_of_body(run: Run, sensors: Sensors, at: Point, c: int) -> float:
 
 @unit
 def wrench(run: Run, sensors: Sensors, at: Point, c: int) -> float:
-    """One component of the force or moment that an element has on one of its two markers."""
+    """One component of the force or moment that an element exerts on one of its two markers."""
     channel, d, stage = sensors.channels[c], run.work.dense, run.stages.wrenches
     kind, axes, a = channel["kind"], channel["axes"], channel["a"]
     call_channel(stage.units[kind], run, stage.tables[kind], at, c)
@@ -105,7 +105,7 @@ def wrench(run: Run, sensors: Sensors, at: Point, c: int) -> float:
 
 @unit
 def expression(run: Run, sensors: Sensors, at: Point, c: int) -> float:
-    """A program over other channels, which stand in Trial.variables."""
+    """Value of a program of other channels, whose values are in Trial.variables."""
     trial, k = run.work.trial, sensors.channels[c]["first"]
     return run_program(sensors.programs, k, at.t[0], trial.variables, trial.stack)
 
@@ -122,7 +122,7 @@ EXPRESSION = ChannelKind(expression, "channels")
 
 @kernel
 def count_turns(run, at, angles):
-    """Carry what counts turns to the present position: in `angles`, and for feedback."""
+    """Update angles that count turns to the present position: `angles`, and FeedbackWork.near."""
     near = run.work.feedback.near
     copy(angles, near)
     run_stage(run.stages.angles, run, at)
@@ -132,9 +132,10 @@ def count_turns(run, at, angles):
 
 @unit
 def follow_angles(run: Run, begin: float, end: float) -> int:
-    """Carry Trial.angles through the last step, from a share of it to that of the trial state.
+    """Continue Trial.angles through the last step, from the fraction `begin` of it to `end`.
 
-    In parts, by the dense output, where they may turn too far for their ends to tell.
+    At `end` is the trial state. If the motion in between is so large that both ends do not decide
+    on the turns, the step is divided, with states by its dense output.
     """
     at, stage, passed, share = run.trial_point, run.stages.angle_path, begin, end
     while len(stage.units) > 0:
@@ -154,7 +155,7 @@ def follow_angles(run: Run, begin: float, end: float) -> int:
 
 @kernel
 def channel_value(run, at, c):
-    """Value of channel c now."""
+    """Value of channel c at the present state."""
     sensors = run.system.sensors
     unit = run.sensors.channel[sensors.channels[c]["what"]]
     return call_channel(unit, run, sensors, at, c)
@@ -162,9 +163,9 @@ def channel_value(run, at, c):
 
 @unit
 def read_channels(run: Run, at: Point, angles: Vector, out: Vector) -> int:
-    """out (channels) of all sensors; after position, velocity and bias stages and the energies.
+    """Put the channels of all sensors into out; after all stages and the energies.
 
-    `angles`: the continuous ones, at this position.
+    `angles`: the angles that count turns, at this position.
     """
     channels, turns, computed = run.system.sensors.channels, run.sensors.turns, run.sensors.computed
     variables, n_computed = run.work.trial.variables, 0
@@ -196,7 +197,7 @@ def channel_kinds_of(kinds: Sequence[SensorKind]) -> tuple[ChannelKind, ...]:
 
 @dataclass
 class Channels:
-    """Channels in the making; those of the results first, then states that have no name there."""
+    """Collects the rows of all channels: those of the results first, then hidden states."""
 
     lowering: Lowering
     kinds: Sequence[SensorKind]
@@ -209,16 +210,16 @@ class Channels:
     programs: list[Expression] = field(default_factory=list)
 
     def add(self, what: ChannelKind, first: int, n: int = -1, **fields: int) -> None:
-        """A channel without terms."""
+        """Add a channel without terms."""
         words = {"side": 0, "quantity": 0, "axes": 0, "a": 0, "kind": -1} | fields
         self.rows.append((channel_kinds_of(self.kinds).index(what), first, n, *words.values()))
 
     def add_sum(self, terms: Sequence[Term]) -> None:
-        """A channel that is a sum of terms."""
+        """Add a channel that is a sum of terms."""
         self._add_terms(SUM, terms, 0)
 
     def add_angle(self, what: ChannelKind, term: Term, a: int = 0) -> None:
-        """A channel of one term that counts turns, angle `a` of a sensor."""
+        """Add a channel of one term that counts turns: angle number `a` of a sensor."""
         self._add_terms(what, [term], a)
 
     def _add_terms(self, what: ChannelKind, terms: Sequence[Term], a: int) -> None:
@@ -229,19 +230,19 @@ class Channels:
             self.terms.append((measure, *term[1:-1], channel, term.factor))
 
     def add_program(self, expression: Expression) -> None:
-        """A channel that is computed from others."""
+        """Add a channel that is an expression of others."""
         self.add(EXPRESSION, len(self.programs))
         self.programs.append(expression)
 
 
 def add_place(channels: Channels, spec: PlaceSensorSpec) -> None:
-    """The place of a curve marker along its curve, or its rate."""
+    """Add a channel: position of a curve marker along its curve, or its rate."""
     k = channels.lowering.groups.curve_points.number(spec.joint, spec.on)
     channels.add((PLACE, PLACE_RATE)[spec.derivative], channels.places[spec.derivative] + k)
 
 
 def add_energy(channels: Channels, spec: EnergySensorSpec) -> None:
-    """An energy of the model or of one body."""
+    """Add a channel: an energy of the model or of one body."""
     number = _ENERGIES.index(spec.quantity)
     if spec.body is None:
         channels.add(ENERGY, number)
@@ -250,7 +251,7 @@ def add_energy(channels: Channels, spec: EnergySensorSpec) -> None:
 
 
 def add_reaction(channels: Channels, spec: ReactionSensorSpec) -> None:
-    """Three components of the force or moment of an element on one of its markers."""
+    """Add three channels: components of the force or moment of an element on one of its markers."""
     lowering = channels.lowering
     element = lowering.element(spec)
     fixed = {"global": GLOBAL_AXES, "joint": _AXES_OF_SIDE}
@@ -269,7 +270,7 @@ def add_reaction(channels: Channels, spec: ReactionSensorSpec) -> None:
 
 
 def add_expression(channels: Channels, spec: ExpressionSensorSpec) -> None:
-    """An expression of other channels."""
+    """Add a channel: an expression of other channels."""
     channels.add_program(channels.lowering.functions.resolve(spec.value.expression))
 
 
@@ -282,8 +283,8 @@ EXPRESSIONS = SensorKind(("expression",), add_expression, channels=(EXPRESSION,)
 def sensor_tables(channels: Channels, states: Mapping[str, int]) -> tuple[Sensors, dict[str, int]]:
     """The tables of all channels in the order of `Model.channels`, and their numbers by name.
 
-    `states` is the velocity coordinate of each state by name; those that are no channel of the
-    results stand behind the others.
+    `states`: velocity coordinate of each state by name. States that are no channel of the results
+    come after all others.
     """
     model = channels.lowering.model
     add_sensor = {word: kind.add for kind in channels.kinds for word in kind.types}
