@@ -200,7 +200,8 @@ def _check_placement(
                 f"bodies.{body.name}",
                 f"would have to move by {body.text(model.units)} to close the joints: as placed "
                 f"{gap.name} is {open_by(model, gap)}; place it where its joints close, "
-                + "turn a marker of the joint by its orientation, " * (gap.angle > _MAX_DISPLACEMENT)
+                + "turn a marker of the joint by its orientation, "
+                * (gap.angle > _MAX_DISPLACEMENT)
                 + "or accept what they do by an empty section [assembly]",
             )
             for body, gap in ((one, _gap_of(model, gaps, one.name)) for one in far[:_MAX_SHOWN])
