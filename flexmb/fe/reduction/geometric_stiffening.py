@@ -97,9 +97,9 @@ def with_geometric_stiffening(
 
 
 def _bent(points: tuple[LoadPoint, ...], form: FloatArray) -> tuple[LoadPoint, ...]:
-    """The load's points; the first force gets the second-order displacement of its point.
+    """The points of a load, with the second-order displacement of the first one with a force.
 
-    ``form`` is the geometric stiffness of the whole load.
+    It is such that this force does the work of the geometric stiffness ``form`` of the whole load.
     """
     bends = np.zeros((len(points), 3, *form.shape))
     for point, bend in zip(points, bends, strict=True):
