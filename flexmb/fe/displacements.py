@@ -1,8 +1,10 @@
-"""From modal coordinates back to the mesh: motion of its nodes, and the surface that is drawn.
+"""From modal coordinates back to the mesh: the motion of its nodes, and the surface that is drawn.
 
-Where a node has no rotation of its own, it is half the curl of the displacement, averaged over the
-elements that meet there; nodes of an interface turn with it. The drawn surface has the skin of
-solids and shells, and the sections of beams extruded along them, whose corners turn with the nodes.
+A node without rotational degrees of freedom gets half the curl of the displacement field as its
+rotation, averaged over the elements that meet there. The nodes of a rigid interface rotate with the
+interface. The drawn surface consists of the skin of solids and shells and of the cross-sections of
+beams extruded along them; the corners of these cross-sections follow the translation and rotation
+of the nodes.
 """
 
 from __future__ import annotations
@@ -23,16 +25,16 @@ from flexmb.progress import Progress, silent
 
 
 class Extruded(NamedTuple):
-    """The drawn surface of all beams."""
+    """The drawn surface of all beams: their cross-sections, extruded along the elements."""
 
     points: FloatArray  # (n, 3) [m]
     faces: IntArray  # (t, 3)
     modes: FloatArray  # (n, 3, m) displacement per unit modal coordinate [m]
-    node_ids: IntArray  # (n,) mesh node of each point
+    node_ids: IntArray  # (n,) mesh node that each point moves with
 
 
 def extruded_beams(fe: FEMatrices, nodes: NodeModes) -> Extruded:
-    """The sections of all beams extruded along them.
+    """Extrude the cross-sections of all beams along their elements.
 
     Parameters
     ----------
@@ -56,7 +58,7 @@ def extruded_beams(fe: FEMatrices, nodes: NodeModes) -> Extruded:
     node_ids = np.concatenate([np.zeros(0, dtype=np.int64), *owners])
     points = np.concatenate(corners)
     rows = np.searchsorted(nodes.ids, node_ids)
-    assert nodes.Phi_r is not None  # beams turn
+    assert nodes.Phi_r is not None  # nodes of beams always have rotations
     arms = (points - nodes.position[rows])[:, :, None]
     modes = nodes.Phi_t[rows] + np.cross(nodes.Phi_r[rows], arms, axis=1)
     return Extruded(points, np.concatenate(faces), modes, node_ids)
@@ -65,9 +67,12 @@ def extruded_beams(fe: FEMatrices, nodes: NodeModes) -> Extruded:
 def _extruded(
     fe: FEMatrices, blocks: list[Block], smooth: list[IntArray]
 ) -> tuple[FloatArray, IntArray, IntArray]:
-    """Rings of corners (r, p, 3) and their nodes (r,), and triangles between and across them.
+    """Corners (r, p, 3) and nodes (r,) of the rings of a group of beams, and the triangles of its
+    skin.
 
-    Elements that continue each other share the ring at their node.
+    A ring is the outline of the cross-section at a node. Elements that continue each other smoothly
+    share the ring at their common node. Triangles join the rings along each element and close free
+    ends.
     """
     fields = [BeamFields(fe.mesh.points[block.nodes], block.section) for block in blocks]
     pieces = [len(part) for part in outline(fields[0].end_sections(len(blocks[0].nodes))[0][0])]
@@ -92,7 +97,7 @@ def _extruded(
 
 
 def _corners(fields: BeamFields, ne: int) -> FloatArray:
-    """(ne, 2, p, 3) corners of the sections at both ends of each element."""
+    """(ne, 2, p, 3) corners of the cross-sections at both ends of each element [m]."""
     flat = np.array(
         [[np.concatenate(outline(part)) for part in row] for row in fields.end_sections(ne)]
     )
@@ -101,7 +106,11 @@ def _corners(fields: BeamFields, ne: int) -> FloatArray:
 
 
 def _sides(ends: IntArray, size: int, at: int, width: int) -> IntArray:
-    """Triangles between the polygons of ``size`` corners at both ends of each element."""
+    """(t, 3) triangles of the side faces between the rings of ``size`` corners at both ends of
+    elements.
+
+    Corner c of ring r has the number r * ``width`` + ``at`` + c.
+    """
     here = at + np.arange(size)
     there = at + (np.arange(size) + 1) % size
     a, b = ends[:, :1] * width, ends[:, 1:] * width
@@ -111,7 +120,7 @@ def _sides(ends: IntArray, size: int, at: int, width: int) -> IntArray:
 
 
 def _caps(rings: IntArray, size: int, at: int, width: int, outwards: bool) -> IntArray:
-    """Triangles across convex polygons, normal along the beam (``outwards``) or against it."""
+    """(t, 3) triangles that close rings of convex polygons; ``outwards``: normal along the beam."""
     fan = np.stack([np.zeros(size - 2, dtype=np.int64), *np.add.outer((1, 2), np.arange(size - 2))])
     fan = fan.T if outwards else fan.T[:, ::-1]
     return (rings[:, None, None] * width + at + fan).reshape(-1, 3)
@@ -171,7 +180,8 @@ def surface(fe: FEMatrices, nodes: NodeModes) -> Surface:
 
 
 def _mean_rotation(fe: FEMatrices, u: FloatArray, progress: Progress) -> FloatArray:
-    """(nodes, 3, m) half the curl at each node, mean over its solids; zero without any."""
+    """(nodes, 3, m) half the curl of u at each node, averaged over its solids; zero without
+    solids."""
     count, m = len(fe.mesh.points), u.shape[1]
     total, met = np.zeros((count, 3, m)), np.zeros(count)
     solids = [block for block in fe.blocks if not block.family.rotations]

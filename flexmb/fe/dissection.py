@@ -1,11 +1,12 @@
 """Order of elimination by nested dissection of the graph of a matrix.
 
-Degrees of freedom at one place (without positions: with the same pattern) are one vertex of
-:class:`Graph`. A piece is cut by a plane; the vertices that separate its two sides are eliminated
-after both. The plane has the smallest quotient separator / (p (1 - p)), p the share on one side,
-among all positions along the coordinate and the principal axes; the separator is a smallest cover
-of the cut edges (König's theorem). Without positions, distances in the graph from a few landmarks
-are the coordinates. Source: George (1973), SIAM J. Numer. Anal. 10(2), 345-363.
+Degrees of freedom of one node are one vertex of :class:`Graph`; without positions, neighbouring
+rows of the matrix with the same pattern are. A set of vertices is cut by a plane; the vertices that
+separate its two sides are eliminated after both. Among all planes normal to the coordinate axes and
+the principal axes, the one with the smallest separator / (p (1 - p)) is taken, where p is the
+fraction of the degrees of freedom on one side. The separator is a minimum vertex cover of the cut
+edges (König's theorem). Without positions, distances in the graph from a few landmark vertices
+serve as coordinates. Source: George (1973), SIAM J. Numer. Anal. 10(2), 345-363.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ _LANDMARKS = 3
 
 @dataclass(frozen=True, eq=False)
 class Graph:
-    """Vertices of a matrix, their neighbours and places.
+    """The graph of a sparse matrix: vertices, their neighbours and positions.
 
     Parameters
     ----------
@@ -56,7 +57,7 @@ def matrix_graph(K: csr_array, points: FloatArray | None = None) -> Graph:
 
 
 def _same_pattern(K: csr_array) -> np.ndarray:
-    """(n - 1,) whether a row of the matrix has entries where the one before has."""
+    """(n - 1,) whether row i + 1 of the matrix has its entries in the same columns as row i."""
     key = np.random.default_rng(0).integers(1 << 62, size=K.shape[0])
     sums = np.concatenate([[0], np.cumsum(key[K.indices])])[K.indptr]
     total = np.diff(sums)
@@ -74,7 +75,8 @@ def _quotient(K: csr_array, first: IntArray) -> csr_array:
 
 
 def _distances(neighbours: csr_array) -> FloatArray:
-    """(v, 3) steps from landmarks, each as far as can be from those before, as coordinates."""
+    """(v, 3) distances in the graph from landmarks, each as far as possible from the earlier
+    ones."""
     v = neighbours.shape[0]
     places = np.zeros((v, _LANDMARKS))
     start = 0
@@ -91,16 +93,17 @@ def _steps(neighbours: csr_array, start: int) -> FloatArray:
     return np.where(np.isfinite(far), far, far[np.isfinite(far)].max() + 1.0)
 
 
-_LEAF = 240  # degrees of freedom of a piece that is not cut further
-_MIN_SHARE = 0.3  # of a piece that is wanted on either side of a cut
-_UNBALANCE_COST = 10.0  # factor on the cost of a cut that leaves less
-_SLIM_EXTENT = 0.2  # share of the largest extent below which a piece is not cut along an axis
-_SAME_PLACE = 1e-9  # coordinates closer than this share of the extent are one
+_LEAF = 240  # a set of fewer degrees of freedom is not cut further
+_MIN_SHARE = 0.3  # wanted least fraction of a set's degrees of freedom on either side of a cut
+_UNBALANCE_COST = 10.0  # factor on the cost of a cut with less than that on one side
+# a set is not cut across an axis along which its extent is below this fraction of its largest
+_SLIM_EXTENT = 0.2
+_SAME_PLACE = 1e-9  # coordinates that differ by less than this fraction of the extent are equal
 
 
 @dataclass(frozen=True, eq=False)
 class Dissection:
-    """Sets of vertices in the order they are eliminated, children before their parent.
+    """Sets of vertices in the order of elimination, children before their parent.
 
     Parameters
     ----------
@@ -117,7 +120,7 @@ class Dissection:
 def dissect(graph: Graph, leaf: int = _LEAF) -> Dissection:
     """Cut the graph into pieces of at most about ``leaf`` degrees of freedom."""
     weights = graph.weights.astype(float)
-    sets: list[IntArray] = []  # a parent before its children: turned round at the end
+    sets: list[IntArray] = []  # a parent before its children; reversed at the end
     stack = [(np.arange(len(weights)), graph.neighbours)]
     while stack:
         piece, inner = stack.pop()
@@ -132,7 +135,8 @@ def dissect(graph: Graph, leaf: int = _LEAF) -> Dissection:
             sets.append(piece[between[_curve(graph.places[piece[between]])]])
         if weights[piece[left]].sum() > weights[piece[right]].sum():
             left, right = right, left
-        for side in (right, left):  # the last is cut first, turned round eliminated last
+        # the side pushed last is cut first; after the reversal it is eliminated last
+        for side in (right, left):
             stack.append((piece[side], inner[side][:, side]))
     sets.reverse()
     first = np.concatenate([[0], np.cumsum([len(part) for part in sets])])
@@ -142,7 +146,8 @@ def dissect(graph: Graph, leaf: int = _LEAF) -> Dissection:
 def _cut(
     inner: csr_array, places: FloatArray, weights: FloatArray
 ) -> tuple[IntArray, IntArray, IntArray] | None:
-    """Both sides of the best plane and what separates them; None if no plane cuts the piece."""
+    """Vertices on both sides of the best plane and of the separator; None if no plane cuts the
+    set."""
     best, left = np.inf, None
     for x in _axes(places):
         cost, at = _position(inner, x, weights)
@@ -160,7 +165,8 @@ def _cut(
 
 
 def _axes(places: FloatArray) -> list[FloatArray]:
-    """Coordinates along the axes and the principal axes, rounded so that layers are seen."""
+    """Coordinates along the coordinate and principal axes, rounded so that layers of nodes
+    coincide."""
     centred = places - places.mean(axis=0)
     turned = centred @ np.linalg.eigh(centred.T @ centred)[1]
     axes = []
@@ -172,10 +178,11 @@ def _axes(places: FloatArray) -> list[FloatArray]:
 
 
 def _position(inner: csr_array, x: FloatArray, weights: FloatArray) -> tuple[float, float]:
-    """Cost of the best cut along one axis, and the coordinate up to which it is the left side.
+    """The cost of the best cut normal to one axis, and the coordinate x of the plane.
 
-    Counting does it: a vertex lies left of t with a neighbour right of it if x <= t < max over its
-    neighbours, so that the size of either side's boundary is a difference of cumulated weights.
+    For a plane at t, a vertex on the left has a neighbour on the right if x <= t < max(x of its
+    neighbours). So the number of degrees of freedom next to the plane is a difference of two
+    cumulative sums over the sorted coordinates, for all t at once.
     """
     near = x[inner.indices]
     above = np.maximum.reduceat(near, inner.indptr[:-1])
@@ -196,14 +203,14 @@ def _position(inner: csr_array, x: FloatArray, weights: FloatArray) -> tuple[flo
 
 
 def _cumulated(x: FloatArray, weights: FloatArray, at: FloatArray) -> FloatArray:
-    """Weight of all with x <= t, for each t of ``at``."""
+    """Sum of the weights of all vertices with x <= t, for each t of ``at``."""
     order = np.argsort(x, kind="stable")
     sums = np.concatenate([[0.0], np.cumsum(weights[order])])
     return sums[np.searchsorted(x[order], at, side="right")]
 
 
 def _cover(inner: csr_array, left: np.ndarray) -> IntArray:
-    """The fewest vertices that touch every edge from the left side to the right side."""
+    """Minimum vertex cover of the edges between the left and the right side (König's theorem)."""
     rows = np.repeat(np.arange(len(left)), np.diff(inner.indptr))
     cut = left[rows] & ~left[inner.indices]
     a, i = np.unique(rows[cut], return_inverse=True)
@@ -217,7 +224,7 @@ def _cover(inner: csr_array, left: np.ndarray) -> IntArray:
 
 
 def _alternating(i: IntArray, j: IntArray, mate: IntArray, columns: int) -> np.ndarray:
-    """What alternating paths from unmatched rows reach: rows, then columns."""
+    """(rows + columns,) bool: vertices on alternating paths from unmatched rows, rows first."""
     rows = len(mate)
     matched, free = np.flatnonzero(mate >= 0), np.flatnonzero(mate < 0)
     source = rows + columns
@@ -230,7 +237,7 @@ def _alternating(i: IntArray, j: IntArray, mate: IntArray, columns: int) -> np.n
 
 
 def _curve(places: FloatArray) -> IntArray:
-    """Order along a space-filling curve (Morton): what is near in space is near in the order.
+    """Order of places along a space-filling curve (Morton), which keeps neighbours together.
 
     A smaller front then touches few contiguous runs of rows of a larger one.
     """

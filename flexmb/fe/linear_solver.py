@@ -3,11 +3,12 @@
 :func:`factor` returns a :class:`Factor` that solves for one or many right sides. SuperLU takes
 models of a few thousand unknowns; larger ones go to the multifrontal Cholesky factorisation, or to
 PARDISO if pypardiso is installed (``pip install flexmb[mkl]``; at 92 000 unknowns on one core 8.9 s
-against 7 s of the multifrontal factorisation, faster on many cores). A matrix that leaves a motion
-free is refused with the part that moves: the softest motion is found by inverse iteration on the
-matrix scaled to a unit diagonal, and its stiffness is formed with the matrix itself. Rounding
-leaves 1e-16 there; a cantilever of 2000 beam elements still has 3e-14. Elimination without pivoting
-is stable for these matrices: residuals are at rounding of abs(K) abs(x), refinement adds nothing.
+against 7 s of the multifrontal factorisation, faster on many cores). A stiffness matrix with a free
+motion (zero stiffness) is refused, and the error names the part that moves. The softest motion is
+found by inverse iteration on the matrix scaled to a unit diagonal, and its stiffness is computed
+with the unfactorised matrix: for a free motion rounding leaves 1e-16, while a cantilever of 2000
+beam elements still has 3e-14. Elimination without pivoting is stable for positive definite
+matrices: residuals are at rounding level of abs(K) abs(x), so refinement would add nothing.
 
 :func:`require_memory` refuses work that cannot fit before it starts. The free memory is what psutil
 reports as available, or what the control groups of the process leave (Linux; psutil does not know
@@ -35,13 +36,15 @@ from flexmb.fe.multifrontal import Fronts, Multifrontal, NotPositive, fronts
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.progress import Progress, silent
 
-SHIFT = 1e-10  # added to the unit diagonal to look for free motions of a matrix that has no factor
-_SINGULAR = 2e-15  # softer than this relative to the diagonal is free
-_MOVING_SHARE = 1e-4  # of the largest entry of a free motion, from which an unknown takes part
+# added to the unit diagonal of a matrix without factors, so that its free motions can be found
+SHIFT = 1e-10
+_SINGULAR = 2e-15  # a motion whose stiffness relative to the diagonal is below this is free
+# an unknown takes part in a free motion from this fraction of its largest entry on
+_MOVING_SHARE = 1e-4
 
 
 class SingularMatrix(ReductionError):
-    """A part of the model is held by nothing; ``dofs`` are its unknowns (rows of the matrix)."""
+    """A part of the model is not supported; ``dofs`` are its unknowns (rows of the matrix)."""
 
     dofs: IntArray = np.zeros(0, dtype=int)
 
@@ -65,7 +68,7 @@ def stiffness_scale(K: csr_array) -> FloatArray:
 def softest(
     K: csr_array, solve: Callable[[FloatArray], FloatArray], steps: int = 2
 ) -> tuple[float, FloatArray]:
-    """The smallest stiffness relative to the diagonal, and its motion (n,), about.
+    """The smallest stiffness relative to the diagonal, and the motion (n,) with it, approximately.
 
     Parameters
     ----------
@@ -88,7 +91,7 @@ def softest(
 def require_stiff(
     K: csr_array, solve: Callable[[FloatArray], FloatArray], points: FloatArray | None = None
 ) -> None:
-    """Refuse a matrix that leaves a motion free; ``points`` (n, 3) say where its unknowns are.
+    """Refuse a matrix with a free motion; ``points`` (n, 3) are the positions of its unknowns.
 
     Raises
     ------
@@ -103,7 +106,7 @@ def require_stiff(
 def free_part_error(
     K: csr_array, motion: FloatArray, points: FloatArray | None = None
 ) -> SingularMatrix:
-    """The error that names what moves in a motion without stiffness.
+    """The error that names the nodes that move in a motion without stiffness.
 
     Parameters
     ----------
@@ -174,9 +177,10 @@ except ImportError:
 PARDISO_INSTALLED = pypardiso is not None
 """Whether pypardiso is installed."""
 
-_POSITIVE_DEFINITE = 2  # type of matrix, of which PARDISO wants the upper triangle
-_ANALYSE, _FACTOR, _SOLVE = 11, 22, 33  # phases
-_REFINEMENT, _PERMANENT, _WORK, _NNZ = 8, 16, 17, 18  # places in its table of parameters, from 1
+# PARDISO's matrix type "symmetric positive definite"; it reads the upper triangle
+_POSITIVE_DEFINITE = 2
+_ANALYSE, _FACTOR, _SOLVE = 11, 22, 33  # PARDISO's numbers of its phases
+_REFINEMENT, _PERMANENT, _WORK, _NNZ = 8, 16, 17, 18  # indices of PARDISO's parameters, from 1
 _NOT_POSITIVE = "-4"
 
 
@@ -232,7 +236,8 @@ class Pardiso:
             raise
 
 
-_MAX_SUPERLU = 5000  # unknowns up to which SuperLU is as fast
+# up to this number of unknowns SuperLU is as fast as the multifrontal factorisation
+_MAX_SUPERLU = 5000
 
 
 class Factor(Protocol):
@@ -278,7 +283,8 @@ def factor(K: csr_array, points: FloatArray | None = None, progress: Progress = 
     else:
         compute = _large(K, points, progress)
     factors = None
-    with suppress(NotPositive):  # left behind at once, with all the memory its traceback holds
+    # the exception is dropped at once, with the memory that its traceback refers to
+    with suppress(NotPositive):
         factors = compute(K)
     if factors is None:
         raise _why(K, compute, points)
@@ -288,7 +294,7 @@ def factor(K: csr_array, points: FloatArray | None = None, progress: Progress = 
 
 
 def _canonical(K: csr_array) -> csr_array:
-    """The matrix with one entry for each place."""
+    """The matrix with one stored entry for each position."""
     K = csr_array(K)
     if not K.has_canonical_format:
         K = K.copy()
@@ -313,7 +319,10 @@ def _plan(K: csr_array, points: FloatArray | None, progress: Progress) -> Fronts
 
 
 def _why(K: csr_array, compute: Compute, points: FloatArray | None) -> ReductionError:
-    """What a matrix without factors lacks: a little stiffness everywhere makes free parts move."""
+    """The error for a matrix without factors: names the free part, or the negative stiffness.
+
+    A small stiffness added to the diagonal makes the matrix definite if it only has free motions.
+    """
     try:
         shifted = compute(K + SHIFT * diags_array(K.diagonal()))
     except NotPositive as worse:
@@ -368,7 +377,8 @@ def require_memory(needed: float, what: str, cure: str = _COARSER) -> None:
 
 
 def available_memory() -> float:
-    """Bytes this process may still take: of the machine, and of its control groups."""
+    """Bytes that this process may still allocate: limits of the machine and of its control
+    groups."""
     import psutil
 
     limits = [float(psutil.virtual_memory().available)]
@@ -391,7 +401,7 @@ def _own_limit() -> float | None:
 
 
 def _cgroups(path: Path, root: Path) -> list[float]:
-    """What each control group above this process leaves, version 2 and version 1.
+    """Free bytes of each control group that this process belongs to, of versions 2 and 1.
 
     ``path`` lists the groups of the process, ``root`` is where they are mounted.
     """
@@ -411,14 +421,15 @@ def _cgroups(path: Path, root: Path) -> list[float]:
 
 
 def _left(root: Path, path: str, limit: str, usage: str, cache: str) -> list[float]:
-    """Limit less usage of a group and of all above it; file cache counts as free."""
+    """Limit less usage of a control group and of all above it [bytes]; file cache counts as
+    free."""
     here = root / path.strip("/")
     limits: list[float] = []
     for folder in (here, *here.parents):
         if not folder.is_relative_to(root):
             break
         try:
-            # without a limit it says "max", which is no number
+            # a group without a limit has the text "max", which is no number
             most = float((folder / limit).read_text(encoding="utf-8"))
             used = float((folder / usage).read_text(encoding="utf-8"))
             rows = (folder / "memory.stat").read_text(encoding="utf-8").splitlines()

@@ -1,9 +1,10 @@
 """What is wrong or suspicious about a mesh, in sentences.
 
-:func:`mesh_report` returns :class:`Finding` objects: notes, warnings, and errors for what cannot be
-a body. The quality of an element is its scaled Jacobian: at each corner the volume (area) spanned
-by its edges over the product of their lengths, scaled to 1 for the regular element; the least of
-its corners counts. Source: Knupp et al., The Verdict Library Reference Manual, Sandia 2007.
+:func:`mesh_report` returns :class:`Finding` objects: notes, warnings, and errors for a mesh that no
+body can be made of. The quality of an element is its scaled Jacobian: at each corner the volume
+(area) spanned by its edges over the product of their lengths, scaled to 1 for the regular element;
+the smallest value of its corners. Source: Knupp et al., The Verdict Library Reference Manual,
+Sandia 2007.
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ CORNERS: dict[str, tuple[str, float]] = {
 def scaled_jacobian(kind: str, x: FloatArray) -> FloatArray | None:
     """(ne,) quality of elements with node coordinates x (ne, k, 3); None for other kinds.
 
-    Left-handed numbering, or a normal to either side, counts as right; negative is what folds.
+    Numbering may be left- or right-handed, and a normal may point to either side; a negative value
+    means that the element is folded.
     """
     shape = CORNERS.get(kind.rstrip("0123456789"))
     if shape is None:
@@ -59,10 +61,13 @@ def scaled_jacobian(kind: str, x: FloatArray) -> FloatArray | None:
     return np.min(quality * np.where(quality.sum(axis=0) < 0, -1.0, 1.0), axis=0)
 
 
-SLIVER = 0.05  # scaled Jacobian; the regular element has 1
-_COINCIDENT = 1e-6  # distance over the extent of the mesh
-_ON_EDGE = 1e-4  # distance over the edge: an element between the two were a sliver
-_EXTENT = (1e-4, 100.0)  # m: a part of 450 mm read as metres is beyond
+# scaled Jacobian below which an element is reported as a sliver; the regular element has 1
+SLIVER = 0.05
+_COINCIDENT = 1e-6  # nodes closer than this fraction of the extent of the mesh are coincident
+# a node lies on an edge if its distance is below this fraction of the edge's length
+_ON_EDGE = 1e-4
+# plausible extent of a part [m]: one of 450 mm that is read as metres is outside
+_EXTENT = (1e-4, 100.0)
 
 Cells = tuple[str, IntArray]
 
@@ -80,7 +85,7 @@ def mesh_report(
     linked: Sequence[IntArray] = (),
     unit: str = "m",
 ) -> list[Finding]:
-    """Everything worth saying about a mesh.
+    """All findings about a mesh.
 
     Parameters
     ----------
@@ -115,9 +120,9 @@ def mesh_report(
 
 
 def size_sentence(points: FloatArray, unit: float = 1.0) -> str:
-    """What hints at a slip of units in the extent of these points [m]; empty if nothing does.
+    """A sentence if the extent of these points [m] hints at a wrong unit of length; else empty.
 
-    `unit` [m] is that of the mesh: who writes in micrometres has small parts.
+    `unit` [m] is the mesh's unit of length: in a mesh in micrometres small parts are no hint.
     """
     extent = float(np.ptp(points, axis=0).max())
     if _EXTENT[0] * min(1.0, unit / 1e-3) <= extent <= _EXTENT[1]:
@@ -135,7 +140,7 @@ def parts(count: int, groups: Sequence[IntArray]) -> IntArray:
 
 
 class _Places:
-    """Places of nodes and elements as text."""
+    """Writes the positions of nodes and elements as text."""
 
     def __init__(self, mesh: Mesh, unit: str) -> None:
         self.points, self._unit, self._mesh = mesh.points, unit, mesh
@@ -234,7 +239,8 @@ def _coincident(
     for axis in np.sqrt([[0.2, 0.3, 0.5], [0.3, 0.5, 0.2], [0.5, 0.2, 0.3]]):
         used = used[np.argsort(mesh.points[used] @ axis)]
         gaps = np.diff(mesh.points[used] @ axis, prepend=-np.inf, append=np.inf)
-        used = used[np.minimum(gaps[1:], gaps[:-1]) <= 1.01 * near]  # along any axis; few are left
+        # nodes with a neighbour along one axis; sorting leaves few candidates
+        used = used[np.minimum(gaps[1:], gaps[:-1]) <= 1.01 * near]
     if len(used) < 2:
         return
     tree = scipy.spatial.cKDTree(mesh.points[used])
@@ -252,7 +258,7 @@ def _coincident(
 def _hanging(
     mesh: Mesh, cells: Sequence[Cells], linked: Sequence[IntArray], place: _Places
 ) -> Iterator[Finding]:
-    """Nodes inside the edges of elements that do not have them: one side can open there."""
+    """Nodes on edges of elements that do not have these nodes: the mesh can open there."""
     used, ends = _used(cells), [np.zeros((0, 2), int)]
     for kind, nodes in cells:
         edges = FAMILIES[kind].edges if kind in FAMILIES else ()

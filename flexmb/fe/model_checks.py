@@ -1,8 +1,9 @@
 """What is wrong or suspicious about a finite-element model, in sentences.
 
-A release is a hinge only if something else at its node holds the motion: another element, a tie, or
-an interface of several nodes. An interface of that node alone would get a coordinate without mass
-or stiffness. The nominal mass is the sum of volumes (areas, lengths) times density.
+An end release is a hinge only if something else supports the released motion of its node: another
+element, a tie, or an interface with several nodes. An interface of that node alone would get a
+coordinate without mass or stiffness. The nominal mass is the sum of volumes (areas, lengths) times
+density.
 """
 
 from __future__ import annotations
@@ -28,12 +29,17 @@ from flexmb.fe.sections.beam_chain import BoundBeam
 from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero
 from flexmb.materials import plausibility
 
-_CURVED_SHARE = 0.7  # of normals along x up to the change of axes; walls at 0 or 90 degrees pass
-_MAX_FULL = 3000  # degrees of freedom whose modes from full matrices take minutes
-_VECTORS_PER_MODE = 4  # Lanczos vectors and their copies
-_MAX_MASS = 1e7  # kg: a bracket of 90 mm read as metres is heavier
-_MASS_TOLERANCE = 1e-3  # relative; curved elements have another quadrature than their mass
-_SIMPSON = ((0.0, 1 / 6), (0.5, 2 / 3), (1.0, 1 / 6))  # exact for an area that varies as a square
+# largest |n_x| of element normals that reaches the switch of the default axis at `STEEP` without
+# hinting at a curved shell; flat walls at 0 or 90 degrees pass
+_CURVED_SHARE = 0.7
+_MAX_FULL = 3000  # degrees of freedom above which modes from full matrices would take minutes
+_VECTORS_PER_MODE = 4  # Lanczos vectors stored for each mode, with their copies
+# implausible mass of a part [kg]: a bracket of 90 mm that is read as metres is heavier
+_MAX_MASS = 1e7
+# relative difference from the nominal mass; for curved elements the quadratures differ
+_MASS_TOLERANCE = 1e-3
+# (fraction, weight): exact for an area that varies quadratically
+_SIMPSON = ((0.0, 1 / 6), (0.5, 2 / 3), (1.0, 1 / 6))
 
 
 def check_releases(
@@ -83,8 +89,11 @@ def check_releases(
 
 
 def nominal_mass(blocks: Iterable[Block], points: FloatArray) -> float:
-    """Volumes, areas or lengths of all elements times their density, and mass per area or length
-    that adds no stiffness [kg]; the materials of all blocks are known."""
+    """Mass [kg] of all elements from volume, area or length times density.
+
+    Includes mass per area or length that adds no stiffness; the materials of all blocks must be
+    known.
+    """
     total = 0.0
     for block in blocks:
         size = block.family.measure(points[block.nodes], block.section)
@@ -98,7 +107,7 @@ def point_mass(masses: Mapping[str, Mapping[str, Any]] | None) -> float:
 
 
 def mass_sentence(fe: FEMatrices, points: float = 0.0) -> str:
-    """What is wrong with the mass of the matrices; empty if nothing is.
+    """A sentence if the mass of the matrices is not plausible; else empty.
 
     ``points`` [kg] is the sum of masses at nodes.
     """
@@ -128,7 +137,7 @@ def _density(section: Any, dimension: int) -> float | FloatArray:
 
 
 def _mean_line_mass(section: Any, start: float, end: float) -> float:
-    """Mean mass per length of a section that varies, from one fraction of its chain to another."""
+    """Mean mass per length [kg/m] of a section that varies, between two fractions of its chain."""
     parts = [(section.at(start + s * (end - start)), weight) for s, weight in _SIMPSON]
     return float(
         sum(w * (part.A * section.material.density + part.nonstructural) for part, w in parts)
@@ -138,9 +147,11 @@ def _mean_line_mass(section: Any, start: float, end: float) -> float:
 def model_findings(
     model: MeshModel | FEMatrices, interfaces: tuple[ModelInterface, ...], unit: float
 ) -> list[Finding]:
-    """What is worth reporting of a model: notes, and what hints at a slip in mesh or units, a
-    length of which is `unit` [m]; errors where the mesh falls into parts that neither nodes nor an
-    interface, a tie or a spring join."""
+    """Findings about a model: notes, and hints at mistakes in the mesh or its units.
+
+    They are errors where the mesh falls into parts that no node, interface, tie or spring joins.
+    `unit` [m] is the mesh's unit of length.
+    """
     linked = [part.nodes for part in (*interfaces, *model.springs)]
     linked += [np.append(tie.nodes, tie.reference) for tie in model.ties]
     of = {model.material: ""}
@@ -180,7 +191,8 @@ def _turned_axes(model: MeshModel | FEMatrices) -> Iterator[Finding]:
     for b in model.blocks:
         if b.family.dimension != 2 or b.section.orientation or not b.section.has_directions:
             continue
-        along = np.abs(flatten(model.mesh.points[b.nodes]).axes[:, 0, 2])  # of the normal, along x
+        # |n_x| of the element normals
+        along = np.abs(flatten(model.mesh.points[b.nodes]).axes[:, 0, 2])
         if ((along > _CURVED_SHARE) & (along <= STEEP)).any() and (
             (along > STEEP) & (along < 0.999)
         ).any():
@@ -192,10 +204,11 @@ def _turned_axes(model: MeshModel | FEMatrices) -> Iterator[Finding]:
 
 @dataclass(frozen=True)
 class Survey:
-    """What is known of a body before it is reduced.
+    """What is known of a body before its reduction.
 
-    With ``problems`` the rest is missing. ``coordinates`` says how the kept ones are counted;
-    ``mass`` is in kg; ``interfaces`` are places, ``points`` (n, 3) nodes in the mesh frame [m].
+    If there are ``problems``, the other fields are empty. ``coordinates`` says in words how the
+    modal coordinates are counted; ``mass`` is in kg; ``interfaces`` are positions and ``points``
+    (n, 3) nodes in the mesh frame [m].
     """
 
     problems: list[Problem]
@@ -212,7 +225,7 @@ class Survey:
 def check_mode_count(
     model: MeshModel, ends: tuple[ModelInterface, ...], modes: Any, reduction: str
 ) -> None:
-    """Refuse (ReductionError) more modes than degrees of freedom that the interfaces leave free."""
+    """Refuse (ReductionError) more modes than the model has with its interfaces fixed."""
     if reduction == "user":
         read_user_modes(modes)
     if reduction not in ("craig-bampton", "free-interface"):

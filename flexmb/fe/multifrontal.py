@@ -1,12 +1,12 @@
 """Multifrontal Cholesky factorisation on dense BLAS and LAPACK.
 
-Each front adds up the entries of the rows it eliminates and the updates of its children, eliminates
-(potrf, trsm) and leaves an update (syrk) to its parent: nearly all work is on full matrices. Only
-lower triangles are formed. :class:`Fronts` are known before any number is computed, and with them
-the entries, operations and memory of the factorisation. It is used besides scipy's SuperLU because
-that has no symmetric mode: at 92 000 unknowns of a solid it takes several times the time and
-memory. Sources: Duff, Reid (1983), ACM Trans. Math. Softw. 9(3), 302-325; Liu (1992), SIAM Review
-34(1), 82-109.
+The front of a set of rows is a dense matrix. It sums the entries of these rows and the updates of
+its children, eliminates the rows (potrf, trsm) and passes an update (syrk) to its parent, so nearly
+all work is done on full matrices. Only lower triangles are formed. :class:`Fronts` are known before
+any number is computed, and with them the number of entries, the operations and the memory of the
+factorisation. It is used besides SciPy's SuperLU because that has no symmetric mode: for a solid of
+92 000 unknowns it takes several times the time and memory. Sources: Duff, Reid (1983), ACM Trans.
+Math. Softw. 9(3), 302-325; Liu (1992), SIAM Review 34(1), 82-109.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Fronts:
 
     @property
     def sizes(self) -> tuple[FloatArray, FloatArray]:
-        """(s,) eliminated and (s,) updated rows of each front."""
+        """(s,) number of rows that each front eliminates, and (s,) number that it updates."""
         own = np.diff(self.first).astype(float)
         return own, np.array([len(border) for border in self.borders], dtype=float)
 
@@ -71,13 +71,13 @@ class Fronts:
 
     @property
     def flops(self) -> FloatArray:
-        """(s,) multiplications and additions of each front."""
+        """(s,) multiplications and additions in each front."""
         own, border = self.sizes
         return own**3 / 3 + own**2 * border + own * border**2
 
     @property
     def memory(self) -> float:
-        """Largest number of bytes that factors and waiting updates take at one time."""
+        """Largest number of bytes that the factors and the stored updates take at any one time."""
         own, border = self.sizes
         factors = waiting = most = 0.0
         updates = border**2
@@ -98,7 +98,7 @@ class Fronts:
 
 
 def fronts(graph: Graph, dissection: Dissection) -> Fronts:
-    """Follow the elimination set by set."""
+    """Symbolic factorisation: the fronts of the sets of a dissection."""
     order, first = dissection.order, dissection.first
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))
@@ -122,7 +122,7 @@ def fronts(graph: Graph, dissection: Dissection) -> Fronts:
 def _expanded(
     graph: Graph, order: IntArray, first: IntArray, borders: list[IntArray], parents: IntArray
 ) -> Fronts:
-    """From vertices to the degrees of freedom they hold."""
+    """The fronts over degrees of freedom from those over vertices."""
     weights = graph.weights[order]
     begin = np.concatenate([[0], np.cumsum(weights)])
     rows = ranges(graph.first[order], weights)
@@ -131,27 +131,28 @@ def _expanded(
 
 
 def ranges(start: IntArray, count: IntArray) -> IntArray:
-    """start[0], start[0] + 1, ... (count[0] of them), start[1], ..."""
+    """The ranges start[k], ..., start[k] + count[k] - 1 one after the other."""
     ends = np.cumsum(count)
     total = int(ends[-1]) if len(ends) else 0
     return np.repeat(start - ends + count, count) + np.arange(total)
 
 
-_PARALLEL_FLOPS = 1e9  # of a front, from which several threads pay for their synchronisation
+# operations of a front from which on several BLAS threads are faster than one
+_PARALLEL_FLOPS = 1e9
 
 
 class _Update(NamedTuple):
     rows: IntArray  # rows of the matrix, in the order of elimination
-    values: FloatArray  # lower triangle of what is added there
+    values: FloatArray  # lower triangle of what is added to these rows and columns
 
 
 @contextmanager
 def blas_threads(count: int = 1) -> Iterator[tuple[int, ...]]:
-    """Run with ``count`` threads of BLAS; gives the numbers that were and will be.
+    """Run with ``count`` BLAS threads; yields the numbers of threads before, which it restores.
 
-    On matrices of a few hundred rows threads of OpenBLAS wait for each other longer than they work
-    (on a busy machine with two cores a solution with twelve right sides took 24 times as long as
-    with one thread), so all of the solver but the elimination of large fronts runs on one.
+    On matrices of a few hundred rows OpenBLAS threads wait for each other longer than they work: on
+    a busy machine with two cores a solution with twelve right sides took 24 times as long as with
+    one thread. So all of the solver but the elimination of large fronts runs on one thread.
     """
     before = tuple(library.get_num_threads() for library in _blas_libraries())
     set_threads((count,) * len(before))
@@ -269,7 +270,7 @@ def _rows(
 def _extend_add(
     A: FloatArray, B: FloatArray, C: FloatArray, start: int, border: IntArray, update: _Update
 ) -> None:
-    """Add the update of a child to the front [A; B C], block by block of rows that follow on."""
+    """Add the update of a child to the front [A; B C], by blocks of consecutive rows."""
     own = len(A)
     rows, values = update
     at = np.where(rows < start + own, rows - start, own + np.searchsorted(border, rows))

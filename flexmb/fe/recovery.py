@@ -1,8 +1,8 @@
-"""What a body stores for the recovery of stress: at its nodes, of its beams and shells.
+"""What a body stores for the recovery of stress: at nodes, in beams and in shells.
 
 In: a model and its modes. Out: stress at nodes, section forces of beams, and membrane forces,
-moments and transverse forces of shells at their nodes, in axes of each node: its mean normal and
-the direction of material axis 1.
+moments and transverse forces of shells at nodes. Those of shells are in the axes of each node: the
+mean normal of its elements, and the direction of material axis 1.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def with_recovery(
     progress : Progress
         Called with the phase ``"stress"``.
     omitted : (n, 12) float, optional
-        What the modes lack of the static responses to the body's inertia loads.
+        What the modes lack of the static responses to the body's own inertia loads.
 
     Raises
     ------
@@ -87,11 +87,12 @@ def with_recovery(
 def shell_force_modes(
     fe: FEMatrices, Phi: FloatArray, nodes: IntArray | None = None
 ) -> ShellForceModes | None:
-    """Resultants of shells at their nodes per unit modal coordinate; None without shells.
+    """Section resultants of shells at their nodes per unit modal coordinate; None without shells.
 
-    Those of the elements that meet are turned into common axes and averaged like their stress.
-    Transverse forces follow from the slopes of these moments by equilibrium: those of the elements'
-    own shear strains do not converge. At free edges the slopes are one-sided.
+    The resultants of the elements that meet at a node are transformed to common axes and averaged,
+    as their stress is. Transverse forces follow by equilibrium from the derivatives of the averaged
+    moments, because those of the elements' own shear strains do not converge. At free edges the
+    derivatives are one-sided.
     """
     U = fe.expand(Phi)
     wanted = np.ones(len(fe.mesh.points), dtype=bool)
@@ -121,7 +122,8 @@ def shell_force_modes(
 
 
 def _nodal_axes(fe: FEMatrices, places: Places) -> FloatArray:
-    """(p, 3, 3) axes at each place: the mean normal, axis 1 as of an element with that normal."""
+    """(p, 3, 3) axes at each place as columns: axis 1 as elements with this normal have it, the
+    mean normal last."""
     total, first = np.zeros((len(places.nodes), 3)), np.zeros((len(places.nodes), 3))
     for block, rows in zip(places.blocks, places.rows, strict=True):
         flat = flatten(fe.mesh.points[block.nodes], block.section.orientation)
@@ -136,20 +138,23 @@ def _nodal_axes(fe: FEMatrices, places: Places) -> FloatArray:
 
 
 def _turned(values: FloatArray, own: FloatArray, axes: FloatArray) -> FloatArray:
-    """(ne, k, 6, d) resultants in element axes own (ne, 3, 3) as those in axes (ne, k, 3, 3)."""
+    """(ne, k, 6, d) resultants in axes (ne, k, 3, 3), from those in the element axes own (ne, 3,
+    3)."""
     T = _tensor_rotation(_angle(own, axes))
     return np.concatenate([np.matmul(T, values[:, :, :3]), np.matmul(T, values[:, :, 3:])], axis=2)
 
 
 def _tensor_rotation(angle: FloatArray) -> FloatArray:
-    """(..., 3, 3) xx, yy, xy of a plane tensor in axes that are turned by an angle."""
+    """(..., 3, 3) transformation of plane tensor components xx, yy, xy to axes rotated by an
+    angle."""
     c, s = np.cos(angle), np.sin(angle)
     rows = [[c * c, s * s, 2 * c * s], [s * s, c * c, -2 * c * s], [-c * s, c * s, c * c - s * s]]
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def _angle(own: FloatArray, axes: FloatArray) -> FloatArray:
-    """(ne, k) by which axes (ne, k, 3, 3) are turned about the normal from own (ne, 3, 3)."""
+    """(ne, k) angle about the normal from the element axes own (ne, 3, 3) to axes (ne, k, 3, 3)
+    [rad]."""
     T = np.einsum("eai,ekaj->ekij", own[:, :, :2], axes[..., :2])
     return np.asarray(np.arctan2(T[..., 1, 0] - T[..., 0, 1], T[..., 0, 0] + T[..., 1, 1]))
 
@@ -157,7 +162,7 @@ def _angle(own: FloatArray, axes: FloatArray) -> FloatArray:
 def _transverse_forces(
     fe: FEMatrices, places: Places, axes: FloatArray, values: FloatArray
 ) -> FloatArray:
-    """(p, 2, m) Qx = Mx,x + Mxy,y and Qy = Mxy,x + My,y of moments at the places (p, 6, m)."""
+    """(p, 2, m) Qx = Mx,x + Mxy,y and Qy = Mxy,x + My,y from the moments in values (p, 6, m)."""
     total = np.zeros((len(places.nodes), 2, values.shape[2]))
     met = np.zeros(len(places.nodes))
     for block, rows in zip(places.blocks, places.rows, strict=True):

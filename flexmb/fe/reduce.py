@@ -123,24 +123,26 @@ def reduce(
     Parameters
     ----------
     mesh : path, mapping, Mesh, skfem.Mesh or skfem.CellBasis
-        A file, or the table of a simple shape, ``{"type": "box", "size": [1, 0.1, 0.1]}``. Its
-        volume elements, and the surfaces and lines that ``sections`` says are shells and beams.
-        Or a basis of scikit-fem, in SI, with its own ``stiffness`` and ``mass``.
+        A file, or the table of a simple shape, ``{"type": "box", "size": [1, 0.1, 0.1]}``. The body
+        consists of its volume elements and of the surfaces and lines to which ``sections`` gives a
+        shell or beam section. Or a basis of scikit-fem, in SI, with its own ``stiffness`` and
+        ``mass``.
     units : str
         Unit system of the mesh's coordinates; everything else is in SI.
     material : str, Material or mapping
         A name in the library, or E [Pa], nu [-], density [kg/m^3].
     interfaces : mapping of str to str or mapping, optional
-        By name a mesh group or a table, see :func:`flexmb.fe.make_interfaces`. Without any, free
-        modes are taken.
+        A mesh group or a table by name, see :func:`flexmb.fe.make_interfaces`. Without
+        interfaces the modes are those of the free body.
     modes : int, mapping, array or path, optional
         Number of fixed-interface modes, 20 by default; the body has 6*interfaces + modes - 6
         coordinates (``modes`` without interfaces). Or ``{"frequency": f}`` [Hz], or
         ``{"effective_mass": share}``. User modes as an array or an .npz file, displacements in
         the mesh's unit of length.
     damping : float, str or mapping
-        Damping ratio of every mode as a scene joins the body, 0 to 1, ``"adams"`` or a table of
-        :class:`flexmb.flexbody.damping.DampingOptions`, for scenes without damping of their own.
+        Damping ratio of every mode with the interfaces fixed as the scene fixes them, 0 to 1,
+        ``"adams"`` or a table of :class:`flexmb.flexbody.damping.DampingOptions`; for scenes that
+        set no damping.
     name : str, optional
         Name of the body; the file's by default.
     sections : mapping of str to section or mapping, optional
@@ -150,7 +152,8 @@ def reduce(
     masses, springs, mass_matrix
         As for :func:`flexmb.fe.assemble`.
     loads : mapping of str to mapping, optional
-        Load patterns that the modes shall answer exactly, see :func:`flexmb.fe.make_loads`.
+        Load patterns whose static response the modes shall contain exactly, see
+        :func:`flexmb.fe.make_loads`.
     reduction : str
         ``"craig-bampton"``, ``"free-interface"``, ``"guyan"`` or ``"user"``.
     plane : str, optional
@@ -161,33 +164,37 @@ def reduce(
         Stress per mode for results: ``"surface"`` (or True) at the skin, ``"all"`` also at nodes
         inside solids, ``"none"`` (or False) for a smaller file.
     geometric_stiffening : str
-        ``"full"``: forces and rotation stiffen or soften the body, and its ends approach each other
-        when it bends; needs an interface; three static solutions for each, and six more.
+        ``"full"``: internal forces stiffen or soften the body, and its ends approach each other
+        when it bends. Needs an interface; takes three static solutions per interface, and six more.
     residual : str
-        ``"inertia"`` adds the static responses to the body's own inertia loads to the modes, up to
-        twelve: then stress and growth under acceleration and spin are exact in the static limit.
+        ``"inertia"`` adds up to twelve residual vectors, the static responses to the body's own
+        inertia loads: deformation and stress under acceleration and spin are then exact in the
+        static limit.
         ``"none"`` by default.
     refine : int
-        How often the mesh is refined first: all its elements halved in every direction.
+        How many times the mesh is refined first; each time all elements are halved in every
+        direction.
     load_points : sequence of int or (3,) float
-        Mesh nodes beside the interfaces that a scene loads, or positions [m] near them: the body
-        then knows how much of the static response there its modes lack, and a run tells.
+        Mesh nodes besides the interfaces at which a scene applies loads, or positions [m] near
+        them. The body then stores which part of the static response there its modes lack, and a
+        run reports it.
     stiffness, mass : (N, N) sparse, optional
-        With a basis: matrices of the free body over its degrees of freedom; ``material`` then is
-        for stress and what it stiffens.
+        With a basis: matrices of the free body over its degrees of freedom; ``material`` is then
+        used only for stress and geometric stiffening.
     rigid : bool
-        No modes: only mass, centre, inertia, interfaces, nodes and surface, without any solution.
+        No modes: only mass, centre of mass, inertia, interfaces, nodes and surface; nothing is
+        solved.
     inspect : callable, optional
-        Called with what lies between, as (FEMatrices, reduced basis, its modes, the body, the
-        mirror of a planar reduction or None), such as to judge it by ``quality_report``.
+        Called with the intermediate results (FEMatrices, reduced basis, its modes, the body, the
+        mirror of a planar reduction or None), for example to assess them by ``quality_report``.
     progress : Progress
         Called with the phases read, assemble, factor, modes, integrals, recovery.
 
     Raises
     ------
     MeshError, MaterialError, ReductionError
-        What is wrong, where, and which names would have been right; with a plane also that body
-        or mesh are not symmetric about it, and by how much.
+        Says what is wrong, where, and which names are allowed; with a plane also by how much body
+        or mesh are not symmetric about it.
     """
     requested, ratios = check_options(reduction, modes, damping, residual, geometric_stiffening)
     where, stiffens = stress_option(stress), geometric_stiffening == "full"
@@ -272,7 +279,7 @@ def prepare_model(
     refine: int = 0,
     **connections: Words | None,
 ) -> tuple[MeshModel | None, tuple[ModelInterface, ...], list[Finding]]:
-    """The model before any assembly, its interfaces, what is suspicious; problems in attempts."""
+    """The model before assembly, its interfaces, and findings; errors go to the collector."""
     if mesh is None:
         raise MeshError.from_problems([Problem("mesh", "is missing")])
     plain = collector(mesh_from_skfem, mesh) if isinstance(mesh, SkfemMesh) else mesh
@@ -306,7 +313,7 @@ def prepare_model(
 def _in_plane(
     body: FlexBody, fe: FEMatrices, mirror: SymmetryPlane, elastic: ReducedModes
 ) -> FlexBody:
-    """The body without what rounding and mesh leave of motion out of the plane, if it is little."""
+    """The planar body: flattened after a check that its modes hardly leave the plane."""
     shares, normal = mirror.shares(fe, elastic.Phi), PLANES[mirror.plane]
     check_shares(body.name, shares, elastic.frequencies, normal)
     return flatten_body(body, normal, float(shares.max(initial=0.0)))
@@ -331,7 +338,7 @@ def survey(
     refine: int = 0,
     **others: Any,
 ) -> Survey:
-    """A reduction up to its assembly: all problems, and what the body will have.
+    """Check the input of a reduction without assembly: all problems, and what the body will have.
 
     The parameters are those of :func:`reduce`.
     """

@@ -1,10 +1,11 @@
 """Models that come from scikit-fem: its meshes, and bases with assembled stiffness and mass.
 
-A mesh keeps its named boundaries and subdomains as groups. A basis is one of three displacements
-with a Lagrange element (P1, P2, Q1, serendipity or Q2 on tetrahedra and hexahedra, or any other
-whose functions are one at their own node): its mass matrix then is one scalar matrix for all three
-directions, and with the places of the nodes it gives every inertia integral exactly. Stress is
-recovered where the element is one of `fe.elements.element_blocks.FAMILIES`, and a material given.
+A mesh keeps its named boundaries and subdomains as groups. A basis must be one of three
+displacements with a Lagrange element (P1, P2, Q1, serendipity or Q2 on tetrahedra and hexahedra, or
+any other whose functions are one at their own node). Its mass matrix is then one scalar matrix for
+all three directions and, with the positions of the nodes, gives every inertia integral exactly.
+Stress is recovered if the element is one of `fe.elements.element_blocks.FAMILIES` and a material is
+given.
 """
 
 from __future__ import annotations
@@ -29,8 +30,10 @@ from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.materials import AnyMaterial
 from flexmb.units import unit_system
 
-_EQUAL = 1e-9  # relative: entries of matrices, reference coordinates
-_RIGID_STIFFNESS = 1e-6  # stiffness against rigid motions, relative to its diagonal
+# relative difference below which entries of matrices, or reference coordinates, are equal
+_EQUAL = 1e-9
+# largest stiffness against rigid motions of a free body, relative to the diagonal
+_RIGID_STIFFNESS = 1e-6
 _FACETS = {2: "line", 3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"}
 
 
@@ -42,7 +45,8 @@ def mesh_from_skfem(mesh: SkfemMesh) -> Mesh:
     MeshError
         A mesh without elements that flexmb has a name for.
     """
-    from skfem.io.meshio import to_meshio  # meshio is loaded in 0.2 s, only where it is needed
+    # importing meshio takes 0.2 s, so only where it is needed
+    from skfem.io.meshio import to_meshio
 
     written = to_meshio(mesh)
     points = np.zeros((len(written.points), 3))
@@ -137,7 +141,8 @@ def _with_groups(
 
 
 def _faces(kind: str, blocks: Mapping[str, IntArray], corners: IntArray) -> IntArray | None:
-    """(nf, k) nodes of the facets with these corners: corners in order, then mid-sides."""
+    """(nf, k) nodes of the facets with these corners: corners in cyclic order, then mid-side
+    nodes."""
     if corners.shape[1] == 2:
         return corners
     family = FAMILIES.get(kind)
@@ -155,7 +160,7 @@ def _faces(kind: str, blocks: Mapping[str, IntArray], corners: IntArray) -> IntA
 
 
 def _kind(basis: CellBasis) -> tuple[str, IntArray]:
-    """The element family with the same nodes, and its nodes among the basis' functions."""
+    """The element family with the same nodes, and which function of the basis each node has."""
     places = basis.elem.elem.doflocs
     for kind, family in FAMILIES.items():
         if not isinstance(family, Solid) or len(family.reference.nodes) != len(places):
@@ -176,7 +181,7 @@ def _basis_problems(basis: CellBasis) -> list[Problem]:
 
 
 def _checked(name: str, matrix: Any, n: int, problems: list[Problem]) -> csr_array:
-    """The matrix, symmetric to the last bit; what is wrong with it goes to the problems."""
+    """The matrix made exactly symmetric; what is wrong with it is added to ``problems``."""
     if matrix is None:
         problems.append(Problem(name, "is missing: a basis comes with stiffness and mass"))
         return csr_array((n, n))
@@ -199,7 +204,8 @@ def _checked(name: str, matrix: Any, n: int, problems: list[Problem]) -> csr_arr
 
 
 def _inertia(M: csr_array, table: IntArray, points: FloatArray) -> Inertia:
-    """Rigid data and second-moment form, from the one scalar matrix of all three directions."""
+    """Rigid-body data and second-moment form from the scalar mass matrix that all directions
+    share."""
     x, y, z = (table[:, c] for c in range(3))
     scalar = csr_array(M[x][:, x])
     size = float(np.abs(scalar.data).max())

@@ -1,7 +1,7 @@
 """A part by itself: one mesh with supports and loads, solved and recovered.
 
-In: a mesh with its material, supports, loads. Out: a :class:`PartResult`. All mistakes that a look
-at mesh and options can find are raised together, before anything is assembled.
+In: a mesh with its material, supports, loads. Out: a :class:`PartResult`. All mistakes that can be
+seen in the mesh and the options are raised together, before anything is assembled.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def part(
     Parameters
     ----------
     mesh, units, material, sections, interfaces, ties, masses, springs, mass_matrix
-        As for :func:`flexmb.fe.reduce`. Nodes of rigid interfaces (rbe2) move as one.
+        As for :func:`flexmb.fe.reduce`. Nodes of a rigid interface (rbe2) move as one rigid body.
     supports : mapping of str to mapping, optional
         What is held: ``interface``, or nodes by ``group``, ``node``, ``nodes`` or ``center`` and
         ``radius``; ``type`` ``"clamped"``, ``"hinged"`` (``axis``), ``"sliding"``,
@@ -79,13 +79,13 @@ def part(
         and ``{type = "spin", angular_velocity, angular_acceleration, position}`` [rad/s, rad/s^2,
         m]. They act together.
     frequencies : int or mapping, optional
-        How many natural frequencies, or ``{"band": [f1, f2]}`` [Hz]. A part that can move as a
-        whole may have them; its rigid motions do not count.
+        Number of natural frequencies, or ``{"band": [f1, f2]}`` [Hz]. Also for a part that can
+        move as a whole; its rigid motions are not counted.
     buckling : int
-        How many factors on the loads at which the part buckles.
+        Number of buckling load factors: the part buckles at these multiples of its loads.
     preload : bool
-        Whether loads and spin stiffen or soften the part in its frequencies; without Coriolis
-        forces.
+        Whether loads and spin stiffen or soften the part for its natural frequencies; Coriolis
+        forces are left out.
     name : str, optional
         Name of the part; the file's by default.
     progress : Progress
@@ -94,8 +94,8 @@ def part(
     Raises
     ------
     MeshError, MaterialError, ReductionError
-        All that is wrong with mesh, supports and loads at once; supports that leave a rigid
-        motion, which is named; a preload beyond buckling.
+        All mistakes in mesh, supports and loads at once; a rigid motion that the supports leave
+        free; a preload beyond buckling.
     """
     tables = {"sections": sections, "interfaces": interfaces, "ties": ties, "masses": masses}
     tables |= {"springs": springs, "supports": supports, "loads": loads}
@@ -156,7 +156,7 @@ def _read_part(
     buckling: int,
     preload: bool,
 ) -> PartAnalysisOptions | None:
-    """The options of a part; what is wrong with them in ``collector``."""
+    """The options of a part analysis; mistakes in them go to ``collector``."""
     errors = len(collector.errors)
     supported = {
         name: collector(read_options, SupportOptions, words, f"supports.{name}", ReductionError)
@@ -183,7 +183,7 @@ def _load_options(name: str, words: Mapping[str, Any]) -> Any:
 
 
 def _mesh_loads(loads: Words) -> dict[str, Any]:
-    """Those loads whose nodes and groups a mesh model checks."""
+    """The loads whose nodes and groups must exist in the mesh."""
     own = ("interface", "spin")
     return {k: w for k, w in loads.items() if isinstance(w, Mapping) and w.get("type") not in own
             and w.get("type") in PART_LOADS}  # fmt: skip
@@ -196,7 +196,8 @@ def _check_names(
     loads: Words,
     interfaces: tuple[str, ...],
 ) -> None:
-    """Groups of supports, and interfaces of supports and loads, whatever else is wrong."""
+    """Check groups of supports, and interfaces of supports and loads, even if there are other
+    errors."""
     tables = {f"supports.{k}": w for k, w in supports.items() if isinstance(w, Mapping)}
     acting = {f"loads.{k}": w for k, w in loads.items() if isinstance(w, Mapping)}
     for where, words in tables.items():
@@ -215,7 +216,7 @@ def _check_names(
 def part_load(
     fe: FEMatrices, ends: tuple[ModelInterface, ...], name: str, options: Any
 ) -> FloatArray:
-    """(n_all,) nodal loads of one load on a part."""
+    """(n_all,) nodal forces and moments of one load on a part."""
     if isinstance(options, SpinLoad):
         A, p = spin_field(options)
         return -fe.load_per_mass(np.column_stack([A, -A @ p]))
@@ -230,7 +231,7 @@ def part_load(
 
 
 def _check_loads(fe: FEMatrices, constraints: Supports, vectors: Mapping[str, FloatArray]) -> None:
-    """A load that goes into the supports whole does nothing to the part."""
+    """Refuse a load that acts on supported degrees of freedom only: it does nothing to the part."""
     problems = []
     for name, f in vectors.items():
         z = constraints.G.T @ condensed_load(fe, f)
@@ -246,7 +247,7 @@ def _check_loads(fe: FEMatrices, constraints: Supports, vectors: Mapping[str, Fl
 def _check_motions(
     fe: FEMatrices, constraints: Supports, options: PartAnalysisOptions
 ) -> list[str]:
-    """Refuse rigid motions where they make the analysis impossible; else a note names them."""
+    """Refuse rigid motions if they make the analysis impossible; else name them in a note."""
     size = float(np.ptp(fe.mesh.points[fe.numbering.nodes], axis=0).max())
     free = constraints.free_motions(size)
     if not free.shape[1]:
@@ -265,8 +266,10 @@ def _check_motions(
 
 
 def _motions_in_words(N: FloatArray, center: FloatArray, size: float) -> list[str]:
-    """Sentences for rigid motions (6, r) about the centre of mass: independent translations [m] and
-    rotations [rad] of a part of that size [m]."""
+    """Sentences that describe the rigid motions N (6, r) of a part of a given size [m].
+
+    Rows of N: translations [m] and rotations [rad] about the centre of mass.
+    """
     rows = (N * np.array([1.0] * 3 + [size] * 3)[:, None]).T[:, [3, 4, 5, 0, 1, 2]]
     words = []
     for row in _echelon(rows):
@@ -286,7 +289,7 @@ def _motions_in_words(N: FloatArray, center: FloatArray, size: float) -> list[st
 
 
 def _echelon(rows: FloatArray) -> FloatArray:
-    """Reduced row echelon form with pivots of largest size."""
+    """Reduced row echelon form; each pivot is the entry of largest magnitude."""
     rows, at = rows.copy(), 0
     for column in range(rows.shape[1]):
         if at == len(rows):

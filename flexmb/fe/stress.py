@@ -1,16 +1,18 @@
 """Stress at the nodes of a body per unit modal coordinate; section forces of beams and shells.
 
-Each element's stress at its nodes is linear in its displacements; it is applied to the modes and
+Each element's stress at its nodes is linear in its displacements. It is evaluated for the modes and
 averaged over the elements of one section that meet at a node, never across sections or layers.
-Shells are averaged along an edge where they are nearly level and have the same normal, since across
-a fold top meets something else than top; beams where two of them, and no third, continue in nearly
-the same direction. Stress is largest at the skin of a solid, so its inner nodes may be left out.
+Shells are averaged across an edge only where the angle between them is small and their normals
+agree, since across a fold the top of one does not continue the top of the other. Beams are averaged
+at nodes of exactly two that continue in nearly the same direction. Stress is largest at the skin of
+a solid, so its inner nodes may be left out.
 Source: Hinton and Campbell (1974), Local and global smoothing of discontinuous finite element
 functions, IJNME 8.
 
-Section forces N, Vy, Vz, T, My, Mz are those of the side of larger x on the other, in the element's
-principal axes: N, My, Mz at the centroid, T about the shear centre. They balance the forces of the
-nodes; between the ends they are linear, exact where no load acts along the element.
+Section forces N, Vy, Vz, T, My, Mz are those that the part at larger x exerts on the part at
+smaller x, in the element's principal axes: N, My, Mz at the centroid, T about the shear centre.
+They balance the nodal forces. Between the ends they are interpolated linearly, which is exact if no
+load acts along the element.
 """
 
 from __future__ import annotations
@@ -31,12 +33,16 @@ from flexmb.flexbody.mesh_options import STRESS_OPTIONS
 from flexmb.flexbody.stress_modes import StressModes
 from flexmb.progress import Progress, silent
 
-# a larger angle is a fold, also where a curved shell is coarse
+# Elements are averaged if the angle between them is smaller. A larger one counts as a fold, also on
+# a coarsely meshed curved shell.
 _MIN_COSINE = np.cos(np.radians(35.0))
 
 
 def smooth_parts(blocks: Sequence[Block], points: FloatArray) -> list[IntArray]:
-    """(ne,) the number of each element's part, for each block; blocks are of one dimension."""
+    """(ne,) per block: number of the smooth part that each element belongs to.
+
+    All blocks are of one dimension.
+    """
     counts = [len(block.nodes) for block in blocks]
     dimension = blocks[0].family.dimension
     if dimension == 3:
@@ -65,7 +71,7 @@ def _normals(x: FloatArray) -> FloatArray:
 
 
 def _shared_edges(blocks: Sequence[Block]) -> tuple[IntArray, IntArray]:
-    """Pairs of elements with a common edge."""
+    """Pairs of elements (index of one, index of the other) with a common edge."""
     edges, owners, start = [], [], 0
     for block in blocks:
         for edge in block.family.edges:
@@ -76,7 +82,7 @@ def _shared_edges(blocks: Sequence[Block]) -> tuple[IntArray, IntArray]:
 
 
 def _shared_ends(blocks: Sequence[Block]) -> tuple[IntArray, IntArray]:
-    """Pairs of beam elements that meet at a node where there is no third."""
+    """Pairs of beam elements that meet at a node where there is no third element."""
     ends = np.concatenate([block.nodes[:, :2] for block in blocks])
     nodes, owners = ends.reshape(-1), np.repeat(np.arange(len(ends)), 2)
     met = np.bincount(nodes)
@@ -85,13 +91,13 @@ def _shared_ends(blocks: Sequence[Block]) -> tuple[IntArray, IntArray]:
 
 
 def _neighbours(keys: IntArray, owners: IntArray) -> tuple[IntArray, IntArray]:
-    """Owners of equal keys, next to each other in a list of all."""
+    """Pairs of owners of equal keys, consecutive in the sorted list."""
     order = np.lexsort(keys.T)
     same = (np.diff(keys[order], axis=0) == 0).all(axis=1)
     return owners[order][:-1][same], owners[order][1:][same]
 
 
-_CHUNK = 5e7  # bytes of one batch of stress matrices and their products
+_CHUNK = 5e7  # bytes of one batch of element stress matrices and of their products with the modes
 
 
 def stress_option(option: bool | str) -> str:
@@ -113,7 +119,7 @@ def stress_option(option: bool | str) -> str:
 def stress_modes(
     fe: FEMatrices, Phi: FloatArray, nodes: IntArray | None = None, progress: Progress = silent
 ) -> StressModes | None:
-    """Stress per unit modal coordinate at all places of some nodes; None if no element has any.
+    """Stress per unit modal coordinate at nodes; None if no element has stress.
 
     Parameters
     ----------
@@ -153,7 +159,7 @@ def stress_modes(
 
 
 def stress_sections(blocks: Sequence[Block]) -> list[list[Block]]:
-    """Blocks whose elements may share their stress: of one group and the same layers."""
+    """Lists of blocks whose stress may be averaged: of one group and with the same layers."""
     groups: dict[tuple[object, ...], list[Block]] = {}
     for block in blocks:
         layers = block.family.stress_layers(block.section)
@@ -163,7 +169,8 @@ def stress_sections(blocks: Sequence[Block]) -> list[list[Block]]:
 
 
 class Places:
-    """Where the elements of one section meet: a node, once for each part that is smooth there."""
+    """Places where the elements of one section are averaged: a node, once for each smooth part
+    there."""
 
     def __init__(self, fe: FEMatrices, blocks: list[Block], wanted: FloatArray) -> None:
         self.blocks = blocks
@@ -198,7 +205,7 @@ def _stress_rows(block: Block, x: FloatArray, places: IntArray) -> FloatArray:
 def averaged(
     fe: FEMatrices, places: Places, width: int, U: FloatArray, matrices: Matrices
 ) -> tuple[IntArray, FloatArray]:
-    """Nodes (p,) and the mean of the elements' values there (p, width, m), single precision."""
+    """Nodes (p,) and the mean of the elements' values there (p, width, m), in single precision."""
     total = np.zeros((len(places.nodes), width * U.shape[1]), dtype=np.float32)
     for block, rows in zip(places.blocks, places.rows, strict=True):
         for part, values in element_values(fe, block, rows, width, U, matrices):
@@ -214,7 +221,7 @@ def averaged(
 def element_values(
     fe: FEMatrices, block: Block, rows: IntArray, width: int, U: FloatArray, matrices: Matrices
 ) -> Iterator[tuple[IntArray, FloatArray]]:
-    """Batches of elements that have a wanted node, and (ne * k, width * m) their values."""
+    """For batches of elements with a wanted node: place numbers and values (ne * k, width * m)."""
     elements = np.flatnonzero((rows >= 0).any(axis=1))
     k, d, m = block.nodes.shape[1], block.width, U.shape[1]
     size = max(1, int(_CHUNK / (8 * k * width * (d + m))))
@@ -227,7 +234,7 @@ def element_values(
         yield part, values.reshape(len(part) * k, width * m)
 
 
-_BEAM_BATCH = 1000  # elements at once
+_BEAM_BATCH = 1000  # beam elements per batch
 
 
 @dataclass(frozen=True, eq=False)

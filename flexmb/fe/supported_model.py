@@ -1,10 +1,10 @@
-"""A supported model: its static solution, natural frequencies, buckling, and what they mean.
+"""A supported model: static solution, natural frequencies, buckling, and recovery of the results.
 
-With u = G z (:mod:`flexmb.fe.assembly.supports`) and some z held, G^T K G z = G^T f is solved for
-the others; what is left of the equations at those that are held are the reactions. Under preload
-the stiffness is K + K_g of the static stress, less the spin softening: with B = omega~^2, u^T B u
+With u = G z (:mod:`flexmb.fe.assembly.supports`) and some z prescribed, G^T K G z = G^T f is solved
+for the others; the residual of the equations of the prescribed z is the reactions. Under preload
+the stiffness is K + K_g of the static stress, minus the spin softening: with B = omega~^2, u^T B u
 is the work of the centrifugal load that grows with the displacement. Coriolis forces are left out.
-Buckling: K v = -factor K_g v. Loads keep their direction, a pressure too. Source: Bathe, Finite
+Buckling: K v = -factor K_g v. Loads keep their direction, also a pressure. Source: Bathe, Finite
 Element Procedures, ch. 4 and 6.
 """
 
@@ -51,15 +51,19 @@ from flexmb.flexbody.parts import Interface
 from flexmb.flexbody.stress_modes import SectionForceModes
 from flexmb.progress import Progress
 
-_DENSE = 300  # unknowns below which full matrices are faster
-_NO_FORCE = 1e-13  # of the sum of all parts of a force
-_SPRING_SHARE = 0.1  # of rotational springs in the stiffness at which the lowest factor is one
-_BALANCE = 1e-6  # reactions that miss the loads by more are reported
-_MAX_MODES = 2000  # of a band
+_DENSE = 300  # number of unknowns up to which full matrices are faster
+# a force is round-off below this fraction of the sum of the magnitudes of its terms
+_FORCE_ROUND_OFF = 1e-13
+# Springs whose axes turn have second-order work that the geometric stiffness leaves out. Above this
+# ratio of it to the rotational stiffness (`turning_share`) at the lowest load factor, a note says
+# so.
+_SPRING_SHARE = 0.1
+_BALANCE_TOLERANCE = 1e-6  # reactions that miss the loads by more than this fraction are reported
+_MAX_MODES = 2000  # largest number of modes computed for a frequency band
 
 
 def spin_field(load: SpinLoad) -> tuple[FloatArray, FloatArray]:
-    """A and p of the acceleration A (s - p) of the points s."""
+    """A (3, 3) and p (3,) of the acceleration A (s - p) [m/s^2] of a point at s under a spin."""
     w, alpha = (skew(np.array(v)) for v in (load.angular_velocity, load.angular_acceleration))
     return w @ w + alpha, np.array(load.position)
 
@@ -68,11 +72,11 @@ def spin_field(load: SpinLoad) -> tuple[FloatArray, FloatArray]:
 class _Modes:
     numbers: IntArray
     omega2: FloatArray
-    z: FloatArray  # (k, v)
+    z: FloatArray  # (k, v) modes over the coordinates z
 
 
 class SupportedModel:
-    """One supported model, its matrices over the coordinates z, and what is solved with them."""
+    """One supported model, its matrices over the coordinates z, and the solutions with them."""
 
     def __init__(
         self,
@@ -98,7 +102,7 @@ class SupportedModel:
         notes: list[str],
         provenance: Mapping[str, str],
     ) -> PartResult:
-        """Solve under the loads (n_all,), and recover everything."""
+        """Solve under the loads (n_all,) each, and recover displacements, stress and reactions."""
         fe, supports, options = self.fe, self.supports, self.options
         fields: list[str] = []
         columns = [np.zeros((supports.G.shape[1], 0))]
@@ -159,12 +163,12 @@ class SupportedModel:
             self._effective_mass(modes),
             factors,
             reactions,
-            tuple(self._pull(k, fe.center, self._total(f)) for k, f in acting.items()),
+            tuple(self._resultant_at(k, fe.center, self._total(f)) for k, f in acting.items()),
             notes=tuple(notes),
             provenance=provenance,
             **self._recovered(Z),
         )
-        if made.supports and made.imbalance > _BALANCE:
+        if made.supports and made.imbalance > _BALANCE_TOLERANCE:
             what = f"rounding leaves reactions and loads out of balance by {made.imbalance:.1e} of "
             what += "the largest of them: the part is very slender, or its stiffnesses differ much"
             warnings.warn(what, FlexmbWarning, stacklevel=3)
@@ -177,7 +181,7 @@ class SupportedModel:
         return csr_array(matrix[self.free][:, self.free])
 
     def _solver(self, K: csr_array) -> BorderedSolver:
-        """The factorised stiffness with what is held.
+        """The factorised stiffness over the coordinates that are not prescribed.
 
         Raises
         ------
@@ -197,7 +201,7 @@ class SupportedModel:
             raise ReductionError(f"supports: {what}{where}") from error
 
     def _static(self, solver: BorderedSolver, f: FloatArray) -> FloatArray:
-        """(k,) the coordinates under the loads and the imposed displacements."""
+        """(k,) coordinates z under the loads f and the prescribed displacements."""
         z = np.zeros(self.supports.G.shape[1])
         z[self.supports.fixed] = self.supports.value
         right = (self.supports.G.T @ f - self.K @ z)[self.free]
@@ -205,43 +209,45 @@ class SupportedModel:
         return z
 
     def _reactions(self, z: FloatArray, f: FloatArray) -> tuple[Resultant, ...]:
-        """Reactions of the supports on the part."""
+        """Forces and moments of the supports on the part."""
         supports, rest = self.supports, self.K @ z - self.supports.G.T @ f
-        noise = _NO_FORCE * (abs(self.K) @ np.abs(z))
+        noise = _FORCE_ROUND_OFF * (abs(self.K) @ np.abs(z))
         is_small = np.abs(rest[supports.fixed]) <= noise[supports.fixed]
         if not self._total(f).any() and is_small.all():
-            rest[supports.fixed] = 0.0  # carried along, or under loads in balance: round-off alone
+            rest[supports.fixed] = 0.0  # loads in balance or a rigid motion: only round-off
         reactions = np.zeros((len(supports.names), len(z)))
         reactions[:, supports.fixed] = supports.shares * rest[supports.fixed]
         if supports.W.shape[0]:
             dense = self.W.toarray()
             forces = np.linalg.lstsq(dense.T, rest[self.free], rcond=None)[0]
             reactions += supports.mean_shares @ (forces[:, None] * supports.W.toarray())
-        totals = reactions @ supports.rigid  # (supports, 6); of what is in balance round-off alone
+        totals = reactions @ supports.rigid  # (supports, 6)
         least = ((reactions != 0.0) * noise) @ np.abs(supports.rigid)
         least = np.repeat(least.reshape(-1, 2, 3).max(axis=2), 3, axis=1)
         totals[np.abs(totals) <= least] = 0.0
         places = zip(supports.names, supports.positions, totals, strict=True)
-        return tuple(self._pull(name, x, total) for name, x, total in places)
+        return tuple(self._resultant_at(name, x, total) for name, x, total in places)
 
-    def _pull(self, name: str, at: FloatArray, total: FloatArray) -> Resultant:
-        """A resultant (6,) about the centre of mass as one about a point."""
+    def _resultant_at(self, name: str, at: FloatArray, total: FloatArray) -> Resultant:
+        """A resultant (6,) about the centre of mass, moved to the point ``at``."""
         force = total[:3]
         moment = total[3:] - np.cross(at - self.fe.center, force)
         return Resultant(name, np.asarray(at), force, moment)
 
     def _total(self, f: FloatArray) -> FloatArray:
-        """(6,) resultant of loads about the centre of mass; round-off beside them is zero."""
+        """(6,) resultant of loads about the centre of mass; components that are round-off are
+        zero."""
         total, parts = self.fe.rigid.T @ f, np.abs(self.fe.rigid.T) @ np.abs(f)
         parts = np.repeat(parts.reshape(2, 3).max(axis=1), 3)
-        return np.where(np.abs(total) <= _NO_FORCE * parts, 0.0, total)
+        return np.where(np.abs(total) <= _FORCE_ROUND_OFF * parts, 0.0, total)
 
     def _stressed(
         self, u: FloatArray, links: FloatArray, loads: Mapping[str, FloatArray]
     ) -> tuple[csr_array, FloatArray]:
         """Geometric stiffness of the static solution over z, and B = omega~^2 of its spin.
 
-        ``links`` (n,) are what supports and interfaces exert, ``loads`` (n_all,) each load.
+        ``links`` (n,) are the forces of supports and interfaces on the model, ``loads`` (n_all,)
+        each load.
         """
         field, B = np.zeros((3, 4)), np.zeros((3, 3))
         direct = np.zeros(self.fe.numbering.n_all)
@@ -261,13 +267,13 @@ class SupportedModel:
             S = interface_stiffness(self.fe, end, links)
             dofs, values = end.loads()
             arms = np.abs(self.fe.mesh.points[end.nodes] - end.position).max()
-            if np.abs(S).max() > _BALANCE * arms * np.abs(links[dofs]).sum():
+            if np.abs(S).max() > _BALANCE_TOLERANCE * arms * np.abs(links[dofs]).sum():
                 turns = csr_array(values.T[3:] @ self.supports.G[dofs])
                 Kg = csr_array(Kg + turns.T @ csr_array(S) @ turns)
         return Kg, B
 
     def _spin_softening(self, B: FloatArray) -> csr_array:
-        """(k, k) sum of B_ab M_ab over z: what spin takes off the stiffness, negative."""
+        """(k, k) sum of B_ab M_ab over z: the (negative) stiffness of the spin."""
         fe, total = self.fe, Accumulator(self.fe.numbering.n_all)
         points, numbering = fe.mesh.points, fe.numbering
         blocks = () if fe.lumped else fe.blocks
@@ -287,7 +293,7 @@ class SupportedModel:
     def _vibration(
         self, solver: BorderedSolver | None, Kg: csr_array | None, spin: FloatArray
     ) -> _Modes:
-        """The requested modes, numbered from 1, of unit modal mass."""
+        """The requested modes, numbered from 1, with unit modal mass."""
         wanted, K = self.options.frequencies, self._inner(self.K)
         assert wanted is not None
         if Kg is not None:
@@ -343,7 +349,7 @@ class SupportedModel:
         return lowest_modes(self.M, deform, count, self.progress, deform(start_vector(n)))
 
     def _buckling(self, solver: BorderedSolver, Kg: csr_array) -> tuple[FloatArray, FloatArray]:
-        """Positive load factors, ascending, and their shapes over z."""
+        """Positive buckling load factors, ascending, and their shapes over z."""
         K, stress = self._inner(self.K), -self._inner(Kg)
         n, count = K.shape[0], self.options.buckling
         count = min(count, n - self.W.shape[0] - 1)
@@ -377,7 +383,7 @@ class SupportedModel:
         return np.asarray((U.T @ (self.fe.M @ self.fe.rigid[:, :3])) ** 2)
 
     def _recovered(self, Z: FloatArray) -> dict[str, Any]:
-        """Interfaces, nodes, surface and stress of the fields."""
+        """Recover interfaces, nodes, surface and stress of the fields Z (k, number) over z."""
         fe, U = self.fe, self.supports.G @ Z
         rigid = tuple(end for end in self.ends if isinstance(end, RigidInterface))
         motions = {end.name: end.motion(U) for end in self.ends}

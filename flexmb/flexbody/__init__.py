@@ -1,4 +1,4 @@
-"""The flexible body and its file: all that the finite-element and multibody halves share."""
+"""The flexible body and its file: all that the finite-element half passes to the multibody half."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""Read-only arrays of a known shape, and what both halves do with small matrices.
+"""Read-only arrays of a known shape, and operations on small matrices that both halves use.
 
-:class:`Checker` turns an array-like and the shape it must have (``None`` leaves a length free) into
-a read-only float64 or int64 array. Mistakes are collected, so that all are raised at once.
-:func:`is_nonzero` is the one decision about ranks, :func:`skew` the matrix of a cross product,
-:func:`rotation_stiffness` what forces on rigid arms add to the stiffness of their rotation.
+:class:`Checker` converts an array-like and the shape it must have (``None`` leaves a length free)
+to a read-only float64 or int64 array. Mistakes are collected, so that all are raised at once.
+:func:`is_nonzero` makes every decision on a rank, :func:`skew` gives the matrix of a cross product,
+:func:`rotation_stiffness` the geometric stiffness of forces on rigid arms.
 """
 
 from __future__ import annotations
@@ -17,15 +17,16 @@ from numpy.typing import NDArray
 from flexmb.errors import MeshError, Problem, ReductionError
 
 Array = NDArray[np.float64]
-FloatArray = Array  # as the finite elements call it
+FloatArray = Array  # the name of this type in the finite-element half
 IntArray = NDArray[np.int64]
 
 RANK_TOLERANCE = 1e-12
-"""Eigenvalues below this share of the largest are zero but for rounding."""
+"""Eigenvalues below this fraction of the largest are round-off."""
 
 
 def is_nonzero(values: FloatArray, tolerance: float = RANK_TOLERANCE) -> NDArray[np.bool_]:
-    """(k,) which eigenvalues of a semidefinite matrix, or singular values, count for its rank."""
+    """(k,) bool: eigenvalues of a semidefinite matrix, or singular values, that are not
+    round-off."""
     return np.asarray(values > tolerance * values.max(initial=0.0))
 
 
@@ -39,9 +40,9 @@ def skew(s: FloatArray) -> FloatArray:
 
 
 def rotation_stiffness(moments: FloatArray) -> FloatArray:
-    """(..., 3, 3) second derivative of the work of forces on the ends of arms that turn rigidly.
+    """(..., 3, 3) second derivative of the work of forces f at the ends s of rigidly rotating arms.
 
-    Turned by theta, an arm s moves its end by theta x s + theta x (theta x s)/2. ``moments`` are
+    A rotation theta moves the end of an arm by theta x s + theta x (theta x s)/2. ``moments`` are
     the sums of s f^T.
     """
     trace = np.trace(moments, axis1=-2, axis2=-1)[..., None, None]

@@ -7,8 +7,8 @@ int rho s s^T, p = int rho N_b Phi, P = int rho s_a N_b Phi, Mab = Phi^T (int rh
 rigid body has zero modes. Source of the integrals: Shabana, Dynamics of Multibody Systems, ch. 5,
 in second-moment form.
 
-In: mass [kg], centre of mass [m] in body axes, inertia about it [kg m^2] in body axes. Out: a
-:class:`FlexBody`, whose second moment of mass is S0 = tr(J)/2 I - J + m c c^T.
+:func:`rigid_body` makes a body without modes from mass [kg], centre of mass [m] and inertia about
+it [kg m^2] in body axes; its second moment of mass is S0 = tr(J)/2 I - J + m c c^T.
 """
 
 from __future__ import annotations
@@ -35,10 +35,11 @@ from flexmb.flexbody.stress_modes import (
 )
 
 _Part = TypeVar("_Part", Interface, LoadVector)
-_SYMMETRY = 1e-8  # relative; products of order 1e5 terms leave 1e-12, a wrong matrix leaves 1
-_RIGID = 1e-10  # least share of a mode's mass matrix that must remain after rigid motion
-_SEMIDEFINITE = 1e-9  # relative; a negative eigenvalue below this is rounding
-_PLANES = ((1, 2), (2, 0), (0, 1))  # the components of a cross product
+# relative asymmetry allowed; sums of 1e5 terms leave 1e-12, a wrong matrix leaves 1
+_SYMMETRY = 1e-8
+_RIGID = 1e-10  # smallest fraction of the modal mass that must remain after rigid motion is removed
+_SEMIDEFINITE = 1e-9  # relative; a negative eigenvalue smaller than this is round-off
+_PLANES = ((1, 2), (2, 0), (0, 1))  # axes b, c of component a of a cross product
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +69,9 @@ class FlexBody:
     interfaces : tuple of Interface
         Reference points for joints and loads.
     modes : tuple of ModeInfo
-        All candidates, kept or dropped, for the reader.
+        All candidate modes, retained or dropped, for the reader.
     surface : Surface, optional
-        What is drawn.
+        The surface that is drawn.
     nodes : NodeModes, optional
         Motion of all mesh nodes.
     stress : StressModes, optional
@@ -86,16 +87,17 @@ class FlexBody:
     provenance : mapping of str to str
         Where the body comes from: hashes, material, options, versions.
     centrifugal_stiffness : (3, 3, m, m) float, optional
-        Geometric stiffness of the six loads per mass (e_a s_b + e_b s_a)/2; with the bend of the
-        interfaces the geometric stiffening of the body. None: left out.
+        Geometric stiffness of the six loads per mass (e_a s_b + e_b s_a)/2. Together with the
+        second-order displacement (``bend``) of the interfaces it is the geometric stiffening of the
+        body. None: no geometric stiffening.
     damping : DampingOptions, optional
-        Ratios of its modes where a scene joins it, in place of D.
+        Damping ratios of its modes in the scene, which replace D.
     inertia_response : InertiaResponse, optional
-        What the modes lack of the static response to the body's own inertia.
+        The part of the static response to the body's own inertia that its modes lack.
     load_response : LoadResponse, optional
-        The same of loads at mesh nodes.
+        The same for loads at mesh nodes.
     omitted_modes : OmittedModes, optional
-        The lowest modes that the body does not have.
+        The lowest modes that the reduction leaves out.
 
     Raises
     ------
@@ -147,7 +149,7 @@ class FlexBody:
 
     @property
     def answers_inertia(self) -> bool:
-        """Whether it is known what its modes lack of its own inertia loads, in mean axes."""
+        """Whether the part of the inertia response that its modes lack is known, in mean axes."""
         return self.inertia_response is not None and (
             self.omitted_stress is not None
             or max(self.inertia_response.missing_shares.values(), default=0.0) < 1e-6
@@ -271,17 +273,16 @@ def _check_modal(body: FlexBody, check: Checker) -> None:
 
 
 def _check_rigid_motion(body: FlexBody, check: Checker) -> None:
-    """The modes and the six motions of the body frame must be independent.
-
-    Else the mass matrix at rest is singular. About the centre and in principal axes its rigid block
-    is diagonal; what remains of the modal mass, relative to all of it, is compared.
+    """The modes and the six motions of the body frame must be independent. Otherwise the mass
+    matrix at rest is singular. About the centre of mass and in principal axes its rigid block is
+    diagonal. The modal mass that remains without rigid motion is compared with all of it.
     """
     if body.m == 0:
         return
     about_center = body.P - body.center[:, None, None] * body.p
     turning = np.array([about_center[a, b] - about_center[b, a] for a, b in _PLANES])
     moments, axes = np.linalg.eigh(body.inertia_about_center)
-    has_mass = is_nonzero(moments)  # a line of masses has none about itself
+    has_mass = is_nonzero(moments)  # points on a line have no inertia about it
     turning = (axes.T @ turning)[has_mass] / np.sqrt(moments[has_mass])[:, None]
     rigid = np.vstack([body.p / np.sqrt(body.mass), turning])
     L = np.linalg.cholesky(body.M_eta)
@@ -339,7 +340,7 @@ def _symmetric(matrix: FloatArray) -> bool:
     )
 
 
-_ROUNDING = 1e-9  # relative room for a rod or a plate, whose triangle inequality is an equality
+_ROUNDING = 1e-9  # relative tolerance: for a rod or a plate the triangle inequality is an equality
 
 
 def rigid_body(
@@ -393,7 +394,7 @@ MODE_COLUMNS = ("mode", "kind", "f [Hz]", "mostly", "interfaces", "x/y/z", "kept
 
 
 def mode_table(body: FlexBody) -> list[tuple[str, ...]]:
-    """Rows of text under ``MODE_COLUMNS``: all candidates in the order of the body."""
+    """Rows of text under ``MODE_COLUMNS``: all candidate modes in the order of the body."""
     return [_mode_row(mode) for mode in body.modes]
 
 

@@ -7,9 +7,9 @@ h places of shells, j parts of these, d loads, r nodes with w loads, o omitted m
 u groups of nodes with x entries, s entries of provenance. All in SI, body frame; a group may be
 empty only where the table says so.
 
-In: a body and a path, or a path. Out: a file, or the body with exactly the same numbers. Reading
-is strict: what is not ours, of another version, incomplete or not finite is refused by a sentence.
-The layout is the table in :mod:`flexmb.flexbody.body_file`.
+In: a body and a path, or a path. Out: a file, or the body with exactly the same numbers. Reading is
+strict: a file of another program or version, or one that is incomplete or has numbers that are not
+finite, is refused with one sentence.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ if TYPE_CHECKING:
 FORMAT = "flexmb-flexbody"
 VERSION = 3
 _NOUN = "the flexible body"
-FRAME = "mean-axis"  # rigid motions are mass-orthogonal to all modes
+FRAME = "mean-axis"  # Rigid motions are mass-orthogonal to all modes.
 
 
 class Dataset(NamedTuple):
-    """One dataset: where it is, what it holds, and whether a body may lack it."""
+    """One dataset: its path, its content, and whether a body may be without it."""
 
     path: str
     kind: str  # "f8", "f4", "i8", "bool" or "text"
@@ -143,7 +143,8 @@ TABLE = (
     Dataset("provenance/value", "text", ("s",), "their values"),
 )
 
-_PARTS: dict[str, tuple[str, type]] = {  # groups that hold one part: its field and class
+# groups that hold one part: the field of the body and its class
+_PARTS: dict[str, tuple[str, type]] = {
     "surface": ("surface", Surface),
     "nodes": ("nodes", NodeModes),
     "stress_recovery": ("stress", StressModes),
@@ -154,7 +155,7 @@ _PARTS: dict[str, tuple[str, type]] = {  # groups that hold one part: its field 
     "load_response": ("load_response", LoadResponse),
     "omitted_modes": ("omitted_modes", OmittedModes),
 }
-_NAN_ALLOWED = ("modes/interface_share", "modes/kinetic_share")  # unknown shares
+_NAN_ALLOWED = ("modes/interface_share", "modes/kinetic_share")  # shares that are unknown
 
 
 def to_datasets(body: FlexBody) -> dict[str, Any]:
@@ -190,7 +191,7 @@ def to_datasets(body: FlexBody) -> dict[str, Any]:
 
 
 def part_datasets(body: Any, interfaces: Sequence[Interface], m: int) -> dict[str, Any]:
-    """Interfaces, groups, provenance and the parts that an object has in fields of their names."""
+    """The datasets of interfaces, groups, provenance and the parts that a body or result has."""
     datasets: dict[str, Any] = {"interfaces/name": [part.name for part in interfaces]}
     i = len(interfaces)
     for name, shape in (("position", (i, 3)), ("Phi_t", (i, 3, m)), ("Phi_r", (i, 3, m))):
@@ -228,7 +229,7 @@ def from_datasets(name: str, mass: float, datasets: Mapping[str, Any]) -> FlexBo
 
 
 def parts_of(datasets: Mapping[str, Any]) -> dict[str, Any]:
-    """Interfaces, provenance and the parts of an object by field, from datasets by path."""
+    """Interfaces, provenance and parts, by the field that takes them, from datasets by path."""
     parts: dict[str, Any] = {
         "interfaces": tuple(Interface(**row) for row in _rows(_members(datasets, "interfaces"))),
         "provenance": dict(
@@ -264,7 +265,7 @@ def _groups(datasets: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def may_hold_nan(path: str) -> bool:
-    """Whether the dataset may hold NaN, which there means unknown."""
+    """Whether the dataset may contain NaN, which means unknown there."""
     return path in _NAN_ALLOWED
 
 
@@ -311,7 +312,7 @@ def save_datasets(
     datasets: Mapping[str, Any],
     noun: str,
 ) -> Path:
-    """Write datasets and the attributes of their file; it appears only when it is complete.
+    """Write datasets and the attributes of a file; it appears only when it is complete.
 
     Parameters
     ----------
@@ -320,16 +321,16 @@ def save_datasets(
     marks : mapping
         Attributes by name, those of a group as ``"group/name"``.
     table, datasets, noun
-        What it may hold, what it holds, and what that is: "the flexible body".
+        The datasets that may occur, those to write, and what they are: "the flexible body".
 
     Raises
     ------
     OutputError
         The file cannot be written.
     """
-    import h5py  # h5py: 20 ms that a check of a scene need not pay
+    import h5py  # importing h5py takes 20 ms, which a check of a scene does not need
 
-    content = BytesIO()  # HDF5 ends the process where a disk fails, so it never meets one
+    content = BytesIO()  # HDF5 ends the process if a disk fails, so it writes into memory
     with h5py.File(content, "w", userblock_size=USER_BLOCK) as file:
         for row in table:
             file.require_group(row.path.partition("/")[0])
@@ -378,16 +379,16 @@ def load(path: str | os.PathLike[str]) -> FlexBody:
 def load_datasets(
     source: Path, form: str, version: int, table: tuple[Dataset, ...], noun: str
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The marks of a file, and its datasets by path.
+    """The attributes of a file, and its datasets by path.
 
     Parameters
     ----------
     source : Path
         The file.
     form, version, table
-        What it must be.
+        Format, version and table of datasets that it must have.
     noun : str
-        What that is, for messages: "a flexible body".
+        What the file contains, for messages: "a flexible body".
 
     Raises
     ------

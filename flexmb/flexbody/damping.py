@@ -1,9 +1,9 @@
-"""What may be said of the damping of a flexible body: ratios over its natural frequencies.
+"""Options for the damping of a flexible body: damping ratios over its natural frequencies.
 
 A ratio of 1 is critical damping. Sources: Rayleigh damping α M + β K has the ratio α/(2ω) + βω/2
-(Clough & Penzien, Dynamics of Structures, 2nd ed., §12-3); the preset "adams" is what Adams Solver
-takes where a FLEX_BODY has no CRATIO (its documentation of FLEX_BODY): 1 % below 100 Hz, 10 % below
-1 kHz, 100 % above.
+(Clough & Penzien, Dynamics of Structures, 2nd ed., §12-3). The preset "adams" is what Adams Solver
+takes if a FLEX_BODY has no CRATIO (see its documentation of FLEX_BODY): 1 % below 100 Hz, 10 %
+below 1 kHz, 100 % above.
 """
 
 from __future__ import annotations
@@ -174,7 +174,7 @@ class DampingOptions:
         return z
 
     def sentence(self) -> str:
-        """What it says, in short."""
+        """The options in short, as text."""
         parts = [] if self.ratio is None else [f"{100 * self.ratio:.4g} %"]
         parts += [] if not self.bands else [f"{len(self.bands)} bands"]
         parts += [] if self.table is None else [f"table of {len(self.table.ratios)} ratios"]
@@ -196,7 +196,7 @@ _ADAMS = (
 
 
 def damping_table(words: Any) -> Any:
-    """The table that a ratio of all modes, or the name of a preset, stands for."""
+    """The table for a single ratio of all modes or for the name of a preset; tables unchanged."""
     if isinstance(words, str):
         return {"preset": words}
     if not isinstance(words, Mapping):
@@ -229,7 +229,7 @@ def read_damping(words: Any, where: str = "damping") -> DampingOptions | None:
 
 
 def plain_options(value: Any) -> Any:
-    """Damping as plain data, without what is not there."""
+    """Damping as plain data, without options that are not set."""
     if isinstance(value, DampingOptions):
         value = asdict(value)
     if isinstance(value, Mapping):

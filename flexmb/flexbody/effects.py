@@ -1,13 +1,14 @@
 """The same flexible body with fewer effects, or in another body frame.
 
 In: a body with its modes in mean axes. Out: the rigid body with the same interfaces, nodes and
-surface; the body without the data of geometric stiffening; or its modes relative to a frame that
-one of its interfaces carries along, by u' = u − u_k − θ_k × (s − s_k): integrals of the new modes
-follow exactly from those of the old ones and of rigid motion. Of displacements of second order,
-which stiffen the body, the turn of the frame takes away θ_k × N η − θ_k × (θ_k × (s − c))/2, and a
-rigid motion of second order, so that they have no momentum and no angular momentum in the new frame
-either: its interface stays at rest in it to first order. Source: Shabana, Dynamics of
-Multibody Systems, 4th ed., §5.6 on reference conditions.
+surface; the body without the data of geometric stiffening; or the body in a frame fixed to one of
+its interfaces, k. There u' = u − u_k − θ_k × (s − s_k), so the integrals of the new modes follow
+exactly from those of the old ones and of rigid motion.
+
+Geometric stiffening is due to displacements of second order. The rotation θ_k of the frame changes
+them by −θ_k × N η + θ_k × (θ_k × (s − c))/2, and by a second-order rigid motion, such that they
+have no momentum and no angular momentum in the new frame either: the interface is at rest in it to
+first order. Source: Shabana, Dynamics of Multibody Systems, 4th ed., §5.6 on reference conditions.
 """
 
 from __future__ import annotations
@@ -30,11 +31,11 @@ _EPS = np.zeros((3, 3, 3))  # permutation symbol
 for _a, _b, _c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     _EPS[_a, _b, _c], _EPS[_b, _a, _c] = 1.0, -1.0
 
-_NO_MASS = 1e-12  # a moment of inertia below this share of its bound is round-off
+_NO_MASS = 1e-12  # a moment of inertia below this fraction of its bound is round-off
 
 
 def rigid_twin(body: FlexBody) -> FlexBody:
-    """The body without deformation: its mass properties, and all that can be held on to."""
+    """The body without modes: its mass properties, interfaces, nodes and surface."""
     if body.m == 0:
         return body
     twin = combine_modes(without_stiffening(body), np.zeros((body.m, 0)))
@@ -55,10 +56,12 @@ def without_stiffening(body: FlexBody) -> FlexBody:
 
 
 def without_modal_inertia(body: FlexBody, modes: Sequence[int]) -> FloatArray:
-    """Mab of a body of which some modes deform it without inertia: in mean axes no entry of them.
+    """Mab if some modes deform the body without inertia: their rows and columns in mean axes are
+    zero.
 
-    Where the frame moves with a mode, the motion of the whole body relative to it keeps its
-    inertia. The first integrals p and P, by which inertia loads the modes, are unchanged.
+    Where the frame moves with a mode, the inertia of the rigid motion of the whole body relative to
+    that frame remains. The first integrals p and P, by which inertia loads the modes, do not
+    change.
     """
     M = mass_at_rest(body.mass, body.S1, body.S0, body.p, body.P, body.M_eta)[:6]
     size = np.sqrt(np.diag(M)) + np.finfo(float).tiny
@@ -72,7 +75,7 @@ def without_modal_inertia(body: FlexBody, modes: Sequence[int]) -> FloatArray:
 
 
 def frame_at_interface(body: FlexBody, name: str) -> FlexBody:
-    """The body with its frame fixed at an interface, which then neither moves nor turns in it.
+    """The body in a frame fixed to an interface, which then neither translates nor rotates in it.
 
     Parameters
     ----------
@@ -89,7 +92,7 @@ def frame_at_interface(body: FlexBody, name: str) -> FlexBody:
     end = body.interface(name)
     if body.m == 0:
         return body
-    # rigid motion that is taken out, per eta: translation of the origin and rotation
+    # rigid motion that is added to each mode: translation of the origin and rotation
     turn = -end.Phi_r
     shift = -end.Phi_t - np.cross(turn.T, end.position).T
     fields = _rigid_integrals(body, body.p, body.P, body.Mab, np.vstack([shift, turn]))
@@ -127,7 +130,7 @@ def frame_at_interface(body: FlexBody, name: str) -> FlexBody:
 
 
 def _rigid_displacement(points: FloatArray, shift: FloatArray, turn: FloatArray) -> FloatArray:
-    """(n, 3, m) displacement of points (n, 3) by rigid motions (3, m)."""
+    """(n, 3, m) displacement of points (n, 3) by the rigid motions shift, turn (3, m)."""
     return np.asarray(shift + np.einsum("acb,cm,nb->nam", _EPS, turn, points))
 
 
@@ -142,7 +145,8 @@ def _moved(
 def _rigid_integrals(
     body: FlexBody, p: FloatArray, P: FloatArray, Mab: FloatArray, motion: FloatArray
 ) -> dict[str, Any]:
-    """p, P and Mab of modes plus rigid motions d + G s, G_ab = ε_acb θ_c; (6, m) d and θ."""
+    """p, P and Mab of modes plus rigid motions d + G s with G_ab = ε_acb θ_c; motion (6, m) is d,
+    θ."""
     shift, turn = motion[:3], motion[3:]
     G = np.einsum("acb,cm->abm", _EPS, turn)
     cross = np.einsum("ai,bj->abij", p, shift) + np.einsum("bcj,cai->abij", G, P)
@@ -158,10 +162,11 @@ def _rigid_integrals(
 
 
 def _stiffening(body: FlexBody, turn: FloatArray) -> _Stiffening:
-    """Centrifugal stiffness and bends in a frame that turns by `turn` (3, m) more per eta.
+    """Centrifugal stiffness and function of bends, in a frame that rotates by `turn` (3, m) per
+    eta.
 
-    What is of second order in the new frame is v = −θ × N̄η + θ × (θ × s̄)/2 − ψ × s̄ more, with N̄
-    and s̄ relative to the centre of mass and ψ such that ∫ρ s̄ × v = 0.
+    The second-order displacement in the new frame has the additional part v = −θ × N̄η + θ × (θ ×
+    s̄)/2 − ψ × s̄, with N̄ and s̄ relative to the centre of mass and ψ such that ∫ρ s̄ × v = 0.
     """
     c, S = body.center, body.S0 - np.outer(body.S1, body.S1) / body.mass
     theta = np.einsum("bcd,cm->bdm", _EPS, turn)  # θ × x = theta x: (3, 3, m)

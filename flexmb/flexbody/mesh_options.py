@@ -1,6 +1,6 @@
-"""What may be said of a body made of a mesh: interfaces, connections, loads, modes, material.
+"""Options of a body made of a mesh: interfaces, connections, loads, modes, material.
 
-Scenes (in their units) and :func:`flexmb.fe.reduce` (in SI) read these options. Nodes are counted
+Scenes (in their units) and :func:`flexmb.fe.reduce` (in SI) read these options. Nodes are numbered
 from 0 in the order of the mesh; vectors are in body axes. Sections are in
 :mod:`flexmb.flexbody.section_options`.
 """
@@ -47,7 +47,7 @@ class NodeOptions:
     position: Position | None = None
 
     def check(self, say: Say) -> list[Problem]:
-        """One way to select nodes, with its radius."""
+        """Exactly one way to select nodes; a radius belongs to a center."""
         words = [key for key in _SELECTORS if getattr(self, key) is not None]
         if len(words) != 1:
             what = f"has {' and '.join(words)}" if words else "has no nodes"
@@ -70,7 +70,7 @@ class InterfaceOptions(NodeOptions):
     type: Literal["rbe2", "rbe3"] = "rbe2"
 
     def check(self, say: Say) -> list[Problem]:
-        """Weights belong to a mean."""
+        """Weights are allowed for the mean motion (rbe3) only."""
         problems = NodeOptions.check(self, say)
         if self.weights is not None and self.type == "rbe2":
             what = 'are for type = "rbe3"; nodes of an rbe2 move rigidly'
@@ -98,7 +98,7 @@ class MassOptions:
     offset: Position | None = None
 
     def check(self, say: Say) -> list[Problem]:
-        """It has mass or inertia."""
+        """Mass or inertia must be given."""
         if self.mass == 0 and self.inertia is None:
             return [Problem("mass", "must be positive where there is no inertia, is 0")]
         return []
@@ -116,7 +116,7 @@ class NodeSpringOptions:
     axes: tuple[Direction, Direction] | None = None
 
     def check(self, say: Say) -> list[Problem]:
-        """Axes belong to six stiffnesses."""
+        """Axes are allowed with six stiffnesses only."""
         if self.axes is not None and not hasattr(self.stiffness, "__len__"):
             return [Problem("axes", "belong to a spring with six stiffnesses")]
         return []
@@ -162,7 +162,7 @@ class PointLoad(NodeOptions):
     residual: bool = True
 
     def check(self, say: Say) -> list[Problem]:
-        """Force or moment."""
+        """Force or moment must be given."""
         problems = NodeOptions.check(self, say)
         if self.force is None and self.moment is None:
             problems.append(Problem("", 'give "force", "moment" or both'))
@@ -197,7 +197,7 @@ class ModesOptions:
     effective_mass: Annotated[float, Unit("", "positive")] | None = None
 
     def check(self, say: Say) -> list[Problem]:
-        """One of the three; a share is below one."""
+        """Exactly one of the three; a share is below one."""
         names = ("count", "frequency", "effective_mass")
         words = [key for key in names if getattr(self, key) is not None]
         if len(words) != 1:
@@ -241,7 +241,7 @@ class BeamMesh:
     divisions: Divisions | None = None
 
     def check(self, say: Say) -> list[Problem]:
-        """Length or points."""
+        """Either length or points."""
         if (self.length is None) == (self.points is None):
             words = "neither" if self.length is None else "both"
             return [Problem("", f'give either "length" or "points", given {words}')]

@@ -1,18 +1,19 @@
-"""Natural modes of a flexible body with some of its interfaces held, and modal damping.
+"""Natural modes of a flexible body with some of its interfaces fixed, and modal damping.
 
 The natural modes are those of the rigid motions of the frame and the modal coordinates together,
-with the interfaces' six motions (as the rows of Phi say) at zero; so the answer is that of the
-reduced model, exact in its static part.
+with the six motions of the fixed interfaces (by the rows of Phi there) at zero. They are those of
+the reduced model, whose static part is exact.
 
-Vibrations that damping belongs to: of stiffness K = L Lᵀ (m, m) and a basis of the motions that are
-free, modal coordinates N (m, d) and mass M (d, d) = R Rᵀ, the singular values of Lᵀ N R⁻ᵀ are the
-natural frequencies, the left singular vectors u the shapes Lᵀ η / ω. The damping matrix
+Vibrations for modal damping: with stiffness K = L Lᵀ (m, m), a basis of the free motions with modal
+coordinates N (m, d) and mass M (d, d) = R Rᵀ, the singular values of Lᵀ N R⁻ᵀ are the natural
+frequencies and the left singular vectors u are the shapes Lᵀ η / ω. The damping matrix
 
     D = Σ 2 ζ_j / ω_j (L u_j) (L u_j)ᵀ
 
-gives each mode its ratio ζ_j exactly, couples none, and takes no work from rigid motion: it acts on
-modal coordinates alone. With all modes and ζ = βω/2 it is β K. What the motions cannot do (shapes
-that interfaces hold) is damped by the same law at the frequencies of these shapes.
+gives each mode exactly its ratio ζ_j and couples no modes. It acts on modal coordinates alone, so
+that rigid motions do no work in it. With all modes and ζ = βω/2 it is β K. Shapes that the free
+motions do not contain (because interfaces prevent them) are damped by the same law at the
+frequencies of these shapes.
 """
 
 from __future__ import annotations
@@ -57,17 +58,17 @@ class NaturalModes:
 def natural_modes(
     body: FlexBody, interfaces: Sequence[str] = (), rows: FloatArray | None = None
 ) -> NaturalModes:
-    """Natural modes with these interfaces held.
+    """Natural modes with these interfaces fixed.
 
     Parameters
     ----------
     body : FlexBody
         The body.
     interfaces : sequence of str
-        Names; without any the body is free and its rigid motions are left out.
+        Names; without any the body is free, and its rigid motions are left out.
     rows : (n, 6 + m) array, optional
-        Linear constraints in place of whole interfaces: their coefficients for the translation of
-        the body frame, its rotation (body axes) and eta. Motions that they leave free have
+        Linear constraints instead of whole interfaces: their coefficients for the translation of
+        the body frame, its rotation (body axes) and eta. Rigid motions that they leave free have
         frequency zero.
 
     Raises
@@ -90,14 +91,14 @@ def natural_modes(
 
 
 def natural_frequencies(body: FlexBody, interfaces: Sequence[str] = ()) -> FloatArray:
-    """(k,) natural frequencies [Hz] with these interfaces held; see :func:`natural_modes`."""
+    """(k,) natural frequencies [Hz] with these interfaces fixed; see :func:`natural_modes`."""
     return natural_modes(body, interfaces).frequencies
 
 
 def free_motions(body: FlexBody, interfaces: Sequence[str]) -> FloatArray:
-    """(6 + m, k) motions of the frame and eta with these interfaces held, of order one by mass.
+    """(6 + m, k) basis of the motions of frame and eta with these interfaces fixed, scaled by mass.
 
-    Without any the frame is held, so that rigid motions are left out.
+    Without interfaces the frame is fixed, so that rigid motions are left out.
     """
     if not interfaces:
         return np.eye(6 + body.m)[:, 6:]
@@ -111,9 +112,10 @@ def free_motions(body: FlexBody, interfaces: Sequence[str]) -> FloatArray:
 
 
 def _null_space(rows: FloatArray, size: FloatArray) -> FloatArray:
-    """(n, k) what rows leave free; each row and column is scaled to be of order one.
+    """(n, k) null space of the rows; each row and column is first scaled to be of order one.
 
-    What has no inertia, as points on a line about it, has the scale of what has most.
+    A coordinate without inertia, as the rotation of points on a line about it, gets the largest
+    scale.
     """
     size = np.where(size > 0.0, size, size.max())
     scaled = rows / size
@@ -122,7 +124,8 @@ def _null_space(rows: FloatArray, size: FloatArray) -> FloatArray:
 
 
 def matrices_at_rest(body: FlexBody) -> tuple[FloatArray, FloatArray]:
-    """Mass and stiffness (6 + m, 6 + m) at rest: translation, rotation about the origin, modes."""
+    """Mass and stiffness (6 + m, 6 + m) at rest; order: translation, rotation about the origin,
+    eta."""
     M = mass_at_rest(body.mass, body.S1, body.S0, body.p, body.P, body.M_eta)
     K = np.zeros_like(M)
     K[6:, 6:] = body.K
@@ -132,7 +135,7 @@ def matrices_at_rest(body: FlexBody) -> tuple[FloatArray, FloatArray]:
 def mass_at_rest(
     mass: float, S1: FloatArray, S0: FloatArray, p: FloatArray, P: FloatArray, M_eta: FloatArray
 ) -> FloatArray:
-    """Mass (6 + m, 6 + m) at rest in body axes from the integrals of a body."""
+    """Mass (6 + m, 6 + m) at rest in body axes, from the inertia integrals of a body."""
     M = np.zeros((6 + len(M_eta), 6 + len(M_eta)))
     M[:3, :3] = mass * np.eye(3)
     M[:3, 3:6] = -skew(S1)
@@ -145,13 +148,13 @@ def mass_at_rest(
     return M
 
 
-_RIGID = 1e-9  # frequency over the highest below which a motion is rigid; round-off leaves 1e-13
-_COUPLED = 1e-6  # damping between modes, over that within them, that is round-off
+_RIGID = 1e-9  # frequency over the highest below which a motion is rigid; round-off is about 1e-13
+_COUPLED = 1e-6  # damping between modes, over that within them, below which it is round-off
 
 
 @dataclass(frozen=True, eq=False)
 class Vibrations:
-    """Natural modes with stiffness of unit modal mass, ascending.
+    """Natural modes of unit modal mass with stiffness (no rigid motions), ascending in frequency.
 
     Parameters
     ----------
@@ -160,7 +163,7 @@ class Vibrations:
     eta : (m, k) float
         Modal coordinates.
     stress : (r, r) float
-        Orthonormal: the k shapes Lᵀ η / ω, then all others of which the modes have none.
+        Orthonormal: the k shapes Lᵀ η / ω, then all others, which the modes do not contain.
     """
 
     omega: FloatArray
@@ -169,7 +172,8 @@ class Vibrations:
 
     @classmethod
     def of(cls, K: FloatArray, eta: FloatArray, mass: FloatArray) -> Vibrations:
-        """From K (m, m) and the modal coordinates eta (m, d) and mass (d, d) of free motions."""
+        """From K (m, m), and the modal coordinates eta (m, d) and mass (d, d) of the free
+        motions."""
         half = solve_triangular(np.linalg.cholesky(mass), eta.T, lower=True).T
         U, s, Vt = np.linalg.svd(stiffness_factor(K).T @ half)
         k = int(np.sum(s > _RIGID * s.max(initial=0.0)))
@@ -186,7 +190,7 @@ def stiffness_factor(K: FloatArray) -> FloatArray:
 
 
 def body_vibrations(body: FlexBody, interfaces: tuple[str, ...] = ()) -> Vibrations:
-    """Those of the body alone with these interfaces held; free without any."""
+    """Vibrations of the body alone with these interfaces fixed; of the free body without any."""
     M, _ = matrices_at_rest(body)
     free = free_motions(body, interfaces) if interfaces else np.eye(6 + body.m)
     return Vibrations.of(body.K, free[6:], free.T @ M @ free)
@@ -206,12 +210,13 @@ def damping_matrix(
     body, damping : FlexBody, DampingOptions
         The body and its ratios.
     joined : Vibrations
-        Of the body as the scene joins it.
+        Vibrations of the body as the scene joins it.
     where : str
-        Its place, for messages.
+        Place of the options, for messages.
     together : ((j,) array, (m, j) array), optional
-        Natural frequencies [rad/s] of the scene with all its flexible bodies, and what of this body
-        is in these modes: they damp shapes that the others would hold if they were rigid.
+        Natural frequencies [rad/s] of the scene with all its flexible bodies, and the modal
+        coordinates of this body in these modes. They damp shapes of this body that its joints would
+        prevent if the other bodies were rigid.
 
     Raises
     ------
@@ -226,7 +231,7 @@ def damping_matrix(
     k, L = len(of.omega), stiffness_factor(body.K)
     z = damping.ratios_of_modes(of.omega / (2 * np.pi), where)
     half = L @ of.stress[:, :k] * np.sqrt(2 * z / of.omega)
-    # the other shapes, as the free body can vibrate in them: 1/ω are singular values
+    # the other shapes, as the free body vibrates in them: the singular values are 1/ω
     n, rest = len(free.omega), of.stress[:, k:]
     if not (rest.shape[1] and n):
         return np.asarray(half @ half.T)
@@ -244,10 +249,10 @@ def damping_matrix(
 
 
 def damping_ratios(D: FloatArray, vibrations: Vibrations) -> FloatArray:
-    """(k,) the ratio that each mode has with the damping D (m, m).
+    """(k,) the damping ratio of each mode with the damping D (m, m).
 
-    Where D couples modes it is that of the damped mode in which the mode is largest: −Re λ/|λ| of
-    an eigenvalue λ, and at least 1 where that does not oscillate.
+    If D couples modes, it is −Re λ/|λ| of the eigenvalue λ of the damped mode in which the mode
+    dominates, and at least 1 if that does not oscillate.
     """
     omega, C = vibrations.omega, vibrations.eta.T @ D @ vibrations.eta
     own = 0.5 * np.diag(C) / omega
@@ -255,13 +260,13 @@ def damping_ratios(D: FloatArray, vibrations: Vibrations) -> FloatArray:
     k = len(omega)
     if not np.any(np.abs(C - np.diag(np.diag(C))) > _COUPLED * np.maximum(size, size.max() * 1e-9)):
         return np.asarray(own)
-    # scaled states (ω x, ẋ): one matrix whose entries compare
+    # states (ω x, ẋ), scaled so that the entries of the matrix are comparable
     A = np.block([[np.zeros((k, k)), np.diag(omega)], [-np.diag(omega), -C]])
     values, W = np.linalg.eig(A)
     oscillates = values.imag > 0.0
     values, shares = values[oscillates], np.abs(W[k:, oscillates])
     ratios = np.maximum(own, 1.0)
-    from scipy.optimize import linear_sum_assignment  # takes 0.2 s, and is seldom needed
+    from scipy.optimize import linear_sum_assignment  # importing takes 0.2 s and is seldom needed
 
     modes, pairs = linear_sum_assignment(-shares)
     ratios[modes] = -values[pairs].real / np.abs(values[pairs])

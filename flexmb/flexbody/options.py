@@ -1,11 +1,11 @@
-"""Options of a body as dataclasses, which scenes and finite elements read alike.
+"""Options of a body as dataclasses, which scenes and the finite-element half read alike.
 
-A field's annotation says what may stand there: ``Annotated[float, Unit("m", "positive")]``, a
-``Literal``, a tuple, another dataclass of options, :class:`OneOf` several kinds that differ by
-``type``, or a :class:`Kind` that each half reads in its own way (a material, a group of the mesh).
-The scene model makes pydantic classes, JSON schema and lists of them in the scene's units;
-:func:`read_options` reads plain data in SI, all mistakes at once. A method ``check`` of the class
-returns what is wrong with the fields taken together.
+The annotation of a field says which values are allowed: ``Annotated[float, Unit("m",
+"positive")]``, a ``Literal``, a tuple, another dataclass of options, :class:`OneOf` several kinds
+that differ by ``type``, or a :class:`Kind` that each half reads in its own way (a material, a group
+of the mesh). The scene model makes pydantic classes, JSON schema and lists of them, in the scene's
+units; :func:`read_options` reads plain data in SI and reports all mistakes at once. A method
+``check`` of the class returns what is wrong with the fields taken together.
 """
 
 from __future__ import annotations
@@ -61,14 +61,15 @@ class Whole:
 
 @dataclass(frozen=True)
 class Kind:
-    """Annotation of a value that scene and finite elements each read by a function of their own."""
+    """Annotation of a value that scenes and finite elements each read by a function of their
+    own."""
 
     name: str
 
 
 @dataclass(frozen=True)
 class OneOf:
-    """Annotation of a table whose ``type`` says which options it has."""
+    """Annotation of a table whose ``type`` selects its options."""
 
     noun: str
     kinds: Mapping[str, type]
@@ -82,7 +83,7 @@ Position = tuple[Length, Length, Length]
 
 @cache
 def option_types(options: type) -> dict[str, tuple[Any, Any]]:
-    """Annotation and default (``MISSING`` where there is none) of each field by name."""
+    """Annotation and default (``MISSING`` if there is none) of each field by name."""
     hints = get_type_hints(options, include_extras=True)
     types_by_name = {}
     for field in fields(options):
@@ -94,12 +95,12 @@ def option_types(options: type) -> dict[str, tuple[Any, Any]]:
 
 
 def is_number(value: Any) -> bool:
-    """Whether it is a number that is neither true, false, infinite nor undefined."""
+    """Whether it is a finite number, and not a bool."""
     return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def require_tables(error: type[FlexmbError], tables: Mapping[str, Any]) -> None:
-    """Refuse what is no table of names, each of None or its own entry."""
+    """Refuse anything but tables by name; each may be None."""
     problems = [
         Problem(name, f"a table by name is expected, given {value!r}")
         for name, value in tables.items()
@@ -112,12 +113,12 @@ def require_tables(error: type[FlexmbError], tables: Mapping[str, Any]) -> None:
 def kind_of(
     noun: str, names: Sequence[str], words: Any, where: str, error: type[FlexmbError]
 ) -> str:
-    """The type of a table of words.
+    """The type named in a table.
 
     Raises
     ------
     FlexmbError
-        Of the class ``error``: no table, no type, or none of ``names``.
+        Of the class ``error``: not a table, no type, or a type that is not among ``names``.
     """
     names = tuple(names)
     if not isinstance(words, Mapping):
@@ -153,7 +154,7 @@ def key_problems(options: type, words: Mapping[str, Any], where: str) -> list[Pr
 def read_options(
     options: type[T], words: Mapping[str, Any] | T, where: str, error: type[FlexmbError]
 ) -> T:
-    """Options from plain data in SI.
+    """Read options from plain data in SI.
 
     Parameters
     ----------
@@ -162,7 +163,7 @@ def read_options(
     words : mapping or instance
         Values by field.
     where : str
-        Place of the table, in front of the places of the problems.
+        Path of the table, put before the paths of its problems.
     error : type
         Class of the error.
 
@@ -195,7 +196,7 @@ def read_options(
 
 
 def option_values(options: Options) -> dict[str, Any]:
-    """The fields that are not at their default, without the type, by name."""
+    """The fields that are not at their default, by name, without the type."""
     options_by_name = option_types(type(options))
     return {
         name: getattr(options, name)
@@ -205,7 +206,8 @@ def option_values(options: Options) -> dict[str, Any]:
 
 
 def rooted(where: str, problems: Sequence[Problem]) -> list[Problem]:
-    """The problems of an object, ``section.A`` or ``mesh.size``, under its place in a table."""
+    """The problems of an object, with paths such as ``section.A``, moved under its path in a
+    table."""
     fields_ = (problem.where.partition(".")[2] for problem in problems)
     return [
         replace(problem, where=f"{where}.{name}" if name else where)
@@ -218,7 +220,7 @@ def _say(value: float, unit: str) -> str:
 
 
 def _read(annotation: Any, value: Any, where: str) -> tuple[Any, list[Problem]]:
-    """The value as its annotation wants it, and what is wrong with it."""
+    """The value converted to its annotation, and what is wrong with it."""
     origin, parts = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _read_marked(parts[1], value, where)

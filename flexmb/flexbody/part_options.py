@@ -1,4 +1,4 @@
-"""What may be said of a part by itself: how it is supported and loaded, and what is computed.
+"""Options of a part analysis: supports, loads, and what is computed.
 
 Scenes (``[part]``, in their units) and :func:`flexmb.fe.part` (in SI) read these options. Vectors
 are in the axes of the mesh.
@@ -61,7 +61,7 @@ class SupportOptions(NodeOptions):
     rotation: _Angles | None = None
 
     def check(self, say: Say) -> list[Problem]:
-        """One place, one way to say what is held, and what belongs to it."""
+        """Exactly one place, one way to say what is held, and only options that belong to it."""
         problems = [] if self.interface is not None else NodeOptions.check(self, say)
         if self.interface is not None:
             nodes = [f.name for f in fields(NodeOptions) if getattr(self, f.name) is not None]
@@ -92,7 +92,7 @@ class InterfaceLoad:
     moment: _Moments | None = None
 
     def check(self, say: Say) -> list[Problem]:
-        """Force or moment."""
+        """Force or moment must be given."""
         if self.force is None and self.moment is None:
             return [Problem("", 'give "force", "moment" or both')]
         return []
@@ -108,7 +108,7 @@ class SpinLoad:
     position: Position = (0.0, 0.0, 0.0)
 
     def check(self, say: Say) -> list[Problem]:
-        """It turns."""
+        """It must rotate or accelerate."""
         if not any((*self.angular_velocity, *self.angular_acceleration)):
             return [Problem("", 'give "angular_velocity", "angular_acceleration" or both')]
         return []
@@ -126,7 +126,7 @@ class FrequenciesOptions:
     band: tuple[Annotated[float, Unit("Hz")], Annotated[float, Unit("Hz")]] | None = None
 
     def check(self, say: Say) -> list[Problem]:
-        """One of the two; a band ascends."""
+        """Exactly one of the two; a band ascends."""
         if (self.count is None) == (self.band is None):
             words = "neither" if self.count is None else "both"
             return [Problem("", f'give "count" or "band", given {words}')]
@@ -151,7 +151,7 @@ class PartAnalysisOptions:
     preload: bool = False
 
     def check(self, say: Say) -> list[Problem]:
-        """There is something to do, and loads where they are needed."""
+        """There must be something to compute, and loads where they are needed."""
         loaded, problems = is_static(self), []
         if not (loaded or self.frequencies or self.buckling):
             problems.append(Problem("", "nothing to compute: give loads, frequencies or both"))
@@ -163,6 +163,6 @@ class PartAnalysisOptions:
 
 
 def is_static(part: PartAnalysisOptions) -> bool:
-    """Whether there is anything that a part responds to at rest."""
+    """Whether there are loads or imposed displacements, so that a static solution is needed."""
     moved = (s.displacement or s.rotation for s in part.supports.values())
     return bool(part.loads) or any(moved)

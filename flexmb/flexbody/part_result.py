@@ -1,15 +1,15 @@
 """The result of a part by itself: displacements, reactions, stresses, frequencies, mode shapes.
 
-In: what :func:`flexmb.fe.part` finds. Out: :class:`PartResult`, and its HDF5 file. Its fields are
-the static solution, the modes of vibration and those of buckling, one column each of all arrays
-that say how nodes and surface move and what the stress is. All in SI, axes of the mesh. Modes of
-vibration have unit modal mass; those of buckling have a largest displacement of one metre.
+In: the solution of :func:`flexmb.fe.part`. Out: :class:`PartResult`, and its HDF5 file. Its fields
+are the static solution, the vibration modes and the buckling modes; each has one column in all
+arrays of motion and stress. All in SI, axes of the mesh. Vibration modes have unit modal mass;
+buckling modes have a largest displacement of one metre.
 
-Quantities have names, for the known answers of scenes: ``frequency.1``, ``load_factor.1``,
+Quantities have names, by which scenes state known answers: ``frequency.1``, ``load_factor.1``,
 ``displacement.tip.z`` and ``rotation.tip.x`` (interface, mesh group or node), ``reaction.root.Fz``,
 ``von_mises`` (the largest), ``von_mises.17`` and ``von_mises.17.top`` (at mesh node 17),
 ``stress.17.top.xx``, ``principal.17.1``, ``section_force.3.2.Mz`` (beam element 3, second end),
-``shell_force.17.Mx``; of the static solution.
+``shell_force.17.Mx``. All but the first two are those of the static solution.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class Resultant:
 
 @dataclass(frozen=True, eq=False)
 class PartResult:
-    """What became of a part.
+    """The results of a part analysis.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ class PartResult:
         What is drawn, motion of the nodes, stress at the nodes, section forces of beams, force and
         moment resultants of shells; None where there is none.
     notes : tuple of str
-        What is worth knowing.
+        Sentences on the model and the analysis.
     provenance : mapping of str to str
         Mesh, material, options, versions.
     """
@@ -133,7 +133,7 @@ class PartResult:
     provenance: Mapping[str, str] = field(default_factory=dict)
 
     def column(self, name: str = STATIC) -> FloatArray:
-        """(m,) one at the field of this name, else zero: what takes modal coordinates takes it.
+        """(m,) one at the field of this name, else zero: modal coordinates that select the field.
 
         Raises
         ------
@@ -170,8 +170,10 @@ class PartResult:
 
     @property
     def imbalance(self) -> float:
-        """What loads and reactions lack of balance, over the largest of them; moments count over
-        the size of the part."""
+        """Largest component of the sum of loads and reactions, over the largest force or moment.
+
+        Moments are divided by the size of the part.
+        """
         center = self.nodes.position.mean(axis=0)
         size = float(np.ptp(self.nodes.position, axis=0).max()) or 1.0
         forces = [part.force for part in (*self.supports, *self.loads)]
@@ -270,7 +272,7 @@ def _reaction(result: PartResult, words: list[str]) -> float:
 
 
 def _at_node(result: PartResult, values: FloatArray, words: Sequence[str]) -> FloatArray:
-    """Rows of the values at a node, and in a layer."""
+    """Values (rows) at a node, or at a node and in a layer."""
     stress = result._stress()
     layer = words[1] if len(words) > 1 else None
     if layer is not None and layer not in stress.layers:
@@ -286,7 +288,7 @@ def _von_mises(result: PartResult, words: list[str]) -> float:
     return float(_at_node(result, result.von_mises(), words).max())
 
 
-_EQUAL_STRESS = 1e-5  # relative; stress is stored in single precision
+_EQUAL_STRESS = 1e-5  # relative difference; stress is stored in single precision
 
 
 def _stress_component(result: PartResult, words: list[str]) -> float:
@@ -337,7 +339,7 @@ QUANTITIES: dict[str, tuple[str, str, Callable[[PartResult, list[str]], float]]]
     "section_force": ("section_force.3.1.Mz: element, end 1 or 2", "N m", _section_force),
     "shell_force": ("shell_force.17.Mx: node", "N/m", _shell_force),
 }  # fmt: skip
-"""What a name begins with: its form, SI unit, and how it is read."""
+"""By first word of a quantity's name: its form, SI unit, and the function that reads it."""
 
 
 def save_part(result: PartResult, path: str | os.PathLike[str]) -> Path:

@@ -3,9 +3,9 @@
 All in SI and in the body frame, which is the frame of the undeformed mesh. m is the number of
 modal coordinates eta; Phi_t and Phi_r are the translation [m] and rotation [rad] per unit eta.
 
-In: a :class:`FlexBody`. Out: one row per candidate mode under the headings ``MODE_COLUMNS``:
-`mostly` names the candidate with the most strain energy in the mode, `interfaces` the share of
-strain energy in interface motions, `x/y/z` the shares of kinetic energy along the axes.
+The table of modes has one row per candidate mode under the headings ``MODE_COLUMNS``: `mostly`
+names the candidate with the most strain energy in the mode, `interfaces` the share of strain energy
+in interface motions, `x/y/z` the shares of kinetic energy along the axes.
 """
 
 from __future__ import annotations
@@ -31,8 +31,9 @@ class Interface:
     Phi_t, Phi_r : (3, m) float
         Translation [m] and small rotation [rad] of the point per unit modal coordinate, body axes.
     bend : (3, m, m) float, optional
-        Geometric stiffness of a unit force at the point along each body axis [1/m per m^2 of eta]:
-        the point falls back by half of eta^T bend eta. None: not known, and left out.
+        Per unit force at the point along each body axis: its geometric stiffness [1/m per m^2 of
+        eta]. The second-order displacement of the point is -1/2 eta^T bend eta along that axis.
+        None: not known, and left out.
     """
 
     name: str
@@ -54,10 +55,10 @@ class Interface:
 
 @dataclass(frozen=True)
 class ModeInfo:
-    """What one candidate mode is, and whether it became a modal coordinate.
+    """What a candidate mode is, and whether it became a modal coordinate.
 
-    After orthonormalisation a coordinate has no kind of its own; the shares in its energies tell
-    what it mostly is.
+    After orthonormalisation a modal coordinate is a combination of candidates; its energy shares
+    say what it mainly consists of.
 
     Parameters
     ----------
@@ -151,7 +152,7 @@ class NodeModes:
     Phi_t : (k, 3, m) float
         Displacement per unit modal coordinate [m].
     Phi_r : (k, 3, m) float or None
-        Small rotation per unit modal coordinate [rad]; None if the body knows none.
+        Small rotation per unit modal coordinate [rad]; None if the body has no rotations.
     groups : mapping of str to (g,) int
         Nodes of the body in each named group of its mesh.
     """
@@ -185,12 +186,13 @@ class NodeModes:
 
 @dataclass(frozen=True, eq=False)
 class LoadPoint(Interface):
-    """The mean of the nodes that one component of a load, of one sign, acts on, weighted by it.
+    """Point of action of one component of a load, of one sign: the mean of its nodes, weighted by
+    it.
 
     Parameters
     ----------
     wrench : (6,) float
-        That component there: a force [N] or a moment [N m], body axes.
+        That component: a force [N] or a moment [N m] in body axes.
     """
 
     wrench: FloatArray = field(default_factory=lambda: np.zeros(6))
@@ -204,7 +206,7 @@ class LoadPoint(Interface):
 
 @dataclass(frozen=True, eq=False)
 class LoadVector:
-    """A load by its resultant, its work on the modes, and where it acts on the deformed body.
+    """A load: its resultant, its work on the modes, and its points of action on the deformed body.
 
     Parameters
     ----------
@@ -215,9 +217,9 @@ class LoadVector:
     modal : (m,) float
         Generalised force on each modal coordinate: the load's work per unit eta.
     points : tuple of LoadPoint
-        What the load is in a run; without any it cannot act there.
+        Points where the load acts during a run; without points it cannot act.
     missing_share : float
-        Share of its static strain energy, interfaces held, that the modes lack.
+        Share of the static strain energy under the load, interfaces fixed, that the modes lack.
     """
 
     name: str

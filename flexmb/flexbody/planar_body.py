@@ -1,14 +1,13 @@
 """Flexible bodies in a plane: modes symmetric about it, without motion out of it.
 
-In: points and the motion of each. Out: what the reflected motion would be at them, interpolated
-where the mirror image of a point is no point of the body itself: exact for symmetric meshes, by a
-quadratic fit through the nearest points for others.
+:func:`mirror_motion` reflects a motion known at points. If the mirror image of a point is not a
+point of the body, the motion there is interpolated by a quadratic fit through the nearest points;
+for symmetric meshes the reflection is exact.
 
-In: a body and the normal of the plane, in body axes. Out: the same body with those combinations of
-its modes that mirror themselves at the plane through the centre of mass; in them the plane's
-points stay in it. How much of a mode is antisymmetric is measured at the nodes, whose motion is
-compared with the mirrored one; a body without nodes is judged by the kinetic energy along the
-normal. Interfaces must lie in the plane.
+:func:`planar_body` retains those combinations of a body's modes that are symmetric about the plane
+through its centre of mass; in them points of the plane stay in it. How much of a mode is
+antisymmetric is measured at the nodes, whose motion is compared with the mirrored one; for a body
+without nodes it is the kinetic energy along the normal. Interfaces must lie in the plane.
 """
 
 from __future__ import annotations
@@ -36,12 +35,14 @@ PLANES: dict[str, tuple[float, float, float]] = {
 """Coordinate planes of a frame and their normals."""
 
 
-_MAX_POINTS = 2000  # points that are compared; more would tell the same
-_NEIGHBOURS = 24  # of a fit with ten coefficients
+_MAX_POINTS = 2000  # points that are compared; more would give the same result
+_NEIGHBOURS = 24  # points used for a quadratic fit of ten coefficients
 _MAX_WEIGHTS = (
-    3.0  # sum of weights from which on a fit extrapolates: then the nearest point is taken
+    # sum of the magnitudes of the weights above which a fit extrapolates; then the nearest point is
+    # used
+    3.0
 )
-_EQUAL_POINTS = 1e-6  # of the extent: closer points are the same
+_EQUAL_POINTS = 1e-6  # points closer than this fraction of the extent are equal
 
 
 def mirror_motion(
@@ -61,7 +62,7 @@ def mirror_motion(
     Returns
     -------
     rows : (r,) int
-        Points that were looked at, evenly spread over the list.
+        Points that were compared, evenly spread over the list.
     reflected : (r, 3, m) float
         The reflected motion at them.
     """
@@ -73,7 +74,7 @@ def mirror_motion(
 
 def _interpolate_motion(points: FloatArray, motion: FloatArray, at: FloatArray) -> FloatArray:
     """(r, 3, m) the motion at other places (r, 3)."""
-    from scipy.spatial import cKDTree  # loaded in 0.05 s, only where a body is mirrored
+    from scipy.spatial import cKDTree  # importing takes 0.05 s, so only where a body is mirrored
 
     count = min(_NEIGHBOURS, len(points))
     distance, near = cKDTree(points).query(at, count)
@@ -89,18 +90,21 @@ def _interpolate_motion(points: FloatArray, motion: FloatArray, at: FloatArray) 
 
 
 def fit_weights(near: FloatArray, at: FloatArray) -> FloatArray:
-    """(r, k) weights of the neighbours (r, k, 3) in the value at a place of a quadratic fit."""
+    """(r, k) weights of the neighbours (r, k, 3) in a quadratic fit, evaluated at places (r, 3)."""
     arms = near - at[:, None]
     size = np.linalg.norm(arms, axis=2).max(axis=1)
     x = arms / size[:, None, None]
     pairs = [x[..., a] * x[..., b] for a in range(3) for b in range(a, 3)]
     A = np.stack([np.ones(x.shape[:2]), *(x[..., a] for a in range(3)), *pairs], axis=2)
-    return np.asarray(np.linalg.pinv(A, rcond=1e-6)[:, 0])  # the constant is the value at x = 0
+    # the constant term is the value at the place
+    return np.asarray(np.linalg.pinv(A, rcond=1e-6)[:, 0])
 
 
-LARGEST_SHARE = 0.01  # of the energy of a mode, or of the motion of an interface
-_MAX_ANTISYMMETRIC = 0.5  # a mode with less than half out of the plane is meant to be one in it
-_ROTATION_LENGTH = 0.05  # rotations count as displacements at this share of the body's length
+# largest allowed out-of-plane share of the energy of a mode, or of the motion of an interface
+LARGEST_SHARE = 0.01
+_MAX_ANTISYMMETRIC = 0.5  # a mode with a smaller antisymmetric share is meant to be in the plane
+# rotations are multiplied by this fraction of the body's length, to compare with displacements
+_ROTATION_LENGTH = 0.05
 
 
 def planar_body(body: FlexBody, normal: ArrayLike) -> FlexBody:
@@ -179,9 +183,10 @@ def flatten_body(body: FlexBody, normal: ArrayLike, share: float) -> FlexBody:
         The largest share, 0 to 1, for the record.
     """
     n = np.asarray(normal, dtype=float)
-    R = np.eye(3) - 2 * np.outer(n, n)  # the reflection
+    R = np.eye(3) - 2 * np.outer(n, n)  # reflection at the plane through the origin
     p = body.p - np.outer(n, n @ body.p)
-    offset = np.einsum("a,bm->abm", n * (n @ body.center), p)  # of the plane from the origin
+    # correction for the distance of the plane from the origin
+    offset = np.einsum("a,bm->abm", n * (n @ body.center), p)
     P = body.P - offset
     P = 0.5 * (P + np.einsum("ac,cdm,db->abm", R, P, R)) + offset
     Mab = 0.5 * (body.Mab + np.einsum("ac,cdij,db->abij", R, body.Mab, R))
@@ -192,8 +197,8 @@ def flatten_body(body: FlexBody, normal: ArrayLike, share: float) -> FlexBody:
 
 
 def out_of_plane(motion: FloatArray, turning: FloatArray, normal: ArrayLike) -> FloatArray:
-    """(..., m) size of what leads out of the plane: displacement along the normal, and rotation
-    about other axes.
+    """(..., m) magnitude of out-of-plane motion: displacement along the normal, rotation about axes
+    in the plane.
 
     Parameters
     ----------
@@ -209,7 +214,7 @@ def out_of_plane(motion: FloatArray, turning: FloatArray, normal: ArrayLike) -> 
 
 
 def plane_name(normal: ArrayLike) -> str:
-    """``"xy"`` and so on for planes of the body's frame, else the normal."""
+    """``"xy"`` and so on for coordinate planes of the body frame, else the normal as text."""
     n = np.asarray(normal, dtype=float)
     for name, axis in PLANES.items():
         if np.abs(np.abs(n) - axis).max() < 1e-9:
@@ -218,9 +223,10 @@ def plane_name(normal: ArrayLike) -> str:
 
 
 def _energies(body: FlexBody, n: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(m, m) quadratic forms of a mode's antisymmetric part and of all of it.
+    """(m, m) quadratic forms: of the antisymmetric part of a mode, and of the whole mode.
 
-    Mean squares over the nodes, and over the interfaces: these are few, yet nothing acts elsewhere.
+    They are mean squares over the nodes plus mean squares over the interfaces, which are few but
+    are where joints and forces act.
     """
     part = body.nodes if body.nodes is not None else body.surface
     if part is None:
@@ -234,14 +240,18 @@ def _energies(body: FlexBody, n: FloatArray) -> tuple[FloatArray, FloatArray]:
     if turning is not None:
         _, there = mirror_motion(points, turning, n, body.center)
         length = _ROTATION_LENGTH * body.characteristic_length
-        forms.append(_products(length * turning[rows], -length * there))  # an axial vector
+        # rotations are axial vectors
+        forms.append(_products(length * turning[rows], -length * there))
     odd, whole = (sum(form[k] for form in forms) for k in (0, 1))
     floor = 1e-12 * np.trace(whole) / body.m * np.eye(body.m)
     return np.asarray(odd), np.asarray(whole + floor)
 
 
 def _products(here: FloatArray, there: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Of the part that changes its sign on reflection, and of that and the part that does not."""
+    """Forms of the antisymmetric part of a motion, and of the whole motion.
+
+    `here` is the motion at points, `there` the reflected motion at these points.
+    """
     m = here.shape[2]
     odd, even = (0.5 * (here + sign * there).reshape(-1, m) for sign in (-1, 1))
     lost = odd.T @ odd / len(here)
@@ -249,7 +259,7 @@ def _products(here: FloatArray, there: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def _interface_forms(body: FlexBody, n: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-    """The same of the interfaces, which lie in the plane: each is its own mirror image."""
+    """`_products` of the interfaces; each lies in the plane and is its own mirror image."""
     if not body.interfaces:
         return []
     R = np.eye(3) - 2 * np.outer(n, n)
@@ -263,9 +273,9 @@ def _interface_forms(body: FlexBody, n: FloatArray) -> list[tuple[FloatArray, Fl
 def _with_plane_interfaces(
     body: FlexBody, inside: FloatArray, dropped: FloatArray, n: FloatArray
 ) -> FloatArray:
-    """`kept` (m, k) with so much of `dropped` that the interfaces stay in the plane.
+    """`inside` (m, k) plus a small amount of `dropped`, such that interfaces stay in the plane.
 
-    Next to nothing for a symmetric body: what the mesh and the measure leave.
+    For a symmetric body the amount is only what the mesh and the measure leave.
     """
     if not body.interfaces:
         return inside
@@ -279,7 +289,7 @@ def _with_plane_interfaces(
 
 
 def _combine_modes(body: FlexBody, inside: FloatArray, dropped: FloatArray, plane: str) -> FlexBody:
-    """The body in the modes made of `kept` (m, k); `dropped` are listed as such."""
+    """The body in the modes that `inside` (m, k) spans; `dropped` are listed as out of plane."""
     if not inside.shape[1]:
         what = f"has no modes in the plane {plane}"
         raise ReductionError.from_problems([Problem(f"body {body.name}", what)])
@@ -300,7 +310,7 @@ def _combine_modes(body: FlexBody, inside: FloatArray, dropped: FloatArray, plan
 
 
 def combine_modes(body: FlexBody, Z: FloatArray) -> FlexBody:
-    """The body in the modes made by Z (m, k); without a list of them."""
+    """The body in the modes Phi Z with Z (m, k); without a list of modes."""
     omitted = body.omitted_modes
     return replace(
         body,
@@ -322,7 +332,7 @@ def combine_modes(body: FlexBody, Z: FloatArray) -> FlexBody:
 
 
 def _combine_points(points: tuple[_Point, ...], Z: FloatArray) -> tuple[_Point, ...]:
-    """Interfaces or points of a load in the modes made by Z (m, k)."""
+    """Interfaces, or points of a load, in the modes Phi Z."""
     return tuple(
         replace(one, Phi_t=one.Phi_t @ Z, Phi_r=one.Phi_r @ Z, bend=_combined(one.bend, Z))
         for one in points
@@ -330,12 +340,12 @@ def _combine_points(points: tuple[_Point, ...], Z: FloatArray) -> tuple[_Point, 
 
 
 def _combined(forms: FloatArray | None, Z: FloatArray) -> FloatArray | None:
-    """Forms (..., m, m) of the modes made by Z (m, k)."""
+    """Zᵀ forms Z (..., k, k) of forms (..., m, m)."""
     return None if forms is None else np.asarray(Z.T @ forms @ Z)
 
 
 def _combine_recovery(body: FlexBody, Z: FloatArray) -> dict[str, Any]:
-    """Motion of nodes and surface, stress and section forces in the modes made by Z (m, k)."""
+    """Motion of nodes and surface, stress and section forces in the modes Phi Z."""
     nodes, surface = body.nodes, body.surface
     stress, forces, shells = body.stress, body.section_forces, body.shell_forces
     if nodes is not None:

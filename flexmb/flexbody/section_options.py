@@ -1,7 +1,7 @@
-"""What may be said of the sections of elements in a mesh: beams, shells, solids.
+"""Options of the sections of elements in a mesh: beams, shells, solids.
 
 y and z are the section's axes, x runs along the beam. Scenes and :func:`flexmb.fe.reduce` read
-these options; the functions of :mod:`flexmb.fe.sections` take them by the same names.
+these options; the functions of :mod:`flexmb.fe.sections` have parameters of the same names.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class TubeSection(ShapedOptions):
     inner: Size
 
     def check(self, say: Say) -> list[Problem]:
-        """It is hollow."""
+        """It must be hollow."""
         if self.inner < self.radius:
             return []
         what = f"must be less than the outer radius {say(self.radius, 'm')}, "

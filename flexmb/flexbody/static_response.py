@@ -1,9 +1,9 @@
-"""What the modes of a body lack of the full model's answers, for those who judge a run by it.
+"""The part of the full model's responses that the modes of a body lack, to judge a run by it.
 
-Static responses of the full model to the body's own inertia loads and to loads at mesh nodes, as
-quadratic forms over the sizes of these loads: all of their strain energy, and that which the modes
-do not have. And the lowest modes that the basis leaves out, as oscillators which the motion and the
-loads of the body drive.
+Stored are the static responses of the full model to the body's own inertia loads and to loads at
+mesh nodes, as quadratic forms in the magnitudes of these loads: their whole strain energy, and the
+strain energy that the modes lack. Stored are also the lowest omitted modes, as oscillators that the
+motion and the loads of the body drive.
 """
 
 from __future__ import annotations
@@ -22,30 +22,27 @@ SYMMETRIC_PAIRS = tuple((a, b) for a in range(3) for b in range(a, 3))
 
 
 LARGEST_SHARE = 0.1
-"""Share of a response, by the root of its strain energy, that modes may lack without a word."""
+"""A response may lack this share (square root of the strain energy) without a message."""
 LEAST_MOTION = 1e-7
-"""Displacement over the body's length: what moves less does not matter."""
-_MIN_ENERGY = 1e-3  # share of the energy under the same motion about another axis: less is left out
+"""Displacement over the body's length below which a missing response is ignored."""
+# responses with less than this fraction of the largest energy about another axis are left out
+_MIN_ENERGY_SHARE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class InertiaResponse:
-    """Static responses of the full model to the body's own inertia loads, interfaces held.
-
-    Forms over twelve numbers c that describe the acceleration of all its points, in body axes: of
-    the centre of mass less gravity, a [m/s^2], angular, α [1/s^2], and of G = sym(ω̃²) the entries
-    xx, 2 xy, 2 xz, yy, 2 yz, zz [1/s^2].
+    """Static responses of the full model to the body's own inertia loads, interfaces fixed.
 
     Parameters
     ----------
     energy : (12, 12) float
-        Twice the strain energy of the full response is c^T energy c [J].
+        c^T energy c is twice the strain energy of the full response [J].
     missing : (12, 12) float
-        The same of what the modes of the body lack.
+        The same for the part of the response that the modes of the body lack.
     motion : (12, 12) float
-        c^T motion c is the mass times mean square displacement of that [kg m^2].
+        c^T motion c is the mass times the mean square displacement of that part [kg m^2].
     missing_without, motion_without : (12, 12) float, optional
-        The same of the modes without the static responses to these loads, where they have them.
+        The same for the modes without residual vectors of these loads, if they have such vectors.
     """
 
     energy: FloatArray
@@ -62,9 +59,10 @@ class InertiaResponse:
         check.raise_problems()
 
     def needs_residuals(self, c: FloatArray, length: float, mass: float) -> bool:
-        """Whether modes alone, without static responses to inertia, do not answer motions (t, 12).
+        """Whether motions c (t, 12) need static responses to inertia among the modes.
 
-        They lack a tenth of the response, and what they lack can be felt.
+        They do if the modes without such responses lack more than `LARGEST_SHARE` of the response,
+        in displacements that are large enough to matter.
         """
         missing, motion = self.missing, self.motion
         if self.missing_without is not None and self.motion_without is not None:
@@ -77,7 +75,7 @@ class InertiaResponse:
 
     @staticmethod
     def factors(a: FloatArray, alpha: FloatArray, omega: FloatArray) -> FloatArray:
-        """(t, 12) the numbers c of motions: a, alpha and omega (t, 3) in body axes."""
+        """(t, 12) the numbers c of motions a, alpha and omega, each (t, 3) in body axes."""
         square = np.sum(omega**2, axis=1)
         G = [omega[:, i] * omega[:, j] - (i == j) * square for i, j in SYMMETRIC_PAIRS]
         twice = [value * (2 - (i == j)) for value, (i, j) in zip(G, SYMMETRIC_PAIRS, strict=True)]
@@ -85,7 +83,8 @@ class InertiaResponse:
 
     @property
     def missing_shares(self) -> dict[str, float]:
-        """Share of the strain energy that the modes lack, by motion; without those hardly felt."""
+        """Missing share of the strain energy by motion; motions that hardly strain the body are
+        left out."""
         none, axes = np.zeros((3, 3)), np.eye(3)
         motions = {
             "acceleration along": self.factors(axes, none, none),
@@ -95,7 +94,7 @@ class InertiaResponse:
         shares = {}
         for motion, c in motions.items():
             full, missing = (np.einsum("ti,ij,tj->t", c, A, c) for A in (self.energy, self.missing))
-            for axis in np.flatnonzero(full > _MIN_ENERGY * full.max()):
+            for axis in np.flatnonzero(full > _MIN_ENERGY_SHARE * full.max()):
                 shares[f"{motion} {'xyz'[axis]}"] = float(max(missing[axis] / full[axis], 0.0))
         return shares
 
@@ -104,16 +103,16 @@ class InertiaResponse:
 class LoadResponse:
     """Static responses of the full model to unit forces and moments at r mesh nodes.
 
-    With the interfaces held; of user's own modes, and without interfaces, of the free body less the
-    inertia of the acceleration. Forms over 6 r numbers c: force [N] and moment [N m] at each node,
-    body axes.
+    Interfaces are fixed. For user modes, and without interfaces, the body is free and the inertia
+    of its rigid acceleration acts too. The forms are quadratic in 6 r numbers c: force [N] and
+    moment [N m] at each node, body axes.
 
     Parameters
     ----------
     nodes : (r,) int
         The nodes.
     energy, missing, motion : (6 r, 6 r) float
-        As of :class:`InertiaResponse`.
+        As in :class:`InertiaResponse`.
     """
 
     nodes: IntArray
@@ -133,10 +132,11 @@ class LoadResponse:
 
 @dataclass(frozen=True, eq=False)
 class OmittedModes:
-    """The lowest o modes that the basis leaves out, less what it has of them, of unit modal mass.
+    """The lowest o omitted modes, minus what the modes contain of them, of unit modal mass.
 
-    Each is an oscillator, ÿ + ω² y = force, which the acceleration of the body and the loads at its
-    mesh nodes drive. Loads at interfaces do not: their static response is in the basis.
+    Each is an oscillator ÿ + ω² y = force. The force comes from the acceleration of the body and
+    the loads at its mesh nodes. Loads at interfaces do not drive it: their static response is in
+    the basis.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ class OmittedModes:
     modes : (o, m) float
         Force per unit acceleration of the modal coordinates.
     loads : (o, l) float
-        Force per unit of the 6 r loads of :class:`LoadResponse`; none where there is none.
+        Force per unit of the 6 r loads of :class:`LoadResponse`; l = 0 without load nodes.
     """
 
     frequency: FloatArray
@@ -164,7 +164,7 @@ class OmittedModes:
 
 
 def load_nodes(modes: NodeModes | None, points: Sequence[int | Sequence[float]]) -> list[int]:
-    """The mesh nodes that points are, or that are nearest to them.
+    """The mesh nodes given by number, or nearest to given positions.
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """Stress of a body, section forces of its beams, force and moment resultants of its shells.
 
-All are linear in the modal coordinates eta: the stress of any motion is a sum. The von Mises and
-principal stresses are no such sums: they are taken of the summed components. Source: Huber (1904)
-and von Mises (1913), in Timoshenko, Strength of Materials, part II.
+All are linear in the modal coordinates eta, so components of any motion are superposed. The von
+Mises and principal stresses are not linear: they are computed from the summed components. Source:
+Huber (1904) and von Mises (1913), in Timoshenko, Strength of Materials, part II.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ class StressModes:
         return np.asarray((eta @ flat.T).reshape(*np.shape(eta)[:-1], len(modes), 6))
 
     def combined(self, Z: FloatArray) -> StressModes:
-        """The same in modes made of these by Z (m, k)."""
+        """Stress in the modes Phi Z with Z (m, k)."""
         return replace(self, modes=(self.modes @ Z).astype(np.float32))
 
 
@@ -120,9 +120,9 @@ class StressModes:
 class SectionForceModes:
     """Section forces at both ends of each beam element per unit modal coordinate.
 
-    What the part of the beam beyond the section does to the part before it, in the order
-    ``SECTION_FORCES``, along the local axes and about the centroid: a tensile N is positive, a
-    positive Mz stretches the fibres at negative y, a positive My those at positive z.
+    They are exerted by the part of the beam beyond the section on the part before it, in the order
+    ``SECTION_FORCES``, along the local axes and about the centroid. A tensile N is positive, a
+    positive Mz puts the fibres at negative y in tension, a positive My those at positive z.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ class SectionForceModes:
         return np.asarray(forces.reshape(*np.shape(eta)[:-1], len(self.elements), 2, 6))
 
     def combined(self, Z: FloatArray) -> SectionForceModes:
-        """The same in modes made of these by Z (m, k)."""
+        """Section forces in the modes Phi Z with Z (m, k)."""
         return replace(self, modes=self.modes @ Z)
 
 
@@ -165,9 +165,9 @@ class SectionForceModes:
 class ShellForceModes:
     """Resultants over the thickness of shells at their nodes per unit modal coordinate.
 
-    Per length, in the order ``SHELL_FORCES``, along local axes x, y and z, the normal: N stretches,
-    a positive Mx stretches the top where x runs across the cut (M = int z sigma dz), Q is the shear
-    force along z on the cut with that normal. x is the direction of material axis 1.
+    Per length, in the order ``SHELL_FORCES``, along local axes x (direction of material axis 1), y
+    and z (normal). N is positive in tension; on a cut with normal x, a positive Mx puts the top in
+    tension (M = int z sigma dz), and Qx is the shear force along z.
 
     Parameters
     ----------
@@ -213,26 +213,26 @@ class ShellForceModes:
         return np.asarray((eta @ flat.T).reshape(*np.shape(eta)[:-1], len(modes), 8))
 
     def combined(self, Z: FloatArray) -> ShellForceModes:
-        """The same in modes made of these by Z (m, k)."""
+        """Resultants in the modes Phi Z with Z (m, k)."""
         return replace(self, modes=(self.modes @ Z).astype(np.float32))
 
 
 @dataclass(frozen=True, eq=False)
 class OmittedStress:
-    """Stress under the body's own inertia loads that its modes lack: the mode-acceleration method.
+    """Stress under the body's own inertia loads that its modes lack (mode-acceleration method).
 
-    Static responses of the full model with the interfaces held, less what the modes have of them,
-    per unit of the twelve numbers of :class:`~flexmb.flexbody.static_response.InertiaResponse`.
-    None where the body has no such stress.
+    Per unit of the twelve numbers of :class:`~flexmb.flexbody.static_response.InertiaResponse`:
+    stress of the static responses of the full model, interfaces fixed, minus what the modes contain
+    of them. None if the body has no such stress.
 
     Parameters
     ----------
     stress : (k, 6, 12) float32, optional
         At the places of its :class:`StressModes`.
     section_forces : (b, 2, 6, 12) float, optional
-        Of its beams.
+        Section forces of its beams.
     shell_forces : (h, 8, 12) float32, optional
-        Of its shells.
+        Resultants of its shells.
     """
 
     stress: NDArray[np.float32] | None = None

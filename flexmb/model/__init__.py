@@ -1,4 +1,4 @@
-"""What the user says: bodies, markers, joints, drivers, forces, sensors, as validated data.
+"""The user's description of a machine: bodies, joints, drivers, forces, sensors as validated data.
 
 No numerics live here: the engine compiles a :class:`Model` together with its flexible bodies.
 """

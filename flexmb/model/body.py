@@ -1,8 +1,9 @@
 """Bodies: what all have, and rigid ones by their mass properties or a shape.
 
-Everything in the body frame, for a mesh its own frame; ``position`` and ``orientation`` place it in
-the global one. Initial velocities are those of markers: ``velocity`` and ``angular_velocity`` at
-the body's origin, ``initial`` at any other; where none is given the assembly is free to choose.
+Everything is in the body frame, which for a mesh is its own frame; ``position`` and ``orientation``
+place it in the global frame. Initial velocities are those of markers: ``velocity`` and
+``angular_velocity`` at the body's origin, ``initial`` at any other. Velocities that are not given
+are computed by the assembly.
 
 A shape gives a volume [m^3] and the inertia per unit mass about its own centre [m^2], in body axes,
 in closed form. Source: any table of moments of inertia of solids, e.g. Meriam and Kraige,
@@ -76,12 +77,13 @@ class ShapeSpec(Spec):
 
     @property
     def centroid(self) -> NDArray[np.float64] | None:
-        """Its centre (3,) in body axes [m]; None: wherever the body has its own."""
+        """Its centre of mass (3,) in body axes [m]; None: the shape is placed at that of the
+        body."""
         return None
 
 
 class BoxShape(ShapeSpec):
-    """A box, its edges along the body axes."""
+    """A box with edges along the body axes."""
 
     type: Literal["box"] = "box"
     size: Sizes
@@ -134,7 +136,8 @@ class SphereShape(ShapeSpec):
 
 
 class ExtrusionShape(ShapeSpec):
-    """A plate with a straight-edged ``outline`` in body axes, half its thickness to both sides.
+    """A plate with a straight-edged ``outline`` in body axes, half of its thickness to each side of
+    it.
 
     The points of the outline are x, y across the axis z; y, z across x; z, x across y.
     """
@@ -225,7 +228,7 @@ class MeshShape(ShapeSpec):
 
 
 def _polygon(outline: Any) -> tuple[float, NDArray[np.float64], tuple[float, float, float]]:
-    """Area, centroid (2,), and second moments xx, yy, xy about it over the area."""
+    """Area, centroid (2,), and second moments xx, yy, xy about the centroid over the area."""
     points = np.array(outline, dtype=float)
     origin = points.mean(axis=0)
     x, y = (points - origin).T
@@ -240,7 +243,7 @@ def _polygon(outline: Any) -> tuple[float, NDArray[np.float64], tuple[float, flo
 
 
 def _crossing(points: NDArray[np.float64]) -> tuple[int, int] | None:
-    """Two edges of a polygon (n, 2) that meet where they should not."""
+    """Two edges of a polygon (n, 2) that intersect or touch, though they are not neighbours."""
     n, after = len(points), np.roll(points, -1, axis=0)
 
     def side(i: int, p: NDArray[np.float64]) -> float:
@@ -326,7 +329,7 @@ class InitialVelocity(Spec):
 
 
 class BodySpec(Spec):
-    """What all bodies have: place, initial velocity, markers, color."""
+    """Options of all bodies: place, initial velocity, markers, color."""
 
     position: Position = (0.0, 0.0, 0.0)
     orientation: Orientation = (1.0, 0.0, 0.0, 0.0)
@@ -346,7 +349,7 @@ class BodySpec(Spec):
 
     @property
     def initial_velocities(self) -> dict[str, InitialVelocity]:
-        """Initial velocities by marker, those of the origin among them."""
+        """Initial velocities by marker, including that of the origin."""
         if self.velocity is None and self.angular_velocity is None:
             return dict(self.initial)
         origin = InitialVelocity(velocity=self.velocity, angular_velocity=self.angular_velocity)
@@ -354,7 +357,7 @@ class BodySpec(Spec):
 
     @property
     def flexible(self) -> bool:
-        """Whether its modes come from a mesh or a reduced body."""
+        """Whether the body is deformable: its modes come from a mesh or a reduced body."""
         return not isinstance(self, RigidBodySpec)
 
 
@@ -387,7 +390,8 @@ class RigidBodySpec(BodySpec):
         return self
 
     def _check_shape(self) -> None:
-        """A mesh must be closed where it says the mass; a shape in body axes says the centre."""
+        """A mesh must be closed if mass properties follow from it; a shape with a centre sets
+        ``center``."""
         if isinstance(self.shape, MeshShape) and (self.mass is None or self.inertia is None):
             edges = open_edges(self.shape.surface[1])
             if edges or self.shape.volume == 0.0:

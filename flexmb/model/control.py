@@ -1,16 +1,16 @@
 """States and controllers, and the channels that expressions read.
 
-A state is a number with a rate, an expression of channels, states and the time. A controller makes
-an output of an input, both numbers in the scene's units, with the states that this needs; its
-name is a channel like that of a state, for forces, rates and other controllers. A transfer function
-becomes states in controllable canonical form (Kailath, Linear Systems, 1980, sec. 2.1); the
-integral of a PID controller follows the limited output (back-calculation: Åström and Hägglund,
-Advanced PID Control, 2006, sec. 3.5).
+A state is a number with a rate, an expression of channels, states and the time. A controller
+computes an output from an input, both in the scene's units, with states of its own; its name is a
+channel like that of a state, which forces, rates and other controllers may use. A transfer function
+is realised in controllable canonical form (Kailath, Linear Systems, 1980, sec. 2.1). The integral
+of a PID controller is limited with its output by back-calculation (Åström and Hägglund, Advanced
+PID Control, 2006, sec. 3.5).
 
-Expressions are compiled over *primary* channels only, those that are measured and those of states:
-channels that are expressions themselves, and the outputs of controllers, are put in as they stand,
-which postfix programs allow. Problems are names with two meanings, channels that do not exist or
-that no force can follow, and algebraic loops.
+Expressions are compiled over *primary* channels only: measured channels and states. A channel that
+is an expression itself, or the output of a controller, is replaced by its own program, as postfix
+programs allow. Problems are names with two meanings, channels that do not exist or that no force
+can depend on, and algebraic loops.
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ _Coefficients = Annotated[tuple[Number, ...], BeforeValidator(plain)]
 
 @dataclass(frozen=True)
 class State:
-    """A number with a rate per second; where it starts, and from where on it is large."""
+    """A number with a rate per second, its start value, and the size from which on it counts as
+    large."""
 
     name: str
     rate: Expression
@@ -93,7 +94,7 @@ class StateSpec(Spec):
 
     @property
     def first(self) -> float:
-        """Value at the start, in SI."""
+        """The start value, in SI."""
         return float(self.start.constant or 0.0) if self.start is not None else 0.0
 
 
@@ -109,15 +110,16 @@ class ControllerSpec(Spec):
 
     @property
     def direct(self) -> bool:
-        """Whether the output follows the input at once."""
+        """Whether the output depends on the present input (direct feedthrough)."""
         return True
 
     def output(self, name: str, e: Ops, time: float) -> Ops:
-        """The output in the scene's units, e the input and ``time`` the scene's unit of it [s]."""
+        """The program of the output in the scene's units; e: that of the input, ``time``: unit of
+        time [s]."""
         raise NotImplementedError
 
     def states(self, name: str, e: Ops, time: float) -> Iterator[State]:
-        """The states that it needs."""
+        """The states that the controller needs."""
         raise NotImplementedError
 
 
@@ -193,7 +195,7 @@ class PidSpec(ControllerSpec):
             yield State(f"{name}.filter", Expression(name, rate), Expression(name, e), self.scale)
 
     def _tracking_time(self, time: float) -> float:
-        """Time [s] in which the integral follows."""
+        """Time constant [s] with which the integral follows the limited output."""
         if self.tracking is not None:
             return self.tracking
         kd, kp = self.kd, self.kp
@@ -237,7 +239,8 @@ class TransferFunctionSpec(ControllerSpec):
         return len(b) == len(a)
 
     def _monic(self) -> tuple[list[float], list[float]]:
-        """Coefficients b (n + 1) and a (n) of rising powers; the denominator's of s^n is 1."""
+        """Coefficients b (n + 1) and a (n) of rising powers, divided so that s^n has the
+        coefficient 1."""
         b, a = self.polynomials
         rising = [c / a[0] for c in reversed(b)] + [0.0] * (len(a) - len(b))
         return rising, [c / a[0] for c in reversed(a[1:])]
@@ -275,7 +278,7 @@ _AT_OUTPUTS_ONLY = {EnergySensorSpec: "an energy", PlaceSensorSpec: "a place alo
 
 
 def resolved(model: ModelData, expression: Expression) -> Expression:
-    """The same expression over primary channels, in SI; one without channels as it is."""
+    """The expression over primary channels, in SI; unchanged if it has no channels."""
     return Expression(expression.text, _inlined(model, expression.ops))
 
 
@@ -288,7 +291,7 @@ def _inlined(model: ModelData, ops: Ops) -> Ops:
 
 
 def _in_scene_units(model: ModelData, name: str) -> Ops:
-    """A channel as an expression means it."""
+    """The program of a channel in the scene's units, as an expression uses it."""
     if name in model.controllers:
         return _output(model, name)
     sensor = model.sensors.get(name)
@@ -305,18 +308,19 @@ def _input(model: ModelData, name: str) -> Ops:
 def _output(model: ModelData, name: str) -> Ops:
     """The output of a controller in the scene's units."""
     controller = model.controllers[name]
-    e = _input(model, name) if controller.direct else ()  # else it may depend on the output
+    # without direct feedthrough the input may depend on the output
+    e = _input(model, name) if controller.direct else ()
     ops: Ops = controller.output(name, e, model.units.time)
     return ops
 
 
 def channel_program(model: ModelData, name: str) -> Expression:
-    """What an expression or the output of a controller is, in SI."""
+    """The program, in SI, of an expression sensor or of the output of a controller."""
     if name in model.controllers:
         scale = model.units.scale(model.controllers[name].unit)
         return Expression(name, scaled_program(scale, _output(model, name)))
     sensor = model.sensors[name]
-    assert isinstance(sensor, ExpressionSensorSpec)  # all others are measured
+    assert isinstance(sensor, ExpressionSensorSpec)  # all other channels are measured
     return resolved(model, sensor.value.expression)
 
 
@@ -333,7 +337,7 @@ def states_of(model: ModelData) -> tuple[State, ...]:
 
 
 def feedback_functions(model: ModelData, every: bool = False) -> Iterator[tuple[str, Function]]:
-    """All functions that name channels (`every`: may do so), with their scene paths."""
+    """All functions that use channels (`every`: that are allowed to), with their scene paths."""
     for section in ("forces", *CHANNEL_SECTIONS):
         for name, spec in getattr(model, section).items():
             for key, value in vars(spec).items():
@@ -344,7 +348,7 @@ def feedback_functions(model: ModelData, every: bool = False) -> Iterator[tuple[
 
 
 def channel_problems(scope: Scope) -> Iterator[Problem]:
-    """Names in expressions, and how they depend on each other."""
+    """Problems of the names in expressions, and algebraic loops."""
     yield from _name_problems(scope)
     channels = dict.fromkeys(scope.model.channels())
     broken = broken_channels(scope)
@@ -366,7 +370,7 @@ def channel_problems(scope: Scope) -> Iterator[Problem]:
 
 
 def broken_channels(scope: Scope) -> set[str]:
-    """Names of what would give channels but could not be read."""
+    """Names of entries that would give channels but could not be read."""
     return {name for section in CHANNEL_SECTIONS for name in scope.broken.get(section, {})}
 
 
@@ -391,7 +395,7 @@ def _ambiguous_names(
 
 
 def _algebraic_loops(model: ModelData) -> Iterator[Problem]:
-    """Channels that depend on themselves at the same moment."""
+    """Algebraic loops: channels that depend on themselves at the same time."""
     reported: set[str] = set()
     for first in model.channels():
         trail = _way_back(model, first, (first,))
@@ -404,7 +408,8 @@ def _algebraic_loops(model: ModelData) -> Iterator[Problem]:
 
 
 def _way_back(model: ModelData, first: str, trail: tuple[str, ...]) -> tuple[str, ...]:
-    """The way from the last channel of a trail to the first one, () if there is none."""
+    """The dependencies that lead from the last channel of a trail back to the first one; () if
+    none."""
     for name in _inputs_of(model, trail[-1]):
         if name == first:
             return (*trail, name)
@@ -416,7 +421,7 @@ def _way_back(model: ModelData, first: str, trail: tuple[str, ...]) -> tuple[str
 
 
 def _inputs_of(model: ModelData, name: str) -> tuple[str, ...]:
-    """The channels that a channel depends on at the same moment."""
+    """The channels that a channel depends on at the same time."""
     sensor, controller = model.sensors.get(name), model.controllers.get(name)
     if isinstance(sensor, ExpressionSensorSpec):
         return sensor.value.expression.channels
@@ -427,7 +432,7 @@ def _inputs_of(model: ModelData, name: str) -> tuple[str, ...]:
 
 
 def _unavailable_channels(model: ModelData) -> Iterator[Problem]:
-    """Energies and places along curves are computed at outputs only."""
+    """Problems with energies and places along curves, which are computed at outputs only."""
     for where, function in feedback_functions(model):
         if where.startswith("sensors."):
             continue

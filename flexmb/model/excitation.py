@@ -1,11 +1,14 @@
-"""What excites the flexible bodies of a scene: how fast it is driven, and at which nodes.
+"""Excitation of the flexible bodies of a scene: its frequencies, the loaded nodes, the rotations.
 
-In: drivers, loads that are functions of time, initial spins; joints and forces. Out: a frequency,
-up to which bodies answer with inertia. A motion f(t) has the frequencies |ḟ|/2π of an angle that
-turns round, and √(max |f̈| / max |f − mean|)/2π. Also where something acts beside the interfaces:
-modes answer a load at an interface exactly, in the static limit, and at other nodes as well as the
-vibration modes do. And how initial angular velocities and drivers accelerate a body: whether its
-modes answer its own inertia loads, or need the static responses to them.
+In: drivers, loads that are functions of time, initial spins; joints and forces. Out: the highest
+frequency of excitation, by which quasi-static modes are told from dynamic ones. A function f(t)
+counts with the frequency √(max |f̈| / max |f − mean|)/2π, a driven angle with max |ḟ|/2π if that is
+higher.
+
+Out: also the nodes besides the interfaces at which something acts, since modes contain the static
+response to loads at interfaces exactly, but to loads at other nodes only as well as vibration modes
+do. And the accelerations of a body by initial angular velocities and drivers, which show whether
+its modes need the static responses to its own inertia loads.
 """
 
 from __future__ import annotations
@@ -32,29 +35,31 @@ if TYPE_CHECKING:
 
 
 BAND_FACTOR = 25.0
-"""Cutoff over the fastest frequency: a mode answers statically to 1 % below a tenth of its
-frequency, and between pins a bar vibrates at 0.44 of its frequency when free."""
+"""Cutoff frequency over the highest frequency of excitation. A mode responds statically to 1 % at a
+tenth of its frequency, and between pins a bar vibrates at 0.44 of its free frequency."""
 _SAMPLES = 400
-_ROTATION_SAMPLES = 201  # times at which a driver is looked at
+_ROTATION_SAMPLES = 201  # times at which a driver is evaluated
 _MIN_CYCLES = 3.0
 
 
 def cutoff_frequency(model: ModelData) -> float:
-    """Frequency [Hz] from which on modes are quasi-static with ``deformation = "automatic"``.
+    """Frequency [Hz] above which modes are quasi-static with ``deformation = "automatic"``.
 
-    Infinite where nothing drives the scene.
+    Infinite if nothing excites the scene.
     """
     fastest = max((value for _, value in driving_frequencies(model)), default=0.0)
     return BAND_FACTOR * fastest if fastest > 0.0 else math.inf
 
 
 def slowest_oscillation(model: ModelData) -> float:
-    """Frequency [Hz] of the slowest driver or load: of those over many cycles; else 0."""
+    """Frequency [Hz] of the slowest driver or load that makes several cycles in the run; 0 if
+    none."""
     return min((hertz for _, hertz in oscillations(model)), default=0.0)
 
 
 def oscillations(model: ModelData) -> Iterator[tuple[str, float]]:
-    """Path and mean frequency [Hz] of drivers and loads; 0 of those that make few cycles."""
+    """Path and mean frequency [Hz] of drivers and loads; 0 for those with fewer than
+    `_MIN_CYCLES`."""
     end = getattr(model.dynamics or model.kinematics, "duration", 0.0)
     for _, path, function in _driving_functions(model):
         if function.constant is None:
@@ -63,7 +68,7 @@ def oscillations(model: ModelData) -> Iterator[tuple[str, float]]:
 
 
 def driving_frequencies(model: ModelData) -> Iterator[tuple[str, float]]:
-    """Path and frequency [Hz] of what drives the scene."""
+    """Path and highest frequency [Hz] of each driver and load."""
     end = getattr(model.dynamics or model.kinematics, "duration", 0.0)
     for section, path, function in _driving_functions(model):
         yield path, _frequency(function, end, section == "angles")
@@ -75,7 +80,7 @@ def driving_frequencies(model: ModelData) -> Iterator[tuple[str, float]]:
 
 
 def _driving_functions(model: ModelData) -> Iterator[tuple[str, str, Function]]:
-    """Functions of time that drive the scene, with their path, of angles marked as such."""
+    """Functions of time in drivers and loads: "angles" or the section, path, function."""
     end = getattr(model.dynamics or model.kinematics, "duration", 0.0)
     for section in ("drivers", "forces"):
         for name, spec in getattr(model, section).items():
@@ -89,12 +94,12 @@ def _driving_functions(model: ModelData) -> Iterator[tuple[str, str, Function]]:
 
 @lru_cache(maxsize=64)
 def _samples(expression: Expression, end: float) -> Array:
-    """(times, 3) value, first and second derivative."""
+    """(times, 3) value, first and second derivative over the run."""
     return np.array([expression.value(t) for t in np.linspace(0.0, end, _SAMPLES)])
 
 
 def _mean_frequency(function: Function, end: float) -> float:
-    """That of a harmonic with the same ratio of second derivative and value, in the mean."""
+    """Frequency of the harmonic with the same mean ratio of second derivative and value."""
     jets = _samples(function.expression, end)
     with np.errstate(all="ignore"):
         square = float(np.std(jets[:, 2]) / np.std(jets[:, 0]))
@@ -112,14 +117,15 @@ def _frequency(function: Function, end: float, turns: bool) -> float:
 
 
 def loads_beside_interfaces(model: ModelData) -> Iterator[tuple[str, str, str]]:
-    """Path of each joint, driver or force, the body that it acts on at a node, and the marker."""
+    """Path, body and marker of each joint, driver or force that acts on a node besides the
+    interfaces."""
     for path, owner, marker in loads_on_bodies(model):
         if is_beside_interfaces(model.bodies[owner], marker.partition(".")[2]):
             yield path, owner, marker
 
 
 def loads_on_bodies(model: ModelData) -> Iterator[tuple[str, str, str]]:
-    """Path of each joint, driver or force, the flexible body that it acts on, and the marker."""
+    """Path, body and marker of each joint, driver or force that acts on a flexible body."""
     flexible = {name for name, body in model.bodies.items() if body.flexible}
     for section in ("joints", "drivers", "forces") if flexible else ():
         for name, spec in getattr(model, section).items():
@@ -132,12 +138,12 @@ def loads_on_bodies(model: ModelData) -> Iterator[tuple[str, str, str]]:
 
 
 def is_beside_interfaces(body: BodySpec, place: str) -> bool:
-    """Whether a marker of a flexible body, or its origin, is carried by no interface."""
+    """Whether a marker of a flexible body, or its origin, is not carried by an interface."""
     return bool(place) and marker_interface(body, place) is None
 
 
 def marker_interface(body: BodySpec, place: str) -> str | None:
-    """The interface that a marker of a body is, or that carries it."""
+    """The interface that a marker is, or that carries it; None if a node carries it."""
     marker = body.markers.get(place)
     return place if marker is None else marker.interface
 
@@ -155,7 +161,8 @@ def load_points(model: ModelData, name: str) -> list[int | tuple[float, ...]]:
 
 
 def needs_inertia_residuals(model: ModelData, name: str, bodies: Mapping[str, FlexBody]) -> bool:
-    """Whether the modes of a body do not answer the inertia loads of its prescribed rotation.
+    """Whether the modes of a body need static responses to the inertia loads of prescribed
+    rotations.
 
     Parameters
     ----------
@@ -175,12 +182,12 @@ def needs_inertia_residuals(model: ModelData, name: str, bodies: Mapping[str, Fl
 
 
 def is_rotated(model: ModelData, name: str) -> bool:
-    """Whether an initial angular velocity or a driver turns a body."""
+    """Whether an initial angular velocity or a driver rotates a body."""
     return next(_rotations(model, name), None) is not None
 
 
 def _accelerations(model: ModelData, name: str, bodies: Mapping[str, FlexBody]) -> Iterator[Array]:
-    """(t, 12) of each rotation that is prescribed."""
+    """(t, 12) numbers of `InertiaResponse` for each prescribed rotation."""
     spec, center = model.bodies[name], bodies[name].center
     A = rotation_matrix(spec.orientation)
     for driver, alpha, omega in _rotations(model, name):
@@ -199,9 +206,10 @@ def _accelerations(model: ModelData, name: str, bodies: Mapping[str, FlexBody]) 
 def _axes(
     model: ModelData, driver: DriverSpec, bodies: Mapping[str, FlexBody]
 ) -> Iterator[tuple[Array, Array]]:
-    """A point and the direction of the axis that a driver turns about, global, as placed.
+    """A point and the direction of a driver's axis of rotation, global, in the placed pose.
 
-    Any axis where it is not known yet, on another body that is not reduced.
+    If it is not known because another body is not reduced yet: all three axes through the body's
+    centre.
     """
     try:
         I, _ = joint_frames(model, driver.joint or "", bodies)  # noqa: E741
@@ -215,10 +223,10 @@ def _axes(
 
 
 def _rotations(model: ModelData, name: str) -> Iterator[tuple[DriverSpec | None, Array, Array]]:
-    """The driver, or None, with angular acceleration and velocity over the run.
+    """For each prescribed rotation the driver, or None, angular acceleration and angular velocity.
 
-    Of a driver about its axis (t,), as seen from what it turns the body against; of an initial one
-    as a vector (t, 3), global.
+    For a driver (t,), about its axis and relative to the other body; for an initial velocity
+    vectors (t, 3) in global axes.
     """
     run = model.dynamics or model.kinematics
     if run is None:
@@ -253,7 +261,7 @@ def _rotations(model: ModelData, name: str) -> Iterator[tuple[DriverSpec | None,
 
 
 def _welded(model: ModelData, name: str) -> set[str]:
-    """A body and those that fixed joints connect with it."""
+    """The bodies that fixed joints connect with a body, itself included."""
     welds = [
         {end.partition(".")[0] for end in joint.between}
         for joint in model.joints.values()

@@ -1,7 +1,7 @@
-"""Flexible bodies: which of their effects a run contains, and those that are reduced already.
+"""Effects of flexible bodies that a run includes, and bodies that are already reduced.
 
-In: names of a scene. Out: checked names, or the ``FlexBody`` itself where a model is built from
-Python. What the words do: :mod:`flexmb.flexbody.effects` and :mod:`flexmb.engine.bodies`.
+In: words of a scene. Out: checked words, or the ``FlexBody`` itself if a model is built in Python.
+The effects are described in :mod:`flexmb.flexbody.effects` and :mod:`flexmb.engine.bodies`.
 """
 
 from __future__ import annotations
@@ -43,9 +43,10 @@ _Frequency = Annotated[float, Quantity("Hz", "not negative")]
 class DeformationSpec(Spec):
     """How each mode of a flexible body deforms it.
 
-    ``dynamic`` or ``quasi_static`` lists modes by their number, from 0, as the table of the
-    reduction has them: with inertia, or by the static response to the present loads. ``band`` [Hz]:
-    modes of the free body with frequencies within it are dynamic. All others are of the other kind.
+    ``dynamic`` or ``quasi_static`` lists modes by their number, from 0, as in the table of the
+    reduction: modes with inertia, or modes that follow the present loads statically. ``band`` [Hz]:
+    modes of the free body with frequencies within it are dynamic. All other modes are of the other
+    kind.
     """
 
     dynamic: _Modes | None = None
@@ -64,11 +65,12 @@ DEFORMATIONS = ("rigid", "quasi-static", "dynamic", "automatic")
 COUPLINGS = ("constant", "partial", "full")
 MEAN_AXIS = "mean axis"
 _INTERFACE = "interface "
-_NO_STIFFNESS = 1e-12  # of the stiffest mode
+# stiffness over that of the stiffest mode, below which a mode has no stiffness
+_NO_STIFFNESS = 1e-12
 
 
 class _Deformation(FieldType):
-    """Annotation of a word, or a table of modes."""
+    """Annotation of a word, or of a table of modes."""
 
     def read(self, value: Any, info: ValidationInfo) -> Any:
         if isinstance(value, str):
@@ -88,7 +90,7 @@ class _Deformation(FieldType):
 
 
 def choose(value: Any, words: tuple[str, ...], others: tuple[str, ...] = ()) -> str:
-    """One of some words, or the problem."""
+    """The allowed word that a value names; else raises the problem."""
     if value not in words:
         near = nearest(str(value), words)
         raise fail(Problem("", f"unknown choice {quote(value)}", (*words, *others), near))
@@ -116,11 +118,7 @@ EFFECT_WORDS = {"deformation", "inertia_coupling", "geometric_stiffening", "fram
 
 
 class FlexibleBodySpec(BodySpec):
-    """What all flexible bodies have: which effects of their deformation a run contains.
-
-    `damping` is a ratio of all modes as joined, the preset "adams", or a table; by default that of
-    the body's file, or none.
-    """
+    """Options of all flexible bodies: which effects of their deformation a run includes."""
 
     deformation: Annotated[Any, _Deformation()] = "dynamic"
     inertia_coupling: Literal["constant", "partial", "full"] = "full"
@@ -134,7 +132,7 @@ class FlexibleBodySpec(BodySpec):
         return self.frame[len(_INTERFACE) :] if self.frame.startswith(_INTERFACE) else None
 
     def frame_problems(self, interfaces: Sequence[str]) -> list[Problem]:
-        """The interface of the frame does not exist."""
+        """The problem of a frame at an interface that does not exist."""
         name = self.frame_interface
         if name is None or name in interfaces or self.deformation == "rigid":
             return []
@@ -142,12 +140,12 @@ class FlexibleBodySpec(BodySpec):
         return [Problem("frame", what, tuple(interfaces), nearest(name, interfaces))]
 
     def simulated(self, body: FlexBody) -> FlexBody:
-        """A reduced body as a run has it.
+        """A reduced body as a run uses it: with the requested effects and frame.
 
         Raises
         ------
         ReductionError
-            Effects that the body has no data for; modes or an interface that it does not have.
+            The body has no data for an effect, or no such modes or interface.
         """
         from flexmb.flexbody.effects import frame_at_interface, rigid_twin, without_stiffening
 
@@ -178,7 +176,7 @@ class FlexibleBodySpec(BodySpec):
         return body if name is None else frame_at_interface(body, name)
 
     def effects_in_words(self, body: FlexBody | None = None, cutoff: float = math.inf) -> str:
-        """Which effects a run contains; of modes by number once the body is reduced."""
+        """The effects that a run includes, in words; with mode numbers once the body is reduced."""
         if self.deformation == "rigid":
             return "none: rigid"
         plain = self.deformation in ("dynamic", "quasi-static")
@@ -210,7 +208,8 @@ class FlexibleBodySpec(BodySpec):
         return ", ".join(parts)
 
     def static_modes(self, body: FlexBody, cutoff: float = math.inf) -> tuple[int, ...]:
-        """Numbers of the quasi-static modes; "automatic" ones are those above the cutoff [Hz]."""
+        """Numbers of the quasi-static modes; with "automatic" those above the cutoff frequency
+        [Hz]."""
         words, every = self.deformation, range(body.m)
         if words in ("dynamic", "rigid"):
             return ()
@@ -222,7 +221,7 @@ class FlexibleBodySpec(BodySpec):
                 return words.quasi_static
             if words.dynamic is not None:
                 return tuple(k for k in every if k not in words.dynamic)
-            assert words.band is not None  # one of three
+            assert words.band is not None  # exactly one of the three is given
             low, high = words.band
         square = np.diag(body.K) / np.diag(body.M_eta)
         hertz = np.sqrt(square.clip(0.0)) / (2.0 * math.pi)

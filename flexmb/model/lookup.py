@@ -1,13 +1,13 @@
-"""Finding things by their names: markers, their places, the frames of joints.
+"""Finding objects by name: markers and their positions, frames of joints; and the checks of names.
 
-Every body has the marker ``origin``; a rigid one also ``center``, so has a reduced one without
-modes; a flexible one has one for each of its interfaces. Out: specifications, and
+Every body has the marker ``origin``. A rigid body, or a reduced one without modes, has ``center``
+as well; a flexible body has a marker for each of its interfaces. Out: specifications, and
 :class:`PlacedMarker` for the engine.
 
-:class:`Scope` checks that markers, joints and coordinates exist to which the parts of a model
-refer. In: a model, the flexible bodies as far as they are reduced, and the raw tables of entries
-that could not be read: their names count as names, and what they refer to is checked as well. Out:
-problems with scene paths.
+:class:`Scope` checks that the markers, joints and coordinates exist that parts of a model refer to.
+In: a model, the flexible bodies that are reduced so far, and the raw tables of entries that could
+not be read: their names count as existing, and their references are checked too. Out: problems with
+scene paths.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
 
 
-PARALLEL = 1e-9  # sine of the angle between axes that count as parallel
+PARALLEL = 1e-9  # sine of the angle below which axes are parallel
 _ORIGIN = MarkerSpec()
 Bodies = Mapping[str, "FlexBody"]
 
@@ -104,7 +104,7 @@ class NamedMarker(NamedTuple):
 
 
 def flexbody_of(model: ModelData, body: str, flexbodies: Bodies) -> FlexBody | None:
-    """The body's FlexBody as far as it is known."""
+    """The FlexBody of a body, if it is known."""
     spec = model.bodies.get(body)
     if body in flexbodies:
         return flexbodies[body]
@@ -135,7 +135,7 @@ def _interfaces(model: ModelData, body: str, flexbodies: Bodies) -> tuple[str, .
 
 
 def _center(model: ModelData, body: str, flexbodies: Bodies) -> tuple[float, float, float] | None:
-    """Centre of mass of a body that cannot deform, in its frame [m]; None of others."""
+    """Centre of mass (3,) of a body without deformation, in its frame [m]; None for others."""
     spec = model.bodies.get(body)
     if isinstance(spec, RigidBodySpec):
         return spec.center
@@ -147,7 +147,7 @@ def _center(model: ModelData, body: str, flexbodies: Bodies) -> tuple[float, flo
 
 
 def _own_markers(model: ModelData, body: str) -> Mapping[str, MarkerSpec]:
-    """The markers that the scene gives to a body."""
+    """The markers that the scene defines on a body."""
     return (model.ground if body == GROUND else model.bodies[body]).markers
 
 
@@ -165,7 +165,7 @@ def has_marker(model: ModelData, body: str, name: str, flexbodies: Bodies | None
 
 
 def _automatic(model: ModelData, body: str, name: str, flexbodies: Bodies) -> MarkerSpec:
-    """An automatic marker of a body; of another name, an interface of the reduced body."""
+    """An automatic marker of a body; any other name is an interface of the reduced body."""
     if name not in _interfaces(model, body, flexbodies):
         center = _center(model, body, flexbodies)
         if name == "origin":
@@ -176,7 +176,7 @@ def _automatic(model: ModelData, body: str, name: str, flexbodies: Bodies) -> Ma
 
 
 def missing(model: ModelData, reference: str, flexbodies: Bodies) -> Problem | None:
-    """The problem of a reference to a marker that does not exist; its place is left open."""
+    """The problem of a reference to a marker that does not exist; its ``where`` is empty."""
     body, marker = split_reference(reference)
     if body != GROUND and body not in model.bodies:
         bodies = (*model.bodies, GROUND)
@@ -189,7 +189,7 @@ def missing(model: ModelData, reference: str, flexbodies: Bodies) -> Problem | N
 
 
 def find(model: ModelData, reference: str, flexbodies: Bodies | None = None) -> NamedMarker:
-    """The marker of that name.
+    """The marker that a reference names.
 
     Raises
     ------
@@ -232,7 +232,7 @@ def poses(model: ModelData) -> tuple[Array, Array]:
 def place_marker(
     model: ModelData, reference: str, flexbodies: Bodies | None = None
 ) -> PlacedMarker:
-    """The marker as the engine needs it; flexible bodies must be given.
+    """The marker in the form that the engine needs; flexible bodies must be given.
 
     Raises
     ------
@@ -247,7 +247,7 @@ def place_marker(
 def frames(
     model: ModelData, between: tuple[str, str], axis: Any, flexbodies: Bodies | None = None
 ) -> tuple[PlacedMarker, PlacedMarker]:
-    """Markers I and J of a joint, their R being the joint's triad (z: the axis).
+    """Markers I and J of a joint whose axes R are the joint's triad (z: the axis).
 
     Parameters
     ----------
@@ -256,8 +256,8 @@ def frames(
     between : pair of str
         References I and J.
     axis : (3,) float or None
-        Global direction in the placed pose, in which both triads then coincide (angle 0); None
-        takes the markers' own axes.
+        Global direction in the placed pose, where both triads then coincide (angle 0); None: the
+        markers' own axes.
     flexbodies : mapping, optional
         The flexible bodies by name.
     """
@@ -271,10 +271,11 @@ def frames(
 def joint_frames(
     model: ModelData, name: str, flexbodies: Bodies | None = None
 ) -> tuple[PlacedMarker, PlacedMarker]:
-    """Markers I and J of a joint with its triads; of two axes z_I is the first, z_J the second.
+    """Markers I and J of a joint with its triads; if it has two axes, z_I is the first, z_J the
+    second.
 
-    With two axes x_I leads from the first towards the second, and x_J follows when the first is
-    bent into the second; parallel axes give equal triads.
+    With two axes, x_I lies in their plane, normal to the first and towards the second; x_J is x_I
+    after the rotation that takes the first axis to the second. Parallel axes give equal triads.
     """
     joint = model.joints[name]
     if joint.kind.curves:  # the curve lies in the axes of its marker
@@ -296,17 +297,17 @@ def joint_frames(
 
 
 def _with_global_axes(model: ModelData, marker: PlacedMarker, R: Array) -> PlacedMarker:
-    """The marker with its axes R (3, 3), global in the placed pose."""
+    """The marker with axes R (3, 3) that are global in the placed pose."""
     return with_axes(marker, R if marker.body == GROUND else body_axes(model, marker.body).T @ R)
 
 
 def with_axes(marker: PlacedMarker, R: Array) -> PlacedMarker:
-    """The marker with its axes R (3, 3) in the body's."""
+    """The marker with axes R (3, 3) in body axes."""
     return replace(marker, R=R)
 
 
 def body_axes(model: ModelData, body: str) -> Array:
-    """Axes A (3, 3) of a body or of ground in the placed pose, global."""
+    """Axes A (3, 3) of a body or of ground in the placed pose, as global columns."""
     return np.eye(3) if body == GROUND else rotation_matrix(model.bodies[body].orientation)
 
 
@@ -330,14 +331,15 @@ _REFERENCES = ("between", "at", "of", "relative_to", "marker")
 
 
 class Component(Spec):
-    """Base of what acts on bodies or measures them: joints, couplers, drivers, forces, sensors."""
+    """Base of joints, couplers, drivers, forces and sensors: what acts on bodies or measures
+    them."""
 
     def problems(self, scope: Scope, where: str) -> Iterator[Problem]:
-        """What does not fit the model that it is in; ``where`` is its scene path."""
+        """Problems of the entry in its model; ``where`` is its scene path."""
         yield from ()
 
     def planar_problems(self, scope: Scope, where: str, plane: str) -> Iterator[Problem]:
-        """What has no meaning in a planar scene; asked where it fits the model otherwise."""
+        """Problems of the entry in a planar scene; called only if `problems` has none."""
         yield from ()
 
 
@@ -350,21 +352,22 @@ class Scope:
     broken: Broken
 
     def names(self, section: str) -> tuple[str, ...]:
-        """Names in a section, those that could not be read included."""
+        """Names in a section, including those of entries that could not be read."""
         return (*getattr(self.model, section), *self.broken.get(section, {}))
 
     def has(self, section: str, name: str) -> bool:
-        """Whether a section has an entry of that name, if only one that could not be read."""
+        """Whether a section has an entry of that name, even if it could not be read."""
         return name in getattr(self.model, section) or name in self.broken.get(section, {})
 
     def unknown(self, where: str, noun: str, name: str, section: str) -> Iterator[Problem]:
-        """An entry that is in no section of the scene."""
+        """The problem of a name that its section does not have."""
         if not self.has(section, name):
             names = self.names(section)
             yield Problem(where, f'unknown {noun} "{name}"', names, nearest(name, names))
 
     def markers(self, section: str) -> Iterator[Problem]:
-        """References to markers, of the entries that were read and of those that were not."""
+        """Problems of references to markers, in entries that were read and in those that were
+        not."""
         tables = {name: vars(spec) for name, spec in getattr(self.model, section).items()}
         for name, table in {**tables, **self.broken.get(section, {})}.items():
             for key in _REFERENCES if isinstance(table, Mapping) else ():
@@ -376,7 +379,7 @@ class Scope:
                         yield from self.marker(where, reference)
 
     def marker(self, where: str, reference: str) -> Iterator[Problem]:
-        """A marker that exists."""
+        """The problem of a marker that does not exist."""
         body = split_reference(reference)[0]
         if body != GROUND and not self.has("bodies", body):
             bodies = (*self.names("bodies"), GROUND)
@@ -387,7 +390,7 @@ class Scope:
                 yield Problem(where, problem.what, problem.allowed, problem.nearest)
 
     def pair(self, where: str, between: tuple[str, str], noun: str) -> Iterator[Problem]:
-        """Two bodies, and material points of them."""
+        """Problems of two markers: they must be on different bodies, at material points."""
         first, second = (split_reference(reference)[0] for reference in between)
         if first == second:
             what = f'{noun} connects two bodies, both markers are on "{first}"'
@@ -396,7 +399,8 @@ class Scope:
             yield from self.material(f"{where}.between[{i}]", reference)
 
     def material(self, where: str, reference: str) -> Iterator[Problem]:
-        """A marker that is a point of its body, not the floating frame of a flexible one."""
+        """The problem of the floating frame of a flexible body, which is no material point of
+        it."""
         body = split_reference(reference)[0]
         spec = self.model.bodies.get(body)
         if spec is None or not spec.flexible or any(self.marker(where, reference)):
@@ -410,7 +414,8 @@ class Scope:
             yield Problem(where, what, names)
 
     def line(self, between: tuple[str, str]) -> Array | None:
-        """From marker I to J (3,) [m] in the placed pose; None as long as it is not known."""
+        """The vector from marker I to J (3,) [m] in the placed pose; None if it is not known
+        yet."""
         model = self.model
         try:
             ends = [place_marker(model, marker, self.flexbodies) for marker in between]
@@ -424,14 +429,14 @@ class Scope:
         return J - I
 
     def line_problems(self, where: str, between: tuple[str, str], noun: str) -> Iterator[Problem]:
-        """Markers between which there is a direction."""
+        """The problem of two markers at one point, between which no direction is defined."""
         line = self.line(between)
         if line is not None and np.linalg.norm(line) == 0:
             what = f"its markers coincide in the placed pose: the direction of the {noun} is "
             yield Problem(f"{where}.between", what + "undefined (zero length)")
 
     def coordinate(self, where: str, joint: str, coordinate: str) -> Iterator[Problem]:
-        """A joint that exists and has this coordinate."""
+        """Problems of a joint that does not exist, or does not have this coordinate."""
         yield from self.unknown(f"{where}.joint", "joint", joint, "joints")
         if joint in self.model.joints:
             kind = self.model.joints[joint].kind

@@ -1,17 +1,17 @@
 """Markers, the points and axes of a body through which everything acts on it, and orientations.
 
-A marker is a place on a body in the body frame of the undeformed body; :class:`PlacedMarker` is
-what the engine needs of it. On a flexible body a marker is carried by an interface or a mesh node;
-where ``position`` differs from the node's, the arm between them turns with the node.
+A marker is a place on a body, given in the body frame of the undeformed body; :class:`PlacedMarker`
+contains what the engine needs of it. On a flexible body a marker is carried by an interface or a
+mesh node; if its ``position`` differs from the node's, the arm between them rotates with the node.
 
 An orientation is a quaternion [w, x, y, z] (Euler parameters, scaled to unit length), a 3x3 matrix
-(columns: the body's axes in global components), or one of the tables ``{axis, angle}``;
-``{x_along, y_towards}`` (any two of the axes: the first exactly along, the second turned about it
-towards a direction); ``{euler, angles}`` (a sequence such as "zxz": turns about body-fixed axes,
-each about the axis as the turns before have left it). It is read as a unit quaternion p, scalar
-first, w >= 0, with A(p) taking body components to global ones. SciPy's Rotation would take 0.1 s to
-load at each start and is not exact where axes are; these few formulas are. Source: Shabana,
-Dynamics of Multibody Systems, ch. 2.
+(columns: the body's axes in global components), or one of the tables ``{axis, angle}``; ``{x_along,
+y_towards}`` (any two of the axes: the first exactly along its direction, the second as near as
+possible to the other direction); ``{euler, angles}`` (a sequence such as "zxz" of rotations about
+body-fixed axes, each about the axis as the previous rotations have left it). It is read as a unit
+quaternion p, scalar first, w >= 0; A(p) transforms body components to global ones. SciPy's Rotation
+is not used, since it takes 0.1 s to load and is not exact for rotations about coordinate axes.
+Source: Shabana, Dynamics of Multibody Systems, ch. 2.
 """
 
 from __future__ import annotations
@@ -48,8 +48,9 @@ if TYPE_CHECKING:
 
 
 Quaternion = tuple[float, float, float, float]
-_ORTHOGONAL = 1e-6  # a matrix typed with seven digits passes, a wrong one does not
-_PARALLEL = 1e-9  # sine of the angle below which two directions are one
+# deviation from orthogonality: a matrix typed with seven digits passes, a wrong one does not
+_ORTHOGONAL = 1e-6
+_PARALLEL = 1e-9  # sine of the angle below which two directions are parallel
 _TURN = 2 * math.pi * (1 + 1e-9)
 _AXIS_ANGLE = ("axis", "angle")
 _EULER = ("euler", "angles")
@@ -66,7 +67,7 @@ def rotation_matrix(p: Any) -> Array:
 
 
 def rotation_matrices(p: Array) -> Array:
-    """The same of many (n, 4): (n, 3, 3)."""
+    """(n, 3, 3) rotation matrices of many quaternions (n, 4)."""
     return np.stack(_cosines(*p.T), axis=1).reshape(-1, 3, 3)
 
 
@@ -105,10 +106,11 @@ def quaternion_from_matrix(A: Any) -> Quaternion:
 
 
 def triad(axis: Any) -> Array:
-    """Rotation matrix (3, 3) whose z axis is the unit vector: the shortest turn that takes z there.
+    """Rotation matrix (3, 3) with a given z axis (unit vector): the shortest rotation that takes z
+    there.
 
-    For directions below the xy plane the shortest turn after a half turn about x, which is exact
-    near -z, where the shortest turn is not unique.
+    For axes below the xy plane it is the shortest rotation after a rotation by 180 degrees about x,
+    which is exact near -z, where the shortest rotation from z is not unique.
     """
     x, y, z = (float(c) for c in axis)
     below = z < 0
@@ -120,7 +122,7 @@ def triad(axis: Any) -> Array:
 
 
 def quaternion_from_euler(sequence: str, angles: Iterable[float]) -> Quaternion:
-    """Unit quaternion of turns [rad] about the body's own axes, one after the other.
+    """Unit quaternion of successive rotations [rad] about the body's own axes.
 
     A = R_1(angle 1) R_2(angle 2) R_3(angle 3); "zxz" are the classical Euler angles, "xyz" Cardan's
     (Shabana, Dynamics of Multibody Systems, ch. 2; Goldstein, Classical Mechanics, app. A).
@@ -147,12 +149,12 @@ def _unit(p: Any) -> Quaternion:
 
 
 def read_orientation(value: Any, names: Names) -> Quaternion:
-    """A unit quaternion from any of the ways to say an orientation.
+    """A unit quaternion from any form of an orientation.
 
     Raises
     ------
     SceneError
-        None of them, several at once, or numbers that are no orientation.
+        No form of an orientation, several forms at once, or numbers that give none.
     """
     value = value.tolist() if hasattr(value, "tolist") else value
     names = ReadContext.of(names)
@@ -197,7 +199,8 @@ def _from_table(table: Mapping[str, Any], names: ReadContext) -> Quaternion:
 
 
 def _from_directions(table: Mapping[str, Any], names: ReadContext) -> Quaternion:
-    """One axis along a direction exactly, another one towards a second direction."""
+    """The orientation with one axis exactly along a direction, another one towards a second
+    direction."""
     along = [key for key in table if key in _DIRECTIONS and key.endswith("_along")]
     towards = [key for key in table if key in _DIRECTIONS and key.endswith("_towards")]
     if len(along) != 1 or len(towards) != 1 or along[0][0] == towards[0][0]:
@@ -226,7 +229,7 @@ def _values(
     names: ReadContext,
     problems: list[Problem],
 ) -> dict[str, Any]:
-    """The entries of a table, each read by its reader; all that is wrong with them at once."""
+    """The entries of a table, each read by its reader; collects all problems."""
     problems = [unknown_key(key, tuple(readers)) for key in table if key not in readers] + problems
     values: dict[str, Any] = {}
     for key, read in readers.items():
@@ -243,7 +246,7 @@ def _read_angle(value: Any, names: ReadContext) -> float:
     try:
         plain = float(value)
     except (TypeError, ValueError):
-        plain = 0.0  # an expression, or what is no angle
+        plain = 0.0  # an expression, or no angle
     if abs(plain) > _TURN and math.isfinite(plain):
         what = f"an angle [rad] is expected, given {quote(value)}, more than a turn"
         raise SceneError(f'{what}; degrees are written "{plain:g} deg"')
@@ -309,7 +312,8 @@ class MarkerSpec(Spec):
 
     @property
     def is_frame(self) -> bool:
-        """Whether it is the body frame's own origin (on a flexible body no material point)."""
+        """Whether it is the origin of the body frame, which on a flexible body is no material
+        point."""
         return self.position is None and self.node is None and self.interface is None
 
 
@@ -324,7 +328,7 @@ class GroundSpec(Spec):
 
 @dataclass(frozen=True, eq=False)
 class PlacedMarker:
-    """A marker as the engine needs it, all in axes of the undeformed body.
+    """A marker in the form that the engine needs, in axes of the undeformed body.
 
     Parameters
     ----------
@@ -333,13 +337,13 @@ class PlacedMarker:
     rho : (3,) float
         Position of the carrying point [m].
     arm : (3,) float
-        From the carrying point to the marker [m]; turns with the carrier.
+        From the carrying point to the marker [m]; rotates with the carrier.
     R : (3, 3) float
         Marker axes (columns) in body axes.
     Phi_t, Phi_r : (3, m) float or None
         Translation and rotation of the carrier per unit modal coordinate; None: moves rigidly.
     bend : (3, m, m) float, optional
-        Twice what the carrier falls back by along each axis per product of modal coordinates [m].
+        Second-order displacement of the carrier: along each axis -1/2 eta^T bend eta [m].
     """
 
     body: str
@@ -385,7 +389,8 @@ def place(body: str, marker: MarkerSpec, flexbody: FlexBody | None = None) -> Pl
 
 
 def _carrier(marker: MarkerSpec, flexbody: FlexBody) -> tuple[Array, Array, Array, Array | None]:
-    """Position, translation, rotation modes and bend of the interface or node that carries it."""
+    """Position, translation modes, rotation modes and bend of the interface or node that carries
+    it."""
     if marker.interface is not None:
         interface = flexbody.interface(marker.interface)
         return interface.position, interface.Phi_t, interface.Phi_r, interface.bend

@@ -1,7 +1,7 @@
-"""Flexible bodies that are made of a mesh, and which kind of body a table is.
+"""Flexible bodies made of a mesh, and the kind of body that a table describes.
 
 The fields are those of :mod:`flexmb.flexbody.mesh_options` in the scene's units;
-:meth:`MeshBodySpec.words` are the options of ``flexmb.fe.reduce`` in SI.
+:meth:`MeshBodySpec.words` gives them in SI, as ``flexmb.fe.reduce`` takes them.
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ Modes = Annotated[Any, Reader(_read_modes, _write_modes, _MODES)]
 
 
 def mode_count(modes: Any, default: int = 20) -> int:
-    """The number of modes; the default where another option decides."""
+    """The number of modes; the default if a frequency or share decides it."""
     count = getattr(modes, "count", None) if isinstance(modes, Spec) else modes
     return count if isinstance(count, int) else default
 
@@ -176,20 +176,21 @@ _OPTIONS = (
 )  # fmt: skip
 
 
-_MOST_REFINEMENTS = 6
-_MOST_RESIDUALS = 12  # static responses to inertia loads that may join the modes
+_MAX_REFINEMENTS = 6
+_MAX_RESIDUALS = 12  # static responses to inertia loads that may be added to the modes
 
 
 class MeshBodySpec(FlexibleBodySpec):
     """A flexible body to be reduced from a mesh; the mesh's own frame is the body frame.
 
-    `units` are those of a mesh file's coordinates, by default the scene's; all else is in the
-    scene's. `modes` counts fixed-interface modes, 20 by default (free modes without interfaces).
-    With `geometric_stiffening = "full"` forces and rotation stiffen or soften the body. `residual =
-    "inertia"` adds the static responses to its own inertia loads, so that it grows and is stressed
-    as it turns; `"auto"` does where a driver or an initial spin asks for what its modes lack.
-    `refine = 1` halves all elements of the mesh in every direction, `refine = 2` twice; nodes keep
-    their numbers but in tubes and disks, whose divisions it doubles.
+    `units` are those of a mesh file's coordinates, by default the scene's; everything else is in
+    the scene's units. `modes` counts fixed-interface modes, 20 by default (modes of the free body
+    without interfaces). With `geometric_stiffening = "full"` internal forces stiffen or soften the
+    body. `residual = "inertia"` adds the static responses to the body's own inertia loads to its
+    modes, so that it expands and is stressed as it rotates; `"auto"` does so if a driver or an
+    initial spin causes inertia loads whose response the modes lack. `refine = 1` halves all
+    elements of the mesh in every direction, `refine = 2` twice; nodes keep their numbers except in
+    tubes and disks, whose divisions it doubles.
     """
 
     mesh: MeshSource
@@ -221,16 +222,14 @@ class MeshBodySpec(FlexibleBodySpec):
             problems.append(Problem("modes", what))
         problems += self.frame_problems(tuple(self.interfaces))
         if self.damping is not None and isinstance(self.modes, int | None):
-            most = (
-                6 * len(self.interfaces) + self.mode_count + _MOST_RESIDUALS + 2 * len(self.loads)
-            )
+            most = 6 * len(self.interfaces) + self.mode_count + _MAX_RESIDUALS + 2 * len(self.loads)
             for number in (n for n in self.damping.modes or {} if int(n) > most):
                 what = f"there is no such mode: the body has at most {most}"
                 problems.append(Problem(f"damping.modes.{number}", what))
         if self.reduction == "guyan" and self.modes not in (None, 0):
             problems.append(Problem("modes", "a static reduction (guyan) keeps none; leave it out"))
-        if self.refine > _MOST_REFINEMENTS:
-            what = f"must be at most {_MOST_REFINEMENTS}, is {self.refine}"
+        if self.refine > _MAX_REFINEMENTS:
+            what = f"must be at most {_MAX_REFINEMENTS}, is {self.refine}"
             problems.append(Problem("refine", what))
         if problems:
             raise fail(*problems)
@@ -238,12 +237,12 @@ class MeshBodySpec(FlexibleBodySpec):
 
     @property
     def mode_count(self) -> int:
-        """The number of modes, where a number is given."""
+        """The number of modes, if a number is given."""
         return 0 if self.reduction == "guyan" else mode_count(self.modes)
 
     @property
     def cells(self) -> int:
-        """How finely a mesh is divided, to compare it with other divisions of the same."""
+        """Number of refinements and divisions, to compare meshes of the same body."""
         divisions = getattr(self.mesh, "divisions", None)
         finer = 1 << 3 * self.refine
         if divisions is None:
@@ -251,7 +250,8 @@ class MeshBodySpec(FlexibleBodySpec):
         return finer * (prod(divisions) if isinstance(divisions, tuple) else int(divisions) ** 3)
 
     def words(self) -> dict[str, Any]:
-        """The options of a reduction as plain data in SI; those left out are at their defaults."""
+        """The options of a reduction as plain data in SI; options at their defaults are left
+        out."""
         units = "SI" if isinstance(self.mesh, Spec) else self.units
         words: dict[str, Any] = {
             "units": units,
@@ -281,7 +281,7 @@ def _plain(value: Any) -> Any:
 
 
 def body_kind(keys: Any) -> type[BodySpec] | Problem:
-    """Which kind of body a table with these keys is."""
+    """The specification class for a table with these keys, or the problem."""
     flexible = [key for key in ("mesh", "flexbody") if key in keys]
     rigid = [key for key in ("mass", "inertia", "shape", "density", "center") if key in keys]
     if len(flexible) > 1 or (flexible and rigid):

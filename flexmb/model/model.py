@@ -1,8 +1,8 @@
-"""The model: what the user says, by name, validated and ready to be compiled.
+"""The model: bodies, joints, forces and so on by name, validated and ready to be compiled.
 
 In: a scene file (:func:`flexmb.load_scene`) or calls with the same words. Out: dictionaries of
-frozen specifications in SI. The model stores and names; :mod:`flexmb.model.scenes.references`
-checks how its parts fit together, the engine compiles it.
+frozen specifications in SI. The model stores and names them; :mod:`flexmb.model.scenes.consistency`
+checks whether its parts fit together, the engine compiles it.
 """
 
 from __future__ import annotations
@@ -62,14 +62,14 @@ S = TypeVar("S", bound=Spec)
 
 
 class Source(NamedTuple):
-    """The scene file a model was read from, and what was changed of it on the way."""
+    """The scene file that a model was read from, and the overrides applied to it."""
 
     path: Path
     text: str
     overrides: Mapping[str, Any] = MappingProxyType({})
 
 
-_LISTED = 12  # names of a section that notebooks show
+_LISTED = 12  # names listed per section in notebooks
 
 
 class Model:
@@ -80,16 +80,16 @@ class Model:
     title : str
         Name of the model.
     units : str
-        Unit system of every number that the model is given, such as ``"mm-t-s"``, and of its
-        results; inside all is SI, and angles are in rad.
+        Unit system of all numbers given to the model, such as ``"mm-t-s"``, and of its
+        results; internally everything is in SI, and angles are in rad.
     parameters : mapping, optional
         Numbers or expressions that all other numbers may use by name.
     gravity : three numbers or str, optional
         Acceleration of gravity, global axes, or ``"earth -z"``; none by default.
     plane : {"xy", "yz", "zx"}, optional
-        Everything moves in this global plane; in space by default.
+        The global plane in which everything moves; None: motion in space.
     folder : path, optional
-        What relative paths of meshes are relative to; the current folder by default.
+        Folder that relative paths of meshes start from; the current folder by default.
     """
 
     def __init__(
@@ -165,7 +165,7 @@ class Model:
 
     @property
     def context(self) -> ReadContext:
-        """What numbers mean that are given to this model."""
+        """Parameters and units by which numbers given to this model are read."""
         return ReadContext(self.parameters, self.units, folder=self.folder)
 
     def add_body(
@@ -186,7 +186,7 @@ class Model:
         body, name = split_reference(reference)
         owner = self.ground if body == GROUND else self.bodies.get(body)
         if owner is None:
-            lookup.find(self, body)  # raises, with the names there are
+            lookup.find(self, body)  # raises an error that lists the bodies
         assert owner is not None
         spec, problems = read_named("markers", name, fields, self.context)
         where = f"{body}.markers.{name}" if body == GROUND else f"bodies.{body}.markers.{name}"
@@ -359,14 +359,14 @@ class Model:
         return None
 
     def check_unit(self, fields: Mapping[str, Any]) -> str | None:
-        """SI unit of what a check compares, its channel or the quantity of a part."""
+        """SI unit of the channel, or of the quantity of a part, that a check compares."""
         if "part" in fields:
             return part_unit(fields["part"])
         channel = fields.get("sensor")
         return self.channel_unit(channel) if isinstance(channel, str) else None
 
     def check_context(self, fields: Mapping[str, Any]) -> ReadContext:
-        """What the numbers of a check mean."""
+        """Parameters, units and expected unit by which the numbers of a check are read."""
         unit = self.check_unit(fields)
         return ReadContext(self.parameters, self.units, expected_unit=unit, folder=self.folder)
 
@@ -385,29 +385,26 @@ class Model:
         return (self.folder / name).resolve()
 
     def problems(self, flexbodies: Mapping[str, FlexBody] | None = None) -> list[Problem]:
-        """Everything in the model that does not fit together.
+        """All problems of parts that do not fit together.
 
         Parameters
         ----------
         flexbodies : mapping, optional
-            The flexible bodies by name, as far as they are reduced; their markers are checked.
+            The flexible bodies by name that are reduced so far; their markers are checked.
         """
         return model_problems(self, flexbodies or {})
 
     def validate(self, flexbodies: Mapping[str, FlexBody] | None = None) -> None:
-        """Raise a :class:`SceneError` with all problems, if there are any, and warn.
-
-        The warnings are those of :meth:`warnings`.
-        """
+        """Raise a :class:`SceneError` with all problems if there are any; else issue `warnings`."""
         _raise(self.problems(flexbodies))
         for sentence in self.warnings(flexbodies):
             warnings.warn(sentence, FlexmbWarning, stacklevel=2)
 
     def warnings(self, flexbodies: Mapping[str, FlexBody] | None = None) -> list[str]:
-        """Sentences about what is likely not meant.
+        """Sentences about what is probably a mistake.
 
-        Markers far away from the flexible body they are on, once the body is given; couplers that
-        repeat others; drivers whose velocity jumps; densities that no material has.
+        Markers far from the flexible body they are on, if the body is given; couplers that repeat
+        others; drivers whose velocity jumps; densities that no material has.
         """
         bodies = flexbodies or {}
         return [

@@ -1,8 +1,8 @@
-"""Options of a mesh body as specifications of a scene: in its units, with expressions.
+"""Options of a mesh body as specifications of a scene: in the scene's units, with expressions.
 
 :func:`spec_of` makes the pydantic class of a dataclass of :mod:`flexmb.flexbody.options`, so that
-scene, JSON schema, lists and the finite elements have one description. The fields that each half
-reads in its own way are here: groups and nodes of a mesh, weights, stiffnesses, divisions,
+scene, JSON schema, lists and the finite-element half share one description. Fields that each half
+reads in its own way are defined here: groups and nodes of a mesh, weights, stiffnesses, divisions,
 materials and inertias.
 
 An inertia is three principal moments, a 3x3 matrix, or a table of moments and products. No
@@ -64,7 +64,7 @@ from flexmb.units import UnitSystem
 
 @cache
 def spec_of(options: type) -> type[Spec]:
-    """The specification of a scene with the fields of a dataclass of options."""
+    """The scene's specification with the fields of a dataclass of options."""
     defined: dict[str, Any] = {
         name: (_annotation(hint), ... if default is MISSING else default)
         for name, (hint, default) in option_types(options).items()
@@ -90,7 +90,7 @@ def spec_of(options: type) -> type[Spec]:
 
 
 def _annotation(hint: Any) -> Any:
-    """The annotation of a scene's field from that of an option."""
+    """The annotation of a scene's field for that of an option."""
     origin, parts = get_origin(hint), get_args(hint)
     if origin is Annotated:
         mark = parts[1]
@@ -115,12 +115,12 @@ def _annotation(hint: Any) -> Any:
 
 
 def specs_of(kinds: Mapping[str, type]) -> dict[str, type[Spec]]:
-    """The specifications of options by type."""
+    """The scene's specifications of options, by type."""
     return {name: spec_of(options) for name, options in kinds.items()}
 
 
 def _group_name(value: Any, info: ValidationInfo) -> str:
-    """The name of a mesh group; a number is the name of a group that a file only numbers."""
+    """The name of a mesh group; a number is the name of a group that the file only numbers."""
     if isinstance(value, bool) or not isinstance(value, str | int) or not str(value).strip():
         raise fail(Problem("", f"the name of a mesh group is expected, given {quote(value)}"))
     return str(value)
@@ -249,7 +249,7 @@ def _write_damping(value: DampingOptions | None, info: SerializationInfo) -> Any
     if value is None or value == DampingOptions(ratio=value.ratio):
         return None if value is None else value.ratio
     spec, _ = read_entry(DAMPING_KINDS["damping"], plain_options(value), ReadContext())
-    assert spec is not None  # it has been read
+    assert spec is not None  # its text was read before
     return spec.model_dump(mode="json", exclude_none=True, context=info.context)
 
 
@@ -257,7 +257,7 @@ DAMPING_KINDS = specs_of(
     {"damping": DampingOptions, "a band": Band, "a table of ratios": RatioTable,
      "Rayleigh damping": Rayleigh}
 )  # fmt: skip
-"""What a table of damping may be, and what stands in it."""
+"""The tables that the options of damping contain."""
 _DAMPING = {"anyOf": [NUMBER, choice(PRESETS), reference(DAMPING_KINDS["damping"])]}
 DampingField = Annotated[Any, Reader(_read_damping, _write_damping, _DAMPING)]
 """A damping ratio of all modes, the name of a preset, or a table."""
@@ -267,7 +267,8 @@ Rows = tuple[tuple[float, float, float], ...]
 _DIAGONAL = ("xx", "yy", "zz")
 _PRODUCTS = ("xy", "xz", "yz")
 _UNIT = "kg m^2"
-_ROUNDING = 1e-6  # relative; numbers typed with seven digits pass (a thin plate lies on the limit)
+# relative; numbers typed with seven digits pass, and a thin plate lies exactly on the limit
+_ROUNDING = 1e-6
 
 
 def _inertia_matrix(value: Any, names: ReadContext) -> NDArray[np.float64]:

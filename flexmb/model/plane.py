@@ -1,8 +1,8 @@
-"""Planar scenes: everything moves in parallel planes, and what does not lie in them is refused.
+"""Planar scenes: everything moves in parallel planes; what does not lie in them is refused.
 
-A planar model is the spatial one with coordinates and equations left out. Bodies keep two
-translations, the rotation about the normal and modes in the plane; joints keep the equations in it.
-Reactions out of the plane are not computed: they are no part of the model.
+A planar model is the spatial one without the coordinates and equations out of the plane. Bodies
+keep two translations, the rotation about the normal and the modes in the plane; joints keep the
+equations in the plane. Reactions out of the plane are not part of the model and not computed.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from flexmb.model.lookup import Bodies, ModelData, Scope
 from flexmb.model.markers import rotation_matrix
 from flexmb.model.reading import quote, under
 
-ALIGNED = 1e-9  # sine of the angle that round-off of an orientation leaves
+ALIGNED = 1e-9  # sine of the angle that round-off of an orientation may leave
 
 
 def read_plane(value: Any) -> tuple[str | None, list[Problem]]:
@@ -54,12 +54,13 @@ def normal_in_body(spec: BodySpec, plane: str) -> Array:
 
 
 def simulated_body(model: ModelData, name: str, body: FlexBody) -> FlexBody:
-    """A reduced body as a run has it: with the effects it asks for, its motions in the plane.
+    """A reduced body as a run uses it: with the requested effects and only its motions in the
+    plane.
 
     Raises
     ------
     ReductionError
-        Effects without data, motions out of the plane; places are those of the scene.
+        Effects without data, or motions out of the plane; with paths in the scene.
     """
     spec = model.bodies[name]
     if isinstance(spec, FlexibleBodySpec):
@@ -99,7 +100,7 @@ def keeps_plane(vector: Iterable[float], plane: str) -> bool:
 
 
 def planar_problems(scope: Scope) -> Iterator[Problem]:
-    """What a planar scene cannot hold, with scene paths."""
+    """All problems of a planar scene, with scene paths."""
     model, plane = scope.model, scope.model.plane
     if plane is None:
         return
@@ -129,7 +130,7 @@ def _body_problems(where: str, spec: BodySpec, plane: str) -> Iterator[Problem]:
 
 
 def _coordinate_problems(model: ModelData, flexbodies: Bodies, plane: str) -> Iterator[Problem]:
-    """A cylindrical joint has one of its two coordinates in the plane."""
+    """A problem if a cylindrical joint has none of its two coordinates in the plane."""
     used = [
         (f"{section}.{name}", spec.joint, spec.coordinate)
         for section in ("drivers", "forces")

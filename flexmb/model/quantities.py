@@ -1,12 +1,12 @@
 """Numbers, vectors, axes and references as a scene writes them.
 
-In: a number or an expression over the parameters, in the scene's unit system, perhaps with a unit
-of its own: ``"30 deg"``. Out: floats in SI (rad for angles), finite and of the asked sign. Each
-type is a pydantic annotation that names its SI unit, from which the scene's own follows.
+In: a number or an expression over the parameters, in the scene's unit system or with a unit of its
+own: ``"30 deg"``. Out: finite floats in SI (rad for angles) of the required sign. Each type is a
+pydantic annotation that names its SI unit, from which the scene's unit follows.
 
 A text may end in a unit, such as ``"30 mm"``, ``"360*t deg"`` or ``"1500 rpm"``. An expression
-never has two values side by side, so whether a text has a unit is never in doubt, but for a
-parameter that has the name of one: that is refused.
+never has two values side by side, so it is always clear whether a text has a unit. The exception is
+a parameter with the name of a unit, which is refused.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ _NOUNS = {
 def expression_and_factor(
     text: str, names: ReadContext, unit: str | None, time: bool = False
 ) -> tuple[str, float]:
-    """The expression of a text, and the factor from its unit to the scene's own.
+    """The expression in a text, and the factor from its unit to the scene's own.
 
     Parameters
     ----------
@@ -76,9 +76,9 @@ def expression_and_factor(
     names : mapping
         Values of the parameters.
     unit : str or None
-        SI unit of the quantity that is asked for, ``""`` for a plain number; None takes any.
+        SI unit of the required quantity, ``""`` for a plain number; None allows any.
     time : bool
-        Whether ``t`` is the time, and not the tonne.
+        Whether ``t`` means the time, not the tonne.
 
     Raises
     ------
@@ -104,8 +104,9 @@ def expression_and_factor(
 
 
 def _split(text: str, time: bool) -> tuple[str, str]:
-    """Expression and unit; the unit is empty where the text has none."""
-    short = text if len(text) <= MAX_LENGTH else ""  # each gap is looked at with all that follows
+    """Expression and unit of a text; the unit is empty if there is none."""
+    # every gap is examined with all the text after it
+    short = text if len(text) <= MAX_LENGTH else ""
     for gap in re.finditer(r"(?<=\S)\s+(?=\S)", short):
         front, rest = text[: gap.start()], text[gap.end() :].strip()
         if not _ENDS_A_VALUE.search(front[-1]) or (time and "t" in _SYMBOLS.findall(rest)):
@@ -119,7 +120,7 @@ def _split(text: str, time: bool) -> tuple[str, str]:
 
 
 def _refuse_unknown(text: str, names: ReadContext, time: bool) -> None:
-    """Say so where a number is followed by a word that is no unit, or by one written otherwise."""
+    """Refuse a number that is followed by an unknown unit, or by a unit written wrongly."""
     number = _NUMBER_AND_REST.fullmatch(text)
     if number is not None and not any(s in names for s in _SYMBOLS.findall(number[2])):
         rest = _POWER.sub(r"^\1", number[2].replace("°", "deg"))
@@ -148,7 +149,7 @@ def _is_unit(text: str) -> bool:
     return True
 
 
-_UNIT_ROUND_OFF = 4e-16  # of a length of one after scaling
+_UNIT_ROUND_OFF = 4e-16  # relative change of a vector of unit length by scaling it to unit length
 Sign = Literal["any", "positive", "not negative"]
 _SIGN_FORMS: dict[str, Form] = {
     "any": {},
@@ -158,7 +159,7 @@ _SIGN_FORMS: dict[str, Form] = {
 
 
 def read_number(value: Any, names: ReadContext, unit: str | None = "") -> float:
-    """A finite number, in the scene's units, from a number or an expression.
+    """A finite number in the scene's units, from a number or an expression.
 
     Parameters
     ----------
@@ -166,7 +167,7 @@ def read_number(value: Any, names: ReadContext, unit: str | None = "") -> float:
         A number, or an expression over the parameters, perhaps with a unit.
     names : mapping
         Values of the parameters.
-    unit : str or None
+    SI unit of the required quantity, ``""`` for a plain number; None allows any.
         SI unit of what is asked for, ``""`` for a plain number; None takes any.
 
     Raises
@@ -179,7 +180,7 @@ def read_number(value: Any, names: ReadContext, unit: str | None = "") -> float:
     if isinstance(value, str):
         text, factor = expression_and_factor(value, names, unit)
         constant = parse(text, names, time=False).constant
-        assert constant is not None  # without time everything folds
+        assert constant is not None  # without time every expression folds to a constant
         return _finite(constant * factor, value)
     if isinstance(value, bool) or not isinstance(value, Real):
         raise SceneError(f"a number or an expression is expected, given {quote(value)}")
@@ -190,7 +191,7 @@ def read_number(value: Any, names: ReadContext, unit: str | None = "") -> float:
 
 
 def read_numbers(values: Sequence[Any], names: ReadContext, units: Iterable[str]) -> list[float]:
-    """Numbers in SI, each with its own SI unit; all mistakes at once."""
+    """Numbers in SI, each with an SI unit of its own; all mistakes are reported at once."""
     numbers: list[float] = []
     problems: list[Problem] = []
     for i, (value, unit) in enumerate(zip(values, units, strict=False)):
@@ -211,14 +212,14 @@ def _finite(number: float, value: Any) -> float:
 
 @dataclass(frozen=True)
 class Quantity(FieldType):
-    """Annotation of a float: its SI unit, the sign it must have, and the limits of a number."""
+    """Annotation of a float: its SI unit, the required sign, and limits of the number."""
 
     unit: str = ""
     sign: Sign = "any"
     limits: tuple[float, float] | None = None
 
     def unit_in(self, names: ReadContext) -> str | None:
-        """The SI unit in this place; None where it is not known."""
+        """The SI unit of this field; None if it is not known."""
         return self.unit
 
     def read(self, value: Any, info: ValidationInfo) -> float:
@@ -242,7 +243,7 @@ class Quantity(FieldType):
         return scaled
 
     def write(self, value: Any, info: SerializationInfo) -> Any:
-        """The number in the scene's units, as it was given."""
+        """The number in the scene's units."""
         names = context_of(info)
         unit = self.unit_in(names) or ""
         return names.units.written(value, unit) if isinstance(value, float) else value
@@ -284,7 +285,7 @@ class WordOr(FieldType):
 
 @dataclass(frozen=True)
 class Measured(Quantity):
-    """Annotation of a float whose SI unit depends on where it is used: the expected one."""
+    """Annotation of a float whose SI unit depends on its use: the context's expected unit."""
 
     def unit_in(self, names: ReadContext) -> str | None:
         return names.expected_unit
@@ -313,7 +314,7 @@ class Integer(FieldType):
 
 
 def plain(value: Any) -> Any:
-    """Tables, lists and numbers as plain Python, whatever kind of array or number they hold."""
+    """Tables, lists and numbers as plain Python objects, whatever types of arrays they contain."""
     if isinstance(value, Mapping):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -383,7 +384,7 @@ def read_axis(value: Any, names: ReadContext) -> tuple[float, ...]:
 
 
 def unit_vector(values: Iterable[float]) -> tuple[float, ...]:
-    """Scaled to unit length, without overflow; one that has it already stays the same to the bit.
+    """Scaled to unit length, without overflow; a unit vector stays the same to the last bit.
 
     Raises
     ------

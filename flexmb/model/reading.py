@@ -1,8 +1,8 @@
 """Reading one table of a scene into its specification, with messages a user can act on.
 
 In: a class derived from :class:`Spec`, the raw table, and the values of the parameters. Out: the
-frozen specification, or all :class:`Problem` of the table: what pydantic found, translated into
-where, what was given, what is allowed, nearest names.
+frozen specification, or all :class:`Problem` of the table: pydantic's errors translated to the
+place, the given value, what is allowed, and the nearest names.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def split_reference(reference: str) -> tuple[str, str]:
 
 
 class ReadContext(dict[str, float]):
-    """What the numbers of a scene mean: parameters by name, the unit system, the expected unit.
+    """How to read the numbers of a scene: parameters by name, the unit system, the expected unit.
 
     Parameters
     ----------
@@ -69,10 +69,10 @@ class ReadContext(dict[str, float]):
     units : UnitSystem
         The unit system in which numbers are given.
     expected_unit : str, optional
-        SI unit of values whose quantity depends on where they are used, such as those of a
-        function of time; None where it depends on more.
+        SI unit of values whose quantity depends on their use, such as those of a function of
+        time; None if it is not known yet.
     folder : Path, optional
-        What paths of files are relative to.
+        Folder that paths of files are relative to.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class ReadContext(dict[str, float]):
 
     @classmethod
     def of(cls, names: Names | None) -> ReadContext:
-        """As it is, or of mere values of the parameters in SI."""
+        """The context itself, or one for plain values of the parameters in SI."""
         return names if isinstance(names, cls) else cls(names)
 
 
@@ -97,14 +97,14 @@ def fail(*problems: Problem) -> PydanticCustomError:
 
 
 def fail_if(problems: Iterable[Problem]) -> None:
-    """Raise what a validator raises, if there are any problems."""
+    """Raise the problems from a validator, if there are any."""
     problems = tuple(problems)
     if problems:
         raise fail(*problems)
 
 
 def only_one(spec: Spec, *words: str) -> str:
-    """The one of several fields that is given; not exactly one is a mistake."""
+    """The one of several fields that is given; none or several are a mistake."""
     present = [word for word in words if getattr(spec, word) is not None]
     if len(present) != 1:
         *first, last = (f'"{word}"' for word in words)
@@ -114,12 +114,12 @@ def only_one(spec: Spec, *words: str) -> str:
 
 
 def context_of(info: ValidationInfo | SerializationInfo) -> ReadContext:
-    """What numbers mean that pydantic validates or writes."""
+    """The context of the numbers that pydantic validates or writes."""
     return ReadContext.of(info.context)
 
 
 def quote(value: Any) -> str:
-    """A value as a message shows it: like TOML, and short."""
+    """A value as messages show it: as in TOML, and short."""
     text = _toml(value)
     if isinstance(value, bool):
         return text
@@ -137,7 +137,7 @@ def _toml(value: Any) -> str:
 
 
 def under(where: str, problems: Iterable[Problem]) -> list[Problem]:
-    """The problems with ``where`` put before their own place."""
+    """The problems with ``where`` put before their own paths."""
     return [replace(problem, where=_join(where, problem.where)) for problem in problems]
 
 
@@ -148,7 +148,7 @@ def _join(where: str, place: str) -> str:
 
 
 def read_entry(cls: type[S], data: Any, names: ReadContext) -> tuple[S | None, list[Problem]]:
-    """Read a table; either the specification or the problems, places relative to the table."""
+    """Read a table: the specification, or the problems with paths relative to the table."""
     if isinstance(data, cls):
         return data, []
     if not isinstance(data, Mapping):
@@ -199,7 +199,7 @@ _EXPECTED = {
 
 
 def _plain(where: str, detail: Any) -> Problem:
-    """One of pydantic's own errors in our words."""
+    """An error of pydantic itself in the words of scenes."""
     kind, value, limits = detail["type"], detail["input"], detail.get("ctx", {})
     if kind == "literal_error":
         allowed = tuple(re.findall(r"'([^']*)'", str(limits["expected"])))
@@ -222,12 +222,12 @@ NAME: Form = {"type": ["string", "integer"]}
 
 
 def choice(names: Iterable[str]) -> Form:
-    """One of these names, which an editor offers; other spellings of them pass as well."""
+    """The form of one of these names; an editor offers them, other spellings are accepted too."""
     return {"anyOf": [{"enum": list(names)}, {"type": "string"}]}
 
 
 def list_form(items: Form, count: int = 0) -> Form:
-    """A list of `count` items; of any number by default."""
+    """The form of a list of `count` items; by default of any number."""
     return {"type": "array", "items": items} | (
         {"minItems": count, "maxItems": count} if count else {}
     )
@@ -239,7 +239,7 @@ def reference(spec: type[Spec]) -> Form:
 
 
 class FieldType:
-    """Base of annotations of fields that are read, written and described by functions of ours."""
+    """Base of annotations for fields that are read, written and described by our own functions."""
 
     def read(self, value: Any, info: ValidationInfo) -> Any:
         """The value of the field, from what a scene says."""
@@ -250,7 +250,7 @@ class FieldType:
         return value
 
     def form(self, source: Any, form_of: Callable[[Any], Form]) -> Form:
-        """JSON schema of what a scene may say; ``form_of`` gives that of another annotation."""
+        """The JSON schema of the field in a scene; ``form_of`` gives that of another annotation."""
         return form_of(source)
 
     def reader(self, source: Any) -> Callable[[Any, ValidationInfo], Any]:
@@ -286,7 +286,8 @@ class FieldType:
 
 
 class Reader(FieldType):
-    """A field that functions read and perhaps write; its form by default that of its type."""
+    """A field that is read, and written, by given functions; by default with the form of its
+    type."""
 
     def __init__(
         self,
@@ -309,14 +310,14 @@ class Reader(FieldType):
 
 
 class _Table(FieldType):
-    """A field that is a table of its own, so that its problems carry its path."""
+    """A field that is a table, so that its problems have its path."""
 
     def write(self, value: Any, info: SerializationInfo) -> Any:
         return value.model_dump(mode="json", exclude_none=True, context=info.context)
 
 
 class Entry(_Table):
-    """Marks a field that is a table of the annotated specification."""
+    """Annotation of a field that is a table of the annotated specification."""
 
     def reader(self, source: Any) -> Callable[[Any, ValidationInfo], Any]:
         def read(value: Any, info: ValidationInfo) -> Spec:
@@ -330,7 +331,8 @@ class Entry(_Table):
 
 @dataclass(frozen=True)
 class Variant(_Table):
-    """Marks a field whose table says by ``type`` which of several specifications it is."""
+    """Annotation of a field whose table has a ``type`` that selects one of several
+    specifications."""
 
     noun: str
     kinds: Callable[[], Mapping[str, type[Spec]]]
@@ -358,7 +360,7 @@ _MEANT |= {("sensor type", name): _REACTION for name in ("force", "moment", "tor
 def read_variant(
     noun: str, kinds: Mapping[str, type[S]], data: Any, names: ReadContext
 ) -> tuple[S | None, list[Problem]]:
-    """Read a table whose key ``type`` chooses the specification."""
+    """Read a table whose key ``type`` selects the specification."""
     if isinstance(data, Mapping) and "type" not in data:
         return None, [Problem("type", "is missing", tuple(kinds))]
     if isinstance(data, Mapping) and data["type"] not in tuple(kinds):

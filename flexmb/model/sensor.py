@@ -1,10 +1,10 @@
-"""Sensors: what a run records, by channel, and what expressions of forces and states may name.
+"""Sensors: the channels that a run records, and that expressions of forces and states may use.
 
-Motions of a marker, absolute, relative to another one, or as an observer on another one sees them:
-channels ``name.x``, ``name.y``, ``name.z``. Turning angles about three axes: ``name.alpha``,
-``name.beta``, ``name.gamma``. Coordinates of joints and between markers, energies and expressions
-of other channels: channel ``name``. Angles are continuous over any number of turns. `unit_of` says
-in what a sensor is measured.
+Motions of a marker, absolute, relative to another marker, or as an observer on another marker sees
+them: channels ``name.x``, ``name.y``, ``name.z``. Three angles of an orientation: ``name.alpha``,
+``name.beta``, ``name.gamma``. Coordinates of joints and between markers, energies, and expressions
+of other channels: channel ``name``. Angles are continuous over several revolutions. `unit_of` gives
+the unit of a sensor.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ class SensorSpec(Component):
 
 
 class MarkerSensorSpec(SensorSpec):
-    """Motion of the marker ``of``, less that of ``relative_to``, in global or a marker's axes.
+    """Motion of the marker ``of``, minus that of ``relative_to``, in global or in a marker's axes.
 
-    ``axes``: along the axes that this marker has at the time. ``seen_from``: as an observer sees it
-    who moves and turns with this marker, in its axes.
+    ``axes``: components along the present axes of this marker. ``seen_from``: as seen by an
+    observer who moves and rotates with this marker, in its axes.
     """
 
     type: Literal[
@@ -71,11 +71,12 @@ def _sequence(value: Any, info: ValidationInfo) -> str:
 
 
 class OrientationSensorSpec(SensorSpec):
-    """Three turns that lead the axes of ``relative_to`` (or the global ones) to those of ``of``.
+    """Three rotation angles from the axes of ``relative_to`` (or the global ones) to those of
+    ``of``.
 
-    About the axes of ``sequence``, each as the turns before have left it: ``"xyz"`` gives Cardan
-    (Bryan) angles, ``"zxz"`` Euler angles. With three different axes beta = 90 deg is singular,
-    with two beta = 0 and 180 deg: there alpha takes the whole turn and gamma stays.
+    They are about the axes of ``sequence``, each as the previous rotations have left it: ``"xyz"``
+    gives Cardan (Bryan) angles, ``"zxz"`` Euler angles. With three different axes beta = 90 deg is
+    singular, with two beta = 0 and 180 deg: there gamma stays and alpha takes the whole rotation.
     """
 
     type: Literal["orientation"]
@@ -106,10 +107,10 @@ class JointSensorSpec(SensorSpec):
 
 
 class AngleSensorSpec(JointSensorSpec):
-    """Angle of a joint, or from marker I to J about ``axis``, from the placed pose on.
+    """Angle of a joint, or from marker I to J about ``axis``, measured from the placed pose.
 
-    Within +-pi at the start and continuous from there on; with ``derivative`` its rate. A universal
-    joint has a ``"second_angle"`` too.
+    It is within +-pi at the start and continuous from then on; with ``derivative`` its rate. A
+    universal joint has a ``"second_angle"`` too.
     """
 
     type: Literal["angle", "second_angle"]
@@ -128,10 +129,10 @@ class StrokeSensorSpec(JointSensorSpec):
 
 
 class PlaceSensorSpec(SensorSpec):
-    """Place of a joint along its curve, in length from its beginning, or its rate.
+    """Position of a joint along its curve, as arc length from the curve's beginning, or its rate.
 
-    A closed curve is counted on over any number of turns. Of two cams ``on = "J"`` is that on the
-    curve of marker J.
+    On a closed curve it continues to count over several laps. For two cams, ``on = "J"`` is the
+    position on the curve of marker J.
     """
 
     type: Literal["place"]
@@ -162,11 +163,11 @@ class DistanceSensorSpec(SensorSpec):
 
 
 class ReactionSensorSpec(SensorSpec):
-    """What a joint, driver, force or coupler does to a marker: its force, or its moment about it.
+    """Force of a joint, driver, force or coupler on a marker, or its moment about the marker.
 
-    What a coupler does to one of its joints is ``coupler = "gear.joint"``. On marker ``on`` of the
-    two; in the joint's axes there, in global ones, or those of a marker. A force or torque at one
-    marker acts on J.
+    For a coupler the joint on which it acts is named too: ``coupler = "gear.joint"``. ``on``
+    selects one of the two markers; components are in the joint's axes there, in global axes, or in
+    those of a marker. A force or torque at one marker acts on J.
     """
 
     type: Literal["reaction"]
@@ -206,7 +207,7 @@ class ReactionSensorSpec(SensorSpec):
                 yield Problem(f"{where}.quantity", what)
 
     def _coupler_problems(self, scope: Scope, where: str, reaction: str) -> Iterator[Problem]:
-        """What a coupler does to one of its joints must be a name of such a reaction."""
+        """Problems unless the coupler has a reaction of that name."""
         if reaction.split(".")[0] not in scope.broken.get("couplers", {}):
             couplers = scope.model.couplers.items()
             names = tuple(one for name, spec in couplers for one in spec.reaction_names(name))
@@ -275,7 +276,7 @@ _ANGLES = tuple(CHANNEL_UNITS.values())[3:]
 
 
 def unit_of(table: Mapping[str, Any]) -> str | None:
-    """SI unit of what a sensor, state or controller measures, from its fields; None if unknown."""
+    """SI unit of a sensor, state or controller from its fields; None if it is not known."""
     kind = str(table.get("type", ""))
     if kind in ("stroke", "place", "distance"):
         return _LENGTHS[int(table.get("derivative", 0))]
@@ -301,7 +302,7 @@ def channel_unit(tables: Mapping[str, Mapping[str, Any]], channel: str) -> str |
 
 
 def channels_of(name: str, sensor: Spec) -> tuple[str, ...]:
-    """Names of the channels a sensor writes."""
+    """Names of the channels of a sensor."""
     if isinstance(sensor, MarkerSensorSpec | ReactionSensorSpec):
         return tuple(f"{name}.{axis}" for axis in "xyz")
     if isinstance(sensor, OrientationSensorSpec):

@@ -1,8 +1,8 @@
-"""Surfaces of rigid bodies from files, and the mass properties of what they enclose.
+"""Surfaces of rigid bodies from files, and the mass properties of the enclosed volume.
 
 In: an STL file, text or binary, or a VTU file, with data as text or inline, plain or compressed as
-most programs write it. Of volume cells the boundary is taken. Out: points (n, 3) and triangles
-(t, 3), and by the divergence theorem volume, centre and second moments of a closed surface.
+most programs write it; for volume cells their boundary is taken. Out: points (n, 3) and triangles
+(t, 3), and by the divergence theorem the volume, centre and second moments of a closed surface.
 Sources: 3D Systems, Stereolithography Interface Specification; Kitware, VTK file formats; Mirtich,
 Fast and accurate computation of polyhedral mass properties, J. Graphics Tools 1, 1996.
 """
@@ -24,12 +24,13 @@ from flexmb.errors import SceneError
 from flexmb.flexbody.arrays import Array, IntArray
 
 _MAX_BYTES, _MAX_TRIANGLES = 200e6, 2_000_000
-_SAME_POINT = 1e-7  # of its size: points of an STL file closer than this are one
+_SAME_POINT = 1e-7  # points of an STL file closer than this fraction of its size are equal
 _TYPES = {
     "Float32": "f4", "Float64": "f8", "Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2",
     "Int32": "i4", "UInt32": "u4", "Int64": "i8", "UInt64": "u8",
 }  # fmt: skip
-_FACES: Mapping[int, tuple[tuple[int, ...], ...]] = {  # corners of the faces of a cell type of VTK
+# corners of the faces of each cell type of VTK
+_FACES: Mapping[int, tuple[tuple[int, ...], ...]] = {
     5: ((0, 1, 2),),
     9: ((0, 1, 2, 3),),
     10: ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)),
@@ -72,19 +73,19 @@ def read_surface(path: Path) -> tuple[Array, IntArray]:
 
 
 def pack_surface(points: Array, faces: IntArray) -> str:
-    """A surface as a text, points in single precision."""
+    """A surface as a text; points in single precision."""
     raw = struct.pack("<ii", len(points), len(faces))
     raw += points.astype("<f4").tobytes() + faces.astype("<i4").tobytes()
     return base64.b64encode(zlib.compress(raw)).decode()
 
 
 def unpack_surface(text: str) -> tuple[Array, IntArray]:
-    """The surface of such a text.
+    """The surface from a text of `pack_surface`.
 
     Raises
     ------
     SceneError
-        It is none.
+        The text is not a surface.
     """
     try:
         raw = zlib.decompressobj().decompress(base64.b64decode(text, validate=True), int(1e9))
@@ -99,7 +100,8 @@ def unpack_surface(text: str) -> tuple[Array, IntArray]:
 
 
 def open_edges(faces: IntArray) -> int:
-    """How many edges have not two triangles, once in each direction; 0 of a closed surface."""
+    """Number of edges that do not have exactly two triangles, one in each direction; 0 if
+    closed."""
     pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     pairs = pairs[pairs[:, 0] != pairs[:, 1]]
     sense = np.where(pairs[:, 0] < pairs[:, 1], 1, -1)
@@ -112,8 +114,8 @@ def open_edges(faces: IntArray) -> int:
 def enclosed(points: Array, faces: IntArray) -> tuple[float, Array, Array]:
     """Volume, centre (3,), and second moments (3, 3) about it over the volume.
 
-    The sum over the tetrahedra between the triangles and a point; a surface that is inside out
-    gives the same.
+    It sums over the tetrahedra between the triangles and a point; a surface with normals inwards
+    gives the same result.
     """
     origin = points.mean(axis=0)
     a, b, c = (points[faces[:, k]] - origin for k in range(3))
@@ -199,7 +201,7 @@ class _Reader:
             count = int(np.frombuffer(raw, self.header, 1)[0])
             return np.frombuffer(raw[size : size + count], self.order + kind)
         blocks = int(np.frombuffer(base64.b64decode(text[:24])[:size], self.header)[0])
-        length = -(-(3 + blocks) * size // 3) * 4  # of the head in base 64
+        length = -(-(3 + blocks) * size // 3) * 4  # length of the header in base 64
         sizes = np.frombuffer(base64.b64decode(text[:length])[: (3 + blocks) * size], self.header)[
             3:
         ]

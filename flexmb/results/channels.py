@@ -18,17 +18,18 @@ dataset        shape               meaning
 /drift         (n, 2)              largest constraint violation: position, velocity
 =============  ==================  ==========================================================
 
-The two reactions of a joint, driver or coupler (one for each joint of a coupler, named
-``coupler.joint``) are action and reaction: equal and opposite as forces; the moments differ by the
-arm between the markers. z is the joint's axis, on J the second one of a joint with two; of what
-slides in a planar scene x is the axis, z the normal. Those of drivers and couplers are not included
-in those of their joints. What acts on the second angle of a universal joint is reported on J in
-axes that are turned by half a turn about y: z against the axis.
+The two reactions of a joint, driver or coupler (of a coupler one for each joint, named
+``coupler.joint``) are action and reaction. As forces they are equal and opposite; the moments
+differ by the moment of the force about the other marker. z is the joint's axis, on J the second
+axis of a joint with two; for joints that slide in a planar scene x is the axis and z the normal.
+Reactions of drivers and couplers are not included in those of their joints. What acts on the second
+angle of a universal joint is reported on J in axes that are rotated by 180 degrees about y: z
+against the axis.
 
-`result_file` describes the other datasets. Of q, v, vd, lam, reactions, sensors and energy only the
-columns are stored that the scene requests by ``[results] keep``: a group of `GROUPS`, a body,
-joint, driver, sensor or energy, or a channel, each perhaps with the wildcards ``*``, ``?`` and
-``[...]``. Times and drift are always stored, and the channels that the scene plots or checks.
+`result_file` describes the other datasets. Of q, v, vd, lam, reactions, sensors and energy only
+those columns are stored that the scene requests by ``[results] keep``: a group of `GROUPS`, a body,
+joint, driver, sensor or energy, or a channel, with or without the wildcards ``*``, ``?`` and
+``[...]``. Times, drift, and the channels that the scene plots or checks are always stored.
 
 Channels name the columns for users: ``slider.x`` (a sensor's), ``crank_pin.rod.force.x`` (what the
 joint does to that body), ``energy.kinetic``, ``drift.position``, ``rod.eta.0``.
@@ -54,7 +55,7 @@ class MarkerPair(NamedTuple):
     """The two markers of a joint or driver."""
 
     path: str  # such as "joints.crank_pin"
-    name: str  # the same without its section, where that is enough
+    name: str  # the name without its section, if that is unique
     I: str  # noqa: E741  references such as "crank.pin"
     J: str
 
@@ -70,7 +71,7 @@ class MarkerPair(NamedTuple):
 
 
 def marker_pairs(layout: Layout, scene: Mapping[str, Any]) -> tuple[MarkerPair, ...]:
-    """Both markers of all that has a reaction, in the order of the table."""
+    """Both markers of every object with a reaction, in the order of the table."""
     joints, drivers = scene.get("joints", {}), scene.get("drivers", {})
     pairs = []
     for path in layout.reactions:
@@ -89,7 +90,7 @@ def marker_pairs(layout: Layout, scene: Mapping[str, Any]) -> tuple[MarkerPair, 
 
 DRIFT: Final = ("position", "velocity")
 _WIDTHS: Final[Mapping[str, Callable[[Layout], int]]] = {
-    "time": lambda layout: 1,  # without a second axis
+    "time": lambda layout: 1,  # stored without a second axis
     "q": lambda layout: layout.nq,
     "v": lambda layout: layout.nv,
     "vd": lambda layout: layout.nv,
@@ -101,7 +102,7 @@ _WIDTHS: Final[Mapping[str, Callable[[Layout], int]]] = {
 }
 TABLES: Final = tuple(_WIDTHS)
 CHANNEL_KINDS = ("sensors", "reactions", "energy", "drift", "coordinates", "accelerations")
-_BALANCE = "energy.balance"
+_BALANCE_CHANNEL = "energy.balance"
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,7 @@ class Channel(NamedTuple):
     name: str
     table: str
     column: int
-    unit: str  # that of SI
+    unit: str  # in SI
 
 
 class HistoryTable(NamedTuple):
@@ -151,7 +152,7 @@ class HistoryTable(NamedTuple):
 
 
 def all_channels(columns: Columns, scene: Mapping[str, Any]) -> dict[str, Channel]:
-    """All channels by name; a sensor's name goes before any other that is equal."""
+    """All channels by name; a sensor takes precedence over another channel of the same name."""
     by_name: dict[str, Channel] = {}
     for kind in CHANNEL_KINDS:
         for channel in list_channels(columns, scene, kind):
@@ -175,7 +176,7 @@ def list_channels(columns: Columns, scene: Mapping[str, Any], kind: str) -> tupl
         energies = [
             Channel(f"energy.{name}", "energy", i, "J") for i, name in enumerate(columns.energies)
         ]
-        return (*energies, Channel(_BALANCE, "balance", 0, "J"))
+        return (*energies, Channel(_BALANCE_CHANNEL, "balance", 0, "J"))
     if kind == "drift":
         return tuple(Channel(f"drift.{name}", "drift", i, "") for i, name in enumerate(DRIFT))
     if kind == "coordinates":
@@ -242,11 +243,11 @@ def _coordinates(columns: Columns) -> Iterator[Channel]:
         for i, (name, unit) in enumerate(names):
             yield Channel(f"{body.name}.{name}", "q", body.iq + i, unit)
         yield from _rates(body, "v", "dot", ("m/s", "rad/s", "1/s"))
-    n = len(columns.coordinates)  # scalar ones stand behind the bodies
+    n = len(columns.coordinates)  # scalar coordinates come after the bodies
     for i, name in enumerate(columns.coordinates):
-        state = name.startswith("states.")  # its velocity is the state
+        state = name.startswith("states.")  # the velocity of this coordinate is the state
         own, rate = (f"{name}.integral", name) if state else (name, f"{name}.rate")
-        units = ("m", "m/s") if name.endswith("position") else ("", "")  # along a curve
+        units = ("m", "m/s") if name.endswith("position") else ("", "")  # position along a curve
         yield Channel(own, "q", columns.nq - n + i, units[0])
         yield Channel(rate, "v", columns.nv - n + i, units[1])
 
@@ -263,7 +264,7 @@ def _accelerations(columns: Columns) -> Iterator[Channel]:
 def _rates(
     body: BodyColumns, table: str, suffix: str, units: tuple[str, str, str]
 ) -> Iterator[Channel]:
-    """Velocities or accelerations of one body: of translation, rotation, modal coordinates."""
+    """Velocities or accelerations of one body: translation, rotation, modal coordinates."""
     turn = "w" if suffix == "dot" else "w_dot"
     names = [f"r_{suffix}.{axis}" for axis in "xyz"] + [f"{turn}.{axis}" for axis in "xyz"]
     names += [f"eta_{suffix}.{i}" for i in range(body.m)]
@@ -326,7 +327,7 @@ def stored_columns(
     Raises
     ------
     SceneError
-        Names of nothing.
+        Names that match nothing.
     """
     requested = tuple(scene.get("results", {}).get("keep", ()))
     everything = {name: np.arange(width) for name, width in widths(columns).items()}
@@ -366,7 +367,7 @@ def row_bytes(stored: StoredColumns) -> int:
 def describe_missing(
     columns: Columns, scene: Mapping[str, Any], table: str, missing: Iterable[int]
 ) -> str:
-    """The sentence for columns that were not stored, with the request that stores them."""
+    """The sentence on columns that were not stored, with the request that would store them."""
     wanted = set(missing)
     lacking = [c for c in _columns(columns, scene) if c.table == table and c.number in wanted]
     groups = set.intersection(*({*c.groups} for c in lacking)) if lacking else set()
@@ -377,7 +378,7 @@ def describe_missing(
 
 
 def _columns(columns: Columns, scene: Mapping[str, Any]) -> Iterator[_Column]:
-    """Every column that need not be stored."""
+    """Every column that is stored on request only."""
     names: dict[tuple[str, int], list[str]] = {}
     for group in ("sensors", "reactions", "energy", "coordinates", "accelerations"):
         for channel in list_channels(columns, scene, group):
@@ -401,14 +402,15 @@ def _columns(columns: Columns, scene: Mapping[str, Any]) -> Iterator[_Column]:
 
 
 def _sections(table: str, name: str, bodies: Collection[str]) -> tuple[str, ...]:
-    """Sections of the scene that may stand before a name."""
+    """Sections of the scene that may be written before a name, as in ``sensors.tip``."""
     if table in ("q", "v", "vd"):
         return ("bodies",) if name.partition(".")[0] in bodies else ()
     return _SECTIONS_OF.get(table, ())
 
 
 def _matching(available: Iterable[_Column], item: str) -> set[tuple[str, int]]:
-    """Columns that an item names: those of a group, of an owner, or of channels."""
+    """Columns (table, number) that an item means: of a group, of an owner, or channels by
+    pattern."""
     if item in GROUPS:
         return {(c.table, c.number) for c in available if item in c.groups}
     whole = re.compile(translate(item)).match

@@ -1,16 +1,16 @@
 """The file below a result file: one writer, no torn writes, no crash when the disk fails.
 
-`DiskFile` remembers its first failure instead of raising it. HDF5 2.0 crashes the process when a
-write fails inside it (disk full, quota, file-size limit), or when it does not read back what it
-wrote; with this file it never learns of the failure: the pages that the disk did not take are
-stored in memory. The caller asks for the failure after every flush; what was flushed before stays
-whole. `WriteLock` admits one writer; `uninterrupted` delays Ctrl-C until a write is complete.
+HDF5 2.0 crashes the process if a write fails inside it (disk full, quota, file-size limit), or if
+it does not read back what it wrote. So `DiskFile` remembers its first failure instead of raising
+it, and keeps the pages that the disk did not take in memory; HDF5 never learns of the failure. The
+caller asks for the failure after every flush; what was flushed before stays intact. `WriteLock`
+admits one writer; `uninterrupted` delays Ctrl-C until a write is complete.
 
-A finished file is sealed as a whole (`flexmb.untrusted`). Until then three sums stand in it:
+A finished file is sealed as a whole (`flexmb.untrusted`). Until then it contains three checksums:
 
 - `/checks`: two rows, each a number of output rows and the CRC-32 of every table up to there. They
-  are written in turn, before `/progress` counts the rows, so that one of them fits at any moment;
-- the attribute `content`: SHA-256 of all that is fixed before the run;
+  are written alternately, before `/progress` counts the rows, so that one of them always matches;
+- the attribute `content`: SHA-256 of everything that is fixed before the run;
 - `/state/checks`: CRC-32 of each slot of the integrator's state.
 """
 
@@ -39,18 +39,20 @@ from flexmb.results.channels import TABLES
 from flexmb.untrusted import begin_writing, end_writing, seal
 
 _PAGE = 1 << 16  # bytes of a page in memory
-# Behind the name of a new file, and of one that takes the place of a file that is being written.
+# Suffixes of the name of a new file, and of a file that replaces one that is still being written.
 _PART, _NEXT = ".part", ".next"
-_NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP, errno.EINVAL)  # a network disk
-_LOCK_TIMEOUT = 0.05  # s, for a lock file that its last owner is removing at this moment
+# what disks without locks (network disks) answer
+_NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP, errno.EINVAL)
+_LOCK_TIMEOUT = 0.05  # s to wait for a lock file that its last owner is removing at this moment
 
 
 class WriteLock:
-    """The claim to write `path`, until it is released or the process ends, also by a kill.
+    """Exclusive permission to write `path`, until it is released or the process ends, also by a
+    kill.
 
-    The lock is a file of its own, named like `path` with ``.lock`` at the end, so that every
-    program may read `path` itself while it is written. A lock file left by a killed process does no
-    harm. Where a disk has no locks there is nothing to claim.
+    The lock is a separate file, named like `path` with ``.lock`` at the end, so that every program
+    may read `path` itself while it is written. A lock file left by a killed process has no effect.
+    On a disk without locks every process gets the permission.
 
     Raises
     ------
@@ -80,10 +82,12 @@ class WriteLock:
         self.release()
 
     def release(self) -> None:
-        """Give the claim back; calling it again does nothing."""
+        """Release the permission; calling it again does nothing."""
         if self._lock.is_locked:
-            with contextlib.suppress(OSError):  # Windows removes no open file; filelock does it
-                self._file.unlink()  # while it is ours, so that nobody removes the next owner's
+            # Windows removes no open file; there filelock removes it
+            with contextlib.suppress(OSError):
+                # while it is locked, so that nobody removes the file of the next owner
+                self._file.unlink()
             self._lock.release()
 
 
@@ -91,12 +95,12 @@ class WriteLock:
 def uninterrupted() -> Iterator[None]:
     """Delay an interruption (Ctrl-C) until the end of the ``with`` block.
 
-    HDF5 calls back into Python for every write; an exception from there would leave the file half
+    HDF5 calls back into Python for every write. An exception raised there would leave the file half
     written, or end the process. Only the main thread is ever interrupted.
     """
     main = threading.current_thread() is threading.main_thread()
     before = signal.getsignal(signal.SIGINT) if main else None
-    if before is None:  # another thread, or a handler that Python cannot put back
+    if before is None:  # another thread, or a handler that was not set by Python
         yield
         return
     waiting = []
@@ -115,12 +119,12 @@ class DiskFile(io.RawIOBase):
     Parameters
     ----------
     path : Path
-        Where it is.
+        Its path.
     new : bool
-        Whether a new file is written. It gets its name by `complete`; an older file of this name
+        Whether to write a new file. It gets its name by `complete`; an older file of this name
         stays until then.
     claimed : bool
-        Whether this process has the claim to write `path`, so that `take_place_of` will follow.
+        Whether this process already has the `WriteLock` of `path`, and will call `take_place_of`.
 
     Raises
     ------
@@ -141,23 +145,24 @@ class DiskFile(io.RawIOBase):
             self._file = open(self._part or path, "r+b", buffering=0)  # noqa: SIM115
             if new:
                 self._file.truncate(0)
-            if not claimed:  # what a run that was killed left
+            if not claimed:  # remains of a run that was killed
                 path.with_name(path.name + _NEXT).unlink(missing_ok=True)
             begin_writing(self._part or path)
         except OSError:
             self._release()
             raise
         self.failure: OSError | None = None
-        self._pages: dict[int, bytearray] = {}  # what the disk did not take, by number of the page
+        self._pages: dict[int, bytearray] = {}  # what the disk did not take, by page number
         self._position = 0
 
     def complete(self) -> None:
-        """Give a new file its name, in place of an older one, or note why not."""
+        """Give a new file its name, replacing an older one; a failure is remembered."""
         if self._part is not None:
             self._unless_failed(self._move)
 
     def take_place_of(self, before: DiskFile) -> None:
-        """Go on in place of another file, which is closed: with its claim, and its name if any."""
+        """Continue in place of another file, which is closed: take over its lock, and its name if
+        any."""
         self._lock, before._lock = before._lock, None
         has_name = before._part is None
         before.close()
@@ -165,12 +170,12 @@ class DiskFile(io.RawIOBase):
             self.complete()
 
     def seal(self) -> None:
-        """Write the checksum of the whole file into its user block, or note why not."""
+        """Write the checksum of the whole file into its user block; a failure is remembered."""
         self._unless_failed(lambda: self._write_all(0, memoryview(seal(self._file))))
 
     def _move(self) -> None:
-        assert self._part is not None  # see complete()
-        self._file.close()  # Windows moves no open file
+        assert self._part is not None  # `complete` calls this only for a new file
+        self._file.close()  # Windows renames no open file
         os.replace(self._part, self._path)
         self._part = None
         self._file = open(self._path, "r+b", buffering=0)  # noqa: SIM115
@@ -200,7 +205,7 @@ class DiskFile(io.RawIOBase):
         return self._position
 
     def write(self, data: Any) -> int:
-        """Write all of `data`, or note why not; reports success in either case."""
+        """Write all of `data`; reports success also if it fails, and remembers the failure."""
         view = memoryview(data).cast("B")
         self._unless_failed(lambda: self._write_all(self._position, view))
         if self.failure is not None:
@@ -210,7 +215,7 @@ class DiskFile(io.RawIOBase):
         return len(view)
 
     def truncate(self, size: int | None = None) -> int:
-        """Set the length of the file, or note why not."""
+        """Set the length of the file; a failure is remembered."""
         length = self.tell() if size is None else size
         self._unless_failed(lambda: self._file.truncate(length))
         return length
@@ -234,7 +239,8 @@ class DiskFile(io.RawIOBase):
         return max(self._file.seek(0, io.SEEK_END), (last + 1) * _PAGE)
 
     def _parts(self, n: int) -> Iterator[tuple[int, int, int, int]]:
-        """The next `n` bytes by pages: from and to in them, number of the page, place in it."""
+        """The next `n` bytes by pages: start and end among them, page number, offset in the
+        page."""
         start = 0
         while start < n:
             page, inside = divmod(self._position + start, _PAGE)
@@ -243,7 +249,7 @@ class DiskFile(io.RawIOBase):
             start = stop
 
     def _page(self, number: int) -> bytearray:
-        """A page in memory, at first as on the disk."""
+        """A page in memory; initially as on the disk."""
         if number not in self._pages:
             self._file.seek(number * _PAGE)
             self._pages[number] = bytearray((self._file.read(_PAGE) or b"").ljust(_PAGE, b"\0"))
@@ -265,13 +271,15 @@ class DiskFile(io.RawIOBase):
 
 
 _CHANGING: Final = (*TABLES, "progress", "report", "checks", "state")
-_BLOCK_BYTES = 1 << 24  # of a table that are read at once
-_ATTEMPTS, _PAUSE = 5, 0.02  # s; a run may count new rows while they are read
+_BLOCK_BYTES = 1 << 24  # bytes of a table read at once
+# number of attempts, and seconds between: a run may count new rows while they are read
+_ATTEMPTS, _PAUSE = 5, 0.02
 
 
 @contextlib.contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """What a ``with`` block cannot read is a `ResultFileError`: flexmb writes no such file."""
+    """Raise what a ``with`` block cannot read as `ResultFileError`, since flexmb writes no such
+    file."""
     try:
         yield
     except (LookupError, TypeError, ValueError, AttributeError, OSError, RuntimeError) as error:
@@ -279,12 +287,12 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def no_rows() -> NDArray[np.int64]:
-    """The sums of no rows."""
+    """The checksums of zero rows."""
     return np.zeros(1 + len(TABLES), dtype=np.int64)
 
 
 def add_rows(sums: NDArray[np.int64], tables: Mapping[str, Any], rows: int) -> NDArray[np.int64]:
-    """The sums with further rows, whose stored columns are in `tables`."""
+    """The checksums after further rows, whose stored columns are in `tables`."""
     crcs = [
         crc32(np.ascontiguousarray(tables[name], "<f8").data, int(crc))
         for name, crc in zip(TABLES, sums[1:], strict=True)
@@ -295,7 +303,7 @@ def add_rows(sums: NDArray[np.int64], tables: Mapping[str, Any], rows: int) -> N
 def sum_rows(
     file: h5py.File, rows: int, sums: NDArray[np.int64] | None = None
 ) -> NDArray[np.int64]:
-    """The sums of the first rows of a file; `sums` are those of some of them."""
+    """The checksums of the first `rows` rows; `sums` are those of fewer rows, if known."""
     done = no_rows() if sums is None or sums[0] > rows else sums
     step = max(1, _BLOCK_BYTES // sum(8 * math.prod(file[name].shape[1:]) for name in TABLES))
     for start in range(int(done[0]), rows, step):
@@ -305,7 +313,7 @@ def sum_rows(
 
 
 def content_digest(file: h5py.File) -> str:
-    """SHA-256 of everything that a run does not change."""
+    """SHA-256 of everything in a file that a run does not change."""
     digest = hashlib.sha256()
 
     def add(name: str, item: h5py.Group | h5py.Dataset) -> None:
@@ -324,29 +332,29 @@ def content_digest(file: h5py.File) -> str:
 
 
 def state_sum(saves: int, rows: int, data: NDArray[np.uint8]) -> int:
-    """CRC-32 of a slot of the integrator's state with its numbers."""
+    """CRC-32 of a slot of the integrator's state, including its save number and number of rows."""
     return crc32(data.data, crc32(f"{saves} {rows}".encode()))
 
 
 def verify(path: Path, verified: NDArray[np.int64] | None) -> NDArray[np.int64] | None:
-    """Compare a file without seal with its checksums.
+    """Compare an unsealed file with its checksums.
 
     Parameters
     ----------
     path : Path
         The file; a run may be writing it.
     verified : (10,) int or None
-        What an earlier call returned: these rows are not read again.
+        The result of an earlier call: these rows are not read again.
 
     Returns
     -------
     (10,) int or None
-        Sums of the rows that were read; None of a file of an earlier flexmb, which has none.
+        Checksums of the rows that were read; None for a file of an earlier version without any.
 
     Raises
     ------
     ValueError
-        What does not match.
+        Says what does not match.
     """
     for _ in range(_ATTEMPTS):
         with h5py.File(path, "r", locking=False) as file:

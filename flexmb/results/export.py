@@ -1,10 +1,11 @@
-"""Output formats: histories as tables of other programs, HTML for notebooks, fields as VTU files.
+"""Output formats: histories as tables, HTML for notebooks, fields as VTU files.
 
 A table format is one function that takes a `HistoryTable` and a path, and one line in `FORMATS`,
-by the ending of its files; `Result.export` and ``flexmb export`` choose it by that ending. A VTU
-file, which ParaView opens, holds the skin of a part as an unstructured grid with the displacement,
-the von Mises and the largest and least principal stress of each field, in SI; of several layers at
-a point the extreme ones. Source: VTK File Formats, The VTK User's Guide.
+which maps the file name extension to it; `Result.export` and ``flexmb export`` select it by the
+extension. A VTU file, which ParaView opens, contains the skin of a part as an unstructured grid
+with the displacement, the von Mises stress and the largest and smallest principal stress of each
+field, in SI; at a point with several layers the extreme ones. Source: VTK File Formats, The VTK
+User's Guide.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ from flexmb.folders import whole_file
 from flexmb.results.channels import HistoryTable
 from flexmb.results.crash_safe_file import WriteLock
 
-_WIDTH, _HEIGHT = 520, 120  # of the history in notebooks, pixels
-_POINTS = 400  # per line
+_WIDTH, _HEIGHT = 520, 120  # size of the plot in notebooks [pixels]
+_POINTS = 400  # points per line
 _COLORS = ("#2f6db5", "#c8552b", "#3c8d4f")
 
 
@@ -64,7 +65,8 @@ def write_csv(table: HistoryTable, path: Path) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow([f"{name} [{unit}]" if unit else name for name, unit in columns])
-        writer.writerows(table.values.tolist())  # the shortest text that reads back as the number
+        # tolist: the shortest text that reads back as the same number
+        writer.writerows(table.values.tolist())
 
 
 FORMATS: Final[Mapping[str, Callable[[HistoryTable, Path], None]]] = {
@@ -84,7 +86,7 @@ def copy_result(source: Path, flexbodies: Iterable[Path], place: Path) -> Path:
     with ExitStack() as stack:
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
-            with suppress(PermissionError):  # no run writes in a folder that is read-only
+            with suppress(PermissionError):  # in a read-only folder no run writes
                 stack.callback(WriteLock(source).release)
             if not _same(source, target):
                 stack.callback(WriteLock(target).release)

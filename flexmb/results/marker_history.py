@@ -1,10 +1,10 @@
 """Motion of markers, joint coordinates and energies of modes, from the stored state of a run.
 
-In: positions, velocities and accelerations as a result holds them. Out: channels that no sensor
-recorded: ``rod.big_end.velocity.x`` (of a marker, global axes), ``crank_pin.angle`` and
-``crank_pin.angle_rate`` (of a joint), ``rod.mode_energy.3`` (strain energy that a mode has its
-share of). Markers of flexible bodies move as in the time loop: p = r + A s,
-s = rho + Phi_t eta - 1/2 eta' K_d eta + E arm, E = exp(Phi_r eta) (see `engine.bodies.marker`).
+In: positions, velocities and accelerations from a result. Out: channels that no sensor recorded:
+``rod.big_end.velocity.x`` (of a marker, global axes), ``crank_pin.angle`` and
+``crank_pin.angle_rate`` (of a joint), ``rod.mode_energy.3`` (share of a mode in the strain energy).
+Markers of flexible bodies move as in the time loop: p = r + A s, s = rho + Phi_t eta - 1/2 eta' K_d
+eta + E arm, E = exp(Phi_r eta) (see `engine.bodies.marker`).
 """
 
 from __future__ import annotations
@@ -32,13 +32,14 @@ if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
 
 
-_BATCH = 20_000  # rows at once: some 20 MB of axes and vectors
-_SERIES = 0.3  # rad^2: below it the coefficients of the turning tangent are series
+_BATCH = 20_000  # rows per batch, which take some 20 MB
+# rad^2: below this angle^2 the coefficients of the tangent map of rotation are computed by series
+_SERIES = 0.3
 MODE_ENERGY: Final = "mode_energy"
 MOTIONS: Final = (
     "position", "velocity", "acceleration", "angular_velocity", "angular_acceleration",
 )  # fmt: skip
-_LEVELS = dict(zip(MOTIONS, (0, 1, 2, 1, 2), strict=True))  # derivatives that are needed
+_LEVELS = dict(zip(MOTIONS, (0, 1, 2, 1, 2), strict=True))  # number of time derivatives needed
 _COORDINATES = {
     "angle": "rad", "angle_rate": "rad/s", "second_angle": "rad", "second_angle_rate": "rad/s",
     "stroke": "m", "stroke_rate": "m/s",
@@ -50,7 +51,7 @@ _RECOVERED = re.compile(
 
 
 class MarkerMotion(NamedTuple):
-    """Motion of a marker over k rows, global axes; None where it was not needed."""
+    """Motion of a marker over k rows, global axes; None for derivatives that were not needed."""
 
     position: Array  # (k, 3)
     axes: Array  # (k, 3, 3) columns
@@ -61,7 +62,7 @@ class MarkerMotion(NamedTuple):
 
 
 class MotionChannel(NamedTuple):
-    """A channel that is recovered: of a marker, of a joint, or of a mode of a flexible body."""
+    """A recovered channel: of a marker, of a joint, or of a mode of a flexible body."""
 
     owner: str  # "rod.big_end", "crank_pin", "rod"
     kind: str  # one of MOTIONS, of the coordinates of joints, or MODE_ENERGY
@@ -108,7 +109,7 @@ _TABLES = ("q", "v", "vd")
 
 
 def _stored_levels(result: ResultReader, body: str) -> int:
-    """How many of position, velocity and acceleration of a body the run stored."""
+    """How many of position, velocity and acceleration of a body the run stored: 0 to 3."""
     for level, table in enumerate(_TABLES):
         if not result.has_columns(table, _place(result, body, table)):
             return level
@@ -123,14 +124,14 @@ def _place(result: ResultReader, body: str, table: str) -> slice:
 
 
 def is_recoverable(name: str) -> bool:
-    """Whether a channel of this name would be one that is recovered."""
+    """Whether a channel of this name would be recovered rather than stored."""
     return _RECOVERED.fullmatch(name) is not None
 
 
 def motion_values(
     result: ResultReader, model: Model, bodies: dict[str, FlexBody], channel: MotionChannel
 ) -> Array:
-    """The channel over all rows (n,), SI; angles are continuous over any number of turns."""
+    """The channel over all rows (n,), SI; angles are continuous over several revolutions."""
     n = len(result.time)
     values = np.empty(n)
     if channel.kind == MODE_ENERGY:
@@ -165,7 +166,7 @@ def motion_values(
 
 
 def _state(result: ResultReader, body: str, level: int) -> list[Array]:
-    """q, v, vd of a body (n, ...), as many as are needed; none of ground."""
+    """The first ones of q, v, vd of a body (n, ...), up to the needed level; empty for ground."""
     if body == GROUND:
         return []
     return [result.part(table, _place(result, body, table)) for table in _TABLES[: level + 1]]
@@ -187,7 +188,7 @@ def marker_motion(
     if Phi_t is None or Phi_r is None:
         Phi_t = Phi_r = np.zeros((3, eta.shape[1]))
     theta = eta @ Phi_r.T
-    E = _turn(theta) if theta.any() else np.broadcast_to(np.eye(3), (k, 3, 3))
+    E = _rotation_matrices(theta) if theta.any() else np.broadcast_to(np.eye(3), (k, 3, 3))
     arm = E @ marker.arm
     slope = None if bend is None else np.einsum("dij,kj->kdi", bend, eta)  # K_d eta
     s = marker.rho + arm + eta @ Phi_t.T
@@ -198,7 +199,7 @@ def marker_motion(
         return MarkerMotion(position, axes)
     omega, rate = v[:, 3:6], v[:, 6:]
     theta_rate = rate @ Phi_r.T
-    e = _turning(theta, theta_rate)
+    e = _rotation_rate(theta, theta_rate)
     u = np.cross(e, arm) + rate @ Phi_t.T
     if slope is not None:
         u = u - np.einsum("kdi,ki->kd", slope, rate)
@@ -207,7 +208,7 @@ def marker_motion(
     if vd is None:
         return MarkerMotion(position, axes, velocity, angular_velocity)
     alpha, second = vd[:, 3:6], vd[:, 6:]
-    f = _turning(theta, second @ Phi_r.T) + _turning_change(theta, theta_rate)
+    f = _rotation_rate(theta, second @ Phi_r.T) + _rotation_rate_change(theta, theta_rate)
     a = np.cross(alpha, s) + np.cross(omega, np.cross(omega, s) + 2.0 * u)
     a = a + np.cross(f, arm) + np.cross(e, np.cross(e, arm)) + second @ Phi_t.T
     if bend is not None and slope is not None:
@@ -223,15 +224,16 @@ def _to_global(A: Array, x: Array) -> Array:
     return np.asarray(np.einsum("kij,kj->ki", A, x))
 
 
-def _turn(theta: Array) -> Array:
-    """exp of rotation vectors (k, 3): matrices (k, 3, 3)."""
-    from scipy.spatial.transform import Rotation  # takes 0.2 s
+def _rotation_matrices(theta: Array) -> Array:
+    """Rotation matrices (k, 3, 3): exp of the rotation vectors (k, 3)."""
+    from scipy.spatial.transform import Rotation  # importing takes 0.2 s
 
     return np.asarray(Rotation.from_rotvec(theta).as_matrix())
 
 
 def _coefficients(square: Array) -> tuple[Array, ...]:
-    """(1 - cos x)/x^2, (x - sin x)/x^3 and their derivatives by x^2, of x^2 (k, 1)."""
+    """(1 - cos x)/x^2, (x - sin x)/x^3 and their derivatives with respect to x^2, for x^2 (k,
+    1)."""
     small = square < _SERIES
     y = np.where(small, 1.0, square)
     x = np.sqrt(y)
@@ -251,8 +253,8 @@ def _coefficients(square: Array) -> tuple[Array, ...]:
     )
 
 
-def _turning(theta: Array, rate: Array) -> Array:
-    """Angular velocity of exp(theta), in the axes that it turns."""
+def _rotation_rate(theta: Array, rate: Array) -> Array:
+    """Angular velocity of exp(theta) at a given rate of theta, in the axes before the rotation."""
     if not theta.any():
         return rate
     c0, c1, _, _ = _coefficients((theta * theta).sum(axis=1, keepdims=True))
@@ -260,8 +262,8 @@ def _turning(theta: Array, rate: Array) -> Array:
     return rate + c0 * y + c1 * np.cross(theta, y)
 
 
-def _turning_change(theta: Array, rate: Array) -> Array:
-    """Change of `_turning` with theta, at a constant rate."""
+def _rotation_rate_change(theta: Array, rate: Array) -> Array:
+    """Time derivative of `_rotation_rate` at a constant rate, due to the change of theta."""
     if not rate.any():
         return np.zeros_like(rate)
     _, c1, d0, d1 = _coefficients((theta * theta).sum(axis=1, keepdims=True))
@@ -271,7 +273,7 @@ def _turning_change(theta: Array, rate: Array) -> Array:
 
 
 def _joint_coordinate(kind: str, b: int, I: MarkerMotion, J: MarkerMotion) -> Any:  # noqa: E741
-    """Angle of axis b of J about z of I from x of I, stroke along z of I, or the rate of one."""
+    """Angle of axis b of J about z of I from x of I, stroke along z of I, or the rate of either."""
     x, y, z = (I.axes[:, :, a] for a in range(3))
     away = J.position - I.position
     if kind == "stroke":
@@ -296,7 +298,8 @@ class MarkerHistory(ResultReader):
 
     @cached_property
     def scene_model(self) -> Model:
-        """The model of the scene, its flexible bodies read from their files: no mesh is needed.
+        """The model of the scene; flexible bodies are read from their files, so that no mesh is
+        needed.
 
         Raises
         ------

@@ -14,7 +14,7 @@ from flexmb.results.channels import TABLES
 
 @dataclass(frozen=True)
 class OutputBlock:
-    """k output rows: times and all quantities at them (SI; columns as the layout says)."""
+    """k output rows: times, and all quantities at them (SI; columns as in the layout)."""
 
     t: Array  # (k,)
     q: Array  # (k, nq)

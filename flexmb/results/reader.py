@@ -33,14 +33,14 @@ DAMPING = "damping"  # name of the text in a result
 
 @dataclass(frozen=True)
 class BodyDamping:
-    """What a scene says of the damping of a body, and what its modes have as the scene joins it.
+    """The damping that a scene states for a body, and that of its modes as the scene joins it.
 
     Parameters
     ----------
     body, words : str
-        Name of the body, and its damping in short. No name: all flexible bodies together.
+        Name of the body, and its damping as a short text. Empty name: all flexible bodies together.
     frequencies, ratios : tuple of float
-        Of each mode as joined, ascending [Hz], and its damping ratio; none without damping.
+        Frequency [Hz] and damping ratio of each mode as joined, ascending; empty without damping.
     """
 
     body: str
@@ -49,7 +49,7 @@ class BodyDamping:
     ratios: tuple[float, ...] = ()
 
     def summary(self) -> str:
-        """The ratios in short."""
+        """The ratios as a short text."""
         if not self.ratios:
             return ""
         f, z = (self.frequencies[0], self.frequencies[-1]), [100 * ratio for ratio in self.ratios]
@@ -60,12 +60,12 @@ class BodyDamping:
 
 
 def damping_text(dampings: Iterable[BodyDamping]) -> str:
-    """As a text of a result."""
+    """Dampings as one text for a result file; the inverse of `read_damping_text`."""
     return json.dumps([asdict(one) for one in dampings])
 
 
 def read_damping_text(text: str) -> tuple[BodyDamping, ...]:
-    """From the text of a result."""
+    """Dampings from the text in a result file; the inverse of `damping_text`."""
     return tuple(
         BodyDamping(
             str(row["body"]),
@@ -80,11 +80,13 @@ def read_damping_text(text: str) -> tuple[BodyDamping, ...]:
 Places = list[int] | NDArray[np.int64] | slice
 
 _ALL = slice(None)
-_MAX_TABLE = 1.28e8  # bytes: of a larger table only what is wanted is read, and none is remembered
-_BLOCK_BYTES = 1.6e7  # of a larger table that are read at once
-_READ_AT_ONCE = 8_000_000  # numbers of a table that is read whole where a few rows are wanted
-_WORK_SUFFIX = "_work"  # of energies done by forces; the others are stored
-_ERRORS = {  # statistic -> its name, and what it is relative to
+_MAX_TABLE = 1.28e8  # bytes above which only the wanted rows of a table are read, and not cached
+_BLOCK_BYTES = 1.6e7  # bytes of a larger table read at once
+# numbers above which a table is not read whole if only a few rows are wanted
+_READ_AT_ONCE = 8_000_000
+# suffix of energies that are work done by forces; the others are stored energies
+_WORK_SUFFIX = "_work"
+_ERRORS = {  # by statistic: its name in texts, and what it is relative to
     "measured_error_of_positions": (
         "measured error", " of the peak-to-peak of the worst sensor",
     ),
@@ -95,10 +97,10 @@ _ERRORS = {  # statistic -> its name, and what it is relative to
 
 
 class TemporaryFolder:
-    """A new folder for results without a place of their own; removed with the last of them.
+    """A new folder for results without a folder of their own; removed with the last of them.
 
-    It exists while this object or a `ResultReader` of a file in it does, at the latest until Python
-    ends. `Result.save` copies what is worth keeping.
+    It exists while this object or a `ResultReader` of a file in it exists, at most until Python
+    ends. `Result.save` copies what is to be kept.
     """
 
     living: ClassVar[weakref.WeakValueDictionary[Path, TemporaryFolder]]
@@ -111,7 +113,7 @@ class TemporaryFolder:
         self.living[self.path] = self
 
     def preserve(self) -> None:
-        """Keep the folder until Python ends, for a user to whom its path was reported."""
+        """Keep the folder until Python ends, because its path was shown to a user."""
         self.permanent.append(self)
 
 
@@ -124,14 +126,15 @@ class ResultReader:
     def __init__(self, path: str | Path) -> None:
         path = Path(path)
         inside = path / "result.h5"
-        self.path = inside if os.path.isfile(inside) else path  # of any name
+        self.path = inside if os.path.isfile(inside) else path  # a result file may have any name
         self._contents = read_contents(self.path)
         self._tables: dict[str, Array] = {}
         self._folder = TemporaryFolder.living.get(self.path.parent.resolve())
 
     @property
     def status(self) -> str:
-        """``"finished"``, ``"stopped"``, ``"failed"``; ``"running"`` in a run or after a kill."""
+        """``"finished"``, ``"stopped"``, ``"failed"``; ``"running"`` during a run or after a
+        kill."""
         return self._contents.status
 
     @property
@@ -160,12 +163,12 @@ class ResultReader:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on the run that were told when it ended."""
+        """Sentences on the run that were reported when it ended."""
         return tuple(str(self.statistics.get("notes", "")).splitlines())
 
     @property
     def extended(self) -> bool:
-        """Whether the duration is no longer the one that the scene began with."""
+        """Whether the duration was changed after the start of the run."""
         return self._contents.extended
 
     @property
@@ -175,7 +178,7 @@ class ResultReader:
 
     @property
     def units(self) -> UnitSystem:
-        """The unit system of the scene, in which times, channels and energies are."""
+        """The unit system of the scene, which times, channels and energies are in."""
         return unit_system(str(self.model.get("units", "SI")))
 
     @property
@@ -192,7 +195,7 @@ class ResultReader:
     def damping(self) -> dict[str, BodyDamping]:
         """For each flexible body its damping, and the ratio of each mode as the scene joins it.
 
-        Of several, under "" the ratios of the modes that all of them have together.
+        If there are several, the entry "" has the ratios of the modes of all of them together.
         """
         with reading(self.path):
             rows = read_damping_text(self.texts.get(DAMPING, "[]"))
@@ -264,8 +267,8 @@ class ResultReader:
     def energy(self) -> dict[str, Array]:
         """Energies and works by name, each (n,) in the scene's units, as far as they are stored.
 
-        Stored: kinetic, strain, gravity, spring. Done since the start: driver_work, damper_work,
-        applied_work.
+        Stored energies: kinetic, strain, gravity, spring. Work done since the start: driver_work,
+        damper_work, applied_work.
         """
         numbers = self._contents.stored["energy"]
         table = self.in_scene_units(self.part("energy", numbers), "J")
@@ -273,9 +276,9 @@ class ResultReader:
 
     @property
     def balance(self) -> Array:
-        """Energy stored less work done, less its first value (n,): 0 but for errors."""
+        """Stored energy minus work done, minus its first value (n,); nonzero by errors only."""
         if "balance" not in self._tables:
-            self.table("energy")  # all of them
+            self.table("energy")  # raises if not all of them are stored
             total = np.zeros(len(self.time))
             for name, values in self.energy.items():
                 total += -values if name.endswith(_WORK_SUFFIX) else values
@@ -290,18 +293,18 @@ class ResultReader:
 
     @property
     def row_bytes(self) -> tuple[int, int]:
-        """Bytes that a row takes in the file, and would take if everything were stored."""
+        """Bytes of a row in the file, and bytes of a row if everything were stored."""
         return row_bytes(self._contents.stored), 8 * sum(widths(self.layout).values())
 
     def last_state(self) -> tuple[int, dict[str, NDArray[Any]]] | None:
-        """The newest whole state of the integrator, and how many rows were written before it.
+        """The newest complete state of the integrator, and the number of rows written before it.
 
-        None where the run was cut off before the first state was stored.
+        None if the run was cut off before the first state was stored.
         """
         return read_state(self.path, self._contents.run)
 
     def refresh(self) -> None:
-        """Read the file again, for a run that has continued since."""
+        """Read the file again, because the run may have continued."""
         old = self._contents
         self._contents = read_contents(self.path, old.sums)
         if self._contents.run != old.run:
@@ -345,7 +348,7 @@ class ResultReader:
         return np.asarray(self._rows[2][:, places])
 
     def some_rows(self, name: str, rows: slice, columns: slice) -> Array:
-        """Rows of these columns (r, k), SI; of a long table only these are read."""
+        """Rows of these columns (r, k), SI; of a long table only these rows are read."""
         if name in self._tables or len(self.time) * widths(self.layout)[name] <= _READ_AT_ONCE:
             return self.part(name, columns)[rows]
         places = self._file_columns(name, columns)
@@ -376,7 +379,7 @@ class ResultReader:
         return table
 
     def _file_columns(self, name: str, columns: Places) -> Places:
-        """Where the file holds columns of a table."""
+        """Numbers of the file's columns that hold these columns of a table."""
         if name not in self._contents.stored:
             raise ResultFileError.unknown_name("table", name, ("time", *self._contents.stored))
         stored, width = self._contents.stored[name], widths(self.layout)[name]
@@ -397,7 +400,7 @@ class ResultReader:
         return bool(np.isin(wanted, self._contents.stored[name]).all())
 
     def _facts(self) -> Iterator[tuple[str, str]]:
-        """How the run ended, its time, steps and errors, in words; nothing for what is missing."""
+        """How the run ended, its time, steps and errors, as texts; missing ones are left out."""
         statistics, t = self.statistics, self.time
         yield "status", self.status + (f": {self.message}" if self.message else "")
         if len(t):
@@ -421,7 +424,8 @@ class ResultReader:
         t, unit = self.time, self.units.label("s")
         if not len(t):
             raise ResultFileError(f"{self.path}: holds no output rows")
-        slack = 1e-9 * max(abs(t[0]), abs(t[-1]))  # a time the user typed in decimals
+        # tolerance for a time that the user typed in decimals
+        slack = 1e-9 * max(abs(t[0]), abs(t[-1]))
         if not t[0] - slack <= time <= t[-1] + slack:
             span = f"{t[0]:g} to {t[-1]:g} {unit}"
             raise ResultFileError(f"t = {time:g} {unit} lies outside the run, which covers {span}")
@@ -435,6 +439,6 @@ class ResultReader:
         if name not in self._tables:
             contents = self._contents
             table = read_table(self.path, contents.run, name, contents.rows)
-            table.flags.writeable = False  # all callers share it
+            table.flags.writeable = False  # the array is shared by all callers
             self._tables[name] = table
         return self._tables[name]

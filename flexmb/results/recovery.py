@@ -1,8 +1,8 @@
 """Stress and section forces of flexible bodies along a run, from modal coordinates.
 
 In: the modal coordinates of a result and the files of its flexible bodies. Out: stress, von Mises
-stress and section forces at a time or at all output times, peaks over the run, in the scene's
-units. Components are superposed first; the von Mises stress is taken of their sum. Channels are
+stress and section forces at a time or at all output times, and peaks over the run, in the scene's
+units. Components are superposed first; the von Mises stress is computed from the sums. Channels are
 ``rod.von_mises`` (the largest of the body), ``rod.von_mises.17`` (of mesh node 17),
 ``rod.von_mises.17.top``, ``rod.stress.17.top.xx`` and ``rod.section_force.3.2.Mz`` (of beam element
 3 at its second end).
@@ -21,11 +21,11 @@ from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.flexbody.stress_modes import SECTION_FORCES, SHELL_FORCES, STRESS
 from flexmb.results.reader import ResultReader
 
-_BATCH_BYTES = 6.4e7  # of stress components at once
-_MAX_BYTES = 2e9  # of an answer that still fits into the memory of most machines
+_BATCH_BYTES = 6.4e7  # bytes of stress components per batch
+_MAX_BYTES = 2e9  # largest answer in bytes, which fits into the memory of most machines
 
 
-_EQUAL_STRESS = 1e-12  # relative: places whose stress differs by less count as one
+_EQUAL_STRESS = 1e-12  # relative difference below which the stresses at two places are equal
 
 
 class Stress(NamedTuple):
@@ -196,15 +196,19 @@ class Recovery(ResultReader):
     def _batches(
         self, body: str, time: float | None, width: int, mode_acceleration: bool
     ) -> Iterator[tuple[slice, Array, Array | None]]:
-        """Batches of output times: which, their modal coordinates (t, m), and the twelve numbers
-        (t, 12) of the body's acceleration where its inertia is to count. ``width`` is of a row."""
+        """Batches of output times: their rows, modal coordinates (t, m), and with mode acceleration
+        the twelve numbers (t, 12) of the body's acceleration.
+
+        ``width`` is the number of values per row.
+        """
         columns, flexbody = self.layout.body(body), self.flexbody(body)
         v = slice(columns.iv, columns.iv + 6)
         if mode_acceleration and not flexbody.answers_inertia:
             what = "does not know what its modes lack of its own inertia loads: reduce the mesh "
             raise ResultFileError(f"{self.flexbodies[body]}: {what}again, in mean axes")
         omits = mode_acceleration and flexbody.omitted_stress is not None
-        first = columns.iq if omits else columns.iq + 7  # a run may store modal coordinates alone
+        # columns.iq + 7: the run may have stored modal coordinates alone
+        first = columns.iq if omits else columns.iq + 7
         q = slice(first, columns.iq + 7 + columns.m)
         if not len(self.time):
             raise ResultFileError(f"{self.path}: the result holds no rows")
@@ -224,7 +228,8 @@ class Recovery(ResultReader):
             yield rows, tables[0][:, 7 if omits else 0 :], c
 
     def _inertia_numbers(self, body: FlexBody, q: Array, v: Array, vd: Array) -> Array:
-        """(t, 12) of the acceleration of the centre of mass less gravity, alpha and omega."""
+        """(t, 12) numbers of `InertiaResponse`: acceleration of the centre minus gravity, alpha,
+        omega."""
         p = q[:, 3:7] / np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
         w, x, y, z = p.T
         A = np.array(

@@ -34,15 +34,15 @@ from flexmb.results.recovery import StressChannel
 from flexmb.results.stress_envelopes import StressEnvelopes
 from flexmb.units import UnitSystem, unit_system
 
-_PLOTTED = 3  # of the history that notebooks show
-_PREVIEW_NAMES = 12  # in the table that notebooks show
+_PLOTTED = 3  # channels plotted in notebooks
+_PREVIEW_NAMES = 12  # channel names listed in notebooks
 
 NOT_UNIQUE = "reactions_not_unique"
-"""The statistic that names the joints and drivers whose reactions redundant equations share."""
+"""Statistic with the names of joints and drivers whose reactions are not unique."""
 
 
 class Reaction(NamedTuple):
-    """What a joint or driver does to a body, over time, in the joint's axes there."""
+    """Force and moment of a joint or driver on a body over time, axes of its marker there."""
 
     force: Array  # (n, 3) on the marker
     moment: Array  # (n, 3) about the marker

@@ -1,9 +1,9 @@
 """The result file in HDF5: creating and reading it.
 
-Every dataset has its final shape and its place in the file before the run starts, so that no
-bookkeeping of HDF5 changes during the run: only numbers are written, the row counter last. That
-is why a file is readable after a kill at any moment. `/progress` says how many rows are valid;
-rows beyond it hold nothing. `channels` describes the tables over time; the other datasets are:
+Every dataset gets its final shape and its place in the file before the run starts, so that HDF5
+changes none of its internal records during the run: only numbers are written, the row counter last.
+So a file is readable after a kill at any moment. `/progress` says how many rows are valid; rows
+beyond it have no content. `channels` describes the tables over time; the other datasets are:
 
 =============  ==================  ==========================================================
 dataset        shape               meaning
@@ -23,8 +23,8 @@ dataset        shape               meaning
 /checks, /state/checks             sums of rows and states; see `crash_safe_file`
 =============  ==================  ==========================================================
 
-A reader opens the file for each reading and closes it again: a run may write it at the same time,
-and a new run may replace it; then the next reading says so.
+A reader opens the file for each reading and closes it again. So a run may write it at the same
+time, and a new run may replace it; the next reading reports that.
 """
 
 from __future__ import annotations
@@ -51,11 +51,12 @@ from flexmb.untrusted import is_sealed, open_hdf5
 
 STATUS: Final = ("running", "finished", "stopped", "failed")
 _FORMAT, _VERSION = "flexmb-result", 3
-_REPORT_BYTES = 65536  # room for statistics and message, reserved before the run
-_CHUNK_BYTES = 1 << 16  # one chunk of a table: what a flush writes again at most
-_SECTIONS = ("bodies", "joints", "drivers", "forces", "sensors", "markers")  # tables by name
-_COPIED = 1 << 24  # bytes of a copy at once
-_MAX_MODES = 100_000  # of all bodies
+_REPORT_BYTES = 65536  # bytes for statistics and message, reserved before the run
+_CHUNK_BYTES = 1 << 16  # bytes of one chunk of a table; a flush rewrites at most one chunk
+# sections whose objects are tables by name
+_SECTIONS = ("bodies", "joints", "drivers", "forces", "sensors", "markers")
+_COPIED = 1 << 24  # bytes copied at once
+_MAX_MODES = 100_000  # largest number of modes of all bodies
 _NAMES = ("bodies", "coordinates", "rows", "reactions", "channels", "energies")
 _REQUIRED = (
     *TABLES, "progress", "span", "report", "scene", "texts", "flexbodies", "state", "layout",
@@ -66,7 +67,7 @@ _REQUIRED = (
 
 @dataclass(frozen=True)
 class Contents:
-    """What a result file says about itself; `rows` of each table are valid."""
+    """What a result file says about itself; the first `rows` rows of each table are valid."""
 
     run: str
     created: str
@@ -77,10 +78,10 @@ class Contents:
     columns: Columns
     stored: StoredColumns
     scene: dict[str, Any]
-    extended: bool  # whether duration and outputs are no longer those of the scene as begun
+    extended: bool  # whether duration and outputs were changed after the start
     texts: dict[str, str]
     flexbodies: dict[str, str]
-    sums: NDArray[np.int64] | None = None  # of rows that were verified
+    sums: NDArray[np.int64] | None = None  # checksums of the rows verified so far
 
 
 def create_content(
@@ -95,7 +96,8 @@ def create_content(
     """Write everything that is fixed before the run, and reserve `rows` rows of every table."""
     file.attrs["format"] = _FORMAT
     file.attrs["version"] = _VERSION
-    file.attrs["run"] = uuid4().hex  # tells a file of another run from the one opened first
+    # identifies the run: a new run that replaces the file has another one
+    file.attrs["run"] = uuid4().hex
     file.attrs["created"] = datetime.now(UTC).isoformat(timespec="seconds")
     for name, numbers in stored.items():
         _reserve(file, name, (rows,) if name == "time" else (rows, len(numbers)))
@@ -119,7 +121,7 @@ def create_content(
 
 
 def create_state(group: h5py.Group, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Make both slots of the integrator's state, none of them valid yet."""
+    """Create both slots of the integrator's state; neither is valid yet."""
     group.create_dataset("saves", data=np.zeros(2, dtype=np.int64))
     group.create_dataset("rows", data=np.zeros(2, dtype=np.int64))
     group.create_dataset("checks", data=np.zeros(2, dtype=np.int64))
@@ -134,17 +136,17 @@ def arrays_text(arrays: Mapping[str, NDArray[Any]]) -> str:
 
 
 def _kind(dtype: np.dtype[Any]) -> Any:
-    """A dtype for JSON: its name, or fields with theirs."""
+    """A dtype in JSON form: its name, or the names and forms of its fields."""
     return dtype.descr if dtype.names else dtype.str
 
 
 def state_bytes(arrays: Mapping[str, NDArray[Any]]) -> NDArray[np.uint8]:
-    """The arrays of a state one behind the other: one write is much cheaper than fifty."""
+    """The arrays of a state one after the other: one write is much faster than fifty."""
     return np.frombuffer(b"".join(value.tobytes() for value in arrays.values()), np.uint8)
 
 
 def report_text(statistics: Mapping[str, float | int | str], message: str) -> np.bytes_:
-    """Statistics and message as JSON in the fixed size that was reserved for them."""
+    """Statistics and message as JSON in the fixed size reserved for them."""
     plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in statistics.items()}
     text = json.dumps({"message": message, "statistics": plain}).encode()
     if len(text) > _REPORT_BYTES:
@@ -154,7 +156,7 @@ def report_text(statistics: Mapping[str, float | int | str], message: str) -> np
 
 
 def copy_content(old: h5py.File, new: h5py.File, rows: int) -> None:
-    """Copy a result into a new file, with room for so many rows at least."""
+    """Copy a result into a new file, with room for at least `rows` rows."""
     new.attrs.update(old.attrs)
     done = int(old["progress"][0])
     for name in TABLES:
@@ -170,7 +172,7 @@ def copy_content(old: h5py.File, new: h5py.File, rows: int) -> None:
 
 
 def file_format(path: str | Path) -> str | None:
-    """The format an HDF5 file says it has, such as ``"flexmb-result"``; None for other files."""
+    """The format that an HDF5 file states, such as ``"flexmb-result"``; None for other files."""
     try:
         with open_hdf5(Path(path), ResultFileError, "a file of flexmb") as file:
             name = file.attrs.get("format")
@@ -180,9 +182,9 @@ def file_format(path: str | Path) -> str | None:
 
 
 def read_contents(path: Path, verified: NDArray[np.int64] | None = None) -> Contents:
-    """Read and check everything, the tables where the file has no seal.
+    """Read and check everything; verify the tables if the file has no seal.
 
-    `verified` (10,) are `Contents.sums` of these rows as they were read before.
+    `verified` (10,) are the `Contents.sums` of an earlier reading.
 
     Raises
     ------
@@ -221,7 +223,7 @@ def read_state(path: Path, run: str) -> tuple[int, dict[str, NDArray[Any]]] | No
         saves = group["saves"][:] if "saves" in group else np.zeros(2, dtype=np.int64)
         slot = int(np.argmax(saves))
         if saves[slot] and not _is_whole(group, slot):
-            slot = 1 - slot  # the one before
+            slot = 1 - slot  # the other, older slot
         if saves[slot] == 0 or not _is_whole(group, slot):
             return None
         data, start, arrays = group[str(slot)][:].tobytes(), 0, dict[str, NDArray[Any]]()
@@ -236,13 +238,13 @@ def read_state(path: Path, run: str) -> tuple[int, dict[str, NDArray[Any]]] | No
 def _is_whole(group: h5py.Group, slot: int) -> bool:
     """Whether a slot of the state matches its checksum."""
     if "checks" not in group:
-        return True  # of an earlier flexmb
+        return True  # a file of an earlier version has none
     saves, rows = int(group["saves"][slot]), int(group["rows"][slot])
     return bool(group["checks"][slot] == state_sum(saves, rows, group[str(slot)][:]))
 
 
 def _open(path: Path, run: str | None = None) -> h5py.File:
-    """The open file, of that run if one is named."""
+    """The open file; with `run`, only if it still contains that run."""
     if path.is_dir():
         raise ResultFileError(f"{path}: is a folder without a result.h5")
     file = open_hdf5(path, ResultFileError, "a result of flexmb")
@@ -279,7 +281,7 @@ def _contents(file: h5py.File) -> Contents:
         numbers, whole = stored[name], stored[name].dtype.kind in "iu"
         if k and not (whole and numbers[-1] < width and (np.diff(numbers, prepend=-1) > 0).all()):
             raise ValueError(f"layout/kept/{name} does not number its columns")
-        stored[name] = numbers.astype(np.int64)  # none at all are of any type
+        stored[name] = numbers.astype(np.int64)  # an empty dataset may have any type
     report = json.loads(file["report"][()])
     scene = json.loads(file["scene"].asstr()[()])
     _check_scene(scene)
@@ -304,7 +306,7 @@ def _contents(file: h5py.File) -> Contents:
 
 
 def _check_scene(scene: Any) -> None:
-    """Raise TypeError or ValueError where a scene has another shape than those of flexmb."""
+    """Raise TypeError or ValueError if a scene has another structure than those of flexmb."""
     for name in _SECTIONS:
         if not all(isinstance(table, dict) for table in scene.get(name, {}).values()):
             raise TypeError(f"its scene has {name} that are no tables")
@@ -315,7 +317,7 @@ def _check_scene(scene: Any) -> None:
 
 
 def _read_file_names(group: h5py.Group) -> dict[str, str]:
-    """Files of the flexible bodies: in the folder of the result, and nowhere else."""
+    """File names of the flexible bodies, which must be in the folder of the result."""
     files = {str(name): str(data.asstr()[()]) for name, data in group.items()}
     for name, file in files.items():
         if (
@@ -366,7 +368,7 @@ def put_text(group: h5py.Group, name: str, text: str) -> None:
 
 
 def _reserve(file: h5py.File, name: str, shape: tuple[int, ...]) -> None:
-    """A table of doubles, its space taken now and not filled."""
+    """Create a table of doubles; its space is allocated now and not filled."""
     width = max(shape[1], 1) if len(shape) > 1 else 1
     rows = max(1, min(_CHUNK_BYTES // (8 * width), shape[0]))
     properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)

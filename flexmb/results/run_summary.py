@@ -1,7 +1,7 @@
-"""What a run has cost and how accurate it is, in words: rows of tables and one sentence.
+"""Costs and accuracy of a run as texts: rows of tables, and one sentence.
 
 In: the statistics of a result. Out: texts. A statistic that a run does not have is left out; one
-without words here is shown under its name.
+that is not described here is shown under its name.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from typing import Any
 from flexmb.units import SI, UnitSystem
 
 NOTES = "notes"
-"""The statistic that holds what was told of a run, a line for each."""
+"""The statistic with the notes of a run, one per line."""
 NOT_CONTAINED = "not_contained"
-"""The statistic that says what the errors of a run do not contain."""
+"""The statistic that says which errors the stated errors of a run do not contain."""
 MODE_SHAPE = "mode_shape"
-"""Statistic of a file that holds a vibration of a linearised machine: its number."""
+"""Statistic of a file that contains a vibration mode of a linearised machine: its number."""
 SECONDS = "seconds_"
-"""Before the names of statistics that are wall times by phase [s]."""
+"""Prefix of statistics that are wall times by phase [s]."""
 _SPLIT = "`flexmb budget SCENE` splits them"
-_MAX_NOTES = 8000  # letters
+_MAX_NOTES = 8000  # characters
 Number = float | int | str
 Row = tuple[str, str, str]
 
@@ -29,7 +29,7 @@ _ITERATIONS = {
     for name in ("newton_iterations", "residual_evaluations", "factorisations")
 }
 _ALL_CONSTRAINTS, _UNPROJECTED = "the largest of any constraint", "before the projection"
-_WITHOUT_PROJECTION = "baumgarte"  # the method that does not project velocities
+_WITHOUT_PROJECTION = "baumgarte"  # the integration method that does not project velocities
 _MEASURED, _WORST, _SCALE = "measured_error_of_", "worst_of_", "scale_of_"
 _QUANTITIES = ("positions", "velocities", "reactions")
 _ERRORS = {
@@ -54,9 +54,10 @@ _WITH_WORDS = {
 
 
 def energy_rows(result: Any) -> list[tuple[str, ...]]:
-    """Energies and works that are not zero all along, and the error of their balance."""
+    """Energies and works that are not always zero, and the error of their balance."""
     histories = dict(result.energy)
-    if result.has_columns("balance") and "inverse_dynamics" not in result.seconds:  # has no work
+    # inverse dynamics computes no work
+    if result.has_columns("balance") and "inverse_dynamics" not in result.seconds:
         histories["energy balance error"] = result.balance
     return [
         (name.replace("_", " "), *(f"{x:.6g}" for x in (values[-1], values.min(), values.max())))
@@ -66,7 +67,7 @@ def energy_rows(result: Any) -> list[tuple[str, ...]]:
 
 
 def notes_statistic(notes: Iterable[str]) -> dict[str, str]:
-    """What was told of a run, for its result file; nothing without notes."""
+    """The notes of a run as a statistic for its result file; empty without notes."""
     text = "\n".join(note.replace("\n", " ") for note in notes)
     return {NOTES: text[:_MAX_NOTES]} if text else {}
 
@@ -110,7 +111,7 @@ def work_rows(statistics: Mapping[str, Number], units: UnitSystem = SI) -> list[
 
 
 def _measured_errors(statistics: Mapping[str, Number]) -> Iterator[Row]:
-    """Rows on the errors that a comparison run has measured."""
+    """Rows on the errors measured by comparison with a second run."""
     for name in _QUANTITIES:
         key = f"{_MEASURED}{name}"
         if key in statistics:

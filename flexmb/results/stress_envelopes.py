@@ -1,9 +1,9 @@
 """Envelopes of stress over a run, its hot spots, and tables of stress for other programs.
 
-In: a result, whose rows are read as they are needed. Out: values at points; CSV or HDF5 at a time,
-of envelopes, of histories for durability. Histories are written batch by batch, so that memory
-stays bounded however long the run is. In HDF5 each column is a dataset of its name with the
-attribute unit.
+In: a result, whose rows are read as needed. Out: values at places; CSV or HDF5 files of stress at a
+time, of envelopes, and of histories for durability analysis. Histories are written in batches, so
+that memory stays bounded for any length of run. In HDF5 each column is a dataset of that name with
+the attribute unit.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class PeakStress(NamedTuple):
 
     @property
     def place(self) -> int:
-        """Row of the place with the largest stress of all."""
+        """Row of the place with the overall largest stress."""
         return int(np.argmax(self.values))
 
 
@@ -57,7 +57,7 @@ class StressEnvelope(NamedTuple):
 
 
 class HotSpot(NamedTuple):
-    """A place where the von Mises stress is largest over a run among all near it."""
+    """A place where the von Mises stress over the run is larger than at all places near it."""
 
     value: float  # in the scene's units
     time: float
@@ -76,7 +76,7 @@ _ENVELOPES: dict[str, Callable[[Array], tuple[Array, Array]]] = {
     "von_mises": lambda stress: (von_mises(stress),) * 2,
     "principal": _principal_pair,
 }
-"""What is largest and what is least of a stress."""
+"""The quantities whose maximum and minimum an envelope contains, from stress components."""
 
 
 class StressEnvelopes(Recovery):
@@ -161,22 +161,24 @@ class StressEnvelopes(Recovery):
         layer: str | None = None,
         mode_acceleration: bool = False,
     ) -> list[HotSpot]:
-        """Where the von Mises stress is largest over the run, each the largest around it.
+        """Places where the von Mises stress over the run is largest, each the maximum of its
+        surroundings.
 
         Parameters
         ----------
         body : str
             Name of the body.
         count : int
-            At most so many.
+            Largest number of places.
         distance : float, optional
-            Between two of them, in the scene's units; a twentieth of the body's size by default.
+            Least distance between two of them, in the scene's units; a twentieth of the body's size
+            by default.
         layer, mode_acceleration
             As for `stress`.
         """
         peak = self.peak_von_mises(body, layer=layer, mode_acceleration=mode_acceleration)
         nodes = self.flexbody(body).nodes
-        assert nodes is not None  # stress is at nodes
+        assert nodes is not None  # a body with stress has nodes
         places = nodes.position[np.searchsorted(nodes.ids, peak.node)]
         gap = 0.05 * float(np.linalg.norm(np.ptp(nodes.position, axis=0)))
         if distance is not None:
@@ -227,7 +229,7 @@ def export_stress(
     Raises
     ------
     ResultFileError
-        What the result does not have.
+        The body, place or time is not in the result.
     OutputError
         An ending without a format, or a file that cannot be written.
     """
@@ -329,7 +331,8 @@ def _write_hdf5(path: Path, columns: Columns, batches: Batches) -> None:
     import h5py
 
     path.touch()
-    disk = DiskFile(path)  # HDF5 ends the process where a disk fails, so it never meets one
+    # HDF5 ends the process if a disk fails, so it writes to a file that hides failures
+    disk = DiskFile(path)
     try:
         with uninterrupted():
             file = h5py.File(disk, "w")
@@ -349,7 +352,7 @@ def _write_hdf5(path: Path, columns: Columns, batches: Batches) -> None:
 
 
 def _append_batch(file: Any, columns: Columns, batch: Sequence[Sequence[object] | Array]) -> None:
-    """Rows at the end of the datasets of an open HDF5 file."""
+    """Append rows to the datasets of an open HDF5 file."""
     import h5py
 
     for (name, unit), values in zip(columns, batch, strict=True):

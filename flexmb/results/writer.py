@@ -1,11 +1,11 @@
-"""Writing a result file during a run, and what is added to one afterwards.
+"""Writing a result file during a run, and adding to it afterwards.
 
-In: the layout of the compiled system, the scene, then blocks of output rows and the integrator's
-state. Out: one HDF5 file as `result_file` describes it, readable at any moment, also after a kill.
-All space is reserved before the run; an older file of the name stays until the new one has rows.
-A block is written, flushed, and only then counted, so that the row counter never exceeds the rows;
-the integrator's state alternates between two slots, of which one is always whole. Rows that are not
-finite are refused; the rows before them are stored.
+In: the layout of the compiled system and the scene, then blocks of output rows and the integrator's
+state. Out: one HDF5 file as described in `result_file`, readable at any moment, also after a kill.
+All space is reserved before the run; an older file of that name stays until the new one has rows. A
+block is written and flushed before its rows are counted, so the row counter never exceeds the rows.
+The integrator's state is written to two slots alternately, of which one is always complete. Rows
+that are not finite are refused; the rows before them are stored.
 """
 
 from __future__ import annotations
@@ -110,14 +110,15 @@ class ResultWriter:
 
     @classmethod
     def reopen(cls, path: str | Path) -> Self:
-        """The writer of a run that was stopped or killed, to continue from its newest whole state.
+        """The writer of a run that was stopped or killed, to continue from its newest complete
+        state.
 
-        Rows after that state are dropped: the run computes them again.
+        Rows after that state are dropped, since the run computes them again.
 
         Raises
         ------
         ResultFileError
-            No result of this flexmb, or one that was cut off before its first state was stored.
+            Not a result of this version, or one that was cut off before its first state was stored.
         OutputError
             Another run is writing the file, or it cannot be written.
         """
@@ -126,13 +127,13 @@ class ResultWriter:
         read_contents(writer.path)  # raises if it is not a result
         writer._disk = _open_disk(writer.path)
         try:
-            contents = read_contents(writer.path)  # again: no other run writes it now
+            contents = read_contents(writer.path)  # read again under the lock
             newest = read_state(writer.path, contents.run)
             if newest is None:
                 what = "was cut off before its first state was kept; run the scene again"
                 raise ResultFileError(f"{writer.path}: {what}")
             with uninterrupted(), reading(writer.path), ExitStack() as stack:
-                writer._disk.write(bytes(USER_BLOCK))  # no seal while rows are added
+                writer._disk.write(bytes(USER_BLOCK))  # remove the seal while rows are added
                 writer._file = stack.enter_context(h5py.File(writer._disk, "r+"))
                 writer.columns, writer.stored = contents.columns, contents.stored
                 writer._rows = newest[0]
@@ -156,11 +157,11 @@ class ResultWriter:
 
     @property
     def rows_written(self) -> int:
-        """Number of rows that are in the file and counted."""
+        """Number of rows written to the file and counted."""
         return self._rows
 
     def append(self, block: OutputBlock) -> None:
-        """Add the rows of `block` and make them readable for others.
+        """Append the rows of `block` and make them readable.
 
         Raises
         ------
@@ -180,10 +181,10 @@ class ResultWriter:
             raise OutputError(f"{what}; the {self._rows} rows until then are kept in {self.path}")
 
     def save_state(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Store the integrator's complete state; the previous one stays until this one is whole.
+        """Store the integrator's complete state; the previous one stays until this one is complete.
 
-        The names and shapes of the first call are those of all later calls. Make the first call
-        before the first rows are appended, so that the space is reserved before the run.
+        Names and shapes must be the same in all calls. Call it once before the first rows are
+        appended, so that the space is reserved before the run.
 
         Raises
         ------
@@ -198,7 +199,7 @@ class ResultWriter:
             if arrays_text(arrays) != group["arrays"].asstr()[()]:
                 raise KeyError("the state's arrays differ from those of the first call")
             slot = self._saves % 2
-            group["saves"][slot] = 0  # not valid while it is being written
+            group["saves"][slot] = 0  # invalid while it is being written
             self._flush()
             data = state_bytes(arrays)
             group[str(slot)][...] = data
@@ -211,7 +212,7 @@ class ResultWriter:
             self._flush()
 
     def restart(self) -> None:
-        """Drop all rows: the run computes them again, more accurately.
+        """Drop all rows, because the run computes them again more accurately.
 
         Raises
         ------
@@ -236,7 +237,7 @@ class ResultWriter:
         status : str
             ``"finished"``, ``"stopped"`` (by the user) or ``"failed"``.
         message : str
-            One sentence on the end: why a run stopped or failed.
+            One sentence on why a run stopped or failed.
 
         Raises
         ------
@@ -244,7 +245,7 @@ class ResultWriter:
             The disk failed.
         """
         code = STATUS.index(status)
-        if not self._file:  # the disk has failed, which was reported then
+        if not self._file:  # the disk has failed, which was reported at that time
             return
         with uninterrupted():
             self._file["report"][()] = report_text(statistics, message)
@@ -260,7 +261,7 @@ class ResultWriter:
         Parameters
         ----------
         complete : bool
-            Whether it takes the place of an older one also without rows.
+            Whether it replaces an older file even if it has no rows.
         """
         if self._file:
             self._file.close()
@@ -313,14 +314,14 @@ class ResultWriter:
         self._disk.complete()
 
     def _write_sums(self) -> None:
-        """Write the sums where they are not those of the rows that `/progress` counts now."""
-        if "checks" in self._file:  # else of an earlier flexmb
+        """Write the checksums, unless they are those of the rows that `/progress` counts now."""
+        if "checks" in self._file:  # missing in files of an earlier version
             checks = self._file["checks"]
             checks[int(checks[0, 0] == self._file["progress"][0])] = self._sums
         self._flush()
 
     def _grow(self, rows: int) -> None:
-        """Go on in a copy with more room: where a file grows in place a kill may damage it."""
+        """Continue in a copy with more room: if a file grows in place, a kill may damage it."""
         self._capacity = max(rows, 2 * self._capacity)
         try:
             disk = DiskFile(self.path, new=True, claimed=True)
@@ -352,7 +353,7 @@ def _open_disk(path: Path, *, new: bool = False) -> DiskFile:
 
 
 def extend_file(path: Path, duration: float, outputs: int) -> None:
-    """Make room for `outputs` intervals and note the new duration of the run as a whole.
+    """Make room for `outputs` intervals and store the new duration of the whole run.
 
     A copy with more room replaces the file when it is complete.
 
@@ -361,7 +362,7 @@ def extend_file(path: Path, duration: float, outputs: int) -> None:
     path : Path
         The result.
     duration, outputs : float, int
-        In the scene's units, and output intervals, both from the start.
+        Duration in the scene's units, and number of output intervals, both from the start.
 
     Raises
     ------
@@ -379,7 +380,7 @@ def extend_file(path: Path, duration: float, outputs: int) -> None:
 
 
 def store_text(path: Path, name: str, text: str) -> None:
-    """Put a further text into a result that no run is writing, in place of one of that name.
+    """Store a further text in a result that no run is writing, replacing one of that name.
 
     Raises
     ------
@@ -391,7 +392,7 @@ def store_text(path: Path, name: str, text: str) -> None:
         with path.open("rb") as old:
             copyfileobj(old, disk)
         disk.seek(0)
-        disk.write(bytes(USER_BLOCK))  # no seal until the text is complete
+        disk.write(bytes(USER_BLOCK))  # remove the seal until the text is complete
         with h5py.File(disk, "r+") as file:
             if name in file["texts"]:
                 del file["texts"][name]
@@ -401,7 +402,7 @@ def store_text(path: Path, name: str, text: str) -> None:
 
 @contextmanager
 def _successor(path: Path, done: str) -> Iterator[DiskFile]:
-    """A file that takes the place of a result when it is complete: a kill leaves one of the two."""
+    """A file that replaces a result when it is complete: after a kill one of the two is there."""
     try:
         disk = DiskFile(path, new=True)
         try:

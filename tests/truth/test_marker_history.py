@@ -8,7 +8,7 @@ from flexiblescenes import rod
 
 import flexmb
 from flexmb.model import Model
-from flexmb.results.marker_history import MOTIONS, _turning, _turning_change
+from flexmb.results.marker_history import MOTIONS, _rotation_rate, _rotation_rate_change
 
 
 @pytest.fixture(scope="module")
@@ -73,9 +73,9 @@ def test_the_turning_of_large_rotation_vectors_is_that_of_their_matrices() -> No
             return (x * Rotation.from_rotvec(y).inv()).as_rotvec() / (2 * h)
 
         at = theta[None, :], rate[None, :]
-        np.testing.assert_allclose(_turning(*at)[0], angular(0.0), atol=1e-6)
+        np.testing.assert_allclose(_rotation_rate(*at)[0], angular(0.0), atol=1e-6)
         slope = (angular(1e-3) - angular(-1e-3)) / 2e-3
-        np.testing.assert_allclose(_turning_change(*at)[0], slope, atol=1e-4)
+        np.testing.assert_allclose(_rotation_rate_change(*at)[0], slope, atol=1e-4)
 
 
 def test_what_was_not_stored_cannot_be_recovered_and_is_not_listed(tmp_path) -> None:

@@ -32,15 +32,15 @@ from flexmb.fe.elements.element_family import ComponentMass
 from flexmb.fe.sections.beam_chain import BoundBeam, local_axes, section_values
 from flexmb.flexbody.arrays import FloatArray, IntArray, rotation_stiffness, skew
 
-_ORDER = 6  # products of two cubics
+_ORDER = 6  # order of the quadrature: products of two cubics
 _TAPERED_ORDER = 10  # the same times second moments of degree four
 _ALONG = ("A", "Iy", "Iz", "J", "nonstructural")
-# forces at both ends of a clamped beam over its length, by the forces per length there
+# Equivalent nodal forces of a clamped beam, over its length, per force per length at its two ends.
 _AT_ENDS = np.array([[[20, 21, 21], [10, 9, 9]], [[-10, -9, -9], [-20, -21, -21]]]) / 60
 
 
 class BeamFields:
-    """Fields and section values of elements with node coordinates x (ne, 2, 3)."""
+    """Interpolated fields and section values of elements with node coordinates x (ne, 2, 3)."""
 
     def __init__(self, x: FloatArray, section: Any) -> None:
         bound = section if isinstance(section, BoundBeam) else None
@@ -99,7 +99,7 @@ class BeamFields:
         self.values = self._values(self.t, _ALONG)
 
     def _bend(self) -> None:
-        """Fields of both planes, twist about the shear centre included."""
+        """Fields of both bending planes, including twist about the shear centre."""
         y, z = self.center.T
         v = self._plane(0, (1, 5, 7, 11), 1.0, -z)
         w = self._plane(1, (2, 4, 8, 10), -1.0, y)
@@ -144,7 +144,7 @@ class BeamFields:
         return row
 
     def _release(self, released: tuple[int, ...]) -> None:
-        """Let released ends move so that no force acts on them: static condensation."""
+        """Condense released motions: released ends move so that no force acts on them."""
         back = np.zeros_like(self.turn)
         for k in range(0, 12, 3):
             back[:, k : k + 3, k : k + 3] = self.section_axes.transpose(0, 2, 1)
@@ -157,7 +157,7 @@ class BeamFields:
         self.turn = local @ free @ back
 
     def _values(self, t: FloatArray, names: tuple[str, ...]) -> dict[str, FloatArray]:
-        """(ne, points) values at fractions t of the element."""
+        """(ne, points) section values by name at fractions t of the element."""
         if self._span is None:
             shape = (len(self.length), len(t))
             return {name: np.full(shape, getattr(self.section, name)) for name in names}
@@ -208,7 +208,7 @@ def _axes_from(x: FloatArray, y: FloatArray) -> FloatArray:
 def geometric_products(
     fields: BeamFields, forces: FloatArray, axial: FloatArray | float = 0.0
 ) -> FloatArray:
-    """(ne, 12, 12) geometric stiffness, of which the symmetric part counts.
+    """(ne, 12, 12) geometric stiffness; only its symmetric part is used.
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ def geometric_products(
     forces : (ne, 2, 6) float
         Section forces at both ends.
     axial : (ne, points) float
-        What is added to N along the elements.
+        Axial force added to N along the elements.
     """
     along = forces[:, :1] + fields.t[:, None] * (forces[:, 1:] - forces[:, :1])
     N, Vy, Vz, T, My, Mz = np.moveaxis(along, 2, 0)
@@ -380,7 +380,7 @@ def _local_mass(fields: BeamFields) -> tuple[FloatArray, FloatArray]:
 
 
 def _turning_of_ends(fields: BeamFields, forces: FloatArray, ends: FloatArray) -> FloatArray:
-    """(2, ne, 3, 3) sym(M) - tr(M) I of turning nodes, M the sum of s f^T on an end, s from it."""
+    """(2, ne, 3, 3) sym(M) - tr(M) I of rotating end nodes, M the sum of s f^T about the node."""
     x, y, z = fields.axes.transpose(2, 0, 1)
     M = np.einsum("ena,ebc,enc->enab", fields.arms, fields.axes, ends)
     bent = forces[:, :, 4, None] * z[:, None] - forces[:, :, 5, None] * y[:, None]
@@ -389,7 +389,7 @@ def _turning_of_ends(fields: BeamFields, forces: FloatArray, ends: FloatArray) -
 
 
 def _turning_of_sections(fields: BeamFields, field: FloatArray) -> FloatArray:
-    """(ne, 12, 12) second-order work of a force per mass on sections that turn in their places."""
+    """(ne, 12, 12) second-order work of a force per mass on sections that rotate in place."""
     _, Iy, Iz = _mass_per_length(fields)
     G = fields.axes.transpose(0, 2, 1) @ field[:, :3] @ fields.axes
     moments = np.stack([0 * Iy, Iz, Iy], axis=2)[..., None] * G.swapaxes(1, 2)[:, None]
@@ -399,7 +399,7 @@ def _turning_of_sections(fields: BeamFields, field: FloatArray) -> FloatArray:
 
 
 def _line_load(fields: BeamFields, field: FloatArray) -> FloatArray:
-    """(ne, 2, 3) force per length at both ends, element axes, from a force per mass."""
+    """(ne, 2, 3) force per length at both ends, element axes, of a force per mass."""
     force = fields.ends @ field[:, :3].T + field[:, 3]
     rho = fields.section.material.density
     line = rho * fields.ends_of("A", len(force)) + fields.ends_of("nonstructural", len(force))
@@ -407,7 +407,7 @@ def _line_load(fields: BeamFields, field: FloatArray) -> FloatArray:
 
 
 def _axial_variation(fields: BeamFields, q: FloatArray) -> FloatArray:
-    """(ne, points) axial force less its mean, from the axial force per length at both ends."""
+    """(ne, points) axial force minus its mean, from the axial force per length at both ends."""
     L, rise = fields.length[:, None], q[:, 1:] - q[:, :1]
     return q[:, :1] * (L / 2 - fields.x) + rise * (L / 6 - fields.x**2 / (2 * L))
 

@@ -1,9 +1,10 @@
 """All element families, and which elements of a mesh form the body with which section.
 
-Volume elements always belong to the body; surfaces and lines do if a section names their group,
-else they only mark groups. :func:`select_elements` returns :class:`Block` objects, the elements of
-one kind with one section. An element that cannot be used is refused by name, never skipped. The
-skin of a body is made of the faces of its solids that occur once, its shells and its beams.
+Volume elements always belong to the body. Surface and line elements belong to it if a section names
+their group; else they only mark groups. :func:`select_elements` returns :class:`Block` objects, the
+elements of one kind with one section. An element that cannot be used is refused with its name,
+never skipped. The skin of a body consists of the faces of its solids that occur once, its shells
+and its beams.
 """
 
 from __future__ import annotations
@@ -73,10 +74,10 @@ class Block:
         Mesh nodes of the elements.
     rows : (ne,) int
         Their rows among the mesh's cells of that kind.
-    section : SolidSection, ShellSection or BeamSection
+    Their row numbers among the mesh's cells of that kind.
         With its material.
     group : str
-        The group that gave it; ``"all"`` if none.
+        The group that the section was given for; ``"all"`` if none.
     """
 
     kind: str
@@ -96,7 +97,8 @@ class Block:
         return self.nodes.shape[1] * (6 if self.family.rotations else 3)
 
     def chunks(self, matrices: int = 1) -> Iterator[IntArray]:
-        """Nodes of the elements in batches that keep ``matrices`` (d, d) each within memory."""
+        """Nodes of the elements in batches, such that ``matrices`` (d, d) per element fit into
+        `_CHUNK`."""
         size = max(1, int(_CHUNK / (8 * matrices * self.width**2)))
         for start in range(0, len(self.nodes), size):
             yield self.nodes[start : start + size]
@@ -114,7 +116,7 @@ def select_elements(
     sections : mapping of str to section
         By mesh group; ``"all"`` takes whatever elements of its dimension no other section names.
     material : Material or OrthotropicMaterial, optional
-        Of all sections that name none.
+        Material of all sections that name none.
 
     Raises
     ------
@@ -124,7 +126,7 @@ def select_elements(
     """
     by_group = dict(sections or {})
     if "all" in by_group and "all" not in mesh.element_sets:
-        by_group["all"] = by_group.pop("all")  # last: what is left
+        by_group["all"] = by_group.pop("all")  # moved to the end: it takes what is left
     owners = {kind: np.full(len(cells), -1) for kind, cells in mesh.blocks.items()}
     names, problems = list(by_group), []
     for number, name in enumerate(names):
@@ -147,7 +149,7 @@ def select_elements(
 def _assign(
     mesh: Mesh, owners: dict[str, IntArray], names: list[str], number: int, dim: int
 ) -> list[Problem]:
-    """Give a section its elements; what is wrong with it."""
+    """Assign elements to a section; returns what is wrong with it."""
     name = names[number]
     where = f"sections.{name}"
     if name == "all" and name not in mesh.element_sets:

@@ -3,9 +3,10 @@
 Membrane and bending share the quadratic interpolation of :mod:`flexmb.fe.elements.shell_fields` and
 may be coupled; transverse shear is interpolated from the edges; a penalty ties nodal rotations
 about the normal to the rotation of the mid-surface. Mass: a point at height z over the mid-surface
-moves by u + z beta, all integrals over area and thickness are exact. Nodal rotations about the
-normal in excess of that of the mid-surface swirl the mid-sides around the element: without that
-they would have no mass where all are equal.
+about the normal to the rotation of the mid-surface. Mass: a point at height z above the mid-surface
+moves by u + z beta, and all integrals over area and thickness are exact. Nodal rotations about the
+normal in excess of that of the mid-surface move the mid-sides around the element: without that they
+would have no mass if all are equal.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ from flexmb.fe.sections.shell_section import ShellSection
 from flexmb.flexbody.arrays import FloatArray, IntArray, rotation_stiffness
 
 DRILLING = 0.3
-"""Stiffness against drilling, as a share of the in-plane shear stiffness: 1e-6 to 1 do alike."""
+"""Drilling stiffness as a share of the in-plane shear stiffness; results are alike from 1e-6 to 1.
+"""
 
 
 def _stiffness_product(rows: FloatArray, elasticity: FloatArray, weight: FloatArray) -> FloatArray:
@@ -43,7 +45,7 @@ def _stiffness_product(rows: FloatArray, elasticity: FloatArray, weight: FloatAr
 def _internal_forces(
     rows: FloatArray, elasticity: FloatArray, weight: FloatArray, u: FloatArray
 ) -> FloatArray:
-    """(ne, d) forces on the nodes of what :func:`_stiffness_product` has stiffness for."""
+    """(ne, d) nodal forces by displacements u with the stiffness of :func:`_stiffness_product`."""
     forces = np.einsum("eqid,ed->eqi", rows, u) @ elasticity.T
     return np.einsum("eqid,eqi->ed", rows, forces * weight[..., None])
 
@@ -70,7 +72,8 @@ def _mass_motion(fields: Fields) -> FloatArray:
 
 
 def _mass_weights(points: ShellPoints, section: ShellSection) -> FloatArray:
-    """(ne, 2n, 2n) mass between the nodes, over u, then beta."""
+    """(ne, 2n, 4) positions of the nodes, followed by 1, and directions of the normal, followed by
+    0."""
     ne, n = len(points.area), points.values.shape[1]
     products = (points.values[:, :, None] * points.values[:, None]).reshape(-1, n * n)
     area = (points.area @ products).reshape(ne, n, n)
@@ -180,8 +183,9 @@ class Shell:
         """(ne, d, d) geometric stiffness of the stress that displacements u (ne, d) cause.
 
         int N_ab u_c,a u_c,b + 2 M_ab u_c,a beta_c,b over the displacements c of the mid-surface,
-        with membrane forces N and moments M, and along the edges what works on g, times 2 u_c,s
-        beta_c. Normals turn with their nodes, by rotation vectors; offset and moments go along.
+        with membrane forces N and moments M; along the edges, the forces conjugate to the edge
+        shear g times 2 u_c,s beta_c. Normals rotate with their nodes, by rotation vectors; offset
+        arms and nodal moments rotate with them.
         """
         fields = make_fields(self.kind, x, section)
         flat, points = fields.flat, make_points(fields.flat, shell_functions(self.kind, "mass"))
@@ -213,10 +217,11 @@ class Shell:
         return K
 
     def _edge_work(self, fields: Fields, section: ShellSection, u: FloatArray) -> FloatArray:
-        """(ne, d, d) what works on g of each edge, times 2 u_c,s beta_c in the mean over the edge.
+        """(ne, d, d) forces conjugate to g of each edge, times the mean of 2 u_c,s beta_c over the
+        edge.
 
-        It is the shear force, and the moments of the bow: neighbours share an edge, so that large
-        parts of both cancel, which they would not inside the elements.
+        These forces are the shear force and the moments of the bow of the edge. Neighbours share an
+        edge, so that large parts of both cancel, which they would not inside the elements.
         """
         points = make_points(fields.flat, shell_functions(self.kind, "stiffness"))
         strains = np.einsum("eqid,ed->eqi", points.strains(fields), u)
@@ -250,8 +255,8 @@ class Shell:
     def stress(self, x: FloatArray, section: ShellSection) -> FloatArray:
         """(ne, k, 2, 6, d) stress at the corners of the bottom and of the top face, body axes.
 
-        Strains are taken at the points of the quadrature of order 2, where they are best, and
-        extrapolated to the corners. Transverse shear stress vanishes on the faces.
+        Strains are taken at the points of the quadrature of order 2, where they are most accurate,
+        and extrapolated to the corners. Transverse shear stress vanishes on the faces.
         """
         fields = make_fields(self.kind, x, section)
         points = make_points(fields.flat, shell_functions(self.kind, "sampling"))

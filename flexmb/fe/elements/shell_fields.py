@@ -55,12 +55,12 @@ _CENTER = 1 / 40
 
 @dataclass(frozen=True, eq=False)
 class ShellFunctions:
-    """Functions at nq points of the reference element.
+    """Shape functions at nq points of the reference element.
 
     Parameters
     ----------
     weights : (nq,) float
-        Of the rule; zero where the points are only places.
+        Weights of the rule; zero where the points are only positions.
     corner_slopes : (nq, 2, k) float
         Derivatives of the corner functions.
     values, slopes : (nq, 2k), (nq, 2, 2k) float
@@ -116,8 +116,8 @@ def extrapolation(kind: str) -> FloatArray:
 def _five_points() -> tuple[FloatArray, FloatArray]:
     """Points (2, 5) and weights (5,) of a rule of order 3 on the square.
 
-    Close to the 2 x 2 Gauss rule, which keeps curved shells from locking but lets rectangles warp
-    in their plane without energy, with a centre point against that.
+    The 2 x 2 Gauss rule keeps curved shells from locking, but lets rectangles warp in their plane
+    without energy; the centre point, of small weight, prevents that.
     """
     outer = (1 - _CENTER) / 4
     arm = np.sqrt(1 / (12 * outer)) / 2  # integrates squares exactly
@@ -256,8 +256,8 @@ def free_edges(cells: Iterable[IntArray]) -> IntArray:
 
 
 def edge_bows(points: FloatArray, shells: Iterable[IntArray], edges: IntArray) -> FloatArray:
-    """(k, 3, 3) B of lines of two nodes i, j: at the share t of the way rotations displace them by
-    1/2 t (1 - t) B (theta_i - theta_j). Shells bow in their planes alone, beams in both."""
+    """(k, 3, 3) B of lines between nodes i, j: rotations displace a line at the fraction t by
+    1/2 t (1 - t) B (theta_i - theta_j). Edges bow in the plane of their shell, beams in both."""
     along = points[edges[:, 1]] - points[edges[:, 0]]
     B = -skew(along)
     cells = [nodes[np.isin(nodes, edges).sum(axis=1) > 1] for nodes in shells]
@@ -276,7 +276,7 @@ def edge_bows(points: FloatArray, shells: Iterable[IntArray], edges: IntArray) -
 
 
 def _edges(cells: Iterable[IntArray]) -> tuple[IntArray, IntArray]:
-    """(k, 2) edges of all shells in the sense of their nodes, and how many shells each has."""
+    """(k, 2) edges of all shells, directed as their nodes run, and the number of shells at each."""
     edges = [np.stack([c, np.roll(c, -1, axis=1)], axis=2).reshape(-1, 2) for c in cells]
     pairs = np.concatenate([np.zeros((0, 2), dtype=np.int64), *edges])
     ends = np.sort(pairs, axis=1)
@@ -285,14 +285,14 @@ def _edges(cells: Iterable[IntArray]) -> tuple[IntArray, IntArray]:
 
 
 def _normal(x: FloatArray) -> FloatArray:
-    """(ne, 3) along the normal, as long as twice the area."""
+    """(ne, 3) vector along the normal, with a length of twice the area."""
     if x.shape[1] == 3:
         return np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
     return np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1])
 
 
 _LINEAR = {"triangle": 0.1**0.5, "quad": 1.0}
-"""Triangles keep a tenth of the energy of the linear part: with all of it curved meshes lock."""
+"""Factor on the linear part of the membrane strain; with all of it curved triangle meshes lock."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,11 +310,11 @@ class Fields:
     drill : (ne, d) float
         Mean rotation of the nodes about the normal less that of the mid-surface at the centre.
     length, tangent : (ne, k), (ne, k, 2) float
-        Of the edges.
+        Of the edges: length [m] and unit tangent in element axes.
     bow : (ne, k) float
-        Rotation of mid-sides about the edges less the mean of the corners, per g of the edge.
+        Rotation of mid-sides about the edges minus the mean of the corners, per g of the edge.
     linear : float
-        Share of the linear part of the membrane strain that is kept.
+        Factor on the linear part of the membrane strain.
     """
 
     flat: Flat

@@ -88,7 +88,7 @@ def _isotropic(G: FloatArray, dx: FloatArray, material: Material) -> FloatArray:
     return K.reshape(ne, 3 * k, 3 * k)
 
 
-_FLAT = 1e-12  # least det J over the cube of the element's size
+_FLAT = 1e-12  # least det J over the cube of the element's size; below it an element is flat
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,10 +152,10 @@ class Solid:
         return np.abs(self.mass_points.rule.w @ determinants(x, self.mass_points))
 
     def defects(self, x: FloatArray) -> IntArray:
-        """Elements that are flat or folded: det J vanishes or changes its sign.
+        """Elements that are flat or folded: det J vanishes or changes its sign within the element.
 
-        Looked at are the integration points and the corners. Either handedness of the numbering is
-        right if an element keeps to it.
+        It is checked at the integration points and the corners. Either handedness of the node
+        numbering is allowed.
         """
         corners = self.reference.at(
             Rule(self.reference.nodes[: self.reference.corners], np.zeros(self.reference.corners))

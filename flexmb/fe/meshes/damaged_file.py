@@ -1,7 +1,7 @@
-"""What is wrong with a mesh file that no parser can read, in words that say what to do.
+"""A sentence on a mesh file that no parser can read, which says what is wrong and what to do.
 
-In: the file and the error of its parser, whose words are of arrays and Python. Out: a sentence:
-empty, truncated and where, not of the format that its suffix says.
+In: the file and the error of its parser, whose message is about arrays and Python. Out: the file is
+empty, truncated at some place, or not of the format that its suffix says.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import re
 from pathlib import Path
 from xml.etree.ElementTree import ParseError
 
-_GMSH_NUMBERS = (b"Nodes", b"Elements")  # sections of plain numbers
+_GMSH_NUMBERS = (b"Nodes", b"Elements")  # sections of a Gmsh file that hold nothing but numbers
 _HDF5 = (".med", ".h5", ".cgns")
 _HDF5_HEAD = b"\x89HDF\r\n\x1a\n"
 _HDF5_SIZES = re.compile(r"eof = (\d+).*stored_eof = (\d+)")
@@ -44,7 +44,8 @@ def damage(source: Path, error: BaseException | None) -> str:
 
 
 def _gmsh_damage(data: bytes) -> str:
-    """Sections of a Gmsh file that do not end, are missing, or hold something else than numbers."""
+    """Sections of a Gmsh file that do not end, are missing, or contain something else than
+    numbers."""
     if not data.lstrip().startswith(b"$"):
         return "the mesh file is no Gmsh file: it does not begin with $MeshFormat"
     begins = list(re.finditer(rb"^\$(?!End)(\w+)", data, re.M))

@@ -1,10 +1,10 @@
 """Input decks of Abaqus and Nastran: nodes with their own numbers, elements and groups.
 
-meshio leaves out elements in large fields, keeps the last of several blocks of one set, and refuses
-decks with springs, masses, shell angles or automatic continuations; so decks are read here.
-:func:`read_deck` returns a :class:`meshio.Mesh`, with ``numbers`` of its nodes and a ``note`` about
-what a mesh does not have, or refuses what would be read wrongly. Source: Abaqus Keywords Reference
-Guide; MSC Nastran Quick Reference Guide, sections on bulk data formats and on elements.
+meshio skips elements in large fields, keeps only the last of several blocks of one set, and refuses
+decks with springs, masses, shell angles or automatic continuations. So decks are read here.
+:func:`read_deck` returns a :class:`meshio.Mesh` with the ``numbers`` of its nodes and a ``note``
+about what the deck has besides a mesh; a deck that would be read wrongly is refused. Source: Abaqus
+Keywords Reference
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from flexmb.errors import MeshError
 ABAQUS = (".inp",)
 NASTRAN = (".bdf", ".fem", ".nas")
 _GENERATORS = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
-_PARTS = {  # of the model, which a mesh does not have, and where a body has them
+# parts of a deck that a mesh does not have, by the option of a body that takes their place
+_PARTS = {
     "interfaces": ("SURFACE",),
     "sections": ("offsets", "pin flags", "material angles"),
     "masses": ("MASS", "ROTARY INERTIA", "CONM1", "CONM2", "CMASS1", "CMASS2"),
@@ -48,19 +49,19 @@ _ABAQUS_KINDS = (  # by the first letters of a type and the number of nodes that
     (re.compile(r"(?:B|PIPE)[23](\d)"), {1: "line", 2: "line3", 3: "line"}),
 )
 _ABAQUS_OTHERS = re.compile(r"MASS|ROTARYI|SPRING|DASHPOT|CONN|DCOUP|DIST|GAP|JOINT|R[23AB]")
-_NASTRAN_KINDS = {  # the first field of nodes, and how many nodes there may be
+_NASTRAN_KINDS = {  # index of the first node field, and allowed numbers of nodes
     **dict.fromkeys(("CTRIA3", "CTRIAR"), (3, (3,))),
     **dict.fromkeys(("CQUAD4", "CQUADR", "CSHEAR"), (3, (4,))),
     **dict.fromkeys(("CROD", "CTUBE", "CBAR", "CBEAM", "CBEND"), (3, (2,))),
     "CONROD": (2, (2,)), "CTRIA6": (3, (6,)), "CQUAD8": (3, (8,)), "CTETRA": (3, (4, 10)),
     "CPYRAM": (3, (5, 13)), "CPYRA": (3, (5, 13)), "CPENTA": (3, (6, 15)), "CHEXA": (3, (8, 20)),
 }  # fmt: skip
-_ON_SECTIONS = {  # words of `_PARTS`, and their fields on an element
+_ON_SECTIONS = {  # words of `_PARTS` for options on an element, and the range of their fields
     **dict.fromkeys(("CBAR", "CBEAM"), (("pin flags", 9, 11), ("offsets", 11, 17))),
     **dict.fromkeys(("CQUAD4", "CQUADR"), (("material angles", 7, 8), ("offsets", 8, 9))),
     **dict.fromkeys(("CTRIA3", "CTRIAR"), (("material angles", 6, 7), ("offsets", 7, 8))),
 }
-_TO_VTK = {  # Nastran counts the nodes between the faces before those of the upper face
+_TO_VTK = {  # Nastran numbers the mid-side nodes between the faces before those of the upper face
     "wedge15": [*range(9), 12, 13, 14, 9, 10, 11],
     "hexahedron20": [*range(12), *range(16, 20), *range(12, 16)],
 }
@@ -68,7 +69,7 @@ _TO_VTK = {  # Nastran counts the nodes between the faces before those of the up
 
 @dataclass
 class _Deck:
-    """What is read of a deck, by the numbers of nodes and elements."""
+    """Nodes, elements and sets read from a deck, by their numbers in it."""
 
     source: Path
     nodes: dict[int, tuple[float, ...]] = field(default_factory=dict)
@@ -94,7 +95,7 @@ class _Deck:
         return MeshError(f"{self.source}: {what}")
 
     def mesh(self, note: str) -> Any:
-        """The same as a mesh of meshio."""
+        """The deck as a mesh of meshio."""
         import meshio
 
         row = {number: k for k, number in enumerate(self.nodes)}
@@ -152,7 +153,7 @@ def read_deck(source: Path) -> Any:
 
 
 def _text(source: Path, include: re.Pattern[str], inside: tuple[Path, ...] = ()) -> str:
-    """A deck, and in their places the files that it includes."""
+    """The text of a deck, with the files that it includes in their places."""
     if source.resolve() in inside:
         raise MeshError(f"{source}: the deck includes itself")
     inside = (*inside, source.resolve())
@@ -169,7 +170,7 @@ def _text(source: Path, include: re.Pattern[str], inside: tuple[Path, ...] = ())
 
 
 def _wrong_number(text: str, words: str) -> str:
-    """What a deck has where a number is expected, and the first line that has it."""
+    """What a deck has in place of a number, and the first line with it."""
     match = re.search(r"'([^'\n]+)'", words)
     if match is None:
         return "the deck is damaged or truncated: a line has too few fields; export it again"
@@ -180,7 +181,7 @@ def _wrong_number(text: str, words: str) -> str:
 
 
 def _real(text: str) -> float:
-    """A number, also as Fortran writes it: 1.5-3, 1.D0; none is zero."""
+    """A number, also in Fortran's forms 1.5-3 and 1.D0; an empty field is zero."""
     with suppress(ValueError):
         return float(text)
     plain = text.upper().replace("D", "E")
@@ -212,7 +213,7 @@ def _cards(text: str) -> list[_Card]:
 
 
 class _Sets:
-    """Sets by name, in small or capital letters alike; a second card of one name adds to it."""
+    """Sets by name, case-insensitive; a second card with the same name adds to the set."""
 
     def __init__(self, deck: _Deck, noun: str) -> None:
         self._deck, self._noun = deck, noun
@@ -235,7 +236,7 @@ class _Sets:
             return
         for entry in card.numbers():
             own = entry.strip('"').upper()
-            number = own.rpartition(".")[2]  # of an instance
+            number = own.rpartition(".")[2]  # the number in an instance
             if own in self._names:
                 self.add(name, list(self.of(own)))
             elif number.lstrip("+-").isdigit():
@@ -294,7 +295,8 @@ def _nodes_of(kind: str) -> int:
 
 
 def _abaqus_kind(deck: _Deck, name: str) -> str:
-    """meshio's name of a type; none for masses, springs, connectors and rigid surfaces."""
+    """meshio's name of an element type; empty for masses, springs, connectors and rigid
+    surfaces."""
     for pattern, kinds in _ABAQUS_KINDS:
         if (match := pattern.match(name)) and int(match[1]) in kinds:
             return kinds[int(match[1])]
@@ -320,7 +322,7 @@ def _refuse_assembly(deck: _Deck, cards: list[_Card]) -> None:
 
 
 def _entries(text: str) -> Iterator[list[str]]:
-    """Bulk data entries: the name and all fields, continuations joined, padded with blanks."""
+    """Bulk data entries: name and all fields, with continuations joined and blanks as padding."""
     upper = text.upper()
     begin = re.search(r"^ *BEGIN\b.*$", upper, re.M)
     entry: list[str] = []
@@ -337,7 +339,7 @@ def _entries(text: str) -> Iterator[list[str]]:
         if free:
             data = [x.strip() for x in line.split(",")[1:]]
             if len(data) == count + 1 or re.match(r"[+*]([A-Z]|$)", data[-1]):
-                del data[-1]  # the name of a continuation
+                del data[-1]  # the last field is the name of a continuation
         else:
             width = 64 // count
             data = [line[k : k + width].strip() for k in range(8, 72, width)]

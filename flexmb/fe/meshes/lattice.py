@@ -1,11 +1,11 @@
 """Elements between the points of a lattice: what all structured meshes are made of.
 
-Lattice points lie at the corners, middles of edges and faces and centres of the cells. Tetrahedra,
-wedges and triangles divide each cell, in mirror images from cell to cell, so that an even number of
-cells gives a symmetric mesh; six tetrahedra a cell after Kuhn (1960), IBM J. Res. Dev. 4. Default
-divisions: ten second-order elements, or twenty first-order ones, along the longest extent, along
-the others as many as make their edges as long, at least two (four first-order ones in solids);
-round shapes have 16 or 32 elements around.
+Lattice points lie at the corners, at the middles of edges and faces, and at the centres of the
+cells. Tetrahedra, wedges and triangles divide each cell, in mirror images from cell to cell, so
+that an even number of cells gives a symmetric mesh; six tetrahedra per cell after Kuhn (1960), IBM
+J. Res. Dev. 4. Default divisions: ten second-order elements, or twenty first-order ones, along the
+longest extent; along the others as many as give edges of equal length, at least two (four
+first-order ones in solids); round shapes have 16 or 32 elements around.
 """
 
 from __future__ import annotations
@@ -35,8 +35,9 @@ _EDGES = {
     "tetra": "01 12 20 03 13 23",
     "wedge": "01 12 20 34 45 53 03 14 25",
 }
-_FACES = "0374 1265 0154 3267 0123 4567"  # of a hexahedron, whose centres hexahedron27 has
-_MIRRORED = {  # the same corners seen in a mirror, put right again
+# faces of a hexahedron; hexahedron27 has nodes at their centres
+_FACES = "0374 1265 0154 3267 0123 4567"
+_MIRRORED = {  # order of nodes that makes a mirrored element right-handed again
     "triangle": [0, 2, 1],
     "tetra": [0, 2, 1, 3],
     "wedge": [0, 2, 1, 3, 5, 4],
@@ -83,7 +84,7 @@ def fill(kind: str, divisions: Sequence[int], closed: int = -1) -> Lattice:
     divisions : two or three int
         Number of cells along each direction.
     closed : int
-        Direction along which the last cell meets the first; none by default.
+        Direction in which the last cell adjoins the first (a ring); none by default.
     """
     cells = np.indices(divisions).reshape(len(divisions), -1).T
     cells = np.pad(cells, ((0, 0), (0, 3 - len(divisions))))
@@ -109,13 +110,14 @@ def fill(kind: str, divisions: Sequence[int], closed: int = -1) -> Lattice:
 
 
 def _numbers(cells: IntArray, table: IntArray, counts: IntArray) -> IntArray:
-    """(nc, k) lattice points of the nodes ``table`` (k, 3), in half cells, of each cell."""
-    points = (2 * cells[:, None] + table) % counts  # a closed direction begins again
+    """(nc, k) lattice points of the nodes ``table`` (k, 3), in half cells from the corner of each
+    cell."""
+    points = (2 * cells[:, None] + table) % counts  # in a closed direction the numbers wrap around
     return (points[..., 0] * counts[1] + points[..., 1]) * counts[2] + points[..., 2]
 
 
 def _tables(kind: str) -> dict[tuple[int, ...] | None, list[IntArray]]:
-    """Nodes (k, 3), in half cells, of the elements of one cell, by the parity of its place."""
+    """Nodes (k, 3), in half cells, of the elements of one cell, by the parity of its position."""
     shape = kind.rstrip("0123456789")
     elements = _corners(shape)
     if shape in ("hexahedron", "quad"):
@@ -164,7 +166,8 @@ def _nodes(shape: str, corners: IntArray, kind: str) -> IntArray:
 
 
 def _facet(table: IntArray, axis: int, end: int, dim: int) -> list[int]:
-    """Nodes of an element on a side of its cell, in VTK's order and turned outwards, if any."""
+    """Nodes of an element on a side of its cell, in VTK's order and turned outwards; empty if
+    none."""
     on = [k for k in range(len(table)) if table[k, axis] == 2 * end]
     corners = [k for k in on if not (table[k] % 2).any()]
     if len(corners) < dim:
@@ -178,11 +181,12 @@ def _facet(table: IntArray, axis: int, end: int, dim: int) -> list[int]:
     return corners + list(dict.fromkeys(middles))
 
 
-_ALONG_LONGEST = {True: 10, False: 20}  # elements along the longest extent, by second order
+# default number of elements along the longest extent; key: second order
+_ALONG_LONGEST = {True: 10, False: 20}
 _AROUND = {True: 16, False: 32}
-_THROUGH_WALL = {True: 1, False: 2}  # through a wall
-_MAX_ALONG_TUBE = 40  # elements along a tube
-_MAX_NODES = 10_000_000  # nodes; a mesh of more is a slip of the keyboard
+_THROUGH_WALL = {True: 1, False: 2}  # default number of elements through a wall
+_MAX_ALONG_TUBE = 40  # largest default number of elements along a tube
+_MAX_NODES = 10_000_000  # largest number of nodes; more is a typing error
 
 
 def _second_order(kind: str) -> bool:
@@ -190,7 +194,7 @@ def _second_order(kind: str) -> bool:
 
 
 def even_divisions(kind: str, extents: Sequence[float]) -> tuple[int, ...]:
-    """The usual divisions of a box of these extents."""
+    """The default divisions of a box of these extents."""
     fine = _second_order(kind)
     edge = max(extents) / _ALONG_LONGEST[fine]
     least = 4 if not fine and len(extents) == 3 else 2
@@ -198,24 +202,25 @@ def even_divisions(kind: str, extents: Sequence[float]) -> tuple[int, ...]:
 
 
 def divisions_around(kind: str) -> int:
-    """The usual number of elements around a circle."""
+    """The default number of elements around a circle."""
     return _AROUND[_second_order(kind)]
 
 
 def divisions_across(kind: str) -> int:
-    """The usual number of elements through a wall."""
+    """The default number of elements through a wall."""
     return _THROUGH_WALL[_second_order(kind)]
 
 
 def divisions_along(extent: float, radius: float, turns: int) -> int:
-    """The usual number along an extent next to ``turns`` elements on a circle: equal edges."""
+    """The default number along an extent if ``turns`` elements lie on a circle: edges of equal
+    length."""
     return min(_MAX_ALONG_TUBE, max(2, round(extent * turns / (2 * pi * radius))))
 
 
 def division_counts(divisions: Any, usual: Sequence[int], refine: int = 0) -> tuple[int, ...]:
-    """The divisions that were given, or the usual ones; one number counts for all directions.
+    """The given divisions, or the default ones; a single number counts for all directions.
 
-    They are doubled as often as `refine` says.
+    They are doubled `refine` times.
     """
     counts = usual if divisions is None else divisions
     numbers = [counts] * len(usual) if is_number(counts) else counts
@@ -246,7 +251,8 @@ def division_problems(divisions: Any, words: Sequence[Any]) -> list[Problem]:
 
 
 def check_shape(options: type, **values: Any) -> list[Problem]:
-    """What is wrong with the sizes and the kind of elements of a shape; None is left out."""
+    """Problems with the sizes and the kind of elements of a shape; sizes that are None are
+    skipped."""
     (shape,) = get_args(option_types(options)["type"][0])
     words = {name: value for name, value in values.items() if value is not None}
     try:
@@ -260,7 +266,7 @@ Facets = tuple[str, IntArray]
 
 
 def few_around(divisions: Any, words: Sequence[str]) -> list[Problem]:
-    """The problem of less than three elements around a circle, one of the directions ``words``."""
+    """The problem of fewer than three elements around a circle, one of the directions ``words``."""
     if divisions is None or division_counts(divisions, (0,) * 3)[words.index("around")] >= 3:
         return []
     what = f"must be three or more around, given {divisions!r}; they are {', '.join(words)}"

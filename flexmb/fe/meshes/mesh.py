@@ -50,7 +50,7 @@ def dimension(kind: str) -> int:
     return DIMENSION.get(kind.rstrip("0123456789").removeprefix("VTK_LAGRANGE_").lower(), -1)
 
 
-_LARGEST = 1e100  # coordinate, whose third power is a number
+_LARGEST = 1e100  # largest magnitude of a coordinate; its third power (a volume) is still finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,9 +69,9 @@ class Mesh:
         Groups of elements: rows of the block of each kind.
     source : str
         Where it was read from, for messages.
-    note : str
+    What the file has besides a mesh, as text for messages.
         What the file has besides.
-    numbers : (n,) int, optional
+    Numbers of the nodes in the file, if it has some.
         Of the nodes in the file, where it has some.
 
     Raises
@@ -161,7 +161,8 @@ class Mesh:
 
 Groups = dict[str, dict[str, list[IntArray]]]
 
-_FORGOTTEN = ("wedge15", "pyramid13", "hexahedron24")  # meshio 5.3.5 fails on these: no dimension
+# kinds whose dimension meshio 5.3.5 does not know, so that it fails on them
+_FORGOTTEN = ("wedge15", "pyramid13", "hexahedron24")
 
 
 def read_mesh(path: str | os.PathLike[str]) -> Mesh:
@@ -243,7 +244,8 @@ def _read_quietly(source: Path) -> Any:
 
 
 def _merge_blocks(raw: Any) -> tuple[dict[str, IntArray], list[IntArray]]:
-    """One block per kind, and for each raw block the row that each of its elements became."""
+    """One block per kind; and for each raw block the row of each of its elements in the merged
+    block."""
     from meshio._common import num_nodes_per_cell
 
     kinds = list(dict.fromkeys(block.type for block in raw.cells))
@@ -262,7 +264,8 @@ def _merge_blocks(raw: Any) -> tuple[dict[str, IntArray], list[IntArray]]:
 
 
 def _without_repeats(cells: IntArray) -> tuple[IntArray, IntArray]:
-    """The distinct elements in their first order, and for each given one its row among them."""
+    """The distinct elements, in order of first occurrence, and the row of each given one among
+    them."""
     _, first, same = np.unique(
         np.sort(cells, axis=1), axis=0, return_index=True, return_inverse=True
     )
@@ -272,7 +275,9 @@ def _without_repeats(cells: IntArray) -> tuple[IntArray, IntArray]:
     return cells[first[order]], rank[same.ravel()]
 
 
-_TAGS = (  # numbers of groups: gmsh's, properties of Nastran, references and materials of others
+# data of a file that hold numbers of groups: gmsh's, Nastran's properties, references or materials
+# of others
+_TAGS = (
     "gmsh:physical", "nastran:ref", "medit:ref", "tetgen:ref", "ugrid:ref", "avsucd:material",
     "netgen:index", "su2:tag",
 )  # fmt: skip
@@ -394,9 +399,9 @@ def group_facets(mesh: Mesh, group: str, nodes: IntArray) -> Facets:
 
 
 def facet_samples(points: FloatArray, facets: Facets, nodes: IntArray) -> csr_array:
-    """(p, k) B, the root of the area at each quadrature point times the shape functions there.
+    """(p, k) B: square root of the area at each quadrature point times the shape functions there.
 
-    B^T B = int N^T N dA of fields over the facets by their values at ``nodes``, ascending.
+    B^T B = int N^T N dA for fields over the facets, given by their values at ``nodes`` (ascending).
     """
     rows, columns, values, start = [], [], [], 0
     for kind, cells in facets:
@@ -413,7 +418,8 @@ def facet_samples(points: FloatArray, facets: Facets, nodes: IntArray) -> csr_ar
 
 
 def _read_apart(source: Path) -> None:
-    with hdf5_beside(), contextlib.suppress(MeshError):  # which the next reading says
+    # the reading in the main process raises the error again
+    with hdf5_beside(), contextlib.suppress(MeshError):
         _read(source)
 
 

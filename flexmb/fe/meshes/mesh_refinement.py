@@ -1,10 +1,10 @@
-"""Uniform refinement of a mesh: every edge is halved, groups and node numbers stay.
+"""Uniform refinement of a mesh: every edge is halved; groups and node numbers are kept.
 
-Lines become two, triangles and quadrilaterals four, solids eight elements of the same kind;
-tetrahedra after Bey (1995),
-Computing 55, across the shortest diagonal. New nodes lie on the map of their element, thus on its
-curved edges. A point of an element is known by the weights of its corners: neighbours that share an
-edge or face find the same ones, whatever their kinds. A group of nodes alone gains those that lie
+A line becomes two elements of the same kind, a triangle or quadrilateral four, a solid eight;
+tetrahedra are divided after Bey (1995), Computing 55, across the shortest diagonal. New nodes are
+placed by the shape functions of their element, so they lie on its curved edges. A point of an
+element is identified by the weights of its corners, so that neighbours that share an edge or face
+find the same points, whatever their kinds. A group of nodes without elements gains the new nodes
 between its own on an edge or a face.
 """
 
@@ -21,7 +21,7 @@ from flexmb.fe.meshes.mesh import Mesh, dimension
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
 _MAX_NODES = 2_000_000
-_PARTS = 64  # weights of corners are whole numbers of these parts
+_PARTS = 64  # corner weights are stored as whole numbers of this fraction of one
 _CORNERS = {
     "line": "0 1",
     "triangle": "00 10 01",
@@ -45,7 +45,8 @@ _TETRAHEDRA = (
 )
 
 
-_TURN = [1, 2, 0, 3, 5, 6, 4, 8, 9, 7]  # of the nodes of a tetrahedron about its corner 3
+# permutation of the nodes of a tetrahedron that rotates it about its corner 3
+_TURN = [1, 2, 0, 3, 5, 6, 4, 8, 9, 7]
 
 
 class _Division(NamedTuple):
@@ -127,21 +128,23 @@ def _children_rows(kind: str, rows: IntArray, divisions: dict[str, _Division]) -
 
 
 def _grown_sets(mesh: Mesh, keys: IntArray) -> dict[str, IntArray]:
-    """Groups of nodes alone, with the nodes between theirs."""
+    """Groups of nodes without elements, with the new nodes that lie between theirs."""
     corners = keys // (_PARTS + 1)
     sets = {}
     for name, nodes in mesh.node_sets.items():
         if name in mesh.element_sets:
             continue
         inside = np.zeros(len(mesh.points) + 1, dtype=bool)
-        inside[nodes] = inside[-1] = True  # the last stands for the corners that a point has not
+        # the last entry stands for the corners that a point does not have
+        inside[nodes] = inside[-1] = True
         between = np.flatnonzero(inside[corners].all(axis=1))
         sets[name] = np.union1d(nodes, between[between >= len(mesh.points)])
     return sets
 
 
 def _keys(cells: IntArray, weights: IntArray) -> IntArray:
-    """(ne, points, 8) corners and their weights, in the order of the corners; -1 for none."""
+    """(n, points, 8) keys of points: the corners with weight, ascending, and these weights; -1 if
+    none."""
     corners = cells[:, None, : weights.shape[1]]
     keys = np.full((len(cells), len(weights), 8), -1)
     keys[:, :, : weights.shape[1]] = np.where(weights > 0, corners * (_PARTS + 1) + weights, -1)
@@ -150,7 +153,7 @@ def _keys(cells: IntArray, weights: IntArray) -> IntArray:
 
 
 def _own_keys(count: int, cells: list[IntArray], keys: list[IntArray]) -> IntArray:
-    """(n, 8) of the nodes that there are: those of elements as points of them."""
+    """(n, 8) keys of the existing nodes, as points of their elements."""
     own = np.full((count, 8), -1)
     own[:, 0] = np.arange(count) * (_PARTS + 1) + _PARTS
     for block, key in zip(cells, keys, strict=True):

@@ -214,7 +214,7 @@ def tube(
     elements : str
         Kind of solid or surface elements; ``"hexahedron20"`` or ``"quad"`` by default.
     refine : int
-        How often the divisions are doubled.
+        How many times the divisions are doubled.
 
     Raises
     ------
@@ -277,7 +277,7 @@ def disk(
     elements : str
         Kind of solid or surface elements; ``"hexahedron20"`` or ``"quad"`` by default.
     refine : int
-        How often the divisions are doubled.
+        How many times the divisions are doubled.
 
     Raises
     ------
@@ -296,7 +296,8 @@ def disk(
         what = f"must be less than the radius {radius:g} m, given {inner:g}"
         problems.append(Problem("mesh.inner", what))
     turns = 0 if problems or divisions is None else division_counts(divisions, words)[1]
-    step = 8 if str(elements).startswith("tetra") else 4  # tetrahedra of core and rings conform
+    # with tetrahedra, core and rings then match
+    step = 8 if str(elements).startswith("tetra") else 4
     if full and turns % step:
         what = f"must be a multiple of {step} around a full disk, given {turns}"
         problems.append(Problem("mesh.divisions", what))
@@ -356,13 +357,13 @@ def _core_points(
 
 
 def _first_ring(rings: Lattice) -> IntArray:
-    """(n,) for each lattice point of the rings the one at its angle and height on the core."""
+    """(n,) for each lattice point of the rings, the core's one at its angle and height."""
     _, t, z = np.indices(rings.counts).reshape(3, -1)
     return t * rings.counts[2] + z
 
 
 def _joined(core: Lattice, rings: Lattice, side: int) -> IntArray:
-    """(n,) number of each lattice point of the rings, those on the core having the core's."""
+    """(n,) number of each lattice point of the rings; those on the core have the core's numbers."""
     m = 2 * side
     steps = np.arange(m)
     i = np.concatenate([steps, np.full(m, m), m - steps, np.zeros(m, int)])
@@ -403,10 +404,11 @@ _ROUND_SHAPES = ("tube", "disk")
 
 
 def mesh_from(mesh: MeshLike, where: str = "mesh", refine: int = 0) -> Mesh:
-    """The mesh itself, that of a file, or of the table of a simple shape.
+    """The mesh itself, that of a file, or that of the table of a simple shape.
 
-    It is refined so many times: of tubes and disks, whose nodes lie on the circle, the divisions
-    are doubled; of others all elements are halved in every direction and nodes keep their numbers.
+    It is refined ``refine`` times: tubes and disks, whose nodes lie on the circle, by doubling
+    their divisions; other meshes by halving all elements in every direction, where nodes keep their
+    numbers.
 
     Raises
     ------

@@ -10,11 +10,12 @@ the squared frequencies. Without modes it is static (Guyan) reduction. Sources: 
 
 The free-interface basis has the rigid motions, the lowest elastic modes of the free body, and
 residual attachment modes: the static responses of the free body to unit forces and moments at the
-interfaces, less the part of the kept modes. The response to any load at an interface is exact in
-the static limit, and the residual vectors keep their mass (MacNeal leaves it out). Without
-interfaces K is singular: it is solved with six statically determinate degrees of freedom fixed and
-the loads relieved of their resultant, the pseudo-inverse. Sources: MacNeal (1971), Computers and
-Structures 1; Rubin (1975), AIAA Journal 13(8); Craig, Chang (1977), AIAA/ASME 18th SDM conference.
+interfaces, minus what the retained modes contain of them. The response to any load at an interface
+is exact in the static limit, and the residual vectors keep their mass (MacNeal leaves it out).
+Without interfaces K is singular. It is then solved with six statically determinate degrees of
+freedom fixed, for loads minus their resultant (inertia relief): this is the pseudo-inverse.
+Sources: MacNeal (1971), Computers and Structures 1; Rubin (1975), AIAA Journal 13(8); Craig, Chang
+(1977), AIAA/ASME 18th SDM conference.
 """
 
 from __future__ import annotations
@@ -66,8 +67,10 @@ from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.mesh_options import ModesOptions
 from flexmb.progress import Progress, silent
 
-_EXTRA_MODES = 2  # computed beyond those requested, so that no pair of equal frequency is cut
-_MAX_OMITTED = 4  # modes that are left out but stored, from which a run estimates their effect
+# modes computed beyond those requested, so that no pair of equal frequencies is cut
+_EXTRA_MODES = 2
+# number of omitted modes stored with the body, from which a run estimates their effect
+_MAX_OMITTED = 4
 
 
 def craig_bampton(
@@ -86,23 +89,23 @@ def craig_bampton(
     fe : FEMatrices
         The model.
     interfaces : tuple of RigidInterface or WeightedInterface
-        What is held; at least one.
+        The interfaces to be held fixed; at least one.
     modes : int, mapping or ModesOptions
         Fixed-interface modes: so many, all below ``{"frequency": f}`` [Hz], or the fewest with a
         share ``{"effective_mass": s}`` of the effective interface mass.
     progress : Progress
         Called with the phases ``"factor"`` and ``"modes"``.
     mirror : SymmetryPlane, optional
-        Keep what is symmetric about its plane alone.
+        Retain only modes that are symmetric about its plane.
     loads : tuple of LoadPattern
-        Loads of the body; those with ``residual`` add their static responses.
+        Loads of the body; those with ``residual`` add their static responses to the basis.
     residual : str
         ``"inertia"`` adds the static responses to the body's own inertia loads.
 
     Raises
     ------
     ReductionError
-        More modes than the model has, or a part that nothing holds.
+        More modes than the model has, or a part that is not supported with the interfaces fixed.
     """
     selection = read_modes(modes)
     directions = directions_of(mirror)
@@ -120,7 +123,8 @@ def craig_bampton(
         lambda modes: interface_shares(fixed, modes),
     )
     if not len(omega2) and fixed.count:
-        omega2, inner = lowest(1)  # to judge what they would do
+        # one mode for `omitted`, from which a run estimates what it would do
+        omega2, inner = lowest(1)
     left = np.setdiff1d(np.arange(len(omega2)), numbers)[:_MAX_OMITTED]
     omitted = np.zeros((fe.numbering.n, len(left)))
     omitted[fixed.dofs] = inner[:, left]
@@ -194,7 +198,8 @@ def distinct_modes(
 ) -> Modes:
     """At least ``count`` modes, or all, unique in sign and direction; symmetric ones for a mirror.
 
-    M is the mass over ``dofs``, all by default; ``lowest`` gives so many modes, ``limit`` at most.
+    M is the mass matrix over ``dofs``, by default over all. ``lowest`` computes a number of modes,
+    at most ``limit``.
     """
     if count == 0:
         return np.zeros(0), np.zeros((M.shape[0], 0))
@@ -208,7 +213,7 @@ def distinct_modes(
     return omega2, V @ mode_signs(omega2, fields.T @ (M @ V))
 
 
-DENSE = 300  # degrees of freedom up to which full matrices are faster
+DENSE = 300  # number of degrees of freedom up to which full matrices are faster
 
 
 def free_interface(
@@ -273,15 +278,16 @@ def free_basis(
     answers: tuple[FloatArray, Modes | None, FloatArray],
     kind: str,
 ) -> ReducedBasis:
-    """The basis of rigid motions, free modes and residual vectors of a kind.
+    """The basis of the rigid motions, free modes and residual vectors of a given kind.
 
-    `answers` are its static responses to inertia, what it is without residual vectors of them, and
-    the modes that it leaves out.
+    `answers` are the static responses to inertia loads, the modes as they are without residual
+    vectors of inertia loads, and the omitted modes.
     """
     R = fe.rigid[:, directions]
     basis = np.concatenate([R, modes[1], residual[1]], axis=1)
     M = basis.T @ (fe.M @ basis)
-    K = modes[1].T @ (fe.K @ modes[1])  # not omega^2: a motion without stiffness shall be seen
+    # not omega^2, so that a motion without stiffness is detected
+    K = modes[1].T @ (fe.K @ modes[1])
     r, m, k = R.shape[1], len(modes[0]), len(residual[0])
     motion = np.zeros((len(interfaces), 6, r + m + k))
     for number, interface in enumerate(interfaces):
@@ -305,7 +311,7 @@ def free_basis(
 
 
 def omitted_modes_of(V: FloatArray, rows: IntArray) -> FloatArray:
-    """(n, o) the lowest of the modes V (n, k) that are not among the rows."""
+    """(n, o) the lowest of the modes V (n, k) that are not among the retained ``rows``."""
     return V[:, np.setdiff1d(np.arange(V.shape[1]), rows)[:_MAX_OMITTED]]
 
 
@@ -316,7 +322,8 @@ def free_modes_of(
     mirror: SymmetryPlane | None = None,
     progress: Progress = silent,
 ) -> Modes:
-    """At least ``count`` elastic modes of the free tied model, or all, unique in direction.
+    """At least ``count`` elastic modes of the free tied model, or all, unique in sign and
+    direction.
 
     Parameters
     ----------
@@ -346,7 +353,7 @@ def free_modes_of(
 
 
 def free_count(fixed: FixedInterfaceModel) -> int:
-    """How many elastic modes the free tied model has."""
+    """Number of elastic modes of the free tied model."""
     return fixed.modes.shape[1] + fixed.count - len(fixed.directions)
 
 

@@ -1,18 +1,19 @@
 """The lowest vibration modes of a factorised model, unique in direction, symmetric about a plane.
 
-Shift-invert Lanczos (ARPACK) at shift zero, which needs no scale, with a fixed start vector, so
-that a second run gives the same numbers. Blocks of vectors were tried: at 92 000 unknowns four at a
-time took 128 solutions and 7.7 s against 82 and 9.3 s one by one. Within a cluster of equal
-frequencies each mode is made the one with the largest product with a fixed displacement field, and
-that product positive. The fields depend on position alone, so symmetric bodies give the same modes
-in every run, on every machine, in every unit system and for any order of the nodes.
+Shift-invert Lanczos (ARPACK) with shift zero, which needs no guess of the frequency range. The
+start vector is fixed, so a second run gives the same numbers. Blocks of vectors were tried: at 92
+000 unknowns blocks of four took 128 solutions and 7.7 s, single vectors 82 and 9.3 s. Within a
+cluster of equal frequencies each mode is chosen as the one with the largest product with a fixed
+displacement field, with its sign such that this product is positive. The fields depend on position
+alone, so symmetric bodies get the same modes in every run, on every machine, in every unit system
+and for any order of the nodes.
 
 For planar scenes :class:`SymmetryPlane` has the reflection S at a coordinate plane: S u is the
 displacement at the mirror image of each node, by the elements' own interpolation, with the
 component along the normal reversed and rotations treated as axial vectors; exact for symmetric
-meshes, for others as good as the interpolation. The symmetric subspace is sought among all modes at
-once, so that pairs of equal or nearly equal frequency, which an eigensolver mixes, separate into
-in-plane and out-of-plane ones.
+meshes, for others as good as the interpolation. The symmetric subspace is computed from all modes
+at once, so that pairs of equal or nearly equal frequencies, which an eigensolver mixes, separate
+into in-plane and out-of-plane modes.
 """
 
 from __future__ import annotations
@@ -36,11 +37,12 @@ from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero
 from flexmb.flexbody.planar_body import PLANES, fit_weights
 from flexmb.progress import Progress, silent
 
-_TOLERANCE = 1e-10  # of 1 / omega^2, relative; what is reached lies near rounding
-# Largest |omega^2 K^-1 M v - v| in the norm of the mass, |v| = 1. Rounding leaves 1e-9 in a strip
-# of solids 200 times as long as thick, 1e-6 at 1000 times; frequencies are then right to 2e-5.
+_TOLERANCE = 1e-10  # relative, of 1 / omega^2; the error is near rounding
+# Largest |omega^2 K^-1 M v - v| of a mode v, in the norm of M with |v| = 1. Rounding leaves 1e-9 in
+# a strip of solids 200 times as long as thick, and 1e-6 at 1000 times, where frequencies still have
+# a relative error of 2e-5 only.
 _MAX_RESIDUAL = 1e-5
-_WARNING_RESIDUAL = 1e-7  # a warning from here on: digits are lost
+_WARNING_RESIDUAL = 1e-7  # residual above which a warning says that digits are lost
 
 
 def lowest_modes(
@@ -57,13 +59,13 @@ def lowest_modes(
     M : (n, n) sparse
         Mass.
     solve : callable
-        K^-1 b for b (n,) or (n, k); a pseudo-inverse leaves the motions it maps to zero out.
+        K^-1 b for b (n,) or (n, k); a pseudo-inverse excludes the motions it maps to zero.
     count : int
         How many, fewer than n.
     progress : Progress
         Called with the phase ``"modes"``.
     start : (n,) float, optional
-        Start vector; it must lie where ``solve`` maps to, if that is a pseudo-inverse.
+        Start vector; if ``solve`` is a pseudo-inverse, it must lie in its range.
 
     Returns
     -------
@@ -75,7 +77,7 @@ def lowest_modes(
     Raises
     ------
     ReductionError
-        The modes found do not fulfil the equation of vibration.
+        The computed modes do not satisfy K x = omega^2 M x to `_MAX_RESIDUAL`.
     """
     n = M.shape[0]
     if count == 0:
@@ -122,39 +124,42 @@ def _check(
 
 
 def dense_modes(K: FloatArray, M: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """The same from full matrices, where many or all modes of a small model are requested.
+    """`lowest_modes` from full matrices, for many or all modes of a small model.
 
-    They are those of 1/omega^2: degrees of freedom with little mass or none take no digits from the
-    low ones. There are fewer then.
+    It solves for 1/omega^2, so that degrees of freedom with little mass do not degrade the lowest
+    modes. Motions without mass are left out: there may be fewer than ``count``.
     """
     if count == 0:
         return np.zeros(0), np.zeros((len(K), 0))
     sigma, V = eigh(M, K, subset_by_index=[len(K) - count, len(K) - 1])
-    massive = is_nonzero(sigma)  # of the others 1 / omega^2 is rounding
+    massive = is_nonzero(sigma)  # for the others 1 / omega^2 is round-off
     sigma, V = sigma[massive][::-1], V[:, massive][:, ::-1]
     return 1.0 / sigma, solve_triangular(cholesky(V.T @ M @ V, lower=True), V.T, lower=True).T
 
 
 def start_vector(n: int) -> FloatArray:
-    """(n,) the fixed start vector: no symmetry of a mesh makes it miss a mode."""
+    """(n,) the fixed start vector: pseudo-random, so not orthogonal to modes of a symmetric
+    mesh."""
     return np.random.default_rng(1).standard_normal(n)
 
 
 _EQUAL_FREQUENCIES = (
-    1e-6  # relative gap of omega^2 below which the directions of modes are arbitrary
+    # relative gap of omega^2 below which frequencies are equal, so that mode directions are
+    # arbitrary
+    1e-6
 )
 _MAX_DEGREE = 3
-_WAVES = np.array(  # wave vectors without symmetry, for modes that no polynomial distinguishes
+_WAVES = np.array(  # wave vectors without symmetry: they distinguish modes that no polynomial does
     [[1.7, 2.3, 3.1], [4.3, -2.9, 1.3], [-2.1, 5.3, 3.7], [7.1, 3.3, -4.7]]
 )
-_WAVE_WEIGHT = 0.01  # weight of the waves against the polynomials
+_WAVE_WEIGHT = 0.01  # weight of the waves relative to the polynomials
 
 
 def polynomial_fields(fe: FEMatrices) -> FloatArray:
-    """(n, f) fields of the position: each motion times monomials, and times waves.
+    """(n, f) fields that fix sign and direction of modes: monomials and waves for each motion.
 
-    Falling weights settle which of two fields counts when a symmetric mode shape likes both.
-    Rotations count as displacements at the distance of the body's size.
+    Their weights decrease, so that the first of two fields that match a mode equally decides.
+    Rotations are scaled by 1 / (size of the body).
     """
     table, nodes = fe.numbering.table, fe.numbering.nodes
     s = fe.mesh.points[nodes] - fe.center
@@ -203,15 +208,18 @@ def mode_signs(omega2: FloatArray, products: FloatArray) -> FloatArray:
     return rotation
 
 
-_EQUAL_POINTS = 1e-6  # of the extent: nodes closer than that are each other's mirror image
-_CANDIDATES = 32  # elements by centroid among which the one around a point is looked for
+# a node this close to a mirror image is the mirror image; fraction of the extent
+_EQUAL_POINTS = 1e-6
+_CANDIDATES = 32  # number of elements, nearest by centroid, searched for the one around a point
 _BATCH = 2000
-_NEIGHBOURS = 24  # of a fit with ten coefficients
-_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))  # of the middle nodes of a tetrahedron
+_NEIGHBOURS = 24  # nodes used for a quadratic fit of ten coefficients
+# corners of the mid-side nodes of a tetrahedron
+_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
 
 
 def reflection(fe: FEMatrices, normal: int) -> csr_array:
-    """(n, n) reflection at the plane through the centre of mass across axis ``normal`` (0 to 2)."""
+    """(n, n) reflection at the plane through the centre of mass normal to axis ``normal`` (0 to
+    2)."""
     nodes = fe.numbering.nodes
     points = fe.mesh.points[nodes]
     images = points.copy()
@@ -233,7 +241,8 @@ def reflection(fe: FEMatrices, normal: int) -> csr_array:
 
 
 def antisymmetric(M: csr_array, S: csr_array, V: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Kinetic energy of the part of fields that changes its sign on reflection, and of all.
+    """Quadratic forms of the kinetic energy: of the antisymmetric parts of fields, and of the
+    fields.
 
     Parameters
     ----------
@@ -257,7 +266,8 @@ def antisymmetric(M: csr_array, S: csr_array, V: FloatArray) -> tuple[FloatArray
 def _over_dofs(
     numbering: Numbering, normal: int, rows: IntArray, columns: IntArray, weights: FloatArray
 ) -> csr_array:
-    """From weights between nodes to those between degrees of freedom, with their signs."""
+    """Expand weights between nodes to weights between degrees of freedom, with the signs of
+    reflection."""
     entries = []
     for c in range(6):
         sign = -1.0 if (c == normal or (c >= 3 and c - 3 != normal)) else 1.0
@@ -269,9 +279,9 @@ def _over_dofs(
 
 
 def _interpolation(fe: FEMatrices, at: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Nodes (r, k) and their weights in the field at places (r, 3).
+    """Nodes (r, k) and weights that interpolate a field at positions (r, 3).
 
-    By the element around the place where that is a tetrahedron or a beam, else by a quadratic fit
+    By the element around the position if it is a tetrahedron or a beam, else by a quadratic fit
     through the nearest nodes.
     """
     nodes = np.full((len(at), _NEIGHBOURS), fe.numbering.nodes[0])
@@ -310,7 +320,8 @@ def _fit_nodes(fe: FEMatrices, at: FloatArray) -> tuple[IntArray, FloatArray]:
 def _in_tets(
     points: FloatArray, tets: IntArray, at: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """The tetrahedron around each place, its ten shape functions there, and how far it is."""
+    """For each position the tetrahedron around it, its ten shape functions there, and its
+    distance."""
     corners = points[tets[:, :4]]
     count = min(_CANDIDATES, len(tets))
     near = scipy.spatial.cKDTree(corners.mean(axis=1)).query(at, count)[1].reshape(len(at), count)
@@ -320,7 +331,8 @@ def _in_tets(
     L = np.concatenate([1 - local.sum(axis=2, keepdims=True), local], axis=2)
     best = L.min(axis=2).argmax(axis=1)
     row = np.arange(len(at))
-    L = np.clip(L[row, best], 0.0, None)  # a curved side is not the straight one
+    # a position behind a curved side is outside of the straight-sided tetrahedron
+    L = np.clip(L[row, best], 0.0, None)
     L /= L.sum(axis=1, keepdims=True)
     element = near[row, best]
     place = np.einsum("rk,rkc->rc", L, corners[element])
@@ -331,7 +343,8 @@ def _in_tets(
 def _on_lines(
     points: FloatArray, lines: IntArray, at: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """The line element nearest to each place, its two linear shares there, and how far it is."""
+    """For each position the nearest line element, its two linear shape functions, and its
+    distance."""
     ends = points[lines]
     count = min(_CANDIDATES, len(lines))
     near = scipy.spatial.cKDTree(ends.mean(axis=1)).query(at, count)[1].reshape(len(at), count)
@@ -347,8 +360,10 @@ def _on_lines(
 _SHAPES = {"tetra10": _in_tets, "line": _on_lines}
 
 
-_EXTRA_MODES = 2  # computed beyond those requested: the last may lack their partners
-_MAX_ANTISYMMETRIC = 0.5  # share of energy from which on a mode counts as out of the plane
+# modes computed beyond those requested, since the last ones may lack their partners
+_EXTRA_MODES = 2
+# antisymmetric share of the kinetic energy above which a mode counts as out of plane
+_MAX_ANTISYMMETRIC = 0.5
 
 Modes = tuple[FloatArray, FloatArray]
 
@@ -370,7 +385,7 @@ class SymmetryPlane:
 
     @property
     def normal(self) -> int:
-        """Axis across the plane, 0 to 2."""
+        """Axis normal to the plane, 0 to 2."""
         return int(np.argmax(PLANES[self.plane]))
 
     @property
@@ -380,11 +395,11 @@ class SymmetryPlane:
         return (*slides, 3 + self.normal)
 
     def on(self, dofs: IntArray) -> csr_array:
-        """The reflection of fields that live on some degrees of freedom."""
+        """The reflection restricted to fields that live on some degrees of freedom."""
         return self.S[dofs][:, dofs]
 
     def shares(self, fe: FEMatrices, V: FloatArray) -> FloatArray:
-        """(m,) share of each field's kinetic energy that is antisymmetric."""
+        """(m,) antisymmetric share of the kinetic energy of each field, 0 to 1."""
         odd, whole = antisymmetric(fe.M, self.S, V)
         return np.diag(odd) / np.diag(whole)
 

@@ -2,15 +2,17 @@
 
 :class:`FixedInterfaceModel` gives the static response to loads with the interfaces fixed, the
 constraint modes (unit motion of one interface, the others fixed), the lowest fixed-interface modes,
-and the static response of the free body to loads without resultant. Degrees of freedom of rigid
-interfaces are eliminated, the means of weighted ones are bordered, so both kinds mix. With Psi the
-constraint modes and H the response with interfaces fixed, the free body's is Psi q + H f with Psi^T
-K Psi q = Psi^T f, one interface at rest.
+and the static response of the free body to loads without resultant. The degrees of freedom of rigid
+interfaces are eliminated; the weighted means that define weighted interfaces are prescribed by
+bordering. So both kinds may be mixed. With Psi the constraint modes and H the response with
+interfaces fixed, the response of the free body is Psi q + H f with Psi^T K Psi q = Psi^T f, one
+interface at rest.
 
 :class:`BorderedSolver` solves K u + W^T l = f, W u = g: only the small Schur complement W K^-1 W^T
-is full. Where nothing else fixes the part, K has the rigid motions R as its null space; it is
-solved with as many well-spread degrees of freedom fixed (a pivoted QR of R^T), and the border says
-that f - W^T l has no resultant; that is exact. Source: Golub, Van Loan, Matrix Computations, 4th
+is full. If nothing but the means supports the part, K has the rigid motions R as its null space.
+Then it is solved with as many well-spread degrees of freedom fixed (a pivoted QR of R^T), and the
+border adds the condition that f - W^T l has no resultant, which is exact. Source: Golub, Van Loan,
+Matrix Computations, 4th
 ed., section 2.1.4 (bordering).
 
 Mass matrices are solved by conjugate gradients with the diagonal as preconditioner: a consistent
@@ -38,12 +40,12 @@ from flexmb.flexbody.mesh_options import ModesOptions
 from flexmb.flexbody.options import read_options
 from flexmb.progress import Progress, silent
 
-_TOLERANCE = 1e-13  # of the residual against the right side
-_MAX_ITERATIONS = 2000  # some dozens are usual; nodes with rotations of thin shells take more
+_TOLERANCE = 1e-13  # residual of the conjugate gradients relative to the right side
+_MAX_ITERATIONS = 2000  # dozens of iterations are usual; rotations of thin shells take more
 
 
 def mass_solve(M: csr_array, B: FloatArray) -> FloatArray:
-    """(n, k) M^-1 B for all columns of B (n, k) together; zero where M has nothing."""
+    """(n, k) M^-1 B for all columns of B (n, k) together; zero where the diagonal of M is zero."""
     diagonal = M.diagonal()[:, None]
     inverse = np.where(diagonal > 0, 1.0 / np.where(diagonal > 0, diagonal, 1.0), 0.0)
     X, R = np.zeros_like(B), B.copy()
@@ -65,7 +67,7 @@ def mass_solve(M: csr_array, B: FloatArray) -> FloatArray:
 
 
 def constrained_mass_solve(M: csr_array, W: csr_array, B: FloatArray) -> FloatArray:
-    """(n, k) the same with the means W (w, n) of the solution held at zero."""
+    """(n, k) `mass_solve` under the constraint that the means W (w, n) of the solution are zero."""
     X = mass_solve(M, B)
     if not W.shape[0]:
         return X
@@ -74,7 +76,7 @@ def constrained_mass_solve(M: csr_array, W: csr_array, B: FloatArray) -> FloatAr
 
 
 class BorderedSolver:
-    """A factorised stiffness with held means.
+    """A factorised stiffness with weighted means prescribed.
 
     Parameters
     ----------
@@ -119,7 +121,7 @@ class BorderedSolver:
         if not w:
             return u
         resultant = self._R.T @ f
-        for _ in range(2):  # once more, for what rounding leaves of the means
+        for _ in range(2):  # iterative refinement of the means
             gap = self._W @ u - (0.0 if g is None else g)
             right = np.concatenate([gap, resultant])
             scale = self._scale if right.ndim == 1 else self._scale[:, None]
@@ -129,14 +131,15 @@ class BorderedSolver:
         return u
 
     def _border(self) -> None:
-        """Factor the small matrix [[W K^+ W^T, W R], [R^T W^T, 0]] of (l, -c)."""
+        """Factorise the small matrix [[W K^+ W^T, W R], [R^T W^T, 0]] of the unknowns (l, -c)."""
         w, r = self._W.shape[0], self._R.shape[1]
         if not w:
             return
         self._X = self._plain(self._W.T.toarray())
         S, WR = self._W @ self._X, self._W @ self._R
         scale = np.zeros(w + r)
-        give = np.diag(S)  # none where a mean is that of degrees of freedom which hold R
+        # flexibility of each mean; zero if its degrees of freedom are those fixed against R
+        give = np.diag(S)
         top = give.max() if give.max() > 0 else 1.0
         scale[:w] = 1.0 / np.sqrt(np.where(give > 1e-9 * top, give, top))
         scale[w:] = 1.0 / np.linalg.norm(scale[:w, None] * WR, axis=0) if r else 0.0
@@ -154,16 +157,16 @@ class BorderedSolver:
 
 
 def statically_determinate(R: FloatArray) -> IntArray:
-    """Degrees of freedom, as many as R has columns, that hold all rigid motions, well spread."""
+    """Well-spread degrees of freedom, as many as R has columns, that prevent all rigid motions."""
     scaled = R / np.abs(R).max(axis=0)
     return np.sort(qr(scaled.T, mode="r", pivoting=True)[1][: R.shape[1]])
 
 
-_DENSE = 300  # below this many interior degrees of freedom full matrices are faster
+_DENSE = 300  # up to this number of interior degrees of freedom full matrices are faster
 
 
 class FixedInterfaceModel:
-    """A model with its interfaces held.
+    """A model with its interfaces fixed.
 
     Parameters
     ----------
@@ -172,14 +175,14 @@ class FixedInterfaceModel:
     interfaces : tuple of RigidInterface or WeightedInterface
         At least one.
     directions : tuple of int
-        Motions of an interface that exist, of six; the others are held for good.
+        Motions of an interface that are coordinates, of six; the others are always fixed.
     progress : Progress
         Called with the phases ``"order"`` and ``"factor"``.
 
     Raises
     ------
     ReductionError
-        No interface, or a part of the mesh that can move freely with all interfaces held.
+        No interface, or a part of the mesh that can move freely with all interfaces fixed.
     """
 
     def __init__(
@@ -210,11 +213,11 @@ class FixedInterfaceModel:
 
     @property
     def count(self) -> int:
-        """How many fixed-interface modes there are."""
+        """Number of fixed-interface modes of the model."""
         return len(self.dofs) - self._W.shape[0]
 
     def solve(self, f: FloatArray) -> FloatArray:
-        """(n, ...) response of the held body to loads f (n, ...)."""
+        """(n, ...) static response with the interfaces fixed to loads f (n, ...)."""
         u = np.zeros_like(f)
         u[self.dofs] = self._bordered.solve(f[self.dofs])
         return u
@@ -222,7 +225,7 @@ class FixedInterfaceModel:
     def free(self, f: FloatArray) -> FloatArray:
         """(n, ...) response of the free body to loads f (n, ...) that have no resultant.
 
-        The first interface stays where it is: take the rigid motion out, or leave it.
+        The first interface is at rest in it; the rigid motion is arbitrary and may be removed.
         """
         d = len(self.directions)
         q = np.zeros((self.modes.shape[1], *f.shape[1:]))
@@ -243,25 +246,28 @@ class FixedInterfaceModel:
         return F
 
     def lowest(self, count: int, progress: Progress = silent) -> tuple[FloatArray, FloatArray]:
-        """The lowest fixed-interface modes over the held body's own degrees of freedom."""
+        """The lowest fixed-interface modes over the degrees of freedom that remain free."""
         if len(self.dofs) <= _DENSE or 2 * count >= self.count:
             return self._dense(count)
         start = self._bordered.solve(start_vector(len(self.dofs)))
         return lowest_modes(self.M, self._bordered.solve, count, progress, start)
 
     def mass_solve(self, B: FloatArray) -> FloatArray:
-        """(k, ...) inverse of the held body's mass times B (k, ...), the means held too."""
+        """(k, ...) inverse of the mass matrix times B (k, ...), interfaces fixed, weighted means
+        zero."""
         return constrained_mass_solve(self.M, self._W, B)
 
     def fields(self) -> FloatArray:
-        """(n, x) all independent fields of the tied model, full: for small models alone."""
+        """(n, x) a full basis of all displacement fields of the tied model; for small models
+        only."""
         inner = np.zeros((self.fe.numbering.n, self.count))
         N = null_space(self._W.toarray()) if self._W.shape[0] else np.eye(len(self.dofs))
         inner[self.dofs] = N
         return np.concatenate([self.modes, inner], axis=1)
 
     def _dense(self, count: int) -> tuple[FloatArray, FloatArray]:
-        """The same from full matrices, fewer where motions have no mass; the means are at rest."""
+        """`lowest` from full matrices; fewer modes if motions have no mass. Weighted means are
+        zero."""
         K, M = self._inner(self.fe.K).toarray(), self.M.toarray()
         N = null_space(self._W.toarray()) if self._W.shape[0] else np.eye(len(K))
         omega2, V = dense_modes(N.T @ K @ N, N.T @ M @ N, count)
@@ -277,7 +283,8 @@ class FixedInterfaceModel:
         return csr_array((values, (numbers, columns)), shape=(6 * len(rows), len(self.dofs)))
 
     def _interface_motion(self) -> tuple[FloatArray, FloatArray]:
-        """Motion of the eliminated degrees of freedom and of the means per interface motion."""
+        """Motion of the eliminated degrees of freedom and of the means per unit motion of the
+        interfaces."""
         columns, d = list(self.directions), len(self.directions)
         rigid, means = [], []
         for part in self.interfaces:
@@ -287,7 +294,7 @@ class FixedInterfaceModel:
         return block_diag(*rigid), block_diag(*means)
 
     def _inner(self, matrix: csr_array) -> csr_array:
-        """The part of a matrix (n, n) over the held body's own degrees of freedom."""
+        """The part of a matrix (n, n) over the degrees of freedom that remain free."""
         if not len(self._b):
             return matrix
         return csr_array(matrix[self.dofs][:, self.dofs])
@@ -301,14 +308,14 @@ class FixedInterfaceModel:
         return modes
 
 
-_INITIAL_MODES = 20  # computed at first where a frequency or a share decides
-_MAX_MODES = 640  # modes computed at most for a share
+_INITIAL_MODES = 20  # modes computed first if a frequency or a mass share decides their number
+_MAX_MODES = 640  # largest number of modes computed to reach a mass share
 
 ModesLike = int | Mapping[str, Any] | ModesOptions
 
 
 def read_modes(modes: ModesLike) -> ModesOptions:
-    """The modes of a number or of a table with one word.
+    """Read a number of modes, or a table with one key.
 
     Raises
     ------
@@ -331,18 +338,18 @@ def select_modes(
     noun: str,
     shares: Callable[[FloatArray], FloatArray] | None = None,
 ) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Compute modes until there are the requested ones.
+    """Compute modes until the selection is complete.
 
     Parameters
     ----------
     selection : ModesOptions
         A count, a frequency, or a share of the effective interface mass.
     lowest : callable
-        Squared frequencies and fields of at least so many modes, or all.
+        Squared frequencies and fields of at least the given number of modes, or of all.
     limit : int
-        How many the model has.
+        Number of modes that the model has.
     noun : str
-        What they are, for messages.
+        What the modes are called in messages.
     shares : callable, optional
         Share of each mode in the effective interface mass.
 
@@ -386,14 +393,15 @@ def _too_many(count: int, present: int, noun: str) -> ReductionError:
 
 
 def interface_shares(fixed: FixedInterfaceModel, V: FloatArray) -> FloatArray:
-    """(k,) share of each fixed-interface mode in the effective interface mass; all sum to one.
+    """(k,) share of each fixed-interface mode in the effective interface mass; all modes sum to
+    one.
 
     Parameters
     ----------
     fixed : FixedInterfaceModel
         The model with its interfaces held.
     V : (i, k) float
-        Modes of unit modal mass over the held body's own degrees of freedom.
+        Modes of unit modal mass over the degrees of freedom that remain free.
     """
     X = (fixed.fe.M @ fixed.modes)[fixed.dofs]
     total = np.sum(X * fixed.mass_solve(X), axis=0)
@@ -402,7 +410,8 @@ def interface_shares(fixed: FixedInterfaceModel, V: FloatArray) -> FloatArray:
 
 
 def smallest_set(shares: FloatArray, wanted: float) -> FloatArray:
-    """Rows, ascending, of the fewest modes that together hold the wanted share; all if too few."""
+    """Rows, ascending, of the fewest modes whose shares sum to ``wanted``; all rows if they do
+    not."""
     order = np.argsort(-shares, kind="stable")
     count = int(np.searchsorted(np.cumsum(shares[order]), wanted)) + 1
     return np.sort(order[:count])

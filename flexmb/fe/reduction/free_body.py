@@ -1,7 +1,7 @@
 """Reduction of a body without interfaces: its own free modes.
 
-K is singular: it is solved with six statically determinate degrees of freedom fixed and the loads
-relieved of their resultant, the pseudo-inverse.
+K is singular. It is solved with six statically determinate degrees of freedom fixed, for loads
+minus their resultant (inertia relief): this is the pseudo-inverse.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def free_modes(
     fe, progress, mirror, loads, residual
         As for :func:`flexmb.fe.craig_bampton`.
     interfaces : tuple
-        None: this is for bodies without.
+        Empty: this method is for bodies without interfaces.
     modes : int, mapping or ModesOptions
         Elastic modes: so many, or all below ``{"frequency": f}`` [Hz].
 
@@ -113,7 +113,8 @@ def free_modes(
 def relieved_inverse(
     fe: FEMatrices, relief: InertiaRelief, progress: Progress
 ) -> Callable[[FloatArray], FloatArray]:
-    """Deformation of the free body, about mean axes, under loads (n, ...): the pseudo-inverse."""
+    """The pseudo-inverse: loads (n, ...) to the deformation of the free body about its mean
+    axes."""
     left = np.setdiff1d(np.arange(fe.numbering.n), statically_determinate(fe.rigid))
     try:
         inner = factor(fe.K[left][:, left], fe.dof_points[left], progress)
@@ -129,8 +130,10 @@ def relieved_inverse(
 
 
 def dense_free_modes(K: FloatArray, M: FloatArray, rigid: FloatArray, count: int) -> Modes:
-    """The lowest elastic modes from full matrices (n, n) of a model with rigid motions (n, r): as
-    many degrees of freedom are fixed, the rigid motion is then taken off in the measure of mass."""
+    """The lowest elastic modes from full matrices (n, n) of a model with rigid motions (n, r).
+
+    As many degrees of freedom are fixed; the rigid motion is then removed mass-orthogonally.
+    """
     left = np.setdiff1d(np.arange(len(K)), statically_determinate(rigid))
     fields = InertiaRelief(M, rigid).fields(np.eye(len(K))[:, left])
     omega2, y = dense_modes(K[np.ix_(left, left)], fields.T @ M @ fields, count)
@@ -144,12 +147,12 @@ def lowest_free(
     mirror: SymmetryPlane | None,
     progress: Progress,
 ) -> Modes:
-    """At least ``count`` elastic modes of the free model, or all, unique in direction."""
+    """At least ``count`` elastic modes of the free model, or all, unique in sign and direction."""
     n = fe.numbering.n
 
     def lowest(number: int) -> Modes:
         if n <= DENSE or 2 * number + 12 >= n:
-            inverse(fe.rigid[:, 0])  # refuses a part that moves by itself
+            inverse(fe.rigid[:, 0])  # raises if a part can move by itself
             return dense_free_modes(fe.K.toarray(), fe.M.toarray(), fe.rigid, number)
         return lowest_modes(fe.M, inverse, number, progress, inverse(start_vector(n)))
 

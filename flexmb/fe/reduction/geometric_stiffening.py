@@ -1,11 +1,11 @@
 """Geometric stiffening: what stresses do to the stiffness of the modes.
 
-Reduced geometric stiffness of the six centrifugal loads per mass (e_a s_b + e_b s_a)/2, of
-a unit force at each interface along each axis, and of the loads of the body. The stress is that of
-the free body under a load and the inertia of the acceleration that it causes. Uniform and angular
-accelerations leave no load at all. With all of them every inertia and interface load of a motion is
-covered; the centrifugal loads alone would be wrong. Sources: Wallrapp & Schwertassek,
-Representation of geometric stiffening in multibody system simulation, Int. J. Numer. Meth. Engng 32
+A body stores the reduced geometric stiffness of the six centrifugal loads per mass (e_a s_b + e_b
+s_a)/2, of a unit force at each interface along each axis, and of its own loads. The stress is that
+of the free body under a load and the inertia forces of the rigid acceleration that it causes.
+Uniform and angular accelerations have no geometric stiffness of their own, since their inertia
+forces balance the loads. All these together cover every inertia and interface load of a motion; the
+centrifugal loads alone would be wrong. Sources: Wallrapp & Schwertassek,
 (1991) 1833; Wallrapp, Standardization of flexible body modeling in multibody system codes, Mech.
 Struct. & Mach. 22 (1994) 283.
 """
@@ -28,7 +28,7 @@ from flexmb.flexbody.parts import LoadPoint
 from flexmb.flexbody.static_response import SYMMETRIC_PAIRS
 from flexmb.progress import Progress, silent
 
-_ALL = tuple(range(6))  # motions of a body, and of an interface
+_ALL = tuple(range(6))  # all six motions of a body, and of an interface
 
 
 def with_geometric_stiffening(
@@ -54,14 +54,14 @@ def with_geometric_stiffening(
     patterns : tuple of LoadPattern
         The loads of the body, in their order.
     progress : Progress
-        Told the phase ``"stiffening"``.
+        Called with the phase ``"stiffening"``.
     """
     fixed, relief = FixedInterfaceModel(fe, interfaces, _ALL), InertiaRelief(fe.M, fe.rigid)
     fields = centrifugal_fields(fe)
     loads = [f for f, _ in fields]
     forces = fixed.loads()
     loads += [forces[:, 6 * k + d] for k in range(len(interfaces)) for d in range(3)]
-    units = slice(len(fields), len(loads))  # forces at interfaces
+    units = slice(len(fields), len(loads))  # the unit forces at interfaces
     loads += [pattern.f for pattern in patterns]
     forms = np.zeros((len(loads), body.m, body.m))
     for number, load in enumerate(loads):
@@ -72,7 +72,7 @@ def with_geometric_stiffening(
         if number < len(fields):
             per_mass += fields[number][1]
         form = Phi.T @ (geometric_stiffness(fe, u, per_mass) @ Phi)
-        # forces on the nodes of interfaces, which a unit force reaches through them alone
+        # forces on interface nodes; a unit force reaches the nodes only through the interface
         is_unit = units.start <= number < units.stop
         links = np.asarray(fe.K @ u) - relieved + (load if is_unit else 0.0)
         for part, interface in zip(body.interfaces, interfaces, strict=True):
@@ -97,7 +97,10 @@ def with_geometric_stiffening(
 
 
 def _bent(points: tuple[LoadPoint, ...], form: FloatArray) -> tuple[LoadPoint, ...]:
-    """Points of a load of which the first force falls back by what the stress of all does."""
+    """The points of a load, with the second-order displacement of the first one with a force.
+
+    It is such that this force does the work of the geometric stiffness ``form`` of the whole load.
+    """
     bends = np.zeros((len(points), 3, *form.shape))
     for point, bend in zip(points, bends, strict=True):
         axis = int(np.abs(point.wrench[:3]).argmax())
@@ -129,6 +132,6 @@ def require_stresses(
 
 
 def _acceleration(fe: FEMatrices, rigid: FloatArray) -> FloatArray:
-    """[A, b] (3, 4) of the accelerations A s + b at s of a rigid acceleration (6,)."""
+    """(3, 4) [A, b] of the acceleration A s + b at s that belongs to a rigid acceleration (6,)."""
     A = skew(rigid[3:])
     return np.column_stack([A, rigid[:3] - A @ fe.center])

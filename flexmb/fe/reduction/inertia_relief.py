@@ -1,19 +1,21 @@
 """Inertia relief, inertia loads and residual vectors.
 
-A free body under a load accelerates as a whole; it is deformed by the load less the inertia of that
-acceleration, P f with P = I - M R (R^T M R)^-1 R^T, and its deformation about mean axes is P^T u.
+A free body under a load f accelerates as a whole. It is deformed by the load minus the inertia
+forces of that acceleration, P f with P = I - M R (R^T M R)^-1 R^T; its deformation about mean axes
+is P^T u.
 
-Inertia loads are what a body that accelerates and turns does to itself. Its points have the
-acceleration a + (α̃ + ω̃²) s, with s from the centre of mass: twelve numbers, of which each is the
-factor of one load M r on the mesh. Six fields r are rigid motions, for a and α, and six the
-symmetric (e_a s_b + e_b s_a)/2, for ω̃². Modes of low frequency answer them badly: the first mode in
-which a disc grows is the 41st or the 80th. Their static responses with the interfaces held, joined
-to the modes as residual vectors, make growth and stress under acceleration and spin exact in the
-static limit, with any number of modes. Constraint modes answer what the interfaces do.
-Source: Rose (1991), Using residual vectors in MSC/NASTRAN dynamic analysis (inertia relief).
+Inertia loads are the d'Alembert forces of a body that accelerates and rotates. Its points have the
+acceleration a + (α̃ + ω̃²) s, with s from the centre of mass: twelve numbers, each the factor of
+one load M r on the mesh. Six of the fields r are rigid motions, for a and α; six are the symmetric
+(e_a s_b + e_b s_a)/2, for ω̃². Modes of low frequency represent the responses badly: the first mode
+in which a disc expands is the 41st or the 80th. If the static responses with the interfaces fixed
+are added to the modes as residual vectors, expansion and stress under acceleration and spin are
+exact in the static limit, with any number of modes. Constraint modes represent what the motion of
+the interfaces does. Source: Rose (1991), Using residual vectors in MSC/NASTRAN dynamic analysis
+(inertia relief).
 
-Residual vectors are static responses that the kept modes leave out. They complete the modes so that
-the static response to each load is exact; they have diagonal mass and stiffness among themselves
+Residual vectors are the parts of static responses that the retained modes do not contain. They
+complete the modes so that
 and are orthogonal to the kept modes. Sources: Rose (1991); Craig, Chang (1977), AIAA/ASME 18th SDM
 conference (residual attachment modes).
 """
@@ -34,7 +36,10 @@ from flexmb.flexbody.static_response import SYMMETRIC_PAIRS
 
 
 def centrifugal_fields(fe: FEMatrices) -> list[tuple[FloatArray, FloatArray]]:
-    """Of the six symmetric G the loads (n,) of G (s - c) per mass, and [G, -G c] (3, 4)."""
+    """The six centrifugal fields: loads (n,) of G (s - c) per mass, and [G, -G c] (3, 4).
+
+    G are the six symmetric unit matrices (e_a e_b^T + e_b e_a^T)/2, c is the centre of mass.
+    """
     fields = []
     for a, b in SYMMETRIC_PAIRS:
         G = np.zeros((3, 3))
@@ -48,9 +53,10 @@ def centrifugal_fields(fe: FEMatrices) -> list[tuple[FloatArray, FloatArray]]:
 def inertia_loads(
     fe: FEMatrices, mirror: SymmetryPlane | None = None, rigid: bool = True
 ) -> FloatArray:
-    """(n, 12) loads per unit of a, α and the six centrifugal fields; zero where not ``rigid``.
+    """(n, 12) loads per unit of a, α and the six centrifugal fields.
 
-    Of a planar reduction those that leave the plane are zero too.
+    The first six are zero unless ``rigid``. In a planar reduction, loads that leave the plane are
+    zero.
     """
     rigid_loads = np.asarray(fe.M @ fe.rigid) * float(rigid)
     F = np.column_stack([rigid_loads, *(f for f, _ in centrifugal_fields(fe))])
@@ -60,7 +66,7 @@ def inertia_loads(
 
 
 def _is_in_plane(normal: int) -> np.ndarray:
-    """(12,) which fields are symmetric about a plane."""
+    """(12,) bool: which inertia fields are symmetric about the plane normal to an axis."""
     slides = [axis != normal for axis in range(3)]
     pairs = [(a == normal) == (b == normal) for a, b in SYMMETRIC_PAIRS]
     return np.array([*slides, *(not slide for slide in slides), *pairs])
@@ -69,7 +75,7 @@ def _is_in_plane(normal: int) -> np.ndarray:
 def inertia_responses(
     fe: FEMatrices, responses: FloatArray, mirror: SymmetryPlane | None
 ) -> FloatArray:
-    """(n, r) those of the twelve responses that deform the body."""
+    """(n, r) the responses among the twelve that deform the body."""
     return deforming_responses(fe, responses, inertia_loads(fe, mirror))
 
 
@@ -91,7 +97,8 @@ class InertiaRelief:
         return self._solve(self._R.T @ f)
 
     def inertia(self, f: FloatArray) -> FloatArray:
-        """(n, ...) inertia loads M R a of the rigid acceleration under f: what relief takes off."""
+        """(n, ...) M R a: the inertia loads of the rigid acceleration under f, which relief
+        subtracts."""
         return self._MR @ self.acceleration(f)
 
     def loads(self, f: FloatArray) -> FloatArray:
@@ -99,23 +106,24 @@ class InertiaRelief:
         return f - self.inertia(f)
 
     def fields(self, u: FloatArray) -> FloatArray:
-        """P^T u: fields (n, ...) without rigid motion, in the measure of the mass."""
+        """P^T u: fields (n, ...) without their rigid motion, removed mass-orthogonally."""
         return u - self._R @ self._solve(self._MR.T @ u)
 
     def _solve(self, b: FloatArray) -> FloatArray:
         return self._inverse @ b
 
 
-_REPRESENTED = (
-    1e-10  # share of a response's energy below which the kept modes hold it but for rounding
+_REPRESENTED_ENERGY = (
+    # share of a response's energy below which the rest is round-off: the modes contain the response
+    1e-10
 )
-_NO_RESPONSE = (
-    1e-14  # of what a load would do to its own degrees of freedom, the rest held: rounding
+_RESPONSE_ROUND_OFF = (
+    1e-14  # a response with less than this fraction of the energy F^2/K_ii of its load is round-off
 )
 
 
 def residual_vectors(fe: FEMatrices, responses: FloatArray, V: FloatArray) -> Modes:
-    """What ``responses`` (n, r) add to orthonormal modes V (n, m).
+    """Residual vectors: the parts of ``responses`` (n, r) outside of orthonormal modes V (n, m).
 
     Returns
     -------
@@ -130,7 +138,7 @@ def residual_vectors(fe: FEMatrices, responses: FloatArray, V: FloatArray) -> Mo
     X = X - V @ (V.T @ (fe.M @ X))
     X = X / np.sqrt(np.sum(responses * (fe.K @ responses), axis=0))
     energy = X.T @ (fe.K @ X)
-    L, pivots, rank, _ = dpstrf(0.5 * (energy + energy.T), tol=_REPRESENTED, lower=1)
+    L, pivots, rank, _ = dpstrf(0.5 * (energy + energy.T), tol=_REPRESENTED_ENERGY, lower=1)
     independent = X[:, pivots[:rank] - 1]
     Y = solve_triangular(L[:rank, :rank], independent.T, lower=True).T if rank else independent
     mass = Y.T @ (fe.M @ Y)
@@ -140,7 +148,7 @@ def residual_vectors(fe: FEMatrices, responses: FloatArray, V: FloatArray) -> Mo
 
 
 def with_residual_vectors(fe: FEMatrices, modes: Modes, responses: FloatArray) -> Modes:
-    """Modes and what static responses add to them."""
+    """Modes, completed by the residual vectors of static responses."""
     stiff, U = residual_vectors(fe, responses, modes[1])
     return np.concatenate([modes[0], stiff]), np.concatenate([modes[1], U], axis=1)
 
@@ -148,11 +156,8 @@ def with_residual_vectors(fe: FEMatrices, modes: Modes, responses: FloatArray) -
 def fixed_interface_responses(
     fixed: FixedInterfaceModel, relief: InertiaRelief, loads: tuple[LoadPattern, ...]
 ) -> FloatArray:
-    """(n, r) responses of the held body to loads, and to the inertia of the motion they cause.
-
-    With both, the response is exact whether reactions at the interfaces or the inertia of the
-    free body balance the load.
-    """
+    """(n, r) responses to loads with the interfaces fixed, and to the inertia of the motion they
+    cause."""
     F = load_columns(fixed.fe, loads)
     responses = fixed.solve(np.concatenate([F, relief.inertia(F)], axis=1))
     return deforming_responses(fixed.fe, responses, np.concatenate([F, F], axis=1))
@@ -166,23 +171,24 @@ def free_body_responses(
 
 
 def deforming_responses(fe: FEMatrices, responses: FloatArray, F: FloatArray) -> FloatArray:
-    """The responses (n, r) that are more than rounding of loads (n, r) leaves.
+    """The responses (n, r) that are more than round-off of their loads F (n, r).
 
-    Such are those to the weight of a free body, or to the inertia of a load without resultant.
+    Round-off alone are, for example, those to the weight of a free body or to the inertia of a load
+    without resultant.
     """
     energy = np.sum(responses * (fe.K @ responses), axis=0)
     local = np.sum(F**2 / fe.K.diagonal()[:, None], axis=0)
-    return responses[:, energy > _NO_RESPONSE * local]
+    return responses[:, energy > _RESPONSE_ROUND_OFF * local]
 
 
 def load_columns(fe: FEMatrices, loads: tuple[LoadPattern, ...]) -> FloatArray:
-    """(n, r) the loads whose static response the basis shall hold."""
+    """(n, r) the loads whose static responses the basis contains exactly."""
     columns = [load.f for load in loads if load.residual]
     return np.stack(columns, axis=1) if columns else np.zeros((fe.numbering.n, 0))
 
 
 def residual_kind(loads: tuple[LoadPattern, ...], residual: str) -> str:
-    """What residual vectors are static responses to."""
+    """Kind of the residual vectors: to which loads they are static responses."""
     kinds = ("load",) * any(load.residual for load in loads) + ("inertia",) * (
         residual == "inertia"
     )

@@ -1,9 +1,9 @@
 """The reduction methods by name, with one signature, and the fingerprint of a reduction.
 
 :func:`reduce_model` makes a :class:`ReducedBasis` of a model by a method. :func:`reduction_key` is
-what makes two reductions give the same body: a SHA-256 in hexadecimal over the mesh file's bytes or
-the table of a simple shape, the options of :func:`flexmb.fe.reduce` (of materials their values
-alone), and the version of the method. An option at its default counts as left out.
+equal for two reductions that give the same body: a SHA-256 in hexadecimal over the mesh file's
+bytes or the table of a simple shape, the options of :func:`flexmb.fe.reduce` (of materials only
+their values), and the version of the method. An option at its default counts as left out.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ def coordinates_text(
     loads: Mapping[str, Any],
     residual: str = "none",
 ) -> str:
-    """Kept coordinates, in words; loads and inertia add at most that many residual vectors."""
+    """The count of modal coordinates, in words; loads and inertia add at most that many vectors."""
     if reduction == "user":
         return "those of the given modes"
     selection = read_modes(modes)
@@ -166,7 +166,7 @@ def coordinates_text(
 def check_options(
     reduction: str, modes: Any, damping: Any, residual: str, stiffening: Any
 ) -> tuple[Any, DampingOptions | None]:
-    """The modes that are requested, and the damping."""
+    """The requested modes and the damping, after a check of all options together."""
     problems: list[Problem] = []
     requested = ratios = None
     try:
@@ -189,7 +189,7 @@ def check_options(
     return requested, ratios
 
 
-_METHOD = 11  # raise it whenever the same input gives another body
+_METHOD = 11  # version of the method: raise it whenever the same input gives another body
 _DEFAULTS: dict[str, Any] = {
     "reduction": "craig-bampton",
     "mass_matrix": "consistent",
@@ -198,7 +198,7 @@ _DEFAULTS: dict[str, Any] = {
     "residual": "none",
     "refine": 0,
 }
-_NO_VALUES = ("name", "source")  # of materials
+_NO_VALUES = ("name", "source")  # keys of a material that are no values
 
 
 def reduction_key(
@@ -235,9 +235,10 @@ def reduction_key(
         "file": VERSION,
     }
     if options.get("loads"):
-        content["load points"] = 1  # they act in a run since bodies have them
+        content["load points"] = 1  # bodies store load responses since this entry exists
     options["stress"] = stress_option(options.get("stress", True))
-    options.pop("load_points", None)  # they change nothing but what the body knows
+    # they do not change the body, only what it knows about its own error
+    options.pop("load_points", None)
     for key, value in options.items():
         if value is not None and value != {} and value != _DEFAULTS.get(key):
             content[key] = _plain(value)
@@ -245,7 +246,8 @@ def reduction_key(
 
 
 def _modes(reduction: str, modes: Any) -> Any:
-    """What the modes are, whichever way it was said; of the user's own a hash of their values."""
+    """The modes in a form that is the same however they were written; of user modes their
+    values."""
     requested = requested_modes(reduction, modes)
     return _plain(requested if isinstance(requested, ModesOptions) else read_user_modes(requested))
 
@@ -265,7 +267,7 @@ def mesh_hash(path: str | os.PathLike[str]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Data that JSON can hold, the same for values that mean the same."""
+    """Data that JSON can store, the same for values that mean the same."""
     if is_dataclass(value) and not isinstance(value, type):
         items = {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
         left_out = _NO_VALUES if isinstance(value, AnyMaterial) else ()

@@ -1,12 +1,14 @@
-"""What a reduced basis lacks of the full model's answers: to inertia, to loads at nodes, and modes.
+"""What the modes of a reduced body lack of the full model's static responses and modes.
 
-With X the static responses of the full model and Φ the modes, orthogonal in K,
-Y = X − Φ (Φᵀ K X)/ω² is what they lack of X, and the strain energy of any sum of loads splits into
-that of both. Modes that are left out are treated likewise: what Φ has of them is taken out, and the
-rest vibrates by itself, driven by the inertia of all other motion and by loads. Interfaces are
-held, and loads on them drive nothing, where their constraint modes are in the basis; modes of the
-user's own are judged by the free body, and loads at its interfaces are among those that they may
-lack.
+With X static responses of the full model (to inertia loads, or to loads at nodes) and Φ the modes,
+orthogonal in K, Y = X − Φ (Φᵀ K X)/ω² is the missing part of X. The strain energy of any
+combination of loads is the sum of that of the modes and that of Y. Omitted modes are treated
+likewise: what Φ contains of them is removed, and the rest is taken as a vibration by itself, driven
+by loads and by the inertia of all other motion.
+
+If the basis has constraint modes, the interfaces are held fixed and loads on them drive nothing.
+User modes are judged on the free body, and loads at its interfaces are then among those whose
+responses may be missing.
 """
 
 from __future__ import annotations
@@ -30,15 +32,18 @@ from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.static_response import InertiaResponse, LoadResponse, OmittedModes, load_nodes
 from flexmb.progress import Progress, silent
 
-_ENERGY_ROUND_OFF = 1e-10  # share of the largest energy of a response
-_COVERED = 0.01  # share of a mode's strain energy that the basis leaves: it has this mode
-_INSIDE = 1e-8  # share of a mode's strain energy that the basis leaves: less is in it
+# energy below this share of the largest energy of a response is round-off
+_ENERGY_ROUND_OFF = 1e-10
+# a mode of which the basis leaves less than this share of its strain energy is in the basis
+_COVERED_ENERGY = 0.01
+# relative size (of 1/ω², or of a load after relief) below which a direction is round-off
+_RANK_TOLERANCE = 1e-8
 
 
 def inertia_response(
     fe: FEMatrices, basis: ReducedBasis, elastic: ReducedModes
 ) -> InertiaResponse | None:
-    """Energies of the static responses to inertia loads, and what the modes lack of them."""
+    """Energies of the static responses to inertia loads, and of the parts that the modes lack."""
     X = basis.inertia
     if X is None:
         return None
@@ -51,29 +56,31 @@ def inertia_response(
 def omitted_responses(
     fe: FEMatrices, basis: ReducedBasis, elastic: ReducedModes
 ) -> FloatArray | None:
-    """(n, 12) what the modes lack of the static responses to inertia loads; None if nothing."""
+    """(n, 12) missing parts of the static responses to inertia loads; None if none is missing."""
     X = basis.inertia
     if X is None:
         return None
-    Y = _beside(fe, X, (elastic.omega2, elastic.Phi))
+    Y = _missing_part(fe, X, (elastic.omega2, elastic.Phi))
     full, lacks = (np.einsum("nr,nr->r", Z, fe.K @ Z) for Z in (X, Y))
     counts = lacks > _ENERGY_ROUND_OFF * full.max()
     return np.where(counts, Y, 0.0) if counts.any() else None
 
 
 def missing_energy_forms(fe: FEMatrices, X: FloatArray, modes: Modes) -> tuple[FloatArray, ...]:
-    """Forms (r, r) over responses X (n, r): strain energy, what modes lack of it, its motion.
+    """Quadratic forms (r, r) over responses X: strain energy, missing strain energy, missing
+    motion.
 
-    The modes are orthogonal to each other in K, of unit modal mass.
+    The motion is the kinetic form of the missing part without its rigid motion. The modes must be
+    orthogonal to each other in K and of unit modal mass.
     """
-    Y = _beside(fe, X, modes)
+    Y = _missing_part(fe, X, modes)
     moved = InertiaRelief(fe.M, fe.rigid).fields(Y)
     forms = (X.T @ (fe.K @ X), Y.T @ (fe.K @ Y), moved.T @ (fe.M @ moved))
     return tuple(0.5 * (form + form.T) for form in forms)
 
 
-def _beside(fe: FEMatrices, X: FloatArray, modes: Modes) -> FloatArray:
-    """What modes lack of fields X (n, r)."""
+def _missing_part(fe: FEMatrices, X: FloatArray, modes: Modes) -> FloatArray:
+    """The parts of fields X (n, r) that the modes do not contain: X − Φ (Φᵀ K X)/ω²."""
     omega2, Phi = modes
     return np.asarray(X - Phi @ ((Phi.T @ (fe.K @ X)) / omega2[:, None]))
 
@@ -87,7 +94,7 @@ def with_load_responses(
     mirror: SymmetryPlane | None = None,
     progress: Progress = silent,
 ) -> FlexBody:
-    """The body with its answers to loads at nodes, and with the modes that it leaves out.
+    """The body with its responses to loads at nodes, and with the modes that it omits.
 
     Parameters
     ----------
@@ -104,7 +111,7 @@ def with_load_responses(
     ends: tuple[ModelInterface, ...] = basis.interfaces
     free = not ends or basis.inertia is None
     loads = [node_loads(fe, node, ends) for node in nodes]
-    if basis.inertia is None:  # modes of the user's own
+    if basis.inertia is None:  # user modes
         names = range(len(ends))
         nodes = [*nodes, *(-1 - k for k in names)]
         for part in ends:
@@ -114,9 +121,9 @@ def with_load_responses(
             loads.append(f)
     relief = InertiaRelief(fe.M, fe.rigid)
     rest = [load for load in basis.loads if not load.residual]
-    if free:  # what moves the body as a whole deforms nothing
+    if free:  # a load that only accelerates the body as a whole deforms nothing
         norm = np.linalg.norm
-        rest = [x for x in rest if norm(relief.loads(x.f)) > _INSIDE * norm(x.f)]
+        rest = [x for x in rest if norm(relief.loads(x.f)) > _RANK_TOLERANCE * norm(x.f)]
     loads += [load.f[:, None] for load in rest]
     F = np.concatenate([np.zeros((fe.numbering.n, 0)), *loads], axis=1)
     if mirror is not None:
@@ -143,7 +150,7 @@ def with_load_responses(
 def _with_missing_shares(
     body: FlexBody, names: list[str], forms: tuple[FloatArray, ...], first: int
 ) -> FlexBody:
-    """The body with what its modes lack of loads whose static response they need not hold."""
+    """The body; each load whose response need not be in the basis gets the share the modes lack."""
     full, lacks = (np.diag(form)[first:] for form in forms[:2])
     shares = dict(zip(names, lacks / np.where(full > 0.0, full, 1.0), strict=True))
     loads = (replace(load, missing_share=shares.get(load.name, 0.0)) for load in body.loads)
@@ -151,10 +158,11 @@ def _with_missing_shares(
 
 
 def node_loads(fe: FEMatrices, node: int, interfaces: tuple[ModelInterface, ...]) -> FloatArray:
-    """(n, 6) a unit force and moment at a node along each axis.
+    """(n, 6) a unit force and a unit moment at a node along each axis.
 
-    A moment on a node without rotation acts on the nodes around it, by which its rotation is known;
-    what acts on a rigid interface acts on that, and needs no answer.
+    A moment on a node without rotations is applied to the nodes of its elements with the weights by
+    which they define its rotation. A load on a node of a rigid interface is zero: it acts on the
+    interface, whose motion the basis contains.
     """
     rigid = [part for part in interfaces if isinstance(part, RigidInterface)]
     F = np.zeros((fe.numbering.n_all, 6))
@@ -182,18 +190,18 @@ def node_loads(fe: FEMatrices, node: int, interfaces: tuple[ModelInterface, ...]
 def _omitted(
     fe: FEMatrices, basis: ReducedBasis, modes: Modes, F: FloatArray
 ) -> OmittedModes | None:
-    """The modes that a basis leaves out, less what it has of them."""
+    """The omitted modes, minus what the basis contains of them; None if nothing is left."""
     if basis.omitted is None or not basis.omitted.shape[1]:
         return None
-    Y = _beside(fe, basis.omitted, modes)
+    Y = _missing_part(fe, basis.omitted, modes)
     energy = np.sum(basis.omitted * (fe.K @ basis.omitted), axis=0)
-    # beside modes and rigid motions: a rest without strain is a rigid motion, not a slow vibration
-    Y = Y[:, np.sum(Y * (fe.K @ Y), axis=0) > _COVERED * energy]
+    # A rest without strain is a rigid motion, not a slow vibration.
+    Y = Y[:, np.sum(Y * (fe.K @ Y), axis=0) > _COVERED_ENERGY * energy]
     if not Y.shape[1]:
         return None
     K, M = Y.T @ (fe.K @ Y), Y.T @ (fe.M @ Y)
-    sizes, Q = eigh(0.5 * (M + M.T), 0.5 * (K + K.T))  # 1/ω², of those that are independent
-    there = sizes > _INSIDE * sizes[-1]
+    sizes, Q = eigh(0.5 * (M + M.T), 0.5 * (K + K.T))  # sizes are 1/ω² of the independent rest
+    there = sizes > _RANK_TOLERANCE * sizes[-1]
     Y = Y @ (Q[:, there] / np.sqrt(sizes[there]))[:, ::-1]
     MY = fe.M @ Y
     return OmittedModes(

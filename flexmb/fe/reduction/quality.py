@@ -28,7 +28,7 @@ from flexmb.fe.reduction.reduced_basis import (
 )
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
-_INITIAL_MODES = 20  # of the full model, where a frequency decides their number
+_INITIAL_MODES = 20  # modes of the full model computed first if a frequency decides their number
 
 Lowest = Callable[[int], tuple[FloatArray, FloatArray]]
 
@@ -54,12 +54,12 @@ class FrequencyCheck:
 
     @property
     def partner(self) -> IntArray:
-        """(a,) the reduced mode that goes with each of the full model; -1 where none is left.
+        """(a,) index of the reduced mode that matches each full mode; -1 where none is left.
 
-        One to one, with the largest sum of the modal assurance criterion: equal frequencies share
-        their partners otherwise.
+        The matching is one to one and has the largest sum of the modal assurance criterion, so that
+        modes of equal frequencies do not share a partner.
         """
-        from scipy.optimize import linear_sum_assignment  # slow to load
+        from scipy.optimize import linear_sum_assignment  # imported here because it is slow to load
 
         partner = np.full(len(self.full), -1)
         rows, columns = linear_sum_assignment(self.mac, maximize=True)
@@ -81,7 +81,7 @@ class FrequencyCheck:
 
 @dataclass(frozen=True, eq=False)
 class EffectiveMass:
-    """What the fixed-interface modes that were kept stand for.
+    """Effective masses of the retained fixed-interface modes.
 
     Parameters
     ----------
@@ -104,16 +104,16 @@ class EffectiveMass:
 
 @dataclass(frozen=True, eq=False)
 class EnergyShares:
-    """Of which kinds of columns, and of which directions, the energies of the coordinates are.
+    """Shares of the kinds of basis columns, and of directions, in the energies of the coordinates.
 
     Parameters
     ----------
     kinds : tuple of str
         Kinds of columns of the basis.
     strain : (m, kinds) float
-        Share of each kind in the strain energy, which is its share in the kinetic energy too
-        (K z = omega^2 M z row by row); they add up to one. A share may be negative where
-        columns of different kinds work against each other.
+        Share of each kind in the strain energy, which is also its share in the kinetic energy
+        (K z = omega^2 M z row by row); the shares sum to one. A share may be negative where
+        columns of different kinds counteract each other.
     direction : (m, 3) float
         Share of the motion along x, y, z in the kinetic energy.
     """
@@ -133,11 +133,11 @@ def compare_modes(
     fe, elastic
         The model and the reduced body's modes.
     lowest : callable
-        At least so many of the full model's lowest modes.
+        Computes at least the given number of the full model's lowest modes.
     limit : int
-        How many it has.
+        Number of modes of the full model.
     up_to : float or None
-        Without it half as many modes as the reduced body has, twenty at most.
+        If None, half as many modes as the reduced body has are compared, at most twenty.
     """
     count = (
         min(_INITIAL_MODES, limit)
@@ -181,7 +181,7 @@ def energy_shares(basis: ReducedBasis, elastic: ReducedModes, Mab: FloatArray) -
     )
 
 
-_NO_LOAD = 1e-9  # of a load: less is what rounding leaves after relief
+_NO_LOAD = 1e-9  # relative size of a load below which it is round-off after inertia relief
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,8 +196,8 @@ class StaticCheck:
     labels : tuple of str
         The other loads.
     missing : (k,) float
-        Share of each one's own compliance that the modes lack, 0 to 1; NaN where the load
-        does not deform the free body.
+        Share of the compliance under each of these loads that the modes lack, 0 to 1; NaN if the
+        load does not deform the free body.
     """
 
     interfaces: float | None
@@ -208,7 +208,7 @@ class StaticCheck:
 def interface_error(
     fixed: FixedInterfaceModel, basis: ReducedBasis, elastic: ReducedModes
 ) -> float | None:
-    """The error at the interfaces; None where no load on them is without resultant."""
+    """The error at the interfaces; None if every load on them has a resultant."""
     R = rigid_motion_of_interfaces(fixed.fe, fixed.interfaces, fixed.directions)
     size = np.linalg.norm(R, axis=0)
     Q = null_space((R / np.where(size > 0, size, 1.0)).T)

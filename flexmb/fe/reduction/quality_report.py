@@ -59,7 +59,7 @@ class InertiaCheck:
 
 @dataclass(frozen=True, eq=False)
 class QualityReport:
-    """What :func:`quality_report` found; tables for reading by
+    """The result of :func:`quality_report`; formatted tables by
     :func:`flexmb.fe.reduction.quality_report.report_tables`.
 
     Parameters
@@ -67,15 +67,15 @@ class QualityReport:
     coordinates : int
         Modal coordinates of the body.
     frequencies : FrequencyCheck
-        Against the full model.
+        Comparison with the full model.
     effective : EffectiveMass or None
-        Of the fixed-interface modes; None in a basis without.
+        Effective masses of the fixed-interface modes; None if the basis has none.
     shares : EnergyShares
-        Of the modal coordinates.
+        Energy shares of the modal coordinates.
     static : StaticCheck
-        Against the full model.
+        Static comparison with the full model.
     inertia : InertiaCheck
-        Mass matrix against integrals.
+        Rigid-body data of the mass matrix against those of the integrals.
     phases : tuple of Phase
         Time and memory of the reduction, where it was measured, and of this report.
     inertia_missing : dict of str to float
@@ -104,19 +104,19 @@ def quality_report(
     phases: Sequence[Phase] = (),
     progress: Progress = silent,
 ) -> QualityReport:
-    """Judge a reduced body by the model it was made of.
+    """Assess a reduced body by the model it was made of.
 
     Parameters
     ----------
     fe, basis, elastic
         The model, its reduced basis and the modes made of it.
     body : FlexBody, optional
-        The body, to take the modes' mass components from; else they are integrated again.
+        The body, whose mass components are then used; else they are integrated again.
     up_to : float, optional
         Compare frequencies up to this one [Hz]; without it half as many modes as the body has,
-        twenty at most: the upper ones serve static deformation.
+        twenty at most, since the upper ones serve static deformation.
     nodes : sequence of int
-        Mesh nodes where unit forces are tried, besides the loads the basis knows.
+        Mesh nodes where unit forces are applied, besides the loads of the basis.
     mirror : SymmetryPlane, optional
         The plane of a planar reduction.
     phases : sequence of Phase
@@ -196,7 +196,8 @@ def _inertia_check(fe: FEMatrices) -> InertiaCheck:
     size = np.sqrt(np.diag(exact))
     size = np.where(size > 0, size, 1.0)
     error = float(np.abs((matrix - exact) / np.outer(size, size)).max())
-    moment = matrix[:3, 3:]  # -m c~ with c from the integrals' centre to that of the matrix
+    # -m c~, with c from the integrals' centre of mass to that of the matrix
+    moment = matrix[:3, 3:]
     offset = np.array([moment[1, 2], moment[2, 0], moment[0, 1]]) / matrix[0, 0]
     center = fe.center + offset
     return InertiaCheck(
@@ -208,8 +209,8 @@ def _row(mass: float, center: FloatArray, J: FloatArray) -> FloatArray:
     return np.array([mass, *center, J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[1, 2], J[2, 0]])
 
 
-_ZERO_SHARE = 1e-12  # of a share: rounding
-_MAC = 12  # rows and columns of the MAC table that are shown
+_ZERO_SHARE = 1e-12  # shares below this are round-off
+_MAC = 12  # number of rows and columns of the MAC table that are shown
 _INERTIA = ("mass kg", "x m", "y m", "z m", "Jxx", "Jyy", "Jzz", "Jxy", "Jyz", "Jzx")
 
 
@@ -359,7 +360,7 @@ def _phase_table(report: QualityReport) -> ReportTable:
 
 
 def _share_text(value: float | FloatArray) -> str:
-    """A share with four digits; rounding about zero is shown as 0."""
+    """A share with four digits; round-off is shown as 0."""
     number = float(value)
     if abs(number) < _ZERO_SHARE:
         return "0"

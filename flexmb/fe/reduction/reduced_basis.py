@@ -1,8 +1,8 @@
 """A reduced basis: its columns and matrices, the modal coordinates made of it, their inertia.
 
 :class:`ReducedBasis` is the same for every reduction method. :func:`orthonormalise` makes modal
-coordinates of it with diagonal mass and stiffness: the six rigid motions are known exactly, so they
-are projected out (mass-orthogonally: a mean-axis frame), never counted by small frequencies.
+coordinates with diagonal mass and stiffness from it. The rigid motions are known exactly; they are
+projected out mass-orthogonally (a mean-axis frame) and never identified by small frequencies.
 :func:`integrals` reduces the inertia: p = int rho N_b Phi, P = int rho s_a N_b Phi, Mab = Phi^T int
 rho N_a^T N_b Phi.
 """
@@ -31,7 +31,7 @@ STATIC = ("constraint", "attachment")
 
 @dataclass(frozen=True, eq=False)
 class ReducedBasis:
-    """Columns that describe a body's deformation, rigid motions among them.
+    """Columns that describe the motion of a body: its deformation, and its rigid motions.
 
     Parameters
     ----------
@@ -52,14 +52,13 @@ class ReducedBasis:
     directions : tuple of int
         Motions the interfaces have, of Tx, Ty, Tz, Rx, Ry, Rz (0 to 5): three of them in a plane.
     loads : tuple of LoadPattern
-        Loads the body shall know.
+        Loads of the body, whose static response is exact or of which the missing share is known.
     inertia : (n, 12) float, optional
         Static responses of the full model to the body's own inertia loads.
-    without : (k,) and (n, k) float, optional
-        Squared frequencies and fields of all but constraint modes, without residual vectors of
-        inertia loads, where the basis has them.
+    Squared frequencies and fields of all columns but constraint modes as they are without the
+    residual vectors of inertia loads, if the basis has such vectors.
     omitted : (n, o) float, optional
-        The lowest modes that the basis leaves out.
+        The lowest of the modes that the basis omits.
     """
 
     basis: FloatArray
@@ -82,7 +81,7 @@ class ReducedBasis:
 
 
 def directions_of(mirror: SymmetryPlane | None) -> tuple[int, ...]:
-    """Motions an interface keeps: all, or those in the plane of a mirror."""
+    """Motions of an interface that are coordinates: all six, or those in the plane of a mirror."""
     return SPATIAL if mirror is None else mirror.directions
 
 
@@ -141,12 +140,12 @@ class ReducedModes:
 
 
 def orthonormalise(fe: FEMatrices, reduced: ReducedBasis) -> ReducedModes:
-    """Modes of the reduced free body without its rigid motions, unique in sign and direction.
+    """Elastic modes of the reduced free body, unique in sign and direction.
 
     Raises
     ------
     ReductionError
-        The reduced body is looser than a single solid: a mechanism or a part that nothing holds.
+        The reduced body is a mechanism, or a part of it is not connected.
     """
     omega2, Z = elastic_modes(reduced.K, reduced.M, reduced.rigid)
     if len(omega2) and not is_nonzero(omega2)[0]:
@@ -191,7 +190,7 @@ def elastic_modes(K: FloatArray, M: FloatArray, R: FloatArray) -> tuple[FloatArr
     return omega2, half @ W
 
 
-_MOVING_SHARE = 0.05  # of the largest motion: nodes below that are held
+_MOVING_SHARE = 0.05  # nodes that move by less than this fraction of the largest motion are at rest
 _SHOWN = 5
 FREE_HINGE = (
     "the free body has a hinge: besides its motions as a whole a part of the mesh moves without "
@@ -201,7 +200,7 @@ FREE_HINGE = (
 
 
 def free_part(fe: FEMatrices, dofs: IntArray) -> str:
-    """What to say of degrees of freedom that move freely with all interfaces held."""
+    """The sentence about degrees of freedom that move freely with all interfaces fixed."""
     u = np.zeros((fe.numbering.n, 1))
     u[dofs] = 1.0
     where = moving_nodes(fe, u)
@@ -209,9 +208,9 @@ def free_part(fe: FEMatrices, dofs: IntArray) -> str:
 
 
 def moving_nodes(fe: FEMatrices, u: FloatArray) -> str:
-    """The nodes that move in a field (n, 1): how many, the first few, and where."""
+    """The nodes that move in a field u (n, 1), as text: how many, the first few, and where."""
     nodes = fe.numbering.nodes
-    padded = np.append(fe.expand(u[:, 0]), 0.0)  # -1 in the table is the zero at the end
+    padded = np.append(fe.expand(u[:, 0]), 0.0)  # -1 in the table refers to the zero at the end
     extent = float(np.ptp(fe.mesh.points[nodes], axis=0).max())
     size = np.abs(padded[fe.numbering.table[nodes]]) * ([1.0] * 3 + [extent] * 3)
     amount = size.max(axis=1)
@@ -233,7 +232,7 @@ def _point_text(point: FloatArray) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Integrals:
-    """What the inertia of a flexible body needs, as in :class:`flexmb.flexbody.FlexBody`."""
+    """Inertia integrals of a flexible body, named as in :class:`flexmb.flexbody.FlexBody`."""
 
     mass: float
     S1: FloatArray
@@ -262,7 +261,7 @@ _RIGID_MOTIONS = tuple(f"{kind} {axis}" for kind in ("translation", "rotation") 
 def mode_infos(
     fe: FEMatrices, reduced: ReducedBasis, modes: ReducedModes, Mab: FloatArray
 ) -> tuple[ModeInfo, ...]:
-    """The six rigid motions, dropped, then the modal coordinates with their energy shares.
+    """Mode infos: the six rigid motions, which are not retained, then the modal coordinates.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
-"""Modes that the user brings: from a measurement, another program, or a model of his own.
+"""User modes: displacement fields from a measurement, another program, or a model of the user.
 
-In: displacement fields over the degrees of freedom or over the nodes of the mesh, from Python or an
-.npz file. Out: a basis of the rigid motions and these modes without their rigid part, after checks:
-shapes, numbers that are finite, modes that are wholly rigid, modes that depend on others, rigid
-interfaces whose nodes do not move rigidly.
+In: fields over the degrees of freedom or over the nodes of the mesh, from Python or an .npz file.
+Out: a basis of the rigid motions and these modes without their rigid part. Refused are wrong
+shapes, numbers that are not finite, modes that are rigid motions, modes that depend on others, and
+modes in which the nodes of a rigid interface do not move rigidly.
 """
 
 from __future__ import annotations
@@ -26,23 +26,28 @@ from flexmb.fe.reduction.reduced_basis import ReducedBasis, directions_of
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.progress import Progress, silent
 
-_RIGID = 1e-10  # share of the kinetic energy left after rigid motion: less is rounding
-_RIGID_WARNING = 1e-6  # share of the kinetic energy that is rigid: more causes a warning
-_DEPENDENT = 1e-8  # share of the kinetic energy that other modes leave over: less is none
-_MAX_DEVIATION = 1e-6  # of the largest displacement: nodes of a rigid interface may deviate by that
+# share of the kinetic energy without the rigid part below which a mode is a rigid motion
+_RIGID_ENERGY = 1e-10
+_RIGID_WARNING = 1e-6  # rigid share of the kinetic energy above which a warning is given
+# independent share of the kinetic energy below which a mode depends on the others
+_DEPENDENT_ENERGY = 1e-8
+# relative to the largest displacement: allowed deviation of a rigid interface's nodes from rigid
+# motion
+_MAX_DEVIATION = 1e-6
 _MAX_OUT_OF_PLANE = (
-    1e-6  # share of the kinetic energy out of the plane that a planar body's modes may have
+    1e-6  # largest out-of-plane share of the kinetic energy of a planar body's modes
 )
 
 UserModesLike = str | os.PathLike[str] | np.ndarray
 
 
 def read_user_modes(source: UserModesLike, length: float = 1.0) -> FloatArray:
-    """The array of modes: itself, or the one array of an .npz file (or that named ``modes``).
+    """The array of modes: ``source`` itself, or the only array of an .npz file, or that named
+    ``modes``.
 
     Parameters
     ----------
-    given : array or path
+    source : array or path
         (n, k), (nodes, 3, k) or (nodes, 6, k).
     length : float
         Displacements are multiplied by it: the mesh's unit of length in metres.
@@ -50,7 +55,7 @@ def read_user_modes(source: UserModesLike, length: float = 1.0) -> FloatArray:
     Raises
     ------
     ReductionError
-        No such file, no array in it that is meant, not numbers.
+        No such file, no single array in it, or values that are not numbers.
     """
     values = source if isinstance(source, np.ndarray) else _from_file(Path(source))
     try:
@@ -71,23 +76,24 @@ def user_modes(
     loads: tuple[LoadPattern, ...] = (),
     residual: str = "none",
 ) -> ReducedBasis:
-    """A basis of the rigid motions and given modes.
+    """A basis of the rigid motions and the user's modes.
 
     Parameters
     ----------
     fe, progress
         As for :func:`flexmb.fe.craig_bampton`.
     interfaces : tuple of RigidInterface or WeightedInterface
-        Their points follow the modes; none is allowed.
+        Their points follow the modes; there may be none.
     modes : array or path
         (n, k) over the degrees of freedom [m, rad], or (nodes, 3, k) or (nodes, 6, k) over all
         nodes of the mesh in its order; scale is free.
     mirror : SymmetryPlane, optional
         Modes must be symmetric about its plane.
     loads : tuple of LoadPattern
-        Loads of the body, none with ``residual``: such vectors come with the other methods.
+        Loads of the body; none may have ``residual``, since residual vectors belong to the other
+        methods.
     residual : str
-        ``"none"``.
+        Must be ``"none"``.
 
     Raises
     ------
@@ -173,12 +179,12 @@ def _over_dofs(fe: FEMatrices, modes: FloatArray) -> FloatArray:
 
 
 def _elastic(fe: FEMatrices, relief: InertiaRelief, V: FloatArray) -> FloatArray:
-    """The modes without rigid motion, of unit modal mass."""
+    """The modes without their rigid motion, scaled to unit modal mass."""
     energy = np.sum(V * (fe.M @ V), axis=0)
     left = relief.fields(V)
     left = relief.fields(left)
     rest = np.sum(left * (fe.M @ left), axis=0)
-    rigid = np.flatnonzero(rest <= _RIGID * energy)
+    rigid = np.flatnonzero(rest <= _RIGID_ENERGY * energy)
     if len(rigid):
         which = ", ".join(str(number + 1) for number in rigid)
         what = f"mode {which} is a rigid motion of the body and nothing else: leave it out"
@@ -199,7 +205,7 @@ def _elastic(fe: FEMatrices, relief: InertiaRelief, V: FloatArray) -> FloatArray
 def _check_independent(fe: FEMatrices, V: FloatArray) -> None:
     gram = V.T @ (fe.M @ V)
     values, vectors = np.linalg.eigh(0.5 * (gram + gram.T))
-    if values[0] > _DEPENDENT:
+    if values[0] > _DEPENDENT_ENERGY:
         return
     involved = np.flatnonzero(np.abs(vectors[:, 0]) > 0.1 * np.abs(vectors[:, 0]).max())
     which = ", ".join(str(number + 1) for number in involved)

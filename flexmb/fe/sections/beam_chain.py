@@ -1,10 +1,10 @@
 """Sections along a chain of beam elements: taper, and releases at its ends.
 
-The elements of a group with taper or releases form one chain. It starts at the end node that its
-element runs away from; where that holds for both ends or for none, at the one with the lower node
-number. Between the two ends a taper interpolates, by arc length, the dimensions where both ends
-have the same shape, else area, second moments, torsion constant, shear coefficients and stress
-points.
+The elements of a group with taper or releases form one chain. It starts at that of its two end
+nodes from which the element there runs away; if that holds for both or for none, at the one with
+the lower node number. Between the two ends a taper interpolates, by arc length, the dimensions if
+both ends have the same shape, else area, second moments, torsion constant, shear coefficients and
+stress points.
 """
 
 from __future__ import annotations
@@ -51,13 +51,14 @@ def local_axes(
     return np.stack([x, y, np.cross(x, y)], axis=2)
 
 
-_MAX_BATCH = 100  # elements that share one bound section: no batch of the assembly is smaller
-_MECHANISM = 1e-9  # smallest over largest hold of a chain that cannot move
+_MAX_BATCH = 100  # most elements that share one bound section; each batch of the assembly is larger
+# smallest over largest singular value of the constraints below which a chain is a mechanism
+_MECHANISM = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class BoundBeam:
-    """A section as elements of its group have it.
+    """A section together with the places on its chain and the releases of a set of elements.
 
     Parameters
     ----------
@@ -66,7 +67,7 @@ class BoundBeam:
     span : (ne, 2) float
         Fraction of the chain at the first and the second node of each element.
     released : tuple of int
-        Numbers, of 12, of the element's motions in section axes that its nodes do not pass on.
+        Which of the element's 12 end motions in section axes are released.
     """
 
     section: BeamSection | TaperedSection
@@ -183,7 +184,8 @@ def _fractions(points: FloatArray, order: IntArray, forward: IntArray) -> FloatA
 def _check_mechanism(
     section: Any, points: FloatArray, lines: IntArray, chain: tuple[IntArray, IntArray]
 ) -> None:
-    """Refuse releases that let the chain, taken as rigid, move without its two end nodes."""
+    """Refuse releases with which the chain, taken as rigid, could move while its end nodes are
+    fixed."""
     order, forward = chain
     axes = local_axes(points, section.orientation)
     ends = ((order[0], 0 if forward[0] else 1), (order[-1], 1 if forward[-1] else 0))

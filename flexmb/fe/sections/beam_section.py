@@ -2,7 +2,8 @@
 
 y and z are principal centroidal axes, x runs along the beam from its first to its second node; Iy =
 int z^2 dA bends in the xz plane, Iz = int y^2 dA in the xy plane. At a :class:`StressPoint` the
-axial stress is N/A + My z/Iy - Mz y/Iz; it says what a torque and shear forces add.
+axial stress is N/A + My z/Iy - Mz y/Iz; the point stores the shear stresses per torque and shear
+forces.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ Three = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class StressPoint:
-    """One place.
+    """One place of a section where stress is evaluated.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ MOTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")
 
 @dataclass(frozen=True)
 class Releases:
-    """Motions that the ends of a chain do not pass on, by their names in ``MOTIONS``.
+    """Released motions (hinges) of the two ends of a chain, by their names in ``MOTIONS``.
 
     Raises
     ------
@@ -129,9 +130,9 @@ class BeamSection:
         Place of the centroid from the line between the nodes, along the section's y and z [m]; a
         rigid arm joins them.
     nonstructural : float
-        Further mass per length, at the centroid [kg/m].
+        Additional mass per length, at the centroid [kg/m].
     releases : Releases
-        Motions that the first and the last node of the group do not pass on (hinges).
+        Motions that are released (hinges) at the first and the last node of the group.
     angle : float
         From the section's axes to the principal ones, about x [rad].
     shear_center : (2,) float
@@ -140,9 +141,9 @@ class BeamSection:
     points : tuple of StressPoint
         Where stress is reported.
     shape : Shape, optional
-        The dimensions all this is from.
+        The dimensions from which all these values were computed.
     by_shape : bool
-        Whether ky and kz follow Poisson's ratio of the material by the shape's formula.
+        Whether ky and kz are computed by the shape's formula from Poisson's ratio of the material.
 
     Raises
     ------
@@ -287,7 +288,7 @@ def principal(Iy: float, Iz: float, Iyz: float) -> tuple[float, float, float]:
     if Iyz == 0:
         return Iy, Iz, 0.0
     angle = 0.5 * math.atan2(2 * Iyz, Iz - Iy)
-    if abs(angle) > math.pi / 4 * (1 + 1e-9):  # a corner's legs differ by rounding
+    if abs(angle) > math.pi / 4 * (1 + 1e-9):  # the legs of an equal angle differ by round-off
         angle -= math.copysign(math.pi / 2, angle)
     c, s = math.cos(angle), math.sin(angle)
     first = Iy * c * c + Iz * s * s - 2 * Iyz * s * c

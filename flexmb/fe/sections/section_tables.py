@@ -119,7 +119,7 @@ class SolidSection:
             raise ReductionError.from_problems([Problem("section.axis2", what)])
 
     def with_material(self, default: AnyMaterial | None) -> SolidSection:
-        """The section with its material known; warns if that can hardly be compressed."""
+        """The section with its material known; warns if the material is nearly incompressible."""
         section = self if self.material is not None else replace(self, material=default)
         ratio = 0.0 if section.material is None else _bulk_over_shear(section.material)
         if ratio > _MAX_BULK_RATIO:
@@ -165,13 +165,13 @@ def _is_direction(value: Vector) -> bool:
 
 
 def _bulk_over_shear(material: AnyMaterial) -> float:
-    """Resistance to a change of volume under pressure, over the least shear modulus."""
+    """Bulk modulus (resistance to a change of volume) over the smallest shear modulus."""
     C = material.stiffness()
     return float(1 / np.linalg.inv(C[:3, :3]).sum() / np.diag(C)[3:].min())
 
 
 def _strain_turn(axes: FloatArray) -> FloatArray:
-    """(6, 6) from strains along the body's axes to strains along ``axes`` (columns)."""
+    """(6, 6) transformation of strains from body axes to ``axes`` (columns)."""
     pairs = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
     T = np.empty((6, 6))
     for row, (p, q) in enumerate(pairs):
@@ -181,7 +181,7 @@ def _strain_turn(axes: FloatArray) -> FloatArray:
     return T
 
 
-_AROUND = 16  # corners of a drawn circle
+_AROUND = 16  # number of corners of a drawn circle
 _ODD = np.arange(1, 40, 2)
 
 
@@ -218,7 +218,8 @@ class Rectangle:
         far = 1 - 8 / np.pi**2 * np.sum(1 / (_ODD**2 * np.cosh(np.minimum(_ODD * at, 300.0))))
         signs = (-1.0) ** ((_ODD - 1) // 2)
         near = 8 / np.pi**2 * np.sum(signs * np.tanh(_ODD * at) / _ODD**2)
-        # stress in the middle of the long sides (far) and of the short ones (near)
+        # factors of the shear stress in the middle of the long sides (far) and of the short sides
+        # (near)
         at_y, at_z = (near, far) if self.y >= self.z else (far, near)
         by_y, by_z = float(short / J * at_y), float(short / J * at_z)
         sides = [
@@ -367,7 +368,7 @@ def section_from(words: Any, where: str = "section") -> Section:
 
 
 def _value(name: str, value: Any, where: str) -> Any:
-    """An option as the function of a section takes it."""
+    """The value of an option in the form that the function of a section takes."""
     if name == "material":
         return _material(value, where)
     if name == "releases":

@@ -1,11 +1,11 @@
-"""Sections of plates and shells: layers, offset, material directions, further mass.
+"""Sections of plates and shells: layers, offset, material directions, nonstructural mass.
 
-The element normal follows from the order of an element's nodes by the right-hand rule; bottom and
-top are named by it. :class:`Laminate` sums the layers: membrane, coupling and bending stiffness,
-transverse shear stiffness, moments of the density; z counts from the mid-surface. Sources: Reddy,
-Mechanics of Laminated Composite Plates and Shells, 2nd ed., section 3.3; shear correction by equal
-energy in cylindrical bending, Vlachoutsis (1992), Int. J. Numer. Meth. Eng. 33, 1537 (5/6 for one
-layer).
+The element normal follows from the order of an element's nodes by the right-hand rule; "bottom" and
+"top" refer to it. :class:`Laminate` sums over the layers: membrane, coupling and bending stiffness,
+transverse shear stiffness, moments of the density; z is measured from the mid-surface. Sources:
+Reddy, Mechanics of Laminated Composite Plates and Shells, 2nd ed., section 3.3; shear correction by
+equal energy in cylindrical bending, Vlachoutsis (1992), Int. J. Numer. Meth. Eng. 33, 1537 (5/6 for
+one layer).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from flexmb.errors import Problem, ReductionError
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.materials import AnyMaterial, OrthotropicMaterial, material_problems
 
-_GAUSS = np.polynomial.legendre.leggauss(3)  # the square of a parabola
+_GAUSS = np.polynomial.legendre.leggauss(3)  # order 5: squares of quadratic functions are exact
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,14 +58,14 @@ class Laminate:
 
 
 def laminate(layers: Sequence[Any], nonstructural: float) -> Laminate:
-    """Sum the layers.
+    """Stiffness and mass of a stack of layers.
 
     Parameters
     ----------
     layers : sequence of Layer
         With materials, from bottom to top.
     nonstructural : float
-        Further mass per area, spread over the mid-surface [kg/m^2].
+        Additional mass per area, at the mid-surface [kg/m^2].
     """
     t = np.array([layer.thickness for layer in layers])
     z = np.concatenate([[0.0], np.cumsum(t)]) - 0.5 * t.sum()
@@ -100,10 +100,10 @@ def _turned_shear(G: FloatArray, angle: float) -> FloatArray:
 
 
 def _shear_correction(z: FloatArray, C: FloatArray, G: FloatArray) -> float:
-    """Shear correction factor of cylindrical bending.
+    """Shear correction factor for cylindrical bending.
 
-    The shear stress balances the bending stress C (z - z0) of a shear force; its energy is that of
-    a uniform shear strain with the stiffness sought.
+    The shear stress that balances the bending stress C (z - z0) of a shear force has a strain
+    energy; the factor makes the energy of a uniform shear strain equal to it.
     """
     bottom, top = z[:-1], z[1:]
     z0 = (C @ (top**2 - bottom**2)) / (2 * C @ (top - bottom))

@@ -6,7 +6,7 @@ flanges and for a box; else the energy of the shear flow along the middle lines,
 q^2/(G t) ds, which is Cowper's at Poisson's ratio 0 (of an angle along the principal axes, their
 small coupling left out). Torsion constants: Roark's Formulas for Stress and Strain, 7th ed., table
 10.1, without fillets. Torque stress is T t/J on the face of an open wall and T/(2 A_m t) in a box.
-Stress points of an angle know the shear stress of the torque, not that of shear forces.
+Stress points of an angle have the shear stress of the torque, but not that of shear forces.
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ class ISection:
             raise ReductionError.from_problems(problems)
 
     def _parts(self) -> list[tuple[float, float, float]]:
-        """Size along y, size along z and height of the middle of top flange, web and bottom."""
+        """Size along y, size along z and height of the centre of the top flange, the web, the
+        bottom flange."""
         clear = self.height - self.flange - self.bottom_flange
         return [
             (self.width, self.flange, self.height - self.flange / 2),
@@ -228,7 +229,7 @@ def end_wall(length: float, thick: float) -> float:
 
 
 def _cowper(nu: float, m: float, wide: float) -> float:
-    """Cowper's coefficient of I and box; ``wide`` is what the width of the flanges adds."""
+    """Cowper's shear coefficient of I and box; ``wide`` is the contribution of the flange width."""
     return (
         10 * (1 + nu) * (1 + 3 * m) ** 2
         / (

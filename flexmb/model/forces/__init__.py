@@ -1,1 +1,2 @@
-"""Forces: loads, springs and laws, bushings and beams, stops, contact, friction."""
+"""Forces: applied loads, springs with force characteristics, bushings, beams, stops, contact,
+friction."""

@@ -15,10 +15,10 @@ from flexmb.model.quantities import Text
 
 
 class BodyLoadSpec(Component):
-    """A load of a flexible body times ``value``: pressure, traction, line load, force on nodes.
+    """A load of a flexible body times ``value``: pressure, traction, line load, or force on nodes.
 
-    ``load`` is one of the ``loads`` of the ``body``. It has the axes of the body frame, whatever
-    the deformation, and acts where its nodes have moved to; a rigid body feels its resultant.
+    ``load`` is one of the ``loads`` of the ``body``. Its direction is fixed in the body frame,
+    whatever the deformation, and it acts at the displaced nodes; a rigid body gets its resultant.
     """
 
     type: Literal["body-load"]

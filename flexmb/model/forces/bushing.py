@@ -1,8 +1,9 @@
 """Bushing and beam: force elements between two markers, linear in their relative motion.
 
-Deflections are the motion of marker J seen from marker I, in the axes of I: displacement, and
-rotation vector below half a turn (at small angles the three angles about the axes). Forces act on
-J, the opposite on I at the same point. Words and laws are those of BUSHING and BEAM of MSC Adams.
+Deflections are the motion of marker J relative to marker I, in the axes of I: displacement, and
+rotation vector with an angle below 180 degrees (for small angles the three angles about the axes).
+Forces act on J, and the opposite on I at the same point. Options and laws are those of BUSHING and
+BEAM of MSC Adams.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ from flexmb.model.option_specs import MaterialField
 from flexmb.model.quantities import Axis, Pair, Quantity, Size, plain
 from flexmb.model.reading import NUMBER, Reader, fail, fail_if, list_form, quote
 
-_PARALLEL = 1e-6  # sine of the angle below which a direction says nothing about the axis across
-_ROUND_OFF = 1e-12  # of the entries of a matrix that should be symmetric
+_PARALLEL = 1e-6  # sine of the angle between x and `orientation` below which y is not defined
+_ROUND_OFF = 1e-12  # relative asymmetry up to which a matrix counts as symmetric
 _SYMMETRIC = "must be symmetric: a force without a potential energy is not elastic"
 
 
 def _block(rows: Any, units: tuple[tuple[str, ...], ...], info: ValidationInfo) -> Any:
-    """A matrix of numbers of these units, symmetric and without a negative direction."""
+    """A symmetric positive semidefinite matrix of numbers with these units."""
     size = len(units)
     shaped = isinstance(rows, list) and len(rows) == size
     if not shaped or any(not isinstance(row, list) or len(row) != size for row in rows):
@@ -54,7 +55,7 @@ def _refuse_asymmetry(matrix: Any) -> None:
 
 
 def _three(unit: str) -> Reader:
-    """Reader of one number for all three directions, three numbers, or a 3 x 3 matrix."""
+    """Reader of one number for all three directions, of three numbers, or of a 3 x 3 matrix."""
 
     def read(value: Any, info: ValidationInfo) -> Any:
         value = plain(value)
@@ -82,7 +83,7 @@ def _six_units(force: str, couple: str, moment: str) -> tuple[tuple[str, ...], .
 
 
 def _six(units: tuple[tuple[str, ...], ...]) -> Reader:
-    """Reader of a 6 x 6 matrix, forces and moments over displacements and angles."""
+    """Reader of a 6 x 6 matrix: forces and moments per displacement and angle."""
 
     def read(value: Any, info: ValidationInfo) -> Any:
         return _block(plain(value), units, info)
@@ -113,11 +114,11 @@ Torques = Annotated[tuple[_Torque, _Torque, _Torque], BeforeValidator(plain)]
 
 
 class BushingSpec(Component):
-    """Springs and dampers along and about the axes of marker I: each one number for all three
-    directions, three, or a 3 x 3 matrix; or 6 x 6 as ``matrix`` and ``damping_matrix``.
-
-    ``preload`` and ``preload_torque`` act on J without any deflection. It is free in the placed
-    pose, or with ``free = "together"`` where both markers coincide, axes and all.
+    """Springs and dampers along and about the axes of marker I. Each is one number for all three
+    directions, three numbers, or a 3 x 3 matrix; or all together are 6 x 6 as ``matrix`` and
+    ``damping_matrix``. ``preload`` and ``preload_torque`` act on J at zero deflection. The
+    deflection is zero in the placed pose, or with ``free = "together"`` where both markers
+    coincide, axes included.
     """
 
     type: Literal["bushing"]
@@ -161,12 +162,11 @@ _Coefficient = Annotated[float, Quantity("", "positive")]
 
 
 class BeamForceSpec(Component):
-    """A massless beam from marker I to marker J, free in the placed pose and linear in the motion
-    of J seen from I; x runs from I to J, ``orientation`` is the direction of y.
-
-    Moduli by ``material`` or by E and G; area, second moments and torsion constant of the section;
-    without the shear coefficients ky, kz no shear. The damping matrix is ``damping`` times that of
-    the stiffness.
+    """A massless beam from marker I to marker J, without forces in the placed pose and linear in
+    the motion of J relative to I. x runs from I to J, ``orientation`` is the direction of y. Moduli
+    are given by ``material`` or by E and G, the section by its area, second moments and torsion
+    constant; without the shear coefficients ky, kz there is no shear deformation. The damping
+    matrix is ``damping`` times the stiffness matrix.
     """
 
     type: Literal["beam"]
@@ -214,5 +214,5 @@ class BeamForceSpec(Component):
         """E and G [Pa]."""
         if isinstance(self.material, Material):
             return self.material.E, self.material.E / (2.0 * (1.0 + self.material.nu))
-        assert self.E is not None and self.G is not None  # the validator knows
+        assert self.E is not None and self.G is not None  # the validator has made sure of it
         return self.E, self.G

@@ -1,15 +1,16 @@
 """Contacts: pairs of simple shapes on two markers that push each other apart when they overlap.
 
-Normal force K d^n (1 + chi d'/d0'), d the depth and d0' the speed of the impact, never a pull (Hunt
-and Crossley 1975). The damping chi follows from the coefficient of restitution e:
+Normal force K d^n (1 + chi d'/d0') >= 0, with the depth of penetration d and its rate d0' at the
+start of the impact (Hunt and Crossley 1975). The damping factor chi follows from the coefficient of
+restitution e:
 
-- exact: chi (1 + e) = ln((1 + chi)/(1 - chi e)), for which the law gives e back at all speeds
+- exact: chi (1 + e) = ln((1 + chi)/(1 - chi e)), with which the restitution is e at all speeds
   (Gonthier, McPhee, Lange & Piedboeuf, Multibody Syst. Dyn. 11 (2004) 209);
 - flores: chi = 8 (1 - e)/(5 e) (Flores, Machado, Silva & Martins, Multibody Syst. Dyn. 25 (2011)
   357), a few percent off below e = 0.8;
 - lankarani-nikravesh: chi = 3 (1 - e^2)/4 (J. Mech. Design 112 (1990) 369), for e near 1.
 
-K by Hertz needs round shapes and their materials.
+If K is computed by Hertz, the shapes must be round and their materials given.
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ from flexmb.model.reading import Spec, Variant, fail, fail_if, only_one, split_r
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
 
-_LARGEST_OVERLAP = 0.1  # of the radius, or of the spread of the points
+# largest overlap in the placed pose, over the radius or the extent of the points
+_LARGEST_OVERLAP = 0.1
 
 
 class SphereSide(Spec):
@@ -47,7 +49,7 @@ class SphereSide(Spec):
 
 
 class PlaneSide(Spec):
-    """A plane through the marker; what it meets is where its normal ``axis`` leads.
+    """A plane through the marker; other bodies are on the side to which its normal ``axis`` points.
 
     ``axis`` is a global direction in the placed pose, by default z of the marker.
     """
@@ -57,10 +59,11 @@ class PlaneSide(Spec):
 
 
 class CylinderSide(Spec):
-    """A round cylinder about the marker, touched from outside, or a bore, from inside.
+    """A round cylinder about the marker, touched from outside, or a bore, touched from inside.
 
-    ``axis`` is a global direction in the placed pose, by default z of the marker; ``length`` lies
-    half on each side of the marker, without it the cylinder is endless. Its ends do not touch.
+    ``axis`` is a global direction in the placed pose, by default z of the marker. ``length``
+    extends half to each side of the marker; without it the cylinder is infinite. Its end faces do
+    not touch anything.
     """
 
     type: Literal["cylinder"] = "cylinder"
@@ -71,10 +74,10 @@ class CylinderSide(Spec):
 
 
 class PointsSide(Spec):
-    """Points of the marker's body, each of which makes contact by itself.
+    """Points of the marker's body, each of which makes contact independently.
 
-    ``points`` in the body frame, or those of the mesh of a flexible body: ``nodes`` by their
-    numbers or ``"surface"`` for all that are drawn, or the nodes of a named ``group``.
+    ``points`` are positions in the body frame. Or they are mesh nodes of a flexible body: ``nodes``
+    by their numbers, ``"surface"`` for all that are drawn, or the nodes of a named ``group``.
     """
 
     type: Literal["points"] = "points"
@@ -112,9 +115,10 @@ _Side = Annotated[Any, Variant("contact shape", lambda: CONTACT_SHAPES)]
 class ContactSpec(Component):
     """Contact between ``shapes`` on the markers ``between``.
 
-    ``stiffness`` K with the ``exponent`` n (K d^n, numbers in the units of the scene), or the
-    ``materials`` of both sides, from which and the radii Hertz' law follows; ``restitution`` with
-    the law of ``damping``. Impacts slower than ``least_speed`` are damped as those of that speed.
+    The stiffness is ``stiffness`` K with the ``exponent`` n (K d^n, numbers in the units of the
+    scene), or follows by Hertz from the ``materials`` of both sides and the radii. ``restitution``
+    sets the damping by the law ``damping``. Impacts slower than ``least_speed`` are damped like
+    impacts at that speed.
     """
 
     type: Literal["contact"]
@@ -192,12 +196,12 @@ class ContactSpec(Component):
 
     @property
     def round_side(self) -> int:
-        """The side that is a sphere or points, 0 or 1; of two spheres the first."""
+        """The side that is a sphere or a set of points, 0 or 1; of two spheres the first."""
         return 0 if self.kinds in PAIRS else 1
 
 
 def _node_problems(scope: Scope, where: str, reference: str, side: PointsSide) -> Iterator[Problem]:
-    """Mesh nodes need a body that has them."""
+    """Problems of mesh nodes that the marker's body does not have."""
     body = split_reference(reference)[0]
     if side.points is not None or body in scope.broken.get("bodies", {}):
         return
@@ -214,7 +218,7 @@ def _node_problems(scope: Scope, where: str, reference: str, side: PointsSide) -
     except SceneError as error:
         yield from under(where, error.problems)
         return
-    assert flexbody.nodes is not None  # they were found there
+    assert flexbody.nodes is not None  # nodes were found in it above
     for node in nodes:
         if flexbody.nodes.row(int(node)) < 0:
             span = f"{flexbody.nodes.ids[0]} to {flexbody.nodes.ids[-1]}"
@@ -228,7 +232,7 @@ def nodes_of(flexbody: FlexBody, side: PointsSide) -> NDArray[np.int64]:
     Raises
     ------
     SceneError
-        The body holds no nodes, no surface or no such group; its place is relative to the side.
+        The body has no nodes, no surface or no such group; the path is relative to the side.
     """
     nodes = flexbody.nodes
     if nodes is None:
@@ -249,7 +253,8 @@ def nodes_of(flexbody: FlexBody, side: PointsSide) -> NDArray[np.int64]:
 
 
 def _plane_problems(model: ModelData, where: str, reference: str, side: Any) -> Iterator[Problem]:
-    """In a planar scene a plane stands on it, and cylinders are circles in it."""
+    """In a planar scene planes must be normal to it, and cylinders must have their axis normal to
+    it."""
     if not isinstance(side, PlaneSide | CylinderSide) or model.plane is None:
         return
     try:
@@ -263,14 +268,14 @@ def _plane_problems(model: ModelData, where: str, reference: str, side: Any) -> 
 
 
 def _frame(model: ModelData, reference: str, side: Any, flexbodies: Bodies) -> tuple[Array, Array]:
-    """Global place (3,) and axes (3, 3) of one side."""
+    """Global position (3,) and axes (3, 3) of one side in the placed pose."""
     axis = getattr(side, "axis", None)
     marker = lookup.frames(model, (reference, reference), axis, flexbodies)[0]
     return lookup.global_position(model, marker), lookup.global_axes(model, marker)
 
 
 def _overlap_problems(scope: Scope, where: str, spec: ContactSpec) -> Iterator[Problem]:
-    """Shapes that overlap by much in the placed pose, as far as it is known."""
+    """The problem of shapes that overlap by much in the placed pose, if that is known."""
     k = spec.round_side
     try:
         x, R = _frame(scope.model, spec.between[1 - k], spec.shapes[1 - k], scope.flexbodies)
@@ -293,7 +298,7 @@ def _overlap_problems(scope: Scope, where: str, spec: ContactSpec) -> Iterator[P
 
 
 def _positions(scope: Scope, reference: str, side: Any) -> Array:
-    """(n, 3) global places of a sphere's centre or of points, in the placed pose."""
+    """(n, 3) global positions of a sphere's centre or of points in the placed pose."""
     model = scope.model
     if isinstance(side, SphereSide):
         marker = lookup.place_marker(model, reference, scope.flexbodies)
@@ -314,7 +319,8 @@ def _global_point(model: ModelData, body: str, point: Array) -> Array:
 
 
 def _depth(side: Any, R: Array, u: Array) -> float:
-    """Depth of a point at u from a surface with axes R."""
+    """Depth of a point at u, relative to the side, below a surface with axes R; negative
+    outside."""
     if isinstance(side, PlaneSide):
         return float(-R[:, 2] @ u)
     if isinstance(side, SphereSide):

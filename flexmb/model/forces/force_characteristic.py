@@ -1,15 +1,15 @@
 """Force characteristics of springs and dampers: a force over a deflection or a speed.
 
 In: an expression in its own variable (``"k*x + k3*x**3"``, ``"c*v*abs(v)"``), a list of points
-``[[x, force], ...]``, or a table ``{points = [...], interpolation = "akima"}`` or
-``{file = "spring.csv", ...}``; all in the scene's units. Out: a :class:`ForceCharacteristic`, which
-stores the input (of a file its points) and programs in SI. Beyond its ends a tabulated
-characteristic is a straight line.
+``[[x, force], ...]``, or a table ``{points = [...], interpolation = "akima"}`` or ``{file =
+"spring.csv", ...}``; all in the scene's units. Out: a :class:`ForceCharacteristic`, which stores
+the input (of a file its points) and programs in SI. Beyond its end points a tabulated
+characteristic continues as a straight line.
 
 Stops act on the distance of two markers, a displacement between them, or a coordinate of a joint.
-Their words and law are those of IMPACT and BISTOP of MSC Adams: at a penetration p of a bound the
-force max(0, k p^e + c step(p / depth) dp/dt) pushes back, step the cubic from 0 to 1; its elastic
-part is stored energy.
+Options and law are those of IMPACT and BISTOP of MSC Adams: at a penetration p of a bound the force
+max(0, k p^e + c step(p / depth) dp/dt) pushes back, where step is the cubic from 0 to 1; the
+elastic part is stored energy.
 """
 
 from __future__ import annotations
@@ -53,10 +53,11 @@ from flexmb.model.reading import (
 
 
 class CharacteristicTable(Spec):
-    """Points [x, force] with x increasing, or a file of two columns; straight beyond its ends.
+    """Points [x, force] with increasing x, or a file of two columns; straight lines beyond its
+    ends.
 
-    ``monotone`` (Fritsch and Carlson) makes no new extremes, ``akima`` hardly any, ``cubic`` has a
-    continuous second derivative (natural ends).
+    ``monotone`` (Fritsch and Carlson) has no extremes between points, ``akima`` hardly any,
+    ``cubic`` has a continuous second derivative (natural ends).
     """
 
     points: tuple[tuple[Any, Any], ...] | None = None
@@ -74,9 +75,9 @@ _CURVES: dict[str, Callable[[Any, Any, str], Piecewise]] = {
 
 @dataclass(frozen=True)
 class ForceCharacteristic:
-    """What the user wrote, and its program in SI, over its variable in place of time.
+    """A force characteristic: the user's input, and its program in SI over x or v instead of t.
 
-    Of a tabulated characteristic also its antiderivative, counted from 0: the stored energy.
+    For a tabulated characteristic also the antiderivative from 0: the stored energy.
     """
 
     source: Any
@@ -86,7 +87,8 @@ class ForceCharacteristic:
 
 @dataclass(frozen=True)
 class CharacteristicOf(FieldType):
-    """Annotation of a :class:`ForceCharacteristic`: variable, its SI unit, that of the force."""
+    """Annotation of a :class:`ForceCharacteristic`: its variable, SI unit of that, SI unit of the
+    force."""
 
     variable: str
     unit: str
@@ -104,7 +106,7 @@ class CharacteristicOf(FieldType):
         return {"anyOf": forms, "description": "or an expression"}
 
     def read_characteristic(self, value: Any, context: Names) -> ForceCharacteristic:
-        """The characteristic from any of its notations.
+        """A characteristic from any of its notations.
 
         Raises
         ------
@@ -138,7 +140,7 @@ class CharacteristicOf(FieldType):
         return _tabulated(table_of_points, points, table.interpolation)
 
     def _expression(self, text: str, names: ReadContext) -> Expression:
-        """The program in SI."""
+        """The program of an expression in SI."""
         if self.variable in names:
             what = f'"{self.variable}" is the variable of this force characteristic and a parameter'
             raise SceneError(f"{what}: rename the parameter")
@@ -159,7 +161,7 @@ class CharacteristicOf(FieldType):
         return points
 
     def _points(self, rows: Any, names: ReadContext) -> Points:
-        """Points in SI, their variable increasing."""
+        """Points in SI with increasing variable."""
         point = f"[{self.variable}, force]"
         points = read_points(rows, names, (self.unit, self.force), point)
         if len(points) < 2:
@@ -169,7 +171,7 @@ class CharacteristicOf(FieldType):
 
 
 def _tabulated(source: Any, points: Points, interpolation: str) -> ForceCharacteristic:
-    """The characteristic through points, straight beyond them."""
+    """The characteristic through points, straight beyond the first and last."""
     x, y = zip(*points, strict=True)
     curve = straight_beyond(_CURVES[interpolation](x, y, "hold"))
     whole = curve.antiderivative()
@@ -184,7 +186,7 @@ def _tabulated(source: Any, points: Points, interpolation: str) -> ForceCharacte
 
 
 class AnyStop(Component):
-    """What all stops have; ``lower`` and ``upper`` have the unit of their coordinate."""
+    """Options of all stops; ``lower`` and ``upper`` have the unit of the coordinate."""
 
     lower: float | None = None
     upper: float | None = None
@@ -212,7 +214,7 @@ class AnyStop(Component):
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Lower and upper bound, infinite where there is none."""
+        """Lower and upper bound; infinite if not given."""
         lower = -math.inf if self.lower is None else self.lower
         return lower, math.inf if self.upper is None else self.upper
 
@@ -222,11 +224,10 @@ _Angle = Annotated[float, Quantity("rad")]
 
 
 class StopSpec(AnyStop):
-    """Stops the distance of two markers, or with ``axis`` (global in the placed pose, carried by I)
-    the displacement of J from I along it, at ``lower`` and ``upper``.
-
-    At a penetration p it pushes back with ``stiffness * p**exponent``, stiffness being the force at
-    a penetration of one unit, and damps with up to ``damping``, from ``depth`` on; never pulls.
+    """Stops the distance of two markers, or with ``axis`` (global in the placed pose, fixed to I)
+    the displacement of J from I along it, at ``lower`` and ``upper``. At a penetration p it pushes
+    back with ``stiffness * p**exponent``, where stiffness is the force at a penetration of one
+    unit, and with damping that rises to ``damping`` at the penetration ``depth``; it never pulls.
     """
 
     type: Literal["stop"]
@@ -274,7 +275,8 @@ class JointStopSpec(AnyStop):
 
 
 class RotationalStopSpec(JointStopSpec):
-    """Stops the angle of a joint, which counts turns, at ``lower`` and ``upper``; see stop.
+    """Stops the angle of a joint, counted over several revolutions, at ``lower`` and ``upper``; see
+    stop.
 
     ``about = "second_axis"``: the second angle of a universal joint.
     """

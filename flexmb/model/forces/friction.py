@@ -1,9 +1,9 @@
 """Dry friction: its coefficients, and friction in joints.
 
-Coulomb's law with Stribeck's curve, mu(v) = dynamic + (static - dynamic) exp(-(v/v_s)^2) +
-viscous v. The model "bristle" sticks truly: an elastic spring between the surfaces that begins to
-slide when its force exceeds mu(v) N. "smooth" replaces sticking by a steep slope over speed; it is
-cheap, but creeps under any load. Sources: see :mod:`flexmb.engine.forces.friction`.
+Coulomb friction with the Stribeck curve, mu(v) = dynamic + (static - dynamic) exp(-(v/v_s)^2) +
+viscous v. The model "bristle" has true sticking: an elastic spring between the surfaces, which
+slides when its force exceeds mu(v) N. "smooth" replaces sticking by a steep slope over speed; it is
+cheaper, but creeps under any load. Sources: see :mod:`flexmb.engine.forces.friction`.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ _Speed = Annotated[float, Quantity("m/s", "positive")]
 
 
 class BaseFriction(Component):
-    """Friction by Coulomb and Stribeck.
+    """Coulomb friction with the Stribeck curve.
 
-    ``static`` and ``dynamic`` coefficients (equal by default), ``stribeck_speed`` v_s at which the
-    one turns into the other, ``viscous`` increase of the coefficient per speed. ``model``:
-    ``"bristle"`` with the ``stiffness`` of the surfaces (and ``damping``) while they stick, or
-    ``"smooth"``, which reaches 71 % of its force at ``creep_speed``.
+    ``static`` and ``dynamic`` coefficients (equal by default), ``stribeck_speed`` v_s of the
+    transition between them, ``viscous`` increase of the coefficient per speed. ``model``:
+    ``"bristle"`` with the ``stiffness`` (and ``damping``) of the surfaces while they stick, or
+    ``"smooth"``, which has 71 % of its force at ``creep_speed``.
     """
 
     static: _Coefficient | None = None
@@ -66,24 +66,25 @@ class BaseFriction(Component):
 
     @property
     def static_coefficient(self) -> float:
-        """The coefficient at rest."""
+        """The coefficient of static friction."""
         return self.dynamic if self.static is None else self.static
 
 
 class FrictionSpec(BaseFriction):
-    """Friction of a contact, by Coulomb and Stribeck."""
+    """Friction of a contact: Coulomb friction with the Stribeck curve."""
 
 
 Friction = Annotated[FrictionSpec, Entry()]
 
 
 class JointFrictionSpec(BaseFriction):
-    """Friction in a joint, from its own reaction.
+    """Friction in a joint, computed from the joint's own reaction.
 
-    On the ``coordinate`` of a revolute, prismatic or cylindrical joint. ``radius`` of the pin, on
-    whose surface friction acts (of an angle). The bearing, in the middle of which marker J is,
-    carries bending moments by its ``length``, a prismatic one torques about its axis by its
-    ``width``; without them these cause no friction. ``preload`` is a normal force of its own.
+    It acts on the ``coordinate`` of a revolute, prismatic or cylindrical joint. ``radius`` is that
+    of the pin, on whose surface friction acts (for an angle). The bearing, with marker J in its
+    middle, carries bending moments over its ``length``, and in a prismatic joint torques about its
+    axis over its ``width``; without these, such moments cause no friction. ``preload`` is an
+    additional normal force.
     """
 
     type: Literal["joint-friction"]
@@ -120,5 +121,5 @@ class JointFrictionSpec(BaseFriction):
 
 
 def friction_coordinate(model: ModelData, spec: JointFrictionSpec) -> str:
-    """The coordinate that friction acts on: its own, or the only one of the joint."""
+    """The coordinate on which friction acts: the stated one, or the only one of the joint."""
     return spec.coordinate or str(model.joints[spec.joint].kind.coordinates[0])

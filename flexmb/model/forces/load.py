@@ -1,7 +1,8 @@
 """Applied forces and torques at a marker, and forces along the line between two markers.
 
-The components of a force are in global axes, in the marker's own axes, which turn with the body, or
-in those of any marker. Values may be expressions over channels: of sensors, states and controllers.
+The components of a force are in global axes, in the marker's own axes, which rotate with the body,
+or in those of any marker. Values may be expressions over channels of sensors, states and
+controllers.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ TorqueFunction = Annotated[Function, FunctionOf("N m", channels=True)]
 
 
 class LoadSpec(Component):
-    """A force or a torque on a marker, three functions of time.
+    """A force or a torque on a marker: three functions of time.
 
-    Its opposite is on ground, or on the body of the marker ``reaction``.
+    The opposite acts on ground, or on the body of the marker ``reaction``.
     """
 
     type: Literal["force", "torque"]
@@ -38,7 +39,7 @@ class LoadSpec(Component):
 
     @property
     def axes_marker(self) -> str | None:
-        """The marker whose axes it has, if these are not the global ones or its own."""
+        """The marker whose axes are used, if they are neither global nor the marker's own."""
         return None if self.axes in ("global", "body") else self.axes
 
     def problems(self, scope: Scope, where: str) -> Iterator[Problem]:
@@ -64,7 +65,7 @@ class LoadSpec(Component):
             yield from problems or scope.material(f"{where}.axes", axes)
 
     def planar_problems(self, scope: Scope, where: str, plane: str) -> Iterator[Problem]:
-        """Components out of the plane must be the number zero."""
+        """Problems of components out of the plane, which must be the number zero."""
         normal = np.array(PLANES[plane])
         if self.axes != "global":
             reference = self.at if self.axes == "body" else self.axes
@@ -94,14 +95,14 @@ class ForceSpec(LoadSpec):
 
 
 class TorqueSpec(LoadSpec):
-    """A torque on the body of the marker ``at``; axes and reaction as of a force."""
+    """A torque on the body of the marker ``at``; axes and reaction as for a force."""
 
     type: Literal["torque"]
     value: tuple[TorqueFunction, TorqueFunction, TorqueFunction]
 
 
 class LineForceSpec(Component):
-    """A force along the line between two markers, pushing them apart where it is positive."""
+    """A force along the line between two markers; positive values push them apart."""
 
     type: Literal["line-force"]
     between: Pair

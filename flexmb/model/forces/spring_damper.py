@@ -1,8 +1,8 @@
 """Springs and dampers with actuators: along the line between two markers, or on a joint.
 
-A spring-damper acts along the line between its markers and pulls with k (d - d0) + c d', d the
-distance; a force characteristic of the elongation or of its rate can replace k or c. The value of
-an actuator may be an expression over channels: of sensors, states and controllers.
+A spring-damper acts along the line between its markers and pulls with k (d - d0) + c d', where d is
+the distance. A force characteristic of the elongation or of its rate can replace k or c. The value
+of an actuator may be an expression over channels of sensors, states and controllers.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ _LinearDamper = Annotated[ForceCharacteristic, CharacteristicOf("v", "m/s", "N")
 
 
 class NonlinearSpring(Component):
-    """A spring, damper and actuator on a coordinate; characteristics may replace the numbers."""
+    """A spring, damper and actuator on a coordinate; force characteristics may replace the
+    constants."""
 
     stiffness: float = 0.0
     damping: float = 0.0
@@ -64,7 +65,7 @@ class NonlinearSpring(Component):
 class JointSpringSpec(NonlinearSpring):
     """A spring, damper and actuator on a coordinate s of a joint.
 
-    It turns or pushes the joint with value - k (s - free) - c s'.
+    The torque or force on the joint is value - k (s - free) - c s'.
     """
 
     joint: Text
@@ -81,7 +82,7 @@ class JointSpringSpec(NonlinearSpring):
 
 
 class RotationalSpringSpec(JointSpringSpec):
-    """A spring, damper and actuator on the angle of a joint, which counts turns.
+    """A spring, damper and actuator on the angle of a joint, counted over several revolutions.
 
     ``spring_force`` is a function of x = angle - free and replaces the stiffness, ``damper_force``
     one of the speed v; ``about = "second_axis"``: on the second angle of a universal joint.
@@ -140,7 +141,7 @@ class SpringDamperSpec(NonlinearSpring):
 
     @property
     def linear(self) -> bool:
-        """Whether it is a linear spring and damper and nothing else."""
+        """Whether it consists of a linear spring and damper only."""
         return (self.spring_force, self.damper_force, self.value) == (None, None, None)
 
     def problems(self, scope: Scope, where: str) -> Iterator[Problem]:

@@ -2,9 +2,9 @@
 
 In: a postfix program that gives a velocity or an acceleration. Out: one that gives the
 displacement. Sums of polynomials, sines, exponentials, rises and piecewise polynomials whose
-arguments are linear in time are integrated in closed form; anything else piece by piece over the
-run, by Chebyshev interpolation on intervals that are halved until they fit (Trefethen,
-Approximation Theory and Approximation Practice, 2013, ch. 8).
+arguments are linear in time are integrated in closed form. Anything else is integrated numerically
+over the run, by Chebyshev interpolation on intervals that are halved until the interpolation is
+accurate (Trefethen, Approximation Theory and Approximation Practice, 2013, ch. 8).
 """
 
 from __future__ import annotations
@@ -23,14 +23,18 @@ from flexmb.model.functions.expression import Ops, parse
 from flexmb.model.functions.piecewise import Piecewise, shifted
 
 _DEGREE = 12
-_TOLERANCE = 1e-13  # of the largest value over the run
-_MIN_INTERVAL = 1e-9  # of the run: below it is a jump, whose place is known well enough
-_CHECK_POINTS = (0.03, 0.21, 0.44, 0.68, 0.91)  # of an interval, off the points of interpolation
-_SAMPLES = 257  # that tell how large the function is
+_TOLERANCE = 1e-13  # largest error of interpolation, over the largest value during the run
+# shortest interval over the run; a shorter one contains a jump, whose time is then known well
+# enough
+_MIN_INTERVAL = 1e-9
+# fractions of an interval where the interpolation is checked, between its nodes
+_CHECK_POINTS = (0.03, 0.21, 0.44, 0.68, 0.91)
+_SAMPLES = 257  # samples from which the magnitude of the function is estimated
 _MAX_PIECES = 200_000
-_MAX_TERMS = 24  # terms
+_MAX_TERMS = 24  # largest number of terms of a product that is expanded
 
-# C is the argument within 0 and 1, M what it is above 1. Where they are equal the first one counts.
+# C is the argument limited to 0 ... 1, M the part above 1. If both bounds are equal the first
+# counts.
 _WITHIN, _ABOVE = "min(1, max(0, t))", "max(t - 1, 0)"
 _RISES = {
     key: parse(text.replace("C", _WITHIN).replace("M", _ABOVE)).ops
@@ -53,28 +57,30 @@ _WAVES = {
 
 
 class _Term(NamedTuple):
-    """What a part of a program is: a polynomial in t (lowest first) or none, its antiderivative."""
+    """A part of a program: its polynomial in t (lowest power first) if it is one, and its
+    antiderivative."""
 
     polynomial: tuple[float, ...] | None
     integral: Ops | None
 
 
 def antiderivative(ops: Ops, order: int, end: float | None) -> Ops:
-    """The program of the antiderivative, zero at t = 0; of order 2 its slope is zero as well.
+    """The program of the antiderivative that is zero at t = 0; for order 2 its slope is zero there
+    too.
 
     Parameters
     ----------
     ops : Ops
         The program of the function.
     order : int
-        1 or 2: how often to integrate.
+        1 or 2: the number of integrations.
     end : float or None
-        Last time [s] of interest, None if it is not known.
+        Last time [s] that is needed; None if it is not known.
 
     Raises
     ------
     SceneError
-        No closed form and no end, or a function without a value somewhere.
+        There is neither a closed form nor an end, or the function has no value at some time.
     """
     program = _closed_form(ops, order)
     if program is None:
@@ -118,7 +124,7 @@ def _polynomial(c: tuple[float, ...], order: int) -> _Term:
 
 
 def _program(c: tuple[float, ...]) -> Ops:
-    """A polynomial in t by Horner's scheme."""
+    """The program of a polynomial in t by Horner's scheme."""
     program: Ops = (("const", c[-1]),)
     for a in reversed(c[:-1]):
         program = (*program, ("t", 0.0), ("*", 0.0), ("const", a), ("+", 0.0))
@@ -165,7 +171,8 @@ def _power(base: _Term, exponent: float, order: int) -> _Term:
 
 
 def _unary(op: str, argument: object, line: tuple[float, ...] | None, order: int) -> _Term:
-    """Of a function of s = a + b t: its antiderivative in s over b to the power of the order."""
+    """For a function of s = a + b t: its antiderivative in s, divided by b to the power of the
+    order."""
     if line is None or len(line) != 2 or line[1] == 0.0:
         return _Term(None, None)
     s = _program(line)
@@ -186,7 +193,8 @@ def _unary(op: str, argument: object, line: tuple[float, ...] | None, order: int
 
 
 def _pieces(function: Piecewise, s: Ops, order: int) -> Ops:
-    """Antiderivative of a piecewise polynomial of s; of one that repeats, its mean apart."""
+    """Antiderivative of a piecewise polynomial of s; for a periodic one the mean is treated
+    separately."""
     if function.period == 0.0:
         for _ in range(order):
             function = function.antiderivative()
@@ -200,7 +208,7 @@ def _pieces(function: Piecewise, s: Ops, order: int) -> Ops:
 
 
 def _numerical(ops: Ops, order: int, end: float) -> Ops:
-    """Piece by piece over [0, end]; beyond it there is no value."""
+    """Numerical antiderivative, piece by piece over [0, end]; it has no value beyond."""
 
     def f(t: float) -> float:
         value = evaluate(ops, t)[0]
@@ -210,7 +218,7 @@ def _numerical(ops: Ops, order: int, end: float) -> Ops:
 
     size = max(abs(f(t)) for t in np.linspace(0.0, end, _SAMPLES))
     corners = [0.0, *derivative_jumps(ops, end), end]
-    # The last interval comes first off the stack, so that they are done in order.
+    # The last interval is pushed first, so that intervals are processed in order.
     todo = [(a, b) for a, b in zip(corners[:-1], corners[1:], strict=True)][::-1]
     knots, rows = [0.0], []
     while todo:
@@ -227,7 +235,7 @@ def _numerical(ops: Ops, order: int, end: float) -> Ops:
         if len(rows) > _MAX_PIECES:
             raise SceneError(f"it changes too often to be integrated over {end:g} s")
     last, nothing = shifted(rows[-1], knots[-1] - knots[-2]), np.full(_DEGREE + 1, np.nan)
-    # Round-off of the time may lie past the end: the last polynomial extends a little.
+    # A time may exceed the end by round-off: the last polynomial extends slightly beyond it.
     curve = Piecewise(
         np.array([*knots, (1.0 + _MIN_INTERVAL) * end]), np.vstack([rows[0], *rows, last, nothing])
     )
@@ -237,7 +245,7 @@ def _numerical(ops: Ops, order: int, end: float) -> Ops:
 
 
 def _fitted(f: Callable[[float], float], a: float, b: float, allowed: float) -> np.ndarray | None:
-    """Coefficients about a of the interpolating polynomial; None if it is off in between."""
+    """Coefficients about a of the interpolating polynomial; None if it is inaccurate in between."""
     middle, half = 0.5 * (a + b), 0.5 * (b - a)
     values = np.polynomial.chebyshev.chebinterpolate(
         np.vectorize(lambda x: f(middle + half * x), otypes=[float]), _DEGREE

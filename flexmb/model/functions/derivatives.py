@@ -19,7 +19,7 @@ Program = Iterable[tuple[str, Any]]
 
 
 def _times(g: float, a: float) -> float:
-    """Product in which an exact zero wins over an infinite slope (sqrt of a constant zero)."""
+    """Product in which an exact zero times an infinite slope is zero (sqrt of a constant zero)."""
     return np.float64(0.0) if a == 0.0 else g * a
 
 
@@ -59,40 +59,40 @@ def _sqrt(a: float) -> Jet:
 
 
 def _rise(inside: Callable[[float], Jet]) -> Callable[[float], Jet]:
-    """A function that is 0 up to s = 0, 1 from s = 1, and this one between."""
+    """A function that is 0 for s <= 0, `inside` for 0 < s < 1, and 1 for s >= 1."""
     return lambda s: (float(s >= 1), 0.0, 0.0) if s <= 0 or s >= 1 else inside(s)
 
 
 @_rise
 def _cubic_step(s: float) -> Jet:
-    """3 s^2 - 2 s^3 between."""
+    """3 s^2 - 2 s^3 for 0 < s < 1."""
     return s * s * (3 - 2 * s), 6 * s * (1 - s), 6 - 12 * s
 
 
 @_rise
 def _quintic_step(s: float) -> Jet:
-    """10 s^3 - 15 s^4 + 6 s^5 between."""
+    """10 s^3 - 15 s^4 + 6 s^5 for 0 < s < 1."""
     r = s * (1 - s)
     return s**3 * (10 + s * (6 * s - 15)), 30 * r * r, 60 * r * (1 - 2 * s)
 
 
 @_rise
 def _haversine_step(s: float) -> Jet:
-    """(1 - cos(pi s))/2."""
+    """(1 - cos(pi s))/2 for 0 < s < 1."""
     a = np.pi * s
     return np.sin(a / 2) ** 2, np.pi / 2 * np.sin(a), np.pi**2 / 2 * np.cos(a)
 
 
 @_rise
 def _cycloidal_step(s: float) -> Jet:
-    """s - sin(2 pi s)/(2 pi) between."""
+    """s - sin(2 pi s)/(2 pi) for 0 < s < 1."""
     a = 2 * np.pi * s
     return s - np.sin(a) / (2 * np.pi), 2 * np.sin(a / 2) ** 2, 2 * np.pi * np.sin(a)
 
 
 @_rise
 def _modified_sine_step(s: float) -> Jet:
-    """An eighth each of a fast sine at the ends, a slow one between.
+    """Modified sine: a fast sine in the first and last eighth, a slow one in between.
 
     Norton, Cam Design and Manufacturing Handbook, 2nd ed. (2009), section 3.6.
     """
@@ -131,7 +131,7 @@ CHAIN: dict[str, Callable[[float], Jet]] = {
 
 
 def _power(c: float, a: float) -> Jet:
-    """a to a constant power; integer powers have no trouble at a = 0."""
+    """a to a constant power; for integer powers the derivatives at a = 0 are finite."""
     second = np.float64(0.0) if c == 1 else c * (c - 1) * a ** (c - 2)
     return a**c, c * a ** (c - 1), second
 
@@ -188,11 +188,11 @@ BINARY: dict[str, Callable[[Jet, Jet], Jet]] = {
     "min": _lesser,
     "max": lambda a, b: _negative(_lesser(_negative(a), _negative(b))),
 }
-"""Functions of two. Where min or max are undecided (equal values) their slope is the mean."""
+"""Functions of two arguments. At equal arguments of min or max the slope is the mean of both."""
 
 
 UNARY = {*CHAIN, "neg", "powc", "piecewise"}
-"""All operations on one jet."""
+"""All operations on a single jet."""
 
 
 def evaluate(ops: Program, t: float, variables: Mapping[str, Jet] | None = None) -> Jet:
@@ -220,7 +220,8 @@ def evaluate(ops: Program, t: float, variables: Mapping[str, Jet] | None = None)
             elif op == "t":
                 stack.append((np.float64(t), np.float64(1.0), np.float64(0.0)))
             elif op.startswith("@"):
-                assert variables is not None  # whoever has no channels asks no such program
+                # programs without channels only, if there are no variables
+                assert variables is not None
                 f, f1, f2 = variables[op[1:]]
                 stack.append((np.float64(f), np.float64(f1), np.float64(f2)))
             elif op == "neg":

@@ -1,14 +1,14 @@
-"""Where a function of time jumps, bends, is undefined, or changes within a short time.
+"""Times at which a function of time jumps, has a kink, is undefined, or changes rapidly.
 
 In: the postfix program of an expression (:mod:`flexmb.model.functions.expression`) and the duration
-of a run. Times of jumps are those that can be read off: ends of steps, corners of tables and
-profiles, zeros of abs and sign, changes of min and max, where arguments are linear in time; where
-they are not, they are searched at 20 000 places of the run.
+of a run. If the argument of an operation is linear in time, the times of its jumps and kinks are
+known in closed form: ends of steps, corners of tables and profiles, zeros of abs and sign, changes
+of min and max. Otherwise they are searched on 20 000 intervals of the run.
 
-First discontinuities: programs of smooth operations are not looked at. The others are evaluated at
-both sides of their corners and at equal distances; intervals whose ends do not fit the slopes are
-halved until they are as short as round-off allows. What happens twice within one interval (1/512 of
-the run) may be missed there.
+:func:`first_discontinuities` skips programs of smooth operations. Others are evaluated on both
+sides of their known corners and at equally spaced times. An interval over which the function
+changes by another amount than its slopes at both ends predict is halved until its length is
+round-off. Two events within one interval (1/512 of the run) may be missed.
 """
 
 from __future__ import annotations
@@ -26,25 +26,28 @@ from flexmb.model.functions.expression import Ops, channel_of
 from flexmb.model.functions.piecewise import Piecewise
 
 Line = tuple[float, float] | None
-"""a + b t, or None for what is not linear in t."""
+"""Coefficients (a, b) of a + b t; None for a function that is not linear in t."""
 
-# Rises whose second derivative jumps at their ends; that of the others begins with zero.
+# Rises whose second derivative jumps at their ends; for the other rises it starts and ends at zero.
 _JUMPING_RISES = {"cubicstep", "haversinestep"}
-# More than so many times all over again are no events but the motion itself.
+# More repetitions of a periodic function than this are not events but the motion itself.
 _MAX_REPETITIONS = 100_000
 _INTERVALS = 512
-_MAX_BISECTED = 12  # intervals that are bisected
+_MAX_BISECTED = 12  # largest number of intervals that are bisected
 _HALVINGS = 44
-_AT_START = 1e-9  # share of the run that is the start
-_JUMP = 1e-9  # of the largest value; smaller jumps are round-off
-_MAX_CORNERS = 2000  # that are examined
-# Operations that are undefined, or jump, somewhere.
+_AT_START = 1e-9  # fraction of the run that counts as its start
+_JUMP = 1e-9  # a jump smaller than this fraction of the largest value is round-off
+_MAX_CORNERS = 2000  # largest number of corners that are examined
+# Operations that are undefined at, or jump at, some argument.
 _UNSAFE = {"abs", "acos", "asin", "log", "sign", "sqrt", "tan"}
 _UNSAFE |= {"/", "atan2", "max", "min", "pow", "powc"}
 
 
 def derivative_jumps(ops: Program, end: float, *, at_begin: bool = False) -> tuple[float, ...]:
-    """Times in (0, end) [s], or in [0, end), in order."""
+    """Times in (0, end) [s], or in [0, end), at which value or derivatives jump, in order.
+
+    Only those that are known in closed form, for arguments that are linear in time.
+    """
     times: set[float] = set()
     stack: list[Line] = []
     for op, argument in ops:
@@ -62,13 +65,14 @@ def derivative_jumps(ops: Program, end: float, *, at_begin: bool = False) -> tup
             if line is not None and line[1] != 0.0:
                 times.update(_jump_times(op, argument, line, end))
             stack.append((-line[0], -line[1]) if op == "neg" and line is not None else None)
-        else:  # what is not known beforehand
+        else:  # not known in advance
             stack.append(None)
     return tuple(sorted(t for t in times if 0.0 < t < end or (at_begin and t == 0.0 < end)))
 
 
 def _line(op: str, left: Line, right: Line) -> Line:
-    """The sum, difference, product or ratio where it is linear."""
+    """The sum, difference, product or quotient of two linear functions, if it is linear; else
+    None."""
     if left is None or right is None:
         return None
     (a, b), (c, d) = left, right
@@ -83,7 +87,7 @@ def _line(op: str, left: Line, right: Line) -> Line:
 
 
 def _jump_times(op: str, argument: object, line: tuple[float, float], end: float) -> list[float]:
-    """Where a function of a + b t or a derivative jumps."""
+    """Times at which an operation on a + b t, or a derivative of it, jumps."""
     a, b = line
     if op in ("abs", "sign"):
         return [-a / b]
@@ -104,7 +108,7 @@ def _jump_times(op: str, argument: object, line: tuple[float, float], end: float
 
 
 class Discontinuity(NamedTuple):
-    """The first of its kind."""
+    """The first discontinuity of its kind."""
 
     kind: str  # "undefined", "value" or "rate"
     time: float  # [s]
@@ -117,16 +121,16 @@ def first_discontinuities(ops: Program, end: float, derivatives: int) -> list[Di
     Parameters
     ----------
     ops : program
-        Of time alone.
+        Program of a function of time alone.
     end : float
-        Of the run [s].
+        Duration of the run [s].
     derivatives : int
-        How many derivatives must be finite.
+        Number of derivatives that must be finite.
 
     Returns
     -------
     list of Discontinuity
-        Where value or derivatives are not finite, where the value jumps, and where the rate does.
+        Where value or derivatives are not finite; else where the value and where the rate jumps.
     """
     program = tuple(ops)
     if end <= 0.0 or not any(_is_unsafe(*op) for op in program):
@@ -138,9 +142,9 @@ def first_discontinuities(ops: Program, end: float, derivatives: int) -> list[Di
     return list(_jumps(program, end))
 
 
-@lru_cache(maxsize=64)  # a study or an audit asks for those of one scene again and again
+@lru_cache(maxsize=64)  # a study or an audit evaluates the functions of one scene many times
 def _samples(ops: tuple[Any, ...], end: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Times at both sides of corners and at equal distances, and the jets there."""
+    """Times on both sides of corners and at equal distances, and the jets at these times."""
     places = np.array(derivative_jumps(ops, end)[:_MAX_CORNERS])
     sides = np.nextafter(places, -np.inf), places, np.nextafter(places, np.inf)
     times = np.unique(np.concatenate([np.linspace(0.0, end, _INTERVALS + 1), *sides]))
@@ -178,7 +182,7 @@ def _undefined(
 def _first_jump(
     ops: Program, times: NDArray[np.float64], jets: NDArray[np.float64], order: int
 ) -> Discontinuity | None:
-    """The first jump of the derivative of an order, of those that are seen."""
+    """The first jump of a derivative of a given order; jumps between two samples may be missed."""
     scale = np.abs(jets[:, order]).max()
     if order == 1:  # what the value would need to change by over the run
         scale = max(scale, np.abs(jets[:, 0]).max() / times[-1])
@@ -190,7 +194,7 @@ def _first_jump(
     suspects[np.argsort(np.where(corners, 0.0, errors))[::-1][:_MAX_BISECTED]] = True
     for k in np.flatnonzero((corners | suspects) & (errors > _JUMP * scale)):
         low, high, a, b = times[k], times[k + 1], jets[k], jets[k + 1]
-        largest = scale  # of what is seen: a short pulse may lie between the places at first
+        largest = scale  # of the samples so far: a short pulse may lie between the initial ones
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
             if not low < middle < high:
@@ -200,7 +204,7 @@ def _first_jump(
             left = _misfit(low, a, middle, jet, order)
             right = _misfit(middle, jet, high, b, order)
             if max(left, right, abs(jet[order + 1]) * np.spacing(high)) < 0.1 * _JUMP * scale:
-                b = a  # smooth
+                b = a  # no jump
                 break
             if left >= right:
                 high, b = middle, jet
@@ -213,13 +217,14 @@ def _first_jump(
 
 
 def _misfit(low: Any, a: Any, high: Any, b: Any, order: int) -> Any:
-    """How far the change over an interval is from the mean slope at its ends."""
+    """Difference between the change over an interval and the mean slope at its ends times its
+    length."""
     slopes = np.where(np.isfinite(s := a[..., order + 1] + b[..., order + 1]), s, 0.0)
     return np.abs(b[..., order] - a[..., order] - 0.5 * (high - low) * slopes)
 
 
-# With these operations alone a function changes all the time.
-_EVEN = {"const", "t", "neg", "+", "-", "*", "sin", "cos"}
+# Functions of these operations alone change at all times: they have no brief changes.
+_STEADY = {"const", "t", "neg", "+", "-", "*", "sin", "cos"}
 _ARRAYS: dict[str, Callable[..., Array]] = {
     **{"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "pow": np.power},
     **{"min": np.minimum, "max": np.maximum, "atan2": np.arctan2, "hypot": np.hypot},
@@ -229,18 +234,20 @@ _ARRAYS: dict[str, Callable[..., Array]] = {
     **{name: lambda s: np.clip(s, 0.0, 1.0) for name in CHAIN if name.endswith("step")},
     "sign": np.sign,
 }
-_SAMPLES = 20_000  # of a run; what lasts for less than two of them may be missed
-_RAPID_CHANGE = 10.0  # over the median change between samples
-_NO_CHANGE = 1e-6  # of all
-_RAPID_END = 0.5  # of that limit: a rapid change has ended below it
-_LOW_POWER = 8  # a polynomial of this degree has no pulses
-_SPAN, _SPANS = 0.2, 100  # share of the run that is not brief; more than so many are the motion
+_SAMPLES = 20_000  # samples of a run; an event shorter than two intervals may be missed
+_RAPID_CHANGE = 10.0  # a change between samples is rapid above this multiple of the median change
+_NO_CHANGE = 1e-6  # and above this fraction of the whole range
+_RAPID_END = 0.5  # a rapid change has ended where changes are below this fraction of the limit
+_LOW_POWER = 8  # polynomials up to this degree have no pulses
+# a change is brief if shorter than this fraction of the run; more changes are the motion itself
+_MAX_BRIEF_FRACTION, _MAX_BRIEF_CHANGES = 0.2, 100
 
 
 def brief_changes(ops: Ops, end: float) -> list[float]:
-    """Times in (0, end) [s] from the beginning to the end of each brief change, such as a pulse
-    ``exp(-((t - 5)/0.01)**2)``, five of each: a step from a state of rest would pass over it."""
-    if {op for op, n in ops if op != "powc" or n not in range(_LOW_POWER + 1)} <= _EVEN:
+    """Times in (0, end) [s] of brief changes, such as a pulse ``exp(-((t - 5)/0.01)**2)``. They are
+    five times from the beginning to the end of each: a time step from a state of rest might
+    otherwise skip it."""
+    if {op for op, n in ops if op != "powc" or n not in range(_LOW_POWER + 1)} <= _STEADY:
         return []
     times = np.linspace(0.0, end, _SAMPLES + 1)
     with np.errstate(all="ignore"):
@@ -249,23 +256,25 @@ def brief_changes(ops: Ops, end: float) -> list[float]:
     limit = max(_RAPID_CHANGE * float(np.median(change)), _NO_CHANGE * float(np.ptp(values)))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], change > limit, [False]])))
     spans = times[edges].reshape(-1, 2)
-    if len(spans) > _SPANS:
+    if len(spans) > _MAX_BRIEF_CHANGES:
         return []
     groups = _joined(spans, times[1])
-    groups = groups[np.diff(groups)[:, 0] < _SPAN * end]
-    around = groups + np.diff(groups) * [-1.0, 1.0]  # where a pulse is over and growth is not
+    groups = groups[np.diff(groups)[:, 0] < _MAX_BRIEF_FRACTION * end]
+    # outside of a pulse changes are small again; in growth they are not
+    around = groups + np.diff(groups) * [-1.0, 1.0]
     after = np.interp(around, times[1:], change, left=0.0, right=0.0)
     groups = groups[(after < _RAPID_END * limit).all(axis=1)]
     begins, ends = groups.T[:, None]
     brief = spans[((begins <= spans[:, :1]) & (spans[:, 1:] <= ends)).any(axis=1)]
     beside = brief + np.array([-1.0, 1.0]) * times[1]
-    jumps = np.searchsorted(derivative_jumps(ops, end), beside)  # these are events anyhow
+    jumps = np.searchsorted(derivative_jumps(ops, end), beside)  # jumps are events in any case
     brief = brief[jumps[:, 0] == jumps[:, 1]]
     return [float(t) for t in np.linspace(brief[:, 0], brief[:, 1], 5).ravel() if 0.0 < t < end]
 
 
 def _joined(spans: Array, apart: float) -> Array:
-    """Spans (n, 2), those as one that are closer than the longer of them, such as rise and fall."""
+    """Intervals (n, 2), those merged that are closer than the longer of them, such as rise and
+    fall."""
     joined: list[list[float]] = []
     for begin, end in spans.tolist():
         first, last = joined[-1] if joined else (begin, -np.inf)
@@ -276,26 +285,27 @@ def _joined(spans: Array, apart: float) -> Array:
     return np.array(joined).reshape(-1, 2)
 
 
-# Where operations change their laws; times, of which more are the motion itself; second differences
-# over the range of what is straight.
-_LAWS: dict[str, tuple[float, ...]] = {
+# Arguments at which operations switch to another formula. A larger number of switches than
+# _MAX_CROSSINGS is the motion itself. An argument is linear in time if its second differences are
+# below _LINEAR_TOLERANCE times its range. _START is the fraction of the run just after its start.
+_SWITCH_VALUES: dict[str, tuple[float, ...]] = {
     **dict.fromkeys(("abs", "sign", "max", "min"), (0.0,)),
     **dict.fromkeys(("cubicstep", "haversinestep"), (0.0, 1.0)),
 }
-_MAX_CROSSINGS, _STRAIGHT, _START = 2000, 1e-12, 1e-12
+_MAX_CROSSINGS, _LINEAR_TOLERANCE, _START = 2000, 1e-12, 1e-12
 
 
 def switch_times(ops: Ops, end: float) -> list[float]:
-    """Times in (0, end) [s] where operations change their laws by arguments that are not linear in
-    time: zeros in ``abs(sin(t))``, equal arguments of max and min, ends of rises, corners; 0 where
-    a sign is that of zero at the begin alone."""
+    """Times in (0, end) [s] at which operations switch formulas, if their argument is not linear in
+    time: zeros in ``abs(sin(t))``, equal arguments of max and min, ends of rises, corners; 0 if the
+    argument of a sign is zero only at the start."""
     stack: list[Ops] = []
     times: list[float] = []
     for op, argument in ops:
         last = stack.pop() if op in BINARY or op in UNARY else ()
         first = stack.pop() if op in BINARY else ()
         stack.append((*first, *last, (op, argument)))
-        places = _LAWS.get(op, ())
+        places = _SWITCH_VALUES.get(op, ())
         if op in ("max", "min"):
             last = (*first, *last, ("-", 0.0))
         elif op == "piecewise" and argument.period == 0.0:
@@ -308,13 +318,13 @@ def switch_times(ops: Ops, end: float) -> list[float]:
 
 
 def _times_at(ops: Ops, places: Sequence[float], end: float) -> list[float]:
-    """Times (0, end) [s] at which a program of time that is not linear passes any of the places."""
-    from scipy.optimize import brentq  # takes 0.2 s
+    """Times in (0, end) [s] at which a program that is not linear in time has any of the values."""
+    from scipy.optimize import brentq  # importing takes 0.2 s
 
     grid = np.linspace(0.0, end, _SAMPLES + 1)
     with np.errstate(all="ignore"):
         values = _values(ops, grid)
-        bent = np.abs(np.diff(values, 2)).max() > _STRAIGHT * np.ptp(values)
+        bent = np.abs(np.diff(values, 2)).max() > _LINEAR_TOLERANCE * np.ptp(values)
     if not (np.isfinite(values).all() and bent):
         return []
     times: list[float] = []
@@ -330,7 +340,8 @@ def _times_at(ops: Ops, places: Sequence[float], end: float) -> list[float]:
 
 
 def _values(ops: Ops, times: Array) -> Array:
-    """Values (n,) of a program at times (n,) [s]; channels are 1, and steps straight."""
+    """Values (n,) of a program at times (n,) [s], with channels as 1 and rises as straight
+    lines."""
     stack: list[Any] = []
     for op, argument in ops:
         if op == "t":

@@ -2,9 +2,9 @@
 
 In: a text and the values of the names it may use. Out: an immutable :class:`Expression`, a postfix
 program over time and, where allowed, over measured channels such as ``slider.x``; its constant
-parts are folded. The text is read by Python's own parser and only white-listed nodes pass. A
-mistake becomes a :class:`SceneError` whose text shows the expression with a caret under the
-character.
+parts are folded. The text is parsed by Python's own parser, and only white-listed nodes are
+accepted. A mistake raises a :class:`SceneError` that shows the expression with a caret under the
+wrong character.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ from flexmb.errors import Problem, SceneError, nearest
 from flexmb.model.functions.derivatives import Jet, evaluate
 from flexmb.units import UNITS
 
-_WINDOW = 60  # characters of a long text shown on either side of the mistake
-MAX_LENGTH = 2000  # characters; beyond it the text is no formula, and Python's parser may give up
+_WINDOW = 60  # characters of a long text shown on either side of a mistake
+# characters; a longer text is no formula, and might exceed limits of Python's parser
+MAX_LENGTH = 2000
 
 
 def syntax_tree(text: str) -> ast.expr:
@@ -52,7 +53,7 @@ def unknown_channel(text: str, name: str, names: tuple[str, ...]) -> Problem:
 
 
 def _reason(error: SyntaxError, text: str) -> str:
-    """The parser's word in the terms of a formula."""
+    """The parser's message in terms of a formula."""
     if any(word in UNITS for word in re.findall(r"\d\s+(?!t\b)([A-Za-z]+)", text)):
         return "a number with a unit stands alone, so make it a parameter and write its name"
     if re.search(r"\bif\b", text, re.IGNORECASE):
@@ -113,10 +114,10 @@ RISES = {
     "cycloidal": "cycloidalstep",
     "modsine": "modifiedsinestep",
 }
-"""Functions that lead from y0 at x0 to y1 at x1, and the operation from 0 to 1 that they are."""
+"""Functions that rise from y0 at x0 to y1 at x1, and their operation, which rises from 0 to 1."""
 
 Ops = tuple[tuple[str, Any], ...]
-"""Pairs (operation, argument): a number, or of "piecewise" a `Piecewise`."""
+"""Pairs (operation, argument); the argument is a number, or a `Piecewise` for "piecewise"."""
 
 _OPERATORS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
 
@@ -135,7 +136,7 @@ class Expression:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """The channels that it names, each once."""
+        """The channels used by the program, each once."""
         return tuple(dict.fromkeys(channel_of(op) for op, _ in self.ops if channel_of(op)))
 
     def value(self, t: float, variables: Mapping[str, Jet] | None = None) -> Jet:
@@ -144,7 +145,7 @@ class Expression:
 
 
 def rescaled(ops: Ops, x: float, y: float) -> Ops:
-    """A program of a variable in other units: its variable divided by x, its value times y."""
+    """A program with its variable divided by x and its value multiplied by y: a change of units."""
     if len(ops) == 1 and ops[0][0] == "const":
         return (("const", ops[0][1] * y),)
     if x != 1.0:
@@ -179,7 +180,7 @@ def parse(
     variable : str
         Name of the variable, in place of the time.
     channels : bool
-        Whether names that are no parameters stand for channels (checked once all are known).
+        Whether names that are not parameters are channels (checked once all channels are known).
 
     Raises
     ------
@@ -190,12 +191,12 @@ def parse(
 
 
 def names_in(text: str) -> tuple[str, ...]:
-    """The names an expression refers to, other than constants and functions it calls.
+    """The names used in an expression, except constants and functions.
 
     Raises
     ------
     SceneError
-        The text is no expression.
+        The text is not an expression.
     """
     tree = syntax_tree(text)
     called = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
@@ -204,7 +205,7 @@ def names_in(text: str) -> tuple[str, ...]:
 
 
 class _Lowering:
-    """Turns the syntax tree into postfix operations, folding constants on the way."""
+    """Converts the syntax tree to postfix operations and folds constants."""
 
     def __init__(
         self, text: str, names: Mapping[str, float], time: bool, channels: bool, variable: str = "t"
@@ -221,7 +222,7 @@ class _Lowering:
             raise mistake(self.text, 0, "the expression is nested too deeply") from None
 
     def column(self, node: ast.expr) -> int:
-        """Character at which the node starts (Python's parser counts bytes)."""
+        """Character index of a node (Python's parser counts bytes)."""
         body = self.text[self.lead :].encode()
         return self.lead + len(body[: node.col_offset].decode(errors="ignore"))
 
@@ -309,7 +310,7 @@ class _Lowering:
         return self.fold(node, (*(op for ops in args for op in ops), (name, 0.0)))
 
     def rise(self, node: ast.Call, args: list[Ops], rise: str) -> Ops:
-        """y0 + (y1 - y0) rise((x - x0)/(x1 - x0)): one function of one variable does it."""
+        """y0 + (y1 - y0) rise((x - x0)/(x1 - x0)), with the one-argument operation `rise`."""
         x, x0, y0, x1, y1 = args
         width = self.fold(node, (*x1, *x0, ("-", 0.0)))
         if width[0][0] == "const" and len(width) == 1 and width[0][1] <= 0:

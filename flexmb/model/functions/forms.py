@@ -1,8 +1,8 @@
 """Named forms of functions of time: constant, polynomial, harmonic, Fourier, motion profiles.
 
 In: the numbers of a table such as ``{type = "harmonic", amplitude = 2, frequency = 50}``, in the
-scene's units. Out: operations over t in SI, the same that expressions lower to. Motion profiles
-lead from one value to another and stay there; their rises from 0 to 1 are those of
+scene's units. Out: operations over t in SI, the same as those of expressions. Motion profiles go
+from one value to another and stay there; their rises from 0 to 1 are those of
 :mod:`flexmb.model.functions.derivatives`, the trapezoidal profile is a piecewise polynomial. Source
 of the cam curves: Norton, Cam Design and Manufacturing Handbook, 2nd ed. (2009), chapters 2 and 3.
 """
@@ -24,7 +24,7 @@ from flexmb.model.reading import ReadContext, Reader, Spec, context_of, fail, qu
 
 
 def _coefficients(value: Any, info: ValidationInfo) -> tuple[float, ...]:
-    """Numbers c0, c1, c2, ... of which the k-th is a value over time to the power k."""
+    """Coefficients c0, c1, c2, ...; the k-th has the unit of the value over time to the power k."""
     names = context_of(info)
     value = plain(value)
     if not isinstance(value, list):
@@ -39,13 +39,13 @@ Moment = Annotated[float, Quantity("s")]
 
 
 class FunctionForm(Spec):
-    """Base of the named forms; each turns its numbers, in SI, into operations over t."""
+    """Base of the named forms; each converts its numbers, in SI, to operations over t."""
 
     def ops(self) -> Ops:
         raise NotImplementedError
 
     def written(self, table: Any, names: ReadContext) -> Any:
-        """What the user gave, such that it can be read without any other file."""
+        """The user's table in a form that needs no other file."""
         return table
 
 
@@ -119,7 +119,7 @@ class Fourier(FunctionForm):
 
 
 class Rise(FunctionForm):
-    """Base of the forms that rise from y0 at t0 to y1 at t1, as that function of expressions."""
+    """Base of the forms that rise from y0 at t0 to y1 at t1 by a function of expressions."""
 
     function: ClassVar[str]
     t0: Moment = 0.0
@@ -145,7 +145,7 @@ def _after(where: str, end: float, begin: float, names: ReadContext) -> None:
 
 
 class Step(Rise):
-    """y0 before t0, y1 after t1, between them a cubic with level ends"""
+    """y0 before t0, y1 after t1, in between a cubic with zero slope at both ends"""
 
     type: Literal["step"]
     function = "step"
@@ -185,7 +185,7 @@ class ModifiedSine(Rise):
 
 @dataclass(frozen=True)
 class _Rate(Quantity):
-    """Annotation of a float: the slot's unit over a power of time."""
+    """Annotation of a float whose unit is the expected one over a power of time."""
 
     power: int = 1
 
@@ -195,10 +195,9 @@ class _Rate(Quantity):
 
 
 class Trapezoidal(FunctionForm):
-    """y0 before t0, then even acceleration, even speed, even braking to y1;
-
-    either within t1 - t0 (speeding up and braking take ramp each, a third by default), or in the
-    least time with that speed and acceleration at most
+    """y0 before t0, then constant acceleration, constant speed and constant deceleration to y1;
+    either within t1 - t0 (acceleration and deceleration take ramp each, a third by default), or in
+    the shortest time within limits of speed and acceleration
     """
 
     type: Literal["trapezoidal"]
@@ -227,12 +226,14 @@ class Trapezoidal(FunctionForm):
         return self
 
     def times(self) -> tuple[float, float]:
-        """Durations of the acceleration (and the braking), and of the even speed [s]."""
+        """Durations of the acceleration (equal to that of the deceleration) and of the constant
+        speed [s]."""
         if self.t1 is not None:
             whole = self.t1 - self.t0
             ramp = whole / 3.0 if self.ramp is None else self.ramp
             return ramp, whole - 2.0 * ramp
-        assert self.speed is not None and self.acceleration is not None  # the other way
+        # speed and acceleration are given if t1 is not
+        assert self.speed is not None and self.acceleration is not None
         way = abs(self.y1 - self.y0)
         if way * self.acceleration < self.speed**2:  # the speed is never reached
             return float(np.sqrt(way / self.acceleration)), 0.0

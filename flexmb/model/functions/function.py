@@ -1,9 +1,9 @@
 """Functions of time as data: a number, an expression in t, or a named form with its numbers.
 
 In: ``25.0``, ``"speed*t"`` or ``{type = "harmonic", amplitude = 2, frequency = 50}``, value and t
-in the scene's units. Out: a :class:`Function`, which stores what was written and its
-:class:`Expression` in SI; ``value(t)`` gives value, first and second derivative. Each
-form lowers to the same operations, so that one small kernel evaluates them all.
+in the scene's units. Out: a :class:`Function`, which stores the input and its :class:`Expression`
+in SI; ``value(t)`` gives value, first and second derivative. Every form is converted to the same
+operations, which one small kernel evaluates.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ FUNCTION_FORMS: dict[str, type[FunctionForm]] = {
 
 @dataclass(frozen=True)
 class Function:
-    """A function of time: what the user wrote, in the scene's units, and its program in SI."""
+    """A function of time: the user's input in the scene's units, and its program in SI."""
 
     source: float | str | Mapping[str, Any]
     expression: Expression
@@ -75,7 +75,7 @@ class Function:
 
     @property
     def curve(self) -> Piecewise | None:
-        """The curve through points that it is; None of anything else."""
+        """The curve, if the function is a curve through points; else None."""
         ops = self.expression.ops
         curve = ops[-1][1] if ops and ops[0][0] == "t" and len(ops) == 2 else None
         return curve if isinstance(curve, Piecewise) else None
@@ -85,7 +85,7 @@ class Function:
         return self.expression.value(t)
 
     def problems(self, where: str, derivatives: int = 0) -> Iterator[Problem]:
-        """A value at the start of a run, and as many derivatives as are needed, must be finite."""
+        """The problem of a value or derivative that is not finite at the start of a run."""
         if self.expression.channels:
             return  # their values come from the run
         parts = ("value", "first derivative", "second derivative")
@@ -96,13 +96,15 @@ class Function:
                 return
 
     def derivative_jumps(self, end: float) -> tuple[float, ...]:
-        """Times in (0, end) [s] where value, first or second derivative jump, as far as known."""
+        """Times in (0, end) [s] at which value, first or second derivative jump, if known in closed
+        form."""
         return derivative_jumps(self.expression.ops, end)
 
 
 @dataclass(frozen=True)
 class FunctionOf(FieldType):
-    """Annotation of a :class:`Function`: the SI unit of its value; whether it may name channels."""
+    """Annotation of a :class:`Function`: the SI unit of its value, and whether it may use
+    channels."""
 
     unit: str
     channels: bool = False
@@ -124,15 +126,16 @@ class FunctionOf(FieldType):
 
 
 def per_second(unit: str) -> str:
-    """The unit of a rate of what is measured in `unit`."""
+    """The unit of the rate of a quantity measured in `unit`."""
     return f"{unit}/s" if unit else "1/s"
 
 
 @dataclass(frozen=True)
 class FunctionInDeclaredUnit(FunctionOf):
-    """Annotation of a :class:`Function` in the unit of its table's field ``unit``, which precedes.
+    """Annotation of a :class:`Function` in the unit that the field ``unit`` of its table states
+    before.
 
-    Its numbers and expressions are in the scene's units of that quantity; ``rate``: that per time.
+    Its numbers and expressions are in the scene's units of that quantity; with ``rate`` per time.
     """
 
     unit: str = ""
@@ -161,7 +164,7 @@ UnitName = Annotated[str, Reader(_read_unit)]
 def read_function(
     value: Any, names: Names | None = None, unit: str = "", channels: bool = False
 ) -> Function:
-    """A function of time from any of the ways to say it.
+    """A function of time from any of its notations.
 
     Parameters
     ----------
@@ -172,7 +175,7 @@ def read_function(
     unit : str
         SI unit of the value, ``""`` for a plain number.
     channels : bool
-        Whether an expression may name channels; they stand for values in the scene's units.
+        Whether an expression may use channels, which then have their values in the scene's units.
 
     Raises
     ------

@@ -1,16 +1,17 @@
 """Piecewise polynomials of one variable: what splines, tables and trapezoidal profiles are.
 
 In: knots and the coefficients of every piece. Out: a :class:`Piecewise`, which gives value, first
-and second derivative, its antiderivative, the knots where one of them jumps, and the numbers that
-the compiled kernel reads. Beyond the knots one polynomial each holds, or everything repeats.
+and second derivative, its antiderivative, the knots where one of them jumps, and the data for the
+compiled kernel. Beyond the knots the function is one polynomial on each side, or it is periodic.
 
-Curves through points are such polynomials: straight, cubic spline, Akima, monotone. SciPy finds
-their slopes, loaded when a scene first needs it: de Boor, A Practical Guide to Splines (2001),
-ch. IV, for the cubic spline; Akima, J. ACM 17 (1970) 589; Fritsch and Carlson, SIAM J. Numer. Anal.
-17 (1980) 238, with the means of Fritsch and Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300.
+Curves through points are such polynomials: straight lines, cubic spline, Akima, monotone. SciPy,
+which is imported when first needed, computes their slopes: de Boor, A Practical Guide to Splines
+(2001), ch. IV, for the cubic spline; Akima, J. ACM 17 (1970) 589; Fritsch and Carlson, SIAM J.
+Numer. Anal. 17 (1980) 238, with the means of Fritsch and Butland, SIAM J. Sci. Stat. Comput. 5
+(1984) 300.
 
-SciPy's PPoly is not used beyond that: it knows no different rows outside the knots, no mean of a
-repeated curve, and loses digits of long integrals, whose sums are formed in long double here.
+SciPy's PPoly is not used for more: it has no separate polynomials outside the knots and no mean of
+a periodic curve, and it loses digits of long integrals, whose sums are in long double here.
 """
 
 from __future__ import annotations
@@ -40,9 +41,9 @@ class Piecewise:
     coefficients : (n + 2, p) array
         Row 0 holds before the first knot, row k between knots k - 1 and k, the last row after the
         last knot. Powers of the distance from the knot to the left (row 0: from the first knot),
-        lowest first. Rows that are not a number: there is no value there.
+        lowest power first. Rows of NaN: the function has no value there.
     period : float
-        The function repeats after this; 0 if it does not.
+        Period of the function; 0 if it is not periodic.
     """
 
     knots: Array
@@ -51,15 +52,15 @@ class Piecewise:
 
     @classmethod
     def between(cls, knots: ArrayLike, coefficients: ArrayLike, beyond: str) -> Piecewise:
-        """From the n pieces between n + 1 knots; `beyond` says what holds outside.
+        """From the n pieces between n + 1 knots; `beyond` selects the continuation outside.
 
-        ``"hold"`` keeps the values at both ends, ``"extrapolate"`` the polynomials, ``"repeat"``
-        begins again, ``"error"`` has no value there.
+        ``"hold"``: constant values of both ends; ``"extrapolate"``: the polynomials of the end
+        pieces; ``"repeat"``: periodic; ``"error"``: no value.
         """
         x, c = np.asarray(knots, dtype=float), np.asarray(coefficients, dtype=float)
         before, after = c[0].copy(), shifted(c[-1], x[-1] - x[-2])
         if beyond == "error":
-            # Round-off of the time may lie past an end: the polynomials extend a little.
+            # A time may exceed an end by round-off: the polynomials extend slightly beyond it.
             slack = 1e-9 * (x[-1] - x[0])
             nothing = np.full_like(before, np.nan)
             rows = np.vstack([nothing, shifted(before, -slack), c, after, nothing])
@@ -77,7 +78,7 @@ class Piecewise:
 
     @cached_property
     def data(self) -> Array:
-        """Pieces, coefficients per piece, period, knots and coefficients in one row."""
+        """Number of pieces, coefficients per piece, period, knots and coefficients in one row."""
         n, p = len(self.knots) - 1, self.coefficients.shape[1]
         return np.concatenate([[n, p, self.period], self.knots, self.coefficients.ravel()])
 
@@ -103,11 +104,11 @@ class Piecewise:
         return f
 
     def antiderivative(self) -> Piecewise:
-        """The antiderivative that is zero at the first knot; of one that does not repeat."""
-        assert self.period == 0.0  # see `without_mean`
+        """The antiderivative that is zero at the first knot; not for periodic functions."""
+        assert self.period == 0.0  # periodic functions: see `without_mean`
         x, c = self.knots, self.coefficients
         rows = np.hstack([np.zeros((len(c), 1)), c / np.arange(1, c.shape[1] + 1)])
-        widths = np.diff(x).astype(np.longdouble)  # a long sum keeps its digits
+        widths = np.diff(x).astype(np.longdouble)  # so that a long sum keeps its digits
         parts = np.zeros(len(widths), dtype=np.longdouble)
         for coefficient in rows[1:-1].T[::-1]:
             parts = parts * widths + coefficient
@@ -115,7 +116,7 @@ class Piecewise:
         return Piecewise(x, rows)
 
     def without_mean(self) -> tuple[float, Piecewise]:
-        """The mean of one that repeats, and what is left without it, which repeats as well."""
+        """The mean of a periodic function, and the (periodic) function minus its mean."""
         once = Piecewise(self.knots, self.coefficients).antiderivative()
         mean = float(once.coefficients[-1, 0]) / self.period
         rows = self.coefficients.copy()
@@ -123,7 +124,7 @@ class Piecewise:
         return mean, Piecewise(self.knots, rows, self.period)
 
     def repeated_antiderivative(self) -> Piecewise:
-        """An antiderivative of mean zero of one that repeats and has the mean zero."""
+        """The periodic antiderivative, of mean zero, of a periodic function of mean zero."""
         once = Piecewise(self.knots, self.coefficients).antiderivative()
         return Piecewise(once.knots, once.coefficients, self.period).without_mean()[1]
 
@@ -166,36 +167,36 @@ def linear_curve(x: ArrayLike, y: ArrayLike, beyond: str) -> Piecewise:
 
 
 def cubic_spline(x: ArrayLike, y: ArrayLike, ends: str, beyond: str) -> Piecewise:
-    """Cubic spline; ``ends`` natural (no curvature), clamped (level), or periodic."""
+    """Cubic spline; ``ends`` are natural (zero curvature), clamped (zero slope), or periodic."""
     from scipy.interpolate import CubicSpline
 
     y = np.array(y, dtype=float)
     if ends == "periodic":
-        y[-1] = y[0]  # to the last digit
+        y[-1] = y[0]  # equal to the last digit
     return _piecewise(CubicSpline(x, y, bc_type=ends), beyond)
 
 
 def akima_curve(x: ArrayLike, y: ArrayLike, beyond: str) -> Piecewise:
-    """Akima's curve, which follows the points without overshooting next to a corner."""
+    """Akima's curve, which hardly overshoots next to a corner."""
     from scipy.interpolate import Akima1DInterpolator
 
     return _piecewise(Akima1DInterpolator(x, y), beyond)
 
 
 def monotone_curve(x: ArrayLike, y: ArrayLike, beyond: str) -> Piecewise:
-    """Cubics that rise and fall as the points do: no extreme between two of them."""
+    """Monotone cubics: the curve has no extreme between two points."""
     from scipy.interpolate import PchipInterpolator
 
     return _piecewise(PchipInterpolator(x, y), beyond)
 
 
 def _piecewise(curve: Any, beyond: str) -> Piecewise:
-    """From SciPy's coefficients, highest power first."""
+    """From SciPy's coefficients, which have the highest power first."""
     return Piecewise.between(curve.x, curve.c[::-1].T, beyond)
 
 
 def straight_beyond(curve: Piecewise) -> Piecewise:
-    """The same curve, continued straight with the slopes of its ends."""
+    """The same curve, continued beyond its ends by straight lines with the slopes there."""
     x, c, rows = curve.knots, curve.coefficients, curve.coefficients.copy()
     rows[0], rows[-1] = 0.0, 0.0
     rows[0, :2], rows[-1, :2] = c[1, :2], shifted(c[-2], x[-1] - x[-2])[:2]

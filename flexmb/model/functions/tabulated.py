@@ -1,11 +1,11 @@
 """Functions through points: splines and tables, the points in the scene or in a CSV file.
 
 In: ``points = [[t, y], ...]`` or ``file = "motion.csv"`` with the columns to take. Out: operations
-over t in SI. What holds beyond the first and the last point is said by ``beyond``.
+over t in SI. ``beyond`` selects the continuation before the first and after the last point.
 
-In a file comma, semicolon, tab or blanks stand between the columns; empty lines and what
-follows # are skipped; a first line without numbers names the columns. Curves read their points
-(x, y) in the same way: pairs in SI, or a problem with the point or the line that is wrong.
+Columns of a file are separated by comma, semicolon, tab or blanks; empty lines and comments after #
+are skipped; a first line without numbers names the columns. Curves read their points (x, y) by the
+same functions. Out: pairs in SI, or a problem that names the wrong point or line.
 """
 
 from __future__ import annotations
@@ -39,12 +39,13 @@ from flexmb.units import UnitSystem, parse_unit
 Points = tuple[tuple[float, float], ...]
 _TIMES = ("s", "times")
 _DECIMALS = "; decimals are written with a point, columns apart by commas, semicolons or tabs"
-_MAX_QUOTED = 24  # letters of a cell in a message: a longer one is no number and no name
-_MAX_BYTES = 2e8  # of a file
+# characters of a cell quoted in a message; a longer one is neither number nor name
+_MAX_QUOTED = 24
+_MAX_BYTES = 2e8  # largest size of a file [bytes]
 
 
 def read_points(value: Any, names: ReadContext, units: tuple[str, str], point: str) -> Points:
-    """Points of a list; ``point`` is how one is written, such as ``"[t, y]"``."""
+    """Points of a list in SI; ``point`` is its notation in messages, such as ``"[t, y]"``."""
     rows = plain(value)
     if not isinstance(rows, list):
         raise SceneError(f"a list of points {point} is expected, given {quote(value)}")
@@ -72,7 +73,7 @@ def check_order(x: Sequence[float], units: UnitSystem, unit: str, noun: str) -> 
 
 
 class Columns(NamedTuple):
-    """Which columns to take, by name or number from 1 on, and their units (None: the scene's)."""
+    """The columns to take, by name or by number from 1 on, and their units (None: the scene's)."""
 
     names: tuple[str | int, str | int]
     units: tuple[str, str] | None
@@ -88,13 +89,13 @@ def read_columns(
     path : Path
         The file.
     columns : Columns
-        What to take.
+        Names or numbers of the columns, and their units.
     units : UnitSystem
-        Units of the numbers, unless the columns have their own.
+        Units of the numbers, unless the columns state their own.
     unit : str
         SI unit of the second column.
     first : pair of str
-        SI unit of the first column, and what it holds.
+        SI unit of the first column, and what it contains.
 
     Raises
     ------
@@ -141,7 +142,8 @@ def read_lines(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 
 def _check_widths(path: Path, lines: Sequence[tuple[int, list[str]]]) -> None:
-    """Refuse lines with more or fewer cells than the first, as decimal commas make of numbers."""
+    """Refuse lines with more or fewer cells than the first; decimal commas split numbers this
+    way."""
     first, *widths = ((number, _width(cells)) for number, cells in lines)
     for number, width in widths:
         if width != first[1]:
@@ -150,7 +152,7 @@ def _check_widths(path: Path, lines: Sequence[tuple[int, list[str]]]) -> None:
 
 
 def _width(cells: Sequence[str]) -> int:
-    """Number of cells without empty ones at the end."""
+    """Number of cells, not counting empty ones at the end."""
     return max((k for k, cell in enumerate(cells, 1) if cell), default=0)
 
 
@@ -163,12 +165,13 @@ def number_in(cell: str) -> float | None:
 
 
 def _place(path: Path, name: str | int, header: list[str]) -> int:
-    """Place of a column in a line, from 0 on."""
+    """Index of a column in a line, from 0 on."""
     if isinstance(name, int):
         return name - 1
     if name not in header:
         short = len(header) > 1 and all(len(cell) <= _MAX_QUOTED for cell in header)
-        names = tuple(header) if short else ()  # else it is no table, and nobody's text to show
+        # otherwise it is not a header; its text is not repeated
+        names = tuple(header) if short else ()
         what = f'{path.name} has no column "{name}"'
         if not header:
             what += ": its first line names none, so give their numbers"
@@ -189,7 +192,7 @@ def _cell(path: Path, line: int, cells: list[str], place: int) -> float:
 
 
 def _scales(texts: tuple[str, str] | None, units: UnitSystem, si: tuple[str, str]) -> list[float]:
-    """Factors of both columns to SI."""
+    """Factors that convert both columns to SI."""
     if texts is None:
         return [units.scale(unit) for unit in si]
     factors = []
@@ -214,7 +217,7 @@ def _write_points(points: Points, info: SerializationInfo) -> Any:
 
 
 def written_points(points: Points, names: ReadContext) -> list[list[Any]]:
-    """Points in the scene's units, such that reading gives the same."""
+    """Points in the scene's units that read back as the same numbers."""
     units, slot = names.units, names.expected_unit or ""
     return [[units.written(t, "s"), units.written(y, slot)] for t, y in points]
 
@@ -275,7 +278,7 @@ class Tabulated(FunctionForm):
         """The points, in SI."""
         if self.file is not None:
             return self.file[1]
-        assert self.points is not None  # one of them is given
+        assert self.points is not None  # either points or file is given
         return self.points
 
     def curve(self, t: Any, y: Any) -> Piecewise:
@@ -286,7 +289,7 @@ class Tabulated(FunctionForm):
         return (("t", 0.0), ("piecewise", self.curve(t, y)))
 
     def written(self, table: Any, names: ReadContext) -> Any:
-        """With the points in place of the file."""
+        """The table with the points of the file."""
         if self.file is None:
             return table
         left = {k: v for k, v in table.items() if k not in ("file", "columns", "units")}

@@ -1,1 +1,1 @@
-"""What holds and moves bodies: joints, couplers, curves, drivers."""
+"""What connects and moves bodies: joints, couplers, curves, drivers."""

@@ -1,12 +1,12 @@
 """Couplers: one equation between coordinates of two or three joints.
 
-A linear coupler is a1 x1 + a2 x2 (+ a3 x3) = constant in the coordinates themselves; gears and
-racks, whose factors follow from where their wheels are, stand in :mod:`flexmb.model.joints.gear`.
+A linear coupler is a1 x1 + a2 x2 (+ a3 x3) = constant in the coordinates themselves. Gears and
+racks, whose factors follow from the positions of their wheels, are in
+:mod:`flexmb.model.joints.gear`.
 
-Couplers of a model are linear equations A x = c between joint coordinates x: a row that others
-combine to closes a loop whose ratios agree, and repeats them; a coordinate that the rows determine
-is locked.
-Source: Hong & Liu 2011, sections 1.3, 1.7.
+The couplers of a model are linear equations A x = c in joint coordinates x. A row that is a linear
+combination of others closes a loop whose ratios agree: it is redundant. A coordinate that is
+determined by the rows alone is locked. Source: Hong & Liu 2011, sections 1.3, 1.7.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Term:
 
 @dataclass(frozen=True)
 class Equation:
-    """Σ factor x = constant; ``relative``: x are counted from the placed pose."""
+    """Σ factor x = constant; if ``relative``, each x is measured from the placed pose."""
 
     terms: tuple[Term, ...]
     constant: float
@@ -65,13 +65,13 @@ class Coupler(Component):
 
     @property
     def coordinates(self) -> tuple[Key, ...]:
-        """Joints and coordinates that it relates, in order."""
+        """Joints and coordinates that the coupler relates, in order."""
         raise NotImplementedError
 
     def reaction_names(self, name: str) -> tuple[str, ...]:
-        """Names of what it does to each of its joints, ``coupler.joint``.
+        """Names of its reactions on its joints, ``coupler.joint``.
 
-        With the coordinate behind them where the joint alone does not identify it.
+        The coordinate is appended if the joint alone does not identify the reaction.
         """
         joints = [joint for joint, _ in self.coordinates]
         return tuple(
@@ -80,12 +80,12 @@ class Coupler(Component):
         )
 
     def equation(self, model: ModelData, flexbodies: Bodies) -> Equation:
-        """Its equation; its joints exist and share a carrier.
+        """The equation; its joints must exist and share a carrier.
 
         Raises
         ------
         SceneError
-            Axes on which the wheels cannot roll, radii that do not fit their distance.
+            Axes on which the wheels cannot roll, or radii that do not fit the distance of the axes.
         """
         raise NotImplementedError
 
@@ -96,11 +96,11 @@ class Coupler(Component):
             yield from self.geometry_problems(scope, where)
 
     def reference_problems(self, scope: Scope, where: str) -> Iterator[Problem]:
-        """Joints that exist, differ, and have these coordinates."""
+        """Problems of joints that do not exist, are equal, or do not have these coordinates."""
         raise NotImplementedError
 
     def geometry_problems(self, scope: Scope, where: str) -> Iterator[Problem]:
-        """What keeps it from having an equation, as far as the bodies of its joints are known."""
+        """Why there is no equation, as far as the bodies of its joints are known."""
         model = scope.model
         for joint, _ in self.coordinates:
             for end in model.joints[joint].between:
@@ -203,7 +203,8 @@ class LinearCouplerSpec(Coupler):
 
 
 def coupler_equations(model: ModelData, flexbodies: Bodies) -> Iterator[tuple[str, Equation]]:
-    """The equations of screws (by scene path), then those of couplers (by name) that can be had."""
+    """Equations of screws (by scene path), then of couplers (by name); those with errors are left
+    out."""
     for name, joint in model.joints.items():
         if joint.pitch is not None:
             thread = (Term(name, "angle", joint.pitch / (2 * math.pi)), Term(name, "stroke", -1.0))
@@ -215,18 +216,18 @@ def coupler_equations(model: ModelData, flexbodies: Bodies) -> Iterator[tuple[st
             continue  # reported by the check of the coupler itself
 
 
-_ROUND_OFF = 1e-9  # share of a row that round-off of ratios leaves
+_ROUND_OFF = 1e-9  # share of a row of unit length below which its remainder is round-off
 
 
 def coupler_loop_problems(scope: Scope) -> Iterator[Problem]:
-    """Loops of couplers that contradict or lock; asked where each coupler fits by itself."""
+    """Problems of couplers that contradict or lock each other, if each is correct by itself."""
     for loop in _loops(scope.model, scope.flexbodies):
         if loop.problem is not None:
             yield Problem(f"couplers.{loop.name}", loop.problem)
 
 
 def repeated_couplers(model: ModelData, flexbodies: Bodies) -> Iterator[str]:
-    """Sentences on couplers that close a loop in which all ratios agree."""
+    """Sentences on couplers that close a loop in which all ratios agree, and so are redundant."""
     for loop in _loops(model, flexbodies):
         if loop.problem is None:
             yield (
@@ -238,10 +239,11 @@ def repeated_couplers(model: ModelData, flexbodies: Bodies) -> Iterator[str]:
 
 @dataclass
 class _Independent:
-    """The couplers so far that repeat no others, and the coordinates that they relate."""
+    """The independent couplers so far, and the coordinates that they relate."""
 
     equations: list[tuple[str, Equation]] = field(default_factory=list)
-    relating: dict[Key, list[int]] = field(default_factory=dict)  # their numbers by coordinate
+    # indices of the equations that contain each coordinate
+    relating: dict[Key, list[int]] = field(default_factory=dict)
     locked: set[Key] = field(default_factory=set)
 
     def add(self, name: str, equation: Equation) -> None:
@@ -251,9 +253,10 @@ class _Independent:
         self.equations.append((name, equation))
 
     def extends(self, equation: Equation) -> bool:
-        """Whether a coupler reaches coordinates that no other relates, and locks none.
+        """Whether a coupler has coordinates that no other relates, and locks none.
 
-        It locks none if there are two such, or one that follows one which can move.
+        It locks none if there are two such coordinates, or one that follows a coordinate which can
+        move.
         """
         factors = _factors(equation)
         least = _ROUND_OFF * math.hypot(*factors.values())
@@ -263,7 +266,8 @@ class _Independent:
         return new > 1 or (new == 1 and len(old) == 1 and old[0] not in self.locked)
 
     def connected(self, equation: Equation) -> dict[str, Equation]:
-        """All couplers that shared coordinates join to one, in order."""
+        """All couplers that are connected with one, directly or through others, by shared
+        coordinates."""
         numbers: set[int] = set()
         left = list(_factors(equation))
         while left:
@@ -274,7 +278,7 @@ class _Independent:
 
 
 class _Loop(NamedTuple):
-    """A coupler that closes a loop: with which others; what is wrong, None if all agrees."""
+    """A coupler that closes a loop with others; ``problem`` is None if all of them agree."""
 
     name: str
     others: tuple[str, ...]
@@ -282,7 +286,7 @@ class _Loop(NamedTuple):
 
 
 def _loops(model: ModelData, flexbodies: Bodies) -> Iterator[_Loop]:
-    """Couplers that close a loop with earlier ones, in order."""
+    """Couplers that close a loop with earlier ones, in the order of the model."""
     couplers = _Independent()
     for name, equation in coupler_equations(model, flexbodies):
         if couplers.extends(equation):
@@ -292,7 +296,7 @@ def _loops(model: ModelData, flexbodies: Bodies) -> Iterator[_Loop]:
 
 
 def _closed_loop(couplers: _Independent, name: str, equation: Equation) -> Iterator[_Loop]:
-    """The loop that a coupler closes with others, if it does; an independent one is added."""
+    """The loop that a coupler closes with others, if any; an independent coupler is added."""
     connected = couplers.connected(equation)
     keys = list(dict.fromkeys(key for e in (*connected.values(), equation) for key in _factors(e)))
     before = np.array([_row(e, keys) for e in connected.values()]).reshape(-1, len(keys))
@@ -329,20 +333,21 @@ def _factors(equation: Equation) -> dict[Key, float]:
 
 
 def _row(equation: Equation, keys: list[Key]) -> Array:
-    """The factors of an equation, in this order of coordinates and of unit size."""
+    """The factors of an equation in the order of `keys`, scaled to a row of unit length."""
     factors = _factors(equation)
     row = np.array([factors.get(key, 0.0) for key in keys])
     return np.asarray(row / np.linalg.norm(row))
 
 
 def _combined(rows: Array, wanted: Array) -> tuple[Array, float]:
-    """Shares of the rows that come closest to the wanted one, and what is left of it."""
+    """Coefficients of the combination of rows that is nearest to `wanted`, and the distance
+    left."""
     share = np.linalg.lstsq(rows.T, wanted, rcond=None)[0]
     return np.asarray(share, float), float(np.linalg.norm(wanted - rows.T @ share))
 
 
 def _locked(rows: Array) -> NDArray[np.bool_]:
-    """Whether the rows, which are independent, determine each coordinate."""
+    """(keys,) bool: coordinates that the (independent) rows determine alone."""
     Q = np.linalg.qr(rows.T)[0]
     left = np.eye(rows.shape[1]) - Q @ Q.T
     locked: NDArray[np.bool_] = np.linalg.norm(left, axis=0) <= _ROUND_OFF
@@ -352,7 +357,8 @@ def _locked(rows: Array) -> NDArray[np.bool_]:
 def _contradiction(
     equation: Equation, others: tuple[str, ...], connected: dict[str, Equation], share: Array
 ) -> str | None:
-    """What is wrong with a repeated equation: its constant, where all are absolute."""
+    """The problem of a redundant equation with another constant; None if any equation is
+    relative."""
     if equation.relative or any(connected[name].relative for name in others):
         return None
 
@@ -369,12 +375,12 @@ def _contradiction(
 
 
 def _product(before: Array, row: Array) -> float | None:
-    """The product of the ratios around a loop of couplers that have two terms each."""
+    """The product of the ratios around a loop of couplers with two terms each; None for others."""
     terms = np.flatnonzero(np.abs(row) > _ROUND_OFF)
     if len(terms) != 2 or len(before) == 0:
         return None
     i, j = terms
-    # The motions that the others allow, as those two coordinates see them.
+    # Motions that the other couplers allow, restricted to those two coordinates.
     _, size, Vt = np.linalg.svd(before)
     allowed = Vt[int(np.sum(size > _ROUND_OFF)) :, [i, j]]
     scale, directions = np.linalg.svd(allowed)[1:]

@@ -1,10 +1,10 @@
 """Curves that joints slide along: their shape alone, in the axes of the marker that carries them.
 
 A curve is a spline through points, a polar or parametric expression in the parameter t, or a
-circle, in the plane x, y of its marker or, with three coordinates, in space. Splines are cubic,
-natural or periodic, over the length of the chords between their points. A :class:`CurveShape` gives
-value and derivatives, twice continuously differentiable between its breaks and, but for corners of
-expressions, across them.
+circle; it lies in the plane x, y of its marker or, with three coordinates, in space. Splines are
+cubic, natural or periodic, over the accumulated lengths of the chords between their points. A
+:class:`CurveShape` gives value and derivatives. It is twice continuously differentiable between its
+breaks, and also across them except at corners of expressions.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from flexmb.units import UnitSystem
 
 @dataclass(frozen=True)
 class Profile:
-    """A length as an expression in the parameter t of a curve; its program gives it in SI."""
+    """A length as an expression in the parameter t of a curve; ``ops`` is its program in SI."""
 
     source: float | str
     ops: Ops
@@ -75,8 +75,8 @@ _SHAPES = ("points", "file", "polar", "polar_points", "x", "circle")
 class CurveSpec(Component):
     """The shape of a curve: exactly one of ``points``, ``file`` (a CSV table of points), ``polar``
     (radius over the angle t), ``polar_points`` (angles and radii), ``x`` with ``y`` over t,
-    ``circle`` (a radius). ``range`` of t, one turn by default; ``closed``: its end joins its
-    beginning.
+    ``circle`` (a radius). ``range`` of t, 0 to 2 pi by default; ``closed``: its end joins its
+    start.
     """
 
     points: Points | None = None
@@ -120,7 +120,7 @@ class CurveSpec(Component):
     def in_plane(self) -> bool:
         """Whether it has two coordinates, in the plane x, y of its marker.
 
-        A file is known once it is read.
+        For a file this is known once it is read.
         """
         flat = self.points is None or all(len(point) == 2 for point in self.points)
         return flat and self.z is None
@@ -129,7 +129,7 @@ class CurveSpec(Component):
 def read_curve_file(path: Path, units: UnitSystem) -> Points:
     """Points of a CSV file, two or three columns in the scene's unit of length, in SI.
 
-    The first rows may name the columns.
+    Rows before the first row of numbers may name the columns.
 
     Raises
     ------
@@ -150,16 +150,19 @@ def read_curve_file(path: Path, units: UnitSystem) -> Points:
     return tuple(points)
 
 
-_SAME_POINT = 1e-9  # of the size of a curve: points closer than this are one
+_SAME_POINT = 1e-9  # points closer than this fraction of the curve's size are equal
 _SAMPLES = 720
-_CUSP = 1e-4  # of the largest speed of the parameter; rounding leaves 1e-8 where it vanishes
+# speed of the point over t, relative to the largest, below which it is a cusp; where it vanishes
+# round-off leaves 1e-8
+_CUSP = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class CurveShape:
-    """A curve over a parameter: at(u) gives (n, 3, 3), value and two derivatives by xyz."""
+    """A curve over a parameter u: at(u) gives (n, 3, 3), value and two derivatives, each x, y,
+    z."""
 
-    breaks: Array  # (k + 1,) parameters between which it is smooth
+    breaks: Array  # (k + 1,) parameters between which the curve is smooth
     at: Callable[[Array], Array]
     closed: bool
     in_plane: bool
@@ -171,7 +174,7 @@ class CurveShape:
 
     @property
     def samples(self) -> Array:
-        """Parameters evenly between the ends, both included."""
+        """Equally spaced parameters from start to end, both included."""
         return np.linspace(self.breaks[0], self.breaks[-1], _SAMPLES + 1)
 
     @cached_property
@@ -187,7 +190,7 @@ def curve_shape(model: ModelData, name: str) -> CurveShape:
     Raises
     ------
     SceneError
-        What is wrong with it, or its file.
+        What is wrong with the curve or its file.
     """
     spec = model.curves[name]
     try:
@@ -199,7 +202,7 @@ def curve_shape(model: ModelData, name: str) -> CurveShape:
         raise SceneError.from_problems(under(f"curves.{name}", error.problems)) from None
 
 
-@lru_cache(maxsize=64)  # a curve is needed by checks, joints and pictures
+@lru_cache(maxsize=64)  # checks, joints and pictures all need the curve
 def shape_of(spec: CurveSpec, points: Points | None = None) -> CurveShape:
     """The shape of a curve; `points` (n, 2 or 3) [m] are those of its file or its own.
 
@@ -255,7 +258,8 @@ def _spline(u: Array, x: Array, closed: bool, in_plane: bool) -> CurveShape:
 
 
 def _polar(t: Array, r: Array) -> Array:
-    """(n, 3, 3) of radii (n, 3), value and two derivatives, over the angle t (n,)."""
+    """(n, 3, 3) position and two derivatives from radii (n, 3) and their derivatives over the angle
+    t."""
     e = np.column_stack([np.cos(t), np.sin(t), 0.0 * t])
     n = np.column_stack([-np.sin(t), np.cos(t), 0.0 * t])
     r0, r1, r2 = (r[:, [k]] for k in range(3))
@@ -310,9 +314,9 @@ def _expressions(spec: CurveSpec) -> CurveShape:
 
 
 def _check(shape: CurveShape) -> None:
-    """Refuse what no marker can slide along."""
+    """Refuse a shape along which no marker can slide."""
     u = shape.samples
-    with np.errstate(all="ignore"):  # what is not finite is reported
+    with np.errstate(all="ignore"):  # values that are not finite are reported below
         x = shape.at(u)
     bad = ~np.isfinite(x).all(axis=(1, 2))
     if bad.any():
@@ -330,7 +334,8 @@ def _check(shape: CurveShape) -> None:
 
 
 def _slowest(shape: CurveShape, u: Array, speed: Array) -> tuple[float, float]:
-    """Parameter where the point moves slowest and its speed, refined around the samples' least."""
+    """Parameter at which the point moves slowest, and its speed; refined around the slowest
+    sample."""
     k = int(np.argmin(speed))
     best, least = float(u[k]), float(speed[k])
     low, high = u[max(k - 1, 0)], u[min(k + 1, len(u) - 1)]

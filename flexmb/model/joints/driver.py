@@ -1,8 +1,8 @@
 """Drivers: a coordinate as a function of time, of a joint, of a marker, or between two markers.
 
-Each prescribes the displacement itself, or its velocity or acceleration; these start from ``start``
-(the placed pose by default) and ``start_velocity`` (none by default). Equations: Hong & Liu 2011,
-sections 1.4 and 2.4.
+Each driver prescribes the displacement itself, or its velocity or acceleration; these start from
+``start`` (the placed pose by default) and ``start_velocity`` (zero by default). Equations: Hong &
+Liu 2011, sections 1.4 and 2.4.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ DRIVEN: dict[str, tuple[str, ...]] = {
     "marker": ("x", "y", "z", "angle", "position"),
     "between": ("distance",),
 }
-"""What drives of each kind prescribe."""
+"""Coordinates that drivers of each kind may prescribe."""
 
 _ANGLES = ("angle", "second_angle")
 _ORDER = ("displacement", "velocity", "acceleration")
@@ -51,7 +51,7 @@ assert set(_IN_PLANE) == set(PLANES)
 
 
 class Motion(NamedTuple):
-    """One coordinate over time."""
+    """A driven coordinate and its function of time."""
 
     coordinate: str
     function: Function
@@ -59,7 +59,7 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True)
 class _Driven(FunctionOf):
-    """Annotation of a function that is prescribed, or whose rate is."""
+    """Annotation of a prescribed function: the displacement, its velocity or its acceleration."""
 
     def unit_here(self, info: ValidationInfo) -> str:
         rates = {"displacement": "", "velocity": "/s", "acceleration": "/s^2"}
@@ -67,14 +67,14 @@ class _Driven(FunctionOf):
 
 
 class Start(NamedTuple):
-    """First values [SI] with their unit."""
+    """Start values [SI] and their unit."""
 
     values: tuple[float, ...]
     unit: str
 
 
 def _start(value: Any, info: ValidationInfo) -> Start:
-    """A number, or a list of them, in the unit of what is prescribed."""
+    """A number, or a list of them, in the unit of the prescribed displacement or velocity."""
     names, data = context_of(info), info.data
     unit = "rad" if any(data.get(name) is not None for name in _ANGLES) else "m"
     if info.field_name == "start_velocity":
@@ -101,10 +101,11 @@ _Length = Annotated[Function, _Driven("m")]
 class DriverSpec(Component):
     """Prescribes coordinates of a ``joint``, of a ``marker``, or the distance ``between`` two.
 
-    Of a joint its ``angle``, ``second_angle`` or ``stroke``. Of a marker ``x``, ``y``, ``z`` or
-    ``position``, global or in the axes of the marker ``relative_to``, and its ``angle`` about
-    ``axis`` as for joints. The function is the displacement, or what ``prescribes`` says, from
-    ``start`` (that of the placed pose by default) and ``start_velocity`` (zero by default) on.
+    Of a joint: its ``angle``, ``second_angle`` or ``stroke``. Of a marker: ``x``, ``y``, ``z`` or
+    ``position``, in global axes or those of the marker ``relative_to``, and its ``angle`` about
+    ``axis`` as for joints. The function is the displacement or, by ``prescribes``, its velocity or
+    acceleration; then the displacement starts at ``start`` (by default that of the placed pose)
+    with ``start_velocity`` (by default zero).
     """
 
     prescribes: Literal["displacement", "velocity", "acceleration"] = "displacement"
@@ -127,7 +128,7 @@ class DriverSpec(Component):
     @model_validator(mode="before")
     @classmethod
     def _only_markers_have_a_position(cls, fields: Any) -> Any:
-        """Before what it is written as: a number is no list for a joint either."""
+        """A position of numbers is refused here, before it is read: only markers have one."""
         if isinstance(fields, dict) and "position" in fields and "marker" not in fields:
             target = next((name for name in DRIVEN if name in fields), None)
             if target is not None:
@@ -148,7 +149,7 @@ class DriverSpec(Component):
         return self
 
     def _coordinates(self) -> list[Problem]:
-        """What the target has, and as many of it as may be."""
+        """Problems of coordinates that the target does not have, and of their number."""
         allowed = DRIVEN[self.target]
         names = {name for names in DRIVEN.values() for name in names}
         present = sorted(name for name in names if getattr(self, name) is not None)
@@ -174,7 +175,7 @@ class DriverSpec(Component):
         return []
 
     def _words(self) -> list[Problem]:
-        """Words that mean nothing here."""
+        """Problems of options that have no meaning for this driver."""
         problems = []
         if self.relative_to is not None and self.marker is None:
             problems.append(Problem("relative_to", "only a driver of a marker has it"))
@@ -184,7 +185,7 @@ class DriverSpec(Component):
         return problems
 
     def _starts(self) -> list[Problem]:
-        """First values where they mean something, one for each coordinate."""
+        """Problems of start values: without meaning, or not one for each coordinate."""
         problems, count = [], len(self.motions())
         for name, start, least in (
             ("start", self.start, 1),
@@ -210,7 +211,7 @@ class DriverSpec(Component):
                 yield Problem(f"{where}.distance", what)
 
     def planar_problems(self, scope: Scope, where: str, plane: str) -> Iterator[Problem]:
-        """Coordinates of a marker: along the plane, and about its normal."""
+        """Problems of marker coordinates that are not in the plane or about its normal."""
         if self.marker is None:
             return
         if self.axis is not None and not across(self.axis, plane):
@@ -234,7 +235,7 @@ class DriverSpec(Component):
 
     @property
     def ends(self) -> tuple[str, str]:
-        """Markers I and J of a driver that is not of a joint."""
+        """Markers I and J of a driver that is not on a joint."""
         if self.between is not None:
             return self.between
         assert self.marker is not None  # one of the three is given
@@ -242,11 +243,11 @@ class DriverSpec(Component):
 
     @property
     def order(self) -> int:
-        """How often the function is integrated: 0, 1 or 2."""
+        """Number of integrations of the function to the displacement: 0, 1 or 2."""
         return _ORDER.index(self.prescribes)
 
     def motions(self, plane: str | None = None) -> tuple[Motion, ...]:
-        """Every coordinate with its function; a position of two is one in the plane."""
+        """All driven coordinates with their functions; in a plane a position has two."""
         motions = [
             Motion(name, getattr(self, name))
             for name in (*COORDINATES, *_AXES, "distance")
@@ -259,20 +260,20 @@ class DriverSpec(Component):
 
     @property
     def coordinate(self) -> str:
-        """The coordinate, of a driver of one."""
+        """The coordinate, for a driver with a single one."""
         return self.motions()[0].coordinate
 
     @property
     def function(self) -> Function:
-        """What is prescribed over time, of a driver of one coordinate."""
+        """The prescribed function of time, for a driver with a single coordinate."""
         return self.motions()[0].function
 
 
-_SAMPLES = 201  # of a distance over the run
+_SAMPLES = 201  # samples of a distance over the run
 
 
 def _target(scope: Scope, where: str, spec: DriverSpec) -> Iterator[Problem]:
-    """A coordinate that the joint has, or markers that move."""
+    """Problems of a coordinate that the joint does not have, or of markers that cannot move."""
     if spec.joint is not None:
         yield from scope.coordinate(where, spec.joint, spec.coordinate)
         return
@@ -294,7 +295,7 @@ def _target(scope: Scope, where: str, spec: DriverSpec) -> Iterator[Problem]:
 
 
 def closing_problem(model: ModelData, distance: Expression) -> str | None:
-    """The sentence for a distance that does not stay above zero over the run, as far as seen."""
+    """A sentence if a prescribed distance is not positive at some sample of the run; else None."""
     end, units = model.dynamics.duration if model.dynamics is not None else 0.0, model.units
     for t in np.linspace(0.0, end, _SAMPLES if end > 0.0 else 1):
         value = distance.value(float(t))[0]

@@ -1,14 +1,15 @@
 """Gears and racks: wheels that roll on each other on their pitch circles.
 
-Two wheels hang by two joints on one common body, the carrier: ground, or an arm that turns itself.
-θ is the angle of a wheel relative to it about its joint's axis u, which is the joint's angle if the
-carrier is on side I and its negative otherwise, from the placed pose on. Wheels that roll on each
-other outside turn in opposite senses about parallel u of one direction, and about axes that meet if
-both u lead from there to their wheels, or both back; inside, in the same sense. Where a wheel's
-marker lies in the meeting point itself, u counts as leading to the wheel. A rack moves with the
-point of the pinion below it, s' = R θ' (u × n)·d, d the direction of the rack and n across it from
-the pinion's axis.
-Source: rolling of pitch cones; Hong & Liu 2011, section 1.7; Willis, Principles of Mechanism, 1841.
+Two wheels are mounted by two joints on one common body, the carrier: ground, or an arm that rotates
+itself. θ is the angle of a wheel relative to the carrier about the axis u of its joint, measured
+from the placed pose; it is the joint's angle if the carrier is on side I and its negative
+otherwise. Wheels in external contact rotate in opposite senses if their axes u are parallel and of
+the same direction, or if the axes intersect and both u point from the intersection to the wheels,
+or both away from them. Wheels in internal contact rotate in the same sense. If the marker of a
+wheel is at the intersection itself, u counts as pointing to the wheel. A rack moves with the point
+of the pinion next to it, s' = R θ' (u × n)·d, where d is the direction of the rack and n is normal
+to it, from the pinion's axis to the rack. Source: rolling of pitch cones; Hong & Liu 2011, section
+1.7; Willis, Principles of Mechanism, 1841.
 """
 
 from __future__ import annotations
@@ -31,29 +32,31 @@ from flexmb.model.reading import fail_if, only_one, split_reference
 _WHEEL_JOINTS = ("revolute", "cylindrical", "screw", "planar", "parallel")
 _RACK_JOINTS = ("prismatic", "cylindrical", "screw")
 _ZERO_DISTANCE = 1e-6  # relative to the distances between the axes
-_RADII_TOLERANCE = 1e-2  # share by which radii may miss the distance between the axes
-_MODULE_TOLERANCE = 0.05  # share by which profile shift may change the module of a wheel
+# relative difference allowed between the sum of the radii and the distance of the axes
+_RADII_TOLERANCE = 1e-2
+# relative difference of modules of one wheel that profile shift may explain
+_MODULE_TOLERANCE = 0.05
 _Teeth = Annotated[int, Integer(1)]
 
 
 @dataclass(frozen=True)
 class _Wheel:
-    """A wheel or rack on its carrier: place and axis in the placed pose, global."""
+    """A wheel or rack on its carrier: position and axis in the placed pose, global."""
 
-    sense: float  # +1 where the carrier is marker I of its joint
+    sense: float  # +1 if the carrier has marker I of the joint, else -1
     x: Array
     u: Array
 
 
 class RollingCoupler(Coupler):
-    """Base of gears and racks: two joints that hang on one carrier."""
+    """Base of gears and racks: two joints on one carrier."""
 
     joints: Pair
     joint_types: ClassVar[tuple[tuple[str, ...], tuple[str, ...]]]
     nouns: ClassVar[tuple[str, str]]
 
     def carriers(self, model: ModelData) -> list[str]:
-        """Bodies that both joints share."""
+        """Bodies that both joints connect to."""
         first, second = (self._bodies(model, joint) for joint in self.joints)
         return [body for body in first if body in second]
 
@@ -69,7 +72,8 @@ class RollingCoupler(Coupler):
         return Equation(tuple(Term(*key, factor) for key, factor in keys), 0.0, relative=True)
 
     def _factors(self, model: ModelData, first: _Wheel, second: _Wheel) -> tuple[float, float]:
-        """Factors of the motions relative to the carrier."""
+        """Factors of the motions of both joints relative to the carrier in the coupler's
+        equation."""
         raise NotImplementedError
 
     def reference_problems(self, scope: Scope, where: str) -> Iterator[Problem]:
@@ -87,7 +91,8 @@ class RollingCoupler(Coupler):
             yield Problem(f"{where}.joints", what)
 
     def geometry_problems(self, scope: Scope, where: str) -> Iterator[Problem]:
-        """One body that both joints share, and axes on which the wheels can roll."""
+        """Problems without exactly one common body, or with axes on which the wheels cannot
+        roll."""
         shared = self.carriers(scope.model)
         if len(shared) == 1:
             yield from super().geometry_problems(scope, where)
@@ -106,13 +111,14 @@ class RollingCoupler(Coupler):
 
 
 class GearSpec(RollingCoupler):
-    """Two wheels in mesh, spur, bevel or of a planetary train.
+    """Two meshing wheels: spur gears, bevel gears, or wheels of a planetary gear train.
 
-    ``joints`` are those by which they hang on their common carrier. One of ``teeth``, ``radii`` and
-    ``ratio``, the turns of the second wheel for one of the first, relative to the carrier and about
-    the joints' own axes, negative for opposite senses. With teeth or radii the sense follows from
-    the axes: wheels turn in opposite senses about parallel axes, bevel wheels as seen from where
-    their axes meet, and in the same sense if one lies inside the other (``internal``).
+    ``joints`` mount them on their common carrier. Exactly one of ``teeth``, ``radii`` and ``ratio``
+    is given; ``ratio`` is the revolutions of the second wheel for one of the first, relative to the
+    carrier and about the joints' own axes, negative for opposite senses. With teeth or radii the
+    sense follows from the axes: wheels rotate in opposite senses about parallel axes, bevel wheels
+    as seen from the intersection of their axes, and in the same sense if one lies inside the other
+    (``internal``).
     """
 
     type: Literal["gear"]
@@ -144,7 +150,7 @@ class GearSpec(RollingCoupler):
         if self.ratio is not None:
             return self.ratio, -1.0
         sizes = self.teeth or self.radii
-        assert sizes is not None  # one of the three is given
+        assert sizes is not None  # either teeth or radii, since there is no ratio
         h = second.x - first.x
         if np.linalg.norm(np.cross(first.u, second.u)) < lookup.PARALLEL:
             ends = 1.0, float(np.sign(first.u @ second.u))
@@ -169,8 +175,9 @@ class GearSpec(RollingCoupler):
 
 
 def unequal_teeth(model: ModelData, flexbodies: Bodies) -> Iterator[str]:
-    """Sentences about wheels that mesh with two others at distances that ask for teeth of two
-    sizes: pitch circles touch where twice the distance is the module times the sum of the teeth."""
+    """Sentences about wheels in mesh with two others at distances that require different numbers of
+    teeth. Pitch circles touch if twice the distance is the module times the sum of the numbers of
+    teeth."""
     modules: dict[tuple[str, int], tuple[str, float]] = {}
     for name, gear in model.couplers.items():
         if not isinstance(gear, GearSpec) or gear.teeth is None:
@@ -196,9 +203,10 @@ def unequal_teeth(model: ModelData, flexbodies: Bodies) -> Iterator[str]:
 
 
 class RackSpec(RollingCoupler):
-    """A pinion that rolls on a rack; ``joints`` hang the pinion, then the rack, on the carrier.
+    """A pinion that rolls on a rack; ``joints`` mount first the pinion, then the rack, on the
+    carrier.
 
-    The rack moves as the point of the pinion that is nearest to the joint of the rack.
+    The rack moves like the point of the pinion that is nearest to the rack's joint.
     """
 
     type: Literal["rack-and-pinion"]
@@ -231,7 +239,8 @@ def _wheel(model: ModelData, joint: str, carrier: str, flexbodies: Bodies) -> _W
 
 
 def _outward(first: _Wheel, second: _Wheel) -> tuple[float, float]:
-    """Whether axes that are not parallel lead from their meeting point to the wheels (±1)."""
+    """For intersecting axes: +1 if u points from the intersection to the wheel, else -1, for
+    each."""
     h = second.x - first.x
     across = np.cross(first.u, second.u)
     n = across / np.linalg.norm(across)

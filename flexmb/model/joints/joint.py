@@ -1,15 +1,16 @@
 """Joints: what they leave free between two markers, as data.
 
-``axis`` is a global direction in the placed pose, where the joint angle is 0; left out, it is the z
-axis of both markers and the angle is measured between their x axes. Joints of two axes take
-``second_axis``, that of marker J, as well. The stroke is the distance from marker I to marker J
-along the axis. The angle of a universal joint is that of its cross about the first axis, the second
-angle that of J about its own axis against the cross. Composite joints stand for a link without mass
-between the two markers, with a joint at each end; their lengths and offsets are those of the placed
-pose. Equations: Shabana, Dynamics of Multibody Systems, ch. 3; Hong & Liu 2011, sections 1.3, 2.3.
+``axis`` is a global direction in the placed pose, where the joint angle is 0. Without it, the axis
+is the z axis of both markers, and the angle is measured between their x axes. Joints with two axes
+also take ``second_axis``, that of marker J. The stroke is the distance from marker I to marker J
+along the axis. The angle of a universal joint is the rotation of its cross about the first axis,
+the second angle that of J relative to the cross about its own axis. Composite joints replace a
+massless link between the two markers with a joint at each end; their lengths and offsets are those
+of the placed pose. Equations: Shabana, Dynamics of Multibody Systems, ch. 3; Hong & Liu 2011,
+sections 1.3, 2.3.
 
-Counts of a model say how many coordinates and equations it has; the mobility is Grübler's number,
-coordinates less equations, which says nothing about redundant equations.
+Counts of a model are the numbers of its coordinates and equations. The mobility is the Grübler
+number, coordinates minus equations; it is too small if equations are redundant.
 """
 
 from __future__ import annotations
@@ -37,10 +38,11 @@ COORDINATES = ("angle", "second_angle", "stroke")
 
 @dataclass(frozen=True)
 class JointType:
-    """One row of the joint table.
+    """One row of the table of joints.
 
-    ``equations`` in space and in a plane (None: without meaning there); ``axes`` the joint has, 0,
-    1, or 2, the second being that of marker J; ``curves`` it slides along, carried by I, then by J.
+    ``equations`` in space and in a plane (None: no meaning in a plane); number of ``axes``: 0, 1 or
+    2, where the second is that of marker J; number of ``curves`` along which it slides, fixed to I,
+    then to J.
     """
 
     name: str
@@ -58,11 +60,11 @@ class JointType:
 
     @property
     def freedoms(self) -> int:
-        """Relative motions it leaves free, between two bodies in space."""
+        """Number of relative motions left free between two bodies in space."""
         return 6 - self.equations
 
 
-# In a plane: axes normal to it, axes within it.
+# In a plane: joints whose axes are normal to it, and joints whose axes lie in it.
 _ABOUT = ("revolute", "revolute-revolute")
 _ALONG = ("prismatic", "in-line", "in-plane", "prismatic-spherical")
 _BOTH = ("angle", "stroke")
@@ -116,13 +118,13 @@ def _type(value: Any, info: ValidationInfo) -> str:
 
 
 class JointSpec(Component):
-    """A joint between the markers ``between = [I, J]``; composite ones stand for a massless link.
+    """A joint between the markers ``between = [I, J]``; composite joints replace a massless link.
 
-    ``length`` of a distance joint; without it the distance is that of the placed pose. ``pitch`` of
-    a screw, along its axis for one turn about it, negative for a left-handed thread. Joints on a
-    ``curve``: it lies in the axes of marker I, ``second_curve`` in those of J; ``start`` (and
-    ``second_start``) say where along it the joint starts, by default nearest in the placed pose;
-    ``radius`` of a roller.
+    ``length`` of a distance joint, by default the distance in the placed pose. ``pitch`` of a
+    screw: the stroke along its axis per revolution, negative for a left-handed thread. Joints on a
+    ``curve``: the curve is fixed in the axes of marker I, ``second_curve`` in those of J; ``start``
+    (and ``second_start``) is the initial position along the curve, by default the nearest in the
+    placed pose; ``radius`` of a roller.
     """
 
     type: Annotated[str, Reader(_type, form={"enum": list(JOINT_TYPES)})]
@@ -156,7 +158,7 @@ class JointSpec(Component):
         return self
 
     def _thread(self) -> list[Problem]:
-        """What is wrong with the pitch."""
+        """Problems of the pitch."""
         if self.type != "screw":
             what = "only a screw has a pitch; leave it out"
             return [] if self.pitch is None else [Problem("pitch", what)]
@@ -166,7 +168,7 @@ class JointSpec(Component):
         return [Problem("pitch", what)] if self.pitch == 0 else []
 
     def _curve_words(self) -> list[Problem]:
-        """What joints on curves need, and others do not have."""
+        """Problems of options that joints on curves need and others do not have."""
         curves = JOINT_TYPES[self.type].curves
         roller = self.type == "cam-roller"
         needed = {"curve": curves > 0, "second_curve": curves > 1, "radius": roller}
@@ -189,7 +191,7 @@ class JointSpec(Component):
 
     @property
     def curves(self) -> tuple[str, ...]:
-        """Names of the curves it slides along: that of I, then that of J."""
+        """Names of the curves along which it slides: that of I, then that of J."""
         return tuple(name for name in (self.curve, self.second_curve) if name is not None)
 
     def problems(self, scope: Scope, where: str) -> Iterator[Problem]:
@@ -229,7 +231,7 @@ class JointSpec(Component):
                 yield Problem(f"{where}.axis", f"must lie in the plane {plane} or be normal to it")
 
     def _planar_curve_problems(self, scope: Scope, where: str, plane: str) -> Iterator[Problem]:
-        """The curves and the flat."""
+        """Problems of curves and flat followers in a planar scene."""
         model = scope.model
         try:
             markers = lookup.joint_frames(model, where.partition(".")[2], scope.flexbodies)
@@ -250,7 +252,7 @@ class JointSpec(Component):
 
 
 def _shape(model: ModelData, curve: str) -> CurveShape | None:
-    """The shape of a curve, None for one that is wrong: reported elsewhere."""
+    """The shape of a curve; None if it is wrong, which is reported elsewhere."""
     try:
         return curve_shape(model, curve) if curve in model.curves else None
     except SceneError:
@@ -259,7 +261,7 @@ def _shape(model: ModelData, curve: str) -> CurveShape | None:
 
 @dataclass(frozen=True)
 class JointCount:
-    """Joints of one type and the equations they bring."""
+    """The joints of one type and their number of equations."""
 
     type: str
     joints: int
@@ -274,32 +276,32 @@ class Counts:
     flexible_bodies: int
     joints: tuple[JointCount, ...]
     drivers: int
-    """Equations of all drivers, one for each coordinate that they prescribe."""
+    """Number of equations of all drivers, one for each prescribed coordinate."""
     forces: int
     sensors: int
     planar: bool
     couplers: int
     modes: int | None
-    """Modal coordinates of all flexible bodies; None while one of them is not reduced."""
+    """Number of modal coordinates of all flexible bodies; None if one is not reduced yet."""
 
     @property
     def rigid_coordinates(self) -> int:
-        """Six for each body, three in a plane, modes apart."""
+        """Coordinates without modes: six per body, three in a plane."""
         return (3 if self.planar else 6) * (self.rigid_bodies + self.flexible_bodies)
 
     @property
     def equations(self) -> int:
-        """Of the joints, and one of each coupler; without drivers."""
+        """Equations of joints, plus one per coupler; without drivers."""
         return sum(row.equations for row in self.joints) + self.couplers
 
     @property
     def mobility(self) -> int:
-        """Rigid coordinates less the equations of joints, couplers and drivers."""
+        """Rigid coordinates minus equations of joints, couplers and drivers."""
         return self.rigid_coordinates - self.equations - self.drivers
 
 
 def count(model: ModelData, flexbodies: Bodies | None = None) -> Counts:
-    """Count what a model consists of."""
+    """Count the bodies, joints, equations and so on of a model."""
     flexbodies = flexbodies or {}
     flexible = [name for name, spec in model.bodies.items() if spec.flexible]
     flexbodies_of = [lookup.flexbody_of(model, name, flexbodies) for name in flexible]
@@ -323,17 +325,17 @@ def count(model: ModelData, flexbodies: Bodies | None = None) -> Counts:
     )
 
 
-# Inertia over mass times the square of an arm, of which joints have 1e-16; of the same, what a body
-# has that is nearly a point.
+# Inertia over mass times squared arm: below _LOST_INERTIA it is lost in round-off (joints have
+# 1e-16), and a body with less than _USUAL_INERTIA is nearly a point.
 _LOST_INERTIA, _USUAL_INERTIA = 1e-12, 1e-9
-_GUIDES = ("fixed", "prismatic")  # joints that let nothing turn
+_GUIDES = ("fixed", "prismatic")  # joints that prevent any rotation
 
 
 def lost_inertias(model: ModelData) -> Iterator[str]:
-    """Sentences about rigid bodies whose inertia is round-off beside that of their mass on an arm.
+    """Sentences about rigid bodies whose inertia is round-off relative to mass times squared arm.
 
-    About each principal axis, in a plane about its normal; an arm reaches from it to a joint. Not
-    of bodies that a joint with ground does not let turn.
+    They are checked about each principal axis, in a plane about its normal; the arm is the distance
+    of a joint from the axis. Bodies whose rotation a joint with ground prevents are left out.
     """
     ends: dict[str, list[np.ndarray]] = {}
     guided = set()

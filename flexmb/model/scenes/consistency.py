@@ -1,7 +1,7 @@
 """Whether the parts of a model fit together: names, coordinates, functions, times, files.
 
-In: a model, with the flexible bodies that are read or reduced and the entries that could not be
-read. Out: all problems, with scene paths.
+In: a model, its flexible bodies that are reduced so far, and the entries that could not be read.
+Out: all problems, with scene paths.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from flexmb.model.reading import GROUND, Spec
 from flexmb.model.scenes.effects import effect_problems
 from flexmb.model.scenes.supports import part_problems
 
-_SAME_TIME = 1e-12  # share of the run by which times that are the same may differ
+_SAME_TIME = 1e-12  # times that differ by less than this fraction of the run are equal
 _WITH_MARKERS = ("joints", "drivers", "forces", "sensors")
 _WITH_FUNCTIONS = ("drivers", "forces", *CHANNEL_SECTIONS)
 
@@ -69,7 +69,7 @@ def model_problems(
 
 
 def model_warnings(model: ModelData, flexbodies: Bodies) -> Iterator[str]:
-    """Sentences about what is likely not meant."""
+    """Sentences about what is probably a mistake."""
     yield from far_markers(model, flexbodies)
     yield from impact_warnings(model)
     yield from unlikely_densities(model)
@@ -78,7 +78,7 @@ def model_warnings(model: ModelData, flexbodies: Bodies) -> Iterator[str]:
 
 
 def _section_problems(scope: Scope, section: str) -> Iterator[Problem]:
-    """What each entry of a section says of itself."""
+    """The problems that each entry of a section reports of itself."""
     if section in _WITH_MARKERS:
         yield from scope.markers(section)
     specs, wrong = getattr(scope.model, section), False
@@ -91,7 +91,8 @@ def _section_problems(scope: Scope, section: str) -> Iterator[Problem]:
 
 
 def _assembly_problems(scope: Scope) -> Iterator[Problem]:
-    """Bodies and joints that do not exist, and guesses of what is driven."""
+    """Problems of weights and guesses: bodies and joints that do not exist, guesses of driven
+    joints."""
     spec = scope.model.assembly
     if spec is None:
         return
@@ -117,7 +118,7 @@ def _assembly_problems(scope: Scope) -> Iterator[Problem]:
 
 
 def _channel_names(scope: Scope) -> Iterator[Problem]:
-    """Channels of plots and of known answers."""
+    """Problems of channel names in plots and known answers."""
     channels = (*scope.model.channels(), *scope.model.stress_channels())
     broken = broken_channels(scope)
     names = [(f"view.history[{i}]", name) for i, name in enumerate(scope.model.view.history)]
@@ -128,7 +129,7 @@ def _channel_names(scope: Scope) -> Iterator[Problem]:
 
 
 def view_problems(scope: Scope) -> Iterator[Problem]:
-    """Bodies and markers that pictures name."""
+    """Problems of the bodies and markers named in [view]."""
     view = scope.model.view
     if view.follow is not None:
         yield from scope.unknown("view.follow", "body", view.follow, "bodies")
@@ -141,7 +142,7 @@ def view_problems(scope: Scope) -> Iterator[Problem]:
 
 
 def _study_problems(scope: Scope) -> Iterator[Problem]:
-    """Sensors or channels that a study judges by."""
+    """Problems of the sensors or channels that a study uses."""
     study, broken = scope.model.study, broken_channels(scope)
     names = tuple(dict.fromkeys((*scope.model.sensors, *scope.model.channels())))
     for i, name in enumerate(study.sensors if study is not None else ()):
@@ -151,7 +152,7 @@ def _study_problems(scope: Scope) -> Iterator[Problem]:
 
 
 def _frequency_problems(scope: Scope) -> Iterator[Problem]:
-    """Bodies and interfaces of natural frequencies."""
+    """Problems of bodies and interfaces in known natural frequencies."""
     all_bodies = scope.model.bodies.items()
     bodies = tuple(n for n, spec in all_bodies if isinstance(spec, FlexibleBodySpec))
     for i, check in enumerate(scope.model.frequency_checks):
@@ -169,7 +170,7 @@ def _frequency_problems(scope: Scope) -> Iterator[Problem]:
 
 
 def _mode_problems(scope: Scope) -> Iterator[Problem]:
-    """Parameters of linearised modes."""
+    """Problems of parameters in known linearised modes."""
     parameters = tuple(scope.model.parameters)
     for i, check in enumerate(scope.model.mode_checks):
         for name in check.parameters:
@@ -179,7 +180,7 @@ def _mode_problems(scope: Scope) -> Iterator[Problem]:
 
 
 def _time_problems(model: ModelData) -> Iterator[Problem]:
-    """Times of known answers, pictures, outputs and tables that do not fit the run."""
+    """Problems of times outside the run: known answers, pictures, outputs, tables."""
     specs = (model.dynamics, model.kinematics)
     spans = [spec.duration for spec in specs if spec is not None]
     spans += [model.statics.times[-1]] if model.statics is not None else []
@@ -190,7 +191,7 @@ def _time_problems(model: ModelData) -> Iterator[Problem]:
 
 
 def _output_time_problems(model: ModelData, duration: float) -> Iterator[Problem]:
-    """Times at which something is read from the run."""
+    """Problems of times at which the results are read."""
     say, spec = model.units.say, model.dynamics
     times = [] if model.view.time is None else [("view.time", model.view.time)]
     times += [(f"check[{i}].time", check.time) for i, check in enumerate(model.checks)]
@@ -207,7 +208,7 @@ def _output_time_problems(model: ModelData, duration: float) -> Iterator[Problem
 
 
 def _table_time_problems(model: ModelData, duration: float) -> Iterator[Problem]:
-    """Splines and tables without values in a part of the run."""
+    """Problems of splines and tables that have no values in a part of the run."""
     say = model.units.say
     cure = 'give more points, or say what holds outside them (beyond = "hold", '
     cure += '"extrapolate" or "repeat")'
@@ -224,7 +225,8 @@ def _table_time_problems(model: ModelData, duration: float) -> Iterator[Problem]
 
 
 def _discontinuity_problems(model: ModelData, duration: float) -> Iterator[Problem]:
-    """Functions without a value at some time of the run, and displacements that jump."""
+    """Problems of functions without a value at some time of the run, and of displacements that
+    jump."""
     say = model.units.say
     for where, function, spec in _time_functions(model):
         order = spec.order if isinstance(spec, DriverSpec) else 2
@@ -245,7 +247,7 @@ def _discontinuity_problems(model: ModelData, duration: float) -> Iterator[Probl
 
 
 def impact_warnings(model: ModelData) -> Iterator[str]:
-    """Sentences about drivers whose velocity jumps."""
+    """Warnings of drivers whose velocity jumps."""
     if model.dynamics is None:
         return
     for where, function, spec in _time_functions(model):
@@ -266,8 +268,9 @@ def impact_warnings(model: ModelData) -> Iterator[str]:
 
 
 def idle_loads(model: ModelData) -> Iterator[str]:
-    """Sentences about loads of bodies, which shape their modes, in scenes that expect them to act:
-    all but forces on nodes of a body on which something acts beside its interfaces."""
+    """Warnings of body loads that no force applies in scenes that seem to expect it. Forces on
+    nodes of a body on which something acts besides its interfaces are left out: they shape its
+    modes."""
     if model.dynamics is None:
         return
     acting = {(f.body, f.load) for f in model.forces.values() if isinstance(f, BodyLoadSpec)}
@@ -283,7 +286,8 @@ def idle_loads(model: ModelData) -> Iterator[str]:
 
 
 def unlikely_densities(model: ModelData) -> Iterator[str]:
-    """Sentences about densities of rigid shapes by a slip of units; 1 is that of an example."""
+    """Warnings of densities of rigid shapes that suggest a wrong unit; 1 is accepted as an
+    example."""
     for name, spec in model.bodies.items():
         density: Any = getattr(getattr(spec, "material", None) or spec, "density", None)
         rigid = not spec.flexible and density is not None and density != 1.0
@@ -292,7 +296,7 @@ def unlikely_densities(model: ModelData) -> Iterator[str]:
 
 
 def _time_functions(model: ModelData) -> Iterator[tuple[str, Function, Any]]:
-    """Functions of time alone, with their paths and specifications."""
+    """Functions of time without channels, with their paths and specifications."""
     for section in _WITH_FUNCTIONS:
         for name, spec in getattr(model, section).items():
             for where, function in _functions(f"{section}.{name}", vars(spec)):
@@ -313,7 +317,8 @@ def _functions(where: str, value: Any) -> Iterator[tuple[str, Function]]:
 
 
 def _domain(function: Function) -> tuple[float, float]:
-    """From when to when a function through points has values [s]; infinite for all others."""
+    """Times [s] between which a function through points has values; infinite for other
+    functions."""
     if (curve := function.curve) is None:
         return -np.inf, np.inf
     first = curve.knots[0] if np.isnan(curve.coefficients[0]).any() else -np.inf
@@ -321,7 +326,7 @@ def _domain(function: Function) -> tuple[float, float]:
     return float(first), float(last)
 
 
-_MAX_DISTANCE = 0.5  # of a marker from its nodes over the body's length: else a slip of units
+_MAX_DISTANCE = 0.5  # largest plausible distance of a marker from its nodes, over the body's length
 
 
 def body_problems(scope: Scope) -> Iterator[Problem]:
@@ -338,7 +343,7 @@ def body_problems(scope: Scope) -> Iterator[Problem]:
 
 
 def _initial(scope: Scope, where: str, body: str, spec: BodySpec) -> Iterator[Problem]:
-    """Initial velocities are of markers that exist."""
+    """Problems of initial velocities at markers that do not exist."""
     for name in spec.initial:
         missing = lookup.missing(scope.model, f"{body}.{name}", scope.flexbodies)
         if missing is not None:
@@ -401,7 +406,7 @@ def _carrier(scope: Scope, at: str, body: str, marker: MarkerSpec) -> Iterator[P
 
 
 def far_markers(model: ModelData, flexbodies: lookup.Bodies) -> Iterator[str]:
-    """Sentences about markers that lie far away from the flexible body they are on."""
+    """Warnings of markers that are far away from their flexible body."""
     for body, flexbody in flexbodies.items():
         spec = model.bodies.get(body)
         nodes = flexbody.nodes
@@ -421,7 +426,7 @@ def far_markers(model: ModelData, flexbodies: lookup.Bodies) -> Iterator[str]:
 
 
 def _twice_driven(scope: Scope) -> Iterator[Problem]:
-    """Coordinates that two drivers of a model prescribe."""
+    """Problems of coordinates that two drivers prescribe."""
     driven: dict[tuple[str, ...], str] = {}
     for name, spec in scope.model.drivers.items():
         for coordinate, _ in spec.motions(scope.model.plane):
@@ -433,7 +438,7 @@ def _twice_driven(scope: Scope) -> Iterator[Problem]:
 
 
 def _driven_coordinate(spec: DriverSpec, coordinate: str) -> tuple[str, tuple[str, ...]]:
-    """What is driven, in words and so that equal coordinates have equal keys."""
+    """What a driver prescribes: a text, and a key that is equal for equal coordinates."""
     if spec.joint is not None:
         return f'of joint "{spec.joint}"', ("joint", spec.joint, coordinate)
     if spec.between is not None:

@@ -1,11 +1,11 @@
 """A scene as plain data: dictionaries, lists, numbers and texts, as JSON or TOML hold them.
 
-Into a model, with all mistakes of the scene reported at once: first each table by itself, then how
-they fit together. And out of a model: a scene that reads back into the same model; numbers are
-resolved, in the model's unit system and such that reading gives the same to the bit, functions of
+Into a model, with all mistakes of the scene reported at once: first each table by itself, then the
+references between them. And out of a model: a scene that reads back as the same model. Numbers are
+resolved, in the model's unit system, such that reading gives the same to the last bit; functions of
 time stay as they were written, with the parameters they use.
 
-Parameters are names for numbers, in terms of each other, in any order; a cycle is named.
+Parameters are numbers with names, defined by each other in any order; a cycle is an error.
 """
 
 from __future__ import annotations
@@ -65,13 +65,13 @@ def resolve_parameters(
 ) -> tuple[dict[str, float], list[Problem]]:
     """Values of the parameters in the scene's units.
 
-    A parameter that depends on a wrong one gets no value and no problem of its own.
+    A parameter that depends on a wrong one gets neither a value nor a problem.
     """
     return _Resolver(raw, units).run()
 
 
 class _Resolver:
-    """Depth-first evaluation; ``trail`` is the chain of names being evaluated."""
+    """Depth-first evaluation of parameters; ``trail`` is the chain of names being evaluated."""
 
     def __init__(self, raw: Mapping[str, Any], units: UnitSystem) -> None:
         self.units = units
@@ -124,12 +124,13 @@ class _Resolver:
             self.wrong[name] = [replace(problem, where=where) for problem in error.problems]
 
     def context(self, name: str) -> ReadContext:
-        """All names, so that a misspelt one finds its neighbours; used ones have their values."""
+        """All names, so that a misspelt one finds the nearest; the used ones have their values."""
         values = {other: self.values.get(other, 0.0) for other in self.raw if other != name}
         return ReadContext(values, self.units)
 
 
-_STANDARD = 9.80665  # m/s^2, exact: 3rd General Conference on Weights and Measures, 1901
+# standard gravity [m/s^2], exact: 3rd General Conference on Weights and Measures, 1901
+_STANDARD = 9.80665
 _EARTH = re.compile(r"earth\s+(?P<down>[+-]?[xyz])\Z")
 
 
@@ -138,7 +139,7 @@ class _Gravity(Spec):
 
 
 def read_units(value: Any) -> tuple[UnitSystem, list[Problem]]:
-    """The unit system of a scene; SI and the problem where it is none."""
+    """The unit system of a scene; SI and the problem if there is no such system."""
     try:
         return unit_system(value), []
     except FlexmbError as error:
@@ -148,9 +149,9 @@ def read_units(value: Any) -> tuple[UnitSystem, list[Problem]]:
 def read_gravity(
     value: Any, names: ReadContext
 ) -> tuple[tuple[float, float, float] | None, list[Problem]]:
-    """Acceleration of gravity in global axes [m/s^2]; None for none.
+    """Acceleration of gravity in global axes [m/s^2]; None without gravity.
 
-    ``"earth -z"`` is the standard one along a global direction.
+    ``"earth -z"`` is standard gravity along a global direction.
     """
     if value is None or value == "none":
         return None, []
@@ -169,7 +170,7 @@ def read_gravity(
 
 
 def gravity_in_words(gravity: Iterable[float] | str | None, units: UnitSystem) -> str:
-    """What is said of gravity, given in the units of a scene: its components, or that it is none.
+    """Gravity in words, given in the units of a scene: its components, or that there is none.
 
     >>> gravity_in_words([0, 0, -9810], unit_system("mm-t-s"))
     'gravity: (0, 0, -9810) mm/s²'
@@ -185,7 +186,7 @@ TOP_KEYS = (
     "assembly", "check", "dynamics", "kinematics", "part", "results", "statics", "study",
     "sweep", "validity", "view",
 )  # fmt: skip
-"""Everything a scene may say at its top level."""
+"""All keys allowed at the top level of a scene."""
 
 SINGLE_TABLES: dict[str, type[Spec]] = {
     "assembly": AssemblySpec,
@@ -199,7 +200,7 @@ SINGLE_TABLES: dict[str, type[Spec]] = {
     "sweep": SweepSpec,
     "validity": ValiditySpec,
 }
-"""Tables of which a scene has one or none."""
+"""Tables that occur at most once in a scene."""
 
 M = TypeVar("M", bound=ModelData)
 S = TypeVar("S", bound=Spec)
@@ -228,7 +229,7 @@ def build(create: Callable[..., M], scene: Mapping[str, Any], folder: Path) -> M
 
 
 class _Builder:
-    """Fills a model; collects the raw tables of entries that cannot be read in ``broken``."""
+    """Fills a model; collects the raw tables of entries that could not be read in ``broken``."""
 
     def __init__(self, model: ModelData, scene: Mapping[str, Any]) -> None:
         self.model, self.scene = model, scene
@@ -247,7 +248,7 @@ class _Builder:
         values, problems = resolve_parameters(parameters, self.model.units)
         self.problems += problems
         self.model.parameter_sources, self.model.parameters = parameters, values
-        # A wrong parameter is reported once, not again wherever it is used.
+        # A wrong parameter is reported once, not wherever it is used.
         numbers = {**dict.fromkeys(map(str, parameters), 1.0), **values}
         self.names = ReadContext(numbers, self.model.units, folder=self.model.folder)
         self.model.plane, problems = read_plane(self.scene.get("plane"))
@@ -354,7 +355,7 @@ def _plain(spec: Spec, terms: ReadContext) -> dict[str, Any]:
 
 
 def _curve(model: ModelData, spec: CurveSpec) -> dict[str, Any]:
-    """A curve; one from a file with the points of the file, so that the scene holds all of it."""
+    """The table of a curve; one from a file gets the points of the file."""
     if spec.file is None:
         table = _plain(spec, model.context)
         return {key: value for key, value in table.items() if key in spec.model_fields_set}
@@ -377,7 +378,7 @@ def _body(
     if table.get("interfaces") == {}:  # of a part by itself
         del table["interfaces"]
     if isinstance(table.get("mesh"), dict):
-        del table["units"]  # of mesh files
+        del table["units"]  # units of mesh files
     shape = getattr(spec, "shape", None)
     if isinstance(shape, MeshShape) and folder is not None:  # the scene holds all of it
         table["shape"] = shape.packed

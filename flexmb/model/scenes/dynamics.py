@@ -1,6 +1,6 @@
 """How a scene is run: dynamics with its method and numbers, kinematics, assembly.
 
-What a method does stands in the files of `flexmb.engine.integrators`.
+The methods are described in the modules of `flexmb.engine.integrators`.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ METHODS: dict[str, str] = {
     "coordinate-partitioning": "explicit, integrates independent coordinates and solves the "
     "joints for the dependent ones: for teaching",
 }
-"""What each integrator is good for."""
+"""What each integrator is suited for."""
 
 _EXPLICIT = ("explicit-rk", "baumgarte", "coordinate-partitioning")
 _IMPLICIT = ("generalized-alpha", "hht", "newmark", "trapezoidal", "radau")
@@ -70,7 +70,7 @@ OPTIONS: dict[str, tuple[str, ...]] = {
     "baumgarte_alpha": ("baumgarte",),
     "baumgarte_beta": ("baumgarte",),
 }
-"""Fields of `[dynamics]` that only some methods have: which."""
+"""Fields of `[dynamics]` that only some methods have, with these methods."""
 
 
 if TYPE_CHECKING:
@@ -81,22 +81,22 @@ else:
 
 
 INSTEAD = {"accuracy": "step", "step": "accuracy"}
-"""The choice that another one replaces where both are given, one after the other."""
+"""Two options that exclude each other: one given later replaces the other."""
 
 ACCURACY = 1e-4
-"""What is asked for where a scene gives neither accuracy nor step."""
+"""The accuracy if a scene gives neither accuracy nor step."""
 
 ROUND_OFF = 1e-12
-"""Accuracy below which the errors of a run are those of its arithmetic."""
+"""Accuracy below which round-off dominates the errors of a run."""
 
 _AUTO_BY_STEP = "generalized-alpha"
-"""What `method = "auto"` is with fixed steps."""
+"""The method for ``method = "auto"`` with fixed steps."""
 
-_SAME_TIME = 1e-12  # share of the run by which times that are the same may differ
+_SAME_TIME = 1e-12  # times that differ by less than this fraction of the run are equal
 
 
 def _idle_options(table: Mapping[str, Any]) -> Iterator[str]:
-    """The options in a table of `[dynamics]` that its method, or a fixed step, does not have."""
+    """The options in a table of `[dynamics]` that its method, or a fixed step, does not use."""
     method, fixed = table.get("method", "auto"), table.get("step") is not None
     if method == "auto" and fixed:
         method = _AUTO_BY_STEP
@@ -108,14 +108,14 @@ def _idle_options(table: Mapping[str, Any]) -> Iterator[str]:
 
 
 def drop_idle_options(table: dict[str, Any], changes: Collection[str]) -> None:
-    """Drop options that have lost their meaning by changes of the method or its steps.
+    """Drop options that became meaningless when the method or its steps were changed.
 
     Parameters
     ----------
     table : dict
         The changed table `[dynamics]`.
     changes : collection of str
-        Names of its fields that were changed; options among them stay, to be refused.
+        Names of the changed fields; options among them are kept, so that they are refused.
     """
     if not {"method", "step", "accuracy"}.isdisjoint(changes):
         for option in [*_idle_options(table)]:
@@ -141,15 +141,15 @@ def _accuracy(value: Any, info: ValidationInfo) -> float:
 _Rate = Annotated[float, Quantity("1/s", "not negative")]
 
 MOST_OUTPUTS = 10_000_000
-"""Rows that a run records at most."""
+"""Largest number of rows that a run records."""
 
 
 MOST_STEPS = 1e10
-"""Fixed steps of a run at most: hours of a small model."""
+"""Largest number of fixed steps of a run: hours for a small model."""
 
 
 def _outputs(value: Any, info: ValidationInfo) -> int | tuple[float, ...]:
-    """The number of intervals, or times in SI that increase."""
+    """The number of output intervals, or increasing output times in SI."""
     value = plain(value)
     if not isinstance(value, list | tuple):
         return Integer(1, MOST_OUTPUTS).read(value, info)
@@ -179,30 +179,30 @@ _OUTPUTS: Form = {
 }
 
 
-_MAX_PROBLEMS = 5  # of one list that are reported
+_MAX_PROBLEMS = 5  # number of problems reported of one list
 
 
 class DynamicsSpec(Spec):
     """Run in time.
 
-    ``duration`` [s]; ``outputs`` intervals of equal length are recorded, both ends included, or the
-    times of a list [s], those and no other: increasing, from 0 to the duration, to which the run
-    goes in any case. Either ``accuracy`` (1e-4 by default): the largest error over the outputs of
-    each position sensor, over its peak-to-peak; or ``step`` [s]: steps of fixed length. The error
-    is measured by a comparison run with longer steps unless ``verify`` is false. ``start =
-    "quasi-static"`` puts the flexible bodies into elastic equilibrium with the initial motion,
-    ``"undeformed"`` leaves them straight; ``"static"`` begins in the equilibrium of the whole
-    machine, from which initial velocities move it.
+    ``duration`` [s]. ``outputs`` intervals of equal length are recorded, both ends included; or a
+    list of increasing times [s] from 0 to the duration, and only those are recorded. The run always
+    lasts until the duration. Either ``accuracy`` (1e-4 by default): the largest error over the
+    outputs of each position sensor, over its peak-to-peak; or ``step`` [s]: steps of fixed length.
+    The error is measured by a comparison run with longer steps unless ``verify`` is false. ``start
+    = "quasi-static"`` starts the flexible bodies in elastic equilibrium with the initial motion,
+    ``"undeformed"`` without deformation; ``"static"`` starts in the equilibrium of the whole
+    machine, with the initial velocities.
 
     Options that only some methods have, and that others refuse: ``order`` of the explicit ones, 8
-    (by default) or 5; ``newton_tolerance`` of the implicit ones, relative to the share of the
-    accelerations in a step's motion, by default 1e-8 (of radau 1e-10) with fixed steps and a share
-    of the error allowed with error control; ``spectral_radius`` of generalized-alpha at infinite
-    frequency, from 0 to 1 (1 means no numerical damping), by default 0.8; ``alpha`` of hht, from
-    -1/3 to 0 (no numerical damping), by default -0.1; ``gamma`` of newmark, by default 1/2, and
-    ``beta``, by default (gamma + 1/2)²/4; ``baumgarte_alpha`` and ``baumgarte_beta`` [1/s] of
-    baumgarte, α and β in C̈ + 2α Ċ + β² C = 0, by default 20 over the duration, one over a fixed
-    step at most.
+    (by default) or 5; ``newton_tolerance`` of the implicit ones, relative to the displacement that
+    the accelerations cause in a step, by default 1e-8 (of radau 1e-10) with fixed steps and a
+    fraction of the allowed error with error control; ``spectral_radius`` of generalized-alpha at
+    infinite frequency, from 0 to 1 (1 means no numerical damping), by default 0.8; ``alpha`` of
+    hht, from -1/3 to 0 (no numerical damping), by default -0.1; ``gamma`` of newmark, by default
+    1/2, and ``beta``, by default (gamma + 1/2)²/4; ``baumgarte_alpha`` and ``baumgarte_beta`` [1/s]
+    of baumgarte, α and β in C̈ + 2α Ċ + β² C = 0, by default 20 over the duration, at most one over
+    a fixed step.
     """
 
     duration: Time
@@ -243,7 +243,7 @@ class DynamicsSpec(Spec):
         return self
 
     def _idle(self, option: str) -> str:
-        """The sentence for an option that does nothing."""
+        """The sentence for an option without effect."""
         if option == "verify":
             return "fixed steps are not verified: give accuracy in place of step, or remove it"
         method = f'method "{self.method}"'
@@ -285,15 +285,16 @@ class DynamicsSpec(Spec):
 
     @property
     def n_rows(self) -> int:
-        """Number of rows that are recorded."""
+        """Number of recorded rows."""
         return len(self.outputs) if isinstance(self.outputs, tuple) else self.outputs + 1
 
 
 class KinematicsSpec(Spec):
-    """Motion that joints and drivers fix alone, without integration.
+    """Motion that is determined by joints and drivers alone, without integration.
 
-    ``duration`` [s]; ``outputs`` intervals of equal length are recorded, each with positions,
-    velocities, accelerations and the reactions of that motion, to round-off whatever their number.
+    ``duration`` [s]; ``outputs`` intervals of equal length are recorded, with positions,
+    velocities, accelerations and the reactions of that motion. They are exact to round-off for any
+    number of outputs.
     """
 
     duration: Time
@@ -303,10 +304,10 @@ class KinematicsSpec(Spec):
 class StaticsSpec(Spec):
     """Equilibrium at rest, of rigid and flexible bodies under their weight and loads.
 
-    Functions and drivers have the values that they have at ``time`` [s]. With a ``duration`` [s]
-    the equilibrium is followed through ``outputs`` intervals of it: a quasi-static motion. With
-    ``spin`` [rad/s] the whole machine turns steadily about an axis through the ground's origin, and
-    the equilibrium is the one in the axes that turn with it.
+    Functions and drivers have their values at ``time`` [s]. With a ``duration`` [s] the equilibrium
+    is computed at the ends of ``outputs`` intervals: a quasi-static motion. With ``spin`` [rad/s]
+    the whole machine rotates steadily about an axis through the ground's origin, and the
+    equilibrium is relative to the rotating axes.
     """
 
     time: Annotated[float, Quantity("s", "not negative")] = 0.0
@@ -338,16 +339,16 @@ _Bound = Annotated[float | Literal["any"], WordOr("any", "a bound", "", "positiv
 
 
 class ValiditySpec(Spec):
-    """Bounds on flexible bodies beyond which a run stops, because its equations no longer hold.
+    """Limits of flexible bodies at which a run stops, because its equations are no longer valid.
 
-    ``deflection``, of points over the body's length, relative to its joints; ``rotation`` [rad] of
-    points in the same sense; ``speed`` over the lowest natural frequency as joined, of bodies that
-    are not stiffened by it; ``inertia_loads``, the share of the response to a body's own inertia
-    that its modes lack; ``node_loads``, the same of the response to loads beside its interfaces;
-    ``truncation``, the change of sensors over their range where a mode that was left out would
-    vibrate, or its share of the deformation without sensors of motion and reactions;
-    ``load_factor``, of the loads over those that buckle it. A run warns before it stops. ``"any"``
-    takes a bound away.
+    ``deflection``: displacement of points over the body's length, relative to its joints;
+    ``rotation`` [rad] of points likewise; ``speed``: angular velocity over the lowest natural
+    frequency with the joints, for bodies without geometric stiffening; ``inertia_loads``: the share
+    of the response to a body's own inertia that its modes lack; ``node_loads``: the same for the
+    response to loads besides its interfaces; ``truncation``: the change of sensors over their range
+    if a mode that was left out would vibrate, or without sensors of motion and reactions its share
+    of the deformation; ``load_factor``: the loads over those that buckle the body. A run warns
+    before it stops. ``"any"`` removes a limit.
     """
 
     deflection: _Bound = 0.3
@@ -360,7 +361,7 @@ class ValiditySpec(Spec):
 
 
 class GuessSpec(Spec):
-    """Coordinates of a joint to begin near: ``angle``, ``stroke`` or both."""
+    """Coordinates of a joint near which the assembly starts: ``angle``, ``stroke`` or both."""
 
     angle: Angle | None = None
     stroke: Length | None = None
@@ -373,7 +374,7 @@ class GuessSpec(Spec):
 
     @property
     def coordinates(self) -> dict[str, float]:
-        """What is guessed, by the name of the coordinate."""
+        """The guessed values by the name of the coordinate."""
         values = {"angle": self.angle, "stroke": self.stroke}
         return {name: value for name, value in values.items() if value is not None}
 
@@ -381,9 +382,10 @@ class GuessSpec(Spec):
 class AssemblySpec(Spec):
     """How the first pose is computed.
 
-    ``weights`` by body: bodies move as little as the gaps allow, one of weight 10 as if it had ten
-    times its mass, a ``"fixed"`` one not at all; 1 by default. ``guess`` by joint: coordinates near
-    which the mechanism begins; of several ways to assemble it, the nearest is taken.
+    ``weights`` by body: bodies move as little as is needed to close the joints; one with weight 10
+    as if it had ten times its mass, a ``"fixed"`` one not at all; 1 by default. ``guess`` by joint:
+    coordinates near which the assembly starts; if the mechanism can be assembled in several ways,
+    the nearest is taken.
     """
 
     weights: dict[

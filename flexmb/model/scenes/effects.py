@@ -1,7 +1,7 @@
 """Effects of a whole scene that can be left out: ``[effects]``.
 
-In: switches. Out: a model without what is switched off; the tables of the engine then hold nothing
-of it.
+In: switches. Out: a model without the effects that are switched off; the engine's tables then do
+not contain them.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ M = TypeVar("M", bound=ModelData)
 
 
 class EffectsSpec(Spec):
-    """Effects that the scene has, each of which may be switched off by ``false``.
+    """Effects of the scene; each may be switched off by ``false``.
 
-    ``choice = "auto"``, or ``effects = "auto"`` for short, selects those of flexible bodies so that
-    what is left out changes no sensor by more than the share ``budget`` of its peak-to-peak.
-    ``gravity``; ``friction`` in joints and contacts; ``contact``; ``stops``; ``planar``: false
-    computes a scene with a ``plane`` in space.
+    ``choice = "auto"``, or ``effects = "auto"`` for short, selects those of flexible bodies such
+    that what is left out changes no sensor by more than the share ``budget`` of its peak-to-peak.
+    Switches: ``gravity``; ``friction`` in joints and contacts; ``contact``; ``stops``; ``planar``:
+    false computes a scene with a ``plane`` in space.
     """
 
     choice: Literal["as stated", "auto"] = "as stated"
@@ -44,7 +44,7 @@ class EffectsSpec(Spec):
 
     @property
     def absent(self) -> dict[str, type | tuple[type, ...]]:
-        """Kinds of forces that are left out, by the switch that does it."""
+        """Kinds of forces that each switch leaves out."""
         kinds = {"friction": JointFrictionSpec, "contact": ContactSpec, "stops": AnyStop}
         return {word: kind for word, kind in kinds.items() if not getattr(self, word)}
 
@@ -54,7 +54,7 @@ SWITCHES = ("gravity", "friction", "contact", "stops", "planar")
 
 
 def effects_table(scene: Mapping[str, Any]) -> Any:
-    """The table ``[effects]`` of a scene, also where it is a word, with a ``budget`` beside it."""
+    """The table ``[effects]`` of a scene, also if it is a word with a ``budget`` next to it."""
     table = scene.get("effects", {})
     if isinstance(table, str):
         table = {"choice": table}
@@ -64,7 +64,7 @@ def effects_table(scene: Mapping[str, Any]) -> Any:
 
 
 def with_words(model: M, words: Mapping[str, Mapping[str, Any]]) -> M:
-    """The model with other words of some bodies."""
+    """The model with other effect options of some bodies."""
     model = copy.copy(model)
     model.bodies = dict(model.bodies)
     for name, update in words.items():
@@ -73,7 +73,7 @@ def with_words(model: M, words: Mapping[str, Mapping[str, Any]]) -> M:
 
 
 def active_model(model: M) -> M:
-    """The model without what its effects switch off; itself if that is nothing."""
+    """The model without the effects that are switched off; the same object if there are none."""
     effects = model.effects
     if effects is None or all(getattr(effects, word) for word in SWITCHES):
         return model
@@ -97,7 +97,8 @@ _BY_POSITIONS = ("coordinate-partitioning", "baumgarte")
 
 
 def effect_problems(model: ModelData) -> Iterator[Problem]:
-    """Sensors of what is switched off, quasi-static modes and a choice that cannot be had."""
+    """Problems of sensors of what is switched off, of quasi-static modes, and of automatic
+    choices."""
     method = None if model.dynamics is None else model.dynamics.method
     for name, body in model.bodies.items():
         static = isinstance(body, FlexibleBodySpec) and body.deformation not in _PLAIN

@@ -1,9 +1,9 @@
 """Scene files: TOML in, a model out; and what they may hold, as JSON schema and in words.
 
-The file is data and never executed. The schema comes from the annotations that also validate
-scenes, through pydantic. It (draft 4, the one all TOML editors understand) accepts every valid
-scene and refuses misspelt keys, wrong kinds and unknown choices. What needs the whole scene (names
-that must exist, expressions) is left to ``flexmb check``.
+The file is data and never executed. The schema is made by pydantic from the annotations that also
+validate scenes. It (draft 4, which all TOML editors understand) accepts every valid scene and
+refuses misspelt keys, wrong kinds and unknown choices. Checks that need the whole scene (names that
+must exist, expressions) are left to ``flexmb check``.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def load_scene(path: str | Path, overrides: Mapping[str, Any] | None = None) -> 
 
 
 def as_model(source: Model | str | Path) -> Model:
-    """A model as it is, or that of a scene file."""
+    """The model itself, or that of a scene file."""
     if isinstance(source, str | Path):
         return load_scene(source)
     if not isinstance(source, Model):
@@ -95,7 +95,7 @@ def as_model(source: Model | str | Path) -> Model:
 
 
 def raw_scene(path: str | Path) -> dict[str, Any]:
-    """The tables of a scene file as they stand, not checked.
+    """The tables of a scene file as they are written, not checked.
 
     Raises
     ------
@@ -164,7 +164,7 @@ def _parse(path: Path, text: str) -> dict[str, Any]:
 
 
 def _twice(reason: str, line: str) -> str:
-    """What is twice in a file, by its name; the reason as it is where it is another one."""
+    """The sentence on a name that occurs twice in a file; other reasons unchanged."""
     if not reason.startswith(("Cannot overwrite a value", "Cannot declare")):
         return reason
     section = _SECTION.match(line)
@@ -186,7 +186,7 @@ _GRAVITY: Form = {
 
 
 class Field(NamedTuple):
-    """One field of a specification: the JSON schema of what it may hold, and its default."""
+    """One field of a specification: JSON schema of its values, and its default."""
 
     name: str
     form: Form
@@ -195,12 +195,12 @@ class Field(NamedTuple):
 
     @property
     def words(self) -> str:
-        """What it may hold, such as ``number [kg], positive``."""
+        """The allowed values in words, such as ``number [kg], positive``."""
         return words(self.form)
 
 
 class Description(NamedTuple):
-    """What a kind of joint, force, body, ... is, and its fields."""
+    """A kind of joint, force, body, ...: its text and its fields."""
 
     text: str
     fields: tuple[Field, ...]
@@ -217,17 +217,17 @@ def describe(spec: type[Spec]) -> Description:
 
 
 def _text_of(spec: type[Spec]) -> str:
-    """The docstring as one line, without marks of markup."""
+    """The docstring as one line, without markup."""
     return " ".join((spec.__doc__ or "").replace("``", "`").split())
 
 
 class _Generator(GenerateJsonSchema):
-    """Pydantic's JSON schema in draft 4: without null, a reference for each other specification."""
+    """Pydantic's JSON schema in draft 4, without null; other specifications are references."""
 
     root: type[Spec] | None = None
 
     def generate_inner(self, schema: Any) -> Form:
-        """As pydantic's, without its own definitions."""
+        """As in pydantic, but without its own definitions."""
         anonymous: Any = {key: value for key, value in schema.items() if key != "ref"}
         return super().generate_inner(anonymous)
 
@@ -323,13 +323,13 @@ def _named(*specs: type[Spec]) -> Form:
 
 
 def _one_of(specs: Iterable[type[Spec]]) -> Form:
-    """A table of one of these kinds, which differ by the keys they need or by ``type``."""
+    """A table of one of these kinds, which differ by their required keys or by ``type``."""
     forms = [reference(spec) for spec in dict.fromkeys(specs)]
     return {"anyOf": forms} if len(forms) > 1 else forms[0]
 
 
 def _definitions(top: Form) -> dict[str, Form]:
-    """Every definition that is referred to, directly or through others."""
+    """All definitions that are referenced, directly or through others."""
     specs = {reference(spec)["$ref"]: spec for spec in _subclasses(Spec)}
     todo, done = _references(top), dict[str, Form]()
     while todo:
@@ -346,7 +346,7 @@ def _subclasses(cls: type[Spec]) -> list[type[Spec]]:
 
 
 def _references(form: Any) -> set[str]:
-    """Where a form refers to, at any depth."""
+    """The references in a form, at any depth."""
     parts = form.values() if isinstance(form, dict) else form if isinstance(form, list) else ()
     targets = {form["$ref"]} if isinstance(form, dict) and "$ref" in form else set[str]()
     return targets.union(*(_references(part) for part in parts))

@@ -1,8 +1,7 @@
 """The tables of a scene: which specification each has, and how named entries are read.
 
-In: section, name and raw table. Out: the specification or its problems with their scene path, from
-a file and from Python alike. The tables that say what of a run is stored, drawn, and compared with
-known answers stand here themselves.
+In: section, name and raw table. Out: the specification or its problems with their scene path, for
+files and Python alike. The tables of stored results, pictures and known answers are defined here.
 """
 
 from __future__ import annotations
@@ -57,13 +56,13 @@ from flexmb.model.sensor import SENSOR_TYPES
 
 
 class ResultsSpec(Spec):
-    """What the result file holds.
+    """What the result file stores.
 
-    ``keep`` names what is stored at each output, everything by default: groups (sensors, poses,
+    ``keep`` names what is stored at each output, by default everything: groups (sensors, poses,
     modal-coordinates, velocities, coordinates, accelerations, reactions, multipliers, energy),
     bodies, joints, drivers, sensors, or channels, also with wildcards such as ``"rod.eta.*"``.
-    Times and constraint drift are stored always, and so are channels of ``[[check]]`` and of
-    ``[view] history``.
+    Times, constraint drift, and the channels of ``[[check]]`` and of ``[view] history`` are always
+    stored.
     """
 
     keep: tuple[Text, ...] = ()
@@ -149,9 +148,10 @@ class ViewSpec(Spec):
 
 
 class CheckSpec(Spec):
-    """At ``time`` the channel ``sensor`` is ``value`` within ``tolerance``, says ``source``.
+    """Known answer: at ``time`` the channel ``sensor`` is ``value`` within ``tolerance``, by
+    ``source``.
 
-    Channels are those of sensors, and ``"rod.von_mises"``, the largest stress of a flexible body.
+    Channels are those of sensors, and ``"rod.von_mises"``: the largest stress of a flexible body.
     """
 
     sensor: Text
@@ -162,10 +162,10 @@ class CheckSpec(Spec):
 
 
 class FrequencyCheckSpec(Spec):
-    """Natural frequency number ``mode`` of the flexible ``body`` is ``value`` within ``tolerance``.
+    """Known answer: natural frequency ``mode`` of the flexible ``body``, within ``tolerance``.
 
-    ``held`` names interfaces that do not move; without any the body is free, and its rigid motions
-    do not count.
+    ``held`` names interfaces that are fixed; without any the body is free, and its rigid motions
+    are not counted.
     """
 
     body: Text
@@ -177,10 +177,11 @@ class FrequencyCheckSpec(Spec):
 
 
 class ModeCheckSpec(Spec):
-    """Linearised mode ``linear_mode`` of the scene has the frequency ``value``.
+    """Known answer: frequency of the linearised mode ``linear_mode`` of the scene.
 
-    About its first state, flexible bodies in equilibrium with loads and motion, as `flexmb modes`
-    shows it. Of modes that vibrate, in the order of their frequencies. ``parameters`` are changed.
+    The scene is linearised about its first state, with flexible bodies in equilibrium with loads
+    and motion, as `flexmb modes` shows it. Modes that vibrate are numbered in the order of their
+    frequencies. ``parameters`` are changed first.
     """
 
     linear_mode: Annotated[int, Integer(1)]
@@ -196,11 +197,11 @@ CHECK_LISTS: dict[type[Spec], str] = {
     ModeCheckSpec: "mode_checks",
     PartCheckSpec: "part_checks",
 }
-"""What a ``[[check]]`` may be, and where a model has those of each kind."""
+"""The kinds of ``[[check]]``, and the list of the model that contains each kind."""
 
 
 def check_kind(fields: Mapping[str, Any]) -> type[Spec]:
-    """Which of them a table is."""
+    """The kind of check that a table describes."""
     if "linear_mode" in fields:
         return ModeCheckSpec
     if "part" in fields:

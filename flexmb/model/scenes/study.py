@@ -1,12 +1,12 @@
-"""Values of a scene that are changed from outside: by overrides, and by studies of many values.
+"""Changes of values of a scene: by overrides, and by studies of many values.
 
 A name is a parameter, a field of ``[dynamics]``, or the path of a value: ``speed=2*pi*10``,
 ``dynamics.step=1e-5``; ``bodies.*`` are all flexible bodies. Below the entries of a section
-(``bodies.rod``) a path may name what the scene does not have yet. Texts are read as TOML values
-where they are ones, tables in braces among them, else stay texts (expressions, names). Values of a
-study are lists, or ranges: ``1e-2..1e-8`` by factors of ten, ``1e-3..1e-5:5`` five values at equal
-ratios, rounded to three digits where they are far apart; between whole numbers the values are
-whole.
+(``bodies.rod``) a path may name a value that the scene does not contain yet. Texts are read as TOML
+values if they are valid ones (also tables in braces), else they stay texts (expressions, names).
+Values of a study are lists, or ranges: ``1e-2..1e-8`` by factors of ten, ``1e-3..1e-5:5`` five
+values at equal ratios, rounded to three digits if they are far apart; between whole numbers the
+values are whole.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def override(
 
 
 def read_value(text: Any) -> Any:
-    """A TOML value where a text is one, else the text: an expression or a name."""
+    """A TOML value if the text is one, else the text: an expression or a name."""
     if not isinstance(text, str):
         return text
     try:
@@ -89,7 +89,7 @@ def _set(scene: dict[str, Any], name: str, value: Any) -> Problem | None:
 
 
 def _set_parameter(scene: dict[str, Any], name: str, value: Any) -> Problem | None:
-    """A parameter, or one of the single values of a scene."""
+    """Set a parameter, or one of the single values of a scene."""
     where = f"override {name}"
     parameters = scene.get("parameters", {})
     if not isinstance(parameters, Mapping):
@@ -113,7 +113,7 @@ def _set_parameter(scene: dict[str, Any], name: str, value: Any) -> Problem | No
 def units_of_changes(
     before: Mapping[str, Any], after: Mapping[str, Any], names: Iterable[str]
 ) -> tuple[list[Problem], list[str]]:
-    """Values of which a scene states the unit and a change another one; see `units_of_values`."""
+    """`units_of_values` for the changed values of which the scene states a unit."""
     problems, notes = [], []
     for name in map(str.strip, names):
         wrong, sentences = units_of_values(
@@ -127,8 +127,8 @@ def units_of_changes(
 def units_of_values(
     scene: Mapping[str, Any], where: str, name: str, values: Iterable[Any]
 ) -> tuple[list[Problem], list[str]]:
-    """Values for one of which a scene states the unit: problems where they are of another quantity,
-    a sentence where the unit is left out though the numbers seem to have it."""
+    """Check values against the unit that a scene states for one: problems if they are of another
+    quantity, and a sentence if the unit is missing though the numbers seem to be in it."""
     old, (stated, ratio) = _value_at(scene, name), stated_unit(scene, name)
     if not stated:
         return [], []
@@ -151,9 +151,9 @@ def units_of_values(
 
 
 def stated_unit(scene: Mapping[str, Any], name: str) -> tuple[str, float]:
-    """The unit that a scene states of a value, and how many of it one of the scene's units is.
+    """The unit that a scene states for a value, and how many of it are one unit of the scene.
 
-    Both are none where it states no unit.
+    An empty text and 1 if the scene states no unit.
     """
     system = UNIT_SYSTEMS.get(str(scene.get("units", "SI")))
     text = _unit_text(_value_at(scene, name))
@@ -177,14 +177,14 @@ def _value_at(scene: Mapping[str, Any], name: str) -> Any:
 
 
 def _is_meant(new: float, old: float, ratio: float) -> bool:
-    """Whether a number is nearer to the one before its unit than to what that is in scene units."""
+    """Whether a number is nearer to the old number before its unit than to that in scene units."""
     if ratio == 1.0 or new == 0.0 or old == 0.0:
         return False
     return abs(math.log(abs(new / old))) < abs(math.log(abs(new * ratio / old)))
 
 
 def _unit_text(value: Any) -> str:
-    """The unit behind a plain number, in a text; none of anything else."""
+    """The unit after the number in a text; empty for anything else."""
     match = _NUMBER_WITH_UNIT.match(value) if isinstance(value, str) else None
     try:
         return match["unit"] if match and parse_unit(match["unit"]) else ""
@@ -197,9 +197,9 @@ _OF_NAMES = ("markers", "interfaces", "sections")  # tables of named things
 
 
 def _is_free(parts: Sequence[str], depth: int) -> bool:
-    """Whether a path may name a table at this depth that the scene does not have.
+    """Whether a path may name a table at this depth that the scene does not contain.
 
-    Whoever reads the changed scene knows what may stand there.
+    The changed scene is checked when it is read.
     """
     return depth > 1 or (depth == 1 and parts[0] in _MAKEABLE)
 
@@ -226,12 +226,13 @@ def _put(where: str, table: dict[str, Any], parts: list[str], value: Any) -> Pro
 
 ALL_BODIES = ["bodies", "*"]
 OF_MESHES = {"modes": "bodies.*.modes", "mesh": "bodies.*.refine"}
-"""Short names of what all bodies made from meshes have: modes, refinements of the mesh."""
+"""Short names of options of all bodies made from meshes: number of modes, refinements of the mesh.
+"""
 NO_FLEXIBLE_BODY = "the scene has no flexible body, with a mesh or a flexbody"
 
 
 def flexible_bodies(scene: Mapping[str, Any]) -> list[str]:
-    """Names of the bodies that the scene makes from meshes or files."""
+    """Names of the bodies that the scene makes from meshes or flexbody files."""
     bodies = _table(scene, "bodies")
     return [name for name in bodies if {"mesh", "flexbody"} & set(_table(bodies, name))]
 
@@ -246,8 +247,8 @@ _TOP = ("gravity", "effects", "budget")
 def resolve_knob(scene: Mapping[str, Any], name: str) -> tuple[str, Problem | None]:
     """The full name of a knob, and the problem if the scene has none of that name.
 
-    A last part that the scene does not write down is left to whoever reads the changed scene: a
-    field may have a default.
+    The last part of a path need not be in the scene, since a field may have a default; it is
+    checked when the changed scene is read.
     """
     if name in _table(scene, "parameters") or name in _TOP:
         return name, None
@@ -281,7 +282,7 @@ def _unknown_parameter(path: list[str], last: str, table: Mapping[str, Any]) -> 
 
 
 def knob_names(scene: Mapping[str, Any]) -> Iterator[str]:
-    """Short names, then the paths of all values that the scene writes down."""
+    """Short names, then the paths of all values in the scene."""
     yield from _table(scene, "parameters")
     yield from DynamicsSpec.model_fields
     yield from OF_MESHES if flexible_bodies(scene) else ()
@@ -308,8 +309,8 @@ def leaves(path: str, table: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _RANGE = re.compile(rf"\s*(?P<a>{_NUMBER})\s*\.\.\s*(?P<b>{_NUMBER})\s*(?::(?P<n>.*))?\Z")
 _HALF_RANGE = re.compile(rf"\s*(?:{_NUMBER}\s*\.\.|\.\.\s*{_NUMBER}\s*(?::|\Z))")
-_COARSE = 0.1  # relative distance of neighbours from which three digits are enough
-_MAX_VALUES = 1000  # values of one knob; more is a slip of the keyboard
+_COARSE = 0.1  # relative distance of neighbouring values above which three digits are enough
+_MAX_VALUES = 1000  # largest number of values of one knob; more is a typing error
 
 
 def sweep_values(source: Any) -> tuple[Any, ...]:
@@ -342,7 +343,7 @@ def sweep_values(source: Any) -> tuple[Any, ...]:
 
 
 def split_values(text: str) -> list[str]:
-    """The pieces between commas outside of brackets."""
+    """The parts of a text between commas outside of brackets."""
     pieces, depth = [""], 0
     for letter in text:
         depth += (letter in "([{") - (letter in ")]}")
@@ -379,7 +380,7 @@ def _decades(a: float, b: float) -> Iterator[float]:
     sign = "" if b > a else "-"
     low, high = min(a, b) * (1 - 1e-9), max(a, b) * (1 + 1e-9)
     k = 0
-    while low <= (value := a * float(f"1e{sign}{k}")) <= high:  # infinite beyond 1e308
+    while low <= (value := a * float(f"1e{sign}{k}")) <= high:  # infinite above 1e308
         yield float(f"{value:.12g}")  # 0.001, not 0.0010000000000000002
         k += 1
 
@@ -421,10 +422,10 @@ class StudySpec(Spec):
     """Study of accuracy against cost.
 
     ``vary`` names knobs and their values: lists, or ranges such as ``"1e-2..1e-6"`` (by factors of
-    ten) and ``"1e-3..1e-5:5"`` (five values at equal ratios); all combinations are run.
-    ``repeats`` of each run, for the median of its processor time; ``target`` is the error over the
-    peak-to-peak that the cheapest setting must meet; ``sensors`` (or channels) that are judged,
-    all by default.
+    ten) and ``"1e-3..1e-5:5"`` (five values at equal ratios); all combinations are run. ``repeats``
+    is the number of runs of each, for the median of the processor time; ``target`` is the error,
+    over the peak-to-peak, that the cheapest setting must meet; ``sensors`` (or channels) whose
+    errors count, by default all.
     """
 
     vary: Annotated[dict[str, tuple[Any, ...]], Reader(_vary, form={"type": "object"})]

@@ -25,10 +25,11 @@ else:
 class PartSpec(Base):
     """One flexible body by itself: static solution, natural frequencies, buckling.
 
-    ``body`` may be left out where the scene has one body with a mesh. Its joints do not count: the
-    ``supports`` hold it, the ``loads`` act together. Static where there are loads or imposed
-    displacements; ``frequencies`` as supported; ``buckling`` is how many load factors are sought;
-    with ``preload`` the static stress and the spin change the frequencies.
+    ``body`` may be left out if the scene has one body with a mesh. Its joints are ignored: only the
+    ``supports`` hold it, and all ``loads`` act together. A static solution is computed if there are
+    loads or imposed displacements; ``frequencies`` are those of the supported part; ``buckling`` is
+    the number of load factors; with ``preload`` the static stress and the spin change the
+    frequencies.
     """
 
     body: Text | None = None
@@ -42,7 +43,7 @@ class PartSpec(Base):
 
 
 class PartCheckSpec(Spec):
-    """The quantity ``part`` of the part by itself is ``value`` within ``tolerance``.
+    """Known answer: the quantity ``part`` of a part analysis is ``value`` within ``tolerance``.
 
     Such as ``frequency.1``, ``load_factor.1``, ``displacement.tip.z``, ``reaction.root.Fz``,
     ``von_mises``, ``stress.17.top.xx``, ``section_force.3.1.Mz``, ``shell_force.17.Mx``.
@@ -55,12 +56,12 @@ class PartCheckSpec(Spec):
 
 
 def part_unit(quantity: Any) -> str | None:
-    """SI unit of a quantity of a part; None where there is no such quantity."""
+    """SI unit of a quantity of a part; None if there is no such quantity."""
     return unit_of_quantity(quantity) if isinstance(quantity, str) else None
 
 
 def select_part_body(model: ModelData) -> tuple[str, list[Problem]]:
-    """The body of ``[part]``, and what is wrong with the choice."""
+    """The body of ``[part]``, and problems of its selection."""
     bodies = tuple(n for n, spec in model.bodies.items() if isinstance(spec, MeshBodySpec))
     name = None if model.part is None else model.part.body
     if name is None and len(bodies) == 1:
@@ -75,7 +76,8 @@ def select_part_body(model: ModelData) -> tuple[str, list[Problem]]:
 
 
 def part_problems(scope: Scope) -> Iterator[Problem]:
-    """The body of a part, the interfaces that its supports and loads name, known quantities."""
+    """Problems of the body, of the interfaces named in supports and loads, and of known
+    quantities."""
     model = scope.model
     for i, check in enumerate(model.part_checks):
         if part_unit(check.part) is None:

@@ -1,8 +1,9 @@
-"""What a sweep varies and asks: distributions and values of knobs, scalars of channels, questions.
+"""Options of a sweep: distributions and values of knobs, scalars of channels, questions.
 
 In: texts such as ``normal(0.15, 1e-4)``, ``0.1..0.2:5``, ``slider.x:peak-to-peak``,
-``crank_pin.rod.force:max <= 5 kN``. Out: records that sample and judge runs. Numbers may be
-expressions over the scene's parameters and may have units, as everywhere in a scene.
+``crank_pin.rod.force:max <= 5 kN``. Out: records by which settings are sampled and runs are
+assessed. Numbers may be expressions over the scene's parameters and may have units, as everywhere
+in a scene.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ DISTRIBUTIONS = {
     "triangular": ("low", "mode", "high"),
     "choice": ("value", "value", "..."),
 }
-"""Distributions and their numbers; `normal` takes two limits more, beyond which nothing lies."""
+"""Distributions and their parameters; `normal` may have two more, limits that no value exceeds."""
 
 SCALARS = ("min", "max", "peak", "peak-to-peak", "rms", "mean", "final")
 """Scalars of a channel over the outputs of a run; `peak` is the largest magnitude."""
@@ -47,12 +48,12 @@ _QUESTION = re.compile(
     r"\s*(?:(minimise|maximise)\s+(\S+)|([^\s<>=]+)\s*(<=|>=|<|>|==?)\s*(.+?))\s*\Z"
 )
 _MAX_LEVELS = 10_000
-_NORMAL_LIMITS = 4  # numbers of a normal distribution with limits
+_NORMAL_LIMITS = 4  # parameters of a normal distribution with limits
 
 
 @dataclass(frozen=True)
 class Distribution:
-    """How the values of a knob are distributed.
+    """The distribution of the values of a knob.
 
     Attributes
     ----------
@@ -63,7 +64,7 @@ class Distribution:
     choices : tuple
         Values of a ``choice``.
     levels : int
-        Values of a grid over it; 0 if that is not said.
+        Number of values on a grid; 0 if not stated.
     """
 
     kind: str
@@ -73,7 +74,7 @@ class Distribution:
 
     @property
     def text(self) -> str:
-        """As it is written."""
+        """The distribution in its notation."""
         if self.kind == "choice":
             return ", ".join(map(str, self.choices))
         inside = ", ".join(repr(number).removesuffix(".0") for number in self.numbers)
@@ -81,7 +82,8 @@ class Distribution:
 
     @property
     def span(self) -> tuple[float, float]:
-        """Least and largest value; of a normal distribution two deviations to each side."""
+        """Smallest and largest value; for a normal distribution two standard deviations to each
+        side."""
         if self.kind != "normal":
             return self.numbers[0], self.numbers[-1]
         mean, deviation, *limits = self.numbers
@@ -90,7 +92,7 @@ class Distribution:
 
 
 def read_distribution(source: Any, names: ReadContext) -> Distribution:
-    """The distribution that a text, a number or a list of values means.
+    """The distribution described by a text, a number or a list of values.
 
     Parameters
     ----------
@@ -127,7 +129,7 @@ def read_distribution(source: Any, names: ReadContext) -> Distribution:
 
 
 def numbers_written(source: Any) -> list[Any]:
-    """The values in what a distribution is read from, as they are written: numbers, or texts."""
+    """The values in the notation of a distribution, as they are written: numbers, or texts."""
     if not isinstance(source, str):
         values = plain(source)
         return values if isinstance(values, list) else [values]
@@ -178,7 +180,7 @@ def _check_numbers(kind: str, numbers: tuple[float, ...], source: str) -> None:
 
 
 def read_scalar(text: str) -> tuple[str, str]:
-    """Channel and scalar of ``slider.x:max``; the scalar is empty where the text has none.
+    """Channel and scalar of ``slider.x:max``; the scalar is empty if the text has none.
 
     Raises
     ------
@@ -195,7 +197,7 @@ def read_scalar(text: str) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class Question:
-    """What a designer asks: a bound or a value of a scalar, or its least or largest value.
+    """A question of a designer: a bound or a value of a scalar, or its minimum or maximum.
 
     Attributes
     ----------
@@ -204,7 +206,7 @@ class Question:
     relation : str
         ``"<="``, ``">="``, ``"="``, ``"minimise"`` or ``"maximise"``.
     bound : str
-        A number, perhaps with a unit, which the channel decides about.
+        A number, with or without a unit; its quantity is that of the channel.
     """
 
     scalar: tuple[str, str]
@@ -213,13 +215,13 @@ class Question:
 
     @property
     def text(self) -> str:
-        """As it is written."""
+        """The question in its notation."""
         name = ":".join(self.scalar)
         return f"{name} {self.relation} {self.bound}" if self.bound else f"{self.relation} {name}"
 
 
 def read_question(text: str) -> Question:
-    """A question such as ``slider.x:max <= 0.6`` or ``minimise lift.y:rms``.
+    """Read a question such as ``slider.x:max <= 0.6`` or ``minimise lift.y:rms``.
 
     Raises
     ------
@@ -244,7 +246,7 @@ def read_question(text: str) -> Question:
 def read_knobs(
     vary: Mapping[str, Any], names: ReadContext
 ) -> tuple[dict[str, Distribution], list[Problem]]:
-    """Distributions by knob, and what is wrong with them."""
+    """Distributions by knob, and problems of them."""
     knobs: dict[str, Distribution] = {}
     problems: list[Problem] = []
     for knob, source in leaves("", vary):
@@ -271,7 +273,7 @@ def _write_vary(value: Mapping[str, Distribution], info: SerializationInfo) -> d
 
 
 def _readable(read: Callable[[str], object]) -> Reader:
-    """A text that a function can read."""
+    """Annotation of a text that a function must be able to read."""
 
     def check(value: Any, info: ValidationInfo) -> str:
         if not isinstance(value, str):
@@ -295,12 +297,13 @@ def _share(value: Any, info: ValidationInfo) -> float:
 class SweepSpec(Spec):
     """Sweep over knobs of a scene: samples, statistics, sensitivities, questions.
 
-    ``vary`` names knobs and how they are distributed: ``"normal(0.15, 1e-4)"``, ``"0.1..0.2"``
+    ``vary`` names knobs and their distributions: ``"normal(0.15, 1e-4)"``, ``"0.1..0.2"``
     (uniform), ``"0.1..0.2:5"`` (five values of a grid), or a list of values. ``method`` selects the
-    settings, by default a grid where all knobs have values, else Sobol samples; ``samples`` is
-    their number (of a Saltelli scheme that of its base), ``seed`` that of the random numbers.
-    ``sensors`` are the scalars that are judged, such as ``"slider.x:max"``; ``quantiles`` their
-    shares. ``find`` holds questions such as ``"slider.x:max <= 0.6"`` or ``"minimise lift.y:rms"``.
+    settings, by default a grid if all knobs have values, else Sobol samples; ``samples`` is their
+    number (for a Saltelli scheme that of its base samples), ``seed`` sets the random numbers.
+    ``sensors`` are the scalars to be assessed, such as ``"slider.x:max"``; ``quantiles`` are
+    computed of them. ``find`` has questions such as ``"slider.x:max <= 0.6"`` or ``"minimise
+    lift.y:rms"``.
     """
 
     vary: Annotated[dict[str, Distribution], Reader(_vary, _write_vary, form={"type": "object"})]
