@@ -14,10 +14,10 @@ from flexmb.analysis.assembly.initial_state import Assembled, StartValues, assem
 from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
 from flexmb.analysis.assembly.static_mode_selection import is_determinate
 from flexmb.analysis.chunked_run import Ending, Outcome, Sink, assemble_first_state, run_chunks
+from flexmb.analysis.dynamics.impacts import MissedPeaks, slow_impacts
 from flexmb.analysis.dynamics.integration import (
     Integration,
     StepRows,
-    slow_impacts,
     static_modes_sentence,
     stiff_force_sentence,
 )
@@ -250,6 +250,7 @@ class _Pass:
         self._ringing = RingingMonitor(compiled, model, step if may_ring else 0.0)
         self._steps = StepRows(prepared.run, self._ringing.looks)
         self._validity = ValidityMonitor(compiled, model, prepared.first.q)
+        self._peaks = MissedPeaks(compiled, model)
         self.growth = GrowthMonitor(compiled, model)
         self._begins = prepared.rows_before == 0
 
@@ -305,6 +306,8 @@ class _Pass:
         if ending.status == "finished":
             notes += [*missed_accuracy(prepared), damped_vibration(prepared)]
             notes += slow_impacts(prepared.run, prepared.model.units)
+            if prepared.rows_before == 0:  # rows of a run before it was resumed were not looked at
+                notes += self._peaks.sentences(prepared.run, prepared.model)
             unstable = unstable_step(prepared.run, prepared.method, failed=False)
             notes += [unstable or _energy_error_sentence(prepared)]
         return [note for note in notes if note]
@@ -323,7 +326,8 @@ class _Pass:
     def _append(self, rows: OutputBlock) -> None:
         rows = rows.part(0, self._validity.add(rows))
         for monitor in (
-            self._contact_loss, self._orientations, self.growth, self._turning, self._ringing
+            self._contact_loss, self._orientations, self._peaks, self.growth, self._turning,
+            self._ringing,
         ):  # fmt: skip
             monitor.add(rows)
         self._sink.append(rows)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from functools import partial
 
 import numpy as np
 
@@ -17,22 +16,12 @@ from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
 from flexmb.engine.compiled_calls import integrate
 from flexmb.engine.compiled_units import packed_record
-from flexmb.engine.forces.contact_pair import (
-    BLOW_SPEED,
-    BLOW_WORK,
-    FASTEST,
-    HARDEST_SPEED,
-    HARDEST_WORK,
-    REBOUND,
-    takes_a_blow,
-)
 from flexmb.engine.method import time_round_off
 from flexmb.engine.method_selection import STIFF_METHOD
 from flexmb.engine.state import Plan, State, Work
 from flexmb.engine.status_messages import worst_place
 from flexmb.errors import FlexmbError
 from flexmb.results.output_block import OutputBlock
-from flexmb.units import UnitSystem
 
 # Steps of a chunk times velocity coordinates: about 0.1 s of computing time.
 _CHUNK_WORK = 200_000
@@ -43,10 +32,6 @@ _CHUNK_WORK = 200_000
 # reported before. At most _MAX_REPEATED_SHARE of all steps, and a chunk, are repeated for it.
 _ROWS_REPORTED, _STEPS_NEAR_OUTPUT, _SAME_TIME = 6, 4, 1e-6
 _MIN_ALTERNATION, _GROWTH_TO_REPORT, _LEAST_SPAN, _MAX_REPEATED_SHARE = 0.02, 1.5, 1e-3, 0.1
-# Impacts of a contact are slow if the fastest one has less than this many times its least_speed; a
-# rebound by less than this share of the size of the model is not reported.
-_SPEED_RATIO, _MIN_REBOUND = 10.0, 1e-4
-_BLOW = 0.01  # work of a blow in a contact over the energy that moved, above which it is reported
 _MIN_CHUNK = 4  # steps
 # A run is refused if the rest of it would take too many steps at the present rate: more than the
 # first number, or than the second over velocity coordinates times stages. _MAX_STABLE_STEPS holds
@@ -315,42 +300,6 @@ def stiff_force_sentence(run: Integration) -> str:
         f'stiff for its quasi-static modes; use method = "{STIFF_METHOD}", or deformation '
         '= "dynamic"'
     )
-
-
-def slow_impacts(run: Integration, units: UnitSystem) -> Iterator[str]:
-    """A sentence for each contact that is damped for speeds which its impacts do not have.
-
-    It applies if the fastest impacts are about as slow as least_speed and the contact rebounds
-    after one below it. Not reported are contacts that had faster impacts, that rebound by a
-    negligible distance, or whose motion drivers fix; nor contacts of several points, which have no
-    restitution of their own. It also applies if sides that lie against each other, damped as at
-    least_speed, take a blow.
-    """
-    for name, element in run.compiled.elements.items():
-        if element.kind != "contacts" or element.n > 1 or run.settings.determinate == 1:
-            continue
-        row, state = run.compiled.system.kinds["contacts"].rows[element.row], run.state.history
-        slow, history = float(row["slow"]), state[row["impacts"] :]
-        fastest = float(history[FASTEST])
-        least = _MIN_REBOUND * run.compiled.length
-        say = partial(units.say, unit="m/s", digits=2)
-        blow = (
-            (BLOW_WORK, BLOW_SPEED) if takes_a_blow(row, state) else (HARDEST_WORK, HARDEST_SPEED)
-        )
-        if history[blow[0]] > _BLOW * run.rows.balance.moved:
-            hit = float(history[blow[1]])
-            yield (
-                f"{name}: its sides lay against each other when a blow drove them together with "
-                f"{say(hit)}; it is damped as an impact of {say(slow)}, its least_speed, and "
-                "rebounds by far less than its restitution: a small gap gives the blow its own "
-                f"speed, or give least_speed = {units.outward(hit, 'm/s'):.1g}"
-            )
-        elif row["damping"] > 0.0 and fastest < _SPEED_RATIO * slow and history[REBOUND] > least:
-            yield (
-                f"{name}: impacts below its least_speed of {say(slow)} are damped as those of that "
-                f"speed, so that they rebound by more than its restitution; the fastest one has "
-                f"{say(fastest)}: give least_speed = {units.outward(fastest / 100, 'm/s'):.1g}"
-            )
 
 
 def _unsettled(compiled: Compiled, rows: np.ndarray) -> str:

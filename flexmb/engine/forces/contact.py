@@ -49,6 +49,7 @@ from flexmb.engine.forces.bristle import (
 )
 from flexmb.engine.forces.contact_pair import (
     IMPACT_HISTORY,
+    PEAK,
     normal_change,
     normal_force,
     normal_parameters,
@@ -274,6 +275,8 @@ def update_history(run: Run, contacts: Contacts, at: Point) -> int:
             history[o] = max(rate + (before - rate) * d / way, c["slow"])
         damping = cn["N"] - c["K"] * max(d, 0.0) ** c["n"]
         record_impact(c, d, rate, damping, now.span[0], at.t[0], now.history, history)
+        if d > 0.0:
+            history[c["impacts"] + PEAK] = max(history[c["impacts"] + PEAK], cn["N"])
         if c["model"] == BRISTLE:
             mi, mj, n, g = now.marker[c["I"]], now.marker[c["J"]], triple(cn["n"]), triple(cn["g"])
             tilt, a = (

@@ -44,9 +44,9 @@ BALL, PLANE, CYLINDER, BORE = 0, 1, 2, 3
 # A blow is an approach much faster than ḋ₀, for which the damping is set, within a contact that
 # lasts. BLOW_WORK, BLOW_SPEED: work of the damping force in blows, J, and largest speed of
 # approach, m/s, during the last contact; HARDEST_WORK, HARDEST_SPEED: the same of the contact with
-# the largest such work so far (`takes_a_blow`).
+# the largest such work so far (`takes_a_blow`). PEAK: largest normal force at the end of a step, N.
 IMPACT, ONSET, DEEPEST, FASTEST, REBOUND, BLOW_WORK, BLOW_SPEED = range(7)
-HARDEST_WORK, HARDEST_SPEED, IMPACT_HISTORY = range(7, 10)
+HARDEST_WORK, HARDEST_SPEED, PEAK, IMPACT_HISTORY = range(7, 11)
 # Longest duration of an impact, over (largest depth)/(impact speed). If a contact lasts longer, the
 # sides are pressed together, and it is no impact.
 _MAX_IMPACT_DURATION = 10.0

@@ -1,0 +1,54 @@
+"""Peaks of contact forces between outputs are told; what the rows show is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from accuracyscenes.judging import judged
+
+from flexmb.model import Model
+
+
+def ball(size=1.0):
+    """It falls from rest by 0.2 m and bounces once, for some milliseconds."""
+    model = Model("ball", gravity=[0, 0, -9.81 * size])
+    model.add_body("ball", mass=1.0, inertia=[1e-3 * size**2] * 3, position=[0, 0, 0.3 * size])
+    model.add_force(
+        "floor", "contact", between=["ground", "ball"], stiffness=1e6 / size, exponent=1.0,
+        restitution=1.0,
+        shapes=[{"type": "plane", "axis": "z"}, {"type": "sphere", "radius": 0.1 * size}],
+    )  # fmt: skip
+    model.add_sensor("push", "reaction", force="floor", axes="global")
+    return model
+
+
+def notes(outputs, model=None, **knobs):
+    knobs = {"duration": 0.3, "accuracy": 1e-5, **knobs}
+    found = judged(ball() if model is None else model, outputs=outputs, **knobs)
+    return [note for note in found.notes if "between outputs" in note]
+
+
+@pytest.mark.parametrize("method", ["auto", "radau", "generalized-alpha"])
+def test_a_peak_between_outputs_is_told(method):
+    """It stops within √(m/k) v: a spring of 1e6 N/m pushes with v √(m k) at most."""
+    (note,) = notes(20, method=method)
+    peak = np.sqrt(2 * 9.81 * 0.2 * 1e6)
+    said = float(note.split("up to ")[1].split()[0])
+    assert said == pytest.approx(peak, rel=0.1)
+    assert note.startswith("sensors.push: its contact pushes with up to ") and " at most" in note
+
+
+def test_what_the_rows_show_is_not_told():
+    assert not notes(3000)
+    assert not notes(np.linspace(0.0, 0.3, 3001).tolist())
+
+
+def test_a_contact_that_no_sensor_records_is_not_told():
+    model = ball()
+    model.sensors.clear()
+    model.add_sensor("place", "position", of="ball")
+    assert not notes(20, model)
+
+
+def test_fixed_steps_are_told_too():
+    assert len(notes(20, accuracy=None, step=1e-5)) == 1
