@@ -180,9 +180,9 @@ def make_settings(source: StudySource, vary: Mapping[str, tuple[Any, ...]]) -> l
     """All settings of a study.
 
     Raises
-    Unknown knobs, knobs that exclude each other, or no value that the model accepts.
+    ------
     SceneError
-        Unknown knobs, knobs that exclude each other, or values of which the model takes none.
+        Unknown knobs, knobs that exclude each other, or no value that the model accepts.
     """
     knobs = resolve_knobs(source, vary, exclusive=False)
     tables = _without_conflict(knobs)

@@ -55,10 +55,10 @@ def work_precision_figure(
     ----------
     panels : mapping
         Quantity to its series.
-    Smallest error that can be shown, by quantity; the range below is shaded.
-        Smallest error that can be shown, by quantity; less is shaded.
-    Time and error of the cheapest setting that meets the target, by quantity; it is ringed.
-        Time and error of the cheapest setting that meets the target, by quantity: ringed.
+    floors : mapping
+        Smallest error that can be shown, by quantity; the range below is shaded.
+    best : mapping, optional
+        Time and error of the cheapest setting that meets the target, by quantity; it is ringed.
     target : float
         Error to be met, drawn as a line.
     title, note : str

@@ -48,8 +48,8 @@ def check_all(
         Scenes are its files `*.toml`, in subfolders too; or one scene.
     output : path
         Folder of the results, with the same subfolders.
-    Number of scenes that run at the same time.
-        Scenes that are run at the same time.
+    workers : int
+        Number of scenes that run at the same time.
     progress : Progress
         Called after each scene.
 

@@ -128,9 +128,9 @@ class Comparison:
         """Draw channels of all models over each other.
 
         Parameters
-        Names of channels; none: those that differ most.
+        ----------
         *channels : str
-            None: those that differ most.
+            Names of channels; none: those that differ most.
         output : path, optional
             A file that ends in .png, .pdf or .svg.
 

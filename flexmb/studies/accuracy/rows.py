@@ -47,14 +47,14 @@ class Row:
     group, physics : str
         Equal for settings of the same machine, and of the same model.
     finest : bool
-        Whether its model is the finest of the group, the one that the reference has.
-    Whether its model is the finest of the group, which is the model of the reference.
+        Whether its model is the finest of the group, which is the model of the reference.
+    errors : dict of str to Error
         Positions, velocities, reactions, energy (its balance), drift (of the constraints).
     seconds : tuple of float
         Wall times of the integration, one per repeat.
     cpu_seconds : tuple of float
-        Processor times of the same: less where the run had to wait for a core or for the disk.
-    Processor times of the same: shorter if the run had to wait for a core or for the disk.
+        Processor times of the same: shorter if the run had to wait for a core or for the disk.
+    duration : float
         Simulated time [s].
     reduction : float
         One-off wall time of the reduction of the flexible bodies [s].

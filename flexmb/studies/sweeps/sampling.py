@@ -1,4 +1,10 @@
-"""The settings of a sweep: points of the unit cube by a method, mapped to values of the knobs."""
+"""The settings of a sweep: points of the unit cube by a method, mapped to values of the knobs.
+
+In: distributions of knobs, a method, a number of samples, a seed. Out: a :class:`Design`: points
+(n, k) and values. The methods: all combinations of given values; independent samples; Latin
+hypercubes (McKay, Beckman, Conover 1979); scrambled Sobol sequences (Sobol 1967, Owen 1998); the
+radial scheme of Saltelli et al. (2010) for sensitivities; central differences with two steps.
+"""
 
 from __future__ import annotations
 
