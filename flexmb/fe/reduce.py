@@ -140,9 +140,8 @@ def reduce(
         ``{"effective_mass": share}``. User modes as an array or an .npz file, displacements in
         the mesh's unit of length.
     damping : float, str or mapping
-        Damping ratio of every mode with the interfaces fixed as the scene fixes them, 0 to 1,
-        ``"adams"`` or a table of :class:`flexmb.flexbody.damping.DampingOptions`; for scenes that
-        set no damping.
+        Damping ratio of every mode with the body in the joints of a scene, 0 to 1, ``"adams"`` or a
+        table of :class:`flexmb.flexbody.damping.DampingOptions`; for scenes that set no damping.
     name : str, optional
         Name of the body; the file's by default.
     sections : mapping of str to section or mapping, optional

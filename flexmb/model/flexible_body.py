@@ -118,7 +118,11 @@ EFFECT_WORDS = {"deformation", "inertia_coupling", "geometric_stiffening", "fram
 
 
 class FlexibleBodySpec(BodySpec):
-    """Options of all flexible bodies: which effects of their deformation a run includes."""
+    """Options of all flexible bodies: which effects of their deformation a run includes.
+
+    `damping` is a damping ratio of all modes with the joints of the scene, the preset "adams", or a
+    table; by default that of the body's file, or none.
+    """
 
     deformation: Annotated[Any, _Deformation()] = "dynamic"
     inertia_coupling: Literal["constant", "partial", "full"] = "full"

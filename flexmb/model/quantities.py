@@ -167,8 +167,8 @@ def read_number(value: Any, names: ReadContext, unit: str | None = "") -> float:
         A number, or an expression over the parameters, perhaps with a unit.
     names : mapping
         Values of the parameters.
-    SI unit of the required quantity, ``""`` for a plain number; None allows any.
-        SI unit of what is asked for, ``""`` for a plain number; None takes any.
+    unit : str or None
+        SI unit of the required quantity, ``""`` for a plain number; None allows any.
 
     Raises
     ------

@@ -1,13 +1,13 @@
-"""Errors of a run against another one: the largest over the outputs, over the peak-to-peak.
+"""Errors of a run against another run: the largest difference at outputs over the peak-to-peak.
 
-In: a model and results of its runs. Out: histories of sensors, joints and drivers; per quantity one
-error and the name of the sensor or joint it comes from.
+In: a model and results of its runs. Out: histories of sensors, joints and drivers; for each
+quantity one error, and the name of the sensor or joint where it occurs.
 
-A sensor's components share one scale, the largest peak-to-peak among them, so that a component that
-hardly moves has little weight. The scale of a reaction is that of its joint or driver, at least a
-hundredth of the largest force (or moment) in the machine. What stands still is left out. Energy is
-judged by its own balance, constraints by their own drift. Where a scene has a sensor of a position
-but none of the velocity of the same marker, the study adds one.
+The components of a sensor have a common scale, the largest peak-to-peak among them, so that a
+component that hardly moves has little weight. The scale of a reaction is that of its joint or
+driver, but at least a hundredth of the largest force (or moment) in the machine. Histories that
+stand still are left out. Energy is measured by its own balance, constraints by their own drift. If
+a scene has a position sensor but no velocity sensor of the same marker, the study adds one.
 """
 
 from __future__ import annotations
@@ -29,13 +29,15 @@ if TYPE_CHECKING:
     from flexmb.results import Result
 
 COMPARED = ("positions", "velocities", "accelerations", "reactions")
-"""Quantities whose error is the distance from a reference."""
+"""Quantities whose error is the difference from a reference."""
 
-_DEFAULT_QUANTITY = "positions"  # a number of a state or an expression is judged as strictly
-_ON_REQUEST = ("energy", "reaction")  # types of sensors; every study has these quantities anyway
-_VELOCITY_SUFFIX = "_velocity"  # of the names of sensors that the study adds
-_STANDSTILL = 1e-9  # of the largest peak-to-peak of the same unit: what moves less stands still
-_SMALL_REACTION = 0.01  # of the largest one of the same unit: the least scale of a reaction
+_DEFAULT_QUANTITY = "positions"  # for sensors of states and expressions
+# types of sensors; every study computes these quantities anyway
+_ON_REQUEST = ("energy", "reaction")
+_VELOCITY_SUFFIX = "_velocity"  # suffix of the names of sensors that the study adds
+# peak-to-peak over the largest of the same unit, below which a history stands still
+_STANDSTILL = 1e-9
+_SMALL_REACTION = 0.01  # least scale of a reaction over the largest one of the same unit
 
 
 class History(NamedTuple):
@@ -48,17 +50,17 @@ class History(NamedTuple):
 
 
 class Difference(NamedTuple):
-    """The largest difference of a quantity over its scale, and where it is."""
+    """The largest difference of a quantity over its scale, and where it occurs."""
 
     value: float
     where: str
 
 
 class RunHistories(NamedTuple):
-    """The histories of a run that are compared, and their scales."""
+    """The histories of a run to be compared, and their scales."""
 
     histories: list[History]
-    scales: list[float]  # 0: stands still
+    scales: list[float]  # 0: the history stands still
 
 
 def error_text(value: float) -> str:
@@ -68,7 +70,7 @@ def error_text(value: float) -> str:
 
 
 def add_velocity_sensors(scene: Mapping[str, Any]) -> dict[str, Any]:
-    """The scene with a velocity sensor for each position sensor that has none."""
+    """The scene with a velocity sensor added for each position sensor that has none."""
     sensors = dict(scene.get("sensors", {}))
     tables = {name: table for name, table in sensors.items() if isinstance(table, Mapping)}
     targets = [_target(table) for table in tables.values() if table.get("type") == "velocity"]
@@ -87,7 +89,7 @@ def _target(table: Mapping[str, Any]) -> tuple[Any, Any]:
 
 
 def check_sensors(model: Model, names: Sequence[str]) -> None:
-    """Refuse a study that would have no position to judge by.
+    """Refuse a study that has no position for comparison.
 
     Raises
     ------
@@ -116,7 +118,7 @@ def _quantity(model: Model, name: str) -> str:
 
 
 def _select_channels(model: Model, names: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Channels by sensor; with a position its velocity is selected too."""
+    """Channels by sensor; the velocity that belongs to a position is added."""
     selected: dict[str, tuple[str, ...]] = {}
     for name, spec in _owners(model).items():
         channels = channels_of(name, spec)
@@ -146,7 +148,7 @@ def _velocity_channels(
 
 
 def read_run(model: Model, result_file: Path, names: Sequence[str]) -> RunHistories:
-    """The histories of a run: sensors of these names (all if there are none), and reactions.
+    """The histories of a run: sensors of these names (all if none are given), and reactions.
 
     Raises
     ------
@@ -169,7 +171,7 @@ def read_run(model: Model, result_file: Path, names: Sequence[str]) -> RunHistor
 
 
 def _reactions(model: Model, result: Result) -> list[History]:
-    """Multipliers of each joint and driver, forces and moments apart."""
+    """Multipliers of each joint and driver; forces and moments separately."""
     columns: dict[tuple[str, str], list[int]] = {}
     for i, row in enumerate(result.layout.rows):
         owner, _, what = row.partition(": ")
@@ -190,8 +192,8 @@ def _reaction_unit(model: Model, owner: str, what: str) -> str:
 
 
 def _scales(histories: Sequence[History], length: float = 0.0) -> list[float]:
-    """The scale of each history; moments that are round-off of forces in a machine of this length
-    [m], and forces that are round-off of moments, stand still."""
+    """The scale of each history. It is 0 (standstill) also for moments that are round-off of the
+    forces in a machine of this length [m], and for forces that are round-off of moments."""
     sizes = [float(np.ptp(one.values, axis=0).max(initial=0.0)) for one in histories]
     largest: dict[tuple[str, str], float] = {}
     for one, size in zip(histories, sizes, strict=True):
@@ -210,7 +212,7 @@ def _scales(histories: Sequence[History], length: float = 0.0) -> list[float]:
 
 
 def difference(run: RunHistories, reference: RunHistories) -> dict[str, Difference]:
-    """Distance of a run from another one by quantity."""
+    """Largest difference of a run from a reference, by quantity."""
     worst: dict[str, Difference] = {}
     pairs = zip(run.histories, reference.histories, reference.scales, strict=True)
     for mine, other, scale in pairs:
@@ -228,7 +230,7 @@ def read_statistics(data: Any) -> dict[str, Any]:
     Raises
     ------
     TypeError, ValueError
-        They are none.
+        They are not statistics.
     """
     statistics = dict(data)
     for name, value in statistics.items():
@@ -238,6 +240,6 @@ def read_statistics(data: Any) -> dict[str, Any]:
 
 
 def own_errors(statistics: Mapping[str, Any]) -> dict[str, float]:
-    """Errors among the statistics of a run: energy balance, drift of the constraints."""
+    """Errors in the statistics of a run: energy balance, drift of the constraints."""
     names = {"energy": "energy_balance_error", "drift": "largest_position_drift"}
     return {name: float(statistics[key]) for name, key in names.items() if key in statistics}

@@ -1,9 +1,9 @@
 """The records of many runs as one Parquet table, safe against being killed while it grows.
 
-In: one record after the other. Out: a file that pandas, polars and DuckDB read, a row a run. While
-the table is open its rows lie in a folder beside the file: the latest, line by line, in a journal,
-the others in parts. At the end they become one file. What a killed process leaves there is read
-again.
+In: one record after the other. Out: a file that pandas, polars and DuckDB can read, with one row
+per run. While the table is open its rows are in a folder next to the file: the latest in a journal,
+one per line, the others in parts. At the end they are merged into one file. If the process is
+killed, the rows in the folder are read the next time.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from flexmb.results.crash_safe_file import WriteLock
 from flexmb.untrusted import check_reading, column_kind, note_reading
 
 KEY = "key"
-"""The column that names a run; a later row of the same key replaces an earlier one."""
+"""The column that identifies a run; a later row with the same key replaces an earlier one."""
 
 _ABOUT = b"flexmb"
 _PART_ROWS = 2000
@@ -33,23 +33,23 @@ _JOURNAL = "journal.jsonl"
 
 
 class RecordTable:
-    """Records that are appended, for a ``with`` statement.
+    """A table to which records are appended, as a context manager.
 
     Parameters
     ----------
     file : Path
         The table, such as ``out/slider_crank/sweep/runs.parquet``.
     about : mapping of str to str
-        What its runs depend on, by word, such as ``{"scene": content_key(scene)}``. Stored with it.
+        What its runs depend on, by name, such as ``{"scene": content_key(scene)}``; stored with it.
     fresh : bool
-        Begin anew, whatever is there.
+        Start a new table, even if one exists.
 
     Raises
     ------
     FlexmbError
-        The table that is there is about something else, or cannot be read.
+        The existing table depends on something else, or cannot be read.
     OutputError
-        It cannot be written, as where the disk is full.
+        It cannot be written, for example because the disk is full.
 
     Example
     -------
@@ -84,7 +84,7 @@ class RecordTable:
             self._begin_journal()
 
     def _check(self) -> None:
-        """Refuse a table about something else."""
+        """Refuse a table that depends on something else."""
         stored = _stored_about(self.file)
         if stored is None or stored == self.about:
             return
@@ -93,13 +93,13 @@ class RecordTable:
         raise FlexmbError(f"{what}: give another folder, or --fresh, which begins anew")
 
     def append(self, record: Mapping[str, Any]) -> None:
-        """Add the record of a run, which is safe on disk when this returns.
+        """Add the record of a run; it is safe on disk when this returns.
 
         Parameters
         ----------
         record : mapping
-            Column to number, text, truth value, None, or list or array of numbers; anything else is
-            stored as JSON text. Rows may have different columns. One is `KEY`.
+            Column to number, text, bool, None, or list or array of numbers; anything else is stored
+            as JSON text. Rows may have different columns. One column is `KEY`.
         """
         row = {name: _plain(value) for name, value in record.items()}
         with output_errors(self.file):
@@ -111,19 +111,20 @@ class RecordTable:
                 self._begin_journal()
 
     def reasons(self) -> dict[Any, str]:
-        """Why each run failed that the table holds, by key; empty text where it did not."""
+        """The reason of failure of each run in the table, by key; empty for runs that did not
+        fail."""
         rows = self.rows([KEY, "reason"]).to_pylist()
         return {row[KEY]: str(row.get("reason") or "") for row in rows}
 
     def rows(self, columns: list[str] | None = None) -> Any:
-        """All rows up to now as a :class:`pyarrow.Table`; by default with all columns."""
+        """All rows so far as a :class:`pyarrow.Table`; by default with all columns."""
         return read_rows(self.file, columns)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Make one file of all parts."""
+        """Merge all parts into one file."""
         with output_errors(self.file):
             self._journal.close()
             rows = self.rows()
@@ -133,7 +134,7 @@ class RecordTable:
             self._lock.release()
 
     def _write_part(self) -> None:
-        """Move the rows of the journal into a part."""
+        """Move the rows of the journal to a new part."""
         number = len(_part_files(self.file)) + 1
         self._write(_table(self._rows), self._folder / f"{number:06d}.parquet")
         self._rows = []
@@ -157,12 +158,12 @@ class RecordTable:
 
 
 def lock_runs(file: Path) -> WriteLock:
-    """The claim to write a file that tells of many runs, and what lies beside it.
+    """The lock for writing a file about many runs, and the files next to it.
 
     Raises
     ------
     FlexmbError
-        Another command has it.
+        Another command has the lock.
     """
     try:
         return WriteLock(file)
@@ -172,14 +173,14 @@ def lock_runs(file: Path) -> WriteLock:
 
 
 def read_rows(file: Path, columns: list[str] | None = None) -> Any:
-    """The rows of a table, also of one that is still open or was left by a killed process.
+    """The rows of a table, also of one that is open or was left by a killed process.
 
     Parameters
     ----------
     file : Path
         The table.
     columns : list of str, optional
-        Those to read, as far as the table has them; all by default.
+        Columns to read, if the table has them; all by default.
 
     Returns
     -------
@@ -233,14 +234,15 @@ def _folder_of_parts(file: Path) -> Path:
 
 
 def _part_files(file: Path) -> list[Path]:
-    """The files that hold the rows, but for the journal."""
+    """The files that contain the rows, except the journal."""
     if file.exists():  # parts beside a whole table are what it was made of
         return [file]
     return sorted(_folder_of_parts(file).glob("[0-9]*.parquet"))
 
 
 def _journal_rows(file: Path) -> tuple[dict[str, str] | None, list[dict[str, Any]]]:
-    """What the table is about, and the rows of its journal; the last line may be cut off."""
+    """The dependencies of the table, and the rows of its journal; the last line may be
+    incomplete."""
     path = _folder_of_parts(file) / _JOURNAL
     if file.exists() or not path.exists():
         return None, []
@@ -269,7 +271,7 @@ def _stored_about(file: Path) -> dict[str, str] | None:
 
 
 def _checked(path: Path) -> Any:
-    """A Parquet file that is open, and can be read with little time and memory."""
+    """An opened Parquet file that can be read within limits of time and memory."""
     import pyarrow.parquet as pq
 
     problem = None if path.is_file() else "is no regular file"
@@ -290,7 +292,7 @@ def _read_part(path: Path, columns: list[str] | None) -> Any:
 
 
 def _table(rows: list[dict[str, Any]]) -> Any:
-    """Rows as a table; a column of different kinds becomes one of texts."""
+    """Rows as a table; a column of values of different types becomes one of texts."""
     import pyarrow as pa
 
     columns = {}
@@ -304,7 +306,7 @@ def _table(rows: list[dict[str, Any]]) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """A value that JSON and a column can hold."""
+    """A value that JSON and a column can store."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, str):

@@ -1,11 +1,11 @@
-"""The runs of a study: jobs that a worker does, on this machine or on another one, and their queue.
+"""The runs of a study: jobs for workers on this machine or another one, and their queue.
 
 In: a job, plain data. Out: its record in the table of the study, and its files in the folder of the
-study. A worker that does not see that folder is sent the files that its job reads, once, and sends
-back those that it writes. Jobs may be added while others are done; none is done twice.
+study. A worker that cannot see that folder gets the files that its job reads, once, and returns the
+files that it writes. Jobs may be added while others run; none is done twice.
 
-The folder of a job has a key of all that the run depends on: the scene, the files that it reads,
-the sources of flexmb.
+The name of a job's folder contains a key of everything that the run depends on: the scene, the
+files that it reads, the sources of flexmb.
 """
 
 from __future__ import annotations
@@ -34,34 +34,36 @@ from flexmb.workflow.worker_processes import DIED, TOO_LONG, Record, RunTimer, f
 _FORMAT = 2
 _DIGITS = 16
 WANTED = "wanted"
-"""The status of a job whose worker lacks the files that it reads."""
+"""The status of a job whose worker lacks the files that the job reads."""
 
 SENT = "sent"
-"""Files that a job has written where the study does not see them, by name."""
+"""Key in a record: files by name that a job has written where the study cannot see them."""
 
 
-_COPIES: dict[str, tuple[Any, dict[str, str]]] = {}  # folders of this process, and names, by key
+# folder and file names of the copies in this process, by key
+_COPIES: dict[str, tuple[Any, dict[str, str]]] = {}
 Owner = Callable[[Record], None]
 
 
 @dataclass(frozen=True)
 class Job:
-    """A run, or with no repeats the reduction of the flexible bodies of its model."""
+    """A run; with zero repeats, the reduction of the flexible bodies of its model."""
 
-    label: str  # its values, for people
-    scene: dict[str, Any]  # its paths are relative to `source`
+    label: str  # its values as text
+    scene: dict[str, Any]  # paths in it are relative to `source`
     source: str  # folder of the scene
-    folder: str  # of the result
+    folder: str  # folder of the result
     bodies: str = ""  # folder of the reduced bodies; empty: none
-    repeats: int = 1  # how often to integrate
+    repeats: int = 1  # number of integrations
     limit: float = 0.0  # s, after which one integration is given up; 0: none
-    mark: str = ""  # a file that is seen by workers that see all folders; empty: all do
-    copies: str = ""  # key of the files that it reads, for the other workers
-    files: FileCopies | None = None  # these themselves, for a worker that lacks them
+    # a file by which workers recognise that they see all folders; empty: all workers do
+    mark: str = ""
+    copies: str = ""  # key of the files that it reads, for other workers
+    files: FileCopies | None = None  # the files themselves, for a worker that lacks them
 
     @property
     def key(self) -> str:
-        """Of all that it depends on."""
+        """Key of everything that the job depends on."""
         return Path(self.folder).name
 
 
@@ -69,12 +71,12 @@ class Job:
 class FileCopies:
     """The files that a job reads, as data."""
 
-    names: dict[str, str]  # where its scene names them: their place among the copies
-    contents: dict[str, bytes]  # by place
+    names: dict[str, str]  # path in the scene to name of the copy
+    contents: dict[str, bytes]  # by name of the copy
 
     @classmethod
     def of(cls, job: Job) -> FileCopies:
-        """All files that the scene of a job names, and its reduced bodies."""
+        """All files that the scene of a job refers to, and its reduced bodies."""
         files = named_files(job.scene, Path(job.source))
         names = {text: f"{i}/{path.name}" for i, (text, path) in enumerate(files.items())}
         contents = {names[text]: path.read_bytes() for text, path in files.items()}
@@ -84,7 +86,7 @@ class FileCopies:
 
 
 def named_files(scene: Mapping[str, Any], folder: Path) -> dict[str, Path]:
-    """The files that a scene names, by what it calls them."""
+    """The files that a scene refers to, by their paths in it."""
     paths = {text: folder / text for text in texts_of(scene)}
     return {text: path for text, path in paths.items() if os.path.isfile(path)}
 
@@ -105,13 +107,13 @@ def texts_of(value: Any) -> Iterator[str]:
 
 
 def content_key(data: Any) -> str:
-    """Hash of plain data; the order of tables' keys does not matter."""
+    """Hash of plain data; independent of the order of keys."""
     text = json.dumps(data, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:_DIGITS]
 
 
 def run_key(scene: Mapping[str, Any], folder: Path) -> str:
-    """Key of a run: its scene as resolved, the files that it reads, the code that runs it."""
+    """Key of a run: its resolved scene, the files that it reads, the code that runs it."""
     contents = {text: _file_key(path) for text, path in named_files(scene, folder).items()}
     return content_key([_FORMAT, source_key(), scene, contents])
 
@@ -136,7 +138,7 @@ def result_file(folder: str | Path) -> Path:
 
 
 def do_job(job: Job) -> Record:
-    """On a worker: do a job; a failure is recorded with its reason."""
+    """On a worker: run a job; a failure is recorded with its reason."""
     if not job.mark or os.path.exists(job.mark):
         return _do(job)
     copies = _place_copies(job)
@@ -152,7 +154,7 @@ def do_job(job: Job) -> Record:
 
 
 def _place_copies(job: Job) -> tuple[Path, dict[str, str]] | None:
-    """The folder of the files of a job and their names in it; None if this process lacks them."""
+    """The folder of the copies for a job, and their names; None if this process lacks them."""
     if job.copies not in _COPIES:
         if job.files is None:
             return None
@@ -167,7 +169,7 @@ def _place_copies(job: Job) -> tuple[Path, dict[str, str]] | None:
 
 
 def _rename(value: Any, names: Mapping[str, str]) -> Any:
-    """A scene with the names of the copies in place of those of the files."""
+    """A scene with the names of the copies instead of those of the files."""
     if isinstance(value, Mapping):
         return {key: _rename(inside, names) for key, inside in value.items()}
     if isinstance(value, list | tuple):
@@ -179,7 +181,7 @@ def _do(job: Job) -> Record:
     folder = Path(job.folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        result_file(folder).unlink(missing_ok=True)  # of a run that was interrupted
+        result_file(folder).unlink(missing_ok=True)  # left by an interrupted run
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written ({error.strerror})") from None
     try:
@@ -200,12 +202,13 @@ def _reduce(job: Job, folder: Path) -> Record:
 
     model = Model.from_scene_dict(job.scene, Path(job.source))
     started = time.perf_counter()
-    flexible_bodies(model, folder, fresh=True)  # else its time would be that of reading
+    # fresh, so that the measured time includes the reduction
+    flexible_bodies(model, folder, fresh=True)
     return {"seconds": [time.perf_counter() - started]}
 
 
 def _run(job: Job, folder: Path) -> Record:
-    """Integrate `repeats` times; the times of all, the statistics of the first run."""
+    """Integrate `repeats` times; the times of all integrations, the statistics of the first."""
     from flexmb.analysis.assembly.jacobian import one_blas_thread
     from flexmb.model import Model
     from flexmb.results import Result
@@ -232,7 +235,7 @@ def _run(job: Job, folder: Path) -> Record:
 
 
 def _reason(folder: Path, error: FlexmbError) -> str:
-    """Why a run failed: the sentence of its result, else that of the error."""
+    """The reason of a failed run: the message of its result, else that of the error."""
     from flexmb.results import Result
 
     try:
@@ -243,14 +246,14 @@ def _reason(folder: Path, error: FlexmbError) -> str:
 
 
 class StudyQueue:
-    """Jobs that wait, are under way or have ended; for a ``with`` statement.
+    """Jobs that wait, run or have ended; a context manager.
 
     Attributes
     ----------
     workers : int
         Runs at the same time.
     reused : int
-        Jobs that an earlier study had done.
+        Jobs that an earlier study has done.
     """
 
     def __init__(self, cluster: Cluster, table: RecordTable, progress: Progress) -> None:
@@ -259,7 +262,7 @@ class StudyQueue:
         self._earlier = {row[KEY]: row for row in table.rows().to_pylist()}
         self._records: dict[str, Record] = {}  # of this study, by key
         self._owners: dict[str, list[Owner]] = {}  # of jobs that have not ended
-        self._values: dict[str, Mapping[str, Any]] = {}  # of the same
+        self._values: dict[str, Mapping[str, Any]] = {}  # of the same jobs
         self._jobs: deque[Job] = deque()
         self._mark: Any = None
 
@@ -276,16 +279,16 @@ class StudyQueue:
     def add(
         self, job: Job, values: Mapping[str, Any], owner: Owner, *, first: bool = False
     ) -> None:
-        """Do a job, before those that wait if it is to be first.
+        """Queue a job, with `first` before all that wait.
 
         Parameters
         ----------
         job : Job
-            What to do; equal ones are done once.
+            The job; equal jobs are done once.
         values : mapping
-            Of the knobs, for the table.
+            Values of the knobs, for the table.
         owner : callable
-            Called with the record, at once if there is one already.
+            Called with the record; immediately if there is one already.
         """
         if job.key in self._owners:
             self._owners[job.key].append(owner)
@@ -298,7 +301,8 @@ class StudyQueue:
             (self._jobs.appendleft if first else self._jobs.append)(job)
 
     def run(self, phase: str, limit: float) -> None:
-        """Do all jobs, and those that owners add meanwhile, each within a wall time [s] if any."""
+        """Do all jobs, including those added meanwhile, each within a wall time [s] if it is not
+        0."""
         self._cluster.limit = limit
         for job, record in self._cluster.run(
             do_job, self._jobs, progress=self._progress, phase=phase
@@ -311,7 +315,7 @@ class StudyQueue:
                 owner(record)
 
     def _stored(self, job: Job) -> Record | None:
-        """The record of a job that was done in this study, or in an earlier one."""
+        """The record of a job that was done in this or an earlier study."""
         if job.key in self._records:
             return self._records[job.key]
         record = _readable(self._earlier.get(job.key))
@@ -339,7 +343,7 @@ class StudyQueue:
 
 
 def _readable(row: Mapping[str, Any] | None) -> Record | None:
-    """A row of the table as the record that it was; a damaged one is a missing one."""
+    """A row of the table as a record; None if it is damaged."""
     if row is None:
         return None
     try:

@@ -1,12 +1,12 @@
-"""The settings of a study: what it starts from, and every combination of the knobs' values.
+"""The settings of a study: its source, and all combinations of the knobs' values.
 
 In: a scene or a model, and knobs with values. Out: settings, each with its model or the reason why
-the model refuses it. What a knob changes decides what its error is measured against:
+the model refuses it. The kind of a knob determines what the error of a setting is measured against:
 
-- numbers of the integration (accuracy, step, method, ...) leave the model as it is;
+- integration options (accuracy, step, method, ...) do not change the model;
 - modes, meshes, divisions of a mesh and body files are finer or coarser descriptions of the same
   machine: their settings form one group, whose reference is the finest model of the group;
-- effects of flexible bodies and of the scene are what a model leaves out of one machine: the
+- effects of flexible bodies and of the scene may be left out of the model of a machine: the
   reference has all those that the study varies;
 - anything else (a speed, a mass, several dampings) makes another machine, which is a group of its
   own.
@@ -38,12 +38,12 @@ from flexmb.studies.channel_errors import add_velocity_sensors
 from flexmb.studies.study_jobs import content_key, texts_of
 
 NUMERICAL = ("accuracy", "step", "method", *OPTIONS)
-"""Fields of `[dynamics]` that say how a model is integrated, not what it is."""
+"""Fields of `[dynamics]` that affect the integration only, not the model."""
 
 _FIDELITY = (
     "modes", "mesh", "refine", "flexbody", "reduction", "mass_matrix", "stress", "residual",
 )  # fmt: skip
-_FINENESS = ("divisions", "elements")  # of the table of a mesh
+_FINENESS = ("divisions", "elements")  # keys in the table of a mesh
 _WITH_FUNCTIONS = ("drivers", "forces", "sensors", "states", "controllers")
 _NAME = re.compile(r"[A-Za-z_]\w*")
 _MAX_RUNS = 10_000
@@ -52,21 +52,21 @@ _DECIMAL = 1e-3  # smaller values are written with an exponent
 
 @dataclass(frozen=True)
 class StudySource:
-    """A scene before any knob is changed."""
+    """A scene before knobs are changed."""
 
     model: Model
     scene: dict[str, Any]  # as plain data
-    folder: Path  # what relative paths of the scene are relative to
+    folder: Path  # folder that relative paths of the scene start from
     output: Path  # folder of the study
-    overrides: dict[str, Any] = field(default_factory=dict)  # changed for all settings
-    file: str = ""  # the scene file, empty for a model from Python
+    overrides: dict[str, Any] = field(default_factory=dict)  # values changed for all settings
+    file: str = ""  # the scene file; empty for a model from Python
 
     @classmethod
     def of(
         cls, scene: str | Path | Model, overrides: Mapping[str, Any] | None,
         output: str | Path | None, kind: str,
     ) -> StudySource:  # fmt: skip
-        """A scene file, some values of which may be changed for all settings, or a model.
+        """The source for a scene file, with values changed for all settings, or for a model.
 
         Bodies of a model that are objects in memory are written to the folder.
 
@@ -97,7 +97,7 @@ class StudySource:
 
 
 def value_text(value: Any) -> str:
-    """A knob's value; of a path its last part."""
+    """A knob's value as text; of a path its last part."""
     if isinstance(value, float):
         if not 0 < abs(value) < _DECIMAL:
             return f"{value:g}"
@@ -109,7 +109,7 @@ def value_text(value: Any) -> str:
 
 
 def toml_text(value: Any, inside: bool = False) -> str:
-    """A knob's value as ``--set`` reads it; texts within tables and lists are in quotes."""
+    """A knob's value as ``--set`` reads it; texts in tables and lists are quoted."""
     if isinstance(value, Mapping):
         parts = (f"{key} = {toml_text(one, True)}" for key, one in value.items())
         return f"{{ {', '.join(parts)} }}"
@@ -121,7 +121,7 @@ def toml_text(value: Any, inside: bool = False) -> str:
 
 
 def run_command(source: str, values: Mapping[str, Any]) -> str:
-    """The run of a scene with values of its knobs, to paste."""
+    """The command that runs a scene with values of its knobs."""
     changes = [f"--set {shlex.quote(f'{k}={toml_text(value)}')}" for k, value in values.items()]
     return " ".join([f"flexmb run {shlex.quote(source)}", *changes])
 
@@ -136,7 +136,7 @@ def markdown_table(
 
 
 def headings(knobs: Sequence[str]) -> dict[str, str]:
-    """Knob to the shortest end of its path that no other knob has."""
+    """For each knob the shortest end of its path that no other knob has."""
     short: dict[str, str] = {}
     for knob in knobs:
         parts = knob.split(".")
@@ -155,24 +155,25 @@ def label(values: Mapping[str, Any]) -> str:
 
 
 def is_numerical(knob: str) -> bool:
-    """Whether a knob only changes how a model is integrated."""
+    """Whether a knob changes only the integration of a model."""
     return knob.removeprefix("dynamics.") in NUMERICAL
 
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """One combination of values."""
+    """One combination of values of the knobs."""
 
     values: dict[str, Any]  # by knob
-    model: Model | None = None  # None where it refuses the values
+    model: Model | None = None  # None if the model refuses the values
     scene: dict[str, Any] = field(default_factory=dict)  # of the model, as plain data
-    dynamics: dict[str, Any] = field(default_factory=dict)  # of it, with all numbers worked out
+    # its [dynamics] with all numbers resolved
+    dynamics: dict[str, Any] = field(default_factory=dict)
     refusal: str = ""  # why the model refuses the values
-    group: str = ""  # key of the machine, however finely it is described
-    physics: str = ""  # key of the model, apart from the numbers of its integration
-    rank: tuple[int, ...] = ()  # the larger, the finer the model within its group
-    complete: dict[str, Any] = field(default_factory=dict)  # values with all varied effects
-    complete_physics: str = ""  # key of the model with them
+    group: str = ""  # key of the machine, independent of the fineness of its description
+    physics: str = ""  # key of the model, independent of its integration options
+    rank: tuple[int, ...] = ()  # a larger rank is a finer model within the group
+    complete: dict[str, Any] = field(default_factory=dict)  # values with all varied effects present
+    complete_physics: str = ""  # key of the model with these values
 
 
 def make_settings(source: StudySource, vary: Mapping[str, tuple[Any, ...]]) -> list[Setting]:
@@ -181,7 +182,7 @@ def make_settings(source: StudySource, vary: Mapping[str, tuple[Any, ...]]) -> l
     Raises
     ------
     SceneError
-        Unknown knobs, knobs that exclude each other, or values of which the model takes none.
+        Unknown knobs, knobs that exclude each other, or no value that the model accepts.
     """
     knobs = resolve_knobs(source, vary, exclusive=False)
     tables = _without_conflict(knobs)
@@ -203,7 +204,7 @@ def make_settings(source: StudySource, vary: Mapping[str, tuple[Any, ...]]) -> l
 
 
 def refused_values(settings: Sequence[Setting]) -> list[Problem]:
-    """Values that the model refuses whatever the other knobs have."""
+    """Values that the model refuses for all values of the other knobs."""
     good = {
         (knob, repr(value))
         for one in settings
@@ -238,8 +239,8 @@ def change_model(source: StudySource, changes: Mapping[str, Any]) -> tuple[Model
 
 
 def check_units(source: StudySource, vary: Mapping[str, Iterable[Any]]) -> list[Problem]:
-    """Values of another quantity than the scene states of their knob; numbers without its unit,
-    where they seem to have it, are told in a warning."""
+    """Problems of values of another quantity than the unit that the scene states for their knob. A
+    warning is given for numbers without that unit that seem to be in it."""
     problems: list[Problem] = []
     scene = override(source.scene, source.overrides)[0]
     for text, values in vary.items():
@@ -254,7 +255,7 @@ def check_units(source: StudySource, vary: Mapping[str, Iterable[Any]]) -> list[
 def resolve_knobs(
     source: StudySource, vary: Mapping[str, tuple[Any, ...]], *, exclusive: bool = True
 ) -> dict[str, tuple[Any, ...]]:
-    """The knobs by their full names; accuracy and step exclude each other unless told otherwise.
+    """The knobs by their full names; accuracy and step exclude each other if `exclusive`.
 
     Raises
     ------
@@ -287,7 +288,7 @@ _EITHER = ("dynamics.accuracy", "dynamics.step")
 
 
 def _without_conflict(knobs: Mapping[str, tuple[Any, ...]]) -> list[dict[str, tuple[Any, ...]]]:
-    """Tables of knobs that may stand together: fixed steps have no accuracy."""
+    """Separate tables for knobs that exclude each other: fixed steps have no accuracy."""
     if not set(_EITHER) <= set(knobs):
         return [dict(knobs)]
     return [{k: v for k, v in knobs.items() if k != other} for other in reversed(_EITHER)]
@@ -300,12 +301,12 @@ _COMPLETE: dict[str, Any] = {
 
 
 def _complete_effects(source: StudySource, knobs: Mapping[str, tuple[Any, ...]]) -> dict[str, Any]:
-    """Values of the knobs that are effects in a model that leaves nothing out.
+    """Values of the effect knobs in a model that leaves nothing out.
 
     Raises
     ------
     SceneError
-        Values of effects that the scene cannot have, all of them.
+        Values of effects that the scene cannot have; all of them.
     """
     complete: dict[str, Any] = {}
     problems: list[Problem] = []
@@ -330,7 +331,7 @@ def _complete_effects(source: StudySource, knobs: Mapping[str, tuple[Any, ...]])
 
 
 def _effect_problems(source: StudySource, changes: Mapping[str, Any]) -> list[Problem]:
-    """What is wrong with a value, and what files of reduced bodies lack for it."""
+    """Problems of a value, and data that files of reduced bodies lack for it."""
     from flexmb.flexbody import load
 
     try:
@@ -361,7 +362,7 @@ def _make_setting(
         return Setting(values, refusal="the scene has no [dynamics]: give its duration")
     dynamics = model.to_scene_dict(source.folder)["dynamics"]
     machine, fidelity = _split_scene(model, source.folder)
-    texts = zip(values, choice, strict=True)  # later in the list: finer
+    texts = zip(values, choice, strict=True)  # values later in the list are finer
     places = (i for knob, (i, value) in texts if isinstance(value, str) and knob not in effects)
     meshed = [spec for spec in model.bodies.values() if isinstance(spec, MeshBodySpec)]
     rank = (sum(spec.cells for spec in meshed), sum(spec.mode_count for spec in meshed))
@@ -392,7 +393,7 @@ def _split_scene(model: Model, folder: Path) -> tuple[dict[str, Any], dict[str, 
 
 
 def _take_out(body: dict[str, Any], key: str) -> Any:
-    """An entry of a body, taken out of it; of the table of a mesh only how it is divided."""
+    """Remove an entry of a body and return it; of the table of a mesh only its divisions."""
     value = body[key]
     if not isinstance(value, dict) or key != "mesh":
         return body.pop(key)
@@ -400,7 +401,7 @@ def _take_out(body: dict[str, Any], key: str) -> Any:
 
 
 def _parameters_in_functions(scene: Mapping[str, Any]) -> dict[str, Any]:
-    """The parameters in functions of time, which alone are not worked into numbers."""
+    """The parameters in functions of time, the only ones that are not resolved to numbers."""
     parameters = scene.get("parameters", {})
     used: dict[str, Any] = {}
     texts = list(texts_of([scene.get(section, {}) for section in _WITH_FUNCTIONS]))

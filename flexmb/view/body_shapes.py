@@ -1,10 +1,10 @@
 """The shapes of rigid bodies and of ground; plates and shells with their thickness.
 
-A body without a shape is drawn as sticks between the markers that joints and forces use and a lump
-at its centre of mass; one with a shape has sticks to joints outside it. A cam is a plate, an open
-curve a wire, a roller a disk, a flat a pad. Ground is a bearing bracket behind what turns on it and
-a hatched wall where something is clamped. The surface of a flexible body holds the middle of its
-shells alone: each of their triangles is drawn at both faces, and closed along borders.
+A body without a shape is drawn as rods between the markers that joints and forces use and a lump at
+its centre of mass; one with a shape has rods to joints outside of it. A cam is a plate, an open
+curve a wire, a roller a disk, a flat follower a pad. Ground is a bearing bracket behind rotating
+parts and a hatched wall at clamped ones. The surface of a flexible body contains only the
+mid-surface of its shells: each of their triangles is drawn at both faces, and the rim is closed.
 """
 
 from __future__ import annotations
@@ -44,25 +44,26 @@ from flexmb.view.shapes import (
 )
 
 _CURVE_POINTS = 90
-_GRID = 0.1  # spacing of the grid as a share of what is seen
+_GRID = 0.1  # spacing of the grid, as a fraction of what is seen
 _TURNING = ("revolute", "cylindrical", "screw")  # joints whose axis a bracket holds
 _HATCH = 6  # strokes of a hatched wall
-# as shares of the mechanism's size
-_LINK = 0.012  # radius of a link
-_LUMP = 0.022  # radius of a centre of mass
-_LARGEST_LUMP = 0.1  # edge of a box of the body's inertia, above which a ball stands for it
-_CAM, _WIRE, _FLAT = 0.06, 0.006, 0.16  # thickness, radius, edge
+# as fractions of the mechanism's size
+_LINK = 0.012  # radius of a rod
+_LUMP = 0.022  # radius of the lump at a centre of mass
+_LARGEST_LUMP = 0.1  # largest edge of a box with the body's inertia; beyond it a ball is drawn
+_CAM, _WIRE, _FLAT = 0.06, 0.006, 0.16  # thickness of a cam, radius of a wire, edge of a flat pad
 
 
 def body_parts(mechanism: Mechanism, name: str, size: float, color: str) -> Iterator[Part]:
-    """What a body shows where it is no flexible surface."""
+    """The parts of a body, except its flexible surface."""
     shape = body_shape(mechanism, name, size)
     if shape is not None:
         yield Part(name, shape, color, on_body(name))
 
 
 def body_shape(mechanism: Mechanism, name: str, size: float) -> Triangles | None:
-    """The body's own shape with links to joints outside it, or links and a lump; its curves."""
+    """The body's own shape with rods to joints outside of it, or rods and a lump; and its
+    curves."""
     shape = own_shape(mechanism, name)
     points = [mechanism.marker(reference).position for reference in mechanism.used_markers(name)]
     points = _distinct(points, size)
@@ -82,7 +83,7 @@ def body_shape(mechanism: Mechanism, name: str, size: float) -> Triangles | None
 
 
 def own_shape(mechanism: Mechanism, name: str) -> Triangles | None:
-    """The shape that the scene gives a body, in its axes."""
+    """The shape that the scene gives a body, in body axes; None without one."""
     spec = getattr(mechanism.model.bodies[name], "shape", None)
     if spec is None:
         return None
@@ -102,7 +103,8 @@ def own_shape(mechanism: Mechanism, name: str) -> Triangles | None:
 
 
 def curve_shapes(mechanism: Mechanism, body: str, size: float) -> list[Triangles]:
-    """What joints on curves give a body to show, in its axes: its curves, rollers and flats."""
+    """Shapes of joints on curves at a body, in body axes: its curves, rollers and flat
+    followers."""
     shapes = []
     for name, joint in mechanism.model.joints.items():
         if not joint.curves:
@@ -117,7 +119,7 @@ def curve_shapes(mechanism: Mechanism, body: str, size: float) -> list[Triangles
 
 
 def ground_parts(mechanism: Mechanism, size: float, r: float, camera: Camera) -> Iterator[Part]:
-    """Curves on ground, and what holds the markers of ground in which something is joined."""
+    """Curves on ground, and brackets or walls at the markers of ground that joints use."""
     curves = curve_shapes(mechanism, GROUND_NAME, size)
     if curves:
         yield Part(GROUND_NAME, joined(curves), GROUND, at_rest, "ground")
@@ -147,7 +149,7 @@ def ground_parts(mechanism: Mechanism, size: float, r: float, camera: Camera) ->
 def _bracket_axis(
     mechanism: Mechanism, name: str, reference: str, ends: tuple[str, str], side: int, kind: str
 ) -> Array:
-    """The axis (3,) of a hinge on ground, or the line of what is joined there."""
+    """The axis (3,) of a hinge on ground, or the line of what is connected there."""
     if name in mechanism.joint_axes and kind in _TURNING:
         axes = mechanism.marker_frame(reference)[:3, :3] @ mechanism.joint_axes[name][side]
         return np.asarray(axes[:, 2])
@@ -161,7 +163,8 @@ def _bracket_axis(
 
 
 def _support(point: Array, axis: Array, kind: str, r: float, camera: Camera) -> Triangles:
-    """A bracket on a hatched base, away from the eye; a hatched wall behind a clamp."""
+    """A bracket on a hatched base, pointing away from the eye; for a clamp a hatched wall behind
+    it."""
     up, towards = np.array(camera.up), np.array(camera.direction)
     if kind in _TURNING:
         facing = float(axis @ towards)
@@ -186,14 +189,14 @@ def _support(point: Array, axis: Array, kind: str, r: float, camera: Camera) -> 
 
 
 def _wall_axes(normal: Array, towards: Array) -> Array:
-    """Axes whose y is the normal and whose x lies across the picture."""
+    """Axes whose y is the normal and whose x is horizontal in the picture."""
     across = np.cross(normal, towards)
     x = unit(across) if np.linalg.norm(across) > 1e-3 else axes_along(normal)[:, 0]
     return np.column_stack([x, normal, np.cross(x, normal)])
 
 
 def _hatched(r: float) -> Triangles:
-    """A wall across y, hatched below."""
+    """A wall normal to y, hatched below."""
     wall = box((6.4 * r, 0.35 * r, 2.2 * r)).moved((0, -0.17 * r, 0))
     x = np.linspace(-2.4, 3.0, _HATCH) * r
     strokes = [tube((a, -0.2 * r, 1.0 * r), (a - 0.9 * r, -1.2 * r, 1.0 * r), 0.12 * r) for a in x]
@@ -209,7 +212,8 @@ def _center(mechanism: Mechanism, name: str) -> Array:
 
 
 def _lump(mechanism: Mechanism, name: str, size: float) -> Triangles:
-    """The box of the body's inertia at its centre of mass where it is legible, else a ball."""
+    """The box with the body's inertia at its centre of mass if it is large enough to see, else a
+    ball."""
     center, spec = _center(mechanism, name), mechanism.model.bodies[name]
     if isinstance(spec, RigidBodySpec):
         properties = spec.mass_properties
@@ -243,7 +247,8 @@ def _side_shape(mechanism: Mechanism, joint: JointSpec, side: int, size: float) 
 
 
 def _links(points: list[Array], center: Array, size: float, lump: bool) -> list[Triangles]:
-    """Rods between all of up to three points, else from their middle to each; one to the lump."""
+    """Rods between all of up to three points, else from their centre to each; and one to the
+    lump."""
     r, n = _LINK * size, len(points)
     middle = np.mean(points, axis=0) if points else center
     pairs = [(points[i], points[j]) for i in range(n) for j in range(i + 1, n)]
@@ -258,7 +263,7 @@ def _links(points: list[Array], center: Array, size: float, lump: bool) -> list[
 
 
 def _foot(point: Array, a: Array, b: Array) -> Array:
-    """The place on the line between two points that is nearest to another one."""
+    """The point on the line between two points that is nearest to another point."""
     line = b - a
     share = float(np.clip((point - a) @ line / max(float(line @ line), 1e-300), 0.0, 1.0))
     return np.asarray(a + share * line)
@@ -273,7 +278,7 @@ def _distinct(points: list[Array], size: float) -> list[Array]:
 
 
 def ground_grid(corners: Array, up: Array) -> Part:
-    """A square grid below points (n, 3), its lines along the global axes if up is one of them."""
+    """A square grid below points (n, 3), with lines along the global axes if up is one of them."""
     across = unit(np.cross(up, np.eye(3)[np.argmin(abs(up))]))
     ahead = np.cross(across, up)
     low, high = (corners @ up).min(), corners @ np.column_stack([across, ahead])
@@ -299,18 +304,19 @@ def _round_step(length: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Plates:
-    """How a surface becomes thick: each point of the new one is an old one, moved along a normal.
+    """Conversion of a mid-surface to a thick surface: each new point is an old one moved along the
+    normal.
 
     Parameters
     ----------
     middle : (t, 3) int
         Triangles of the shells.
     faces : (f, 3) int
-        Those of the new surface.
+        Triangles of the new surface.
     source : (k,) int
-        The old point of each new one.
+        Index of the old point of each new one.
     offset : (k,) float
-        How far it is moved along the normal there [m].
+        Displacement of each new point along the normal there [m].
     """
 
     middle: IntArray
@@ -328,7 +334,7 @@ class Plates:
         return np.asarray(points[self.source] + self.offset[:, None] * normals[self.source])
 
     def drawn(self, body: Deformed) -> Deformed:
-        """A body with the thickness of its shells."""
+        """A body drawn with the thickness of its shells."""
         return replace(
             body,
             points=self.thick(body.points),
@@ -340,7 +346,7 @@ class Plates:
 
 
 def plates_of(body: FlexBody) -> Plates | None:
-    """The plates of a body; None where it has none, or does not say how thick they are."""
+    """The plates of a body; None if it has none, or if their thickness is not known."""
     surface, sections = body.surface, json.loads(body.provenance.get("sections") or "{}")
     shells = {
         name: one for name, one in sections.items() if isinstance(one, dict) and "layers" in one
@@ -377,7 +383,7 @@ def plates_of(body: FlexBody) -> Plates | None:
 
 
 def _points_of(body: FlexBody, surface: Surface, group: str) -> Any:
-    """Points of the surface that are nodes of a group; corners of beams are none."""
+    """Points of the surface that are nodes of a group; corners of beams do not count."""
     ids = surface.node_ids
     beyond = np.flatnonzero(np.diff(ids) <= 0)
     nodes = np.arange(len(ids)) <= (beyond[0] if len(beyond) else len(ids))

@@ -1,11 +1,11 @@
-"""From where a mechanism or a body is seen.
+"""The direction from which a mechanism or a body is seen.
 
-A mechanism is seen along its joint axes if they are parallel, slightly from above; where they are
-upright only if it is flat, and from aside where a panel that is as wide along them would be seen
-edge-on. Up is against gravity where there is any, else z, else (for a mechanism
-seen nearly along z) y. Of the sides that remain the one is taken from which the bodies hide each
-other least, over the whole motion. A body alone is seen from aside and above z, or lengthwise above
-its thinnest extent if slender.
+A mechanism is seen along its joint axes if they are parallel, slightly from above. If the axes are
+vertical, this holds only for flat mechanisms; and if a panel that is wide along the axes would be
+seen edge-on, the mechanism is seen from aside. Up is opposite to gravity, else z, else (for a
+mechanism seen nearly along z) y. Among the remaining sides the one is taken from which the bodies
+hide each other least, over the whole motion. A body alone is seen from aside and above z; a slender
+one lengthwise, from above its thinnest extent.
 """
 
 from __future__ import annotations
@@ -23,22 +23,23 @@ from flexmb.results.run_summary import MODE_SHAPE
 from flexmb.view.mechanism import Mechanism
 from flexmb.view.shapes import spread_points, triangle_areas
 
-_ABOVE, _ASIDE = 0.32, 0.22  # slopes by which the eye leaves the joint axis
-_STEEP = 0.8  # cosine to the eye's direction above which an axis is not taken as upright
-_PARALLEL = 0.999  # cosine above which two directions count as one
-_FLAT = 0.4  # of its extent across the joint axes, below which a mechanism is seen from above
-_THIN = 0.1  # of its width, below which a body is a panel
-_ALONG = 0.7  # cosine between a vibration and the joint axes from which it is not seen along them
-_EDGE_ON = 0.5  # cosine between its normal and the joint axes below which it is seen edge-on
-_SLENDER = 2.0  # times its next extent from which a body lies lengthwise
-_SPATIAL = np.array([0.45, 0.42, 0.79])  # aside, above, towards, where no plane is preferred
-_CELLS = 60  # of a coarse picture, along its longer side, that shows what hides what
-_HIDDEN = 0.1  # share of its points below which a body cannot be seen
-_FILL = 6.0  # points of a surface for each cell of that picture, so that it has no gaps
-_CLOUD = (250, 40_000)  # points of a part, at least and at most
-_GAINS = (0.0, 0.06, 0.8, 0.86)  # what each side must show more than the first: back is last
+_ABOVE, _ASIDE = 0.32, 0.22  # slopes of the eye's direction against the joint axis
+_STEEP = 0.8  # cosine to the eye's direction above which an axis cannot be vertical in the picture
+_PARALLEL = 0.999  # cosine above which two directions are parallel
+_FLAT = 0.4  # extent over that across the joint axes, below which a mechanism is seen from above
+_THIN = 0.1  # thickness over width below which a body is a panel
+_ALONG = 0.7  # cosine between a vibration and the joint axes above which it is not seen along them
+_EDGE_ON = 0.5  # cosine between a panel's normal and the joint axes below which it is seen edge-on
+_SLENDER = 2.0  # extent over the next one above which a body lies lengthwise
+_SPATIAL = np.array([0.45, 0.42, 0.79])  # right, above, towards: direction if no plane is preferred
+_CELLS = 60  # cells along the longer side of a coarse picture, which shows what hides what
+_HIDDEN = 0.1  # visible share of its points below which a body cannot be seen
+_FILL = 6.0  # points of a surface per cell of that picture, so that it has no gaps
+_CLOUD = (250, 40_000)  # smallest and largest number of points of a part
+# gain of visibility that each other side must have over the first; back is last
+_GAINS = (0.0, 0.06, 0.8, 0.86)
 
-# aside, above and towards the eye, where up is above and the front towards
+# Right, above and towards the eye, for a scene whose up is above and whose front faces the eye.
 STANDARD: Final = {
     "front": (0.0, 0.0, 1.0),
     "back": (0.0, 0.0, -1.0),
@@ -52,14 +53,14 @@ STANDARD: Final = {
 
 @dataclass(frozen=True)
 class Camera:
-    """From where the scene is seen, in global axes."""
+    """The direction and orientation in which the scene is seen, in global axes."""
 
     direction: tuple[float, float, float]  # from the scene towards the eye, unit length
     up: tuple[float, float, float]
 
     @property
     def axes(self) -> Array:
-        """Rows (3, 3): right, above and towards the eye in the picture."""
+        """Rows (3, 3): the directions right, above and towards the eye of the picture."""
         towards = np.array(self.direction)
         right = np.cross(self.up, towards)
         right /= np.linalg.norm(right)
@@ -72,7 +73,7 @@ def mechanism_camera(
     direction: Sequence[float] | None = None,
     parts: Sequence[Sequence[Array]] = (),
 ) -> Camera:
-    """The camera of a name, for a direction from the scene towards the eye, or by the joint axes.
+    """The camera of a given name or direction, or by default according to the joint axes.
 
     Parameters
     ----------
@@ -81,10 +82,10 @@ def mechanism_camera(
     name : str
         One of ``CAMERAS``.
     direction : three floats, optional
-        Towards the eye, in place of a name.
+        Direction from the scene towards the eye, instead of a name.
     parts : sequence of sequence of (n, 3) float
-        Points on each body at some times: the automatic camera looks from where they hide each
-        other least.
+        Points on each body at some times: the automatic camera takes the side from which they hide
+        each other least.
 
     Raises
     ------
@@ -102,7 +103,7 @@ def mechanism_camera(
         front = _front(up) if normal is None else _facing(normal, up)
         frame = np.stack([np.cross(up, front), up, front], axis=1)
         towards = frame @ np.array(STANDARD[name])
-        above = float(towards @ up)  # from above and below, x still grows to the right
+        above = float(towards @ up)  # from above and below, x still points to the right
         return _camera(towards, -np.sign(above) * front if abs(above) > _PARALLEL else up)
     if normal is None:
         front = _front(up)
@@ -133,7 +134,7 @@ def body_camera(points: Array, direction: tuple[float, float, float] | None) -> 
     right = int(np.argmax(extent))
     if extent[right] < _SLENDER * np.sort(extent)[1]:
         return _camera(np.array([1.0, -1.0, 1.0]) * _SPATIAL[[0, 2, 1]], np.eye(3)[2])
-    others = [axis for axis in (2, 1, 0) if axis != right]  # of equal ones z is up
+    others = [axis for axis in (2, 1, 0) if axis != right]  # among equal extents z is up
     up = min(others, key=lambda axis: extent[axis])
     aside, above = np.eye(3)[right], np.eye(3)[up]
     frame = np.stack([aside, above, np.cross(aside, above)], axis=1)
@@ -141,19 +142,19 @@ def body_camera(points: Array, direction: tuple[float, float, float] | None) -> 
 
 
 def visible_shares(camera: Camera, parts: Sequence[Array]) -> Array:
-    """Share of each part's points (n, 3) in front of which no other part lies."""
+    """Visible share of each part's points (n, 3): those with no other part in front."""
     return np.array([1.0 - covers.any(axis=0).mean() for covers in _covers(camera, parts)])
 
 
 def hiding_bodies(
     camera: Camera, moments: Sequence[Sequence[tuple[str, Array, IntArray]]]
 ) -> frozenset[str]:
-    """The bodies behind which another one cannot be seen, on average over some moments.
+    """The bodies that hide another body so that it cannot be seen, on average over some moments.
 
     Parameters
     ----------
     moments : sequence of sequence of (str, (n, 3) float, (t, 3) int)
-        Of each body its name, points and triangles, in several parts or in one.
+        For each body its name, points and triangles, in one or several parts.
     """
     random, names = np.random.default_rng(7), sorted({name for name, _, _ in moments[0]})
     if len(names) < 2:
@@ -175,7 +176,7 @@ def hiding_bodies(
 
 
 def _covers(camera: Camera, parts: Sequence[Array]) -> Iterator[Array]:
-    """For each part (n, 3), which parts lie in front of its points: (parts, n)."""
+    """For each part (n, 3), which parts are in front of its points: (parts, n)."""
     flat = [np.asarray(points) @ camera.axes.T for points in parts]
     everything = np.vstack(flat)
     low, size = everything.min(axis=0), np.ptp(everything, axis=0)
@@ -196,7 +197,7 @@ def _covers(camera: Camera, parts: Sequence[Array]) -> Iterator[Array]:
 
 
 def _clearest(views: list[Camera], parts: Sequence[Sequence[Array]]) -> Camera:
-    """The view whose worst hidden part and worst panel are seen best; the first of like ones."""
+    """The view with the best visible worst hidden part and worst panel; of equal ones the first."""
     best, score = views[0], -np.inf
     panels = [normal for moment in parts for _, normal in _panels(moment)]
     for view, gain in zip(views, _GAINS, strict=True):
@@ -217,14 +218,15 @@ def _unit_direction(direction: Sequence[float]) -> Array:
 
 
 def _front(up: Array) -> Array:
-    """The side that is in front where no joint axis says so."""
+    """The front side if no joint axis defines it."""
     front = np.array([0.0, -1.0, 0.0] if abs(up[1]) < _PARALLEL else [0.0, 0.0, 1.0])
     front -= (front @ up) * up
     return np.asarray(front / np.linalg.norm(front))
 
 
 def _facing(normal: Array, up: Array) -> Array:
-    """Across the plane of a mechanism so that axes grow to the right, and at right angles to up."""
+    """Normal of a mechanism's plane, with the sign for which axes point to the right, normal to
+    up."""
     front = normal - (normal @ up) * up
     front = front / np.linalg.norm(front)
     right = np.cross(up, front)
@@ -232,7 +234,7 @@ def _facing(normal: Array, up: Array) -> Array:
 
 
 def common_axis(mechanism: Mechanism) -> Array | None:
-    """The direction that all turning joints share; None if they share none."""
+    """The common direction of all rotating joints; None if they have none."""
     turning = [
         mechanism.joint_axis(name)
         for name, spec in mechanism.model.joints.items()
@@ -244,8 +246,8 @@ def common_axis(mechanism: Mechanism) -> Array | None:
 
 
 def _normal(mechanism: Mechanism, parts: Sequence[Sequence[Array]]) -> Array | None:
-    """The common axis, where a mechanism is to be seen along it: not if it is upright and the
-    bodies reach far along it."""
+    """The common axis, if the mechanism is to be seen along it; None if the axis is vertical and
+    the bodies extend far along it."""
     normal, gravity = common_axis(mechanism), np.array(mechanism.model.gravity or np.zeros(3))
     if normal is None or _vibrates_along(normal, mechanism, parts):
         return None
@@ -261,7 +263,8 @@ def _normal(mechanism: Mechanism, parts: Sequence[Sequence[Array]]) -> Array | N
 
 
 def _vibrates_along(normal: Array, mechanism: Mechanism, parts: Sequence[Sequence[Array]]) -> bool:
-    """Whether the bodies of a mode shape move along a direction, so that nothing of it is seen."""
+    """Whether the bodies of a mode shape move along a direction, so that the vibration is not
+    seen."""
     if len(parts) < 2 or MODE_SHAPE not in mechanism.result.statistics:
         return False
     steps = np.stack([b.mean(axis=0) - a.mean(axis=0) for a, b in zip(*parts[:2], strict=True)])
@@ -269,7 +272,7 @@ def _vibrates_along(normal: Array, mechanism: Mechanism, parts: Sequence[Sequenc
 
 
 def _has_panel_edge_on(normal: Array, bodies: Sequence[Array]) -> bool:
-    """Whether a thin body, wide along the normal, would be a line if it was seen along it."""
+    """Whether a thin body that is wide along the normal would be seen edge-on along it."""
     size = np.ptp(np.vstack(bodies), axis=0).max()
     return any(
         abs(across @ normal) < _EDGE_ON and np.ptp(points @ normal) > _FLAT * size
@@ -278,7 +281,7 @@ def _has_panel_edge_on(normal: Array, bodies: Sequence[Array]) -> bool:
 
 
 def _panels(bodies: Sequence[Array]) -> Iterator[tuple[Array, Array]]:
-    """The thin and wide ones of bodies (n, 3), each with its normal."""
+    """The thin and wide bodies among bodies (n, 3), with their normals."""
     for points in bodies:
         _, extents, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
         is_thin = len(extents) == len(axes.T) and extents[2] < _THIN * extents[1]

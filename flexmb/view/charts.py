@@ -1,8 +1,8 @@
-"""Charts of channels against something else than time: x-y, phase, spectrum, Campbell, hodograph.
+"""Charts of channels: over other channels, phase, spectrum, Campbell, hodograph, energies.
 
 In: results, names of channels as for :func:`flexmb.history_figure`. Out: matplotlib figures.
-Spectra: amplitudes, one-sided, with a Hann window and the mean removed, so that a sine of amplitude
-a that lasts long reads a; outputs at uneven times are interpolated to as many even ones.
+Spectra are one-sided amplitudes with a Hann window and without the mean, so that a long sine of
+amplitude a has the amplitude a; outputs at unequal times are interpolated to as many equal ones.
 """
 
 from __future__ import annotations
@@ -35,14 +35,15 @@ if TYPE_CHECKING:
 
 Times = tuple[float, float] | None
 
-_EVEN_SPACING = 1e-6  # of an interval: round-off of times that are evenly spaced
-_MIN_OUTPUTS = 16  # that a spectrum needs
-_WINDOWS = 24  # of a Campbell diagram, half overlapping
+_EVEN_SPACING = 1e-6  # relative deviation of intervals up to which times are equally spaced
+_MIN_OUTPUTS = 16  # number of outputs needed for a spectrum
+_WINDOWS = 24  # windows of a Campbell diagram, with half overlap
 _ORDERS = (1, 2, 3, 4)
-_DECADES = 4.0  # of amplitude that a Campbell diagram colours
-_PLANAR_EXTENT = 0.05  # of the largest extent: a path out of its plane by more gets a second view
-_PARTICIPATING = 8  # modes
-_NEGLIGIBLE = 1e-4  # of the largest: smaller channels are left out where none are named
+_DECADES = 4.0  # decades of amplitude that a Campbell diagram colours
+# a path that leaves its plane by more than this fraction of its extent gets a second view
+_PLANAR_EXTENT = 0.05
+_PARTICIPATING = 8  # number of modes shown
+_NEGLIGIBLE = 1e-4  # channels below this fraction of the largest are left out unless they are named
 _RATES = {
     "position": "velocity", "velocity": "acceleration", "angular_velocity": "angular_acceleration",
     "angle": "angle_rate", "second_angle": "second_angle_rate", "stroke": "stroke_rate",
@@ -78,11 +79,11 @@ def xy_figure(
 
 
 def phase_figure(results: Results, channels: Sequence[str], times: Times = None) -> Figure:
-    """The rates of channels over the channels; rates that no channel has are differentiated.
+    """Rates of channels over the channels; channels without a rate are differentiated.
 
     Parameters and errors as of :func:`xy_figure`.
     """
-    from scipy.interpolate import CubicSpline  # takes 0.2 s
+    from scipy.interpolate import CubicSpline  # importing takes 0.2 s
 
     runs = open_results(results)
     units, series = runs[0].units, select_series(runs, channels)
@@ -105,7 +106,7 @@ def phase_figure(results: Results, channels: Sequence[str], times: Times = None)
 
 
 def _rate_of(one: Series) -> str | None:
-    """The channel that is the derivative of another one, if there is one."""
+    """The channel that is the rate of another one; None if there is none."""
     parts = one.channel.split(".")
     for k in (len(parts) - 1, len(parts) - 2):
         if k > 0 and parts[k] in _RATES:
@@ -118,7 +119,7 @@ def _rate_of(one: Series) -> str | None:
 def spectrum_figure(
     results: Results, channels: Sequence[str] = (), times: Times = None, *, log: bool = False
 ) -> Figure:
-    """Amplitudes of channels over frequency; `log`: in a logarithmic scale.
+    """Amplitudes of channels over frequency; `log`: on a logarithmic scale.
 
     Raises
     ------
@@ -146,7 +147,8 @@ def spectrum_figure(
 
 
 def even_samples(one: Series, t: Array, x: Array, units: UnitSystem) -> tuple[Array, Array]:
-    """Even times [s] and the values there, interpolated if those of the run are not even.
+    """Equally spaced times [s] and the values there, interpolated if the run's times are not
+    equally spaced.
 
     Raises
     ------
@@ -160,13 +162,13 @@ def even_samples(one: Series, t: Array, x: Array, units: UnitSystem) -> tuple[Ar
     even = np.linspace(seconds[0], seconds[-1], len(t))
     if np.abs(even - seconds).max() <= _EVEN_SPACING * (even[1] - even[0]):
         return even, x
-    from scipy.interpolate import CubicSpline  # takes 0.2 s
+    from scipy.interpolate import CubicSpline  # importing takes 0.2 s
 
     return even, CubicSpline(seconds, x)(even)
 
 
 def amplitudes(t: Array, x: Array) -> tuple[Array, Array]:
-    """Frequencies [Hz] and one-sided amplitudes of even samples, their mean removed."""
+    """Frequencies [Hz] and one-sided amplitudes of equally spaced samples without their mean."""
     window = np.hanning(len(x) + 1)[:-1]
     spectrum = np.abs(np.fft.rfft((x - x.mean()) * window)) / window.sum()
     spectrum[1:] *= 2.0
@@ -176,9 +178,9 @@ def amplitudes(t: Array, x: Array) -> tuple[Array, Array]:
 def campbell_of_run(
     results: Results, channels: Sequence[str], against: str | None = None, times: Times = None
 ) -> Figure:
-    """Amplitude of one channel over frequency and time, or over the speed that a channel has.
+    """Amplitude of one channel over frequency and time, or over a speed given by a channel.
 
-    Over a channel in rad/s its first multiples are drawn as lines: the orders of a run-up.
+    For a speed in rad/s its first multiples are drawn as lines: the orders of a run-up.
 
     Raises
     ------
@@ -244,7 +246,7 @@ def campbell_of_run(
 
 
 def hodograph_figure(results: Results, channels: Sequence[str], times: Times = None) -> Figure:
-    """The path that the tip of a vector describes: a force, a velocity, the place of a marker.
+    """The path of the tip of a vector: a force, a velocity, the position of a marker.
 
     Parameters
     ----------
@@ -293,21 +295,21 @@ def hodograph_figure(results: Results, channels: Sequence[str], times: Times = N
 
 
 def energy_names(results: Sequence[Result]) -> tuple[str, ...]:
-    """Channels of energies and works that are not zero all along, and of the balance."""
+    """Channels of the energies and works that are not always zero, and of the balance."""
     names = (n for run in results for n in run.channels("energy") if run[n].any())
     return tuple(dict.fromkeys(names))
 
 
 def energy_figure(results: Results, channels: Sequence[str] = (), times: Times = None) -> Figure:
-    """Energies and works that are not zero all along, and the error of their balance."""
+    """Energies and works that are not always zero, and the error of their balance."""
     runs = open_results(results)
     return history_figure(runs, channels or energy_names(runs) or ("energy.*",), times)
 
 
 def loaded_reactions(results: Sequence[Result], names: Sequence[str] = ()) -> tuple[str, ...]:
-    """Vectors of the forces and moments at joints and drivers, one for each of their pairs.
+    """Vectors of the forces and moments at joints and drivers, one for each action-reaction pair.
 
-    Without names those of all, without what is too small to be seen.
+    Without names those of all joints and drivers, except those too small to be seen.
 
     Raises
     ------
@@ -335,14 +337,14 @@ def reactions_figure(results: Results, channels: Sequence[str] = (), times: Time
     names = tuple(dict.fromkeys(name for run in runs for name in run.reactions))
     vectors = loaded_reactions(runs, channels)
     if not vectors and names:
-        vectors = loaded_reactions(runs, names)  # all of them are zero
+        vectors = loaded_reactions(runs, names)  # all reactions are zero
     if not vectors:
         raise ViewError(f"{runs[0].path}: the result has no reactions, or did not store them")
     return history_figure(runs, vectors, times)
 
 
 def _is_loaded(run: Result, vector: str) -> bool:
-    """Whether a reaction is more than round-off beside the others of its unit."""
+    """Whether a reaction is more than round-off, compared with others of its unit."""
     names = [f"{vector}.{axis}" for axis in "xyz"]
     if not all(name in run for name in names):
         return False
@@ -353,7 +355,7 @@ def _is_loaded(run: Result, vector: str) -> bool:
 
 
 def participating_modes(results: Sequence[Result], bodies: Sequence[str] = ()) -> tuple[str, ...]:
-    """Channels of the modes of flexible bodies that have most strain energy.
+    """Channels of the modes of flexible bodies that have the most strain energy.
 
     Raises
     ------
@@ -378,7 +380,8 @@ def participating_modes(results: Sequence[Result], bodies: Sequence[str] = ()) -
 def participation_figure(
     results: Results, channels: Sequence[str] = (), times: Times = None
 ) -> Figure:
-    """Strain energy of the modes of flexible bodies that have most of it; `channels`: bodies."""
+    """Strain energy of the modes of flexible bodies that have the most; `channels`: names of
+    bodies."""
     runs = open_results(results)
     modes = participating_modes(runs, channels)
     if not modes:
@@ -397,13 +400,13 @@ CHARTS: dict[str, Callable[..., Figure]] = {
     "reactions": reactions_figure,
     "modes": participation_figure,
 }
-"""Kinds of plots by name; a history against another channel is an x-y plot."""
+"""Functions of plots by kind; a history over another channel is an x-y plot."""
 
 
 def _over(
     lines: Sequence[Line], units: UnitSystem, runs: Sequence[Result], name: str, si_unit: str
 ) -> Figure:
-    """Lines over a channel."""
+    """Draw lines over a channel instead of time."""
     factor, shown = prefixed(_largest(line.x for line in lines), _label(si_unit, units), units)
     scaled = [line._replace(x=line.x / factor) for line in lines]
     figure, grid = draw_panels(scaled, units, figure_title(runs), is_function=False)

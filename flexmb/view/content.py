@@ -1,11 +1,11 @@
-"""What a picture holds, apart from how it is drawn; parts, from which drawings make it.
+"""The content of a picture, independent of the renderer; and parts, of which drawings consist.
 
-:class:`Content` holds shapes with their places, flexible surfaces with the values that colour them,
-names, colour scale, captions and camera, in global axes [m]. All renderers take it and show the
-same. Of one :class:`~flexmb.view.drawing.Drawing` the shapes of two times are the same objects at
-other places, so that a film only moves them. A :class:`Part` has a transform (4, 4) from its axes
-to global ones at each moment. It is rigid, but for what lies between two markers: that is stretched
-along its z axis, from 0 at the first to 1 at the second.
+:class:`Content` has shapes with their positions, flexible surfaces with the values that colour
+them, names, colour scale, captions and camera, in global axes [m]. All renderers take it and show
+the same. Within one :class:`~flexmb.view.drawing.Drawing` the shapes at two times are the same
+objects at different positions, so that a film only moves them. A :class:`Part` has a transform (4,
+4) from its axes to global ones for each moment. The transform is rigid, except for parts between
+two markers: these are stretched along their z axis, from 0 at the first marker to 1 at the second.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from flexmb.view.camera import Camera
 from flexmb.view.mechanism import Display, applied, transform
 from flexmb.view.shapes import Triangles, axes_along, sharp_edges
 
-_SUITABLE = {  # units by the SI unit: below the limit, times the factor
+_SUITABLE = {  # by SI unit: (limit, factor, unit) for values below the limit
     "m": ((1e-6, 1e9, "nm"), (1e-3, 1e6, "µm"), (1.0, 1e3, "mm"), (np.inf, 1.0, "m")),
     "Pa": ((1e3, 1.0, "Pa"), (1e6, 1e-3, "kPa"), (1e10, 1e-6, "MPa"), (np.inf, 1e-9, "GPa")),
     "J/m^3": ((1e3, 1.0, "J/m³"), (1e6, 1e-3, "kJ/m³"), (np.inf, 1e-6, "MJ/m³")),
@@ -42,7 +42,7 @@ GROUND = "#8f8b82"
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A rigid shape in one colour; `matrix` (4, 4) takes its points to global ones."""
+    """A rigid shape in one colour; `matrix` (4, 4) transforms its points to global axes."""
 
     name: str
     triangles: Triangles
@@ -59,18 +59,19 @@ class Solid:
 
 @dataclass(frozen=True, eq=False)
 class Deformed:
-    """A flexible body: its drawn (exaggerated) and undeformed points, true displacements."""
+    """A flexible body: its drawn (exaggerated) and undeformed points, and its true
+    displacements."""
 
     name: str
     points: Array  # (n, 3) with the deformation exaggerated
-    undeformed: Array  # (n, 3) as its reference holds it
+    undeformed: Array  # (n, 3) undeformed, at the pose of the body's reference
     faces: IntArray  # (t, 3)
     lines: IntArray  # (l, 2)
     displacement: Array  # (n,) magnitude relative to the reference [m], not exaggerated
-    color: str  # where no values are shown
-    values: Array | None = None  # (n,) what the scale colours, SI; NaN where there is none
+    color: str  # used if no values are shown
+    values: Array | None = None  # (n,) values for the colour scale, SI; NaN where there are none
     opacity: float = 1.0
-    sharp: IntArray | None = None  # (e, 2) its sharp edges where they are known
+    sharp: IntArray | None = None  # (e, 2) its sharp edges, if they are known
 
     @property
     def edges(self) -> IntArray:
@@ -89,7 +90,7 @@ class Trace:
 
 @dataclass(frozen=True)
 class Label:
-    """A name at a point (3,)."""
+    """A text at a point (3,)."""
 
     text: str
     point: Array
@@ -98,7 +99,7 @@ class Label:
 
 @dataclass(frozen=True)
 class Scale:
-    """The colour scale of a quantity: its SI value times `factor` is shown in `unit`."""
+    """The colour scale of a quantity: SI values times `factor` are shown in `unit`."""
 
     largest: float  # SI
     factor: float
@@ -115,7 +116,7 @@ class Scale:
         quantity: str = "displacement",
         least: float = 0.0,
     ) -> Scale:
-        """The scale for a largest value; in SI its unit is the one that suits it."""
+        """The scale for a largest value; in SI with a suitable unit."""
         if units is not SI:
             return cls(largest, 1.0 / units.scale(unit), units.label(unit), quantity, least)
         size = max(abs(largest), abs(least))
@@ -134,30 +135,30 @@ class Scale:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Both ends of the colours, in `unit`."""
+        """The values at both ends of the colours, in `unit`."""
         low, high = self.least * self.factor, self.top
         return (low, high) if high > low else (low, low + 1.0)
 
     def shares(self, values: Array) -> Array:
-        """Values (n,) in SI as shares of the scale."""
+        """Values (n,) in SI as fractions of the scale, 0 to 1."""
         low, high = self.limits
         return np.asarray((values * self.factor - low) / (high - low))
 
 
 @dataclass(frozen=True, eq=False)
 class Content:
-    """Everything in one picture."""
+    """Everything that one picture shows."""
 
     title: str
     caption: str
     solids: tuple[Solid, ...]
     deformed: tuple[Deformed, ...]
-    scale: Scale | None  # None: no colour by values
+    scale: Scale | None  # None: no colours by values
     camera: Camera
-    bar: bool = True  # whether the scale has its colour bar, if there is one
+    bar: bool = True  # whether a colour bar is drawn, if there is a scale
     labels: tuple[Label, ...] = ()
     traces: tuple[Trace, ...] = ()
-    extent: Array | None = None  # (n, 3) what the view is fitted to; None: all that is drawn
+    extent: Array | None = None  # (n, 3) points the view is fitted to; None: all drawn points
     zoom: float = 1.0
     font_scale: float = 1.0
     outline: bool = True  # whether the undeformed bodies are shown
@@ -182,7 +183,7 @@ class Content:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A shape with its place, colour, and the name of the body, joint or force that it shows."""
+    """A shape with its position, colour, and the name of the body, joint or force that it shows."""
 
     name: str
     shape: Triangles
@@ -192,29 +193,29 @@ class Part:
     opacity: float = 1.0
 
     def solid(self, display: Display) -> Solid:
-        """The part at a moment."""
+        """The part at a moment, as a solid."""
         place = self.place(display)
         return Solid(self.name, self.shape, self.color, self.opacity, place, self.role)
 
 
 def at_rest(display: Display) -> Array:
-    """The place of what is drawn in global axes."""
+    """The transform of a part in global axes."""
     return np.eye(4)
 
 
 def on_body(body: str) -> Place:
-    """In the axes of a body, undeformed."""
+    """The transform of a part in the axes of an undeformed body."""
     return lambda display: display.frame(body)
 
 
 def on_marker(reference: str, axes: Array | None = None) -> Place:
-    """In the axes of a marker, or in others (3, 3) relative to them."""
+    """The transform of a part in the axes of a marker, or in axes (3, 3) relative to the marker."""
     T = np.eye(4) if axes is None else transform(axes, np.zeros(3))
     return lambda display: np.asarray(display.marker(reference) @ T)
 
 
 def between(first: str, second: str) -> Place:
-    """From one marker to another, stretched."""
+    """The transform of a part from one marker to another, stretched along z."""
 
     def place(display: Display) -> Array:
         a, b = display.point(first), display.point(second)
@@ -226,7 +227,7 @@ def between(first: str, second: str) -> Place:
 
 
 def toward(first: str, second: str) -> Place:
-    """At one marker, the z axis towards another, not stretched."""
+    """The transform of a part at one marker, with z towards another one, not stretched."""
 
     def place(display: Display) -> Array:
         a = display.point(first)

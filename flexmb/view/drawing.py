@@ -1,7 +1,7 @@
 """A drawing of a run: its parts, made once, and what they show at any time.
 
-In: a :class:`Mechanism` and the words of a ``[view]``. Out: :class:`Content` of a time, for a
-picture one, for a film many with the same scales, glyphs and framing.
+In: a :class:`Mechanism` and the options of a ``[view]``. Out: :class:`Content` at a time; one for a
+picture, many for a film, with the same scales, glyphs and framing.
 """
 
 from __future__ import annotations
@@ -27,23 +27,23 @@ from flexmb.view.mechanism import MEAN_AXES, Display, Mechanism, applied
 from flexmb.view.plot import BODIES, INK
 from flexmb.view.shapes import arrow, sharp_edges, spread_points
 
-_SHOWN_DEFORMATION = 0.05  # of its size, by which the most deformed body is drawn, at most
-_ROUND_OFF = 1e-9  # share of its size below which a deformation is rounding, not exaggerated
-_NO_MOTION = 1e-13  # share of its size below which a displacement is rounding
+_SHOWN_DEFORMATION = 0.05  # largest drawn deformation of the most deformed body, over its size
+_ROUND_OFF = 1e-9  # deformation over size below which it is round-off and not exaggerated
+_NO_MOTION = 1e-13  # displacement over size below which it is round-off
 _SEE_THROUGH = 0.55  # opacity of a shape with a joint inside, or that hides a body
-_PIN = 0.016  # radius of a pin as a share of the mechanism's size
-_PIN_CLEARANCE = 0.2  # radius of a pin over the least distance of two joints, at most
-_LONGEST_PIN = 0.12  # half length of a pin, as a share of the mechanism's size
-_FRAMING_TIMES = 24  # of a run, to which the view is fitted
-_LOCAL_FRAME = 0.75  # share of the whole motion below which a picture frames its moment
-_COLOR_SAMPLES = 240  # times at which the greatest value of the colours is looked for
-_OCCLUSION_POINTS = 250  # of a body, by which a camera judges what hides what
+_PIN = 0.016  # radius of a pin over the mechanism's size
+_PIN_CLEARANCE = 0.2  # largest radius of a pin over the least distance of two joints
+_LONGEST_PIN = 0.12  # largest half length of a pin over the mechanism's size
+_FRAMING_TIMES = 24  # number of times of a run to which the view is fitted
+_LOCAL_FRAME = 0.75  # share of the whole motion below which a picture is fitted to its moment
+_COLOR_SAMPLES = 240  # number of times at which the largest value for the colours is searched
+_OCCLUSION_POINTS = 250  # points per body by which a camera determines what hides what
 _Shown = TypeVar("_Shown", Solid, Deformed)
 _TRIAD = ("#c2410c", "#15803d", "#1d4ed8")  # x, y, z
 
 
 def some_times(times: Sequence[float], count: int) -> list[float]:
-    """So many of the times, the first and the last among them."""
+    """`count` of the times, including the first and the last."""
     return [times[k] for k in np.linspace(0, len(times) - 1, min(count, len(times))).astype(int)]
 
 
@@ -53,7 +53,8 @@ def size_of(points: Array) -> float:
 
 
 def round_exaggeration(ratio: float) -> float:
-    """The largest of 1, 2, 5 times a power of ten by which a deformation stays within view.
+    """The largest of 1, 2, 5 times a power of ten for which an exaggerated deformation is not too
+    large.
 
     Parameters
     ----------
@@ -71,27 +72,27 @@ def round_exaggeration(ratio: float) -> float:
 
 
 class Drawing:
-    """What is drawn of a run.
+    """The drawing of a run.
 
     Parameters
     ----------
     mechanism : Mechanism
-        The run; its time is that of a picture.
+        The run; its time is that of the picture.
     view : ViewSpec, optional
-        What to show; by default what the scene says.
+        What to show; by default the scene's ``[view]``.
     times : sequence of float, optional
         Times whose largest deformation and values set the scales, in the scene's units; that of the
         mechanism by default. A film gives those of its frames.
     scale : Scale, optional
-        Of the colours, where it is known already.
+        The colour scale, if it is known already.
     film : bool
-        Whether several times are frames: their distance says how many digits the time has, and
-        they are all that the view is fitted to.
+        Whether several times are frames: then their distance determines the digits of the time, and
+        the view is fitted to them only.
 
     Raises
     ------
     ViewError
-        A colour that the run has not, a direction without length.
+        A colour by a quantity that the run does not have, or a direction without length.
     """
 
     def __init__(
@@ -139,22 +140,23 @@ class Drawing:
         self._digits = max(0, 1 - math.floor(math.log10(step))) if film and step > 0.0 else None
         self._moments: list[tuple[Array, Array]] | None = None
         self.parts += ground_parts(mechanism, self.size, self.pin, self.cameras[0])
-        self.parts += self._grid(self.cameras[0])  # around all, brackets of ground too
+        self.parts += self._grid(self.cameras[0])  # around everything, including brackets of ground
         moments = [self._surfaces(self.display(time)) for time in some_times(self.times, 3)]
         self._hiding = {camera: hiding_bodies(camera, moments) for camera in self.cameras}
 
     @property
     def is_mode_shape(self) -> bool:
-        """Whether a vibration of the linearised machine, of any amplitude, is drawn."""
+        """Whether a vibration mode of the linearised machine, of arbitrary amplitude, is drawn."""
         return MODE_SHAPE in self.mechanism.result.statistics
 
     def display(self, time: float | None = None) -> Display:
-        """Where everything is at a time of the run; of the picture by default."""
+        """The drawn poses of everything at a time of the run; by default that of the picture."""
         moment = self.mechanism if time is None else self.mechanism.at(time)
         return Display(moment, self.factor, self.view.reference)
 
     def content(self, time: float | None = None, camera: Camera | None = None) -> Content:
-        """What is seen at a time, by default that of the picture, from its first camera."""
+        """The content at a time, by default that of the picture, from a camera, by default the
+        first."""
         display, view, camera = self.display(time), self.view, camera or self.cameras[0]
         deformed = tuple(self._cleared(body, camera) for body in self._deformed(display))
         solids = [self._cleared(part.solid(display), camera) for part in self.parts]
@@ -175,7 +177,7 @@ class Drawing:
         )
 
     def contents(self, time: float | None = None) -> list[Content]:
-        """What is seen at a time from each camera."""
+        """The contents at a time from each camera."""
         return [self.content(time, camera) for camera in self.cameras]
 
     def _factor(self) -> float:
@@ -193,7 +195,7 @@ class Drawing:
         return round_exaggeration(max(ratios))
 
     def _size(self, display: Display) -> float:
-        """Diagonal of all there is at the start [m]; 1 for a single point."""
+        """Diagonal of the box around everything at the start [m]; 1 for a single point."""
         mechanism = self.mechanism
         clouds = []
         for name in mechanism.model.bodies:
@@ -235,7 +237,7 @@ class Drawing:
         """Joints, drivers, gears, forces and frames."""
         mechanism, view = self.mechanism, self.view
         half = {name: self._half(name) for name in mechanism.model.joints}
-        front = {  # on which side of a joint the eye is
+        front = {  # side of each joint on which the eye is
             name: 1.0 if mechanism.joint_axis(name) @ camera.direction >= 0 else -1.0
             for name in half
         }
@@ -253,7 +255,7 @@ class Drawing:
                     yield Part(reference, shape, color, on_marker(reference), "arrow")
 
     def _half(self, joint: str) -> float:
-        """Half length of a hinge's pin [m]: it sticks out of what it holds."""
+        """Half length of a hinge's pin [m], so that it protrudes from the bodies."""
         mechanism, spec, r = self.mechanism, self.mechanism.model.joints[joint], self.pin
         least, most = 1.8 * r, _LONGEST_PIN * self.size
         if spec.type != "revolute":
@@ -275,7 +277,7 @@ class Drawing:
         return min(max(least, reach + 0.6 * r), most)
 
     def _opacity(self, part: Part) -> float:
-        """Full, but for a shape of the scene that would hide joints inside it."""
+        """Opaque, except for a shape of the scene that would hide joints inside it."""
         own, mechanism = own_shape(self.mechanism, part.name), self.mechanism
         if own is None:
             return 1.0
@@ -293,7 +295,7 @@ class Drawing:
         return _SEE_THROUGH if inside.any() else 1.0
 
     def _cleared(self, body: _Shown, camera: Camera) -> _Shown:
-        """A body half transparent if it hides another one from a camera."""
+        """A body, half transparent if it hides another one from a camera."""
         if body.name not in self._hiding.get(camera, ()) or getattr(body, "role", "body") != "body":
             return body
         return replace(body, opacity=min(body.opacity, _SEE_THROUGH * self.view.opacity))
@@ -334,7 +336,7 @@ class Drawing:
         return [mechanism_camera(self.mechanism, name, view.direction, samples) for name in names]
 
     def _surfaces(self, display: Display) -> list[tuple[str, Array, IntArray]]:
-        """Of each body its name, points (n, 3) and triangles (t, 3)."""
+        """Name, points (n, 3) and triangles (t, 3) of each body."""
         solids = [part.solid(display) for part in self.parts if part.role == "body"]
         shapes = [(solid.name, solid.points, solid.triangles.faces) for solid in solids]
         bodies = [body for body in self._deformed(display) if len(body.faces)]
@@ -346,7 +348,7 @@ class Drawing:
         return [spread_points(p, faces, count, random) for _, p, faces in self._surfaces(display)]
 
     def _corners(self, display: Display) -> Array:
-        """Corners of boxes around all that is drawn (n, 3)."""
+        """Corners (n, 3) of boxes around everything drawn."""
         boxes = []
         for part in self.parts:
             if part.role in ("grid", "surface"):
@@ -362,7 +364,7 @@ class Drawing:
         return np.vstack(boxes) if boxes else np.zeros((1, 3))
 
     def _extent(self, display: Display) -> Array:
-        """What the view is fitted to (n, 3)."""
+        """The points (n, 3) to which the view is fitted."""
         view, follow = self.view, self.view.follow
         if view.framing == "moment":
             return self._corners(display)
@@ -411,7 +413,8 @@ class Drawing:
             largest = Scale.fitting(moved, units)
             amount = f"{largest.top:.3g} {largest.unit}"
             if digits is not None and self.scale and self.scale.quantity == "displacement":
-                places = max(0, 2 - math.floor(math.log10(self.scale.top or 1.0)))  # stay the same
+                # so that the number of digits stays the same
+                places = max(0, 2 - math.floor(math.log10(self.scale.top or 1.0)))
                 amount = f"{moved * self.scale.factor:.{places}f} {self.scale.unit}"
             reference = display.reference_of(most.name)
             shown = "mean axes" if reference == MEAN_AXES else reference
@@ -429,13 +432,13 @@ class Drawing:
         return ", ".join(parts)
 
     def _grid(self, camera: Camera) -> list[Part]:
-        """The grid on the ground where a camera sees it well."""
+        """The grid on the ground, if a camera sees it from above."""
         up, towards = np.array(camera.up), np.array(camera.direction)
         oblique = 0.2 < abs(up @ towards) < 0.95
         gravity = self.mechanism.model.gravity
         bare = not any(part.role == "surface" for part in self.parts)
         normal = common_axis(self.mechanism)
-        level = normal is None or abs(up @ normal) > 0.999  # not seen along upright joint axes
+        level = normal is None or abs(up @ normal) > 0.999  # not seen along vertical joint axes
         floor = oblique and bare and np.any(gravity) and level
         shown = self.view.grid == "on" or (self.view.grid == "auto" and floor)
         return [ground_grid(self._extent(self.display()), up)] if shown else []

@@ -1,7 +1,8 @@
-"""Film files: mp4 by ffmpeg, GIF and single PNG pictures by Pillow, each frame as it comes.
+"""Film files: mp4 by ffmpeg, GIF and single PNG pictures by Pillow, written frame by frame.
 
-A film is written under another name and takes its own when it is complete: what stops before leaves
-nothing. The frame rate of a GIF is that of whole hundredths of a second (GIF89a, 1990).
+A film is written under a temporary name and renamed when it is complete, so that an interruption
+leaves nothing. The interval of GIF frames is a whole number of hundredths of a second (GIF89a,
+1990).
 """
 
 from __future__ import annotations
@@ -31,14 +32,14 @@ MISSING = (
     "mp4 needs the encoder ffmpeg, which is not on this machine: pip install imageio-ffmpeg "
     "(or flexmb[film]), or write a .gif or a folder of pictures"
 )
-_QUALITY = "20"  # constant rate factor of H.264: 18 cannot be told from the original
-_COLORS = 255  # of a GIF; one more is transparent
-_PALETTE_WIDTH = 640  # pixels of a picture that its colours are taken from
+_QUALITY = "20"  # constant rate factor of H.264; 18 is visually lossless
+_COLORS = 255  # colours of a GIF; one more is transparent
+_PALETTE_WIDTH = 640  # width [pixels] of the pictures from which the colours are determined
 _LOOP = b"\x21\xff\x0bNETSCAPE2.0\x03\x01\x00\x00\x00"
 
 
 def find_ffmpeg() -> str | None:
-    """The program that encodes mp4: that of the package imageio-ffmpeg, else of the system."""
+    """The ffmpeg program for mp4: from the package imageio-ffmpeg, else of the system."""
     try:
         import imageio_ffmpeg
 
@@ -48,12 +49,12 @@ def find_ffmpeg() -> str | None:
 
 
 def real_rate(path: Path, rate: float) -> float:
-    """The frame rate [1/s] that the file's format can show."""
+    """The nearest frame rate [1/s] that the file's format can have."""
     return 100.0 / max(2, round(100.0 / rate)) if path.suffix.lower() == ".gif" else rate
 
 
 def check_output(output: str | Path, force: bool) -> Path:
-    """The path of a film, its folder made, if it can be written there.
+    """The path of a film, with its folder created, if it can be written there.
 
     Raises
     ------
@@ -89,7 +90,7 @@ def write_film(frames: Iterable[Image], path: Path, rate: float, samples: int = 
     Parameters
     ----------
     frames : iterable of array
-        The first `samples` are no part of the film, but show which colours it has.
+        The first `samples` are not part of the film; they show which colours it has.
     path : Path
         Ends in .mp4 or .gif; a folder if it has no ending.
     rate : float
@@ -118,7 +119,7 @@ def write_film(frames: Iterable[Image], path: Path, rate: float, samples: int = 
 
 @contextmanager
 def _whole_folder(path: Path) -> Iterator[Path]:
-    """A folder beside `path`, whose pictures move there at the end in place of older ones."""
+    """A temporary folder next to `path`, whose pictures replace older ones there at the end."""
     folder = partial_path(path)
     try:
         folder.mkdir()
@@ -176,7 +177,8 @@ def _write_mp4(frames: Iterator[Image], path: Path, rate: float) -> None:
 
 
 def _write_gif(samples: list[Image], frames: Iterator[Image], path: Path, rate: float) -> None:
-    """One palette for all frames; of each the box that changed, what did not is transparent."""
+    """One palette for all frames; of each frame the box that changed, unchanged pixels
+    transparent."""
     from PIL import GifImagePlugin
     from PIL import Image as Pillow
 
@@ -202,7 +204,7 @@ def _write_gif(samples: list[Image], frames: Iterator[Image], path: Path, rate: 
                 box, inside = (left, top), np.s_[top : end[0], left : end[1]]
                 part = np.where(changed[inside], now[inside], _COLORS).astype(np.uint8)
             before = now
-            # a graphic control extension: leave the frame in place, 255 is transparent
+            # graphic control extension: keep the previous frame; colour 255 is transparent
             file.write(b"\x21\xf9\x04\x05" + delay + bytes([_COLORS]) + b"\x00")
             cut = Pillow.fromarray(part)
             file.write(b"".join(GifImagePlugin.getdata(cut, box)))

@@ -1,9 +1,9 @@
 """The values that colour flexible bodies: displacement, stress, strain energy per volume.
 
-Displacement is relative to the body's reference. Stress is that of the surface's mesh nodes, the
-largest over layers and sections there: von Mises, or the principal stress of greatest magnitude
-with its sign. Strain energy per volume is that of an isotropic material under the stress,
-((1 + nu) σ:σ - nu (tr σ)²) / (2 E) (Timoshenko and Goodier, Theory of Elasticity, section 90).
+Displacement is relative to the body's reference. Stress is at the mesh nodes of the surface, the
+largest over layers and sections there: von Mises, or the principal stress of largest magnitude with
+its sign. Strain energy per volume is computed from the stress for an isotropic material, ((1 + nu)
+σ:σ - nu (tr σ)²) / (2 E) (Timoshenko and Goodier, Theory of Elasticity, section 90).
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from flexmb.view.mechanism import Mechanism
 
 @dataclass(frozen=True)
 class Field:
-    """What colours bodies: its name, SI unit, whether it has a sign, and how it follows."""
+    """A quantity that colours bodies: its name, SI unit, whether it has a sign, its function of
+    stress."""
 
     quantity: str
     unit: str
@@ -76,7 +77,7 @@ def _materials(body: FlexBody | PartResult) -> list[tuple[float, float]]:
 
 
 def stress_values(mechanism: Mechanism, color: str, layer: str | None) -> dict[str, Array | None]:
-    """Values (n,) at the surface points of each flexible body; None where it has no stress.
+    """Values (n,) at the surface points of each flexible body; None for bodies without stress.
 
     Raises
     ------
@@ -101,7 +102,8 @@ def stress_values(mechanism: Mechanism, color: str, layer: str | None) -> dict[s
 def field_at_points(
     body: FlexBody | PartResult, eta: Array, color: str, layer: str | None
 ) -> Array | None:
-    """The value of largest magnitude over layers and sections at each surface point; NaN: none."""
+    """Value of largest magnitude over layers and sections at each surface point; NaN without
+    stress."""
     function = FIELDS[color].of_stress
     assert function is not None
     if body.stress is None or body.surface is None:
@@ -122,7 +124,7 @@ def field_at_points(
 def fitting_scale(
     moments: list[tuple[Deformed, ...]], color: str, units: UnitSystem
 ) -> Scale | None:
-    """The scale of all that is coloured at some moments; None if nothing is."""
+    """The scale for everything coloured at some moments; None if nothing is."""
     shown = [body.values for bodies in moments for body in bodies if body.values is not None]
     if not shown or color not in FIELDS:
         return None

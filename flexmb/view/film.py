@@ -1,8 +1,8 @@
 """A film of a run: the mechanism over a range of time, all frames with the same view and colours.
 
-In: a :class:`Result`, frames per second, how much faster or slower than the simulated time. Out: a
-file .mp4 or .gif, or a folder of PNG pictures. View, colour scale, exaggeration and the size of
-glyphs are those of the whole motion; each frame is drawn from the rows of the result around its
+In: a :class:`Result`, frames per second, and the speed relative to the simulated time. Out: a file
+.mp4 or .gif, or a folder of PNG pictures. View, colour scale, exaggeration and the size of glyphs
+are those of the whole motion; each frame is interpolated from the rows of the result around its
 time.
 """
 
@@ -38,12 +38,13 @@ from flexmb.view.picture import check_points, columns_of, trace_points, view_of
 RATE = 25.0  # frames per second
 _MAX_RATE = 240.0
 _MAX_FRAMES = 20_000
-_MIN_SECONDS, _MAX_SECONDS = 2.0, 20.0  # seconds of a film in real time, unless a speed is given
-_DEFAULT_SECONDS = 6.0  # of a film that is slower or faster than real time
-_TURN_SAMPLES = 200  # frames at which rotations are looked at
+# limits on the seconds of a film in real time, unless a speed is given
+_MIN_SECONDS, _MAX_SECONDS = 2.0, 20.0
+_DEFAULT_SECONDS = 6.0  # seconds of a film that is slower or faster than real time
+_TURN_SAMPLES = 200  # frames at which rotations are checked
 _COLOR_SAMPLES = 8  # frames from which a GIF takes its colours
-_SERIAL_FRAMES = 24  # fewer are drawn sooner by one process
-_TURN = math.radians(120.0)  # between two frames, beyond which it looks like another motion
+_SERIAL_FRAMES = 24  # fewer frames are drawn faster by a single process
+_TURN = math.radians(120.0)  # rotation between two frames above which it looks like another motion
 
 
 Image = NDArray[np.uint8]
@@ -53,16 +54,16 @@ _DONE, _FAILED = b"f", b"e"  # what a worker sends: a frame, or an error
 
 @dataclass(frozen=True)
 class Schedule:
-    """When the frames of a film are.
+    """The times of the frames of a film.
 
     Parameters
     ----------
     times : tuple of float
-        Of the frames [scene's unit].
+        Times of the frames [scene's unit].
     rate : float
         Frames per second.
     speed : float
-        Simulated seconds that pass in a second of the film.
+        Simulated seconds per second of the film.
     """
 
     times: tuple[float, ...]
@@ -85,7 +86,7 @@ class MotionShot:
 
     path: Path
     schedule: Schedule
-    view: dict[str, Any]  # words of [view], the exaggeration a number
+    view: dict[str, Any]  # options of [view], with the exaggeration as a number
     size: tuple[int, int]
     scale: Scale | None = None
     traces: tuple[Trace, ...] = ()
@@ -93,7 +94,7 @@ class MotionShot:
     _drawing: Drawing | None = field(default=None, repr=False)
 
     def panels(self, number: int) -> Sequence[Content]:
-        """The mechanism at the time of the frame."""
+        """The mechanism at the time of a frame, a panel for each camera."""
         if self._drawing is None:
             mechanism = Mechanism(Result(self.path))
             view = view_of(mechanism, self.view)
@@ -134,13 +135,13 @@ def film(
     start, end : float, optional
         Range of time, in the scene's units; the whole run.
     traces : sequence of str
-        Points whose paths are shown: bodies, whose centre is meant, or markers.
+        Points whose paths are shown: markers, or bodies, which stand for their centre.
     processes : int, optional
-        That draw; as many as there are cores.
+        Number of processes that draw; by default the number of cores.
     force : bool
         Replace what exists.
     progress : callable
-        Is called for each frame.
+        Called for each frame.
     **view
         Any word of the scene's ``[view]``, as for `render`: ``follow="car"``, ``color="body"``, ...
 
@@ -152,7 +153,7 @@ def film(
     Raises
     ------
     ViewError
-        An option that cannot be, no encoder, or the file cannot be written.
+        A wrong option, no encoder, or the file cannot be written.
     ResultFileError
         A time outside the run, no such body, or the file is no result.
     """
@@ -187,7 +188,7 @@ def shoot(
 
 
 def default_output(run: Result) -> Path:
-    """The film of a run where no name is given."""
+    """The default file of a run's film."""
     return run.path.parent / ("film.mp4" if find_ffmpeg() is not None else "film.gif")
 
 
@@ -221,7 +222,7 @@ def make_film(
 def plan(
     run: Result, rate: float, speed: float | None, start: float | None, end: float | None
 ) -> Schedule:
-    """When the frames are; see `film`.
+    """The times of the frames; see `film`.
 
     Raises
     ------
@@ -262,23 +263,23 @@ def plan(
 
 
 def check_rate(rate: float) -> float:
-    """Refuse a frame rate that no screen shows."""
+    """Refuse a frame rate that no screen can show."""
     if not 1.0 <= rate <= _MAX_RATE:
         raise ViewError(f"{rate:g} frames per second cannot be shown: give 1 to {_MAX_RATE:g}")
     return rate
 
 
 def check_processes(processes: int | None) -> None:
-    """Refuse none, and more than the machine could run."""
+    """Refuse zero processes, and more than the machine could run."""
     most = 4 * (os.cpu_count() or 1)
     if processes is not None and not 1 <= processes <= most:
         raise ViewError(f"{processes} processes cannot draw: give 1 to {most}")
 
 
 def _warn_of_turns(run: Result, schedule: Schedule) -> None:
-    """Say so where a body turns so far between two frames, or rows, that it seems to do otherwise.
+    """Warn if a body rotates so far between two frames, or rows, that it appears to move otherwise.
 
-    Sampling a rotation less than twice a turn shows it backwards (stroboscopic effect).
+    A rotation sampled less than twice per revolution appears reversed (stroboscopic effect).
     """
     second = run.units.scale("s")
     frames, rows = [(0.0, "")], [(0.0, "")]
@@ -306,7 +307,7 @@ def _warn_of_turns(run: Result, schedule: Schedule) -> None:
 
 
 def _round(ratio: float) -> float:
-    """The largest of 1, 2, 5 times a power of ten that is no greater."""
+    """The largest of 1, 2, 5 times a power of ten that is not above the ratio."""
     power = 10.0 ** math.floor(math.log10(ratio * (1 + 1e-9)))
     return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= ratio * (1 + 1e-9))
 
@@ -318,7 +319,7 @@ def _duration(seconds: float) -> str:
 
 
 class Shot(Protocol):
-    """What a film shows, with nothing that a process could not send to another."""
+    """What a film shows; data that can be sent to another process."""
 
     size: tuple[int, int]
     columns: int
@@ -343,7 +344,7 @@ def draw_frames(shot: Shot, numbers: Sequence[int]) -> Generator[Image]:
 
 
 def draw_frames_in_parallel(shot: Shot, numbers: Sequence[int], processes: int) -> Generator[Image]:
-    """Draw these frames in several processes, in turn; one of them is this one if that suffices.
+    """Draw these frames in several processes alternately; in this one if one process suffices.
 
     Raises
     ------
@@ -353,7 +354,7 @@ def draw_frames_in_parallel(shot: Shot, numbers: Sequence[int], processes: int) 
     if processes == 1:
         yield from draw_frames(shot, numbers)
         return
-    vtk_renderer.probe()  # once, not in each process
+    vtk_renderer.probe()  # once, instead of in each process
     width, height = shot.size
     with contextlib.ExitStack() as stack:
         workers = [
@@ -390,7 +391,7 @@ def _worker(shot: Shot, numbers: Sequence[int]) -> Iterator[tuple[Any, IO[bytes]
     ):  # fmt: skip
         try:
             assert process.stdin is not None
-            with contextlib.suppress(BrokenPipeError):  # its error stream says why
+            with contextlib.suppress(BrokenPipeError):  # its error stream gives the reason
                 process.stdin.write(pickle.dumps((shot, list(numbers))))
                 process.stdin.close()
             yield process, errors
@@ -399,15 +400,15 @@ def _worker(shot: Shot, numbers: Sequence[int]) -> Iterator[tuple[Any, IO[bytes]
 
 
 def serve() -> None:
-    """Draw the frames that the standard input asks for into the standard output."""
+    """Draw the frames requested on the standard input, and write them to the standard output."""
     shot, numbers = pickle.load(sys.stdin.buffer)
     with os.fdopen(os.dup(1), "wb") as output:
-        os.dup2(2, 1)  # what a library prints is no part of a frame
+        os.dup2(2, 1)  # keep prints of libraries out of the frames
         try:
             for image in draw_frames(shot, numbers):
                 output.write(_DONE + np.ascontiguousarray(image).tobytes())
                 output.flush()
-        except BrokenPipeError:  # nobody wants them any more
+        except BrokenPipeError:  # the reader has ended
             os._exit(0)
         except FlexmbError as error:
             output.write(_FAILED + pickle.dumps(error))

@@ -1,8 +1,8 @@
 """The shapes of forces: springs, dampers, bushings, actuators, contact surfaces, and arrows.
 
-A spring is a coil, a damper a cylinder with its piston rod, both together coaxial; on a joint they
-stand along or around its axis. A stop has its bumpers where it acts, friction of a joint is a
-brake. Arrows show forces and torques at their points by option; their scale is a round number, said
+A spring is a coil, a damper a cylinder with a piston rod, both together are coaxial; on a joint
+they are placed along or around its axis. A stop has bumpers where it acts, joint friction is a
+brake. Optional arrows show forces and torques at their points; their scale is a round number, given
 in the caption.
 """
 
@@ -63,18 +63,20 @@ from flexmb.view.shapes import (
 
 _COILS = 7
 _NO_FACES = np.zeros((0, 3), dtype=np.int64)
-_POINT, _MOST_POINTS = 0.006, 100  # radius of a contact point over the size; more are not drawn
-_PLANE = 0.5  # edge of a contact plane as a share of the mechanism's size
+# radius of a contact point over the size; more points are not drawn
+_POINT, _MAX_POINTS = 0.006, 100
+_PLANE = 0.5  # edge of a contact plane over the mechanism's size
 _FORCE, _TORQUE = "#b91c1c", "#7c3aed"
 _MAX_ARROW = 0.2  # length of an arrow over the size of the mechanism
-_MIN_ARROW = 1e-3  # of the largest: shorter arrows are left out
-_SAMPLES = 16  # times at which the largest arrow is sought
+_MIN_ARROW = 1e-3  # arrows below this fraction of the largest are left out
+_SAMPLES = 16  # times at which the largest arrow is searched
 
 
 def force_parts(
     mechanism: Mechanism, r: float, size: float, lift: dict[str, float]
 ) -> Iterator[Part]:
-    """All force elements; `r` [m]: radius of a pin, `lift`: how far springs stand off joints."""
+    """All force elements; `r` [m]: radius of a pin, `lift`: distance of springs from their
+    joints."""
     forces: dict[str, Any] = {**mechanism.model.forces}
     for name, spec in forces.items():
         if spec.type in ("spring-damper", "line-force"):
@@ -102,7 +104,7 @@ def force_parts(
 
 
 def _line_shapes(spec: Any, r: float, length: float) -> Iterator[tuple[Triangles, str]]:
-    """Between two markers, from z = 0 to 1."""
+    """Shapes between two markers, from z = 0 to 1."""
     if spec.type == "line-force":
         yield tube((0, 0, 0), (0, 0, 0.55), 1.2 * r), DRIVE
         yield tube((0, 0, 0.55), (0, 0, 1), 0.5 * r), HOUSING
@@ -153,7 +155,8 @@ def _joint_spring(
 def _stop(
     mechanism: Mechanism, name: str, spec: Any, r: float, lift: dict[str, float]
 ) -> Iterator[Part]:
-    """Bumpers at the bounds, and what they stop: a peg on a turning part, the sleeve of a slide."""
+    """Bumpers at the bounds, and the part they stop: a peg on a rotating part, the sleeve of a
+    slide."""
     bounds = [bound for bound in (spec.lower, spec.upper) if bound is not None]
     if spec.type == "rotational-stop":
         joint, first = mechanism.model.joints[spec.joint], spec.about == "axis"
@@ -193,11 +196,11 @@ def _stop(
 def _brake(
     mechanism: Mechanism, name: str, spec: Any, r: float, lift: dict[str, float]
 ) -> Iterator[Part]:
-    """Friction in a joint: a disc with its caliper about a pin, two shoes on what slides."""
+    """Joint friction: a disc with its caliper about a pin, or two shoes on a sliding part."""
     first, second = (on_marker(*pair) for pair in joint_sides(mechanism, spec.joint))
     if friction_coordinate(mechanism.model, spec) == "angle":
         z = lift.get(spec.joint, 2.4 * r)
-        z += 0.8 * r * np.sign(z)  # farther out than a spring about the joint, on a hub of its own
+        z += 0.8 * r * np.sign(z)  # farther out than a spring about the joint, on its own hub
         disc = ring(3.0 * r, 0.9 * r, 0.3 * r).moved((0, 0, z))
         hub = tube((0, 0, z), (0, 0, z - 1.5 * r * np.sign(z)), 0.9 * r)
         yield Part(name, joined([disc, hub]), DAMPER, second, "force")
@@ -214,7 +217,7 @@ def _about_z(angle: float) -> Array:
 
 
 def _contact(mechanism: Mechanism, name: str, spec: Any, size: float) -> Iterator[Part]:
-    """Surfaces that touch, where a body does not show them itself."""
+    """Contact surfaces, unless a body shows them itself."""
     for reference, side in zip(spec.between, spec.shapes, strict=True):
         axes = np.eye(3)
         if getattr(side, "axis", None) is not None:
@@ -240,7 +243,7 @@ def _contact(mechanism: Mechanism, name: str, spec: Any, size: float) -> Iterato
             shape = cylinder(side.radius, length)
             if side.side == "inside":
                 shape, opacity = ring(1.08 * side.radius, side.radius, length), 0.5
-        elif side.points is not None and len(side.points) <= _MOST_POINTS:
+        elif side.points is not None and len(side.points) <= _MAX_POINTS:
             shape = joined([sphere(_POINT * size, point) for point in side.points])
             place = on_body(body)
         else:
@@ -250,7 +253,7 @@ def _contact(mechanism: Mechanism, name: str, spec: Any, size: float) -> Iterato
 
 
 def _shows(mechanism: Mechanism, body: str, surface: Triangles, place: Place, size: float) -> bool:
-    """Whether a body's own shape reaches as far as one of its contact surfaces."""
+    """Whether a body's own shape extends as far as one of its contact surfaces."""
     if body == GROUND:
         return False
     flexible = mechanism.flexbodies.get(body)
@@ -270,7 +273,7 @@ def _shows(mechanism: Mechanism, body: str, surface: Triangles, place: Place, si
 def _way(
     mechanism: Mechanism, reference: str, axes: Array, other: str, room: float
 ) -> tuple[Array, Array]:
-    """The rectangle, least and greatest x and y, in which a marker moves beside another one."""
+    """Rectangle (smallest and largest x, y) in which a marker moves relative to another one."""
     time, places = mechanism.result.time, [np.zeros(2)]
     for row in np.unique(np.linspace(0, len(time) - 1, _SAMPLES).astype(int)):
         moment = mechanism.at(float(time[row]))
@@ -280,7 +283,7 @@ def _way(
 
 
 def _toward(mechanism: Mechanism, first: str, second: str) -> Array:
-    """Axes relative to a marker whose z leads to another one; its own where they coincide."""
+    """Axes relative to a marker with z towards another one; its own axes if they coincide."""
     frame = mechanism.marker_frame(first)
     line = mechanism.point(second) - frame[:3, 3]
     if np.linalg.norm(line) < 1e-9:
@@ -299,7 +302,7 @@ class Vector:
 
 
 def vectors(mechanism: Mechanism, which: str) -> Iterator[Vector]:
-    """Loads, reactions of joints and drivers, or all, at the mechanism's time."""
+    """Loads, reactions of joints and drivers, or both, at the mechanism's time."""
     if which in ("loads", "all"):
         yield from _loads(mechanism)
     if which in ("reactions", "all"):
@@ -372,7 +375,7 @@ def _reaction_axes(mechanism: Mechanism, path: str) -> Array:
 
 @dataclass(frozen=True)
 class ArrowScale:
-    """How long arrows are: metres per newton and per newton metre, and in words."""
+    """Lengths of arrows: metres per newton and per newton metre, and as a text."""
 
     force: float
     torque: float
@@ -380,7 +383,7 @@ class ArrowScale:
 
 
 def arrow_scale(mechanism: Mechanism, which: str, size: float) -> ArrowScale:
-    """A round scale by which the largest arrow of the run is legible."""
+    """A round scale with which the largest arrow of the run has a suitable length."""
     time = mechanism.result.time
     rows = np.unique(np.linspace(0, len(time) - 1, _SAMPLES).astype(int))
     moments = [mechanism, *(mechanism.at(float(time[row])) for row in rows)]
@@ -390,7 +393,7 @@ def arrow_scale(mechanism: Mechanism, which: str, size: float) -> ArrowScale:
             k = int(vector.torque)
             largest[k] = max(largest[k], float(np.linalg.norm(vector.value)))
     if largest[1] < _MIN_ARROW**2 * size * largest[0]:
-        largest[1] = 0.0  # torques that are rounding
+        largest[1] = 0.0  # torques that are round-off
     units, length = mechanism.result.units, _MAX_ARROW * size
     scales, words = [0.0, 0.0], []
     for k, (noun, unit) in enumerate((("force", "N"), ("torque", "N m"))):
@@ -409,7 +412,7 @@ def arrow_scale(mechanism: Mechanism, which: str, size: float) -> ArrowScale:
 def arrow_solids(
     display: Display, which: str, scale: ArrowScale, size: float, r: float
 ) -> Iterator[Solid]:
-    """Arrows at the markers on which forces act; torques are turning arrows about their axes."""
+    """Arrows at the markers on which forces act; torques are curved arrows about their axes."""
     for vector in vectors(display.mechanism, which):
         value = float(np.linalg.norm(vector.value))
         length = value * (scale.torque if vector.torque else scale.force)

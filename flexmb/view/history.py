@@ -1,8 +1,8 @@
 """Histories: channels of one or several results over time, and how their lines are drawn.
 
-One pair of axes per unit, stacked over a common time axis, legends above the data; several results
-are drawn into one another. Units are those of the first scene, and those of SI get the prefix that
-suits the values. Of long runs the extremes of every stretch are drawn.
+There is one pair of axes per unit, stacked over a common time axis, with legends above the data;
+several results are drawn into the same axes. Units are those of the first scene; SI units get a
+suitable prefix. For long runs the extremes of every interval are drawn.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ _OTHER_UNITS = {
     "moment": "N m",
     "energy": "J",
     "stress": "Pa",
-}  # of what sensors do not measure
-_APART = ("energy.balance",)  # far smaller than the others of its unit: on axes of its own
-_POINTS = 4000  # of a line: some two for each pixel of its width; of more the extremes are drawn
-_FLAT = 20.0  # times the largest range of some lines, from which apart they need axes of their own
-_MAX_LEVELS = 3  # of lines of one unit, on axes of their own
-_MAX_LINES = 24  # in one plot
-_LETTERS = 84  # of the legend above a pair of axes, in one line
-_MAX_SHARE = 12  # of the height of a figure: lines of a legend for one pair of axes
+}  # units of what sensors do not measure
+_APART = ("energy.balance",)  # far smaller than other channels of its unit: on separate axes
+_POINTS = 4000  # points of a line, about two per pixel; of more the extremes are drawn
+_FLAT = 20.0  # distance of lines over their largest range, above which they need own axes
+_MAX_LEVELS = 3  # largest number of axes for one unit
+_MAX_LINES = 24  # largest number of lines in one plot
+_LETTERS = 84  # characters of the legend above a pair of axes, in one row
+_MAX_SHARE = 12  # largest height of a legend, as rows per figure and pair of axes
 
 Results = Result | str | Path | Sequence[Result | str | Path]
 
@@ -47,8 +47,8 @@ class Series(NamedTuple):
     """One channel of one result, or the magnitude of three."""
 
     result: Result
-    channel: str  # without its ".x" of a magnitude
-    run: str  # what tells the result from the others; empty for one alone
+    channel: str  # for a magnitude without its ".x"
+    run: str  # distinguishes the result from others; empty for a single one
 
     @property
     def unit(self) -> str:
@@ -62,7 +62,7 @@ class Series(NamedTuple):
 
     @property
     def label(self) -> str:
-        """For legends."""
+        """The text in legends."""
         name = self.channel if self.is_scalar else f"|{self.channel}|"
         return f"{name}, {self.run}" if self.run else name
 
@@ -85,11 +85,11 @@ class Line(NamedTuple):
     x: Array  # as drawn
     y: Array  # in the unit system of the plot
     unit: str  # of y, in SI
-    panel: int = 0  # lines of one unit and one number share their axes
+    panel: int = 0  # lines with the same unit and panel share their axes
 
 
 def open_results(results: Results) -> tuple[Result, ...]:
-    """One or several results, from their files where paths are given.
+    """Open one or several results, from their files if paths are given.
 
     Raises
     ------
@@ -107,7 +107,8 @@ def open_results(results: Results) -> tuple[Result, ...]:
 
 
 def run_labels(results: Sequence[Result]) -> tuple[str, ...]:
-    """What tells results from one another: the ends of their paths that differ; of one nothing."""
+    """Texts that distinguish results: the ends of their paths that differ; empty for a single
+    one."""
     if len(results) < 2:
         return ("",) * len(results)
     paths = [run.path.resolve() for run in results]
@@ -125,24 +126,24 @@ def run_labels(results: Sequence[Result]) -> tuple[str, ...]:
 def select_series(
     results: Sequence[Result], patterns: Sequence[str], *, vectors: bool = False
 ) -> list[Series]:
-    """The channels that names mean in any of some results, in the order of the names.
+    """The channels that patterns match in any of some results, in the order of the patterns.
 
     Parameters
     ----------
     results : sequence of Result
         The runs.
     patterns : sequence of str
-        Names of channels, of vectors without their ``.x`` (their magnitude is meant), both perhaps
-        with the wildcards ``*``, ``?`` and ``[...]``; none: the default channels that all have.
+        Names of channels, or of vectors without their ``.x`` (for the magnitude), with or without
+        the wildcards ``*``, ``?`` and ``[...]``; none: the default channels that all results have.
     vectors : bool
-        Whether only names of vectors are meant.
+        Whether only names of vectors are allowed.
 
     Raises
     ------
     ResultFileError
-        Names that mean nothing in any result, all of them at once; channels that were not stored.
+        Names that match nothing in any result, all of them at once; channels that were not stored.
     ViewError
-        More lines than a plot can show, or nothing that the results have in common.
+        More lines than a plot can show, or no common channels.
     """
     labels, problems, series = run_labels(results), list[Problem](), dict[tuple[str, str], Series]()
     for pattern in patterns or _common_channels(results):
@@ -166,7 +167,7 @@ def select_series(
 
 
 def _names_of(run: Result, pattern: str, vectors: bool) -> tuple[str, ...]:
-    """Channels of a pattern; of vectors the name without its component."""
+    """Channels that match a pattern; for vectors the name without its component."""
     if not vectors:
         with suppress(ResultFileError):
             return run.match(pattern)
@@ -198,10 +199,10 @@ def plot_history(
     Parameters
     ----------
     results : Result or path, or several
-        The run, or its file; several are drawn into one another.
+        The run, or its file; several are drawn into the same axes.
     channels : sequence of str
         Names such as ``"slider.x"``, ``"rod.eta.*"`` or ``"crank_pin.rod.force"`` (a magnitude);
-        none: those the scene's ``[view]`` names, else all that move.
+        none: those of the scene's ``[view]``, else all that move.
     output : path
         A file that ends in .png, .pdf or .svg.
 
@@ -255,7 +256,8 @@ def history_figure(
 
 
 def separate_levels(lines: Sequence[Line]) -> list[Line]:
-    """Lines that are flat beside the distance to others of their unit, on axes of their own."""
+    """Lines that are flat compared with their distance to others of their unit, on separate
+    axes."""
     separated: list[Line] = []
     for key in dict.fromkeys((line.unit, line.panel) for line in lines):
         alike = [line for line in lines if (line.unit, line.panel) == key]
@@ -276,7 +278,7 @@ def separate_levels(lines: Sequence[Line]) -> list[Line]:
 
 
 def figure_title(runs: Sequence[Result]) -> str:
-    """The titles of the scenes, if they are one."""
+    """The common title of the scenes; empty if they differ."""
     titles = {run.title for run in runs}
     return titles.pop() if len(titles) == 1 else ""
 
@@ -309,20 +311,20 @@ def draw_panels(
     what: str = "",
     is_function: bool = True,
 ) -> tuple[Figure, list[Any]]:
-    """One pair of axes per unit, stacked over common abscissae, and a line of each series.
+    """One pair of axes per unit, stacked over a common abscissa, with a line for each series.
 
     Parameters
     ----------
     lines : sequence of Line
         What is drawn.
     units : UnitSystem
-        Of the ordinates.
+        Unit system of the ordinates.
     title : str
-        Above all.
+        Title above all axes.
     what : str
         Put before the quantity of the ordinates, such as ``"amplitude of "``.
     is_function : bool
-        Whether the abscissae ascend.
+        Whether the abscissae are ascending.
     """
     panels: dict[tuple[str, int], list[Line]] = {}
     for line in lines:
@@ -339,7 +341,7 @@ def draw_panels(
 def envelope(
     x: Array, y: Array, is_function: bool = True, points: int = _POINTS
 ) -> tuple[Array, Array]:
-    """A line with far fewer points that looks the same: the extremes of every stretch of it."""
+    """A line with far fewer points that looks the same: the extremes of every interval."""
     stretches = points // 2
     size = len(x) // stretches
     if size < 4:
@@ -355,7 +357,7 @@ def envelope(
 
 
 def _default_channels(result: Result) -> tuple[str, ...]:
-    """Channels that the scene names, else those that change, else all."""
+    """Channels named in the scene, else those that change, else all."""
     history = tuple(result.model.get("view", {}).get("history", ()))
     if history:
         return history
@@ -383,14 +385,15 @@ def _draw_panel(
         axes.plot(
             shown_x, shown_y / factor,
             color=LINES[color % len(LINES)],
-            lw=4.0 if run == 0 < len(runs) - 1 else 1.5,  # lines that agree are all seen
+            # so that lines that coincide are all visible
+            lw=4.0 if run == 0 < len(runs) - 1 else 1.5,
             alpha=0.4 if run == 0 < len(runs) - 1 else 1.0,
             ls=("-", "--", ":", "-.")[dash % 4],
             label=one.label,
         )  # fmt: skip
     axes.set_ylabel(what + label, color=INK)
     style_axes(axes)
-    axes.yaxis.get_offset_text().set(ha="right", x=-0.025, color=INK)  # clear of the legend
+    axes.yaxis.get_offset_text().set(ha="right", x=-0.025, color=INK)  # beside the legend
     names = [line.series.label for line in lines]
     axes.legend(
         loc="lower left", bbox_to_anchor=(-0.01, 1.0), frameon=False, labelcolor=INK,
@@ -400,7 +403,7 @@ def _draw_panel(
 
 
 def quantity_label(si_unit: str, largest: float, units: UnitSystem) -> tuple[float, str]:
-    """Factor and label of an axis: what is measured in this unit of SI, and the unit shown."""
+    """Factor and label of an axis for a quantity with this SI unit, with the unit shown."""
     unit = units.label(si_unit, raised=True)
     factor, shown = prefixed(largest, unit, units)
     words = {**CHANNEL_UNITS, **_OTHER_UNITS}.items()
@@ -409,7 +412,7 @@ def quantity_label(si_unit: str, largest: float, units: UnitSystem) -> tuple[flo
 
 
 def _legend_rows(names: Sequence[str]) -> int:
-    """Lines of a legend with these names."""
+    """Number of rows of a legend with these names."""
     widest = max(len(name) for name in names) + 6
     return -(-len(names) // max(1, _LETTERS // widest))
 
@@ -421,8 +424,8 @@ _LINE_STYLES = ("-", "--", ":", "-.")
 def overlay_figure(runs: dict[str, Result], channels: Sequence[str]) -> Figure:
     """The first six of these channels of all runs, in the units of the first run.
 
-    The line of the first run is wide and pale, those of the others are thin, so that lines that
-    agree are all seen.
+    The line of the first run is wide and pale, the others are thin, so that lines that coincide are
+    all visible.
     """
     first = next(iter(runs.values()))
     shown = channels[:_MAX_CHANNELS]

@@ -1,8 +1,8 @@
-"""Web pages of one file: elements whose text is escaped, numbers packed, charts by plotly inside.
+"""Single-file web pages: escaped text, packed numbers, charts drawn by plotly in the page.
 
-In: texts, tables, pictures, charts and a moving scene. Out: the text of a page that needs nothing
-else, no network either, which a policy in it forbids. The library plotly carries the JavaScript
-that draws; ``page.js`` beside this file tells it what.
+In: texts, tables, pictures, charts and a moving scene. Out: the text of a self-contained page; a
+policy in it forbids network access. The library plotly provides the JavaScript that draws;
+``page.js`` in this folder calls it.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from flexmb.view.history import Line, envelope, open_results, quantity_label, se
 from flexmb.view.plot import LINES, prefixed
 from flexmb.view.work_precision import Curve
 
-_FACTS = 3  # columns up to which a table is as narrow as a telephone
+_FACTS = 3  # tables with at most so many columns are as narrow as a telephone
 _POLICY = (
     "default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; "
     "script-src 'unsafe-inline' 'unsafe-eval'; worker-src blob:; font-src data:"
 )
 
 
-_POINTS = 1200  # of a line
+_POINTS = 1200  # points of a line
 _DASHES = ("solid", "dash", "dot", "dashdot")
-_LETTERS = 60  # of a legend in one line, on a telephone
+_LETTERS = 60  # characters per row of a legend, on a telephone
 
 
 class Html(str):
@@ -43,9 +43,9 @@ class Html(str):
 
 
 def tag(name: str, *children: object, **attributes: object) -> Html:
-    """An element; text within it and the values of attributes are escaped.
+    """An element; its text and the values of attributes are escaped.
 
-    A trailing underscore of an attribute is left out: ``class_="card"``.
+    A trailing underscore of an attribute is dropped: ``class_="card"``.
 
     >>> tag("p", "a < b", class_="note")
     '<p class="note">a &lt; b</p>'
@@ -59,14 +59,14 @@ def tag(name: str, *children: object, **attributes: object) -> Html:
 
 
 def markup(child: object) -> str:
-    """Markup as it is, other things as escaped text."""
+    """Markup unchanged, anything else as escaped text."""
     return child if isinstance(child, Html) else escape(printable(str(child)))
 
 
 def table(
     columns: Sequence[str], rows: Iterable[Sequence[object]], right: Sequence[int] = ()
 ) -> Html:
-    """A table, the columns numbered in `right` set flush right; nothing without rows."""
+    """A table; the columns numbered in `right` are aligned to the right. Empty without rows."""
     body = [
         tag("tr", *(_cell("td", cell, i in right) for i, cell in enumerate(row))) for row in rows
     ]
@@ -83,13 +83,13 @@ def _cell(name: str, cell: object, right: bool) -> Html:
 
 
 def section(title: str, *children: object, class_: str = "") -> Html:
-    """A part of the page with its heading; nothing without content."""
+    """A section of the page with its heading; empty without content."""
     content = [child for child in children if markup(child)]
     return tag("section", tag("h2", title), *content, class_=class_) if content else Html("")
 
 
 def image(png: bytes, words: str) -> Html:
-    """A picture within the page."""
+    """A picture embedded in the page."""
     if not png.startswith(b"\x89PNG"):  # another file under its name
         raise ValueError(f"the picture {words} is no PNG")
     source = "data:image/png;base64," + base64.b64encode(png).decode("ascii")
@@ -103,7 +103,7 @@ def packed(values: Any, kind: str = "f4") -> dict[str, str]:
 
 
 def check_plotly() -> None:
-    """Refuse to begin a page without the library that draws in it.
+    """Refuse to make a page without the library plotly.
 
     Raises
     ------
@@ -124,8 +124,8 @@ def write_page(title: str, parts: Iterable[Html], data: Mapping[str, Any]) -> st
     parts : iterable of Html
         Its body.
     data : mapping
-        ``charts`` and ``motion``, as `flexmb.view.html_page` and `flexmb.view.page_motion` make
-        them; each belongs to the element whose id it names.
+        ``charts`` and ``motion``, as made by `flexmb.view.html_page` and `flexmb.view.page_motion`;
+        each belongs to the element with the id that it names.
     """
     from plotly.offline import get_plotlyjs
 
@@ -196,7 +196,7 @@ class Charts:
         return self._add(traces, x=x, y=label, time=time)
 
     def costs(self, curves: Sequence[Curve], quantity: str) -> Html:
-        """Error against processor time, in logarithmic scales."""
+        """Error against processor time, on logarithmic scales."""
         traces = [
             {
                 "name": curve.name or "settings", "x": packed(curve.seconds, "f8"),

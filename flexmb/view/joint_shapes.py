@@ -1,9 +1,9 @@
 """The shapes of joints, gears and drivers: one for each type, as textbooks draw them.
 
-A hinge is a pin with two washers, a spherical joint a ball in its socket, a fixed one a block; what
-slides has a rail over all its way and a sleeve, a universal joint is a cross, a massless link a rod
-with the joint of each end; gears and racks are toothed and mesh as they are placed. Bodies, curves
-and their followers stand in :mod:`flexmb.view.body_shapes`.
+A hinge is a pin with two washers, a spherical joint a ball in a socket, a fixed joint a block.
+Sliding joints have a rail along the whole stroke and a sleeve, a universal joint is a cross, a
+massless link a rod with the joint of each end. Gears and racks have teeth that mesh as they are
+placed. Bodies, curves and their followers are in :mod:`flexmb.view.body_shapes`.
 """
 
 from __future__ import annotations
@@ -46,18 +46,19 @@ _LINKS = (
     "revolute-revolute", "revolute-cylindrical", "revolute-universal", "spherical-universal",
 )  # fmt: skip
 _SLIDING = ("prismatic", "cylindrical", "screw", "in-line")
-_SAMPLES = 40  # times at which the way of what slides is looked up
+_SAMPLES = 40  # times at which the range of a sliding joint is determined
 
 
 _Wheel = tuple[str, Array, Array]  # body, centre (3,) and axis (3,) at this time
 _Phases = dict[tuple[str, int, int], float]
-_TEETH = 28  # of the smaller wheel where no numbers are said
-_WIDTH = 0.3  # of a wheel, as a share of the smaller radius
-_PARALLEL = 1e-6  # sine of the angle between axes that count as parallel
+_TEETH = 28  # teeth of the smaller wheel if no numbers are given
+_WIDTH = 0.3  # width of a wheel over the smaller radius
+_PARALLEL = 1e-6  # sine of the angle below which axes are parallel
 
 
 def joint_parts(mechanism: Mechanism, r: float, half: dict[str, float]) -> Iterator[Part]:
-    """All joints that are no curves: `r` [m] is the radius of a pin, `half` its half lengths."""
+    """All joints except those on curves: `r` [m] is the radius of a pin, `half` its half
+    lengths."""
     for name, spec in mechanism.model.joints.items():
         if spec.curves:
             continue
@@ -86,12 +87,13 @@ def joint_parts(mechanism: Mechanism, r: float, half: dict[str, float]) -> Itera
 
 
 def joint_sides(mechanism: Mechanism, name: str) -> Iterator[tuple[str, Array]]:
-    """Markers I and J of a joint with its axes (3, 3) relative to them."""
+    """Markers I and J of a joint, with the joint's axes (3, 3) relative to each."""
     return zip(mechanism.model.joints[name].between, mechanism.joint_axes[name], strict=True)
 
 
 def slide_range(mechanism: Mechanism, name: str, spec: JointSpec) -> tuple[float, float]:
-    """Least and greatest place of marker J along the axis of I over the run, and its stops [m]."""
+    """Smallest and largest position of marker J along the axis of I over the run, with stops
+    [m]."""
     strokes = [
         bound
         for stop in mechanism.model.forces.values()
@@ -104,7 +106,7 @@ def slide_range(mechanism: Mechanism, name: str, spec: JointSpec) -> tuple[float
 
 
 def _places(mechanism: Mechanism, name: str, spec: JointSpec) -> Array:
-    """Places (n, 3) of marker J in the axes of I at some times of the run [m]."""
+    """Positions (n, 3) of marker J in the axes of I at some times of the run [m]."""
     times, axes, places = mechanism.result.time, mechanism.joint_axes[name][0], []
     for t in times[np.unique(np.linspace(0, len(times) - 1, _SAMPLES).astype(int))]:
         moment = mechanism.at(float(t))
@@ -114,7 +116,7 @@ def _places(mechanism: Mechanism, name: str, spec: JointSpec) -> Array:
 
 
 def _plate(mechanism: Mechanism, name: str, spec: JointSpec, r: float) -> Triangles:
-    """The plane of I, where marker J is during the run."""
+    """The plane of I, over the area in which marker J moves during the run."""
     places = _places(mechanism, name, spec)[:, :2]
     low, high = places.min(axis=0) - 4.5 * r, places.max(axis=0) + 4.5 * r
     below = -0.4 * r if spec.type == "planar" else 0.0
@@ -195,7 +197,7 @@ def _end(kind: str, r: float) -> Triangles:
 
 
 def driver_parts(mechanism: Mechanism, r: float, lift: dict[str, float]) -> Iterator[Part]:
-    """Arrows that show what drivers move, lifted off their joints; a cylinder drives a distance."""
+    """Arrows that show what drivers move, beside their joints; a driven distance is a cylinder."""
     for name, spec in mechanism.model.drivers.items():
         if spec.between is not None:
             barrel = joined(
@@ -236,7 +238,7 @@ def _drive_arrows(
 
 
 def gear_parts(mechanism: Mechanism, colors: dict[str, str]) -> Iterator[Part]:
-    """Toothed wheels and racks, in the axes of the bodies that carry them."""
+    """Toothed wheels and racks, in the axes of their bodies."""
     phases: _Phases = {}
     for spec in mechanism.model.couplers.values():
         if not isinstance(spec, GearSpec | RackSpec):
@@ -262,7 +264,7 @@ def gear_parts(mechanism: Mechanism, colors: dict[str, str]) -> Iterator[Part]:
 
 
 def _wheel(mechanism: Mechanism, joint: str, joints: tuple[str, str]) -> _Wheel | None:
-    """What a joint hangs on the common carrier."""
+    """The wheel at a joint: body on the side away from the common carrier, centre and axis."""
     model = mechanism.model
     bodies = [{split_reference(end)[0] for end in model.joints[name].between} for name in joints]
     for reference, axes in zip(
@@ -292,12 +294,13 @@ def _spur_gears(
         return
     teeth = [max(round(count), 8) for count in spec.teeth or _counts(radii)]
     axes = axes_along(u)
-    towards = float(np.arctan2(h @ axes[:, 1], h @ axes[:, 0]))  # from the first to the second
+    # direction from the first to the second
+    towards = float(np.arctan2(h @ axes[:, 1], h @ axes[:, 0]))
     larger = int(radii[1] > radii[0])
     meets = [towards, towards + np.pi]
     if inside:
         meets = [towards + (np.pi if larger else 0.0)] * 2
-    middle = float((y - x) @ u), 0.0  # both lie in the plane of the second
+    middle = float((y - x) @ u), 0.0  # both are in the plane of the second
     share = None
     for k, (body, centre, _) in enumerate((first, second)):
         key = body, round(1e6 * radii[k]), round(1e6 * float(y @ u))
@@ -320,7 +323,7 @@ def _counts(radii: tuple[float, float]) -> tuple[float, float]:
 
 
 def _bevel_gears(spec: GearSpec, first: _Wheel, second: _Wheel) -> Iterator[tuple[str, Triangles]]:
-    """Wheels whose axes meet: they taper towards that point."""
+    """Wheels whose axes intersect: they taper towards the intersection."""
     (_, x, u), (_, y, v) = first, second
     s, t = np.linalg.lstsq(np.column_stack([u, -v]), y - x, rcond=None)[0]
     apex = x + s * u
@@ -363,13 +366,14 @@ def _rack(
     joint = mechanism.model.joints[spec.joints[1]]
     low, high = slide_range(mechanism, spec.joints[1], joint)
     pitch = np.pi * module
-    count = int((high - low + 2.5 * spec.radius) / pitch) | 1  # odd: a tooth is in the middle
+    # odd, so that a tooth is in the middle
+    count = int((high - low + 2.5 * spec.radius) / pitch) | 1
     I, J = (mechanism.point(reference) for reference in joint.between)  # noqa: E741
     ahead = abs(float((J - I) @ d)) - 0.5 * (abs(low) + abs(high))
     contact = x + spec.radius * n + (h @ u) * u + pitch * round(ahead / pitch) * d
     shape = rack(count, module, width, 4 * module)
     yield other, shape.moved(contact, np.column_stack([d, -n, np.cross(d, -n)]))
     axes = np.column_stack([n, np.cross(u, n), u])
-    c, s = np.cos(np.pi / _TEETH), np.sin(np.pi / _TEETH)  # a gap meets that tooth
+    c, s = np.cos(np.pi / _TEETH), np.sin(np.pi / _TEETH)  # a gap faces that tooth
     turn = axes @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
     yield body, toothed_wheel(spec.radius, _TEETH, width).moved(x + (h @ u) * u, turn)

@@ -1,14 +1,14 @@
-"""A mechanism at one time of a run, and where its parts are drawn.
+"""A mechanism at one time of a run, and the poses in which its parts are drawn.
 
-:class:`Mechanism` is true: the scene in the result names the parts, the rows place them, the
-flexible-body files say how the modes move their markers and surfaces.
+:class:`Mechanism` is undistorted: the scene in the result names the parts, the rows give their
+poses, the flexible-body files give the motion of markers and surfaces by modes.
 
-:class:`Display` is what is drawn: deformations times a factor. The deformation of a body is
-relative to a marker of it, by default the first by which joints hold it, counted from ground on:
-there it is zero. Where joints hold the body at more points, as a connecting rod or a beam on a pin
-and a roller, the reference turns with the line through them. A body that hangs on an exaggerated
-one is carried along, a body in a loop is moved to where its joints fit best: all stay on their
-joints. With the factor 1 nothing is moved at all.
+:class:`Display` is what is drawn: deformations multiplied by a factor. The deformation of a body is
+relative to one of its markers, by default the first that a joint connects to ground directly or
+through other bodies; there it is zero. If joints hold the body at more points, as a connecting rod
+or a beam on a pin and a roller, the reference rotates with the line through them. A body connected
+to an exaggerated one moves with it, a body in a loop is moved to fit its joints best, so all parts
+stay at their joints. With the factor 1 nothing is moved.
 """
 
 from __future__ import annotations
@@ -36,19 +36,20 @@ _HOLDING = (
     "fixed", "revolute", "spherical", "universal", "constant-velocity", "cylindrical", "screw",
     "prismatic", "planar", "in-line",
 )  # fmt: skip
-_GUIDING = ("in-plane", "pin-in-slot", "point-on-curve")  # a point of a body that others hold
-_ROUND_OFF = 1e-6  # of the distance of two markers: what leaves their line as it was
+# joints that guide a point of a body that other joints hold
+_GUIDING = ("in-plane", "pin-in-slot", "point-on-curve")
+_ROUND_OFF = 1e-6  # fraction of the distance of two markers below which their line has not rotated
 
 
 def transform(A: Array, r: Array) -> Array:
-    """The matrix (4, 4) that turns by A (3, 3), then shifts by r (3,)."""
+    """The matrix (4, 4) that rotates by A (3, 3), then translates by r (3,)."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = A, r
     return T
 
 
 def inverse(T: Array) -> Array:
-    """Of a rigid transform (4, 4)."""
+    """The inverse of a rigid transform (4, 4)."""
     return transform(T[:3, :3].T, -T[:3, :3].T @ T[:3, 3])
 
 
@@ -58,7 +59,7 @@ def applied(T: Array, points: Array) -> Array:
 
 
 def rotation(vector: Array) -> Array:
-    """The rotation (3, 3) by a vector [rad] (Rodrigues)."""
+    """The rotation matrix (3, 3) of a rotation vector [rad] (Rodrigues)."""
     angle = float(np.linalg.norm(vector))
     if angle < 1e-300:
         return np.eye(3)
@@ -75,17 +76,17 @@ class Mechanism:
     result : Result
         The run.
     time : float, optional
-        Within the run, in the scene's units; by default what its ``[view]`` says, else the end;
-        the end, too, of a run that stopped before that.
+        Time within the run, in the scene's units; by default that of its ``[view]``, else the end.
+        The end also if the run stopped before that time.
 
     Raises
     ------
     ViewError
-        The result holds no rows.
+        The result has no rows.
     BodyFileError
         A flexible-body file is missing or damaged.
     ResultFileError
-        The time lies outside the run, or a flexible-body file is not the one of this run.
+        The time is outside the run, or a flexible-body file is not the one of this run.
     """
 
     def __init__(self, result: Result, time: float | None = None) -> None:
@@ -101,7 +102,7 @@ class Mechanism:
         self._poses: dict[str, Pose] = {}
 
     def at(self, time: float) -> Mechanism:
-        """The same at another time, in the scene's units."""
+        """The same mechanism at another time, in the scene's units."""
         other = copy.copy(self)
         other.time, other._poses = float(time), {}
         return other
@@ -135,12 +136,12 @@ class Mechanism:
         return marker.Phi_t @ eta + np.cross(turn, marker.arm), turn
 
     def marker_frame(self, reference: str) -> Array:
-        """Its transform (4, 4) to global axes, its body deformed."""
+        """The transform (4, 4) of a marker to global axes, on its deformed body."""
         marker, (u, turn) = self.marker(reference), self.motion(reference)
         return self.frame(marker.body) @ transform(rotation(turn) @ marker.R, marker.position + u)
 
     def point(self, reference: str) -> Array:
-        """Position (3,) of the marker ``"body.marker"``, its body deformed."""
+        """Position (3,) of the marker ``"body.marker"`` on its deformed body."""
         return np.asarray(self.marker_frame(reference)[:3, 3])
 
     def used_markers(self, body: str) -> list[str]:
@@ -172,7 +173,7 @@ class Mechanism:
 
     @cached_property
     def chain(self) -> tuple[Link, ...]:
-        """All bodies, each behind those that hold it, from ground on."""
+        """All bodies, each after those that hold it, starting at ground."""
         pairs = [
             (spec.between, spec.type)
             for spec in self.model.joints.values()
@@ -197,9 +198,9 @@ class Mechanism:
         return tuple(links)
 
     def surface(self, name: str, exaggeration: float) -> tuple[Array, Array, Array] | None:
-        """Exaggerated and undeformed points (n, 3), true displacements (n,) of a flexible body.
+        """Exaggerated and undeformed points (n, 3), and true displacements (n,) of a flexible body.
 
-        None where the body has no surface.
+        None if the body has no surface.
         """
         return Display(self, exaggeration).surface(name)
 
@@ -210,20 +211,22 @@ def _body(reference: str) -> str:
 
 @dataclass(frozen=True)
 class Link:
-    """A body with the markers that hold it: its own, the other body's, the joint's type."""
+    """A body with its holding joints: its own marker, the other body's marker, the type."""
 
     body: str
     holds: tuple[tuple[str, str, str], ...]
-    free_reference: str | None = None  # where nothing holds the body: its first marker in a joint
+    # for a body without joints that hold it: its first marker in a joint
+    free_reference: str | None = None
 
     @property
     def reference(self) -> str | None:
-        """The marker that its deformation is relative to."""
+        """The marker to which its deformation is relative."""
         return self.holds[0][0] if self.holds else self.free_reference
 
 
 def _link(name: str, pairs: list[Any], done: set[str], guided: Sequence[Any] = ()) -> Link:
-    """What holds a body, a clamp first, and what guides a point of it besides, as a roller."""
+    """The joints that hold a body, a clamp first, and those that guide a point of it, as a
+    roller."""
     holds = _holds(name, pairs, done)
     holds.sort(key=lambda hold: hold[2] != "fixed")
     return Link(name, (*holds, *(_holds(name, guided, done) if holds else ())))
@@ -239,22 +242,22 @@ def _holds(name: str, pairs: Sequence[Any], done: set[str]) -> list[tuple[str, s
 
 
 class Display:
-    """Where everything is drawn: the mechanism with its deformation times a factor.
+    """The drawn poses: the mechanism with its deformation multiplied by a factor.
 
     Parameters
     ----------
     mechanism : Mechanism
-        At its time.
+        The mechanism at its time.
     factor : float
-        On deformations.
+        Factor on deformations.
     references : sequence of str
-        Markers that the deformation of their bodies is relative to, such as ``"rod.big_end"``;
-        ``"mean-axes"`` for the mean axes of all bodies that no marker is named of.
+        Markers to which the deformation of their bodies is relative, such as ``"rod.big_end"``;
+        ``"mean-axes"``: the mean axes of all bodies without such a marker.
 
     Raises
     ------
     ViewError
-        A reference to a body or marker that there is not.
+        A reference to a body or marker that does not exist.
     """
 
     def __init__(
@@ -275,13 +278,13 @@ class Display:
         return self.mechanism.time
 
     def frame(self, body: str) -> Array:
-        """The transform (4, 4) from body axes, undeformed, to where they are drawn."""
+        """The transform (4, 4) from undeformed body axes to the drawn pose."""
         if body == GROUND:
             return np.eye(4)
         return self._frames[body] @ self._undeformed(body)
 
     def marker(self, reference: str) -> Array:
-        """The transform (4, 4) of a marker to where it is drawn."""
+        """The transform (4, 4) of a marker to its drawn pose."""
         body = _body(reference)
         if body == GROUND or not len(self.mechanism.pose(body).eta):
             marker = self.mechanism.marker(reference)
@@ -289,7 +292,7 @@ class Display:
         return self._frames[body] @ self._local(reference)
 
     def point(self, reference: str) -> Array:
-        """Where a marker is drawn (3,)."""
+        """The drawn position (3,) of a marker."""
         return np.asarray(self.marker(reference)[:3, 3])
 
     def surface(self, name: str) -> tuple[Array, Array, Array] | None:
@@ -303,12 +306,12 @@ class Display:
         return drawn, applied(self._frames[name], undeformed), np.linalg.norm(u, axis=1)
 
     def displacements(self, name: str, points: Array, modes: Array) -> Array:
-        """Displacements (n, 3) of points relative to the body's reference, body axes, true."""
+        """True displacements (n, 3) of points relative to the body's reference, body axes."""
         eta = self.mechanism.pose(name).eta
         return np.asarray(points + modes @ eta - applied(self._undeformed(name), points))
 
     def reference_of(self, body: str) -> str:
-        """The marker that the deformation of a body is relative to, or ``"mean-axes"``."""
+        """The marker to which the deformation of a body is relative, or ``"mean-axes"``."""
         if body in self._named:
             return self._named[body]
         link = next(link for link in self.mechanism.chain if link.body == body)
@@ -319,7 +322,8 @@ class Display:
         return transform(*self._references[body])
 
     def _reference(self, link: Link) -> tuple[Array, Array]:
-        """Rotation (3, 3) and shift (3,) of the undeformed body to its reference, body axes."""
+        """Rotation (3, 3) and translation (3,) of the undeformed body to its reference, body
+        axes."""
         mechanism, marker = self.mechanism, self.reference_of(link.body)
         if marker == MEAN_AXES or not mechanism.pose(link.body).eta.any():
             return np.eye(3), np.zeros(3)
@@ -333,7 +337,7 @@ class Display:
         return R, x + u - R @ x
 
     def _local(self, reference: str) -> Array:
-        """A marker's transform (4, 4) in body axes, its deformation times the factor."""
+        """A marker's transform (4, 4) in body axes, with its deformation times the factor."""
         mechanism = self.mechanism
         marker, (u, turn) = mechanism.marker(reference), mechanism.motion(reference)
         R, d = self._references[marker.body]
@@ -343,7 +347,8 @@ class Display:
         return transform(R @ rotation(self.factor * relative) @ marker.R, place)
 
     def _carried(self, link: Link) -> Array:
-        """How far (4, 4) the body is moved from its true place, to stay on its joints."""
+        """The transform (4, 4) by which the body is moved from its true pose to stay at its
+        joints."""
         if self.factor == 1.0 or not link.holds:
             return np.eye(4)
         mechanism, sources, targets, moves = self.mechanism, [], [], []
@@ -364,7 +369,7 @@ class Display:
 
 
 def named_references(mechanism: Mechanism, references: Sequence[str]) -> dict[str, str]:
-    """Markers that deformations are relative to, by body."""
+    """Markers to which deformations are relative, by body."""
     model, named = mechanism.model, {}
     for reference in references:
         if reference == MEAN_AXES:
@@ -381,9 +386,9 @@ def named_references(mechanism: Mechanism, references: Sequence[str]) -> dict[st
 
 
 def _turned(before: Array, after: Array) -> Array:
-    """The rotation (3, 3) of vectors (k, 3) onto others, no more than they ask.
+    """The smallest rotation (3, 3) that takes vectors (k, 3) onto others.
 
-    By least squares (Kabsch, Acta Crystallographica A32, 1976).
+    In the least-squares sense (Kabsch, Acta Crystallographica A32, 1976).
     """
     size = float(np.trace(before @ before.T))
     if np.trace(after.T @ before) <= _ROUND_OFF**2 * max(size, 1e-300):
@@ -397,7 +402,7 @@ def _turned(before: Array, after: Array) -> Array:
 
 
 def _rotation_vector(R: Array) -> Array:
-    """The vector [rad] of a rotation (3, 3) by less than half a turn."""
+    """The rotation vector [rad] of a matrix (3, 3), for angles below 180 degrees."""
     axis = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
     sine = float(np.linalg.norm(axis))
     angle = float(np.arctan2(sine, 0.5 * (np.trace(R) - 1)))
@@ -405,7 +410,7 @@ def _rotation_vector(R: Array) -> Array:
 
 
 def _reduced(result: Result) -> dict[str, Any]:
-    """The scene with its flexible bodies as files next to the result: no mesh is needed."""
+    """The scene with its flexible bodies as files next to the result, so that no mesh is needed."""
     bodies = dict(result.model.get("bodies", {}))
     for name, path in result.flexbodies.items():
         fields = {key: value for key, value in bodies[name].items() if key in BodySpec.model_fields}

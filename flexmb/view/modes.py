@@ -1,9 +1,10 @@
 """Mode shapes of a flexible body, one or several in a grid; Campbell diagrams, root loci.
 
-In: a :class:`FlexBody` or its file, numbers of modes, interfaces that are fixed. Out: a PNG file:
-each mode deformed over the undeformed body, its number and frequency above it, coloured by its
-displacement over the largest. Modes are the natural ones of the reduced body, numbered from 1
-as in the checks of a scene; those of the free body are its modal coordinates, from eta.0 on.
+In: a :class:`FlexBody` or its file, numbers of modes, interfaces that are fixed. Out: a PNG file
+with each mode drawn deformed over the undeformed body, with its number and frequency above,
+coloured by its displacement over the largest. The modes are the natural modes of the reduced body,
+numbered from 1 as in the checks of a scene; those of the free body are its modal coordinates,
+starting with eta.0.
 """
 
 from __future__ import annotations
@@ -38,14 +39,14 @@ if TYPE_CHECKING:
     from flexmb.analysis.static_sweep import StaticSweep
 
 
-_DEFAULT_MODES = 6  # drawn where none are named
-_AMPLITUDE = 0.10  # of the body's size that a mode moves it at most
-_INTERFACE_RADIUS = 0.012  # of its ball over the size of the body
-_PERIOD = 2.0  # seconds of a vibration in a film
-_CELL = (640, 420)  # pixels of a panel where the size is not given
+_DEFAULT_MODES = 6  # number of modes drawn if none are named
+_AMPLITUDE = 0.10  # largest displacement of a mode over the body's size
+_INTERFACE_RADIUS = 0.012  # radius of the ball at an interface over the body's size
+_PERIOD = 2.0  # seconds of one vibration in a film
+_CELL = (640, 420)  # pixels of a panel if no size is given
 _SINGLE = (1280, 720)
 _ORDERS = (1, 2, 3)  # multiples of the speed that are drawn
-_MAX_CURVES = 12  # modes of a Campbell diagram or root locus
+_MAX_CURVES = 12  # largest number of modes in a Campbell diagram or root locus
 
 
 def render_modes(
@@ -65,14 +66,15 @@ def render_modes(
     body : FlexBody or path
         The body, or its file.
     modes : int or sequence of int, optional
-        Which, from 1; the first six by default.
+        Numbers of the modes, from 1; by default the first six.
     held : sequence of str, optional
-        Interfaces that are held while the body vibrates, such as ``("root",)``; by default the body
-        is free, and its rigid motions do not count.
+        Interfaces that are fixed while the body vibrates, such as ``("root",)``; by default the
+        body is free, and its rigid motions are not counted.
     exaggeration : float or "auto"
-        Factor on modes of unit modal mass; ``"auto"`` lets each move by a tenth of the body's size.
+        Factor on modes of unit modal mass; ``"auto"``: the largest displacement is a tenth of the
+        body's size.
     direction : three floats, optional
-        From the body towards the eye, body axes; across its longest extent by default.
+        Direction from the body towards the eye, body axes; by default across its longest extent.
     size : two ints, optional
         Width and height of the picture in pixels.
     output : path
@@ -86,9 +88,9 @@ def render_modes(
     Raises
     ------
     ViewError
-        A mode that the body has not, nothing to draw, an option that cannot be.
+        A mode that the body does not have, nothing to draw, or a wrong option.
     ReductionError
-        An interface to be held that the body has not.
+        An interface that the body does not have.
     BodyFileError
         The file is missing or damaged.
     """
@@ -112,7 +114,7 @@ def film_modes(
     force: bool = False,
     progress: Progress = silent,
 ) -> Path:
-    """Make a film of mode shapes: one vibration of each, all in the same time, to be repeated.
+    """Make a film of mode shapes: one period of each, all of the same duration, to be repeated.
 
     Parameters and errors are those of `render_modes` and of `film`; the output is by default
     ``<body>.modes.gif`` beside the body.
@@ -137,7 +139,7 @@ def film_modes(
 
 @dataclass(eq=False)
 class ModeShot:
-    """Mode shapes through one vibration of `count` frames; the first has the largest amplitude."""
+    """Mode shapes over one period of `count` frames; the first frame has the largest amplitude."""
 
     shapes: list[Content]  # at their largest amplitude
     places: Array  # (j, 3) of the joints at rest
@@ -191,7 +193,7 @@ def _shot(
 
 
 def panel_grid(count: int, size: tuple[int, int] | None = None) -> tuple[tuple[int, int], int]:
-    """Pixels of a picture of several panels, and in how many columns they stand."""
+    """Size [pixels] of a picture of several panels, and its number of columns."""
     columns = columns_of(count)
     rows = -(-count // columns)
     pixels = size or (_SINGLE if count == 1 else (_CELL[0] * columns, _CELL[1] * rows))
@@ -222,7 +224,7 @@ def _numbers(body: FlexBody, modes: int | Sequence[int] | None, count: int) -> l
 
 
 def balls(places: Array, size: float) -> tuple[Solid, ...]:
-    """Balls at interfaces or supports (n, 3) of a body of a size."""
+    """Balls at interfaces or supports (n, 3) of a body with the given size."""
     ball = sphere(_INTERFACE_RADIUS * size)
     return tuple(
         Solid("interface", ball, PIN, matrix=transform(np.eye(3), place), role="joint")
@@ -237,7 +239,8 @@ def mode_panel(
     exaggeration: float | str,
     camera: Camera,
 ) -> Content:
-    """One mode at its amplitude, in the view of the vibration; the texts are title and caption."""
+    """One mode at its largest amplitude, seen along its vibration; the texts are title and
+    caption."""
     assert body.surface is not None
     points, size = body.surface.points, size_of(body.surface.points) or 1.0
     u = motion[: len(points)]
@@ -264,7 +267,7 @@ def mode_panel(
 
 
 def campbell_figure(sweep: ModeSweep, modes: int = _MAX_CURVES) -> Figure:
-    """Frequencies over the parameter, with the multiples of the fastest rotation."""
+    """Frequencies over the parameter, with multiples of the fastest rotation."""
     title = f"frequencies over {sweep.parameter}, seen from {' and '.join(sweep.frames)}"
     figure = new_figure(9.6, 6.0, title)
     axes = figure.subplots()
@@ -289,7 +292,7 @@ def campbell_figure(sweep: ModeSweep, modes: int = _MAX_CURVES) -> Figure:
 
 
 def root_locus_figure(sweep: ModeSweep, modes: int = _MAX_CURVES) -> Figure:
-    """Eigenvalues in the complex plane: a circle at the first value, a dot at the last."""
+    """Eigenvalues in the complex plane: a circle for the first value, a dot for the last."""
     figure = new_figure(9.6, 6.0, f"eigenvalues over {sweep.parameter}")
     axes = figure.subplots()
     for k in range(min(modes, sweep.eigenvalues.shape[1])):
@@ -305,7 +308,7 @@ def root_locus_figure(sweep: ModeSweep, modes: int = _MAX_CURVES) -> Figure:
 
 
 def response_figure(frequencies: Sequence[float], response: Any, title: str) -> Figure:
-    """Amplitude and phase over frequencies [Hz], in logarithmic scales."""
+    """Amplitude and phase over frequencies [Hz], on logarithmic scales."""
     figure = new_figure(9.6, 6.0, title)
     top, bottom = figure.subplots(2, 1, sharex=True)
     top.loglog(frequencies, np.abs(response), color=LINES[0], lw=1.6)
@@ -331,7 +334,8 @@ def equilibria_figure(sweep: StaticSweep, names: Sequence[str] = ()) -> Figure:
     figure = new_figure(9.6, 1.2 + 2.5 * len(panels), f"equilibria over {sweep.parameter}")
     grid = figure.subplots(max(1, len(panels)), 1, sharex=True, squeeze=False)[:, 0]
     values, unstable = sweep.values, ~sweep.stable
-    ends = [event.place for event in sweep.events if event.kind == "limit point"]  # of branches
+    # limit points are ends of branches
+    ends = [event.place for event in sweep.events if event.kind == "limit point"]
     for axes, (unit, members) in zip(grid, panels.items(), strict=False):
         for k, name in enumerate(members):
             color, line = LINES[k % len(LINES)], sweep[name]

@@ -1,8 +1,8 @@
 """Drawing pictures with matplotlib, where VTK cannot render.
 
 In: a :class:`Content`, or several for a grid, a size in pixels, a file. Out: a PNG of the same
-content, shaded triangles sorted by depth, which names in the picture what to install for the better
-one.
+content, with shaded triangles sorted by depth; a text in the picture says what to install for the
+better renderer.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ from flexmb.view.content import Content
 from flexmb.view.plot import COLORMAP, DIVERGING, GHOST, INK, PAPER
 
 _DPI = 100
-_LETTERS = 1.25  # letters of size 1 for each pixel of the width, with some room at the end
+_LETTERS = 1.25  # characters of size 1 per pixel of the width, with some margin
 _AMBIENT = 0.45  # brightness of a face turned away from the light
-_LAMP = (-0.3, 0.5, 0.8)  # above the shoulder of the eye: right, above, towards
+# direction of the light, over the shoulder of the eye: right, above, towards
+_LAMP = (-0.3, 0.5, 0.8)
 _WARNING = "#a33a00"
 
 
@@ -38,7 +39,7 @@ def draw(
 def image(
     panels: Sequence[Content], size: tuple[int, int], reason: str, columns: int = 1
 ) -> NDArray[np.uint8]:
-    """The same as an array (height, width, 3)."""
+    """The picture as an array (height, width, 3)."""
     canvas = _figure(panels, size, reason, columns).canvas
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[:, :, :3]
@@ -93,7 +94,7 @@ def _draw_panel(cell: Any, content: Content, rows: int) -> None:
 
 
 def _shaded(content: Content, view: Array) -> tuple[Any, Array]:
-    """Corners of all triangles in the picture plane (t, 3, 2), far ones first, and RGBA (t, 4)."""
+    """Triangles in the picture plane, far ones first: corners (t, 3, 2) and RGBA (t, 4)."""
     from matplotlib import colormaps
     from matplotlib.colors import to_rgba
 
@@ -120,7 +121,7 @@ def _shaded(content: Content, view: Array) -> tuple[Any, Array]:
 
 
 def _segments(content: Content, view: Array) -> list[tuple[Any, Any, float]]:
-    """Line segments (l, 2, 2) in the picture plane with colours and widths: beams and ghosts."""
+    """Line segments (l, 2, 2) in the picture plane with colours and widths: beams and outlines."""
     from matplotlib import colormaps
 
     drawn: list[tuple[Any, Any, float]] = [

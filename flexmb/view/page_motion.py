@@ -1,8 +1,8 @@
-"""The motion of a run for a web page: meshes, where each part is in each frame, its deformation.
+"""The motion of a run for a web page: meshes, their poses in each frame, their deformation.
 
-In: a result. Out: numbers for ``page.js``, packed. What moves as a whole takes twelve numbers per
-frame; what deforms takes two bytes per coordinate, relative to that motion, so that the reader can
-exaggerate it. Surfaces of many triangles are thinned.
+In: a result. Out: packed numbers for ``page.js``. Rigid parts need twelve numbers per frame;
+deformable parts need two bytes per coordinate relative to a rigid motion, so that the reader can
+exaggerate the deformation. Surfaces with many triangles are simplified.
 """
 
 from __future__ import annotations
@@ -21,51 +21,51 @@ from flexmb.view.drawing import Drawing
 from flexmb.view.html_page import Html, packed, tag
 from flexmb.view.mechanism import Mechanism, applied
 
-_RIGID = 1e-6  # of its size by which a part may leave a rigid motion that moves it
-_FIT_POINTS = 64  # from which the rigid motion is estimated
+_RIGID = 1e-6  # largest deviation from a rigid motion, over the size of a rigid part
+_FIT_POINTS = 64  # points from which the rigid motion is estimated
 _FRAMES = 91
-_PER_TURN = 24  # frames for a turn of the fastest body, at least
+_PER_TURN = 24  # least number of frames per revolution of the fastest body
 _MAX_FRAMES = 151
-_SECONDS = 7.0  # that the motion lasts on the screen
-_BUDGET = 4e6  # bytes of deformation and colours, before they are packed
-_MAX_FACES = 12_000  # of one body
+_SECONDS = 7.0  # duration of the motion on the screen
+_BUDGET = 4e6  # bytes of deformation and colours, before packing
+_MAX_FACES = 12_000  # largest number of triangles of one body
 _LEAST_FACES = 500
 _DEPTH = 32767  # the largest number of two bytes
-_SAMPLES = 30  # frames that the view is fitted to
-_RESIDUAL = 2e-3  # of the largest deformation: what shapes that the frames share may leave out
-_FACTORS = (0.0, 1.0)  # of deformation that can always be chosen
+_SAMPLES = 30  # frames to which the view is fitted
+_RESIDUAL = 2e-3  # largest error of the shared shapes, over the largest deformation
+_FACTORS = (0.0, 1.0)  # factors on deformation that can always be selected
 
 
 @dataclass
 class _Part:
     """One shape over all frames."""
 
-    faces: IntArray  # (t, 3), of lines (l, 2)
+    faces: IntArray  # (t, 3), or lines (l, 2)
     color: str
     opacity: float = 1.0
     is_flexible: bool = False
-    points: list[Array] = field(default_factory=list)  # (n, 3) as drawn, by frame
-    matrices: list[Array] = field(default_factory=list)  # (4, 4) of what moves as a whole
-    undeformed: list[Array] = field(default_factory=list)  # of what is flexible
-    values: list[Array] = field(default_factory=list)  # (n,) shares of the colour scale
+    points: list[Array] = field(default_factory=list)  # (n, 3) drawn points, by frame
+    matrices: list[Array] = field(default_factory=list)  # (4, 4) for rigid parts
+    undeformed: list[Array] = field(default_factory=list)  # for deformable parts
+    values: list[Array] = field(default_factory=list)  # (n,) fractions of the colour scale
 
     @property
     def group(self) -> tuple[bool, bool, float, str]:
-        """Parts of one group make one mesh."""
+        """Parts with the same key form one mesh."""
         is_line = self.faces.shape[1] == 2
         return bool(self.values), is_line, self.opacity, self.color if is_line else ""
 
 
 @dataclass(frozen=True)
 class MovingScene:
-    """Numbers for ``page.js``, and what to say of them."""
+    """Numbers for ``page.js``, and a sentence about them."""
 
     data: dict[str, Any]
-    factor: float  # of the deformation as it is first shown
+    factor: float  # initial factor on the deformation
     sentence: str
 
     def player(self) -> Html:
-        """The element in which it moves, with its controls."""
+        """The page's element in which the scene moves, with its controls."""
         last = self.data["frames"] - 1
         choices = sorted({*_FACTORS, self.factor, 10.0 * self.factor} - {0.0} | {0.0})
         options = [_option(f, f == self.factor) for f in choices] if self.data["flexible"] else []
@@ -94,14 +94,14 @@ def _option(factor: float, selected: bool) -> Html:
 
 
 def moving_scene(result: Result, progress: Progress = silent) -> MovingScene:
-    """The machine of a run at evenly distributed times.
+    """The machine of a run at equally spaced times.
 
     Raises
     ------
     ViewError
         The result has no rows.
     FlexmbError
-        It did not store the poses, or a file of a flexible body is missing.
+        The run did not store the poses, or a file of a flexible body is missing.
     """
     times, note = frame_times(result)
     contents, factor = _contents(result, times, progress)
@@ -133,13 +133,14 @@ def moving_scene(result: Result, progress: Progress = silent) -> MovingScene:
         "seen": np.ptp(seen, axis=0)[:2].tolist(),
         "eye": axes[2].tolist(),
         "up": axes[1].tolist(),
-        "light": (1e3 * (np.array([-0.4, 0.7, -1.0]) @ axes)).tolist(),  # plotly turns it about
+        # plotly rotates the light with the camera
+        "light": (1e3 * (np.array([-0.4, 0.7, -1.0]) @ axes)).tolist(),
     }
     return MovingScene(data, factor, _sentence(result, times, note))
 
 
 def _contents(result: Result, times: Array, progress: Progress) -> tuple[list[Content], float]:
-    """What pictures at these times show, and the exaggeration that they have in common."""
+    """Contents of pictures at these times, and their common exaggeration."""
     drawing = Drawing(Mechanism(result), times=times.tolist())
     contents = []
     for k, time in enumerate(times):
@@ -159,14 +160,14 @@ def _sentence(result: Result, times: Array, note: str) -> str:
 
 
 def _places(part: _Part, every: int) -> list[Array]:
-    """Points (n, 3) of a part in some frames."""
+    """Points (n, 3) of a part in every `every`-th frame."""
     if part.matrices:
         return [applied(M, part.points[0]) for M in part.matrices[::every]]
     return part.points[::every]
 
 
 def _first_frame(parts: Sequence[_Part]) -> int:
-    """The frame that is deformed most; without deformation one on the way."""
+    """The frame with the largest deformation; without deformation one in between."""
     colored = [part for part in parts if part.values]
     if not colored:
         return 0
@@ -177,9 +178,9 @@ def _first_frame(parts: Sequence[_Part]) -> int:
 
 
 def frame_times(result: Result) -> tuple[Array, str]:
-    """Times of the frames in the scene's units, and what to say if they are not of the whole run.
+    """Times of the frames in the scene's units, and a note if they do not cover the whole run.
 
-    Of a body that turns more often than frames can show, the last turns are taken.
+    If a body rotates more often than the frames can show, the last revolutions are shown.
     """
     t = result.time
     if len(t) < 2:
@@ -204,9 +205,9 @@ def frame_times(result: Result) -> tuple[Array, str]:
 
 
 def _parts(contents: Sequence[Content]) -> list[_Part]:
-    """Shapes that are there in all frames, thinned where they are too fine."""
+    """Shapes that exist in all frames, simplified if they have too many triangles."""
     share = 2 * _BUDGET / (7 * len(contents) * max(1, len(contents[0].deformed)))
-    most = max(_LEAST_FACES, min(_MAX_FACES, int(share)))  # two triangles to a point
+    most = max(_LEAST_FACES, min(_MAX_FACES, int(share)))  # there are about two triangles per point
     parts = []
     for k, solid in enumerate(contents[0].solids):
         frames = [content.solids[k] for content in contents if len(content.solids) > k]
@@ -225,7 +226,7 @@ def _is_same(first: Solid, other: Solid) -> bool:
 
 
 def _rigid_part(frames: Sequence[Solid]) -> _Part:
-    """A shape that moves as a whole, or a spring, which does not."""
+    """A rigid shape; springs, which are stretched, are returned as deformable ones."""
     first = frames[0]
     rows, faces = _thinned(first.triangles.points, first.triangles.faces, _MAX_FACES)
     part = _Part(faces, first.color, round(first.opacity, 3))
@@ -247,14 +248,14 @@ def _flexible_part(bodies: Sequence[Deformed], contents: Sequence[Content], most
     scale = contents[0].scale
     moved = any(body.displacement.any() for body in bodies)
     if scale is not None and moved and any(body.values is not None for body in bodies):
-        zero = np.zeros(len(first.points))  # where it is at rest
+        zero = np.zeros(len(first.points))  # values of bodies at rest
         values = [zero if body.values is None else body.values for body in bodies]
         part.values = [np.nan_to_num(scale.shares(one[rows])) for one in values]
     return part
 
 
 def _thinned(points: Array, faces: IntArray, most: int) -> tuple[IntArray, IntArray]:
-    """Rows of the points that remain of a fine surface, and its triangles."""
+    """Indices of the remaining points of a simplified surface, and its triangles."""
     if faces.shape[1] == 2 or len(faces) <= most:
         used = np.unique(faces)
         new = np.zeros(len(points), dtype=int)
@@ -300,7 +301,7 @@ def _moves(part: _Part) -> bool:
 
 
 def rigid_motion(before: Array, after: Array) -> Array | None:
-    """The (4, 4) matrix that moves points (n, 3) to where they are now; None if they deformed.
+    """The matrix (4, 4) that moves points (n, 3) to new positions; None if they have deformed.
 
     The rotation fits in the least-squares sense (Kabsch, Acta Crystallographica A32, 1976).
     """
@@ -319,7 +320,7 @@ def rigid_motion(before: Array, after: Array) -> Array | None:
 
 
 def _packed_part(part: _Part, factor: float) -> dict[str, Any]:
-    """The undeformed shape, how it moves as a whole, and how it deforms."""
+    """The undeformed shape, its rigid motion, and its deformation, packed."""
     whole = part.undeformed or part.points
     points, matrices, is_rigid = whole[0], part.matrices, not part.is_flexible
     if not matrices:
@@ -347,10 +348,11 @@ def _packed_part(part: _Part, factor: float) -> dict[str, Any]:
 
 
 def _shared_shapes(bend: Array, depth: float) -> tuple[Array, Array]:
-    """Few shapes (k, 3 n) of two bytes and their amounts (frames, k), whose sums are `bend`."""
+    """A few shapes (k, 3 n) of two-byte numbers and amounts (frames, k), whose products sum to
+    `bend`."""
     if not depth:
         return np.zeros((0, bend.shape[1])), np.zeros((len(bend), 0))
-    values, vectors = np.linalg.eigh(bend @ bend.T)  # few frames, many points
+    values, vectors = np.linalg.eigh(bend @ bend.T)  # there are few frames and many points
     order = np.argsort(-values)
     left = bend
     for count in range(1, len(bend) + 1):

@@ -1,7 +1,7 @@
-"""Pictures of a part by itself: deformed with stress in colour, and its mode shapes.
+"""Pictures of a part analysis: deformed with stress in colour, and its mode shapes.
 
-In: a :class:`PartResult`. Out: PNG files: the static solution over the undeformed part with its
-reference points of supports, vibration modes and buckling modes in a grid each.
+In: a :class:`PartResult`. Out: PNG files: the static solution over the undeformed part with the
+reference points of supports; vibration modes and buckling modes in a grid each.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from flexmb.view.picture import check_exaggeration, check_size, draw_panels
 from flexmb.view.plot import BODIES, writable_file
 from flexmb.view.shapes import sharp_edges
 
-_FIRST = 6  # modes drawn
+_FIRST = 6  # number of modes drawn
 
 
 def render_part(
@@ -45,16 +45,17 @@ def render_part(
     result : PartResult
         The part.
     units : UnitSystem
-        Of the figures in the pictures.
+        Unit system of the numbers in the pictures.
     color : str
-        Of the static solution: ``"von_mises"``, ``"principal"``, ``"strain_energy"`` or
+        Colour of the static solution: ``"von_mises"``, ``"principal"``, ``"strain_energy"`` or
         ``"displacement"``.
     layer : str, optional
         The layer whose stress is shown; by default the largest of all layers.
     exaggeration : float or "auto"
-        Factor on the static deformation; ``"auto"`` chooses a round one that shows it.
+        Factor on the static deformation; ``"auto"``: a round one that shows it.
     direction : three floats, optional
-        From the part towards the eye, axes of the mesh; across its longest extent by default.
+        Direction from the part towards the eye, axes of the mesh; by default across its longest
+        extent.
     size : two ints, optional
         Width and height in pixels of the picture of the static solution; 1280 by 720 by default.
     output : path
@@ -69,7 +70,7 @@ def render_part(
     Raises
     ------
     ViewError
-        An option that cannot be, or nothing to draw.
+        A wrong option, or nothing to draw.
     """
     path = writable_file(output, (".png",))
     surface = result.surface

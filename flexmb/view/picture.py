@@ -1,7 +1,7 @@
 """Pictures of a run: at one time, at several side by side, with ghost poses and paths of points.
 
-In: a :class:`Result`, times, words of a ``[view]``. Out: a PNG file, drawn by VTK where it renders,
-else by matplotlib, which then says so in the picture and names what to install.
+In: a :class:`Result`, times, options of a ``[view]``. Out: a PNG file, drawn by VTK if it can
+render, else by matplotlib; then a text in the picture says what to install.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ _MIN_PIXELS = 64
 
 _PATH_POINTS = 400
 _FAINT, _CLEAR = 0.07, 0.22  # opacity of the first and of the last pose
-_APART = 2e-3  # of the size of the machine, about a pixel, from which a pose is another one
+_APART = 2e-3  # distance over the machine's size, about a pixel, above which poses are different
 _MAX_PANELS, _MAX_GHOSTS = 24, 60
-_CELL = (640, 420)  # pixels of a panel where the size is not given
+_CELL = (640, 420)  # pixels of a panel if no size is given
 
 
 def view_of(mechanism: Mechanism, words: dict[str, Any]) -> ViewSpec:
-    """What the scene's ``[view]`` says, and these words of it in their place.
+    """The scene's ``[view]`` with some options replaced.
 
     Raises
     ------
     ViewError
-        Words or values that it does not know; all at once.
+        Unknown options or wrong values; all at once.
     """
     model = mechanism.model
     words = {key: value for key, value in words.items() if value is not None}
@@ -72,7 +72,7 @@ def columns_of(count: int) -> int:
 def draw_panels(
     panels: Sequence[Content], path: Path, size: tuple[int, int], columns: int = 1
 ) -> None:
-    """Draw panels, row by row, with VTK where it renders, else with matplotlib."""
+    """Draw panels, row by row, with VTK if it can render, else with matplotlib."""
     verdict = vtk_renderer.probe()
     if verdict.works:
         vtk_renderer.draw(panels, path, size, columns, verdict)
@@ -81,7 +81,7 @@ def draw_panels(
 
 
 def check_exaggeration(exaggeration: float | str | None) -> None:
-    """Refuse what is neither a number of at least 0 nor ``"auto"``."""
+    """Refuse anything but a number of at least 0 or ``"auto"``."""
     if isinstance(exaggeration, str) and exaggeration != "auto":
         raise ViewError(f'exaggeration "{exaggeration}" is neither a number nor "auto"')
     if isinstance(exaggeration, int | float) and not 0 <= exaggeration < float("inf"):
@@ -89,13 +89,13 @@ def check_exaggeration(exaggeration: float | str | None) -> None:
 
 
 def check_size(size: tuple[int, int]) -> None:
-    """Refuse fewer than 64 pixels either way."""
+    """Refuse less than 64 pixels in width or height."""
     if min(size) < _MIN_PIXELS:
         raise ViewError(f"a picture of {size[0]} x {size[1]} pixels is too small to show anything")
 
 
 def check_points(mechanism: Mechanism, names: Sequence[str]) -> list[str]:
-    """Markers by the names of bodies, whose centre is meant, or of markers.
+    """Markers by names of markers, or of bodies, which stand for their centre.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def check_points(mechanism: Mechanism, names: Sequence[str]) -> list[str]:
 def trace_points(
     mechanism: Mechanism, markers: Sequence[str], times: Sequence[float]
 ) -> tuple[Trace, ...]:
-    """The paths of markers from the first to the last time."""
+    """The paths of markers over the times."""
     path = np.linspace(times[0], times[-1], _PATH_POINTS)
     poses = [mechanism.at(float(time)) for time in path] if markers else []
     return tuple(
@@ -127,9 +127,9 @@ def trace_points(
 
 
 def add_ghosts(content: Content, drawing: Drawing, times: Sequence[float]) -> Content:
-    """The content with the moving bodies at other times as faint shapes, later ones clearer.
+    """The content plus the moving bodies at other times as faint shapes, later ones clearer.
 
-    A body that stands where it is drawn has no ghost, whose faces would show through its own.
+    A body at nearly the drawn pose gets no ghost, since its faces would show through.
     """
     ghosts: list[Solid] = []
     bodies = [solid for solid in content.solids if solid.role == "body"]
@@ -168,19 +168,19 @@ def render(
 ) -> Path:
     """Draw the mechanism at a time, or at several side by side.
 
-    What is left out follows the scene's ``[view]``.
+    Options that are not given are those of the scene's ``[view]``.
 
     Parameters
     ----------
     result : Result or path
         The run.
     time : float or sequence of float, optional
-        Within the run, in the scene's units; the end if the scene does not say. Several have a
-        panel each, with the same view and colours.
+        Within the run, in the scene's units; by default the end. Several times have a panel each,
+        with the same view and colours.
     ghosts : int
-        So many poses of the whole run are shown faintly, at equal times (stroboscope).
+        Number of faint poses at equal times over the whole run (stroboscope).
     traces : sequence of str
-        Points whose paths are shown: bodies, whose centre is meant, or markers.
+        Points whose paths are shown: markers, or bodies, which stand for their centre.
     output : path
         A file that ends in .png.
     **view
@@ -196,9 +196,9 @@ def render(
     Raises
     ------
     ViewError
-        An option that cannot be, nothing to draw, or the file cannot be written.
+        A wrong option, nothing to draw, or the file cannot be written.
     ResultFileError
-        The time lies outside the run, or the file is no result.
+        The time is outside the run, or the file is not a result.
     BodyFileError
         A flexible-body file is missing or damaged.
     """
@@ -234,7 +234,7 @@ def render(
 
 
 def check_numbers(times: int, ghosts: int) -> None:
-    """Refuse more panels or poses than can be told apart."""
+    """Refuse more panels or poses than can be distinguished."""
     if not 1 <= times <= _MAX_PANELS:
         raise ViewError(f"{times} times make no picture: give 1 to {_MAX_PANELS}, or make a film")
     if not 0 <= ghosts <= _MAX_GHOSTS:

@@ -1,4 +1,4 @@
-"""What all plots share, drawn with matplotlib without its global state: style, units, files.
+"""Common parts of all plots: style, units, files; matplotlib is used without global state.
 
 Colours are those of all pictures.
 """
@@ -24,14 +24,14 @@ JOINT: Final = "#e07b24"
 COLORMAP: Final = "viridis"
 DIVERGING: Final = "coolwarm"
 
-# Bodies in the order of the scene: muted and far apart in hue and lightness, none close to the
-# colour map's ends or to the joints. Lines of plots: the Okabe-Ito palette, safe for colour-blind
-# readers (M. Okabe and K. Ito, Color Universal Design, 2008), its yellow left out.
+# Bodies in the order of the scene: muted colours far apart in hue and lightness, none close to the
+# ends of the colour map or to the joints. Lines of plots: the Okabe-Ito palette, safe for
+# colour-blind readers (M. Okabe and K. Ito, Color Universal Design, 2008), without its yellow.
 BODIES: Final = ("#7d93b2", "#b59f86", "#93ab8f", "#b08fa3", "#8aa8a8", "#a8a08a")
 LINES: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
 
 _DPI = 150
-WIDTH = 7.6  # inch: near that of a page, so that letters stay legible there
+WIDTH = 7.6  # inch: near the width of a page, so that text stays legible there
 
 
 def new_figure(width: float, height: float, title: str = "") -> Figure:
@@ -48,7 +48,7 @@ def new_figure(width: float, height: float, title: str = "") -> Figure:
 
 
 def style_axes(axes: Any, **ticks: Any) -> None:
-    """White ground, light grid, no frame above and right; `ticks` go to the tick labels."""
+    """White background, light grid, no frame above and right; `ticks` go to the tick labels."""
     axes.set_facecolor("white")
     axes.grid(True, which="major", color="#d9dbe0", lw=0.6)
     axes.tick_params(colors=INK, **ticks)
@@ -57,7 +57,7 @@ def style_axes(axes: Any, **ticks: Any) -> None:
 
 
 def writable_file(output: str | Path, endings: tuple[str, ...]) -> Path:
-    """The path, its folder made, if a file with one of these endings can be written there.
+    """The path, with its folder created, if a file with one of these suffixes can be written there.
 
     Raises
     ------
@@ -103,7 +103,7 @@ _PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9
 
 
 def prefixed(largest: float, unit: str, units: UnitSystem) -> tuple[float, str]:
-    """Factor and unit that bring `largest` near 1 to 1000; of Pa, m, s, their quotients in SI."""
+    """Factor and unit that bring `largest` to about 1 to 1000; prefixes for Pa, m, s, m/s in SI."""
     if units is not SI or unit not in _PREFIXED:
         return 1.0, unit
     for factor, prefix in _PREFIXES:

@@ -1,7 +1,7 @@
 """Primitive shapes as triangles, each about its own axes, for all renderers.
 
-Out: :class:`Triangles`, closed and outward oriented, in the axes in which they are made; a round
-thing stands along z. Sizes in metres.
+Out: :class:`Triangles`, closed and oriented outwards, in the axes in which they are made; round
+shapes are along z. Sizes are in metres.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 
 from flexmb.flexbody.arrays import Array, IntArray
 
-_AROUND = 48  # corners of a drawn circle
-_SHARP_DEGREES = 35.0  # edges sharper than this are drawn as lines
+_AROUND = 48  # number of corners of a drawn circle
+_SHARP_DEGREES = 35.0  # edges with a larger angle are drawn as lines
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,12 +25,12 @@ class Triangles:
     faces: IntArray
 
     def moved(self, r: ArrayLike, A: ArrayLike | None = None) -> Triangles:
-        """Turned by A (3, 3), then shifted by r (3,)."""
+        """Rotated by A (3, 3), then translated by r (3,)."""
         turned = self.points if A is None else self.points @ np.asarray(A, dtype=float).T
         return Triangles(turned + np.asarray(r, dtype=float), self.faces)
 
     def along(self, axis: ArrayLike, r: ArrayLike = (0, 0, 0)) -> Triangles:
-        """Its z axis turned along a direction (3,), then shifted by r (3,)."""
+        """With the z axis rotated to a direction (3,), then translated by r (3,)."""
         return self.moved(r, axes_along(axis))
 
 
@@ -42,14 +42,14 @@ def joined(parts: list[Triangles]) -> Triangles:
 
 
 def axes_along(axis: ArrayLike) -> Array:
-    """Some right-handed axes (3, 3), as columns, whose z is along a direction (3,)."""
+    """Right-handed axes (3, 3), as columns, with z along a direction (3,)."""
     z = unit(axis)
     x = unit(np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z))
     return np.column_stack([x, np.cross(z, x), z])
 
 
 def unit(vector: ArrayLike) -> Array:
-    """A direction (3,) of unit length; z where it has none."""
+    """The unit vector of a direction (3,); z if its length is zero."""
     values = np.asarray(vector, dtype=float)
     length = float(np.linalg.norm(values))
     return np.asarray(values / length) if length > 0 else np.array([0.0, 0.0, 1.0])
@@ -89,7 +89,8 @@ def tube(start: ArrayLike, stop: ArrayLike, radius: float, end: float | None = N
 
 
 def revolved(profile: ArrayLike) -> Triangles:
-    """The solid of a profile (k, 2) of radius and height from below upwards, turned about z."""
+    """The solid of revolution about z of a profile (k, 2) of radius and height, from below
+    upwards."""
     rows = np.asarray(profile, dtype=float)[::-1]
     circle = np.column_stack([_circle(), np.zeros(_AROUND)])
     rings = rows[:, 0, None, None] * circle + rows[:, 1, None, None] * np.eye(3)[2]
@@ -116,7 +117,7 @@ def frame_of(width: float, hole: float, length: float) -> Triangles:
 
 
 def torus(radius: float, thickness: float, turn: float = 2 * np.pi) -> Triangles:
-    """A ring of round wire about z, or an arc of it from the x axis on."""
+    """A ring of round wire about z, or an arc of it starting at the x axis."""
     angle = np.linspace(0.0, turn, max(int(_AROUND * turn / (2 * np.pi)), 3) + 1)
     return wire(np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]) * radius, thickness / 2)
 
@@ -136,7 +137,7 @@ def wire(path: ArrayLike, radius: float, corners: int = 10) -> Triangles:
 
 
 def coil(turns: float, radius: float, thickness: float, length: float) -> Triangles:
-    """A helical spring from z = 0 to 1 with straight ends, to be stretched to some such length."""
+    """A helical spring from z = 0 to 1 with straight ends, to be stretched to about `length`."""
     flat = 0.5 * thickness / length
     angle = np.linspace(0, 2 * np.pi * turns, 24 * round(turns) + 1)
     wound = np.column_stack(
@@ -150,7 +151,7 @@ def coil(turns: float, radius: float, thickness: float, length: float) -> Triang
 
 
 def _flat_wire(path: Array, thickness: float, half_height: float) -> Triangles:
-    """A helix of wire whose section keeps its width across z, however z is stretched."""
+    """A helix of wire whose section keeps its shape however z is stretched."""
     outward = path * [1, 1, 0]
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
     half, flat = 0.5 * thickness, np.array([0, 0, half_height])
@@ -170,9 +171,9 @@ def spiral(inner: float, outer: float, turns: float, thickness: float) -> Triang
 
 
 def extrusion(outline: ArrayLike, thickness: float) -> Triangles:
-    """A plate across z with a closed contour (n, 2 or 3) that does not cross itself.
+    """A plate normal to z with a closed contour (n, 2 or 3) that does not intersect itself.
 
-    Cut into triangles by its ears (Meisters, Amer. Math. Monthly 82, 1975).
+    It is triangulated by ear clipping (Meisters, Amer. Math. Monthly 82, 1975).
     """
     points = np.asarray(outline, dtype=float)[:, :2]
     if _area(points) < 0:
@@ -188,7 +189,8 @@ def extrusion(outline: ArrayLike, thickness: float) -> Triangles:
 
 
 def toothed_wheel(radius: float, teeth: int, width: float, internal: bool = False) -> Triangles:
-    """A gear of a pitch radius: teeth of trapezoids as high as a module above, 1.2 below."""
+    """A gear with a pitch radius: trapezoidal teeth, one module above the pitch circle, 1.2
+    below."""
     module = 2 * radius / teeth
     steps, tips = np.array([-0.28, -0.13, 0.13, 0.28]), np.array([-1.2, 1.0, 1.0, -1.2])
     angle = (2 * np.pi / teeth * (np.arange(teeth)[:, None] + steps)).ravel()
@@ -205,7 +207,8 @@ def toothed_wheel(radius: float, teeth: int, width: float, internal: bool = Fals
 
 
 def rack(count: int, module: float, width: float, height: float) -> Triangles:
-    """A bar along x of `count` teeth that point along y, the pitch line at y = 0, across z."""
+    """A bar along x with `count` teeth that point to y, with the pitch line at y = 0, centred in
+    z."""
     pitch = np.pi * module
     x = pitch * (np.arange(count)[:, None] - 0.5 * (count - 1) + [-0.28, -0.13, 0.13, 0.28])
     y = np.tile([-1.2, 1.0, 1.0, -1.2], count) * module
@@ -215,14 +218,14 @@ def rack(count: int, module: float, width: float, height: float) -> Triangles:
 
 
 def arrow(length: float, radius: float) -> Triangles:
-    """An arrow from the origin along z; heads do not grow with long arrows."""
+    """An arrow from the origin along z; the head does not grow with the length."""
     head = min(6.0 * radius, 0.6 * length)
     shaft = tube((0, 0, 0), (0, 0, length - head), radius)
     return joined([shaft, tube((0, 0, length - head), (0, 0, length), 2.6 * radius, 0.0)])
 
 
 def turn_arrow(radius: float, thickness: float, turn: float = 1.5 * np.pi) -> Triangles:
-    """An arrow that turns about z, from the x axis on."""
+    """A curved arrow about z, starting at the x axis."""
     end = radius * np.array([np.cos(turn), np.sin(turn), 0.0])
     ahead = np.array([-np.sin(turn), np.cos(turn), 0.0])
     head = tube(end, end + 3.2 * thickness * ahead, 1.5 * thickness, 0.0)
@@ -259,7 +262,7 @@ def face_normals(points: Array, faces: IntArray) -> Array:
 
 
 def spread_points(points: Array, faces: IntArray, count: int, random: np.random.Generator) -> Array:
-    """So many points (count, 3) at random on a surface, as many on equal areas."""
+    """`count` random points (count, 3) on a surface, uniform over its area."""
     a, b, c = points[faces.T]
     areas = triangle_areas(points, faces)
     rows = random.choice(len(faces), count, p=areas / areas.sum())
@@ -296,7 +299,7 @@ def _ears(points: Array) -> IntArray:
             inside &= cross(a - c, ring_ - c) > 0
             if not inside.any():
                 break
-        else:  # rounding has left no proper ear: any corner will do
+        else:  # round-off has left no proper ear: any corner is taken
             k = 0
         faces.append([left[k - 1], left[k], left[(k + 1) % len(left)]])
         del left[k]

@@ -1,6 +1,6 @@
 """Pictures of a sweep: histograms, scatter, response surfaces, sensitivities, parallel coordinates.
 
-In: columns of numbers with their labels. Out: figures; a failed run is a red mark, never left out.
+In: columns of numbers with their labels. Out: figures; failed runs are red marks, never left out.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 
 
 _FAILED = "#c0392b"
-_MAX_LINES = 500  # of parallel coordinates
-_MAX_POINTS = 5000  # of a scatter
-_CELLS = 60  # of a response surface, each way
-_MAX_LEVEL_TICKS = 7  # choices of a knob up to which ticks are horizontal
+_MAX_LINES = 500  # largest number of lines in parallel coordinates
+_MAX_POINTS = 5000  # largest number of points in a scatter plot
+_CELLS = 60  # cells of a response surface in each direction
+_MAX_LEVEL_TICKS = 7  # largest number of choices of a knob with horizontal tick labels
 
 
 class Axis(NamedTuple):
-    """A knob or a scalar: its label, its numbers (n,), and of choices their words."""
+    """A knob or a scalar: its label, its numbers (n,), and for choices their texts."""
 
     label: str
     values: Array
@@ -33,7 +33,7 @@ class Axis(NamedTuple):
 
 
 class Bar(NamedTuple):
-    """A sensitivity with the ends of its interval."""
+    """A sensitivity with its confidence interval."""
 
     label: str
     value: float
@@ -44,7 +44,7 @@ class Bar(NamedTuple):
 def histogram_figure(
     scalars: Sequence[Axis], marks: Sequence[Sequence[float]], title: str, note: str
 ) -> Figure:
-    """How often each scalar has which value; `marks` are its quantiles, drawn as lines."""
+    """Histograms of each scalar; `marks` are quantiles, drawn as lines."""
     figure, grid = _panels(len(scalars), title)
     for axes, one, lines in zip(grid, scalars, marks, strict=False):
         x = one.values[np.isfinite(one.values)]
@@ -65,7 +65,7 @@ def _bins(x: Array) -> int:
 def scatter_figure(
     knobs: Sequence[Axis], scalars: Sequence[Axis], title: str, joined: bool = False
 ) -> Figure:
-    """Every scalar over every knob; a run without value is a red mark at the bottom."""
+    """Every scalar over every knob; a run without a value is a red mark at the bottom."""
     figure = new_figure(1.2 + 2.7 * len(knobs), 0.8 + 2.2 * len(scalars), title)
     grid = figure.subplots(len(scalars), len(knobs), squeeze=False, sharex="col", sharey="row")
     for i, scalar in enumerate(scalars):
@@ -83,13 +83,13 @@ def scatter_figure(
                 axes.legend(fontsize=7, frameon=False)
             last = i == len(scalars) - 1
             _finish(axes, knob.label if last else "", scalar.label if j == 0 else "")
-            axes.locator_params(axis="x", nbins=4)  # long numbers stay apart
+            axes.locator_params(axis="x", nbins=4)  # so that long numbers do not overlap
             _word_ticks(axes.xaxis, knob)
     return figure
 
 
 class SurfacePicture(NamedTuple):
-    """A scalar over two knobs: its fit, the runs it was made from, and what it explains."""
+    """A scalar over two knobs: its fit, the runs it was fitted to, and a note on its quality."""
 
     x: Axis
     y: Axis
@@ -125,7 +125,8 @@ def surface_figure(surfaces: Sequence[SurfacePicture], title: str) -> Figure:
 def sensitivity_figure(
     panels: Sequence[tuple[str, Sequence[tuple[str, Sequence[Bar]]]]], title: str, ordinate: str
 ) -> Figure:
-    """Bars with intervals: for each scalar its series (name, bars by knob), largest knob on top."""
+    """Bars with intervals: for each scalar its series (name, bars by knob), the largest knob on
+    top."""
     figure, grid = _panels(len(panels), title, height=3.0)
     for axes, (label, series) in zip(grid, panels, strict=False):
         order = np.argsort([abs(bar.value) for bar in series[-1][1]])
@@ -149,14 +150,14 @@ def sensitivity_figure(
 def parallel_figure(axes_of: Sequence[Axis], color: Axis, title: str) -> Figure:
     """Every run as a line through its values on parallel axes, coloured by one scalar.
 
-    Of many runs the extremes of that scalar and every so many others; failed runs are red.
+    For many runs only some are drawn, with the extremes of that scalar; failed runs are red.
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
     figure = new_figure(1.6 + 1.5 * len(axes_of), 4.4, title)
     axes = figure.subplots()
-    order = np.argsort(color.values)  # NaN last
+    order = np.argsort(color.values)  # NaN come last
     if len(order) > _MAX_LINES:
         order = order[np.unique(np.linspace(0, len(order) - 1, _MAX_LINES).astype(int))]
     finite = color.values[np.isfinite(color.values)]

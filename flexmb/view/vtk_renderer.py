@@ -1,9 +1,9 @@
 """Drawing pictures with VTK, off-screen, and whether it can render on this machine.
 
-Where a shared library is missing VTK does not raise, it crashes the process at the first picture.
-`probe` therefore renders a tiny scene in a process of its own; its :class:`Verdict` stays in the
+If a shared library is missing, VTK does not raise an exception but crashes the process at the first
+picture. So `probe` renders a tiny scene in a separate process; its :class:`Verdict` is kept in the
 cache folder until Python, VTK, the display or the installed libraries change. `draw` takes the
-:class:`Content` of a picture, or several for a grid: a light background, parallel projection, the
+:class:`Content` of a picture, or several for a grid: light background, parallel projection, the
 view fitted to the extent of the content.
 """
 
@@ -35,7 +35,7 @@ _EGL = "vtkEGLRenderWindow"
 _OSMESA = "vtkOSOpenGLRenderWindow"
 _PROBE_SECONDS = 120.0  # the first import of VTK from a cold network disk can take a minute
 
-_WINDOWS_CRASH = 0xC0000000  # exit codes from here on: the system ended the process
+_WINDOWS_CRASH = 0xC0000000  # exit codes from here on: the operating system ended the process
 
 _DRAW_TINY_SCENE = """
 import pyvista
@@ -56,13 +56,14 @@ _HOW = {
 }
 
 
-_MARGIN = 1.04  # of the fitted view
-_ROOM = 0.92  # of the width that is left free beside the colour bar
-_BAR = 0.13  # of the width that the colour bar takes
-_LIGHT = {"ambient": 0.32, "diffuse": 0.78, "specular": 0.08}  # colours stay those of the scale
-_TITLE, _TEXT, _SMALL = 28, 19, 17  # sizes of letters in pixels of a picture 1280 x 720
-_LEAST, _TINY = 16, 8  # pixels of the picture, of one that is not very low, and of all
-_LETTER = 0.58  # mean width of a letter over the size of the text
+_MARGIN = 1.04  # margin of the fitted view
+_ROOM = 0.92  # fraction of the width that is left beside the colour bar
+_BAR = 0.13  # fraction of the width that the colour bar takes
+# such that colours stay those of the scale
+_LIGHT = {"ambient": 0.32, "diffuse": 0.78, "specular": 0.08}
+_TITLE, _TEXT, _SMALL = 28, 19, 17  # text sizes in pixels of a picture 1280 x 720
+_LEAST, _TINY = 16, 8  # least text size in pixels: normally, and in very low pictures
+_LETTER = 0.58  # mean width of a character over the text size
 _NO_FACES = np.zeros((0, 3), dtype=np.int64)
 
 
@@ -75,9 +76,9 @@ class Verdict:
     works : bool
         Whether VTK renders here.
     window : str
-        The render window class that did, such as ``"vtkEGLRenderWindow"``; empty if none.
+        The working render window class, such as ``"vtkEGLRenderWindow"``; empty if none.
     how : str
-        The same in words, or why it does not work.
+        A text: how VTK renders, or why it does not.
     advice : str
         What to install; empty if it works.
     """
@@ -89,9 +90,9 @@ class Verdict:
 
 
 def probe(fresh: bool = False) -> Verdict:
-    """Whether VTK renders here, from the cache or, if `fresh`, by a trial picture (2 to 4 s)."""
+    """Whether VTK renders here; from the cache or, if `fresh`, by a trial picture (2 to 4 s)."""
     path = cache_root() / f"renderer-{_fingerprint()}.json"
-    with contextlib.suppress(OSError, ValueError, TypeError):  # a damaged file is written again
+    with contextlib.suppress(OSError, ValueError, TypeError):  # a damaged file is replaced
         if not fresh:
             return Verdict(**json.loads(path.read_text(encoding="utf-8")))
     verdict = _try_windows()
@@ -101,12 +102,12 @@ def probe(fresh: bool = False) -> Verdict:
 
 
 def is_off_screen(verdict: Verdict) -> bool:
-    """Whether the window class that works has no window on a desktop."""
+    """Whether the working window class opens no window on a desktop."""
     return verdict.window in (_EGL, _OSMESA)
 
 
 def use(verdict: Verdict) -> None:
-    """Make VTK take the window class that works; call it before pyvista is imported."""
+    """Make VTK use the working window class; must be called before pyvista is imported."""
     if is_off_screen(verdict):
         os.environ.setdefault(_WINDOW_VARIABLE, verdict.window)
 
@@ -124,7 +125,7 @@ def draw(
 def open_scene(
     panels: int, size: tuple[int, int], columns: int, verdict: Verdict, window: bool = False
 ) -> Iterator[VtkScene]:
-    """A scene for so many panels, row by row, that `show` fills, once or for every frame."""
+    """A scene with `panels` panels, row by row, which `show` fills, once or for every frame."""
     use(verdict)
     scene = VtkScene(size, (-(-panels // columns), columns), PAPER, window)
     try:
@@ -154,7 +155,7 @@ def _try_windows() -> Verdict:
 
 
 def _draw_in_subprocess(window: str) -> tuple[str, str]:
-    """Render a tiny scene: the window class that VTK took, or an empty string and the reason."""
+    """Render a tiny scene: the window class that VTK used, or an empty string and the reason."""
     environment = dict(os.environ)
     if window:
         environment[_WINDOW_VARIABLE] = window
@@ -190,7 +191,8 @@ def _advice() -> str:
 
 
 def _fingerprint() -> str:
-    """Changes with whatever may change the verdict: machine, versions, display, libraries."""
+    """A text that changes with anything that may change the verdict: versions, display,
+    libraries."""
     libraries = Path("/etc/ld.so.cache")  # replaced whenever a shared library is installed
     stamp = libraries.stat().st_mtime_ns if libraries.exists() else 0
     facts = [platform.node(), platform.platform(), sys.executable, platform.python_version()]
@@ -265,12 +267,12 @@ def _add_deformed(scene: VtkScene, body: Deformed, content: Content) -> Any:
 
 
 def _line(color: str, opacity: float) -> dict[str, Any]:
-    """The look of edges."""
+    """The style of edges."""
     return {"color": color, "line_width": 1.5, "opacity": opacity}
 
 
 def _sizes(content: Content, size: tuple[int, int], sampling: int) -> tuple[int, int, int]:
-    """Pixels of the letters of the title, of the caption, of numbers and names."""
+    """Text sizes [pixels] of the title, of the caption, of numbers and names."""
     unit = content.font_scale * min((size[1] / 720 * size[0] / 1280) ** 0.5, size[0] / 700)
     least = min(_LEAST * sampling, max(size[1] // 22, _TINY * sampling))
     title, text, small = (max(round(pixels * unit), least) for pixels in (_TITLE, _TEXT, _SMALL))
@@ -281,7 +283,7 @@ def _sizes(content: Content, size: tuple[int, int], sampling: int) -> tuple[int,
 def _add_texts(
     scene: VtkScene, content: Content, size: tuple[int, int], sizes: tuple[int, int, int]
 ) -> float:
-    """Title and caption; the share of the height that they leave free."""
+    """Add title and caption; returns the fraction of the height that they leave free."""
     width, height = size
     title, text, _ = sizes
     lines = textwrap.wrap(content.caption, max(int(0.96 * width / (_LETTER * text)), 20))
@@ -293,7 +295,7 @@ def _add_texts(
 
 
 def _add_names(scene: VtkScene, content: Content, pixel: float, letters: int) -> None:
-    """Names at their points, in front of everything and not over each other."""
+    """Add names at their points, in front of everything and without overlap."""
     axes, places = content.camera.axes, list[tuple[float, float, float]]()
     for label in content.labels:
         x, y = axes[:2] @ label.point
@@ -308,7 +310,7 @@ def _add_names(scene: VtkScene, content: Content, pixel: float, letters: int) ->
 def _add_legend(
     scene: VtkScene, content: Content, size: tuple[int, int], letters: int, mapper: Any
 ) -> None:
-    """The colour bar and the axes."""
+    """Add the colour bar and the axes."""
     if content.scale is not None and content.bar:
         from vtkmodules.vtkRenderingAnnotation import vtkScalarBarActor
         from vtkmodules.vtkRenderingCore import vtkTextActor
@@ -338,9 +340,9 @@ def _add_legend(
 def _aim(
     scene: VtkScene, content: Content, size: tuple[int, int], free: float, moves: bool
 ) -> float:
-    """Look along the direction, fit width and height to what is drawn; the size of a pixel [m].
+    """Point the camera and fit width and height to what is drawn; returns the size of a pixel [m].
 
-    Without `moves` the camera stays where it is.
+    Without `moves` the camera is not changed.
     """
     axes = content.camera.axes
     spans = content.fitted_points() @ axes.T
@@ -350,7 +352,7 @@ def _aim(
     reach = max(width + height + depth, float(np.ptp(everything, axis=0).sum()), 1e-9)
     bar = _BAR if content.bar else 0.0
     needed = max(height / free, width * size[1] / size[0] / (_ROOM - bar), 0.02 * reach)
-    scale = 0.5 * _MARGIN * needed / content.zoom  # half of the height shown
+    scale = 0.5 * _MARGIN * needed / content.zoom  # half of the visible height
     middle = 0.5 * (low + high)
     middle[0] += bar * scale * size[0] / size[1]
     middle[1] += (0.94 - free) * scale

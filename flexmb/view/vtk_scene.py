@@ -1,10 +1,10 @@
-"""A VTK scene that stays from one picture of a motion to the next.
+"""A VTK scene that is reused from one picture of a motion to the next.
 
 Every picture is described by the same sequence of calls, `begin` for a panel, then `add_mesh` and
-`add_text` for all that is in it. The first time these make actors; from then on the n-th call of a
-panel moves the n-th actor: by its user matrix where the points moved as a rigid body, else by new
-points and normals in place. An actor is made again only where its triangles or its look changed.
-Points in global axes [m].
+`add_text` for everything in it. The first time these create actors; from then on the n-th call for
+a panel moves the n-th actor: by its user matrix if the points moved as a rigid body, else by new
+points and normals in place. An actor is created again only if its triangles or its look changed.
+Points are in global axes [m].
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmb.flexbody.arrays import Array
 
-OVERSAMPLING = 2  # pixels that are drawn for one of the picture, each way
-FEATURE_DEGREES = 35.0  # edges sharper than this are drawn as lines, and not smoothed
+OVERSAMPLING = 2  # drawn pixels per pixel of the picture, in each direction
+FEATURE_DEGREES = 35.0  # edges with a larger angle are drawn as lines, and not smoothed
 
 
 def _offset_by_mappers_alone() -> None:
-    """Let mappers say what lies in front of what: VTK keeps this for all pictures of a process."""
+    """Let mappers decide what is in front of what; VTK keeps this setting for the whole process."""
     from vtkmodules.vtkRenderingCore import vtkMapper
 
     vtkMapper.SetResolveCoincidentTopologyToPolygonOffset()
@@ -35,8 +35,8 @@ def _offset_by_mappers_alone() -> None:
 class VtkScene:
     """An off-screen window with panels in rows and columns.
 
-    It is drawn larger than it is shown, which smooths edges and letters in half the time of VTK's
-    own supersampling. Widths of lines are those of the picture, sizes of letters as drawn.
+    It is drawn larger than it is shown, which smooths edges and text in half the time of VTK's own
+    supersampling. Line widths are those of the picture, text sizes those of the drawing.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class VtkScene:
     shape : (int, int)
         Rows and columns of panels.
     background : str
-        Colour of the ground.
+        Background colour.
     window : bool
         Whether it is a window on the desktop, whose camera the user moves.
     """
@@ -69,9 +69,9 @@ class VtkScene:
         plotter.set_background(background)
         if not window:
             plotter.disable_anti_aliasing()
-        plotter.suppress_rendering = True  # but where a picture is wanted
+        plotter.suppress_rendering = True  # except when a picture is requested
         self.plotter = plotter
-        self._parts: dict[tuple[int, int], _Part] = {}  # by panel and number
+        self._parts: dict[tuple[int, int], _Part] = {}  # by panel and number of the call
         self._texts: dict[tuple[int, int], Any] = {}
         self._origins: dict[int, Array] = {}
         self._ready: set[int] = set()
@@ -80,9 +80,9 @@ class VtkScene:
         self._part_count = self._text_count = 0
 
     def begin(self, panel: int, origin: Array) -> bool:
-        """Describe a panel, by its number; whether this is the first time.
+        """Begin the description of a panel; returns whether it is the first one.
 
-        The first `origin` (3,) stays: single precision is relative to it.
+        The first `origin` (3,) is kept: single precision is relative to it.
         """
         self.origin = self._origins.setdefault(panel, origin)
         self._panel, self._part_count, self._text_count = panel, 0, 0
@@ -92,7 +92,7 @@ class VtkScene:
         return first
 
     def end(self) -> None:
-        """Remove what the panel showed before and shows no more."""
+        """Remove what the panel showed before and does not show any more."""
         for key in [k for k in self._parts if k[0] == self._panel and k[1] >= self._part_count]:
             self._parts.pop(key).remove(self.plotter)
         for key in [k for k in self._texts if k[0] == self._panel and k[1] >= self._text_count]:
@@ -109,7 +109,7 @@ class VtkScene:
         edges: Mapping[str, Any] | None = None,
         matrix: Array | None = None,
     ) -> Any:
-        """A surface or lines, its sharp edges if they have a look of their own; the actor.
+        """Add a surface or lines, and its sharp edges if `edges` is given; returns the actor.
 
         Parameters
         ----------
@@ -120,11 +120,11 @@ class VtkScene:
         look : mapping
             Options of ``pyvista.Plotter.add_mesh``.
         values : (n,), optional
-            What colours it.
+            Values for colours.
         edges : mapping, optional
             The look of its sharp edges.
         matrix : (4, 4), optional
-            What takes the points to global ones; they are global without it.
+            Transform of the points to global axes; they are global without it.
         """
         key = self._panel, self._part_count
         self._part_count += 1
@@ -153,7 +153,7 @@ class VtkScene:
         return part.actor
 
     def add_lines(self, points: ArrayLike, look: Mapping[str, Any]) -> Any:
-        """A line through points (n, 3); the actor."""
+        """Add a line through points (n, 3); returns the actor."""
         number = np.arange(len(np.asarray(points)))
         none = np.zeros((0, 3), dtype=np.int64)
         return self.add_mesh(points, none, np.stack([number[:-1], number[1:]], axis=1), look=look)
@@ -167,7 +167,7 @@ class VtkScene:
         anchor: str = "left top",
         at_point: bool = False,
     ) -> None:
-        """A text of letters `size` pixels high.
+        """Add a text of the given size.
 
         Parameters
         ----------
@@ -178,12 +178,12 @@ class VtkScene:
         size : int
             Pixels.
         color : str
-            Of the letters.
+            Colour of the text.
         anchor : str
-            Which point of the text is there: ``left``, ``center`` or ``right``, and ``top``,
+            The point of the text at `place`: ``left``, ``center`` or ``right``, and ``top``,
             ``center`` or ``bottom``.
         at_point : bool
-            Whether the text stands at a point of the scene, in front of everything.
+            Whether the text is at a point of the scene, in front of everything.
         """
         key = self._panel, self._text_count
         self._text_count += 1
@@ -290,7 +290,7 @@ class _Part:
         edges: Mapping[str, Any] | None,
         look: Mapping[str, Any],
     ) -> bool:
-        """Whether only the points and values differ."""
+        """Whether only points and values differ."""
         own = self._description
         return (
             _equal(own[0], faces)
@@ -299,7 +299,7 @@ class _Part:
         )
 
     def move(self, points: Array, values: Array | None) -> None:
-        """Show it at other points, with other values."""
+        """Show it at other points and with other values."""
         if values is not None:
             self._mesh["values"][:] = values[self._numbers]
             self._mesh.GetPointData().Modified()
@@ -317,7 +317,7 @@ class _Part:
 
     @property
     def points(self) -> Array:
-        """Where its points are, but for a matrix."""
+        """Its points before any matrix."""
         return self._last
 
     def place(self, motion: Array) -> None:
@@ -334,7 +334,7 @@ class _Part:
 
 
 class _Shading:
-    """Normals of a surface at its points, as the mean of those of its triangles by area."""
+    """Normals of a surface at its points: area-weighted means of those of its triangles."""
 
     def __init__(self, mesh: Any) -> None:
         from scipy.sparse import csr_array
@@ -374,7 +374,7 @@ def _text_actor(size: int, color: str, anchor: str, at_point: bool) -> Any:
 
 
 def style_text(style: Any, size: int, color: str) -> None:
-    """Letters that have Greek and superscripts among them, of a size in pixels."""
+    """Set a font with Greek letters and superscripts, of a size in pixels."""
     from matplotlib import get_data_path
     from pyvista import Color
     from vtkmodules.vtkCommonCore import VTK_FONT_FILE

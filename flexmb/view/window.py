@@ -1,8 +1,9 @@
 """A run that plays while the user turns and zooms it: in a window, a web page or a notebook.
 
-In: a :class:`Result`, words of the view. Out: nothing from the window, whose function returns when
-it is closed; the path of the page; a value that a notebook shows where it is the last line of a
-cell. In the window space plays and stops, the arrows go to the next frame and the one before.
+In: a :class:`Result`, options of the view. Out: nothing from the window, whose function returns
+when it is closed; the path of the page; an object that a notebook shows if it is the last line of a
+cell. In the window the space key plays and stops, the arrow keys go to the next and the previous
+frame.
 """
 
 from __future__ import annotations
@@ -30,12 +31,12 @@ from flexmb.view.picture import render
 from flexmb.view.plot import writable_file
 from flexmb.view.vtk_scene import VtkScene
 
-_TICK = 20  # ms between two looks at the clock
-_FOREVER = 10**8  # ticks
+_TICK = 20  # ms between two timer events
+_FOREVER = 10**8  # timer events
 
 
 def has_desktop() -> bool:
-    """Whether a window can be opened: there is a display, and VTK draws to it."""
+    """Whether a window can be opened: there is a display, and VTK can draw to it."""
     verdict = vtk_renderer.probe()
     return has_display() and verdict.works and not vtk_renderer.is_off_screen(verdict)
 
@@ -48,14 +49,14 @@ def open_window(result: Result | str | Path, speed: float | None = None, **view:
     result : Result or path
         The run.
     speed : float, optional
-        Simulated seconds in a second, as for `film`.
+        Simulated seconds per second, as for `film`.
     **view
-        Any word of the scene's ``[view]``, as for `render`.
+        Any option of the scene's ``[view]``, as for `render`.
 
     Raises
     ------
     ViewError
-        There is no desktop, or an option that cannot be.
+        There is no desktop, or a wrong option.
     ResultFileError
         The file is no result.
     """
@@ -74,7 +75,7 @@ def open_window(result: Result | str | Path, speed: float | None = None, **view:
 def write_page_of_motion(
     result: Result | str | Path, output: str | Path | None = None, progress: Progress = silent
 ) -> Path:
-    """Write a web page in which a run plays; it needs nothing else, and no network.
+    """Write a self-contained web page in which a run plays.
 
     Parameters
     ----------
@@ -106,20 +107,20 @@ def write_page_of_motion(
 
 
 def has_display() -> bool:
-    """Whether there is a screen that programs can open windows on."""
+    """Whether there is a screen on which programs can open windows."""
     if platform.system() != "Linux":
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 class Player:
-    """The frames of a shot in a scene: one is shown, and others follow while it plays."""
+    """The frames of a shot in a scene: shows one, and the following ones while it plays."""
 
     def __init__(self, shot: MotionShot, scene: VtkScene) -> None:
         self.shot, self.scene = shot, scene
         self.count = len(shot.schedule.times)
         self.number, self.is_playing = 0, False
-        self._began = 0.0  # when the first frame of this playing would have been shown
+        self._began = 0.0  # time at which the first frame would have been shown in this playing
         self._slider: Any = None
         self.go_to(0)
 
@@ -135,7 +136,7 @@ class Player:
         self._began = clock.monotonic() - self.number / self.shot.schedule.rate
 
     def tick(self) -> None:
-        """Show the frame of this moment, if it plays: a slow machine leaves frames out."""
+        """While it plays, show the frame of this moment; a slow machine skips frames."""
         if self.is_playing:
             number = int((clock.monotonic() - self._began) * self.shot.schedule.rate) % self.count
             if number != self.number:
@@ -169,7 +170,7 @@ class Picture:
     Parameters
     ----------
     png : bytes
-        As a file would hold it.
+        The content of a PNG file.
     """
 
     png: bytes = field(repr=False)
@@ -185,7 +186,7 @@ class Film:
     Parameters
     ----------
     data : bytes
-        As a file would hold it.
+        The content of a film file.
     kind : str
         ``"mp4"``, or ``"gif"``.
     """
@@ -203,14 +204,14 @@ class Film:
 
 @dataclass(frozen=True)
 class Page:
-    """A web page of one file that needs nothing else; a notebook shows it in a frame.
+    """A self-contained web page; a notebook shows it in a frame.
 
     Parameters
     ----------
     html : str
         Its text.
     file : Path
-        Where it is saved by default.
+        Its default file.
     """
 
     html: str = field(repr=False)

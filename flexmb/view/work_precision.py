@@ -1,7 +1,8 @@
 """Plots of errors: against processor time, with the front of the best settings, and by causes.
 
-Work-precision plots are log-log, one pair of axes per quantity, the target as a line; errors below
-that of the reference itself are shaded. An error budget shows the shares of each sensor as points.
+Work-precision plots are log-log, one pair of axes per quantity, with the target as a line; errors
+below that of the reference itself are shaded. An error budget shows the shares of each sensor as
+points.
 """
 
 from __future__ import annotations
@@ -20,20 +21,20 @@ _COLUMNS = 3
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _SMALLEST = 1e-17  # an error of exactly zero is drawn here, far below round-off
 _DECIMAL = 0.009  # smaller numbers are written as powers of ten
-_DECADE_TICKS = 30.0  # last over first time from which powers of ten are ticks enough
+_DECADE_TICKS = 30.0  # last over first time above which only powers of ten have ticks
 _PLACES = (("left", 5, 8), ("right", -5, -8), ("right", -6, 0), ("left", 6, 0), ("right", -5, 8),
            ("left", 5, -8))  # fmt: skip
-_LETTER, _LINE = 0.021, 0.035  # width and height of a word's letters, over those of the axes
+_LETTER, _LINE = 0.021, 0.035  # width and height of a character, over those of the axes
 ORDINATES = {"energy": "mismatch / energy moved", "drift": "largest violation [m or rad]"}
 
 
-Point = tuple[float, float, str, str]  # seconds, error, word, colour
+Point = tuple[float, float, str, str]  # seconds, error, text, colour
 Marks = Mapping[str, tuple[float, float]]
-_VISIBLE = 1e-7  # less is not drawn
+_VISIBLE = 1e-7  # smaller shares are not drawn
 
 
 class Curve(NamedTuple):
-    """A series: name, processor times [s], errors over the peak-to-peak, a word to each point."""
+    """A series: name, processor times [s], errors over the peak-to-peak, a text for each point."""
 
     name: str
     seconds: Sequence[float]
@@ -55,9 +56,9 @@ def work_precision_figure(
     panels : mapping
         Quantity to its series.
     floors : mapping
-        Smallest error that can be shown, by quantity; less is shaded.
+        Smallest error that can be shown, by quantity; the range below is shaded.
     best : mapping, optional
-        Time and error of the cheapest setting that meets the target, by quantity: ringed.
+        Time and error of the cheapest setting that meets the target, by quantity; it is ringed.
     target : float
         Error to be met, drawn as a line.
     title, note : str
@@ -89,7 +90,7 @@ def pareto_figure(
     figure, grid = _figure(panels, title, note)
     for axes, (name, curves) in zip(grid, panels.items(), strict=False):
         points = _draw(axes, curves, joined=False)
-        front: list[Point] = []  # the points that no other one beats in both time and error
+        front: list[Point] = []  # the points that no other point beats in both time and error
         for point in sorted(points):
             if not front or point[1] < front[-1][1]:
                 front.append(point)
@@ -105,7 +106,8 @@ def pareto_figure(
 
 
 def _draw(axes: Any, curves: Sequence[Curve], *, joined: bool) -> list[Point]:
-    """Points of all curves in their colours, joined by lines or not; returns them."""
+    """Draw the points of all curves in their colours, joined by lines or not; returns the
+    points."""
     points = list[Point]()
     for i, curve in enumerate(curves):
         errors = [max(error, _SMALLEST) for error in curve.errors]
@@ -121,7 +123,7 @@ def _draw(axes: Any, curves: Sequence[Curve], *, joined: bool) -> list[Point]:
 
 
 def _mark(axes: Any, best: tuple[float, float] | None) -> None:
-    """A ring around the setting that is recommended."""
+    """Draw a ring around the recommended setting."""
     if best is not None:
         axes.plot(
             *([value] for value in best), marker="o", ms=15, mfc="none", mec=INK, mew=1.6, ls="",
@@ -130,7 +132,7 @@ def _mark(axes: Any, best: tuple[float, float] | None) -> None:
 
 
 def _label(axes: Any, front: Sequence[Point], points: Sequence[Point]) -> None:
-    """Words next to points, where they cover neither each other nor a point."""
+    """Write texts next to points where they overlap neither each other nor a point."""
 
     def place(point: Point) -> tuple[float, float]:
         x, y = axes.transAxes.inverted().transform(axes.transData.transform(point[:2]))
@@ -186,7 +188,7 @@ def _finish(axes: Any, name: str, floor: float | None, target: float) -> None:
 
 
 def _ticks(axis: Any, limits: tuple[float, float]) -> None:
-    """Marks at 1, 2, 5 of each decade, or where that would be many at powers of ten."""
+    """Ticks at 1, 2, 5 of each decade, or at powers of ten if these would be many."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     subs = (1.0,) if limits[1] > _DECADE_TICKS * limits[0] else (1.0, 2.0, 5.0)
@@ -198,7 +200,7 @@ def _ticks(axis: Any, limits: tuple[float, float]) -> None:
 
 
 def _legend(figure: Figure, grid: Sequence[Any]) -> None:
-    """One legend for all, right of the plots."""
+    """One legend for all axes, on the right of the plots."""
     named: dict[str, Any] = {}
     for axes in grid:
         for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -218,7 +220,7 @@ def budget_figure(
     target: float,
     title: str,
 ) -> Figure:
-    """A line for each sensor, a mark for each share, a bar to the sum.
+    """A line for each sensor, a mark for each share, a bar for the sum.
 
     Parameters
     ----------
@@ -227,9 +229,9 @@ def budget_figure(
     shares : mapping
         Name of a share to its value over the peak-to-peak, by sensor.
     open_shares : collection of str
-        Shares that are lower bounds: hollow.
+        Shares that are lower bounds; drawn as hollow marks.
     target : float
-        Error to be met by each, drawn as a line.
+        Error to be met by each share, drawn as a line.
     title : str
         Above the picture.
 

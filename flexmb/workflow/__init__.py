@@ -1,4 +1,5 @@
-"""The whole chain in one call: scene to flexible bodies to system to run to files and pictures.
+"""The whole chain: from a scene over flexible bodies and the compiled system to runs, files,
+pictures.
 
 The command line and the Python API use the same functions.
 """

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
 
 Titled = tuple[str, Table]
-_TABLES_OF_THEIR_OWN = ("bodies", "joints", "drivers", "sensors")  # or none
+# these sections have tables of their own, or none
+_TABLES_OF_THEIR_OWN = ("bodies", "joints", "drivers", "sensors")
 
 
 @dataclass(frozen=True)
@@ -43,9 +44,10 @@ class CheckReport:
     bodies : dict
         Elements and coordinates of each flexible body, in words.
     mobility : Mobility or None
-        Coordinates, equations, rank and what follows; None for what is too large or never moves.
+        Coordinates, equations, rank and conclusions; None if the model is too large or has no
+        analysis of motion.
     definition : tuple
-        The tables that define the model, each with its title, on request.
+        The tables that define the model, each with its title; on request.
     """
 
     title: str
@@ -68,12 +70,12 @@ def check_scene(
     overrides : mapping of str to str, optional
         Parameters or knobs to change, such as `{"r": "0.1", "dynamics.step": "1e-4"}`.
     tables : bool
-        Whether to write out the tables that define the model.
+        Whether to make the tables that define the model.
 
     Raises
     ------
     SceneError
-        All that is wrong with it.
+        All mistakes in it.
     AssemblyError
         It cannot be assembled, or its drivers contradict each other or the joints.
     """
@@ -122,14 +124,14 @@ def check_scene(
 def mobility(
     model: Model | str | Path, flexbodies: Mapping[str, FlexBody] | None = None
 ) -> Mobility:
-    """Coordinates, equations, rank, redundant equations with their cures, free motions.
+    """Coordinates, equations, rank, redundant equations with their cures, and free motions.
 
     Parameters
     ----------
     model : Model or path
         The model, which is not changed, or a scene file.
     flexbodies : mapping of str to FlexBody, optional
-        Reduced bodies of meshes by name; a mesh that is not given counts as a rigid body.
+        Reduced bodies of meshes by name; a mesh without one counts as a rigid body.
 
     Returns
     -------
@@ -139,7 +141,7 @@ def mobility(
     Raises
     ------
     SceneError
-        All that does not fit together.
+        Parts that do not fit together.
     AssemblyError
         It cannot be assembled, is on a wrong branch, or its drivers contradict each other or the
         joints.
@@ -167,7 +169,7 @@ def mobility(
 
 
 def _check_results(model: Model, bodies: Mapping[str, FlexBody], rigid: Sequence[str]) -> None:
-    """Refuse unknown names among the results to store."""
+    """Refuse unknown names in ``[results] keep``."""
     if model.results is not None and model.results.keep:
         from flexmb.engine.compile import compile_system
         from flexmb.results.channels import Columns, stored_columns
@@ -177,13 +179,13 @@ def _check_results(model: Model, bodies: Mapping[str, FlexBody], rigid: Sequence
 
 
 def _reaction_scene(model: Model) -> dict[str, Any]:
-    """The sections of a scene that the names of channels are made of."""
+    """The sections of a scene from which the names of channels are formed."""
     scene = model.to_scene_dict(model.folder, dict.fromkeys(model.bodies, ""))
     return {key: scene[key] for key in scene if key not in ("results", "bodies")}
 
 
 def counts_table(counts: Counts) -> dict[str, int]:
-    """What a model consists of, in words."""
+    """The numbers of parts of a model, with their names."""
     others = " and couplers" * bool(counts.couplers) + " and drivers" * bool(counts.drivers)
     return {
         "rigid bodies": counts.rigid_bodies,
@@ -202,9 +204,9 @@ def counts_table(counts: Counts) -> dict[str, int]:
 def _mobility(
     model: Model, bodies: Mapping[str, FlexBody], rigid: Sequence[str]
 ) -> tuple[Mobility | None, list[str]]:
-    """Mobility and notes; `rigid` are flexible bodies that are not reduced yet.
+    """Mobility and notes; `rigid` are flexible bodies that are not reduced yet, taken as rigid.
 
-    Where only their rigidity prevents assembly, this is a note and no error.
+    If assembly fails only because they are rigid, this is a note and not an error.
     """
     from flexmb.analysis.assembly.positions import is_misplaced
     from flexmb.engine.compile import compile_system
@@ -331,16 +333,17 @@ def _joints(model: Model) -> Titled:
 
 
 def _markers(model: Model, flexbodies: Mapping[str, FlexBody]) -> Titled:
-    """Both markers of every joint with their triads, as the equations use them."""
+    """Both markers of every joint with the triads that the equations use."""
     from flexmb.engine.compile import compile_system
 
     compiled = compile_system(model, flexbodies)
-    bodies = (*model.bodies, GROUND)  # the last for index -1
+    bodies = (*model.bodies, GROUND)  # ground comes last, for index -1
     rows = []
     for path, group in zip(compiled.layout.reactions, compiled.system.groups, strict=True):
         section, _, name = path.partition(".")
         first = compiled.system.rows[group["row"]]
-        ends = "JI" if group["reversed"] else "IJ"  # the markers I and J of the joint in its rows
+        # the markers I and J of the joint in the order of its rows
+        ends = "JI" if group["reversed"] else "IJ"
         for side, end in zip("IJ", ends, strict=True) if section == "joints" else ():
             marker = compiled.system.parts.markers[first[end]]
             axes = (model.units.components(marker["R"][:, k], "") for k in (0, 2))
@@ -356,7 +359,7 @@ def _drivers(model: Model) -> Titled:
 
 
 def _other_elements(model: Model) -> Iterator[Titled]:
-    """Forces, couplers and whatever else the model has by name, with the words of the scene."""
+    """Tables of forces, couplers and all other named entries, with the options of the scene."""
     for section, entries in vars(model).items():
         if section not in _TABLES_OF_THEIR_OWN and isinstance(entries, dict) and entries:
             rows = _entry_rows(model, entries, "type")
@@ -364,7 +367,7 @@ def _other_elements(model: Model) -> Iterator[Titled]:
 
 
 def _entry_rows(model: Model, entries: Mapping[str, Any], field: str) -> list[tuple[str, ...]]:
-    """Name, one field and all others of each entry."""
+    """Name, one selected field, and all other fields of each entry."""
     rows: list[tuple[str, ...]] = []
     for name, spec in entries.items():
         if isinstance(spec, Spec):

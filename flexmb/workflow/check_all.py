@@ -1,4 +1,4 @@
-"""The known answers of all scenes in a folder, several scenes at the same time."""
+"""The known answers of all scenes in a folder; several scenes run at the same time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from flexmb.workflow.simulate import run_scene
 
 @dataclass(frozen=True)
 class SceneChecks:
-    """Known answers of one scene; `failure` says why it has none although it should."""
+    """Known answers of one scene; `failure` says why there are none although it has some."""
 
     scene: Path
     outcomes: tuple[CheckOutcome, ...] = ()
@@ -26,7 +26,7 @@ class SceneChecks:
 
     @property
     def passed(self) -> bool:
-        """Whether the scene ran and all its answers are right."""
+        """Whether the scene ran and all its known answers are met."""
         return not self.failure and all(outcome.passed for outcome in self.outcomes)
 
 
@@ -39,8 +39,8 @@ def check_all(
 ) -> list[SceneChecks]:
     """Run every scene in a folder and compare it with its known answers, without pictures.
 
-    A scene without an analysis has its flexible bodies reduced, one with a part by itself has that
-    solved.
+    In a scene without an analysis the flexible bodies are reduced; in one with ``[part]`` the part
+    is solved.
 
     Parameters
     ----------
@@ -49,19 +49,19 @@ def check_all(
     output : path
         Folder of the results, with the same subfolders.
     workers : int
-        Scenes that are run at the same time.
+        Number of scenes that run at the same time.
     progress : Progress
         Called after each scene.
 
     Returns
     -------
     list of SceneChecks
-        In the order of the paths. A run that fails is one of them.
+        In the order of the paths; failed runs are included.
 
     Raises
     ------
     SceneError
-        No scene there, or all mistakes of all scenes, before any is run.
+        No scene found; or all mistakes of all scenes, before any is run.
     """
     root = Path(folder)
     scenes = [root] if root.is_file() else sorted(root.rglob("*.toml"))
@@ -84,7 +84,7 @@ def check_all(
 
 
 def _read_scenes(scenes: list[Path]) -> dict[Path, tuple[str, ...]]:
-    """The analyses of each scene; raises the mistakes of all."""
+    """The analyses of each scene; raises the mistakes of all of them."""
     from flexmb.model import load_scene
 
     analyses: dict[Path, tuple[str, ...]] = {}

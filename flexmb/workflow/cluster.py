@@ -1,11 +1,11 @@
 """Many runs at the same time: workers of this machine, or those of any Dask cluster.
 
 In: a function and jobs, plain data that can be sent to another process. Out: each job with its
-record as it ends, a failure too. With one worker and no scheduler the jobs are done in this
-process. Else Dask hands them to processes that begin empty. Few jobs are under way at a time, short
-ones several to a task, so that neither this process nor the scheduler grows with their number. The
-jobs of a worker that ends are done again, each by itself: one that ends its worker three times
-fails.
+record when it ends, also if it fails. With one worker and no scheduler the jobs run in this
+process. Otherwise Dask distributes them to newly started processes. Only a few jobs are submitted
+at a time, short ones several to a task, so that neither this process nor the scheduler grows with
+the number of jobs. If a worker dies, its jobs run again, each alone; a job whose worker dies three
+times has failed.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ from flexmb.workflow.worker_processes import (
 )
 
 _MAX_DEATHS = 3
-_BATCH_SECONDS = 0.5  # of runs in a task, as far as their number allows
+_BATCH_SECONDS = 0.5  # wall time [s] of the runs in one task, if their number allows
 _MAX_BATCH = 256
 _MAX_SUSPECTS = 1000
-_WORKER_TIMEOUT = 300.0  # s, that a cluster may be without any worker
+_WORKER_TIMEOUT = 300.0  # a cluster may be without any worker for this time [s]
 _POLL_INTERVAL = 0.25  # s
 _RESUME = "runs that had ended are stored, and the same command continues"
 
@@ -58,14 +58,15 @@ def open_cluster(
     Parameters
     ----------
     workers : int
-        Runs at the same time on this machine, each in a process; 1 without `limit`: in this one.
+        Number of runs at the same time on this machine, each in a process; 1 without `limit`: in
+        this process.
     scheduler : str
         Address of a Dask scheduler, such as ``"tcp://host:8786"``, whose workers are used instead.
     limit : float
-        Wall time of a run [s], after which it is given up; 0: none. A function that can stop
-        itself should; five seconds later its process is ended.
+        Wall time of a run [s], after which it is given up; 0: none. The function should stop
+        itself; five seconds later its process is ended.
     dashboard : callable, optional
-        Serve Dask's page on the work, and call this with a sentence that has its address.
+        Serve Dask's dashboard, and call this with a sentence that contains its address.
 
     Raises
     ------
@@ -103,12 +104,12 @@ def open_cluster(
 
 
 class Cluster:
-    """Workers that do jobs; made by :func:`open_cluster`.
+    """Workers that run jobs; made by :func:`open_cluster`.
 
     Attributes
     ----------
     count : int
-        Workers, which is how many runs are done at the same time.
+        Number of workers, which is the number of runs at the same time.
     limit : float
         Wall time after which a run is given up [s]; 0: none.
     """
@@ -133,22 +134,22 @@ class Cluster:
         progress: Progress = silent,
         phase: str = "runs",
     ) -> Iterator[tuple[Any, Record]]:
-        """Do jobs; give each with its record as it ends, in no particular order.
+        """Run jobs; yields each with its record when it ends, in no particular order.
 
         Parameters
         ----------
         function : callable
             ``function(job) -> dict``, defined at the top level of a module that workers can import.
-            What all jobs share goes into a :func:`functools.partial`; it is sent once a task.
+            Data common to all jobs goes into a :func:`functools.partial`; it is sent once per task.
             Warnings are silenced.
         jobs : iterable
-            Taken as workers become free: a generator may yield 100 000 of them. To a
-            :class:`collections.deque` the caller may append while it takes records, such as further
-            runs that depend on them.
+            Consumed as workers become free, so a generator may yield 100 000 jobs. If it is a
+            :class:`collections.deque`, the caller may append jobs while it takes records, such as
+            further runs that depend on them.
         total : int, optional
-            How many there will be, for the progress; ``len(jobs)`` by default.
+            Number of jobs, for the progress; ``len(jobs)`` by default.
         progress : Progress
-            Told how many have ended, how many a second, and the time left.
+            Called with the number of jobs that have ended, the rate, and the remaining time.
         phase : str
             Name of the progress.
 
@@ -156,13 +157,13 @@ class Cluster:
         ------
         job, record
             The record is what the function returns, with ``status`` ``"finished"`` and an empty
-            ``reason`` unless it says otherwise. Where it raises, its worker dies three times or its
-            time is over, it holds the ``status`` ``"failed"`` and the ``reason``, nothing else.
+            ``reason`` unless it sets others. If the function raises, its worker dies three times or
+            its time is over, the record has only the ``status`` ``"failed"`` and the ``reason``.
 
         Raises
         ------
         OutputError
-            A run cannot write, as where a disk is full.
+            A run cannot write, for example because a disk is full.
         FlexmbError
             The scheduler or all workers are gone, or a worker has other software.
         """
@@ -183,7 +184,7 @@ class Cluster:
 
 
 class _Source:
-    """The jobs that are still to be handed out, one at a time."""
+    """The jobs that have not been handed out yet, one at a time."""
 
     def __init__(self, jobs: Iterable[Any]) -> None:
         self._queue = jobs if isinstance(jobs, deque) else None
@@ -193,12 +194,12 @@ class _Source:
 
     @property
     def size(self) -> int | None:
-        """All jobs as far as it is known."""
+        """Number of all jobs, if known."""
         return self._size if self._queue is None else self._taken + len(self._queue)
 
     @property
     def left(self) -> int | None:
-        """Jobs that are still to come as far as it is known."""
+        """Number of jobs that are still to come, if known."""
         return None if self.size is None else self.size - self._taken
 
     def __iter__(self) -> Iterator[Any]:
@@ -216,7 +217,7 @@ class _Source:
 
 
 class _Rate:
-    """Tells a progress how many jobs have ended, how many a second, and the time left."""
+    """Reports to a progress how many jobs have ended, the rate, and the remaining time."""
 
     def __init__(self, progress: Progress, phase: str, source: _Source, total: int | None) -> None:
         self._progress, self._phase, self._source, self._total = progress, phase, source, total
@@ -252,7 +253,7 @@ class _Rate:
 
 
 def time_text(seconds: float) -> str:
-    """A time to wait, to one or two digits."""
+    """A remaining time as text, with one or two digits."""
     if seconds < 100:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
@@ -260,15 +261,15 @@ def time_text(seconds: float) -> str:
 
 @dataclass
 class _Batch:
-    """Jobs that are one task of Dask."""
+    """Jobs that form one task of Dask."""
 
-    jobs: list[tuple[Any, int]]  # and how often a worker has died of it
-    worker: str  # address, where its only job is done by itself; else empty
+    jobs: list[tuple[Any, int]]  # each with the number of workers that died during it
+    worker: str  # address of the worker if its only job runs alone; else empty
     start: float
 
 
 class _Flight:
-    """The jobs that are under way at a Dask cluster."""
+    """The jobs that are submitted to a Dask cluster."""
 
     def __init__(self, cluster: Cluster, function: Function, source: _Source) -> None:
         self.cluster, self.client = cluster, cluster.client
@@ -276,7 +277,7 @@ class _Flight:
         self.batches: dict[Any, _Batch] = {}  # by future
         self.answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self.suspects: deque[tuple[Any, int]] = deque()
-        self.mean = 0.0  # s, of a run; not known before the first
+        self.mean = 0.0  # mean time of a run [s]; 0 before the first has ended
         self.alive = self.looked = time.perf_counter()
 
     def ends(self) -> Generator[tuple[Any, Record], None, None]:
@@ -296,7 +297,7 @@ class _Flight:
                 self.client.cancel(list(self.batches), force=True)
 
     def _fill(self) -> None:
-        """Hand out jobs as long as few are under way."""
+        """Submit jobs while few are under way."""
         if any(batch.worker for batch in self.batches.values()):
             self._send_suspects()
             return
@@ -309,7 +310,7 @@ class _Flight:
             self._send_suspects()
 
     def _send_suspects(self) -> None:
-        """One to each worker: it is clear then of which it dies."""
+        """Submit one suspect to each free worker, so that it is clear which job kills a worker."""
         if not self.suspects:
             return
         busy = {batch.worker for batch in self.batches.values()}
@@ -318,7 +319,7 @@ class _Flight:
                 self._send([self.suspects.popleft()], worker)
 
     def _size(self) -> int:
-        """Of a batch: half a second, and at the end no more than a share."""
+        """Number of jobs in the next task: half a second of runs, and fewer near the end."""
         if not self.mean:
             return 1
         size = int(min(max(_BATCH_SECONDS / self.mean, 1), _MAX_BATCH))
@@ -358,7 +359,8 @@ class _Flight:
             raise stop
 
     def _suspect(self, batch: _Batch, error: Any) -> Iterator[tuple[Any, Record]]:
-        """A worker has died: its jobs are done again, each by itself."""
+        """After a worker has died: its jobs run again, each alone; after three deaths a job has
+        failed."""
         if not batch.worker:
             self.suspects += batch.jobs
             return
@@ -374,7 +376,7 @@ class _Flight:
             yield job, failure(what)
 
     def _look(self) -> None:
-        """Whether the scheduler and workers are still there; count the workers."""
+        """Check that the scheduler and workers still respond, and count the workers."""
         self.cluster.watch()
         workers = self._workers()
         self.looked = now = time.perf_counter()
@@ -385,7 +387,8 @@ class _Flight:
             raise FlexmbError(f"{what}: start workers; {_RESUME}")
         for future, batch in list(self.batches.items()):
             if batch.worker and batch.worker not in workers and not future.done():
-                self.suspects += self.batches.pop(future).jobs  # its worker died before it began
+                # its worker died before the job began
+                self.suspects += self.batches.pop(future).jobs
                 self.client.cancel([future], force=True)
 
     def _workers(self) -> Collection[str]:

@@ -1,7 +1,7 @@
-"""Several models of one object compared: counts, motions, times.
+"""Comparison of several models of one machine: counts, motions, times.
 
-In: scenes, models or results. Out: a `Comparison`: of each model how many bodies, coordinates and
-equations it has and what it costs, and how far its sensors are from those of the first one. Scenes
+In: scenes, models or results. Out: a `Comparison`: for each model its number of bodies, coordinates
+and equations and its cost, and the differences of its sensors from those of the first model. Scenes
 and models are run first.
 """
 
@@ -33,12 +33,13 @@ if TYPE_CHECKING:
 
 
 STILL = 1e-9
-"""What moves less, over the largest peak-to-peak of its unit, stands still."""
+"""A channel whose peak-to-peak is less than this fraction of the largest of its unit stands still.
+"""
 
-_SAME_TIME = 1e-9  # of the duration
-_FEW_ROWS = 4  # that a cubic through rows of other times needs
+_SAME_TIME = 1e-9  # times that differ by less than this fraction of the duration are equal
+_FEW_ROWS = 4  # number of rows needed for cubic interpolation between times
 _ANALYSES = ("integrate", "kinematics", "statics", "inverse_dynamics")
-_CUBIC = 16.0  # error of a cubic spline with rows half as dense, over that with all
+_CUBIC = 16.0  # ratio of the errors of a cubic spline with half the rows and with all rows: 2^4
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class ModelRun:
     seconds : float
         Wall time of the analysis itself, NaN if the result does not say.
     cpu_seconds : float
-        Processor time of the whole run, reading and loading included; NaN for a result.
+        Processor time of the whole run, including reading and loading; NaN for a result.
     """
 
     name: str
@@ -68,23 +69,23 @@ class ModelRun:
 
 @dataclass(frozen=True)
 class ChannelDifference:
-    """How far a channel of one model is from that of the first.
+    """Difference of a channel of one model from that of the first model.
 
     Attributes
     ----------
     channel, model : str
-        Which one.
+        Name of the channel and of the model.
     largest : float
         The largest difference, in the units of the first model.
     relative : float
-        The same over the peak-to-peak of the channel in the first model; of a channel that stands
-        still there, over the largest peak-to-peak of all of its unit. NaN if none moves.
+        `largest` over the peak-to-peak of the channel in the first model; if the channel stands
+        still there, over the largest peak-to-peak among channels of its unit. NaN if none moves.
     moves : bool
         Whether the channel moves in the first model.
     time : float
-        When, in the units of the first model.
+        Time of the largest difference, in the units of the first model.
     unit : str
-        Of `largest`.
+        Unit of `largest`.
     """
 
     channel: str
@@ -103,13 +104,13 @@ class Comparison:
     Attributes
     ----------
     models : tuple of ModelRun
-        In the order of the sources; the first is what the others are compared with.
+        In the order of the sources; the others are compared with the first.
     channels : tuple of str
-        What all of them measure.
+        Channels that all models have.
     differences : tuple of ChannelDifference
         One for each channel and each model but the first.
     notes : tuple of str
-        Times that not all of them cover, rows between which was interpolated, and the like.
+        For example times that not all models cover, or interpolation between rows.
     """
 
     models: tuple[ModelRun, ...]
@@ -119,7 +120,7 @@ class Comparison:
 
     @property
     def largest(self) -> float:
-        """Largest difference over the peak-to-peak, of all that move; 0 if none does."""
+        """Largest difference over the peak-to-peak, among channels that move; 0 if none moves."""
         relative = [d.relative for d in self.differences if np.isfinite(d.relative)]
         return max(relative, default=0.0)
 
@@ -129,7 +130,7 @@ class Comparison:
         Parameters
         ----------
         *channels : str
-            None: those that differ most.
+            Names of channels; none: those that differ most.
         output : path, optional
             A file that ends in .png, .pdf or .svg.
 
@@ -170,7 +171,7 @@ def compare(
     *sources : Model, Result or path
         Scene files, models, results or their folders; the others are compared with the first.
     channels : sequence of str
-        What is compared, of any kind; none: the channels of sensors that all have.
+        Channels to compare, of any kind; none: the sensor channels that all models have.
     output : path
         Folder for the results of scenes and models, one folder in it for each.
     overrides : mapping of str to str, optional
@@ -222,7 +223,7 @@ def _short_names(sources: Sequence[Any]) -> list[str]:
 
 
 def _prepare(source: Any, overrides: dict[str, str]) -> Model | Result:
-    """A result, or a model that is valid and says how to run."""
+    """A result, or a valid model with an analysis."""
     from flexmb.model import Model, load_scene
     from flexmb.results import Result
 
@@ -239,7 +240,7 @@ def _prepare(source: Any, overrides: dict[str, str]) -> Model | Result:
 
 
 def _run(name: str, source: Any, output: Path, progress: Progress) -> ModelRun:
-    """The run of a model, or the result as it is."""
+    """Run a model, or take a result as it is."""
     from flexmb.analysis.assembly.jacobian import MAX_COORDINATES
     from flexmb.analysis.mobility.degrees_of_freedom import mobility_of
     from flexmb.model import Model
@@ -266,7 +267,7 @@ def _run(name: str, source: Any, output: Path, progress: Progress) -> ModelRun:
 def _common_channels(
     runs: Sequence[ModelRun], requested: Sequence[str]
 ) -> tuple[tuple[str, ...], list[str]]:
-    """Channels that all models have in the same kind of unit, and a note on what is left out."""
+    """Channels that all models have in the same kind of unit, and notes on those left out."""
     first = runs[0].result
     if requested:
         problems = [
@@ -309,7 +310,7 @@ def _common_channels(
 def _differences(
     runs: Sequence[ModelRun], channels: Sequence[str]
 ) -> tuple[list[ChannelDifference], list[str]]:
-    """Differences of all channels from those of the first model, where times overlap."""
+    """Differences of all channels from those of the first model, over the common times."""
     first, notes, differences = runs[0].result, list[str](), list[ChannelDifference]()
     say = first.units.say
     mine = first.table("time")
@@ -372,7 +373,7 @@ def _differences(
 def _sampler(
     times: Array, at: Array, slack: float
 ) -> tuple[Callable[[Array], Array], Callable[[Array], float]]:
-    """What takes rows to other times, and what estimates the error of that."""
+    """A function that interpolates rows at other times, and one that estimates its error."""
     after = np.clip(np.searchsorted(times, at), 0, len(times) - 1)
     before = np.maximum(after - 1, 0)
     near = np.where(np.abs(times[before] - at) < np.abs(times[after] - at), before, after)

@@ -1,7 +1,4 @@
-"""The pages on several runs beside each other and on a study; and what all pages share.
-
-A study, a sweep and an error budget are read from the files that they left in their folders.
-"""
+"""The pages on several runs compared and on a study; and functions that all pages share."""
 
 from __future__ import annotations
 
@@ -25,7 +22,7 @@ from flexmb.workflow.comparison import STILL, compare
 from flexmb.workflow.installation import machine
 
 PHASES = ("integrate", "kinematics", "statics", "inverse_dynamics")
-"""Phases of a run that are the analysis itself, without reading, compiling and meshes."""
+"""Phases of a run that are the analysis itself, without reading, compiling and reduction."""
 _PICTURE = (1000, 620)
 
 
@@ -37,7 +34,7 @@ _ERROR = "error_"
 def comparison_parts(
     results: Sequence[Result], charts: Charts, progress: Progress, view: Mapping[str, Any]
 ) -> tuple[str, list[Html]]:
-    """The body of a page on several runs."""
+    """The body of a page that compares several runs."""
     names = run_labels(results)
     titles = list(dict.fromkeys(run.title for run in results if run.title))
     title = titles[0] if len(titles) == 1 else " / ".join(titles) or "Comparison"
@@ -100,7 +97,7 @@ def picture_of(
     words: str,
     view: Mapping[str, Any] = MappingProxyType({}),
 ) -> Html:
-    """A picture of a run at a time, with a line below; `view`: words of ``[view]``."""
+    """A picture of a run at a time with a caption; `view`: options of ``[view]``."""
     own = {"size": _PICTURE, **({} if color is None else {"color": color}), **view}
     with scratch_folder() as folder:
         path = render(run, time, output=Path(folder) / "picture.png", **own)
@@ -109,14 +106,14 @@ def picture_of(
 
 
 def foot(left_out: Sequence[str]) -> Html:
-    """What is missing in a page, and who made it."""
+    """The end of a page: what is missing in it, and the version that made it."""
 
     lines = [tag("p", "Left out of this page: ", text) for text in left_out]
     return tag("footer", *lines, tag("p", f"Written by {machine()}."))
 
 
 def is_study(folder: Path) -> bool:
-    """Whether a folder is that of a study, a sweep or a budget."""
+    """Whether a folder contains a study, a sweep or a budget."""
     return any((folder / name).is_file() for name in (_TABLE, _SWEEP, _BUDGET))
 
 
@@ -215,7 +212,7 @@ def _sweep_parts(folder: Path) -> tuple[str, list[Html]]:
 
 
 def _number(text: str | None) -> float:
-    """A positive number, else 0."""
+    """A positive number from a text; else 0."""
     try:
         return max(float(text or 0), 0.0)
     except ValueError:

@@ -1,8 +1,8 @@
-"""A compiled model of whatever names one: a scene file, a model, a result of a run.
+"""The compiled model of a scene file, a model or a result.
 
 In: a scene file with changed values, a `Model`, or a `Result` (its folder, its file). Out: the
-compiled system, the model, the run. Flexible bodies are reduced as for a run, into its folder;
-those of a model in memory into a temporary one.
+compiled system, the model, the run. Flexible bodies are reduced as for a run, into the folder of
+the run; those of a model in memory into a temporary folder.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CompiledModel:
-    """A model, its compiled system, the run that it is of, and notes on its flexible bodies."""
+    """A model, its compiled system, the run it belongs to if any, and notes on its flexible
+    bodies."""
 
     model: Model
     compiled: Compiled
@@ -37,12 +38,13 @@ class CompiledModel:
     notes: tuple[str, ...] = ()
 
     def state_at(self, time: float | None) -> StartValues:
-        """Positions and velocities of the run at its output nearest to a time, by default the end.
+        """Positions and velocities of the run at the output nearest to a time; by default at the
+        end.
 
         Raises
         ------
         ResultFileError
-            The result holds no rows, not all coordinates, or the time lies outside of it.
+            The result has no rows or not all coordinates, or the time is outside of it.
         """
         from flexmb.analysis.assembly.initial_state import StartValues
 
@@ -66,7 +68,7 @@ def compile_source(
     output: Path | None = None,
     progress: Progress = silent,
 ) -> CompiledModel:
-    """Compile the model that a scene file, a model or a result names.
+    """Compile the model of a scene file, a model or a result.
 
     Parameters
     ----------
@@ -113,7 +115,7 @@ def compile_source(
 
 
 def damped_as_run(compiled: Compiled, model: Model, run: Result) -> Compiled:
-    """The compiled model of a run with the damping that its flexible bodies had."""
+    """The compiled model of a run with the damping that its flexible bodies had in the run."""
     from flexmb.analysis.assembly.body_damping import add_damping
 
     newest = run.last_state()

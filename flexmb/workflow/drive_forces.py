@@ -1,7 +1,7 @@
 """Inverse dynamics: the forces of drives along a motion, and all reactions, without integration.
 
-In: a scene whose drivers fix the motion, or a model, a result and joints to drive. Out: a result
-with the same rows, and all reactions.
+In: a scene whose drivers determine the motion, or a model, a result and joints to drive. Out: a
+result with the same rows, and all reactions.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ def inverse_dynamics(
     Parameters
     ----------
     model : Model
-        The model, with the forces that act in addition to the drives. What its drivers prescribe is
-        not used, only where they act.
+        The model, with the forces that act besides the drives. Of its drivers only the places where
+        they act are used, not the prescribed functions.
     motion : Result or path
-        A run with the same bodies: of this model or of another one, such as one with torques in
-        place of drives.
+        A run with the same bodies: of this model or of another one, for example one with torques
+        instead of drives.
     drives : sequence of str
         Joints that get a driver in addition: ``"elbow"``, or ``"elbow.stroke"`` of a joint with
         two coordinates. Their forces are the reactions of ``drive_elbow``.
@@ -108,14 +108,14 @@ def inverse_scene(
     pictures: bool = True,
     progress: Progress = silent,
 ) -> RunReport:
-    """Inverse dynamics of a scene file, with pictures and a table of what each driver gives.
+    """Inverse dynamics of a scene file, with pictures and a table of the force of each driver.
 
     Parameters
     ----------
     path : path
-        The scene. Its drivers fix the motion, for the duration of [kinematics] or [dynamics].
+        The scene. Its drivers determine the motion for the duration of [kinematics] or [dynamics].
     along : Result or path, optional
-        A run with the same bodies, whose motion is taken instead.
+        A run with the same bodies, whose motion is used instead.
     drives : sequence of str
         With `along`: joints that get a driver in addition; see `inverse_dynamics`.
     output : path, optional
@@ -162,7 +162,7 @@ def inverse_scene(
 
 
 def _folder_beside_run(scene: Path) -> Path:
-    """The folder of inverse dynamics in that of a run, with the bodies that were reduced there."""
+    """The folder of inverse dynamics in the folder of a run, with copies of its reduced bodies."""
     run = output_folder(scene)
     folder = writable_folder(run / "inverse")
     for body in run.glob("*.flexbody.h5"):
@@ -172,7 +172,7 @@ def _folder_beside_run(scene: Path) -> Path:
 
 
 def drive_table(run: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Of each driver what it gives: columns, and a row for each of its coordinates."""
+    """The force or torque of each driver: columns, and a row for each of its coordinates."""
     from flexmb.model.joints.joint import COORDINATES
 
     rows = []
@@ -198,7 +198,7 @@ def drive_table(run: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
 
 
 def _with_drives(model: Model, drives: Sequence[str]) -> Model:
-    """A copy of a model with a driver on each of some joints."""
+    """A copy of a model with an additional driver on each of some joints."""
     from flexmb.model.joints.joint import JOINT_TYPES
 
     made = copy.copy(model)

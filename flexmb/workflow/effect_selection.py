@@ -1,11 +1,12 @@
 """``effects = "auto"``: the cheapest set of effects that keeps a budget on every sensor.
 
-The scene runs with rigid bodies; the audit of that run says which bodies must be flexible, and
-whether they vibrate. The scene runs with them, is audited along that motion, and what contributes
-too much is switched on, until what is left out stays within the budget. The ladder of a body is
-rigid, quasi-static, vibrating with constant inertia coupling, partial coupling with geometric
-stiffening, full coupling with it: centrifugal softening without stiffening is never chosen
-(Padilla & von Flotow, J. Guidance 15 (1992) 131). What a scene says of a body stays as it says.
+The scene runs with rigid bodies. The audit of that run says which bodies must be flexible, and
+whether they vibrate. The scene then runs with these effects, is audited along the new motion, and
+effects that contribute too much are switched on, until the omitted ones stay within the budget. The
+levels of a body are rigid, quasi-static, vibrating with constant inertia coupling, partial coupling
+with geometric stiffening, and full coupling with it. Centrifugal softening without stiffening is
+never selected (Padilla & von Flotow, J. Guidance 15 (1992) 131). Options that a scene states for a
+body are not changed.
 """
 
 from __future__ import annotations
@@ -31,13 +32,15 @@ if TYPE_CHECKING:
     from flexmb.model import Model
 
 TEXT = "effects"
-"""Name of the text in a result that says which effects were chosen, and why."""
+"""Name of the text in a result with the selected effects and the reasons."""
 COLUMNS = ("run", "of", "switched to", "because", "contribution", "at")
 """Columns of the table of a selection."""
-_OMITTED_SHARE = 0.5  # of the budget for all omitted effects together: they are estimates
-_MOST_RUNS = 8
+# fraction of the budget that all omitted effects may use together, since they are estimates
+_OMITTED_SHARE = 0.5
+_MAX_RUNS = 8
 _FULL = f"full {COUPLING}"
-_FRAMED = {"quasi-static": "dynamic", "partial": "full"}  # in a frame at an interface
+# replacements of options of a body whose frame is at an interface
+_FRAMED = {"quasi-static": "dynamic", "partial": "full"}
 _WORDS: dict[str, dict[str, Any]] = {
     DEFORMATION: {"deformation": "quasi-static"},
     VIBRATION: {"deformation": "dynamic"},
@@ -48,7 +51,8 @@ _WORDS: dict[str, dict[str, Any]] = {
     _FULL: {"inertia_coupling": "full"},
 }
 _R = "rigid"
-_FULL_DEFORMATION = {"deformation": "dynamic"}  # where a body cannot be rigid or quasi-static
+# for bodies that can be neither rigid nor quasi-static
+_FULL_DEFORMATION = {"deformation": "dynamic"}
 _LOWEST = {
     "deformation": _R, "inertia_coupling": "constant", "geometric_stiffening": "none",
 }  # fmt: skip
@@ -56,15 +60,15 @@ _LOWEST = {
 
 @dataclass
 class Selection:
-    """What was switched on, run by run.
+    """The effects that were switched on, run by run.
 
     Attributes
     ----------
     words : dict of str to dict
-        What each flexible body has in the end, of what the scene leaves open.
+        Final options of each flexible body, among those that the scene leaves open.
     framed : frozenset of str
-        Bodies with their frame at an interface: quasi-static modes keep no momentum in it, and with
-        partial coupling they may diverge.
+        Bodies with their frame at an interface: there quasi-static modes have no momentum, and
+        partial coupling may diverge.
     steps : list of tuple of str
         Rows under `COLUMNS`.
     """
@@ -74,11 +78,11 @@ class Selection:
     steps: list[tuple[str, ...]] = field(default_factory=list)
 
     def text(self) -> str:
-        """As JSON, for the result file."""
+        """The selection as JSON, for the result file."""
         return json.dumps({"words": self.words, "columns": COLUMNS, "steps": self.steps})
 
     def switch(self, body: str, words: Mapping[str, Any], *why: str) -> bool:
-        """Give a body other words, as far as they are open; whether any of them changed."""
+        """Change options of a body that are open, and note why; returns whether any changed."""
         mine = self.words[body]
         if body in self.framed:
             words = {key: _FRAMED.get(word, word) for key, word in words.items()}
@@ -92,7 +96,7 @@ class Selection:
         return bool(changes)
 
     def apply(self, model: Model) -> Model:
-        """The model with these words, no more to be selected."""
+        """The model with the selected options, with nothing left to be selected."""
         stated = model.effects
         assert stated is not None
         model = with_words(model, self.words)
@@ -144,15 +148,15 @@ def run_with_selected_effects(
         frozenset(name for name, spec in flexible.items() if spec.frame_interface is not None),
     )
     made: Audit | None = None
-    first: FlexmbError | None = None  # of runs one after the other that failed
-    for number in map(str, range(1, _MOST_RUNS + 1)):
+    first: FlexmbError | None = None  # the first of consecutive failures
+    for number in map(str, range(1, _MAX_RUNS + 1)):
         try:
             report = run_single(
                 selection.apply(model), output, pictures=False, progress=progress, **options
             )
         except FlexmbError as error:
             first = first or error
-            if not _climb(selection, number, str(error).splitlines()[0]):
+            if not _raise_all_bodies(selection, number, str(error).splitlines()[0]):
                 raise first from None
             continue
         first = None
@@ -179,7 +183,7 @@ def run_with_selected_effects(
 
 
 def _open_words(spec: Any) -> dict[str, Any]:
-    """The lowest rung of a body, in what the scene says nothing of."""
+    """The lowest level of a body, for options that the scene does not state."""
     words: dict[str, Any] = {
         key: word for key, word in _LOWEST.items() if key not in spec.model_fields_set
     }
@@ -188,8 +192,8 @@ def _open_words(spec: Any) -> dict[str, Any]:
     return words
 
 
-def _climb(selection: Selection, number: str, why: str) -> bool:
-    """Give all bodies the words of the next rung, where a run fails; False at the last one."""
+def _raise_all_bodies(selection: Selection, number: str, why: str) -> bool:
+    """Raise all bodies by one level because a run failed; False if they are at the highest."""
     open_ = [k for k, words in selection.words.items() if words.get("deformation") != "dynamic"]
     if any([selection.switch(k, _FULL_DEFORMATION, number, why, "", "") for k in open_]):
         return True
@@ -202,10 +206,11 @@ def _climb(selection: Selection, number: str, why: str) -> bool:
 def _switch_on(
     selection: Selection, effects: Sequence[EffectOutcome], number: str, budget: float
 ) -> bool:
-    """Switch on what would let the sum of what is left out exceed its share of the budget.
+    """Switch on effects that would let the sum of the omitted ones exceed its share of the budget.
 
-    The smallest contributions stay out, as long as their sum at every sensor allows it. What is not
-    known since sensors ring faster than the rows, or since its estimate failed, does not.
+    The smallest contributions stay off as long as their sum at every sensor allows it. An effect
+    whose contribution is not known, because sensors vibrate faster than the rows resolve or its
+    estimate failed, is switched on.
     """
     sums: dict[str, float] = {}
     changed = False

@@ -1,4 +1,4 @@
-"""Equilibria of what a user names: all that can be reached, one over a parameter, preloads.
+"""Equilibria of a scene or model: all that can be found, one over a parameter, spring preloads.
 
 In: a scene or a model. Out: `Equilibrium`, a `StaticSweep`, free lengths of springs.
 """
@@ -39,9 +39,9 @@ def sweep_statics(
         A scene file, or a function that makes a model for a value; a model for `"time"`.
     parameter : str
         A parameter or knob of the scene, such as ``"load"`` or ``"forces.spring.stiffness"``;
-        ``"time"``: functions and drivers are taken at these times, in the scene's units.
+        ``"time"``: functions and drivers have their values at these times, in the scene's units.
     values : sequence of float
-        In the order in which they are visited; the first begins at the placed pose.
+        In the order in which they are computed; the first starts from the placed pose.
     overrides, progress
         As of `linearize`.
 
@@ -91,16 +91,16 @@ def equilibria(
     overrides: Mapping[str, Any] | None = None,
     progress: Progress = silent,
 ) -> list[Equilibrium]:
-    """Equilibria of a model that are reached from many poses, of least energy first.
+    """Equilibria of a model that are found from many start poses, by increasing energy.
 
     Parameters
     ----------
     source : Model or path
         A model or a scene file (.toml).
     time : float
-        At which functions and drivers are taken, in the scene's units.
+        Time of functions and drivers, in the scene's units.
     starts : int
-        From how many poses: the placed one, and others at random along the free motions.
+        Number of start poses: the placed pose, and random ones along the free motions.
     overrides, progress
         As of `linearize`.
 
@@ -112,7 +112,7 @@ def equilibria(
     Raises
     ------
     FlexmbError
-        Whatever is wrong; no equilibrium is reached from the placed pose.
+        Whatever is wrong; no equilibrium is found from the placed pose.
     """
     from flexmb.analysis.equilibrium_search import find_equilibria
 
@@ -135,8 +135,8 @@ def free_lengths(
     source : Model or path
         A model or a scene file (.toml).
     springs : sequence of str
-        Linear spring-dampers that may change; where there are more than needed, the change of their
-        forces is least.
+        Linear spring-dampers whose free length may change; if there are more than needed, the sum
+        of squared changes of their forces is minimal.
     overrides, progress
         As of `linearize`.
 
@@ -150,7 +150,7 @@ def free_lengths(
     SceneError
         A name that is no linear spring-damper.
     AssemblyError
-        They cannot bring the pose into balance.
+        Their forces cannot balance the pose.
     """
     from flexmb.analysis.equilibrium_search import preloads
 

@@ -1,7 +1,7 @@
 """Flexible bodies of a scene: reduced once, reused while their input stays.
 
-In: a scene. Out: bodies and their files, or what is known of them before they are reduced. Mistakes
-are collected over all bodies, each under its body's name.
+In: a scene. Out: bodies and their files, or a survey of bodies that are not reduced. Mistakes are
+collected over all bodies, each under the name of its body.
 """
 
 from __future__ import annotations
@@ -36,12 +36,13 @@ if TYPE_CHECKING:
     from flexmb.model import Model
 
 _PORTS = (f"{port}{number}" for port in ("com", "lpt") for number in range(10))
-_DEVICES = ("con", "prn", "aux", "nul", *_PORTS)  # no file names on Windows
+_DEVICES = ("con", "prn", "aux", "nul", *_PORTS)  # reserved file names on Windows
 REUSED = "reduction reused from"
-"""In the note of a run that says nothing of its motion."""
+"""Start of a note of a run about a reused reduction, which says nothing about the motion."""
 SIMULATED = ".simulated."
-"""In the name of a file: the body as a run has it, and not as it was reduced."""
-_THICKNESS = 1e-3  # least spread of a body across a line or plane of nodes, of its whole spread
+"""Part of a file name: the body as a run uses it, unlike the body as it was reduced."""
+# smallest extent of a body across a line or plane of nodes, over its whole extent
+_THICKNESS = 1e-3
 _MISTAKES = (MeshError, MaterialError, ReductionError, BodyFileError)
 
 
@@ -63,11 +64,12 @@ def flexible_bodies(
     folder : Path
         Folder of the files.
     fresh : bool
-        Reduce meshes again even if an equal reduction is there.
+        Reduce meshes again even if an equal reduction exists.
     only : collection of str, optional
-        Bodies to take; all by default.
+        Names of the bodies; all by default.
     inspect : callable, optional
-        Called with all that a reduction makes, as `flexmb.reduce` does; no body is reused then.
+        Called with the intermediate results of a reduction, as in `flexmb.reduce`; then no body is
+        reused.
     progress : Progress
         Called for every phase.
 
@@ -115,10 +117,11 @@ def _simulated(file: Path) -> Path:
 
 
 def _body_files(model: Model, folder: Path) -> dict[str, Path]:
-    """A file for each body, with names that differ and are allowed on every system.
+    """A file for each body, with names that differ and are allowed on every operating system.
 
-    Windows and macOS take "Rod" and "rod" for the same file, and Windows reserves some names,
-    whatever their ending. Beside a mesh that is rigid its modes remain for runs with other effects.
+    Windows and macOS do not distinguish "Rod" and "rod", and Windows reserves some names with any
+    suffix. If a mesh body is rigid, the file of its modes is kept under another name for runs with
+    other effects.
     """
     files: dict[str, Path] = {}
     taken = set(_DEVICES)
@@ -134,7 +137,7 @@ def _body_files(model: Model, folder: Path) -> dict[str, Path]:
 
 
 def survey_bodies(model: Model) -> tuple[dict[str, Survey], list[Problem]]:
-    """What the reduction of each mesh will find, by body, and the problems of all bodies."""
+    """The survey of each mesh by body, without reduction, and the problems of all bodies."""
     from flexmb import fe
 
     problems: list[Problem] = []
@@ -155,10 +158,10 @@ def survey_bodies(model: Model) -> tuple[dict[str, Survey], list[Problem]]:
 def bodies_of_surveys(
     model: Model, surveys: Mapping[str, Survey], folder: Path | None = None
 ) -> tuple[dict[str, FlexBody], list[str]]:
-    """The flexible bodies as far as they are there without a reduction, and names of the others.
+    """The flexible bodies without any reduction, and names of those that are only stood in for.
 
-    A body in `folder` is taken if it was made from the same input. In place of another mesh stands
-    a rigid body with its interfaces and nodes, its mass spread evenly over the nodes.
+    A body in `folder` is used if it was made from the same input. Any other mesh is replaced by a
+    rigid body with its interfaces and nodes, with the mass spread evenly over the nodes.
     """
     from flexmb.flexbody import Interface
     from flexmb.flexbody.parts import NodeModes
@@ -188,7 +191,7 @@ def bodies_of_surveys(
 
 
 def _stand_in(survey: Survey, name: str) -> FlexBody:
-    """A rigid body of the size of a mesh; thin ones are given some thickness."""
+    """A rigid body with the extent of a mesh; a flat one gets some thickness."""
     from flexmb.flexbody import rigid_body
 
     mass, center = survey.mass or 1.0, survey.points.mean(axis=0)
@@ -199,7 +202,7 @@ def _stand_in(survey: Survey, name: str) -> FlexBody:
 
 
 def _loaded_body(model: Model, name: str) -> FlexBody:
-    """A body from its file or an object, as a run has it."""
+    """A body from its file or an object, with the effects of a run."""
     return simulated_body(model, name, _source_body(model, name))
 
 
@@ -212,7 +215,7 @@ def _source_body(model: Model, name: str) -> FlexBody:
 
 
 def under_body(name: str, problems: Iterable[Problem]) -> list[Problem]:
-    """The problems with their place in the scene in front."""
+    """The problems with their scene path put first."""
     fields = MeshBodySpec.model_fields
     full = []
     for problem in problems:
@@ -229,9 +232,9 @@ def under_body(name: str, problems: Iterable[Problem]) -> list[Problem]:
 
 
 def reduction_input(model: Model, name: str, residual: str = "none") -> tuple[Any, dict[str, Any]]:
-    """The mesh of a body, a path or a table, and the options of its reduction.
+    """The mesh of a body, as a path or a table, and the options of its reduction.
 
-    `residual` is what the scene's "auto" is taken for.
+    `residual` replaces the scene's "auto".
     """
     from flexmb.model.plane import plane_in_body
 
@@ -250,7 +253,7 @@ def reduction_input(model: Model, name: str, residual: str = "none") -> tuple[An
 
 
 def _stored_body(model: Model, name: str, file: Path, notes: list[str]) -> FlexBody | None:
-    """The body in the file, if it was made from the same input."""
+    """The body in the file, if it was made from the same input; else None."""
     from flexmb.fe.reduction.methods import reduction_key
     from flexmb.flexbody import load
 
@@ -274,7 +277,7 @@ def _stored_body(model: Model, name: str, file: Path, notes: list[str]) -> FlexB
 
 
 def _selected_residual(model: Model, name: str, body: FlexBody) -> str:
-    """The residual vectors that a reduced body needs, of a scene that leaves them open."""
+    """The residual vectors that a reduced body needs if the scene leaves them open."""
     spec: MeshBodySpec = model.bodies[name]  # type: ignore[assignment]
     if spec.deformation == "rigid":
         return "none"

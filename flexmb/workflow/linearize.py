@@ -1,8 +1,8 @@
 """Linearised modes of a model: about its first state, an equilibrium, a time of a run.
 
-In: a scene, a model or a result. Out: a `Linearization`, or a `ModeSweep` of one over a parameter:
-what Campbell diagrams and root loci are drawn from; pictures of the machine displaced by each mode,
-with the result files that they are drawn from, whose rows go once through the vibration.
+In: a scene, a model or a result. Out: a `Linearization`, or a `ModeSweep` over a parameter, for
+Campbell diagrams and root loci; pictures of the machine displaced by each mode, and the result
+files of these pictures, whose rows are one period of the vibration.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ if TYPE_CHECKING:
 
 
 STARTS = ("quasi-static", "undeformed", "static", "initial")
-"""States of a scene that it can be linearised about."""
+"""States of a scene about which it can be linearised."""
 
 
-_AMPLITUDE = 0.12  # of the model's size, or rad
-_PHASES = 24  # rows of one vibration
-_GHOSTS = 3  # faint poses at equal times: the middle one is the opposite of that of the picture
+_AMPLITUDE = 0.12  # largest displacement in pictures, as a fraction of the model's size, or in rad
+_PHASES = 24  # rows of one period
+_GHOSTS = 3  # faint poses at equal phases: the middle one is opposite to the pose of the picture
 
 
 def linearize(
@@ -61,7 +61,7 @@ def linearize(
         and motion (``"quasi-static"``), straight (``"undeformed"``), or as ``dynamics.start`` says
         (``"initial"``); or the equilibrium of the whole machine at rest (``"static"``).
     frame : str
-        Whose axes the motion is written in: ``"ground"``, a body that turns, or ``"auto"``: those
+        The axes in which the motion is written: ``"ground"``, a rotating body, or ``"auto"``: those
         in which the coefficients change least.
     overrides : mapping, optional
         Parameters or knobs of a scene file to change.
@@ -94,7 +94,7 @@ def _linearize(system: CompiledModel, time: float | None, about: str, frame: str
 
 
 def state_of(system: CompiledModel, time: float | None, about: str) -> Assembled | Equilibrium:
-    """The state of a compiled model that is meant; see `linearize`."""
+    """The state of a compiled model about which it is linearised; see `linearize`."""
     from flexmb.analysis.assembly.initial_state import assemble
 
     if about not in STARTS:
@@ -169,7 +169,7 @@ def sweep_modes(
 def check_modes(model: Model, folder: Path) -> list[CheckOutcome]:
     """One outcome for each known linearised mode of a scene file; a missing mode gives NaN.
 
-    Each set of parameters is a model of its own, its flexible bodies in a folder of their own.
+    Each set of parameters is a model with flexible bodies in a separate folder.
     """
     frequencies: dict[tuple[tuple[str, float], ...], Any] = {}
     outcomes = []
@@ -205,7 +205,7 @@ def render_mode_shapes(
     folder : path
         Gets `mode_1.png`, ... and `mode_1.h5`, ...
     modes : sequence of int
-        Which, from 1; those that there are not are left out.
+        Their numbers, from 1; numbers that do not exist are skipped.
 
     Returns
     -------

@@ -1,8 +1,8 @@
-"""``deformation = "automatic"``: the band of modes that vibrate, by how fast the scene moves.
+"""``deformation = "automatic"``: the frequency band of dynamic modes, from the motion of the scene.
 
-In: a scene, and its run with rigid bodies. Out: the scene with the band in place of the word. The
+In: a scene, and its run with rigid bodies. Out: the scene with the band instead of the word. The
 frequencies are those of drivers and loads (`model.excitation`), and of the inertia forces in that
-run: springs, gears, contacts and spins move bodies faster than what drives them.
+run, since springs, gears, contacts and spins move bodies faster than the drivers.
 """
 
 from __future__ import annotations
@@ -25,10 +25,11 @@ if TYPE_CHECKING:
     from flexmb.results import Result
 
 
-_OUTPUTS = 2000  # of the run with rigid bodies
-_ENERGY_ABOVE = 1e-3  # share of the energy of a motion at frequencies above the band
-_MIN_ACCELERATION = 1e-3  # of the largest one in the scene: smaller ones do not count
-_MIN_MOTION = 1e-9  # of the size of the flexible bodies: less is at rest
+_OUTPUTS = 2000  # outputs of the run with rigid bodies
+_ENERGY_ABOVE = 1e-3  # fraction of the energy of a motion that may be at frequencies above the band
+_MIN_ACCELERATION = 1e-3  # accelerations below this fraction of the scene's largest are ignored
+# a body that moves less than this fraction of the flexible bodies' size is at rest
+_MIN_MOTION = 1e-9
 
 
 def with_motion_band(model: Model, run: Callable[[Model], Result]) -> tuple[Model, list[str]]:
@@ -51,7 +52,7 @@ def with_motion_band(model: Model, run: Callable[[Model], Result]) -> tuple[Mode
     try:
         gravity = np.array(model.gravity or (0.0, 0.0, 0.0))
         fastest = max(motion_frequencies(run(rigid), names, gravity), default=0.0)
-    except FlexmbError:  # only elasticity lets it move
+    except FlexmbError:  # the scene can only move if bodies are flexible
         return model, []
     by_drivers = cutoff_frequency(model)
     cutoff = max(BAND_FACTOR * fastest, by_drivers if math.isfinite(by_drivers) else 0.0)
@@ -67,18 +68,19 @@ def with_motion_band(model: Model, run: Callable[[Model], Result]) -> tuple[Mode
 
 
 def motion_frequencies(run: Result, names: Collection[str], gravity: Array) -> Iterator[float]:
-    """Frequencies [Hz] of what loads these bodies of a run, and of the forces of all others.
+    """Frequencies [Hz] of the inertia loads of these bodies of a run, and of the motion of all
+    others.
 
-    That is of accelerations, less gravity and in axes of the body, angular accelerations and
-    centrifugal ones; of other bodies of accelerations. A frequency is that below which a motion has
-    nearly all of its energy.
+    The loads are the accelerations minus gravity in axes of the body, and the angular and
+    centrifugal accelerations; for other bodies the accelerations. The frequency of a load is that
+    below which it has nearly all of its energy.
     """
     from flexmb.flexbody import load
 
     t = run.time * run.units.scale("s")
     q, v, vd = (run.part(name, slice(None)) for name in ("q", "v", "vd"))
     size = max(load(file).characteristic_length for file in run.flexbodies.values())
-    loads: list[Array] = []  # m/s^2, angular ones by the size
+    loads: list[Array] = []  # m/s^2; angular ones are multiplied by the bodies' size
     for body in run.layout.bodies:
         place = q[:, body.iq : body.iq + 7] / np.repeat([size, 1.0], [3, 4])
         if np.ptp(place, axis=0).max() < _MIN_MOTION:
@@ -96,7 +98,8 @@ def motion_frequencies(run: Result, names: Collection[str], gravity: Array) -> I
 
 
 def _frequency(t: Array, c: Array) -> float:
-    """That below which c (n, k) has nearly all of its energy, a straight line taken out."""
+    """Frequency below which c (n, k), minus the line through its ends, has nearly all of its
+    energy."""
     line = c[:1] + (c[-1:] - c[:1]) * ((t - t[0]) / (t[-1] - t[0]))[:, None]
     energy = (np.abs(np.fft.rfft(c - line, axis=0)) ** 2).sum(axis=1)
     whole = np.cumsum(energy)

@@ -1,8 +1,8 @@
-"""Neighbouring models of a run: its scene with one effect more, or one less, and their motions.
+"""Variants of the model of a run, with one effect more or less, and their motions.
 
-An effect is switched by the words of the scene alone, so that the neighbour can be linearised about
-the motion of the run, and run as well. A run has the rows that an audit looks at, or another one of
-the same scene has more of them.
+An effect is switched by options of the scene alone, so that a variant can be linearised about the
+motion of the run, and can be run itself. If the rows of the run do not resolve its motion, the
+scene is run again with more rows.
 """
 
 from __future__ import annotations
@@ -40,21 +40,22 @@ if TYPE_CHECKING:
     from flexmb.results import Result
     from flexmb.results.output_block import OutputBlock
 
-_RATE_GAP = 0.2  # of velocities against accelerations between rows, relative
-_RINGING_SHARE = 0.003  # of what a sensor shows, that may vibrate faster than the rows resolve
-_ENOUGH_ROWS = 1.1  # times as many rows would resolve turns and ringing: these do
-_REFINEMENT = 4  # times as many rows where these do not resolve the motion
-_MAX_ENTRIES = 1.2e7  # of a matrix of the coordinates in all rows: 100 MB
+# relative difference of velocities and accelerations between rows, above which rows are too few
+_RATE_GAP = 0.2
+_RINGING_SHARE = 0.003  # share of a sensor's signal that may vibrate faster than the rows resolve
+_ENOUGH_ROWS = 1.1  # rows suffice if not more than this factor of rows would be needed
+_REFINEMENT = 4  # largest factor of additional rows if the rows do not resolve the motion
+_MAX_ENTRIES = 1.2e7  # entries of a matrix of the coordinates in all rows: 100 MB
 
 
 @dataclass
 class ModelVariants:
-    """A run with its model, and the models next to it.
+    """A run with its model, and variants of the model.
 
     Attributes
     ----------
     folder : Path
-        For runs and reductions that the estimates need; what is there already is used again.
+        Folder of the runs and reductions that the estimates need; existing ones are reused.
     """
 
     run: Result
@@ -65,12 +66,12 @@ class ModelVariants:
     folder: Path
     progress: Progress = silent
     notes: list[str] = field(default_factory=list)
-    _runs: int = 0  # of other words
+    _runs: int = 0  # number of runs with other options
     _rigid: dict[tuple[str, ...], tuple[Compiled, Motion, float]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, run: Result, most_rows: int, progress: Progress = silent) -> ModelVariants:
-        """The model of a run, and at most so many of its rows."""
+        """The model of a run, and at most `most_rows` of its rows."""
         from flexmb.analysis.effects.stored_motion import read_motion
         from flexmb.engine.compile import compile_system
         from flexmb.flexbody import load
@@ -103,7 +104,7 @@ class ModelVariants:
         return body_effects(self.model, self.compiled, self.motion, self.bodies)
 
     def neighbour(self, *effects: Effect) -> Model:
-        """The scene with an effect switched over, or with one of several bodies."""
+        """The scene with an effect switched over, or with one effect of several bodies."""
         if effects[0].body:
             return with_words(self.model, {one.body: one.words for one in effects})
         model = copy.copy(self.model)
@@ -113,7 +114,7 @@ class ModelVariants:
 
     @cached_property
     def static(self) -> dict[str, Any]:
-        """Bodies with quasi-static modes, and their words."""
+        """Bodies with quasi-static modes, and their option ``deformation``."""
         from flexmb.engine.ordering import quasi_static
 
         bodies = self.compiled.flexbodies
@@ -124,12 +125,13 @@ class ModelVariants:
 
     @cached_property
     def dynamic(self) -> tuple[Model, Compiled]:
-        """The scene with inertia of all modes that the run has."""
+        """The scene and its compiled system with all modes of the run dynamic."""
         model = with_words(self.model, dict.fromkeys(self.static, DYNAMIC))
         return model, self.compile(model, self.bodies) if self.static else self.compiled
 
     def without(self, names: tuple[str, ...]) -> tuple[Compiled, Motion, float]:
-        """The scene with bodies rigid, all modes of others with inertia, and its motion."""
+        """The scene with some bodies rigid and all modes of the others dynamic; its motion;
+        seconds."""
         from flexmb.analysis.effects.contribution import evaluation_time
 
         if all(self.compiled.flexbodies[name].m == 0 for name in names):
@@ -142,20 +144,22 @@ class ModelVariants:
         return self._rigid[names]
 
     def motion_with(self, words: Mapping[str, Mapping[str, str]]) -> tuple[Motion, float]:
-        """The motion of the scene with other words of bodies, and how many evaluations it takes."""
+        """The motion of the scene with other options of bodies, and its number of evaluations."""
         from flexmb.analysis.effects.stored_motion import read_motion
 
         model, finer = with_words(self.model, words), {"outputs": len(self.motion.t) - 1}
         if model.dynamics is not None and self.notes:  # the rows of another run
             model.dynamics = model.dynamics.model_copy(update=finer)
         self._runs += 1
-        run = self._run(model, f"switched_{self._runs}")  # names of bodies are of any length
+        # numbered, since names of bodies may be of any length
+        run = self._run(model, f"switched_{self._runs}")
         return read_motion(run).thinned(len(self.motion.t)), evaluations(run)
 
     def deformable(
         self, effects: tuple[Effect, ...]
     ) -> tuple[Compiled, Motion, Model, dict[str, FlexBody], float]:
-        """The scene with bodies rigid, and its motion; with them flexible, and its bodies."""
+        """The scene with bodies rigid, its motion, the scene with them flexible, its bodies,
+        seconds."""
         names, bodies = tuple(one.body for one in effects), dict(self.bodies)
         own, motion, last = self.without(names)
         model = with_words(self.dynamic[0], dict.fromkeys(names, DYNAMIC))
@@ -164,7 +168,8 @@ class ModelVariants:
             has_mesh = isinstance(spec, MeshBodySpec)
             has_data = body.centrifugal_stiffness is not None
             if self.compiled.flexbodies[name].m == 0 and (has_mesh or has_data):
-                model = with_words(model, {name: FULL})  # it comes shorter as it bends, if slow too
+                # a bending body becomes shorter, also in slow motion
+                model = with_words(model, {name: FULL})
             full = getattr(model.bodies[name], "geometric_stiffening", None) == "full"
             if has_mesh and (body.m == 0 or (full and not has_data)):
                 bodies[name] = self.reduced(model, one)
@@ -172,7 +177,7 @@ class ModelVariants:
 
     @cached_property
     def has_origin(self) -> bool:
-        """Whether the run goes on from another one."""
+        """Whether the run continues another one."""
         from flexmb.workflow.run_report import provenance
 
         return "from" in provenance(self.run)
@@ -201,7 +206,7 @@ class ModelVariants:
         return Result(report.result)
 
     def reduced(self, model: Model, effect: Effect) -> FlexBody:
-        """The body of an effect reduced with its words; kept beside the result."""
+        """The body of an effect, reduced with the options of that effect; stored in `folder`."""
         from flexmb.workflow.flexible_bodies import flexible_bodies
 
         own, deforms = self.run.path.parent, effect.name in (DEFORMATION, VIBRATION)
@@ -211,7 +216,7 @@ class ModelVariants:
         model, only = active_model(model), [effect.body]
         bodies, _, _ = flexible_bodies(model, folder, only=only, progress=self.progress)
         if deforms:
-            _copy_bodies(folder, own)  # for a next run with these effects
+            _copy_bodies(folder, own)  # for later runs with these effects
         return bodies[effect.body]
 
 
@@ -219,15 +224,15 @@ def resolved_motion(
     motion: Motion, compiled: Compiled, model: Model, most_rows: int,
     run: Callable[[Model], Result] | None,
 ) -> tuple[Motion, list[str]]:  # fmt: skip
-    """At most so many rows of a motion that resolve it, and what to say of them.
+    """At most `most_rows` rows of a motion that resolve it, and notes on them.
 
     Parameters
     ----------
     motion, compiled, model
         The rows of a run, and its model.
     most_rows : int
-        More of them, four times at most, are taken only of another run, of a model that is not too
-        large for it, where so many do not resolve accelerations, turns, and what rings at sensors.
+        Up to four times as many rows are used, from another run, if these do not resolve
+        accelerations, rotations and vibrations at sensors, and if the model is not too large.
     run : callable, optional
         Runs a model; None: it cannot be run again.
     """
@@ -236,23 +241,24 @@ def resolved_motion(
 
     rows, thinned, notes = motion, motion.thinned(most_rows), []
     fastest = max((hertz for _, hertz in driving_frequencies(model)), default=0.0)
-    limits = list(_limits(compiled, most_rows))
+    limits = list(_row_limits(compiled, most_rows))
     for most in limits:
         thinned = rows.thinned(most)
-        better = max(thinned.turns(compiled, fastest), _rings(model, compiled, thinned))
+        better = max(thinned.turns(compiled, fastest), _ringing_factor(model, compiled, thinned))
         if most > most_rows and better <= _ENOUGH_ROWS and thinned.gap(compiled) <= _RATE_GAP:
             break
         finer = max(thinned.finer(compiled, fastest), better)
         wanted = int(np.ceil((len(thinned.t) - 1) * finer))
         if most < limits[-1] <= wanted and better > _ENOUGH_ROWS * (most / len(thinned.t)) ** 2:
-            continue  # what rings falls with the fourth power of the rows at best: more are needed
+            # vibrations decrease at best with the fourth power of the rows: more are needed
+            continue
         n = min(wanted, most - 1)
         if finer > 1.0 and n > len(rows.t) and model.dynamics is not None and run is not None:
             other = copy.copy(model)
             other.dynamics = model.dynamics.model_copy(update={"outputs": n})
             try:
                 rows = read_motion(run(other))
-            except FlexmbError as error:  # one with other steps may fail
+            except FlexmbError as error:  # a run with other steps may fail
                 why = str(error).splitlines()[0]
                 notes.append(
                     f"a run with {n + 1} rows, which would resolve the motion, fails: {why}"
@@ -271,16 +277,16 @@ def resolved_motion(
     return thinned, notes
 
 
-def _rings(model: Model, compiled: Compiled, motion: Motion) -> float:
-    """How many times as many rows resolve what rings at the sensors."""
+def _ringing_factor(model: Model, compiled: Compiled, motion: Motion) -> float:
+    """Factor of additional rows that would resolve the vibrations at the sensors."""
     from flexmb.analysis.effects.contribution import fast_shares
 
     rings = fast_shares(model, motion.channels, compiled.layout.channels).values()
     return float(np.sqrt(max(rings, default=0.0) / _RINGING_SHARE))
 
 
-def _limits(compiled: Compiled, most_rows: int) -> Iterator[int]:
-    """How many rows there may be, at first and then."""
+def _row_limits(compiled: Compiled, most_rows: int) -> Iterator[int]:
+    """Allowed numbers of rows: first `most_rows`, then more if memory allows."""
     yield most_rows
     affordable = int(_MAX_ENTRIES / compiled.layout.nv**2)
     if affordable > most_rows:
@@ -292,7 +298,7 @@ def evaluations(run: Result) -> float:
 
 
 def _copy_bodies(source: Path, folder: Path) -> None:
-    """Reductions of meshes that are not there yet: nothing is reduced twice."""
+    """Copy reductions of meshes that the folder does not contain, so that none is repeated."""
     for file in source.glob("*.flexbody.h5"):
         if not (folder / file.name).exists():
             shutil.copy2(file, folder)

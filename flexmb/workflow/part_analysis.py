@@ -1,4 +1,4 @@
-"""A part by itself, from a scene with ``[part]``: solved, stored, drawn, checked."""
+"""Analysis of a part, from a scene with ``[part]``: solved, stored, drawn, checked."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def run_part(
     pictures: bool = True,
     progress: Progress = silent,
 ) -> PartReport:
-    """Solve the part of a scene by itself: one of its bodies, with the supports of ``[part]``.
+    """Solve the part of a scene: one of its bodies, with the supports and loads of ``[part]``.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def check_part(model: Model, result: PartResult) -> list[CheckOutcome]:
 
 
 def part_group_problems(model: Model, surveys: Mapping[str, Survey]) -> list[Problem]:
-    """Groups that supports and loads of ``[part]`` name and the mesh does not have."""
+    """Groups named in supports and loads of ``[part]`` that the mesh does not have."""
     from flexmb.model.scenes.supports import select_part_body
 
     if model.part is None or (body := select_part_body(model)[0]) not in surveys:
@@ -136,7 +136,7 @@ def part_group_problems(model: Model, surveys: Mapping[str, Survey]) -> list[Pro
 
 
 def _in_scene(name: str, error: FlexmbError) -> list[Problem]:
-    """The problems under ``part`` or under the body, wherever they come from."""
+    """The problems of an error under ``part`` or under the body, depending on their origin."""
     own = ("supports", "loads", "frequencies", "buckling", "preload")
     problems: list[Problem] = []
     for problem in error.problems:

@@ -1,7 +1,7 @@
 """``flexmb report``: one web page on a run, a comparison of runs, or a study.
 
-In: results, or the folder of a study or a sweep. Out: a file of HTML that needs nothing else. What
-a result does not hold is left out of its page and named at its end.
+In: results, or the folder of a study or a sweep. Out: one self-contained HTML file. What a result
+does not contain is left out of its page and named at its end.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from flexmb.workflow.installation import machine
 from flexmb.workflow.run_report import check_frequencies, check_sensors, provenance
 
 _ENDINGS = (".html", ".htm")
-_MOST_MODES = 12
+_MAX_MODES = 12
 _HOT_SPOTS = 5
 
 
@@ -42,7 +42,7 @@ PARTS = (
 
 
 def report(*sources: Result | str | Path, output: str | Path | None = None, **options: Any) -> Path:
-    """Write a web page on a run, on several runs beside each other, or on a study.
+    """Write a web page on a run, on several runs compared, or on a study.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def report(*sources: Result | str | Path, output: str | Path | None = None, **op
     Returns
     -------
     Path
-        The file, which can be sent on: it needs no other file and no network.
+        The file; it needs no other file and no network.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def report_page(
     progress: Progress = silent,
     file: str | Path = "report.html",
 ) -> Page:
-    """Make the page of `report`, or some of its parts: what a notebook shows.
+    """Make the page of `report`, or some of its parts, for a notebook.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def report_page(
     progress : Progress
         Called for every phase.
     file : path
-        What ``page.save()`` writes.
+        The file that ``page.save()`` writes.
 
     Returns
     -------
@@ -124,7 +124,7 @@ def report_page(
     else:
         results = [one if isinstance(one, Result) else Result(one) for one in sources]
         if view:
-            view_of(Mechanism(results[0]), dict(view))  # refuses what it cannot be
+            view_of(Mechanism(results[0]), dict(view))  # refuses wrong options
         if single:
             page = _ResultPage(results[0], charts, progress, view)
             title, body = (
@@ -152,7 +152,7 @@ class _ResultPage:
         self.left_out: list[str] = []
 
     def parts(self, names: Sequence[str]) -> list[Html]:
-        """Those of the page's body."""
+        """The named parts of the page's body."""
         made = [self._attempt(getattr(self, f"_{name}")) for name in PARTS if name in names]
         return [*made, foot(self.left_out)]
 
@@ -178,7 +178,7 @@ class _ResultPage:
         return Html("".join([*lines, cards, section("Notes and warnings", warnings)]))
 
     def _figures(self) -> list[tuple[str, str]]:
-        """The figures that are read first."""
+        """The most important figures."""
         run, statistics = self.result, self.result.statistics
         cards = []
         if len(run.time):
@@ -381,9 +381,9 @@ class _ResultPage:
             columns = ("mode", "Hz, free body", "", "mostly", "why")
             parts += [
                 tag("h3", f"{name}: {body.m} modes"),
-                table(columns, rows[:_MOST_MODES], right=(0, 1)),
+                table(columns, rows[:_MAX_MODES], right=(0, 1)),
             ]
-            if more := rows[_MOST_MODES:]:
+            if more := rows[_MAX_MODES:]:
                 words = tag("summary", f"{len(more)} more modes of {name}")
                 parts.append(tag("details", words, table(columns, more, right=(0, 1))))
         return section("Modes of the flexible bodies", *parts)

@@ -47,9 +47,10 @@ if TYPE_CHECKING:
     from flexmb.units import UnitSystem
 
 
-_MAX_CHANGES = 8  # in a message: a scene rewritten from scratch has too many to read
+_MAX_CHANGES = 8  # changes listed in a message
 _EXTENDED = ("dynamics.duration", "dynamics.outputs")
-_WHOLE_TOLERANCE = 1e-9  # of the number of output intervals in a duration
+# relative tolerance of a duration that must be a whole number of output intervals
+_WHOLE_TOLERANCE = 1e-9
 
 
 def resume(
@@ -157,7 +158,7 @@ def _scene_file(run: Result) -> Path | None:
 
 
 def scene_changes(run: Result, path: Path) -> list[str]:
-    """The changes in the scene file at `path` since a result was begun."""
+    """The changes in the scene file at `path` since the run of a result was started."""
     from flexmb.model import load_scene
 
     names = {name: file.name for name, file in run.flexbodies.items()}
@@ -177,7 +178,7 @@ def scene_changes(run: Result, path: Path) -> list[str]:
 
 
 def _differences(where: str, old: Any, new: Any) -> Iterator[tuple[str, str]]:
-    """Places in a scene, and their changes."""
+    """Paths of changed values in a scene, and their changes."""
     if isinstance(old, dict) and isinstance(new, dict):
         for key in dict.fromkeys((*old, *new)):
             place = f"{where}.{key}" if where else str(key)
@@ -197,7 +198,7 @@ def _short(value: Any) -> str:
 
 
 def _set_duration(model: Model, run: Result, duration: float | str | None) -> None:
-    """Give the model the new duration, with as many outputs as keep their interval."""
+    """Set the new duration of a model, with as many outputs as keep the interval."""
     spec = model.dynamics
     if spec is None:
         raise ResultFileError(
@@ -260,7 +261,7 @@ def load_bodies(run: Result) -> dict[str, FlexBody]:
 
 
 def _check_system(run: Result, compiled: Compiled) -> list[str]:
-    """Refuse another system; a note where compiled code has changed since."""
+    """Refuse another system; a note if compiled code has changed since."""
     now, then = code_version(), provenance(run)
     if run.layout.fingerprint != compiled.layout.fingerprint:
         raise ResultFileError(
@@ -272,8 +273,9 @@ def _check_system(run: Result, compiled: Compiled) -> list[str]:
     return []
 
 
-_MIN_CHANGE = 1e-6  # change of the start that is reported: over the model's size, or the speed
-_MIN_ROTATION = 1e-4  # rad; arccos near 1 leaves 1e-8
+# smallest reported change of the start state, relative to the model's size, or to the speed
+_MIN_CHANGE = 1e-6
+_MIN_ROTATION = 1e-4  # rad; arccos near 1 has an error of 1e-8
 
 
 @dataclass(frozen=True)
@@ -286,7 +288,7 @@ class StartState:
     notes: tuple[str, ...]
 
     def changes(self, compiled: Compiled, state: State, units: UnitSystem) -> list[str]:
-        """What differs in the first state from the end of the other run, a sentence per body."""
+        """The differences of the first state from the end of the other run, a sentence per body."""
         speed = max(float(np.abs(np.nan_to_num(self.begin.v)).max(initial=0.0)), 1e-12)
         changes = np.abs(state.v - self.begin.v)
         sentences = []
@@ -324,7 +326,7 @@ def match_start(
     bodies : mapping of str to FlexBody
         Its flexible bodies.
     source : Result or path
-        The other run; its last complete row is taken.
+        The other run; its last complete row is used.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """Running a scene or a model: flexible bodies, system, analysis, files, pictures.
 
-An analysis of a scene is a section of it that says how to run it: ``[dynamics]``, ``[kinematics]``.
+The analysis of a scene is one of its sections ``[dynamics]``, ``[kinematics]``, ``[statics]``.
 """
 
 from __future__ import annotations
@@ -37,16 +37,16 @@ ANALYSES = ("dynamics", "kinematics", "statics")
 
 @dataclass(frozen=True)
 class Task:
-    """An analysis that is ready to run into a sink of rows."""
+    """An analysis that is ready to run, with its number of rows."""
 
     analysis: str
     rows: int
     run: Callable[[Sink], Outcome]
     notes: tuple[str, ...] = ()
-    texts: Mapping[str, str] = field(default_factory=dict)  # for the result
+    texts: Mapping[str, str] = field(default_factory=dict)  # texts stored with the result
 
     def scene(self, scene: dict[str, Any]) -> dict[str, Any]:
-        """The scene for the result: without the sections of other analyses."""
+        """The scene to be stored with the result: without the sections of other analyses."""
         return {k: v for k, v in scene.items() if k == self.analysis or k not in ANALYSES}
 
 
@@ -152,7 +152,7 @@ def select_analysis(model: Model, name: str | None, starts_from_result: bool = F
 def prepare_task(
     analysis: str, compiled: Compiled, model: Model, start: StartState | None, progress: Progress
 ) -> Task:
-    """Load compiled units and find the first state of an analysis.
+    """Load the compiled units and compute the initial state of an analysis.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def prepare_task(
 
 
 def _with_motion_band(model: Model, progress: Progress) -> tuple[Model, list[str]]:
-    """Bands of modes by the frequencies of a run with rigid bodies."""
+    """Replace "automatic" deformation by bands of modes from the frequencies of a rigid run."""
     if all(getattr(spec, "deformation", "") != "automatic" for spec in model.bodies.values()):
         return model, []
 
@@ -212,7 +212,7 @@ def _with_motion_band(model: Model, progress: Progress) -> tuple[Model, list[str
 
 
 def _effect_notes(model: Model, bodies: Mapping[str, FlexBody]) -> list[str]:
-    """Which effects of flexible bodies a run contains, where the scene says something of them."""
+    """Notes on the effects of flexible bodies in a run, if the scene states any."""
     from flexmb.model.excitation import cutoff_frequency
     from flexmb.model.flexible_body import EFFECT_WORDS, FlexibleBodySpec
 
@@ -226,7 +226,7 @@ def _effect_notes(model: Model, bodies: Mapping[str, FlexBody]) -> list[str]:
 
 
 def _row_size_note(compiled: Compiled, scene: Mapping[str, Any]) -> list[str]:
-    """A note where a scene stores part of the results; its mistakes before anything is run."""
+    """A note if a scene stores only part of the results; raises mistakes in the request."""
     from flexmb.results.channels import Columns, row_bytes, stored_columns
 
     if not scene.get("results", {}).get("keep"):

@@ -1,8 +1,8 @@
 """The report of a run: files, pictures, statistics, notes, known answers of the scene; provenance.
 
-The provenance of a result is a text of JSON in it: version of flexmb, hash of the compiled code,
-the scene file with its overrides, a hash of every flexible body. The error that a run states is
-that of the integration alone; what it does not contain is a line of the report.
+The provenance of a result is a JSON text in it: version of flexmb, hash of the compiled code, the
+scene file with its overrides, a hash of every flexible body. The error that a run states is that of
+the integration only; a line of the report says which errors it does not contain.
 """
 
 from __future__ import annotations
@@ -32,8 +32,9 @@ if TYPE_CHECKING:
     from flexmb.results import Result
 
 
-_SAME_TIME = 1e-9  # of the run
-_INTERPOLATION_SAFETY = 4.0  # error between outputs over the difference of both polynomials
+_SAME_TIME = 1e-9  # times that differ by less than this fraction of the run are equal
+# factor on the difference of both interpolations to bound the error between outputs
+_INTERPOLATION_SAFETY = 4.0
 PROVENANCE = "origin"  # name of the text in the result
 
 
@@ -42,7 +43,7 @@ class CheckOutcome:
     """A known answer of a scene and the computed value, in the scene's units.
 
     ``sensor`` is the channel, or the number of a natural frequency and its body; a frequency has no
-    time.
+    ``time``.
     """
 
     sensor: str
@@ -52,16 +53,16 @@ class CheckOutcome:
     tolerance: float
     source: str
     uncertainty: float = 0.0
-    """How far off the value may be because its time lies between outputs."""
+    """Bound on the error of the value because its time lies between outputs."""
 
     @property
     def passed(self) -> bool:
-        """Whether the value lies within the tolerance."""
+        """Whether the value is within the tolerance."""
         return abs(self.value - self.expected) <= self.tolerance
 
     @property
     def is_open(self) -> bool:
-        """Whether it does not pass, and the outputs around its time are too far apart to tell."""
+        """Whether it does not pass, and the outputs near its time are too far apart to decide."""
         error = abs(self.value - self.expected)
         return self.tolerance < error <= self.tolerance + self.uncertainty
 
@@ -100,7 +101,7 @@ def report_run(
     Raises
     ------
     SolverError
-        The run failed; it is drawn all the same.
+        The run failed; it is drawn nevertheless.
     """
     from flexmb.flexbody import load
 
@@ -129,7 +130,7 @@ def report_run(
 
 
 def draw_run(run: Result, progress: Progress) -> tuple[Path | None, Path | None]:
-    """Picture and history of a run that has at least one output, of what it stored."""
+    """Picture and history of a run with at least one output, from what it stored."""
     from flexmb.view.history import plot_history
     from flexmb.view.picture import render
 
@@ -149,10 +150,10 @@ def draw_run(run: Result, progress: Progress) -> tuple[Path | None, Path | None]
 
 
 def check_sensors(model: Model, run: Result) -> list[CheckOutcome]:
-    """The scene's known answers at their times; between outputs by polynomials through them.
+    """The scene's known answers at their times, interpolated between outputs.
 
-    A check that a run did not reach has the value NaN, and fails; of a run that the user stopped
-    it is left out.
+    A check at a time that the run did not reach has the value NaN and fails; if the user stopped
+    the run, it is left out.
     """
     outcomes = []
     for check in model.checks:
@@ -171,10 +172,10 @@ def check_sensors(model: Model, run: Result) -> list[CheckOutcome]:
 
 
 def value_at(time: float, t: Array, x: Array) -> tuple[float, float]:
-    """A channel x(t) at a time, and how far off that may be, which is 0 at an output.
+    """A channel x(t) at a time, and a bound on its error, which is 0 at an output.
 
-    Between outputs by the polynomial through the six around it; the one through the inner four says
-    by how much that may be off.
+    Between outputs the polynomial through six outputs is used; its difference from the one through
+    the inner four gives the bound.
     """
     k = int(np.clip(np.searchsorted(t, time), 1, max(len(t) - 1, 1)))
     near = min((k - 1, min(k, len(t) - 1)), key=lambda i: abs(t[i] - time))
@@ -191,7 +192,7 @@ def value_at(time: float, t: Array, x: Array) -> tuple[float, float]:
 
 
 def _lagrange(time: float, t: Array, x: Array) -> float:
-    """The polynomial through points (k,) at a time."""
+    """The value at a time of the polynomial through points (k,)."""
     total = 0.0
     for i in range(len(t)):
         others = np.delete(t, i)
@@ -253,7 +254,7 @@ def provenance(result: Result) -> dict[str, Any]:
 
 
 def body_hash(body: FlexBody) -> str:
-    """Hash of all data of a flexible body but its provenance."""
+    """Hash of all data of a flexible body except its provenance."""
     from flexmb.flexbody.body_file import to_datasets
 
     digest = hashlib.sha256(repr((body.name, body.mass)).encode())
@@ -266,7 +267,8 @@ def body_hash(body: FlexBody) -> str:
 
 
 def not_contained(model: Model, bodies: Mapping[str, FlexBody]) -> str:
-    """``mesh, modes (20), interface model, geometric stiffening``; empty if nothing is missing."""
+    """Errors not contained in that of the run, ``mesh, modes (20), interface model``; empty if
+    none."""
     specs = {
         name: spec for name, spec in model.bodies.items() if isinstance(spec, FlexibleBodySpec)
     }
@@ -290,14 +292,14 @@ def not_contained(model: Model, bodies: Mapping[str, FlexBody]) -> str:
 
 
 def _mode_count(spec: FlexibleBodySpec, body: FlexBody) -> int:
-    """The number of modes as the scene says it, else of the body's coordinates."""
+    """The number of modes stated in the scene, else of the body's coordinates."""
     if isinstance(spec, MeshBodySpec) and isinstance(spec.modes, int | None):
         return spec.mode_count
     return body.m
 
 
 def has_several_nodes(spec: FlexibleBodySpec, body: FlexBody) -> bool:
-    """Whether an interface holds more than one node, so that its rigidity is a model."""
+    """Whether an interface has several nodes, so that its rigidity is a model assumption."""
     if not isinstance(spec, MeshBodySpec):
         return bool(body.interfaces)
     groups = {} if body.nodes is None else body.nodes.groups

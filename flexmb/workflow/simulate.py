@@ -1,6 +1,6 @@
-"""Running what a user names: a scene file or a model, with given effects or selected ones.
+"""Running a scene file or a model, with stated or with selected effects.
 
-Also row by row, for loops in Python that look at a motion while it is computed.
+Also row by row, for Python loops that read the motion while it is computed.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ def run_scene(
     overrides : mapping of str to str, optional
         Parameters or knobs to change, such as `{"r": "0.1", "dynamics.step": "1e-4"}`.
     analysis : {"dynamics", "kinematics", "statics"}, optional
-        Which one; that of the scene's section, if it has one of them only.
+        Name of the analysis; by default that of the scene's section, if it has only one.
     start_from : Result or path, optional
-        Another run whose last row this one begins with, bodies matched by name, at time 0.
+        Another run from whose last row this one starts, at time 0; bodies are matched by name.
     fresh : bool
         Reduce meshes again even if an equal reduction is there.
     pictures : bool
@@ -114,7 +114,7 @@ def simulate(
         Folder of the files. By default a temporary one, which is removed with the last `Result` of
         it: `Result.save` copies it.
     start_from : Result or path, optional
-        Another run whose last row this one begins with, bodies matched by name, at time 0.
+        Another run from whose last row this one starts, at time 0; bodies are matched by name.
     progress : Progress
         Called for every phase.
     **dynamics
@@ -148,10 +148,10 @@ def kinematics(
     progress: Progress = silent,
     **fields: Any,
 ) -> Result:
-    """Find the motion that the joints and drivers of a model fix, and open its result.
+    """Compute the motion that joints and drivers determine, and open its result.
 
-    Positions, velocities, accelerations at each output, exact to round-off, and the reactions and
-    driving forces of that motion (inverse dynamics). Flexible bodies stay undeformed.
+    Positions, velocities and accelerations at each output, exact to round-off, and the reactions
+    and driving forces of that motion (inverse dynamics). Flexible bodies stay undeformed.
 
     Parameters
     ----------
@@ -182,9 +182,9 @@ def statics(
     progress: Progress = silent,
     **fields: Any,
 ) -> Result:
-    """Find the equilibrium of a model at rest, or a series of them, and open its result.
+    """Compute the equilibrium of a model at rest, or a series of them, and open its result.
 
-    Rigid and flexible bodies under weight, springs, loads and drivers as they are at a time.
+    Rigid and flexible bodies under weight, springs, loads and drivers, with their values at a time.
 
     Parameters
     ----------
@@ -200,13 +200,13 @@ def statics(
     Raises
     ------
     FlexmbError
-        Whatever is wrong, in one message: no equilibrium, and what moves on.
+        Whatever is wrong, in one message; without an equilibrium, what keeps moving.
     """
     return _run_and_open(_changed(model, "statics", fields), "statics", output, None, progress)
 
 
 def _changed(model: Model | str | Path, section: str, fields: dict[str, Any]) -> Model:
-    """A model or scene with other fields of the section of an analysis."""
+    """A model or scene with changed fields in the section of an analysis."""
     from flexmb.model import as_model
 
     model = as_model(model)
@@ -237,7 +237,7 @@ def _run_and_open(
             model, folder, analysis=analysis, start_from=start_from, pictures=False,
             progress=progress,
         )  # fmt: skip
-    except SolverError:  # its sentence says where the rows until then are
+    except SolverError:  # its message says where the rows up to the failure are
         if scratch is not None:
             scratch.preserve()
         raise
@@ -254,7 +254,7 @@ def _run_and_open(
 
 
 class MotionState(NamedTuple):
-    """The state at an output: time and sensors in the scene's units, all else in SI."""
+    """The state at an output: time and sensors in the scene's units, everything else in SI."""
 
     time: float
     sensors: dict[str, float]
@@ -265,10 +265,10 @@ class MotionState(NamedTuple):
 
 
 def iterate_motion(model: Model | str | Path, **dynamics: Any) -> Iterator[MotionState]:
-    """Integrate a model and give the state at each output as soon as it is reached.
+    """Integrate a model and yield the state at each output as soon as it is reached.
 
-    One run without a scout, so its error is estimated, not measured; nothing is stored. A loop may
-    end it at any time.
+    It is one run without a comparison run, so its error is estimated, not measured; nothing is
+    stored. A loop may end it at any time.
 
     Parameters
     ----------
@@ -285,7 +285,7 @@ def iterate_motion(model: Model | str | Path, **dynamics: Any) -> Iterator[Motio
     Raises
     ------
     FlexmbError
-        Whatever is wrong, in one message; SolverError where the run fails.
+        Whatever is wrong, in one message; SolverError if the run fails.
     """
     from flexmb.analysis.dynamics.dynamics import prepare_dynamics
     from flexmb.analysis.failure_messages import failure_sentence

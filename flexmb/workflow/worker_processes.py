@@ -1,8 +1,8 @@
-"""Where runs are done: worker processes of this machine, or the workers of a Dask scheduler.
+"""Worker processes of this machine, or the workers of a Dask scheduler, for many runs.
 
-In: a number of workers, or an address. Out: a Dask client whose workers can do runs. Worker
-processes begin empty: they never run the script that started them. Each does its jobs one after the
-other on one core, and makes a record of each, of failures too.
+In: a number of workers, or an address. Out: a Dask client with these workers. Worker processes are
+started new: they never execute the script that started them. Each runs its jobs one after the other
+on one core and returns a record of each, also of failures.
 """
 
 from __future__ import annotations
@@ -26,22 +26,23 @@ from flexmb.errors import FlexmbError, OutputError
 from flexmb.folders import scratch_folder
 
 REACH = 5.0
-"""Seconds until which a scheduler must answer."""
+"""Seconds within which a scheduler must answer."""
 
 _CONFIG = {
-    "distributed.scheduler.allowed-failures": 0,  # repeated by the client, which tells them apart
+    # the client repeats jobs itself, since it distinguishes their failures
+    "distributed.scheduler.allowed-failures": 0,
     "distributed.scheduler.work-stealing": False,
 }
-_MAX_STARTS = 3  # of processes that end before they are workers
+_MAX_STARTS = 3  # attempts to start processes that end before they become workers
 
 
 Record = dict[str, Any]
 Function = Callable[[Any], Record]
 TOO_LONG = "given up"
 DIED = "its process ended abruptly each time"
-_GRACE = 5.0  # s after its limit, when a run that does not end by itself is ended with its worker
+_GRACE = 5.0  # s after its limit, when a run that has not stopped itself is ended with its worker
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-_ONE_RUN = threading.Lock()  # a process does one at a time, whatever number of threads it has
+_ONE_RUN = threading.Lock()  # a process runs one job at a time, whatever its number of threads
 
 
 def connect(address: str) -> Any:
@@ -63,7 +64,8 @@ def connect(address: str) -> Any:
         cause = str(error.__cause__ or error).strip().splitlines()
         why = f" ({cause[-1]})" if cause and isinstance(error, ValueError) else ""
     if client is None:
-        gc.collect()  # what is left of it would close while the next one starts, and wait for ever
+        # otherwise its remains would be closed while the next one starts, and block forever
+        gc.collect()
         raise FlexmbError(
             f"no Dask scheduler answers at {address} within {REACH:.0f} s{why}: give the address "
             "that it prints when it starts, such as tcp://host:8786"
@@ -77,7 +79,7 @@ def connect(address: str) -> Any:
 
 
 def compare_versions(versions: dict[str, Any]) -> None:
-    """Refuse another version of Dask, with which messages may not be understood."""
+    """Refuse another version of Dask, whose messages may not be understood."""
     here = versions["client"]["packages"]
     others = {"the scheduler": versions["scheduler"], **versions["workers"]}
     for where, other in others.items():
@@ -92,13 +94,13 @@ def compare_versions(versions: dict[str, Any]) -> None:
 
 
 class LocalWorkers:
-    """Worker processes of this machine and their scheduler, for a ``with`` statement."""
+    """Worker processes of this machine and their scheduler, as a context manager."""
 
     def __init__(self, count: int, dashboard: bool) -> None:
         self.count, self.dashboard = count, dashboard
         self.processes: list[subprocess.Popen[bytes]] = []
         self.starts = 0
-        self.arrivals: list[str] = []  # addresses of all workers that there have been
+        self.arrivals: list[str] = []  # addresses of all workers so far
 
     def __enter__(self) -> Self:
         import dask
@@ -114,7 +116,7 @@ class LocalWorkers:
             dask.config.set({**_CONFIG, "temporary-directory": self.folder.name}),
             warnings.catch_warnings(),
         ):
-            warnings.simplefilter("ignore")  # another port than that asked for
+            warnings.simplefilter("ignore")  # a warning about another port than the requested one
             self.cluster = LocalCluster(
                 n_workers=0, processes=False, protocol="tcp://", host="127.0.0.1",
                 dashboard_address="127.0.0.1:8787" if self.dashboard else None, silence_logs=False,
@@ -132,7 +134,7 @@ class LocalWorkers:
 
     def _start(self) -> None:
         package = str(Path(__file__).parents[2])
-        paths = [package, *filter(None, sys.path)]  # modules of the caller's functions too
+        paths = [package, *filter(None, sys.path)]  # includes the modules of the caller's functions
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(dict.fromkeys(paths))}
         environment |= {"DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
         with self.log.open("ab") as log:
@@ -142,7 +144,7 @@ class LocalWorkers:
                  "--no-dashboard", "--memory-limit", "0", "--death-timeout", "60",
                  "--local-directory", self.folder.name],
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment,
-                start_new_session=True,  # Ctrl-C is for this process, which ends them
+                start_new_session=True,  # Ctrl-C reaches this process, which then ends them
             )  # fmt: skip
         self.processes.append(process)
         self.starts += 1
@@ -153,12 +155,12 @@ class LocalWorkers:
             self.restart()
 
     def restart(self) -> None:
-        """A new process for each that has ended.
+        """Start a new process for each that has ended.
 
         Raises
         ------
         FlexmbError
-            They end before they are workers.
+            They end before they become workers.
         """
         for process in [one for one in self.processes if one.poll() is not None]:
             self.processes.remove(process)
@@ -184,7 +186,7 @@ class LocalWorkers:
 
 @contextmanager
 def silent_dask() -> Iterator[None]:
-    """Dask writes no lines of its own on the screen."""
+    """Keep Dask from writing to the screen."""
     import logging
 
     import distributed  # noqa: F401  sets the levels of its own loggers
@@ -201,13 +203,13 @@ def silent_dask() -> Iterator[None]:
             logger.setLevel(level)
 
 
-"""How the reason begins of a run that took longer than its limit."""
+"""Start of the reason of a run that took longer than its limit."""
 
-"""How the reason begins of a run whose workers died."""
+"""Start of the reason of a run whose workers died."""
 
 
 def attempt(function: Function, job: Any) -> Record:
-    """The record of a job; that of a failure says why."""
+    """The record of a job; if it fails, with the reason."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the run of the scene itself shows them
         try:
@@ -226,10 +228,10 @@ def failure(reason: str) -> Record:
 
 
 class RunTimer:
-    """A progress that takes the processor time of the integration, and gives up a long run.
+    """A progress that measures the processor time of the integration, and gives up a long run.
 
-    The integration begins where the assembly ends. The time is that of the thread: idle ones of
-    dense algebra wait for work in a loop. Use `one_blas_thread`, so that no other one works.
+    The integration starts when the assembly ends. The time is that of the thread, since idle
+    threads of dense algebra wait actively. Use `one_blas_thread`, so that no other thread computes.
     """
 
     def __init__(self, limit: float) -> None:
@@ -249,12 +251,13 @@ class RunTimer:
 def do_batch(
     function: Function, jobs: Sequence[Any], limit: float, required: tuple[str, ...]
 ) -> tuple[list[Record], float, OutputError | None]:
-    """On a worker: the records of jobs, their wall time [s], and what keeps it from writing.
+    """On a worker: the records of jobs, their wall time [s], and the error that keeps it from
+    writing.
 
     Raises
     ------
     FlexmbError
-        The worker has other software than the process that sends the jobs.
+        The worker has other software than the process that sent the jobs.
     """
     if software() != required:
         here, there = " ".join(software()), " ".join(required)
@@ -277,7 +280,7 @@ def do_batch(
 
 @functools.cache
 def _use_one_thread() -> None:
-    """One run uses one core."""
+    """Let a run use one core only."""
     from threadpoolctl import threadpool_limits
 
     threadpool_limits(1)
@@ -287,7 +290,7 @@ def _use_one_thread() -> None:
 
 @functools.cache
 def software() -> tuple[str, str]:
-    """Python, and flexmb with a hash of its sources: what must be equal on all workers."""
+    """Python, and flexmb with a hash of its sources: these must be equal on all workers."""
     import flexmb
 
     python = ".".join(map(str, sys.version_info[:2]))
@@ -296,7 +299,7 @@ def software() -> tuple[str, str]:
 
 @functools.cache
 def source_key() -> str:
-    """Hash of the sources that a run goes through."""
+    """Hash of the sources that a run uses."""
     root = Path(__file__).parents[1]
     digest = hashlib.sha256()
     for folder in ("analysis", "engine", "fe", "flexbody", "model", "results", "workflow"):

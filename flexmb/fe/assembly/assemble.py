@@ -46,17 +46,17 @@ from flexmb.progress import Progress, silent
 
 T = TypeVar("T")
 
-_BYTES = 18.0  # of memory for each entry of the element matrices, as measured, mass included
+_BYTES = 18.0  # measured bytes of memory per entry of the element matrices, mass included
 
 
 class ProblemCollector:
-    """Runs steps one by one and notes what they refuse, so that all problems are raised at once."""
+    """Runs steps one by one and collects their errors, so that all problems are raised at once."""
 
     def __init__(self) -> None:
         self.errors: list[FlexmbError] = []
 
     def __call__(self, function: Callable[..., T], *arguments: Any) -> T | None:
-        """The value of the function; None where it refuses."""
+        """The value of the function; None if it raises an error, which is collected."""
         try:
             return function(*arguments)
         except FlexmbError as error:
@@ -70,7 +70,7 @@ class ProblemCollector:
         return list(dict.fromkeys(every))
 
     def raise_errors(self) -> None:
-        """Raise all problems, if there are any, as the first error."""
+        """Raise all problems, if there are any, with the class of the first error."""
         if self.errors:
             raise type(self.errors[0]).from_problems(self.problems) from self.errors[0]
 
@@ -97,7 +97,7 @@ class FEMatrices:
     mesh : Mesh
         In metres.
     material : Material or OrthotropicMaterial
-        Of whatever has no other.
+        Material of everything that has no material of its own.
     blocks : tuple of Block
         The elements of the body.
     numbering : Numbering
@@ -107,17 +107,19 @@ class FEMatrices:
     inertia : Inertia
         Rigid data and second-moment form of the mass, over all degrees of freedom.
     nodal : NodalInertia
-        Mass that sits at nodes: point masses, and all of the elements' if it is lumped.
+        Mass at nodes: point masses, and the mass of all elements if it is lumped.
     lumped : bool
         Whether the elements' mass is lumped.
     springs : tuple of Spring
         Springs between nodes.
     ties : tuple of Tie
-        Nodes that follow others.
+        Ties of nodes that follow others.
     follow : (n_all - n, n) sparse, optional
-        Their motion per unit of each independent degree of freedom; None without ties.
+        Dependent motions (of nodes that follow) per unit of each independent degree of freedom;
+        None without ties.
     tied_stiffness : (n_all - n, n_all) sparse, optional
-        Forces on them per unit of each motion, ties apart; None without ties.
+        Forces on the dependent motions per unit of each motion, without those of ties; None
+        without ties.
     """
 
     mesh: Mesh
@@ -154,16 +156,16 @@ class FEMatrices:
         return self.mesh.points[nodes]
 
     def expand(self, V: FloatArray) -> FloatArray:
-        """(n_all, ...) all motions from the independent ones (n, ...)."""
+        """(n_all, ...) all motions, with the dependent ones, from the independent ones (n, ...)."""
         return V if self.follow is None else np.concatenate([V, self.follow @ V])
 
     def load_per_mass(self, field: FloatArray) -> FloatArray:
-        """(n_all,) loads of a force per mass G s + g at s, ``field`` (3, 4) = [G, g]."""
+        """(n_all,) nodal loads of a force per mass G s + g at s, with ``field`` (3, 4) = [G, g]."""
         G, g = field[:, :3], field[:, 3]
         return np.asarray(np.einsum("ba,abn->n", G, self.inertia.P) + g @ self.inertia.p)
 
     def condensed(self, matrix: csr_array) -> csr_array:
-        """(n, n) a matrix over all motions (n_all, n_all) as one over the independent ones."""
+        """(n, n) a matrix over all motions (n_all, n_all), condensed to the independent ones."""
         return _condensed(matrix, self.follow)
 
     def reduced_mass(self, Phi: FloatArray) -> FloatArray:
@@ -194,7 +196,7 @@ def assemble(
     mesh : Mesh
         In metres.
     material : Material or OrthotropicMaterial
-        Of all sections that name none.
+        Material of all sections that name none.
     sections : mapping of str to section, optional
         By mesh group, or under ``"all"``; lines and surfaces need one to belong to the body.
     progress : Progress
@@ -240,8 +242,8 @@ def make_model(
 ) -> MeshModel | None:
     """The elements, degrees of freedom, point masses, springs and ties of a model.
 
-    ``collector`` notes the problems; the other parameters are those of :func:`assemble`. None where
-    the elements of the body are not known.
+    ``collector`` collects the problems; the other parameters are those of :func:`assemble`. None is
+    returned if the elements of the body are not known.
     """
     tied = collector(make_ties, mesh, ties or {}) or ()
     joined = collector(make_springs, mesh, springs or {}) or ()
@@ -298,7 +300,7 @@ def _add_elements(
     lumped: bool,
     progress: Progress,
 ) -> NodalInertia:
-    """Add stiffness and mass of all elements to the sums; return the mass that is lumped."""
+    """Add stiffness and mass of all elements to the sums; return the lumped mass, if lumped."""
     (stiffness, mass), (numbering, points) = sums, nodes_of
     lumps = LumpedSum(len(points))
     total, done = sum(len(block.nodes) for block in blocks), 0

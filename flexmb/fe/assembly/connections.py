@@ -1,10 +1,10 @@
 """Connections inside a body: ties of nodes (RBE2, RBE3).
 
-RBE2: nodes follow a reference node rigidly, u = T q. RBE3: the reference follows the mean motion of
-the nodes, q = W u, the least-squares fit of a rigid motion over their faces: W = (G^T A G)^-1 G^T
-A, A = int N^T N dA, G how nodes follow a rigid motion. A force at the reference is then a traction
-that varies linearly over the faces, whatever their order; nodes without faces count alike. So a
-beam ends on the face of a solid, and a mass hangs on a hole.
+RBE2: the nodes follow a reference node rigidly, u = T q. RBE3: the reference follows the mean
+motion of the nodes, q = W u, the least-squares fit of a rigid motion over their faces: W = (G^T A
+G)^-1 G^T A, with A = int N^T N dA and u = G q for a rigid motion. A force at the reference is then
+a traction that varies linearly over the faces, independent of their order of interpolation; nodes
+without faces have equal weights. This connects a beam to the face of a solid, or a mass to a hole.
 Source: MSC Nastran Quick Reference Guide, entries RBE2 and RBE3 (nodal weights); Abaqus, coupling
 constraints (distributing, weights of the surface), with the face integrals of consistent loads in
 place of nodal areas.
@@ -32,11 +32,12 @@ from flexmb.flexbody.options import read_options
 
 Samples = tuple[csr_array, csr_array | None]
 _FACE_KINDS = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"}  # by nodes
-COLLINEAR = 1e-6  # smallest over largest extent of nodes that still define a rotation
+COLLINEAR = 1e-6  # smallest over largest extent of nodes, above which they define a rotation
 
 
 def spans_rotation(points: FloatArray) -> bool:
-    """Whether displacements of the points (k, 3) define a rotation: they are on no line."""
+    """Whether displacements of the points (k, 3) define a rotation: the points are not on a
+    line."""
     extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return len(points) >= 3 and bool(is_nonzero(extent, COLLINEAR)[1])
 
@@ -145,13 +146,13 @@ class Tie:
         For messages.
     kind : str
         ``"rbe2"``: the nodes follow the reference rigidly; ``"rbe3"``: the reference moves with
-        the mean of the nodes and holds none of them.
+        the mean of the nodes and does not constrain them.
     reference : int
         The reference node; it has six motions.
     nodes : (k,) int
-        The others.
+        The other nodes.
     group : str
-        Their group.
+        Their mesh group.
     """
 
     name: str
@@ -200,7 +201,7 @@ def make_ties(mesh: Mesh, options_by_name: Mapping[str, Mapping[str, Any]]) -> t
 
 
 def followers(ties: tuple[Tie, ...], count: int) -> NDArray[np.bool_]:
-    """(count, 6) which motions of the nodes follow others, if they exist."""
+    """(count, 6) bool: motions of the nodes that depend on others, if the nodes have them."""
     tied = np.zeros((count, 6), dtype=bool)
     for tie in ties:
         tied[tie.nodes if tie.kind == "rbe2" else tie.reference] = True
@@ -210,7 +211,7 @@ def followers(ties: tuple[Tie, ...], count: int) -> NDArray[np.bool_]:
 def dependence(
     ties: tuple[Tie, ...], numbering: Numbering, mesh: Mesh, blocks: tuple[Block, ...]
 ) -> csr_array:
-    """(n_all - n, n) motions that follow, per unit of each independent degree of freedom."""
+    """(n_all - n, n) dependent motions per unit of each independent degree of freedom."""
     points = mesh.points
     rows, columns, values = [], [], []
     for tie in ties:
@@ -241,10 +242,10 @@ def tie_moments(
     follow: csr_array,
     forces: FloatArray,
 ) -> FloatArray:
-    """(ties, 3, 3) sums of s f^T over the nodes, f what the tie exerts, s from the reference.
+    """(ties, 3, 3) sums of s f^T over the nodes of each tie; f is its force, s from the reference.
 
-    ``follow`` are the motions that follow, per independent one; ``forces`` (n_all,) those of the
-    ties on the motions that follow.
+    ``follow`` are the dependent motions per independent one; ``forces`` (n_all,) are the forces of
+    the ties on the dependent motions.
     """
     moments = np.zeros((len(ties), 3, 3))
     for k, tie in enumerate(ties):
@@ -272,7 +273,7 @@ def _make_tie(mesh: Mesh, name: str, words: Mapping[str, Any]) -> Tie:
 
 
 def one_node(mesh: Mesh, node: str | int, where: str) -> int:
-    """The node that is meant: by number, or by a group of one node.
+    """The node given by its number, or by a group of one node.
 
     Raises
     ------

@@ -4,8 +4,9 @@ Nodes are those of a group, a node, several, or all within a radius of a centre.
 is the area centroid of a surface group (length centroid of a line group, mean of nodes, the centre
 of a sphere) unless a position is given. Rigid: u = T q. Weighted: q = W u, the least-squares fit of
 a rigid motion over the faces of the nodes (:func:`~flexmb.fe.assembly.connections.weighted_rows`),
-or with weights of the nodes; loads at the point spread over the nodes by W^T. Displacements alone
-count; of a rotation that they do not determine (about a line of nodes) the mean of the nodes' own.
+or with weights of the nodes; loads at the point are distributed to the nodes by W^T. Only
+displacements of the nodes count; a rotation that they do not determine (about a line of nodes) is
+the mean of the nodes' own rotations.
 Source: MSC Nastran, Linear Static Analysis User's Guide, RBE3.
 """
 
@@ -33,7 +34,7 @@ from flexmb.flexbody.mesh_options import InterfaceOptions, NodeOptions
 from flexmb.flexbody.options import is_number, read_options
 
 _WEIGHTS = ("uniform", "area")
-_SHOWN = 8  # nodes named in a message
+_SHOWN = 8  # number of nodes named in a message
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +44,7 @@ class NodeSelection:
     Parameters
     ----------
     where, about : str
-        For messages: the interface's place in the scene, and what was chosen.
+        For messages: the path of the interface in the scene, and the selection in words.
     nodes : (k,) int
         Ascending.
     position : (3,) float
@@ -51,7 +52,7 @@ class NodeSelection:
     type : str
         ``"rbe2"`` or ``"rbe3"``.
     weights : str or (k,) float or None
-        As given, those of the nodes in their order here.
+        As given; numbers are in the order of ``nodes``.
     group : str or None
         The mesh group, if one was named.
     """
@@ -222,7 +223,7 @@ class WeightedInterface:
     nodes : (k,) int
         The nodes.
     dofs : (s,) int
-        Those of their degrees of freedom that count.
+        The degrees of freedom of the nodes that determine the motion of the point.
     W : (6, s) float
         Displacement and rotation of the point per unit of each.
     """
@@ -302,7 +303,7 @@ def make_interface(
 
 
 def interface_stiffness(fe: FEMatrices, interface: ModelInterface, links: FloatArray) -> FloatArray:
-    """(3, 3) stiffness of an interface's rotation, from what it exerts on its nodes, links (n,)."""
+    """(3, 3) stiffness of an interface's rotation due to its forces on the nodes, links (n,)."""
     arms = fe.mesh.points[interface.nodes] - interface.position
     forces = links[fe.numbering.of(interface.nodes, 3)].reshape(-1, 3)
     return rotation_stiffness(arms.T @ forces)

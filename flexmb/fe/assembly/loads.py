@@ -1,10 +1,10 @@
 """Loads on a model: pressure, traction, line load, force on nodes, weight.
 
 :func:`make_loads` returns :class:`LoadPattern`, work-equivalent nodal loads with their resultant.
-Facets are integrated with their own shape functions, int N^T t dA; the element that a facet bounds
-says which way is out of a solid. Forces on groups spread as those of a weighted interface; loads on
-nodes that follow a tie go to those they follow. Source: Zienkiewicz, Taylor, The Finite Element
-Method, vol. 1 (consistent loads).
+Facets are integrated with their own shape functions, int N^T t dA; the solid element at a facet
+defines the outward direction. Forces on groups are distributed as those of a weighted interface;
+loads on dependent nodes of a tie are transferred to the independent ones. Source: Zienkiewicz,
+Taylor, The Finite Element Method, vol. 1 (consistent loads).
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ from flexmb.flexbody.mesh_options import LOADS, GravityLoad, PointLoad
 from flexmb.flexbody.options import kind_of, read_options
 from flexmb.flexbody.parts import LoadPoint, LoadVector
 
-_CORNERS = {2: 2, 3: 3, 4: 4, 6: 3, 8: 4, 9: 4}  # of facets with so many nodes
+# number of corners of facets by their number of nodes
+_CORNERS = {2: 2, 3: 3, 4: 4, 6: 3, 8: 4, 9: 4}
 
 
 def pressure_load(fe: FEMatrices, where: str, group: str, pressure: float) -> FloatArray:
@@ -97,9 +98,8 @@ def _uniform(fe: FEMatrices, where: str, group: str, dim: int, load: FloatArray)
 
 
 def _load_beams(fe: FEMatrices, f: FloatArray, cells: IntArray, load: FloatArray) -> IntArray:
-    """Add a load per length [N/m] along the nodes of beams; return the lines that are none.
-
-    It works on the displacement of each beam, which taper, shear and released ends shape.
+    """Add a load per length [N/m] along the nodes of beams; return the lines that are not beams. It
+    works on the displacement field of each beam, which depends on taper, shear and released ends.
     """
     rest = np.ones(len(cells), dtype=bool)
     for block in fe.blocks:
@@ -159,7 +159,8 @@ def _match_facets(cells: IntArray, among: IntArray) -> tuple[np.ndarray, IntArra
     return match >= 0, match
 
 
-_ZERO_RESULTANT = 1e-13  # of the sum of all parts: a resultant below that is none
+# a resultant below this fraction of the sum of the magnitudes of its parts is round-off
+_ZERO_RESULTANT = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +176,7 @@ class LoadPattern:
     force, moment : (3,) float
         Resultant, and its moment about the origin of the body frame [N, N m].
     residual : bool
-        Whether the reduced basis shall hold its static response.
+        Whether the reduced basis is to contain its static response.
     """
 
     name: str
@@ -234,9 +235,10 @@ def _make_load(fe: FEMatrices, name: str, words: Mapping[str, Any]) -> LoadPatte
 def reduce_load(fe: FEMatrices, Phi: FloatArray, load: LoadPattern) -> LoadVector:
     """A load on modes (n, m), and the points at which it acts in a run.
 
-    One component of all nodal forces, of one sign, is a force at the mean of their nodes weighted
-    by it: it has their resultant, their moment about any point, and their work for any motion of
-    first order. A component of nodal moments likewise, by the mean rotation.
+    All nodal forces of one component and one sign are replaced by a force at the mean position of
+    their nodes, weighted by the forces: it has the same resultant, the same moment about any point,
+    and the same work in any first-order motion. Nodal moments are treated likewise, with the mean
+    rotation.
     """
     everywhere, points, m = fe.expand(Phi), [], Phi.shape[1]
     for c, numbers in enumerate(fe.numbering.table.T):
@@ -260,7 +262,7 @@ def reduce_load(fe: FEMatrices, Phi: FloatArray, load: LoadPattern) -> LoadVecto
 
 
 def load_vector(fe: FEMatrices, where: str, options: Any) -> FloatArray:
-    """(n_all,) the nodal loads of options of a load."""
+    """(n_all,) the nodal loads for the options of a load."""
     return _LOADS[options.type](fe, where, options)
 
 

@@ -150,8 +150,9 @@ def spring_geometric_stiffness(
 
 
 def turning_share(spring: Spring, numbering: Numbering, points: FloatArray, u: FloatArray) -> float:
-    """What the geometric stiffness leaves out of the work of axes that turn under displacements u:
-    (k_i - k_j) d_j^2/4 over the stiffness about the third axis; it grows as the square of u."""
+    """Relative error of the geometric stiffness of a spring whose axes rotate, for displacements u.
+    The neglected work (k_i - k_j) d_j^2/4 is divided by the stiffness about the third axis; it
+    grows with the square of u."""
     if len(spring.stiffness) == 1:
         return 0.0
     numbers = numbering.table[spring.nodes].reshape(12)

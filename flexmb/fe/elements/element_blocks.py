@@ -73,8 +73,8 @@ class Block:
     nodes : (ne, k) int
         Mesh nodes of the elements.
     rows : (ne,) int
-        Their rows among the mesh's cells of that kind.
-    Their row numbers among the mesh's cells of that kind.
+        Their row numbers among the mesh's cells of that kind.
+    section : SolidSection, ShellSection or BeamSection
         With its material.
     group : str
         The group that the section was given for; ``"all"`` if none.

@@ -2,7 +2,6 @@
 
 Membrane and bending share the quadratic interpolation of :mod:`flexmb.fe.elements.shell_fields` and
 may be coupled; transverse shear is interpolated from the edges; a penalty ties nodal rotations
-about the normal to the rotation of the mid-surface. Mass: a point at height z over the mid-surface
 about the normal to the rotation of the mid-surface. Mass: a point at height z above the mid-surface
 moves by u + z beta, and all integrals over area and thickness are exact. Nodal rotations about the
 normal in excess of that of the mid-surface move the mid-sides around the element: without that they

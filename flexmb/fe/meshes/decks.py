@@ -4,7 +4,8 @@ meshio skips elements in large fields, keeps only the last of several blocks of 
 decks with springs, masses, shell angles or automatic continuations. So decks are read here.
 :func:`read_deck` returns a :class:`meshio.Mesh` with the ``numbers`` of its nodes and a ``note``
 about what the deck has besides a mesh; a deck that would be read wrongly is refused. Source: Abaqus
-Keywords Reference
+Keywords Reference Guide; MSC Nastran Quick Reference Guide, sections on bulk data formats and on
+elements.
 """
 
 from __future__ import annotations

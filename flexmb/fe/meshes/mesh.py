@@ -69,10 +69,10 @@ class Mesh:
         Groups of elements: rows of the block of each kind.
     source : str
         Where it was read from, for messages.
-    What the file has besides a mesh, as text for messages.
-        What the file has besides.
-    Numbers of the nodes in the file, if it has some.
-        Of the nodes in the file, where it has some.
+    note : str
+        What the file has besides a mesh, as text for messages.
+    numbers : (n,) int, optional
+        Numbers of the nodes in the file, if it has some.
 
     Raises
     ------

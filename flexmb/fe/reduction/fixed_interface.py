@@ -12,8 +12,7 @@ interface at rest.
 is full. If nothing but the means supports the part, K has the rigid motions R as its null space.
 Then it is solved with as many well-spread degrees of freedom fixed (a pivoted QR of R^T), and the
 border adds the condition that f - W^T l has no resultant, which is exact. Source: Golub, Van Loan,
-Matrix Computations, 4th
-ed., section 2.1.4 (bordering).
+Matrix Computations, 4th ed., section 2.1.4 (bordering).
 
 Mass matrices are solved by conjugate gradients with the diagonal as preconditioner: a consistent
 mass matrix scaled by its diagonal has a condition number that depends on the element kind alone.

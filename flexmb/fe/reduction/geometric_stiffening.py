@@ -5,9 +5,10 @@ s_a)/2, of a unit force at each interface along each axis, and of its own loads.
 of the free body under a load and the inertia forces of the rigid acceleration that it causes.
 Uniform and angular accelerations have no geometric stiffness of their own, since their inertia
 forces balance the loads. All these together cover every inertia and interface load of a motion; the
-centrifugal loads alone would be wrong. Sources: Wallrapp & Schwertassek,
-(1991) 1833; Wallrapp, Standardization of flexible body modeling in multibody system codes, Mech.
-Struct. & Mach. 22 (1994) 283.
+centrifugal loads alone would be wrong. Sources: Wallrapp & Schwertassek, Representation of
+geometric stiffening in multibody system simulation, Int. J. Numer. Meth. Engng 32 (1991) 1833;
+Wallrapp, Standardization of flexible body modeling in multibody system codes, Mech. Struct. & Mach.
+22 (1994) 283.
 """
 
 from __future__ import annotations

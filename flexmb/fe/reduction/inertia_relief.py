@@ -15,9 +15,9 @@ the interfaces does. Source: Rose (1991), Using residual vectors in MSC/NASTRAN 
 (inertia relief).
 
 Residual vectors are the parts of static responses that the retained modes do not contain. They
-complete the modes so that
-and are orthogonal to the kept modes. Sources: Rose (1991); Craig, Chang (1977), AIAA/ASME 18th SDM
-conference (residual attachment modes).
+complete the modes so that the static response to each load is exact. They have diagonal mass and
+stiffness among themselves and are orthogonal to the retained modes. Sources: Rose (1991); Craig,
+Chang (1977), AIAA/ASME 18th SDM conference (residual attachment modes).
 """
 
 from __future__ import annotations

@@ -55,8 +55,9 @@ class ReducedBasis:
         Loads of the body, whose static response is exact or of which the missing share is known.
     inertia : (n, 12) float, optional
         Static responses of the full model to the body's own inertia loads.
-    Squared frequencies and fields of all columns but constraint modes as they are without the
-    residual vectors of inertia loads, if the basis has such vectors.
+    without : (k,) and (n, k) float, optional
+        Squared frequencies and fields of all columns but constraint modes, as they are without the
+        residual vectors of inertia loads, if the basis has such vectors.
     omitted : (n, o) float, optional
         The lowest of the modes that the basis omits.
     """

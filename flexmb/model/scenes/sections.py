@@ -162,7 +162,7 @@ class CheckSpec(Spec):
 
 
 class FrequencyCheckSpec(Spec):
-    """Known answer: natural frequency ``mode`` of the flexible ``body``, within ``tolerance``.
+    """Known answer: natural frequency ``mode`` of ``body`` is ``value`` within ``tolerance``.
 
     ``held`` names interfaces that are fixed; without any the body is free, and its rigid motions
     are not counted.
@@ -177,7 +177,7 @@ class FrequencyCheckSpec(Spec):
 
 
 class ModeCheckSpec(Spec):
-    """Known answer: frequency of the linearised mode ``linear_mode`` of the scene.
+    """Known answer: linearised mode ``linear_mode`` has the frequency ``value``.
 
     The scene is linearised about its first state, with flexible bodies in equilibrium with loads
     and motion, as `flexmb modes` shows it. Modes that vibrate are numbered in the order of their

@@ -1,1 +1,2 @@
-"""What accuracy costs: errors against a reference and processor time over combinations of knobs."""
+"""Accuracy against cost: errors against a reference and processor time over combinations of
+knobs."""

@@ -1,11 +1,11 @@
-"""The reference of a group of settings: a tight run of its finest model, confirmed by a second one.
+"""The reference of a group of settings: an accurate run of its finest model, confirmed by a second.
 
-In: the settings of a group and their histories. Out: the histories of the reference, and by
-quantity the smallest error that is distinguishable from its own. Two tight runs, with another step
-or tolerance and where possible by another method, must agree to a tenth of the smallest error
-shown. As long as they do not, the next ones are tighter. Where that would take too long, errors
-smaller than ten times the disagreement are not shown, and none at all where the two differ by more
-than 1 %.
+In: the settings of a group and their histories. Out: the histories of the reference, and for each
+quantity the smallest error that can be distinguished from its own error. Two reference runs, with
+another step or tolerance and if possible with another method, must agree to a tenth of the smallest
+error shown. As long as they do not, the next ones are more accurate. If that would take too long,
+errors smaller than ten times the disagreement are not shown; none are shown if the two differ by
+more than 1 %.
 """
 
 from __future__ import annotations
@@ -20,20 +20,22 @@ from flexmb.studies.channel_errors import Difference, RunHistories, difference, 
 from flexmb.studies.study_settings import Setting
 
 _AUTO = "auto"
-# Methods that confirm each other; under error control the last two, which are of high order.
+# Methods that confirm each other; with error control only the last two, which are of high order.
 _METHODS = ("generalized-alpha", "explicit-rk", "radau")
-_AGREEMENT = 0.1  # of the smallest error shown: the largest difference of two tight runs
-_MAX_DISAGREEMENT = 0.01  # two tight runs further apart than this are no reference
-_ROUND_OFF = 1e-12  # relative; smaller differences are accepted
+_AGREEMENT = 0.1  # largest difference of two reference runs, over the smallest error shown
+_MAX_DISAGREEMENT = 0.01  # two reference runs that differ by more than this are no reference
+_ROUND_OFF = 1e-12  # relative differences below this are accepted
 _MAX_STAGES = 3
-_TIME_SHARE = 1.0  # of the seconds of all timed runs: how long a further tight one may take
-_SHORT_RUN = 20.0  # s of the processor: a run that is always worth its time
-_OTHER_METHOD_LIMIT = 10.0  # times the seconds of the first tight run for another method
-_TIME_GROWTH = 3.0  # from one stage to the next
+# longest time of a further reference run, over the processor time of all timed runs
+_TIME_SHARE = 1.0
+_SHORT_RUN = 20.0  # processor time [s] of a run that is always affordable
+# longest time of a run by another method, over that of the first reference run
+_OTHER_METHOD_LIMIT = 10.0
+_TIME_GROWTH = 3.0  # expected growth of the time of a reference run from stage to stage
 
 
 class ReferenceRun(NamedTuple):
-    """A tight run: changes to the finest setting, its stage, seconds after which to give it up."""
+    """A reference run: changes to the finest setting, its stage, and a time limit [s]."""
 
     label: str
     method: str
@@ -43,21 +45,22 @@ class ReferenceRun(NamedTuple):
 
 
 class Candidate(NamedTuple):
-    """A tight run that has ended well."""
+    """A reference run that has finished."""
 
     run: ReferenceRun
     reading: RunHistories
-    seconds: float  # of the processor
+    seconds: float  # processor time [s]
     wall: float
 
 
 @dataclass(frozen=True)
 class Reference:
-    """The run that errors are measured against; `reading` is None where there is none."""
+    """The run that errors are measured against; `reading` is None if there is none."""
 
     reading: RunHistories | None
-    floors: dict[str, float] = field(default_factory=dict)  # smallest error to show, by quantity
-    sentence: str = ""  # which run it is and what confirms it, or why there is none
+    # smallest error that can be shown, by quantity
+    floors: dict[str, float] = field(default_factory=dict)
+    sentence: str = ""  # describes the run and what confirms it, or says why there is none
     physics: str = ""  # key of its model
 
     def shown(self, name: str) -> bool:
@@ -88,7 +91,7 @@ class ReferenceSearch:
         self.failures: list[str] = []
 
     def next_runs(self, readings: Sequence[RunHistories], seconds: float) -> list[ReferenceRun]:
-        """The tight runs of the next stage; none once the reference is good enough.
+        """The reference runs of the next stage; none if the reference is accurate enough.
 
         Parameters
         ----------
@@ -115,7 +118,7 @@ class ReferenceSearch:
     def add(
         self, run: ReferenceRun, reading: RunHistories | None, record: Mapping[str, Any]
     ) -> None:
-        """Add a tight run that has ended, well or not."""
+        """Add a reference run that has ended, successfully or not."""
         if reading is None:
             self.failures.append(f"{run.label}: {record['reason']}")
         else:
@@ -124,7 +127,7 @@ class ReferenceSearch:
             )
 
     def reference(self, readings: Sequence[RunHistories]) -> Reference:
-        """The reference that is best confirmed."""
+        """The reference with the best confirmation."""
         if len(self.candidates) < 2:
             why = f" ({self.failures[0]})" if self.failures else ""
             what = "there is no reference, so no errors are shown: no two tight runs ended well"
@@ -143,7 +146,8 @@ class ReferenceSearch:
         return Reference(best.reading, floors, sentence, self.finest.complete_physics)
 
     def _other_method(self, best: Candidate) -> str:
-        """How far the tightest run of another method is from the reference, if one ended well."""
+        """The difference of the best run of another method from the reference, if one has
+        finished."""
         others = [one for one in self.candidates if one.run.method != best.run.method]
         if not others:
             return ""
@@ -155,7 +159,10 @@ class ReferenceSearch:
     def _best(
         self, readings: Sequence[RunHistories]
     ) -> tuple[float, dict[str, Difference], Candidate, Candidate]:
-        """Disagreement over what is allowed, by quantity, and the two runs, tighter one last."""
+        """Largest ratio of disagreement to the allowed one, disagreements by quantity, both runs.
+
+        The more accurate run is the second.
+        """
         pairs = []
         ordered = sorted(self.candidates, key=lambda one: one.run.stage)
         for second, best in itertools.combinations(ordered, 2):
@@ -174,7 +181,8 @@ class ReferenceSearch:
         return _TIME_GROWTH * latest > max(_SHORT_RUN, _TIME_SHARE * seconds)
 
     def _new_run(self, method: str, stage: int, limit: float = 0.0) -> ReferenceRun:
-        """A quarter of the smallest step, or a tenth of the smallest accuracy, and so on."""
+        """A reference run with a quarter of the smallest step, or a tenth of the smallest accuracy,
+        per stage."""
         changes: dict[str, Any] = {"dynamics.method": method}
         steps, newton = self._values("step"), self._values("newton_tolerance")
         if len(steps) == len(self.specs):

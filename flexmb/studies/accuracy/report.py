@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from flexmb.view.work_precision import Curve
 
 
-_MIN_GAIN = 1.5  # times less error: what a slower setting must give to count as better
-_MIN_SPAN = 10.0  # times less error that a series must cover before its trend is reported
+_MIN_GAIN = 1.5  # factor by which the error of a slower setting must be smaller to count as better
+_MIN_SPAN = 10.0  # factor of errors that a series must cover before its trend is reported
 
 
 def seconds_text(value: float) -> str:
@@ -63,7 +63,7 @@ def summarise(study: StudyRows) -> list[str]:
 
 
 def _group_label(study: StudyRows, group: str) -> str:
-    """The values that tell one machine from the others of the study."""
+    """The values that distinguish a machine from the others of the study."""
     groups = study.groups()
     values = groups[group][0].values if group in groups else {}
     every = [row.values for rows in groups.values() for row in rows]
@@ -78,7 +78,7 @@ def _group_label(study: StudyRows, group: str) -> str:
 
 
 def _cheapest(study: StudyRows, group: str) -> Iterator[str]:
-    """One sentence for each different answer."""
+    """A sentence for each different cheapest setting, over the quantities."""
     target = _percent(study.target)
     name = _group_label(study, group)
     at = f" at {name}" if name else ""
@@ -107,7 +107,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def series_knob(study: StudyRows) -> str:
-    """The knob along which lines are drawn: the number of the integration with most values."""
+    """The knob along which lines are drawn: the integration option with the most values."""
 
     def weight(knob: str) -> tuple[bool, int]:
         own = [row.values[knob] for row in study.rows if knob in row.values]
@@ -119,7 +119,7 @@ def series_knob(study: StudyRows) -> str:
 
 
 def series(study: StudyRows) -> dict[str, list[Row]]:
-    """The settings that differ by the knob of the series only, by the values of the others."""
+    """The settings that differ only in the knob of the series, by label of the other values."""
     along = {series_knob(study)}
     if along <= {"dynamics.step", "dynamics.accuracy"}:  # either is the length of the steps
         along = {"dynamics.step", "dynamics.accuracy"}
@@ -136,10 +136,11 @@ def _both(study: StudyRows) -> bool:
 
 
 def cost_of_a_digit(study: StudyRows, quantity: str) -> float | None:
-    """By which factor time grows for ten times less error: the median over the series.
+    """Factor of time for a tenfold smaller error: the median over the series.
 
-    Only the finest model counts, since a coarse one stops improving at the error of what it leaves
-    out, and of its settings those that take longer than another one and are better by half.
+    Only the finest model counts, since a coarser one stops improving at the error of its omissions.
+    Of its settings only those count that take longer than another one and are better by at least
+    half.
     """
     if quantity not in study.quantities:
         return None
@@ -154,7 +155,7 @@ def cost_of_a_digit(study: StudyRows, quantity: str) -> float | None:
 
 
 def _improving(rows: Sequence[Row], quantity: str) -> list[tuple[float, float]]:
-    """Time and error of the settings that are better than the faster ones."""
+    """Time and error of the settings that are better than all faster ones."""
     pairs = [
         (row.time, row.errors[quantity].value)
         for row in rows
@@ -381,7 +382,7 @@ class Study(StudyRows):
         return files
 
     def _floors(self) -> dict[str, float]:
-        """Errors below these are not shown, whatever the machine."""
+        """Errors below which nothing is shown, for any machine."""
         floors: dict[str, float] = {}
         for row in self.rows:
             for name in self.compared:
@@ -418,7 +419,7 @@ def _curves(lines: dict[str, list[Row]], quantity: str, along: str = "") -> list
 
 
 def _point_text(row: Row, along: str) -> str:
-    """The value of the knob of the series, or of all numbers of the integration."""
+    """The value of the series' knob, or of all integration options."""
     for knob in (along, "dynamics.step", "dynamics.accuracy") if along else ():
         if knob in row.values:
             return value_text(row.values[knob])

@@ -16,12 +16,12 @@ from flexmb.studies.channel_errors import COMPARED
 from flexmb.studies.study_settings import headings
 
 ALL = "all"
-"""All quantities that are compared with the reference, taken together."""
+"""Name for all quantities that are compared with the reference, taken together."""
 
 
 @dataclass(frozen=True)
 class Error:
-    """An error over the peak-to-peak; one below `floor` may be the error of the reference."""
+    """An error over the peak-to-peak; below `floor` it may be the error of the reference itself."""
 
     value: float
     floor: float
@@ -30,7 +30,7 @@ class Error:
 
     @property
     def bound(self) -> float:
-        """What the error is at most; NaN where nothing is known."""
+        """Upper bound of the error; NaN if nothing is known."""
         return max(self.value, self.floor) if self.shown else float("nan")
 
 
@@ -43,17 +43,17 @@ class Row:
     values : dict
         Knob to value.
     status, reason : str
-        ``"finished"``, ``"failed"`` or ``"refused"`` (by the model), and why.
+        ``"finished"``, ``"failed"`` or ``"refused"`` (by the model), and the reason.
     group, physics : str
         Equal for settings of the same machine, and of the same model.
     finest : bool
-        Whether its model is the finest of the group, the one that the reference has.
+        Whether its model is the finest of the group, which is the model of the reference.
     errors : dict of str to Error
         Positions, velocities, reactions, energy (its balance), drift (of the constraints).
     seconds : tuple of float
         Wall times of the integration, one per repeat.
     cpu_seconds : tuple of float
-        Processor times of the same: less where the run had to wait for a core or for the disk.
+        Processor times of the same: shorter if the run had to wait for a core or for the disk.
     duration : float
         Simulated time [s].
     reduction : float
@@ -145,7 +145,7 @@ class StudyRows:
         return np.array([row.time for row in self.rows])
 
     def errors(self, quantity: str) -> Array:
-        """Error of each row (n,) over the peak-to-peak, at most; NaN where nothing is known.
+        """Upper bound of the error of each row (n,) over the peak-to-peak; NaN if nothing is known.
 
         Parameters
         ----------
@@ -170,7 +170,8 @@ class StudyRows:
     def cheapest(
         self, quantity: str = "positions", target: float | None = None, group: str | None = None
     ) -> Row | None:
-        """The setting with the shortest integration whose error meets the target, if any does.
+        """The setting with the shortest integration whose error meets the target; None if none
+        does.
 
         Parameters
         ----------
@@ -191,7 +192,7 @@ class StudyRows:
         return min(good, key=lambda row: row.time, default=None)
 
     def groups(self) -> Mapping[str, Sequence[Row]]:
-        """The settings by machine, without those that the model refuses."""
+        """The settings by machine, without those that the model refused."""
         members: dict[str, list[Row]] = {}
         for row in self.rows:
             if row.group:

@@ -1,7 +1,7 @@
 """A study from end to end: settings, reduction of bodies, runs, references, errors.
 
-In: a scene or a model, and knobs with values. Out: a :class:`Study`. Runs that an earlier call left
-in the same folder are used again. The tight runs of every group are done beside its settings as
+In: a scene or a model, and knobs with values. Out: a :class:`Study`. Runs of an earlier call in the
+same folder are reused. The reference runs of a group are done at the same time as its settings, as
 far as they do not depend on them, so that no worker waits.
 """
 
@@ -67,7 +67,7 @@ def study(
     progress: Progress = silent,
     **criteria: Any,
 ) -> Study:
-    """Run all combinations of some knobs and say what accuracy costs.
+    """Run all combinations of some knobs and report what accuracy costs.
 
     Parameters
     ----------
@@ -83,16 +83,16 @@ def study(
     overrides : mapping, optional
         Values of a scene file to change for all runs.
     workers : int
-        Runs at the same time, each in a process; 1: one after the other in this process, which
-        disturbs the timings least.
+        Number of runs at the same time, each in a process; 1: one after the other in this process,
+        which disturbs the timings least.
     scheduler : str
         Address of a Dask scheduler, such as ``"tcp://host:8786"``, whose workers are used instead.
     limit : float
         Wall time of an integration [s], after which it is given up; 0: none.
     dashboard : callable, optional
-        Serve Dask's page on the work, and say its address by this, such as ``print``.
+        Serve Dask's dashboard, and report its address by this function, such as ``print``.
     fresh : bool
-        Run again what is there already.
+        Repeat runs that exist already.
     progress : Progress
         Told the phases `reduce` and `study`.
     **criteria
@@ -120,7 +120,7 @@ def study(
     if problems := [*problems, *refused_values(settings)]:
         raise SceneError.from_problems(problems)
     good = [setting for setting in settings if setting.model is not None]
-    assert good[0].model is not None  # a study without any is refused
+    assert good[0].model is not None  # a study without any model is refused before
     check_sensors(good[0].model, spec.sensors)
     writable_folder(source.output)
     about = {"scene": f"{source.model.title} ({Path(source.file).name})"}
@@ -133,7 +133,7 @@ def study(
 
 
 def _surveyed(source: StudySource, settings: Sequence[Setting]) -> list[Setting]:
-    """The settings; refused are those whose meshes or files of bodies have mistakes."""
+    """The settings; those whose meshes or body files have mistakes are marked as refused."""
     reasons: dict[str, str] = {}
     surveyed = []
     for setting in settings:
@@ -150,7 +150,7 @@ def _surveyed(source: StudySource, settings: Sequence[Setting]) -> list[Setting]
 
 
 def _spec(model: Model, vary: Mapping[str, Any] | None, criteria: Mapping[str, Any]) -> StudySpec:
-    """`[study]` of the scene, with the values given here in place of its own."""
+    """`[study]` of the scene, updated by the values given here."""
     allowed = tuple(name for name in StudySpec.model_fields if name != "vary")
     unknown = [name for name in criteria if name not in allowed]
     problems = [Problem(name, "unknown", allowed, nearest(name, allowed)) for name in unknown]
@@ -180,7 +180,7 @@ def _spec(model: Model, vary: Mapping[str, Any] | None, criteria: Mapping[str, A
 
 @dataclass
 class _Group:
-    """The settings of a machine and the search for their reference, while they are run."""
+    """The settings of a machine and the search for their reference, during the study."""
 
     members: list[Setting]
     search: ReferenceSearch
@@ -190,7 +190,7 @@ class _Group:
 
 
 class StudyRunner:
-    """One study while it is run."""
+    """A study during its runs."""
 
     def __init__(
         self, source: StudySource, spec: StudySpec, queue: StudyQueue, limit: float
@@ -201,7 +201,7 @@ class StudyRunner:
         self.readings: dict[Setting, RunHistories] = {}
 
     def run(self, settings: Sequence[Setting]) -> Study:
-        """Run everything that the settings need."""
+        """Do all runs that the settings need."""
         members: dict[str, list[Setting]] = {}
         for setting in settings:
             if setting.model is not None:
@@ -236,7 +236,7 @@ class StudyRunner:
         self.queue.run("reduce", 0.0)
 
     def _bodies_folder(self, model: Model | None) -> str:
-        """Where the reduced bodies of a model are; empty if it has none."""
+        """Folder of the reduced bodies of a model; empty if it has none."""
         assert model is not None
         tables = model.to_scene_dict(self.source.folder)["bodies"]
         reductions = {
@@ -251,7 +251,7 @@ class StudyRunner:
         return str(self.source.output.resolve() / "bodies" / key)
 
     def _add_setting(self, group: _Group, setting: Setting) -> None:
-        """Do a setting; store its history and record."""
+        """Queue a setting; its history and record are stored when it ends."""
         assert setting.model is not None
         model = setting.model
         job = self._new_job(
@@ -269,7 +269,7 @@ class StudyRunner:
         self.queue.add(job, setting.values, store)
 
     def _search_on(self, group: _Group) -> None:
-        """Do the next tight runs; from the third stage on they depend on all settings."""
+        """Queue the next reference runs; from the third stage on they depend on all settings."""
         while not group.complete and not group.reference_runs_left:
             if group.search.stage > 1 and group.settings_left:
                 return
@@ -282,11 +282,12 @@ class StudyRunner:
                 self._add_tight(group, run)
 
     def _add_tight(self, group: _Group, run: ReferenceRun) -> None:
-        """Do a tight run, before all settings: it takes longest."""
+        """Queue a reference run before all settings, since it takes longest."""
         try:
             values = {**group.search.finest.complete, **run.changes}
             model, scene = change_model(self.source, values)
-        except SceneError as error:  # its values are refused, such as below round-off
+        # its values are refused, for example because they are below round-off
+        except SceneError as error:
             group.search.add(run, None, {"reason": str(error)})
             group.reference_runs_left -= 1
             return

@@ -1,1 +1,1 @@
-"""Error budgets: what each knob contributes to the error of each sensor."""
+"""Error budgets: the contribution of each knob to the error of each sensor."""

@@ -27,8 +27,8 @@ from flexmb.studies.study_settings import label, markdown_table, run_command
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_DECIMAL = 1e-6  # percent texts below are powers of ten
-_MIN_LISTED = 0.01  # of the sum: smaller shares are left out of the line
+_DECIMAL = 1e-6  # texts of smaller percentages are powers of ten
+_MIN_LISTED = 0.01  # shares below this fraction of the sum are not listed in the line
 
 
 def percent(share: float) -> str:
@@ -49,15 +49,15 @@ class Budget:
     folder : Path
         Folder of all its files.
     target : float
-        Error over the peak-to-peak that each share shall meet.
+        Error over the peak-to-peak that each share is to meet.
     shares : tuple of Share
-        What each knob contributes, by sensor.
+        Contribution of each knob, by sensor.
     sensors : tuple of str
         The sensors that are judged.
     notes : tuple of str
-        What the user should know besides.
+        Notes for the user.
     cpu : float
-        Processor time of the integration of the scene as it is [s].
+        Processor time of the integration of the unchanged scene [s].
     changes : dict
         The cheapest settings of all knobs that have one.
     together : (str, float)
@@ -80,16 +80,17 @@ class Budget:
 
     @property
     def columns(self) -> tuple[Share, ...]:
-        """The shares of which something is known."""
+        """The shares with known values."""
         return tuple(share for share in self.shares if share.values)
 
     def total(self, sensor: str) -> float:
-        """Sum of the shares of a sensor: no less than its error, as far as the shares are known."""
+        """Sum of the shares of a sensor: an upper bound of its error, as far as the shares are
+        known."""
         return sum(share.values.get(sensor, 0.0) for share in self.columns)
 
     @property
     def open(self) -> tuple[Share, ...]:
-        """Shares that are not known, or more than it seems."""
+        """Shares that are not known or not converged."""
         return tuple(s for s in self.shares if s.state in (UNKNOWN, NOT_CONVERGED))
 
     def sentence(self) -> str:
@@ -179,7 +180,7 @@ class Budget:
         yield f"{text}: {self.command()}"
 
     def command(self) -> str:
-        """The run with the cheapest settings, to paste."""
+        """The command that runs the cheapest settings."""
         return run_command(self.source or "SCENE", self.changes)
 
     def markdown(self) -> str:

@@ -1,10 +1,11 @@
-"""The error budget of a scene: what each knob contributes to the error of each sensor.
+"""The error budget of a scene: the contribution of each knob to the error of each sensor.
 
-In: a scene or a model. Out: a :class:`Budget`. The scene runs as it is, then with one knob refined
-at a time, once and twice; interfaces with their nodes joined the other way, on the mesh as it is
-and on the finer one; with all effects that it leaves out. Where a share is smaller than the target,
-cheaper settings are tried; the cheapest of all knobs together run once more. What fails is told and
-leaves the others alone. Runs that an earlier call left in the folder are used again.
+In: a scene or a model. Out: a :class:`Budget`. The scene runs unchanged, then with one knob refined
+at a time, once and twice; with the nodes of interfaces joined in the other way, on the mesh as it
+is and on the finer one; and with all effects that it leaves out. If a share is smaller than the
+target, cheaper settings are tried; finally the cheapest settings of all knobs run together. A
+failure is reported and does not affect the other shares. Runs of an earlier call in the folder are
+reused.
 """
 
 from __future__ import annotations
@@ -50,8 +51,8 @@ from flexmb.studies.study_jobs import content_key
 from flexmb.studies.study_settings import StudySource, change_model, label
 from flexmb.workflow.cluster import open_cluster
 
-_MAX_DOFS = 150_000  # of a refined mesh; more takes minutes to reduce
-_MAX_FIRST = 2  # coarser settings that are tried at once
+_MAX_DOFS = 150_000  # degrees of freedom of a refined mesh; a larger one takes minutes to reduce
+_MAX_FIRST = 2  # number of coarser settings that are tried at the same time
 _ROUND_OFF_DRIFT = 1e-9  # m or rad
 
 
@@ -80,7 +81,7 @@ def budget(
     knobs : sequence of str
         Only these shares: mesh, modes, interface model, integration, constraints, effects.
     target : float
-        Error over the peak-to-peak that each share shall meet; the cheapest setting is for it.
+        Error over the peak-to-peak that each share is to meet; the cheapest settings refer to it.
     sensors : sequence of str
         Only these sensors or channels.
     output : path, optional
@@ -92,7 +93,7 @@ def budget(
     limit : float
         Wall time of one integration [s], after which it is given up; 0: none.
     fresh : bool
-        Run again what is there already.
+        Repeat runs that exist already.
     progress : Progress
         Called for every phase.
 
@@ -151,7 +152,7 @@ def _mesh_sizes(model: Model) -> dict[str, tuple[int, int]]:
 
 
 class _Split:
-    """One budget while it is made."""
+    """A budget during its runs."""
 
     def __init__(
         self, source: StudySource, model: Model, runs: ChangedRuns, kinds: Sequence[str],
@@ -165,11 +166,11 @@ class _Split:
         self.kinds = kinds
         self.effects = complete_effects(model) if not kinds or EFFECTS in kinds else {}
         self.notes: list[str] = []
-        self.finest: list[RunHistories] = []  # of knobs whose refinement ended
+        self.finest: list[RunHistories] = []  # histories with the finest refinement of each knob
         self.estimates: dict[str, Estimate] = {}
 
     def _fit(self, knob: Knob) -> Knob:
-        """The knob without refinements of a mesh that would be too large."""
+        """The knob without mesh refinements that would have too many degrees of freedom."""
         if knob.kind != MESH or knob.body not in self.sizes:
             return knob
         dofs, dim = self.sizes[knob.body]
@@ -181,7 +182,7 @@ class _Split:
         return Knob(MESH, knob.body, why=f"{what}: vary it in a study")
 
     def budget(self) -> Budget:
-        """Run everything and take the shares."""
+        """Do all runs and estimate the shares."""
         self.runs.do("scene", [{}])
         base = self.runs[{}]
         if base.reading is None:
@@ -220,7 +221,7 @@ class _Split:
         return {} if mesh is None else dict(mesh.steps[0])
 
     def _ordered(self) -> list[Knob]:
-        """The integration first: differences below its error are its own."""
+        """The knobs, the integration first: differences below its error belong to it."""
         return sorted(self.knobs, key=lambda knob: knob.kind != INTEGRATION)
 
     def _noise(self) -> Shares:
@@ -269,7 +270,8 @@ class _Split:
         return Share(CONSTRAINTS, CONSTRAINTS, self.errors.of_drift(drift), state, ratio, note=note)
 
     def _interface(self, knob: Knob) -> Share:
-        """RBE2 is too stiff, RBE3 too soft: the difference bounds what either is off by."""
+        """The share of the interface model; RBE2 is too stiff, RBE3 too soft: their difference
+        bounds it."""
         assert self.base.reading is not None
         joined = " and ".join(sorted({words["type"] for words in knob.steps[0].values()}))
         run = self.runs[knob.steps[0]]
@@ -292,7 +294,7 @@ class _Split:
         return Share(knob.name, INTERFACE, values, BOTH, None, (), note, cost)
 
     def _effects(self) -> Share:
-        """The audit's estimate, and the scene with all effects that it leaves out."""
+        """The share of omitted effects: the audit's estimate, and a run with all effects."""
         if not self.effects:
             return Share(EFFECTS, EFFECTS, {}, NONE)
         words, run = label(self.effects), self.runs[self.effects]
@@ -313,7 +315,7 @@ class _Split:
         return Share(EFFECTS, EFFECTS, values, "run with them", None, (words,), note, cost)
 
     def _try_coarser(self, shares: Sequence[Share]) -> None:
-        """Run cheaper settings where there is room for them."""
+        """Run cheaper settings for shares below the target."""
         room = {share.name for share in shares if share.worst[0] <= 0.5 * self.target}
         steps = [k.coarser for k in self.knobs if k.name in room and k.coarser]
         self.runs.do("cheaper", [step for one in steps for step in one[:_MAX_FIRST]])
@@ -324,7 +326,8 @@ class _Split:
         return all(self._coarse_error(step, {}) <= self.target for step in steps)
 
     def _coarse_error(self, step: Mapping[str, Any], own: Shares) -> float:
-        """Largest error of a coarser setting: its distance from the base, and what that is off."""
+        """Upper bound of the error of a coarser setting: its difference from the base, plus the
+        base's error."""
         run = self.runs.ended.get(content_key(step))
         if run is None or run.reading is None or self.base.reading is None:
             return math.inf
@@ -332,7 +335,7 @@ class _Split:
         return max((value + own.get(key, 0.0) for key, value in apart.items()), default=0.0)
 
     def _cheapest(self, share: Share) -> Share:
-        """The share with the cheapest setting of its knob that meets the target."""
+        """The share, with the cheapest setting of its knob that meets the target."""
         worst, _ = share.worst
         if share.kind in (INTERFACE, CONSTRAINTS) or share.state in (UNKNOWN, NONE):
             return replace(share, met=None if not share.values else worst <= self.target)
@@ -359,7 +362,7 @@ class _Split:
         return replace(share, met=False, note=note)
 
     def _together(self, shares: Sequence[Share]) -> dict[str, Any]:
-        """The cheapest settings of all knobs in one run, against all refinements together."""
+        """Run the cheapest settings of all knobs together, against all refinements together."""
         changes = {key: value for share in shares for key, value in share.cheapest.items()}
         if not changes or any(s.met is False and s.kind != INTERFACE for s in shares):
             return {"changes": changes}

@@ -1,10 +1,10 @@
-"""What each knob of a scene contributes to the error of its sensors, from runs with it refined.
+"""The contribution of each knob of a scene to the error of its sensors, from refined runs.
 
 In: changes of a scene, each run once and stored; histories of a run, of one with a knob refined
-once and of one with it refined twice. Out: an estimate of the error that the knob leaves, by
-sensor, over the peak-to-peak. Differences that fall by a factor r from one refinement to the next
-leave d₂/(r - 1) after the second (Richardson 1911; Roache, Verification and Validation, 1998);
-where they do not fall the share is not converged.
+once and of one with it refined twice. Out: an estimate of the error due to the knob, by sensor,
+over the peak-to-peak. If the differences decrease by a factor r from one refinement to the next,
+the error after the second is d₂/(r - 1) (Richardson 1911; Roache, Verification and Validation,
+1998); if they do not decrease the share is not converged.
 """
 
 from __future__ import annotations
@@ -42,28 +42,29 @@ CONVERGED, NOT_CONVERGED, ONE, NOISE, BOTH, UNKNOWN, NONE = (
     "converged", "not converged", "refined once", "within the error of the integration", "range",
     "not known", "none left out",
 )  # fmt: skip
-_MIN_RATIO = 1.5  # between the differences of two refinements that count as converging
-_NOISY = 2.0  # smaller differences than so many integration errors are noise
-_ONE_RATIO = 2.0  # taken for a knob that could be refined once only
-_LOOSEST = 0.1  # accuracy
+_MIN_RATIO = 1.5  # smallest ratio of consecutive differences that counts as convergence
+_NOISY = 2.0  # differences smaller than this multiple of the integration error are noise
+_ONE_RATIO = 2.0  # ratio assumed for a knob that could be refined only once
+_LOOSEST = 0.1  # largest accuracy value that is tried
 Shares = dict[str, float]
 
 
-_FLOOR = 1e-11  # differences of round-off need not fall
+_FLOOR = 1e-11  # differences below this are round-off and need not decrease
 _RECORD = "budget_run.json"
 _AUDIT = "audit"
 
 
 @dataclass(frozen=True)
 class Knob:
-    """Something to refine: what to change for it once, twice, and for less of it."""
+    """Something that can be refined, with the changes for one and two refinements and for coarser
+    ones."""
 
     kind: str
     body: str = ""
     steps: tuple[dict[str, Any], ...] = ()
     coarser: tuple[dict[str, Any], ...] = ()
-    base: dict[str, Any] = field(default_factory=dict)  # as it is
-    why: str = ""  # there is nothing to refine
+    base: dict[str, Any] = field(default_factory=dict)  # changes that state the present value
+    why: str = ""  # reason if there is nothing to refine
 
     @property
     def name(self) -> str:
@@ -73,11 +74,11 @@ class Knob:
 
 @dataclass(frozen=True)
 class Share:
-    """What a knob contributes to the error of the sensors.
+    """The contribution of a knob to the error of the sensors.
 
-    ``values`` are over the peak-to-peak of each sensor, none where nothing is known; ``ratio`` is
-    that of the first difference to the second; ``tried`` the settings from the scene's own on;
-    ``cheapest`` what to set for the target, and ``met`` whether it meets it.
+    ``values`` are over the peak-to-peak of each sensor, empty if nothing is known; ``ratio`` is the
+    first difference over the second; ``tried`` are the settings, starting with the scene's own;
+    ``cheapest`` is the setting for the target, and ``met`` whether it meets it.
     """
 
     name: str
@@ -88,7 +89,7 @@ class Share:
     tried: tuple[str, ...] = ()
     note: str = ""
     cost: float | None = None
-    rising: tuple[str, ...] = ()  # sensors for which it is a lower bound
+    rising: tuple[str, ...] = ()  # sensors for which the value is a lower bound
     cheapest: dict[str, Any] = field(default_factory=dict)
     met: bool | None = None
 
@@ -107,7 +108,7 @@ def refinement_knobs(model: Model, dynamics: Mapping[str, Any]) -> list[Knob]:
     model : Model
         The scene.
     dynamics : mapping
-        Its ``[dynamics]`` with all numbers worked out, in the scene's units.
+        Its ``[dynamics]`` with all numbers resolved, in the scene's units.
     """
     knobs: list[Knob] = []
     for name, spec in model.bodies.items():
@@ -132,7 +133,7 @@ def _mesh(name: str, spec: MeshBodySpec) -> Knob:
 
 
 def _coarser_divisions(key: str, divisions: Any) -> list[dict[str, Any]]:
-    """Half and a quarter of the divisions, as long as these are whole numbers."""
+    """Changes to half and a quarter of the divisions, if these are whole numbers."""
     listed = list(divisions) if isinstance(divisions, tuple) else [int(divisions)]
     coarser: list[dict[str, Any]] = []
     for factor in (2, 4):
@@ -170,7 +171,7 @@ def _modes(name: str, spec: MeshBodySpec) -> Knob:
 
 
 def _interface(name: str, spec: MeshBodySpec) -> Knob:
-    """The other way to join the nodes of all interfaces."""
+    """The knob that joins the nodes of all interfaces in the other way (rbe2 or rbe3)."""
     swapped: dict[str, Any] = {}
     for marker, nodes in spec.interfaces.items():
         words = {"group": nodes} if isinstance(nodes, str) else nodes.model_dump(exclude_none=True)
@@ -203,7 +204,7 @@ def _integration(dynamics: Mapping[str, Any]) -> Knob:
 
 
 def complete_effects(model: Model) -> dict[str, Any]:
-    """What to change so that no effect that the scene has is left out."""
+    """Changes by which a scene has all effects."""
     changes: dict[str, Any] = {}
     for name, spec in model.bodies.items():
         if not isinstance(spec, FlexibleBodySpec):
@@ -223,7 +224,8 @@ def complete_effects(model: Model) -> dict[str, Any]:
 
 
 class SensorErrors:
-    """Differences of runs over the peak-to-peak of a base run, by sensor; reactions together."""
+    """Differences of runs over the peak-to-peak of a base run, by sensor; reactions as one
+    quantity."""
 
     def __init__(self, base: RunHistories) -> None:
         self.base = base
@@ -236,7 +238,7 @@ class SensorErrors:
         ]  # fmt: skip
 
     def between(self, run: RunHistories, other: RunHistories) -> Shares:
-        """The largest difference of two runs over the outputs."""
+        """The largest difference of two runs over the outputs, by sensor."""
         shares: Shares = {}
         rows = zip(self.names, run.histories, other.histories, self.base.scales, strict=True)
         for name, mine, theirs, scale in rows:
@@ -246,7 +248,7 @@ class SensorErrors:
         return shares
 
     def of_drift(self, drift: float) -> Shares:
-        """A violation of the constraints, m or rad, at the sensors of positions."""
+        """The effect of a constraint violation (m or rad) on position sensors."""
         rows = zip(self.names, self.base.histories, self.base.scales, strict=True)
         return {
             name: drift / scale
@@ -255,7 +257,7 @@ class SensorErrors:
         }
 
     def combined(self, runs: Sequence[RunHistories]) -> RunHistories:
-        """The base with the changes of several runs added: what all of them together make."""
+        """The base plus the changes of several runs: an estimate of all changes together."""
         histories = []
         for k, one in enumerate(self.base.histories):
             change = sum(np.asarray(run.histories[k].values - one.values) for run in runs)
@@ -265,27 +267,27 @@ class SensorErrors:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Error by sensor that a knob leaves as it is and after each refinement."""
+    """Error by sensor due to a knob, as it is and after each refinement."""
 
     values: tuple[Shares, ...]
     state: str
     ratio: float | None
-    rising: tuple[str, ...]  # sensors whose differences do not fall
+    rising: tuple[str, ...]  # sensors whose differences do not decrease
 
 
 def estimate_error(
     errors: SensorErrors, runs: Sequence[RunHistories], noise: Shares | None = None
 ) -> Estimate:
-    """The error that a knob leaves, from its refinements.
+    """The error due to a knob, from its refinements.
 
     Parameters
     ----------
     errors : SensorErrors
-        Of the base run.
+        Differences relative to the base run.
     runs : sequence of Reading
-        With the knob refined, once and more.
+        Runs with the knob refined once, twice and so on.
     noise : mapping, optional
-        Error of the integration, which differences may be of.
+        Error of the integration by sensor, which differences may consist of.
     """
     chain = [errors.base, *runs]
     steps = [errors.between(one, other) for one, other in itertools.pairwise(chain)]
@@ -312,7 +314,7 @@ def estimate_error(
 
 
 class Run(NamedTuple):
-    """A run that has ended: its histories, or why there are none."""
+    """A run that has ended: its histories, or the reason why there are none."""
 
     reading: RunHistories | None
     reason: str = ""
@@ -322,7 +324,7 @@ class Run(NamedTuple):
 
 
 class ChangedRuns:
-    """Runs of the scene with changes, each done once."""
+    """Runs of the scene with changes; each is done once."""
 
     def __init__(
         self, source: StudySource, folder: Path, cluster: Cluster, sensors: Sequence[str],
@@ -332,14 +334,14 @@ class ChangedRuns:
         self.sensors, self.fresh, self.progress = sensors, fresh, progress
         self.ended: dict[str, Run] = {}
         self.audit: Record = {}
-        self.names: list[tuple[str, str]] = []  # quantities and names of histories
-        self.bodies = ""  # folder of a run whose reduced bodies others may use
+        self.names: list[tuple[str, str]] = []  # (quantity, name) of the histories
+        self.bodies = ""  # folder of a run whose reduced bodies other runs may use
 
     def __getitem__(self, changes: Mapping[str, Any]) -> Run:
         return self.ended[content_key(changes)]
 
     def do(self, phase: str, several: Sequence[Mapping[str, Any]], audit: str = "") -> None:
-        """Do those of the runs that have not been done, and the audit of the run in a folder."""
+        """Do those runs that have not been done, and the audit of the run in folder `audit`."""
         jobs: dict[str, dict[str, Any]] = {}
         models: dict[str, Model] = {}
         for changes in several:
@@ -382,7 +384,7 @@ class ChangedRuns:
 
 
 def run_changed(job: Mapping[str, Any]) -> Record:
-    """Run a scene that is plain data into its folder; its processor time and statistics."""
+    """Run a scene given as plain data into its folder; its processor time and statistics."""
     from flexmb.analysis.assembly.jacobian import one_blas_thread
     from flexmb.results import Result
     from flexmb.workflow.simulate import run_model
@@ -410,7 +412,7 @@ def run_changed(job: Mapping[str, Any]) -> Record:
 
 
 def _stored(file: Path) -> Record | None:
-    """The record of a run that has ended; a damaged one is a missing one."""
+    """The record of a run that has ended; None if it is missing or damaged."""
     try:
         record = read_json(read_regular(file))
         return {"cpu": float(record["cpu"]), "statistics": read_statistics(record["statistics"])}
@@ -419,7 +421,7 @@ def _stored(file: Path) -> Record | None:
 
 
 def _audit_shares(folder: Path) -> Shares:
-    """By sensor the sum over bodies of the largest effect that is left out."""
+    """By sensor the sum over bodies of the largest contribution of an omitted effect."""
     from flexmb.workflow.audit import audit
 
     bodies: dict[str, Shares] = {}

@@ -1,11 +1,11 @@
 """Questions of a designer, answered over runs: where a bound is met, what makes a scalar least.
 
-In: questions, the ranges of the knobs, a function that runs settings. Out: an :class:`Answer`: in
-words, and the settings. One knob and one bound: the range is scanned, every change of sign between
-two runs is narrowed to a root (Brent's method), and the parts of the range that meet the bound are
-said. Else: Sobol samples, then a bounded minimisation with constraints from the best of them
-(COBYQA, Ragonneau and Zhang 2023). Without a scalar to minimise that is the distance from the scene
-as it stands. What was not reached is said.
+In: questions, the ranges of the knobs, a function that runs settings. Out: an :class:`Answer`:
+sentences, and the settings. For one knob and one bound the range is scanned, every change of sign
+between two runs is narrowed to a root (Brent's method), and the parts of the range that meet the
+bound are reported. Otherwise: Sobol samples, then a bounded minimisation with constraints from the
+best of them (COBYQA, Ragonneau and Zhang 2023). Without a scalar to minimise the objective is the
+distance from the present scene. Goals that were not reached are reported.
 """
 
 from __future__ import annotations
@@ -27,13 +27,16 @@ Row = Mapping[str, Any]
 RunSettings = Callable[[list[dict[str, Any]]], Sequence[Row]]
 
 SCAN = 17
-"""Runs of the scan of one knob."""
+"""Number of runs in the scan of one knob."""
 
-_ROOT_TOLERANCE = 1e-9  # width of a root over the range
-_JUMP_SHARE = 1e-2  # of the range of values: a change within that width that is no root
-_MET = (0.0, 1e-6, 1e-4)  # of what the scan covers: misses of a bound, the least that any run has
-_MARGIN = 1e-6  # of what the scan covers: inside a bound, so that what is found meets it
-_RADIUS = (0.1, 1e-4)  # of the unit cube: first and last trust region
+_ROOT_TOLERANCE = 1e-9  # width of a bracket over the range at which a root is accepted
+# a change by this fraction of the values' range within that width is a jump, not a root
+_JUMP_SHARE = 1e-2
+# tolerances of bounds, over the range of values in the scan; the smallest that any run meets counts
+_MET = (0.0, 1e-6, 1e-4)
+# distance from a bound, over the range of values, so that the answer meets the bound
+_MARGIN = 1e-6
+_RADIUS = (0.1, 1e-4)  # first and last trust-region radius in the unit cube
 _DIGITS = 12
 
 
@@ -47,29 +50,29 @@ class Target(NamedTuple):
 
     @property
     def is_objective(self) -> bool:
-        """Whether a scalar is minimised or maximised, not bounded."""
+        """Whether the question minimises or maximises a scalar instead of bounding it."""
         return self.question.relation in ("minimise", "maximise")
 
     def violation(self, value: float | Array) -> Any:
-        """By how much a value misses the bound; 0 or less where it is met."""
+        """Amount by which a value violates the bound; 0 or negative if it is met."""
         off = np.asarray(value) - self.bound
         return {"<=": off, ">=": -off}.get(self.question.relation, abs(off))
 
     def say(self, value: float) -> str:
-        """A value with its unit."""
+        """A value with its unit, as text."""
         return f"{value:.6g} {self.unit}".rstrip()
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What was found.
+    """The answer to questions.
 
     Attributes
     ----------
     sentences : tuple of str
-        In words.
+        The answer in words.
     settings : tuple of dict
-        Values of the knobs that answer the questions; none: nothing does.
+        Values of the knobs that answer the questions; empty if there are none.
     """
 
     sentences: tuple[str, ...]
@@ -83,15 +86,15 @@ class DesignSearch:
     Attributes
     ----------
     knobs : dict of str to Distribution
-        Ranges.
+        The knobs with their ranges.
     targets : list of Target
-        What is asked.
+        The questions.
     run : callable
-        Runs settings; rows with status, reason, scalars.
+        Runs settings; returns rows with status, reason and scalars.
     present : dict of str to float
-        The scene as it stands.
+        Values of the knobs in the present scene.
     samples, seed : int
-        Of the Sobol samples.
+        Number and random seed of the Sobol samples.
     stated : dict of str to (str, float)
         Units in which the scene states knobs; see `in_stated_units`.
     """
@@ -114,7 +117,7 @@ class DesignSearch:
             raise SceneError.from_problems(wrong)
 
     def answer(self) -> Answer:
-        """Search, and say what was found and what was not."""
+        """Search, and report what was found and what was not."""
         single = len(self.knobs) == len(self.targets) == 1 and not self.targets[0].is_objective
         answer = self._scan_and_narrow() if single else self._minimise()
         sentences = (*answer.sentences, *dict.fromkeys(self.failures))
@@ -133,7 +136,7 @@ class DesignSearch:
         return settings, rows
 
     def _values(self, point: Array) -> dict[str, Any]:
-        """Values at a point of the unit cube."""
+        """Values of the knobs at a point of the unit cube."""
         values = {}
         for (name, one), share in zip(self.knobs.items(), point, strict=True):
             low, high = one.span
@@ -146,12 +149,12 @@ class DesignSearch:
         return setting_text(setting, self.stated)
 
     def _number(self, knob: str, value: float, digits: int = 6) -> str:
-        """A value of a knob in the unit that the scene states of it."""
+        """A value of a knob in the unit in which the scene states it."""
         text = in_stated_units({knob: value}, self.stated, digits)[knob]
         return text if isinstance(text, str) else f"{value:.{digits}g}"
 
     def _share(self, name: str, value: float) -> float:
-        """Where a value is in the range of its knob, from 0 to 1."""
+        """Position of a value in the range of its knob, from 0 to 1."""
         one = self.knobs[name]
         low, high = one.span
         if one.kind == "log-uniform":
@@ -161,7 +164,7 @@ class DesignSearch:
         return float(np.clip(share, 0.0, 1.0))
 
     def _scan_and_narrow(self) -> Answer:
-        """One knob, one bound: all roots that the scan brackets."""
+        """For one knob and one bound: all roots that the scan brackets."""
         [target], [(knob, one)] = self.targets, self.knobs.items()
         say = partial(self._number, knob)
         shares = np.linspace(0.0, 1.0, max(SCAN, one.levels))
@@ -170,12 +173,12 @@ class DesignSearch:
         values = np.array([row[target.name] for row in rows], float)
         off = values - target.bound
         covers = float(np.nanmax(values) - np.nanmin(values))
-        edges: list[float] = []  # values of the knob where the bound is crossed
+        edges: list[float] = []  # values of the knob at which the bound is crossed
         sentences: list[str] = []
         finite = np.flatnonzero(np.isfinite(off))
         for i, j in itertools.pairwise(finite):
             if off[i] * off[j] > 0.0 or (off[j] == 0.0 and j < finite[-1]):
-                continue  # a root at the end of an interval belongs to the next one
+                continue  # a root at the end of an interval belongs to the next interval
             if j > i + 1:
                 between = f"between {knob} = {say(at[i])} and {say(at[j])}, where runs fail"
                 sentences.append(f"{target.name} crosses {target.say(target.bound)} {between}")
@@ -208,7 +211,7 @@ class DesignSearch:
     def _narrow(
         self, target: Target, knob: str, ends: Array, off: Array, covers: float
     ) -> tuple[float | None, str]:
-        """The root in a bracket, or what is there instead."""
+        """The root in a bracket, or a sentence on what is there instead."""
         from scipy.optimize import brentq
 
         seen = {float(ends[0]): float(off[0]), float(ends[1]): float(off[1])}
@@ -240,7 +243,7 @@ class DesignSearch:
     def _parts(
         self, target: Target, knob: str, edges: list[float], at: list[float], values: Array
     ) -> str:
-        """The parts of the range in which a bound is met."""
+        """The parts of the range in which a bound is met, as text."""
         marks = [at[0], *edges, at[-1]]
         parts = []
         for low, high in zip(marks[:-1], marks[1:], strict=True):
@@ -252,7 +255,7 @@ class DesignSearch:
         return f"{target.question.text} for {knob} from {', and from '.join(parts)}"
 
     def _minimise(self) -> Answer:
-        """Several knobs or questions: samples, then a minimisation from the best of them."""
+        """For several knobs or questions: samples, then a minimisation from the best of them."""
         from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
         k = len(self.knobs)
@@ -335,13 +338,13 @@ class DesignSearch:
 
 
 class _RunFailed(Exception):
-    """A run within the search for a root."""
+    """Raised when a run within the search for a root fails."""
 
 
 def rounded_as_stated(
     setting: Mapping[str, Any], stated: Mapping[str, tuple[str, float]]
 ) -> dict[str, Any]:
-    """Values of knobs that few digits give in the unit that the scene states of them."""
+    """Values of knobs that have few digits in the unit in which the scene states them."""
     rounded = dict(setting)
     for name, value in setting.items():
         unit, ratio = stated.get(name, ("", 1.0))
@@ -351,23 +354,23 @@ def rounded_as_stated(
 
 
 def _back(ratio: float) -> float:
-    """One of a unit in the scene's own, as a scene reads it."""
+    """The factor back from the stated unit to the scene's, rounded as reading a scene does."""
     return float(f"{1 / ratio:.15g}")
 
 
 def in_stated_units(
     setting: Mapping[str, Any], stated: Mapping[str, tuple[str, float]], digits: int = 0
 ) -> dict[str, Any]:
-    """Values of knobs, numbers as texts with the unit that the scene states of them.
+    """Values of knobs; numbers as texts in the unit in which the scene states them.
 
     Parameters
     ----------
     setting : dict
         Values in the scene's units.
     stated : dict of str to (str, float)
-        The unit of a knob, and how many of it one of the scene's units is.
+        The unit of a knob, and how many of it are one unit of the scene.
     digits : int
-        Of these texts; 0: as many as give the value to the last bit, a number where none do.
+        Digits of these texts; 0: as many as give the value to the last bit, or a number if none do.
     """
     texts = dict(setting)
     for name, value in setting.items():
@@ -385,7 +388,7 @@ def setting_text(
     setting: Mapping[str, Any], stated: Mapping[str, tuple[str, float]] | None = None,
     digits: int = 9,
 ) -> str:  # fmt: skip
-    """Values of knobs in short, in the units that the scene states of them."""
+    """Values of knobs as a short text, in the units in which the scene states them."""
     from flexmb.studies.study_settings import headings
 
     short = headings(tuple(setting))

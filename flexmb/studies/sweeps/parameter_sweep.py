@@ -1,7 +1,7 @@
 """A sweep from end to end: settings of the knobs, their runs, the answer to questions.
 
 In: a scene or a model, knobs with distributions, scalars of channels. Out: a :class:`Sweep`. All
-that can be wrong is said before anything is run. Runs that are in the folder are used again.
+mistakes are reported before anything is run. Existing runs in the folder are reused.
 """
 
 from __future__ import annotations
@@ -81,21 +81,21 @@ def sweep(
         high)"``, ``"triangular(low, mode, high)"``, a range ``"low..high"`` (uniform) or
         ``"low..high:5"`` (five values), or a list of values. By default those of ``[sweep]``.
     output : path, optional
-        Folder of the sweep; ``out/<scene>/sweep`` by default. Its runs are used again.
+        Folder of the sweep; ``out/<scene>/sweep`` by default. Existing runs in it are reused.
     overrides : mapping, optional
         Values of a scene file to change for all runs.
     histories : bool
         Whether each run leaves its result in a folder of its own.
     workers : int
-        Runs at the same time, each in a process; 1: in this process.
+        Number of runs at the same time, each in a process; 1: in this process.
     scheduler : str
         Address of a Dask scheduler, whose workers are used instead.
     limit : float
         Wall time of a run [s], after which it is given up; 0: none.
     dashboard : callable, optional
-        Serve Dask's page on the work, and tell its address to this, such as ``print``.
+        Serve Dask's dashboard, and report its address by this function, such as ``print``.
     fresh : bool
-        Run again what is there already.
+        Repeat runs that exist already.
     progress : Progress
         Told the phases `reduce` and `sweep`.
     **settings
@@ -105,7 +105,7 @@ def sweep(
     Returns
     -------
     Sweep
-        All runs, and what they say.
+        All runs and their evaluation.
 
     Raises
     ------
@@ -143,7 +143,7 @@ def _stated_units(source: StudySource, plan: _Plan) -> dict[str, tuple[str, floa
 
 
 def _of_motion(units: Mapping[str, str], columns: Mapping[str, NDArray[Any]]) -> dict[str, str]:
-    """The scalars of channels that are more than round-off beside others of their unit in a run."""
+    """The scalars of channels that are more than round-off, relative to others of their unit."""
     sizes: dict[str, float] = {}
     scales: dict[str, float] = {}
     for name, unit in units.items():
@@ -156,7 +156,7 @@ def _of_motion(units: Mapping[str, str], columns: Mapping[str, NDArray[Any]]) ->
     return shown or dict(units)
 
 
-_REST = 1e-9  # of the largest value of its unit, below which a channel is round-off
+_REST = 1e-9  # fraction of the largest value of its unit below which a channel is round-off
 _TEXTS = ("status", "reason", "notes")
 _NUMBERS = ("seconds", "cpu_seconds", "seconds_run")
 
@@ -164,12 +164,12 @@ _NUMBERS = ("seconds", "cpu_seconds", "seconds_run")
 def columns_of(
     rows: Any, keys: Sequence[str], scalars: Sequence[str], file: Path
 ) -> dict[str, NDArray[Any]]:
-    """Columns of a table of runs, in the order of their keys; NaN and "" where there is nothing.
+    """Columns of a table of runs, in the order of the keys; NaN and "" for missing values.
 
     Raises
     ------
     FlexmbError
-        A column holds something else than those that flexmb writes.
+        A column contains values that flexmb does not write.
     """
     import pyarrow as pa
 
@@ -191,7 +191,7 @@ def columns_of(
 
 
 class _Plan:
-    """A sweep that has been checked."""
+    """A sweep after all checks."""
 
     def __init__(
         self, spec: SweepSpec, base: SweepScene, design: Design, targets: list[Target]
@@ -251,7 +251,7 @@ def _plan(
 def _spec(
     source: StudySource, vary: Mapping[str, Any] | None, settings: Mapping[str, Any]
 ) -> SweepSpec:
-    """`[sweep]` of the scene, with the values given here in place of its own."""
+    """`[sweep]` of the scene, updated by the values given here."""
     model = source.model
     allowed = tuple(name for name in SweepSpec.model_fields if name != "vary")
     unknown = [name for name in settings if name not in allowed]
@@ -285,7 +285,7 @@ def _spec(
 
 
 def _scalars(base: SweepScene, names: Sequence[str]) -> tuple[list[Scalar], list[Problem]]:
-    """The scalars of these names, by the columns of the scene with bodies not reduced yet."""
+    """The scalars of these names, from the channels of a scene whose bodies need not be reduced."""
     from flexmb.engine.compile import compile_system
     from flexmb.results.channels import Columns
 
@@ -299,7 +299,7 @@ def _scalars(base: SweepScene, names: Sequence[str]) -> tuple[list[Scalar], list
 
 
 def _refusals(base: SweepScene, knobs: Mapping[str, Distribution]) -> list[Problem]:
-    """Values that the model refuses: each choice, and the median of what is distributed."""
+    """Problems of values that the model refuses: each choice, and the median of a distribution."""
     problems: list[Problem] = []
     for knob, one in knobs.items():
         for value in one.choices or values_at(one, np.array([0.5])):
@@ -316,7 +316,7 @@ def _refusals(base: SweepScene, knobs: Mapping[str, Distribution]) -> list[Probl
 
 
 def _mistakes(base: SweepScene, knob: str, value: Any) -> Sequence[Problem]:
-    """What is wrong with a value of a knob, in the meshes of bodies too."""
+    """Problems of a value of a knob, including those of the meshes of bodies."""
     try:
         model = active_model(base.model({knob: value}))
     except SceneError as error:
@@ -325,7 +325,7 @@ def _mistakes(base: SweepScene, knob: str, value: Any) -> Sequence[Problem]:
 
 
 class _Runner:
-    """One sweep while it is run."""
+    """A sweep during its runs."""
 
     def __init__(self, plan: _Plan, source: StudySource, cluster: Cluster, table: RecordTable,
                  progress: Progress) -> None:  # fmt: skip
@@ -333,11 +333,11 @@ class _Runner:
         self.progress = progress
         self.settings: list[dict[str, Any]] = []
         self.keys: list[str] = []
-        self.rows: dict[str, Row] | None = None  # of a search
+        self.rows: dict[str, Row] | None = None  # rows of a search
         self.reused = 0
 
     def sweep(self) -> Answer | None:
-        """Run everything; the answer to questions."""
+        """Do all runs; returns the answer to questions."""
         plan = self.plan
         flexible_bodies_of(plan.base, plan.base.model({}), self.progress)
         if not plan.targets:
@@ -351,7 +351,7 @@ class _Runner:
         ).answer()  # fmt: skip
 
     def _present(self, knob: str, one: Distribution) -> float:
-        """The value in the scene as it stands; the middle of the range where it has none."""
+        """The knob's value in the present scene; the middle of the range if it has none."""
         model = self.source.model
         if knob in model.parameters:
             return float(model.parameters[knob])
@@ -364,7 +364,7 @@ class _Runner:
             return 0.5 * sum(one.span)
 
     def run_all(self, settings: Sequence[dict[str, Any]]) -> None:
-        """Run settings as far as the table does not hold them; nothing of them stays in memory."""
+        """Run the settings that the table does not contain; their rows are not kept in memory."""
         jobs = [Job(content_key(values), values) for values in settings]
         ended = self._ended()
         left = list({job.key: job for job in jobs if job.key not in ended}.values())
@@ -374,9 +374,9 @@ class _Runner:
         self.settings, self.keys = list(settings), [job.key for job in jobs]
 
     def _ended(self) -> dict[str, Row]:
-        """Runs of the table that failed, or hold all scalars, by key; not those that took too long.
+        """Rows of the table by key: failed runs, and runs with all scalars; not those given up.
 
-        On a busy machine another attempt may be shorter.
+        On a busy machine a run that was given up may end in another attempt.
         """
         names = [one.name for one in self.plan.base.scalars]
         if self.plan.base.histories:

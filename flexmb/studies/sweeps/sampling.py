@@ -22,30 +22,31 @@ from flexmb.results.crash_safe_file import uninterrupted
 
 MAX_RUNS = 1_000_000
 DIFFERENCES = (-2.0, -1.0, 1.0, 2.0)
-"""Steps of the derivatives of each knob."""
+"""Steps at which derivatives by each knob are sampled, in multiples of the step."""
 
-_STEP = 0.05  # of derivatives: share of the probability on each side of the median
-_SHARES = 20_000  # of a distribution from which its deviation is taken
-_DIGITS = 12  # of values: so a command repeats a run to the last bit
-_TAIL = 1e-12  # from a normal distribution's ends, which lie at infinity
-_MAX_SOBOL = 21201  # dimensions of SciPy's table of direction numbers
+_STEP = 0.05  # step of derivatives: probability on each side of the median
+_SHARES = 20_000  # quantiles of a distribution from which its standard deviation is computed
+_DIGITS = 12  # significant digits of values, so that a command repeats a run to the last bit
+_TAIL = 1e-12  # probability kept away from the ends of a normal distribution, which are infinite
+_MAX_SOBOL = 21201  # number of dimensions in SciPy's table of direction numbers
 
 
 @dataclass(frozen=True)
 class Design:
-    """Settings of a sweep.
+    """The settings of a sweep.
 
     Attributes
     ----------
     knobs : dict of str to Distribution
-        By full name.
+        Distributions by the full names of the knobs.
     method : str
         How the settings are selected.
     points : (n, k) array
-        In the unit cube; of a Saltelli scheme block by block: A, B, then A with one column of B
-        each; of derivatives steps from the medians: none, then for each knob `DIFFERENCES`.
+        Points in the unit cube. Saltelli scheme: row by row A, B, then A with one column replaced
+        by that of B, for each knob. Derivatives: steps from the medians, first none, then
+        `DIFFERENCES` of each knob.
     notes : tuple of str
-        What differs from what was requested.
+        Differences from the request.
     """
 
     knobs: dict[str, Distribution]
@@ -55,7 +56,7 @@ class Design:
 
     @property
     def block(self) -> int:
-        """Runs that belong together: of a Saltelli scheme k + 2."""
+        """Number of runs that belong together: k + 2 in a Saltelli scheme."""
         return len(self.knobs) + 2 if self.method == "saltelli" else 1
 
     def values(self) -> list[dict[str, Any]]:
@@ -66,7 +67,7 @@ class Design:
 
 
 def values_at(distribution: Distribution, u: Array) -> list[Any]:
-    """Values of a knob (n) at shares u (n,) of its probability: the inverse distribution."""
+    """Values of a knob at probabilities u (n,): the inverse distribution function."""
     if distribution.kind == "choice":
         choices = distribution.choices
         places = np.minimum((u * len(choices)).astype(int), len(choices) - 1)
@@ -79,13 +80,13 @@ def _rounded(values: Array) -> list[float]:
 
 
 def deviation_of(distribution: Distribution) -> float:
-    """Standard deviation of a distribution of numbers."""
+    """Standard deviation of a numerical distribution."""
     shares = (np.arange(_SHARES) + 0.5) / _SHARES
     return float(_quantiles(distribution, shares).std())
 
 
 def _stepped(distribution: Distribution, steps: Array) -> list[float]:
-    """Values at steps from the median."""
+    """Values of a knob at steps from the median."""
     low, median, high = _quantiles(distribution, np.array([0.5 - _STEP, 0.5, 0.5 + _STEP]))
     return _rounded(median + 0.5 * (high - low) * steps)
 
@@ -123,14 +124,14 @@ def make_design(knobs: Mapping[str, Distribution], method: str, samples: int, se
         One of those of `SweepSpec`; ``"auto"``: a grid where all knobs have values, else Sobol
         samples.
     samples : int
-        Number of settings, of a Saltelli scheme that of its base; a grid takes none.
+        Number of settings (Saltelli scheme: of base samples); not used for a grid.
     seed : int
-        Of the random numbers.
+        Seed of the random numbers.
 
     Raises
     ------
     SceneError
-        Knobs that the method cannot take; too many runs.
+        Knobs that the method does not allow; too many runs.
     """
     knobs = dict(knobs)
     if method == "auto":
@@ -186,7 +187,8 @@ def _points(knobs: Mapping[str, Distribution], method: str, n: int, seed: int) -
     dimensions = 2 * k if method == "saltelli" else k
     if dimensions > _MAX_SOBOL:
         raise SceneError(f"{k} knobs are more than a Sobol sequence has dimensions for")
-    with uninterrupted():  # SciPy ignores exceptions while it reads its directions: other samples
+    # SciPy ignores exceptions while it reads its direction numbers: samples would differ
+    with uninterrupted():
         sample = np.asarray(qmc.Sobol(dimensions, seed=generator).random(n))
     if method == "sobol":
         return sample
@@ -209,6 +211,6 @@ def _levels(one: Distribution) -> Array:
 
 
 def _differences(k: int) -> Array:
-    """Steps of central differences (4 k + 1, k)."""
+    """Steps of central differences (4 k + 1, k), in multiples of the step."""
     steps = (step * row for row in np.eye(k) for step in DIFFERENCES)
     return np.array([np.zeros(k), *steps])

@@ -1,7 +1,7 @@
 """A sweep that has run: its tables, sentences, pictures and files.
 
-In: its runs. Out: what a user reads; failed runs are counted, listed with their reasons and drawn
-in red.
+In: the runs. Out: texts and pictures for a user; failed runs are counted, listed with their reasons
+and drawn in red.
 """
 
 from __future__ import annotations
@@ -43,15 +43,15 @@ RUNS = "runs.parquet"
 """The file of all runs."""
 
 _DIGIT = re.compile(r"[\d.]*\d(?:e[+-]?\d+)?")
-_LISTED = 20  # failures in a table
+_LISTED = 20  # failures listed in a table
 _EXACT = ("grid", "derivatives")  # methods without random numbers
 
 
 _PANELS = 9
-_GRID = 4  # knobs and scalars of the scatter, each
+_GRID = 4  # largest number of knobs, and of scalars, in a scatter picture
 _SURFACES = 3
-_AXES = 10  # of parallel coordinates
-_EXPLAINED = 0.5  # of the variance, below which a surface is not worth a picture
+_AXES = 10  # largest number of axes of parallel coordinates
+_EXPLAINED = 0.5  # explained share of the variance below which no picture of a surface is drawn
 
 
 class Table(NamedTuple):
@@ -144,7 +144,7 @@ class Sweep(SweepRows):
         return Table("Extremes", ("of", "", "value", "run", "values"), rows, (2,))
 
     def summary(self) -> list[str]:
-        """Sentences: the answer, how many runs, what failed, what they do not say."""
+        """Sentences: the answer, the number of runs, failures, and limits of the conclusions."""
         lines = list(self.answer.sentences) if self.answer is not None else []
         lines += self.design.notes
         seconds = float(np.nansum(np.asarray(self["seconds"], float)))
@@ -172,7 +172,7 @@ class Sweep(SweepRows):
         return lines
 
     def _notes(self) -> Iterator[str]:
-        """Notes of runs, each with how many have it; numbers in them differ from run to run."""
+        """Notes of runs, each with the number of runs that have it; numbers in them may differ."""
         lines: dict[str, list[str]] = {}
         for text in self.columns.get("notes", ()):
             for line in str(text or "").splitlines():
@@ -181,7 +181,7 @@ class Sweep(SweepRows):
             yield f"{len(members)} of {len(self)} runs: {members[0]}"
 
     def markdown(self) -> str:
-        """All sentences and tables."""
+        """All sentences and tables in Markdown."""
         parts = [f"# {self.title}: sweep", "", *(f"- {line}" for line in self.summary())]
         for table in self.tables():
             parts += ["", f"## {table.title}", ""]
@@ -225,7 +225,7 @@ class Sweep(SweepRows):
         for kind, draw in PICTURES.items():
             figure = draw(self)
             path = self.folder / f"{kind}.png"
-            path.unlink(missing_ok=True)  # that of an earlier sweep
+            path.unlink(missing_ok=True)  # the picture of an earlier sweep
             if figure is not None:
                 files.append(save_figure(figure, path))
                 pictures.append(path.name)
@@ -241,21 +241,21 @@ def _cell(value: float, digits: int = 4) -> str:
 
 
 def _range(interval: tuple[float, float], digits: int = 3) -> str:
-    """An interval in brackets; nothing where the runs are too few for one."""
+    """An interval in brackets; empty if there are too few runs for one."""
     low, high = interval
     shown = bool(np.isfinite([low, high]).all())
     return f" [{low:.{digits}g}, {high:.{digits}g}]" if shown else ""
 
 
 def _digits(value: float, deviation: float) -> int:
-    """Digits of a value that show its deviation to three."""
+    """Digits with which a value shows its standard deviation to three digits."""
     if not (np.isfinite(deviation) and deviation > 0.0 and abs(value) > deviation):
         return 4
     return int(np.clip(np.ceil(np.log10(abs(value) / deviation)) + 3, 4, 12))
 
 
 def _knobs(sweep: SweepRows) -> list[Axis]:
-    """All knobs, the values of choices as numbers with words."""
+    """All knobs as axes; choices as numbers with labels."""
     axes = []
     for knob, label in headings(tuple(sweep.design.knobs)).items():
         values = sweep[knob]
@@ -269,13 +269,14 @@ def _knobs(sweep: SweepRows) -> list[Axis]:
 
 
 def _number_axis(sweep: SweepRows, knob: str, label: str) -> Axis:
-    """A knob whose values are numbers, in the unit that the scene states of it."""
+    """The axis of a numerical knob, in the unit in which the scene states it."""
     label, factor = _stated_label(sweep, knob, label)
     return Axis(label, sweep[knob].astype(float) * factor)
 
 
 def _stated_label(sweep: SweepRows, knob: str, label: str) -> tuple[str, float]:
-    """A knob with the unit that the scene states of it, and its factor from the scene's units."""
+    """The label of a knob with the unit in which the scene states it, and the factor to that
+    unit."""
     unit, factor = _stated_unit(sweep, knob)
     return f"{label} [{unit}]" if unit else label, factor
 
@@ -285,7 +286,7 @@ def _stated_unit(sweep: SweepRows, knob: str) -> tuple[str, float]:
 
 
 def _scalars(sweep: SweepRows, count: int) -> list[Axis]:
-    """The first scalars that vary."""
+    """Axes of the first scalars that vary."""
     return [
         Axis(f"{name} [{unit}]" if (unit := sweep.units[name]) else name, sweep[name].astype(float))
         for name in varying(sweep)[:count]
@@ -293,7 +294,7 @@ def _scalars(sweep: SweepRows, count: int) -> list[Axis]:
 
 
 def varying(sweep: SweepRows) -> list[str]:
-    """The scalars that differ from run to run by more than round-off."""
+    """The scalars that differ between runs by more than round-off."""
     names = []
     for name in sweep.scalars:
         values = np.asarray(sweep[name], float)
@@ -327,7 +328,7 @@ def _fit_of_two(
     u: Array, v: Array, *, surface: ResponseSurface, at: tuple[int, int],
     by: tuple[float, ...], base: Array,
 ) -> Array:  # fmt: skip
-    """A response surface over two knobs in their stated units, the others at `base`."""
+    """A response surface over two knobs in their stated units, with the other knobs at `base`."""
     points = np.tile(base, (len(u), 1))
     points[:, at[0]], points[:, at[1]] = u / by[0], v / by[1]
     return np.asarray(surface(points))
@@ -394,4 +395,4 @@ PICTURES: dict[str, Callable[[SweepRows], Figure | None]] = {
     "sensitivities": _sensitivities,
     "parallel": _parallel,
 }
-"""The pictures by kind; None where a sweep has nothing for one."""
+"""The pictures by kind; None if a sweep has no data for one."""

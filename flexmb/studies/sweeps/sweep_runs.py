@@ -1,10 +1,10 @@
 """One run of a sweep: values of the knobs in, scalars of channels out, nothing on disk.
 
 In: a scene as plain data, the values of its knobs, scalars such as ``slider.x:max``. Out: a row:
-status, reason, notes, scalars in the scene's units, times. A vector without its axis
-(``crank_pin.rod.force``) is its length; means are integrals over time, by trapezoids between the
-outputs; extremes are those of the outputs. A run whose scalars only a result file can give (stress,
-motion of markers), or whose history is to stay, writes one.
+status, reason, notes, scalars in the scene's units, times. A vector without a component
+(``crank_pin.rod.force``) stands for its length; means are integrals over time by the trapezoidal
+rule between outputs; extremes are those at the outputs. A run writes a result file if its history
+is to be kept, or if a scalar needs one (stress, motion of markers).
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ Row = dict[str, Any]
 
 
 SECTIONS = ("check", "results", "view", "study", "sweep")
-_EXTREMES = ("min", "max")  # of channels for which no scalar is named
-_RECOVERED = {  # channels that only a result file can give, and their units in SI
+_EXTREMES = ("min", "max")  # of channels for which no scalar is stated
+_RECOVERED = {  # channels that need a result file, and their units in SI
     "von_mises": "Pa", "stress": "Pa", "section_force": "", "mode_energy": "J", "balance": "J",
     "position": "m", "velocity": "m/s", "acceleration": "m/s^2", "angular_velocity": "rad/s",
     "angular_acceleration": "rad/s^2", "angle": "rad", "angle_rate": "rad/s",
@@ -60,7 +60,7 @@ class Job(NamedTuple):
     values: dict[str, Any]
 
 
-"""Sections of a scene that its runs in a sweep do without."""
+"""Sections of a scene that runs of a sweep do not use."""
 
 
 @dataclass(frozen=True)
@@ -70,15 +70,15 @@ class SweepScene:
     Attributes
     ----------
     scene : dict
-        The scene, the values changed for all runs included.
+        The scene, including values changed for all runs.
     folder : str
-        What its paths are relative to.
+        Folder that its paths are relative to.
     bodies : str
         Folder of its reduced bodies.
     scalars : tuple of Scalar
-        What is read from each run.
+        Scalars that are read from each run.
     histories : str
-        Folder in which each run has one for its result; empty: none are kept.
+        Folder with a folder for the result of each run; empty: no results are kept.
     """
 
     scene: dict[str, Any]
@@ -88,12 +88,12 @@ class SweepScene:
     histories: str = ""
 
     def model(self, values: Mapping[str, Any]) -> Model:
-        """The model with these values.
+        """The model with these values of the knobs.
 
         Raises
         ------
         SceneError
-            It refuses them.
+            The model refuses them.
         """
         from flexmb.model import Model
 
@@ -126,7 +126,7 @@ def run_setting(scene: SweepScene, job: Job) -> Row:
 
 
 class _Rows:
-    """Takes the rows of a run in memory."""
+    """A sink that keeps the rows of a run in memory."""
 
     def __init__(self) -> None:
         self.blocks: list[OutputBlock] = []
@@ -135,7 +135,7 @@ class _Rows:
         self.blocks.append(block)
 
     def save_state(self, state: Any) -> None:
-        """States are for runs that are continued."""
+        """Do nothing: states are only needed to continue a run."""
 
     def restart(self) -> None:
         self.blocks.clear()
@@ -189,7 +189,7 @@ def _run_with_file(scene: SweepScene, model: Model, name: str) -> Row:
 
 
 def _bodies_folder(scene: SweepScene, model: Model) -> Path:
-    """Where the reduced bodies of a model are, with all of the same reductions."""
+    """Folder of the reduced bodies of a model; models with equal reductions share it."""
     from flexmb.model.mesh_body import MeshBodySpec
 
     tables = model.to_scene_dict(Path(scene.folder))["bodies"]
@@ -201,7 +201,7 @@ def _bodies_folder(scene: SweepScene, model: Model) -> Path:
 def flexible_bodies_of(
     scene: SweepScene, model: Model, progress: Progress = silent
 ) -> dict[str, FlexBody]:
-    """The reduced bodies of a model: from the folder of bodies, or reduced there."""
+    """The reduced bodies of a model, from the folder of bodies or reduced into it."""
     from flexmb.workflow.flexible_bodies import flexible_bodies
 
     if not any(spec.flexible for spec in model.bodies.values()):
@@ -212,7 +212,8 @@ def flexible_bodies_of(
 
 
 class Scalar(NamedTuple):
-    """A scalar of a channel, and the columns that it is read from; none: from a result file."""
+    """A scalar of a channel, and the columns it is computed from; without columns from a result
+    file."""
 
     channel: str
     word: str  # one of SCALARS
@@ -221,14 +222,14 @@ class Scalar(NamedTuple):
 
     @property
     def name(self) -> str:
-        """As it is written: ``slider.x:max``."""
+        """The scalar's notation, such as ``slider.x:max``."""
         return f"{self.channel}:{self.word}"
 
 
 def find_scalars(
     columns: Columns, model: Model, names: Sequence[str]
 ) -> tuple[list[Scalar], list[Problem]]:
-    """The scalars of these names, of all sensors by default, and the names of nothing.
+    """The scalars of these names, by default of all sensors, and problems of unknown names.
 
     Parameters
     ----------
@@ -237,7 +238,7 @@ def find_scalars(
     model : Model
         Its model.
     names : sequence of str
-        Such as ``slider.x:max``; without a scalar the least and the largest value.
+        Such as ``slider.x:max``; a channel without a scalar stands for its minimum and maximum.
     """
     scene = model.to_scene_dict(model.folder, dict.fromkeys(model.bodies, ""))
     by_name = all_channels(columns, scene)
@@ -292,7 +293,7 @@ def scalar_value(word: str, t: Array, x: Array) -> float:
 def read_rows(
     scalars: Sequence[Scalar], blocks: Sequence[OutputBlock], units: UnitSystem
 ) -> dict[str, float]:
-    """The scalars by name from the rows of a run."""
+    """The scalars by name, from the rows of a run."""
     t = np.concatenate([block.t for block in blocks])
     values: dict[str, Array] = {}
     for one in scalars:
@@ -307,7 +308,7 @@ def read_rows(
 
 
 def read_result(scalars: Sequence[Scalar], result: Result) -> dict[str, float]:
-    """The scalars by name from a result.
+    """The scalars by name, from a result.
 
     Raises
     ------

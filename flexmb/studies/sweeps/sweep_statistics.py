@@ -1,11 +1,11 @@
-"""What the runs of a sweep say of a scalar: mean, deviation, quantiles, sensitivities, extremes.
+"""Statistics of a scalar over the runs of a sweep: mean, deviation, quantiles, sensitivities.
 
-In: values of runs (n,), NaN for those that failed, and of the knobs. Out: records, each with its
-confidence. The intervals hold the true value in 95 of 100 sweeps of independent samples;
-Latin-hypercube and Sobol samples lie closer to it, so that theirs are wider than need be.
-Sensitivities: indices of Sobol by the estimators of Saltelli et al. (2010) for the first order and
+In: values of runs (n,), NaN for failed ones, and values of the knobs. Out: records with confidence
+intervals, which contain the true value in 95 of 100 sweeps of independent samples. Latin-hypercube
+and Sobol samples are more accurate, so that their intervals are wider than necessary.
+Sensitivities: Sobol indices by the estimators of Saltelli et al. (2010) for the first order and
 Jansen (1999) for the total, with bootstrap over the rows of the scheme; derivatives by central
-differences of two steps.
+differences with two steps.
 """
 
 from __future__ import annotations
@@ -31,13 +31,14 @@ Interval = tuple[float, float]
 CONFIDENCE = 0.95
 _NONE = (float("nan"), float("nan"))
 _RESAMPLES = 500
-_DECIMALS = 9  # of a share: what is below is round-off
-_BATCH = 4e6  # weights at once
-_ROUND_OFF = 1e-12  # relative; a scalar that varies less does not vary
+_DECIMALS = 9  # decimals of a share; smaller differences are round-off
+_BATCH = 4e6  # weights of the bootstrap per batch
+_ROUND_OFF = 1e-12  # relative variation below which a scalar does not vary
 
 
 class Quantile(NamedTuple):
-    """A value that a share of the runs stays below; the interval is NaN where runs are too few."""
+    """A value below which a share of the runs lies; the interval is NaN if there are too few
+    runs."""
 
     share: float
     value: float
@@ -45,7 +46,7 @@ class Quantile(NamedTuple):
 
 
 class Statistics(NamedTuple):
-    """Statistics of a scalar; no intervals for a grid, which is no sample."""
+    """Statistics of a scalar; without intervals for a grid, which is not a sample."""
 
     runs: int
     least: float
@@ -58,11 +59,11 @@ class Statistics(NamedTuple):
 
 
 def statistics_of(values: Array, shares: Sequence[float], is_sample: bool = True) -> Statistics:
-    """Statistics of values (n,), NaN left out.
+    """Statistics of values (n,); NaN are left out.
 
-    The interval of the mean is that of Student, of the deviation that of its asymptotic variance
-    with the sample's own kurtosis, of a quantile that between two order statistics, which holds for
-    every distribution (David and Nagaraja, Order Statistics, 2003, section 7.1).
+    The interval of the mean is Student's; that of the deviation is from its asymptotic variance
+    with the kurtosis of the sample; that of a quantile is between two order statistics, which is
+    valid for every distribution (David and Nagaraja, Order Statistics, 2003, section 7.1).
     """
     x = np.sort(values[np.isfinite(values)])
     n = len(x)
@@ -92,7 +93,7 @@ def statistics_of(values: Array, shares: Sequence[float], is_sample: bool = True
 
 
 def _between(x: Array, share: float) -> Interval:
-    """The order statistics between which a quantile lies."""
+    """The two order statistics that enclose a quantile with the confidence."""
     from scipy.stats import binom
 
     n, tail = len(x), 0.5 * (1.0 - CONFIDENCE)
@@ -101,7 +102,7 @@ def _between(x: Array, share: float) -> Interval:
 
 
 class Index(NamedTuple):
-    """Share of the variance of a scalar that a knob has: alone, and with all interactions."""
+    """Share of a knob in the variance of a scalar: alone, and with all interactions."""
 
     knob: str
     first: float
@@ -111,10 +112,10 @@ class Index(NamedTuple):
 
 
 def sobol_indices(knobs: Sequence[str], values: Array, seed: int = 0) -> list[Index]:
-    """Indices of Sobol from the values (n, k + 2) of a Saltelli scheme: A, B, A with B's column i.
+    """Sobol indices from the values (n, k + 2) of a Saltelli scheme: A, B, A with column i of B.
 
-    Rows with a NaN are left out. None for a scalar that does not vary. The variance is that of the
-    differences of A and B, whose errors are those of the numerators.
+    Rows with NaN are left out. The list is empty for a scalar that does not vary. The variance is
+    computed from the differences of A and B, whose errors correlate with those of the numerators.
     """
     values = values[np.isfinite(values).all(axis=1)]
     n, k = len(values), len(knobs)
@@ -125,7 +126,7 @@ def sobol_indices(knobs: Sequence[str], values: Array, seed: int = 0) -> list[In
     terms = np.hstack([b * (mixed - a), 0.5 * (a - mixed) ** 2, 0.5 * (a - b) ** 2])
 
     def indices(means: Array) -> Array:
-        """(..., 2 k) from the means (..., 2 k + 1) of the terms."""
+        """Indices (..., 2 k) from the means (..., 2 k + 1) of the terms."""
         return np.round(means[..., :-1] / means[..., -1:], _DECIMALS) + 0.0
 
     best = indices(terms.mean(axis=0))
@@ -146,10 +147,10 @@ def sobol_indices(knobs: Sequence[str], values: Array, seed: int = 0) -> list[In
 
 
 class Derivative(NamedTuple):
-    """Derivative of a scalar by a knob at the medians of all.
+    """Derivative of a scalar with respect to a knob at the medians of all knobs.
 
-    `error` is how far that of the smaller step alone is from it; `deviation` that of the knob,
-    `share` its part of the variance if the scalar were linear.
+    `error` is its difference from the derivative with the smaller step; `deviation` is the standard
+    deviation of the knob, `share` its share of the variance if the scalar were linear.
     """
 
     knob: str
@@ -164,7 +165,7 @@ def derivatives_of(
 ) -> list[Derivative]:
     """Derivatives from values (4 k + 1,) at the centre and at -2, -1, 1, 2 steps (k,) of each knob.
 
-    Extrapolated from both steps, so that the error is of fourth order.
+    Both steps are extrapolated, so that the error is of fourth order.
     """
     outer = values[1:].reshape(-1, 4)
     near = (outer[:, 2] - outer[:, 1]) / (2.0 * steps)
@@ -181,7 +182,7 @@ def derivatives_of(
 
 
 def correlation(knob: Sequence[object], values: Array) -> float:
-    """How much of a scalar (n,) follows a knob: correlation, of a choice the correlation ratio."""
+    """Correlation of a scalar (n,) with a knob; for a choice the correlation ratio."""
     finite = np.isfinite(values)
     y = values[finite]
     if len(y) < 3 or np.ptp(y) <= _ROUND_OFF * np.abs(y).max():
@@ -196,10 +197,10 @@ def correlation(knob: Sequence[object], values: Array) -> float:
 
 
 class ResponseSurface(NamedTuple):
-    """A polynomial of second degree through a sample: its terms, and what it explains.
+    """A polynomial of second degree fitted to a sample.
 
-    `centre` and `scale` (k,) make the numbers of the knobs comparable; `explained` is the share of
-    the variance of values that the fit had not seen (leave-one-out).
+    `centre` and `scale` (k,) normalise the knobs; `explained` is the share of the variance that is
+    predicted for values not used in the fit (leave-one-out).
     """
 
     centre: Array
@@ -218,7 +219,8 @@ def _terms(z: Array) -> Array:
 
 
 def response_surface(points: Array, values: Array) -> ResponseSurface | None:
-    """The least-squares polynomial of second degree; None where runs are too few or do not vary."""
+    """The least-squares polynomial of second degree; None for too few runs or knobs that do not
+    vary."""
     finite = np.isfinite(values)
     x, y = points[finite], values[finite]
     if len(y) < 4 or np.ptp(y) <= _ROUND_OFF * np.abs(y).max():
@@ -229,7 +231,7 @@ def response_surface(points: Array, values: Array) -> ResponseSurface | None:
     if len(y) < 1.5 * terms.shape[1]:
         return None
     U, singular, Vt = np.linalg.svd(terms, full_matrices=False)
-    full = singular > _ROUND_OFF * singular[0]  # two values of a knob make no parabola
+    full = singular > _ROUND_OFF * singular[0]  # a knob with two values defines no parabola
     U, coefficients = U[:, full], Vt[full].T @ ((U[:, full].T @ y) / singular[full])
     leverage = np.minimum((U**2).sum(axis=1), 1.0 - 1e-9)
     residual = (y - terms @ coefficients) / (1.0 - leverage)
@@ -246,7 +248,7 @@ class SweepRows:
     title, source : str
         Of the scene; the scene file is empty for a model from Python.
     folder : Path
-        Folder of its files; ``runs.parquet`` holds one row a run.
+        Folder of its files; ``runs.parquet`` has one row per run.
     design : Design
         Knobs, method, notes.
     settings : list of dict
@@ -256,17 +258,17 @@ class SweepRows:
     columns : dict of str to array
         Status, reason, notes, seconds and the scalars, run by run.
     shares : tuple of float
-        Of the quantiles.
+        Probabilities of the quantiles.
     seed : int
-        Of the random numbers.
+        Seed of the random numbers.
     overrides : dict
         Values changed for all runs.
     answer : Answer or None
-        To its questions.
+        Answer to its questions.
     reused : int
-        Runs that were there already.
+        Number of runs that existed already.
     knob_units : dict of str to (str, float)
-        Unit that the scene states of a knob, and its factor from the scene's units.
+        Unit in which the scene states a knob, and its factor from the scene's units.
     """
 
     title: str
@@ -292,7 +294,7 @@ class SweepRows:
         return tuple(self.units)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """A scalar, a knob or a column such as ``"status"`` of all runs (n,); NaN where one failed.
+        """A scalar, a knob or a column such as ``"status"`` of all runs (n,); NaN for failed ones.
 
         Raises
         ------
@@ -306,18 +308,18 @@ class SweepRows:
         return self.columns[name]
 
     def statistics(self, scalar: str) -> Statistics:
-        """Mean, deviation and quantiles of a scalar over the runs that ended well."""
+        """Mean, deviation and quantiles of a scalar over the successful runs."""
         is_sample = self.design.method in ("random", "latin-hypercube", "sobol", "saltelli")
         return statistics_of(self.sample(scalar), self.shares, is_sample)
 
     def sample(self, scalar: str) -> Array:
-        """Values that are a sample of the distributions: of a Saltelli scheme those of A and B."""
+        """Values that are a sample of the distributions: in a Saltelli scheme those of A and B."""
         values = np.asarray(self[scalar], float)
         block = self.design.block
         return values if block == 1 else values.reshape(-1, block)[:, :2].ravel()
 
     def sobol_indices(self, scalar: str) -> list[Index]:
-        """Sensitivities of first order and total.
+        """Sobol indices of first order and total.
 
         Raises
         ------
@@ -346,7 +348,7 @@ class SweepRows:
         return derivatives_of(knobs, np.array(steps), np.array(deviations), values)
 
     def correlations(self, scalar: str) -> dict[str, float]:
-        """How much of a scalar follows each knob, from -1 to 1; of choices from 0."""
+        """Correlation of a scalar with each knob, from -1 to 1; for choices from 0 to 1."""
         values = np.asarray(self[scalar], float)
         return {
             knob: correlation([setting[knob] for setting in self.settings], values)
@@ -354,7 +356,7 @@ class SweepRows:
         }
 
     def surface(self, scalar: str) -> tuple[list[str], ResponseSurface | None]:
-        """Polynomial of second degree of a scalar over the knobs that are numbers."""
+        """The response surface of a scalar over the numerical knobs, and their names."""
         names = [k for k in self.design.knobs if np.issubdtype(self[k].dtype, np.number)]
         if not names:
             return [], None
@@ -362,7 +364,7 @@ class SweepRows:
         return names, response_surface(points, np.asarray(self[scalar], float))
 
     def extremes(self, scalar: str, count: int = 3) -> tuple[list[int], list[int]]:
-        """Numbers of the runs with the largest and with the least values of a scalar."""
+        """Numbers of the runs with the largest and with the smallest values of a scalar."""
         values = np.asarray(self[scalar], float)
         order = [int(i) for i in np.argsort(values) if np.isfinite(values[i])]
         return order[::-1][:count], order[:count]
@@ -374,7 +376,7 @@ class SweepRows:
         return [(int(i), str(self["reason"][i])) for i in np.flatnonzero(status != "finished")]
 
     def command(self, run: int) -> str:
-        """The command that does a run again, by itself and with its history."""
+        """The command that repeats a run alone and with its history."""
         return self.command_of(self.settings[run], f"run_{run}")
 
     def command_of(self, setting: Mapping[str, Any], name: str) -> str:
