@@ -24,7 +24,7 @@ from flexmb.engine.initial_conditions import evaluate_equations
 from flexmb.engine.iteration_matrix import put_matrix, put_rows
 from flexmb.engine.stage_tables import units_of
 from flexmb.engine.state import State, Work
-from flexmb.engine.state_rows import remember_row
+from flexmb.engine.state_rows import store_row_history
 from flexmb.engine.tables import Kkt
 from flexmb.flexbody.arrays import Array, IntArray
 
@@ -55,7 +55,7 @@ class StateEquations:
     """
 
     def __init__(self, compiled: Compiled, state: State) -> None:
-        units = (evaluate_equations, put_matrix, put_rows, move, remember_row)
+        units = (evaluate_equations, put_matrix, put_rows, move, store_row_history)
         prepare_units([*units, *units_of(compiled.system)])
         compiled = replace(compiled, system=free_static_modes(compiled.system))
         self.compiled, self.state = compiled, state
@@ -80,7 +80,7 @@ class StateEquations:
     def update_history(self, *, is_first: bool) -> None:
         """Let the history of all elements begin at the state, or go on to it from the last one."""
         self._evaluate()
-        call(remember_row, self._run, int(is_first))
+        call(store_row_history, self._run, int(is_first))
 
     def _evaluate(self) -> None:
         state, work, n = self.state, self.work, len(self.state.angles)
