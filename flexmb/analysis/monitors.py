@@ -30,12 +30,15 @@ Array = NDArray[np.float64]
 _PULL_ROUND_OFF = 1e-6  # tensile force over the largest force of a joint that is round-off
 _NEAR_SINGULAR = 0.1  # angle from a singular orientation that is reported [deg]
 MAX_TURN_OF_A_STEP = 1.0  # largest rotation of a body in a fixed step without a note [rad]
-# Alternating reactions: least amplitude over their range that is reported; least range over the
-# largest one; least force, as the displacement of all mass in the run over the size of the model;
-# relative difference of equal steps.
+# Alternating reactions. Their amplitude is reported above the first share of the range of the
+# reaction. A range counts as at least the second share of the largest reaction of the joint, and as
+# at least the force that moves the mass of the model by the third share of its size within the run.
+# Steps are equal if they differ by less than the fourth share.
 _RINGING_SHARE, _LEAST_SHARE, _NO_MOTION, _SAME_STEP = 0.05, 1e-3, 1e-6, 1e-6
-_LASTING, _MAX_FALL, _MIN_DIVISOR = 0.08, 3.0, 1e-300  # ringing left after two steps; to the next
-_MAX_SAMPLES = 256
+# Alternation lasts if this share of its amplitude is left after two steps; largest ratio of the
+# amplitudes of two steps that is used to extrapolate; a divisor that is not zero.
+_LASTING_SHARE, _MAX_RATIO, _MIN_DIVISOR = 0.08, 3.0, 1e-300
+_MAX_SAMPLES = 256  # samples stored of a run
 # The second half of the run so far is divided into _GROWTH_PARTS parts. A motion grows without
 # bound if its largest value increases by _GROWTH_FACTOR in each: powers of time up to the eighth do
 # not.
@@ -76,17 +79,17 @@ class Indicator:
 
 
 class Monitor(Protocol):
-    """Something that takes rows and has indicators."""
+    """An object that evaluates the rows of a run, block by block, and has indicators."""
 
     def add(self, rows: OutputBlock) -> None:
-        """Take the next rows."""
+        """Evaluate the next rows."""
 
     def indicators(self) -> Iterable[Indicator]:
-        """What the rows so far say."""
+        """The indicators from the rows so far."""
 
 
 class ContactLossMonitor:
-    """When each joint that can only push first pulls."""
+    """Finds the first time at which a joint that can only push, as of a cam, would have to pull."""
 
     def __init__(self, compiled: Compiled) -> None:
         self._contacts = compiled.contacts
@@ -94,7 +97,7 @@ class ContactLossMonitor:
         self._first: dict[str, float] = {}
 
     def add(self, rows: OutputBlock) -> None:
-        """Take the next rows."""
+        """Evaluate the next rows."""
         for k, contact in enumerate(self._contacts if len(rows.t) else ()):
             push = contact.compressed * rows.lam[:, contact.row]
             self._largest[k] = max(self._largest[k], float(np.abs(push).max()))
@@ -103,7 +106,7 @@ class ContactLossMonitor:
                 self._first[contact.joint] = float(rows.t[np.argmax(pulls)])
 
     def notes(self) -> list[str]:
-        """A sentence for each."""
+        """A sentence for each such joint."""
         return [
             f"joints.{joint} pulls its follower towards the cam, first at t = {time:.6g} s, where "
             "the joint holds it; use a stronger spring, or a contact with a tappet that its lift "
@@ -113,20 +116,20 @@ class ContactLossMonitor:
 
 
 class TurningMonitor:
-    """How far bodies turn in a step of a fixed size [s]; 0: steps are controlled."""
+    """Largest rotation of bodies in one step of fixed size `step` [s]; 0: steps are controlled."""
 
     def __init__(self, compiled: Compiled, model: Model, step: float) -> None:
         self._bodies, self._units, self._step = compiled.layout.bodies, model.units, step
         self._largest = np.zeros(len(self._bodies))
 
     def add(self, rows: OutputBlock) -> None:
-        """Take the next rows."""
+        """Evaluate the next rows."""
         for k, body in enumerate(self._bodies if self._step and len(rows.t) else ()):
             turning = np.linalg.norm(rows.v[:, body.iv + 3 : body.iv + 6], axis=1).max()
             self._largest[k] = max(self._largest[k], float(turning) * self._step)
 
     def notes(self) -> list[str]:
-        """A sentence for the body that turns the farthest, if that is too far."""
+        """A sentence for the body with the largest rotation, if it exceeds the limit."""
         if self._largest.max() <= MAX_TURN_OF_A_STEP:
             return []
         k = int(self._largest.argmax())
@@ -140,24 +143,25 @@ class TurningMonitor:
 
 
 class RingingMonitor:
-    """Reactions that alternate from step to step, by fixed steps of generalized-α and its kin.
+    """Reactions that alternate from step to step, in runs with fixed steps of generalized-α.
 
-    What such a method does not resolve, such as the rate of a stiff damper, it repeats with
-    alternating sign (Hairer & Wanner, II, §IV.3): differences over two steps change their sign, and
-    are four times what alternates. So do those about a jump or a blow, but not four in a row. The
-    row before four counts, as far as the falling of the second to the third one tells.
+    Rates that such a method does not resolve, such as that of a stiff damper, alternate in sign
+    from step to step (Hairer & Wanner, II, §IV.3). Second differences over the steps then change
+    their sign, and are four times the amplitude. Second differences at a jump or an impact do so
+    too, but not four in a row. The reported amplitude is that of the first of four; it is bounded
+    by the second one, extrapolated with the ratio of the second to the third.
 
     Parameters
     ----------
     compiled, model : Compiled, Model
-        What is run.
+        The model of the run.
     step : float
-        Size of the steps [s]; 0: nothing is looked at.
+        Size of the steps [s]; 0: nothing is examined.
 
     Attributes
     ----------
     looks : bool
-        Whether anything is.
+        Whether reactions are examined.
     """
 
     def __init__(self, compiled: Compiled, model: Model, step: float) -> None:
@@ -165,15 +169,15 @@ class RingingMonitor:
         self.looks = bool(step and self._names)
         span = 1.0 if model.dynamics is None else model.dynamics.duration
         mass, length = float(compiled.system.parts.bodies["mass"].sum()), compiled.length
-        least = _NO_MOTION * mass * length / span**2  # a force that moves nothing in the run
+        least = _NO_MOTION * mass * length / span**2  # a force that causes no motion in the run
         self._least = least * np.array([1.0, length])
         n = 2 * len(self._names)  # force and moment of each joint
         self._range = np.stack([np.full((n, 3), np.inf), np.full((n, 3), -np.inf)])
-        self._largest = np.zeros((2, n))  # what alternates; its time
-        self._rows = np.zeros((0, 1 + 3 * n))  # the last five
+        self._largest = np.zeros((2, n))  # largest amplitude, and its time
+        self._rows = np.zeros((0, 1 + 3 * n))  # time and reactions of the last five rows
 
     def add(self, rows: OutputBlock) -> None:
-        """Take the next rows: what alternates shows where they are a step apart."""
+        """Evaluate the next rows, where five or more are one step apart from each other."""
         if not self.looks or not len(rows.t):
             return
         n = len(self._names)
@@ -193,9 +197,9 @@ class RingingMonitor:
         turns = np.einsum("ijk,ijk->ij", bend[1:], bend[:-1]) < 0.0
         sizes = np.sqrt(np.einsum("ijk,ijk->ij", bend, bend)) / 4.0
         one, two, three, four = (sizes[at + k] for k in range(4))
-        falls = np.clip(two / np.maximum(three, _MIN_DIVISOR), 1.0, _MAX_FALL)
+        falls = np.clip(two / np.maximum(three, _MIN_DIVISOR), 1.0, _MAX_RATIO)
         size = np.minimum(one, falls * two) * falls
-        lasts = turns[at] & turns[at + 1] & turns[at + 2] & (four > _LASTING * two)
+        lasts = turns[at] & turns[at + 1] & turns[at + 2] & (four > _LASTING_SHARE * two)
         rings = np.where(lasts, size, 0.0)
         k = rings.argmax(axis=0)
         most = rings.max(axis=0)
@@ -203,13 +207,13 @@ class RingingMonitor:
         self._largest[:, rises] = most[rises], table[at[k], 0][rises]
 
     def add_apart(self, rows: OutputBlock) -> None:
-        """Take rows that follow none, and that none follow."""
+        """Evaluate rows that are not consecutive with those before and after."""
         before, self._rows = self._rows, self._rows[:0]
         self.add(rows)
         self._rows = before
 
     def notes(self) -> list[str]:
-        """A sentence for the joint whose reactions alternate most, if that is too much."""
+        """A sentence for the joint whose reactions alternate most, if above `_RINGING_SHARE`."""
         if not self._largest[0].any():
             return []
         span = (self._range[1] - self._range[0]).max(axis=1).reshape(-1, 2)
@@ -230,7 +234,7 @@ class RingingMonitor:
 
 
 class SingularOrientationMonitor:
-    """How close orientation sensors come to where alpha and gamma are about one axis."""
+    """Least distance of orientation sensors from the orientation where alpha and gamma coincide."""
 
     def __init__(self, layout: Layout, model: Model) -> None:
         self._nearest: dict[str, tuple[float, float]] = {}
@@ -242,19 +246,19 @@ class SingularOrientationMonitor:
         }
 
     def add(self, rows: OutputBlock) -> None:
-        """Take the next rows."""
+        """Evaluate the next rows."""
         for name, (column, sequence) in self._columns.items():
             beta = rows.sensors[:, column]
             if not len(beta):
                 continue
             size = np.sin(beta) if sequence[0] == sequence[2] else np.cos(beta)
-            off = np.degrees(np.arcsin(np.maximum(size, 0.0)))  # below zero: it has been passed
+            off = np.degrees(np.arcsin(np.maximum(size, 0.0)))  # size < 0: it was passed through
             k = int(np.argmin(off))
             nearest = float(off[k]), float(rows.t[k])
             self._nearest[name] = min(nearest, self._nearest.get(name, (np.inf, 0.0)))
 
     def notes(self) -> list[str]:
-        """A note for every sensor that came to it, or went through it."""
+        """A note for every sensor that reached or passed a singular orientation."""
         return [
             f"sensors.{name}: at t = {time:.6g} s within {off:.2g} deg of the singular pose of "
             f'"{self._columns[name][1]}", where alpha and gamma turn about one axis and only their '
@@ -265,14 +269,17 @@ class SingularOrientationMonitor:
 
 
 class SampledHistory:
-    """Values at every row of a run, then at every second, ...: evenly spaced, 256 at most.
+    """Values at evenly spaced rows of a run, at most 256 samples.
+
+    The interval begins with one row. When the table is full, every second sample is dropped and the
+    interval doubled.
 
     Attributes
     ----------
     count : (3,) int
-        Rows so far, samples, and rows for each sample.
+        Rows so far, samples, and rows per sample.
     table : (256, 1 + n) float
-        Times and values of the samples, NaN behind them.
+        Times and values of the samples; NaN after them.
     """
 
     def __init__(self, n: int) -> None:
@@ -280,7 +287,7 @@ class SampledHistory:
         self.table = np.full((_MAX_SAMPLES, 1 + n), np.nan)
 
     def add(self, t: Array, values: Array) -> None:
-        """Take values (k, n) of the next rows at the times t (k,)."""
+        """Add values (k, n) of the next rows at the times t (k,)."""
         count, row = self.count, int(-self.count[0] % self.count[2])
         while row < len(t):
             if count[1] == _MAX_SAMPLES:
@@ -297,25 +304,25 @@ class SampledHistory:
 
 
 class _Quantity(NamedTuple):
-    """What may grow: columns of positions and velocities in one table, weights, and the bound."""
+    """A quantity that may grow: its columns in the table (q, v), their weights, and the bound."""
 
     name: str
     columns: range
     weights: Array
     bound: float
-    from_start: bool = False  # whether it is the distance from the first value
-    is_rate: bool = False  # whether the bound is one of value times the length of a part
+    from_start: bool = False  # whether its distance from the first value counts
+    is_rate: bool = False  # whether the bound is for the value times the duration of a part
 
 
 class GrowthMonitor:
-    """What grows exponentially beyond all bounds, such as with an unstable controller.
+    """Detects quantities that grow exponentially without bound, as with an unstable controller.
 
     Attributes
     ----------
     sentence : str
-        Names what grows, with its rate; empty if nothing does.
+        Names the quantity that grows, with its rate; empty if there is none.
     ends_run : bool
-        Whether a run has to end then: forces follow measured quantities.
+        Whether such growth ends the run: the model has forces that follow measured quantities.
     """
 
     def __init__(self, compiled: Compiled, model: Model) -> None:
@@ -333,7 +340,7 @@ class GrowthMonitor:
         self._history = SampledHistory(len(self._quantities))
 
     def add(self, rows: OutputBlock) -> None:
-        """Take the next rows."""
+        """Evaluate the next rows."""
         if not len(rows.t) or self.sentence:
             return
         values = np.hstack([rows.q, rows.v])[:, self._columns]
@@ -347,7 +354,7 @@ class GrowthMonitor:
         self._check()
 
     def _check(self) -> None:
-        """Compare the largest values at the ends of the parts."""
+        """Set `sentence` if the largest value of a quantity grows in all parts, above its bound."""
         samples = self._history.table[: self._history.count[1]]
         if len(samples) <= _GROWTH_PARTS:
             return
@@ -380,7 +387,7 @@ class GrowthMonitor:
 
 
 def _quantities(compiled: Compiled) -> list[_Quantity]:
-    """Translations, turning and deformation of all bodies, and states."""
+    """Translation, angular velocity and deformation of all bodies, and states."""
     layout, weights, quantities = compiled.layout, compiled.system.weights, list[_Quantity]()
     for body in layout.bodies:
         iq, iv, m, name = body.iq, layout.nq + body.iv, body.m, f"bodies.{body.name}"
@@ -401,7 +408,7 @@ def _quantities(compiled: Compiled) -> list[_Quantity]:
 
 
 def algebraic_loop_notes(model: Model) -> list[str]:
-    """A note for every force that depends on accelerations or reactions, which depend on it."""
+    """A note for every force that depends on accelerations or reactions: an algebraic loop."""
     notes = []
     for where, function in feedback_functions(model):
         if not where.startswith("forces."):

@@ -1,10 +1,11 @@
-"""Equilibria over a parameter or time: the branch followed, its stability, where it ends.
+"""Equilibria over a parameter or time: one branch, its stability, and its end.
 
-In: a function that makes the model for a value, and values. Out: a `StaticSweep`: an equilibrium
-for each value, each sought from the one before, and events between values: limit points, where a
-branch ends and the machine moves to another equilibrium, values from which there is none, changes
-of stability. An event is narrowed by bisection: where halving the interval halves the way between
-its ends, the branch goes on; where the way stays, it is a jump.
+In: a function that makes the model for a value, and values. Out: a `StaticSweep` with an
+equilibrium for each value, each found from the one before, and events between values. Events are
+limit points, where a branch ends and the machine moves to another equilibrium; values from which
+there is no equilibrium; and changes of stability. An event is located by bisection. If halving the
+interval halves the distance of the equilibria at its ends, the branch is continuous; if the
+distance remains, it is a jump.
 """
 
 from __future__ import annotations
@@ -27,10 +28,13 @@ from flexmb.results.export import export_table
 Array = np.ndarray
 
 _MAX_BISECTIONS = 12
-_JUMP_SHARE = 0.2  # of the way between two values that is left after all bisections
-_DISTANCE_RATIO = 2.0  # way per change of the parameter, over that before, that suggests a jump
-_FIRST_DISTANCE = 0.01  # first way, over the model size or in radians, that suggests a jump
-_ZERO_DISTANCE = 1e-6  # way over the model size that is round-off
+# If bisection reduces a distance to less than this share of it, the branch is continuous.
+_JUMP_SHARE = 0.2
+# A jump is suspected if the distance per change of the parameter is so many times that before, or
+# if the first distance, over the model size or in radians, is larger than the second number.
+_DISTANCE_RATIO = 2.0
+_FIRST_DISTANCE = 0.01
+_ZERO_DISTANCE = 1e-6  # distance over the model size that is round-off
 
 
 class SystemAt(NamedTuple):
@@ -43,16 +47,16 @@ class SystemAt(NamedTuple):
 
 @dataclass(frozen=True)
 class SweepEvent:
-    """Something between two values of the parameter.
+    """An event between two values of the parameter.
 
     Attributes
     ----------
     kind : str
         "limit point", "no equilibrium", "stability lost" or "stability gained".
     low, high : float
-        Values between which it is, `low` on the side of the values before.
+        Values between which it is; `low` is on the side of the previous value of the sweep.
     sentence : str
-        In words.
+        Description for the user.
     place : int
         Number of values before it.
     """
@@ -66,7 +70,7 @@ class SweepEvent:
 
 @dataclass(frozen=True)
 class SweepPoint:
-    """One value of a sweep: its equilibrium, its channels in the scene's units, its growth."""
+    """One value of a sweep: its equilibrium, channels in the scene's units, and stability."""
 
     value: float
     equilibrium: Equilibrium
@@ -157,7 +161,7 @@ def sweep_equilibria(
     parameter : str
         Its name, for sentences.
     values : sequence of float
-        In the order in which they are visited; the first begins at the placed pose.
+        In the order of the sweep; the search for the first equilibrium begins at the placed pose.
     progress : Progress
         Called for every value.
 
@@ -171,7 +175,7 @@ def sweep_equilibria(
     path = _Path(system_at, parameter)
     points = [path.point(values[0], None)]
     events: list[SweepEvent] = []
-    way = 0.0  # per change of the parameter
+    way = 0.0  # distance of the last two equilibria per change of the parameter
     for k, value in enumerate(values[1:], start=1):
         progress("statics", k / len(values), f"{parameter} = {value:g}")
         before = points[-1]
@@ -204,13 +208,13 @@ def sweep_equilibria(
 
 
 class _Path:
-    """The way from value to value."""
+    """A branch of equilibria, and the location of events on it."""
 
     def __init__(self, system_at: Callable[[float], SystemAt], parameter: str) -> None:
         self._system_at, self._name = system_at, parameter
 
     def point(self, value: float, before: SweepPoint | None) -> SweepPoint:
-        """The equilibrium at a value, sought from another one."""
+        """The equilibrium at a value, found from the one at another value."""
         compiled, model, time = self._system_at(value)
         start = None
         if before is not None:
@@ -226,11 +230,11 @@ class _Path:
 
     @staticmethod
     def way(a: SweepPoint, b: SweepPoint) -> float:
-        """How far two equilibria are apart, over the model size or in radians."""
+        """Distance of two equilibria, over the model size or in radians."""
         return separation(a.equilibrium.compiled, a.q, b.q)[0]
 
     def jump(self, low: SweepPoint, high: SweepPoint) -> SweepEvent | None:
-        """The limit point between two values, None where the branch goes on."""
+        """The limit point between two values; None if the branch is continuous."""
         whole = self.way(low, high)
         for _ in range(_MAX_BISECTIONS):
             try:
@@ -280,6 +284,6 @@ class _Path:
 
 
 def _columns(compiled: Compiled) -> tuple[object, ...]:
-    """What two models must have in common for one to begin at the equilibrium of the other."""
+    """Columns that must be the same in two models if one begins at the other's equilibrium."""
     layout = compiled.layout
     return layout.bodies, layout.coordinates, layout.channels

@@ -1,6 +1,7 @@
-"""Statics: the equilibria of a model over a series of times, as rows of a result.
+"""Statics: the equilibria of a model at a series of times, as rows of a result.
 
-Each is sought from the one before, with its reactions and its stability.
+The search for each equilibrium begins at the one before. Reactions belong to each row; stability is
+reported for the first and the last one.
 """
 
 from __future__ import annotations
@@ -39,13 +40,15 @@ from flexmb.model.scenes.dynamics import StaticsSpec
 from flexmb.progress import Progress, silent
 from flexmb.results.result import NOT_UNIQUE
 
-_DISTANCE_RATIO, _MIN_WAY = 10.0, 0.02  # way over that before; over the model size or in radians
-_BODY_SHARE = 0.5  # share of bodies in the kinetic energy of a mode of them
+# Two equilibria are on different branches if their distance exceeds that of the two before by the
+# first factor, and is larger than the second number, over the model size or in radians.
+_DISTANCE_RATIO, _MIN_WAY = 10.0, 0.02
+_BODY_SHARE = 0.5  # share of kinetic energy above which a mode is one of bodies, not of controllers
 
 
 @dataclass(frozen=True)
 class PreparedStatics:
-    """Equilibria that are ready to be sought."""
+    """A model that is ready for the search for its equilibria."""
 
     compiled: Compiled
     model: Model
@@ -60,12 +63,12 @@ class PreparedStatics:
 def prepare_statics(
     compiled: Compiled, model: Model, *, progress: Progress = silent
 ) -> PreparedStatics:
-    """Load the compiled units and close the first pose.
+    """Load the compiled units and assemble the first pose.
 
     Raises
     ------
     AssemblyError
-        Positions that cannot be closed, or drivers that contradict each other or the joints.
+        Positions cannot be closed, or drivers contradict each other or the joints.
     """
     spec = model.statics if model.statics is not None else StaticsSpec()
     first = StartValues(compiled.initial_q, np.zeros(compiled.layout.nv), spec.times[0])
@@ -88,14 +91,14 @@ def prepare_statics(
 
 @one_blas_thread()
 def run_statics(prepared: PreparedStatics, sink: Sink, *, progress: Progress = silent) -> Outcome:
-    """Find the equilibria of all times, each from the one before.
+    """Find the equilibria at all times, each from the one before.
 
     Parameters
     ----------
     prepared : PreparedStatics
-        From `prepare_statics`; used once.
+        From `prepare_statics`; it can be used once.
     sink : Sink
-        Takes the output rows.
+        Receives the output rows.
     progress : Progress
         Receives the phase `statics`.
     """
@@ -116,7 +119,7 @@ def run_statics(prepared: PreparedStatics, sink: Sink, *, progress: Progress = s
 
 
 class _Run:
-    """Equilibria under way."""
+    """A run of `run_statics`: one equilibrium per chunk."""
 
     phase = "statics"
 
@@ -168,7 +171,7 @@ class _Run:
             self._sink.append(rows)
 
     def _note_jump(self, time: float) -> None:
-        """Note where the equilibrium leaves the branch that it was on."""
+        """Add a note if the equilibrium is on another branch than the one before."""
         prepared, say = self._prepared, self._prepared.model.units.say
         way, body = separation(prepared.compiled, self._q, prepared.state.q)
         if self.done > 1 and way > max(_DISTANCE_RATIO * self._way, _MIN_WAY):
@@ -189,7 +192,7 @@ class _Run:
             one = Equilibrium(prepared.compiled, prepared.model, prepared.state, self.steps)
             made = one.linearize()
             values = made.eigenvalues
-        except FlexmbError:  # motions without inertia have no modes
+        except FlexmbError:  # a motion without inertia has no modes
             return
         at = f"the equilibrium at t = {prepared.model.units.say(time, 's')}"
         if not made.stable:

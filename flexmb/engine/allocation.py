@@ -42,8 +42,8 @@ _NO_FACTOR = Factor(
     *(np.zeros(0) for _ in range(9)), np.ones(1, dtype=np.int64), np.zeros(1, dtype=np.int64),
     *(np.zeros(0) for _ in range(3)),
 )  # fmt: skip
-_EVENT_STATES = 9  # of a chunk; a third of them stays when more come
-_SINGULAR_POSES = 8  # of which time and positions are kept
+_EVENT_STATES = 9  # states after events stored per chunk; of more events every third is kept
+_SINGULAR_POSES = 8  # largest number of singular poses with time and positions stored
 _NO_SETTINGS = Settings(0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1, 0, 0, 0, 0)
 
 
@@ -85,7 +85,7 @@ def _nan_records(n: int, dtype: np.dtype) -> np.ndarray:
 
 
 def new_work(system: System, channels: int = 0, method: Method = _NO_METHOD) -> Work:
-    """Scratch for one run of `system` by a method."""
+    """Scratch for one run of `system` with a method."""
     stages = method.stages
     nq, nv, nc = sizes(system)
     m, history = system.parts.bodies["m"], system.history
@@ -139,7 +139,11 @@ def _new_events(system: System, method: Method) -> Events:
 
 
 def _new_alternation(system: System, method: Method) -> Alternation:
-    """Of a method that repeats what it does not resolve: generalized-alpha and its kin."""
+    """Scratch to detect multipliers that alternate from step to step.
+
+    It is empty for all methods but those with constant steps and no collocation
+    (generalized-alpha).
+    """
     nc = sizes(system)[2] if method.prefers_constant_step == 1 and method.collocation == 0 else 0
     bounds = np.full(nc, np.inf), np.full(nc, -np.inf)
     tables = _nan(nc), _nan(nc), *bounds, np.zeros(nc), np.zeros(nc)
@@ -213,7 +217,7 @@ def _jac_end(system: System, side: str, field: str) -> int:
 
 
 def new_output(system: System, rows: int, channels: int) -> Output:
-    """Room for `rows` output rows."""
+    """Arrays for `rows` output rows."""
     nq, nv, nc = sizes(system)
     widths = (nq, nv, nv, nc, 12 * len(system.groups), channels, 7, 2)
     tables = (np.empty((rows, w)) for w in widths)
@@ -222,7 +226,7 @@ def new_output(system: System, rows: int, channels: int) -> Output:
 
 
 def new_plan(steps: int) -> Plan:
-    """Room for so many steps."""
+    """A plan of this many steps."""
     return Plan(np.zeros(steps + 1 if steps else 0), np.zeros(1, dtype=np.int64))
 
 
@@ -236,9 +240,9 @@ def new_run(
     output: Output | None = None,
     times: np.ndarray | None = None,
 ) -> Run:
-    """All that units are handed, of one run; arrays are shared, not copied.
+    """The record of one run, which units receive; arrays are shared, not copied.
 
-    Outputs are `settings.interval` apart where no times are given.
+    Without `times`, outputs are `settings.interval` apart.
     """
     trial = work.trial
     return Run(
@@ -259,16 +263,16 @@ def equal_times(settings: Settings) -> np.ndarray:
 
 
 def output_run(run: Run) -> Run:
-    """The same run with a factor of its own, for its outputs."""
+    """The same run with a second factor, for the evaluation of outputs."""
     return run._replace(work=run.work._replace(factor=_new_factor(run.system)))
 
 
 def new_path(system: System) -> Path:
-    """Memory for one kinematic analysis; the metric is that of the weights."""
+    """Memory for one kinematic analysis; the metric W is diagonal, the squared weights."""
     nq, nv, nc = sizes(system)
     weights = np.where(system.weights > 0.0, system.weights, 1.0)
     signs = np.where(np.random.default_rng(1).random(nc) < 0.5, -1.0, 1.0)
-    sizes_of_rows = np.linspace(0.7, 1.3, nc)  # so that no symmetry hides a pose
+    sizes_of_rows = np.linspace(0.7, 1.3, nc)  # unequal, so that no symmetry hides a singular pose
     n_functions = max(1, len(system.functions.start) - 1)
     return Path(
         weights**2, signs * sizes_of_rows / system.row_weights,

@@ -1,4 +1,4 @@
-"""Compile a model: check it, build its tables, put its equations in order, name the columns."""
+"""Compile a model: validate it, build its tables, order its equations and name the columns."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Compiled:
     """A system ready to run: tables, names, initial pose, size of the model [m], reduced bodies.
 
     `functions` are the functions of time as expressions, by the index that the tables use.
-    `contacts` are the joints that can only push, cams with their followers.
+    `contacts` are the joints that can only push: those of cams with their followers.
     """
 
     system: System
@@ -77,10 +77,10 @@ class Compiled:
     flexbodies: Mapping[str, FlexBody]
     functions: tuple[Expression, ...] = ()
     contacts: tuple[Contact, ...] = ()
-    starts: tuple[Start, ...] = ()  # of the states
+    starts: tuple[Start, ...] = ()  # initial values of the states
     numbers: tuple[str, ...] = ()  # names of all channels and states by their number
     elements: Mapping[str, Element] = field(default_factory=dict)  # rows of forces by scene path
-    is_damped: bool = False  # whether its flexible bodies have the damping of their modes as joined
+    is_damped: bool = False  # whether flexible bodies have the damping of modes of the mechanism
 
 
 def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> Compiled:
@@ -97,7 +97,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     Raises
     ------
     SceneError
-        Everything that does not fit together; a body that is not reduced.
+        The model is inconsistent (all problems at once), or a flexible body is not reduced.
     """
     model.validate(flexbodies)
     model = active_model(model)
@@ -126,8 +126,11 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
 
 
 def _parts_of_model(kkt: Kkt, nv: int) -> NDArray[np.int64]:
-    """Number of the part that each velocity coordinate is of, (nv,): parts share no equations."""
-    part = np.arange(int(kkt.panels["nc"].sum()) + 1)  # the last one: left out
+    """Number of the part of each velocity coordinate (nv,): parts share no equations.
+
+    A later panel of the factor that is coupled with a panel belongs to the same part.
+    """
+    part = np.arange(int(kkt.panels["nc"].sum()) + 1)  # the last: coordinates not in the matrix
     for panel in kkt.panels[::-1]:
         own = slice(panel["col"], panel["col"] + panel["nc"])
         part[own] = part[kkt.rows[panel["rows"]]] if panel["nr"] else panel["col"]
@@ -135,7 +138,7 @@ def _parts_of_model(kkt: Kkt, nv: int) -> NDArray[np.int64]:
 
 
 def _flexible_bodies(model: Model, bodies: dict[str, FlexBody]) -> dict[str, FlexBody]:
-    """All flexible bodies, as a run has them."""
+    """All flexible bodies, as they are simulated; an error if one is not reduced."""
     problems: list[Problem] = []
     for name, spec in model.bodies.items():
         body = lookup.flexbody_of(model, name, bodies)
@@ -193,10 +196,10 @@ def core_tables(
     sensors: Sensors,
     plane: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> dict[str, Any]:
-    """Tables by the name of their kind, of the kinds that the model holds.
+    """Tables of all kinds other than forces that the model has, by the name of the kind.
 
-    `plane`: of a planar model the axes in it and its normal (3,), and of each body the axis along
-    the normal (bodies,).
+    `plane`: for a planar model the axes in the plane and its normal (3,), and for each body its
+    axis along the normal (bodies,).
     """
     rigid = parts.bodies["m"] == 0
     flexible = {
@@ -206,7 +209,7 @@ def core_tables(
     modal = parts.markers["modes"] >= 0
     point = parts.markers["point"] == 1
     driven = np.flatnonzero((rows["fun"] >= 0) & (rows["coupled"] == 0))
-    points = _joints_of_points(parts, rows, groups)
+    points = _is_point_joint(parts, rows, groups)
     coincident = rows["kind"] == POINT
     others = coincident & ~np.repeat(points, groups["n"])
     channels = sensors.channels
@@ -237,8 +240,8 @@ def core_tables(
     return {name: table for name, (table, present) in tables.items() if present}
 
 
-def _joints_of_points(parts: Parts, rows: np.ndarray, groups: np.ndarray) -> np.ndarray:
-    """(groups,) whether all rows of a group hold points of which only the place matters."""
+def _is_point_joint(parts: Parts, rows: np.ndarray, groups: np.ndarray) -> np.ndarray:
+    """(groups,) whether all rows of a group are POINT rows between markers used only as points."""
     if not len(groups):
         return np.zeros(0, bool)
     point = parts.markers["point"] == 1
@@ -259,7 +262,7 @@ def with_markers(system: System, markers: np.ndarray, pool: np.ndarray) -> Syste
 
 
 def _plane(model: Model) -> tuple[np.ndarray, np.ndarray] | None:
-    """Axes of the plane and its normal (3,), and of each body the axis along it; None in space."""
+    """Axes of the plane and its normal (3,), and each body's axis along it; None in space."""
     if model.plane is None:
         return None
     about = [normal_axis(spec, model.plane) for spec in model.bodies.values()]
@@ -286,32 +289,33 @@ def _layout(of: ModelTables, system: System) -> Layout:
     )
 
 
-# Round-off of the times at which functions are evaluated, relative.
+# Functions are evaluated by this relative distance before and after a jump: some round-offs of t,
+# so that both are certainly on their side of it.
 _TIME_ROUND_OFF = 4e-15
 
-# Jumps closer than this share of the run are one.
-_SAME_TIME = 1e-10
+# Jumps that are closer than this fraction of the run count as one.
+_MIN_TIME_DISTANCE = 1e-10
 
 
 def time_event_table(
     programs: Sequence[Expression], spec: DynamicsSpec | None
 ) -> NDArray[np.float64]:
-    """(n, 2) times [s] just before and just after every jump within the run, and in brief changes.
+    """(n, 2) times [s] just before and just after every jump of a function, and in brief changes.
 
-    One at its end too: the run ends just before it. Empty with fixed steps, which fall where they
-    fall.
+    A jump at the end of the run is included: the run ends just before it. The table is empty for
+    fixed steps, which do not stop at jumps.
     """
     if spec is None or spec.step is not None:
         return np.zeros((0, 2))
     end = spec.duration
     events: list[float] = []
-    beyond, jumps = end * (1.0 + 2.0 * _SAME_TIME), set[float]()
+    beyond, jumps = end * (1.0 + 2.0 * _MIN_TIME_DISTANCE), set[float]()
     for program in programs:
         jumps.update(derivative_jumps(program.ops, beyond), switch_times(program.ops, beyond))
-        jumps.update(brief_changes(program.ops, end))  # by samples of the run
-    for t in sorted(end if abs(end - t) <= _SAME_TIME * end else t for t in jumps):
+        jumps.update(brief_changes(program.ops, end))  # found by samples over the run
+    for t in sorted(end if abs(end - t) <= _MIN_TIME_DISTANCE * end else t for t in jumps):
         last = events[-1] if events else 0.0
-        if (t == 0.0 or t - last > _SAME_TIME * end) and t <= end:
+        if (t == 0.0 or t - last > _MIN_TIME_DISTANCE * end) and t <= end:
             events.append(t)
     times = np.array(events)
     after = np.where(times == 0.0, _TIME_ROUND_OFF * end, times * (1.0 + _TIME_ROUND_OFF))
@@ -319,9 +323,9 @@ def time_event_table(
 
 
 def fingerprint(system: System) -> str:
-    """Hash of all tables of a system that do not depend on how long it runs."""
+    """Hash of all tables of a system that do not depend on the duration of the run."""
     functions = system.functions
-    # Some piecewise polynomials are made over the length of the run; all follow from the scene.
+    # Some piecewise polynomials depend on the duration of the run; all follow from the scene.
     places = np.where(functions.ops == PIECEWISE, 0.0, functions.args)
     lasting = system._replace(
         time_events=None,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from flexmb.engine import initial_conditions, state_rows, time_loop
 from flexmb.engine.allocation import new_run, output_run
@@ -24,12 +23,9 @@ from flexmb.engine.state import Run, Stage, Stages, State, Work
 from flexmb.engine.tables import System
 from flexmb.progress import Progress, silent
 
-if TYPE_CHECKING:
-    pass
-
 
 def all_units() -> tuple[CompiledUnit, ...]:
-    """All units there are, of all kinds and methods."""
+    """All units of the engine, of all kinds and methods."""
     method_makers()  # imports the methods
     return tuple(UNITS[name] for name in sorted(UNITS))
 
@@ -46,20 +42,23 @@ def solve_stage(system: System, state: State, work: Work, level: int) -> float:
         VELOCITIES: v onto Cq v + C_t = 0; returns 0.
         ACCELERATIONS: v̇ and λ; returns the status.
         RESIDUAL: work.trial.res and work.con.C; returns the status.
-        REMEMBER: history of the elements, at rest here. BEGIN: works and joint angles from here.
+        REMEMBER: the history of the elements begins at this state, taken as at rest. BEGIN: works
+        and joint angles begin at this state.
     """
     return float(call(initial_conditions.solve_stage, new_run(system, state, work), level))
 
 
 def stage_solver(system: System, state: State, work: Work) -> Callable[[int], float]:
-    """`solve_stage` for many calls: the tables are handed over once."""
+    """`solve_stage` for many calls: the tables are packed once."""
     run = packed_record(new_run(system, state, work))
     return lambda level: float(call(initial_conditions.solve_stage, run, level))
 
 
 def row_evaluator(system: System, state: State, work: Work) -> Callable[[], None]:
-    """What puts markers, C and the rows of Cq (Dense.jac) at the positions of a state into its
-    scratch. Nothing is compiled for that: units that are missing run as plain Python."""
+    """A function that puts markers, C and Cq (Dense.jac) at the positions of a state into `work`.
+
+    Nothing is compiled for it: if units are missing, all run as plain Python.
+    """
     run, none = new_run(system, state, work), Stage((), ())
     stages = Stages(*(none for _ in Stages._fields))
     used = {name: getattr(run.stages, name) for name in initial_conditions.ROW_STAGES}
@@ -81,7 +80,7 @@ def prepare_integration(system: System, method: Method, progress: Progress = sil
     method : Method
         The integrator.
     progress : Progress
-        Told the phase `compile`, or `load` where all units are there.
+        Receives the phase `compile`, or `load` if all units are in the cache.
 
     Raises
     ------
@@ -92,13 +91,13 @@ def prepare_integration(system: System, method: Method, progress: Progress = sil
 
 
 def integration_units(system: System, method: Method) -> list[CompiledUnit]:
-    """The units that a run calls, and those that stand in its tables."""
+    """The units that a run calls, by name or through its tables."""
     units = [
         time_loop.integrate_steps,
         initial_conditions.solve_stage,
         initial_conditions.evaluate_rows,
     ]
-    units.append(run_program)  # what few scenes do without
+    units.append(run_program)  # nearly all scenes have functions
     return [*units, *units_of(system), *units_in(method)]
 
 
@@ -110,9 +109,9 @@ def integrate(run: Run | Packed, n_steps: int, aside: Run | Packed | None = None
     run : Run
         The run.
     n_steps : int
-        How many steps at most; 0 writes the outputs that are due.
+        Largest number of steps; 0 writes the outputs that are due.
     aside : Run, optional
-        From `output_run`, to be made once for many calls.
+        The result of `output_run`, which should be made once for many calls.
     """
     if aside is None:
         aside = output_run(run.record if isinstance(run, Packed) else run)
@@ -120,13 +119,13 @@ def integrate(run: Run | Packed, n_steps: int, aside: Run | Packed | None = None
 
 
 def statics_units(system: System) -> list[CompiledUnit]:
-    """The units that equilibria call, and those that stand in its tables."""
+    """The units that a search for an equilibrium calls, by name or through its tables."""
     units = [initial_conditions.solve_stage, initial_conditions.evaluate_equations]
     return [*units, state_rows.write_equilibrium, *units_of(system)]
 
 
 def kinematics_units(system: System) -> list[CompiledUnit]:
-    """The units that a kinematic analysis calls, and those that stand in its tables."""
+    """The units that a kinematic analysis calls, by name or through its tables."""
     units = [kinematics_loop, initial_conditions.evaluate_rows]
     return [*units, *units_of(system)]
 
@@ -134,12 +133,12 @@ def kinematics_units(system: System) -> list[CompiledUnit]:
 def analyse_kinematics(
     run: Run, path: Path, settings: KinematicsSettings, what: int, n: int = 0
 ) -> float:
-    """Points of a kinematic analysis, or what its first pose needs.
+    """Compute points of a kinematic analysis, or evaluate and correct its first pose.
 
     Parameters
     ----------
     run, path, settings : Run, Path, KinematicsSettings
-        The run, the memory of the analysis, and what it is asked for.
+        The run, the memory of the analysis, and its settings.
     what : int
         POINTS: the next n output points, into `run.output`; returns the status. EVALUATE: C, Cq,
         markers and rates at the state, in place; returns 0. CORRECT: the same, and one

@@ -1,9 +1,9 @@
 """Compiled units in this process: loading them, and calling them.
 
-Machine code is loaded by LLVM alone, so a run whose units are in the cache (`engine.unit_cache`)
-never imports Numba; what is missing is compiled first (`engine.compiler_pool`). Where nothing may
-be compiled (`call_without_compiling`, `interpretation`), and with NUMBA_DISABLE_JIT=1, units run
-as plain Python.
+Machine code is loaded by LLVM alone, so a run whose units are all in the cache
+(`engine.unit_cache`) does not import Numba. Missing units are compiled first
+(`engine.compiler_pool`). If compilation is not wanted (`call_without_compiling`, `interpretation`),
+or with NUMBA_DISABLE_JIT=1, units run as plain Python.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ def interpreted() -> bool:
 def interpretation() -> Iterator[None]:
     """Let units that this thread calls run as plain Python, from the same source.
 
-    As in compiled code, a division by zero of array elements gives what is not finite; one of
-    Python's own numbers may still raise ArithmeticError, a function out of its domain ValueError.
+    As in compiled code, division of array elements by zero gives infinity or NaN. Python's own
+    numbers may still raise ArithmeticError, and a function outside its domain ValueError.
     """
     before = _in_python.set(True)
     try:
@@ -71,7 +71,7 @@ class _Loader:
         self.addresses: dict[str, int] = {}
 
     def add(self, codes: dict[str, bytes]) -> None:
-        """Load machine code; what it calls is among it or was loaded before."""
+        """Load machine code; the units that it calls are among it or were loaded before."""
         for code in codes.values():
             self._engine.add_object_file(self._llvm.object_file.ObjectFileRef.from_data(code))
         self._engine.finalize_object()
@@ -84,10 +84,10 @@ _lock = RLock()
 _loader = functools.cache(_Loader)
 
 
-def _collect(
+def _collect_missing(
     names: Iterable[str], stored: dict[str, Stored], is_loaded: Callable[[str], bool]
 ) -> list[str]:
-    """Add units and all they call to `stored`; returns the names of those that are missing."""
+    """Read units and all they call from the cache into `stored`; return the missing names."""
     missing, seen = [], set()
     waiting = list(names)
     while waiting:
@@ -107,18 +107,18 @@ def _collect(
 
 def missing_units(units: Iterable[CompiledUnit]) -> list[str]:
     """Names of the units that would have to be compiled."""
-    return _collect([unit.name for unit in units], {}, lambda name: False)
+    return _collect_missing([unit.name for unit in units], {}, lambda name: False)
 
 
 def load_units(units: Iterable[CompiledUnit], progress: Progress = silent) -> bool:
-    """Load units and all they call, unless some would have to be compiled; whether none would.
+    """Load units and all they call if none has to be compiled; return whether this was so.
 
     Parameters
     ----------
     units : iterable of Unit
-        What will be called.
+        Units that will be called.
     progress : Progress
-        Told the phase `load` if anything is loaded.
+        Receives the phase `load` if anything is loaded.
     """
     if interpreted():
         return True
@@ -128,7 +128,7 @@ def load_units(units: Iterable[CompiledUnit], progress: Progress = silent) -> bo
         if names <= loaded.keys():
             return True
         stored: dict[str, Stored] = {}
-        if names in _incomplete or _collect(names, stored, loaded.__contains__):
+        if names in _incomplete or _collect_missing(names, stored, loaded.__contains__):
             _incomplete.add(names)
             return False
         progress("load", 0.0)
@@ -138,18 +138,18 @@ def load_units(units: Iterable[CompiledUnit], progress: Progress = silent) -> bo
 
 
 _incomplete: set[frozenset[str]] = set()
-"""Units of which some were missing when they were asked for; emptied when units are compiled."""
+"""Requested sets of units of which some were missing; emptied when units are compiled."""
 
 
 def prepare_units(units: Iterable[CompiledUnit], progress: Progress = silent) -> int:
-    """Load units and all they call; compile what is missing. Returns how many were compiled.
+    """Load units and all they call; compile missing ones. Returns how many were compiled.
 
     Parameters
     ----------
     units : iterable of Unit
-        What will be called.
+        Units that will be called.
     progress : Progress
-        Told the phase `compile` where anything is compiled, else `load`.
+        Receives the phase `compile` if anything is compiled, else `load`.
 
     Raises
     ------
@@ -166,7 +166,7 @@ def prepare_units(units: Iterable[CompiledUnit], progress: Progress = silent) ->
         compiled = 0
         stored: dict[str, Stored] = {}
         progress("load", 0.0)
-        while missing := _collect(names, stored, loaded.__contains__):
+        while missing := _collect_missing(names, stored, loaded.__contains__):
             compiled += compile_units(missing, progress)
             _incomplete.clear()
         _loader().add({name: code for name, (code, _) in stored.items()})
@@ -175,14 +175,20 @@ def prepare_units(units: Iterable[CompiledUnit], progress: Progress = silent) ->
 
 
 _word_at = ctypes.c_size_t.from_address
-_DATA = object.__basicsize__  # in an array object of NumPy; ctypes.data takes twenty times as long
-_IS_THERE = _word_at(id(_SOME := np.zeros(1)) + _DATA).value == _SOME.ctypes.data
+# Offset of the data pointer in an array object of NumPy, and whether an example has it there. To
+# read it takes a twentieth of the time of `ctypes.data`.
+_DATA_OFFSET = object.__basicsize__
+_DATA_IS_AT_OFFSET = (
+    _word_at(id(_EXAMPLE := np.zeros(1)) + _DATA_OFFSET).value == _EXAMPLE.ctypes.data
+)
 
 
 def _address(unit: CompiledUnit | np.ndarray) -> int:
     """Address of the machine code of a unit, or of the data of an array."""
     if isinstance(unit, np.ndarray):
-        return int(_word_at(id(unit) + _DATA).value if _IS_THERE else unit.ctypes.data)
+        return int(
+            _word_at(id(unit) + _DATA_OFFSET).value if _DATA_IS_AT_OFFSET else unit.ctypes.data
+        )
     addresses = _loader().addresses
     if unit.name not in addresses:
         prepare_units([unit])
@@ -194,7 +200,7 @@ _C_TYPES: dict[Any, Any] = {int: ctypes.c_int64, float: ctypes.c_double}
 
 @functools.cache
 def _parameters(name: str) -> tuple[Any, ...]:
-    """Annotations of the parameters of a unit, of arrays their kind."""
+    """Kinds of the parameters of a unit: its annotations, for arrays dtype and dimensions."""
     hints = get_type_hints(UNITS[name].function, include_extras=True)
     return tuple(array_kind(hint) or hint for word, hint in hints.items() if word != "return")
 
@@ -215,10 +221,10 @@ def call(unit: CompiledUnit, *arguments: Any) -> Any:
     Parameters
     ----------
     unit : Unit
-        What to run; it is compiled if need be.
+        The unit; it is compiled if it is missing.
     arguments : records, arrays and numbers
-        As its annotations say, records also as `packed_record` gives them; arrays and the arrays of
-        records are changed in place.
+        Of the annotated types; records may also be results of `packed_record`. Arrays, and those of
+        records, are changed in place.
 
     Raises
     ------
@@ -228,7 +234,7 @@ def call(unit: CompiledUnit, *arguments: Any) -> Any:
     if interpreted():
         return unit.function(*(v.record if isinstance(v, Packed) else v for v in arguments))
     if any(isinstance(v, tuple) for v in arguments) or unit.name not in _loader().addresses:
-        prepare_units(_needed(unit, arguments))
+        prepare_units(_units_needed(unit, arguments))
     owned, words = [], []
     for value, kind in zip(arguments, _parameters(unit.name), strict=True):
         if isinstance(value, tuple):
@@ -243,13 +249,13 @@ def call(unit: CompiledUnit, *arguments: Any) -> Any:
 
 
 def bind(unit: CompiledUnit, *first: Any) -> Callable[..., Any]:
-    """A unit with its first arguments for many calls; the others, if any, are numbers.
+    """A unit with its first arguments bound, for many calls; the others, if any, are numbers.
 
     Parameters
     ----------
     unit : Unit
-        What to run.
-    first : records that were handed over, and arrays
+        The unit.
+    first : records from `packed_record`, and arrays
         Arrays may be changed in place, not replaced.
     """
     if interpreted():
@@ -266,8 +272,7 @@ def bind(unit: CompiledUnit, *first: Any) -> Callable[..., Any]:
 def packed_record(record: Any) -> Packed:
     """A record for many calls: laid out in memory once.
 
-    Its arrays may be changed in place, not replaced. Units that stand in it are compiled if need
-    be.
+    Its arrays may be changed in place, not replaced. Missing units of its tables are compiled.
     """
     if interpreted():
         return Packed(0, record, ())
@@ -276,17 +281,17 @@ def packed_record(record: Any) -> Packed:
 
 
 def call_without_compiling(unit: CompiledUnit, *arguments: Any) -> Any:
-    """As `call`, but nothing is compiled: if a unit is missing, all of them run as plain Python."""
-    with nullcontext() if load_units(_needed(unit, arguments)) else interpretation():
+    """As `call`, but without compiling: if a unit is missing, all units run as plain Python."""
+    with nullcontext() if load_units(_units_needed(unit, arguments)) else interpretation():
         return call(unit, *arguments)
 
 
 def caller_without_compiling(unit: CompiledUnit, record: Any) -> Callable[[], None]:
-    """`call_without_compiling` on a record for many calls: packed once, if nothing is missing."""
+    """`call_without_compiling` on a record for many calls: packed once, if no unit is missing."""
     handed: list[Packed] = []
 
     def run() -> None:
-        if not (handed or interpreted()) and load_units(_needed(unit, (record,))):
+        if not (handed or interpreted()) and load_units(_units_needed(unit, (record,))):
             handed.append(packed_record(record))
         if handed:
             call(unit, handed[0])
@@ -296,14 +301,14 @@ def caller_without_compiling(unit: CompiledUnit, record: Any) -> Callable[[], No
     return run
 
 
-def _needed(unit: CompiledUnit, arguments: Iterable[Any]) -> list[CompiledUnit]:
-    """A unit, and those that stand in the tables of the records that it is handed."""
+def _units_needed(unit: CompiledUnit, arguments: Iterable[Any]) -> list[CompiledUnit]:
+    """A unit, and those in the tables of its records."""
     records = [value for value in arguments if isinstance(value, tuple)]
     return [unit, *(other for record in records for other in units_in(record))]
 
 
 def _array_words(array: np.ndarray, kind: Array) -> list[int]:
-    """An array as compiled code is handed it: owner, parent, sizes, data, shape, strides."""
+    """The words that pass an array to compiled code: owner, parent, sizes, data, shape, strides."""
     fits = array.dtype == kind.dtype and array.ndim == kind.ndim and array.flags.c_contiguous
     if not fits:
         what = f"{array.dtype}{array.shape}, strides {array.strides}"

@@ -1,10 +1,10 @@
-"""Compiles units to machine code: the only home of Numba.
+"""Compile units to machine code; the only module that uses Numba.
 
-A process of its own, `python -m flexmb.engine.compiler FOLDER`: it reads names of units, one a
-line, writes the object file of each into the folder and answers with a line. Numba translates the
-kernels that a unit reaches into LLVM code without optimisation; the unit is then optimised once, as
-a whole, with everything else internal to it, and becomes one object file whose symbols are its own
-name and those of the units it calls.
+It runs as a process of its own, `python -m flexmb.engine.compiler FOLDER`. It reads names of units,
+one per line, writes the object file of each into the folder and answers with a line. Numba
+translates the kernels that a unit reaches into LLVM code without optimisation. The unit is then
+optimised once, as a whole, and becomes one object file. The file's only symbols are the name of the
+unit and those of the units that it calls.
 """
 
 from __future__ import annotations
@@ -58,12 +58,15 @@ _WORD = ir.IntType(64)
 
 
 def _fix_index(builder: ir.IRBuilder, index: ir.Value, size: ir.Value) -> ir.Value:
-    """The index as it is: no kernel counts from the end, and to look takes a quarter of a run.
+    """Return the index unchanged, in place of Numba's treatment of negative indices.
 
-    Where indices are checked, one outside its array ends the process by an illegal instruction.
+    No kernel counts indices from the end, and the test for it would take a quarter of the time of a
+    run. With `checks_indices`, an index outside its array ends the process by an illegal
+    instruction.
     """
     if checks_indices():
-        bound = sys._getframe(1).f_code.co_name == "fix_bound"  # of a slice, then cut at the size
+        # bounds of slices may be larger than the size: Numba cuts them
+        bound = sys._getframe(1).f_code.co_name == "fix_bound"
         zero = ir.Constant(size.type, 0)
         below = builder.icmp_signed("<", index, zero)
         wrong = below if bound else builder.icmp_unsigned(">=", index, size)
@@ -145,8 +148,8 @@ def _load_field(context: Any, builder: Any, of: RecordAddress, address: Any, nam
     return array._getvalue()
 
 
-def _indirect(result: types.Type) -> Any:
-    """An intrinsic that calls a unit of any signature with this result at an address."""
+def _indirect_call(result: types.Type) -> Any:
+    """Code generator of an intrinsic that calls the unit at an address; `result`: its type."""
     kind = _WORD if result == types.int64 else ir.DoubleType()
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -158,11 +161,11 @@ def _indirect(result: types.Type) -> Any:
 
 
 def _define_calls() -> None:
-    """How compiled code calls units that stand in tables."""
+    """Let compiled code call units through tables of addresses, by the functions `jit.call_...`."""
     for call in _CALLS:
         names = ", ".join(inspect.signature(call).parameters)
         result = numba_type(get_type_hints(call)["return"])
-        scope: dict[str, Any] = {"result": result, "generate": _indirect(result)}
+        scope: dict[str, Any] = {"result": result, "generate": _indirect_call(result)}
         exec(f"def typing(_, {names}): return result({names}), generate", scope)
         scope["call"] = intrinsic(scope["typing"])
         exec(f"def compiled({names}): return lambda {names}: call({names})", scope)
@@ -184,14 +187,14 @@ def signature_of(function: Callable[..., Any]) -> Any:
 
 
 def _plain(hint: Any) -> Any:
-    """What an annotation says to the compiler."""
+    """The type that an annotation states to the compiler."""
     return hint.__metadata__[0] if hasattr(hint, "__metadata__") else hint
 
 
 class KernelType(types.Dispatcher):  # type: ignore[misc]
-    """Type of a kernel, which is compiled once for all constants that it is called with.
+    """Type of a kernel, which is compiled once for all constants in its calls.
 
-    Numba by itself compiles a function again for each integer that stands in a call.
+    By default Numba compiles a function again for each integer constant in a call.
     """
 
     def get_call_type(self, context: Any, arguments: Any, named: Any) -> Any:
@@ -232,7 +235,7 @@ def _mark_kernel(function: Callable[..., Any], separate: bool = False) -> Any:
 
 
 def _mark_unit(unit: jit.CompiledUnit) -> Any:
-    """A unit as other units see it: a call of a symbol of another object file."""
+    """An intrinsic by which other units call a unit: a call of a symbol of another object file."""
     signature = signature_of(unit.function)
     llvm.add_symbol(unit.symbol, _ANY_ADDRESS)
 
@@ -251,7 +254,7 @@ def _mark_unit(unit: jit.CompiledUnit) -> Any:
     return intrinsic(scope["call"])
 
 
-_ANY_ADDRESS = 1  # of symbols in a module that is translated but not run
+_ANY_ADDRESS = 1  # for symbols of a module that is translated but never run
 
 
 @cache
@@ -263,22 +266,22 @@ def _machine() -> tuple[Any, Any]:
         cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=3,
         reloc="pic", codemodel="default",
     )  # fmt: skip
-    return machine, llvm.create_pass_builder(machine, _tuning())
+    return machine, llvm.create_pass_builder(machine, _optimiser_options())
 
 
-def _tuning() -> Any:
-    # Measured: level 3, unrolled loops and vectors of straight code cost a tenth of the compile
-    # time more and gain nothing.
+def _optimiser_options() -> Any:
+    # Measured: level 3, loop unrolling and vectorisation of straight-line code take a tenth more
+    # time to compile, and runs are not faster.
     tuning = llvm.create_pipeline_tuning_options(speed_level=2)
     tuning.loop_vectorization = True
     tuning.loop_unrolling = False
     return tuning
 
 
-def _without_errors(code: str) -> str:
-    """The code with all that leads to a Python exception marked as never reached.
+def _mark_errors_unreachable(code: str) -> str:
+    """The code with all branches that raise a Python exception marked as unreachable.
 
-    Kernels raise nothing; but Numba cannot prove that an index of a short tuple is within it.
+    Kernels raise nothing, but Numba cannot prove that an index of a short tuple is valid.
     """
     entrance = re.compile(r"^declare (\w+) @numba_gil_ensure\(([^)]*)\).*$", re.MULTILINE)
     return entrance.sub(r"define internal \1 @numba_gil_ensure(\2) {\n  unreachable\n}", code)
@@ -287,7 +290,7 @@ def _without_errors(code: str) -> str:
 def compile_unit(unit: jit.CompiledUnit) -> tuple[bytes, tuple[str, ...]]:
     """Object file of a unit, and the names of the units that it calls."""
     made = numba.cfunc(signature_of(unit.function), nopython=True, **_OPTIONS)(unit.function)
-    module = llvm.parse_assembly(_without_errors(made.inspect_llvm()))
+    module = llvm.parse_assembly(_mark_errors_unreachable(made.inspect_llvm()))
     entry = next(f for f in module.functions if f.name == made._wrapper_name)
     for value in (*module.functions, *module.global_variables):
         if not value.is_declaration and value.name != entry.name:
@@ -302,12 +305,12 @@ def compile_unit(unit: jit.CompiledUnit) -> tuple[bytes, tuple[str, ...]]:
 
 
 def main(arguments: list[str]) -> int:
-    """Compile the units whose modules and names come in, line by line, until there are no more."""
+    """Compile the units that standard input names, line by line, until it ends."""
     folder = Path(arguments[0])
     sys.modules["scipy"] = None  # type: ignore[assignment]  # else Numba loads its linear algebra
     jit.compile_with(_mark_kernel, _mark_unit)
     _define_calls()
-    gc.set_threshold(50_000)  # Numba makes many objects, and few circles of them
+    gc.set_threshold(50_000)  # Numba makes many objects, but few reference cycles
     for line in sys.stdin:
         name, file = line.rstrip("\n").split("\t")
         start = time.process_time()
@@ -318,7 +321,7 @@ def main(arguments: list[str]) -> int:
             answer = f"done\t{name}\t{time.process_time() - start:.3f}"
         except OSError as error:
             answer = f"unwritable\t{name}\t{error.strerror or error}"
-        except Exception as error:  # noqa: BLE001  the parent tells it
+        except Exception as error:  # noqa: BLE001  the parent process reports it
             lines = f"{type(error).__name__}: {error}"
             if "-v" in arguments:
                 lines = traceback.format_exc()

@@ -1,7 +1,7 @@
-"""Compiling units that are missing, on all cores.
+"""Compile missing units on all cores.
 
-Processes of `engine.compiler`, one a core, each compile one unit after the other into the cache. A
-lock for each unit keeps two runs from doing the same work; it ends with the process that holds it.
+Processes of `engine.compiler`, one per core, each compile one unit after the other into the cache.
+A lock file for each unit prevents two runs from doing the same work. A lock ends with its process.
 """
 
 from __future__ import annotations
@@ -25,20 +25,21 @@ from flexmb.engine.unit_cache import cache_folders, leave_cache, read_unit, unit
 from flexmb.errors import CompilationError
 from flexmb.progress import Progress, silent
 
-# A process grows by some 4 MB a unit; after so many a new one takes over.
-_MAX_UNITS = 60
-# Measured: a unit takes a time by the size of all its kernels' code, two thirds of which are saved
-# for kernels that the process has translated before; starting a process takes as long as 4500
-# bytes. A further process is started for work that is worth several times that.
-_TRANSLATION = 2 / 3
+# A process grows by some 4 MB per unit; after so many units a new process replaces it.
+_MAX_UNITS_PER_PROCESS = 60
+# The time to compile a unit is in proportion to the code size of its kernels (bytes). Measured:
+# this share of it is saved for kernels that the process has translated before.
+_TRANSLATION_SHARE = 2 / 3
+# Work per process, bytes of code, that justifies one more process. Starting a process takes as long
+# as 4500 bytes.
 _MIN_PROCESS_WORK = 16_000
 _MIN_VERSIONS = {"numba": "0.61", "llvmlite": "0.44"}  # as in pyproject.toml
 
 
 def compile_units(names: Sequence[str], progress: Progress = silent) -> int:
-    """Compile units on all cores into the cache; returns how many this process compiled.
+    """Compile units on all cores into the cache; return how many this run compiled.
 
-    A unit that another process is compiling is waited for.
+    It waits for units that another run is compiling.
 
     Raises
     ------
@@ -60,7 +61,7 @@ def _check_versions() -> None:
     Raises
     ------
     CompilationError
-        Which one, and what to do.
+        A compiler is too old; the text names it and the cure.
     """
     for package, least in _MIN_VERSIONS.items():
         try:
@@ -82,41 +83,41 @@ class _Pool:
         self.folder = cache_folders()[0]
         self.workers: list[_Worker] = []
         self.answers: queue.SimpleQueue[tuple[_Worker, str]] = queue.SimpleQueue()
-        self.elsewhere: list[str] = []  # in the hands of another process
+        self.locked: list[str] = []  # units that another run is compiling
         self.compiled = 0
         self.done_cost, self.cost = 0.0, sum(map(_cost, names)) or 1.0
         self.start = time.perf_counter()
 
     def run(self) -> None:
-        """Until all are there."""
+        """Work until all units are in the cache."""
         self._report("")
-        while self.waiting or self.elsewhere or any(worker.name for worker in self.workers):
+        while self.waiting or self.locked or any(worker.name for worker in self.workers):
             self._assign()
             if any(worker.name for worker in self.workers):
                 with suppress(queue.Empty):
                     self._receive(*self.answers.get(timeout=0.2))
             else:
                 time.sleep(0.02)
-            if not self.waiting and self.elsewhere:
-                self.waiting, self.elsewhere = self.elsewhere, []
+            if not self.waiting and self.locked:
+                self.waiting, self.locked = self.locked, []
 
     def _assign(self) -> None:
-        """A unit to every free worker."""
+        """Give a unit to every free worker; start more workers if they are worth it."""
         while self.waiting:
             free = next((worker for worker in self.workers if not worker.name), None)
-            if free is None and not self._more_processes():
+            if free is None and not self._needs_process():
                 return
-            name = self._next(free)
+            name = self._next_unit(free)
             self.waiting.remove(name)
-            lock = self._claim(name)
+            lock = self._lock_unit(name)
             if lock is None:
-                self.elsewhere.append(name)
+                self.locked.append(name)
                 continue
             if read_unit(self.folder / unit_file(name)) is not None:
                 lock.release()
                 self._finish(name)
                 continue
-            if free is not None and free.done >= _MAX_UNITS:
+            if free is not None and free.done >= _MAX_UNITS_PER_PROCESS:
                 free.kill()
                 self.workers.remove(free)
                 free = None
@@ -125,8 +126,8 @@ class _Pool:
                 self.workers.append(free)
             free.begin(name, lock)
 
-    def _more_processes(self) -> bool:
-        """Whether to start one more process."""
+    def _needs_process(self) -> bool:
+        """Whether one more process is worth its start."""
         if not self.workers:
             return True
         left = min(
@@ -134,10 +135,10 @@ class _Pool:
         )
         return len(self.workers) < _cores() and left > _MIN_PROCESS_WORK * len(self.workers)
 
-    def _next(self, worker: _Worker | None) -> str:
-        """The unit that costs a worker least compared with the others; then the longest.
+    def _next_unit(self, worker: _Worker | None) -> str:
+        """The next unit for a worker: one that it compiles faster than the others, or a large one.
 
-        A process translates a kernel once for all units that it compiles.
+        A process translates a kernel only once for all units that it compiles.
         """
         mine = worker.kernels if worker else set()
         theirs = [other.kernels for other in self.workers if other is not worker] or [set()]
@@ -149,8 +150,8 @@ class _Pool:
 
         return max(self.waiting, key=gain)
 
-    def _claim(self, name: str) -> Any:
-        """The lock of a unit, or None if another process has it; it ends with the process."""
+    def _lock_unit(self, name: str) -> Any:
+        """The lock of a unit, or None if another run has it."""
         from filelock import FileLock, Timeout
 
         lock = FileLock(self.folder / f"{unit_file(name)}.lock")
@@ -162,12 +163,12 @@ class _Pool:
             if not leave_cache(self.folder, error.strerror or str(error)):
                 raise CompilationError(f"{self.folder}: cannot be written ({error})") from None
             self.folder = cache_folders()[0]
-            return self._claim(name)
+            return self._lock_unit(name)
         return lock
 
     def _receive(self, worker: _Worker, answer: str) -> None:
-        """The answer of a worker; "" if it has ended."""
-        if worker not in self.workers or not worker.name:  # it ended without work
+        """Treat the answer of a worker; "" if its process has ended."""
+        if worker not in self.workers or not worker.name:  # it ended while it had no unit
             return
         name = worker.name
         unwritable = worker.end(answer)
@@ -193,7 +194,7 @@ class _Pool:
         share = min(self.done_cost / self.cost, 0.99)
         spent = time.perf_counter() - self.start
         left = f", {spent * (1.0 / share - 1.0):.0f} s left" if share > 0.1 else ""
-        done = self.count - len(self.waiting) - len(self.elsewhere)
+        done = self.count - len(self.waiting) - len(self.locked)
         done -= sum(1 for worker in self.workers if worker.name)
         what = name.rpartition(".")[0].rpartition(".")[2].replace("_", " ")
         detail = (
@@ -223,7 +224,7 @@ class _Worker:
         self.errors = tempfile.TemporaryFile()  # noqa: SIM115  closed with the worker
         try:
             self.process = subprocess.Popen(
-                # -P: what lies in the present folder is not imported
+                # -P: files in the current folder are not imported
                 [sys.executable, "-P", "-m", "flexmb.engine.compiler", str(folder)],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self.errors,
                 encoding="utf-8", env=environment, start_new_session=True,
@@ -233,13 +234,13 @@ class _Worker:
         self.name = ""
         self.lock: Any = None
         self.done = 0
-        self.kernels: set[FunctionType] = set()  # that it has translated
-        # a thread, as only sockets can be waited for together on all systems
+        self.kernels: set[FunctionType] = set()  # kernels that it has translated
+        # a thread for each worker: on some systems only sockets can be waited for together
         self.listener = threading.Thread(target=self._listen, args=(answers,), daemon=True)
         self.listener.start()
 
     def _listen(self, answers: queue.SimpleQueue[tuple[_Worker, str]]) -> None:
-        """Pass the answers on, "" when the process has ended."""
+        """Pass the answers on, and "" when the process has ended."""
         assert self.process.stdout is not None
         for line in self.process.stdout:
             answers.put((self, line))
@@ -253,10 +254,10 @@ class _Worker:
             self.process.stdin.write(f"{name}\t{unit_file(name)}\n")
             self.process.stdin.flush()
         except OSError:
-            raise CompilationError(self._death()) from None
+            raise CompilationError(self._death_message()) from None
 
     def end(self, answer: str) -> str:
-        """Take the answer to the present unit; why it could not be written, or ""."""
+        """Treat the answer to the present unit; return why it could not be written, or ""."""
         word, _, rest = answer.rstrip("\n").partition("\t")
         name, self.name = self.name, ""
         self.done += 1
@@ -266,10 +267,10 @@ class _Worker:
         if word == "failed":
             raise CompilationError(f"{name} does not compile: {rest.partition(chr(9))[2]}")
         if word != "done":
-            raise CompilationError(self._death())
+            raise CompilationError(self._death_message())
         return ""
 
-    def _death(self) -> str:
+    def _death_message(self) -> str:
         self.process.wait()
         self.errors.seek(0)
         text = self.errors.read().decode(errors="replace").strip().splitlines()
@@ -288,10 +289,10 @@ class _Worker:
 
 
 def _cost(name: str, translated: Collection[FunctionType] = ()) -> float:
-    """Bytes of code to compile for a unit, where a process knows some kernels already."""
+    """Work to compile a unit, bytes of code; `translated`: kernels that the process knows."""
     kernels = reached(UNITS[name]).kernels
     again = sum(size for kernel, size in kernels.items() if kernel in translated)
-    return sum(kernels.values()) - _TRANSLATION * again
+    return sum(kernels.values()) - _TRANSLATION_SHARE * again
 
 
 def _cores() -> int:

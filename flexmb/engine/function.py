@@ -1,11 +1,12 @@
-"""Functions of time and of measured channels: one small stack machine for all of them.
+"""Functions of time and of measured channels, evaluated by one small stack machine.
 
-In: a table of postfix programs, a time t and the jets of the variables. Out: value, first and
-second derivative in t, by second-order jets (chain rule), exact to round-off, no allocation. A
-partial derivative is the first derivative with one variable's rate set to 1, less that with all at
-0. Outside the domain of a function (logarithm of a negative number, division by zero) the result is
-not finite; the caller reports it. The readable reference is ``flexmb.model.functions.derivatives``.
-Stack row: (f, df/dt, d2f/dt2).
+It runs postfix programs at a time t, with the jets (value and two time derivatives) of variables,
+and gives the value and the first and second time derivative of a function. Each row of the stack is
+a jet (f, df/dt, d²f/dt²), to which the chain rule is applied: exact to round-off, no allocation.
+A partial derivative is the first derivative with the rate of one variable set to 1, less that with
+all rates 0. Outside the domain of a function (logarithm of a negative number, division by zero) the
+result is not finite; the caller reports it. The readable reference is
+``flexmb.model.functions.derivatives``.
 Source: Griewank and Walther, Evaluating Derivatives, 2nd ed. (2008), chapter 13.
 """
 
@@ -32,7 +33,7 @@ VAR = 15
 SIN, COS, TAN, ASIN, ACOS, ATAN = 20, 21, 22, 23, 24, 25
 SINH, COSH, TANH, EXP, LOG, SQRT, ABS, SIGN, CUBICSTEP = 26, 27, 28, 29, 30, 31, 32, 33, 34
 QUINTICSTEP, HAVERSINESTEP, CYCLOIDALSTEP, MODIFIEDSINESTEP, PIECEWISE = 35, 36, 37, 38, 40
-_UNARY = SIN  # from here on: functions of one argument
+_UNARY = SIN  # codes from here on are functions of one argument
 
 OPCODES = {
     "const": CONST, "t": TIME, "neg": NEG, "powc": POWC,
@@ -47,13 +48,13 @@ OPCODES = {
 """Names of the operations (those of ``flexmb.model.functions.expression``) to their codes here."""
 
 
-# Places at which an operation changes its law: zero, equal arguments, both ends, any knot.
-_PLACES = {ABS: 1, SIGN: 1, MIN: 1, MAX: 1, PIECEWISE: 1, **dict.fromkeys(
+# Number of switches of an operation, arguments at which its formula changes: zero, equal arguments,
+# the nearest knot, or both ends of a step.
+_SWITCH_COUNTS = {ABS: 1, SIGN: 1, MIN: 1, MAX: 1, PIECEWISE: 1, **dict.fromkeys(
     (CUBICSTEP, QUINTICSTEP, HAVERSINESTEP, CYCLOIDALSTEP, MODIFIEDSINESTEP), 2
 )}  # fmt: skip
-# A curve of more corners than this is looked at as one without.
-_MAX_CORNERS = 50
-_CHANNEL = "@"  # before the name of a channel that an operation loads
+_MAX_CORNERS = 50  # a piecewise polynomial with more corners than this counts as one without
+_CHANNEL = "@"  # prefix of the name of a channel that an operation loads
 
 
 def lower(
@@ -69,7 +70,7 @@ def lower(
     variables : mapping of str to int, optional
         Number of each channel that they name.
     moves : bool
-        Whether what stands in place of time depends on the motion.
+        Whether the variable in place of time depends on the motion, as the measure of a spring.
 
     Returns
     -------
@@ -94,18 +95,18 @@ def lower(
 
 
 def _has_corners(curve: Any) -> bool:
-    """Whether all knots but those at the ends are corners, and not too many of them."""
+    """Whether all knots but those at the ends are corners, and there are not too many."""
     corners, knots = len(curve.jumps()), len(curve.knots)
     return 0 < corners <= _MAX_CORNERS and corners >= knots - 4  # two at each end
 
 
 def count_switches(expression: Expression, moves: bool = False) -> int:
-    """At how many places a program changes its law with the motion."""
+    """Number of switches of a program that depend on the motion."""
     return sum(_switches(expression, moves))
 
 
 def _switches(expression: Expression, moves: bool) -> list[int]:
-    """Of every operation at how many places its law changes, if its arguments move."""
+    """Number of switches of every operation; 0 if its arguments do not depend on the motion."""
     counts, stack = [], list[bool]()
     for op, argument in expression.ops:
         code, places = _code(op), 0
@@ -117,7 +118,7 @@ def _switches(expression: Expression, moves: bool) -> list[int]:
                 moving |= stack.pop()
             stack.append(moving)
             if moving and (code != PIECEWISE or _has_corners(argument)):
-                places = _PLACES.get(code, 0)
+                places = _SWITCH_COUNTS.get(code, 0)
         counts.append(places)
     return counts
 
@@ -125,7 +126,7 @@ def _switches(expression: Expression, moves: bool) -> list[int]:
 def _arguments(
     expressions: Sequence[Expression], variables: Mapping[str, int]
 ) -> tuple[list[float], np.ndarray]:
-    """The argument of every operation, and the piecewise polynomials that some are places of."""
+    """The argument of every operation, and the data of piecewise polynomials that some point to."""
     args: list[float] = []
     places: dict[Any, int] = {}
     size = 0
@@ -198,12 +199,12 @@ def _unary(op, a):
         return np.abs(a), np.sign(a), 0.0
     if op == SIGN:
         return np.sign(a), 0.0, 0.0
-    return _rise(op, a)
+    return _step_function(op, a)
 
 
 @kernel
-def _rise(op, s):
-    """(g, g', g'') at s of the functions that lead from 0 at s = 0 to 1 at s = 1."""
+def _step_function(op, s):
+    """(g, g', g'') at s of the functions that rise from 0 at s = 0 to 1 at s = 1."""
     if s <= 0.0:
         return 0.0, 0.0, 0.0
     if s >= 1.0:
@@ -236,7 +237,7 @@ def _rise(op, s):
 
 @kernel
 def _piecewise(data, at, x):
-    """(g, g', g'') at x of the piecewise polynomial at a place in the data."""
+    """(g, g', g'') at x of the piecewise polynomial whose data begin at index `at`."""
     n, p, period = int(data[at]), int(data[at + 1]), data[at + 2]
     at += 3
     if period > 0.0:
@@ -260,7 +261,7 @@ def _piecewise(data, at, x):
 
 @kernel
 def _power(c, a):
-    """(g, g', g'') at a of a to the constant power c; integer c have no trouble at a = 0."""
+    """(g, g', g'') at a of a to the constant power c; finite at a = 0 for natural numbers c."""
     if c == 2.0:
         return a * a, 2.0 * a, 2.0
     second = c * (c - 1.0) * a ** (c - 2.0)
@@ -269,7 +270,7 @@ def _power(c, a):
 
 @kernel
 def _chain(g, g1, g2, row):
-    """Replace the jet a in a stack row by g(a); an exact zero wins over an infinite slope."""
+    """Replace the jet a in a stack row by g(a); a rate of zero stays zero where g' is infinite."""
     a1, a2 = row[1], row[2]
     first, second = 0.0, 0.0
     if a1 != 0.0:
@@ -282,7 +283,7 @@ def _chain(g, g1, g2, row):
 
 @kernel
 def _hypot(a, b):
-    """Replace the jet a by √(a² + b²); of two zeros the slope is taken as zero."""
+    """Replace the jet a by √(a² + b²); the derivatives are taken as zero at a = b = 0."""
     a0, a1, a2 = a[0], a[1], a[2]
     b0, b1, b2 = b[0], b[1], b[2]
     f = np.hypot(a0, b0)
@@ -348,7 +349,7 @@ def run_program(table: FunctionTable, k: int, t: float, variables: Matrix, stack
 
 @kernel
 def _operate(table, i, t, variables, stack, top):
-    """Do operation i on the top of the stack; returns the new top."""
+    """Do operation i on the top of the stack; return the index of the new top."""
     op = table.ops[i]
     if op <= TIME:
         top += 1
@@ -385,9 +386,9 @@ def put_switches(
     table: FunctionTable, k: int, t: float, variables: Matrix, stack: Matrix,
     events: array_of(EVENT_FUNCTION), n: int,
 ) -> int:  # fmt: skip
-    """How far program k is from where operations change their laws, into events from n on.
+    """Put event functions of program k, zero at its switches, into events from n on.
 
-    Returns the number behind the last one.
+    Returns the index after the last one.
     """
     top = -1
     for i in range(table.start[k], table.start[k + 1]):
@@ -397,7 +398,7 @@ def put_switches(
             if op in (MIN, MAX):
                 a = stack[top - 1, 0] - a
             elif op == PIECEWISE:
-                a = _from_knot(table.data, int(table.args[i]), a)
+                a = _distance_from_knot(table.data, int(table.args[i]), a)
             events[n]["value"] = a
             if places == 2:
                 events[n + 1]["value"] = a - 1.0
@@ -409,9 +410,8 @@ def put_switches(
 
 
 @kernel
-def _from_knot(data, at, x):
-    """Distance of x from the nearest knot of a piecewise polynomial, its sign that of every second
-    interval."""
+def _distance_from_knot(data, at, x):
+    """Distance of x from the nearest knot; its sign alternates from interval to interval."""
     n, period = int(data[at]), data[at + 2]
     first = at + 3
     if period > 0.0:

@@ -1,4 +1,4 @@
-"""The model in its initial pose: its markers and their frames, its size and that of its parts."""
+"""The model in its initial pose: markers, size of the model, and size of its parts."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Geometry:
     flexbodies: Mapping[str, FlexBody]
 
     def marker(self, reference: str) -> PlacedMarker:
-        """The marker of a scene path."""
+        """The marker at a scene path."""
         return lookup.place_marker(self.model, reference, self.flexbodies)
 
     def frames(self, ends: tuple[str, str], axis: Any) -> Ends:
@@ -43,7 +43,7 @@ class Geometry:
         return lookup.frames(self.model, ends, axis, self.flexbodies)
 
     def joint_frames(self, joint: str) -> Ends:
-        """The triads of a joint."""
+        """The triads I and J of a joint."""
         return lookup.joint_frames(self.model, joint, self.flexbodies)
 
     def position(self, marker: PlacedMarker) -> Array:
@@ -55,17 +55,17 @@ class Geometry:
         return marker_frame(self.model, marker)[1]
 
     def turned(self, marker: PlacedMarker, R: Array) -> PlacedMarker:
-        """The marker with axes R (3, 3)."""
+        """The marker with the global axes R (3, 3)."""
         return replace(marker, R=lookup.body_axes(self.model, marker.body).T @ R)
 
     def normal_to(self, direction: Array) -> Array:
-        """A unit vector (3,) at right angles to a unit vector."""
+        """A unit vector (3,) perpendicular to a unit vector."""
         return triad(tuple(direction))[:, 0]
 
     def load_points(
         self, spec: BodyLoadSpec
     ) -> tuple[PlacedMarker, list[tuple[PlacedMarker, Array]]]:
-        """The body frame, and the points of a load of a body with the wrench (6,) of each."""
+        """The body frame, and the points of a load case with the wrench (6,) at each."""
         origin, zero, R = place(spec.body, MarkerSpec()), np.zeros(3), np.eye(3)
         load = self.flexbodies[spec.body].load(spec.load)
         return origin, [
@@ -96,10 +96,11 @@ def marker_frame(model: Model, marker: PlacedMarker) -> tuple[Array, Array]:
 def model_length(
     model: Model, flexbodies: Mapping[str, FlexBody], ground: NDArray[np.float64]
 ) -> float:
-    """Size of the model [m]: spread of all markers and flexible bodies in the initial pose.
+    """Size of the model [m]: extent of all markers and flexible bodies in the initial pose.
 
-    Of the ground only the points (n, 3) that hold something count, so that the size does not depend
-    on where the model stands.
+    Of the ground only points (n, 3) to which something is attached count, so that the size does not
+    depend on the distance of the model from the origin. The largest radius of gyration is a lower
+    bound.
     """
     points = np.concatenate([_points(model, flexbodies), ground])
     spread = float(np.linalg.norm(np.ptp(points, axis=0)))
@@ -125,8 +126,11 @@ def _points(model: Model, flexbodies: Mapping[str, FlexBody]) -> NDArray[np.floa
 def body_weights(
     model: Model, flexbodies: Mapping[str, FlexBody], length: float
 ) -> NDArray[np.float64]:
-    """Size of one unit of every velocity coordinate: metres over the model size, radians, modal
-    coordinates by the largest displacement their mode makes, over the model size."""
+    """(nv of bodies,) factors that make velocity coordinates dimensionless.
+
+    1/`length` (size of the model) per metre, 1 per radian, and for modal coordinates the largest
+    displacement of the mode over `length`.
+    """
     rigid = np.append(np.full(3, 1.0 / length), np.ones(3))
     parts = []
     for name in model.bodies:
@@ -145,8 +149,12 @@ def initial_positions(model: Model, bodies: NDArray[np.void]) -> Array:
 
 
 def extents_of_parts(system: System, q: Array) -> tuple[Array, Array]:
-    """How far the part of the model that each coordinate (nv,) is of reaches, and how far from the
-    origin it stands [m]; 0 where there is no body."""
+    """For the part of the model of each coordinate (nv,): its extent and distance from 0 [m].
+
+    A part is a set of bodies that equations connect. Extent and largest distance are the maxima
+    over the three axes; they are 0 if the part has no body. If a row of the part follows a function
+    of time or scalar coordinates, the extent is at least the largest radius of gyration.
+    """
     bodies, markers, of = system.parts.bodies, system.parts.markers, system.part
     spread, mass = np.trace(bodies["S0"], axis1=1, axis2=2), bodies["mass"]
     gyration = np.sqrt(np.divide(spread, mass, out=np.zeros(len(mass)), where=mass > 0.0))

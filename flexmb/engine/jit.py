@@ -1,18 +1,18 @@
-"""Marks of compiled code, and records: the arguments of compiled code and how they lie in memory.
+"""Decorators of compiled code, and records: its arguments and their layout in memory.
 
-A *kernel* is a function that only compiled code calls; it takes arrays, records of them by their
-address, and numbers. A *unit* is a kernel with a fixed signature, given by its annotations, that is
-compiled and cached alone (`engine.compiler`, `engine.compiled_units`); other units call it by its
-name, or through a table of addresses. Here both are plain Python functions, so all of the engine
-also runs without compilation, from the same source; Numba is imported only where units are
-compiled.
+A *kernel* is a function that only compiled code calls. Its arguments are arrays, records of arrays
+(by address) and numbers. A *unit* is a kernel with a fixed signature, given by its annotations,
+that is compiled and cached alone (`engine.compiler`, `engine.compiled_units`). Other units call it
+by name, or through a table of addresses. In this module both are plain Python functions, so that
+the whole engine also runs without compilation, from the same source. Only the compiler process
+imports Numba.
 
 A record class annotates every field that compiled code reads: an array (`array_of`), a number (int,
-float), another record, a table of units (`Units`) or of records (`Records`). In memory it is a row
-of words of 8 bytes. An array takes one for its data and one for each length (contiguous, in C
-order), a number one, a record within a record the words of that one; tables of units and of records
-are arrays of addresses, 0 for a unit that is None. Other fields stay with Python. Compiled code is
-handed the address alone, so its types are the same for all scenes.
+float), another record, a table of units (`Units`) or of records (`Records`). In memory a record is
+a row of words of 8 bytes. An array takes one word for the address of its data, one for each length
+(contiguous, in C order), a number one word, a record within a record its own words. Tables of units
+and of records are arrays of addresses, 0 for a unit that is None. Other fields are for Python only.
+Compiled code receives only the address of a record, so its types are the same for all scenes.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ import numpy as np
 
 
 class CompiledUnit:
-    """A function that is compiled alone; called from Python it runs without compilation.
+    """A function that is compiled and cached alone; a plain call from Python interprets it.
 
     Attributes
     ----------
     name : str
         Module and function, the same in every process.
     symbol : str
-        Its name in machine code.
+        The name in machine code.
     function : callable
         The Python function.
     """
@@ -58,18 +58,18 @@ class CompiledUnit:
 
 
 UNITS: dict[str, CompiledUnit] = {}
-"""All units that were imported, by name."""
+"""All units of imported modules, by name."""
 
 
 class Reached(NamedTuple):
-    """What the source of a unit reaches.
+    """Units and kernels that the source of a unit reaches.
 
     Attributes
     ----------
     units : frozenset of str
         Names of the units that it calls by name.
     kernels : dict
-        Size of the code (bytes) of each kernel that is compiled into it, its own function too.
+        Code size (bytes) of each kernel that is compiled into it, including its own function.
     """
 
     units: frozenset[str]
@@ -78,7 +78,7 @@ class Reached(NamedTuple):
 
 @cache
 def reached(unit: CompiledUnit) -> Reached:
-    """Units and kernels that a unit calls, its own function among the kernels."""
+    """Units and kernels that a unit calls, directly or not; its own function is one of them."""
     units: set[str] = set()
     kernels: dict[FunctionType, int] = {}
     waiting: list[Any] = [unit.function]
@@ -88,7 +88,7 @@ def reached(unit: CompiledUnit) -> Reached:
             continue
         codes = list(_codes(function.__code__))
         kernels[function] = sum(len(code.co_code) for code in codes)
-        for value in _named(codes, function.__globals__):
+        for value in _referenced_values(codes, function.__globals__):
             if isinstance(value, CompiledUnit):
                 units.add(value.name)
             elif isinstance(value, FunctionType) and value.__module__.startswith(_PACKAGE):
@@ -106,8 +106,8 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
             yield from _codes(value)
 
 
-def _named(codes: list[CodeType], scope: dict[str, Any]) -> Iterator[Any]:
-    """Values that code names: globals, and members of modules among them."""
+def _referenced_values(codes: list[CodeType], scope: dict[str, Any]) -> Iterator[Any]:
+    """Values of the names in code: globals, and members of modules."""
     names = {name for code in codes for name in code.co_names}
     for value in [scope[name] for name in names if name in scope]:
         if isinstance(value, ModuleType):
@@ -119,8 +119,8 @@ _compiler: tuple[Callable[..., Any], Callable[..., Any]] | None = None
 
 
 def compile_with(kernel_mark: Callable[..., Any], unit_mark: Callable[[CompiledUnit], Any]) -> None:
-    """Let a compiler mark all kernels and units that are imported from now on."""
-    global _compiler  # noqa: PLW0603  one compiler a process
+    """Let a compiler decorate all kernels and units that are imported from now on."""
+    global _compiler  # noqa: PLW0603  one compiler per process
     _compiler = kernel_mark, unit_mark
 
 
@@ -130,21 +130,21 @@ def kernel(function: Callable[..., Any]) -> Any:
 
 
 def separate(function: Callable[..., Any]) -> Any:
-    """Decorator of kernels that write no number which they also reach by another argument.
+    """Decorator of kernels whose array arguments do not overlap where they are written.
 
-    So loops need not find out first whether their arrays overlap.
+    So loops are vectorised without a test for overlap.
     """
     return function if _compiler is None else _compiler[0](function, True)
 
 
 def unit(function: Callable[..., Any]) -> Any:
-    """Decorator of functions that are compiled and cached alone; annotations give the types."""
+    """Decorator of functions that are compiled and cached alone, with the types of annotations."""
     made = CompiledUnit(function)
     UNITS[made.name] = made
     return made if _compiler is None else _compiler[1](made)
 
 
-# Calls of a unit that stands in a table; compiled, `unit` and `tables` are addresses.
+# Calls of a unit from a table. In compiled code, `unit` and `tables` are addresses.
 
 
 def call_stage(unit: Any, run: Any, tables: Any, at: Any) -> int:
@@ -153,12 +153,12 @@ def call_stage(unit: Any, run: Any, tables: Any, at: Any) -> int:
 
 
 def call_value(unit: Any, run: Any, tables: Any, at: Any) -> float:
-    """Number that one kind gives: an energy, a change."""
+    """Number that the unit of one kind returns: an energy, a change."""
     return unit(run, tables, at)  # type: ignore[no-any-return]
 
 
 def call_matrix(unit: Any, run: Any, tables: Any, at: Any, cv: float, cp: float) -> int:
-    """Status of what one kind adds to the iteration matrix."""
+    """Status of the unit by which one kind adds to the iteration matrix."""
     return unit(run, tables, at, cv, cp)  # type: ignore[no-any-return]
 
 
@@ -178,12 +178,12 @@ def call_row(unit: Any, at: Any, a: int, b: int, i: int, j: int) -> int:
 
 
 def call_row_value(unit: Any, at: Any, a: int, b: int, i: int, j: int) -> float:
-    """Number that a kind of row gives: its measure, its curvature."""
+    """Number that the unit of a kind of row returns: its value, its curvature."""
     return unit(at, a, b, i, j)  # type: ignore[no-any-return]
 
 
 def call_row_tangent(unit: Any, at: Any, a: int, b: int, i: int, j: int, f: float) -> int:
-    """Status of the tangent of a kind of row."""
+    """Status of the unit that adds the tangent of a kind of row."""
     return unit(at, a, b, i, j, f)  # type: ignore[no-any-return]
 
 
@@ -217,7 +217,7 @@ _ADDRESSES = Array(np.dtype("i8"), 1)
 
 
 class Field(NamedTuple):
-    """One field of a record in memory: its first word, and what it is."""
+    """One field of a record in memory: its name, first word and kind."""
 
     name: str
     word: int
@@ -227,19 +227,19 @@ class Field(NamedTuple):
 
 @cache
 def layout(record: type) -> tuple[tuple[Field, ...], int]:
-    """Fields of a record class that compiled code reads, and the words it takes."""
+    """Fields of a record class that compiled code reads, and the number of words of the record."""
     fields: list[Field] = []
     word = 0
     for name, hint in get_type_hints(record, include_extras=True).items():
-        kind, table = _kind(hint)
+        kind, table = _field_kind(hint)
         if kind is None:
             continue
         fields.append(Field(name, word, kind, table))
-        word += _words(kind)
+        word += _word_count(kind)
     return tuple(fields), word
 
 
-def _kind(hint: Any) -> tuple[Any, str]:
+def _field_kind(hint: Any) -> tuple[Any, str]:
     if get_origin(hint) is Annotated:
         mark = get_args(hint)[1]
         if mark is _UnitTable:
@@ -253,24 +253,24 @@ def _kind(hint: Any) -> tuple[Any, str]:
 
 
 def array_kind(hint: Any) -> Array | None:
-    """What an annotation says of an array; None for all others."""
-    kind, table = _kind(hint)
+    """The `Array` of an annotation; None if it is not that of an array."""
+    kind, table = _field_kind(hint)
     return kind if isinstance(kind, Array) and not table else None
 
 
 def is_record(hint: Any) -> bool:
-    """Whether it is a class of named tuples."""
+    """Whether an annotation is a class of named tuples."""
     return isinstance(hint, type) and issubclass(hint, tuple) and hasattr(hint, "_fields")
 
 
-def _words(kind: Any) -> int:
+def _word_count(kind: Any) -> int:
     if isinstance(kind, Array):
         return 1 + kind.ndim
     return 1 if kind in (int, float) else layout(kind)[1]
 
 
 class Packed:
-    """A record in memory: its address, and all that must live as long."""
+    """A record in memory: its address, and the objects that must live as long as it does."""
 
     __slots__ = ("address", "owned", "record")
 
@@ -286,18 +286,18 @@ def pack(record: Any, address_of: Callable[[Any], int]) -> Packed:
     record : named tuple
         The record.
     address_of : callable
-        Address of the machine code of a unit, or of the data of an array.
+        Returns the address of the machine code of a unit, or of the data of an array.
 
     Raises
     ------
     TypeError
-        An array of another dtype or number of dimensions than annotated, or not contiguous.
+        An array has another dtype or number of dimensions than annotated, or is not contiguous.
     """
     return _pack(record, address_of, {})
 
 
 def _pack(record: Any, address_of: Callable[[Any], int], packed: dict[int, Packed]) -> Packed:
-    """The same; `packed` has the records of tables by `id`, which many stages share."""
+    """As `pack`; `packed`: records of tables that are packed already, by `id`."""
     words: list[int] = []
     owned: list[Any] = [record]
     _add_words(record, words, owned, address_of, packed)
@@ -309,13 +309,13 @@ def _add_words(
     record: Any, words: list[int], owned: list[Any], address_of: Callable[[Any], int],
     packed: dict[int, Packed],
 ) -> None:  # fmt: skip
-    """Append the words of a record, and to `owned` what they point at in addition to its arrays."""
+    """Append the words of a record; append to `owned` what they point to beside its arrays."""
     for name, _, kind, table in layout(type(record))[0]:
         value = getattr(record, name)
         if table:
             value = _addresses(value, table, owned, address_of, packed)
         if isinstance(kind, Array):
-            _check(record, name, value, kind)
+            _check_array(record, name, value, kind)
             words.append(address_of(value))
             words += value.shape
         elif kind is float:
@@ -344,7 +344,7 @@ def _addresses(
     return addresses
 
 
-def _check(record: Any, name: str, value: Any, kind: Array) -> None:
+def _check_array(record: Any, name: str, value: Any, kind: Array) -> None:
     fits = isinstance(value, np.ndarray) and value.dtype == kind.dtype and value.ndim == kind.ndim
     if not fits or not value.flags.c_contiguous:
         what = f"{type(value).__name__} {getattr(value, 'dtype', '')}{getattr(value, 'shape', '')}"
@@ -352,8 +352,8 @@ def _check(record: Any, name: str, value: Any, kind: Array) -> None:
 
 
 def units_in(record: Any) -> Iterator[CompiledUnit]:
-    """All units that stand in the tables of a record."""
-    for name, table in _holders(type(record)):
+    """All units in the tables of a record."""
+    for name, table in _fields_with_units(type(record)):
         value = getattr(record, name)
         if table == "units":
             yield from (unit for unit in value if unit is not None)
@@ -365,11 +365,11 @@ def units_in(record: Any) -> Iterator[CompiledUnit]:
 
 
 @cache
-def _holders(record: type) -> tuple[tuple[str, str], ...]:
-    """Fields of a record class that may hold units, and which tables they are, "" of records."""
+def _fields_with_units(record: type) -> tuple[tuple[str, str], ...]:
+    """Fields of a record class that may hold units, each with its kind of table ("": a record)."""
     fields = layout(record)[0]
     return tuple(
         (field.name, field.table)
         for field in fields
-        if field.table or (is_record(field.kind) and _holders(field.kind))
+        if field.table or (is_record(field.kind) and _fields_with_units(field.kind))
     )

@@ -1,4 +1,4 @@
-"""What the lowering of a kind works with: the model, and what grows while tables are built."""
+"""Context of lowering, the step that makes the tables of a kind from the model."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:  # files of kernels import this one
     from flexmb.model.sensor import ReactionSensorSpec
 
 Forces = Sequence[tuple[str, Any]]
-"""Names and specifications of the forces that a kind is made from."""
+"""Names and specifications of the forces from which the tables of a kind are made."""
 
 
 class Element(NamedTuple):
-    """Where a force of the scene stands: its kind, its first row there, and how many it has.
+    """Table rows of a force of the scene: kind, first row, number of rows.
 
     `reversed`: markers I and J of its rows are J and I of the scene.
     """
@@ -35,7 +35,7 @@ class Element(NamedTuple):
 
 
 class Action(NamedTuple):
-    """A function that acts on a marker: component `a` of a row of a kind, on J or I (`on` 0, 1)."""
+    """A function that acts on a marker, as component `a` of a row, on marker J or I (`on` 0, 1)."""
 
     program: int
     kind: str
@@ -47,30 +47,31 @@ class Action(NamedTuple):
 
 @dataclass
 class Lowering:
-    """What the tables of all kinds are made from.
+    """The model, and shared tables that grow while the tables of all kinds are made.
 
     Attributes
     ----------
     geometry : Geometry
         The model, its flexible bodies and its markers in the initial pose.
     markers, functions : MarkerTable, Functions
-        Tables that grow.
+        Markers and functions of the system; kinds add to them.
     groups : Groups
-        The constraint rows of joints, drivers and what follows joints.
+        The constraint rows of joints, drivers and scalar coordinates.
     scalars : sequence of Scalar
         The scalar coordinates, in their order.
     history : int
-        Numbers that elements remember from step to step, time first.
+        Number of internal variables of elements, which keep values from step to step; the first is
+        time.
     events : int
-        Values that the step control watches.
+        Number of event functions that the step control watches.
     program_depth : int
-        Rows of stack that programs of the kinds need.
+        Stack depth that the programs of the kinds need.
     elements : dict
         Forces by scene path, for sensors of their wrenches.
     actions : list of Action
         Functions that act on markers.
     reaction_loads : list of (int, int)
-        Groups whose multipliers act on scalar coordinates.
+        Groups whose multipliers act on scalar coordinates, and these coordinates.
     """
 
     geometry: Geometry
@@ -113,11 +114,11 @@ class Lowering:
     def add_element(
         self, name: str, kind: str, row: int, n: int = 1, reversed: bool = False
     ) -> None:
-        """Note where a force stands, for sensors of its wrench."""
+        """Record the rows of a force, for sensors of its wrench."""
         self.elements[f"forces.{name}"] = Element(kind, row, n, reversed)
 
     def element(self, spec: ReactionSensorSpec) -> Element:
-        """Where the element stands whose wrench a sensor reads."""
+        """Rows of the joint, driver, force or coupler whose wrench a sensor reads."""
         for section, name in (
             ("joints", spec.joint),
             ("drivers", spec.driver),
@@ -130,16 +131,16 @@ class Lowering:
         return self.elements[f"forces.{spec.force}"]
 
     def add_action(self, program: int, kind: str, row: int, on: int, a: int, marker: int) -> None:
-        """Note where a function acts."""
+        """Record that a function acts on a marker."""
         self.actions.append(Action(program, kind, row, on, a, marker))
 
     def add_history(self, n: int) -> int:
-        """Room for n numbers of history; returns the first place."""
+        """Add n internal variables; return the index of the first."""
         self.history += n
         return self.history - n
 
     def add_events(self, n: int) -> int:
-        """Room for n values that the step control watches; returns the first place."""
+        """Add n event functions; return the index of the first."""
         self.events += n
         return self.events - n
 
@@ -153,13 +154,13 @@ class Lowering:
 
 
 class Placement(NamedTuple):
-    """Where everything stands in the iteration matrix."""
+    """Places of bodies, groups and couplings in the iteration matrix."""
 
     symbolic: Symbolic
     markers: MarkerTable
     n_bodies: int
 
     def link(self, first: int, second: int) -> int:
-        """LINK of the bodies of two markers, −1: they are not coupled."""
+        """LINK of the bodies of two markers; −1 if they are not coupled."""
         pair = self.markers.body(first), self.markers.body(second)
         return self.symbolic.couple_links.get(pair, -1)

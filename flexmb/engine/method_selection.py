@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 AUTO = "auto"
 
 STIFF_METHOD = "radau"
-"""What a run by "auto" goes over to where stiffness limits the steps."""
+"""The method to which a run with "auto" changes if stiffness limits the steps."""
 
 NONSTIFF_METHOD = "explicit-rk"
-"""What reaches the smallest errors where nothing is stiff."""
+"""The method of a run with "auto" that is not stiff: it reaches the smallest errors."""
 
 
 @cache
 def method_makers() -> dict[str, Callable[[DynamicsSpec], Method]]:
-    """What makes each method for a scene, by name: the tables `METHODS` of all files."""
+    """Functions that make a method for a scene, by name, from `METHODS` of all integrators."""
     modules = [
         import_module(f"{integrators.__name__}.{file.name}")
         for file in iter_modules(integrators.__path__)
@@ -37,7 +37,7 @@ def method_makers() -> dict[str, Callable[[DynamicsSpec], Method]]:
 
 
 def method_name(spec: DynamicsSpec, implicit: str = "") -> str:
-    """The integrator that a run begins with; `implicit`: why explicit ones are none for it."""
+    """The integrator with which a run begins; `implicit`: why it must be implicit, or ""."""
     if spec.method != AUTO:
         return spec.method
     if spec.step is not None:
@@ -46,7 +46,7 @@ def method_name(spec: DynamicsSpec, implicit: str = "") -> str:
 
 
 def reason_of_method(spec: DynamicsSpec, name: str, implicit: str) -> str:
-    """Why `method = "auto"` has chosen it; nothing where the scene names its method."""
+    """Why `method = "auto"` selects this method; "" if the scene names its method."""
     if spec.method != AUTO:
         return ""
     if spec.step is not None:
@@ -57,5 +57,5 @@ def reason_of_method(spec: DynamicsSpec, name: str, implicit: str) -> str:
 
 
 def make_integrator(spec: DynamicsSpec, name: str | None = None) -> Method:
-    """The integrator of a name, by default that of `dynamics.method`, for a scene."""
+    """The integrator with this name for a scene, by default that of `dynamics.method`."""
     return method_makers()[name or method_name(spec)](spec)

@@ -1,4 +1,4 @@
-"""The tables of a model, and the order of its equations: the blocks of the KKT matrix."""
+"""The tables of a model, and the elimination order of its equations, block by block."""
 
 from __future__ import annotations
 
@@ -46,11 +46,12 @@ Table = NDArray[np.void]
 
 @dataclass(frozen=True)
 class ModelTables:
-    """All tables of a model; places in the factor are still open.
+    """All tables of a model; places in the factor are filled in later.
 
     The scalar coordinates of curve markers are the last ones, from number `before` on. `kinds` are
-    the tables of the kinds that the model holds, by name; `ground` (n, 3) are the points of the
-    ground that joints and forces hold on to; `numbers` those of channels and states by name.
+    the tables of the kinds that the model has, by name. `ground` (n, 3) are the points of the
+    ground to which joints and forces are attached. `numbers` are the numbers of channels and states
+    by name.
     """
 
     lowering: Lowering
@@ -61,17 +62,17 @@ class ModelTables:
     ground: NDArray[np.float64]
     sensors: Sensors
     numbers: Mapping[str, int]
-    starts: tuple[feedback.Start, ...]  # of the states
-    feedback: feedback.FeedbackTables | None  # functions that act by what they read
+    starts: tuple[feedback.Start, ...]  # initial values of the states
+    feedback: feedback.FeedbackTables | None  # functions of measured channels that act
 
 
 def build_tables(model: Model, flexbodies: Mapping[str, FlexBody]) -> ModelTables:
-    """All tables of a model that holds together.
+    """All tables of a validated model.
 
     Raises
     ------
     SceneError
-        A joint or driver between two markers of one body, or what only the geometry tells.
+        A joint or driver between two markers of one body, or a fault that only geometry shows.
     """
     functions = Functions(lambda expression: resolved(model, expression))
     markers = MarkerTable(list(model.bodies), Pool())
@@ -160,7 +161,10 @@ def _static_modes(
 def _frame_reactions(
     lowering: Lowering, sensors: Sensors, acting: feedback.Feedback, joints: int
 ) -> None:
-    """The axes of joints matter whose reactions act, in their axes, while the model moves."""
+    """Mark the markers of joints whose reactions are fed back as markers with axes.
+
+    Such reactions are read in the axes of the joint during the motion.
+    """
     for channel in sensors.channels[acting.channels]:
         if CHANNEL_KINDS[channel["what"]] is WRENCH and channel["kind"] == joints:
             for row in lowering.groups.in_group(int(channel["first"])):
@@ -169,7 +173,7 @@ def _frame_reactions(
 
 @dataclass(frozen=True)
 class EquationOrder:
-    """The factorisation, and the tables that only then are known."""
+    """The symbolic factorisation, and the tables that depend on it."""
 
     kkt: Kkt
     groups: NDArray[np.void]
@@ -178,7 +182,7 @@ class EquationOrder:
 
 
 def order_equations(of: ModelTables) -> EquationOrder:
-    """Order the equations; tells all tables where their blocks are."""
+    """Order the equations, and fill in the places of blocks in all tables."""
     symbolic = analyse(_blocks(of))
     groups, coupled = _place_groups(of, symbolic), coupled_coordinate_table(of.lowering.groups)
     _place_coordinates(coupled, groups, of.coordinates, symbolic)
@@ -195,7 +199,10 @@ def normal_axis(spec: BodySpec, plane: str) -> int:
 
 
 def planar_columns(spec: BodySpec, plane: str, m: int) -> list[int]:
-    """Column of each velocity coordinate of a body with m modes, −1 out of the plane."""
+    """Column in its panel of each velocity coordinate of a body with m modes.
+
+    Modes come first; coordinates out of the plane have −1.
+    """
     first, second, _ = plane_axes(plane)
     about = normal_axis(spec, plane)
     columns = [-1] * 6
@@ -204,7 +211,7 @@ def planar_columns(spec: BodySpec, plane: str, m: int) -> list[int]:
     return [*columns, *range(m)]
 
 
-def _columns(model: Model, table: NDArray[np.void]) -> list[list[int]]:
+def _body_columns(model: Model, table: NDArray[np.void]) -> list[list[int]]:
     """Columns of the bodies in their panels, modes first; −1 out of the plane of a planar model."""
     numbers = [int(m) for m in table["m"]]
     if model.plane is None:
@@ -214,7 +221,7 @@ def _columns(model: Model, table: NDArray[np.void]) -> list[list[int]]:
 
 
 def _coupled_rows(of: ModelTables) -> list[tuple[Any, str, int, int]]:
-    """Every row of a kind that couples two bodies: the row, its field, the two markers."""
+    """Every table row that couples two bodies: the row, the field for its LINK, both markers."""
     return [
         (row, field, int(row[i]), int(row[j]))
         for kind in KINDS
@@ -228,7 +235,7 @@ def _coupled_rows(of: ModelTables) -> list[tuple[Any, str, int, int]]:
 def _blocks(of: ModelTables) -> Blocks:
     groups, bodies, markers = (
         of.lowering.groups,
-        _columns(of.lowering.model, of.bodies),
+        _body_columns(of.lowering.model, of.bodies),
         of.lowering.markers,
     )
     pairs = coupled_bodies(groups)
@@ -247,20 +254,20 @@ def _blocks(of: ModelTables) -> Blocks:
         group_bodies=[(i, j) for _, _, i, j in groups.groups],
         group_coordinates=[tuple(len(bodies) + c for c in sorted(row)) for row in coupled],
         couples=[(i, j) for i, j in pairs if i != j],
-        group_sliders=_group_curve_points(groups, first),
+        group_curve_coordinates=_group_curve_points(groups, first),
     )
 
 
 def _group_curve_points(groups: Groups, first: int) -> list[tuple[int, ...]]:
-    """Blocks of the curve markers of each group; `first` is that of the first of all."""
+    """Blocks of the curve markers of each group; `first`: block of the first curve marker."""
     blocks: list[tuple[int, ...]] = [()] * len(groups.groups)
-    for k, slider in enumerate(groups.curve_points.points):
-        blocks[slider.group] += (first + k,)
+    for k, point in enumerate(groups.curve_points.points):
+        blocks[point.group] += (first + k,)
     return blocks
 
 
 def _place_groups(of: ModelTables, symbolic: Symbolic) -> NDArray[np.void]:
-    """GROUP rows; tells bodies where their blocks are."""
+    """GROUP rows; also fills in the panels of the bodies."""
     groups = of.lowering.groups
     of.bodies["panel"] = symbolic.panel_of[: len(of.bodies)]
     first = len(symbolic.panel_of) - len(groups.groups)
@@ -274,7 +281,7 @@ def _place_groups(of: ModelTables, symbolic: Symbolic) -> NDArray[np.void]:
 
 
 def _place_coordinates(coupled, groups, scalars, symbolic: Symbolic) -> None:
-    """Tell scalar coordinates, and the rows that follow them, where they are in the factor."""
+    """Fill in the panels of scalar coordinates and the links of the rows that follow them."""
     n_bodies = len(symbolic.panel_of) - len(groups) - len(scalars)
     scalars["panel"] = symbolic.panel_of[n_bodies : n_bodies + len(scalars)]
     group_of = np.repeat(np.arange(len(groups)), groups["n"])
@@ -284,7 +291,7 @@ def _place_coordinates(coupled, groups, scalars, symbolic: Symbolic) -> None:
 
 
 def _place_kinds(of: ModelTables, symbolic: Symbolic) -> None:
-    """Tell all kinds where their blocks are."""
+    """Fill in the links of all kinds and of feedback."""
     placement = Placement(symbolic, of.lowering.markers, len(of.bodies))
     for row, field, i, j in _coupled_rows(of):
         row[field] = placement.link(i, j)

@@ -1,4 +1,4 @@
-"""Tables of the units that a system calls: by stage and kind, for rows and for sensors."""
+"""Tables of the units that a system calls: by stage and kind, by kind of row, for sensors."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from flexmb.engine.tables import System
 
 
 def kinds_of(system: System) -> list:
-    """The kinds that a system holds, in the order of their stages."""
+    """The kinds of elements that a system has, in the order in which stages call them."""
     return [kind for kind in KINDS if kind.name in system.kinds]
 
 
 def stages_of(system: System, scratch: Mapping[str, Any]) -> Stages:
-    """What each kind of a system does, stage by stage, its tables with its scratch of one run."""
+    """For every stage the units of the kinds that act in it, and their tables with scratch."""
     kinds, called = kinds_of(system), _called_by_number(system)
     tables = dict(system.kinds)
-    for name in scratch.keys() & tables.keys():  # of a system with fewer kinds, too
+    for name in scratch.keys() & tables.keys():  # the system may have fewer kinds than the scratch
         tables[name] = tables[name]._replace(scratch=scratch[name])
 
     def stage(name: str) -> Stage:
@@ -42,7 +42,7 @@ def stages_of(system: System, scratch: Mapping[str, Any]) -> Stages:
 
 
 def _called_by_number(system: System) -> dict[str, set[int]]:
-    """Numbers in a stage of the kinds that sensors, and functions over them, call there."""
+    """For stages called by the number of a kind: the numbers that sensors and feedback use."""
     channels, feedback = system.sensors.channels, system.kinds.get("feedback")
     read = set(channels["kind"].tolist())
     acting = set() if feedback is None else set(feedback.tangents["kind"].tolist())
@@ -50,9 +50,9 @@ def _called_by_number(system: System) -> dict[str, set[int]]:
 
 
 def row_units(system: System) -> RowUnits:
-    """Units of the kinds of rows that a system holds, and of those that its sensors measure as."""
+    """Units of the kinds of rows that a system has as constraints or uses in its sensors."""
     in_joints = np.flatnonzero(np.bincount(system.rows["kind"])).tolist()
-    used = {word: set(in_joints) for word in _OF_ROWS}
+    used = {word: set(in_joints) for word in _ROW_UNIT_NAMES}
     every, acting = _terms(system)
     for number, kind in every:
         for word in MEASURES[number].of_row:
@@ -64,17 +64,17 @@ def row_units(system: System) -> RowUnits:
         word: tuple(
             getattr(kind, word) if k in used[word] else None for k, kind in enumerate(ROW_KINDS)
         )
-        for word in _OF_ROWS
+        for word in _ROW_UNIT_NAMES
     }
     curved = np.array([kind.tangent is not None for kind in ROW_KINDS], np.int64)
     return RowUnits(**units, curved=curved, period=np.array([kind.period for kind in ROW_KINDS]))
 
 
-_OF_ROWS = ("value", "gradient", "curvature", "tangent")
+_ROW_UNIT_NAMES = ("value", "gradient", "curvature", "tangent")
 
 
 def sensor_units(system: System) -> SensorUnits:
-    """Units of the channels and terms that a system holds."""
+    """Units of the kinds of channels and measures that a system has."""
     channels = set(system.sensors.channels["what"].tolist())
     measures, acting = ({number for number, _ in terms} for terms in _terms(system))
     return SensorUnits(
@@ -88,7 +88,7 @@ def sensor_units(system: System) -> SensorUnits:
 
 
 def _terms(system: System) -> tuple[set[tuple[int, int]], set[tuple[int, int]]]:
-    """Measures of all terms with their kinds of rows, and of those that functions act by."""
+    """(measure, kind of row) of all terms, and of those whose gradients feedback needs."""
     terms, feedback = system.sensors.terms, system.kinds.get("feedback")
     every = list(zip(terms["measure"].tolist(), terms["kind"].tolist(), strict=True))
     acting = set() if feedback is None else set(feedback.tangents["term"].tolist()) - {-1}
@@ -96,6 +96,6 @@ def _terms(system: System) -> tuple[set[tuple[int, int]], set[tuple[int, int]]]:
 
 
 def units_of(system: System) -> list[CompiledUnit]:
-    """All units of what a system holds."""
+    """All units in the tables of a system."""
     tables = stages_of(system, {}), row_units(system), sensor_units(system)
     return [unit for table in tables for unit in units_in(table)]

@@ -1,4 +1,4 @@
-"""Output rows of states that are not integrated: equilibria, and motions known from elsewhere."""
+"""Output rows of states that are not integrated: equilibria, and states of a prescribed motion."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def write_motion(run, at, state, velocity_drift):
 
 @kernel
 def end_row(run, at, state):
-    """Write the channels of a state and count the row, if it is finite; returns the status."""
+    """Write the channels of a state; if the row is finite, count it. Returns the status."""
     out = run.output
     row = out.rows[0]
     read_channels(run, at, state.angles, out.sensors[row])
@@ -76,8 +76,11 @@ def write_equilibrium(run: Run) -> int:
 
 
 @unit
-def remember_row(run: Run, is_first: int) -> int:
-    """Let the history of all elements begin at the state that was evaluated last, or reach it."""
+def store_row_history(run: Run, is_first: int) -> int:
+    """Update the internal variables of all elements to the state that was evaluated last.
+
+    `is_first`: they begin there.
+    """
     if is_first:
         begin_history(run, run.state_point, run.state.history)
     else:
@@ -87,10 +90,10 @@ def remember_row(run: Run, is_first: int) -> int:
 
 @unit
 def write_reactions(run: Run, metric: Vector, quality: Vector) -> int:
-    """Write the state with the multipliers that its motion needs; returns the status.
+    """Write the state with the multipliers that its motion requires; returns the status.
 
-    `quality` (3): largest force, times the size of its coordinate, that joints and drivers do not
-    give; largest of all; least pivot of a row over its own compliance.
+    `quality` (3): largest generalised force over its weight that joints and drivers cannot provide;
+    largest generalised force over its weight; least pivot of a row over its own compliance.
     """
     st, at, tr, fac = run.state, run.state_point, run.work.trial, run.work.factor
     weights, place, nv = run.system.weights, run.system.kkt.place, run.state.v.shape[0]

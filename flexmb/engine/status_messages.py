@@ -1,8 +1,6 @@
-"""What went wrong in compiled code, from its status: one sentence with place and cure."""
+"""Messages for a failure status of compiled code: one sentence with place and cure."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,10 +16,6 @@ from flexmb.engine.method import (
     ZERO_LENGTH,
 )
 from flexmb.engine.state import Work
-
-if TYPE_CHECKING:
-    pass
-
 
 _WHAT = {
     NO_CONVERGENCE: "Newton's method does not converge",
@@ -58,7 +52,7 @@ _JUMP = {
     STEP_TOO_SMALL: ", or smooth a jump in a force or driver at this time",
 }
 
-_NAMELESS = (ZERO_LENGTH, SELF_LOCKING, NO_PARTITION)
+_WITHOUT_PLACE = (ZERO_LENGTH, SELF_LOCKING, NO_PARTITION)
 
 
 def status_message(
@@ -75,11 +69,11 @@ def status_message(
     time : float
         Time at which the step began [s].
     cause : str
-        What is known of it, in place of what may be.
+        The cause if it is known; it replaces the general cure.
     """
     if status == CURVE_END:
         return _curve_end(compiled, work, time)
-    where = "" if status in _NAMELESS else f"; most at {worst_place(compiled, work)}"
+    where = "" if status in _WITHOUT_PLACE else f"; most at {worst_place(compiled, work)}"
     if cause:
         return f"at t = {time:.6g} s {_WHAT[status]}{where}: {cause}"
     cure = _CURE[status]
@@ -91,7 +85,7 @@ def status_message(
 
 
 def _curve_end(compiled: Compiled, work: Work, time: float) -> str:
-    """Which joint leaves its curve, and where."""
+    """Message that names the joint that leaves its curve, and the end of the curve."""
     parts = compiled.system.parts
     names = compiled.layout.coordinates
     for marker in parts.curve_markers:

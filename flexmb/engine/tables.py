@@ -1,11 +1,11 @@
-"""The compiled model as flat tables: what the kernels read, and nothing else.
+"""The compiled model as flat tables, which the kernels read.
 
-`System` is constant during a run. A table that the model does not use is empty. What only some
-models have (springs, contacts, friction ...) stands with its kind (`engine.kind`). All numbers are
-SI. Offsets `iq`, `iv` point into q and v; `pool` holds all data whose size depends on the number of
-modes, addressed by offsets in the body and marker tables.
-Per body q = [r(3), p(4), eta(m)] and v = [r_dot(3), w(3), eta_dot(m)]; p are Euler parameters,
-scalar part first, and w is the angular velocity in body axes. `Layout` names the columns.
+`System` is constant during a run. A table that the model does not use is empty. Elements that only
+some models have (springs, contacts, friction ...) have their tables in the module of their kind
+(`engine.kind`). All numbers are in SI units. `iq` and `iv` are indices into q and v. `pool` holds
+all data whose size depends on the number of modes; body and marker tables have offsets into it.
+Per body q = [r(3), p(4), eta(m)] and v = [r_dot(3), w(3), eta_dot(m)]. p are Euler parameters,
+scalar part first; w is the angular velocity in body axes. `Layout` names the columns.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ BODY = np.dtype(
         ("S0", _F, (3, 3)),  # int rho s s^T, kg m^2
         ("flex", _I),
         ("damped", _I),  # 1 if D is not zero, 2 if it is diagonal too
-        ("coupling", _I),  # of inertia and deformation: 0 constant, 1 partial, 2 full
+        ("coupling", _I),  # how inertia depends on deformation: 0 not, 1 partly, 2 fully
         ("diagonal", _I),  # 1 if modal mass and stiffness are diagonal
         ("attached", _I),  # 1 if p or the antisymmetric part of P is not zero
         ("z", _I),  # offset of its deformation integrals in Now.Z
@@ -46,9 +46,9 @@ BODY = np.dtype(
     align=True,
 )
 
-# Blocks of the pool of one flexible body, in this order, with their sizes (rows, columns). With
-# constant coupling the last two are left out. With partial coupling dJ/deta (6, m) and the
-# `grouped_rows` of M_yy + M_zz and G_x, the like about y and z, M_xy + M_yx and cyclic follow D.
+# Blocks of the pool of one flexible body, in this order, with their sizes. With constant coupling
+# the last two are omitted. With partial coupling D is followed by dJ/deta (6, m) and the
+# `grouped_rows` of M_yy + M_zz and G_x, the same about y and z, M_xy + M_yx and cyclic.
 FLEX_LAYOUT = (
     ("p", 3),  # int rho N_b Phi: (3, m)
     ("P", 9),  # P[a, b] at row 3 a + b: (9, m)
@@ -59,15 +59,16 @@ FLEX_LAYOUT = (
     ("G", "3m"),  # G_x = M_yz - M_zy and cyclic: (3 m, m)
 )
 
-# One marker. body = -1: fixed in the global frame. `modes` < 0: rigid; else the pool offset of
-# Phi_t (3, m) followed by Phi_r (3, m). `arm` turns with the node. Where the translation of the
-# carrier is of second order in eta, `bend` is the pool offset of K (`rows_of_bend`).
+# One marker. body = -1: fixed in the global frame. `modes` < 0: fixed to the undeformed body; else
+# the pool offset of Phi_t (3, m), which Phi_r (3, m) follows. `arm` turns with the node. If the
+# displacement of the node has terms of second order in eta, `bend` is the pool offset of their
+# coefficients K (`rows_of_bend`).
 MARKER = np.dtype(
     [
         ("body", _I),
         ("modes", _I),
         ("bend", _I),
-        ("point", _I),  # 1: only its place matters (`bodies.marker`)
+        ("point", _I),  # 1: only its position is used, not its axes (`bodies.marker`)
         ("rho", _F, (3,)),  # node position in body axes
         ("arm", _F, (3,)),  # from the node to the marker, body axes, undeformed
         ("R", _F, (3, 3)),  # marker axes in body axes, undeformed
@@ -75,37 +76,39 @@ MARKER = np.dtype(
     align=True,
 )
 
-# One channel: `what` it is, number in `engine.sensors`. Of terms: `n` terms from `first` on; number
-# `a` of three turning angles. WRENCH: of row `first` (`n` rows from there on) of a kind, by its
-# number among those with an element wrench; force or moment (`quantity` 0, 1) on marker J or I
-# (`side` 0, 1), component `a` along the axes of a marker, -1: global, -2: those of the side.
-# ENERGY: number `first` of the energies. BODY_ENERGY: of body `n`. EXPRESSION: program `first` over
-# channels. STATE, PLACE_RATE: velocity coordinate `first`. PLACE: position coordinate `first`.
+# One channel. `what`: its kind, a number in `engine.sensors`. The other fields depend on the kind:
+# sums and angles: `n` terms from `first` on; `a`: number of one of three orientation angles;
+# WRENCH: the element is row `first` (`n` rows from there on) of a kind, `kind` its number among
+# those with element wrenches; force or moment (`quantity` 0, 1) on marker J or I (`side` 0, 1),
+# component `a` in the axes of the marker `axes` (-1: global, -2: of the marker on that side);
+# ENERGY: number `first` of the energies; BODY_ENERGY: the same of body `n`; EXPRESSION: program
+# `first` of other channels; STATE, PLACE_RATE: velocity coordinate `first`; PLACE: position
+# coordinate `first`.
 CHANNEL = np.dtype(
     [(word, _I) for word in ["what", "first", "n", "side", "quantity", "axes", "a", "kind"]],
     align=True,
 )
 
-# One term of a channel, times a factor: a measure, number in `engine.sensors`, between markers
-# I and J. As a row measures, or a derivative of it: kind and axes a and b of the row; a motion of J
-# along axis a of I (-1: global); angle b of three, a being the code of the axes.
+# One term of a channel: a factor times a measure between markers I and J; `measure`: number in
+# `engine.sensors`. For the quantity of a constraint row, or its derivatives: `kind` and axes a and
+# b of the row. For a motion of J: along axis a of I (-1: global). For orientation angles: number b
+# of the angle and code a of the sequence of axes.
 TERM = np.dtype(
     [
         ("measure", _I),
-        ("kind", _I),  # of a row, -1
+        ("kind", _I),  # kind of row, or -1
         ("I", _I),
         ("J", _I),
         ("a", _I),
         ("b", _I),
-        ("channel", _I),  # that it is part of
+        ("channel", _I),  # channel of which it is a term
         ("factor", _F),
     ],
     align=True,
 )
 
-# One scalar coordinate s: m s'' + c s' + k (s - s0) = u(t) + reactions of the
-# rows that follow it. Without mass it is a parameter that rows decide; with mass and damping its
-# velocity is a first-order state.
+# One scalar coordinate s: m s'' + c s' + k (s - s0) = u(t) + reactions of the rows that follow it.
+# Without mass it is an auxiliary variable that its rows determine (`joints.coordinate`).
 COORDINATE = np.dtype(
     [
         ("iq", _I),
@@ -113,10 +116,10 @@ COORDINATE = np.dtype(
         ("m", _F),
         ("c", _F),
         ("k", _F),
-        ("s0", _F),  # where the spring is free
+        ("s0", _F),  # s at which the spring is free
         ("fun", _I),  # u(t), or -1
         ("panel", _I),
-        ("state", _I),  # 1: its velocity is a state of a controller, no motion: without energy
+        ("state", _I),  # 1: its velocity is a state of a controller, no motion; it has no energy
     ],
     align=True,
 )
@@ -132,15 +135,16 @@ ROW = np.dtype(
         ("fun", _I),
         ("jac_I", _I),  # offset of its Jacobian row for the body of I in Dense.jac, or -1
         ("jac_J", _I),
-        ("in_group", _I),  # its place in its group
-        ("coupled", _I),  # number of scalar coordinates that it follows in place of `fun`
-        ("offset", _F),  # constant that its measure keeps
+        ("in_group", _I),  # number of the row in its group
+        ("coupled", _I),  # number of scalar coordinates that it follows, in place of a function
+        ("offset", _F),  # constant: measure = offset + function
     ],
     align=True,
 )
 
-# One scalar coordinate that a row follows, times a factor: the row's slot in Constraints.fun holds
-# the sum and its rate. The entries of a row stand together, the one that begins it with first = 1.
+# One term `factor` · s of the scalar coordinates that a row follows. The row's slot in
+# Constraints.fun holds the sum and its rate. The terms of a row are consecutive; the first has
+# first = 1.
 COUPLED_COORDINATE = np.dtype(
     [
         ("row", _I),
@@ -160,23 +164,26 @@ GROUP = np.dtype(
         ("body_I", _I),
         ("body_J", _I),
         ("panel", _I),
-        ("link_I", _I),  # where its Jacobian goes in the KKT matrix (LINK), -1: ground
+        ("link_I", _I),  # LINK of its Jacobian for the body of I, -1: ground
         ("link_J", _I),
-        ("couple", _I),  # LINK between the two bodies for the tangent, -1: none
+        ("couple", _I),  # LINK between the two bodies, for the tangent; -1: none
         ("reversed", _I),  # 1: marker I of its rows is marker J of the joint
     ],
     align=True,
 )
 
-# One panel of the factor: `nc` columns, `nr` rows below, values at `at` with row stride nc,
-# `col` the first permuted index, `rows` the offset of its permuted row indices.
+# One panel of the factor: `nc` columns, `nr` rows below its diagonal block, values from `at` on
+# with row stride nc, `col` the first permuted index, `rows` the offset of its permuted row indices,
+# `n_update` updates from `update` on, `sign` that of its pivots.
 PANEL = np.dtype(
     [(word, _I) for word in ["at", "nc", "nr", "col", "rows", "update", "n_update"]]
     + [("sign", _F)],
     align=True,
 )
 
-# Rectangular update of a later panel: rows x times rows y of a panel, both counted from its top.
+# Rectangular update of a later panel: the product of `nx` rows from x on and `ny` rows from y on,
+# both counted from the top of the panel, is subtracted from the values from `at` on, with row
+# stride `stride`; `diagonal`: 1 if x and y are the same rows.
 UPDATE = np.dtype(
     [(word, _I) for word in ["x", "nx", "y", "ny", "at", "stride", "diagonal"]], align=True
 )
@@ -184,31 +191,31 @@ UPDATE = np.dtype(
 # Place of an off-diagonal block: entry (i, j) at at + i stride + j, transposed if flipped.
 LINK = np.dtype([("at", _I), ("stride", _I), ("flipped", _I)], align=True)
 
-# One curve marker: a row of the marker table that slides along a curve carried by the marker it
-# begins as. The pool holds n + 1 places along the curve from `at` on, then for each piece between
-# them the six coefficients of x, of y and of z.
+# One curve marker: a marker that slides along a curve. Its row in the marker table is first that of
+# the marker that carries the curve. From `at` on the pool has the n + 1 ends of pieces along the
+# curve, then for each piece the eight coefficients of x, of y and of z.
 CURVE_MARKER = np.dtype(
     [
         ("marker", _I),
-        ("coordinate", _I),  # its place s along the curve, m
+        ("coordinate", _I),  # scalar coordinate s, its position along the curve, m
         ("at", _I),
         ("n", _I),
         ("closed", _I),
         ("turns", _I),  # 1: its x and y are tangent and normal of a curve in the plane x, y
         ("group", _I),
-        ("side", _I),  # whether it is marker I (0) or J (1) of the group
+        ("side", _I),  # it is marker I (0) or J (1) of the group
         ("link", _I),  # LINK of the group with s
         ("link_I", _I),  # LINK of the body of I with s, -1: ground
         ("link_J", _I),
         ("other", _I),  # the second curve marker of the group
-        ("link_other", _I),  # LINK of the two coordinates, in the row of the first of the two
+        ("link_other", _I),  # LINK of both coordinates, set for the first of the two; else -1
     ],
     align=True,
 )
 
 
 class Parts(NamedTuple):
-    """Bodies and what is fixed to them."""
+    """Bodies, markers on them, gravity, and scalar coordinates."""
 
     bodies: array_of(BODY)
     pool: Vector  # modal data of bodies and markers
@@ -225,8 +232,8 @@ class Kkt(NamedTuple):
     rows: Integers  # permuted row indices of all panels
     updates: array_of(UPDATE)
     links: array_of(LINK)
-    place: Integers  # (nv + nc,) permuted index of each unknown; one past the end: left out
-    column: Integers  # (nv,) column in its panel, -1: left out
+    place: Integers  # (nv + nc,) permuted index of each unknown; one past the end: it has none
+    column: Integers  # (nv,) column of each velocity coordinate in its panel; -1: not in the matrix
 
 
 class Sensors(NamedTuple):
@@ -234,19 +241,19 @@ class Sensors(NamedTuple):
 
     channels: array_of(CHANNEL)
     terms: array_of(TERM)
-    programs: FunctionTable  # over channels by number
+    programs: FunctionTable  # of expressions; their variables are channels by number
 
 
 class FunctionTable(NamedTuple):
     """Programs of all functions of a system, one after the other."""
 
     ops: array_of("i4")  # (n,) operation codes
-    args: Vector  # (n,) argument of CONST and POWC, place of PIECEWISE, number of VAR
-    start: array_of("i4")  # (k + 1,) where program k begins and ends
-    depth: int  # rows of stack that the deepest program needs
+    args: Vector  # (n,) argument of CONST and POWC, offset of PIECEWISE in data, number of VAR
+    start: array_of("i4")  # (k + 1,) first operation of each program, and the end of the last
+    depth: int  # stack depth of the deepest program
     data: Vector  # (m,) piecewise polynomials, one after the other
-    live: array_of("i4")  # (k,) 1: it has variables, and is evaluated where they are known
-    switches: array_of("i4")  # (n,) places at which the law of an operation changes with the motion
+    live: array_of("i4")  # (k,) 1: the program has channels as variables (`sensors.feedback`)
+    switches: array_of("i4")  # (n,) number of switches of each operation (`function._switches`)
 
 
 class System(NamedTuple):
@@ -257,28 +264,28 @@ class System(NamedTuple):
     coupled: array_of(COUPLED_COORDINATE)
     groups: array_of(GROUP)
     kkt: Kkt
-    weights: Vector  # (nv,) size of one unit of each velocity coordinate's increment
-    row_weights: Vector  # (nc,) size of one unit of each constraint row
-    part: Integers  # (nv,) part of the model that each velocity coordinate is of
+    weights: Vector  # (nv,) factors that make increments of the velocity coordinates dimensionless
+    row_weights: Vector  # (nc,) factors that make the constraint rows dimensionless
+    part: Integers  # (nv,) part of the model, connected by equations, of each velocity coordinate
     functions: FunctionTable
     time_events: Matrix  # (n, 2) times just before and after jumps of functions, in order
     sensors: Sensors
-    implicit_feedback: int  # 1: what is measured for forces depends on accelerations or reactions
-    history: int  # numbers that the elements remember from step to step, time first; 0: none
-    events: int  # values that the step control watches
-    program_depth: int  # rows of stack that programs of the kinds need
+    implicit_feedback: int  # 1: functions of channels depend on accelerations or reactions
+    history: int  # number of internal variables of the elements, time first; 0: none
+    events: int  # number of event functions that the step control watches
+    program_depth: int  # stack depth that programs of the kinds need
     kinds: Mapping[str, Any]  # tables of the kinds that the model has, by name of the kind
 
 
 @dataclass
 class Pool:
-    """Grows while the tables are built; every block is remembered by its offset."""
+    """A pool of numbers that grows while tables are made; tables keep the offset of their block."""
 
     blocks: list[NDArray[np.float64]] = field(default_factory=list)
     size: int = 0
 
     def add(self, values: ArrayLike) -> int:
-        """Append the values, row by row; returns their offset."""
+        """Append the values, row by row; return their offset."""
         flat = np.ascontiguousarray(values, dtype=np.float64).ravel()
         offset = self.size
         self.blocks.append(np.pad(flat, (0, whole_vectors(flat.size) - flat.size)))
@@ -286,12 +293,12 @@ class Pool:
         return offset
 
     def array(self) -> NDArray[np.float64]:
-        """All blocks in one array (at least one number, so that it has an address)."""
+        """All blocks in one array (with at least one number, so that it has an address)."""
         return aligned(np.concatenate([*self.blocks, np.zeros(1)]))
 
 
 def aligned(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A copy from where a line of the cache begins: a vector in two lines is read half as fast."""
+    """A copy that begins at a cache line: vectors that cross lines are read at half the speed."""
     room = np.empty(values.size + 7)
     first = -(room.ctypes.data // 8) % 8
     room[first : first + values.size] = values.ravel()
@@ -299,10 +306,10 @@ def aligned(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def rows_of_bend(forms: ArrayLike) -> NDArray[np.float64]:
-    """The pool's rows (m, 3 m and more) of three symmetric forms K (3, m, m) of a marker.
+    """The rows that the pool stores of three symmetric forms K (3, m, m) of a marker.
 
-    Row j is K[:, j], filled up to whole vectors: a product with the modes reads the rows one after
-    the other, all three at once.
+    Row j is K[:, j], 3 m numbers padded to whole processor vectors, so that a product with the
+    modal coordinates reads all three forms row by row.
     """
     rows = np.swapaxes(forms, 0, 1).reshape(np.shape(forms)[1], -1)
     return np.pad(rows, ((0, 0), (0, whole_vectors(rows.shape[1]) - rows.shape[1])))
@@ -315,20 +322,23 @@ def bend_of(marker: np.void, m: int, pool: NDArray[np.float64]) -> NDArray[np.fl
 
 
 def half_of_forms(m: int) -> NDArray[np.bool_]:
-    """What is stored of symmetric forms of m modes, filled up to whole vectors (M, M)."""
+    """(M, M) mask of the stored part of symmetric forms of m modes, M = m in whole vectors."""
     places = np.arange(whole_vectors(m))
     return places >= places[:, None] // 8 * 8
 
 
 @kernel
 def whole_vectors(n):
-    """n or more numbers: whole vectors of the processor, of eight."""
+    """n rounded up to a multiple of eight, the length of processor vectors."""
     return (n + 7) // 8 * 8
 
 
 def deformation_room(bodies: NDArray[np.void]) -> NDArray[np.int64]:
-    """Numbers of each body in Now.Z: Z_ab and M_ωη; with partial coupling also Σ f_s S_s and
-    Σ w_k G_k, coordinates, rates, their product in two parts, the angular velocity of the sums."""
+    """(bodies,) length of each body's part of Now.Z.
+
+    It holds Z_ab and M_ωη; with partial coupling also Σ f_s S_s and Σ w_k G_k, modal coordinates,
+    their rates, their product in two parts, and the angular velocity for which the sums are.
+    """
     m = np.asarray(bodies["m"], np.int64)
     padded = whole_vectors(m)
     return whole_vectors(12 * m) + (bodies["coupling"] == 1) * (padded * (padded + 12) + 8)
@@ -336,9 +346,9 @@ def deformation_room(bodies: NDArray[np.void]) -> NDArray[np.int64]:
 
 @dataclass
 class Functions:
-    """Functions of time and of channels by index; equal programs share one.
+    """Functions of time and of channels, by index; equal programs share one index.
 
-    `resolve` puts in what stands behind the names of channels.
+    `resolve` replaces names of channels in an expression by what they stand for.
     """
 
     resolve: Callable[[Expression], Expression]
@@ -346,11 +356,11 @@ class Functions:
     _numbers: dict[Ops, int] = field(default_factory=dict)
 
     def add(self, expression: Expression) -> int:
-        """Index of a function as the scene gives it."""
+        """Index of a function from the scene."""
         return self.put(self.resolve(expression))
 
     def put(self, expression: Expression) -> int:
-        """Index of a function over measured channels and states in SI."""
+        """Index of a function of measured channels and states, already resolved, in SI units."""
         k = self._numbers.setdefault(expression.ops, len(self.programs))
         if k == len(self.programs):
             self.programs.append(expression)
@@ -362,7 +372,7 @@ ENERGIES = ("kinetic", "strain", "gravity", "spring", "driver_work", "damper_wor
 
 @dataclass(frozen=True)
 class BodyColumns:
-    """Where one body stands in q and v."""
+    """Name of a body, its first indices in q and v, and its number of modes."""
 
     name: str
     iq: int
@@ -374,9 +384,9 @@ class BodyColumns:
 class Layout:
     """Names and offsets of all columns of a compiled system.
 
-    The scalar coordinates stand behind the bodies, in this order, in q and in v. A reaction is the
-    wrench that a joint or driver transmits, twelve numbers: force and moment on marker J in its
-    axes, then force and moment on marker I in its axes.
+    In q and v the scalar coordinates come after the bodies, in this order. A reaction is the wrench
+    pair of a joint or driver, twelve numbers: force and moment on marker J in its axes, then force
+    and moment on marker I in its axes.
     """
 
     bodies: tuple[BodyColumns, ...]

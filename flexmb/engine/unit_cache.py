@@ -1,11 +1,11 @@
 """The cache of compiled units: keys, folders, and the files that hold their machine code.
 
-A unit is compiled once a machine: its file is named by the hash of the sources of the engine that
-it reaches, in a folder for this processor and these versions of Numba and LLVM. So after an edit
-only the units that reach the edited file are compiled again, machines of different kinds share a
-home folder, and another version's files are not in the way. A file holds a line of JSON (checksum,
-names of the units that it calls), then the machine code; it is written whole or not at all, and
-what is damaged counts as missing. A cache folder that other users may write to is not used.
+A unit is compiled once per machine. Its file is named by the hash of all sources of the engine that
+it reaches, and is in a folder for this processor and these versions of Numba and LLVM. So after an
+edit only the units that reach the edited file are compiled again, and different machines and
+versions can share a home folder. A file has a line of JSON (checksum, names of the units that it
+calls), then the machine code. It is written whole or not at all; a damaged file counts as missing.
+A cache folder that other users may write to is not used.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _IMPORT = re.compile(
     re.MULTILINE,
 )
 _FOR_TYPES = re.compile(r"^if TYPE_CHECKING:\n(?:[ ].*\n|\n)+", re.MULTILINE)
-_UNUSED_DAYS = 30.0
+_UNUSED_DAYS = 30.0  # caches of other versions or processors are removed after so long without use
 _FORMAT = "flexmb unit 1"
 
 Stored = tuple[bytes, tuple[str, ...]]
@@ -67,7 +67,7 @@ def _source(file: Path) -> tuple[str, tuple[str, ...]]:
 
 @functools.cache
 def sources_of(module: str) -> tuple[Path, ...]:
-    """Source files of the engine that a module reaches, its own among them."""
+    """Source files of the engine that a module imports, directly or not, and its own."""
     compiler = file_of("flexmb.engine.compiler")
     assert compiler is not None  # it is part of the package
     reached = {compiler}
@@ -82,7 +82,7 @@ def sources_of(module: str) -> tuple[Path, ...]:
 
 @functools.cache
 def _key(module: str) -> str:
-    """Hash of all that a module reaches."""
+    """Hash of all sources that a module reaches (16 hex digits)."""
     digest = hashlib.sha256()
     for file in sources_of(module):
         digest.update(f"{file.relative_to(_ENGINE).as_posix()}={_source(file)[0]};".encode())
@@ -100,13 +100,13 @@ def engine_hash() -> str:
 
 
 def checks_indices() -> bool:
-    """Whether kernels look at their indices: `FLEXMB_CHECK_INDICES=1`, to find a wrong kernel."""
+    """Whether kernels check their indices: `FLEXMB_CHECK_INDICES=1`, to find a wrong kernel."""
     return os.environ.get("FLEXMB_CHECK_INDICES", "0") not in ("", "0")
 
 
 @functools.cache
 def _machine() -> str:
-    """What machine code depends on but for its source: processor, versions of the compilers."""
+    """Name of processor and compiler versions, on which machine code depends beside its source."""
     import llvmlite.binding as llvm
 
     features = llvm.get_host_cpu_features().flatten()
@@ -116,19 +116,19 @@ def _machine() -> str:
 
 
 def cache_folders() -> tuple[Path, ...]:
-    """Folders that hold compiled units; the first is where new ones are written.
+    """Folders of compiled units; new ones are written to the first.
 
-    A cache that other users may write to is not used. Where it cannot be written, new units go to a
-    folder of this process.
+    A cache that other users may write to is not used. If the cache cannot be written, new units go
+    to a temporary folder of this process.
     """
     return (_scratch_folder(), *_shared_folders()) if _full else _shared_folders()
 
 
-_full: list[Path] = []  # caches that took no more
+_full: list[Path] = []  # caches that could not be written
 
 
 def leave_cache(folder: Path, why: str) -> bool:
-    """Write no more to a cache folder, and say so; False if it is the last resort."""
+    """Stop writing to a cache folder, with a warning; False if it is the temporary folder."""
     if folder == _scratch_folder():
         return False
     _full.append(folder)
@@ -144,7 +144,7 @@ def _shared_folders() -> tuple[Path, ...]:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         shared = not is_private(folder)
         if not shared and is_writable(folder):
-            _forget_unused(folder)
+            _remove_unused(folder)
             return (folder,)
     why = "other users may write to it" if shared else "it is read-only or full"
     what = "compiled parts of flexmb are kept for this run only; set FLEXMB_CACHE_DIR to a folder"
@@ -155,10 +155,10 @@ def _shared_folders() -> tuple[Path, ...]:
     return (_scratch_folder(), folder) if readable else (_scratch_folder(),)
 
 
-def _forget_unused(folder: Path) -> None:
-    """Remove units, and folders of other versions, that were not used for a month."""
+def _remove_unused(folder: Path) -> None:
+    """Remove folders of other versions and processors that were not used for `_UNUSED_DAYS`."""
     limit = time.time() - _UNUSED_DAYS * 86400.0
-    with suppress(OSError):  # a network disk may not keep times, another process may be faster
+    with suppress(OSError):  # a network disk may not store times, another process may be faster
         os.utime(folder)
         for other in folder.parent.iterdir():
             if other != folder and other.is_dir() and other.stat().st_mtime < limit:
@@ -200,7 +200,7 @@ def write_unit(path: Path, code: bytes, called: Sequence[str]) -> None:
 
 
 def read_unit(path: Path) -> Stored | None:
-    """What a file of the cache holds; None if there is no such file or it is damaged."""
+    """Content of a file of the cache; None if there is no such file or it is damaged."""
     try:
         line, _, code = path.read_bytes().partition(b"\n")
         head = json.loads(line)

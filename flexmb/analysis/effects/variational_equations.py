@@ -1,6 +1,6 @@
 """The variational equations of a model: its equations of motion, linearised about a motion.
 
-In: a compiled model and the rows of a motion. Out: their coefficients, row by row.
+In: a compiled model and the rows (states) of a motion. Out: the coefficients at every row.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ from flexmb.analysis.effects.stored_motion import Motion, WeightedCoordinates, b
 from flexmb.engine.compile import Compiled
 from flexmb.flexbody.arrays import Array, IntArray
 
-_NOTHING = 1e-20  # regularisation of Cq Cqᵀ over its largest eigenvalue
-# Least over largest eigenvalue of Cq Cqᵀ without the modes that follow loads, below which joints
-# need their compliance.
-_HELD = 1e-8
-_NO_MASS = 1e-12  # inertia added to each coordinate, over the trace of the metric
+_REGULARISATION = 1e-20  # added to Cq Cqᵀ, over its largest eigenvalue
+# Least over largest eigenvalue of Cq Cqᵀ without the modes that follow loads, below which the
+# compliance of these modes is needed to distribute reactions.
+_NEEDS_COMPLIANCE = 1e-8
+_ADDED_INERTIA = 1e-12  # inertia added to each coordinate, over the trace of the metric
 _MODES_LAST = 1e-6  # weight of modes in the selection of dependent coordinates
 _TABLES = ("M", "D", "K", "Cq", "F", "C", "Omega", "rows")
-_TURNING = 2 * np.pi  # of a body over the run: so much makes its coordinates twice as dependent
+_TURNING = 2 * np.pi  # rotation of a body over the run that doubles the weight of its coordinates
 
 
 @dataclass(frozen=True, eq=False)
 class VariationalEquations:
-    """M δv̇ + D δv + K δq + (Cqᵀ + friction) δλ = −F, Cq δq = −C, row by row, weighted coordinates.
+    """M δv̇ + D δv + K δq + (Cqᵀ + friction) δλ = −F, Cq δq = −C at every row of a motion.
 
-    The rows of Cq are independent: combinations `rows` of those of the model, which are at right
-    angles where the model has too many.
-    D contains the turning of the axes in δv̇, Omega is that in δv. The larger `prefer`, the rather
-    a coordinate depends on others.
+    Coordinates are weighted. The rows of Cq are independent: combinations `rows` of those of the
+    model, orthogonal ones if the model has redundant rows. D contains the rotation of the axes in
+    δv̇; Omega is that in δv. A coordinate with a large `prefer` is selected as a dependent one
+    before others.
     """
 
     frames: WeightedCoordinates
@@ -50,13 +50,17 @@ class VariationalEquations:
     friction: Array | None = None
 
     def part(self, rows: slice | IntArray, names: tuple[str, ...] = _TABLES) -> Self:
-        """Some of the rows, of all tables or of some."""
+        """The equations at some rows, with all tables or those of these names."""
         tables = {name: getattr(self, name)[rows] for name in names}
         friction = None if self.friction is None else self.friction[rows]
         return replace(self, friction=friction, **tables)
 
     def between(self, load: Array, begins: bool, ends: bool) -> Self:
-        """With more F (n, nu); D, K, friction of ends at which a bristle changes: those beside."""
+        """The equations with F + load (n, nu).
+
+        `begins`, `ends`: a bristle changes at the first or last row. D, K, F and friction there are
+        then those of the neighbouring row.
+        """
         if not (load.any() or begins or ends):
             return self
         rows = np.arange(len(self.F))
@@ -67,7 +71,7 @@ class VariationalEquations:
         return replace(self.part(rows, ("D", "K")), F=self.F + load[rows])
 
     def projection(self, Z: Array) -> Array:
-        """Zᵀ (n, d, nu) of forces less the friction that the reactions to them make in joints."""
+        """Zᵀ (n, d, nu) for forces, less the joint friction that their reactions cause."""
         Zt = Z.transpose(0, 2, 1)
         if self.friction is None:
             return np.asarray(Zt)
@@ -75,22 +79,22 @@ class VariationalEquations:
         return np.asarray(Zt - Zt @ self.friction @ np.linalg.solve(squares, self.Cq))
 
     def closure(self, stiffness: Array) -> Array:
-        """Motions (n, nu, rank) that change the rows of Cq by one, of the least M + stiffness."""
+        """Motions (n, nu, rank) that change one row of Cq by one, of least norm M + stiffness."""
         W = self.M + stiffness
-        W += _NO_MASS * np.trace(W, axis1=1, axis2=2).max() * np.eye(W.shape[1])
+        W += _ADDED_INERTIA * np.trace(W, axis1=1, axis2=2).max() * np.eye(W.shape[1])
         moved = np.linalg.solve(W, self.Cq.transpose(0, 2, 1))
         return np.asarray(moved @ np.linalg.inv(self.Cq @ moved))
 
     def shares(self, force: Array, follows: NDArray[np.bool_]) -> Array:
-        """λ (n, rank) of Cqᵀ λ next to forces (n, nu), but for those on motions that follow."""
+        """λ (n, rank) with Cqᵀ λ nearest to forces (n, nu), on all coordinates but `follows`."""
         if self.friction is not None:
             force = times(self.projection(np.eye(force.shape[1])[None]), force)
         rows = self.Cq * ~follows
         squares = rows @ rows.transpose(0, 2, 1)
         least, most = np.linalg.eigvalsh(squares)[:, [0, -1]].T if rows.size else np.zeros((2, 1))
-        if follows.any() and np.any(least < _HELD * most):  # joints need the compliance
+        if follows.any() and np.any(least < _NEEDS_COMPLIANCE * most):  # joints need the compliance
             return replace(self, friction=None).shares(force, np.zeros_like(follows))
-        squares += _NOTHING * max(most.max(), 1e-300) * np.eye(rows.shape[1])
+        squares += _REGULARISATION * max(most.max(), 1e-300) * np.eye(rows.shape[1])
         return np.asarray(np.linalg.solve(squares, rows @ force[:, :, None])[:, :, 0])
 
 

@@ -1,10 +1,10 @@
 """The equations of motion linearised about a state: M ÿ + D ẏ + K y = f, modes, frequencies.
 
 In: a compiled model and a consistent state of it, at rest or moving, with any joints and drivers.
-Out: `Linearization`: matrices of all coordinates and of the independent ones, modes with damping
-and whirl, which state it is of and whether it is steady. Over a parameter, `ModeSweep`: modes are
+Out: a `Linearization` with the matrices of all coordinates and of the independent ones, modes with
+damping and whirl, and whether the state is steady. Over a parameter: a `ModeSweep`, whose modes are
 matched by shape (modal assurance criterion, Allemang, Sound and Vibration 37 (2003) no. 8) and by
-how near their eigenvalues are.
+the distance of their eigenvalues.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.model.model import Model
 
 _MIN_RATE = 1e-12  # 1/s, rate of change of a state below which it is at rest
-_STEADY_CHANGE = 1e-3  # of the coefficients per radian, up to which a state counts as steady
-_COMPARED_ANGLE = 0.01  # rad of the motion, or of the slowest mode, between the states compared
-_MAX_OBSERVERS = 8
-_ALIKE = 1e-9  # of the fastest rate, up to which two bodies turn alike
+_STEADY_CHANGE = 1e-3  # relative change of coefficients per radian below which a state is steady
+_COMPARED_ANGLE = 0.01  # rad of the motion, or of the slowest mode, between the two states compared
+_MAX_OBSERVERS = 8  # largest number of observers that are compared
+_EQUAL_ROTATIONS = 1e-9  # difference of angular velocities that is none, over the fastest rate
 
-_GROWTH_ROUND_OFF = 1e-6  # Re λ/|λ|
-_MAX_NAMED = 6  # modes in a sentence
-_MAX_MATCHED = 40  # modes that are followed over a sweep
+_GROWTH_ROUND_OFF = 1e-6  # Re λ/|λ| above which a mode grows
+_MAX_NAMED = 6  # modes named in a sentence
+_MAX_MATCHED = 40  # modes followed over a sweep
 
 
 @dataclass(frozen=True)
@@ -68,19 +68,19 @@ class Linearization:
     mass, damping, stiffness : (n, n) arrays
         M, D, K of the independent coordinates: M ÿ + D ẏ + K y = basisᵀ f.
     coordinates : tuple of str
-        Their names: those of the bodies' coordinates that they are.
+        Names of the independent coordinates.
     time : float
         Time of the state [s].
     frame : str
-        Who sees the modes: "ground", or a body that turns in whose axes the motion is written.
+        The observer of the modes: "ground", or a body in whose rotating axes they are written.
     whirl : Whirl or None
-        Which modes go round with the turn and which against it, where the ground sees modes of a
-        motion that is written in turning axes.
+        Forward and backward whirl, if the motion is written in rotating axes and its modes are
+        those that the ground sees; else None.
     unsteadiness : float
         Relative change of the coefficients per radian of the motion or of the slowest mode; 0:
         steady.
     notes : tuple of str
-        What the user should know.
+        Sentences for the user.
     """
 
     compiled: Compiled
@@ -152,7 +152,7 @@ class Linearization:
 
     @cached_property
     def _own_modes(self) -> Eigenmodes:
-        """Those of the matrices."""
+        """Modes of the matrices, in the axes of the observer."""
         M, D, K, coordinates = self.mass, self.damping, self.stiffness, self.seen.coordinates
         rate, states = fastest_rate(self.compiled, self.state), coordinates.states
         if not static_bodies(self.compiled.system)[0]:
@@ -172,12 +172,12 @@ class Linearization:
 
     @property
     def frequencies(self) -> Array:
-        """(k,) frequencies of the damped vibrations |Im λ|/2π [Hz]; 0 of what does not vibrate."""
+        """(k,) frequencies of the damped vibrations |Im λ|/2π [Hz]; 0 without vibration."""
         return np.abs(self.eigenvalues.imag) / (2.0 * np.pi)
 
     @property
     def damping_ratios(self) -> Array:
-        """(k,) −Re λ/|λ|: 1 without vibration, negative where it grows; 0 of rigid motions."""
+        """(k,) −Re λ/|λ|: 1 without vibration, negative for growing modes, 0 for rigid motions."""
         size = np.abs(self.eigenvalues)
         return np.where(
             size > 0.0, 0.0 - self.eigenvalues.real / np.where(size > 0.0, size, 1.0), 0.0
@@ -185,7 +185,7 @@ class Linearization:
 
     @cached_property
     def shapes(self) -> Complex:
-        """(nv, k) motion of all coordinates in each mode, its largest part real and of weight 1."""
+        """(nv, k) motion of all coordinates in each mode; its largest weighted component is 1."""
         motion = self.basis @ self._modes.shapes
         weights = np.where(
             np.isfinite(self.compiled.system.weights), self.compiled.system.weights, 0
@@ -209,7 +209,7 @@ class Linearization:
         return shares
 
     def displaced(self, k: int, amplitude: float, phase: float = 0.0) -> Array:
-        """Positions (nq,) displaced by mode k, from 0, at a phase of it [rad].
+        """Positions (nq,) displaced by mode k (counted from 0) at a phase [rad].
 
         `amplitude` is that of the largest coordinate, over the model size or in radians.
         """
@@ -253,9 +253,9 @@ def linearize_state(
     state : State
         With accelerations and multipliers.
     frame : str
-        Whose axes the motion is written in: "ground", a body, or "auto": those in which the
-        coefficients change least. Modes of bodies that turn are coordinates in axes that turn:
-        with "ground" the modes of such a motion are as the ground sees them.
+        The axes in which the motion is written: those of "ground", of a body, or with "auto" those
+        in which the coefficients change least. If all independent modal coordinates are of bodies
+        that rotate alike, "ground" gives the modes as the ground sees them.
 
     Raises
     ------
@@ -279,7 +279,7 @@ def linearize_state(
     if (carrier or frame == "auto") and here[0].depends_on_observer:
         others = _observers(compiled, state, rate)[1:]
         here += [MinimalEquations(along, tangents, name) for name in others if name != carrier]
-    if carrier:  # before others that are as steady
+    if carrier:  # it is preferred to others that are equally steady
         here.insert(0, MinimalEquations(along, tangents, carrier))
     change, best = 0.0, here[0]
     if rate > 0.0:
@@ -317,18 +317,18 @@ def linearize_state(
 
 
 def _carrier(seen: MinimalEquations, rate: float) -> str:
-    """A body that turns, as all those do whose modes are independent coordinates; else nothing."""
+    """A rotating body if all bodies with independent modal coordinates rotate alike; else ""."""
     compiled, v = seen.compiled, seen.state.v
     names = {name.partition(".eta.")[0] for name in seen.names if ".eta." in name}
     bodies = zip(compiled.layout.bodies, body_axes(compiled, seen.state.q), strict=True)
     turns = {b.name: A @ v[b.iv + 3 : b.iv + 6] for b, A in bodies if b.name in names}
     first = next(iter(turns.values()), np.zeros(3))
-    is_alike = all(np.linalg.norm(w - first) <= _ALIKE * rate for w in turns.values())
-    return next(iter(turns)) if is_alike and np.linalg.norm(first) > _ALIKE * rate else ""
+    is_alike = all(np.linalg.norm(w - first) <= _EQUAL_ROTATIONS * rate for w in turns.values())
+    return next(iter(turns)) if is_alike and np.linalg.norm(first) > _EQUAL_ROTATIONS * rate else ""
 
 
 def _observers(compiled: Compiled, state: State, rate: float) -> list[str]:
-    """The ground, and bodies that turn differently, the fastest first."""
+    """The ground, and bodies with different angular velocities, the fastest first."""
     names, seen = ["ground"], [np.zeros(3)]
     if rate == 0.0:
         return names
@@ -336,7 +336,7 @@ def _observers(compiled: Compiled, state: State, rate: float) -> list[str]:
     bodies = list(zip(compiled.layout.bodies, A, strict=True))
     turning = [(own @ state.v[b.iv + 3 : b.iv + 6], b.name) for b, own in bodies]
     for w, name in sorted(turning, key=lambda pair: -float(np.linalg.norm(pair[0]))):
-        if all(np.linalg.norm(w - other) > _ALIKE * rate for other in seen):
+        if all(np.linalg.norm(w - other) > _EQUAL_ROTATIONS * rate for other in seen):
             names.append(name)
             seen.append(w)
     return names[:_MAX_OBSERVERS]
@@ -395,7 +395,7 @@ class ModeSweep:
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """Who sees the modes: where nothing turns the ground does as well as any body."""
+        """The observers of the modes; if nothing rotates, the ground."""
         turned = dict.fromkeys(one.frame for one in self.linearizations if one.turn)
         return tuple(turned) or ("ground",)
 
@@ -412,7 +412,7 @@ class ModeSweep:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the user should know, each sentence once, with the value it is first said of."""
+        """Sentences for the user, each once, with the first value for which it is true."""
         seen: dict[str, str] = {}
         for value, one in zip(self.values, self.linearizations, strict=True):
             for note in one.notes:
@@ -421,7 +421,7 @@ class ModeSweep:
 
 
 def _match(before: Linearization, order: IntArray, after: Linearization, most: int) -> IntArray:
-    """Which modes of `after` continue those numbered `order` of `before`."""
+    """Numbers of the modes of `after` that continue the modes `order` of `before`."""
     n = min(most, len(after.eigenvalues))
     old, new = before.eigenvalues[order], after.eigenvalues[:n]
     gap = np.abs(old[:, None] - new[None, :])

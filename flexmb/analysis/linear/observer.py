@@ -1,16 +1,16 @@
-"""Frames from which a linearised motion is seen; independent coordinates and equations.
+"""Observers of a linearised motion, its independent coordinates and equations.
 
 A small motion is written in the axes of an observer F, the ground or a body, which turns with ω_F:
 δq = S x, S = diag(R_F, Aᵀ R_F, 1) for translation, rotation and modes of each body, so that
 
     δv = S (ẋ + W x),   δv̇ = S (ẍ + W ẋ + Ẇ x) + P (ẋ + W x),   P = Ṡ = S W − Ω S,
 
-with W = diag(ω̃_F, ω̃_F, 0) in axes of F, Ω = diag(0, ω̃', 0). A machine that turns as a whole, such
-as blades on a hub, has constant coefficients in the axes of what turns; a rotor of revolution in
-those of its bearings. The joints let x = N(t) y: y are coordinates chosen among x by pivoting,
-translations and rotations before modes as the dependent ones, so that soft and stiff directions are
-not mixed. Where N changes with time, Ṅ and N̈ along the motion enter the equations too:
-M ÿ + D ẏ + K y = Nᵀ f.
+with W = diag(ω̃_F, ω̃_F, 0) in axes of F and Ω = diag(0, ω̃', 0), ω' of each body in its axes. A
+machine that rotates as a whole, such as blades on a hub, has constant coefficients in rotating
+axes; a rotor of revolution in those of its bearings. The joints allow x = N(t) y. The independent
+coordinates y are selected among x by pivoting. Translations and rotations become dependent before
+modes, so that soft and stiff directions are not mixed. If N changes with time, Ṅ and N̈ along the
+motion enter the equations too: M ÿ + D ẏ + K y = Nᵀ f.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.state import State
 from flexmb.flexbody.arrays import Array, skew
 
-_MODAL_SCALE = 1e-3  # modes become dependent coordinates only where nothing else can
-_STEP = 0.02  # of the differences along the motion, over its fastest rate
+_MODAL_SCALE = 1e-3  # weight of modes in pivoting: they become dependent only if nothing else can
+_STEP = 0.02  # time step of differences along the motion, times its fastest rate
 # Central differences of sixth order over seven points (Fornberg, Math. Comp. 51 (1988) 699).
 _FIRST_DERIVATIVE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0
 _SECOND_DERIVATIVE = np.array([2.0, -27.0, 270.0, -490.0, 270.0, -27.0, 2.0]) / 180.0
@@ -49,7 +49,7 @@ def body_axes(compiled: Compiled, q: Array) -> Array:
 
 @dataclass(frozen=True)
 class Observer:
-    """Axes R (3, 3) to global, angular velocity w and acceleration wd (3,) in these axes."""
+    """Axes R (3, 3) of an observer, its angular velocity w and acceleration wd (3,) in them."""
 
     name: str
     R: Array
@@ -87,7 +87,7 @@ class Change(NamedTuple):
 
 
 def change_of_coordinates(observer: Observer, compiled: Compiled, state: State) -> Change:
-    """From the motion in the axes of an observer to that of the coordinates."""
+    """The matrices from the motion x in the axes of an observer to δq, δv and δv̇."""
     nv = compiled.layout.nv
     S = axes_of_motion(compiled, body_axes(compiled, state.q), observer.R)
     W, Wd, turn = (np.zeros((nv, nv)) for _ in range(3))
@@ -101,7 +101,7 @@ def change_of_coordinates(observer: Observer, compiled: Compiled, state: State) 
 
 
 def in_axes_of(change: Change, of: Tangents) -> Tangents:
-    """The matrices for x in place of δq, all of F multiplied by Sᵀ."""
+    """The matrices for x in place of δq, with F multiplied by Sᵀ."""
     S, W, Wd, P = change
     MS, DS = of.M @ S, of.D @ S
     return Tangents(
@@ -114,7 +114,7 @@ def in_axes_of(change: Change, of: Tangents) -> Tangents:
 
 
 def fastest_rate(compiled: Compiled, state: State) -> float:
-    """Rate at which the state changes, 1/s: of velocities, and of accelerations by their root."""
+    """Rate at which the state changes, 1/s: largest weighted velocity, or root of acceleration."""
     bodies = [k for b in compiled.layout.bodies for k in range(b.iv, b.iv + 6)]
     weights = np.minimum(compiled.system.weights[bodies], 1e300)
     speed = float(np.abs(state.v[bodies] * weights).max())
@@ -124,8 +124,8 @@ def fastest_rate(compiled: Compiled, state: State) -> float:
 class RowsAlongMotion:
     """The Jacobian and the axes of the bodies at a state, and before and after it.
 
-    At seven equal distances h along a curve with the velocity and acceleration of the state, at the
-    state alone (in the middle) where nothing moves.
+    There are seven samples, a time h apart, along a motion with the velocity and acceleration of
+    the state, which is in the middle. If nothing moves, there is only that of the state.
     """
 
     def __init__(self, compiled: Compiled, state: State) -> None:
@@ -143,7 +143,7 @@ class RowsAlongMotion:
 
 
 class Partition(NamedTuple):
-    """Which velocity coordinates depend on the others, which are independent."""
+    """Numbers of the dependent and of the independent velocity coordinates."""
 
     dependent: NDArray[np.int64]
     independent: NDArray[np.int64]
@@ -157,20 +157,20 @@ class Coordinates:
     along : RowsAlongMotion
         The rows at the state and near it.
     observer : Observer
-        Whose axes x has.
+        The observer in whose axes x is.
     partition : Partition, optional
-        Which coordinates y are; by pivoting if it is not given.
+        The selection of y; by default by pivoting.
 
     Attributes
     ----------
     N, Nd, Ndd : (nv, n) arrays
         x = N y, and its two derivatives in time.
     G, Gd, Gdd : (nv, nc) arrays
-        x = G c moves the rows by c and the independent coordinates not at all; its derivatives.
+        x = G c changes the rows by c at constant independent coordinates; its two derivatives.
     index : (n,) array
-        The velocity coordinates that y are.
+        Numbers of the velocity coordinates that are selected as y.
     states : (n,) bool array
-        Whether it is a state of a controller: of it ẏ alone counts.
+        Whether a coordinate is a state of a controller: only its ẏ has a meaning.
     """
 
     def __init__(
@@ -206,11 +206,11 @@ class Coordinates:
 
     @property
     def n(self) -> int:
-        """How many there are."""
+        """Number of independent coordinates."""
         return len(self.index)
 
     def _weighted(self, Cq: Array, A: Array, R: Array) -> Array:
-        """Rows of the joints, and of coordinates left out of a plane, weighted (rows, nv)."""
+        """(rows, nv) weighted rows of joints, and rows that fix coordinates normal to a plane."""
         S = axes_of_motion(self._compiled, A, R)
         weighted = self._compiled.system.row_weights[:, None] * (Cq @ S) * self._scales
         return np.vstack([weighted, S[self._left_out]])
@@ -245,9 +245,10 @@ def _partition(compiled: Compiled, A: Array, starts: NDArray[np.int64]) -> Parti
 
 
 class MinimalEquations:
-    """The equations of a state as an observer sees them: M ÿ + D ẏ + K y = 0 for y.
+    """The equations M ÿ + D ẏ + K y = 0 of a state in the axes of an observer.
 
-    `at` are the matrices for x (`observer`), `left` (nv, n) what no multiplier loads.
+    `at` are the matrices for x; `left` (nv, n) is the left null space of the multipliers: leftᵀ L
+    = 0.
     """
 
     def __init__(
@@ -275,12 +276,12 @@ class MinimalEquations:
 
     @property
     def depends_on_observer(self) -> bool:
-        """Whether independent coordinates have axes: translations or rotations of bodies."""
+        """Whether any independent coordinate is a translation or rotation, which has axes."""
         return any(".r." in name or ".rotation." in name for name in self.names)
 
     @property
     def slowest(self) -> float:
-        """A rate, 1/s, not above that of the slowest vibration; 0 with rigid motions."""
+        """Lower bound of the rate of the slowest vibration, 1/s; 0 with rigid motions."""
         try:
             squared = np.trace(np.linalg.solve(self.stiffness, self.mass))
         except np.linalg.LinAlgError:
@@ -288,9 +289,9 @@ class MinimalEquations:
         return float(1.0 / np.sqrt(abs(squared))) if np.isfinite(squared) and squared else 0.0
 
     def difference(self, later: MinimalEquations, rate: float) -> float:
-        """Largest change of a coefficient, over what compares with it at a rate, 1/s."""
+        """Largest relative change of a coefficient; small ones over inertia at `rate`, 1/s."""
         mass, stiffness = (np.sqrt(np.abs(np.diag(M))) for M in (self.mass, self.stiffness))
-        rates = np.maximum(stiffness, rate * mass)  # of each coordinate by itself, times its mass
+        rates = np.maximum(stiffness, rate * mass)  # rate of each coordinate alone, times √mass
         changes = [0.0]
         for word, one_side in (("mass", (mass, mass)), ("damping", (rates, mass)),
                                ("stiffness", (rates, rates))):  # fmt: skip
@@ -302,7 +303,7 @@ class MinimalEquations:
 
 
 def _left_null(at: Tangents, c: Coordinates) -> Array:
-    """(nv, n): what the multipliers do not load; N but where friction follows reactions."""
+    """(nv, n) left null space of L; it is N unless friction depends on reactions."""
     extra = at.L - at.Cq.T
     if not extra.size or np.abs(extra).max() <= 1e-12 * np.abs(at.Cq).max(initial=0.0):
         return c.N

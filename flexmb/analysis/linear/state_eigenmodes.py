@@ -1,18 +1,17 @@
 """Modes of M ÿ + D ẏ + K y = 0, damped and gyroscopic: eigenvalues λ and shapes φ, y = φ e^{λt}.
 
-Without D, and with K symmetric, ω² of the pair (K, M); else of the first-order equations. Soft
-motions beside stiff modes keep their digits: coordinates in order of stiffness, so that a Cholesky
-factor of M does not carry stiffness into soft ones; low frequencies from the inverse problem; then
-Newton corrections of each λ with the matrices themselves. What is below the round-off of K is zero:
-a rigid motion.
+Without D, and with K symmetric, ω² are the eigenvalues of the pair (K, M); else λ are those of the
+first-order equations. Two measures keep the accuracy of soft motions beside stiff modes:
+coordinates are in order of stiffness, so that a Cholesky factor of M does not carry stiffness into
+soft ones; and low frequencies come from the inverse problem. A λ below the round-off of K is set to
+zero: a rigid motion.
 
-Whirl: modes of a motion written in axes that turn, as the ground sees them.
-
-In axes that turn with n about z a point moves by x + iy = p e^{iωt} + b* e^{−iωt}, with p = (φx +
-iφy)/2 and b = (φx − iφy)/2 of its complex φ. From the ground it is turned on by e^{int}: p goes
-round with ω + n, b with n − ω; what moves along z keeps ω. Each mode of a rotor of revolution has
-one of the three; of any other, the larger one counts. A rotor bends in a circle with the turn
-(forward whirl) or against it (backward).
+Whirl: modes of a motion written in rotating axes, as the ground sees them. In axes that rotate with
+n about z a point moves by x + iy = p e^{iωt} + b* e^{−iωt}, with p = (φx + iφy)/2 and
+b = (φx − iφy)/2 of its complex shape φ. Seen from the ground it is multiplied by e^{int}: p rotates
+with ω + n and b with n − ω; motion along z keeps ω. A mode of a rotor of revolution has only one of
+the three; of other modes the largest is taken. A rotor whirls in the sense of rotation (forward) or
+against it (backward).
 """
 
 from __future__ import annotations
@@ -30,13 +29,13 @@ from flexmb.flexbody.arrays import skew
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-_SYMMETRIC = 1e-9  # departure from symmetry that is round-off, over the matrix
-_WIDE = 1e6  # ratio of ω² from which the low half comes from the inverse problem
-_ROUND_OFF = 1e-13  # of a Rayleigh quotient, over the sum of its terms
-_SINGULAR = 1e-14
-_SAME_SHAPE = 1e-3
-_MAX_NODES = 200  # of a body whose motion is looked at
-_SINGLE = 0.9  # of the motion of a mode, from which it has one frequency
+_ASYMMETRY = 1e-9  # A − Aᵀ that is round-off, over the largest element
+_WIDE_SPECTRUM = 1e6  # ratio of ω² above which the lower half comes from the inverse problem
+_ROUND_OFF = 1e-13  # relative round-off of a Rayleigh quotient, over the sum of its terms
+_NEGLIGIBLE = 1e-14  # relative size of damping terms that are round-off
+_EQUAL_SHAPES = 1e-3  # distance of two unit shapes that are the same rigid motion
+_MAX_NODES = 200  # nodes of a body whose motion is evaluated
+_DOMINANT_SHARE = 0.9  # share of one frequency in a mode above which it is its only one
 
 
 @dataclass(frozen=True)
@@ -51,14 +50,15 @@ class Eigenmodes:
 def eigenmodes(
     M: Array, D: Array, K: Array, states: NDArray[np.bool_], rate: float = 0.0
 ) -> Eigenmodes:
-    """Modes of the matrices (n, n); of coordinates in `states` only their rates exist.
+    """Modes of the matrices (n, n); coordinates in `states` exist only as rates.
 
-    `rate` is that of the motion [1/s], terms of which in K may cancel.
+    `rate` [1/s] is that of the motion about which is linearised: its terms in K may cancel, which
+    raises the round-off.
 
     Raises
     ------
     FlexmbError
-        A motion without inertia.
+        A motion has no inertia.
     """
     n = len(M)
     if n == 0:
@@ -84,28 +84,28 @@ def eigenmodes(
     else:
         values, shapes = _damped(Ms, Ds, Ks, states[order])
     shapes = half.T @ shapes
-    values = _without_noise(values, shapes, (M, D, K), rate)
+    values = _clean_eigenvalues(values, shapes, (M, D, K), rate)
     out = np.zeros_like(shapes)
     out[order] = shapes
-    by_size = _distinct(values, out, np.argsort(np.abs(values), kind="stable"))
+    by_size = _unique_motions(values, out, np.argsort(np.abs(values), kind="stable"))
     return Eigenmodes(values[by_size], out[:, by_size])
 
 
 def _is_symmetric(A: Array) -> bool:
-    return bool(np.abs(A - A.T).max() <= _SYMMETRIC * np.abs(A).max(initial=1e-300))
+    return bool(np.abs(A - A.T).max() <= _ASYMMETRY * np.abs(A).max(initial=1e-300))
 
 
 def _is_small(D: Array, K: Array, M: Array) -> bool:
-    """Whether D is round-off beside K and M."""
+    """Whether D is round-off compared with K and M."""
     size = np.sqrt(np.outer(np.abs(np.diag(K)), np.diag(M)))
-    return bool(np.all(np.abs(D) <= _SINGULAR * np.maximum(size, size.max() * _SINGULAR)))
+    return bool(np.all(np.abs(D) <= _NEGLIGIBLE * np.maximum(size, size.max() * _NEGLIGIBLE)))
 
 
 def _undamped(K: Array) -> tuple[Complex, Complex]:
     """λ = √(−ω²) and shapes of K y = ω² y, K symmetric (n, n)."""
     K = 0.5 * (K + K.T)
     squares, shapes = np.linalg.eigh(K)
-    if squares[0] > 0.0 and squares[-1] > _WIDE * squares[0]:
+    if squares[0] > 0.0 and squares[-1] > _WIDE_SPECTRUM * squares[0]:
         half = np.linalg.inv(np.linalg.cholesky(K))  # K⁻¹ = halfᵀ half
         inverse, low = np.linalg.eigh(half.T @ half)
         below = squares < np.sqrt(squares[0] * squares[-1])
@@ -114,10 +114,10 @@ def _undamped(K: Array) -> tuple[Complex, Complex]:
 
 
 def _damped(M: Array, D: Array, K: Array, states: NDArray[np.bool_]) -> tuple[Complex, Complex]:
-    """λ and shapes of the first-order equations; conjugates are left out."""
+    """λ and shapes of the first-order equations, one of each conjugate pair."""
     n = len(M)
     lower = np.hstack([-K, -D])
-    if not _is_symmetric(M - np.eye(n)) or np.abs(M - np.eye(n)).max() > _SYMMETRIC:
+    if not _is_symmetric(M - np.eye(n)) or np.abs(M - np.eye(n)).max() > _ASYMMETRY:
         lower = np.asarray(np.linalg.solve(M, lower), np.float64)
     A = np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), lower])
     columns = np.concatenate([~states, np.ones(n, bool)])
@@ -126,7 +126,7 @@ def _damped(M: Array, D: Array, K: Array, states: NDArray[np.bool_]) -> tuple[Co
     whole[columns] = vectors
     one = values.imag >= 0.0
     values, whole = values[one].astype(complex), whole[:, one]
-    # the larger half of (φ, λφ) has the digits
+    # the larger half of (φ, λφ) is the more accurate one
     upper, rate = whole[:n], whole[n:]
     slow = np.abs(values) <= 1.0
     shapes = np.where(slow, upper, rate)
@@ -134,27 +134,29 @@ def _damped(M: Array, D: Array, K: Array, states: NDArray[np.bool_]) -> tuple[Co
     return values, shapes
 
 
-def _without_noise(
+def _clean_eigenvalues(
     values: Complex, shapes: Complex, of: tuple[Array, Array, Array], rate: float
 ) -> Complex:
-    """Eigenvalues, those zero that are below the round-off of the matrices."""
+    """Eigenvalues; those below the round-off of the matrices are set to zero."""
     size = np.abs(shapes)
     mass, damping, stiffness = (np.einsum("ik,ik->k", size, np.abs(matrix) @ size) for matrix in of)
     limit = _ROUND_OFF * (stiffness / mass + (damping / mass) ** 2 + 10.0 * rate**2)
     values = np.where(np.abs(values) ** 2 <= limit, 0.0, values)
-    noise = np.abs(values.real) <= _SINGULAR * 100.0 * np.abs(values).max(initial=0.0)
+    noise = np.abs(values.real) <= _NEGLIGIBLE * 100.0 * np.abs(values).max(initial=0.0)
     return np.where(noise, 1j * values.imag, values)
 
 
-def _distinct(values: Complex, shapes: Complex, order: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The order without second eigenvalues zero of the same rigid motion."""
+def _unique_motions(
+    values: Complex, shapes: Complex, order: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """The order without repeated zero eigenvalues of the same rigid motion."""
     selection: list[int] = []
     basis = np.zeros((len(shapes), 0), complex)
     for k in order:
         if values[k] == 0.0:
             shape = shapes[:, k] / np.linalg.norm(shapes[:, k])
             rest = shape - basis @ (basis.conj().T @ shape)
-            if np.linalg.norm(rest) < _SAME_SHAPE:
+            if np.linalg.norm(rest) < _EQUAL_SHAPES:
                 continue
             basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
         selection.append(int(k))
@@ -168,11 +170,11 @@ class Whirl:
     Attributes
     ----------
     modes : Eigenmodes
-        λ by the larger part of their motion, in order of size; shapes in the turning axes.
+        λ of the largest part of their motion, in order of size; shapes in the rotating axes.
     senses : tuple of str
-        "forward", "backward", or "" along the axis.
+        "forward", "backward", or "" for motion along the axis.
     shares : (k,) array
-        Of that part in the motion of the mode.
+        Share of that part in the motion of the mode.
     """
 
     modes: Eigenmodes
@@ -182,11 +184,11 @@ class Whirl:
     @property
     def mixed(self) -> list[int]:
         """Numbers from 1 of the modes that have more than one frequency."""
-        return [k + 1 for k, share in enumerate(self.shares) if share < _SINGLE]
+        return [k + 1 for k, share in enumerate(self.shares) if share < _DOMINANT_SHARE]
 
 
 def whirl(seen: MinimalEquations, modes: Eigenmodes) -> Whirl:
-    """The modes of turning axes, from the ground."""
+    """Modes in rotating axes, as the ground sees them."""
     turn = seen.observer.w
     n = float(np.linalg.norm(turn))
     z = turn / n
@@ -197,13 +199,13 @@ def whirl(seen: MinimalEquations, modes: Eigenmodes) -> Whirl:
     sizes = np.array([*0.5 * (np.abs(parts) ** 2).sum(axis=1), (np.abs(along[:, 2]) ** 2).sum(0)])
     largest, whole = sizes.argmax(axis=0), sizes.sum(axis=0)
     shares = sizes.max(axis=0, initial=0.0) / np.where(whole > 0.0, whole, 1.0)
-    values, still = modes.values, whole == 0.0  # of a state of a controller
+    values, still = modes.values, whole == 0.0  # still: a mode of states of controllers alone
     round_ = np.where(largest == 0, values, values.conj()) + 1j * n
     is_axial = (largest == len(parts)) | still
     values = np.where(is_axial, values, round_)
     is_backward = values.imag < 0.0
     senses = np.where(is_axial, "", np.where(is_backward, "backward", "forward"))
-    # Of a pair the one with Im λ > 0: shapes of p belong to λ, those of b to its conjugate.
+    # Of each pair the λ with Im λ > 0 is taken: shapes of p belong to λ, those of b to λ*.
     is_other = is_backward ^ ((largest == 1) & ~is_axial)
     shapes = np.where(is_other, modes.shapes.conj(), modes.shapes)
     values = np.where(is_backward, values.conj(), values)
@@ -214,7 +216,7 @@ def whirl(seen: MinimalEquations, modes: Eigenmodes) -> Whirl:
 
 
 def _motions(seen: MinimalEquations, modes: Eigenmodes) -> Complex:
-    """(points, 3, k) motion of points of all bodies in the axes of the observer, by √mass."""
+    """(points, 3, k) motion of points of all bodies in the observer's axes, times √mass."""
     compiled, R = seen.compiled, seen.observer.R
     motion = seen.coordinates.N @ modes.shapes
     parts: list[Complex] = []

@@ -1,9 +1,9 @@
-"""The equations of motion at one state, as arrays: what is out of balance, and its derivatives.
+"""The equations of motion at one state, as arrays: residuals and their derivatives.
 
 In: a compiled model and its state (t, q, v, v̇, λ). Out: F = M v̇ + … + Cqᵀ λ − Q and C, the
 matrices M = ∂F/∂v̇, D = ∂F/∂v, K = ∂F/∂q, Cq = ∂C/∂q and ∂F/∂λ, and all channels. Derivatives with
-q are those with the motion δ of q ∘ exp(δ), rotations in body axes. They are the tangents of the
-engine's iteration matrix, in which cv and cp single them out.
+respect to q are those with respect to the increment δ of q ∘ exp(δ), rotations in body axes. They
+are taken from the engine's iteration matrix S = M + cv D + cp K, by suitable factors cv and cp.
 """
 
 from __future__ import annotations
@@ -24,23 +24,24 @@ from flexmb.engine.initial_conditions import evaluate_equations
 from flexmb.engine.iteration_matrix import put_matrix, put_rows
 from flexmb.engine.stage_tables import units_of
 from flexmb.engine.state import State, Work
-from flexmb.engine.state_rows import remember_row
+from flexmb.engine.state_rows import store_row_history
 from flexmb.engine.tables import Kkt
 from flexmb.flexbody.arrays import Array, IntArray
 
-# Factors that let one term of S = M + cv D + cp K stand alone: powers of two, so that nothing is
-# rounded. Terms of the feedback are there only with cv > 0.
-_ALONE, _NOTHING = 2.0**60, 2.0**-120
+# Factors cv and cp that make one term of S = M + cv D + cp K dominate all others, or negligible.
+# They are powers of two, so that nothing is rounded. Not zero, as feedback adds its terms only for
+# cv > 0.
+_DOMINANT, _NEGLIGIBLE = 2.0**60, 2.0**-120
 
 
 class Tangents(NamedTuple):
-    """Derivatives of F with v̇, v and q, of C with q, of F with λ: all in the order of v and C."""
+    """Derivatives of F with respect to v̇, v, q and λ, and of C to q, in the order of v and C."""
 
     M: Array  # (nv, nv)
     D: Array  # (nv, nv)
     K: Array  # (nv, nv)
     Cq: Array  # (nc, nv)
-    L: Array  # (nv, nc): Cqᵀ, but for forces that follow reactions, such as joint friction
+    L: Array  # (nv, nc) ∂F/∂λ: Cqᵀ and the forces that depend on reactions, as joint friction
 
 
 class StateEquations:
@@ -55,7 +56,7 @@ class StateEquations:
     """
 
     def __init__(self, compiled: Compiled, state: State) -> None:
-        units = (evaluate_equations, put_matrix, put_rows, move, remember_row)
+        units = (evaluate_equations, put_matrix, put_rows, move, store_row_history)
         prepare_units([*units, *units_of(compiled.system)])
         compiled = replace(compiled, system=free_static_modes(compiled.system))
         self.compiled, self.state = compiled, state
@@ -78,9 +79,9 @@ class StateEquations:
         return np.array(self.work.trial.res)
 
     def update_history(self, *, is_first: bool) -> None:
-        """Let the history of all elements begin at the state, or go on to it from the last one."""
+        """Update the internal variables of all elements to the state; `is_first`: begin there."""
         self._evaluate()
-        call(remember_row, self._run, int(is_first))
+        call(store_row_history, self._run, int(is_first))
 
     def _evaluate(self) -> None:
         state, work, n = self.state, self.work, len(self.state.angles)
@@ -96,10 +97,10 @@ class StateEquations:
         self._evaluate()
         self.work.factor.symmetric[0] = 0
         n = self.compiled.layout.nv
-        mass = self._matrix(_NOTHING, 0.0)
+        mass = self._matrix(_NEGLIGIBLE, 0.0)
         M = mass[:n, :n]
-        D = (self._matrix(_ALONE, 0.0)[:n, :n] - M) / _ALONE
-        K = (self._matrix(_NOTHING, _ALONE)[:n, :n] - M) / _ALONE
+        D = (self._matrix(_DOMINANT, 0.0)[:n, :n] - M) / _DOMINANT
+        K = (self._matrix(_NEGLIGIBLE, _DOMINANT)[:n, :n] - M) / _DOMINANT
         return Tangents(M, D, K, mass[n:, :n], mass[:n, n:])
 
     def _matrix(self, cv: float, cp: float) -> Array:
@@ -141,8 +142,8 @@ class StateEquations:
 
 
 def _matrix_places(kkt: Kkt) -> tuple[tuple[IntArray, IntArray], tuple[IntArray, IntArray]]:
-    """Of the panels of L and U: which of their entries stand in S, and at which place of it."""
-    n, size = len(kkt.place), int(kkt.panels["nc"].sum()) + 1  # the last one: what is left out
+    """For the panels of L and of U: indices of the entries that are in S, and their index in S."""
+    n, size = len(kkt.place), int(kkt.panels["nc"].sum()) + 1  # the last: unknowns not in S
     own = np.full(size, -1)
     own[kkt.place] = np.arange(n)
     own[-1] = -1

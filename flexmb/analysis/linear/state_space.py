@@ -1,9 +1,9 @@
 """State space and frequency response of a linearised model: from actuators to sensors.
 
-With the columns (y, ẏ, u, u̇ | f, ü), f forces of actuators and u coordinates that drivers
-prescribe, all of the motion is x = X0, ẋ = X1, ẍ = X2, and ÿ follows from the equations. A sensor
-c(q, v, v̇, λ) is linearised by differences. A driver enters by its acceleration, with its value and
-rate as states, so that all sensors are proper; its frequency response is that to its value.
+f are forces of actuators, u coordinates that drivers prescribe. The motion x, ẋ, ẍ and ÿ are
+matrices X0, X1, X2 and Y times the column (y, ẏ, u, u̇ | f, ü). A sensor c(q, v, v̇, λ) is
+linearised by differences. The input of a driver is its acceleration, with its value and rate as
+states, so that all transfer functions are proper. Its frequency response is that to its value.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from flexmb.engine.forces.spring_damper import DISTANCE_OF
 from flexmb.errors import Problem, SceneError, nearest
 from flexmb.flexbody.arrays import Array
 
-_POSITION_STEP = 1e-3  # of differences, over the model size or in radians
+_POSITION_STEP = 1e-3  # step of differences, over the model size or in radians
 _FIRST_DERIVATIVE = ((-2.0, 1.0 / 12.0), (-1.0, -2.0 / 3.0), (1.0, 2.0 / 3.0), (2.0, -1.0 / 12.0))
 _AXES = "xyz"
-_ZERO_FORCE = 1e-12  # of a unit input [N or N m] that is none
+_ZERO_FORCE = 1e-12  # a generalised force per unit of an actuator below this counts as zero
 
 
 class StateSpace(NamedTuple):
@@ -43,7 +43,7 @@ class StateSpace(NamedTuple):
 
 
 class Actuators(NamedTuple):
-    """What can act on a model: forces by name with their columns, drivers with their rows."""
+    """Actuators of a model: forces by name with their columns, drivers with their rows."""
 
     size: int  # nv
     forces: dict[str, Array]  # (nv,) generalised force per unit
@@ -51,7 +51,7 @@ class Actuators(NamedTuple):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All of them."""
+        """Names of all actuators."""
         return (*self.forces, *self.drivers)
 
 
@@ -72,7 +72,7 @@ def actuators(minimal: MinimalEquations) -> Actuators:
             )
         elif element.kind == "loads":
             J, other = equations.marker_motion(row["marker"]), int(row["other"])
-            if other >= 0:  # the opposite acts at the same point
+            if other >= 0:  # the reaction acts at the same point
                 back = equations.marker_motion(other)
                 arm = x[row["marker"]] - x[other]
                 J = J - back - np.vstack([np.cross(back[3:].T, arm).T, np.zeros_like(back[3:])])
@@ -89,7 +89,7 @@ def actuators(minimal: MinimalEquations) -> Actuators:
     first = compiled.layout.nv - len(compiled.layout.coordinates)
     for k, path in enumerate(compiled.layout.coordinates):
         section, _, name = path.partition(".")
-        if section == "forces":  # line forces, and what turns or pushes along a joint
+        if section == "forces":  # line forces, and forces and torques on joint coordinates
             forces[name] = np.eye(compiled.layout.nv)[first + k]
     moving = compiled.system.kkt.column >= 0
     forces = {
@@ -110,7 +110,7 @@ def actuators(minimal: MinimalEquations) -> Actuators:
 
 
 class _Rates(NamedTuple):
-    """X0, X1, X2 (nv, columns) of x, ẋ, ẍ; Y of ÿ; and of the multipliers."""
+    """Matrices X0, X1, X2 (nv, columns) of x, ẋ, ẍ; Y of ÿ; lam of the multipliers."""
 
     X0: Array
     X1: Array
@@ -121,7 +121,7 @@ class _Rates(NamedTuple):
 
 @one_blas_thread()
 def _motion(minimal: MinimalEquations, forces: Array, rows: Sequence[int]) -> _Rates:
-    """All of the motion over the columns (y, ẏ, u, u̇ | f, ü)."""
+    """The matrices of the motion for the column (y, ẏ, u, u̇ | f, ü)."""
     c = minimal.coordinates
     at, left, n, d, k = minimal.at, minimal.left, c.n, len(rows), forces.shape[1]
     G, Gd, Gdd = c.G[:, rows], c.Gd[:, rows], c.Gdd[:, rows]
@@ -218,7 +218,7 @@ def frequency_response(
     response = np.zeros(len(frequencies), complex)
     for i, frequency in enumerate(frequencies):
         s = 2j * np.pi * float(frequency)
-        # what acts: f, or u with u̇ = s u, ü = s² u; ÿ then follows from the rest of Y
+        # the input is f, or u with u̇ = s u and ü = s² u; ÿ then follows from the rest of Y
         acting = np.array([1.0, s, s * s]) if d else np.array([1.0])
         columns = [2 * n, 2 * n + 1, 2 * n + 2] if d else [2 * n]
         right = rates.Y[:, columns] @ acting
@@ -232,7 +232,7 @@ def frequency_response(
 
 
 def _select(of: Actuators, names: Sequence[str] | None) -> tuple[Array, list[int], tuple[str, ...]]:
-    """Columns of the forces, rows of the drivers, and names, forces first."""
+    """Columns of the selected forces, rows of the selected drivers, and names, forces first."""
     names = of.names if names is None else tuple(names)
     unknown = [name for name in names if name not in of.names]
     if unknown:
@@ -252,7 +252,7 @@ def _select(of: Actuators, names: Sequence[str] | None) -> tuple[Array, list[int
 def _outputs(
     minimal: MinimalEquations, rates: _Rates, outputs: Sequence[str] | None
 ) -> tuple[Array, tuple[str, ...]]:
-    """(channels, columns) of the sensors, and their names."""
+    """(channels, columns) matrix of the selected sensors, and their names."""
     channels = minimal.compiled.layout.channels
     names = channels if outputs is None else tuple(outputs)
     unknown = [name for name in names if name not in channels]
@@ -279,7 +279,7 @@ def _outputs(
 
 
 def _channel_slopes(minimal: MinimalEquations) -> tuple[Array, Array, Array, Array]:
-    """Derivatives of all channels with q (k, nv), v, v̇, and λ (k, nc)."""
+    """Derivatives of all channels with respect to q (k, nv), v, v̇, and λ (k, nc)."""
     compiled, equations = minimal.compiled, StateEquations(minimal.compiled, minimal.state)
     state, nv = minimal.state, compiled.layout.nv
     scales = column_scales(compiled)

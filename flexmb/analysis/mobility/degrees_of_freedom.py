@@ -1,9 +1,9 @@
 """Mobility of a mechanism: coordinates, equations, rank, redundant equations.
 
 In: a compiled model. Out: :class:`Mobility`, from the rank of the constraint Jacobian in the
-assembled pose and in others a short way along the free motions, which tell an equation that is
-always redundant from a pose that is singular. Nothing is compiled for it. Degrees of freedom δ =
-coordinates − rank (Hong & Liu 2011, sections 1.3, 2.3).
+assembled pose and in nearby poses along the free motions. An equation that is redundant in all of
+them is always redundant; otherwise the assembled pose is singular. No code is compiled for this.
+Degrees of freedom δ = coordinates − rank (Hong & Liu 2011, sections 1.3, 2.3).
 """
 
 from __future__ import annotations
@@ -52,10 +52,10 @@ from flexmb.model.model import Model
 
 @dataclass(frozen=True)
 class Equations:
-    """A joint, coupler or driver: its scene path, its type, and the equations it brings.
+    """A joint, coupler or driver: its scene path, its type, and its number of equations.
 
-    Those that define a scalar coordinate, such as the place along a curve, are not counted, and
-    neither are such coordinates.
+    An equation that defines a scalar coordinate, such as the position along a curve, is not
+    counted, and neither is this coordinate.
     """
 
     path: str
@@ -65,13 +65,13 @@ class Equations:
 
 @dataclass(frozen=True)
 class Mobility:
-    """What `flexmb check` reports of the motions of a model, with all its drivers.
+    """Mobility of a model with all its drivers, as `flexmb check` reports it.
 
-    ``coordinates`` are those of the bodies, modes among them;
-    ``rank`` that of all equations, ``joint_rank`` without drivers, both in the assembled pose;
-    ``generic_rank`` the joints' in poses nearby. ``as_rigid`` is the number of redundant equations
-    that there would be without modes. ``notes`` are sentences for the user; ``lock`` is that of
-    rigid bodies that nothing but inexact axes or places keeps from moving.
+    ``coordinates`` is the number of those of the bodies, including modes. ``rank`` is that of all
+    equations, ``joint_rank`` that without drivers, both in the assembled pose; ``generic_rank`` is
+    that of the joints in nearby poses. ``as_rigid`` is the number of equations of joints that would
+    be redundant without modes. ``notes`` are sentences for the user; ``lock`` is the sentence for
+    rigid bodies that are locked only by inexact axes or places, or "".
     """
 
     bodies: int
@@ -127,7 +127,7 @@ def mobility_of(compiled: Compiled, model: Model) -> Mobility:
     Parameters
     ----------
     compiled : Compiled
-        The compiled model, of `rank.MAX_COORDINATES` coordinates at most.
+        The compiled model, with at most `jacobian.MAX_COORDINATES` coordinates.
     model : Model
         The model.
 
@@ -172,8 +172,9 @@ def mobility_of(compiled: Compiled, model: Model) -> Mobility:
 def redundant_reactions(
     compiled: Compiled, model: Model, q: Array, first: State | None = None
 ) -> tuple[tuple[str, ...], list[str]]:
-    """Joints and drivers whose reactions are not unique in a closed pose, and notes on that;
-    `first` is the state there of a run that is to begin.
+    """Joints and drivers whose reactions are not unique in a closed pose, and notes about them.
+
+    `first` is the initial state of a run from this pose.
 
     Raises
     ------
@@ -211,7 +212,7 @@ def redundancy_note(count: int, equations: int, joints: Sequence[str] = ()) -> s
 
 
 def _assembled_pose(compiled: Compiled, model: Model) -> tuple[ConstraintPose, list[str]]:
-    """The closed pose, and what had to move for it; or the reason why there is none."""
+    """The closed pose, and notes on what moved to close it; an error with the reason if none."""
     state = new_state(compiled.system, len(compiled.layout.channels))
     state.q[:] = compiled.initial_q
     weights = assembly_weights(model)
@@ -226,7 +227,7 @@ def _assembled_pose(compiled: Compiled, model: Model) -> tuple[ConstraintPose, l
 
 
 def _equations(model: Model, pose: ConstraintPose) -> tuple[Equations, ...]:
-    """Equations by what brings them; scalar coordinates of its own take one each."""
+    """Number of equations of each joint, coupler and driver, less its own scalar coordinates."""
     scalars = [element(name) for name in pose.compiled.layout.coordinates]
     rows = [element(path) for path in pose.jacobian.owners]
     equations = []
@@ -241,7 +242,7 @@ def _equations(model: Model, pose: ConstraintPose) -> tuple[Equations, ...]:
 
 
 def _notes(model: Model, pose: ConstraintPose, mobility: Mobility) -> list[str]:
-    """What the user should know of a mechanism that can be assembled."""
+    """Notes on a singular pose, and on redundancy that flexibility removes."""
     notes = []
     if mobility.singular:
         more = mobility.generic_rank - mobility.joint_rank

@@ -1,6 +1,6 @@
-"""Drivers without a degree of freedom to drive, and mechanisms that are locked.
+"""Redundant drivers, which have no degree of freedom to drive, and locked mechanisms.
 
-In: the rows of a closed pose. Out: a problem, or a note, for each redundant driver, with the
+In: the rows of a closed pose. Out: a problem, or a note, for each redundant driver. It names the
 drivers and joints that prescribe the same motion, and what to change.
 """
 
@@ -38,25 +38,26 @@ from flexmb.errors import AssemblyError, Problem
 from flexmb.flexbody.arrays import Array
 from flexmb.model.model import Model
 
-_ZERO_TOLERANCE = 1e-7
-_SHARES = (0.001, 0.01, 0.1, 0.3, 0.6, 1.0)  # of the duration, at which drivers must agree
-# Singular value over the largest below which a locked mechanism is nearly not, and below which no
-# method holds it (a four-bar whose pin is tilted by 2e-3 rad has 2.6e-4 and runs by all methods, by
-# 1e-4 by none), if it is as small over the next one. Equations that count as redundant, with a
-# value below RANK_TOLERANCE, fit each other if it is below this one.
-_NEARLY_FREE, _TOO_NEARLY_FREE, _GAP, _FITS = 1e-2, 2e-4, 0.1, 3e-10
+_ZERO_TOLERANCE = 1e-7  # relative size of singular values and coefficients that are zero
+_SHARES = (0.001, 0.01, 0.1, 0.3, 0.6, 1.0)  # fractions of the duration at which drivers must agree
+# Bounds of the least singular value of a locked mechanism, over the largest one. Below the first it
+# is nearly free. Below the second no method can run it: a four-bar whose pin is tilted by 2e-3 rad
+# has 2.6e-4 and runs with all methods, one tilted by 1e-4 rad with none. Both only if there is a
+# gap: some singular value is smaller than the third number times the one before. Equations that
+# count as redundant, with a value below RANK_TOLERANCE, fit exactly below the fourth.
+_NEARLY_FREE, _TOO_NEARLY_FREE, _SPECTRAL_GAP, _EXACT_FIT = 1e-2, 2e-4, 0.1, 3e-10
 
 
 @dataclass(frozen=True)
 class _RedundantDrivers:
-    """Drivers that prescribe one motion more than is free, and the joints in between."""
+    """Drivers that together prescribe one motion too many, and the joints between them."""
 
     drivers: tuple[str, ...]
     joints: tuple[str, ...]
 
 
 def _redundant_drivers(pose: ConstraintPose) -> tuple[_RedundantDrivers, ...]:
-    """The drivers whose rows repeat those of joints or of each other."""
+    """Sets of drivers whose rows depend on those of joints or on each other."""
     jacobian = pose.jacobian
     joints, drivers = jacobian.A[~jacobian.driven], jacobian.A[jacobian.driven]
     if not len(drivers):
@@ -74,7 +75,7 @@ def _redundant_drivers(pose: ConstraintPose) -> tuple[_RedundantDrivers, ...]:
 
 
 def _null_circuits(A: Array) -> Array:
-    """Circuits (k, n) of the rows of A (n, k), whose size is that of unit rows."""
+    """Dependencies (k, n) between the rows of A (n, k), which are of unit size."""
     if not A.shape[1]:
         return np.eye(len(A))
     U, size, _ = np.linalg.svd(A)
@@ -82,7 +83,7 @@ def _null_circuits(A: Array) -> Array:
 
 
 def _basic_solution(A: Array, b: Array) -> Array:
-    """A solution y of A y = b with at most as many numbers as A has rank."""
+    """A solution y of A y = b with at most rank(A) entries other than zero."""
     y = np.zeros(A.shape[1])
     if not A.shape[1]:
         return y
@@ -99,9 +100,9 @@ def _driver_findings(
     redundant: tuple[_RedundantDrivers, ...],
     moment: float | None = None,
 ) -> tuple[list[Problem], list[str]]:
-    """Problems of redundant drivers that contradict others, notes on those that agree.
+    """Problems for redundant drivers that contradict others, notes for those that agree.
 
-    `moment` [s] is a time at which they contradict each other, if it is clear already.
+    `moment` [s] is a time at which they contradict each other, if it is already known.
     """
     problems: list[Problem] = []
     notes: list[str] = []
@@ -114,7 +115,7 @@ def _driver_findings(
             return [], [f"{', '.join(drivers)}: {what}"]
         return [Problem(drivers[0], what)], []
     for one in redundant:
-        who = _words(one)
+        who = _conflict_text(one)
         if moment is None:
             notes.append(f"{who}; they agree, but one driver is enough: its reaction is not unique")
         else:
@@ -125,12 +126,12 @@ def _driver_findings(
 
 @contextmanager
 def driver_reasons(compiled: Compiled, model: Model) -> Iterator[None]:
-    """Replace an error of the assembly by the drivers that cause it, if they do.
+    """Replace an error of the assembly by one that names the drivers that cause it, if any do.
 
     Raises
     ------
     AssemblyError
-        Drivers that contradict each other or the joints, or whatever was open.
+        Drivers contradict each other or the joints; else the original error.
     """
     try:
         yield
@@ -143,9 +144,9 @@ def driver_reasons(compiled: Compiled, model: Model) -> Iterator[None]:
 def _driver_problems(
     compiled: Compiled, model: Model, gaps: Sequence[Problem]
 ) -> Sequence[Problem]:
-    """Why a model cannot be assembled, if it is for its drivers; else the gaps that stay open.
+    """Problems with drivers that prevent the assembly of a model; without any, the open gaps.
 
-    These as well for a model too large for dense decompositions.
+    The gaps are also returned for a model that is too large for dense decompositions.
     """
     if not model.drivers or compiled.layout.nv > MAX_COORDINATES:
         return gaps
@@ -153,7 +154,8 @@ def _driver_problems(
     if pose is None:
         return gaps
     problems, _ = _driver_findings(model, pose, _always_redundant(pose), moment=0.0)
-    if problems or not any(gap.where == "assembly" for gap in gaps):  # joints closed, but far off
+    # a gap at "assembly": the joints could be closed, but far from the placed pose
+    if problems or not any(gap.where == "assembly" for gap in gaps):
         return problems or gaps
     names = ", ".join(f"drivers.{name}" for name in model.drivers)
     what = "the joints close alone, but not in the pose asked for at t = 0: it is out of reach"
@@ -184,7 +186,7 @@ def driver_notes(model: Model, pose: ConstraintPose) -> list[str]:
 
 
 def _always_redundant(pose: ConstraintPose) -> tuple[_RedundantDrivers, ...]:
-    """Drivers that are redundant in a closed pose and in poses nearby: it is no dead point."""
+    """Drivers that are redundant in a closed pose and in nearby poses, so not by a dead point."""
     redundant = _redundant_drivers(pose)
     if not redundant:
         return ()
@@ -192,8 +194,8 @@ def _always_redundant(pose: ConstraintPose) -> tuple[_RedundantDrivers, ...]:
     return redundant if all(_redundant_drivers(other) for other in others) else ()
 
 
-def _words(one: _RedundantDrivers) -> str:
-    """Who prescribes one motion twice."""
+def _conflict_text(one: _RedundantDrivers) -> str:
+    """Words that name the drivers and joints that prescribe one motion twice."""
     joints = ", ".join(plain_name(path) for path in one.joints)
     through = (
         f", through {'joint' if len(one.joints) == 1 else 'joints'} {joints}," if joints else ""
@@ -204,7 +206,7 @@ def _words(one: _RedundantDrivers) -> str:
 
 
 def _disagreement(model: Model, pose: ConstraintPose) -> float | None:
-    """A time [s] at which no pose satisfies all drivers and joints; None: no such time."""
+    """A time [s] at which no pose satisfies all drivers and joints; None if none was found."""
     spans = [spec.duration for spec in (model.dynamics, model.kinematics) if spec is not None]
     duration = max(spans, default=1.0)
     q, constraints = pose.q, ConstraintRows(pose.compiled)
@@ -222,15 +224,15 @@ def is_locked(pose: ConstraintPose) -> bool:
 
 
 def lock_of_inexact_parts(model: Model, pose: ConstraintPose) -> str:
-    """The sentence where no method can run rigid bodies that a slight misfit locks, or ""."""
+    """Sentence on rigid bodies that a slight misfit locks, if no method can run them; else ""."""
     if any(body.flexible for body in model.bodies.values()):
         return ""
     if is_locked(pose):
         return locked_sentence(model, pose) if _is_nearly_free(pose, _TOO_NEARLY_FREE) else ""
     joints = pose.jacobian.joint_decomposition
     share = joints.S[joints.rank :] / joints.S[0] if joints.rank else joints.S[:0]
-    off = float(share[share > _FITS].max(initial=0.0))
-    if not off or off > _GAP * joints.condition:
+    off = float(share[share > _EXACT_FIT].max(initial=0.0))
+    if not off or off > _SPECTRAL_GAP * joints.condition:
         return ""
     names = [plain_name(p) for p in dict.fromkeys(pose.jacobian.owners) if p.startswith("joints.")]
     return (
@@ -241,14 +243,20 @@ def lock_of_inexact_parts(model: Model, pose: ConstraintPose) -> str:
 
 
 def _is_nearly_free(pose: ConstraintPose, bound: float = _NEARLY_FREE) -> bool:
-    """Whether a few motions are hindered much less than the next, unlike in a long chain."""
+    """Whether a few motions are constrained much less than all others.
+
+    The gap between singular values tells this case from a long chain, whose values fall gradually.
+    """
     joints = pose.jacobian.joint_decomposition
     S = joints.S[: joints.rank]
-    return joints.condition < bound and float((S[1:] / S[:-1]).min(initial=1.0)) < _GAP
+    return joints.condition < bound and float((S[1:] / S[:-1]).min(initial=1.0)) < _SPECTRAL_GAP
 
 
 def locked_sentence(model: Model, pose: ConstraintPose, drivers: Sequence[str] = ()) -> str:
-    """Which joints lock the mechanism, and what would free it; for `drivers`, so that they move."""
+    """Sentence that names the joints that lock the mechanism, and exchanges that free a motion.
+
+    With `drivers`, the motion that these drive.
+    """
     joints = [plain_name(p) for p in dict.fromkeys(pose.jacobian.owners) if p.startswith("joints.")]
     sentence = f"the mechanism is locked, its joints {', '.join(joints)} prevent every motion"
     cure = _freeing_exchanges(model, pose, drivers)
@@ -264,7 +272,7 @@ def locked_sentence(model: Model, pose: ConstraintPose, drivers: Sequence[str] =
 def _freeing_exchanges(
     model: Model, pose: ConstraintPose, drivers: Sequence[str]
 ) -> tuple[Exchange, ...]:
-    """Exchanges that leave one motion and no redundant equation."""
+    """Exchanges after which there is one motion and no redundant equation."""
     jacobian = pose.jacobian
     n, circuits_of_joints = jacobian.A.shape[1], jacobian.joint_circuits
     names = tuple(p for p in dict.fromkeys(jacobian.owners) if p.startswith("joints."))
@@ -290,7 +298,7 @@ def _freeing_exchanges(
 
 
 def _rows_after(pose: ConstraintPose, cure: tuple[Weaker, ...]) -> Array:
-    """The joints' rows after exchanges."""
+    """Rows of the joints after exchanges."""
     changed = {weaker.joint: weaker for weaker in cure}
     blocks = []
     for name in dict.fromkeys(pose.jacobian.owners):

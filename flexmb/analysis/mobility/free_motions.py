@@ -1,9 +1,9 @@
 """Free motions of a pose, in words: which bodies move, and whether they turn, slide or screw.
 
-In: the constraint Jacobian of a pose. Out: a :class:`FreeMotion` for each body, and each pair of
-bodies that a joint connects, that moves while all others rest, then one for the rest. A body that
-moves by itself between others is idle: nothing else feels it, such as the spin of a rod between two
-spherical joints.
+In: the constraint Jacobian of a pose. Out: a :class:`FreeMotion` for each body, and for each pair
+of bodies connected by a joint, that can move while all others are at rest; then one for all
+remaining motions. A motion of a body between others is idle if nothing else moves with it, such as
+the spin of a rod between two spherical joints.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from flexmb.model.markers import rotation_matrix
 from flexmb.model.model import Model
 from flexmb.model.reading import GROUND, split_reference
 
-_ZERO_TOLERANCE = 1e-7
-_LINE_TOLERANCE = 1e-6  # pitch and distance of a line, over the model size, that are round-off
+_ZERO_TOLERANCE = 1e-7  # components of unit motions below this are zero
+_LINE_TOLERANCE = 1e-6  # pitch, and distance from a line, that are zero, over the model size
 
 
 @dataclass(frozen=True)
@@ -38,18 +38,18 @@ class FreeMotion:
 def free_motions(
     model: Model, pose: ConstraintPose, others: Sequence[ConstraintPose] = ()
 ) -> tuple[FreeMotion, ...]:
-    """The free motions of a pose, those of single bodies and pairs apart, idle ones marked.
+    """The free motions of a pose: those of single bodies, of pairs, and the rest; idle ones marked.
 
-    Bodies move by themselves if they do so in the `others` as well: at a dead point all else is at
-    rest for a moment.
+    Bodies count as moving by themselves only if they can do so in the poses `others` too: at a dead
+    point all other bodies are at rest for a moment.
     """
     motions: list[FreeMotion] = []
     alone = np.zeros((len(pose.jacobian.columns), 0))
-    for bodies in _parts(model, pose):
-        mine = _alone(pose, bodies)
-        if any(_alone(other, bodies).shape[1] < mine.shape[1] for other in others):
+    for bodies in _candidate_parts(model, pose):
+        mine = _own_motions(pose, bodies)
+        if any(_own_motions(other, bodies).shape[1] < mine.shape[1] for other in others):
             continue
-        fresh = _outside(mine, alone)
+        fresh = _orthogonal_part(mine, alone)
         if fresh.shape[1]:
             alone = np.hstack([alone, fresh])
             motions.append(_motion(model, pose, bodies, fresh))
@@ -57,19 +57,19 @@ def free_motions(
     if left > 0:
         layout = pose.compiled.layout.bodies
         apart = [[body for body in layout if body.name in one.bodies] for one in motions]
-        moving = {name for one in (pose, *others) for name in _moving(one, apart)}
+        moving = {name for one in (pose, *others) for name in _moving_bodies(one, apart)}
         names = tuple(body.name for body in layout if body.name in moving)
         what = "motion moves" if left == 1 else "motions move"
         motions.append(FreeMotion(names, left, False, f"{left} {what} {', '.join(names)}"))
     return tuple(motions)
 
 
-def _moving(pose: ConstraintPose, apart: list[list[BodyColumns]]) -> list[str]:
-    """Bodies that move in a pose, apart from motions that some make by themselves."""
+def _moving_bodies(pose: ConstraintPose, apart: list[list[BodyColumns]]) -> list[str]:
+    """Bodies that move in a pose, without the motions of the sets `apart` by themselves."""
     alone = np.zeros((len(pose.jacobian.columns), 0))
     for bodies in apart:
-        alone = np.hstack([alone, _outside(_alone(pose, bodies), alone)])
-    rest = _outside(pose.jacobian.decomposition.free, alone)
+        alone = np.hstack([alone, _orthogonal_part(_own_motions(pose, bodies), alone)])
+    rest = _orthogonal_part(pose.jacobian.decomposition.free, alone)
     size = np.abs(rest).max(axis=1, initial=0.0)
     return [
         body.name
@@ -78,14 +78,18 @@ def _moving(pose: ConstraintPose, apart: list[list[BodyColumns]]) -> list[str]:
     ]
 
 
-def _parts(model: Model, pose: ConstraintPose) -> Iterator[tuple[BodyColumns, ...]]:
-    """Single bodies, then pairs that a joint connects and that lie between others."""
+def _candidate_parts(model: Model, pose: ConstraintPose) -> Iterator[tuple[BodyColumns, ...]]:
+    """Single bodies, then pairs that a joint connects and that are between others."""
     bodies = {body.name: body for body in pose.compiled.layout.bodies}
     for body in bodies.values():
         yield (body,)
     for joint in model.joints.values():
         pair = tuple(dict.fromkeys(_ends(joint.between)))
-        if len(pair) == 2 and all(name in bodies for name in pair) and _between(model, pair):
+        if (
+            len(pair) == 2
+            and all(name in bodies for name in pair)
+            and _is_between_others(model, pair)
+        ):
             yield tuple(bodies[name] for name in pair)
 
 
@@ -95,14 +99,14 @@ def _ends(between: tuple[str, str]) -> tuple[str, str]:
 
 
 def _neighbours(model: Model, bodies: tuple[str, ...]) -> list[str]:
-    """What these bodies have joints with, ground too, a name for each joint."""
+    """Names of the bodies, or ground, to which these bodies have joints; one for each joint."""
     ends = [_ends(joint.between) for joint in model.joints.values()]
     pairs = [(a, b) if a in bodies else (b, a) for a, b in ends if (a in bodies) != (b in bodies)]
     return [other for _, other in pairs]
 
 
-def _between(model: Model, bodies: tuple[str, ...]) -> bool:
-    """Whether these bodies lie between two joints or more, not all of them on ground."""
+def _is_between_others(model: Model, bodies: tuple[str, ...]) -> bool:
+    """Whether these bodies have two or more joints to others, not all of them to ground."""
     others = _neighbours(model, bodies)
     return len(others) > 1 and any(other != GROUND for other in others)
 
@@ -112,18 +116,18 @@ def _columns(pose: ConstraintPose, body: BodyColumns) -> NDArray[np.bool_]:
     return np.asarray((columns >= body.iv) & (columns < body.iv + 6 + body.m))
 
 
-def _alone(pose: ConstraintPose, bodies: Sequence[BodyColumns]) -> Array:
-    """(columns, k) motions of these bodies that leave all else at rest, deformations too."""
+def _own_motions(pose: ConstraintPose, bodies: Sequence[BodyColumns]) -> Array:
+    """(columns, k) rigid motions of these bodies that leave all else at rest."""
     inside = np.any([_columns(pose, body) for body in bodies], axis=0) & ~pose.jacobian.modal
-    inside |= pose.jacobian.scalar  # what follows them moves along
+    inside |= pose.jacobian.scalar  # scalar coordinates move along with the joints they follow
     mine = null_space(pose.jacobian.A[:, inside], pose.jacobian.norm)
     motions = np.zeros((len(inside), mine.shape[1]))
     motions[inside] = mine
     return motions
 
 
-def _outside(motions: Array, basis: Array) -> Array:
-    """(columns, k) orthonormal part of motions outside of an orthonormal basis."""
+def _orthogonal_part(motions: Array, basis: Array) -> Array:
+    """(columns, k) orthonormal basis of the part of motions that is orthogonal to a basis."""
     rest = motions - basis @ (basis.T @ motions)
     U, size, _ = np.linalg.svd(rest, full_matrices=False)
     return np.asarray(U[:, size > 1e-6])
@@ -137,13 +141,13 @@ def _motion(
     if not _neighbours(model, names):
         sentence = f"{who} has no joint"
     elif count == 1:
-        sentence = f"{who} can {_screw(model, pose, bodies, motions[:, 0])}"
+        sentence = f"{who} can {_motion_text(model, pose, bodies, motions[:, 0])}"
     else:
         turns = int(np.linalg.matrix_rank(_twists(pose, bodies[0], motions)[:, 3:], tol=1e-6))
         numbers = ((turns, "turn"), (count - turns, "slide"))
         ways = ", ".join(f"{n} {word}{'s' * (n != 1)}" for n, word in numbers if n)
         sentence = f"{who} can move by {'themselves' if len(names) > 1 else 'itself'}: {ways}"
-    return FreeMotion(names, count, _between(model, names), sentence)
+    return FreeMotion(names, count, _is_between_others(model, names), sentence)
 
 
 def _twists(pose: ConstraintPose, body: BodyColumns, motions: Array) -> Array:
@@ -154,26 +158,28 @@ def _twists(pose: ConstraintPose, body: BodyColumns, motions: Array) -> Array:
     return np.vstack([v[body.iv : body.iv + 3], A @ v[body.iv + 3 : body.iv + 6]]).T
 
 
-def _screw(
+def _motion_text(
     model: Model, pose: ConstraintPose, bodies: tuple[BodyColumns, ...], motion: Array
 ) -> str:
-    """One motion as a turn about a line, a slide, or a screw motion."""
+    """One motion in words: a turn about a line, a slide, or a screw motion."""
     length, body = pose.compiled.length, bodies[0]
     twist = _twists(pose, body, motion[:, None])[0]
     v, w = twist[:3], twist[3:]
     spin = float(np.linalg.norm(w))
     if spin < _ZERO_TOLERANCE:
-        return f"slide along {_direction(v)}"
+        return f"slide along {_direction_text(v)}"
     r = pose.q[body.iq : body.iq + 3]
     point = r + length * np.cross(w, v) / spin**2
-    about = _line(model, pose, {body.name for body in bodies}, point, w / spin)
+    about = _line_text(model, pose, {body.name for body in bodies}, point, w / spin)
     if abs(float(v @ w)) > _LINE_TOLERANCE * spin**2:
         return f"move as a screw about {about}"
     return f"turn about {about}"
 
 
-def _line(model: Model, pose: ConstraintPose, bodies: set[str], point: Array, axis: Array) -> str:
-    """The line by the joints of the bodies that it passes through, else by point and direction."""
+def _line_text(
+    model: Model, pose: ConstraintPose, bodies: set[str], point: Array, axis: Array
+) -> str:
+    """A line in words: by the joints of the bodies on it, else by a point and its direction."""
     through = []
     for name, joint in model.joints.items():
         path, inside = f"joints.{name}", [end in bodies for end in _ends(joint.between)]
@@ -185,15 +191,15 @@ def _line(model: Model, pose: ConstraintPose, bodies: set[str], point: Array, ax
     if len(through) > 1:
         return f"the line through its joints {' and '.join(through)}"
     if through:
-        return f"{_direction(axis)} through its joint {through[0]}"
+        return f"{_direction_text(axis)} through its joint {through[0]}"
     noise = _ZERO_TOLERANCE * pose.compiled.length
     rounded = (float(c) if abs(c) > noise else 0.0 for c in point)
     place = ", ".join(f"{model.units.outward(c, 'm'):.4g}" for c in rounded)
-    return f"{_direction(axis)} through ({place}) {model.units.label('m')}"
+    return f"{_direction_text(axis)} through ({place}) {model.units.label('m')}"
 
 
-def _direction(u: Array) -> str:
-    """A direction by its global axis, or by its components."""
+def _direction_text(u: Array) -> str:
+    """A direction in words: a global axis, or its components."""
     u = u / np.linalg.norm(u)
     k = int(np.argmax(np.abs(u)))
     if abs(u[k]) > 1.0 - 1e-9:

@@ -1,9 +1,9 @@
-"""Motions that joints allow at first order only: a taut net, links stretched straight.
+"""Motions that joints allow at first order only, as in a taut net or links stretched straight.
 
-In: the rows of a closed pose. Out: the motions u that no row hinders, Cq u = 0, and that no finite
-motion follows, since the rows open with the square of u. They do if some self-stress σ, σᵀ Cq = 0,
-has σᵀ (Cq u)_q u > 0 for all of them. C. R. Calladine & S. Pellegrino, First-order infinitesimal
-mechanisms, Int. J. Solids Structures 27 (1991) 505-515.
+In: the rows of a closed pose. Out: the motions u that no row prevents at first order, Cq u = 0, but
+that are no finite motions, since the rows open with the square of u. This is so if a self-stress σ,
+σᵀ Cq = 0, has σᵀ (Cq u)_q u > 0 for all of them. C. R. Calladine & S. Pellegrino, First-order
+infinitesimal mechanisms, Int. J. Solids Structures 27 (1991) 505-515.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from flexmb.analysis.assembly.jacobian import (
 from flexmb.engine.state import State
 from flexmb.flexbody.arrays import Array
 
-_MAX_MOTIONS = 100
-_STEP = 1e-4  # of the differences, over the model size
-_SECOND_ORDER = (
-    1e-5  # a row that opens less along a motion of size one, over the model size, stays closed
-)
-_DEFINITE = 1e-6  # least eigenvalue of a definite form, over the largest
-_MAX_ITERATIONS = 1000
-_MAX_NAMES = 6
-_AT_REST = 1e-9  # of the largest acceleration: round-off leaves 1e-15 of it
+_MAX_MOTIONS = 100  # with more free motions the question is not examined
+_STEP = 1e-4  # step of differences, over the model size
+# Rows whose second-order opening along a motion of size one is less than this, over the model size,
+# stay closed.
+_SECOND_ORDER = 1e-5
+_DEFINITE = 1e-6  # least eigenvalue of a form that counts as definite, over the largest
+_MAX_ITERATIONS = 1000  # of the search for a definite form
+_MAX_NAMES = 6  # names in a sentence
+_AT_REST = 1e-9  # velocity or acceleration along a motion that is none; round-off is 1e-15
 
 
 @dataclass(frozen=True)
 class InfinitesimalMotion:
-    """Motions (columns, k) of size one in a pose, and the bodies and joints that they concern."""
+    """Infinitesimal motions (columns, k) of size one, moving bodies, and joints in self-stress."""
 
     motions: Array
     bodies: tuple[str, ...]
@@ -45,7 +45,8 @@ class InfinitesimalMotion:
     def is_begun(self, pose: ConstraintPose, state: State) -> bool:
         """Whether velocities or accelerations of a state in the pose have a part along the motions.
 
-        Accelerations count over the largest one of a body, or that its reactions alone would give.
+        Accelerations are compared with the largest one of any body, or with the largest that the
+        reactions alone would cause.
         """
         columns, scales = pose.jacobian.columns, column_scales(pose.compiled)
         push = pose.Cq.T @ state.lam
@@ -59,7 +60,7 @@ class InfinitesimalMotion:
 
     @property
     def sentence(self) -> str:
-        """What is the matter, and the cure."""
+        """Sentence for the user: what is wrong, and the cure."""
         k = self.motions.shape[1]
         what = "1 free motion is" if k == 1 else f"{k} free motions are"
         return (
@@ -86,7 +87,7 @@ def infinitesimal_motion(
         return None
 
     def opening(u: Array) -> Array:
-        """(n, columns) of the stresses on the change of the rows along a motion u."""
+        """(n, columns) σᵀ (Cq u)_q for the n self-stresses σ and a motion u."""
         step = np.zeros(len(scales))
         step[jacobian.columns] = _STEP * u
         ahead, behind = (
@@ -97,7 +98,7 @@ def infinitesimal_motion(
 
     any_motion = free @ np.random.default_rng(0).standard_normal(free.shape[1])
     if np.abs(opening(any_motion) @ any_motion).max() < _SECOND_ORDER * (any_motion @ any_motion):
-        return None  # a mechanism, the usual case
+        return None  # the motions are finite: a mechanism, the usual case
     forms = np.stack([opening(u) @ free for u in free.T], axis=1)
     forms = (forms + forms.transpose(0, 2, 1)) / 2.0
     _, size, Vt = np.linalg.svd(forms.reshape(-1, free.shape[1]))
@@ -115,7 +116,10 @@ def infinitesimal_motion(
 
 
 def _positive_combination(forms: Array) -> Array | None:
-    """Factors (n,) of symmetric forms (n, k, k) whose sum is positive definite, by a perceptron."""
+    """Factors (n,) for which the sum of symmetric forms (n, k, k) is positive definite, or None.
+
+    They are found by the perceptron algorithm.
+    """
     if not forms.shape[1]:
         return None
     factors = np.trace(forms, axis1=1, axis2=2)

@@ -1,14 +1,14 @@
 """Redundant equations by the joints that share them, cures, and reactions that are not unique.
 
-In: the rows of a pose. Out: groups of joints whose equations depend on each other; for each the
-exchange of joints that removes them and frees no motion; and the components of reactions that the
-redundancy leaves undetermined: those that the null vectors of the transposed Jacobian change.
+In: the rows of a pose. Out: groups of joints whose equations depend on each other; for each group
+exchanges of joints that remove the redundancy and free no motion; and the components of reactions
+that the redundancy leaves undetermined, which are those that null vectors of Cqᵀ change.
 
-A weaker joint constrains a part of what a joint does: its rows are combinations T of the rows of
-the joint, computed from their gradients, so nothing is tabulated. With the left null space N of the
-Jacobian and K the combinations of the joint's rows that the weaker one releases, rows K N become
-free: the redundancy that is left is that of N less the rank of all K N together, and the motion
-stays as it is if as many equations are released as redundancy goes.
+A weaker joint constrains only a part of what a joint constrains: its rows are combinations T of the
+rows of the joint. T is computed from the gradients, so no table of joint types is needed. N is the
+left null space of the Jacobian, and K the combinations of the joint's rows that the weaker joint
+releases. The redundancy falls by the rank of all K N together. No motion becomes free if the number
+of released equations equals this rank.
 """
 
 from __future__ import annotations
@@ -36,17 +36,17 @@ from flexmb.model.plane import plane_axes
 from flexmb.model.reading import GROUND
 
 Turns = tuple[int, int]
-_REACTION_ROUND_OFF = 1e-6  # of the largest change of a reaction
-_MAX_EXCHANGES = 2  # of any joints
-_MAX_MACHINE_EXCHANGES = 4  # of joints that machines have
+_REACTION_ROUND_OFF = 1e-6  # change of a component that is none, over the largest change
+_MAX_EXCHANGES = 2  # exchanges in one cure for joints of any type
+_MAX_MACHINE_EXCHANGES = 4  # exchanges in one cure for `MACHINE_JOINTS`
 _COMPONENTS = tuple(f"{what} {axis}" for what in ("force", "moment") for axis in "xyz")
-_GRADIENT_TOLERANCE = 1e-9  # of a gradient outside of the span of the rows that contain it
-_RANK_TOLERANCE = 1e-6  # of the combinations that exchanges release, which are of size one
-_MAX_TRIALS = 20_000
-_MAX_CANDIDATES = 300_000  # of one number of exchanges: a tenth of a second
-_REMOVAL_COST = 50  # of a joint: the last resort
+_GRADIENT_TOLERANCE = 1e-9  # part of a gradient outside the span of other rows that is round-off
+_RANK_TOLERANCE = 1e-6  # singular value that is zero, of released combinations of unit size
+_MAX_TRIALS = 20_000  # combinations tried for one number of exchanges
+_MAX_CANDIDATES = 300_000  # combinations for one number of exchanges; sorting takes about 0.1 s
+_REMOVAL_COST = 50  # cost of leaving a joint out: more than any exchange, the last resort
 MACHINE_JOINTS = ("spherical", "cylindrical", "universal", "revolute", "prismatic")
-"""Joints that are bought or made as such; the others are conditions."""
+"""Joints that machines have as components; the other types are abstract constraints."""
 
 _PREFERRED = (
     *MACHINE_JOINTS, "in-line", "planar", "revolute-spherical", "prismatic-spherical", "distance",
@@ -54,14 +54,16 @@ _PREFERRED = (
 )  # fmt: skip
 _X_FIRST = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # columns: the triad's y, z, x
 _Y_FIRST = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])  # columns: the triad's z, x, y
-_TRIADS = (np.eye(3), _X_FIRST, _Y_FIRST)  # z of the turned triad: z, x, y
+_TRIADS = (np.eye(3), _X_FIRST, _Y_FIRST)  # z of the rotated triad is z, x or y of the triad
 
 
 @dataclass(frozen=True)
 class Weaker:
-    """A joint in place of another, no type: none; `turns` of the joint's triads lead to its own.
+    """A weaker joint in place of another; type "": no joint.
 
-    `released` (d, rows of the joint) are the combinations of rows that go.
+    `turns` are the numbers in `_TRIADS` that lead from the joint's triads I and J to its own.
+    `released` (d, rows of the joint) are the combinations of rows that it releases; `cost` is less
+    for usual types.
     """
 
     joint: str
@@ -72,15 +74,15 @@ class Weaker:
 
     @property
     def drops(self) -> int:
-        """Number of equations that go."""
+        """Number of equations that are released."""
         return len(self.released)
 
 
 @dataclass(frozen=True)
 class Exchange:
-    """One joint exchanged for a weaker one; no new type: leave it out.
+    """One joint exchanged for a weaker one; `new` = "": leave it out.
 
-    Axes, global in the placed pose, where they differ from those of the joint; else None.
+    Axes, global in the placed pose, are given if they differ from those of the joint; else None.
     """
 
     joint: str
@@ -103,7 +105,7 @@ class Exchange:
 
 @dataclass(frozen=True)
 class Redundancy:
-    """Joints that share `count` redundant equations, and exchanges that remove these alone."""
+    """Joints that share `count` redundant equations, and exchanges that remove only these."""
 
     joints: tuple[str, ...]
     count: int
@@ -128,9 +130,9 @@ def redundancies(
     model : Model
         The model.
     pose : ConstraintPose
-        One that is not singular.
+        A pose that is not singular.
     others : sequence of ConstraintPose
-        Other poses, in which a cure must cure as well.
+        Other poses in which a cure must also be one.
     """
     jacobian, row_dependencies = pose.jacobian, pose.jacobian.joint_circuits
     if not len(row_dependencies):
@@ -159,7 +161,7 @@ def _cures(
     row_dependencies: Array,
     others: Sequence[ConstraintPose],
 ) -> tuple[tuple[Exchange, ...], ...]:
-    """The fewest exchanges of any joints, and the fewest of those that machines have."""
+    """The fewest exchanges for joints of any type, and the fewest for `MACHINE_JOINTS`."""
     choices = weaker_choices(model, pose, names)
     if not choices:
         return ()
@@ -171,7 +173,7 @@ def _cures(
     typed = {name: [weaker for weaker in some if weaker.type] for name, some in choices.items()}
 
     def fits(cure: tuple[Weaker, ...]) -> bool:
-        return all(_cured(model, other, names, cure, len(row_dependencies)) for other in others)
+        return all(_is_cured(model, other, names, cure, len(row_dependencies)) for other in others)
 
     drops = len(row_dependencies)
     few = fewest_exchanges(typed, N, drops, _MAX_EXCHANGES, fits)
@@ -186,7 +188,7 @@ def _cures(
 def _without_couplers(
     model: Model, pose: ConstraintPose, row_dependencies: Array
 ) -> tuple[tuple[Exchange, ...], ...]:
-    """Couplers, the last ones first, that can be left out, one for each redundant equation."""
+    """Couplers that can be left out, one for each redundant equation, the last couplers first."""
     whole = [element(owner) for owner in pose.jacobian.owners]
     removed: list[Exchange] = []
     for name, spec in reversed(model.couplers.items()):
@@ -194,7 +196,7 @@ def _without_couplers(
         rows = [k for k, owner in enumerate(whole) if owner == path]
         rank = Decomposition.of(row_dependencies).rank
         if len(removed) < rank and np.any(row_dependencies[:, rows]):
-            # of the combinations of circuits those that do without the coupler
+            # keep the dependencies that do not involve the coupler
             row_dependencies = null_space(row_dependencies[:, rows].T).T @ row_dependencies
             removed.append(Exchange(path, spec.type, ""))
         if not row_dependencies.size:
@@ -202,10 +204,10 @@ def _without_couplers(
     return ()
 
 
-def _cured(
+def _is_cured(
     model: Model, pose: ConstraintPose, names: tuple[str, ...], cure: tuple[Weaker, ...], drops: int
 ) -> bool:
-    """Whether exchanges free all redundant equations of the joints in another pose as well."""
+    """Whether exchanges remove all redundant equations of the joints in another pose too."""
     jacobian = pose.jacobian
     rows = np.isin(jacobian.owners, names)
     N = Decomposition.of(jacobian.A[rows]).row_dependencies
@@ -221,15 +223,15 @@ def _cured(
 def weaker_choices(
     model: Model, pose: ConstraintPose, names: tuple[str, ...]
 ) -> dict[str, list[Weaker]]:
-    """What each of the joints can be exchanged for, the most usual ones first, removal last.
+    """The weaker joints for each of the joints, the most usual types first, removal last.
 
-    Drivers and springs keep their coordinates.
+    Coordinates that drivers, forces, sensors or couplers use are kept.
     """
     choices, jacobian = {}, pose.jacobian
     for name in names:
         joint, rows = plain_name(name), jacobian.rows_of(name)
         if joint not in model.joints or np.any(jacobian.A[np.ix_(rows, jacobian.scalar)]):
-            continue  # screws and curves have nothing weaker of their kind
+            continue  # there is no weaker type for screws and joints on curves
         needed, spec = _used_coordinates(model, joint), model.joints[joint]
         on_ground = any(end.partition(".")[0] == GROUND for end in spec.between)
         options: list[Weaker] = []
@@ -240,7 +242,7 @@ def weaker_choices(
                 _add_placements(model, pose, name, row.name, options)
         if not needed:
             options.append(Weaker(name, "", (0, 0), np.eye(int(rows.sum())), _REMOVAL_COST))
-        # bearings of the frame stay if they can
+        # joints to ground are exchanged only if others do not serve
         options = [replace(weaker, cost=weaker.cost + on_ground) for weaker in options]
         choices[name] = sorted(options, key=lambda weaker: weaker.cost)
     return choices
@@ -249,17 +251,19 @@ def weaker_choices(
 def _add_placements(
     model: Model, pose: ConstraintPose, joint: str, kind: str, options: list[Weaker]
 ) -> None:
-    """Add a joint type with all turns of its axes that constrain a part of what a joint does."""
+    """Add a joint type in all orientations in which it constrains a part of what the joint does."""
     cost = _PREFERRED.index(kind) if kind in _PREFERRED else len(_PREFERRED)
     for turns in _placements(kind):
         released = _released_rows(model, pose, joint, kind, turns)
-        if released is not None and not any(_same(released, one.released) for one in options):
+        if released is not None and not any(
+            _span_is_equal(released, one.released) for one in options
+        ):
             extra = 3 * (turns[0] + (turns[1] != turns[0]))
             options.append(Weaker(joint, kind, turns, released, cost + extra))
 
 
 def _placements(kind: str) -> tuple[Turns, ...]:
-    """Which turns of the two triads to try."""
+    """Rotations of the two triads to try for a joint type (`_TRIADS`)."""
     if kind in ("universal", "revolute-universal", "perpendicular"):
         return ((0, 1), (0, 2), (1, 0), (2, 0))
     return ((0, 0),) if kind in ("spherical", "distance", "fixed") else ((0, 0), (1, 1), (2, 2))
@@ -268,9 +272,9 @@ def _placements(kind: str) -> tuple[Turns, ...]:
 def _released_rows(
     model: Model, pose: ConstraintPose, joint: str, kind: str, turns: Turns
 ) -> Array | None:
-    """Combinations (d, n) of the n rows of a joint that a type releases; None if it is no part.
+    """Combinations (d, n) of the n rows of a joint that a type releases; all for type "".
 
-    Without a type, all.
+    None if the rows of the type are not combinations of those of the joint.
     """
     g = pose.weighted_g[pose.jacobian.rows_of(joint)]
     if not kind:
@@ -294,8 +298,8 @@ def _released_rows(
     return np.asarray(Vt[len(T) :])
 
 
-def _same(A: Array, B: Array) -> bool:
-    """Whether two sets of orthonormal rows span the same."""
+def _span_is_equal(A: Array, B: Array) -> bool:
+    """Whether two sets of orthonormal rows have the same span."""
     return len(A) == len(B) and bool(np.allclose(A.T @ A, B.T @ B, atol=1e-9))
 
 
@@ -310,26 +314,26 @@ def fewest_exchanges(
     max_exchanges: int,
     fits: Fits | None = None,
 ) -> tuple[Weaker, ...] | None:
-    """The fewest exchanges, of the most usual joints, that release `drops` equations.
+    """The fewest exchanges, of the most usual types, that release `drops` equations.
 
-    None as well where there are too many to go through.
+    None if there is no solution, or if there are too many combinations to try.
 
     Parameters
     ----------
     choices : mapping of str to sequence of Weaker
-        What each joint can be exchanged for.
+        The weaker joints for each joint.
     N : mapping of str to (rows, r) float
         Rows of the left null space by joint.
     drops : int
-        Equations to release, the r redundant ones among them.
+        Number of equations to release, including the r redundant ones.
     max_exchanges : int
-        Exchanges at most.
+        Largest number of exchanges.
     fits : callable, optional
-        Whether a solution will do.
+        Whether a solution is acceptable.
     """
     r = next(iter(N.values())).shape[1]
     for n in range(1, min(len(choices), drops, max_exchanges) + 1):
-        if _count(choices, n) > _MAX_CANDIDATES:
+        if _number_of_choices(choices, n) > _MAX_CANDIDATES:
             break
         for trial in islice(_by_cost(choices, n, drops), _MAX_TRIALS):
             if (not r or _freed_rank(trial, N) == r) and (fits is None or fits(trial)):
@@ -338,9 +342,9 @@ def fewest_exchanges(
 
 
 def greedy_exchanges(choices: Choices, N: Mapping[str, Array]) -> tuple[Weaker, ...] | None:
-    """Exchanges that free the null space N, each the one that frees most and nothing else.
+    """Exchanges that remove the redundancy N, each time the one that removes most of it.
 
-    For many joints; not always the fewest.
+    No exchange frees a motion. For many joints; the result need not have the fewest exchanges.
     """
     r = next(iter(N.values())).shape[1]
     cure: tuple[Weaker, ...] = ()
@@ -361,13 +365,13 @@ def greedy_exchanges(choices: Choices, N: Mapping[str, Array]) -> tuple[Weaker, 
 
 
 def _freed_rank(cure: Sequence[Weaker], N: Mapping[str, Array]) -> int:
-    """How much of the null space the exchanges free."""
+    """Number of redundant equations that the exchanges remove."""
     freed = np.vstack([weaker.released @ N[weaker.joint] for weaker in cure])
     return int(np.linalg.matrix_rank(freed, tol=_RANK_TOLERANCE))
 
 
-def _count(choices: Choices, n: int) -> int:
-    """In how many ways n joints can be exchanged: an elementary symmetric polynomial."""
+def _number_of_choices(choices: Choices, n: int) -> int:
+    """Number of ways to exchange n joints: an elementary symmetric polynomial."""
     counts = [1] + n * [0]
     for options in choices.values():
         for k in range(n, 0, -1):
@@ -376,7 +380,7 @@ def _count(choices: Choices, n: int) -> int:
 
 
 def _by_cost(choices: Choices, n: int, drops: int) -> Iterator[tuple[Weaker, ...]]:
-    """Exchanges of n joints that release so many equations, the most usual ones first."""
+    """Exchanges of n joints that release `drops` equations, the most usual ones first."""
     exchangeable = [joint for joint, options in choices.items() if options]
     trials = [
         picked
@@ -388,7 +392,7 @@ def _by_cost(choices: Choices, n: int, drops: int) -> Iterator[tuple[Weaker, ...
 
 
 def _used_coordinates(model: Model, joint: str) -> set[str]:
-    """Coordinates of a joint that something else of the model uses."""
+    """Coordinates of a joint that drivers, forces, sensors or couplers use."""
     specs = (*model.drivers.values(), *model.forces.values(), *model.sensors.values())
     using = [spec for spec in specs if getattr(spec, "joint", None) == joint]
     used = {str(getattr(spec, "coordinate", "angle")) for spec in using}
@@ -397,7 +401,7 @@ def _used_coordinates(model: Model, joint: str) -> set[str]:
 
 
 def _used_motions(model: Model) -> NDArray[np.bool_]:
-    """(12,) the motions of two markers that there are."""
+    """(12,) whether each motion of two markers is possible; in a plane not all are."""
     if model.plane is None:
         return np.ones(12, bool)
     first, second, normal = plane_axes(model.plane)
@@ -409,24 +413,24 @@ def _used_motions(model: Model) -> NDArray[np.bool_]:
 def scene_exchanges(
     model: Model, pose: ConstraintPose, cure: tuple[Weaker, ...]
 ) -> tuple[Exchange, ...]:
-    """Exchanges by the words of a scene."""
+    """Exchanges in the terms of a scene: types and axes."""
     exchanges = []
     for weaker in cure:
         _, Ri, _, Rj = pose.markers_of(weaker.joint)
         i, j = weaker.turns
-        first = _rounded(Ri @ _TRIADS[i]) if i or j else None
-        second = _rounded(Rj @ _TRIADS[j]) if i != j else None
+        first = _rounded_axis(Ri @ _TRIADS[i]) if i or j else None
+        second = _rounded_axis(Rj @ _TRIADS[j]) if i != j else None
         old = model.joints[plain_name(weaker.joint)].type
         exchanges.append(Exchange(weaker.joint, old, weaker.type, first, second))
     return tuple(exchanges)
 
 
-def _rounded(R: Array) -> tuple[float, ...]:
+def _rounded_axis(R: Array) -> tuple[float, ...]:
     return tuple(round(float(c), 6) + 0.0 for c in R[:, 2])
 
 
 def undetermined_reactions(pose: ConstraintPose) -> tuple[Undetermined, ...]:
-    """The reactions, drivers' too, that the null vectors of the transposed Jacobian change."""
+    """Reactions of joints and drivers that null vectors of Cqᵀ change."""
     reactions, row_dependencies = [], pose.jacobian.decomposition.row_dependencies
     for name in dict.fromkeys(pose.jacobian.owners):
         rows = pose.jacobian.rows_of(name)

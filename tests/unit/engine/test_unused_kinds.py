@@ -64,7 +64,7 @@ def called(project, monkeypatch):
         prepare_integration(compiled.system, method)
         entered, stored = integration_units(compiled.system, method), {}
         names = [unit.name for unit in entered]
-        assert compiled_units._collect(names, stored, lambda name: False) == []
+        assert compiled_units._collect_missing(names, stored, lambda name: False) == []
         with monkeypatch.context() as empty:
             empty.setattr(compiled_units, "read_stored", lambda name: None)
             return set(stored), set(compiled_units.missing_units(entered))
