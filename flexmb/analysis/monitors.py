@@ -177,7 +177,7 @@ class RingingMonitor:
         self._rows = np.zeros((0, 1 + 3 * n))  # time and reactions of the last five rows
 
     def add(self, rows: OutputBlock) -> None:
-        """Evaluate the next rows, where five or more are one step apart from each other."""
+        """Evaluate the next rows, wherever six in a row are one step apart."""
         if not self.looks or not len(rows.t):
             return
         n = len(self._names)
