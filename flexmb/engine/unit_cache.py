@@ -71,7 +71,7 @@ def sources_of(module: str) -> tuple[Path, ...]:
     compiler = file_of("flexmb.engine.compiler")
     assert compiler is not None  # it is part of the package
     reached = {compiler}
-    waiting = [module, "flexmb.engine.jit", "flexmb.engine.jit"]
+    waiting = [module, "flexmb.engine.jit"]
     while waiting:
         file = file_of(waiting.pop())
         if file is not None and file not in reached:

@@ -130,7 +130,7 @@ def _damped(M: Array, D: Array, K: Array, states: NDArray[np.bool_]) -> tuple[Co
     upper, rate = whole[:n], whole[n:]
     slow = np.abs(values) <= 1.0
     shapes = np.where(slow, upper, rate)
-    shapes[states] = rate[states] if not slow.all() else rate[states]
+    shapes[states] = rate[states]
     return values, shapes
 
 
