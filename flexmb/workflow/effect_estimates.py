@@ -40,15 +40,19 @@ if TYPE_CHECKING:
     from flexmb.model import Model
 
 Change: TypeAlias = tuple[tuple[Array, ...], Array, tuple[str, ...], float | None]
-"""Channels as for `contributions`, an effect's change of them (n, k), names, its cost."""
+"""Histories of the channels as in `contributions`, the change of the channels by an effect (n, k),
+names of the channels, and the cost of the effect."""
 
-_MIN_ROWS, _THINNING = 800, 8  # of more rows an eighth shows first whether all are needed
-_NO_CHANGE = 1e-7  # of a sensor's peak-to-peak; thinned rows showed as little as 1/40 of a change
+# A motion of more rows than the first number is examined first by every eighth row. All rows are
+# used if a sensor changes by more than _NO_CHANGE of its peak-to-peak: the selected rows have shown
+# as little as 1/40 of a change.
+_MIN_ROWS, _THINNING = 800, 8
+_NO_CHANGE = 1e-7
 
 
 @dataclass
 class Estimates:
-    """Estimates of the effects of a run; what is computed for one serves others."""
+    """Estimates of the effects of a run; changes that several of them need are computed once."""
 
     of: ModelVariants
     _unsettled: set[str] = field(default_factory=set)  # sensors, of the effect estimated last
@@ -56,9 +60,10 @@ class Estimates:
     _changes_of: dict[tuple[str, ...], Change] = field(default_factory=dict)
 
     def estimate(self, effect: Effect) -> tuple[list[Contribution], float | None]:
-        """Contributions to the sensors, and the time of the equations with it over that without.
+        """Contributions of an effect to the sensors, and its cost.
 
-        Of deformation the time is that of all evaluations of the run over those of the rigid one.
+        The cost is the time of one evaluation of the equations with the effect over that without;
+        for deformation, the time of all evaluations of the run over those of the rigid run.
 
         Raises
         ------
@@ -76,13 +81,13 @@ class Estimates:
         return made, cost
 
     def _each(self, effects: Sequence[Effect]) -> list[list[Contribution]]:
-        """Of one effect after the other, beside what they change together to first order."""
+        """Contributions of each effect, with the sum of the changes of all of them known."""
         with np.errstate(invalid="ignore"):  # of what is unbounded
             together = np.sum([self._change(one)[1] for one in effects], axis=0)
         return [self._alone(one, together=together) for one in effects]
 
     def _alone(self, *effects: Effect, together: Array | None = None) -> list[Contribution]:
-        """Of one effect, or of some of one kind switched over together."""
+        """Contributions of one effect, or of several of one kind that are switched together."""
         from flexmb.analysis.effects.contribution import contributions
 
         made = contributions(self.of.model, *self._change(*effects)[:3], together)
@@ -94,13 +99,16 @@ class Estimates:
         return [effect for effect in self.of.effects() if not effect.why]
 
     def _alike(self, effect: Effect) -> list[Effect]:
-        """The effects of this kind that are off, or on, as this one is, in bodies alike."""
+        """All effects of the same kind that are on or off like this one, itself included.
+
+        Effects of rigid and of flexible bodies are kept apart.
+        """
         kind, rigid = (effect.name, effect.on), effect.indicator == "rigid"
         alike = [one for one in self._estimable if (one.name, one.on) == kind]
         return [one for one in alike if (one.indicator == "rigid") == rigid]
 
     def _change(self, *effects: Effect) -> Change:
-        """By one effect, or by some of one kind together."""
+        """Change by one effect, or by several of one kind together."""
         name = effects[0].name
         key = (name, *(one.body for one in effects))
         if key not in self._changes_of:
@@ -112,7 +120,10 @@ class Estimates:
         return self._changes_of[key]
 
     def _switch_change(self, *effects: Effect) -> Change:
-        """Of all but deformation, along the motion of the run; modes without inertia follow it."""
+        """Change by any effect but deformation, along the motion of the run.
+
+        Quasi-static modes of the run are in equilibrium with their loads in the change as well.
+        """
         from flexmb.analysis.effects.contribution import evaluation_time as time
         from flexmb.analysis.effects.stored_motion import shapes_of
 
@@ -131,7 +142,8 @@ class Estimates:
                     words = more_modes(self.of.bodies[body], spec.mode_count)
                     model = with_words(model, {body: words})
                     bodies[body] = self.of.reduced(model, replace(effects[0], body=body))
-            own, motion = self._in_plane(own, bodies)
+            with suppress(FlexmbError):  # modes that mix both: those of the run have to do
+                own, motion = self._in_plane(own, bodies)
         other = self.of.compile(model, bodies)
         finer = {OUT_OF_PLANE: own.flexbodies, MODES: [one.body for one in effects]}
         for body in finer.get(name, ()):
@@ -142,10 +154,10 @@ class Estimates:
         return *changes, times[1] / times[0] if on else times[0] / times[1]
 
     def _in_plane(self, own: Compiled, spatial: Mapping[str, FlexBody]) -> tuple[Compiled, Motion]:
-        """The planar model with those modes of spatial bodies that stay in the plane, and the
-        motion of the run by these.
+        """The planar model with the in-plane modes of spatial bodies, and the run in these modes.
 
-        The modes of the run differ a little from these. That is no motion out of the plane.
+        They differ a little from the modes of the run. Compared with the spatial model, that
+        difference would count as motion out of the plane.
         """
         from flexmb.analysis.effects.stored_motion import carry_motion, shapes_of
 
@@ -156,10 +168,11 @@ class Estimates:
         return flat, motion.with_channels(flat)
 
     def _deformation(self, *effects: Effect) -> Change:
-        """Of bodies along the motion in which they are rigid; of vibrations less what is slow.
+        """Change by deformation of bodies, or by its vibration.
 
-        What vibrates in the run, or is quasi-static in it, does so along the motion in which these
-        bodies follow their loads, if there is one.
+        Deformation is estimated along the motion with rigid bodies. Vibration is estimated along
+        the motion with quasi-static bodies, if there is one; else it is the deformation less its
+        quasi-static part.
         """
         from flexmb.analysis.effects.contribution import smaller_range
         from flexmb.engine.bodies.static_modes import static_coordinates
@@ -191,10 +204,10 @@ class Estimates:
         return histories, change, names, None
 
     def _vibration(self, on: bool, mine: list[str]) -> Change | None:
-        """Of bodies along the motion in which they are quasi-static.
+        """Change by vibration of bodies, along the motion in which they are quasi-static.
 
-        What that leaves out of balance at their modes drives it. None where bodies that vibrate
-        have no such motion: in a frame at an interface, or beside dynamic modes on which they ring.
+        The residual of that motion at their modes excites it. None if bodies that vibrate have no
+        such motion: in a frame at an interface, or next to dynamic modes that excite them.
         """
         from flexmb.engine.bodies.static_modes import static_bodies
 
@@ -213,6 +226,7 @@ class Estimates:
         self, own: Compiled, other: Compiled, model: Model, motion: Motion,
         shapes: Mapping[str, Array], follow: bool = False, inertia: Sequence[str] = (),
     ) -> tuple[tuple[Array, ...], Array, tuple[str, ...]]:  # fmt: skip
+        """Histories of the channels with and without another model, their change, their names."""
         from flexmb.analysis.effects.contribution import estimate
 
         made, settled = estimate(
@@ -229,7 +243,7 @@ class Estimates:
         self, own: Compiled, other: Compiled, model: Model, motion: Motion,
         shapes: Mapping[str, Array], follow: bool,
     ) -> tuple[tuple[Array, ...], Array, tuple[str, ...]] | None:  # fmt: skip
-        """As `_changes`, of a part of many rows, where these change next to nothing; else None."""
+        """`_changes` from a part of many rows if no sensor changes in these; else None."""
         from flexmb.analysis.effects.contribution import contributions
 
         n = len(motion.t)
