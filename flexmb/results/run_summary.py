@@ -29,6 +29,8 @@ _ITERATIONS = {
     for name in ("newton_iterations", "residual_evaluations", "factorisations")
 }
 _ALL_CONSTRAINTS, _UNPROJECTED = "the largest of any constraint", "before the projection"
+_DIVIDED = "steps failed and were divided, so that half steps are no other ones"
+_MEASURED_BY = "of fixed steps; verify = true measures it, in three times the time"
 _WITHOUT_PROJECTION = "baumgarte"  # the integration method that does not project velocities
 _MEASURED, _WORST, _SCALE = "measured_error_of_", "worst_of_", "scale_of_"
 _QUANTITIES = ("positions", "velocities", "reactions")
@@ -39,7 +41,7 @@ _ERRORS = {
     "largest_velocity_drift": ("velocity drift", f"m/s or rad/s, {_UNPROJECTED}"),
 }
 _OF_STEPS = ("steps", "rejected_steps", "failed_steps", "step_s", "smallest_step_s",
-             "largest_step_s", "method", "reason_of_method", "passes", "scout_steps",
+             "largest_step_s", "method", "reason_of_method", "passes", "comparison_steps",
              "accuracy_asked")  # fmt: skip
 _OF_POINTS = ("points", "increments", "halved_increments", "singular_poses_passed")
 _SPEED = "largest_speed"
@@ -90,6 +92,9 @@ def work_rows(statistics: Mapping[str, Number], units: UnitSystem = SI) -> list[
         meaning = "regularised: inertia is missing somewhere, or the pose is singular"
         rows.append(("ill-conditioned pivots", _number_text(statistics[_PIVOTS]), meaning))
     rows += _measured_errors(statistics)
+    if _is_unmeasured(statistics):
+        why = _DIVIDED if "comparison_steps" in statistics else _MEASURED_BY
+        rows.append(("error of positions", "not measured", why))
     for key, (name, meaning) in _ERRORS.items():
         if key in statistics:
             exact = "points" in statistics or statistics.get("method") == _WITHOUT_PROJECTION
@@ -122,6 +127,11 @@ def _measured_errors(statistics: Mapping[str, Number]) -> Iterator[Row]:
             yield f"error of {name}", f"{float(statistics[key]):.2g}", meaning
 
 
+def _is_unmeasured(statistics: Mapping[str, Number]) -> bool:
+    """Whether nothing measures the error of fixed steps."""
+    return "step_s" in statistics and f"{_MEASURED}positions" not in statistics
+
+
 def _about_steps(statistics: Mapping[str, Number], units: UnitSystem) -> Iterator[str]:
     if "step_s" in statistics:
         yield f"of {units.say(float(statistics['step_s']), 's')}"
@@ -131,10 +141,10 @@ def _about_steps(statistics: Mapping[str, Number], units: UnitSystem) -> Iterato
     if "method" in statistics:
         reason = statistics.get("reason_of_method")
         yield f"by {statistics['method']}" + (f" ({reason})" if reason is not None else "")
-    if "scout_steps" in statistics:
+    if "comparison_steps" in statistics:
         passes = int(statistics.get("passes", 1))
         last = f" in the last of {passes} passes" if passes > 1 else ""
-        yield f"{_number_text(statistics['scout_steps'])} of the comparison run{last}"
+        yield f"{_number_text(statistics['comparison_steps'])} of the comparison run{last}"
     if "rejected_steps" in statistics:
         yield f"{_number_text(statistics['rejected_steps'])} rejected"
     if statistics.get("failed_steps"):
@@ -173,7 +183,8 @@ def summary_sentence(statistics: Mapping[str, Number]) -> str:
     text = f"{_number_text(statistics[what])} {what}"
     if f"{SECONDS}{phase}" in statistics and _RESUMED not in statistics:
         text += f" in {float(statistics[f'{SECONDS}{phase}']):.3g} s"
-    errors = [
+    errors = ["error not measured"] if _is_unmeasured(statistics) else []
+    errors += [
         f"{name} {float(statistics[key]):.1g}"
         for key, name in (
             ("measured_error_of_positions", "measured error"),

@@ -302,8 +302,7 @@ def iterate_motion(model: Model | str | Path, **dynamics: Any) -> Iterator[Motio
         fields.pop(INSTEAD.get(new, ""), None)
     fields |= dynamics
     drop_idle_options(fields, dynamics)
-    if fields.get("step") is None:
-        fields["verify"] = False
+    fields["verify"] = False
     model = copy.copy(model)
     model.set_dynamics(**fields)
     system = compile_source(model)

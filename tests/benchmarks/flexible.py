@@ -33,7 +33,7 @@ def main():
                 (judged(model, None, held, verify=verify, **knobs) for _ in range(_REPEATS)),
                 key=lambda one: one.cpu,
             )
-            scout = found.statistics.get("scout_steps", 0)
+            scout = found.statistics.get("comparison_steps", 0)
             print(f"{name:35}{verify!s:>7}{found.steps:8}{scout:7}{1e3 * found.cpu:9.1f}  "
                   f"{found.told:.2g}, {found.statistics['method']}", flush=True)  # fmt: skip
 

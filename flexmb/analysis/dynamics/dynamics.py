@@ -208,8 +208,8 @@ def run_dynamics(prepared: PreparedDynamics, sink: Sink, *, progress: Progress =
     implicit = why_implicit(compiled, prepared.model) if stiff else ""
     of_method = reason_of_method(spec, prepared.method, implicit)
     statistics |= {"reason_of_method": of_method} if of_method else {}
-    if prepared.verified is not None:
-        statistics |= prepared.verified.statistics()
+    if prepared.comparison is not None:
+        statistics |= prepared.comparison.statistics()
     if prepared.not_unique:
         statistics[NOT_UNIQUE] = ", ".join(prepared.not_unique)
     return Outcome(ending.status, ending.message, statistics, tuple(notes))
@@ -284,7 +284,7 @@ class _Pass:
         return Ending(_STIFF) if stiff else None
 
     def store_unread(self) -> None:
-        if self._prepared.verified is None and self._prepared.run.rows.unread:
+        if self._prepared.comparison is None and self._prepared.run.rows.unread:
             self._store([self._prepared.run.rows.read()])
 
     def notes(self, ending: Ending) -> list[str]:
@@ -294,6 +294,7 @@ class _Pass:
             self._contact_loss, self._orientations, self._validity, self._turning, self._ringing
         )  # fmt: skip
         notes = [note for monitor in monitors for note in monitor.notes()]
+        notes += [prepared.halving.note(prepared.model.units)] if prepared.halving else []
         notes = [note for note in notes if note not in ending.message]
         if self.growth.sentence and self.growth.sentence != ending.message:
             notes.append(self.growth.sentence)

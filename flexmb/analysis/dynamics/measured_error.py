@@ -10,20 +10,33 @@ peak-to-peak range of its sensor, with its name.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from flexmb.analysis.dynamics.compared_quantities import RoundOff, RowComparison
+from flexmb.analysis.dynamics.compared_quantities import (
+    NO_MOTION,
+    RoundOff,
+    RowComparison,
+    by_part,
+    compared,
+)
+from flexmb.analysis.dynamics.run_settings import gyration, modal_reach
 from flexmb.analysis.dynamics.vibration_error import VibrationError
 from flexmb.analysis.monitors import SampledHistory
+from flexmb.engine.compile import Compiled
+from flexmb.engine.state import State
 from flexmb.flexbody.arrays import Array
+from flexmb.model.model import Model
 from flexmb.results.output_block import OutputBlock
 
 _LEAST_ERROR = 1e-15  # over the peak-to-peak
 # Difference over the peak-to-peak from which on two runs are different motions.
 _DIFFERENT_MOTION = 0.1
+# Rotation that counts as rest is relative to 1 rad, or to this share of the rotation of a body at
+# its first angular velocity over the run.
+_SPIN_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -71,6 +84,19 @@ class MeasuredError:
         self.round_off = np.zeros(n)
         self._amplified = np.zeros(n)  # measured round-off at the end
         self._falling: dict[tuple[float, int, bool], tuple[Array, Array]] = {}
+
+    @classmethod
+    def of(cls, compiled: Compiled, model: Model, first: State, span: float) -> MeasuredError:
+        """No differences yet of two runs of `span` [s] from a first state."""
+        length = compiled.length
+        spun = (np.abs(first.v[body.iv + 3 : body.iv + 6]).max() for body in compiled.layout.bodies)
+        turn = max(1.0, _SPIN_SHARE * span * float(max(spun, default=0.0)))
+        least = {"m": length, "rad": turn, "m/s": length / span, "rad/s": turn / span}
+        at_rest = {unit: NO_MOTION * size for unit, size in least.items()}
+        radii, modes = gyration(compiled), modal_reach(compiled)
+        parts = by_part(compared(compiled.layout, model, modes), compiled, model)
+        comparison = RowComparison(compiled.layout, model, at_rest, span, radii, parts, modes)
+        return cls(comparison, RoundOff(comparison.compared, compiled, model))
 
     def arrays(self) -> dict[str, np.ndarray]:
         """All arrays, which are saved and restored with the state of the run."""
@@ -244,3 +270,15 @@ class MeasuredError:
             elif self._largest[0, k] > accuracy * spans[k]:
                 until = min(until, float(self._largest[1, k]))
         return until
+
+
+def error_statistics(errors: Mapping[str, QuantityError]) -> dict[str, float | str]:
+    """Entries of the summary of a run on the errors of positions, velocities and reactions."""
+    statistics: dict[str, float | str] = {}
+    for quantity, worst in errors.items():
+        if quantity in ("positions", "velocities", "reactions"):
+            statistics[f"measured_error_of_{quantity}"] = worst.error
+            statistics[f"worst_of_{quantity}"] = f"{worst.name} at t = {worst.time:.4g} s"
+            if worst.over:
+                statistics[f"scale_of_{quantity}"] = worst.over
+    return statistics

@@ -33,6 +33,7 @@ from flexmb.analysis.dynamics.run_settings import (
     set_first_places,
     with_tolerance,
 )
+from flexmb.analysis.dynamics.step_halving import StepHalving
 from flexmb.analysis.dynamics.verified_run import VerifiedRun, measure_round_off_growth
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
@@ -108,6 +109,7 @@ class PreparedDynamics:
     rows_before: int = 0  # rows that are in the file already
     not_unique: tuple[str, ...] = ()  # joints and drivers whose reactions are not unique
     verified: VerifiedRun | None = None  # `run` together with its scout
+    halving: StepHalving | None = None  # `run` with fixed steps together with half steps
     dampings: tuple[BodyDamping, ...] = ()
 
     @property
@@ -121,6 +123,11 @@ class PreparedDynamics:
         assert self.model.dynamics is not None
         return self.model.dynamics
 
+    @property
+    def comparison(self) -> VerifiedRun | StepHalving | None:
+        """The run together with another one that measures its error, if there is one."""
+        return self.verified or self.halving
+
     def arrays(self) -> dict[str, np.ndarray]:
         """All arrays that a resumed run needs."""
         return {
@@ -128,13 +135,13 @@ class PreparedDynamics:
             **{_FIRST + name: value for name, value in self.first._asdict().items()},
             "passes": self.passes,
             **self.run.tallies(),
-            **({} if self.verified is None else self.verified.arrays()),
+            **({} if self.comparison is None else self.comparison.arrays()),
         }
 
     def advance(self, first: bool = False) -> tuple[int, list[OutputBlock]]:
         """Integrate one chunk, or write the first row; returns the status and the rows."""
-        if self.verified is not None:
-            return self.verified.advance(first)
+        if self.comparison is not None:
+            return self.comparison.advance(first)
         status = self.run.integrate(0 if first else self.run.chunk)
         return status, [self.run.rows.read()]
 
@@ -179,7 +186,8 @@ def prepared_run(
     """A run from a state with a method; with a scout if its error is controlled."""
     spec = model.dynamics
     assert spec is not None
-    integrator, times, verified = make_integrator(spec, name), output_times(spec), None
+    integrator, times = make_integrator(spec, name), output_times(spec)
+    verified = halving = None
     passes = np.array([(settings.tolerance, 1, tuple(METHODS).index(name), 0.0, 0.0)], PASSES)
     state.q_first[:] = state.q
     set_first_places(compiled, state)
@@ -195,12 +203,17 @@ def prepared_run(
             spec.method == AUTO and name == STIFF_METHOD, jumps,
         )  # fmt: skip
         run = verified.fine
+    elif spec.verify:
+        halving = StepHalving.of(
+            compiled, model, integrator, settings, begin, times, compared_times(spec)
+        )
+        run = halving.run
     else:
         own = State(*(array.copy() for array in begin))
         run = Integration(compiled, integrator, settings, own, times)
     return PreparedDynamics(
-        run, model, first=state, begin=begin, settings=settings, verified=verified, passes=passes,
-        **fields,
+        run, model, first=state, begin=begin, settings=settings, verified=verified, halving=halving,
+        passes=passes, **fields,
     )  # fmt: skip
 
 

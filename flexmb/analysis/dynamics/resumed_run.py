@@ -101,7 +101,9 @@ def _restore(prepared: PreparedDynamics, arrays: dict[str, np.ndarray], result: 
         array[...] = arrays[name]
     for array, at_first in zip(prepared.begin, prepared.first, strict=True):
         array[...] = at_first
-    for run in (prepared.run, *((prepared.verified.scout,) if prepared.verified else ())):
+    others = [prepared.verified.scout] if prepared.verified else []
+    others += [prepared.halving.halved] if prepared.halving else []
+    for run in (prepared.run, *others):
         run.count_outputs()  # an extended run has other outputs and comparison times
     if prepared.verified is not None and prepared.verified.jumps is not None:
         prepared.verified.jumps.add_jumps(prepared.run.compiled, prepared.settings)

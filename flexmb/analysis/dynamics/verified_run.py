@@ -20,21 +20,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexmb.analysis.dynamics.compared_quantities import (
-    NO_MOTION,
-    RoundOff,
-    RowComparison,
-    by_part,
-    compared,
-)
 from flexmb.analysis.dynamics.integration import Integration
 from flexmb.analysis.dynamics.jump_states import JumpStates
-from flexmb.analysis.dynamics.measured_error import MeasuredError, QuantityError
+from flexmb.analysis.dynamics.measured_error import MeasuredError, QuantityError, error_statistics
 from flexmb.analysis.dynamics.run_settings import (
     damps_vibrations,
     fine_settings,
-    gyration,
-    modal_reach,
     scout_rows,
     scout_settings,
 )
@@ -48,9 +39,6 @@ from flexmb.progress import Progress
 from flexmb.results.output_block import OutputBlock
 
 _SCOUT = "scout_"
-# Rotation that counts as rest is relative to 1 rad, or to this share of the rotation of a body at
-# its first angular velocity over the run.
-_SPIN_SHARE = 0.1
 # Ratio of errors if vibrations are damped: the displacement of a sensor by a vibration of a given
 # load is proportional to the square of its period.
 _DAMPED_RATIO = 2.6
@@ -175,15 +163,7 @@ class VerifiedRun:
         fine = Integration(
             compiled, integrator, fine_settings(settings, integrator), states[1], times, scout.plan
         )
-        length, span = compiled.length, settings.end - settings.start
-        spun = (np.abs(first.v[body.iv + 3 : body.iv + 6]).max() for body in compiled.layout.bodies)
-        turn = max(1.0, _SPIN_SHARE * span * float(max(spun, default=0.0)))
-        least = {"m": length, "rad": turn, "m/s": length / span, "rad/s": turn / span}
-        at_rest = {unit: NO_MOTION * size for unit, size in least.items()}
-        radii, modes = gyration(compiled), modal_reach(compiled)
-        parts = by_part(compared(compiled.layout, model, modes), compiled, model)
-        comparison = RowComparison(compiled.layout, model, at_rest, span, radii, parts, modes)
-        error = MeasuredError(comparison, RoundOff(comparison.compared, compiled, model))
+        error = MeasuredError.of(compiled, model, first, settings.end - settings.start)
         return cls(scout, fine, error, recorded, of_scout, passes, is_stiff, jumps)
 
     def advance(self, first: bool = False) -> tuple[int, list[OutputBlock]]:
@@ -249,18 +229,12 @@ class VerifiedRun:
 
     def statistics(self) -> dict[str, float | int | str]:
         """Entries of the summary of a run on its error."""
-        statistics: dict[str, float | int | str] = {
+        return {
             "accuracy_asked": self.fine.settings.accuracy,
             "passes": int(self.passes[0]["count"]),
-            "scout_steps": int(self.scout.state.count[0]["steps"]),
+            "comparison_steps": int(self.scout.state.count[0]["steps"]),
+            **error_statistics(self.errors()),
         }
-        for quantity, worst in self.errors().items():
-            if quantity in ("positions", "velocities", "reactions"):
-                statistics[f"measured_error_of_{quantity}"] = worst.error
-                statistics[f"worst_of_{quantity}"] = f"{worst.name} at t = {worst.time:.4g} s"
-                if worst.over:
-                    statistics[f"scale_of_{quantity}"] = worst.over
-        return statistics
 
 
 def measure_round_off_growth(

@@ -199,7 +199,7 @@ def test_what_is_measured_is_named():
     assert re.fullmatch(r"joints.j[01] at t = \S+ s", found["worst_of_reactions"])
     for quantity in ("positions", "velocities", "reactions"):
         assert 0.0 < found[f"measured_error_of_{quantity}"] < 1e-4
-    assert 0 < found["scout_steps"] < found["steps"]
+    assert 0 < found["comparison_steps"] < found["steps"]
 
 
 def pivot_only():

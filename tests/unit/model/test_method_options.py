@@ -44,10 +44,12 @@ def test_every_option_is_tried():
     assert set(VALUES) == set(OPTIONS)
 
 
-def test_verify_needs_error_control():
-    with pytest.raises(SceneError, match="fixed steps are not verified"):
-        set_dynamics(step=1e-3, verify=True)
-    set_dynamics(step=1e-3, verify=False)
+@pytest.mark.parametrize("steps", [{"step": 1e-3}, {"accuracy": 1e-3}, {}])
+@pytest.mark.parametrize("verify", [True, False, None])
+def test_fixed_and_controlled_steps_can_be_verified(steps, verify):
+    model = Model("m")
+    model.set_dynamics(duration=1.0, verify=verify, **steps)
+    assert model.dynamics.verify is verify
 
 
 @pytest.mark.parametrize(

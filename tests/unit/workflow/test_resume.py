@@ -70,9 +70,10 @@ def stopped(scene: Path, folder: Path, chunk: int = 4, **overrides: str) -> Resu
     ("knobs", "steps"),
     [
         ({"step": "turn/2000"}, 170),
+        ({"step": "turn/2000", "verify": "true"}, 170),
         ({"accuracy": "1e-3", "duration": "turn/2", "outputs": "100"}, 16 * 9),
     ],
-    ids=["fixed steps", "error control"],
+    ids=["fixed steps", "fixed steps, verified", "error control"],
 )
 def test_a_stopped_run_goes_on_to_the_same_bytes(
     scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, knobs: dict[str, str], steps: int
