@@ -1,7 +1,7 @@
 """Error scales: largest displacement and velocity of each coordinate so far.
 
-Local errors are divided by them. They are `State.motion` and `State.speed`, weighted, i.e. over the
-size of the model; `analysis.dynamics.run_settings` has their first values.
+Local errors are divided by them. They are `State.q_scale` and `State.v_scale`, weighted, i.e. over
+the size of the model; `analysis.dynamics.run_settings` has their first values.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def update_error_scales(run: Run) -> int:
         _update_scales(st, w, coordinates[k]["iq"], coordinates[k]["iv"], 1)
     motion, speed = 0.0, 0.0
     for i in range(v.shape[0]):
-        motion, speed = max(motion, st.motion[i]), max(speed, st.speed[i])
+        motion, speed = max(motion, st.q_scale[i]), max(speed, st.v_scale[i])
     memory["max_displacement"] = max(motion, settings.least_motion)
     span = settings.end - settings.start
     speed = max(speed, memory["max_displacement"] / span)
@@ -55,11 +55,11 @@ def update_error_scales(run: Run) -> int:
     memory["max_velocity"] = max(memory["max_velocity"], now)
     memory["recent_speed"] = max(_SPEED_DECAY * memory["recent_speed"], now)
     if run.method.order < HIGH_ORDER:
-        _raise_to_part_share(run, st.motion)
-        _raise_to_part_share(run, st.speed)
+        _raise_to_part_share(run, st.q_scale)
+        _raise_to_part_share(run, st.v_scale)
     for i in range(v.shape[0]):
-        st.motion[i] = max(st.motion[i], _MIN_MODEL_SHARE * memory["max_displacement"])
-        st.speed[i] = max(st.speed[i], _MIN_MODEL_SHARE * speed, st.motion[i] / span)
+        st.q_scale[i] = max(st.q_scale[i], _MIN_MODEL_SHARE * memory["max_displacement"])
+        st.v_scale[i] = max(st.v_scale[i], _MIN_MODEL_SHARE * speed, st.q_scale[i] / span)
     return SUCCESS
 
 
@@ -112,8 +112,8 @@ def _gyration(body):
 @kernel
 def _unify_flexible_body(st, iv, m, reach):
     """Give all coordinates of a flexible body one scale, that of points `reach` from its frame."""
-    motion = max(st.motion[iv], reach * st.motion[iv + 3], st.motion[iv + 6])
-    speed = max(st.speed[iv], reach * st.speed[iv + 3], st.speed[iv + 6])
+    motion = max(st.q_scale[iv], reach * st.q_scale[iv + 3], st.q_scale[iv + 6])
+    speed = max(st.v_scale[iv], reach * st.v_scale[iv + 3], st.v_scale[iv + 6])
     _raise_scales(st, iv, 3, motion, speed)
     _raise_scales(st, iv + 3, 3, motion / reach, speed / reach)
     _raise_scales(st, iv + 6, m, motion, speed)
@@ -123,4 +123,4 @@ def _unify_flexible_body(st, iv, m, reach):
 def _raise_scales(st, iv, n, motion, speed):
     """Raise the scales of n coordinates to at least these values."""
     for i in range(iv, iv + n):
-        st.motion[i], st.speed[i] = max(st.motion[i], motion), max(st.speed[i], speed)
+        st.q_scale[i], st.v_scale[i] = (max(st.q_scale[i], motion), max(st.v_scale[i], speed))

@@ -254,7 +254,7 @@ def _hardly_moves(run, h, part):
     least, span = _NEGLIGIBLE_MOTION * settings.accuracy, settings.end - settings.start
     for i in range(v.shape[0]):
         moved = max(h * abs(st.v[i]), h * abs(v[i]), span * abs(v[i] - st.v[i]))
-        if weights[i] * part * moved > least * st.motion[i]:
+        if weights[i] * part * moved > least * st.q_scale[i]:
             return False
     return True
 
@@ -399,7 +399,7 @@ def _relative_jump(run, v, h, of_accelerations):
     left = next_end(run.system.time_events, st.t[0], run.settings.end) - st.t[0]
     zero(motion)
     for i in range(weights.shape[0]):
-        motion[part[i]] = max(motion[part[i]], st.motion[i])
+        motion[part[i]] = max(motion[part[i]], st.q_scale[i])
     for i in range(weights.shape[0]):
         speed = abs(tr.v[i] - v[i])
         moved = speed + 0.5 * h * of_accelerations * abs(tr.vd[i] - st.vd[i])

@@ -119,7 +119,7 @@ def measure_damped_vibrations(
             continue
         rows.append((k, row))
         shares.append(error.reaction_share(row))
-        kicks.append(float((np.abs(row.v[0] - v) * weights / run.state.speed).max()))
+        kicks.append(float((np.abs(row.v[0] - v) * weights / run.state.v_scale).max()))
     worst = {int(np.argmax(shares))} if max(shares, default=0.0) > least else set()
     if max(kicks, default=0.0) > _MIN_VELOCITY_JUMP:
         worst.add(int(np.argmax(kicks)))
@@ -219,7 +219,7 @@ def _runs_after_jump(
     for local, integrator in ((finer, radau), (tolerance, run.method)):
         state = State(*(array.copy() for array in first))
         jumps.put(k, state)
-        state.motion[:], state.speed[:] = run.state.motion, run.state.speed
+        state.q_scale[:], state.v_scale[:] = (run.state.q_scale, run.state.v_scale)
         if local == tolerance and k > 0:
             state.memory[0]["next_step"] = state.memory[0]["last_step"] = step
         own = settings._replace(tolerance=local, start=begin, end=end)
@@ -248,7 +248,7 @@ def follow_events(
     for k in events:
         row, _ = _first_vibration(point, jumps, k, longest)
         shares[k] = error.reaction_share(row) if row is not None else 0.0
-    kicks = (changes * run.compiled.system.weights / run.state.speed).max(axis=1, initial=0.0)
+    kicks = (changes * run.compiled.system.weights / run.state.v_scale).max(axis=1, initial=0.0)
     last = max(events, key=lambda k: float(jumps.table[k, 0]))
     worst = {events[int(kicks.argmax())], max(shares, key=shares.__getitem__)}
     if shares[last] > least:
@@ -331,7 +331,7 @@ class _VibrationRuns:
         fine, coarse = (State(*(array.copy() for array in self._first)) for _ in range(2))
         for state in (fine, coarse):
             jumps.put(k, state)
-            state.motion[:], state.speed[:] = run.state.motion, run.state.speed
+            state.q_scale[:], state.v_scale[:] = (run.state.q_scale, run.state.v_scale)
         if 0 < k < MAX_JUMPS:
             coarse.memory[0]["next_step"] = coarse.memory[0]["last_step"] = step
         own = self._settings._replace(tolerance=tolerance, start=begin, end=end)

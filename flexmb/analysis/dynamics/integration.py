@@ -71,7 +71,7 @@ class Integration:
     ) -> None:
         self.compiled, self.method = compiled, integrator
         self.settings, self.state = settings, state
-        if settings.step == 0.0 and not state.motion.any():
+        if settings.step == 0.0 and not state.q_scale.any():
             set_least_motion(compiled, integrator, settings, state)
         self.times = equal_times(settings) if times is None else times
         channels = len(compiled.layout.channels)

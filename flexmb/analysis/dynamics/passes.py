@@ -30,7 +30,7 @@ from flexmb.analysis.dynamics.run_settings import (
     compared_times,
     local_tolerance,
     output_times,
-    set_first_places,
+    set_first_round_off,
     with_tolerance,
 )
 from flexmb.analysis.dynamics.step_halving import StepHalving
@@ -158,14 +158,14 @@ class PreparedDynamics:
         assert again.verified is not None
         if last[0]:
             again.verified.error.compare(self.verified.error)
-        _set_motion(again, self.run.state)
+        _set_error_scales(again, self.run.state)
         return again
 
     def as_last_pass(self) -> PreparedDynamics:
         """The same run from its start as the last pass."""
         again = self._restarted(self.method, self.settings)
         again.passes["count"] = MAX_PASSES
-        _set_motion(again, self.begin)
+        _set_error_scales(again, self.begin)
         return again
 
     def by_method(self, name: str) -> PreparedDynamics:
@@ -190,7 +190,7 @@ def prepared_run(
     verified = halving = None
     passes = np.array([(settings.tolerance, 1, tuple(METHODS).index(name), 0.0, 0.0)], PASSES)
     state.q_first[:] = state.q
-    set_first_places(compiled, state)
+    set_first_round_off(compiled, state)
     begin = State(*(array.copy() for array in state))
     if spec.verify is not False and settings.step == 0.0:
         compared, jumps = compared_times(spec), None
@@ -239,7 +239,7 @@ def rough_run(prepared: PreparedDynamics, progress: Progress) -> None:
     state = State(*(array.copy() for array in prepared.first))
     state.q_first[:] = state.q
     run, status = Integration(own.compiled, own.method, rough, state), method.SUCCESS
-    least = state.motion.copy()  # scales at rest: below, the rough run shows nothing
+    least = state.q_scale.copy()  # scales at rest: below, the rough run shows nothing
     try:
         while status == method.SUCCESS and not run.finished:
             status = run.integrate(run.chunk)
@@ -247,18 +247,20 @@ def rough_run(prepared: PreparedDynamics, progress: Progress) -> None:
     except FlexmbError:  # too many steps: the run itself reports that, if it occurs there too
         return
     if status == method.SUCCESS:
-        _set_motion(prepared, state, state.motion > least)
+        _set_error_scales(prepared, state, state.q_scale > least)
 
 
-def _set_motion(prepared: PreparedDynamics, like: State, moves: np.ndarray | bool = True) -> None:
+def _set_error_scales(
+    prepared: PreparedDynamics, like: State, moves: np.ndarray | bool = True
+) -> None:
     """Raise the error scales of coordinates that move to those of another run."""
     memory, done = like.memory, like.t[0] - prepared.settings.start
     mean = memory["travel"][0] / done if done else 0.0
     usual = max(memory["usual_speed"][0], min(_SPEED_FACTOR * mean, memory["max_velocity"][0]))
     runs = [prepared.run] if prepared.verified is None else [prepared.run, prepared.verified.scout]
     for state in (prepared.begin, *(run.state for run in runs)):
-        np.maximum(state.motion, like.motion, out=state.motion, where=moves)
-        np.maximum(state.speed, like.speed, out=state.speed, where=moves)
+        np.maximum(state.q_scale, like.q_scale, out=state.q_scale, where=moves)
+        np.maximum(state.v_scale, like.v_scale, out=state.v_scale, where=moves)
         state.memory["usual_speed"] = max(state.memory["usual_speed"][0], usual)
 
 

@@ -241,14 +241,14 @@ def set_least_motion(
         if explicit
         else _NOISE_OF_SOLVES
     )
-    state.motion[:] = np.maximum(
+    state.q_scale[:] = np.maximum(
         _SHARE_AT_REST * settings.least_motion * size, noise / settings.tolerance * away
     )
-    state.speed[:] = _SPEED_AT_REST / (settings.end - settings.start) * state.motion
+    state.v_scale[:] = _SPEED_AT_REST / (settings.end - settings.start) * state.q_scale
 
 
-def set_first_places(compiled: Compiled, state: State) -> None:
-    """Set the round-off of corrections at the first pose (State.first_places).
+def set_first_round_off(compiled: Compiled, state: State) -> None:
+    """Set the round-off of corrections at the first pose (State.first_round_off).
 
     Round-off of marker positions appears as the gap of a joint. Closing it moves all bodies of the
     same part of the model, and rotates them more, the smaller the part is.
@@ -266,7 +266,8 @@ def set_first_places(compiled: Compiled, state: State) -> None:
         places[iv + 3 : iv + 6] = turn[iv + 3 : iv + 6]
     ends = rows[rows["fun"] >= 0]
     on = np.concatenate([markers["body"][ends[end]] for end in "IJ"])
-    state.first_places[:] = RELATIVE_ROUND_OFF * places, np.isin(of, of[bodies["iv"][on[on >= 0]]])
+    is_driven = np.isin(of, of[bodies["iv"][on[on >= 0]]])
+    state.first_round_off[:] = RELATIVE_ROUND_OFF * places, is_driven
 
 
 def _put_joint_coordinates(compiled: Compiled, turn: Array, way: Array, out: Array) -> None:

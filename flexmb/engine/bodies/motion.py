@@ -109,19 +109,19 @@ def normalise(bodies, q):
 def put_dq_round_off(run: Run) -> int:
     """Set Trial.dq_round_off: size of a correction of each coordinate that is round-off, weighted.
 
-    It is the largest of four: its value at the first pose (State.first_places); the round-off of
+    It is the largest of four: its value at the first pose (State.first_round_off); the round-off of
     the driver functions, where a driver acts; that of the displacement so far; and that of the
     present position.
     """
     st, tr, bodies, rows = run.state, run.work.trial, run.system.parts.bodies, run.system.rows
     coordinates = run.system.parts.coordinates
-    places, first, weights, driven = tr.dq_round_off, st.first_places, run.system.weights, 0.0
+    places, first, weights, driven = tr.dq_round_off, st.first_round_off, run.system.weights, 0.0
     for r in range(rows.shape[0]):
         if rows[r]["fun"] >= 0:
             moved = abs(run.work.con.fun[rows[r]["fun"], 0])
             driven = max(driven, RELATIVE_ROUND_OFF * moved * run.system.row_weights[r])
     for i in range(places.shape[0]):
-        places[i] = max(first[0, i], driven * first[1, i], RELATIVE_ROUND_OFF * st.motion[i])
+        places[i] = max(first[0, i], driven * first[1, i], RELATIVE_ROUND_OFF * st.q_scale[i])
     for k in range(bodies.shape[0]):
         i, o = bodies[k]["iq"], bodies[k]["iv"]
         far = (

@@ -153,7 +153,7 @@ def extrapolation_error(run: Run, of: StaticModes, at: Point) -> float:
             q, v = body["iq"] + 7 + of.modes[k], body["iv"] + 6 + of.modes[k]
             left = abs(at.q[q] - st.q[q] - h * tr.dq[v])
             if left * of.reach[k] > _UNRESOLVED_DISPLACEMENT:
-                most = larger(most, share**3 * left * run.system.weights[v] / st.motion[v])
+                most = larger(most, share**3 * left * run.system.weights[v] / st.q_scale[v])
     return most
 
 

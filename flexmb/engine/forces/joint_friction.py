@@ -164,7 +164,7 @@ def _bearing(run, f, w):
 def _round_off_of_load(run, f):
     """Bearing load, N, whose friction stretches the bristle by the round-off of its position."""
     iv = run.system.parts.coordinates[f["coordinate"]]["iv"]
-    place = f["radius"] * run.state.first_places[0, iv] / run.system.weights[iv]
+    place = f["radius"] * run.state.first_round_off[0, iv] / run.system.weights[iv]
     return f["k"] * place / f["static"] if f["static"] > 0.0 else 0.0
 
 

@@ -299,12 +299,12 @@ def _estimate_error(run, errors, h, of_parameters):
             times = _sum_of_absolutes(errors[k])
             if level == 0:
                 _weighted_motion(run, errors[k], n, of_parameters)
-                part = scaled_max_above(tr.dq, weights, st.motion, h * times, tr.vd_round_off)
+                part = scaled_max_above(tr.dq, weights, st.q_scale, h * times, tr.vd_round_off)
             else:
                 for i in range(tr.dq.shape[0]):
                     tr.dq[i] = 0.0
                 add_slopes(tr.stages, st.q.shape[0], errors[k], n, tr.dq)
-                part = scaled_max_above(tr.dq, weights, st.speed, times, tr.vd_round_off)
+                part = scaled_max_above(tr.dq, weights, st.v_scale, times, tr.vd_round_off)
             if k == 0:
                 size = h * part
             else:

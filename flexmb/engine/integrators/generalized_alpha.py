@@ -256,7 +256,7 @@ def correct(run, b, cv, h):
     tr, fac, kkt, weights = run.work.trial, run.work.factor, run.system.kkt, run.system.weights
     sol, C, place, eps, diagonal = fac.sol, run.work.con.C, kkt.place, fac.eps, fac.diagonal
     res, lam, dq, v, vd = tr.res, tr.lam, tr.dq, tr.v, tr.vd
-    nv, last, motion, speed = res.shape[0], run.state.lam, run.state.motion, run.state.speed
+    nv, last, motion, speed = res.shape[0], run.state.lam, run.state.q_scale, run.state.v_scale
     for i in range(nv):
         sol[place[i]] = -b * res[i]
     for i in range(C.shape[0]):
@@ -361,10 +361,10 @@ def estimate_error(run: Run, alpha: Alpha, h: float) -> int:
     for i in range(nv):
         tr.jerk[i] = sol[kkt.place[i]]
         smooth = 0.5 * (tr.jerk[i] + st.jerk[i]) if same else tr.jerk[i]
-        s = abs(smooth) * sys.weights[i] / st.motion[i]
+        s = abs(smooth) * sys.weights[i] / st.q_scale[i]
         if not s <= positions:
             positions = s
-        s = 0.5 * abs(tr.jerk[i] - st.jerk_before[i]) * sys.weights[i] / st.speed[i]
+        s = 0.5 * abs(tr.jerk[i] - st.jerk_before[i]) * sys.weights[i] / st.v_scale[i]
         if not s <= velocities:
             velocities = s
     c = alpha.alpha_m - alpha.alpha_f

@@ -100,5 +100,5 @@ def _estimate_error(run, h):
         solve(kkt, fac, fac.sol)
         for k in range(nv):
             tr.jerk[k] = fac.sol[kkt.place[k]]
-        scale = st.motion if n == 0 else st.speed
+        scale = st.q_scale if n == 0 else st.v_scale
         tr.error[n] = scaled_max(tr.jerk, run.system.weights, scale) / share

@@ -323,9 +323,9 @@ def _estimate_error(run, radau, h):
         tr.dq[k], tr.jerk[k] = motion + c * change, change
     filter_motion(run, tr.dq)
     filter_motion(run, tr.jerk)
-    tr.error[0] = scaled_max_above(tr.dq, run.system.weights, st.motion, 0.0, tr.dq_round_off)
+    tr.error[0] = scaled_max_above(tr.dq, run.system.weights, st.q_scale, 0.0, tr.dq_round_off)
     tr.error[1] = scaled_max_above(
-        tr.jerk, run.system.weights, st.speed, _ERROR_NOISE / c, tr.dq_round_off
+        tr.jerk, run.system.weights, st.v_scale, _ERROR_NOISE / c, tr.dq_round_off
     )
 
 

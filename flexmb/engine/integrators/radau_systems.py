@@ -109,8 +109,8 @@ def correct_stages(run, radau, h):
         moved = larger(moved, weighted_max(col.change[i], weights))
         units = max(units, max_over_round_off(run, col.change[i]))
         if run.settings.step == 0.0:
-            size = larger(size, scaled_max(col.change[i], weights, st.motion))
-            size = larger(size, scaled_max(col.change[i], weights, st.speed) / h)
+            size = larger(size, scaled_max(col.change[i], weights, st.q_scale))
+            size = larger(size, scaled_max(col.change[i], weights, st.v_scale) / h)
     if run.settings.step > 0.0:
         size = moved
     return size, moved, units

@@ -65,7 +65,7 @@ def test_estimated_errors_are_those_of_one_step_from_the_exact_motion(radius):
     speed = derivative(1, t) + h * ((1 - alpha.gamma) * early + alpha.gamma * late)
     assert abs(np.cos(OMEGA * t)) > 0.2 < abs(np.sin(OMEGA * t))  # both are felt
     weight = compile_system(oscillator()).system.weights[0]
-    scale = weight / np.array([state.motion[0], state.speed[0]])
+    scale = weight / np.array([state.q_scale[0], state.v_scale[0]])
     wanted = scale * np.abs([place - derivative(0, t + h), speed - derivative(1, t + h)])
     np.testing.assert_allclose(work.trial.error, wanted, rtol=0.08)
 

@@ -54,7 +54,7 @@ def test_the_error_of_order_eight_is_that_of_its_authors():
         slopes[s] = f @ (y + H * row[: len(slopes)] @ slopes[: len(row)])
     five, three = np.abs(DOP853.E5 @ slopes), 0.1 * np.abs(DOP853.E3 @ slopes)
     weight = compile_system(oscillator(omega)).system.weights[0]
-    scale = weight / np.array([state.motion[0], state.speed[0]])
+    scale = weight / np.array([state.q_scale[0], state.v_scale[0]])
     wanted = scale * H * five**2 / np.hypot(five, three)
     np.testing.assert_allclose(work.trial.error, wanted, rtol=1e-4)  # less round-off of forces
 
@@ -88,7 +88,7 @@ def test_a_turn_counts_by_its_angle():
     made = Model("spin", gravity=[0, 0, 0])
     made.add_body("m", mass=1.0, inertia=[1, 1, 1], angular_velocity=[0, 0, 0.5])
     _, state, _ = steps(made, explicit(), H, 4, 0, begin, end=10.0, **FREE)
-    np.testing.assert_allclose(state.motion[3:6], 2 * np.sin(0.5 * 0.5 * 4 * H), rtol=1e-6)
+    np.testing.assert_allclose(state.q_scale[3:6], 2 * np.sin(0.5 * 0.5 * 4 * H), rtol=1e-6)
 
 
 CONTROLLED = {

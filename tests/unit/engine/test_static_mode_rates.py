@@ -114,7 +114,7 @@ def test_what_is_extrapolated_is_off_by_its_distance(bar, interval, factor):
     bar.remember(NOW - interval * np.arange(PAST_POINTS))
     h, trial, v = 0.02, bar.work.trial, bar.v
     bar.of.reach[:] = 1.0
-    bar.state.t[0], bar.state.motion[:], trial.t[0] = NOW, 0.5, NOW + h
+    bar.state.t[0], bar.state.q_scale[:], trial.t[0] = NOW, 0.5, NOW + h
     bar.state.q[bar.q], trial.dq[v], trial.q[bar.q] = 1.0, 3.0, 1.0 + 3.0 * h + 0.01
     found = extrapolation_error(bar.run, bar.of, bar.run.trial_point)
     most = bar.run.system.weights[v].max()
