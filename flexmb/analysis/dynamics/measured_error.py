@@ -83,7 +83,7 @@ class MeasuredError:
         self._before = np.full_like(self._samples.table, np.nan)
         self.round_off = np.zeros(n)
         self._amplified = np.zeros(n)  # measured round-off at the end
-        self._falling: dict[tuple[float, int, bool], tuple[Array, Array]] = {}
+        self._known: dict[tuple[float, int, bool, bytes], dict[str, QuantityError]] = {}
 
     @classmethod
     def of(cls, compiled: Compiled, model: Model, first: State, span: float) -> MeasuredError:
@@ -123,7 +123,7 @@ class MeasuredError:
         n = min(len(fine.t), len(coarse.t))
         if n == 0:
             return
-        self._falling.clear()
+        self._known.clear()
         if self._round_off_of is not None:
             np.maximum(self.round_off, self._round_off_of.of(fine), out=self.round_off)
         comparison, positions = self.comparison, self.comparison.positions
@@ -149,7 +149,7 @@ class MeasuredError:
             for k, one in enumerate(runs)
             for other in runs[:k]
         ]
-        self._falling.clear()
+        self._known.clear()
         self._amplified = np.sqrt(0.5 * steps * np.mean(squares, axis=0).max(axis=0))
 
     def amplified_round_off(self) -> float:
@@ -195,7 +195,7 @@ class MeasuredError:
         """
         if self.round_off_amplification(steps) <= 1.0:
             self._amplified[:] = 0.0
-            self._falling.clear()
+            self._known.clear()
 
     def largest(
         self, ratio: float, steps: int = 0, limited: bool = False
@@ -207,8 +207,11 @@ class MeasuredError:
         (`limited`), its reactions oscillate within its tolerance and beyond: that is no other
         motion, and the error of a reaction of the fine run is at most its own largest value.
         """
-        errors, walk, comparison = *self._errors(ratio, steps, limited), self.comparison
         table, largest = self.vibrations.table, dict[str, QuantityError]()
+        key = ratio, steps, limited, table.tobytes()
+        if key in self._known:
+            return self._known[key]
+        errors, walk, comparison = *self._errors(ratio, steps, limited), self.comparison
         damped = comparison.shares(table[0])
         times = np.where(damped > errors, table[1], self._largest[1])
         begin = np.where(damped > errors, table[2], -math.inf)
@@ -220,13 +223,12 @@ class MeasuredError:
             largest[quantity] = QuantityError(
                 error, name, time, over, float(walk[k]), float(begin[k])
             )
+        self._known[key] = largest
         return largest
 
     def _errors(self, ratio: float, steps: int, limited: bool) -> tuple[Array, Array]:
         """Errors (k,) by the difference of the two runs, and their part by round-off (k,)."""
-        key, comparison = (ratio, steps, limited), self.comparison
-        if key in self._falling:
-            return self._falling[key]
+        comparison = self.comparison
         scales, apart = comparison.scales(), comparison.shares(self._largest[0])
         # if the runs are different motions, the finer one is no better than the other
         different = self._largest[0] > _DIFFERENT_MOTION * np.maximum(
@@ -240,7 +242,6 @@ class MeasuredError:
         if limited:
             own, of = comparison.shares(comparison.largest_values()), comparison.reactions
             errors[of] = np.minimum(errors[of], own[of])
-        self._falling[key] = errors, walk
         return errors, walk
 
     def ratio_before(self) -> float:
