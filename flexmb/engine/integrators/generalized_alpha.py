@@ -62,6 +62,9 @@ _POSITION_SHARE, _VELOCITY_SHARE = 0.05, 0.3
 _SMOOTH_STEPS, _BOUND_GROWTH = 3, 1.5
 # Largest spectral radius at infinity without projection after each step.
 _MAX_UNPROJECTED_RADIUS = 0.95
+# Steps shorter than this share of the longest one, as before an event, are projected too: what
+# Newton's method has left of the constraints, over h and h², is in their velocities and multipliers.
+_SHORT_STEP = 0.01
 _ROUND_OFF = 1e-12
 # Iterative refinements of a solve with a factor whose pivots were replaced.
 _REFINEMENTS = 3
@@ -208,7 +211,8 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
             if settings.static_after_step == 1:
                 return _project(run, alpha, b, POSITIONS)
             # reactions that cause joint friction must not contain errors of position corrections
-            if (alpha.project == 1 or depends_on_solution(run)) and st.lam.shape[0] > 0:
+            short = settings.step == 0.0 and h < _SHORT_STEP * memory["largest_step"]
+            if (short or alpha.project == 1 or depends_on_solution(run)) and st.lam.shape[0] > 0:
                 return _project(run, alpha, b, VELOCITIES)
             return SUCCESS
     return NO_CONVERGENCE

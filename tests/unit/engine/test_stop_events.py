@@ -100,3 +100,38 @@ def test_a_law_that_changes_at_rest_costs_no_steps(method):
         assert run.integrate(10**5) == SUCCESS and run.finished
         steps.append(int(run.state.count[0]["steps"]))
     assert steps[1] < 3 * steps[0], steps
+
+
+def rocker(origin):
+    """A beam that swings, with a driven slider on it and one that hits stops."""
+    model = Model("rocker", gravity=[0, -9.81, 0])
+    model.add_marker("ground.pivot", position=origin)
+    model.add_body("beam", mass=2, inertia=[0.1, 0.5, 0.5], position=origin)
+    model.add_joint("pivot", "revolute", between=["ground.pivot", "beam"], axis="z")
+    model.add_force("coil", "rotational-spring-damper", joint="pivot", stiffness=60, free=0.0)
+    for name, x in (("driven", -0.5), ("loose", 0.5)):
+        at = [origin[0] + x, *origin[1:]]
+        model.add_body(name, mass=1, inertia=[0.01] * 3, position=at)
+        model.add_marker(f"beam.{name}", position=[x, 0, 0])
+        model.add_joint(name, "prismatic", between=[f"beam.{name}", name], axis="x")
+    model.add_driver("stroke", joint="driven", stroke="0.3*sin(3*t)")
+    model.add_force(
+        "stop", "translational-stop", joint="loose", lower=-0.05, upper=0.05, stiffness=2e4,
+        damping=20, depth=1e-3,
+    )  # fmt: skip
+    return model
+
+
+@pytest.mark.parametrize("method", ["generalized-alpha", "radau", "explicit-rk"])
+@pytest.mark.parametrize("origin", [[0, 0, 0], [1000, -300, 500]], ids=["near", "1 km away"])
+def test_short_steps_at_a_stop_leave_no_noise_in_the_work_of_drivers(method, origin):
+    """What a long step leaves of the constraints is not divided by a short one and its square.
+
+    It made 16 to 88 % of the energy by generalized-alpha, with a note that effects make energy.
+    """
+    model = rocker(origin)
+    model.set_dynamics(duration=3.0, accuracy=1e-3, outputs=300, method=method)
+    outcome = dynamics(compile_system(model), model, Memory())
+    assert outcome.statistics["events"] == 16
+    assert outcome.statistics["energy_balance_error"] < 1e-3
+    assert not [note for note in outcome.notes if "energy" in note]
