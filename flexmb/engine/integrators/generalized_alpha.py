@@ -62,8 +62,8 @@ _POSITION_SHARE, _VELOCITY_SHARE = 0.05, 0.3
 _SMOOTH_STEPS, _BOUND_GROWTH = 3, 1.5
 # Largest spectral radius at infinity without projection after each step.
 _MAX_UNPROJECTED_RADIUS = 0.95
-# Steps shorter than this share of the longest one, as before an event, are projected too: what
-# Newton's method has left of the constraints, over h and h², is in their velocities and multipliers.
+# Steps shorter than this share of the longest one, as before an event, are projected too: their
+# velocities and multipliers have what Newton's method has left of the constraints, over h and h².
 _SHORT_STEP = 0.01
 _ROUND_OFF = 1e-12
 # Iterative refinements of a solve with a factor whose pivots were replaced.
