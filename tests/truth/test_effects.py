@@ -12,7 +12,7 @@ from truth.test_simeon_crank import L1, L2, P
 from truth.test_simeon_crank import rod as simeon_rod
 
 import flexmb
-from flexmb.errors import ReductionError, SceneError
+from flexmb.errors import FlexmbWarning, ReductionError, SceneError
 from flexmb.flexbody.effects import frame_at_interface
 from flexmb.flexbody.natural_modes import natural_frequencies
 from flexmb.model import Model
@@ -201,6 +201,19 @@ def test_energy_holds_to_the_order_of_the_coupling(coupling, plane, frame, stiff
     _, result = channels(made, ("tip.x",), method="explicit-rk", accuracy=1e-9)
     bound = 1e-6 if coupling == "partial" else 1e-11
     assert result.statistics["energy_balance_error"] < bound
+
+
+def test_an_energy_balance_that_partial_coupling_spoils_names_it():
+    """A soft rod that swings with deflections of half its length."""
+    made = Model("pendulum", gravity=[0, -9.81, 0])
+    made.add_body("rod", rod(0.00012), inertia_coupling="partial")
+    made.add_joint("hinge", "revolute", between=["ground", "rod.root"], axis="z")
+    made.set_validity(**dict.fromkeys(("deflection", "rotation", "speed", "load_factor"), "any"))
+    made.set_dynamics(duration=1.0, accuracy=1e-3)
+    with pytest.warns(FlexmbWarning):
+        result = flexmb.simulate(made)
+    (note,) = [note for note in result.notes if "energy balance is off" in note]
+    assert "partial coupling of bodies.rod" in note and 'inertia_coupling = "full"' in note
 
 
 SWITCHES = {

@@ -36,6 +36,7 @@ from flexmb.analysis.dynamics.passes import (
 )
 from flexmb.analysis.dynamics.reached_accuracy import (
     damped_vibration,
+    energy_error,
     missed_accuracy,
     reason_of_pass,
 )
@@ -73,7 +74,6 @@ from flexmb.progress import Progress, silent
 from flexmb.results.output_block import OutputBlock
 from flexmb.results.result import NOT_UNIQUE
 
-_MAX_ENERGY_ERROR = 0.05  # energy error over the energy exchanged, above which a note says so
 # Largest constraint violation, in radians or over the size of the model; with a larger one the
 # mechanism has come apart.
 _MAX_GAP = 1e-3
@@ -310,7 +310,7 @@ class _Pass:
             if prepared.rows_before == 0:  # rows of a run before it was resumed were not looked at
                 notes += self._peaks.sentences(prepared.run, prepared.model)
             unstable = unstable_step(prepared.run, prepared.method, failed=False)
-            notes += [unstable or _energy_error_sentence(prepared)]
+            notes += [unstable or energy_error(prepared)]
         return [note for note in notes if note]
 
     def _first_row(self) -> int:
@@ -386,26 +386,6 @@ class _Pass:
             f"; by its first acceleration bodies.{name} turns by {turns[name]:.2g} rad in such a "
             "step: unless a stiff spring holds it, no method resolves that"
         )
-
-
-def _energy_error_sentence(prepared: PreparedDynamics) -> str:
-    """The sentence on an error of the energy balance, or ""."""
-    share, settings = prepared.run.rows.balance.relative, prepared.run.settings
-    step = settings.step
-    if (
-        share <= max(_MAX_ENERGY_ERROR, 10.0 * settings.accuracy)
-        or (settings.determinate == 1 and not prepared.model.drivers)  # nothing moves
-    ):
-        return ""
-    what = f"the energy balance is off by {100 * share:.3g} % of the energy that moved: "
-    if settings.static_after_step == 1:
-        return f'{what}quasi-static modes leave out vibrations; deformation = "automatic" has them'
-    if step > 0.0:
-        return (
-            f"{what}steps of {step:.3g} s are too long for the forces of this motion, such as an "
-            "impact; shorten them, or leave out dynamics.step, so that the accuracy is controlled"
-        )
-    return f"{what}ask for more accuracy; if it stays, a force or an effect makes energy"
 
 
 def _statistics(run: Integration) -> dict[str, float | int | str]:

@@ -1,4 +1,4 @@
-"""Notes of a run on its accuracy: vibrations that it lacks; why it missed the requested one."""
+"""Notes of a run on its accuracy: missing vibrations, energy that is off, accuracy not reached."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ _MIN_MISS, _REACHABLE_FACTOR = 1.0, 4.0
 # amplify errors; share of an error above which its cause is named.
 _MIN_AMPLIFICATION, _MAIN_SHARE = 100.0, 0.5
 _MAX_ADVISED = 0.1  # largest accuracy that a note advises
+_MAX_ENERGY_ERROR = 0.05  # energy error over the energy exchanged, above which a note says so
 _MIN_MISSING_VIBRATION = 0.05  # least missing vibration of a reaction in a note, over its range
 
 
@@ -145,3 +146,30 @@ def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
                 "motion of many"
             )
         yield f"{agree}: {why}"
+
+
+def energy_error(prepared: PreparedDynamics) -> str:
+    """A sentence on an error of the energy balance, or ""."""
+    run, settings, bodies = prepared.run, prepared.run.settings, prepared.model.bodies
+    share, step = run.rows.balance.relative, settings.step
+    if (
+        share <= max(_MAX_ENERGY_ERROR, 10.0 * settings.accuracy)
+        or (settings.determinate == 1 and not prepared.model.drivers)  # nothing moves
+    ):
+        return ""
+    what = f"the energy balance is off by {100 * share:.3g} % of the energy that moved: "
+    if settings.static_after_step == 1:
+        return f'{what}quasi-static modes leave out vibrations; deformation = "automatic" has them'
+    for body in run.compiled.layout.bodies:
+        coupling = getattr(bodies[body.name], "inertia_coupling", "full")
+        if coupling != "full":
+            return (
+                f"{what}{coupling} coupling of bodies.{body.name} leaves out terms of its inertia; "
+                'inertia_coupling = "full" has them'
+            )
+    if step > 0.0:
+        return (
+            f"{what}steps of {step:.3g} s are too long for the forces of this motion, such as an "
+            "impact; shorten them, or leave out dynamics.step, so that the accuracy is controlled"
+        )
+    return f"{what}ask for more accuracy; if it stays, a force or an effect makes energy"
