@@ -83,7 +83,7 @@ class MeasuredError:
         self._before = np.full_like(self._samples.table, np.nan)
         self.round_off = np.zeros(n)
         self._amplified = np.zeros(n)  # measured round-off at the end
-        self._known: dict[tuple[float, int, bool, bytes], dict[str, QuantityError]] = {}
+        self._cache: dict[tuple[float, int, bool, bytes], dict[str, QuantityError]] = {}
 
     @classmethod
     def of(cls, compiled: Compiled, model: Model, first: State, span: float) -> MeasuredError:
@@ -123,7 +123,7 @@ class MeasuredError:
         n = min(len(fine.t), len(coarse.t))
         if n == 0:
             return
-        self._known.clear()
+        self._cache.clear()
         if self._round_off_of is not None:
             np.maximum(self.round_off, self._round_off_of.of(fine), out=self.round_off)
         comparison, positions = self.comparison, self.comparison.positions
@@ -149,7 +149,7 @@ class MeasuredError:
             for k, one in enumerate(runs)
             for other in runs[:k]
         ]
-        self._known.clear()
+        self._cache.clear()
         self._amplified = np.sqrt(0.5 * steps * np.mean(squares, axis=0).max(axis=0))
 
     def amplified_round_off(self) -> float:
@@ -195,7 +195,7 @@ class MeasuredError:
         """
         if self.round_off_amplification(steps) <= 1.0:
             self._amplified[:] = 0.0
-            self._known.clear()
+            self._cache.clear()
 
     def largest(
         self, ratio: float, steps: int = 0, limited: bool = False
@@ -209,8 +209,8 @@ class MeasuredError:
         """
         table, largest = self.vibrations.table, dict[str, QuantityError]()
         key = ratio, steps, limited, table.tobytes()
-        if key in self._known:
-            return self._known[key]
+        if key in self._cache:
+            return self._cache[key]
         errors, walk, comparison = *self._errors(ratio, steps, limited), self.comparison
         damped = comparison.shares(table[0])
         times = np.where(damped > errors, table[1], self._largest[1])
@@ -223,7 +223,7 @@ class MeasuredError:
             largest[quantity] = QuantityError(
                 error, name, time, over, float(walk[k]), float(begin[k])
             )
-        self._known[key] = largest
+        self._cache[key] = largest
         return largest
 
     def _errors(self, ratio: float, steps: int, limited: bool) -> tuple[Array, Array]:
