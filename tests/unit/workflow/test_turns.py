@@ -1,0 +1,114 @@
+"""Turns of joints: a run begins with those at the end of another one, a sensor with a spring's."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import flexmb
+from flexmb.model import Model
+
+K, J = 0.3, 0.02
+
+
+def wheel(place=(0, 0, 0), axis="z", spin=14.0, free=0.0, joint="pin", **fields):
+    """A wheel with a coil spring, and a sensor of its angle."""
+    along = np.eye(3)["xyz".index(axis)]
+    made = Model("wheel", **fields)
+    made.add_marker("ground.pin", position=list(place))
+    made.add_body("wheel", mass=1.0, inertia=[J] * 3, position=list(place),
+                  angular_velocity=list(spin * along))  # fmt: skip
+    made.add_joint(joint, "revolute", between=["ground.pin", "wheel"], axis=axis)
+    made.add_force("coil", "rotational-spring-damper", joint=joint, stiffness=K, free=free)
+    made.add_sensor("turn", "angle", joint=joint)
+    made.add_sensor("torque", "reaction", force="coil", quantity="moment")
+    return made
+
+
+@pytest.mark.parametrize(("axis", "place"), [("z", (0, 0, 0)), ("x", (1e3, 200.0, -300.0))])
+def test_a_wound_spring_stays_wound(axis, place):
+    """phi = v/w sin(w t): 3.6 rad and less than a turn, then 13 rad and two turns."""
+    w = math.sqrt(K / J)
+    for spin, end in ((14.0, 0.3), (50.0, 0.35)):
+        first = flexmb.simulate(wheel(place, axis, spin), duration=end, outputs=2, accuracy=1e-8)
+        then = flexmb.simulate(wheel(place, axis, spin), duration=0.2, outputs=4, accuracy=1e-8,
+                               start_from=first)  # fmt: skip
+        wanted = spin / w * np.sin(w * (end + then.time))
+        np.testing.assert_allclose(then["turn"], wanted, rtol=1e-6)
+        np.testing.assert_allclose(then["torque.z"], -K * wanted, rtol=1e-6)
+        assert not any("change its start" in note for note in then.notes)
+
+
+def gears(spin=9.0):
+    made = Model("gears")
+    for name, x in (("a", 0.0), ("b", 0.35)):
+        made.add_marker(f"ground.{name}", position=[x, 0, 0])
+        made.add_body(name, mass=1.0, inertia=[J] * 3, position=[x, 0, 0],
+                      **({"angular_velocity": [0, 0, spin]} if name == "a" else {}))  # fmt: skip
+        made.add_joint(name, "revolute", between=[f"ground.{name}", name], axis="z")
+        made.add_sensor(name, "angle", joint=name)
+    made.add_coupler("mesh", "gear", joints=["a", "b"], teeth=[20, 15])
+    return made
+
+
+def screw(spin=20.0):
+    made = Model("screw")
+    made.add_body("nut", mass=1.0, inertia=[J] * 3, angular_velocity=[spin, 0, 0])
+    made.add_joint("thread", "screw", between=["ground", "nut"], axis="x", pitch=0.01)
+    made.add_sensor("turn", "angle", joint="thread")
+    made.add_sensor("way", "stroke", joint="thread")
+    return made
+
+
+@pytest.mark.parametrize("made", [gears, screw])
+def test_wheels_and_nuts_begin_where_they_were(made):
+    first = flexmb.simulate(made(), duration=1.0, outputs=2, accuracy=1e-6)
+    then = flexmb.simulate(made(), duration=1.0, outputs=2, accuracy=1e-6, start_from=first)
+    assert not any("change its start" in note for note in then.notes)
+    for body in made().bodies:
+        old, new = first.pose(body, 1.0), then.pose(body, 0.0)
+        np.testing.assert_allclose(new.A, old.A, atol=1e-9)
+        np.testing.assert_allclose(new.r, old.r, atol=1e-12)
+    if made is screw:
+        assert then["turn"][[0, -1]] == pytest.approx([20.0, 40.0])
+        np.testing.assert_allclose(then["way"], 0.01 * then["turn"] / (2 * np.pi), rtol=1e-9)
+    else:
+        assert then["a"][[0, -1]] == pytest.approx([9.0, 18.0])
+
+
+def test_turns_of_another_joint_are_left():
+    first = flexmb.simulate(wheel(spin=50.0), duration=0.35, outputs=2, accuracy=1e-6)
+    then = flexmb.simulate(wheel(joint="axle"), duration=0.1, outputs=2, start_from=first)
+    assert abs(then["turn"][0]) <= np.pi
+
+
+def test_the_sensor_of_an_equilibrium_has_the_turns_of_its_spring():
+    """m g l sin x + k (x - 6) = 0 at 6.257, all but a turn; the spring has k (6 - 6.257)."""
+    made = Model("pendulum", gravity=[0, -9.81, 0])
+    made.add_body("bar", mass=2.0, center=[0, -0.5, 0], inertia=[0.2, 0.2, 0.3])
+    made.add_joint("pin", "revolute", between=["ground", "bar"], axis="z")
+    made.add_force("coil", "rotational-spring-damper", joint="pin", stiffness=1.0, free=6.0)
+    made.add_sensor("turn", "angle", joint="pin")
+    made.add_sensor("torque", "reaction", force="coil", quantity="moment")
+    root = brentq(lambda x: 9.81 * math.sin(x) + x - 6.0, 6.0, 6.5, xtol=1e-14)
+    found = [one.channels(["turn", "torque.z"]) for one in flexmb.equilibria(made)]
+    [wound] = [one for one in found if one[0] > 4.0]
+    np.testing.assert_allclose(wound, [root, 6.0 - root], rtol=1e-9)
+
+
+def test_second_angles_and_strokes_have_counters_of_their_own():
+    made = Model("two")
+    made.add_body("b", mass=1.0, inertia=[J] * 3, angular_velocity=[0, 30, 0])
+    made.add_joint("cross", "universal", between=["ground", "b"], axis="z", second_axis="y")
+    made.add_force("coil", "rotational-spring-damper", joint="cross", stiffness=K,
+                   about="second_axis")  # fmt: skip
+    made.add_sensor("first", "angle", joint="cross")
+    made.add_sensor("second", "second_angle", joint="cross")
+    first = flexmb.simulate(made, duration=0.4, outputs=4, accuracy=1e-7)
+    then = flexmb.simulate(made, duration=0.1, outputs=2, accuracy=1e-7, start_from=first)
+    assert abs(first["second"][-1]) > np.pi
+    assert then["second"][0] == pytest.approx(first["second"][-1])
+    assert then["first"][0] == pytest.approx(0.0, abs=1e-9)
