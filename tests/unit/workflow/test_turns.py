@@ -112,3 +112,63 @@ def test_second_angles_and_strokes_have_counters_of_their_own():
     assert abs(first["second"][-1]) > np.pi
     assert then["second"][0] == pytest.approx(first["second"][-1])
     assert then["first"][0] == pytest.approx(0.0, abs=1e-9)
+
+
+def lifted(on="motor", angle="10*t"):
+    """A train of two gears, a rack on the last wheel; a screw and a coil spring that turn with
+    them: the driver turns one of the wheels."""
+    made = Model("train")
+    for name, x in (("motor", 0.0), ("idler", 0.3), ("last", 0.8)):
+        made.add_marker(f"ground.{name}", position=[x, 0, 0])
+        made.add_body(name, mass=1.0, inertia=[J] * 3, position=[x, 0, 0])
+        made.add_joint(name, "revolute", between=[f"ground.{name}", name], axis="z")
+    made.add_marker("ground.rack", position=[0.8, 0.3, 0])
+    made.add_body("rack", mass=1.0, inertia=[J] * 3, position=[0.8, 0.3, 0])
+    made.add_joint("rack", "prismatic", between=["ground.rack", "rack"], axis="x")
+    made.add_coupler("first", "gear", joints=["motor", "idler"], teeth=[10, 20])
+    made.add_coupler("second", "gear", joints=["idler", "last"], teeth=[20, 30])
+    made.add_coupler("lift", "rack-and-pinion", joints=["last", "rack"], radius=0.3)
+    made.add_force("coil", "rotational-spring-damper", joint="idler", stiffness=2.0)
+    made.add_driver("lead", joint=on, angle=angle)
+    made.add_sensor("way", "stroke", joint="rack")
+    made.add_sensor("torque", "reaction", driver="lead", quantity="moment")
+    made.add_sensor("idler", "angle", joint="idler")
+    return made
+
+
+def states_at(made, time):
+    """Sensors by each analysis at a time: statics in one or few steps, kinematics, dynamics."""
+    yield flexmb.statics(made, time=time)
+    yield flexmb.statics(made, duration=time, outputs=1)
+    yield flexmb.statics(made, duration=time, outputs=3)
+    yield flexmb.kinematics(made, duration=time, outputs=1)
+
+
+@pytest.mark.parametrize("offset", [0.0, 20.0])
+@pytest.mark.parametrize("on", ["motor", "idler", "last"])
+def test_an_equilibrium_at_a_time_has_the_turns_of_the_drivers(on, offset):
+    """The rack of a train that is driven to 30 rad was led by a part of a turn."""
+    ratio = {"motor": 1.0, "idler": -0.5, "last": 1.0 / 3.0}  # turns for one of the motor
+    angle = 30.0 + offset
+    motor = angle / ratio[on]
+    for found in states_at(lifted(on, f"{offset} + 10*t"), 3.0):
+        assert abs(found["way"][-1]) == pytest.approx(0.3 * abs(motor) / 3.0, rel=1e-9)
+        assert found["idler"][-1] == pytest.approx(-0.5 * motor, rel=1e-9)
+        wound = 2.0 * 0.5 * motor * 0.5 / ratio[on]  # by virtual work
+        assert found["torque.z"][-1] == pytest.approx(wound, rel=1e-9)
+
+
+@pytest.mark.parametrize("pitch", [0.01, -0.004])
+def test_a_screw_jack_stands_where_its_driver_led_it(pitch):
+    made = Model("jack")
+    made.add_body("nut", mass=1.0, inertia=[J] * 3)
+    made.add_joint("thread", "screw", between=["ground", "nut"], axis="x", pitch=pitch)
+    made.add_driver("lead", joint="thread", angle="10*t")
+    made.add_sensor("way", "stroke", joint="thread")
+    made.add_sensor("turn", "angle", joint="thread")
+    for found in states_at(made, 3.0):
+        assert found["way"][-1] == pytest.approx(30.0 * pitch / (2.0 * np.pi), rel=1e-9)
+        assert found["turn"][-1] == pytest.approx(30.0)
+    swept = flexmb.sweep_statics(made, "time", [3.0, 0.0, -1.0])
+    ways = [point.channels[0] for point in swept.points]
+    np.testing.assert_allclose(ways, np.array([30, 0, -10]) * pitch / (2 * np.pi), atol=1e-12)
