@@ -1,8 +1,8 @@
 """Joint coordinates and distances: quantities that constraint rows measure, and their derivatives.
 
 Angles count turns: of all values that differ by full turns, an angle has the one nearest to that of
-the last accepted state. At the begin it is the one nearest to the scalar coordinate of a spring,
-stop, screw or gear that counts the turns of the same joint, or else to zero.
+the last accepted state, at the begin to zero. Where a spring, stop, screw or gear has a scalar
+coordinate that counts the turns of the same joint, it is the one nearest to that coordinate.
 """
 
 from __future__ import annotations
@@ -130,15 +130,14 @@ class JointAngles(NamedTuple):
 
 @unit
 def joint_angle(run: Run, sensors: Sensors, at: Point, c: int) -> float:
-    """Angle that the only term of channel c measures; the value nearest to FeedbackWork.near."""
+    """Angle that the only term of channel c measures, nearest to its counter or to
+    FeedbackWork.near."""
     channel = sensors.channels[c]
     angle = row_value(run, sensors.terms[channel["first"]])
-    before, counter = run.work.feedback.near[c], channel["kind"]
-    if math.isnan(before):
-        if counter < 0:
-            return angle  # type: ignore[no-any-return]
-        before = at.q[run.system.parts.coordinates[counter]["iq"]]
-    return before + wrapped(angle - before)  # type: ignore[no-any-return]
+    near, counter = run.work.feedback.near[c], channel["kind"]
+    if counter >= 0:
+        near = at.q[run.system.parts.coordinates[counter]["iq"]]
+    return angle if math.isnan(near) else near + wrapped(angle - near)  # type: ignore[no-any-return]
 
 
 @unit

@@ -9,6 +9,7 @@ import pytest
 from scipy.optimize import brentq
 
 import flexmb
+from flexmb.errors import ResultFileError
 from flexmb.model import Model
 
 K, J = 0.3, 0.02
@@ -172,3 +173,30 @@ def test_a_screw_jack_stands_where_its_driver_led_it(pitch):
     swept = flexmb.sweep_statics(made, "time", [3.0, 0.0, -1.0])
     ways = [point.channels[0] for point in swept.points]
     np.testing.assert_allclose(ways, np.array([30, 0, -10]) * pitch / (2 * np.pi), atol=1e-12)
+
+
+@pytest.mark.parametrize("outputs", [2, 50])
+def test_inverse_dynamics_reads_the_turns_of_a_run_with_few_rows(outputs):
+    """Angles were counted from row to row: 21.6 rad were -3.5 where the rows were far apart."""
+    run, needed = wheel(spin=20.0), wheel(spin=20.0)
+    run.add_force("push", "torque", at="wheel", value=[0, 0, "0.1*sin(3*t)"])
+    made = flexmb.simulate(run, duration=0.4, outputs=outputs, accuracy=1e-8)
+    found = flexmb.inverse_dynamics(needed, made, drives=["pin"])
+    np.testing.assert_allclose(found["turn"], made["turn"], rtol=1e-12)
+    wanted = 0.1 * np.sin(3.0 * found.time)
+    np.testing.assert_allclose(found.reaction("drive_pin").moment[:, 2], wanted, atol=1e-9)
+
+
+def test_a_coordinate_that_the_run_lacks_is_told_with_its_cure():
+    made = Model("bare")
+    made.add_body("wheel", mass=1.0, inertia=[J] * 3)
+    made.add_marker("ground.pin", position=[0, 0, 0])
+    made.add_joint("pin", "revolute", between=["ground.pin", "wheel"], axis="z")
+    run = flexmb.simulate(made, duration=0.1, outputs=2)
+    with pytest.raises(ResultFileError, match=r"has no forces.coil .* a spring with value = 0"):
+        flexmb.inverse_dynamics(wheel(), run, drives=["pin"])
+    idle = wheel()
+    del idle.forces["coil"]
+    idle.add_force("coil", "rotational-spring-damper", joint="pin", value=0)
+    run = flexmb.simulate(idle, duration=0.1, outputs=2)
+    assert len(flexmb.inverse_dynamics(wheel(), run, drives=["pin"]).time) == 3
