@@ -371,12 +371,30 @@ def match_start(
             v[k - count] = other.part("v", [places[1] + at])[-1, 0]
         elif _is_same_joint(model, other, name):  # with its turns
             q[k - count] = other.part("q", [places[0] + at])[-1, 0]
-    notes = [_matching_note(other, matched, compiled)]
+    notes = [_matching_note(other, matched, compiled), *_turn_notes(other, compiled)]
     if undeformed:
         notes.append(
             f"begins without deformation, since its reduction differs: {', '.join(undeformed)}"
         )
     return StartState(other.path, StartValues(q, v), matched, tuple(notes))
+
+
+def _turn_notes(other: Result, compiled: Compiled) -> Iterator[str]:
+    """Notes on angle sensors of both runs whose turns nothing keeps."""
+    rows = compiled.system.sensors.channels
+    for name, row in zip(compiled.layout.channels, rows, strict=False):
+        sensor = other.model.get("sensors", {}).get(name, {})
+        counts = sensor.get("type") in ("angle", "second_angle") and not sensor.get("derivative")
+        if not counts or row["kind"] >= 0 or name not in other.layout.channels:
+            continue
+        place = [other.layout.channels.index(name)]
+        last = other.part("sensors", place)[-1, 0] if other.has_columns("sensors", place) else 0.0
+        if abs(last) > np.pi:
+            yield (
+                f"sensors.{name}: begins within half a turn, where the other run ended at "
+                f"{last:.4g} rad; in both scenes a rotational-spring-damper with value = 0 on its "
+                "joint keeps the turns"
+            )
 
 
 def _is_same_joint(model: Model, other: Result, name: str) -> bool:

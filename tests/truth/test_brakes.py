@@ -6,8 +6,10 @@ import math
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import flexmb
+from flexmb.cli import app
 from flexmb.errors import SceneError
 from flexmb.model import Model
 
@@ -105,3 +107,12 @@ def test_what_is_no_preload_is_told(preload, said):
         run(disc(preload))
     assert said in str(caught.value), str(caught.value)
     assert math.isfinite(run(disc("max(0, 10 - 20*t)"))["turn"][-1])
+
+
+def test_the_listing_shows_the_default_as_a_scene_writes_it():
+    done = CliRunner().invoke(app, ["list", "forces", "joint-friction"])
+    [line] = [line for line in done.output.splitlines() if line.lstrip().startswith("preload ")]
+    assert line.split() == [
+        "preload",
+        *["number", "or", "table", "as", "a", "function", "of", "t", "0"],
+    ]

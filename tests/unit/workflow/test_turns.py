@@ -200,3 +200,18 @@ def test_a_coordinate_that_the_run_lacks_is_told_with_its_cure():
     idle.add_force("coil", "rotational-spring-damper", joint="pin", value=0)
     run = flexmb.simulate(idle, duration=0.1, outputs=2)
     assert len(flexmb.inverse_dynamics(wheel(), run, drives=["pin"]).time) == 3
+
+
+@pytest.mark.parametrize("keep", [False, True])
+def test_turns_of_a_sensor_that_nothing_keeps_are_told_with_their_cure(keep):
+    made = Model("bare")
+    made.add_body("wheel", mass=1.0, inertia=[J] * 3, angular_velocity=[0, 0, 20])
+    made.add_joint("pin", "revolute", between=["ground", "wheel"], axis="z")
+    made.add_sensor("turn", "angle", joint="pin")
+    if keep:
+        made.add_force("idle", "rotational-spring-damper", joint="pin", value=0)
+    first = flexmb.simulate(made, duration=1.0, outputs=2)
+    then = flexmb.simulate(made, duration=1.0, outputs=2, start_from=first)
+    said = "sensors.turn: begins within half a turn, where the other run ended at 20 rad"
+    assert any(said in note for note in then.notes) != keep
+    assert then["turn"][0] == pytest.approx(20.0 if keep else 20.0 - 6 * np.pi)
