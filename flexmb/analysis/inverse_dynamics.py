@@ -120,7 +120,9 @@ def match_motion(compiled: Compiled, motion: Result) -> tuple[np.ndarray, ...]:
         )
     missing = [name for name in mine.coordinates if name not in theirs.coordinates]
     if missing:
-        raise ResultFileError(f"{motion.path}: the run has no {', '.join(missing)} of the model")
+        what = f"the run has no {', '.join(missing)} of the model, whose turns and strokes are read"
+        cure = "give its scene the same one; a spring with value = 0 alone does not act"
+        raise ResultFileError(f"{motion.path}: {what}: {cure}")
     tables = [motion.table("time")]
     for table, width in ((motion.q, mine.nq), (motion.v, mine.nv), (motion.vd, mine.nv)):
         bodies = width - len(mine.coordinates)

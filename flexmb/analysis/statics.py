@@ -12,6 +12,7 @@ import numpy as np
 
 from flexmb.analysis.assembly.initial_state import StartValues, assemble
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, constraint_rank, one_blas_thread
+from flexmb.analysis.assembly.positions import take_turns_of_drivers
 from flexmb.analysis.chunked_run import (
     ChunkRows,
     Ending,
@@ -149,6 +150,7 @@ class _Run:
         prepared = self._prepared
         compiled, model, state = prepared.compiled, prepared.model, prepared.state
         state.t[0] = time = prepared.times[self.done]
+        take_turns_of_drivers(compiled, model, state)
         self.rows.clear()
         try:
             self.steps += solve_equilibrium(compiled, model, state, spin=spin_of(model))

@@ -338,18 +338,6 @@ def parse_numbers(text: str | None, option: str) -> list[int] | None:
     return numbers
 
 
-def parse_times(text: str | None, option: str = "--time") -> list[float] | None:
-    """``0.01`` or ``0,0.01,0.02`` as a list."""
-    if text is None:
-        return None
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise typer.BadParameter(
-            f'"{text}" is not a time or several such as 0,0.01,0.02', param_hint=option
-        ) from None
-
-
 def parse_names(text: str | None) -> list[str]:
     """``a, b`` as a list; empty for nothing."""
     return [name.strip() for name in (text or "").split(",") if name.strip()]

@@ -34,8 +34,12 @@ _ENDINGS = (".png", ".pdf", ".svg")
 def modes(
     source: Annotated[Path, typer.Argument(help="Scene file (TOML), result file or its folder.")],
     time: Annotated[
-        float | None,
-        typer.Option(help="Of a result: the output nearest to this time; its end by default."),
+        str | None,
+        typer.Option(
+            metavar="TIME",
+            help="Of a result: the output nearest to this time, such as 0.1 or '100 ms'; its end "
+            "by default.",
+        ),
     ] = None,
     about: Annotated[
         str,
@@ -109,25 +113,34 @@ def modes(
     _show_sweep(sweep, count, output, root_locus)
 
 
-def parse_values(text: str, option: str) -> list[float]:
-    """``0,10,20``, or ``0..100:11``: eleven values at equal distances."""
-    values: list[float] = []
+def parse_values(text: str, option: str) -> list[float | str]:
+    """``0,10,20``, or ``0..100:11``: eleven values at equal distances; also with units."""
+    values: list[float | str] = []
     try:
         for part in text.split(","):
             first, dots, rest = part.partition("..")
             if not dots:
-                values.append(float(part))
+                values.append(_with_unit(*_number_and_unit(part)))
                 continue
             last, _, n = rest.partition(":")
-            a, b, n_values = float(first), float(last), int(n)
-            if n_values < 2:  # noqa: PLR2004
+            (a, unit), (b, same), n_values = _number_and_unit(first), _number_and_unit(last), int(n)
+            if n_values < 2 or unit != same:  # noqa: PLR2004
                 raise ValueError
-            values += [a + (b - a) * k / (n_values - 1) for k in range(n_values)]
+            steps = [a + (b - a) * k / (n_values - 1) for k in range(n_values)]
+            values += [_with_unit(value, unit) for value in steps]
     except ValueError:
-        raise typer.BadParameter(
-            f'"{text}" is not of the form 0,10,20 or 0..100:11', param_hint=option
-        ) from None
+        form = "0,10,20 or 0..100:11, and with units 0 ms..100 ms:11"
+        raise typer.BadParameter(f'"{text}" is not of the form {form}', param_hint=option) from None
     return values
+
+
+def _number_and_unit(text: str) -> tuple[float, str]:
+    number, *unit = text.split(maxsplit=1)
+    return float(number), "".join(unit)
+
+
+def _with_unit(value: float, unit: str) -> float | str:
+    return f"{value:.15g} {unit}" if unit else value
 
 
 def _show_modes(made: Any, count: int) -> None:
@@ -222,7 +235,11 @@ def response(
         str, typer.Option(help="In Hz: 1,2,5 or 0.1..100:200 (200 at equal ratios).")
     ] = "0.1..100:200",
     time: Annotated[
-        float | None, typer.Option(help="Of a result: the output nearest to this time.")
+        str | None,
+        typer.Option(
+            metavar="TIME",
+            help="Of a result: the output nearest to this time, such as 0.1 or '100 ms'.",
+        ),
     ] = None,
     about: Annotated[
         str, typer.Option(help="Of a scene: quasi-static, undeformed, static or initial.")

@@ -173,8 +173,12 @@ def stress(
         str | None, typer.Option(help="A flexible body; all of them by default.")
     ] = None,
     time: Annotated[
-        float | None,
-        typer.Option(help="At this time, in the scene's units; over the whole run by default."),
+        str | None,
+        typer.Option(
+            metavar="TIME",
+            help="At this time, 0.013 in the scene's units or '13 ms'; over the whole run by "
+            "default.",
+        ),
     ] = None,
     nodes: Annotated[
         str | None,
@@ -189,9 +193,11 @@ def stress(
     layer: Annotated[str | None, typer.Option(help="Layer such as top; all by default.")] = None,
     count: Annotated[int, typer.Option("--hot-spots", help="How many hot spots.", min=1)] = 5,
     distance: Annotated[
-        float | None,
+        str | None,
         typer.Option(
-            help="Between hot spots, in the scene's units; a twentieth of the body by default."
+            metavar="LENGTH",
+            help="Between hot spots, 0.005 in the scene's units or '5 mm'; a twentieth of the body "
+            "by default.",
         ),
     ] = None,
     mode_acceleration: Annotated[
@@ -214,6 +220,7 @@ def stress(
 
     Example: flexmb stress out/slider_crank --nodes hot --output rod.h5
     """
+    from flexmb.model.scenes.conversion import read_quantity
     from flexmb.results import Result, export_stress
 
     run = Result(result)
@@ -226,20 +233,22 @@ def stress(
         raise OutputError(f"{output}: exists; --force replaces it")
     if output is not None and len(names) > 1:
         raise FlexmbError(f"--output is of one body: give --body, one of {', '.join(names)}")
+    moment = None if time is None else read_quantity(run.model, time, "time", "s")
+    gap = None if distance is None else read_quantity(run.model, distance, "distance", "m")
     words: dict[str, Any] = {"layer": layer, "mode_acceleration": mode_acceleration}
     for name in names:
         if run.flexbody(name).stress is None and body is None:
             screen.line(f'{name}: no stress in its file; reduce the mesh with stress = "surface"')
             continue
-        spots = run.hot_spots(name, count, distance=distance, **words) if time is None else []
-        _show(run, name, time, spots, words)
+        spots = run.hot_spots(name, count, distance=gap, **words) if moment is None else []
+        _show(run, name, moment, spots, words)
         if output is None:
             continue
         numbers = None
         if nodes is not None:
             hot = parse_names(nodes) == ["hot"]
             numbers = [s.node for s in spots] if hot else parse_numbers(nodes, "--nodes")
-        written = export_stress(run, output, name, time=time, nodes=numbers, **words)
+        written = export_stress(run, output, name, time=moment, nodes=numbers, **words)
         screen.line(f"written: {written}")
 
 

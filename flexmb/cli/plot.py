@@ -47,7 +47,8 @@ def plot(
     times: Annotated[
         str | None,
         typer.Option(
-            metavar="FIRST..LAST", help="Times between which to draw, in the scene's units."
+            metavar="FIRST..LAST",
+            help="Times between which to draw, 0.02..0.04 in the scene's units or '20 ms..40 ms'.",
         ),
     ] = None,
     log: Annotated[bool, typer.Option("--log", help="Of a spectrum: amplitudes as logs.")] = False,
@@ -73,6 +74,7 @@ def plot(
 
     Example: flexmb plot out/slider_crank --kind spectrum rod.big_end.acceleration.y --log
     """
+    from flexmb.model.scenes.conversion import read_span
     from flexmb.results import Result
 
     paths, channels = _split(names)
@@ -83,7 +85,8 @@ def plot(
     path = output or results[0].path.parent / "plot.png"
     if output is not None and path.exists() and not force:
         raise FlexmbError(f"{path}: exists; give --force to replace it, or another --output")
-    written = _draw(results, channels, kind, against, _parse_times(times), log, path)
+    span = None if times is None else read_span(results[0].model, times)
+    written = _draw(results, channels, kind, against, span, log, path)
     screen.line(f"written: {written}")
     for result in results:
         lacking = [name for name in channels if kind == "history" and not _has(result, name)]
@@ -146,21 +149,6 @@ def _split(names: list[str]) -> tuple[list[Path], list[str]]:
 def _is_path(name: str) -> bool:
     path = Path(name)
     return (path / "result.h5").is_file() or path.suffix in _RESULT_ENDINGS or "/" in name
-
-
-def _parse_times(text: str | None) -> tuple[float, float] | None:
-    """``0.02..0.04`` as two times."""
-    if text is None:
-        return None
-    first, _, last = text.partition("..")
-    try:
-        times = float(first), float(last)
-    except ValueError:
-        times = (0.0, 0.0)
-    if not times[0] < times[1]:
-        form = "first..last such as 0.02..0.04"
-        raise typer.BadParameter(f'"{text}" is not of the form {form}', param_hint="--times")
-    return times
 
 
 def _list_channels(results: list[Any], patterns: list[str]) -> None:

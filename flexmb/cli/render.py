@@ -18,7 +18,6 @@ from flexmb.cli.app import (
     parse_names,
     parse_numbers,
     parse_size,
-    parse_times,
     refuse_options,
 )
 from flexmb.cli.reduce import modes_picture
@@ -134,8 +133,8 @@ def render(
         str | None,
         typer.Option(
             metavar="TIMES",
-            help="Time of the picture, in the scene's units, or several with commas for a panel "
-            "each; its own, else the end.",
+            help="Time of the picture, 0.013 in the scene's units or '13 ms', or several with "
+            "commas for a panel each; its own, else the end.",
         ),
     ] = None,
     exaggeration: Exaggeration = None,
@@ -205,9 +204,7 @@ def render(
             result = Result(file)
             look |= {"ghosts": ghosts, "traces": parse_names(traces)}
             output = output or result.path.parent / "picture.png"
-            times = parse_times(time)
-            single = times[0] if times is not None and len(times) == 1 else times
-            written = render_run(result, single, output=output, **look)
+            written = render_run(result, time, output=output, **look)
         progress("picture", 1.0)
     verdict = vtk_renderer.probe()
     if not verdict.works:
@@ -233,8 +230,11 @@ def film(
             "real time for 2 to 20 s, else for a film of some 6 s."
         ),
     ] = None,
-    start: Annotated[float | None, typer.Option(help="Time of the first frame.")] = None,
-    end: Annotated[float | None, typer.Option(help="Time of the last frame.")] = None,
+    start: Annotated[
+        str | None,
+        typer.Option(metavar="TIME", help="Time of the first frame, such as 0.1 or '100 ms'."),
+    ] = None,
+    end: Annotated[str | None, typer.Option(metavar="TIME", help="Time of the last frame.")] = None,
     exaggeration: Exaggeration = None,
     color: Color = None,
     layer: Layer = None,

@@ -83,7 +83,7 @@ MARKER = np.dtype(
 # component `a` in the axes of the marker `axes` (-1: global, -2: of the marker on that side);
 # ENERGY: number `first` of the energies; BODY_ENERGY: the same of body `n`; EXPRESSION: program
 # `first` of other channels; STATE, PLACE_RATE: velocity coordinate `first`; PLACE: position
-# coordinate `first`.
+# coordinate `first`; JOINT_ANGLE: scalar coordinate `kind` that counts its turns (-1: none).
 CHANNEL = np.dtype(
     [(word, _I) for word in ["what", "first", "n", "side", "quantity", "axes", "a", "kind"]],
     align=True,

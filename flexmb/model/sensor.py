@@ -109,8 +109,9 @@ class JointSensorSpec(SensorSpec):
 class AngleSensorSpec(JointSensorSpec):
     """Angle of a joint, or from marker I to J about ``axis``, measured from the placed pose.
 
-    It is within +-pi at the start and continuous from then on; with ``derivative`` its rate. A
-    universal joint has a ``"second_angle"`` too.
+    It is within +-pi at the start, or has the turns that a spring, stop, screw or gear of the joint
+    counts, and is continuous from then on; with ``derivative`` its rate. A universal joint has a
+    ``"second_angle"`` too.
     """
 
     type: Literal["angle", "second_angle"]

@@ -22,6 +22,7 @@ from flexmb.errors import ResultFileError
 from flexmb.flexbody import FlexBody, load
 from flexmb.flexbody.arrays import Array
 from flexmb.folders import temporary_folder
+from flexmb.model.scenes.conversion import Time, read_quantity
 from flexmb.results.channels import Columns, describe_missing, row_bytes, widths
 from flexmb.results.crash_safe_file import reading
 from flexmb.results.result_file import read_contents, read_state, read_table
@@ -413,7 +414,7 @@ class ResultReader:
             if key in statistics:
                 yield name, f"{statistics[key]:.2g}{unit}"
 
-    def row_at(self, time: float) -> tuple[int, float]:
+    def row_at(self, time: Time) -> tuple[int, float]:
         """Row before a time in the scene's units, and the fraction of the way to the next one.
 
         Raises
@@ -421,7 +422,11 @@ class ResultReader:
         ResultFileError
             The time lies outside the run, or there are no rows.
         """
-        t, unit = self.time, self.units.label("s")
+        t, unit, time = (
+            self.time,
+            self.units.label("s"),
+            read_quantity(self.model, time, "time", "s"),
+        )
         if not len(t):
             raise ResultFileError(f"{self.path}: holds no output rows")
         # tolerance for a time that the user typed in decimals

@@ -19,6 +19,7 @@ from flexmb.errors import ResultFileError
 from flexmb.flexbody import FlexBody, InertiaResponse, StressModes, von_mises
 from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.flexbody.stress_modes import SECTION_FORCES, SHELL_FORCES, STRESS
+from flexmb.model.scenes.conversion import Time
 from flexmb.results.reader import ResultReader
 
 _BATCH_BYTES = 6.4e7  # bytes of stress components per batch
@@ -60,7 +61,7 @@ class Recovery(ResultReader):
     def stress(
         self,
         body: str,
-        time: float | None = None,
+        time: Time | None = None,
         *,
         node: int | None = None,
         layer: str | None = None,
@@ -72,8 +73,8 @@ class Recovery(ResultReader):
         ----------
         body : str
             Name of the body.
-        time : float, optional
-            In the scene's units; all output times by default.
+        time : float or str, optional
+            In the scene's units, or with its own, ``"30 ms"``; all output times by default.
         node : int, optional
             Mesh node, from 0; all places by default.
         layer : str, optional
@@ -101,7 +102,7 @@ class Recovery(ResultReader):
     def von_mises(
         self,
         body: str,
-        time: float | None = None,
+        time: Time | None = None,
         *,
         node: int | None = None,
         layer: str | None = None,
@@ -122,7 +123,7 @@ class Recovery(ResultReader):
         return Stress(self.in_scene_units(values, "Pa"), *labels(modes, rows))
 
     def section_forces(
-        self, body: str, time: float | None = None, *, mode_acceleration: bool = False
+        self, body: str, time: Time | None = None, *, mode_acceleration: bool = False
     ) -> SectionForces:
         """Section forces of the beams of a flexible body at both ends of each element.
 
@@ -130,8 +131,8 @@ class Recovery(ResultReader):
         ----------
         body : str
             Name of the body.
-        time : float, optional
-            In the scene's units; all output times by default.
+        time : float or str, optional
+            In the scene's units, or with its own, ``"30 ms"``; all output times by default.
         mode_acceleration : bool
             As for `stress`.
 
@@ -151,7 +152,7 @@ class Recovery(ResultReader):
         return SectionForces(force, moment, modes.elements)
 
     def shell_forces(
-        self, body: str, time: float | None = None, *, mode_acceleration: bool = False
+        self, body: str, time: Time | None = None, *, mode_acceleration: bool = False
     ) -> ShellForces:
         """Membrane forces, moments and transverse forces of shells at their nodes, per length.
 
@@ -190,11 +191,11 @@ class Recovery(ResultReader):
         values.flags.writeable = False
         return values
 
-    def _moments(self, time: float | None) -> int:
+    def _moments(self, time: Time | None) -> int:
         return len(self.time) if time is None else 1
 
     def _batches(
-        self, body: str, time: float | None, width: int, mode_acceleration: bool
+        self, body: str, time: Time | None, width: int, mode_acceleration: bool
     ) -> Iterator[tuple[slice, Array, Array | None]]:
         """Batches of output times: their rows, modal coordinates (t, m), and with mode acceleration
         the twelve numbers (t, 12) of the body's acceleration.
@@ -258,7 +259,7 @@ class Recovery(ResultReader):
         body: str,
         modes: StressModes,
         rows: IntArray,
-        time: float | None,
+        time: Time | None,
         mode_acceleration: bool,
     ) -> Iterator[tuple[slice, Array]]:
         """Batches of output times and their stress (t, k, 6) at places [Pa]."""
@@ -272,7 +273,7 @@ class Recovery(ResultReader):
             yield part, stress
 
     def _resultants(
-        self, body: str, name: str, time: float | None, mode_acceleration: bool
+        self, body: str, name: str, time: Time | None, mode_acceleration: bool
     ) -> Array:
         """(..., k, c) section or shell forces by the name of the part of the body, SI."""
         flexbody = self.flexbody(body)

@@ -1,9 +1,8 @@
 """A result: times, channels, reactions, energies, poses, stress and statistics of one run.
 
 In: the path of a ``result.h5``, also of one that is still being written or was cut off by a kill.
-Out: arrays over time by name, read when they are used. Times, channels, reactions and energies are
-in the unit system of the scene, ``result.units``; the tables q, v, vd, lam and drift are SI, as in
-the file. The file does not stay open.
+Out: arrays over time by name, read when they are used: times, channels, reactions and energies in
+the units of the scene, ``result.units``; q, v, vd, lam and drift in SI. The file is not kept open.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ import numpy as np
 
 from flexmb.errors import FlexmbError, Problem, ResultFileError
 from flexmb.flexbody.arrays import Array
+from flexmb.model.scenes.conversion import Time
 from flexmb.results.channels import (
     CHANNEL_KINDS,
     Channel,
@@ -249,15 +249,15 @@ class Result(StressEnvelopes, MarkerHistory):
         factor = self.units.scale(unit) / unit_system(units).scale(unit)
         return self[channel] if factor == 1.0 else factor * self[channel]
 
-    def pose(self, body: str, time: float) -> Pose:
+    def pose(self, body: str, time: Time) -> Pose:
         """Where a body is at a time, interpolated between the rows.
 
         Parameters
         ----------
         body : str
             Name of the body.
-        time : float
-            Between the first and the last output time, in the scene's units.
+        time : float or str
+            Between the first and the last output time, in the scene's units or with its own.
 
         Returns
         -------
@@ -305,7 +305,7 @@ class Result(StressEnvelopes, MarkerHistory):
             flexmb.save_figure(figure, output)
         return figure
 
-    def snapshot(self, time: float | Sequence[float] | None = None, **options: Any) -> Any:
+    def snapshot(self, time: Time | Sequence[Time] | None = None, **options: Any) -> Any:
         """The mechanism at a time, or at several, as a notebook shows it; see `flexmb.render`."""
         import flexmb
 

@@ -20,6 +20,7 @@ from flexmb.flexbody import principal_stresses, von_mises
 from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.flexbody.stress_modes import STRESS
 from flexmb.folders import whole_file
+from flexmb.model.scenes.conversion import Time
 from flexmb.results.crash_safe_file import DiskFile, uninterrupted
 from flexmb.results.recovery import Recovery, labels
 
@@ -203,7 +204,7 @@ def export_stress(
     path: str | Path,
     body: str,
     *,
-    time: float | None = None,
+    time: Time | None = None,
     nodes: Sequence[int] | None = None,
     layer: str | None = None,
     mode_acceleration: bool = False,

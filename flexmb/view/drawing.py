@@ -17,11 +17,12 @@ from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.model.reading import GROUND, split_reference
 from flexmb.model.scenes.sections import ViewSpec
 from flexmb.results.run_summary import MODE_SHAPE
+from flexmb.view.arrows import arrow_scale, arrow_solids
 from flexmb.view.body_shapes import body_parts, ground_grid, ground_parts, own_shape, plates_of
 from flexmb.view.camera import Camera, common_axis, hiding_bodies, mechanism_camera
 from flexmb.view.content import Content, Deformed, Label, Part, Scale, Solid, on_marker
 from flexmb.view.fields import FIELDS, fitting_scale, stress_values
-from flexmb.view.force_shapes import arrow_scale, arrow_solids, force_parts
+from flexmb.view.force_shapes import force_parts
 from flexmb.view.joint_shapes import driver_parts, gear_parts, joint_parts
 from flexmb.view.mechanism import MEAN_AXES, Display, Mechanism, applied
 from flexmb.view.plot import BODIES, INK
@@ -53,8 +54,7 @@ def size_of(points: Array) -> float:
 
 
 def round_exaggeration(ratio: float) -> float:
-    """The largest of 1, 2, 5 times a power of ten for which an exaggerated deformation is not too
-    large.
+    """The largest 1, 2 or 5 times a power of ten that exaggerates a deformation not too much.
 
     Parameters
     ----------

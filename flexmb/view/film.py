@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError, FlexmbWarning, ViewError
+from flexmb.model.scenes.conversion import Time, read_quantity
 from flexmb.progress import Progress, silent
 from flexmb.results import Result
 from flexmb.view import mpl_renderer, vtk_renderer
@@ -110,8 +111,8 @@ def film(
     *,
     fps: float = RATE,
     speed: float | None = None,
-    start: float | None = None,
-    end: float | None = None,
+    start: Time | None = None,
+    end: Time | None = None,
     traces: Sequence[str] = (),
     processes: int | None = None,
     force: bool = False,
@@ -132,8 +133,8 @@ def film(
     speed : float, optional
         Simulated seconds in a second of the film: 0.1 is ten times slower. By default real time
         for what takes 2 to 20 s, else what makes a film of some 6 s.
-    start, end : float, optional
-        Range of time, in the scene's units; the whole run.
+    start, end : float or str, optional
+        Range of time, in the scene's units or with their own, ``"30 ms"``; the whole run.
     traces : sequence of str
         Points whose paths are shown: markers, or bodies, which stand for their centre.
     processes : int, optional
@@ -170,8 +171,8 @@ def shoot(
     run: Result,
     rate: float,
     speed: float | None,
-    start: float | None,
-    end: float | None,
+    start: Time | None,
+    end: Time | None,
     traces: Sequence[str],
     view: dict[str, Any],
 ) -> MotionShot:
@@ -220,7 +221,7 @@ def make_film(
 
 
 def plan(
-    run: Result, rate: float, speed: float | None, start: float | None, end: float | None
+    run: Result, rate: float, speed: float | None, start: Time | None, end: Time | None
 ) -> Schedule:
     """The times of the frames; see `film`.
 
@@ -233,8 +234,8 @@ def plan(
     """
     if not len(run.time):
         raise ViewError(f"{run.path}: the result holds no rows to draw")
-    first = float(run.time[0]) if start is None else start
-    last = float(run.time[-1]) if end is None else end
+    first = float(run.time[0]) if start is None else read_quantity(run.model, start, "start", "s")
+    last = float(run.time[-1]) if end is None else read_quantity(run.model, end, "end", "s")
     for time in (first, last):
         run.row_at(time)
     unit = run.units.label("s")

@@ -1,16 +1,13 @@
-"""The shapes of forces: springs, dampers, bushings, actuators, contact surfaces, and arrows.
+"""The shapes of forces: springs, dampers, bushings, actuators, contact surfaces.
 
 A spring is a coil, a damper a cylinder with a piston rod, both together are coaxial; on a joint
-they are placed along or around its axis. A stop has bumpers where it acts, joint friction is a
-brake. Optional arrows show forces and torques at their points; their scale is a round number, given
-in the caption.
+they are placed along or around its axis. A stop has bumpers where it acts, friction in a joint is a
+brake.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from math import floor, log10
 from typing import Any
 
 import numpy as np
@@ -21,10 +18,7 @@ from flexmb.model import lookup
 from flexmb.model.forces.contact import CylinderSide, PlaneSide, SphereSide
 from flexmb.model.forces.force_characteristic import AnyStop
 from flexmb.model.forces.friction import friction_coordinate
-from flexmb.model.forces.load import LoadSpec
-from flexmb.model.plane import in_plane_triad
 from flexmb.model.reading import GROUND, split_reference
-from flexmb.results.channels import marker_pairs
 from flexmb.view.body_shapes import own_shape
 from flexmb.view.content import (
     DAMPER,
@@ -36,18 +30,15 @@ from flexmb.view.content import (
     SURFACE,
     Part,
     Place,
-    Scale,
-    Solid,
     between,
     on_body,
     on_marker,
     toward,
 )
 from flexmb.view.joint_shapes import joint_sides
-from flexmb.view.mechanism import Display, Mechanism, applied, transform
+from flexmb.view.mechanism import Display, Mechanism, applied
 from flexmb.view.shapes import (
     Triangles,
-    arrow,
     axes_along,
     box,
     coil,
@@ -66,10 +57,7 @@ _NO_FACES = np.zeros((0, 3), dtype=np.int64)
 # radius of a contact point over the size; more points are not drawn
 _POINT, _MAX_POINTS = 0.006, 100
 _PLANE = 0.5  # edge of a contact plane over the mechanism's size
-_FORCE, _TORQUE = "#b91c1c", "#7c3aed"
-_MAX_ARROW = 0.2  # length of an arrow over the size of the mechanism
-_MIN_ARROW = 1e-3  # arrows below this fraction of the largest are left out
-_SAMPLES = 16  # times at which the largest arrow is searched
+_SAMPLES = 16  # times at which the way of a body over a plane is searched
 
 
 def force_parts(
@@ -289,145 +277,3 @@ def _toward(mechanism: Mechanism, first: str, second: str) -> Array:
     if np.linalg.norm(line) < 1e-9:
         line = np.array(PLANES[mechanism.model.plane]) if mechanism.model.plane else frame[:3, 2]
     return np.asarray(frame[:3, :3].T @ axes_along(line))
-
-
-@dataclass(frozen=True)
-class Vector:
-    """A force [N] or torque [N m] (3,) in global axes, and the marker on which it acts."""
-
-    name: str
-    marker: str
-    value: Array
-    torque: bool
-
-
-def vectors(mechanism: Mechanism, which: str) -> Iterator[Vector]:
-    """Loads, reactions of joints and drivers, or both, at the mechanism's time."""
-    if which in ("loads", "all"):
-        yield from _loads(mechanism)
-    if which in ("reactions", "all"):
-        yield from _reactions(mechanism)
-
-
-def _loads(mechanism: Mechanism) -> Iterator[Vector]:
-    result, t = mechanism.result, mechanism.time
-    seconds = t * result.units.scale("s")
-    for name, spec in mechanism.model.forces.items():
-        if not isinstance(spec, LoadSpec):
-            continue
-        values = []
-        for function in spec.value:
-            variables = {
-                channel: (_at(result, channel, t), 0.0, 0.0)
-                for channel in function.expression.channels
-            }
-            values.append(function.expression.value(seconds, variables or None)[0])
-        A = np.eye(3)
-        if spec.axes != "global":
-            A = mechanism.marker_frame(spec.at if spec.axes == "body" else spec.axes)[:3, :3]
-        yield Vector(name, spec.at, A @ np.array(values), spec.type == "torque")
-
-
-def _at(result: Any, channel: str, time: float) -> float:
-    """A channel's value at a time, SI."""
-    unit = result._channel(channel).unit
-    return float(np.interp(time, result.time, result[channel])) * (
-        result.units.scale(unit) if unit else 1.0
-    )
-
-
-def _reactions(mechanism: Mechanism) -> Iterator[Vector]:
-    result, time = mechanism.result, mechanism.result.time
-    for pair in marker_pairs(result.layout, result.model):
-        reaction, name = result.reaction(pair.path), pair.name
-        A = mechanism.marker_frame(reaction.on)[:3, :3] @ _reaction_axes(mechanism, pair.path)
-        for values, unit, torque in ((reaction.force, "N", False), (reaction.moment, "N m", True)):
-            local = [np.interp(mechanism.time, time, values[:, k]) for k in range(3)]
-            yield Vector(name, reaction.on, A @ np.array(local) * result.units.scale(unit), torque)
-
-
-def _reaction_axes(mechanism: Mechanism, path: str) -> Array:
-    """The axes (3, 3) of a reaction at marker J of a joint, a driver, a coupler or a force on a
-    joint, in the marker's."""
-    model, names = mechanism.model, path.split(".")
-    joint = names[-1]
-    if names[0] == "forces":  # a spring, stop or friction of a joint
-        joint = str(vars(model.forces[joint])["joint"])
-    if names[0] == "drivers":
-        driver = model.drivers[joint]
-        if driver.joint is None:
-            J = lookup.frames(model, driver.ends, driver.axis, mechanism.flexbodies)[1]
-            planar = model.plane if driver.axis is None else None
-            turn = np.eye(3) if planar is None else in_plane_triad(planar)
-            return np.asarray(mechanism.marker(driver.ends[1]).R.T @ J.R @ turn)
-        joint = driver.joint
-    axes, spec = mechanism.joint_axes[joint][1], model.joints[joint]
-    if model.plane is None or spec.type not in (
-        "prismatic",
-        "in-line",
-        "in-plane",
-        "prismatic-spherical",
-    ):
-        return axes
-    z = mechanism.marker_frame(spec.between[1])[:3, :3].T @ np.array(PLANES[model.plane])
-    return np.column_stack([axes[:, 2], np.cross(z, axes[:, 2]), z])
-
-
-@dataclass(frozen=True)
-class ArrowScale:
-    """Lengths of arrows: metres per newton and per newton metre, and as a text."""
-
-    force: float
-    torque: float
-    caption: str
-
-
-def arrow_scale(mechanism: Mechanism, which: str, size: float) -> ArrowScale:
-    """A round scale with which the largest arrow of the run has a suitable length."""
-    time = mechanism.result.time
-    rows = np.unique(np.linspace(0, len(time) - 1, _SAMPLES).astype(int))
-    moments = [mechanism, *(mechanism.at(float(time[row])) for row in rows)]
-    largest = [0.0, 0.0]
-    for moment in moments:
-        for vector in vectors(moment, which):
-            k = int(vector.torque)
-            largest[k] = max(largest[k], float(np.linalg.norm(vector.value)))
-    if largest[1] < _MIN_ARROW**2 * size * largest[0]:
-        largest[1] = 0.0  # torques that are round-off
-    units, length = mechanism.result.units, _MAX_ARROW * size
-    scales, words = [0.0, 0.0], []
-    for k, (noun, unit) in enumerate((("force", "N"), ("torque", "N m"))):
-        if largest[k] > 0:
-            shown = Scale.fitting(largest[k], units, unit)
-            step = _round_up(shown.top)
-            scales[k] = length / (step / shown.factor)
-            words.append(f"{noun} {step:g} {shown.unit}")
-    drawn = Scale.fitting(length, units)
-    caption = (
-        f"arrows {drawn.top:.3g} {drawn.unit} long: {', '.join(words)}" if words else "no forces"
-    )
-    return ArrowScale(scales[0], scales[1], caption)
-
-
-def arrow_solids(
-    display: Display, which: str, scale: ArrowScale, size: float, r: float
-) -> Iterator[Solid]:
-    """Arrows at the markers on which forces act; torques are curved arrows about their axes."""
-    for vector in vectors(display.mechanism, which):
-        value = float(np.linalg.norm(vector.value))
-        length = value * (scale.torque if vector.torque else scale.force)
-        if length < 10 * _MIN_ARROW * size:
-            continue
-        place = transform(axes_along(vector.value), display.point(vector.marker))
-        if vector.torque:
-            shape = turn_arrow(max(0.5 * length, 1.5 * r), 0.35 * r)
-            yield Solid(vector.name, shape, _TORQUE, 1.0, place, "arrow")
-        else:
-            yield Solid(vector.name, arrow(length, 0.4 * r), _FORCE, 1.0, place, "arrow")
-
-
-def _round_up(value: float) -> float:
-    power = 10.0 ** floor(log10(value))
-    return next(
-        step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value * (1 - 1e-9)
-    )

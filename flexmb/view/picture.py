@@ -17,6 +17,7 @@ from flexmb.errors import Problem, ViewError
 from flexmb.flexbody.arrays import Array
 from flexmb.model.lookup import Scope
 from flexmb.model.scenes.consistency import view_problems
+from flexmb.model.scenes.conversion import Time, read_times
 from flexmb.model.scenes.sections import ViewSpec
 from flexmb.results import Result
 from flexmb.view import mpl_renderer, vtk_renderer
@@ -159,7 +160,7 @@ def _is_apart(points: Array, others: Array, least: float) -> bool:
 
 def render(
     result: Result | str | Path,
-    time: float | Sequence[float] | None = None,
+    time: Time | Sequence[Time] | None = None,
     *,
     ghosts: int = 0,
     traces: Sequence[str] = (),
@@ -174,9 +175,10 @@ def render(
     ----------
     result : Result or path
         The run.
-    time : float or sequence of float, optional
-        Within the run, in the scene's units; by default the end. Several times have a panel each,
-        with the same view and colours.
+    time : float, str or sequence of them, optional
+        Within the run, in the scene's units or with its own, ``"30 ms"``; by default the end.
+        Several times, also in one text with commas, have a panel each, with the same view and
+        colours.
     ghosts : int
         Number of faint poses at equal times over the whole run (stroboscope).
     traces : sequence of str
@@ -204,8 +206,8 @@ def render(
     """
     path = writable_file(output, (".png",))
     run = result if isinstance(result, Result) else Result(result)
-    several = time is not None and not isinstance(time, int | float)
-    times = [time] if time is None or isinstance(time, int | float) else [*map(float, time)]
+    times = [None] if time is None else read_times(run.model, time)
+    several = len(times) > 1 or not isinstance(time, int | float | str | None)
     check_numbers(len(times), ghosts)
     mechanisms = [Mechanism(run, times[0])]
     mechanisms += [mechanisms[0].at(t) for t in times[1:] if t is not None]

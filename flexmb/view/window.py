@@ -20,6 +20,7 @@ from typing import Any
 
 from flexmb.errors import ViewError
 from flexmb.folders import scratch_folder, whole_file, write_text_file
+from flexmb.model.scenes.conversion import Time
 from flexmb.progress import Progress, silent
 from flexmb.results import Result
 from flexmb.view import vtk_renderer
@@ -235,7 +236,7 @@ class Page:
 
 
 def snapshot(
-    result: Result | str | Path, time: float | Sequence[float] | None = None, **options: Any
+    result: Result | str | Path, time: Time | Sequence[Time] | None = None, **options: Any
 ) -> Picture:
     """Draw the mechanism for a notebook; options and errors as for `render`."""
     with scratch_folder() as folder:

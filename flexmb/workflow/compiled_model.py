@@ -7,15 +7,16 @@ the run; those of a model in memory into a temporary folder.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from flexmb.errors import Problem, ResultFileError, SceneError
 from flexmb.folders import output_folder, writable_folder
+from flexmb.model.quantities import read_number
+from flexmb.model.reading import ReadContext, under
+from flexmb.model.scenes.conversion import Time
 from flexmb.progress import Progress, silent
 from flexmb.workflow.flexible_bodies import flexible_bodies
 from flexmb.workflow.resume import load_bodies
@@ -37,7 +38,7 @@ class CompiledModel:
     result: Result | None = None
     notes: tuple[str, ...] = ()
 
-    def state_at(self, time: float | None) -> StartValues:
+    def state_at(self, time: Time | None) -> StartValues:
         """Positions and velocities of the run at the output nearest to a time; by default at the
         end.
 
@@ -52,12 +53,8 @@ class CompiledModel:
         assert run is not None
         if not len(run.time):
             raise ResultFileError(f"{run.path}: holds no output rows")
-        first, last = run.time[0], run.time[-1]
-        if time is not None and not first <= time <= last:
-            unit = run.units.label("s")
-            what = f"{time:g} {unit} lies outside the run, from {first:g} to {last:g} {unit}"
-            raise ResultFileError.from_problems([Problem("time", what)])
-        k = len(run.time) - 1 if time is None else int(np.abs(run.time - time).argmin())
+        before, fraction = run.row_at(run.time[-1] if time is None else time)
+        k = before + round(fraction)
         return StartValues(run.q[k].copy(), run.v[k].copy(), float(run.table("time")[k]))
 
 
@@ -121,3 +118,28 @@ def damped_as_run(compiled: Compiled, model: Model, run: Result) -> Compiled:
     newest = run.last_state()
     first = None if newest is None else newest[1].get("first_q")
     return compiled if first is None else add_damping(compiled, model, first)[0]
+
+
+def read_values(
+    values: Sequence[float | str], parameter: str, times: ReadContext | None = None
+) -> list[float]:
+    """Values of what is varied, as plain numbers in the scene's units.
+
+    With `times` they are times, which may have units of their own.
+
+    Raises
+    ------
+    SceneError
+        Whatever is no such value; all at once.
+    """
+    names, unit = times or ReadContext(), "" if times is None else "s"
+    numbers: list[float] = []
+    problems: list[Problem] = []
+    for value in values:
+        try:
+            numbers.append(read_number(value, names, unit))
+        except SceneError as error:
+            problems += under(parameter, error.problems)
+    if problems:
+        raise SceneError.from_problems(problems)
+    return numbers

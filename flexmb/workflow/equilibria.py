@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from flexmb.errors import Problem, SceneError, nearest
 from flexmb.folders import output_folder
 from flexmb.progress import Progress, silent
-from flexmb.workflow.compiled_model import compile_source
+from flexmb.workflow.compiled_model import compile_source, read_values
 
 if TYPE_CHECKING:
     from flexmb.analysis.equilibrium_search import Equilibrium
@@ -26,7 +26,7 @@ TIME = "time"
 def sweep_statics(
     source: Model | str | Path | Callable[[float], Model],
     parameter: str,
-    values: Sequence[float],
+    values: Sequence[float | str],
     *,
     overrides: Mapping[str, Any] | None = None,
     progress: Progress = silent,
@@ -40,8 +40,9 @@ def sweep_statics(
     parameter : str
         A parameter or knob of the scene, such as ``"load"`` or ``"forces.spring.stiffness"``;
         ``"time"``: functions and drivers have their values at these times, in the scene's units.
-    values : sequence of float
-        In the order in which they are computed; the first starts from the placed pose.
+    values : sequence of float or str
+        In the order in which they are computed; the first starts from the placed pose. Those of
+        ``"time"`` may have units, ``"30 ms"``.
     overrides, progress
         As of `linearize`.
 
@@ -59,9 +60,11 @@ def sweep_statics(
 
     if not len(values):
         raise SceneError.from_problems([Problem("values", "at least one is needed")])
-    whole = None
+    whole, names = None, None
     if parameter == TIME and not callable(source):
         whole = compile_source(source, overrides=overrides, progress=progress)
+        names = whole.model.context
+    numbers = read_values(values, parameter, names)
 
     def system_at(value: float) -> SystemAt:
         if whole is not None:
@@ -78,9 +81,7 @@ def sweep_statics(
             raise SceneError(f"a model in memory has no parameter {parameter} to vary: {what}")
         return SystemAt(made.compiled, made.model)
 
-    return sweep_equilibria(
-        system_at, parameter, [float(value) for value in values], progress=progress
-    )
+    return sweep_equilibria(system_at, parameter, numbers, progress=progress)
 
 
 def equilibria(

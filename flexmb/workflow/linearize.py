@@ -17,8 +17,9 @@ import numpy as np
 
 from flexmb.errors import FlexmbWarning, Problem, SceneError, nearest
 from flexmb.folders import writable_folder
+from flexmb.model.scenes.conversion import Time
 from flexmb.progress import Progress, silent
-from flexmb.workflow.compiled_model import CompiledModel, compile_source
+from flexmb.workflow.compiled_model import CompiledModel, compile_source, read_values
 from flexmb.workflow.flexible_bodies import REUSED
 from flexmb.workflow.run_report import CheckOutcome
 
@@ -42,7 +43,7 @@ _GHOSTS = 3  # faint poses at equal phases: the middle one is opposite to the po
 def linearize(
     source: Model | Result | str | Path,
     *,
-    time: float | None = None,
+    time: Time | None = None,
     about: str = "quasi-static",
     frame: str = "auto",
     overrides: Mapping[str, Any] | None = None,
@@ -54,8 +55,9 @@ def linearize(
     ----------
     source : Model, Result or path
         A model, a scene file (.toml), a result or its folder.
-    time : float, optional
-        Of a result: the output nearest to it, in the scene's units; its end by default.
+    time : float or str, optional
+        Of a result: the output nearest to it, in the scene's units or with its own, ``"30 ms"``;
+        its end by default.
     about : str
         Of a model or a scene: its first state, flexible bodies in elastic equilibrium with loads
         and motion (``"quasi-static"``), straight (``"undeformed"``), or as ``dynamics.start`` says
@@ -86,14 +88,14 @@ def linearize(
     return made
 
 
-def _linearize(system: CompiledModel, time: float | None, about: str, frame: str) -> Linearization:
+def _linearize(system: CompiledModel, time: Time | None, about: str, frame: str) -> Linearization:
     from flexmb.analysis.linear.linearization import linearize_state
 
     first = state_of(system, time, about)
     return linearize_state(first.compiled, system.model, first.state, frame=frame)
 
 
-def state_of(system: CompiledModel, time: float | None, about: str) -> Assembled | Equilibrium:
+def state_of(system: CompiledModel, time: Time | None, about: str) -> Assembled | Equilibrium:
     """The state of a compiled model about which it is linearised; see `linearize`."""
     from flexmb.analysis.assembly.initial_state import assemble
 
@@ -119,7 +121,7 @@ def state_of(system: CompiledModel, time: float | None, about: str) -> Assembled
 def sweep_modes(
     source: str | Path | Callable[[float], Model],
     parameter: str,
-    values: Sequence[float],
+    values: Sequence[float | str],
     *,
     about: str = "quasi-static",
     frame: str = "auto",
@@ -153,9 +155,10 @@ def sweep_modes(
 
     if not len(values):
         raise SceneError.from_problems([Problem("values", "at least one is needed")])
+    numbers = read_values(values, parameter)
     made = []
-    for k, value in enumerate(values):
-        progress("modes", k / len(values), f"{parameter} = {value:g}")
+    for k, value in enumerate(numbers):
+        progress("modes", k / len(numbers), f"{parameter} = {value:g}")
         if callable(source):
             system = compile_source(source(float(value)), progress=silent)
         else:
@@ -163,7 +166,7 @@ def sweep_modes(
             system = compile_source(source, overrides=changes, progress=silent)
         made.append(_linearize(system, None, about, frame))
     progress("modes", 1.0)
-    return ModeSweep.of(parameter, values, made)
+    return ModeSweep.of(parameter, numbers, made)
 
 
 def check_modes(model: Model, folder: Path) -> list[CheckOutcome]:

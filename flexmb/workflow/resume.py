@@ -361,18 +361,54 @@ def match_start(
         v[body.iv : body.iv + 6 + m] = other.part("v", slice(old.iv, old.iv + 6 + m))[-1]
         if body.m > 0 and not same:
             undeformed.append(body.name)
-    scalars = other.layout.coordinates
-    old_at = {name: other.layout.nv - len(scalars) + k for k, name in enumerate(scalars)}
-    first = compiled.layout.nv - len(compiled.layout.coordinates)
+    count, old_count = len(compiled.layout.coordinates), len(other.layout.coordinates)
+    places = other.layout.nq - old_count, other.layout.nv - old_count
     for k, name in enumerate(compiled.layout.coordinates):
-        if name.startswith("states.") and name in old_at:
-            v[first + k] = other.part("v", [old_at[name]])[-1, 0]
-    notes = [_matching_note(other, matched, compiled)]
+        if name not in other.layout.coordinates:
+            continue
+        at = other.layout.coordinates.index(name)
+        if name.startswith("states."):
+            v[k - count] = other.part("v", [places[1] + at])[-1, 0]
+        elif _is_same_joint(model, other, name):  # with its turns
+            q[k - count] = other.part("q", [places[0] + at])[-1, 0]
+    notes = [_matching_note(other, matched, compiled), *_turn_notes(other, compiled)]
     if undeformed:
         notes.append(
             f"begins without deformation, since its reduction differs: {', '.join(undeformed)}"
         )
     return StartState(other.path, StartValues(q, v), matched, tuple(notes))
+
+
+def _turn_notes(other: Result, compiled: Compiled) -> Iterator[str]:
+    """Notes on angle sensors of both runs whose turns nothing keeps."""
+    rows = compiled.system.sensors.channels
+    for name, row in zip(compiled.layout.channels, rows, strict=False):
+        sensor = other.model.get("sensors", {}).get(name, {})
+        counts = sensor.get("type") in ("angle", "second_angle") and not sensor.get("derivative")
+        if not counts or row["kind"] >= 0 or name not in other.layout.channels:
+            continue
+        place = [other.layout.channels.index(name)]
+        last = other.part("sensors", place)[-1, 0] if other.has_columns("sensors", place) else 0.0
+        if abs(last) > np.pi:
+            yield (
+                f"sensors.{name}: begins within half a turn, where the other run ended at "
+                f"{last:.4g} rad; in both scenes a rotational-spring-damper with value = 0 on its "
+                "joint keeps the turns"
+            )
+
+
+def _is_same_joint(model: Model, other: Result, name: str) -> bool:
+    """Whether a coordinate such as ``forces.spring`` is that of the same joint in both scenes."""
+    section, entry, *rest = name.split(".")
+    joint = entry if section == "joints" else rest[0] if rest else None
+    theirs = joint
+    if joint is None:
+        joint = getattr(model.forces.get(entry), "joint", None)
+        theirs = other.model.get("forces", {}).get(entry, {}).get("joint")
+    old, new = other.model.get("joints", {}).get(joint or ""), model.joints.get(joint or "")
+    if old is None or new is None or theirs != joint:
+        return False
+    return old["type"] == new.type and tuple(old["between"]) == new.between
 
 
 def _same_modes(body: FlexBody, stored: Mapping[str, str]) -> bool:

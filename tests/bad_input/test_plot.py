@@ -57,7 +57,7 @@ def test_the_list_has_everything_with_units(folder: Path) -> None:
         (["slidr.x"], "nearest: slider.x"),
         (["slider.x", "--kind", "histry"], "nearest: history"),
         (["slider.x", "--times", "5..6"], "which covers 0 to 0.08 s"),
-        (["slider.x", "--times", "2..1"], "not of the form first..last"),
+        (["slider.x", "--times", "2..1"], "must begin before they end, 2 s to 1 s do not"),
         (["slider.x", "--log"], "--log belongs to"),
         (["--kind", "hodograph"], "needs the name of a channel"),
         (["slider.x", "--kind", "energy", "--against", "slider.y"], "--against belongs to"),

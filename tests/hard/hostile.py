@@ -205,7 +205,7 @@ def expression(rng: Random, folder: Path) -> None:
 
 def words(rng: Random, folder: Path) -> None:
     """Units, materials, values of sweeps and overrides."""
-    from flexmb.cli.app import parse_numbers, parse_size, parse_table, parse_times
+    from flexmb.cli.app import parse_numbers, parse_size, parse_table
     from flexmb.materials import material
     from flexmb.model.scenes.study import override, sweep_values
     from flexmb.units import parse_unit, unit_system
@@ -226,7 +226,7 @@ def words(rng: Random, folder: Path) -> None:
     elif what == 4:
         parse_table(text, "--material")
     elif what == 5:
-        parse_size(text), parse_times(text), parse_numbers(text, "--modes")
+        parse_size(text), parse_numbers(text, "--modes")
     else:
         tables = tomllib.loads(SCENE)
         name = rng.choice(("dynamics.step", "bodies.rod.mass", "a", text, "joints.pin.axis"))

@@ -7,8 +7,10 @@ import pytest
 from enginekit import Bench, slope
 from generators import Mechanism
 
+from flexmb.engine.compiled_units import call
 from flexmb.engine.forces.friction import BRISTLE, FREE, FULL, SMOOTH, line_friction
 from flexmb.engine.forces.joint_friction import limit_growth, load_rate
+from flexmb.model import Model
 from flexmb.model.joints.joint import JOINT_TYPES
 
 RUBBING = ("revolute", "prismatic", "cylindrical")
@@ -214,3 +216,31 @@ def test_how_the_limit_of_a_bristle_grows(side, v):
 
     found = limit_growth(law, N, rate, v, change, side)
     assert found == pytest.approx(slope(longest, 1e-4), rel=1e-7)
+
+
+@pytest.mark.parametrize("velocity", [0.02, -0.02])
+def test_the_event_of_sliding_knows_how_the_preload_grows(velocity):
+    """d(|T| - mu N)/dt along a motion of constant speed, by differences of position and time."""
+    model = Model("brake")
+    model.add_body("cart", mass=2.0, inertia=[1, 1, 1])
+    model.add_joint("rail", "prismatic", between=["ground", "cart"], axis="x")
+    model.add_force("brake", "joint-friction", joint="rail", dynamic=0.3, stiffness=1e4, damping=50,
+                    preload="40 + 30*sin(2*t)")  # fmt: skip
+    bench = Bench(model)
+    first = bench.sys.kinds["joint_frictions"].first_event
+    bench.work.now.history[:] = 0.0
+    bench.work.now.history[1] = FREE
+
+    def event(t):
+        bench.q[0] = bench.q[-1] = 5e-4 + velocity * t
+        bench.v[0] = bench.v[-1] = velocity
+        bench.at(t=t)
+        run, at = bench._handed()
+        stage = run.record.stages.events
+        for unit, tables in zip(stage.units, stage.tables, strict=True):
+            call(unit, run, tables, at)
+        return bench.work.events.now[first].copy()
+
+    wanted = slope(lambda t: event(t)["value"], 1e-4)
+    assert abs(wanted) > 100.0
+    assert event(0.0)["rate"] == pytest.approx(wanted, rel=1e-6)

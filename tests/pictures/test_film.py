@@ -159,7 +159,7 @@ def test_a_rotation_that_the_frames_show_otherwise_is_reported(
         ({"fps": float("nan")}, "1 to 240"),
         ({"start": -1.0}, "outside the run"),
         ({"end": 99.0}, "outside the run"),
-        ({"end": float("nan")}, "outside the run"),
+        ({"end": float("nan")}, "a finite number is expected"),
         ({"start": 0.01, "end": 0.005}, "nothing moves"),
         ({"follow": "slidder"}, "nearest: slider"),
         ({"traces": ["rodd"]}, "nearest: rod"),

@@ -63,6 +63,10 @@ def joint_gaps(compiled: Compiled, work: Work) -> list[Offset]:
         angular, cosine = np.array([ROW_KINDS[k].angular for k in kinds], bool), kinds == DOT1
         distance, angle = (float(np.linalg.norm(C[w])) for w in (~angular, angular & ~cosine))
         angle += np.arcsin(min(1.0, float(np.linalg.norm(C[cosine]))))  # C: sine of the gap
+        if angular.sum() == 3:  # noqa: PLR2004  (all axes are held: the rotation between them)
+            ends = system.rows[rows][angular][0]
+            first, second = (work.now.marker["R"][ends[word]] for word in ("I", "J"))
+            angle = float(np.arccos(np.clip(0.5 * (np.sum(first * second) - 1.0), -1.0, 1.0)))
         gaps.append(Offset(name, *_without_round_off(compiled, distance, angle)))
     return sorted(gaps, key=lambda gap: -gap.size(compiled.length))
 

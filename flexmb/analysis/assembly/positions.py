@@ -35,6 +35,8 @@ from flexmb.engine.allocation import new_state, new_work
 from flexmb.engine.compile import Compiled, compile_system
 from flexmb.engine.compiled_calls import stage_solver
 from flexmb.engine.initial_conditions import POSITIONS, RESIDUAL
+from flexmb.engine.joints.constraint_groups import forces_on_joints, joint_coordinate
+from flexmb.engine.joints.coordinate import coupled_rows, screw_rows
 from flexmb.engine.state import State, Work
 from flexmb.engine.tables import System
 from flexmb.errors import AssemblyError, FlexmbWarning, Problem
@@ -141,6 +143,7 @@ def close_positions(
     start = state.q.copy()
     if not compiled.layout.nc:
         return ()
+    take_turns_of_drivers(compiled, model, state)
     if guess and model.assembly is not None and model.assembly.guess:
         _approach_guess(model, compiled, state, make)
     corrector = make(compiled, state)
@@ -356,3 +359,43 @@ def nearby_poses(
         if len(poses) == 2:
             break
     return poses
+
+
+def take_turns_of_drivers(compiled: Compiled, model: Model, state: State) -> None:
+    """Give coordinates that count turns those of the drivers at the state's time.
+
+    The rows of angles are closed by any number of turns: a screw that is driven to 30 rad would
+    have moved by a third of its pitch, and a coil spring would have been wound by less than half a
+    turn. Couplers pass turns on from joint to joint.
+    """
+    names, angles = compiled.layout.coordinates, {}
+    first_rows = zip(compiled.layout.reactions, compiled.system.groups["row"], strict=True)
+    for path, row in first_rows:
+        spec = model.drivers.get(path.removeprefix("drivers.")) if "drivers." in path else None
+        if spec is not None and spec.joint is not None and spec.coordinate != "stroke":
+            function = compiled.functions[int(compiled.system.rows[row]["fun"])]
+            angles[spec.joint, spec.coordinate] = function.value(float(state.t[0]))[0]
+    if not angles:
+        return
+    counts: dict[str, float] = {}
+    rows = [row for row in coupled_rows(model, compiled.flexbodies) if row.coordinate != "stroke"]
+    rows += [screw_rows(model, name)[0] for name in model.joints if screw_rows(model, name)]
+    for _ in rows:
+        for row in rows:
+            key, open_factors = (row.joint, row.coordinate), []
+            rest = row.offset
+            for name, factor in row.factors:
+                if name in counts:
+                    rest += factor * counts[name]
+                else:
+                    open_factors.append((name, factor))
+            if not open_factors:
+                angles.setdefault(key, rest)
+            elif len(open_factors) == 1 and key in angles:
+                counts[open_factors[0][0]] = (angles[key] - rest) / open_factors[0][1]
+    for name, force in forces_on_joints(model).items():
+        key = force.joint, joint_coordinate(model, force)
+        if key in angles:
+            counts[f"forces.{name}"] = angles[key]
+    for name, value in counts.items():
+        state.q[names.index(name) - len(names)] = value

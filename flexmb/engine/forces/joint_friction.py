@@ -3,16 +3,15 @@
 The normal force N (bearing load) follows from the joint's reaction on J in the axes of I. A bearing
 of length L carries the lateral force F and the bending moment M by two forces at its ends,
 R₁,₂ = F/2 ± (M × z)/L, so N = |R₁| + |R₂|. In a guide of width w a torque T about its axis adds
-|T|/w. A preload is added. A reaction at round-off does not count: it is the one whose friction
-would stretch the bristle by the round-off of its position, so that unloaded joints have no
-friction.
+|T|/w, a preload its function of time. A reaction at round-off does not count: its friction would
+stretch the bristle by the round-off of its position. So unloaded joints have no friction.
 
 N is evaluated with the multipliers of the present iterate. Its derivatives with respect to them are
 in the unsymmetric iteration matrix; at the acceleration level a fixed-point iteration is used
 instead. If friction grows as fast as the forces that cause it, neither converges: the joint is
 self-locking. The growth of the limit μ N/k of a bristle follows from R₁, R₂ and T/w of the last
 three accepted states, by the end slopes of the parabolas through them, or of straight lines after a
-discontinuity of slope.
+discontinuity of slope; that of a preload is the derivative of its function.
 
 Source of the bearing's forces: Haug, Wu & Yang, Mech. Mach. Theory 21 (1986) 401.
 """
@@ -57,7 +56,8 @@ JOINT_FRICTION = np.dtype(
         ("radius", _F),  # of the pin, m; 1 for a translation
         ("length", _F),  # of the bearing, m; 0: bending moments cause no bearing load
         ("width", _F),  # of the guide, m; 0: a torque about the axis causes no bearing load
-        ("preload", _F),  # N
+        ("preload", _F),  # N, without its function
+        ("fun", _I),  # function of time of a preload; -1: it is constant
         *FRICTION_FIELDS,
     ],
     align=True,
@@ -101,12 +101,15 @@ def lower_joint_frictions(lowering: Lowering, forces: Forces) -> JointFrictions:
     rows: list[tuple[object, ...]] = []
     for name, spec in forces:
         group, k = groups.numbers[f"joints.{spec.joint}"], lowering.coordinate(f"forces.{name}")
-        stroke = not lowering.scalars[k].angular
+        stroke, constant = not lowering.scalars[k].angular, spec.preload.constant
         rows.append(
             (
                 group, k, -1, 0 if stroke and lowering.model.plane is not None else 2,
                 1.0 if stroke else spec.radius, spec.length or 0.0, spec.width or 0.0,
-                spec.preload, *friction_parameters(spec), lowering.add_history(_HISTORY),
+                constant or 0.0,
+                -1 if constant is not None else lowering.functions.add(spec.preload.expression),
+                *friction_parameters(spec),
+                lowering.add_history(_HISTORY),
             )
         )  # fmt: skip
         lowering.reaction_loads.append((group, k))
@@ -168,6 +171,16 @@ def _round_off_of_load(run, f):
     return f["k"] * place / f["static"] if f["static"] > 0.0 else 0.0
 
 
+@kernel
+def _preload(run, f):
+    return max(run.work.con.fun[f["fun"], 0], 0.0) if f["fun"] >= 0 else f["preload"]
+
+
+@kernel
+def _preload_rate(run, f):
+    return run.work.con.fun[f["fun"], 1] if f["fun"] >= 0 else 0.0
+
+
 @unit
 def put_loads(run: Run, frictions: JointFrictions, at: Point) -> float:
     """Put the bearing loads of all joint frictions for `at.lam`; return the largest change, N."""
@@ -182,7 +195,7 @@ def put_loads(run: Run, frictions: JointFrictions, at: Point) -> float:
             frictions.scratch.bearing[k, i] = parts[i]
         N = math.sqrt(a * a + b * b) + math.sqrt(c * c + d * d) + abs(turn)
         least = _round_off_of_load(run, f)
-        N = (N - least * least / N if N > least else 0.0) + f["preload"]
+        N = (N - least * least / N if N > least else 0.0) + _preload(run, f)
         step = abs(N - load[k, 0])
         if not step <= change:
             change = step
@@ -342,7 +355,8 @@ def update_history(run: Run, frictions: JointFrictions, at: Point) -> int:
         rate, v = load_rate(now.history, o, now.span[0], parts), f["radius"] * at.v[iv]
         if f["model"] == BRISTLE and surface["overload"] >= 0.0:
             side = math.copysign(1.0, s)
-            growth = limit_growth(f, N, rate, v, f["radius"] * at.vd[iv], side)
+            change, pressing = f["radius"] * at.vd[iv], _preload_rate(run, f)
+            growth = limit_growth(f, N, rate + pressing, v, change, side)
             mode = side * FULL if side * v > growth else FREE
         bends = mode != now.history[o + _MODE] or now.history[o + _SPAN] < 0.0
         history[o + _ANCHOR], history[o + _MODE] = surface["position"] - s, mode
@@ -395,6 +409,7 @@ def put_events(run: Run, frictions: JointFrictions, at: Point) -> int:
         evaluate_surface(run, frictions, at, k)
         mode = now.history[h + _MODE]
         rate = load_rate(now.history, h, now.span[0], frictions.scratch.bearing[k])
+        rate += _preload_rate(run, f)
         side = math.copysign(1.0, mode if abs(mode) == FULL else -surface["force"])
         growth = limit_growth(f, N, rate, v, change, side)
         if abs(mode) == FULL:

@@ -1,7 +1,8 @@
 """Joint coordinates and distances: quantities that constraint rows measure, and their derivatives.
 
 Angles count turns: of all values that differ by full turns, an angle has the one nearest to that of
-the last accepted state.
+the last accepted state, at the begin to zero. Where a spring, stop, screw or gear has a scalar
+coordinate that counts the turns of the same joint, it is the one nearest to that coordinate.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from flexmb.engine.state import Point, Run
 from flexmb.engine.tables import Sensors
 
 if TYPE_CHECKING:
+    from flexmb.engine.lowering import Lowering
     from flexmb.engine.sensors.sensor import Channels
     from flexmb.model.sensor import DistanceSensorSpec, JointSensorSpec
 
@@ -128,17 +130,21 @@ class JointAngles(NamedTuple):
 
 @unit
 def joint_angle(run: Run, sensors: Sensors, at: Point, c: int) -> float:
-    """Angle that the only term of channel c measures; the value nearest to FeedbackWork.near."""
-    angle = row_value(run, sensors.terms[sensors.channels[c]["first"]])
-    before = run.work.feedback.near[c]
-    return angle if math.isnan(before) else before + wrapped(angle - before)  # type: ignore[no-any-return]
+    """Angle that the only term of channel c measures, nearest to its counter or to
+    FeedbackWork.near."""
+    channel = sensors.channels[c]
+    angle = row_value(run, sensors.terms[channel["first"]])
+    near, counter = run.work.feedback.near[c], channel["kind"]
+    if counter >= 0:
+        near = at.q[run.system.parts.coordinates[counter]["iq"]]
+    return angle if math.isnan(near) else near + wrapped(angle - near)  # type: ignore[no-any-return]
 
 
 @unit
 def continue_joint_angles(run: Run, of: JointAngles, at: Point) -> int:
     """Update FeedbackWork.near of joint angles to the present position.
 
-    From NaN, at the begin, they get the values nearest to zero. In a long step a body may turn by
+    They are NaN at the begin. In a long step a body may turn by
     more than half a turn; then the rate of the angle decides on the number of turns.
     """
     near, listed, sensors = run.work.feedback.near, of.channels, run.system.sensors
@@ -168,9 +174,26 @@ def add_joint_coordinate(channels: Channels, spec: JointSensorSpec | DistanceSen
         counts_turns = ROW_KINDS[kind].period > 0.0 and spec.derivative == 0
     term = Term(ROW_MEASURES[spec.derivative], kind, i, j, a, b)
     if counts_turns:
-        channels.add_angle(JOINT_ANGLE, term)
+        channels.add_angle(JOINT_ANGLE, term, kind=_counter(lowering, spec))
     else:
         channels.add_sum([term])
+
+
+def _counter(lowering: Lowering, spec: JointSensorSpec | DistanceSensorSpec) -> int:
+    """Number of a scalar coordinate that counts the turns of the sensor's joint; −1: none does."""
+    joint, second, model = getattr(spec, "joint", None), spec.type == "second_angle", lowering.model
+    names = [f"joints.{joint}", *(f"couplers.{name}.{joint}" for name in model.couplers)]
+    if second:
+        names = []
+    names += [
+        f"forces.{name}"
+        for name, force in model.forces.items()
+        if joint is not None
+        and getattr(force, "joint", None) == joint
+        and (getattr(force, "about", "axis") == "second_axis") == second
+    ]
+    numbers = {scalar.name: k for k, scalar in enumerate(lowering.scalars) if scalar.angular}
+    return next((numbers[name] for name in names if name in numbers), -1)
 
 
 JOINT_COORDINATES = SensorKind(

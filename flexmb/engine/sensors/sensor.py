@@ -218,13 +218,13 @@ class Channels:
         """Add a channel that is a sum of terms."""
         self._add_terms(SUM, terms, 0)
 
-    def add_angle(self, what: ChannelKind, term: Term, a: int = 0) -> None:
-        """Add a channel of one term that counts turns: angle number `a` of a sensor."""
-        self._add_terms(what, [term], a)
+    def add_angle(self, what: ChannelKind, term: Term, a: int = 0, kind: int = -1) -> None:
+        """Add a channel of one term that counts turns: angle number `a` of a sensor, and `kind`."""
+        self._add_terms(what, [term], a, kind)
 
-    def _add_terms(self, what: ChannelKind, terms: Sequence[Term], a: int) -> None:
+    def _add_terms(self, what: ChannelKind, terms: Sequence[Term], a: int, kind: int = -1) -> None:
         channel, first = len(self.rows), len(self.terms)
-        self.add(what, first, len(terms), a=a)
+        self.add(what, first, len(terms), a=a, kind=kind)
         for term in terms:
             measure = measures_of(self.kinds).index(term.measure)
             self.terms.append((measure, *term[1:-1], channel, term.factor))

@@ -11,9 +11,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
+import numpy as np
 from pydantic import model_validator
 
 from flexmb.errors import Problem
+from flexmb.model.functions.expression import parse
+from flexmb.model.functions.function import Function, FunctionOf
 from flexmb.model.lookup import Component, ModelData, Scope
 from flexmb.model.quantities import Quantity, Size, Text
 from flexmb.model.reading import Entry, fail_if
@@ -21,6 +24,7 @@ from flexmb.model.reading import Entry, fail_if
 _JOINTS = ("revolute", "prismatic", "cylindrical")
 _Coefficient = Annotated[float, Quantity("", "not negative")]
 _Speed = Annotated[float, Quantity("m/s", "positive")]
+_SAMPLES = 501  # times at which the sign of a preload is examined
 
 
 class BaseFriction(Component):
@@ -77,6 +81,9 @@ class FrictionSpec(BaseFriction):
 Friction = Annotated[FrictionSpec, Entry()]
 
 
+Preload = Annotated[Function, FunctionOf("N")]
+
+
 class JointFrictionSpec(BaseFriction):
     """Friction in a joint, computed from the joint's own reaction.
 
@@ -84,7 +91,7 @@ class JointFrictionSpec(BaseFriction):
     of the pin, on whose surface friction acts (for an angle). The bearing, with marker J in its
     middle, carries bending moments over its ``length``, and in a prismatic joint torques about its
     axis over its ``width``; without these, such moments cause no friction. ``preload`` is an
-    additional normal force.
+    additional normal force, a number or a function of time, such as that of a brake.
     """
 
     type: Literal["joint-friction"]
@@ -93,9 +100,10 @@ class JointFrictionSpec(BaseFriction):
     radius: Size | None = None
     length: Size | None = None
     width: Size | None = None
-    preload: Annotated[float, Quantity("N", "not negative")] = 0.0
+    preload: Preload = Function(0.0, parse("0"))
 
     def problems(self, scope: Scope, where: str) -> Iterator[Problem]:
+        yield from self._preload_problems(scope.model, f"{where}.preload")
         joint = scope.model.joints.get(self.joint)
         if joint is None or self.coordinate is not None:
             problems = list(scope.coordinate(where, self.joint, self.coordinate or "angle"))
@@ -118,6 +126,19 @@ class JointFrictionSpec(BaseFriction):
         if self.width is not None and joint.type != "prismatic":
             what = "only a prismatic joint carries a torque about its axis; leave it out"
             yield Problem(f"{where}.width", what)
+
+    def _preload_problems(self, model: ModelData, where: str) -> Iterator[Problem]:
+        """A preload that is negative at some time of the analyses would pull."""
+        spans = [spec.duration for spec in (model.dynamics, model.kinematics) if spec is not None]
+        end = max(spans, default=0.0)
+        times = np.unique([*np.linspace(0.0, end, _SAMPLES), *self.preload.derivative_jumps(end)])
+        values = [self.preload.value(t)[0] for t in times]
+        if (least := min(values)) < 0.0:
+            say, time = model.units.say, times[values.index(least)]
+            what = f"must not be negative, is {say(least, 'N')}"
+            if self.preload.constant is None:
+                what += f" at t = {say(time, 's')}: it would pull; max(0, ...) presses only"
+            yield Problem(where, what)
 
 
 def friction_coordinate(model: ModelData, spec: JointFrictionSpec) -> str:

@@ -11,7 +11,7 @@ Parameters are numbers with names, defined by each other in any order; a cycle i
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -50,7 +50,7 @@ from flexmb.model.scenes.sections import (
     check_kind,
     read_named,
 )
-from flexmb.model.scenes.study import StudySpec, resolve_knob
+from flexmb.model.scenes.study import StudySpec, resolve_knob, split_values
 from flexmb.model.scenes.supports import PartSpec
 from flexmb.model.scenes.sweep import SweepSpec
 from flexmb.units import SI, UnitSystem, unit_system
@@ -68,6 +68,67 @@ def resolve_parameters(
     A parameter that depends on a wrong one gets neither a value nor a problem.
     """
     return _Resolver(raw, units).run()
+
+
+Time = float | str
+"""A number in the scene's units, or a text as in a scene: ``"30 ms"``, ``"turn/2"``."""
+
+
+def read_quantity(scene: Mapping[str, Any], value: Time, where: str, unit: str) -> float:
+    """A number in the units of a scene, read with its parameters.
+
+    Parameters
+    ----------
+    scene : mapping
+        The scene as data.
+    value : float or str
+        A number in its units, or a text as in a scene.
+    where : str
+        Name of the option, for messages.
+    unit : str
+        SI unit of the quantity, such as ``"s"``.
+    """
+    units = unit_system(str(scene.get("units", "SI")))
+    values, _ = resolve_parameters(scene.get("parameters", {}), units)
+    try:
+        return read_number(value, ReadContext(values, units), unit)
+    except SceneError as error:
+        raise SceneError.from_problems(under(where, error.problems)) from None
+
+
+def read_times(
+    scene: Mapping[str, Any], value: Time | Iterable[Time], where: str = "time"
+) -> list[float]:
+    """Times in the units of a scene: one, several, or a text with commas between them."""
+    parts: Iterable[Time] = [value] if isinstance(value, int | float) else value
+    if isinstance(value, str):
+        parts = [part.strip() for part in split_values(value)] or [value]
+    times: list[float] = []
+    problems: list[Problem] = []
+    for part in parts:
+        try:
+            times.append(read_quantity(scene, part, where, "s"))
+        except SceneError as error:
+            problems += error.problems
+    if problems:
+        raise SceneError.from_problems(problems)
+    return times
+
+
+def read_span(scene: Mapping[str, Any], value: str | Sequence[Time]) -> tuple[float, float]:
+    """First and last time in the units of a scene, of two values or ``"20 ms..40 ms"``."""
+    ends = [end.strip() for end in value.split("..")] if isinstance(value, str) else [*value]
+    what = ""
+    if len(ends) == 2 and "" not in ends:  # noqa: PLR2004
+        first, last = read_times(scene, ends, "times")
+        if first < last:
+            return first, last
+        unit = unit_system(str(scene.get("units", "SI"))).label("s")
+        what = f"must begin before they end, {first:g} {unit} to {last:g} {unit} do not"
+        if isinstance(value, str) and " " in value:
+            what += "; each end has a unit of its own, as in 20 ms..40 ms"
+    what = what or f'must be two times, first..last such as "20 ms..40 ms", not {quote(value)}'
+    raise SceneError.from_problems([Problem("times", what)])
 
 
 class _Resolver:

@@ -206,11 +206,16 @@ class Description(NamedTuple):
     fields: tuple[Field, ...]
 
 
+def _as_source(default: Any) -> Any:
+    """A default as a scene would write it: of a function its source."""
+    return getattr(default, "source", default)
+
+
 def describe(spec: type[Spec]) -> Description:
     """The documentation text of a specification and its fields, in the order of declaration."""
     forms = _definition(spec)["properties"]
     fields = (
-        Field(name, forms[name], info.is_required(), info.get_default())
+        Field(name, forms[name], info.is_required(), _as_source(info.get_default()))
         for name, info in spec.model_fields.items()
     )
     return Description(_text_of(spec), tuple(fields))

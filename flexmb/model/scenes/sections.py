@@ -112,9 +112,10 @@ class ViewSpec(Spec):
     ``camera``: one or several standard views; ``direction`` from the scene towards the eye in its
     place, default along the joint axes from where bodies hide each other least; ``framing`` of the
     whole motion, of this moment, or ``"auto"``: of the motion unless the machine is small in it;
-    ``follow`` a body; ``zoom``. ``labels``: names; ``forces``: arrows of loads and reactions;
-    ``frames`` of markers that are joined; ``grid`` on the ground. ``opacity`` of bodies,
-    ``font_scale``, ``size`` in pixels; ``history`` the channels of the plot, default all.
+    ``follow`` a body; ``zoom``. ``labels``: names; ``forces``: arrows of loads, of
+    reactions, and of contacts and other forces that a sensor of type reaction records; ``frames``
+    of markers that are joined; ``grid`` on the ground. ``opacity`` of bodies, ``font_scale``,
+    ``size`` in pixels; ``history`` the channels of the plot, default all.
     """
 
     time: Annotated[float, Quantity("s", "not negative")] | None = None

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from generators import cloud, interface
 from linkages import bar, four_bar, four_bar_angles, swept
+from scipy.spatial.transform import Rotation
 
 import flexmb
 from flexmb.analysis.assembly import initial_state
@@ -310,6 +311,20 @@ def test_the_gap_between_axes_is_their_angle(kind, angle):
     made.add_body("block", mass=1.0, inertia=[1, 1, 1], orientation={"axis": "x", "angle": turn})
     made.add_joint("hold", kind, between=["ground", "block"])
     said = f"joints.hold.* open by 0 m and {np.degrees(angle):.4g} deg"
+    with pytest.raises(AssemblyError, match=said):
+        flexmb.mobility(made)
+
+
+@pytest.mark.parametrize("turn", [[0.3, -0.5, 0.7], [0.0, 1.5, 0.0], [0.4, 0.2, -0.9]])
+@pytest.mark.parametrize("kind", ["fixed", "prismatic", "orientation"])
+@pytest.mark.parametrize("between", [["ground", "block"], ["block", "ground"]])
+def test_the_gap_of_a_joint_without_turns_is_the_rotation_between_its_sides(kind, turn, between):
+    """Tilt and twist were added: 73.6 deg from one side and 39.9 deg from the other, for 52.2."""
+    made = Model("turned")
+    made.add_body("block", mass=1.0, inertia=[1, 1, 1],
+                  orientation=Rotation.from_rotvec(turn).as_matrix().tolist())  # fmt: skip
+    made.add_joint("hold", kind, between=between)
+    said = f"joints.hold is open by 0 m and {np.degrees(np.linalg.norm(turn)):.4g} deg"
     with pytest.raises(AssemblyError, match=said):
         flexmb.mobility(made)
 

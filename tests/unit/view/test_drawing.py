@@ -21,9 +21,9 @@ from flexmb.model.surface_mesh import open_edges
 from flexmb.results import Result
 from flexmb.results.output_block import OutputBlock
 from flexmb.results.writer import ResultWriter
+from flexmb.view.arrows import vectors
 from flexmb.view.content import DAMPER, FRICTION, HOUSING, RUBBER, Content
 from flexmb.view.drawing import Drawing
-from flexmb.view.force_shapes import vectors
 from flexmb.view.joint_shapes import _LINKS as LINKS
 from flexmb.view.mechanism import Display, Mechanism, applied
 from flexmb.view.picture import view_of
