@@ -37,6 +37,8 @@ from skfem.quadrature import get_quadrature
 from flexmb.errors import MeshError, Problem, nearest
 from flexmb.fe.meshes.damaged_file import damage
 from flexmb.fe.meshes.decks import ABAQUS, NASTRAN, read_deck
+from flexmb.fe.meshes.gmsh_file import read_gmsh
+from flexmb.fe.meshes.med_file import read_med
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.untrusted import check_reading, hdf5_beside, serve_reading
 
@@ -211,7 +213,10 @@ def _read_raw(source: Path) -> Any:
 
     if source.suffix.lower() in (*ABAQUS, *NASTRAN):
         return read_deck(source)
-    return meshio.read(source)
+    if source.suffix.lower() == ".med":
+        return read_med(source)
+    own = read_gmsh(source) if source.suffix.lower() == ".msh" else None
+    return meshio.read(source) if own is None else own
 
 
 def _read_quietly(source: Path) -> Any:
