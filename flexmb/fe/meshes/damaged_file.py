@@ -38,8 +38,9 @@ def damage(source: Path, error: BaseException | None) -> str:
         what = f"its XML breaks off or is wrong at line {line}"
         sentence = f"the mesh file is damaged: {what if begins else 'it is no XML file'}"
     if not sentence:
-        other = f"not the {suffix} format that its suffix says"
-        sentence = f"the mesh file is damaged, truncated, or {other}"
+        other = f"not the {suffix} format that its suffix says, or has what is not read of it"
+        cure = "export it again, or as .msh, .vtu, .med, .inp or .bdf"
+        return f"the mesh file is damaged, truncated, {other}; {cure}"
     return f"{sentence}; export it again"
 
 

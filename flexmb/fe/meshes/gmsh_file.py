@@ -19,7 +19,7 @@ import numpy as np
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
 _HEAD = re.compile(rb"\s*\$MeshFormat\s+4\.1\s+([01])\s+8\b")
-_ENTITIES, _PARTITIONED = b"Entities", b"PartitionedEntities"
+_ENTITIES, _PARTITIONS = b"Entities", b"PartitionedEntities"
 
 Tags = dict[tuple[int, int], list[int]]  # physical tags by dimension and tag of an entity
 
@@ -76,9 +76,9 @@ def read_gmsh(source: Path) -> Any:
     binary = head[1] == b"1"
     names = _names(_content(data, b"PhysicalNames"))
     tags: Tags = {}
-    for name in (_ENTITIES, _PARTITIONED):
+    for name in (_ENTITIES, _PARTITIONS):
         if content := _content(data, name):
-            _read_entities(_section(content, binary), name == _PARTITIONED, tags)
+            _read_entities(_section(content, binary), name == _PARTITIONS, tags)
     points, tag = _read_nodes(_section(_content(data, b"Nodes"), binary))
     order = np.argsort(tag)
     section = _section(_content(data, b"Elements"), binary)
@@ -131,15 +131,15 @@ def _names(content: bytes) -> dict[tuple[int, int], str]:
     return {key: name for key, name in of.items() if key[0] == highest[name]}
 
 
-def _read_entities(section: _Section, partitioned: bool, tags: Tags) -> None:
+def _read_entities(section: _Section, partitions: bool, tags: Tags) -> None:
     """Add the physical tags of all entities."""
-    if partitioned:
+    if partitions:
         section.sizes(1)
         section.integers(2 * int(section.sizes(1)[0]))  # ghost entities
     for dim, count in enumerate(section.sizes(4).tolist()):
         for _ in range(count):
             tag = int(section.integers(1)[0])
-            if partitioned:
+            if partitions:
                 section.integers(2)  # the parent
                 section.integers(int(section.sizes(1)[0]))
             section.reals(3 if dim == 0 else 6)

@@ -96,12 +96,13 @@ class Mesh:
             raise MeshError(f"{self.source}: the mesh has no points in space")
         bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
         if len(bad):
-            what = f"node {bad[0]} has a coordinate that is not a number ({len(bad)} such nodes)"
+            what = f"{self.node_text(int(bad[0]))} has a coordinate that is not a number"
+            what += f" ({len(bad)} such nodes)" if len(bad) > 1 else ""
             raise MeshError(f"{self.source}: {what}")
         largest = float(np.abs(points).max())
         if largest > _LARGEST:
             node = int(np.abs(points).max(axis=1).argmax())
-            what = f"node {node} has the coordinate {largest:g}: volumes overflow from"
+            what = f"{self.node_text(node)} has the coordinate {largest:g}: volumes overflow from"
             raise MeshError(f"{self.source}: {what} {_LARGEST:g} on")
         for kind, cells in self.blocks.items():
             if cells.size and (cells.min() < 0 or cells.max() >= len(points)):
