@@ -261,3 +261,14 @@ def test_elements_without_a_section_beside_others_are_noted():
     sentence = "2 of 8 quad elements have no section and are left out: rib"
     assert sentence in notes.pop((1, "skin"))
     assert not any("section" in text for texts in notes.values() for text in texts)
+
+
+def test_places_are_told_in_the_unit_of_the_mesh(tmp_path):
+    """As its preprocessor shows them."""
+    points = np.vstack([BOX.points, BOX.points + [40.0, 0.0, 0.0]])
+    cells = np.vstack([BOX.blocks["tetra10"], BOX.blocks["tetra10"] + len(BOX.points)])
+    apart = Mesh(points, {"tetra10": cells})
+    x, y, z = (f"{value:.4g}" for value in points[0] + 0.0)
+    for units, unit in (("mm-t-s", "mm"), ("SI", "m"), ("in-lbf-s", "in"), ("um-kg-s", "µm")):
+        (problem,) = survey(apart, units=units, material="steel").problems
+        assert f"node 0 at ({x}, {y}, {z}) {unit}: merge" in str(problem)
