@@ -23,6 +23,9 @@ def damage(source: Path, error: BaseException | None) -> str:
     suffix = source.suffix.lower()
     if not data.strip():
         return "the mesh file is empty"
+    if isinstance(error, ModuleNotFoundError) and error.name:
+        package, cure = error.name.split(".")[0], "export it as .msh, .vtu, .med, .inp or .bdf"
+        return f"{suffix} files need the package {package}, which is not installed; or {cure}"
     sentence = ""
     if suffix == ".msh":
         sentence = _gmsh_damage(data)

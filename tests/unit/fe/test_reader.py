@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import meshio
 import numpy as np
 import pytest
@@ -384,3 +386,13 @@ def test_elements_that_are_no_part_of_a_mesh_do_not_keep_an_abaqus_deck_from_bei
     assert mesh.group_nodes("own").tolist() == [2]
     for words in ("1 SURFACE", "1 SPRING", "1 R3D4", "its own interfaces, masses, springs, ties"):
         assert words in mesh.note
+
+
+def test_a_format_whose_package_is_not_installed_is_told(tmp_path, monkeypatch):
+    """Exodus is read by netCDF4, which flexmb does not require."""
+    monkeypatch.setitem(sys.modules, "netCDF4", None)
+    (tmp_path / "a.exo").write_bytes(b"CDF\x02 whatever")
+    with pytest.raises(
+        MeshError, match=r"a\.exo: \.exo files need the package netCDF4, which is not"
+    ):
+        read_mesh(tmp_path / "a.exo")
