@@ -13,8 +13,8 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "files": 376,
-    "lines": 99_800,
+    "files": 377,
+    "lines": 99_900,
     "participles": 30,
     "base names of three and more files": 0,
     _ALL: 0,

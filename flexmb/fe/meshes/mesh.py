@@ -39,6 +39,7 @@ from flexmb.fe.meshes.damaged_file import damage
 from flexmb.fe.meshes.decks import ABAQUS, NASTRAN, read_deck
 from flexmb.fe.meshes.gmsh_file import read_gmsh
 from flexmb.fe.meshes.med_file import read_med
+from flexmb.fe.meshes.vtk_cells import cells_left_out, rename_cells, teach_meshio
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.untrusted import check_reading, hdf5_beside, serve_reading
 
@@ -225,6 +226,7 @@ def _read_quietly(source: Path) -> Any:
 
     for kind in _FORGOTTEN:
         meshio._mesh.topological_dimension.setdefault(kind, 3)
+    teach_meshio()
     noise = io.StringIO()
     try:
         with (
@@ -233,7 +235,14 @@ def _read_quietly(source: Path) -> Any:
             warnings.catch_warnings(),
         ):
             warnings.simplefilter("ignore")
-            return _read_raw(source)
+            raw = _read_raw(source)
+        try:
+            rename_cells(raw)
+            note = cells_left_out(noise.getvalue())
+        except MeshError as error:
+            raise MeshError(f"{source}: {error}") from None
+        raw.note = getattr(raw, "note", "") or note
+        return raw
     except MeshError:
         raise
     except MemoryError:
