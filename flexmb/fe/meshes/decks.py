@@ -36,7 +36,7 @@ _PARTS = {
                 "CDAMP2", "CVISC"),
     "ties": ("RIGID BODY", "COUPLING", "KINEMATIC", "DISTRIBUTING", "TIE", "MPC", "EQUATION",
              "KINEMATIC COUPLING", "DISTRIBUTING COUPLING", "CONNECTOR SECTION", "RBE1", "RBE2",
-             "RBE3", "RBAR", "CWELD", "CFAST", "R3D3", "R3D4", "DCOUP3D"),
+             "RBE3", "RBAR", "CWELD", "CFAST", "CSEAM", "R3D3", "R3D4", "DCOUP3D"),
 }  # fmt: skip
 _INCLUDES = (
     re.compile(r"^\*INCLUDE\s*,\s*INPUT\s*=\s*([^,\n]+)[^\n]*$", re.M | re.I),
@@ -59,6 +59,9 @@ _NASTRAN_KINDS = {  # index of the first node field, and allowed numbers of node
     "CONROD": (2, (2,)), "CTRIA6": (3, (6,)), "CQUAD8": (3, (8,)), "CTETRA": (3, (4, 10)),
     "CPYRAM": (3, (5, 13)), "CPYRA": (3, (5, 13)), "CPENTA": (3, (6, 15)), "CHEXA": (3, (8, 20)),
 }  # fmt: skip
+_NASTRAN_REFUSED = re.compile(  # elements whose absence would leave a hole in the body
+    r"CTRIAX6?|CTRAX[36]|CQUADX?[48]?|CPLST[NS]\d|CRAC[23]D|CBEAM3|CDUM\d|CIF(HEX|PENT|QDX)"
+)
 _ON_SECTIONS = {  # words of `_PARTS` for options on an element, and the range of their fields
     **dict.fromkeys(("CBAR", "CBEAM"), (("pin flags", 9, 11), ("offsets", 11, 17))),
     **dict.fromkeys(("CQUAD4", "CQUADR"), (("material angles", 7, 8), ("offsets", 8, 9))),
@@ -428,6 +431,11 @@ def _read_nastran(deck: _Deck, text: str) -> Iterator[str]:
     for entry in entries:
         word = entry[0]
         if word not in _NASTRAN_KINDS:
+            if _NASTRAN_REFUSED.fullmatch(word):
+                what = (
+                    f"elements of type {word} are not read; write CTETRA, CPENTA, CHEXA, CQUAD4, "
+                )
+                raise deck.error(f"{what}CTRIA3, CBAR or CBEAM")
             yield word
             continue
         for what, first, end in _ON_SECTIONS.get(word, ()):

@@ -396,3 +396,13 @@ def test_a_format_whose_package_is_not_installed_is_told(tmp_path, monkeypatch):
         MeshError, match=r"a\.exo: \.exo files need the package netCDF4, which is not"
     ):
         read_mesh(tmp_path / "a.exo")
+
+
+@pytest.mark.parametrize("word", ["CBEAM3", "CQUAD", "CQUADX4", "CTRIAX6", "CPLSTN3", "CIFHEX"])
+def test_elements_of_nastran_that_are_not_read_are_refused(tmp_path, word):
+    """They were left out without a word, a hole in the body."""
+    grids = "".join(f"GRID,{k},,{x},{y},0.\n" for k, (x, y) in enumerate(np.ndindex(2, 2), 1))
+    deck = f"BEGIN BULK\n{grids}CQUAD4,1,7,1,3,4,2\n{word},2,7,1,3,4\nENDDATA\n"
+    (tmp_path / "a.bdf").write_text(deck)
+    with pytest.raises(MeshError, match=f"elements of type {word} are not read; write CTETRA"):
+        read_mesh(tmp_path / "a.bdf")
