@@ -424,18 +424,15 @@ def _read_nastran(deck: _Deck, text: str) -> Iterator[str]:
     default = next((entry[2] for entry in entries if entry[0] == "GRDSET"), "")
     grids = [entry for entry in entries if entry[0] == "GRID"]
     nodes_as_read = {int(entry[1]): (entry[2] or default, entry[3:6]) for entry in grids}
-    own = [entry for entry in entries if entry[0] in SYSTEMS]
-    systems = Systems(own, nodes_as_read, _real, deck.error)
+    systems = Systems((e for e in entries if e[0] in SYSTEMS), nodes_as_read, _real, deck.error)
     for entry in grids:
         deck.add_node(entry[1], systems.place(entry[2] or default, entry[3:6]).tolist())
     for entry in entries:
         word = entry[0]
         if word not in _NASTRAN_KINDS:
             if _NASTRAN_REFUSED.fullmatch(word):
-                what = (
-                    f"elements of type {word} are not read; write CTETRA, CPENTA, CHEXA, CQUAD4, "
-                )
-                raise deck.error(f"{what}CTRIA3, CBAR or CBEAM")
+                cure = "write CTETRA, CPENTA, CHEXA, CQUAD4, CTRIA3 or CBAR"
+                raise deck.error(f"elements of type {word} are not read; {cure}")
             yield word
             continue
         for what, first, end in _ON_SECTIONS.get(word, ()):
