@@ -172,7 +172,10 @@ def model_findings(
     return [
         *(Finding("warning", sentence) for sentence in sentences if sentence),
         *mesh_report(model.mesh, model.blocks, linked, *length),
-        *(Finding("note", text) for text in elements_without_section(model.mesh, model.blocks)),
+        *(
+            Finding("warning" if is_part else "note", text)
+            for is_part, text in elements_without_section(model.mesh, model.blocks)
+        ),
         *_opposed(model),
         *_turned_axes(model),
         *(Finding("warning", text) for text in thick_shells(model.mesh, model.blocks)),
