@@ -107,12 +107,10 @@ def open_hdf5(path: Path, error: type[FlexmbError], kind: str) -> h5py.File:
         Of the type `error`: no such file, no regular file, not HDF5, damaged or changed after it
         was written, links to other files, sizes beyond the file, or no end of reading.
     """
-    import h5py
-
     problem = _problem(path)
     if problem is None:
         try:
-            return h5py.File(path, "r", locking=False)
+            return open_of_others(path)
         except OSError as failure:
             if "locking flag" in str(failure):
                 problem = (
@@ -398,12 +396,17 @@ def hdf5_beside() -> Iterator[None]:
         raise problems[0]
 
 
-def _read_hdf5(path: Path) -> None:
-    """What the process of the first reading does."""
+def open_of_others(path: Path) -> h5py.File:
+    """Open an HDF5 file of another program, which `check_reading` has read well, or reads now."""
     import h5py
 
+    return h5py.File(path, "r", locking=False)
+
+
+def _read_hdf5(path: Path) -> None:
+    """What the process of the first reading does."""
     try:
-        with h5py.File(path, "r", locking=False) as file:
+        with open_of_others(path) as file:
             check_objects(file, path.stat().st_size)
     except (OSError, RuntimeError, KeyError, TypeError, MemoryError) as problem:
         text = " ".join(str(problem).split())

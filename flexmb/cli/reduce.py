@@ -17,7 +17,7 @@ from flexmb.cli.app import (
     parse_table,
     refuse_options,
 )
-from flexmb.units import unit_system
+from flexmb.units import UnitSystem, unit_system
 
 
 @command()
@@ -132,7 +132,7 @@ def reduce(
     }
     of_mesh = {"material": material, "interface": interface, "section": section, **options}
     quality: dict[str, Any] = {"report": report or up_to is not None, "up_to": up_to}
-    notes, checks = [], []
+    notes, checks, scene_units = [], [], None
     if source.suffix == ".toml":
         refuse_options(of_mesh, "belongs to a mesh file; a scene says it itself, or by --set")
         with screen.Bars() as progress:
@@ -146,6 +146,7 @@ def reduce(
                 **quality,
             )
         bodies, notes, checks = scene.bodies, scene.notes, scene.checks
+        scene_units = scene.units
     else:
         of_scene = {"body": body, "set": overrides, "fresh": fresh}
         refuse_options(of_scene, "belongs to a scene (.toml)")
@@ -165,14 +166,16 @@ def reduce(
                 **{name: value for name, value in options.items() if value is not None},
             )
         bodies = (reduced,)
-    _show_bodies(bodies, notes, checks, pictures)
+    _show_bodies(bodies, notes, checks, pictures, scene_units)
     if any(not outcome.passed for outcome in checks):
         raise typer.Exit(FAILED_CHECK)
 
 
-def _show_bodies(bodies: Any, notes: list[str], checks: Any, pictures: bool) -> None:
+def _show_bodies(
+    bodies: Any, notes: list[str], checks: Any, pictures: bool, units: UnitSystem | None
+) -> None:
     for reduced in bodies:
-        show_body(reduced.body)
+        show_body(reduced.body, units)
         if reduced.report is not None:
             _show_quality(reduced.report)
         screen.line(f"written: {reduced.path}")
@@ -192,13 +195,16 @@ def modes_picture(body: Path) -> Path:
     return body.with_name(f"{stem}.modes.png")
 
 
-def show_body(body: Any) -> None:
-    """Show mass, centre, inertia, interfaces and modes of a flexible body, in the mesh's units."""
+def show_body(body: Any, units: UnitSystem | None = None) -> None:
+    """Show mass, centre, inertia, interfaces and modes of a flexible body.
+
+    In the units of its scene, else of its mesh.
+    """
     from flexmb.flexbody.body import MODE_COLUMNS, mode_table
 
     screen.heading(f"flexible body {body.name}")
     J = body.inertia_about_center
-    units = unit_system(body.provenance.get("units", "SI"))
+    units = units or unit_system(body.provenance.get("units", "SI"))
 
     def vector(values: Any, unit: str) -> str:
         text = units.components(values, unit, scale=1e-3)

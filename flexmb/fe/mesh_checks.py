@@ -84,6 +84,7 @@ def mesh_report(
     blocks: Sequence[Block] | None = None,
     linked: Sequence[IntArray] = (),
     unit: str = "m",
+    scale: float = 1.0,
 ) -> list[Finding]:
     """All findings about a mesh.
 
@@ -96,7 +97,9 @@ def mesh_report(
     linked : sequence of (k,) int
         Nodes that are joined by other means: ties, interfaces.
     unit : str
-        Unit of its coordinates, for places; empty if it is not known.
+        Unit in which places are stated; empty if it is not known.
+    scale : float
+        That unit in the unit of the coordinates.
     """
     if blocks is None:
         cells = _highest(mesh)
@@ -104,7 +107,7 @@ def mesh_report(
     else:
         cells = [(block.kind, block.nodes) for block in blocks]
         shells = [(b.kind, b.nodes) for b in blocks if b.family.dimension == 2]
-    place = _Places(mesh, unit)
+    place = _Places(mesh, unit, scale)
     return [
         *([Finding("note", mesh.note)] if mesh.note else []),
         *_numbers(mesh),
@@ -142,8 +145,8 @@ def parts(count: int, groups: Sequence[IntArray]) -> IntArray:
 class _Places:
     """Writes the positions of nodes and elements as text."""
 
-    def __init__(self, mesh: Mesh, unit: str) -> None:
-        self.points, self._unit, self._mesh = mesh.points, unit, mesh
+    def __init__(self, mesh: Mesh, unit: str, scale: float) -> None:
+        self.points, self._unit, self._scale, self._mesh = mesh.points, unit, scale, mesh
 
     def node(self, number: int) -> str:
         return f"{self._mesh.node_text(number)} at {self._text(self.points[number])}"
@@ -152,7 +155,7 @@ class _Places:
         return f"at {self._text(self.points[nodes].mean(axis=0))}"
 
     def _text(self, point: FloatArray) -> str:
-        text = ", ".join(f"{value:.4g}" for value in point + 0.0)
+        text = ", ".join(f"{value:.4g}" for value in point / self._scale + 0.0)
         return f"({text}) {self._unit}".rstrip()
 
 

@@ -33,6 +33,7 @@ from flexmb.materials import plausibility
 # hinting at a curved shell; flat walls at 0 or 90 degrees pass
 _CURVED_SHARE = 0.7
 _MAX_FULL = 3000  # degrees of freedom above which modes from full matrices would take minutes
+_LENGTHS = {1.0: "m", 1e-2: "cm", 1e-3: "mm", 1e-6: "µm", 0.0254: "in", 0.3048: "ft"}
 _VECTORS_PER_MODE = 4  # Lanczos vectors stored for each mode, with their copies
 # implausible mass of a part [kg]: a bracket of 90 mm that is read as metres is heavier
 _MAX_MASS = 1e7
@@ -150,8 +151,9 @@ def model_findings(
     """Findings about a model: notes, and hints at mistakes in the mesh or its units.
 
     They are errors where the mesh falls into parts that no node, interface, tie or spring joins.
-    `unit` [m] is the mesh's unit of length.
+    `unit` [m] is the mesh's unit of length, in which places are stated.
     """
+    length = (_LENGTHS[unit], unit) if unit in _LENGTHS else ("m", 1.0)
     linked = [part.nodes for part in (*interfaces, *model.springs)]
     linked += [np.append(tie.nodes, tie.reference) for tie in model.ties]
     of = {model.material: ""}
@@ -169,8 +171,11 @@ def model_findings(
         sentences += [f"{what}: is its unit system the right one?"] * (mass > _MAX_MASS)
     return [
         *(Finding("warning", sentence) for sentence in sentences if sentence),
-        *mesh_report(model.mesh, model.blocks, linked),
-        *(Finding("note", text) for text in elements_without_section(model.mesh, model.blocks)),
+        *mesh_report(model.mesh, model.blocks, linked, *length),
+        *(
+            Finding("warning" if is_part else "note", text)
+            for is_part, text in elements_without_section(model.mesh, model.blocks)
+        ),
         *_opposed(model),
         *_turned_axes(model),
         *(Finding("warning", text) for text in thick_shells(model.mesh, model.blocks)),

@@ -281,6 +281,9 @@ def prepare_model(
     """The model before assembly, its interfaces, and findings; errors go to the collector."""
     if mesh is None:
         raise MeshError.from_problems([Problem("mesh", "is missing")])
+    if not isinstance(refine, int) or refine < 0:
+        what = f"must be a whole number from 0 on, given {refine!r}"
+        raise MeshError.from_problems([Problem("refine", what)])
     plain = collector(mesh_from_skfem, mesh) if isinstance(mesh, SkfemMesh) else mesh
     read = None if plain is None else collector(mesh_from, plain, "mesh", refine)
     made = collector(sections_from, sections)

@@ -48,7 +48,7 @@ from flexmb.flexbody.mesh_options import GravityLoad, PressureLoad
 from flexmb.flexbody.part_options import InterfaceLoad, PartAnalysisOptions, SpinLoad, is_static
 from flexmb.flexbody.part_result import STATIC, PartResult, Resultant
 from flexmb.flexbody.parts import Interface
-from flexmb.flexbody.stress_modes import SectionForceModes
+from flexmb.flexbody.stress_modes import SectionForceModes, von_mises
 from flexmb.progress import Progress
 
 _DENSE = 300  # number of unknowns up to which full matrices are faster
@@ -59,6 +59,9 @@ _FORCE_ROUND_OFF = 1e-13
 # so.
 _SPRING_SHARE = 0.1
 _BALANCE_TOLERANCE = 1e-6  # reactions that miss the loads by more than this fraction are reported
+# no load factor is looked for where stress exceeds this multiple of Young's modulus; beside
+# concentrated loads stress is large
+_STRAIN = 10.0
 _MAX_MODES = 2000  # largest number of modes computed for a frequency band
 
 
@@ -126,9 +129,16 @@ class SupportedModel:
         shapes = np.zeros((supports.G.shape[1], 0))
         if options.buckling:
             assert solver is not None and Kg is not None
-            factors, shapes = self._buckling(solver, Kg)
-            if not len(factors):
-                notes.append("the loads do not buckle the part, however large they are")
+            limit = self._elastic_limit(z)
+            if np.isfinite(limit) and self._is_stable(Kg, limit):
+                what = "the loads do not buckle the part: there is no load factor below "
+                notes.append(
+                    f"{what}{limit:.3g}, where stress is {_STRAIN:g} times Young's modulus"
+                )
+            else:
+                factors, shapes = self._buckling(solver, Kg)
+                if not len(factors):
+                    notes.append("the loads do not buckle the part, however large they are")
             every = fe.expand(supports.G @ z)
             for spring in fe.springs if len(factors) else ():
                 share = turning_share(spring, fe.numbering, fe.mesh.points, every)
@@ -173,6 +183,26 @@ class SupportedModel:
             what += "the largest of them: the part is very slender, or its stiffnesses differ much"
             warnings.warn(what, FlexmbWarning, stacklevel=3)
         return made
+
+    def _elastic_limit(self, z: FloatArray) -> float:
+        """The load factor at which the largest stress of the static solution is `_STRAIN` times
+        Young's modulus; infinite if there is no stress."""
+        sections = [block.section for block in self.fe.blocks]
+        layers = [part for section in sections for part in getattr(section, "layers", (section,))]
+        E = max(max(part.material.constants()[0]) for part in layers)
+        stress = stress_modes(self.fe, self.supports.G @ z[:, None])
+        if stress is None:  # beams without stress points
+            return np.inf
+        largest = von_mises(stress.at(np.ones(1))).max(initial=0.0)
+        return float(_STRAIN * E / largest) if largest > 0 else np.inf
+
+    def _is_stable(self, Kg: csr_array, factor: float) -> bool:
+        """Whether the part resists all motions under its loads times ``factor``."""
+        try:
+            self._solver(csr_array(self._inner(self.K) + factor * self._inner(Kg)))
+        except ReductionError:
+            return False
+        return True
 
     def _needs_stiffness(self) -> bool:
         return is_static(self.options) or not self.options.preload
@@ -319,6 +349,8 @@ class SupportedModel:
             low, high = ((2 * np.pi * f) ** 2 for f in wanted.band)
             if count >= limit or omega2[-1] > high:
                 rows = np.flatnonzero((omega2 >= low) & (omega2 <= high))
+                if not len(rows):
+                    raise ReductionError.from_problems([_empty_band(omega2, low)])
                 break
             if count >= _MAX_MODES:
                 what = f"holds more than {_MAX_MODES} frequencies: take a narrower band"
@@ -402,3 +434,12 @@ class SupportedModel:
             "section_forces": beams if len(forces.nodes) else None,
             "shell_forces": shell_force_modes(fe, U),
         }
+
+
+def _empty_band(omega2: FloatArray, low: float) -> Problem:
+    """What is said of a band without a natural frequency; ``omega2`` ascend."""
+    f = np.sqrt(np.maximum(omega2, 0.0)) / (2 * np.pi)
+    near = [*f[omega2 < low][-1:], *f[omega2 > low][:1]]
+    text = " and ".join(f"{value:.4g} Hz" for value in near)
+    what = f"holds no natural frequency; the nearest {'is' if len(near) == 1 else 'are'} {text}"
+    return Problem("frequencies.band", what)

@@ -8,8 +8,9 @@ buckling modes have a largest displacement of one metre.
 Quantities have names, by which scenes state known answers: ``frequency.1``, ``load_factor.1``,
 ``displacement.tip.z`` and ``rotation.tip.x`` (interface, mesh group or node), ``reaction.root.Fz``,
 ``von_mises`` (the largest), ``von_mises.17`` and ``von_mises.17.top`` (at mesh node 17),
-``stress.17.top.xx``, ``principal.17.1``, ``section_force.3.2.Mz`` (beam element 3, second end),
-``shell_force.17.Mx``. All but the first two are those of the static solution.
+``stress.17.top.xx``, ``stress.17.top.skin.xx`` (of a section), ``principal.17.1``,
+``section_force.3.2.Mz`` (beam element 3, second end), ``shell_force.17.Mx``. All but the first two
+are those of the static solution.
 """
 
 from __future__ import annotations
@@ -272,13 +273,13 @@ def _reaction(result: PartResult, words: list[str]) -> float:
 
 
 def _at_node(result: PartResult, values: FloatArray, words: Sequence[str]) -> FloatArray:
-    """Values (rows) at a node, or at a node and in a layer."""
+    """Values (rows) at a node, perhaps of a layer, a section or both."""
     stress = result._stress()
-    layer = words[1] if len(words) > 1 else None
+    layer, part = stress.layer_and_part(words[1:])
     if layer is not None and layer not in stress.layers:
-        what = f'{result.name}: has no stress in a layer "{layer}"'
-        raise FlexmbError.unknown(what, layer, stress.layers)
-    rows = stress.rows(int(words[0]) if words else None, layer)
+        what = f'{result.name}: has no stress in a layer or section "{layer}"'
+        raise FlexmbError.unknown(what, layer, [*stress.layers, *stress.parts])
+    rows = stress.rows(int(words[0]) if words else None, layer, part)
     if not len(rows):
         raise FlexmbError(f"{result.name}: has no stress at node {'.'.join(words)}")
     return np.asarray(values[rows])
@@ -294,10 +295,12 @@ _EQUAL_STRESS = 1e-5  # relative difference; stress is stored in single precisio
 def _stress_component(result: PartResult, words: list[str]) -> float:
     rows = _at_node(result, result.stresses(), words[:-1])[:, STRESS.index(words[-1])]
     if np.ptp(rows) > _EQUAL_STRESS * np.abs(rows).max():
-        what = (
-            f"{result.name}: has {len(rows)} stresses at node {words[0]}, of layers or sections; "
-        )
-        raise FlexmbError(f"{what}name a layer, as stress.17.top.xx; stresses() has all of them")
+        stress = result._stress()
+        layer, part = stress.layer_and_part(words[1:-1])
+        names = stress.place_names(stress.rows(int(words[0]), layer, part))
+        what = f"{result.name}: has {len(rows)} stresses at node {words[0]} ({names})"
+        cure = "name a layer, a section or both, as stress.17.top.skin.xx"
+        raise FlexmbError(f"{what}; {cure}; stresses() has all of them")
     return float(rows[0])
 
 
@@ -334,7 +337,7 @@ QUANTITIES: dict[str, tuple[str, str, Callable[[PartResult, list[str]], float]]]
     "rotation": ("rotation.tip.x: interface, group or node", "rad", _motion(True)),
     "reaction": ("reaction.root.Fx, ... or .Mz", "N", _reaction),
     "von_mises": ("von_mises, von_mises.17 or von_mises.17.top", "Pa", _von_mises),
-    "stress": ("stress.17.xx or stress.17.top.xx", "Pa", _stress_component),
+    "stress": ("stress.17.xx, stress.17.top.xx or stress.17.top.skin.xx", "Pa", _stress_component),
     "principal": ("principal.17.1 or principal.17.top.1, 1 to 3", "Pa", _principal),
     "section_force": ("section_force.3.1.Mz: element, end 1 or 2", "N m", _section_force),
     "shell_force": ("shell_force.17.Mx: node", "N/m", _shell_force),

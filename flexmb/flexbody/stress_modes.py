@@ -7,6 +7,7 @@ Huber (1904) and von Mises (1913), in Timoshenko, Strength of Materials, part II
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -95,15 +96,38 @@ class StressModes:
         """Number of modal coordinates."""
         return int(self.modes.shape[2])
 
-    def rows(self, node: int | None = None, layer: str | None = None) -> IntArray:
-        """Places at a mesh node and of a layer; None takes all. Empty if there are none."""
+    def layer_and_part(self, words: Sequence[str]) -> tuple[str | None, str | None]:
+        """The layer and the section that words of a name state: top, skin, or top and skin.
+
+        What is neither is returned as a layer.
+        """
+        text = ".".join(words)
+        if not text or text in self.layers:
+            return text or None, None
+        if text in self.parts:
+            return None, text
+        layer, _, part = text.partition(".")
+        return (layer, part) if part in self.parts else (text, None)
+
+    def rows(
+        self, node: int | None = None, layer: str | None = None, part: str | None = None
+    ) -> IntArray:
+        """Places at a mesh node, of a layer and a section; None takes all. Empty if there are
+        none."""
         selected = np.ones(len(self.ids), dtype=bool)
         if node is not None:
             selected &= self.ids == node
         if layer is not None:
             number = self.layers.index(layer) if layer in self.layers else -1
             selected &= self.layer == number
+        if part is not None:
+            selected &= self.part == (self.parts.index(part) if part in self.parts else -1)
         return np.flatnonzero(selected)
+
+    def place_names(self, rows: IntArray) -> str:
+        """Layers and sections of places, as words of a name: top.skin, top.spar."""
+        places = zip(self.layer[rows], self.part[rows], strict=True)
+        return ", ".join(sorted({f"{self.layers[i]}.{self.parts[k]}" for i, k in places}))
 
     def at(self, eta: FloatArray, rows: IntArray | slice = slice(None)) -> FloatArray:
         """(..., k, 6) stress for modal coordinates (..., m) at all places, or at some rows [Pa]."""

@@ -4,8 +4,8 @@ In: the modal coordinates of a result and the files of its flexible bodies. Out:
 stress and section forces at a time or at all output times, and peaks over the run, in the scene's
 units. Components are superposed first; the von Mises stress is computed from the sums. Channels are
 ``rod.von_mises`` (the largest of the body), ``rod.von_mises.17`` (of mesh node 17),
-``rod.von_mises.17.top``, ``rod.stress.17.top.xx`` and ``rod.section_force.3.2.Mz`` (of beam element
-3 at its second end).
+``rod.von_mises.17.top``, ``rod.stress.17.top.xx``, ``rod.stress.17.top.skin.xx`` (of a section) and
+``rod.section_force.3.2.Mz`` (of beam element 3 at its second end).
 """
 
 from __future__ import annotations
@@ -65,6 +65,7 @@ class Recovery(ResultReader):
         *,
         node: int | None = None,
         layer: str | None = None,
+        section: str | None = None,
         mode_acceleration: bool = False,
     ) -> Stress:
         """Stress components of a flexible body, averaged at the nodes of each section.
@@ -79,6 +80,8 @@ class Recovery(ResultReader):
             Mesh node, from 0; all places by default.
         layer : str, optional
             Such as ``"top"``; all by default.
+        section : str, optional
+            The mesh group that gave it; all by default.
         mode_acceleration : bool
             Add the static response to the body's own acceleration and rotation that its modes lack.
 
@@ -93,7 +96,7 @@ class Recovery(ResultReader):
             No such body, node, layer or time, a body without stress, or an answer that does not fit
             into memory.
         """
-        modes, rows = self.stress_places(body, node, layer)
+        modes, rows = self.stress_places(body, node, layer, section)
         self._fits(6 * len(rows) * self._moments(time), body)
         parts = [s for _, s in self._stresses(body, modes, rows, time, mode_acceleration)]
         values = parts[0][0] if time is not None else np.concatenate(parts)
@@ -106,6 +109,7 @@ class Recovery(ResultReader):
         *,
         node: int | None = None,
         layer: str | None = None,
+        section: str | None = None,
         mode_acceleration: bool = False,
     ) -> Stress:
         """The von Mises stress of a flexible body; parameters and errors as for `stress`.
@@ -115,7 +119,7 @@ class Recovery(ResultReader):
         Stress
             ``values`` (k,) at a time, (n, k) over all output times.
         """
-        modes, rows = self.stress_places(body, node, layer)
+        modes, rows = self.stress_places(body, node, layer, section)
         self._fits(len(rows) * self._moments(time), body)
         batches = self._stresses(body, modes, rows, time, mode_acceleration)
         parts = [von_mises(stress) for _, stress in batches]
@@ -290,9 +294,9 @@ class Recovery(ResultReader):
         return np.asarray(parts[0][0] if time is not None else np.concatenate(parts))
 
     def stress_places(
-        self, body: str, node: int | None, layer: str | None
+        self, body: str, node: int | None, layer: str | None, section: str | None = None
     ) -> tuple[StressModes, IntArray]:
-        """The stress per mode of a body, and its places at a node and in a layer.
+        """The stress per mode of a body, and its places at a node, in a layer and a section.
 
         Raises
         ------
@@ -308,9 +312,13 @@ class Recovery(ResultReader):
         if layer is not None and layer not in modes.layers:
             what = f'the body "{body}" has no stress in a layer "{layer}"'
             raise ResultFileError.unknown(what, layer, modes.layers)
-        rows = modes.rows(node, layer)
+        if section is not None and section not in modes.parts:
+            what = f'the body "{body}" has no stress in a section "{section}"'
+            raise ResultFileError.unknown(what, section, modes.parts)
+        rows = modes.rows(node, layer, section)
         if not len(rows):
             where = f" in the layer {layer}" if layer is not None and node in modes.ids else ""
+            where += f" of {section}" if section is not None and node in modes.ids else ""
             what = f'the body "{body}" has no stress at node {node}{where}'
             raise ResultFileError(f"{what}; it has stress at {len(np.unique(modes.ids))} nodes")
         return modes, rows
@@ -346,30 +354,40 @@ class StressChannel(NamedTuple):
 
 
 def _von_mises_channel(result: Any, channel: StressChannel) -> Array:
-    if len(channel.words) > 2:
-        raise _wrong_form(channel, "von_mises.17 or von_mises.17.top")
     node = _number(channel, channel.words[0], "node") if channel.words else None
-    layer = channel.words[1] if len(channel.words) > 1 else None
-    largest: Array = result.von_mises(channel.body, node=node, layer=layer).values.max(axis=1)
+    layer, section = _layer_and_section(result, channel, channel.words[1:])
+    stress = result.von_mises(channel.body, node=node, layer=layer, section=section)
+    largest: Array = stress.values.max(axis=1)
     return largest
 
 
 def _stress_component(result: Any, channel: StressChannel) -> Array:
-    if len(channel.words) not in (2, 3):
-        raise _wrong_form(channel, "stress.17.xx or stress.17.top.xx")
+    if len(channel.words) < 2:
+        raise _wrong_form(channel, "stress.17.xx, stress.17.top.xx or stress.17.top.skin.xx")
     component = _index_of(channel, channel.words[-1], STRESS, "component of stress")
-    layer = channel.words[1] if len(channel.words) == 3 else None
     node = _number(channel, channel.words[0], "node")
-    stress = result.stress(channel.body, node=node, layer=layer)
+    layer, section = _layer_and_section(result, channel, channel.words[1:-1])
+    stress = result.stress(channel.body, node=node, layer=layer, section=section)
     values = stress.values[:, :, component]
     difference = np.ptp(values, axis=1).max(initial=0.0)
     if difference > _EQUAL_STRESS * np.abs(values).max(initial=0.0):
-        places = zip(stress.layer, stress.part, strict=True)
-        names = ", ".join(sorted({" of ".join(filter(None, place)) for place in places}))
-        count = len(stress.layer)
+        modes, rows = result.stress_places(channel.body, node, layer, section)
+        count, names = len(rows), modes.place_names(rows)
         what = f'the body "{channel.body}" has {count} stresses at node {node} ({names})'
-        raise ResultFileError(f"{what}; name a layer, or use result.stress for all of them")
+        cure = "name a layer, a section or both, or use result.stress for all of them"
+        raise ResultFileError(f"{what}; {cure}")
     return np.asarray(values[:, 0])
+
+
+def _layer_and_section(
+    result: Any, channel: StressChannel, words: tuple[str, ...]
+) -> tuple[str | None, str | None]:
+    modes, _ = result.stress_places(channel.body, None, None)
+    layer, section = modes.layer_and_part(words)
+    if layer is not None and layer not in modes.layers and words:
+        what = f'the body "{channel.body}" has no stress in a layer or section "{layer}"'
+        raise ResultFileError.unknown(what, layer, [*modes.layers, *modes.parts])
+    return layer, section
 
 
 def _section_force(result: Any, channel: StressChannel) -> Array:

@@ -109,12 +109,19 @@ def run_part(
 
 def check_part(model: Model, result: PartResult) -> list[CheckOutcome]:
     """The known answers of a part, in the scene's units."""
-    outcomes = []
-    for check in model.part_checks:
+    outcomes, problems = [], []
+    for i, check in enumerate(model.part_checks):
+        try:
+            computed = result.quantity(check.part)
+        except FlexmbError as error:
+            problems.append(Problem(f"check[{i}].part", str(error)))
+            continue
         unit = model.check_unit(vars(check)) or ""
-        values = (result.quantity(check.part), check.value, check.tolerance)
+        values = (computed, check.value, check.tolerance)
         computed, value, tolerance = (model.units.written(each, unit) for each in values)
         outcomes.append(CheckOutcome(check.part, None, computed, value, tolerance, check.source))
+    if problems:
+        raise SceneError.from_problems(problems)
     return outcomes
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from flexmb.errors import Problem, SceneError, nearest
 from flexmb.folders import output_folder, writable_folder
 from flexmb.progress import Progress, Stopwatch, silent
+from flexmb.units import SI, UnitSystem
 from flexmb.workflow.flexible_bodies import flexible_bodies
 from flexmb.workflow.run_report import CheckOutcome, check_frequencies
 
@@ -38,6 +39,7 @@ class ReducedScene:
     bodies: tuple[ReducedBody, ...]
     notes: list[str] = field(default_factory=list)
     checks: list[CheckOutcome] = field(default_factory=list)
+    units: UnitSystem = SI
 
 
 def reduce_mesh(
@@ -142,7 +144,7 @@ def reduce_scene(
         model, folder, fresh=fresh, only=names, inspect=inspect, progress=watch
     )
     reduced = tuple(ReducedBody(bodies[k], files[k], reports.get(k)) for k in bodies)
-    return ReducedScene(reduced, notes, check_frequencies(model, bodies))
+    return ReducedScene(reduced, notes, check_frequencies(model, bodies), model.units)
 
 
 def _select_bodies(model: Model, body: str | None) -> tuple[str, ...]:

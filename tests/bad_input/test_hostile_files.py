@@ -214,9 +214,8 @@ MESHES = {  # what loops or takes memory in the parsers of meshio 5.3
     "cut.node": "8 3 0 0\n1 0 0 0\n",
     "cut.dat": "TITLE = x\nVARIABLES = X, Y, Z\nZONE N=8, E=1, F=FEPOINT, ET=TETRAHEDRON\n0 0 0\n",
     "nodes.msh": (
-        "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 1 900000000 900000000\n"
-        "3 1 0 1\n900000000\n0 0 0\n$EndNodes\n$Elements\n1 1 1 1\n3 1 4 1\n"
-        "1 900000000 900000000 900000000 900000000\n$EndElements\n"
+        "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n1\n900000000 0 0 0\n$EndNodes\n"
+        "$Elements\n1\n1 4 2 1 1 900000000 900000000 900000000 900000000\n$EndElements\n"
     ),
 }
 

@@ -21,7 +21,7 @@ from flexmb.fe.elements.beam_elements import LINE
 from flexmb.fe.elements.element_family import Family
 from flexmb.fe.elements.shell_elements import QUAD, TRIANGLE
 from flexmb.fe.elements.shell_elements import SHELL_ADVICE as SHELL_ADVICE
-from flexmb.fe.meshes.mesh import Mesh
+from flexmb.fe.meshes.mesh import Mesh, dimension
 from flexmb.fe.sections.beam_chain import bind_section
 from flexmb.fe.sections.section_tables import SolidSection
 from flexmb.flexbody.arrays import FloatArray, IntArray
@@ -320,18 +320,22 @@ def _outwards(faces: IntArray, centers: FloatArray, points: FloatArray) -> IntAr
     return outward
 
 
-def elements_without_section(mesh: Mesh, blocks: Sequence[Block]) -> Iterator[str]:
-    """Sentences about elements without a section, of a kind of which others have one, with the
-    groups that they make up."""
-    for kind in dict.fromkeys(block.kind for block in blocks):
+def elements_without_section(mesh: Mesh, blocks: Sequence[Block]) -> Iterator[tuple[bool, str]]:
+    """Sentences about elements without a section beside others that have one: of the same kind,
+    with the groups that they make up, or of the mesh's highest dimension. The first value says
+    whether they are of the latter, so that a part of the body seems to be missing."""
+    highest = max((dimension(kind) for kind, cells in mesh.blocks.items() if len(cells)), default=0)
+    largest = mesh.kinds(highest) if any(b.family.dimension == highest for b in blocks) else ()
+    for kind in dict.fromkeys([*(block.kind for block in blocks), *largest]):
         left = np.ones(len(mesh.blocks[kind]), dtype=bool)
-        left[np.concatenate([block.rows for block in blocks if block.kind == kind])] = False
+        rows = [block.rows for block in blocks if block.kind == kind]
+        left[np.concatenate([np.zeros(0, int), *rows])] = False
         if not left.any():
             continue
         groups = [name for name, rows in mesh.element_sets.items()
                   if set(rows) == {kind} and left[rows[kind]].all()]  # fmt: skip
         what = f"{left.sum()} of {len(left)} {kind} elements have no section and are left out"
-        yield f"{what}: {', '.join(groups)}" if groups else what
+        yield dimension(kind) == highest, f"{what}: {', '.join(groups)}" if groups else what
 
 
 def thick_shells(mesh: Mesh, blocks: Sequence[Block]) -> Iterator[str]:

@@ -23,6 +23,9 @@ def damage(source: Path, error: BaseException | None) -> str:
     suffix = source.suffix.lower()
     if not data.strip():
         return "the mesh file is empty"
+    if isinstance(error, ModuleNotFoundError) and error.name:
+        package, cure = error.name.split(".")[0], "export it as .msh, .vtu, .med, .inp or .bdf"
+        return f"{suffix} files need the package {package}, which is not installed; or {cure}"
     sentence = ""
     if suffix == ".msh":
         sentence = _gmsh_damage(data)
@@ -38,8 +41,9 @@ def damage(source: Path, error: BaseException | None) -> str:
         what = f"its XML breaks off or is wrong at line {line}"
         sentence = f"the mesh file is damaged: {what if begins else 'it is no XML file'}"
     if not sentence:
-        other = f"not the {suffix} format that its suffix says"
-        sentence = f"the mesh file is damaged, truncated, or {other}"
+        other = f"not the {suffix} format that its suffix says, or has what is not read of it"
+        cure = "export it again, or as .msh, .vtu, .med, .inp or .bdf"
+        return f"the mesh file is damaged, truncated, {other}; {cure}"
     return f"{sentence}; export it again"
 
 

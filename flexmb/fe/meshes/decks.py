@@ -2,10 +2,10 @@
 
 meshio skips elements in large fields, keeps only the last of several blocks of one set, and refuses
 decks with springs, masses, shell angles or automatic continuations. So decks are read here.
-:func:`read_deck` returns a :class:`meshio.Mesh` with the ``numbers`` of its nodes and a ``note``
-about what the deck has besides a mesh; a deck that would be read wrongly is refused. Source: Abaqus
-Keywords Reference Guide; MSC Nastran Quick Reference Guide, sections on bulk data formats and on
-elements.
+:func:`read_deck` returns a :class:`meshio.Mesh` in basic coordinates, with the ``numbers`` of
+its nodes and a ``note`` about what the deck has besides a mesh; a deck that would be read wrongly
+is refused. Source: Abaqus Keywords Reference Guide; MSC Nastran Quick Reference Guide, sections on
+bulk data formats and on elements.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ from typing import Any
 import numpy as np
 
 from flexmb.errors import MeshError
+from flexmb.fe.meshes.deck_coordinates import SYSTEMS, Systems
+from flexmb.fe.meshes.deck_surfaces import face
 
 ABAQUS = (".inp",)
 NASTRAN = (".bdf", ".fem", ".nas")
@@ -34,7 +36,7 @@ _PARTS = {
                 "CDAMP2", "CVISC"),
     "ties": ("RIGID BODY", "COUPLING", "KINEMATIC", "DISTRIBUTING", "TIE", "MPC", "EQUATION",
              "KINEMATIC COUPLING", "DISTRIBUTING COUPLING", "CONNECTOR SECTION", "RBE1", "RBE2",
-             "RBE3", "RBAR", "CWELD", "CFAST", "R3D3", "R3D4", "DCOUP3D"),
+             "RBE3", "RBAR", "CWELD", "CFAST", "CSEAM", "R3D3", "R3D4", "DCOUP3D"),
 }  # fmt: skip
 _INCLUDES = (
     re.compile(r"^\*INCLUDE\s*,\s*INPUT\s*=\s*([^,\n]+)[^\n]*$", re.M | re.I),
@@ -57,6 +59,9 @@ _NASTRAN_KINDS = {  # index of the first node field, and allowed numbers of node
     "CONROD": (2, (2,)), "CTRIA6": (3, (6,)), "CQUAD8": (3, (8,)), "CTETRA": (3, (4, 10)),
     "CPYRAM": (3, (5, 13)), "CPYRA": (3, (5, 13)), "CPENTA": (3, (6, 15)), "CHEXA": (3, (8, 20)),
 }  # fmt: skip
+_NASTRAN_REFUSED = re.compile(  # elements whose absence would leave a hole in the body
+    r"CTRIAX6?|CTRAX[36]|CQUADX?[48]?|CPLST[NS]\d|CRAC[23]D|CBEAM3|CDUM\d|CIF(HEX|PENT|QDX)"
+)
 _ON_SECTIONS = {  # words of `_PARTS` for options on an element, and the range of their fields
     **dict.fromkeys(("CBAR", "CBEAM"), (("pin flags", 9, 11), ("offsets", 11, 17))),
     **dict.fromkeys(("CQUAD4", "CQUADR"), (("material angles", 7, 8), ("offsets", 8, 9))),
@@ -78,8 +83,8 @@ class _Deck:
     node_sets: dict[str, Iterable[int]] = field(default_factory=dict)
     element_sets: dict[str, Iterable[int]] = field(default_factory=dict)
 
-    def add_node(self, number: str, place: Iterable[str]) -> None:
-        point = tuple(_real(x) for x in place)
+    def add_node(self, number: str, place: Iterable[float]) -> None:
+        point = tuple(place)
         if self.nodes.setdefault(int(number), point) != point:
             raise self.error(f"node {number} is given twice, at different places")
 
@@ -135,7 +140,7 @@ def read_deck(source: Path) -> Any:
     Raises
     ------
     MeshError
-        Nodes that are generated or have coordinates of their own, several parts or instances,
+        Nodes that are generated, coordinate systems of Abaqus, several parts or instances,
         elements that are not known or name missing nodes, a file that includes itself.
     """
     abaqus = source.suffix.lower() in ABAQUS
@@ -145,6 +150,11 @@ def read_deck(source: Path) -> Any:
         others = Counter(_read_abaqus(deck, text) if abaqus else _read_nastran(deck, text))
     except (ValueError, IndexError) as error:
         raise deck.error(_wrong_number(text, str(error))) from error
+    if not deck.nodes:
+        what = "*NODE" if abaqus else "GRID"
+        raise deck.error(
+            f"there is no {what} in it: the deck is empty, damaged or of another format"
+        )
     counts = {home: [f"{others[w]} {w}" for w in words if others[w]]
               for home, words in _PARTS.items()}  # fmt: skip
     entries = [entry for names in counts.values() for entry in names]
@@ -159,9 +169,14 @@ def _text(source: Path, include: re.Pattern[str], inside: tuple[Path, ...] = ())
         raise MeshError(f"{source}: the deck includes itself")
     inside = (*inside, source.resolve())
     try:
-        text = source.read_text(encoding="utf-8", errors="replace")
+        data = source.read_bytes()
     except FileNotFoundError as error:
         raise MeshError(f"{source}: no such file, named by an include of {inside[-2]}") from error
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("cp1252", errors="replace")
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
 
     def included(line: re.Match[str]) -> str:
         name = line[1].strip().strip("\"'").replace("\\", "/")
@@ -256,7 +271,7 @@ def _read_abaqus(deck: _Deck, text: str) -> Iterator[str]:
         if card.word == "NODE":
             rows = [[x.strip() for x in line.split(",")] for line in card.lines]
             for number, *place in rows:
-                deck.add_node(number, [*place, "", "", ""][:3])
+                deck.add_node(number, [_real(x) for x in [*place, "", "", ""][:3]])
             if "NSET" in card.options:
                 nodes.add(card.options["NSET"], [int(row[0]) for row in rows])
     for card in cards:
@@ -283,10 +298,58 @@ def _read_abaqus(deck: _Deck, text: str) -> Iterator[str]:
                 nodes.add(options["NSET"], deck.elements[number][1])
         elif card.word == "ELSET" and "ELSET" in options:
             elements.read(options["ELSET"], card, deck.elements)
-        else:
+        elif card.word != "SURFACE":
             yield card.word
             yield from ["offsets"] * ("OFFSET" in options)
+    shells = any(kind in _SURFACES.values() for kind, _, _ in deck.elements.values())
+    for card in (card for card in cards if card.word == "SURFACE"):
+        if not _read_surface(deck, card, nodes, elements, shells):
+            yield card.word
     deck.node_sets, deck.element_sets = dict(nodes.members), dict(elements.members)
+
+
+def _read_surface(deck: _Deck, card: _Card, nodes: _Sets, elements: _Sets, shells: bool) -> bool:
+    """Make a group of a surface: of faces, sides of shells or nodes; False if it is not read.
+
+    In a deck that has shells too, faces of solids are groups of nodes: a section of "all" shells is
+    not for them.
+    """
+    name = card.options.get("NAME", "")
+    rows = [[x.strip().strip('"') for x in line.split(",")] + [""] for line in card.lines]
+    if not name or not rows or name in elements.members or name in nodes.members:
+        return False
+    if card.options.get("TYPE", "ELEMENT").upper() == "NODE":
+        parts = [list(nodes.of(row[0])) or _one(row[0], deck.nodes) for row in rows]
+        nodes.add(name, [number for part in parts for number in part])
+        return all(parts)
+    sides: list[int] = []
+    faces: list[tuple[str, list[int]]] = []
+    for where, side, *_ in rows:
+        members = list(elements.of(where)) or _one(where, deck.elements)
+        if not members:
+            return False
+        for number in members:
+            kind, corners, _ = deck.elements[number]
+            if side.upper() in ("SPOS", "SNEG", "") and kind in _SURFACES.values():
+                sides.append(number)
+            elif (part := face(kind, corners, side)) is not None:
+                faces.append(part)
+            else:
+                return False
+    if shells and faces:
+        nodes.add(name, [node for _, part in faces for node in part])
+        nodes.add(name, [node for number in sides for node in deck.elements[number][1]])
+        return True
+    first = max(deck.elements) + 1
+    deck.elements |= {first + k: (*part, 0) for k, part in enumerate(faces)}
+    elements.add(name, [*sides, *range(first, first + len(faces))])
+    return True
+
+
+def _one(text: str, among: Iterable[int]) -> list[int]:
+    """The number of an element or node, perhaps in an instance, if there is such a one."""
+    number = text.rpartition(".")[2]
+    return [int(number)] if number.isdigit() and int(number) in among else []
 
 
 def _nodes_of(kind: str) -> int:
@@ -359,15 +422,17 @@ def _read_nastran(deck: _Deck, text: str) -> Iterator[str]:
     """Read nodes and elements, properties as groups; give the names of the other entries."""
     entries = [[*entry, *[""] * 8] for entry in _entries(text)]
     default = next((entry[2] for entry in entries if entry[0] == "GRDSET"), "")
-    for entry in entries:
-        if entry[0] == "GRID":
-            if (system := entry[2] or default) not in ("", "0"):
-                what = f"GRID gives coordinates in the system {system}, which is not read: "
-                raise deck.error(f"{what}write them in the basic system")
-            deck.add_node(entry[1], entry[3:6])
+    grids = [entry for entry in entries if entry[0] == "GRID"]
+    nodes_as_read = {int(entry[1]): (entry[2] or default, entry[3:6]) for entry in grids}
+    systems = Systems((e for e in entries if e[0] in SYSTEMS), nodes_as_read, _real, deck.error)
+    for entry in grids:
+        deck.add_node(entry[1], systems.place(entry[2] or default, entry[3:6]).tolist())
     for entry in entries:
         word = entry[0]
         if word not in _NASTRAN_KINDS:
+            if _NASTRAN_REFUSED.fullmatch(word):
+                cure = "write CTETRA, CPENTA, CHEXA, CQUAD4, CTRIA3 or CBAR"
+                raise deck.error(f"elements of type {word} are not read; {cure}")
             yield word
             continue
         for what, first, end in _ON_SECTIONS.get(word, ()):

@@ -37,6 +37,9 @@ from skfem.quadrature import get_quadrature
 from flexmb.errors import MeshError, Problem, nearest
 from flexmb.fe.meshes.damaged_file import damage
 from flexmb.fe.meshes.decks import ABAQUS, NASTRAN, read_deck
+from flexmb.fe.meshes.gmsh_file import read_gmsh
+from flexmb.fe.meshes.med_file import read_med
+from flexmb.fe.meshes.vtk_cells import cells_left_out, rename_cells, teach_meshio
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.untrusted import check_reading, hdf5_beside, serve_reading
 
@@ -94,12 +97,13 @@ class Mesh:
             raise MeshError(f"{self.source}: the mesh has no points in space")
         bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
         if len(bad):
-            what = f"node {bad[0]} has a coordinate that is not a number ({len(bad)} such nodes)"
+            what = f"{self.node_text(int(bad[0]))} has a coordinate that is not a number"
+            what += f" ({len(bad)} such nodes)" if len(bad) > 1 else ""
             raise MeshError(f"{self.source}: {what}")
         largest = float(np.abs(points).max())
         if largest > _LARGEST:
             node = int(np.abs(points).max(axis=1).argmax())
-            what = f"node {node} has the coordinate {largest:g}: volumes overflow from"
+            what = f"{self.node_text(node)} has the coordinate {largest:g}: volumes overflow from"
             raise MeshError(f"{self.source}: {what} {_LARGEST:g} on")
         for kind, cells in self.blocks.items():
             if cells.size and (cells.min() < 0 or cells.max() >= len(points)):
@@ -211,7 +215,10 @@ def _read_raw(source: Path) -> Any:
 
     if source.suffix.lower() in (*ABAQUS, *NASTRAN):
         return read_deck(source)
-    return meshio.read(source)
+    if source.suffix.lower() == ".med":
+        return read_med(source)
+    own = read_gmsh(source) if source.suffix.lower() == ".msh" else None
+    return meshio.read(source) if own is None else own
 
 
 def _read_quietly(source: Path) -> Any:
@@ -219,6 +226,7 @@ def _read_quietly(source: Path) -> Any:
 
     for kind in _FORGOTTEN:
         meshio._mesh.topological_dimension.setdefault(kind, 3)
+    teach_meshio()
     noise = io.StringIO()
     try:
         with (
@@ -227,7 +235,14 @@ def _read_quietly(source: Path) -> Any:
             warnings.catch_warnings(),
         ):
             warnings.simplefilter("ignore")
-            return _read_raw(source)
+            raw = _read_raw(source)
+        try:
+            rename_cells(raw)
+            note = cells_left_out(noise.getvalue())
+        except MeshError as error:
+            raise MeshError(f"{source}: {error}") from None
+        raw.note = getattr(raw, "note", "") or note
+        return raw
     except MeshError:
         raise
     except MemoryError:

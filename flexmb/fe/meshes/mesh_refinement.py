@@ -65,20 +65,21 @@ def refine_mesh(mesh: Mesh, times: int = 1) -> Mesh:
     MeshError
         Elements that cannot be divided, or more than two million nodes.
     """
-    for _ in range(times):
-        mesh = _halve(mesh)
-    return mesh
-
-
-def _halve(mesh: Mesh) -> Mesh:
     kinds = [kind for kind, cells in mesh.blocks.items() if len(cells) and dimension(kind) > 0]
     other = [kind for kind in kinds if kind.rstrip("0123456789") not in _CORNERS]
-    if other:
+    if other and times:
         raise MeshError(f"{mesh.source}: elements of kind {other[0]} cannot be refined")
-    growth = sum(len(mesh.blocks[kind]) * len(_division(kind).children) for kind in kinds)
+    counts = {kind: len(mesh.blocks[kind]) for kind in kinds} if times else {}
+    growth = sum(n * len(_division(kind).children) ** times for kind, n in counts.items())
     if growth > _MAX_NODES:
         what = f"refining it makes {growth:.3g} elements, more than {_MAX_NODES:.0e}"
         raise MeshError(f"{mesh.source}: {what}")
+    for _ in range(times):
+        mesh = _halve(mesh, kinds)
+    return mesh
+
+
+def _halve(mesh: Mesh, kinds: list[str]) -> Mesh:
     divisions = {kind: _division(kind) for kind in kinds}
     cells = {kind: _turn(kind, mesh.blocks[kind], mesh.points) for kind in kinds}
     keys = [_keys(cells[kind], divisions[kind].weights) for kind in kinds]
@@ -104,7 +105,7 @@ def _halve(mesh: Mesh) -> Mesh:
         points[first[order]], blocks, _grown_sets(mesh, rows[first[order]]),
         {name: {kind: _children_rows(kind, row, divisions) for kind, row in groups.items()}
          for name, groups in mesh.element_sets.items()},
-        source=mesh.source,
+        source=mesh.source, note=mesh.note, numbers=mesh.numbers,
     )  # fmt: skip
 
 

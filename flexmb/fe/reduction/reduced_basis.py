@@ -196,7 +196,8 @@ _SHOWN = 5
 FREE_HINGE = (
     "the free body has a hinge: besides its motions as a whole a part of the mesh moves without "
     "stiffness; parts are joined by too few nodes, or a beam or shell by nodes of solids, which "
-    "have no rotations; with an interface or a support at one of them the other is named"
+    "have no rotations and are to be tied to nodes around them; with an interface or a support at "
+    "one of them the other is named"
 )
 
 
@@ -221,9 +222,24 @@ def moving_nodes(fe: FEMatrices, u: FloatArray) -> str:
     places = fe.mesh.points[moving]
     low, high = _point_text(places.min(axis=0)), _point_text(places.max(axis=0))
     many = f"{len(moving)} of {len(nodes)} nodes" if len(moving) > 1 else "one node"
+    return f"{many} ({shown}{more}) between {low} and {high} m; {_hinge(fe, moving)}"
+
+
+def _hinge(fe: FEMatrices, moving: IntArray) -> str:
+    """Why a part of the mesh can move: shells and beams turn where they share nodes with solids."""
+    solid, other = (
+        [block.nodes.ravel() for block in fe.blocks if block.family.rotations == rotating]
+        for rotating in (False, True)
+    )
+    common = np.intersect1d(*(np.concatenate([[-1], *part]) for part in (solid, other)))[1:]
+    common = np.intersect1d(np.setdiff1d(common, fe.numbering.tied), moving)
+    if not len(common):
+        return "they are joined to the rest by too few nodes, or by a hinge"
+    shown = ", ".join(str(node) for node in common[:_SHOWN]) + ", ..." * (len(common) > _SHOWN)
     return (
-        f"{many} ({shown}{more}) between {low} and {high} m; they are joined to "
-        "the rest by too few nodes, or by a hinge"
+        "shells and beams turn freely at the nodes that they share with solids, which have no "
+        f"rotations ({shown}): tie these to nodes around them, or let the shells overlap a row of "
+        "solids"
     )
 
 

@@ -17,6 +17,7 @@ from flexmb.cli import app
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import rigid_body, save
 from flexmb.results import Result
+from flexmb.units import SI
 from flexmb.workflow import check, reduction, simulate
 
 
@@ -77,7 +78,7 @@ class Workflow:
         body = rigid_body(2.0, inertia=1.0, name="rod")
         one = types.SimpleNamespace(body=body, path=Path("out/rod.flexbody.h5"), report=None)
         checks = [Outcome(passed=self.passed, sensor="frequency 1 of rod, free", time=None)]
-        return types.SimpleNamespace(bodies=(one,), notes=["reused"], checks=checks)
+        return types.SimpleNamespace(bodies=(one,), notes=["reused"], checks=checks, units=SI)
 
     def check_scene(self, *given: Any, **named: Any) -> Any:
         self._call(*given, **named)

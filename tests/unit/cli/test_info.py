@@ -33,3 +33,18 @@ def test_a_mesh_is_counted_and_its_defects_are_told(tmp_path: Path) -> None:
     assert "note: 2 nodes belong to no element of the body and are left out" in bad
     assert "error: 1 of 4 elements of kind" in bad
     assert "warning: 1 pair of nodes coincides, the first node 0 at (0, -10, -5)" in bad
+
+
+def test_reduce_shows_bodies_of_a_scene_in_its_units(tmp_path: Path, monkeypatch) -> None:
+    """A steel bar of 500 x 20 x 10 mm has 785 g, in a scene in mm, t and s and in SI."""
+    monkeypatch.chdir(tmp_path)
+    scene = """title = "a bar"\nunits = "{}"\n[bodies.bar]\nmaterial = "steel"\nmodes = 2
+interfaces = {{ a = "start" }}
+mesh = {{ type = "beam", length = "500 mm", divisions = 4 }}
+sections.all = {{ type = "rectangle", y = "20 mm", z = "10 mm" }}\n"""
+    for units, mass, center in (("mm-t-s", "0.000785 t", "(250, 0, 0) mm"),
+                                ("SI", "0.785 kg", "(0.25, 0, 0) m")):  # fmt: skip
+        (tmp_path / "bar.toml").write_text(scene.format(units))
+        done = CliRunner().invoke(app, ["reduce", "bar.toml"])
+        assert done.exit_code == 0, done.output
+        assert mass in done.stdout and center in done.stdout

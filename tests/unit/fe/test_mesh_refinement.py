@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import eigh
@@ -104,3 +106,20 @@ def test_what_cannot_be_refined_is_said() -> None:
         mesh_from({"type": "disk", "radius": 1.0, "inner": 0.5}, refine=6 * 3)
     with pytest.raises(FlexmbError, match="refine: must be at most 6, is 9"):
         flexmb.Model().add_body("a", mesh="m.msh", material="steel", refine=9)
+    with pytest.raises(MeshError, match="refine: must be a whole number from 0 on, given -1"):
+        fe.reduce({"type": "box", "size": [1, 1, 1]}, material="steel", refine=-1)
+
+
+def test_too_fine_a_mesh_is_refused_before_it_is_made() -> None:
+    """4 hexahedra and 18 faces, ten times halved: 4 * 8^10 + 18 * 4^10. To make them takes long."""
+    with pytest.raises(MeshError, match=r"refining it makes 4\.31e\+09 elements"):
+        refine_mesh(box([4, 1, 1], divisions=[4, 1, 1]), 10)
+
+
+def test_what_else_a_file_has_and_its_numbers_survive() -> None:
+    mesh = box([1, 1, 1], divisions=[1, 1, 1])
+    numbers = np.arange(len(mesh.points)) + 100
+    finer = refine_mesh(replace(mesh, note="the mesh file also has 2 MASS", numbers=numbers))
+    assert finer.note == "the mesh file also has 2 MASS"
+    assert finer.node_text(3) == "node 3 (number 103 of the file)"
+    assert finer.node_text(len(numbers)) == f"node {len(numbers)}"

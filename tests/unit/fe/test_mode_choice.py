@@ -270,3 +270,22 @@ def test_tied_model_of_rigid_interfaces_is_a_bound(bar):
     wanted = eigh(G.T @ (fe.K @ G), G.T @ (fe.M @ G), eigvals_only=True)[6:10]
     found = orthonormalise(fe, free_interface(fe, interfaces, 4)).omega2[:4]
     np.testing.assert_allclose(found, wanted, rtol=1e-8)
+
+
+def test_a_beam_on_a_node_of_solids_is_told_with_its_cure():
+    """The node has no rotations: the beam would turn freely there. A tie to the face holds it."""
+    solid = block((1, 1, 1))
+    end = len(solid.points)
+    corner = int(np.flatnonzero((solid.points == [1, 1, 1]).all(axis=1))[0])
+    points = np.vstack([solid.points, [[2.0, 1.0, 1.0]]])
+    blocks = {**solid.blocks, "line": np.array([[corner, end]])}
+    sets = {**solid.element_sets, "pin": {"line": np.array([0])}}
+    mesh = Mesh(points, blocks, {}, sets)
+    sections = {"pin": rectangle(0.1, 0.1)}
+    fe = assemble(mesh, STEEL, sections)
+    cure = rf"turn freely at the nodes that they share with solids, .* \({corner}\): tie these to"
+    with pytest.raises(ReductionError, match=cure):
+        craig_bampton(fe, make_interfaces(fe, {"wall": "x0"}), 2)
+    weld = {"weld": {"reference": corner, "nodes": "x1"}}
+    fe = assemble(mesh, STEEL, sections, ties=weld)
+    craig_bampton(fe, make_interfaces(fe, {"wall": "x0"}), 2)

@@ -343,12 +343,40 @@ def test_quantities_that_mean_two_things_or_none_are_refused():
     )
     assert plate.quantity("stress.4.top.xx") == -plate.quantity("stress.4.bottom.xx") != 0.0
     for name, sentence in (
-        ("stress.4.xx", "has 2 stresses at node 4, of layers or sections; name a layer"),
+        (
+            "stress.4.xx",
+            r"has 2 stresses at node 4 \(bottom.all, top.all\); name a layer, a section",
+        ),
+        ("stress.4.topp.xx", 'no stress in a layer or section "topp"; nearest: top'),
         ("principal.4.top.0", "is not of the form principal.17.1"),
         ("displacement.x1.w", r"is not of the form displacement.tip.z: interface, group or node$"),
     ):
         with pytest.raises(FlexmbError, match=sentence):
             plate.quantity(name)
+
+
+def test_stress_where_the_thickness_changes_is_that_of_a_section():
+    """M/(w h^2/6) at the step of a strip that is bent by a couple, on both sides of it."""
+    points = [(x, y, 0.0) for x in (0.0, 0.5, 1.0) for y in (0.0, 0.2)]
+    quads = np.array([[0, 2, 3, 1], [2, 4, 5, 3]])
+    groups = {"thick": {"quad": np.array([0])}, "thin.2": {"quad": np.array([1])}}
+    strip = part(
+        Mesh(np.array(points), {"quad": quads}, {}, groups),
+        material={"E": 210e9, "nu": 0.0, "density": 7850.0},
+        sections={
+            "thick": {"type": "shell", "thickness": 0.02},
+            "thin.2": {"type": "shell", "thickness": 0.01},
+        },
+        interfaces={"end": {"nodes": [4, 5]}},
+        supports={"wall": {"nodes": [0, 1], "type": "clamped"}},
+        loads={"couple": {"type": "interface", "interface": "end", "moment": [0.0, 3.0, 0.0]}},
+    )
+    for section, h in (("thick", 0.02), ("thin.2", 0.01)):
+        expected = 3.0 / (0.2 * h**2 / 6)
+        assert strip.quantity(f"stress.3.top.{section}.xx") == pytest.approx(expected, rel=1e-6)
+        assert strip.quantity(f"von_mises.3.{section}") == pytest.approx(expected, rel=1e-6)
+    with pytest.raises(FlexmbError, match=r"node 3 \(top.thick, top.thin.2\); name a layer, a sec"):
+        strip.quantity("stress.3.top.xx")
 
 
 def test_a_ring_buckles_under_a_pressure_that_keeps_its_direction():

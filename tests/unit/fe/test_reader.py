@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import meshio
 import numpy as np
 import pytest
@@ -102,7 +104,7 @@ def test_named_groups_of_second_order_survive_in_gmsh_4(project):
         ("a.msh", f"{GMSH}$Nodes\n1 1 1 1\n".encode(), r"\$Nodes \(line 4\) has no end; .*5 lines"),
         ("a.msh", f"{GMSH}$Nodes\n1 1\n0 x\n$EndNodes".encode(), 'line 6 has "0 x" for numbers'),
         ("a.msh", f"{GMSH}$Nodes\n1 1 1 1\n$EndNodes".encode(), r"no section \$Elements"),
-        ("a.vtu", b"\x00\x01\x02", "damaged, truncated, or not the .vtu format"),
+        ("a.vtu", b"\x00\x01\x02", "damaged, truncated, not the .vtu format"),
         ("a.xdmf", b"<Xdmf>\n<Domain", "its XML breaks off or is wrong at line 2"),
         ("a.xdmf", b"Xdmf", "it is no XML file"),
         ("a.med", b"no HDF5", "is no HDF5 file, which .med files are"),
@@ -240,7 +242,7 @@ def test_what_an_abaqus_deck_says_elsewhere_is_refused(tmp_path, more, sentence)
         read_mesh(path)
 
 
-def test_properties_of_nastran_are_groups_and_its_systems_are_refused(tmp_path):
+def test_properties_of_nastran_are_groups_and_systems_must_be_there(tmp_path):
     path = tmp_path / "deck.bdf"
     grids = "".join(f"GRID,{k},{{}},{x},{y},0.\n" for k, (x, y) in enumerate(np.ndindex(2, 2), 1))
     deck = f"BEGIN BULK\n{grids}CQUAD4,1,7,1,3,4,2\nCBAR,2,9,1,3,0.,0.,1.\nENDDATA\n"
@@ -251,10 +253,10 @@ def test_properties_of_nastran_are_groups_and_its_systems_are_refused(tmp_path):
         "1:9": ["line"],
     }
     path.write_text(deck.format("", 5, "", ""))
-    with pytest.raises(MeshError, match="coordinates in the system 5, which is not read"):
+    with pytest.raises(MeshError, match="names the coordinate system 5, which the deck does not"):
         read_mesh(path)
     path.write_text(deck.format(*[""] * 4).replace("BULK\n", "BULK\nGRDSET,,3\n"))
-    with pytest.raises(MeshError, match="in the system 3"):
+    with pytest.raises(MeshError, match="the coordinate system 3, which"):
         read_mesh(path)
 
 
@@ -384,3 +386,23 @@ def test_elements_that_are_no_part_of_a_mesh_do_not_keep_an_abaqus_deck_from_bei
     assert mesh.group_nodes("own").tolist() == [2]
     for words in ("1 SURFACE", "1 SPRING", "1 R3D4", "its own interfaces, masses, springs, ties"):
         assert words in mesh.note
+
+
+def test_a_format_whose_package_is_not_installed_is_told(tmp_path, monkeypatch):
+    """Exodus is read by netCDF4, which flexmb does not require."""
+    monkeypatch.setitem(sys.modules, "netCDF4", None)
+    (tmp_path / "a.exo").write_bytes(b"CDF\x02 whatever")
+    with pytest.raises(
+        MeshError, match=r"a\.exo: \.exo files need the package netCDF4, which is not"
+    ):
+        read_mesh(tmp_path / "a.exo")
+
+
+@pytest.mark.parametrize("word", ["CBEAM3", "CQUAD", "CQUADX4", "CTRIAX6", "CPLSTN3", "CIFHEX"])
+def test_elements_of_nastran_that_are_not_read_are_refused(tmp_path, word):
+    """They were left out without a word, a hole in the body."""
+    grids = "".join(f"GRID,{k},,{x},{y},0.\n" for k, (x, y) in enumerate(np.ndindex(2, 2), 1))
+    deck = f"BEGIN BULK\n{grids}CQUAD4,1,7,1,3,4,2\n{word},2,7,1,3,4\nENDDATA\n"
+    (tmp_path / "a.bdf").write_text(deck)
+    with pytest.raises(MeshError, match=f"elements of type {word} are not read; write CTETRA"):
+        read_mesh(tmp_path / "a.bdf")

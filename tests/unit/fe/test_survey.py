@@ -248,7 +248,7 @@ def test_elements_that_are_too_stiff_are_told():
     assert '192 elements of kind "tetra"' in finding.sentence
 
 
-def test_elements_without_a_section_beside_others_are_noted():
+def test_elements_without_a_section_beside_others_are_told():
     """A forgotten rib; the lines of a shell mesh, often borders, are none of its kind."""
     plate = mesh_from({"type": "plate", "length": 1, "width": 1, "divisions": [4, 2]})
     sets = {"skin": {"quad": np.arange(6)}, "rib": {"quad": np.arange(6, 8)}}
@@ -257,7 +257,44 @@ def test_elements_without_a_section_beside_others_are_noted():
     notes = {}
     for names in (["skin"], ["skin", "rib"], ["all"]):
         surveyed = survey(mesh, material="steel", sections=dict.fromkeys(names, thin))
-        notes[len(names), names[0]] = [one.sentence for one in surveyed.findings]
+        notes[len(names), names[0]] = [tuple(one) for one in surveyed.findings]
     sentence = "2 of 8 quad elements have no section and are left out: rib"
-    assert sentence in notes.pop((1, "skin"))
-    assert not any("section" in text for texts in notes.values() for text in texts)
+    assert ("warning", sentence) in notes.pop((1, "skin"))
+    assert not any("section" in text for texts in notes.values() for _, text in texts)
+
+
+def test_triangles_without_a_section_beside_quadrilaterals_are_told():
+    """A part of a body of shells is missing. Of a body of solids, they are faces for loads."""
+    points = [*BOX.points, (5.0, 0.0, 0.0), (6.0, 0.0, 0.0), (6.0, 1.0, 0.0), (5.0, 1.0, 0.0)]
+    n = len(BOX.points)
+    corners = np.arange(n, n + 4)[None]
+    shells = {"quad": corners, "triangle": np.array([[n, n + 1, 0]])}
+    sets = {"skin": {"quad": np.array([0])}, "flap": {"triangle": np.array([0])}}
+    thin = {"skin": {"type": "shell", "thickness": 0.01}}
+    told = ("warning", "1 of 1 triangle elements have no section and are left out: flap")
+    given = {"material": "steel", "sections": thin, "modes": 2}
+    found = survey(Mesh(np.array(points), shells, {}, sets), **given)
+    assert told in [tuple(one) for one in found.findings]
+    solid = Mesh(np.array(points), {**shells, "tetra10": BOX.blocks["tetra10"]}, {}, sets)
+    found = survey(solid, **given, ties={"t": {"reference": 0, "nodes": "skin"}})
+    assert not found.problems and not any("no section" in one.sentence for one in found.findings)
+
+
+def test_a_line_without_a_section_beside_shells_is_noted():
+    plate = mesh_from({"type": "plate", "length": 1, "width": 1, "divisions": [4, 2]})
+    rod = {"type": "circle", "radius": 0.01}
+    sections = {"all": {"type": "shell", "thickness": 0.01}, "x0": rod}
+    found = survey(plate, material="steel", sections=sections).findings
+    (level,) = [one.level for one in found if "line elements have no section" in one.sentence]
+    assert level == "note"
+
+
+def test_places_are_told_in_the_unit_of_the_mesh(tmp_path):
+    """As its preprocessor shows them."""
+    points = np.vstack([BOX.points, BOX.points + [40.0, 0.0, 0.0]])
+    cells = np.vstack([BOX.blocks["tetra10"], BOX.blocks["tetra10"] + len(BOX.points)])
+    apart = Mesh(points, {"tetra10": cells})
+    x, y, z = (f"{value:.4g}" for value in points[0] + 0.0)
+    for units, unit in (("mm-t-s", "mm"), ("SI", "m"), ("in-lbf-s", "in"), ("um-kg-s", "µm")):
+        (problem,) = survey(apart, units=units, material="steel").problems
+        assert f"node 0 at ({x}, {y}, {z}) {unit}: merge" in str(problem)

@@ -119,6 +119,8 @@ def test_numbers_are_told_in_the_units_of_the_scene(tmp_path: Path, body) -> Non
     wanted = von_mises(body.stress.modes.astype(float) @ SWING[1]).max() * 1e-6
     assert result["rod.von_mises"][1] == pytest.approx(wanted)
     assert result.unit("rod.von_mises") == "MPa"
+    np.testing.assert_array_equal(result["rod.stress.3.+y.all.xx"], result["rod.stress.3.+y.xx"])
+    np.testing.assert_array_equal(result["rod.von_mises.3.all"], result["rod.von_mises.3"])
     moment = (body.section_forces.modes @ SWING[1])[0, 1, 5] * 1e3  # N mm
     assert result["rod.section_force.0.2.Mz"][1] == pytest.approx(moment)
 
@@ -132,10 +134,14 @@ def test_numbers_are_told_in_the_units_of_the_scene(tmp_path: Path, body) -> Non
         (lambda r: r.stress("rod", layer="+y+s"), 'layer "\\+y\\+s"; nearest: \\+y'),
         (lambda r: r.stress("rod", 1.0), "outside the run"),
         (lambda r: r["rod.stress.3.xx"], "has 8 stresses at node 3 .*name a layer"),
+        (lambda r: r.stress("rod", section="al"), 'no stress in a section "al"; nearest: all'),
         (lambda r: r["rod.stress.3.+y.xz"], '"xz" is no component of stress; allowed: xx'),
         (lambda r: r["rod.stress.xx"], "is not of the form rod.stress.17.xx"),
         (lambda r: r["rod.stress.a.xx"], '"a" is no number of a node'),
-        (lambda r: r["rod.von_mises.1.2.3"], "is not of the form"),
+        (
+            lambda r: r["rod.von_mises.1.2.3"],
+            'no stress in a layer or section "2.3"; allowed: .*all',
+        ),
         (lambda r: r["rod.section_force.9.1.N"], "no beam element 9; it has those from 0 to 3"),
         (lambda r: r["rod.section_force.1.3.N"], '"3" is no end of a beam element'),
         (lambda r: r["rod.section_force.1"], "is not of the form"),

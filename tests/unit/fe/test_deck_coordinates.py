@@ -1,0 +1,116 @@
+"""Coordinate systems of Nastran against rotations by scipy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from flexmb.errors import MeshError
+from flexmb.fe import read_mesh
+from flexmb.fe.meshes import mesh as mesh_module
+
+ORIGIN = np.array([3.0, -2.0, 5.0])
+TURN = Rotation.from_euler("xyz", [20, -35, 70], degrees=True)
+X, Y, Z = np.eye(3)
+
+
+@pytest.fixture(autouse=True)
+def in_this_process(monkeypatch):
+    monkeypatch.setattr(mesh_module, "check_reading", lambda *_: None)
+
+
+def text(*values):
+    return ",".join(f"{v:.12g}" if isinstance(v, float) else str(v) for v in values)
+
+
+def read(tmp_path, *lines):
+    path = tmp_path / "deck.bdf"
+    path.write_text("\n".join(["BEGIN BULK", *lines, "ENDDATA"]) + "\n")
+    return read_mesh(path)
+
+
+def system(word, number, base, origin, turn, end=2.0):
+    """CORD2x of a frame that is turned and moved in its base; its points are not at unit length."""
+    a, b, c = origin, origin + turn.apply(end * Z), origin + turn.apply(3 * X + 0.7 * Z)
+    return [text(word, number, base, *a, *b) + ",+", text("+", *c)]
+
+
+def place(kind, a, b, c):
+    """Of rectangular, cylindrical or spherical coordinates, by turns of the axes."""
+    if kind == "R":
+        return np.array([a, b, c])
+    if kind == "C":
+        return Rotation.from_rotvec(b * Z, degrees=True).apply([a, 0, c])
+    tilted = Rotation.from_rotvec(b * Y, degrees=True).apply(a * Z)
+    return Rotation.from_rotvec(c * Z, degrees=True).apply(tilted)
+
+
+@pytest.mark.parametrize("kind", "RCS")
+def test_a_system_in_the_basic_one(tmp_path, kind):
+    lines = system(f"CORD2{kind}", 7, "", ORIGIN, TURN)
+    mesh = read(tmp_path, *lines, "GRID,1,7,1.5,40.,25.", "GRID,2,,1.5,40.,25.")
+    expected = ORIGIN + TURN.apply(place(kind, 1.5, 40.0, 25.0))
+    np.testing.assert_allclose(mesh.points, [expected, [1.5, 40, 25]], atol=1e-10)
+    assert not mesh.note
+
+
+def test_a_system_in_a_cylindrical_one(tmp_path):
+    """The points of the second are given by radius, angle and height in the first."""
+    outer = system("CORD2C", 9, 0, ORIGIN, TURN)
+    inner = ["CORD2R,2,9,4.,90.,1.,4.,90.,2.", "+,5.,90.,1."]  # its x axis is radial
+    mesh = read(tmp_path, *inner, *outer, "GRID,1,2,1.,2.,3.")
+    inside = [-2.0, 4 + 1.0, 1 + 3.0]  # x radial (y of the first), y along -x, z as z
+    np.testing.assert_allclose(mesh.points[0], ORIGIN + TURN.apply(inside), atol=1e-10)
+
+
+def test_systems_by_nodes(tmp_path):
+    """Two in one entry; their nodes have a system of their own."""
+    at = [ORIGIN, ORIGIN + TURN.apply(4 * Z), ORIGIN + TURN.apply(X - Z)]
+    outer = system("CORD2R", 5, "", ORIGIN, TURN)
+    nodes = ["GRID,11,5,0.,0.,0.", text("GRID", 12, "", *at[1]), text("GRID", 13, "", *at[2])]
+    lines = ["CORD1R,1,11,12,13,2,11,13,12", *nodes, "GRID,20,1,1.,2.,3.", "GRID,21,2,1.,0.,0."]
+    mesh = read(tmp_path, *outer, *lines)
+    np.testing.assert_allclose(mesh.points[3], ORIGIN + TURN.apply([1, 2, 3]), atol=1e-10)
+    x = Z - ((X - Z) @ Z) / 2 * (X - Z)  # towards node 12, normal to the axis of the second
+    x /= np.linalg.norm(x)
+    np.testing.assert_allclose(mesh.points[4], ORIGIN + TURN.apply(x), atol=1e-10)
+
+
+def test_the_default_system_of_nodes_and_large_fields(tmp_path):
+    lines = [
+        f"{'CORD2C*':8}{7:<16}{0:<16}{1.0:<16}{0.0:<16}*",
+        f"{'*':8}{0.0:<16}{1.0:<16}{0.0:<16}",
+    ]
+    lines[1] += f"{1.0:<16}*"
+    lines += [f"{'*':8}{2.0:<16}{0.0:<16}{0.0:<16}"]
+    mesh = read(tmp_path, *lines, "GRDSET,,7", "GRID,1,,2.,90.,.5", "GRID,2,0,2.,90.,.5")
+    np.testing.assert_allclose(mesh.points, [[1, 2, 0.5], [2, 90, 0.5]], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("lines", "sentence"),
+    [
+        (["GRID,1,4,0.,0.,0."], "names the coordinate system 4, which the deck does not have"),
+        (
+            ["CORD2R,4,4,0.,0.,0.,0.,0.,1.", "+,1.,0.,0.", "GRID,1,4,0.,0.,0."],
+            "the coordinate system 4 is defined by itself",
+        ),
+        (
+            ["CORD1R,4,1,2,3", "GRID,1,4,0.,0.,0.", "GRID,2,,0.,0.,1.", "GRID,3,,1.,0.,0."],
+            "the coordinate system 4 is defined by itself",
+        ),
+        (
+            ["CORD2R,4,,0.,0.,0.,0.,0.,1.", "+,0.,0.,2.", "GRID,1,4,0.,0.,0."],
+            "the three points of the coordinate system 4 lie on a line",
+        ),
+        (["CORD1R,4,1,2,3", "GRID,9,4,0.,0.,0."], "the coordinate system 4 names node 1, which"),
+        (
+            [*system("CORD2R", 4, "", ORIGIN, TURN), *system("CORD2C", 4, "", ORIGIN, TURN)],
+            "the coordinate system 4 is given twice",
+        ),
+    ],
+)
+def test_systems_that_cannot_be_are_refused(tmp_path, lines, sentence):
+    with pytest.raises(MeshError, match=sentence):
+        read(tmp_path, *lines, "GRID,50,,1.,2.,3.")
