@@ -42,6 +42,8 @@ Row = dict[str, Any]
 
 
 SECTIONS = ("check", "results", "view", "study", "sweep")
+_PARABOLA_ROWS = 5  # least number of rows between which an extreme is interpolated
+_SAME_BEND = 2.0  # largest ratio of the curvatures at an extreme and beside it
 _EXTREMES = ("min", "max")  # of channels for which no scalar is stated
 _RECOVERED = {  # channels that need a result file, and their units in SI
     "von_mises": "Pa", "stress": "Pa", "section_force": "", "mode_energy": "J", "balance": "J",
@@ -273,11 +275,35 @@ def _mean(t: Array, x: Array) -> float:
     return float(0.5 * np.sum((x[1:] + x[:-1]) * np.diff(t)) / (t[-1] - t[0]))
 
 
+def _largest(t: Array, x: Array) -> float:
+    """The largest value, between rows by the parabola through the largest one and its neighbours.
+
+    At an end, and where the curvature at the neighbours is not about the same, as at a kink or an
+    impact, it is that of the rows.
+    """
+    k = int(x.argmax())
+    if len(x) < _PARABOLA_ROWS or not 0 < k < len(x) - 1:
+        return float(x[k])
+    rows = slice(max(k - 2, 0), k + 3)
+    slopes, middle = np.diff(x[rows]) / np.diff(t[rows]), k - rows.start
+    bends = np.diff(slopes) / (t[rows][2:] - t[rows][:-2])
+    own = float(bends[middle - 1])
+    if not np.all(bends < own / _SAME_BEND) or not np.all(bends > own * _SAME_BEND):
+        return float(x[k])
+    before, after = t[k] - t[k - 1], t[k + 1] - t[k]
+    slope = (slopes[middle - 1] * after + slopes[middle] * before) / (before + after)
+    return float(x[k] - slope * slope / (4.0 * own))
+
+
+def _smallest(t: Array, x: Array) -> float:
+    return -_largest(t, -x)
+
+
 _FUNCTIONS: dict[str, Callable[[Array, Array], float]] = {
-    "min": lambda t, x: float(x.min()),
-    "max": lambda t, x: float(x.max()),
-    "peak": lambda t, x: float(np.abs(x).max()),
-    "peak-to-peak": lambda t, x: float(np.ptp(x)),
+    "min": _smallest,
+    "max": _largest,
+    "peak": lambda t, x: max(_largest(t, x), -_smallest(t, x)),
+    "peak-to-peak": lambda t, x: _largest(t, x) - _smallest(t, x),
     "rms": lambda t, x: float(np.sqrt(_mean(t, x * x))),
     "mean": _mean,
     "final": lambda t, x: float(x[-1]),
