@@ -309,7 +309,7 @@ class _Pass:
             if prepared.rows_before == 0:  # rows of a run before it was resumed were not looked at
                 notes += self._peaks.sentences(prepared.run, prepared.model)
             unstable = unstable_step(prepared.run, prepared.method, failed=False)
-            notes += [unstable or _energy_error_sentence(prepared)]
+            notes += [unstable or _energy_error_sentence(prepared, self._validity)]
         return [note for note in notes if note]
 
     def _first_row(self) -> int:
@@ -387,7 +387,7 @@ class _Pass:
         )
 
 
-def _energy_error_sentence(prepared: PreparedDynamics) -> str:
+def _energy_error_sentence(prepared: PreparedDynamics, validity: ValidityMonitor) -> str:
     """The sentence on an error of the energy balance, or ""."""
     share, settings = prepared.run.rows.balance.relative, prepared.run.settings
     step = settings.step
@@ -404,7 +404,8 @@ def _energy_error_sentence(prepared: PreparedDynamics) -> str:
             f"{what}steps of {step:.3g} s are too long for the forces of this motion, such as an "
             "impact; shorten them, or leave out dynamics.step, so that the accuracy is controlled"
         )
-    return f"{what}ask for more accuracy; if it stays, a force or an effect makes energy"
+    more = "ask for more accuracy; if it stays, a force or an effect makes energy"
+    return f"{what}{validity.making_energy() or more}"
 
 
 def _statistics(run: Integration) -> dict[str, float | int | str]:

@@ -29,6 +29,7 @@ from scipy.linalg import block_diag
 
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, n_free
 from flexmb.analysis.assembly.mechanism_modes import MechanismModes
+from flexmb.analysis.dynamics.deformed_inertia import DeformedInertiaMonitor
 from flexmb.analysis.dynamics.kinked_functions import AT_ONCE, kinked_functions
 from flexmb.analysis.dynamics.linear_elasticity import (
     LinearElasticityMonitor,
@@ -84,11 +85,13 @@ class ValidityMonitor:
         self._elasticity = LinearElasticityMonitor(compiled, model, q)
         self._basis = ModalBasisMonitor(compiled, model, is_motion)
         self._load_factor = LoadFactorMonitor(compiled, model, q)
+        self._inertia = DeformedInertiaMonitor(compiled, model, q)
         self._monitors: tuple[Monitor, ...] = ()  # all of them are of flexible bodies
         if compiled.system.parts.bodies["m"].any():
             self._monitors = (
                 self._elasticity,
                 self._load_factor,
+                self._inertia,
                 self._basis,
                 *((OmittedVibrationMonitor(compiled, model, q),) if is_motion else ()),
             )
@@ -132,9 +135,10 @@ class ValidityMonitor:
                 yield one.text()
 
     def diverging(self, state: State) -> str:
-        """The sentence on a body whose equations have lost all stiffness, or "".
+        """The sentence on a body whose equations have lost their mass or all stiffness, or "".
 
-        By rotation without stiffening, or by loads that buckle it, up to the last state of the run.
+        By its inertia coupling in its frame, by rotation without stiffening, or by loads that
+        buckle it, up to the last state of the run.
         """
         none = np.zeros((1, 0))
         motion = (state.q, state.v, state.vd, state.lam)
@@ -142,7 +146,16 @@ class ValidityMonitor:
             last = OutputBlock(state.t[:1].copy(), *(one[None] for one in motion), *[none] * 4)
             self._elasticity.add(last)
             self._load_factor.add_last(last)
-        return self._elasticity.diverging() or self._load_factor.diverging()
+            self._inertia.add(last)
+        return (
+            self._inertia.diverging()
+            or self._elasticity.diverging()
+            or self._load_factor.diverging()
+        )
+
+    def making_energy(self) -> str:
+        """The sentence on a body whose inertia coupling does not keep energy, or ""."""
+        return self._inertia.making_energy()
 
     def refusal(self) -> str:
         """The sentence on the first bound that is exceeded, or ""."""
@@ -151,6 +164,9 @@ class ValidityMonitor:
             value = one.value if one.against_bound is None else one.against_bound
             if not isinstance(bound, str) and value > bound:
                 way_on = f'{one.quantity} = "any" under [validity] runs on'
+                unbalanced = self._inertia.diverging()
+                if unbalanced:
+                    return f"{unbalanced}; so {one.quantity} passes its bound {bound:g}"
                 buckled = self._load_factor.diverging()
                 cause = (
                     f"{one.text()}; {buckled}" if buckled != one.text() and buckled else one.text()

@@ -34,12 +34,12 @@ from flexmb.analysis.dynamics.run_settings import (
     damps_vibrations,
     fine_settings,
     gyration,
-    modal_reach,
     scout_rows,
     scout_settings,
 )
 from flexmb.engine import method
 from flexmb.engine.allocation import new_plan
+from flexmb.engine.bodies.flexible_body import modal_reach
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import Plan, State
 from flexmb.errors import FlexmbError
@@ -180,7 +180,9 @@ class VerifiedRun:
         turn = max(1.0, _SPIN_SHARE * span * float(max(spun, default=0.0)))
         least = {"m": length, "rad": turn, "m/s": length / span, "rad/s": turn / span}
         at_rest = {unit: NO_MOTION * size for unit, size in least.items()}
-        radii, modes = gyration(compiled), modal_reach(compiled)
+        flexible = {one.name for one in compiled.layout.bodies if one.m}
+        radii = gyration(compiled)
+        modes = {name: modal_reach(compiled.flexbodies[name]) for name in flexible}
         parts = by_part(compared(compiled.layout, model, modes), compiled, model)
         comparison = RowComparison(compiled.layout, model, at_rest, span, radii, parts, modes)
         error = MeasuredError(comparison, RoundOff(comparison.compared, compiled, model))
