@@ -172,16 +172,19 @@ class Estimates:
 
         Deformation is estimated along the motion with rigid bodies. Vibration is estimated along
         the motion with quasi-static bodies, if there is one; else it is the deformation less its
-        quasi-static part.
+        quasi-static part. Next to dynamic modes both are computed: either may show vibrations that
+        are not there, so that the smaller one counts.
         """
-        from flexmb.analysis.effects.contribution import smaller_range
+        from flexmb.analysis.effects.contribution import smaller_change, smaller_range
         from flexmb.engine.bodies.static_modes import static_coordinates
 
         mine = [one.body for one in effects]
+        vibration = None
         if effects[0].name == VIBRATION and all(self.of.compiled.flexbodies[k].m for k in mine):
             with suppress(FlexmbError):  # of a run of its own
-                if made := self._vibration(effects[0].on, mine):
-                    return made
+                vibration, alone = self._vibration(effects[0].on, mine)
+                if vibration is not None and alone:
+                    return vibration
         own, motion, model, bodies, last = self.of.deformable(effects)
         other = self.of.compile(model, bodies)
         if effects[0].name == DEFORMATION:
@@ -201,26 +204,33 @@ class Estimates:
             without = after if effects[0].on else smaller_range(after, histories[0])
             histories = histories[0], without, histories[2]
         change = np.where(np.isfinite(change), change - still, change)
+        if vibration is not None:
+            change = smaller_change(change, vibration[1])
         return histories, change, names, None
 
-    def _vibration(self, on: bool, mine: list[str]) -> Change | None:
-        """Change by vibration of bodies, along the motion in which they are quasi-static.
+    def _vibration(self, on: bool, mine: list[str]) -> tuple[Change | None, bool]:
+        """Change by vibration of bodies along the motion in which they are quasi-static; whether it
+        counts alone.
 
         The residual of that motion at their modes excites it. None if bodies that vibrate have no
-        such motion: in a frame at an interface, or next to dynamic modes that excite them.
+        such motion: in a frame at an interface. Next to dynamic modes, fast vibrations of these
+        excite it too, which rows resolve less.
         """
         from flexmb.engine.bodies.static_modes import static_bodies
 
         words, specs = dict.fromkeys(mine, QUASI_STATIC), cast("Any", self.of.model.bodies)
         now = self.of.compile(with_words(self.of.model, words), self.of.bodies)
         framed = any(specs[name].frame_interface is not None for name in mine)
-        if on and (framed or not static_bodies(now.system)[1]):
-            return None
+        if on and framed:
+            return None, True
         motion = self.of.motion_with(words)[0] if on else self.of.motion
         model = with_words(self.of.model, dict.fromkeys(mine, DYNAMIC))
         other = self.of.compile(model, self.of.bodies)
         histories, change, names = self._changes(now, other, model, motion, {}, inertia=mine)
-        return ((self.of.motion.channels, *histories) if on else histories), change, names, None
+        if on:
+            histories = self.of.motion.channels, *histories
+        alone = not on or len(static_bodies(now.system)[1]) > 0
+        return (histories, change, names, None), alone
 
     def _changes(
         self, own: Compiled, other: Compiled, model: Model, motion: Motion,

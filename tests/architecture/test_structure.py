@@ -13,8 +13,8 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "files": 379,
-    "lines": 100_600,
+    "files": 380,
+    "lines": 100_900,
     "participles": 30,
     "base names of three and more files": 0,
     _ALL: 0,

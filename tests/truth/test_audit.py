@@ -88,7 +88,7 @@ def rotor_on_a_mast():
         mesh = {"type": "beam", "length": length, "divisions": 8}
         return beam_fields(length, mesh=mesh, material={"E": E, "nu": 0.3, "density": density},
                            sections={"all": {"type": "rectangle", "y": y, "z": z}},
-                           geometric_stiffening="full", residual="none")  # fmt: skip
+                           geometric_stiffening="full")  # fmt: skip
 
     model.add_body("mast", **bar(height, 2.5, 2.5, 3e10, 2500.0))
     model.add_body("head", mass=5e4, inertia=[2e5] * 3, position=[height, 0, 0])
@@ -114,7 +114,7 @@ def rotor_on_a_mast():
 @pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
 @pytest.mark.parametrize(
     ("body", "word", "effect", "within"),
-    [("mast", "rigid", "deformation", 0.02), ("blade", "quasi-static", "vibration", 0.003)],
+    [("mast", "rigid", "deformation", 0.02), ("blade", "quasi-static", "vibration", 0.01)],
 )
 def test_stiff_modes_follow_bodies_that_turn_against_one_another(
     body, word, effect, within, tmp_path

@@ -310,7 +310,7 @@ class _Pass:
             if prepared.rows_before == 0:  # rows of a run before it was resumed were not looked at
                 notes += self._peaks.sentences(prepared.run, prepared.model)
             unstable = unstable_step(prepared.run, prepared.method, failed=False)
-            notes += [unstable or energy_error(prepared)]
+            notes += [unstable or energy_error(prepared, self._validity.making_energy())]
         return [note for note in notes if note]
 
     def _first_row(self) -> int:

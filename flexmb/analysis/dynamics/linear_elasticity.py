@@ -26,7 +26,7 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array
-from flexmb.flexbody.natural_modes import natural_modes
+from flexmb.flexbody.natural_modes import NaturalModes, natural_modes
 from flexmb.flexbody.static_response import LARGEST_SHARE
 from flexmb.model.excitation import loads_beside_interfaces, marker_interface
 from flexmb.model.forces.body_load import BodyLoadSpec
@@ -87,7 +87,7 @@ class LinearElasticityMonitor:
             inertia = body.inertia_about_center
             inertia = inertia / np.linalg.eigvalsh(inertia)[-1]
             frame = joined_frame(body, columns.name, model)
-            deflection, rotation = _relative_motion(body, frame)
+            deflection, rotation = relative_motion(body, frame)
             sizes = np.linalg.norm(
                 (deflection @ shapes).reshape(len(deflection) // 3, 3, len(frequencies)), axis=1
             )
@@ -123,7 +123,7 @@ class LinearElasticityMonitor:
             amplitude = np.abs(eta @ one.amplitudes.T).max(axis=0)
             present = self._amplitudes[self._parts[k]]
             np.maximum(present, amplitude, out=present)
-            now = (_lengths(eta, one.deflection), _lengths(eta, one.rotation), speed)
+            now = (largest_lengths(eta, one.deflection), largest_lengths(eta, one.rotation), speed)
             for largest, values in zip(self._largest, now, strict=True):
                 row = int(values.argmax())
                 if values[row] > largest[0, k]:
@@ -190,7 +190,7 @@ class LinearElasticityMonitor:
         )
 
 
-def _lengths(eta: Array, rows: Array) -> Array:
+def largest_lengths(eta: Array, rows: Array) -> Array:
     """(t,) largest length of the k vectors rows (3 k, m) · eta (t, m)."""
     moved = (eta @ rows.T).reshape(len(eta), len(rows) // 3, 3)
     return np.asarray(np.sqrt(np.einsum("tki,tki->tk", moved, moved).max(axis=1, initial=0.0)))
@@ -223,6 +223,16 @@ def joined_modes(body: FlexBody, columns: BodyColumns, q: Array, Cq: Array) -> t
     shapes : (m, j) array
         Modal coordinates of the body in each, of unit modal mass.
     """
+    modes = joined_motions(body, columns, q, Cq)
+    vibrates = modes.frequencies > _ZERO_FREQUENCY * modes.frequencies.max(initial=0.0)
+    return 2.0 * np.pi * modes.frequencies[vibrates], modes.eta[:, vibrates]
+
+
+def joined_motions(body: FlexBody, columns: BodyColumns, q: Array, Cq: Array) -> NaturalModes:
+    """All motions that the joints leave a body, all others at rest; also those without stiffness.
+
+    Parameters as of `joined_modes`.
+    """
     from scipy.spatial.transform import Rotation
 
     iq, iv = columns.iq, columns.iv
@@ -230,9 +240,7 @@ def joined_modes(body: FlexBody, columns: BodyColumns, q: Array, Cq: Array) -> t
     rows = rows[np.abs(rows).max(axis=1, initial=0.0) > 0.0]
     e0, e1, e2, e3 = q[iq + 3 : iq + 7]
     rows[:, :3] = rows[:, :3] @ Rotation.from_quat([e1, e2, e3, e0]).as_matrix()
-    modes = natural_modes(body, rows=rows)
-    vibrates = modes.frequencies > _ZERO_FREQUENCY * modes.frequencies.max(initial=0.0)
-    return 2.0 * np.pi * modes.frequencies[vibrates], modes.eta[:, vibrates]
+    return natural_modes(body, rows=rows)
 
 
 def constraint_jacobian(compiled: Compiled, q: Array) -> Array:
@@ -315,7 +323,7 @@ def joined_frame(body: FlexBody, name: str, model: Model) -> JoinedFrame:
     return JoinedFrame(first.position, first.Phi_t, turn)
 
 
-def _relative_motion(body: FlexBody, frame: JoinedFrame) -> tuple[Array, Array]:
+def relative_motion(body: FlexBody, frame: JoinedFrame) -> tuple[Array, Array]:
     """Displacements of points of a body relative to its joints, over its length, and rotations of
     these points, both (3 k, m) per unit eta."""
     nodes = body.nodes

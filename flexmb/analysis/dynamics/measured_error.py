@@ -22,9 +22,10 @@ from flexmb.analysis.dynamics.compared_quantities import (
     by_part,
     compared,
 )
-from flexmb.analysis.dynamics.run_settings import gyration, modal_reach
+from flexmb.analysis.dynamics.run_settings import gyration
 from flexmb.analysis.dynamics.vibration_error import VibrationError
 from flexmb.analysis.monitors import SampledHistory
+from flexmb.engine.bodies.flexible_body import modal_reach
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import State
 from flexmb.flexbody.arrays import Array
@@ -93,7 +94,8 @@ class MeasuredError:
         turn = max(1.0, _SPIN_SHARE * span * float(max(spun, default=0.0)))
         least = {"m": length, "rad": turn, "m/s": length / span, "rad/s": turn / span}
         at_rest = {unit: NO_MOTION * size for unit, size in least.items()}
-        radii, modes = gyration(compiled), modal_reach(compiled)
+        radii, flexible = gyration(compiled), [one.name for one in compiled.layout.bodies if one.m]
+        modes = {name: modal_reach(compiled.flexbodies[name]) for name in flexible}
         parts = by_part(compared(compiled.layout, model, modes), compiled, model)
         comparison = RowComparison(compiled.layout, model, at_rest, span, radii, parts, modes)
         return cls(comparison, RoundOff(comparison.compared, compiled, model))

@@ -148,8 +148,8 @@ def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
         yield f"{agree}: {why}"
 
 
-def energy_error(prepared: PreparedDynamics) -> str:
-    """A sentence on an error of the energy balance, or ""."""
+def energy_error(prepared: PreparedDynamics, cause: str) -> str:
+    """A sentence on an error of the energy balance, or ""; `cause` is one known already, or ""."""
     run, settings, bodies = prepared.run, prepared.run.settings, prepared.model.bodies
     share, step = run.rows.balance.relative, settings.step
     if (
@@ -160,6 +160,8 @@ def energy_error(prepared: PreparedDynamics) -> str:
     what = f"the energy balance is off by {100 * share:.3g} % of the energy that moved: "
     if settings.static_after_step == 1:
         return f'{what}quasi-static modes leave out vibrations; deformation = "automatic" has them'
+    if cause:
+        return f"{what}{cause}"
     for body in run.compiled.layout.bodies:
         coupling = getattr(bodies[body.name], "inertia_coupling", "full")
         if coupling != "full":

@@ -133,16 +133,6 @@ def gyration(compiled: Compiled) -> dict[str, float]:
     }
 
 
-def modal_reach(compiled: Compiled) -> dict[str, Array]:
-    """Largest displacement of a point per unit of each modal coordinate, by body [m]."""
-    lengths = compiled.system.weights * compiled.length
-    return {
-        body.name: lengths[body.iv + 6 : body.iv + 6 + body.m]
-        for body in compiled.layout.bodies
-        if body.m
-    }
-
-
 def local_tolerance(spec: DynamicsSpec, integrator: method.Method) -> float:
     """First local tolerance, over the error scales, for the requested accuracy.
 

@@ -21,7 +21,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Iterator
 from copy import copy, deepcopy
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,9 @@ from flexmb.errors import AssemblyError
 from flexmb.model.model import Model
 from flexmb.model.scenes.dynamics import ValiditySpec
 from flexmb.results.output_block import OutputBlock
+
+if TYPE_CHECKING:
+    from flexmb.analysis.dynamics.deformed_inertia import DeformedInertiaMonitor
 
 Array = NDArray[np.float64]
 #: Words of the sentence on omitted vibrations.
@@ -84,11 +87,13 @@ class ValidityMonitor:
         self._elasticity = LinearElasticityMonitor(compiled, model, q)
         self._basis = ModalBasisMonitor(compiled, model, is_motion)
         self._load_factor = LoadFactorMonitor(compiled, model, q)
+        self._inertia = _inertia_monitor(compiled, model, q)
         self._monitors: tuple[Monitor, ...] = ()  # all of them are of flexible bodies
         if compiled.system.parts.bodies["m"].any():
             self._monitors = (
                 self._elasticity,
                 self._load_factor,
+                *((self._inertia,) if self._inertia else ()),
                 self._basis,
                 *((OmittedVibrationMonitor(compiled, model, q),) if is_motion else ()),
             )
@@ -132,9 +137,10 @@ class ValidityMonitor:
                 yield one.text()
 
     def diverging(self, state: State) -> str:
-        """The sentence on a body whose equations have lost all stiffness, or "".
+        """The sentence on a body whose equations have lost their mass or all stiffness, or "".
 
-        By rotation without stiffening, or by loads that buckle it, up to the last state of the run.
+        By its inertia coupling in its frame, by rotation without stiffening, or by loads that
+        buckle it, up to the last state of the run.
         """
         none = np.zeros((1, 0))
         motion = (state.q, state.v, state.vd, state.lam)
@@ -142,7 +148,17 @@ class ValidityMonitor:
             last = OutputBlock(state.t[:1].copy(), *(one[None] for one in motion), *[none] * 4)
             self._elasticity.add(last)
             self._load_factor.add_last(last)
-        return self._elasticity.diverging() or self._load_factor.diverging()
+            if self._inertia:
+                self._inertia.add(last)
+        return (
+            (self._inertia.diverging() if self._inertia else "")
+            or self._elasticity.diverging()
+            or self._load_factor.diverging()
+        )
+
+    def making_energy(self) -> str:
+        """The sentence on a body whose inertia coupling does not keep energy, or ""."""
+        return self._inertia.making_energy() if self._inertia else ""
 
     def refusal(self) -> str:
         """The sentence on the first bound that is exceeded, or ""."""
@@ -151,12 +167,27 @@ class ValidityMonitor:
             value = one.value if one.against_bound is None else one.against_bound
             if not isinstance(bound, str) and value > bound:
                 way_on = f'{one.quantity} = "any" under [validity] runs on'
+                unbalanced = self._inertia.diverging() if self._inertia else ""
+                if unbalanced:
+                    return f"{unbalanced}; so {one.quantity} passes its bound {bound:g}"
                 buckled = self._load_factor.diverging()
                 cause = (
                     f"{one.text()}; {buckled}" if buckled != one.text() and buckled else one.text()
                 )
                 return f"{cause} (bound {bound:g}; {way_on})"
         return ""
+
+
+def _inertia_monitor(
+    compiled: Compiled, model: Model, q: NDArray[np.float64]
+) -> DeformedInertiaMonitor | None:
+    """The monitor of bodies whose inertia coupling is not full, if there are any."""
+    specs = model.bodies.values()
+    if all(getattr(spec, "inertia_coupling", "full") == "full" for spec in specs):
+        return None
+    from flexmb.analysis.dynamics.deformed_inertia import DeformedInertiaMonitor
+
+    return DeformedInertiaMonitor(compiled, model, q)
 
 
 def _arrays(monitor: Monitor) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.assembly.jacobian import ConstraintRows
 from flexmb.analysis.dynamics.linear_elasticity import joined_modes
 from flexmb.analysis.effects.perturbation import Response, respond
-from flexmb.analysis.effects.smooth_pieces import follow_places
+from flexmb.analysis.effects.smooth_pieces import follow_places, follow_velocities
 from flexmb.analysis.effects.stored_motion import Motion, carry_motion
 from flexmb.engine import equations_of_motion as stages
 from flexmb.engine.allocation import new_run, new_state, new_work
@@ -104,6 +104,12 @@ def smaller_range(history: Array, other: Array) -> Array:
     """Least and largest values (2, k) of each channel, in the history where its range is less."""
     a, b = (np.stack([x.min(axis=0), x.max(axis=0)]) for x in (history, other))
     return np.where(np.ptp(a, axis=0) < np.ptp(b, axis=0), a, b)
+
+
+def smaller_change(change: Array, other: Array) -> Array:
+    """Of two estimates (n, k) of a change, that of each channel whose largest value is less."""
+    sizes = (np.abs(np.nan_to_num(x, nan=np.inf)).max(axis=0, initial=0.0) for x in (change, other))
+    return np.where(np.less(*sizes), change, other)
 
 
 def contributions(
@@ -220,16 +226,20 @@ def estimate(
     quasi_static : bool
         Leave out the inertia of vibrations.
     inertia : sequence of str
-        Bodies whose modes have no inertia in the run: their residual is no noise, and kinetostatic
-        ones get the time derivatives of their positions as velocities.
+        Bodies whose modes have no inertia in the run: their residual is no noise. Kinetostatic ones
+        get the time derivatives of their positions as velocities, those that are springs without
+        mass the derivatives of their velocities as accelerations.
     """
     carried, balance = carry_motion(motion, own, other, shapes)
     for body in other.layout.bodies:
         if body.name in inertia:
             balance[:, body.iv + 6 : body.iv + 6 + body.m] = 0.0
     jumps, names = None, [body.name for body in own.layout.bodies]
-    if static := [names[k] for k in static_bodies(own.system)[1] if names[k] in inertia]:
+    every, kinetostatic = ([names[k] for k in one] for one in static_bodies(own.system))
+    if static := [name for name in kinetostatic if name in inertia]:
         carried, jumps = follow_places(other, carried, static)
+    elif springs := [name for name in every if name in inertia]:
+        carried = follow_velocities(other, carried, springs)
     carried = carried.with_history(other)
     start = first_change(other, model, carried) if begins_as_placed else None
     made = respond(other, carried, balance, start, quasi_static=quasi_static, jumps=jumps)

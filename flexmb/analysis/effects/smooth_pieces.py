@@ -153,6 +153,21 @@ def follow_places(
     return moved, _measure_jumps(compiled, moved, pieces.begins)
 
 
+def follow_velocities(compiled: Compiled, motion: Motion, bodies: Sequence[str]) -> Motion:
+    """The motion with modal accelerations of `bodies` that are the derivatives of their velocities.
+
+    Accelerations of modes without mass take part in no force, so that a run has them only to a
+    tenth and less. The inertia that such modes do not have is computed from them.
+    """
+    pieces = SmoothPieces(motion.t, np.array(rows_behind_jumps(compiled, motion.t), np.int64))
+    vd = motion.vd.copy()
+    for body in compiled.layout.bodies:
+        own = slice(body.iv + 6, body.iv + 6 + body.m)
+        if body.name in bodies:
+            vd[:, own] = pieces.rate(motion.v[:, own])
+    return replace(motion, vd=vd)
+
+
 def _jumps_of(t: Array, eta: Array) -> list[int]:
     """Rows after changes that are far larger than the changes before and after them."""
     speed = np.linalg.norm(np.diff(eta, axis=0), axis=1) / np.diff(t)

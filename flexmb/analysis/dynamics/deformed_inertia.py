@@ -1,0 +1,161 @@
+"""Whether the mass matrix of partial coupling stays positive as a body deforms.
+
+M(η) = M₀ + M₁ + M₂, where M₁ is linear in η and M₂ quadratic. Partial coupling leaves out M₂, and
+constant coupling both. M₁ changes only the inertia of the frame, by the displaced centre of mass
+p η and by ∫ρ s uᵀ: a matrix (6, 6). With Q = Z Zᵀ (6, 6), Z the frame's part of motions of unit
+mass that the joints leave free, the eigenvalues λ of Q M₁ are the changes of the mass of some
+motion over its mass. M₀ + M₁ is not positive from λ = −1 on, and such a motion then gains energy
+as it slows down. In mean axes that takes a deflection of the size of the body, or of its section if
+it turns about its own axis. In a frame at an interface the frame turns with each vibration, against
+the rest of the body, so that Q is large and λ reaches −1 by deflections far smaller.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from flexmb.analysis.dynamics.linear_elasticity import (
+    LARGEST_DEFLECTION,
+    constraint_jacobian,
+    flexible_columns,
+    joined_frame,
+    joined_motions,
+    largest_lengths,
+    relative_motion,
+)
+from flexmb.analysis.monitors import Indicator
+from flexmb.engine.compile import Compiled
+from flexmb.engine.tables import BodyColumns
+from flexmb.flexbody import FlexBody
+from flexmb.flexbody.arrays import Array, skew
+from flexmb.model.flexible_body import MEAN_AXIS, FlexibleBodySpec
+from flexmb.model.model import Model
+from flexmb.results.output_block import OutputBlock
+
+_LOST = 1.0  # change over the mass at which the mass of a motion is lost
+
+
+@dataclass(frozen=True, eq=False)
+class _WatchedBody:
+    """A body whose coupling leaves out what depends on the deformation to second order."""
+
+    columns: BodyColumns
+    coupling: str
+    interface: str | None  # at which its frame is fixed
+    root: Array  # (6, 6) with root rootᵀ = Q
+    change: Array  # (6, 6, m) M₁ per unit eta
+    deflection: Array  # (3 k, m) displacements of points per unit eta, over its length
+
+
+class DeformedInertiaMonitor:
+    """Evaluates the change of the mass of bodies whose inertia coupling is not full.
+
+    Those with constant coupling are evaluated only in a frame at an interface.
+
+    Parameters
+    ----------
+    compiled, model : Compiled, Model
+        The model.
+    q : (nq,) array
+        First positions.
+    """
+
+    def __init__(self, compiled: Compiled, model: Model, q: Array) -> None:
+        self._units, self._bodies = model.units, list[_WatchedBody]()
+        Cq = None
+        for columns, body in flexible_columns(compiled):
+            spec = model.bodies[columns.name]
+            if not isinstance(spec, FlexibleBodySpec) or spec.inertia_coupling == "full":
+                continue
+            if spec.deformation == "quasi-static" or (
+                spec.inertia_coupling == "constant" and spec.frame_interface is None
+            ):
+                continue
+            Cq = constraint_jacobian(compiled, q) if Cq is None else Cq
+            U, sizes, _ = np.linalg.svd(joined_motions(body, columns, q, Cq).frame)
+            root = U[:, : len(sizes)] * sizes
+            deflection, _ = relative_motion(body, joined_frame(body, columns.name, model))
+            coupling, interface = spec.inertia_coupling, spec.frame_interface
+            change = first_order_inertia(body)
+            self._bodies.append(
+                _WatchedBody(columns, coupling, interface, root, change, deflection)
+            )
+        # change of the mass over the mass, its time, and the deflection over the length there
+        self._largest = np.zeros((3, len(self._bodies)))
+
+    def add(self, rows: OutputBlock) -> None:
+        """Evaluate the next rows."""
+        for k, one in enumerate(self._bodies if len(rows.t) else ()):
+            first = one.columns.iq + 7
+            eta = rows.q[:, first : first + one.columns.m]
+            change = np.einsum("abm,tm->tab", one.change, eta)
+            values = np.linalg.eigvalsh(one.root.T @ change @ one.root)
+            if not values.shape[1]:
+                continue
+            lost = -values[:, 0] if one.coupling == "partial" else np.abs(values).max(axis=1)
+            row = int(lost.argmax())
+            if lost[row] > self._largest[0, k]:
+                deflection = largest_lengths(eta[row : row + 1], one.deflection)[0]
+                largest = self._largest.copy()
+                largest[:, k] = lost[row], rows.t[row], deflection
+                self._largest = largest
+
+    def indicators(self) -> Iterator[Indicator]:
+        """The change of the mass of each body; constant coupling has no note of its own."""
+        for k, one in enumerate(self._bodies):
+            change, t, _ = self._largest[:, k]
+            warning = _LOST if one.coupling == "partial" else np.inf
+            text = partial(self._sentence, one, k)
+            yield Indicator(one.columns.name, "inertia", float(change), float(t), warning, text)
+
+    def diverging(self) -> str:
+        """The sentence on a body whose mass is lost by deflections that are small, or ""."""
+        for k, one in enumerate(self._bodies):
+            change, _, deflection = self._largest[:, k]
+            if change > _LOST and deflection < LARGEST_DEFLECTION * change:
+                return self._sentence(one, k)
+        return ""
+
+    def making_energy(self) -> str:
+        """The sentence on a body of constant coupling in a frame at an interface, or "".
+
+        It is the cause where a run misses energy.
+        """
+        for k, one in enumerate(self._bodies):
+            if one.interface is not None:
+                return self._sentence(one, k)
+        return ""
+
+    def _sentence(self, one: _WatchedBody, k: int) -> str:
+        change, t, deflection = self._largest[:, k]
+        where, at = f"bodies.{one.columns.name}", self._units.say(t, "s", 4)
+        frame = "" if one.interface is None else f' in its frame at interface "{one.interface}"'
+        cure = 'take inertia_coupling = "full"'
+        cure += "" if one.interface is None else f', or frame = "{MEAN_AXIS}"'
+        if change <= _LOST:
+            return f"{where}: {one.coupling} coupling{frame} does not keep energy; {cure}"
+        from_on = f"a deflection of {deflection / change:.2g} of its length"
+        if one.coupling == "constant":
+            return (
+                f"{where}: constant coupling{frame} leaves out changes of its mass that are larger "
+                f"than the mass from {from_on} on (t = {at}), and makes energy; {cure}"
+            )
+        return (
+            f"{where}: the mass matrix of partial coupling{frame} is not positive from {from_on} "
+            f"on (t = {at}), and the equations diverge; {cure}"
+        )
+
+
+def first_order_inertia(body: FlexBody) -> Array:
+    """(6, 6, m) M₁ per unit eta: translation and rotation of the frame, in body axes."""
+    M = np.zeros((6, 6, body.m))
+    for k in range(body.m):
+        S = body.P[:, :, k] + body.P[:, :, k].T
+        M[:3, 3:, k] = -skew(body.p[:, k])
+        M[3:, :3, k] = M[:3, 3:, k].T
+        M[3:, 3:, k] = np.trace(S) * np.eye(3) - S
+    return M

@@ -1,0 +1,108 @@
+"""Partial and constant coupling in frames at interfaces: where their mass matrix is no mass."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from flexiblescenes import rod
+from scipy.linalg import eigh, null_space
+
+import flexmb
+from flexmb.analysis.dynamics.deformed_inertia import DeformedInertiaMonitor, first_order_inertia
+from flexmb.engine.compile import compile_system
+from flexmb.errors import SolverError
+from flexmb.flexbody.arrays import skew
+from flexmb.flexbody.effects import frame_at_interface
+from flexmb.flexbody.natural_modes import matrices_at_rest
+from flexmb.model import Model
+from flexmb.results.output_block import OutputBlock
+
+
+def driven_bar(damping=None, **words):
+    """A slender bar of 1 m whose hinge is driven unsteadily; its tip is free."""
+    made = Model("bar")
+    body = rod(0.01, 1.0, 10, 4, geometric_stiffening="full")
+    made.add_body("bar", body, **words, **({} if damping is None else {"damping": damping}))
+    made.add_joint("hinge", "revolute", between=["ground", "bar.root"], axis="z")
+    made.add_driver("motor", joint="hinge", angle="4*t + 0.5*sin(6*t)")
+    made.add_sensor("tip", "position", of="bar.tip")
+    return made
+
+
+def run(made):
+    return flexmb.simulate(made, duration=0.3, accuracy=1e-5, outputs=60, verify=False)
+
+
+@pytest.mark.parametrize("coupling", ["constant", "partial"])
+@pytest.mark.parametrize("stiffening", ["none", "full"])
+def test_a_run_that_diverges_by_its_frame_says_so(coupling, stiffening):
+    """Not that it buckles or spins too fast, which is how the run ends."""
+    words = {"inertia_coupling": coupling, "geometric_stiffening": stiffening}
+    with pytest.raises(SolverError) as failed:
+        run(driven_bar(frame="interface tip", **words))
+    said = str(failed.value)
+    assert f'{coupling} coupling in its frame at interface "tip"' in said
+    assert 'take inertia_coupling = "full", or frame = "mean axis"' in said
+    assert "buckle" not in said.split("\n")[0]
+
+
+@pytest.mark.parametrize(
+    ("frame", "coupling"),
+    [("mean axis", "constant"), ("mean axis", "partial"), ("interface root", "constant"),
+     ("interface root", "partial"), ("interface tip", "full")],
+)  # fmt: skip
+def test_runs_that_hold_their_energy_say_nothing_of_it(frame, coupling):
+    found = run(driven_bar(frame=frame, inertia_coupling=coupling))
+    assert found.statistics["energy_balance_error"] < 1e-4
+    assert not [note for note in found.notes if "take inertia_coupling" in note]
+
+
+def test_the_mass_is_lost_at_the_deflection_that_is_told():
+    """By the least eigenvalue of the whole mass matrix, of motions with the root held."""
+    made = driven_bar(frame="interface tip", inertia_coupling="partial")
+    del made.drivers["motor"]
+    compiled = compile_system(made)
+    body, q = compiled.flexbodies["bar"], compiled.initial_q.copy()
+    root = body.interface("root")
+    held = np.zeros((5, 6 + body.m))  # its place, and its turns about x and y
+    held[:3] = np.hstack([np.eye(3), -skew(root.position), root.Phi_t])
+    held[3:] = np.hstack([np.zeros((3, 3)), np.eye(3), root.Phi_r])[:2]
+    M = matrices_at_rest(body)[0]
+    size = np.sqrt(np.diag(M))
+    free = null_space(held / size) / size[:, None]
+    eta = 1e-2 * np.random.default_rng(1).normal(size=body.m) / size[6:]
+    monitor = DeformedInertiaMonitor(compiled, made, q)
+    q[7:] = eta
+    none = np.zeros((1, 0))
+    monitor.add(OutputBlock(np.ones(1), q[None], np.zeros((1, 6 + body.m)), *[none] * 6))
+    (told,) = monitor.indicators()
+    deflection = float(re.search(r"deflection of ([-\d.e]+) of its length", told.text())[1])
+
+    moved = np.linalg.norm(body.nodes.Phi_t @ eta, axis=1).max()  # in its frame, of 1 m
+    share = deflection / moved  # at which the mass is lost
+    changed = M.copy()
+    changed[:6, :6] += share * first_order_inertia(body) @ eta
+    values = eigh(free.T @ changed @ free, free.T @ M @ free, eigvals_only=True)
+    assert told.value > 1.0
+    assert values[0] == pytest.approx(0.0, abs=0.05)
+
+
+def test_the_change_of_the_inertia_is_that_of_points_that_move():
+    """By masses at the nodes of the bar: p η and ∫ρ s uᵀ are sums over them."""
+    body = frame_at_interface(rod(0.01, 1.0, 200, 4), "root")
+    eta = np.zeros(body.m)
+    eta[0] = 1e-3 / np.abs(body.nodes.Phi_t[:, :, 0]).max()
+    s, u = body.nodes.position, body.nodes.Phi_t @ eta
+    x = np.argsort(s[:, 0])
+    share = np.gradient(s[x, 0]) * np.where(np.arange(len(x)) % (len(x) - 1), 1.0, 0.5)
+    masses = np.empty(len(x))
+    masses[x] = body.mass * share / share.sum()
+    wanted = np.zeros((6, 6))
+    for m, at, moved in zip(masses, s, u, strict=True):
+        turn = np.hstack([np.eye(3), -skew(at)])
+        change = np.hstack([np.zeros((3, 3)), -skew(moved)])
+        wanted += m * (turn.T @ change + change.T @ turn)
+    found = first_order_inertia(body) @ eta
+    np.testing.assert_allclose(found, wanted, atol=1e-3 * np.abs(wanted).max())
