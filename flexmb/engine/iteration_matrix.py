@@ -112,9 +112,8 @@ def factorise(run: Run, at: Point, cv: float, cp: float) -> int:
 
 
 # Least pivot over the diagonal before elimination (of a row: over that without other rows) with
-# which the matrix is factored without regularisation: a solve then needs no refinement. Coordinates
-# without inertia have no diagonal; their pivots are sums over the rows that they are in.
-_LARGE_PIVOT = 1e-3
+# which the matrix is factored without regularisation: a solve then needs no refinement.
+_LARGE_PIVOT = 0.01
 
 
 @kernel
@@ -129,8 +128,10 @@ def _factor_exactly(run):
     fac.replaced[0] = ldl.factor(kkt, fac)
     large = fac.replaced[0] == 0
     for k in range(d.shape[0] - 1):
-        own = eps[k] / REGULARISATION if eps[k] > 0.0 else diagonal[k]
-        large = large and (abs(d[k]) >= _LARGE_PIVOT * own or own == math.inf)
+        least = _LARGE_PIVOT * diagonal[k]
+        if eps[k] > 0.0:
+            least = _LARGE_PIVOT / REGULARISATION * eps[k]
+        large = large and abs(d[k]) >= least
     if not large:
         fac.exact[0] = 0
         copy(fac.low0, fac.low)

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from accuracyscenes import SCENES
 from enginekit import Bench
 from generators import BODIES, TOPOLOGIES, Mechanism
 
@@ -62,41 +61,6 @@ def test_regularisation_is_relative_to_each_row(bench):
     np.testing.assert_allclose(bench.work.factor.eps[place[nv:]], wanted, rtol=1e-12)
 
 
-def exact(bench):
-    """Factor the mass matrix and the rows without regularisation, if that is allowed."""
-    factor = bench.work.factor
-    factor.exact[:] = 1, 0
-    S = bench.matrix(symmetric=True)
-    assert factor.exact[0] == factor.exact[1]  # tried again only if it went well
-    return S, factor.exact[1] == 1
-
-
-def test_large_pivots_need_no_regularisation_and_no_refinement(bench):
-    S, is_exact = exact(bench)
-    b = np.random.default_rng(3).standard_normal(len(S))
-    wanted = np.linalg.solve(S, b)
-    rounds, tolerance = (0, 1e-11) if is_exact else (2, 1e-8)
-    np.testing.assert_allclose(
-        bench.solve(b, rounds), wanted, atol=tolerance * np.abs(wanted).max()
-    )
-    if not is_exact:  # then the factor is that with regularisation
-        other = Bench(bench.model)
-        other.q[:], other.v[:] = bench.q, bench.v
-        other.matrix(symmetric=True)
-        np.testing.assert_array_equal(other.work.factor.d, bench.work.factor.d)
-
-
-@pytest.mark.parametrize("scene", ["triple pendulum", "slider-crank", "gimbals", "backlash"])
-def test_ordinary_machines_are_factored_without_regularisation(scene):
-    """Coordinates without inertia, such as an angle with a spring, are no obstacle."""
-    model = SCENES[scene].make(1.0)
-    model.set_dynamics(duration=1.0)
-    S, is_exact = exact(bench := Bench(model))
-    assert is_exact
-    b = np.random.default_rng(4).standard_normal(len(S))
-    np.testing.assert_allclose(bench.solve(b, 0), np.linalg.solve(S, b), rtol=0, atol=1e-12)
-
-
 def four_bar(redundant):
     """A planar four-bar linkage of revolute joints: three redundant rows, or none."""
     model = Model("four-bar", gravity=[0, -9.81, 0])
@@ -126,11 +90,6 @@ def test_redundant_rows_change_no_acceleration():
     np.testing.assert_allclose(bench.Cq @ found, bench.gamma, atol=1e-8 * np.abs(found).max())
     np.testing.assert_allclose(bench.v[5::6], four_bar(False).v[5::6], atol=1e-10)
     assert np.isfinite(lam).all()
-
-
-def test_redundant_rows_are_regularised():
-    assert not exact(four_bar(redundant=True))[1]
-    assert exact(four_bar(redundant=False))[1]
 
 
 def test_redundant_multipliers_have_least_weighted_norm():
