@@ -40,7 +40,7 @@ from flexmb.engine.tables import Parts, System, aligned, deformation_room, whole
 _NO_METHOD = Method((), (), (), 2, 3, 0, 0.0, 1, 0, 1.0)
 _NO_FACTOR = Factor(
     *(np.zeros(0) for _ in range(9)), np.ones(1, dtype=np.int64), np.zeros(1, dtype=np.int64),
-    np.zeros(2, dtype=np.int64), *(np.zeros(0) for _ in range(3)),
+    *(np.zeros(0) for _ in range(3)),
 )  # fmt: skip
 _EVENT_STATES = 9  # states after events stored per chunk; of more events every third is kept
 _SINGULAR_POSES = 8  # largest number of singular poses with time and positions stored
@@ -178,8 +178,7 @@ def _new_factor(system: System) -> Factor:
     n = int(panels["nc"].sum()) + 1
     factor = Factor(
         *(_nan(length) for _ in range(4)), _nan(largest), _nan(largest), _nan(n), np.zeros(n),
-        _nan(n), np.ones(1, dtype=np.int64), np.zeros(1, dtype=np.int64),
-        np.zeros(2, dtype=np.int64), _nan(n), _nan(n), _nan(n),
+        _nan(n), np.ones(1, dtype=np.int64), np.zeros(1, dtype=np.int64), _nan(n), _nan(n), _nan(n),
     )  # fmt: skip
     factor.d[-1], factor.diagonal[-1] = 1.0, np.inf
     return factor

@@ -105,37 +105,8 @@ def factorise(run: Run, at: Point, cv: float, cp: float) -> int:
     copy(low, low0)
     if factor.symmetric[0] == 0:
         copy(up, up0)
-    factor.exact[1] = 1 if factor.exact[0] == 1 and _factor_exactly(run) else 0
-    if factor.exact[1] == 0:
-        factor.replaced[0] = _factor_less_regularised(run)
+    factor.replaced[0] = _factor_less_regularised(run)
     return factor.replaced[0]
-
-
-# Least pivot over the diagonal before elimination (of a row: over that without other rows) with
-# which the matrix is factored without regularisation: a solve then needs no refinement.
-_LARGE_PIVOT = 0.01
-
-
-@kernel
-def _factor_exactly(run):
-    """Factor S without regularisation, if all pivots are large; else restore it and return False.
-
-    Once a pivot was small, it is not tried again in this chunk.
-    """
-    kkt, fac = run.system.kkt, run.work.factor
-    eps, d, diagonal = fac.eps, fac.d, fac.diagonal
-    _add_diagonal(kkt.panels, eps, 1.0, fac.low)
-    fac.replaced[0] = ldl.factor(kkt, fac)
-    large = fac.replaced[0] == 0
-    for k in range(d.shape[0] - 1):
-        least = _LARGE_PIVOT * diagonal[k]
-        if eps[k] > 0.0:
-            least = _LARGE_PIVOT / REGULARISATION * eps[k]
-        large = large and abs(d[k]) >= least
-    if not large:
-        fac.exact[0] = 0
-        copy(fac.low0, fac.low)
-    return large
 
 
 # A row pivot below _SMALL_PIVOT_RATIO times its regularisation makes a joint too soft: all but the

@@ -339,8 +339,7 @@ def _solve(run: Run, at: Point, cp: float) -> int:
     if run.settings.static_after_step == 1:
         for i in range(nv):
             fac.rhs[place[i]] += run.work.trial.mode_force[i]
-    rounds = 0 if fac.exact[1] == 1 else 1 if _is_well_conditioned(fac) else _REFINEMENTS
-    solve_refined(kkt, fac, rounds)
+    solve_refined(kkt, fac, 1 if _is_well_conditioned(fac) else _REFINEMENTS)
     for i in range(nv):
         vd[i] = fac.sol[place[i]]
     for i in range(lam.shape[0]):

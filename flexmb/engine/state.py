@@ -158,7 +158,6 @@ class Factor(NamedTuple):
     diagonal: Vector  # (n,) |diagonal| of the coordinates before elimination
     symmetric: Integers  # (1,) 1: LDL^T on `low`; 0: LDU on both
     replaced: Integers  # (1,) pivots replaced in the last factorisation
-    exact: Integers  # (2,) 1: factor without regularisation if pivots are large; 1: the last is so
     rhs: Vector  # (n,)
     sol: Vector  # (n,)
     tmp: Vector  # (n,)

@@ -38,7 +38,6 @@ from flexmb.engine.projection import (
     VELOCITIES,
     accelerations,
     add_stiff_accelerations,
-    depends_on_solution,
     put_vd_round_off,
 )
 from flexmb.engine.sensors.sensor import count_turns, follow_angles
@@ -248,8 +247,6 @@ def integrate_steps(run: Run, aside: Run, n_steps: int) -> int:
     run.work.collocation.span[1] = 0.0
     run.work.collocation.age[0] = -1.0
     run.work.partition.age[0] = -1.0
-    explicit = run.method.stages > 0 and settings.static_after_step == 0
-    run.work.factor.exact[0] = 1 if explicit and not depends_on_solution(run) else 0
     copy(st.angles, run.work.feedback.near)
     copy(st.history, run.work.now.history)
     begin_run(run, run.state_point)

@@ -113,7 +113,7 @@ kkt = Kkt(panels, np.zeros(0, np.int64), np.zeros(0, UPDATE), np.zeros(0, LINK),
           np.arange(7), np.arange(7))
 z = lambda n=8: np.zeros(n)
 fac = Factor(low, low, low, low, z(), z(), np.ones(8), z(), z(), np.ones(1, np.int64),
-             np.zeros(1, np.int64), np.zeros(2, np.int64), z(), z(), z())
+             np.zeros(1, np.int64), z(), z(), z())
 b = np.eye(8)[0]
 call(ldl.solve, kkt, fac, b)
 print(b[6])
