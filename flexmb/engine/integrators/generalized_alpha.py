@@ -62,8 +62,8 @@ _POSITION_SHARE, _VELOCITY_SHARE = 0.05, 0.3
 _SMOOTH_STEPS, _BOUND_GROWTH = 3, 1.5
 # Largest spectral radius at infinity without projection after each step.
 _MAX_UNPROJECTED_RADIUS = 0.95
-# Steps shorter than this share of the longest one, as before an event, are projected too: their
-# velocities and multipliers have what Newton's method has left of the constraints, over h and h².
+# Steps shorter than this share of the longest one, as before an event, are projected if drivers do
+# work: their multipliers have what Newton's method has left of the constraints, over h².
 _SHORT_STEP = 0.01
 _ROUND_OFF = 1e-12
 # Iterative refinements of a solve with a factor whose pivots were replaced.
@@ -212,10 +212,20 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
                 return _project(run, alpha, b, POSITIONS)
             # reactions that cause joint friction must not contain errors of position corrections
             short = settings.step == 0.0 and h < _SHORT_STEP * memory["largest_step"]
-            if (short or alpha.project == 1 or depends_on_solution(run)) and st.lam.shape[0] > 0:
+            clean = alpha.project == 1 or depends_on_solution(run) or short and _is_driven(run)
+            if clean and st.lam.shape[0] > 0:
                 return _project(run, alpha, b, VELOCITIES)
             return SUCCESS
     return NO_CONVERGENCE
+
+
+@kernel
+def _is_driven(run):
+    """Whether multipliers do work, those of drivers."""
+    rows, driven = run.system.rows, False
+    for k in range(rows.shape[0]):
+        driven = driven or rows[k]["fun"] >= 0
+    return driven
 
 
 @kernel
