@@ -77,8 +77,8 @@ EVENTFUL = (
 
 @pytest.mark.parametrize("scene", EVENTFUL)
 def test_events_within_steps_leave_the_first_order(scene):
-    """How far an error falls depends on where events are in a step: told within a factor of 3."""
-    assert 1 / 3 < of_steps(scene, 2000).share < 3
+    """How far an error falls depends on where events are in a step: it is told rather too large."""
+    assert 0.8 < of_steps(scene, 2000).share < 3
 
 
 @pytest.mark.parametrize("outputs", [1, 7, 997])
