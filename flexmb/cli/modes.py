@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cmath import phase
+from collections.abc import Sequence
 from math import degrees, isnan, pi
 from pathlib import Path
 from typing import Annotated, Any
@@ -354,8 +355,7 @@ def _show_equilibria(equilibria: Any, channels: list[str]) -> None:
     rows = []
     for k, one in enumerate(equilibria):
         growth, stable = one.growth()
-        values = one.channels(names)
-        values[abs(values) < _ROUND_OFF * abs(values).max(initial=0.0)] = 0.0
+        values = _without_round_off(one.channels(names))
         energy = unit.outward(one.energy, "J")
         rows.append((str(k + 1), _stability(growth, stable), f"{energy:.6g}",
                      *(f"{value:.6g}" for value in values)))  # fmt: skip
@@ -368,14 +368,20 @@ def _show_equilibria(equilibria: Any, channels: list[str]) -> None:
                         f"{1.0 / growth:.3g} s")  # fmt: skip
 
 
+def _without_round_off(values: Sequence[float]) -> list[float]:
+    """Values of which those that are round-off of the largest are 0."""
+    least = _ROUND_OFF * max(map(abs, values), default=0.0)
+    return [0.0 if abs(value) < least else value for value in values]
+
+
 def _show_static_sweep(sweep: Any, channels: list[str]) -> None:
     names = channels or [name for name in sweep.names if sweep[name].any()][:_SHOWN]
     units = [sweep.units[sweep.names.index(name)] for name in names if sweep[name] is not None]
-    rows = [
-        (f"{p.value:.6g}", _stability(p.growth, p.stable),
-         *(f"{sweep[name][k]:.6g}" for name in names))
-        for k, p in enumerate(sweep.points)
-    ]  # fmt: skip
+    rows = []
+    for k, p in enumerate(sweep.points):
+        values = _without_round_off([sweep[name][k] for name in names])
+        stable = _stability(p.growth, p.stable)
+        rows.append((f"{p.value:.6g}", stable, *(f"{value:.6g}" for value in values)))
     shown = (f"{n} [{u}]" if u else n for n, u in zip(names, units, strict=True))
     screen.table((sweep.parameter, "stable", *shown), rows, right=range(2, 2 + len(names)),
                  whole=True)  # fmt: skip

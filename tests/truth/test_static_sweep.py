@@ -172,3 +172,32 @@ def test_mistakes_are_said(tmp_path, monkeypatch, words, message):
 def test_a_model_in_memory_has_no_parameter():
     with pytest.raises(FlexmbError, match="a function that makes the model"):
         flexmb.sweep_statics(truss(1.0), "load", [1.0, 2.0])
+
+
+HANGING = """
+title = "Bar that is pulled aside"
+gravity = [0, -9.81, 0]
+parameters = { F = 5 }
+[bodies.bar]
+mass = 2
+center = [0, -0.5, 0]
+inertia = [0.1, 0.1, 0.1]
+markers.end = { position = [0, -1, 0] }
+[joints]
+pin = { type = "revolute", between = ["ground", "bar"], axis = "z" }
+[forces]
+push = { type = "force", at = "bar.end", value = ["F", 0, 0] }
+[sensors]
+end = { type = "position", of = "bar.end" }
+angle = { type = "angle", joint = "pin" }
+zero = { type = "expression", value = "end.x - sin(angle)" }
+[statics]
+"""
+
+
+def test_the_table_of_a_sweep_shows_no_round_off(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(HANGING)
+    run = CliRunner().invoke(app, ["statics", str(path), "--vary", "F=0..20:5"])
+    assert run.exit_code == 0, run.output
+    assert "end.x" in run.output and "e-1" not in run.output
