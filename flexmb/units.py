@@ -25,12 +25,13 @@ _ROUND_OFF = 1e-12  # relative
 
 
 class Dimension(NamedTuple):
-    """Powers of length, mass, time and angle."""
+    """Powers of length, mass, time, angle and electric current."""
 
     L: int = 0
     M: int = 0
     T: int = 0
     angle: int = 0
+    current: int = 0
 
     def times(self, other: Dimension, power: int) -> Dimension:
         """This dimension times a power of another."""
@@ -47,6 +48,9 @@ class Unit(NamedTuple):
 _LENGTH, _MASS, _TIME = Dimension(L=1), Dimension(M=1), Dimension(T=1)
 _ANGLE, _FREQUENCY, _FORCE = Dimension(angle=1), Dimension(T=-1), Dimension(1, 1, -2)
 _PRESSURE, _ENERGY, _POWER = Dimension(-1, 1, -2), Dimension(2, 1, -2), Dimension(2, 1, -3)
+_CURRENT = Dimension(current=1)
+_VOLTAGE, _RESISTANCE = _POWER.times(_CURRENT, -1), _POWER.times(_CURRENT, -2)
+_INDUCTANCE = _ENERGY.times(_CURRENT, -2)
 
 UNITS: dict[str, Unit] = {
     name: Unit(factor, dimension)
@@ -65,13 +69,17 @@ UNITS: dict[str, Unit] = {
         (_PRESSURE, {"psi": _POUND_FORCE / _INCH**2, "psf": _POUND_FORCE / _FOOT**2}),
         (_ENERGY, {"J": 1, "mJ": 1e-3, "µJ": 1e-6, "pJ": 1e-12, "kJ": 1e3, "erg": 1e-7}),
         (_POWER, {"W": 1, "mW": 1e-3, "µW": 1e-6, "pW": 1e-12, "kW": 1e3}),
+        (_CURRENT, {"A": 1, "mA": 1e-3, "kA": 1e3}),
+        (_VOLTAGE, {"V": 1, "mV": 1e-3, "kV": 1e3}),
+        (_RESISTANCE, {"ohm": 1, "Ω": 1, "mohm": 1e-3, "kohm": 1e3}),
+        (_INDUCTANCE, {"H": 1, "mH": 1e-3, "uH": 1e-6, "µH": 1e-6}),
     )
     for name, factor in units.items()
 }
 """Every unit symbol that may be written, such as in ``"30 mm"``."""
 
 _FACTOR = re.compile(
-    r"(?P<sign>[*·/]?)\s*(?P<symbol>1(?=\s*/)|[A-Za-zµ]+)"
+    r"(?P<sign>[*·/]?)\s*(?P<symbol>1(?=\s*/)|[A-Za-zµΩ]+)"
     r"(?:(?:\^|\*\*)(?P<power>-?\d)|(?P<raised>[²³⁴]))?\s*"
 )
 _RAISED = {"²": 2, "³": 3, "⁴": 4}
@@ -107,6 +115,7 @@ def parse_unit(text: str) -> Unit:
 _WORDS = {
     "degree": "deg", "radian": "rad", "meter": "m", "metre": "m", "millimeter": "mm",
     "millimetre": "mm", "inch": "in", "second": "s", "sec": "s", "minute": "min", "hour": "h",
+    "ampere": "A", "amp": "A", "volt": "V", "henry": "H",
     "newton": "N", "kilogram": "kg", "gram": "g", "pascal": "Pa", "hertz": "Hz", "mph": "km/h",
 }  # fmt: skip
 
@@ -136,13 +145,13 @@ def _factor(length: float, mass: float, time: float, L: float, M: float, T: floa
 @lru_cache(maxsize=1024)
 def _scale(length: float, mass: float, time: float, unit: str) -> float:
     """What the like of `unit` that is made of these units is in SI."""
-    L, M, T, _ = parse_unit(unit).dimension
+    L, M, T, *_ = parse_unit(unit).dimension
     return _factor(length, mass, time, L, M, T)
 
 
 @dataclass(frozen=True)
 class UnitSystem:
-    """A consistent unit system: one unit each of length, mass and time, in SI.
+    """A consistent unit system: one unit each of length, mass and time, in SI; current is in A.
 
     ``symbols`` gives its own symbol for every SI symbol that is another one in this system.
     Quantities are named by their SI unit: ``system.scale("N s/m")``.
@@ -176,7 +185,7 @@ class UnitSystem:
         >>> unit_system("mm-t-s").label("N s/m")
         'N s/mm'
         """
-        text = re.sub(r"[A-Za-z]+", lambda m: self.symbols.get(m[0], m[0]), unit)
+        text = re.sub(r"[A-Za-zΩ]+", lambda m: self.symbols.get(m[0], m[0]), unit)
         for letter, power in _RAISED.items() if raised else ():
             text = text.replace(f"^{power}", letter)
         return text
@@ -223,6 +232,11 @@ class UnitSystem:
 def _system(name: str, length: float, mass: float, time: float, symbols: str) -> UnitSystem:
     """A row of the table; symbols of m, kg, s, N, Pa, J, W, Hz in this order, by commas."""
     names = dict(zip(("m", "kg", "s", "N", "Pa", "J", "W", "Hz"), symbols.split(","), strict=True))
+    energy, power = names["J"], names["W"]
+    if power != "W":
+        names |= {"V": f"{power}/A", "ohm": f"{power}/A^2", "Ω": f"{power}/A^2"}
+    if energy != "J":
+        names["H"] = f"{energy}/A^2"
     return UnitSystem(name, length, mass, time, names)
 
 

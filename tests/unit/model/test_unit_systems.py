@@ -7,14 +7,16 @@ import math
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
+import flexmb
 from flexmb.engine.compile import compile_system
 from flexmb.errors import SceneError
 from flexmb.model import Model
 from flexmb.model.functions.function import read_function
 from flexmb.model.reading import ReadContext
 from flexmb.model.scenes.conversion import gravity_in_words
-from flexmb.units import SI, UNIT_SYSTEMS, unit_system
+from flexmb.units import SI, UNIT_SYSTEMS, parse_unit, unit_system
 
 SAME = 1e-13  # of the largest entry of a table: numbers are scaled by factors of fifteen digits
 
@@ -263,3 +265,36 @@ def test_gravity_is_said():
     assert gravity_in_words(None, SI) == gravity_in_words("none", SI) == "gravity: none"
     words = gravity_in_words([0, 0, -9810.0], unit_system("mm-t-s"))
     assert words == "gravity: (0, 0, -9810) mm/s²"
+
+
+@pytest.mark.parametrize("system", UNIT_SYSTEMS.values(), ids=lambda system: system.name)
+@pytest.mark.parametrize("unit", ["A", "V", "ohm", "H", "N m/A", "V s"])
+def test_the_label_of_an_electrical_quantity_is_a_unit_of_its_system(system, unit):
+    """Current is in A in all systems; a volt of a system is its power per A."""
+    label = parse_unit(system.label(unit))
+    assert label.factor == pytest.approx(system.scale(unit), rel=1e-12)
+    assert label.dimension == parse_unit(unit).dimension
+
+
+@pytest.mark.parametrize("units", ["SI", "mm-t-s", "mm-kg-ms", "in-lbf-s"])
+def test_a_motor_with_a_current_runs_alike_in_any_system(units):
+    """L di/dt = U - R i - k ω and J dω/dt = k i, beside the matrix exponential."""
+    scene = {
+        "title": "motor",
+        "units": units,
+        "parameters": {"k": "0.05 N m/A", "R": "2 ohm", "L": "4 mH", "U": "12 V"},
+        "bodies": {"rotor": {"mass": "1 kg", "inertia": ["1e-3 kg m^2"] * 3}},
+        "joints": {"axle": {"type": "revolute", "between": ["ground", "rotor"], "axis": "z"}},
+        "sensors": {"speed": {"type": "angular_velocity", "of": "rotor"}},
+        "states": {"i": {"rate": "(U - R*i - k*speed.z)/L", "start": "1 A", "unit": "A"}},
+        "forces": {"torque": {"type": "torque", "at": "rotor", "value": [0, 0, "k*i"]}},
+        "dynamics": {"duration": "0.2 s", "outputs": 50, "accuracy": 1e-9},
+    }
+    k, R, L, U, J = 0.05, 2.0, 4e-3, 12.0, 1e-3
+    A = np.array([[-R / L, -k / L], [k / J, 0.0]])
+    steady = np.linalg.solve(A, [-U / L, 0.0])
+    current, speed = steady + expm(0.2 * A) @ ([1.0, 0.0] - steady)
+    result = flexmb.simulate(Model.from_scene_dict(scene))
+    assert result.unit("i") == "A"
+    assert result["i"][-1] == pytest.approx(current, rel=1e-7)
+    assert result["speed.z"][-1] == pytest.approx(speed * unit_system(units).time, rel=1e-7)
