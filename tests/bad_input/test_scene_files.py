@@ -110,6 +110,8 @@ def test_all_wrong_overrides_at_once(scene):
         ("mass = 2\n", 'the key "mass" is twice in this section at line 7'),
         ('[bodies.c]\norientation = {axis = "z", angle = "90"}', 'given "90", more than a turn'),
         ("[body.c]", 'unknown key "body"; nearest: bodies; allowed: '),
+        ("[markers.tip]", 'unknown key "markers": it belongs under [bodies.NAME]'),
+        ("[accuracy]", 'unknown key "accuracy": it belongs under [dynamics]'),
     ],
 )
 def test_what_is_twice_and_names_of_the_plural(scene, more, said):

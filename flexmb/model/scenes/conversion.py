@@ -32,7 +32,7 @@ from flexmb.model.quantities import (
     read_axis,
     read_number,
 )
-from flexmb.model.reading import ReadContext, Spec, bad_name, quote, read_entry, under, unknown_key
+from flexmb.model.reading import ReadContext, Spec, bad_name, quote, read_entry, under
 from flexmb.model.scenes.consistency import model_problems
 from flexmb.model.scenes.dynamics import (
     AssemblySpec,
@@ -49,6 +49,7 @@ from flexmb.model.scenes.sections import (
     ViewSpec,
     check_kind,
     read_named,
+    unknown_section,
 )
 from flexmb.model.scenes.study import StudySpec, resolve_knob, split_values
 from flexmb.model.scenes.supports import PartSpec
@@ -299,7 +300,7 @@ class _Builder:
         self.broken: dict[str, dict[str, Any]] = {section: {} for section in SECTIONS}
 
     def head(self) -> None:
-        self.problems += [unknown_key(key, TOP_KEYS) for key in self.scene if key not in TOP_KEYS]
+        self.problems += [unknown_section(k, TOP_KEYS) for k in self.scene if k not in TOP_KEYS]
         title = self.scene.get("title", "")
         if not isinstance(title, str):
             self.problems.append(Problem("title", f"text is expected, given {quote(title)}"))

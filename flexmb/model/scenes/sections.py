@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import StrictBool, ValidationInfo, model_validator
 
 from flexmb.errors import Problem, nearest
+from flexmb.model.body import RigidBodySpec
 from flexmb.model.control import PidSpec, StateSpec, TransferFunctionSpec
 from flexmb.model.forces.body_load import BodyLoadSpec
 from flexmb.model.forces.bushing import BeamForceSpec, BushingSpec
@@ -50,7 +51,9 @@ from flexmb.model.reading import (
     read_entry,
     read_variant,
     under,
+    unknown_key,
 )
+from flexmb.model.scenes.dynamics import DynamicsSpec
 from flexmb.model.scenes.supports import PartCheckSpec
 from flexmb.model.sensor import SENSOR_TYPES
 
@@ -293,3 +296,17 @@ def _read_body(data: Any, names: ReadContext) -> tuple[Spec | None, list[Problem
     bad = [bad_name(name) for name in markers] if isinstance(markers, Mapping) else []
     problems += [Problem("markers", what) for what in bad if what]
     return (None if problems else spec), problems
+
+
+_HOMES = {"[dynamics]": DynamicsSpec.model_fields, "[bodies.NAME]": RigidBodySpec.model_fields}
+
+
+def unknown_section(key: str, allowed: tuple[str, ...]) -> Problem:
+    """The problem of a key that a scene does not have at its top.
+
+    Of a key of bodies or of dynamics it says where it belongs.
+    """
+    home = next((table for table, keys in _HOMES.items() if key in keys), "")
+    if home:
+        return Problem(key, f'unknown key "{key}": it belongs under {home}')
+    return unknown_key(key, allowed)
