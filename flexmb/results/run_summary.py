@@ -29,7 +29,7 @@ _ITERATIONS = {
     for name in ("newton_iterations", "residual_evaluations", "factorisations")
 }
 _ALL_CONSTRAINTS, _UNPROJECTED = "the largest of any constraint", "before the projection"
-_DIVIDED = "steps failed and were divided, so that half steps are no other ones"
+_DIVIDED = "half steps failed, or are those of the run, whose steps failed and were divided"
 _MEASURED_BY = "of fixed steps; verify = true measures it, in three times the time"
 _WITHOUT_PROJECTION = "baumgarte"  # the integration method that does not project velocities
 _MEASURED, _WORST, _SCALE = "measured_error_of_", "worst_of_", "scale_of_"

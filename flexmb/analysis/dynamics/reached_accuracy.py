@@ -162,16 +162,16 @@ def energy_error(prepared: PreparedDynamics, cause: str) -> str:
         return f'{what}quasi-static modes leave out vibrations; deformation = "automatic" has them'
     if cause:
         return f"{what}{cause}"
+    rest = "a force or an effect makes energy"
     for body in run.compiled.layout.bodies:
         coupling = getattr(bodies[body.name], "inertia_coupling", "full")
         if coupling != "full":
-            return (
-                f"{what}{coupling} coupling of bodies.{body.name} leaves out terms of its inertia; "
-                'inertia_coupling = "full" has them'
-            )
+            rest = f"{coupling} coupling of bodies.{body.name} leaves out terms of its inertia: "
+            rest += 'inertia_coupling = "full" has them'
     if step > 0.0:
         return (
             f"{what}steps of {step:.3g} s are too long for the forces of this motion, such as an "
-            "impact; shorten them, or leave out dynamics.step, so that the accuracy is controlled"
+            "impact; shorten them, or leave out dynamics.step, so that the accuracy is controlled; "
+            f"if it stays, {rest}"
         )
-    return f"{what}ask for more accuracy; if it stays, a force or an effect makes energy"
+    return f"{what}ask for more accuracy; if it stays, {rest}"

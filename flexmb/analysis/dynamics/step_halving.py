@@ -106,9 +106,10 @@ class StepHalving:
 
     def statistics(self) -> dict[str, float | int | str]:
         """Entries of the summary of the run on its error, which failed steps leave unknown."""
+        unknown = self._failed_steps > 0 or self.failed[0] < math.inf
         return {
             "comparison_steps": int(self.halved.state.count[0]["steps"]),
-            **({} if self._failed_steps else error_statistics(self.errors())),
+            **({} if unknown else error_statistics(self.errors())),
         }
 
     def arrays(self) -> dict[str, np.ndarray]:
@@ -130,4 +131,7 @@ class StepHalving:
         if self.failed[0] == math.inf:
             return ""
         time = units.say(float(self.failed[0]), "s", 4)
-        return f"half steps, which measure the error, failed at t = {time}: it is known until there"
+        return (
+            f"half steps, which measure the error, failed at t = {time}, so that none is known: "
+            "shorten dynamics.step, or give accuracy in its place"
+        )
