@@ -19,8 +19,7 @@ from flexmb.engine.initial_conditions import RESIDUAL
 from flexmb.engine.state import Work
 from flexmb.engine.status_messages import status_message
 from flexmb.model.control import feedback_functions, resolved
-from flexmb.model.forces.body_load import BodyLoadSpec
-from flexmb.model.forces.load import LineForceSpec, LoadSpec
+from flexmb.model.forces.load import BodyLoadSpec, LineForceSpec, LoadSpec
 from flexmb.model.forces.spring_damper import JointSpringSpec, SpringDamperSpec
 from flexmb.model.functions.function import Function
 from flexmb.model.model import Model

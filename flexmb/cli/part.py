@@ -220,7 +220,7 @@ def stress(
 
     Example: flexmb stress out/slider_crank --nodes hot --output rod.h5
     """
-    from flexmb.model.scenes.conversion import read_quantity
+    from flexmb.model.scenes.parameters import read_quantity
     from flexmb.results import Result, export_stress
 
     run = Result(result)

@@ -74,7 +74,7 @@ def plot(
 
     Example: flexmb plot out/slider_crank --kind spectrum rod.big_end.acceleration.y --log
     """
-    from flexmb.model.scenes.conversion import read_span
+    from flexmb.model.scenes.parameters import read_span
     from flexmb.results import Result
 
     paths, channels = _split(names)

@@ -15,8 +15,8 @@ from flexmb.engine.tables import System
 from flexmb.flexbody import FlexBody
 from flexmb.model import lookup
 from flexmb.model.body import RigidBodySpec
-from flexmb.model.forces.body_load import BodyLoadSpec
 from flexmb.model.forces.contact import PointsSide, nodes_of
+from flexmb.model.forces.load import BodyLoadSpec
 from flexmb.model.markers import MarkerSpec, PlacedMarker, place, triad
 from flexmb.model.model import Model
 from flexmb.model.reading import GROUND, split_reference

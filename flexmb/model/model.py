@@ -30,7 +30,7 @@ from flexmb.model.plane import read_plane
 from flexmb.model.quantities import plain
 from flexmb.model.reading import GROUND, ReadContext, Spec, read_entry, split_reference, under
 from flexmb.model.scenes.consistency import model_problems, model_warnings
-from flexmb.model.scenes.conversion import build, read_gravity, resolve_parameters, scene_dict
+from flexmb.model.scenes.conversion import build, read_gravity, scene_dict
 from flexmb.model.scenes.dynamics import (
     AssemblySpec,
     DynamicsSpec,
@@ -39,6 +39,7 @@ from flexmb.model.scenes.dynamics import (
     ValiditySpec,
 )
 from flexmb.model.scenes.effects import EffectsSpec
+from flexmb.model.scenes.parameters import resolve_parameters
 from flexmb.model.scenes.sections import (
     CHECK_LISTS,
     CheckSpec,

@@ -15,9 +15,8 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import ValidationInfo, model_validator
 
 from flexmb.errors import Problem, nearest
-from flexmb.model.forces.body_load import BodyLoadSpec
 from flexmb.model.forces.contact import ContactSpec, PointsSide
-from flexmb.model.forces.load import LoadSpec
+from flexmb.model.forces.load import BodyLoadSpec, LoadSpec
 from flexmb.model.functions.function import Function, FunctionInDeclaredUnit, UnitName
 from flexmb.model.lookup import Component, Scope
 from flexmb.model.quantities import Axis, Pair, Text

@@ -22,7 +22,7 @@ from flexmb.errors import ResultFileError
 from flexmb.flexbody import FlexBody, load
 from flexmb.flexbody.arrays import Array
 from flexmb.folders import temporary_folder
-from flexmb.model.scenes.conversion import Time, read_quantity
+from flexmb.model.scenes.parameters import Time, read_quantity
 from flexmb.results.channels import Columns, describe_missing, row_bytes, widths
 from flexmb.results.crash_safe_file import reading
 from flexmb.results.result_file import read_contents, read_state, read_table

@@ -19,7 +19,7 @@ from flexmb.errors import ResultFileError
 from flexmb.flexbody import FlexBody, InertiaResponse, StressModes, von_mises
 from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.flexbody.stress_modes import SECTION_FORCES, SHELL_FORCES, STRESS
-from flexmb.model.scenes.conversion import Time
+from flexmb.model.scenes.parameters import Time
 from flexmb.results.reader import ResultReader
 
 _BATCH_BYTES = 6.4e7  # bytes of stress components per batch

@@ -18,7 +18,7 @@ import numpy as np
 
 from flexmb.errors import FlexmbError, Problem, ResultFileError
 from flexmb.flexbody.arrays import Array
-from flexmb.model.scenes.conversion import Time
+from flexmb.model.scenes.parameters import Time
 from flexmb.results.channels import (
     CHANNEL_KINDS,
     Channel,

@@ -20,7 +20,7 @@ from flexmb.flexbody import principal_stresses, von_mises
 from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.flexbody.stress_modes import STRESS
 from flexmb.folders import whole_file
-from flexmb.model.scenes.conversion import Time
+from flexmb.model.scenes.parameters import Time
 from flexmb.results.crash_safe_file import DiskFile, uninterrupted
 from flexmb.results.recovery import Recovery, labels
 

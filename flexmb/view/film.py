@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.errors import FlexmbError, FlexmbWarning, ViewError
-from flexmb.model.scenes.conversion import Time, read_quantity
+from flexmb.model.scenes.parameters import Time, read_quantity
 from flexmb.progress import Progress, silent
 from flexmb.results import Result
 from flexmb.view import mpl_renderer, vtk_renderer

@@ -17,7 +17,7 @@ from flexmb.errors import Problem, ViewError
 from flexmb.flexbody.arrays import Array
 from flexmb.model.lookup import Scope
 from flexmb.model.scenes.consistency import view_problems
-from flexmb.model.scenes.conversion import Time, read_times
+from flexmb.model.scenes.parameters import Time, read_times
 from flexmb.model.scenes.sections import ViewSpec
 from flexmb.results import Result
 from flexmb.view import mpl_renderer, vtk_renderer

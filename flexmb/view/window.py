@@ -20,7 +20,7 @@ from typing import Any
 
 from flexmb.errors import ViewError
 from flexmb.folders import scratch_folder, whole_file, write_text_file
-from flexmb.model.scenes.conversion import Time
+from flexmb.model.scenes.parameters import Time
 from flexmb.progress import Progress, silent
 from flexmb.results import Result
 from flexmb.view import vtk_renderer

@@ -16,7 +16,7 @@ from flexmb.errors import Problem, ResultFileError, SceneError
 from flexmb.folders import output_folder, writable_folder
 from flexmb.model.quantities import read_number
 from flexmb.model.reading import ReadContext, under
-from flexmb.model.scenes.conversion import Time
+from flexmb.model.scenes.parameters import Time
 from flexmb.progress import Progress, silent
 from flexmb.workflow.flexible_bodies import flexible_bodies
 from flexmb.workflow.resume import load_bodies

@@ -17,7 +17,7 @@ import numpy as np
 
 from flexmb.errors import FlexmbWarning, Problem, SceneError, nearest
 from flexmb.folders import writable_folder
-from flexmb.model.scenes.conversion import Time
+from flexmb.model.scenes.parameters import Time
 from flexmb.progress import Progress, silent
 from flexmb.workflow.compiled_model import CompiledModel, compile_source, read_values
 from flexmb.workflow.flexible_bodies import REUSED

@@ -29,7 +29,7 @@ from flexmb.flexbody.arrays import Array
 from flexmb.flexbody.natural_modes import NaturalModes, natural_modes
 from flexmb.flexbody.static_response import LARGEST_SHARE
 from flexmb.model.excitation import loads_beside_interfaces, marker_interface
-from flexmb.model.forces.body_load import BodyLoadSpec
+from flexmb.model.forces.load import BodyLoadSpec
 from flexmb.model.model import Model
 from flexmb.results.output_block import OutputBlock
 

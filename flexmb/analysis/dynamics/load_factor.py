@@ -37,7 +37,7 @@ from flexmb.engine.tables import bend_of
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, IntArray, skew
 from flexmb.flexbody.natural_modes import matrices_at_rest
-from flexmb.model.forces.body_load import BodyLoadSpec
+from flexmb.model.forces.load import BodyLoadSpec
 from flexmb.model.model import Model
 from flexmb.results.output_block import OutputBlock
 

@@ -33,7 +33,7 @@ from flexmb.engine.state import LOAD_POWER, Point, Run
 
 if TYPE_CHECKING:
     from flexmb.engine.lowering import Forces, Lowering
-    from flexmb.model.forces.body_load import BodyLoadSpec
+    from flexmb.model.forces.load import BodyLoadSpec
 
 # Force or torque at `marker` (J) with components in the axes of the marker `axes` (-1: global
 # ones), and with its opposite on the body of `other` (I) at the same point (-1: none).

@@ -20,7 +20,7 @@ from flexmb.model.body import BodySpec
 from flexmb.model.control import CHANNEL_SECTIONS, broken_channels, channel_problems
 from flexmb.model.excitation import loads_beside_interfaces
 from flexmb.model.flexible_body import FlexbodySpec, FlexibleBodySpec
-from flexmb.model.forces.body_load import BodyLoadSpec
+from flexmb.model.forces.load import BodyLoadSpec
 from flexmb.model.functions.discontinuities import first_discontinuities
 from flexmb.model.functions.function import Function
 from flexmb.model.joints.coupler import coupler_loop_problems

@@ -14,7 +14,6 @@ from pydantic import StrictBool, ValidationInfo, model_validator
 from flexmb.errors import Problem, nearest
 from flexmb.model.body import RigidBodySpec
 from flexmb.model.control import PidSpec, StateSpec, TransferFunctionSpec
-from flexmb.model.forces.body_load import BodyLoadSpec
 from flexmb.model.forces.bushing import BeamForceSpec, BushingSpec
 from flexmb.model.forces.contact import ContactSpec
 from flexmb.model.forces.force_characteristic import (
@@ -23,7 +22,7 @@ from flexmb.model.forces.force_characteristic import (
     TranslationalStopSpec,
 )
 from flexmb.model.forces.friction import JointFrictionSpec
-from flexmb.model.forces.load import ForceSpec, LineForceSpec, TorqueSpec
+from flexmb.model.forces.load import BodyLoadSpec, ForceSpec, LineForceSpec, TorqueSpec
 from flexmb.model.forces.spring_damper import (
     RotationalSpringSpec,
     SpringDamperSpec,

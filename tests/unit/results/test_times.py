@@ -11,7 +11,7 @@ import flexmb
 from flexmb.cli import app
 from flexmb.errors import FlexmbError, ResultFileError, SceneError
 from flexmb.model import Model
-from flexmb.model.scenes.conversion import read_quantity, read_span, read_times
+from flexmb.model.scenes.parameters import read_quantity, read_span, read_times
 from flexmb.view.film import plan
 
 
