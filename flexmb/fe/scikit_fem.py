@@ -129,9 +129,9 @@ def _with_groups(
     nodes: dict[str, IntArray] = {}
     for name, facets in (mesh.boundaries or {}).items():
         corners = vertices[mesh.facets[:, np.asarray(facets, dtype=np.int64)]].T
-        nodes[str(name)] = np.unique(corners)
         faces = _faces(kind, blocks, corners)
         if faces is None:
+            nodes[str(name)] = np.unique(corners)
             continue
         facet = _FACETS[faces.shape[1]]
         first = len(blocks.get(facet, ()))

@@ -222,6 +222,9 @@ def _say(value: float, unit: str) -> str:
 def _read(annotation: Any, value: Any, where: str) -> tuple[Any, list[Problem]]:
     """The value converted to its annotation, and what is wrong with it."""
     origin, parts = get_origin(annotation), get_args(annotation)
+    if annotation is str or (origin is Annotated and parts[0] is str):
+        wrong = not isinstance(value, str)
+        return value, [Problem(where, f"must be a name, given {value!r}")] * wrong
     if origin is Annotated:
         return _read_marked(parts[1], value, where)
     if origin in (Union, types.UnionType):

@@ -35,10 +35,11 @@ from skfem.element import Element
 from skfem.quadrature import get_quadrature
 
 from flexmb.errors import MeshError, Problem, nearest
+from flexmb.fe.meshes.abaqus_deck import ABAQUS, read_abaqus
 from flexmb.fe.meshes.damaged_file import damage
-from flexmb.fe.meshes.decks import ABAQUS, NASTRAN, read_deck
 from flexmb.fe.meshes.gmsh_file import read_gmsh
 from flexmb.fe.meshes.med_file import read_med
+from flexmb.fe.meshes.nastran_deck import NASTRAN, read_nastran
 from flexmb.fe.meshes.vtk_cells import cells_left_out, rename_cells, teach_meshio
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.untrusted import check_reading, hdf5_beside, serve_reading
@@ -67,7 +68,8 @@ class Mesh:
     blocks : mapping of str to (ne, k) int
         Connectivity by element kind.
     node_sets : mapping of str to (k,) int
-        Groups of nodes; every element group has one too.
+        Groups of nodes; every element group has one too: that of the file, such as a face whose
+        elements are the solids behind it, or the nodes that it touches.
     element_sets : mapping of str to mapping of str to (k,) int
         Groups of elements: rows of the block of each kind.
     source : str
@@ -111,9 +113,9 @@ class Mesh:
                     f"{self.source}: elements of kind {kind} name nodes that are absent"
                 )
         object.__setattr__(self, "points", points)
-        element_nodes = {name: self._touched(rows) for name, rows in self.element_sets.items()}
+        element_nodes = {name: self.touched_nodes(rows) for name, rows in self.element_sets.items()}
         node_sets = {name: np.unique(nodes) for name, nodes in self.node_sets.items()}
-        object.__setattr__(self, "node_sets", node_sets | element_nodes)
+        object.__setattr__(self, "node_sets", element_nodes | node_sets)
 
     def scaled(self, factor: float) -> Mesh:
         """The same mesh with all coordinates multiplied by ``factor``."""
@@ -158,7 +160,8 @@ class Mesh:
         what = f'{self.source} has no group "{name}"{has}'
         raise MeshError.from_problems([Problem(where, what, names, nearest(name, names))])
 
-    def _touched(self, rows: Mapping[str, IntArray]) -> IntArray:
+    def touched_nodes(self, rows: Mapping[str, IntArray]) -> IntArray:
+        """Nodes of the elements in these rows of each block."""
         nodes = [self.blocks[kind][row].ravel() for kind, row in rows.items()]
         return np.unique(np.concatenate(nodes)) if nodes else np.zeros(0, dtype=int)
 
@@ -213,11 +216,15 @@ def _read(source: Path) -> Mesh:
 def _read_raw(source: Path) -> Any:
     import meshio
 
-    if source.suffix.lower() in (*ABAQUS, *NASTRAN):
-        return read_deck(source)
-    if source.suffix.lower() == ".med":
-        return read_med(source)
-    own = read_gmsh(source) if source.suffix.lower() == ".msh" else None
+    own, suffix = None, source.suffix.lower()
+    if suffix in ABAQUS:
+        own = read_abaqus(source)
+    elif suffix in NASTRAN:
+        own = read_nastran(source)
+    elif suffix == ".med":
+        own = read_med(source)
+    elif suffix == ".msh":
+        own = read_gmsh(source)
     return meshio.read(source) if own is None else own
 
 
@@ -377,16 +384,11 @@ def facet_rule(kind: str, x: FloatArray) -> FacetRule:
 def group_centroid(mesh: Mesh, group: str, nodes: IntArray) -> FloatArray:
     """(3,) area centroid of the group's facets, else the length centroid of its lines, else the
     mean of ``nodes``."""
-    rows = mesh.group_elements(group)
-    for dim in (2, 1):
-        moments = [
-            facet_moments(kind, mesh.points[mesh.blocks[kind][row]])
-            for kind, row in rows.items()
-            if dimension(kind) == dim and kind in FACETS and len(row)
-        ]
-        if moments:
-            size = sum(part[0] for part in moments)
-            return np.asarray(sum(part[1] for part in moments)) / size
+    facets = [(kind, cells) for kind, cells in group_facets(mesh, group, nodes) if len(cells)]
+    if facets:
+        moments = [facet_moments(kind, mesh.points[cells]) for kind, cells in facets]
+        size = sum(part[0] for part in moments)
+        return np.asarray(sum(part[1] for part in moments)) / size
     return mesh.points[nodes].mean(axis=0)
 
 

@@ -129,11 +129,12 @@ def _children_rows(kind: str, rows: IntArray, divisions: dict[str, _Division]) -
 
 
 def _grown_sets(mesh: Mesh, keys: IntArray) -> dict[str, IntArray]:
-    """Groups of nodes without elements, with the new nodes that lie between theirs."""
+    """Groups of nodes other than those of their elements, with the new nodes between theirs."""
     corners = keys // (_PARTS + 1)
     sets = {}
     for name, nodes in mesh.node_sets.items():
-        if name in mesh.element_sets:
+        elements = mesh.element_sets.get(name)
+        if elements is not None and np.array_equal(nodes, mesh.touched_nodes(elements)):
             continue
         inside = np.zeros(len(mesh.points) + 1, dtype=bool)
         # the last entry stands for the corners that a point does not have

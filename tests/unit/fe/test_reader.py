@@ -224,15 +224,9 @@ def test_blocks_and_sets_of_an_abaqus_deck_add_up(tmp_path):
 @pytest.mark.parametrize(
     ("more", "sentence"),
     [
-        (
-            "*INSTANCE, NAME=a, PART=p\n0, 0, 1\n*END INSTANCE",
-            "an instance that is moved: write one",
-        ),
-        ("*PART, NAME=a\n*PART, NAME=b", "has 2 parts in 0 instances"),
         ("*NSET, NSET=a\nuper", '"a" has the member "uper", which is neither'),
         ("*NGEN\n1, 9, 2", "NGEN is not read"),
         ("*ELEMENT, ELSET=rib\n9, 1, 2, 3, 4", "ELEMENT has no TYPE"),
-        ("*NODE, SYSTEM=C\n13, 1, 90, 0", "cylindrical or spherical coordinates"),
     ],
 )
 def test_what_an_abaqus_deck_says_elsewhere_is_refused(tmp_path, more, sentence):

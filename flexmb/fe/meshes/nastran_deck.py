@@ -1,0 +1,208 @@
+"""Input decks of Nastran: nodes, elements, properties as groups, and coordinate systems.
+
+A coordinate system is rectangular, cylindrical or spherical, given by its origin, a point on its z
+axis and one in its xz plane, in another system or by three nodes. Angles are in degrees. Source:
+MSC Nastran Quick Reference Guide, bulk data formats, CORD1R to CORD2S, and elements.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexmb.fe.meshes.deck import SOLIDS, SURFACES, Deck, read_deck, read_real
+from flexmb.flexbody.arrays import FloatArray
+
+NASTRAN = (".bdf", ".fem", ".nas")
+"""Suffixes of files."""
+_INCLUDE = re.compile(r"^INCLUDE\s+([^\n]+)$", re.M | re.I)
+_KINDS = {  # index of the first node field, and allowed numbers of nodes
+    **dict.fromkeys(("CTRIA3", "CTRIAR"), (3, (3,))),
+    **dict.fromkeys(("CQUAD4", "CQUADR", "CSHEAR"), (3, (4,))),
+    **dict.fromkeys(("CROD", "CTUBE", "CBAR", "CBEAM", "CBEND"), (3, (2,))),
+    "CONROD": (2, (2,)), "CTRIA6": (3, (6,)), "CQUAD8": (3, (8,)), "CTETRA": (3, (4, 10)),
+    "CPYRAM": (3, (5, 13)), "CPYRA": (3, (5, 13)), "CPENTA": (3, (6, 15)), "CHEXA": (3, (8, 20)),
+}  # fmt: skip
+_REFUSED = re.compile(  # elements whose absence would leave a hole in the body
+    r"CTRIAX6?|CTRAX[36]|CQUADX?[48]?|CPLST[NS]\d|CRAC[23]D|CBEAM3|CDUM\d|CIF(HEX|PENT|QDX)"
+)
+_ON_SECTIONS = {  # words of `OTHER_PARTS` for options on an element, and the range of their fields
+    **dict.fromkeys(("CBAR", "CBEAM"), (("pin flags", 9, 11), ("offsets", 11, 17))),
+    **dict.fromkeys(("CQUAD4", "CQUADR"), (("material angles", 7, 8), ("offsets", 8, 9))),
+    **dict.fromkeys(("CTRIA3", "CTRIAR"), (("material angles", 6, 7), ("offsets", 7, 8))),
+}
+_TO_VTK = {  # Nastran numbers the mid-side nodes between the faces before those of the upper face
+    "wedge15": [*range(9), 12, 13, 14, 9, 10, 11],
+    "hexahedron20": [*range(12), *range(16, 20), *range(12, 16)],
+}
+_SYSTEMS = ("CORD1R", "CORD1C", "CORD1S", "CORD2R", "CORD2C", "CORD2S")
+_ZERO_SINE = 1e-9  # between the axis and the third point of a system
+
+
+def read_nastran(source: Path) -> Any:
+    """The mesh of a deck, with ``numbers`` and a ``note``.
+
+    Raises
+    ------
+    MeshError
+        Elements that are not known or name missing nodes, coordinate systems that are missing or
+        have no axes, a file that includes itself.
+    """
+    return read_deck(source, _INCLUDE, _read_cards, "GRID")
+
+
+def _entries(text: str) -> Iterator[list[str]]:
+    """Bulk data entries: name and all fields, with continuations joined and blanks as padding."""
+    upper = text.upper()
+    begin = re.search(r"^ *BEGIN\b.*$", upper, re.M)
+    entry: list[str] = []
+    for whole in upper[begin.end() if begin else 0 :].splitlines():
+        line = whole.partition("$")[0].rstrip().expandtabs(8)
+        if not line.strip():
+            continue
+        free = "," in line
+        first = (line.split(",")[0] if free else line[:8]).strip()
+        if first == "ENDDATA":
+            break
+        large = first.endswith("*") or first.startswith("*")
+        count = 4 if large else 8
+        if free:
+            data = [x.strip() for x in line.split(",")[1:]]
+            if len(data) == count + 1 or re.match(r"[+*]([A-Z]|$)", data[-1]):
+                del data[-1]  # the last field is the name of a continuation
+        else:
+            width = 64 // count
+            data = [line[k : k + width].strip() for k in range(8, 72, width)]
+        data += [""] * (count - len(data))
+        if first[:1] in ("+", "*", ""):
+            entry += data
+            continue
+        if entry:
+            yield entry
+        entry = [first.rstrip("*").strip(), *data]
+    if entry:
+        yield entry
+
+
+def _read_cards(deck: Deck, text: str) -> Iterator[str]:
+    """Read nodes and elements, properties as groups; give the names of the other entries."""
+    entries = [[*entry, *[""] * 8] for entry in _entries(text)]
+    default = next((entry[2] for entry in entries if entry[0] == "GRDSET"), "")
+    grids = [entry for entry in entries if entry[0] == "GRID"]
+    nodes_as_read = {int(entry[1]): (entry[2] or default, entry[3:6]) for entry in grids}
+    systems = _Systems(deck, (e for e in entries if e[0] in _SYSTEMS), nodes_as_read)
+    for entry in grids:
+        deck.add_node(entry[1], systems.place(entry[2] or default, entry[3:6]).tolist())
+    for entry in entries:
+        word = entry[0]
+        if word not in _KINDS:
+            if _REFUSED.fullmatch(word):
+                cure = "write CTETRA, CPENTA, CHEXA, CQUAD4, CTRIA3 or CBAR"
+                raise deck.error(f"elements of type {word} are not read; {cure}")
+            yield word
+            continue
+        for what, first, end in _ON_SECTIONS.get(word, ()):
+            yield from [what] * any(x.strip("0.+-ED") for x in entry[first:end])
+        start, counts = _KINDS[word]
+        nodes = [int(x) for x in entry[start : start + counts[-1]] if x]
+        if len(nodes) not in counts:
+            allowed = " or ".join(map(str, counts))
+            raise deck.error(f"{word} {entry[1]} has {len(nodes)} nodes; allowed: {allowed}")
+        solid = word in ("CTETRA", "CPYRAM", "CPYRA", "CPENTA", "CHEXA")
+        kind = "line" if counts == (2,) else (SOLIDS if solid else SURFACES)[len(nodes)]
+        nodes = [nodes[k] for k in _TO_VTK.get(kind, range(len(nodes)))]
+        deck.add_element(entry[1], kind, nodes, entry[2] if start == 3 else "")
+
+
+@dataclass
+class _Systems:
+    """Places in the basic system.
+
+    Parameters
+    ----------
+    deck : Deck
+        For messages.
+    entries : iterable of list of str
+        The entries of the deck that define systems: name and fields.
+    nodes : mapping of int to (str, list of str)
+        System and coordinates of each node, as in the deck.
+    """
+
+    deck: Deck
+    entries: Iterable[Sequence[str]]
+    nodes: Mapping[int, tuple[str, Sequence[str]]]
+    _rows: dict[int, tuple[str, Sequence[str]]] = field(init=False, default_factory=dict)
+    _frames: dict[int, tuple[FloatArray, FloatArray]] = field(init=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for word, *fields in self.entries:
+            rows = [fields[:11]] if word[4] == "2" else [fields[:4], fields[4:8]]
+            for row in rows:
+                if row[0] and self._rows.setdefault(int(row[0]), (word, row)) != (word, row):
+                    raise self.deck.error(f"the coordinate system {row[0]} is given twice")
+
+    def place(self, system: str, fields: Iterable[str], inside: tuple[int, ...] = ()) -> FloatArray:
+        """(3,) the point with these coordinates, in the basic system.
+
+        Raises
+        ------
+        MeshError
+            A system that is not defined, depends on itself, or has no axes.
+        """
+        a, b, c = (read_real(x) for x in fields)
+        number = int(system or 0)
+        if number == 0:
+            return np.array([a, b, c])
+        origin, axes = self._frame(number, inside)
+        kind = self._rows[number][0][5]
+        if kind == "C":
+            a, b = a * _cos(b), a * _sin(b)
+        elif kind == "S":
+            a, b, c = a * _sin(b) * _cos(c), a * _sin(b) * _sin(c), a * _cos(b)
+        return origin + axes @ [a, b, c]
+
+    def _frame(self, number: int, inside: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+        """Origin, and axes as columns."""
+        if number in self._frames:
+            return self._frames[number]
+        if number not in self._rows:
+            what = f"GRID or a CORD entry names the coordinate system {number}, which the deck"
+            raise self.deck.error(f"{what} does not have")
+        if number in inside:
+            raise self.deck.error(f"the coordinate system {number} is defined by itself")
+        word, row = self._rows[number]
+        inside = (*inside, number)
+        if word[4] == "2":
+            base, rows = row[1], (row[2:5], row[5:8], row[8:11])
+            points = [self.place(base, fields, inside) for fields in rows]
+        else:
+            points = [self._node(int(node), number, inside) for node in row[1:4]]
+        origin, along, beside = points
+        z, x = along - origin, beside - origin
+        y = np.cross(z, x)
+        if np.linalg.norm(y) <= _ZERO_SINE * np.linalg.norm(z) * np.linalg.norm(x):
+            raise self.deck.error(
+                f"the three points of the coordinate system {number} lie on a line"
+            )
+        axes = np.column_stack([np.cross(y, z), y, z])
+        self._frames[number] = origin, axes / np.linalg.norm(axes, axis=0)
+        return self._frames[number]
+
+    def _node(self, node: int, number: int, inside: tuple[int, ...]) -> FloatArray:
+        if node not in self.nodes:
+            what = f"the coordinate system {number} names node {node}, which the deck does not have"
+            raise self.deck.error(what)
+        return self.place(*self.nodes[node], inside)
+
+
+def _cos(degrees: float) -> float:
+    return float(np.cos(np.radians(degrees)))
+
+
+def _sin(degrees: float) -> float:
+    return float(np.sin(np.radians(degrees)))
