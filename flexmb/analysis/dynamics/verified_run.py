@@ -122,7 +122,7 @@ class VerifiedRun:
         It is computed from the differences of both passes and the numbers of steps of their scouts,
         unless the runs of the pass before were different motions or the numbers hardly differ.
         """
-        integrator, passes, now = self.fine.method, self.passes[0], self.difference
+        integrator, passes = self.fine.method, self.passes[0]
         highest = float(integrator.order)
         implicit = integrator.stages == 0 and integrator.order >= method.HIGH_ORDER
         if implicit and self.fine.compiled.layout.coordinates:
@@ -130,8 +130,8 @@ class VerifiedRun:
         if self.fine.settings.static_after_step == 1:
             highest = min(highest, _STATIC_ORDER)
         steps, last = self.scout.state.count[0]["steps"], passes["last_steps"]
-        known = 0.0 < passes["last_difference"] < _SAME_MOTION and now > 0.0
-        if not known or steps < _MIN_STEP_GROWTH * last:
+        known = 0.0 < passes["last_difference"] < _SAME_MOTION
+        if not known or steps < _MIN_STEP_GROWTH * last or (now := self.difference) == 0.0:
             return highest
         scatter = _SCATTER if integrator.stages else 1.0
         order = math.log(scatter * passes["last_difference"] / now) / math.log(steps / last)
