@@ -1,4 +1,7 @@
-"""Input decks of Nastran: nodes, elements, properties as groups, and coordinate systems.
+"""Input decks of Nastran: nodes, elements, groups and coordinate systems.
+
+Properties are groups of elements. Nastran has no sets of nodes with names: nodes of rigid elements,
+of boundary degrees of freedom and of supports are groups.
 
 A coordinate system is rectangular, cylindrical or spherical, given by its origin, a point on its z
 axis and one in its xz plane, in another system or by three nodes. Angles are in degrees. Source:
@@ -8,7 +11,7 @@ MSC Nastran Quick Reference Guide, bulk data formats, CORD1R to CORD2S, and elem
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -40,6 +43,11 @@ _TO_VTK = {  # Nastran numbers the mid-side nodes between the faces before those
     "wedge15": [*range(9), 12, 13, 14, 9, 10, 11],
     "hexahedron20": [*range(12), *range(16, 20), *range(12, 16)],
 }
+_BOUNDARIES = {  # index of the first node among the fields, and distance to the next one
+    **dict.fromkeys(("ASET", "BSET", "CSET"), (0, 2)),
+    **dict.fromkeys(("ASET1", "BSET1", "CSET1"), (1, 1)),
+    "SPC": (1, 3), "SPC1": (2, 1),
+}  # fmt: skip
 _SYSTEMS = ("CORD1R", "CORD1C", "CORD1S", "CORD2R", "CORD2C", "CORD2S")
 _ZERO_SINE = 1e-9  # between the axis and the third point of a system
 
@@ -117,6 +125,65 @@ def _read_cards(deck: Deck, text: str) -> Iterator[str]:
         kind = "line" if counts == (2,) else (SOLIDS if solid else SURFACES)[len(nodes)]
         nodes = [nodes[k] for k in _TO_VTK.get(kind, range(len(nodes)))]
         deck.add_element(entry[1], kind, nodes, entry[2] if start == 3 else "")
+    deck.node_sets = _node_groups(entries, deck.nodes)
+
+
+def _node_groups(
+    entries: Iterable[Sequence[str]], present: Collection[int]
+) -> dict[str, list[int]]:
+    """Groups of nodes: ``RBE2:12`` and ``RBE2:12:reference`` of a rigid element, ``RBE3:...`` of a
+    weighted one, ``ASET`` of boundary degrees of freedom, ``SPC:7`` of supports.
+
+    Of ASET and SPC only nodes that are `present`: ranges leave out some, and scalar points have
+    no place.
+    """
+    groups: dict[str, list[int]] = {}
+    for word, *fields in entries:
+        name = f"{word}:{fields[0]}"
+        if word == "RBE2":
+            groups[f"{name}:reference"] = [int(fields[1])]
+            groups[name] = _listed([x for x in fields[3:] if "." not in x], present)
+        elif word == "RBE3":
+            groups[f"{name}:reference"] = [int(fields[2])]
+            groups[name] = _weighted_nodes(fields[4:])
+        elif word in _BOUNDARIES:
+            first, step = _BOUNDARIES[word]
+            own = f"SPC:{fields[0]}" if word.startswith("SPC") else "ASET"
+            nodes = _listed(fields[first:] if step == 1 else fields[first::step], present)
+            groups.setdefault(own, []).extend(node for node in nodes if node in present)
+    return {name: nodes for name, nodes in groups.items() if nodes}
+
+
+def _weighted_nodes(fields: Iterable[str]) -> list[int]:
+    """Nodes of RBE3: behind each weight, a real number, the components and then the nodes."""
+    nodes: list[int] = []
+    behind = 0  # fields since the last weight
+    for field_ in filter(None, fields):
+        if field_ in ("UM", "ALPHA"):
+            break
+        behind = 0 if not field_.isdigit() else behind + 1
+        nodes += [int(field_)] if behind > 1 else []
+    return nodes
+
+
+def _listed(fields: Iterable[str], present: Iterable[int]) -> list[int]:
+    """Numbers of a list; of ranges such as 5 THRU 9, 5 THRU 9 BY 2 and EXCEPT 7 those present."""
+    words = [x for x in fields if x]
+    leave = words.index("EXCEPT") if "EXCEPT" in words else len(words)
+    out = {int(x) for x in words[leave + 1 :]}
+    numbers: dict[int, None] = {}
+    k = 0
+    while k < leave:
+        first, last, step = int(words[k]), int(words[k]), 1
+        numbers[first] = None
+        if words[k + 1 : k + 2] == ["THRU"]:
+            last, k = int(words[k + 2]), k + 2
+            if words[k + 1 : k + 2] == ["BY"]:
+                step, k = int(words[k + 2]), k + 2
+            within = range(first, last + 1, step)
+            numbers |= dict.fromkeys(number for number in present if number in within)
+        k += 1
+    return [number for number in numbers if number not in out]
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""Coordinate systems of Nastran against rotations by scipy."""
+"""Coordinate systems of Nastran against rotations by scipy; groups of nodes."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import flexmb
 from flexmb.errors import MeshError
 from flexmb.fe import read_mesh
 from flexmb.fe.meshes import mesh as mesh_module
@@ -114,3 +115,62 @@ def test_the_default_system_of_nodes_and_large_fields(tmp_path):
 def test_systems_that_cannot_be_are_refused(tmp_path, lines, sentence):
     with pytest.raises(MeshError, match=sentence):
         read(tmp_path, *lines, "GRID,50,,1.,2.,3.")
+
+
+GRIDS = [f"GRID,{n},,{n}.,{n * n}.,0." for n in (*range(1, 10), 20)]
+GROUPS = {  # entries, and their groups by the numbers of the deck
+    "RBE2,12,20,123456,1,2,3,4\n+,5,6.5-6": {"RBE2:12": [*range(1, 6)], "RBE2:12:reference": [20]},
+    "RBE3,7,,20,123456,1.,123,1,2\n+,3,2.5,12,4,5,UM,1\n+,1": {
+        "RBE3:7": [*range(1, 6)], "RBE3:7:reference": [20],
+    },
+    "RBE3,7,,20,123,1.0+0,123,8": {"RBE3:7": [8], "RBE3:7:reference": [20]},
+    "ASET,3,123,5,123456\nASET1,3,7,THRU,99\nASET1,0,501,THRU,510\nBSET1,12,1": {
+        "ASET": [1, 3, 5, 7, 8, 9, 20],
+    },
+    "SPC1,4,123,1,2,THRU,6,EXCEPT\n+,5\nSPC,4,9,1,0.,8,2,.5\nSPC1,5,12,2,THRU,9,BY,3": {
+        "SPC:4": [1, 2, 3, 4, 6, 8, 9], "SPC:5": [2, 5, 8],
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("entries", GROUPS)
+def test_nodes_of_rigid_elements_boundaries_and_supports_are_groups(tmp_path, entries):
+    mesh = read(tmp_path, *GRIDS, *entries.split("\n"))
+    found = {name: mesh.numbers[nodes].tolist() for name, nodes in mesh.node_sets.items()}
+    assert found == GROUPS[entries]
+
+
+@pytest.mark.parametrize(
+    ("entry", "sentence"),
+    [
+        ("RBE2,12,20,123456,1,50", 'the node set "RBE2:12" names node 50, which is absent'),
+        ("RBE2,12,50,123456,1", 'the node set "RBE2:12:reference" names node 50'),
+        ("RBE2,12,,123456,1", "a line has too few fields"),
+        ("SPC1,1,123,1,THRU", "a line has too few fields"),
+        ("ASET1,1,x", 'has "X" for a number'),
+    ],
+)
+def test_groups_of_nodes_that_cannot_be_are_refused(tmp_path, entry, sentence):
+    with pytest.raises(MeshError, match=sentence):
+        read(tmp_path, *GRIDS, entry)
+
+
+def test_an_interface_at_the_reference_of_a_rigid_element(tmp_path):
+    """A bar held by one, pulled at the other: F L/EA between the rigid ends, without nu."""
+    points = [(z, x, y) for z in (0, 1, 2) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    grids = [f"GRID,{n},,{x}.,{y}.,{z}." for n, (z, x, y) in enumerate(points, 1)]
+    solids = ["CHEXA,1,3,1,2,3,4,5,6,+\n+,7,8", "CHEXA,2,3,5,6,7,8,9,10,+\n+,11,12"]
+    ends = ["GRID,91,,.5,.5,-1.", "GRID,92,,.5,.5,3."]
+    ends += ["RBE2,5,91,123456,1,2,3,4", "RBE2,6,92,123456,9,10,11,12"]
+    read(tmp_path, *grids, *solids, *ends)
+    tie = {end: {"reference": f"RBE2:{end}:reference", "nodes": f"RBE2:{end}"} for end in (5, 6)}
+    part = flexmb.part(
+        tmp_path / "deck.bdf",
+        material={"E": 2e11, "nu": 0.0, "density": 7800},
+        ties={"foot": tie[5], "head": tie[6]},
+        supports={"foot": {"group": "RBE2:5:reference", "type": "clamped"}},
+        loads={"pull": {"type": "force", "group": "RBE2:6:reference", "force": [3e3, 0, 4e6]}},
+    )
+    moved = part.displacements()[np.isin(part.nodes.ids, [8, 9, 10, 11])].mean(axis=0)
+    assert moved[2] == pytest.approx(4e6 * 2 / 2e11, rel=1e-9)
+    assert part.reactions["foot"].moment[1] == pytest.approx(-3e3 * 4, rel=1e-9)
