@@ -47,6 +47,7 @@ _CELL = (640, 420)  # pixels of a panel if no size is given
 _SINGLE = (1280, 720)
 _ORDERS = (1, 2, 3)  # multiples of the speed that are drawn
 _MAX_CURVES = 12  # largest number of modes in a Campbell diagram or root locus
+_LEAST_DAMPING = 1e-6  # of a root locus: half the width of the plot over its height, at least
 
 
 def render_modes(
@@ -301,6 +302,10 @@ def root_locus_figure(sweep: ModeSweep, modes: int = _MAX_CURVES) -> Figure:
         axes.plot(line.real[:1], line.imag[:1], color=color, marker="o", ms=8, mfc="none", ls="")
         axes.plot(line.real[-1:], line.imag[-1:], color=color, marker="o", ms=7, ls="")
     axes.axvline(0.0, color=INK, lw=0.8)
+    shown = sweep.eigenvalues[:, :modes]
+    least = _LEAST_DAMPING * float(np.nanmax(np.abs(shown), initial=0.0))
+    if np.nanmax(np.abs(shown.real), initial=0.0) < least:
+        axes.set_xlim(-least, least)
     axes.set_xlabel("Re λ [1/s]", color=INK)
     axes.set_ylabel("Im λ [1/s]", color=INK)
     style_axes(axes)

@@ -6,6 +6,7 @@ Colours are those of all pictures.
 from __future__ import annotations
 
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any, Final
 
 from flexmb.errors import ViewError
@@ -31,6 +32,7 @@ BODIES: Final = ("#7d93b2", "#b59f86", "#93ab8f", "#b08fa3", "#8aa8a8", "#a8a08a
 LINES: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
 
 _DPI = 150
+_TITLE, _LETTER = 12, 7.0  # points: size of titles, and width of a letter, rarely more
 WIDTH = 7.6  # inch: near the width of a page, so that text stays legible there
 
 
@@ -43,7 +45,8 @@ def new_figure(width: float, height: float, title: str = "") -> Figure:
     FigureCanvasAgg(figure)
     figure.set_layout_engine("constrained")
     if title:
-        figure.suptitle(title, color=INK, fontsize=12, x=0.02, ha="left")
+        lines = wrap(title, int(0.96 * width * 72 / _LETTER))
+        figure.suptitle("\n".join(lines), color=INK, fontsize=_TITLE, x=0.02, ha="left")
     return figure
 
 

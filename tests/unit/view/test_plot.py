@@ -10,9 +10,12 @@ import slidercrank
 from resultfiles import writer
 
 from flexmb import Model, kinematics
+from flexmb.analysis.linear.linearization import ModeSweep
 from flexmb.errors import ResultFileError, ViewError
 from flexmb.results import Result
 from flexmb.view.history import history_figure, plot_history
+from flexmb.view.modes import root_locus_figure
+from flexmb.view.plot import new_figure
 
 
 @pytest.fixture(scope="module")
@@ -115,3 +118,21 @@ def test_the_power_of_ten_of_an_axis_stands_clear_of_the_legend(tmp_path: Path) 
     power, name = axes.yaxis.get_offset_text(), axes.get_legend()
     assert power.get_text()
     assert power.get_window_extent().x1 < name.get_window_extent().x0 - 5
+
+
+@pytest.mark.parametrize("width", [4.6, 7.6, 9.6])
+def test_long_titles_fit_into_the_figure(width: float) -> None:
+    figure = new_figure(width, 3.0, "Slider-crank with a flexible connecting rod: " + 3 * "WHISK ")
+    figure.subplots()
+    figure.draw_without_rendering()
+    assert figure._suptitle.get_window_extent().x1 < figure.bbox.x1
+
+
+def test_a_root_locus_without_damping_is_a_line() -> None:
+    """Round-off in the damping is not blown up to the width of the plot."""
+    imaginary = np.array([[50.0, 4000.0], [60.0, 4500.0]])
+    noise = np.array([[0.0, 0.0], [1e-7, -2e-7]])
+    sweep = ModeSweep("speed", np.array([0.0, 1.0]), noise + 1j * imaginary, np.zeros(2), ())
+    assert root_locus_figure(sweep).axes[0].get_xlim() == pytest.approx((-4.5e-3, 4.5e-3))
+    sweep = ModeSweep("speed", np.array([0.0, 1.0]), 1e6 * noise + 1j * imaginary, np.zeros(2), ())
+    assert root_locus_figure(sweep).axes[0].get_xlim() == pytest.approx((-0.215, 0.115))
