@@ -28,6 +28,7 @@ _SUITABLE = {  # by SI unit: (limit, factor, unit) for values below the limit
     "N": ((1e3, 1.0, "N"), (1e6, 1e-3, "kN"), (np.inf, 1e-6, "MN")),
     "N m": ((1e3, 1.0, "N m"), (1e6, 1e-3, "kN m"), (np.inf, 1e-6, "MN m")),
 }
+_NO_MOTION = 1e-13  # displacement over size below which it is round-off
 Place = Callable[[Display], Array]
 PIN = "#e07b24"
 HOUSING = "#4b5260"
@@ -77,6 +78,12 @@ class Deformed:
     def edges(self) -> IntArray:
         """Point pairs (e, 2) of its sharp edges and borders."""
         return sharp_edges(self.undeformed, self.faces) if self.sharp is None else self.sharp
+
+    @property
+    def bends(self) -> bool:
+        """Whether it is displaced by more than round-off."""
+        size = float(np.linalg.norm(np.ptp(self.undeformed, axis=0)))
+        return float(self.displacement.max()) > _NO_MOTION * size
 
 
 @dataclass(frozen=True, eq=False)

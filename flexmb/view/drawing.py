@@ -30,7 +30,6 @@ from flexmb.view.shapes import arrow, sharp_edges, spread_points
 
 _SHOWN_DEFORMATION = 0.05  # largest drawn deformation of the most deformed body, over its size
 _ROUND_OFF = 1e-9  # deformation over size below which it is round-off and not exaggerated
-_NO_MOTION = 1e-13  # displacement over size below which it is round-off
 _SEE_THROUGH = 0.55  # opacity of a shape with a joint inside, or that hides a body
 _PIN = 0.016  # radius of a pin over the mechanism's size
 _PIN_CLEARANCE = 0.2  # largest radius of a pin over the least distance of two joints
@@ -119,6 +118,7 @@ class Drawing:
                     points, faces = plates.thick(points), plates.faces
                 self._sharp[name] = sharp_edges(points, faces)
         self.factor = self._factor()
+        self._bending = {*mechanism.flexbodies}  # as far as known
         start = Display(mechanism.at(float(mechanism.result.time[0])), 1.0, view.reference)
         self.size = self._size(start)
         self.pin = self._pin(start)
@@ -128,11 +128,11 @@ class Drawing:
         self.parts = list(self._body_parts())
         self.cameras = self._cameras()
         self.parts += self._acting_parts(self.cameras[0])
-        self.scale = scale or fitting_scale(
-            [self._deformed(self.display(t)) for t in some_times(self.times, _COLOR_SAMPLES)],
-            view.color,
-            mechanism.result.units,
-        )
+        some = [self._deformed(self.display(t)) for t in some_times(self.times, _COLOR_SAMPLES)]
+        self._bending = {body.name for bodies in some for body in bodies if body.bends}
+        if view.color == "displacement":
+            some = [tuple(one for one in bodies if one.name in self._bending) for bodies in some]
+        self.scale = scale or fitting_scale(some, view.color, mechanism.result.units)
         if self.scale is not None and self.is_mode_shape and self.scale.largest > 0.0:
             quantity = "relative displacement"
             self.scale = Scale(self.scale.largest, 1.0 / self.scale.largest, "", quantity)
@@ -313,9 +313,8 @@ class Drawing:
                 continue
             points, undeformed, displacement = surface
             shades = values.get(name)
-            if color == "displacement" and len(mechanism.pose(name).eta):
-                bends = float(displacement.max()) > _NO_MOTION * size_of(undeformed)
-                shades = displacement if bends or len(self.times) > 1 else None
+            if color == "displacement" and name in self._bending:
+                shades = displacement if len(mechanism.pose(name).eta) else None
             faces, lines = body.surface.faces, body.surface.lines
             drawn = Deformed(
                 name, points, undeformed, faces, lines, displacement, self.colors[name], shades,
@@ -406,7 +405,7 @@ class Drawing:
         time = f"{display.time:.6g}" if digits is None else f"{display.time:.{digits}f}"
         parts = [f"t = {time} {units.label('s')}"]
         moved = max((float(body.displacement.max()) for body in deformed), default=0.0)
-        if moved > _NO_MOTION * self.size or any(body.values is not None for body in deformed):
+        if any(body.bends or body.values is not None for body in deformed):
             seen = "to scale" if self.factor == 1.0 else f"exaggerated {self.factor:g} times"
             parts.append(f"deformation {seen}")
             most = max(deformed, key=lambda body: float(body.displacement.max()))

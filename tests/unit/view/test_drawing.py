@@ -369,6 +369,22 @@ def test_names_are_those_of_bodies_and_joints(crank: Mechanism) -> None:
     assert not compose(crank).labels
 
 
+@pytest.mark.parametrize("times", [None, [0.0, 1.0]])
+def test_a_body_that_never_bends_has_its_own_colour(clamped, tmp_path: Path, times) -> None:
+    """As in kinematics, where flexible bodies are rigid: no colour bar from 0 to 1 nm."""
+    save(cantilever(), tmp_path / "beam.flexbody.h5")
+    model = Model("A strip", folder=tmp_path)
+    model.add_body("beam", flexbody="beam.flexbody.h5")
+    stiff = Drawing(still_run(model, tmp_path, (0.0,)), times=times)
+    content = stiff.content()
+    assert stiff.scale is None
+    assert content.deformed[0].values is None
+    assert "displacement" not in content.caption
+    bent = Drawing(clamped, times=times)
+    assert bent.scale is not None
+    assert "displacement" in bent.content().caption
+
+
 def test_colours_stand_where_the_strip_is_displaced(clamped, tmp_path: Path) -> None:
     """Seen from above the left end is dark blue (least), the right end yellow (largest)."""
     from PIL import Image
