@@ -57,7 +57,7 @@ def read_med(source: Path) -> Any:
             cells.append((_KINDS[word], rows[:, _TO_VTK.get(_KINDS[word], slice(None))]))
             members.append(_family(part, len(rows)))
         cell_sets = _groups(families.get("ELEME", {}), members)
-    point_sets = {name: rows for name, (rows,) in row_of_sets.items() if name not in cell_sets}
+    point_sets = {name: rows for name, (rows,) in row_of_sets.items()}
     return meshio.Mesh(points, cells, point_sets=point_sets, cell_sets=cell_sets)
 
 

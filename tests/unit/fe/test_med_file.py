@@ -76,3 +76,15 @@ def test_several_meshes_in_one_file_are_refused(tmp_path):
 def test_polyhedra_are_refused_by_name(tmp_path):
     with pytest.raises(MeshError, match=r"elements of type POE of MED are not read"):
         read_mesh(written(tmp_path, kind="POE"))
+
+
+def test_a_group_of_nodes_and_one_of_faces_may_have_one_name(tmp_path):
+    path = written(tmp_path)
+    with h5py.File(path, "a") as file:
+        nodes = file["ENS_MAA/box/-0000000000000000001-0000000000000000001/NOE/FAM"]
+        nodes[3:6] = 2
+        add_family(file["FAS/box/NOEUD"], 2, "both")
+    mesh = read_mesh(path)
+    assert mesh.group_nodes("both").tolist() == [3, 4, 5]
+    count = sum(len(BOX.element_sets[name]["triangle6"]) for name in ("x0", "x1"))
+    assert len(mesh.group_elements("both")["triangle6"]) == count
