@@ -286,20 +286,21 @@ def test_a_jump_of_a_load_leaves_no_rate_in_fixed_steps(load, method):
     assert np.abs(steps - exact)[:, ~either].max() < 0.01 * np.abs(exact).max()
 
 
-def beam_on_a_stop(deformation, height=-0.2):
+def beam_on_a_stop(deformation, height=-0.2, stiffness=2e4):
     made = Model("beam on a stop", gravity=[0, -9.81, 0])
     made.add_body("beam", rod(0.01, 1.0, 10, 6), deformation=deformation)
     made.add_joint("hub", "revolute", between=["ground", "beam.root"], axis="z")
     made.add_marker("ground.below", position=[1.0, height, 0])
     made.add_force("bump", "stop", between=["ground.below", "beam.tip"], axis="y", lower=0.0,
-                   stiffness=2e4, damping=20.0, depth=1e-4)  # fmt: skip
+                   stiffness=stiffness, damping=20.0, depth=1e-4)  # fmt: skip
     return made
 
 
 def test_a_stop_that_is_stiffer_than_a_quasi_static_body_is_named():
+    """By far: whether a stop of 2e4 N/m settles depends on round-off."""
     knobs = {"duration": 0.3, "outputs": 30, "accuracy": 1e-3}
     with pytest.raises(SolverError, match=r"bodies.beam: loads .* stop.* them"):
-        flexmb.simulate(beam_on_a_stop("quasi-static", -0.3), **knobs)
+        flexmb.simulate(beam_on_a_stop("quasi-static", -0.3, 2e6), **knobs)
 
 
 def test_a_stop_that_one_method_fails_at_names_the_other():
