@@ -329,8 +329,9 @@ def time_event_table(
     events: list[float] = []
     beyond, jumps = end * (1.0 + 2.0 * _MIN_TIME_DISTANCE), set[float]()
     for k, program in enumerate(programs):
-        known = derivative_jumps(program.ops, beyond, derivatives=3 if k in drivers else 2)
-        jumps.update(known, switch_times(program.ops, beyond))
+        order = 3 if k in drivers else 2
+        jumps.update(derivative_jumps(program.ops, beyond, derivatives=order))
+        jumps.update(switch_times(program.ops, beyond))
         jumps.update(brief_changes(program.ops, end))  # found by samples over the run
     for t in sorted(end if abs(end - t) <= _MIN_TIME_DISTANCE * end else t for t in jumps):
         last = events[-1] if events else 0.0
