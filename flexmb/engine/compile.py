@@ -320,7 +320,7 @@ def time_event_table(
     """(n, 2) times [s] just before and just after every jump of a function, and in brief changes.
 
     Of the functions with a number in `drivers`, which kinetostatic modes follow by their second
-    derivative, also jumps of the third one. A jump at the end of the run is included: the run ends
+    derivative, also jumps of the third one, and those at the start. A jump at the end of the run is included: the run ends
     just before it. The table is empty for fixed steps, which do not stop at jumps.
     """
     if spec is None or spec.step is not None:
@@ -329,8 +329,8 @@ def time_event_table(
     events: list[float] = []
     beyond, jumps = end * (1.0 + 2.0 * _MIN_TIME_DISTANCE), set[float]()
     for k, program in enumerate(programs):
-        order = 3 if k in drivers else 2
-        jumps.update(derivative_jumps(program.ops, beyond, derivatives=order))
+        order, begins = (3, True) if k in drivers else (2, False)
+        jumps.update(derivative_jumps(program.ops, beyond, at_begin=begins, derivatives=order))
         jumps.update(switch_times(program.ops, beyond))
         jumps.update(brief_changes(program.ops, end))  # found by samples over the run
     for t in sorted(end if abs(end - t) <= _MIN_TIME_DISTANCE * end else t for t in jumps):
