@@ -320,8 +320,9 @@ def time_event_table(
     """(n, 2) times [s] just before and just after every jump of a function, and in brief changes.
 
     Of the functions with a number in `drivers`, which kinetostatic modes follow by their second
-    derivative, also jumps of the third one, and those at the start. A jump at the end of the run is included: the run ends
-    just before it. The table is empty for fixed steps, which do not stop at jumps.
+    derivative, also jumps of the third one, and those at the start. A jump at the end of the run is
+    included: the run ends just before it. The table is empty for fixed steps, which do not stop at
+    jumps.
     """
     if spec is None or spec.step is not None:
         return np.zeros((0, 2))
