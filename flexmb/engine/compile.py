@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,7 +14,8 @@ from flexmb.engine.bodies.flexible_body import FLEXIBLE_BODIES
 from flexmb.engine.bodies.inertia_coupling import CONSTANT_BODIES, PARTIAL_BODIES
 from flexmb.engine.bodies.marker import Markers
 from flexmb.engine.bodies.rigid_body import Bodies, PlanarBodies
-from flexmb.engine.bodies.static_modes import of_their_parts
+from flexmb.engine.bodies.static_mode_tables import StaticModes
+from flexmb.engine.bodies.static_modes import STATIC_MODES, of_their_parts
 from flexmb.engine.function import PIECEWISE, TimeFunctions, lower
 from flexmb.engine.geometry import body_weights, extents_of_parts, initial_positions, model_length
 from flexmb.engine.joints import POINT
@@ -24,6 +25,7 @@ from flexmb.engine.joints.coordinate import Coordinates, unit_weight
 from flexmb.engine.joints.curve_marker import Contact, CurveMarkers
 from flexmb.engine.joints.point_joint import PointJoints
 from flexmb.engine.lowering import Element
+from flexmb.engine.method_selection import NONSTIFF_METHOD
 from flexmb.engine.ordering import (
     EquationOrder,
     ModelTables,
@@ -168,6 +170,7 @@ def _system(of: ModelTables, order: EquationOrder, length: float) -> System:
     if of.feedback is not None:
         kinds["feedback"] = of.feedback.feedback
     weights = np.append(body_weights(model, lowering.flexbodies, length), scalar_weights)
+    follows = _follows(kinds, parts, model)
     return System(
         parts=parts,
         rows=rows,
@@ -178,7 +181,9 @@ def _system(of: ModelTables, order: EquationOrder, length: float) -> System:
         row_weights=row_weights(groups, length),
         part=_parts_of_model(order.kkt, len(weights)),
         functions=functions,
-        time_events=time_event_table(programs, model.dynamics),
+        time_events=time_event_table(
+            programs, model.dynamics, set(rows["fun"].tolist()) if follows else set()
+        ),
         sensors=of.sensors,
         implicit_feedback=0 if of.feedback is None else of.feedback.feedback.implicit,
         history=lowering.history if lowering.history > 1 else 0,
@@ -297,21 +302,37 @@ _TIME_ROUND_OFF = 4e-15
 _MIN_TIME_DISTANCE = 1e-10
 
 
+def _follows(kinds: Mapping[str, Any], parts: Parts, model: Model) -> bool:
+    """Whether there are kinetostatic modes, whose rates jump with those of the loads.
+
+    Beside other modes they are so by explicit methods only.
+    """
+    static: StaticModes | None = kinds.get(STATIC_MODES.name)
+    if static is None or model.dynamics is None:
+        return False
+    alone = bool(static.kinetostatic.all()) and len(static.modes) == parts.bodies["m"].sum()
+    return alone or model.dynamics.method == NONSTIFF_METHOD
+
+
 def time_event_table(
-    programs: Sequence[Expression], spec: DynamicsSpec | None
+    programs: Sequence[Expression], spec: DynamicsSpec | None, drivers: Set[int] = frozenset()
 ) -> NDArray[np.float64]:
     """(n, 2) times [s] just before and just after every jump of a function, and in brief changes.
 
-    A jump at the end of the run is included: the run ends just before it. The table is empty for
-    fixed steps, which do not stop at jumps.
+    Of the functions with a number in `drivers`, which kinetostatic modes follow by their second
+    derivative, also jumps of the third one, and those at the start. A jump at the end of the run is
+    included: the run ends just before it. The table is empty for fixed steps, which do not stop at
+    jumps.
     """
     if spec is None or spec.step is not None:
         return np.zeros((0, 2))
     end = spec.duration
     events: list[float] = []
     beyond, jumps = end * (1.0 + 2.0 * _MIN_TIME_DISTANCE), set[float]()
-    for program in programs:
-        jumps.update(derivative_jumps(program.ops, beyond), switch_times(program.ops, beyond))
+    for k, program in enumerate(programs):
+        order, begins = (3, True) if k in drivers else (2, False)
+        jumps.update(derivative_jumps(program.ops, beyond, at_begin=begins, derivatives=order))
+        jumps.update(switch_times(program.ops, beyond))
         jumps.update(brief_changes(program.ops, end))  # found by samples over the run
     for t in sorted(end if abs(end - t) <= _MIN_TIME_DISTANCE * end else t for t in jumps):
         last = events[-1] if events else 0.0

@@ -9,13 +9,16 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.algebra.vector import weighted_max, zero
-from flexmb.engine.jit import kernel, unit
+from flexmb.engine.jit import call_value, kernel, unit
 from flexmb.engine.method import HIGH_ORDER, SUCCESS
 from flexmb.engine.state import Run
 
 # Lower bounds of a scale: this share of the largest one of the same part of the model (methods of
 # low order), and this share of the largest one of the model (all methods).
 _MIN_PART_SHARE, _MIN_MODEL_SHARE = 1e-3, 1e-12
+# Allowed extrapolation error of kinetostatic modes in a step over the accuracy, and its order. In
+# steps shorter than the last share of the run it is a jump that no step size reduces: not counted.
+_STATIC_ERROR_SHARE, _STATIC_ERROR_ORDER, _JUMP_STEP_SHARE = 0.3, 4.0, 1e-6
 # Factor per step by which the recent speed decays; it limits steps that integrate only works.
 _SPEED_DECAY = 0.8
 
@@ -124,3 +127,33 @@ def _raise_scales(st, iv, n, motion, speed):
     """Raise the scales of n coordinates to at least these values."""
     for i in range(iv, iv + n):
         st.q_scale[i], st.v_scale[i] = (max(st.q_scale[i], motion), max(st.v_scale[i], speed))
+
+
+@kernel
+def add_static_error(run, h, order):
+    """Raise the position error to that of kinetostatic modes extrapolated by h Trial.dq.
+
+    Its ratio to its own tolerance is raised to a power, so that it has the order of the estimate.
+    """
+    settings, lag = run.settings, 0.0
+    if h <= _JUMP_STEP_SHARE * (settings.end - settings.start):
+        return
+    units, tables = run.stages.static_lag.units, run.stages.static_lag.tables
+    for k in range(len(units)):
+        lag = max(lag, call_value(units[k], run, tables[k], run.trial_point))
+    part = lag / (
+        _STATIC_ERROR_SHARE * settings.accuracy * settings.max_rotation**_STATIC_ERROR_ORDER
+    )
+    allowed = settings.tolerance * settings.rejection_factor
+    run.work.trial.error[0] = max(
+        run.work.trial.error[0], allowed * part ** (order / _STATIC_ERROR_ORDER)
+    )
+
+
+@kernel
+def add_static_error_of_path(run, h, order):
+    """The same of kinetostatic modes with the rates and accelerations of the step's start."""
+    st, dq = run.state, run.work.trial.dq
+    for k in range(dq.shape[0]):
+        dq[k] = st.v[k] + 0.5 * h * st.vd[k]
+    add_static_error(run, h, order)

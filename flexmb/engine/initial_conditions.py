@@ -155,6 +155,7 @@ def begin_deformation(run: Run, h: float, longest: float, cp: float) -> int:
     store(tr.lam, st.lam_before)
     powers(run, run.state_point)
     copy(run.work.powers, st.power)
+    st.power_before[:] = math.nan  # powers jump with the rates
     return SUCCESS
 
 

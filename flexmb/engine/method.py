@@ -112,6 +112,8 @@ INTEGRATOR_MEMORY = np.dtype([
     ("steps_since", "f8"),  # steps since then
     ("failing_time", "f8"),  # start of the present count of failed steps, s
     ("failures_since", "f8"),  # failed steps since then
+    ("static_lag", "f8"),  # sum over steps: kinetostatic modes from the path of their rates, m
+    ("static_size", "f8"),  # sum over steps: displacement by these modes, m
     ("steps_since_output", "f8"),
     ("steps_until_growth", "f8"),  # steps until the step size may grow, after a rejection
     ("rejected_step", "f8"),  # size of the last rejected step, s; 0 once its end is passed

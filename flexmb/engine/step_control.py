@@ -84,22 +84,31 @@ _MIN_PLAN_REMAINDER = 0.1
 def select_initial_step(sys, settings, st):
     """Select the size of the first step, unless the state has one.
 
-    Under error control it is at most a tenth of the output interval. In it the present velocity
-    moves the model by no more than a hundredth of its size, and the present acceleration by no more
-    than √(tolerance × least motion). By a plan, only the plan limits it.
+    By a plan, only the plan limits it.
     """
-    if st.memory[0]["next_step"] > 0.0:
+    memory = st.memory[0]
+    if memory["next_step"] > 0.0:
         return
-    st.memory[0]["next_step"] = settings.step
-    speed, least = weighted_max(st.v, sys.weights), settings.least_motion
+    memory["next_step"] = settings.step
     if settings.step == 0.0:
-        change = weighted_max(st.vd, sys.weights)
-        h = min(0.1 * settings.interval, 0.01 / speed if speed > 0.0 else math.inf)
-        if change > 0.0:
-            h = min(h, math.sqrt(2.0 * math.sqrt(settings.tolerance * least) / change))
-        st.memory[0]["next_step"] = max(h, _MIN_STEP_SHARE * (settings.end - settings.start))
+        memory["next_step"] = initial_step(sys, settings, st)
         if settings.refinement > 0.0:
-            st.memory[0]["next_step"] = settings.end - settings.start
+            memory["next_step"] = settings.end - settings.start
+
+
+@kernel
+def initial_step(sys, settings, st):
+    """Size of the first step under error control [s], at most a tenth of the output interval.
+
+    In it the present velocity moves the model by no more than a hundredth of its size, and the
+    present acceleration by no more than √(tolerance × least motion).
+    """
+    speed, change = weighted_max(st.v, sys.weights), weighted_max(st.vd, sys.weights)
+    h = min(0.1 * settings.interval, 0.01 / speed if speed > 0.0 else math.inf)
+    if change > 0.0:
+        size = math.sqrt(settings.tolerance * settings.least_motion)
+        h = min(h, math.sqrt(2.0 * size / change))
+    return max(h, _MIN_STEP_SHARE * (settings.end - settings.start))
 
 
 @kernel

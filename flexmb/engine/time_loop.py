@@ -155,8 +155,9 @@ def advance(run: Run, room: int) -> int:
 def _begin_deformation(run):
     """Start kinetostatic modes without a past, with points ahead within the next step."""
     st, settings, sys, plan = run.state, run.settings, run.system, run.plan
-    h = st.memory[0]["next_step"]
-    if settings.refinement == 0.0 or plan.used[0] > 1:  # otherwise the plan is still empty
+    if settings.refinement > 0.0 and plan.used[0] <= 1:  # the plan is still empty
+        h = step_control.initial_step(sys, settings, st)
+    else:
         h = step_control.propose_step(
             run.method, settings, plan, sys.time_events, st, run.times, 1, sys.weights
         )

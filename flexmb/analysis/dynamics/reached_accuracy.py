@@ -25,6 +25,9 @@ _MIN_MISS, _REACHABLE_FACTOR = 1.0, 4.0
 _MIN_AMPLIFICATION, _MAIN_SHARE = 100.0, 0.5
 _MAX_ADVISED = 0.1  # largest accuracy that a note advises
 _MAX_ENERGY_ERROR = 0.05  # energy error over the energy exchanged, above which a note says so
+# Mean departure of quasi-static modes in a step from the path of their rates, over their mean
+# deformation, above which steps are too long for them. One step in fifty that jumps has as much.
+_MAX_LAG = 0.02
 _MIN_MISSING_VIBRATION = 0.05  # least missing vibration of a reaction in a note, over its range
 
 
@@ -159,7 +162,21 @@ def energy_error(prepared: PreparedDynamics, cause: str) -> str:
         return ""
     what = f"the energy balance is off by {100 * share:.3g} % of the energy that moved: "
     if settings.static_after_step == 1:
-        return f'{what}quasi-static modes leave out vibrations; deformation = "automatic" has them'
+        vibrations = 'leave out vibrations; deformation = "automatic" has them'
+        memory = run.state.memory[0]
+        lag = float(memory["static_lag"] / max(memory["static_size"], np.finfo(float).tiny))
+        if lag <= _MAX_LAG:
+            return f"{what}quasi-static modes {vibrations}"
+        long, cure = (
+            (f"steps of {step:.3g} s", "shorten them")
+            if step
+            else ("steps", "ask for more accuracy")
+        )
+        return (
+            f"{what}{long} are too long for quasi-static modes, which depart in a step by "
+            f"{100 * lag:.3g} % of their deformation from where its rate leads; {cure}; if it "
+            f"stays, they {vibrations}"
+        )
     if cause:
         return f"{what}{cause}"
     rest = "a force or an effect makes energy"

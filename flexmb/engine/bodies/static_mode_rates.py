@@ -14,7 +14,7 @@ import math
 
 from flexmb.engine.algebra.vector import larger, largest
 from flexmb.engine.bodies.static_mode_tables import PAST_POINTS, StaticModes
-from flexmb.engine.jit import unit
+from flexmb.engine.jit import kernel, unit
 from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import Point, Run
 
@@ -29,6 +29,10 @@ _CUBIC_POINTS = 3  # points of the past that define a cubic together with the pr
 # is at least _MIN_LAST_INTERVAL times the distance of the first point: else there was a jump
 # between short steps, as at an event, that long steps follow.
 _MIN_FIRST_INTERVAL, _MIN_LAST_INTERVAL = 0.3, 0.08
+
+# Points closer than this share of `window` are at the present time, as one just before an event:
+# alone in the past behind a jump, it would make a rate of round-off.
+_PRESENT_SHARE = 1e-3
 
 # Detection of a jump of η_s, as at an impact: its rate and acceleration are then set to zero. Two
 # ratios are compared with those of a jump in the last interval: the difference between the second
@@ -56,7 +60,8 @@ def put_rates(run: Run, of: StaticModes, at: Point) -> int:
     for n in range(of.rows.shape[0]):
         body, m = run.system.parts.bodies[of.rows[n]], of.first[n + 1] - of.first[n]
         iq, iv, times, first, count = body["iq"] + 7, body["iv"] + 6, of.history[n], 0, 0
-        while first < PAST_POINTS and past[times + first] >= at.t[0]:
+        near = _PRESENT_SHARE * of.window[n]
+        while first < PAST_POINTS and past[times + first] >= at.t[0] - near:
             first += 1
         while first + 1 < PAST_POINTS and past[times + first + 1] > -math.inf:
             gap = past[times + first] - past[times + first + 1]
@@ -206,6 +211,7 @@ def update_history(run: Run, of: StaticModes, at: Point) -> int:
     """Add the present values of the modes to their past, if far enough from the last point."""
     past = run.state.history
     h = at.t[0] - past[0]
+    _measure_lag(run, of, at)
     for n in range(of.rows.shape[0]):
         o, m = of.history[n], of.first[n + 1] - of.first[n]
         if of.window[n] > h and past[o + 1] > -math.inf:
@@ -225,3 +231,19 @@ def update_history(run: Run, of: StaticModes, at: Point) -> int:
             place = run.system.parts.bodies[of.rows[n]]["iq"] + 7 + of.modes[of.first[n] + i]
             past[o + PAST_POINTS + i] = at.q[place]
     return SUCCESS
+
+
+@kernel
+def _measure_lag(run, of, at):
+    """Add this step's largest difference of the modes from q + h q̇ + h²/2 q̈, and their size."""
+    st, lag, size = run.state, 0.0, 0.0
+    h = at.t[0] - st.t[0]
+    for n in range(of.rows.shape[0]):
+        body = run.system.parts.bodies[of.rows[n]]
+        for k in range(of.first[n], of.first[n + 1]):
+            q, v = body["iq"] + 7 + of.modes[k], body["iv"] + 6 + of.modes[k]
+            ahead = st.q[q] + h * (st.v[v] + 0.5 * h * st.vd[v])
+            lag = max(lag, run.system.weights[v] * abs(at.q[q] - ahead))
+            size = max(size, run.system.weights[v] * abs(at.q[q]))
+    st.memory[0]["static_lag"] += lag
+    st.memory[0]["static_size"] += size

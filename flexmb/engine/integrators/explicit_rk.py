@@ -32,7 +32,8 @@ from flexmb.engine.bodies.motion import (
     put_dq_round_off,
 )
 from flexmb.engine.equations_of_motion import constraint_stage, powers, run_stage
-from flexmb.engine.jit import CompiledUnit, Matrix, Vector, call_value, kernel, unit
+from flexmb.engine.error_scales import add_static_error
+from flexmb.engine.jit import CompiledUnit, Matrix, Vector, kernel, unit
 from flexmb.engine.method import NO_CONVERGENCE, NOT_FINITE, SUCCESS, Method
 from flexmb.engine.projection import NOTHING, POSITIONS, accelerations
 from flexmb.engine.state import Run
@@ -60,9 +61,6 @@ _LIMITING_ERROR, _MAX_STEP_RATIO = 0.1, 5.0
 # one of 22 below (order 8); 9 % of 153 at 1e-6, 6 % of 72 at 1e-7, 1 of 223 below (order 5).
 # Weight of the third-order estimate in that of DOP853 (Hairer, Nørsett & Wanner, eq. II.10.17).
 _THIRD_ORDER_SHARE = 0.1
-# Allowed extrapolation error of kinetostatic modes in a step over the accuracy, and its order. In
-# steps shorter than the last share of the run it is a jump that no step size reduces: not counted.
-_STATIC_ERROR_SHARE, _STATIC_ERROR_ORDER, _JUMP_STEP_SHARE = 0.3, 4.0, 1e-6
 
 
 class Tableau(NamedTuple):
@@ -198,7 +196,8 @@ def end_step(run, tableau, h, status, of_parameters):
     if run.settings.step == 0.0:
         _estimate_error(run, tableau.errors, h, of_parameters)
         if run.settings.static_after_step == 1:
-            _add_static_error(run, tableau, h, of_parameters)
+            _weighted_motion(run, tableau.A[stages], stages, of_parameters)
+            add_static_error(run, h, tableau.order)
         size += tr.error[0] + tr.error[1]
     _watch_stability(run, tableau, h, of_parameters)
     return NOT_FINITE if status == SUCCESS and not math.isfinite(size) else status
@@ -312,28 +311,6 @@ def _estimate_error(run, errors, h, of_parameters):
         if low > 0.0:
             size *= size / math.hypot(size, low)  # squares of 1e-170 would be zero
         tr.error[level] = size
-
-
-@kernel
-def _add_static_error(run, tableau, h, of_parameters):
-    """Raise the position error to that of the extrapolated kinetostatic modes.
-
-    Its ratio to its own tolerance is raised to a power, so that it has the order of the method.
-    """
-    settings = run.settings
-    if h <= _JUMP_STEP_SHARE * (settings.end - settings.start):
-        return
-    _weighted_motion(run, tableau.A[tableau.stages], tableau.stages, of_parameters)
-    units, tables, lag = run.stages.static_lag.units, run.stages.static_lag.tables, 0.0
-    for k in range(len(units)):
-        lag = max(lag, call_value(units[k], run, tables[k], run.trial_point))
-    part = lag / (
-        _STATIC_ERROR_SHARE * settings.accuracy * settings.max_rotation**_STATIC_ERROR_ORDER
-    )
-    allowed = settings.tolerance * settings.rejection_factor
-    run.work.trial.error[0] = max(
-        run.work.trial.error[0], allowed * part ** (tableau.order / _STATIC_ERROR_ORDER)
-    )
 
 
 @kernel

@@ -34,6 +34,7 @@ from flexmb.engine.algebra.ldl import solve, solve_refined
 from flexmb.engine.algebra.vector import copy, weighted_max
 from flexmb.engine.bodies.motion import interpolate_step, move, put_dq_round_off
 from flexmb.engine.equations_of_motion import residual, run_stage
+from flexmb.engine.error_scales import add_static_error_of_path
 from flexmb.engine.iteration_matrix import (
     REFACTOR_ABOVE,
     SETTLED_NOISE,
@@ -209,7 +210,10 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
             if settings.tolerance > 0.0:
                 estimate_error(run, alpha, h)
             if settings.static_after_step == 1:
-                return _project(run, alpha, b, POSITIONS)
+                status = _project(run, alpha, b, POSITIONS)
+                if settings.tolerance > 0.0 and settings.step == 0.0:
+                    add_static_error_of_path(run, h, run.method.error_order)
+                return status
             # reactions that cause joint friction must not contain errors of position corrections
             short = settings.step == 0.0 and h < _SHORT_STEP * memory["largest_step"]
             clean = alpha.project == 1 or depends_on_solution(run) or short and _is_driven(run)

@@ -34,6 +34,7 @@ from flexmb.engine.equations_of_motion import (
     run_stage,
     velocity_stage,
 )
+from flexmb.engine.error_scales import add_static_error_of_path
 from flexmb.engine.integrators.one_stage import one_stage_step
 from flexmb.engine.integrators.radau_coefficients import (
     STAGES,
@@ -303,7 +304,10 @@ def _finish(run, radau, h):
     st.count[0]["factorisations"] += 1
     cp = radau.filter * h * h if run.settings.determinate == 0 else 0.0
     copy(col.a[last], tr.aa)
-    return accelerations(run, run.trial_point, cp, POSITIONS)
+    status = accelerations(run, run.trial_point, cp, POSITIONS)
+    if run.settings.step == 0.0 and run.settings.static_after_step == 1:
+        add_static_error_of_path(run, h, run.method.error_order)
+    return status
 
 
 @kernel

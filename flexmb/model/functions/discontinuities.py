@@ -28,8 +28,10 @@ from flexmb.model.functions.piecewise import Piecewise
 Line = tuple[float, float] | None
 """Coefficients (a, b) of a + b t; None for a function that is not linear in t."""
 
-# Rises whose second derivative jumps at their ends; for the other rises it starts and ends at zero.
+# Rises whose second derivative jumps at their ends, and those whose third one does; for these the
+# second one starts and ends at zero.
 _JUMPING_RISES = {"cubicstep", "haversinestep"}
+_BENT_RISES = _JUMPING_RISES | {"quinticstep", "cycloidalstep", "modifiedsinestep"}
 # More repetitions of a periodic function than this are not events but the motion itself.
 _MAX_REPETITIONS = 100_000
 _INTERVALS = 512
@@ -43,10 +45,13 @@ _UNSAFE = {"abs", "acos", "asin", "log", "sign", "sqrt", "tan"}
 _UNSAFE |= {"/", "atan2", "max", "min", "pow", "powc"}
 
 
-def derivative_jumps(ops: Program, end: float, *, at_begin: bool = False) -> tuple[float, ...]:
+def derivative_jumps(
+    ops: Program, end: float, *, at_begin: bool = False, derivatives: int = 2
+) -> tuple[float, ...]:
     """Times in (0, end) [s], or in [0, end), at which value or derivatives jump, in order.
 
-    Only those that are known in closed form, for arguments that are linear in time.
+    Only those that are known in closed form, for arguments that are linear in time. Of the first
+    two derivatives, or of three.
     """
     times: set[float] = set()
     stack: list[Line] = []
@@ -63,7 +68,7 @@ def derivative_jumps(ops: Program, end: float, *, at_begin: bool = False) -> tup
         elif op in UNARY:
             line = stack.pop()
             if line is not None and line[1] != 0.0:
-                times.update(_jump_times(op, argument, line, end))
+                times.update(_jump_times(op, argument, line, end, derivatives))
             stack.append((-line[0], -line[1]) if op == "neg" and line is not None else None)
         else:  # not known in advance
             stack.append(None)
@@ -86,16 +91,18 @@ def _line(op: str, left: Line, right: Line) -> Line:
     return None
 
 
-def _jump_times(op: str, argument: object, line: tuple[float, float], end: float) -> list[float]:
-    """Times at which an operation on a + b t, or a derivative of it, jumps."""
+def _jump_times(
+    op: str, argument: object, line: tuple[float, float], end: float, derivatives: int
+) -> list[float]:
+    """Times at which an operation on a + b t, or one of its derivatives, jumps."""
     a, b = line
     if op in ("abs", "sign"):
         return [-a / b]
-    if op in _JUMPING_RISES:
+    if op in (_JUMPING_RISES if derivatives == 2 else _BENT_RISES):
         return [-a / b, (1.0 - a) / b]
     if not isinstance(argument, Piecewise):
         return []
-    places = argument.jumps()
+    places = argument.jumps(derivatives)
     if argument.period > 0.0 and len(places):
         span = sorted((a, a + b * end))
         first = int(np.floor((span[0] - places[0]) / argument.period))

@@ -26,8 +26,10 @@ from numpy.typing import ArrayLike
 from flexmb.flexbody.arrays import Array
 
 # Jumps of a derivative below this share of its size are round-off of the construction.
-_JUMP = 1e-7
-_FACTORIALS = (1.0, 1.0, 2.0)
+# Of the third derivative, less than that of a cubic spline with 125 points per period of a sine is
+# left to steps, which are as short.
+_JUMPS = np.array([1e-7, 1e-7, 1e-7, 0.05])
+_FACTORIALS = np.array([1.0, 1.0, 2.0, 6.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,24 +130,25 @@ class Piecewise:
         once = Piecewise(self.knots, self.coefficients).antiderivative()
         return Piecewise(once.knots, once.coefficients, self.period).without_mean()[1]
 
-    def jumps(self) -> Array:
-        """The knots where the value, the first or the second derivative jumps."""
-        c, p = self.coefficients, min(3, self.coefficients.shape[1])
-        right = np.zeros((len(self.knots), 3))
+    def jumps(self, derivatives: int = 2) -> Array:
+        """The knots where the value or one of the first two or three derivatives jumps."""
+        n = derivatives + 1
+        c, p = self.coefficients, min(n, self.coefficients.shape[1])
+        right = np.zeros((len(self.knots), n))
         right[:, :p] = c[1:, :p] * _FACTORIALS[:p]
         u = np.append(0.0, np.diff(self.knots))[:, None]
-        left = np.zeros((len(self.knots), 3))
+        left = np.zeros((len(self.knots), n))
         for coefficient in c[:-1].T[::-1]:  # Horner's scheme with derivatives
             left[:, 1:] = left[:, 1:] * u + left[:, :-1]
             left[:, :1] = left[:, :1] * u + coefficient[:, None]
-        left *= _FACTORIALS
+        left *= _FACTORIALS[:n]
         if self.period > 0.0:  # the last knot is the first one again
             left[0], right[-1] = left[-1], right[0]
         inside = np.isfinite(left) & np.isfinite(right)
         size = np.max(np.abs(np.where(inside, right, 0.0)), axis=0)
-        for k in (1, 2):  # what a change over the whole length would be
+        for k in range(1, n):  # what a change over the whole length would be
             size[k] = max(size[k], size[k - 1] / (self.knots[-1] - self.knots[0]))
-        jump = np.abs(np.where(inside, right - left, 0.0)) > _JUMP * size
+        jump = np.abs(np.where(inside, right - left, 0.0)) > _JUMPS[:n] * size
         knots: Array = self.knots[jump.any(axis=1)]
         return knots
 

@@ -89,6 +89,15 @@ def test_values_that_jump_have_no_rates(bar):
     assert not bar.state.v[bar.v].any() and not bar.state.vd[bar.v].any()
 
 
+def test_a_point_of_the_present_alone_gives_no_rate(bar):
+    """Just behind an event that follows a jump: round-off over 1e-14 s was a rate of 100."""
+    bar.of.window[:] = 0.01
+    bar.remember([NOW - 1e-14, -np.inf, -np.inf, -np.inf])
+    bar.state.t[0], bar.state.q[bar.q] = NOW, bar.motion(NOW)[0] + 1e-12
+    put_rates(bar.run, bar.of, bar.run.state_point)
+    assert not bar.state.v[bar.v].any() and not bar.state.vd[bar.v].any()
+
+
 def test_points_ahead_give_a_past_on_their_cubic(bar):
     bar.state.t[0], h = NOW, 0.01
     for k in range(PAST_POINTS):
@@ -119,6 +128,20 @@ def test_what_is_extrapolated_is_off_by_its_distance(bar, interval, factor):
     found = extrapolation_error(bar.run, bar.of, bar.run.trial_point)
     most = bar.run.system.weights[v].max()
     assert found == pytest.approx(factor * 0.01 * most / 0.5, rel=1e-9)
+
+
+def test_departures_from_the_path_of_the_rates_are_summed(bar):
+    """Of steps, beside the sizes of the deformation; both by the mode that moves most."""
+    bar.remember(PAST)
+    h, trial, weight = 0.02, bar.work.trial, bar.run.system.weights[bar.v]
+    bar.state.t[0], trial.t[0] = NOW, NOW + h
+    bar.state.q[bar.q], bar.state.v[bar.v], bar.state.vd[bar.v] = 1.0, 3.0, 50.0
+    for off in (0.02, 0.05):
+        trial.q[bar.q] = 1.0 + 3.0 * h + 25.0 * h**2 + off
+        update_history(bar.run, bar.of, bar.run.trial_point)
+    memory = bar.state.memory[0]
+    assert memory["static_lag"] == pytest.approx(0.07 * weight.max(), rel=1e-9)
+    assert memory["static_size"] == pytest.approx(2.21 * weight.max(), rel=1e-9)
 
 
 def test_the_present_becomes_the_newest_point(bar):

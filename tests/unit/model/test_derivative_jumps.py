@@ -7,6 +7,7 @@ import pytest
 
 from flexmb.model.functions.discontinuities import (
     brief_changes,
+    derivative_jumps,
     first_discontinuities,
     switch_times,
 )
@@ -41,6 +42,30 @@ TABLE = [[0, 0], [1, 1], [2, 2], [3, 0]]  # straight on at 1
 )
 def test_kinks_are_found(given, wanted):
     assert read_function(given).derivative_jumps(6.0) == pytest.approx(wanted, rel=1e-14)
+
+
+def sine_spline(points):
+    """A cubic spline through points of one period of a sine within 6 s."""
+    t = np.linspace(0.0, 6.0, points)
+    return {"type": "spline", "points": np.stack([t, np.sin(np.pi * t / 3)], axis=1).tolist()}
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted"),
+    [
+        ("t**3 + sin(t)", ()),
+        ("step(t, 1, 0, 2, 5)", (1.0, 2.0)),  # already the second one
+        ("step5(2*t, 1, 0, 2, 5) + cycloidal(t, 3, 0, 4, 5)", (0.5, 1.0, 3.0, 4.0)),
+        ({"type": "modified-sine", "t0": 1, "t1": 2, "y1": 1}, (1.0, 2.0)),
+        ({"type": "spline", "points": [[0, 0], [1, 1], [3, 2], [4, 0], [6, 0]]}, (1.0, 3.0, 4.0)),
+        (sine_spline(7), (1.0, 2.0, 4.0, 5.0)),  # about 3 it is odd, its third derivative even
+        (sine_spline(601), ()),  # jumps by 1 % are left to steps, which are as short
+    ],
+    ids=str,
+)
+def test_jumps_of_the_third_derivative_are_found_too(given, wanted):
+    ops = read_function(given).expression.ops
+    assert derivative_jumps(ops, 6.0, derivatives=3) == pytest.approx(wanted, rel=1e-14)
 
 
 def test_there_is_a_jump_at_every_kink_and_none_elsewhere():
